@@ -26,7 +26,10 @@ class Pair:
     def __sub__(self, other: Pair) -> Pair:
         return Pair(self.real - other.real, self.imag - other.imag)
 
-    def __mul__(self, other: Pair) -> Pair:
+    def __mul__(self, other: Any) -> Pair:
+        """The product with a pair, or with a real number."""
+        if not isinstance(other, Pair):
+            return self.scaled(other)
         return Pair(
             self.real * other.real - self.imag * other.imag,
             self.real * other.imag + self.imag * other.real,

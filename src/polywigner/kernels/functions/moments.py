@@ -141,6 +141,8 @@ class RayFrame:
 class _Moments:
     """The sums over edges at one frequency."""
 
+    values = 2 * _COUNT
+
     def __init__(
         self,
         clipper: Clipper,
@@ -154,7 +156,6 @@ class _Moments:
         is_one = not ray and isinstance(wave_pair, WavePair)
         is_aligned = is_one and not any(wave_pair.detuned((0.0, 0.0)))
         self.axes = RayFrame(self.ops, frame, wave_pair.detuned(nu), ray or nu, is_aligned)
-        self.values = _COUNT if wave_pair.is_real else 2 * _COUNT
 
     def terms(self, edge: Edge, sides: Sequence[tuple[float, Cuts]]) -> tuple[Any, ...]:
         ((_, cuts),) = sides
@@ -173,29 +174,22 @@ class _Moments:
             turns = fma(middle, turns_per_step, turns_at_start)
             found = axes.of_part(p, q, turns, extent * turns_per_step)
             for k, (first, second) in enumerate(zip(*found, strict=True)):
-                real[k] = real[k] + _real_part(mutual_real, mutual_imag, first, second)
-                imag[k] = imag[k] + _real_part(mutual_real, mutual_imag, second, -first)
-        if self.values == 2 * _COUNT:
-            return (*real, *imag)
-        return tuple(b if odd else a for odd, a, b in zip(_ODD, real, imag, strict=True))
+                real[k] = real[k] + (mutual_real * first - mutual_imag * second)
+                imag[k] = imag[k] + (mutual_real * second + mutual_imag * first)
+        return (*real, *imag)
 
     def value(self, sums: Sequence[Any], position: tuple[Any, Any]) -> list[Any]:
-        """2 Re of amplitude times sum for even functions, -2 Im for odd ones."""
-        real, imag = self.wave_pair.amplitude(self.ops, position)
-        if self.values == _COUNT:
-            return [(-2.0 if odd else 2.0) * real * s for odd, s in zip(_ODD, sums, strict=True)]
-        pairs = zip(_ODD, sums[:_COUNT], sums[_COUNT:], strict=True)
-        return [
-            -2.0 * (real * b + imag * a) if odd else 2.0 * (real * a - imag * b)
-            for odd, a, b in pairs
-        ]
+        amplitude = self.wave_pair.amplitude(self.ops, position)
+        return weighted_moments(amplitude, sums[:_COUNT], sums[_COUNT:])
 
 
-def _real_part(real: Any, imag: Any, first: Any, second: Any) -> Any:
-    """Real part of (real + i imag)(first + i second)."""
-    if isinstance(imag, float) and imag == 0.0:
-        return real * first
-    return real * first - imag * second
+def weighted_moments(weight: Sequence[Any], real: Sequence[Any], imag: Sequence[Any]) -> list[Any]:
+    """2 Re of weight times the six sums for even functions, -2 Im for odd ones."""
+    c, s = weight
+    return [
+        -2.0 * (c * b + s * a) if odd else 2.0 * (c * a - s * b)
+        for odd, a, b in zip(_ODD, real, imag, strict=True)
+    ]
 
 
 def _contracted(ops: Any, polynomial: Polynomial, means: Sequence[Any]) -> tuple[Any, Any]:

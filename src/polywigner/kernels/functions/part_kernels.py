@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 from polywigner.geometry import Wavefront
 from polywigner.kernels.cut.slice_parts import PART_COLUMNS
 from polywigner.kernels.functions.edge_terms import term_of_part, wigner_terms
-from polywigner.kernels.functions.moments import LAG_MOMENTS, RayFrame
+from polywigner.kernels.functions.moments import LAG_MOMENTS, RayFrame, weighted_moments
 from polywigner.kernels.functions.partly_coherent import Coherence, coherence_of, term_of_lags
 from polywigner.kernels.functions.plane import tables_of
 from polywigner.kernels.kernel import Kernel, Values, leave_real
@@ -72,9 +72,7 @@ def _moments(ops: Any, tables: PartTables, *inner: Any) -> Values:
     axes = RayFrame(ops, tables.frame, inner[6:8], inner[-2:], is_aligned)
     (p, q), (dp, dq) = axes.turned(x, y), axes.turned(dx, dy)
     found = axes.of_part([p, dp], [q, dq], axes.turns(x, y), axes.turns(dx, dy))
-    even = [2.0 * (real * a - imag * b) for a, b in zip(*found, strict=True)]
-    odd = [-2.0 * (real * b + imag * a) for a, b in zip(*found, strict=True)]
-    return (even[0], odd[1], even[2], even[3], odd[4], odd[5])
+    return tuple(weighted_moments((real, imag), *found))
 
 
 PART_WIGNER = Kernel("wigner by parts", 0, _part_tables, _enter, _wigner, leave_real)

@@ -270,8 +270,7 @@ class LineField:
 
     half: float
     waves: Waves
-    means: _WavePairs
-    differences: _WavePairs
+    """Each of one frequency."""
 
     @property
     def pairs(self) -> int:
@@ -279,12 +278,12 @@ class LineField:
 
     def wigner(self, ops: Any, x: Any, nu: Any, width: float = math.inf) -> Any:
         """W, which is real, of light that is coherent over a width in the frame."""
-        length = _length(ops, self.half - abs(x), 4.0)
-        return self.means.total(ops, x, nu, length, width).real
+        pairs = mean_pairs(self.waves, self.waves)
+        return _over_pairs(ops, pairs, x, nu, _length(ops, self.half - abs(x), 4.0), width).real
 
     def ambiguity(self, ops: Any, upsilon: Any, xi: Any) -> Pair:
-        length = _length(ops, 2.0 * self.half - abs(xi), 1.0)
-        return self.differences.total(ops, xi, upsilon, length)
+        pairs = difference_pairs(self.waves, self.waves)
+        return _over_pairs(ops, pairs, xi, upsilon, _length(ops, 2.0 * self.half - abs(xi), 1.0))
 
     def fourier(self, ops: Any, nu: Any) -> Pair:
         length = 2.0 * self.half
@@ -306,78 +305,33 @@ def _length(ops: Any, left: Any, scale: float) -> Any:
     return scale * ops.maximum(left, 0.0) + (left - left)
 
 
-@dataclass(frozen=True)
-class _WavePairs:
-    """Pairs of waves by what is subtracted from the frequency, and by their rates."""
+def _over_pairs(
+    ops: Any, pairs: Sequence[WavePair], place: Any, frequency: Any, length: Any,
+    width: float = math.inf,
+) -> Pair:  # fmt: skip
+    """The sum over pairs of waves, each with the length times its sinc, or an interval of (I6)."""
+    largest = max(abs(rate) for pair in pairs for _, (rate,) in pair.terms)
+    tolerance = _EQUAL * max(1.0, largest)
+    waves: dict[int, Pair] = {}
 
-    rates: tuple[float, ...]
-    """Not negative."""
-    shifts: tuple[float, ...]
-    terms: tuple[tuple[tuple[complex, int, float], ...], ...]
-    """For each shift: amplitudes, number of the rate, and its sign."""
-    is_real: bool
+    def wave(rate: float) -> Pair:
+        number = round(abs(rate) / tolerance)
+        if number not in waves:
+            waves[number] = Pair(*cos_sin_turns(ops, abs(rate) * place))
+        found = waves[number]
+        return found if rate >= 0.0 else Pair(found.real, -found.imag)
 
-    def total(
-        self, ops: Any, place: Any, frequency: Any, length: Any, width: float = math.inf
-    ) -> Pair:
-        """The sum over pairs, each with the length times its sinc, or an interval of (I6)."""
-        waves = [cos_sin_turns(ops, rate * place) if rate else (1.0, 0.0) for rate in self.rates]
-        real: Any = 0.0
-        imag: Any = 0.0
-        for shift, terms in zip(self.shifts, self.terms, strict=True):
-            nu = frequency - shift
-            if width < math.inf:
-                half = length * (0.5 / width)
-                share = wave_over_interval(ops, -half, half, nu * width)[0] * width
-            else:
-                share = sinc(ops, length * nu) * length
-            amplitude = _amplitude(ops, terms, waves)
-            real = real + share * amplitude.real
-            imag = imag if self.is_real else imag + share * amplitude.imag
-        return Pair(real, imag)
-
-
-def _amplitude(
-    ops: Any, terms: Sequence[tuple[complex, int, float]], waves: Sequence[tuple[Any, Any]]
-) -> Pair:
-    real: Any = 0.0
-    imag: Any = 0.0
-    for amplitude, number, sign in terms:
-        (cosine, sine), a, b = waves[number], amplitude.real, amplitude.imag
-        if a:
-            real, imag = real + a * cosine, imag + (a * sign) * sine
-        if b:
-            real, imag = real - (b * sign) * sine, imag + b * cosine
-    return Pair(real, imag)
-
-
-def _wave_pairs(found: Sequence[WavePair], is_real: bool) -> _WavePairs:
-    sizes = sorted({abs(rate) for wave_pair in found for _, (rate,) in wave_pair.terms})
-    tolerance = _EQUAL * max(1.0, sizes[-1])
-    rates: list[float] = []
-    for size in sizes:
-        if not rates or size - rates[-1] > tolerance:
-            rates.append(0.0 if size <= tolerance else size)
-
-    def number(size: float) -> int:
-        return min(range(len(rates)), key=lambda k: abs(rates[k] - size))
-
-    terms = tuple(
-        tuple(
-            (amplitude, number(abs(rate)), -1.0 if rate < 0.0 else 1.0)
-            for amplitude, (rate,) in wave_pair.terms
-        )
-        for wave_pair in found
-    )
-    return _WavePairs(
-        tuple(rates), tuple(wave_pair.shift[0] for wave_pair in found), terms, is_real
-    )
-
-
-def line_field(half: float, waves: Waves) -> LineField:
-    """The field of waves, each of one frequency, on an interval."""
-    means, differences = mean_pairs(waves, waves), difference_pairs(waves, waves)
-    return LineField(half, waves, _wave_pairs(means, True), _wave_pairs(differences, False))
+    total = Pair(0.0, 0.0)
+    for pair in pairs:
+        nu = frequency - pair.shift[0]
+        if width < math.inf:
+            half = length * (0.5 / width)
+            share = wave_over_interval(ops, -half, half, nu * width)[0] * width
+        else:
+            share = sinc(ops, length * nu) * length
+        parts = (wave(rate) * Pair(a.real, a.imag) for a, (rate,) in pair.terms)
+        total = total + reduce(Pair.__add__, parts).scaled(share)
+    return total
 
 
 def _four_times(ops: Any, frame: SlitFrame, x: Any) -> Values:
