@@ -43,8 +43,6 @@ EXCEPTIONS: dict[tuple[str, str], str] = {
     ("kernels/arrays/distant_parts.py", "_MOST_PAIRS"): MEMORY,
     ("kernels/arrays/distant_parts.py", "_MOST_WAVE_PAIRS"): MEMORY,
     ("kernels/arrays/weight_tables.py", "_MOST_BYTES"): MEMORY,
-    ("kernels/boundary/chirps.py", "_FEW"): SPARED,
-    ("kernels/boundary/chirps.py", "_MOST_TURNS"): REFUSED,
     ("kernels/boundary/integrals.py", "_FARTHEST"): DIGITS,
     ("kernels/boundary/edge_waves.py", "_CLOSE"): DIGITS,
     ("kernels/boundary/edge_waves.py", "_GRAZING"): DIGITS,

@@ -14,7 +14,8 @@ from polywigner.illumination.lattices import Sites
 from polywigner.kernels.arrays import distant_sums, lattice_arrays, scattered_arrays
 from polywigner.kernels.arrays.array_factor import array_factor_kernel
 from polywigner.kernels.arrays.distant_parts import distant_parts
-from polywigner.kernels.functions import line, partly_coherent, plane, separable, simplices, solids
+from polywigner.kernels.functions import partly_coherent, plane, separable, simplices, solids
+from polywigner.kernels.functions import slits as line
 from polywigner.kernels.functions.moments import LAG_MOMENTS, LAG_MOMENTS_ALONG
 from polywigner.kernels.functions.separable import is_separable
 from polywigner.kernels.kernel import Kernel

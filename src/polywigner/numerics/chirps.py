@@ -1,16 +1,34 @@
-"""Integrals of chirps, exp(i pi (c t^2 - 2 f t)): Fresnel integrals that keep their digits."""
+"""Integrals of chirps, exp(i pi (c t^2 - 2 f t)), along lines, and over intervals and polygons.
+
+Along a line they are Fresnel integrals that keep their digits. Transforms of curved waves over
+polygons, int exp(i pi x.Qx - 2 pi i nu.x) dx, are integrals along edges: in the axes of Q, with q1
+the larger curvature, Green's theorem gives
+
+    int int exp(i pi (q1 x^2 + q2 y^2) - 2 pi i nu.x) dx dy
+        = closed int G(x) exp(i pi q2 y^2 - 2 pi i nu_y y) dy,
+
+where G, the integral of exp(i pi q1 t^2 - 2 pi i nu_x t) from 0 to x, is a difference of Fresnel
+integrals. Curvatures may be anything, zero included: spherical, cylindrical, saddle-shaped and flat
+waves are one formula. The integrand is entire, and Gauss's rules converge as soon as they resolve
+its turns. Source: (Q5) of docs/curved.md, (O6).
+"""
 
 from __future__ import annotations
 
 import cmath
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
-__all__ = ["chirp_integral", "fresnel_tail", "waves_of_turns"]
+from polywigner.errors import ArgumentError
+from polywigner.numerics.nodes import gauss_rules
+
+Floats = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 
 _TERMS = 12
 _A = math.sqrt((_TERMS + 0.5) * math.pi)
@@ -21,7 +39,7 @@ _TURN = cmath.exp(-0.25j * math.pi)
 _FARTHEST = 60.0
 
 
-def fresnel_tail(t: NDArray[np.float64], side: Any = 0.0) -> tuple[NDArray[Any], NDArray[Any]]:
+def fresnel_tail(t: Floats, side: Any = 0.0) -> tuple[NDArray[Any], NDArray[Any]]:
     """Two parts of T(t) = (1/sqrt pi) exp(-i pi/4) int_t^inf exp(i s^2) ds.
 
     T(t) = step + exp(i t^2) rest: (step less ``side``, rest), ``side`` 1 where T is near 1. Each
@@ -41,9 +59,6 @@ def fresnel_tail(t: NDArray[np.float64], side: Any = 0.0) -> tuple[NDArray[Any],
         imag -= node * term
     return step, (t / (_A * _TURN)) * (square * real + 1j * imag)
 
-
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 # Over less of a turn of phase a Gauss rule of so many nodes misses nothing; over more, differences
 # of Fresnel integrals lose no more than a digit.
@@ -104,3 +119,102 @@ def _by_tails(b: Floats, c: Floats, f: Floats) -> Complex:
     found = first - last * waves_of_turns(0.5 * b * (c * b - 2 * f))
     found += bend * (first_step - step)
     return np.asarray(found * (np.exp(0.25j * math.pi) / np.sqrt(c)))
+
+
+# Nodes of more are gigabytes for one point.
+_MOST_TURNS = 1e5
+# Turns of phase on a piece of an edge, for which the largest rule still has nodes to spare.
+_TURNS = 200.0
+# Of the rules, which are eight to a factor of two, every fourth one is taken.
+_STRIDE = 4
+# Nodes at a time, which stay in the cache of a core, and pairs of a point and an edge.
+_BLOCK, _PAIRS = 1 << 13, 1 << 16
+# Fewer nodes cost less than a call of their own.
+_FEW = 1 << 9
+
+
+def chirp_over_intervals(intervals: Floats, q: Floats, nu: Floats) -> Complex:
+    """The transform over intervals (m, 2), for curvatures (n,) and frequencies (n,)."""
+    value = chirp_integral(intervals.ravel(), q[:, None], nu[:, None])
+    value = value.reshape(-1, len(intervals), 2)
+    return np.asarray((value[..., 1] - value[..., 0]).sum(axis=1))
+
+
+def chirp_over_rings(rings: tuple[Floats, ...], q: Floats, nu: Floats) -> Complex:
+    """The transform over outlines, for curvatures (n, 2) along x and y and frequencies (n, 2).
+
+    The first curvature is the larger; the origin lies within the outline's box.
+    """
+    begin = np.concatenate(rings)
+    edge = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings]) - begin
+    rises = edge[:, 1] != 0
+    begin, edge = begin[rises], edge[rises]
+    step = max(1, _PAIRS // len(edge))
+    blocks = [slice(k, k + step) for k in range(0, len(nu), step)]
+    return np.concatenate([_along(begin, edge, q[some], nu[some]) for some in blocks])
+
+
+def _along(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Complex:
+    """The sum over all edges, each with as many nodes as it needs for each point."""
+    turns = _turns(begin, edge, q, nu)
+    pieces = np.ceil(turns / _TURNS).clip(1.0).astype(np.intp)
+    points, edges = (np.repeat(n.ravel(), pieces.ravel()) for n in np.indices(turns.shape))
+    count = pieces[points, edges]
+    last = np.cumsum(pieces.ravel())
+    number = np.arange(len(points)) - np.repeat(last - pieces.ravel(), pieces.ravel())
+    extent = edge[edges] / count[:, None]
+    start = begin[edges] + extent * number[:, None]
+    rules = _rules_for(turns[points, edges] / count)
+    values = np.zeros(len(nu), np.complex128)
+    for rule, mine in _batches(rules):
+        at, weights = gauss_rules()[rule].T[:2]
+        step = max(1, _BLOCK // len(at))
+        for some in (mine[k : k + step] for k in range(0, len(mine), step)):
+            own = points[some]
+            found = _at_nodes(start[some], extent[some], at, q[own], nu[own])
+            total = np.einsum("kn,n->k", found, weights)  # threads of BLAS cost more
+            np.add.at(values, own, total * (0.5 * extent[some, 1]))
+    return values
+
+
+def _turns(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Floats:
+    """Bound on the turns of phase along edges, of both chirps and of that along y: (n, m)."""
+    most = np.zeros((len(nu), len(edge)))
+    for end in (begin, begin + edge):
+        first, second = ((q[:, None, k] * end[:, k] - nu[:, None, k]) * edge[:, k] for k in (0, 1))
+        most = np.maximum(most, np.maximum(abs(first + second), abs(second)))
+    most = np.where(np.isfinite(most), most, 0.0)  # whose values are not numbers either
+    if (most > _MOST_TURNS).any():
+        raise ArgumentError(
+            f"expected a curved wave of up to {_MOST_TURNS:.0e} turns of phase along an edge, got "
+            f"{most.max():.2g}; take lower frequencies, points of Fresnel's field farther away, or "
+            "behind a system a plane farther from a line in which the source is imaged"
+        )
+    return most
+
+
+def _rules_for(turns: Floats) -> NDArray[np.intp]:
+    """Numbers of the rules that have all digits of chirps of so many turns, seen up to 400."""
+    needed = 0.5 * math.pi * turns + 8.0 * np.cbrt(turns) + 4.0
+    sizes = [len(rule) for rule in gauss_rules()[::_STRIDE]]
+    return np.asarray(np.searchsorted(sizes, needed) * _STRIDE)
+
+
+def _batches(rules: NDArray[np.intp]) -> Iterator[tuple[int, NDArray[np.intp]]]:
+    """Each rule with the indices of its pairs; few go along with those of the next larger rule."""
+    present = np.unique(rules).tolist()
+    mine = np.zeros(0, np.intp)
+    for rule in present:
+        mine = np.concatenate([mine, np.flatnonzero(rules == rule)])
+        if len(mine) * len(gauss_rules()[rule]) >= _FEW or rule == present[-1]:
+            yield rule, mine
+            mine = mine[:0]
+
+
+def _at_nodes(start: Floats, extent: Floats, at: Floats, q: Floats, nu: Floats) -> Complex:
+    """The integrand on pieces of edges (k, 2) at nodes on [-1, 1]."""
+    x, y = (start[:, k, None] + (0.5 + 0.5 * at) * extent[:, k, None] for k in (0, 1))
+    (q1, q2), (nu1, nu2) = (values.T[:, :, None] for values in (q, nu))
+    value = chirp_integral(x, q1, nu1)
+    value *= waves_of_turns(y * (0.5 * q2 * y - nu2))
+    return value

@@ -12,8 +12,6 @@ from typing import Any
 
 from polywigner.numerics.phases import cos_sin_turns
 
-__all__ = ["Pair", "decaying_sinh", "mean_wave", "plane_wave", "select"]
-
 
 @dataclass(frozen=True)
 class Pair:
@@ -28,7 +26,10 @@ class Pair:
     def __sub__(self, other: Pair) -> Pair:
         return Pair(self.real - other.real, self.imag - other.imag)
 
-    def __mul__(self, other: Pair) -> Pair:
+    def __mul__(self, other: Any) -> Pair:
+        """The product with a pair, or with a real number."""
+        if not isinstance(other, Pair):
+            return self.scaled(other)
         return Pair(
             self.real * other.real - self.imag * other.imag,
             self.real * other.imag + self.imag * other.real,

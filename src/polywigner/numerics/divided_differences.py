@@ -21,8 +21,6 @@ from typing import Any
 from polywigner.numerics.complex_pairs import Pair, mean_wave, plane_wave, select
 from polywigner.numerics.phases import cos_sin_turns, mean_plane_wave
 
-__all__ = ["simplex_complex_wave", "simplex_plane_wave"]
-
 # Below this largest separation (in turns; 0.63 rad) the Taylor series is summed; above it the
 # recursion divides by at least that, and loses at most a factor 1/0.63 of accuracy an order.
 _SERIES_BELOW = 0.1
@@ -48,6 +46,8 @@ def simplex_complex_wave(ops: Any, *corners: Pair, level: Any = 0.0) -> Pair:
 
 def _over_simplex(ops: Any, kind: Any, corners: Sequence[Any], level: Any) -> Pair:
     """The divided difference at 0 and the corners; of real phases its conjugate."""
+    if len(corners) == 1:
+        return kind.mean(ops, kind.origin, corners[0], level)
     first, last, between, size = _farthest(ops, kind, (kind.origin, *corners))
     small = size < kind.size_of(_SERIES_BELOW)
     if len(between) == 1:
@@ -58,9 +58,7 @@ def _over_simplex(ops: Any, kind: Any, corners: Sequence[Any], level: Any) -> Pa
         behind = _shifted(ops, kind, first, between, level)
     quotient = kind.quotient(ops, small, ahead, behind, last - first)
     # the series sees arguments clamped to its domain: no overflow in the branch not taken
-    near = [
-        kind.times(kind.select(ops, small, corner, kind.origin), 2 * math.pi) for corner in corners
-    ]
+    near = [kind.select(ops, small, corner, kind.origin) * (2 * math.pi) for corner in corners]
     return select(ops, small, kind.total(ops, *_series(ops, kind, near), level), quotient)
 
 
@@ -94,23 +92,24 @@ def _series(ops: Any, kind: Any, nodes: Sequence[Any]) -> tuple[Any, Any]:
     powers: list[Any] = [nodes[-1]]  # h_k of the last node, of the last two, ...
     for node in nodes[-2::-1]:
         powers.append(node + powers[-1])
-    sums = [
-        kind.one(1 / math.factorial(count)),
-        kind.times(powers[-1], 1 / math.factorial(count + 1)),
-    ]
+    sums = [kind.unit * (1 / math.factorial(count)), powers[-1] * (1 / math.factorial(count + 1))]
     for k in range(2, _TERMS_DOUBLE if ops.double else _TERMS_SINGLE):
         powers[0] = powers[0] * nodes[-1]
         for m, node in enumerate(nodes[-2::-1], start=1):
-            powers[m] = kind.fma(ops, node, powers[m], powers[m - 1])
+            powers[m] = _fma(ops, node, powers[m], powers[m - 1])
         factor = (1.0 if k % 4 < 2 else -1.0) / math.factorial(k + count)
-        sums[k % 2] = kind.add_scaled(ops, sums[k % 2], powers[-1], factor)
+        sums[k % 2] = _fma(ops, powers[-1], factor, sums[k % 2])
     return sums[0], sums[1]
+
+
+def _fma(ops: Any, a: Any, b: Any, c: Any) -> Any:
+    return a * b + c if isinstance(a, Pair) else ops.fma(a, b, c)
 
 
 class _Real:
     """Real phases, floats or arrays; of the value, the conjugate: cosine + i sine."""
 
-    origin = 0.0
+    origin, unit = 0.0, 1.0
 
     @staticmethod
     def size(value: Any) -> Any:
@@ -139,22 +138,6 @@ class _Real:
         return Pair((ahead.imag - behind.imag) / divisor, (behind.real - ahead.real) / divisor)
 
     @staticmethod
-    def one(value: float) -> float:
-        return value
-
-    @staticmethod
-    def times(value: Any, factor: float) -> Any:
-        return value * factor
-
-    @staticmethod
-    def fma(ops: Any, a: Any, b: Any, c: Any) -> Any:
-        return ops.fma(a, b, c)
-
-    @staticmethod
-    def add_scaled(ops: Any, total: Any, value: Any, factor: float) -> Any:
-        return ops.fma(value, factor, total)
-
-    @staticmethod
     def total(ops: Any, even: Any, odd: Any, level: Any) -> Pair:
         return Pair(even, odd)
 
@@ -162,7 +145,7 @@ class _Real:
 class _Complex:
     """Complex phases as pairs, whose sizes are squared."""
 
-    origin = Pair(0.0, 0.0)
+    origin, unit = Pair(0.0, 0.0), Pair(1.0, 0.0)
 
     @staticmethod
     def size(value: Pair) -> Any:
@@ -189,22 +172,6 @@ class _Complex:
         """(ahead - behind)/(-2 pi i distance)."""
         safe = select(ops, small, Pair(1.0, 0.0), distance)
         return (ahead - behind) / (safe * Pair(0.0, -2 * math.pi))
-
-    @staticmethod
-    def one(value: float) -> Pair:
-        return Pair(value, 0.0)
-
-    @staticmethod
-    def times(value: Pair, factor: float) -> Pair:
-        return value.scaled(factor)
-
-    @staticmethod
-    def fma(ops: Any, a: Pair, b: Pair, c: Pair) -> Pair:
-        return a * b + c
-
-    @staticmethod
-    def add_scaled(ops: Any, total: Pair, value: Pair, factor: float) -> Pair:
-        return total + value.scaled(factor)
 
     @staticmethod
     def total(ops: Any, even: Pair, odd: Pair, level: Any) -> Pair:

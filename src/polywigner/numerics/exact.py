@@ -15,17 +15,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-__all__ = [
-    "SPLIT_DOUBLE",
-    "SPLIT_SINGLE",
-    "RoundingGrid",
-    "accurate_cross",
-    "exact_cross",
-    "product_error",
-    "signed_convex_pieces",
-    "with_vertices_on_sides",
-]
-
 # Veltkamp's splitting constants, 2^ceil(p/2) + 1 for p = 53 and 24 bits
 SPLIT_DOUBLE, SPLIT_SINGLE = 134217729.0, 4097.0
 

@@ -19,20 +19,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-__all__ = [
-    "SUMS",
-    "Rule",
-    "Rules",
-    "flat_rule",
-    "gauss_rules",
-    "missed",
-    "node_sums",
-    "nodes_needed",
-    "normal_product_rule",
-    "normal_rule",
-    "rule_of",
-]
-
 Rules = tuple[npt.NDArray[np.float64], ...]
 """Tables (n, 4) of node, weight, and the weights that give the last two Legendre coefficients."""
 

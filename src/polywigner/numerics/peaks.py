@@ -14,8 +14,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["climbed", "largest"]
-
 Floats = npt.NDArray[np.float64]
 
 # Samples of a window on either side of its middle, and how often windows are made smaller by this

@@ -13,28 +13,6 @@ from typing import Any
 
 import numpy as np
 
-__all__ = [
-    "Doubled",
-    "cos_sin_over_turns",
-    "cos_sin_turns",
-    "cross",
-    "difference",
-    "dot",
-    "doubled",
-    "exp_turns",
-    "growth_of",
-    "halves",
-    "less_carrier",
-    "level",
-    "mean_plane_wave",
-    "reduced",
-    "rotated",
-    "sin_turns",
-    "sinc",
-    "sinc_less_one",
-    "turns_to_centre",
-]
-
 _SINE_DOUBLE = (
     25.132741228718345, -64.83584404672554, 67.07762091738222, -38.51295534186807,
     14.182954388478867, -3.646752364831226, 0.6927968586177335, -0.10127479441363349,

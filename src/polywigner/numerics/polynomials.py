@@ -14,17 +14,6 @@ import numpy.typing as npt
 
 from polywigner.numerics.phases import cos_sin_over_turns
 
-__all__ = [
-    "RATE",
-    "Interpolation",
-    "Polynomial",
-    "added",
-    "interpolation",
-    "multiplied",
-    "scaled",
-    "segment_moments",
-]
-
 Polynomial = Sequence[Any]
 """Coefficients of 1, t, t^2, ..."""
 

@@ -17,8 +17,9 @@ from polywigner.execution.choice import resolved
 from polywigner.geometry import Aperture
 from polywigner.illumination import Array, Illumination
 from polywigner.illumination.obliquities import OBLIQUITIES
-from polywigner.kernels.boundary.edge_strips import FRESNEL_STRIPS, STRIPS
 from polywigner.kernels.boundary.integrals import (
+    FRESNEL_STRIPS,
+    STRIPS,
     distance_of,
     paraxial_distance,
     point_in_wavelengths,

@@ -16,7 +16,7 @@ from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import real_numbers
 from polywigner.illumination import Illumination
 from polywigner.illumination.obliquities import CONDITIONS
-from polywigner.kernels.boundary.spherical import spherical_edge
+from polywigner.kernels.boundary.edge_waves import spherical_edge
 from polywigner.propagation.boundary import boundary_field
 from polywigner.propagation.panels import radiator_of
 from polywigner.propagation.places import LARGEST, checked_name, warn_of_missed

@@ -24,7 +24,7 @@ from polywigner.execution import check_not_stopped
 from polywigner.geometry import Aperture, Slits, Wavefront
 from polywigner.illumination import Array
 from polywigner.illumination.array import tilted_source
-from polywigner.kernels.boundary.chirps import chirp_over_intervals, chirp_over_rings
+from polywigner.numerics.chirps import chirp_over_intervals, chirp_over_rings
 from polywigner.numerics.nodes import normal_product_rule
 from polywigner.transforms.arguments import broadcast_shape
 

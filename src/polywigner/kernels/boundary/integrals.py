@@ -1,17 +1,18 @@
-"""Fields of plane waves behind an aperture as integrals along its edges. Source: (B1) to (B5).
+"""Fields of plane waves behind an aperture as integrals along its edges, and their derivatives.
 
 Lengths are in wavelengths, phases in turns. Edges are cut into panels, straight pieces. A panel and
 a point have their own axes: e along the panel, n to its left, and the origin at the point's foot in
 the plane. There the point lies at the height z, a place on the panel is (s, b), b the same for all
-of them, and the wave has direction cosines (along, across, p_z).
+of them, and the wave has direction cosines (along, across, p_z). Source: (B1) to (B5).
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import partial
+from functools import cache
 from typing import Any
 
 from polywigner.kernels.boundary.edge_waves import (
@@ -21,32 +22,19 @@ from polywigner.kernels.boundary.edge_waves import (
     PanelView,
     wave_difference,
 )
-from polywigner.kernels.kernel import Values
+from polywigner.kernels.kernel import Kernel, Values
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair
-from polywigner.numerics.nodes import SUMS, Rules, missed, node_sums, nodes_needed, rule_of
+from polywigner.numerics.nodes import (
+    SUMS,
+    Rules,
+    gauss_rules,
+    missed,
+    node_sums,
+    nodes_needed,
+    rule_of,
+)
 from polywigner.numerics.phases import Doubled, cos_sin_turns
-
-__all__ = [
-    "BoundaryFrame",
-    "BoundaryTables",
-    "Row",
-    "anglewise",
-    "distance_of",
-    "edge_sum",
-    "enter",
-    "free_wave",
-    "fresnel_edge_sum",
-    "leave",
-    "leave_phase",
-    "lengthwise",
-    "offset_of",
-    "paraxial_distance",
-    "point_in_wavelengths",
-    "rounded_turns",
-    "square_along",
-    "weighted",
-]
 
 # Farther off, in wavelengths, a sum of two floats has no turns either, and the errors of products
 # are too large for floats.
@@ -172,37 +160,31 @@ def _panel(
     px, _, py, _, pz, _ = cosines
     # in float32 these sums are the first parts again
     z, distance = inner[4] + inner[5], inner[6] + inner[7]
-    offset = offset_of(inner, x, y)
+    offset = _offset_of(inner, x, y)
     dx, dy = -(offset[0][0] + offset[0][1]), -(offset[1][0] + offset[1][1])
     first, b = ex * dx + ey * dy, ex * dy - ey * dx
-    last, foot2 = first + length, b * b + z * z
-    along, across = px * ex + py * ey, py * ex - px * ey
-    ends = (ops.sqrt(first * first + foot2), ops.sqrt(last * last + foot2))
-    view = PanelView(first, last, length, *ends, b, z, along, across, pz)
-    free = Pair(*free_wave(ops, cosines[: 2 * wave.directions], offset, inner, start))
+    view = panel_view(ops, first, length, b, z, (px * ex + py * ey, py * ex - px * ey, pz))
+    free = Pair(*_free_wave(ops, cosines[: 2 * wave.directions], offset, inner, start))
     moment = _moment(ops, cosines, offset, ex, ey) if oblique else ()
     seen, sine, depth = wave.seen(ops, view, free, moment)
-    phase = (*square_along(row, inner), distance, along, start)
-    pair = (first, *phase, b, z, across, pz, *seen)
+    phase = (*_square_along(row, inner), distance, view.along, start)
 
-    far, clear, swing, half = lengthwise(ops, view, sine, depth)
-    near_clear, near_swing, middle, span = anglewise(ops, view, sine, depth)
-    clear, swing = ops.select(far, clear, near_clear), ops.select(far, swing, near_swing)
-    needed, expected = nodes_needed(ops, inner[9], clear, 2 * math.pi * swing)
-    rule = rule_of(ops, needed)
-    node = partial(_far_node, ops, tables.share, wave)
-    far_sums = ops.sum_over_rule(ops.select(far, rule, -1.0), tables.rules, node, SUMS, half, *pair)
-    node = partial(_near_node, ops, tables.share, wave)
-    near_sums = ops.sum_over_rule(
-        ops.select(far, -1.0, rule), tables.rules, node, SUMS, middle, span, ops.sqrt(foot2), *pair
-    )
-    sums = tuple(a + b for a, b in zip(far_sums, near_sums, strict=True))
-    turns = rounded_turns(ops, abs(x) + abs(y) + length, distance, abs(px) + abs(py))
+    def node(t: Any, s: Any, radius: Any, scale: Any, weights: Values, *pair: Any) -> Values:
+        edge = edge_wave(ops, t, radius, *pair[:5])
+        share, others = tables.share, pair[5:]
+        value = wave.integrand(ops, share, edge, t, s, radius, pair[3], *others).scaled(scale)
+        return node_sums(value.real, value.imag, *weights)
+
+    sums, expected = sums_over_panel(
+        ops, tables.rules, view, (sine, depth, inner[9]), node, SUMS,
+        *phase, b, z, view.across, pz, *seen,
+    )  # fmt: skip
+    turns = _rounded_turns(ops, abs(x) + abs(y) + length, distance, abs(px) + abs(py))
     error = missed(ops, sums, expected, turns)
     e, mirrored, grazing = Pair(*seen[:2]), Pair(*seen[2:4]), seen[4]
     rest = mirrored.scaled(0.5 - tables.share) - e.scaled(0.5)
     closed = (wave.closed(ops, view) * rest).scaled(grazing)
-    return weighted(row, sums[0] + closed.real, sums[1] + closed.imag, error)
+    return _weighted(row, sums[0] + closed.real, sums[1] + closed.imag, error)
 
 
 def _moment(ops: Any, cosines: Any, offset: Any, ex: Any, ey: Any) -> Values:
@@ -217,7 +199,59 @@ def _moment(ops: Any, cosines: Any, offset: Any, ex: Any, ey: Any) -> Values:
     return ex * moment_x + ey * moment_y, ey * moment_x - ex * moment_y, moment_z
 
 
-def lengthwise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, ...]:
+def panel_view(
+    ops: Any, first: Any, length: Any, b: Any, z: Any, cosines: tuple[Any, Any, Any]
+) -> PanelView:
+    """Return the view of a panel that begins at (first, b), for a wave in the panel's axes."""
+    last, foot2 = first + length, b * b + z * z
+    ends = (ops.sqrt(first * first + foot2), ops.sqrt(last * last + foot2))
+    return PanelView(first, last, length, *ends, b, z, *cosines)
+
+
+def sums_over_panel(
+    ops: Any, rules: Rules, view: PanelView, bounds: tuple[Any, Any, Any],
+    node: Callable[..., Values], values: int, *data: Any,
+) -> tuple[Values, Values]:  # fmt: skip
+    """Sums of ``node`` over a rule in the length along a panel, or close to it in the angle.
+
+    ``bounds``: sine and depth, by which singularities are known, and digits. ``node`` takes (t, s,
+    radius, d(t)/radius over the rule's own step, weights, *data). Also the errors expected.
+    """
+    sine, depth, digits = bounds
+    far, clear, swing, half = _lengthwise(ops, view, sine, depth)
+    near_clear, near_swing, middle, span = _anglewise(ops, view, sine, depth)
+    clear, swing = ops.select(far, clear, near_clear), ops.select(far, swing, near_swing)
+    needed, expected = nodes_needed(ops, digits, clear, 2 * math.pi * swing)
+    rule, foot2 = rule_of(ops, needed), view.b * view.b + view.z * view.z
+
+    def far_node(
+        at: Any, w: Any, v1: Any, v2: Any, half: Any, first: Any, foot2: Any, *data: Any
+    ) -> Values:
+        """A node in the length t along the panel."""
+        t = half * (1.0 + at)
+        s = first + t
+        radius = ops.sqrt(s * s + foot2)
+        return node(t, s, radius, half / radius, (w, v1, v2), *data)
+
+    def near_node(
+        at: Any, w: Any, v1: Any, v2: Any,
+        middle: Any, span: Any, away: Any, first: Any, *data: Any,
+    ) -> Values:  # fmt: skip
+        """A node in v, s = away sinh v, where radius = away cosh v and dt/radius = dv."""
+        grown = ops.exp(middle + span * at)
+        shrunk = 1.0 / grown
+        s, radius = 0.5 * away * (grown - shrunk), 0.5 * away * (grown + shrunk)
+        return node(s - first, s, radius, span, (w, v1, v2), *data)
+
+    far_rule, near_rule = ops.select(far, rule, -1.0), ops.select(far, -1.0, rule)
+    own = (half, view.first, foot2)
+    far_sums = ops.sum_over_rule(far_rule, rules, far_node, values, *own, *data)
+    own = (middle, span, ops.sqrt(foot2), view.first)
+    near_sums = ops.sum_over_rule(near_rule, rules, near_node, values, *own, *data)
+    return tuple(a + b for a, b in zip(far_sums, near_sums, strict=True)), expected
+
+
+def _lengthwise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, ...]:
     """For a rule in the length along the panel: (whether it will do, distance of singularities,
     turns of phase over half of the panel, half the length); the distance in half-lengths."""
     half = 0.5 * view.length
@@ -231,7 +265,7 @@ def lengthwise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, .
     return nearest >= half, ops.minimum(clear, nearest) / half, half * swing, half
 
 
-def anglewise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, ...]:
+def _anglewise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, ...]:
     """For a rule in v, s = sqrt(b^2 + z^2) sinh v: (distance of singularities, turns of phase over
     half of the interval of v, its middle, half its length); the distance in half-lengths."""
     away = ops.sqrt(view.b * view.b + view.z * view.z)
@@ -247,7 +281,7 @@ def anglewise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, ..
     return ops.minimum(clear, _STRIP) / ops.maximum(span, 1e-30), span * swing, middle, span
 
 
-def rounded_turns(ops: Any, size: Any, distance: Any, slope: Any) -> Any:
+def _rounded_turns(ops: Any, size: Any, distance: Any, slope: Any) -> Any:
     """Turns whose rounding counts: of a source's size, and what the distance misses in two floats.
 
     The latter is common to all panels, and so is lost on fields far outside of a shadow's pattern,
@@ -257,24 +291,26 @@ def rounded_turns(ops: Any, size: Any, distance: Any, slope: Any) -> Any:
     return size + ulp * (slope * distance + ops.minimum(distance, 4.0 * size * size))
 
 
-def weighted(row: Values, real: Any, imag: Any, error: Any) -> Values:
+def _weighted(row: Values, real: Any, imag: Any, error: Any) -> Values:
     """A panel's integral times the wave's amplitude, and its error."""
     r, i = row[-2:]
     return real * r - imag * i, real * i + imag * r, error * (abs(r) + abs(i))
 
 
-def square_along(row: Values, inner: Values) -> tuple[Any, Any]:
-    """radius^2 - distance^2 at a panel's beginning, and its slope there.
+def _square_along(row: Values, inner: Values) -> tuple[Any, Any]:
+    return square_along(inner[0] + inner[1], inner[2] + inner[3], *row[:4])
+
+
+def square_along(x: Any, y: Any, begin_x: Any, begin_y: Any, ex: Any, ey: Any) -> tuple[Any, Any]:
+    """radius^2 - distance^2 at a panel's beginning for a point over (x, y), and its slope there.
 
     At t along the panel it is constant + t (slope + t).
     """
-    x, y, ex, ey = row[:4]
-    x_p, y_p = inner[0] + inner[1], inner[2] + inner[3]
-    constant = x * (x - 2.0 * x_p) + y * (y - 2.0 * y_p)
-    return constant, 2.0 * (ex * (x - x_p) + ey * (y - y_p))
+    constant = begin_x * (begin_x - 2.0 * x) + begin_y * (begin_y - 2.0 * y)
+    return constant, 2.0 * (ex * (begin_x - x) + ey * (begin_y - y))
 
 
-def offset_of(inner: Values, x: Any, y: Any) -> tuple[phases.Doubled, ...]:
+def _offset_of(inner: Values, x: Any, y: Any) -> tuple[phases.Doubled, ...]:
     """The point relative to the panel's beginning, each component in two floats."""
     found = []
     for high, low, origin in ((inner[0], inner[1], x), (inner[2], inner[3], y)):
@@ -283,7 +319,7 @@ def offset_of(inner: Values, x: Any, y: Any) -> tuple[phases.Doubled, ...]:
     return (*found, (inner[4], inner[5]))
 
 
-def free_wave(ops: Any, cosines: Any, offset: Any, inner: Values, start: Any) -> Values:
+def _free_wave(ops: Any, cosines: Any, offset: Any, inner: Values, start: Any) -> Values:
     """The wave at the point if nothing were in its way, against the phase of the distance.
 
     ``cosines``: pairs of floats; without the last pair, as if the point were in the plane.
@@ -300,36 +336,7 @@ def _inverse_sinh(ops: Any, sinh: Any, cosh: Any) -> Any:
     return ops.select(sinh < 0.0, -logarithm, logarithm)
 
 
-def _far_node(
-    ops: Any, share: float, wave: EdgeWave,
-    at: Any, w: Any, v1: Any, v2: Any, half: Any, first: Any, *pair: Any,
-) -> Values:  # fmt: skip
-    """A node in the length t along the panel."""
-    t = half * (1.0 + at)
-    s = first + t
-    b, z = pair[5:7]
-    radius = ops.sqrt(s * s + (b * b + z * z))
-    edge = _edge_wave(ops, t, radius, *pair[:5])
-    value = wave.integrand(ops, share, edge, t, s, radius, pair[3], *pair[5:]).scaled(half / radius)
-    return node_sums(value.real, value.imag, w, v1, v2)
-
-
-def _near_node(
-    ops: Any, share: float, wave: EdgeWave,
-    at: Any, w: Any, v1: Any, v2: Any,
-    middle: Any, span: Any, away: Any, first: Any, *pair: Any,
-) -> Values:  # fmt: skip
-    """A node in v, s = away sinh v, where radius = away cosh v and dt/radius = dv."""
-    grown = ops.exp(middle + span * at)
-    shrunk = 1.0 / grown
-    s, radius = 0.5 * away * (grown - shrunk), 0.5 * away * (grown + shrunk)
-    t = s - first
-    edge = _edge_wave(ops, t, radius, *pair[:5])
-    value = wave.integrand(ops, share, edge, t, s, radius, pair[3], *pair[5:]).scaled(span)
-    return node_sums(value.real, value.imag, w, v1, v2)
-
-
-def _edge_wave(
+def edge_wave(
     ops: Any, t: Any, radius: Any,
     constant: Any, slope: Any, distance: Any, along: Any, start: Any,
 ) -> Pair:  # fmt: skip
@@ -359,7 +366,7 @@ def _fresnel_panel(
 ) -> Values:
     x, y, ex, ey, length, *cosines, start, _, _ = row
     z, digits = inner[4] + inner[5], inner[9]
-    offset = offset_of(inner, x, y)
+    offset = _offset_of(inner, x, y)
     px, py, one = (cosines[0], cosines[1]), (cosines[2], cosines[3]), (1.0, 0.0)
     # from the place where the wave would go through the plane on its way to the point
     if oblique:
@@ -368,17 +375,17 @@ def _fresnel_panel(
     else:
         dx, dy = -(offset[0][0] + offset[0][1]), -(offset[1][0] + offset[1][1])
     first, b = ex * dx + ey * dy, ex * dy - ey * dx
-    free = free_wave(ops, cosines, offset, inner, start)
+    free = _free_wave(ops, cosines, offset, inner, start)
     along = px[0] * ex + py[0] * ey
     half = 0.5 * length
     swing = ops.maximum(abs(first), abs(first + length)) / z
     needed, expected = nodes_needed(ops, digits, _NO_SINGULARITY, 2 * math.pi * half * swing)
-    seen = (half, first, b, 0.5 / z, *square_along(row, inner), along, start, *free)
+    seen = (half, first, b, 0.5 / z, *_square_along(row, inner), along, start, *free)
     sums = ops.sum_over_rule(rule_of(ops, needed), tables.rules, _node(ops), SUMS, *seen)
     size = abs(x) + abs(y) + length
     aside = abs(inner[0]) + abs(inner[2])
-    turns = rounded_turns(ops, size * (1.0 + (aside + size) / z), inner[6], 1.0)
-    return weighted(row, sums[0], sums[1], missed(ops, sums, expected, turns))
+    turns = _rounded_turns(ops, size * (1.0 + (aside + size) / z), inner[6], 1.0)
+    return _weighted(row, sums[0], sums[1], missed(ops, sums, expected, turns))
 
 
 def _node(ops: Any) -> Any:
@@ -398,3 +405,97 @@ def _node(ops: Any) -> Any:
         return node_sums(factor * value.real, factor * value.imag, w, v1, v2)
 
     return node
+
+
+# Derivatives: fields of strips along edges, (G5), (G6). For a panel and a point these are the
+# integrals of 1 and t, t the length from the panel's beginning, times
+#
+#     u G and u (1/R - 2 pi i) G/R,  G = exp(2 pi i R)/R
+#
+# or, for Fresnel's field, of 1 and t times u exp(pi i rho^2/z), all against the phase of the
+# point's distance from the centre, R or rho^2/(2 z). Panels are arguments here, as points are: one
+# compiled kernel does for all outlines.
+
+# On the edge of the strip kept clear in the angle, 1/R^2 is larger than on the panel by 1/cos^2 of
+# 1.4, a factor of 35.
+_GROWN = 3.6
+
+
+@dataclass(frozen=True)
+class _Strips:
+    """The rules; and one term, which the arguments tell all of."""
+
+    frame: None
+    edges: tuple[tuple[()], ...]
+    rules: Rules
+
+
+@cache
+def _tables(source: None, double: bool) -> _Strips:
+    return _Strips(None, ((),), gauss_rules())
+
+
+def _enter(ops: Any, frame: None, *arguments: Any) -> Values:
+    return arguments
+
+
+def _leave(ops: Any, frame: None, inner: Values, sums: Values) -> Values:
+    return sums
+
+
+def _seen(x: Any, y: Any, begin_x: Any, begin_y: Any, ex: Any, ey: Any) -> tuple[Any, Any]:
+    """Where a panel begins in its own axes, s and b, from the point's foot."""
+    dx, dy = begin_x - x, begin_y - y
+    return ex * dx + ey * dy, ex * dy - ey * dx
+
+
+def _strip(
+    ops: Any, tables: _Strips, x: Any, y: Any, z: Any, begin_x: Any, begin_y: Any, ex: Any, ey: Any,
+    length: Any, along: Any, start: Any, digits: Any,
+) -> Values:  # fmt: skip
+    first, b = _seen(x, y, begin_x, begin_y, ex, ey)
+    view = panel_view(ops, first, length, b, z, (along, 0.0, 0.0))
+
+    def node(t: Any, s: Any, radius: Any, scale: Any, weights: Values, *phase: Any) -> Values:
+        wave = edge_wave(ops, t, radius, *phase).scaled(weights[0] * scale)
+        inverse = 1.0 / radius
+        rise = wave * Pair(inverse * inverse, -2 * math.pi * inverse)
+        parts = (wave, wave.scaled(t), rise, rise.scaled(t))
+        return tuple(number for part in parts for number in (part.real, part.imag))
+
+    distance = ops.sqrt(x * x + y * y + z * z)
+    phase = (*square_along(x, y, begin_x, begin_y, ex, ey), distance, along, start)
+    bounds = (1.0, None, digits + _GROWN)
+    sums, _ = sums_over_panel(ops, tables.rules, view, bounds, node, 8, *phase)
+    return sums
+
+
+def _fresnel_strip(
+    ops: Any, tables: _Strips, x: Any, y: Any, z: Any, begin_x: Any, begin_y: Any, ex: Any, ey: Any,
+    length: Any, along: Any, start: Any, digits: Any,
+) -> Values:  # fmt: skip
+    first, _ = _seen(x, y, begin_x, begin_y, ex, ey)
+    constant, slope = square_along(x, y, begin_x, begin_y, ex, ey)
+    half, inverse = 0.5 * length, 0.5 / z
+    swing = ops.maximum(
+        abs(2.0 * inverse * first + along), abs(2.0 * inverse * (first + length) + along)
+    )
+    needed, _ = nodes_needed(ops, digits, _NO_SINGULARITY, 2 * math.pi * half * swing)
+
+    def node(
+        at: Any, w: Any, _: Any, __: Any,
+        half: Any, constant: Any, slope: Any, inverse: Any, along: Any, start: Any,
+    ) -> Values:  # fmt: skip
+        t = half * (1.0 + at)
+        turns = (constant + t * (slope + t)) * inverse + (along * t + start)
+        cosine, sine = cos_sin_turns(ops, turns)
+        weight = w * half
+        real, imag = cosine * weight, sine * weight
+        return real, imag, t * real, t * imag
+
+    data = (half, constant, slope, inverse, along, start)
+    return tuple(ops.sum_over_rule(rule_of(ops, needed), tables.rules, node, 4, *data))
+
+
+STRIPS = Kernel("strips along edges", 3, _tables, _enter, _strip, _leave)
+FRESNEL_STRIPS = Kernel("strips along edges, fresnel", 3, _tables, _enter, _fresnel_strip, _leave)

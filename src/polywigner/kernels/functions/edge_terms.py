@@ -14,21 +14,10 @@ parts with `added`, multiplies by what an edge's parts share with `of_edge`, and
 from __future__ import annotations
 
 import math
-from typing import Any, Protocol
+from typing import Any
 
 from polywigner.kernels.cut.clipping import times
 from polywigner.numerics.phases import sin_turns, sinc_less_one
-
-__all__ = [
-    "EdgeTerms",
-    "EvenTerms",
-    "WaveTerms",
-    "ambiguity_terms",
-    "moved_off_zero",
-    "segment_wave",
-    "term_of_part",
-    "wigner_terms",
-]
 
 
 def segment_wave(ops: Any, half: Any, middle: Any) -> tuple[Any, Any]:
@@ -63,35 +52,11 @@ def moved_off_zero(ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
 Values = tuple[Any, ...]
 
 
-class EdgeTerms(Protocol):
-    """A sum over parts of edges at one frequency."""
-
-    nu: Values
-    """The frequency, moved off 0."""
-    values: int
-    """How many numbers a sum is: the real part, or both parts."""
-
-    def along(self, ux: Any, uy: Any) -> Values:
-        """nu.u, and what else the parts of edges along a vector u share."""
-
-    def added(
-        self, sums: Values | None, half: Any, middle: Any, extent: Any, weight: Values
-    ) -> Values:
-        """The sums of an edge with one more part of it.
-
-        ``half`` nu.d and nu.m in turns, the part's length in units of the edge's, its complex
-        weight. The sums lack what `of_edge` puts in; None before the first part.
-        """
-
-    def of_edge(self, along: Values, length: Any, sums: Values) -> Values:
-        """An edge's sums, from those over its parts; d = extent length u."""
-
-    def total(self, sums: Values) -> Values:
-        """W or A, from the sums over all edges."""
-
-
 class EvenTerms:
-    """(W1): W for real weights, which is even in the frequency."""
+    """(W1): W for real weights, which is even in the frequency.
+
+    ``nu``: the frequency, moved off 0; ``values``: the numbers of a sum, the real part or both.
+    """
 
     values = 1
 
@@ -111,14 +76,21 @@ class EvenTerms:
     def added(
         self, sums: Values | None, half: Any, middle: Any, extent: Any, weight: Values
     ) -> Values:
+        """The sums of an edge with one more part of it; None before the first.
+
+        ``half`` nu.d and nu.m in turns, the part's length in units of the edge's, its complex
+        weight. The sums lack what `of_edge` puts in.
+        """
         size = times(weight[0], sin_turns(self.ops, half))
         phase = sin_turns(self.ops, middle)
         return (size * phase if sums is None else self.ops.fma(size, phase, sums[0]),)
 
     def of_edge(self, along: Values, length: Any, sums: Values) -> Values:
+        """An edge's sums, from those over its parts; d = extent length u."""
         return (along[1] * sums[0],)
 
     def total(self, sums: Values) -> Values:
+        """W or A, from the sums over all edges."""
         nu_x, nu_y = self.nu
         return (sums[0] / (math.pi**2 * self.ops.fma(nu_x, nu_x, nu_y * nu_y)),)
 
@@ -126,7 +98,7 @@ class EvenTerms:
 class WaveTerms:
     """(W2), (A1): W and A for all weights; with several waves on the source, one pair of them.
 
-    Sums are sine and cosine parts.
+    Methods are those of `EvenTerms`; sums are sine and cosine parts.
     """
 
     def __init__(self, ops: Any, nu: Values, values: int, factor: float = 1.0) -> None:
@@ -157,6 +129,9 @@ class WaveTerms:
         nu_x, nu_y = self.nu
         scale = self.factor / self.ops.fma(nu_x, nu_x, nu_y * nu_y)
         return tuple(value * scale for value in sums)
+
+
+EdgeTerms = EvenTerms | WaveTerms
 
 
 def term_of_part(ops: Any, terms: EdgeTerms, part: Values) -> Values:

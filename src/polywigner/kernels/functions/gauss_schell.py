@@ -32,8 +32,6 @@ import numpy.typing as npt
 
 from polywigner.numerics.phases import cos_sin_turns
 
-__all__ = ["wave_over_edge", "wave_over_interval"]
-
 Values = tuple[Any, ...]
 Rules = tuple[npt.NDArray[np.float64], ...]
 

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from polywigner.kernels.functions.slits import SlitTables
 from polywigner.kernels.outline.tables import Tables
 from polywigner.kernels.outline.waves import field_of
 from polywigner.numerics.complex_pairs import Pair
-
-__all__ = ["field", "field_in_slits"]
 
 
 def field(ops: Any, tables: Tables, x: Any, y: Any) -> tuple[Any, Any]:
@@ -38,14 +35,6 @@ def field(ops: Any, tables: Tables, x: Any, y: Any) -> tuple[Any, Any]:
             total = total + (weight * Pair(*field_of(ops, waves, (x, y))))
     undefined = _zero_or_nan(x) + _zero_or_nan(y)
     return total.real + undefined, total.imag + undefined
-
-
-def field_in_slits(ops: Any, tables: SlitTables, x: Any) -> tuple[Any, Any]:
-    """(real, imaginary) part of u less the carrier; a slit has its begin and not its end."""
-    total = Pair(_zero_or_nan(x), _zero_or_nan(x))
-    for slit in tables.edges:
-        total = total + Pair(*slit.field(ops, x))
-    return total.real, total.imag
 
 
 def _zero_or_nan(value: Any) -> Any:

@@ -21,23 +21,23 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 from polywigner.kernels.cut.clipping import MIRRORED, Clipper
 from polywigner.kernels.cut.slice_sums import SliceSum
 from polywigner.kernels.functions.edge_terms import moved_off_zero
 from polywigner.kernels.functions.plane import WIGNER, tables_of
-from polywigner.kernels.functions.slices import doubled_position
-from polywigner.kernels.functions.wave_sums import mean_pairings, sum_over_waves
+from polywigner.kernels.functions.slices import (
+    doubled_position,
+    mean_pairings,
+    sum_over_waves,
+)
 from polywigner.kernels.kernel import Kernel, Values
 from polywigner.kernels.outline.frame import Frame
 from polywigner.kernels.outline.tables import Edge
 from polywigner.kernels.outline.waves import WavePair, WavePairRow
 from polywigner.numerics.phases import cos_sin_turns
 from polywigner.numerics.polynomials import Polynomial, added, multiplied, scaled, segment_moments
-
-__all__ = ["LAG_MOMENTS", "LAG_MOMENTS_ALONG"]
 
 # Whether each of the six moments is of a function odd in the lag.
 _ODD = (False, True, False, False, True, True)
@@ -46,19 +46,16 @@ _COUNT = len(_ODD)
 Cuts = Sequence[tuple[Any, Any, Any, Any]]
 
 
-def _lag_moments(
-    clipper: Clipper, x: Any, y: Any, *frequencies: Any, apart: bool = False
-) -> Values:
+def _lag_moments(clipper: Clipper, x: Any, y: Any, *frequencies: Any) -> Values:
     """The moments (T1) in the frame, |xi| in the user's units over those of the frame's largest.
 
     ``frequencies``: the detuned one, by which the waves of the field are taken relative to the
-    carrier, and the whole one, along which tau is measured; two components each, in the frame.
-    ``apart``: whether the two differ by more than the carrier.
+    carrier, and the whole one, along which tau is measured, if it is another; two components each,
+    in the frame.
     """
-    nu, ray = frequencies[:2], frequencies[2:]
 
     def sum_of(pair: WavePair | WavePairRow, is_even: bool) -> _Moments:
-        return _Moments(clipper, pair, nu, ray, apart)
+        return _Moments(clipper, pair, frequencies[:2], frequencies[2:])
 
     return tuple(sum_over_waves(clipper, mean_pairings, sum_of, (x, y), _COUNT))
 
@@ -144,21 +141,21 @@ class RayFrame:
 class _Moments:
     """The sums over edges at one frequency."""
 
+    values = 2 * _COUNT
+
     def __init__(
         self,
         clipper: Clipper,
         wave_pair: WavePair | WavePairRow,
         nu: Sequence[Any],
         ray: Sequence[Any],
-        apart: bool,
     ) -> None:
         self.ops, self.wave_pair = clipper.ops, wave_pair
         self.offset = clipper.tx, clipper.ty
         frame = clipper.tables.frame
-        is_detuned = apart or any(frame.carrier) or isinstance(wave_pair, WavePairRow)
-        is_aligned = not is_detuned and not any(wave_pair.detuned((0.0, 0.0)))
-        self.axes = RayFrame(self.ops, frame, wave_pair.detuned(nu), ray, is_aligned)
-        self.values = _COUNT if wave_pair.is_real else 2 * _COUNT
+        is_one = not ray and isinstance(wave_pair, WavePair)
+        is_aligned = is_one and not any(wave_pair.detuned((0.0, 0.0)))
+        self.axes = RayFrame(self.ops, frame, wave_pair.detuned(nu), ray or nu, is_aligned)
 
     def terms(self, edge: Edge, sides: Sequence[tuple[float, Cuts]]) -> tuple[Any, ...]:
         ((_, cuts),) = sides
@@ -177,29 +174,22 @@ class _Moments:
             turns = fma(middle, turns_per_step, turns_at_start)
             found = axes.of_part(p, q, turns, extent * turns_per_step)
             for k, (first, second) in enumerate(zip(*found, strict=True)):
-                real[k] = real[k] + _real_part(mutual_real, mutual_imag, first, second)
-                imag[k] = imag[k] + _real_part(mutual_real, mutual_imag, second, -first)
-        if self.values == 2 * _COUNT:
-            return (*real, *imag)
-        return tuple(b if odd else a for odd, a, b in zip(_ODD, real, imag, strict=True))
+                real[k] = real[k] + (mutual_real * first - mutual_imag * second)
+                imag[k] = imag[k] + (mutual_real * second + mutual_imag * first)
+        return (*real, *imag)
 
     def value(self, sums: Sequence[Any], position: tuple[Any, Any]) -> list[Any]:
-        """2 Re of amplitude times sum for even functions, -2 Im for odd ones."""
-        real, imag = self.wave_pair.amplitude(self.ops, position)
-        if self.values == _COUNT:
-            return [(-2.0 if odd else 2.0) * real * s for odd, s in zip(_ODD, sums, strict=True)]
-        pairs = zip(_ODD, sums[:_COUNT], sums[_COUNT:], strict=True)
-        return [
-            -2.0 * (real * b + imag * a) if odd else 2.0 * (real * a - imag * b)
-            for odd, a, b in pairs
-        ]
+        amplitude = self.wave_pair.amplitude(self.ops, position)
+        return weighted_moments(amplitude, sums[:_COUNT], sums[_COUNT:])
 
 
-def _real_part(real: Any, imag: Any, first: Any, second: Any) -> Any:
-    """Real part of (real + i imag)(first + i second)."""
-    if isinstance(imag, float) and imag == 0.0:
-        return real * first
-    return real * first - imag * second
+def weighted_moments(weight: Sequence[Any], real: Sequence[Any], imag: Sequence[Any]) -> list[Any]:
+    """2 Re of weight times the six sums for even functions, -2 Im for odd ones."""
+    c, s = weight
+    return [
+        -2.0 * (c * b + s * a) if odd else 2.0 * (c * a - s * b)
+        for odd, a, b in zip(_ODD, real, imag, strict=True)
+    ]
 
 
 def _contracted(ops: Any, polynomial: Polynomial, means: Sequence[Any]) -> tuple[Any, Any]:
@@ -223,16 +213,11 @@ def scale_of(frame: Frame) -> float:
     return max(math.hypot(*row) for row in frame.inverse_transpose)
 
 
-def _enter(ops: Any, frame: Frame, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Values:
+def _enter(ops: Any, frame: Frame, x: Any, y: Any, nu_x: Any, nu_y: Any, *ray: Any) -> Values:
     inner = WIGNER.enter(ops, frame, x, y, nu_x, nu_y)
-    return (*inner, *frame.frequency(ops, nu_x, nu_y))
-
-
-def _enter_along(
-    ops: Any, frame: Frame, x: Any, y: Any, nu_x: Any, nu_y: Any, ray_x: Any, ray_y: Any
-) -> Values:
-    inner = WIGNER.enter(ops, frame, x, y, nu_x, nu_y)
-    return (*inner, *frame.frequency(ops, ray_x, ray_y))
+    if not ray and not any(frame.carrier):
+        return inner
+    return (*inner, *frame.frequency(ops, *(ray or (nu_x, nu_y))))
 
 
 def _leave(ops: Any, frame: Frame, inner: Values, sums: Values) -> Values:
@@ -245,9 +230,4 @@ def _leave(ops: Any, frame: Frame, inner: Values, sums: Values) -> Values:
 _OVER_SLICE = SliceSum((MIRRORED,), doubled_position, _lag_moments, serves_all=False)
 LAG_MOMENTS = Kernel("lag moments", 2, tables_of, _enter, _OVER_SLICE, _leave)
 # Along a ray whose frequency is not that of the moments, as that of a curved wave.
-LAG_MOMENTS_ALONG = replace(
-    LAG_MOMENTS,
-    name="lag moments along rays apart",
-    enter=_enter_along,
-    edge_sum=replace(_OVER_SLICE, summed=partial(_lag_moments, apart=True)),
-)
+LAG_MOMENTS_ALONG = replace(LAG_MOMENTS, name="lag moments along rays apart")

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import Any, ClassVar
 
 from polywigner.geometry import Wavefront
 from polywigner.kernels.cut.slice_parts import PART_COLUMNS
 from polywigner.kernels.functions.edge_terms import term_of_part, wigner_terms
-from polywigner.kernels.functions.moments import LAG_MOMENTS, RayFrame
+from polywigner.kernels.functions.moments import LAG_MOMENTS, RayFrame, weighted_moments
 from polywigner.kernels.functions.partly_coherent import Coherence, coherence_of, term_of_lags
 from polywigner.kernels.functions.plane import tables_of
 from polywigner.kernels.kernel import Kernel, Values, leave_real
 from polywigner.kernels.outline.frame import Frame
-
-__all__ = ["PART_MOMENTS", "PART_MOMENTS_ALONG", "PART_PARTLY_COHERENT", "PART_WIGNER"]
 
 
 @dataclass(frozen=True)
@@ -42,13 +40,12 @@ def _part_tables(source: Any, double: bool) -> PartTables:
 
 
 def _enter(ops: Any, frame: Frame, *arguments: Any) -> Values:
-    """(part, detuned frequency of its waves, whole frequency)."""
-    part, nu = arguments[:6], arguments[PART_COLUMNS:]
-    # frequency of the ray, where it is another one
-    nu, ray = nu[:2], nu[2:] or nu
-    detuned = frame.detuned(ops, *nu)
-    shifted = (n - s for n, s in zip(detuned, arguments[6:PART_COLUMNS], strict=True))
-    return (*part, *shifted, *frame.frequency(ops, *ray))
+    """(part, detuned frequency of its waves, whole frequency, and of the ray if it is another)."""
+    part, shifts, nu = arguments[:6], arguments[6:PART_COLUMNS], arguments[PART_COLUMNS:]
+    detuned = frame.detuned(ops, *nu[:2])
+    shifted = (n - s for n, s in zip(detuned, shifts, strict=True))
+    whole = (frame.frequency(ops, *nu[k : k + 2]) for k in range(0, len(nu), 2))
+    return (*part, *shifted, *(component for one in whole for component in one))
 
 
 def _wigner(ops: Any, tables: PartTables, *inner: Any) -> Values:
@@ -68,15 +65,14 @@ def _partly_coherent(ops: Any, tables: PartTables, *inner: Any) -> Values:
     return (2.0 * (real * found[0] - imag * found[1]),)
 
 
-def _moments(ops: Any, tables: PartTables, *inner: Any, apart: bool = False) -> Values:
+def _moments(ops: Any, tables: PartTables, *inner: Any) -> Values:
     """A part's term of (T3)."""
     x, y, dx, dy, real, imag = inner[:6]
-    axes = RayFrame(ops, tables.frame, inner[6:8], inner[8:10], tables.is_aligned and not apart)
+    is_aligned = tables.is_aligned and len(inner) == 10
+    axes = RayFrame(ops, tables.frame, inner[6:8], inner[-2:], is_aligned)
     (p, q), (dp, dq) = axes.turned(x, y), axes.turned(dx, dy)
     found = axes.of_part([p, dp], [q, dq], axes.turns(x, y), axes.turns(dx, dy))
-    even = [2.0 * (real * a - imag * b) for a, b in zip(*found, strict=True)]
-    odd = [-2.0 * (real * b + imag * a) for a, b in zip(*found, strict=True)]
-    return (even[0], odd[1], even[2], even[3], odd[4], odd[5])
+    return tuple(weighted_moments((real, imag), *found))
 
 
 PART_WIGNER = Kernel("wigner by parts", 0, _part_tables, _enter, _wigner, leave_real)
@@ -84,6 +80,4 @@ PART_PARTLY_COHERENT = replace(
     PART_WIGNER, name="wigner by parts of partly coherent light", edge_sum=_partly_coherent
 )
 PART_MOMENTS = Kernel("lag moments by parts", 0, _part_tables, _enter, _moments, LAG_MOMENTS.leave)
-PART_MOMENTS_ALONG = replace(
-    PART_MOMENTS, name="lag moments by parts, apart", edge_sum=partial(_moments, apart=True)
-)
+PART_MOMENTS_ALONG = replace(PART_MOMENTS, name="lag moments by parts, apart")

@@ -16,26 +16,20 @@ from typing import Any
 from polywigner.geometry import Wavefront
 from polywigner.kernels.cut.clipping import MIRRORED, Clipper
 from polywigner.kernels.cut.slice_sums import SliceSum
-from polywigner.kernels.functions import line, plane, separable
+from polywigner.kernels.functions import plane, separable, slits
 from polywigner.kernels.functions.gauss_schell import wave_over_edge
 from polywigner.kernels.functions.separable import SeparableTables, separable_tables
-from polywigner.kernels.functions.slices import doubled_position
-from polywigner.kernels.functions.slits import PairTables, lag_pairs
-from polywigner.kernels.functions.wave_sums import mean_pairings, sum_over_waves
+from polywigner.kernels.functions.slices import (
+    doubled_position,
+    mean_pairings,
+    sum_over_waves,
+)
+from polywigner.kernels.functions.slits import PairTables
 from polywigner.kernels.kernel import Values
 from polywigner.kernels.outline.frame import Frame
 from polywigner.kernels.outline.tables import Edge, Tables
 from polywigner.kernels.outline.waves import WavePair, WavePairRow
 from polywigner.numerics.complex_pairs import Pair
-
-__all__ = [
-    "WIGNER",
-    "WIGNER_OF_PRODUCT",
-    "WIGNER_OF_SLITS",
-    "Coherence",
-    "coherence_of",
-    "term_of_lags",
-]
 
 
 @dataclass(frozen=True)
@@ -141,12 +135,12 @@ WIGNER = replace(
 
 @lru_cache(maxsize=256)
 def _pairs_of(source: Wavefront, double: bool) -> PairTables:
-    pairs = lag_pairs(source.source, double)
+    pairs = slits.lag_pairs(source.source, double)
     return replace(pairs, coherence_width=source.coherence_width / pairs.frame.scale)
 
 
 WIGNER_OF_SLITS = replace(
-    line.WIGNER, name="wigner of partly coherent light in slits", tables=_pairs_of
+    slits.WIGNER, name="wigner of partly coherent light in slits", tables=_pairs_of
 )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from functools import lru_cache
 from typing import Any
@@ -11,11 +11,13 @@ import numpy as np
 
 from polywigner.geometry import Aperture, PlacedAperture
 from polywigner.illumination import Array
-from polywigner.kernels.functions import fourier
 from polywigner.kernels.functions.fourier import (
     GridTables,
+    LinearFrame,
     OutlineSum,
     OutlineTables,
+    complex_fan_sum,
+    fan_sum,
     grid_tables,
     outline_tables,
 )
@@ -35,29 +37,10 @@ from polywigner.kernels.kernel import (
     leave_real,
     leave_wave,
 )
-from polywigner.kernels.outline.frame import Frame, Matrix, frame_of, times
+from polywigner.kernels.outline.frame import Frame, frame_of
 from polywigner.kernels.outline.tables import Element, Tables, build_tables
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair
-
-__all__ = [
-    "AMBIGUITY",
-    "AUTOCORRELATION",
-    "FOURIER",
-    "FOURIER_COMPLEX",
-    "FOURIER_PLACED",
-    "FOURIER_PLACED_COMPLEX",
-    "LAG_MARGINAL",
-    "LAG_MARGINAL_OF_FIELDS",
-    "LAG_MARGINAL_OF_WAVES",
-    "POSITION_MARGINAL",
-    "POSITION_MARGINAL_OF_WAVES",
-    "WIGNER",
-    "new_outline_of",
-    "new_tables_of",
-    "placed_frame",
-    "tables_of",
-]
 
 
 @lru_cache(maxsize=256)
@@ -112,29 +95,7 @@ def _grid_tables_of(source: Aperture | Array) -> GridTables | None:
     return grid_tables(OutlineTables(frame, tuple(e for o in outlines for e in o.edges)), field)
 
 
-@dataclass(frozen=True)
-class PlacedFrame:
-    """The frame of an aperture in a pose: only the part of nu in its plane matters to the sum."""
-
-    plane: Any
-    centre: tuple[phases.Doubled, ...]
-    """Centre of the aperture, in the world."""
-    rows: Matrix
-    """From nu in the world to nu in the frame, ``Doubled``."""
-
-    @property
-    def content(self) -> float:
-        return self.plane.content
-
-    @property
-    def reach(self) -> tuple[float, ...]:
-        return self.plane.reach
-
-    def frequency(self, ops: Any, *nu: Any) -> Values:
-        return times(ops, self.rows, *nu)
-
-
-def placed_frame(plane: Any, pose: Any, double: bool) -> PlacedFrame:
+def placed_frame(plane: Any, pose: Any, double: bool) -> LinearFrame:
     """The frame of the plane in a pose (4, 4), whose floats are taken as exact."""
     exact = [[Fraction(value) for value in row] for row in pose.tolist()]
     middle = [Fraction(c) for c in plane.centre]
@@ -143,10 +104,11 @@ def placed_frame(plane: Any, pose: Any, double: bool) -> PlacedFrame:
         [sum(Fraction(m) * row[k] for k, m in enumerate(line)) for row in exact[:3]]
         for line in plane.rows
     ]
-    return PlacedFrame(
-        plane,
+    return LinearFrame(
         tuple(phases.doubled(c, double) for c in centre),
         tuple(tuple(phases.doubled(value, double) for value in row) for row in rows),
+        plane.content,
+        plane.reach,
     )
 
 
@@ -165,7 +127,7 @@ def enter_frequency(ops: Any, frame: Any, *nu: Any) -> Values:
     return (phases.turns_to_centre(ops, frame.centre, *nu), *frame.frequency(ops, *nu))
 
 
-def enter_complex_frequency(ops: Any, frame: Any, *nu: Any) -> Values:
+def _enter_complex_frequency(ops: Any, frame: Any, *nu: Any) -> Values:
     """(phase of the centre, growth, Re nu, Im nu in the frame) from (re, im) per component."""
     real, imag = nu[0::2], nu[1::2]
     turns = phases.turns_to_centre(ops, frame.centre, *real)
@@ -174,7 +136,7 @@ def enter_complex_frequency(ops: Any, frame: Any, *nu: Any) -> Values:
     return (turns, growth, *frame.frequency(ops, *real), *inner)
 
 
-def enter_shift(ops: Any, frame: Any, *arguments: Any) -> Values:
+def _enter_shift(ops: Any, frame: Any, *arguments: Any) -> Values:
     """(phase of the centre and of the carrier, upsilon and xi in the frame)."""
     upsilon, xi = arguments[: len(arguments) // 2], arguments[len(arguments) // 2 :]
     turns, *inner = enter_frequency(ops, frame, *upsilon)
@@ -190,16 +152,6 @@ def enter_both_ends(ops: Any, frame: Any, *arguments: Any) -> Values:
     ahead = (p + 0.5 * lag for p, lag in zip(x, xi, strict=True))
     behind = (p - 0.5 * lag for p, lag in zip(x, xi, strict=True))
     return (turns, *frame.position(ops, *ahead), *frame.position(ops, *behind))
-
-
-def _fourier_sum(ops: Any, tables: Any, turns: Any, *nu: Any) -> Values:
-    return fourier.fourier(ops, tables, *nu)
-
-
-def _complex_sum(ops: Any, tables: Any, turns: Any, growth: Any, *nu: Any) -> Values:
-    real_x, real_y, imag_x, imag_y = nu
-    total = fourier.fourier_complex(ops, tables, Pair(real_x, imag_x), Pair(real_y, imag_y))
-    return total.real, total.imag
 
 
 def product_of_both(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
@@ -230,29 +182,21 @@ POSITION_MARGINAL = Kernel(
     LAG_SLICE_AREA,
     leave_real,
 )
-FOURIER = Kernel(
-    "fourier",
-    2,
-    _outline_of,
-    enter_frequency,
-    OutlineSum(_fourier_sum, _grid_tables_of),
-    leave_wave,
-)
-FOURIER_COMPLEX = Kernel(
-    "fourier, complex nu", 2, _outline_of, enter_complex_frequency, _complex_sum, leave_complex
-)
-FOURIER_PLACED = Kernel(
-    "fourier in space", 3, _placed_tables, enter_frequency, _fourier_sum, leave_wave
-)
-FOURIER_PLACED_COMPLEX = Kernel(
-    "fourier in space, complex nu",
-    3,
-    _placed_tables,
-    enter_complex_frequency,
-    _complex_sum,
-    leave_complex,
-)
-AMBIGUITY = Kernel("ambiguity", 2, tables_of, enter_shift, AMBIGUITY_SUM, leave_wave)
+
+
+def fourier_kernels(name: str, dimension: int, tables: Any) -> tuple[Kernel, Kernel]:
+    """The kernels of a fan's sum for real and for complex frequencies."""
+    complex_name, enter = f"{name}, complex nu", _enter_complex_frequency
+    return (
+        Kernel(name, dimension, tables, enter_frequency, fan_sum, leave_wave),
+        Kernel(complex_name, dimension, tables, enter, complex_fan_sum, leave_complex),
+    )
+
+
+_OF_POINTS, FOURIER_COMPLEX = fourier_kernels("fourier", 2, _outline_of)
+FOURIER = replace(_OF_POINTS, edge_sum=OutlineSum(fan_sum, _grid_tables_of))
+FOURIER_PLACED, FOURIER_PLACED_COMPLEX = fourier_kernels("fourier in space", 3, _placed_tables)
+AMBIGUITY = Kernel("ambiguity", 2, tables_of, _enter_shift, AMBIGUITY_SUM, leave_wave)
 LAG_MARGINAL = Kernel(
     "lag marginal",
     2,

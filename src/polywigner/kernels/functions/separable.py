@@ -16,32 +16,13 @@ import numpy as np
 import numpy.typing as npt
 
 from polywigner.geometry import Aperture
-from polywigner.kernels.functions import plane, separable
-from polywigner.kernels.functions.slits import LineField, line_field
+from polywigner.kernels.functions import plane
+from polywigner.kernels.functions.slits import LineField
 from polywigner.kernels.kernel import Kernel, Values, at_zero_frequency, leave_wave
 from polywigner.kernels.outline.frame import Frame, frame_along, power_of_two
 from polywigner.kernels.outline.waves import Wave, Waves, carrier_of, waves_in_frame
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair
-
-__all__ = [
-    "AMBIGUITY",
-    "AUTOCORRELATION",
-    "FOURIER",
-    "LAG_MARGINAL",
-    "POSITION_MARGINAL",
-    "WIGNER",
-    "Rectangle",
-    "SeparableTables",
-    "ambiguity",
-    "enter_frequency",
-    "field",
-    "fourier",
-    "is_separable",
-    "rectangle_of",
-    "separable_tables",
-    "wigner",
-]
 
 # An outline is a rectangle if it misses one by less than this share of its shorter side,
 _ROUNDING = 1e-14
@@ -187,7 +168,7 @@ def separable_tables(aperture: Aperture, double: bool) -> SeparableTables | None
     if profiles is None:
         return None
     halves = rectangle.halves(frame)
-    one, two = (line_field(half, waves) for half, waves in zip(halves, profiles, strict=True))
+    one, two = (LineField(half, waves) for half, waves in zip(halves, profiles, strict=True))
     return SeparableTables(frame, (one, two))
 
 
@@ -223,7 +204,13 @@ def _profiles(
     table = np.zeros((len(own), len(other)), np.complex128)
     table[i, j] = amplitudes
     product = _rank_one(table, phase_rounding)
-    return product and (_line_waves(product[0], own), _line_waves(product[1], other))
+    if product is None:
+        return None
+    one, two = (
+        tuple(Wave(a, (f,)) for a, f in zip(column.tolist(), rates.tolist(), strict=True))
+        for column, rates in zip(product, (own, other), strict=True)
+    )
+    return one, two
 
 
 def _rank_one(table: Complexes, phase_rounding: float) -> tuple[Complexes, Complexes] | None:
@@ -249,12 +236,7 @@ def _distinct(values: Floats, rounding: float) -> tuple[Floats, npt.NDArray[np.i
     return np.bincount(found, values) / np.bincount(found), found
 
 
-def _line_waves(amplitudes: npt.NDArray[np.complex128], frequencies: Floats) -> Waves:
-    pairs = zip(amplitudes.tolist(), frequencies.tolist(), strict=True)
-    return tuple(Wave(amplitude, (frequency,)) for amplitude, frequency in pairs)
-
-
-def enter_frequency(ops: Any, frame: Frame, *nu: Any) -> Values:
+def _enter_frequency(ops: Any, frame: Frame, *nu: Any) -> Values:
     """(phase of the centre, nu in the frame less the carrier)."""
     return (phases.turns_to_centre(ops, frame.centre, *nu), *frame.detuned(ops, *nu))
 
@@ -295,28 +277,27 @@ def _parts(value: Pair) -> tuple[Any, Any]:
 
 
 def _both_ends(ops: Any, tables: Any, turns: Any, px: Any, py: Any, mx: Any, my: Any) -> Any:
-    ahead = separable.field(ops, tables, px, py)
-    return (*ahead, *separable.field(ops, tables, mx, my))
+    return (*field(ops, tables, px, py), *field(ops, tables, mx, my))
 
 
 WIGNER = replace(
     plane.WIGNER,
     name="wigner of a product",
     tables=separable_tables,
-    edge_sum=lambda ops, tables, *inner: (separable.wigner(ops, tables, *inner),),
+    edge_sum=lambda ops, tables, *inner: (wigner(ops, tables, *inner),),
 )
 AMBIGUITY = replace(
     plane.AMBIGUITY,
     name="ambiguity of a product",
     tables=separable_tables,
-    edge_sum=lambda ops, tables, turns, *inner: separable.ambiguity(ops, tables, *inner),
+    edge_sum=lambda ops, tables, turns, *inner: ambiguity(ops, tables, *inner),
 )
 FOURIER = Kernel(
     "fourier of a product",
     2,
     separable_tables,
-    enter_frequency,
-    lambda ops, tables, turns, *nu: separable.fourier(ops, tables, *nu),
+    _enter_frequency,
+    lambda ops, tables, turns, *nu: fourier(ops, tables, *nu),
     leave_wave,
 )
 AUTOCORRELATION = replace(

@@ -18,69 +18,40 @@ from typing import Any
 import numpy as np
 
 from polywigner.geometry import Aperture, PlacedAperture, Slits, triangulate
+from polywigner.kernels.functions.fourier import LinearFrame
 from polywigner.kernels.functions.plane import placed_frame
 from polywigner.kernels.kernel import Kernel, Values, leave_complex, leave_wave
-from polywigner.kernels.outline.frame import Matrix, frame_of, power_of_two, times_doubled
+from polywigner.kernels.outline.frame import determinant, frame_of, power_of_two, times_doubled
 from polywigner.numerics import phases
-from polywigner.numerics.complex_pairs import Pair, mean_wave
+from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.divided_differences import simplex_complex_wave, simplex_plane_wave
-from polywigner.numerics.phases import Doubled, cos_sin_turns, doubled, sinc
-
-__all__ = [
-    "SLITS",
-    "SLITS_COMPLEX",
-    "TILED",
-    "TILED_COMPLEX",
-    "TILED_PLACED",
-    "TILED_PLACED_COMPLEX",
-    "SimplexTables",
-    "fan_cancels",
-]
+from polywigner.numerics.phases import Doubled, cos_sin_turns, doubled
 
 # A fan's terms are rounded to ulps of (perimeter times half the diameter) and not of the area: up
 # to here that costs 3e-14 of the area (2e-16 each, measured), and a fan has fewer terms.
 _MOST_CANCELLING = 128.0
-
-Row = tuple[float, ...]
 
 
 @dataclass(frozen=True)
 class SimplexTables:
     """A tiling in a frame of uniform scale; ``edges`` are what a sum runs over, the simplices.
 
-    An interval: its middle as two floats and its length. A triangle: a corner and the two vectors
-    to the others, each component as two floats, and twice the area.
+    An interval or a triangle: a corner and the vectors to the others, each component as two floats,
+    and the length or twice the area.
     """
 
     frame: Any
-    edges: tuple[Row, ...]
+    edges: tuple[tuple[float, ...], ...]
 
 
-@dataclass(frozen=True)
-class UniformFrame:
-    """x' = (x - centre)/scale, nu' = scale nu; the scale is a power of two."""
-
-    centre: tuple[float, ...]
-    scale: float
-    reach: tuple[float, ...]
-
-    @property
-    def content(self) -> float:
-        return self.scale ** len(self.centre)
-
-    @property
-    def rows(self) -> Matrix:
-        n = len(self.centre)
-        return tuple(tuple(self.scale * (i == j) for j in range(n)) for i in range(n))
-
-
-def _frame_around(points: Any) -> UniformFrame:
-    """The frame of points (n, d)."""
+def _frame_around(points: Any) -> LinearFrame:
+    """The frame of points (n, d) whose scale, one for all axes, is a power of two."""
     low, high = points.min(axis=0), points.max(axis=0)
     half = (high - low) / 2
     scale = power_of_two(float(np.linalg.norm(high - low)))
     centre, reach = (low + half).tolist(), (half / scale).tolist()
-    return UniformFrame(tuple(centre), scale, tuple(reach))
+    rows = tuple(tuple(row) for row in (scale * np.eye(len(centre))).tolist())
+    return LinearFrame(tuple(centre), rows, scale ** len(centre), tuple(reach))
 
 
 @lru_cache(maxsize=256)
@@ -95,34 +66,31 @@ def fan_cancels(aperture: Aperture) -> bool:
 
 @lru_cache(maxsize=256)
 def _interval_tables(slits: Slits, double: bool) -> SimplexTables:
-    frame = _frame_around(slits.intervals.reshape(-1, 1))
-    rows = []
-    for (a,), (b,) in np.reshape(_inside(frame, slits.intervals.reshape(-1, 1)), (-1, 2, 1)):
-        rows.append((*doubled((a + b) / 2, double), float(b - a)))
-    return SimplexTables(frame, tuple(rows))
+    ends = slits.intervals.reshape(-1, 1)
+    return _simplex_tables(ends, np.arange(len(ends)).reshape(-1, 2), double)
 
 
 @lru_cache(maxsize=256)
 def _triangle_tables(aperture: Aperture, double: bool) -> SimplexTables:
-    vertices, triangles = triangulate(aperture)
-    frame = _frame_around(vertices)
-    exact = _inside(frame, vertices)
-    rows = []
-    for p, q, r in (exact[corners] for corners in triangles):
-        a, b = q - p, r - p
-        parts = [part for v in (*p, *a, *b) for part in doubled(v, double)]
-        rows.append((*parts, float(a[0] * b[1] - a[1] * b[0])))
-    return SimplexTables(frame, tuple(row for row in rows if row[-1]))
+    return _simplex_tables(*triangulate(aperture), double)
 
 
-def _inside(frame: UniformFrame, points: Any) -> Any:
-    """Points (n, d) in the frame as fractions."""
-    centre, scale = [Fraction(c) for c in frame.centre], Fraction(frame.scale)
+def _simplex_tables(points: Any, simplices: Any, double: bool) -> SimplexTables:
+    """The tables of simplices (k, d + 1), numbers of their corners among points (n, d)."""
+    frame = _frame_around(points)
+    centre, scale = [Fraction(c) for c in frame.centre], Fraction(frame.rows[0][0])
     exact = [
         [(Fraction(x) - c) / scale for x, c in zip(point, centre, strict=True)]
         for point in points.tolist()
     ]
-    return np.array(exact, dtype=object)
+    rows = []
+    for first, *others in simplices.tolist():
+        corner = exact[first]
+        vectors = [[x - c for x, c in zip(exact[k], corner, strict=True)] for k in others]
+        numbers = [number for vector in (corner, *vectors) for number in vector]
+        parts = (part for number in numbers for part in doubled(number, double))
+        rows.append((*parts, float(determinant(vectors))))
+    return SimplexTables(frame, tuple(row for row in rows if row[-1]))
 
 
 @lru_cache(maxsize=256)
@@ -159,106 +127,54 @@ def _dot(ops: Any, nu: tuple[Doubled, ...], vector: tuple[Doubled, ...]) -> Any:
     return total + rest
 
 
-def _interval_sum(ops: Any, tables: SimplexTables, turns: Any, *nu: Any) -> Values:
-    frequency = _pairs(nu)
-
-    def term(middle: Any, rest: Any, length: Any) -> Values:
-        mean = sinc(ops, _dot(ops, frequency, ((length, 0.0),)))
-        phase = phases.reduced(ops, phases.dot(ops, frequency, ((middle, rest),)))
-        cosine, sine = cos_sin_turns(ops, phase)
-        return cosine * mean * length, sine * mean * length
-
-    return ops.sum_over(tables.edges, term, 2, like=nu[0])
-
-
-def _triangle_sum(ops: Any, tables: SimplexTables, turns: Any, *nu: Any) -> Values:
+def _sum(ops: Any, tables: SimplexTables, turns: Any, *nu: Any) -> Values:
     frequency = _pairs(nu)
 
     def term(*row: Any) -> Values:
-        corner, first, second = (_pairs(row[k : k + 4]) for k in (0, 4, 8))
-        wave = simplex_plane_wave(ops, _dot(ops, frequency, first), _dot(ops, frequency, second))
+        corner, *vectors = _vectors(row, len(frequency))
+        wave = simplex_plane_wave(ops, *(_dot(ops, frequency, vector) for vector in vectors))
         phase = phases.reduced(ops, phases.dot(ops, frequency, corner))
         real, imag = phases.rotated(ops, phase, *wave)
-        return real * row[12], -imag * row[12]
+        return real * row[-1], -imag * row[-1]
 
-    return ops.sum_over(tables.edges, term, 2, like=nu[0])
-
-
-def _complex_interval_sum(
-    ops: Any, tables: SimplexTables, turns: Any, growth: Any, *nu: Any
-) -> Values:
-    wave_at = _ComplexWaves(ops, tables.frame, nu)
-
-    def term(middle: Any, rest: Any, length: Any) -> Values:
-        half = wave_at.turns(((length, 0.0),)).scaled(0.5)
-        phase, level = wave_at.phase_and_level(((middle, rest),))
-        total = (phase * mean_wave(ops, Pair(-half.real, -half.imag), half, level)).scaled(length)
-        return total.real, total.imag
-
-    return ops.sum_over(tables.edges, term, 2, like=nu[0])
+    found: Values = ops.sum_over(tables.edges, term, 2, like=nu[0])
+    return found
 
 
-def _complex_triangle_sum(
-    ops: Any, tables: SimplexTables, turns: Any, growth: Any, *nu: Any
-) -> Values:
-    wave_at = _ComplexWaves(ops, tables.frame, nu)
+def _complex_sum(ops: Any, tables: SimplexTables, turns: Any, growth: Any, *nu: Any) -> Values:
+    numbers = _pairs(nu)
+    real, imag = numbers[: len(numbers) // 2], numbers[len(numbers) // 2 :]
+    highest = phases.level(tables.frame, tuple(high for high, _ in imag))
 
     def term(*row: Any) -> Values:
-        corner, first, second = (_pairs(row[k : k + 4]) for k in (0, 4, 8))
-        phase, level = wave_at.phase_and_level(corner)
-        wave = simplex_complex_wave(ops, wave_at.turns(first), wave_at.turns(second), level=level)
-        total = (phase * wave).scaled(row[12])
+        corner, *vectors = _vectors(row, len(real))
+        phase = phases.reduced(ops, phases.dot(ops, real, corner))
+        cosine, sine = cos_sin_turns(ops, phase)
+        turns = (Pair(_dot(ops, real, vector), _dot(ops, imag, vector)) for vector in vectors)
+        wave = simplex_complex_wave(ops, *turns, level=highest - _dot(ops, imag, corner))
+        total = (Pair(cosine, -sine) * wave).scaled(row[-1])
         return total.real, total.imag
 
-    return ops.sum_over(tables.edges, term, 2, like=nu[0])
+    found: Values = ops.sum_over(tables.edges, term, 2, like=nu[0])
+    return found
 
 
-class _ComplexWaves:
-    """A complex frequency, and the phases that points have under it."""
-
-    def __init__(self, ops: Any, frame: Any, nu: Values) -> None:
-        self._ops = ops
-        half = len(nu) // 2
-        self._real, self._imag = _pairs(nu[:half]), _pairs(nu[half:])
-        self._level = phases.level(frame, tuple(high for high, _ in self._imag))
-
-    def turns(self, vector: tuple[Doubled, ...]) -> Pair:
-        """nu.vector."""
-        return Pair(_dot(self._ops, self._real, vector), _dot(self._ops, self._imag, vector))
-
-    def phase_and_level(self, corner: tuple[Doubled, ...]) -> tuple[Pair, Any]:
-        """exp(-2 pi i Re(nu).corner), and the level that is left for waves from there."""
-        phase = phases.reduced(self._ops, phases.dot(self._ops, self._real, corner))
-        cosine, sine = cos_sin_turns(self._ops, phase)
-        return Pair(cosine, -sine), self._level - _dot(self._ops, self._imag, corner)
+def _vectors(row: Values, dimension: int) -> list[tuple[Doubled, ...]]:
+    """The corner of a simplex and the vectors from there to the others."""
+    size = 2 * dimension
+    return [_pairs(row[k : k + size]) for k in range(0, size * (dimension + 1), size)]
 
 
-SLITS = Kernel("fourier of slits", 1, _interval_tables, _enter, _interval_sum, leave_wave)
-SLITS_COMPLEX = Kernel(
-    "fourier of slits, complex nu",
-    1,
-    _interval_tables,
-    _enter_complex,
-    _complex_interval_sum,
-    leave_complex,
-)
-TILED = Kernel("fourier, tiled", 2, _triangle_tables, _enter, _triangle_sum, leave_wave)
-TILED_COMPLEX = Kernel(
-    "fourier, tiled, complex nu",
-    2,
-    _triangle_tables,
-    _enter_complex,
-    _complex_triangle_sum,
-    leave_complex,
-)
-TILED_PLACED = Kernel(
-    "fourier in space, tiled", 3, _placed_tables, _enter, _triangle_sum, leave_wave
-)
-TILED_PLACED_COMPLEX = Kernel(
-    "fourier in space, tiled, complex nu",
-    3,
-    _placed_tables,
-    _enter_complex,
-    _complex_triangle_sum,
-    leave_complex,
-)
+def _kernels(name: str, dimension: int, tables: Any) -> tuple[Kernel, Kernel]:
+    """The kernels for real and for complex frequencies."""
+    return (
+        Kernel(name, dimension, tables, _enter, _sum, leave_wave),
+        Kernel(
+            f"{name}, complex nu", dimension, tables, _enter_complex, _complex_sum, leave_complex
+        ),
+    )
+
+
+SLITS, SLITS_COMPLEX = _kernels("fourier of slits", 1, _interval_tables)
+TILED, TILED_COMPLEX = _kernels("fourier, tiled", 2, _triangle_tables)
+TILED_PLACED, TILED_PLACED_COMPLEX = _kernels("fourier in space, tiled", 3, _placed_tables)

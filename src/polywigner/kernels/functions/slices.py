@@ -13,20 +13,33 @@ which vanishes, taken out, so that nothing is lost as v goes to 0. (Cheaper than
 edges are many; the frame has no slivers that would make it less accurate.) Source: docs/theory.md,
 (A1), (I3).
 
+W, A and the moments of the lag slice of a source with several waves are sums over pairs of waves:
+for each pair the sum over a uniform source at a shifted frequency, times an amplitude that depends
+on position or lag alone (I2), (I3). Each edge is cut once for all pairs.
+
 At one place for many frequencies the slice is cut once: its boundary, which `cut.slice_parts`
 lists, is summed for each.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.kernels.cut.clipping import AHEAD, BEHIND, MIRRORED, Clipper, total_extent
+from polywigner.kernels.cut.clipping import (
+    AHEAD,
+    BEHIND,
+    MIRRORED,
+    Clipper,
+    RowClipper,
+    View,
+    times,
+    total_extent,
+)
 from polywigner.kernels.cut.slice_parts import position_slice_parts, slice_parts
 from polywigner.kernels.cut.slice_sums import SliceSum
 from polywigner.kernels.functions.edge_terms import (
@@ -35,28 +48,166 @@ from polywigner.kernels.functions.edge_terms import (
     term_of_part,
     wigner_terms,
 )
-from polywigner.kernels.functions.wave_sums import (
-    COPIES,
-    TermSum,
-    difference_pairings,
-    mean_pairings,
-    sum_over_waves,
-)
 from polywigner.kernels.outline.tables import Edge, Tables
-from polywigner.kernels.outline.waves import WavePair, WavePairRow
-
-__all__ = [
-    "AMBIGUITY_SUM",
-    "LAG_SLICE_AREA",
-    "POSITION_SLICE_AREA",
-    "WIGNER_SUM",
-    "PartSum",
-    "SharedSlice",
-    "doubled_position",
-]
+from polywigner.kernels.outline.waves import (
+    WavePair,
+    WavePairRow,
+    difference_pairs,
+    mean_pairs,
+    rows_of,
+)
+from polywigner.numerics.complex_pairs import Pair
 
 Values = tuple[Any, ...]
 Listed = tuple[NDArray[np.intp], NDArray[np.float64]]
+
+
+Views = tuple[tuple[View, float], ...]
+"""Views, and which copy of the edges each is of: its points are p + side T."""
+Pairings = Callable[[int, Tables], Iterator[tuple[int, Views, Sequence[WavePair]]]]
+"""(group of edges, tables) -> for each group of pieces the views that it cuts the edges in, and the
+pairs of waves there."""
+
+MIRROR: Views = ((MIRRORED, -0.5),)
+COPIES: Views = ((BEHIND, -0.5), (AHEAD, +0.5))
+
+
+def mean_pairings(group: int, tables: Tables) -> Iterator[tuple[int, Views, Sequence[WavePair]]]:
+    """Pairs of waves for W and the moments of the lag slice."""
+    for other, waves in enumerate(tables.groups):
+        yield other, MIRROR, mean_pairs(tables.groups[group], waves)
+
+
+def difference_pairings(
+    group: int, tables: Tables
+) -> Iterator[tuple[int, Views, Sequence[WavePair]]]:
+    """Pairs of waves for A: the edges' field is the first factor BEHIND, the second AHEAD."""
+    own = tables.groups[group]
+    for other, waves in enumerate(tables.groups):
+        if other == group:
+            yield other, COPIES, difference_pairs(own, own)
+        else:
+            yield other, COPIES[:1], difference_pairs(own, waves)
+            yield other, COPIES[1:], difference_pairs(waves, own)
+
+
+def sum_over_waves(
+    clipper: Clipper,
+    pairings: Pairings,
+    sum_of: Callable[[WavePair | WavePairRow, bool], Any],
+    place: Values,
+    count: int,
+) -> list[Any]:
+    """The ``count`` results of all pairs of waves together.
+
+    ``sum_of``: (pair, whether the edges' and the pieces' field are one with real weights) -> its
+    sum. A sum has ``values``, their number; ``terms(edge, sides)``, what an edge contributes from
+    its cuts on each side; and ``value(sums, place)``, the pair's share of the result.
+
+    Where edges are rows of a table and waves are several, so are pairs of waves: little code, and
+    each edge cut once for each.
+    """
+    tables, totals = clipper.tables, [0.0] * count
+    for group in range(len(tables.groups)):
+        if not clipper.edges_of(group):
+            continue
+        if isinstance(clipper, RowClipper) and tables.waves_per_cut > 1:
+            found = _sums_of_rows(clipper, group, pairings, sum_of, place, count)
+        else:
+            found = _sums_of_group(clipper, group, pairings, sum_of, place, count)
+        for part in found:
+            totals = [a + b for a, b in zip(totals, part, strict=True)]
+    return totals
+
+
+def _sums_of_group(
+    clipper: Clipper, group: int, pairings: Pairings, sum_of: Any, place: Values, count: int
+) -> Iterable[Sequence[Any]]:
+    tables, results = clipper.tables, []
+    for other in range(len(tables.groups)):
+        is_even = other == group and not tables.phased
+        found = [
+            (views, sum_of(pair, is_even))
+            for number, views, pairs in pairings(group, tables)
+            for pair in pairs
+            if number == other
+        ]
+
+        def term(edge: Edge, found: Any = found, other: int = other) -> Values:
+            cuts: dict[View, Any] = {}
+            values: list[Any] = []
+            for views, run in found:
+                for view, _ in views:
+                    if view not in cuts:
+                        cuts[view] = list(clipper.intervals(edge, view, other))
+                values += run.terms(edge, [(side, cuts[view]) for view, side in views])
+            return tuple(values)
+
+        count_of_all = sum(run.values for _, run in found)
+        sums = iter(clipper.sum_over_edges(term, count_of_all, group, other))
+        for _, run in found:
+            results.append(run.value([next(sums) for _ in range(run.values)], place)[:count])
+    return results
+
+
+def _sums_of_rows(
+    clipper: RowClipper, group: int, pairings: Pairings, sum_of: Any, place: Values, count: int
+) -> Iterable[Sequence[Any]]:
+    for other, views, pairs in pairings(group, clipper.tables):
+
+        def term(
+            edge: Edge,
+            *row: Any,
+            other: int = other,
+            views: Views = views,
+            real: bool = pairs[0].is_real,
+        ) -> Values:
+            run = sum_of(WavePairRow(real, *row), False)
+            cuts = [(side, list(clipper.intervals(edge, view, other))) for view, side in views]
+            return tuple(run.value(run.terms(edge, cuts), place)[:count])
+
+        yield clipper.sum_over_pairs(term, count, group, rows_of(pairs))
+
+
+class TermSum:
+    """The sum for a pair of waves of `EdgeTerms`: W or A."""
+
+    def __init__(
+        self, clipper: Clipper, terms: EdgeTerms, pair: WavePair | WavePairRow, scale: float
+    ) -> None:
+        """A point of an edge lies in the slice at ``scale (p + side T)``."""
+        self.clipper, self.ops, self.function, self.pair = clipper, clipper.ops, terms, pair
+        self.scale, self.values = scale, terms.values
+        nu_x, nu_y = terms.nu
+        turns = self.ops.fma(nu_x, clipper.tx, nu_y * clipper.ty)
+        self.moved = {side: times(scale * side, turns) for side in (-0.5, 0.5)}
+
+    def terms(self, edge: Edge, sides: Sequence[tuple[float, Any]]) -> Values:
+        ops, function, scale = self.ops, self.function, self.scale
+        nu_x, nu_y = function.nu
+        along = self.clipper.shared(
+            edge, lambda: function.along(edge.ux, edge.uy), type(function), self.pair.shift
+        )
+        length = scale * edge.length
+        per_edge = (0.5 * length) * along[0]
+        sums: Values | None = None
+        for side, cuts in sides:
+            start = ops.fma(nu_y, scale * edge.ay, self.moved[side])
+            start = ops.fma(nu_x, scale * edge.ax, start)
+            for middle, extent, *weight in cuts:
+                turns = ops.fma(middle, per_edge, start)
+                sums = function.added(sums, extent * per_edge, turns, extent, weight)
+        if sums is None:
+            return (0.0,) * self.values
+        return function.of_edge(along, length, sums)
+
+    def value(self, sums: Sequence[Any], place: Values) -> Values:
+        real, imag = self.pair.amplitude(self.ops, place)
+        total = self.function.total(tuple(sums))
+        if isinstance(imag, float) and imag == 0.0:
+            return tuple(times(real, value) for value in total)
+        found = Pair(*total) * Pair(real, imag)
+        return found.real, found.imag
 
 
 @dataclass(frozen=True)
@@ -109,8 +260,9 @@ class PartSum:
         """What a part contributes: (x, y, dx, dy), or all columns of a row."""
         if self.is_plain:
             return term_of_part(self.ops, self.terms, (*row, 1.0, 0.0))
+        (nu_x, nu_y), (shift_x, shift_y) = self.frequency, row[6:]
         # a part with a frequency of its own
-        terms = self._at(self.ops, _detuned(row, self.frequency), self.is_real)
+        terms = self._at(self.ops, (nu_x - shift_x, nu_y - shift_y), self.is_real)
         part = (*row[:5], 0.0 if self.is_real else row[5])
         return terms.total(term_of_part(self.ops, terms, part))
 
@@ -118,10 +270,6 @@ class PartSum:
         """The kernel's sums from those of all terms: W, or A as cosine and sine part."""
         first, *second = self.terms.total(sums) if self.is_plain else sums
         return (first, *(-value for value in second))
-
-
-def _detuned(row: Sequence[Any], nu: Values) -> Values:
-    return nu[0] - row[6], nu[1] - row[7]
 
 
 def doubled_position(x: Any, y: Any, *frequency: Any) -> tuple[Any, Any]:

@@ -12,15 +12,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
-from functools import lru_cache
+from functools import lru_cache, reduce
 from itertools import combinations_with_replacement, product
 from typing import Any
 
 from polywigner.geometry import Slits
 from polywigner.illumination import Array
 from polywigner.kernels.functions.gauss_schell import wave_over_interval
+from polywigner.kernels.functions.plane import enter_both_ends, product_of_both
+from polywigner.kernels.kernel import (
+    Kernel,
+    Values,
+    at_zero_frequency,
+    leave_parts,
+    leave_real,
+    leave_wave,
+)
 from polywigner.kernels.outline.frame import power_of_two
 from polywigner.kernels.outline.waves import (
     Wave,
@@ -36,36 +45,28 @@ from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.phases import Doubled, cos_sin_turns, doubled, sinc
 
-__all__ = [
-    "Interval",
-    "LineField",
-    "PairTables",
-    "SlitFrame",
-    "SlitTables",
-    "ambiguity",
-    "lag_pairs",
-    "lag_slice_length",
-    "line_field",
-    "position_pairs",
-    "position_slice_length",
-    "slit_tables",
-    "wigner",
-]
-
 
 @dataclass(frozen=True)
 class Interval:
-    """A slit in the frame, and the field in it."""
+    """A slit in the frame, and the field in it; ends are exact numbers."""
 
-    begin: float
-    end: float
+    begin: Fraction
+    end: Fraction
     waves: Waves
 
-    def field(self, ops: Any, x: Any) -> tuple[Any, Any]:
-        """(real, imaginary) part of u less the carrier; the begin has it and the end has not."""
-        inside = ops.select((x >= self.begin) & (x < self.end), 1.0, 0.0)
-        real, imag = field_of(ops, self.waves, (x,))
-        return inside * real, inside * imag
+    @property
+    def middle(self) -> Fraction:
+        return (self.begin + self.end) / 2
+
+    @property
+    def half(self) -> Fraction:
+        return (self.end - self.begin) / 2
+
+    def field(self, ops: Any, x: Any) -> Pair:
+        """u less the carrier; the begin has it and the end has not."""
+        inside = ops.select((x >= float(self.begin)) & (x < float(self.end)), 1.0, 0.0)
+        # not a number where x is none: its comparisons are false, as outside
+        return Pair(*field_of(ops, self.waves, (x,))).scaled(inside) + Pair(x - x, x - x)
 
 
 @dataclass(frozen=True)
@@ -133,25 +134,8 @@ class PairTables:
         return -(-len(self.edges) // 2)
 
 
-@dataclass(frozen=True)
-class _Exact:
-    """A slit in the frame as exact numbers, and the field in it."""
-
-    begin: Fraction
-    end: Fraction
-    waves: Waves
-
-    @property
-    def middle(self) -> Fraction:
-        return (self.begin + self.end) / 2
-
-    @property
-    def half(self) -> Fraction:
-        return (self.end - self.begin) / 2
-
-
 @lru_cache(maxsize=256)
-def _exact_slits(source: Slits | Array) -> tuple[SlitFrame, tuple[_Exact, ...]]:
+def _slit_tables(source: Slits | Array) -> SlitTables:
     weights = source.weights.tolist() if isinstance(source, Array) else [1.0]
     groups = list(zip(source.elements_in_plane, weights, strict=True))
     low = min(slits.bounds[0] for slits, _ in groups)
@@ -167,15 +151,7 @@ def _exact_slits(source: Slits | Array) -> tuple[SlitFrame, tuple[_Exact, ...]]:
         )
         for begin, end in slits.intervals.tolist():
             low_end, high_end = ((Fraction(value) - centre) / scale for value in (begin, end))
-            intervals.append(_Exact(low_end, high_end, waves))
-    return frame, tuple(intervals)
-
-
-@lru_cache(maxsize=256)
-def slit_tables(source: Slits | Array, double: bool) -> SlitTables:
-    """The tables of slits or an array of slits; the same for either precision."""
-    frame, slits = _exact_slits(source)
-    intervals = (Interval(float(s.begin), float(s.end), s.waves) for s in slits)
+            intervals.append(Interval(low_end, high_end, waves))
     return SlitTables(frame, tuple(intervals))
 
 
@@ -185,9 +161,9 @@ def lag_pairs(source: Slits | Array, double: bool) -> PairTables:
 
     The pair (l, k) gives the mirror image with the conjugate field, and is counted with (k, l).
     """
-    frame, slits = _exact_slits(source)
+    tables = _slit_tables(source)
     rows = []
-    for (k, one), (m, other) in combinations_with_replacement(enumerate(slits), 2):
+    for (k, one), (m, other) in combinations_with_replacement(enumerate(tables.edges), 2):
         gap, mean = 2 * (one.middle + other.middle), one.middle - other.middle
         row = _row(gap, 2 * one.half, 2 * other.half, mean, double)
         pairs: Iterable[tuple[Wave, Wave]] = product(one.waves, other.waves)
@@ -198,22 +174,22 @@ def lag_pairs(source: Slits | Array, double: bool) -> PairTables:
             mutual = v.amplitude * complex(w.amplitude).conjugate() * twice
             middle, rate = _mean_and_difference(v, w)
             rows.append((*row, mutual.real, mutual.imag, middle, rate / 4))
-    return PairTables(frame, _without_still_waves(rows))
+    return PairTables(tables.frame, _without_still_waves(rows))
 
 
 @lru_cache(maxsize=256)
 def position_pairs(source: Slits | Array, double: bool) -> PairTables:
     """Pairs of slits and their shares in the position slice: (I_k - xi/2) & (I_l + xi/2)."""
-    frame, slits = _exact_slits(source)
+    tables = _slit_tables(source)
     rows = []
-    for one, other in product(slits, slits):
+    for one, other in product(tables.edges, repeat=2):
         gap, mean = one.middle - other.middle, (one.middle + other.middle) / 2
         row = _row(gap, one.half, other.half, mean, double)
         for v, w in product(one.waves, other.waves):
             mutual = v.amplitude * complex(w.amplitude).conjugate()
             middle, rate = _mean_and_difference(v, w)
             rows.append((*row, mutual.real, mutual.imag, rate, middle))
-    return PairTables(frame, _without_still_waves(rows))
+    return PairTables(tables.frame, _without_still_waves(rows))
 
 
 def _row(
@@ -250,20 +226,16 @@ def _overlap(
     return ops.maximum(length, 0.0), ops.select(other >= half, aside, -aside)
 
 
-def _waves(ops: Any, tables: PairTables, shift: Doubled, nu: Doubled) -> Any:
-    """The slices' transform, with the fields: (real, imaginary) part."""
+def _sum(ops: Any, tables: PairTables, shift: Doubled, nu: Doubled | None = None) -> Values:
+    """The slices' transform, with the fields, or their length: (real, imaginary) part."""
 
     def term(
-        gap: Any,
-        rest: Any,
-        half: Any,
-        other: Any,
-        mean: Any,
-        low: Any,
-        real: Any,
-        imag: Any,
+        gap: Any, rest: Any, half: Any, other: Any, mean: Any, low: Any, real: Any, imag: Any,
         *wave: Any,
-    ) -> tuple[Any, Any]:
+    ) -> Values:  # fmt: skip
+        length, aside = _overlap(ops, shift, gap, rest, half, other)
+        if nu is None:
+            return length * real, length * imag
         own = nu
         if wave:
             detuning, rate = wave
@@ -271,7 +243,6 @@ def _waves(ops: Any, tables: PairTables, shift: Doubled, nu: Doubled) -> Any:
             cosine, sine = cos_sin_turns(ops, rate * (shift[0] + shift[1]))
             real, imag = real * cosine - imag * sine, real * sine + imag * cosine
         whole = own[0] + own[1]
-        length, aside = _overlap(ops, shift, gap, rest, half, other)
         width = tables.coherence_width
         if width < math.inf:
             scale = 1.0 / width
@@ -285,39 +256,8 @@ def _waves(ops: Any, tables: PairTables, shift: Doubled, nu: Doubled) -> Any:
         size = sinc(ops, whole * length) * length
         return size * (cosine * real + sine * imag), size * (cosine * imag - sine * real)
 
-    return ops.sum_over(tables.edges, term, 2, like=nu[0])
-
-
-def _lengths(ops: Any, tables: PairTables, shift: Doubled) -> Any:
-    def term(
-        gap: Any, rest: Any, half: Any, other: Any, mean: Any, low: Any, real: Any, imag: Any
-    ) -> tuple[Any, Any]:
-        length, _ = _overlap(ops, shift, gap, rest, half, other)
-        return length * real, length * imag
-
-    return ops.sum_over(tables.edges, term, 2, like=shift[0])
-
-
-def wigner(ops: Any, tables: PairTables, shift: Doubled, nu: Doubled) -> Any:
-    """W: the transform of the lag slice, real because the slice is Hermitian; shift = 4x'."""
-    return _waves(ops, tables, shift, nu)[0]
-
-
-def ambiguity(ops: Any, tables: PairTables, shift: Doubled, upsilon: Doubled) -> tuple[Any, Any]:
-    """A as (cosine part, sine part), A = cosine - i sine; shift = xi'."""
-    real, imag = _waves(ops, tables, shift, upsilon)
-    return real, -imag
-
-
-def lag_slice_length(ops: Any, tables: PairTables, shift: Doubled) -> Any:
-    """R_x; shift = 4x'."""
-    return _lengths(ops, tables, shift)[0]
-
-
-def position_slice_length(ops: Any, tables: PairTables, shift: Doubled) -> tuple[Any, Any]:
-    """R_xi as (real, imaginary) part; shift = xi'."""
-    real, imag = _lengths(ops, tables, shift)
-    return real, imag
+    found: Values = ops.sum_over(tables.edges, term, 2, like=shift[0])
+    return found
 
 
 # Rates that agree to this, in cycles per unit of the frame or of the largest, are one.
@@ -330,8 +270,7 @@ class LineField:
 
     half: float
     waves: Waves
-    means: _WavePairs
-    differences: _WavePairs
+    """Each of one frequency."""
 
     @property
     def pairs(self) -> int:
@@ -339,12 +278,12 @@ class LineField:
 
     def wigner(self, ops: Any, x: Any, nu: Any, width: float = math.inf) -> Any:
         """W, which is real, of light that is coherent over a width in the frame."""
-        length = _length(ops, self.half - abs(x), 4.0)
-        return self.means.total(ops, x, nu, length, width).real
+        pairs = mean_pairs(self.waves, self.waves)
+        return _over_pairs(ops, pairs, x, nu, _length(ops, self.half - abs(x), 4.0), width).real
 
     def ambiguity(self, ops: Any, upsilon: Any, xi: Any) -> Pair:
-        length = _length(ops, 2.0 * self.half - abs(xi), 1.0)
-        return self.differences.total(ops, xi, upsilon, length)
+        pairs = difference_pairs(self.waves, self.waves)
+        return _over_pairs(ops, pairs, xi, upsilon, _length(ops, 2.0 * self.half - abs(xi), 1.0))
 
     def fourier(self, ops: Any, nu: Any) -> Pair:
         length = 2.0 * self.half
@@ -358,9 +297,7 @@ class LineField:
 
     def field(self, ops: Any, x: Any) -> Pair:
         """u, which the lower end has and the upper one has not."""
-        undefined = x - x  # not a number where x is none
-        real, imag = Interval(-self.half, self.half, self.waves).field(ops, x)
-        return Pair(real + undefined, imag + undefined)
+        return Interval(Fraction(-self.half), Fraction(self.half), self.waves).field(ops, x)
 
 
 def _length(ops: Any, left: Any, scale: float) -> Any:
@@ -368,75 +305,98 @@ def _length(ops: Any, left: Any, scale: float) -> Any:
     return scale * ops.maximum(left, 0.0) + (left - left)
 
 
-@dataclass(frozen=True)
-class _WavePairs:
-    """Pairs of waves by what is subtracted from the frequency, and by their rates."""
+def _over_pairs(
+    ops: Any, pairs: Sequence[WavePair], place: Any, frequency: Any, length: Any,
+    width: float = math.inf,
+) -> Pair:  # fmt: skip
+    """The sum over pairs of waves, each with the length times its sinc, or an interval of (I6)."""
+    largest = max(abs(rate) for pair in pairs for _, (rate,) in pair.terms)
+    tolerance = _EQUAL * max(1.0, largest)
+    waves: dict[int, Pair] = {}
 
-    rates: tuple[float, ...]
-    """Not negative."""
-    shifts: tuple[float, ...]
-    terms: tuple[tuple[tuple[complex, int, float], ...], ...]
-    """For each shift: amplitudes, number of the rate, and its sign."""
-    is_real: bool
+    def wave(rate: float) -> Pair:
+        number = round(abs(rate) / tolerance)
+        if number not in waves:
+            waves[number] = Pair(*cos_sin_turns(ops, abs(rate) * place))
+        found = waves[number]
+        return found if rate >= 0.0 else Pair(found.real, -found.imag)
 
-    def total(
-        self, ops: Any, place: Any, frequency: Any, length: Any, width: float = math.inf
-    ) -> Pair:
-        """The sum over pairs, each with the length times its sinc, or an interval of (I6)."""
-        waves = [cos_sin_turns(ops, rate * place) if rate else (1.0, 0.0) for rate in self.rates]
-        real: Any = 0.0
-        imag: Any = 0.0
-        for shift, terms in zip(self.shifts, self.terms, strict=True):
-            nu = frequency - shift
-            if width < math.inf:
-                half = length * (0.5 / width)
-                share = wave_over_interval(ops, -half, half, nu * width)[0] * width
-            else:
-                share = sinc(ops, length * nu) * length
-            amplitude = _amplitude(ops, terms, waves)
-            real = real + share * amplitude.real
-            imag = imag if self.is_real else imag + share * amplitude.imag
-        return Pair(real, imag)
+    total = Pair(0.0, 0.0)
+    for pair in pairs:
+        nu = frequency - pair.shift[0]
+        if width < math.inf:
+            half = length * (0.5 / width)
+            share = wave_over_interval(ops, -half, half, nu * width)[0] * width
+        else:
+            share = sinc(ops, length * nu) * length
+        parts = (wave(rate) * Pair(a.real, a.imag) for a, (rate,) in pair.terms)
+        total = total + reduce(Pair.__add__, parts).scaled(share)
+    return total
 
 
-def _amplitude(
-    ops: Any, terms: Sequence[tuple[complex, int, float]], waves: Sequence[tuple[Any, Any]]
-) -> Pair:
-    real: Any = 0.0
-    imag: Any = 0.0
-    for amplitude, number, sign in terms:
-        (cosine, sine), a, b = waves[number], amplitude.real, amplitude.imag
-        if a:
-            real, imag = real + a * cosine, imag + (a * sign) * sine
-        if b:
-            real, imag = real - (b * sign) * sine, imag + b * cosine
-    return Pair(real, imag)
+def _four_times(ops: Any, frame: SlitFrame, x: Any) -> Values:
+    """4x in the frame as two floats: by how much the copies of two slits, doubled, approach."""
+    total, rest = frame.exact_position(x)
+    return phases.halves(ops, (4.0 * total, 4.0 * rest))
 
 
-def _wave_pairs(found: Sequence[WavePair], is_real: bool) -> _WavePairs:
-    sizes = sorted({abs(rate) for wave_pair in found for _, (rate,) in wave_pair.terms})
-    tolerance = _EQUAL * max(1.0, sizes[-1])
-    rates: list[float] = []
-    for size in sizes:
-        if not rates or size - rates[-1] > tolerance:
-            rates.append(0.0 if size <= tolerance else size)
-
-    def number(size: float) -> int:
-        return min(range(len(rates)), key=lambda k: abs(rates[k] - size))
-
-    terms = tuple(
-        tuple(
-            (amplitude, number(abs(rate)), -1.0 if rate < 0.0 else 1.0)
-            for amplitude, (rate,) in wave_pair.terms
-        )
-        for wave_pair in found
-    )
-    return _WavePairs(
-        tuple(rates), tuple(wave_pair.shift[0] for wave_pair in found), terms, is_real
-    )
+def _both_ends(ops: Any, tables: SlitTables, turns: Any, *ends: Any) -> Values:
+    fields = [[slit.field(ops, x) for slit in tables.edges] for x in ends]
+    totals = [reduce(Pair.__add__, own) for own in fields]
+    return tuple(part for total in totals for part in (total.real, total.imag))
 
 
-def line_field(half: float, waves: Waves) -> LineField:
-    """The field of waves, each of one frequency, on an interval."""
-    means, differences = mean_pairs(waves, waves), difference_pairs(waves, waves)
-    return LineField(half, waves, _wave_pairs(means, True), _wave_pairs(differences, False))
+def _enter_wigner(ops: Any, frame: SlitFrame, x: Any, nu: Any) -> Values:
+    return (*_four_times(ops, frame, x), *phases.halves(ops, (*frame.detuned(ops, nu), 0.0)))
+
+
+def _enter_ambiguity(ops: Any, frame: SlitFrame, upsilon: Any, xi: Any) -> Values:
+    """(phase of the centre and of the carrier, upsilon and xi as two floats each)."""
+    turns = phases.turns_to_centre(ops, frame.centre, upsilon)
+    turns = phases.less_carrier(ops, frame, turns, xi)
+    shift = phases.halves(ops, (*frame.frequency(ops, upsilon), 0.0))
+    return (turns, *shift, *_lag(ops, frame, xi))
+
+
+def _lag(ops: Any, frame: SlitFrame, xi: Any) -> Values:
+    return phases.halves(ops, (*frame.vector(ops, xi), 0.0))
+
+
+def _ambiguity(ops: Any, tables: PairTables, turns: Any, *inner: Any) -> Values:
+    """(cosine part, sine part), A = cosine - i sine."""
+    real, imag = _sum(ops, tables, inner[2:], inner[:2])
+    return real, -imag
+
+
+def _wigner(ops: Any, tables: PairTables, x: Any, rest: Any, *nu: Any) -> Values:
+    """W: the transform of the lag slice, real because the slice is Hermitian."""
+    return _sum(ops, tables, (x, rest), nu)[:1]
+
+
+def _lengths(ops: Any, tables: PairTables, *shift: Any) -> Values:
+    return _sum(ops, tables, shift)
+
+
+AUTOCORRELATION = Kernel(
+    "autocorrelation of slits",
+    1,
+    lambda source, double: _slit_tables(source),
+    enter_both_ends,
+    _both_ends,
+    product_of_both,
+)
+WIGNER = Kernel("wigner of slits", 1, lag_pairs, _enter_wigner, _wigner, leave_real)
+AMBIGUITY = Kernel(
+    "ambiguity of slits", 1, position_pairs, _enter_ambiguity, _ambiguity, leave_wave
+)
+POSITION_MARGINAL = Kernel(
+    "position marginal of slits", 1, lag_pairs, _four_times, _lengths, leave_real
+)
+LAG_MARGINAL = Kernel("lag marginal of slits", 1, position_pairs, _lag, _lengths, leave_real)
+LAG_MARGINAL_OF_FIELDS = replace(
+    LAG_MARGINAL, name="complex lag marginal of slits", leave=leave_parts
+)
+POSITION_MARGINAL_OF_WAVES = at_zero_frequency(
+    WIGNER, "position marginal of waves in slits", leads=False
+)
+LAG_MARGINAL_OF_WAVES = at_zero_frequency(AMBIGUITY, "lag marginal of waves in slits", leads=True)

@@ -17,45 +17,18 @@ import numpy.typing as npt
 
 from polywigner.geometry import Polyhedron
 from polywigner.geometry.exact import whole_numbers
-from polywigner.kernels.functions.plane import enter_complex_frequency, enter_frequency
-from polywigner.kernels.kernel import Kernel, Values, leave_complex, leave_wave
+from polywigner.kernels.functions.fourier import LinearFrame
+from polywigner.kernels.functions.plane import fourier_kernels
 from polywigner.kernels.outline.frame import (
     NEEDLE_ASPECT,
     Matrix,
     determinant,
     power_of_two,
     reach_of,
-    times,
     vertices_for,
 )
-from polywigner.numerics import phases
-from polywigner.numerics.complex_pairs import Pair
-from polywigner.numerics.divided_differences import simplex_complex_wave, simplex_plane_wave
-
-__all__ = [
-    "FOURIER",
-    "FOURIER_COMPLEX",
-    "SolidFrame",
-    "SolidTables",
-    "solid_tables",
-    "solid_transform",
-    "solid_transform_complex",
-]
 
 Point = tuple[float, float, float]
-
-
-@dataclass(frozen=True)
-class SolidFrame:
-    """nu' = rows nu, and x' with nu'.x' = nu.(x - centre); see ``frame``."""
-
-    centre: Point
-    rows: Matrix
-    content: float
-    reach: tuple[float, ...]
-
-    def frequency(self, ops: Any, *nu: Any) -> tuple[Any, ...]:
-        return times(ops, self.rows, *nu)
 
 
 @dataclass(frozen=True)
@@ -65,7 +38,7 @@ class SolidTables:
     Each is a tetrahedron: ax, ay, az, bx, ..., cz, and det(a, b, c), six times its signed volume.
     """
 
-    frame: SolidFrame
+    frame: LinearFrame
     edges: tuple[tuple[float, ...], ...]
 
     @property
@@ -82,7 +55,7 @@ def solid_tables(body: Polyhedron, double: bool) -> SolidTables:
     corners = inner[body.triangles]
     tetrahedra = np.column_stack([corners.reshape(-1, 9), _volumes(corners)]).tolist()
     content = abs(float(determinant([[Fraction(m) for m in row] for row in rows])))
-    frame = SolidFrame(centre, rows, content, reach_of(inner))
+    frame = LinearFrame(centre, rows, content, reach_of(inner))
     return SolidTables(frame, tuple(tuple(row) for row in tetrahedra if row[-1]))
 
 
@@ -117,55 +90,4 @@ def _volumes(corners: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     return np.asarray(exact / scale if exponent < 0 else exact * scale, dtype=np.float64)
 
 
-def solid_transform(ops: Any, tables: SolidTables, *nu: Any) -> tuple[Any, Any]:
-    """F(nu) in the frame for real nu, as (cosine part, sine part). Source: (F3)."""
-
-    def term(*row: Any) -> tuple[Any, Any]:
-        corners = (
-            ops.fma(nu[0], x, ops.fma(nu[1], y, nu[2] * z))
-            for x, y, z in (row[0:3], row[3:6], row[6:9])
-        )
-        cosine, sine = simplex_plane_wave(ops, *corners)
-        return cosine * row[9], sine * row[9]
-
-    # A term is long: unrolled, those of a cube take 3 s to compile and run at half the speed.
-    cosine, sine = ops.sum_over(tables.edges, term, 2, like=nu[0], unroll=False)
-    return cosine, sine
-
-
-def solid_transform_complex(ops: Any, tables: SolidTables, nu: tuple[Pair, Pair, Pair]) -> Pair:
-    """F(nu) exp(-2 pi level) in the frame, the level that of the largest wave in its box."""
-    level = phases.level(tables.frame, tuple(component.imag for component in nu))
-
-    def term(*row: Any) -> tuple[Any, Any]:
-        corners = (_dot(nu, row[0:3]), _dot(nu, row[3:6]), _dot(nu, row[6:9]))
-        wave = simplex_complex_wave(ops, *corners, level=level).scaled(row[9])
-        return wave.real, wave.imag
-
-    return Pair(*ops.sum_over(tables.edges, term, 2, like=nu[0].real, unroll=False))
-
-
-def _dot(nu: tuple[Pair, Pair, Pair], point: tuple[Any, ...]) -> Pair:
-    x, y, z = (component.scaled(c) for component, c in zip(nu, point, strict=True))
-    return x + y + z
-
-
-def _real_sum(ops: Any, tables: Any, turns: Any, *nu: Any) -> Values:
-    return solid_transform(ops, tables, *nu)
-
-
-def _complex_sum(ops: Any, tables: Any, turns: Any, growth: Any, *nu: Any) -> Values:
-    x, y, z = (Pair(real, imag) for real, imag in zip(nu[:3], nu[3:], strict=True))
-    total = solid_transform_complex(ops, tables, (x, y, z))
-    return total.real, total.imag
-
-
-FOURIER = Kernel("fourier of a body", 3, solid_tables, enter_frequency, _real_sum, leave_wave)
-FOURIER_COMPLEX = Kernel(
-    "fourier of a body, complex nu",
-    3,
-    solid_tables,
-    enter_complex_frequency,
-    _complex_sum,
-    leave_complex,
-)
+FOURIER, FOURIER_COMPLEX = fourier_kernels("fourier of a body", 3, solid_tables)

@@ -10,7 +10,7 @@ from typing import Any
 from polywigner.kernels.cut.clipping import MIRRORED, Clipper, RowClipper, View
 from polywigner.kernels.cut.winding import clipper_for
 from polywigner.kernels.functions import plane
-from polywigner.kernels.functions.wave_sums import COPIES, Views, difference_pairings
+from polywigner.kernels.functions.slices import COPIES, Views, difference_pairings
 from polywigner.kernels.kernel import Kernel
 from polywigner.kernels.outline.tables import Edge, Piece, Tables
 from polywigner.kernels.outline.waves import Wave, WavePair, difference_pairs, mean_pairs
