@@ -16,9 +16,9 @@ from oracles.references import ENGINES, numpy_and_few
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.execution.operations import NumpyOperations
 from polywigner.illumination.lattices import Profile, lattice_of, separated
+from polywigner.kernels.arrays.element_pairs import is_scattered
 from polywigner.kernels.arrays.factors import ProfileFactor, _Series, _Table
 from polywigner.kernels.arrays.lattice_arrays import is_on_lattice
-from polywigner.kernels.arrays.scattered_arrays import is_scattered
 from polywigner.kernels.arrays.weight_tables import mean_table
 
 # Relative to (sum |w|)^2 area, which bounds the sum over pairs in absolute values.
