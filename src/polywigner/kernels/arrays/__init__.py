@@ -7,7 +7,6 @@ module              what is in it
 ``repeated``        what kernels of one element many times share
 ``lattice_arrays``  arrays on a lattice: the element near x or xi, times array factors
 ``factors``         array factors in phase space: the pairs of sites of one midpoint
-``site_weights``    weights at the sites of a lattice, and sums over pairs
 ``weight_tables``   array factors of any weights, from a table periodic in the frequency
 ``element_pairs``   pairs of equal elements at any places, or of distant parts, by cells
 ``pair_sums``       W, A and R of such pairs

@@ -15,8 +15,8 @@ twice the digits.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -25,7 +25,12 @@ from numpy.typing import NDArray
 
 from polywigner.geometry import Aperture
 from polywigner.illumination import Array
-from polywigner.kernels.arrays.repeated import ElementTables, RepeatedTables, element_tables
+from polywigner.kernels.arrays.repeated import (
+    ElementTables,
+    HeldTable,
+    RepeatedTables,
+    element_tables,
+)
 from polywigner.kernels.cut.clipping import AHEAD, BEHIND, MIRRORED, View
 from polywigner.kernels.cut.pair_grid import outline_of
 from polywigner.kernels.outline.frame import (
@@ -65,12 +70,11 @@ Complexes = NDArray[np.complex128]
 class Parts:
     """The edges of different elements, each about its own centre, and the field on all."""
 
-    edges: Floats
+    edges: HeldTable
     """(n, 8) as those of an outline, on a grid of this step."""
     step: float
     waves: Waves
     """With phases relative to the middle of the source."""
-    held: dict[Hashable, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +87,7 @@ class ElementPairs:
     """(n, 6): the centre in the frame, as two floats a component, and the weight of each."""
 
 
-PairTables = RepeatedTables[ElementPairs]
+PairTables = RepeatedTables[ElementTables | Parts, ElementPairs]
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,6 +122,7 @@ def _scattered(array: Array, double: bool) -> _Elements:
     phased = array.phased
     assert phased is not None and phased.repeated is not None
     element, positions = phased.repeated
+    assert isinstance(element, Aperture)
     tables = element_tables(element, double)
     own, low = tables.frame, positions.min(axis=0)
     shift = low + np.ptp(positions, axis=0) / 2
@@ -211,7 +216,7 @@ def _different(source: Aperture | Array, double: bool) -> _Elements:
     outline = outline_of(tables, 0, double)
     return _Elements(
         frame,
-        Parts(outline.edges, outline.step, distant.waves),
+        Parts(HeldTable(outline.edges), outline.step, distant.waves),
         phases.difference(centres, np.array(frame.centre)),
         np.array([weight for _, weight in parts]),
         np.ptp(boxes, axis=1) / (2.0 * np.sqrt(frame.content)),
@@ -223,8 +228,9 @@ def _different(source: Aperture | Array, double: bool) -> _Elements:
 
 
 def _elements(source: Aperture | Array, double: bool) -> _Elements:
-    is_equal = isinstance(source, Array) and is_scattered(source)
-    return (_scattered if is_equal else _different)(source, double)
+    if isinstance(source, Array) and is_scattered(source):
+        return _scattered(source, double)
+    return _different(source, double)
 
 
 @lru_cache(maxsize=32)
@@ -246,7 +252,7 @@ def _tables(elements: _Elements, views: tuple[View, ...], double: bool) -> PairT
     views = views if isinstance(element, Parts) else views[:1]
     lists = tuple((view, _pairs(elements, (high, low), view, double)) for view in views)
     rows = np.column_stack([*_columns((high, low), double), weights.real, weights.imag])
-    terms = len(element.edges) if isinstance(element, Parts) else len(rows)
+    terms = len(element.edges.values) if isinstance(element, Parts) else len(rows)
     return RepeatedTables(elements.frame, element, ElementPairs(lists, rows), terms)
 
 
@@ -302,20 +308,13 @@ class PairLists:
     scale: tuple[float, float]
     counts: tuple[int, int]
     """Cells that samples may be in; before them in both directions one more for records."""
-    first: NDArray[np.int64]
+    starts: HeldTable
     """(cells + 1, 1) where the records of each cell begin, row by row."""
-    records: Floats
-    held: dict[Hashable, Any] = field(default_factory=dict)
+    records: HeldTable
 
-    def in_memory(self, ops: Any) -> tuple[Any, Any]:
-        """Where records begin, and the records, in an engine's memory."""
-        if ops.key not in self.held:
-            self.held[ops.key] = ops.held(self.first), ops.held(self.records)
-        found: tuple[Any, Any] = self.held[ops.key]
-        return found
-
-    def runs(self, ops: Any, starts: Any, x: Any, y: Any) -> Iterator[tuple[Any, Any]]:
+    def runs(self, ops: Any, x: Any, y: Any) -> Iterator[tuple[Any, Any]]:
         """The first and the end of the two runs of records for the cell of each place."""
+        starts = self.starts.in_memory(ops)
         u, v = ((p - low) * s for p, low, s in zip((x, y), self.low, self.scale, strict=True))
         rows, columns = self.counts
         inside = (u >= 0.0) & (u < float(rows)) & (v >= 0.0) & (v < float(columns))
@@ -344,6 +343,6 @@ def _listed(centres: Floats, reach: Floats, records: Floats) -> PairLists:
         (float(low[0]), float(low[1])),
         (float(1 / size[0]), float(1 / size[1])),
         (int(counts[0]), int(counts[1])),
-        first.astype(np.int64)[:, None],
-        records[order],
+        HeldTable(first.astype(np.int64)[:, None]),
+        HeldTable(records[order]),
     )

@@ -26,10 +26,10 @@ from polywigner.kernels.arrays.element_pairs import (
 from polywigner.kernels.arrays.repeated import (
     ElementSum,
     ElementTables,
-    ambiguity,
     at_both_ends,
-    field,
-    wigner,
+    element_ambiguity,
+    element_field,
+    element_wigner,
 )
 from polywigner.kernels.cut.clipping import AHEAD, BEHIND, MIRRORED, View
 from polywigner.kernels.cut.pair_grid import crossing
@@ -133,8 +133,8 @@ class _OfElement:
         nu, offset = _point(samples[4:]), _offset(record, samples)
         factor, own = _mutual(self.ops, record, nu), [total + rest for total, rest in nu]
         if self.is_mean:
-            return factor.scaled(wigner(self.ops, self.element, *offset, *own))
-        cosine, sine = ambiguity(self.ops, self.element, *own, *offset)
+            return factor.scaled(element_wigner(self.ops, self.element, *offset, *own))
+        cosine, sine = element_ambiguity(self.ops, self.element, *own, *offset)
         return factor * Pair(cosine, -sine)
 
 
@@ -143,9 +143,7 @@ class _OfParts:
 
     def __init__(self, ops: Any, parts: Parts, view: View) -> None:
         self.ops, self.parts, self.view = ops, parts, view
-        if ops.key not in parts.held:
-            parts.held[ops.key] = ops.held(parts.edges)
-        self.edges = parts.held[ops.key]
+        self.edges = parts.edges.in_memory(ops)
         is_mean = view is MIRRORED
         self.waves = (mean_pairs if is_mean else difference_pairs)(parts.waves, parts.waves)
         # a point of an edge lies in the slice at scale (p - T/2), T as seen from the edges' copy
@@ -157,7 +155,7 @@ class _OfParts:
         place, nu = _point(samples[:4]), _point(samples[4:])
         t = [self.scale * self.side * value for value in _offset(record, samples)]
         t = [ops.snapped(value, self.parts.step) for value in t]
-        shifted = [tuple(map(self._less, nu, pair.shift)) for pair in self.waves]
+        shifted: list[Point] = [_point(self._less(nu, pair)) for pair in self.waves]
         terms = [self._terms(frequency) for frequency in shifted]
         first, end, *others = map(ops.truncated, record[12:16])
         end = ops.select_number(_is_near(record, samples), end, first)
@@ -170,9 +168,13 @@ class _OfParts:
             total = total + Pair(*terms[k].total(found[2 * k : 2 * k + 2])) * factor
         return total
 
-    def _less(self, frequency: phases.Doubled, shift: float) -> phases.Doubled:
-        total, rest = _less(self.ops, frequency[0], shift)
-        return total, rest + frequency[1]
+    def _less(self, nu: Point, pair: WavePair) -> list[Any]:
+        """The frequency that a pair of waves sees."""
+        numbers: list[Any] = []
+        for (frequency, rest), shift in zip(nu, pair.shift, strict=True):
+            total, lost = _less(self.ops, frequency, shift)
+            numbers += [total, lost + rest]
+        return numbers
 
     def _terms(self, nu: Point) -> WaveTerms:
         at = moved_off_zero(self.ops, *(total + rest for total, rest in nu))
@@ -251,7 +253,7 @@ def _sum_in_view(
     ops: Any, element: Any, view: View, lists: PairLists, values: int, samples: Values
 ) -> list[Any]:
     """The sum over the records for the cells of samples; others than near ones may be left out."""
-    starts, records = lists.in_memory(ops)
+    records = lists.records.in_memory(ops)
     of_pair = (_OfParts if isinstance(element, Parts) else _OfElement)(ops, element, view)
 
     def is_near(row: Any, *samples: Any) -> Any:
@@ -262,7 +264,7 @@ def _sum_in_view(
         return (found.real, found.imag)[:values]
 
     totals: list[Any] = [0.0] * values
-    for first, end in lists.runs(ops, starts, samples[0], samples[2]):
+    for first, end in lists.runs(ops, samples[0], samples[2]):
         sums = ops.sum_over_some(first, end, is_near, term, values, *samples)
         totals = [total + part for total, part in zip(totals, sums, strict=True)]
     return totals
@@ -281,7 +283,7 @@ def _field(ops: Any, tables: PairTables, *place: Any) -> Values:
     """u at one place, less the carrier, from all elements."""
     total = Pair(0.0, 0.0)
     for *centre, real, imag in tables.sites.elements.tolist():
-        own = Pair(*field(ops, tables.element, *_offset(centre, place)))
+        own = Pair(*element_field(ops, tables.element, *_offset(centre, place)))
         total = total + own * Pair(real, imag)
     return total.real, total.imag
 
