@@ -68,7 +68,7 @@ def _tiled(transform: str, source: Any) -> Kernel | None:
 
 
 _ON_LATTICE: dict[str, Kernel] = {
-    "autocorrelation": lattice_arrays.AUTOCORRELATION,
+    "autocorrelation": pair_sums.AUTOCORRELATION,
     "wigner": lattice_arrays.WIGNER,
     "ambiguity": lattice_arrays.AMBIGUITY,
     "position_marginal": lattice_arrays.POSITION_MARGINAL,

@@ -78,19 +78,6 @@ class Parts:
 
 
 @dataclass(frozen=True, eq=False)
-class ElementPairs:
-    """Pairs that matter at a place, and where elements that are equal are."""
-
-    lists: tuple[tuple[View, PairLists], ...]
-    """For each way in which copies lie; one if elements are equal."""
-    elements: Floats
-    """(n, 6): the centre in the frame, as two floats a component, and the weight of each."""
-
-
-PairTables = RepeatedTables[ElementTables | Parts, ElementPairs]
-
-
-@dataclass(frozen=True, eq=False)
 class _Elements:
     """Where elements are, and with which weights."""
 
@@ -245,15 +232,31 @@ def pairs_by_difference(source: Aperture | Array, double: bool) -> PairTables:
     return _tables(_elements(source, double), (BEHIND, AHEAD), double)
 
 
+@lru_cache(maxsize=32)
+def elements_by_place(array: Array, double: bool) -> PairTables:
+    """For R: equal elements by their centres, each as a pair with itself."""
+    elements = _scattered(array, double)
+    place, weights = _in_frame(elements), elements.weights
+    reach = np.broadcast_to(elements.halves * (1 + _MARGIN), place[0].shape)
+    unused = np.zeros((len(reach), 4))
+    columns = [*_columns(place, double), unused, weights.real, weights.imag, reach, unused]
+    lists = _listed(place[0], reach, np.column_stack(columns))
+    return RepeatedTables(elements.frame, elements.element, ((MIRRORED, lists),))
+
+
 def _tables(elements: _Elements, views: tuple[View, ...], double: bool) -> PairTables:
-    element, weights = elements.element, elements.weights
+    element, places = elements.element, _in_frame(elements)
+    views = views if isinstance(element, Parts) else views[:1]
+    lists = tuple((view, _pairs(elements, places, view, double)) for view in views)
+    terms = len(element.edges.values) if isinstance(element, Parts) else len(elements.weights)
+    return RepeatedTables(elements.frame, element, lists, terms)
+
+
+def _in_frame(elements: _Elements) -> phases.Doubled:
+    """The centres in the frame, less the middle."""
     matrix = elements.frame.inverse_transpose
     high, low = (vertices_for(matrix, (0.0, 0.0), part) for part in elements.places)
-    views = views if isinstance(element, Parts) else views[:1]
-    lists = tuple((view, _pairs(elements, (high, low), view, double)) for view in views)
-    rows = np.column_stack([*_columns((high, low), double), weights.real, weights.imag])
-    terms = len(element.edges.values) if isinstance(element, Parts) else len(rows)
-    return RepeatedTables(elements.frame, element, ElementPairs(lists, rows), terms)
+    return high, low
 
 
 def _pairs(elements: _Elements, places: phases.Doubled, view: View, double: bool) -> PairLists:
@@ -346,3 +349,7 @@ def _listed(centres: Floats, reach: Floats, records: Floats) -> PairLists:
         HeldTable(first.astype(np.int64)[:, None]),
         HeldTable(records[order]),
     )
+
+
+PairTables = RepeatedTables[ElementTables | Parts, tuple[tuple[View, PairLists], ...]]
+"""The pairs, for each way in which copies lie; for one if elements are equal."""

@@ -254,13 +254,13 @@ class LatticeWeights:
         """Whether a sample may add up all pairs of sites."""
         return self.profiles is None and not fits_a_table(self.values.shape, double)
 
-    def at(self, ops: Any, i: Any, j: Any) -> tuple[Pair, Any]:
-        """The weight of a site, and whether there is one; 0 if not."""
+    def _at(self, ops: Any, i: Any, j: Any) -> Pair:
+        """The weight of a site; 0 where there is none."""
         rows, columns = self.values.shape
         exists = (i >= 0.0) & (i < float(rows)) & (j >= 0.0) & (j < float(columns))
         row, column = (ops.truncated(ops.select(exists, value, 0.0)) for value in (i, j))
         real, imag = (ops.lookup(table, row * columns + column) for table in self._rows)
-        return Pair(ops.select(exists, real, 0.0), ops.select(exists, imag, 0.0)), exists
+        return Pair(ops.select(exists, real, 0.0), ops.select(exists, imag, 0.0))
 
     def factor(self, ops: Any, by_mean: bool, turns: Pair2) -> Factor:
         """The factors of midpoints or differences at t = ``turns`` along both directions."""
@@ -314,7 +314,7 @@ class LatticeWeights:
                 partner(site, number, count, by_mean)
                 for site, number, count in zip(sites, numbers, counts, strict=True)
             )
-            (one, _), (other, _) = self.at(ops, *sites), self.at(ops, *others)
+            one, other = self._at(ops, *sites), self._at(ops, *others)
             phase = (i - 0.5 * numbers[0]) * turns[0] + (j - 0.5 * numbers[1]) * turns[1]
             cosine, sine = cos_sin_turns(ops, phase)
             pair = one * Pair(other.real, -other.imag) * Pair(cosine, -sine)

@@ -24,14 +24,11 @@ from polywigner.kernels.arrays.repeated import (
     ElementSum,
     ElementTables,
     RepeatedTables,
-    at_both_ends,
     element_ambiguity,
-    element_field,
     element_tables,
     element_wigner,
 )
 from polywigner.kernels.cut.clipping import AHEAD, BEHIND, MIRRORED
-from polywigner.kernels.functions.plane import product_of_both
 from polywigner.kernels.kernel import Kernel, Values, at_zero_frequency, leave_real, leave_wave
 from polywigner.kernels.outline.frame import Frame
 from polywigner.numerics import phases
@@ -78,7 +75,7 @@ class _Window:
 
 @dataclass(frozen=True)
 class _Nodes:
-    """Sites, differences, or midpoints of sites: multiples of the steps of a lattice."""
+    """Differences or midpoints of sites: multiples of the steps of a lattice."""
 
     scale: float
     """In the steps of the lattice: 1, or 1/2 for midpoints."""
@@ -116,7 +113,6 @@ class _ArrayFrame:
     """From positions to lattice coordinates."""
     turns: Pair2
     """By which the phase of the weights grows from site to site, along each direction."""
-    sites: _Nodes
     means: _Nodes
     differences: _Nodes
 
@@ -166,7 +162,6 @@ def _array_frame(lattice: Lattice, element: Aperture, frame: Frame, turns: Pair2
         lattice.basis,
         (pair(inverse[0]), pair(inverse[1])),
         turns,
-        nodes(1.0, low, high, 0 * count, count + 1),
         nodes(0.5, 2 * low, 2 * high, 0 * count, 2 * count + 1),
         nodes(1.0, low - high, high - low, -count, 2 * count + 1),
     )
@@ -281,28 +276,6 @@ def _ambiguity_sum(ops: Any, tables: ArrayTables, turns: Any, *inner: Any) -> Va
     return total
 
 
-def _enter_both_ends(ops: Any, frame: _ArrayFrame, x: Any, y: Any, xi_x: Any, xi_y: Any) -> Values:
-    """Phase of the carrier; for both ends the first site and the place relative to it."""
-    turns = phases.less_carrier(ops, frame, 0.0 * xi_x, xi_x, xi_y)
-    inner: list[Any] = []
-    for side in (0.5, -0.5):
-        place = (x + side * xi_x - frame.origin[0], y + side * xi_y - frame.origin[1])
-        inner += frame.sites.nearest(ops, frame, *place)
-    return (turns, *inner)
-
-
-def _field(ops: Any, tables: ArrayTables, first: Any, second: Any, x: Any, y: Any) -> Values:
-    """u at one place, less the carrier: that of the elements around it, which may overlap."""
-    frame, total = tables.frame, Pair(0.0, 0.0)
-    for k, m, dx, dy in frame.sites.rows(frame):
-        i, j = first + k, second + m
-        weight, exists = tables.sites.at(ops, i, j)
-        phase = ops.select(exists, i * frame.slope[0] + j * frame.slope[1], 0.0)
-        own = Pair(*element_field(ops, tables.element, x - dx, y - dy))
-        total = total + own * weight * Pair(*cos_sin_turns(ops, phase))
-    return total.real, total.imag
-
-
 WIGNER = Kernel(
     "wigner of a lattice",
     2,
@@ -318,14 +291,6 @@ AMBIGUITY = Kernel(
     _enter_ambiguity,
     ElementSum((BEHIND, AHEAD), _ambiguity_sum),
     leave_wave,
-)
-AUTOCORRELATION = Kernel(
-    "autocorrelation of a lattice",
-    2,
-    _tables,
-    _enter_both_ends,
-    at_both_ends(_field),
-    product_of_both,
 )
 POSITION_MARGINAL = at_zero_frequency(WIGNER, "position marginal of a lattice", leads=False)
 LAG_MARGINAL = at_zero_frequency(AMBIGUITY, "lag marginal of a lattice", leads=True)

@@ -12,21 +12,22 @@ crossing with an edge of the other copy takes back, or adds, the part of the edg
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from polywigner.kernels.arrays.element_pairs import (
     PairLists,
     PairTables,
     Parts,
+    elements_by_place,
     pairs_by_difference,
     pairs_by_mean,
 )
 from polywigner.kernels.arrays.repeated import (
     ElementSum,
     ElementTables,
-    at_both_ends,
     element_ambiguity,
     element_field,
     element_wigner,
@@ -34,7 +35,7 @@ from polywigner.kernels.arrays.repeated import (
 from polywigner.kernels.cut.clipping import AHEAD, BEHIND, MIRRORED, View
 from polywigner.kernels.cut.pair_grid import crossing
 from polywigner.kernels.functions import plane
-from polywigner.kernels.functions.edge_terms import WaveTerms, moved_off_zero
+from polywigner.kernels.functions.edge_terms import WaveTerms, moved_off_zero, term_of_part
 from polywigner.kernels.functions.plane import product_of_both
 from polywigner.kernels.kernel import Kernel, Values, at_zero_frequency, leave_real, leave_wave
 from polywigner.kernels.outline.frame import Frame
@@ -123,138 +124,143 @@ def _is_near(record: Sequence[Any], samples: Sequence[Any]) -> Any:
     return (abs(x) < width) & (abs(y) < height)
 
 
-class _OfElement:
-    """The contributions of pairs of equal elements; to W only their real parts."""
-
-    def __init__(self, ops: Any, element: ElementTables, view: View) -> None:
-        self.ops, self.element, self.is_mean = ops, element, view is MIRRORED
-
-    def __call__(self, record: Sequence[Any], samples: Sequence[Any]) -> Pair:
-        nu, offset = _point(samples[4:]), _offset(record, samples)
-        factor, own = _mutual(self.ops, record, nu), [total + rest for total, rest in nu]
-        if self.is_mean:
-            return factor.scaled(element_wigner(self.ops, self.element, *offset, *own))
-        cosine, sine = element_ambiguity(self.ops, self.element, *own, *offset)
-        return factor * Pair(cosine, -sine)
+def _of_element(
+    ops: Any, element: ElementTables, view: View, record: Sequence[Any], samples: Sequence[Any]
+) -> Pair:
+    """The contribution of a pair of equal elements; to W only its real part."""
+    nu, offset = _point(samples[4:]), _offset(record, samples)
+    factor, own = _mutual(ops, record, nu), [total + rest for total, rest in nu]
+    if view is MIRRORED:
+        return factor.scaled(element_wigner(ops, element, *offset, *own))
+    cosine, sine = element_ambiguity(ops, element, *own, *offset)
+    return factor * Pair(cosine, -sine)
 
 
-class _OfParts:
-    """The contributions of pairs of different parts, in one view."""
+def _field_of(
+    ops: Any, element: ElementTables, view: View, record: Sequence[Any], samples: Sequence[Any]
+) -> Pair:
+    """The field of an element."""
+    return Pair(*element_field(ops, element, *_offset(record, samples))) * Pair(*record[8:10])
 
-    def __init__(self, ops: Any, parts: Parts, view: View) -> None:
-        self.ops, self.parts, self.view = ops, parts, view
-        self.edges = parts.edges.in_memory(ops)
-        is_mean = view is MIRRORED
-        self.waves = (mean_pairs if is_mean else difference_pairs)(parts.waves, parts.waves)
-        # a point of an edge lies in the slice at scale (p - T/2), T as seen from the edges' copy
-        self.scale, self.side = 2.0 if is_mean else 1.0, -1.0 if view is AHEAD else 1.0
-        self.turned = 1.0 if is_mean else -1.0
 
-    def __call__(self, record: Sequence[Any], samples: Sequence[Any]) -> Pair:
-        ops = self.ops
-        place, nu = _point(samples[:4]), _point(samples[4:])
-        t = [self.scale * self.side * value for value in _offset(record, samples)]
-        t = [ops.snapped(value, self.parts.step) for value in t]
-        shifted: list[Point] = [_point(self._less(nu, pair)) for pair in self.waves]
-        terms = [self._terms(frequency) for frequency in shifted]
-        first, end, *others = map(ops.truncated, record[12:16])
-        end = ops.select_number(_is_near(record, samples), end, first)
-        found = ops.sum_over_range(
-            first, end, lambda row: self._of_edge(row, others, t, terms), 2 * len(terms)
-        )
-        total = Pair(0.0, 0.0)
-        for k, (pair, frequency) in enumerate(zip(self.waves, shifted, strict=True)):
-            factor = _mutual(ops, record, frequency) * self._amplitude(pair, place)
-            total = total + Pair(*terms[k].total(found[2 * k : 2 * k + 2])) * factor
-        return total
+def _of_parts(
+    ops: Any, parts: Parts, view: View, record: Sequence[Any], samples: Sequence[Any]
+) -> Pair:
+    """The contribution of a pair of different parts, by the edges of one inside the other."""
+    place, nu = _point(samples[:4]), _point(samples[4:])
+    pairs_of, scale = (mean_pairs, 2.0) if view is MIRRORED else (difference_pairs, 1.0)
+    wave_pairs = pairs_of(parts.waves, parts.waves)
+    seen = [_shifted(ops, nu, pair) for pair in wave_pairs]
+    terms = [
+        WaveTerms(ops, moved_off_zero(ops, x[0] + x[1], y[0] + y[1]), 2, 0.5 * scale / math.pi)
+        for x, y in seen
+    ]
+    first, end, *others = map(ops.truncated, record[12:16])
+    end = ops.select_number(_is_near(record, samples), end, first)
+    t = [ops.snapped(_side(view) * scale * value, parts.step) for value in _offset(record, samples)]
+    found = ops.sum_over_range(
+        first,
+        end,
+        lambda row: _of_edge(ops, parts, view, terms, t, row, others),
+        2 * len(terms),
+    )
+    total = Pair(0.0, 0.0)
+    for k, (pair, frequency) in enumerate(zip(wave_pairs, seen, strict=True)):
+        factor = _mutual(ops, record, frequency) * _amplitude(ops, pair, place)
+        total = total + Pair(*terms[k].total(found[2 * k : 2 * k + 2])) * factor
+    return total
 
-    def _less(self, nu: Point, pair: WavePair) -> list[Any]:
-        """The frequency that a pair of waves sees."""
-        numbers: list[Any] = []
-        for (frequency, rest), shift in zip(nu, pair.shift, strict=True):
-            total, lost = _less(self.ops, frequency, shift)
-            numbers += [total, lost + rest]
-        return numbers
 
-    def _terms(self, nu: Point) -> WaveTerms:
-        at = moved_off_zero(self.ops, *(total + rest for total, rest in nu))
-        return WaveTerms(self.ops, at, 2, 0.5 * self.scale / math.pi)
+def _side(view: View) -> float:
+    """The sign of the offset as seen from the edges' copy, and of its displacement at ties."""
+    return -1.0 if view is AHEAD else 1.0
 
-    def _amplitude(self, pair: WavePair, place: Point) -> Pair:
-        """The factor of a pair of waves at a position or lag."""
-        total = Pair(0.0, 0.0)
-        for amplitude, rate in pair.terms:
-            term = Pair(complex(amplitude).real, complex(amplitude).imag)
-            if any(rate):
-                term = term * Pair(*cos_sin_turns(self.ops, _turns(self.ops, place, rate)))
-            total = total + term
-        return Pair(total.real, 0.0) if pair.is_real else total
 
-    def _of_edge(
-        self, row: Any, others: Sequence[Any], t: Sequence[Any], terms: Sequence[WaveTerms]
-    ) -> Values:
-        """The sums of each wave over the parts of an edge inside the other copy."""
-        ops, (tx, ty) = self.ops, t
-        edge = ops.gather(self.edges, row)
-        ax, ay, bx, by = edge[:4]
-        waves = []
-        for wave in terms:
-            along = wave.along(bx - ax, by - ay)
-            start = ops.fma(wave.nu[0], ax - 0.5 * tx, wave.nu[1] * (ay - 0.5 * ty))
-            waves.append((wave, along, 0.5 * self.scale * along[0], self.scale * start))
+def _shifted(ops: Any, nu: Point, pair: WavePair) -> Point:
+    """The frequency that a pair of waves sees."""
+    (x, x_rest), (y, y_rest) = nu
+    (x, x_lost), (y, y_lost) = (_less(ops, f, s) for f, s in zip((x, y), pair.shift, strict=True))
+    return (x, x_lost + x_rest), (y, y_lost + y_rest)
 
-        def up_to(part: Any, share: Any) -> list[Any]:
-            """The waves over the edge up to a part of it."""
-            return [
-                value
-                for wave, _, per_edge, start in waves
-                for value in wave.added(
-                    None, part * per_edge, ops.fma(part, per_edge, start), part, (share, 0.0)
-                )
-            ]
 
-        def against(other: Any) -> Values:
-            line = [self.turned * value for value in ops.gather(self.edges, other)[:4]]
-            meets, enters, at_start, at_end = crossing(ops, edge, line, tx, ty, self.side)
-            part = at_start / ops.select(meets, at_start - at_end, 1.0)
-            share = ops.select(meets, ops.select(enters, -1.0, 1.0), 0.0)
-            # upward edges of the copy with the end of the edge to the left count, and downward ones
-            # with the end to the right less; a tie is as if T were displaced by side (eps, -eps^2)
-            y, y_next = (ty - line[1]) - by, (ty - line[3]) - by
-            low, high = (y > 0.0, y_next > 0.0) if self.side > 0 else (y >= 0.0, y_next >= 0.0)
-            up = ops.select(high, 1.0, 0.0) - ops.select(low, 1.0, 0.0)
-            around = ops.select((up > 0.0) == enters, up, 0.0)
-            return (around, *up_to(ops.select(meets, part, 1.0), share))
+def _amplitude(ops: Any, pair: WavePair, place: Point) -> Pair:
+    """The factor of a pair of waves at a position or lag."""
+    total = Pair(0.0, 0.0)
+    for amplitude, rate in pair.terms:
+        term = Pair(complex(amplitude).real, complex(amplitude).imag)
+        if any(rate):
+            term = term * Pair(*cos_sin_turns(ops, _turns(ops, place, rate)))
+        total = total + term
+    return Pair(total.real, 0.0) if pair.is_real else total
 
-        others = [number + (row - row) for number in others]  # of as many axes as the edges have
-        around, *sums = ops.sum_over_range(*others, against, 1 + 2 * len(waves), like=tx)
-        sums = [a + b for a, b in zip(sums, up_to(1.0, around), strict=True)]
-        pairs = zip(waves, sums[0::2], sums[1::2], strict=True)
-        return tuple(
-            value
-            for (wave, along, *_), *both in pairs
-            for value in wave.of_edge(along, self.scale, tuple(both))
-        )
+
+def _of_edge(
+    ops: Any,
+    parts: Parts,
+    view: View,
+    terms: Sequence[WaveTerms],
+    t: Sequence[Any],
+    row: Any,
+    others: Sequence[Any],
+) -> Values:
+    """The sums of each wave over the parts of an edge inside the other copy, {T - p}."""
+    table, side, (tx, ty) = parts.edges.in_memory(ops), _side(view), t
+    scale, turned = (2.0, 1.0) if view is MIRRORED else (1.0, -1.0)
+    edge = ops.gather(table, row)
+    ax, ay, bx, by = edge[:4]
+    # a point of an edge lies in the slice at scale (p - T/2)
+    x, y = scale * (ax - 0.5 * tx), scale * (ay - 0.5 * ty)
+    ex, ey = scale * (bx - ax), scale * (by - ay)
+
+    def up_to(part: Any, weight: Any) -> list[Any]:
+        """The waves over the edge up to a part of it."""
+        dx, dy = part * ex, part * ey
+        own = (x + 0.5 * dx, y + 0.5 * dy, dx, dy, weight, 0.0)
+        return [value for wave in terms for value in term_of_part(ops, wave, own)]
+
+    def against(other: Any) -> Values:
+        line = [turned * value for value in ops.gather(table, other)[:4]]
+        meets, enters, at_start, at_end = crossing(ops, edge, line, tx, ty, side)
+        part = at_start / ops.select(meets, at_start - at_end, 1.0)
+        weight = ops.select(meets, ops.select(enters, -1.0, 1.0), 0.0)
+        # upward edges of the copy with the end of the edge to the left count, and downward ones
+        # with the end to the right less; a tie is as if T were displaced by side (eps, -eps^2)
+        low, high = (ty - line[1]) - by, (ty - line[3]) - by
+        low, high = (low > 0.0, high > 0.0) if side > 0.0 else (low >= 0.0, high >= 0.0)
+        up = ops.select(high, 1.0, 0.0) - ops.select(low, 1.0, 0.0)
+        around = ops.select((up > 0.0) == enters, up, 0.0)
+        return (around, *up_to(ops.select(meets, part, 1.0), weight))
+
+    others = [number + (row - row) for number in others]  # of as many axes as the edges have
+    around, *sums = ops.sum_over_range(*others, against, 1 + 2 * len(terms), like=tx)
+    return tuple(a + b for a, b in zip(sums, up_to(1.0, around), strict=True))
 
 
 # ---- all pairs -------------------------------------------------------------------------------
 
 
-def _sum(ops: Any, tables: PairTables, values: int, samples: Values) -> list[Any]:
-    """The sum over all pairs, (real, imaginary) or the first alone; with what is not a number."""
+def _sum(
+    ops: Any, tables: PairTables, values: int, samples: Values, of_one: Any = None
+) -> list[Any]:
+    """The sum over all pairs, (real, imaginary) or the first alone; with what is not a number.
+
+    ``of_one``: the contribution of a pair, if not that to W or A.
+    """
+    element = tables.element
+    of_one = of_one or (_of_parts if isinstance(element, Parts) else _of_element)
     totals: list[Any] = [sum(number - number for number in samples)] * values
-    for view, lists in tables.sites.lists:
-        found = _sum_in_view(ops, tables.element, view, lists, values, samples)
+    for view, lists in tables.sites:
+        of_pair = partial(of_one, ops, element, view)
+        found = _sum_of_near(ops, lists, of_pair, values, samples)
         totals = [total + part for total, part in zip(totals, found, strict=True)]
     return totals
 
 
-def _sum_in_view(
-    ops: Any, element: Any, view: View, lists: PairLists, values: int, samples: Values
+def _sum_of_near(
+    ops: Any, lists: PairLists, of_pair: Callable[..., Pair], values: int, samples: Values
 ) -> list[Any]:
     """The sum over the records for the cells of samples; others than near ones may be left out."""
     records = lists.records.in_memory(ops)
-    of_pair = (_OfParts if isinstance(element, Parts) else _OfElement)(ops, element, view)
 
     def is_near(row: Any, *samples: Any) -> Any:
         return _is_near(ops.gather(records, row), samples)
@@ -279,13 +285,10 @@ def _ambiguity_sum(ops: Any, tables: PairTables, turns: Any, *samples: Any) -> V
     return real, -imag
 
 
-def _field(ops: Any, tables: PairTables, *place: Any) -> Values:
-    """u at one place, less the carrier, from all elements."""
-    total = Pair(0.0, 0.0)
-    for *centre, real, imag in tables.sites.elements.tolist():
-        own = Pair(*element_field(ops, tables.element, *_offset(centre, place)))
-        total = total + own * Pair(real, imag)
-    return total.real, total.imag
+def _fields(ops: Any, tables: PairTables, turns: Any, *places: Any) -> Values:
+    """u at both ends of a lag, less the carrier, from the elements around them."""
+    ends = places[:4], places[4:]
+    return tuple(part for end in ends for part in _sum(ops, tables, 2, end, _field_of))
 
 
 WIGNER = Kernel(
@@ -305,11 +308,11 @@ AMBIGUITY = Kernel(
     leave_wave,
 )
 AUTOCORRELATION = Kernel(
-    "autocorrelation of element pairs",
+    "autocorrelation of equal elements",
     2,
-    pairs_by_mean,
+    elements_by_place,
     _enter_both_ends,
-    at_both_ends(_field),
+    _fields,
     product_of_both,
 )
 POSITION_MARGINAL = at_zero_frequency(WIGNER, "position marginal of element pairs", leads=False)

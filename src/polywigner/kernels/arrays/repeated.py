@@ -85,13 +85,3 @@ class ElementSum:
 
     def __call__(self, ops: Any, tables: Any, *inner: Any) -> Values:
         return self.summed(ops, tables, *inner)
-
-
-def at_both_ends(field: Callable[..., Values]) -> Callable[..., Values]:
-    """The sums of an autocorrelation from ``field(ops, tables, *place)``, both places alike."""
-
-    def fields(ops: Any, tables: Any, turns: Any, *places: Any) -> Values:
-        half = len(places) // 2
-        return (*field(ops, tables, *places[:half]), *field(ops, tables, *places[half:]))
-
-    return fields

@@ -77,7 +77,7 @@ class _Direction:
             # an odd index sum has waves of half periods
             sign = 1.0 - 2.0 * (_odd(ops, periods + whole) * odd)
             signed += [sign * weight for weight in weights[q : q + self.step]]
-        return _Taps(signed, places, ops.truncated(period), ops.truncated(start))
+        return signed, places, ops.truncated(period), ops.truncated(start)
 
     def _aligned(self, ops: Any, first: Any, weights: list[Any]) -> tuple[Any, list[Any]]:
         """From a multiple of the step on, with weights of 0 on either side."""
@@ -95,14 +95,8 @@ class _Direction:
         return aligned, weights
 
 
-@dataclass(frozen=True)
-class _Taps:
-    """Weights of samples, their places in a period in steps, and where the period begins."""
-
-    weights: list[Any]
-    places: list[Any]
-    period: Any
-    start: Any
+_Taps = tuple[list[Any], list[Any], Any, Any]
+"""Weights of samples, their places in a period in steps; the period, and where it begins."""
 
 
 def _odd(ops: Any, whole: Any) -> Any:
@@ -121,21 +115,21 @@ class FactorTable:
 
     def at(self, ops: Any, counts: Any, taps: tuple[_Taps, _Taps]) -> Pair:
         """The factor; anything where it does not count, at little cost."""
-        one, two = taps
+        (weights, places, period, start), (others, columns, _, begin) = taps
         per_row = int(self.directions[1].total) // _PACKET
-        block = one.start * per_row + two.start // _PACKET * one.period
+        block = start * per_row + begin // _PACKET * period
         # one place for all samples that want nothing
-        rows = [ops.select_number(counts, block + place, 0) for place in one.places]
-        step = ops.select_number(counts, one.period, 0)
+        rows = [ops.select_number(counts, block + place, 0) for place in places]
+        step = ops.select_number(counts, period, 0)
         totals: list[Any] = []
         for part in self.parts:
             table, total = part.in_memory(ops), 0.0
-            for k, place in enumerate(two.places):
+            for k, place in enumerate(columns):
                 lines: list[Any] = [0.0] * _PACKET
-                for row, weight in zip(rows, one.weights, strict=True):
+                for row, weight in zip(rows, weights, strict=True):
                     values = ops.gather(table, place * step + row)
                     lines = [ops.fma(v, weight, s) for v, s in zip(values, lines, strict=True)]
-                for line, other in zip(lines, two.weights[_PACKET * k :], strict=False):
+                for line, other in zip(lines, others[_PACKET * k :], strict=False):
                     total = ops.fma(line, other, total)
             totals.append(total)
         return Pair(totals[0], totals[1] if totals[1:] else 0.0)
