@@ -16,10 +16,11 @@ from oracles.references import ENGINES, numpy_and_few
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.execution.operations import NumpyOperations
 from polywigner.illumination.lattices import Profile, lattice_of, separated
-from polywigner.kernels.arrays.factors import ProfileFactor, _Series, _Table
+from polywigner.kernels.arrays.element_pairs import is_scattered
+from polywigner.kernels.arrays.factors import ProfileFactor, _Series
 from polywigner.kernels.arrays.lattice_arrays import is_on_lattice
-from polywigner.kernels.arrays.scattered_arrays import is_scattered
-from polywigner.kernels.arrays.weight_tables import mean_table
+from polywigner.kernels.arrays.repeated import HeldTable
+from polywigner.kernels.arrays.weight_tables import factor_table
 
 # Relative to (sum |w|)^2 area, which bounds the sum over pairs in absolute values.
 TOLERANCE = {"double": 1e-13, "single": 2e-6}
@@ -194,8 +195,7 @@ def test_rows_of_terms_beyond_what_single_precision_counts_are_read_where_they_a
             read.append(row)
             return np.zeros((4, *np.shape(row)), np.float32)
 
-    table = _Table(np.zeros((1, 4)))
-    series = _Series(packets, table, None, None, None)
+    series = _Series(packets, (HeldTable(np.zeros((1, 4))), None, None, None))
     turns = np.float32([0.1, 0.2, 0.3])
     series.value(OfALongTable(double=False), rows, 16_400.0, np.float32(5.0), turns)
     expected = rows.astype(int) * packets + np.arange(packets)[::-1, None]
@@ -245,7 +245,8 @@ def test_sums_of_a_thousand_weights_are_made_without_a_loop_over_their_pairs() -
         i = np.arange(max(0, total - 999), min(total, 999) + 1)
         waves = np.exp(-2j * np.pi * turns * (2 * i - total))
         expected.append((a[i] * a[total - i].conj() * waves).sum())
-    found = factor.at_mean(NumpyOperations(double=True), h.astype(float), np.full(20, turns))
+    at = h.astype(float), np.full(20, 2 * turns)
+    found = factor.at(NumpyOperations(double=True), True, *at).real
     assert np.abs(found - np.array(expected)).max() < 1e-12 * float((np.abs(a) ** 2).sum())
 
 
@@ -253,15 +254,15 @@ def test_sums_of_a_thousand_weights_are_made_without_a_loop_over_their_pairs() -
 def test_making_a_table_of_weights_takes_memory_for_the_table_alone(shape: tuple[int, int]) -> None:
     """Waves of all midpoints of a long row at once would take thirty times as much."""
     weights = _random(600).reshape(shape)
-    mean_table(_random(6).reshape(2, 3), double=True)  # what is made once
+    factor_table(_random(6).reshape(2, 3), by_mean=True, double=True)  # what is made once
     tracemalloc.start()
     try:
-        table = mean_table(weights, double=True)
+        table = factor_table(weights, by_mean=True, double=True)
         _, peak = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
     assert table is not None
-    assert peak < 3 * table.values.nbytes
+    assert peak < 3 * table.parts[0].values.nbytes
 
 
 @pytest.mark.parametrize(("precision", "engine"), numpy_and_few(TOLERANCE, ["single"]))

@@ -11,9 +11,9 @@ from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits, Wavefront
 from polywigner.illumination import Array
 from polywigner.illumination.lattices import Sites
-from polywigner.kernels.arrays import distant_sums, lattice_arrays, scattered_arrays
+from polywigner.kernels.arrays import lattice_arrays, pair_sums
 from polywigner.kernels.arrays.array_factor import array_factor_kernel
-from polywigner.kernels.arrays.distant_parts import distant_parts
+from polywigner.kernels.arrays.element_pairs import distant_parts, is_scattered
 from polywigner.kernels.functions import partly_coherent, plane, separable, simplices, solids
 from polywigner.kernels.functions import slits as line
 from polywigner.kernels.functions.moments import LAG_MOMENTS, LAG_MOMENTS_ALONG
@@ -69,7 +69,7 @@ def _tiled(transform: str, source: Any) -> Kernel | None:
 
 
 _ON_LATTICE: dict[str, Kernel] = {
-    "autocorrelation": lattice_arrays.AUTOCORRELATION,
+    "autocorrelation": pair_sums.AUTOCORRELATION,
     "wigner": lattice_arrays.WIGNER,
     "ambiguity": lattice_arrays.AMBIGUITY,
     "position_marginal": lattice_arrays.POSITION_MARGINAL,
@@ -88,20 +88,20 @@ _PRODUCTS: dict[str, Kernel] = {
 
 
 _SCATTERED: dict[str, Kernel] = {
-    "autocorrelation": scattered_arrays.AUTOCORRELATION,
-    "wigner": scattered_arrays.WIGNER,
-    "ambiguity": scattered_arrays.AMBIGUITY,
-    "position_marginal": scattered_arrays.POSITION_MARGINAL,
-    "lag_marginal": scattered_arrays.LAG_MARGINAL,
+    "autocorrelation": pair_sums.AUTOCORRELATION,
+    "wigner": pair_sums.WIGNER,
+    "ambiguity": pair_sums.AMBIGUITY,
+    "position_marginal": pair_sums.POSITION_MARGINAL,
+    "lag_marginal": pair_sums.LAG_MARGINAL,
 }
 
 
 _DISTANT: dict[str, Kernel] = {
-    "wigner": distant_sums.WIGNER,
-    "ambiguity": distant_sums.AMBIGUITY,
-    "position_marginal": distant_sums.POSITION_MARGINAL,
-    "lag_marginal": distant_sums.LAG_MARGINAL,
-    "lag_marginal of fields": distant_sums.LAG_MARGINAL_OF_FIELDS,
+    "wigner": pair_sums.WIGNER_OF_PARTS,
+    "ambiguity": pair_sums.AMBIGUITY_OF_PARTS,
+    "position_marginal": pair_sums.POSITION_MARGINAL_OF_PARTS,
+    "lag_marginal": pair_sums.LAG_MARGINAL_OF_PARTS,
+    "lag_marginal of fields": pair_sums.LAG_MARGINAL_OF_FIELDS,
 }
 
 
@@ -186,7 +186,7 @@ def kernel_for(transform: str, source: Any, double: bool = True) -> Kernel:
     if isinstance(source, Array):
         if transform in _ON_LATTICE and lattice_arrays.is_on_lattice(source):
             return _ON_LATTICE[transform]
-        if transform in _SCATTERED and scattered_arrays.is_scattered(source):
+        if transform in _SCATTERED and is_scattered(source):
             return _SCATTERED[transform]
         elements = source.elements_in_plane
         kind = type(elements[0])

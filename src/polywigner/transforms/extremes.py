@@ -22,7 +22,8 @@ from polywigner.geometry.rings import LARGEST_COORDINATE
 from polywigner.illumination import Array, phased_array
 from polywigner.illumination.lattices import Sites
 from polywigner.illumination.support import moved_source
-from polywigner.kernels.arrays import lattice_arrays, scattered_arrays
+from polywigner.kernels.arrays.element_pairs import is_scattered
+from polywigner.kernels.arrays.lattice_arrays import is_on_lattice
 
 __all__ = [
     "array_factor_apart",
@@ -69,7 +70,7 @@ def is_wide(array: Array, limit: float = _WIDEST) -> bool:
 def check_width(array: Array) -> None:
     """Raise GeometryError for an array whose elements are too far apart for W, A and R."""
     limit = _WIDEST
-    if scattered_arrays.is_scattered(array) and not lattice_arrays.is_on_lattice(array):
+    if is_scattered(array) and not is_on_lattice(array):
         limit = _WIDEST_LISTED
     if is_wide(array, limit):
         raise GeometryError(

@@ -7,6 +7,7 @@ so much that they miss a lattice: the sums are then over the coordinates as they
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
@@ -15,15 +16,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.illumination.lattices import Lattice, Profile, Sites, column_and_row, separated
+from polywigner.illumination.lattices import Sites, column_and_row, separated
 from polywigner.kernels.arrays.factors import ProfileFactor, profile_factor
 from polywigner.kernels.kernel import Kernel, Values, leave_parts, leave_wave
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair, plane_wave
 from polywigner.numerics.phases import cos_sin_turns
 from polywigner.plans import has_own_factor
-
-__all__ = ["array_factor_kernel"]
 
 # Sites that miss a lattice by more, of its extent D, are not taken for it: the phase errs by 6e3
 # times that at |nu| D = 1000. Multiples of a pitch, counted from anywhere in the array, miss less.
@@ -35,59 +34,49 @@ Row = tuple[float, ...]
 
 
 @dataclass(frozen=True)
-class FactorFrame:
+class _Frame:
     """Phases are relative to the middle of the sites."""
 
-    centre: tuple[Any, ...]
+    centre: tuple[phases.Doubled, ...]
     basis: tuple[tuple[float, ...], ...] = ()
     """Basis of the lattice; empty where sites are summed one by one."""
     content: float = 1.0
 
 
 @dataclass(frozen=True)
-class FactorTables:
-    frame: FactorFrame
-    edges: tuple[Row, ...]
-    """Position relative to the middle, and weight, of every site; one dummy on a lattice.
-
-    Each number of a position as the sum of two floats.
-    """
-    factors: tuple[ProfileFactor, ProfileFactor] | None = None
+class _Tables:
+    frame: _Frame
+    rows: tuple[tuple[Row, ...], ...] = ()
+    """Tables of sites: position relative to the middle, each number as the sum of two floats, and
+    weight. Two tables, for x and y of a grid of sites: sums to multiply; lattices have none."""
+    factors: tuple[ProfileFactor, ...] = ()
     constant: complex = 1.0
-    turns: tuple[float, float] = (0.0, 0.0)
-    axes: tuple[tuple[Row, ...], ...] = ()
-    """Rows of x and of y of a grid of sites, whose sums are multiplied."""
+    turns: tuple[float, ...] = ()
+
+    @property
+    def terms(self) -> int:
+        return max(1, sum(map(len, self.rows)))
 
 
 @lru_cache(maxsize=64)
-def _tables(sites: Sites, double: bool) -> FactorTables:
+def _tables(sites: Sites, double: bool) -> _Tables:
     lattice = sites.lattice if has_own_factor(len(sites.positions)) else None
     profiles = None if lattice is None else separated(lattice.weights)
     if lattice is None or profiles is None:
         return _table_of_sites(sites, double)
     if lattice.misfit > _MISFIT:
-        return _table_of_axes(sites, double) or _table_of_sites(sites, double)
+        return _tables_of_axes(sites, double) or _table_of_sites(sites, double)
     middle = (Fraction(place) + Fraction(rest) for place, rest in lattice.middle)
-    frame = FactorFrame(_doubled(middle, double), lattice.basis)
-    return FactorTables(frame, ((),), *_constants(profiles, lattice))
-
-
-def _constants(
-    profiles: tuple[Profile, Profile], lattice: Lattice
-) -> tuple[tuple[ProfileFactor, ProfileFactor], complex, tuple[float, float]]:
-    """Factors, what multiplies them, and the turns per site; phases are 0 in the middle."""
-    one, two = profiles
-    constant = one.factor * two.factor
+    frame = _Frame(tuple(phases.doubled(c, double) for c in middle), lattice.basis)
+    constant = complex(np.prod([profile.factor for profile in profiles]))
     for profile, count in zip(profiles, lattice.weights.shape, strict=True):
+        # phases are 0 in the middle
         constant *= complex(np.exp(1j * np.pi * profile.turns * (count - 1)))
-    return (profile_factor(one), profile_factor(two)), constant, (one.turns, two.turns)
+    factors, turns = map(profile_factor, profiles), (profile.turns for profile in profiles)
+    return _Tables(frame, (), tuple(factors), constant, tuple(turns))
 
 
-def _doubled(point: Any, double: bool) -> tuple[Any, ...]:
-    return tuple(phases.doubled(c, double) for c in point)
-
-
-def _table_of_axes(sites: Sites, double: bool) -> FactorTables | None:
+def _tables_of_axes(sites: Sites, double: bool) -> _Tables | None:
     """Tables of sites where rows and columns cross, with weights that are a product; else None."""
     x, i = np.unique(sites.positions[:, 0], return_inverse=True)
     y, j = np.unique(sites.positions[:, 1], return_inverse=True)
@@ -98,38 +87,35 @@ def _table_of_axes(sites: Sites, double: bool) -> FactorTables | None:
     found = column_and_row(weights)
     if found is None:
         return None
-    middle = _middle(sites)
-    axes = tuple(
-        _rows((values - centre)[:, None], own, double)
-        for values, centre, own in zip((x, y), middle, found, strict=True)
-    )
-    return FactorTables(FactorFrame(_doubled(middle.tolist(), double)), ((),), axes=axes)
+    return _summed([(x[:, None], found[0]), (y[:, None], found[1])], double)
 
 
 @lru_cache(maxsize=64)
-def _table_of_sites(sites: Sites, double: bool) -> FactorTables:
-    middle = _middle(sites)
-    rows = _rows(sites.positions - middle, sites.weights, double)
-    return FactorTables(FactorFrame(_doubled(middle.tolist(), double)), rows)
+def _table_of_sites(sites: Sites, double: bool) -> _Tables:
+    return _summed([(sites.positions, sites.weights)], double)
 
 
-def _middle(sites: Sites) -> NDArray[np.float64]:
-    low, high = sites.positions.min(axis=0), sites.positions.max(axis=0)
-    middle: NDArray[np.float64] = low + (high - low) / 2
-    return middle
+def _summed(
+    axes: Sequence[tuple[NDArray[np.float64], NDArray[np.complex128]]], double: bool
+) -> _Tables:
+    """Tables of positions (n, d) with their weights (n,)."""
+    middle: list[phases.Doubled] = []
+    tables = []
+    for positions, weights in axes:
+        low = positions.min(axis=0)
+        own = low + np.ptp(positions, axis=0) / 2
+        middle += [phases.doubled(c, double) for c in own.tolist()]
+        rows = zip((positions - own).tolist(), weights.tolist(), strict=True)
+        tables.append(
+            tuple(
+                (*(part for c in place for part in phases.doubled(c, double)), w.real, w.imag)
+                for place, w in rows
+            )
+        )
+    return _Tables(_Frame(tuple(middle)), tuple(tables))
 
 
-def _rows(
-    places: NDArray[np.float64], weights: NDArray[np.complex128], double: bool
-) -> tuple[Row, ...]:
-    rows = []
-    for place, weight in zip(places.tolist(), weights.tolist(), strict=True):
-        both = [part for c in place for part in phases.doubled(c, double)]
-        rows.append((*both, float(weight.real), float(weight.imag)))
-    return tuple(rows)
-
-
-def _enter(ops: Any, frame: FactorFrame, *nu: Any) -> Values:
+def _enter(ops: Any, frame: _Frame, *nu: Any) -> Values:
     turns = phases.turns_to_centre(ops, frame.centre, *nu)
     if not frame.basis:
         return (turns, *nu)
@@ -138,37 +124,32 @@ def _enter(ops: Any, frame: FactorFrame, *nu: Any) -> Values:
     return (turns, *(2.0 * phases.turns_to_centre(ops, b, *half) for b in frame.basis))
 
 
-def _sum(ops: Any, tables: FactorTables, turns: Any, *inner: Any) -> Values:
-    if tables.axes:
-        x, y = (
-            _sum_over_sites(ops, rows, component)
-            for rows, component in zip(tables.axes, inner, strict=True)
+def _sum(ops: Any, tables: _Tables, turns: Any, *inner: Any) -> Values:
+    if len(tables.rows) == 1:
+        total = _sum_over_sites(ops, tables.rows[0], *inner)
+    elif tables.rows:
+        one, two = map(_sum_over_sites, (ops, ops), tables.rows, inner)
+        total = one * two
+    else:
+        one, two = (
+            factor.total(ops, along - own)
+            for factor, along, own in zip(tables.factors, inner, tables.turns, strict=True)
         )
-        both = Pair(x[0], -x[1]) * Pair(y[0], -y[1])
-        return both.real, -both.imag
-    if tables.factors is None:
-        return _sum_over_sites(ops, tables.edges, *inner)
-    one, two = (
-        factor.total(ops, along - own)
-        for factor, along, own in zip(tables.factors, inner, tables.turns, strict=True)
-    )
-    constant = Pair(tables.constant.real, tables.constant.imag)
-    total = one * two * constant
+        total = one * two * Pair(tables.constant.real, tables.constant.imag)
     return total.real, -total.imag
 
 
-def _sum_over_sites(ops: Any, rows: tuple[Row, ...], *nu: Any) -> Values:
-    def term(*row: Any) -> tuple[Any, Any]:
+def _sum_over_sites(ops: Any, rows: tuple[Row, ...], *nu: Any) -> Pair:
+    def term(*row: Any) -> Values:
         *both, real, imag = row
         place = tuple(zip(both[0::2], both[1::2], strict=True))
         cosine, sine = cos_sin_turns(ops, phases.reduced(ops, phases.dot(ops, nu, place)))
-        return real * cosine + imag * sine, real * sine - imag * cosine
+        return real * cosine + imag * sine, imag * cosine - real * sine
 
-    cosine, sine = ops.sum_over(rows, term, 2, like=nu[0])
-    return cosine, sine
+    return Pair(*ops.sum_over(rows, term, 2, like=nu[0]))
 
 
-def _enter_complex(ops: Any, frame: FactorFrame, *parts: Any) -> Values:
+def _enter_complex(ops: Any, frame: _Frame, *parts: Any) -> Values:
     """(real, imaginary) part of the phase of the middle; nu."""
     real, imag = parts[0::2], parts[1::2]
     turns = phases.turns_to_centre(ops, frame.centre, *real)
@@ -176,7 +157,7 @@ def _enter_complex(ops: Any, frame: FactorFrame, *parts: Any) -> Values:
     return (turns, growth + rest, *real, *imag)
 
 
-def _complex_sum(ops: Any, tables: FactorTables, turns: Any, growth: Any, *nu: Any) -> Values:
+def _complex_sum(ops: Any, tables: _Tables, turns: Any, growth: Any, *nu: Any) -> Values:
     count = len(nu) // 2
     waves = [Pair(real, imag) for real, imag in zip(nu[:count], nu[count:], strict=True)]
 
@@ -188,7 +169,7 @@ def _complex_sum(ops: Any, tables: FactorTables, turns: Any, growth: Any, *nu: A
         wave = plane_wave(ops, phase) * Pair(real, imag)
         return wave.real, wave.imag
 
-    total = Pair(*ops.sum_over(tables.edges, term, 2, like=nu[0]))
+    total = Pair(*ops.sum_over(tables.rows[0], term, 2, like=nu[0]))
     total = total * plane_wave(ops, Pair(turns, growth))
     return total.real, total.imag
 
@@ -197,12 +178,6 @@ def _complex_sum(ops: Any, tables: FactorTables, turns: Any, growth: Any, *nu: A
 def array_factor_kernel(dimension: int, is_complex: bool) -> Kernel:
     """The kernel of array factors of sites on a line, in the plane or in space."""
     if is_complex:
-        return Kernel(
-            "array factor, complex nu",
-            dimension,
-            _table_of_sites,
-            _enter_complex,
-            _complex_sum,
-            leave_parts,
-        )
+        steps = _table_of_sites, _enter_complex, _complex_sum, leave_parts
+        return Kernel("array factor, complex nu", dimension, *steps)
     return Kernel("array factor", dimension, _tables, _enter, _sum, leave_wave)

@@ -1,33 +1,43 @@
-"""Array factors in phase space: what pairs of sites of a lattice contribute at one midpoint.
+"""Array factors in phase space: the pairs of sites of a lattice with one midpoint or difference.
 
 For equal elements at the sites of a lattice, W is a sum over midpoints of pairs of sites of the
 element's W there, times a factor: the discrete Wigner function of the weights at that midpoint
-(docs/theory.md, (L1)). A is the same with differences for midpoints (L2). If the weights are a
-product of a profile along each direction, so are the factors, and along one direction
+(docs/theory.md, (L1)). A is the same with differences for midpoints (L2). Along one direction both
+count as in `weight_tables.partner`. If the weights are a product of a profile along each direction,
+so are the factors, and along one direction
 
     sum_k c_k exp(-2 pi i t (k - (N - 1)/2)),    0 <= k < N,
 
-with products c_k of two amplitudes. For equal amplitudes that is sin(pi N t)/sin(pi t).
+with products c_k of two amplitudes. For equal amplitudes that is sin(pi N t)/sin(pi t). Other
+weights have a table, or their pairs are added up.
 """
 
 from __future__ import annotations
 
-from collections.abc import Hashable
-from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property, lru_cache, partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.illumination.lattices import Profile
+from polywigner.kernels.arrays.repeated import HeldTable
+from polywigner.kernels.arrays.weight_tables import (
+    FactorTable,
+    factor_table,
+    fits_a_table,
+    partner,
+)
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.phases import cos_sin_turns, sin_turns
-
-__all__ = ["ProfileFactor", "profile_factor"]
+from polywigner.plans import tabulates_products
 
 Complexes = NDArray[np.complex128]
-Indices = NDArray[np.intp]
+Pair2 = tuple[Any, Any]
+Factor = Callable[[Pair2, Pair2, Any], Pair]
+"""(steps from the first, numbers along both directions, whether they count) -> the factor."""
 
 # Coefficients that are read at a time: one load, where each alone would be another.
 _PACKET = 4
@@ -35,9 +45,12 @@ _PACKET = 4
 _BLOCK = 1 << 18
 
 
+# ---- profiles --------------------------------------------------------------------------------
+
+
 @dataclass(frozen=True, eq=False)
 class ProfileFactor:
-    """The factors of a profile of n amplitudes, by midpoint (index sum) and by difference."""
+    """The factors of a profile of n amplitudes."""
 
     profile: Profile
 
@@ -46,56 +59,49 @@ class ProfileFactor:
         return len(self.profile.amplitudes)
 
     @cached_property
-    def means(self) -> _Series | None:
-        """For index sums 0 .. 2n - 2, in the order of growing i - j; None if uniform."""
-        n, sums = self.count, np.arange(2 * self.count - 1)
-        return self._mutual(np.maximum(0, sums - n + 1), np.minimum(sums, n - 1), -1)
+    def _amplitudes(self) -> Complexes:
+        return np.array(self.profile.amplitudes, np.complex128)
 
     @cached_property
-    def differences(self) -> _Series | None:
-        """For i - j = -(n - 1) .. n - 1, in the order of growing i + j; None if uniform."""
-        apart = np.arange(1 - self.count, self.count)
-        return self._mutual(np.maximum(0, apart), np.maximum(0, -apart), 1)
+    def means(self) -> _Series:
+        """By index sum, in the order of growing i - j."""
+        return self._mutual(by_mean=True)
 
     @cached_property
-    def amplitudes(self) -> _Series | None:
-        """One row: the amplitudes themselves; None if uniform."""
+    def differences(self) -> _Series:
+        """By difference, in the order of growing i + j."""
+        return self._mutual(by_mean=False)
+
+    @cached_property
+    def _all(self) -> _Series:
+        """One row: the amplitudes themselves."""
+        return _series(np.array([self.count]), lambda row, k: self._amplitudes[k])
+
+    def _mutual(self, by_mean: bool) -> _Series:
+        a, last = self._amplitudes, self.count - 1
+
+        def product(number: NDArray[np.intp], k: NDArray[np.intp]) -> Complexes:
+            site = np.maximum(0, number - last) + k
+            found: Complexes = a[site] * a[partner(site, number, self.count, by_mean)].conj()
+            return found
+
+        return _series(self.count - abs(np.arange(2 * last + 1) - last), product)
+
+    def at(self, ops: Any, by_mean: bool, number: Any, turns: Any) -> Pair:
+        """The factor of a number of `partner` at t = ``turns``; that of a mean is real."""
+        last = self.count - 1.0
+        pairs = self.count - abs(number - last)
         if self.profile.is_uniform:
-            return None
-        own, zero = np.array(self.profile.amplitudes, np.complex128), np.zeros(1, np.intp)
-        return _series(_Rows(own, np.ones_like(own), zero, zero, 1, np.array([self.count])))
-
-    def _mutual(self, begin: Indices, other: Indices, step: int) -> _Series | None:
-        if self.profile.is_uniform:
-            return None
-        own = np.array(self.profile.amplitudes, np.complex128)
-        lengths = self.count - abs(np.arange(2 * self.count - 1) - (self.count - 1))
-        return _series(_Rows(own, own.conj(), begin, other, step, lengths))
-
-    def at_mean(self, ops: Any, index_sum: Any, turns: Any) -> Any:
-        """sum over i + j = index_sum of a_i a_j* exp(-2 pi i turns (i - j)), which is real."""
-        last = 2.0 * (self.count - 1)
-        pairs = ops.minimum(index_sum, last - index_sum) + 1.0
-        twice = turns + turns
-        if self.means is None:
-            return _dirichlet(ops, pairs, twice)
-        return self.means.value(ops, index_sum, last, pairs, twice).real
-
-    def at_difference(self, ops: Any, difference: Any, turns: Any) -> Pair:
-        """sum over i - j = difference of a_i a_j* exp(-2 pi i turns ((i + j)/2 - (n - 1)/2))."""
-        pairs = self.count - abs(difference)
-        if self.differences is None:
             return Pair(_dirichlet(ops, pairs, turns), 0.0)
-        last = 2.0 * (self.count - 1)
-        index = difference + (self.count - 1.0)
-        return self.differences.value(ops, index, last, pairs, turns)
+        series = self.means if by_mean else self.differences
+        return series.value(ops, number, 2.0 * last, pairs, turns)
 
     def total(self, ops: Any, turns: Any) -> Pair:
         """sum over i of a_i exp(-2 pi i turns (i - (n - 1)/2)); ``turns`` modulo 2."""
         count = float(self.count) + 0.0 * turns
-        if self.amplitudes is None:
+        if self.profile.is_uniform:
             return Pair(_dirichlet(ops, count, turns), 0.0)
-        return self.amplitudes.value(ops, 0.0 * turns, 0.0, count, turns)
+        return self._all.value(ops, 0.0 * turns, 0.0, count, turns)
 
 
 @lru_cache(maxsize=64)
@@ -121,20 +127,6 @@ def _dirichlet(ops: Any, count: Any, turns: Any) -> Any:
 
 
 @dataclass(frozen=True, eq=False)
-class _Table:
-    """Coefficients by row and by term, as packets (rows * packets of a row, terms of one)."""
-
-    values: NDArray[np.float64]
-    held: dict[Hashable, Any] = field(default_factory=dict)
-
-    def in_memory(self, ops: Any) -> Any:
-        """In an engine's memory."""
-        if ops.key not in self.held:
-            self.held[ops.key] = ops.held(self.values)
-        return self.held[ops.key]
-
-
-@dataclass(frozen=True, eq=False)
 class _Series:
     """Sums of cosines and sines, coefficients by row and by term, from the middle outwards.
 
@@ -144,10 +136,8 @@ class _Series:
 
     packets: int
     """Number of packets of a row."""
-    p_real: _Table | None
-    p_imag: _Table | None
-    q_real: _Table | None
-    q_imag: _Table | None
+    tables: tuple[HeldTable | None, ...]
+    """Real and imaginary part of p, then of q: (rows * packets of a row, terms of a packet)."""
 
     def value(self, ops: Any, row: Any, last: float, pairs: Any, turns: Any) -> Pair:
         """The sum of a row at ``turns``; 0 for rows that do not exist. ``pairs``: its length."""
@@ -158,16 +148,17 @@ class _Series:
         is_even = ops.select(exists, pairs, 1.0)
         is_even = abs(is_even - 2.0 * ops.round(0.5 * is_even)) < 0.5  # middles between two terms
         basis = _Basis(ops, turns, is_even)
-        p_real = self._sum(ops, basis, self.p_real, start, nil, basis.cosine)
-        p_imag = self._sum(ops, basis, self.p_imag, start, nil, basis.cosine)
-        q_real = self._sum(ops, basis, self.q_real, start, nil, basis.sine)
-        q_imag = self._sum(ops, basis, self.q_imag, start, nil, basis.sine)
+        ends = (basis.cosine, basis.cosine, basis.sine, basis.sine)
+        p_real, p_imag, q_real, q_imag = (
+            self._sum(ops, basis, table, start, nil, end)
+            for table, end in zip(self.tables, ends, strict=True)
+        )
         real, imag = p_real + q_imag, p_imag - q_real
         zero = 0.0 * turns
         return Pair(ops.select(exists, real + zero, zero), ops.select(exists, imag + zero, zero))
 
     def _sum(
-        self, ops: Any, basis: _Basis, table: _Table | None, start: Any, nil: Any, ends: Any
+        self, ops: Any, basis: _Basis, table: HeldTable | None, start: Any, nil: Any, ends: Any
     ) -> Any:
         if table is None:
             return 0.0
@@ -208,45 +199,140 @@ class _Basis:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class _Rows:
-    """Rows of one[begin + m] other[begin_other + step m], 0 <= m < length."""
-
-    one: Complexes
-    other: Complexes
-    begin: Indices
-    begin_other: Indices
-    step: int
-    lengths: Indices
-
-    def terms(self, rows: slice, number: Indices) -> Complexes:
-        """Packets of a number (rows, terms), 0 where a row has none."""
-        exists = (number >= 0) & (number < self.lengths[rows, None])
-        m = np.where(exists, number, 0)
-        found: Complexes = self.one[self.begin[rows, None] + m]
-        found = found * self.other[self.begin_other[rows, None] + self.step * m]
-        return np.where(exists, found, 0.0)
-
-
-def _series(rows: _Rows) -> _Series:
-    """Rows of c_k in the order of growing multiples, symmetric about 0."""
-    count, terms = len(rows.lengths), (int(rows.lengths.max()) + 1) // 2
+def _series(
+    lengths: NDArray[np.intp], product: Callable[[NDArray[np.intp], NDArray[np.intp]], Complexes]
+) -> _Series:
+    """Rows of c_k = ``product(row, k)``, 0 <= k < length, about their middles."""
+    count, terms = len(lengths), (int(lengths.max()) + 1) // 2
     packet = min(terms, _PACKET)
     packets = -(-terms // packet)
     p, q = np.zeros((2, count, packets * packet), np.complex128)
     k, size = np.arange(terms), max(1, _BLOCK // terms)
-    for block in (slice(start, start + size) for start in range(0, count, size)):
-        n = rows.lengths[block, None]
-        up, down = rows.terms(block, n // 2 + k), rows.terms(block, (n + 1) // 2 - 1 - k)
-        p[block, :terms], q[block, :terms] = up + down, up - down
-        odd = np.flatnonzero(n % 2) + block.start  # whose middle is one term
+    for start in range(0, count, size):
+        rows = np.arange(start, min(start + size, count))[:, None]
+        n = lengths[rows]
+        up, down = n // 2 + k, (n + 1) // 2 - 1 - k
+        exists = down >= 0
+        ahead = np.where(exists, product(rows, np.where(exists, up, 0)), 0.0)
+        behind = np.where(exists, product(rows, np.where(exists, down, 0)), 0.0)
+        p[rows, k], q[rows, k] = ahead + behind, ahead - behind
+        odd = rows[n % 2 == 1]  # whose middle is one term
         p[odd, 0] /= 2
     tables = (_unless_zero(t, part, packet) for t in (p, q) for part in ("real", "imag"))
-    return _Series(packets, *tables)
+    return _Series(packets, tuple(tables))
 
 
-def _unless_zero(values: Complexes, part: str, packet: int) -> _Table | None:
+def _unless_zero(values: Complexes, part: str, packet: int) -> HeldTable | None:
     parts: NDArray[np.float64] = getattr(values, part)
     if not (np.abs(parts) > 1e-17 * np.abs(values).max(initial=0.0)).any():
         return None
-    return _Table(np.ascontiguousarray(parts).reshape(-1, packet))
+    return HeldTable(np.ascontiguousarray(parts).reshape(-1, packet))
+
+
+# ---- all weights -----------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class LatticeWeights:
+    """The weights at the sites of a lattice, less their even phase."""
+
+    values: Complexes
+    """(n1, n2)"""
+    profiles: tuple[ProfileFactor, ProfileFactor] | None
+    """Where the weights are a product of two profiles."""
+
+    @cached_property
+    def _rows(self) -> tuple[tuple[float, ...], ...]:
+        flat = self.values.ravel()
+        return tuple(flat.real.tolist()), tuple(flat.imag.tolist())
+
+    @cached_property
+    def _tables(self) -> dict[tuple[bool, bool], FactorTable | None]:
+        return {}
+
+    def sums_pairs(self, double: bool) -> bool:
+        """Whether a sample may add up all pairs of sites."""
+        return self.profiles is None and not fits_a_table(self.values.shape, double)
+
+    def _at(self, ops: Any, i: Any, j: Any) -> Pair:
+        """The weight of a site; 0 where there is none."""
+        rows, columns = self.values.shape
+        exists = (i >= 0.0) & (i < float(rows)) & (j >= 0.0) & (j < float(columns))
+        row, column = (ops.truncated(ops.select(exists, value, 0.0)) for value in (i, j))
+        real, imag = (ops.lookup(table, row * columns + column) for table in self._rows)
+        return Pair(ops.select(exists, real, 0.0), ops.select(exists, imag, 0.0))
+
+    def factor(self, ops: Any, by_mean: bool, turns: Pair2) -> Factor:
+        """The factors of midpoints or differences at t = ``turns`` along both directions."""
+        table = self._table(by_mean, ops.double)
+        if table is None and self.profiles is None:
+            return lambda steps, numbers, counts: self._sum(ops, by_mean, numbers, turns)
+        if table is None:
+            assert self.profiles is not None
+            one, two = (
+                _remembered(partial(profile.at, ops, by_mean, turns=along))
+                for profile, along in zip(self.profiles, turns, strict=True)
+            )
+            return lambda steps, numbers, _: one(steps[0], numbers[0]) * two(steps[1], numbers[1])
+        return self._looked_up(ops, table, turns)
+
+    def _table(self, by_mean: bool, double: bool) -> FactorTable | None:
+        """The factors as a table, if that is the best way."""
+        amplitudes = None
+        if self.profiles is not None:
+            amplitudes = sum(f.count for f in self.profiles if not f.profile.is_uniform)
+        if not tabulates_products(self.values.size, amplitudes):
+            return None
+        if (by_mean, double) not in self._tables:
+            self._tables[by_mean, double] = factor_table(self.values, by_mean, double)
+        return self._tables[by_mean, double]
+
+    def _looked_up(self, ops: Any, table: FactorTable, turns: Pair2) -> Factor:
+        first, second = (
+            _remembered(partial(direction.taps, ops, turns=along))
+            for direction, along in zip(table.directions, turns, strict=True)
+        )
+        last = [2.0 * (n - 1) for n in self.values.shape]
+
+        def factor(steps: Pair2, numbers: Pair2, counts: Any) -> Pair:
+            for number, most in zip(numbers, last, strict=True):
+                counts = counts & (number >= 0.0) & (number <= most)
+            taps = first(steps[0], numbers[0]), second(steps[1], numbers[1])
+            found = table.at(ops, counts, taps)
+            return Pair(ops.select(counts, found.real, 0.0), ops.select(counts, found.imag, 0.0))
+
+        return factor
+
+    def _sum(self, ops: Any, by_mean: bool, numbers: Pair2, turns: Pair2) -> Pair:
+        """The factor of weights that are no product, by adding up all pairs."""
+        counts = self.values.shape
+        like = 0.0 * numbers[0]
+
+        def term(i: Any, j: Any) -> tuple[Any, Any]:
+            sites = i + like, j + like
+            others = (
+                partner(site, number, count, by_mean)
+                for site, number, count in zip(sites, numbers, counts, strict=True)
+            )
+            one, other = self._at(ops, *sites), self._at(ops, *others)
+            phase = (i - 0.5 * numbers[0]) * turns[0] + (j - 0.5 * numbers[1]) * turns[1]
+            cosine, sine = cos_sin_turns(ops, phase)
+            pair = one * Pair(other.real, -other.imag) * Pair(cosine, -sine)
+            return pair.real, pair.imag
+
+        sites = [(float(i), float(j)) for i in range(counts[0]) for j in range(counts[1])]
+        return Pair(*ops.sum_over(sites, term, 2, like=numbers[0]))
+
+
+def _remembered(compute: Callable[[Any], Any]) -> Callable[[Any, Any], Any]:
+    """``compute`` of the second argument, once for every constant that comes first."""
+    known: dict[float, Any] = {}
+
+    def of(step: Any, argument: Any) -> Any:
+        if not isinstance(step, float):  # a row of an engine's table
+            return compute(argument)
+        if step not in known:
+            known[step] = compute(argument)
+        return known[step]
+
+    return of
