@@ -24,7 +24,7 @@ from polywigner.errors import (
     SceneError,
     StoreError,
 )
-from polywigner.propagation.stores_files import one_run
+from polywigner.propagation.stores import one_run
 
 pytestmark = pytest.mark.drjit
 

@@ -127,7 +127,7 @@ def render(settings: RenderSettings, out: Out = None) -> None:
     from polywigner.mitsuba.scene_renders import render_parts
     from polywigner.mitsuba.sent_scenes import SceneFile, remove_store
     from polywigner.propagation.exports import write_netcdf
-    from polywigner.propagation.stores_files import require_stores
+    from polywigner.propagation.stores import require_stores
 
     frames = None
     if store is not None:

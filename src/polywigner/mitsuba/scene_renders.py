@@ -23,8 +23,8 @@ from polywigner.mitsuba.rendering import exposed
 from polywigner.mitsuba.scattered import BATCHES, Scattering, batches_of, lights_of, unseen
 from polywigner.mitsuba.scenes import choose_variant
 from polywigner.mitsuba.sent_scenes import SceneFile, SentScene, check_is_whole
-from polywigner.propagation.stores import write_dataset
-from polywigner.propagation.stores_files import Layout, require_stores
+from polywigner.propagation.stores import require_stores, write_dataset
+from polywigner.propagation.stores_checks import Layout
 from polywigner.radiometry.progress import progress_bar
 from polywigner.transforms.xarray_arguments import Labelled, LabelledArray
 

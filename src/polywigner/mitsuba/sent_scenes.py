@@ -16,7 +16,8 @@ from polywigner.errors import SceneError, StoreError
 from polywigner.mitsuba.given import is_key, register_source, registered_source
 from polywigner.mitsuba.scene_files import digest_of_file, digests_of
 from polywigner.mitsuba.scenes import choose_variant, load_scene
-from polywigner.propagation.stores_files import one_run, source_settings, told_settings
+from polywigner.propagation.stores import one_run, source_settings
+from polywigner.propagation.stores_checks import with_digest
 
 __all__ = ["SceneFile", "SentScene", "check_is_whole", "remove_store"]
 
@@ -71,7 +72,7 @@ class SentScene:
         """All that values of this scene depend on, but for how they are rendered."""
         folder = self.file.path.resolve().parent
         named = {os.path.relpath(path, folder): digest for path, digest in self.digests.items()}
-        told = [told_settings(source_settings(source)) for source in self.sources]
+        told = [with_digest(source_settings(source)) for source in self.sources]
         return {
             "mitsuba": self.mitsuba,
             "variant": self.file.variant,
