@@ -104,7 +104,7 @@ def test_chunks_of_nothing_but_nan_are_results_too(tmp_path: Path) -> None:
         return np.full(shape, np.nan)
 
     write_dataset(tmp_path / "nan.zarr", LAYOUT, outside, {})
-    assert len(hashes(tmp_path / "nan.zarr")) == LAYOUT.count + len(LAYOUT.dims)
+    assert len(hashes(tmp_path / "nan.zarr")) == LAYOUT.count + len(LAYOUT.coords)
 
 
 def test_what_a_killed_run_left_half_written_is_swept(tmp_path: Path) -> None:

@@ -252,23 +252,14 @@ def tile(
     return image[None]
 
 
-def receive_parts(
-    file: SceneFile,
-    scene: Any,
-    asked: Asked,
-    *,
-    store: str | Path | None = None,
-    scheduler: str | None = None,
-    threads: int | None = None,
-    progress: Callable[[int, int], None] | None = None,
-) -> list[ReceivedPower]:
+def receive_parts(file: SceneFile, scene: Any, asked: Asked, **keeping: Any) -> list[ReceivedPower]:
     """:func:`received_powers` of a scene that was loaded from a file.
 
-    ``store``, ``scheduler`` and ``threads`` as of :func:`render_file`: a part is a batch of one
-    receiver. ``progress`` is told without a store, which has a bar of its own.
+    ``keeping``: ``store``, ``scheduler`` and ``threads`` as of :func:`render_file`, where a part is
+    a batch of one receiver; and ``progress``, which is told without a store, which has its own bar.
     """
-    sample = partial(_sampled, file, scene, store, scheduler, threads, progress)
-    return received(scene, list(range(len(receivers_of(scene)))), asked, sample)
+    numbers = list(range(len(receivers_of(scene))))
+    return received(scene, numbers, asked, partial(_sampled, file, scene, **keeping))
 
 
 def receive_ranges(
@@ -276,11 +267,7 @@ def receive_ranges(
     scene: Any,
     asked: Asked,
     edges: npt.NDArray[np.float64],
-    *,
-    store: str | Path | None = None,
-    scheduler: str | None = None,
-    threads: int | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    **keeping: Any,
 ) -> tuple[list[ReceivedPower], Labelled]:
     """:func:`receive_parts`, and the same samples by range as of :func:`range_profile`.
 
@@ -292,8 +279,7 @@ def receive_ranges(
     kept: list[Any] = []
 
     def scattered(plans: list[Scattering]) -> npt.NDArray[np.float64]:
-        by_range = ranged(plans, parties, edges)
-        found = _sampled(file, scene, store, scheduler, threads, progress, by_range)
+        found = _sampled(file, scene, ranged(plans, parties, edges), **keeping)
         kept.extend((plans[0], found))
         return np.asarray(found.sum(axis=-1))
 
@@ -304,11 +290,12 @@ def receive_ranges(
 def _sampled(
     file: SceneFile,
     scene: Any,
-    store: str | Path | None,
-    scheduler: str | None,
-    threads: int | None,
-    progress: Callable[[int, int], None] | None,
     plans: Sequence[Scattering],
+    *,
+    store: str | Path | None = None,
+    scheduler: str | None = None,
+    threads: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> npt.NDArray[np.float64]:
     """W (receivers, batches, lights, ...) that batches find, here or by a store."""
     if store is None:
@@ -317,17 +304,18 @@ def _sampled(
     first = plans[0]
     counts = (len(lights_of(scene)), *first.values)
     shape = (len(plans), BATCHES, *counts)
+    settings = {
+        "integrator": first.integrator,
+        "spp": [batches_of(plan.spp) for plan in plans],
+        "seed": first.seed,
+        **({"ranges": list(first.edges)} if isinstance(first, Ranging) else {}),
+    }
     found = SceneJob(file, scene, partial(_batch, plans)).write(
         store,
         ("power", "W"),
         dict(zip(("receiver", "batch", "light", "path"), shape, strict=False)),
         (1, 1, *counts),
-        {
-            "integrator": first.integrator,
-            "spp": [batches_of(plan.spp) for plan in plans],
-            "seed": first.seed,
-            **({"ranges": list(first.edges)} if isinstance(first, Ranging) else {}),
-        },
+        settings,
         scheduler=scheduler,
         threads=threads,
     )

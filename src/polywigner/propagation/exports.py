@@ -22,7 +22,7 @@ import numpy as np
 from polywigner.errors import ArgumentError, PolywignerError, StoreError
 from polywigner.geometry.arguments import checked_path
 from polywigner.interruption import unfinished
-from polywigner.propagation.stores_checks import recorded, required, stored_layout
+from polywigner.propagation.stores_checks import recorded, required, stored_array
 
 if TYPE_CHECKING:
     import xarray
@@ -182,7 +182,7 @@ def _opened(dataset: Any) -> Any:
         path = checked_path(dataset)
         found = recorded(path)
         if found is not None:
-            stored_layout(path, found)  # its coordinates are whole
+            stored_array(path, found)  # its coordinates are whole
         return xarray.open_zarr(path)
     except StoreError:
         raise

@@ -7,7 +7,6 @@ same engine and type of processor. (docs/large_runs)
 
 from __future__ import annotations
 
-import errno
 import importlib.metadata
 import json
 import math
@@ -40,13 +39,14 @@ from polywigner.execution import MOST_THREADS
 from polywigner.geometry.arguments import checked_count, checked_path
 from polywigner.illumination.files.reading import SOURCE_COORDINATE
 from polywigner.illumination.files.writing import json_of, table_of
-from polywigner.interruption import cleaned_up_by
+from polywigner.interruption import cleaned_up_by, unfinished
 from polywigner.propagation.stores_checks import (
     CHECKSUM,
     METADATA,
     SETTINGS,
     Index,
     Layout,
+    as_store_error,
     checksum_of,
     chunk_faults,
     chunk_file,
@@ -54,21 +54,12 @@ from polywigner.propagation.stores_checks import (
     open_array,
     recorded,
     required,
-    stored_layout,
+    stored_array,
     with_digest,
 )
 from polywigner.radiometry.progress import progress_bar
-from polywigner.transforms.xarray_arguments import LabelledArray
+from polywigner.transforms.xarray_arguments import LabelledArray, LabelledArrays, labelled
 
-try:
-    import fcntl as _fcntl
-except ImportError:  # Windows has no lock of this kind: its runs go on without
-    _LOCKS: Any = None
-else:
-    _LOCKS = _fcntl
-
-# What file systems answer that cannot be asked to write something out.
-_NOT_KNOWN = {errno.EINVAL, errno.ENOTSUP, errno.ENOSYS}
 # Number of the format: it changes with the files' content and layout.
 _FORMAT = 1
 # Libraries on whose rounding a value may depend.
@@ -117,12 +108,15 @@ def source_attrs(source: Any) -> dict[str, str]:
     text = repr(source)
     if len(text) > _LONGEST_ATTRIBUTE:
         text = f"{text[: _LONGEST_ATTRIBUTE - 3]}..."
-    return {"source": text, **{k: v for k, v in source_settings(source).items() if k != "source"}}
+    return {**source_settings(source), "source": text}
 
 
 def source_coords(source: Any) -> dict[str, LabelledArray]:
     """The coordinate of a dataset that holds the whole source; none for a long one."""
-    text = source_settings(source).get("source")
+    return _source_coordinate(source_settings(source).get("source"))
+
+
+def _source_coordinate(text: str | None) -> dict[str, LabelledArray]:
     if text is None:
         return {}
     # objects: NumPy's texts of fixed length take four times the memory, and zarr has none
@@ -172,58 +166,38 @@ def one_run(path: Path) -> Iterator[None]:
     Nothing is locked on Windows, on file systems without such locks, and in folders that cannot be
     written to.
     """
-    file = path.with_name(f"{path.name}.lock")
-    descriptor = None if _LOCKS is None else _locked(file, path)
-    try:
-        yield
-    finally:
-        if descriptor is not None:
-            file.unlink(missing_ok=True)  # first: who opens it now waits for nobody
-            os.close(descriptor)
-
-
-def _locked(file: Path, path: Path) -> int | None:
-    """The file, open and locked; None where that cannot be."""
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        descriptor = os.open(file, os.O_RDWR | os.O_CREAT, 0o666)
-    except OSError:
-        return None  # if there is something to write, writing says why it cannot
-    try:
-        _LOCKS.flock(descriptor, _LOCKS.LOCK_EX | _LOCKS.LOCK_NB)
-    except BlockingIOError:
-        holder = os.read(descriptor, 300).decode(errors="replace")
-        os.close(descriptor)
-        raise StoreError(
-            f"expected no other run to write to {path}, got one that does (process {holder}); "
-            "wait for its end, or choose another name"
-        ) from None
-    except OSError:
-        os.close(descriptor)
-        file.unlink(missing_ok=True)
-        return None
-    if not os.fstat(descriptor).st_nlink:  # of a run that has just ended, and removed it
-        os.close(descriptor)
-        return _locked(file, path)
-    os.ftruncate(descriptor, 0)
-    os.write(descriptor, f"{os.getpid()} on {platform.node()}".encode())
-    return descriptor
-
-
-def _to_disk(*paths: Path) -> None:
-    """Wait until the content of files, and the names in folders, are on the disk."""
-    for path in paths:
-        is_folder = path.is_dir()
-        if is_folder and os.name == "nt":  # keeps no folder open
-            continue
-        descriptor = os.open(path, os.O_RDONLY if is_folder else os.O_RDWR)
+    file, held = path.with_name(f"{path.name}.lock"), None
+    with ExitStack() as stack:
         try:
-            os.fsync(descriptor)
-        except OSError as error:
-            if error.errno not in _NOT_KNOWN:
-                raise
-        finally:
-            os.close(descriptor)
+            import fcntl  # not on Windows
+
+            file.parent.mkdir(parents=True, exist_ok=True)
+            held = stack.enter_context(file.open("a+", encoding="utf-8"))
+            fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if not os.fstat(held.fileno()).st_nlink:  # of a run that is ending, and removed it
+                raise BlockingIOError
+            held.truncate(0)
+            held.write(f"{os.getpid()} on {platform.node()}")
+            held.flush()
+        except BlockingIOError:
+            assert held is not None
+            held.seek(0)
+            raise StoreError(
+                f"expected no other run to write to {path}, got one that does (process "
+                f"{held.read(300)}); wait for its end, or choose another name"
+            ) from None
+        except (ImportError, OSError):
+            pass  # if it cannot be written there, writing says why
+        if held is not None:
+            stack.callback(file.unlink, missing_ok=True)  # while it is locked
+        yield
+
+
+def _to_disk(*files: Path) -> None:
+    """Wait until the content of files is on the disk."""
+    for file in files:
+        with file.open("rb+") as content:
+            os.fsync(content.fileno())
 
 
 def _create(path: Path, layout: Layout, run: dict[str, Any], source: str | None) -> None:
@@ -235,27 +209,21 @@ def _create(path: Path, layout: Layout, run: dict[str, Any], source: str | None)
     scratch = path.with_name(f"{path.name}.partial")  # one name: swept by the next run
     dtype = np.dtype(layout.dtype)
     attrs = {**layout.dataset_attrs, SETTINGS: json.dumps(run)}
-    if source is not None:
-        attrs["coordinates"] = SOURCE_COORDINATE  # to xarray it is none of the variables
-    try:
+    labels = labelled(LabelledArrays({}, {**layout.coords, **_source_coordinate(source)}, attrs))
+    with (
+        as_store_error(f"to make the folder {path}", "choose another place, or free this one"),
+        unfinished(scratch),
+        warnings.catch_warnings(),
+    ):
+        # zarr warns that other readers may not know the consolidated copy; they need not
+        warnings.simplefilter("ignore")
         path.parent.mkdir(parents=True, exist_ok=True)
-        shutil.rmtree(scratch, ignore_errors=True)
-        group = zarr.create_group(store=scratch, zarr_format=3, attributes=attrs)
-        if source is not None:
-            text = group.create_array(
-                SOURCE_COORDINATE, shape=(), chunks=(), dtype="string", compressors=checksum
-            )
-            text[...] = source
-        for name, axis in layout.coords.items():
-            group.create_array(
-                name,
-                data=axis.values,
-                chunks=axis.shape,  # one, so that nothing goes on being written after an error
-                compressors=checksum,
-                dimension_names=(name,),
-                attributes=axis.attrs,
-            )
-        group.create_array(
+        # in one chunk each, so that nothing goes on being written after an error
+        whole = {
+            name: {"compressors": checksum, "chunks": labels[name].shape} for name in labels.coords
+        }
+        labels.to_zarr(scratch, mode="w", zarr_format=3, consolidated=False, encoding=whole)
+        zarr.open_group(scratch).create_array(
             layout.name,
             shape=layout.shape,
             chunks=layout.chunks,
@@ -264,27 +232,16 @@ def _create(path: Path, layout: Layout, run: dict[str, Any], source: str | None)
             fill_value=complex(np.nan, np.nan) if dtype.kind == "c" else np.nan,
             # not compressed: the size of the store is then known before the run
             compressors=checksum,
-            dimension_names=layout.dims,
+            dimension_names=tuple(layout.coords),
             attributes=dict(layout.attrs),
         )
-        with warnings.catch_warnings():
-            # zarr warns that other readers may not know the consolidated copy; they need not
-            warnings.simplefilter("ignore")
-            zarr.consolidate_metadata(scratch)
+        zarr.consolidate_metadata(scratch)
         file = scratch / METADATA
         table = json.loads(file.read_bytes())
         table["attributes"][CHECKSUM] = checksum_of(table)
         file.write_text(json.dumps(table, indent=2), encoding="utf-8")
-        _to_disk(*scratch.rglob("*"), scratch)
+        _to_disk(*(entry for entry in scratch.rglob("*") if entry.is_file()))
         scratch.rename(path)
-        _to_disk(path.parent)
-    except OSError as error:
-        raise StoreError(
-            f"expected to make the folder {path}, got {error.strerror or error}; choose another "
-            "place, or free this one"
-        ) from error
-    finally:
-        shutil.rmtree(scratch, ignore_errors=True)
 
 
 @cache
@@ -297,7 +254,7 @@ def _checked_array(path: str, name: str, run: str) -> Any:
             f"{platform.node()}; put it on a file system that all workers share"
         )
     own = versions()
-    planned = {name: settings.get(name) for name in own}
+    planned = {name: settings[name] for name in own}
     if planned != own:
         raise StoreError(
             f"expected the versions {planned} on every worker, got {own} on {platform.node()}; "
@@ -338,16 +295,10 @@ class ChunkWriter:
             )
         if not Path(self.path, METADATA).is_file():  # writing would make its folders again
             raise StoreError(f"expected the store {self.path}, got none any more; start again")
-        try:
+        remedy = "put that right and start the same run again: what is finished stays"
+        with as_store_error(f"to write to {self.path}", remedy):
             array.blocks[index] = values  # written under another name, and renamed
-            file = chunk_file(array, index)
-            # and the folders that it may be the first in
-            _to_disk(file, *file.parents[: len(file.relative_to(array.store.root).parts)])
-        except OSError as error:
-            raise StoreError(
-                f"expected to write to {self.path}, got {error.strerror or error}; put that right "
-                "and start the same run again: what is finished stays"
-            ) from error
+            _to_disk(chunk_file(array, index))
 
 
 Advance = Callable[[], None]
@@ -360,13 +311,10 @@ def _on_this_machine(
 
     Of a block that has a pool of threads of its own, one is computed while another is written.
     """
-    cores = os.cpu_count() or 1
     stop = threading.Event()
-    with ThreadPoolExecutor(
-        2 if writer.exclusive else threads or cores,
-        initializer=execution.stop_this_thread_when,
-        initargs=(stop,),
-    ) as pool:
+    count = 2 if writer.exclusive else threads or os.cpu_count()
+    stops = execution.stop_this_thread_when
+    with ThreadPoolExecutor(count, initializer=stops, initargs=(stop,)) as pool:
         futures = [pool.submit(writer, index) for index in indices]
         try:
             for future in as_completed(futures):
@@ -415,8 +363,7 @@ def _on_cluster(
     StoreError if a worker does not see the store and EngineError if one lacks polywigner; else what
     the first chunk to fail raises.
     """
-    distributed = required("distributed")
-    dask = required("dask")
+    distributed, dask = required("distributed"), required("dask")
     for worker, answer in client.run(writer.check, on_error="return").items():
         if isinstance(answer, PolywignerError):
             raise answer
@@ -436,8 +383,6 @@ def _on_cluster(
             # Not kept by the worker, whose death would have it computed again.
             future.release()
             advance()
-    except PolywignerError:
-        raise
     except distributed.KilledWorker as error:
         raise StoreError(
             f"expected workers that live, got a chunk at which several died: {error}; give "
@@ -469,22 +414,18 @@ def write_dataset(
 
     If the store is there already, its chunks are read, and those that are missing or damaged are
     computed, the latter with a warning. A run that fails before a chunk is finished leaves no store
-    behind. Needs the extra ``volume``. One run at a time writes to a store.
+    behind. One run at a time writes to a store.
 
     Parameters
     ----------
     path : the folder to make, or to go on with.
     layout : axes, chunks and attributes. Memory: a few chunks, and what ``block`` needs.
-    block : (origin, shape), in samples -> values of that shape and of the layout's dtype; can be
-        pickled if there is a ``scheduler``, and then keeps no caches when it is.
+    block : can be pickled if there is a ``scheduler``, and then keeps no caches when it is.
     settings : all that the values depend on beside the layout, as texts, numbers and lists: a
-        store of other settings is not gone on with.
+        store of other settings is not gone on with. ``source`` is the text of a source file.
     exclusive : the block uses all cores by itself, as the engines "llvm" and "cuda" do; else
         (NumPy) as many blocks are computed at a time as there are threads.
-    scheduler : address of a dask.distributed scheduler whose workers see the same file system;
-        None computes on this machine.
-    threads : on this machine, or of each worker; None: all cores, or what each worker has.
-    progress : whether to draw a bar; None: on a terminal.
+    scheduler, threads, progress : as of :func:`wigner_table`.
 
     Returns
     -------
@@ -492,33 +433,38 @@ def write_dataset(
 
     Raises
     ------
-    StoreError for a place that cannot be written to or has too little space, for other data there,
-    for a store that another run writes to, whose metadata or coordinates are damaged, or that is of
-    other settings or versions, which the message names; EngineError for a
-    scheduler that does not answer; MissingExtraError without zarr, xarray or dask; and what
-    ``block`` raises.
+    StoreError for a place that cannot be written to or has too little space, and for a store that
+    another run writes to, that is damaged beside its chunks, or that is of other settings or
+    versions; EngineError for a scheduler that does not answer; MissingExtraError without zarr,
+    xarray or dask; and what ``block`` raises.
     """
     if threads is not None:
         threads = checked_count(threads, "threads", 1, MOST_THREADS)
     require_stores(scheduler)
     folder = checked_path(path)
     run = _run_of(layout, settings)
+    size = math.prod(layout.chunks) * np.dtype(layout.dtype).itemsize
     # workers may have been started elsewhere
     where = str(folder.absolute())
     writer = ChunkWriter(where, json.dumps(run), layout, block, exclusive, threads)
     is_new = not os.path.lexists(folder)
     with ExitStack() as stack:
-        if not is_new:
-            _check_same_run(folder, run)
+        if is_new:
+            _check_space(folder, layout.count * size)  # first: they may be too many to list
+            indices = list(np.ndindex(layout.grid))
+        else:
+            array = _array_of_run(folder, run)
             stack.enter_context(one_run(folder))
-        indices = _to_compute(folder, layout, progress)
+            with as_store_error(f"to read and write {folder}", "check its permissions"):
+                indices = _to_compute(array, progress)
+            _check_space(folder, len(indices) * size)
         if not indices:
             return required("xarray").open_zarr(folder)
         client = None if scheduler is None else stack.enter_context(connected(scheduler))
         if is_new:  # only now, when whoever computes has answered
             stack.enter_context(one_run(folder))
             _create(folder, layout, run, settings.get("source"))
-            stack.enter_context(_removed_if_empty(folder, layout))
+            stack.enter_context(_removed_if_empty(folder, folder / layout.name / "c"))
         bar = stack.enter_context(
             progress_bar(folder.name, layout.count, layout.count - len(indices), progress)
         )
@@ -526,18 +472,18 @@ def write_dataset(
             _on_this_machine(writer, indices, threads, bar)
         else:
             _on_cluster(writer, indices, client, bar)
-            _sweep(folder, layout)  # what killed workers had begun
+            _sweep(folder / layout.name)  # what killed workers had begun
     return required("xarray").open_zarr(folder)
 
 
-def _sweep(path: Path, layout: Layout) -> None:
+def _sweep(array: Path) -> None:
     """Remove the chunks that killed runs, or killed workers of this one, have half written."""
-    for file in (path / layout.name / "c").rglob("*.partial"):
+    for file in (array / "c").rglob("*.partial"):
         file.unlink(missing_ok=True)
 
 
 @contextmanager
-def _removed_if_empty(path: Path, layout: Layout) -> Iterator[None]:
+def _removed_if_empty(path: Path, chunks: Path) -> Iterator[None]:
     """Within, a failure before the first chunk removes the store.
 
     Nobody is writing then: threads have been waited for, and workers begin only when all of them
@@ -545,8 +491,7 @@ def _removed_if_empty(path: Path, layout: Layout) -> Iterator[None]:
     """
 
     def remove() -> None:
-        files = (path / layout.name / "c").rglob("*")
-        if all(file.is_dir() or file.suffix == ".partial" for file in files):
+        if all(entry.is_dir() or entry.suffix == ".partial" for entry in chunks.rglob("*")):
             shutil.rmtree(path, ignore_errors=True)
 
     with cleaned_up_by(remove):
@@ -557,7 +502,8 @@ def _removed_if_empty(path: Path, layout: Layout) -> Iterator[None]:
             raise
 
 
-def _check_same_run(path: Path, run: dict[str, Any]) -> None:
+def _array_of_run(path: Path, run: dict[str, Any]) -> Any:
+    """The array of a store whose settings are those of the run; StoreError tells where not."""
     found = recorded(path)
     if found is None:
         raise StoreError(
@@ -573,7 +519,7 @@ def _check_same_run(path: Path, run: dict[str, Any]) -> None:
             f"expected {path} to be a store of the same settings, got one that differs in {told}; "
             "choose another name, or delete that store"
         )
-    stored_layout(path, found)  # its coordinates are whole
+    return stored_array(path, found)
 
 
 def _short(value: Any) -> str:
@@ -581,41 +527,29 @@ def _short(value: Any) -> str:
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
-def _to_compute(path: Path, layout: Layout, progress: bool | None) -> list[Index]:
-    """The chunks to compute, for which there is space; those that are damaged are removed."""
-    size = math.prod(layout.chunks) * np.dtype(layout.dtype).itemsize
-    try:
+def _check_space(path: Path, needed: int) -> None:
+    with as_store_error(f"to read and write {path}", "check its permissions"):
         there = next(place for place in (path, *path.absolute().parents) if place.exists())
-        if there == path:
-            _sweep(path, layout)
-            indices = _without_damaged(path, layout, progress)
-            needed = len(indices) * size
-        else:
-            indices, needed = None, layout.count * size
         free = shutil.disk_usage(there).free
-    except OSError as error:
-        raise StoreError(
-            f"expected to read and write {path}, got {error.strerror or error}; check its "
-            "permissions"
-        ) from error
-    if needed > free:  # chunks that no disk holds may be too many to list
+    if needed > free:
         raise StoreError(
             f"expected {needed / 2**30:.3g} GiB of free space at {path}, got "
             f"{free / 2**30:.3g} GiB; free some, or ask for fewer samples"
         )
-    return list(layout.indices()) if indices is None else indices
 
 
-def _without_damaged(path: Path, layout: Layout, progress: bool | None) -> list[Index]:
+def _to_compute(array: Any, progress: bool | None) -> list[Index]:
     """The chunks that are missing, once those that are damaged have been removed."""
-    missing, damaged = chunk_faults(path, layout, progress)
+    path = array.store.root
+    _sweep(path)
+    missing, damaged = chunk_faults(array, progress)
     for index in damaged:
-        chunk_file(open_array(path, layout.name), index).unlink()
+        chunk_file(array, index).unlink()
     if damaged:
         warnings.warn(
-            f"{len(damaged)} of the {layout.count} chunks of {path} were damaged, and are computed "
-            "anew; look after the disk if no power failed",
+            f"{len(damaged)} of the {array.nchunks} chunks of {path.parent} were damaged, and are "
+            "computed anew; look after the disk if no power failed",
             PolywignerWarning,
-            stacklevel=4,
+            stacklevel=3,
         )
     return sorted(missing + damaged)

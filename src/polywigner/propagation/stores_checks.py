@@ -13,8 +13,8 @@ import json
 import math
 import os
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -68,10 +68,6 @@ class Layout:
     """Attributes of the whole dataset: texts and numbers."""
 
     @property
-    def dims(self) -> tuple[str, ...]:
-        return tuple(self.coords)
-
-    @property
     def shape(self) -> Index:
         return tuple(axis.shape[0] for axis in self.coords.values())
 
@@ -85,15 +81,22 @@ class Layout:
         """The number of chunks."""
         return math.prod(self.grid)
 
-    def indices(self) -> Iterator[Index]:
-        """All chunks, in the order of the array."""
-        return product(*map(range, self.grid))
-
     def extent(self, index: Index) -> tuple[Index, Index]:
         """Origin and shape of a chunk, in samples."""
         origin = tuple(i * c for i, c in zip(index, self.chunks, strict=True))
         ends = zip(origin, self.chunks, self.shape, strict=True)
         return origin, tuple(min(c, n - o) for o, c, n in ends)
+
+
+@contextmanager
+def as_store_error(expected: str, remedy: str) -> Iterator[None]:
+    """Within, what the system refuses is told as a StoreError."""
+    try:
+        yield
+    except StoreError:
+        raise
+    except OSError as error:
+        raise StoreError(f"expected {expected}, got {error.strerror or error}; {remedy}") from error
 
 
 def digest_of(content: NDArray[Any] | str) -> str:
@@ -140,25 +143,21 @@ def recorded(path: Path) -> dict[str, Any] | None:
         raise _broken(path, "metadata", error) from error
 
 
-def stored_layout(path: Path, settings: dict[str, Any]) -> Layout:
-    """Return the layout of a store; its coordinates and source are compared with their digests.
+def stored_array(path: Path, settings: dict[str, Any]) -> Any:
+    """Open the array of a store whose coordinates and source are those of their digests.
 
-    Raises StoreError where those are damaged.
+    Raises StoreError where they are damaged.
     """
     part = "metadata"
     try:
-        name = settings["variable"]
-        array = open_array(path, name)
-        coords = {}
+        array = open_array(path, settings["variable"])
         for axis in array.metadata.dimension_names:
             part = f"coordinate {axis}"
-            values = open_array(path, axis)[...]
-            _compare(values, settings[part])
-            coords[axis] = LabelledArray(values, (axis,))
+            _compare(open_array(path, axis)[...], settings[part])
         if (path / SOURCE_COORDINATE).exists():  # long sources are not kept
             part = f"coordinate {SOURCE_COORDINATE}"
             _compare(str(open_array(path, SOURCE_COORDINATE)[...]), settings["source_sha256"])
-        return Layout(name, array.dtype, coords, array.chunks)
+        return array
     except MissingExtraError:
         raise
     except Exception as error:  # zarr, its codecs and NumPy raise of many kinds
@@ -190,14 +189,11 @@ def chunk_file(array: Any, index: Index) -> Path:
     return Path(array.store.root, array.metadata.encode_chunk_key(index))
 
 
-def chunk_faults(
-    path: Path, layout: Layout, progress: bool | None
-) -> tuple[list[Index], list[Index]]:
+def chunk_faults(array: Any, progress: bool | None) -> tuple[list[Index], list[Index]]:
     """Return the chunks that are missing, and those that zarr finds to be damaged."""
-    array = open_array(path, layout.name)
-    missing, damaged = [], []
-    with progress_bar(f"{path.name}: checksums", layout.count, show=progress) as advance:
-        for index in layout.indices():
+    title, missing, damaged = array.store.root.parent.name, [], []
+    with progress_bar(f"{title}: checksums", array.nchunks, show=progress) as advance:
+        for index in np.ndindex(array.cdata_shape):
             if not chunk_file(array, index).is_file():
                 missing.append(index)
             elif not _is_whole(array, index):
@@ -249,27 +245,22 @@ def verify_store(path: str | os.PathLike[str], *, progress: bool | None = None) 
             f"expected a store of polywigner at {folder}, got none; name the folder, such as "
             "field.zarr"
         )
-    layout = stored_layout(folder, settings)
-    try:
-        missing, damaged = chunk_faults(folder, layout, progress)
-    except OSError as error:
-        raise StoreError(
-            f"expected to read {folder}, got {error.strerror or error}; check its permissions"
-        ) from error
-    array = open_array(folder, layout.name)
+    array = stored_array(folder, settings)
+    with as_store_error(f"to read {folder}", "check its permissions"):
+        missing, damaged = chunk_faults(array, progress)
     kinds = (("missing", missing), ("damaged", damaged))
     faults = [_listed(kind, array, indices) for kind, indices in kinds if indices]
     if faults:
         raise StoreError(
-            f"expected {layout.count} whole chunks in {folder}, got {'; '.join(faults)}; start the "
-            "run that wrote it once more: it computes these anew"
+            f"expected {array.nchunks} whole chunks in {folder}, got {'; '.join(faults)}; start "
+            "the run that wrote it once more: it computes these anew"
         )
     if not array.compressors:
         raise StoreError(
             f"expected checksums in {folder}, got a store of an older version without; its "
-            f"{layout.count} chunks are all there and of the right size, and no more can be told"
+            f"{array.nchunks} chunks are all there and of the right size, and no more can be told"
         )
-    return layout.count
+    return int(array.nchunks)
 
 
 def _listed(kind: str, array: Any, indices: list[Index]) -> str:

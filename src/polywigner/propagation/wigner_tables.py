@@ -208,7 +208,7 @@ def _in_memory(layout: Layout, block: _Block, running: _Running) -> Any:
             "to disk with out"
         )
     values = block((0,) * len(layout.shape), layout.shape)
-    variable = LabelledArray(values, layout.dims, dict(layout.attrs))
+    variable = LabelledArray(values, tuple(layout.coords), dict(layout.attrs))
     coords = {**layout.coords, **source_coords(block.source)}
     return labelled(LabelledArrays({layout.name: variable}, coords, {**layout.dataset_attrs}))
 
