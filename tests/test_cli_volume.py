@@ -10,7 +10,7 @@ import pytest
 
 import polywigner as pw
 from polywigner.cli import main
-from polywigner.propagation.stores_files import one_run
+from polywigner.propagation.stores import one_run
 
 xarray = pytest.importorskip("xarray")
 pytest.importorskip("zarr")

@@ -15,7 +15,7 @@ import pytest
 
 import polywigner as pw
 from polywigner.errors import FileFormatError, StoreError
-from polywigner.propagation.stores_files import checksum_of
+from polywigner.propagation.stores_checks import checksum_of
 from polywigner.transforms.xarray_arguments import LabelledArray, LabelledArrays
 
 xarray = pytest.importorskip("xarray", reason="the extra datasets is not installed")

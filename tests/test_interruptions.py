@@ -17,7 +17,7 @@ import pytest
 import polywigner as pw
 from polywigner.interruption import postponed_interrupts
 from polywigner.propagation.stores import write_dataset
-from polywigner.propagation.stores_files import Layout
+from polywigner.propagation.stores_checks import Layout
 from polywigner.toolchain.llvm_discovery import Candidate
 from polywigner.toolchain.llvm_verdicts import judge
 from polywigner.transforms.xarray_arguments import LabelledArray

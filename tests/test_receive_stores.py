@@ -62,8 +62,7 @@ def same(found: list[Any], whole: list[Any]) -> bool:
 
 def received(path: Path, seed: int = 0, **options: Any) -> list[Any]:
     from polywigner.mitsuba.received import asked_of
-    from polywigner.mitsuba.scene_renders import receive_parts
-    from polywigner.mitsuba.sent_scenes import SceneFile
+    from polywigner.mitsuba.scene_renders import SceneFile, receive_parts
 
     file = SceneFile(path, "scalar_rgb")
     asked = asked_of(None, seed, None, 0, 1e-6, None, None, None)

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ from polywigner.errors import (
     SceneError,
     StoreError,
 )
-from polywigner.propagation.stores_files import one_run
+from polywigner.propagation.stores import one_run
 
 pytestmark = pytest.mark.drjit
 
@@ -185,15 +186,16 @@ def test_parts_that_are_sent_to_another_process_load_the_scene_there(scene: Path
     import polywigner as pw
     import polywigner.mitsuba as pwm
     from polywigner.mitsuba.rendering import exposed
-    from polywigner.mitsuba.scene_renders import Parts
-    from polywigner.mitsuba.sent_scenes import SceneFile
+    from polywigner.mitsuba.scene_renders import SceneFile, SceneJob, tile
 
     scene.write_text(scene.read_text().replace("square.wkt", "$key"))
     key = pwm.register_source(pw.shapes.square(3e-3))
     file = SceneFile(scene, "scalar_rgb", None, {"key": key})
-    parts = Parts(file, None, 0, exposed(file.load()))
+    scene_here = file.load()
+    cut = exposed(scene_here).cut
+    parts = SceneJob(file, scene_here, partial(tile, cut, None, 0, 0))
     copy = pickle.loads(pickle.dumps(parts))
-    assert copy.exposure is None
+    assert copy.scene is None
     for top in (0, 48):
         place = ((0, top, 0, 0), (1, 16, 8, 3))
         assert np.array_equal(copy(*place), parts(*place))
@@ -201,7 +203,7 @@ def test_parts_that_are_sent_to_another_process_load_the_scene_there(scene: Path
     scene.write_text(scene.read_text() + "<!-- of another machine -->")
     with pytest.raises(StoreError, match=r"see the scene's file .*scene\.xml, got another one on"):
         copy.check()
-    copy.sent.mitsuba = "3.0.0"
+    copy.mitsuba = "3.0.0"
     with pytest.raises(StoreError, match=r"mitsuba 3\.0\.0 on every worker"):
         copy.check()
 

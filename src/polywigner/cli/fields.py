@@ -72,7 +72,7 @@ def check_files(files: Sequence[Path]) -> None:
 def _is_written_whole(store: Path) -> bool:
     try:
         attrs = json.loads((store / "zarr.json").read_bytes())["attributes"]
-        return attrs.keys() >= _OF_FIELDS and "polywigner_fingerprint" not in attrs
+        return attrs.keys() >= _OF_FIELDS and "polywigner_settings" not in attrs
     except (OSError, ValueError, KeyError, TypeError):
         return False
 

@@ -116,7 +116,7 @@ def propagate(
 
     # Everything cheap has been checked: only now the libraries that take a second to import.
     from polywigner.figures.levels import check_floor
-    from polywigner.propagation.stores_files import required
+    from polywigner.propagation.stores_checks import required
 
     check_floor(floor_db)
     wanted = parse_methods(method or _DEFAULT, obliquity, order)

@@ -82,7 +82,7 @@ def rays(
 
     # Everything cheap has been checked: only now the libraries that take a second to import.
     import polywigner as pw
-    from polywigner.propagation.stores_files import required
+    from polywigner.propagation.stores_checks import required
     from polywigner.rays.files import write_to
 
     for module in ("xarray", *(["h5netcdf"] if "nc" in kinds else [])):

@@ -125,10 +125,14 @@ def receive(settings: ReceiveSettings, out: Out = None) -> None:
     from polywigner.mitsuba.images import to_list
     from polywigner.mitsuba.received import asked_of
     from polywigner.mitsuba.received_power import receivers_of
-    from polywigner.mitsuba.scene_renders import receive_parts, receive_ranges
-    from polywigner.mitsuba.sent_scenes import SceneFile, remove_store
+    from polywigner.mitsuba.scene_renders import (
+        SceneFile,
+        receive_parts,
+        receive_ranges,
+        remove_store,
+    )
     from polywigner.propagation.exports import write_netcdf
-    from polywigner.propagation.stores_files import require_stores
+    from polywigner.propagation.stores import require_stores
 
     if store is not None:
         require_stores(settings.scheduler)

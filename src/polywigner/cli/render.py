@@ -124,10 +124,9 @@ def render(settings: RenderSettings, out: Out = None) -> None:
     from polywigner.mitsuba.range_profile import prepared_frames
     from polywigner.mitsuba.receiver import is_receiver
     from polywigner.mitsuba.rendering import check_spp, default_spp
-    from polywigner.mitsuba.scene_renders import render_parts
-    from polywigner.mitsuba.sent_scenes import SceneFile, remove_store
+    from polywigner.mitsuba.scene_renders import SceneFile, remove_store, render_parts
     from polywigner.propagation.exports import write_netcdf
-    from polywigner.propagation.stores_files import require_stores
+    from polywigner.propagation.stores import require_stores
 
     frames = None
     if store is not None:

@@ -162,7 +162,7 @@ def prepare_ranges(variant: str) -> None:
     MissingExtraError without it; EngineError for a variant that has no ranges.
     """
     from polywigner.mitsuba.range_film import require_transients
-    from polywigner.propagation.stores_files import required
+    from polywigner.propagation.stores_checks import required
 
     for module in ("xarray", "h5netcdf", "dask"):
         required(module)

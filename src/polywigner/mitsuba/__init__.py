@@ -14,8 +14,8 @@ to every Mitsuba variant. It never sets a variant.
   ``covariances`` of arrays that receive them
 - ``range_profile``: by lengths of paths, with the integrators and the film of ``range_film``
 - ``scenes``: loading scenes (``scene_files``) and choosing variants; ``rendering``: their images
-- ``parts`` of a picture; ``scene_renders``: scene files on this machine or a cluster, whose
-  workers have ``sent_scenes``; ``images`` on disk
+- ``parts`` of a picture; ``scene_renders``: scene files on this machine or a cluster;
+  ``images`` on disk
 """
 
 from polywigner.toolchain import llvm

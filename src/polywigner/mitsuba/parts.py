@@ -14,7 +14,7 @@ import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.errors import SceneError
+from polywigner.errors import SceneError, StoreError
 from polywigner.mitsuba.images import silent
 from polywigner.mitsuba.receiver import is_receiver, receiving
 
@@ -221,6 +221,18 @@ class Exposure:
 def seed_of(seed: int, *part: int) -> int:
     """The seed that Mitsuba takes, of 32 bits, for a part of what has a seed of any size."""
     return int(np.random.SeedSequence(seed, spawn_key=part).generate_state(1)[0])
+
+
+def check_is_whole(integrator: Any) -> None:
+    """Raise StoreError for a render that ended before its time.
+
+    Mitsuba answers Ctrl-C itself, by giving back what it has.
+    """
+    if integrator.should_stop():
+        raise StoreError(
+            "expected a part that is rendered to its end, got one that Ctrl-C or a timeout of "
+            "the integrator has cut short; start the same run again, without a timeout"
+        )
 
 
 def _rendered(exposure: Exposure, spp: int, seed: int) -> npt.NDArray[np.float64]:

@@ -19,9 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.mitsuba.images import mean_of_colours
-from polywigner.mitsuba.parts import seed_of
+from polywigner.mitsuba.parts import check_is_whole, seed_of
 from polywigner.mitsuba.rendering import check_spp, exposed
-from polywigner.mitsuba.sent_scenes import check_is_whole
 
 __all__ = [
     "BATCHES",

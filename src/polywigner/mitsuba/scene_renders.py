@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import importlib.metadata
+import os
+import platform
+import shutil
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from functools import partial, reduce
 from pathlib import Path
 from typing import Any
@@ -12,26 +17,132 @@ import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.errors import ArgumentError
+from polywigner.errors import ArgumentError, SceneError, StoreError
 from polywigner.execution import MOST_THREADS, kernel_threads
 from polywigner.geometry.arguments import checked_count
-from polywigner.mitsuba.parts import Exposure
+from polywigner.mitsuba.given import is_key, register_source, registered_source
+from polywigner.mitsuba.parts import Cut, check_is_whole
 from polywigner.mitsuba.plugins import one_at_a_time
 from polywigner.mitsuba.range_profile import Ranging, checked_ranges, profile_of, ranged
 from polywigner.mitsuba.received import Asked, ReceivedPower
 from polywigner.mitsuba.received_power import matched, received, receivers_of, scattered_here
 from polywigner.mitsuba.rendering import exposed
 from polywigner.mitsuba.scattered import BATCHES, Scattering, batches_of, lights_of, unseen
-from polywigner.mitsuba.scenes import choose_variant
-from polywigner.mitsuba.sent_scenes import SceneFile, SentScene, check_is_whole
-from polywigner.propagation.stores import write_dataset
-from polywigner.propagation.stores_files import Layout, require_stores
+from polywigner.mitsuba.scene_files import digest_of_file, digests_of
+from polywigner.mitsuba.scenes import choose_variant, load_scene
+from polywigner.propagation.stores import (
+    one_run,
+    require_stores,
+    source_settings,
+    write_dataset,
+)
+from polywigner.propagation.stores_checks import Index, Layout, with_digest
 from polywigner.radiometry.progress import progress_bar
 from polywigner.transforms.xarray_arguments import Labelled, LabelledArray
 
-__all__ = ["Parts", "receive_parts", "receive_ranges", "render_file", "render_parts"]
+__all__ = [
+    "SceneFile",
+    "SceneJob",
+    "receive_parts",
+    "receive_ranges",
+    "remove_store",
+    "render_file",
+    "render_parts",
+    "tile",
+]
 
-_VARIABLE = "radiance"
+
+@dataclass(frozen=True)
+class SceneFile:
+    """A scene file, and how it is loaded, here or by a worker."""
+
+    path: Path
+    variant: str
+    sampler: str | None = None
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+
+    def load(self) -> Any:
+        """The ``mi.Scene``; raises what :func:`load_scene` does."""
+        return load_scene(self.path, self.variant, self.sampler, **self.parameters)
+
+
+Compute = Callable[[Any, Index], npt.NDArray[np.float64]]
+"""(scene, first sample of a chunk) -> the values of the chunk."""
+
+
+class SceneJob:
+    """The block function of a store of renders; loads the scene anew where it is sent to."""
+
+    def __init__(self, file: SceneFile, scene: Any, compute: Compute) -> None:
+        self.file = replace(file, path=file.path.absolute(), parameters=dict(file.parameters))
+        self.scene, self.compute = scene, compute
+        self.mitsuba = importlib.metadata.version("mitsuba")
+        try:
+            self.digests = digests_of(file.path, file.parameters)
+        except OSError as error:
+            raise SceneError(f"expected to read the files of {file.path}, got: {error}") from error
+        texts = [value for value in file.parameters.values() if isinstance(value, str)]
+        self.sources = [registered_source(text) for text in texts if is_key(text)]
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "scene": None}
+
+    def __call__(self, origin: Index, shape: Index) -> npt.NDArray[np.float64]:
+        if self.scene is None:
+            choose_variant(self.file.variant)
+            for source in self.sources:  # of the memory of the process that sent the job
+                register_source(source)
+            self.scene = self.file.load()
+        return self.compute(self.scene, origin)
+
+    def check(self) -> None:
+        """Raises StoreError where this process has another Mitsuba, or other files."""
+        where, version = platform.node(), importlib.metadata.version("mitsuba")
+        if version != self.mitsuba:
+            raise StoreError(
+                f"expected mitsuba {self.mitsuba} on every worker, got {version} on {where}; "
+                "install the same everywhere"
+            )
+        for path, digest in self.digests.items():
+            found = digest_of_file(Path(path)) if Path(path).is_file() else None
+            if found != digest:
+                raise StoreError(
+                    f"expected every worker to see the scene's file {path}, got "
+                    f"{'none' if found is None else 'another one'} on {where}; put the scene's "
+                    "folder on a file system that all workers share"
+                )
+
+    def write(
+        self,
+        store: str | Path,
+        layout: tuple[str, str],
+        shape: Mapping[str, int],
+        chunks: Index,
+        settings: Mapping[str, Any],
+        **how: Any,
+    ) -> Labelled:
+        """Fill a store with a variable of a name and unit; ``how`` as of :func:`write_dataset`."""
+        coords = {name: LabelledArray(np.arange(n), (name,)) for name, n in shape.items()}
+        name, units = layout
+        folder = self.file.path.resolve().parent
+        files = {os.path.relpath(path, folder): digest for path, digest in self.digests.items()}
+        sources = [with_digest(source_settings(source)) for source in self.sources]
+        of_scene = {
+            "mitsuba": self.mitsuba,
+            "variant": self.file.variant,
+            "sampler": self.file.sampler,
+            "parameters": {name: str(value) for name, value in self.file.parameters.items()},
+            **{f"file {name}": digest for name, digest in files.items()},
+            **{f"source {k}": source["source_sha256"] for k, source in enumerate(sources)},
+        }
+        parts = Layout(name, "float64", coords, chunks, {"units": units})
+        return write_dataset(store, parts, self, {**of_scene, **settings}, **how)
+
+
+def remove_store(path: str | Path) -> None:
+    """Remove a store of parts whose result is done, unless another run goes on with it."""
+    with suppress(StoreError), one_run(Path(path)):
+        shutil.rmtree(path, ignore_errors=True)
 
 
 @one_at_a_time
@@ -82,18 +193,9 @@ def render_file(
     if store is not None:
         require_stores(scheduler)
     file = SceneFile(Path(path), choose_variant(variant or mi.variant()), sampler, parameters or {})
-    return render_parts(
-        file,
-        file.load(),
-        integrator,
-        spp,
-        seed,
-        sensor,
-        store=store,
-        scheduler=scheduler,
-        threads=threads,
-        progress=progress,
-    )
+    keeping: dict[str, Any] = {"store": store, "scheduler": scheduler}
+    keeping |= {"threads": threads, "progress": progress}
+    return render_parts(file, file.load(), integrator, spp, seed, sensor, **keeping)
 
 
 def render_parts(
@@ -113,102 +215,53 @@ def render_parts(
     if threads is not None:
         threads = checked_count(threads, "threads", 1, MOST_THREADS)
     exposure = exposed(scene, integrator, spp, seed, sensor)
+    cut = exposure.cut
     if store is None:
-        bar = progress_bar("rendering", exposure.cut.steps, show=progress)
+        bar = progress_bar("rendering", cut.steps, show=progress)
         with kernel_threads(threads), bar as advance:
             return exposure.picture(advance)
-    parts = Parts(file, integrator, sensor, exposure)
-    found = write_dataset(
+    channels = exposure.channels()
+    job = SceneJob(file, scene, partial(tile, cut, integrator, exposure.seed, sensor))
+    found = job.write(
         store,
-        parts.layout(),
-        parts,
-        parts.settings(),
+        ("radiance", "W m-2 sr-1"),
+        {"pass": cut.sets, "row": cut.height, "column": cut.width, "channel": channels},
+        (1, cut.rows, cut.width, channels),
+        {
+            "integrator": integrator,
+            "spp": cut.samples,
+            "passes": cut.passes,
+            "seed": exposure.seed,
+            "sensor": sensor,
+        },
         scheduler=scheduler,
         threads=threads,
         progress=progress,
     )
     with found:  # set by set, as `Exposure.picture` adds them up
-        sets = (found[_VARIABLE][number].values for number in range(exposure.cut.sets))
+        sets = (found["radiance"][number].values for number in range(cut.sets))
         return reduce(np.add, sets).astype(np.float32)
 
 
-class Parts:
-    """The block function of a store of parts; loads the scene anew where it is sent to."""
-
-    def __init__(
-        self,
-        file: SceneFile,
-        integrator: str | None,
-        sensor: int,
-        exposure: Exposure,
-    ) -> None:
-        self.sent = SentScene(file)
-        self.integrator, self.sensor = integrator, sensor
-        self.cut, self.seed = exposure.cut, exposure.seed
-        self.exposure: Exposure | None = exposure
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "exposure": None}
-
-    def __call__(self, origin: tuple[int, ...], shape: tuple[int, ...]) -> npt.NDArray[np.float64]:
-        if self.exposure is None:
-            self.exposure = self._loaded()
-        image = self.exposure.image(origin[1] // self.cut.rows, origin[0])
-        check_is_whole(self.exposure.integrator)
-        return image[None]
-
-    def _loaded(self) -> Exposure:
-        """On a worker: what the caller has as well, which has told of the integrator's limits."""
-        scene = self.sent.load()
-        made = exposed(scene, self.integrator, self.cut.samples, self.seed, self.sensor, warn=False)
-        return replace(made, cut=self.cut)
-
-    def check(self) -> None:
-        """Raises StoreError where this process has another Mitsuba, or other files."""
-        self.sent.check()
-
-    def layout(self) -> Layout:
-        """(set of passes, row, column, channel); a chunk is a part of the picture."""
-        assert self.exposure is not None
-        cut, channels = self.cut, self.exposure.channels()
-        shape = {"pass": cut.sets, "row": cut.height, "column": cut.width, "channel": channels}
-        coords = {name: LabelledArray(np.arange(n), (name,)) for name, n in shape.items()}
-        chunks = (1, cut.rows, cut.width, channels)
-        return Layout(_VARIABLE, "float64", coords, chunks, {"units": "W m-2 sr-1"})
-
-    def settings(self) -> dict[str, Any]:
-        """All that the values depend on."""
-        return {
-            **self.sent.settings(),
-            "integrator": self.integrator,
-            "spp": self.cut.samples,
-            "passes": self.cut.passes,
-            "seed": self.seed,
-            "sensor": self.sensor,
-        }
+def tile(
+    cut: Cut, integrator: str | None, seed: int, sensor: int, scene: Any, origin: Index
+) -> npt.NDArray[np.float64]:
+    """One strip of a picture by one set of its passes: (1, row, column, channel)."""
+    # the caller has told of the integrator's limits
+    made = exposed(scene, integrator, cut.samples, seed, sensor, warn=False)
+    image = replace(made, cut=cut).image(origin[1] // cut.rows, origin[0])
+    check_is_whole(made.integrator)
+    return image[None]
 
 
-_POWER = "power"
-
-
-def receive_parts(
-    file: SceneFile,
-    scene: Any,
-    asked: Asked,
-    *,
-    store: str | Path | None = None,
-    scheduler: str | None = None,
-    threads: int | None = None,
-    progress: Callable[[int, int], None] | None = None,
-) -> list[ReceivedPower]:
+def receive_parts(file: SceneFile, scene: Any, asked: Asked, **keeping: Any) -> list[ReceivedPower]:
     """:func:`received_powers` of a scene that was loaded from a file.
 
-    ``store``, ``scheduler`` and ``threads`` as of :func:`render_file`: a part is a batch of one
-    receiver. ``progress`` is told without a store, which has a bar of its own.
+    ``keeping``: ``store``, ``scheduler`` and ``threads`` as of :func:`render_file`, where a part is
+    a batch of one receiver; and ``progress``, which is told without a store, which has its own bar.
     """
-
-    sample = partial(_sampled, file, scene, store, scheduler, threads, progress)
-    return received(scene, list(range(len(receivers_of(scene)))), asked, sample)
+    numbers = list(range(len(receivers_of(scene))))
+    return received(scene, numbers, asked, partial(_sampled, file, scene, **keeping))
 
 
 def receive_ranges(
@@ -216,11 +269,7 @@ def receive_ranges(
     scene: Any,
     asked: Asked,
     edges: npt.NDArray[np.float64],
-    *,
-    store: str | Path | None = None,
-    scheduler: str | None = None,
-    threads: int | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    **keeping: Any,
 ) -> tuple[list[ReceivedPower], Labelled]:
     """:func:`receive_parts`, and the same samples by range as of :func:`range_profile`.
 
@@ -232,8 +281,7 @@ def receive_ranges(
     kept: list[Any] = []
 
     def scattered(plans: list[Scattering]) -> npt.NDArray[np.float64]:
-        by_range = ranged(plans, parties, edges)
-        found = _sampled(file, scene, store, scheduler, threads, progress, by_range)
+        found = _sampled(file, scene, ranged(plans, parties, edges), **keeping)
         kept.extend((plans[0], found))
         return np.asarray(found.sum(axis=-1))
 
@@ -244,66 +292,41 @@ def receive_ranges(
 def _sampled(
     file: SceneFile,
     scene: Any,
-    store: str | Path | None,
-    scheduler: str | None,
-    threads: int | None,
-    progress: Callable[[int, int], None] | None,
     plans: Sequence[Scattering],
+    *,
+    store: str | Path | None = None,
+    scheduler: str | None = None,
+    threads: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> npt.NDArray[np.float64]:
     """W (receivers, batches, lights, ...) that batches find, here or by a store."""
     if store is None:
         with kernel_threads(threads):
             return scattered_here(scene, progress, plans)
-    batches = Batches(file, scene, plans)
-    found = write_dataset(
+    first = plans[0]
+    counts = (len(lights_of(scene)), *first.values)
+    shape = (len(plans), BATCHES, *counts)
+    settings = {
+        "integrator": first.integrator,
+        "spp": [batches_of(plan.spp) for plan in plans],
+        "seed": first.seed,
+        **({"ranges": list(first.edges)} if isinstance(first, Ranging) else {}),
+    }
+    found = SceneJob(file, scene, partial(_batch, plans)).write(
         store,
-        batches.layout(),
-        batches,
-        batches.settings(),
+        ("power", "W"),
+        dict(zip(("receiver", "batch", "light", "path"), shape, strict=False)),
+        (1, 1, *counts),
+        settings,
         scheduler=scheduler,
         threads=threads,
     )
     with found:
-        return np.asarray(found[_POWER].values)
+        return np.asarray(found["power"].values)
 
 
-class Batches:
-    """The block function of a store of batches; loads the scene anew where it is sent to."""
-
-    def __init__(self, file: SceneFile, scene: Any, plans: Sequence[Scattering]) -> None:
-        self.sent, self.plans = SentScene(file), plans
-        self.lights = len(lights_of(scene))
-        self.scene: Any = scene
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "scene": None}
-
-    def __call__(self, origin: tuple[int, ...], shape: tuple[int, ...]) -> npt.NDArray[np.float64]:
-        if self.scene is None:
-            self.scene = self.sent.load()
-        receiver, batch, *_ = origin
-        with unseen(self.scene):
-            return self.plans[receiver].batch(self.scene, batch)[None, None]
-
-    def check(self) -> None:
-        """Raises StoreError where this process has another Mitsuba, or other files."""
-        self.sent.check()
-
-    def layout(self) -> Layout:
-        """(receiver, batch, light), and path; a chunk is one batch of one receiver."""
-        counts = (self.lights, *self.plans[0].values)
-        axes = ("receiver", "batch", "light", "path")
-        shape = dict(zip(axes, (len(self.plans), BATCHES, *counts), strict=False))
-        coords = {name: LabelledArray(np.arange(n), (name,)) for name, n in shape.items()}
-        return Layout(_POWER, "float64", coords, (1, 1, *counts), {"units": "W"})
-
-    def settings(self) -> dict[str, Any]:
-        """All that the values depend on."""
-        first = self.plans[0]
-        return {
-            **self.sent.settings(),
-            "integrator": self.plans[0].integrator,
-            "spp": [batches_of(plan.spp) for plan in self.plans],
-            "seed": first.seed,
-            **({"ranges": list(first.edges)} if isinstance(first, Ranging) else {}),
-        }
+def _batch(plans: Sequence[Scattering], scene: Any, origin: Index) -> npt.NDArray[np.float64]:
+    """W (1, 1, lights, ...) that one batch of one receiver finds."""
+    receiver, batch, *_ = origin
+    with unseen(scene):
+        return plans[receiver].batch(scene, batch)[None, None]

@@ -22,8 +22,7 @@ import numpy as np
 from polywigner.errors import ArgumentError, PolywignerError, StoreError
 from polywigner.geometry.arguments import checked_path
 from polywigner.interruption import unfinished
-from polywigner.propagation.stores_checks import recorded, stored_layout
-from polywigner.propagation.stores_files import recent_zarr, required
+from polywigner.propagation.stores_checks import recorded, required, stored_array
 
 if TYPE_CHECKING:
     import xarray
@@ -90,7 +89,7 @@ def write_zarr(dataset: Any, path: str | os.PathLike[str]) -> None:
     ArgumentError for anything but a dataset, and a place that cannot be written to;
     MissingExtraError without xarray and zarr.
     """
-    recent_zarr()
+    required("zarr")
     found = _opened(dataset)
     try:
         with warnings.catch_warnings():
@@ -183,7 +182,7 @@ def _opened(dataset: Any) -> Any:
         path = checked_path(dataset)
         found = recorded(path)
         if found is not None:
-            stored_layout(path, found.settings)  # its coordinates are whole
+            stored_array(path, found)  # its coordinates are whole
         return xarray.open_zarr(path)
     except StoreError:
         raise

@@ -7,6 +7,9 @@ same engine and type of processor. (docs/large_runs)
 
 from __future__ import annotations
 
+import importlib.metadata
+import json
+import math
 import os
 import platform
 import re
@@ -15,7 +18,7 @@ import threading
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -34,33 +37,38 @@ from polywigner.errors import (
 )
 from polywigner.execution import MOST_THREADS
 from polywigner.geometry.arguments import checked_count, checked_path
-from polywigner.interruption import cleaned_up_by
+from polywigner.illumination.source_files import SOURCE_COORDINATE, json_of, table_of
+from polywigner.interruption import cleaned_up_by, unfinished
 from polywigner.propagation.stores_checks import (
-    chunk_bytes,
-    chunk_file,
-    damaged,
-    missing,
-    open_array,
-    recorded,
-    stored_layout,
-    sweep,
-)
-from polywigner.propagation.stores_files import (
+    CHECKSUM,
     METADATA,
+    SETTINGS,
     Index,
     Layout,
-    create,
-    fingerprint_of,
-    one_run,
-    require_stores,
+    as_store_error,
+    checksum_of,
+    chunk_faults,
+    chunk_file,
+    digest_of,
+    open_array,
+    recorded,
     required,
-    to_disk,
-    told_settings,
-    versions,
+    stored_array,
+    with_digest,
 )
 from polywigner.radiometry.progress import progress_bar
+from polywigner.transforms.xarray_arguments import LabelledArray, LabelledArrays, labelled
 
-__all__ = ["Block", "ChunkWriter", "connected", "on_cluster", "on_this_machine", "write_dataset"]
+# Number of the format: it changes with the files' content and layout.
+_FORMAT = 1
+# Libraries on whose rounding a value may depend.
+_LIBRARIES = ("numpy", "drjit")
+# Beyond this a source is told by its digest alone.
+_LONGEST_SOURCE = 1 << 16
+# Of a description, which is shown with a dataset.
+_LONGEST_ATTRIBUTE = 200
+# Seconds to wait for a scheduler's answer, and for its first worker.
+_PATIENCE = 10.0
 
 Block = Callable[[Index, Index], NDArray[Any]]
 """(origin, shape), in samples -> the values there.
@@ -70,17 +78,182 @@ keeps it from computing: files that are not there, for one.
 """
 
 
+def chunks_within(shape: Sequence[int], samples: int) -> Index:
+    """Chunks of at most ``samples`` samples: the longest axis is halved, the first among equals.
+
+    Chunks are then about as long along every axis, and so a slice through the array in any
+    direction reads about the same number of them.
+    """
+    chunks = list(shape)
+    while math.prod(chunks) > samples:
+        longest = chunks.index(max(chunks))
+        chunks[longest] = -(-chunks[longest] // 2)
+    return tuple(chunks)
+
+
+def source_settings(source: Any) -> dict[str, Any]:
+    """A source as a setting: the text of its source file, or the digest of a long one.
+
+    Raises ArgumentError for anything but a source.
+    """
+    text = json_of(table_of(source))
+    if len(text) <= _LONGEST_SOURCE:
+        return {"source": text}
+    return {"source_sha256": digest_of(text)}
+
+
+def source_attrs(source: Any) -> dict[str, str]:
+    """Attributes of a dataset that say in one line which source it is of."""
+    text = repr(source)
+    if len(text) > _LONGEST_ATTRIBUTE:
+        text = f"{text[: _LONGEST_ATTRIBUTE - 3]}..."
+    return {**source_settings(source), "source": text}
+
+
+def source_coords(source: Any) -> dict[str, LabelledArray]:
+    """The coordinate of a dataset that holds the whole source; none for a long one."""
+    return _source_coordinate(source_settings(source).get("source"))
+
+
+def _source_coordinate(text: str | None) -> dict[str, LabelledArray]:
+    if text is None:
+        return {}
+    # objects: NumPy's texts of fixed length take four times the memory, and zarr has none
+    values = np.array(text, dtype=object)
+    return {SOURCE_COORDINATE: LabelledArray(values, (), {"long_name": "source file in JSON"})}
+
+
+def require_stores(scheduler: str | None = None) -> None:
+    """Raise MissingExtraError without all that stores, or a scheduler beside them, take."""
+    for module in ("zarr", "xarray", "dask", *(() if scheduler is None else ("distributed",))):
+        required(module)
+
+
+def versions() -> dict[str, str]:
+    """Versions of all on which the last digits of a value may depend, beside the processor."""
+    from polywigner import __version__
+
+    libraries = {name: importlib.metadata.version(name) for name in _LIBRARIES}
+    return {"polywigner": __version__, **libraries}
+
+
+def _run_of(layout: Layout, settings: Mapping[str, Any]) -> dict[str, Any]:
+    """All that the numbers of a run depend on, as JSON keeps it."""
+    axes = {name: digest_of(axis.values) for name, axis in layout.coords.items()}
+    whole = {
+        "format": _FORMAT,
+        **versions(),
+        "variable": layout.name,
+        "dtype": np.dtype(layout.dtype).name,
+        "shape": layout.shape,
+        "chunks": layout.chunks,
+        **{f"coordinate {name}": digest for name, digest in axes.items()},
+        **with_digest(settings),
+    }
+    run: dict[str, Any] = json.loads(json.dumps(whole, allow_nan=False))
+    return run
+
+
+@contextmanager
+def one_run(path: Path) -> Iterator[None]:
+    """Hold the place of a store for this run. Raises StoreError while another run holds it.
+
+    The system's lock on the file NAME.lock beside the store ends with its process, whatever ends
+    that. The next run takes over the file that a killed run leaves, and removes it. Workers of a
+    cluster take no lock: theirs is the run of the process that started it.
+
+    Nothing is locked on Windows, on file systems without such locks, and in folders that cannot be
+    written to.
+    """
+    file, held = path.with_name(f"{path.name}.lock"), None
+    with ExitStack() as stack:
+        try:
+            import fcntl  # not on Windows
+
+            file.parent.mkdir(parents=True, exist_ok=True)
+            held = stack.enter_context(file.open("a+", encoding="utf-8"))
+            fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if not os.fstat(held.fileno()).st_nlink:  # of a run that is ending, and removed it
+                raise BlockingIOError
+            held.truncate(0)
+            held.write(f"{os.getpid()} on {platform.node()}")
+            held.flush()
+        except BlockingIOError:
+            assert held is not None
+            held.seek(0)
+            raise StoreError(
+                f"expected no other run to write to {path}, got one that does (process "
+                f"{held.read(300)}); wait for its end, or choose another name"
+            ) from None
+        except (ImportError, OSError):
+            pass  # if it cannot be written there, writing says why
+        if held is not None:
+            stack.callback(file.unlink, missing_ok=True)  # while it is locked
+        yield
+
+
+def _to_disk(*files: Path) -> None:
+    """Wait until the content of files is on the disk."""
+    for file in files:
+        with file.open("rb+") as content:
+            os.fsync(content.fileno())
+
+
+def _create(path: Path, layout: Layout, run: dict[str, Any], source: str | None) -> None:
+    """Make a store without chunks, whole or not at all.
+
+    Raises StoreError where it cannot be written.
+    """
+    zarr, checksum = required("zarr"), [required("zarr.codecs").Crc32cCodec()]
+    scratch = path.with_name(f"{path.name}.partial")  # one name: swept by the next run
+    dtype = np.dtype(layout.dtype)
+    attrs = {**layout.dataset_attrs, SETTINGS: json.dumps(run)}
+    labels = labelled(LabelledArrays({}, {**layout.coords, **_source_coordinate(source)}, attrs))
+    with (
+        as_store_error(f"to make the folder {path}", "choose another place, or free this one"),
+        unfinished(scratch),
+        warnings.catch_warnings(),
+    ):
+        # zarr warns that other readers may not know the consolidated copy; they need not
+        warnings.simplefilter("ignore")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        # in one chunk each, so that nothing goes on being written after an error
+        whole = {
+            name: {"compressors": checksum, "chunks": labels[name].shape} for name in labels.coords
+        }
+        labels.to_zarr(scratch, mode="w", zarr_format=3, consolidated=False, encoding=whole)
+        zarr.open_group(scratch).create_array(
+            layout.name,
+            shape=layout.shape,
+            chunks=layout.chunks,
+            dtype=dtype,
+            # chunks that are missing are read as NaN
+            fill_value=complex(np.nan, np.nan) if dtype.kind == "c" else np.nan,
+            # not compressed: the size of the store is then known before the run
+            compressors=checksum,
+            dimension_names=tuple(layout.coords),
+            attributes=dict(layout.attrs),
+        )
+        zarr.consolidate_metadata(scratch)
+        file = scratch / METADATA
+        table = json.loads(file.read_bytes())
+        table["attributes"][CHECKSUM] = checksum_of(table)
+        file.write_text(json.dumps(table, indent=2), encoding="utf-8")
+        _to_disk(*(entry for entry in scratch.rglob("*") if entry.is_file()))
+        scratch.rename(path)
+
+
 @cache
-def _checked_array(path: str, name: str, fingerprint: str) -> Any:
-    """The array, if this process sees the store of that run."""
-    found = recorded(Path(path))
-    if found is None or found.fingerprint != fingerprint:
+def _checked_array(path: str, name: str, run: str) -> Any:
+    """The array, if this process sees the store of that run and has the same versions."""
+    settings = json.loads(run)
+    if recorded(Path(path)) != settings:
         raise StoreError(
             f"expected every worker to see the store {path}, got none of this run on "
             f"{platform.node()}; put it on a file system that all workers share"
         )
     own = versions()
-    planned = {name: found.settings.get(name) for name in own}
+    planned = {name: settings[name] for name in own}
     if planned != own:
         raise StoreError(
             f"expected the versions {planned} on every worker, got {own} on {platform.node()}; "
@@ -94,7 +267,8 @@ class ChunkWriter:
     """Computes chunks and writes them; goes to other processes as it is."""
 
     path: str
-    fingerprint: str
+    run: str
+    """Settings of the run in JSON."""
     layout: Layout
     block: Block
     exclusive: bool
@@ -104,76 +278,42 @@ class ChunkWriter:
 
     def check(self) -> None:
         """Raises StoreError where this process does not see the store of this run."""
-        _checked_array(self.path, self.layout.name, self.fingerprint)
+        _checked_array(self.path, self.layout.name, self.run)
         if hasattr(self.block, "check"):
             self.block.check()
 
     def __call__(self, index: Index) -> None:
-        array = _checked_array(self.path, self.layout.name, self.fingerprint)
-        file = chunk_file(Path(self.path), array, self.layout.name, index)
-        if self._is_finished(file, chunk_bytes(array, self.layout)):
-            return  # by another worker, that was thought dead
+        array = _checked_array(self.path, self.layout.name, self.run)
         origin, shape = self.layout.extent(index)
-        values = self._values(origin, shape)
+        with execution.kernel_threads(self.threads) if self.exclusive else nullcontext():
+            values = np.asarray(self.block(origin, shape))
         if values.shape != shape or values.dtype != self.layout.dtype:
             raise ArgumentError(
                 f"expected the block at {origin} to be {shape} of {self.layout.dtype}, got "
                 f"{values.shape} of {values.dtype}"
             )
-        where = tuple(slice(o, o + n) for o, n in zip(origin, shape, strict=True))
-        if not (Path(self.path) / METADATA).is_file():  # writing would make its folders again
+        if not Path(self.path, METADATA).is_file():  # writing would make its folders again
             raise StoreError(f"expected the store {self.path}, got none any more; start again")
-        try:
-            array[where] = values
-            self._keep(file)
-        except OSError as error:
-            raise StoreError(
-                f"expected to write to {self.path}, got {error.strerror or error}; put that right "
-                "and start the same run again: what is finished stays"
-            ) from error
-
-    def _is_finished(self, file: Path, size: int) -> bool:
-        try:
-            return file.stat().st_size == size
-        except OSError:
-            return False
-
-    def _keep(self, file: Path) -> None:
-        """Wait until a chunk, and the folders that it may be the first in, are on the disk."""
-        to_disk(file)
-        array = Path(self.path) / self.layout.name
-        for folder in file.parents:
-            to_disk(folder)
-            if folder == array:
-                return
-
-    def _values(self, origin: Index, shape: Index) -> NDArray[Any]:
-        if not self.exclusive:
-            return np.asarray(self.block(origin, shape))
-        with execution.kernel_threads(self.threads):
-            return np.asarray(self.block(origin, shape))
+        remedy = "put that right and start the same run again: what is finished stays"
+        with as_store_error(f"to write to {self.path}", remedy):
+            array.blocks[index] = values  # written under another name, and renamed
+            _to_disk(chunk_file(array, index))
 
 
 Advance = Callable[[], None]
 
-# Seconds to wait for a scheduler's answer, and for its first worker.
-_PATIENCE = 10.0
 
-
-def on_this_machine(
+def _on_this_machine(
     writer: ChunkWriter, indices: Sequence[Index], threads: int | None, advance: Advance
 ) -> None:
     """All chunks, by threads of this process. Raises what the first chunk to fail raises.
 
     Of a block that has a pool of threads of its own, one is computed while another is written.
     """
-    cores = os.cpu_count() or 1
     stop = threading.Event()
-    with ThreadPoolExecutor(
-        2 if writer.exclusive else threads or cores,
-        initializer=execution.stop_this_thread_when,
-        initargs=(stop,),
-    ) as pool:
+    count = 2 if writer.exclusive else threads or os.cpu_count()
+    stops = execution.stop_this_thread_when
+    with ThreadPoolExecutor(count, initializer=stops, initargs=(stop,)) as pool:
         futures = [pool.submit(writer, index) for index in indices]
         try:
             for future in as_completed(futures):
@@ -213,7 +353,7 @@ def connected(scheduler: str) -> Iterator[Any]:
         yield client
 
 
-def on_cluster(
+def _on_cluster(
     writer: ChunkWriter, indices: Sequence[Index], client: Any, advance: Advance
 ) -> None:
     """All chunks, by the workers of a client's scheduler.
@@ -222,8 +362,7 @@ def on_cluster(
     StoreError if a worker does not see the store and EngineError if one lacks polywigner; else what
     the first chunk to fail raises.
     """
-    distributed = required("distributed")
-    dask = required("dask")
+    distributed, dask = required("distributed"), required("dask")
     for worker, answer in client.run(writer.check, on_error="return").items():
         if isinstance(answer, PolywignerError):
             raise answer
@@ -243,8 +382,6 @@ def on_cluster(
             # Not kept by the worker, whose death would have it computed again.
             future.release()
             advance()
-    except PolywignerError:
-        raise
     except distributed.KilledWorker as error:
         raise StoreError(
             f"expected workers that live, got a chunk at which several died: {error}; give "
@@ -276,22 +413,18 @@ def write_dataset(
 
     If the store is there already, its chunks are read, and those that are missing or damaged are
     computed, the latter with a warning. A run that fails before a chunk is finished leaves no store
-    behind. Needs the extra ``volume``. One run at a time writes to a store.
+    behind. One run at a time writes to a store.
 
     Parameters
     ----------
     path : the folder to make, or to go on with.
     layout : axes, chunks and attributes. Memory: a few chunks, and what ``block`` needs.
-    block : (origin, shape), in samples -> values of that shape and of the layout's dtype; can be
-        pickled if there is a ``scheduler``, and then keeps no caches when it is.
+    block : can be pickled if there is a ``scheduler``, and then keeps no caches when it is.
     settings : all that the values depend on beside the layout, as texts, numbers and lists: a
-        store of other settings is not gone on with.
+        store of other settings is not gone on with. ``source`` is the text of a source file.
     exclusive : the block uses all cores by itself, as the engines "llvm" and "cuda" do; else
         (NumPy) as many blocks are computed at a time as there are threads.
-    scheduler : address of a dask.distributed scheduler whose workers see the same file system;
-        None computes on this machine.
-    threads : on this machine, or of each worker; None: all cores, or what each worker has.
-    progress : whether to draw a bar; None: on a terminal.
+    scheduler, threads, progress : as of :func:`wigner_table`.
 
     Returns
     -------
@@ -299,86 +432,93 @@ def write_dataset(
 
     Raises
     ------
-    StoreError for a place that cannot be written to or has too little space, for other data there,
-    for a store that another run writes to, whose metadata or coordinates are damaged, or that is of
-    other settings or versions, which the message names; EngineError for a
-    scheduler that does not answer; MissingExtraError without zarr, xarray or dask; and what
-    ``block`` raises.
+    StoreError for a place that cannot be written to or has too little space, and for a store that
+    another run writes to, that is damaged beside its chunks, or that is of other settings or
+    versions; EngineError for a scheduler that does not answer; MissingExtraError without zarr,
+    xarray or dask; and what ``block`` raises.
     """
     if threads is not None:
         threads = checked_count(threads, "threads", 1, MOST_THREADS)
     require_stores(scheduler)
     folder = checked_path(path)
-    fingerprint, whole = fingerprint_of(layout, settings)
-    is_new = not os.path.lexists(folder)
-    if not is_new:
-        _check_same_run(folder, fingerprint, whole)
+    run = _run_of(layout, settings)
+    size = math.prod(layout.chunks) * np.dtype(layout.dtype).itemsize
     # workers may have been started elsewhere
-    writer = ChunkWriter(str(folder.absolute()), fingerprint, layout, block, exclusive, threads)
+    where = str(folder.absolute())
+    writer = ChunkWriter(where, json.dumps(run), layout, block, exclusive, threads)
+    is_new = not os.path.lexists(folder)
     with ExitStack() as stack:
-        if not is_new:
+        if is_new:
+            _check_space(folder, layout.count * size)  # first: they may be too many to list
+            indices = list(np.ndindex(layout.grid))
+        else:
+            array = _array_of_run(folder, run)
             stack.enter_context(one_run(folder))
-        indices = _missing(folder, layout, progress)
+            with as_store_error(f"to read and write {folder}", "check its permissions"):
+                indices = _to_compute(array, progress)
+            _check_space(folder, len(indices) * size)
         if not indices:
-            return opened(folder)
+            return required("xarray").open_zarr(folder)
         client = None if scheduler is None else stack.enter_context(connected(scheduler))
         if is_new:  # only now, when whoever computes has answered
             stack.enter_context(one_run(folder))
-            create(folder, layout, fingerprint, whole)
-            remove = _remove_if_empty(folder, layout)
-            stack.enter_context(cleaned_up_by(remove))
-            stack.push(lambda kind, *_: remove() if kind else None)
+            _create(folder, layout, run, settings.get("source"))
+            stack.enter_context(_removed_if_empty(folder, folder / layout.name / "c"))
         bar = stack.enter_context(
             progress_bar(folder.name, layout.count, layout.count - len(indices), progress)
         )
         if client is None:
-            on_this_machine(writer, indices, threads, bar)
+            _on_this_machine(writer, indices, threads, bar)
         else:
-            on_cluster(writer, indices, client, bar)
-            sweep(folder, layout)  # what killed workers had begun
-    return opened(folder)
+            _on_cluster(writer, indices, client, bar)
+            _sweep(folder / layout.name)  # what killed workers had begun
+    return required("xarray").open_zarr(folder)
 
 
-def _remove_if_empty(path: Path, layout: Layout) -> Callable[[], None]:
-    """What is called when a run fails: removes the store if that was before the first chunk.
+def _sweep(array: Path) -> None:
+    """Remove the chunks that killed runs, or killed workers of this one, have half written."""
+    for file in (array / "c").rglob("*.partial"):
+        file.unlink(missing_ok=True)
+
+
+@contextmanager
+def _removed_if_empty(path: Path, chunks: Path) -> Iterator[None]:
+    """Within, a failure before the first chunk removes the store.
 
     Nobody is writing then: threads have been waited for, and workers begin only when all of them
     see the store.
     """
 
     def remove() -> None:
-        if len(missing(path, layout)) == layout.count:
+        if all(entry.is_dir() or entry.suffix == ".partial" for entry in chunks.rglob("*")):
             shutil.rmtree(path, ignore_errors=True)
 
-    return remove
+    with cleaned_up_by(remove):
+        try:
+            yield
+        except BaseException:
+            remove()
+            raise
 
 
-def opened(path: str | os.PathLike[str]) -> Any:
-    """A store as an xarray.Dataset, lazily."""
-    return required("xarray").open_zarr(path)
-
-
-def _check_same_run(path: Path, fingerprint: str, settings: dict[str, Any]) -> None:
+def _array_of_run(path: Path, run: dict[str, Any]) -> Any:
+    """The array of a store whose settings are those of the run; StoreError tells where not."""
     found = recorded(path)
     if found is None:
         raise StoreError(
             f"expected {path} to be free, or a store of this run, got something else there; choose "
             "another name"
         )
-    if found.fingerprint == fingerprint:
-        stored_layout(path, found.settings)  # its coordinates are whole
-        return
-    settings = told_settings(settings)
-    names = sorted({*found.settings, *settings})
-    differ = [name for name in names if found.settings.get(name) != settings.get(name)]
-    told = ", ".join(
-        f"{name} {_short(settings.get(name))} (there: {_short(found.settings.get(name))})"
-        for name in differ
-    )
-    raise StoreError(
-        f"expected {path} to be a store of the same settings, got one that differs in {told}; "
-        "choose another name, or delete that store"
-    )
+    differ = sorted(name for name in {*found, *run} if found.get(name) != run.get(name))
+    if differ:
+        told = ", ".join(
+            f"{name} {_short(run.get(name))} (there: {_short(found.get(name))})" for name in differ
+        )
+        raise StoreError(
+            f"expected {path} to be a store of the same settings, got one that differs in {told}; "
+            "choose another name, or delete that store"
+        )
+    return stored_array(path, found)
 
 
 def _short(value: Any) -> str:
@@ -386,44 +526,29 @@ def _short(value: Any) -> str:
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
-def _missing(path: Path, layout: Layout, progress: bool | None) -> list[Index]:
-    """The chunks to compute, for which there is space; those that are damaged are removed."""
-    try:
+def _check_space(path: Path, needed: int) -> None:
+    with as_store_error(f"to read and write {path}", "check its permissions"):
         there = next(place for place in (path, *path.absolute().parents) if place.exists())
-        space = shutil.disk_usage(there)
-        # chunks that the whole disk could not hold may be too many to list
-        holds = layout.count * layout.chunk_bytes <= space.total
-        indices = missing(path, layout) if holds else []
-        if path.exists():
-            sweep(path, layout)
-            indices = sorted(indices + _removed(path, layout, indices, progress))
-    except OSError as error:
-        raise StoreError(
-            f"expected to read and write {path}, got {error.strerror or error}; check its "
-            "permissions"
-        ) from error
-    needed = (len(indices) if holds else layout.count) * layout.chunk_bytes
-    if needed > space.free:
+        free = shutil.disk_usage(there).free
+    if needed > free:
         raise StoreError(
             f"expected {needed / 2**30:.3g} GiB of free space at {path}, got "
-            f"{space.free / 2**30:.3g} GiB; free some, or ask for fewer samples"
+            f"{free / 2**30:.3g} GiB; free some, or ask for fewer samples"
         )
-    return indices
 
 
-def _removed(path: Path, layout: Layout, absent: list[Index], progress: bool | None) -> list[Index]:
-    """Whole-sized chunks that were damaged; all that were are removed, of any size."""
-    broken = damaged(path, layout, absent, progress)
-    array = open_array(path, layout.name)
-    files = [chunk_file(path, array, layout.name, index) for index in (*absent, *broken)]
-    there = [file for file in files if file.is_file()]
-    for file in there:
-        file.unlink()
-    if there:
+def _to_compute(array: Any, progress: bool | None) -> list[Index]:
+    """The chunks that are missing, once those that are damaged have been removed."""
+    path = array.store.root
+    _sweep(path)
+    missing, damaged = chunk_faults(array, progress)
+    for index in damaged:
+        chunk_file(array, index).unlink()
+    if damaged:
         warnings.warn(
-            f"{len(there)} of the {layout.count} chunks of {path} were damaged, and are computed "
-            "anew; look after the disk if no power failed",
+            f"{len(damaged)} of the {array.nchunks} chunks of {path.parent} were damaged, and are "
+            "computed anew; look after the disk if no power failed",
             PolywignerWarning,
-            stacklevel=4,
+            stacklevel=3,
         )
-    return broken
+    return sorted(missing + damaged)

@@ -1,67 +1,125 @@
-"""What a store on disk is, what is missing in it, and what is damaged.
+"""Stores on disk (zarr, format 3): what they are made of, what is missing and what is damaged.
 
-Every chunk carries its CRC-32C as zarr's own codec writes it, so that all readers of zarr notice a
-damaged one. The metadata carry a SHA-256, coordinates and source one each. Stores of older versions
-have sizes and the digests of coordinates only. Chunks of one array that have changed places are not
-noticed: a checksum is one of bytes, not of their place.
+zarr's own codec writes a CRC-32C behind every chunk, so that all readers of zarr notice a damaged
+one. The metadata carry a SHA-256, coordinates and source one each. Chunks of one array that have
+changed places are not noticed: a checksum is one of bytes, not of their place.
 """
 
 from __future__ import annotations
 
 import hashlib
+import importlib
 import json
+import math
 import os
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from polywigner.errors import MissingExtraError, StoreError
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from polywigner.errors import MissingExtraError, StoreError, install_command
 from polywigner.geometry.arguments import checked_path
 from polywigner.illumination.source_files import SOURCE_COORDINATE
-from polywigner.propagation.stores_files import (
-    CHECKSUM,
-    FINGERPRINT,
-    METADATA,
-    SETTINGS,
-    Index,
-    Layout,
-    checksum_of,
-    digest_of,
-    recent_zarr,
-    required,
-    told_settings,
-)
 from polywigner.radiometry.progress import progress_bar
 from polywigner.transforms.xarray_arguments import LabelledArray
 
-__all__ = [
-    "Record",
-    "chunk_bytes",
-    "chunk_file",
-    "damaged",
-    "missing",
-    "open_array",
-    "recorded",
-    "stored_layout",
-    "sweep",
-    "verify_store",
-]
-
+# Of the folder, and of each array in it: its metadata.
+METADATA = "zarr.json"
+# Attributes of the whole store.
+SETTINGS = "polywigner_settings"
+CHECKSUM = "polywigner_checksum"
 # Chunks that a message names.
 _NAMED = 8
 
-
-@dataclass(frozen=True)
-class Record:
-    """What the metadata of a store say about the run."""
-
-    fingerprint: str
-    settings: dict[str, Any]
+Index = tuple[int, ...]
+"""One number for each dimension: of a chunk, of its first sample, or of samples in it."""
 
 
-def recorded(path: Path) -> Record | None:
-    """What a store says of its run; None for anything else at the path.
+def required(name: str) -> Any:
+    """Return a module of the extra ``volume``; raise MissingExtraError without it."""
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        raise MissingExtraError(
+            f"expected {name} to be installed, which large results are stored and shared out with, "
+            f"got none ({error}); run {install_command('volume')}"
+        ) from error
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """An array of one variable on labelled axes, cut into chunks."""
+
+    name: str
+    """Name of the variable."""
+    dtype: DTypeLike
+    """float32, float64, complex64 or complex128."""
+    coords: Mapping[str, LabelledArray]
+    """Dimension -> its values (n,), with a unit; in the order of the array's axes."""
+    chunks: Index
+    """Samples of a chunk along each axis; chunks at the end may be cut short."""
+    attrs: Mapping[str, Any] = field(default_factory=dict)
+    """Attributes of the variable, its ``units`` among them: texts and numbers."""
+    dataset_attrs: Mapping[str, Any] = field(default_factory=dict)
+    """Attributes of the whole dataset: texts and numbers."""
+
+    @property
+    def shape(self) -> Index:
+        return tuple(axis.shape[0] for axis in self.coords.values())
+
+    @property
+    def grid(self) -> Index:
+        """The number of chunks along each axis."""
+        return tuple(-(-n // c) for n, c in zip(self.shape, self.chunks, strict=True))
+
+    @property
+    def count(self) -> int:
+        """The number of chunks."""
+        return math.prod(self.grid)
+
+    def extent(self, index: Index) -> tuple[Index, Index]:
+        """Origin and shape of a chunk, in samples."""
+        origin = tuple(i * c for i, c in zip(index, self.chunks, strict=True))
+        ends = zip(origin, self.chunks, self.shape, strict=True)
+        return origin, tuple(min(c, n - o) for o, c, n in ends)
+
+
+@contextmanager
+def as_store_error(expected: str, remedy: str) -> Iterator[None]:
+    """Within, what the system refuses is told as a StoreError."""
+    try:
+        yield
+    except StoreError:
+        raise
+    except OSError as error:
+        raise StoreError(f"expected {expected}, got {error.strerror or error}; {remedy}") from error
+
+
+def digest_of(content: NDArray[Any] | str) -> str:
+    """SHA-256 of a text, or of the bytes of values."""
+    raw = content.encode() if isinstance(content, str) else np.ascontiguousarray(content).tobytes()
+    return hashlib.sha256(raw).hexdigest()
+
+
+def checksum_of(table: dict[str, Any]) -> str:
+    """SHA-256 of a store's metadata, those of its arrays included, but for the checksum itself."""
+    attrs = {name: value for name, value in table["attributes"].items() if name != CHECKSUM}
+    return digest_of(json.dumps({**table, "attributes": attrs}, sort_keys=True))
+
+
+def with_digest(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings with the digest of the source in place of its text."""
+    rest = dict(settings)
+    text = rest.pop("source", None)
+    return rest if text is None else {**rest, "source_sha256": digest_of(str(text))}
+
+
+def recorded(path: Path) -> dict[str, Any] | None:
+    """Return the settings of the run that wrote a store; None for anything else at the path.
 
     Raises StoreError for a store whose metadata are damaged.
     """
@@ -80,58 +138,35 @@ def recorded(path: Path) -> Record | None:
         for name, copy in table["consolidated_metadata"]["metadata"].items():
             if json.loads((path / name / METADATA).read_bytes()) != copy:
                 raise ValueError(f"{name}/{METADATA} is not what it was")
-        # older stores have the text of the source among their settings
-        return Record(attrs[FINGERPRINT], told_settings(json.loads(attrs[SETTINGS])))
+        return with_digest(json.loads(attrs[SETTINGS]))  # older stores have the text there
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise _broken(path, "metadata", error) from error
 
 
-def stored_layout(path: Path, settings: dict[str, Any]) -> Layout:
-    """The layout that a store was made with, its coordinates read and compared with their digests.
+def stored_array(path: Path, settings: dict[str, Any]) -> Any:
+    """Open the array of a store whose coordinates and source are those of their digests.
 
-    Raises StoreError for damaged coordinates, and for an array that is not of the settings.
+    Raises StoreError where they are damaged.
     """
     part = "metadata"
     try:
-        name = settings["variable"]
-        array = open_array(path, name)
-        expected = [settings[key] for key in ("shape", "chunks", "dtype")]
-        if [list(array.shape), list(array.chunks), array.dtype.name] != expected:
-            raise ValueError(f"{name} is not of the shape, chunks and type of the settings")
-        coords = {}
-        for axis, n in zip(array.metadata.dimension_names, array.shape, strict=True):
+        array = open_array(path, settings["variable"])
+        for axis in array.metadata.dimension_names:
             part = f"coordinate {axis}"
-            stored = open_array(path, axis)
-            if stored.shape != (n,):  # before that much memory is taken
-                raise ValueError(f"it has the shape {stored.shape} for {n} samples")
-            values = stored[...]
-            if digest_of(values) != settings[part]:
-                raise ValueError("its digest is that of other values")
-            coords[axis] = LabelledArray(values, (axis,))
+            _compare(open_array(path, axis)[...], settings[part])
         if (path / SOURCE_COORDINATE).exists():  # long sources are not kept
             part = f"coordinate {SOURCE_COORDINATE}"
-            _check_source(path, settings["source_sha256"])
-        return Layout(name, array.dtype, coords, array.chunks)
-    except (StoreError, MissingExtraError):
+            _compare(str(open_array(path, SOURCE_COORDINATE)[...]), settings["source_sha256"])
+        return array
+    except MissingExtraError:
         raise
     except Exception as error:  # zarr, its codecs and NumPy raise of many kinds
         raise _broken(path, part, error) from error
 
 
-def _check_source(path: Path, digest: str) -> None:
-    """Raises what zarr does, and ValueError for a text of another digest."""
-    array = open_array(path, SOURCE_COORDINATE)
-    if has_checksums(array):
-        # First without zarr, which takes memory for as many texts as the first bytes say: before
-        # the text there are the number of texts and its length, behind it the checksum.
-        content = chunk_file(path, array, SOURCE_COORDINATE, ()).read_bytes()
-        _compare(content[8:-4], digest)
-    _compare(str(array[...]).encode(), digest)
-
-
-def _compare(text: bytes, digest: str) -> None:
-    if hashlib.sha256(text).hexdigest() != digest:
-        raise ValueError("its digest is that of another text")
+def _compare(content: NDArray[Any] | str, digest: str) -> None:
+    if digest_of(content) != digest:
+        raise ValueError("its digest is that of another content")
 
 
 def _broken(path: Path, part: str, error: Exception) -> StoreError:
@@ -143,83 +178,28 @@ def _broken(path: Path, part: str, error: Exception) -> StoreError:
 
 
 def open_array(path: Path, name: str) -> Any:
-    """An array of a store. Raises StoreError for damaged metadata."""
-    zarr = recent_zarr()
-    try:
-        array = zarr.open_array(path / name, mode="r+")
-        # A chunk of nothing but NaN is finished as well. (zarr.open_array ignores ``config``.)
-        return array.with_config({"write_empty_chunks": True})
-    except Exception as error:  # of many kinds
-        raise _broken(path, f"metadata of {name}", error) from error
+    """Open an array of a store whose metadata are whole."""
+    array = required("zarr").open_array(path / name, mode="r+")
+    # A chunk of nothing but NaN is finished as well. (zarr.open_array ignores ``config``.)
+    return array.with_config({"write_empty_chunks": True})
 
 
-def chunk_file(path: Path, array: Any, name: str, index: Index) -> Path:
+def chunk_file(array: Any, index: Index) -> Path:
     """The file of a chunk."""
-    return path / name / array.metadata.encode_chunk_key(index)
+    return Path(array.store.root, array.metadata.encode_chunk_key(index))
 
 
-def has_checksums(array: Any) -> bool:
-    """Whether an array's chunks carry checksums; those of older stores do not."""
-    codec = required("zarr.codecs").Crc32cCodec
-    return any(isinstance(one, codec) for one in array.compressors)
-
-
-def chunk_bytes(array: Any, layout: Layout) -> int:
-    """Size of a chunk's file: its last four bytes are the checksum."""
-    return layout.chunk_bytes + (4 if has_checksums(array) else 0)
-
-
-def _files(folder: Path) -> Iterator[os.DirEntry[str]]:
-    """All files below a folder."""
-    folders = [str(folder)]
-    while folders:
-        with os.scandir(folders.pop()) as entries:
-            for entry in entries:
-                if entry.is_dir():
-                    folders.append(entry.path)
-                else:
-                    yield entry
-
-
-def sweep(path: Path, layout: Layout) -> None:
-    """Remove the chunks that killed runs, or killed workers of this one, have half written."""
-    for entry in _files(path / layout.name):
-        if entry.name.endswith(".partial"):
-            Path(entry.path).unlink(missing_ok=True)
-
-
-def missing(path: Path, layout: Layout) -> list[Index]:
-    """The chunks that are not there, or not in full size; all, where there is no store.
-
-    Some file systems leave files of another size when the power fails.
-    """
-    if not path.exists():
-        return list(layout.indices())
-    sizes = {entry.path: entry.stat().st_size for entry in _files(path / layout.name)}
-    array = open_array(path, layout.name)
-    size = chunk_bytes(array, layout)
-    return [
-        index
-        for index in layout.indices()
-        if sizes.get(str(chunk_file(path, array, layout.name, index))) != size
-    ]
-
-
-def damaged(
-    path: Path, layout: Layout, absent: Iterable[Index], progress: bool | None
-) -> list[Index]:
-    """The chunks, but for those known to be absent, whose checksum is not that of their bytes."""
-    array, known = open_array(path, layout.name), set(absent)
-    there = [index for index in layout.indices() if index not in known]
-    if not there or not has_checksums(array):
-        return []
-    found = []
-    with progress_bar(f"{path.name}: checksums", len(there), show=progress) as advance:
-        for index in there:
-            if not _is_whole(array, index):
-                found.append(index)
+def chunk_faults(array: Any, progress: bool | None) -> tuple[list[Index], list[Index]]:
+    """Return the chunks that are missing, and those that zarr finds to be damaged."""
+    title, missing, damaged = array.store.root.parent.name, [], []
+    with progress_bar(f"{title}: checksums", array.nchunks, show=progress) as advance:
+        for index in np.ndindex(array.cdata_shape):
+            if not chunk_file(array, index).is_file():
+                missing.append(index)
+            elif not _is_whole(array, index):
+                damaged.append(index)
             advance()
-    return found
+    return missing, damaged
 
 
 def _is_whole(array: Any, index: Index) -> bool:
@@ -257,47 +237,33 @@ def verify_store(path: str | os.PathLike[str], *, progress: bool | None = None) 
     >>> pw.verify_store(out)
     1
     """
-    recent_zarr()
+    required("zarr")
     folder = checked_path(path)
-    record = recorded(folder)
-    if record is None:
+    settings = recorded(folder)
+    if settings is None:
         raise StoreError(
             f"expected a store of polywigner at {folder}, got none; name the folder, such as "
             "field.zarr"
         )
-    layout = stored_layout(folder, record.settings)
-    try:
-        absent = missing(folder, layout)
-        faults = _faults(folder, layout, absent, damaged(folder, layout, absent, progress))
-    except StoreError:
-        raise
-    except OSError as error:
-        raise StoreError(
-            f"expected to read {folder}, got {error.strerror or error}; check its permissions"
-        ) from error
+    array = stored_array(folder, settings)
+    with as_store_error(f"to read {folder}", "check its permissions"):
+        missing, damaged = chunk_faults(array, progress)
+    kinds = (("missing", missing), ("damaged", damaged))
+    faults = [_listed(kind, array, indices) for kind, indices in kinds if indices]
     if faults:
         raise StoreError(
-            f"expected {layout.count} whole chunks in {folder}, got {'; '.join(faults)}; start the "
-            "run that wrote it once more: it computes these anew"
+            f"expected {array.nchunks} whole chunks in {folder}, got {'; '.join(faults)}; start "
+            "the run that wrote it once more: it computes these anew"
         )
-    if not has_checksums(open_array(folder, layout.name)):
+    if not array.compressors:
         raise StoreError(
             f"expected checksums in {folder}, got a store of an older version without; its "
-            f"{layout.count} chunks are all there and of the right size, and no more can be told"
+            f"{array.nchunks} chunks are all there and of the right size, and no more can be told"
         )
-    return layout.count
+    return int(array.nchunks)
 
 
-def _faults(path: Path, layout: Layout, absent: list[Index], broken: list[Index]) -> list[str]:
-    """What is wrong with chunks, in words."""
-    array = open_array(path, layout.name)
-    names = {i: array.metadata.encode_chunk_key(i) for i in (*absent, *broken)}
-    lost = [i for i in absent if not chunk_file(path, array, layout.name, i).is_file()]
-    wrong = sorted({*absent, *broken} - {*lost})
-    kinds: list[tuple[str, list[Index]]] = [("missing", lost), ("damaged", wrong)]
-    return [_listed(kind, layout.name, [names[i] for i in found]) for kind, found in kinds if found]
-
-
-def _listed(kind: str, name: str, keys: list[str]) -> str:
-    more = f" and {len(keys) - _NAMED} more" if len(keys) > _NAMED else ""
-    return f"{len(keys)} {kind}: {', '.join(f'{name}/{key}' for key in keys[:_NAMED])}{more}"
+def _listed(kind: str, array: Any, indices: list[Index]) -> str:
+    files = [chunk_file(array, index).relative_to(array.store.root.parent) for index in indices]
+    more = f" and {len(files) - _NAMED} more" if len(files) > _NAMED else ""
+    return f"{len(files)} {kind}: {', '.join(file.as_posix() for file in files[:_NAMED])}{more}"

@@ -16,15 +16,14 @@ from polywigner.execution import Engine, Precision, checked_engine, checked_prec
 from polywigner.execution.choice import resolved
 from polywigner.geometry.arguments import checked_count, real_numbers
 from polywigner.kernels import kernel_for
-from polywigner.propagation.stores import write_dataset
-from polywigner.propagation.stores_files import (
-    Index,
-    Layout,
+from polywigner.propagation.stores import (
     chunks_within,
     source_attrs,
     source_coords,
     source_settings,
+    write_dataset,
 )
+from polywigner.propagation.stores_checks import Index, Layout
 from polywigner.transforms import PhaseSpaceSource, ambiguity, wigner
 from polywigner.transforms.wavefronts import flat_of
 from polywigner.transforms.xarray_arguments import LabelledArray, LabelledArrays, labelled
@@ -209,7 +208,7 @@ def _in_memory(layout: Layout, block: _Block, running: _Running) -> Any:
             "to disk with out"
         )
     values = block((0,) * len(layout.shape), layout.shape)
-    variable = LabelledArray(values, layout.dims, dict(layout.attrs))
+    variable = LabelledArray(values, tuple(layout.coords), dict(layout.attrs))
     coords = {**layout.coords, **source_coords(block.source)}
     return labelled(LabelledArrays({layout.name: variable}, coords, {**layout.dataset_attrs}))
 

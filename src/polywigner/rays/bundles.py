@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import real_numbers, shape_of
-from polywigner.propagation.stores_files import required
+from polywigner.propagation.stores_checks import required
 
 if TYPE_CHECKING:
     import xarray

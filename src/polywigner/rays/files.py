@@ -20,7 +20,7 @@ from polywigner.geometry.arguments import checked_path, warn_caller
 from polywigner.geometry.formats.limits import check_regular
 from polywigner.interruption import unfinished
 from polywigner.propagation.exports import write_netcdf
-from polywigner.propagation.stores_files import required
+from polywigner.propagation.stores_checks import required
 from polywigner.rays.bundles import bundle, checked_bundle, count_of
 
 __all__ = [

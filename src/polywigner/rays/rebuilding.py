@@ -16,7 +16,7 @@ from polywigner.geometry.arguments import (
     rigid_pose,
     shape_of,
 )
-from polywigner.propagation.stores_files import required
+from polywigner.propagation.stores_checks import required
 from polywigner.rays.bundles import MOST_BATCHES, checked_bundle, count_of
 
 if TYPE_CHECKING:

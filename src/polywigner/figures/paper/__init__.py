@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from polywigner.errors import ArgumentError
 from polywigner.figures.paper.sources import QUALITIES, Made, Quality
-from polywigner.propagation.stores_files import required
+from polywigner.propagation.stores_checks import required
 
 __all__ = ["FIGURES", "QUALITIES", "Made", "Quality", "Subject", "check_figures", "make_figure"]
 
