@@ -353,8 +353,7 @@ def window_weights(
     if len(names) != len(sizes):
         raise ArgumentError(f"expected {len(sizes)} windows, got {window!r}")
     decibels, zeros = checked_sidelobes(sll, nbar)
-    if np.prod([checked_count(n, "shape", 1) for n in sizes], dtype=object) > MOST_ELEMENTS:
-        raise ArgumentError(f"expected at most {MOST_ELEMENTS} elements, got {shape!r}")
+    _check_number(math.prod(checked_count(n, "shape", 1) for n in sizes))
     along = [_window(n, name, decibels, zeros) for n, name in zip(sizes, names, strict=True)]
     whole = along[0] if len(along) == 1 else np.multiply.outer(*along).ravel()
     # The largest amplitude may be negative if there are few sidelobes, which hardly fall off.
