@@ -461,6 +461,8 @@ def test_arrays_are_values() -> None:
     with pytest.raises(ValueError, match="read-only"):
         array.weights[0] = 2.0
     assert repr(MIXED).startswith("Array(1 x Aperture, 1 x PlacedAperture, 1 x Polyhedron")
+    copies = pw.phased_array(SQUARE, [[0.0, 0.0], [3.0, 0.0]])
+    assert repr(copies) == "Array(2 x Aperture, weights all 1)"
     assert [a.dimension for a in (SLIT_ARRAY, array, MIXED)] == [1, 2, 3]
 
 

@@ -417,6 +417,8 @@ def test_lattices_are_recognised() -> None:
     nearly = grid(4, 4, 1.0)
     nearly[5] += [1e-9, 0.0]
     assert lattice_of(nearly, np.ones(16, complex)) is None
+    lonely = np.concatenate([[[-4.5, -4.5]], grid(4, 4, 1.0)])  # no neighbour of the first is near
+    assert lattice_of(lonely, np.ones(17, complex)) is not None
     twice = np.concatenate([grid(2, 2, 1.0), grid(2, 2, 1.0)])
     found = lattice_of(twice, np.ones(8, complex))
     assert found is not None and (found.weights == 2).all()

@@ -483,6 +483,8 @@ BAD = [
      "point"),
     (lit(kind="waves", amplitudes=[0], frequencies=[[1, 2]]), "other than zero"),
     ({**APERTURE, "illumination": []}, "empty list"),
+    ({**APERTURE, "illumination": 2 * [{"kind": "taylor_taper", "width": 1, "height": 1,
+      "nbar": 100}]}, "at most 1000000 plane waves"),
     ({**SLIT, "illumination": {"kind": "te_mode", "width": 1, "height": 1}}, "got slits"),
     ({**SLIT, "illumination": {"kind": "steering", "theta": 1, "phi": 1, "wavelength": 1}},
      "no phi for slits"),

@@ -61,11 +61,7 @@ def grid_positions(nx: int, ny: int, pitch_x: float, pitch_y: float | None = Non
     ------
     ArgumentError for counts below 1, more than 2^20 elements, and pitches that are not above zero.
     """
-    columns, rows = _counts(nx, ny)
-    across = checked_length(pitch_x, "pitch_x")
-    up = across if pitch_y is None else checked_length(pitch_y, "pitch_y")
-    along_x, along_y = _steps(columns) * (across / 2), _steps(rows) * (up / 2)
-    return _pairs(*np.meshgrid(along_x, along_y, indexing="ij"))
+    return _rows(nx, ny, pitch_x, pitch_y, 1.0, False)
 
 
 def triangular_positions(
@@ -88,13 +84,21 @@ def triangular_positions(
     ------
     ArgumentError for counts below 1, more than 2^20 elements, and pitches that are not above zero.
     """
-    columns, rows = _counts(nx, ny)
+    return _rows(nx, ny, pitch_x, pitch_y, math.sqrt(0.75), True)
+
+
+def _rows(
+    nx: int, ny: int, pitch_x: float, pitch_y: float | None, stretch: float, is_staggered: bool
+) -> Positions:
+    """Rows of a lattice; `stretch`: their distance in pitches along x where pitch_y is None."""
+    columns, rows = checked_count(nx, "nx", 1), checked_count(ny, "ny", 1)
+    _check_number(columns * rows)
     across = checked_length(pitch_x, "pitch_x")
-    up = across * math.sqrt(0.75) if pitch_y is None else checked_length(pitch_y, "pitch_y")
-    side = 2 * (np.arange(rows) % 2) - 1 if rows > 1 else np.zeros(1, np.int64)
+    up = across * stretch if pitch_y is None else checked_length(pitch_y, "pitch_y")
+    side = 2 * (np.arange(rows) % 2) - 1 if is_staggered and rows > 1 else np.zeros(rows, np.int64)
     along_x = (2 * _steps(columns)[:, None] + side) * (across / 4)
-    along_y = _steps(rows) * (up / 2)
-    return _pairs(along_x, np.broadcast_to(along_y, along_x.shape))
+    along_y = np.broadcast_to(_steps(rows) * (up / 2), along_x.shape)
+    return np.stack([along_x, along_y], axis=-1).reshape(-1, 2)
 
 
 def ring_positions(radii: ArrayLike, counts: ArrayLike) -> Positions:
@@ -213,12 +217,6 @@ def _listed(values: Any) -> list[Any]:
     return list(values) if np.iterable(values) else [values]
 
 
-def _counts(nx: Any, ny: Any) -> tuple[int, int]:
-    columns, rows = checked_count(nx, "nx", 1), checked_count(ny, "ny", 1)
-    _check_number(columns * rows)
-    return columns, rows
-
-
 def _check_number(elements: int) -> None:
     if elements > MOST_ELEMENTS:
         raise ArgumentError(f"expected at most {MOST_ELEMENTS} elements, got {elements}")
@@ -227,10 +225,6 @@ def _check_number(elements: int) -> None:
 def _steps(count: int) -> NDArray[np.int64]:
     """-(n - 1), -(n - 3), ..., n - 1: twice the centred numbers, whole."""
     return 2 * np.arange(count) - (count - 1)
-
-
-def _pairs(x: NDArray[Any], y: NDArray[Any]) -> Positions:
-    return np.stack([x, y], axis=-1).reshape(-1, 2)
 
 
 WINDOWS = ("uniform", "taylor", "chebyshev", "hamming")
@@ -359,8 +353,7 @@ def window_weights(
     if len(names) != len(sizes):
         raise ArgumentError(f"expected {len(sizes)} windows, got {window!r}")
     decibels, zeros = checked_sidelobes(sll, nbar)
-    if np.prod([checked_count(n, "shape", 1) for n in sizes], dtype=object) > MOST_ELEMENTS:
-        raise ArgumentError(f"expected at most {MOST_ELEMENTS} elements, got {shape!r}")
+    _check_number(math.prod(checked_count(n, "shape", 1) for n in sizes))
     along = [_window(n, name, decibels, zeros) for n, name in zip(sizes, names, strict=True)]
     whole = along[0] if len(along) == 1 else np.multiply.outer(*along).ravel()
     # The largest amplitude may be negative if there are few sidelobes, which hardly fall off.

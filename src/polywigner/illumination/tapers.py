@@ -317,10 +317,9 @@ def fourier_taper(
         )
     orders = [np.arange(n) - n // 2 for n in series.shape]
     lengths = [size for size in across if size is not None]
-    grids = np.meshgrid(*(k / size for k, size in zip(orders, lengths, strict=True)), indexing="ij")
-    frequencies = np.stack([grid.ravel() for grid in grids], axis=-1)
-    unused = np.zeros((len(frequencies), dimension - axes))
-    return Illumination(series.ravel(), np.hstack([frequencies, unused]))
+    along = [k / size for k, size in zip(orders, lengths, strict=True)]
+    grid = np.meshgrid(*along, *[np.zeros(1)] * (dimension - axes), indexing="ij")
+    return Illumination(series.ravel(), np.stack(grid, axis=-1).reshape(-1, dimension))
 
 
 def checked_sidelobes(sll: Any, nbar: Any) -> tuple[float, int]:
