@@ -19,6 +19,9 @@ import numpy.typing as npt
 SPLIT_DOUBLE, SPLIT_SINGLE = 134217729.0, 4097.0
 
 
+Floats = npt.NDArray[np.float64]
+
+
 @dataclass(frozen=True)
 class RoundingGrid:
     """Multiples of ``step``.
@@ -33,18 +36,18 @@ class RoundingGrid:
     def for_precision(cls, double: bool) -> RoundingGrid:
         return cls(2.0**-52 if double else 2.0**-23)
 
-    def rounded(self, polygon: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def rounded(self, polygon: Floats) -> Floats:
         """Vertices (n, 2) on the grid, without repeats."""
         return self._snapped(polygon)[self.is_kept(polygon)]
 
-    def is_kept(self, polygon: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
+    def is_kept(self, polygon: Floats) -> npt.NDArray[np.bool_]:
         """Which vertices (n, 2) are not repeats of the one before, on the grid; (n,)."""
         points = self._snapped(polygon)
         kept: npt.NDArray[np.bool_] = (points != np.roll(points, 1, axis=0)).any(axis=1)
         return kept
 
-    def _snapped(self, polygon: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        snapped: npt.NDArray[np.float64] = np.round(polygon / self.step) * self.step + 0.0
+    def _snapped(self, polygon: Floats) -> Floats:
+        snapped: Floats = np.round(polygon / self.step) * self.step + 0.0
         return snapped
 
 
@@ -80,7 +83,7 @@ def product_error(a: Any, b: Any, product: Any, split: float = SPLIT_DOUBLE) -> 
     return ((a_high * b_high - product) + a_high * b_low + a_low * b_high) + a_low * b_low
 
 
-def _is_convex(polygon: npt.NDArray[np.float64]) -> bool:
+def _is_convex(polygon: Floats) -> bool:
     """Whether a ring turns left or goes straight on at every vertex, and runs round once."""
     before = polygon - np.roll(polygon, 1, axis=0)
     after = np.roll(polygon, -1, axis=0) - polygon
@@ -93,9 +96,7 @@ def _is_convex(polygon: npt.NDArray[np.float64]) -> bool:
     return bool(np.arctan2(turns, ahead).sum() < 3 * np.pi)  # 2 pi, or more rounds
 
 
-def with_vertices_on_sides(
-    pieces: Sequence[npt.NDArray[np.float64]], vertices: npt.NDArray[np.float64]
-) -> list[npt.NDArray[np.float64]]:
+def with_vertices_on_sides(pieces: Sequence[Floats], vertices: Floats) -> list[Floats]:
     """The pieces with every vertex that lies exactly on a side put into it.
 
     Sides then meet sides of neighbours, and edges, end to end, and go on doing so when all vertices
@@ -104,9 +105,7 @@ def with_vertices_on_sides(
     return [_with_vertices(piece, vertices) for piece in pieces]
 
 
-def _with_vertices(
-    piece: npt.NDArray[np.float64], vertices: npt.NDArray[np.float64]
-) -> npt.NDArray[np.float64]:
+def _with_vertices(piece: Floats, vertices: Floats) -> Floats:
     ends = np.roll(piece, -1, axis=0)
     # far wider than rounding; what is left is looked at exactly
     size = 1e-12 * float(np.abs(vertices).max())
@@ -126,23 +125,19 @@ def _with_vertices(
     return np.insert(piece, after, vertices[[n for _, _, n in inside]], axis=0) if after else piece
 
 
-def _on_line(
-    a: npt.NDArray[np.float64], b: npt.NDArray[np.float64], c: npt.NDArray[np.float64]
-) -> bool:
+def _on_line(a: Floats, b: Floats, c: Floats) -> bool:
     (ax, ay), (bx, by), (cx, cy) = ([Fraction(v) for v in p.tolist()] for p in (a, b, c))
     on_line = (bx - ax) * (cy - ay) == (by - ay) * (cx - ax)
     return on_line and (cx, cy) not in ((ax, ay), (bx, by))
 
 
-def signed_convex_pieces(
-    pieces: Sequence[npt.NDArray[np.float64]],
-) -> list[tuple[npt.NDArray[np.float64], float]]:
+def signed_convex_pieces(pieces: Sequence[Floats]) -> list[tuple[Floats, float]]:
     """Exactly convex pieces with weights whose sum is the same set as the rounded pieces'.
 
     Rounding may bend a piece or turn over a sliver. Such a piece is cut into triangles of either
     sign; since all of them share their sides exactly, the inner sides still cancel exactly.
     """
-    result: list[tuple[npt.NDArray[np.float64], float]] = []
+    result: list[tuple[Floats, float]] = []
     for piece in pieces:
         if len(piece) < 3:
             continue

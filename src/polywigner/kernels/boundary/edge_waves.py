@@ -200,10 +200,7 @@ def _ends(ops: Any, view: PanelView) -> tuple[Any, Any, Any, Any]:
     sign = ops.select(view.along < 0.0, -1.0, 1.0)
     foot2 = view.b * view.b + view.z * view.z
     found = []
-    for s, radius in (
-        (view.first, view.radius_first),
-        (view.last, view.radius_last),
-    ):
+    for s, radius in ((view.first, view.radius_first), (view.last, view.radius_last)):
         t = sign * s
         # R + t without cancellation
         total = ops.select(t < 0.0, foot2 / (radius + abs(t)), radius + abs(t))
@@ -255,8 +252,4 @@ def spherical_edge(
 
 
 def _cross(a: tuple[Any, ...], b: tuple[Any, ...]) -> tuple[Any, ...]:
-    return (
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    )
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])

@@ -244,10 +244,10 @@ def sums_over_panel(
         return node(s - first, s, radius, span, (w, v1, v2), *data)
 
     far_rule, near_rule = ops.select(far, rule, -1.0), ops.select(far, -1.0, rule)
-    own = (half, view.first, foot2)
-    far_sums = ops.sum_over_rule(far_rule, rules, far_node, values, *own, *data)
-    own = (middle, span, ops.sqrt(foot2), view.first)
-    near_sums = ops.sum_over_rule(near_rule, rules, near_node, values, *own, *data)
+    far_data = (half, view.first, foot2, *data)
+    far_sums = ops.sum_over_rule(far_rule, rules, far_node, values, *far_data)
+    near_data = (middle, span, ops.sqrt(foot2), view.first, *data)
+    near_sums = ops.sum_over_rule(near_rule, rules, near_node, values, *near_data)
     return tuple(a + b for a, b in zip(far_sums, near_sums, strict=True)), expected
 
 

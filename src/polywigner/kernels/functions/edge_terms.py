@@ -44,7 +44,10 @@ def moved_off_zero(ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
     of the square; what rounding loses of their sum, 6e-8 of it and less, must not underflow either:
     at 1e-16, compiled kernels took it for 0 and errors were eight times as large.
     """
-    floor = 1e-140 if ops.double else 1e-13
+    return _off_zero(ops, x, y, 1e-140 if ops.double else 1e-13)
+
+
+def _off_zero(ops: Any, x: Any, y: Any, floor: float) -> tuple[Any, Any]:
     tiny = (abs(x) < floor) & (abs(y) < floor)  # false if either is not a number
     return ops.select(tiny, floor, x), ops.select(tiny, 0.0, y)
 
@@ -61,7 +64,8 @@ class EvenTerms:
     values = 1
 
     def __init__(self, ops: Any, nu: Values) -> None:
-        self.ops, self.nu = ops, _floored(ops, *nu)
+        # so little that W, even in nu, changes by less than rounding
+        self.ops, self.nu = ops, _off_zero(ops, nu[0], nu[1], 1e-9 if ops.double else 1e-6)
 
     def along(self, ux: Any, uy: Any) -> Values:
         """nu.u, kept off 0, and cross(nu, u)/(nu.u)."""
@@ -164,10 +168,3 @@ def _with(ops: Any, sums: Values | None, share: Any, *waves: Any) -> Values:
     if sums is None:
         return tuple(times(share, wave) for wave in waves)
     return tuple(ops.fma(share, wave, total) for wave, total in zip(waves, sums, strict=True))
-
-
-def _floored(ops: Any, nu_x: Any, nu_y: Any) -> Values:
-    """nu, moved off 0 by so little that W, even in nu, changes by less than rounding."""
-    floor = 1e-9 if ops.double else 1e-6
-    tiny = (abs(nu_x) < floor) & (abs(nu_y) < floor)  # false if either is not a number
-    return ops.select(tiny, floor, nu_x), ops.select(tiny, 0.0, nu_y)

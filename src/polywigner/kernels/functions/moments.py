@@ -27,11 +27,7 @@ from polywigner.kernels.cut.clipping import MIRRORED, Clipper
 from polywigner.kernels.cut.slice_sums import SliceSum
 from polywigner.kernels.functions.edge_terms import moved_off_zero
 from polywigner.kernels.functions.plane import WIGNER, tables_of
-from polywigner.kernels.functions.slices import (
-    doubled_position,
-    mean_pairings,
-    sum_over_waves,
-)
+from polywigner.kernels.functions.slices import doubled_position, mean_pairings, sum_over_waves
 from polywigner.kernels.kernel import Kernel, Values
 from polywigner.kernels.outline.frame import Frame
 from polywigner.kernels.outline.tables import Edge

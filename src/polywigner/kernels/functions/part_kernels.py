@@ -10,10 +10,10 @@ from polywigner.geometry import Wavefront
 from polywigner.kernels.cut.slice_parts import PART_COLUMNS
 from polywigner.kernels.functions.edge_terms import term_of_part, wigner_terms
 from polywigner.kernels.functions.moments import LAG_MOMENTS, RayFrame, weighted_moments
-from polywigner.kernels.functions.partly_coherent import Coherence, coherence_of, term_of_lags
+from polywigner.kernels.functions.partly_coherent import coherence_of, term_of_lags
 from polywigner.kernels.functions.plane import tables_of
 from polywigner.kernels.kernel import Kernel, Values, leave_real
-from polywigner.kernels.outline.frame import Frame
+from polywigner.kernels.outline.frame import Frame, Matrix
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class PartTables:
     frame: Frame
     is_aligned: bool
     is_real: bool
-    coherence: Coherence | None = None
+    coherence: Matrix | None = None
     terms: ClassVar[int] = 1
 
 

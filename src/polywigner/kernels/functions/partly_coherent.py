@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -19,38 +19,19 @@ from polywigner.kernels.cut.slice_sums import SliceSum
 from polywigner.kernels.functions import plane, separable, slits
 from polywigner.kernels.functions.gauss_schell import wave_over_edge
 from polywigner.kernels.functions.separable import SeparableTables, separable_tables
-from polywigner.kernels.functions.slices import (
-    doubled_position,
-    mean_pairings,
-    sum_over_waves,
-)
+from polywigner.kernels.functions.slices import doubled_position, mean_pairings, sum_over_waves
 from polywigner.kernels.functions.slits import PairTables
 from polywigner.kernels.kernel import Values
-from polywigner.kernels.outline.frame import Frame
+from polywigner.kernels.outline.frame import Frame, Matrix, determinant
 from polywigner.kernels.outline.tables import Edge, Tables
 from polywigner.kernels.outline.waves import WavePair, WavePairRow
 from polywigner.numerics.complex_pairs import Pair
 
 
-@dataclass(frozen=True)
-class Coherence:
-    """The degree of coherence, for lags of a frame."""
-
-    matrix: tuple[tuple[float, float], tuple[float, float]]
-    """From lags in the frame to lags in widths of coherence."""
-
-    @property
-    def determinant(self) -> float:
-        """Area in squares of the width of a unit square of the frame."""
-        (xx, xy), (yx, yy) = self.matrix
-        return xx * yy - xy * yx
-
-
-def coherence_of(frame: Frame, width: float) -> Coherence:
-    """The degree of coherence of a width in m."""
+def coherence_of(frame: Frame, width: float) -> Matrix:
+    """The matrix from lags in the frame to lags in widths of coherence, of a width in m."""
     (xx, xy), (yx, yy) = frame.inverse_transpose
-    matrix = ((xx / width, yx / width), (xy / width, yy / width))
-    return Coherence(matrix)
+    return ((xx / width, yx / width), (xy / width, yy / width))
 
 
 @lru_cache(maxsize=256)
@@ -61,14 +42,14 @@ def _tables_of(source: Wavefront, double: bool) -> Tables:
 
 
 def term_of_lags(
-    ops: Any, light: Coherence, nu: Sequence[Any], middle: Values, vector: Values
+    ops: Any, light: Matrix, nu: Sequence[Any], middle: Values, vector: Values
 ) -> Values:
     """The share of a part of an edge in W over the area of a unit square, a complex number.
 
     The part has its middle and its vector as lags of the frame, and ``nu`` is there as well.
     """
-    (xx, xy), (yx, yy) = light.matrix
-    size = light.determinant
+    (xx, xy), (yx, yy) = light
+    size = determinant(light)
     (x, y), (dx, dy) = middle, vector
     ux, uy = ops.fma(xx, dx, xy * dy), ops.fma(yx, dx, yy * dy)
     square = ops.fma(ux, ux, uy * uy)
@@ -89,14 +70,15 @@ def term_of_lags(
 class _PairSum:
     """The sum for a pair of waves."""
 
+    values = 2
+
     def __init__(self, clipper: Clipper, pair: WavePair | WavePairRow, nu: Values) -> None:
         self.clipper, self.ops, self.pair = clipper, clipper.ops, pair
         self.nu = pair.detuned(nu)
-        self.values = 1 if pair.is_real else 2
 
     def terms(self, edge: Edge, sides: Sequence[tuple[float, Any]]) -> Values:
         ops, light = self.ops, self.clipper.tables.coherence
-        sums = [0.0] * self.values
+        total = Pair(0.0, 0.0)
         for _, cuts in sides:
             for middle, extent, *weight in cuts:
                 is_left = extent > 0.0
@@ -106,14 +88,13 @@ class _PairSum:
                     ops.fma(t, edge.ey, 2.0 * edge.ay - self.clipper.ty),
                 )
                 vector = (share * edge.ex, share * edge.ey)
-                found = Pair(*term_of_lags(ops, light, self.nu, place, vector)) * Pair(*weight)
-                sums = [a + b for a, b in zip(sums, (found.real, found.imag), strict=False)]
-        return tuple(sums)
+                found = Pair(*term_of_lags(ops, light, self.nu, place, vector))
+                total = total + found * Pair(*weight)
+        return total.real, total.imag
 
     def value(self, sums: Sequence[Any], place: Values) -> Values:
         # twice: the other copy's edges are the mirror images, with the conjugate shares
-        real, imag = self.pair.amplitude(self.ops, place)
-        total = Pair(2.0 * sums[0], 2.0 * sums[1] if len(sums) > 1 else 0.0) * Pair(real, imag)
+        total = Pair(*sums).scaled(2.0) * Pair(*self.pair.amplitude(self.ops, place))
         return total.real, total.imag
 
 

@@ -185,9 +185,8 @@ class TermSum:
     def terms(self, edge: Edge, sides: Sequence[tuple[float, Any]]) -> Values:
         ops, function, scale = self.ops, self.function, self.scale
         nu_x, nu_y = function.nu
-        along = self.clipper.shared(
-            edge, lambda: function.along(edge.ux, edge.uy), type(function), self.pair.shift
-        )
+        key: Any = type(function), self.pair.shift
+        along = self.clipper.shared(edge, lambda: function.along(edge.ux, edge.uy), *key)
         length = scale * edge.length
         per_edge = (0.5 * length) * along[0]
         sums: Values | None = None
