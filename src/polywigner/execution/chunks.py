@@ -122,24 +122,13 @@ def ready(values: tuple[Array, ...]) -> Fetch:
 def parts_of_results(
     components: Sequence[Array], results: Sequence[Array], size: int
 ) -> Iterator[tuple[list[Array], list[Array]]]:
-    """The components chunk by chunk as `chunks_of`, with the parts of the results for each."""
-    flat = [result.reshape(-1) for result in results]
-    start = 0
-    for arguments in chunks_of(components, results[0].shape, size):
-        end = start + len(arguments[0])
-        yield arguments, [result[start:end] for result in flat]
-        start = end
-
-
-def chunks_of(
-    components: Sequence[Array], shape: tuple[int, ...], size: int
-) -> Iterator[list[Array]]:
-    """The components in float64, broadcast to a shape, chunk by chunk in C order."""
+    """The components in float64, broadcast, chunk by chunk in C order; and parts of the results."""
+    flat, shape = [result.reshape(-1) for result in results], results[0].shape
     whole = [c if c.shape == shape else np.broadcast_to(c, shape) for c in components]
-    arguments: list[Any]
     if 0 < whole[0].size <= size:
-        yield [c.astype(np.float64, copy=False).reshape(-1) for c in whole]
+        yield [c.astype(np.float64, copy=False).reshape(-1) for c in whole], flat
         return
+    start = 0
     with np.nditer(
         whole,
         flags=["external_loop", "buffered", "zerosize_ok"],
@@ -150,6 +139,8 @@ def chunks_of(
     ) as iterator:
         for chunk in iterator:
             # of one operand nditer gives the array itself
-            arguments = list(chunk) if len(whole) > 1 else [chunk]
-            if arguments[0].size:
-                yield arguments
+            arguments: list[Any] = list(chunk) if len(whole) > 1 else [chunk]
+            end = start + arguments[0].size
+            if end > start:
+                yield arguments, [result[start:end] for result in flat]
+            start = end

@@ -197,7 +197,7 @@ def hosted_poses(
             f"expected {name} as a tensor (..., 4, 4), got {type(poses).__name__} of shape "
             f"{tuple(poses.shape)}"
         )
-    inputs = (poses.array if is_traced else None, *map(_pair, fields))
+    inputs: list[Any] = [poses.array if is_traced else None, *map(_pair, fields)]
     wanted = [value is not None and dr.grad_enabled(value) for value in inputs]
     host = np.array(dr.detach(poses).numpy(), np.float64) if is_traced else poses
     values, slopes = compute(host, wanted)

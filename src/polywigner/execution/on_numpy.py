@@ -47,19 +47,11 @@ class OnNumpy:
                 yield targets, order, ready(values)
 
     def _order(self, arguments: Sequence[Array], count: int) -> Any:
-        """The order in which to take the samples: all, or by the cells of their edges.
-
-        Without those that lie too far off to have a value other than 0.
-        """
+        """Which samples to take: without those too far off to have a value other than 0."""
         slices, tables = self.kernel.slices, self.tables
-        if slices is None:
-            return ...
-        by_pairs = cut_of("numpy", tables, count) == "pairs"
-        if not by_pairs and count < _LEAST_MASKED:
+        if slices is None or count < _LEAST_MASKED or cut_of("numpy", tables, count) == "pairs":
             return ...
         inner = self.entered(arguments)
-        if by_pairs:
-            return np.argsort(slices.cell(self.host, tables, None, *inner), kind="stable")
         with np.errstate(invalid="ignore", over="ignore"):
             mask = slices.support_mask(tables, *inner)
         for argument in inner:  # 0 times what is not finite is not 0
