@@ -172,15 +172,11 @@ ArrayTables = RepeatedTables[ElementTables, LatticeWeights]
 
 def _lattice(array: Array) -> Lattice | None:
     phased = array.phased
-    if phased is None or not isinstance(_element(phased), Aperture):
+    if phased is None or phased.repeated is None:
+        return None
+    if not isinstance(phased.repeated[0], Aperture):
         return None
     return phased.sites.lattice if sums_over_lattice(len(array)) else None
-
-
-def _element(array: Array) -> Any:
-    """The one element of a phased array."""
-    assert array.repeated is not None
-    return array.repeated[0]
 
 
 def is_on_lattice(array: Array) -> bool:
@@ -191,8 +187,9 @@ def is_on_lattice(array: Array) -> bool:
 @lru_cache(maxsize=64)
 def _tables(array: Array, double: bool) -> ArrayTables:
     lattice = _lattice(array)
-    assert lattice is not None and array.phased is not None
-    element, values = _element(array.phased), lattice.weights
+    assert lattice is not None and array.phased is not None and array.phased.repeated is not None
+    (element, _), values = array.phased.repeated, lattice.weights
+    assert isinstance(element, Aperture)
     tables = element_tables(element, double)
     profiles, factors, turns = separated(values), None, (0.0, 0.0)
     if profiles is not None:
@@ -216,10 +213,9 @@ def _scaled(profile: Profile) -> ProfileFactor:
     return profile_factor(Profile(amplitudes, profile.turns, profile.factor / size))
 
 
-def _site_turns(ops: Any, frame: _ArrayFrame, nu_x: Any, nu_y: Any) -> tuple[Any, Any]:
+def _site_turns(ops: Any, frame: _ArrayFrame, *nu: Any) -> list[Any]:
     """nu.b modulo 1 along both directions."""
-    one, two = (phases.turns_to_centre(ops, b, nu_x, nu_y) for b in frame.basis)
-    return one, two
+    return [phases.turns_to_centre(ops, b, *nu) for b in frame.basis]
 
 
 def _enter_wigner(ops: Any, frame: _ArrayFrame, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Values:

@@ -35,7 +35,7 @@ from polywigner.kernels.arrays.repeated import (
 from polywigner.kernels.cut.clipping import AHEAD, BEHIND, MIRRORED, View
 from polywigner.kernels.cut.pair_grid import crossing
 from polywigner.kernels.functions import plane
-from polywigner.kernels.functions.edge_terms import WaveTerms, moved_off_zero, term_of_part
+from polywigner.kernels.functions.edge_terms import WaveTerms, moved_off_zero
 from polywigner.kernels.functions.plane import product_of_both
 from polywigner.kernels.kernel import Kernel, Values, at_zero_frequency, leave_real, leave_wave
 from polywigner.kernels.outline.frame import Frame
@@ -210,13 +210,16 @@ def _of_edge(
     ax, ay, bx, by = edge[:4]
     # a point of an edge lies in the slice at scale (p - T/2)
     x, y = scale * (ax - 0.5 * tx), scale * (ay - 0.5 * ty)
-    ex, ey = scale * (bx - ax), scale * (by - ay)
+    along = [wave.along(scale * (bx - ax), scale * (by - ay)) for wave in terms]
+    starts = [ops.fma(wave.nu[0], x, wave.nu[1] * y) for wave in terms]
 
     def up_to(part: Any, weight: Any) -> list[Any]:
-        """The waves over the edge up to a part of it."""
-        dx, dy = part * ex, part * ey
-        own = (x + 0.5 * dx, y + 0.5 * dy, dx, dy, weight, 0.0)
-        return [value for wave in terms for value in term_of_part(ops, wave, own)]
+        """The waves over the edge up to a part of it, less what `of_edge` puts in."""
+        values: list[Any] = []
+        for wave, (turns, _), start in zip(terms, along, starts, strict=True):
+            half = part * (0.5 * turns)
+            values += wave.added(None, half, start + half, part, (weight, 0.0))
+        return values
 
     def against(other: Any) -> Values:
         line = [turned * value for value in ops.gather(table, other)[:4]]
@@ -233,7 +236,9 @@ def _of_edge(
 
     others = [number + (row - row) for number in others]  # of as many axes as the edges have
     around, *sums = ops.sum_over_range(*others, against, 1 + 2 * len(terms), like=tx)
-    return tuple(a + b for a, b in zip(sums, up_to(1.0, around), strict=True))
+    sums = [a + b for a, b in zip(sums, up_to(1.0, around), strict=True)]
+    shares = zip(terms, along, sums[0::2], sums[1::2], strict=True)
+    return tuple(v for wave, own, *both in shares for v in wave.of_edge(own, 1.0, tuple(both)))
 
 
 # ---- all pairs -------------------------------------------------------------------------------

@@ -150,9 +150,8 @@ def factor_table(weights: Complexes, by_mean: bool, double: bool) -> FactorTable
     begin = 0
     for one in ones:
         for two in twos:
-            own, other = (weights[np.ix_(a, b)] for a, b in zip(one.pairs, two.pairs, strict=True))
-            samples = _samples(own * other.conj(), one, two).reshape(one.period, -1, _PACKET)
-            samples = samples.swapaxes(0, 1)
+            samples = _samples(weights, one, two)
+            samples = samples.reshape(len(samples), -1, _PACKET).swapaxes(0, 1)
             for table, part in zip(values, parts, strict=True):
                 table[begin : begin + samples.size] = getattr(samples, part).ravel()
             begin += samples.size
@@ -176,17 +175,9 @@ def _direction(count: int, step: int) -> _Direction:
     return _Direction(step, tuple(periods.tolist()), tuple(starts.tolist()))
 
 
-@dataclass(frozen=True, eq=False)
-class _Line:
-    """Along one direction: the pairs of a midpoint, and their waves at the samples of a period."""
-
-    pairs: tuple[NDArray[np.intp], NDArray[np.intp]]
-    """Sites and their partners."""
-    period: int
-    gains: NDArray[np.float64]
-    """By pair: what makes up for the interpolation."""
-    shifts: Complexes
-    """By sample: the wave of the first pair, from which an FFT counts."""
+_Line = tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64], Complexes]
+"""Along one direction: sites, their partners, by pair what makes up for the interpolation, and by
+sample of a period the wave of the first pair, from which an FFT counts."""
 
 
 def _line(count: int, number: int, by_mean: bool, period: int, double: bool) -> _Line:
@@ -194,14 +185,16 @@ def _line(count: int, number: int, by_mean: bool, period: int, double: bool) -> 
     kappa = (sites - number / 2) / period
     shifts: Complexes = np.exp(-2j * np.pi * kappa[0] * np.arange(period))
     gains: NDArray[np.float64] = np.reciprocal(interpolation(double).transform(kappa))
-    return _Line((sites, partner(sites, number, count, by_mean)), period, gains, shifts)
+    return sites, partner(sites, number, count, by_mean), gains, shifts
 
 
-def _samples(mutual: Complexes, one: _Line, two: _Line) -> Complexes:
+def _samples(weights: Complexes, one: _Line, two: _Line) -> Complexes:
     """One period of a midpoint's factor along both directions.
 
     By FFT along one and the other, not by matrices of waves: those of a long row would take its
     length cubed in memory, and small products of matrices starve where threads share a processor.
     """
-    along = np.fft.fft(mutual * (one.gains[:, None] * two.gains), two.period, axis=1) * two.shifts
-    return np.fft.fft(along, one.period, axis=0) * one.shifts[:, None]
+    mutual = weights[np.ix_(one[0], two[0])] * weights[np.ix_(one[1], two[1])].conj()
+    gains, shifts = (one[2][:, None] * two[2]), (one[3][:, None], two[3])
+    along = np.fft.fft(mutual * gains, len(shifts[1]), axis=1) * shifts[1]
+    return np.fft.fft(along, len(shifts[0]), axis=0) * shifts[0]
