@@ -28,8 +28,8 @@ from polywigner.errors import (
     PolywignerWarning,
     StoreError,
 )
-from polywigner.propagation.stores import chunks_within, write_dataset
-from polywigner.propagation.stores_checks import Layout
+from polywigner.propagation.stores import write_dataset
+from polywigner.propagation.stores_checks import Layout, chunks_within
 from polywigner.transforms.xarray_arguments import LabelledArray
 from stored import chunk_files, hashes
 

@@ -57,7 +57,7 @@ def kill_all(folder: Path, kills: int, dice: random.Random) -> int:
     print(f"undisturbed: {len(expected)} files, {seconds:.2f} s")
     since = 0
     while True:
-        soon = dice.uniform(0.0, seconds / 2) * dice.choice((0.05, 1.0))  # or while a store is made
+        soon = dice.uniform(0.0, seconds) * dice.choice((0.5, 1.0))  # or while a store is made
         is_last = counts["kills"] >= kills
         limit = None if is_last or counts["kills"] - since >= KILLS_OF_A_STORE else soon
         took, was_killed = run(store, limit)

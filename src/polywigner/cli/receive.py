@@ -132,7 +132,7 @@ def receive(settings: ReceiveSettings, out: Out = None) -> None:
         remove_store,
     )
     from polywigner.propagation.exports import write_netcdf
-    from polywigner.propagation.stores import require_stores
+    from polywigner.propagation.stores_checks import require_stores
 
     if store is not None:
         require_stores(settings.scheduler)

@@ -126,7 +126,7 @@ def render(settings: RenderSettings, out: Out = None) -> None:
     from polywigner.mitsuba.rendering import check_spp, default_spp
     from polywigner.mitsuba.scene_renders import SceneFile, remove_store, render_parts
     from polywigner.propagation.exports import write_netcdf
-    from polywigner.propagation.stores import require_stores
+    from polywigner.propagation.stores_checks import require_stores
 
     frames = None
     if store is not None:

@@ -30,13 +30,14 @@ from polywigner.mitsuba.rendering import exposed
 from polywigner.mitsuba.scattered import BATCHES, Scattering, batches_of, lights_of, unseen
 from polywigner.mitsuba.scene_files import digest_of_file, digests_of
 from polywigner.mitsuba.scenes import choose_variant, load_scene
-from polywigner.propagation.stores import (
-    one_run,
+from polywigner.propagation.stores import one_run, write_dataset
+from polywigner.propagation.stores_checks import (
+    Index,
+    Layout,
     require_stores,
     source_settings,
-    write_dataset,
+    with_digest,
 )
-from polywigner.propagation.stores_checks import Index, Layout, with_digest
 from polywigner.radiometry.progress import progress_bar
 from polywigner.transforms.xarray_arguments import Labelled, LabelledArray
 
@@ -120,8 +121,8 @@ class SceneJob:
         chunks: Index,
         settings: Mapping[str, Any],
         **how: Any,
-    ) -> Labelled:
-        """Fill a store with a variable of a name and unit; ``how`` as of :func:`write_dataset`."""
+    ) -> Any:
+        """Fill a store with a variable of a name and unit; ``how`` as of ``write_dataset``."""
         coords = {name: LabelledArray(np.arange(n), (name,)) for name, n in shape.items()}
         name, units = layout
         folder = self.file.path.resolve().parent

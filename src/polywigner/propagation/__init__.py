@@ -17,7 +17,7 @@ module               what is in it
 ``builders``         lines, planes, hemispheres and volumes: ``grids`` of points and ``datasets``
 ``patterns``         radiation patterns and their cuts; ``pattern_files`` writes them
 ``beams``            numbers of data sheets: gain, beamwidths, sidelobes
-``stores``           arrays larger than memory, in chunks on disk; ``stores_checks`` what is whole
+``stores``           arrays larger than memory, by chunks; ``stores_checks`` stores and their damage
 ``exports``          datasets to NetCDF and VTK files
 ``suggestions``      how many samples a grid needs: ``suggestions_fields`` bands of fields
 ``wigner_tables``    W and A on grids of four coordinates

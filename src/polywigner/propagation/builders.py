@@ -28,13 +28,13 @@ from polywigner.propagation.grids import (
     plane_grid,
     shape_of_grid,
 )
-from polywigner.propagation.stores import (
+from polywigner.propagation.stores import write_dataset
+from polywigner.propagation.stores_checks import (
+    Layout,
     chunks_within,
     source_attrs,
     source_settings,
-    write_dataset,
 )
-from polywigner.propagation.stores_checks import Layout
 from polywigner.radiometry.directions import PlaneSource, checked_radiator
 
 if TYPE_CHECKING:

@@ -35,8 +35,13 @@ from polywigner.propagation.places import (
     checked_method,
     checked_name,
 )
-from polywigner.propagation.stores import chunks_within, source_attrs, source_coords
-from polywigner.propagation.stores_checks import Index, required
+from polywigner.propagation.stores_checks import (
+    Index,
+    chunks_within,
+    required,
+    source_attrs,
+    source_coords,
+)
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.radiometry.directions import PlaneSource, checked_bandwidth, checked_radiator
 from polywigner.radiometry.progress import progress_bar

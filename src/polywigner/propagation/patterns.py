@@ -24,7 +24,7 @@ from polywigner.illumination.obliquities import (
 from polywigner.numerics.peaks import climbed, largest
 from polywigner.propagation.far_fields import check_slopes, far_field, powers_of
 from polywigner.propagation.places import checked_name, checked_phi, checked_theta, unit_vectors
-from polywigner.propagation.stores import source_attrs, source_coords
+from polywigner.propagation.stores_checks import source_attrs, source_coords
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.radiometry.directions import PlaneSource, checked_radiator
 from polywigner.radiometry.hemisphere import check_width, largest_lag

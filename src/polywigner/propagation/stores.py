@@ -37,7 +37,6 @@ from polywigner.errors import (
 )
 from polywigner.execution import MOST_THREADS
 from polywigner.geometry.arguments import checked_count, checked_path
-from polywigner.illumination.source_files import SOURCE_COORDINATE, json_of, table_of
 from polywigner.interruption import cleaned_up_by, unfinished
 from polywigner.propagation.stores_checks import (
     CHECKSUM,
@@ -52,21 +51,19 @@ from polywigner.propagation.stores_checks import (
     digest_of,
     open_array,
     recorded,
+    require_stores,
     required,
+    source_coordinate,
     stored_array,
     with_digest,
 )
 from polywigner.radiometry.progress import progress_bar
-from polywigner.transforms.xarray_arguments import LabelledArray, LabelledArrays, labelled
+from polywigner.transforms.xarray_arguments import LabelledArrays, labelled
 
 # Number of the format: it changes with the files' content and layout.
 _FORMAT = 1
 # Libraries on whose rounding a value may depend.
 _LIBRARIES = ("numpy", "drjit")
-# Beyond this a source is told by its digest alone.
-_LONGEST_SOURCE = 1 << 16
-# Of a description, which is shown with a dataset.
-_LONGEST_ATTRIBUTE = 200
 # Seconds to wait for a scheduler's answer, and for its first worker.
 _PATIENCE = 10.0
 
@@ -76,57 +73,6 @@ Block = Callable[[Index, Index], NDArray[Any]]
 One that has a method ``check`` raises there, on every worker and before any chunk is begun, what
 keeps it from computing: files that are not there, for one.
 """
-
-
-def chunks_within(shape: Sequence[int], samples: int) -> Index:
-    """Chunks of at most ``samples`` samples: the longest axis is halved, the first among equals.
-
-    Chunks are then about as long along every axis, and so a slice through the array in any
-    direction reads about the same number of them.
-    """
-    chunks = list(shape)
-    while math.prod(chunks) > samples:
-        longest = chunks.index(max(chunks))
-        chunks[longest] = -(-chunks[longest] // 2)
-    return tuple(chunks)
-
-
-def source_settings(source: Any) -> dict[str, Any]:
-    """A source as a setting: the text of its source file, or the digest of a long one.
-
-    Raises ArgumentError for anything but a source.
-    """
-    text = json_of(table_of(source))
-    if len(text) <= _LONGEST_SOURCE:
-        return {"source": text}
-    return {"source_sha256": digest_of(text)}
-
-
-def source_attrs(source: Any) -> dict[str, str]:
-    """Attributes of a dataset that say in one line which source it is of."""
-    text = repr(source)
-    if len(text) > _LONGEST_ATTRIBUTE:
-        text = f"{text[: _LONGEST_ATTRIBUTE - 3]}..."
-    return {**source_settings(source), "source": text}
-
-
-def source_coords(source: Any) -> dict[str, LabelledArray]:
-    """The coordinate of a dataset that holds the whole source; none for a long one."""
-    return _source_coordinate(source_settings(source).get("source"))
-
-
-def _source_coordinate(text: str | None) -> dict[str, LabelledArray]:
-    if text is None:
-        return {}
-    # objects: NumPy's texts of fixed length take four times the memory, and zarr has none
-    values = np.array(text, dtype=object)
-    return {SOURCE_COORDINATE: LabelledArray(values, (), {"long_name": "source file in JSON"})}
-
-
-def require_stores(scheduler: str | None = None) -> None:
-    """Raise MissingExtraError without all that stores, or a scheduler beside them, take."""
-    for module in ("zarr", "xarray", "dask", *(() if scheduler is None else ("distributed",))):
-        required(module)
 
 
 def versions() -> dict[str, str]:
@@ -208,7 +154,7 @@ def _create(path: Path, layout: Layout, run: dict[str, Any], source: str | None)
     scratch = path.with_name(f"{path.name}.partial")  # one name: swept by the next run
     dtype = np.dtype(layout.dtype)
     attrs = {**layout.dataset_attrs, SETTINGS: json.dumps(run)}
-    labels = labelled(LabelledArrays({}, {**layout.coords, **_source_coordinate(source)}, attrs))
+    labels = labelled(LabelledArrays({}, {**layout.coords, **source_coordinate(source)}, attrs))
     with (
         as_store_error(f"to make the folder {path}", "choose another place, or free this one"),
         unfinished(scratch),

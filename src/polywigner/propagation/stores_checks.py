@@ -1,4 +1,4 @@
-"""Stores on disk (zarr, format 3): what they are made of, what is missing and what is damaged.
+"""Stores on disk (zarr, format 3): layout, settings, and what is missing or damaged in them.
 
 zarr's own codec writes a CRC-32C behind every chunk, so that all readers of zarr notice a damaged
 one. The metadata carry a SHA-256, coordinates and source one each. Chunks of one array that have
@@ -12,7 +12,7 @@ import importlib
 import json
 import math
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -23,7 +23,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from polywigner.errors import MissingExtraError, StoreError, install_command
 from polywigner.geometry.arguments import checked_path
-from polywigner.illumination.source_files import SOURCE_COORDINATE
+from polywigner.illumination.source_files import SOURCE_COORDINATE, json_of, table_of
 from polywigner.radiometry.progress import progress_bar
 from polywigner.transforms.xarray_arguments import LabelledArray
 
@@ -32,6 +32,10 @@ METADATA = "zarr.json"
 # Attributes of the whole store.
 SETTINGS = "polywigner_settings"
 CHECKSUM = "polywigner_checksum"
+# Beyond this a source is told by its digest alone.
+_LONGEST_SOURCE = 1 << 16
+# Of a description, which is shown with a dataset.
+_LONGEST_ATTRIBUTE = 200
 # Chunks that a message names.
 _NAMED = 8
 
@@ -48,6 +52,12 @@ def required(name: str) -> Any:
             f"expected {name} to be installed, which large results are stored and shared out with, "
             f"got none ({error}); run {install_command('volume')}"
         ) from error
+
+
+def require_stores(scheduler: str | None = None) -> None:
+    """Raise MissingExtraError without all that stores, or a scheduler beside them, take."""
+    for module in ("zarr", "xarray", "dask", *(() if scheduler is None else ("distributed",))):
+        required(module)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +98,19 @@ class Layout:
         return origin, tuple(min(c, n - o) for o, c, n in ends)
 
 
+def chunks_within(shape: Sequence[int], samples: int) -> Index:
+    """Chunks of at most ``samples`` samples: the longest axis is halved, the first among equals.
+
+    Chunks are then about as long along every axis, and so a slice through the array in any
+    direction reads about the same number of them.
+    """
+    chunks = list(shape)
+    while math.prod(chunks) > samples:
+        longest = chunks.index(max(chunks))
+        chunks[longest] = -(-chunks[longest] // 2)
+    return tuple(chunks)
+
+
 @contextmanager
 def as_store_error(expected: str, remedy: str) -> Iterator[None]:
     """Within, what the system refuses is told as a StoreError."""
@@ -116,6 +139,39 @@ def with_digest(settings: Mapping[str, Any]) -> dict[str, Any]:
     rest = dict(settings)
     text = rest.pop("source", None)
     return rest if text is None else {**rest, "source_sha256": digest_of(str(text))}
+
+
+def source_settings(source: Any) -> dict[str, Any]:
+    """A source as a setting: the text of its source file, or the digest of a long one.
+
+    Raises ArgumentError for anything but a source.
+    """
+    text = json_of(table_of(source))
+    if len(text) <= _LONGEST_SOURCE:
+        return {"source": text}
+    return {"source_sha256": digest_of(text)}
+
+
+def source_attrs(source: Any) -> dict[str, str]:
+    """Attributes of a dataset that say in one line which source it is of."""
+    text = repr(source)
+    if len(text) > _LONGEST_ATTRIBUTE:
+        text = f"{text[: _LONGEST_ATTRIBUTE - 3]}..."
+    return {**source_settings(source), "source": text}
+
+
+def source_coords(source: Any) -> dict[str, LabelledArray]:
+    """The coordinate of a dataset that holds the whole source; none for a long one."""
+    return source_coordinate(source_settings(source).get("source"))
+
+
+def source_coordinate(text: str | None) -> dict[str, LabelledArray]:
+    """The coordinate that holds the text of a source file; none without a text."""
+    if text is None:
+        return {}
+    # objects: NumPy's texts of fixed length take four times the memory, and zarr has none
+    values = np.array(text, dtype=object)
+    return {SOURCE_COORDINATE: LabelledArray(values, (), {"long_name": "source file in JSON"})}
 
 
 def recorded(path: Path) -> dict[str, Any] | None:

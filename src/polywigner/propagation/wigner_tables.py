@@ -16,14 +16,15 @@ from polywigner.execution import Engine, Precision, checked_engine, checked_prec
 from polywigner.execution.choice import resolved
 from polywigner.geometry.arguments import checked_count, real_numbers
 from polywigner.kernels import kernel_for
-from polywigner.propagation.stores import (
+from polywigner.propagation.stores import write_dataset
+from polywigner.propagation.stores_checks import (
+    Index,
+    Layout,
     chunks_within,
     source_attrs,
     source_coords,
     source_settings,
-    write_dataset,
 )
-from polywigner.propagation.stores_checks import Index, Layout
 from polywigner.transforms import PhaseSpaceSource, ambiguity, wigner
 from polywigner.transforms.wavefronts import flat_of
 from polywigner.transforms.xarray_arguments import LabelledArray, LabelledArrays, labelled

@@ -31,7 +31,7 @@ from polywigner.illumination.obliquities import (
 )
 from polywigner.propagation.far_fields import check_slopes, radiated_power
 from polywigner.propagation.rays_adaptive import sobol_numbers
-from polywigner.propagation.stores import source_attrs
+from polywigner.propagation.stores_checks import source_attrs
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.radiometry.directions import PlaneSource, checked_radiator
 from polywigner.radiometry.hemisphere import largest_lag
