@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import pickle
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,7 @@ import pytest
 from dask.callbacks import Callback
 
 import polywigner as pw
-from polywigner.errors import ArgumentError, MissingExtraError, PolywignerError, PolywignerWarning
+from polywigner.errors import ArgumentError, PolywignerError, PolywignerWarning
 from polywigner.propagation import datasets
 from polywigner.propagation.grids import box_grid
 
@@ -218,12 +217,6 @@ def test_a_bar_is_drawn_on_request_and_never_into_a_pipe(
     drawn = capfd.readouterr().err
     assert "fraunhofer" in drawn
     assert drawn.endswith("\x1b[1A\x1b[2K")  # up to its line, and that wiped out
-
-
-def test_without_xarray_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "xarray", None)
-    with pytest.raises(MissingExtraError, match=r"\.\[volume\]"):
-        pw.line(SQUARE, BOX, 3, WAVELENGTH)
 
 
 FLAT = ((-1.0, -1.0, 1.0), (1.0, 1.0, 1.0))

@@ -10,7 +10,7 @@ from mpmath import besselj
 
 import polywigner as pw
 from polywigner.errors import ArgumentError
-from polywigner.transforms.xarray_arguments import LabelledArray, LabelledArrays
+from polywigner.transforms.xarray_arguments import labelled_array, labelled_arrays
 
 pytestmark = pytest.mark.drjit
 pm = pytest.importorskip("polywigner.mitsuba")
@@ -40,8 +40,8 @@ def cloud(place: Any, intensity: Any, path: Any = None, **attrs: Any) -> Any:
         "intensity": np.asarray(intensity, float),
         "path_length": np.asarray(np.ones(len(place)) if path is None else path, float),
     }
-    return LabelledArrays(
-        {name: LabelledArray(v, ("scatterer", "axis")[: v.ndim]) for name, v in values.items()},
+    return labelled_arrays(
+        {name: labelled_array(v, ("scatterer", "axis")[: v.ndim]) for name, v in values.items()},
         {},
         {
             "wavelength": WAVELENGTH,

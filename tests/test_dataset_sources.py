@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import copy
 import json
-import pickle
 import shutil
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +13,6 @@ import pytest
 import polywigner as pw
 from polywigner.errors import FileFormatError, StoreError
 from polywigner.propagation.stores_checks import checksum_of
-from polywigner.transforms.xarray_arguments import LabelledArray, LabelledArrays
 
 xarray = pytest.importorskip("xarray", reason="the extra datasets is not installed")
 for _library in ("zarr", "dask", "h5netcdf"):
@@ -107,25 +103,3 @@ def test_an_older_store_is_read_and_taken_up(tmp_path: Path) -> None:
     with pytest.raises(StoreError, match="differs in source_sha256") as caught:
         pw.wigner_table(pw.shapes.square(1e-2), *arguments, engine="numpy")
     assert "source " not in str(caught.value).partition("differs in")[2]
-
-
-def test_without_xarray_arrays_axes_and_attributes_are_attributes_too(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setitem(sys.modules, "xarray", None)
-    found = pw.radiation_pattern(SOURCE, WAVELENGTH, [0.0, 0.1], [0.0])
-    assert isinstance(found, LabelledArrays)
-    assert found.directivity is found["directivity"]
-    assert found.theta is found["theta"]
-    assert found.wavelength == WAVELENGTH
-    assert found.directivity.units == "dBi"
-    assert {"directivity", "theta", "wavelength"} <= set(dir(found))
-    assert pw.read_source(found) == SOURCE
-    for other in (copy.deepcopy(found), pickle.loads(pickle.dumps(found))):
-        np.testing.assert_array_equal(other.directivity.values, found.directivity.values)
-    for owner in (found, found.directivity):
-        with pytest.raises(AttributeError, match="no attribute 'directivty'"):
-            _ = owner.directivty
-    # names that the object has itself stay its own
-    array = LabelledArray(np.ones(2), ("x",), {"values": 3})
-    assert array.values is not array.attrs["values"]

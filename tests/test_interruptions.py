@@ -20,7 +20,7 @@ from polywigner.propagation.stores import write_dataset
 from polywigner.propagation.stores_checks import Layout
 from polywigner.toolchain.llvm_discovery import Candidate
 from polywigner.toolchain.llvm_verdicts import judge
-from polywigner.transforms.xarray_arguments import LabelledArray
+from polywigner.transforms.xarray_arguments import labelled_array
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals of Unix")
 
@@ -130,7 +130,7 @@ class Endless:
 def test_a_store_that_is_interrupted_gives_up_the_chunks_it_has_begun(tmp_path: Path) -> None:
     pytest.importorskip("zarr", reason="the extra `volume` is not installed")
     pytest.importorskip("dask", reason="the extra `volume` is not installed")
-    axis = LabelledArray(np.arange(4.0), ("x",), {"units": "m"})
+    axis = labelled_array(np.arange(4.0), ("x",), {"units": "m"})
     layout = Layout("field", "float64", {"x": axis}, (1,), {}, {})
     finished: list[int] = []
     with pytest.raises(KeyboardInterrupt):

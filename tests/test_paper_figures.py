@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from string import ascii_lowercase
@@ -289,16 +288,6 @@ def check_panels_have_letters(figure: Any, part: str) -> None:
     letters = [re.search(r"\((\w+)\)", axes.get_title(loc="left")) for axes in panels]
     names = [f"{part}{k}" for k in range(1, 10)] if part else list(ascii_lowercase)
     assert [letter[1] for letter in letters if letter] == names[: len(panels)]
-
-
-def test_what_a_later_figure_lacks_is_told_before_the_first_is_made(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setitem(sys.modules, "xarray", None)
-    assert main(["figures", "--out", str(tmp_path / "new")]) == 2
-    assert ".[volume]" in capfd.readouterr().err
-    assert not list(tmp_path.iterdir())
-    assert main(["figures", "xforms", "--out", str(tmp_path / "new")]) == 0
 
 
 @pytest.mark.parametrize(

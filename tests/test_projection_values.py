@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import sys
 from typing import Any
 
 import numpy as np
 import pytest
 import shapely
-import xarray
 from hypothesis import given, settings
 
 import polywigner as pw
@@ -17,7 +15,6 @@ from oracles.drawn import polygons
 from oracles.references import aperture, awkward
 from oracles.shapes import Polygons
 from polywigner.errors import ArgumentError, GeometryError
-from polywigner.transforms.xarray_arguments import LabelledArrays
 from projected import KINDS, SHAPES, TILES, box_of, shapes, tile
 
 ROUNDING = 1e-13
@@ -278,26 +275,6 @@ def test_units_follow_the_scale_of_the_source() -> None:
             power = {"1": 0, "m2": 2, "m4": 4}[first[name].attrs["units"]]
             scaled = first[name].values * 1000.0**power
             assert np.abs(second[name].values - scaled).max() <= 2 * second[name].attrs["error"]
-
-
-def test_without_xarray_the_same_names_lead_to_the_same_values(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    source = SHAPES["chevrons"]
-    with_it = pw.projections(source, "ambiguity", samples=7)
-    assert isinstance(with_it, xarray.Dataset)
-    monkeypatch.setitem(sys.modules, "xarray", None)
-    without = pw.projections(source, "ambiguity", samples=7)
-    assert isinstance(without, LabelledArrays)
-    assert list(without) == list(with_it.data_vars) and set(without.coords) == set(with_it.coords)
-    assert without.attrs == with_it.attrs
-    for name in [*with_it.data_vars, *with_it.coords]:
-        assert name in without
-        assert (np.asarray(without[name]) == with_it[name].values).all()
-        assert without[name].dims == with_it[name].dims
-        assert without[name].attrs == with_it[name].attrs
-    with pytest.raises(ValueError, match="read-only"):
-        without["upsilon_x_xi_x"].values[0, 0] = 1
 
 
 def test_the_functions_of_slits_are_their_own_projection() -> None:

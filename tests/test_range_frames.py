@@ -15,7 +15,7 @@ import polywigner as pw
 from polywigner.cli import main
 from polywigner.errors import ArgumentError
 from polywigner.figures import draw_range_profile, write_range_animation
-from polywigner.transforms.xarray_arguments import LabelledArray, LabelledArrays
+from polywigner.transforms.xarray_arguments import labelled_array, labelled_arrays
 
 RADAR = [
     pytest.mark.drjit,
@@ -160,7 +160,7 @@ def test_bad_ranges_are_one_sentence(
     assert sorted(path.name for path in scene.parent.iterdir()) == ["scene.xml", "square.wkt"]
 
 
-def profile(**other: Any) -> LabelledArrays:
+def profile(**other: Any) -> Any:
     edges = np.linspace(0.0, 4.0, 5)
     values = {
         "power": np.array([0.0, 1e-6, -1e-9, 1e-8]),
@@ -168,8 +168,8 @@ def profile(**other: Any) -> LabelledArrays:
         "noise_power": np.array(1e-11),
         **other,
     }
-    arrays = {name: LabelledArray(np.array(v), ()) for name, v in values.items()}
-    return LabelledArrays(arrays, {"range_edge": LabelledArray(edges, ("range_edge",))})
+    arrays = {name: labelled_array(v, ("range",) * np.ndim(v)) for name, v in values.items()}
+    return labelled_arrays(arrays, {"range_edge": labelled_array(edges, ("range_edge",))})
 
 
 def test_a_profile_is_drawn_in_dbm_with_the_noise() -> None:
@@ -192,16 +192,16 @@ def test_an_animation_has_a_frame_for_each_bin(tmp_path: Path) -> None:
 
     radiance = np.zeros((3, 4, 4))
     radiance[0, :2], radiance[1, 2:] = 1.0, 0.1
-    arrays = {"radiance": LabelledArray(radiance, ("range", "row", "column"))}
-    edges = {"range_edge": LabelledArray(np.linspace(1.0, 4.0, 4), ("range_edge",))}
+    arrays = {"radiance": labelled_array(radiance, ("range", "row", "column"))}
+    edges = {"range_edge": labelled_array(np.linspace(1.0, 4.0, 4), ("range_edge",))}
     path = tmp_path / "frames.partial"
-    write_range_animation(LabelledArrays(arrays, edges), path, floor_db=-20.0, title="echo")
+    write_range_animation(labelled_arrays(arrays, edges), path, floor_db=-20.0, title="echo")
     with Image.open(path) as found:
         assert found.format == "GIF" and found.n_frames == 3
     with pytest.raises(ArgumentError, match="range_frames"):
         write_range_animation(None, path)
-    many = {"radiance": LabelledArray(np.zeros((1025, 1, 1)), ("range", "row", "column"))}
+    many = {"radiance": labelled_array(np.zeros((1025, 1, 1)), ("range", "row", "column"))}
     with pytest.raises(ArgumentError, match="1024 frames, got 1025"):
-        write_range_animation(LabelledArrays(many, edges), path)
+        write_range_animation(labelled_arrays(many, edges), path)
     with pytest.raises(ArgumentError, match="milliseconds"):
-        write_range_animation(LabelledArrays(arrays, edges), path, milliseconds=0)
+        write_range_animation(labelled_arrays(arrays, edges), path, milliseconds=0)

@@ -24,7 +24,7 @@ from polywigner.cli import main
 from polywigner.errors import FileFormatError, PolywignerError, PolywignerWarning, StoreError
 from polywigner.propagation.stores import one_run, write_dataset
 from polywigner.propagation.stores_checks import Layout
-from polywigner.transforms.xarray_arguments import LabelledArray
+from polywigner.transforms.xarray_arguments import labelled_array
 from stored import hashes
 
 _EXTRA = "the extra `volume` is not installed"
@@ -37,7 +37,7 @@ X = np.linspace(-1.0, 1.0, 6)
 LAYOUT = Layout(
     "ramp",
     "float64",
-    {name: LabelledArray(X, (name,), {"units": "m"}) for name in "xy"},
+    {name: labelled_array(X, (name,), {"units": "m"}) for name in "xy"},
     (3, 3),
     {"units": "W m-2"},
 )

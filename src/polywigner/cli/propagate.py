@@ -121,8 +121,8 @@ def propagate(
     check_floor(floor_db)
     wanted = parse_methods(method or _DEFAULT, obliquity, order)
     reference = compared_with(wanted, against)
-    for suffix, module in (("", "xarray"), (".nc", "h5netcdf"), (".zarr", "zarr")):
-        if not suffix or suffix in suffixes:
+    for suffix, module in ((".nc", "h5netcdf"), (".zarr", "zarr")):
+        if suffix in suffixes:
             required(module)  # now rather than after the work
     radiator, length = source.read_with_wavelength()
     place = place._replace(shape=samples_of_place(radiator, place, length, amplitude))

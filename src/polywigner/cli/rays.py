@@ -85,8 +85,8 @@ def rays(
     from polywigner.propagation.stores_checks import required
     from polywigner.rays.files import write_to
 
-    for module in ("xarray", *(["h5netcdf"] if "nc" in kinds else [])):
-        required(module)  # now rather than after the work
+    if "nc" in kinds:
+        required("h5netcdf")  # now rather than after the work
     radiator, length = source.read_with_wavelength()
     drawn = pw.sample_rays(
         radiator,

@@ -164,7 +164,7 @@ def prepare_ranges(variant: str) -> None:
     from polywigner.mitsuba.range_film import require_transients
     from polywigner.propagation.stores_checks import required
 
-    for module in ("xarray", "h5netcdf", "dask"):
+    for module in ("h5netcdf", "dask"):
         required(module)
     require_transients(variant)
 

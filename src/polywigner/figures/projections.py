@@ -22,9 +22,9 @@ from polywigner.figures.style import (
     signed_ticks,
     write_title,
 )
-from polywigner.transforms.xarray_arguments import Labelled
 
 if TYPE_CHECKING:
+    import xarray
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
 
@@ -55,7 +55,7 @@ _INCHES = 3.3  # a panel with its colour bar
 
 
 def draw_projections(
-    found: Labelled,
+    found: xarray.Dataset,
     layout: Layout = "paper",
     floor_db: float = -40.0,
     title: str = "",
@@ -123,7 +123,7 @@ def _spectral(name: str) -> bool:
 Cells = dict[tuple[int, int], str]
 
 
-def _cells(found: Labelled, layout: str) -> Cells:
+def _cells(found: xarray.Dataset, layout: str) -> Cells:
     """(row, column) -> name of the tile there."""
     names = list(found.data_vars)
     kind = found.attrs["kind"]
@@ -148,7 +148,7 @@ def _cells(found: Labelled, layout: str) -> Cells:
     return {cell: named[frozenset(pair)] for cell, pair in pairs.items()}
 
 
-def _names(found: Labelled, cells: Cells, row: int, column: int) -> tuple[str, str]:
+def _names(found: xarray.Dataset, cells: Cells, row: int, column: int) -> tuple[str, str]:
     """The coordinates to the right and upwards: those shared along the column and the row."""
     if len(cells) == 1:
         first, second = found[cells[row, column]].dims
@@ -161,7 +161,7 @@ def _names(found: Labelled, cells: Cells, row: int, column: int) -> tuple[str, s
 
 def _draw(
     axes: Axes,
-    found: Labelled,
+    found: xarray.Dataset,
     name: str,
     across: str,
     up: str,
@@ -199,7 +199,7 @@ def _draw(
     axes.set_title(symbol)
 
 
-def _printed(found: Labelled, name: str, unit: LengthUnit) -> NDArray[np.float64]:
+def _printed(found: xarray.Dataset, name: str, unit: LengthUnit) -> NDArray[np.float64]:
     values = np.asarray(found[name].values)
     return values * unit.metres if _spectral(name) else values / unit.metres
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -42,7 +42,10 @@ from polywigner.mitsuba.scattered import (
     wigner_emitters,
 )
 from polywigner.quantities import SPEED_OF_LIGHT
-from polywigner.transforms.xarray_arguments import Labelled, LabelledArray, LabelledArrays, labelled
+from polywigner.transforms.xarray_arguments import labelled_array, labelled_arrays
+
+if TYPE_CHECKING:
+    import xarray
 
 __all__ = [
     "Ranging",
@@ -74,7 +77,7 @@ def range_profile(
     temperature: float | str | None = None,
     noise_figure: float | str | None = None,
     progress: Callable[[int, int], None] | None = None,
-) -> Labelled:
+) -> xarray.Dataset:
     """The power that a scene scatters to its receivers by range, with its standard error.
 
     Range is half the length of the way from a place on the source over all bounces to a place on
@@ -100,8 +103,7 @@ def range_profile(
 
     Returns
     -------
-    xarray.Dataset if xarray can be imported, else a LabelledArrays as of
-    :func:`polywigner.projections`, with
+    xarray.Dataset with
     ``power`` and ``standard_error`` (receiver, range) in W; ``emitter_power`` (receiver, emitter,
     range) in W; ``before``, ``after`` and ``scattered`` (receiver) in W: what comes from nearer and
     from farther than all bins, and all together; ``scattered_error``; and ``noise_power`` in W and
@@ -199,18 +201,18 @@ def ranged(plans: list[Scattering], parties: Parties, edges: Floats) -> list[Ran
 
 def profile_of(
     scene: Any, parties: Parties, edges: Floats, plan: Scattering, found: Floats
-) -> Labelled:
+) -> xarray.Dataset:
     """See :func:`range_profile`; ``found``: W (receivers, batches, lights, values)."""
     shares = [shares_of(scene, each) for each in found]
     has_others = len(lights_of(scene)) > len(parties.emitters)
     names = [each.name for each in parties.emitters] + [OTHER_LIGHTS] * has_others
     by_light = np.array([[*own, other][: len(names)] for own, other in shares])
-    return labelled(_described(by_light, names, parties, edges, plan))
+    return _described(by_light, names, parties, edges, plan)
 
 
 def _described(
     by_light: Floats, names: list[str], parties: Parties, edges: Floats, plan: Scattering
-) -> LabelledArrays:
+) -> xarray.Dataset:
     """``by_light``: W (receivers, lights, batches, values)."""
     from polywigner import __version__
 
@@ -253,13 +255,13 @@ def _described(
     }
     coords = {
         **range_axes(edges),
-        "emitter": LabelledArray(np.array(names), ("emitter",)),
+        "emitter": labelled_array(np.array(names), ("emitter",)),
     }
     single = len(parties.places) == 1
     first: tuple[str, ...] = () if single else ("receiver",)
     if not single:
         receivers = np.array([place.name for place in parties.places])
-        coords["receiver"] = LabelledArray(receivers, ("receiver",))
+        coords["receiver"] = labelled_array(receivers, ("receiver",))
     about = {
         "receiver": parties.places[0].name if single else "several",
         "wavelength": parties.places[0].wavelength,
@@ -267,9 +269,9 @@ def _described(
         "seed": plan.seed,
         "polywigner_version": __version__,
     }
-    return LabelledArrays(
+    return labelled_arrays(
         {
-            name: LabelledArray(
+            name: labelled_array(
                 np.asarray(array[0] if single else array),
                 (*first, *dims),
                 {"units": unit, "long_name": meaning},
@@ -281,13 +283,13 @@ def _described(
     )
 
 
-def range_axes(edges: Floats) -> dict[str, LabelledArray]:
+def range_axes(edges: Floats) -> dict[str, xarray.Variable]:
     """Middles and edges of bins as coordinates."""
     length = {"units": "m", "long_name": "range, half the length of the path"}
     middles = (edges[1:] + edges[:-1]) / 2
     return {
-        "range": LabelledArray(middles, ("range",), length),
-        "range_edge": LabelledArray(edges, ("range_edge",), {**length, "long_name": "bin edges"}),
+        "range": labelled_array(middles, ("range",), length),
+        "range_edge": labelled_array(edges, ("range_edge",), {**length, "long_name": "bin edges"}),
     }
 
 
@@ -307,7 +309,7 @@ def range_frames(
     sensor: int = 0,
     integrator: Any = None,
     progress: Progress | None = None,
-) -> Labelled:
+) -> xarray.Dataset:
     """What a camera sees by range: the radiance of a render, shared out to bins.
 
     Range is half the length of the way from a place on a source to the camera, as in
@@ -326,8 +328,7 @@ def range_frames(
 
     Returns
     -------
-    xarray.Dataset if xarray can be imported, else a LabelledArrays as of
-    :func:`polywigner.projections`, with
+    xarray.Dataset with
     ``radiance`` (range, row, column), ``before`` and ``after`` (row, column) in W m^-2 sr^-1, of
     nearer and of farther than all bins. All of them add up to the picture, its luminance where it
     has colours. Coordinates ``range`` and ``range_edge`` in m.
@@ -342,7 +343,7 @@ def range_frames(
 
 def prepared_frames(
     scene: Any, ranges: npt.ArrayLike, *, spp: int | None, seed: int, sensor: int, integrator: Any
-) -> Callable[[Progress | None], Labelled]:
+) -> Callable[[Progress | None], xarray.Dataset]:
     """What renders the frames of :func:`range_frames`, whose arguments have been checked."""
     edges = checked_ranges(ranges)
     require_transients()
@@ -362,7 +363,7 @@ def prepared_frames(
     check_sums(camera.film().crop_size(), edges)
     parts = min(_PARTS, total)
 
-    def rendered(progress: Progress | None) -> Labelled:
+    def rendered(progress: Progress | None) -> xarray.Dataset:
         found: Any = 0.0
         for part in range(parts):
             samples = total // parts + (part < total % parts)
@@ -370,14 +371,14 @@ def prepared_frames(
             found = found + samples / total * image
             if progress is not None:
                 progress(part + 1, parts)
-        return labelled(_labelled(np.asarray(found), edges, total, entropy))
+        return _labelled(np.asarray(found), edges, total, entropy)
 
     return rendered
 
 
 def _labelled(
     found: npt.NDArray[np.float64], edges: npt.NDArray[np.float64], spp: int, seed: int
-) -> LabelledArrays:
+) -> xarray.Dataset:
     from polywigner import __version__
 
     picture = ("row", "column")
@@ -387,9 +388,9 @@ def _labelled(
         "before": (found[..., 0].copy(), picture, "radiance from nearer than all bins"),
         "after": (found[..., -1].copy(), picture, "radiance from farther than all bins"),
     }
-    return LabelledArrays(
+    return labelled_arrays(
         {
-            name: LabelledArray(array, dims, {"units": "W m-2 sr-1", "long_name": meaning})
+            name: labelled_array(array, dims, {"units": "W m-2 sr-1", "long_name": meaning})
             for name, (array, dims, meaning) in values.items()
         },
         range_axes(edges),

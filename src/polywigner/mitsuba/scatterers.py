@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import mitsuba as mi
@@ -23,7 +23,10 @@ from polywigner.mitsuba.rendering import depths_of
 from polywigner.mitsuba.scattered import unseen, wigner_emitters
 from polywigner.mitsuba.scattering_steps import Events, Motion, Paths, events_of, number_of
 from polywigner.quantities import SPEED_OF_LIGHT
-from polywigner.transforms.xarray_arguments import Labelled, LabelledArray, LabelledArrays, labelled
+from polywigner.transforms.xarray_arguments import labelled_array, labelled_arrays
+
+if TYPE_CHECKING:
+    import xarray
 
 __all__ = ["BATCHES", "Cloud", "cloud_of", "scatterers"]
 
@@ -190,7 +193,7 @@ def scatterers(
     max_depth: int | None = None,
     receiver: int | str | None = None,
     rays: int | None = None,
-) -> Labelled:
+) -> xarray.Dataset:
     """A lit scene as its receiver gets it: a cloud of points with power, path length and velocity.
 
     Rays leave the receiver as those of the ``wigner_receiver`` sensor do and are scattered from
@@ -215,8 +218,7 @@ def scatterers(
 
     Returns
     -------
-    xarray.Dataset over ``scatterer`` if xarray can be imported, else a LabelledArrays as of
-    :func:`polywigner.projections`, with
+    xarray.Dataset over ``scatterer`` with
 
     - ``position``, ``normal`` (scatterer, axis): of the first surface, in m; the normal is on the
       receiver's side
@@ -267,7 +269,7 @@ def scatterers(
         "seed": given.seed,
         "standard_error": cloud.standard_error,
     }
-    return labelled(_described(cloud, names, motion, place.scene_unit, about))
+    return _described(cloud, names, motion, place.scene_unit, about)
 
 
 @dataclass(frozen=True)
@@ -375,7 +377,7 @@ def _check_air(scene: Any, sensor: Any) -> None:
 
 def _described(
     cloud: Cloud, names: _Names, motion: Motion | None, unit: float, about: dict[str, Any]
-) -> LabelledArrays:
+) -> xarray.Dataset:
     from polywigner import __version__
 
     events = cloud.events
@@ -398,16 +400,16 @@ def _described(
         in_space["velocity"] = (speeds, "m/s", "velocity of the first surface")
         along["path_rate"] = (unit * events.rate, "m/s", "growth of the path per second")
     dims = dict.fromkeys(in_space, ("scatterer", "axis")) | dict.fromkeys(along, ("scatterer",))
-    return LabelledArrays(
+    return labelled_arrays(
         {
-            name: LabelledArray(
+            name: labelled_array(
                 np.ascontiguousarray(values),
                 dims[name],
                 ({"units": units} if units else {}) | {"long_name": meaning},
             )
             for name, (values, units, meaning) in (in_space | along).items()
         },
-        {"axis": LabelledArray(np.array(["x", "y", "z"]), ("axis",))},
+        {"axis": labelled_array(np.array(["x", "y", "z"]), ("axis",))},
         about | {"polywigner_version": __version__},
     )
 

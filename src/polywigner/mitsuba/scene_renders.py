@@ -11,7 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial, reduce
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import mitsuba as mi
 import numpy as np
@@ -39,7 +39,10 @@ from polywigner.propagation.stores_checks import (
     with_digest,
 )
 from polywigner.radiometry.progress import progress_bar
-from polywigner.transforms.xarray_arguments import Labelled, LabelledArray
+from polywigner.transforms.xarray_arguments import labelled_array
+
+if TYPE_CHECKING:
+    import xarray
 
 __all__ = [
     "SceneFile",
@@ -123,7 +126,7 @@ class SceneJob:
         **how: Any,
     ) -> Any:
         """Fill a store with a variable of a name and unit; ``how`` as of ``write_dataset``."""
-        coords = {name: LabelledArray(np.arange(n), (name,)) for name, n in shape.items()}
+        coords = {name: labelled_array(np.arange(n), (name,)) for name, n in shape.items()}
         name, units = layout
         folder = self.file.path.resolve().parent
         files = {os.path.relpath(path, folder): digest for path, digest in self.digests.items()}
@@ -271,7 +274,7 @@ def receive_ranges(
     asked: Asked,
     edges: npt.NDArray[np.float64],
     **keeping: Any,
-) -> tuple[list[ReceivedPower], Labelled]:
+) -> tuple[list[ReceivedPower], xarray.Dataset]:
     """:func:`receive_parts`, and the same samples by range as of :func:`range_profile`.
 
     ``edges``: of bins, in m.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,9 @@ from polywigner.propagation.patterns import (
     cuts_of,
     front_of,
 )
-from polywigner.transforms.xarray_arguments import Labelled
+
+if TYPE_CHECKING:
+    import xarray
 
 __all__ = [
     "BeamMetrics",
@@ -142,7 +144,7 @@ def decibels_milliwatt(power: float) -> float:
 
 
 def beam_metrics(
-    pattern: Labelled, *, power: float | None = None, efficiency: float = 1.0
+    pattern: xarray.Dataset, *, power: float | None = None, efficiency: float = 1.0
 ) -> BeamMetrics:
     """Directivity, gain, EIRP, beam direction, half-power beamwidths and first sidelobes.
 

@@ -261,7 +261,8 @@ def dataset(
     ``chunks``: None computes now; anything that dask takes for chunks computes when values are
     asked for. Raises ArgumentError for other chunks, MissingExtraError without xarray or dask.
     """
-    xarray = required("xarray")
+    import xarray
+
     radiator = checked_radiator(source, partly=True)
     blocks = [FieldBlock(radiator, grid, method, settings) for method in settings.methods]
     with _warnings_once():

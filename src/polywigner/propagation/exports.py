@@ -173,7 +173,8 @@ def _not_written(path: Path, error: OSError) -> ArgumentError:
 
 
 def _opened(dataset: Any) -> Any:
-    xarray = required("xarray")
+    import xarray
+
     if isinstance(dataset, xarray.DataArray):
         dataset = dataset.to_dataset(name=dataset.name or "values")
     if isinstance(dataset, xarray.Dataset):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,10 @@ from polywigner.propagation.places import (
     checked_theta,
     unit_vectors,
 )
-from polywigner.transforms.xarray_arguments import LabelledArray
+from polywigner.transforms.xarray_arguments import labelled_array
+
+if TYPE_CHECKING:
+    import xarray
 
 __all__ = [
     "Grid",
@@ -40,7 +43,7 @@ _AXES = ("x", "y", "z")
 class StraightGrid:
     """Points origin + sum of a_k e_k, for every value a_k of each axis k with direction e_k."""
 
-    coords: dict[str, LabelledArray]
+    coords: dict[str, xarray.Variable]
     """Axis -> its values a_k (n_k,) in m, in the order of the dimensions."""
     origin: Values
     """(3,) in m."""
@@ -64,7 +67,7 @@ class StraightGrid:
 class Hemisphere:
     """Points at one distance from a centre, for all angles of two lists."""
 
-    coords: dict[str, LabelledArray]
+    coords: dict[str, xarray.Variable]
     """"theta" and "phi", in rad."""
     centre: Values
     radius: float
@@ -150,10 +153,10 @@ def hemisphere_grid(radius: Any, theta: Any, phi: Any, centre: Any) -> Hemispher
         raise ArgumentError(f"expected a centre (3,) in m, got shape {shape_of(centre)}")
     _check_size("expected a centre and a radius", np.append(middle, length))
     axes = {
-        "theta": LabelledArray(
+        "theta": labelled_array(
             checked_theta(theta), ("theta",), {"units": "rad", "long_name": "angle from z"}
         ),
-        "phi": LabelledArray(
+        "phi": labelled_array(
             checked_phi(phi), ("phi",), {"units": "rad", "long_name": "angle from x"}
         ),
     }
@@ -171,7 +174,7 @@ def _straight_grid(
     spans: dict[str, tuple[float, float, int]], origin: Values, directions: Values
 ) -> StraightGrid:
     axes = {
-        name: LabelledArray(_span(*span), (name,), {"units": "m"}) for name, span in spans.items()
+        name: labelled_array(_span(*span), (name,), {"units": "m"}) for name, span in spans.items()
     }
     ends = np.array(np.meshgrid(*([low, high] for low, high, _ in spans.values()))).reshape(
         len(spans), -1

@@ -7,7 +7,7 @@ import os
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Literal, cast
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,9 @@ from polywigner.errors import ArgumentError, FileFormatError
 from polywigner.geometry.arguments import checked_path, write_lines
 from polywigner.propagation.beams import checked_efficiency
 from polywigner.propagation.patterns import checked_pattern, cuts_of
-from polywigner.transforms.xarray_arguments import Labelled
+
+if TYPE_CHECKING:
+    import xarray
 
 __all__ = ["Polarisation", "write_pattern"]
 
@@ -57,7 +59,7 @@ class _Pattern:
 
 
 def write_pattern(
-    pattern: Labelled,
+    pattern: xarray.Dataset,
     path: str | os.PathLike[str],
     *,
     polarisation: Polarisation = "y",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,7 +29,10 @@ from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.radiometry.directions import PlaneSource, checked_radiator
 from polywigner.radiometry.hemisphere import check_width, largest_lag
 from polywigner.transforms.wavefronts import flat_of
-from polywigner.transforms.xarray_arguments import Labelled, LabelledArray, LabelledArrays, labelled
+from polywigner.transforms.xarray_arguments import labelled_array, labelled_arrays
+
+if TYPE_CHECKING:
+    import xarray
 
 __all__ = ["angle_between", "checked_pattern", "cuts_of", "front_of", "radiation_pattern"]
 
@@ -125,7 +128,7 @@ def radiation_pattern(
     obliquity: ObliquityName = DEFAULT,
     precision: Precision = None,
     engine: Engine = "auto",
-) -> Labelled:
+) -> xarray.Dataset:
     """Far field and directivity of a source over angles from its normal.
 
     E = sum over the field's waves of sqrt(g) F/(i lambda), F from :func:`fourier`, without any
@@ -148,7 +151,7 @@ def radiation_pattern(
 
     Returns
     -------
-    xarray.Dataset if xarray can be imported, else a LabelledArrays as of :func:`projections`, with
+    xarray.Dataset with
     ``directivity`` (n, m) in dBi, minus infinity where nothing is radiated, and ``field`` (n, m),
     complex, in m times the unit of u; accurate to 1e-12 of the largest |E|. Attributes: the
     wavelength, frequency, obliquity, radiated power, aperture power int |u|^2, the largest
@@ -197,7 +200,7 @@ def radiation_pattern(
         "peak_theta": peak_theta,
         "peak_phi": peak_phi,
     }
-    return labelled(_described(radiator, axes, field, directivity, about))
+    return _described(radiator, axes, field, directivity, about)
 
 
 def _beam(
@@ -268,7 +271,7 @@ def _described(
     field: Values,
     directivity: Values,
     about: dict[str, Any],
-) -> LabelledArrays:
+) -> xarray.Dataset:
     from polywigner import __version__
 
     dims = tuple(axes)
@@ -279,13 +282,13 @@ def _described(
         "convention": "waves exp(+ikr)/r, time exp(-i omega t)",
         "polywigner_version": __version__,
     }
-    return LabelledArrays(
+    return labelled_arrays(
         {
-            "directivity": LabelledArray(directivity, dims, names),
-            "field": LabelledArray(field, dims, far),
+            "directivity": labelled_array(directivity, dims, names),
+            "field": labelled_array(field, dims, far),
         },
         {
-            name: LabelledArray(values, (name,), {"units": "rad", "long_name": meaning})
+            name: labelled_array(values, (name,), {"units": "rad", "long_name": meaning})
             for name, (values, meaning) in axes.items()
         }
         | source_coords(source),

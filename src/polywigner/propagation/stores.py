@@ -22,7 +22,7 @@ from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,7 +58,10 @@ from polywigner.propagation.stores_checks import (
     with_digest,
 )
 from polywigner.radiometry.progress import progress_bar
-from polywigner.transforms.xarray_arguments import LabelledArrays, labelled
+from polywigner.transforms.xarray_arguments import labelled_arrays
+
+if TYPE_CHECKING:
+    pass
 
 # Number of the format: it changes with the files' content and layout.
 _FORMAT = 1
@@ -154,7 +157,7 @@ def _create(path: Path, layout: Layout, run: dict[str, Any], source: str | None)
     scratch = path.with_name(f"{path.name}.partial")  # one name: swept by the next run
     dtype = np.dtype(layout.dtype)
     attrs = {**layout.dataset_attrs, SETTINGS: json.dumps(run)}
-    labels = labelled(LabelledArrays({}, {**layout.coords, **source_coordinate(source)}, attrs))
+    labels = labelled_arrays({}, {**layout.coords, **source_coordinate(source)}, attrs)
     with (
         as_store_error(f"to make the folder {path}", "choose another place, or free this one"),
         unfinished(scratch),
@@ -383,6 +386,8 @@ def write_dataset(
     versions; EngineError for a scheduler that does not answer; MissingExtraError without zarr,
     xarray or dask; and what ``block`` raises.
     """
+    import xarray
+
     if threads is not None:
         threads = checked_count(threads, "threads", 1, MOST_THREADS)
     require_stores(scheduler)
@@ -404,7 +409,7 @@ def write_dataset(
                 indices = _to_compute(array, progress)
             _check_space(folder, len(indices) * size)
         if not indices:
-            return required("xarray").open_zarr(folder)
+            return xarray.open_zarr(folder)
         client = None if scheduler is None else stack.enter_context(connected(scheduler))
         if is_new:  # only now, when whoever computes has answered
             stack.enter_context(one_run(folder))
@@ -418,7 +423,7 @@ def write_dataset(
         else:
             _on_cluster(writer, indices, client, bar)
             _sweep(folder / layout.name)  # what killed workers had begun
-    return required("xarray").open_zarr(folder)
+    return xarray.open_zarr(folder)
 
 
 def _sweep(array: Path) -> None:

@@ -16,7 +16,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -25,7 +25,10 @@ from polywigner.errors import MissingExtraError, StoreError, install_command
 from polywigner.geometry.arguments import checked_path
 from polywigner.illumination.source_files import SOURCE_COORDINATE, json_of, table_of
 from polywigner.radiometry.progress import progress_bar
-from polywigner.transforms.xarray_arguments import LabelledArray
+from polywigner.transforms.xarray_arguments import labelled_array
+
+if TYPE_CHECKING:
+    import xarray
 
 # Of the folder, and of each array in it: its metadata.
 METADATA = "zarr.json"
@@ -56,7 +59,7 @@ def required(name: str) -> Any:
 
 def require_stores(scheduler: str | None = None) -> None:
     """Raise MissingExtraError without all that stores, or a scheduler beside them, take."""
-    for module in ("zarr", "xarray", "dask", *(() if scheduler is None else ("distributed",))):
+    for module in ("zarr", "dask", *(() if scheduler is None else ("distributed",))):
         required(module)
 
 
@@ -68,7 +71,7 @@ class Layout:
     """Name of the variable."""
     dtype: DTypeLike
     """float32, float64, complex64 or complex128."""
-    coords: Mapping[str, LabelledArray]
+    coords: Mapping[str, xarray.Variable]
     """Dimension -> its values (n,), with a unit; in the order of the array's axes."""
     chunks: Index
     """Samples of a chunk along each axis; chunks at the end may be cut short."""
@@ -160,18 +163,18 @@ def source_attrs(source: Any) -> dict[str, str]:
     return {**source_settings(source), "source": text}
 
 
-def source_coords(source: Any) -> dict[str, LabelledArray]:
+def source_coords(source: Any) -> dict[str, xarray.Variable]:
     """The coordinate of a dataset that holds the whole source; none for a long one."""
     return source_coordinate(source_settings(source).get("source"))
 
 
-def source_coordinate(text: str | None) -> dict[str, LabelledArray]:
+def source_coordinate(text: str | None) -> dict[str, xarray.Variable]:
     """The coordinate that holds the text of a source file; none without a text."""
     if text is None:
         return {}
     # objects: NumPy's texts of fixed length take four times the memory, and zarr has none
     values = np.array(text, dtype=object)
-    return {SOURCE_COORDINATE: LabelledArray(values, (), {"long_name": "source file in JSON"})}
+    return {SOURCE_COORDINATE: labelled_array(values, (), {"long_name": "source file in JSON"})}
 
 
 def recorded(path: Path) -> dict[str, Any] | None:

@@ -6,7 +6,7 @@ import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,7 +27,10 @@ from polywigner.propagation.stores_checks import (
 )
 from polywigner.transforms import PhaseSpaceSource, ambiguity, wigner
 from polywigner.transforms.wavefronts import flat_of
-from polywigner.transforms.xarray_arguments import LabelledArray, LabelledArrays, labelled
+from polywigner.transforms.xarray_arguments import labelled_array, labelled_arrays
+
+if TYPE_CHECKING:
+    import xarray
 
 __all__ = ["ambiguity_table", "wigner_table"]
 
@@ -79,7 +82,7 @@ def wigner_table(
     Returns
     -------
     xarray.Dataset with the variable W (x, y, nu_x, nu_y), in m^2, real; from disk lazily. In memory
-    and without xarray: a LabelledArrays, as from :func:`projections`.
+    and without xarray: a xarray.Dataset, as from :func:`projections`.
 
     Raises
     ------
@@ -209,13 +212,13 @@ def _in_memory(layout: Layout, block: _Block, running: _Running) -> Any:
             "to disk with out"
         )
     values = block((0,) * len(layout.shape), layout.shape)
-    variable = LabelledArray(values, tuple(layout.coords), dict(layout.attrs))
+    variable = labelled_array(values, tuple(layout.coords), dict(layout.attrs))
     coords = {**layout.coords, **source_coords(block.source)}
-    return labelled(LabelledArrays({layout.name: variable}, coords, {**layout.dataset_attrs}))
+    return labelled_arrays({layout.name: variable}, coords, {**layout.dataset_attrs})
 
 
 def _layout(
-    kind: Kind, axes: Mapping[str, LabelledArray], running: _Running, about: Mapping[str, str]
+    kind: Kind, axes: Mapping[str, xarray.Variable], running: _Running, about: Mapping[str, str]
 ) -> Layout:
     double = running.precision != "single"
     name, label, kernel = {
@@ -238,7 +241,7 @@ def _layout(
     )
 
 
-def _chunks(axes: Mapping[str, LabelledArray], wanted: Mapping[str, int] | None) -> Index:
+def _chunks(axes: Mapping[str, xarray.Variable], wanted: Mapping[str, int] | None) -> Index:
     asked = dict(wanted or {})
     for name in asked:
         if name not in axes:
@@ -252,7 +255,7 @@ def _chunks(axes: Mapping[str, LabelledArray], wanted: Mapping[str, int] | None)
     return tuple(fixed[name] for name in axes)
 
 
-def _checked_axis(name: str, values: ArrayLike) -> LabelledArray:
+def _checked_axis(name: str, values: ArrayLike) -> xarray.Variable:
     expected = f"expected {name} as finite numbers of shape (n,)"
     try:
         array = real_numbers(values)
@@ -261,4 +264,4 @@ def _checked_axis(name: str, values: ArrayLike) -> LabelledArray:
     if array.ndim != 1 or not len(array) or not np.isfinite(array).all():
         raise ArgumentError(f"{expected}, got {values!r}")
     units = "1/m" if name.startswith(("nu", "upsilon")) else "m"
-    return LabelledArray(array, (name,), {"units": units})
+    return labelled_array(array, (name,), {"units": units})

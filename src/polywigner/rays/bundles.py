@@ -9,7 +9,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import real_numbers, shape_of
-from polywigner.propagation.stores_checks import required
 
 if TYPE_CHECKING:
     import xarray
@@ -43,7 +42,9 @@ def bundle(
     if batch is not None:
         about = {"long_name": "independent set of quasi-random numbers"}
         coords["batch"] = ("ray", np.asarray(batch, np.int32), about)
-    dataset: xarray.Dataset = required("xarray").Dataset(
+    import xarray
+
+    dataset = xarray.Dataset(
         {
             name: (
                 ("ray", "component")[: values.ndim],
@@ -109,7 +110,8 @@ def checked_bundle(rays: Any) -> tuple[Values, Values, Values, NDArray[Any] | No
     Rays with a component that is not finite are lost: they may be there. Raises ArgumentError for
     anything but such a dataset, and for directions that are no unit vectors.
     """
-    xarray = required("xarray")
+    import xarray
+
     if not isinstance(rays, xarray.Dataset) or not set(_UNITS) <= set(rays.variables):
         raise ArgumentError(
             "expected rays as a dataset with position, direction and weight, got "

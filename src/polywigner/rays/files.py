@@ -328,7 +328,6 @@ def load(path: str | os.PathLike[str]) -> xarray.Dataset:
     """
     file = checked_path(path)
     names_of(file, False)
-    required("xarray")
     if not file.exists():
         raise FileFormatError(f"expected a file of rays, got {path}, which is none")
     read = {".npz": _read_npz, ".csv": _read_csv, ".nc": _read_netcdf, ".dat": _read_dat}
@@ -392,7 +391,9 @@ def _read_csv(file: Path) -> Any:
 def _read_netcdf(file: Path) -> Any:
     required("h5netcdf")
     file.stat()
-    with required("xarray").open_dataset(file, engine="h5netcdf") as stored:
+    import xarray
+
+    with xarray.open_dataset(file, engine="h5netcdf") as stored:
         _check_unpacked(file, stored.nbytes)
         return stored.load()
 

@@ -16,7 +16,6 @@ from polywigner.geometry.arguments import (
     rigid_pose,
     shape_of,
 )
-from polywigner.propagation.stores_checks import required
 from polywigner.rays.bundles import MOST_BATCHES, checked_bundle, count_of
 
 if TYPE_CHECKING:
@@ -189,7 +188,9 @@ def _dataset(
     size = len(edges[1]) - 1, len(edges[0]) - 1
     middles = [(axis[1:] + axis[:-1]) / 2 for axis in edges]
     units = {"units": "W m-2"}
-    dataset: xarray.Dataset = required("xarray").Dataset(
+    import xarray
+
+    dataset = xarray.Dataset(
         {
             "irradiance": (
                 ("y", "x"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,7 +16,10 @@ from polywigner.radiometry.progress import progress_bar
 from polywigner.scattering.antennas import Channel, checked_channel, checked_unit_vectors
 from polywigner.scattering.cross_sections import rcs
 from polywigner.scattering.facets import Body, facets_of
-from polywigner.transforms.xarray_arguments import Labelled, LabelledArray, LabelledArrays, labelled
+from polywigner.transforms.xarray_arguments import labelled_array, labelled_arrays
+
+if TYPE_CHECKING:
+    import xarray
 
 __all__ = ["rcs_pattern"]
 
@@ -33,7 +36,7 @@ def rcs_pattern(
     to_transmitter: ArrayLike | None = None,
     polarisation: Channel | None = None,
     progress: bool | None = None,
-) -> Labelled:
+) -> xarray.Dataset:
     """Radar cross section of a body over azimuth and elevation of the radar, as a dataset.
 
     The values are those of :func:`rcs`, which says what they are and where they hold.
@@ -50,7 +53,7 @@ def rcs_pattern(
 
     Returns
     -------
-    xarray.Dataset if xarray can be imported, else a LabelledArrays as of :func:`projections`, with
+    xarray.Dataset with
     ``rcs`` (azimuth, elevation) in m^2. Attributes: wavelength, frequency, polarisation, number of
     triangles, largest cross section, and the transmitter where it stays.
 
@@ -94,12 +97,12 @@ def rcs_pattern(
     if transmitter is not None:
         about["to_transmitter"] = transmitter.tolist()
     axes = {"azimuth": (around, "angle about z from x"), "elevation": (above, "angle above z = 0")}
-    return labelled(_described(axes, values, about))
+    return _described(axes, values, about)
 
 
 def _described(
     axes: dict[str, tuple[Floats, str]], values: Floats, about: dict[str, Any]
-) -> LabelledArrays:
+) -> xarray.Dataset:
     from polywigner import __version__
 
     of_values = {
@@ -108,10 +111,10 @@ def _described(
         "method": "physical optics: one reflection, no waves of edges",
         "polywigner_version": __version__,
     }
-    return LabelledArrays(
-        {"rcs": LabelledArray(values, tuple(axes), of_values)},
+    return labelled_arrays(
+        {"rcs": labelled_array(values, tuple(axes), of_values)},
         {
-            name: LabelledArray(angles, (name,), {"units": "rad", "long_name": meaning})
+            name: labelled_array(angles, (name,), {"units": "rad", "long_name": meaning})
             for name, (angles, meaning) in axes.items()
         },
         about,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,7 +15,10 @@ from polywigner.geometry.arguments import real_numbers
 from polywigner.kernels import kernel_for
 from polywigner.transforms.arguments import PhaseSpaceSource
 from polywigner.transforms.tiles import Tile, tiles_of
-from polywigner.transforms.xarray_arguments import Labelled, LabelledArray, LabelledArrays, labelled
+from polywigner.transforms.xarray_arguments import labelled_array, labelled_arrays
+
+if TYPE_CHECKING:
+    import xarray
 
 __all__ = ["LARGEST_SAMPLES", "PhaseSpaceFunction", "projections"]
 
@@ -41,7 +44,7 @@ def projections(
     coordinates: Mapping[str, ArrayLike] | None = None,
     tiles: Iterable[str] | None = None,
     engine: Engine = "auto",
-) -> Labelled:
+) -> xarray.Dataset:
     """The function integrated over two of its four coordinates, for every pair of the others.
 
     The tiles of the paper's Fig. (projs), and the two pairs that its grids leave out. Named after
@@ -81,8 +84,7 @@ def projections(
 
     Returns
     -------
-    xarray.Dataset if xarray can be imported, else a LabelledArrays, which has the same
-    ``[name].values``, ``.dims``, ``.attrs``, ``.coords`` and ``.data_vars``. Complex for
+    xarray.Dataset. Complex for
     "ambiguity", and for "autocorrelation" of an Array and under an illumination; real for all
     others. The attributes of a tile: ``units``, ``long_name``, ``method`` (its closed form),
     ``exact`` (1: no quadrature) and ``error``, the largest error that rounding makes in it, for
@@ -120,18 +122,16 @@ def projections(
     axes = _axes(source, available, samples, extent, coordinates)
     arrays = {tile.name: _array(tile, source, axes, engine) for tile in chosen}
     used = {name for array in arrays.values() for name in array.dims}
-    return labelled(
-        LabelledArrays(
-            arrays,
-            {name: _axis(name, axes[name]) for name in axes if name in used},
-            {"kind": kind, "convention": "exp(-2 pi i nu.xi), exp(-2 pi i upsilon.x)"},
-        )
+    return labelled_arrays(
+        arrays,
+        {name: _axis(name, axes[name]) for name in axes if name in used},
+        {"kind": kind, "convention": "exp(-2 pi i nu.xi), exp(-2 pi i upsilon.x)"},
     )
 
 
 def _array(
     tile: Tile, source: PhaseSpaceSource, axes: Mapping[str, Values], engine: Engine
-) -> LabelledArray:
+) -> xarray.Variable:
     values = tile.values(source, axes[tile.first], axes[tile.second], engine)
     attrs = {
         "units": tile.units,
@@ -140,12 +140,12 @@ def _array(
         "exact": 1,
         "error": tile.error(source),
     }
-    return LabelledArray(values, (tile.first, tile.second), attrs)
+    return labelled_array(values, (tile.first, tile.second), attrs)
 
 
-def _axis(name: str, values: Values) -> LabelledArray:
+def _axis(name: str, values: Values) -> xarray.Variable:
     units = "1/m" if name.startswith(("nu", "upsilon")) else "m"
-    return LabelledArray(values, (name,), {"units": units})
+    return labelled_array(values, (name,), {"units": units})
 
 
 def _chosen(available: Mapping[str, Tile], names: Iterable[str] | None) -> list[Tile]:

@@ -12,14 +12,14 @@ import functools
 import inspect
 import sys
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from importlib import import_module
-from typing import Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
 from polywigner.errors import ArgumentError
 from polywigner.execution import is_drjit, kernel_threads
@@ -27,122 +27,29 @@ from polywigner.geometry import Polyhedron, Slits, Wavefront
 from polywigner.illumination import Array
 from polywigner.transforms.traced_sources import Differentiable
 
-__all__ = [
-    "Labelled",
-    "LabelledArray",
-    "LabelledArrays",
-    "content_units",
-    "labelled",
-    "takes_xarray",
-]
+
+def labelled_array(
+    values: ArrayLike, dims: Sequence[str], attrs: Mapping[str, Any] | None = None
+) -> xarray.Variable:
+    """Return values with the names of their axes; ``attrs`` hold the unit and the rest."""
+    import xarray
+
+    return xarray.Variable(tuple(dims), values, dict(attrs or {}))
 
 
-class Labelled(Protocol):
-    """The interface that :class:`LabelledArrays` and ``xarray.Dataset`` have in common.
+def labelled_arrays(
+    data_vars: Mapping[str, Any],
+    coords: Mapping[str, Any],
+    attrs: Mapping[str, Any] | None = None,
+) -> xarray.Dataset:
+    """Return arrays on common axes under their names."""
+    import xarray
 
-    ``found[name]`` has ``values``, ``dims``, ``attrs``; so has a coordinate, ``found[dim]``.
-    """
-
-    @property
-    def attrs(self) -> Any: ...
-
-    @property
-    def coords(self) -> Any: ...
-
-    @property
-    def data_vars(self) -> Any: ...
-
-    def __getitem__(self, name: str) -> Any: ...
-
-    def __contains__(self, name: object) -> bool: ...
-
-    def __getattr__(self, name: str) -> Any: ...
+    return xarray.Dataset(dict(data_vars), coords=dict(coords), attrs=dict(attrs or {}))
 
 
-@dataclass(frozen=True, eq=False)
-class LabelledArray:
-    """Read-only values with the names of their axes; ``attrs`` hold the unit and the rest."""
-
-    values: NDArray[Any]
-    dims: tuple[str, ...]
-    attrs: dict[str, Any] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        self.values.setflags(write=False)
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        return self.values.shape
-
-    def __getattr__(self, name: str) -> Any:
-        return _looked_up(self, name, vars(self).get("attrs", {}))
-
-    def __dir__(self) -> list[str]:
-        return [*super().__dir__(), *self.attrs]
-
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
-        return np.array(self.values, dtype=dtype, copy=True if copy is None else copy)
-
-
-@dataclass(frozen=True, eq=False)
-class LabelledArrays(Mapping[str, LabelledArray]):
-    """Named arrays on common axes; iterates over the arrays, looks up axes as well.
-
-    Arrays, axes and attributes whose names are free are attributes of the object too, as in xarray:
-    ``found.directivity``.
-    """
-
-    data_vars: Mapping[str, LabelledArray]
-    coords: Mapping[str, LabelledArray]
-    attrs: dict[str, Any] = field(default_factory=dict)
-
-    def __getitem__(self, name: str) -> LabelledArray:
-        return self.data_vars[name] if name in self.data_vars else self.coords[name]
-
-    def __contains__(self, name: object) -> bool:
-        return name in self.data_vars or name in self.coords
-
-    def __getattr__(self, name: str) -> Any:
-        # not self.attrs: an object that is being unpickled has none yet
-        own = vars(self)
-        places = (own.get(place, {}) for place in ("data_vars", "coords", "attrs"))
-        return _looked_up(self, name, *places)
-
-    def __dir__(self) -> list[str]:
-        return [*super().__dir__(), *self.data_vars, *self.coords, *self.attrs]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.data_vars)
-
-    def __len__(self) -> int:
-        return len(self.data_vars)
-
-
-def _looked_up(owner: object, name: str, *places: Mapping[str, Any]) -> Any:
-    for place in places:
-        if name in place:
-            return place[name]
-    message = f"{type(owner).__name__!r} object has no attribute {name!r}"
-    raise AttributeError(message, name=name, obj=owner)
-
-
-def labelled(found: LabelledArrays) -> Labelled:
-    """The arrays as an ``xarray.Dataset`` if xarray can be imported."""
-    try:
-        import xarray
-    except ImportError:
-        return found
-
-    def entry(array: LabelledArray) -> tuple[Any, ...]:
-        return array.dims, np.array(array.values), array.attrs
-
-    dataset: Labelled = xarray.Dataset(
-        {name: entry(array) for name, array in found.data_vars.items()},
-        coords={name: entry(array) for name, array in found.coords.items()},
-        attrs=found.attrs,
-    )
-    return dataset
-
+if TYPE_CHECKING:
+    import xarray
 
 F = TypeVar("F", bound=Callable[..., Any])
 Arguments = dict[str, Any]

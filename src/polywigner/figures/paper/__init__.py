@@ -12,19 +12,16 @@ from typing import NamedTuple
 
 from polywigner.errors import ArgumentError
 from polywigner.figures.paper.sources import QUALITIES, Made, Quality
-from polywigner.propagation.stores_checks import required
 
 __all__ = ["FIGURES", "QUALITIES", "Made", "Quality", "Subject", "check_figures", "make_figure"]
 
 
 class Subject(NamedTuple):
-    """The module of a figure, its caption, letters of its pictures if it has several, and whether
-    it takes the labelled arrays that the extra ``volume`` brings."""
+    """The module of a figure, its caption, and letters of its pictures if it has several."""
 
     module: str
     text: str
     parts: tuple[str, ...] = ("",)
-    labelled: bool = False
 
 
 FIGURES = {
@@ -34,15 +31,14 @@ FIGURES = {
     "marginals": Subject("transforms", "position and lag marginals of two triangles"),
     "xforms": Subject("transforms", "construction of the slices of the autocorrelation"),
     "projs": Subject("transforms", "projections of R, W and A", ("a", "b", "c")),
-    "volrender": Subject("fields", "isosurfaces of the field of two chevrons", labelled=True),
+    "volrender": Subject("fields", "isosurfaces of the field of two chevrons"),
     "volrender_fdtd": Subject(
         "fields",
         "isosurfaces of the field of a square by FDTD and by rays",
         ("a", "b"),
-        labelled=True,
     ),
     "compar": Subject(
-        "fields", "Wigner rays beside Kirchhoff and Fraunhofer diffraction", ("a", "b"), True
+        "fields", "Wigner rays beside Kirchhoff and Fraunhofer diffraction", ("a", "b")
     ),
     "error": Subject("fields", "error of each method against distance"),
     "emitters": Subject("scenes", "one scene by a Wigner, an FFT, a uniform and a cosine source"),
@@ -67,8 +63,6 @@ def check_figures(names: list[str], quality: str) -> list[str]:
     if quality not in QUALITIES:
         raise ArgumentError(f"expected quality to be draft or print, got {quality!r}")
     chosen = list(dict.fromkeys(names)) or list(FIGURES)
-    if any(FIGURES[name].labelled for name in chosen):
-        required("xarray")
     return chosen
 
 
