@@ -22,16 +22,6 @@ if TYPE_CHECKING:
     from types import FrameType
     from typing import Any, NoReturn
 
-__all__ = [
-    "INTERRUPTED",
-    "answer_interrupts",
-    "cleaned_up_by",
-    "end_now",
-    "is_interrupted",
-    "postponed_interrupts",
-    "temporary_folder",
-    "unfinished",
-]
 
 INTERRUPTED = 130
 """The exit code of a program that SIGINT has ended, as shells give it."""

@@ -19,8 +19,6 @@ from polywigner.cli.scatterers import scatterers
 from polywigner.cli.transform import transform
 from polywigner.cli.volume import volume
 
-__all__ = ["app"]
-
 app = typer.Typer(
     add_completion=True,
     no_args_is_help=True,

@@ -14,8 +14,6 @@ from polywigner.toolchain.llvm import LLVMStatus, prepare
 from polywigner.toolchain.llvm_install import install_llvm
 from polywigner.toolchain.llvm_verdicts import run_probe
 
-__all__ = ["run_doctor"]
-
 _GOOD, _BAD, _OPTIONAL = "yes", "no", "-"
 _CORE = ("numpy", "shapely", "drjit", "mitsuba", "matplotlib", "typer", "rich")
 

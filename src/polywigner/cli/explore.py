@@ -11,8 +11,6 @@ from polywigner.cli.options import Frequency, Layer, Union, Unit, Wavelength
 from polywigner.cli.reading import Reading
 from polywigner.cli.sources import check_source_file, wavelength_from
 
-__all__ = ["explore"]
-
 
 def explore(
     aperture: Annotated[

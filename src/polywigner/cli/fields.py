@@ -14,18 +14,6 @@ from polywigner.cli.output import check_writable, writing
 from polywigner.cli.where import shown
 from polywigner.errors import ArgumentError
 
-__all__ = [
-    "MethodText",
-    "check_files",
-    "compared_with",
-    "format_suffixes",
-    "parse_methods",
-    "print_differences",
-    "samples_of_box",
-    "samples_of_place",
-    "write_field",
-]
-
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 

@@ -14,7 +14,6 @@ from polywigner.errors import ArgumentError
 if TYPE_CHECKING:
     from polywigner.figures.paper import Made, Quality
 
-__all__ = ["figures"]
 
 _RESOLUTION = {"draft": 150, "print": 300}  # pixels per inch
 

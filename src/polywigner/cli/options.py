@@ -10,39 +10,6 @@ from typing import Annotated, Any, get_type_hints
 
 import typer
 
-__all__ = [
-    "Accuracy",
-    "Against",
-    "AllowOutside",
-    "Array",
-    "Bandwidth",
-    "BoundaryCondition",
-    "Coherence",
-    "Curved",
-    "DbFloor",
-    "EngineName",
-    "Focus",
-    "Formats",
-    "Frequency",
-    "Layer",
-    "Obliquity",
-    "Order",
-    "Out",
-    "Precision",
-    "Resumable",
-    "Scheduler",
-    "SourceFile",
-    "Steering",
-    "Taper",
-    "Threads",
-    "Tolerance",
-    "Union",
-    "Unit",
-    "Wavelength",
-    "Window",
-    "with_options",
-]
-
 SourceFile = Annotated[
     str,
     typer.Argument(

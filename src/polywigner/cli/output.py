@@ -12,16 +12,6 @@ from pathlib import Path
 from polywigner.errors import ArgumentError
 from polywigner.interruption import unfinished
 
-__all__ = [
-    "check_text",
-    "check_writable",
-    "missing_folders",
-    "output_stem",
-    "say_made",
-    "targets",
-    "writing",
-]
-
 _KNOWN_SUFFIXES = (
     ".png", ".exr", ".json", ".npz", ".nc", ".vti", ".vtp", ".zarr",
     ".csv", ".txt", ".ffd", ".cut", ".msi", ".pln", ".dat",

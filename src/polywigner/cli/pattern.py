@@ -20,8 +20,6 @@ from polywigner.cli.sources import (
 from polywigner.errors import ArgumentError
 from polywigner.quantities import parse_angle, parse_power
 
-__all__ = ["pattern"]
-
 _FORMATS = ("csv", "txt", "ffd", "cut", "msi", "pln")
 # A lobe of a source D across is lambda/D wide; so many steps across it draw it smoothly.
 _STEPS_PER_LOBE = 8

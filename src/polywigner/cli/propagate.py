@@ -46,7 +46,6 @@ if TYPE_CHECKING:
     from polywigner import Aperture
     from polywigner import Array as ApertureArray
 
-__all__ = ["propagate"]
 
 _DEFAULT = ("wigner", "rayleigh-sommerfeld-1")
 

@@ -18,8 +18,6 @@ from polywigner.cli.sources import (
 from polywigner.errors import ArgumentError
 from polywigner.quantities import parse_angle, parse_power
 
-__all__ = ["rays"]
-
 _FORMATS = ("npz", "csv", "nc", "dat")
 
 

@@ -32,8 +32,6 @@ from polywigner.cli.sources import (
 from polywigner.errors import ArgumentError
 from polywigner.quantities import parse_angle
 
-__all__ = ["rcs"]
-
 _FORMATS = ("csv", "json", "nc")
 _MESHES = (".stl", ".ply", ".obj")
 # Degrees, unasked: the finest that takes a minute or less. Measured, seconds a direction: triangles

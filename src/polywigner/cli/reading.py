@@ -8,8 +8,6 @@ from typing import Any, NamedTuple
 
 from polywigner.errors import ArgumentError
 
-__all__ = ["Reading", "check_wavelength"]
-
 
 class Reading(NamedTuple):
     """How to read an aperture file: the texts of the options of these names."""

@@ -37,8 +37,6 @@ from polywigner.cli.scenes import (
 from polywigner.cli.sources import frequency_text, short_name
 from polywigner.quantities import parse_noise
 
-__all__ = ["receive"]
-
 # Panels of a row of the picture.
 _COLUMNS = 3
 

@@ -37,7 +37,6 @@ from polywigner.errors import ArgumentError, SceneError
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-__all__ = ["RenderSettings", "render"]
 
 _INTEGRATORS = ("path", "direct", "volpath", "volpathmis", "prb", "prbvolpath")
 _SAMPLERS = ("multijitter", "independent", "stratified", "orthogonal", "ldsampler")

@@ -13,8 +13,6 @@ from polywigner.cli.output import check_writable, output_stem, targets, writing
 from polywigner.cli.scenes import check_is_file, check_is_no_aperture, scene_definition
 from polywigner.errors import ArgumentError
 
-__all__ = ["scatterers"]
-
 _SUFFIXES = (".csv", ".vtp", ".nc")
 
 

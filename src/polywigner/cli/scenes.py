@@ -15,21 +15,6 @@ from polywigner.cli.sources import frequency_text, short_name
 from polywigner.errors import ArgumentError, SceneError
 from polywigner.quantities import parse_coordinate
 
-__all__ = [
-    "check_is_file",
-    "check_is_no_aperture",
-    "check_samples",
-    "check_threads",
-    "counted_bar",
-    "draw_ranges",
-    "parse_ranges",
-    "prepare_ranges",
-    "ranges_record",
-    "ranges_text",
-    "scene_definition",
-    "versions_of",
-]
-
 _NO_SCENES = (".csv", ".wkt", ".geojson", ".json", ".svg", ".dxf", ".gds", ".toml")
 
 

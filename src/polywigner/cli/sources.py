@@ -37,17 +37,6 @@ if TYPE_CHECKING:
     from polywigner import Aperture
     from polywigner import Array as ApertureArray
 
-__all__ = [
-    "MixedSourceOptions",
-    "SourceOptions",
-    "check_is_coherent",
-    "check_source_file",
-    "field_title",
-    "frequency_text",
-    "required_wavelength",
-    "short_name",
-    "wavelength_from",
-]
 
 _FREQUENCIES = (("THz", 1e12), ("GHz", 1e9), ("MHz", 1e6), ("kHz", 1e3), ("Hz", 1.0))
 _LONGEST_NAME = 32

@@ -20,8 +20,6 @@ from polywigner.cli.sources import (
 from polywigner.errors import QuantityError
 from polywigner.quantities import parse_angle, parse_coordinate, parse_point
 
-__all__ = ["system_from", "transform"]
-
 if TYPE_CHECKING:
     from polywigner import FirstOrder
 

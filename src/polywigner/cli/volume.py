@@ -38,8 +38,6 @@ from polywigner.cli.where import parse_box, parse_levels, parse_shape, shown
 from polywigner.errors import ArgumentError
 from polywigner.quantities import parse_frequency
 
-__all__ = ["volume"]
-
 _DEFAULT = ("wigner",)
 
 

@@ -10,16 +10,6 @@ from typing import NamedTuple
 from polywigner.errors import ArgumentError, QuantityError
 from polywigner.quantities import parse_angle, parse_coordinate, parse_length
 
-__all__ = [
-    "Place",
-    "parse_box",
-    "parse_levels",
-    "parse_place",
-    "parse_shape",
-    "place_text",
-    "shown",
-]
-
 Point = tuple[float, float, float]
 
 _LONGEST = 200

@@ -11,20 +11,6 @@ import shapely
 from polywigner.explorer.state import Point, Ring
 from polywigner.geometry import Aperture
 
-__all__ = [
-    "rings_of_aperture",
-    "rings_of_rows",
-    "rounded",
-    "rounded_where_new",
-    "rows_of_rings",
-    "snapped",
-    "with_vertex_after",
-    "with_vertex_at",
-    "with_vertex_near",
-    "without_lost",
-    "without_vertex",
-]
-
 Rings = tuple[Ring, ...]
 
 _DIGITS = 6

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["draw_view", "geojson", "picture_file", "svg", "values_file"]
-
 
 def geojson(state: State) -> str:
     """The outline of the element as a GeoJSON Feature, in the state's unit.

@@ -22,8 +22,6 @@ from tornado.web import Application, OutputTransform, RequestHandler
 
 from polywigner.errors import ArgumentError
 
-__all__ = ["Connection", "Listener", "guard", "most_connections", "served_hosts"]
-
 _LOOPBACK = ("127.0.0.1", "localhost", "::1")
 _EVERYWHERE = ("0.0.0.0", "::")
 _HOST = re.compile(r"([\w-]+(\.[\w-]+)*|\[[0-9a-f:.]+\])(:\d{1,5})?")

@@ -6,8 +6,6 @@ import logging
 import math
 import os
 
-__all__ = ["Rarely", "keep_short", "log_fault"]
-
 _FAULTS = "polywigner.explorer"
 # requests that are damaged, and faults of callbacks: a line each
 _ONE_LINE = (_FAULTS, "tornado.application", "asyncio")

@@ -5,8 +5,6 @@ from __future__ import annotations
 import sys
 from typing import Any
 
-__all__ = ["answer"]
-
 
 def answer(asked: dict[str, Any]) -> dict[str, Any]:
     """Outlines in units, or what is wrong with the file."""

@@ -24,8 +24,6 @@ from polywigner.explorer.sources import check_upload, without_advice
 from polywigner.explorer.state import UNITS, Ring, Unit
 from polywigner.geometry.formats import library_process
 
-__all__ = ["Readings"]
-
 _SECONDS = 10
 _MEMORY = 1 << 30
 _AT_ONCE = 2

@@ -12,8 +12,6 @@ from polywigner.explorer import views
 from polywigner.explorer.sources import source_of
 from polywigner.explorer.state import State
 
-__all__ = ["Result", "final_samples", "queue", "results", "stages"]
-
 _EDGES_AT_ONCE = 40
 """Up to so many edges the pictures of transforms are exact at once: 0.1 s in all."""
 _EDGES_OF_FINE_RAYS = 12

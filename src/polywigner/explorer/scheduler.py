@@ -11,8 +11,6 @@ from collections.abc import Callable, Hashable, Iterator
 
 from polywigner.explorer.logs import log_fault
 
-__all__ = ["Scheduler"]
-
 Steps = Callable[[], Iterator[None]]
 
 

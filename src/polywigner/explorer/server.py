@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from polywigner.explorer.readings import Readings
     from polywigner.explorer.scheduler import Scheduler
 
-__all__ = ["check_installed", "new_server", "serve"]
 
 PORT = 5006
 _IDLE_MS = 15_000  # a session whose page has gone is kept so long, for a page that is reloaded

@@ -13,8 +13,6 @@ from polywigner.explorer.state import UNITS, Part, Unit
 from polywigner.explorer.views import Picture
 from polywigner.figures.levels import level_db
 
-__all__ = ["FLOOR_DB", "Shown", "in_unit", "power_of_ten", "shown", "written"]
-
 Scale = Literal["level", "signed", "phase", "unit", "difference"]
 
 FLOOR_DB = -40.0

@@ -7,8 +7,6 @@ from polywigner.explorer.results import final_samples
 from polywigner.explorer.sources import feeding_of, polygons_of
 from polywigner.explorer.state import State
 
-__all__ = ["SNIPPETS", "snippet"]
-
 SNIPPETS = ("fourier", "wigner_nu", "wigner_x", "otf", "near", "far")
 """The views that have one."""
 

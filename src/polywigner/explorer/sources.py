@@ -17,19 +17,6 @@ from polywigner.explorer.state import Ring, State
 from polywigner.geometry.formats.outlines import nested
 from polywigner.illumination.texts import fed
 
-__all__ = [
-    "LARGEST_UPLOAD",
-    "MOST_ELEMENTS",
-    "aperture_of",
-    "check_size",
-    "check_upload",
-    "light_of",
-    "polygons_of",
-    "source_of",
-    "state_of_file",
-    "without_advice",
-]
-
 Source = pw.Aperture | pw.Array
 
 LARGEST_UPLOAD = 1 << 20

@@ -12,22 +12,6 @@ from polywigner.errors import ArgumentError, PolywignerError
 from polywigner.geometry import Aperture, shapes
 from polywigner.quantities import parse_frequency, parse_length, wavelength_of
 
-__all__ = [
-    "CATALOGUE",
-    "LARGEST_QUERY",
-    "MOST_RINGS",
-    "MOST_VERTICES",
-    "UNITS",
-    "History",
-    "Part",
-    "Ring",
-    "State",
-    "Unit",
-    "from_query",
-    "needed",
-    "to_query",
-]
-
 Unit = Literal["m", "cm", "mm", "µm", "nm"]
 Part = Literal["level", "real", "phase"]
 

@@ -27,28 +27,6 @@ from polywigner.geometry import Aperture
 from polywigner.illumination.support import mutual_support
 from polywigner.numerics.peaks import climbed, largest
 
-__all__ = [
-    "ENGINE",
-    "NEAR_TOLERANCE",
-    "PICTURES",
-    "SAMPLES",
-    "Cuts",
-    "Outlines",
-    "Picture",
-    "edges_of",
-    "far_field",
-    "fourier",
-    "lag_rings",
-    "near_field",
-    "near_field_in_steps",
-    "near_strips",
-    "outlines",
-    "transfer",
-    "values_at",
-    "wigner_at_frequency",
-    "wigner_at_position",
-]
-
 Values = NDArray[Any]
 Rings = list[NDArray[np.float64]]
 

@@ -24,8 +24,6 @@ from tornado.web import ErrorHandler, RequestHandler
 
 from polywigner.explorer.page import theme
 
-__all__ = ["LARGEST_MESSAGE", "Pages", "Turns", "route"]
-
 LARGEST_MESSAGE = 4 << 20
 """Bytes of what a browser sends at once: the largest file, as text, twice over."""
 _NOT_FOUND = 404

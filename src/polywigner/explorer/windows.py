@@ -11,17 +11,6 @@ from polywigner.explorer.sources import source_of
 from polywigner.explorer.state import State
 from polywigner.illumination.texts import direction
 
-__all__ = [
-    "angles",
-    "azimuths",
-    "frequency_half",
-    "lag_half",
-    "plane_half",
-    "position_window",
-    "reach_of",
-    "square",
-]
-
 Values = NDArray[np.float64]
 
 _LOBES = 8.0  # half width of frequency axes in 1/diagonal, as `polywigner transform` has it

@@ -22,7 +22,6 @@ from polywigner.figures.style import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
 
-__all__ = ["draw_rcs"]
 
 Floats = NDArray[np.float64]
 

@@ -12,21 +12,6 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError
 from polywigner.illumination.obliquities import OBLIQUITIES
 
-__all__ = [
-    "Samples",
-    "chosen_method",
-    "dims_of",
-    "even_axis",
-    "field_samples",
-    "fields_of",
-    "first_of",
-    "label_of",
-    "peak_of",
-    "printed_unit",
-    "quantity_of",
-    "squared_unit",
-]
-
 Floats = NDArray[np.float64]
 
 _EVEN = 1e-3

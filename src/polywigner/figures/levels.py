@@ -11,17 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError
 
-__all__ = [
-    "COMPARED_DB",
-    "PEAK_RULE",
-    "Difference",
-    "check_floor",
-    "difference_db",
-    "level_db",
-    "picture_peak",
-    "summary",
-]
-
 PEAK_RULE = "largest 3x3 median"
 """How :func:`picture_peak` chooses the 0 dB level, in words for labels and logs."""
 

@@ -35,8 +35,6 @@ from polywigner.figures.style import (
 from polywigner.propagation.beams import BeamMetrics, beam_metrics
 from polywigner.propagation.patterns import checked_pattern, cuts_of, front_of
 
-__all__ = ["PatternPanel", "draw_disc", "draw_hemispheres", "draw_pattern"]
-
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure

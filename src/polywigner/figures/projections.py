@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
 
-__all__ = ["Layout", "draw_projections"]
 
 Layout = Literal["paper", "all"]
 

@@ -20,8 +20,6 @@ from polywigner.figures.style import (
     number_text,
 )
 
-__all__ = ["DirectArrival", "draw_arrivals", "draw_range_profile"]
-
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 

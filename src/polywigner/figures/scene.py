@@ -20,8 +20,6 @@ from polywigner.figures.style import (
     quantity_text,
 )
 
-__all__ = ["draw_scene", "write_range_animation"]
-
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 

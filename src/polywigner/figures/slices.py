@@ -13,15 +13,6 @@ from polywigner.errors import ArgumentError
 from polywigner.illumination.support import mutual_support
 from polywigner.transforms.wavefronts import flat_of
 
-__all__ = [
-    "LARGEST_SAMPLES",
-    "TransformSlices",
-    "default_position",
-    "outline_of",
-    "samples_needed",
-    "transform_slices",
-]
-
 LARGEST_SAMPLES = 4096
 """Along each axis: an array of as many complex squares holds 256 MiB."""
 

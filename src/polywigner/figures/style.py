@@ -9,28 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from polywigner.errors import ArgumentError
-from polywigner.geometry.display import LengthUnit, draw_rings, length_unit
-
-__all__ = [
-    "LEVEL_MAP",
-    "SIGNED_MAP",
-    "LengthUnit",
-    "checked_axes",
-    "colour_bar",
-    "draw_polygons",
-    "figure_on",
-    "length_axes",
-    "length_unit",
-    "letter_panels",
-    "new_figure",
-    "number_panels",
-    "number_text",
-    "quantity_text",
-    "row_bar",
-    "signed_norm",
-    "signed_ticks",
-    "write_title",
-]
+from polywigner.geometry.display import LengthUnit, draw_rings
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -30,7 +30,6 @@ from polywigner.transforms.wavefronts import flat_of
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["SystemSlices", "draw_system_panels", "system_slices"]
 
 # Half width of the axis of frequencies, and of those that the picture of the light follows, in
 # 1/width of the source: four lobes of a square, and a lobe and a half.

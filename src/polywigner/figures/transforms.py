@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
 
-__all__ = ["draw_transforms"]
 
 _INK = "#1f3b57"
 _TINT = "#c6d7e6"

@@ -39,7 +39,6 @@ if TYPE_CHECKING:
 
     from polywigner import Aperture, Array
 
-__all__ = ["Projection", "Renderer", "check_volume_options", "draw_volume"]
 
 Renderer = Literal["auto", "pyvista", "matplotlib"]
 Projection = Literal["maximum", "mean"]

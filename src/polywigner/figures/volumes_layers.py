@@ -18,22 +18,6 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.figures.slices import outline_of
 from polywigner.figures.style import LengthUnit, number_text
 
-__all__ = [
-    "Edge",
-    "Layers",
-    "View",
-    "back_edges",
-    "back_wall",
-    "cast_layers",
-    "closed",
-    "draw_box",
-    "draw_outline",
-    "draw_picture",
-    "draw_wall",
-    "label_edge",
-    "shaded",
-]
-
 Floats = NDArray[np.float64]
 
 _FLATTEST = 0.25

@@ -19,8 +19,6 @@ from polywigner.errors import EngineError, MissingExtraError, install_command
 from polywigner.figures.volumes_layers import Layers, View
 from polywigner.interruption import temporary_folder
 
-__all__ = ["pyvista_layers"]
-
 Floats = NDArray[np.float64]
 
 _PATIENCE = 300.0

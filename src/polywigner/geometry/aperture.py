@@ -21,8 +21,6 @@ from polywigner.geometry.parts import merge_parts, parts_from, split_ring
 from polywigner.geometry.rings import Part, convex_pieces, polygon_of_part, triangulate_part
 from polywigner.geometry.wavefront import TakesWaves
 
-__all__ = ["Aperture", "PlacedAperture", "difference", "intersection", "triangulate", "union"]
-
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 

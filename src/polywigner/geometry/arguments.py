@@ -22,32 +22,6 @@ from polywigner.errors import ArgumentError, GeometryError, PolywignerError, Pol
 from polywigner.interruption import unfinished
 from polywigner.quantities import SPEED_OF_LIGHT
 
-__all__ = [
-    "RIGID_TOLERANCE",
-    "DrJitArray",
-    "Outline",
-    "Points",
-    "checked_count",
-    "checked_generator",
-    "checked_length",
-    "checked_number",
-    "checked_path",
-    "checked_row",
-    "checked_wavelength",
-    "doubt_of_wavelength",
-    "is_called_by_user",
-    "real_numbers",
-    "rigid_pose",
-    "shape_of",
-    "takes_frequency",
-    "warn_caller",
-    "warn_of_degrees",
-    "warn_of_distance",
-    "warn_of_lens",
-    "warn_of_wavelength",
-    "write_lines",
-]
-
 
 class DrJitArray(Protocol):
     """A Dr.Jit array or tensor, such as ``Array2f``; this room does not import Dr.Jit."""

@@ -14,8 +14,6 @@ from polywigner.geometry.arguments import real_numbers
 from polywigner.geometry.exact import Ring
 from polywigner.geometry.grid import polygons_in, union_on_grid
 
-__all__ = ["automean", "lag_slice", "position_slice"]
-
 
 def _require_aperture(aperture: Aperture) -> None:
     if not isinstance(aperture, Aperture):

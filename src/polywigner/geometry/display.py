@@ -15,14 +15,6 @@ from polywigner.quantities import parse_unit
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = [
-    "LengthUnit",
-    "draw_rings",
-    "length_text",
-    "length_unit",
-    "plot_rings",
-    "shown_as_html",
-]
 
 Points = NDArray[np.float64]
 

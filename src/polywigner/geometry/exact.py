@@ -13,19 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = [
-    "Ring",
-    "area_and_error",
-    "cross_products",
-    "estimated_area",
-    "orientations",
-    "shoelace",
-    "signed_area",
-    "total_area",
-    "turn",
-    "whole_numbers",
-]
-
 Ring = NDArray[np.float64]
 """Vertices of a closed ring, shape (n, 2), the first one not repeated at the end."""
 

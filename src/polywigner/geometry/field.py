@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.geometry.arguments import checked_number, real_numbers, warn_of_degrees
 
-__all__ = ["Field", "checked_field", "checked_shift", "turned_points"]
-
 
 @runtime_checkable
 class Field(Protocol):

@@ -17,16 +17,6 @@ from shapely.geometry.base import BaseGeometry
 from polywigner.geometry.exact import Ring
 from polywigner.geometry.rings import extent, rings_of_polygon, without_slight_bends
 
-__all__ = [
-    "combined_on_grid",
-    "grid_size",
-    "groups_apart",
-    "polygons_in",
-    "restored",
-    "straightened",
-    "union_on_grid",
-]
-
 # 256 ulp of a coordinate as large as the size: above the few ulp by which computed vertices are
 # off, and a factor 20 below the 1e-12 to which areas and transforms are promised.
 _GRID = 2.0**-44

@@ -31,18 +31,6 @@ from polywigner.geometry.rings import (
     spans_area,
 )
 
-__all__ = [
-    "enclosed",
-    "merge_parts",
-    "part_of_ring",
-    "part_of_rings",
-    "parts_from",
-    "split_ring",
-    "union_parts",
-    "weld",
-    "winding_numbers",
-]
-
 
 def _joined_vertices(points: Ring, reach: float) -> Ring:
     """Replace each point by the first point of the set within reach (itself, mostly)."""

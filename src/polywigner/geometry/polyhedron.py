@@ -19,8 +19,6 @@ from polywigner.geometry.display import length_text, shown_as_html
 from polywigner.geometry.exact import whole_numbers
 from polywigner.geometry.rings import LARGEST_COORDINATE, SMALLEST_EXTENT
 
-__all__ = ["Polyhedron"]
-
 # How far a vertex of a face may lie off the face's plane, as a fraction of the body's diameter:
 # coordinates printed with ten digits pass, a warped face does not. The transform of a face bent by
 # this much is that of a body whose volume differs by less than 1e-9 of diameter^3.

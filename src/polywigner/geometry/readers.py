@@ -42,8 +42,6 @@ from polywigner.geometry.parts import merge_parts, part_of_rings, union_parts
 from polywigner.geometry.polyhedron import Polyhedron
 from polywigner.quantities import parse_unit
 
-__all__ = ["read_aperture", "read_polyhedron"]
-
 # Finding out what is wrong with a large outline takes seconds, which are not spent twice.
 _MOST_REPEATED = 50_000
 

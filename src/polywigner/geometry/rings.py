@@ -22,26 +22,6 @@ from polywigner.geometry.exact import (
     turn,
 )
 
-__all__ = [
-    "LARGEST_COORDINATE",
-    "SMALLEST_EXTENT",
-    "Part",
-    "clean_ring",
-    "convex_pieces",
-    "different_vertices",
-    "extent",
-    "hull_spans_area",
-    "oriented",
-    "part_of_polygon",
-    "polygon_of_part",
-    "rings_of_polygon",
-    "rounding_tolerance",
-    "spans_area",
-    "triangulate_part",
-    "without_slight_bends",
-    "without_straight_vertices",
-]
-
 Part = tuple[Ring, ...]
 """One polygon: its exterior (counter-clockwise) followed by its holes (clockwise)."""
 

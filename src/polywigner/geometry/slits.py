@@ -14,8 +14,6 @@ from polywigner.geometry.display import length_text, shown_as_html
 from polywigner.geometry.field import Field, checked_field, checked_shift
 from polywigner.geometry.wavefront import TakesWaves
 
-__all__ = ["Slits"]
-
 # Intervals that overlap by no more than this fraction of the extent touch; see ``rings``.
 _ROUNDING = 2.0**-46
 

@@ -17,8 +17,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["Trapezoids", "point_in_trapezoid", "trapezoids"]
-
 # Vertices that should share an abscissa and differ in the last digits make trapezoids of no
 # account; dropping them changes the density by less than single precision can tell.
 _NEGLIGIBLE = 1e-12

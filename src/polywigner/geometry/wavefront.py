@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from polywigner.geometry.aperture import Aperture
     from polywigner.geometry.slits import Slits
 
-__all__ = ["TakesWaves", "Wavefront", "curvature_of", "with_coherence", "with_curvature"]
-
 
 class TakesWaves:
     """What sources have in common: a curved wave, and a partly coherent one."""

@@ -20,8 +20,6 @@ from polywigner.kernels.functions.moments import LAG_MOMENTS, LAG_MOMENTS_ALONG
 from polywigner.kernels.functions.separable import is_separable
 from polywigner.kernels.kernel import Kernel
 
-__all__ = ["MOST_WIDTHS", "kernel_for", "partly_coherent_kernel"]
-
 _KERNELS: dict[tuple[str, type], Kernel] = {
     ("fourier", Slits): simplices.SLITS,
     ("fourier", Aperture): plane.FOURIER,

@@ -13,16 +13,6 @@ from typing import Any
 from polywigner.kernels.cut.slice_sums import SliceSum
 from polywigner.numerics import phases
 
-__all__ = [
-    "Kernel",
-    "Values",
-    "at_zero_frequency",
-    "leave_complex",
-    "leave_parts",
-    "leave_real",
-    "leave_wave",
-]
-
 Values = tuple[Any, ...]
 
 

@@ -17,8 +17,6 @@ from polywigner.mitsuba.receiver import RECEIVER_NAME, receiver_class
 from polywigner.mitsuba.rendering import default_integrator
 from polywigner.mitsuba.scattered import unseen
 
-__all__ = ["arrival_map"]
-
 # Pixels on a side, and samples of each: some seconds at most, in scalar variants too.
 _FINE, _COARSE = (64, 64), (24, 4)
 

@@ -16,8 +16,6 @@ from polywigner.mitsuba.radiator import norm_of, radiator_of
 from polywigner.propagation.amplitudes import amplitude
 from polywigner.reception.norms import NORMALISATIONS
 
-__all__ = ["covariance", "element_responses"]
-
 Complexes = NDArray[np.complex128]
 
 # Places at a time: the responses of all elements to them take some tens of megabytes.

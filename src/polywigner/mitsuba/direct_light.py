@@ -26,18 +26,6 @@ from polywigner.mitsuba.sampling import cells_with_field
 from polywigner.reception import coupling
 from polywigner.transforms.phase_space import energy_of
 
-__all__ = [
-    "RAYS",
-    "DirectLight",
-    "FacingParts",
-    "coupled_share",
-    "direct_light",
-    "facing_parts",
-    "mirrors_in",
-    "passing_share",
-    "ways_of",
-]
-
 Floats = NDArray[np.float64]
 
 RAYS = 4096

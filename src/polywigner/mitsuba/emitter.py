@@ -50,8 +50,6 @@ from polywigner.plans import exposes_numbers
 from polywigner.radiometry.hemisphere import directions_and_weights, largest_lag
 from polywigner.transforms import differentiable as differentiable_source
 
-__all__ = ["TracedSource", "emitter_class"]
-
 # What overlaps by less than this fraction of an area does so by rounding.
 _APART = 1e-9
 

@@ -41,17 +41,6 @@ from polywigner.propagation.boundary import boundary_tables, panels_in
 from polywigner.propagation.panels import Radiator, radiator_of
 from polywigner.transforms import fourier
 
-__all__ = [
-    "AWAY",
-    "ESTIMATORS",
-    "FIXED",
-    "EquivalentSources",
-    "ExactField",
-    "check_estimator",
-    "equivalent_sources",
-    "opaque",
-]
-
 
 def opaque(m: Any, value: float) -> Any:
     """A number of the variant ``m``: as a literal, each new value would compile a new kernel."""

@@ -32,19 +32,6 @@ from polywigner.illumination.source_files import json_of, table_of
 from polywigner.illumination.texts import FEEDING, fed
 from polywigner.quantities import parse_frequency, parse_length, wavelength_of
 
-__all__ = [
-    "CAPACITY",
-    "KEY_PREFIX",
-    "SOURCE_PARAMETERS",
-    "Given",
-    "as_source",
-    "is_key",
-    "pose_entry",
-    "register_source",
-    "registered_source",
-    "rigid_pose",
-]
-
 KEY_PREFIX = "memory:"
 
 # Bounds what a long-lived process that makes a scene per aperture (an optimiser) keeps. A scene

@@ -16,8 +16,6 @@ from polywigner.errors import ArgumentError
 from polywigner.execution import kernel_threads
 from polywigner.interruption import temporary_folder
 
-__all__ = ["mean_of_colours", "silent", "threads_for_openexr", "to_list", "write_exr"]
-
 # A colour film in a variant of one channel: as intended, and so no news to anybody.
 _EXPECTED = ("Monochrome mode enabled",)
 _DATE = len("2000-01-01 00:00:00 ")

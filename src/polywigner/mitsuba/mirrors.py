@@ -18,8 +18,6 @@ from numpy.typing import NDArray
 
 from polywigner.errors import SceneError
 
-__all__ = ["Mirror", "chains_of", "mirrors_of", "share_unobstructed", "trace_way"]
-
 Floats = NDArray[np.float64]
 
 # A body of more faces than this is taken for a curved one.

@@ -26,15 +26,6 @@ from polywigner.mitsuba.radiator import Radiator, emitted_power, norm_of, radiat
 from polywigner.mitsuba.sampling import SAMPLINGS, check_sampling
 from polywigner.quantities import parse_frequency, parse_power
 
-__all__ = [
-    "PARAMETERS",
-    "EmitterSpec",
-    "check_flag",
-    "check_range",
-    "check_sampling_weight",
-    "read_parameters",
-]
-
 PARAMETERS = (
     *SOURCE_PARAMETERS,
     "power",

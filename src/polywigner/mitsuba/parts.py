@@ -18,20 +18,6 @@ from polywigner.errors import SceneError, StoreError
 from polywigner.mitsuba.images import silent
 from polywigner.mitsuba.receiver import is_receiver, receiving
 
-__all__ = [
-    "CAMERAS",
-    "WAVEFRONT",
-    "Cut",
-    "Exposure",
-    "coarse",
-    "cropped",
-    "cut_of",
-    "film_of",
-    "fineness",
-    "refined",
-    "seed_of",
-]
-
 # Mitsuba adds the samples of a pixel in float32: 2^20 equal ones were 0.4 % off, 2^24 6 %.
 _IN_PIXEL = 1 << 12
 

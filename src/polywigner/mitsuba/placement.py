@@ -20,21 +20,6 @@ from polywigner.mitsuba.radiance import PLAIN, Mixture
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.transforms.wavefronts import flat_of
 
-__all__ = [
-    "PLACE_ERROR",
-    "Frame",
-    "PlacedSource",
-    "check_match",
-    "check_place",
-    "cover",
-    "hide",
-    "matrix_of",
-    "move",
-    "placed_emitter",
-    "placed_receiver",
-    "world_positions",
-]
-
 # The pose is held in single precision: its rotation and translation round by 6e-8 of the largest
 # coordinate each, the positions once more.
 PLACE_ERROR = 5e-7

@@ -18,16 +18,6 @@ from polywigner.mitsuba.emitter import emitter_class
 from polywigner.mitsuba.parameters import EmitterSpec, read_parameters
 from polywigner.mitsuba.placement import cover, hide
 
-__all__ = [
-    "PLUGIN_NAME",
-    "add_plugin",
-    "check_nested",
-    "exclusive",
-    "one_at_a_time",
-    "original_error",
-    "register",
-]
-
 # Mitsuba wraps what a plugin raises into a RuntimeError with a traceback in its text. The errors
 # themselves wait here until the scene's loader asks for them; loaders may run in parallel.
 _recent_errors: deque[PolywignerError] = deque(maxlen=8)

@@ -35,19 +35,6 @@ from polywigner.radiometry.hemisphere import directions_and_weights, largest_lag
 from polywigner.transforms import fourier
 from polywigner.transforms.wavefronts import flat_of, tilts_of
 
-__all__ = [
-    "PLAIN",
-    "DrawnWaves",
-    "Mixture",
-    "Wave",
-    "WignerSum",
-    "check_mixture",
-    "check_obliquity",
-    "depends_on_wavelength",
-    "emissions",
-    "mixture_of",
-]
-
 
 def check_obliquity(name: str) -> str:
     """``name`` itself, or a SceneError that lists what there is."""

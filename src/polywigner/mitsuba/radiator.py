@@ -22,8 +22,6 @@ from polywigner.reception.norms import NORMALISATIONS
 from polywigner.transforms.phase_space import energy_of
 from polywigner.transforms.wavefronts import checked_wavefront, flat_of
 
-__all__ = ["Radiator", "emitted_power", "norm_of", "radiator_of"]
-
 
 @dataclass(frozen=True, eq=False)
 class Radiator:

@@ -31,15 +31,6 @@ from polywigner.mitsuba.receiver import is_receiver, receiving
 from polywigner.mitsuba.rendering import depths_of
 from polywigner.mitsuba.scenes import translate_error
 
-__all__ = [
-    "TRANSIENT_INTEGRATORS",
-    "check_sums",
-    "is_transient",
-    "require_transients",
-    "sorted_by_range",
-    "transient_integrator",
-]
-
 _NAME = "mitransient"
 _PATH, _VOLUME = "transient_path", "transient_prbvolpath"
 

@@ -47,16 +47,6 @@ from polywigner.transforms.xarray_arguments import labelled_array, labelled_arra
 if TYPE_CHECKING:
     import xarray
 
-__all__ = [
-    "Ranging",
-    "checked_ranges",
-    "prepared_frames",
-    "profile_of",
-    "range_axes",
-    "range_frames",
-    "range_profile",
-    "ranged",
-]
 
 Floats = npt.NDArray[np.float64]
 

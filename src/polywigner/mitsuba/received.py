@@ -13,17 +13,6 @@ from polywigner.mitsuba.rendering import check_seed, check_spp
 from polywigner.quantities import NOISE_PARSERS, SPEED_OF_LIGHT, parse_noise
 from polywigner.reception.couplings import checked_tolerance
 
-__all__ = [
-    "OTHER_LIGHTS",
-    "Asked",
-    "Contribution",
-    "DirectPath",
-    "ReceivedPower",
-    "asked_of",
-    "dbm_of",
-    "dbm_text",
-]
-
 BOLTZMANN = 1.380649e-23
 """J/K, exact in the SI of 2019."""
 

@@ -34,19 +34,6 @@ from polywigner.mitsuba.scattered import (
     wigner_emitters,
 )
 
-__all__ = [
-    "Parties",
-    "Scattered",
-    "chosen",
-    "matched",
-    "received",
-    "received_power",
-    "received_powers",
-    "receivers_of",
-    "scattered_here",
-    "scattering",
-]
-
 _NO_RADIANCE = ("AOVIntegrator", "DepthIntegrator", "MomentIntegrator", "ParticleTracerIntegrator")
 
 Progress = Callable[[int, int], None]

@@ -42,17 +42,6 @@ from polywigner.mitsuba.receiver_parameters import ReceiverSpec, read_receiver
 from polywigner.mitsuba.sampling import Tabulated, cells_with_field, positions_of, spectrum
 from polywigner.transforms import fourier
 
-__all__ = [
-    "RECEIVER_NAME",
-    "direction_of",
-    "directions_of",
-    "distance_to_surface",
-    "in_pixel",
-    "is_receiver",
-    "receiver_class",
-    "receiving",
-]
-
 
 def distance_to_surface(m: Any, scene: Any, ray: Any, step: Any, far: Any, active: Any) -> Any:
     """The distance along a ray to the first surface that is not ``null``; ``far`` if there is none.

@@ -25,8 +25,6 @@ from polywigner.mitsuba.sampling import SAMPLINGS, check_sampling
 from polywigner.quantities import parse_length, parse_noise
 from polywigner.reception.norms import NORMALISATIONS, checked_normalise
 
-__all__ = ["receiver"]
-
 
 @takes_frequency
 def receiver(

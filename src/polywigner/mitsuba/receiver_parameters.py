@@ -25,8 +25,6 @@ from polywigner.mitsuba.sampling import SAMPLINGS, check_sampling
 from polywigner.quantities import NOISE_PARSERS
 from polywigner.reception.norms import NORMALISATIONS, checked_normalise
 
-__all__ = ["RECEIVER_ESTIMATORS", "RECEIVER_PARAMETERS", "ReceiverSpec", "read_receiver"]
-
 RECEIVER_ESTIMATORS = ("exact", "wigner")
 
 _NESTED = ("Film", "Sampler", "Medium")

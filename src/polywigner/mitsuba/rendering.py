@@ -20,19 +20,6 @@ from polywigner.mitsuba.plugins import one_at_a_time
 from polywigner.mitsuba.receiver import is_receiver
 from polywigner.mitsuba.scenes import has_wigner_emitter, translate_error
 
-__all__ = [
-    "check_seed",
-    "check_spp",
-    "default_integrator",
-    "default_spp",
-    "depths_of",
-    "exposed",
-    "is_fog_near",
-    "looks_through",
-    "may_shadow",
-    "render",
-]
-
 
 def is_fog_near(scene: Any, sensor: Any) -> bool:
     """Whether fog is nearer to a receiver of exact weights than 2 D^2/wavelength (Fraunhofer)."""

@@ -25,19 +25,6 @@ from polywigner.transforms import position_marginal
 from polywigner.transforms.sampling import in_phase
 from polywigner.transforms.wavefronts import flat_of
 
-__all__ = [
-    "SAMPLINGS",
-    "Cells",
-    "Positions",
-    "Tabulated",
-    "cells_of",
-    "cells_with_field",
-    "check_sampling",
-    "positions_of",
-    "sampled_emitter_class",
-    "spectrum",
-]
-
 SAMPLINGS = ("uniform", "marginal", "root-marginal")
 
 # Along the longer side of the region that radiates; between these the density is bilinear.

@@ -22,18 +22,6 @@ from polywigner.mitsuba.images import mean_of_colours
 from polywigner.mitsuba.parts import check_is_whole, seed_of
 from polywigner.mitsuba.rendering import check_spp, exposed
 
-__all__ = [
-    "BATCHES",
-    "Scattering",
-    "batches_of",
-    "lights_of",
-    "lit_by",
-    "shares_of",
-    "standard_error",
-    "unseen",
-    "wigner_emitters",
-]
-
 # Of the size of a surface: its share of rays is the square, and those that meet it read zero.
 _SHRUNK = 1e-3
 

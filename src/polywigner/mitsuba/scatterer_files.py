@@ -14,8 +14,6 @@ from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import checked_path
 from polywigner.propagation.exports import in_place, write_netcdf
 
-__all__ = ["SUFFIXES", "write_scatterers"]
-
 SUFFIXES = (".vtp", ".csv", ".nc")
 
 _KINDS = {"float64": "Float64", "int64": "Int64"}

@@ -28,7 +28,6 @@ from polywigner.transforms.xarray_arguments import labelled_array, labelled_arra
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["BATCHES", "Cloud", "cloud_of", "scatterers"]
 
 Floats = NDArray[np.float64]
 

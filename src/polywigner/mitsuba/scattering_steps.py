@@ -18,8 +18,6 @@ from numpy.typing import NDArray
 
 from polywigner.mitsuba.mirrors import share_unobstructed
 
-__all__ = ["SAMPLES", "Events", "Motion", "Paths", "Steps", "events_of", "number_of"]
-
 SAMPLES = 6
 """Uniform numbers for a step: of a light (2), a direction (3), and the end of a path."""
 

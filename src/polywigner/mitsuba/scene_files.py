@@ -31,8 +31,6 @@ from polywigner.geometry.formats.limits import (
     check_regular,
 )
 
-__all__ = ["check_scene_file", "digest_of_file", "digests_of", "resolving"]
-
 # Scenes that include scenes; Mitsuba's own limit. In all: eight files of eight includes are 8^8.
 _DEEPEST_INCLUDE, _MOST_INCLUDED = 15, 256
 # Objects in each other: Mitsuba goes 2^n times through n that hold one another.

@@ -36,8 +36,6 @@ from polywigner.mitsuba.scene_files import check_scene_file, resolving
 from polywigner.quantities import parse_frequency, parse_length, parse_power
 from polywigner.toolchain import llvm
 
-__all__ = ["aperture", "choose_variant", "has_wigner_emitter", "load_scene", "translate_error"]
-
 _FAST_VARIANT = "llvm_ad_mono"
 _GPU_VARIANT = "cuda_ad_mono"
 _PLAIN_VARIANT = "scalar_rgb"

@@ -13,8 +13,6 @@ from polywigner.geometry.arguments import checked_number, real_numbers
 from polywigner.geometry.display import shown_as_html
 from polywigner.geometry.field import turned_points
 
-__all__ = ["FirstOrder", "check_symplectic", "checked_pair", "checked_vectors", "restored"]
-
 Matrix = NDArray[np.float64]
 
 # Relative to the products that conditions are sums of: a matrix typed to ten digits passes, one

@@ -53,8 +53,6 @@ from polywigner.transforms.wavefronts import (
 )
 from polywigner.transforms.xarray_arguments import takes_xarray
 
-__all__ = ["amplitude", "curved_field"]
-
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 

@@ -14,22 +14,6 @@ from polywigner.geometry.grid import grid_size, polygons_in
 from polywigner.illumination import Array
 from polywigner.illumination.support import mutual_support
 
-__all__ = [
-    "NODES_PER_CYCLE",
-    "Rule",
-    "Triangles",
-    "areas",
-    "gauss_rule",
-    "has_few_kinks",
-    "kink_count",
-    "kinks",
-    "node_count",
-    "rule_by_triangles",
-    "smooth_triangles",
-    "spacings",
-    "triangulated",
-]
-
 Triangles = NDArray[np.float64]
 """Corners (n, 3, 2)."""
 

@@ -22,13 +22,6 @@ from polywigner.propagation.patterns import (
 if TYPE_CHECKING:
     import xarray
 
-__all__ = [
-    "BeamMetrics",
-    "CutMetrics",
-    "beam_metrics",
-    "checked_efficiency",
-    "decibels_milliwatt",
-]
 
 _HALF = 10 * math.log10(2.0)
 # Stands for minus infinity, in dBi: parabolas are laid through levels.

@@ -19,8 +19,6 @@ from polywigner.kernels.kernel import Kernel
 from polywigner.numerics.nodes import gauss_rules
 from polywigner.propagation.panels import Radiator, panels_of
 
-__all__ = ["boundary_field", "boundary_tables", "panels_in", "strata_of"]
-
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 

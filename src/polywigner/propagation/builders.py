@@ -40,7 +40,6 @@ from polywigner.radiometry.directions import PlaneSource, checked_radiator
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["hemisphere", "line", "plane", "volume"]
 
 # Samples of a stored chunk: 4 MB of float32, a file that disks and clusters like.
 _CHUNK = 1 << 20

@@ -30,8 +30,6 @@ from polywigner.transforms import autocorrelation, fourier
 from polywigner.transforms.calls import checked_system
 from polywigner.transforms.wavefronts import checked_wavefront, chirp_transform
 
-__all__ = ["Chirp", "collins_field", "field_behind", "line_integral", "squared_field"]
-
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 

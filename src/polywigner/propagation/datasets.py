@@ -46,18 +46,6 @@ from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.radiometry.directions import PlaneSource, checked_bandwidth, checked_radiator
 from polywigner.radiometry.progress import progress_bar
 
-__all__ = [
-    "WITH_OBLIQUITY",
-    "FieldBlock",
-    "FieldOptions",
-    "FieldSettings",
-    "Quantity",
-    "checked_settings",
-    "dataset",
-    "described",
-    "field_on",
-]
-
 Quantity = Literal["irradiance", "amplitude", "phase"]
 
 # The others have the obliquity of their own boundary condition.

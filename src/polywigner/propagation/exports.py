@@ -27,7 +27,6 @@ from polywigner.propagation.stores_checks import recorded, required, stored_arra
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["in_place", "write_netcdf", "write_vti", "write_zarr"]
 
 # Samples read at a time for a VTK file.
 _SLAB = 1 << 24

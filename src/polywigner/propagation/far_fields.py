@@ -30,8 +30,6 @@ from polywigner.transforms import fourier
 from polywigner.transforms.phase_space import energy_of
 from polywigner.transforms.wavefronts import flat_of, is_partly_coherent
 
-__all__ = ["check_slopes", "far_field", "powers_of", "radiated_power"]
-
 # Rounding leaves 1e-13 of the energy; a directivity relative to less than this has no digits.
 _DARK = 1e-12
 

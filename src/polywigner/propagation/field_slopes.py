@@ -40,8 +40,6 @@ from polywigner.radiometry.directions import checked_source
 from polywigner.transforms import Differentiable
 from polywigner.transforms.traced_sources import parameters_of
 
-__all__ = ["FieldSlopes", "has_derivatives", "parts_of", "traced_field"]
-
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 

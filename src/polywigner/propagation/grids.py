@@ -23,15 +23,6 @@ from polywigner.transforms.xarray_arguments import labelled_array
 if TYPE_CHECKING:
     import xarray
 
-__all__ = [
-    "Grid",
-    "Hemisphere",
-    "StraightGrid",
-    "box_grid",
-    "hemisphere_grid",
-    "line_grid",
-    "plane_grid",
-]
 
 Values = NDArray[np.float64]
 Index = tuple[int, ...]

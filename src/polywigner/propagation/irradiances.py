@@ -67,15 +67,6 @@ from polywigner.transforms.phase_space import energy_of
 from polywigner.transforms.wavefronts import coherent_source, flat_of, is_partly_coherent, tilts_of
 from polywigner.transforms.xarray_arguments import takes_xarray
 
-__all__ = [
-    "checked_order",
-    "checked_tolerance",
-    "irradiance",
-    "is_mixture",
-    "mean_over_mixture",
-    "parts_of",
-]
-
 
 def is_mixture(source: Any, bandwidth: Any, by_lags: bool = False) -> bool:
     """Whether light is a mixture: of a band of wavelengths, or of tilts.

@@ -14,17 +14,6 @@ from polywigner.illumination.obliquities import direction_cosines
 from polywigner.numerics import phases
 from polywigner.radiometry.directions import PlaneSource, checked_source
 
-__all__ = [
-    "Pieces",
-    "Radiator",
-    "cosines_of",
-    "panels_of",
-    "pieces_of",
-    "radiator_of",
-    "reaches",
-    "starts",
-]
-
 Floats = NDArray[np.float64]
 Block = tuple[Floats, NDArray[np.complex128], NDArray[np.bool_]]
 _OPS = NumpyOperations(double=True)

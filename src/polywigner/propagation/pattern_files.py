@@ -20,7 +20,6 @@ from polywigner.propagation.patterns import checked_pattern, cuts_of
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["Polarisation", "write_pattern"]
 
 Polarisation = Literal["x", "y"]
 

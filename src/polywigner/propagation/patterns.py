@@ -34,7 +34,6 @@ from polywigner.transforms.xarray_arguments import labelled_array, labelled_arra
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["angle_between", "checked_pattern", "cuts_of", "front_of", "radiation_pattern"]
 
 # Two meridians half a turn apart, and the horizon, to the rounding of degrees.
 _SAME_ANGLE = 1e-9

@@ -14,30 +14,11 @@ from polywigner.errors import ArgumentError, PolywignerWarning
 from polywigner.geometry.arguments import (
     checked_number,
     checked_row,
-    checked_wavelength,
     real_numbers,
     shape_of,
     warn_of_degrees,
 )
 from polywigner.illumination.obliquities import BoundaryCondition
-
-__all__ = [
-    "DEFAULT_TOLERANCE",
-    "LARGEST",
-    "METHODS",
-    "Method",
-    "check_reach",
-    "checked_amplitude_tolerance",
-    "checked_angles",
-    "checked_method",
-    "checked_name",
-    "checked_phi",
-    "checked_points",
-    "checked_theta",
-    "checked_wavelength",
-    "unit_vectors",
-    "warn_of_missed",
-]
 
 Angles = NDArray[np.float64]
 

@@ -28,8 +28,6 @@ from polywigner.kernels.functions.part_kernels import (
 from polywigner.kernels.kernel import Values
 from polywigner.propagation.arrangement import Rule
 
-__all__ = ["Rays", "part_kernel", "ray_factors", "ray_kernel"]
-
 
 def ray_kernel(source: Any, order: int, curved: bool = False) -> Kernel:
     """The integrand of (T2) for a source, to leading or to third order.

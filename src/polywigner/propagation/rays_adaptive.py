@@ -30,8 +30,6 @@ from polywigner.propagation.arrangement import (
 from polywigner.propagation.rays import Rays
 from polywigner.transforms import sample_automean
 
-__all__ = ["Estimate", "Sampling", "by_gauss", "by_samples", "phase_rates", "sobol_numbers"]
-
 Values = NDArray[np.float64]
 
 # Nodes along a side beyond those that the phase needs, rule after rule. Two for the first: on cells

@@ -28,8 +28,6 @@ from polywigner.radiometry.directions import checked_source
 from polywigner.transforms import Differentiable, wigner
 from polywigner.transforms.traced_sources import fields_of, with_fields
 
-__all__ = ["traced_irradiance"]
-
 Values = NDArray[np.float64]
 
 # Nodes beyond those that the phase needs, rule after rule.

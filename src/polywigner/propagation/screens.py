@@ -21,16 +21,6 @@ from polywigner.propagation.boundary import boundary_field
 from polywigner.propagation.panels import radiator_of
 from polywigner.propagation.places import LARGEST, checked_name, warn_of_missed
 
-__all__ = [
-    "PlaneWave",
-    "PointSource",
-    "Screen",
-    "field_of_screen",
-    "incident_of_point",
-    "wave_at",
-    "waves_through",
-]
-
 Floats = NDArray[np.float64]
 Place = tuple[float, float, float]
 

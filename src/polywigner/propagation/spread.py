@@ -24,8 +24,6 @@ from polywigner.transforms.pupil import (
 )
 from polywigner.transforms.xarray_arguments import takes_xarray
 
-__all__ = ["psf"]
-
 
 @takes_xarray("points", units="m-2", long_name="point spread function")
 def psf(

@@ -28,15 +28,6 @@ from polywigner.propagation.suggestions_fields import (
 from polywigner.radiometry.directions import PlaneSource, checked_source
 from polywigner.transforms import PhaseSpaceSource, fourier, sample_automean, wigner
 
-__all__ = [
-    "AxisSampling",
-    "SampledQuantity",
-    "Sampling",
-    "checked_decibels",
-    "samples_for_error",
-    "suggest_sampling",
-]
-
 _SEED = 20220202  # any: the same call gives the same number
 
 # Frequencies tried, of which some are at the level; and of those, directions with their positions.

@@ -17,8 +17,6 @@ from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import real_numbers
 from polywigner.propagation.places import unit_vectors
 
-__all__ = ["GRAZING", "Band", "bands_in_box", "bands_on_line", "bands_on_sphere"]
-
 GRAZING = math.radians(89.5)
 """Where hemispheres end: fields are not asked for in the plane z = 0."""
 

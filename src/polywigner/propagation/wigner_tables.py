@@ -32,7 +32,6 @@ from polywigner.transforms.xarray_arguments import labelled_array, labelled_arra
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["ambiguity_table", "wigner_table"]
 
 Kind = Literal["wigner", "ambiguity"]
 

@@ -17,16 +17,6 @@ from polywigner.numerics.nodes import flat_rule
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.transforms.wavefronts import checked_wavefront
 
-__all__ = [
-    "PlaneSource",
-    "checked_bandwidth",
-    "checked_directions",
-    "checked_positions",
-    "checked_radiator",
-    "checked_source",
-    "wavelengths_of_band",
-]
-
 # Bandwidth times the time that light takes across the source: some so many wavelengths are summed.
 _MOST_SPREAD = 500.0
 _MEANING = "a bandwidth in Hz above zero, and less than twice the frequency"

@@ -28,16 +28,6 @@ from polywigner.transforms.phase_space import energy_of
 from polywigner.transforms.wavefronts import flat_of, mean_over_tilts
 from polywigner.transforms.xarray_arguments import takes_xarray
 
-__all__ = [
-    "EnergyBudget",
-    "Normalisation",
-    "energy_budget",
-    "flux_vector",
-    "power",
-    "radiance",
-    "radiant_intensity",
-]
-
 Normalisation = Literal["si", "paper"]
 
 # Of the mean over a band, as a share of the largest intensity.

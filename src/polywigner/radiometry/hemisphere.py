@@ -24,8 +24,6 @@ from polywigner.radiometry.directions import PlaneSource
 from polywigner.radiometry.progress import progress_bar
 from polywigner.transforms.wavefronts import flat_of
 
-__all__ = ["check_width", "directions_and_weights", "largest_lag"]
-
 Array = NDArray[np.float64]
 
 # Largest width of a source: 1.5e11 directions, half a day of two cores for the power of a square.

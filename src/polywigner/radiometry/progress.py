@@ -9,8 +9,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-__all__ = ["progress_bar"]
-
 # Of a bar below a cell: characters, and seconds between two drawings.
 _COLUMNS = 100
 _INTERVAL = 0.1

@@ -13,7 +13,6 @@ from polywigner.geometry.arguments import real_numbers, shape_of
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["MOST_BATCHES", "bundle", "checked_bundle", "count_of", "traced"]
 
 Values = NDArray[np.float64]
 

@@ -23,17 +23,6 @@ from polywigner.propagation.exports import write_netcdf
 from polywigner.propagation.stores_checks import required
 from polywigner.rays.bundles import bundle, checked_bundle, count_of
 
-__all__ = [
-    "METRES",
-    "SUFFIXES",
-    "load",
-    "names_of",
-    "read_source_file",
-    "save",
-    "write_source_file",
-    "write_to",
-]
-
 Values = NDArray[np.float64]
 
 METRES = {"m": 1.0, "in": 0.0254, "cm": 0.01, "ft": 0.3048, "mm": 0.001}

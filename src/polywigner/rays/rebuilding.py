@@ -21,7 +21,6 @@ from polywigner.rays.bundles import MOST_BATCHES, checked_bundle, count_of
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["rebuild"]
 
 Values = NDArray[np.float64]
 

@@ -41,17 +41,6 @@ from polywigner.transforms.phase_space import energy_of
 from polywigner.transforms.sampling import Weights
 from polywigner.transforms.wavefronts import flat_of, is_partly_coherent
 
-__all__ = [
-    "BATCHES",
-    "Cone",
-    "RaySampling",
-    "cone_of",
-    "normal_numbers",
-    "numbers_of",
-    "positions_by",
-    "sample_rays",
-]
-
 RaySampling = Literal["uniform", "marginal", "quasi-random"]
 
 Values = NDArray[np.float64]

@@ -24,8 +24,6 @@ from numpy.typing import NDArray
 from polywigner.illumination.obliquities import Obliquity
 from polywigner.reception.cells import Cells
 
-__all__ = ["Links", "Pairs", "link_kernel", "link_slopes"]
-
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 

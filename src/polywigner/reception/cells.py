@@ -25,8 +25,6 @@ from polywigner.propagation.arrangement import (
 )
 from polywigner.transforms.wavefronts import flat_of
 
-__all__ = ["Cells", "cells_of"]
-
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 

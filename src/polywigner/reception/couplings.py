@@ -42,8 +42,6 @@ from polywigner.transforms import Differentiable, wigner
 from polywigner.transforms.phase_space import energy_of
 from polywigner.transforms.wavefronts import flat_of
 
-__all__ = ["LinkMethod", "checked_tolerance", "coupling", "overlap"]
-
 Floats = NDArray[np.float64]
 
 # How far planes may lean, as the sine of the angle: what rounding does to poses.

@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError
 from polywigner.reception.cell_pairs import Links, Pairs
 
-__all__ = ["LinkSums", "link_slopes_of", "link_sums"]
-
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Indices = NDArray[np.intp]

@@ -24,8 +24,6 @@ from polywigner.transforms.phase_space import energy_of
 from polywigner.transforms.traced_sources import fields_of
 from polywigner.transforms.wavefronts import flat_of
 
-__all__ = ["NORMALISATIONS", "checked_normalise", "root_of_norm", "slopes_of_fields"]
-
 Complex = NDArray[np.complex128]
 
 NORMALISATIONS = ("radiated", "aperture")

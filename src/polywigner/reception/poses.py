@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from polywigner.errors import GeometryError
 from polywigner.geometry.arguments import RIGID_TOLERANCE, real_numbers, shape_of
 
-__all__ = ["check_facing", "checked_poses"]
-
 Floats = NDArray[np.float64]
 
 # Distances, in wavelengths too, have finite squares and inverse squares.

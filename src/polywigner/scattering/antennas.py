@@ -21,20 +21,6 @@ from polywigner.reception.norms import root_of_norm
 from polywigner.reception.poses import checked_poses
 from polywigner.scattering.facets import Facets
 
-__all__ = [
-    "Antenna",
-    "Channel",
-    "Polarisation",
-    "Source",
-    "checked_channel",
-    "checked_places",
-    "checked_polarisations",
-    "checked_unit_vectors",
-    "checked_wavelengths",
-    "directions_of",
-    "spherical_axes",
-]
-
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 

@@ -26,8 +26,6 @@ from polywigner.scattering.near_fields import near_sections
 from polywigner.scattering.surface_sums import Pieces, surface_slopes, surface_sums
 from polywigner.scattering.visibility import facing, less_hidden, lit_pieces, seen_along
 
-__all__ = ["lit_slopes", "lit_sums", "rcs", "section_slopes"]
-
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 

@@ -16,18 +16,6 @@ from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, triangulat
 from polywigner.geometry.arguments import warn_caller
 from polywigner.illumination import Array
 
-__all__ = [
-    "Body",
-    "Facets",
-    "corners_of_body",
-    "corners_where_parts_touch",
-    "facets_of",
-    "is_convex",
-    "least_area",
-    "lit_corners",
-    "warn_of_corners",
-]
-
 # Facets that meet at less than this are of one bent face, as in meshes of smooth bodies.
 _SMOOTH = math.cos(math.radians(30))
 

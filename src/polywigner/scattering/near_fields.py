@@ -35,8 +35,6 @@ from polywigner.scattering.visibility import (
     seen_from,
 )
 
-__all__ = ["near_sections", "near_sums"]
-
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 

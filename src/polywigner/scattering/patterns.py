@@ -21,7 +21,6 @@ from polywigner.transforms.xarray_arguments import labelled_array, labelled_arra
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["rcs_pattern"]
 
 Floats = NDArray[np.float64]
 

@@ -12,8 +12,6 @@ from polywigner import execution
 from polywigner.numerics.divided_differences import simplex_plane_wave
 from polywigner.numerics.phases import rotated
 
-__all__ = ["Pieces", "surface_slopes", "surface_sums", "transforms"]
-
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 

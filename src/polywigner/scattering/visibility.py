@@ -14,18 +14,6 @@ from polywigner.errors import ArgumentError
 from polywigner.scattering.facets import Facets
 from polywigner.scattering.surface_sums import Pieces
 
-__all__ = [
-    "Projected",
-    "Seen",
-    "facing",
-    "facing_place",
-    "less_hidden",
-    "lit_pieces",
-    "occluders",
-    "seen_along",
-    "seen_from",
-]
-
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 

@@ -25,8 +25,6 @@ from polywigner.testing.cases import (
 )
 from polywigner.testing.pieces import lag_slices_of_pairs, position_slices_of_pairs
 
-__all__ = ["ambiguity_by_pairs", "assert_array_identities", "wigner_by_pairs"]
-
 Values = NDArray[Any]
 
 

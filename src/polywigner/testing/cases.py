@@ -19,30 +19,6 @@ from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
 from polywigner.illumination import Array as Elements
 from polywigner.illumination import Illumination
 
-__all__ = [
-    "TOLERANCE",
-    "ArrayCase",
-    "Case",
-    "Precision",
-    "Simplex",
-    "Waves",
-    "ambiguity_is_hermitian_and_bounded",
-    "array_case_of",
-    "box_of",
-    "case_of",
-    "content_of",
-    "corners_of",
-    "phase_of",
-    "require",
-    "rim_of",
-    "simplices_of",
-    "small_frequency_limit",
-    "thinness_of",
-    "values_at_zero",
-    "waves_of",
-    "wigner_is_real_and_bounded",
-]
-
 Array = NDArray[Any]
 
 

@@ -12,15 +12,6 @@ from numpy.typing import NDArray
 from polywigner.geometry import Aperture, Slits, lag_slice, position_slice, triangulate
 from polywigner.testing.cases import waves_of
 
-__all__ = [
-    "lag_slices",
-    "lag_slices_of_pairs",
-    "moved",
-    "position_slices",
-    "position_slices_of_pairs",
-    "split_in_three",
-]
-
 Array = NDArray[Any]
 
 

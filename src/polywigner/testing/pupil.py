@@ -8,8 +8,6 @@ from polywigner import transforms
 from polywigner.geometry import Aperture, Slits
 from polywigner.testing.cases import Precision, case_of, require
 
-__all__ = ["assert_otf_properties"]
-
 
 def assert_otf_properties(
     source: Aperture | Slits,

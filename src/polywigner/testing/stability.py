@@ -27,8 +27,6 @@ from polywigner.testing.cases import (
 )
 from polywigner.testing.pieces import split_in_three
 
-__all__ = ["assert_fourier_stable"]
-
 # Errors that the package promises, relative to the content.
 _TOLERANCE = {"double": 1e-13, "single": 2e-6}
 _DECADES = range(-15, 4)

@@ -22,8 +22,6 @@ from polywigner.testing.cases import (
 )
 from polywigner.testing.pieces import lag_slices, moved, position_slices, split_in_three
 
-__all__ = ["assert_marginals", "assert_wigner_identities"]
-
 # Rank-1 lattice sums of continuous functions with kinks, at 10^4 points, relative to content^2:
 # at most 1e-4 on triangles, stars, rings and combs.
 _LATTICE_POINTS = 10946

@@ -17,8 +17,6 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-__all__ = ["PackageError", "available", "install", "is_debian", "is_root", "planned", "unpack"]
-
 _PATIENCE = 1800.0
 """Seconds that one apt command may take (a slow mirror, not a hanging one)."""
 

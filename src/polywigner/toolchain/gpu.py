@@ -7,8 +7,6 @@ from dataclasses import dataclass
 
 from polywigner.toolchain.llvm_verdicts import run_probe
 
-__all__ = ["GPUStatus", "look_for_gpu"]
-
 _KERNEL = """
 import drjit as dr
 if not dr.has_backend(dr.JitBackend.CUDA):

@@ -32,8 +32,6 @@ from polywigner.toolchain.llvm_discovery import (
 )
 from polywigner.toolchain.llvm_verdicts import Verdict, drjit_imports, drjit_release, judge
 
-__all__ = ["LLVMStatus", "prepare", "require", "require_drjit", "survey"]
-
 
 @dataclass(frozen=True)
 class LLVMStatus:

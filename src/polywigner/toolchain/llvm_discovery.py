@@ -15,21 +15,6 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-__all__ = [
-    "LIBATOMIC",
-    "LIBRARY_VARIABLE",
-    "NONE_USABLE",
-    "OFF_VARIABLE",
-    "OLDEST_VERSION",
-    "OPENING_ORDER",
-    "Candidate",
-    "candidates",
-    "native_folders",
-    "native_libatomic",
-    "remedy",
-    "version_of_name",
-]
-
 LIBRARY_VARIABLE = "DRJIT_LIBLLVM_PATH"
 """The variable in which Dr.Jit looks for the library's path, once, when it is first imported."""
 

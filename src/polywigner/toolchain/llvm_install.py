@@ -27,8 +27,6 @@ from polywigner.toolchain.llvm_discovery import (
 )
 from polywigner.toolchain.llvm_verdicts import judge
 
-__all__ = ["install_llvm"]
-
 _LIBATOMIC = ["libatomic1"]
 # 19 first: the one the tests are run with. Ubuntu renamed some for its 64-bit time.
 _LLVM = [f"libllvm{major}{suffix}" for major in (19, 20, 21, 22, 18, 17) for suffix in ("", "t64")]

@@ -27,8 +27,6 @@ from polywigner.toolchain.llvm_discovery import (
     native_libatomic,
 )
 
-__all__ = ["Verdict", "cache_folder", "drjit_imports", "drjit_release", "judge", "run_probe"]
-
 _PATIENCE = 120.0
 """Seconds that the child may take: Dr.Jit's first import from a cold disk can take many."""
 

@@ -12,8 +12,6 @@ import os
 import sys
 from collections.abc import Sequence
 
-__all__ = ["stand_down"]
-
 
 class _BeforeDrjit:
     """An import hook that finds nothing, but prepares for Dr.Jit when Dr.Jit is looked for."""

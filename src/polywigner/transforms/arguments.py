@@ -15,18 +15,6 @@ from polywigner.illumination import Array
 from polywigner.illumination.lattices import Sites
 from polywigner.transforms.extremes import check_width, is_wide, within_reach
 
-__all__ = [
-    "PhaseSpaceSource",
-    "Source",
-    "array_on_grid",
-    "broadcast_shape",
-    "checked_call",
-    "checked_points",
-    "in_blocks",
-    "in_plane",
-    "transform",
-]
-
 PhaseSpaceSource = Aperture | Slits | Array | Wavefront
 Source = PhaseSpaceSource | PlacedAperture | Polyhedron
 _COMPLEX = ("fourier", "array factor")  # of real and complex nu

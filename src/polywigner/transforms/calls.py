@@ -40,8 +40,6 @@ from polywigner.transforms.wavefronts import (
 )
 from polywigner.transforms.xarray_arguments import content_units, takes_xarray
 
-__all__ = ["TRANSFORMS", "as_flat", "checked_system", "compute", "public"]
-
 Values = NDArray[np.float64]
 Points = Mapping[str, Any]
 F = TypeVar("F", bound=Callable[..., Any])

@@ -17,8 +17,6 @@ from polywigner.plans import Plan
 from polywigner.transforms.arguments import PhaseSpaceSource, checked_call, in_plane
 from polywigner.transforms.calls import TRANSFORMS, as_flat
 
-__all__ = ["explain"]
-
 
 def explain(
     source: PhaseSpaceSource | Polyhedron,

@@ -25,15 +25,6 @@ from polywigner.illumination.support import moved_source
 from polywigner.kernels.arrays.element_pairs import is_scattered
 from polywigner.kernels.arrays.lattice_arrays import is_on_lattice
 
-__all__ = [
-    "array_factor_apart",
-    "check_width",
-    "is_wide",
-    "largest_wave_apart",
-    "out_of_floats",
-    "within_reach",
-]
-
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 

@@ -15,15 +15,6 @@ from polywigner.transforms.calls import compute, public
 from polywigner.transforms.traced_sources import Differentiable
 from polywigner.transforms.wavefronts import flat_of
 
-__all__ = [
-    "ambiguity",
-    "autocorrelation",
-    "energy_of",
-    "lag_marginal",
-    "position_marginal",
-    "wigner",
-]
-
 
 @public
 def autocorrelation(

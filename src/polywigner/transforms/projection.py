@@ -20,7 +20,6 @@ from polywigner.transforms.xarray_arguments import labelled_array, labelled_arra
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["LARGEST_SAMPLES", "PhaseSpaceFunction", "projections"]
 
 PhaseSpaceFunction = Literal["autocorrelation", "wigner", "ambiguity"]
 

@@ -18,8 +18,6 @@ from polywigner.transforms.phase_space import ambiguity, energy_of, lag_marginal
 from polywigner.transforms.wavefronts import flat_of, is_partly_coherent
 from polywigner.transforms.xarray_arguments import takes_xarray
 
-__all__ = ["checked_energy", "checked_pupil_radius", "checked_waves", "mtf", "otf", "shares_of"]
-
 # Least energy over that of the elements one by one: rounding leaves 1e-15 of it where their fields
 # cancel, and a value normalised by a hundred times that has hardly a digit.
 _DARK = 1e-13

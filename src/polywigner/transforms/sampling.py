@@ -20,8 +20,6 @@ from polywigner.transforms.phase_space import position_marginal
 from polywigner.transforms.sections import field_bound
 from polywigner.transforms.wavefronts import flat_of
 
-__all__ = ["Weights", "in_phase", "sample_automean"]
-
 Weights = Literal["uniform", "marginal"]
 
 Values = NDArray[np.float64]

@@ -28,21 +28,6 @@ from polywigner.illumination import Array, Illumination
 from polywigner.numerics.divided_differences import simplex_plane_wave
 from polywigner.numerics.phases import cos_sin_turns, mean_plane_wave, turns_to_centre
 
-__all__ = [
-    "Copies",
-    "PlaneField",
-    "bound_of",
-    "column_integrals",
-    "column_spectra",
-    "field_bound",
-    "field_of",
-    "is_lit_by_waves",
-    "mirrored_correlation",
-    "mutual_spectra",
-    "overlaps",
-    "phase",
-]
-
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Indices = NDArray[np.intp]

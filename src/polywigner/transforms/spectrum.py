@@ -35,8 +35,6 @@ from polywigner.transforms.extremes import (
 from polywigner.transforms.traced_sources import Differentiable, fourier_of
 from polywigner.transforms.xarray_arguments import takes_xarray
 
-__all__ = ["array_factor", "fourier"]
-
 
 @public
 def fourier(

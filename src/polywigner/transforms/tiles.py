@@ -34,8 +34,6 @@ from polywigner.transforms.sections import (
 )
 from polywigner.transforms.spectrum import fourier
 
-__all__ = ["Tile", "tiles_of"]
-
 Array = NDArray[np.float64]
 Values = Callable[[Any, Array, Array, Engine], Any]
 Scale = Callable[[Any], float]

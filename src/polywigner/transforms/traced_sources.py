@@ -22,16 +22,6 @@ from polywigner.kernels.slopes.slopes import slopes_in_ends
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.transforms.arguments import in_plane, transform
 
-__all__ = [
-    "Differentiable",
-    "differentiable",
-    "fields_of",
-    "fourier_of",
-    "parameters_of",
-    "phase_space_of",
-    "with_fields",
-]
-
 
 @dataclass(frozen=True, eq=False)
 class Differentiable:

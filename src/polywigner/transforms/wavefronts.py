@@ -28,21 +28,6 @@ from polywigner.numerics.chirps import chirp_over_intervals, chirp_over_rings
 from polywigner.numerics.nodes import normal_product_rule
 from polywigner.transforms.arguments import broadcast_shape
 
-__all__ = [
-    "TILT_ERROR",
-    "checked_wavefront",
-    "chirp_transform",
-    "coherent_source",
-    "degree_of_coherence",
-    "flat_of",
-    "in_closed_form",
-    "is_partly_coherent",
-    "is_thin",
-    "mean_over_tilts",
-    "principal_axes",
-    "tilts_of",
-]
-
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 

@@ -13,7 +13,6 @@ from polywigner.explorer.page import theme
 if TYPE_CHECKING:
     from polywigner.explorer.page.session import Session
 
-__all__ = ["WITH_KEYS", "connect_access"]
 
 _RING = "2px solid var(--pw-mark)"
 _FOCUS = f"""

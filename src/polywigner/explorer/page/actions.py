@@ -20,20 +20,6 @@ from polywigner.explorer.page.show import show_code
 from polywigner.explorer.snippets import snippet
 from polywigner.explorer.state import State
 
-__all__ = [
-    "STEPS",
-    "Keyboard",
-    "connect_downloads",
-    "connect_drawing",
-    "connect_tour",
-    "corner",
-    "finish",
-    "near",
-    "placed",
-    "tolerance",
-    "tolerance_of",
-]
-
 if TYPE_CHECKING:
     from polywigner.explorer.page.session import Session
 

@@ -28,8 +28,6 @@ from bokeh.models import (
 from polywigner.explorer.snippets import SNIPPETS
 from polywigner.explorer.state import CATALOGUE, UNITS
 
-__all__ = ["VIEWS", "Controls"]
-
 VIEWS = {
     "fourier": "F(ν)", "wigner_nu": "W over ν", "wigner_x": "W over x", "otf": "OTF, defocus",
     "far": "far field", "near": "near field",

@@ -14,8 +14,6 @@ from polywigner.explorer.page.pictures import plain_figure
 from polywigner.explorer.state import State
 from polywigner.explorer.views import Cuts, Outlines
 
-__all__ = ["ApertureFigure", "LagFigure", "PolarFigure"]
-
 _INK, _TINT, _ACCENT = "#2f6da8", "#8fb8dd", "#d4561f"  # seen on white and on black
 _HANDLES = ((60, 10), (150, 7), (math.inf, 4))  # vertices, and the pixels of each
 _MOST_HANDLES = 200  # a page with more to paint and to look through answers a hand late

@@ -33,7 +33,6 @@ from polywigner.explorer.state import CATALOGUE
 if TYPE_CHECKING:
     from polywigner.explorer.page.session import Session
 
-__all__ = ["connect"]
 
 _REST = 1.0  # seconds
 

@@ -11,8 +11,6 @@ from polywigner.explorer.logs import log_fault
 if TYPE_CHECKING:
     from polywigner.explorer.page.session import Session
 
-__all__ = ["guarded", "on_change", "on_click", "on_event"]
-
 
 def guarded(session: Session, work: Callable[..., None]) -> Callable[..., None]:
     """Work that is left out while widgets are filled, and whose errors become messages."""

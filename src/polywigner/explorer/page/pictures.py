@@ -15,8 +15,6 @@ from polywigner.explorer.state import State
 from polywigner.explorer.views import Picture
 from polywigner.figures.style import LEVEL_MAP, SIGNED_MAP
 
-__all__ = ["ImageFigure", "coloured", "palette", "plain_figure", "replaced"]
-
 _SIDE = 256
 """Side of the square that is drawn into, in pixels, until the page has measured its window."""
 _MAPS = {"level": LEVEL_MAP, "unit": LEVEL_MAP, "phase": "twilight", "difference": SIGNED_MAP}

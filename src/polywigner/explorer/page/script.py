@@ -3,11 +3,6 @@ the address, the size of figures."""
 
 from __future__ import annotations
 
-__all__ = [
-    "ADDRESS", "ARRANGE", "DOWNLOAD", "DRAG", "ELAPSED", "LOST", "QUICK_PAINT", "REBUILD",
-    "REPAINT", "SCROLL", "STALE", "TEXTS", "UPLOAD",
-]  # fmt: skip
-
 _OUTLINE = """
 const drawn = () => {
   const {x, y, ring} = vertices.data

@@ -35,8 +35,6 @@ from polywigner.explorer.scheduler import Scheduler
 from polywigner.explorer.state import History, State, from_query, needed, to_query
 from polywigner.explorer.views import edges_of
 
-__all__ = ["Session", "open_page"]
-
 Arrived = tuple[Result, list[tuple[str, int]]]  # with what is still to be computed after it
 
 _GATHERED = 0.03  # seconds that a result waits for others

@@ -23,17 +23,6 @@ from polywigner.explorer.shown import in_unit, shown
 from polywigner.explorer.snippets import snippet
 from polywigner.explorer.state import History, State
 
-__all__ = [
-    "PARTS",
-    "Figures",
-    "Status",
-    "arranged",
-    "connect_layout",
-    "fill",
-    "show_code",
-    "together",
-]
-
 
 def _styled(text: str) -> list[Any]:
     return [InlineStyleSheet(css=text)]

@@ -2,11 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = [
-    "BUSY", "GRID", "HEAD", "MAIN", "MESSAGE", "NARROW", "PAGE", "PAINT", "POINT", "SIDE",
-    "TEMPLATE", "WIDGETS",
-]  # fmt: skip
-
 NARROW = 760
 """Width of a window in pixels below which the controls lie over the figures."""
 _SIDE = 292

@@ -34,8 +34,6 @@ from polywigner.figures.style import (
 )
 from polywigner.figures.volumes import draw_volume
 
-__all__ = ["LARGEST_ANGLE", "draw_compar", "draw_error", "draw_volrender", "draw_volrender_fdtd"]
-
 
 def draw_compar(quality: Quality) -> Made:
     """(a) Irradiance on boresight; (b) in the plane y = 0, which contains the axis."""

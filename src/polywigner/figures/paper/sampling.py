@@ -18,8 +18,6 @@ from polywigner.figures.paper.sources import (
 )
 from polywigner.figures.style import TYPOGRAPHY, letter_panels, new_figure
 
-__all__ = ["POSITION", "dense_samples", "draw_sampling", "grid_wigner"]
-
 POSITION = (0.5e-3, 0.8e-3)
 """Place of the slice that is summed on grids, in m: no symmetry of the chevrons helps there."""
 

@@ -24,19 +24,6 @@ from polywigner.figures.style import (
 )
 from polywigner.interruption import temporary_folder
 
-__all__ = [
-    "POSE",
-    "Film",
-    "cosine_source",
-    "draw_emitters",
-    "draw_render",
-    "fft_source",
-    "intensity_by_fft",
-    "render_room",
-    "uniform_source",
-    "wigner_source",
-]
-
 POSE = '<lookat origin="0, -0.45, 0.16" target="0, -0.05, 0.02" up="0, 0, 1"/>'
 """Pose of the source: its normal points 19 degrees down. Seen along the normal, up is up."""
 

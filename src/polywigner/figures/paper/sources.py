@@ -20,23 +20,6 @@ import polywigner as pw
 from polywigner.errors import PolywignerWarning
 from polywigner.quantities import wavelength_of
 
-__all__ = [
-    "QUALITIES",
-    "RAYS",
-    "WAVELENGTH",
-    "Made",
-    "Quality",
-    "catalogue",
-    "chevrons",
-    "compared",
-    "geojson",
-    "limits_known",
-    "number_samples",
-    "square",
-    "triangle",
-    "triangles",
-]
-
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 

@@ -36,17 +36,6 @@ from polywigner.figures.style import (
 )
 from polywigner.transforms.projection import PhaseSpaceFunction
 
-__all__ = [
-    "KINDS",
-    "draw_amp_spec",
-    "draw_appendix",
-    "draw_indmk",
-    "draw_marginals",
-    "draw_projs",
-    "draw_xforms",
-    "signed_db",
-]
-
 _FLOOR_DB = -40.0
 
 

@@ -21,23 +21,6 @@ from polywigner.errors import FileFormatError
 from polywigner.geometry.exact import Ring
 from polywigner.geometry.formats.limits import LARGEST_NUMBER, MOST_VERTICES
 
-__all__ = [
-    "DEFAULT_TOLERANCE",
-    "JOINT",
-    "Arc",
-    "Bezier",
-    "Curve",
-    "bezier_spans",
-    "chained",
-    "count_of",
-    "ends",
-    "flattened",
-    "is_closed",
-    "reversed_curve",
-    "rough_points",
-    "transformed",
-]
-
 DEFAULT_TOLERANCE = 1 / 2000
 """Largest distance between a curve and its chords, in diagonals of the outline's bounds.
 

@@ -43,8 +43,6 @@ from polywigner.geometry.formats.outlines import (
     without_duplicates,
 )
 
-__all__ = ["IGNORED", "paths_of", "read_dxf", "work_of"]
-
 IGNORED = frozenset({
     "TEXT", "MTEXT", "ATTRIB", "ATTDEF", "DIMENSION", "ARC_DIMENSION", "LARGE_RADIAL_DIMENSION",
     "LEADER", "MULTILEADER", "MLEADER", "TOLERANCE", "POINT", "RAY", "XLINE", "VIEWPORT", "IMAGE",

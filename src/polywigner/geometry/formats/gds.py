@@ -20,8 +20,6 @@ from polywigner.geometry.formats.limits import (
 )
 from polywigner.geometry.formats.outlines import Drawing, filled, overlap_remedy, required
 
-__all__ = ["read_gds"]
-
 _REMEDIES = ("save one cell alone", "export it anew, or as DXF")
 _LAYER = re.compile(r"\d{1,5}(?:/\d{1,5})?")
 

@@ -8,8 +8,6 @@ from __future__ import annotations
 import importlib
 from typing import Any
 
-__all__ = ["answer"]
-
 # Of all layers together: more than are read of one.
 _MOST_POLYGONS = 200_000
 

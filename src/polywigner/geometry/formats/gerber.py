@@ -29,8 +29,6 @@ from polywigner.geometry.formats.outlines import Drawing, filled, required
 from polywigner.geometry.grid import combined_on_grid, groups_apart, polygons_in, union_on_grid
 from polywigner.geometry.rings import rings_of_polygon
 
-__all__ = ["Layers", "Shapes", "composed", "read_gerber"]
-
 # Vertices of shapes that touch and are joined in some tenths of a second; those are not counted.
 _QUICK = 20_000
 

@@ -11,8 +11,6 @@ import re
 import warnings
 from typing import Any
 
-__all__ = ["answer"]
-
 # What gerbonara warns about and yet reads as Gerber says.
 _HARMLESS = ".*(Arc is missing|D01 interpolation with a zero-size)"
 

@@ -13,8 +13,6 @@ from dataclasses import dataclass, field
 from polywigner.errors import FileFormatError
 from polywigner.geometry.formats.limits import check_number, token
 
-__all__ = ["checked_statements"]
-
 _PIECE = re.compile(r"\s*(?:(G0?4[^*]*)\*|%([^%]*)%|([^%*]*)\*)")
 # A word of codes and numbers, which messages quote; of any other text they tell the length.
 _PLAIN = re.compile(r"(?:[GDMXYIJ][-+.\d]{1,12}){1,6}", re.ASCII)

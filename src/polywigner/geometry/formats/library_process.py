@@ -10,8 +10,6 @@ import json
 import runpy
 import sys
 
-__all__ = ["main"]
-
 
 def main() -> None:
     """Write what ``answer`` of the program named in the JSON text on stdin says, or why not."""

@@ -22,52 +22,6 @@ from polywigner.errors import FileFormatError
 from polywigner.geometry.exact import Ring
 from polywigner.geometry.formats import library_process
 
-__all__ = [
-    "DEEPEST_WKT",
-    "LARGEST_DXF",
-    "LARGEST_FILE",
-    "LARGEST_GDS",
-    "LARGEST_GERBER",
-    "LARGEST_NUMBER",
-    "LARGEST_PART",
-    "LARGEST_SCENE",
-    "LARGEST_TOML",
-    "LONGEST_LINE",
-    "MOST_COMBINED",
-    "MOST_CROSSINGS",
-    "MOST_CURVES",
-    "MOST_ELEMENTS",
-    "MOST_FACES",
-    "MOST_JSON_VALUES",
-    "MOST_LINES",
-    "MOST_LISTED",
-    "MOST_NEAR_EDGES",
-    "MOST_NEAR_RINGS",
-    "MOST_NEAR_VERTICES",
-    "MOST_NESTED",
-    "MOST_NESTED_BLOCKS",
-    "MOST_RINGS",
-    "MOST_RULES",
-    "MOST_SCENE_ELEMENTS",
-    "MOST_SOLIDS",
-    "MOST_TEXT",
-    "MOST_TRANSFORMS",
-    "MOST_VERTICES",
-    "MOST_WAVES",
-    "Work",
-    "bytes_of",
-    "check_number",
-    "check_polygons",
-    "check_regular",
-    "check_rings",
-    "check_values",
-    "check_vertices",
-    "in_process",
-    "place_of",
-    "text_of",
-    "token",
-]
-
 # Files, in bytes.
 
 LARGEST_FILE = 64 * 2**20

@@ -20,8 +20,6 @@ from polywigner.geometry.formats.limits import (
 )
 from polywigner.geometry.formats.outlines import required
 
-__all__ = ["MESH_SUFFIXES", "read_mesh"]
-
 MESH_SUFFIXES = (".stl", ".ply", ".obj")
 
 # The sizes of the numbers of PLY, by the names of their types.

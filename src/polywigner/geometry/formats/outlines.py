@@ -28,19 +28,6 @@ from polywigner.geometry.rings import (
     spans_area,
 )
 
-__all__ = [
-    "Drawing",
-    "check_known",
-    "checked_layers",
-    "checked_tolerance",
-    "checked_union",
-    "filled",
-    "nested",
-    "overlap_remedy",
-    "required",
-    "without_duplicates",
-]
-
 
 @dataclass(frozen=True, eq=False)
 class Drawing:

@@ -51,8 +51,6 @@ from polywigner.geometry.formats.svg_shapes import (
     view_box,
 )
 
-__all__ = ["Document", "parsed", "read_svg"]
-
 _NAMESPACE = "{http://www.w3.org/2000/svg}"
 _NAMES = ("{http://www.inkscape.org/namespaces/inkscape}label", "data-name", "id")
 _LINK = "{http://www.w3.org/1999/xlink}href"

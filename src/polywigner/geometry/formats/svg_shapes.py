@@ -15,29 +15,6 @@ from polywigner.geometry.formats.curves import Arc, Bezier, Curve, Points, ends,
 from polywigner.geometry.formats.limits import LARGEST_NUMBER, MOST_RULES, check_number
 from polywigner.geometry.formats.outlines import required
 
-__all__ = [
-    "PHYSICAL",
-    "PIXEL",
-    "SHAPES",
-    "Place",
-    "Shape",
-    "Style",
-    "Styles",
-    "check_supported",
-    "corner",
-    "fitted",
-    "is_painted",
-    "length",
-    "matrix_of",
-    "numbers_of",
-    "physical_length",
-    "rules_of",
-    "shape_of",
-    "style_of",
-    "subpaths_of",
-    "view_box",
-]
-
 # Possessive (++) and atomic (?>) throughout, so that no text takes longer than its length.
 _NUMBER = r"(?>[+-]?(?:[0-9]++\.?[0-9]*+|\.[0-9]++)(?:[eE][+-]?[0-9]++)?)"
 _COMMA = r"(?>\s*+,\s*+|\s*+)"

@@ -23,8 +23,6 @@ from polywigner.geometry.formats.limits import (
 from polywigner.geometry.grid import polygons_in
 from polywigner.geometry.rings import rings_of_polygon
 
-__all__ = ["rings_of_csv", "rings_of_geojson", "rings_of_wkt"]
-
 Vertex = tuple[float, float]
 
 _OTHER_TYPES = ("Point", "MultiPoint", "LineString", "MultiLineString", "Topology")

@@ -31,18 +31,6 @@ from polywigner.kernels.outline.lines import (
 )
 from polywigner.kernels.outline.tables import Edge, Piece, Tables, numbers_of
 
-__all__ = [
-    "AHEAD",
-    "BEHIND",
-    "MIRRORED",
-    "Clipper",
-    "RowClipper",
-    "View",
-    "times",
-    "total_extent",
-]
-
-
 # More than rounding does to a distance that is not computed exactly.
 _ROUNDED, _ROUNDED_SINGLE = 1e-14, 1e-5
 

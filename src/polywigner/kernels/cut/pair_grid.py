@@ -23,19 +23,6 @@ from polywigner.kernels.outline.frame import power_of_two
 from polywigner.kernels.outline.tables import Tables
 from polywigner.numerics.exact import accurate_cross
 
-__all__ = [
-    "CROSSING",
-    "LEAD",
-    "START",
-    "WHOLE",
-    "Outline",
-    "PairGrid",
-    "cells_across",
-    "crossing",
-    "levels",
-    "pair_grid",
-]
-
 # How a row counts: as a crossing; as one before which the winding number is set; as a whole edge;
 # as a crossing with the line that leads to a ring from outside.
 CROSSING, START, WHOLE, LEAD = range(4)

@@ -19,8 +19,6 @@ from polywigner.kernels.cut.winding import ListedParts
 from polywigner.kernels.outline.tables import Tables
 from polywigner.kernels.outline.waves import difference_pairs, mean_pairs
 
-__all__ = ["PART_COLUMNS", "position_slice_parts", "slice_parts"]
-
 PART_COLUMNS = 8
 """Middle and vector of a part, in the frame and as a lag; the complex weight; the shift of nu."""
 

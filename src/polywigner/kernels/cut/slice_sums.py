@@ -14,8 +14,6 @@ from polywigner.kernels.cut.pair_grid import PairGrid
 from polywigner.kernels.cut.winding import ListedClipper, PairClipper, Pass, clipper_for
 from polywigner.kernels.outline.tables import Tables, cut_of
 
-__all__ = ["SliceSum", "may_meet"]
-
 _DIRECTIONS = np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0], [1.0, -1.0]])
 # In the frame, whose unit is the size of the polygon: more than anything is rounded by.
 _MARGIN = 1e-6

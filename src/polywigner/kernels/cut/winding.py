@@ -30,8 +30,6 @@ from polywigner.kernels.cut.pair_grid import (
 )
 from polywigner.kernels.outline.tables import Edge, Piece, Tables, cut_of, numbers_of
 
-__all__ = ["PairClipper", "Pass", "cell_of", "clipper_for", "held_pairs", "pairs_of"]
-
 Pass = tuple[View, int, int]
 """The view of edges, the number of their field, and of that of the other copy."""
 Interval = tuple[Any, Any, Any, Any]

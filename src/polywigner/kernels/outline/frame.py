@@ -25,20 +25,6 @@ import shapely
 from polywigner.geometry.exact import whole_numbers
 from polywigner.numerics import phases
 
-__all__ = [
-    "NEEDLE_ASPECT",
-    "Frame",
-    "Matrix",
-    "determinant",
-    "frame_along",
-    "frame_of",
-    "power_of_two",
-    "reach_of",
-    "times",
-    "times_doubled",
-    "vertices_for",
-]
-
 # A box longer than this is stretched; below it the loss of digits (the aspect, in ulps of the
 # width) is smaller than what the kernels lose anyway, and axis-parallel edges stay so.
 NEEDLE_ASPECT = 8.0

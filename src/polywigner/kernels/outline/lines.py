@@ -30,16 +30,6 @@ import numpy.typing as npt
 
 from polywigner.numerics.exact import accurate_cross, exact_cross
 
-__all__ = [
-    "NEARLY_PARALLEL",
-    "Line",
-    "LineBook",
-    "cross_with_constant",
-    "linking_angle",
-    "slope_of",
-    "start_of",
-]
-
 # sine of the angle below which two lines count as nearly parallel: an intersection of lines at
 # this angle is off by 1/0.03 ulps
 NEARLY_PARALLEL = 0.03

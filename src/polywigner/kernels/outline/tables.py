@@ -36,8 +36,6 @@ from polywigner.numerics.exact import (
 )
 from polywigner.plans import cut_for, waves_fit_code
 
-__all__ = ["Edge", "Element", "Piece", "Tables", "build_tables", "cut_of", "grouped", "numbers_of"]
-
 # Cost of a further wave on the cut edge, in cuts: 5 to 20 ms to compile.
 _CLIPS_PER_WAVE = 24
 

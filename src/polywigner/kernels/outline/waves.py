@@ -18,21 +18,6 @@ import numpy as np
 
 from polywigner.numerics.phases import cos_sin_turns
 
-__all__ = [
-    "UNIFORM",
-    "Wave",
-    "WavePair",
-    "WavePairRow",
-    "Waves",
-    "carrier_of",
-    "common_factor",
-    "difference_pairs",
-    "field_of",
-    "mean_pairs",
-    "rows_of",
-    "waves_in_frame",
-]
-
 # Frequencies this close, in cycles per size of the frame and relative to the largest, are one:
 # sums of the same terms in another order.
 _EQUAL = 1e-14

@@ -27,17 +27,6 @@ from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.phases import cos_sin_turns
 from polywigner.numerics.polynomials import segment_moments
 
-__all__ = [
-    "Axes",
-    "GradientAccumulator",
-    "Segment",
-    "Slopes",
-    "Wanted",
-    "fourier_slopes",
-    "slopes_in_ends",
-    "times_i",
-]
-
 
 @dataclass(frozen=True)
 class Wanted:

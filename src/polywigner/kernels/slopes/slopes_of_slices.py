@@ -25,8 +25,6 @@ from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.phases import cos_sin_turns
 from polywigner.plans import cut_for
 
-__all__ = ["SlopeKernel", "ambiguity_slopes", "slope_kernel_of", "wigner_slopes"]
-
 _ZERO = Pair(0.0, 0.0)
 _Pairings = Callable[[int, Tables], Iterator[tuple[int, Views, Sequence[WavePair]]]]
 
