@@ -486,12 +486,10 @@ def _check_space(path: Path, needed: int) -> None:
 
 
 def _to_compute(array: Any, progress: bool | None) -> list[Index]:
-    """The chunks that are missing, once those that are damaged have been removed."""
+    """The chunks that are missing or damaged; a warning tells of the latter."""
     path = array.store.root
     _sweep(path)
     missing, damaged = chunk_faults(array, progress)
-    for index in damaged:
-        chunk_file(array, index).unlink()
     if damaged:
         warnings.warn(
             f"{len(damaged)} of the {array.nchunks} chunks of {path.parent} were damaged, and are "
