@@ -8,12 +8,8 @@ import numpy as np
 import pytest
 
 from polywigner.errors import ArgumentError
-from polywigner.propagation.places import (
-    METHODS,
-    checked_method,
-    checked_points,
-    checked_wavelength,
-)
+from polywigner.geometry.arguments import checked_wavelength
+from polywigner.propagation.places import METHODS, checked_method, checked_points
 
 
 def test_points_keep_their_shape_and_become_float64() -> None:

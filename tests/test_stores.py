@@ -144,6 +144,16 @@ def test_what_was_killed_while_it_made_the_store_is_swept(tmp_path: Path) -> Non
     assert [path.name for path in tmp_path.iterdir()] == ["beam.zarr"]
 
 
+def test_a_link_where_the_store_is_made_is_neither_followed_nor_removed(tmp_path: Path) -> None:
+    (tmp_path / "precious").mkdir()
+    (tmp_path / "precious" / "data").write_text("of others")
+    link = tmp_path / "beam.zarr.partial"
+    link.symlink_to(tmp_path / "precious")
+    with pytest.raises(StoreError, match="expected to make the folder"):
+        write_dataset(tmp_path / "beam.zarr", LAYOUT, Beam(), SETTINGS)
+    assert link.is_symlink() and [p.name for p in (tmp_path / "precious").iterdir()] == ["data"]
+
+
 @pytest.mark.parametrize("library", ["zarr", "dask"])
 def test_without_the_extra_the_error_names_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, library: str

@@ -235,6 +235,15 @@ def test_files_that_have_changed_places_are_told(store: Path, pristine: Path, fi
     check_all_doors(store, pristine)
 
 
+def test_an_attribute_that_has_changed_is_told(store: Path) -> None:
+    changed(
+        store / "zarr.json", lambda content: content.replace(b'"source_json"', b'"source_jsom"', 1)
+    )
+    for ask in (pw.verify_store, run):
+        with pytest.raises(StoreError, match="got damaged metadata"):
+            ask(store)
+
+
 def test_a_damaged_coordinate_is_named_in_one_line(
     store: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -165,7 +165,7 @@ def required_wavelength(wavelength: float | None) -> float:
 
 def field_title(path: str, wavelength: float) -> str:
     """Above the figure of a field: the source's file, frequency and wavelength."""
-    from polywigner.figures.style import length_unit
+    from polywigner.geometry.display import length_unit
 
     unit = length_unit(wavelength)
     printed = f"{wavelength / unit.metres:.4g} {unit.name}"

@@ -35,7 +35,8 @@ class Place(NamedTuple):
 
 def place_text(place: Place) -> str:
     """Where a field is, as a picture says it."""
-    from polywigner.figures.style import length_unit, number_text
+    from polywigner.figures.style import number_text
+    from polywigner.geometry.display import length_unit
 
     values = [abs(value) for point in place.points for value in point]
     unit = length_unit(max(values, default=place.radius))

@@ -20,14 +20,8 @@ from polywigner.figures.fields import (
     squared_unit,
 )
 from polywigner.figures.levels import COMPARED_DB, check_floor, difference_db
-from polywigner.figures.style import (
-    TYPOGRAPHY,
-    figure_on,
-    length_unit,
-    number_text,
-    quantity_text,
-    write_title,
-)
+from polywigner.figures.style import TYPOGRAPHY, figure_on, number_text, quantity_text, write_title
+from polywigner.geometry.display import length_unit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -26,12 +26,12 @@ from polywigner.figures.style import (
     SIGNED_MAP,
     TYPOGRAPHY,
     figure_on,
-    length_unit,
     number_text,
     quantity_text,
     row_bar,
     write_title,
 )
+from polywigner.geometry.display import length_unit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -17,11 +17,11 @@ from polywigner.figures.style import (
     LengthUnit,
     colour_bar,
     figure_on,
-    length_unit,
     signed_norm,
     signed_ticks,
     write_title,
 )
+from polywigner.geometry.display import length_unit
 
 if TYPE_CHECKING:
     import xarray

@@ -18,12 +18,12 @@ from polywigner.figures.style import (
     colour_bar,
     draw_polygons,
     length_axes,
-    length_unit,
     letter_panels,
     number_text,
     signed_norm,
     signed_ticks,
 )
+from polywigner.geometry.display import length_unit
 from polywigner.illumination.support import mutual_support
 from polywigner.transforms.wavefronts import flat_of
 

@@ -19,7 +19,6 @@ from polywigner.figures.style import (
     draw_polygons,
     figure_on,
     length_axes,
-    length_unit,
     letter_panels,
     number_text,
     signed_norm,
@@ -27,6 +26,7 @@ from polywigner.figures.style import (
     write_title,
 )
 from polywigner.figures.systems import SystemSlices, draw_system_panels
+from polywigner.geometry.display import length_unit
 from polywigner.transforms.wavefronts import flat_of
 
 if TYPE_CHECKING:

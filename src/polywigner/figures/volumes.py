@@ -14,7 +14,6 @@ from polywigner.figures.levels import check_floor, level_db
 from polywigner.figures.style import (
     TYPOGRAPHY,
     checked_axes,
-    length_unit,
     new_figure,
     number_text,
     quantity_text,
@@ -31,6 +30,7 @@ from polywigner.figures.volumes_layers import (
     shaded,
 )
 from polywigner.figures.volumes_pyvista import pyvista_layers
+from polywigner.geometry.display import length_unit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -301,8 +301,7 @@ def _serialized(content: bytes) -> tuple[NDArray[Any], int]:
         start = place + 16 + count * numbers * size
         if faces > _MOST_CORNERS or start > len(body):
             raise refused
-        kind = "<u8" if count > 0xFFFFFFFF else "<u4"
-        return np.frombuffer(body, kind, 3 * faces, start), count
+        return np.frombuffer(body, "<u4", 3 * faces, start), count  # fewer than 2^32 vertices
     except (struct.error, ValueError, zlib.error):
         raise refused from None
 
@@ -313,8 +312,8 @@ def _pixels(path: Path) -> int:
 
     with path.open("rb") as file:
         head = file.read(1 << 12)
-    if head[:8] == b"\x89PNG\r\n\x1a\n" and len(head) > 24:
-        return math.prod(struct.unpack_from(">2I", head, 16))
+    if head[:8] == b"\x89PNG\r\n\x1a\n":
+        return math.prod(struct.unpack_from(">2I", head.ljust(24, b"\0"), 16))
     if head[:4] == b"\x76\x2f\x31\x01":  # OpenEXR
         place = head.find(b"dataWindow\0box2i\0")
         if place < 0:
@@ -324,7 +323,7 @@ def _pixels(path: Path) -> int:
     if sizes := re.match(rb"P[Ff]\s+(\d{1,12})\s+(\d{1,12})\s|VOL", head):
         if sizes[1] is not None:
             return int(sizes[1]) * int(sizes[2])
-        return math.prod(struct.unpack_from("<3I", head, 8)) if len(head) >= 20 else 0
+        return math.prod(struct.unpack_from("<3I", head.ljust(20, b"\0"), 8))
     if sizes := re.search(rb"\A#\?.*?\n[-+]Y (\d{1,12}) [-+]X (\d{1,12})\n", head, re.DOTALL):
         return int(sizes[1]) * int(sizes[2])
     try:

@@ -119,7 +119,7 @@ class SceneJob:
     def write(
         self,
         store: str | Path,
-        layout: tuple[str, str],
+        variable: tuple[str, str],
         shape: Mapping[str, int],
         chunks: Index,
         settings: Mapping[str, Any],
@@ -127,7 +127,7 @@ class SceneJob:
     ) -> Any:
         """Fill a store with a variable of a name and unit; ``how`` as of ``write_dataset``."""
         coords = {name: labelled_array(np.arange(n), (name,)) for name, n in shape.items()}
-        name, units = layout
+        name, units = variable
         folder = self.file.path.resolve().parent
         files = {os.path.relpath(path, folder): digest for path, digest in self.digests.items()}
         sources = [with_digest(source_settings(source)) for source in self.sources]

@@ -15,7 +15,7 @@ from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, Precision
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.geometry.aperture import triangulate
-from polywigner.geometry.arguments import Points, checked_flag, takes_frequency
+from polywigner.geometry.arguments import Points, checked_flag, checked_wavelength, takes_frequency
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import (
     CONDITIONS,
@@ -40,7 +40,6 @@ from polywigner.propagation.places import (
     checked_amplitude_tolerance,
     checked_method,
     checked_points,
-    checked_wavelength,
     warn_of_missed,
 )
 from polywigner.propagation.screens import Screen, field_of_screen

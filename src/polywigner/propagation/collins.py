@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from polywigner import execution
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, Wavefront
-from polywigner.geometry.arguments import real_numbers
+from polywigner.geometry.arguments import checked_wavelength, real_numbers
 from polywigner.illumination import Array
 from polywigner.illumination.array import tilted_source
 from polywigner.numerics.chirps import chirp_integral, waves_of_turns
@@ -21,11 +21,7 @@ from polywigner.optics import FirstOrder
 from polywigner.propagation.boundary import boundary_field
 from polywigner.propagation.field_slopes import has_derivatives
 from polywigner.propagation.panels import Radiator, radiator_of
-from polywigner.propagation.places import (
-    checked_amplitude_tolerance,
-    checked_wavelength,
-    warn_of_missed,
-)
+from polywigner.propagation.places import checked_amplitude_tolerance, warn_of_missed
 from polywigner.transforms import autocorrelation, fourier
 from polywigner.transforms.calls import checked_system
 from polywigner.transforms.wavefronts import checked_wavefront, chirp_transform

@@ -15,6 +15,7 @@ from polywigner import execution
 from polywigner.errors import ArgumentError
 from polywigner.execution.choice import resolved
 from polywigner.geometry import Aperture
+from polywigner.geometry.arguments import checked_wavelength
 from polywigner.illumination import Array, Illumination
 from polywigner.illumination.obliquities import OBLIQUITIES
 from polywigner.kernels.boundary.integrals import (
@@ -34,7 +35,7 @@ from polywigner.propagation.panels import (
     reaches,
     starts,
 )
-from polywigner.propagation.places import checked_method, checked_wavelength
+from polywigner.propagation.places import checked_method
 from polywigner.propagation.screens import Screen
 from polywigner.radiometry.directions import checked_source
 from polywigner.transforms import Differentiable

@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 
 from polywigner import execution
 from polywigner.errors import ArgumentError
+from polywigner.geometry.arguments import checked_wavelength
 from polywigner.illumination.obliquities import checked_obliquity, weighted_sources
 from polywigner.kernels import kernel_for
 from polywigner.propagation.arrangement import Rule, gauss_rule, smooth_triangles
-from polywigner.propagation.places import checked_points, checked_wavelength
+from polywigner.propagation.places import checked_points
 from polywigner.propagation.rays import Rays, ray_factors
 from polywigner.propagation.rays_adaptive import phase_rates
 from polywigner.radiometry.directions import checked_source

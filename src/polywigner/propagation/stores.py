@@ -37,7 +37,7 @@ from polywigner.errors import (
 )
 from polywigner.execution import MOST_THREADS
 from polywigner.geometry.arguments import checked_count, checked_path
-from polywigner.interruption import cleaned_up_by, unfinished
+from polywigner.interruption import cleaned_up_by
 from polywigner.propagation.stores_checks import (
     CHECKSUM,
     METADATA,
@@ -158,19 +158,21 @@ def _create(path: Path, layout: Layout, run: dict[str, Any], source: str | None)
     dtype = np.dtype(layout.dtype)
     attrs = {**layout.dataset_attrs, SETTINGS: json.dumps(run)}
     labels = labelled_arrays({}, {**layout.coords, **source_coordinate(source)}, attrs)
-    with (
-        as_store_error(f"to make the folder {path}", "choose another place, or free this one"),
-        unfinished(scratch),
-        warnings.catch_warnings(),
-    ):
+    with ExitStack() as stack:
+        remedy = "choose another place, or free this one"
+        stack.enter_context(as_store_error(f"to make the folder {path}", remedy))
+        path.parent.mkdir(parents=True, exist_ok=True)
+        shutil.rmtree(scratch, ignore_errors=True)
+        scratch.mkdir()  # what is no folder of a killed run stays
+        stack.callback(shutil.rmtree, scratch, ignore_errors=True)
+        stack.enter_context(warnings.catch_warnings())
         # zarr warns that other readers may not know the consolidated copy; they need not
         warnings.simplefilter("ignore")
-        path.parent.mkdir(parents=True, exist_ok=True)
         # in one chunk each, so that nothing goes on being written after an error
         whole = {
             name: {"compressors": checksum, "chunks": labels[name].shape} for name in labels.coords
         }
-        labels.to_zarr(scratch, mode="w", zarr_format=3, consolidated=False, encoding=whole)
+        labels.to_zarr(scratch, mode="w-", zarr_format=3, consolidated=False, encoding=whole)
         zarr.open_group(scratch).create_array(
             layout.name,
             shape=layout.shape,
@@ -489,12 +491,10 @@ def _check_space(path: Path, needed: int) -> None:
 
 
 def _to_compute(array: Any, progress: bool | None) -> list[Index]:
-    """The chunks that are missing, once those that are damaged have been removed."""
+    """The chunks that are missing or damaged; a warning tells of the latter."""
     path = array.store.root
     _sweep(path)
     missing, damaged = chunk_faults(array, progress)
-    for index in damaged:
-        chunk_file(array, index).unlink()
     if damaged:
         warnings.warn(
             f"{len(damaged)} of the {array.nchunks} chunks of {path.parent} were damaged, and are "

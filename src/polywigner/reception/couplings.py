@@ -16,6 +16,7 @@ from polywigner.geometry import Aperture, Wavefront
 from polywigner.geometry.arguments import (
     DrJitArray,
     checked_number,
+    checked_wavelength,
     takes_frequency,
     warn_of_distance,
 )
@@ -31,7 +32,7 @@ from polywigner.propagation.arrangement import (
     smooth_triangles,
 )
 from polywigner.propagation.far_fields import far_field
-from polywigner.propagation.places import checked_method, checked_wavelength, warn_of_missed
+from polywigner.propagation.places import checked_method, warn_of_missed
 from polywigner.radiometry.directions import checked_radiator
 from polywigner.reception.cell_pairs import Links
 from polywigner.reception.cells import Cells, cells_of

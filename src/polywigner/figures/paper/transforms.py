@@ -28,12 +28,12 @@ from polywigner.figures.style import (
     colour_bar,
     draw_polygons,
     length_axes,
-    length_unit,
     letter_panels,
     new_figure,
     number_panels,
     number_text,
 )
+from polywigner.geometry.display import length_unit
 from polywigner.transforms.projection import PhaseSpaceFunction
 
 _FLOOR_DB = -40.0

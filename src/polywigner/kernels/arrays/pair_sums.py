@@ -235,7 +235,7 @@ def _of_edge(
         return (around, *up_to(ops.select(meets, part, 1.0), weight))
 
     others = [number + (row - row) for number in others]  # of as many axes as the edges have
-    around, *sums = ops.sum_over_range(*others, against, 1 + 2 * len(terms), like=tx)
+    around, *sums = ops.sum_over_range(*others, against, 1 + 2 * len(terms))
     sums = [a + b for a, b in zip(sums, up_to(1.0, around), strict=True)]
     shares = zip(terms, along, sums[0::2], sums[1::2], strict=True)
     return tuple(v for wave, own, *both in shares for v in wave.of_edge(own, 1.0, tuple(both)))
