@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import doctest
 import inspect
 import re
@@ -68,3 +69,27 @@ def test_every_public_name_has_an_example_that_runs(name: str) -> None:
     shown: list[str] = []
     results = doctest.DocTestRunner(verbose=False).run(examples, out=shown.append)
     assert not results.failed, "".join(shown)
+
+
+# A clause without a noun: the reader has to guess what is spoken of.
+RIDDLE = re.compile(
+    r"^(What|Of|That of|Those|The same|How|Whose|Which) |"
+    r"\b(what|that of|those (that|of|which)|of which)\b"
+)
+CLEAR = ("Print BibTeX of what to cite", "Say what power", "does not hold what", "by default those")
+
+
+def _first_lines() -> list[str]:
+    package = Path(pw.__file__).parent
+    kinds = (ast.Module, ast.FunctionDef, ast.ClassDef)
+    return [
+        f"{path.relative_to(package)}: {text.splitlines()[0]}"
+        for path in sorted(package.rglob("*.py"))
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, kinds) and (text := ast.get_docstring(node))
+    ]
+
+
+def test_first_lines_of_docstrings_are_no_riddles() -> None:
+    lines = [line for line in _first_lines() if not any(clear in line for clear in CLEAR)]
+    assert [line for line in lines if RIDDLE.search(line.partition(": ")[2])] == []

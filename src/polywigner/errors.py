@@ -57,11 +57,11 @@ class SceneError(PolywignerError, ValueError):
 
 
 class StoreError(PolywignerError, OSError):
-    """Results cannot be stored at a place, or what is stored there is not of the same run."""
+    """Results cannot be stored at a place, or the store there belongs to another run."""
 
 
 class EngineError(PolywignerError, RuntimeError):
-    """No usable compute engine, or the one asked for cannot do what was asked."""
+    """No usable compute engine, or the requested one cannot do the computation."""
 
 
 class MissingExtraError(PolywignerError, ImportError):
@@ -69,7 +69,7 @@ class MissingExtraError(PolywignerError, ImportError):
 
 
 class PolywignerWarning(UserWarning):
-    """A result is less accurate than what was asked for, or than its method usually is.
+    """A result is less accurate than requested, or than its method usually is.
 
     Or an argument looks like one in another unit, or chunks of a store were damaged.
     """

@@ -129,12 +129,12 @@ def answer_interrupts() -> None:
 
 
 def is_interrupted() -> bool:
-    """Whether Ctrl-C has been pressed: what fails from then on fails because of it."""
+    """Whether Ctrl-C has been pressed: later failures come from it."""
     return _interrupted
 
 
 def end_now() -> NoReturn:
-    """Remove what is unfinished, say so in one line, and end the process.
+    """Remove unfinished files, say so in one line, and end the process.
 
     Threads are not waited for: they may be long at work in C.
     """

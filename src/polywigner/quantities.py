@@ -200,7 +200,7 @@ def parse_noise(
     temperature: str | float | None,
     noise_figure: str | float | None,
 ) -> dict[str, float | None]:
-    """Those of :data:`NOISE_PARSERS`, in Hz, K and dB; None for one that is not given."""
+    """Parse bandwidth, temperature and noise figure to Hz, K and dB; None for a missing one."""
     given = (bandwidth, temperature, noise_figure)
     return {
         name: None if value is None else parse(value)

@@ -101,7 +101,7 @@ def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
 
 
 def _say(message: str, code: int) -> int:
-    """One line on stderr, whatever line breaks the message brings; none of what Ctrl-C broke."""
+    """Write one line on stderr, without line breaks of the message; nothing after Ctrl-C."""
     if not interruption.is_interrupted():
         sys.stderr.write("polywigner: " + " ".join(message.split()) + "\n")
     return code

@@ -92,7 +92,7 @@ def doctor(
         bool, typer.Option("--yes", help="With --install-llvm, as root: do not ask.")
     ] = False,
 ) -> None:
-    """Say what works here, and how to get what does not.
+    """Say which parts work here, and how to get the others.
 
     Engines, LLVM library, GPU and extras; for each thing missing the command that brings it.
     """

@@ -1,4 +1,4 @@
-"""``polywigner doctor``: what works on this machine, and the command that brings what does not."""
+"""``polywigner doctor``: parts that work on this machine, and commands that bring the others."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _CORE = ("numpy", "shapely", "drjit", "mitsuba", "matplotlib", "typer", "rich")
 
 @dataclass(frozen=True)
 class Finding:
-    """One row: what it is about, whether it works, what was found, and what brings it."""
+    """Row of the report: subject, whether it works, its version, the command that brings it."""
 
     subject: str
     works: str

@@ -101,7 +101,7 @@ _FEWEST_OF_BOX, _MOST_OF_BOX = (64,) * 3, (101,) * 3
 def samples_of_place(
     source: Aperture | ApertureArray, place: Place, wavelength: float, amplitude: bool
 ) -> tuple[int, ...]:
-    """Samples along each axis of a place: those given, else what its field needs, within bounds.
+    """Samples along each axis of a place: as given, else as many as its field needs, within bounds.
 
     A warning says where the bounds are too narrow.
     """

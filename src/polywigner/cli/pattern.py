@@ -59,7 +59,7 @@ def pattern(
     ] = None,
     out: Out = None,
 ) -> None:
-    """Compute the radiation pattern of a source, and what a data sheet says of it.
+    """Compute the radiation pattern of a source, and the numbers of its data sheet.
 
     Prints directivity, gain, EIRP, beam direction, half-power widths and first sidelobes. Writes a
     figure NAME_pattern.png (cuts, polar plot, u-v map, the numbers) and the values.

@@ -109,7 +109,7 @@ def rays(
 
 
 def _formats(formats: Sequence[str], out: str | None) -> list[str]:
-    """Those asked for, or that of the suffix of --out, or npz."""
+    """Formats of the options, else of the suffix of --out, else npz."""
     asked = [suffix.removeprefix(".") for suffix in format_suffixes(formats, _FORMATS)]
     suffix = Path(out or "").suffix.lower().removeprefix(".")
     return asked or [suffix if suffix in _FORMATS else "npz"]

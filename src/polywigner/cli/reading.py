@@ -1,4 +1,4 @@
-"""How commands read aperture files; without imports that would slow `--help`."""
+"""Options for reading aperture files; without imports that would slow `--help`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from polywigner.errors import ArgumentError
 
 
 class Reading(NamedTuple):
-    """How to read an aperture file: the texts of the options of these names."""
+    """Options for reading an aperture file, as texts."""
 
     unit: str | None
     tolerance: str | None

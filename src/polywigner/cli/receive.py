@@ -1,4 +1,4 @@
-"""``polywigner receive``: what the receivers of a scene get, as a table, a record and a picture."""
+"""``polywigner receive``: power of a scene's receivers as a table, a record and a picture."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ _COLUMNS = 3
 
 @dataclass(frozen=True)
 class ReceiveSettings:
-    """The options of one run, as they are recorded; None stands for what the scene says."""
+    """Options of one run, as they are recorded; None: the scene's own."""
 
     scene: Annotated[
         str,

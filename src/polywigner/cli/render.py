@@ -48,7 +48,7 @@ _RADIANCE_UNIT = "W m^-2 sr^-1"
 
 @dataclass(frozen=True)
 class RenderSettings:
-    """The options of one run, as they are recorded; None stands for what the scene says."""
+    """Options of one run, as they are recorded; None: the scene's own."""
 
     scene: Annotated[
         str, typer.Argument(help="Mitsuba XML file with a <shape type='wigner'> in it.")
@@ -259,7 +259,7 @@ def _warn_of_darkness(radiance: npt.NDArray[Any]) -> None:
 
 
 def _title(scene: Any, name: str, variant: str, samples: int) -> str:
-    """What the picture is of, and how it was made."""
+    """Title of the picture: scene, frequency, variant and samples."""
     specs = [emitter.spec for emitter in scene.emitters() if hasattr(emitter, "spec")]
     found = list(dict.fromkeys(frequency_text(spec.wavelength) for spec in specs))
     listed = ", ".join(found[:3]) + (", ..." if len(found) > 3 else "")

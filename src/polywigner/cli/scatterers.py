@@ -53,7 +53,7 @@ def scatterers(
         typer.Option(help="File or folder; .csv (default), .vtp for ParaView, or .nc."),
     ] = None,
 ) -> None:
-    """Write what a receiver gets of a scene as a cloud of scatterers, for radar signal chains.
+    """Write a receiver's light from a scene as a cloud of scatterers, for radar signal chains.
 
     Each has a place, a normal, a power in W, the length of its path, the ids of its shape and of
     its emitter, and with --velocity what its path grows by per second.

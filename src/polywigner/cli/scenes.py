@@ -1,4 +1,4 @@
-"""What commands on scenes share: checks of the file, a bar on long work, versions for records."""
+"""Commands on scenes: checks of the file, a bar on long work, versions for records."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ _NO_SCENES = (".csv", ".wkt", ".geojson", ".json", ".svg", ".dxf", ".gds", ".tom
 
 
 def check_is_file(scene: str) -> None:
-    """Raise SceneError for what is no file, before Mitsuba takes its second to load."""
+    """Raise SceneError for a path without a file, before Mitsuba takes its second to load."""
     check_text("the scene file", scene)
     if not os.path.isfile(scene):  # noqa: PTH113 (pathlib raises for a name too long)
         raise SceneError(f"expected a Mitsuba scene file, got {scene!r}, which is not a file")
 
 
 def check_is_no_aperture(scene: str) -> None:
-    """Raise SceneError for the file of an aperture, and name what reads it."""
+    """Raise SceneError for the file of an aperture, and name the command that reads it."""
     suffix = Path(scene).suffix.lower()
     if suffix in _NO_SCENES:
         kind = "a source file" if suffix == ".toml" else "an aperture"
@@ -84,7 +84,7 @@ def counted_bar(title: str) -> Iterator[Callable[[int, int], None]]:
 
 
 def versions_of(variant: str) -> dict[str, str | None]:
-    """Of all that takes part in a render, for records."""
+    """Versions of all programs that take part in a render, for records."""
     from importlib.metadata import version
 
     from polywigner.toolchain.llvm import prepare
@@ -140,7 +140,7 @@ def parse_ranges(text: str | None, bins: int | None, command: str) -> NDArray[np
 
 
 def prepare_ranges(variant: str) -> None:
-    """Set the variant, and load what ranges take; before the scene, which may name its integrators.
+    """Set the variant and load the library for ranges, before scenes that name its integrators.
 
     Raises
     ------
@@ -173,7 +173,7 @@ def ranges_record(profile: Any, count: int) -> dict[str, Any]:
 
 
 def ranges_text(profile: Any, found: list[Any]) -> str:
-    """The strongest bin of each receiver, and what lies outside of all."""
+    """Text of the strongest bin of each receiver, and of the power outside all bins."""
     import numpy as np
 
     from polywigner.mitsuba.received import dbm_text

@@ -46,7 +46,7 @@ _SAME_WAVELENGTH = 1e-3
 
 
 def check_is_coherent(source: Any, command: str) -> None:
-    """IlluminationError for a partly coherent source, of which a command has nothing to draw."""
+    """Raise IlluminationError for a partly coherent source, where a command cannot draw one."""
     width = getattr(source, "coherence_width", math.inf)
     if width < math.inf:
         raise IlluminationError(
@@ -108,7 +108,7 @@ class SourceOptions:
         return source, wavelength
 
     def read_with_wavelength(self) -> tuple[Any, float]:
-        """The same; ArgumentError without a wavelength."""
+        """Read the source and its wavelength; ArgumentError without one."""
         source, wavelength = self.read()
         return source, required_wavelength(wavelength)
 

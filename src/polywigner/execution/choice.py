@@ -1,4 +1,4 @@
-"""Which engine and precision a call runs on, and all that is counted for its plan."""
+"""Engine and precision of a call, and the counts that its plan is made from."""
 
 from __future__ import annotations
 
@@ -138,7 +138,7 @@ def request_for(
     engine: str,
     families: int | None = None,
 ) -> Request:
-    """What is asked for, of so many samples anywhere."""
+    """Request of a kernel for a number of samples at any places."""
     outline, is_array = None, False
     terms = getattr(tables, "terms", 0) or len(tables.edges)
     if kernel.slices is not None:

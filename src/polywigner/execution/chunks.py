@@ -54,7 +54,7 @@ _own = threading.local()
 
 
 def stop_this_thread_when(stop: threading.Event) -> None:
-    """What this thread computes raises CancelledError, within a chunk, when the event is set."""
+    """Make this thread's computations raise CancelledError within a chunk once an event is set."""
     _own.stop = stop
 
 

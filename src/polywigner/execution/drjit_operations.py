@@ -60,7 +60,7 @@ class DrjitOperations(RowByRow):
         return self.plain_sum(0, len(rows), of_row, values)
 
     def sum_large_terms(self, rows: Sequence[Row], term: Term, clips: int) -> Values:
-        """Sums of terms of much code, that of so many clips: a loop if that is too much."""
+        """Sums of terms of so many clips: a loop where code would take too long."""
         if unrolls_cuts(len(rows) * clips):
             return unrolled_sum(rows, term)
         return self.sum_over(rows, term, len(term(*rows[0])), None, unroll=False)
@@ -99,7 +99,7 @@ class DrjitOperations(RowByRow):
         return self._dr.round(a)
 
     def snapped(self, a: Any, step: float) -> Any:
-        """The nearest multiple of ``step``, a power of two; the derivative is that of ``a``."""
+        """The nearest multiple of ``step``, a power of two; differentiates as ``a``."""
         return a + self._dr.detach(self._dr.round(a * (1 / step)) * step - a)
 
     def exp(self, a: Any) -> Any:
@@ -125,7 +125,7 @@ class DrjitOperations(RowByRow):
         return self._dr.fma(ax, by, -product) + error
 
     def lost(self, a: Any, b: Any, product: Any) -> Any:
-        """What ``product``, a b rounded, misses of it, exactly."""
+        """The rounding error of ``product`` = a b, exactly."""
         return self.fma(a, b, -product)
 
     def _typed(self, value: Any) -> Any:

@@ -137,7 +137,7 @@ class _Call:
 
 
 def _listed_by(kernel: Kernel) -> SharedSlice | None:
-    """How the parts of a kernel's slices are listed; None where they are not."""
+    """The way to list parts of a kernel's slices; None where they are not listed."""
     return None if kernel.slices is None else kernel.slices.listed
 
 

@@ -119,7 +119,7 @@ def is_code(kernel: Kernel, ops: DrjitOperations, tables: Any) -> bool:
 
 
 def is_recording(kind: Any) -> bool:
-    """Whether Dr.Jit follows what is computed, or the type is not of the backend tried out here."""
+    """Whether Dr.Jit records the computation, or the type belongs to another backend than LLVM."""
     import drjit
 
     scopes = (drjit.JitFlag.SymbolicScope, drjit.JitFlag.FreezingScope)

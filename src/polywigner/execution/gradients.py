@@ -86,7 +86,7 @@ def _followed(pair: Any, kind: Any) -> Any:
 def kernel_with_derivatives(
     kernel: Kernel, ops: DrjitOperations, tables: Any, components: Sequence[Any], traced: Traced
 ) -> tuple[Any, ...]:
-    """The results of a kernel, with derivatives in its arguments and in what is ``traced``."""
+    """Results of a kernel with derivatives in its arguments and in ``traced`` numbers."""
     import drjit as dr
 
     slopes = slope_kernel_of(kernel)

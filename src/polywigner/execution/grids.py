@@ -111,7 +111,7 @@ class GridPlan:
 def plan_for_grid(
     kernel: Kernel, source: Any, components: Sequence[Array], double: bool
 ) -> GridPlan | None:
-    """How to compute a kernel from the axes of a grid; None where that cannot be done."""
+    """Plan to compute a kernel from the axes of a grid; None where that cannot be done."""
     if not isinstance(kernel.edge_sum, OutlineSum):
         return None
     grid = _grid_of(*components)

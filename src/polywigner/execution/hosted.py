@@ -130,7 +130,7 @@ def hosted_values(
     points: Points,
     dimension: int,
 ) -> Any:
-    """Values of points that broadcast, of which one at least is a Dr.Jit array.
+    """Values of points that broadcast, one a Dr.Jit array at least.
 
     Parameters
     ----------
@@ -215,7 +215,7 @@ def hosted_poses(
 
 
 class TracedField:
-    """Real and imaginary part of a field, and what kind of array results are to be."""
+    """Real and imaginary part of a field, and the kind of arrays for results."""
 
     def __init__(self, parts: tuple[Any, Any], kind: PointKind) -> None:
         self.parts, self.kind = parts, kind

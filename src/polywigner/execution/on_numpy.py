@@ -47,7 +47,7 @@ class OnNumpy:
                 yield targets, order, ready(values)
 
     def _order(self, arguments: Sequence[Array], count: int) -> Any:
-        """Which samples to take: without those too far off to have a value other than 0."""
+        """Order of the samples, without samples too far off to have a value other than 0."""
         slices, tables = self.kernel.slices, self.tables
         if slices is None or count < _LEAST_MASKED or cut_of("numpy", tables, count) == "pairs":
             return ...

@@ -68,12 +68,12 @@ class Operations:
 
 
 class _Unfused(Operations):
-    """What types without a fused multiply-add share."""
+    """Operations of number types without a fused multiply-add."""
 
     round: Any
 
     def sum_large_terms(self, rows: Sequence[Row], term: Term, clips: int) -> Values:
-        """Sums of terms of much code, that of so many clips: one after the other."""
+        """Sums of terms of much code, one after the other."""
         return unrolled_sum(rows, term)
 
     def repeated(self, count: int, state: Values, step: Term, _: Any) -> Values:
@@ -89,7 +89,7 @@ class _Unfused(Operations):
         return accurate_cross(ax, ay, bx, by, SPLIT_DOUBLE if self.double else SPLIT_SINGLE)
 
     def lost(self, a: Any, b: Any, product: Any) -> Any:
-        """What ``product``, a b rounded, misses of it, exactly."""
+        """The rounding error of ``product`` = a b, exactly."""
         return product_error(a, b, product, SPLIT_DOUBLE if self.double else SPLIT_SINGLE)
 
     def snapped(self, a: Any, step: float) -> Any:
@@ -215,7 +215,7 @@ class NumpyOperations(_Unfused):
         totals = [np.zeros(count) for _ in range(values)]
 
         def of(owner: Array) -> list[Array]:
-            """The samples of some owners; what is one for all as it is."""
+            """Samples of some owners; single numbers as they are."""
             return [a[owner] if len(a) == count else a for a in flat]
 
         for owner, row in _listed(begin, stop - begin):
@@ -262,7 +262,7 @@ class NumpyOperations(_Unfused):
 
 
 def _listed(first: Array, counts: Array) -> Iterator[tuple[Array, Array]]:
-    """Whose, and row, of all rows from each first on; some at a time."""
+    """Owner and number of each row in ranges of rows, some at a time."""
     ends = counts.cumsum()
     starts = ends - counts
     for begin in range(0, int(ends[-1]) if len(ends) else 0, _LISTED):
@@ -272,7 +272,7 @@ def _listed(first: Array, counts: Array) -> Iterator[tuple[Array, Array]]:
 
 
 class RowByRow(Operations):
-    """Sums over tables for types of which a loop takes one row after the other.
+    """Sums over tables by a loop that takes one row after the other.
 
     They are those of the methods of the same names of :class:`NumpyOperations`.
     """

@@ -65,7 +65,7 @@ def own_float(name: str, value: Any) -> Any:
 
 
 def float_of(*named: tuple[str, Any]) -> Any:
-    """The float type of those of some arguments that are Dr.Jit arrays, None if none is."""
+    """Float type of the Dr.Jit arrays among some arguments, None without one."""
     return next((own_float(name, value) for name, value in named if is_drjit(value)), None)
 
 

@@ -61,7 +61,7 @@ def rows_of_rings(rings: Rings) -> list[tuple[int, float, float]]:
 
 
 def rings_of_rows(rows: Sequence[tuple[int, float, float]]) -> Rings:
-    """Outlines of a table; those of fewer than three vertices are gone."""
+    """Outlines of a table that have three vertices or more."""
     numbers = dict.fromkeys(number for number, _, _ in rows)
     rings = [tuple((x, y) for n, x, y in rows if n == number) for number in numbers]
     return tuple(ring for ring in rings if len(ring) >= 3)
@@ -76,7 +76,7 @@ def without_vertex(rings: Rings, row: int) -> tuple[Rings, str]:
 
 
 def without_lost(rings: Rings, left: Mapping[int, Ring]) -> tuple[Rings, str]:
-    """Outlines of which three vertices are left, and a sentence about the others, if there are any.
+    """Outlines with three vertices left, and a sentence about the others, if there are any.
 
     What lies in an outline that goes would change from a hole to an aperture, or back: it goes too.
 

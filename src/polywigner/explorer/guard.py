@@ -1,4 +1,4 @@
-"""Which requests the server answers: those that name it, from no page of another site.
+"""Guard of the server: requests must name it, and come from no page of another site.
 
 A page of another site can have its own name resolved to 127.0.0.1 (DNS rebinding). Its requests
 then reach this server, and the browser takes both for one site; but their Host is that name.
@@ -76,7 +76,7 @@ def guard(
     port: int,
     pages: Callable[[], tuple[int, Sequence[Any]]],
 ) -> None:
-    """Refuse what is not asked of these hosts, or by a page of another; add headers to all answers.
+    """Refuse requests for other hosts or from other pages; add headers to all answers.
 
     Websockets are asked for by HTTP requests, which are refused alike. ``pages`` tells how many
     wait to be made, and the sessions of those that are; there are only so many.
@@ -132,7 +132,7 @@ class _Refusal(RequestHandler):
 
 
 class _Headers(OutputTransform):
-    """What browsers are told of every answer: no other site may frame it, guess its type, or learn
+    """Headers of every answer: no other site may frame it, guess its type, or learn
     its address, which has the outline."""
 
     def transform_first_chunk(
@@ -165,7 +165,7 @@ def most_connections() -> int:
 
 
 class Connection(socket.socket):
-    """Of one client; the first that is accepted has the number 1."""
+    """Connection of one client; the first that is accepted has the number 1."""
 
     number = 0
     is_ended = False
@@ -174,7 +174,7 @@ class Connection(socket.socket):
 
 
 class Listener(socket.socket):
-    """A socket that listens, made of another; what it accepts is limited in number.
+    """A listening socket made of another, with a limited number of connections.
 
     With ``most`` connections open, the oldest that are no page's make room for new ones: clients
     that connect and ask for nothing keep nobody out. If all are pages', a new one is refused.
@@ -194,7 +194,7 @@ class Listener(socket.socket):
         self._count = 0
 
     def accept(self) -> tuple[socket.socket, Any]:
-        """As of any socket. BlockingIOError, of which servers think nothing, while there is no
+        """Accept a connection. BlockingIOError, which servers expect, while there is no
         room; ConnectionAbortedError for one that is refused."""
         there = [c for c in self._accepted if c.fileno() >= 0]
         others = [c for c in there if not c.is_page]

@@ -30,7 +30,7 @@ def _shortened(record: logging.LogRecord) -> bool:
 
 
 class Rarely(logging.Filter):
-    """Lets each line of code write once a minute, with the number of what was left out."""
+    """Filter: each line of code logs once a minute, with the number of messages left out."""
 
     def __init__(self, seconds: float = _REPEATED_S) -> None:
         super().__init__()

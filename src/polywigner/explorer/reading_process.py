@@ -7,7 +7,7 @@ from typing import Any
 
 
 def answer(asked: dict[str, Any]) -> dict[str, Any]:
-    """Outlines in units, or what is wrong with the file."""
+    """Return outlines in units, or the error of the file."""
     sys.path.append(asked["package"])  # where the server found it
     import polywigner as pw
     from polywigner.errors import PolywignerError

@@ -53,7 +53,7 @@ class Readings:
         unit: Unit,
         then: Callable[[Rings | PolywignerError], None],
     ) -> None:
-        """Read a file for a visitor in place of the last one, and call `then` with what came out.
+        """Read a file for a visitor in place of the last one, and call `then` with the result.
 
         Raises FileFormatError at once for a file that is too large, or of no known format.
         """
@@ -75,7 +75,7 @@ class Readings:
         self._tasks[visitor] = asyncio.get_running_loop().create_task(work())
 
     def forget(self, visitor: Hashable) -> None:
-        """End what is read for a visitor who has left."""
+        """End the reading for a visitor who has left."""
         task = self._tasks.get(visitor)
         if task is not None:
             task.cancel()
@@ -135,7 +135,7 @@ class Readings:
 
 
 def _kill(process: Process) -> None:
-    """End a process, with those that it has started."""
+    """End a process, with the processes that it has started."""
     if process.returncode is None:
         with suppress(ProcessLookupError):
             if hasattr(os, "killpg"):

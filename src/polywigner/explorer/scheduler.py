@@ -35,7 +35,7 @@ class Scheduler:
             self._changed.notify()
 
     def forget(self, visitor: Hashable) -> None:
-        """Drop what was to be done for a visitor who has left."""
+        """Drop the work for a visitor who has left."""
         with self._changed:
             self._waiting.pop(visitor, None)
 

@@ -110,7 +110,7 @@ def new_server(
 
 
 def _application(state: State, scheduler: Scheduler, readings: Readings) -> Any:
-    """Bokeh's part: sessions and what they say to browsers."""
+    """Application of Bokeh: sessions and their messages to browsers."""
     from bokeh.application import Application
     from bokeh.server.tornado import BokehTornado
     from bokeh.util.token import generate_secret_key

@@ -1,4 +1,4 @@
-"""From values to what is looked at: levels in dB, real parts, phases, with scales and labels."""
+"""Values as the page shows them: levels in dB, real parts, phases, with scales and labels."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _RAISED = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 
 
 def in_unit(quantity: str, unit: Unit) -> tuple[float, str]:
-    """From "m²" or "W/m²" to the page's unit of length: the factor, and what it is called then."""
+    """Factor and name of a unit such as "m²" or "W/m²" in the page's unit of length."""
     return float(UNITS[unit]) ** _LENGTHS.get(quantity, 0), quantity.replace("m²", f"{unit}²")
 
 
@@ -59,7 +59,7 @@ def _number(value: float) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """Values as they are coloured, and what their colour bar says."""
+    """Values as they are coloured, and the labels of their colour bar."""
 
     values: NDArray[np.float64]
     low: float

@@ -12,7 +12,7 @@ SNIPPETS = ("fourier", "wigner_nu", "wigner_x", "otf", "near", "far")
 
 
 def snippet(state: State, name: str, samples: int | None = None) -> str:
-    """A script of which ``values`` (for "near" ``rays`` and ``exact``) are the view's arrays.
+    """Script that computes the view's arrays as ``values`` (for "near" ``rays`` and ``exact``).
 
     Parameters
     ----------

@@ -53,7 +53,7 @@ def polygons_of(rings: tuple[Ring, ...], per_metre: int) -> list[list[np.ndarray
 
 
 def _in_units(built: Callable[[int], object], error: GeometryError) -> str:
-    """The error that the same outlines cause in units: its places are those of the page."""
+    """The error of an outline with its places in the page's unit."""
     try:
         built(1)
     except GeometryError as same:
@@ -69,7 +69,7 @@ def _for_page(text: str) -> str:
 
 
 def without_advice(text: str) -> str:
-    """Without what only those can do who write Python."""
+    """Text of an error without advice that needs Python."""
     return text.split("; split it with")[0]
 
 

@@ -55,7 +55,7 @@ _SQUARE: tuple[Ring, ...] = (((-5.0, -5.0), (5.0, -5.0), (5.0, 5.0), (-5.0, 5.0)
 
 @dataclass(frozen=True)
 class State:
-    """An aperture, its light, and what is looked at. Lengths are in ``unit``, exactly as typed.
+    """Aperture, light and views of the page. Lengths are in ``unit``, exactly as typed.
 
     Raises
     ------
@@ -174,7 +174,7 @@ def _checked_rings(rings: Any) -> tuple[Ring, ...]:
 
 
 def to_query(state: State) -> str:
-    """The state as the query of a link, without what is as at the start."""
+    """The state as the query of a link, without defaults."""
     plain = State()
     texts = {
         field.name: _text(getattr(state, field.name))
@@ -241,7 +241,7 @@ class History:
     future: tuple[State, ...] = ()
 
     def then(self, state: State) -> History:
-        """With a new present; what had been undone is forgotten. The same state is no step."""
+        """Return a history with a new present; an equal state is no step."""
         if state == self.present:
             return self
         return History(state, (*self.past, self.present)[-_LONGEST:])

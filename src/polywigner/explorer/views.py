@@ -1,4 +1,4 @@
-"""From a state to arrays with units: what the page shows, without the page.
+"""Arrays with units of each view of a state, without the page.
 
 Every array is in SI units, with the second coordinate along its first axis, and every value comes
 from one call of the public API, which :mod:`~polywigner.explorer.snippets` writes down.
@@ -173,7 +173,7 @@ def transfer(state: State, samples: int = SAMPLES) -> Picture:
 
 
 def edges_of(state: State) -> int:
-    """Number of edges of the source, those of all elements of an array."""
+    """Number of edges of the source, over all elements of an array."""
     source = source_of(state)
     return sum(map(len, state.rings)) * (len(source) if isinstance(source, pw.Array) else 1)
 
@@ -239,7 +239,7 @@ def _near_strip(state: State, samples: int, number: int) -> tuple[Values, Values
 
 
 def far_field(state: State) -> Cuts:
-    """Directivity in two planes through the normal: phi = 0 and 90 degrees, or that of a steered
+    """Directivity in two planes through the normal: phi = 0 and 90 degrees, or of a steered
     beam and the one across."""
     theta, phi = windows.angles(state), windows.azimuths(state)
     pattern = pw.radiation_pattern(source_of(state), state.wavelength, theta, phi, engine=ENGINE)

@@ -109,7 +109,7 @@ class Pages(Handler):
 
 
 class _Page(RequestHandler):
-    """Scripts, and a signed token with the link: what the document is made of on connecting."""
+    """Light page of scripts and a signed token with the link, from which the document is made."""
 
     application: Any
 

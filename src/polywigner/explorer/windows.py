@@ -1,4 +1,4 @@
-"""How far the pictures reach: axes in SI units, from a state alone."""
+"""Axes of the pictures in SI units, from a state alone."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def plane_half(state: State) -> float:
 
 
 def azimuths(state: State) -> tuple[float, float]:
-    """Azimuths of the far field's cuts in rad: that of the steered beam, or 0, and that + pi/2."""
+    """Azimuths of the far field's cuts in rad: of the steered beam, or 0, and pi/2 more."""
     first = 0.0
     if state.steering.strip():
         x, y, _ = direction(state.steering)

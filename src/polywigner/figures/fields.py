@@ -137,7 +137,7 @@ def squared_unit(array: Any) -> str:
 
 
 def fields_of(found: Any) -> dict[str, NDArray[Any]]:
-    """The values of each variable by its name, over their common axes less those of one sample.
+    """Values of each variable by its name, over their common axes of more than one sample.
 
     Raises
     ------
@@ -168,12 +168,12 @@ def quantity_of(array: Any) -> str:
 
 
 def first_of(found: Any) -> Any:
-    """The first variable, of which the others have the unit and the quantity."""
+    """The first variable, whose unit and quantity all others share."""
     return next(iter(found.data_vars.values()))
 
 
 def label_of(array: Any, name: str) -> str:
-    """How a method is called in a figure: ``Wigner, Kirchhoff obliquity, third order``."""
+    """Name of a method in a figure: ``Wigner, Kirchhoff obliquity, third order``."""
     about = array.attrs
     method = str(about.get("method", name))
     label = _CALLED.get(method, name)

@@ -104,7 +104,7 @@ def difference_db(
     above_db: float = COMPARED_DB,
     peak: float | None = None,
 ) -> NDArray[np.float64]:
-    """Levels of power-like values less those of a reference, dB; nan where they are not compared.
+    """Differences of levels to a reference in dB; nan where they are not compared.
 
     Parameters
     ----------

@@ -201,7 +201,7 @@ def _parallel(found: Any, dim: str) -> str:
 
 
 def _styles(methods: list[str], against: str) -> dict[str, dict[str, Any]]:
-    """The reference is a broad grey band behind the others: what lies on it is still seen."""
+    """Line styles: the reference is a broad grey band, on which other lines are still seen."""
     others = [method for method in methods if method != against]
     styles: dict[str, dict[str, Any]] = {
         against: {"color": "0.72", "lw": 4.0, "zorder": 1.5, "solid_capstyle": "butt"}

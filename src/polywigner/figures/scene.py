@@ -105,7 +105,7 @@ def write_range_animation(
     title: str = "",
     milliseconds: int = 100,
 ) -> None:
-    """Write an animated GIF of frames by range, all in dB below one peak, that of all frames.
+    """Write an animated GIF of frames by range, in dB below the peak of all frames.
 
     Parameters
     ----------

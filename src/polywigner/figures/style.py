@@ -97,7 +97,7 @@ def checked_axes(axes: Any) -> Any:
 
 
 def write_title(figure: Figure | SubFigure, title: str) -> None:
-    """The title above all panels; without one, that of the caller stays."""
+    """Write the title above all panels; without one the caller's stays."""
     if title or not figure.get_suptitle():
         figure.suptitle(title)
 
@@ -126,7 +126,7 @@ _LINEAR = 0.01
 
 
 def signed_norm() -> Any:
-    """For values from -1 to 1 of which faint ones matter as well."""
+    """Colour norm for values from -1 to 1 that shows faint ones as well."""
     from matplotlib.colors import SymLogNorm
 
     return SymLogNorm(_LINEAR, linscale=0.5, vmin=-1.0, vmax=1.0)
@@ -155,7 +155,7 @@ def draw_polygons(axes: Axes, shape: Any, unit: LengthUnit, **how: Any) -> None:
 
 
 def length_axes(axes: Axes, symbol: str, unit: LengthUnit) -> None:
-    """Both axes to one scale, around what is drawn, labelled with the components of ``symbol``."""
+    """Set both axes to one scale around the drawing, labelled with components of ``symbol``."""
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.08)
     axes.autoscale_view()

@@ -385,7 +385,7 @@ def cast_layers(
 
 
 def _within(places: Floats, count: int) -> slice:
-    """Which of rising indices lie in 0 ... count - 1."""
+    """The range of rising indices that lie in 0 ... count - 1."""
     return slice(*np.searchsorted(places, (0.0, count - 1), side="left"))
 
 

@@ -1,4 +1,4 @@
-"""Apertures as polygons: the region itself, what its autocorrelation spans, shapes and files.
+"""Apertures as polygons: regions, supports of their autocorrelations, shapes and files.
 
 - ``aperture``: the immutable :class:`Aperture`, placed ones, unions and differences
 - ``rings``, ``parts``: from raw vertices to valid, merged parts; ``exact``: predicates without

@@ -337,7 +337,7 @@ if TYPE_CHECKING:
 
 
 def union(one: Aperture, other: Aperture) -> BaseGeometry:
-    """What lies in either. Raises IlluminationError where their fields differ."""
+    """Return the union. Raises IlluminationError where the fields differ."""
     if one.illumination != other.illumination:
         raise IlluminationError(
             "expected one field on both apertures of a union, got two that differ; join outlines "
@@ -347,13 +347,13 @@ def union(one: Aperture, other: Aperture) -> BaseGeometry:
 
 
 def intersection(one: Aperture, other: Aperture) -> BaseGeometry:
-    """What lies in both. Raises as :func:`_checked` does, GeometryError where nothing does."""
+    """Return the intersection. Raises as :func:`_checked` does, GeometryError if it is empty."""
     found = combined_on_grid(shapely.intersection, one.polygons, _checked(one, other).polygons)
     return _not_empty(found, "apertures that overlap", "two without any area in common")
 
 
 def difference(one: Aperture, other: Aperture) -> BaseGeometry:
-    """What lies in the first alone. Raises as :func:`_checked` does, GeometryError for nothing."""
+    """Return the first without the second. Raises as :func:`_checked`, GeometryError if empty."""
     found = combined_on_grid(shapely.difference, one.polygons, _checked(one, other).polygons)
     return _not_empty(found, "one that the other does not cover", "one of which nothing is left")
 

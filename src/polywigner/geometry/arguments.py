@@ -28,7 +28,7 @@ class DrJitArray(Protocol):
 
     @property
     def index_ad(self) -> int:
-        """Which variable of its graph of derivatives it is."""
+        """Number of the variable in the graph of derivatives."""
         ...
 
     def __dlpack__(self, stream: object | None = None) -> Any: ...
@@ -121,7 +121,7 @@ def checked_length(value: Any, name: str, zero: bool = False) -> float:
 
 
 def checked_wavelength(value: Any) -> float:
-    """A wavelength in metres, and that of which 1/wavelength^2 is finite; ArgumentError if not."""
+    """Return a wavelength in m whose square and inverse square are finite; else ArgumentError."""
     if isinstance(value, str):
         raise ArgumentError(
             f"expected a wavelength as a number in metres, got the text {value[:40]!r}; quantities "
@@ -137,7 +137,7 @@ _RANDOM = (np.random.Generator, np.random.BitGenerator, np.random.SeedSequence, 
 
 
 def checked_generator(seed: Any) -> np.random.Generator:
-    """NumPy's random numbers of a seed; ArgumentError for what is none.
+    """Return NumPy's generator of a seed; ArgumentError for anything but a seed.
 
     NumPy itself ends the process for some, such as a ``numpy.matrix``.
     """
@@ -194,7 +194,7 @@ _A_TURN = 7.0
 
 
 def doubt_of_wavelength(wavelength: float, diameter: float) -> str | None:
-    """What is odd about a wavelength for a source of this size, both in m; None for nothing."""
+    """Return the doubt about a wavelength for a source of this size, both in m, or None."""
     ratio = diameter / wavelength
     most = _MOST_OF_RADIO if wavelength >= _SHORTEST_RADIO else _MOST_OF_LIGHT
     if 1 / _LONGEST <= ratio <= most:
@@ -267,7 +267,7 @@ def _diameter(source: Any) -> float | None:
 
 
 def warn_of_degrees(name: str, radians: NDArray[np.float64]) -> None:
-    """Ask about angles beyond a turn, or whole numbers of which some are behind the source."""
+    """Ask about angles beyond a turn, and about whole numbers that point behind the source."""
     largest = float(np.abs(radians).max(initial=0.0))
     behind = name == "theta" and largest > math.pi / 2 and bool((radians % 1 == 0).all())
     if largest > _A_TURN or behind:

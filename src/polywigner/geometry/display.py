@@ -1,4 +1,4 @@
-"""How sources show themselves: as HTML with a drawing in notebooks, and on axes of matplotlib."""
+"""Display of sources: HTML with a drawing in notebooks, and axes of matplotlib."""
 
 from __future__ import annotations
 

@@ -258,7 +258,7 @@ _RULES = ("nonzero", "evenodd")
 
 
 def winding_numbers(ring: Ring, points: Ring) -> NDArray[np.int64]:
-    """How many times the ring (n, 2) runs counter-clockwise around each of the points (m, 2).
+    """Number of turns of a ring (n, 2) counter-clockwise around each of the points (m, 2).
 
     Counts signed crossings of the ray towards +x, with exact orientations; points on the ring
     itself get the value of one of its sides.

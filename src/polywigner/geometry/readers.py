@@ -48,7 +48,7 @@ _MOST_REPEATED = 50_000
 
 @dataclass(frozen=True, eq=False)
 class _File:
-    """A file, and what the caller says about it."""
+    """A file with the options of the caller."""
 
     path: Path
     content: bytes

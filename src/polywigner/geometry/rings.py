@@ -1,4 +1,4 @@
-"""From what a caller hands over to clean rings: float64, finite, no repeats, known orientation."""
+"""Rings of callers made clean: float64, finite, no repeats, known orientation."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _ZERO_AREA = 2.0**-50
 
 
 def rounding_tolerance(coordinates: Ring) -> float:
-    """64 ulp of the largest coordinate: what rotating, shifting and printing can do to a vertex."""
+    """64 ulp of the largest coordinate: more than rotating, shifting and printing move a vertex."""
     return float(2.0**-46 * np.abs(coordinates).max())
 
 
@@ -83,7 +83,7 @@ def without_straight_vertices(ring: Ring) -> Ring:
 
 
 def _certainly_within(points: Ring, start: Ring, end: Ring, reach: float) -> NDArray[np.bool_]:
-    """Which points lie within reach of the segments from start to end, whatever the rounding."""
+    """Mask of points that lie within reach of segments, whatever the rounding."""
     chord = end - start
     value, bound = cross_products(start, end, points)
     near = np.abs(value) + bound <= reach * np.hypot(chord[..., 0], chord[..., 1])
@@ -111,7 +111,7 @@ def without_slight_bends(ring: Ring, reach: float) -> Ring:
 
 
 def different_vertices(ring: Ring) -> int:
-    """How many different vertices a ring has; 3 for more than three."""
+    """Number of different vertices of a ring; 3 for more than three."""
     for count in range(3):
         if not len(ring):
             return count
@@ -292,7 +292,7 @@ class _Merger:
         return True
 
     def _dent_at(self, before: int, corner: int, after: int) -> float:
-        """How far the neighbours of a corner lie right of its edges' lines; 0 where convex."""
+        """Distance of a corner's neighbours to the right of its edges' lines; 0 where convex."""
         a, b, c = self.points[before], self.points[corner], self.points[after]
         value = turn(a, b, c)
         if value >= 0:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class TakesWaves:
-    """What sources have in common: a curved wave, and a partly coherent one."""
+    """Methods of all sources: a curved wave, and partly coherent light."""
 
     def curved(
         self,
@@ -299,7 +299,7 @@ def with_coherence(source: Aperture | Slits | Wavefront | Any, width: float) -> 
 
 
 def _checked_width(value: Any, name: str) -> float:
-    """A width of coherence in m, infinite for all coherent; ArgumentError for what is none."""
+    """Return a width of coherence in m, infinite for coherent light; else ArgumentError."""
     if np.isscalar(value) and value == np.inf:
         return math.inf
     return checked_length(value, name)

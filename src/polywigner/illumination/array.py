@@ -250,7 +250,7 @@ class Array(TakesWaves):
 
     @cached_property
     def phased(self) -> Array | None:
-        """The array as a `phased_array`: itself, or what its apertures are if many copies of one.
+        """The array as a `phased_array`: itself, or its apertures if they are copies of one.
 
         None for other arrays, and for few copies, where it is not worth it.
         """

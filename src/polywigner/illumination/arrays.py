@@ -306,7 +306,7 @@ def focusing_weights(
 
 
 def _phases(turns: Callable[[float], NDArray[np.float64]], wavelength: Any) -> Any:
-    """exp(2 pi i turns) of what a wavelength makes of distances."""
+    """exp(2 pi i distance/wavelength), for distances and wavelength in m."""
     length = checked_length(wavelength, "wavelength")
     with np.errstate(over="ignore", invalid="ignore"):
         found = turns(length)

@@ -99,7 +99,7 @@ def _scaled(element: object, wavelength: float, constant: complex) -> tuple[_Ele
 
 
 def grazing_error(wavelength: float) -> IlluminationError:
-    """The error for a field of which nothing leaves the plane."""
+    """The error for a field that does not leave the plane."""
     return IlluminationError(
         "expected a field with waves that leave the plane, got waves that graze it only, with "
         f"frequencies of 1/wavelength; use another wavelength than {wavelength:g} m"

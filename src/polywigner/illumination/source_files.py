@@ -347,7 +347,7 @@ def write_source(source: Source, path: str | os.PathLike[str]) -> None:
 
 
 def _check_same(source: Source, text: str, file: Path) -> None:
-    """Refuse to write what would not come back."""
+    """Refuse to write a source that would be read back as another."""
     try:
         again = source_of(_parsed(text, file.suffix), file.parent)[0]
     except PolywignerError as error:

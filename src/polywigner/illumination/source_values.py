@@ -100,7 +100,7 @@ def values_of(table: Table, converters: Mapping[str, Converter]) -> dict[str, An
 
 
 def name_in(table: Any, names: Collection[str], key: str = "kind", expected: str = "a kind") -> str:
-    """The name that a table has under a key, one of those that exist."""
+    """Return the name under a key of a table, one of the known names."""
     name = table.get(key) if isinstance(table, dict) else None
     if not isinstance(name, str) or name not in names:
         got = shown(name) if name is not None else f"{shown(table)} without a {key}"

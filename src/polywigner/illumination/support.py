@@ -24,7 +24,7 @@ _MIRROR = np.array([-1.0, 1.0])
 
 
 def mutual_support(source: Aperture | Array) -> Aperture:
-    """A region outside of which W(x, nu) of a source is zero, whatever the weights and fields.
+    """Region beyond which W(x, nu) of a source is zero, whatever the weights and fields.
 
     Of an aperture its automean. Of an array the automean of its support, {(a + b)/2}, as long as
     it has up to 500 pairs of convex pieces; or, of equal elements on a lattice, as long as the

@@ -194,7 +194,7 @@ def restored(amplitudes: Any, frequencies: Any, is_fit: bool) -> Illumination:
 
 
 def _exact_turns(kappa: list[float], shift: list[float]) -> float:
-    """kappa.shift modulo 1: far away it has many turns, whose rounding is not that of the phase."""
+    """kappa.shift modulo 1, exact: far away it has many turns, whose rounding would spoil it."""
     turns = sum((Fraction(k) * Fraction(s) for k, s in zip(kappa, shift, strict=True)), Fraction(0))
     return float(turns - round(turns))
 
@@ -412,7 +412,7 @@ def _least_squares(
     kappa: NDArray[np.float64],
     cut_off: float,
 ) -> tuple[NDArray[np.complex128], float, int]:
-    """Amplitudes, the norm of what they leave of the field, and the rank.
+    """Amplitudes, norm of the rest of the field, and rank.
 
     The triangle of a QR decomposition is built up from blocks of rows (with the field as the last
     column), so that any number of samples fits into memory.

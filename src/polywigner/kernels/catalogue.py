@@ -1,4 +1,4 @@
-"""Which kernel computes which transform of which source."""
+"""Catalogue of kernels: one for each transform and kind of source."""
 
 from __future__ import annotations
 

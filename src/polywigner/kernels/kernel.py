@@ -1,4 +1,4 @@
-"""What a transform is to an engine: how arguments enter the frame, a sum, and the way out.
+"""Kernel: a transform as engines see it: arguments into the frame, a sum, and the way out.
 
 A kernel is evaluated in three steps so that an engine may do the first in float64 and the second
 in float32.

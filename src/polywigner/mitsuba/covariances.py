@@ -1,4 +1,4 @@
-"""What the elements of a receiving array get of a cloud of scatterers, and its covariance."""
+"""Responses of a receiving array's elements to a cloud of scatterers, and their covariance."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def element_responses(
     *,
     to_world: ArrayLike | None = None,
 ) -> Complexes:
-    """How strongly each element of a receiving array receives each scatterer, with its phase.
+    """Return the complex response of each element of a receiving array to each scatterer.
 
     e_kn = lambda U_k(y_n)/sqrt(N_k), with U_k the exact field (docs/receivers.md, (RX8)) that
     element k would send to the scatterer's place y_n, by the obliquity of the cloud's receiver, and
@@ -70,7 +70,7 @@ def covariance(
     to_world: ArrayLike | None = None,
     ranges: ArrayLike | None = None,
 ) -> Complexes:
-    """The covariance of what the elements of an array receive of a scene, by range gates.
+    """Return the covariance of the elements' signals of an array in a scene, by range gates.
 
     R_kl = sum_n intensity_n e_kn conj(e_ln) with the responses e of :func:`element_responses`: the
     mean of a_k conj(a_l) over draws of speckle a. R_kk is the power that element k receives in W

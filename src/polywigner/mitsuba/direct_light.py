@@ -123,7 +123,7 @@ def _rows(points: Any) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class FacingParts:
-    """What each of two sources has in front of the other's plane."""
+    """Parts of two sources in front of each other's plane."""
 
     emitter: PlacedSource
     receiver: PlacedSource
@@ -238,7 +238,7 @@ Way = tuple[Mirror, ...]
 
 @dataclass(frozen=True)
 class DirectLight:
-    """Ways of light, and what is to be said of them."""
+    """Direct ways of light, and notes on them."""
 
     paths: tuple[DirectPath, ...] = ()
     notes: tuple[str, ...] = field(default=())
@@ -329,7 +329,7 @@ def _doubts(facing: float, passing: float, chain: Way) -> list[str]:
 
 
 def _narrow(chain: Way, image: PlacedSource, receiver: PlacedSource) -> list[str]:
-    """Of mirrors so small that edges shape what they send, and rays do not know it."""
+    """Note on mirrors so small that their edges diffract, which rays do not show."""
     zone = math.sqrt(receiver.wavelength * float(np.linalg.norm(_between(image, receiver))))
     unit = receiver.scene_unit
     return [
@@ -352,7 +352,7 @@ def ways_of(mirrors: list[Mirror], reflections: int) -> list[Way]:
 
 
 def mirrors_in(scene: Any, unit: float, reflections: int) -> tuple[list[Mirror], list[str]]:
-    """The flat mirrors of a scene, and what is to be said of its smooth surfaces."""
+    """Return the flat mirrors of a scene, and notes on its smooth surfaces."""
     mirrors, others = mirrors_of(scene, unit)
     notes = []
     if others:

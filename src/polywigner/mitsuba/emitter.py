@@ -90,7 +90,7 @@ class TracedSource:
         return any(v is not None and dr.grad_enabled(v) for v in (self.vertices, self.weights))
 
     def changed(self) -> Aperture | Array | None:
-        """The source with the present values, or None if they are those of the source.
+        """Return the source with the present values, or None if nothing changed.
 
         Raises the errors of :func:`polywigner.differentiable`; SceneError for another number.
         """
@@ -334,7 +334,7 @@ def emitter_class(variant: str) -> Any:
             self._norm = self._traced_norm() if is_followed else opaque(m, self.spec.norm)
 
         def _traced_norm(self) -> Any:
-            """N with derivatives; its value is that of the host."""
+            """N with derivatives; its value is the host's."""
             wavelength = _single(self.wavelength, "wavelength")
             lag = largest_lag(self._source)
             blocks = [np.column_stack(both) for both in directions_and_weights(lag, wavelength)]

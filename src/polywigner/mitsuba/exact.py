@@ -65,7 +65,7 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True)
 class EquivalentSources:
-    """Points of a grid in the plane of a source, with what they radiate.
+    """Points of a grid in the plane of a source, with their amplitudes.
 
     Lines of points are rows of a table, points of a line are code.
     """
@@ -132,7 +132,7 @@ class EquivalentSources:
 def equivalent_sources(
     source: Any, radiator: Radiator, wavelength: float, condition: Obliquity, panels: int
 ) -> EquivalentSources | None:
-    """Those of a source; None where a sum over them takes longer than over so many panels."""
+    """Equivalent points of a source; None where a sum over so many panels is faster."""
     fields = [(source, condition.field)] if condition.field else []
     if condition.slope:
         with suppress(IlluminationError):  # all waves graze the plane: their cosines are zero
@@ -166,7 +166,7 @@ def equivalent_sources(
 def _as_lines(
     half: Floats, nodes: list[Floats], weights: list[NDArray[np.complex128]], has_field: bool
 ) -> EquivalentSources:
-    """As much code as the shorter side of the grid has points."""
+    """Sum in lines: the code is as long as the shorter side of the grid."""
     table = np.stack(weights, axis=-1)
     is_swapped = len(nodes[0]) < len(nodes[1])
     across, along = 0, 1
@@ -301,7 +301,7 @@ class ExactField:
             self._set_elements(radiator.elements[0], wavelength)
 
     def _set_elements(self, element: Any, wavelength: float) -> None:
-        """What the sum over equal elements in their far zones is made of."""
+        """Set the tables of the sum over equal elements in their far zones."""
         outline = element.outline
         corners = np.reshape(outline.bounds, (2, 2))
         middle = corners.mean(axis=0)
@@ -395,7 +395,7 @@ class ExactField:
     def _element(
         self, x: Any, y: Any, z: Any, distance: Any, at_x: Any, at_y: Any, real: Any, imag: Any
     ) -> tuple[Any, Any]:
-        """One element's field, its phase relative to that of the distance from the centre."""
+        """Field of one element, its phase relative to the distance from the centre."""
         ops = self._ops
         dx, dy = x - at_x, y - at_y
         radius = ops.sqrt(dx * dx + dy * dy + z * z)

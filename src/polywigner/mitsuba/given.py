@@ -1,4 +1,4 @@
-"""What a scene gives to a plugin: its parameters, read one by one, and checked.
+"""Parameters of a scene's element, read one by one, and checked.
 
 The parts that the ``wigner`` shape and the ``wigner_receiver`` sensor have in common.
 """
@@ -112,7 +112,7 @@ class Given:
 
     @classmethod
     def of(cls, props: Any, element: str) -> Given:
-        """Those of Mitsuba's ``Properties``."""
+        """Parameters of Mitsuba's ``Properties``."""
         return cls({name: props[name] for name in props.keys()}, element)  # noqa: SIM118 (no dict)
 
     def check_names(self, known: tuple[str, ...]) -> None:

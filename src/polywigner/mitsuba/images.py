@@ -30,7 +30,7 @@ def silent() -> Iterator[None]:
 
 @contextmanager
 def to_list() -> Iterator[list[str]]:
-    """Give a list that holds, once the block is done, what Mitsuba had to say in it."""
+    """Collect Mitsuba's messages of the block in a list."""
     messages: list[str] = []
     # Through a file, which needs no Python: messages come from Mitsuba's threads. An appender
     # with a file also leaves out the progress bars.

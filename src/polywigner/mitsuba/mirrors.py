@@ -179,7 +179,7 @@ def share_unobstructed(scene: Any, si: Any, point: Any) -> Any:
 def _first_surface(
     scene: Any, ray: Any, medium: Any, plane: Plane | None = None, rounding: float = 0.0
 ) -> tuple[Any, Any, Any]:
-    """The first surface that is not null, or lies in a mirror's plane; what passes; its fog."""
+    """First surface that is not null or lies in a mirror's plane; transmission; fog behind it."""
     share, moves = mi.Float(1.0), mi.Bool(True)
     for _ in range(_MOST_PASSED):
         si = scene.ray_intersect(ray)
@@ -202,7 +202,7 @@ def _first_surface(
 
 
 def _through_fog(medium: Any, ray: Any, si: Any) -> Any:
-    """What fog leaves of the light between the start of a ray and what it meets."""
+    """Transmission of fog between the start of a ray and its first surface."""
     is_jit = dr.is_jit_v(mi.Float)
     is_there = medium != mi.MediumPtr(None) if is_jit else medium is not None
     length = dr.minimum(si.t, ray.maxt)
@@ -235,7 +235,7 @@ def _is_apart(point: Any, plane: Plane, rounding: float) -> Any:
 
 
 def _reflectance(si: Any, active: Any) -> Any:
-    """Of the smooth lobe, in power; zero where a normal map turns it elsewhere."""
+    """Reflectance of the smooth lobe, in power; zero where a normal map turns it."""
     context = mi.BSDFContext()
     context.type_mask = mi.BSDFFlags.DeltaReflection
     sample, weight = si.bsdf().sample(context, si, 0.5, mi.Point2f(0.5), active)

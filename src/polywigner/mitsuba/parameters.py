@@ -123,7 +123,7 @@ def read_parameters(props: Any) -> EmitterSpec:
 def check_range(
     radiator: Radiator, wavelength: float, power: float, norm: float, scene_unit: float = 1.0
 ) -> None:
-    """Raise SceneError where single precision cannot hold what the emitter computes.
+    """Raise SceneError where single precision cannot hold the emitter's numbers.
 
     `wavelength` and `scene_unit` in metres, `power` and `norm` in watts; none below zero.
     """

@@ -23,7 +23,7 @@ _IN_PIXEL = 1 << 12
 
 
 def fineness(camera: Any, samples: int) -> int:
-    """Into how many pixels along each side those of a receiver are divided.
+    """Number of pixels along each side into which a receiver's pixel is divided.
 
     Those of others are not: what is stratified in a pixel of a camera is best left so.
     """
@@ -109,7 +109,7 @@ CAMERAS = ("PerspectiveCamera", "ThinLensCamera", "OrthographicCamera")
 
 @dataclass(frozen=True)
 class Cut:
-    """How a film is cut into strips of whole rows, and the samples of each into passes.
+    """Cut of a film into strips of whole rows, and of their samples into passes.
 
     It depends on scene, variant and samples alone, so that a picture is the same whoever renders
     its parts.
@@ -132,7 +132,7 @@ class Cut:
 
     @property
     def steps(self) -> int:
-        """Passes of all strips together: what progress is told in."""
+        """Number of passes of all strips together, in which progress is told."""
         return self.strips * self.passes
 
     def passes_of(self, number: int) -> range:
@@ -198,14 +198,14 @@ class Exposure:
         return np.concatenate(strips).astype(np.float32)
 
     def channels(self) -> int:
-        """How many the image has: told by one pixel, since integrators add to those of the film."""
+        """Number of channels of the image, from one pixel: integrators add to the film's."""
         one = 1 if self.camera.class_name() in CAMERAS else self.cut.height
         with cropped(self.camera, 0, one, one), _without_complaints():
             return int(_rendered(self, 1, 0).shape[-1])
 
 
 def seed_of(seed: int, *part: int) -> int:
-    """The seed that Mitsuba takes, of 32 bits, for a part of what has a seed of any size."""
+    """Seed of 32 bits for a part of a render with a seed of any size."""
     return int(np.random.SeedSequence(seed, spawn_key=part).generate_state(1)[0])
 
 

@@ -86,7 +86,7 @@ def cover(
     centre: npt.NDArray[np.float64],
     unit: float,
 ) -> None:
-    """Make the mesh that of a region in metres, relative to a centre in units of ``unit``."""
+    """Give the mesh the shape of a region in m, relative to a centre in units of ``unit``."""
     points, triangles = triangulate(support)
     points = points / unit
     params = mi.traverse(shape)

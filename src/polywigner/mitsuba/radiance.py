@@ -37,7 +37,7 @@ from polywigner.transforms.wavefronts import flat_of, tilts_of
 
 
 def check_obliquity(name: str) -> str:
-    """``name`` itself, or a SceneError that lists what there is."""
+    """Return ``name``, or raise a SceneError that lists the known names."""
     if name not in OBLIQUITIES:
         raise SceneError(
             f"expected an obliquity, got {name!r}; use one of {', '.join(OBLIQUITIES)}"
@@ -102,14 +102,14 @@ class Mixture:
         return self.coherence_width == math.inf and self.bandwidth is None
 
     def parts(self, source: Any, wavelength: float) -> Iterator[tuple[Any, float, float]]:
-        """Coherent sources, wavelengths in m, and weights, whose mean is that of the mixture."""
+        """Coherent sources, wavelengths in m, and weights, whose mean is the mixture."""
         wave = source
         if self.coherence_width < math.inf:
             wave = source.partially_coherent(self.coherence_width)
         return parts_of(wave, wavelength, self.bandwidth, _ERROR)
 
     def nodes(self, source: Any, wavelength: float) -> NDArray[np.float64]:
-        """Waves (n, 4) whose mean power is that of the mixture: of the coherent ``source`` in m.
+        """Waves (n, 4) of the coherent ``source`` in m whose mean power is the mixture's.
 
         By how much the inverse of their wavelength differs, tilts along x and y, both in 1/m, and
         weights.
@@ -295,7 +295,7 @@ class WignerSum:
         return dr.select(front, density, 0.0)
 
     def _sheared(self, x: Any, y: Any, place: Values) -> Values:
-        """The frequency less that of the curved wave at a place."""
+        """The frequency relative to the curved wave's at a place."""
         if self._wave is None:
             return x, y
         (xx, xy), (_, yy) = self._wave.curvature.tolist()

@@ -25,7 +25,7 @@ from polywigner.transforms.wavefronts import checked_wavefront, flat_of
 
 @dataclass(frozen=True, eq=False)
 class Radiator:
-    """A source in the plane and what an emitter has to know of it, in SI units."""
+    """A source in the plane with its numbers for an emitter, in SI units."""
 
     source: Any
     """An Aperture or an Array, or one with a curved wave."""

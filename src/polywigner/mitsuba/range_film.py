@@ -1,4 +1,4 @@
-"""A film that sorts what arrives by the length of its path, and a sensor that looks as another.
+"""A film that sorts light by the length of its path, and a sensor that looks as another.
 
 The integrators of mitransient hand over each contribution with the length of its path; its own film
 has bins of one width, adds them in single precision and drops what lies outside.
@@ -204,7 +204,7 @@ _MOST_SUMS = 2**28
 def sorted_by_range(
     scene: Any, sensor: Any, integrator: Any, edges: Floats, spp: int, seed: int
 ) -> Floats:
-    """What a sensor reads by the lengths of paths: (height, width, bins + 2), in its own unit.
+    """Render a sensor by lengths of paths: (height, width, bins + 2), in its own unit.
 
     ``edges``: of bins, in units of the scene. The first number is of all shorter paths, the last of
     longer ones. Films of receivers are summed up to one pixel; other films keep size and crop, with
@@ -229,7 +229,7 @@ def sorted_by_range(
 def _rendered(
     scene: Any, sensor: Any, integrator: Any, edges: Floats, spp: int, seed: int
 ) -> Floats:
-    """What is rendered in one go, with the samples of :func:`polywigner.mitsuba.render`."""
+    """Render in one go, with the samples of :func:`polywigner.mitsuba.render`."""
     factor = fineness(sensor, spp)
     ranged = _ranged(sensor, edges, factor)
     try:
@@ -331,7 +331,7 @@ def _film_class(base: Any, variant: str) -> Any:
 
 
 def _luminance(m: Any, value: Any, wavelengths: Any) -> Any:
-    """What a film of one channel keeps."""
+    """Luminance, the one channel that a film keeps."""
     plain = m.unpolarized_spectrum(value)
     if mi.is_monochromatic:
         return plain.x
@@ -361,7 +361,7 @@ def _sensor_class(variant: str) -> Any:
             return ray, weight
 
         def _late(self, ray: Any) -> Any:
-            """How far from the sensor a ray starts: a near clip, or a receiver's small step."""
+            """Distance from the sensor at which a ray starts: near clip, or receiver's step."""
             if is_receiver(self._looks):
                 return dr.dot(self._looks.lift, ray.d)
             if self._looks.class_name() not in CAMERAS:

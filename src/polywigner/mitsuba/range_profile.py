@@ -148,14 +148,14 @@ def checked_ranges(ranges: npt.ArrayLike) -> Floats:
 
 @dataclass(frozen=True)
 class Ranging(Scattering):
-    """How what is scattered to one receiver is sampled by range."""
+    """Sampling by range of the light that is scattered to one receiver."""
 
     edges: tuple[float, ...] = ()
     """Of bins, lengths of paths in units of the scene."""
 
     @property
     def values(self) -> tuple[int, ...]:
-        """What one batch finds of each light: nearer than all bins, in each, farther."""
+        """Power of each light in one batch: nearer than all bins, in each, farther."""
         return (len(self.edges) + 1,)
 
     def batch(
@@ -181,7 +181,7 @@ class Ranging(Scattering):
 
 
 def ranged(plans: list[Scattering], parties: Parties, edges: Floats) -> list[Ranging]:
-    """The same samples by range, of ``edges`` in m."""
+    """Sampling of the same light by range, with bin ``edges`` in m."""
     lengths = [2.0 * edges / place.scene_unit for place in parties.places]
     return [
         Ranging(plan.sensor, plan.integrator, plan.spp, plan.seed, tuple(own.tolist()))
@@ -300,7 +300,7 @@ def range_frames(
     integrator: Any = None,
     progress: Progress | None = None,
 ) -> xarray.Dataset:
-    """What a camera sees by range: the radiance of a render, shared out to bins.
+    """Render the radiance of a camera by range, one frame for each bin.
 
     Range is half the length of the way from a place on a source to the camera, as in
     :func:`range_profile`; a camera's near clip counts. Here sources are seen, as in
@@ -334,7 +334,7 @@ def range_frames(
 def prepared_frames(
     scene: Any, ranges: npt.ArrayLike, *, spp: int | None, seed: int, sensor: int, integrator: Any
 ) -> Callable[[Progress | None], xarray.Dataset]:
-    """What renders the frames of :func:`range_frames`, whose arguments have been checked."""
+    """Return the function that renders the frames of :func:`range_frames`, arguments checked."""
     edges = checked_ranges(ranges)
     require_transients()
     entropy = check_seed(seed)

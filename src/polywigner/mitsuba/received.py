@@ -1,4 +1,4 @@
-"""What a receiver gets from a scene: watts, with what they are made of and their standard error."""
+"""Received power of a scene in W, its contributions and their standard errors."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _MILLIWATT = 1e-3
 
 
 def dbm_of(watts: float) -> float | None:
-    """A power in dBm; None for what is not above zero, which noise may leave."""
+    """Power in dBm; None for powers not above zero, which noise may leave."""
     return 10 * math.log10(watts / _MILLIWATT) if watts > 0 else None
 
 
@@ -52,7 +52,7 @@ class DirectPath:
 
 @dataclass(frozen=True)
 class Contribution:
-    """What a receiver gets from one emitter, or from all lights that are not coherent."""
+    """Power in W that a receiver gets from one emitter, or from all incoherent lights."""
 
     name: str
     direct: float
@@ -229,7 +229,7 @@ class Asked:
     noise_figure: float | None
 
     def noise_of(self, spec: Any) -> dict[str, Any]:
-        """Of a receiver: what is asked, else its own."""
+        """Noise of a receiver: the caller's numbers, else its own."""
         asked = {name: getattr(self, name) for name in NOISE_PARSERS}
         noise = {n: getattr(spec, n) if value is None else value for n, value in asked.items()}
         power = noise_power_of(**noise)

@@ -179,7 +179,7 @@ class Parties(NamedTuple):
 
 
 def matched(scene: Any, numbers: list[int], asked: Asked) -> Parties:
-    """Receivers by their numbers, and the sources; SceneError for those that do not match."""
+    """Receivers by their numbers, and the sources; SceneError for pairs that do not match."""
     if not scene.emitters():
         raise SceneError("expected a scene with light, got one without emitters; add one")
     receivers = [receivers_of(scene)[number] for number in numbers]
@@ -193,7 +193,7 @@ def matched(scene: Any, numbers: list[int], asked: Asked) -> Parties:
 
 
 def scattering(scene: Any, sensor: int, asked: Asked) -> Scattering:
-    """How what is scattered to a sensor, by its number, is sampled."""
+    """Sampling of the light that is scattered to a sensor, by its number."""
     _check_integrator(exposed(scene, asked.integrator, 1, 0, sensor, warn=False).integrator)
     spp = default_spp(scene, sensor) if asked.spp is None else asked.spp
     return Scattering(sensor, asked.integrator, spp, asked.seed)
@@ -212,7 +212,7 @@ def _check_integrator(integrator: Any) -> None:
 def scattered_here(
     scene: Any, progress: Progress | None, plans: Sequence[Scattering]
 ) -> NDArray[np.float64]:
-    """W (receivers, batches, lights, ...): what all batches find, one after the other."""
+    """Power in W (receivers, batches, lights, ...) of all batches, one after the other."""
     done, total = count(1), len(plans) * BATCHES * len(lights_of(scene))
 
     def tell() -> None:
@@ -225,7 +225,7 @@ def scattered_here(
 def _direct(
     scene: Any, receiver: PlacedSource, emitters: list[PlacedSource], asked: Asked
 ) -> tuple[list[DirectLight], list[str]]:
-    """Light that comes straight or by mirrors from each emitter; and what is left out of it."""
+    """Light that comes straight or by mirrors from each emitter; and notes on omissions."""
     mirrors, notes = mirrors_in(scene, receiver.scene_unit, asked.reflections)
     ways = ways_of(mirrors, asked.reflections)
     links = [direct_light(scene, e, receiver, ways, asked.tolerance) for e in emitters]

@@ -89,7 +89,7 @@ def _next(m: Any, scene: Any, ray: Any, far: Any, active: Any) -> tuple[Any, Any
 
 
 def _is_null(flags: Any) -> Any:
-    """Of a BSDF that does nothing but let light through; one with an opacity is not."""
+    """Whether a BSDF only lets light through; one with an opacity does not."""
     return (flags & int(mi.BSDFFlags.All)) == int(mi.BSDFFlags.Null)
 
 
@@ -279,7 +279,7 @@ def receiver_class(variant: str) -> Any:
         def look_along(
             self, angles: Any, time: Any, sample1: Any, sample3: Any, active: Any = True
         ) -> tuple[Any, Any, Any]:
-            """A ray, W per radiance and solid angle that it stands for, and that of colours."""
+            """A ray, its W per radiance and solid angle, and the same for colours."""
             direction = direction_of(m, angles)
             ray = m.RayDifferential3f()
             ray.time = time
@@ -365,7 +365,7 @@ def is_receiver(sensor: Any) -> bool:
 
 @contextmanager
 def receiving(scene: Any) -> Iterator[None]:
-    """Within, the receivers of a scene know what is in it, for their estimator ``exact``.
+    """Tell the receivers the scene, for their estimator ``exact``, within the block.
 
     :func:`polywigner.mitsuba.render` does it by itself; for ``mi.render`` and other renderers.
     Mitsuba tells cameras written in Python nothing of their scene, and one that held it would keep

@@ -40,7 +40,7 @@ _TRANSPARENT = ("Volumetric", "Volpath", "ParticleTracer")
 
 
 def looks_through(integrator: Any) -> bool:
-    """Whether light passes null surfaces on its way to what this integrator shades."""
+    """Whether light passes null surfaces on its way to surfaces that this integrator shades."""
     # Integrators written in Python share a class name in Mitsuba.
     names = integrator.class_name() + type(integrator).__name__
     return any(name in names for name in _TRANSPARENT)
@@ -142,7 +142,7 @@ def exposed(
     sensor: int = 0,
     warn: bool = True,
 ) -> Exposure:
-    """What :func:`render` takes, checked; raises what it does, but for radiance.
+    """Check the arguments of :func:`render`, without its radiance.
 
     ``warn``: of an integrator's known limits.
     """
@@ -162,7 +162,7 @@ def default_integrator(scene: Any) -> str:
 
 
 def default_spp(scene: Any, sensor: int = 0) -> int:
-    """The samples per pixel that a scene asks for; raises what :func:`render` does."""
+    """Return the samples per pixel of a scene; raises as :func:`render` does."""
     return check_spp(_camera(scene, sensor).sampler().sample_count())
 
 

@@ -36,7 +36,7 @@ _EVERYWHERE = 0.02
 
 
 def check_sampling(name: str) -> str:
-    """``name`` itself, or a SceneError that lists what there is."""
+    """Return ``name``, or raise a SceneError that lists the known names."""
     if name not in SAMPLINGS:
         raise SceneError(f"expected a sampling, got {name!r}; use one of {', '.join(SAMPLINGS)}")
     return name
@@ -287,7 +287,7 @@ def sampled_emitter_class(variant: str) -> Any:
             return r / distance, distance
 
         def _place(self, sample: Any, x: Any, time: Any) -> None:
-            """Fill in what all samples of the position x have in common."""
+            """Fill in the numbers that all samples of the position x share."""
             sample.p = self._frame.point(x)
             sample.n = m.Normal3f(self._frame.axes[2])
             sample.uv = x

@@ -114,7 +114,7 @@ def batches_of(spp: int) -> int:
 
 @dataclass(frozen=True)
 class Scattering:
-    """How what is scattered to one receiver is sampled, in a scene whose sources are unseen."""
+    """Sampling of the light scattered to one receiver, in a scene whose sources are unseen."""
 
     sensor: int
     integrator: Any
@@ -124,7 +124,7 @@ class Scattering:
 
     @property
     def values(self) -> tuple[int, ...]:
-        """Shape of what a batch finds of each light, one number."""
+        """Shape of a batch's value for each light: one number."""
         return ()
 
     def batch(
@@ -148,7 +148,7 @@ class Scattering:
 
 
 def lights_of(scene: Any) -> list[Any]:
-    """What shines in turns: None, all but the coherent sources, where there are such; each source.
+    """Lights that shine in turns: None for all incoherent ones, then each coherent source.
 
     Other lights shine all the time.
     """
@@ -167,5 +167,5 @@ def shares_of(scene: Any, found: NDArray[np.float64]) -> tuple[Floats, Floats]:
 
 
 def standard_error(batches: Floats, axis: int = 0) -> Any:
-    """Of the mean of equal batches."""
+    """Standard error of the mean of equal batches."""
     return np.std(batches, ddof=1, axis=axis) / math.sqrt(batches.shape[axis])

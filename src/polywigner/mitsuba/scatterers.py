@@ -39,7 +39,7 @@ _WAVEFRONT = 2**17
 
 @dataclass(frozen=True, eq=False)
 class Cloud:
-    """Events and what they bring."""
+    """Events with their powers."""
 
     events: Events
     power: Floats
@@ -357,7 +357,7 @@ def _depth(value: Any) -> int:
 
 
 def _longest_path(integrator: Any) -> int:
-    """What an integrator says of its longest path."""
+    """Longest path of an integrator, by its own parameters."""
     if integrator is None:
         return _NO_LIMIT
     if integrator.class_name() == "DirectIntegrator":

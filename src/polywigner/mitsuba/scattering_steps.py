@@ -53,7 +53,7 @@ class Paths:
 
     @classmethod
     def along(cls, ray: Any, share: Any, zero: Any) -> Paths:
-        """Paths that start with rays from a receiver, and that of colours; so many zeros."""
+        """Start paths with rays from a receiver, weights for colours included."""
         there = zero == 0.0
         none = dr.zeros(mi.SurfaceInteraction3f, dr.width(zero))
         return cls(ray, there, mi.Spectrum(share) + zero, mi.UInt32(zero), none, zero, there)
@@ -68,7 +68,7 @@ class Steps:
         self._context = mi.BSDFContext()
 
     def __call__(self, paths: Paths, samples: list[Any]) -> tuple[Paths, dict[str, Any]]:
-        """Paths behind the next surface; what they have met, and the lights sampled there."""
+        """Continue paths behind the next surface; return surfaces met and lights sampled there."""
         scene, active = self._scene, paths.active
         si = scene.ray_intersect(paths.ray, active)
         is_met = active & si.is_valid()
@@ -215,11 +215,11 @@ class Events:
 
     @classmethod
     def joined(cls, parts: list[Events]) -> Events:
-        """All events of the parts, of which there is one at least."""
+        """Join the events of one part or more."""
         return cls(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(cls)))
 
     def part(self, chosen: Any) -> Events:
-        """Those of a mask, or of numbers."""
+        """Return the events of a mask, or of numbers."""
         return Events(*(getattr(self, f.name)[chosen] for f in fields(self)))
 
 
@@ -320,7 +320,7 @@ def _lights(
 def _walk(
     paths: Any, rng: np.random.Generator, first: Floats, steps: Steps
 ) -> Iterator[tuple[Any, dict[str, Any]]]:
-    """(numbers of rays, what they found) of each step."""
+    """Yield the numbers of rays and their events of each step."""
     count = len(first)
     alive = np.arange(count)
     for number in range(_MOST_STEPS):
@@ -358,7 +358,7 @@ def _column(value: Any, count: int) -> NDArray[Any]:
 
 
 def _columns(found: list[dict[str, Any]]) -> dict[str, NDArray[Any]]:
-    """The columns of rows, in which what is not there is zero."""
+    """Transpose rows to columns; missing values become zero."""
     names = {name: value for row in found for name, value in row.items()}
     return {
         name: np.array([np.array(row.get(name, np.zeros_like(value))) for row in found])

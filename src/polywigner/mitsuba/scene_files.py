@@ -56,7 +56,7 @@ def resolving(file: Path) -> Iterator[Callable[[str], Path]]:
 
 
 def digests_of(file: Path, parameters: Mapping[str, Any]) -> dict[str, str]:
-    """SHA-256 of a scene file, of those that it includes, and of all others that it names.
+    """SHA-256 of a scene file, of its includes, and of all files that it names.
 
     By absolute path. Raises SceneError as :func:`check_scene_file` does.
     """
@@ -73,7 +73,7 @@ def digest_of_file(path: Path) -> str:
 def check_scene_file(
     file: Path, parameters: Mapping[str, Any], resolve: Callable[[str], Path]
 ) -> set[Path]:
-    """The scene file itself, those that it includes, and all others that it names, absolute.
+    """Return the paths of a scene file, its includes and all files that it names, absolute.
 
     Raises SceneError for a scene, or one that it includes, that must not reach Mitsuba.
     `resolve` finds the files that it names; `parameters` are values of its ``$parameters``.
@@ -153,7 +153,7 @@ class _Seen:
         _check("$parameters", len(self.values), _MOST_DEFAULTS)
 
     def _check_type(self, name: str) -> None:
-        """Refuse what would make Mitsuba load a library from anywhere but its own folder."""
+        """Refuse types that make Mitsuba load a library from anywhere but its own folder."""
         found = [self.resolve(f"plugins/{name}{suffix}") for suffix in _LIBRARIES]
         foreign = [p for p in found if p.exists() and p.resolve().parent != _OWN_PLUGINS.resolve()]
         if foreign or not _PLUGIN.fullmatch(name):
@@ -268,7 +268,7 @@ def _listed(numbers: NDArray[np.int64], total: int) -> NDArray[np.int64]:
 
 
 def _rows(body: bytes, counts: np.dtype[Any], corners: np.dtype[Any], total: int) -> NDArray[Any]:
-    """The same of lists in bytes: most meshes have triangles alone, or rectangles."""
+    """Corners of faces from lists in bytes: most meshes have triangles alone, or rectangles."""
     for length in (3, 4):
         row = np.dtype([("length", counts), ("corners", corners, (length,))])
         if len(body) >= row.itemsize * total:

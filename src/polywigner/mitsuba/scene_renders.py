@@ -66,7 +66,7 @@ class SceneFile:
     parameters: Mapping[str, Any] = field(default_factory=dict)
 
     def load(self) -> Any:
-        """The ``mi.Scene``; raises what :func:`load_scene` does."""
+        """Load the ``mi.Scene``; raises as :func:`load_scene` does."""
         return load_scene(self.path, self.variant, self.sampler, **self.parameters)
 
 
@@ -165,7 +165,7 @@ def render_file(
     threads: int | None = None,
     progress: bool | None = None,
 ) -> npt.NDArray[np.float32]:
-    """The image of a scene file: what :func:`load_scene` and :func:`render` make of it.
+    """Render a scene file by :func:`load_scene` and :func:`render`.
 
     Parameters
     ----------

@@ -201,7 +201,7 @@ def _rules_for(turns: Floats) -> NDArray[np.intp]:
 
 
 def _batches(rules: NDArray[np.intp]) -> Iterator[tuple[int, NDArray[np.intp]]]:
-    """Each rule with the indices of its pairs; few go along with those of the next larger rule."""
+    """Each rule with the indices of its pairs; few pairs take the next larger rule."""
     present = np.unique(rules).tolist()
     mine = np.zeros(0, np.intp)
     for rule in present:

@@ -87,7 +87,7 @@ def _farthest(ops: Any, kind: Any, nodes: Sequence[Any]) -> tuple[Any, Any, list
 
 
 def _series(ops: Any, kind: Any, nodes: Sequence[Any]) -> tuple[Any, Any]:
-    """sum_k i^k h_k/(k + n)! of n nodes in radians: terms of even k, and those of odd k over i."""
+    """sum_k i^k h_k/(k + n)! of n nodes in radians: terms of even k, and of odd k over i."""
     count = len(nodes)
     powers: list[Any] = [nodes[-1]]  # h_k of the last node, of the last two, ...
     for node in nodes[-2::-1]:

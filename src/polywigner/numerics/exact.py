@@ -41,7 +41,7 @@ class RoundingGrid:
         return self._snapped(polygon)[self.is_kept(polygon)]
 
     def is_kept(self, polygon: Floats) -> npt.NDArray[np.bool_]:
-        """Which vertices (n, 2) are not repeats of the one before, on the grid; (n,)."""
+        """Mask (n,) of vertices (n, 2) that do not repeat the one before, on the grid."""
         points = self._snapped(polygon)
         kept: npt.NDArray[np.bool_] = (points != np.roll(points, 1, axis=0)).any(axis=1)
         return kept

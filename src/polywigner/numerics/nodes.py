@@ -1,4 +1,4 @@
-"""Gauss-Legendre rules of many sizes, how many nodes an integrand needs, and what they miss.
+"""Gauss-Legendre rules of many sizes, node counts for integrands, and error estimates.
 
 An integrand on [-1, 1] that is analytic inside the ellipse with foci -1 and 1 and half-axes cosh u
 and sinh u, and bounded there by M, has Legendre coefficients c_n of about M exp(-n u), and n Gauss
@@ -112,7 +112,7 @@ def node_sums(real: Any, imag: Any, weight: Any, last: Any, second: Any) -> tupl
 
 
 def missed(ops: Any, sums: tuple[Any, ...], expected: tuple[Any, ...], turns: Any) -> Any:
-    """Estimate of what the rule behind sums of :func:`node_sums` misses, plus their rounding.
+    """Error estimate of the rule behind sums of :func:`node_sums`, rounding included.
 
     ``expected``: of :func:`nodes_needed`; ``turns``: bound on the phases added up.
     """

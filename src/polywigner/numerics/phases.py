@@ -137,14 +137,14 @@ def _fitting(ops: Any, constant: float) -> tuple[float, float]:
 
 
 def _sum(a: Any, b: Any) -> Doubled:
-    """a + b and what its rounding loses (Knuth)."""
+    """a + b and its rounding error (Knuth)."""
     total = a + b
     virtual = total - a
     return total, (a - (total - virtual)) + (b - virtual)
 
 
 def difference(a: Any, b: Any) -> Doubled:
-    """a - b as the nearest float and what that leaves out, exactly (Knuth)."""
+    """a - b as the nearest float and its rounding error, exactly (Knuth)."""
     rounded = a - b
     virtual = rounded - a
     return rounded, (a - (rounded - virtual)) - (b + virtual)
@@ -178,7 +178,7 @@ def turns_to_centre(ops: Any, centre: tuple[Any, ...], *nu: Any) -> Any:
 
 
 def less_carrier(ops: Any, frame: Any, turns: Any, *xi: Any) -> Any:
-    """Turns minus those of the frame's carrier along a lag, modulo 1."""
+    """Turns without the frame's carrier along a lag, modulo 1."""
     if not any(frame.carrier):
         return turns
     return turns - turns_to_centre(ops, frame.carrier, *xi)

@@ -1,4 +1,4 @@
-"""Which way a call is carried out: chosen once, before any work, from counted sizes and costs.
+"""Plans of calls: the way is chosen once, before any work, from counted sizes and costs.
 
 ``costs`` says what each step takes in seconds and which benchmark tells, and ``plan`` makes a
 `Plan` of a `Request` by it. Dr.Jit arrays, scenes and kernels of arrays ask ``cuts``. Nothing here

@@ -12,7 +12,7 @@ from polywigner.plans.cuts import cut_for, forced_cut, loops_over_edges
 
 @dataclass(frozen=True)
 class Outline:
-    """Counts for a kernel that cuts the edges of one copy by those of another."""
+    """Counts for a kernel that cuts the edges of one copy by another's."""
 
     edges: int
     pieces: int
@@ -60,7 +60,7 @@ class Request:
     """Whether there is a kernel that takes any source of this kind as data."""
 
     def times(self, count: int) -> Request:
-        """The same with so many times the samples, at as many places where these are rows."""
+        """Return the request with so many times the samples, or places where these are rows."""
         return replace(self, samples=count * self.samples, columns=count * self.columns)
 
 
@@ -76,7 +76,7 @@ _DOUBLINGS = 32
 
 @dataclass(frozen=True)
 class Way:
-    """One way to carry out a request, and what it takes."""
+    """One way to carry out a request, and its cost."""
 
     name: str
     engine: str
@@ -115,7 +115,7 @@ class Plan:
 
     @property
     def engine(self) -> str:
-        """The engine to run on: that of the way, or the compiled one that was asked for."""
+        """The engine to run on: the way's own, or the compiled one of the request."""
         asked = self.request.engine
         return asked if asked != "auto" else self.way.engine
 

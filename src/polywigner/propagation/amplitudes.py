@@ -79,7 +79,7 @@ def curved_field(
 
 
 def _fresnel(wave: Wavefront, points: Floats, wavelength: float) -> tuple[Complex, Floats]:
-    """(Q6): a parabola more in the transform's phase, that of the way to each point."""
+    """(Q6): the transform with a further parabola in its phase, the way to each point."""
     q, axes = principal_axes(wave.curvature)
     scale = 1.0 / (wavelength * points[:, 2])
     place, centre = points[:, :2], wave.centre

@@ -36,7 +36,7 @@ def kinks(source: Aperture | Array) -> NDArray[np.float64]:
 
 
 def kink_count(source: Aperture | Array) -> int:
-    """How many segments (T5) there may be."""
+    """Upper bound on the number of segments (T5)."""
     phased = source.phased if isinstance(source, Array) else None
     if phased is None or phased.repeated is None:
         return int(sum(len(ring) for ring in _rings(source)) ** 2)

@@ -77,7 +77,7 @@ def boundary_field(
     double: bool,
     engine: str,
 ) -> tuple[NDArray[np.complex128], Floats, Floats]:
-    """The field at points (n, 3), an estimate of its error, and what was allowed, all (n,).
+    """Field at points (n, 3), estimate of its error, and allowed error, all (n,).
 
     ``tolerance``: what is allowed as a fraction of the incident amplitude or, where that is less,
     of what could come from all of the source. ``method`` "collins": Fresnel's field without the
@@ -107,7 +107,7 @@ def boundary_field(
 
 
 def _size(radiator: Radiator, points: Floats, wavelength: float, share: float) -> Floats:
-    """The incident amplitude, or where that is less, what can come from all of the source.
+    """The incident amplitude, or where that is less, the bound on the source's whole field.
 
     That is a wave and, of the normal derivative of a wave, the static field that is all there is
     well within a wavelength of a small source.

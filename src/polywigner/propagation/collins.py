@@ -96,7 +96,7 @@ def collins_field(
     double: bool,
     engine: str,
 ) -> Found:
-    """The field at points (n, 2), an estimate of its error, and what was allowed, all (n,).
+    """Field at points (n, 2), estimate of its error, and allowed error, all (n,).
 
     ``tolerance``: what is allowed as a fraction of the field of an image or, where that is less, of
     what could come from all of the source.
@@ -158,7 +158,7 @@ def _brightest(radiator: Radiator, chirp: Chirp) -> float:
 
 
 def _rounding(radiator: Radiator, chirp: Chirp, slopes: Floats) -> Floats:
-    """Of the integral along edges: of phases, times what the edges add up to, but for signs."""
+    """Rounding of the integral along edges: of phases, times the sum of moduli."""
     width = math.sqrt(chirp.wavelength / abs(chirp.curvature[0]))
     size = float(np.linalg.norm(radiator.high - radiator.low))
     along = radiator.amplitude * radiator.perimeter * min(width, size)

@@ -78,7 +78,7 @@ class FieldOptions(TypedDict, total=False):
 
 @dataclass(frozen=True)
 class FieldSettings:
-    """How a field is computed: all that a value depends on beside its source and place."""
+    """Options on which a field value depends beside its source and place."""
 
     wavelength: float
     methods: tuple[str, ...]
@@ -114,7 +114,7 @@ class FieldSettings:
 def checked_settings(
     wavelength: Any, options: FieldOptions, dtype: str = "float64"
 ) -> FieldSettings:
-    """The settings of options, with defaults for what is not said.
+    """Check options, and fill in defaults.
 
     Raises ArgumentError for names and numbers that there are not.
     """
@@ -271,7 +271,7 @@ def dataset(
 
 
 def described(settings: FieldSettings) -> dict[str, Any]:
-    """Attributes of a dataset, few, for all are shown with it: those of variables are not."""
+    """Attributes of a dataset: few, since all of them are shown with it."""
     return {
         "wavelength": settings.wavelength,
         "frequency": SPEED_OF_LIGHT / settings.wavelength,
@@ -311,7 +311,7 @@ def _filled(block: FieldBlock, progress: bool | None) -> Values:
 
 @contextmanager
 def _warnings_once() -> Iterator[None]:
-    """Shows one of warnings that differ by numbers only, as those of many blocks, at the end."""
+    """Show one of several warnings that differ by numbers only, at the end of the block."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         yield

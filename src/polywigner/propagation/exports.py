@@ -219,7 +219,7 @@ def _plain(value: Any) -> Any:
 
 @dataclass(frozen=True)
 class _Image:
-    """Axes x, y and z; those that a dataset lacks have one sample."""
+    """Axes x, y and z of an image; axes that a dataset lacks have one sample."""
 
     dims: tuple[str, ...]
     shape: tuple[int, ...]

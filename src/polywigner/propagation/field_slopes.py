@@ -152,7 +152,7 @@ class FieldSlopes:
 
     @staticmethod
     def _push(vertices: Floats, sums: _Sums, weight: Complex) -> None:
-        """Adds what panels do to the vertices at both ends of their edges."""
+        """Add derivatives of panels to the vertices at both ends of their edges."""
         strips = sums.strips
         whole, by_length = (weight @ sums.kernel).real, (weight @ sums.by_length).real
         at_end = strips.share * whole + strips.rate * by_length
@@ -237,7 +237,7 @@ class FieldSlopes:
     def _combined(
         self, found: list[Complex], places: Floats, strips: _Strips
     ) -> tuple[Complex, Complex, Complex]:
-        """Integrals of :class:`_Sums` from those of 1 and t times u G and u (1/R - 2 pi i) G/R."""
+        """Integrals of :class:`_Sums` from integrals with u G and u (1/R - 2 pi i) G/R."""
         left = -strips.normal
         away = (strips.begin * left).sum(axis=1) - places[:, :2] @ left.T
         across = (strips.plane * left).sum(axis=1)

@@ -104,7 +104,7 @@ def parts_of(
     error: float,
     by_lags: bool = False,
 ) -> Iterator[tuple[Any, float, float]]:
-    """Sources, wavelengths in m, and weights, whose mean is that of the mixture.
+    """Sources, wavelengths in m, and weights, whose mean is the mixture.
 
     The sources are coherent, unless partly coherent light is computed ``by_lags``.
     """

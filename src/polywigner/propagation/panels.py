@@ -200,7 +200,7 @@ def _rests_of(
 
 
 def reaches(plane: Floats, longest: float) -> Floats:
-    """How long panels may be for waves with p_x, p_y (m, 2), in wavelengths."""
+    """Longest panels in wavelengths for waves with p_x, p_y (m, 2)."""
     return np.minimum(longest, _TURNS / (1.0 + np.linalg.norm(plane, axis=1)))
 
 

@@ -71,7 +71,7 @@ def checked_pattern(pattern: Any) -> tuple[Levels, Levels, Levels, dict[str, flo
 
 
 def front_of(theta: Levels, levels: Levels) -> tuple[Levels, Levels]:
-    """Theta and levels (n, m) without what lies behind the plane, where nothing is radiated."""
+    """Theta and levels (n, m) in front of the plane."""
     front = np.abs(theta) <= math.pi / 2 + _SAME_ANGLE
     return theta[front], levels[front]
 

@@ -106,7 +106,7 @@ def _leading(c: Any, inverse: Any, wavelength: Any, forms: Values) -> Values:
 
 
 def _third_order(c: Any, inverse: Any, wavelength: Any, forms: Values) -> Values:
-    """The factors of the moments (T1), from those of S0, S1, Smm, S2 and S3 in (T4)."""
+    """Factors of the moments (T1), from the factors of S0, S1, Smm, S2 and S3 in (T4)."""
     first, mixed, both, crossed = forms
     first, mixed, crossed = first * c * c, mixed * c, crossed * c
     h = wavelength / (2 * math.pi)  # 1/k
@@ -182,7 +182,7 @@ class Rays:
     def _listed(
         self, source: Aperture | Array, rule: Rule
     ) -> Iterator[tuple[Kernel, Floats, Floats]]:
-        """Kernels, and what to sum them over: parts of slices, or places as they are."""
+        """Kernels with their places: parts of slices, or places as they are."""
         nodes, weights = rule
         if not self._is_by_parts(source, len(nodes)):
             yield ray_kernel(self._lit(source), self.order, bool(self.curved)), nodes, weights

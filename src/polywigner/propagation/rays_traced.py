@@ -126,7 +126,7 @@ def _arrays(traced: Differentiable) -> list[tuple[str, Any]]:
 
 
 def _rule(rays: Rays, source: Any, points: Any, tolerance: float) -> Rule:
-    """A rule whose irradiance differs from that of the one before by no more than that."""
+    """Return a rule whose irradiance differs from the previous one's within the tolerance."""
     cells = smooth_triangles(source)
     if not len(points):
         return gauss_rule(cells, 0.0, _LEVELS[0])

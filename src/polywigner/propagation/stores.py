@@ -257,7 +257,7 @@ Advance = Callable[[], None]
 def _on_this_machine(
     writer: ChunkWriter, indices: Sequence[Index], threads: int | None, advance: Advance
 ) -> None:
-    """All chunks, by threads of this process. Raises what the first chunk to fail raises.
+    """Compute all chunks by threads of this process. Raises the first failure.
 
     Of a block that has a pool of threads of its own, one is computed while another is written.
     """
@@ -455,7 +455,7 @@ def _removed_if_empty(path: Path, chunks: Path) -> Iterator[None]:
 
 
 def _array_of_run(path: Path, run: dict[str, Any]) -> Any:
-    """The array of a store whose settings are those of the run; StoreError tells where not."""
+    """Return the array of a store with the settings of the run; StoreError where they differ."""
     found = recorded(path)
     if found is None:
         raise StoreError(

@@ -1,4 +1,4 @@
-"""Stores on disk (zarr, format 3): layout, settings, and what is missing or damaged in them.
+"""Stores on disk (zarr, format 3): layout, settings, missing and damaged chunks.
 
 zarr's own codec writes a CRC-32C behind every chunk, so that all readers of zarr notice a damaged
 one. The metadata carry a SHA-256, coordinates and source one each. Chunks of one array that have
@@ -116,7 +116,7 @@ def chunks_within(shape: Sequence[int], samples: int) -> Index:
 
 @contextmanager
 def as_store_error(expected: str, remedy: str) -> Iterator[None]:
-    """Within, what the system refuses is told as a StoreError."""
+    """Turn errors of the system in the block into a StoreError."""
     try:
         yield
     except StoreError:
@@ -132,7 +132,7 @@ def digest_of(content: NDArray[Any] | str) -> str:
 
 
 def checksum_of(table: dict[str, Any]) -> str:
-    """SHA-256 of a store's metadata, those of its arrays included, but for the checksum itself."""
+    """SHA-256 of the metadata of a store and its arrays, without the checksum itself."""
     attrs = {name: value for name, value in table["attributes"].items() if name != CHECKSUM}
     return digest_of(json.dumps({**table, "attributes": attrs}, sort_keys=True))
 
@@ -203,7 +203,7 @@ def recorded(path: Path) -> dict[str, Any] | None:
 
 
 def stored_array(path: Path, settings: dict[str, Any]) -> Any:
-    """Open the array of a store whose coordinates and source are those of their digests.
+    """Open the array of a store whose coordinates and source match their digests.
 
     Raises StoreError where they are damaged.
     """
@@ -249,7 +249,7 @@ def chunk_file(array: Any, index: Index) -> Path:
 
 
 def chunk_faults(array: Any, progress: bool | None) -> tuple[list[Index], list[Index]]:
-    """Return the chunks that are missing, and those that zarr finds to be damaged."""
+    """Return missing chunks, and chunks that zarr finds damaged."""
     title, missing, damaged = array.store.root.parent.name, [], []
     with progress_bar(f"{title}: checksums", array.nchunks, show=progress) as advance:
         for index in np.ndindex(array.cdata_shape):

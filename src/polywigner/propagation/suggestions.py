@@ -1,4 +1,4 @@
-"""How many samples, and on what grid: from the bands of transforms and fields, not by trial."""
+"""Sampling advice: numbers of samples from the bands of transforms and fields."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ class Band(NamedTuple):
 def bands_in_box(
     bounds: tuple[float, ...], wavelength: float, box: Any, coherent: bool
 ) -> list[Band]:
-    """Along x, y and z of a box ((x0, y0, z0), (x1, y1, z1)); `bounds` those of the source.
+    """Bands along x, y and z of a box ((x0, y0, z0), (x1, y1, z1)); `bounds` of the source.
 
     Raises
     ------
@@ -130,7 +130,7 @@ def _nyquist(
 
 
 def _rays(points: Values, bounds: tuple[float, ...]) -> Values:
-    """Unit vectors (n, 9, 3) to points (n, 3) from those of the source's box that matter.
+    """Unit vectors (n, 9, 3) to points (n, 3) from nine points of the source's box.
 
     A direction cosine along x is largest from the lower end of the box and, along y, from the
     nearest or the farthest place, by its sign; that along z from the nearest or farthest of all.

@@ -23,7 +23,7 @@ _MEANING = "a bandwidth in Hz above zero, and less than twice the frequency"
 
 
 def checked_bandwidth(bandwidth: Any, wavelength: float) -> float:
-    """In Hz, of light about a wavelength in m; ArgumentError for what reaches down to zero."""
+    """Return a bandwidth in Hz about a wavelength in m; ArgumentError if it reaches zero."""
     width = checked_number(bandwidth, "bandwidth", _MEANING)
     carrier = SPEED_OF_LIGHT / wavelength
     if not 0 < width < 2 * carrier:
@@ -58,7 +58,7 @@ _UNIT = 1e-6
 
 
 def checked_radiator(source: Any, partly: bool = False) -> PlaneSource | Wavefront:
-    """What :func:`checked_source` takes, or one with a curved wave.
+    """Return a source of :func:`checked_source`, or one with a curved wave.
 
     ``partly``: it may be partly coherent; else that raises IlluminationError.
     """

@@ -1,4 +1,4 @@
-"""Integrals over the far hemisphere of what is band-limited in the direction.
+"""Integrals over the far hemisphere of functions that are band-limited in the direction.
 
 W(x, nu) and |F(nu)|^2 are Fourier transforms over lags xi, none of which is longer than the
 source's diameter D. As functions of direction they are sums of waves exp(i k rho sin(theta)
@@ -113,7 +113,7 @@ def _azimuths(phase: Array) -> NDArray[np.intp]:
 
 @lru_cache(maxsize=8)
 def _polar(phase: float) -> tuple[Array, Array]:
-    """Angles (n,) in (0, pi/2) and weights; the numbers were found as those of azimuths were.
+    """Angles (n,) in (0, pi/2) and weights; numbers found as for azimuths.
 
     On half a panel the wave turns by at most pi/4 of its phase, and n points integrate what turns
     by less than 2 n and a few cube roots of it.

@@ -64,7 +64,7 @@ def traced(
     direction: ArrayLike,
     weight: ArrayLike | None = None,
 ) -> xarray.Dataset:
-    """Rays after ray optics of your own: where they are, where they go, and what they carry.
+    """Rays after ray optics of your own: positions, directions and powers.
 
     For :func:`rebuild`. Keep the order of the rays; one that is lost on the way has NaN for its
     position, or a weight of zero.
@@ -143,7 +143,7 @@ def _batch(rays: Any) -> NDArray[Any]:
 
 
 def count_of(rays: xarray.Dataset) -> int:
-    """How many rays were drawn, those included that a selection has left out since."""
+    """Number of rays drawn, including rays that a selection has left out."""
     told = rays.attrs.get("count", 0)
     return max(int(told) if isinstance(told, (int, np.integer)) else 0, rays.sizes["ray"])
 

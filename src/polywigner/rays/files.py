@@ -88,7 +88,7 @@ def write_source_file(
 
 
 def read_source_file(path: Path) -> tuple[Values, dict[str, Any]]:
-    """Rays (n, 7), lengths in m and watts, and what the header says of them.
+    """Read rays (n, 7), lengths in m and watts, and the header's attributes.
 
     Files of other programs too, in watts and with one wavelength. Raises FileFormatError for
     others, OSError for those that cannot be read.
@@ -333,7 +333,7 @@ def load(path: str | os.PathLike[str]) -> xarray.Dataset:
 
 
 def _check_loaded(found: Any) -> None:
-    """Raise ArgumentError or ValueError for what no program has written as rays."""
+    """Raise ArgumentError or ValueError for numbers that no program writes as rays."""
     position, direction, weight, _ = checked_bundle(found)
     is_there = np.isfinite(position).all(axis=1)  # of a lost ray the position is not
     if not (np.isfinite(direction[is_there]).all() and np.isfinite(weight[is_there]).all()):

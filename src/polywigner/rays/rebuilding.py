@@ -109,7 +109,7 @@ def rebuild(
 
 
 def _batches(batch: NDArray[Any] | None, pixels: int) -> tuple[int, NDArray[np.int64]]:
-    """How many batches there are, and their new numbers: a selection may have left some out.
+    """Number of batches, and their new numbers: a selection may have left some out.
 
     ArgumentError for more sums than fit into memory.
     """
@@ -138,7 +138,7 @@ def _errors(sums: Values, squares: Values, count: int) -> tuple[Values, Values]:
 def _pixels(
     position: Values, direction: Values, pose: Values, edges: tuple[Values, Values], virtual: bool
 ) -> NDArray[np.intp]:
-    """The number of the pixel that each ray meets, -1 for those that miss, -2 for those lost."""
+    """Number of the pixel that each ray meets, -1 for a miss, -2 for a lost ray."""
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         own = (position - pose[:3, 3]) @ pose[:3, :3]
         along = direction @ pose[:3, :3]

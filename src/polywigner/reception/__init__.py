@@ -1,4 +1,4 @@
-"""What a source receives: links between two sources.
+"""Reception: links between two sources.
 
 ===================  ==========================================================================
 module               what is in it

@@ -76,7 +76,7 @@ def link_kernel(
 def link_slopes(
     condition: Obliquity, wave: Complex, r: Floats, distance: Floats, m: Floats
 ) -> tuple[list[Complex], list[Complex]]:
-    """Derivatives of :func:`link_kernel` in the three components of r, and in those of m."""
+    """Derivatives of :func:`link_kernel` in the components of r and of m."""
     a, b = condition.field, condition.slope
     cross, square = a * b / _IK, (a / (2 * math.pi)) ** 2
     green = wave / (1j * distance)
@@ -146,7 +146,7 @@ class Pairs:
 
 
 class _Sight:
-    """How nodes x (n, i, 2) and y (n, j, 3) of two cells see each other, arrays (n, i, j).
+    """Distances and cosines between nodes x (n, i, 2) and y (n, j, 3) of two cells, (n, i, j).
 
     From the centres of their sources, which are ``offset`` (n, 3) apart. ``normal`` (n, 3): the
     receiver's. Heights above either plane are the same for all places in the other's.
@@ -213,7 +213,7 @@ class Links:
         return half[0], half[1], np.linalg.norm(self._between(pairs), axis=1)
 
     def _between(self, pairs: Pairs) -> Floats:
-        """From the centres of the transmitter's boxes to those of the receiver's, (n, 3)."""
+        """Vectors (n, 3) from the centres of the transmitter's boxes to the receiver's."""
         found = self.offset[pairs.pose].copy()
         there = _middle(self.receiver, pairs.receiver)
         found += np.einsum("nij,nj->ni", self.rotation[pairs.pose][:, :, :2], there)

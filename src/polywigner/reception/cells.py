@@ -41,7 +41,7 @@ _MOST_KEPT = 256
 
 
 class Cells:
-    """A tree of boxes around what is in them; cell 0 is all of the source."""
+    """A tree of boxes around parts of a source; cell 0 is all of it."""
 
     def __init__(self, source: Any, wavelength: float) -> None:
         self._wave = source if isinstance(source, Wavefront) else None
@@ -72,7 +72,7 @@ class Cells:
         self._add(whole, np.arange(len(whole)))
 
     def halved(self, cells: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Numbers of what cells (n,) are cut into, and for each the place of its cell in (n,).
+        """Numbers of the halves of cells (n,), and for each the place of its cell in (n,).
 
         Halves, or quarters of those that are about as wide as long.
         """

@@ -1,4 +1,4 @@
-"""The coupling of two sources, each in its own plane: what one receives of the other."""
+"""Coupling of two sources, each in its own plane."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ _MOST_PAIRS, _PAIRS_AT_ONCE = 1 << 24, 1 << 18
 def overlap(
     sources: tuple[Any, ...], poses: Floats, wavelength: float, tolerance: float, floor: float
 ) -> tuple[Floats, Floats, Floats]:
-    """|b|^2 of poses (n, 4, 4), errors and what was allowed, (n,) each.
+    """|b|^2 of poses (n, 4, 4), errors and allowed errors, (n,) each.
 
     Raises ArgumentError for planes that are not parallel, and too many pairs of places.
     """
@@ -345,7 +345,7 @@ def _near(
     tolerance: float,
     with_slopes: bool,
 ) -> tuple[Any, ...]:
-    """Couplings (n,), their errors, what was allowed, and derivatives (n, 3, 4) or None."""
+    """Couplings (n,), their errors, allowed errors, and derivatives (n, 3, 4) or None."""
     offset = _offset(cells, poses)
     extra = _NODES + _NODES_PER_DIGIT * max(0.0, -math.log10(tolerance) - 6)
     rotation, condition = poses[:, :3, :3], CONDITIONS[method]
@@ -379,7 +379,7 @@ def _far(sources: tuple[Any, ...], cells: list[Cells], poses: Floats, wavelength
 
 
 def _offset(cells: list[Cells], poses: Floats) -> Floats:
-    """From the centre of the transmitter to that of the receiver, (n, 3) in m."""
+    """Vectors (n, 3) in m from the transmitter's centre to the receiver's."""
     offset: Floats = poses[:, :3, 3] + poses[:, :3, :2] @ cells[1].centre
     offset[:, :2] -= cells[0].centre
     return offset

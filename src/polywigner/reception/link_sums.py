@@ -104,7 +104,7 @@ def link_sums(links: Links, tolerance: float, floor: Floats) -> LinkSums:
 
 
 def _to_refine(parts: _Parts, allowed: Floats) -> NDArray[np.bool_]:
-    """The pairs with the largest errors; those of the others are, for each pose, ``allowed``."""
+    """Pairs with the largest errors; the errors of all others add up to ``allowed`` a pose."""
     pose = parts.pairs.pose
     ordered = np.lexsort((parts.errors, pose))
     sums = np.cumsum(parts.errors[ordered])

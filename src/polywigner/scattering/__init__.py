@@ -1,4 +1,4 @@
-"""What a conducting body sends back to a radar.
+"""Radar cross sections of conducting bodies.
 
 ====================  =========================================================================
 module                what is in it

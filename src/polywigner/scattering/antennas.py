@@ -182,7 +182,7 @@ class Antenna:
         return root_of_norm(self.source, self.wavelength, _CONDITION, self.normalise)
 
     def inside(self, places: Floats) -> Floats:
-        """Places (n, 3) of the body's frame in that of the source."""
+        """Places (n, 3) of the body's frame in the source's frame."""
         return np.asarray(places @ self.pose[:3, :3].T + self.pose[:3, 3])
 
     def field(self, places: Floats) -> Complex:

@@ -31,7 +31,7 @@ Complex = NDArray[np.complex128]
 
 
 def lit_sums(facets: Facets, k: Floats, s: Floats, nu: Floats, monostatic: bool) -> Complex:
-    """N(nu) (m, 3) of what is lit along k and seen from s, (m, 3) each."""
+    """N(nu) (m, 3) of surfaces lit along k and seen from s, (m, 3) each."""
     if not facets.casts_shadows:
         return surface_sums(_whole(facets), nu, lambda some, part: facing(facets, k[some], part))
     result = np.zeros((len(nu), 3), np.complex128)
@@ -41,7 +41,7 @@ def lit_sums(facets: Facets, k: Floats, s: Floats, nu: Floats, monostatic: bool)
 
 
 def lit_slopes(facets: Facets, k: Floats, s: Floats, nu: Floats, monostatic: bool) -> Complex:
-    """dN_i/dnu_a (m, 3, 3) of what is lit, which stays."""
+    """dN_i/dnu_a (m, 3, 3) of the lit surfaces, which stay."""
     if not facets.casts_shadows:
         return surface_slopes(_whole(facets), nu, lambda some, part: facing(facets, k[some], part))
     result = np.zeros((len(nu), 3, 3), np.complex128)
@@ -57,7 +57,7 @@ def _whole(facets: Facets) -> Pieces:
 def _lit(
     facets: Facets, k: Floats, s: Floats, monostatic: bool
 ) -> Iterator[tuple[NDArray[np.intp], Pieces]]:
-    """What is lit of each pair of directions, and the numbers of the samples that have it."""
+    """Lit surfaces of each pair of directions, and the numbers of its samples."""
     ways, owner = np.unique(np.concatenate([k, s], axis=1), axis=0, return_inverse=True)
     order = np.argsort(owner.ravel(), kind="stable")
     ends = np.searchsorted(owner.ravel()[order], np.arange(1, len(ways)))
@@ -144,7 +144,7 @@ def _moved(
 
 
 def _total(n: Complex, s: Floats, k: Floats) -> tuple[Complex, Floats, Floats]:
-    """Of (|k.N|^2 + |s.N|^2 + |N.(k x s)|^2)/2: in N (n, 3), a factor of dN, in s and in k."""
+    """Slopes of (|k.N|^2 + |s.N|^2 + |N.(k x s)|^2)/2 in N (n, 3), in s and in k."""
     normal = np.cross(k, s)
     along_k, along_s, through = (_dot(n, v).conj() for v in (k, s, normal))
     of_n = along_k * k + along_s * s + through * normal
@@ -156,7 +156,7 @@ def _total(n: Complex, s: Floats, k: Floats) -> tuple[Complex, Floats, Floats]:
 def _polarised(
     n: Complex, s: Floats, k: Floats, q: Complex, p: Complex, channel: str | None
 ) -> tuple[Complex, Floats, Floats]:
-    """The same of |q.(N x (k x p))|^2."""
+    """Slopes of |q.(N x (k x p))|^2 in N, s and k."""
     h = np.cross(k, p)
     twice = 2 * _dot(q, np.cross(n, h)).conj()
     w = np.cross(q, n)
@@ -169,7 +169,7 @@ def _polarised(
 
 
 def _turning(towards: Floats) -> dict[str, Floats]:
-    """How v and h turn with their direction, (n, 3, 3); not a number along z."""
+    """Derivatives (n, 3, 3) of v and h in their direction; NaN along z."""
     axes = spherical_axes(towards)
     v, h = axes["v"], axes["h"]
     across = np.hypot(towards[:, 0], towards[:, 1])[:, None]

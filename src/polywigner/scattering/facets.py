@@ -199,7 +199,7 @@ def _normals(points: Floats, begin: Indices, end: Indices, owner: Indices, count
 
 
 def _neighbours(begin: Indices, end: Indices, count: int) -> tuple[Indices | None, Indices | None]:
-    """Numbers of edges, and of those that run the other way; None where bodies share an edge."""
+    """Numbers of edges and of their opposites; None where bodies share an edge."""
     keys, reverse = begin * count + end, end * count + begin
     order, other = np.argsort(keys), np.argsort(reverse)
     if (np.diff(keys[order]) == 0).any():

@@ -1,4 +1,4 @@
-"""What a body near a radar's antennas sends back, from their exact fields on what is lit of it.
+"""Cross sections near a radar's antennas, from their exact fields on the lit surfaces.
 
 Physical optics with the field of the transmitter and, by reciprocity, that of the receiver
 (docs/rcs.md, (SC3)). Lit parts are split until each sees of both antennas a plane wave.
@@ -171,7 +171,7 @@ def _direction(field: Complex, wave: Complex) -> Floats:
 
 
 def _across(polarisation: Complex, ray: Floats) -> Complex:
-    """Unit vectors (..., n, 3) of what stands across rays (n, 3)."""
+    """Unit vectors (..., n, 3) of fields across rays (n, 3)."""
     along = ray / np.linalg.norm(ray, axis=1, keepdims=True)
     vectors = polarisation[..., None, :]
     vectors = vectors - (vectors * along).sum(axis=-1, keepdims=True) * along

@@ -171,7 +171,7 @@ _TRIANGLE = shapely.Polygon([(0, 0), (1, 0), (0, 1)])
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """What is seen of the triangles (n,) of a body."""
+    """Visible parts of the triangles (n,) of a body."""
 
     signs: NDArray[np.int8]
     """(n,) 1 where the outer side is seen, -1 the other side of a plate, 0 for nothing."""
@@ -202,7 +202,7 @@ def _sides(cosine: Floats, is_plate: NDArray[np.bool_]) -> NDArray[np.int8]:
 
 
 def seen_along(facets: Facets, direction: Floats) -> Seen:
-    """What an observer far away sees who looks along a direction (3,)."""
+    """Return the visible parts for an observer far away who looks along a direction (3,)."""
     _, _, axes = np.linalg.svd(direction[None])
     across = axes[1:] * np.array([[1.0], [-np.sign(np.linalg.det([*axes[1:], direction]))]])
 
@@ -214,7 +214,7 @@ def seen_along(facets: Facets, direction: Floats) -> Seen:
 
 
 def seen_from(facets: Facets, place: Floats, frame: Floats) -> Seen:
-    """What an observer at a place (3,) sees, from which all triangles lie in front.
+    """Return the visible parts for an observer at a place (3,) with all triangles in front.
 
     ``frame``: rows x, y, z of the observer, who looks along z. A projective map makes lines
     through the place parallel, and keeps planes plane: the picture is that of an observer far away.
@@ -231,7 +231,7 @@ def seen_from(facets: Facets, place: Floats, frame: Floats) -> Seen:
 
 
 def _seen(facets: Facets, signs: NDArray[np.int8], project: Callable[[Floats], Projected]) -> Seen:
-    """What is seen of sides that face the observer; ``project``: corners (m, 3, 3) in the picture.
+    """Visible parts of facing sides; ``project``: corners (m, 3, 3) in the picture.
 
     What faces away hides nothing that what faces the observer does not: rays leave a body through
     faces that do. So only these are compared.
@@ -290,7 +290,7 @@ def _in_triangles(
 
 
 def _mended(shapes: Shapes) -> Shapes:
-    """Shapes of which rounding has turned no spikes inside out, nor moved holes over the edge."""
+    """Shapes made valid: without spikes turned inside out or holes over the edge by rounding."""
     bent = ~shapely.is_valid(shapes)
     mended = shapes.copy()
     mended[bent] = shapely.make_valid(shapes[bent], method="structure", keep_collapsed=False)
@@ -298,7 +298,7 @@ def _mended(shapes: Shapes) -> Shapes:
 
 
 def less_hidden(lit: Seen, seen: Seen, faces: NDArray[np.int8]) -> Seen:
-    """What is lit, without what is hidden from an observer, whom sides ``faces`` (n,) face.
+    """Lit parts without the parts hidden from an observer, whom sides ``faces`` (n,) face.
 
     Only where the lit side faces the observer. What is turned away from there adds to the field
     behind the body, and nothing of the body stands before that.
@@ -314,7 +314,7 @@ def less_hidden(lit: Seen, seen: Seen, faces: NDArray[np.int8]) -> Seen:
 
 
 def lit_pieces(facets: Facets, seen: Seen) -> Pieces:
-    """What is seen, as triangles: whole ones, and fans of the boundaries of parts."""
+    """Visible parts as triangles: whole ones, and fans of the boundaries of parts."""
     (whole,) = np.nonzero((seen.signs != 0) & shapely.is_missing(seen.parts))
     (cut,) = np.nonzero((seen.signs != 0) & ~shapely.is_missing(seen.parts))
     owner, begin, end = _edges(seen.parts[cut])

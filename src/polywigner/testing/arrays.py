@@ -51,7 +51,7 @@ def _turn(turns: Any) -> complex:
 
 
 def _waves_of_pair(case: ArrayCase, j: int, k: int) -> Iterator[tuple[complex, Values, Values]]:
-    """(w_j w_k* c_m c_n*, k_m, k_n) for the waves of element j and those of element k."""
+    """(w_j w_k* c_m c_n*, k_m, k_n) for the waves of elements j and k."""
     one, other = waves_of(case.elements[j]), waves_of(case.elements[k])
     factor = complex(case.weights[j] * case.weights[k].conjugate())
     for c, kappa in zip(one.amplitudes.tolist(), one.frequencies, strict=True):

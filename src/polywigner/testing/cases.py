@@ -237,7 +237,7 @@ class Case:
 
     @property
     def scale(self) -> float:
-        """Bound on A and, times 2^d, on W; what their rounding errors are proportional to."""
+        """Bound on A and, times 2^d, on W; their rounding errors are proportional to it."""
         return self.waves.strength**2 * self.content
 
     @property
@@ -283,7 +283,7 @@ def case_of(
     engine: str,
     tolerance: float | None,
 ) -> Case:
-    """Random places in and around a source; raises ArgumentError for what has no phase space."""
+    """Random places in and around a source; ArgumentError for sources without phase space."""
     if not isinstance(source, Aperture | Slits):
         raise ArgumentError(
             f"expected an Aperture or Slits, got {type(source).__name__}; check an array with "
@@ -337,7 +337,7 @@ def box_of(source: Aperture | Slits) -> tuple[Array, Array]:
 
 
 def require(law: str, got: Any, expected: Any, allowed: Any, places: dict[str, Any]) -> None:
-    """Compare arrays (n,); say where they differ most, in units of what is allowed."""
+    """Compare arrays (n,); report the largest difference in units of the allowed one."""
     error = np.abs(np.atleast_1d(np.asarray(got) - np.asarray(expected)))
     error = np.where(np.isnan(error), np.inf, error)
     limit = np.broadcast_to(allowed, error.shape)
@@ -396,7 +396,7 @@ class ArrayCase:
 
     @cached_property
     def scale(self) -> float:
-        """int |u|^2 if all were in phase: what rounding errors of A, and of W / 2^d, follow."""
+        """int |u|^2 if all were in phase: the scale of rounding errors of A and W / 2^d."""
         outlines = [element.with_illumination(None) for element in self.elements]
         return _energy(Elements(outlines, self.strengths))
 
@@ -514,7 +514,7 @@ def ambiguity_is_hermitian_and_bounded(case: Case | ArrayCase) -> None:
 
 
 def values_at_zero(case: Case | ArrayCase, allowed: float) -> None:
-    """Values at zero frequency: those of W, within ``allowed``, and of A are the marginals."""
+    """Check that W, within ``allowed``, and A at zero frequency are the marginals."""
     zero = np.zeros(case.dimension)
     by_position = case.evaluate("position_marginal", case.x)
     at_zero = case.evaluate("wigner", case.x, zero)

@@ -1,4 +1,4 @@
-"""The laws of imaging: what the optical transfer function of any pupil must obey."""
+"""Laws of imaging that the optical transfer function of any pupil must obey."""
 
 from __future__ import annotations
 

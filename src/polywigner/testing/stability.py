@@ -126,7 +126,7 @@ def _without_field(source: Any) -> Any:
 
 
 def _is_the_sum_over_waves(case: _Case, source: Any) -> None:
-    """F(nu) = sum c_m F_1(nu - kappa_m), about each of the waves; F_1 that of the outline."""
+    """Check F(nu) = sum c_m F_1(nu - kappa_m) about each wave, with the outline's F_1."""
     placed = isinstance(source, PlacedAperture)
     waves = waves_of(source.aperture if placed else source)
     kappa = waves.frequencies @ source.pose[:3, :2].T if placed else waves.frequencies
@@ -264,7 +264,7 @@ def _tetrahedra(simplices: list[Simplex]) -> tuple[list[tuple[float, Any]], floa
 
 
 def _has_only_another_phase_far_away(case: _Case) -> None:
-    """Both places have the same corners: those here are what is left of the far ones."""
+    """Check a far copy with the same corners up to the rounding there."""
     corners = corners_of(case.source)
     size = float(np.ptp(corners, axis=0).max())
     shift = math.ldexp(1.0, math.frexp(_FAR * size)[1]) * np.array([1.0, -0.625, 0.75])

@@ -1,4 +1,4 @@
-"""The laws of phase space: what W, A, F and the marginals of any field must obey."""
+"""Laws of phase space that W, A, F and the marginals of any field must obey."""
 
 from __future__ import annotations
 

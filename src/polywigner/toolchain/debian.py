@@ -40,14 +40,14 @@ def is_root() -> bool:
 
 
 def available(names: Sequence[str], options: Sequence[str] = ()) -> list[str]:
-    """Those of ``names`` that apt's present lists offer, in the order given."""
+    """Return the packages of ``names`` that apt's present lists offer, in their order."""
     listing = _run("apt-cache", [*options, "madison", *names], check=False)
     offered = {line.split("|")[0].strip() for line in listing.splitlines() if "|" in line}
     return [name for name in names if name in offered]
 
 
 def planned(wanted: Sequence[Sequence[str]]) -> list[str]:
-    """What :func:`install` would install, as far as apt's present lists tell."""
+    """Return the packages that :func:`install` would install, by apt's present lists."""
     try:
         return _plan(_choose(wanted, ()), ())
     except PackageError:
@@ -210,7 +210,7 @@ def _run(
     check: bool = True,
     output: Path | None = None,
 ) -> str:
-    """What a command prints; PackageError with its last complaint when it fails.
+    """Return the output of a command; PackageError with its last complaint when it fails.
 
     ``output`` : a file for what it prints, which then is not returned.
     """

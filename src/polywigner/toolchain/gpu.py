@@ -22,7 +22,7 @@ print("runs")
 
 @dataclass(frozen=True)
 class GPUStatus:
-    """Whether kernels can be compiled for an NVIDIA GPU, and if not, what to do."""
+    """Whether kernels can be compiled for an NVIDIA GPU, and if not, the remedy."""
 
     usable: bool
     name: str | None = None

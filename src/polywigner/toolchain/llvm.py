@@ -35,7 +35,7 @@ from polywigner.toolchain.llvm_verdicts import Verdict, drjit_imports, drjit_rel
 
 @dataclass(frozen=True)
 class LLVMStatus:
-    """Whether kernels can be compiled with LLVM in this process, and if not, what to do."""
+    """Whether kernels can be compiled with LLVM in this process, and if not, the remedy."""
 
     usable: bool
     path: str | None = None
@@ -144,7 +144,7 @@ def _choose() -> LLVMStatus:
 
 
 def _find() -> LLVMStatus:
-    """The first usable library, with what it needs already opened in this process."""
+    """Return the first usable library, its own libraries already opened in this process."""
     if drjit_release() is None:
         return LLVMStatus(
             False,
@@ -235,7 +235,7 @@ def _mapped_library() -> str | None:
 
 
 def _companions(candidate: Candidate) -> list[str]:
-    """What an unpacked LLVM needs and the system lacked, in an order in which it opens."""
+    """Libraries that an unpacked LLVM needs and the system lacked, in loading order."""
     folder = Path(candidate.path).parent
     if folder not in native_folders():
         return []

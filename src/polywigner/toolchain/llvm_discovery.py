@@ -169,7 +169,7 @@ def _system_libraries() -> list[str]:
 
 
 def _linker_cache() -> list[str]:
-    """The libLLVM files that the dynamic linker knows, such as those of /etc/ld.so.conf.d."""
+    """libLLVM files that the dynamic linker knows, as from /etc/ld.so.conf.d."""
     import subprocess  # slow to import, and not needed where a variable names the library
 
     tool = shutil.which("ldconfig") or "/sbin/ldconfig"

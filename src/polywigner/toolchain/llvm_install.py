@@ -152,7 +152,7 @@ def _unpack_into_environment(wanted: Sequence[list[str]], say: Callable[[str], N
 
 
 def _sweep(folder: Path) -> None:
-    """Remove what runs that were killed have left, but not that of runs that go on."""
+    """Remove files of killed runs, but not of runs that go on."""
     for path in folder.glob(f"{_PARTIAL}*"):
         owner = path.name.removeprefix(_PARTIAL).partition("-")[0]
         if not (owner.isdecimal() and Path(f"/proc/{owner}").exists()):
@@ -214,7 +214,7 @@ def _put_in_place(fresh: Path, folder: Path) -> None:
 
 
 def _hook_into(libraries: Path) -> None:
-    """Let ``import drjit`` find what was unpacked, also before polywigner is imported.
+    """Let ``import drjit`` find the unpacked library, also before polywigner is imported.
 
     ``libraries`` is the environment's ``lib`` folder.
     """

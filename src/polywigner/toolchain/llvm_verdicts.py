@@ -72,7 +72,7 @@ print(".".join(str(figure) for figure in dr.detail.llvm_version()))
 
 @dataclass(frozen=True)
 class Verdict:
-    """What is known about one library."""
+    """Verdict on one library."""
 
     usable: bool
     version: str | None = None
@@ -237,7 +237,7 @@ def run_probe(
 
 
 def _reason(errors: str) -> str:
-    """The telling part of what the child printed: the linker's complaint, or the last line."""
+    """The telling part of the child's output: the linker's complaint, or the last line."""
     for line in errors.splitlines():
         if "Unable to load" in line:
             return line.rsplit('": ', 1)[-1].strip().rstrip("!")

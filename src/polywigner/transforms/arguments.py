@@ -126,7 +126,7 @@ def _regrouped(components: Sequence[Any], dimension: int) -> list[Any]:
 def _near_the_largest_float(
     kernel: Any, source: Any, points: list[tuple[str, Any]], values: Any
 ) -> Any:
-    """The values, with those of finite points that came out as NaN found again."""
+    """Values, with NaN at finite points computed again."""
     again = within_reach(source, points, values)
     if again is None:
         return values

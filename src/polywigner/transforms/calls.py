@@ -48,7 +48,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 @final
 @dataclass(frozen=True)
 class Transform:
-    """A public transform: points, unit, and what a curved or partly coherent wave changes."""
+    """A public transform: points, unit, and the change by curved or partly coherent waves."""
 
     points: tuple[str, ...]
     """Names of its points in the order of its arguments."""
@@ -172,7 +172,7 @@ def _blocks_for(system: FirstOrder, dimension: int) -> tuple[Values, ...]:
 
 
 def _combined(dimension: int, *terms: tuple[Values, tuple[str, Any]]) -> Any:
-    """The sum of matrices times points; those of matrices that are zero do not even broadcast."""
+    """Sum of matrices times points; zero matrices do not even broadcast."""
     present = [(matrix, point) for matrix, point in terms if matrix.any()]
     if any(execution.is_drjit(value) for _, (_, value) in present):
         found, kind = execution.components_of_all([point for _, point in present], dimension)
@@ -294,7 +294,7 @@ def _checked(wave: Wavefront, points: Points) -> dict[str, Any]:
 
 
 def _curved(name: str, wave: Wavefront, points: Points, how: tuple[Any, Any]) -> Any:
-    """A transform of a curved wave by that of the flat source, as coherent as the wave."""
+    """Transform of a curved wave by the transform of the flat source, as coherent as the wave."""
     if name == "fourier":
         return _curved_spectrum(wave, points["nu"], *how)
     name, points = _of_whole(name, wave, points)
@@ -327,7 +327,7 @@ def _dot(a: Sequence[Any], b: Sequence[Any]) -> Any:
 def _sheared(
     evaluate: Callable[..., Any], wave: Wavefront, points: Points, plane: tuple[str, ...]
 ) -> Any:
-    """W or A of the flat source at a place and at the frequency less that of the wave there."""
+    """W or A of the flat source at a place, at the frequency relative to the wave's there."""
     place, frequency = (list(points).index(label) for label in plane)
     d = wave.dimension
 

@@ -1,4 +1,4 @@
-"""How a transform would be computed: the plan behind a call, without the call."""
+"""Explanation of calls: the plan behind a transform, without computing it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def explain(
     engine: execution.Engine = "auto",
     precision: execution.Precision = None,
 ) -> Plan:
-    """The way that a call would take, why, what it costs, and what would change that.
+    """Explain the way that a call would take, its reason and cost, and the alternatives.
 
     Estimates are those of the table of costs by which calls are planned (docs/performance.md). They
     follow from sizes alone: the same call goes the same way at every repetition.

@@ -99,7 +99,7 @@ def _size(source: Any) -> float:
 
 
 def _corners_of(source: Any) -> Floats:
-    """All vertices (n, d) of a source, or ends of slits; of an Array those of its elements."""
+    """All vertices (n, d) of a source, ends of slits, or vertices of an Array's elements."""
     if isinstance(source, Slits):
         return source.intervals.reshape(-1, 1)
     if isinstance(source, Polyhedron):

@@ -190,7 +190,7 @@ def _content(element: Element) -> float:
 
 
 def _choice(shares: Values, numbers: Values) -> tuple[NDArray[np.intp], Values]:
-    """Which share each number in [0, 1) falls into, and where in it, again in [0, 1]."""
+    """Index of the share that each number in [0, 1) falls into, and its place there in [0, 1]."""
     ends = np.cumsum(shares)
     where = numbers * ends[-1]
     index = np.minimum(np.searchsorted(ends, where, side="right"), len(shares) - 1)

@@ -88,7 +88,7 @@ class PlaneField:
 
     @cached_property
     def amplitude(self) -> float:
-        """Bound on |u|: of all elements whose boxes meet that of one, the moduli add up."""
+        """Bound on |u|: the moduli of elements whose boxes meet add up."""
         boxes = shapely.box(*self._boxes.T)
         first, second = shapely.STRtree(boxes).query(boxes, predicate="intersects")
         totals = np.zeros(len(boxes))
@@ -327,7 +327,7 @@ def overlap_spectra(found: Overlaps, nu: Floats, nu_y: float = 0.0) -> Complex:
 
 
 def mirrored_correlation(field: PlaneField, x: Floats, lag: Floats) -> NDArray[Any]:
-    """(n, m): twice what the field shares with its mirror image, at x (n,) and lag (m,).
+    """Twice the product of the field and its mirror image at x (n,) and lag (m,), (n, m).
 
     The image is that in the vertical line at x, moved up by the lag, and conjugated. Source:
     docs/projections.md, (P5). No edges are cut: the sum is continuous in all its arguments.

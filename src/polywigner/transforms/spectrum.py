@@ -113,7 +113,7 @@ def fourier(
 
 
 def _with_large_waves(source: Any, nu: Any, values: Any, apart: Callable[..., Any]) -> Any:
-    """The values, with those of waves and phases too large for floats found again."""
+    """Values, with too large waves and phases computed again."""
     points = np.asarray(nu, dtype=np.complex128)
     lost = out_of_floats(source, points, values)
     if not lost.any():
@@ -188,7 +188,7 @@ def _exact_turns(a: Any, b: Any) -> float:
 
 
 def _less(nu: Any, kappa: Any) -> tuple[Any, Any]:
-    """nu - kappa, and what its rounding loses, which matters to sources far off the origin."""
+    """nu - kappa and its rounding error, which matters to sources far off the origin."""
     if execution.is_drjit(nu):
         return execution.shifted_points(nu, -kappa), None
     array = checked_points("nu", nu, len(kappa), complex_allowed=True)

@@ -47,7 +47,7 @@ _LINE = "P1"
 
 @dataclass(frozen=True)
 class Tile:
-    """One pair of coordinates, and what the function integrated over the others is."""
+    """One pair of coordinates, and the function integrated over the others."""
 
     first: str
     second: str

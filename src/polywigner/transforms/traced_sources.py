@@ -46,7 +46,7 @@ def differentiable(
     amplitudes: DrJitArray | None = None,
     intervals: DrJitArray | None = None,
 ) -> Differentiable:
-    """A source of which some numbers are Dr.Jit arrays, to differentiate with respect to them.
+    """Return a source with Dr.Jit arrays as some of its numbers, to differentiate by them.
 
     `fourier`, `wigner` and `ambiguity`, and of apertures `amplitude` and `irradiance`, take it in
     place of the source, `coupling` with weights or amplitudes; they return Dr.Jit arrays, which
@@ -207,7 +207,7 @@ def _with_vertices(
 
 
 def _moved(aperture: Aperture, points: NDArray[np.float64]) -> Aperture:
-    """An aperture with other vertices, those of the exteriors first as in ``rings``."""
+    """An aperture with other vertices, exteriors first as in ``rings``."""
     parts = aperture._parts
     ends = np.cumsum([len(ring) for ring in aperture.rings])
     rings = np.split(points, ends[:-1])

@@ -172,7 +172,7 @@ def degree_of_coherence(source: Wavefront, xi: Any) -> Any:
 
 
 def tilts_of(source: Wavefront, error: float, longest: float = math.inf) -> tuple[Floats, Floats]:
-    """Tilts (n, d) in 1/m and weights (n,), whose mean of what a source makes errs by ``error``.
+    """Tilts (n, d) in 1/m and weights (n,), whose mean of the source's light errs by ``error``.
 
     Relative to the largest that it could be if all of the source were in phase. ``longest``: lag in
     m along each axis, of the mean of a number to which longer ones add next to nothing.

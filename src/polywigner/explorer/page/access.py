@@ -145,7 +145,7 @@ document.addEventListener("keydown", (event) => {
 
 
 def connect_access(session: Session) -> None:
-    """Roles and names of what Bokeh leaves without, and the keys of the page."""
+    """Set roles and names of widgets that Bokeh leaves without, and the keys of the page."""
     controls, figures = session.controls, session.figures
     focus = InlineStyleSheet(css=theme.WIDGETS + _FOCUS)
     for widget in session.page.select({"type": Widget}):

@@ -63,7 +63,7 @@ class Group:
 
 
 class Controls:
-    """All widgets of one visitor; what they do is the session's business."""
+    """All widgets of one visitor, without their callbacks."""
 
     def __init__(self) -> None:
         shapes = [(name, name) for name in (*CATALOGUE, "blank sheet")]

@@ -110,7 +110,7 @@ class ApertureFigure:
         self.support.data, self.filled.data = {"xs": [], "ys": []}, {"xs": [], "ys": []}
 
     def frame(self, low: tuple[float, float], high: tuple[float, float], unit: str) -> None:
-        """The window around what is drawn."""
+        """Set the window around the drawing."""
         window = (low, high, unit)
         if window != self._window:
             self._window = window
@@ -181,7 +181,7 @@ class PolarFigure:
         self.figure.y_range.update(start=-1.0, end=1.5)
 
     def clear(self) -> None:
-        """No cuts: what was shown is of another source."""
+        """Clear the cuts, which belong to another source."""
         for source in self.cuts:
             source.data = {"x": [], "y": []}
 

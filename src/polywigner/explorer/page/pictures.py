@@ -155,7 +155,7 @@ class ImageFigure:
             replaced(self.circle, {name: v.tolist() for name, v in around.items()})
 
     def clear(self) -> None:
-        """No picture: what was shown is of another source."""
+        """Clear the picture, which belongs to another source."""
         self.source.data = {name: [] for name in self.source.data}
 
     def mark(self, cross: Any) -> None:

@@ -1,4 +1,4 @@
-"""One visitor: joins what happens in the page to states, and results to figures."""
+"""Session of one visitor: events of the page to states, and results to figures."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ class Session:
         self.go(self.history.then(state) if step else self.history.instead(state), edges)
 
     def delete(self, vertex: int) -> str:
-        """Take a vertex away, and say what goes with it."""
+        """Take a vertex away, and name all that goes with it."""
         rings, farewell = without_vertex(self.state.rings, vertex)
         self.edit(rings=rings)
         self.add(farewell)
@@ -161,12 +161,12 @@ class Session:
             self.figures.mark(self.state)
 
     def say(self, text: str, hint: bool = False) -> None:
-        """A notice for the visitor, besides what is wrong with the source; or a hint."""
+        """Show a notice or a hint, beside the error of the source."""
         self.notice, self.is_hint = text, hint
         self._show_message()
 
     def add(self, text: str) -> None:
-        """Say what an edit did besides, if anything."""
+        """Add the side effect of an edit to the notice, if it has one."""
         if text:
             self.say(text, hint=True)
 
@@ -215,7 +215,7 @@ class Session:
         self.scheduler.submit(id(self), partial(self._compute, self.state, names, self.wanted))
 
     def _compute(self, state: State, names: tuple[str, ...], number: int) -> Iterator[None]:
-        """In the scheduler's thread: results go to the page's own, those that come soon together.
+        """Compute in the scheduler's thread; send results to the page's own, soon ones together.
 
         Each message costs the browser a frame, of all figures that there are.
         """

@@ -125,7 +125,7 @@ class Status:
     def computing(
         self, asked: Sequence[str], todo: Sequence[tuple[str, int]], stale: Collection[str]
     ) -> None:
-        """Say what is being computed of the views that were asked for.
+        """Show which of the requested views are being computed.
 
         Parameters
         ----------
@@ -223,7 +223,7 @@ class Figures:
         return [self.polar.figure if name == "far" else self.images[name].figure]
 
     def clear(self, name: str, controls: Controls) -> None:
-        """A view that cannot be computed of this source is empty, not that of the last one."""
+        """Empty the views that cannot be computed for this source."""
         if name == "values":
             controls.values.text = ""
         elif name == "far":
@@ -309,7 +309,7 @@ def _table_of(values: dict[str, tuple[complex, str]], state: State) -> str:
 
 
 def _number(value: complex) -> str:
-    """Twelve digits: what one compares with one's own computation."""
+    """Text of a number with twelve digits, enough to compare with another computation."""
     if value.imag == 0:
         return f"{value.real:.12g}"
     return f"{value.real:.12g} {'+' if value.imag >= 0 else '−'} {abs(value.imag):.12g} i"

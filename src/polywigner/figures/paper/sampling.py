@@ -40,7 +40,7 @@ def dense_samples(width: float, wavelength: float, dimension: int) -> int:
 def grid_wigner(
     source: pw.Aperture, x: tuple[float, float], frequency: NDArray[np.float64], count: int
 ) -> NDArray[np.float64]:
-    """W(x, nu) as a sum over count x count lags: what a (zero padded) FFT computes.
+    """W(x, nu) as a sum over count x count lags, as a (zero padded) FFT computes it.
 
     Parameters
     ----------

@@ -135,7 +135,7 @@ def _blossom(control: Points, knots: Points, places: Sequence[float]) -> Points:
 
 
 def rough_points(curve: Curve) -> Points:
-    """Points whose bounds are about those of the curve: its size, for the tolerance."""
+    """Points with about the bounds of the curve, for the tolerance."""
     if isinstance(curve, Arc):
         return curve.at(curve.start + curve.sweep * np.linspace(0, 1, 9))
     return curve.points if isinstance(curve, Bezier) else curve
@@ -280,7 +280,7 @@ Path = list[Curve]
 
 
 def is_closed(path: Path, gap: float) -> bool:
-    """Whether it is an outline by itself: a whole ellipse, or a run of which the ends meet."""
+    """Whether a curve is an outline by itself: a whole ellipse, or a run whose ends meet."""
     if isinstance(path[0], Arc) and path[0].is_closed:
         return True
     closes = np.abs(ends(path[0])[0] - ends(path[-1])[1]).max() <= gap

@@ -73,7 +73,7 @@ def paths_of(entity: Any) -> list[CurvePath]:
 
 
 def work_of(curve: Curve) -> int:
-    """How many curves it counts as: those of a high degree take longer to find."""
+    """Number of curves that an entity counts as: a high degree takes longer."""
     return _work(len(curve.points) - 1) if isinstance(curve, Bezier) else 1
 
 
@@ -425,7 +425,7 @@ def _grid(insert: Any) -> Iterator[Points]:
 
 
 def _rings(drawn: Sequence[_Drawn], tolerance: float | None) -> tuple[list[Ring], str]:
-    """Flat rings (n, 2) of closed paths and of those that close when joined; and a remedy."""
+    """Flat rings (n, 2) of closed paths and of paths that close when joined; and a remedy."""
     paths = [path for path, _ in drawn]
     if not paths:
         raise FileFormatError(

@@ -70,5 +70,5 @@ def _polygons(path: str, cell: str | None, layers: list[list[int]], most: int) -
 
 
 def answer(asked: dict[str, Any]) -> dict[str, Any]:
-    """Rings with their layers, and the unit; LookupError for what the file does not have."""
+    """Return rings with their layers, and the unit; LookupError for a missing layer."""
     return _polygons(asked["path"], asked["cell"], asked["layers"], asked["most"])

@@ -37,7 +37,7 @@ Layers = list[tuple[bool, BaseGeometry]]
 
 
 def composed(layers: Iterable[tuple[bool, BaseGeometry]], work: Work) -> BaseGeometry:
-    """What is left when dark shapes add and clear ones cut, in their order.
+    """Region left when dark shapes add and clear ones cut, in their order.
 
     `work` is that of the file.     Raises FileFormatError where that takes too long.
     """
@@ -132,7 +132,7 @@ def _turned(points: Any, degrees: float) -> Any:
 
 
 def _capsule(start: Any, end: Any, width: float) -> list[Curve]:
-    """What a round aperture sweeps along a line."""
+    """Region that a round aperture sweeps along a line."""
     one, other, radius = np.asarray(start, float), np.asarray(end, float), width / 2
     along = other - one
     length = float(np.hypot(*along))
@@ -322,7 +322,7 @@ _REMEDIES = ("export a smaller part", "export it anew, or as DXF")
 
 
 def read_gerber(content: bytes, tolerance: float | None) -> Drawing:
-    """What is copper after all objects: dark ones add, clear ones cut, in the order of the file.
+    """Read the copper after all objects: dark ones add, clear ones cut, in the file's order.
 
     `tolerance` in metres. Raises FileFormatError, MissingExtraError.
     """

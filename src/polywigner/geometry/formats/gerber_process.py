@@ -29,7 +29,7 @@ _MACRO_FIELDS = {
 
 
 class _Refused(LookupError):
-    """What this module refuses, apart from the errors of the library's own tables."""
+    """Statement that this module refuses, apart from errors of the library's own tables."""
 
 
 def _primitive(primitive: Any, bound: dict[int, float], unit: Any) -> list[Any]:

@@ -1,4 +1,4 @@
-"""The statements of a Gerber file: those that are read, and one error for any other.
+"""Statements of a Gerber file that are read, and one error for any other.
 
 gerbonara passes over or mistakes what it does not know (step and repeat, blocks, transformed
 apertures), so that a file is checked here first, against what it is known to read rightly.
@@ -66,7 +66,7 @@ _REFUSED = {
 
 @dataclass(eq=False)
 class _State:
-    """What has been said so far."""
+    """State of a Gerber file after the statements so far."""
 
     kept: list[str] = field(default_factory=list)
     unit: str = ""
@@ -80,7 +80,7 @@ class _State:
 
 
 def checked_statements(text: str) -> tuple[str, str]:
-    """The text of a Gerber file with only what matters, and its unit "MM" or "IN".
+    """Return the statements of a Gerber file that matter, and its unit "MM" or "IN".
 
     Raises FileFormatError for statements that are not read, and for files without an end.
     """

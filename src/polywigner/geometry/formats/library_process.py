@@ -12,7 +12,7 @@ import sys
 
 
 def main() -> None:
-    """Write what ``answer`` of the program named in the JSON text on stdin says, or why not."""
+    """Write the answer of the program named in the JSON text on stdin, or its error."""
     asked = json.load(sys.stdin)
     try:
         import resource

@@ -184,7 +184,7 @@ def token(text: str, known: tuple[str, ...] = ()) -> str:
 
 
 def check_regular(path: Path) -> None:
-    """Raise FileFormatError for what is no file: missing, a directory, a device, a pipe."""
+    """Raise FileFormatError for anything but a file: missing, a directory, a device, a pipe."""
     try:
         mode = path.stat().st_mode
     except FileNotFoundError:
@@ -254,7 +254,7 @@ Points = NDArray[np.float64]
 
 
 class Work:
-    """Pairs that the shapes of one file have asked for so far: its limits are those of all."""
+    """Budget of pairs that the shapes of one file may compare."""
 
     def __init__(self) -> None:
         self._edges = self._crossings = self._rings = self._vertices = 0
@@ -347,7 +347,7 @@ def _steps(low: Points, high: Points) -> Iterator[tuple[int, int]]:
 
 
 def _crossings(a: Points, b: Points, c: Points, d: Points) -> int:
-    """How many segments a-b cross c-d, up to rounding: they are only counted."""
+    """Number of segments a-b that cross c-d, up to rounding."""
     apart = _side(a, b, c) * _side(a, b, d) < 0
     a, b, c, d = a[apart], b[apart], c[apart], d[apart]
     return int((_side(c, d, a) * _side(c, d, b) < 0).sum())
@@ -368,7 +368,7 @@ _MEMORY = 1 << 30
 def in_process(
     program: ModuleType, asked: dict[str, Any], kind: str, library: str, remedies: tuple[str, str]
 ) -> dict[str, Any]:
-    """What ``program.answer(asked)`` returns, called in a process of its own.
+    """Return ``program.answer(asked)``, called in a process of its own.
 
     `remedies` end the messages about a file that takes too long, and about one that `library` does
     not read. Raises FileFormatError for these, and with the text of a LookupError of ``answer``.

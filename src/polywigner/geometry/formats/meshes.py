@@ -146,7 +146,7 @@ def _bounded_ply(content: bytes) -> bytes:
 def _check_binary_ply(
     body: bytes, elements: list[_Element], order: Literal["big", "little"]
 ) -> int:
-    """The bytes of all elements, of which lists tell how long they are."""
+    """Check the bytes of all elements, where lists tell their lengths."""
     place = 0
     for name, count, properties in elements:
         if not all(map(_is_ply_type, properties)):
@@ -176,7 +176,7 @@ def _check_binary_ply(
 
 
 def _is_ply_type(types: list[str]) -> bool:
-    """Whether they are one number's, or "list" with those of its length and its entries."""
+    """Whether words are the type of a number, or "list" with the types of length and entries."""
     numbers = types[1:] if len(types) == 3 and types[0] == "list" else types
     return len(numbers) == len(types) // 2 + 1 and set(numbers) <= _PLY_TYPES.keys()
 

@@ -200,7 +200,7 @@ def _joined(rings: Sequence[Ring]) -> list[Ring]:
 
 
 def without_duplicates(rings: Sequence[Ring], gap: float) -> list[Ring]:
-    """The rings less those that repeat an earlier one up to `gap`, wherever they start."""
+    """Rings without repetitions of an earlier one up to `gap`, wherever they start."""
     check_rings(len(rings))
     boxes = np.array([[*ring.min(axis=0), *ring.max(axis=0)] for ring in rings])
     corners = shapely.points(boxes[:, :2])
@@ -254,7 +254,7 @@ def _check_overlaps(rings: Sequence[Ring], remedy: str) -> None:
 
 
 def _by_nesting(rings: Sequence[Ring], rule: str) -> list[Polygon]:
-    """Polygons of rings that do not cross: which rings a ring lies in says what it bounds."""
+    """Polygons of rings that do not cross, by the number of rings around each."""
     areas = np.array([estimated_area(ring) for ring in rings])
     pairs = _containing(rings, np.abs(areas))
     turns = np.sign(areas).astype(np.int64)

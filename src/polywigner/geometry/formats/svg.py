@@ -133,13 +133,13 @@ def _check_depth(depth: int) -> None:
 
 
 def _tag(element: Any) -> str:
-    """The name of an SVG element; empty for those of other namespaces and comments."""
+    """Name of an SVG element; empty for comments and other namespaces."""
     tag = element.tag if isinstance(element.tag, str) else "{"
     return tag.removeprefix(_NAMESPACE) if not tag.startswith("{") or _NAMESPACE in tag else ""
 
 
 def _names(element: Any) -> list[str]:
-    """What drawing programs call a group or shape; first what they show."""
+    """Names of a group or shape in drawing programs, the displayed one first."""
     return [element.get(key) for key in _NAMES if element.get(key)]
 
 

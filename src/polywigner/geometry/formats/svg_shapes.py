@@ -63,7 +63,7 @@ def _split_length(text: str, name: str) -> tuple[str, str]:
 
 
 def length(text: str, name: str, reference: float | None) -> float:
-    """A length in user units; `reference` is what 100 % stands for, if known."""
+    """Length in user units; `reference` is the length of 100 %, if known."""
     number, unit = _split_length(text, name)
     value = float(number)
     if unit == "%":
@@ -212,7 +212,7 @@ def _checked_segments(data: str) -> int:
 
 
 def _without_comments(text: str) -> str:
-    """Less what stands between /* and */, or after a /* that does not end."""
+    """Text without comments between /* and */, or after a /* that does not end."""
     first, *others = text.split("/*")
     return first + "".join(other.partition("*/")[2] for other in others)
 
@@ -412,7 +412,7 @@ _SIMPLE = frozenset("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456
 
 @dataclass(frozen=True, eq=False)
 class Style:
-    """The properties that decide what is painted."""
+    """Properties that decide whether a shape is painted."""
 
     inherited: dict[str, str] = field(default_factory=dict)
     own: dict[str, str] = field(default_factory=dict)
@@ -499,7 +499,7 @@ def is_painted(style: Style) -> bool:
 
 
 def check_supported(style: Style, tag: str) -> None:
-    """Raise for what changes the picture and is not read."""
+    """Raise FileFormatError for properties that change the picture and are not read."""
     for name in _UNSUPPORTED:
         if style.own.get(name, "none") != "none":
             raise FileFormatError(

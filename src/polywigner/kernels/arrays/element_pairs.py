@@ -260,7 +260,7 @@ def _in_frame(elements: _Elements) -> phases.Doubled:
 
 
 def _pairs(elements: _Elements, places: phases.Doubled, view: View, double: bool) -> PairLists:
-    """The pairs of elements, of which the first bears the first factor of the mutual field.
+    """Pairs of elements; the first bears the first factor of the mutual field.
 
     Columns: the place in the frame and the vector across it, each component as two floats; the
     mutual weight; half of the box in which the pair contributes; the ranges of the edges that bound

@@ -88,7 +88,7 @@ class ProfileFactor:
         return _series(self.count - abs(np.arange(2 * last + 1) - last), product)
 
     def at(self, ops: Any, by_mean: bool, number: Any, turns: Any) -> Pair:
-        """The factor of a number of `partner` at t = ``turns``; that of a mean is real."""
+        """The factor of a number of `partner` at t = ``turns``; real for means."""
         last = self.count - 1.0
         pairs = self.count - abs(number - last)
         if self.profile.is_uniform:

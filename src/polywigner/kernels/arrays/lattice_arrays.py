@@ -46,7 +46,7 @@ Pair2 = tuple[float, float]
 
 @dataclass(frozen=True)
 class _Window:
-    """Which whole numbers h along one direction have t - h in the open interval (low, high)."""
+    """Whole numbers h along one direction with t - h in the open interval (low, high)."""
 
     low: float
     high: float
@@ -126,7 +126,7 @@ class _ArrayFrame:
 
     @property
     def slope(self) -> Pair2:
-        """The turns less those of the carrier, which is counted with all of a lag or position."""
+        """Turns from site to site without the carrier's."""
         one, two = (
             own - float(np.dot(self.carrier, b))
             for own, b in zip(self.turns, self.basis, strict=True)

@@ -70,7 +70,7 @@ def _frequency(ops: Any, frame: Frame, carrier: Sequence[float], *nu: Any) -> Va
 
 
 def _halves(ops: Any, *numbers: phases.Doubled) -> Values:
-    """Each number as two floats, of which single precision holds the first."""
+    """Each number as two floats, the first one of single precision."""
     return tuple(half for number in numbers for half in phases.halves(ops, number))
 
 
@@ -214,7 +214,7 @@ def _of_edge(
     starts = [ops.fma(wave.nu[0], x, wave.nu[1] * y) for wave in terms]
 
     def up_to(part: Any, weight: Any) -> list[Any]:
-        """The waves over the edge up to a part of it, less what `of_edge` puts in."""
+        """The waves over the edge up to a part of it, without the factors of `of_edge`."""
         values: list[Any] = []
         for wave, (turns, _), start in zip(terms, along, starts, strict=True):
             half = part * (0.5 * turns)
@@ -247,7 +247,7 @@ def _of_edge(
 def _sum(
     ops: Any, tables: PairTables, values: int, samples: Values, of_one: Any = None
 ) -> list[Any]:
-    """The sum over all pairs, (real, imaginary) or the first alone; with what is not a number.
+    """Sum over all pairs, (real, imaginary) or the first alone; NaN arguments give NaN.
 
     ``of_one``: the contribution of a pair, if not that to W or A.
     """

@@ -157,7 +157,7 @@ class _Evanescent:
         free_r: Any, free_i: Any, mirrored_r: Any, mirrored_i: Any, grazing: Any,
         decay: Any, decayed: Any, growth: Any,
     ) -> Pair:  # fmt: skip
-        """The integrand times the radius: N' is the conjugate of N, b' minus that of a."""
+        """The integrand times the radius: N' is the conjugate of N, b' minus the conjugate of a."""
         path = radius + (s * along + b * across)
         height = q * z
         norm = path * path + height * height

@@ -282,7 +282,7 @@ def _anglewise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, .
 
 
 def _rounded_turns(ops: Any, size: Any, distance: Any, slope: Any) -> Any:
-    """Turns whose rounding counts: of a source's size, and what the distance misses in two floats.
+    """Turns whose rounding counts: of a source's size, and the distance's rest beyond two floats.
 
     The latter is common to all panels, and so is lost on fields far outside of a shadow's pattern,
     but for the share ``slope`` that lies along the plane.
@@ -340,7 +340,7 @@ def edge_wave(
     ops: Any, t: Any, radius: Any,
     constant: Any, slope: Any, distance: Any, along: Any, start: Any,
 ) -> Pair:  # fmt: skip
-    """The wave at t along the panel, its phase relative to that of the distance."""
+    """The wave at t along the panel, its phase relative to the distance's."""
     turns = (constant + t * (slope + t)) / (radius + distance) + along * t + start
     return Pair(*cos_sin_turns(ops, turns))
 

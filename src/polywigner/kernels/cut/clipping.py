@@ -49,7 +49,7 @@ AHEAD = View(offset=+1, point=+1)
 
 
 class Clipper:
-    """Cuts edges for one vector T = 2x or xi; shares what edges and views have in common.
+    """Cut of edges for one vector T = 2x or xi; edges and views share their terms.
 
     Edges are constants: what can be decided while tracing is decided then.
     """
@@ -80,7 +80,7 @@ class Clipper:
         return tuple(totals)
 
     def shared(self, edge: Edge, compute: Callable[[], Any], *what: Hashable) -> Any:
-        """``compute()``, of ``what``, once for all edges of one direction."""
+        """Return ``compute()``, called once for all edges of one direction."""
         key = (edge.ux, edge.uy, *what)
         if key not in self._shared:
             self._shared[key] = compute()
@@ -158,7 +158,7 @@ class Clipper:
         return self.ops.refined(cut, reach, exactly, self.tx, self.ty)
 
     def _exact_distance(self, edge: Edge, line: Line, view: View, tx: Any, ty: Any) -> Any:
-        """How far the edge's start lies left of the line, from exact differences, to one ulp."""
+        """Distance of the edge's start left of the line, from exact differences, to one ulp."""
         s, sign = view.offset, view.point
         dx = s * tx + (sign * edge.ax - line.px)
         dy = s * ty + (sign * edge.ay - line.py)
@@ -255,7 +255,7 @@ class RowClipper(Clipper):
 
 
 def total_extent(clipper: Clipper, edge: Edge, view: View) -> tuple[Any, Any]:
-    """How much of the edge lies inside the other copy, as a fraction of its length.
+    """Fraction of an edge's length that lies inside the other copy.
 
     Each part times the mutual field there; (real, imaginary) part.
     """

@@ -1,4 +1,4 @@
-"""Which edges of two copies of an outline can meet, by cells of the offset between the copies.
+"""Lists of edges of two copies of an outline that can meet, by cells of their offset.
 
 An edge from a to a + e of the first outline and one from c to c + f of the second, in the copy
 {T - p}, meet where the offset T lies in the parallelogram a + c + s e + t f. The plane of offsets
@@ -153,7 +153,7 @@ _NONE = np.zeros((1, 4), np.uint32)
 
 
 def levels(ops: Any, edge: Any, other: Any, tx: Any, ty: Any) -> tuple[Any, Any]:
-    """How far the ends of an edge lie left of the line of one of the other copy.
+    """Distances of an edge's ends to the left of the line of an edge of the other copy.
 
     It crosses that line at ``start / (start - end)``. Cross products of ``ops`` are exact in sign.
     """
@@ -183,7 +183,7 @@ def crossing(
 
 
 def _limit(ops: Any, ex: Any, ey: Any, side: float) -> Any:
-    """The level cross(e, T - p) above which p counts as left of e: 0, or what is just below.
+    """The level cross(e, T - p) above which p counts as left of e: 0, or just below.
 
     Ties are decided as if T were displaced by side (eps, -eps^2). No level on the grid is as near
     to 0.
@@ -300,7 +300,7 @@ def _leads(outline: Outline, far: float) -> Array:
 
 
 class _Lists:
-    """Pairs of edges by cells; those of one edge in one cell are a group.
+    """Pairs of edges by cells; the pairs of one edge in one cell are a group.
 
     Winding numbers are those in the middle of a cell. That of the start of an edge changes within
     the cell only if the edge and the one before it have groups there.
@@ -389,7 +389,7 @@ class _Lists:
         return table[order], at[kept][order] // self.rings
 
     def crossings(self) -> tuple[Array, Array]:
-        """Pairs that cross wherever T is in the cell, but those that rows of others depend on."""
+        """Pairs that cross wherever T is in the cell, and that no other row depends on."""
         kept = self.sure & ~self.leads_on[self.group]
         table = _table(self.edge[kept], self.other[kept], self._number(self.jump[kept]), 0)
         return table, self.at[self.group[kept]] // self.rings

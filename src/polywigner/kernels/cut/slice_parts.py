@@ -39,7 +39,7 @@ def slice_parts(ops: Any, tables: Tables, x: Any, y: Any) -> tuple[NDArray[np.in
 
 
 def position_slice_parts(ops: Any, tables: Tables, x: Any, y: Any) -> tuple[NDArray[np.intp], Rows]:
-    """Parts of the position slices at lags (n,); vectors and middles are those of positions."""
+    """Parts of the position slices at lags (n,); vectors and middles are positions."""
     found = _Parts(ops, tables, (x, y), (x, y))
     for own in range(len(tables.groups)):
         for other in range(len(tables.groups)):
@@ -73,7 +73,7 @@ class _Parts:
         side: float,
         scale: float,
     ) -> None:
-        """Those of one group's edges inside another's, seen at ``scale (p + side T)``."""
+        """Add parts of one group's edges inside another's, seen at ``scale (p + side T)``."""
         found = ListedParts(self.ops, self.tables, (view, group, other), *self.offset)
         edge, owner = found.edge, found.owner
         t, s = 1.0 - 0.5 * found.part, scale * found.part

@@ -88,7 +88,7 @@ class SliceSum:
     def by_pairs(
         self, ops: Any, tables: Tables, pairs: Mapping[Pass, PairGrid] | None, *inner: Any
     ) -> Values:
-        """The sums by lists in an engine's memory, or by those of the tables."""
+        """Sums by lists of pairs in an engine's memory, by default the tables' own."""
         return self.summed(self._clipper(ops, tables, pairs, inner), *inner)
 
     def cell(
@@ -113,7 +113,7 @@ class SliceSum:
         return may_meet(tables, self.views[0], *self.offset(*inner))
 
     def after(self, count: int) -> SliceSum:
-        """For arguments of which the first so many are others'."""
+        """Return the sum for arguments behind so many others."""
         return replace(
             self,
             offset=lambda *inner: self.offset(*inner[count:]),

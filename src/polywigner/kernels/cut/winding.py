@@ -77,7 +77,7 @@ _kept: deque[tuple[dict[Any, Any], Hashable, int]] = deque()
 
 
 def held_pairs(ops: Any, tables: Tables, key: Pass, samples: int = 0) -> PairGrid:
-    """The same in the memory of an engine."""
+    """Lists of pairs of edges in the memory of an engine."""
     grid = pairs_of(tables, key, ops.double, samples)
     if ops.key not in grid.copies:
         grid.copies.setdefault(ops.key, grid.held(ops.held))  # in all threads the same
@@ -130,7 +130,7 @@ class PairClipper(Clipper):
         arguments: tuple[Any, ...] = (),
         pairs: Mapping[Pass, PairGrid] | None = None,
     ) -> None:
-        """``pairs``: lists in the engine's memory, where others than those of the tables count."""
+        """``pairs``: lists in the engine's memory, in place of the tables' own."""
         self.ops, self.tables = ops, tables
         self.views, self.arguments = views, arguments
         self.samples, self.pairs = ops.count(tx), pairs
@@ -237,7 +237,7 @@ class _Pass:
         return how == START, self._level(level), jump, term
 
     def _last_part(self, number: Any, edge: Any, part: Any, level: Level) -> Level:
-        """What the last part of an edge contributes, such a fraction of it, at a level."""
+        """Contribution of the last part of an edge, a fraction of its length, at a level."""
         ax, ay, bx, by, area, real, imag, _ = edge or self.ops.gather(self.pair.first, number)
         begin, end, element, _ = self.ops.gather(self.pair.names, number)
         # e = length u with length 1: what the kernels compute of u and length stays the same
@@ -258,7 +258,7 @@ class ListedParts:
     """Parts of edges inside the other copy, of all samples one after the other."""
 
     def __init__(self, ops: Any, tables: Tables, key: Pass, tx: Array, ty: Array) -> None:
-        """Those of one pass, for offsets (n,) of NumPy."""
+        """Find the parts of one pass, for offsets (n,) of NumPy."""
         # from the same lists for any number of samples, so that they round in the same way
         pair, self.key = held_pairs(ops, tables, key, _SOME), key
         side = _side(key[0])
@@ -281,7 +281,7 @@ class ListedParts:
 
 
 def _flat(first: Array, end: Array) -> tuple[Array, Array]:
-    """Whose, and row, of all rows from each first up to each end."""
+    """Owner and number of each row in the ranges from first to end."""
     counts = end - first
     owner = np.repeat(np.arange(len(counts)), counts)
     return owner, np.arange(len(owner)) + (first - (np.cumsum(counts) - counts))[owner]
@@ -303,7 +303,7 @@ def _runs(pair: PairGrid, first: Array, end: Array) -> tuple[Array, ...]:
 def _crossings(
     ops: Any, pair: PairGrid, first: Array, end: Array, tx: Array, ty: Array
 ) -> tuple[Array, ...]:
-    """Of the last parts of edges that cross one of the other copy in any case."""
+    """Last parts of edges that cross an edge of the other copy in any case."""
     owner, row = _flat(first, end)
     number, other, jump, _ = pair.crossings[row].T
     edge, against = ops.gather(pair.first, number), ops.gather(pair.second, other)
@@ -314,7 +314,7 @@ def _crossings(
 def _rows(
     ops: Any, pair: PairGrid, first: Array, end: Array, tx: Array, ty: Array, side: float
 ) -> tuple[Array, ...]:
-    """Of what other pairs are found to leave, with the level that runs along the rings."""
+    """Parts of edges behind crossings of other pairs, with the level that runs along the rings."""
     owner, row = _flat(first, end)
     number, other, how, set_to = pair.rows[row].T
     edge, against = ops.gather(pair.first, number), ops.gather(pair.second, other)

@@ -1,4 +1,4 @@
-"""The terms of W and A: what a part of an edge contributes, however the edge was cut.
+"""Terms of W and A: contributions of parts of edges, however they were cut.
 
 W and A are sums over the parts of edges that bound a slice (docs/theory.md, (W1), (W2), (A1)). A
 part is a vector d with its middle m, as a lag or as a position; nu.d and nu.m, in turns, and

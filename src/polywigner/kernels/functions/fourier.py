@@ -216,7 +216,7 @@ class GridTables:
 
     @property
     def scales(self) -> tuple[float, float]:
-        """What turns the user's nu_x and nu_y into the frame's, in whatever order."""
+        """Factors from the user's nu_x and nu_y to the frame's, in either order."""
         assert self.frame.axes is not None
         own = {axis: k for k, axis in enumerate(self.frame.axes)}
         x, y = (self.frame.inverse_transpose[own[axis]][axis] for axis in (0, 1))
@@ -370,7 +370,7 @@ class _Oblique:
 
 
 def _axes(ops: Any, tables: GridTables, nu: tuple[Array, Array]) -> tuple[_Axis, _Axis]:
-    """The axes of the grid as those of the frame, in the frame's order."""
+    """The axes of the grid in the frame, in the frame's order."""
     x, y = (
         _Axis(given * scale, phases.turns_to_centre(ops, (centre,), given))
         for given, scale, centre in zip(nu, tables.scales, tables.frame.centre, strict=True)

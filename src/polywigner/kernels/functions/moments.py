@@ -43,7 +43,7 @@ Cuts = Sequence[tuple[Any, Any, Any, Any]]
 
 
 def _lag_moments(clipper: Clipper, x: Any, y: Any, *frequencies: Any) -> Values:
-    """The moments (T1) in the frame, |xi| in the user's units over those of the frame's largest.
+    """The moments (T1) in the frame, |xi| in the user's unit over the frame's largest.
 
     ``frequencies``: the detuned one, by which the waves of the field are taken relative to the
     carrier, and the whole one, along which tau is measured, if it is another; two components each,
@@ -95,7 +95,7 @@ class RayFrame:
     def of_part(
         self, p: Polynomial, q: Polynomial, middle: Any, length: Any
     ) -> tuple[list[Any], list[Any]]:
-        """Real and imaginary parts of what a part of an edge contributes to the six E, by (T3).
+        """Real and imaginary parts of a part of an edge's terms in the six E, by (T3).
 
         p and q along it, for t from -1/2 to 1/2, and the turns nu.xi at its middle and over it.
         """
@@ -205,7 +205,7 @@ def metric_of(frame: Frame) -> tuple[tuple[float, float], tuple[float, float]]:
 
 
 def scale_of(frame: Frame) -> float:
-    """The unit of lengths: that of the longer axis of the frame, in the user's."""
+    """The unit of lengths: the longer axis of the frame, in the user's unit."""
     return max(math.hypot(*row) for row in frame.inverse_transpose)
 
 

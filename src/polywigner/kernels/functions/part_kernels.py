@@ -18,7 +18,7 @@ from polywigner.kernels.outline.frame import Frame, Matrix
 
 @dataclass(frozen=True)
 class PartTables:
-    """What the kernels of parts need to know of a source: whether waves and weights differ."""
+    """Properties of a source for kernels of parts: whether waves and weights differ."""
 
     frame: Frame
     is_aligned: bool
@@ -29,7 +29,7 @@ class PartTables:
 
 @lru_cache(maxsize=256)
 def _part_tables(source: Any, double: bool) -> PartTables:
-    """Of a source, or of a Wavefront of partly coherent light."""
+    """Tables of a source, or of a Wavefront of partly coherent light."""
     tables = tables_of(source.source if isinstance(source, Wavefront) else source, True)
     still = all(not any(wave.frequency) for group in tables.groups for wave in group)
     is_real = len(tables.groups) == 1 and not tables.phased
@@ -56,7 +56,7 @@ def _wigner(ops: Any, tables: PartTables, *inner: Any) -> Values:
 
 
 def _partly_coherent(ops: Any, tables: PartTables, *inner: Any) -> Values:
-    """A part's term of (I5), with that of the mirror image."""
+    """Term of (I5) of a part and of its mirror image."""
     assert tables.coherence is not None
     x, y, dx, dy, real, imag = inner[:6]
     found = term_of_lags(ops, tables.coherence, inner[6:8], (x, y), (dx, dy))

@@ -78,7 +78,7 @@ def new_outline_of(aperture: Aperture) -> OutlineTables:
 
 @lru_cache(maxsize=256)
 def _grid_tables_of(source: Aperture | Array) -> GridTables | None:
-    """For grids; those of an array have all its elements in one frame, unless one has a pose."""
+    """Tables for grids: of an array with all elements in one frame, unless one has a pose."""
     if isinstance(source, Aperture):
         outline = _outline_of(source, True)
         return grid_tables(outline, [1.0] * len(outline.edges))
@@ -155,7 +155,7 @@ def enter_both_ends(ops: Any, frame: Any, *arguments: Any) -> Values:
 
 
 def product_of_both(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
-    """u(x + xi/2) conj(u(x - xi/2)) as real and imaginary part, from those of both fields."""
+    """Real and imaginary part of u(x + xi/2) conj(u(x - xi/2)), from both fields."""
     product = Pair(*sums[:2]) * Pair(sums[2], -sums[3])
     if not any(frame.carrier):
         return product.real, product.imag

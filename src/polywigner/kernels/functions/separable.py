@@ -104,7 +104,7 @@ def rectangle_of(aperture: Aperture) -> Rectangle | None:
 
 
 def _distance_from_neighbours(ring: Floats) -> Floats:
-    """How far each vertex lies from the line through those before and after it."""
+    """Distance of each vertex from the line through its neighbours."""
     before, after = ring - np.roll(ring, 1, axis=0), np.roll(ring, -1, axis=0) - ring
     turn = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
     chord: Floats = np.hypot(*(before + after).T)
@@ -112,7 +112,7 @@ def _distance_from_neighbours(ring: Floats) -> Floats:
 
 
 def _distance_from_sides(ring: Floats, corners: Floats) -> float:
-    """How far the vertices lie from the nearest line through a side."""
+    """Distance of the vertices from the nearest line through a side."""
     along = np.roll(corners, -1, axis=0) - corners
     along = along / np.hypot(*along.T)[:, None]
     apart = ring[:, None] - corners
@@ -173,7 +173,7 @@ def separable_tables(aperture: Aperture, double: bool) -> SeparableTables | None
 
 
 def _roundings(aperture: Aperture, rectangle: Rectangle) -> tuple[tuple[float, float], float]:
-    """How well frequencies along both sides are known, in cycles per side, and phases in radians.
+    """Rounding of frequencies along both sides, in cycles per side, and of phases in radians.
 
     To some ulps of the largest frequency, and to the angle of the rectangle, which is known to the
     rounding of its coordinates over its length.
@@ -192,7 +192,7 @@ def _roundings(aperture: Aperture, rectangle: Rectangle) -> tuple[tuple[float, f
 def _profiles(
     waves: Waves, frequency_rounding: tuple[float, float], phase_rounding: float
 ) -> tuple[Waves, Waves] | None:
-    """The waves along either axis of which these are the products."""
+    """Waves along either axis whose products are the given ones."""
     frequencies = np.array([wave.frequency for wave in waves])
     amplitudes = np.array([wave.amplitude for wave in waves])
     (own, i), (other, j) = (
@@ -227,7 +227,7 @@ def _rank_one(table: Complexes, phase_rounding: float) -> tuple[Complexes, Compl
 
 
 def _distinct(values: Floats, rounding: float) -> tuple[Floats, npt.NDArray[np.intp]]:
-    """The different ones in order, those that rounding alone tells apart as one; numbers of all."""
+    """Different numbers in order, equal up to rounding as one; and the index of each."""
     order = np.argsort(values)
     tolerance = _EQUAL * max(1.0, float(np.abs(values).max())) + min(rounding, _LARGEST_ROUNDING)
     number = np.cumsum(np.diff(values[order], prepend=values[order[0]]) > tolerance)

@@ -34,7 +34,7 @@ _MOST_CANCELLING = 128.0
 
 @dataclass(frozen=True)
 class SimplexTables:
-    """A tiling in a frame of uniform scale; ``edges`` are what a sum runs over, the simplices.
+    """A tiling in a frame of uniform scale; sums run over ``edges``, the simplices.
 
     An interval or a triangle: a corner and the vectors to the others, each component as two floats,
     and the length or twice the area.

@@ -211,7 +211,7 @@ class TermSum:
 
 @dataclass(frozen=True)
 class SharedSlice:
-    """How a kernel is a sum over parts of edges that depend on some of its arguments alone."""
+    """A kernel as a sum over parts of edges that depend on some of its arguments alone."""
 
     arguments: slice
     """Which components are the place on which the parts depend, as the caller gives them."""
@@ -225,11 +225,11 @@ class SharedSlice:
     """(ops, frequency, whether weights are real) -> a part's terms."""
 
     def summed(self, ops: Any, columns: int, is_real: bool, *frequency: Any) -> PartSum:
-        """How to sum up rows of so many columns at a frequency."""
+        """Return the sum over rows of so many columns at a frequency."""
         return PartSum(self.terms, ops, columns == 4, is_real, frequency)
 
     def parts(self, ops: Any, tables: Tables, *place: Any) -> tuple[Listed, bool]:
-        """Whose the parts of places (n,) are and their rows; whether all weights are real.
+        """Owners and rows of the parts at places (n,); and whether all weights are real.
 
         Rows are of four numbers where weights are 1 or -1 and no frequency is shifted: a part with
         the weight -1 is one that runs the other way.
@@ -244,7 +244,7 @@ class SharedSlice:
 
 
 class PartSum:
-    """A sum over parts at given frequencies: what they share, a part's term, the end."""
+    """A sum over parts at given frequencies: shared terms, a part's term, the result."""
 
     def __init__(
         self, terms: Any, ops: Any, is_plain: bool, is_real: bool, frequency: Values
@@ -256,7 +256,7 @@ class PartSum:
         self.values = self.terms.values
 
     def term(self, *row: Any) -> Values:
-        """What a part contributes: (x, y, dx, dy), or all columns of a row."""
+        """Contribution of a part (x, y, dx, dy), or of all columns of a row."""
         if self.is_plain:
             return term_of_part(self.ops, self.terms, (*row, 1.0, 0.0))
         (nu_x, nu_y), (shift_x, shift_y) = self.frequency, row[6:]
@@ -266,7 +266,7 @@ class PartSum:
         return terms.total(term_of_part(self.ops, terms, part))
 
     def total(self, sums: Values) -> Values:
-        """The kernel's sums from those of all terms: W, or A as cosine and sine part."""
+        """The kernel's sums from the sums of all terms: W, or A as cosine and sine part."""
         first, *second = self.terms.total(sums) if self.is_plain else sums
         return (first, *(-value for value in second))
 

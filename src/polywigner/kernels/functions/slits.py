@@ -107,7 +107,7 @@ class SlitFrame:
 
 @dataclass(frozen=True)
 class SlitTables:
-    """The intervals in their frame; ``edges`` are what a sum runs over."""
+    """The intervals in their frame; sums run over ``edges``."""
 
     frame: SlitFrame
     edges: tuple[Interval, ...]
@@ -115,7 +115,7 @@ class SlitTables:
 
 @dataclass(frozen=True)
 class PairTables:
-    """Pairs of intervals; ``edges`` are what a sum runs over, numbers only.
+    """Pairs of intervals; sums run over ``edges``, numbers only.
 
     The centres' distance at x = 0 or xi = 0, as two floats; the half-lengths; the mean of the
     centres, which does not move, as two floats; and the mutual field, real and imaginary part.

@@ -33,7 +33,7 @@ Point = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class SolidTables:
-    """The body in its frame; ``edges`` are what a sum runs over.
+    """The body in its frame; sums run over ``edges``.
 
     Each is a tetrahedron: ax, ay, az, bx, ..., cz, and det(a, b, c), six times its signed volume.
     """

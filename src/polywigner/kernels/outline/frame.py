@@ -73,7 +73,7 @@ class Frame:
 
     @property
     def axes(self) -> tuple[int, int] | None:
-        """Which of the user's axes the frame's own are parallel to; None if they are turned."""
+        """Numbers of the user's axes along the frame's own; None if the frame is turned."""
         for axes in ((0, 1), (1, 0)):
             if self.inverse_transpose[0][axes[1]] == 0.0 == self.inverse_transpose[1][axes[0]]:
                 return axes

@@ -200,7 +200,7 @@ def slope_of(line: Line, edge: Any) -> Any:
 
 
 def start_of(line: Line, edge: Any, sign: int) -> Any:
-    """How far ``sign`` times an edge's start lies left of the line."""
+    """Distance of ``sign`` times an edge's start to the left of the line."""
     if line.exact:
         return accurate_cross(line.dx, line.dy, sign * edge.ax - line.px, sign * edge.ay - line.py)
     return sign * (line.dx * edge.ay - line.dy * edge.ax) - line.offset

@@ -98,7 +98,7 @@ class Piece:
 
 
 def cut_of(target: str, tables: Tables, samples: int = 0) -> str:
-    """How edges are cut: as planned, or as suits a target; ``samples`` of NumPy at a time."""
+    """The cut of edges: as planned, or as suits a target; ``samples`` of NumPy at a time."""
     found: str | None = tables.cut
     return found or cut_for(target, tables.clips, tables.fits_pairs, samples)
 
@@ -141,7 +141,7 @@ class Tables:
 
     @cached_property
     def waves_per_cut(self) -> int:
-        """How many plane waves are integrated over what is left of an edge in a piece."""
+        """Number of plane waves that are integrated over a part of an edge."""
         return max(
             sum(len(difference_pairs(one, other)) for other in self.groups) for one in self.groups
         )
@@ -174,7 +174,7 @@ _Member = tuple[complex, int, complex]
 
 @dataclass(frozen=True)
 class Element:
-    """A polygon and the field on it, of which tables are built."""
+    """A polygon and the field on it, from which tables are built."""
 
     rings: Sequence[npt.NDArray[np.float64]]
     """The polygon to their left."""

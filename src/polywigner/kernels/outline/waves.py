@@ -1,4 +1,4 @@
-"""Sums of plane waves on a source, and what pairs of them contribute to W and A.
+"""Sums of plane waves on a source, and contributions of their pairs to W and A.
 
 For a field sum_m c_m exp(2 pi i kappa_m.x) on the source (docs/theory.md, (I2), (I3)), W and A are
 sums over pairs of waves of those of the uniform source at a shifted frequency, times a factor that
@@ -38,7 +38,7 @@ UNIFORM: Waves = (Wave(1.0, (0.0, 0.0)),)
 
 
 def carrier_of(illuminations: Iterable[Any], dimension: int) -> Vector:
-    """The middle of all frequencies: what a steered source is best computed relative to."""
+    """The middle of all frequencies, relative to which a steered source is computed."""
     still = np.zeros((1, dimension))
     frequencies = np.concatenate([still if i is None else i.frequencies for i in illuminations])
     return tuple((frequencies.min(axis=0) / 2 + frequencies.max(axis=0) / 2).tolist())

@@ -30,7 +30,7 @@ from polywigner.numerics.polynomials import segment_moments
 
 @dataclass(frozen=True)
 class Wanted:
-    """Which derivatives an accumulator is to have."""
+    """Kinds of derivatives that an accumulator takes."""
 
     vertices: bool = False
     weights: bool = False
@@ -45,7 +45,7 @@ class Wanted:
 
 
 class GradientAccumulator(Protocol):
-    """Takes derivatives with respect to what samples have in common.
+    """Takes derivatives in numbers that all samples share.
 
     Methods return what is to be summed over the edges, the same number of values each time.
     """
@@ -62,7 +62,7 @@ class GradientAccumulator(Protocol):
 
 @dataclass
 class Slopes:
-    """Derivatives of a complex value V with respect to what each sample has of its own."""
+    """Derivatives of a complex value V in the numbers of each sample."""
 
     frequency: list[Pair]
     place: list[Pair]
@@ -217,7 +217,7 @@ def _of_f(field: _Field, end: float, nu: Any) -> Pair:
 
 
 def _of_w(field: _Field, end: float, x: Any, nu: Any) -> Pair:
-    """Twice the real part of what one of the two copies contributes, at the lag 2(end - x)."""
+    """Twice the real part of one copy's contribution, at the lag 2(end - x)."""
     product = field.inner(end) * _conjugate(field.at(2.0 * x - end))
     return Pair((product * field.wave(2.0 * (end - x) * nu)).real * 4.0, 0.0)
 

@@ -124,7 +124,7 @@ def _clipper(
 
 
 class _PairSlopes:
-    """Derivatives of what the pairs of waves with one shift of the frequency contribute."""
+    """Derivatives of the contribution of all pairs of waves with one shift of the frequency."""
 
     def __init__(
         self,
