@@ -352,3 +352,54 @@ def test_a_disk_that_fails_to_keep_a_chunk_is_one_clear_error(
     monkeypatch.setattr(os, "fsync", fails)
     with pytest.raises(StoreError, match=r"expected to write to .* start the same run again"):
         run(store)
+
+
+def test_a_lock_that_is_a_link_or_a_file_of_others_is_left_alone(tmp_path: Path) -> None:
+    path, precious = tmp_path / "ramp.zarr", tmp_path / "precious"
+    precious.write_text("of others")
+    lock = tmp_path / "ramp.zarr.lock"
+    for make in (lambda: lock.symlink_to(precious), lambda: lock.write_text("of others")):
+        make()
+        with pytest.raises(StoreError, match="as the lock of a run"):
+            run(path)
+        assert precious.read_text() == lock.read_text() == "of others"
+        lock.unlink()
+    lock.write_text("1 on elsewhere")  # of a run that was killed
+    run(path)
+    assert not lock.exists()
+
+
+def _with_codec(table: dict[str, Any]) -> None:
+    table["codecs"].append({"name": "numcodecs.pickle", "configuration": {}})
+
+
+def _with_many_chunks(table: dict[str, Any]) -> None:
+    table["shape"] = [10**9, 10**9]
+
+
+def _of_format_2(table: dict[str, Any]) -> None:
+    table["zarr_format"] = 2
+
+
+@pytest.mark.parametrize("change", [_with_codec, _with_many_chunks, _of_format_2])
+def test_arrays_from_elsewhere_are_looked_at_before_they_are_decoded(
+    tmp_path: Path, change: Any
+) -> None:
+    folder = tmp_path / "x.zarr"
+    xarray.Dataset({"u": (("x", "y"), np.ones((3, 4)))}).to_zarr(
+        folder, zarr_format=3, consolidated=False
+    )
+    pw.write_netcdf(folder, tmp_path / "good.nc")
+    table = json.loads((folder / "u" / "zarr.json").read_text())
+    change(table)
+    (folder / "u" / "zarr.json").write_text(json.dumps(table))
+    with pytest.raises(PolywignerError, match="expected"):
+        pw.write_netcdf(folder, tmp_path / "bad.nc")
+    assert not (tmp_path / "bad.nc").exists()
+
+
+def test_a_store_of_format_2_is_refused(tmp_path: Path) -> None:
+    folder = tmp_path / "old.zarr"
+    xarray.Dataset({"u": (("x",), np.ones(3))}).to_zarr(folder, zarr_format=2)
+    with pytest.raises(PolywignerError, match="format 3"):
+        pw.write_netcdf(folder, tmp_path / "bad.nc")

@@ -145,8 +145,11 @@ class SceneJob:
 
 def remove_store(path: str | Path) -> None:
     """Remove a store of parts whose result is done, unless another run goes on with it."""
-    with suppress(StoreError), one_run(Path(path)):
-        shutil.rmtree(path, ignore_errors=True)
+    folder = Path(path)
+    aside = folder.with_name(f"{folder.name}.partial")  # the next run sweeps what is left of it
+    with suppress(StoreError, OSError), one_run(folder):
+        folder.rename(aside)
+        shutil.rmtree(aside, ignore_errors=True)
 
 
 @one_at_a_time

@@ -22,7 +22,13 @@ import numpy as np
 from polywigner.errors import ArgumentError, PolywignerError, StoreError
 from polywigner.geometry.arguments import checked_path
 from polywigner.interruption import unfinished
-from polywigner.propagation.stores_checks import recorded, required, stored_array
+from polywigner.propagation.stores_checks import (
+    METADATA,
+    check_store,
+    recorded,
+    required,
+    stored_array,
+)
 
 if TYPE_CHECKING:
     import xarray
@@ -183,7 +189,10 @@ def _opened(dataset: Any) -> Any:
         found = recorded(path)
         if found is not None:
             stored_array(path, found)  # its coordinates are whole
-        return xarray.open_zarr(path)
+        if not (path / METADATA).is_file():
+            raise ValueError("no metadata of zarr, format 3")
+        check_store(path)
+        return xarray.open_zarr(path, zarr_format=3)
     except StoreError:
         raise
     except Exception as error:  # zarr and its codecs raise of many kinds

@@ -7,6 +7,7 @@ same engine and type of processor. (docs/large_runs)
 
 from __future__ import annotations
 
+import errno
 import importlib.metadata
 import json
 import math
@@ -14,6 +15,7 @@ import os
 import platform
 import re
 import shutil
+import stat
 import threading
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -120,7 +122,7 @@ def one_run(path: Path) -> Iterator[None]:
             import fcntl  # not on Windows
 
             file.parent.mkdir(parents=True, exist_ok=True)
-            held = stack.enter_context(file.open("a+", encoding="utf-8"))
+            held = stack.enter_context(_opened_lock(file))
             fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
             if not os.fstat(held.fileno()).st_nlink:  # of a run that is ending, and removed it
                 raise BlockingIOError
@@ -134,6 +136,8 @@ def one_run(path: Path) -> Iterator[None]:
                 f"expected no other run to write to {path}, got one that does (process "
                 f"{held.read(300)}); wait for its end, or choose another name"
             ) from None
+        except StoreError:
+            raise
         except (ImportError, OSError):
             pass  # if it cannot be written there, writing says why
         if held is not None:
@@ -432,6 +436,26 @@ def _sweep(array: Path) -> None:
     """Remove the chunks that killed runs, or killed workers of this one, have half written."""
     for file in (array / "c").rglob("*.partial"):
         file.unlink(missing_ok=True)
+
+
+def _opened_lock(file: Path) -> Any:
+    """The file of a lock, made if there is none; StoreError for a link, or a file of others."""
+    try:
+        number = os.open(file, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK, 0o666)
+    except OSError as error:
+        if error.errno != errno.ELOOP:
+            raise
+        raise StoreError(f"expected {file} as the lock of a run, got a link; remove it") from None
+    held = os.fdopen(number, "r+", encoding="utf-8", errors="replace")
+    if not stat.S_ISREG(os.fstat(number).st_mode) or not _LOCK.fullmatch(held.read(300)):
+        held.close()
+        raise StoreError(f"expected {file} as the lock of a run, got another file; remove it")
+    held.seek(0)
+    return held
+
+
+# What a lock holds: nothing yet, or the process and its machine.
+_LOCK = re.compile(r"|\d+ on [^\n]*")
 
 
 @contextmanager

@@ -21,8 +21,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from polywigner.errors import MissingExtraError, StoreError, install_command
+from polywigner.errors import FileFormatError, MissingExtraError, StoreError, install_command
 from polywigner.geometry.arguments import checked_path
+from polywigner.geometry.formats.limits import bytes_of
 from polywigner.illumination.source_files import SOURCE_COORDINATE, json_of, table_of
 from polywigner.radiometry.progress import progress_bar
 from polywigner.transforms.xarray_arguments import labelled_array
@@ -217,7 +218,7 @@ def stored_array(path: Path, settings: dict[str, Any]) -> Any:
             part = f"coordinate {SOURCE_COORDINATE}"
             _compare(str(open_array(path, SOURCE_COORDINATE)[...]), settings["source_sha256"])
         return array
-    except MissingExtraError:
+    except (MissingExtraError, StoreError):
         raise
     except Exception as error:  # zarr, its codecs and NumPy raise of many kinds
         raise _broken(path, part, error) from error
@@ -236,9 +237,50 @@ def _broken(path: Path, part: str, error: Exception) -> StoreError:
     )
 
 
+# Codecs that decode numbers and texts; others may run code (numcodecs' pickle, for one).
+_CODECS = {
+    "bytes", "crc32c", "zstd", "gzip", "blosc", "transpose", "sharding_indexed", "vlen-utf8",
+    "vlen-bytes",
+}  # fmt: skip
+_MOST_CHUNKS, _LARGEST_METADATA = 10**8, 1 << 22
+
+
+def check_metadata(path: Path) -> None:
+    """Raise StoreError for an array of another format, of strange codecs or of endless chunks."""
+    try:
+        table = json.loads(bytes_of(path / METADATA, _LARGEST_METADATA))
+        codecs = [codec["name"] for codec in table["codecs"]]
+        codecs += [own["name"] for codec in table["codecs"] for own in _inner(codec)]
+        chunks = table["chunk_grid"]["configuration"]["chunk_shape"]
+        count = math.prod(-(-n // c) for n, c in zip(table["shape"], chunks, strict=True))
+        if table["zarr_format"] != 3 or not set(codecs) <= _CODECS:
+            raise ValueError(f"codecs {', '.join(codecs)[:200]}")
+        if not 0 <= count <= _MOST_CHUNKS:
+            raise ValueError(f"{count} chunks")
+    except (FileFormatError, ValueError, KeyError, TypeError, ZeroDivisionError) as error:
+        raise StoreError(
+            f"expected an array of zarr, format 3, with its own codecs and at most "
+            f"{_MOST_CHUNKS:g} chunks in {path}, got {error}"
+        ) from None
+
+
+def _inner(codec: Any) -> list[Any]:
+    """The codecs inside shards."""
+    own = codec.get("configuration") or {}
+    return [*own.get("codecs", ()), *own.get("index_codecs", ())]
+
+
+def check_store(path: Path) -> None:
+    """Check the metadata of all arrays in a folder before anything of it is decoded."""
+    for entry in sorted(path.iterdir()):
+        if (entry / METADATA).is_file():
+            check_metadata(entry)
+
+
 def open_array(path: Path, name: str) -> Any:
     """Open an array of a store whose metadata are whole."""
-    array = required("zarr").open_array(path / name, mode="r+")
+    check_metadata(path / name)
+    array = required("zarr").open_array(path / name, mode="r+", zarr_format=3)
     # A chunk of nothing but NaN is finished as well. (zarr.open_array ignores ``config``.)
     return array.with_config({"write_empty_chunks": True})
 
