@@ -208,13 +208,6 @@ def sections(field: PlaneField, x: Floats) -> Sections:
     return Sections(len(x), row[below], height[below], height[above], weight, element)
 
 
-def section_lengths(found: Sections) -> NDArray[Any]:
-    """(count,) integral of the field over each section."""
-    lengths = np.zeros(found.count, found.weight.dtype)
-    np.add.at(lengths, found.row, found.weight * (found.high - found.low))
-    return lengths
-
-
 def section_spectra(found: Sections, nu: Floats) -> Complex:
     """(count, n) Fourier transforms of the field on the sections at nu (n,)."""
 
@@ -375,9 +368,8 @@ def column_spectra(field: PlaneField, x: Floats, nu: Floats) -> Complex:
 
 def column_integrals(field: PlaneField, x: Floats) -> NDArray[np.float64] | Complex:
     """(n,): the integral of the field along y at abscissae x (n,); real of real weights."""
-    if not field.is_lit:
-        return section_lengths(sections(field, x))
-    return column_spectra(field, x, np.zeros(1))[:, 0]
+    found = column_spectra(field, x, np.zeros(1))[:, 0]
+    return found if field.is_lit or np.iscomplexobj(field.weights) else found.real
 
 
 def _by_wave(field: PlaneField, x: Floats) -> list[tuple[float, Sections]]:
