@@ -253,6 +253,9 @@ class Overlaps:
     """Which elements have the region in common."""
 
 
+_OF_EDGES = ("row", "begin", "end", "weight", "first", "second")
+
+
 Copies = Callable[[float], Callable[[Floats], Floats]]
 """From a value to the map of points (m, 2) to one of the two images of the field."""
 
@@ -416,9 +419,8 @@ def _by_pair(found: Overlaps, elements: int) -> Iterator[tuple[Overlaps, int, in
     for number in np.unique(pair).tolist():
         own = np.flatnonzero(pair == number)
         first, second = divmod(number, elements)
-        part = replace(found, row=found.row[own], begin=found.begin[own], end=found.end[own])
-        part = replace(part, first=found.first[own], second=found.second[own])
-        yield replace(part, weight=found.weight[own]), first, second
+        parts = {name: getattr(found, name)[own] for name in _OF_EDGES}
+        yield replace(found, **parts), first, second
 
 
 def _groups(shifts: Floats) -> Iterator[tuple[list[float], NDArray[np.intp]]]:

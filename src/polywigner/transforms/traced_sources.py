@@ -348,8 +348,10 @@ def _elements(source: Differentiable) -> Iterator[tuple[Aperture, Parameter | No
     start = 0
     for element in elements:
         end = start + sum(len(ring) for ring in element.rings)
-        is_part = vertices is not None and len(elements) > 1
-        yield element, vertices.taken(np.arange(start, end)) if is_part else vertices
+        own = vertices
+        if vertices is not None and len(elements) > 1:
+            own = vertices.taken(np.arange(start, end))
+        yield element, own
         start = end
 
 
