@@ -110,10 +110,10 @@ def test_transfer_function_in_focus_is_the_normalised_overlap() -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"pupil_radius": 0.0}, "pupil_radius above zero"),
-        ({"pupil_radius": math.nan}, "pupil_radius above zero"),
-        ({"pupil_radius": "1 mm"}, "pupil_radius above zero, got '1 mm'"),
-        ({"pupil_radius": [1.0, 2.0]}, "pupil_radius above zero"),
+        ({"pupil_radius": 0.0}, "pupil_radius as a length above zero"),
+        ({"pupil_radius": math.nan}, "pupil_radius as a length above zero"),
+        ({"pupil_radius": "1 mm"}, "pupil_radius as a length above zero, got '1 mm'"),
+        ({"pupil_radius": [1.0, 2.0]}, "pupil_radius as a length above zero"),
         ({"defocus": math.inf}, "finite defocus"),
         ({"defocus": None}, "finite defocus in waves, got None"),
         ({"defocus": np.array([0.5, 1.0])}, "finite defocus"),

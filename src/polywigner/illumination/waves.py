@@ -89,7 +89,7 @@ class Illumination:
     def moved(self, shift: ArrayLike) -> Illumination:
         """The field carried along by a shift (d,): u(x - shift)."""
         offset = checked_shift(shift, self.dimension)
-        turns = [_exact_turns(kappa, offset.tolist()) for kappa in self.frequencies.tolist()]
+        turns = [exact_turns(kappa, offset.tolist()) for kappa in self.frequencies.tolist()]
         return self._from(self.amplitudes * np.exp(-2j * np.pi * np.array(turns)), self.frequencies)
 
     def turned(self, angle: float) -> Illumination:
@@ -193,7 +193,7 @@ def restored(amplitudes: Any, frequencies: Any, is_fit: bool) -> Illumination:
     return field
 
 
-def _exact_turns(kappa: list[float], shift: list[float]) -> float:
+def exact_turns(kappa: list[float], shift: list[float]) -> float:
     """kappa.shift modulo 1, exact: far away it has many turns, whose rounding would spoil it."""
     turns = sum((Fraction(k) * Fraction(s) for k, s in zip(kappa, shift, strict=True)), Fraction(0))
     return float(turns - round(turns))

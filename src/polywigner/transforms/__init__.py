@@ -15,7 +15,7 @@ to 6e-7 diameter perimeter in float32 where that is more (docs/accuracy.md, "Lim
 """
 
 from polywigner.transforms.arguments import PhaseSpaceSource, Source
-from polywigner.transforms.explanation import explain
+from polywigner.transforms.calls import explain
 from polywigner.transforms.phase_space import (
     ambiguity,
     autocorrelation,

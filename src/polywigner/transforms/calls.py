@@ -1,4 +1,4 @@
-"""The public transforms in one table, and the one way that a call of them takes.
+"""The public transforms in one table, the one way that a call of them takes, and its plan.
 
 A call goes through these steps, each of which leaves a simpler one: points behind an optical system
 become points before it (O2), (O3); light that is coherent over a width becomes coherent light times
@@ -19,15 +19,23 @@ from functools import partial
 from typing import Any, TypeVar, final
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from polywigner import execution, kernels
 from polywigner.errors import ArgumentError, IlluminationError
-from polywigner.geometry import Wavefront
+from polywigner.geometry import Aperture, Polyhedron, Wavefront
 from polywigner.geometry.arguments import checked_wavelength
 from polywigner.illumination import Array
+from polywigner.kernels import is_separable
 from polywigner.optics import FirstOrder
-from polywigner.transforms.arguments import checked_points, in_plane, transform
+from polywigner.plans import Plan
+from polywigner.transforms.arguments import (
+    PhaseSpaceSource,
+    checked_call,
+    checked_points,
+    in_plane,
+    transform,
+)
 from polywigner.transforms.traced_sources import Differentiable, phase_space_of
 from polywigner.transforms.wavefronts import (
     chirp_transform,
@@ -117,6 +125,106 @@ def compute(
     is_uniform = not is_array and getattr(source, "illumination", None) is None
     is_real = declared.is_real or (name == "lag_marginal" and is_uniform)
     return transform(name, source, named, *how, outputs=1 if is_real else 2)
+
+
+def explain(
+    source: PhaseSpaceSource | Polyhedron,
+    *arguments: ArrayLike,
+    function: str = "wigner",
+    engine: execution.Engine = "auto",
+    precision: execution.Precision = None,
+) -> Plan:
+    """Explain the way that a call would take, its reason and cost, and the alternatives.
+
+    Estimates are those of the table of costs by which calls are planned (docs/performance.md). They
+    follow from sizes alone: the same call goes the same way at every repetition.
+
+    Parameters
+    ----------
+    source : as the function takes it. For ``"fourier"`` an Aperture, Slits or Polyhedron: that of
+        an Array is a sum of several calls. One with a curved wave is explained as what is computed
+        of its flat source; its F is always a sum over nodes along edges.
+    arguments : those of the function, as NumPy arrays: x and nu for ``"wigner"``.
+    function : "wigner", "ambiguity", "autocorrelation", "fourier", "position_marginal" or
+        "lag_marginal".
+    engine, precision : see :func:`fourier`.
+
+    Returns
+    -------
+    A plan, whose ``str()`` is five lines of text. Its ``way`` has a ``name``, an ``engine``, and
+    the seconds that it takes: ``shared``, once for all sources; ``setup``, once for this one; and
+    ``run``, in each call. ``others`` are the ways not taken, by cost.
+
+    Raises
+    ------
+    ArgumentError for a function that is not one of these, Dr.Jit arrays, and what the function
+    itself would refuse; EngineError without the engine.
+
+    For example, ``print(pw.explain(pw.shapes.square(0.01), (0.0, 0.0), (10.0, 20.0)))``.
+
+    >>> import polywigner as pw
+    >>> square = pw.shapes.square(1.0)
+    >>> print(pw.explain(square, (0.0, 0.0), (1.0, 0.0), engine="numpy").way.name)
+    edges one by one, on NumPy
+    """
+    if not isinstance(function, str) or function not in TRANSFORMS:
+        known = ", ".join(f'"{name}"' for name in TRANSFORMS)
+        raise ArgumentError(f"expected function to be one of {known}, got {function!r}")
+    names = TRANSFORMS[function].points
+    if len(arguments) != len(names):
+        raise ArgumentError(
+            f"expected {' and '.join(names)} for {function}, got {len(arguments)} arguments"
+        )
+    if any(map(execution.is_drjit, arguments)):
+        raise ArgumentError(
+            "expected NumPy arrays, got Dr.Jit arrays, which are computed where they are: there is "
+            "no choice to explain"
+        )
+    name = function
+    if function == "fourier" and isinstance(source, Array):
+        raise ArgumentError(
+            "expected one element for fourier, got an Array, of which F is a sum of several calls; "
+            "explain that of an element"
+        )
+    if function == "fourier":
+        arguments = (in_plane(arguments[0]),) if isinstance(source, Aperture) else arguments
+        if isinstance(source, Aperture) and is_separable(source):
+            name = "fourier of waves"
+    points: Mapping[str, Any] = dict(zip(names, arguments, strict=True))
+    if isinstance(source, Wavefront):
+        source, name, points = _as_flat(source, function, points, precision != "single")
+    kernel, components, _ = checked_call(name, source, list(points.items()), precision, engine)
+    return execution.explained(
+        kernel, source, components, double=precision != "single", engine=engine
+    )
+
+
+def _as_flat(wave: Wavefront, name: str, points: Points, double: bool) -> tuple[Any, str, Points]:
+    """The flat source, as coherent as the wave, the transform and the points that a call comes to.
+
+    Raises ArgumentError for F and means over tilts, which are no single call.
+    """
+    if name == "fourier":
+        raise ArgumentError(
+            "expected a flat wave for fourier, got a curved one, of which F is a sum over nodes "
+            "along the edges, on NumPy: there is no choice to explain"
+        )
+    name, points = _of_whole(name, wave, points)
+    points, source = _checked(wave, points), wave.source
+    if name == "wigner":
+        points["nu"] = points["nu"] - (points["x"] - wave.centre) @ wave.curvature
+    elif name == "ambiguity":
+        points["upsilon"] = points["upsilon"] - points["xi"] @ wave.curvature
+    if wave.is_coherent or name != "wigner":
+        return source, name, points
+    source = Wavefront(source, coherence_width=wave.coherence_width)
+    if kernels.partly_coherent_kernel(source, double) is None:
+        raise ArgumentError(
+            f"expected a source with a closed form of W in light that is coherent over "
+            f"{wave.coherence_width:g} m, got an array or distant parts, whose W is a mean over "
+            "tilts of coherent light; explain its .coherent"
+        )
+    return source, name, points
 
 
 # --- optical systems: points of phase space behind them, as points before them
@@ -252,25 +360,6 @@ def _partly_coherent(name: str, wave: Wavefront, points: Points, how: tuple[Any,
 
 
 # --- curved waves
-
-
-def as_flat(wave: Wavefront, name: str, points: Points) -> tuple[Any, str, Points]:
-    """The flat source, the transform and NumPy's points that a call with a Wavefront comes to.
-
-    Raises ArgumentError for F, which is no call of another transform.
-    """
-    if name == "fourier":
-        raise ArgumentError(
-            "expected a flat wave for fourier, got a curved one, of which F is a sum over nodes "
-            "along the edges, on NumPy: there is no choice to explain"
-        )
-    name, points = _of_whole(name, wave, points)
-    points = _checked(wave, points)
-    if name == "wigner":
-        points["nu"] = points["nu"] - (points["x"] - wave.centre) @ wave.curvature
-    elif name == "ambiguity":
-        points["upsilon"] = points["upsilon"] - points["xi"] @ wave.curvature
-    return wave.source, name, points
 
 
 def _of_whole(name: str, wave: Wavefront, points: Points) -> tuple[str, Points]:

@@ -11,7 +11,7 @@ from polywigner import execution, kernels
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.execution import Engine, Precision
 from polywigner.geometry import Aperture, Slits
-from polywigner.geometry.arguments import checked_length, checked_row, warn_of_lens
+from polywigner.geometry.arguments import checked_length, checked_number, checked_row, warn_of_lens
 from polywigner.illumination import Array
 from polywigner.transforms.arguments import PhaseSpaceSource, checked_points
 from polywigner.transforms.phase_space import ambiguity, energy_of, lag_marginal
@@ -178,28 +178,12 @@ def shares_of(weights: Any, count: int) -> NDArray[np.float64]:
 
 
 def checked_waves(defocus: Any) -> float:
-    waves = _number(defocus)
-    if not np.isfinite(waves):
-        raise ArgumentError(f"expected a finite defocus in waves, got {defocus!r}")
-    return waves
-
-
-def _number(value: Any) -> float:
-    """A real number as a float; NaN for anything else."""
-    try:
-        if isinstance(value, str | bytes) or np.ndim(value) or np.iscomplexobj(value):
-            return float("nan")
-        return float(value)
-    except (TypeError, ValueError, OverflowError):
-        return float("nan")
+    return checked_number(defocus, "defocus", "a finite defocus in waves")
 
 
 def checked_pupil_radius(source: PhaseSpaceSource, given: Any) -> float:
     """The radius given, else the largest distance of a vertex from the origin."""
-    radius = _pupil_radius(source) if given is None else _number(given)
-    if not 0.0 < radius < np.inf:
-        raise ArgumentError(f"expected a pupil_radius above zero, got {given!r}")
-    return radius
+    return _pupil_radius(source) if given is None else checked_length(given, "pupil_radius")
 
 
 def _pupil_radius(source: PhaseSpaceSource) -> float:

@@ -208,13 +208,6 @@ def sections(field: PlaneField, x: Floats) -> Sections:
     return Sections(len(x), row[below], height[below], height[above], weight, element)
 
 
-def section_lengths(found: Sections) -> NDArray[Any]:
-    """(count,) integral of the field over each section."""
-    lengths = np.zeros(found.count, found.weight.dtype)
-    np.add.at(lengths, found.row, found.weight * (found.high - found.low))
-    return lengths
-
-
 def section_spectra(found: Sections, nu: Floats) -> Complex:
     """(count, n) Fourier transforms of the field on the sections at nu (n,)."""
 
@@ -258,6 +251,9 @@ class Overlaps:
     first: Indices
     second: Indices
     """Which elements have the region in common."""
+
+
+_OF_EDGES = ("row", "begin", "end", "weight", "first", "second")
 
 
 Copies = Callable[[float], Callable[[Floats], Floats]]
@@ -375,9 +371,8 @@ def column_spectra(field: PlaneField, x: Floats, nu: Floats) -> Complex:
 
 def column_integrals(field: PlaneField, x: Floats) -> NDArray[np.float64] | Complex:
     """(n,): the integral of the field along y at abscissae x (n,); real of real weights."""
-    if not field.is_lit:
-        return section_lengths(sections(field, x))
-    return column_spectra(field, x, np.zeros(1))[:, 0]
+    found = column_spectra(field, x, np.zeros(1))[:, 0]
+    return found if field.is_lit or np.iscomplexobj(field.weights) else found.real
 
 
 def _by_wave(field: PlaneField, x: Floats) -> list[tuple[float, Sections]]:
@@ -424,9 +419,8 @@ def _by_pair(found: Overlaps, elements: int) -> Iterator[tuple[Overlaps, int, in
     for number in np.unique(pair).tolist():
         own = np.flatnonzero(pair == number)
         first, second = divmod(number, elements)
-        part = replace(found, row=found.row[own], begin=found.begin[own], end=found.end[own])
-        part = replace(part, first=found.first[own], second=found.second[own])
-        yield replace(part, weight=found.weight[own]), first, second
+        parts = {name: getattr(found, name)[own] for name in _OF_EDGES}
+        yield replace(found, **parts), first, second
 
 
 def _groups(shifts: Floats) -> Iterator[tuple[list[float], NDArray[np.intp]]]:

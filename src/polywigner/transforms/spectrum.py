@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from fractions import Fraction
 from functools import partial
 from typing import Any, Literal
 
@@ -17,6 +16,7 @@ from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Wavefront
 from polywigner.geometry.arguments import Points
 from polywigner.illumination import Array
 from polywigner.illumination.lattices import Sites, checked_sites
+from polywigner.illumination.waves import exact_turns
 from polywigner.kernels import is_separable
 from polywigner.transforms.arguments import (
     Source,
@@ -172,19 +172,13 @@ def _sum_of_waves(source: Any, nu: Any, how: dict[str, Any]) -> Any:
     total: Any = None
     for amplitude, kappa in zip(_field_of(source).amplitudes, kappas, strict=True):
         # a wave on a placed aperture has its phase from there, not from the world's origin
-        phase = np.exp(-2j * np.pi * _exact_turns(kappa, shift))
+        phase = np.exp(-2j * np.pi * exact_turns(kappa.tolist(), shift.tolist()))
         shifted, lost = _less(nu, kappa)
         term = execution.times_complex(fourier(uniform, shifted, **how), complex(amplitude * phase))
         if lost is not None:
             term = term * np.exp(-2j * np.pi * (lost @ centre)).astype(term.dtype)
         total = term if total is None else total + term
     return total
-
-
-def _exact_turns(a: Any, b: Any) -> float:
-    """a.b modulo 1."""
-    turns = sum((Fraction(x) * Fraction(y) for x, y in zip(a.tolist(), b.tolist(), strict=True)))
-    return float(turns - round(turns))
 
 
 def _less(nu: Any, kappa: Any) -> tuple[Any, Any]:

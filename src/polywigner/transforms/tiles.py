@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -37,6 +37,7 @@ from polywigner.transforms.spectrum import fourier
 Array = NDArray[np.float64]
 Values = Callable[[Any, Array, Array, Engine], Any]
 Scale = Callable[[Any], float]
+Sees = Literal["source", "field", "transposed"]
 
 # Rounding error over a tile's scale: over the shapes of the tests, |nu| times diameter up to 1e3,
 # 2e-13 was the largest.
@@ -59,7 +60,7 @@ class Tile:
     """(what is seen, values along the first, along the second, engine) -> (n, m)."""
     scale: Scale
     """(field, or slits) -> what the rounding error is proportional to, in the tile's units."""
-    sees: Literal["source", "field", "transposed"] = "source"
+    sees: Sees = "source"
     """The field as ``compute`` takes it: transposed, x and y change roles in it."""
 
     @property
@@ -230,65 +231,29 @@ def _opposite_columns(field: PlaneField, upsilon_y: Array, xi_x: Array, engine: 
 # --- the tables
 
 
-def _both(
-    first: str, second: str, units: str, meaning: str, label: str, compute: Values, scale: Scale
-) -> list[Tile]:
-    """A tile and the one with x and y exchanged; {0} and {1} stand for x and y in the texts."""
-
-    def tile(x: str, y: str, sees: Literal["field", "transposed"]) -> Tile:
-        one, other, said = (text.format(x, y) for text in (first, second, meaning))
-        return Tile(one, other, units, said, label, compute, scale, sees)
-
-    return [tile("x", "y", "field"), tile("y", "x", "transposed")]
-
-
-_APERTURE: dict[str, list[Tile]] = {
+# first and second coordinate, unit, coordinates integrated over, label, values, scale; {0} and {1}
+# stand for x and y, and once more for y and x
+_APERTURE: dict[str, list[tuple[str, str, str, str, str, Values, Scale]]] = {
     "autocorrelation": [
-        Tile("x", "y", "m2", "R integrated over xi_x, xi_y", "P2", _lag_integral, _box),
-        Tile("xi_x", "xi_y", "m2", "R integrated over x, y", "P3", _position_integral, _box),
-        *_both(
-            *("{0}", "xi_{0}", "m2", "R integrated over {1}, xi_{1}"),
-            *("P4", _shadow_product, _column),
-        ),
-        *_both(
-            *("{0}", "xi_{1}", "m2", "R integrated over {1}, xi_{0}"),
-            *("P5", _mirrored_overlap, _box),
-        ),
+        ("x", "y", "m2", "xi_x, xi_y", "P2", _lag_integral, _box),
+        ("xi_x", "xi_y", "m2", "x, y", "P3", _position_integral, _box),
+        ("{0}", "xi_{0}", "m2", "{1}, xi_{1}", "P4", _shadow_product, _column),
+        ("{0}", "xi_{1}", "m2", "{1}, xi_{0}", "P5", _mirrored_overlap, _box),
     ],
     "wigner": [
-        Tile("x", "y", "1", "W integrated over nu_x, nu_y", "P6", _intensity, _nothing),
-        Tile(
-            *("nu_x", "nu_y", "m4", "W integrated over x, y"),
-            *("P7", _power_spectrum, _power),
-        ),
-        *_both(
-            *("{0}", "nu_{0}", "m2", "W integrated over {1}, nu_{1}"),
-            *("P8", _wigner_of_rows, _box),
-        ),
-        *_both(
-            *("{0}", "nu_{1}", "m2", "W integrated over {1}, nu_{0}"),
-            *("P9", _column_powers, _column),
-        ),
+        ("x", "y", "1", "nu_x, nu_y", "P6", _intensity, _nothing),
+        ("nu_x", "nu_y", "m4", "x, y", "P7", _power_spectrum, _power),
+        ("{0}", "nu_{0}", "m2", "{1}, nu_{1}", "P8", _wigner_of_rows, _box),
+        ("{0}", "nu_{1}", "m2", "{1}, nu_{0}", "P9", _column_powers, _column),
     ],
     "ambiguity": [
-        Tile(
-            *("xi_x", "xi_y", "1", "A integrated over upsilon_x, upsilon_y"),
-            *("P10", _at_opposite_points, _nothing),
-        ),
-        Tile(
-            *("upsilon_x", "upsilon_y", "m4", "A integrated over xi_x, xi_y"),
-            *("P11", _spectrum_product, _power),
-        ),
-        *_both(
-            *("upsilon_{0}", "xi_{0}", "m2", "A integrated over upsilon_{1}, xi_{1}"),
-            *("P12", _ambiguity_of_rows, _box),
-        ),
-        *_both(
-            *("upsilon_{1}", "xi_{0}", "m2", "A integrated over upsilon_{0}, xi_{1}"),
-            *("P13", _opposite_columns, _column),
-        ),
+        ("xi_x", "xi_y", "1", "upsilon_x, upsilon_y", "P10", _at_opposite_points, _nothing),
+        ("upsilon_x", "upsilon_y", "m4", "xi_x, xi_y", "P11", _spectrum_product, _power),
+        ("upsilon_{0}", "xi_{0}", "m2", "upsilon_{1}, xi_{1}", "P12", _ambiguity_of_rows, _box),
+        ("upsilon_{1}", "xi_{0}", "m2", "upsilon_{0}, xi_{1}", "P13", _opposite_columns, _column),
     ],
 }
+_LETTERS = {"autocorrelation": "R", "wigner": "W", "ambiguity": "A"}
 
 
 def _on_line(transform: Callable[..., Any]) -> Values:
@@ -321,5 +286,16 @@ _SLITS = {
 
 def tiles_of(dimension: int, kind: str) -> Mapping[str, Tile]:
     """The tiles of a kind of function of sources of a line (1) or a plane (2), by name."""
-    tiles = [_SLITS[kind]] if dimension == 1 else _APERTURE[kind]
+    tiles = [_SLITS[kind]] if dimension == 1 else list(_of_planes(kind))
     return {tile.name: tile for tile in tiles}
+
+
+def _of_planes(kind: str) -> Iterator[Tile]:
+    for first, second, units, over, label, compute, scale in _APERTURE[kind]:
+        seen: list[tuple[Sees, str]] = [("source", "xy")]
+        if "{" in over:
+            seen = [("field", "xy"), ("transposed", "yx")]
+        for sees, axes in seen:
+            one, other, left = (text.format(*axes) for text in (first, second, over))
+            meaning = f"{_LETTERS[kind]} integrated over {left}"
+            yield Tile(one, other, units, meaning, label, compute, scale, sees)

@@ -295,26 +295,24 @@ def fourier_of(
     """
     if source.intervals is not None:
         return _values_of_slits("fourier", source, [("nu", nu)], precision, engine, plain)
-    float_type = next(iter(parameters_of(source).types))
     if not execution.is_drjit(nu):
+        float_type = next(iter(parameters_of(source).types))
         nu = execution.tensor_of(float_type, execution.host_points("nu", in_plane(nu)))
     nu = in_plane(nu)
-    how = {
-        "precision": execution.checked_precision(precision),
-        "engine": execution.checked_engine(engine),
-    }
-    plain = source.source
+    array = source.source
+    if isinstance(array, Array) and array.repeated is not None and source.vertices is None:
+        element, positions = array.repeated
+        assert source.weights is not None
+        value = plain(element, nu, precision=precision, engine=engine)
+        return execution.product_of_complex(
+            value, execution.site_sum(nu, positions, source.weights)
+        )
+    how = execution.checked_precision(precision), execution.checked_engine(engine)
     total: Any = None
-    if isinstance(plain, Array) and plain.repeated is not None and source.vertices is None:
-        element, positions = plain.repeated
-        assert source.weights is not None and isinstance(element, Aperture)
-        value = _of_waves(element, None, None, nu, how)
-        factor = execution.site_sum(nu, positions, source.weights)
-        return execution.product_of_complex(value, factor)
     for number, (element, vertices) in enumerate(_elements(source)):
-        value = _of_waves(element, vertices, source.amplitudes, nu, how)
-        if isinstance(plain, Array):
-            weight = complex(plain.weights[number])
+        value = _of_waves(element, vertices, source.amplitudes, nu, *how)
+        if isinstance(array, Array):
+            weight = complex(array.weights[number])
             value = execution.times_complex(value, _number(source.weights, number, weight))
         total = value if total is None else total + value
     return total
@@ -346,16 +344,15 @@ def _values_of_slits(
 
 
 def _elements(source: Differentiable) -> Iterator[tuple[Aperture, Parameter | None]]:
-    plain = source.source
-    elements = plain.elements_in_plane
+    elements, vertices = source.source.elements_in_plane, source.vertices
     start = 0
     for element in elements:
-        count = sum(len(ring) for ring in element.rings)
-        own = source.vertices
-        if own is not None and len(elements) > 1:
-            own = own.taken(np.arange(start, start + count))
-        start += count
+        end = start + sum(len(ring) for ring in element.rings)
+        own = vertices
+        if vertices is not None and len(elements) > 1:
+            own = vertices.taken(np.arange(start, end))
         yield element, own
+        start = end
 
 
 def _of_waves(
@@ -363,30 +360,26 @@ def _of_waves(
     vertices: Parameter | None,
     amplitudes: Parameter | None,
     nu: Any,
-    how: Any,
+    precision: Any,
+    engine: Any,
 ) -> Any:
-    field = element.illumination
+    field = element.illumination or Illumination([1.0], [(0.0, 0.0)])
     uniform = element.with_illumination(None)
-    if field is None:
-        return _uniform(uniform, vertices, nu, how)
     total: Any = None
     waves = zip(field.amplitudes.tolist(), field.frequencies, strict=True)
     for number, (amplitude, kappa) in enumerate(waves):
-        value = _uniform(uniform, vertices, execution.shifted_points(nu, -kappa), how)
+        value = execution.evaluate_traced(
+            kernels.FOURIER,
+            uniform,
+            [("nu", execution.shifted_points(nu, -kappa))],
+            precision=precision,
+            engine=engine,
+            complex_result=True,
+            parameters=Parameters(vertices),
+        )
         value = execution.times_complex(value, _number(amplitudes, number, amplitude))
         total = value if total is None else total + value
     return total
-
-
-def _uniform(element: Aperture, vertices: Parameter | None, nu: Any, how: Any) -> Any:
-    return execution.evaluate_traced(
-        kernels.FOURIER,
-        element,
-        [("nu", nu)],
-        complex_result=True,
-        parameters=Parameters(vertices),
-        **how,
-    )
 
 
 def _number(parameter: Parameter | None, number: int, value: complex) -> Any:

@@ -12,7 +12,7 @@ its box, so that the rules of :mod:`polywigner.numerics.nodes` know how many til
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -90,25 +90,11 @@ def chirp_transform(source: Any, q: Floats, axes: Floats, centre: Floats, nu: Fl
     curvatures = np.broadcast_to(q, nu.shape)
     total = np.zeros(len(nu), np.complex128)
     with np.errstate(invalid="ignore"):  # of frequencies that are no numbers
-        for element, shift, weight in _elements(source):
+        weights = source.weights.tolist() if isinstance(source, Array) else [1.0]
+        for element, weight in zip(source.elements_in_plane, weights, strict=True):
             check_not_stopped()
-            # a copy moved by s is the element itself, its wave about c - s
-            found = _of_element(element, curvatures, axes, centre - shift, nu)
-            total += weight * np.exp(-2j * math.pi * (nu @ shift)) * found
+            total += weight * _of_element(element, curvatures, axes, centre, nu)
     return total
-
-
-def _elements(source: Any) -> Iterator[tuple[Aperture | Slits, Floats, complex]]:
-    if not isinstance(source, Array):
-        yield source, np.zeros(1 if isinstance(source, Slits) else 2), 1.0
-    elif source.repeated is not None:
-        element, positions = source.repeated
-        for position, weight in zip(positions, source.weights.tolist(), strict=True):
-            yield element, position, weight
-    else:
-        none = np.zeros(source.dimension if source.dimension == 1 else 2)
-        for one, weight in zip(source.elements_in_plane, source.weights.tolist(), strict=True):
-            yield one, none, weight
 
 
 def _of_element(

@@ -79,22 +79,15 @@ def takes_xarray(
         @functools.wraps(function)
         def wrapper(*args: Any, **kwargs: Any) -> Any:
             kind = getattr(sys.modules.get("xarray"), "DataArray", None)
-            if kind is None:
-                return function(*args, **kwargs)
-            for value in (*args, *kwargs.values()):
-                if isinstance(value, kind):
-                    break
-            else:
+            if kind is None or not any(isinstance(v, kind) for v in (*args, *kwargs.values())):
                 return function(*args, **kwargs)
             arguments = inspect.signature(function).bind(*args, **kwargs).arguments
             points = {name: arguments.pop(name) for name in names}
             if not any(isinstance(value, kind) for value in points.values()):
                 return function(*args, **kwargs)
             call = _Call(function.__module__, function.__name__, names, arguments)
-            attrs = {
-                "units": units if isinstance(units, str) else units(arguments),
-                "long_name": long_name,
-            }
+            unit = units if isinstance(units, str) else units(arguments)
+            attrs = {"units": unit, "long_name": long_name}
             return _labelled(call, points, attrs, dict(components or {}))
 
         return wrapper  # type: ignore[return-value]
