@@ -242,7 +242,7 @@ def test_corners_of_the_unit_square_stay_in_the_automean() -> None:
         ([[0.5, np.nan]], "uniform", "got nan"),
         ([[0.5, 0.5]], "marginal", r"shape \(n, 4\)"),
         ("many", "uniform", "count or as numbers"),
-        (3, "gaussian", '"uniform" or "marginal"'),
+        (3, "gaussian", '"uniform", "marginal"'),
     ],
 )
 def test_unusable_samples_are_refused(samples: object, kind: str, message: str) -> None:

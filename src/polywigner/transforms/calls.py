@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner import execution, kernels
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.geometry import Aperture, Polyhedron, Wavefront
-from polywigner.geometry.arguments import checked_wavelength
+from polywigner.geometry.arguments import checked_choice, checked_wavelength
 from polywigner.illumination import Array
 from polywigner.kernels import is_separable
 from polywigner.optics import FirstOrder
@@ -167,10 +167,7 @@ def explain(
     >>> print(pw.explain(square, (0.0, 0.0), (1.0, 0.0), engine="numpy").way.name)
     edges one by one, on NumPy
     """
-    if not isinstance(function, str) or function not in TRANSFORMS:
-        known = ", ".join(f'"{name}"' for name in TRANSFORMS)
-        raise ArgumentError(f"expected function to be one of {known}, got {function!r}")
-    names = TRANSFORMS[function].points
+    names = TRANSFORMS[checked_choice(function, "function", list(TRANSFORMS))].points
     if len(arguments) != len(names):
         raise ArgumentError(
             f"expected {' and '.join(names)} for {function}, got {len(arguments)} arguments"

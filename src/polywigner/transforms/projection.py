@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, checked_engine
 from polywigner.geometry import Wavefront
-from polywigner.geometry.arguments import real_numbers
+from polywigner.geometry.arguments import checked_choice, real_numbers
 from polywigner.kernels import kernel_for
 from polywigner.transforms.arguments import PhaseSpaceSource
 from polywigner.transforms.tiles import Tile, tiles_of
@@ -106,9 +106,7 @@ def projections(
     >>> list(found.data_vars)
     ['x_y']
     """
-    if kind not in get_args(PhaseSpaceFunction):
-        names = ", ".join(f'"{name}"' for name in get_args(PhaseSpaceFunction))
-        raise ArgumentError(f"expected kind to be one of {names}, got {kind!r}")
+    checked_choice(kind, "kind", get_args(PhaseSpaceFunction))
     if isinstance(source, Wavefront):
         raise ArgumentError(
             "expected a source with a flat, coherent wave for projections, got a Wavefront, whose "

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, NumpyOperations
 from polywigner.geometry import Aperture, Slits, automean
-from polywigner.geometry.arguments import checked_generator, real_numbers
+from polywigner.geometry.arguments import checked_choice, checked_generator, real_numbers
 from polywigner.geometry.trapezoids import point_in_trapezoid, trapezoids
 from polywigner.illumination import Array
 from polywigner.kernels import kernel_for
@@ -78,9 +78,7 @@ def sample_automean(
     """
     source = flat_of(source)  # a curved wave has the same support and modulus
     dimension = kernel_for("position_marginal", source).dimension
-    if weights not in get_args(Weights):
-        names = " or ".join(f'"{name}"' for name in get_args(Weights))
-        raise ArgumentError(f"expected weights to be {names}, got {weights!r}")
+    checked_choice(weights, "weights", get_args(Weights))
     if weights == "uniform":
         numbers = _numbers(samples, dimension, seed)
         points, content = _uniform_map([(_support(source), 1.0)])(numbers)
