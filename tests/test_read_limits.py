@@ -584,3 +584,41 @@ def test_a_run_of_slight_bends_goes_as_a_whole_wherever_the_ring_starts() -> Non
     for shift in range(len(ring)):
         kept = without_slight_bends(np.roll(ring, shift, axis=0), 1e-6)
         assert {(float(x), float(y)) for x, y in kept} == expected
+
+
+GOOD_PLY = {
+    "colours of faces": (
+        "property uchar red\nproperty list uchar int vertex_indices\nproperty uchar blue\n",
+        "7 3 0 1 2 9\n7 4 0 1 2 3 9\n",
+        b"\x07\x03" + np.array([0, 1, 2], "<i4").tobytes() + b"\x09"
+        b"\x07\x04" + np.array([0, 1, 2, 3], "<i4").tobytes() + b"\x09",
+    ),
+    "texture coordinates": (
+        "property list uchar uint vertex_index\nproperty list uchar float texcoord\n",
+        "3 0 1 2 2 0.5 0.5\n\n3 1 2 3 2 0 1\n",
+        b"\x03" + np.array([0, 1, 2], "<u4").tobytes() + b"\x02" + bytes(8)
+        + b"\x03" + np.array([1, 2, 3], "<u4").tobytes() + b"\x02" + bytes(8),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.drjit
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+@pytest.mark.parametrize("kind", GOOD_PLY)
+def test_meshes_with_more_than_corners_are_looked_through_as_well(
+    tmp_path: Path, kind: str, end: str
+) -> None:
+    from polywigner.mitsuba.scene_files import _ply
+
+    own, text, content = GOOD_PLY[kind]
+    head = (
+        "ply\nformat {} 1.0\ncomment of a program\nelement vertex 4\nproperty float x\n"
+        f"property float y\nproperty float z\nelement face 2\n{own}end_header\n"
+    ).replace("\n", end)
+    vertices = "0 0 0\n1 0 0\n1 1 0\n0 1 0\n"
+    corners, count = _ply((head.format("ascii") + (vertices + text).replace("\n", end)).encode())
+    binary = head.format("binary_little_endian").encode()
+    packed = np.zeros((4, 3), "<f4").tobytes()
+    again, _ = _ply(binary + packed + content)
+    assert count == 4 and corners.tolist() == again.tolist()
+    assert set(corners.tolist()) == {0, 1, 2, 3}

@@ -217,70 +217,91 @@ def _check_content(path: Path, kind: str) -> None:
             )
 
 
+_CORNERS = ("vertex_indices", "vertex_index")
+Property = list[str]
+"""Of a PLY element: type and name; or "list", types of length and entries, and name."""
+
+
 def _ply(content: bytes) -> tuple[NDArray[Any], int]:
     """The numbers of all corners of faces, and the number of vertices."""
     head, end, body = content[: 1 << 16].partition(b"end_header")
     lines = [line.split() for line in head.decode("ascii", "replace").splitlines()]
     if not end or lines[0] != ["ply"]:
         raise FileFormatError("expected a PLY mesh, got a file without its header")
-    start = len(head) + len(end)
-    body = content[start:].split(b"\n", 1)[-1]
+    body = content[len(head) + len(end) :].split(b"\n", 1)[-1]
     form = next((line[1] for line in lines if line[:1] == ["format"] and len(line) > 1), "")
-    elements: list[tuple[str, int, list[list[str]]]] = []
+    elements: list[tuple[str, int, list[Property]]] = []
     for line in lines:
         if line[:1] == ["element"] and len(line) == 3 and line[2].isdecimal():
             elements.append((line[1], int(line[2]), []))
         elif line[:1] == ["property"] and elements:
             elements[-1][2].append(line[1:])
     count = next((n for name, n, _ in elements if name == "vertex"), 0)
-    faces = next((k for k, (name, _, _) in enumerate(elements) if name == "face"), None)
-    before = elements[: faces or 0]
-    if faces is None or not elements[faces][1]:
+    number = next((k for k, (name, _, _) in enumerate(elements) if name == "face"), None)
+    if number is None or not elements[number][1]:
         return np.empty(0, np.int64), count
-    if any(len(p) != 2 for _, _, own in before for p in own) or len(elements[faces][2]) != 1:
-        raise FileFormatError("expected a PLY mesh of vertices and faces, got one of other lists")
-    total = elements[faces][1]
+    before, (_, total, properties) = elements[:number], elements[number]
+    if any(own[0] == "list" for _, _, others in before for own in others):
+        raise FileFormatError("expected a PLY mesh whose faces come before other lists")
     try:
         if form == "ascii":
-            text = b" ".join(body.splitlines()[sum(n for _, n, _ in before) :][:total])
-            return _listed(np.array(text.split(), np.float64).astype(np.int64), total), count
+            rows = [line for line in body.splitlines() if line.strip()]
+            return _of_text(rows[sum(n for _, n, _ in before) :][:total], properties), count
         order = {"binary_little_endian": "<", "binary_big_endian": ">"}[form]
-        skipped = sum(n * sum(np.dtype(_PLY_NUMBERS[p[0]]).itemsize for p in own)
-                      for _, n, own in before)  # fmt: skip
-        _, length, corner, _ = elements[faces][2][0]
-        counts = np.dtype(order + _PLY_NUMBERS[length])
-        corners = np.dtype(order + _PLY_NUMBERS[corner])
-        return _rows(body[skipped:], counts, corners, total), count
+        sizes = (n * sum(_number(own[0]).itemsize for own in others) for _, n, others in before)
+        return _of_bytes(body[sum(sizes) :], order, properties, total), count
     except (ValueError, KeyError, IndexError):
         raise FileFormatError("expected a whole PLY mesh, got one that ends early") from None
 
 
-def _listed(numbers: NDArray[np.int64], total: int) -> NDArray[np.int64]:
-    """The corners of lists, each behind its length, of as many faces."""
-    found, place = [], 0
-    if total and numbers.size == 4 * total and (numbers[::4] == 3).all():
-        return np.delete(numbers, np.arange(0, numbers.size, 4))
-    for _ in range(total):
-        length = int(numbers[place])
-        found.append(numbers[place + 1 : place + 1 + length])
-        place += 1 + length
-    return np.concatenate(found)
+def _number(name: str, order: str = "<") -> np.dtype[Any]:
+    return np.dtype(order + _PLY_NUMBERS[name])
 
 
-def _rows(body: bytes, counts: np.dtype[Any], corners: np.dtype[Any], total: int) -> NDArray[Any]:
-    """Corners of faces from lists in bytes: most meshes have triangles alone, or rectangles."""
-    for length in (3, 4):
-        row = np.dtype([("length", counts), ("corners", corners, (length,))])
-        if len(body) >= row.itemsize * total:
+def _of_text(rows: list[bytes], properties: list[Property]) -> NDArray[Any]:
+    """Corners of faces from lines of text, one for each face."""
+    found = []
+    for row in rows:
+        words, place = row.split(), 0
+        for own in properties:
+            length = int(words[place]) if own[0] == "list" else 0
+            if own[-1] in _CORNERS:
+                found += [int(word) for word in words[place + 1 : place + 1 + length]]
+            place += 1 + length
+        if place > len(words):
+            raise ValueError
+    return np.array(found, dtype=np.int64)
+
+
+def _of_bytes(body: bytes, order: str, properties: list[Property], total: int) -> NDArray[Any]:
+    """Corners of faces from bytes: most meshes have triangles alone, or rectangles."""
+    others = [own for own in properties if own[0] == "list" and own[-1] not in _CORNERS]
+    for length in (3, 4) if not others else ():
+        fields: list[Any] = []
+        for k, own in enumerate(properties):
+            if own[0] == "list":
+                fields.append(("length", _number(own[1], order)))
+                fields.append(("corners", _number(own[2], order), (length,)))
+            else:
+                fields.append((f"other {k}", _number(own[0], order)))
+        row = np.dtype(fields)
+        if "corners" in (row.names or ()) and len(body) >= row.itemsize * total:
             table = np.frombuffer(body, row, total)
             if (table["length"] == length).all():
                 return np.asarray(table["corners"]).ravel()
-    found, place = [], 0
+    found, place = [np.empty(0, np.int64)], 0
     for _ in range(total):
-        length = int(np.frombuffer(body, counts, 1, place)[0])
-        place += counts.itemsize
-        found.append(np.frombuffer(body, corners, length, place))
-        place += corners.itemsize * length
+        for own in properties:
+            if own[0] != "list":
+                place += _number(own[0]).itemsize
+                continue
+            counts, entries = (_number(name, order) for name in own[1:3])
+            length = int(np.frombuffer(body, counts, 1, place)[0])
+            place += counts.itemsize
+            values = np.frombuffer(body, entries, length, place)
+            place += entries.itemsize * length
+            if own[-1] in _CORNERS:
+                found.append(values.astype(np.int64))
     return np.concatenate(found)
 
 
