@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import struct
 import warnings
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -293,7 +294,24 @@ def _csv(attrs: str, row: str) -> Callable[[Path], None]:
     return lambda path: path.write_text(f"# {attrs}\nx,y,z,l,m,n,weight,batch\n{row}\n") and None
 
 
+def _npz_of_a_broken_header(path: Path) -> None:
+    with zipfile.ZipFile(path, "w") as members:
+        for name in ("position", "direction", "weight", "attrs"):
+            members.writestr(f"{name}.npy", b"\x93NUMPY\x01\x00" + struct.pack("<H", 2) + b"('")
+
+
+def _npz_of_damaged_lzma(path: Path) -> None:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_LZMA) as members:
+        for name in ("position", "direction", "weight", "attrs"):
+            members.writestr(f"{name}.npy", bytes(range(256)) * 40)
+    content = bytearray(path.read_bytes())
+    content[60:90] = b"\xff" * 30
+    path.write_bytes(content)
+
+
 STRANGE = {
+    "header.npz": _npz_of_a_broken_header,
+    "packed.npz": _npz_of_damaged_lzma,
     "pipe.npz": os.mkfifo,
     "device.csv": lambda path: path.symlink_to("/dev/zero"),
     "zeros.npz": _packed_zeros,

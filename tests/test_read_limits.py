@@ -484,15 +484,63 @@ HOSTILE_SCENES = {
         SCENE.format("".join(f'<default name="a{k}" value="$a"/>' for k in range(60_000))),
         "1000 .parameters",
     ),
+    "library by the default of an include": (
+        SCENE.format(
+            '<include filename="sets.xml"/><default name="T" value="sphere"/><shape type="$T"/>'
+        ),
+        "libraries of its own",
+    ),
+    "chain of references": (
+        SCENE.format(
+            '<bsdf type="diffuse" id="b0"/>'
+            + "".join(
+                f'<bsdf type="mask" id="b{k}"><ref id="b{k - 1}"/></bsdf>' for k in range(1, 99)
+            )
+        ),
+        "hold each other by references",
+    ),
+    "tree of references": (
+        SCENE.format(
+            '<bsdf type="diffuse" id="b0"/>'
+            + "".join(
+                f'<bsdf type="blendbsdf" id="b{k}"><ref id="b{k - 1}"/><ref id="b{k - 1}"/></bsdf>'
+                for k in range(1, 40)
+            )
+        ),
+        "references counted",
+    ),
+    "encoding": ('<?xml version="1.0" encoding="foo"?>' + SCENE.format(""), "UTF-8"),
+    "too many samples": (
+        SCENE.format(
+            '<sensor type="perspective"><sampler type="ldsampler">'
+            '<integer name="sample_count" value="2147483647"/></sampler></sensor>'
+        ),
+        "at most 16777216",
+    ),
+    "mesh named before": (
+        SCENE.format(
+            '<default name="f" value="beyond.ply"/>'
+            '<shape type="ply"><string name="filename" value="$f"/></shape>'
+        ),
+        "number 200000000",
+    ),
+    "end in a comment": (MESH.format("ply", "comment.ply"), "number 200000000"),
+    "form feed": (MESH.format("ply", "feed.ply"), "number 200000000"),
+    "negative length": (MESH.format("ply", "negative.ply"), "ends early"),
+    "corners of floats": (MESH.format("ply", "floats.ply"), "ends early"),
+    "header alone": (MESH.format("ply", "header.ply"), "without its header"),
+    "second mesh": (MESH.format("serialized", "two.serialized"), "number 200000000"),
+    "EXR behind a text": (PICTURE.format("text.exr"), "pixels"),
+    "half an EXR": (PICTURE.format("half.exr"), "with its size"),
     "objects in each other": (
         SCENE.format(
             '<shape type="sphere">' + '<bsdf type="twosided">' * 60 + "</bsdf>" * 60 + "</shape>"
         ),
         "16 objects in each other",
     ),
-    "pipe of a path": (
-        SCENE.format('<bsdf type="diffuse"><path name="any" value="pipe.ply"/></bsdf>'),
-        "pipe",
+    "search path": (
+        SCENE.format('<path value="sub"/><shape type="evil"/>'),
+        "search path",
     ),
     "pipe of a spectrum": (
         SCENE.format('<bsdf type="diffuse"><spectrum name="a" filename="pipe.ply"/></bsdf>'),
@@ -532,8 +580,13 @@ def _write_hostile_files(folder: Path) -> None:
     chunk = b"IHDR" + struct.pack(">IIBBBBB", 40_000, 40_000, 8, 2, 0, 0, 0)
     png = struct.pack(">I", 13) + chunk + struct.pack(">I", zlib.crc32(chunk))
     (folder / "large.png").write_bytes(b"\x89PNG\r\n\x1a\n" + png)
-    window = b"dataWindow\0box2i\0" + struct.pack("<I4i", 16, 0, 0, 39_999, 39_999)
-    (folder / "large.exr").write_bytes(b"\x76\x2f\x31\x01\x02\0\0\0" + window)
+    window = b"dataWindow\0box2i\0" + struct.pack("<I4i", 16, 0, 0, 39_999, 39_999) + b"\0"
+    magic = b"\x76\x2f\x31\x01\x02\0\0\0"
+    (folder / "large.exr").write_bytes(magic + window)
+    note = b"dataWindow\0box2i\0" + bytes(5000)
+    text = b"note\0string\0" + struct.pack("<I", len(note)) + note
+    (folder / "text.exr").write_bytes(magic + text + window)
+    (folder / "half.exr").write_bytes(magic + b"dataWindow\0box2i\0")
     (folder / "large.pfm").write_bytes(b"PF\n40000 40000\n-1.0\n")
     (folder / "large.hdr").write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 40000 +X 40000\n")
     triangle = "0 0 0\n1 0 0\n0 1 0\n"
@@ -545,10 +598,23 @@ def _write_hostile_files(folder: Path) -> None:
     head = PLY.format("binary_little_endian").encode()
     (folder / "bytes.ply").write_bytes(head + vertices + face)
     (folder / "half.ply").write_bytes(head + vertices + face[:6])
+    (folder / "header.ply").write_bytes(b"end_header\n")
+    lines = PLY.format("ascii").replace("ply\n", "ply\ncomment end_header\n", 1)
+    (folder / "comment.ply").write_text(f"{lines}{triangle}3 0 1 200000000\n")
+    lines = PLY.format("ascii").replace("ply\n", "ply\ncomment \x0celement vertex 999999999\n", 1)
+    (folder / "feed.ply").write_text(f"{lines}{triangle}3 0 1 200000000\n")
+    lists = PLY.format("binary_little_endian").replace("vertex 3", "vertex 0")
+    negative = lists.replace("face 1", "face 5").replace("uchar int", "int int")
+    (folder / "negative.ply").write_bytes(negative.encode() + b"\xff" * 8)
+    floats = lists.replace("uchar int", "uchar float").encode()
+    (folder / "floats.ply").write_bytes(floats + b"\x03" + b"\x00\x00\x80\x7f" * 3)
+    (folder / "sets.xml").write_text(SCENE.format('<default name="T" value="evil"/>'))
     mesh = struct.pack("<I", 0x1000) + b"a\0" + struct.pack("<QQ", 3, 1) + vertices
     mesh += struct.pack("<3I", 0, 1, 200_000_000)
-    content = struct.pack("<HH", 0x041C, 4) + zlib.compress(mesh) + struct.pack("<QI", 0, 1)
-    (folder / "a.serialized").write_bytes(content)
+    bad = struct.pack("<HH", 0x041C, 4) + zlib.compress(mesh)
+    (folder / "a.serialized").write_bytes(bad + struct.pack("<QI", 0, 1))
+    good = struct.pack("<HH", 0x041C, 4) + zlib.compress(mesh[:-4] + struct.pack("<I", 2))
+    (folder / "two.serialized").write_bytes(good + bad + struct.pack("<QQI", 0, len(good), 2))
 
 
 @pytest.mark.drjit

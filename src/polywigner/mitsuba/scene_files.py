@@ -34,7 +34,7 @@ from polywigner.geometry.formats.limits import (
 # Scenes that include scenes; Mitsuba's own limit. In all: eight files of eight includes are 8^8.
 _DEEPEST_INCLUDE, _MOST_INCLUDED = 15, 256
 # Objects in each other: Mitsuba goes 2^n times through n that hold one another.
-_MOST_NESTED_OBJECTS = 16
+_MOST_NESTED_OBJECTS, _DEEPEST_REFS, _MOST_REFERRED = 16, 64, 1 << 24
 # Values of $parameters are texts such as a power; a default may hold others eight times.
 _MOST_DEFAULTS, _LONGEST_VALUE = 1000, 1 << 14
 _PLUGIN = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
@@ -81,9 +81,10 @@ def check_scene_file(
     seen = _Seen({name: str(value) for name, value in parameters.items()}, resolve)
     try:
         seen.look_through(file, 0)
+        seen.check_references()
     except FileFormatError as error:
         raise SceneError(f"{file}: {error}") from None
-    return seen.files | seen.named
+    return seen.files | seen.named.keys()
 
 
 class _Seen:
@@ -93,36 +94,30 @@ class _Seen:
         self.values = values
         self.resolve = resolve
         self.files: set[Path] = set()
-        self.named: set[Path] = set()
+        self.named: dict[Path, set[str]] = {}
+        """Files that are named, and kinds of objects that do."""
         self.elements = self.included = 0
+        self.objects: list[tuple[str, str] | None] = []
+        """Type and id of the elements around, None of others than objects."""
+        self.held: dict[str, list[str]] = {}
+        """Ids in each object that has one, below others' or as references."""
 
     def look_through(self, file: Path, level: int) -> None:
         _check("scenes included in each other", level, _DEEPEST_INCLUDE)
         self.included += 1
         _check("scenes included, repetitions counted", self.included, _MOST_INCLUDED)
         self.files.add(file.resolve())
-        objects: list[str | None] = []
-        included: list[str] = []
 
         def start(tag: str, attributes: dict[str, str]) -> None:
-            objects.append(self._filled(attributes["type"]) if "type" in attributes else None)
-            self.elements += 1
-            _check("elements in each other", len(objects), MOST_NESTED)
-            kinds = [kind for kind in objects if kind is not None]
-            _check("objects in each other", len(kinds), _MOST_NESTED_OBJECTS)
-            _check("elements", self.elements, MOST_SCENE_ELEMENTS)
             filled = {name: self._filled(text) for name, text in attributes.items()}
-            if objects[-1] is not None:
-                self._check_type(objects[-1])
-            if tag == "default":
-                self._define(filled.get("name", ""), filled.get("value", ""))
-            elif tag == "include" and filled.get("filename"):
-                included.append(filled["filename"])
-            for text in (filled.get("filename"), filled.get("value")):
-                self._note_file(text, kinds[-1] if kinds else "")
+            self._enter(tag, filled)
+            if tag == "include" and filled.get("filename"):
+                path = self.resolve(filled["filename"])
+                if path.exists():  # where it stands: its defaults hold from there on
+                    self.look_through(path, level + 1)
 
         def end(tag: str) -> None:
-            objects.pop()
+            self.objects.pop()
 
         parser = expat.ParserCreate()
         parser.StartElementHandler, parser.EndElementHandler = start, end
@@ -134,10 +129,54 @@ class _Seen:
                 f"expected a Mitsuba scene, got text that is not XML in line {error.lineno}, "
                 f"column {error.offset}; correct it there"
             ) from None
-        for name in included:
-            path = self.resolve(name)
-            if path.exists():
-                self.look_through(path, level + 1)
+        except LookupError as error:
+            raise FileFormatError(f"expected a scene in UTF-8, got an {error}") from None
+
+    def _enter(self, tag: str, filled: dict[str, str]) -> None:
+        """Count an element, and check its type and the files that it names."""
+        kind = filled.get("type")
+        self.objects.append(None if kind is None else (kind, filled.get("id", "")))
+        self.elements += 1
+        around = [own for own in self.objects if own is not None]
+        _check("elements in each other", len(self.objects), MOST_NESTED)
+        _check("objects in each other", len(around), _MOST_NESTED_OBJECTS)
+        _check("elements", self.elements, MOST_SCENE_ELEMENTS)
+        if kind is not None:
+            self._check_type(kind)
+        if tag == "path":
+            raise FileFormatError(
+                "expected a scene that names files relative to its own folder, got a search path "
+                "of its own; leave the <path> out"
+            )
+        if tag == "default":
+            self._define(filled.get("name", ""), filled.get("value", ""))
+        own = filled.get("id", "")
+        outer = around[:-1] if kind is not None else around
+        for _, name in outer if own and (kind is not None or tag == "ref") else ():
+            self.held.setdefault(name, []).append(own)
+        for text in (filled.get("filename"), filled.get("value")):
+            self._note_file(text, around[-1][0] if around else "")
+
+    def check_references(self) -> None:
+        """Refuse chains of objects that hold each other by their ids, and trees of them."""
+        sizes: dict[str, tuple[int, int]] = {}
+        for first in self.held:
+            waiting = [first]
+            while waiting:
+                name = waiting[-1]
+                missing = [own for own in self.held.get(name, ()) if own not in sizes]
+                if name in sizes or not missing:
+                    found = [sizes[own] for own in self.held.get(name, ())]
+                    size = 1 + sum(count for count, _ in found)
+                    depth = 1 + max((depth for _, depth in found), default=0)
+                    if name:
+                        _check("objects that hold each other by references", depth, _DEEPEST_REFS)
+                        _check("objects, references counted", size, _MOST_REFERRED)
+                    sizes[name] = (size, depth) if name else (0, 0)
+                    waiting.pop()
+                    continue
+                _check("references in a circle", len(waiting), len(self.held) + 1)
+                waiting.append(missing[0])
 
     def _filled(self, text: str) -> str:
         """The text with the values of its ``$parameters``, in Mitsuba's way."""
@@ -171,10 +210,10 @@ class _Seen:
         with suppress(OSError, ValueError, RuntimeError):
             found = self.resolve(text) if text else None
             path = found if found is not None and found.exists() and not found.is_dir() else None
-        if path is not None and path.resolve() not in self.named | self.files:
+        if path is not None and kind not in self.named.setdefault(path.resolve(), set()):
             check_regular(path)
             _check_content(path, kind)
-            self.named.add(path.resolve())
+            self.named[path.resolve()].add(kind)
 
 
 def _check(what: str, count: int, most: int) -> None:
@@ -190,7 +229,8 @@ def _refuse_declarations(name: str, system: Any, public: Any, has_declarations: 
 # ---- meshes and pictures: sizes and corners as they announce them --------------------------------
 
 _MOST_PIXELS = 1 << 26  # a gigabyte as four floats each
-_LARGEST_MESH, _MOST_CORNERS = 1 << 30, 1 << 28
+_LARGEST_MESH, _MOST_CORNERS, _MOST_MESHES = 1 << 30, 1 << 28, 1000
+_LONGEST_HEADER = 1 << 20
 _PLY_NUMBERS = {
     "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4",
     "float": "f4", "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2",
@@ -202,13 +242,13 @@ def _check_content(path: Path, kind: str) -> None:
     """Refuse pictures that are too large, and meshes whose faces have corners not among theirs."""
     if kind in ("ply", "serialized"):
         content = bytes_of(path, _LARGEST_MESH)
-        corners, count = (_ply if kind == "ply" else _serialized)(content)
-        if corners.size and not (int(corners.min()) >= 0 and int(corners.max()) < count):
-            wrong = int(corners.max() if corners.max() >= count else corners.min())
-            raise FileFormatError(
-                f"expected corners of faces among the {count} vertices of {path.name}, got number "
-                f"{wrong}"
-            )
+        for corners, count in [_ply(content)] if kind == "ply" else _serialized(content):
+            least, most = (int(f(initial=0)) for f in (corners.min, corners.max))
+            if least < 0 or (corners.size and most >= count):
+                raise FileFormatError(
+                    f"expected corners of faces among the {count} vertices of {path.name}, got "
+                    f"number {least if least < 0 else most}"
+                )
     else:
         pixels = _pixels(path)
         if pixels > _MOST_PIXELS:
@@ -224,11 +264,12 @@ Property = list[str]
 
 def _ply(content: bytes) -> tuple[NDArray[Any], int]:
     """The numbers of all corners of faces, and the number of vertices."""
-    head, end, body = content[: 1 << 16].partition(b"end_header")
-    lines = [line.split() for line in head.decode("ascii", "replace").splitlines()]
-    if not end or lines[0] != ["ply"]:
+    end = re.search(rb"(?:^|\n)end_header[ \t\r]*\n", content[:_LONGEST_HEADER])
+    head = content[: end.start() if end else 0].decode("ascii", "replace")
+    lines = [line.split() for line in head.split("\n")]
+    if end is None or lines[0] != ["ply"]:
         raise FileFormatError("expected a PLY mesh, got a file without its header")
-    body = content[len(head) + len(end) :].split(b"\n", 1)[-1]
+    body = content[end.end() :]
     form = next((line[1] for line in lines if line[:1] == ["format"] and len(line) > 1), "")
     elements: list[tuple[str, int, list[Property]]] = []
     for line in lines:
@@ -285,10 +326,14 @@ def _of_bytes(body: bytes, order: str, properties: list[Property], total: int) -
             else:
                 fields.append((f"other {k}", _number(own[0], order)))
         row = np.dtype(fields)
+        if row.names and "corners" in row.names and row["corners"].base.kind == "f":
+            raise ValueError
         if "corners" in (row.names or ()) and len(body) >= row.itemsize * total:
             table = np.frombuffer(body, row, total)
             if (table["length"] == length).all():
                 return np.asarray(table["corners"]).ravel()
+    if total > len(body):  # an entry takes a byte at least
+        raise ValueError
     found, place = [np.empty(0, np.int64)], 0
     for _ in range(total):
         for own in properties:
@@ -298,6 +343,8 @@ def _of_bytes(body: bytes, order: str, properties: list[Property], total: int) -
             counts, entries = (_number(name, order) for name in own[1:3])
             length = int(np.frombuffer(body, counts, 1, place)[0])
             place += counts.itemsize
+            if length < 0 or counts.kind == "f" or (own[-1] in _CORNERS and entries.kind == "f"):
+                raise ValueError
             values = np.frombuffer(body, entries, length, place)
             place += entries.itemsize * length
             if own[-1] in _CORNERS:
@@ -305,26 +352,37 @@ def _of_bytes(body: bytes, order: str, properties: list[Property], total: int) -
     return np.concatenate(found)
 
 
-def _serialized(content: bytes) -> tuple[NDArray[Any], int]:
-    """The corners of the first mesh of a file in Mitsuba's own format, and its vertices."""
+def _serialized(content: bytes) -> list[tuple[NDArray[Any], int]]:
+    """The corners of faces and the number of vertices of all meshes in Mitsuba's own format."""
     refused = FileFormatError("expected a mesh in Mitsuba's format, got another file; use PLY")
     try:
         mark, version = struct.unpack_from("<HH", content)
-        if mark != 0x041C or version not in (3, 4):
+        (meshes,) = struct.unpack_from("<I", content, len(content) - 4)
+        if mark != 0x041C or version not in (3, 4) or not 0 < meshes <= _MOST_MESHES:
             raise refused
-        stream = zlib.decompressobj()
-        body = stream.decompress(content[4:], _LARGEST_MESH)
-        (flags,) = struct.unpack_from("<I", body)
-        place = 4 + (body.index(b"\0", 4) - 3 if version == 4 else 0)
-        count, faces = struct.unpack_from("<QQ", body, place)
-        size = 8 if flags & 0x2000 else 4
-        numbers = 3 + 3 * bool(flags & 0x1) + 2 * bool(flags & 0x2) + 3 * bool(flags & 0x8)
-        start = place + 16 + count * numbers * size
-        if faces > _MOST_CORNERS or start > len(body):
-            raise refused
-        return np.frombuffer(body, "<u4", 3 * faces, start), count  # fewer than 2^32 vertices
-    except (struct.error, ValueError, zlib.error):
+        kind, size = ("<Q", 8) if version == 4 else ("<I", 4)
+        end = len(content) - 4 - meshes * size
+        places = [struct.unpack_from(kind, content, end + k * size)[0] for k in range(meshes)]
+        return [_one_serialized(content[place:end], version) for place in places]
+    except (struct.error, ValueError, IndexError, zlib.error):
         raise refused from None
+
+
+def _one_serialized(content: bytes, version: int) -> tuple[NDArray[Any], int]:
+    """Corners and vertices of one mesh, unpacked as far as it announces."""
+    stream = zlib.decompressobj()
+    body = stream.decompress(content[4:], _LONGEST_HEADER)
+    (flags,) = struct.unpack_from("<I", body)
+    place = 4 + (body.index(b"\0", 4) - 3 if version == 4 else 0)
+    count, faces = struct.unpack_from("<QQ", body, place)
+    numbers = 3 + 3 * bool(flags & 0x1) + 2 * bool(flags & 0x2) + 3 * bool(flags & 0x8)
+    start = place + 16 + count * numbers * (8 if flags & 0x2000 else 4)
+    needed = start + 12 * faces
+    if faces > _MOST_CORNERS or needed > _LARGEST_MESH:
+        raise ValueError
+    if needed > len(body):
+        body += stream.decompress(stream.unconsumed_tail, needed - len(body))
+    return np.frombuffer(body, "<u4", 3 * faces, start), count  # fewer than 2^32 vertices
 
 
 def _pixels(path: Path) -> int:
@@ -335,12 +393,8 @@ def _pixels(path: Path) -> int:
         head = file.read(1 << 12)
     if head[:8] == b"\x89PNG\r\n\x1a\n":
         return math.prod(struct.unpack_from(">2I", head.ljust(24, b"\0"), 16))
-    if head[:4] == b"\x76\x2f\x31\x01":  # OpenEXR
-        place = head.find(b"dataWindow\0box2i\0")
-        if place < 0:
-            return 0
-        x0, y0, x1, y1 = struct.unpack_from("<4i", head, place + 21)
-        return max(0, x1 - x0 + 1) * max(0, y1 - y0 + 1)
+    if head[:4] == b"\x76\x2f\x31\x01":
+        return _pixels_of_exr(path)
     if sizes := re.match(rb"P[Ff]\s+(\d{1,12})\s+(\d{1,12})\s|VOL", head):
         if sizes[1] is not None:
             return int(sizes[1]) * int(sizes[2])
@@ -356,3 +410,25 @@ def _pixels(path: Path) -> int:
         return _MOST_PIXELS + 1
     except (OSError, ValueError, SyntaxError):
         return 0  # no picture
+
+
+def _pixels_of_exr(path: Path) -> int:
+    """The pixels of the data window of an OpenEXR picture, of the largest of several parts."""
+    with path.open("rb") as file:
+        head = file.read(_LONGEST_HEADER)
+    place, largest = 8, 0
+    while (name_end := head.find(b"\0", place)) > place:
+        kind_end = head.find(b"\0", name_end + 1)
+        if kind_end < 0 or kind_end + 5 > len(head):
+            break
+        (size,) = struct.unpack_from("<I", head, kind_end + 1)
+        value = head[kind_end + 5 : kind_end + 5 + size]
+        if head[place:name_end] == b"dataWindow" and len(value) == 16:
+            x0, y0, x1, y1 = struct.unpack("<4i", value)
+            largest = max(largest, max(0, x1 - x0 + 1) * max(0, y1 - y0 + 1))
+        place = kind_end + 5 + size
+        if place < len(head) and not head[place]:  # the end of a part
+            place += 1
+    if not largest:
+        raise FileFormatError(f"expected an OpenEXR picture with its size, got none in {path.name}")
+    return largest

@@ -39,6 +39,8 @@ from polywigner.toolchain import llvm
 _FAST_VARIANT = "llvm_ad_mono"
 _GPU_VARIANT = "cuda_ad_mono"
 _PLAIN_VARIANT = "scalar_rgb"
+# More make a sampler of Mitsuba round up without an end.
+_MOST_SAMPLES = 1 << 24
 
 
 @takes_frequency
@@ -289,10 +291,10 @@ def _check_samplers(state: Any) -> None:
     for node in state.nodes:
         if node.type == mi.ObjectType.Sampler and "sample_count" in node.props:
             samples = node.props["sample_count"]
-            if isinstance(samples, int) and samples < 1:
+            if isinstance(samples, int) and not 1 <= samples <= _MOST_SAMPLES:
                 raise SceneError(
-                    f"expected a sample_count of at least 1 in a sampler, got {samples}; the "
-                    "number of samples per pixel"
+                    f"expected a sample_count of at least 1 and at most {_MOST_SAMPLES} in a "
+                    f"sampler, got {samples}; the number of samples per pixel"
                 )
 
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import lzma
 import os
 import re
+import tokenize
 import warnings
 import zipfile
 import zlib
@@ -160,7 +162,7 @@ _LEAST_UNPACKED, _MOST_PACKED = 1 << 26, 20
 _MOST_COUNTED = 1 << 53
 _DAMAGED = (
     OSError, ValueError, KeyError, TypeError, AttributeError, EOFError, MemoryError, OverflowError,
-    RuntimeError, zipfile.BadZipFile, zlib.error,
+    RuntimeError, SyntaxError, zipfile.BadZipFile, zlib.error, lzma.LZMAError, tokenize.TokenError,
 )  # fmt: skip
 
 
