@@ -34,6 +34,7 @@ from polywigner.geometry.formats.limits import (
 # Scenes that include scenes; Mitsuba's own limit. In all: eight files of eight includes are 8^8.
 _DEEPEST_INCLUDE, _MOST_INCLUDED = 15, 256
 # Objects in each other: Mitsuba goes 2^n times through n that hold one another.
+_BY_REFERENCES = "objects that hold each other by references"
 _MOST_NESTED_OBJECTS, _DEEPEST_REFS, _MOST_REFERRED = 16, 64, 1 << 24
 # Values of $parameters are texts such as a power; a default may hold others eight times.
 _MOST_DEFAULTS, _LONGEST_VALUE = 1000, 1 << 14
@@ -170,12 +171,12 @@ class _Seen:
                     size = 1 + sum(count for count, _ in found)
                     depth = 1 + max((depth for _, depth in found), default=0)
                     if name:
-                        _check("objects that hold each other by references", depth, _DEEPEST_REFS)
+                        _check(_BY_REFERENCES, depth, _DEEPEST_REFS)
                         _check("objects, references counted", size, _MOST_REFERRED)
                     sizes[name] = (size, depth) if name else (0, 0)
                     waiting.pop()
                     continue
-                _check("references in a circle", len(waiting), len(self.held) + 1)
+                _check(_BY_REFERENCES, len(waiting), _DEEPEST_REFS + 1)  # also in a circle
                 waiting.append(missing[0])
 
     def _filled(self, text: str) -> str:
