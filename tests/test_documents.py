@@ -133,8 +133,9 @@ def test_ratios_in_sentences_are_those_of_the_recorded_comparison() -> None:
     assert f"{ratios('square, nu D', 'coxeter')} times as long for a square" in comparison
 
 
-def test_the_page_of_commands_says_what_the_program_knows() -> None:
-    command = [sys.executable, str(ROOT / "tools" / "cli_reference.py"), "--check"]
+@pytest.mark.parametrize("tool", ["cli_reference.py", "public_names.py"])
+def test_pages_made_from_the_package_say_what_it_knows(tool: str) -> None:
+    command = [sys.executable, str(ROOT / "tools" / tool), "--check"]
     found = subprocess.run(command, capture_output=True, text=True, check=False)
     assert found.returncode == 0, found.stdout + found.stderr
 
