@@ -25,6 +25,7 @@ from oracles import exact, golden
 __all__ = [
     "SOURCES",
     "Element",
+    "Points",
     "elements_of",
     "exact_values",
     "field_of",
@@ -220,7 +221,7 @@ def hard_points(name: str) -> Points:
     rng = np.random.default_rng(crc32(name.encode()))
     elements = elements_of(name)
     # sums over many pairs in rational arithmetic take long
-    count = 12 if len(elements) < 5 else 6 if len(elements) < 50 else 3
+    count = 12 if len(elements) < 5 else 6 if len(elements) < 50 else 4
     d, corners = dimension_of(name), [corners_of(outline) for outline, _ in elements]
     one, other = (
         np.array(
@@ -368,14 +369,27 @@ def _fourier_of(outline: Any, waves: list[tuple[complex, Values]], nu: Values) -
     return sum(c * exact.fourier(outline.rings, nu - k) for c, k in waves)
 
 
+def size_of(name: str) -> float:
+    """The larger side of the box around the first element."""
+    return float(np.ptp(corners_of(elements_of(name)[0][0]), axis=0).max())
+
+
+def degree_of_coherence(name: str, xi: Values) -> Values:
+    width = getattr(source_of(name), "coherence_width", None)
+    return 1.0 if width is None else np.exp(-(xi**2).sum(axis=-1) / (2 * width**2))
+
+
 def field_of(name: str, points: Values) -> Values:
-    """u (n,) of a flat source."""
-    total = np.zeros(len(points), complex)
-    for outline, waves in elements_of(name):
-        if isinstance(outline, pw.Slits):
-            t = points[:, :1]
-            inside = ((outline.intervals[:, 0] < t) & (t < outline.intervals[:, 1])).any(axis=-1)
-        else:
-            inside = shapely.contains_xy(outline.polygons, *points.T)
-        total += inside * sum(c * np.exp(2j * np.pi * points @ k) for c, k in waves)
-    return total
+    """u (n,) of coherent light."""
+    inner = points - _centre(name)
+    total = np.exp(1j * np.pi * (_bend(name, inner) * inner).sum(axis=-1))
+    return total * sum(_field_on(outline, waves, points) for outline, waves in elements_of(name))
+
+
+def _field_on(outline: Any, waves: list[tuple[complex, Values]], points: Values) -> Values:
+    if isinstance(outline, pw.Slits):
+        begin, end = outline.intervals.T
+        inside = ((begin < points) & (points < end)).any(axis=-1)
+    else:
+        inside = shapely.contains_xy(outline.polygons, *points.T)
+    return inside * sum(c * np.exp(2j * np.pi * points @ k) for c, k in waves)
