@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import shapely
 
 import laws
 import polywigner as pw
@@ -199,3 +200,173 @@ def test_the_layout_of_points_changes_no_value(name: str, precision: str, engine
                 bad = np.isnan(nu).any(axis=1) | np.isinf(nu).any(axis=1)
                 assert np.isnan(found[2]).all() and np.isnan(found[:, bad]).all()
                 assert not found[3, ~bad].any() and not np.isnan(found[3, ~bad]).any()
+
+
+# Central differences over two steps, extrapolated: their error, of the largest derivative.
+STEP, SLOPES = 2.0**-16, 1e-8
+
+
+def engine_points(values: Any, double: bool = True) -> Any:
+    """Points (n, d) as an array of the engine."""
+    import drjit.llvm.ad as backend
+
+    if values.shape[1] == 1:
+        return (backend.Float64 if double else backend.Float)(values[:, 0].tolist())
+    return (backend.Array2f64 if double else backend.Array2f)(*values.T.tolist())
+
+
+def read(array: Any) -> Any:
+    """The components of an array of the engine, a row each."""
+    parts = [array.real, array.imag] if "Complex" in type(array).__name__ else array
+    return np.atleast_2d(np.array(parts))
+
+
+def moved(source: Any, step: float, change: dict[str, Any]) -> Any:
+    """The source with its vertices (or ends), weights and amplitudes changed."""
+    if isinstance(source, pw.Array):
+        sizes = np.cumsum([sum(map(len, e.rings)) for e in source.elements])
+        parts = np.split(change["vertices"], sizes[:-1])
+        elements = [
+            moved(e, step, {"vertices": p}) for e, p in zip(source.elements, parts, strict=True)
+        ]
+        return pw.Array(elements, source.weights + step * change["weights"])
+    if isinstance(source, pw.Slits):
+        return pw.Slits(source.intervals + step * change["intervals"])
+    sizes = np.cumsum([len(ring) for ring in source.rings])
+    rings = np.split(np.concatenate(source.rings) + step * change["vertices"], sizes[:-1])
+    plain = pw.Aperture([shapely.Polygon(rings[0], rings[1:])])
+    if source.illumination is None:
+        return plain
+    amplitudes = source.illumination.amplitudes + step * change.get("amplitudes", 0.0)
+    return plain.with_illumination(pw.Illumination(amplitudes, source.illumination.frequencies))
+
+
+def own_parameters(source: Any) -> dict[str, Any]:
+    """The numbers that a source of the plane or the line may be differentiated in."""
+    if isinstance(source, pw.Slits):
+        return {"intervals": source.intervals}
+    if isinstance(source, pw.Array):
+        rings = [ring for element in source.elements for ring in element.rings]
+        return {"vertices": np.concatenate(rings), "weights": source.weights}
+    found = {"vertices": np.concatenate(source.rings)}
+    field = source.illumination
+    return found if field is None else found | {"amplitudes": field.amplitudes}
+
+
+def total_of(value: Any, seed: Any) -> Any:
+    """A weighted sum over samples of real and imaginary parts."""
+    if (hasattr(value, "imag") and not isinstance(value, np.ndarray)) or np.iscomplexobj(value):
+        value = value.real + 0.7 * value.imag
+    return (value * seed).sum() if isinstance(value, np.ndarray) else value * type(value)(seed)
+
+
+CHANGING = ["chevron", "holes", "collection", "three waves", "slits"]
+IN_POINTS = ["30-gon", "leaning", "product, turned and moved", "steered", "curved", "tapered slits"]
+
+
+@pytest.mark.llvm
+@pytest.mark.parametrize(
+    ("name", "function", "changes"),
+    [
+        *((name, "wigner", True) for name in CHANGING),
+        ("chevron", "ambiguity", True),
+        ("three waves", "fourier", True),
+        *(
+            pytest.param(name, function, True, marks=pytest.mark.slow)
+            for name in ("holes", "collection", "slits")
+            for function in ("ambiguity", "fourier")
+        ),
+        *((name, "wigner", False) for name in IN_POINTS),
+        *(
+            pytest.param(name, function, False, marks=pytest.mark.slow)
+            for name in IN_POINTS
+            for function in ("ambiguity", "fourier")
+            if (name, function) != ("curved", "fourier")
+        ),
+    ],
+)
+def test_slopes_are_those_of_differences(name: str, function: str, changes: bool) -> None:
+    """In places, lags and frequencies; and in vertices or ends, weights and amplitudes."""
+    import drjit as dr
+    import drjit.llvm.ad as backend
+
+    source, at = laws.source_of(name), laws.hard_points(name)
+    rng, count = np.random.default_rng(4), len(at.x) // 3 - 1
+    nu = at.nu[1 : count + 1] if changes else at.nu[-count - 1 : -1]
+    place = place_of(function, at)[1 : count + 1]
+    points = arguments(function, place, nu)
+    seed = np.linspace(1.0, 2.0, count)
+    parameters = own_parameters(source) if changes else {}
+    change = {
+        key: rng.normal(size=v.shape) + (1j * rng.normal(size=v.shape) if v.ndim == 1 else 0.0)
+        for key, v in parameters.items()
+    }
+    moves = [rng.normal(size=p.shape) for p in points]
+    moves = [m / (1.0 + np.abs(p).max()) for m, p in zip(moves, points[::-1], strict=True)]
+
+    def value(step: float) -> float:
+        here = moved(source, step, change) if changes else source
+        there = [p + step * m for p, m in zip(points, moves, strict=True)]
+        return float(total_of(getattr(pw, function)(here, *there, engine="numpy"), seed))
+
+    wide, narrow = (value(h) - value(-h) for h in (STEP, STEP / 2))
+    expected = (8 * narrow - wide) / (6 * STEP)
+    traced = [engine_points(p) for p in points]
+    own: dict[str, Any] = {}
+    for key, numbers in parameters.items():
+        is_complex = key in ("weights", "amplitudes")
+        own[key] = (
+            backend.Complex2f64(numbers.real.tolist(), numbers.imag.tolist())
+            if is_complex
+            else backend.Array2f64(*numbers.T.tolist())
+        )
+    dr.enable_grad(traced, *own.values())
+    changing = pw.differentiable(source, **own) if changes else source
+    dr.backward(dr.sum(total_of(getattr(pw, function)(changing, *traced), seed)))
+    directions = [m.T for m in moves] + [
+        d.T if d.ndim == 2 else np.array([d.real, d.imag]) for d in change.values()
+    ]
+    terms = [
+        (read(dr.grad(array)) * direction).sum()
+        for array, direction in zip([*traced, *own.values()], directions, strict=True)
+    ]
+    assert all(terms)
+    assert abs(sum(terms) - expected) <= SLOPES * np.abs(terms).sum()
+
+
+@pytest.mark.llvm
+@pytest.mark.parametrize(
+    ("name", "precision"),
+    [
+        *((name, "double") for name in ("chevron", "overlapping", "curved", "lattice")),
+        ("chevron", "single"),
+        ("tapered slits", "double"),
+        ("partly coherent", "double"),
+        *(
+            pytest.param(name, "double", marks=pytest.mark.slow)
+            for name in ("30-gon", "holes", "product")
+        ),
+    ],
+)
+def test_arrays_of_the_engine_give_arrays_of_the_engine_with_the_same_values(
+    name: str, precision: str
+) -> None:
+    """Vectors and tensors; few samples, which are recorded, and many, which may be sorted."""
+    import drjit.llvm as backend
+
+    source, at, double = laws.source_of(name), laws.hard_points(name), precision == "double"
+    tensor = backend.TensorXf64 if double else backend.TensorXf
+    for function in golden.FUNCTIONS[:3] if "partly" not in name else ("wigner",):
+        points = arguments(function, place_of(function, at), at.nu)
+        points = [p.astype(np.float64 if double else np.float32) for p in points]
+        expected = getattr(pw, function)(source, *points, engine="numpy")
+        parts = [expected.real, expected.imag][: 1 + np.iscomplexobj(expected)]
+        error = 2 * allowed(name, function, precision)
+        found = getattr(pw, function)(source, *map(tensor, points)).numpy()
+        assert np.abs(found.reshape(len(expected), -1).T - parts).max() <= error
+        for times in (1, 1000):
+            many = [engine_points(np.tile(p, (times, 1)), double) for p in points]
+            found = getattr(pw, function)(source, *many)
+            found = [found.real, found.imag] if len(parts) > 1 else [found]
+            for one, part in zip(found, parts, strict=True):
+                assert np.abs(np.array(one) - np.tile(part, times)).max() <= error
