@@ -19,20 +19,6 @@ HOLED = pw.Aperture(shapely.box(-1, -1, 1, 1) - shapely.box(-0.5, -0.5, 0.25, 0.
 SLITS = pw.Slits([[-1.0, -0.4], [0.1, 0.9]])
 
 
-@engines
-def test_averages_of_the_autocorrelation_are_its_marginals(engine: str) -> None:
-    # midpoints of a grid whose lines the edges follow: the sums are exact
-    step = 1 / 32
-    axis = np.arange(-3, 3, step) + step / 2
-    lags = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
-    x = np.array([0.25, 0.125])
-    total = pw.autocorrelation(HOLED, x, lags, engine=engine).sum() * step**2
-    assert total == pytest.approx(pw.position_marginal(HOLED, x), abs=1e-12)
-    xi = np.array([0.5, 0.25])
-    total = pw.autocorrelation(HOLED, lags / 2, xi, engine=engine).sum() * (step / 2) ** 2
-    assert total == pytest.approx(pw.lag_marginal(HOLED, xi), abs=1e-12)
-
-
 def test_points_on_shared_edges_belong_to_exactly_one_tile() -> None:
     corner = np.linspace(0, 1, 9)
     points = np.stack(np.meshgrid(corner, corner), axis=-1).reshape(-1, 2)

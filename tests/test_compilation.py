@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import polywigner as pw
+from polywigner.errors import GeometryError
 
 pytestmark = pytest.mark.llvm
 
@@ -123,3 +124,80 @@ def test_another_process_finds_compiled_kernels_on_disk(tmp_path: Path, llvm: An
         seen.append(run.stdout.strip())
     assert "False" in seen[0]
     assert seen[1].strip("[]") and "False" not in seen[1]
+
+
+# Of W, A and F: with or without vertices on a grid, pieces turned over, lines of both kinds.
+MOST_FORMS = 12
+# Of sums of some ten terms, each good to an ulp or two of the area.
+DOUBLE = 2e-12
+TRANSFORMS: dict[str, Callable[..., Any]] = {
+    "wigner": pw.wigner,
+    "ambiguity": lambda source, x, nu, **how: pw.ambiguity(source, nu, x, **how),
+    "fourier": lambda source, x, nu, **how: pw.fourier(source, nu, **how),
+}
+
+
+def random_outlines(seed: int) -> Iterator[pw.Aperture]:
+    rng = np.random.default_rng(seed)
+    while True:
+        count = rng.integers(3, 13)
+        angle, radius = np.sort(rng.random(count)) * 2 * np.pi, 0.3 + 0.7 * rng.random(count)
+        try:
+            yield pw.Aperture(radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1))
+        except GeometryError:
+            continue
+
+
+@pytest.mark.parametrize("name", TRANSFORMS)
+def test_any_number_of_outlines_needs_a_few_kernels(name: str) -> None:
+    """With the values that NumPy finds."""
+    rng, outlines = np.random.default_rng(3), random_outlines(4)
+
+    def call(count: int) -> None:
+        for source in (next(outlines) for _ in range(count)):
+            x, nu = rng.normal(size=(2, 50, 2))
+            found = TRANSFORMS[name](source, x, nu, engine="llvm")
+            error = np.abs(found - TRANSFORMS[name](source, x, nu, engine="numpy")).max()
+            assert error <= DOUBLE * source.area
+
+    with compiled() as first:
+        call(20)
+    with compiled() as more:
+        call(40)
+    assert len(set(first)) + len(set(more)) <= MOST_FORMS
+    assert len(more) < MOST_FORMS // 2
+
+
+@pytest.mark.parametrize("weights", [[1.0, 1.0], [2.0, -0.5j]])
+def test_collections_are_data_too(weights: Any) -> None:
+    outlines, rng = random_outlines(11), np.random.default_rng(12)
+    pieces = [next(outlines), next(outlines).moved((1.5, 0.4))]
+    source = pw.Array(pieces, weights)
+    for count in (3, 500):  # a kernel recorded for other numbers of samples
+        x, nu = rng.normal(size=(2, count, 2)) * 0.5
+        for function in TRANSFORMS.values():
+            expected = function(source, x, nu, engine="numpy")
+            assert np.abs(function(source, x, nu, engine="llvm") - expected).max() <= 4 * DOUBLE
+
+
+@pytest.mark.parametrize("derivatives", [False, True])
+def test_arrays_of_the_engine_need_no_kernel_of_their_own(derivatives: bool) -> None:
+    import drjit as dr
+    import drjit.llvm.ad as backend
+
+    rng, outlines = np.random.default_rng(8), random_outlines(9)
+
+    def call(count: int) -> None:
+        for source in (next(outlines) for _ in range(count)):
+            x, nu = (backend.Array2f64(*v.tolist()) for v in rng.normal(size=(2, 2, 50)))
+            if derivatives:
+                dr.enable_grad(x)
+            value = pw.wigner(source, x, nu)
+            if derivatives:
+                dr.backward(value)
+            dr.eval(dr.grad(x) if derivatives else value)
+
+    call(15)
+    with compiled() as found:
+        call(15)
+    assert len(found) < MOST_FORMS

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import tracemalloc
 from functools import lru_cache
 from typing import Any
 
@@ -20,9 +21,6 @@ from oracles.generate_fourier import exact
 from oracles.references import DATA, ENGINES, aperture, numpy_and_few
 from oracles.shapes import Polygons
 from oracles.sources import SOURCES, box_bound, content, cube, frequencies, points_of, prism
-from polywigner.execution import evaluate
-from polywigner.kernels.functions.plane import FOURIER
-from polywigner.kernels.functions.simplices import TILED, fan_cancels
 
 # Relative to the content, which the package promises to be 1e-13 and 1e-6: rounding of a few terms
 # of the content's size. Measured: 2.3e-15 and 6e-7 (docs/accuracy.md).
@@ -156,21 +154,6 @@ def test_float32_is_given_the_phases_of_float64() -> None:
     assert np.abs(single - double).max() < ERROR["single"] * source.area
 
 
-@engines
-def test_thin_outlines_are_tiled_and_others_are_not(engine: str) -> None:
-    """A fan around one origin loses the digits of D^2/area; the tiles agree where it does not."""
-    assert all(fan_cancels(source) for source in SOURCES["thin"].values())
-    for kind in ("convex", "concave", "holed", "disjoint", "needle"):
-        assert not any(fan_cancels(source) for source in SOURCES[kind].values())
-    source = SOURCES["concave"]["star"]
-    nu = frequencies(np.random.default_rng(1), source, 1.5, 50)
-    both = [
-        evaluate(kernel, source, list(nu.T), double=True, engine=engine, outputs=2)
-        for kernel in (FOURIER, TILED)
-    ]
-    assert np.abs(np.subtract(*both)).max() < 1e-14 * source.area
-
-
 def test_a_thin_wall_costs_as_many_digits_as_its_surface_exceeds_its_volume() -> None:
     """The limit that docs/accuracy.md states: 2e-16 D surface/volume."""
     rng = np.random.default_rng(2)
@@ -270,28 +253,61 @@ def test_any_prism_needle_or_plate_at_any_size_of_frequency(
     assert np.abs(pw.fourier(body, nu, engine="numpy") - exact).max() < 1e-13 * body.volume
 
 
-@pytest.mark.slow
-@pytest.mark.llvm
-@pytest.mark.parametrize(
-    "source",
-    [SOURCES["thin"]["thin L"], SOURCES["needle"]["needle, turned"], SOURCES["slits"]["two"]],
-    ids=["thin", "needle", "slits"],
-)
-def test_dr_jit_arrays_of_thin_sources_have_values_and_derivatives(source: Any) -> None:
-    import drjit as dr
-    import drjit.llvm.ad as backend
+HEXAGONS = pw.shapes.hexagonal_segments(6.5, gap=0.1)
 
-    nu = frequencies(np.random.default_rng(4), source, 1.0, 20)
-    kind = {1: backend.Array1f64, 2: backend.Array2f64}[nu.shape[1]]
-    given_nu = kind(*(backend.Float64(column) for column in nu.T))
-    dr.enable_grad(given_nu)
-    got = pw.fourier(source, given_nu)
-    value = np.array(got.real) + 1j * np.array(got.imag)
-    assert np.abs(value - pw.fourier(source, nu, engine="numpy")).max() < 1e-14 * content(source)
-    dr.forward_from(given_nu)
-    slope = np.array(dr.grad(got.real)) + 1j * np.array(dr.grad(got.imag))
-    step = 1e-5
-    ahead, behind = (pw.fourier(source, nu + s * step, engine="numpy") for s in (1, -1))
-    reach = np.abs(points_of(source)).max()
-    error = np.abs(slope - (ahead - behind) / (2 * step)).max()
-    assert error < 1e-6 * reach * content(source)  # of the difference quotient
+
+def _axes_grid(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    return np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
+
+
+@pytest.mark.parametrize("precision", list(ERROR))
+def test_a_row_of_enormous_frequencies_does_not_overflow(precision: Any) -> None:
+    x, y = np.linspace(-3, 3, 20), np.linspace(-2, 2, 21)
+    x[5] = {"double": 1e200, "single": 1e30}[precision]
+    values = pw.fourier(HEXAGONS, _axes_grid(x, y), precision=precision, engine="numpy")
+    assert np.abs(values[5]).max() < 10 * ERROR[precision] * HEXAGONS.area
+
+
+def test_a_point_beside_its_place_in_a_grid_is_seen() -> None:
+    nu = _axes_grid(np.linspace(-3, 3, 20), np.linspace(-2, 2, 21))
+    nu[7, 11] += (0.05, -0.03)
+    expected = pw.fourier(HEXAGONS, nu[7, 11])
+    assert pw.fourier(HEXAGONS, nu)[7, 11] == pytest.approx(expected, abs=1e-13 * HEXAGONS.area)
+
+
+@pytest.mark.parametrize("scale", [1.0, 1 + 0.1j])
+def test_an_array_on_a_grid_is_the_sum_of_its_elements(scale: complex) -> None:
+    """Parts of equal outlines, one elsewhere in another pose, and of complex frequencies."""
+    rng, hexagon = np.random.default_rng(3), pw.shapes.regular_polygon(6, 0.55)
+    places, weights = rng.uniform(-5, 5, (12, 2)).round(1), np.exp(6j * rng.random(13))
+    tilted = np.eye(4)
+    tilted[:2, :2] = [[0.8, -0.6], [0.6, 0.8]]
+    nu = scale * _axes_grid(np.linspace(-6, 6, 33), np.linspace(-4, 4, 20))
+    far = 1e4 if scale == 1 else 20.0
+    for last in (hexagon.moved((far, 0.0)), pw.shapes.square(0.3).placed(tilted)):
+        array = pw.Array([*(hexagon.moved(place) for place in places), last], weights)
+        there = nu
+        if array.dimension == 3:
+            there = np.concatenate([nu, np.ones((*nu.shape[:-1], 1))], axis=-1)
+        points = there.reshape(-1, there.shape[-1])
+        expected = sum(
+            w * pw.fourier(e, points) for e, w in zip(array.elements, weights, strict=True)
+        )
+        error = np.abs(pw.fourier(array, there).ravel() - expected).max()
+        assert error < 1e-13 * np.abs(expected).max() * (1 if scale == 1 else 10)
+
+
+@pytest.mark.slow
+def test_a_grid_is_tiled_without_seams_and_without_much_memory() -> None:
+    source = pw.shapes.hexagonal_segments(1.0, gap=0.05, rings=8)
+    x, y = np.linspace(-3, 3, 601), np.linspace(-2, 4, 603)
+    nu = _axes_grid(x, y)
+    tracemalloc.start()
+    values = pw.fourier(source, nu, engine="numpy")
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    # without tiles, and with the waves of all 1296 edges at once, 77 MB
+    assert peak < values.nbytes + 60e6
+    some = np.random.default_rng(0).integers(0, 600, (2, 200))
+    expected = pw.fourier(source, nu[*some], engine="numpy")
+    assert np.abs(values[*some] - expected).max() < 1e-13 * source.area
