@@ -336,11 +336,11 @@ def _centre(name: str) -> Values:
 
 @cache
 def exact_values(name: str, function: str) -> Values:
-    """The values (n,) of a coherent source at its hard points; of marginals at half of them."""
+    """The values (n,) of a coherent source at its hard points; of marginals at some of them."""
     at = hard_points(name)
     if function == "fourier":
         return np.array([_fourier(name, row) for row in at.nu])
-    nu = at.nu if function in ("wigner", "ambiguity") else 0.0 * at.nu[: len(at.nu) // 2]
+    nu = at.nu if function in ("wigner", "ambiguity") else 0.0 * at.nu[: len(at.nu) // 3]
     centre = _centre(name)
     if function in ("wigner", "position_marginal"):
         inner = [q - _bend(name, p - centre) for p, q in zip(at.x, nu, strict=False)]

@@ -342,14 +342,14 @@ def test_a_width_of_too_many_tilts_is_refused_with_the_limit() -> None:
 @pytest.mark.parametrize("wave", [SQUARE, SQUARE.curved(60e-3, WAVELENGTH)], ids=["flat", "curved"])
 def test_rays_of_partly_coherent_light_are_the_mean_over_tilts(wave: Any) -> None:
     width = 8e-3
-    points = np.array([(0.0, 0.0, 0.3), (0.05, 0.02, 0.3), (0.1, 0.0, 0.2)])
-    nodes, weights = np.polynomial.hermite_e.hermegauss(12)
+    points = np.array([(0.05, 0.02, 0.3), (0.1, 0.0, 0.2)])
+    nodes, weights = np.polynomial.hermite_e.hermegauss(7)
     nodes, weights = nodes / (2 * math.pi * width), weights / weights.sum()
     flat = pw.Wavefront(SQUARE) if wave is SQUARE else wave
     expected = sum(
         a * b * pw.irradiance(
             flat.on(SQUARE.with_illumination(pw.Illumination([1.0], [(s, t)]))).coherent,
-            points, WAVELENGTH, tolerance=1e-7,
+            points, WAVELENGTH, tolerance=1e-6,
         )
         for s, a in zip(nodes, weights, strict=True)
         for t, b in zip(nodes, weights, strict=True)
@@ -357,8 +357,9 @@ def test_rays_of_partly_coherent_light_are_the_mean_over_tilts(wave: Any) -> Non
     partly = wave.partially_coherent(width)
     found = pw.irradiance(partly, points, WAVELENGTH, tolerance=1e-7)
     assert np.allclose(found, expected, rtol=1e-6, atol=0)
-    paper = pw.irradiance(partly, points[:1], WAVELENGTH, obliquity="paper")
-    assert np.allclose(paper, found[:1], rtol=1e-2)  # on the axis
+    ahead = np.array([(0.0, 0.0, 0.3)])
+    paper = pw.irradiance(partly, ahead, WAVELENGTH, obliquity="paper")
+    assert np.allclose(paper, pw.irradiance(partly, ahead, WAVELENGTH), rtol=1e-2)
     # in a band as well
     band = pw.irradiance(partly, points, WAVELENGTH, bandwidth=1e6)
     assert np.allclose(band, found, rtol=1e-3)
@@ -399,9 +400,9 @@ def test_a_command_computes_the_irradiance_of_a_mixture(tmp_path: Path) -> None:
     outline.write_text("POLYGON((-5 -5,5 -5,5 5,-5 5,-5 -5))")
     place = "-40 mm, 0 mm, 300 mm to 40 mm, 0 mm, 300 mm"
     asked = ["--coherence", "20 mm", "--bandwidth", "2 GHz", "--method", "rayleigh-sommerfeld-1"]
-    asked += ["--line", place, "--samples", "9", "--wavelength", "3.2 mm", "--out", str(tmp_path)]
+    asked += ["--line", place, "--samples", "3", "--wavelength", "3.2 mm", "--out", str(tmp_path)]
     assert main(["propagate", str(outline), *asked]) == 0
-    x = np.linspace(-0.04, 0.04, 9)
+    x = np.linspace(-0.04, 0.04, 3)
     points = np.stack([x, 0 * x, np.full_like(x, 0.3)], axis=-1)
     with xarray.open_dataset(tmp_path / "square.nc") as found:
         values = found["rayleigh-sommerfeld-1"].values
