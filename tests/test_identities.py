@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import polywigner as pw
-from oracles import disc, exact, scanline
+from oracles import disc, exact
 from oracles.drawn import polygons as drawn_polygons
 from oracles.positions import frequencies, lags, outline, positions
 from oracles.quadrature import position_nodes, triangle_nodes
@@ -208,21 +208,3 @@ def test_any_aperture_agrees_with_exact_clipping_at_special_positions(
     assert np.abs(_numpy(pw.ambiguity, source, nu, xi) - ambiguity).max() < DOUBLE * area
     fourier = [exact.fourier(rings, q) for q in nu]
     assert np.abs(_numpy(pw.fourier, source, nu) - fourier).max() < DOUBLE * area
-
-
-@pytest.mark.slow
-@given(polygons=drawn_polygons(), seed=st.integers(0, 2**32 - 1))
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
-def test_any_aperture_agrees_with_scanlines_at_generic_positions(
-    polygons: Polygons, seed: int
-) -> None:
-    rng, rings = np.random.default_rng(seed), exact.oriented(polygons)
-    source, area = aperture(polygons), exact.area(rings)
-    points = np.concatenate(rings)
-    low, high = points.min(axis=0), points.max(axis=0)
-    x, xi = rng.uniform(low, high, (4, 2)), rng.uniform(low - high, high - low, (4, 2))
-    nu = rng.normal(size=(4, 2)) * 10.0 ** rng.uniform(-3, 1, (4, 1))
-    wigner = [scanline.wigner(rings, p, q) for p, q in zip(x, nu, strict=True)]
-    assert np.abs(_numpy(pw.wigner, source, x, nu) - wigner).max() < DOUBLE * area
-    ambiguity = [scanline.ambiguity(rings, q, p) for p, q in zip(xi, nu, strict=True)]
-    assert np.abs(_numpy(pw.ambiguity, source, nu, xi) - ambiguity).max() < DOUBLE * area

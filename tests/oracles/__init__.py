@@ -4,8 +4,6 @@ Nothing here imports polywigner's kernels, and no formula is shared with them:
 
 - :mod:`oracles.exact` cuts the slices of the autocorrelation into trapezoids in rational
   arithmetic and transforms them by divided differences of exp at 50 digits or more;
-- :mod:`oracles.scanline` finds the slices' scanlines by winding numbers in floating point and
-  integrates along them by Gauss-Legendre quadrature;
 - :mod:`oracles.shapes` and :mod:`oracles.positions` are the apertures and the awkward positions
   on which edges coincide; :mod:`oracles.drawn` draws random apertures for hypothesis.
 """
