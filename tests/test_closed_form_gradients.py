@@ -230,30 +230,6 @@ def _gradient(source: Any, vertices: np.ndarray, *points: np.ndarray) -> list[np
     return [_read(dr.grad(a)) for a in arrays]
 
 
-@pytest.mark.parametrize(
-    "source",
-    [pw.Aperture(CHEVRON), pw.shapes.star(5, 1.0, 0.4), pw.shapes.disc(1.0, n=40)],
-    ids=["chevron", "star", "disc"],
-)
-def test_shifts_turns_and_scales_of_everything_leave_the_wigner_function(source: Any) -> None:
-    """W(x, nu; G) is W(x + s, nu; G + s), W(Rx, R nu; RG), and W(kx, nu/k; kG)/k^2."""
-    rng = np.random.default_rng(4)
-    low, high = np.reshape(source.bounds, (2, 2))
-    x, nu = rng.uniform(low, high, (30, 2)), rng.uniform(-3, 3, (30, 2))
-    vertices = np.concatenate(source.rings)
-    of_vertices, of_x, of_nu = _gradient(source, vertices, x, nu)
-    size = np.abs(of_vertices).sum() + np.abs(of_x).sum() + np.abs(of_nu).sum()
-    assert np.abs(of_vertices.sum(axis=0) + of_x.sum(axis=0)).max() < ROUNDING * size
-
-    def turned(points: np.ndarray) -> np.ndarray:
-        return np.stack([-points[:, 1], points[:, 0]], axis=-1)
-
-    triples = ((of_vertices, vertices), (of_x, x), (of_nu, nu))
-    assert abs(sum((g * turned(p)).sum() for g, p in triples)) < ROUNDING * size
-    grown = (of_vertices * vertices).sum() + (of_x * x).sum() - (of_nu * nu).sum()
-    assert abs(grown - 2 * pw.wigner(source, x, nu).sum()) < ROUNDING * size
-
-
 @pytest.mark.parametrize("corners", [24, 80])
 def test_of_many_edges_derivatives_by_cells_are_those_by_rows(corners: int) -> None:
     import drjit as dr

@@ -154,26 +154,6 @@ def test_w_is_the_mean_over_tilts(source: Any, width: float) -> None:
     assert np.abs(pw.wigner(partly, x, nu) - expected).max() <= BY_QUADRATURE * energy
 
 
-def test_w_and_its_position_marginal_are_fourier_transforms_of_the_slice() -> None:
-    width, x = 3e-3, np.array([1e-3, -0.5e-3])
-    partly = SQUARE.partially_coherent(width)
-    # the lag slice of a square is a rectangle
-    reach = SIDE - 2 * np.abs(x)
-    nodes, weights = np.polynomial.legendre.leggauss(60)
-
-    def along(axis: int, nu: float) -> float:
-        xi = nodes * reach[axis]
-        inner = np.exp(-(xi**2) / (2 * width**2)) * np.cos(2 * math.pi * nu * xi)
-        return float(weights @ inner) * reach[axis]
-
-    for nu in ((0.0, 0.0), (90.0, -210.0)):
-        expected = along(0, nu[0]) * along(1, nu[1])
-        assert abs(pw.wigner(partly, x, nu) - expected) <= BY_QUADRATURE * SIDE**2
-    assert pw.position_marginal(partly, x) == pytest.approx(
-        along(0, 0) * along(1, 0), rel=1e-9, abs=0
-    )
-
-
 def test_a_wide_coherence_is_coherent_and_a_narrow_one_is_a_lambertian_like_lamp() -> None:
     wide = SQUARE.partially_coherent(1e3)
     x, nu = np.array([1e-3, 2e-3]), np.array([50.0, -80.0])
@@ -399,15 +379,15 @@ def test_a_command_computes_the_irradiance_of_a_mixture(tmp_path: Path) -> None:
     outline = tmp_path / "square.wkt"
     outline.write_text("POLYGON((-5 -5,5 -5,5 5,-5 5,-5 -5))")
     place = "-40 mm, 0 mm, 300 mm to 40 mm, 0 mm, 300 mm"
-    asked = ["--coherence", "20 mm", "--bandwidth", "2 GHz", "--method", "rayleigh-sommerfeld-1"]
+    asked = ["--coherence", "60 mm", "--bandwidth", "500 MHz", "--method", "rayleigh-sommerfeld-1"]
     asked += ["--line", place, "--samples", "3", "--wavelength", "3.2 mm", "--out", str(tmp_path)]
     assert main(["propagate", str(outline), *asked]) == 0
     x = np.linspace(-0.04, 0.04, 3)
     points = np.stack([x, 0 * x, np.full_like(x, 0.3)], axis=-1)
     with xarray.open_dataset(tmp_path / "square.nc") as found:
         values = found["rayleigh-sommerfeld-1"].values
-    partly = SQUARE.partially_coherent(20e-3)
-    expected = pw.irradiance(partly, points, WAVELENGTH, "rayleigh-sommerfeld-1", bandwidth=2e9)
+    partly = SQUARE.partially_coherent(60e-3)
+    expected = pw.irradiance(partly, points, WAVELENGTH, "rayleigh-sommerfeld-1", bandwidth=5e8)
     assert np.allclose(values, expected, rtol=1e-6)
 
 
@@ -453,20 +433,6 @@ def test_a_width_that_is_none_is_refused(width: Any) -> None:
     for make in (SQUARE.partially_coherent, lambda w: pw.Wavefront(SQUARE, coherence_width=w)):
         with pytest.raises(ArgumentError, match="width as a length above zero"):
             make(width)
-
-
-@pytest.mark.parametrize("source", [SQUARE, SLITS, TAPERED], ids=["square", "slits", "tapered"])
-@pytest.mark.parametrize("value", [math.nan, math.inf])
-def test_w_of_what_is_no_place_and_no_frequency_is_no_number(source: Any, value: float) -> None:
-    d, partly = len(source.bounds) // 2, source.partially_coherent(3e-3)
-    inside, none = np.full(d, 1e-3), np.full(d, value)
-    assert np.isnan(pw.wigner(partly, none, np.zeros(d)))
-    assert np.isnan(pw.wigner(partly, inside, none))
-
-
-def test_shapes_that_do_not_broadcast_are_refused() -> None:
-    with pytest.raises(ArgumentError, match="shapes that broadcast"):
-        pw.wigner(SQUARE.partially_coherent(4e-3), np.zeros((4, 2)), np.zeros((3, 2)))
 
 
 @pytest.mark.parametrize("source", [SQUARE, SQUARE.curved(60e-3, WAVELENGTH), SLITS, TAPERED])

@@ -140,14 +140,6 @@ def test_a_curved_wave_is_a_lens_directly_behind(source: Any) -> None:
             assert np.abs(found - expected).max() < IDENTITY * ELL.area
 
 
-def test_marginals_are_those_of_w_and_a() -> None:
-    wave = WAVES.curved((0.02, -0.03), WAVELENGTH, CENTRE).turned(0.2)
-    x, _ = draws(20)
-    none = np.zeros(2)
-    assert np.array_equal(pw.position_marginal(wave, x), pw.wigner(wave, x, none))
-    assert np.array_equal(pw.lag_marginal(wave, x), pw.ambiguity(wave, none, x))
-
-
 def test_the_projection_of_w_is_the_square_of_the_spectrum() -> None:
     """Int W dx = |F|^2, for slits, by Gauss's rules between the kinks of W."""
     wave = pw.Slits([(-1e-3, 1e-3), (2e-3, 5e-3)]).curved(0.01, WAVELENGTH, [1e-3])

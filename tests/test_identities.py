@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import math
 
-import mpmath
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -35,21 +34,6 @@ def _frequency_grid(largest: float, spacing: float) -> np.ndarray:
     half = math.ceil(largest / spacing)
     axis = spacing * np.arange(-half, half + 1)
     return np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
-
-
-@pytest.mark.parametrize(
-    ("x", "field"), [((0.55, 0.45), 1.0), ((0.2, 0.7), 0.0)], ids=["inside", "outside"]
-)
-def test_wigner_integrates_over_nu_to_the_intensity(x: tuple[float, float], field: float) -> None:
-    """Under a Gaussian window the sum over nu is the lag slice smoothed at xi = 0.
-
-    The window is wide enough that its image, of width 0.15, ends inside (or outside) the slice.
-    """
-    source, width, period = awkward("triangle").aperture, 0.15, 6.0
-    nu = _frequency_grid(3.4 / width, 1 / period)
-    window = np.exp(-np.pi * width**2 * (nu**2).sum(axis=1))
-    total = _numpy(pw.wigner, source, np.array(x), nu) @ window / period**2
-    assert total == pytest.approx(field, abs=1e-10)
 
 
 @pytest.mark.parametrize(
@@ -115,21 +99,6 @@ def test_the_wigner_function_of_a_rectangle_is_a_product_of_sincs() -> None:
     assert np.abs(_numpy(pw.fourier, source, nu) - expected).max() < DOUBLE * a * b
 
 
-@pytest.mark.parametrize("cycles", [0.4, 1.7])
-def test_polygons_of_equal_area_approach_the_disc_at_fourth_order(cycles: float) -> None:
-    """At the centre of a disc W = 4 pi R^2 2 J1(z)/z with z = 4 pi R |nu|."""
-    z = 4 * math.pi * cycles
-    expected = 4 * math.pi * 2 * float(mpmath.besselj(1, z)) / z
-    nu = cycles * np.array([math.cos(0.4), math.sin(0.4)])
-    error = [
-        abs(_numpy(pw.wigner, pw.shapes.disc(1.0, n), np.zeros(2), nu) - expected)
-        for n in (16, 32, 64)
-    ]
-    # once areas agree, the mean square radius differs from the disc's at order n^-4
-    orders = [math.log2(a / b) for a, b in itertools.pairwise(error)]
-    assert min(orders) > 3.9
-
-
 # Fourth order where all sides take part alike, third where a slice cuts through some of them, and
 # second where the area itself is not the disc's.
 DISC_ORDERS = {
@@ -175,18 +144,6 @@ def test_transforms_are_continuous_down_to_zero_frequency(name: str) -> None:
         assert w == pytest.approx(exact.wigner(case.rings, x, nu), abs=allowed)
         assert a == pytest.approx(exact.ambiguity(case.rings, nu, xi), abs=allowed)
         assert f == pytest.approx(exact.fourier(case.rings, nu), abs=allowed)
-
-
-def test_two_parts_interfere_with_twice_the_cross_term_midway() -> None:
-    """Midway between two equal slits W is 2 W_slit cos(4 pi nu.d), d half their distance."""
-    slit = np.array([[-0.1, -1], [0.1, -1], [0.1, 1], [-0.1, 1.0]])
-    shift = np.array([0.4, 0.0])
-    both = pw.Aperture([slit - shift, slit + shift])
-    rng = np.random.default_rng(5)
-    x, nu = rng.uniform(-0.1, 0.1, (50, 2)), rng.normal(size=(50, 2)) * 3
-    alone = _numpy(pw.wigner, pw.Aperture(slit), x, nu)
-    expected = 2 * alone * np.cos(4 * np.pi * nu @ shift)
-    assert np.abs(_numpy(pw.wigner, both, x, nu) - expected).max() < DOUBLE * both.area
 
 
 @pytest.mark.slow

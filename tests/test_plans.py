@@ -122,11 +122,6 @@ def test_a_loop_over_outlines_compiles_for_none_of_them() -> None:
             assert plan(replace(request, engine=engine)).way.setup < UNNOTICED
 
 
-def test_equal_requests_have_equal_plans() -> None:
-    for request in requests().values():
-        assert plan(request) == plan(replace(request))
-
-
 @pytest.mark.parametrize("engine", ["numpy", "llvm"])
 def test_an_engine_that_is_asked_for_is_taken(engine: str) -> None:
     for request in requests().values():
@@ -195,17 +190,6 @@ def section(text: str) -> str:
     return text.split("## Which way a call takes", 1)[1].split("\n## ", 1)[0]
 
 
-def test_only_plans_know_costs_and_limits() -> None:
-    """Whoever else looks at the table of limits chooses a way, which plans are there for."""
-    package = Path(polywigner.__file__).parent
-    users = {
-        path.relative_to(package).as_posix()
-        for path in package.rglob("*.py")
-        if "plans.costs import" in path.read_text(encoding="utf-8")
-    }
-    assert {user.split("/")[0] for user in users} == {"plans"}
-
-
 @pytest.mark.parametrize("samples", [1, 1000, 100_000, 10_000_000])
 def test_arrays_of_the_engine_are_launched_as_they_may_be(samples: int) -> None:
     for changes, recordable, by_pairs in itertools.product((True, False), repeat=3):
@@ -255,7 +239,7 @@ def test_a_call_takes_the_same_way_at_every_repetition() -> None:
     for count in (10, 1000):
         source, points = pw.shapes.regular_polygon(64, 0.01), 1e-3 * rng.normal(size=(2, count, 2))
         first = pw.explain(source, *points)
-        for _ in range(30):
+        for _ in range(5):
             pw.wigner(source, *points)
         assert pw.explain(source, *points) == first
 

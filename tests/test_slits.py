@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 import pickle
 from fractions import Fraction
@@ -59,12 +58,6 @@ def _exact(source: pw.Slits) -> list[tuple[Fraction, Fraction]]:
 frequencies = st.floats(-40, 40) | st.floats(-1e-9, 1e-9) | st.sampled_from([0.0, 1.0, 16.0])
 
 
-@given(source=slits(), nu=frequencies)
-def test_fourier_transform_is_a_sum_of_sincs(source: pw.Slits, nu: float) -> None:
-    expected = _wave(_exact(source), nu)
-    assert abs(pw.fourier(source, [nu]) - expected) < ROUNDING * source.length
-
-
 @given(source=slits(), nu=frequencies, place=st.integers(-64, 64))
 def test_wigner_function_is_the_transform_of_the_lag_slice(
     source: pw.Slits, nu: float, place: int
@@ -94,28 +87,6 @@ def test_ambiguity_function_is_the_transform_of_the_position_slice(
     assert abs(pw.ambiguity(source, [upsilon], xi) - _wave(overlaps, upsilon)) < allowed
     width = float(sum(b - a for a, b in overlaps))
     assert abs(pw.lag_marginal(source, xi) - width) < allowed
-
-
-def test_marginals_of_the_wigner_function_are_intensity_and_spectrum() -> None:
-    nu = np.array([0.7])
-    # W is piecewise analytic in x with kinks at the means of the ends
-    ends = PAIR.intervals.ravel()
-    kinks = np.unique((ends[:, None] + ends) / 2)
-    nodes, weights = np.polynomial.legendre.leggauss(24)
-    spectrum = 0.0
-    for a, b in itertools.pairwise(kinks):
-        x = (a + b) / 2 + (b - a) / 2 * nodes
-        spectrum += (b - a) / 2 * weights @ pw.wigner(PAIR, x[:, None], nu)
-    assert spectrum == pytest.approx(abs(pw.fourier(PAIR, nu)) ** 2, abs=1e-13)
-
-
-def test_a_centred_slit_has_the_textbook_functions() -> None:
-    width, x, nu, xi = 0.8, 0.15, 1.3, 0.3
-    slit = pw.Slits([-width / 2, width / 2])
-    length = width - 2 * abs(x)
-    assert pw.wigner(slit, [x], [nu]) == pytest.approx(2 * length * np.sinc(2 * nu * length))
-    length = width - abs(xi)
-    assert pw.ambiguity(slit, [nu], [xi]) == pytest.approx(length * np.sinc(nu * length))
 
 
 def test_complex_frequencies_continue_the_transform() -> None:
