@@ -66,6 +66,12 @@ def _product(angle: float, shift: Any) -> pw.Aperture:
     return lit.turned(angle).moved(shift)
 
 
+def _small_rings(size: float) -> list[Values]:
+    """Turned squares far from each other."""
+    centres = (0.3, (0.27, -0.46)), (1.1, (-0.92, -0.97)), (2.0, (0.63, 0.83))
+    return [pw.shapes.square(size).turned(turn).rings[0] + centre for turn, centre in centres]
+
+
 _grid = pw.arrays.grid_positions
 # Those of the golden values, and what else takes a way of its own through kernels.
 SOURCES: dict[str, Callable[[], Any]] = {
@@ -86,12 +92,11 @@ SOURCES: dict[str, Callable[[], Any]] = {
         pw.cosine_taper(4, 4) * pw.Illumination([1.0], [[50.0, 20.0]])
     ),
     "holed with waves": lambda: FRAME.with_illumination(WAVES),
-    "small distant parts": lambda: pw.Aperture(
-        [
-            pw.shapes.square(1e-4).turned(a).rings[0] + c
-            for a, c in ((0.3, (0.27, -0.46)), (1.1, (-0.92, -0.97)), (2.0, (0.63, 0.83)))
-        ]
+    "small distant parts": lambda: pw.Aperture(_small_rings(1e-4)),
+    "smaller parts of any weights": lambda: pw.Array(
+        [pw.Aperture(ring) for ring in _small_rings(2e-6)], _weights(3)
     ),
+    "small parts with waves": lambda: pw.Aperture(_small_rings(1e-2)).with_illumination(WAVES),
     "product": lambda: _product(0.0, (0.0, 0.0)),
     "product, turned and moved": lambda: _product(-1.1, (3.0, 2.0)),
     "product, far away": lambda: _product(0.4, (7313.1, -2111.7)),

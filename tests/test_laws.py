@@ -339,7 +339,7 @@ def test_slopes_are_those_of_differences(name: str, function: str, changes: bool
 @pytest.mark.parametrize(
     ("name", "precision"),
     [
-        *((name, "double") for name in ("chevron", "overlapping", "curved", "lattice")),
+        *((name, "double") for name in ("chevron", "cosine", "overlapping", "curved", "lattice")),
         ("chevron", "single"),
         ("tapered slits", "double"),
         ("partly coherent", "double"),
