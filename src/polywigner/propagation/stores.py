@@ -441,7 +441,8 @@ def _sweep(array: Path) -> None:
 def _opened_lock(file: Path) -> Any:
     """The file of a lock, made if there is none; StoreError for a link, or a file of others."""
     try:
-        number = os.open(file, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK, 0o666)
+        careful = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)  # not on Windows
+        number = os.open(file, os.O_RDWR | os.O_CREAT | careful, 0o666)
     except OSError as error:
         if error.errno != errno.ELOOP:
             raise
