@@ -284,8 +284,8 @@ def _on_this_machine(
 def connected(scheduler: str) -> Iterator[Any]:
     """A client of the scheduler at an address, which has workers. Raises EngineError without."""
     distributed = required("distributed")
-    if "://" not in scheduler and not re.fullmatch(r"[^\s/]+:\d+", scheduler):
-        # distributed would say the same with a traceback when its client is collected
+    if not re.fullmatch(r"((tcp|tls|ws|wss)://)?[^\s/]+:\d+/?", scheduler):
+        # distributed would say the same later, and with a traceback when its client is collected
         raise EngineError(
             f"expected the address of a dask scheduler such as tcp://host:8786, got {scheduler!r}"
         )
