@@ -55,7 +55,8 @@ CUBE = pw.Polyhedron(
 
 PLAIN: dict[str, Any] = {
     "a": 0.01, "angle": 0.3, "aperture": SQUARE, "array": ARRAY, "azimuth": [0.0, 0.1],
-    "amplitudes": [1.0], "base": 0.01, "body": CUBE, "b": 0.02, "bounds": [[-0.01, -0.01], [0.01, 0.01]],
+    "amplitudes": [1.0], "base": 0.01, "body": CUBE,
+    "b": 0.02, "bounds": [[-0.01, -0.01], [0.01, 0.01]],
     "box": [[-0.01, -0.01, 0.1], [0.01, 0.01, 0.2]], "coefficients": [0.2], "count": 4,
     "counts": [4], "direction": [0.3, 0.1], "element": SQUARE, "elements": [SQUARE],
     "elevation": [0.0], "ends": [[0, 0, 0.1], [0, 0, 0.2]], "f": 0.5, "factor": 2.0,
@@ -64,7 +65,8 @@ PLAIN: dict[str, Any] = {
     "height": 0.01, "illumination": pw.cosine_taper(0.01, 0.01), "inner": 0.005,
     "intervals": [[0.0, 0.01]], "lit_by": pw.PointSource([0.0, 0.0, -0.1]), "m": 2.0,
     "matrix": [[1.0, 0.1], [0.0, 1.0]], "n": 6, "nu": NU, "nx": 2, "offsets": [-0.01, 0.01],
-    "ny": 2, "order": 0.5, "other": SQUARE, "outer": 0.01, "length": 0.01, "outline": SQUARE, "phi": [0.0, 0.5],
+    "ny": 2, "order": 0.5, "other": SQUARE, "outer": 0.01, "outline": SQUARE,
+    "length": 0.01, "phi": [0.0, 0.5],
     "pitch": 0.02, "pitch_x": 0.02, "plane": 0.1, "point": [0.0, 0.0, 0.1], "points": XYZ,
     "position": [0.0, 0.0, -0.1], "positions": [[0.0, 0.0], [0.05, 0.0]], "radii": [0.02],
     "radius": 0.01, "radius_x": 0.1, "radius_y": 0.1, "ranges": [0.0, 0.5, 1.0],
