@@ -24,19 +24,18 @@ llvm.require_drjit()  # before the next imports, which load Dr.Jit
 
 from polywigner.illumination import obliquities  # noqa: E402
 from polywigner.mitsuba.covariances import covariance, element_responses  # noqa: E402
-from polywigner.mitsuba.given import register_source  # noqa: E402
+from polywigner.mitsuba.entries import aperture, receiver  # noqa: E402
+from polywigner.mitsuba.parameters import register_source  # noqa: E402
 from polywigner.mitsuba.plugins import exclusive, register  # noqa: E402
 from polywigner.mitsuba.range_profile import range_frames, range_profile  # noqa: E402
 from polywigner.mitsuba.received import Contribution, DirectPath, ReceivedPower  # noqa: E402
 from polywigner.mitsuba.received_power import received_power, received_powers  # noqa: E402
 from polywigner.mitsuba.receiver import receiving  # noqa: E402
-from polywigner.mitsuba.receiver_entry import receiver  # noqa: E402
 from polywigner.mitsuba.rendering import render  # noqa: E402
 from polywigner.mitsuba.scatterer_files import write_scatterers  # noqa: E402
 from polywigner.mitsuba.scatterers import scatterers  # noqa: E402
 from polywigner.mitsuba.scene_renders import render_file  # noqa: E402
 from polywigner.mitsuba.scenes import (  # noqa: E402
-    aperture,
     choose_variant,
     has_wigner_emitter,
     load_scene,

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture
 from polywigner.illumination import Array
-from polywigner.mitsuba.radiator import norm_of, radiator_of
+from polywigner.mitsuba.sources import centred_source, norm_of
 from polywigner.propagation.amplitudes import amplitude
 from polywigner.reception.norms import NORMALISATIONS
 
@@ -129,7 +129,7 @@ def _responses(places: Any, sources: list[Aperture], pose: Any, attrs: dict[str,
         return result
     wavelength, obliquity = attrs["wavelength"], attrs["obliquity"]
     for row, source in zip(result, sources, strict=True):
-        radiator_of(source, obliquity)  # or its error
+        centred_source(source, obliquity)  # or its error
         norm = norm_of(source, wavelength, obliquity, normalise=attrs["normalise"])
         field = amplitude(source, own[front], wavelength, obliquity, tolerance=_TOLERANCE)
         row[front] = field * (wavelength / math.sqrt(norm))

@@ -231,7 +231,7 @@ class Asked:
     def noise_of(self, spec: Any) -> dict[str, Any]:
         """Noise of a receiver: the caller's numbers, else its own."""
         asked = {name: getattr(self, name) for name in NOISE_PARSERS}
-        noise = {n: getattr(spec, n) if value is None else value for n, value in asked.items()}
+        noise = {n: spec.noise[n] if value is None else value for n, value in asked.items()}
         power = noise_power_of(**noise)
         if power is not None and not 0 < power < math.inf:
             raise ArgumentError(

@@ -30,7 +30,7 @@ def is_fog_near(scene: Any, sensor: Any) -> bool:
     spec = sensor.spec
     size = np.ptp(np.reshape(spec.source.bounds, (2, 2)), axis=0)
     far = 2 * float(size @ size) / spec.wavelength / spec.scene_unit
-    middle = spec.pose[:3] @ [*(spec.radiator.centre / spec.scene_unit), 0.0, 1.0]
+    middle = spec.pose[:3] @ [*(spec.centred.centre / spec.scene_unit), 0.0, 1.0]
     bounds = (shape.bbox() for shape in scene.shapes() if shape.is_medium_transition())
     return any(float(box.distance(middle.tolist())) < far for box in bounds)
 

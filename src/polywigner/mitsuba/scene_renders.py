@@ -20,7 +20,7 @@ import numpy.typing as npt
 from polywigner.errors import ArgumentError, SceneError, StoreError
 from polywigner.execution import MOST_THREADS, kernel_threads
 from polywigner.geometry.arguments import checked_count
-from polywigner.mitsuba.given import is_key, register_source, registered_source
+from polywigner.mitsuba.parameters import is_key, register_source, registered_source
 from polywigner.mitsuba.parts import Cut, check_is_whole
 from polywigner.mitsuba.plugins import one_at_a_time
 from polywigner.mitsuba.range_profile import Ranging, checked_ranges, profile_of, ranged
