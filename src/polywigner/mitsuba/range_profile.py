@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -35,7 +35,6 @@ from polywigner.mitsuba.scattered import (
     Scattering,
     batches_of,
     lights_of,
-    lit_by,
     shares_of,
     standard_error,
     unseen,
@@ -146,47 +145,10 @@ def checked_ranges(ranges: npt.ArrayLike) -> Floats:
     return edges
 
 
-@dataclass(frozen=True)
-class Ranging(Scattering):
-    """Sampling by range of the light that is scattered to one receiver."""
-
-    edges: tuple[float, ...] = ()
-    """Of bins, lengths of paths in units of the scene."""
-
-    @property
-    def values(self) -> tuple[int, ...]:
-        """Power of each light in one batch: nearer than all bins, in each, farther."""
-        return (len(self.edges) + 1,)
-
-    def batch(
-        self, scene: Any, number: int, done: Callable[[], None] = lambda: None
-    ) -> npt.NDArray[np.float64]:
-        """W (lights, values) that one batch finds of each of ``lights_of``.
-
-        Raises what :func:`range_profile` does.
-        """
-        sources = wigner_emitters(scene)
-        sensor = scene.sensors()[self.sensor]
-        asked = exposed(scene, self.integrator, 1, 0, self.sensor, warn=number == 0).integrator
-        integrator = transient_integrator(asked, scene, sensor)
-        edges = np.array(self.edges)
-        own = seed_of(self.seed, number)
-        found = []
-        for light in lights_of(scene):
-            with lit_by(sources, light):
-                image = sorted_by_range(scene, sensor, integrator, edges, batches_of(self.spp), own)
-            found.append(image.sum(axis=(0, 1)))
-            done()
-        return np.array(found)
-
-
-def ranged(plans: list[Scattering], parties: Parties, edges: Floats) -> list[Ranging]:
+def ranged(plans: list[Scattering], parties: Parties, edges: Floats) -> list[Scattering]:
     """Sampling of the same light by range, with bin ``edges`` in m."""
-    lengths = [2.0 * edges / place.scene_unit for place in parties.places]
-    return [
-        Ranging(plan.sensor, plan.integrator, plan.spp, plan.seed, tuple(own.tolist()))
-        for plan, own in zip(plans, lengths, strict=True)
-    ]
+    lengths = [tuple((2.0 * edges / place.scene_unit).tolist()) for place in parties.places]
+    return [replace(plan, edges=own) for plan, own in zip(plans, lengths, strict=True)]
 
 
 def profile_of(

@@ -23,7 +23,7 @@ from polywigner.geometry.arguments import checked_count
 from polywigner.mitsuba.parameters import is_key, register_source, registered_source
 from polywigner.mitsuba.parts import Cut, check_is_whole
 from polywigner.mitsuba.plugins import one_at_a_time
-from polywigner.mitsuba.range_profile import Ranging, checked_ranges, profile_of, ranged
+from polywigner.mitsuba.range_profile import checked_ranges, profile_of, ranged
 from polywigner.mitsuba.received import Asked, ReceivedPower
 from polywigner.mitsuba.received_power import matched, received, receivers_of, scattered_here
 from polywigner.mitsuba.rendering import exposed
@@ -317,7 +317,7 @@ def _sampled(
         "integrator": first.integrator,
         "spp": [batches_of(plan.spp) for plan in plans],
         "seed": first.seed,
-        **({"ranges": list(first.edges)} if isinstance(first, Ranging) else {}),
+        **({} if first.edges is None else {"ranges": list(first.edges)}),
     }
     found = SceneJob(file, scene, partial(_batch, plans)).write(
         store,
