@@ -119,7 +119,7 @@ def render(settings: RenderSettings, out: Out = None) -> None:
     )
     from polywigner.figures.levels import check_floor
     from polywigner.mitsuba import choose_variant
-    from polywigner.mitsuba.images import mean_of_colours, to_list, write_exr
+    from polywigner.mitsuba.films import mean_of_colours, to_list, write_exr
     from polywigner.mitsuba.range_profile import prepared_frames
     from polywigner.mitsuba.receiver import is_receiver
     from polywigner.mitsuba.rendering import check_spp, default_spp

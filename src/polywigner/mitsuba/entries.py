@@ -14,6 +14,7 @@ from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import takes_frequency
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import DEFAULT
+from polywigner.mitsuba.films import film_of
 from polywigner.mitsuba.parameters import (
     RECEIVER_ESTIMATOR,
     as_source,
@@ -22,7 +23,6 @@ from polywigner.mitsuba.parameters import (
     read_receiver,
     register_source,
 )
-from polywigner.mitsuba.parts import film_of
 from polywigner.mitsuba.plugins import PLUGIN_NAME
 from polywigner.mitsuba.receiver import RECEIVER_NAME
 from polywigner.mitsuba.sampling import SAMPLINGS

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, IlluminationError, SceneError
 from polywigner.execution import NumpyOperations, ops_for
-from polywigner.geometry import Aperture
+from polywigner.geometry import Aperture, Wavefront
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import (
     CONDITIONS,
@@ -202,9 +202,6 @@ FIXED = (
     'expected derivatives in the power and in reflectances alone with the estimator "exact", got '
     'some in a place, an outline, weights or the wavelength; use the estimator "wigner"'
 )
-# With more waves, as of a curved one, the far field of an element is more work than its edges, and
-# takes a minute to compile.
-_FEW_WAVES = 100
 # A panel takes some 50 ns of a core at each sample.
 _MOST_PANELS = 8192
 # Error allowed of a panel's integral, as a share of its integrand's size, a third of 1e-4 for that
@@ -241,7 +238,7 @@ class ExactEstimator:
         self._cells = cells_with_field(m, source, self._unit)
         parts = list(spec.mixture.parts(source, wavelength, _OF_MIXTURE))
         self._fields = [
-            (ExactField(m, plane_waves_of(part), length, spec.obliquity, len(parts) > 1), share)
+            (ExactField(m, part, length, spec.obliquity, len(parts) > 1), share)
             for part, length, share in parts
         ]
         self._scale = opaque(m, wavelength**2 * self._unit**2 / spec.norm)
@@ -277,7 +274,7 @@ class ExactEstimator:
             )
 
     def draw(self, sample: Any) -> tuple[Any, Any]:
-        """A place in proportion to |u|^2, which says what stands in the way."""
+        """A place in proportion to |u|^2, from which obstacles are looked for."""
         return self._cells.sample(sample), None
 
     def density(self, x: Any) -> None:
@@ -331,11 +328,12 @@ class ExactField:
     def __init__(
         self,
         m: Any,
-        source: Aperture | Array,
+        source: Aperture | Array | Wavefront,
         wavelength: float,
         obliquity: str,
         is_part: bool = False,
     ) -> None:
+        is_curved, source = isinstance(source, Wavefront), plane_waves_of(source)
         warn_of_slopes(source, wavelength, obliquity)
         self._m, self._jit = m, dr.is_jit_v(m.Float)
         # a scalar variant has one sample: all panels, and all nodes, are taken at once
@@ -360,8 +358,8 @@ class ExactField:
         # of one aperture the far field is less work than its points, of an array more
         if len(radiator.elements) == 1:
             element = radiator.elements[0]
-            has_few_waves = len(element.amplitudes) <= _FEW_WAVES
-            if has_few_waves and (len(element.weights) == 1 or self._points is None):
+            # the far field of a curved wave is more work than its edges, and a minute to compile
+            if not is_curved and (len(element.weights) == 1 or self._points is None):
                 self._set_elements(element, wavelength)
 
     def _set_elements(self, element: Any, wavelength: float) -> None:

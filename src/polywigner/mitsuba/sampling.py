@@ -184,7 +184,7 @@ def spectrum(m: Any, value: Any, active: Any) -> Any:
 
 
 class Estimator(Protocol):
-    """How points of a scene are lit, and rays of a receiver weighed; see :data:`ESTIMATORS`.
+    """Weights of light samples at points of a scene, and of the rays of a receiver.
 
     Made of a variant, the parameters, a wavelength in m, and the radiance of the source.
     """

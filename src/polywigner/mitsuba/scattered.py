@@ -19,8 +19,7 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.mitsuba.images import mean_of_colours
-from polywigner.mitsuba.parts import Exposure, check_is_whole, seed_of
+from polywigner.mitsuba.films import Exposure, check_is_whole, mean_of_colours, seed_of
 from polywigner.mitsuba.range_film import sorted_by_range, transient_integrator
 from polywigner.mitsuba.rendering import check_spp, exposed
 

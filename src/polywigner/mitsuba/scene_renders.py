@@ -20,11 +20,11 @@ import numpy.typing as npt
 from polywigner.errors import ArgumentError, SceneError, StoreError
 from polywigner.execution import MOST_THREADS, kernel_threads
 from polywigner.geometry.arguments import checked_count
+from polywigner.mitsuba.films import Cut, check_is_whole
 from polywigner.mitsuba.parameters import is_key, register_source, registered_source
-from polywigner.mitsuba.parts import Cut, check_is_whole
 from polywigner.mitsuba.plugins import one_at_a_time
 from polywigner.mitsuba.range_profile import checked_ranges, profile_of, ranged
-from polywigner.mitsuba.received import Asked, ReceivedPower
+from polywigner.mitsuba.received import ReceivedPower, ReceiveOptions
 from polywigner.mitsuba.received_power import matched, received, receivers_of, scattered_here
 from polywigner.mitsuba.rendering import exposed
 from polywigner.mitsuba.scattered import BATCHES, Scattering, batches_of, lights_of, unseen
@@ -261,20 +261,22 @@ def tile(
     return image[None]
 
 
-def receive_parts(file: SceneFile, scene: Any, asked: Asked, **keeping: Any) -> list[ReceivedPower]:
+def receive_parts(
+    file: SceneFile, scene: Any, options: ReceiveOptions, **keeping: Any
+) -> list[ReceivedPower]:
     """:func:`received_powers` of a scene that was loaded from a file.
 
     ``keeping``: ``store``, ``scheduler`` and ``threads`` as of :func:`render_file`, where a part is
     a batch of one receiver; and ``progress``, which is told without a store, which has its own bar.
     """
     numbers = list(range(len(receivers_of(scene))))
-    return received(scene, numbers, asked, partial(_sampled, file, scene, **keeping))
+    return received(scene, numbers, options, partial(_sampled, file, scene, **keeping))
 
 
 def receive_ranges(
     file: SceneFile,
     scene: Any,
-    asked: Asked,
+    options: ReceiveOptions,
     edges: npt.NDArray[np.float64],
     **keeping: Any,
 ) -> tuple[list[ReceivedPower], xarray.Dataset]:
@@ -284,7 +286,7 @@ def receive_ranges(
     """
     edges = checked_ranges(edges)
     numbers = list(range(len(receivers_of(scene))))
-    parties = matched(scene, numbers, asked)
+    parties = matched(scene, numbers, options)
     kept: list[Any] = []
 
     def scattered(plans: list[Scattering]) -> npt.NDArray[np.float64]:
@@ -292,7 +294,7 @@ def receive_ranges(
         kept.extend((plans[0], found))
         return np.asarray(found.sum(axis=-1))
 
-    powers = received(scene, numbers, asked, scattered)
+    powers = received(scene, numbers, options, scattered)
     return powers, profile_of(scene, parties, edges, *kept)
 
 

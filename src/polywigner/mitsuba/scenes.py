@@ -13,7 +13,7 @@ import mitsuba as mi
 import numpy as np
 
 from polywigner.errors import EngineError, PolywignerError, SceneError
-from polywigner.mitsuba.images import threads_for_openexr
+from polywigner.mitsuba.films import threads_for_openexr
 from polywigner.mitsuba.plugins import (
     one_at_a_time,
     original_error,
