@@ -398,7 +398,7 @@ def test_curved_and_partly_coherent_light_is_exact_near_and_far(name: str, llvm:
     mi = use("llvm_ad_mono")
     source, how = MIXTURES[name]
     emitter = emitter_of(light(source, estimator="exact", power=1.0, **how))
-    points = np.concatenate([floor_points(height, 30) for height in HEIGHTS])
+    points = np.concatenate([floor_points(height, 12) for height in HEIGHTS])
     seen = received(mi, emitter, points / MILLIMETRE) * emitter.spec.norm
     single = (points / MILLIMETRE).astype(np.float32) * MILLIMETRE
     exact = pw.irradiance(source, single, WAVELENGTH, METHODS[0], tolerance=1e-5, **how)
@@ -416,10 +416,9 @@ def test_far_away_signed_radiance_has_the_mean_of_the_exact_light(name: str, llv
             received(mi, emitter_of(light(source, estimator=e, power=1.0, **how)), points)
             for e in ("wigner", "exact")
         )
-        # both without the cosine of the surface; rays count it at the source as well
         error = by_radiance.std() / np.sqrt(len(points))
-        cosine = place[2] / np.linalg.norm(place)
-        assert abs(by_radiance.mean() - exactly[0]) < SPREADS * error + 1e-3 * exactly[0], cosine
+        assert abs(by_radiance.mean() - exactly[0]) < SPREADS * error + PIXEL * exactly[0]
+        assert error < 0.05 * exactly[0]
 
 
 def test_a_scalar_variant_adds_the_waves_of_a_mixture_up_as_well() -> None:
@@ -432,12 +431,13 @@ def test_a_scalar_variant_adds_the_waves_of_a_mixture_up_as_well() -> None:
     assert np.abs(seen - exact).max() < PLACES * exact.max()
 
 
-@pytest.mark.parametrize("name", ["curved", "partly coherent"])
-def test_receivers_of_either_estimator_get_the_same_of_a_lit_floor(name: str, llvm: object) -> None:
+@pytest.mark.parametrize("wave", ["curved", "partly coherent"])
+def test_receivers_of_either_estimator_get_the_same_of_a_lit_floor(wave: str, llvm: object) -> None:
     """Two diameters squared over the wavelength away, where a ray's W stands for its field."""
     mi = use("llvm_ad_mono")
     import polywigner.mitsuba as pwm
 
+    source = HALF.curved(0.03, WAVELENGTH) if wave == "curved" else HALF.partially_coherent(6e-3)
     t = mi.ScalarTransform4f
     floor = t().translate([0, 0, 0.3]).rotate([1, 0, 0], 180).scale(0.3)
     found = []
@@ -449,10 +449,10 @@ def test_receivers_of_either_estimator_get_the_same_of_a_lit_floor(name: str, ll
                 "light": pwm.aperture(HALF, WAVELENGTH, pose((0.02, 0, 0)), power=1.0,
                                       estimator="exact"),
                 "floor": {"type": "rectangle", "to_world": floor, "bsdf": {"type": "diffuse"}},
-                "sensor": pwm.receiver(MIXTURES[name][0], WAVELENGTH, estimator=estimator),
+                "sensor": pwm.receiver(source, WAVELENGTH, estimator=estimator),
             }
         )  # fmt: skip
-        found.append(pwm.received_power(scene, spp=1 << 14, seed=2))
+        found.append(pwm.received_power(scene, spp=1 << 13, seed=2))
     radiance, exact = found
     error = np.hypot(radiance.standard_error, exact.standard_error)
     assert abs(radiance.scattered - exact.scattered) < SPREADS * error
@@ -471,8 +471,8 @@ HUGE = pw.phased_array(PATCH, WAVELENGTH * np.argwhere(np.ones((50, 50))), np.on
         ({"estimator": "exact", "control_variate": True}, "no control_variate"),
         ({"estimator": "exact", "antithetic": True}, "no antithetic"),
         ({"estimator": "exact", "source": HUGE}, 'at most 8192 pieces.*10417.*"wigner"'),
-        ({"estimator": "exact", "source": SQUARE.partially_coherent(1e-4)}, "at most 8192 pieces"),
-        ({"estimator": "exact", "source": SQUARE.curved(1e-4, WAVELENGTH)}, "less curvature"),
+        ({"estimator": "exact", "source": RING.partially_coherent(1e-3)}, "at most 8192 pieces"),
+        ({"estimator": "exact", "source": SQUARE.curved(4e-4, WAVELENGTH)}, "less curvature"),
         (
             {"estimator": "exact", "source": CURVED, "obliquity": "kirchhoff"},
             "for a curved wave or partly",

@@ -168,16 +168,16 @@ def test_samples_of_a_strip_are_cut_into_passes_only_where_one_row_has_too_many(
 
     import mitsuba as mi
 
-    from polywigner.mitsuba.films import cut_of
+    from polywigner.mitsuba.films import tiling_of
 
     mi.set_variant("llvm_ad_mono")
     for width, height, samples in ((480, 480, 1600), (360, 180, 324), (1000, 999, 4099)):
         film = Stub(crop_size=lambda size=(width, height): size)
         camera = Stub(class_name=lambda: "PerspectiveCamera", film=lambda film=film: film)
-        cut = cut_of(camera, samples)
+        cut = tiling_of(camera, samples)
         assert cut.passes == cut.sets == 1
         assert cut.strips * cut.rows >= height > (cut.strips - 1) * cut.rows
-    vast = cut_of(camera, 2**24)
+    vast = tiling_of(camera, 2**24)
     assert (vast.rows, vast.passes, vast.sets) == (1, 1001, 67)
     assert [n for k in range(vast.sets) for n in vast.passes_of(k)] == list(range(vast.passes))
 

@@ -215,7 +215,7 @@ def _check_scene(scene: Any, name: str) -> None:
             "it with mitsuba itself"
         )
     for spec in specs:
-        check_wavelength(spec.wavelength, spec.radiator.support.diameter)
+        check_wavelength(spec.wavelength, spec.centred.support.diameter)
 
 
 def _enough(scene: Any, error_db: float, sampler: str) -> int:
@@ -231,9 +231,7 @@ def _enough(scene: Any, error_db: float, sampler: str) -> int:
     if not noisy:
         return int(default_spp(scene))
     independent = max(
-        pw.suggest_sampling(
-            spec.radiator.source, spec.wavelength, "render", error_db=error_db
-        ).samples
+        pw.suggest_sampling(spec.source, spec.wavelength, "render", error_db=error_db).samples
         for spec in noisy
     )
     return math.ceil(independent / _GAINS.get(sampler, 1))

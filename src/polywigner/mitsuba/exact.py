@@ -15,6 +15,7 @@ import math
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
+from itertools import islice
 from typing import Any
 
 import drjit as dr
@@ -24,7 +25,6 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError, IlluminationError, SceneError
 from polywigner.execution import NumpyOperations, ops_for
 from polywigner.geometry import Aperture, Wavefront
-from polywigner.illumination import Array
 from polywigner.illumination.obliquities import (
     CONDITIONS,
     Obliquity,
@@ -259,11 +259,10 @@ class ExactEstimator:
             )
         try:
             parts = spec.mixture.parts(spec.source, spec.wavelength, _OF_MIXTURE)
-            count = 0.0
-            for part, length, _ in parts:
-                count += panels_in(radiator_of(plane_waves_of(part)), length, _LONGEST)
-                if not count <= _MOST_PANELS:
-                    break
+            first, length, _ = next(parts)
+            # of each wave of a mixture as many
+            each = panels_in(radiator_of(plane_waves_of(first)), length, _LONGEST)
+            count = each * (1 + sum(1 for _ in islice(parts, int(_MOST_PANELS / each))))
         except ArgumentError as error:  # too many tilts
             raise SceneError(str(error)) from None
         if not count <= _MOST_PANELS:
@@ -328,12 +327,13 @@ class ExactField:
     def __init__(
         self,
         m: Any,
-        source: Aperture | Array | Wavefront,
+        source: Any,
         wavelength: float,
         obliquity: str,
         is_part: bool = False,
     ) -> None:
-        is_curved, source = isinstance(source, Wavefront), plane_waves_of(source)
+        is_curved = isinstance(source, Wavefront)
+        source = plane_waves_of(source)
         warn_of_slopes(source, wavelength, obliquity)
         self._m, self._jit = m, dr.is_jit_v(m.Float)
         # a scalar variant has one sample: all panels, and all nodes, are taken at once

@@ -214,8 +214,8 @@ CAMERAS = ("PerspectiveCamera", "ThinLensCamera", "OrthographicCamera")
 
 
 @dataclass(frozen=True)
-class Cut:
-    """Cut of a film into strips of whole rows, and of their samples into passes.
+class Tiling:
+    """Tiling of a film into strips of whole rows, and of their samples into passes.
 
     It depends on scene, variant and samples alone, so that a picture is the same whoever renders
     its parts.
@@ -247,7 +247,7 @@ class Cut:
         return range(*ends)
 
 
-def cut_of(camera: Any, samples: int) -> Cut:
+def tiling_of(camera: Any, samples: int) -> Tiling:
     """The parts of a sensor's film, from the top of its crop window."""
     width, height = camera.film().crop_size()
     is_compiled = dr.is_jit_v(mi.Float)
@@ -261,7 +261,7 @@ def cut_of(camera: Any, samples: int) -> Cut:
     longest = max(1, WAVEFRONT // (width * rows)) if is_compiled else samples
     passes = math.ceil(samples / longest)
     sets = max(1, min(passes, _STORED // (width * height)))
-    return Cut(width, height, rows, samples, passes, sets)
+    return Tiling(width, height, rows, samples, passes, sets)
 
 
 @dataclass(frozen=True)
@@ -271,7 +271,7 @@ class Exposure:
     scene: Any
     camera: Any
     integrator: Any
-    cut: Cut
+    cut: Tiling
     seed: int
 
     def image(

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from polywigner.errors import ArgumentError, SceneError
 from polywigner.geometry.arguments import checked_count
-from polywigner.mitsuba.films import Exposure, cut_of
+from polywigner.mitsuba.films import Exposure, tiling_of
 from polywigner.mitsuba.placement import PLACE_ERROR, matrix_of
 from polywigner.mitsuba.plugins import one_at_a_time
 from polywigner.mitsuba.receiver import is_receiver
@@ -153,7 +153,7 @@ def exposed(
     if warn:
         _warn_of_limits(scene, method)
         _warn_of_fog(scene, camera)
-    return Exposure(scene, camera, method, cut_of(camera, total), entropy)
+    return Exposure(scene, camera, method, tiling_of(camera, total), entropy)
 
 
 def default_integrator(scene: Any) -> str:

@@ -50,12 +50,12 @@ def check_sampling(name: str) -> str:
     return name
 
 
-def cells_of(m: Any, rings: Sequence[npt.NDArray[np.float64]]) -> Cells:
+def cells_of(m: Any, rings: Sequence[npt.NDArray[np.float64]]) -> TrapezoidSampler:
     """The sampler of positions inside boundary rings, for the variant ``m``."""
-    return Cells(m, trapezoids(rings))
+    return TrapezoidSampler(m, trapezoids(rings))
 
 
-def cells_with_field(m: Any, source: Any, unit: float) -> Cells:
+def cells_with_field(m: Any, source: Any, unit: float) -> TrapezoidSampler:
     """The sampler of positions in a source in proportion to |u|^2, in units of ``unit`` metres.
 
     Of fields that are not uniform, in proportion to |u|^2 in the middle of each of many pieces.
@@ -74,10 +74,12 @@ def cells_with_field(m: Any, source: Any, unit: float) -> Cells:
         values = np.ones(1) if field is None else field(cells.middles)
         shares.append(np.broadcast_to(np.abs(weight * values) ** 2, cells.left.shape))
         tables.append(cells.rows)
-    return Cells(m, Trapezoids(*(np.concatenate(tables) / unit).T), np.concatenate(shares))
+    return TrapezoidSampler(
+        m, Trapezoids(*(np.concatenate(tables) / unit).T), np.concatenate(shares)
+    )
 
 
-class Cells:
+class TrapezoidSampler:
     """The trapezoids of an aperture as tables of one variant's arrays."""
 
     def __init__(
@@ -141,7 +143,7 @@ class Positions:
 
     def __init__(self, m: Any, rings: Sequence[npt.NDArray[np.float64]]) -> None:
         cells = trapezoids(rings)
-        self._cells = Cells(m, cells)
+        self._cells = TrapezoidSampler(m, cells)
         self._density = 1.0 / float(cells.areas.sum())
 
     def sample(self, sample: Any) -> tuple[Any, Any]:

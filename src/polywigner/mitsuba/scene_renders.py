@@ -20,7 +20,7 @@ import numpy.typing as npt
 from polywigner.errors import ArgumentError, SceneError, StoreError
 from polywigner.execution import MOST_THREADS, kernel_threads
 from polywigner.geometry.arguments import checked_count
-from polywigner.mitsuba.films import Cut, check_is_whole
+from polywigner.mitsuba.films import Tiling, check_is_whole
 from polywigner.mitsuba.parameters import is_key, register_source, registered_source
 from polywigner.mitsuba.plugins import one_at_a_time
 from polywigner.mitsuba.range_profile import checked_ranges, profile_of, ranged
@@ -251,7 +251,7 @@ def render_parts(
 
 
 def tile(
-    cut: Cut, integrator: str | None, seed: int, sensor: int, scene: Any, origin: Index
+    cut: Tiling, integrator: str | None, seed: int, sensor: int, scene: Any, origin: Index
 ) -> npt.NDArray[np.float64]:
     """One strip of a picture by one set of its passes: (1, row, column, channel)."""
     # the caller has told of the integrator's limits

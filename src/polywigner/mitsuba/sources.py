@@ -225,7 +225,7 @@ def _chirp(q: float, low: float, high: float) -> tuple[Complexes, Floats]:
         places = -np.cos(np.linspace(0.0, math.pi, count)) * size / 2
         wanted = np.exp(1j * math.pi * q * places * places)
         fits = (
-            _fit(places, wanted, (np.arange(n) - (n - 1) / 2) / (period * size))
+            _fit(places, wanted, np.linspace(-0.5, 0.5, n) * ((n - 1) / (period * size)))
             for n in range(3, _MOST_WAVES + 1, 2)
             for period in _PERIODS
         )
@@ -251,7 +251,7 @@ def _fit(
 ) -> tuple[Complexes, Floats] | None:
     """Amplitudes of these waves with the wanted sum; None if they miss it, or are too large."""
     waves = np.exp(2j * math.pi * np.outer(places, frequencies))
-    found = np.linalg.lstsq(waves, wanted, rcond=_ROUNDING)[0]
+    found: Complexes = np.linalg.lstsq(waves, wanted, rcond=_ROUNDING)[0]
     fits = np.abs(waves @ found - wanted).max() <= _OF_CURVED
     return (found, frequencies) if fits and np.abs(found).sum() <= _LARGEST_SUM else None
 

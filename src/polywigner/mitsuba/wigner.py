@@ -188,7 +188,7 @@ class WignerEstimator:
 
     @staticmethod
     def check(spec: SourceSpec) -> None:
-        """Raise SceneError for light without single waves to draw, and for a curved control variate."""
+        """Raise SceneError for light without single waves to draw, or a curved control variate."""
         if isinstance(spec.source, Wavefront) and spec.control_variate:
             raise SceneError(
                 "expected no control_variate with a curved wave, got true; leave it out: its "
