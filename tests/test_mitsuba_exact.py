@@ -385,7 +385,7 @@ MIXTURES: dict[str, tuple[Any, dict[str, Any]]] = {
     "curved": (CURVED, {}),
     "curved in one plane, with a taper": (HORN.curved((0.02, np.inf), WAVELENGTH), {}),
     "curved array": (FOCUSED.curved(0.05, WAVELENGTH), {}),
-    "partly coherent": (L_SHAPE.partially_coherent(6e-3), {}),
+    "partly coherent": (pw.shapes.chevron(5e-3, 5e-3, 2e-3).partially_coherent(5e-3), {}),
     "curved and partly coherent": (HALF.curved(0.03, WAVELENGTH).partially_coherent(8e-3), {}),
     "of a band": (HALF, {"bandwidth": 6e9}),
 }

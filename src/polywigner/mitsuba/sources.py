@@ -224,9 +224,10 @@ def _chirp(q: float, low: float, high: float) -> tuple[Complexes, Floats]:
         count = 8 * math.ceil(min(turns, _MOST_WAVES) + 20)
         places = -np.cos(np.linspace(0.0, math.pi, count)) * size / 2
         wanted = np.exp(1j * math.pi * q * places * places)
+        # its frequencies spread over as many steps of 1/size as it has turns
         fits = (
             _fit(places, wanted, np.linspace(-0.5, 0.5, n) * ((n - 1) / (period * size)))
-            for n in range(3, _MOST_WAVES + 1, 2)
+            for n in range(3 + 2 * int(min(turns, _MOST_WAVES) / 2), _MOST_WAVES + 1, 2)
             for period in _PERIODS
         )
         found = next((fit for fit in fits if fit is not None), None)
