@@ -252,7 +252,7 @@ def _fit(
 ) -> tuple[Complexes, Floats] | None:
     """Amplitudes of these waves with the wanted sum; None if they miss it, or are too large."""
     waves = np.exp(2j * math.pi * np.outer(places, frequencies))
-    found: Complexes = np.linalg.lstsq(waves, wanted, rcond=_ROUNDING)[0]
+    found = np.asarray(np.linalg.lstsq(waves, wanted, rcond=_ROUNDING)[0], np.complex128)
     fits = np.abs(waves @ found - wanted).max() <= _OF_CURVED
     return (found, frequencies) if fits and np.abs(found).sum() <= _LARGEST_SUM else None
 
