@@ -158,7 +158,7 @@ def test_the_example_is_received_and_its_map_adds_up(tmp_path: Path) -> None:
     assert 0 < 3 * found["standard_error_w"] < found["scattered_w"] < found["direct_w"]
 
     from polywigner.mitsuba import load_scene
-    from polywigner.mitsuba.arrival_map import arrival_map
+    from polywigner.mitsuba.received_power import arrival_map
 
     total = arrival_map(load_scene(EXAMPLE, "llvm_ad_mono"), 0).sum()
     # 64 samples of each pixel

@@ -72,13 +72,13 @@ def test_a_cloud_is_written_and_summed_up(scene: Path, capfd: pytest.CaptureFixt
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--count", "0"), "expected count from 1"),
+        (("--count", "0"), "expected count as a whole number from 1"),
         (("--velocity", "floor=fast"), "--velocity: expected ID=VX,VY,VZ"),
         (("--velocity", "flor=1,2,3"), "got one of 'flor'"),
         (("--out", "cloud.png"), "--out: expected a file of .csv, .vtp, .nc"),
         (("--define", "height"), "--define"),
         (("--receiver", "nobody"), "receiver as one of"),
-        (("--max-depth", "0"), "max_depth from 1"),
+        (("--max-depth", "0"), "max_depth as a whole number from 1"),
     ],
 )
 def test_bad_input_ends_with_one_sentence_and_code_two(

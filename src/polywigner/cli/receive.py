@@ -119,10 +119,9 @@ def receive(settings: ReceiveSettings, out: Out = None) -> None:
 
     from polywigner.figures.levels import check_floor
     from polywigner.mitsuba import choose_variant
-    from polywigner.mitsuba.arrival_map import arrival_map
-    from polywigner.mitsuba.images import to_list
-    from polywigner.mitsuba.received import asked_of
-    from polywigner.mitsuba.received_power import receivers_of
+    from polywigner.mitsuba.films import to_list
+    from polywigner.mitsuba.received import receive_options
+    from polywigner.mitsuba.received_power import arrival_map, receivers_of
     from polywigner.mitsuba.scene_renders import (
         SceneFile,
         receive_parts,
@@ -144,7 +143,7 @@ def receive(settings: ReceiveSettings, out: Out = None) -> None:
         file = SceneFile(Path(scene), chosen, None, defined)
         loaded = file.load()
         receivers_of(loaded)
-        asked = asked_of(
+        asked = receive_options(
             settings.spp, seed, None, settings.reflections, settings.accuracy, *noise.values()
         )
         with counted_bar("receiving") as progress:

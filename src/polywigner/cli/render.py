@@ -119,7 +119,7 @@ def render(settings: RenderSettings, out: Out = None) -> None:
     )
     from polywigner.figures.levels import check_floor
     from polywigner.mitsuba import choose_variant
-    from polywigner.mitsuba.images import mean_of_colours, to_list, write_exr
+    from polywigner.mitsuba.films import mean_of_colours, to_list, write_exr
     from polywigner.mitsuba.range_profile import prepared_frames
     from polywigner.mitsuba.receiver import is_receiver
     from polywigner.mitsuba.rendering import check_spp, default_spp
@@ -215,7 +215,7 @@ def _check_scene(scene: Any, name: str) -> None:
             "it with mitsuba itself"
         )
     for spec in specs:
-        check_wavelength(spec.wavelength, spec.radiator.support.diameter)
+        check_wavelength(spec.wavelength, spec.centred.support.diameter)
 
 
 def _enough(scene: Any, error_db: float, sampler: str) -> int:
@@ -231,9 +231,7 @@ def _enough(scene: Any, error_db: float, sampler: str) -> int:
     if not noisy:
         return int(default_spp(scene))
     independent = max(
-        pw.suggest_sampling(
-            spec.radiator.source, spec.wavelength, "render", error_db=error_db
-        ).samples
+        pw.suggest_sampling(spec.source, spec.wavelength, "render", error_db=error_db).samples
         for spec in noisy
     )
     return math.ceil(independent / _GAINS.get(sampler, 1))

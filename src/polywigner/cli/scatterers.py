@@ -67,7 +67,7 @@ def scatterers(
     check_is_no_aperture(scene)
 
     import polywigner.mitsuba as pm
-    from polywigner.mitsuba.images import to_list
+    from polywigner.mitsuba.films import to_list
 
     chosen = pm.choose_variant(variant)
     with to_list() as messages:

@@ -26,7 +26,7 @@ from polywigner.errors import (
     SceneError,
     install_command,
 )
-from polywigner.mitsuba.parts import CAMERAS, WAVEFRONT, fineness, seed_of
+from polywigner.mitsuba.films import CAMERAS, WAVEFRONT, fineness, seed_of
 from polywigner.mitsuba.receiver import is_receiver, receiving
 from polywigner.mitsuba.rendering import depths_of
 from polywigner.mitsuba.scenes import translate_error

@@ -54,7 +54,7 @@ def render_room(
     images : by the names of the EXR files to which ``source`` refers.
     """
     from polywigner.mitsuba import load_scene, render
-    from polywigner.mitsuba.images import mean_of_colours, write_exr
+    from polywigner.mitsuba.films import mean_of_colours, write_exr
 
     text = files(__package__).joinpath("room.xml").read_text(encoding="utf-8")
     with temporary_folder() as folder:

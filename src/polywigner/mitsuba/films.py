@@ -1,4 +1,7 @@
-"""A picture cut into parts that know nothing of each other: strips of rows, and sets of passes."""
+"""Films: images on disk and without noise in logs, and pictures cut into parts.
+
+A picture's parts know nothing of each other: strips of rows, and sets of passes.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import reduce
+from pathlib import Path
 from typing import Any
 
 import drjit as dr
@@ -14,9 +18,111 @@ import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.errors import SceneError, StoreError
-from polywigner.mitsuba.images import silent
+from polywigner.errors import ArgumentError, SceneError, StoreError
+from polywigner.execution import kernel_threads
+from polywigner.interruption import temporary_folder
 from polywigner.mitsuba.receiver import is_receiver, receiving
+
+__all__ = []
+
+# A colour film in a variant of one channel: as intended, and so no news to anybody.
+_EXPECTED = ("Monochrome mode enabled",)
+_DATE = len("2000-01-01 00:00:00 ")
+
+
+@contextmanager
+def silent() -> Iterator[None]:
+    """Nothing is logged within, and no progress bar drawn."""
+    with _appending():
+        yield
+
+
+@contextmanager
+def to_list() -> Iterator[list[str]]:
+    """Collect Mitsuba's messages of the block in a list."""
+    messages: list[str] = []
+    # Through a file, which needs no Python: messages come from Mitsuba's threads. An appender
+    # with a file also leaves out the progress bars.
+    with temporary_folder() as folder:
+        path = Path(folder) / "mitsuba.log"
+        appender = mi.StreamAppender(str(path))
+        try:
+            with _appending(appender):
+                yield messages
+        finally:
+            del appender  # closes the file
+            lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+            texts = (line[_DATE:].strip() for line in lines)
+            messages += [t for t in texts if t and not any(known in t for known in _EXPECTED)]
+
+
+@contextmanager
+def _appending(*appenders: mi.Appender) -> Iterator[None]:
+    logger = mi.logger()
+    before = [logger.appender(index) for index in range(logger.appender_count())]
+    logger.clear_appenders()
+    for appender in appenders:
+        logger.add_appender(appender)
+    try:
+        yield
+    finally:
+        logger.clear_appenders()
+        for appender in before:
+            logger.add_appender(appender)
+
+
+@contextmanager
+def threads_for_openexr() -> Iterator[None]:
+    """Within, Dr.Jit's pool has a thread beside the caller's.
+
+    Mitsuba's OpenEXR, which reads textures too, hands work to the pool and waits without doing any:
+    on one processor, or with ``drjit.set_thread_count(1)``, it would wait for ever.
+    """
+    before = dr.thread_count()
+    if before < 2:
+        dr.set_thread_count(2)
+    try:
+        yield
+    finally:
+        if before < 2:
+            dr.set_thread_count(before)
+
+
+def mean_of_colours(image: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+    """(height, width) from a film of one channel, or of colours (their mean) and others.
+
+    Scalar variants have three colours for one channel.
+    """
+    colours = 3 if image.shape[-1] >= 3 else 1
+    return np.asarray(image[..., :colours].mean(axis=-1, dtype=np.float64))
+
+
+def write_exr(path: Path, image: npt.ArrayLike) -> None:
+    """Write an image as OpenEXR with 32-bit floats; negative values keep their sign.
+
+    Parameters
+    ----------
+    path: any name, whatever its suffix; written in place.
+    image: (height, width, channels), the channels being Y, YA, RGB, RGBA by their number, or
+        numbered where there are more.
+
+    Raises
+    ------
+    ArgumentError for a path that cannot be written to, or a full disk.
+    """
+    # Mitsuba's own default for an array of floats is to leave it linear, which radiance is.
+    bitmap = mi.Bitmap(np.ascontiguousarray(image, dtype=np.float32))
+    # Through memory: writing to a file itself, Mitsuba does not notice that a disk is full.
+    stream = mi.MemoryStream()
+    with kernel_threads(), threads_for_openexr():
+        bitmap.write(stream, mi.Bitmap.FileFormat.OpenEXR)
+    try:
+        path.write_bytes(stream.raw_buffer())
+    except OSError as error:
+        raise ArgumentError(
+            f"expected to write {path}, got: {error.strerror}; choose another place"
+        ) from error
+
 
 # Mitsuba adds the samples of a pixel in float32: 2^20 equal ones were 0.4 % off, 2^24 6 %.
 _IN_PIXEL = 1 << 12
@@ -108,8 +214,8 @@ CAMERAS = ("PerspectiveCamera", "ThinLensCamera", "OrthographicCamera")
 
 
 @dataclass(frozen=True)
-class Cut:
-    """Cut of a film into strips of whole rows, and of their samples into passes.
+class Tiling:
+    """Tiling of a film into strips of whole rows, and of their samples into passes.
 
     It depends on scene, variant and samples alone, so that a picture is the same whoever renders
     its parts.
@@ -141,7 +247,7 @@ class Cut:
         return range(*ends)
 
 
-def cut_of(camera: Any, samples: int) -> Cut:
+def tiling_of(camera: Any, samples: int) -> Tiling:
     """The parts of a sensor's film, from the top of its crop window."""
     width, height = camera.film().crop_size()
     is_compiled = dr.is_jit_v(mi.Float)
@@ -155,7 +261,7 @@ def cut_of(camera: Any, samples: int) -> Cut:
     longest = max(1, WAVEFRONT // (width * rows)) if is_compiled else samples
     passes = math.ceil(samples / longest)
     sets = max(1, min(passes, _STORED // (width * height)))
-    return Cut(width, height, rows, samples, passes, sets)
+    return Tiling(width, height, rows, samples, passes, sets)
 
 
 @dataclass(frozen=True)
@@ -165,7 +271,7 @@ class Exposure:
     scene: Any
     camera: Any
     integrator: Any
-    cut: Cut
+    cut: Tiling
     seed: int
 
     def image(
