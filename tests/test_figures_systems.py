@@ -6,7 +6,7 @@ import pytest
 import polywigner as pw
 from polywigner import figures
 from polywigner.errors import ArgumentError
-from polywigner.figures.slices import default_position
+from polywigner.figures.transforms import default_position
 
 WAVELENGTH = 3.19e-3
 TEE = pw.Aperture(

@@ -190,7 +190,7 @@ def receive(settings: ReceiveSettings, out: Out = None) -> None:
 
 def _figure(scene: str, found: list[Any], maps: list[Any], floor_db: float) -> Any:
     """A panel for each receiver."""
-    from polywigner.figures.ranges import DirectArrival, draw_arrivals
+    from polywigner.figures.scenes import DirectArrival, draw_arrivals
     from polywigner.figures.style import new_figure
 
     columns = min(len(found), _COLUMNS)

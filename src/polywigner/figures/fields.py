@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
+from polywigner.figures.style import floor_text, quantity_text
 from polywigner.illumination.obliquities import OBLIQUITIES
 
 Floats = NDArray[np.float64]
@@ -115,13 +116,68 @@ def peak_of(values: NDArray[Any], name: str) -> float:
     return peak
 
 
-def chosen_method(fields: dict[str, NDArray[Any]], against: str | None) -> str:
-    """The method that others are compared with, by default the last; ArgumentError for others."""
-    if against is None:
-        return list(fields)[-1]
-    if against not in fields:
-        raise ArgumentError(f"expected against to be one of {', '.join(fields)}, got {against!r}")
-    return against
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """One quantity by several methods at the same places, like a power: fields are squared.
+
+    ``powers`` and ``labels`` are by the name of the variable, over ``dims``, the axes of more than
+    one sample. 0 dB is ``zero``, the peak of the method ``against``. ``fields`` are the values as
+    they were given, complex if ``is_field``.
+    """
+
+    fields: dict[str, NDArray[Any]]
+    powers: dict[str, Floats]
+    labels: dict[str, str]
+    dims: tuple[str, ...]
+    against: str
+    zero: float
+    quantity: str
+    unit: str
+    is_field: bool
+
+    @staticmethod
+    def of(found: Any, against: str | None) -> Comparison:
+        """Read the variables of a dataset; 0 dB is the peak of ``against``, by default the last.
+
+        Raises
+        ------
+        ArgumentError : no variables, or of different axes or quantities; no such method; a
+        reference that is nowhere above zero.
+        """
+        arrays = {str(name): array.squeeze() for name, array in found.data_vars.items()}
+        if not arrays:
+            raise ArgumentError("expected a field to draw, got a dataset without variables")
+        first = next(iter(arrays.values()))
+        quantity, unit = quantity_of(first), printed_unit(first)
+        for name, array in arrays.items():
+            if array.dims != first.dims or quantity_of(array) != quantity:
+                raise ArgumentError(
+                    f"expected fields of one quantity over the same axes, got {name!r}, another; "
+                    "draw them one by one"
+                )
+        if against is not None and against not in arrays:
+            names = ", ".join(arrays)
+            raise ArgumentError(f"expected against to be one of {names}, got {against!r}")
+        against = list(arrays)[-1] if against is None else against
+        fields = {name: np.asarray(array.values) for name, array in arrays.items()}
+        is_field = np.iscomplexobj(fields[against])
+        if is_field:
+            quantity = f"|{quantity}|²"
+            unit = {"√W/m": "W/m²", "": ""}.get(unit, f"({unit})²")
+        powers = {name: np.abs(v) ** 2 if is_field else v for name, v in fields.items()}
+        labels = {name: label_of(array, name) for name, array in arrays.items()}
+        zero = peak_of(powers[against], quantity)
+        dims = tuple(str(d) for d in first.dims)
+        return Comparison(fields, powers, labels, dims, against, zero, quantity, unit, is_field)
+
+    @property
+    def zero_text(self) -> str:
+        """The power of 0 dB with its unit."""
+        return quantity_text(self.zero, self.unit)
+
+    def level_text(self, floor_db: float) -> str:
+        """Label of a bar of levels."""
+        return f"{self.quantity}, dB relative to {self.zero_text}\n{floor_text(floor_db)}"
 
 
 def printed_unit(array: Any) -> str:
@@ -130,46 +186,9 @@ def printed_unit(array: Any) -> str:
     return _PRINTED.get(unit, unit)
 
 
-def squared_unit(array: Any) -> str:
-    """The unit of a labelled array's square, as it is printed."""
-    unit = printed_unit(array)
-    return {"√W/m": "W/m²", "": ""}.get(unit, f"({unit})²")
-
-
-def fields_of(found: Any) -> dict[str, NDArray[Any]]:
-    """Values of each variable by its name, over their common axes of more than one sample.
-
-    Raises
-    ------
-    ArgumentError : no variables, or of different axes or quantities.
-    """
-    arrays = {str(name): array.squeeze() for name, array in found.data_vars.items()}
-    if not arrays:
-        raise ArgumentError("expected a field to draw, got a dataset without variables")
-    first = next(iter(arrays.values()))
-    for name, array in arrays.items():
-        if array.dims != first.dims or quantity_of(array) != quantity_of(first):
-            raise ArgumentError(
-                f"expected fields of one quantity over the same axes, got {name!r}, another; draw "
-                "them one by one"
-            )
-    return {name: np.asarray(array.values) for name, array in arrays.items()}
-
-
-def dims_of(found: Any) -> tuple[str, ...]:
-    """The axes of more than one sample that the variables are given over."""
-    first = next(iter(found.data_vars.values()))
-    return tuple(str(d) for d in first.squeeze().dims)
-
-
 def quantity_of(array: Any) -> str:
     """The quantity of a variable: "irradiance" unless its attributes say something else."""
     return str(array.attrs.get("quantity", "irradiance"))
-
-
-def first_of(found: Any) -> Any:
-    """The first variable, whose unit and quantity all others share."""
-    return next(iter(found.data_vars.values()))
 
 
 def label_of(array: Any, name: str) -> str:

@@ -11,17 +11,18 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError
 from polywigner.figures.levels import check_floor, level_db
 from polywigner.figures.style import (
-    LEVEL_MAP,
-    SIGNED_MAP,
     TYPOGRAPHY,
-    LengthUnit,
+    axis_label,
     colour_bar,
+    draw_levels,
+    draw_signed,
     figure_on,
-    signed_norm,
-    signed_ticks,
+    is_spectral,
+    latex,
+    signed_bar,
     write_title,
 )
-from polywigner.geometry.display import length_unit
+from polywigner.geometry.display import LengthUnit, length_unit
 
 if TYPE_CHECKING:
     import xarray
@@ -93,7 +94,7 @@ def draw_projections(
     for name in axes_of_tiles:
         if len(found[name].values) < 2:
             raise ArgumentError(f"expected at least two samples along {name} to draw, got one")
-    lengths = [d for d in axes_of_tiles if not _spectral(d)]
+    lengths = [d for d in axes_of_tiles if not is_spectral(d)]
     unit = length_unit(max(float(np.ptp(found[d].values)) for d in lengths))
     rows, columns = (max(cell[k] for cell in cells) + 1 for k in (0, 1))
     with mpl.rc_context(TYPOGRAPHY):
@@ -108,15 +109,11 @@ def draw_projections(
             across, up = _names(found, cells, row, column)
             _draw(axes, found, cells[row, column], across, up, unit, floor_db)
             axes.tick_params(labelbottom=True)
-            axes.set_xlabel(_axis_label(across, unit))
+            axes.set_xlabel(axis_label(across, unit))
             if column == 0:
-                axes.set_ylabel(_axis_label(up, unit))
+                axes.set_ylabel(axis_label(up, unit))
         write_title(figure, title)
     return figure
-
-
-def _spectral(name: str) -> bool:
-    return name.startswith(("nu", "upsilon"))
 
 
 Cells = dict[tuple[int, int], str]
@@ -171,36 +168,25 @@ def _draw(
     values = np.real(np.asarray(tile.values))
     values = values.T if tile.dims == (across, up) else values
     peak = float(np.max(np.abs(values))) or 1.0
-    scaled = values / peak
-    symbol = _integral(found.attrs["kind"], tile.dims, np.iscomplexobj(tile.values))
     size = _size(peak, tile.attrs["units"], unit)
-    if scaled.min() < -_NEGATIVE:
-        how: dict[str, Any] = {"cmap": SIGNED_MAP, "norm": signed_norm()}
-        size = f"relative to {size}"
-    elif _spectral(across) or _spectral(up):
-        scaled = level_db(scaled, 1.0, floor_db)
-        how = {"cmap": LEVEL_MAP, "vmin": floor_db, "vmax": 0.0}
-        size = f"dB relative to {size}"
+    places = [_printed(found, name, unit) for name in (across, up)]
+    if values.min() < -_NEGATIVE * peak:
+        shown = draw_signed(axes, values / peak, *places, shading="nearest")
+        signed_bar(axes, shown, f"relative to {size}")
+    elif is_spectral(across) or is_spectral(up):
+        levels = level_db(values, peak, floor_db)
+        shown = draw_levels(axes, levels, *places, low=floor_db, shading="nearest")
+        colour_bar(axes, shown, f"dB relative to {size}")
     else:
-        scaled = values / _measure(tile.attrs["units"], unit)
-        how = {"cmap": LEVEL_MAP, "vmin": 0.0}
-        size = _unit_text(tile.attrs["units"], unit)
-    shown = axes.pcolormesh(
-        *(_printed(found, name, unit) for name in (across, up)),
-        scaled,
-        shading="nearest",
-        rasterized=True,
-        **how,
-    )
-    bar = colour_bar(axes, shown, size)
-    if "norm" in how:
-        signed_ticks(bar)
-    axes.set_title(symbol)
+        printed = values / _measure(tile.attrs["units"], unit)
+        shown = draw_levels(axes, printed, *places, low=0.0, high=None, shading="nearest")
+        colour_bar(axes, shown, _unit_text(tile.attrs["units"], unit))
+    axes.set_title(_integral(found.attrs["kind"], tile.dims, np.iscomplexobj(tile.values)))
 
 
 def _printed(found: xarray.Dataset, name: str, unit: LengthUnit) -> NDArray[np.float64]:
     values = np.asarray(found[name].values)
-    return values * unit.metres if _spectral(name) else values / unit.metres
+    return values * unit.metres if is_spectral(name) else values / unit.metres
 
 
 def _measure(units: str, unit: LengthUnit) -> float:
@@ -219,10 +205,6 @@ def _size(peak: float, units: str, unit: LengthUnit) -> str:
     return f"{digits}{times} {_unit_text(units, unit)}".rstrip()
 
 
-def _latex(name: str) -> str:
-    return name if "_" not in name and len(name) == 1 else f"\\{name}"
-
-
 def _integral(kind: str, kept: tuple[str, ...], is_complex: bool) -> str:
     """The quantity shown, as a formula: the function and the coordinates it was integrated over."""
     letter = _LETTERS[kind]
@@ -230,10 +212,6 @@ def _integral(kind: str, kept: tuple[str, ...], is_complex: bool) -> str:
     real = r"\mathrm{Re}\," if is_complex else ""
     if len(left_out) != 2:
         return f"${real}{letter}$"
-    measure = r"\,".join(rf"\mathrm{{d}}{_latex(n)}" for n in left_out)
+    measure = r"\,".join(rf"\mathrm{{d}}{latex(n)}" for n in left_out)
     known = _KNOWN.get((kind, kept[0], kept[1]))
     return rf"$\iint {real}{letter}\;{measure}{f' = {real}{known}' if known else ''}$"
-
-
-def _axis_label(name: str, unit: LengthUnit) -> str:
-    return f"${_latex(name)}$ ({'1/' if _spectral(name) else ''}{unit.name})"

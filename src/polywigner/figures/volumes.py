@@ -14,6 +14,7 @@ from polywigner.figures.levels import check_floor, level_db
 from polywigner.figures.style import (
     TYPOGRAPHY,
     checked_axes,
+    floor_text,
     new_figure,
     number_text,
     quantity_text,
@@ -251,9 +252,8 @@ def _label(
 ) -> str:
     listed = ", ".join(number_text(level) for level in reversed(shells))
     peak = ", the largest in the box" if reference is None else ""
-    floor = number_text(floor_db)
     return (
         f"{volume.name}, dB relative to {quantity_text(zero, volume.unit)}{peak}\n"
         f"surfaces at {listed} dB\n"
-        f"walls: {projection} along their normals, floor {floor} dB"
+        f"walls: {projection} along their normals, {floor_text(floor_db)}"
     )
