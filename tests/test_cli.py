@@ -138,7 +138,7 @@ def test_files_appear_together_and_only_once_they_are_whole(tmp_path: Path) -> N
         for partial in partials:
             partial.write_text("whole")
         assert not any(path.exists() for path in paths)
-        assert all(partial.name.endswith(".partial") for partial in partials)
+        assert all(".partial." in partial.name for partial in partials)
     assert sorted((tmp_path / "new").iterdir()) == list(paths)
 
 

@@ -82,8 +82,8 @@ def write_field(found: Any, figure: Figure, files: Sequence[Path]) -> None:
     write = {".nc": write_netcdf, ".vti": write_vti, ".zarr": write_zarr}
     with writing(files) as (picture, *values):
         figure.savefig(picture, format="png")
-        for path, partial in zip(files[1:], values, strict=True):
-            write[path.suffix](found, partial)
+        for partial in values:
+            write[partial.suffix](found, partial)
 
 
 if TYPE_CHECKING:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import os
-import shutil
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from polywigner.errors import ArgumentError
-from polywigner.interruption import unfinished
+from polywigner.interruption import atomic_path, scratch_of
 
 _KNOWN_SUFFIXES = (
     ".png", ".exr", ".json", ".npz", ".nc", ".vti", ".vtp", ".zarr",
@@ -87,7 +86,7 @@ def check_writable(paths: Sequence[Path]) -> None:
         parents = absolute.parents
         folder = next(parent for parent in parents if os.path.exists(parent))  # noqa: PTH110
         try:
-            _try_to_write(_scratch(absolute), folder)
+            _try_to_write(scratch_of(absolute), folder)
         except OSError as error:
             raise ArgumentError(
                 f"expected a folder that can be written to for {path}, got {folder}: "
@@ -103,11 +102,6 @@ def _try_to_write(scratch: Path, folder: Path) -> None:
     probe = folder / scratch.name
     probe.touch(exist_ok=False)
     probe.unlink()
-
-
-def _scratch(path: Path) -> Path:
-    # The process id keeps two runs with one target apart: the last to finish wins, whole.
-    return path.with_name(f"{path.name}.{os.getpid()}.partial")
 
 
 def missing_folders(paths: Sequence[Path]) -> list[Path]:
@@ -133,36 +127,18 @@ def writing(paths: Sequence[Path]) -> Iterator[tuple[Path, ...]]:
     ------
     ArgumentError : the operating system refused to write (no permission, disk full, ...).
     """
-    partials = tuple(_scratch(path) for path in paths)
     try:
         new = missing_folders(paths)
         for folder in new:
             folder.mkdir(parents=True, exist_ok=True)
-        with unfinished(*partials):
+        with ExitStack() as stack:
+            partials = tuple(stack.enter_context(atomic_path(path)) for path in paths)
             yield partials
             for partial in partials:
                 partial.stat()  # all are there before the first takes its place
-            for partial, path in zip(partials, paths, strict=True):
-                _put_in_place(partial, path)
         say_made(new)
     except OSError as error:
         raise ArgumentError(
             f"expected to write {', '.join(map(str, paths))}, got {error}; "
             "choose another place with --out"
         ) from error
-
-
-def _put_in_place(partial: Path, path: Path) -> None:
-    if not path.is_dir():
-        partial.replace(path)
-        return
-    # Folders cannot be replaced in one step: the old one goes aside, and back if that fails.
-    aside = path.with_name(f"{path.name}.{os.getpid()}.old.partial")
-    path.rename(aside)
-    try:
-        partial.rename(path)
-    except BaseException:  # KeyboardInterrupt too
-        if not path.exists():
-            aside.rename(path)
-        raise
-    shutil.rmtree(aside, ignore_errors=True)

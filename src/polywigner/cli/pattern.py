@@ -96,12 +96,10 @@ def pattern(
     )
     with writing(files) as (picture, *values):
         figure.savefig(picture, format="png")
-        for path, partial in zip(files[1:], values, strict=True):
-            named = partial.with_name(partial.name + path.suffix)  # the suffix chooses the format
+        for partial in values:
             pw.write_pattern(
-                found, named, polarisation=cast(Any, polarisation), efficiency=efficiency
+                found, partial, polarisation=cast(Any, polarisation), efficiency=efficiency
             )
-            named.replace(partial)
     print(metrics)
     for path in files:
         print(path)

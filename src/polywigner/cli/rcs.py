@@ -110,8 +110,8 @@ def rcs(
     figure = draw_rcs(pattern, floor_db=floor_db, title=field_title(body, length))
     with writing(files) as (picture, *values):
         figure.savefig(picture, format="png")
-        for path, partial in zip(files[1:], values, strict=True):
-            _write(pattern, path.suffix, partial)
+        for partial in values:
+            _write(pattern, partial)
     print(_summary(pattern, floor_db))
     for path in files:
         print(path)
@@ -129,18 +129,16 @@ def _read(path: str, reading: Reading) -> Any:
     return pw.read_polyhedron(path, unit=reading.unit or "mm")
 
 
-def _write(pattern: Any, suffix: str, path: Path) -> None:
+def _write(pattern: Any, path: Path) -> None:
     import numpy as np
 
-    if suffix == ".nc":
+    if path.suffix == ".nc":
         import polywigner as pw
 
-        named = path.with_name(path.name + suffix)
-        pw.write_netcdf(pattern, named)
-        named.replace(path)
+        pw.write_netcdf(pattern, path)
         return
     azimuth, elevation, values = (pattern[n].values for n in ("azimuth", "elevation", "rcs"))
-    if suffix == ".json":
+    if path.suffix == ".json":
         content = {
             **pattern.attrs,
             "azimuth_deg": np.degrees(azimuth).tolist(),

@@ -84,9 +84,7 @@ def scatterers(
     for message in messages:
         warnings.warn(f"Mitsuba: {message}", RuntimeWarning, stacklevel=2)
     with writing([file]) as (partial,):
-        named = partial.with_name(partial.name + suffix)
-        pm.write_scatterers(cloud, named)
-        named.replace(partial)
+        pm.write_scatterers(cloud, partial)
     print(_summary(cloud))
     print(file)
 
