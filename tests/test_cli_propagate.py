@@ -11,9 +11,8 @@ import pytest
 
 import polywigner as pw
 from polywigner.cli import main
-from polywigner.cli.fields import parse_methods
+from polywigner.cli.fields import parse_methods, parse_place, place_text
 from polywigner.cli.sources import field_title, frequency_text, short_name
-from polywigner.cli.where import parse_place, place_text
 from polywigner.errors import PolywignerError
 from polywigner.quantities import wavelength_of
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import os
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 from polywigner.errors import ArgumentError
 from polywigner.interruption import atomic_path, scratch_of
@@ -121,7 +123,7 @@ def writing(paths: Sequence[Path]) -> Iterator[tuple[Path, ...]]:
 
     Folders are created, and named on stderr. A target may be a folder itself, as stores are. A
     block that raises leaves neither targets nor scratch files; targets of an earlier run stay as
-    they were.
+    they were. The targets are printed at last.
 
     Raises
     ------
@@ -137,8 +139,25 @@ def writing(paths: Sequence[Path]) -> Iterator[tuple[Path, ...]]:
             for partial in partials:
                 partial.stat()  # all are there before the first takes its place
         say_made(new)
+        print(*paths, sep="\n", flush=True)
     except OSError as error:
         raise ArgumentError(
             f"expected to write {', '.join(map(str, paths))}, got {error}; "
             "choose another place with --out"
         ) from error
+
+
+def write_arrays(path: Path, arrays: Mapping[str, Any], metadata: Mapping[str, Any]) -> None:
+    """Write arrays as .npz under their names, and a JSON text ``metadata`` with their units."""
+    import numpy as np
+
+    import polywigner as pw
+
+    about = json.dumps({**metadata, "polywigner": pw.__version__})
+    with path.open("wb") as file:
+        np.savez_compressed(file, **dict(arrays), metadata=np.asarray(about))
+
+
+def write_record(path: Path, record: Mapping[str, Any]) -> None:
+    """Write a record as JSON."""
+    path.write_text(json.dumps(record, indent=2, allow_nan=False) + "\n", encoding="utf-8")
