@@ -6,7 +6,6 @@ import pytest
 import polywigner as pw
 from polywigner.cli import main
 from polywigner.cli.transform import system_from
-from polywigner.errors import QuantityError
 
 
 def test_the_light_passes_parts_in_the_order_of_the_text() -> None:
@@ -22,21 +21,11 @@ def test_the_light_passes_parts_in_the_order_of_the_text() -> None:
     )
 
 
-@pytest.mark.parametrize(
-    "text", ["", "mirror", "space", "lens 3 Hz", "magnifier big", "space 5 mm,"]
-)
-def test_what_is_no_system_is_named(text: str) -> None:
-    with pytest.raises(QuantityError, match="expected"):
-        system_from(text)
-
-
-def test_transform_writes_a_picture_and_the_values_behind_a_system(tmp_path, capsys) -> None:
+def test_transform_writes_a_picture_and_the_values_behind_a_system(tmp_path) -> None:
     outline = tmp_path / "square.wkt"
     outline.write_text("POLYGON ((-5 -5, 5 -5, 5 5, -5 5, -5 -5))")
     given = ["transform", str(outline), "--unit", "mm", "--samples", "33"]
     given += ["--through", "fourier 50 mm", "--out", str(tmp_path / "behind.png")]
-    assert main(given) == 2  # no wavelength
-    assert "--frequency or --wavelength" in capsys.readouterr().err
     assert main([*given, "--frequency", "94 GHz"]) == 0
     assert (tmp_path / "behind.png").stat().st_size > 1e4
     with np.load(tmp_path / "behind.npz") as found:
@@ -45,5 +34,3 @@ def test_transform_writes_a_picture_and_the_values_behind_a_system(tmp_path, cap
         light = abs(pw.fourier(pw.shapes.square(0.01), points / (0.05 * wavelength))) ** 2
         assert found["light"] == pytest.approx(light / (0.05 * wavelength) ** 2, rel=1e-6, abs=1e-9)
         assert np.array_equal(found["matrix"], pw.FirstOrder.fourier(0.05).matrix)
-    both = [*given, "--frequency", "94 GHz", "--x", "0 mm, 1 mm"]
-    assert main(both) == 2 and "--through" in capsys.readouterr().err

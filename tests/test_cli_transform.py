@@ -189,9 +189,7 @@ def test_a_source_file_is_shown_at_its_own_wavelength_unless_told_another(
     assert values["frequency"][[i, j]] == pytest.approx([250.0, 0.0], abs=spacing / 2)
 
 
-def test_a_layer_is_read_alone_and_what_overlaps_is_joined(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_layer_is_read_alone_and_what_overlaps_is_joined(tmp_path: Path) -> None:
     path = tmp_path / "antenna.svg"
     path.write_text(
         '<svg><g id="board"><rect width="9" height="9"/></g>'
@@ -201,18 +199,3 @@ def test_a_layer_is_read_alone_and_what_overlaps_is_joined(
     layers = ("--layer", "pad", "--layer", "feed")
     drawn = transformed(path, *layers, "--union", "--samples", "3")
     assert drawn["fourier"][1, 1].real == pytest.approx(4e-6, rel=ROUNDING, abs=0.0)
-    assert main(["transform", str(path), "--out", str(tmp_path / "other")]) == 2
-    assert "--layer feed --layer pad" in capsys.readouterr().err
-    assert main(["transform", str(path), *layers, "--out", str(tmp_path / "other")]) == 2
-    assert "(--union)" in capsys.readouterr().err
-    assert not list(tmp_path.glob("other*"))
-
-
-def test_a_source_file_has_no_layer_of_the_command_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = tmp_path / "source.toml"
-    path.write_text("")
-    for option in (["--layer", "pads"], ["--union"]):
-        assert main(["transform", str(path), *option]) == 2
-        assert f"expected no {option[0]} with a source file" in capsys.readouterr().err

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -126,43 +125,3 @@ def test_paraview_gets_an_image(square: Path) -> None:
     assert run(square, *SMALL, "--format", "vti", "--format", "vti") == 0
     image = (square.parent / "out" / "field.vti").read_bytes()
     assert b'WholeExtent="0 5 0 4 0 3"' in image
-
-
-def test_a_missing_library_is_told_in_one_line(
-    square: Path, capfd: Captured, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, "zarr", None)
-    assert run(square, *SMALL) == 2
-    stderr = capfd.readouterr().err
-    assert ".[volume]" in stderr and stderr.count("\n") == 1
-    assert list(square.parent.iterdir()) == [square]
-
-
-BAD = {
-    "a flat box": (["--box", "-2 mm to 2 mm, 0 mm, 3 mm to 6 mm"], ["--box", "three ranges"]),
-    "two ranges": (["--box", "-2 mm to 2 mm, 3 mm to 6 mm"], ["--box", "x, y and z"]),
-    "a box behind": (["--box", "0 mm to 2 mm, 0 mm to 2 mm, -3 mm to 6 mm"], ["z > 0"]),
-    "two numbers": ([*BOX, "--shape", "6 x 5"], ["--shape", "6 x 5"]),
-    "one layer": ([*BOX, "--shape", "1 x 4 x 4"], ["--shape", "two or more", "--plane"]),
-    "no chunks": ([*BOX, "--chunks", "0 x 3 x 3"], ["--chunks"]),
-    "no threads": ([*SMALL, "--threads", "0"], ["threads"]),
-    "no scheduler": ([*SMALL, "--scheduler", "nowhere"], ["scheduler", "nowhere"]),
-    "words for levels": ([*SMALL, "--surfaces", "low"], ["--surfaces", "low"]),
-    "levels": ([*SMALL, "--surfaces", "-6, -50"], ["floor", "-50"]),
-    "projection": ([*SMALL, "--projection", "sum"], ["projection", "maximum"]),
-    "renderer": ([*SMALL, "--renderer", "povray"], ["renderer", "pyvista"]),
-    "format": ([*SMALL, "--format", "hdf4"], ["--format", "vti"]),
-    "method": ([*SMALL, "--method", "fdtd"], ["--method", "fdtd"]),
-}
-
-
-@pytest.mark.parametrize("case", BAD)
-def test_what_cannot_be_used_is_refused(case: str, square: Path, capfd: Captured) -> None:
-    options, words = BAD[case]
-    assert run(square, *options) == 2
-    stdout, stderr = capfd.readouterr()
-    assert stdout == ""
-    assert stderr.startswith("polywigner: error: ") and stderr.count("\n") == 1
-    for word in words:
-        assert word in stderr
-    assert list(square.parent.iterdir()) == [square]
