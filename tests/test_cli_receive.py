@@ -146,8 +146,10 @@ LAMP = """<scene version="3.0.0">
 """
 
 
-@pytest.mark.parametrize("command", ["receive", "render"])
-@pytest.mark.parametrize(("right", "above"), [(0.5, 0.25), (-0.25, -0.5)])
+@pytest.mark.parametrize(
+    ("command", "right", "above"),
+    [("receive", 0.5, 0.25), ("render", 0.5, 0.25), ("render", -0.25, -0.5)],
+)
 def test_pictures_are_seen_as_the_receiver_sees(
     command: str, right: float, above: float, tmp_path: Path
 ) -> None:
