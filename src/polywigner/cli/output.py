@@ -72,6 +72,13 @@ def targets(stem: Path, suffixes: Sequence[str]) -> tuple[Path, ...]:
     return tuple(stem.with_name(stem.name + suffix) for suffix in suffixes)
 
 
+def files_to_write(out: str | None, name: str, suffixes: Sequence[str]) -> tuple[Path, ...]:
+    """Return the files of :func:`output_stem` with each suffix, which can be written."""
+    files = targets(output_stem(out, name), suffixes)
+    check_writable(files)
+    return files
+
+
 def check_writable(paths: Sequence[Path]) -> None:
     """Fail before the long work rather than after it.
 

@@ -11,7 +11,7 @@ import typer
 
 from polywigner.cli.fields import format_suffixes
 from polywigner.cli.options import BoundaryCondition, DbFloor, Out, parse_step
-from polywigner.cli.output import check_writable, output_stem, targets, writing
+from polywigner.cli.output import files_to_write, writing
 from polywigner.cli.sources import (
     SourceOptions,
     check_is_coherent,
@@ -70,8 +70,7 @@ def pattern(
     watts = None if power is None else parse_power(power)
     asked = None if step is None else parse_step(step, 15.0, _MOST)
     suffixes = format_suffixes(formats or ["csv"], _FORMATS)
-    files = targets(output_stem(out, Path(source.source).stem + "_pattern"), (".png", *suffixes))
-    check_writable(files)
+    files = files_to_write(out, Path(source.source).stem + "_pattern", (".png", *suffixes))
 
     # Everything cheap has been checked: only now the libraries that take a second to import.
     import numpy as np

@@ -11,7 +11,7 @@ import typer
 
 from polywigner.cli.fields import format_suffixes
 from polywigner.cli.options import BoundaryCondition, Out, Seed
-from polywigner.cli.output import check_writable, output_stem, targets, writing
+from polywigner.cli.output import files_to_write, writing
 from polywigner.cli.sources import (
     MixedSourceOptions,
 )
@@ -75,10 +75,9 @@ def rays(
         )
     angle = None if cone is None else parse_angle(cone)
     watts = None if power is None else parse_power(power)
-    stem = output_stem(out, Path(source.source).stem + "_rays")
     parts = ("_positive.dat", "_negative.dat")
-    files = targets(stem, parts if split else [f".{kind}" for kind in kinds])
-    check_writable(files)
+    suffixes = parts if split else [f".{kind}" for kind in kinds]
+    files = files_to_write(out, Path(source.source).stem + "_rays", suffixes)
 
     # Everything cheap has been checked: only now the libraries that take a second to import.
     import polywigner as pw

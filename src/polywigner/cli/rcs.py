@@ -22,7 +22,7 @@ from polywigner.cli.options import (
     Wavelength,
     parse_step,
 )
-from polywigner.cli.output import check_writable, output_stem, targets, writing
+from polywigner.cli.output import files_to_write, writing
 from polywigner.cli.sources import (
     Reading,
     check_source_file,
@@ -86,8 +86,7 @@ def rcs(
     length = required_wavelength(wavelength_from(frequency, wavelength))
     asked = None if step is None else parse_step(step, 30.0, _MOST // 2)
     suffixes = format_suffixes(formats or ["csv"], _FORMATS)
-    files = targets(output_stem(out, Path(body).stem + "_rcs"), (".png", *suffixes))
-    check_writable(files)
+    files = files_to_write(out, Path(body).stem + "_rcs", (".png", *suffixes))
 
     # Everything cheap has been checked: only now the libraries that take a second to import.
     import numpy as np

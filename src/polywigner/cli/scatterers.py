@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from polywigner.cli.options import Define, Seed, Variant
-from polywigner.cli.output import check_writable, output_stem, targets, writing
+from polywigner.cli.output import files_to_write, writing
 from polywigner.cli.scenes import check_scene_file, messages_as_warnings, scene_definition
 from polywigner.errors import ArgumentError
 
@@ -56,8 +56,7 @@ def scatterers(
     defined = dict(scene_definition(text) for text in define or [])
     speeds = dict(_velocity(text) for text in velocity or [])
     suffix = _suffix(out)
-    (file,) = targets(output_stem(out, Path(scene).stem + "_scatterers"), (suffix,))
-    check_writable([file])
+    files = files_to_write(out, Path(scene).stem + "_scatterers", (suffix,))
 
     import polywigner.mitsuba as pm
 
@@ -73,7 +72,7 @@ def scatterers(
             rays=rays,
             velocities=speeds or None,
         )
-    with writing([file]) as (partial,):
+    with writing(files) as (partial,):
         pm.write_scatterers(cloud, partial)
         print(_summary(cloud))
 

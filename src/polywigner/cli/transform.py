@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from polywigner.cli.options import DbFloor, Out
-from polywigner.cli.output import check_writable, output_stem, targets, write_arrays, writing
+from polywigner.cli.output import files_to_write, write_arrays, writing
 from polywigner.cli.sources import (
     SourceOptions,
     check_is_coherent,
@@ -133,8 +133,7 @@ def transform(
     system = None if through is None else system_from(through)
     if system is not None and (position or lag):
         raise QuantityError("expected no --x and no --xi with --through; leave them out")
-    files = targets(output_stem(out, Path(source.source).stem), (".png", ".npz"))
-    check_writable(files)
+    files = files_to_write(out, Path(source.source).stem, (".png", ".npz"))
 
     # Everything cheap has been checked: only now the libraries that take a second to import.
     from polywigner.figures import (
