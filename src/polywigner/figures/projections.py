@@ -90,7 +90,7 @@ def draw_projections(
 
     check_floor(floor_db)
     cells = _cells(found, layout)
-    axes_of_tiles = {d for name in cells.values() for d in found[name].dims}
+    axes_of_tiles = {d for _, *pair in cells.values() for d in pair}
     for name in axes_of_tiles:
         if len(found[name].values) < 2:
             raise ArgumentError(f"expected at least two samples along {name} to draw, got one")
@@ -106,8 +106,8 @@ def draw_projections(
             if (row, column) not in cells:
                 axes.set_axis_off()
                 continue
-            across, up = _names(found, cells, row, column)
-            _draw(axes, found, cells[row, column], across, up, unit, floor_db)
+            name, across, up = cells[row, column]
+            _draw(axes, found, name, across, up, unit, floor_db)
             axes.tick_params(labelbottom=True)
             axes.set_xlabel(axis_label(across, unit))
             if column == 0:
@@ -116,43 +116,29 @@ def draw_projections(
     return figure
 
 
-Cells = dict[tuple[int, int], str]
+Cells = dict[tuple[int, int], tuple[str, str, str]]
+"""(row, column) -> name of the tile there, and its coordinates to the right and upwards."""
 
 
 def _cells(found: xarray.Dataset, layout: str) -> Cells:
-    """(row, column) -> name of the tile there."""
     names = list(found.data_vars)
-    kind = found.attrs["kind"]
     if len(names) == 1 and not any("_" in d for d in found[names[0]].dims):
-        return {(0, 0): names[0]}  # of slits
-    p, q, r, s = _COORDINATES[kind]
+        return {(0, 0): (names[0], *found[names[0]].dims)}  # of slits
+    p, q, r, s = _COORDINATES[found.attrs["kind"]]
     if layout == "paper":
-        below, beside = (p, s), (q, r)
-        pairs = {(j, i): (below[i], beside[j]) for i, j in product(range(2), range(2))}
+        pairs = {(j, i): ((p, s)[i], (q, r)[j]) for i, j in product(range(2), repeat=2)}
     elif layout == "all":
-        below, beside = (p, q, r), (q, r, s)  # type: ignore[assignment]
-        pairs = {(j, i): (below[i], beside[j]) for i in range(3) for j in range(i, 3)}
+        pairs = {(j, i): ((p, q, r)[i], (q, r, s)[j]) for i in range(3) for j in range(i, 3)}
     else:
         raise ArgumentError(f'expected layout to be "paper" or "all", got {layout!r}')
     named = {frozenset(found[name].dims): name for name in names}
-    missing = [pair for pair in pairs.values() if frozenset(pair) not in named]
-    if missing:
-        raise ArgumentError(
-            f"expected projections with all their tiles, got none of {' and '.join(missing[0])}; "
-            "leave out tiles="
-        )
-    return {cell: named[frozenset(pair)] for cell, pair in pairs.items()}
-
-
-def _names(found: xarray.Dataset, cells: Cells, row: int, column: int) -> tuple[str, str]:
-    """The coordinates to the right and upwards: those shared along the column and the row."""
-    if len(cells) == 1:
-        first, second = found[cells[row, column]].dims
-        return first, second
-    p, q, r, s = _COORDINATES[found.attrs["kind"]]
-    if len(cells) == 4:
-        return (p, s)[column], (q, r)[row]
-    return (p, q, r)[column], (q, r, s)[row]
+    for across, up in pairs.values():
+        if frozenset((across, up)) not in named:
+            raise ArgumentError(
+                f"expected projections with all their tiles, got none of {across} and {up}; "
+                "leave out tiles="
+            )
+    return {cell: (named[frozenset(pair)], *pair) for cell, pair in pairs.items()}
 
 
 def _draw(
