@@ -192,6 +192,9 @@ def _values_of(slices: TransformSlices | SystemSlices) -> tuple[dict[str, Any], 
 
     wavelength = np.asarray(np.nan if slices.wavelength is None else slices.wavelength)
     arrays = {"wavelength": wavelength, "aperture_geojson": _geojson(slices.aperture)}
+    in_metres: tuple[str, ...]
+    inverse: tuple[str, ...]
+    areas: tuple[str, ...]
     if not isinstance(slices, TransformSlices):
         in_metres, inverse, areas = (
             ("x", "x_out", "across", "up"),

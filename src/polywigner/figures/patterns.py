@@ -192,9 +192,6 @@ def _write_table(axes: Axes, metrics: BeamMetrics) -> None:
     )  # fmt: skip
 
 
-Floats = NDArray[np.float64]
-
-
 def draw_rcs(
     pattern: Any,
     *,
