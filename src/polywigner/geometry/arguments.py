@@ -19,7 +19,7 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, GeometryError, PolywignerError, PolywignerWarning
-from polywigner.interruption import unfinished
+from polywigner.interruption import atomic_path
 from polywigner.quantities import SPEED_OF_LIGHT
 
 
@@ -434,10 +434,8 @@ def write_lines(file: Path, lines: Iterable[str]) -> None:
     What ``lines`` raises leaves no file behind. Raises ArgumentError where it cannot be written.
     """
     text = "".join(f"{line}\n" for line in lines)
-    scratch = file.with_name(f"{file.name}.{os.getpid()}.partial")
     try:
-        with unfinished(scratch):
+        with atomic_path(file) as scratch:
             scratch.write_text(text, encoding="utf-8", newline="\n")
-            scratch.replace(file)
     except (OSError, ValueError) as error:  # ValueError: a null character in the path
         raise ArgumentError(f"expected to write {file}, got: {error}") from None

@@ -7,7 +7,6 @@
 
 from __future__ import annotations
 
-import importlib
 import math
 import warnings
 from collections.abc import Callable, Sequence
@@ -16,7 +15,10 @@ from typing import Any, Literal, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import ArgumentError, MissingExtraError, install_command
+from polywigner.errors import (
+    ArgumentError,
+    require,
+)
 from polywigner.geometry.arguments import (
     checked_count,
     checked_length,
@@ -377,10 +379,4 @@ def _window(count: int, name: str, sll: float, nbar: int) -> NDArray[np.float64]
 
 
 def _scipy_windows(name: str) -> Any:
-    try:
-        return importlib.import_module("scipy.signal.windows")
-    except ImportError:
-        raise MissingExtraError(
-            f"expected scipy to be installed, which has the window {name!r}, got none; run "
-            f"{install_command('arrays')}"
-        ) from None
+    return require("scipy.signal.windows", "arrays", f"has the window {name!r}")

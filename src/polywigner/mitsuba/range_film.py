@@ -6,7 +6,6 @@ has bins of one width, adds them in single precision and drops what lies outside
 
 from __future__ import annotations
 
-import importlib
 import math
 import os
 import sys
@@ -22,9 +21,8 @@ import numpy.typing as npt
 from polywigner.errors import (
     ArgumentError,
     EngineError,
-    MissingExtraError,
     SceneError,
-    install_command,
+    require,
 )
 from polywigner.mitsuba.films import CAMERAS, WAVEFRONT, fineness, seed_of
 from polywigner.mitsuba.receiver import is_receiver, receiving
@@ -79,12 +77,7 @@ def require_transients(variant: str | None = None) -> Any:
     # an import of it chooses a variant for child processes too
     chosen = os.environ.get("MI_DEFAULT_VARIANT")
     try:
-        return importlib.import_module(_NAME)
-    except ImportError as error:
-        raise MissingExtraError(
-            f"expected mitransient to be installed, by which ranges are told, got none ({error}); "
-            f"run {install_command('radar')}"
-        ) from error
+        return require(_NAME, "radar", "tells ranges")
     finally:
         if chosen is None:
             os.environ.pop("MI_DEFAULT_VARIANT", None)

@@ -11,6 +11,7 @@ import warnings
 import zipfile
 import zlib
 from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, cast
 
@@ -20,7 +21,7 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError, FileFormatError
 from polywigner.geometry.arguments import checked_path, warn_caller
 from polywigner.geometry.formats.limits import check_regular
-from polywigner.interruption import unfinished
+from polywigner.interruption import atomic_path
 from polywigner.propagation.exports import write_netcdf
 from polywigner.propagation.stores_checks import required
 from polywigner.rays.bundles import bundle, checked_bundle, count_of
@@ -221,13 +222,11 @@ def save(
     if not isinstance(unit, str) or unit not in METRES:
         raise ArgumentError(f"expected unit to be one of {', '.join(METRES)}, got {unit!r}")
     paths = names_of(checked_path(path), split)
-    scratch = [p.with_name(f"{p.name}.{os.getpid()}.partial") for p in paths]
     try:
-        with unfinished(*scratch):
-            paths[0].parent.mkdir(parents=True, exist_ok=True)
+        paths[0].parent.mkdir(parents=True, exist_ok=True)
+        with ExitStack() as stack:
+            scratch = [stack.enter_context(atomic_path(path)) for path in paths]
             write_to(rays, scratch, paths, unit)
-            for written, final in zip(scratch, paths, strict=True):
-                written.replace(final)
     except OSError as error:
         raise ArgumentError(
             f"expected to write {path}, got {error.strerror or error}; choose another place"

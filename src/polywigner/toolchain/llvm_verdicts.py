@@ -19,7 +19,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from polywigner.interruption import temporary_folder
+from polywigner.interruption import atomic_path, temporary_folder
 from polywigner.toolchain.llvm_discovery import (
     LIBRARY_VARIABLE,
     OLDEST_VERSION,
@@ -164,14 +164,10 @@ def _remember(store: Path | None, verdict: Verdict) -> None:
     """Keep a verdict. A cache that cannot be written costs a second next time, nothing else."""
     if store is None:
         return
-    import tempfile
-
     with contextlib.suppress(OSError):
         store.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(dir=store.parent, suffix=".partial")
-        with os.fdopen(handle, "w") as stream:
-            json.dump(asdict(verdict), stream)
-        Path(name).replace(store)  # atomic: another process sees all of it or nothing
+        with atomic_path(store) as scratch:  # another process sees all of it or nothing
+            scratch.write_text(json.dumps(asdict(verdict)))
 
 
 def _try_out(path: str, preload: Sequence[str]) -> tuple[Verdict, bool]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import logging
 import math
 import shlex
@@ -14,7 +13,11 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from polywigner.errors import ArgumentError, GeometryError, MissingExtraError, install_command
+from polywigner.errors import (
+    ArgumentError,
+    GeometryError,
+    require,
+)
 from polywigner.geometry.exact import Ring, estimated_area
 from polywigner.geometry.formats.limits import MOST_CROSSINGS, Work, check_rings, check_vertices
 from polywigner.geometry.grid import polygons_in, union_on_grid
@@ -45,13 +48,7 @@ def required(library: str, kind: str) -> Any:
 
     Raises MissingExtraError where it is not installed.
     """
-    try:
-        module = importlib.import_module(library)
-    except ImportError:
-        raise MissingExtraError(
-            f"expected {library.partition('.')[0]} to be installed, which reads {kind} files, got "
-            f"none; run {install_command('formats')}"
-        ) from None
+    module = require(library, "formats", f"reads {kind} files")
     # Messages of a library about a damaged file go to a user's handlers, not to the terminal.
     logger = logging.getLogger(library.partition(".")[0])
     if not logger.handlers:
