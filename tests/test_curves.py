@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.formats.curves import (
+from polywigner.geometry.io.curves import (
     DEFAULT_TOLERANCE,
     Arc,
     Bezier,

@@ -13,7 +13,7 @@ import pytest
 
 import polywigner as pw
 from polywigner.errors import ArgumentError, FileFormatError, MissingExtraError
-from polywigner.geometry.formats import gerber
+from polywigner.geometry.io import gerber
 
 # Sums of some hundred vertices, scaled from mm to metres.
 ROUNDING = 1e-12

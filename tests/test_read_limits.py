@@ -27,11 +27,11 @@ from polywigner.geometry.exact import (
     signed_area,
     turn,
 )
-from polywigner.geometry.formats import gerber, limits
-from polywigner.geometry.formats.gerber import composed
-from polywigner.geometry.formats.limits import Work
-from polywigner.geometry.formats.outlines import nested
-from polywigner.geometry.grid import groups_apart, union_on_grid
+from polywigner.geometry.io import gerber, limits
+from polywigner.geometry.io.gerber import composed
+from polywigner.geometry.io.limits import Work
+from polywigner.geometry.io.outlines import nested
+from polywigner.geometry.parts import groups_apart, union_on_grid
 from polywigner.geometry.rings import without_slight_bends
 
 MIB = 2**20

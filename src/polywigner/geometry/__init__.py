@@ -15,8 +15,8 @@ from polywigner.geometry import shapes
 from polywigner.geometry.aperture import Aperture, PlacedAperture, triangulate
 from polywigner.geometry.arguments import rigid_pose
 from polywigner.geometry.automean import automean, lag_slice, position_slice
+from polywigner.geometry.io.readers import read_aperture, read_polyhedron
 from polywigner.geometry.polyhedron import Polyhedron
-from polywigner.geometry.readers import read_aperture, read_polyhedron
 from polywigner.geometry.slits import Slits
 from polywigner.geometry.wavefront import Wavefront
 

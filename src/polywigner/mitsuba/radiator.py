@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from polywigner.errors import PolywignerError, SceneError
 from polywigner.geometry import Aperture, PlacedAperture, Wavefront
-from polywigner.geometry.grid import union_on_grid
+from polywigner.geometry.parts import union_on_grid
 from polywigner.illumination import Array
 from polywigner.illumination.support import moved_source, mutual_support
 from polywigner.mitsuba.radiance import PLAIN, Mixture, check_obliquity

@@ -12,7 +12,7 @@ import numpy as np
 
 from polywigner.errors import FileFormatError, PolywignerError
 from polywigner.geometry.exact import Ring
-from polywigner.geometry.formats.curves import (
+from polywigner.geometry.io.curves import (
     JOINT,
     Arc,
     Bezier,
@@ -27,14 +27,14 @@ from polywigner.geometry.formats.curves import (
     rough_points,
     transformed,
 )
-from polywigner.geometry.formats.limits import (
+from polywigner.geometry.io.limits import (
     LARGEST_DXF,
     LARGEST_NUMBER,
     MOST_NESTED_BLOCKS,
     check_number,
     place_of,
 )
-from polywigner.geometry.formats.outlines import (
+from polywigner.geometry.io.outlines import (
     Drawing,
     check_known,
     nested,

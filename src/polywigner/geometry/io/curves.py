@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from polywigner.errors import FileFormatError
 from polywigner.geometry.exact import Ring
-from polywigner.geometry.formats.limits import LARGEST_NUMBER, MOST_VERTICES
+from polywigner.geometry.io.limits import LARGEST_NUMBER, MOST_VERTICES
 
 DEFAULT_TOLERANCE = 1 / 2000
 """Largest distance between a curve and its chords, in diagonals of the outline's bounds.

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from polywigner.errors import FileFormatError
 from polywigner.geometry.exact import Ring
-from polywigner.geometry.formats import library_process
+from polywigner.geometry.io import library_process
 
 # Files, in bytes.
 

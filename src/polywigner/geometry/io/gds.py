@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from polywigner.errors import ArgumentError, FileFormatError
-from polywigner.geometry.formats import gds_process
-from polywigner.geometry.formats.limits import (
+from polywigner.geometry.io import gds_process
+from polywigner.geometry.io.limits import (
     LARGEST_GDS,
     LARGEST_NUMBER,
     MOST_VERTICES,
@@ -18,7 +18,7 @@ from polywigner.geometry.formats.limits import (
     check_rings,
     in_process,
 )
-from polywigner.geometry.formats.outlines import Drawing, filled, overlap_remedy, required
+from polywigner.geometry.io.outlines import Drawing, filled, overlap_remedy, required
 
 _REMEDIES = ("save one cell alone", "export it anew, or as DXF")
 _LAYER = re.compile(r"\d{1,5}(?:/\d{1,5})?")

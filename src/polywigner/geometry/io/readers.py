@@ -24,20 +24,20 @@ from polywigner.errors import (
 )
 from polywigner.geometry.aperture import Aperture
 from polywigner.geometry.exact import Ring
-from polywigner.geometry.formats.dxf import read_dxf
-from polywigner.geometry.formats.gds import read_gds
-from polywigner.geometry.formats.gerber import read_gerber
-from polywigner.geometry.formats.limits import bytes_of, check_polygons, text_of
-from polywigner.geometry.formats.meshes import MESH_SUFFIXES, read_mesh
-from polywigner.geometry.formats.outlines import (
+from polywigner.geometry.io.dxf import read_dxf
+from polywigner.geometry.io.gds import read_gds
+from polywigner.geometry.io.gerber import read_gerber
+from polywigner.geometry.io.limits import bytes_of, check_polygons, text_of
+from polywigner.geometry.io.mesh import MESH_SUFFIXES, read_mesh
+from polywigner.geometry.io.outlines import (
     Drawing,
     checked_layers,
     checked_tolerance,
     checked_union,
 )
-from polywigner.geometry.formats.svg import read_svg
-from polywigner.geometry.formats.svg_shapes import PIXEL
-from polywigner.geometry.formats.texts import rings_of_csv, rings_of_geojson, rings_of_wkt
+from polywigner.geometry.io.svg import read_svg
+from polywigner.geometry.io.svg_shapes import PIXEL
+from polywigner.geometry.io.text import rings_of_csv, rings_of_geojson, rings_of_wkt
 from polywigner.geometry.parts import merge_parts, part_of_rings, union_parts
 from polywigner.geometry.polyhedron import Polyhedron
 from polywigner.quantities import parse_unit

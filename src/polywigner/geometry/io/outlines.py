@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, GeometryError, MissingExtraError, install_command
 from polywigner.geometry.exact import Ring, estimated_area
-from polywigner.geometry.formats.limits import MOST_CROSSINGS, Work, check_rings, check_vertices
-from polywigner.geometry.grid import polygons_in, union_on_grid
-from polywigner.geometry.parts import enclosed, part_of_ring
+from polywigner.geometry.io.limits import MOST_CROSSINGS, Work, check_rings, check_vertices
+from polywigner.geometry.parts import enclosed, part_of_ring, polygons_in, union_on_grid
 from polywigner.geometry.rings import (
     clean_ring,
     different_vertices,

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.formats.curves import Arc, Bezier, Curve, Points, ends, transformed
-from polywigner.geometry.formats.limits import LARGEST_NUMBER, MOST_RULES, check_number
-from polywigner.geometry.formats.outlines import required
+from polywigner.geometry.io.curves import Arc, Bezier, Curve, Points, ends, transformed
+from polywigner.geometry.io.limits import LARGEST_NUMBER, MOST_RULES, check_number
+from polywigner.geometry.io.outlines import required
 
 # Possessive (++) and atomic (?>) throughout, so that no text takes longer than its length.
 _NUMBER = r"(?>[+-]?(?:[0-9]++\.?[0-9]*+|\.[0-9]++)(?:[eE][+-]?[0-9]++)?)"

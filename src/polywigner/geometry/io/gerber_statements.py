@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.formats.limits import check_number, token
+from polywigner.geometry.io.limits import check_number, token
 
 _PIECE = re.compile(r"\s*(?:(G0?4[^*]*)\*|%([^%]*)%|([^%*]*)\*)")
 # A word of codes and numbers, which messages quote; of any other text they tell the length.

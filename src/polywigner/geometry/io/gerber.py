@@ -12,10 +12,10 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.formats import gerber_process
-from polywigner.geometry.formats.curves import Arc, Curve, flattened
-from polywigner.geometry.formats.gerber_statements import checked_statements
-from polywigner.geometry.formats.limits import (
+from polywigner.geometry.io import gerber_process
+from polywigner.geometry.io.curves import Arc, Curve, flattened
+from polywigner.geometry.io.gerber_statements import checked_statements
+from polywigner.geometry.io.limits import (
     LARGEST_GERBER,
     LARGEST_NUMBER,
     MOST_COMBINED,
@@ -25,8 +25,8 @@ from polywigner.geometry.formats.limits import (
     in_process,
     text_of,
 )
-from polywigner.geometry.formats.outlines import Drawing, filled, required
-from polywigner.geometry.grid import combined_on_grid, groups_apart, polygons_in, union_on_grid
+from polywigner.geometry.io.outlines import Drawing, filled, required
+from polywigner.geometry.parts import combined_on_grid, groups_apart, polygons_in, union_on_grid
 from polywigner.geometry.rings import rings_of_polygon
 
 # Vertices of shapes that touch and are joined in some tenths of a second; those are not counted.

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.formats.curves import Points, count_of, flattened
-from polywigner.geometry.formats.limits import (
+from polywigner.geometry.io.curves import Points, count_of, flattened
+from polywigner.geometry.io.limits import (
     MOST_ELEMENTS,
     MOST_NESTED,
     MOST_TEXT,
@@ -26,14 +26,14 @@ from polywigner.geometry.formats.limits import (
     check_number,
     check_rings,
 )
-from polywigner.geometry.formats.outlines import (
+from polywigner.geometry.io.outlines import (
     Drawing,
     check_known,
     filled,
     overlap_remedy,
     required,
 )
-from polywigner.geometry.formats.svg_shapes import (
+from polywigner.geometry.io.svg_shapes import (
     PIXEL,
     SHAPES,
     Place,

@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.formats.limits import (
+from polywigner.geometry.io.limits import (
     LARGEST_NUMBER,
     LONGEST_LINE,
     MOST_FACES,
     MOST_LINES,
     MOST_SOLIDS,
 )
-from polywigner.geometry.formats.outlines import required
+from polywigner.geometry.io.outlines import required
 
 MESH_SUFFIXES = (".stl", ".ply", ".obj")
 

@@ -12,7 +12,7 @@ import shapely
 
 from polywigner.errors import FileFormatError
 from polywigner.geometry.exact import Ring
-from polywigner.geometry.formats.limits import (
+from polywigner.geometry.io.limits import (
     DEEPEST_WKT,
     LONGEST_LINE,
     check_values,
@@ -20,7 +20,7 @@ from polywigner.geometry.formats.limits import (
     place_of,
     token,
 )
-from polywigner.geometry.grid import polygons_in
+from polywigner.geometry.parts import polygons_in
 from polywigner.geometry.rings import rings_of_polygon
 
 Vertex = tuple[float, float]
