@@ -26,7 +26,7 @@ from polywigner.geometry import (
     shapes,
 )
 from polywigner.geometry.io import limits
-from polywigner.geometry.io.limits import check_polygons
+from polywigner.geometry.io.outlines import check_polygons
 from polywigner.geometry.parts import merge_parts, part_of_rings
 from polywigner.geometry.rings import Part, oriented, polygon_of_part
 from polywigner.illumination.array import Array, Element, phased_array

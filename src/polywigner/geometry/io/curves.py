@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from polywigner.errors import FileFormatError
 from polywigner.geometry.exact import Ring
-from polywigner.geometry.io.limits import LARGEST_NUMBER, MOST_VERTICES
+from polywigner.geometry.io.limits import MOST_VERTICES, check_coordinates
 
 DEFAULT_TOLERANCE = 1 / 2000
 """Largest distance between a curve and its chords, in diagonals of the outline's bounds.
@@ -155,11 +155,7 @@ def flattened(outlines: Sequence[Sequence[Curve]], tolerance: float | None) -> l
     left = MOST_VERTICES
     for outline in outlines:
         points = np.concatenate([rough_points(curve) for curve in outline])
-        if not (np.abs(points) <= LARGEST_NUMBER).all():  # also for a NaN
-            raise FileFormatError(
-                f"expected finite coordinates below {LARGEST_NUMBER:g}, got one beyond; "
-                "correct that number"
-            )
+        check_coordinates(points)
         size = float(np.linalg.norm(np.ptp(points, axis=0)))
         reach = DEFAULT_TOLERANCE * size if tolerance is None else tolerance
         # A point-like outline has no curves to follow; its ring is refused, or dropped, later.

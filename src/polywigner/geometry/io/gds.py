@@ -3,54 +3,39 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
 from polywigner.errors import ArgumentError, FileFormatError
 from polywigner.geometry.io import gds_process
+from polywigner.geometry.io.drawing import Drawing, File, Format, overlap_remedy
 from polywigner.geometry.io.limits import (
-    LARGEST_GDS,
     LARGEST_NUMBER,
     MOST_VERTICES,
-    Work,
     check_rings,
     in_process,
 )
-from polywigner.geometry.io.outlines import Drawing, filled, overlap_remedy, required
+from polywigner.geometry.io.outlines import Work, filled
 
 _REMEDIES = ("save one cell alone", "export it anew, or as DXF")
 _LAYER = re.compile(r"\d{1,5}(?:/\d{1,5})?")
 
 
-def read_gds(path: Path, content: bytes, layers: Sequence[str] = ()) -> Drawing:
+def read_gds(file: File) -> Drawing:
     """The polygons of one cell, references included, in metres; paths have their widths.
 
-    Parameters
-    ----------
-    path, content
-        The file and its bytes.
-    layers
-        To read alone: "1" for a layer with all its data types, "1/0" for one of them. Any other
-        text names the cell, which otherwise is the only one that no other contains.
+    Layers: "1" for a layer with all its data types, "1/0" for one of them. Any other text names the
+    cell, which otherwise is the only one that no other contains.
 
-    Raises
-    ------
-    FileFormatError, MissingExtraError; ArgumentError for several cells.
+    Raises FileFormatError; ArgumentError for several cells.
     """
-    if len(content) > LARGEST_GDS:
-        raise FileFormatError(
-            f"expected at most {LARGEST_GDS >> 20} MiB of GDSII, got more; save one cell alone"
-        )
-    required("gdstk", "GDSII")
-    cells = [name for name in layers if not _LAYER.fullmatch(name)]
+    cells = [name for name in file.layers if not _LAYER.fullmatch(name)]
     if len(cells) > 1:
         raise ArgumentError(f"expected one cell, got {', '.join(cells)}; read them one by one")
     asked = {
-        "path": str(path.resolve()),
+        "path": str(file.path.resolve()),
         "cell": cells[0] if cells else None,
-        "layers": [[int(n) for n in name.split("/")] for name in layers if name not in cells],
+        "layers": [[int(n) for n in name.split("/")] for name in file.layers if name not in cells],
         "most": MOST_VERTICES,
     }
     found = in_process(gds_process, asked, "GDSII", "gdstk", _REMEDIES)
@@ -67,3 +52,7 @@ def read_gds(path: Path, content: bytes, layers: Sequence[str] = ()) -> Drawing:
     if not polygons:
         raise FileFormatError("expected polygons that enclose an area, got none that do")
     return Drawing(polygons, metres, overlap_remedy(rings, found["layers"]))
+
+
+# 16 MiB hold some 250 000 rectangles.
+FORMATS = (Format("GDSII", (".gds",), read_gds, rb"\x00\x06\x00\x02", 16 * 2**20, "gdstk", True),)

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.io.limits import check_number, token
+from polywigner.geometry.io.limits import check_curves, token
 
 _PIECE = re.compile(r"\s*(?:(G0?4[^*]*)\*|%([^%]*)%|([^%*]*)\*)")
 # A word of codes and numbers, which messages quote; of any other text they tell the length.
@@ -177,7 +177,7 @@ def _operation(state: _State, found: re.Match[str]) -> None:
         _check(state.quadrants == "G75", "arcs after G75 (of up to a full turn)", word)
     state.is_placed = True
     state.drawn += code != "2"
-    check_number(state.drawn)
+    check_curves(state.drawn)
 
 
 def _extended(state: _State, words: str) -> None:

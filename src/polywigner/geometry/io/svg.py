@@ -17,22 +17,16 @@ import numpy as np
 
 from polywigner.errors import FileFormatError
 from polywigner.geometry.io.curves import Points, count_of, flattened
-from polywigner.geometry.io.limits import (
-    MOST_ELEMENTS,
-    MOST_NESTED,
-    MOST_TEXT,
-    MOST_TRANSFORMS,
-    Work,
-    check_number,
-    check_rings,
-)
-from polywigner.geometry.io.outlines import (
+from polywigner.geometry.io.drawing import (
     Drawing,
+    File,
+    Format,
     check_known,
-    filled,
     overlap_remedy,
     required,
 )
+from polywigner.geometry.io.limits import MOST_NESTED, check_curves, check_most, check_rings
+from polywigner.geometry.io.outlines import Work, filled
 from polywigner.geometry.io.svg_shapes import (
     PIXEL,
     SHAPES,
@@ -51,11 +45,17 @@ from polywigner.geometry.io.svg_shapes import (
     view_box,
 )
 
+# Elements of a file, and elements drawn (repetitions by `use` counted), functions of transforms, and
+# characters in attributes, all with repetitions, and in one element.
+_MOST_ELEMENTS = 50_000
+_MOST_TRANSFORMS = 100_000
+_MOST_TEXT = 16 * 2**20
+
 _NAMESPACE = "{http://www.w3.org/2000/svg}"
 _NAMES = ("{http://www.inkscape.org/namespaces/inkscape}label", "data-name", "id")
 _LINK = "{http://www.w3.org/1999/xlink}href"
 # A start tag is parsed as a whole, before its attributes can be counted.
-_LONG_PIECE = re.compile(rb"<[^<]{%d}" % MOST_TEXT)
+_LONG_PIECE = re.compile(rb"<[^<]{%d}" % _MOST_TEXT)
 
 _CONTAINERS = {"svg", "g", "a", "switch"}
 _OPAQUE = {"text", "image", "foreignObject"}
@@ -65,7 +65,7 @@ def parsed(content: bytes) -> Any:
     """The root element. A plain DOCTYPE may stand; declarations in it and other files may not."""
     if _LONG_PIECE.search(content):
         raise FileFormatError(
-            f"expected elements of at most {MOST_TEXT >> 20} MiB, got one with more text or "
+            f"expected elements of at most {_MOST_TEXT >> 20} MiB, got one with more text or "
             "attributes; simplify the drawing"
         )
     defused = required("defusedxml.ElementTree", "SVG")
@@ -117,11 +117,7 @@ def _bounded_builder() -> Any:
 
 
 def _check_count(count: int) -> None:
-    if count > MOST_ELEMENTS:
-        raise FileFormatError(
-            f"expected at most {MOST_ELEMENTS} elements (repetitions by use included), got more; "
-            "simplify the drawing"
-        )
+    check_most(count, _MOST_ELEMENTS, "elements (repetitions by use included)")
 
 
 def _check_depth(depth: int) -> None:
@@ -174,11 +170,7 @@ class Document:
         _check_count(self.visited)
         _check_depth(place.depth + 1)
         self.text += sum(map(len, element.attrib.values()))
-        if self.text > MOST_TEXT:
-            raise FileFormatError(
-                f"expected at most {MOST_TEXT >> 20} MiB of attributes (repetitions included), got "
-                "more; simplify the drawing"
-            )
+        check_most(self.text, _MOST_TEXT, "characters of attributes (repetitions included)")
         tag, names = _tag(element), _names(element)
         style = self.styles.of(element, tag, place.style)
         is_asked = place.is_asked or not self.layers.isdisjoint(names)
@@ -198,11 +190,9 @@ class Document:
         text = style.own.get("transform")
         if text not in (None, "", "none"):
             self.transforms += text.count("(")
-            if self.transforms > MOST_TRANSFORMS:
-                raise FileFormatError(
-                    f"expected at most {MOST_TRANSFORMS} transforms (repetitions by use included), "
-                    "got more; simplify the drawing"
-                )
+            check_most(
+                self.transforms, _MOST_TRANSFORMS, "transforms (repetitions by use included)"
+            )
             inside = inside.moved(*matrix_of(text))
         return inside
 
@@ -221,7 +211,7 @@ class Document:
             if inside.is_asked and is_painted(inside.style):
                 shape = shape_of(element, tag, inside)
                 self.curves += sum(count_of(curve) for path in shape.subpaths for curve in path)
-                check_number(self.curves)
+                check_curves(self.curves)
                 self.outlines += len(shape.subpaths)
                 check_rings(self.outlines)
                 yield shape
@@ -278,35 +268,17 @@ def _chosen(switch: Any) -> list[Any]:
     return [child for child in switch if _tag(child) and not child.get("requiredExtensions")][:1]
 
 
-def read_svg(
-    content: bytes, unit_metres: float, tolerance: float | None, layers: Sequence[str] = ()
-) -> Drawing:
-    """The filled shapes of an SVG file, y up, each flattened and filled by its own rule.
-
-    Parameters
-    ----------
-    content
-        The file.
-    unit_metres
-        Metres of one unit of the file's coordinates, unless the file states a size.
-    tolerance
-        Largest distance in metres between a curve and its chords; None: see `flattened`.
-    layers
-        Names or ids of the groups or shapes to read alone, even where they are hidden; none: all.
-
-    Raises
-    ------
-    FileFormatError, MissingExtraError; ArgumentError for a layer that is not there.
-    """
-    root = parsed(content)
-    metres, matrix = _unit(root, unit_metres)
-    shapes = list(Document(root, layers).shapes(matrix))
+def read_svg(file: File) -> Drawing:
+    """The filled shapes of an SVG file, y up, each flattened and filled by its own rule."""
+    root = parsed(file.content)
+    metres, matrix = _unit(root, file.unit_metres)
+    shapes = list(Document(root, file.layers).shapes(matrix))
     if not shapes:
         raise FileFormatError(
             "expected filled shapes, got none; give the outlines a fill (strokes have no inside)"
         )
     subpaths = [subpath for shape in shapes for subpath in shape.subpaths]
-    outlines = flattened(subpaths, None if tolerance is None else tolerance / metres)
+    outlines = flattened(subpaths, file.tolerance and file.tolerance / metres)
     rings, work = iter(outlines), Work()
     polygons = [
         polygon
@@ -346,3 +318,8 @@ def _unit(root: Any, unit_metres: float) -> tuple[float, Points]:
     if "none" in fit:
         return x, np.diag([1.0, -y / x])
     return (max if "slice" in fit else min)(x, y), np.diag([1.0, -1.0])
+
+
+FORMATS = (
+    Format("SVG", (".svg",), read_svg, rb"<", library="defusedxml.ElementTree", has_layers=True),
+)
