@@ -434,7 +434,7 @@ def test_an_unknown_layer_is_answered_with_those_there_are(read: Read) -> None:
     for wrong in ("", 3, [None]):
         with pytest.raises(ArgumentError, match="expected a layer by its name"):
             read(board, layer=wrong)
-    with pytest.raises(ArgumentError, match="expected union as True or False, got 'yes'"):
+    with pytest.raises(ArgumentError, match="expected union to be True or False, got 'yes'"):
         read(board, union="yes")
 
 

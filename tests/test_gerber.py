@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import math
 import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 import polywigner as pw
 from polywigner.errors import ArgumentError, FileFormatError, MissingExtraError
-from polywigner.geometry.io import gerber
 
 # Sums of some hundred vertices, scaled from mm to metres.
 ROUNDING = 1e-12
@@ -27,18 +24,9 @@ PATCH = "G36*\nX0Y0D02*\nG01X30000D01*\nY20000D01*\nX0D01*\nY0D01*\nG37*\n"
 FLASH = "D10*\nX5000Y0D03*\n"
 
 
-def in_this_process(program: Any, asked: dict[str, Any], *_: Any) -> Any:
-    """As ``in_process``, without the time that it takes to start one."""
-    try:
-        return json.loads(json.dumps(program.answer(json.loads(json.dumps(asked)))))
-    except LookupError as error:
-        raise FileFormatError(str(error)) from None
-
-
 @pytest.fixture
-def read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def read(tmp_path: Path):
     pytest.importorskip("gerbonara")
-    monkeypatch.setattr(gerber, "in_process", in_this_process)
 
     def reader(body: str, head: str = HEAD, end: str = "M02*\n", **how: object) -> pw.Aperture:
         path = tmp_path / "board.gbr"

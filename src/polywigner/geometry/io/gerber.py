@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from functools import partial
 from itertools import groupby
 from typing import Any
 
@@ -12,13 +13,11 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.io import gerber_process
 from polywigner.geometry.io.curves import Arc, Curve, flattened
 from polywigner.geometry.io.drawing import Drawing, File, Format
-from polywigner.geometry.io.gerber_statements import checked_statements
+from polywigner.geometry.io.gerber_statements import checked_statements, objects_of
 from polywigner.geometry.io.limits import (
     LARGEST_NUMBER,
-    MOST_CURVES,
     check_coordinates,
     check_vertices,
     in_process,
@@ -316,19 +315,27 @@ class Shapes:
         return [self._polygon(sector), *map(self._convex, discs)]
 
 
+# Characters that gerbonara, which is written in Python, reads in tenths of a second at most: sooner
+# than a process starts. The statements that would repeat others have been refused.
+_SMALL = 2**14
+
 _METRES = {"MM": 1e-3, "IN": 25.4e-3}
-_REMEDIES = ("export a smaller part", "export it anew, or as DXF")
 
 
 def read_gerber(file: File) -> Drawing:
     """Read the copper after all objects: dark ones add, clear ones cut, in the file's order."""
     text, unit = checked_statements(text_of(file.content))
-    asked = {"text": text, "most": MOST_CURVES}
-    found = in_process(gerber_process, asked, "Gerber", "gerbonara", _REMEDIES)
+    read = partial(objects_of, text)
+    if len(text) <= _SMALL:
+        objects, apertures = read()
+    else:
+        objects, apertures = in_process(
+            read, "Gerber", "gerbonara", "export a smaller part", "export it anew, or as DXF"
+        )
     metres = _METRES.get(unit, 1e-3)
     work = Work()
-    shapes = Shapes(found["apertures"], file.tolerance and file.tolerance / metres, work)
-    copper = composed([layer for told in found["objects"] for layer in shapes.of(told)], work)
+    shapes = Shapes(apertures, file.tolerance and file.tolerance / metres, work)
+    copper = composed([layer for told in objects for layer in shapes.of(told)], work)
     polygons = [rings_of_polygon(polygon) for polygon in polygons_in(copper)]
     if not polygons:
         raise FileFormatError(

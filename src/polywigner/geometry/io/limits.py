@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
-import signal
 import stat
-import subprocess
-import sys
+from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from polywigner.apart import ChildError, run_apart
 from polywigner.errors import FileFormatError
-from polywigner.geometry.io import library_process
+
+Result = TypeVar("Result")
 
 # Files, in bytes: any (a million vertices take about 40 MB as text), TOML, which Python parses in
 # Python, 1 MiB in up to a second, and Mitsuba XML, whose meshes stand in files of their own.
@@ -180,43 +178,27 @@ def text_of(content: bytes) -> str:
     return text
 
 
+# Of the processor; a machine that does other work may take as many times as long.
 _SECONDS = 10
-"""Of the processor; a machine that does other work may take as many times as long."""
-_PATIENCE = 60
-_OUT_OF_TIME = getattr(signal, "SIGXCPU", signal.SIGTERM)
 _MEMORY = 1 << 30
 
 
 def in_process(
-    program: ModuleType, asked: dict[str, Any], kind: str, library: str, remedies: tuple[str, str]
-) -> dict[str, Any]:
-    """Return ``program.answer(asked)``, called in a process of its own.
+    read: Callable[[], Result], kind: str, library: str, slow: str, damaged: str
+) -> Result:
+    """Return ``read()``, called in a process of its own, which a damaged file may end.
 
-    `remedies` end the messages about a file that takes too long, and about one that `library` does
-    not read. Raises FileFormatError for these, and with the text of a LookupError of ``answer``.
+    `slow` and `damaged` end the messages about a file that takes too long, and about one that
+    `library` does not read.
     """
-    slow, damaged = remedies
-    command = [sys.executable, "-P", library_process.__file__]
-    text = json.dumps(
-        {"program": program.__file__, "memory": _MEMORY, "seconds": _SECONDS, **asked}
-    )
     try:
-        done = subprocess.run(
-            command, input=text.encode(), capture_output=True, timeout=_PATIENCE, check=False
-        )
-        if -done.returncode in (_OUT_OF_TIME, getattr(signal, "SIGKILL", signal.SIGTERM)):
-            raise subprocess.TimeoutExpired(command, _SECONDS)
-        found = json.loads(done.stdout) if done.returncode == 0 else None
-    except subprocess.TimeoutExpired:
-        raise FileFormatError(
-            f"expected {kind} that {library} reads within {_SECONDS} s, got a larger layout; {slow}"
-        ) from None
-    except (ValueError, OSError):
-        found = None
-    if not isinstance(found, dict):
+        return run_apart(read, _SECONDS, _MEMORY)
+    except ChildError as error:
+        if error.failure == "time":
+            raise FileFormatError(
+                f"expected {kind} that {library} reads within {_SECONDS} s, got a larger layout; "
+                f"{slow}"
+            ) from None
         raise FileFormatError(
             f"expected {kind}, got a file that {library} does not read; {damaged}"
-        )
-    if "error" in found:
-        raise FileFormatError(str(found["error"]))
-    return found
+        ) from None

@@ -1,4 +1,4 @@
-"""Outlines of a drawing: polygons with holes by a fill rule or by nesting, and limits of this work."""
+"""Outlines of a drawing: polygons with holes by a fill rule or by nesting, within limits."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from polywigner.errors import FileFormatError, GeometryError
+from polywigner.errors import GeometryError
 from polywigner.geometry.exact import Ring, estimated_area
 from polywigner.geometry.io.limits import check_most, check_rings, check_vertices
 from polywigner.geometry.parts import enclosed, part_of_ring, polygons_in, union_on_grid
@@ -48,23 +48,12 @@ class Work:
             return
         low = np.array([ring.min(axis=0) for ring in rings])
         high = np.array([ring.max(axis=0) for ring in rings])
-        tree = shapely.STRtree(shapely.box(low[:, 0], low[:, 1], high[:, 0], high[:, 1]))
         sizes = np.array([len(ring) for ring in rings])
-        for first, last in _steps(low, high):
-            one, other = tree.query(tree.geometries[first:last])
-            one += first
-            later = one < other
-            self._rings += int(later.sum())
-            self._vertices += int(sizes[one[later]].sum() + sizes[other[later]].sum())
-            check_most(
-                self._rings, _MOST_NEAR_RINGS, "pairs of outlines that are near", "use fewer"
-            )
-            check_most(
-                self._vertices,
-                _MOST_NEAR_VERTICES,
-                "vertices of such pairs of outlines",
-                "use fewer",
-            )
+        for one, other in _near(low, high):
+            self._rings += len(one)
+            self._vertices += int(sizes[one].sum() + sizes[other].sum())
+            check_most(self._rings, _MOST_NEAR_RINGS, "pairs of near outlines", "use fewer")
+            check_most(self._vertices, _MOST_NEAR_VERTICES, "vertices of such pairs", "use fewer")
 
     def check_edges(self, rings: Sequence[Ring]) -> None:
         """Raise for outlines that cross themselves or each other in very many places, or nearly.
@@ -74,26 +63,13 @@ class Work:
         """
         start = np.concatenate(rings)
         end = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
-        tree = shapely.STRtree(shapely.linestrings(np.stack([start, end], axis=1)))
-        for first, last in _steps(np.minimum(start, end), np.maximum(start, end)):
-            one, other = tree.query(tree.geometries[first:last])
-            one += first
-            self._edges += int((one < other).sum())
-            apart = (one < other) & ~(start[other] == end[one]).all(axis=1)
-            apart &= ~(start[one] == end[other]).all(axis=1)
+        for one, other in _near(np.minimum(start, end), np.maximum(start, end)):
+            self._edges += len(one)
+            apart = (start[other] != end[one]).any(axis=1) & (start[one] != end[other]).any(axis=1)
             one, other = one[apart], other[apart]
             self._crossings += _crossings(start[one], end[one], start[other], end[other])
-            check_most(
-                self._edges,
-                _MOST_NEAR_EDGES,
-                "pairs of edges near each other",
-                "simplify the outlines",
-            )
-            if self._crossings > _MOST_CROSSINGS:
-                raise FileFormatError(
-                    f"expected outlines that cross in at most {_MOST_CROSSINGS} places, got more; "
-                    "simplify them"
-                )
+            check_most(self._edges, _MOST_NEAR_EDGES, "pairs of edges near each other")
+            check_most(self._crossings, _MOST_CROSSINGS, "places where outlines cross")
 
 
 def check_polygons(polygons: Sequence[Sequence[Any]]) -> int:
@@ -117,8 +93,9 @@ def check_polygons(polygons: Sequence[Sequence[Any]]) -> int:
     return vertices
 
 
-def _steps(low: Points, high: Points) -> Iterator[tuple[int, int]]:
-    """Ranges of boxes (low and high corners (n, 2)) that meet few enough others for memory."""
+def _near(low: Points, high: Points) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp]]]:
+    """Pairs of boxes (low and high corners (n, 2)) that meet, some of them at a time."""
+    tree = shapely.STRtree(shapely.box(low[:, 0], low[:, 1], high[:, 0], high[:, 1]))
     most = np.full(len(low), len(low))
     for k in range(2):  # those that meet along one axis are more than those that meet
         begun = np.searchsorted(np.sort(low[:, k]), high[:, k], side="right")
@@ -129,7 +106,9 @@ def _steps(low: Points, high: Points) -> Iterator[tuple[int, int]]:
     while first < len(low):
         last = int(np.searchsorted(total, total[first] + _PAIRS_AT_ONCE, side="right")) - 1
         last = min(max(last, first + 1), len(low))
-        yield first, last
+        one, other = tree.query(tree.geometries[first:last])
+        later = one + first < other
+        yield one[later] + first, other[later]
         first = last
 
 

@@ -45,8 +45,8 @@ from polywigner.geometry.io.svg_shapes import (
     view_box,
 )
 
-# Elements of a file, and elements drawn (repetitions by `use` counted), functions of transforms, and
-# characters in attributes, all with repetitions, and in one element.
+# Elements of a file, and elements drawn, functions of transforms, and characters in attributes, all
+# with repetitions by `use`; and characters in one element.
 _MOST_ELEMENTS = 50_000
 _MOST_TRANSFORMS = 100_000
 _MOST_TEXT = 16 * 2**20
