@@ -346,7 +346,8 @@ SCRIBBLE = " ".join(f"{(k * 7919) % 10007} {(k * 104729) % 9973}" for k in range
 LARGE = {
     "use of use": (_doubling(28), "10000 outlines"),
     "many elements": ("<g/>" * 60_000, "50000 elements"),
-    "deep elements": ("<a>" * 200_000, "64 deep"),
+    "deep elements": ("<a>" * 20_000 + "</a>" * 20_000, "64 deep"),
+    "tags": ("<a>" * 200_000, "150000 tags"),
     "use of a long path": (
         f'<polygon id="p" points="{"1 0 " * 10_000}"/>' + '<use href="#p"/>' * 10_000,
         "100000 lines",

@@ -13,7 +13,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.io.curves import Arc, Curve, flattened
+from polywigner.geometry.io.curves import Arc, Curve, flattened, turned
 from polywigner.geometry.io.drawing import Drawing, File, Format
 from polywigner.geometry.io.gerber_statements import checked_statements, objects_of
 from polywigner.geometry.io.limits import (
@@ -121,15 +121,6 @@ def _regular(count: float, diameter: float) -> Any:
         )
     angles = 2 * math.pi * np.arange(count) / count
     return diameter / 2 * np.column_stack([np.cos(angles), np.sin(angles)])
-
-
-def _turned(points: Any, degrees: float) -> Any:
-    quarters = degrees / 90
-    if quarters == round(quarters):  # exactly
-        cosine, sine = [(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)][round(quarters) % 4]
-    else:
-        cosine, sine = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
-    return np.asarray(points, dtype=float) @ np.array([(cosine, sine), (-sine, cosine)])
 
 
 def _capsule(start: Any, end: Any, width: float) -> list[Curve]:
@@ -256,7 +247,7 @@ class Shapes:
             )
         *sizes, turn = values
         if code == 1:
-            circle = _circle(_turned(sizes[1:], turn), sizes[0] / 2)
+            circle = _circle(turned(sizes[1:], turn), sizes[0] / 2)
             return bool(exposure), self._polygon([circle])
         if code == 4:
             points = sizes[0]
@@ -269,7 +260,7 @@ class Shapes:
             length = max(float(np.hypot(*(end - start))), np.finfo(float).tiny)
             side = sizes[0] / 2 * np.array([start[1] - end[1], end[0] - start[0]]) / length
             points = [start - side, end - side, end + side, start + side]
-        return bool(exposure), self._polygon(_closed(_turned(points, turn)))
+        return bool(exposure), self._polygon(_closed(turned(points, turn)))
 
     def _pen(self, number: int) -> list[float]:
         """Diameter of a round aperture, or width and height; any other draws no strokes."""

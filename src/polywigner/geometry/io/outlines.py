@@ -65,10 +65,10 @@ class Work:
         end = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
         for one, other in _near(np.minimum(start, end), np.maximum(start, end)):
             self._edges += len(one)
+            check_most(self._edges, _MOST_NEAR_EDGES, "pairs of edges near each other")
             apart = (start[other] != end[one]).any(axis=1) & (start[one] != end[other]).any(axis=1)
             one, other = one[apart], other[apart]
             self._crossings += _crossings(start[one], end[one], start[other], end[other])
-            check_most(self._edges, _MOST_NEAR_EDGES, "pairs of edges near each other")
             check_most(self._crossings, _MOST_CROSSINGS, "places where outlines cross")
 
 

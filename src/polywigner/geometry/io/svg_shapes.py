@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.io.curves import Arc, Bezier, Curve, Points, ends, transformed
+from polywigner.geometry.io.curves import Arc, Bezier, Curve, Points, ends, transformed, turned
 from polywigner.geometry.io.drawing import required
 from polywigner.geometry.io.limits import LARGEST_NUMBER, check_curves, check_most
 
@@ -128,21 +128,12 @@ def _function(name: str, values: list[float]) -> tuple[Points, Points]:
     if name == "scale":
         return np.diag([values[0], values[-1]]), np.zeros(2)
     if name == "rotate":
-        turn = _rotation(values[0])
+        turn = turned(np.eye(2), values[0])
         centre = np.array([*values[1:], 0.0, 0.0][:2])
         return turn, centre - centre @ turn
     slope = math.tan(math.radians(math.fmod(values[0], 180.0)))
     skew = [[1.0, 0.0], [slope, 1.0]] if name == "skewX" else [[1.0, slope], [0.0, 1.0]]
     return np.array(skew), np.zeros(2)
-
-
-def _rotation(degrees: float) -> Points:
-    """Quarter turns are exact."""
-    quarters = {0.0: (1.0, 0.0), 90.0: (0.0, 1.0), 180.0: (-1.0, 0.0), 270.0: (0.0, -1.0)}
-    angle = math.fmod(degrees, 360.0) if math.isfinite(degrees) else math.nan
-    radians = math.radians(angle)
-    c, s = quarters.get(angle % 360, (math.cos(radians), math.sin(radians)))
-    return np.array([[c, s], [-s, c]])
 
 
 def subpaths_of(data: str) -> list[list[Curve]]:
