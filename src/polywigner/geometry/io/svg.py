@@ -85,7 +85,10 @@ def parsed(content: bytes) -> Any:
     except (SyntaxError, ValueError, LookupError) as error:  # ParseError is a SyntaxError
         line = getattr(error, "position", (1, 0))[0]
         raise FileFormatError(f"expected SVG, got text that is not XML in line {line}") from None
-    _check_count(sum(1 for _ in root.iter()))
+    try:
+        _check_count(sum(1 for _ in root.iter()))
+    except RecursionError:  # defusedxml's elements look through each other
+        _check_depth(MOST_NESTED + 1)
     if _tag(root) != "svg":
         raise FileFormatError("expected an svg element, got XML of another kind")
     return root
