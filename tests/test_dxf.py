@@ -13,7 +13,7 @@ import pytest
 import shapely
 
 import polywigner as pw
-from polywigner.errors import ArgumentError, FileFormatError, GeometryError, MissingExtraError
+from polywigner.errors import ArgumentError, FileFormatError, GeometryError
 
 ezdxf = pytest.importorskip("ezdxf")
 
@@ -361,17 +361,6 @@ def test_a_damaged_file_raises_one_error(
         pw.read_aperture(path)
     assert "\n" not in str(raised.value)
     assert capfd.readouterr() == ("", "")
-
-
-def test_a_missing_library_is_named_with_its_extra(
-    read: Read, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    import sys
-
-    read(square)
-    monkeypatch.setitem(sys.modules, "ezdxf", None)
-    with pytest.raises(MissingExtraError, match=r'ezdxf.*pip install "\.\[formats\]"'):
-        pw.read_aperture(tmp_path / "drawing.dxf")
 
 
 # A union is taken on a grid of 2^-44 of the size.

@@ -71,20 +71,11 @@ def test_a_dtd_that_declares_attributes_is_refused_before_they_are_copied(tmp_pa
 
 def test_transforms_are_counted_with_repetitions(tmp_path: Path) -> None:
     pytest.importorskip("defusedxml")
-    group = f'<g id="g" transform="{"scale(1)" * 1000}"/>' + '<use href="#g"/>' * 100
+    group = f'<g id="g" transform="{"scale(1)" * 50_001}"/><use href="#g"/>'
     refusal(tmp_path / "a.svg", f"<svg>{group}</svg>", "at most 100000 transforms")
 
 
 # Outlines
-
-
-def test_edges_near_each_other_are_counted_before_they_are_compared(tmp_path: Path) -> None:
-    """A comb of slanting teeth: each edge is near all others, though none cross."""
-    k = np.arange(4600) // 2 * 1e-4
-    comb = np.column_stack([k, -k]) + np.arange(4600)[:, None] % 2
-    star = [*comb, (1.5, -1.5), (-0.5, -0.5)]
-    rows = "".join(f"{x},{y}\n" for x, y in star)
-    refusal(tmp_path / "a.csv", rows, "10000000 pairs of edges near each other")
 
 
 def test_few_sparse_edges_before_many_dense_ones_take_little_memory() -> None:
@@ -99,21 +90,16 @@ def _star(count: int) -> list[complex]:
     return [np.exp(1j * np.pi * (count - 1) / count * k) for k in range(count)]
 
 
-@pytest.mark.parametrize("kind", ["svg", "gbr"])
-def test_crossings_are_counted_for_all_shapes_of_a_file(tmp_path: Path, kind: str) -> None:
+def test_crossings_are_counted_for_all_shapes_of_a_file(tmp_path: Path) -> None:
     """Three stars of 10 010 crossings, none of which is too much alone."""
-    pytest.importorskip("defusedxml" if kind == "svg" else "gerbonara")
-    star = [(round(1e6 * p.real), round(1e6 * p.imag)) for p in _star(143)]
-    shapes = []
+    pytest.importorskip("gerbonara")
+    regions = ""
     for shift in (0, 3_000_000, 6_000_000):
-        moved = [(x + shift, y) for x, y in star]
-        first, *others = (f"X{x}Y{y}" for x, y in [*moved, moved[0]])
-        region = f"G36*{first}D02*{''.join(f'{at}D01*' for at in others)}G37*"
-        ring = " ".join(f"{x} {y}" for x, y in moved)
-        shapes.append(f'<polygon points="{ring}"/>' if kind == "svg" else region)
-    body = "".join(shapes)
-    text = f"<svg>{body}</svg>" if kind == "svg" else f"%FSLAX36Y36*%%MOMM*%G01*{body}M02*"
-    refusal(tmp_path / f"a.{kind}", text, "at most 20000 places where outlines cross")
+        star = [*_star(143), _star(143)[0]]
+        places = [f"X{round(1e6 * p.real) + shift}Y{round(1e6 * p.imag)}" for p in star]
+        regions += f"G36*{places[0]}D02*{''.join(f'{at}D01*' for at in places[1:])}G37*"
+    text = f"%FSLAX36Y36*%%MOMM*%G01*{regions}M02*"
+    refusal(tmp_path / "a.gbr", text, "at most 20000 places where outlines cross")
 
 
 def test_the_sign_of_an_area_and_whether_it_is_zero_are_exact() -> None:

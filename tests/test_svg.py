@@ -12,7 +12,7 @@ import pytest
 import shapely
 
 import polywigner as pw
-from polywigner.errors import ArgumentError, FileFormatError, GeometryError, MissingExtraError
+from polywigner.errors import ArgumentError, FileFormatError, GeometryError
 from polywigner.geometry.io.curves import DEFAULT_TOLERANCE
 
 MILLIMETRES = 'width="20mm" height="10mm" viewBox="0 0 20 10"'
@@ -386,19 +386,6 @@ def test_a_tolerance_that_asks_for_too_much_is_refused(read: Read) -> None:
 def test_a_tolerance_is_a_length_above_zero(read: Read, tolerance: object) -> None:
     with pytest.raises(pw.errors.ArgumentError, match="tolerance in metres above zero"):
         read('<circle r="3"/>', tolerance=tolerance)
-
-
-@pytest.mark.parametrize("library", ["svgelements", "defusedxml"])
-def test_a_missing_library_is_named_with_its_extra(
-    read: Read, monkeypatch: pytest.MonkeyPatch, library: str
-) -> None:
-    import sys
-
-    for name in [name for name in sys.modules if name.partition(".")[0] == library]:
-        monkeypatch.delitem(sys.modules, name)
-    monkeypatch.setitem(sys.modules, library, None)
-    with pytest.raises(MissingExtraError, match=rf'{library}.*pip install "\.\[formats\]"'):
-        read('<path d="M0 0H1V1z"/>')
 
 
 TRANSFORMS = (
