@@ -90,8 +90,7 @@ def turned_points(points: NDArray[np.float64], angle: Any) -> NDArray[np.float64
 
 
 if TYPE_CHECKING:
-    from polywigner.geometry.aperture import Aperture
-    from polywigner.geometry.slits import Slits
+    pass
 
 
 class TakesWaves:
@@ -122,7 +121,14 @@ class TakesWaves:
         >>> pw.shapes.square(0.01).curved(0.05, 3e-3).curvature.diagonal().round(1).tolist()
         [6666.7, 6666.7]
         """
-        return with_curvature(self, radius, wavelength, centre)
+        wave = self if isinstance(self, Wavefront) else Wavefront(self)
+        q = _curvature_of(radius, wavelength, wave.dimension)
+        if not wave.is_flat and centre is not None and not np.array_equal(wave.centre, centre):
+            raise IlluminationError(
+                "expected curved waves with one centre, got two; give one of them"
+            )
+        c = wave.centre if centre is None else centre
+        return wave._with(curvature=wave.curvature + q, centre=c)
 
     def partially_coherent(self, width: float) -> Wavefront:
         """This source with a Gaussian degree of coherence exp(-xi^2 / (2 width^2)), Gauss-Schell.
@@ -139,7 +145,13 @@ class TakesWaves:
         >>> pw.shapes.square(0.01).partially_coherent(2e-3).coherence_width
         0.002
         """
-        return with_coherence(self, width)
+        wave = self if isinstance(self, Wavefront) else Wavefront(self)
+        sigma, own = _checked_width(width, "width"), wave.coherence_width
+        if np.inf in (sigma, own):
+            return wave._with(coherence_width=min(sigma, own))
+        least, most = sorted((sigma, own))
+        # 1/sqrt(1/sigma^2 + 1/own^2), where no square overflows
+        return wave._with(coherence_width=least / math.hypot(1.0, least / most))
 
 
 @final
@@ -325,22 +337,7 @@ class Wavefront(TakesWaves):
         return f"Wavefront({self.source!r}, {', '.join(how) or 'flat, coherent'})"
 
 
-def with_curvature(
-    source: Aperture | Slits | Wavefront | Any,
-    radius: float | Sequence[float],
-    wavelength: float,
-    centre: ArrayLike | None = None,
-) -> Wavefront:
-    """The source with a curved wave; see :meth:`Aperture.curved`."""
-    wave = source if isinstance(source, Wavefront) else Wavefront(source)
-    q = curvature_of(radius, wavelength, wave.dimension)
-    if not wave.is_flat and centre is not None and not np.array_equal(wave.centre, centre):
-        raise IlluminationError("expected curved waves with one centre, got two; give one of them")
-    c = wave.centre if centre is None else centre
-    return wave._with(curvature=wave.curvature + q, centre=c)
-
-
-def curvature_of(
+def _curvature_of(
     radius: float | Sequence[float], wavelength: float, dimension: int
 ) -> NDArray[np.float64]:
     """The matrix Q (d, d) in 1/m^2 of a wave of this radius, or of one radius for each axis."""
@@ -360,17 +357,6 @@ def curvature_of(
     if not np.isfinite(q).all():
         raise ArgumentError(f"expected a radius in m that a float can divide by, got {radius!r}")
     return q
-
-
-def with_coherence(source: Aperture | Slits | Wavefront | Any, width: float) -> Wavefront:
-    """The source behind a Gaussian diffuser; see :meth:`Aperture.partially_coherent`."""
-    wave = source if isinstance(source, Wavefront) else Wavefront(source)
-    sigma, own = _checked_width(width, "width"), wave.coherence_width
-    if np.inf in (sigma, own):
-        return wave._with(coherence_width=min(sigma, own))
-    least, most = sorted((sigma, own))
-    # 1/sqrt(1/sigma^2 + 1/own^2), where no square overflows
-    return wave._with(coherence_width=least / math.hypot(1.0, least / most))
 
 
 def _checked_width(value: Any, name: str) -> float:

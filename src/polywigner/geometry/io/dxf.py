@@ -372,25 +372,11 @@ class _Blocks:
                 raise FileFormatError(f"expected a block named {name[:60]!r}, got none")
             self.known[name] = list(self.paths(block, depth + 1))
         content = self.known[name]
-        rows = np.array(list(insert.matrix44().rows()))
-        for offset in _grid(insert) if content else ():
+        for copy in insert.multi_insert() if content and insert.mcount > 1 else (insert,):
+            rows = np.array(list(copy.matrix44().rows()))
             for path, own in content:
-                moved = [transformed(curve, rows[:3, :3], rows[3, :3] + offset) for curve in path]
+                moved = [transformed(curve, rows[:3, :3], rows[3, :3]) for curve in path]
                 yield moved, layer if own == "0" else own
-
-
-def _grid(insert: Any) -> Iterator[Points]:
-    """Offsets of a rectangular array, in the world; a spacing of zero repeats in place."""
-    ocs = insert.ocs()
-    angle = np.radians(insert.dxf.rotation)
-    turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-    axes = turn @ np.array([list(ocs.ux), list(ocs.uy)])
-    columns = insert.dxf.column_count if insert.dxf.column_spacing else 1
-    for row in range(insert.dxf.row_count if insert.dxf.row_spacing else 1):
-        for column in range(columns):
-            yield (
-                np.array([column * insert.dxf.column_spacing, row * insert.dxf.row_spacing]) @ axes
-            )
 
 
 def _rings(drawn: Sequence[_Drawn], tolerance: float | None) -> tuple[list[Ring], str]:
