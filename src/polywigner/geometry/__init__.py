@@ -1,14 +1,15 @@
 """Apertures as polygons: regions, supports of their autocorrelations, shapes and files.
 
 - ``aperture``: the immutable :class:`Aperture`, placed ones, unions and differences
-- ``rings``, ``parts``: from raw vertices to valid, merged parts; ``exact``: predicates without
-  rounding; ``grid``: unions without cracks
-- ``automean``: mutual support, lag and position slices; ``trapezoids``: uniform positions
+- ``rings``, ``parts``: from raw vertices to valid, merged parts, and unions without cracks;
+  ``exact``: predicates without rounding
+- ``automean``: mutual support, lag and position slices; ``convex``: convex pieces, triangles and
+  trapezoids
 - ``slits``, ``polyhedron``: sources in one and three dimensions; ``wavefront``: curved or partly
-  coherent waves; ``field``: what all of them check of a field
+  coherent waves, and checks of a field
 - ``arguments``: checks of numbers, arrays, wavelengths, poses and units; ``display``: sources in
   notebooks and on axes
-- ``shapes``: catalogue; ``readers``: files, by the ``formats``
+- ``shapes``: catalogue; ``io``: files, a module for each format
 """
 
 from polywigner.geometry import shapes
