@@ -1,4 +1,4 @@
-"""Drawings: what a reader of a format gets, gives back, and says of itself."""
+"""Drawings of files: the formats, the options of the caller, and the polygons that are read."""
 
 from __future__ import annotations
 
