@@ -8,7 +8,7 @@ import shapely
 
 import polywigner as pw
 from mitsuba_scenes import MONO, use
-from polywigner.geometry.trapezoids import trapezoids
+from polywigner.geometry.convex import trapezoids
 
 pytestmark = pytest.mark.drjit
 

@@ -297,7 +297,7 @@ def _read_source(
 
 def _is_source_file(path: str) -> bool:
     """TOML; or JSON whose outermost table has a kind, which GeoJSON has not."""
-    from polywigner.geometry.formats.limits import bytes_of, check_values, text_of
+    from polywigner.geometry.io.limits import bytes_of, check_values, text_of
 
     suffix = Path(path).suffix.lower()
     if suffix != ".json":

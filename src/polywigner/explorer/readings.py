@@ -22,7 +22,7 @@ from polywigner.errors import FileFormatError, PolywignerError
 from polywigner.explorer import reading_process
 from polywigner.explorer.sources import check_upload, without_advice
 from polywigner.explorer.state import UNITS, Ring, Unit
-from polywigner.geometry.formats import library_process
+from polywigner.geometry.io import library_process
 
 _SECONDS = 10
 _MEMORY = 1 << 30

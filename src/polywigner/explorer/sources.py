@@ -14,7 +14,7 @@ import polywigner as pw
 from polywigner.errors import ArgumentError, FileFormatError, GeometryError
 from polywigner.explorer.editing import rings_of_aperture
 from polywigner.explorer.state import Ring, State
-from polywigner.geometry.formats.outlines import nested
+from polywigner.geometry.io.outlines import nested
 from polywigner.illumination.texts import fed
 
 Source = pw.Aperture | pw.Array

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError, FileFormatError, GeometryError, PolywignerError
 from polywigner.geometry import Aperture, PlacedAperture, Slits, Wavefront
 from polywigner.geometry.arguments import write_lines
-from polywigner.geometry.formats.limits import (
+from polywigner.geometry.io.limits import (
     LARGEST_TOML,
     bytes_of,
     check_values,

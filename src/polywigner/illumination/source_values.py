@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from polywigner.errors import FileFormatError, PolywignerError
 from polywigner.geometry import Aperture, Polyhedron
-from polywigner.geometry.formats.limits import (
+from polywigner.geometry.io.limits import (
     LARGEST_FILE,
     MOST_WAVES,
     check_rings,

@@ -19,7 +19,7 @@ from polywigner.geometry.arguments import (
     shape_of,
 )
 from polywigner.geometry.display import shown_as_html
-from polywigner.geometry.field import checked_shift, turned_points
+from polywigner.geometry.wavefront import checked_shift, turned_points
 
 LARGEST_AMPLITUDE = 1e100
 """Products of two amplitudes and an area must neither overflow nor vanish."""

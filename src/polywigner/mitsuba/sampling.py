@@ -21,7 +21,7 @@ import shapely
 
 from polywigner.errors import SceneError
 from polywigner.execution import ops_for
-from polywigner.geometry.trapezoids import Trapezoids, point_in_trapezoid, trapezoids
+from polywigner.geometry.convex import Trapezoids, point_in_trapezoid, trapezoids
 from polywigner.illumination import Array
 from polywigner.mitsuba.sources import CentredSource, SourceSpec
 from polywigner.transforms import position_marginal

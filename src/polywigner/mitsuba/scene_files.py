@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import FileFormatError, SceneError
-from polywigner.geometry.formats.limits import (
+from polywigner.geometry.io.limits import (
     LARGEST_SCENE,
     MOST_NESTED,
     MOST_SCENE_ELEMENTS,

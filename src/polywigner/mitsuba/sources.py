@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from polywigner.errors import PolywignerError, SceneError
 from polywigner.geometry import Aperture, PlacedAperture, Wavefront
-from polywigner.geometry.grid import union_on_grid
+from polywigner.geometry.parts import union_on_grid
 from polywigner.illumination import Array, Illumination
 from polywigner.illumination.obliquities import (
     OBLIQUITIES,

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import checked_number, real_numbers
 from polywigner.geometry.display import shown_as_html
-from polywigner.geometry.field import turned_points
+from polywigner.geometry.wavefront import turned_points
 
 Matrix = NDArray[np.float64]
 

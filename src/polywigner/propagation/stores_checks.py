@@ -27,7 +27,7 @@ from polywigner.errors import (
     require,
 )
 from polywigner.geometry.arguments import checked_path
-from polywigner.geometry.formats.limits import bytes_of
+from polywigner.geometry.io.limits import bytes_of
 from polywigner.illumination.source_files import SOURCE_COORDINATE, json_of, table_of
 from polywigner.radiometry.progress import progress_bar
 from polywigner.transforms.xarray_arguments import labelled_array

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, FileFormatError
 from polywigner.geometry.arguments import checked_path, warn_caller
-from polywigner.geometry.formats.limits import check_regular
+from polywigner.geometry.io.limits import check_regular
 from polywigner.interruption import atomic_path
 from polywigner.propagation.exports import write_netcdf
 from polywigner.propagation.stores_checks import required

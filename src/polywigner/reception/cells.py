@@ -15,7 +15,7 @@ import shapely
 from numpy.typing import NDArray
 
 from polywigner.geometry import Aperture, Wavefront
-from polywigner.geometry.grid import polygons_in
+from polywigner.geometry.parts import polygons_in
 from polywigner.illumination.obliquities import fields_of
 from polywigner.propagation.arrangement import (
     NODES_PER_CYCLE,

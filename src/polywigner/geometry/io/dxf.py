@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+import importlib
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from fractions import Fraction
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from polywigner.errors import FileFormatError, PolywignerError
 from polywigner.geometry.exact import Ring
-from polywigner.geometry.formats.curves import (
+from polywigner.geometry.io.curves import (
     JOINT,
     Arc,
     Bezier,
@@ -27,19 +27,14 @@ from polywigner.geometry.formats.curves import (
     rough_points,
     transformed,
 )
-from polywigner.geometry.formats.limits import (
-    LARGEST_DXF,
-    LARGEST_NUMBER,
-    MOST_NESTED_BLOCKS,
-    check_number,
+from polywigner.geometry.io.drawing import Drawing, File, Format, check_known, overlap_remedy
+from polywigner.geometry.io.limits import (
+    check_coordinates,
+    check_curves,
     place_of,
 )
-from polywigner.geometry.formats.outlines import (
-    Drawing,
-    check_known,
+from polywigner.geometry.io.outlines import (
     nested,
-    overlap_remedy,
-    required,
     without_duplicates,
 )
 
@@ -54,6 +49,9 @@ IGNORED = frozenset({
 _FLATTEST_BULGE = 1e-9
 
 _LARGEST_DEGREE = 25
+
+# Blocks inserted in blocks.
+_MOST_NESTED = 16
 
 CurvePath = list[Curve]
 
@@ -190,7 +188,7 @@ def _spline_curves(tool: Any) -> CurvePath:
             f"expected a spline of degree 1 to {_LARGEST_DEGREE} with enough control points, got "
             f"{len(control)} points and {len(knots)} knots"
         )
-    check_number(len(control) * _work(degree))
+    check_curves(len(control) * _work(degree))
     if not np.isfinite(knots).all() or (np.diff(knots) < 0).any():
         raise FileFormatError("expected knots of a spline in rising order, got others")
     if len(weights) and not (np.isfinite(weights) & (weights > 0)).all():
@@ -199,7 +197,7 @@ def _spline_curves(tool: Any) -> CurvePath:
 
 
 def _spline(entity: Any) -> list[CurvePath]:
-    check_number(20 * entity.fit_point_count())  # each row of a linear system, in Python
+    check_curves(20 * entity.fit_point_count())  # each row of a linear system, in Python
     path = _spline_curves(entity.construction_tool())
     if path and entity.closed:
         start, end = ends(path[0])[0], ends(path[-1])[1]
@@ -275,42 +273,13 @@ _UNITS = {
 _FLAT = 1e-9
 
 
-def read_dxf(
-    path: Path,
-    content: bytes,
-    unit_metres: float,
-    tolerance: float | None,
-    layers: Sequence[str] = (),
-    union: bool = False,
-) -> Drawing:
-    """The outlines in the model space of a DXF file, on layers that are on.
-
-    Parameters
-    ----------
-    path, content
-        The file, text or binary, and its bytes.
-    unit_metres
-        Metres of one unit, where the file's $INSUNITS does not say.
-    tolerance
-        Largest distance in metres between a curve and its chords; None: see `flattened`.
-    layers
-        Names of those to read alone, in capitals or not, even where they are off; none: all.
-    union
-        Whether to join outlines that overlap.
-
-    Raises
-    ------
-    FileFormatError, GeometryError, MissingExtraError; ArgumentError for an unknown layer.
-    """
-    if len(content) > LARGEST_DXF:
-        raise FileFormatError(
-            f"expected at most {LARGEST_DXF >> 20} MiB of DXF, got more; save the outline alone"
-        )
-    ezdxf = required("ezdxf", "DXF")
+def read_dxf(file: File) -> Drawing:
+    """The outlines in the model space of a DXF file, on layers that are on."""
+    ezdxf: Any = importlib.import_module("ezdxf")
     try:
-        document = ezdxf.readfile(path)
-        metres = _metres(document, content, unit_metres)
-        paths = _Blocks(document, layers).drawn()
+        document = ezdxf.readfile(file.path)
+        metres = _metres(document, file)
+        paths = _Blocks(document, file.layers).drawn()
     except PolywignerError:
         raise
     except MemoryError:
@@ -319,19 +288,19 @@ def read_dxf(
         raise FileFormatError(
             f"expected DXF, got a file that ezdxf does not read: {_shown(error)}"
         ) from None
-    rings, remedy = _rings(paths, None if tolerance is None else tolerance / metres)
-    return Drawing(nested(rings, union, remedy), metres, remedy)
+    rings, remedy = _rings(paths, file.tolerance and file.tolerance / metres)
+    return Drawing(nested(rings, file.union, remedy), metres, remedy)
 
 
 def _shown(error: Exception) -> str:
     return f"{type(error).__name__}{place_of(error)}"
 
 
-def _metres(document: Any, content: bytes, unit_metres: float) -> float:
+def _metres(document: Any, file: File) -> float:
     # ezdxf gives metres to a drawing without units of its own.
-    code = document.header.get("$INSUNITS", 0) if b"$INSUNITS" in content else 0
+    code = document.header.get("$INSUNITS", 0) if b"$INSUNITS" in file.content else 0
     if code == 0:
-        return unit_metres
+        return file.unit_metres
     if code not in _UNITS:
         raise FileFormatError(
             f"expected $INSUNITS from 0 to {max(_UNITS)}, got {code!r}; save in millimetres"
@@ -372,9 +341,9 @@ class _Blocks:
         return not self.asked or layer.lower() in self.asked
 
     def paths(self, layout: Any, depth: int = 0) -> Iterator[_Drawn]:
-        if depth > MOST_NESTED_BLOCKS:
+        if depth > _MOST_NESTED:
             raise FileFormatError(
-                f"expected blocks nested at most {MOST_NESTED_BLOCKS} deep, got more (or a block "
+                f"expected blocks nested at most {_MOST_NESTED} deep, got more (or a block "
                 "that contains itself); explode them"
             )
         for entity in layout:
@@ -392,7 +361,7 @@ class _Blocks:
             )
             for path, own in found:
                 self.count += sum(map(work_of, path))
-                check_number(self.count)
+                check_curves(self.count)
                 yield path, own
 
     def _inserted(self, insert: Any, layer: str, depth: int) -> Iterator[_Drawn]:
@@ -403,25 +372,11 @@ class _Blocks:
                 raise FileFormatError(f"expected a block named {name[:60]!r}, got none")
             self.known[name] = list(self.paths(block, depth + 1))
         content = self.known[name]
-        rows = np.array(list(insert.matrix44().rows()))
-        for offset in _grid(insert) if content else ():
+        for copy in insert.multi_insert() if content and insert.mcount > 1 else (insert,):
+            rows = np.array(list(copy.matrix44().rows()))
             for path, own in content:
-                moved = [transformed(curve, rows[:3, :3], rows[3, :3] + offset) for curve in path]
+                moved = [transformed(curve, rows[:3, :3], rows[3, :3]) for curve in path]
                 yield moved, layer if own == "0" else own
-
-
-def _grid(insert: Any) -> Iterator[Points]:
-    """Offsets of a rectangular array, in the world; a spacing of zero repeats in place."""
-    ocs = insert.ocs()
-    angle = np.radians(insert.dxf.rotation)
-    turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-    axes = turn @ np.array([list(ocs.ux), list(ocs.uy)])
-    columns = insert.dxf.column_count if insert.dxf.column_spacing else 1
-    for row in range(insert.dxf.row_count if insert.dxf.row_spacing else 1):
-        for column in range(columns):
-            yield (
-                np.array([column * insert.dxf.column_spacing, row * insert.dxf.row_spacing]) @ axes
-            )
 
 
 def _rings(drawn: Sequence[_Drawn], tolerance: float | None) -> tuple[list[Ring], str]:
@@ -433,10 +388,7 @@ def _rings(drawn: Sequence[_Drawn], tolerance: float | None) -> tuple[list[Ring]
             "hatches on a layer that is on"
         )
     points = np.concatenate([rough_points(curve) for path in paths for curve in path])
-    if not (np.abs(points) <= LARGEST_NUMBER).all():  # also for a NaN
-        raise FileFormatError(
-            f"expected finite coordinates below {LARGEST_NUMBER:g}, got one beyond; correct it"
-        )
+    check_coordinates(points)
     gap = JOINT * float(np.linalg.norm(np.ptp(points, axis=0)))
     whole, loose = [], []
     for path in paths:
@@ -459,3 +411,13 @@ def _rings(drawn: Sequence[_Drawn], tolerance: float | None) -> tuple[list[Ring]
         )
     flat = [ring[:, :2] for ring, _ in closed]
     return without_duplicates(flat, gap), overlap_remedy(flat, [layer for _, layer in closed])
+
+
+# ezdxf makes forty times as much in memory, in up to 10 s.
+FORMATS = (
+    Format(
+        "DXF", (".dxf",), read_dxf,
+        rb"AutoCAD Binary DXF|(?:999\r?\n[^\n]*\n\s*)*0\s*\r?\n\s*SECTION",
+        4 * 2**20, "ezdxf", True,
+    ),
+)  # fmt: skip

@@ -1,15 +1,18 @@
 """Files of apertures and bodies: GeoJSON, WKT, CSV, SVG, DXF, GDSII, Gerber; STL, PLY and OBJ.
 
-Each format becomes polygons, each a list of rings with the exterior first, in the file's own unit.
-Checking them is the business of :class:`Aperture` and :class:`Polyhedron`.
+A format is a module of this folder with its ``FORMATS``; it makes polygons, each a list of rings
+with the exterior first, in the file's own unit. :class:`Aperture` and :class:`Polyhedron` check
+them.
 """
 
 from __future__ import annotations
 
+import importlib
+import math
 import os
+import pkgutil
 import re
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,22 +25,15 @@ from polywigner.errors import (
     MissingExtraError,
     PolywignerError,
 )
+from polywigner.geometry import io
 from polywigner.geometry.aperture import Aperture
+from polywigner.geometry.arguments import checked_flag
 from polywigner.geometry.exact import Ring
-from polywigner.geometry.formats.dxf import read_dxf
-from polywigner.geometry.formats.gds import read_gds
-from polywigner.geometry.formats.gerber import read_gerber
-from polywigner.geometry.formats.limits import bytes_of, check_polygons, text_of
-from polywigner.geometry.formats.meshes import MESH_SUFFIXES, read_mesh
-from polywigner.geometry.formats.outlines import (
-    Drawing,
-    checked_layers,
-    checked_tolerance,
-    checked_union,
-)
-from polywigner.geometry.formats.svg import read_svg
-from polywigner.geometry.formats.svg_shapes import PIXEL
-from polywigner.geometry.formats.texts import rings_of_csv, rings_of_geojson, rings_of_wkt
+from polywigner.geometry.io.drawing import Drawing, File, Format, required
+from polywigner.geometry.io.limits import bytes_of, check_bytes
+from polywigner.geometry.io.mesh import MESH_SUFFIXES, read_mesh
+from polywigner.geometry.io.outlines import check_polygons
+from polywigner.geometry.io.svg_shapes import PIXEL
 from polywigner.geometry.parts import merge_parts, part_of_rings, union_parts
 from polywigner.geometry.polyhedron import Polyhedron
 from polywigner.quantities import parse_unit
@@ -45,94 +41,47 @@ from polywigner.quantities import parse_unit
 # Finding out what is wrong with a large outline takes seconds, which are not spent twice.
 _MOST_REPEATED = 50_000
 
-
-@dataclass(frozen=True, eq=False)
-class _File:
-    """A file with the options of the caller."""
-
-    path: Path
-    content: bytes
-    unit_metres: float
-    tolerance: float | None
-    layers: tuple[str, ...] = ()
-    union: bool = False
-
-
-def _check_no_layers(file: _File) -> None:
-    if file.layers:
-        raise ArgumentError(
-            "expected a layer of a drawing (SVG, DXF, GDSII) only, got one of a file that has "
-            "no layers; leave it out"
-        )
-
-
-def _polygons(reader: Callable[[str], list[list[Any]]]) -> Callable[[_File], Drawing]:
-    """A reader of text that knows neither units nor curves."""
-
-    def read(file: _File) -> Drawing:
-        _check_no_layers(file)
-        return Drawing(reader(text_of(file.content)), file.unit_metres)
-
-    return read
-
-
-def _svg(file: _File) -> Drawing:
-    return read_svg(file.content, file.unit_metres, file.tolerance, file.layers)
-
-
-def _dxf(file: _File) -> Drawing:
-    return read_dxf(
-        file.path, file.content, file.unit_metres, file.tolerance, file.layers, file.union
-    )
-
-
-def _gds(file: _File) -> Drawing:
-    return read_gds(file.path, file.content, file.layers)
-
-
-def _gerber(file: _File) -> Drawing:
-    _check_no_layers(file)
-    return read_gerber(file.content, file.tolerance)
-
-
-_GEOJSON = _polygons(rings_of_geojson)
-_WKT = _polygons(rings_of_wkt)
-_CSV = _polygons(rings_of_csv)
-_READERS = {
-    ".geojson": _GEOJSON, ".json": _GEOJSON, ".wkt": _WKT, ".csv": _CSV, ".svg": _svg,
-    ".dxf": _dxf, ".gds": _gds,
-    ".gbr": _gerber, ".ger": _gerber, ".gtl": _gerber, ".gbl": _gerber, ".art": _gerber,
-}  # fmt: skip
-
-# The first bytes of files of another suffix (.txt, or none), by format.
-_STARTS = (
-    (rb"[{\[]", _GEOJSON),
-    (rb"AutoCAD Binary DXF|(?:999\r?\n[^\n]*\n\s*)*0\s*\r?\n\s*SECTION", _dxf),
-    (rb"\x00\x06\x00\x02", _gds),
-    (rb"<", _svg),
-    (rb"G0?4|%(?:FS|MO|T[FA]|AM|AD|IN|LN|IP|AS|SF)|G7[015]\*", _gerber),
-    (rb"(?i:SRID|MULTI|POINT|LINE|POLYGON|GEOMETRY|C[A-Z]+|TIN|TRI)", _WKT),
-)
+_FORMATS: list[Format] = [
+    found
+    for name in sorted(module.name for module in pkgutil.iter_modules(io.__path__))
+    if name not in ("readers", "library_process")
+    for found in getattr(importlib.import_module(f"{io.__name__}.{name}"), "FORMATS", ())
+]
 _NOT_READ = (".shp", ".dwg", ".svgz", ".pdf", ".eps", ".step", ".stp", ".iges", ".igs")
 
 
-def _reader_for(file: _File) -> Callable[[_File], Drawing]:
-    suffix = file.path.suffix.lower()
-    known = _READERS.get(suffix)
-    if known is not None:
-        return known
+def _format_of(path: Path, content: bytes) -> Format:
+    """The format by the suffix, else by the first bytes; CSV, where these tell nothing."""
+    suffix = path.suffix.lower()
     if suffix in MESH_SUFFIXES:
         raise FileFormatError(
             f"expected an aperture, got {suffix}, which holds a body; read it with "
             "polywigner.read_polyhedron"
         )
     if suffix in _NOT_READ:
+        known = ", ".join(sorted(found.name for found in _FORMATS))
         raise FileFormatError(
-            f"expected GeoJSON, WKT, CSV, SVG, DXF, GDSII or Gerber, got {suffix}, which is not "
-            "read; export the outline as one of these"
+            f"expected one of {known}, got {suffix}, which is not read; export the outline as one "
+            "of these"
         )
-    start = file.content[:4096].removeprefix(b"\xef\xbb\xbf").lstrip()
-    return next((reader for pattern, reader in _STARTS if re.match(pattern, start)), _CSV)
+    start = content[:4096].removeprefix(b"\xef\xbb\xbf").lstrip()
+    by_suffix = (found for found in _FORMATS if suffix in found.suffixes)
+    by_start = (found for found in _FORMATS if re.match(found.start, start))
+    csv = (found for found in _FORMATS if found.name == "CSV")
+    return next(by_suffix, None) or next(by_start, None) or next(csv)
+
+
+def _drawing(file: File) -> Drawing:
+    found = _format_of(file.path, file.content)
+    if file.layers and not found.has_layers:
+        raise ArgumentError(
+            "expected a layer of a drawing (SVG, DXF, GDSII) only, got one of a file that has "
+            "no layers; leave it out"
+        )
+    check_bytes(len(file.content), found.largest, found.name)
+    if found.library:
+        required(found.library, found.name)
+    return found.read(file)
 
 
 def _scaled(points: Any, metres: float) -> Ring:
@@ -166,6 +115,30 @@ def _aperture(drawing: Drawing, union: bool) -> Aperture:
 
 def _metres(unit: str | float) -> float:
     return float(PIXEL) if isinstance(unit, str) and unit.strip() == "px" else parse_unit(unit)
+
+
+def _checked_tolerance(tolerance: Any) -> float | None:
+    """A length in metres above zero, or None; ArgumentError for any other."""
+    if tolerance is None:
+        return None
+    number = isinstance(tolerance, (int, float, np.number)) and not isinstance(tolerance, bool)
+    if not number or not 0 < tolerance < math.inf:
+        raise ArgumentError(
+            f"expected a tolerance in metres above zero, got {tolerance!r}; give one such as 1e-5"
+        )
+    return float(tolerance)
+
+
+def _checked_layers(layer: Any) -> tuple[str, ...]:
+    """The names that a caller gives: one, several, or None for all layers."""
+    given = () if layer is None else (layer,) if isinstance(layer, str) else layer
+    names = tuple(given) if isinstance(given, Iterable) else (given,)
+    if not all(isinstance(name, str) and name for name in names):
+        raise ArgumentError(
+            f"expected a layer by its name, or several names, got {layer!r}; give for example "
+            'layer="pads" or layer=["pads", "feed"]'
+        )
+    return names
 
 
 def _about(path: Path, error: PolywignerError) -> PolywignerError:
@@ -233,13 +206,13 @@ def read_aperture(
     >>> pw.read_aperture(path, unit="mm").bounds
     (0.0, 0.0, 0.004, 0.001)
     """
-    metres, reach, source = _metres(unit), checked_tolerance(tolerance), _path(path)
-    layers, joins = checked_layers(layer), checked_union(union)
+    metres, reach, source = _metres(unit), _checked_tolerance(tolerance), _path(path)
+    layers, joins = _checked_layers(layer), checked_flag(union, "union")
     try:
-        file = _File(source, bytes_of(source), metres, reach, layers, joins)
+        file = File(source, bytes_of(source), metres, reach, layers, joins)
         # Numbers beyond the range of float64 are reported where they arrive, with a place.
         with np.errstate(all="ignore"):
-            return _aperture(_reader_for(file)(file), joins)
+            return _aperture(_drawing(file), joins)
     except (FileFormatError, GeometryError, MissingExtraError, ArgumentError) as error:
         raise _about(source, error) from None
 

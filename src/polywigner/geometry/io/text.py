@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+from collections.abc import Callable
 from typing import Any, NoReturn
 
 import numpy as np
@@ -12,16 +13,21 @@ import shapely
 
 from polywigner.errors import FileFormatError
 from polywigner.geometry.exact import Ring
-from polywigner.geometry.formats.limits import (
-    DEEPEST_WKT,
+from polywigner.geometry.io.drawing import Drawing, File, Format
+from polywigner.geometry.io.limits import (
     LONGEST_LINE,
+    check_most,
     check_values,
     check_vertices,
     place_of,
+    text_of,
     token,
 )
-from polywigner.geometry.grid import polygons_in
+from polywigner.geometry.parts import polygons_in
 from polywigner.geometry.rings import rings_of_polygon
+
+# GEOS reads brackets by recursion in C++, where too deep ends the process.
+_DEEPEST_WKT = 32
 
 Vertex = tuple[float, float]
 
@@ -132,8 +138,7 @@ def rings_of_wkt(text: str) -> list[list[Ring]]:
     for bracket in re.finditer(r"[()]", text):
         depth += 1 if bracket[0] == "(" else -1
         deepest = max(deepest, depth)
-    if deepest > DEEPEST_WKT:
-        raise FileFormatError(f"expected WKT nested at most {DEEPEST_WKT} deep, got {deepest}")
+    check_most(deepest, _DEEPEST_WKT, "brackets of WKT in each other", "save it as one polygon")
     try:
         with np.errstate(invalid="ignore"):  # a NaN is reported below, with its vertex
             geometry = shapely.from_wkt(text.strip())
@@ -204,3 +209,16 @@ def rings_of_csv(text: str) -> list[list[Ring]]:
     if not vertices:
         raise FileFormatError("expected lines of two numbers, got none")
     return [[np.array(vertices)]]
+
+
+def _reader(polygons: Callable[[str], list[list[Any]]]) -> Callable[[File], Drawing]:
+    """A reader of text that knows neither units nor curves."""
+    return lambda file: Drawing(polygons(text_of(file.content)), file.unit_metres)
+
+
+_WKT = rb"(?i:SRID|MULTI|POINT|LINE|POLYGON|GEOMETRY|C[A-Z]+|TIN|TRI)"
+FORMATS = (
+    Format("GeoJSON", (".geojson", ".json"), _reader(rings_of_geojson), rb"[{\[]"),
+    Format("WKT", (".wkt",), _reader(rings_of_wkt), _WKT),
+    Format("CSV", (".csv",), _reader(rings_of_csv)),
+)

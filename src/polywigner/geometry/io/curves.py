@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from polywigner.errors import FileFormatError
 from polywigner.geometry.exact import Ring
-from polywigner.geometry.formats.limits import LARGEST_NUMBER, MOST_VERTICES
+from polywigner.geometry.io.limits import MOST_VERTICES, check_coordinates
 
 DEFAULT_TOLERANCE = 1 / 2000
 """Largest distance between a curve and its chords, in diagonals of the outline's bounds.
@@ -98,6 +98,15 @@ def transformed(curve: Curve, matrix: Points, offset: Points) -> Curve:
     return curve @ matrix + offset
 
 
+def turned(points: Any, degrees: float) -> Points:
+    """Points (n, 2) turned counter-clockwise about the origin; quarter turns are exact."""
+    angle = math.fmod(degrees, 360.0) if math.isfinite(degrees) else math.nan
+    quarters = {0.0: (1.0, 0.0), 90.0: (0.0, 1.0), 180.0: (-1.0, 0.0), 270.0: (0.0, -1.0)}
+    radians = math.radians(angle)
+    c, s = quarters.get(angle % 360, (math.cos(radians), math.sin(radians)))
+    return np.asarray(points, dtype=float) @ np.array([(c, s), (-s, c)])
+
+
 def bezier_spans(control: Points, knots: Points, weights: Points | None) -> list[Bezier]:
     """The Bezier curves of a B-spline with control points (n, d) and n + p + 1 knots.
 
@@ -155,11 +164,7 @@ def flattened(outlines: Sequence[Sequence[Curve]], tolerance: float | None) -> l
     left = MOST_VERTICES
     for outline in outlines:
         points = np.concatenate([rough_points(curve) for curve in outline])
-        if not (np.abs(points) <= LARGEST_NUMBER).all():  # also for a NaN
-            raise FileFormatError(
-                f"expected finite coordinates below {LARGEST_NUMBER:g}, got one beyond; "
-                "correct that number"
-            )
+        check_coordinates(points)
         size = float(np.linalg.norm(np.ptp(points, axis=0)))
         reach = DEFAULT_TOLERANCE * size if tolerance is None else tolerance
         # A point-like outline has no curves to follow; its ring is refused, or dropped, later.

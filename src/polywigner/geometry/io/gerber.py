@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from functools import partial
 from itertools import groupby
 from typing import Any
 
@@ -12,25 +13,25 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.formats import gerber_process
-from polywigner.geometry.formats.curves import Arc, Curve, flattened
-from polywigner.geometry.formats.gerber_statements import checked_statements
-from polywigner.geometry.formats.limits import (
-    LARGEST_GERBER,
+from polywigner.geometry.io.curves import Arc, Curve, flattened, turned
+from polywigner.geometry.io.drawing import Drawing, File, Format
+from polywigner.geometry.io.gerber_statements import checked_statements, objects_of
+from polywigner.geometry.io.limits import (
     LARGEST_NUMBER,
-    MOST_COMBINED,
-    MOST_CURVES,
-    Work,
+    check_coordinates,
     check_vertices,
     in_process,
     text_of,
 )
-from polywigner.geometry.formats.outlines import Drawing, filled, required
-from polywigner.geometry.grid import combined_on_grid, groups_apart, polygons_in, union_on_grid
+from polywigner.geometry.io.outlines import Work, filled
+from polywigner.geometry.parts import combined_on_grid, groups_apart, polygons_in, union_on_grid
 from polywigner.geometry.rings import rings_of_polygon
 
 # Vertices of shapes that touch and are joined in some tenths of a second; those are not counted.
 _QUICK = 20_000
+
+# Vertices that the large unions and all cuts of a file handle together, some 10 s.
+_MOST_COMBINED = 400_000
 
 Layers = list[tuple[bool, BaseGeometry]]
 """Shapes one upon the other, each dark (adds) or clear (cuts)."""
@@ -42,7 +43,7 @@ def composed(layers: Iterable[tuple[bool, BaseGeometry]], work: Work) -> BaseGeo
     `work` is that of the file.     Raises FileFormatError where that takes too long.
     """
     copper = np.array([], dtype=object)
-    left = MOST_COMBINED
+    left = _MOST_COMBINED
     for dark, run in groupby(layers, key=lambda layer: layer[0]):
         shapes = [shape for _, shape in run if not shape.is_empty]
         if not shapes:
@@ -74,7 +75,7 @@ def _vertices_of_unions(shapes: Sequence[BaseGeometry]) -> int:
 def _check_combined(left: int) -> None:
     if left < 0:
         raise FileFormatError(
-            f"expected shapes that touch, and dark and clear ones, of at most {MOST_COMBINED} "
+            f"expected shapes that touch, and dark and clear ones, of at most {_MOST_COMBINED} "
             "vertices together, each counted for every change of polarity around it, got more; "
             "export a smaller part"
         )
@@ -120,15 +121,6 @@ def _regular(count: float, diameter: float) -> Any:
         )
     angles = 2 * math.pi * np.arange(count) / count
     return diameter / 2 * np.column_stack([np.cos(angles), np.sin(angles)])
-
-
-def _turned(points: Any, degrees: float) -> Any:
-    quarters = degrees / 90
-    if quarters == round(quarters):  # exactly
-        cosine, sine = [(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)][round(quarters) % 4]
-    else:
-        cosine, sine = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
-    return np.asarray(points, dtype=float) @ np.array([(cosine, sine), (-sine, cosine)])
 
 
 def _capsule(start: Any, end: Any, width: float) -> list[Curve]:
@@ -227,10 +219,7 @@ class Shapes:
             layers = self._macro(*values) if kind == "macro" else self._standard(kind, values)
             self._flashes[number] = composed(layers, self._work)
         place = np.array([x, y])
-        if not (np.abs(place) <= LARGEST_NUMBER).all():
-            raise FileFormatError(
-                f"expected finite coordinates below {LARGEST_NUMBER:g}, got one beyond; correct it"
-            )
+        check_coordinates(place)
         return [shapely.transform(self._flashes[number], lambda points: points + place)]
 
     def _standard(self, kind: str, values: Sequence[Any]) -> Layers:
@@ -258,7 +247,7 @@ class Shapes:
             )
         *sizes, turn = values
         if code == 1:
-            circle = _circle(_turned(sizes[1:], turn), sizes[0] / 2)
+            circle = _circle(turned(sizes[1:], turn), sizes[0] / 2)
             return bool(exposure), self._polygon([circle])
         if code == 4:
             points = sizes[0]
@@ -271,7 +260,7 @@ class Shapes:
             length = max(float(np.hypot(*(end - start))), np.finfo(float).tiny)
             side = sizes[0] / 2 * np.array([start[1] - end[1], end[0] - start[0]]) / length
             points = [start - side, end - side, end + side, start + side]
-        return bool(exposure), self._polygon(_closed(_turned(points, turn)))
+        return bool(exposure), self._polygon(_closed(turned(points, turn)))
 
     def _pen(self, number: int) -> list[float]:
         """Diameter of a round aperture, or width and height; any other draws no strokes."""
@@ -317,28 +306,27 @@ class Shapes:
         return [self._polygon(sector), *map(self._convex, discs)]
 
 
+# Characters that gerbonara, which is written in Python, reads in tenths of a second at most: sooner
+# than a process starts. The statements that would repeat others have been refused.
+_SMALL = 2**14
+
 _METRES = {"MM": 1e-3, "IN": 25.4e-3}
-_REMEDIES = ("export a smaller part", "export it anew, or as DXF")
 
 
-def read_gerber(content: bytes, tolerance: float | None) -> Drawing:
-    """Read the copper after all objects: dark ones add, clear ones cut, in the file's order.
-
-    `tolerance` in metres. Raises FileFormatError, MissingExtraError.
-    """
-    if len(content) > LARGEST_GERBER:
-        raise FileFormatError(
-            f"expected at most {LARGEST_GERBER >> 20} MiB of Gerber, got more; export one layer, "
-            "or a part of it"
+def read_gerber(file: File) -> Drawing:
+    """Read the copper after all objects: dark ones add, clear ones cut, in the file's order."""
+    text, unit = checked_statements(text_of(file.content))
+    read = partial(objects_of, text)
+    if len(text) <= _SMALL:
+        objects, apertures = read()
+    else:
+        objects, apertures = in_process(
+            read, "Gerber", "gerbonara", "export a smaller part", "export it anew, or as DXF"
         )
-    text, unit = checked_statements(text_of(content))
-    required("gerbonara.rs274x", "Gerber")
-    asked = {"text": text, "most": MOST_CURVES}
-    found = in_process(gerber_process, asked, "Gerber", "gerbonara", _REMEDIES)
     metres = _METRES.get(unit, 1e-3)
     work = Work()
-    shapes = Shapes(found["apertures"], None if tolerance is None else tolerance / metres, work)
-    copper = composed([layer for told in found["objects"] for layer in shapes.of(told)], work)
+    shapes = Shapes(apertures, file.tolerance and file.tolerance / metres, work)
+    copper = composed([layer for told in objects for layer in shapes.of(told)], work)
     polygons = [rings_of_polygon(polygon) for polygon in polygons_in(copper)]
     if not polygons:
         raise FileFormatError(
@@ -346,3 +334,12 @@ def read_gerber(content: bytes, tolerance: float | None) -> Drawing:
             "layer of the board"
         )
     return Drawing(polygons, metres)
+
+
+# gerbonara reads in Python; 4 MiB hold some 200 000 strokes.
+FORMATS = (
+    Format(
+        "Gerber", (".gbr", ".ger", ".gtl", ".gbl", ".art"), read_gerber,
+        rb"G0?4|%(?:FS|MO|T[FA]|AM|AD|IN|LN|IP|AS|SF)|G7[015]\*", 4 * 2**20, "gerbonara.rs274x",
+    ),
+)  # fmt: skip

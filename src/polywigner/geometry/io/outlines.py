@@ -1,27 +1,18 @@
-"""Outlines of a drawing: polygons with holes by a fill rule or by nesting, and layers."""
+"""Outlines of a drawing: polygons with holes by a fill rule or by nesting, within limits."""
 
 from __future__ import annotations
 
-import logging
-import math
-import shlex
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from polywigner.errors import (
-    ArgumentError,
-    GeometryError,
-    require,
-)
+from polywigner.errors import GeometryError
 from polywigner.geometry.exact import Ring, estimated_area
-from polywigner.geometry.formats.limits import MOST_CROSSINGS, Work, check_rings, check_vertices
-from polywigner.geometry.grid import polygons_in, union_on_grid
-from polywigner.geometry.parts import enclosed, part_of_ring
+from polywigner.geometry.io.limits import check_most, check_rings, check_vertices
+from polywigner.geometry.parts import enclosed, part_of_ring, polygons_in, union_on_grid
 from polywigner.geometry.rings import (
     clean_ring,
     different_vertices,
@@ -31,107 +22,106 @@ from polywigner.geometry.rings import (
     spans_area,
 )
 
+# Places where outlines cross (twice as many faces, some 0.1 ms each), pairs of edges whose bounding
+# boxes meet (0.3 us each to count, and for GEOS to compare them), pairs of outlines whose bounds
+# overlap (3 us each), and vertices of these, which GEOS intersects where they touch (20 ns each).
+_MOST_CROSSINGS = 20_000
+_MOST_NEAR_EDGES = 10_000_000
+_MOST_NEAR_RINGS = 2_000_000
+_MOST_NEAR_VERTICES = 200_000_000
 
-@dataclass(frozen=True, eq=False)
-class Drawing:
-    """Polygons of a file, each a list of rings with the exterior first, in the file's own unit."""
+# Bounds the memory of one step.
+_PAIRS_AT_ONCE = 4_000_000
 
-    polygons: list[list[Ring]]
-    metres: float
-    """Length of the file's unit."""
-    remedy: str | None = None
-    """What to do in a drawing about outlines that overlap."""
+Points = NDArray[np.float64]
 
 
-def required(library: str, kind: str) -> Any:
-    """Import a library that the extra `formats` brings.
+class Work:
+    """Budget of pairs that the shapes of one file may compare."""
 
-    Raises MissingExtraError where it is not installed.
+    def __init__(self) -> None:
+        self._edges = self._crossings = self._rings = self._vertices = 0
+
+    def check_outlines(self, rings: Sequence[Ring]) -> None:
+        """Raise for very many outlines upon or inside each other, which are compared in pairs."""
+        if len(rings) < 2:
+            return
+        low = np.array([ring.min(axis=0) for ring in rings])
+        high = np.array([ring.max(axis=0) for ring in rings])
+        sizes = np.array([len(ring) for ring in rings])
+        for one, other in _near(low, high):
+            self._rings += len(one)
+            self._vertices += int(sizes[one].sum() + sizes[other].sum())
+            check_most(self._rings, _MOST_NEAR_RINGS, "pairs of near outlines", "use fewer")
+            check_most(self._vertices, _MOST_NEAR_VERTICES, "vertices of such pairs", "use fewer")
+
+    def check_edges(self, rings: Sequence[Ring]) -> None:
+        """Raise for outlines that cross themselves or each other in very many places, or nearly.
+
+        Quick also where they do, while GEOS needs minutes to tell where 100 000 edges cross. What
+        GEOS does grows with the pairs of edges whose bounding boxes meet, so these are counted.
+        """
+        start = np.concatenate(rings)
+        end = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
+        for one, other in _near(np.minimum(start, end), np.maximum(start, end)):
+            self._edges += len(one)
+            check_most(self._edges, _MOST_NEAR_EDGES, "pairs of edges near each other")
+            apart = (start[other] != end[one]).any(axis=1) & (start[one] != end[other]).any(axis=1)
+            one, other = one[apart], other[apart]
+            self._crossings += _crossings(start[one], end[one], start[other], end[other])
+            check_most(self._crossings, _MOST_CROSSINGS, "places where outlines cross")
+
+
+def check_polygons(polygons: Sequence[Sequence[Any]]) -> int:
+    """The number of vertices of polygons, each a list of rings; raises for more work than is done.
+
+    What is no ring is refused by those who make parts of them.
     """
-    module = require(library, "formats", f"reads {kind} files")
-    # Messages of a library about a damaged file go to a user's handlers, not to the terminal.
-    logger = logging.getLogger(library.partition(".")[0])
-    if not logger.handlers:
-        logger.addHandler(logging.NullHandler())
-    return module
+    check_rings(sum(map(len, polygons)))
+    vertices = sum(len(ring) for rings in polygons for ring in rings)
+    check_vertices(vertices)
+    try:
+        arrays = [[np.asarray(ring, dtype=np.float64) for ring in rings] for rings in polygons]
+    except (TypeError, ValueError):
+        return vertices
+    rings = [ring for part in arrays for ring in part]
+    pairs = all(ring.ndim == 2 and ring.shape[1] == 2 and len(ring) for ring in rings)
+    if pairs and np.isfinite(np.concatenate(rings)).all():
+        work = Work()
+        work.check_outlines([part[0] for part in arrays])
+        work.check_edges(rings)
+    return vertices
 
 
-def checked_tolerance(tolerance: Any) -> float | None:
-    """A length in metres above zero, or None; ArgumentError for any other."""
-    if tolerance is None:
-        return None
-    number = isinstance(tolerance, (int, float, np.number)) and not isinstance(tolerance, bool)
-    if not number or not 0 < tolerance < math.inf:
-        raise ArgumentError(
-            f"expected a tolerance in metres above zero, got {tolerance!r}; give one such as 1e-5"
-        )
-    return float(tolerance)
+def _near(low: Points, high: Points) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp]]]:
+    """Pairs of boxes (low and high corners (n, 2)) that meet, some of them at a time."""
+    tree = shapely.STRtree(shapely.box(low[:, 0], low[:, 1], high[:, 0], high[:, 1]))
+    most = np.full(len(low), len(low))
+    for k in range(2):  # those that meet along one axis are more than those that meet
+        begun = np.searchsorted(np.sort(low[:, k]), high[:, k], side="right")
+        ended = np.searchsorted(np.sort(high[:, k]), low[:, k], side="left")
+        most = np.minimum(most, begun - ended)
+    total = np.concatenate([[0], np.cumsum(most)])
+    first = 0
+    while first < len(low):
+        last = int(np.searchsorted(total, total[first] + _PAIRS_AT_ONCE, side="right")) - 1
+        last = min(max(last, first + 1), len(low))
+        one, other = tree.query(tree.geometries[first:last])
+        later = one + first < other
+        yield one[later] + first, other[later]
+        first = last
 
 
-_MOST_NAMED = 12
+def _crossings(a: Points, b: Points, c: Points, d: Points) -> int:
+    """Number of segments a-b that cross c-d, up to rounding."""
+    apart = _side(a, b, c) * _side(a, b, d) < 0
+    a, b, c, d = a[apart], b[apart], c[apart], d[apart]
+    return int((_side(c, d, a) * _side(c, d, b) < 0).sum())
 
 
-def checked_layers(layer: Any) -> tuple[str, ...]:
-    """The names that a caller gives: one, several, or None for all layers."""
-    given = () if layer is None else (layer,) if isinstance(layer, str) else layer
-    names = tuple(given) if isinstance(given, Iterable) else (given,)
-    if not all(isinstance(name, str) and name for name in names):
-        raise ArgumentError(
-            f"expected a layer by its name, or several names, got {layer!r}; give for example "
-            'layer="pads" or layer=["pads", "feed"]'
-        )
-    return names
-
-
-def checked_union(union: Any) -> bool:
-    """The flag itself, or ArgumentError."""
-    if not isinstance(union, bool | np.bool_):
-        raise ArgumentError(f"expected union as True or False, got {union!r}; give one of them")
-    return bool(union)
-
-
-def check_known(asked: Iterable[str], known: Iterable[str]) -> None:
-    """Raise ArgumentError for a layer that the drawing does not have."""
-    names = sorted(set(known))
-    for name in asked:
-        if name not in names:
-            listed = ", ".join(shown[:60] for shown in names[:_MOST_NAMED])
-            more = f" and {len(names) - _MOST_NAMED} more" if len(names) > _MOST_NAMED else ""
-            raise ArgumentError(
-                f"expected a layer of the drawing, got {name[:60]!r}; "
-                + (f"it has {listed}{more}" if names else "it names none, so leave layer out")
-            )
-
-
-def overlap_remedy(rings: Sequence[Ring], layers: Sequence[str]) -> str:
-    """Advice for outlines (n, 2) on `layers` that cross, overlap, or touch inside another."""
-    frame = _frame(rings)
-    if frame is None:
-        return "join them in the drawing, or give union=True (--union)"
-    others = sorted(set(layers) - {layers[frame]} - {""})
-    place = f"the outline on layer {layers[frame][:60]!r}" if layers[frame] else "one outline"
-    if not others:
-        return f"{place} lies around all others: move it to a layer that is not read"
-    if len(others) > 3:
-        return f"{place} lies around all others: read the others with layer={others[:3]} and so on"
-    listed = repr(others[0] if len(others) == 1 else others)
-    options = " ".join(f"--layer {shlex.quote(name)}" for name in others)
-    return f"{place} lies around all others: read the others with layer={listed} ({options})"
-
-
-def _frame(rings: Sequence[Ring]) -> int | None:
-    """The number of the ring around two others or more, if it is around all."""
-    if len(rings) < 3:
-        return None
-    boxes = np.array([[*ring.min(axis=0), *-ring.max(axis=0)] for ring in rings])
-    around = (boxes <= boxes.min(axis=0)).all(axis=1)
-    if not around.any():
-        return None
-    frame = int(np.argmax(around))
-    points = np.concatenate([ring for k, ring in enumerate(rings) if k != frame])
-    outline = shapely.Polygon(rings[frame])
-    shapely.prepare(outline)
-    return frame if shapely.intersects_xy(outline, points).all() else None
+def _side(a: Points, b: Points, c: Points) -> Points:
+    along, across = (b - a).T, (c - a).T
+    return np.sign(along[0] * across[1] - along[1] * across[0])
 
 
 Polygon = list[Ring]
@@ -225,7 +215,7 @@ def _encloses(ring: Ring) -> bool:
 
 def _is_plain(ring: Ring) -> bool:
     """Whether a ring is simple, and so short that nothing needs to be counted to find out."""
-    return len(ring) ** 2 <= MOST_CROSSINGS and bool(shapely.is_valid(shapely.Polygon(ring)))
+    return len(ring) ** 2 <= _MOST_CROSSINGS and bool(shapely.is_valid(shapely.Polygon(ring)))
 
 
 def _lines(rings: Sequence[Ring]) -> shapely.MultiLineString:

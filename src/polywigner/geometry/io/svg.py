@@ -16,24 +16,18 @@ from typing import Any
 import numpy as np
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.formats.curves import Points, count_of, flattened
-from polywigner.geometry.formats.limits import (
-    MOST_ELEMENTS,
-    MOST_NESTED,
-    MOST_TEXT,
-    MOST_TRANSFORMS,
-    Work,
-    check_number,
-    check_rings,
-)
-from polywigner.geometry.formats.outlines import (
+from polywigner.geometry.io.curves import Points, count_of, flattened
+from polywigner.geometry.io.drawing import (
     Drawing,
+    File,
+    Format,
     check_known,
-    filled,
     overlap_remedy,
     required,
 )
-from polywigner.geometry.formats.svg_shapes import (
+from polywigner.geometry.io.limits import MOST_NESTED, check_curves, check_most, check_rings
+from polywigner.geometry.io.outlines import Work, filled
+from polywigner.geometry.io.svg_shapes import (
     PIXEL,
     SHAPES,
     Place,
@@ -51,11 +45,17 @@ from polywigner.geometry.formats.svg_shapes import (
     view_box,
 )
 
+# Elements of a file, and elements drawn, functions of transforms, and characters in attributes, all
+# with repetitions by `use`; and characters in one element.
+_MOST_ELEMENTS = 50_000
+_MOST_TRANSFORMS = 100_000
+_MOST_TEXT = 16 * 2**20
+
 _NAMESPACE = "{http://www.w3.org/2000/svg}"
 _NAMES = ("{http://www.inkscape.org/namespaces/inkscape}label", "data-name", "id")
 _LINK = "{http://www.w3.org/1999/xlink}href"
 # A start tag is parsed as a whole, before its attributes can be counted.
-_LONG_PIECE = re.compile(rb"<[^<]{%d}" % MOST_TEXT)
+_LONG_PIECE = re.compile(rb"<[^<]{%d}" % _MOST_TEXT)
 
 _CONTAINERS = {"svg", "g", "a", "switch"}
 _OPAQUE = {"text", "image", "foreignObject"}
@@ -65,12 +65,14 @@ def parsed(content: bytes) -> Any:
     """The root element. A plain DOCTYPE may stand; declarations in it and other files may not."""
     if _LONG_PIECE.search(content):
         raise FileFormatError(
-            f"expected elements of at most {MOST_TEXT >> 20} MiB, got one with more text or "
+            f"expected elements of at most {_MOST_TEXT >> 20} MiB, got one with more text or "
             "attributes; simplify the drawing"
         )
+    # Tags that open and that close, and as many comments: memory; elements are counted afterwards.
+    check_most(content.count(b"<"), 3 * _MOST_ELEMENTS, "tags")
     defused = required("defusedxml.ElementTree", "SVG")
     common = required("defusedxml.common", "SVG")
-    parser = defused.XMLParser(target=_bounded_builder(), forbid_dtd=False)
+    parser = defused.XMLParser(forbid_dtd=False)
     # The default of an attribute that a DTD declares would be copied into each element.
     parser.parser.StartDoctypeDeclHandler = _refuse_declarations
     try:
@@ -83,6 +85,10 @@ def parsed(content: bytes) -> Any:
     except (SyntaxError, ValueError, LookupError) as error:  # ParseError is a SyntaxError
         line = getattr(error, "position", (1, 0))[0]
         raise FileFormatError(f"expected SVG, got text that is not XML in line {line}") from None
+    try:
+        _check_count(sum(1 for _ in root.iter()))
+    except RecursionError:  # defusedxml's elements look through each other
+        _check_depth(MOST_NESTED + 1)
     if _tag(root) != "svg":
         raise FileFormatError("expected an svg element, got XML of another kind")
     return root
@@ -96,32 +102,8 @@ def _refuse_declarations(name: str, system: Any, public: Any, has_declarations: 
         )
 
 
-def _bounded_builder() -> Any:
-    from xml.etree.ElementTree import TreeBuilder
-
-    class Bounded(TreeBuilder):
-        count = depth = 0
-
-        def start(self, *arguments: Any) -> Any:
-            self.count += 1
-            self.depth += 1
-            _check_count(self.count)
-            _check_depth(self.depth)
-            return super().start(*arguments)
-
-        def end(self, *arguments: Any) -> Any:
-            self.depth -= 1
-            return super().end(*arguments)
-
-    return Bounded()
-
-
 def _check_count(count: int) -> None:
-    if count > MOST_ELEMENTS:
-        raise FileFormatError(
-            f"expected at most {MOST_ELEMENTS} elements (repetitions by use included), got more; "
-            "simplify the drawing"
-        )
+    check_most(count, _MOST_ELEMENTS, "elements (repetitions by use included)")
 
 
 def _check_depth(depth: int) -> None:
@@ -174,11 +156,7 @@ class Document:
         _check_count(self.visited)
         _check_depth(place.depth + 1)
         self.text += sum(map(len, element.attrib.values()))
-        if self.text > MOST_TEXT:
-            raise FileFormatError(
-                f"expected at most {MOST_TEXT >> 20} MiB of attributes (repetitions included), got "
-                "more; simplify the drawing"
-            )
+        check_most(self.text, _MOST_TEXT, "characters of attributes (repetitions included)")
         tag, names = _tag(element), _names(element)
         style = self.styles.of(element, tag, place.style)
         is_asked = place.is_asked or not self.layers.isdisjoint(names)
@@ -198,11 +176,9 @@ class Document:
         text = style.own.get("transform")
         if text not in (None, "", "none"):
             self.transforms += text.count("(")
-            if self.transforms > MOST_TRANSFORMS:
-                raise FileFormatError(
-                    f"expected at most {MOST_TRANSFORMS} transforms (repetitions by use included), "
-                    "got more; simplify the drawing"
-                )
+            check_most(
+                self.transforms, _MOST_TRANSFORMS, "transforms (repetitions by use included)"
+            )
             inside = inside.moved(*matrix_of(text))
         return inside
 
@@ -221,7 +197,7 @@ class Document:
             if inside.is_asked and is_painted(inside.style):
                 shape = shape_of(element, tag, inside)
                 self.curves += sum(count_of(curve) for path in shape.subpaths for curve in path)
-                check_number(self.curves)
+                check_curves(self.curves)
                 self.outlines += len(shape.subpaths)
                 check_rings(self.outlines)
                 yield shape
@@ -278,35 +254,17 @@ def _chosen(switch: Any) -> list[Any]:
     return [child for child in switch if _tag(child) and not child.get("requiredExtensions")][:1]
 
 
-def read_svg(
-    content: bytes, unit_metres: float, tolerance: float | None, layers: Sequence[str] = ()
-) -> Drawing:
-    """The filled shapes of an SVG file, y up, each flattened and filled by its own rule.
-
-    Parameters
-    ----------
-    content
-        The file.
-    unit_metres
-        Metres of one unit of the file's coordinates, unless the file states a size.
-    tolerance
-        Largest distance in metres between a curve and its chords; None: see `flattened`.
-    layers
-        Names or ids of the groups or shapes to read alone, even where they are hidden; none: all.
-
-    Raises
-    ------
-    FileFormatError, MissingExtraError; ArgumentError for a layer that is not there.
-    """
-    root = parsed(content)
-    metres, matrix = _unit(root, unit_metres)
-    shapes = list(Document(root, layers).shapes(matrix))
+def read_svg(file: File) -> Drawing:
+    """The filled shapes of an SVG file, y up, each flattened and filled by its own rule."""
+    root = parsed(file.content)
+    metres, matrix = _unit(root, file.unit_metres)
+    shapes = list(Document(root, file.layers).shapes(matrix))
     if not shapes:
         raise FileFormatError(
             "expected filled shapes, got none; give the outlines a fill (strokes have no inside)"
         )
     subpaths = [subpath for shape in shapes for subpath in shape.subpaths]
-    outlines = flattened(subpaths, None if tolerance is None else tolerance / metres)
+    outlines = flattened(subpaths, file.tolerance and file.tolerance / metres)
     rings, work = iter(outlines), Work()
     polygons = [
         polygon
@@ -346,3 +304,8 @@ def _unit(root: Any, unit_metres: float) -> tuple[float, Points]:
     if "none" in fit:
         return x, np.diag([1.0, -y / x])
     return (max if "slice" in fit else min)(x, y), np.diag([1.0, -1.0])
+
+
+FORMATS = (
+    Format("SVG", (".svg",), read_svg, rb"<", library="defusedxml.ElementTree", has_layers=True),
+)

@@ -11,14 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.formats.limits import (
-    LARGEST_NUMBER,
+from polywigner.geometry.io.drawing import required
+from polywigner.geometry.io.limits import (
     LONGEST_LINE,
     MOST_FACES,
-    MOST_LINES,
-    MOST_SOLIDS,
+    check_coordinates,
+    check_most,
 )
-from polywigner.geometry.formats.outlines import required
 
 MESH_SUFFIXES = (".stl", ".ply", ".obj")
 
@@ -33,6 +32,9 @@ _Element = tuple[str, int, list[list[str]]]
 """Name and number of an element of PLY, with the types of its properties."""
 
 _MOST_IN_A_FACE = 1000
+# Solids of an STL file, of each of which trimesh makes a mesh; lines of OBJ, and rows of PLY.
+_MOST_SOLIDS = 1000
+_MOST_LINES = 2_000_000
 
 _STL_WORDS = (b"facet", b"endfacet", b"vertex")
 _STL_LINES = [re.compile(rb"(?i)(?:\A|[\r\n])[ \t]*+%b\b" % word) for word in _STL_WORDS]
@@ -91,7 +93,7 @@ def _bounded(content: bytes, kind: str) -> bytes:
             else "expected OBJ as text, got zeros; export the body again"
         )
     if kind == "stl":
-        _check_number(content.lower().count(b"endsolid"), MOST_SOLIDS)
+        _check_number(content.lower().count(b"endsolid"), _MOST_SOLIDS)
         begun, ended, corners = (len(pattern.findall(content)) for pattern in _STL_LINES)
         _check_number(max(begun, ended))
         if begun > ended or corners != 3 * ended:
@@ -100,7 +102,7 @@ def _bounded(content: bytes, kind: str) -> bytes:
                 "vertices; the file may be cut short: export it again"
             )
     else:
-        _check_number(content.count(b"\n"), MOST_LINES)
+        _check_number(content.count(b"\n"), _MOST_LINES)
         triangles = 0
         for found in _FACE.finditer(content):
             size = found.end() - found.start()  # in memory a line is its words
@@ -125,7 +127,7 @@ def _bounded_ply(content: bytes) -> bytes:
     for line in words:
         if line[0] == "element" and len(line) == 3 and line[2].isdecimal() and len(line[2]) < 20:
             elements.append((line[1], int(line[2]), []))
-            _check_number(elements[-1][1], MOST_FACES if line[1] == "face" else MOST_LINES)
+            _check_number(elements[-1][1], MOST_FACES if line[1] == "face" else _MOST_LINES)
         elif line[0] == "property" and elements and len(line) in (3, 5):
             elements[-1][2].append(line[1:-1])
     if end < 0 or len(kinds) != 1:
@@ -134,7 +136,7 @@ def _bounded_ply(content: bytes) -> bytes:
         )
     announced = sum(count for _, count, _ in elements)
     if kinds[0] == "ascii":
-        _check_number(body.count(b"\n"), MOST_LINES)
+        _check_number(body.count(b"\n"), _MOST_LINES)
         rows = sum(1 for line in body.splitlines() if line.strip())
         _check_announced(announced, rows, "rows")
     else:
@@ -158,7 +160,7 @@ def _check_binary_ply(
                 fixed = 0
             else:
                 fixed += _PLY_TYPES[types[0]]
-        _check_number(count * len(lists), MOST_LINES)
+        _check_number(count * len(lists), _MOST_LINES)
         if not lists:
             place += count * fixed
             continue
@@ -190,9 +192,8 @@ def _check_announced(announced: int, found: int, what: str) -> None:
 
 
 def _check_number(count: int, most: int = MOST_FACES) -> None:
-    if count > most:
-        what = {MOST_SOLIDS: "solids", MOST_LINES: "lines"}.get(most, "triangles")
-        raise FileFormatError(f"expected at most {most} {what}, got {count}; simplify the mesh")
+    what = {_MOST_SOLIDS: "solids", _MOST_LINES: "lines"}.get(most, "triangles")
+    check_most(count, most, what, "simplify the mesh")
 
 
 def _check(vertices: NDArray[Any], faces: NDArray[Any]) -> None:
@@ -203,7 +204,4 @@ def _check(vertices: NDArray[Any], faces: NDArray[Any]) -> None:
         raise FileFormatError(
             f"expected vertex numbers up to {len(vertices)}, got a face with another; correct it"
         )
-    if not (np.abs(vertices) <= LARGEST_NUMBER).all():  # also for a NaN
-        raise FileFormatError(
-            f"expected finite coordinates below {LARGEST_NUMBER:g}, got one beyond; correct it"
-        )
+    check_coordinates(vertices)

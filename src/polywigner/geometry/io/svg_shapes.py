@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.formats.curves import Arc, Bezier, Curve, Points, ends, transformed
-from polywigner.geometry.formats.limits import LARGEST_NUMBER, MOST_RULES, check_number
-from polywigner.geometry.formats.outlines import required
+from polywigner.geometry.io.curves import Arc, Bezier, Curve, Points, ends, transformed, turned
+from polywigner.geometry.io.drawing import required
+from polywigner.geometry.io.limits import LARGEST_NUMBER, check_curves, check_most
 
 # Possessive (++) and atomic (?>) throughout, so that no text takes longer than its length.
 _NUMBER = r"(?>[+-]?(?:[0-9]++\.?[0-9]*+|\.[0-9]++)(?:[eE][+-]?[0-9]++)?)"
@@ -42,6 +42,7 @@ PHYSICAL = {
 """The metres of the units that state a size."""
 
 _LONGEST_SHEET = 2**20
+_MOST_RULES = 1000
 
 # Fraction("1e999999999") fills memory.
 _LONGEST_NUMBER = 40
@@ -96,7 +97,7 @@ def numbers_of(text: str, name: str) -> list[float]:
     """The numbers of a list such as "0,0 10,5"."""
     if not _LIST.fullmatch(text):
         raise _refuse(f"{name} as numbers", text)
-    check_number(_count(text) // 2)
+    check_curves(_count(text) // 2)
     return [float(number) for number in _NUMBERS.findall(text)]
 
 
@@ -127,21 +128,12 @@ def _function(name: str, values: list[float]) -> tuple[Points, Points]:
     if name == "scale":
         return np.diag([values[0], values[-1]]), np.zeros(2)
     if name == "rotate":
-        turn = _rotation(values[0])
+        turn = turned(np.eye(2), values[0])
         centre = np.array([*values[1:], 0.0, 0.0][:2])
         return turn, centre - centre @ turn
     slope = math.tan(math.radians(math.fmod(values[0], 180.0)))
     skew = [[1.0, 0.0], [slope, 1.0]] if name == "skewX" else [[1.0, slope], [0.0, 1.0]]
     return np.array(skew), np.zeros(2)
-
-
-def _rotation(degrees: float) -> Points:
-    """Quarter turns are exact."""
-    quarters = {0.0: (1.0, 0.0), 90.0: (0.0, 1.0), 180.0: (-1.0, 0.0), 270.0: (0.0, -1.0)}
-    angle = math.fmod(degrees, 360.0) if math.isfinite(degrees) else math.nan
-    radians = math.radians(angle)
-    c, s = quarters.get(angle % 360, (math.cos(radians), math.sin(radians)))
-    return np.array([[c, s], [-s, c]])
 
 
 def subpaths_of(data: str) -> list[list[Curve]]:
@@ -207,7 +199,7 @@ def _checked_segments(data: str) -> int:
                 f"expected the numbers of a path's {letter}, got {_shown(arguments)}; correct it"
             )
         segments += count
-        check_number(segments)
+        check_curves(segments)
     return segments
 
 
@@ -429,11 +421,7 @@ class Styles:
             for selector, declarations in rules_of(sheet)
             if (relevant := _relevant(declarations))
         ]
-        if len(self.rules) > MOST_RULES:
-            raise FileFormatError(
-                f"expected a style sheet of at most {MOST_RULES} rules, got {len(self.rules)}; "
-                "save as plain SVG"
-            )
+        check_most(len(self.rules), _MOST_RULES, "rules of style sheets", "save as plain SVG")
         for selector, _ in self.rules:
             element, _, name = selector.removeprefix("#").partition(".")
             if selector != "*" and not set(element + name) <= _SIMPLE:
@@ -445,7 +433,7 @@ class Styles:
     def of(self, element: Any, tag: str, parent: Style) -> Style:
         """The element's style: attributes, then style sheets, then its own style attribute."""
         found = _relevant(dict(element.attrib))
-        names = element.get("class", "").split()[:MOST_RULES]
+        names = element.get("class", "").split()[:_MOST_RULES]
         known = {"*", tag, f"#{element.get('id')}"}
         known |= {f".{name}" for name in names} | {f"{tag}.{name}" for name in names}
         for selector, declarations in self.rules:
