@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from polywigner.cli import doctor
-from polywigner.toolchain.gpu import GPUStatus
+from polywigner.toolchain.trials import GPUStatus
 from polywigner.toolchain.llvm import LLVMStatus
 
 

@@ -19,10 +19,10 @@ import pytest
 from polywigner.errors import EngineError
 from polywigner.toolchain import llvm as llvm_module
 from polywigner.toolchain import llvm_discovery as discovery
-from polywigner.toolchain import llvm_verdicts as verdicts
+from polywigner.toolchain import trials as verdicts
 from polywigner.toolchain.llvm import LLVMStatus
 from polywigner.toolchain.llvm_discovery import NONE_USABLE, Candidate, version_of_name
-from polywigner.toolchain.llvm_verdicts import Verdict, judge
+from polywigner.toolchain.trials import Verdict, judge
 
 # What choosing a library whose verdict is remembered may cost, in seconds.
 QUICK = 0.05
@@ -256,7 +256,7 @@ def test_a_trial_that_takes_too_long_is_no_lasting_verdict(
     own_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(verdicts, "_KERNELS", "import time; time.sleep(60)")
-    monkeypatch.setattr(verdicts, "_PATIENCE", 0.5)
+    monkeypatch.setattr(verdicts, "_SECONDS", 0.1)
     verdict = judge(Candidate(library(tmp_path, "libLLVM.so.19.1"), "system", (19, 1)))
     assert not verdict.usable and "longer than" in (verdict.reason or "")
     assert not own_cache.exists()

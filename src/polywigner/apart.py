@@ -176,6 +176,10 @@ def _told(error: BaseException) -> bytes:
     if isinstance(error, PolywignerError):
         with suppress(Exception):
             return pickle.dumps(("raised", error))
+    import traceback
+
+    traceback.print_exception(error)
+    sys.stderr.flush()
     return pickle.dumps(("error", f"{type(error).__name__}: {error}"))
 
 
