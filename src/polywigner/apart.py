@@ -136,7 +136,7 @@ def _value(
         kind, value = "error", repr(error)
     if kind == "value":
         return value
-    if kind == "raised":
+    if isinstance(value, PolywignerError) and kind == "raised":
         raise value
     if kind == "memory":
         raise _failed(f"none within {memory} bytes of memory", "memory", status, stderr)

@@ -124,9 +124,12 @@ _RATE_STEP = 0.125
 Pairs: TypeAlias = Any
 
 
+table: Any = np.rec.fromarrays  # NumPy's types ask for formats, which columns have
+
+
 def pairs_of(pose: Indices, transmitter: Indices, receiver: Indices) -> Pairs:
     """Return pairs of cells (n,), an array with named fields."""
-    return np.rec.fromarrays([pose, transmitter, receiver], names="pose,transmitter,receiver")
+    return table([pose, transmitter, receiver], names="pose,transmitter,receiver")
 
 
 class _Sight:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
-from polywigner.reception.cell_pairs import Links, Pairs, pairs_of
+from polywigner.reception.cell_pairs import Links, Pairs, pairs_of, table
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -116,7 +116,7 @@ def _raised(links: Links, parts: Pairs) -> Pairs:
 def _parts(pairs: Pairs, values: Complex, orders: Indices, errors: Floats, sizes: Floats) -> Pairs:
     columns = [pairs.pose, pairs.transmitter, pairs.receiver, values, orders, errors, sizes]
     names = "pose,transmitter,receiver,values,orders,errors,sizes"
-    return np.rec.fromarrays(columns, names=names)
+    return table(columns, names=names)
 
 
 def _joined(*pairs: Pairs) -> Pairs:

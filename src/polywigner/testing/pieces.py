@@ -51,7 +51,7 @@ def _overlaps(first: Array, second: Array) -> list[Any]:
     return [Slits([a, b]) for a, b in zip(low, high, strict=True) if a < b]
 
 
-def wigner_by_pairs(case: Case | ArrayCase, x: Array, nu: Array) -> float:
+def wigner_by_pairs(case: Case | ArrayCase, x: Array, nu: Array) -> Any:
     """The sum of w_j w_k* c_m c_n* exp(2 pi i (k_m - k_n).x) F(nu - (k_m + k_n)/2) of slices."""
     return _summed(
         (parts, factor * _turn((one - other) @ x), nu - (one + other) / 2)
