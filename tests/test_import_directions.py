@@ -55,7 +55,7 @@ EXCEPTIONS: dict[tuple[str, str], str] = {}
 STANDARD_LIBRARY_ONLY = {
     "toolchain/debian.py": (),
     "toolchain/llvm_discovery.py": (),
-    "toolchain/llvm_verdicts.py": (
+    "toolchain/trials.py": (
         "polywigner.toolchain",
         "polywigner.interruption",
         "polywigner.apart",
@@ -67,7 +67,6 @@ STANDARD_LIBRARY_ONLY = {
         "polywigner.errors",
         "polywigner.interruption",
     ),
-    "toolchain/gpu.py": ("polywigner.toolchain",),
     "toolchain/native_hook.py": ("polywigner.toolchain",),
     "errors.py": (),
     "apart.py": ("polywigner.errors",),

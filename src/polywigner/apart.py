@@ -136,7 +136,7 @@ def _value(
         kind, value = "error", repr(error)
     if kind == "value":
         return value
-    if kind == "raised":
+    if isinstance(value, PolywignerError) and kind == "raised":
         raise value
     if kind == "memory":
         raise _failed(f"none within {memory} bytes of memory", "memory", status, stderr)
@@ -176,6 +176,10 @@ def _told(error: BaseException) -> bytes:
     if isinstance(error, PolywignerError):
         with suppress(Exception):
             return pickle.dumps(("raised", error))
+    import traceback
+
+    traceback.print_exception(error)
+    sys.stderr.flush()
     return pickle.dumps(("error", f"{type(error).__name__}: {error}"))
 
 

@@ -25,7 +25,7 @@ from polywigner.toolchain.llvm_discovery import (
     remedy,
     version_of_name,
 )
-from polywigner.toolchain.llvm_verdicts import judge
+from polywigner.toolchain.trials import judge
 
 _LIBATOMIC = ["libatomic1"]
 # 19 first: the one the tests are run with. Ubuntu renamed some for its 64-bit time.

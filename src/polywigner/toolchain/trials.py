@@ -1,24 +1,29 @@
-"""Is this LLVM library usable? Found out by running kernels in a child process, and remembered.
+"""LLVM libraries and GPUs are tried out in child processes: is this one usable?
 
-A bad library does not raise: it ends the process. So nothing is believed about a library until a
-child process has compiled and run a few kernels with it. The verdict is kept in the user's cache
-folder under a key that changes with the library, with Dr.Jit and with the machine.
+A bad library, or driver, does not raise: it ends the process. So nothing is believed of it until a
+child process has compiled and run a few kernels. The verdict on a library is kept in the user's
+cache folder under a key that changes with the library, with Dr.Jit and with the machine.
 """
 
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import hashlib
 import importlib.util
 import json
 import os
 import platform
+import shutil
 import signal
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
+from typing import Any
 
+from polywigner.apart import ChildError, run_apart
 from polywigner.interruption import atomic_path, temporary_folder
 from polywigner.toolchain.llvm_discovery import (
     LIBRARY_VARIABLE,
@@ -27,25 +32,12 @@ from polywigner.toolchain.llvm_discovery import (
     native_libatomic,
 )
 
-_PATIENCE = 120.0
-"""Seconds that the child may take: Dr.Jit's first import from a cold disk can take many."""
+_SECONDS = 20.0
+"""Of the processor, and six times as many of the clock: Dr.Jit's first import from a cold disk can
+take many."""
 
 _FROM_OUTSIDE = (signal.SIGINT, signal.SIGTERM, 1, 9)
 """Signals that end the child through no fault of the library; 1 and 9 have no names on Windows."""
-
-_PREFACE = """
-import json, sys
-task = json.loads(sys.argv[1])
-sys.path[:] = task["sys_path"]
-try:
-    import resource
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))  # an abort is an answer, not a crash report
-except Exception:
-    pass
-import ctypes
-for library in task["preload"]:
-    ctypes.CDLL(library)
-"""
 
 _KERNELS = """
 import drjit as dr
@@ -66,7 +58,18 @@ for kind in (Float, Float64):
         or list(turned) != expected[::-1]
     ):
         raise SystemExit("a kernel compiled with the library returns wrong numbers")
-print(".".join(str(figure) for figure in dr.detail.llvm_version()))
+answer = ".".join(str(figure) for figure in dr.detail.llvm_version())
+"""
+
+_GPU_KERNEL = """
+import drjit as dr
+if not dr.has_backend(dr.JitBackend.CUDA):
+    raise SystemExit("no backend")
+from drjit.cuda import Float
+x = dr.arange(Float, 16) - 7.5
+low = dr.minimum(x, 2.0)
+if list(low) != [min(k - 7.5, 2.0) for k in range(16)]:
+    raise SystemExit("its kernels return wrong numbers")
 """
 
 
@@ -78,6 +81,17 @@ class Verdict:
     version: str | None = None
     reason: str | None = None
     """Why it is not usable: half a sentence."""
+
+
+@dataclass(frozen=True)
+class GPUStatus:
+    """Whether kernels can be compiled for an NVIDIA GPU, and if not, the remedy."""
+
+    usable: bool
+    name: str | None = None
+    """The GPU and its driver's version, as nvidia-smi tells them."""
+    problem: str | None = None
+    remedy: str | None = None
 
 
 def judge(candidate: Candidate, preload: Sequence[str] = ()) -> Verdict:
@@ -194,42 +208,76 @@ def run_probe(
 
     Parameters
     ----------
-    script : the code; what is opened by ``preload`` is open when it starts.
+    script : the code; its variable ``answer`` is returned.
     library : the LLVM library that Dr.Jit is told to open.
     preload : libraries to open first.
 
     Returns
     -------
-    Exit status (None when no child could be run to its end), the last line of its stdout, and
-    its stderr.
+    Exit status (None when no child could be run to its end), the answer, and its stderr.
     """
-    import subprocess  # costs 15 ms to import, which a remembered verdict saves
-
     # Dr.Jit itself needs libatomic, which may lie in the environment only.
-    task = {"sys_path": sys.path, "preload": [*native_libatomic(), *preload]}
+    task = partial(_run, script, [*native_libatomic(), *preload])
     try:
         with temporary_folder() as scratch:
-            done = subprocess.run(
-                [sys.executable, "-P", "-c", _PREFACE + script, json.dumps(task)],
-                env={
-                    **os.environ,
-                    LIBRARY_VARIABLE: library,
-                    # Empty: a remembered kernel proves nothing about the compiler.
-                    "DRJIT_CACHE_DIR": scratch,
-                    "POLYWIGNER_TRIAL": "1",  # see native_hook.py
-                },
-                stdin=subprocess.DEVNULL,
-                capture_output=True,
-                text=True,
-                errors="replace",
-                timeout=_PATIENCE,
-            )
-    except subprocess.TimeoutExpired:
-        return None, "", f"the trial took longer than {_PATIENCE:g} s"
-    except (OSError, ValueError) as error:
+            environment = {
+                LIBRARY_VARIABLE: library,
+                # Empty: a remembered kernel proves nothing about the compiler.
+                "DRJIT_CACHE_DIR": scratch,
+                "POLYWIGNER_TRIAL": "1",  # see native_hook.py
+            }
+            return 0, run_apart(task, _SECONDS, None, environment), ""
+    except ChildError as error:
+        if error.failure == "time":
+            return None, "", f"the trial took longer than {_SECONDS:g} s of the processor"
+        if error.failure == "start":
+            return None, "", str(error)
+        return error.status or 1, "", error.stderr
+    except OSError as error:
         return None, "", f"the trial could not be started ({error})"
-    lines = done.stdout.strip().splitlines()
-    return done.returncode, lines[-1] if lines else "", done.stderr
+
+
+def _run(script: str, preload: Sequence[str]) -> str:
+    for library in preload:
+        ctypes.CDLL(library)
+    names: dict[str, Any] = {}
+    exec(script, names)
+    return str(names.get("answer", ""))
+
+
+def look_for_gpu() -> GPUStatus:
+    """The state of the CUDA engine, found by running a kernel in a child process."""
+    name = _gpu_name()
+    code, _, errors = run_probe(_GPU_KERNEL)
+    if code == 0:
+        return GPUStatus(True, name)
+    if name is None:
+        return GPUStatus(
+            False,
+            problem="no NVIDIA GPU answers",
+            remedy="If there is one, bring its driver: `apt-get install nvidia-driver` on Debian.",
+        )
+    return GPUStatus(
+        False,
+        name,
+        f"{name} is here, but its kernels do not run ({_last_line(errors) or code}).",
+        "Install an NVIDIA driver that Dr.Jit supports: 535 or newer.",
+    )
+
+
+def _gpu_name() -> str | None:
+    tool = shutil.which("nvidia-smi")
+    if tool is None:
+        return None
+    import subprocess
+
+    query = [tool, "--query-gpu=name,driver_version", "--format=csv,noheader"]
+    try:
+        done = subprocess.run(query, capture_output=True, text=True, timeout=30)
+    except (OSError, subprocess.SubprocessError):
+        return None
+    lines = done.stdout.strip().splitlines() if done.returncode == 0 else []
+    return ", driver ".join(part.strip() for part in lines[0].split(",")) if lines else None
 
 
 def _reason(errors: str) -> str:
@@ -247,4 +295,4 @@ def _reason(errors: str) -> str:
 
 def _last_line(errors: str) -> str:
     lines = errors.strip().splitlines()
-    return lines[-1].strip() if lines else ""
+    return lines[-1].strip().removeprefix("SystemExit: ") if lines else ""
