@@ -22,10 +22,10 @@ UPGRADE = {
 }  # fmt: skip
 
 
-def need_bokeh(leave_out: Callable[[str], NoReturn]) -> None:
+def need_panel(leave_out: Callable[[str], NoReturn]) -> None:
     """Leave a test out where the library of the page is missing."""
-    if importlib.util.find_spec("bokeh") is None:
-        leave_out('Bokeh. `pip install ".[explorer]"` brings it.')
+    if importlib.util.find_spec("panel") is None:
+        leave_out('Panel. `pip install ".[explorer]"` brings it.')
 
 
 class Answer(NamedTuple):

@@ -36,7 +36,7 @@ def start_state(
     ------
     PolywignerError for a file that cannot be read, or has more vertices than the page edits.
     """
-    from polywigner.explorer.sources import state_of_file
+    from polywigner.explorer.outlines import state_of_file
 
     chosen: dict[str, Any] = {} if wave is None else {"wave": wave}
     same = {"um": "µm"}.get(unit, unit)
