@@ -107,7 +107,7 @@ class Page:
         from selenium.common.exceptions import WebDriverException
 
         # a file of 40 MiB, which the page reads before it refuses it, has taken more than SECONDS
-        deadline = time.monotonic() + SECONDS
+        deadline = time.monotonic() + 12
         while time.monotonic() < deadline:
             try:
                 if holds():

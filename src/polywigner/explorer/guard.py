@@ -296,12 +296,6 @@ class _Socket(WSHandler):
         if connection is not None:
             connection.stream.close()
 
-    def on_close(self) -> None:
-        session = None if self.connection is None else self.connection.session
-        super().on_close()
-        if session is not None and session.connection_count == 0:
-            session.request_expiration()  # a page that is reloaded is another one
-
 
 def most_connections() -> int:
     """Half of the descriptors that this process may have: the rest is for files and children."""

@@ -235,6 +235,8 @@ class Page:
             name="told",
         )
         self.heard = ColumnDataSource({"kind": [], "key": [], "figure": [], "shift": []})
+        # what no figure or widget refers to is not kept as it is here
+        self.figures.aperture.figure.tags = [self.told, self.heard]
         self.files: dict[str, asyncio.Future[bytes]] = {}
         self.pending: list[Point] = []
         self.filling = False
@@ -290,7 +292,7 @@ class Page:
             group.param.update(sizing_mode="stretch_width", margin=0)
         groups["tools"] = pn.Row(w["undo"], w["redo"], w["whole"], margin=0)
         groups["tour"] = pn.Row(w["tour_back"], w["tour_next"], margin=0)
-        template = _Template(_file("html"), items={**groups, **self.panes})
+        template = _Template(_file("html"), location=True, items={**groups, **self.panes})
         template.add_variable("figures", [*self.panes])
         known = {
             "told": self.told, "heard": self.heard, "table": self.table, "rows": self.rows,

@@ -18,7 +18,7 @@ from polywigner.errors import ArgumentError, MissingExtraError, install_command
 from polywigner.explorer.state import State
 
 PORT = 5006
-_UNUSED_MS = 30_000  # a page waits so long for its browser to connect
+_UNUSED_MS = 20_000  # a page waits so long for its browser to connect, or to come back
 _CHECK_MS = 5_000
 _HEADERS_S = 15.0  # for headers, and between two requests of a browser
 _BODY_S = 5.0

@@ -71,7 +71,7 @@ const arrange = () => {
   const [side, columns] = best(figures.filter((figure) => figure.visible).length + 1)
   document.documentElement.style.setProperty("--pw-columns", columns)
   for (const figure of figures) {
-    if (figure.frame_width !== side) { figure.setv({frame_width: side, frame_height: side}) }
+    if (figure.frame_width !== side) { figure.setv({frame_width: side, frame_height: side}, {sync: false}) }
   }
 }
 const drawer = place("drawer"), groups = [...document.querySelectorAll("details")]
