@@ -107,7 +107,7 @@ class Page:
         from selenium.common.exceptions import WebDriverException
 
         # a file of 40 MiB, which the page reads before it refuses it, has taken more than SECONDS
-        deadline = time.monotonic() + 12
+        deadline = time.monotonic() + SECONDS
         while time.monotonic() < deadline:
             try:
                 if holds():

@@ -147,9 +147,7 @@ class ImageFigure:
         self.source = _columns("image", "value", "x", "y", "dw", "dh")
         self.cross, self.circle = _columns("x", "y"), _columns("x", "y")
         self.mapper = LinearColorMapper(palette=palette("level"))  # of the colour bar alone
-        drawn = made.image_rgba(
-            image="image", x="x", y="y", dw="dw", dh="dh", source=self.source
-        )
+        drawn = made.image_rgba(image="image", x="x", y="y", dw="dw", dh="dh", source=self.source)
         made.line("x", "y", source=self.circle, color="#808080", line_dash="dotted", line_width=1.5)
         for width, colour in ((6, "white"), (2.5, "black")):  # seen on every colour
             made.scatter("x", "y", source=self.cross, marker="cross", size=14, line_width=width,
@@ -170,7 +168,8 @@ class ImageFigure:
         """Show new values, and the cross at a point (x, y) in the axes' unit, None for none."""
         per = state.per_metre
         scale = 1 / per if picture.axis_unit == "1/m" else per
-        half = scale * picture.half * picture.samples / (picture.samples - 1)  # pixels lie on samples
+        # pixels lie on samples
+        half = scale * picture.half * picture.samples / (picture.samples - 1)
         x, y = (scale * centre for centre in picture.centre)
         signed = what.scale == "signed"
         # squares of the page's unit: numbers without long exponents

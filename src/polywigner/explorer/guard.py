@@ -159,7 +159,7 @@ class Turns:
 
     @asynccontextmanager
     async def turn(self, visitor: str) -> AsyncIterator[bool]:
-        """Wait for this visitor's turn; False where newer requests of the visitor took its place."""
+        """Wait for this visitor's turn; False where newer requests took its place."""
         if self.busy:
             queue = self.waiting.setdefault(visitor, deque())
             place: asyncio.Future[bool] = asyncio.get_running_loop().create_future()

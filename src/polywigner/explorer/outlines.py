@@ -148,7 +148,7 @@ Rings = tuple[Ring, ...]
 _DIGITS = 6
 
 
-def rings_of_aperture(aperture: Aperture, per_metre: float = 1) -> Rings:
+def rings_of_aperture(aperture: pw.Aperture, per_metre: float = 1) -> Rings:
     """Outlines in units, rounded to a millionth of the size, as one would type them."""
     size = aperture.diameter * per_metre
     digits = max(0, _DIGITS - 1 - math.floor(math.log10(size)))

@@ -23,6 +23,7 @@ from bokeh.models import (
     CustomJS,
     DataTable,
     NumberEditor,
+    Row,
     TableColumn,
 )
 from tornado.ioloop import IOLoop
@@ -107,6 +108,7 @@ _DRAWING = (
 )
 _FAULT = "This could not be done; it is a fault of polywigner."
 
+_TOLD = ("kind", "status", "message", "values", "note", "tour", "point")
 _TEXTS = ("unit", "wave", "taper", "array", "window", "steering")  # each edit can be undone
 _LOOKS = ("snap", "reach", "coherence", "defocus", "distance", "part", "order")
 _SLIDERS = ("coherence", "defocus", "distance")
@@ -121,6 +123,14 @@ _ACROSS = 100  # steps across a figure, where no raster is set
 _TOGETHER = 1.0  # seconds: moves of one vertex that follow so soon are one step of undo
 _NEAR_VERTEX = 0.02  # of the window: a click there means the vertex
 _GATHERED = 0.03  # seconds that a result waits for others
+
+_NARROW = {
+    "unit", "snap", "draw", "finish", "insert", "delete", "wave", "steering", "taper", "array",
+    "window", "reach", "x", "y", "nu_x", "nu_y", "take_png", "take_svg", "take_npz", "take_py",
+    "take_outline_geojson", "take_outline_svg",
+}  # fmt: skip
+_TWO = ":host { display: grid !important; grid-template-columns: 1fr 1fr; align-items: end; }"
+_FLAT = ":host { display: contents !important; }"  # figures lie in the grid of the page itself
 
 Arrived = tuple[views.Result, list[tuple[str, int]]]  # with what is still to be computed after it
 
@@ -216,7 +226,9 @@ class _Template(pn.Template):
 
     def server_doc(self, doc: Any = None, *how: Any, **named: Any) -> Any:
         """Fill a document with the page."""
-        with (doc or pn.state.curdoc).models.freeze():
+        document = doc or pn.state.curdoc
+        document.validate = lambda: None  # nothing that a visitor does changes what it looks at
+        with document.models.freeze():
             return super().server_doc(doc, *how, **named)
 
 
@@ -227,11 +239,9 @@ class Page:
         self.doc, self.scheduler, self.uploads = pn.state.curdoc, scheduler, uploads
         self.history = History(start)
         self.widgets, self.figures = _widgets(), Figures()
-        self.panes = {name: pn.pane.Bokeh(made) for name, made in self.figures.all.items()}
         self.rows = ColumnDataSource({"ring": [], "x": [], "y": []}, name="rows")
         self.told = ColumnDataSource(
-            {name: [""] for name in ("kind", "status", "message", "values", "note", "tour", "point")}
-            | {"request": [0], "stale": [[]]},
+            {name: [""] for name in _TOLD} | {"request": [0], "stale": [[]]},
             name="told",
         )
         self.heard = ColumnDataSource({"kind": [], "key": [], "figure": [], "shift": []})
@@ -271,29 +281,24 @@ class Page:
         shapes = [self._download(f"outline_{kind}", f"Aperture: {label}") for kind, label in
                   (("geojson", "GeoJSON"), ("svg", "SVG"))]  # fmt: skip
 
-        def row(*parts: Any) -> Any:
-            found = [w[part] if isinstance(part, str) else part for part in parts]
-            return pn.Row(*found, sizing_mode="stretch_width", margin=0)
-
-        def column(*parts: Any) -> Any:
-            return pn.Column(*map(row, parts), sizing_mode="stretch_width", margin=0)
-
+        names = {
+            "outline": ["shape", "upload", "unit", "snap", "draw", "finish", "insert", "delete"],
+            "light": ["wave", "steering", "taper", "array", "window", "reach"],
+            "views": ["views", "part", "coherence", "defocus", "distance", "order"],
+            "point": ["x", "y", "nu_x", "nu_y"],
+        }
         groups = {
-            "outline": pn.Column(row("shape"), row("upload"), row("unit", "snap"),
-                                 row("draw", "finish"), row("insert", "delete")),
-            "light": pn.Column(row("wave", "steering"), row("taper", "array"),
-                               row("window", "reach")),
-            "views": column("views", "part", "coherence", "defocus", "distance", "order"),
-            "vertices": pn.pane.Bokeh(self._table(), sizing_mode="stretch_width"),
-            "take": pn.Column(row("take"), row(*files), row(*shapes), row("code")),
-            "point": pn.Column(row("x", "y"), row("nu_x", "nu_y")),
+            group: self._grid([w[name] for name in some]) for group, some in names.items()
+        } | {
+            "take": self._grid([w["take"], *files, *shapes, w["code"]]),
+            "vertices": pn.pane.Bokeh(self._table(), sizing_mode="stretch_width", margin=0),
+            "tools": pn.Row(w["undo"], w["redo"], w["whole"], margin=0),
+            "tour": pn.Row(w["tour_back"], w["tour_next"], margin=0),
+            "figures": pn.pane.Bokeh(
+                Row(children=[*self.figures.all.values()], stylesheets=[_FLAT]), margin=0
+            ),
         }  # fmt: skip
-        for group in groups.values():
-            group.param.update(sizing_mode="stretch_width", margin=0)
-        groups["tools"] = pn.Row(w["undo"], w["redo"], w["whole"], margin=0)
-        groups["tour"] = pn.Row(w["tour_back"], w["tour_next"], margin=0)
-        template = _Template(_file("html"), location=True, items={**groups, **self.panes})
-        template.add_variable("figures", [*self.panes])
+        template = _Template(_file("html"), location=True, items=groups)
         known = {
             "told": self.told, "heard": self.heard, "table": self.table, "rows": self.rows,
             "figures": [*self.figures.all.values()], "with_keys": KEYS, "largest": LARGEST_UPLOAD,
@@ -301,6 +306,14 @@ class Page:
         }  # fmt: skip
         self.doc.js_on_event(DocumentReady, CustomJS(args=known, code=_file("js")))
         return template
+
+    @staticmethod
+    def _grid(widgets: list[Any]) -> Any:
+        """Widgets in two columns; those without a neighbour are as wide as both."""
+        for widget in widgets:
+            if not {*widget.tags} & _NARROW:
+                widget.styles = {"grid-column": "1 / 3"}
+        return pn.Column(*widgets, stylesheets=[_TWO], sizing_mode="stretch_width", margin=0)
 
     def _table(self) -> Any:
         numbers = {"editor": NumberEditor(), "width": 100}
@@ -622,7 +635,7 @@ class Page:
     def _show_views(self, request: bool = False) -> None:
         for name in VIEWS:
             for made in self.figures.of(name):
-                made.figure.visible = self.panes[made.figure.name].visible = name in self.visible
+                made.figure.visible = name in self.visible
         if request:
             self.request()
 
@@ -883,7 +896,7 @@ class Page:
         return f"{self.widgets['take'].value}.{kind}"
 
     async def _content(self, kind: str) -> io.BytesIO:
-        """A file, made in the scheduler's thread apart from the views; the newest of a kind wins."""
+        """A file, made in the scheduler's thread; the newest of a kind wins."""
         state, name = self.state, self.widgets["take"].value
         last, future = self.files.get(kind), asyncio.get_running_loop().create_future()
         self.files[kind] = future

@@ -90,8 +90,6 @@ class Cuts:
     """Azimuths of the planes, in rad."""
 
 
-
-
 _LOBES = 8.0  # half width of frequency axes in 1/diagonal, as `polywigner transform` has it
 _MARGIN = 1.05
 _BEAM = 3.0  # half width of the near field's plane: the source's box and three lobes
