@@ -146,6 +146,7 @@ class Visit:
     async def pull(self) -> None:
         """Connect, and get all models."""
         await self.connect()
+        assert await self.receive()  # the server's word that it listens
         await self.send("PULL-DOC-REQ", {})
         answer = await self.receive()
         while answer is not None and answer[0] != "PULL-DOC-REPLY":

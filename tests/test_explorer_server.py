@@ -6,12 +6,12 @@ import asyncio
 import logging
 import os
 import socket
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, suppress
 from pathlib import Path
-from tempfile import gettempdir
 from types import SimpleNamespace
 from typing import Any, NoReturn
 from urllib.parse import urlsplit
@@ -48,22 +48,24 @@ def address(leave_out: Callable[[str], NoReturn]) -> Iterator[str]:
         yield url
 
 
-def left_over() -> set[Path]:
-    return set(Path(gettempdir()).glob("polywigner-*"))
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Where files are put meanwhile, and nothing of others."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    return tmp_path
 
 
 @pytest.mark.parametrize("limit", [{"seconds": 0.05}, {"memory": 32 << 20}])
 def test_a_file_that_takes_too_much_is_given_up_and_nothing_of_it_stays(
-    limit: dict[str, Any],
+    limit: dict[str, Any], folder: Path
 ) -> None:
-    before, uploads = left_over(), Uploads(**limit)
+    uploads = Uploads(**limit)
     with pytest.raises(FileFormatError, match=r"a\.wkt: expected a file that is read within"):
         asyncio.run(uploads.rings("a.wkt", SQUARE, "mm"))
-    assert not uploads.processes and left_over() <= before
+    assert not uploads.processes and not [*folder.iterdir()]
 
 
-def test_a_visitor_who_leaves_or_sends_another_file_ends_what_was_read() -> None:
-    before = left_over()
+def test_a_visitor_who_leaves_or_sends_another_file_ends_what_was_read(folder: Path) -> None:
     came: list[Any] = []
 
     async def visit() -> None:
@@ -87,24 +89,24 @@ def test_a_visitor_who_leaves_or_sends_another_file_ends_what_was_read() -> None
     asyncio.run(asyncio.wait_for(visit(), SECONDS))
     lost, bad = map(str, came)
     assert "the connection was lost" in lost and "new.wkt: expected" in bad
-    assert left_over() <= before
+    assert not [*folder.iterdir()]
 
 
 def test_quick_loads_of_one_visitor_do_not_keep_another_out(address: str) -> None:
     """Two addresses of this machine are two visitors."""
-    with ThreadPoolExecutor(QUICK_LOADS + 1) as pool:
+    start = time.monotonic()
+    assert ask(address, visitor="127.0.0.3").status == OK
+    page = time.monotonic() - start  # on this machine, with what else it does
+    with ThreadPoolExecutor(QUICK_LOADS) as pool:
         loads = [pool.submit(ask, address, visitor="127.0.0.1") for _ in range(QUICK_LOADS)]
-        time.sleep(0.1)
+        time.sleep(page / 2)
         start = time.monotonic()
         other = Visit(address, visitor="127.0.0.2")
-        alone = time.monotonic() - start
+        waited = time.monotonic() - start
         statuses = [load.result().status for load in loads]
-    start = time.monotonic()
-    ask(address, visitor="127.0.0.3")
-    page = time.monotonic() - start
-    # at most one page and the pause after it come before, however long a loaded machine takes
-    assert alone < max(PROMISED_S, 5 * page)
-    assert statuses.count(OK) >= 1 and set(statuses) <= {OK, UNAVAILABLE}
+    # one page, the pause after it and one of another turn come before, and then the page itself
+    assert waited < max(PROMISED_S, 6 * page)
+    assert OK in statuses and set(statuses) == {OK, UNAVAILABLE}
 
     async def visit() -> None:
         await other.pull()
@@ -247,7 +249,7 @@ def test_messages_that_are_none_of_the_pages_end_it_and_are_a_line_at_most(
 
     with caplog.at_level(logging.WARNING):
         ended = asyncio.run(attack())
-    assert ended
+    assert ended or name == "no model"  # which Bokeh answers
     assert len(caplog.records) <= 1 and "Traceback" not in caplog.text
     assert ask(address, SCRIPT).status == OK
 

@@ -106,6 +106,7 @@ _DRAWING = (
     "Click the corners one after the other (or go there by arrows, and press the space bar); "
     "click the first one again, or press Enter, to close the outline. Esc gives up."
 )
+_NONE_CHOSEN = "Select a vertex first: click it, or its row in the table."
 _FAULT = "This could not be done; it is a fault of polywigner."
 
 _TOLD = ("kind", "status", "message", "values", "note", "tour", "point")
@@ -148,9 +149,13 @@ def open_page(start: State, scheduler: Scheduler, uploads: Uploads) -> Any:
         start = from_query(query) if query.strip("?") else start
     except PolywignerError as error:
         message = f"The link could not be restored: {error}"
-    page = Page(start, scheduler, uploads)
-    page.say(message)
-    page.request()
+    try:
+        page = Page(start, scheduler, uploads)
+        page.say(message)
+        page.request()
+    except Exception as error:  # Panel would show the traceback
+        fault(error)
+        return pn.pane.Str(_FAULT)
     return page.template
 
 
@@ -247,6 +252,7 @@ class Page:
         self.heard = ColumnDataSource({"kind": [], "key": [], "figure": [], "shift": []})
         # what no figure or widget refers to is not kept as it is here
         self.figures.aperture.figure.tags = [self.told, self.heard]
+        self.downloads: dict[str, Any] = {}
         self.files: dict[str, asyncio.Future[bytes]] = {}
         self.pending: list[Point] = []
         self.filling = False
@@ -330,11 +336,13 @@ class Page:
         return self.table
 
     def _download(self, kind: str, label: str) -> Any:
-        return pn.widgets.FileDownload(
+        made = pn.widgets.FileDownload(
             callback=partial(self._content, kind), filename=self._filename(kind), label=label,
             tags=[f"take_{kind}"], sizing_mode="stretch_width", margin=(2, 4, 3, 4), icon=None,
             stylesheets=["assets/widgets.css"],
         )  # fmt: skip
+        self.downloads[kind] = made
+        return made
 
     def _connect(self) -> None:
         """All callbacks of the page."""
@@ -372,6 +380,8 @@ class Page:
         typed = self._guarded(self._from_table)
         self._on_data(self.rows, lambda _: self.doc.add_next_tick_callback(lambda: typed()))
         self._on_data(self.heard, self._heard)
+        row = self._guarded(lambda rows: drawn.choose(rows[0]) if rows else None)
+        self.rows.selected.on_change("indices", lambda attr, old, new: row(new))
 
     def _guarded(self, work: Callable[..., Any]) -> Callable[..., None]:
         """Work that is left out while widgets are filled, and whose errors become messages."""
@@ -462,9 +472,9 @@ class Page:
             w["undo"].disabled, w["redo"].disabled = not self.history.past, not self.history.future
             rows = outlines.rows_of_rings(state.rings)
             columns = map(list, zip(*rows, strict=True)) if rows else ([], [], [])
-            data = dict(zip(("ring", "x", "y"), columns, strict=True))
-            if self.rows.data != data:
-                self.rows.data = data
+            known = (list(self.rows.data[name]) for name in ("ring", "x", "y"))
+            if list(zip(*known, strict=True)) != rows:
+                self.rows.data = dict(zip(("ring", "x", "y"), columns, strict=True))
             for k, axis in enumerate("xy", 1):
                 if hasattr(self, "table"):
                     self.table.columns[k].title = f"{axis} ({state.unit})"
@@ -553,6 +563,8 @@ class Page:
         if number != self.wanted or self.closed or not (found or is_last):
             return
         with self.filled():
+            if pn.state.location:
+                pn.state.location.search = f"?{to_query(self.state)}"
             todo: list[tuple[str, int]] = []
             while found:
                 result, todo = found.pop(0)
@@ -625,8 +637,6 @@ class Page:
             self._status("outdated", "pictures of an earlier state", [*self.visible, "lags"])
         else:
             self._status("ready", "ready", ())
-        if pn.state.location:
-            pn.state.location.search = f"?{to_query(self.state)}"
 
     def _status(self, kind: str, text: str, stale: Collection[str]) -> None:
         figures = [made.figure.name for name in stale for made in self.figures.of(name)]
@@ -646,12 +656,10 @@ class Page:
             return
         with self.filled():
             self.widgets["shape"].value = ""  # so that the same shape can be chosen again
-        if name == "blank sheet":
-            self.edit(rings=())
-            self.widgets["draw"].value = True
-        else:
-            shape = CATALOGUE[name]()
-            self.edit(rings=outlines.rings_of_aperture(shape), x=(0.0, 0.0))
+        shape = CATALOGUE.get(name)
+        rings = outlines.rings_of_aperture(shape()) if shape else ()
+        self.edit(rings=rings, x=(0.0, 0.0))
+        self.widgets["draw"].value = shape is None
 
     def _edited(self, data: Any) -> None:
         """Outlines from the browser: a vertex was dragged, or deleted there."""
@@ -661,7 +669,7 @@ class Page:
         rings, farewell = outlines.without_lost(before, left)
         rings = outlines.rounded_where_new(rings, before, self._digit())
         if rings == before:
-            self.tell(kind="ready")
+            self.tell(kind=self.told.data["kind"][0])
             return
         moved = [*map(len, rings)] == [*map(len, before)]
         same = moved and (drag["on"] or time.monotonic() < drag["until"])
@@ -697,14 +705,14 @@ class Page:
     def _delete(self) -> None:
         vertex = self.figures.aperture.chosen
         if vertex is None:
-            self.say("Click a vertex first.")
+            self.say(_NONE_CHOSEN)
         else:
             self.delete(vertex)
 
     def _insert(self) -> None:
         vertex = self.figures.aperture.chosen
         if vertex is None:
-            self.say("Click a vertex first; the new one is added after it.")
+            self.say(_NONE_CHOSEN)
             return
         self.edit(rings=outlines.with_vertex_after(self.state.rings, vertex))
         self.figures.aperture.choose(vertex + 1)
@@ -796,8 +804,6 @@ class Page:
         drawing = self.widgets["draw"].value
         if kind == "refused":
             check_upload(str(key), int(shift))
-        elif kind == "row":
-            self.figures.aperture.choose(int(key) % max(1, len(self.rows.data["x"])))
         elif key in ("undo", "redo"):
             self.go(self.history.undone() if key == "undo" else self.history.redone())
         elif key == "finish":
@@ -926,6 +932,8 @@ class Page:
     def _show_code(self) -> None:
         """The snippet of the view that is chosen to be taken away, and the names of its files."""
         name = self.widgets["take"].value
+        for kind, made in self.downloads.items():
+            made.filename = self._filename(kind)
         try:
             self.widgets["code"].value = snippet(self.state, name)
         except PolywignerError as error:

@@ -226,8 +226,7 @@ let last = 0
 document.addEventListener("keydown", (event) => {
   const path = event.composedPath(), from = path[0]
   const typing = ["INPUT", "TEXTAREA", "SELECT"].includes(from.tagName)
-  const figure = figures.find(({name, ...figure}) => name in with_keys) &&
-    figures.find((made) => made.name in with_keys && path.includes(view_of(made)?.el))
+  const figure = figures.find((made) => made.name in with_keys && path.includes(view_of(made)?.el))
   const control = event.ctrlKey || event.metaKey
   let key = null
   if (control && !typing) {
