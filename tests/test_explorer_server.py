@@ -327,3 +327,93 @@ def test_half_a_request_and_a_silent_page_come_to_an_end(address: str) -> None:
                     break
                 except TimeoutError:
                     pytest.fail(f"a client that sends {kind} was kept")
+
+
+def columns(**data: Any) -> dict[str, Any]:
+    """Data of a source as browsers send them."""
+    return {"type": "map", "entries": [[name, values] for name, values in data.items()]}
+
+
+class Visitor(Visit):
+    """A visitor who presses keys and reads the table."""
+
+    async def press(self, key: str, figure: str = "aperture", shift: bool = False) -> str:
+        """Press a key, and return the message of the page to it."""
+        before = self.told()["request"], self.told()["message"]
+        pressed = {"kind": ["key"], "key": [key], "figure": [figure], "shift": [shift]}
+        await self.set("heard", "data", columns(**pressed, time=[time.time()]))
+        told = await self.until(lambda told: (told["request"], told["message"]) != before)
+        return str(told["message"])
+
+    async def ready(self) -> dict[str, Any]:
+        await asyncio.sleep(0.2)  # what was sent is being done
+        return await self.until(lambda told: told["kind"] != "computing")
+
+    def rows(self) -> list[tuple[float, ...]]:
+        data = self.get("rows", "data")
+        known = dict(data.get("entries") or data.items())
+        return list(zip(known["ring"], known["x"], known["y"], strict=True))
+
+
+def visited(url: str, act: Callable[[Visitor], Any], path: str = "/") -> None:
+    """Let a visitor act on a page that is ready."""
+
+    async def visit() -> None:
+        page = Visitor(url, path)
+        await page.pull()
+        await page.ready()
+        await act(page)
+        page.socket.close()
+
+    asyncio.run(visit())
+
+
+def test_keys_choose_move_add_and_delete_vertices_and_positions(address: str) -> None:
+    async def act(page: Visitor) -> None:
+        assert "Vertex 1 of 4: (-5, -5) mm" in await page.press("n")
+        assert "(-5, -4.9) mm" in await page.press("ArrowUp")
+        assert "(-4, -4.9) mm" in await page.press("ArrowRight", shift=True)
+        assert "Vertex 2 of 5: (0.5, -4.95) mm" in await page.press("Insert")
+        assert "Vertex 1 of 5" in await page.press("p")
+        assert "Vertex 5 of 5" in await page.press("p")
+        assert "Vertex 1 of 4" in await page.press("Delete")
+        await page.press("Escape")
+        assert "x = (-0.1, 0) mm" in await page.press("ArrowLeft")
+        assert "ν = (0, -0.005) 1/mm" in await page.press("ArrowDown", "fourier")
+        await page.press("undo")
+        await page.ready()
+        assert page.rows()[:2] == [(1, -4, -4.9), (1, 0.5, -4.95)]
+
+    visited(address, act)
+
+
+def test_what_is_typed_is_computed_or_refused_with_a_sentence(address: str) -> None:
+    async def act(page: Visitor) -> None:
+        await page.set("rows", "data", columns(ring=[1] * 3, x=[0, 4, 0], y=[0, 0, 4]))
+        assert "8 mm²" in (await page.until(lambda told: "<td>8 mm²" in told["values"]))["values"]
+        await page.set("unit", "value", "cm")
+        await page.until(lambda told: "<td>8 cm²" in told["values"])
+        assert page.get("x", "title") == "x (cm)"
+        await page.set("wave", "value", "<b>ten</b>")
+        told = await page.until(lambda told: told["message"])
+        assert "expected a frequency" in told["message"] and "<b>" not in told["message"]
+        assert page.get("wave", "value") == "94 GHz"
+        await page.set("coherence", "value", 30.0)
+        await page.until(lambda told: told["kind"] == "computing")
+        await page.ready()
+        assert page.get("coherence", "end") == 30.0
+        await page.set("rows", "data", columns(ring=[1] * 4, x=[0, 4, 0, 4], y=[0, 0, 4, 4]))
+        told = await page.until(lambda told: "earlier" in told["status"])
+        assert "crosses itself" in told["message"] and "lags" in told["stale"]
+
+    visited(address, act)
+
+
+@pytest.mark.parametrize(
+    ("length", "step"), [(0.14, 0.1), (0.2, 0.2), (4.999, 2.0), (50.0, 50.0), (7e-9, 5e-9)]
+)
+def test_steps_of_keys_are_round(length: float, step: float, address: str) -> None:
+    from polywigner.explorer.page import moved, round_step
+
+    assert round_step(length) == pytest.approx(step, rel=1e-12)
+    assert moved((0.3, -0.1), "ArrowDown", 0.1) == (0.3, -0.2)

@@ -245,11 +245,14 @@ class Page:
         self.history = History(start)
         self.widgets, self.figures = _widgets(), Figures()
         self.rows = ColumnDataSource({"ring": [], "x": [], "y": []}, name="rows")
+        self.table = self._table()
         self.told = ColumnDataSource(
             {name: [""] for name in _TOLD} | {"request": [0], "stale": [[]]},
             name="told",
         )
-        self.heard = ColumnDataSource({"kind": [], "key": [], "figure": [], "shift": []})
+        self.heard = ColumnDataSource(
+            {"kind": [], "key": [], "figure": [], "shift": []}, name="heard"
+        )
         # what no figure or widget refers to is not kept as it is here
         self.figures.aperture.figure.tags = [self.told, self.heard]
         self.downloads: dict[str, Any] = {}
@@ -297,7 +300,7 @@ class Page:
             group: self._grid([w[name] for name in some]) for group, some in names.items()
         } | {
             "take": self._grid([w["take"], *files, *shapes, w["code"]]),
-            "vertices": pn.pane.Bokeh(self._table(), sizing_mode="stretch_width", margin=0),
+            "vertices": pn.pane.Bokeh(self.table, sizing_mode="stretch_width", margin=0),
             "tools": pn.Row(w["undo"], w["redo"], w["whole"], margin=0),
             "tour": pn.Row(w["tour_back"], w["tour_next"], margin=0),
             "figures": pn.pane.Bokeh(
@@ -323,17 +326,15 @@ class Page:
 
     def _table(self) -> Any:
         numbers = {"editor": NumberEditor(), "width": 100}
-        self.table = DataTable(
+        return DataTable(
             source=self.rows, editable=True, height=150, name="table", index_position=None,
             autosize_mode="fit_columns", sortable=False, reorderable=False,
             sizing_mode="stretch_width", margin=(2, 4, 3, 4),
             columns=[
                 TableColumn(field="ring", title="outline", editor=CellEditor(), width=60),
-                TableColumn(field="x", title=f"x ({self.state.unit})", **numbers),
-                TableColumn(field="y", title=f"y ({self.state.unit})", **numbers),
+                TableColumn(field="x", **numbers), TableColumn(field="y", **numbers),
             ],
         )  # fmt: skip
-        return self.table
 
     def _download(self, kind: str, label: str) -> Any:
         made = pn.widgets.FileDownload(
@@ -476,8 +477,7 @@ class Page:
             if list(zip(*known, strict=True)) != rows:
                 self.rows.data = dict(zip(("ring", "x", "y"), columns, strict=True))
             for k, axis in enumerate("xy", 1):
-                if hasattr(self, "table"):
-                    self.table.columns[k].title = f"{axis} ({state.unit})"
+                self.table.columns[k].title = f"{axis} ({state.unit})"
             if not state.rings:
                 self.figures.aperture.clear()
             if edges:
