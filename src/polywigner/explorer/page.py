@@ -1,4 +1,4 @@
-"""The page of one visitor: widgets and figures, the state behind them, and what changes it."""
+"""The page of one visitor: widgets, figures and the state behind them."""
 
 from __future__ import annotations
 
@@ -160,7 +160,7 @@ def open_page(start: State, scheduler: Scheduler, uploads: Uploads) -> Any:
 
 
 def fault(error: BaseException) -> None:
-    """Log what went wrong in a callback of Panel; a visitor's own errors are told in the page."""
+    """Log an error of a callback of Panel; errors of visitors are told in the page."""
     if not isinstance(error, PolywignerError):
         logging.getLogger("polywigner.explorer").error("a request failed", exc_info=error)
 
@@ -618,7 +618,7 @@ class Page:
     def _computing(
         self, asked: Collection[str], todo: Collection[tuple[str, int]], stale: Collection[str]
     ) -> None:
-        """Say which of the requested views are being computed, and which are of before."""
+        """Name the requested views that are being computed, and those of an older state."""
         pictures = [name for name in asked if name in VIEWS]
         done = len(set(pictures) - {name for name, _ in todo})
         text = "computing …"

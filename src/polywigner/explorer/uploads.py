@@ -37,7 +37,7 @@ Rings = tuple[Ring, ...]
 
 
 def answer(asked: dict[str, Any]) -> dict[str, Any]:
-    """Return outlines in units, or the error of the file: what runs in the other process."""
+    """Return outlines in units, or the error of the file; run in the other process."""
     try:
         aperture = pw.read_aperture(asked["path"], unit=asked["unit"])
         rings = rings_of_aperture(aperture, UNITS[asked["unit"]])
