@@ -618,7 +618,7 @@ class Page:
     def _computing(
         self, asked: Collection[str], todo: Collection[tuple[str, int]], stale: Collection[str]
     ) -> None:
-        """Name the requested views that are being computed, and those of an older state."""
+        """Show the view that is computed now, and which views are of an older state."""
         pictures = [name for name in asked if name in VIEWS]
         done = len(set(pictures) - {name for name, _ in todo})
         text = "computing …"
