@@ -128,6 +128,9 @@ class Page:
         script = "return arguments[1].reduce((found, name) => found[name], model)"
         return self.run(FIND + script, name, attributes)
 
+    def selected(self) -> list[int]:
+        return list(self.run(FIND + "return Array.from(model.selected.indices)", "vertices"))
+
     def set(self, name: str, attribute: str, value: Any) -> None:
         self.run(FIND + "model[arguments[1]] = arguments[2]", name, attribute, value)
 
@@ -274,7 +277,7 @@ def test_a_hole_does_not_outlive_its_outline(browser: Any, address: str) -> None
     page = Page(browser, f"{address}?{to_query(state)}")
     for key in ("DELETE", "BACKSPACE"):  # the page's own, and that of Bokeh's tool
         page.at("aperture", *outer[1]).click().perform()
-        page.wait_until(lambda: list(page.get("vertices", "selected", "indices")) == [1])
+        page.wait_until(lambda: page.selected() == [1])
         page.focus("aperture")
         page.press(key)
         page.wait_until(lambda: page.state().rings == () and "nothing" in page.text("status"))
@@ -295,7 +298,7 @@ def test_many_vertices_have_fewer_handles_and_all_can_be_reached(
     page.set("views", "active", [0])
     page.focus("aperture")
     page.press("n", "n")  # the second has no handle
-    page.wait_until(lambda: list(page.get("vertices", "selected", "indices")) == [1])
+    page.wait_until(lambda: page.selected() == [1])
     page.press("ARROW_UP")
     page.wait_until(lambda: page.state().rings[0][1] != ring[1])
     assert [k for k, p in enumerate(page.settled().rings[0]) if p != ring[k]] == [1]
