@@ -121,7 +121,9 @@ Resumable = Annotated[
 ]
 Scheduler = Annotated[
     str | None,
-    typer.Option(help="Address of a dask.distributed scheduler that you trust, such as tcp://host:8786."),
+    typer.Option(
+        help="Address of a dask.distributed scheduler that you trust, such as tcp://host:8786."
+    ),
 ]
 
 

@@ -150,9 +150,7 @@ class Obstacles:
     def __init__(self, bodies: Any, unit: float) -> None:
         listed = bodies if isinstance(bodies, (list, tuple)) else [bodies]
         if not listed:
-            raise ArgumentError(
-                "expected at least one obstacle, got none; leave obstacles out"
-            )
+            raise ArgumentError("expected at least one obstacle, got none; leave obstacles out")
         for body in listed:
             if not isinstance(body, (Polyhedron, PlacedAperture)):
                 raise ArgumentError(
