@@ -35,7 +35,8 @@ Complex = NDArray[np.complex128]
 
 DEFAULT_TOLERANCE = 1e-6
 """Of fields behind obstacles: far below what black edges, one at a time, differ from bodies by."""
-_LEAST = 1e-8
+LEAST_TOLERANCE = 1e-8
+"""The smallest tolerance of fields behind obstacles."""
 
 # Nodes of a panel: 3 and so many for each digit. Measured before plates and boxes: 6 nodes 1e-5,
 # 8 nodes 5e-8, 10 nodes 1.3e-10, 12 nodes 2e-13 (the error estimate takes three nodes fewer).
@@ -60,9 +61,9 @@ def checked_shadow_tolerance(tolerance: float | None) -> float:
     """A tolerance that fields behind obstacles keep; ArgumentError for others."""
     if tolerance is None:
         return DEFAULT_TOLERANCE
-    meaning = f"a number from {_LEAST:g} to 0.1 with obstacles"
+    meaning = f"a number from {LEAST_TOLERANCE:g} to 0.1 with obstacles"
     number = checked_number(tolerance, "tolerance", meaning)
-    if not _LEAST <= number <= 0.1:
+    if not LEAST_TOLERANCE <= number <= 0.1:
         raise ArgumentError(f"expected tolerance as {meaning}, got {tolerance!r}")
     return number
 
