@@ -13,7 +13,7 @@ import shapely
 import polywigner as pw
 from polywigner.errors import ArgumentError, GeometryError
 from polywigner.explorer.state import Point, Ring, State
-from polywigner.geometry.formats.outlines import nested
+from polywigner.geometry.io.outlines import nested
 from polywigner.illumination.texts import fed
 
 Source = pw.Aperture | pw.Array

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry.aperture import PlacedAperture, triangulate
+from polywigner.geometry.convex import triangulate_part
 from polywigner.geometry.polyhedron import Polyhedron
-from polywigner.geometry.rings import triangulate_part
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]

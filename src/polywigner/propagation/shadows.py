@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Iterator, Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,8 +18,6 @@ from numpy.typing import NDArray
 
 from polywigner import execution
 from polywigner.errors import ArgumentError, PolywignerWarning
-from polywigner.execution.choice import drjit_float, resolved
-from polywigner.execution.chunks import array_of
 from polywigner.geometry.arguments import checked_number
 from polywigner.geometry.silhouettes import Obstacles, Silhouette
 from polywigner.illumination.obliquities import CONDITIONS
@@ -49,8 +46,8 @@ _SHORTEST = 1e-7
 _ASIDE = 1e-8
 # Panels that points may share, beyond which they are too near for it.
 _PANELS_A_WAVELENGTH, _PANELS_AN_EDGE = 8.0, 64
-# Points in a block, which share panels; pairs of a point and a node at a time on NumPy.
-_POINTS, _PAIRS = 1 << 12, 1 << 18
+# Points in a block, which share panels.
+_POINTS = 1 << 12
 # Most points that stand for a source: a quarter of an hour for 1,000 points behind a box.
 _MOST_SOURCES = 1 << 14
 # Nearer to the source than this, in wavelengths, its waves that fade are not left out unseen.
@@ -258,45 +255,10 @@ def _sums(
         columns += [np.repeat(part[:, None], nodes, axis=1) for part in (shared, planes)]
         columns.insert(3, counts)
     table = np.concatenate(columns, axis=2).reshape(len(panels) * nodes, -1)
-    found = resolved(engine, len(points), len(table))
-    run = _on_numpy if found == "numpy" else partial(_on_drjit, engine=found)
-    real, imag = run(table, source, points.T, None if aside is None else aside.T)
+    samples = points if aside is None else np.column_stack([points, aside])
+    real, imag = execution.evaluate_rows(_row, table, samples, source, 2, engine)
     return np.asarray((real + 1j * imag) / (2.0 * math.pi))
 
 
-def _on_numpy(
-    table: Floats, source: Floats, points: Floats, aside: Floats | None
-) -> tuple[Floats, Floats]:
-    ops = execution.NumpyOperations(double=True)
-    total = np.zeros((2, points.shape[1]))
-    s, beside = tuple(source.tolist()), None if aside is None else tuple(aside)
-    step = max(1, _PAIRS // points.shape[1])
-    for start in range(0, len(table), step):
-        rows = tuple(table[start : start + step].T[:, :, None])
-        parts = silhouette_edge(ops, s, tuple(points), rows, beside)
-        total += [part.sum(axis=0) for part in parts]
-    return total[0], total[1]
-
-
-def _on_drjit(
-    table: Floats, source: Floats, points: Floats, aside: Floats | None, engine: str
-) -> tuple[Floats, Floats]:
-    import drjit as dr
-
-    kind = drjit_float(engine, True)
-    ops = execution.DrjitOperations(kind)
-    held = ops.held(np.ascontiguousarray(table))
-    p, beside = (
-        None if some is None else tuple(array_of(kind, column) for column in some)
-        for some in (points, aside)
-    )
-    s = tuple(dr.opaque(kind, float(c)) for c in source)
-
-    def step(row: Any, *total: Any) -> Any:
-        parts = silhouette_edge(ops, s, p, ops.gather(held, row), beside)
-        return tuple(a + b for a, b in zip(total, parts, strict=True))
-
-    end = dr.opaque(dr.uint32_array_t(kind), len(table))
-    start = dr.zeros(kind, points.shape[1])
-    real, imag = ops.fold(0, end, (start, start), step)
-    return np.array(real), np.array(imag)
+def _row(ops: Any, row: tuple[Any, ...], sample: tuple[Any, ...], source: tuple[Any, ...]) -> Any:
+    return silhouette_edge(ops, source, sample[:3], row, sample[3:] or None)
