@@ -264,7 +264,7 @@ def amplitude(
         along the other, NumPy sums it up. No derivatives.
     obstacles : bodies in the way, as :class:`Polyhedron`, and plates, as apertures in a pose
         (:meth:`Aperture.placed`), alone or in a sequence. They are opaque and black. Light passes
-        one edge of theirs (docs/shadows.md, (S1)): the field is smooth across the boundaries of
+        one edge of theirs (docs/shadows.md, (SB1)): the field is smooth across the boundaries of
         shadows, and zero in bodies. Not with ``through``, "fresnel" and "fraunhofer", nor with
         derivatives.
     tolerance : error allowed, as a fraction of the incident amplitude or, where that is less, of
@@ -427,7 +427,7 @@ def _behind_obstacles(
     precision: Precision,
     engine: Engine,
 ) -> Any:
-    """The free field and the change that obstacles make, (S1)."""
+    """The free field and the change that obstacles make, (SB1)."""
     allowed = shadows.checked_shadow_tolerance(tolerance)
     how: dict[str, Any] = {"return_error": True, "precision": precision, "engine": engine}
     places, length = checked_points(points), checked_wavelength(wavelength)

@@ -1,4 +1,4 @@
-"""Shadows that diffract: the field of a source behind opaque bodies and plates. Source: (S1).
+"""Shadows that diffract: the field of a source behind opaque bodies and plates. Source: (SB1).
 
 The source is a grid of points that radiate (B8). Behind bodies the wave of each point is the free
 one times a ratio, an integral along the silhouette that this point sees (Maggi and Rubinowicz),

@@ -238,7 +238,7 @@ def silhouette_edge(
     ops: Any, source: tuple[Any, ...], point: tuple[Any, ...], row: tuple[Any, ...],
     aside: tuple[Any, ...] | None,
 ) -> tuple[Any, Any]:  # fmt: skip
-    """(real, imaginary) term of (S1) of a node of a silhouette, times 2 pi. Lengths in waves.
+    """(real, imaginary) term of (SB1) of a node of a silhouette, times 2 pi. Lengths in waves.
 
     ``row``: the node and its step along the edge; then the middle and the ends of its panel, 1
     where the panel counts its angle, else 0, and the plane behind which the edge has no part.
