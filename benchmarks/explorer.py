@@ -24,7 +24,6 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import Any
-from urllib.request import urlopen
 
 from polywigner.explorer import views
 from polywigner.explorer.shown import shown
@@ -45,7 +44,7 @@ def octagon(step: int) -> tuple[tuple[float, float], ...]:
 
 @contextmanager
 def server() -> Iterator[tuple[str, int]]:
-    """The address and the process id of a running explorer."""
+    """The websocket address and the process id of a running explorer."""
     command = [sys.executable, "-m", "polywigner", "explore", "--no-browser", "--port", "0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
@@ -62,11 +61,12 @@ EDIT = """
 const [steps, done] = arguments
 const all = [window, ...Array.from(document.querySelectorAll("iframe"), (f) => f.contentWindow)]
 Promise.all(all.map((page, k) => new Promise((answered) => {
-  const outline = page.Bokeh.documents[0].get_model_by_name("outline")
-  const status = page.document.getElementById("status"), start = performance.now()
-  status.textContent = "asked"
+  const models = page.Bokeh.documents[0]
+  const busy = models.get_model_by_name("busy"), outline = models.get_model_by_name("outline")
+  const start = performance.now()
+  busy.text = "asked"
   const look = setInterval(() => {
-    if (status.textContent !== "ready") { return }
+    if (!busy.text.includes("ready")) { return }
     clearInterval(look)
     requestAnimationFrame(() => requestAnimationFrame(() => answered(performance.now() - start)))
   }, 2)
@@ -76,10 +76,11 @@ Promise.all(all.map((page, k) => new Promise((answered) => {
 """
 READY = """
 const all = [window, ...Array.from(document.querySelectorAll("iframe"), (f) => f.contentWindow)]
-return all.every((page) => page.document.getElementById("status")?.textContent === "ready")
+return all.every((page) =>
+  page.Bokeh?.documents[0]?.get_model_by_name("busy")?.text.includes("ready") ?? false)
 """
 NEAR = """
-const views = [...Bokeh.documents[0].all_models].find((model) => model.tags.includes("views"))
+const views = Bokeh.documents[0].get_model_by_name("views")
 views.active = [...views.active, 5]
 """
 NEAR_SAMPLES = """
@@ -89,14 +90,14 @@ return image.length === 0 ? 0 : image[0].shape[0]
 """
 # Milliseconds from another position to its numbers.
 CLICK = """
-const [done] = arguments, models = [...Bokeh.documents[0].all_models]
-const values = document.getElementById("values"), start = performance.now(), {innerText} = values
+const [done] = arguments, models = Bokeh.documents[0]
+const values = models.get_model_by_name("values"), start = performance.now(), {text} = values
 const look = setInterval(() => {
-  if (values.innerText === innerText) { return }
+  if (values.text === text) { return }
   clearInterval(look)
   done(performance.now() - start)
 }, 2)
-models.find((model) => model.tags.includes("x")).value = 0.7
+models.get_model_by_name("x").value = 0.7
 """
 TWO_MORE = """
 for (let k = 0; k < 2; k++) {
@@ -144,9 +145,12 @@ def edit(driver: Any, step: int) -> list[float]:
 
 
 def visit(url: str) -> None:
-    """Have a page made, and leave it while its pictures are computed: without a browser."""
-    urlopen(url, timeout=SECONDS).close()
+    """Come, stay while pictures are computed, and leave: by the websocket, without a browser."""
+    from bokeh.client import pull_session
+
+    session = pull_session(url=url)
     time.sleep(STAY)
+    session.close()
 
 
 def processor_time(pid: int) -> float:

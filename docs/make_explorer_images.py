@@ -15,7 +15,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from polywigner.explorer.outlines import rings_of_aperture
+from polywigner.explorer.editing import rings_of_aperture
 from polywigner.explorer.state import CATALOGUE, State, to_query
 
 IMAGES = Path(__file__).parent / "images"
@@ -23,10 +23,7 @@ SECONDS = 120.0
 
 CHEVRON = State(rings=rings_of_aperture(CATALOGUE["chevron"]()), x=(-4.0, 0.0), nu=(0.05, 0.08))
 STAR = State(rings=rings_of_aperture(CATALOGUE["star"]()), distance=25.0)
-NEAR = """
-const models = [...Bokeh.documents[0].all_models]
-models.find((model) => model.tags.includes("views")).active = [0, 1, 2, 3, 4, 5]
-"""
+MODEL = "Bokeh.documents[0].get_model_by_name(arguments[0])"
 
 
 def browser() -> Any:
@@ -43,8 +40,8 @@ def browser() -> Any:
 def wait(driver: Any) -> None:
     """Until all pictures are there."""
     deadline = time.monotonic() + SECONDS
-    ready = "return document.getElementById('status')?.textContent ?? ''"
-    while driver.execute_script(ready) != "ready":
+    ready = "return (window.Bokeh?.documents[0]?.get_model_by_name('busy')?.text ?? '')"
+    while "ready" not in driver.execute_script(ready):
         if time.monotonic() > deadline:
             raise TimeoutError("the page is not ready")
         time.sleep(0.2)
@@ -66,7 +63,7 @@ def main() -> None:
             driver.set_window_size(1440, 1560)
             driver.get(f"{found[0]}?{to_query(STAR)}")
             wait(driver)
-            driver.execute_script(NEAR)
+            driver.execute_script(f"{MODEL}.active = [0, 1, 2, 3, 4, 5]", "views")
             time.sleep(1)
             wait(driver)
             driver.save_screenshot(str(IMAGES / "explorer_near_field.png"))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import socket
 from collections.abc import Callable, Iterator
-from typing import NoReturn
+from typing import NamedTuple, NoReturn
 from urllib.parse import urlsplit
 
 import pytest
@@ -15,10 +15,11 @@ from explorer_server import (
     NOT_MODIFIED,
     OK,
     SWITCHED,
+    UNAVAILABLE,
     UPGRADE,
     ask,
     handshake,
-    need_panel,
+    need_bokeh,
     running,
 )
 from polywigner.errors import ArgumentError
@@ -26,23 +27,24 @@ from polywigner.explorer.server import new_server
 from polywigner.explorer.state import State
 
 FOREIGN = ("evil.example:{}", "evil.example", "127.0.0.1:1", "127.0.0.1.evil.example:{}", "*:{}")
+UNCONNECTED, PAGES = 24, 100  # that docs/explorer.md promises
 SCRIPT = "/static/js/bokeh.min.js"  # takes less time than a page
 
 
 @pytest.fixture(scope="module", autouse=True)
-def panel(leave_out: Callable[[str], NoReturn]) -> None:
+def bokeh(leave_out: Callable[[str], NoReturn]) -> None:
     """These tests are left out without the library of the page."""
-    need_panel(leave_out)
+    need_bokeh(leave_out)
 
 
 @pytest.fixture(scope="module")
-def address(panel: None) -> Iterator[str]:
+def address(bokeh: None) -> Iterator[str]:
     with running("127.0.0.1") as url:
         yield url
 
 
 @pytest.fixture(scope="module")
-def everywhere(panel: None) -> Iterator[str]:
+def everywhere(bokeh: None) -> Iterator[str]:
     """A server at all addresses of the machine, which answers to two more names."""
     with running("0.0.0.0", "mine.example", "other.example:8443") as url:
         yield url
@@ -141,3 +143,43 @@ def test_every_answer_says_that_no_other_page_may_frame_it_or_learn_its_address(
         for answer in of_status:
             assert answer.status == status
             assert {name: answer.headers[name] for name in HEADERS} == HEADERS
+
+
+class Session(NamedTuple):
+    """What the guard asks of a session."""
+
+    connection_count: int
+
+
+@pytest.mark.parametrize(
+    ("connected", "unconnected", "waiting", "refused"),
+    [
+        (0, 0, 0, False),
+        (0, UNCONNECTED - 1, 0, False),
+        (0, UNCONNECTED, 0, True),
+        (0, 1, UNCONNECTED - 1, True),
+        (UNCONNECTED, 0, 0, False),
+        (PAGES - 1, 0, 0, False),
+        (PAGES - 1, 0, 1, True),
+    ],
+)
+def test_pages_are_limited_in_number_and_those_that_nobody_is_at_more_so(
+    connected: int, unconnected: int, waiting: int, refused: bool, bokeh: None
+) -> None:
+    from tornado.httputil import HTTPHeaders, HTTPServerRequest, RequestStartLine
+    from tornado.web import Application, RequestHandler
+
+    from polywigner.explorer.guard import guard
+
+    sessions = [Session(1)] * connected + [Session(0)] * unconnected
+    application = Application([(".*", RequestHandler)])
+    guard(application, frozenset({"mine:1"}), 1, lambda: (waiting, sessions))
+
+    def status(path: str) -> int:
+        headers = HTTPHeaders({"Host": "mine:1"})
+        line = RequestStartLine("GET", path, "HTTP/1.1")
+        request = HTTPServerRequest(start_line=line, headers=headers)
+        return int(application.find_handler(request).handler_kwargs.get("status", OK))
+
+    assert status("/") == status("/ws") == (UNAVAILABLE if refused else OK)
+    assert status(SCRIPT) == OK

@@ -20,7 +20,17 @@ from hypothesis import strategies as st
 
 import polywigner as pw
 from polywigner.errors import ArgumentError, GeometryError, PolywignerError
-from polywigner.explorer import exports, outlines, snippets, start_state, views
+from polywigner.explorer import (
+    editing,
+    exports,
+    snippets,
+    sources,
+    start_state,
+    views,
+    windows,
+)
+from polywigner.explorer.readings import Readings
+from polywigner.explorer.results import queue, results, stages
 from polywigner.explorer.scheduler import Scheduler
 from polywigner.explorer.shown import power_of_ten, shown
 from polywigner.explorer.state import (
@@ -32,8 +42,6 @@ from polywigner.explorer.state import (
     needed,
     to_query,
 )
-from polywigner.explorer.uploads import LARGEST_UPLOAD, Uploads
-from polywigner.explorer.views import queue, results, stages
 
 WAIT = 5.0  # seconds, for another thread on a loaded machine
 SMALL = 17  # samples along an axis: the laws do not depend on it
@@ -43,7 +51,7 @@ RAYS_DB = 0.3  # rays against the exact field at 16 wavelengths, see docs/propag
 BEAM_SHIFT = 1.0  # degrees: elements radiate less aside, which pulls a beam of 8 degrees back
 SMALL_ELEMENT = (((-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)),)
 
-SIXTY = State(rings=outlines.rings_of_aperture(pw.shapes.disc(5, 60)))
+SIXTY = State(rings=editing.rings_of_aperture(pw.shapes.disc(5, 60)))
 HOLED = State(
     rings=(
         ((-6.0, -6.0), (6.0, -6.0), (6.0, 6.0), (-6.0, 6.0)),
@@ -90,7 +98,7 @@ def test_a_link_with_values_that_cannot_be_shown_says_so(query: str) -> None:
 
 
 def test_rings_inside_others_are_holes() -> None:
-    source = outlines.source_of(HOLED)
+    source = sources.source_of(HOLED)
     expected = (12 * 12 - 4 * 4 + 3) * 1e-6
     assert math.isclose(source.area, expected, rel_tol=EXACT)
 
@@ -98,7 +106,7 @@ def test_rings_inside_others_are_holes() -> None:
 def test_an_outline_that_crosses_itself_is_refused_with_the_place_in_units() -> None:
     bow_tie = State(rings=(((0.0, 0.0), (4.0, 4.0), (4.0, 0.0), (0.0, 4.0)),))
     with pytest.raises(GeometryError, match=r"2.*2"):
-        outlines.source_of(bow_tie)
+        sources.source_of(bow_tie)
 
 
 def test_a_blank_sheet_asks_for_an_outline() -> None:
@@ -109,8 +117,8 @@ def test_a_blank_sheet_asks_for_an_outline() -> None:
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_every_shape_of_the_catalogue_keeps_its_area_as_a_state(name: str) -> None:
     shape = CATALOGUE[name]()
-    state = State(rings=outlines.rings_of_aperture(shape))
-    assert math.isclose(outlines.source_of(state).area * 1e6, shape.area, rel_tol=1e-4)
+    state = State(rings=editing.rings_of_aperture(shape))
+    assert math.isclose(sources.source_of(state).area * 1e6, shape.area, rel_tol=1e-4)
 
 
 def test_undo_and_redo_go_through_the_same_states() -> None:
@@ -133,24 +141,24 @@ def test_a_drag_is_one_step_of_undo() -> None:
 
 def test_snapping_puts_vertices_on_the_raster_without_stray_digits() -> None:
     ring = (((0.26, 0.34), (-0.01, 0.149), (1.0, 1.0)),)
-    assert outlines.snapped(ring, 0.1) == (((0.3, 0.3), (0.0, 0.1), (1.0, 1.0)),)
-    assert outlines.snapped(ring, 0.0) == ring
+    assert editing.snapped(ring, 0.1) == (((0.3, 0.3), (0.0, 0.1), (1.0, 1.0)),)
+    assert editing.snapped(ring, 0.0) == ring
 
 
 def test_a_new_vertex_goes_into_the_nearest_edge_and_can_be_taken_out_again() -> None:
     rings = HOLED.rings
-    more = outlines.with_vertex_near(rings, (2.5, 0.0))
+    more = editing.with_vertex_near(rings, (2.5, 0.0))
     assert [len(ring) for ring in more] == [4, 5, 3]
     assert more[1][2] == (2.5, 0.0)
-    row = outlines.rows_of_rings(more).index((2, 2.5, 0.0))
-    assert outlines.without_vertex(more, row) == (rings, "")
+    row = editing.rows_of_rings(more).index((2, 2.5, 0.0))
+    assert editing.without_vertex(more, row) == (rings, "")
 
 
 def test_an_outline_of_two_vertices_is_gone_and_said_to_be() -> None:
-    rings, farewell = outlines.without_vertex(HOLED.rings, 9)
+    rings, farewell = editing.without_vertex(HOLED.rings, 9)
     assert rings == HOLED.rings[:2]
     assert "Outline 3" in farewell and "Undo" in farewell
-    assert outlines.rings_of_rows(outlines.rows_of_rings(HOLED.rings)) == HOLED.rings
+    assert editing.rings_of_rows(editing.rows_of_rings(HOLED.rings)) == HOLED.rings
 
 
 def triangle(size: float) -> tuple[tuple[float, float], ...]:
@@ -163,7 +171,7 @@ def triangle(size: float) -> tuple[tuple[float, float], ...]:
 def test_what_stays_of_nested_outlines_keeps_its_side(vertex: int, left: tuple[int, ...]) -> None:
     """An outline takes what lies directly in it along: a hole would become an aperture."""
     rings = tuple(map(triangle, (16.0, 8.0, 4.0, 2.0)))
-    found, farewell = outlines.without_vertex(rings, vertex)
+    found, farewell = editing.without_vertex(rings, vertex)
     assert found == tuple(rings[k] for k in left)
     gone = [k for k in range(4) if k not in left]
     assert all(str(k + 1) in farewell for k in gone)
@@ -173,9 +181,9 @@ def test_what_stays_of_nested_outlines_keeps_its_side(vertex: int, left: tuple[i
 
 def test_outlines_that_go_together_with_all_their_vertices_are_counted() -> None:
     rings = tuple(map(triangle, (16.0, 8.0)))
-    assert outlines.without_lost(rings, {1: rings[1]})[0] == ()
-    assert outlines.without_lost(rings, {0: rings[0]})[0] == rings[:1]
-    assert outlines.without_lost(rings, dict(enumerate(rings))) == (rings, "")
+    assert editing.without_lost(rings, {1: rings[1]})[0] == ()
+    assert editing.without_lost(rings, {0: rings[0]})[0] == rings[:1]
+    assert editing.without_lost(rings, dict(enumerate(rings))) == (rings, "")
 
 
 def test_the_page_begins_in_the_unit_of_the_file(tmp_path: Path) -> None:
@@ -183,21 +191,21 @@ def test_the_page_begins_in_the_unit_of_the_file(tmp_path: Path) -> None:
     path.write_text("POLYGON((0 0, 6.5 0, 6.5 6.5, 0 6.5, 0 0))")
     state = start_state(str(path), unit="m", wave="2 um")
     assert state.unit == "m" and state.rings[0][2] == (0.0, 6.5)
-    assert math.isclose(outlines.source_of(state).area, 6.5**2, rel_tol=EXACT)
+    assert math.isclose(sources.source_of(state).area, 6.5**2, rel_tol=EXACT)
     assert start_state(str(path), unit="in").unit == "mm"
 
 
 def test_an_upload_is_read_in_the_units_of_the_page() -> None:
     content = b"POLYGON((0 0, 3 0, 3 2, 0 2, 0 0))"
-    rings = asyncio.run(Uploads().rings("a.wkt", content, "µm"))
+    rings = asyncio.run(Readings().rings("a.wkt", content, "µm"))
     state = State(rings=rings, unit="µm")
-    assert math.isclose(outlines.source_of(state).area, 6e-12, rel_tol=EXACT)
+    assert math.isclose(sources.source_of(state).area, 6e-12, rel_tol=EXACT)
 
 
 @pytest.mark.parametrize(
     ("name", "content", "match"),
     [
-        ("big.csv", b"0" * (LARGEST_UPLOAD + 1), "at most 1 MiB"),
+        ("big.csv", b"0" * (sources.LARGEST_UPLOAD + 1), "at most 1 MiB"),
         ("a.exe", b"MZ", "expected GeoJSON"),
         ("a.wkt", b"POLYGON((0 0, 1 1))", "a.wkt"),
         ("../../a.json", b"{", "expected GeoJSON"),
@@ -211,7 +219,7 @@ def test_a_bad_upload_says_what_is_wrong_and_no_path_of_the_server(
     name: str, content: bytes, match: str
 ) -> None:
     with pytest.raises(PolywignerError, match=match) as caught:
-        asyncio.run(Uploads().rings(name, content, "mm"))
+        asyncio.run(Readings().rings(name, content, "mm"))
     assert "tmp" not in str(caught.value)
 
 
@@ -219,7 +227,7 @@ def test_the_views_agree_with_each_other_where_their_slices_meet() -> None:
     """W over nu at x and W over x at nu share W(x, nu); W(x, 0) is the area of the lag slice."""
     state = HOLED.moved(nu=(0.0, 0.0))
     at_nu = views.wigner_at_frequency(state, SMALL)
-    x, y, half = views.position_window(state)
+    x, y, half = windows.position_window(state)
     corner = state.moved(x=((x + half / 2) * 1000, y * 1000))
     over_nu = views.wigner_at_position(corner, SMALL)
     middle = SMALL // 2
@@ -231,7 +239,7 @@ def test_the_views_agree_with_each_other_where_their_slices_meet() -> None:
 
 def test_the_centre_of_the_fourier_view_is_the_area_and_of_the_otf_one() -> None:
     middle = SMALL // 2
-    area = outlines.source_of(HOLED).area
+    area = sources.source_of(HOLED).area
     assert np.isclose(views.fourier(HOLED, SMALL).arrays["F"][middle, middle], area, rtol=EXACT)
     otf = views.transfer(HOLED, SMALL).arrays["OTF"]
     assert np.isclose(otf[middle, middle], 1, rtol=EXACT)
@@ -258,7 +266,7 @@ def test_rays_close_to_the_source_carry_a_warning() -> None:
 
 
 def test_rays_of_outlines_that_would_take_minutes_are_refused() -> None:
-    state = State(rings=outlines.rings_of_aperture(CATALOGUE["18 hexagons"]()))
+    state = State(rings=editing.rings_of_aperture(CATALOGUE["18 hexagons"]()))
     with pytest.raises(ArgumentError, match="108"):
         views.near_field(state, 5)
 
@@ -337,7 +345,7 @@ def test_a_width_of_coherence_blurs_w_and_leaves_the_transfer_function_of_the_pu
     assert from_query(to_query(state)) == state
     source = views.light_of(state)
     picture = views.wigner_at_position(state, SMALL)
-    grid = views.square(picture.half, SMALL)
+    grid = windows.square(picture.half, SMALL)
     assert np.array_equal(picture.arrays["W"], pw.wigner(source, (0.0, 0.0), grid, engine="numpy"))
     coherent = views.transfer(State(), SMALL).arrays["OTF"]
     assert np.array_equal(views.transfer(state, SMALL).arrays["OTF"], coherent)
@@ -355,7 +363,7 @@ def test_exported_outlines_are_read_back_as_the_same_aperture(tmp_path: Path) ->
         if suffix == "svg":
             pytest.importorskip("svgelements")
         read = pw.read_aperture(path, unit=unit)
-        source = outlines.source_of(HOLED)
+        source = sources.source_of(HOLED)
         assert math.isclose(read.area, source.area, rel_tol=EXACT)
         assert len(read.rings) == len(source.rings)
         assert suffix == "svg" or read == source  # SVG turns y, with a rounding
@@ -404,7 +412,7 @@ def _beam_frequencies(state: State) -> Any:
     """Frequencies around the beam, a thousandth of a lobe apart."""
     sine, phi = math.sin(math.radians(3)), math.radians(20)
     x, y = np.array([math.cos(phi), math.sin(phi)]) * sine / state.wavelength
-    return views.square(2.0, 201, x, y)
+    return windows.square(2.0, 201, x, y)
 
 
 @pytest.mark.parametrize(

@@ -3,11 +3,10 @@
 Three layers, each knowing only those above it:
 
 - :mod:`~polywigner.explorer.state`, what is shown, as one frozen value, and as the text of a
-  link; ``outlines`` makes sources of it, and new states by hand;
+  link; ``editing`` makes new states of old;
 - :mod:`~polywigner.explorer.views`, from a state to arrays with units; ``snippets`` and
   ``exports`` write down the same as Python code and files;
-- ``figures``, ``page``, ``guard`` and ``server``: widgets, figures and sessions, the only modules
-  that import Panel. ``web`` is what the browser gets.
+- ``page`` and ``server``: widgets, figures and sessions, the only modules that import Bokeh.
 """
 
 from __future__ import annotations
@@ -37,7 +36,7 @@ def start_state(
     ------
     PolywignerError for a file that cannot be read, or has more vertices than the page edits.
     """
-    from polywigner.explorer.outlines import state_of_file
+    from polywigner.explorer.sources import state_of_file
 
     chosen: dict[str, Any] = {} if wave is None else {"wave": wave}
     same = {"um": "µm"}.get(unit, unit)

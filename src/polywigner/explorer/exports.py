@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from polywigner.explorer import views
-from polywigner.explorer.outlines import aperture_of, feeding_of
+from polywigner.explorer.results import final_samples
 from polywigner.explorer.shown import FLOOR_DB, Shown, shown
+from polywigner.explorer.sources import aperture_of, feeding_of
 from polywigner.explorer.state import State, to_query
 
 if TYPE_CHECKING:
@@ -82,7 +83,7 @@ def values_file(state: State, name: str) -> bytes:
             link=to_query(state),
         )  # fmt: skip
         return buffer.getvalue()
-    picture = views.PICTURES[name](state, views.final_samples(state, name))
+    picture = views.PICTURES[name](state, final_samples(state, name))
     axis = np.linspace(-picture.half, picture.half, picture.samples)
     arrays: dict[str, Any] = dict(picture.arrays)
     np.savez(
@@ -113,7 +114,7 @@ def draw_view(state: State, name: str) -> Figure:
             figure = new_figure(4.6, 4.6)
             _draw_cuts(figure.add_subplot(projection="polar"), views.far_field(state))
         else:
-            picture = views.PICTURES[name](state, views.final_samples(state, name))
+            picture = views.PICTURES[name](state, final_samples(state, name))
             figure = new_figure(0.4 + 4.4 * len(picture.arrays), 4.2)
             panels = figure.subplots(1, len(picture.arrays), squeeze=False)[0]
             for axes, key in zip(panels, picture.arrays, strict=True):

@@ -5,10 +5,11 @@ Dr.Jit's kernels use all cores by themselves, so that a second worker would only
 
 from __future__ import annotations
 
-import logging
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterator
+
+from polywigner.explorer.logs import log_fault
 
 Steps = Callable[[], Iterator[None]]
 
@@ -70,6 +71,6 @@ class Scheduler:
         except StopIteration:
             return True
         except Exception:  # one visitor's fault must not end the others' service
-            logging.getLogger("polywigner.explorer").exception("a request failed")
+            log_fault("a request failed")
             return True
         return False

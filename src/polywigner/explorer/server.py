@@ -1,43 +1,40 @@
-"""The server of the page: one address, a session for each visitor, few lines in the terminal."""
+"""The server of the page: one address, a session for each visitor, a clean end."""
 
 from __future__ import annotations
 
 import errno
 import gc
 import ipaddress
-import logging
-import math
-import os
 import signal
 import threading
 from collections.abc import Callable, Sequence
 from types import SimpleNamespace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from polywigner.errors import ArgumentError, require
+from polywigner.errors import (
+    ArgumentError,
+    require,
+)
+from polywigner.explorer.logs import keep_short
 from polywigner.explorer.state import State
 
+if TYPE_CHECKING:
+    from polywigner.explorer.readings import Readings
+    from polywigner.explorer.scheduler import Scheduler
+
+
 PORT = 5006
-_UNUSED_MS = 20_000  # a page waits so long for its browser to connect, or to come back
-_CHECK_MS = 5_000
+_IDLE_MS = 15_000  # a session whose page has gone is kept so long, for a page that is reloaded
 _HEADERS_S = 15.0  # for headers, and between two requests of a browser
 _BODY_S = 5.0
 _LARGEST_BODY = 1 << 10  # nobody sends one
 _PING_S = 15.0  # a page's browser answers within this time, or the page has gone
 _LARGEST_HEADER = 256 << 10  # a websocket is asked for with the link twice: itself, and in a token
 
-_LOGGER = "polywigner.explorer"
-# requests that are damaged, and faults of callbacks: a line each
-_ONE_LINE = (_LOGGER, "tornado.application", "asyncio", "panel")
-# what strangers ask for and do not get
-_SILENT = ("tornado.access", "tornado.general", "bokeh.server.views.ws")
-_LONGEST_LINE = 200  # characters: messages of others are quoted in it
-_REPEATED_S = 60.0  # seconds in which the same line of code writes once
-
 
 def check_installed() -> None:
-    """Raise MissingExtraError without the library of the page."""
-    require("panel", "explorer", "serves the page")
+    """Raises MissingExtraError without the libraries of the page."""
+    require("bokeh.server.server", "explorer", "serves the page")
 
 
 def is_local(address: str) -> bool:
@@ -51,7 +48,7 @@ def is_local(address: str) -> bool:
 def new_server(
     state: State, port: int = PORT, address: str = "127.0.0.1", allow_host: Sequence[str] = ()
 ) -> Any:
-    """A server of the page, not yet started; ``.port`` says which it has.
+    """A Bokeh server of the page, not yet started; ``.port`` says which it has.
 
     Parameters
     ----------
@@ -62,7 +59,7 @@ def new_server(
 
     Raises
     ------
-    MissingExtraError without Panel; ArgumentError for an address or a port that cannot be had, and
+    MissingExtraError without Bokeh; ArgumentError for an address or a port that cannot be had, and
     for a host that is no name.
     """
     check_installed()
@@ -73,49 +70,64 @@ def new_server(
             "expected an address to listen at, got none; leave --address out for this machine "
             "alone, or say 0.0.0.0 for all its addresses"
         )
-    import panel as pn
-    from bokeh.util.token import generate_secret_key
-    from panel.io.server import get_server
+    from bokeh.server.server import BaseServer
+    from tornado.httpserver import HTTPServer
+    from tornado.ioloop import IOLoop
+    from tornado.netutil import bind_sockets
 
-    from polywigner.explorer.guard import LARGEST_MESSAGE, guard, served_hosts
-    from polywigner.explorer.page import WEB, fault, open_page
+    from polywigner.explorer.guard import Listener, guard, most_connections, served_hosts
+    from polywigner.explorer.readings import Readings
     from polywigner.explorer.scheduler import Scheduler
-    from polywigner.explorer.uploads import Uploads
+    from polywigner.explorer.visits import Turns, route
 
-    pn.config.exception_handler = fault
     keep_short()
     _leave_garbage_alone()
     served_hosts(address, port, allow_host)  # its error, before anything is opened
-    scheduler, uploads = Scheduler(), Uploads()
     try:
-        server = get_server(
-            {"/": lambda: open_page(state, scheduler, uploads)},
-            port=port,
-            address=address,
-            title="polywigner explore",
-            static_dirs={"assets": str(WEB)},
-            websocket_origin="*",  # the guard looks at origins
-            secret_key=generate_secret_key().encode(),
-            sign_sessions=True,
-            unused_session_lifetime_milliseconds=_UNUSED_MS,
-            check_unused_sessions_milliseconds=_CHECK_MS,
-            websocket_max_message_size=LARGEST_MESSAGE,
-            keep_alive_milliseconds=0,  # Bokeh's pings, for whose answers it does not wait
-            websocket_ping_interval=_PING_S,
-            websocket_ping_timeout=_PING_S,
-            http_server_kwargs={
-                "max_header_size": _LARGEST_HEADER,
-                "max_body_size": _LARGEST_BODY,
-                "idle_connection_timeout": _HEADERS_S,
-                "body_timeout": _BODY_S,
-            },
-        )
+        sockets = bind_sockets(port, address)
     except (OSError, ValueError) as error:
-        scheduler.stop()
         raise ArgumentError(_refusal(error, address, port)) from None
-    guard(server, address, allow_host)
-    server.polywigner_scheduler, server.polywigner_uploads = scheduler, uploads
+    port = sockets[0].getsockname()[1]
+    scheduler, readings, turns = Scheduler(), Readings(), Turns()
+    application = _application(state, scheduler, readings)
+    most = most_connections()
+    http = HTTPServer(
+        application,
+        max_header_size=_LARGEST_HEADER,
+        max_body_size=_LARGEST_BODY,
+        idle_connection_timeout=_HEADERS_S,
+        body_timeout=_BODY_S,
+    )
+    http.add_sockets(Listener(socket, most) for socket in sockets)
+    server = BaseServer(IOLoop.current(), application, http)
+    route(application, turns, lambda document: readings.forget(id(document)))
+    hosts = served_hosts(address, port, allow_host)
+    guard(application, hosts, port, lambda: (turns.waiting, server.get_sessions("/")))
+    server.polywigner_scheduler, server.polywigner_readings = scheduler, readings
     return server
+
+
+def _application(state: State, scheduler: Scheduler, readings: Readings) -> Any:
+    """Application of Bokeh: sessions and their messages to browsers."""
+    from bokeh.application import Application
+    from bokeh.server.tornado import BokehTornado
+    from bokeh.util.token import generate_secret_key
+
+    from polywigner.explorer.page import open_page
+    from polywigner.explorer.visits import LARGEST_MESSAGE, Pages
+
+    return BokehTornado(
+        Application(Pages(lambda doc: open_page(doc, state, scheduler, readings))),
+        extra_websocket_origins=["*"],  # the guard looks at origins
+        secret_key=generate_secret_key().encode(),
+        sign_sessions=True,
+        unused_session_lifetime_milliseconds=_IDLE_MS,
+        check_unused_sessions_milliseconds=_IDLE_MS // 3,
+        websocket_max_message_size_bytes=LARGEST_MESSAGE,
+        keep_alive_milliseconds=0,  # Bokeh's pings, for whose answers it does not wait
+        websocket_ping_interval=_PING_S,
+        websocket_ping_timeout=_PING_S,
+    )
 
 
 def _leave_garbage_alone() -> None:
@@ -199,57 +211,7 @@ def _until_stopped(server: Any) -> bool:
     finally:
         for number, handler in previous.items():
             signal.signal(number, handler)
-        server.polywigner_uploads.stop()
+        server.polywigner_readings.stop()
         done = bool(server.polywigner_scheduler.stop())
         server.stop()
     return done
-
-
-def _shortened(record: logging.LogRecord) -> bool:
-    """Filter: no traceback that nobody asked for."""
-    error = record.exc_info[1] if record.exc_info else None
-    if error is not None and not os.environ.get("POLYWIGNER_DEBUG"):
-        what = str(record.msg).split("%", 1)[0].split("\n", 1)[0].strip()
-        record.msg = f"{what}: {type(error).__name__} (POLYWIGNER_DEBUG=1 shows more)"
-        record.args, record.exc_info, record.exc_text = (), None, None
-    return True
-
-
-class RateLimitFilter(logging.Filter):
-    """Filter: each line of code logs once a minute, with the number of messages left out."""
-
-    def __init__(self, seconds: float = _REPEATED_S) -> None:
-        super().__init__()
-        self.seconds = seconds
-        self.written: dict[str, tuple[float, int]] = {}
-
-    def filter(self, record: logging.LogRecord) -> bool:
-        """Whether it is written."""
-        own = record.msg if record.name == _LOGGER else ""
-        place = f"{record.pathname}:{record.lineno}:{own}"
-        since, left_out = self.written.get(place, (-math.inf, 0))
-        if record.created - since < self.seconds:
-            self.written[place] = since, left_out + 1
-            return False
-        self.written[place] = record.created, 0
-        text = record.getMessage()
-        text = text if len(text) <= _LONGEST_LINE else f"{text[:_LONGEST_LINE]} …"
-        record.msg = f"{text} (and {left_out} more)" if left_out else text
-        record.args = ()
-        return True
-
-
-_RATE_LIMIT = RateLimitFilter()
-
-
-def keep_short() -> None:
-    """Set up the loggers of the server."""
-    logging.getLogger("bokeh").setLevel(logging.ERROR)
-    for name in _SILENT:
-        logging.getLogger(name).setLevel(logging.CRITICAL)
-    known = [n for n in logging.root.manager.loggerDict if n.startswith(("bokeh.", "panel."))]
-    for name in {*_ONE_LINE, *known}.difference(_SILENT):
-        logger = logging.getLogger(name)
-        if _shortened not in logger.filters:
-            logger.addFilter(_shortened)
-            logger.addFilter(_RATE_LIMIT)

@@ -17,14 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 import polywigner as pw
-from polywigner.errors import ArgumentError, PolywignerError, PolywignerWarning
+from polywigner.errors import ArgumentError, PolywignerWarning
 from polywigner.execution import Engine
-from polywigner.explorer.outlines import light_of, source_of
+from polywigner.explorer import windows
+from polywigner.explorer.sources import light_of, source_of
 from polywigner.explorer.state import State, needed
 from polywigner.figures.levels import difference_db
 from polywigner.geometry import Aperture
 from polywigner.illumination.support import mutual_support
-from polywigner.illumination.texts import direction
 from polywigner.numerics.peaks import climbed, largest
 
 Values = NDArray[Any]
@@ -90,72 +90,6 @@ class Cuts:
     """Azimuths of the planes, in rad."""
 
 
-_LOBES = 8.0  # half width of frequency axes in 1/diagonal, as `polywigner transform` has it
-_MARGIN = 1.05
-_BEAM = 3.0  # half width of the near field's plane: the source's box and three lobes
-_ANGLES = 361
-_WIDE = 0.5  # sine of the angle from which a beam is seen without spreading it
-_UPRIGHT = 1e-9  # of a direction's part in the plane: it has no azimuth
-
-
-def _box(state: State) -> tuple[float, float, float]:
-    """The centre of the source's bounds, and half of their longer side, in m."""
-    xmin, ymin, xmax, ymax = source_of(state).bounds
-    half = max(xmax - xmin, ymax - ymin) / 2
-    return float(xmin / 2 + xmax / 2), float(ymin / 2 + ymax / 2), float(half)
-
-
-def reach_of(state: State) -> float:
-    """The largest direction cosine shown: the state's own, or eight lobes of the source."""
-    _, _, half = _box(state)
-    return state.reach or min(1.0, _LOBES * state.wavelength / (2 * math.sqrt(2) * half))
-
-
-def frequency_half(state: State) -> float:
-    """Half width of the axes of nu, in 1/m."""
-    return reach_of(state) / state.wavelength
-
-
-def position_window(state: State) -> tuple[float, float, float]:
-    """Centre and half width of the axes of x, in m: a little more than the bounds."""
-    x, y, half = _box(state)
-    return x, y, _MARGIN * half
-
-
-def lag_half(state: State) -> float:
-    """Half width of the axes of xi, in m: the largest lag of two points of the source."""
-    return _MARGIN * 2 * _box(state)[2]
-
-
-def plane_half(state: State) -> float:
-    """Half width of the plane of the near field, in m."""
-    _, _, half = _box(state)
-    sine = min(0.7, _BEAM * state.wavelength / (2 * half))
-    return half + state.metres(state.distance) * sine / math.sqrt(1 - sine * sine)
-
-
-def azimuths(state: State) -> tuple[float, float]:
-    """Azimuths of the far field's cuts in rad: of the steered beam, or 0, and pi/2 more."""
-    first = 0.0
-    if state.steering.strip():
-        x, y, _ = direction(state.steering)
-        first = math.atan2(y, x) if math.hypot(x, y) > _UPRIGHT else 0.0
-    return first, first + math.pi / 2
-
-
-def angles(state: State) -> Values:
-    """Angles from the normal of the far field's cuts, in rad: all, unless the beam is narrow."""
-    reach = reach_of(state)
-    largest = math.pi / 2 if reach > _WIDE and not state.reach else math.asin(reach)
-    return np.linspace(-largest, largest, _ANGLES)
-
-
-def square(half: float, samples: int, x: float = 0.0, y: float = 0.0) -> Values:
-    """(samples, samples, 2): y along the first axis, x along the second."""
-    axis = np.linspace(-half, half, samples)
-    return np.stack(np.meshgrid(x + axis, y + axis), axis=-1)
-
-
 def outlines(state: State) -> Outlines:
     """The outline of the source, the support of W, and the lag slice at the chosen position.
 
@@ -199,8 +133,8 @@ def _frequency(state: State) -> tuple[float, float]:
 
 def fourier(state: State, samples: int = SAMPLES) -> Picture:
     """F(nu) of the source, complex, in m^2."""
-    half = frequency_half(state)
-    source, grid = source_of(state), square(half, samples)
+    half = windows.frequency_half(state)
+    source, grid = source_of(state), windows.square(half, samples)
     values = pw.fourier(source, grid, engine=ENGINE)
 
     def power(nu: Values) -> tuple[Values, Values]:
@@ -216,24 +150,24 @@ def fourier(state: State, samples: int = SAMPLES) -> Picture:
 
 def wigner_at_position(state: State, samples: int = SAMPLES) -> Picture:
     """W(x, nu) over nu at the chosen position, in m^2."""
-    half = frequency_half(state)
-    grid = square(half, samples)
+    half = windows.frequency_half(state)
+    grid = windows.square(half, samples)
     values = pw.wigner(light_of(state), _position(state), grid, engine=ENGINE)
     return Picture("wigner_nu", (0.0, 0.0), half, "1/m", {"W": values}, "m²")
 
 
 def wigner_at_frequency(state: State, samples: int = SAMPLES) -> Picture:
     """W(x, nu) over x at the chosen spatial frequency, in m^2."""
-    x, y, half = position_window(state)
-    grid = square(half, samples, x, y)
+    x, y, half = windows.position_window(state)
+    grid = windows.square(half, samples, x, y)
     values = pw.wigner(light_of(state), grid, _frequency(state), engine=ENGINE)
     return Picture("wigner_x", (x, y), half, "m", {"W": values}, "m²")
 
 
 def transfer(state: State, samples: int = SAMPLES) -> Picture:
     """OTF over lags with the chosen defocus, complex, without unit: A(-2 w xi/a^2, xi)/A(0, 0)."""
-    half = lag_half(state)
-    grid = square(half, samples)
+    half = windows.lag_half(state)
+    grid = windows.square(half, samples)
     values = pw.otf(source_of(state), grid, state.defocus, engine=ENGINE)
     return Picture("otf", (0.0, 0.0), half, "m", {"OTF": values}, "")
 
@@ -280,14 +214,14 @@ def near_field_in_steps(state: State, samples: int) -> Iterator[Picture | None]:
     rays, exact = (np.concatenate([strip[k] for strip in strips]) for k in (0, 1))
     arrays = {"rays": rays, "exact": exact, "difference": difference_db(rays, exact)}
     note = "; ".join(sorted({text for _, _, notes in strips for text in notes}))
-    x, y, _ = position_window(state)
-    yield Picture("near", (x, y), plane_half(state), "m", arrays, "W/m²", note)
+    x, y, _ = windows.position_window(state)
+    yield Picture("near", (x, y), windows.plane_half(state), "m", arrays, "W/m²", note)
 
 
 @lru_cache(maxsize=512)  # 4 MB: a file of a view, and the same view once more, are there at once
 def _near_strip(state: State, samples: int, number: int) -> tuple[Values, Values, tuple[str, ...]]:
-    x, y, _ = position_window(state)
-    plane = square(plane_half(state), samples, x, y)
+    x, y, _ = windows.position_window(state)
+    plane = windows.square(windows.plane_half(state), samples, x, y)
     points = np.concatenate(
         [plane, np.full((samples, samples, 1), state.metres(state.distance))], axis=-1
     )
@@ -307,7 +241,7 @@ def _near_strip(state: State, samples: int, number: int) -> tuple[Values, Values
 def far_field(state: State) -> Cuts:
     """Directivity in two planes through the normal: phi = 0 and 90 degrees, or of a steered
     beam and the one across."""
-    theta, phi = angles(state), azimuths(state)
+    theta, phi = windows.angles(state), windows.azimuths(state)
     pattern = pw.radiation_pattern(source_of(state), state.wavelength, theta, phi, engine=ENGINE)
     directivity = np.asarray(pattern["directivity"].values)
     return Cuts(theta, directivity, float(directivity.max()), phi)
@@ -333,96 +267,3 @@ PICTURES = {
     "near": near_field,
 }
 """By name; each takes a state and the samples along an axis."""
-
-
-_EDGES_AT_ONCE = 40
-"""Up to so many edges the pictures of transforms are exact at once: 0.1 s in all."""
-_EDGES_OF_FINE_RAYS = 12
-_COARSE = 64
-_NO_MEMORY = "expected a source that fits into memory; make it smaller"
-
-
-@dataclass(frozen=True, eq=False)
-class Result:
-    """A view computed, or why not."""
-
-    name: str
-    value: Any = None
-    error: str = ""
-
-    def is_final(self, state: State) -> bool:
-        """Whether nothing finer follows."""
-        if not isinstance(self.value, Picture):
-            return not self.error
-        return self.value.samples == final_samples(state, self.name)
-
-
-def stages(name: str, edges: int, partly: bool = False) -> tuple[int, ...]:
-    """The samples along each axis that a picture of a source of so many edges is shown with.
-
-    ``partly``: of one that is partly coherent.
-    """
-    if partly and name in ("wigner_nu", "wigner_x"):
-        return (_COARSE // 2, 2 * _COARSE)
-    if name == "near":
-        return (16, 48, 128) if edges <= _EDGES_OF_FINE_RAYS else (16, 32)
-    return (SAMPLES,) if edges <= _EDGES_AT_ONCE else (_COARSE, SAMPLES)
-
-
-def final_samples(state: State, name: str) -> int:
-    """The samples along each axis that a picture is shown with in the end."""
-    return stages(name, edges_of(state), state.coherence > 0)[-1]
-
-
-def queue(names: tuple[str, ...], edges: int, partly: bool = False) -> list[tuple[str, int]]:
-    """Views in the order in which they are computed, with their samples along an axis (or 0)."""
-    todo: list[tuple[int, str, int]] = []
-    for name in names:
-        if name in PICTURES:
-            todo += [(k, name, n) for k, n in enumerate(stages(name, edges, partly))]
-        else:
-            todo.append((0, name, 0))
-    return [(name, samples) for _, name, samples in sorted(todo, key=lambda entry: entry[0])]
-
-
-def results(state: State, names: tuple[str, ...]) -> Iterator[Result | None]:
-    """Views of a state, one after the other, first all coarse ones: ("source" for outlines).
-
-    What cannot be computed says so in its result; after a source that is none nothing follows.
-    None between parts of what takes long, where a newer request may come first.
-    """
-    try:
-        source_of(state)
-        yield Result("source", outlines(state))
-    except PolywignerError as error:
-        yield Result("source", error=str(error))
-        return
-    for name, samples in queue(names, edges_of(state), state.coherence > 0):
-        if name == "near":
-            yield from _near_results(state, samples)
-        else:
-            yield _result(state, name, samples)
-
-
-def _near_results(state: State, samples: int) -> Iterator[Result | None]:
-    try:
-        for picture in near_field_in_steps(state, samples):
-            yield None if picture is None else Result("near", picture)
-    except PolywignerError as error:
-        yield Result("near", error=str(error))
-    except MemoryError:
-        yield Result("near", error=_NO_MEMORY)
-
-
-def _result(state: State, name: str, samples: int) -> Result:
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            if name in PICTURES:
-                return Result(name, PICTURES[name](state, samples))
-            compute = {"far": far_field, "values": values_at}[name]
-            return Result(name, compute(state))
-    except PolywignerError as error:
-        return Result(name, error=str(error))
-    except MemoryError:
-        return Result(name, error=_NO_MEMORY)

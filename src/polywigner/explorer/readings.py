@@ -1,7 +1,6 @@
 """Files that visitors send, read in processes of their own within limits of time and memory.
 
 A small file can take minutes and gigabytes, and can end the process of the library that reads it.
-This module is also the program of that process: :func:`answer` runs there.
 """
 
 from __future__ import annotations
@@ -18,13 +17,13 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-import polywigner as pw
+import polywigner
 from polywigner.errors import FileFormatError, PolywignerError
-from polywigner.explorer.outlines import LARGEST_UPLOAD, rings_of_aperture, without_advice
-from polywigner.explorer.state import UNITS, Ring, State, Unit
+from polywigner.explorer import reading_process
+from polywigner.explorer.sources import check_upload, without_advice
+from polywigner.explorer.state import UNITS, Ring, Unit
 from polywigner.geometry.io import library_process
 
-SUFFIXES = (".geojson", ".json", ".wkt", ".csv", ".svg", ".dxf", ".txt")
 _SECONDS = 10
 _MEMORY = 1 << 30
 _AT_ONCE = 2
@@ -36,38 +35,7 @@ _TOO_MUCH = (
 Rings = tuple[Ring, ...]
 
 
-def answer(asked: dict[str, Any]) -> dict[str, Any]:
-    """Return outlines in units, or the error of the file; run in the other process."""
-    try:
-        aperture = pw.read_aperture(asked["path"], unit=asked["unit"])
-        rings = rings_of_aperture(aperture, UNITS[asked["unit"]])
-        return {"rings": State(rings=rings).rings}  # its limits
-    except PolywignerError as error:
-        return {"error": str(error)}
-
-
-def check_upload(name: str, size: int) -> tuple[str, str]:
-    """The name of a file that a visitor sends, as it is shown, and its suffix.
-
-    Raises
-    ------
-    FileFormatError for more than 1 MiB, and for a suffix that the page does not read.
-    """
-    shown = "".join(c if c.isprintable() else "?" for c in name[-60:]) or "the file"
-    if size > LARGEST_UPLOAD:
-        raise FileFormatError(
-            f"{shown}: expected at most {LARGEST_UPLOAD >> 20} MiB, got "
-            f"{size / 2**20:.1f} MiB; simplify what it describes"
-        )
-    suffix = Path(shown).suffix.lower()
-    if suffix not in SUFFIXES:
-        raise FileFormatError(
-            f"{shown}: expected GeoJSON, WKT, CSV, SVG or DXF, got {suffix or 'no suffix'}"
-        )
-    return shown, suffix
-
-
-class Uploads:
+class Readings:
     """Reads two files at once; others wait for their turn. The newest of each visitor wins."""
 
     def __init__(self, seconds: float = _SECONDS, memory: int = _MEMORY) -> None:
@@ -139,16 +107,18 @@ class Uploads:
 
     async def _answer(self, path: str, unit: Unit) -> dict[str, Any]:
         asked = {
-            "program": __file__, "memory": self._memory, "seconds": self._seconds, "path": path,
+            "program": reading_process.__file__,
+            "package": str(Path(polywigner.__file__).parent.parent),
+            "memory": self._memory,
+            "seconds": self._seconds,
+            "path": path,
             "unit": unit,
-        }  # fmt: skip
-        package = str(Path(pw.__file__).parent.parent)  # where this server found it
-        search = os.pathsep.join([package, os.environ.get("PYTHONPATH", "")]).rstrip(os.pathsep)
-        one = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "1")
+            "per_metre": UNITS[unit],
+        }
         process = await asyncio.create_subprocess_exec(
             sys.executable, "-P", library_process.__file__,
             stdin=PIPE, stdout=PIPE, stderr=DEVNULL, start_new_session=True,
-            env={**os.environ, **one, "PYTHONPATH": search},
+            env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
         )  # fmt: skip
         self.processes.add(process)
         try:
