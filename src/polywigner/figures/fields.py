@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
+from polywigner.figures.levels import checked_dataset
 from polywigner.figures.style import floor_text, quantity_text
+from polywigner.geometry.arguments import checked_choice
 from polywigner.illumination.obliquities import OBLIQUITIES
 
 Floats = NDArray[np.float64]
@@ -72,7 +74,10 @@ class Comparison:
         ArgumentError : no variables, or of different axes or quantities; no such method; a
         reference that is nowhere above zero.
         """
-        arrays = {str(name): array.squeeze() for name, array in found.data_vars.items()}
+        arrays = {
+            str(name): array.squeeze()
+            for name, array in checked_dataset(found, "found").data_vars.items()
+        }
         if not arrays:
             raise ArgumentError("expected a field to draw, got a dataset without variables")
         first = next(iter(arrays.values()))
@@ -83,9 +88,8 @@ class Comparison:
                     f"expected fields of one quantity over the same axes, got {name!r}, another; "
                     "draw them one by one"
                 )
-        if against is not None and against not in arrays:
-            names = ", ".join(arrays)
-            raise ArgumentError(f"expected against to be one of {names}, got {against!r}")
+        if against is not None:
+            checked_choice(against, "against", list(arrays))
         against = list(arrays)[-1] if against is None else against
         fields = {name: np.asarray(array.values) for name, array in arrays.items()}
         is_field = np.iscomplexobj(fields[against])

@@ -9,7 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
-from polywigner.figures.levels import check_floor, level_db
+from polywigner.figures.levels import (
+    check_floor,
+    checked_dataset,
+    level_db,
+)
 from polywigner.figures.style import (
     TYPOGRAPHY,
     axis_label,
@@ -121,7 +125,7 @@ Cells = dict[tuple[int, int], tuple[str, str, str]]
 
 
 def _cells(found: xarray.Dataset, layout: str) -> Cells:
-    names = list(found.data_vars)
+    names = list(checked_dataset(found, "found").data_vars)
     if len(names) == 1 and not any("_" in d for d in found[names[0]].dims):
         return {(0, 0): (names[0], *found[names[0]].dims)}  # of slits
     p, q, r, s = _COORDINATES[found.attrs["kind"]]

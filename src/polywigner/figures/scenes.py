@@ -16,6 +16,7 @@ from polywigner.figures.style import (
     LEVEL_MAP,
     TYPOGRAPHY,
     axes_on,
+    checked_title,
     colour_bar,
     draw_circles,
     draw_levels,
@@ -23,6 +24,7 @@ from polywigner.figures.style import (
     number_text,
     quantity_text,
 )
+from polywigner.geometry.arguments import checked_array, checked_count, checked_path
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -60,7 +62,7 @@ def draw_scene(
     """
     import matplotlib as mpl
 
-    picture = np.asarray(radiance, dtype=np.float64)
+    picture = checked_array(radiance, "radiance", 2)
     height, width = picture.shape
     levels = level_db(picture, reference, floor_db)
     with mpl.rc_context(TYPOGRAPHY):
@@ -123,8 +125,9 @@ def write_range_animation(
 
     check_floor(floor_db)
     edges, radiance = _checked_frames(frames)
-    if not 10 <= milliseconds <= 60_000:
-        raise ArgumentError(f"expected milliseconds from 10 to 60000, got {milliseconds}")
+    checked_count(milliseconds, "milliseconds", 10, 60_000)
+    checked_title(title)
+    path = checked_path(path)
     peaks = [picture_peak(frame) or 0.0 for frame in radiance]
     peak = max(peaks) or None
     figure = draw_scene(radiance[0], peak, floor_db, title="")
@@ -153,11 +156,11 @@ def _checked_frames(frames: Any) -> tuple[NDArray[np.float64], NDArray[np.float6
     """Edges (n + 1,) and radiances (n, rows, columns)."""
     try:
         edges, radiance = (np.asarray(frames[name].values) for name in ("range_edge", "radiance"))
-    except (TypeError, KeyError, AttributeError):
+    except (TypeError, KeyError, AttributeError, IndexError):
         raise ArgumentError(
             f"expected frames of polywigner.mitsuba.range_frames, got {type(frames).__name__}"
         ) from None
-    if not 1 <= len(radiance) <= _MOST_FRAMES:
+    if radiance.ndim != 3 or not 1 <= len(radiance) <= _MOST_FRAMES:
         raise ArgumentError(
             f"expected from 1 to {_MOST_FRAMES} frames, got {len(radiance)}; use fewer, wider bins"
         )
@@ -312,7 +315,7 @@ def draw_arrivals(
     import matplotlib as mpl
     from matplotlib.patches import Circle
 
-    values = np.asarray(power, dtype=np.float64)
+    values = checked_array(power, "power", 2)
     peak, rule = picture_peak(values), PEAK_RULE
     if peak is None:  # a target of a few pixels
         highest = float(np.max(values, initial=0.0, where=np.isfinite(values)))
@@ -339,6 +342,8 @@ def draw_arrivals(
 
 
 def _mark(axes: Any, direct: Sequence[DirectArrival]) -> None:
+    if not isinstance(direct, Sequence) or not all(isinstance(d, DirectArrival) for d in direct):
+        raise ArgumentError(f"expected direct as a sequence of DirectArrival, got {direct!r}")
     for number, arrival in enumerate(direct):
         axes.plot(*arrival.place, "o", mfc="none", mec=_MARK, ms=7, mew=1.2)
         level = f"{10 * math.log10(arrival.power / _MILLIWATT):.1f} dBm".replace("-", "−")

@@ -169,9 +169,16 @@ def axes_on(ax: Any, width: float, height: float) -> tuple[Any, Any]:
     return figure.add_subplot(), figure
 
 
+def checked_title(title: Any) -> str:
+    """A text, or ArgumentError."""
+    if not isinstance(title, str):
+        raise ArgumentError(f"expected title as a text, got {title!r}")
+    return title
+
+
 def write_title(figure: Figure | SubFigure, title: str) -> None:
     """Write the title above all panels; without one the caller's stays."""
-    if title or not figure.get_suptitle():
+    if checked_title(title) or not figure.get_suptitle():
         figure.suptitle(title)
 
 

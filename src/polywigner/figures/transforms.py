@@ -16,6 +16,7 @@ from polywigner.figures.style import (
     INK,
     TINT,
     TYPOGRAPHY,
+    checked_title,
     colour_bar,
     draw_levels,
     draw_polygons,
@@ -28,6 +29,11 @@ from polywigner.figures.style import (
     mark_evanescent,
     signed_bar,
     write_title,
+)
+from polywigner.geometry.arguments import (
+    checked_count,
+    checked_wavelength,
+    real_numbers,
 )
 from polywigner.geometry.display import LengthUnit, length_unit
 from polywigner.illumination.support import mutual_support
@@ -94,12 +100,7 @@ def transform_slices(
     frequency; too few or too many samples.
     GeometryError : elements of an array that do not lie in the plane z = 0.
     """
-    if samples < 2:
-        raise ArgumentError(f"expected at least 2 samples along an axis, got {samples}")
-    if samples > LARGEST_SAMPLES:
-        raise ArgumentError(
-            f"expected at most {LARGEST_SAMPLES} samples along an axis, got {samples}; use fewer"
-        )
+    checked_count(samples, "samples", 2, LARGEST_SAMPLES)
     aperture, support = outline_of(source), mutual_support(flat_of(source))
     position = default_position(support, aperture.centre) if x is None else _point(x)
     lag = _default_lag(aperture) if xi is None else _point(xi)
@@ -155,11 +156,16 @@ def samples_needed(aperture: pw.Aperture, wavelength: float | None) -> int:
 
 
 def _half_width(aperture: pw.Aperture, wavelength: float | None) -> float:
-    return _LOBES / aperture.diameter if wavelength is None else 1.0 / wavelength
+    if wavelength is None:
+        return _LOBES / aperture.diameter
+    return 1.0 / checked_wavelength(wavelength)
 
 
 def _point(value: ArrayLike) -> tuple[float, float]:
-    point = np.asarray(value, dtype=np.float64)
+    try:
+        point = real_numbers(value)
+    except ValueError:
+        point = np.empty(0)
     if point.shape != (2,) or not np.all(np.isfinite(point)):
         raise ArgumentError(f"expected two finite coordinates, got {value!r}")
     return float(point[0]), float(point[1])
@@ -257,10 +263,10 @@ def system_slices(
     ------
     ArgumentError : anything but such arguments; too few or too many samples.
     """
-    if not 2 <= samples <= LARGEST_SAMPLES:
-        raise ArgumentError(
-            f"expected from 2 to {LARGEST_SAMPLES} samples along an axis, got {samples}"
-        )
+    checked_count(samples, "samples", 2, LARGEST_SAMPLES)
+    wavelength = checked_wavelength(wavelength)
+    if not isinstance(system, pw.FirstOrder):
+        raise ArgumentError(f"expected a FirstOrder system, got {type(system).__name__}")
     aperture, support = outline_of(source), mutual_support(flat_of(source))
     middle = np.array(default_position(support, aperture.centre))
     xmin, ymin, xmax, ymax = support.bounds
@@ -345,6 +351,11 @@ def draw_transforms(
     import matplotlib as mpl
 
     check_floor(floor_db)
+    checked_title(title)
+    if not isinstance(slices, (SystemSlices, TransformSlices)):
+        raise ArgumentError(
+            f"expected slices as transform_slices returns them, got {type(slices).__name__}"
+        )
     if isinstance(slices, SystemSlices):
         with mpl.rc_context(TYPOGRAPHY):
             figure = figure_on(figure, 9.4, 7.2, spacing=0.04)

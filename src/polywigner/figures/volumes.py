@@ -12,7 +12,11 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, EngineError, MissingExtraError
 from polywigner.figures.fields import even_axis, peak_of, printed_unit, quantity_of
-from polywigner.figures.levels import check_floor, level_db
+from polywigner.figures.levels import (
+    check_floor,
+    checked_dataset,
+    level_db,
+)
 from polywigner.figures.style import (
     TYPOGRAPHY,
     checked_axes,
@@ -33,6 +37,7 @@ from polywigner.figures.volumes_layers import (
     shaded,
 )
 from polywigner.figures.volumes_pyvista import pyvista_layers
+from polywigner.geometry.arguments import checked_row
 from polywigner.geometry.display import length_unit
 
 if TYPE_CHECKING:
@@ -160,7 +165,7 @@ def check_volume_options(
     _check_name("renderer", renderer, Renderer)
     if surfaces is None:
         return tuple(sorted(floor_db * part for part in _SURFACES))
-    levels = tuple(sorted({float(level) for level in surfaces}))
+    levels = tuple(sorted(set(checked_row(surfaces, "expected surfaces as levels in dB").tolist())))
     if not levels or not all(floor_db <= level < 0 for level in levels):
         raise ArgumentError(
             f"expected surfaces at levels from the floor, {floor_db:g} dB, to below 0 dB, got "
@@ -213,6 +218,7 @@ def field_samples(
     ArgumentError : no such quantity or axes, fewer than two samples along an axis, uneven ones,
     samples that are nan (a file that has not been finished).
     """
+    checked_dataset(found, "found")
     if name is None and len(found.data_vars) == 1:
         (name,) = found.data_vars
     if name is None or name not in found.data_vars:

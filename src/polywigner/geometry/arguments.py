@@ -111,6 +111,26 @@ def checked_row(values: Any, expected: str) -> NDArray[np.float64]:
     return numbers
 
 
+def checked_array(values: Any, name: str, dimension: int) -> NDArray[np.float64]:
+    """Real numbers with so many axes, none of them empty, or ArgumentError."""
+    try:
+        numbers = real_numbers(values)
+    except ValueError as error:
+        raise ArgumentError(f"expected {name} as an array of real numbers, got {error}") from None
+    if numbers.ndim != dimension or not numbers.size:
+        raise ArgumentError(
+            f"expected {name} with {dimension} axes and some entries, got shape {numbers.shape}"
+        )
+    return numbers
+
+
+def checked_callable(value: Any, name: str) -> Any:
+    """A function or None, or ArgumentError."""
+    if value is not None and not callable(value):
+        raise ArgumentError(f"expected {name} as a function or None, got {value!r}")
+    return value
+
+
 def checked_length(value: Any, name: str, zero: bool = False) -> float:
     """A finite number above zero (or zero, if allowed), or ArgumentError."""
     meaning = "a length of at least zero" if zero else "a length above zero"

@@ -421,7 +421,7 @@ def split_ring(vertices: Any, winding: str) -> list[Part]:
     ArgumentError for an unknown `winding`; GeometryError for vertices that do not make a ring, or
     one that encloses no area.
     """
-    if winding not in _RULES:
+    if not isinstance(winding, str) or winding not in _RULES:
         raise ArgumentError(f"expected winding to be one of {_RULES}, got {winding!r}")
     ring = clean_ring(vertices, "the ring")
     if shapely.is_valid(shapely.Polygon(ring)):

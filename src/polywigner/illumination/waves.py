@@ -81,7 +81,10 @@ class Illumination:
 
     def __call__(self, x: ArrayLike) -> Any:
         """The field at positions x (..., d), complex (...)."""
-        points = np.asarray(x, dtype=np.float64)
+        try:
+            points = real_numbers(x)
+        except ValueError as error:
+            raise ArgumentError(f"expected x as real numbers, got {error}") from None
         if points.ndim == 0 or points.shape[-1] != self.dimension:
             raise ArgumentError(f"expected x of shape (..., {self.dimension}), got {points.shape}")
         return np.exp(2j * np.pi * (points @ self.frequencies.T)) @ self.amplitudes
@@ -350,7 +353,9 @@ def fit_illumination(
     amplitudes, left, rank = _least_squares(places - centre, field, kappa, least)
     size = float(np.linalg.norm(field))
     residual = left / size
-    if largest_residual is not None and not residual <= largest_residual:
+    if largest_residual is not None and not residual <= checked_number(
+        largest_residual, "largest_residual", "a number"
+    ):
         raise IlluminationError(
             f"expected a fit with a residual of at most {largest_residual:g}, got {residual:.3g} "
             f"with {len(kappa)} waves; give a higher order or other frequencies"

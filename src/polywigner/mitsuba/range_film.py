@@ -27,7 +27,10 @@ from polywigner.errors import (
 from polywigner.mitsuba.films import CAMERAS, WAVEFRONT, fineness, seed_of
 from polywigner.mitsuba.receiver import is_receiver, receiving
 from polywigner.mitsuba.rendering import depths_of
-from polywigner.mitsuba.scenes import translate_error
+from polywigner.mitsuba.scenes import (
+    checked_scene,
+    translate_error,
+)
 
 _NAME = "mitransient"
 _PATH, _VOLUME = "transient_path", "transient_prbvolpath"
@@ -105,11 +108,7 @@ def transient_integrator(integrator: Any, scene: Any, sensor: Any) -> Any:
     paths in.
     """
     require_transients()
-    if not isinstance(scene, mi.Scene):
-        raise SceneError(
-            f"expected a scene of the variant that is set, {mi.variant()}, got one of another; set "
-            "that one, or load the scene anew"
-        )
+    checked_scene(scene)
     _check_lights(scene)
     found = _counterpart(integrator)
     if type(found).__name__ == _OWN[1]:

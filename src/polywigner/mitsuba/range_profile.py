@@ -10,7 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from polywigner.errors import ArgumentError
-from polywigner.geometry.arguments import real_numbers
+from polywigner.geometry.arguments import (
+    checked_callable,
+    real_numbers,
+)
 from polywigner.mitsuba.films import seed_of
 from polywigner.mitsuba.plugins import one_at_a_time
 from polywigner.mitsuba.range_film import (
@@ -298,6 +301,7 @@ def prepared_frames(
     parts = min(_PARTS, total)
 
     def rendered(progress: Progress | None) -> xarray.Dataset:
+        checked_callable(progress, "progress")
         found: Any = 0.0
         for part in range(parts):
             samples = total // parts + (part < total % parts)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, SceneError
+from polywigner.geometry.arguments import checked_callable
 from polywigner.mitsuba.direct_light import DirectLight, direct_light, mirrors_in, ways_of
 from polywigner.mitsuba.films import film_of, mean_of_colours, seed_of, silent
 from polywigner.mitsuba.placement import (
@@ -230,7 +231,7 @@ def scattered_here(
     done, total = count(1), len(plans) * BATCHES * len(lights_of(scene))
 
     def tell() -> None:
-        if progress is not None:
+        if progress is not None and checked_callable(progress, "progress"):
             progress(next(done), total)
 
     return np.array([[p.batch(scene, k, tell) for k in range(BATCHES)] for p in plans])

@@ -13,7 +13,10 @@ import numpy as np
 import numpy.typing as npt
 
 from polywigner.errors import ArgumentError, SceneError
-from polywigner.geometry.arguments import checked_count
+from polywigner.geometry.arguments import (
+    checked_callable,
+    checked_count,
+)
 from polywigner.mitsuba.films import Exposure, tiling_of
 from polywigner.mitsuba.placement import PLACE_ERROR, matrix_of
 from polywigner.mitsuba.plugins import one_at_a_time
@@ -128,7 +131,7 @@ def render(
     integrator, one that cannot render this scene, or radiance that is not finite.
     """
     exposure = exposed(scene, integrator, spp, seed, sensor)
-    if progress is None:
+    if checked_callable(progress, "progress") is None:
         return exposure.picture(lambda: None)
     done, steps = count(1), exposure.cut.steps
     return exposure.picture(lambda: progress(next(done), steps))

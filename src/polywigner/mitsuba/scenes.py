@@ -12,7 +12,13 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from polywigner.errors import EngineError, PolywignerError, SceneError
+from polywigner.errors import (
+    ArgumentError,
+    EngineError,
+    PolywignerError,
+    SceneError,
+)
+from polywigner.geometry.arguments import checked_flag, checked_path
 from polywigner.mitsuba.films import threads_for_openexr
 from polywigner.mitsuba.plugins import (
     one_at_a_time,
@@ -52,7 +58,7 @@ def choose_variant(prefer: str | None = None) -> str:
             stacklevel=2,
         )
         return _PLAIN_VARIANT
-    if prefer not in mi.variants():
+    if not isinstance(prefer, str) or prefer not in mi.variants():
         raise EngineError(
             f"expected a variant of the installed Mitsuba, got {prefer!r}; use one of "
             f"{', '.join(mi.variants())}"
@@ -92,7 +98,11 @@ def load_scene(
     EngineError for a variant that cannot run; SceneError, or the package's own error behind it,
     for a scene that does not load.
     """
-    file = Path(path)
+    file = checked_path(path)
+    for name, value in (("sampler", sampler), *parameters.items()):
+        if value is not None and not isinstance(value, (str, int, float)):
+            raise ArgumentError(f"expected {name} as a text or a number, got {value!r}")
+    checked_flag(merge, "merge")
     if not file.is_file():
         raise SceneError(f"expected a Mitsuba scene file, got {str(path)!r}, which is not a file")
     if variant is not None or mi.variant() is None:
@@ -109,9 +119,20 @@ def load_scene(
     return scene
 
 
+def checked_scene(scene: Any) -> Any:
+    """A scene of the variant that is set, or SceneError."""
+    if not isinstance(scene, mi.Scene):
+        raise SceneError(
+            f"expected a scene of the variant that is set, {mi.variant()}, got one of another or "
+            f"no scene ({type(scene).__name__}); set that one, or load the scene anew"
+        )
+    return scene
+
+
 def has_wigner_emitter(scene: Any) -> bool:
     """Whether a ``wigner`` shape lights this scene."""
-    return any(getattr(type(emitter), "is_wigner", False) for emitter in scene.emitters())
+    emitters = checked_scene(scene).emitters()
+    return any(getattr(type(emitter), "is_wigner", False) for emitter in emitters)
 
 
 def translate_error(error: Exception) -> PolywignerError:

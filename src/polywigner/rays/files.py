@@ -19,7 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, FileFormatError
-from polywigner.geometry.arguments import checked_path, warn_caller
+from polywigner.geometry.arguments import (
+    checked_flag,
+    checked_path,
+    warn_caller,
+)
 from polywigner.geometry.io.limits import check_regular
 from polywigner.interruption import atomic_path
 from polywigner.propagation.exports import write_netcdf
@@ -221,7 +225,7 @@ def save(
     """
     if not isinstance(unit, str) or unit not in METRES:
         raise ArgumentError(f"expected unit to be one of {', '.join(METRES)}, got {unit!r}")
-    paths = names_of(checked_path(path), split)
+    paths = names_of(checked_path(path), checked_flag(split, "split"))
     try:
         paths[0].parent.mkdir(parents=True, exist_ok=True)
         with ExitStack() as stack:

@@ -13,7 +13,13 @@ from numpy.typing import NDArray
 
 from polywigner import transforms
 from polywigner.errors import ArgumentError
+from polywigner.execution import checked_precision
 from polywigner.geometry import Aperture, Polyhedron, Slits
+from polywigner.geometry.arguments import (
+    checked_count,
+    checked_generator,
+    checked_number,
+)
 from polywigner.illumination import Array as Elements
 from polywigner.illumination import Illumination
 
@@ -200,15 +206,17 @@ def case_of(
             "assert_array_identities, and the .aperture of a placed one by itself"
         )
     waves = waves_of(source)
-    rng = np.random.default_rng(seed)
+    rng, points = checked_generator(seed), checked_count(points, "points", 1)
     corner, sides = box_of(source)
     dimension = len(corner)
     unit = rng.random((points, dimension))
     direction = rng.normal(size=(points, dimension))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     size = 10 ** rng.uniform(-2, 1.5, points) / source.diameter
+    kept = TOLERANCE[checked_precision(precision) or "double"]
     if tolerance is None:
-        tolerance = TOLERANCE[precision or "double"] * max(1.0, thinness_of(source) / 10)
+        tolerance = kept * max(1.0, thinness_of(source) / 10)
+    tolerance = checked_number(tolerance, "tolerance", "a number")
     return Case(
         source,
         x=corner + unit @ sides,
@@ -361,7 +369,7 @@ def array_case_of(
             "aperture or slits"
         )
     elements = array.elements_in_plane
-    rng = np.random.default_rng(seed)
+    rng, points = checked_generator(seed), checked_count(points, "points", 1)
     one, other = rng.integers(len(elements), size=(2, points))
     ends = [_drawn_in(elements, chosen, rng) for chosen in (one, other)]
     dimension = ends[0].shape[1]
@@ -372,9 +380,10 @@ def array_case_of(
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     size = 10 ** rng.uniform(-2 - np.log10(largest), 1 - np.log10(smallest), points)
     carriers = [_wave_of(elements, chosen, rng) for chosen in (one, other)]
+    kept = TOLERANCE[checked_precision(precision) or "double"]
     if tolerance is None:
-        thinnest = max(map(thinness_of, elements))
-        tolerance = TOLERANCE[precision or "double"] * max(1.0, thinnest / 10)
+        tolerance = kept * max(1.0, max(map(thinness_of, elements)) / 10)
+    tolerance = checked_number(tolerance, "tolerance", "a number")
     return ArrayCase(
         array,
         x=(ends[0] + ends[1]) / 2,

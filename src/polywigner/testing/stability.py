@@ -14,7 +14,13 @@ from numpy.typing import NDArray
 
 from polywigner import transforms
 from polywigner.errors import ArgumentError, GeometryError
+from polywigner.execution import checked_precision
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
+from polywigner.geometry.arguments import (
+    checked_count,
+    checked_generator,
+    checked_number,
+)
 from polywigner.testing.cases import Precision, corners_of, require, waves_of
 from polywigner.testing.pieces import split_in_three
 
@@ -105,11 +111,14 @@ def assert_fourier_stable(
         )
     outline = _without_field(source)
     simplices = _simplices_of(outline)
-    nu, decade = _frequencies(corners_of(source), points, np.random.default_rng(seed))
+    count = checked_count(points, "points", 1)
+    nu, decade = _frequencies(corners_of(source), count, checked_generator(seed))
+    kept = _TOLERANCE[checked_precision(precision) or "double"]
     if tolerance is None:
-        tolerance = _TOLERANCE[precision or "double"]
+        tolerance = kept
         if isinstance(source, Polyhedron):
             tolerance *= max(1.0, _cancellation(simplices) / 10)
+    tolerance = checked_number(tolerance, "tolerance", "a number")
     case = _Case(outline, nu, decade, {"precision": precision, "engine": engine}, tolerance)
     _is_bounded_and_hermitian(case)
     _has_its_limit_at_small_frequencies(case, simplices)
