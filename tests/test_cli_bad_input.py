@@ -188,9 +188,9 @@ BAD: dict[str, str] = {
         --x "1 mm,2 furlong" => furlong
         --x 5,0 => inside the automean | unit
         --xi "20 mm,0 mm" => overlaps
-        --samples 1 => at least 2
-        --samples -3 => at least 2
-        --samples 100000 => at most 4096 | 100000
+        --samples 1 => from 2 to 4096
+        --samples -3 => from 2 to 4096
+        --samples 100000 => to 4096 | 100000
         --db-floor 0 => below 0 dB
         --db-floor nan => below 0 dB
         --db-floor -1e308 => down to -300 dB | -1e+308
@@ -321,7 +321,7 @@ BAD: dict[str, str] = {
     """,
     "render lit.xml": """
         --spp 0 => at least 1 | 0
-        --spp 99999999999999999999 => at most | 99999999999999999999
+        --spp 99999999999999999999 => whole number from 1 | 99999999999999999999
         --spp -4 => at least 1 | -4
         --spp 4 --error-db 6 => both
         --error-db 0 => above zero
@@ -347,13 +347,13 @@ BAD: dict[str, str] = {
         square.wkt => polywigner transform
     """,
     "scatterers link.xml --variant scalar_rgb --rays 32": """
-        --count 0 => expected count from 1
+        --count 0 => expected count as a whole number from 1
         --velocity floor=fast => --velocity: expected ID=VX,VY,VZ
         --velocity flor=1,2,3 => got one of 'flor'
         --out cloud.png => --out: expected a file of .csv, .vtp, .nc
         --define height => --define
         --receiver nobody => receiver as one of
-        --max-depth 0 => max_depth from 1
+        --max-depth 0 => max_depth as a whole number from 1
     """,
     "figures amp_spec": """
         nosuch => got 'nosuch'

@@ -76,7 +76,7 @@ def atomic_path(path: Path) -> Iterator[Path]:
     scratch = scratch_of(path)
     with unfinished(scratch):
         yield scratch
-        if path.is_dir():
+        if scratch.is_dir() and path.is_dir():
             _replace_folder(scratch, path)
         else:
             scratch.replace(path)

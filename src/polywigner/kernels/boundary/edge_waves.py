@@ -259,7 +259,8 @@ def silhouette_edge(
     # behind the point the axis may meet edges that throw no shadow on it: their waves are smooth
     is_shadowed = _dot(middle, tuple(a - b for a, b in zip(axis, middle, strict=True))) > 0.0
     wave = path.boundary_wave(ops)
-    counts = _dot(row[16:19], point) + row[19] >= 0.0
+    ahead = _dot(row[16:19], point) + row[19]
+    counts = ahead >= 0.0
     return (
         ops.select(counts, ops.select(is_shadowed, real - angle, -wave[0]), 0.0),
         ops.select(counts, ops.select(is_shadowed, imag, -wave[1]), 0.0),
@@ -290,7 +291,7 @@ class _Path:
         self.turn = _dot(self.ahead, r) * self.axis
 
     def smooth(self, ops: Any) -> tuple[Any, Any]:
-        """The angle less the boundary wave, of which both diverge on the axis."""
+        """The angle less the boundary wave: both diverge on the axis, their difference does not."""
         c, s = cos_sin_turns(ops, self.detour)
         c2, s2 = cos_sin_turns(ops, 0.5 * self.detour)
         slope = 4.0 * math.pi / (self.inner * self.both) * sinc(ops, self.detour)
