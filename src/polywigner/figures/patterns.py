@@ -25,6 +25,7 @@ from polywigner.figures.style import (
     number_text,
     write_title,
 )
+from polywigner.geometry.arguments import checked_choice
 from polywigner.propagation.beams import BeamMetrics, beam_metrics
 from polywigner.propagation.patterns import checked_pattern, cuts_of, front_of
 
@@ -111,7 +112,9 @@ def draw_pattern(
 def _chosen(panels: Sequence[str] | None, meridians: int) -> list[str]:
     if panels is None:
         return [name for name in _PANELS if name != "uv" or meridians >= _LEAST_MERIDIANS]
-    names = [panels] if isinstance(panels, str) or not isinstance(panels, Sequence) else [*panels]
+    if isinstance(panels, str) or not isinstance(panels, Sequence):
+        panels = [panels]
+    names = [checked_choice(panel, "panels", get_args(PatternPanel)) for panel in panels]
     for name in names:
         if name not in get_args(PatternPanel):
             raise ArgumentError(

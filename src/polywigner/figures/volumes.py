@@ -250,7 +250,7 @@ def field_samples(
 def _check_name(what: str, name: str, known: Any) -> None:
     from typing import get_args
 
-    if name not in get_args(known):
+    if not isinstance(name, str) or name not in get_args(known):
         raise ArgumentError(
             f"expected {what} to be one of {', '.join(get_args(known))}, got {name!r}"
         )

@@ -21,6 +21,7 @@ from polywigner.errors import (
 )
 from polywigner.geometry.arguments import (
     checked_count,
+    checked_flag,
     checked_length,
     checked_number,
     real_numbers,
@@ -212,7 +213,8 @@ def thinned(
     kept = random.random(len(places)) < likely * (share / float(likely.mean()))
     if not kept.any():
         raise ArgumentError("expected an element to be drawn, got none; try another seed")
-    return (places[kept], np.flatnonzero(kept)) if return_index else places[kept]
+    wanted = checked_flag(return_index, "return_index")
+    return (places[kept], np.flatnonzero(kept)) if wanted else places[kept]
 
 
 def _listed(values: Any) -> list[Any]:
@@ -351,6 +353,8 @@ def window_weights(
     sizes = tuple(shape) if isinstance(shape, Sequence) else (shape,)
     if len(sizes) not in (1, 2):
         raise ArgumentError(f"expected a shape of n or (nx, ny), got {shape!r}")
+    if not isinstance(window, (str, Sequence)):
+        raise ArgumentError(f"expected {len(sizes)} windows, got {window!r}")
     names = (window,) * len(sizes) if isinstance(window, str) else tuple(window)
     if len(names) != len(sizes):
         raise ArgumentError(f"expected {len(sizes)} windows, got {window!r}")

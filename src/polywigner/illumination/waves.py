@@ -111,7 +111,8 @@ class Illumination:
     def scaled(self, factor: float) -> Illumination:
         """The field carried along when its source grows by a factor about the origin."""
         size = checked_length(factor, "factor")
-        return self._from(self.amplitudes, self.frequencies / size)
+        with np.errstate(over="ignore"):
+            return self._from(self.amplitudes, self.frequencies / size)
 
     def _repr_html_(self) -> str:
         rows = [("waves", f"{len(self.amplitudes)} in {self.dimension} dimensions")]

@@ -19,7 +19,10 @@ import numpy.typing as npt
 
 from polywigner.errors import ArgumentError, SceneError, StoreError
 from polywigner.execution import MOST_THREADS, kernel_threads
-from polywigner.geometry.arguments import checked_count
+from polywigner.geometry.arguments import (
+    checked_count,
+    checked_path,
+)
 from polywigner.mitsuba.films import Tiling, check_is_whole
 from polywigner.mitsuba.parameters import is_key, register_source, registered_source
 from polywigner.mitsuba.plugins import one_at_a_time
@@ -199,7 +202,9 @@ def render_file(
         raise ArgumentError("expected a store with a scheduler, got none; say where to keep parts")
     if store is not None:
         require_stores(scheduler)
-    file = SceneFile(Path(path), choose_variant(variant or mi.variant()), sampler, parameters or {})
+    file = SceneFile(
+        checked_path(path), choose_variant(variant or mi.variant()), sampler, parameters or {}
+    )
     keeping: dict[str, Any] = {"store": store, "scheduler": scheduler}
     keeping |= {"threads": threads, "progress": progress}
     return render_parts(file, file.load(), integrator, spp, seed, sensor, **keeping)
