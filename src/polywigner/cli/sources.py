@@ -38,7 +38,7 @@ class Reading(NamedTuple):
     layer: Sequence[str] | None
     union: bool
     allow_outside: bool = False
-    """Of a source file: whether it may name files outside of its folder."""
+    """Whether a source file may name files outside of its folder."""
 
     def of_aperture(self) -> dict[str, Any]:
         """The arguments of :func:`polywigner.read_aperture`."""

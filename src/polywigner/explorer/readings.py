@@ -43,7 +43,7 @@ class Readings:
         self._turns = asyncio.Semaphore(_AT_ONCE)
         self._tasks: dict[Hashable, asyncio.Task[None]] = {}
         self.processes: set[Process] = set()
-        """Those that read now."""
+        """Processes that read now."""
 
     def submit(
         self,

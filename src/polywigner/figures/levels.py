@@ -13,10 +13,10 @@ from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import checked_array, checked_length, real_numbers
 
 PEAK_RULE = "largest 3x3 median"
-"""How :func:`picture_peak` chooses the 0 dB level, in words for labels and logs."""
+"""Rule by which :func:`picture_peak` chooses 0 dB, in words for labels and logs."""
 
 _LOWEST_DB = -300.0
-"""Fifteen digits of a field and thirty of its square: what is fainter is rounding."""
+"""Fifteen digits of a field and thirty of its square: fainter values are rounding."""
 
 
 def check_floor(floor_db: float) -> float:

@@ -37,7 +37,7 @@ _DECADES = 20.0
 """Ratio of the ends of an axis of lengths from which it is logarithmic."""
 
 _LINEAR_DB = 0.01
-"""Differences are drawn linearly up to here and logarithmically beyond: those of good methods fall
+"""Difference up to which the axis is linear, logarithmic beyond: differences of good methods fall
 by three decades along a line."""
 
 

@@ -9,7 +9,13 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.figures.fields import Comparison, even_axis
-from polywigner.figures.levels import COMPARED_DB, check_floor, difference_db, level_db
+from polywigner.figures.levels import (
+    COMPARED_DB,
+    check_floor,
+    checked_dataset,
+    difference_db,
+    level_db,
+)
 from polywigner.figures.style import (
     PHASE_MAP,
     TYPOGRAPHY,
@@ -187,7 +193,7 @@ def draw_hemispheres(
     import matplotlib as mpl
 
     check_floor(floor_db)
-    if "directivity" in found:
+    if "directivity" in checked_dataset(found, "found"):
         raise ArgumentError(
             "expected fields on a hemisphere, got a radiation pattern, whose directivity is in dBi "
             "already; use draw_pattern"

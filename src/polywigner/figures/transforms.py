@@ -62,7 +62,7 @@ class TransformSlices:
 
     source: pw.Aperture | pw.Array | pw.Wavefront
     aperture: pw.Aperture
-    """The outline of the source: of an array, that of all elements."""
+    """Outline of the source; for an array, the outline of all elements."""
     support: pw.Aperture
     """The automean, or a region around it: where W may differ from zero."""
     x: tuple[float, float]

@@ -233,7 +233,7 @@ class Obstacles:
         return best, body_of, face_of
 
     def hide(self, source: Floats, points: Floats) -> NDArray[np.bool_]:
-        """Whether another surface stands between a source and points (n, 3)."""
+        """Whether a body hides points (n, 3) from a source; their own surface does not count."""
         found = np.zeros(len(points), bool)
         for body in self.bodies:
             near, angle = _cone(body.vertices - source)

@@ -128,7 +128,7 @@ class FacingParts:
     emitter: PlacedSource
     receiver: PlacedSource
     share: float
-    """Of int |u|^2 of both, the product: 1 where all faces all."""
+    """Product of the shares of int |u|^2 that face each other: 1 where all faces all."""
 
 
 def facing_parts(emitter: PlacedSource, receiver: PlacedSource) -> FacingParts | None:

@@ -224,13 +224,13 @@ class Tiling:
     width: int
     height: int
     rows: int
-    """Of a strip; the last one may have fewer."""
+    """Rows of a strip; the last one may have fewer."""
     samples: int
-    """Of a pixel."""
+    """Samples of a pixel."""
     passes: int
-    """Of each strip."""
+    """Passes of each strip."""
     sets: int
-    """Of passes: a part is one strip with one set of its passes."""
+    """Sets of passes: a part is one strip with one set of its passes."""
 
     @property
     def strips(self) -> int:

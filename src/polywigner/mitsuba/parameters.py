@@ -135,7 +135,7 @@ PARAMETERS = (
     "visible",
     "bandwidth",
 )
-"""Of the ``wigner`` shape; their meaning is the table in ``docs/plugin.md``."""
+"""Names of the ``wigner`` shape's parameters; ``docs/plugin.md`` explains them."""
 
 RECEIVER_PARAMETERS = (
     *_COMMON,
@@ -146,7 +146,7 @@ RECEIVER_PARAMETERS = (
     "normalise",
     *NOISE_PARSERS,
 )
-"""Of the ``wigner_receiver`` sensor; their meaning is the table in ``docs/receivers.md``."""
+"""Names of the ``wigner_receiver`` sensor's parameters; ``docs/receivers.md`` explains them."""
 
 ESTIMATORS: dict[str, type[Estimator]] = {"wigner": WignerEstimator, "exact": ExactEstimator}
 RECEIVER_ESTIMATOR = "exact"

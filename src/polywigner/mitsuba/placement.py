@@ -144,7 +144,7 @@ class PlacedSource:
     power: float = 0.0
     """Radiated, in W."""
     mixture: Mixture = PLAIN
-    """Of its light."""
+    """Mixture of its light."""
     medium: Any = None
     """Fog that the source stands in, as the sensor says; None: none."""
 

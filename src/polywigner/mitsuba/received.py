@@ -89,7 +89,7 @@ class ReceivedPower:
     standard_error: float
     """W, of ``scattered``; the rest has none."""
     samples: int
-    """Of the scattered part, for each of its renders."""
+    """Samples of the scattered part, for each of its renders."""
     seed: int
     bandwidth: float | None = None
     """Hz."""
@@ -98,7 +98,7 @@ class ReceivedPower:
     noise_figure: float | None = None
     """dB; None counts as 0."""
     notes: tuple[str, ...] = ()
-    """What the numbers leave out in this scene."""
+    """Sentences about effects in this scene that the numbers leave out."""
 
     @property
     def direct(self) -> float:

@@ -124,7 +124,7 @@ class Scattering:
     seed: int
 
     edges: tuple[float, ...] | None = None
-    """Of bins of range, as lengths of paths in units of the scene; None: all in one number."""
+    """Edges of bins of range: lengths of paths in units of the scene; None: all in one number."""
 
     @property
     def values(self) -> tuple[int, ...]:

@@ -260,7 +260,7 @@ def _check_content(path: Path, kind: str) -> None:
 
 _CORNERS = ("vertex_indices", "vertex_index")
 Property = list[str]
-"""Of a PLY element: type and name; or "list", types of length and entries, and name."""
+"""Type and name of a PLY element's property; or "list", types of length and entries, and name."""
 
 
 def _ply(content: bytes) -> tuple[NDArray[Any], int]:

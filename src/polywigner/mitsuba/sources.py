@@ -266,7 +266,7 @@ class CentredSource:
     centre: Floats
     """(2,), of the region that radiates, read-only."""
     support: Aperture
-    """A region relative to the centre outside of which W is zero."""
+    """Region relative to the centre; W is zero outside."""
     energy: float
     """int |u|^2 dx, in m^2 for fields of unit 1."""
     shifts: Floats
@@ -407,18 +407,18 @@ class SourceSpec:
     scene_unit: float
     """Metres."""
     mixture: Mixture
-    """Of the light that it sends, or would send."""
+    """Mixture of the light that it sends, or would send."""
     normalise: str = NORMALISATIONS[0]
-    """Which power ``norm`` is."""
+    """Power that ``norm`` stands for: one of `NORMALISATIONS`."""
     power: float = 1.0
-    """Radiated, in W; of a receiver, 1: a received power is that of the scene."""
+    """Radiated power in W; 1 for a receiver, whose power comes from the scene."""
     antithetic: bool = False
     control_variate: bool = False
     sampling_weight: float = 1.0
     visible: bool = True
     """Whether rays meet its surface."""
     noise: Mapping[str, float | None] = field(default_factory=dict)
-    """Of a receiver, by the names of ``NOISE_PARSERS``."""
+    """Noise of a receiver, by the names of ``NOISE_PARSERS``."""
 
     @property
     def source(self) -> Aperture | Array:

@@ -33,7 +33,7 @@ class Wave(NamedTuple):
     """The wave of a sample."""
 
     inverse: Any
-    """Of its wavelength, in 1/m."""
+    """Inverse of its wavelength, in 1/m."""
     tilt: Any
     """Spatial frequency (2D) in 1/m by which it is tilted; None: not at all."""
 

@@ -92,8 +92,8 @@ class FirstOrder:
     matrix: Matrix
     """(4, 4), read-only."""
     rounding: Matrix
-    """(4, 4): bounds on what rounding has made of the elements. In a product what is no larger is
-    set to zero, so that an image that is composed of lenses and distances is one."""
+    """(4, 4): bounds on the rounding errors of the elements. In a product, elements within their
+    bounds become zero, so that an image composed of lenses and distances stays an image."""
 
     def __init__(self, matrix: ArrayLike) -> None:
         try:

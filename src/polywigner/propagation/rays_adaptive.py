@@ -254,7 +254,7 @@ _BATCHES = 16
 _FIRST_SAMPLES, _MOST_SAMPLES = 1 << 14, 1 << 18
 
 Draw = Callable[[int], Values]
-"""How many -> numbers (n, 2) in [0, 1), others at each call."""
+"""Count n -> numbers (n, 2) in [0, 1), others at each call."""
 
 
 def by_samples(

@@ -31,7 +31,7 @@ Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 DEFAULT_TOLERANCE = 1e-6
-"""Of fields behind obstacles: far below what black edges, one at a time, differ from bodies by."""
+"""Relative error of fields behind obstacles: far below the error of black edges, one at a time."""
 LEAST_TOLERANCE = 1e-8
 """The smallest tolerance of fields behind obstacles."""
 

@@ -154,7 +154,7 @@ if TYPE_CHECKING:
 
 
 SUFFIXES = (".npz", ".csv", ".nc", ".dat")
-"""Of the formats."""
+"""Suffixes of the formats."""
 
 LengthUnit = Literal["m", "in", "cm", "ft", "mm"]
 _COLUMNS = ("x", "y", "z", "l", "m", "n", "weight")

@@ -183,10 +183,10 @@ class Links:
     rotation: Floats
     """(n, 3, 3), of the receiver's frame into the transmitter's."""
     offset: Floats
-    """From the centre of the transmitter to that of the receiver, (n, 3)."""
+    """(n, 3) from the transmitter's centre to the receiver's."""
     condition: Obliquity
     extra: float
-    """Nodes along a side of a cell beyond those that waves and polynomials need."""
+    """Nodes along a side of a cell, added to the count that waves and polynomials need."""
 
     def sizes(self, pairs: Pairs) -> tuple[Floats, Floats, Floats]:
         """Half the diagonals of both cells of pairs, and their distance, (n,) each."""

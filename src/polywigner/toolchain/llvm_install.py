@@ -32,7 +32,7 @@ _LIBATOMIC = ["libatomic1"]
 _LLVM = [f"libllvm{major}{suffix}" for major in (19, 20, 21, 22, 18, 17) for suffix in ("", "t64")]
 
 _PARTIAL = ".partial-"
-"""What the names of folders that are being filled begin with; the process follows."""
+"""Start of the names of folders that are being filled; the process follows."""
 
 _TRY_TO_OPEN = """
 import ctypes, sys

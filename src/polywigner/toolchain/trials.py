@@ -33,8 +33,8 @@ from polywigner.toolchain.llvm_discovery import (
 )
 
 _SECONDS = 20.0
-"""Of the processor, and six times as many of the clock: Dr.Jit's first import from a cold disk can
-take many."""
+"""Processor seconds of a trial; wall time may be six times as long: Dr.Jit's first import from a
+cold disk is slow."""
 
 _FROM_OUTSIDE = (signal.SIGINT, signal.SIGTERM, 1, 9)
 """Signals that end the child through no fault of the library; 1 and 9 have no names on Windows."""

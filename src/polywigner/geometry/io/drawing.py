@@ -41,7 +41,7 @@ class Drawing:
     metres: float
     """Length of the file's unit."""
     remedy: str | None = None
-    """What to do in a drawing about outlines that overlap."""
+    """Advice to users whose outlines overlap."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -291,7 +291,7 @@ class _Path:
         self.turn = _dot(self.ahead, r) * self.axis
 
     def smooth(self, ops: Any) -> tuple[Any, Any]:
-        """The angle less the boundary wave: both diverge on the axis, their difference does not."""
+        """The angle less the boundary wave; on the axis each alone diverges."""
         c, s = cos_sin_turns(ops, self.detour)
         c2, s2 = cos_sin_turns(ops, 0.5 * self.detour)
         slope = 4.0 * math.pi / (self.inner * self.both) * sinc(ops, self.detour)
