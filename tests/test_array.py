@@ -6,17 +6,13 @@ import copy
 import itertools
 import math
 import pickle
-from functools import lru_cache
 
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given
 from hypothesis import strategies as st
 
 import polywigner as pw
-from oracles import exact
-from oracles.quadrature import position_nodes
 from oracles.references import ENGINES, numpy_and_few
 from polywigner.errors import ArgumentError, GeometryError, IlluminationError, PolywignerError
 
@@ -65,72 +61,6 @@ def _frequencies(count: int, seed: int) -> np.ndarray:
     return size * np.hstack([np.cos(angle), np.sin(angle)])
 
 
-def _pairs(array: pw.Array) -> list[tuple[complex, pw.Aperture, pw.Aperture]]:
-    items = list(zip(array.weights.tolist(), array.elements, strict=True))
-    return [(v * w.conjugate(), g, h) for (v, g), (w, h) in itertools.product(items, items)]
-
-
-def _summed(array: pw.Array, region: object, point: np.ndarray, nu: np.ndarray) -> complex:
-    """sum_kl w_k w_l* F(nu, slice of k and l), slices in rational arithmetic."""
-    return sum(
-        weight * complex(exact.transform(region(g.rings, point, h.rings), nu, digits=25))
-        for weight, g, h in _pairs(array)
-    )
-
-
-COUNT = 24
-
-
-@lru_cache
-def _exact(name: str) -> tuple[np.ndarray, ...]:
-    """x, xi, nu, and both functions as sums over pairs."""
-    array = COLLECTIONS[name]
-    (x, xi), nu = _special(array, COUNT, 1), _frequencies(COUNT, 2)
-    lag = [_summed(array, exact.lag_region, *point) for point in zip(x, nu, strict=True)]
-    position = [_summed(array, exact.position_region, *p) for p in zip(xi, nu, strict=True)]
-    return x, xi, nu, np.array(lag), np.array(position)
-
-
-@pytest.mark.parametrize(
-    ("name", "precision", "engine"),
-    numpy_and_few(
-        itertools.product(COLLECTIONS, TOLERANCE),
-        # all kinds of weights, of those that compile in a second
-        [
-            ("touching", "double"),
-            ("leaning", "double"),
-            ("real weights", "double"),
-            ("overlapping", "single"),
-            ("equal weights", "single"),
-        ],
-    ),
-)
-def test_wigner_and_ambiguity_functions_are_sums_over_pairs_also_where_edges_coincide(
-    name: str, precision: str, engine: str
-) -> None:
-    array = COLLECTIONS[name]
-    x, xi, nu, lag, position = _exact(name)
-    assert np.abs(lag.imag).max() < 1e-15 * _scale(array)  # W is real
-    allowed = TOLERANCE[precision] * _scale(array)
-    how = {"engine": engine, "precision": precision}
-    assert np.abs(pw.wigner(array, x, nu, **how) - lag.real).max() < 4 * allowed
-    assert np.abs(pw.ambiguity(array, nu, xi, **how) - position).max() < allowed
-
-
-@pytest.mark.parametrize(
-    ("name", "engine"), numpy_and_few(COLLECTIONS, ("touching", "real weights"))
-)
-def test_marginals_of_arrays_are_their_functions_at_frequency_zero(name: str, engine: str) -> None:
-    array = COLLECTIONS[name]
-    x, xi = _special(array, 100, 3)
-    zero, allowed = np.zeros(2), 4 * TOLERANCE["double"] * _scale(array)
-    rx, w = pw.position_marginal(array, x, engine=engine), pw.wigner(array, x, zero, engine=engine)
-    assert np.abs(rx - w).max() < allowed
-    rxi, a = pw.lag_marginal(array, xi, engine=engine), pw.ambiguity(array, zero, xi, engine=engine)
-    assert np.iscomplexobj(rxi)
-    assert np.abs(rxi - a).max() < allowed
-
-
 @engines
 def test_equal_weights_on_tiles_are_one_aperture(engine: str) -> None:
     tiles = [SQUARE, BESIDE, pw.Aperture(shapely.box(-0.5, 0.5, 1.5, 1.25))]
@@ -171,51 +101,6 @@ def test_opposite_weights_on_one_element_are_dark(engine: str) -> None:
 weights = st.complex_numbers(max_magnitude=4, min_magnitude=0.25)
 
 
-@pytest.mark.slow
-@given(pair=st.tuples(weights, weights, weights), seed=st.integers(0, 2**32 - 1))
-def test_laws_of_weighted_collections(pair: tuple[complex, ...], seed: int) -> None:
-    array = pw.Array([SQUARE, ACROSS, TRIANGLE], pair)
-    rng = np.random.default_rng(seed)
-    x, xi = rng.uniform(-1, 3, (2, 40, 2))
-    nu = rng.normal(size=(40, 2)) * 10 ** rng.uniform(-6, 1, (40, 1))
-    allowed = 8 * TOLERANCE["double"] * _scale(array)
-    mirrored = pw.Array(array.elements, array.weights.conj())
-    w = pw.wigner(array, x, nu)
-    # the conjugate field runs the other way
-    assert np.abs(w - pw.wigner(mirrored, x, -nu)).max() < allowed
-    a = pw.ambiguity(array, nu, xi)
-    assert np.abs(a - pw.ambiguity(array, -nu, -xi).conj()).max() < allowed
-    energy = pw.lag_marginal(array, np.zeros(2))
-    assert abs(energy.imag) < allowed
-    assert np.abs(w).max() <= 4 * energy.real + allowed
-    assert np.abs(a).max() <= energy.real + allowed
-
-
-@pytest.mark.parametrize("name", ["touching", "overlapping", "real weights"])
-def test_integral_of_w_over_positions_is_the_power_spectrum(name: str) -> None:
-    array = COLLECTIONS[name]
-    nodes, weight = position_nodes([ring for e in array.elements for ring in e.rings], 10)
-    nu = np.array([[0.0, 0.0], [0.3, -0.2], [-0.3, 0.2], [1.0, 0.5]])
-    got = pw.wigner(array, nodes[:, None], nu).T @ weight
-    expected = np.abs(pw.fourier(array, nu)) ** 2
-    assert np.abs(got - expected).max() < 1e-11 * _scale(array) ** 2
-    # a phase step between elements steers: the spectrum is not even, nor may W be
-    assert (abs(expected[1] - expected[2]) > 0.1) == (name != "real weights")
-
-
-def test_autocorrelation_is_the_product_of_the_fields() -> None:
-    array = COLLECTIONS["overlapping"]
-    rng = np.random.default_rng(8)
-    x, xi = rng.uniform(-1, 2, (2, 500, 2))
-
-    def field(points: np.ndarray) -> np.ndarray:
-        inside = [shapely.contains_xy(e.polygons, *points.T) for e in array.elements]
-        return array.weights @ np.array(inside, float)
-
-    expected = field(x + xi / 2) * field(x - xi / 2).conj()
-    assert np.abs(pw.autocorrelation(array, x, xi) - expected).max() < 1e-15 * 4
-
-
 @engines
 def test_otf_of_an_apodised_pupil(engine: str) -> None:
     # nested squares add up to a stepped taper; its OTF by a fine midpoint sum
@@ -241,47 +126,6 @@ SLIT_ARRAY = pw.Array(
     [pw.Slits([[-1, -0.4], [0.1, 0.9]]), pw.Slits([0.5, 1.5]), pw.Slits([-0.4, 0.1])],
     [1.0, 0.5 - 1j, 2j],
 )
-
-
-@engines
-def test_arrays_of_slits_are_sums_over_pairs(engine: str) -> None:
-    rng = np.random.default_rng(9)
-    x, xi, nu = rng.uniform(-2, 2, (3, 60, 1))
-    parts = [
-        (weight, begin, end)
-        for weight, slits in zip(SLIT_ARRAY.weights, SLIT_ARRAY.elements, strict=True)
-        for begin, end in slits.intervals
-    ]
-
-    def mean(low: np.ndarray, high: np.ndarray, frequency: np.ndarray) -> np.ndarray:
-        length = np.maximum(high - low, 0)
-        return length * np.sinc(frequency * length) * np.exp(-1j * np.pi * frequency * (low + high))
-
-    w, a = np.zeros((60, 1), complex), np.zeros((60, 1), complex)
-    for (v, p, q), (u, r, s) in itertools.product(parts, parts):
-        low, high = np.maximum(2 * (p - x), 2 * (x - s)), np.minimum(2 * (q - x), 2 * (x - r))
-        w += v * np.conj(u) * mean(low, high, nu)
-        low = np.maximum(p - xi / 2, r + xi / 2)
-        high = np.minimum(q - xi / 2, s + xi / 2)
-        a += v * np.conj(u) * mean(low, high, nu)
-    f = sum(v * mean(p, q, nu) for v, p, q in parts)
-    assert np.abs(pw.wigner(SLIT_ARRAY, x, nu, engine=engine) - w[:, 0].real).max() < 1e-14 * 20
-    assert np.abs(pw.ambiguity(SLIT_ARRAY, nu, xi, engine=engine) - a[:, 0]).max() < 1e-14 * 20
-    assert np.abs(pw.fourier(SLIT_ARRAY, nu, engine=engine) - f[:, 0]).max() < 1e-14 * 20
-    zero = np.zeros(1)
-    assert pw.position_marginal(SLIT_ARRAY, x, engine=engine) == pytest.approx(
-        pw.wigner(SLIT_ARRAY, x, zero, engine=engine), abs=1e-13
-    )
-    assert (
-        np.abs(
-            pw.lag_marginal(SLIT_ARRAY, xi, engine=engine)
-            - pw.ambiguity(SLIT_ARRAY, zero, xi, engine=engine)
-        ).max()
-        < 1e-13
-    )
-    # at 0.75 two slits overlap; -0.15 lies in the one with weight 2i
-    product = pw.autocorrelation(SLIT_ARRAY, [0.3], [0.9], engine=engine)
-    assert product == pytest.approx((1.5 - 1j) * (-2j))
 
 
 def _turned(
@@ -387,64 +231,6 @@ def test_support_of_overlapping_elements_and_its_automean() -> None:
     mean = pw.automean(array.support).polygons
     outside = outside[~shapely.contains_xy(shapely.buffer(mean, 1e-6), *outside.T)]
     assert (pw.position_marginal(array, outside) == 0).all()
-
-
-@pytest.mark.llvm
-def test_drjit_arrays_in_and_out() -> None:
-    import drjit
-    import drjit.llvm.ad as backend
-
-    array = COLLECTIONS["overlapping"]
-    x, nu = np.random.default_rng(15).uniform(-1, 2, (2, 30, 2))
-    expected = pw.fourier(array, nu), pw.wigner(array, x, nu), pw.lag_marginal(array, x)
-    tensors = [backend.TensorXf64(a) for a in (x, nu)]
-    f = pw.fourier(array, tensors[1]).numpy()
-    assert np.abs(f[..., 0] + 1j * f[..., 1] - expected[0]).max() < 1e-14 * 8
-    assert np.abs(pw.wigner(array, *tensors).numpy() - expected[1]).max() < 1e-13 * 8
-    first = [backend.Array2f64(np.array(a.T)) for a in (x, nu)]
-    f = pw.fourier(array, first[1])
-    assert drjit.is_complex_v(f)
-    assert np.abs(np.array(f.real) + 1j * np.array(f.imag) - expected[0]).max() < 1e-14 * 8
-    r = pw.lag_marginal(array, first[0])
-    assert np.abs(np.array(r.real) + 1j * np.array(r.imag) - expected[2]).max() < 1e-13
-
-
-@pytest.mark.slow
-@pytest.mark.llvm
-def test_many_elements_take_the_way_of_tables() -> None:
-    """576 cuts an element pair: far beyond what is unrolled."""
-    from polywigner.kernels import tables_of
-    from polywigner.plans import loops_over_edges
-
-    rng = np.random.default_rng(16)
-    places = [(float(i), float(j)) for i in range(5) for j in range(5)]
-    tiles = [
-        pw.Aperture(shapely.box(i, j, i + 0.75, j + 0.7 + i / 64 + j / 512)) for i, j in places
-    ]
-    array = pw.Array(tiles, rng.normal(size=25) + 1j * rng.normal(size=25))
-    assert loops_over_edges(tables_of(array, True).clips)
-    x, nu = rng.uniform(0, 5, (2, 300, 2))
-    x[:100] = np.round(4 * x[:100]) / 4 + 0.375  # centres of tiles and of gaps
-    for transform, points in ((pw.wigner, (x, nu)), (pw.ambiguity, (nu, x - 2.5))):
-        numpy, llvm = (transform(array, *points, engine=e) for e in ("numpy", "llvm"))
-        assert np.abs(numpy - llvm).max() < 4 * TOLERANCE["double"] * _scale(array)
-
-
-@pytest.mark.llvm
-def test_gradient_of_the_wigner_function_of_complex_weights() -> None:
-    import drjit
-    import drjit.llvm.ad as backend
-
-    array, step = COLLECTIONS["overlapping"], 1e-6
-    x, nu = np.random.default_rng(17).uniform(-0.4, 1, (2, 40, 2))
-    traced = backend.TensorXf64(nu)
-    drjit.enable_grad(traced)
-    drjit.backward(drjit.sum(pw.wigner(array, x, traced).array))
-    got = np.array(drjit.grad(traced))
-    for k in (0, 1):
-        up, down = (nu + sign * step * np.eye(2)[k] for sign in (1, -1))
-        slope = (pw.wigner(array, x, up) - pw.wigner(array, x, down)) / (2 * step)
-        assert np.abs(got[:, k] - slope).max() < 1e-7 * np.abs(slope).max()
 
 
 def test_arrays_are_values() -> None:

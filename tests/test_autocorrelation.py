@@ -8,33 +8,15 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given
-from hypothesis import strategies as st
 
 import polywigner as pw
-from oracles.drawn import polygons
-from oracles.references import ENGINES, aperture
-from oracles.shapes import Polygons
+from oracles.references import ENGINES
 from polywigner.errors import ArgumentError
 
 engines = pytest.mark.parametrize("engine", ENGINES)
 
 HOLED = pw.Aperture(shapely.box(-1, -1, 1, 1) - shapely.box(-0.5, -0.5, 0.25, 0.5))
 SLITS = pw.Slits([[-1.0, -0.4], [0.1, 0.9]])
-
-
-@given(drawn=polygons(), seed=st.integers(0, 2**32 - 1))
-def test_autocorrelation_is_one_where_both_points_lie_inside(drawn: Polygons, seed: int) -> None:
-    source, rng = aperture(drawn), np.random.default_rng(seed)
-    low, high = np.reshape(source.bounds, (2, 2))
-    x = rng.uniform(low, high, (60, 2))
-    xi = rng.uniform(-1, 1, (60, 2)) * (high - low)
-    ahead, behind = (shapely.points(x + sign * xi / 2) for sign in (1, -1))
-    expected = shapely.contains(source.polygons, ahead) & shapely.contains(source.polygons, behind)
-    boundary = shapely.boundary(source.polygons)
-    clear = np.minimum(shapely.distance(boundary, ahead), shapely.distance(boundary, behind)) > 1e-9
-    got = pw.autocorrelation(source, x, xi)
-    assert (got[clear] == expected[clear]).all()
 
 
 @engines
@@ -62,14 +44,6 @@ def test_points_on_shared_edges_belong_to_exactly_one_tile() -> None:
     assert (whole == 1).all()
     assert ((inside == 1) | (points == 1).any(axis=-1) | (points == 0).any(axis=-1)).all()
     assert (inside <= 1).all()
-
-
-@engines
-def test_autocorrelation_of_slits(engine: str) -> None:
-    x, xi = np.array([[-0.7], [0.0], [0.5]]), np.array([[0.5], [1.2], [0.1]])
-    got = pw.autocorrelation(SLITS, x, xi, engine=engine)
-    assert got.tolist() == [1, 1, 1]
-    assert pw.autocorrelation(SLITS, [0.0], [0.0], engine=engine) == 0
 
 
 def _pupil_overlap(xi: float, waves: float, radius: float) -> complex:

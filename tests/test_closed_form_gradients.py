@@ -195,16 +195,6 @@ def _power_of(name: str, source: Any, first: Any, second: Any) -> Any:
 
 
 SUM_NAMES = ["W of weights", "W of waves", "A of weights", "F of waves"]
-SUMS = pytest.mark.parametrize(
-    ("name", "make"),
-    [
-        ("wigner", _collection),
-        ("wigner", _taper),
-        ("ambiguity", _collection),
-        ("fourier", _taper),
-    ],
-    ids=SUM_NAMES,
-)
 
 
 @pytest.mark.parametrize(
@@ -228,52 +218,6 @@ def test_forward_and_reverse_mode_are_adjoint(name: str, make: Callable[[], Any]
     fields = np.stack([_fields(source).real, _fields(source).imag], axis=-1)
     arrays = [_points(v) for v in (_corners(source), fields, x, nu)]
     _adjoint(value, arrays, rng)
-
-
-@pytest.mark.slow
-@SUMS
-def test_in_fields_transforms_are_quadratic_and_so_are_their_derivatives(
-    name: str, make: Callable[[], Any]
-) -> None:
-    """Central differences of quadratic functions are exact, whatever the step."""
-    import drjit as dr
-
-    rng, source = np.random.default_rng(3), make()
-    x, nu = rng.uniform(-0.3, 1.0, (5, 2)), rng.uniform(-2, 2, (5, 2))
-    fields = _fields(source)
-    change = rng.normal(size=len(fields)) + 1j * rng.normal(size=len(fields))
-    factor = rng.normal(size=5)
-
-    def plain(values: np.ndarray) -> Any:
-        if isinstance(source, pw.Array):
-            moved: Any = pw.Array(source.elements, values)
-        else:
-            field = pw.Illumination(values, source.illumination.frequencies)
-            moved = source.with_illumination(field)
-        if name == "wigner":
-            return pw.wigner(moved, x, nu)
-        return pw.ambiguity(moved, nu, x) if name == "ambiguity" else pw.fourier(moved, nu)
-
-    expected = factor @ (plain(fields + change) - plain(fields - change)) / 2
-    numbers = _numbers(fields)
-    dr.enable_grad(numbers)
-    points = _points(nu) if name == "fourier" else (_points(x), _points(nu))
-    traced = _traced(source, None, numbers)
-    weight = _backend().Float64(factor)
-    if name == "wigner":
-        parts = [pw.wigner(traced, *points)]
-    else:
-        value = (
-            pw.fourier(traced, points) if name == "fourier" else pw.ambiguity(traced, *points[::-1])
-        )
-        parts = [value.real, value.imag]
-    got = 0.0
-    for part, unit in zip(parts, (1, 1j), strict=False):
-        dr.clear_grad(numbers)
-        dr.backward(dr.dot(weight, part), flags=dr.ADFlag.ClearInterior)
-        slope = np.array(dr.grad(numbers).real), np.array(dr.grad(numbers).imag)
-        got = got + unit * (slope[0] @ change.real + slope[1] @ change.imag)
-    assert abs(got - expected) < ROUNDING * max(1.0, abs(expected))
 
 
 def _gradient(source: Any, vertices: np.ndarray, *points: np.ndarray) -> list[np.ndarray]:

@@ -102,20 +102,6 @@ def test_w_is_the_integral_over_the_lag_slice(share: float) -> None:
     assert np.abs(single - expected).max() <= IN_SINGLE * hexagon.area
 
 
-@pytest.mark.llvm
-@pytest.mark.parametrize("source", [SQUARE, STEERED, SLITS, TAPERED])
-def test_engines_agree_on_partly_coherent_light(source: Any) -> None:
-    d = len(source.bounds) // 2
-    draw = np.random.default_rng(9)
-    x, nu = draw.uniform(-4e-3, 4e-3, (50, d)), draw.normal(0, 200, (50, d))
-    partly = source.partially_coherent(2e-3)
-    energy = float(np.real(pw.lag_marginal(source, np.zeros(d))))
-    for precision, error in ((None, ENGINES), ("single", IN_SINGLE)):
-        found = pw.wigner(partly, x, nu, engine="llvm", precision=precision)
-        expected = pw.wigner(partly, x, nu, engine="numpy")
-        assert np.abs(found - expected).max() <= error * energy
-
-
 @pytest.mark.parametrize("width", [1e-5, 1e-7])
 @pytest.mark.parametrize("precision", [None, "single"])
 @pytest.mark.parametrize("source", [LATTICE, DISTANT, SLIT_ROW], ids=["lattice", "distant", "row"])
@@ -166,22 +152,6 @@ def test_w_is_the_mean_over_tilts(source: Any, width: float) -> None:
     energy = float(np.real(pw.lag_marginal(source, np.zeros(d))))
     expected = by_hermite(source, x, nu, width)
     assert np.abs(pw.wigner(partly, x, nu) - expected).max() <= BY_QUADRATURE * energy
-
-
-@pytest.mark.parametrize("source", [CHEVRONS, ARRAY, SLITS, SQUARE.curved(60e-3, WAVELENGTH)])
-def test_a_is_that_of_coherent_light_times_the_degree_of_coherence(source: Any) -> None:
-    d, width = len(source.bounds) // 2, 3e-3
-    draw = np.random.default_rng(6)
-    xi, upsilon = draw.normal(0, 3e-3, (20, d)), draw.normal(0, 100, (20, d))
-    partly = source.partially_coherent(width)
-    degree = np.exp(-(xi**2).sum(-1) / (2 * width**2))
-    energy = abs(pw.ambiguity(source, np.zeros(d), np.zeros(d)))
-    for function, first in ((pw.ambiguity, upsilon), (pw.autocorrelation, xi / 7)):
-        wanted = function(source, first, xi) * degree
-        assert np.abs(function(partly, first, xi) - wanted).max() <= CLOSED_FORM * max(energy, 1)
-    assert np.allclose(
-        pw.lag_marginal(partly, xi), pw.lag_marginal(source, xi) * degree, rtol=CLOSED_FORM, atol=0
-    )
 
 
 def test_w_and_its_position_marginal_are_fourier_transforms_of_the_slice() -> None:

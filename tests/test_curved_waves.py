@@ -50,8 +50,6 @@ ROUNDING = 1e-14
 REFERENCED = 1e-13
 # Identities of W and A, relative to the area: the flat kernels are as good.
 IDENTITY = 1e-12
-# Dr.Jit's transforms of float64, relative to the area.
-TRACED = 1e-12
 
 
 def quadrature(source: pw.Aperture, field: Any) -> complex:
@@ -123,27 +121,6 @@ def test_slits_are_differences_of_fresnel_integrals() -> None:
             ends = [mpmath.linspace(a, b, 12) for a, b in slits.intervals.tolist()]
             expected = complex(sum(mpmath.quad(phase, end) for end in ends))
             assert abs(pw.fourier(wave, [nu]) - expected) < ROUNDING * slits.length
-
-
-@pytest.mark.parametrize("radius", RADII.values(), ids=RADII)
-def test_w_and_a_of_a_square_are_those_of_quadrature(radius: Any) -> None:
-    wave = SQUARE.curved(radius, WAVELENGTH, CENTRE)
-    u = field_of(SQUARE, wave)
-    x, nu = draws(1, 4)
-    (x,), (nu,), xi = x * 0.8, nu, np.array([2e-3, -3e-3])
-    reach = 2 * (5e-3 - np.abs(x))
-    lags = pw.shapes.rectangle(*(2 * reach))
-    w = quadrature(
-        lags, lambda s: u(x + s / 2) * u(x - s / 2).conj() * np.exp(-2j * np.pi * (s @ nu))
-    )
-    assert abs(pw.wigner(wave, x, nu) - w) < IDENTITY * SQUARE.area
-    common = pw.shapes.rectangle(*(10e-3 - np.abs(xi)))
-    a = quadrature(
-        common, lambda s: u(s + xi / 2) * u(s - xi / 2).conj() * np.exp(-2j * np.pi * (s @ nu))
-    )
-    assert abs(pw.ambiguity(wave, nu, xi) - a) < IDENTITY * SQUARE.area
-    r = u(x + xi / 8) * u(x - xi / 8).conj()
-    assert abs(pw.autocorrelation(wave, x, xi / 4) - r) < IDENTITY
 
 
 @pytest.mark.parametrize("source", SOURCES.values(), ids=SOURCES)
@@ -224,65 +201,6 @@ def test_elements_of_different_waves_are_refused_in_one_sentence() -> None:
         pw.Array([curved, SQUARE.moved((0.02, 0.0))])
 
 
-@pytest.mark.parametrize("engine", ["numpy", "auto"])
-def test_tables_of_places_and_frequencies_are_those_of_points(engine: Any) -> None:
-    wave = WAVES.curved((0.02, -0.03), WAVELENGTH, CENTRE)
-    x, nu = draws(70)
-    table = pw.wigner(wave, x[:5, None], nu, engine=engine)
-    points = [pw.wigner(wave, one, nu, engine="numpy") for one in x[:5]]
-    assert np.abs(table - points).max() < ROUNDING * ELL.area
-    table = pw.ambiguity(wave, nu, x[:5, None], engine=engine)
-    points = [pw.ambiguity(wave, nu, one, engine="numpy") for one in x[:5]]
-    assert np.abs(table - points).max() < ROUNDING * ELL.area
-    assert pw.wigner(wave, x[0], nu, precision="single").dtype == np.float32
-
-
-@pytest.mark.drjit
-@pytest.mark.parametrize("kind", ["Array2f64", "TensorXf64"])
-def test_dr_jit_arrays_give_the_values_of_numpy(kind: str, llvm: Any) -> None:
-    import drjit.llvm.ad as ad
-
-    wave = ELL.curved((0.02, -0.03), WAVELENGTH, CENTRE).turned(0.1)
-    x, nu = draws(8)
-
-    def sent(points: np.ndarray) -> Any:
-        return ad.TensorXf64(points) if kind == "TensorXf64" else ad.Array2f64(*points.T)
-
-    def numbers(values: Any) -> np.ndarray:
-        found = np.array(values.numpy())
-        if found.ndim == 2:
-            real, imag = found.T if kind == "TensorXf64" else found
-            found = real + 1j * imag
-        return found
-
-    for function, points in (
-        (pw.wigner, (x, nu)),
-        (pw.ambiguity, (nu, x)),
-        (pw.autocorrelation, (x, x[::-1] / 4)),
-        (pw.fourier, (nu,)),
-        (pw.lag_marginal, (x,)),
-    ):
-        found = numbers(function(wave, *map(sent, points)))
-        assert np.abs(found - function(wave, *points)).max() < TRACED
-
-
-@pytest.mark.drjit
-def test_derivatives_in_places_follow_the_wave(llvm: Any) -> None:
-    import drjit
-    import drjit.llvm.ad as ad
-
-    wave = ELL.curved((0.02, -0.03), WAVELENGTH, CENTRE)
-    x, nu = draws(4)
-    places = ad.Array2f64(*x.T)
-    drjit.enable_grad(places)
-    drjit.backward(drjit.sum(pw.wigner(wave, places, ad.Array2f64(*nu.T))))
-    step = 1e-7 * np.eye(2)
-    for k, found in enumerate(drjit.grad(places).numpy()):
-        ends = [pw.wigner(wave, x + sign * step[k], nu) for sign in (1, -1)]
-        expected = (ends[0] - ends[1]) / 2e-7
-        assert np.abs(found - expected).max() < 1e-6 * np.abs(expected).max()
-
-
 def test_labelled_arrays_give_such() -> None:
     xarray = pytest.importorskip("xarray")
     wave = ELL.curved(0.02, WAVELENGTH)
@@ -335,11 +253,6 @@ def test_fresnel_integrals_are_right_to_the_last_digits() -> None:
         expected = [complex(mpmath.erfc(mpmath.mpf(v) * turn) / 2) for v in t.tolist()]
     step, rest = fresnel_tail(t)
     assert np.abs(step + rest * np.exp(1j * t * t) - expected).max() < 5e-16
-
-
-def test_what_is_no_number_has_no_spectrum() -> None:
-    found = pw.fourier(SQUARE.curved(0.02, WAVELENGTH), [(np.nan, 0.0), (np.inf, 0.0), (0.0, 0.0)])
-    assert np.isnan(found[:2]).all() and np.isfinite(found[2])
 
 
 @pytest.mark.parametrize(

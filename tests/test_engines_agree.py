@@ -39,22 +39,6 @@ def _points(*shape: int, seed: int = 0) -> np.ndarray:
 
 @transforms
 @engines
-@pytest.mark.parametrize("precision", list(AGREEMENT))
-def test_engines_agree_with_numpy_in_double_precision(
-    transform: Callable[..., Any], arguments: int, is_complex: bool, engine: str, precision: str
-) -> None:
-    names = ("chevron", "holes aligned with edges", "hexagonal segments without gap")
-    # the last one has a hundred edges, which compile for seconds
-    for name in {"numpy": names}.get(engine, names[:2] if precision == "double" else names[:1]):
-        source = awkward(name).aperture
-        points = [_points(300, seed=k) for k in range(arguments)]
-        expected = transform(source, *points, engine="numpy")
-        got = transform(source, *points, engine=engine, precision=precision)
-        assert np.abs(got - expected).max() < AGREEMENT[precision] * source.area
-
-
-@transforms
-@engines
 def test_one_point_gives_a_numpy_scalar(
     transform: Callable[..., Any], arguments: int, is_complex: bool, engine: str
 ) -> None:
@@ -74,18 +58,6 @@ def test_the_result_has_the_type_of_its_precision(
         assert value.dtype == (np.complex128 if is_complex else np.float64)
     value = transform(CHEVRON, *points, engine=engine, precision="single")
     assert value.dtype == (np.complex64 if is_complex else np.float32)
-
-
-@engines
-def test_everything_before_the_last_axis_broadcasts(engine: str) -> None:
-    x, nu = _points(4, 1, 3), _points(5, 1, seed=1)
-    value = pw.wigner(CHEVRON, x, nu, engine=engine)
-    assert value.shape == (4, 5, 3)
-    one = pw.wigner(CHEVRON, x[2, 0, 1], nu[3, 0], engine=engine)
-    assert value[2, 3, 1] == pytest.approx(one, abs=1e-14)
-    assert pw.ambiguity(CHEVRON, nu, x, engine=engine).shape == (4, 5, 3)
-    assert pw.wigner(CHEVRON, x[0, 0, 0], nu, engine=engine).shape == (5, 1)
-    assert pw.fourier(CHEVRON, nu, engine=engine).shape == (5, 1)
 
 
 @transforms
@@ -128,18 +100,6 @@ def test_many_calls_and_sizes_give_the_same_values(engine: str, precision: str) 
     for part in (slice(0, 1), slice(0, 7), slice(65_530, 65_545), slice(-1, None)):
         again = pw.wigner(CHEVRON, x[part], nu[part], engine=engine, precision=precision)
         assert np.abs(again - whole[part]).max() < allowed
-
-
-@engines
-def test_infinite_or_missing_coordinates_never_give_a_number(engine: str) -> None:
-    for bad in (np.nan, np.inf):
-        for x, nu in (([bad, 0.5], [1.0, 0.0]), ([0.5, 0.5], [bad, 0.0])):
-            try:
-                value = pw.wigner(CHEVRON, x, nu, engine=engine)
-            except PolywignerError:
-                continue
-            outside = np.isinf(x).any() and value == 0  # infinitely far away there is no field
-            assert outside or np.isnan(value), (x, nu, value)
 
 
 def test_lists_of_unequal_lengths_are_refused_with_the_shape_that_is_expected() -> None:

@@ -10,13 +10,9 @@ import pytest
 import shapely
 
 import polywigner as pw
-from oracles import exact
 from oracles.references import ENGINES, awkward, awkward_names
-from polywigner.execution.choice import resolved
 from polywigner.execution.grids import plan_for_grid
 from polywigner.kernels import kernel_for
-from polywigner.kernels.functions.fourier import families_of, outline_tables
-from polywigner.toolchain.llvm import prepare
 
 # What the package promises of F, in units of the area, and what float32 reaches.
 ACCURACY = {"double": 1e-13, "single": 5e-6}
@@ -54,13 +50,6 @@ SOURCES = {name: awkward(name).aperture for name in awkward_names()} | {
 }
 
 
-def _axes(source: pw.Aperture, largest: float) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies up to ``largest`` over the diameter: evenly spaced, and over decades, with 0."""
-    even = np.linspace(-largest, largest, 33)
-    decades = largest * np.geomspace(1e-15, 1, 16)
-    return even / source.diameter, np.concatenate([-decades, [0.0], decades]) / source.diameter
-
-
 def _grid(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     return np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
 
@@ -76,89 +65,12 @@ def _is_planned(source: Any, nu: np.ndarray) -> bool:
     return plan_for_grid(kernel, source, [nu[..., 0], nu[..., 1]], True) is not None
 
 
-@pytest.mark.parametrize("name", list(SOURCES))
-@pytest.mark.parametrize("precision", list(ACCURACY))
-def test_a_grid_has_the_values_of_its_points(name: str, precision: Any) -> None:
-    source = SOURCES[name]
-    for largest in (8.0, 64.0, 1e3):
-        for axes in (_axes(source, largest), _axes(source, largest)[::-1]):
-            nu = _grid(*axes)
-            got = pw.fourier(source, nu, engine="numpy", precision=precision)
-            error = np.abs(got - _by_points(source, nu, engine="numpy")).max()
-            assert error < ACCURACY[precision] * source.area
-
-
-@pytest.mark.parametrize("name", ["hexagonal pupil", "hexagonal pupil, far away", "random star"])
-def test_a_grid_agrees_with_exact_arithmetic(name: str) -> None:
-    source = SOURCES[name]
-    axis = (
-        np.array([-7.3, -1.1, -0.2, -1e-3, 0.0, 1e-2, 0.6, 31.4, 2.2, 5.5, 8.0, 64.0])
-        / source.diameter
-    )
-    nu = _grid(axis, axis[::-1])
-    assert _is_planned(source, nu)
-    values = pw.fourier(source, nu, engine="numpy")
-    rings = exact.oriented(
-        [(part.exterior.coords[:-1], [h.coords[:-1] for h in part.interiors])
-         for part in source.polygons.geoms]
-    )  # fmt: skip
-    for i, j in [(0, 0), (1, 5), (2, 2), (3, 4), (4, 3), (5, 6), (6, 1), (7, 7), (7, 0), (11, 8)]:
-        assert abs(values[i, j] - exact.fourier(rings, nu[i, j])) < ACCURACY["double"] * source.area
-
-
-def test_at_the_origin_of_a_grid_stands_the_area() -> None:
-    axis = np.linspace(-1, 1, 33)
-    values = pw.fourier(HEXAGONS, _grid(axis, axis))
-    assert values[16, 16] == pytest.approx(HEXAGONS.area, rel=1e-14)
-
-
-def test_it_does_not_matter_how_a_grid_is_laid_out() -> None:
-    x, y = (np.random.default_rng(k).uniform(-5, 5, 30 + k) for k in range(2))  # in no order
-    rows = _grid(x, y)
-    expected = _by_points(HEXAGONS, rows)
-    columns = np.stack(np.meshgrid(x, y), axis=-1)
-    views = np.stack(np.broadcast_arrays(x[:, None], y), axis=-1)
-    in_space = np.concatenate([rows, np.ones((*rows.shape[:-1], 1))], axis=-1)
-    tolerance = ACCURACY["double"] * HEXAGONS.area
-    for nu, got in (
-        (rows, pw.fourier(HEXAGONS, rows)),
-        (columns, pw.fourier(HEXAGONS, columns).T),
-        (views, pw.fourier(HEXAGONS, views)),
-        (in_space, pw.fourier(HEXAGONS, in_space)),
-        (rows, pw.fourier(HEXAGONS, np.asfortranarray(rows))),
-    ):
-        assert _is_planned(HEXAGONS, nu)
-        assert np.abs(got - expected).max() < tolerance
-
-
 def test_a_point_beside_its_place_in_a_grid_is_seen() -> None:
     nu = _grid(np.linspace(-3, 3, 20), np.linspace(-2, 2, 21))
     nu[7, 11] += (0.05, -0.03)
     assert not _is_planned(HEXAGONS, nu)
     expected = pw.fourier(HEXAGONS, nu[7, 11])
     assert pw.fourier(HEXAGONS, nu)[7, 11] == pytest.approx(expected, abs=1e-13 * HEXAGONS.area)
-
-
-def test_complex_frequencies_on_a_grid_go_point_by_point() -> None:
-    nu = _grid(np.linspace(-3, 3, 20), np.linspace(-2, 2, 21)) * (1 + 0.1j)
-    assert np.array_equal(pw.fourier(HEXAGONS, nu), _by_points(HEXAGONS, nu))
-
-
-def test_a_grid_close_to_the_origin_goes_point_by_point() -> None:
-    axis = np.linspace(-1e-9, 1e-9, 20)
-    nu = _grid(axis, axis)
-    assert not _is_planned(HEXAGONS, nu)
-    values = pw.fourier(HEXAGONS, nu)
-    assert np.abs(values - HEXAGONS.area).max() < 1e-6 * HEXAGONS.area
-
-
-def test_what_is_not_finite_stays_in_its_row() -> None:
-    x, y = np.linspace(-3, 3, 20), np.linspace(-2, 2, 21)
-    for bad in (np.nan, np.inf):
-        x[5] = bad
-        values = pw.fourier(HEXAGONS, _grid(x, y))
-        assert np.isnan(values[5]).all()
-        assert np.isfinite(np.delete(values, 5, axis=0)).all()
 
 
 @pytest.mark.parametrize("precision", list(ACCURACY))
@@ -192,16 +104,6 @@ def test_a_grid_is_tiled_without_seams_and_without_much_memory() -> None:
     some = np.random.default_rng(0).integers(0, 600, (2, 200))
     expected = pw.fourier(source, nu[*some], engine="numpy")
     assert np.abs(values[*some] - expected).max() < ACCURACY["double"] * source.area
-
-
-def test_parallel_edges_of_equal_length_are_one_family() -> None:
-    families = families_of(outline_tables(HEXAGONS.rings).edges)
-    assert len(families) == 3
-    assert all(len(family.weights) == 36 and family.weights.sum() == 0 for family in families)
-    # moved by more than rounding, one segment is not equal to the others any more
-    rings = [ring.copy() for ring in HEXAGONS.rings]
-    rings[0][0] += 1e-12
-    assert len(families_of(outline_tables(pw.Aperture(rings).rings).edges)) == 5
 
 
 def _repeated(element: pw.Aperture, places: np.ndarray, weights: Any) -> pw.Array:
@@ -254,16 +156,3 @@ def test_an_array_on_a_grid_of_complex_frequencies_is_the_sum_of_its_elements() 
     array = _arrays()["segments with pistons"]
     nu = _grid(np.linspace(-3, 3, 20), np.linspace(-2, 2, 21)) * (1 + 0.1j)
     assert np.array_equal(pw.fourier(array, nu), _by_points(array, nu))
-
-
-def test_an_outline_is_not_cut_into_pieces_for_its_fourier_transform() -> None:
-    source = _random_star(300, 1)
-    assert pw.explain(source, (0.0, 0.0), function="fourier").request.outline is None
-    assert pw.fourier(source, (0.0, 0.0)) == pytest.approx(source.area, rel=1e-14)
-
-
-def test_many_edges_are_worth_compiling_for_fewer_samples() -> None:
-    many = "llvm" if prepare().usable else "numpy"
-    assert resolved("auto", 20_000, terms=108) == many
-    assert resolved("auto", 20_000, terms=4) == "numpy"
-    assert resolved("auto", 1 << 20, terms=4) == many

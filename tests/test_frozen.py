@@ -130,18 +130,6 @@ def test_lists_of_pairs_that_are_made_anew_are_read_anew() -> None:
     assert (done.returncode, done.stderr) == (0, "")
 
 
-@pytest.mark.slow
-def test_few_kernels_are_remembered() -> None:
-    from polywigner.execution import frozen
-
-    x, nu = points(3)
-    waves = pw.Illumination([1.0, 0.5], [[0.0, 0.0], [1.0, 0.3]])
-    for k in range(frozen._MOST + 3):
-        source = pw.shapes.triangle(1.0, 0.6 + k / 100).with_illumination(waves)
-        pw.wigner(source, x, nu, engine="llvm")
-    assert len(frozen._known) == frozen._MOST
-
-
 def test_a_process_that_remembers_kernels_ends_in_silence() -> None:
     code = (
         "import polywigner as pw, numpy as np\n"

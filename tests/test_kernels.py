@@ -12,9 +12,7 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
-import polywigner as pw
 from polywigner.execution import NumpyOperations, ScalarOperations
-from polywigner.kernels import tables_of
 from polywigner.kernels.functions.edge_terms import segment_wave
 from polywigner.kernels.outline.frame import frame_of
 from polywigner.numerics.complex_pairs import Pair
@@ -23,7 +21,6 @@ from polywigner.numerics.exact import (
     RoundingGrid,
     exact_cross,
     signed_convex_pieces,
-    with_vertices_on_sides,
 )
 from polywigner.numerics.phases import cos_sin_turns, sin_turns, turns_to_centre
 
@@ -161,34 +158,6 @@ def test_a_piece_that_the_grid_folds_onto_itself_is_not_taken_for_convex() -> No
     assert area == pytest.approx(0.0625)
 
 
-def test_vertices_on_a_side_of_a_piece_become_its_own() -> None:
-    bar = np.array([[0.0, 0.0], [3.0, 0.0], [3.0, 1.0], [0.0, 1.0]])
-    others = np.array([[2.0, 1.0], [1.0, 1.0], [1.5, 1.0 + 1e-15], [0.0, 1.0], [4.0, 1.0]])
-    (piece,) = with_vertices_on_sides([bar], np.concatenate([bar, others]))
-    assert piece.tolist() == [[0, 0], [3, 0], [3, 1], [2, 1], [1, 1], [0, 1]]
-
-
-def test_lines_closer_than_float32_can_tell_apart_are_cut_exactly() -> None:
-    corners = [[0, 0], [0.5, 1e-8], [1, -1e-8], [1, 1], [0, 1]]
-    assert tables_of(pw.Aperture(corners), False).grid is not None
-    square = pw.shapes.square(1.0)
-    assert tables_of(square, False).grid is None
-
-
-def test_the_frame_of_a_needle_is_as_wide_as_long() -> None:
-    angle = 0.7
-    turn = np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
-    needle = np.array([[-0.5, -5e-7], [0.5, -5e-7], [0.5, 5e-7], [-0.5, 5e-7]]) @ turn + 3.0
-    frame = frame_of(needle)
-    spread = np.ptp(frame.vertices(needle), axis=0)
-    assert (spread > 0.25).all()
-    assert (spread <= 1.5).all()
-    # phases nu.(x - c) are the same in the frame
-    nu, x = np.array([2.0, -1.0]), needle[1]
-    inner = np.dot(frame.frequency(DOUBLE, *nu), frame.position(DOUBLE, *x))
-    assert inner == pytest.approx(nu @ (x - frame.centre), abs=1e-14)
-
-
 @pytest.mark.parametrize("ops", [DOUBLE, SINGLE], ids=["double", "single"])
 def test_the_phase_of_a_far_shape_is_reduced_without_loss(ops: NumpyOperations) -> None:
     far = np.array([[1000.1, -2000.3], [1001.2, -2000.3], [1001.2, -1999.1]])
@@ -199,19 +168,3 @@ def test_the_phase_of_a_far_shape_is_reduced_without_loss(ops: NumpyOperations) 
     error = (Fraction(got) - exact) % 1
     # the rest of the centre beyond two floats is what is left in float32
     assert min(error, 1 - error) < (1e-15 if ops.double else 5e-7)
-
-
-def test_parallel_edges_of_a_turned_rectangle_share_one_direction() -> None:
-    c, s = math.cos(0.3), math.sin(0.3)
-    square = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) @ [[c, s], [-s, c]]
-    tables = tables_of(pw.Aperture(square), True)
-    assert len({line.cluster for line in tables.lines}) == 2
-    assert tables.grid is None
-    assert not any(line.exact for line in tables.lines)
-
-
-def test_edges_that_lean_slightly_are_cut_in_exact_arithmetic() -> None:
-    leaning = pw.Aperture([[0, 0], [1, 0], [1, 1], [0, 1 + 1e-5]])
-    tables = tables_of(leaning, True)
-    assert tables.grid is not None
-    assert sum(line.exact for line in tables.lines) == 2

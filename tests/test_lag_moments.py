@@ -88,33 +88,6 @@ def test_moments_are_integrals_over_the_lag_slice(name: str, engine: str) -> Non
         assert errors.max() < allowed
 
 
-@pytest.mark.parametrize("name", SOURCES)
-def test_the_first_moment_is_the_wigner_function(name: str) -> None:
-    source = SOURCES[name]
-    x, nu = places(source, 40)
-    errors = moments(source, x, nu)[:, 0] - pw.wigner(source, x, nu)
-    assert abs(errors / scale(source, nu)[:, 0]).max() < DOUBLE
-
-
-@pytest.mark.slow
-@pytest.mark.llvm
-@pytest.mark.parametrize("double", [True, False])
-def test_edges_looked_up_by_cells_give_finite_moments_and_the_same(double: bool) -> None:
-    source = SOURCES["three waves"]
-    x, nu = np.random.default_rng(5).uniform(-1.5, 1.5, (2, 2000, 2)) * [[[1]], [[20]]]
-    found, expected = moments(source, x, nu, "llvm", double), moments(source, x, nu)
-    allowed = DOUBLE if double else SINGLE
-    assert (abs(found - expected) / scale(source, nu)).max() < 2 * allowed
-
-
-def test_moments_of_an_array_are_those_of_the_whole_outline() -> None:
-    apart = [pw.shapes.square(1.0), pw.shapes.square(1.0).moved((1.5, 0.2))]
-    whole = pw.Aperture(apart[0].polygons.union(apart[1].polygons))
-    x, nu = places(whole, 60)
-    errors = moments(pw.Array(apart), x, nu) - moments(whole, x, nu)
-    assert abs(errors / scale(whole, nu)).max() < DOUBLE
-
-
 def test_complex_weights_turn_moments_as_steering_does() -> None:
     """Elements with the phases of a beam, and the beam's own wave on them, at their centres."""
     kappa = np.array([0.4, 0.0])

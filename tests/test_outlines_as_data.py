@@ -75,21 +75,6 @@ def test_values_are_those_of_numpy(name: str, precision: str, llvm: Any) -> None
 
 
 @pytest.mark.llvm
-@pytest.mark.parametrize("name", TRANSFORMS)
-def test_what_is_no_number_is_none_in_the_result(name: str, llvm: Any) -> None:
-    source, bad = next(random_outlines(2)), [np.nan, np.inf, -np.inf]
-    x = np.zeros((8, 2))
-    nu = np.ones((8, 2))
-    nu[:3, 0] = bad
-    x[3:6, 1] = bad
-    with forced("pairs"):
-        found = TRANSFORMS[name](source, x, nu, engine="llvm")
-    expected = TRANSFORMS[name](source, x, nu, engine="numpy")
-    assert np.array_equal(np.isnan(found), np.isnan(expected))
-    assert np.isnan(found[:3]).all()
-
-
-@pytest.mark.llvm
 @pytest.mark.parametrize("weights", [[1.0, 1.0], [1.0, 1j], [2.0, -0.5]])
 def test_collections_with_any_weights_are_data_too(weights: Any, llvm: Any) -> None:
     outlines = random_outlines(11)

@@ -15,9 +15,6 @@ pytestmark = pytest.mark.llvm
 
 INTERVALS = np.array([[-1.0, -0.3], [0.2, 0.9], [1.1, 1.6]])
 WAVES = pw.Illumination([1.0, 0.4j], [[0.3], [-1.1]])
-# Differences with steps h and h/2, extrapolated, of values that err by 1e-15: rounding over the
-# step; positions lie farther than that from where ends meet.
-STEP, DIFFERENCES = 2.0**-12, 1e-10
 # Of the largest: slopes are computed in float64 and rounded once, sums of few terms.
 ROUNDING = {"double": 1e-13, "single": 1e-6}
 
@@ -37,48 +34,6 @@ def _points(name: str) -> list[np.ndarray]:
     place, frequency = rng.uniform(-0.8, 1.2, (7, 1)), rng.uniform(-3, 3, (7, 1))
     pair = [frequency, place] if name == "ambiguity" else [place, frequency]
     return [frequency] if name == "fourier" else pair
-
-
-def _parts(value: Any) -> np.ndarray:
-    value = np.asarray(value)
-    return np.stack([value.real, value.imag], axis=-1) if np.iscomplexobj(value) else value
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("field", [None, WAVES], ids=["uniform", "waves"])
-@pytest.mark.parametrize("name", ["fourier", "wigner", "ambiguity"])
-def test_derivatives_in_ends_are_those_of_differences(name: str, field: Any) -> None:
-    import drjit as dr
-    import drjit.llvm.ad as backend
-
-    source, points = _slits(INTERVALS, field), _points(name)
-    transform: Callable[..., Any] = getattr(pw, name)
-    ends, traced = _ends(INTERVALS), [backend.TensorXf64(p) for p in points]
-    dr.enable_grad(ends, traced)
-    found = transform(pw.differentiable(source, intervals=ends), *traced)
-    plain = _parts(transform(source, *points))
-    assert np.abs(np.array(found) - plain).max() < ROUNDING["double"]
-    weights = np.random.default_rng(1).normal(size=plain.shape)
-    dr.backward(dr.sum(found.array * backend.Float64(weights.ravel())))
-
-    def total(values: np.ndarray, *moved: np.ndarray) -> float:
-        return float((_parts(transform(_slits(values, field), *moved)) * weights).sum())
-
-    expected = np.zeros((3, 2))
-    for place in np.ndindex(3, 2):
-        change = np.zeros((3, 2))
-        change[place] = STEP
-        wide, narrow = (
-            total(INTERVALS + h * change, *points) - total(INTERVALS - h * change, *points)
-            for h in (1.0, 0.5)
-        )
-        expected[place] = (8 * narrow - wide) / (6 * STEP)
-    gradient = np.array(dr.grad(ends)).T
-    assert np.abs(gradient - expected).max() < DIFFERENCES * np.abs(expected).max()
-    # all moved alike: the ends, and places by as much (a phase of F and A counts as well)
-    if name == "wigner" and field is None:
-        shifted = gradient.sum() + np.array(dr.grad(traced[0])).sum()
-        assert abs(shifted) < ROUNDING["double"] * np.abs(gradient).max()
 
 
 @pytest.mark.parametrize("precision", ROUNDING)

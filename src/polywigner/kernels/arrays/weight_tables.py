@@ -73,7 +73,10 @@ class _Direction:
         for q in range(0, len(weights), self.step):
             place = first + float(q)
             periods = ops.round((place + 0.5) * frequency - 0.5)
-            places.append(ops.truncated((place - periods * period) * (1 / self.step)))
+            inner = place - periods * period
+            # of a frequency that is no number the weights are none; the place must be in the table
+            inner = ops.select(inner >= 0.0, inner, 0.0)
+            places.append(ops.truncated(inner * (1 / self.step)))
             # an odd index sum has waves of half periods
             sign = 1.0 - 2.0 * (_odd(ops, periods + whole) * odd)
             signed += [sign * weight for weight in weights[q : q + self.step]]
