@@ -57,27 +57,6 @@ def test_no_command_shows_the_help_and_fails(capsys: pytest.CaptureFixture[str])
     assert "Usage: polywigner" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ["reder"],
-        ["render"],
-        ["render", "scene.xml", "--ssp", "3"],
-        ["render", "scene.xml", "--spp", "many"],
-        ["render", "scene.xml", "--spp"],
-        ["transform", "a.wkt", "b.wkt"],
-    ],
-)
-def test_wrong_usage_is_one_line_and_exit_code_2(
-    arguments: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(arguments) == 2
-    captured = capsys.readouterr()
-    assert captured.out == ""
-    assert captured.err.startswith("polywigner: error: ")
-    assert captured.err.count("\n") == 1
-
-
 def _raising(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> None:
     def check(_: object) -> None:
         raise error
@@ -138,7 +117,7 @@ def test_files_appear_together_and_only_once_they_are_whole(tmp_path: Path) -> N
         for partial in partials:
             partial.write_text("whole")
         assert not any(path.exists() for path in paths)
-        assert all(partial.name.endswith(".partial") for partial in partials)
+        assert all(".partial." in partial.name for partial in partials)
     assert sorted((tmp_path / "new").iterdir()) == list(paths)
 
 
@@ -234,7 +213,7 @@ def test_commands_and_options_are_completed(
 
 def test_a_folder_that_is_made_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "square.csv").write_text("0,0\n1,0\n1,1\n0,1\n")
-    command = ["transform", str(tmp_path / "square.csv"), "--samples", "3"]
+    command = ["rays", str(tmp_path / "square.csv"), "--frequency", "94 GHz", "--count", "9"]
     for told in (True, False):  # the second time it is there
         assert main([*command, "--out", str(tmp_path / "deep" / "down") + "/"]) == 0
         said = f"made the folder {tmp_path / 'deep' / 'down'}" in capsys.readouterr().err

@@ -84,24 +84,6 @@ def test_a_body_with_a_concave_edge_is_warned_of(tmp_path: Path, capsys: Capture
     assert "two or three reflections" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ((), "--frequency"),
-        ((*FREQUENCY, "--step", "0 deg"), "--step"),
-        ((*FREQUENCY, "--step", "0.01 deg"), "or more"),
-        ((*FREQUENCY, "--format", "vti"), "--format"),
-        ((*FREQUENCY, "--step", "30 deg", "--polarisation", "rr"), "polarisation"),
-    ],
-)
-def test_what_cannot_be_done_is_said(
-    square: Path, capsys: Captured, options: tuple[str, ...], message: str
-) -> None:
-    assert main(["rcs", str(square), *options, "--out", str(square.parent / "out/")]) == 2
-    assert message in capsys.readouterr().err
-    assert not list(square.parent.glob("out*"))
-
-
 def test_pictures_need_a_table_of_cross_sections() -> None:
     single = pw.rcs_pattern(pw.shapes.square(1.0), 0.1, 0.0, 1.0)
     with pytest.raises(ArgumentError, match="two angles each"):

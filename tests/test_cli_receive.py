@@ -96,52 +96,6 @@ def test_several_receivers_are_told_one_after_the_other(
     assert len(re.findall(r"^receiver (?:first|second) ", capfd.readouterr().out, re.M)) == 2
 
 
-@pytest.mark.parametrize(
-    ("options", "told"),
-    [
-        (["--spp", "0"], "--spp"),
-        (["--seed", "-1"], "--seed"),
-        (["--bandwidth", "1 GHx"], "frequency"),
-        (["--temperature", "-3 K"], "temperature"),
-        (["--noise-figure", "3 m"], "noise figure"),
-        (["--define", "distance"], "NAME=VALUE"),
-        (["--reflections", "9"], "reflections"),
-        (["--db-floor", "3"], "floor"),
-        (["--variant", "no_such"], "variant"),
-    ],
-    ids=str,
-)
-def test_a_bad_option_is_told_in_one_line(
-    options: list[str], told: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    path = scene_file(tmp_path, "rx")
-    words = ["receive", str(path), "--variant", "scalar_rgb", "--out", str(tmp_path / "out")]
-    capfd.readouterr()
-    assert main([*words, *options]) == 2
-    lines = capfd.readouterr().err.splitlines()
-    assert len(lines) == 1 and lines[0].startswith("polywigner: error: ") and told in lines[0]
-    assert not list(tmp_path.glob("out*"))
-
-
-def test_a_scene_without_a_link_is_told_in_one_line(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    made = [
-        (scene_file(tmp_path), "wigner_receiver"),
-        (scene_file(tmp_path, "rx", frequency="77 GHz"), "one wavelength of emitter 'tx'"),
-        (tmp_path / "none.xml", "not a file"),
-        (tmp_path / "square.wkt", "polywigner transform"),
-    ]
-    for path, told in made:
-        if path.name == "link.xml":  # the same file twice
-            path = scene_file(tmp_path, *(["rx"] if "one" in told else []), frequency="77 GHz")
-        capfd.readouterr()
-        words = ["receive", str(path), "--variant", "scalar_rgb", "--out", str(tmp_path / "out")]
-        assert main(words) == 2
-        lines = capfd.readouterr().err.splitlines()
-        assert len(lines) == 1 and told in lines[0]
-
-
 @pytest.mark.llvm
 def test_the_example_is_received_and_its_map_adds_up(tmp_path: Path) -> None:
     out = tmp_path / "link"
@@ -158,7 +112,7 @@ def test_the_example_is_received_and_its_map_adds_up(tmp_path: Path) -> None:
     assert 0 < 3 * found["standard_error_w"] < found["scattered_w"] < found["direct_w"]
 
     from polywigner.mitsuba import load_scene
-    from polywigner.mitsuba.arrival_map import arrival_map
+    from polywigner.mitsuba.received_power import arrival_map
 
     total = arrival_map(load_scene(EXAMPLE, "llvm_ad_mono"), 0).sum()
     # 64 samples of each pixel
@@ -192,8 +146,10 @@ LAMP = """<scene version="3.0.0">
 """
 
 
-@pytest.mark.parametrize("command", ["receive", "render"])
-@pytest.mark.parametrize(("right", "above"), [(0.5, 0.25), (-0.25, -0.5)])
+@pytest.mark.parametrize(
+    ("command", "right", "above"),
+    [("receive", 0.5, 0.25), ("render", 0.5, 0.25), ("render", -0.25, -0.5)],
+)
 def test_pictures_are_seen_as_the_receiver_sees(
     command: str, right: float, above: float, tmp_path: Path
 ) -> None:

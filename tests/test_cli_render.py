@@ -247,7 +247,7 @@ import numpy as np
 import polywigner.mitsuba
 import mitsuba
 mitsuba.set_variant("scalar_rgb")
-from polywigner.mitsuba.images import write_exr
+from polywigner.mitsuba.films import write_exr
 drjit.set_thread_count(1)
 write_exr(Path(sys.argv[1]), np.full((300, 300, 1), -1.5))
 assert drjit.thread_count() == 1
@@ -262,7 +262,7 @@ def test_an_image_is_written_where_dr_jit_has_one_thread(tmp_path: Path) -> None
 
 
 def test_an_image_that_cannot_be_written_is_an_error_of_the_package(tmp_path: Path) -> None:
-    from polywigner.mitsuba.images import write_exr
+    from polywigner.mitsuba.films import write_exr
 
     places = [tmp_path / "absent" / "a.exr", tmp_path, Path("/dev/full")]
     for place in places if Path("/dev/full").exists() else places[:2]:

@@ -67,25 +67,3 @@ def test_a_cloud_is_written_and_summed_up(scene: Path, capfd: pytest.CaptureFixt
     assert scene.with_name("cloud.vtp").read_bytes().startswith(b'<?xml version="1.0"?>\n<VTKFile')
     assert run(scene, "--out", f"{scene.parent}/folder/") == 0
     assert (scene.parent / "folder" / "street_scatterers.csv").is_file()
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (("--count", "0"), "expected count from 1"),
-        (("--velocity", "floor=fast"), "--velocity: expected ID=VX,VY,VZ"),
-        (("--velocity", "flor=1,2,3"), "got one of 'flor'"),
-        (("--out", "cloud.png"), "--out: expected a file of .csv, .vtp, .nc"),
-        (("--define", "height"), "--define"),
-        (("--receiver", "nobody"), "receiver as one of"),
-        (("--max-depth", "0"), "max_depth from 1"),
-    ],
-)
-def test_bad_input_ends_with_one_sentence_and_code_two(
-    scene: Path, options: tuple[str, ...], message: str, capfd: pytest.CaptureFixture[str]
-) -> None:
-    before = set(scene.parent.iterdir())
-    assert run(scene, *options) == 2
-    said = capfd.readouterr().err
-    assert message in said and said.count("\n") == 1
-    assert set(scene.parent.iterdir()) == before

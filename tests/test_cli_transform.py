@@ -189,9 +189,7 @@ def test_a_source_file_is_shown_at_its_own_wavelength_unless_told_another(
     assert values["frequency"][[i, j]] == pytest.approx([250.0, 0.0], abs=spacing / 2)
 
 
-def test_a_layer_is_read_alone_and_what_overlaps_is_joined(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_layer_is_read_alone_and_what_overlaps_is_joined(tmp_path: Path) -> None:
     path = tmp_path / "antenna.svg"
     path.write_text(
         '<svg><g id="board"><rect width="9" height="9"/></g>'
@@ -201,18 +199,31 @@ def test_a_layer_is_read_alone_and_what_overlaps_is_joined(
     layers = ("--layer", "pad", "--layer", "feed")
     drawn = transformed(path, *layers, "--union", "--samples", "3")
     assert drawn["fourier"][1, 1].real == pytest.approx(4e-6, rel=ROUNDING, abs=0.0)
-    assert main(["transform", str(path), "--out", str(tmp_path / "other")]) == 2
-    assert "--layer feed --layer pad" in capsys.readouterr().err
-    assert main(["transform", str(path), *layers, "--out", str(tmp_path / "other")]) == 2
-    assert "(--union)" in capsys.readouterr().err
-    assert not list(tmp_path.glob("other*"))
 
 
-def test_a_source_file_has_no_layer_of_the_command_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = tmp_path / "source.toml"
-    path.write_text("")
-    for option in (["--layer", "pads"], ["--union"]):
-        assert main(["transform", str(path), *option]) == 2
-        assert f"expected no {option[0]} with a source file" in capsys.readouterr().err
+SPACE, LENS = pw.FirstOrder.free_space(0.05), pw.FirstOrder.lens(0.08)
+SYSTEMS = {
+    "space 50 mm, lens 8 cm": LENS @ SPACE,
+    "lens 80 mm inf, turn 90 deg": pw.FirstOrder.rotation(np.pi / 2)
+    @ pw.FirstOrder.lens((0.08, np.inf)),
+    "magnifier -2, fourier 0.1, fractional 0.5 20 mm": pw.FirstOrder.fractional(0.5, 0.02)
+    @ pw.FirstOrder.fourier(0.1)
+    @ pw.FirstOrder.magnifier(-2),
+}
+
+
+@pytest.mark.parametrize("text", SYSTEMS)
+def test_the_light_passes_parts_in_the_order_of_the_text(text: str, rectangle: Path) -> None:
+    options = ("--frequency", "94 GHz", "--samples", "5", "--through", text)
+    np.testing.assert_array_equal(transformed(rectangle, *options)["matrix"], SYSTEMS[text].matrix)
+
+
+def test_the_values_behind_a_system_are_those_of_its_transform(rectangle: Path) -> None:
+    options = ("--frequency", "94 GHz", "--samples", "33", "--through", "fourier 50 mm")
+    found = transformed(rectangle, *options)
+    scale = 0.05 * wavelength_of(94e9)
+    points = np.stack(np.meshgrid(found["across"], found["up"]), axis=-1)
+    light = abs(pw.fourier(pw.shapes.rectangle(*SIDES), points / scale)) ** 2 / scale**2
+    assert found["light"] == pytest.approx(light, rel=1e-6, abs=1e-9)
+    metadata = json.loads(str(found["metadata"]))
+    assert set(metadata["units"]) == set(found) - {"metadata", "matrix", "light"}

@@ -16,7 +16,7 @@ from oracles.references import read_json
 from polywigner.cli import main
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.geometry.aperture import triangulate
-from polywigner.geometry.field import turned_points
+from polywigner.geometry.wavefront import turned_points
 from polywigner.numerics.chirps import fresnel_tail
 
 REFERENCE = read_json("curved")

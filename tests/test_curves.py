@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.formats.curves import (
+from polywigner.geometry.io.curves import (
     DEFAULT_TOLERANCE,
     Arc,
     Bezier,
@@ -16,7 +16,6 @@ from polywigner.geometry.formats.curves import (
     bezier_spans,
     ends,
     flattened,
-    reversed_curve,
     transformed,
 )
 
@@ -88,32 +87,6 @@ def test_no_point_is_farther_from_the_chords_than_the_tolerance(
 def test_the_number_of_chords_grows_as_one_over_the_root_of_the_tolerance(curve: Curve) -> None:
     few, many = (len(chords_of(curve, tolerance)) for tolerance in (1e-4, 1e-6))
     assert 5 < many / few < 20  # halving a rational curve takes powers of two
-
-
-@pytest.mark.parametrize("name", ["arc", "parabola", "cubic"])
-def test_chords_are_not_many_more_than_needed(name: str) -> None:
-    """A single chord of an arc with the curvature c misses it by c l^2/8."""
-    curve, tolerance = CURVES[name], 1e-4
-    chords = chords_of(curve, tolerance)
-    points = points_on(curve)
-    first, second = np.gradient(points, axis=0), np.gradient(np.gradient(points, axis=0), axis=0)
-    speed = np.linalg.norm(first, axis=1)
-    cross = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
-    needed = float(np.sum(np.sqrt(np.abs(cross) / speed**3 / (8 * tolerance)) * speed))
-    assert len(chords) - 1 <= 2.5 * needed + 1
-
-
-@pytest.mark.parametrize("curve", CURVES.values(), ids=CURVES)
-def test_a_curve_reversed_is_the_same_curve(curve: Curve) -> None:
-    back = reversed_curve(curve)
-    assert np.allclose(ends(back), ends(curve)[::-1])
-    assert np.allclose(points_on(back), points_on(curve)[::-1], atol=1e-12)
-
-
-def test_a_map_of_the_plane_maps_the_points() -> None:
-    for curve in CURVES.values():
-        image = transformed(curve, SKEW, np.array([1.0, 2]))
-        assert np.allclose(points_on(image), points_on(curve) @ SKEW + (1, 2), atol=1e-12)
 
 
 @pytest.mark.parametrize("axes", [(1.0, 1.0), (3.0, 0.5), (1.0, 1e-6)])

@@ -5,8 +5,10 @@ from __future__ import annotations
 import ast
 import doctest
 import inspect
+import itertools
 import re
 import runpy
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -79,15 +81,30 @@ RIDDLE = re.compile(
 CLEAR = ("Print BibTeX of what to cite", "Say what power", "does not hold what", "by default those")
 
 
+def _docstrings(tree: ast.AST) -> Iterator[str]:
+    """Docstrings of modules, functions, classes, and of the names that they assign."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Module | ast.FunctionDef | ast.ClassDef):
+            yield ast.get_docstring(node) or ""
+            for before, after in itertools.pairwise(node.body):
+                match before, after:
+                    case ast.Assign() | ast.AnnAssign(), ast.Expr(ast.Constant(str(text))):
+                        yield text
+
+
 def _first_lines() -> list[str]:
     package = Path(pw.__file__).parent
-    kinds = (ast.Module, ast.FunctionDef, ast.ClassDef)
     return [
-        f"{path.relative_to(package)}: {text.splitlines()[0]}"
+        f"{path.relative_to(package)}: {text.strip().splitlines()[0]}"
         for path in sorted(package.rglob("*.py"))
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-        if isinstance(node, kinds) and (text := ast.get_docstring(node))
+        for text in _docstrings(ast.parse(path.read_text(encoding="utf-8")))
+        if text
     ]
+
+
+def test_docstrings_of_names_are_read() -> None:
+    source = 'x = 1\n"""A."""\nclass C:\n    y: int\n    """B."""\n'
+    assert list(filter(None, _docstrings(ast.parse(source)))) == ["A.", "B."]
 
 
 def test_first_lines_of_docstrings_are_no_riddles() -> None:

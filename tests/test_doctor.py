@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from polywigner.cli import doctor
-from polywigner.toolchain.gpu import GPUStatus
 from polywigner.toolchain.llvm import LLVMStatus
+from polywigner.toolchain.trials import GPUStatus
 
 
 def run(*arguments: str, **variables: str) -> subprocess.CompletedProcess[str]:

@@ -13,7 +13,7 @@ import pytest
 import shapely
 
 import polywigner as pw
-from polywigner.errors import ArgumentError, FileFormatError, GeometryError, MissingExtraError
+from polywigner.errors import ArgumentError, FileFormatError, GeometryError
 
 ezdxf = pytest.importorskip("ezdxf")
 
@@ -363,17 +363,6 @@ def test_a_damaged_file_raises_one_error(
     assert capfd.readouterr() == ("", "")
 
 
-def test_a_missing_library_is_named_with_its_extra(
-    read: Read, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    import sys
-
-    read(square)
-    monkeypatch.setitem(sys.modules, "ezdxf", None)
-    with pytest.raises(MissingExtraError, match=r'ezdxf.*pip install "\.\[formats\]"'):
-        pw.read_aperture(tmp_path / "drawing.dxf")
-
-
 # A union is taken on a grid of 2^-44 of the size.
 UNION = 1e-12
 
@@ -434,7 +423,7 @@ def test_an_unknown_layer_is_answered_with_those_there_are(read: Read) -> None:
     for wrong in ("", 3, [None]):
         with pytest.raises(ArgumentError, match="expected a layer by its name"):
             read(board, layer=wrong)
-    with pytest.raises(ArgumentError, match="expected union as True or False, got 'yes'"):
+    with pytest.raises(ArgumentError, match="expected union to be True or False, got 'yes'"):
         read(board, union="yes")
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import random
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,7 @@ import numpy as np
 import pytest
 
 import polywigner as pw
-from polywigner.errors import ArgumentError, FileFormatError, GeometryError, MissingExtraError
+from polywigner.errors import ArgumentError, FileFormatError, GeometryError
 
 # GDSII holds whole numbers of database units; the reader makes some ulp of them.
 ROUNDING = 1e-12
@@ -92,13 +91,3 @@ def test_a_cell_within_itself_is_refused(tmp_path: Path) -> None:
     path.write_bytes(content.replace(b"PAD\0", b"TOP\0"))
     with pytest.raises(FileFormatError):
         pw.read_aperture(path, layer=["TOP", "1"])
-
-
-def test_without_the_library_the_error_says_what_to_install(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = tmp_path / "chip.gds"
-    path.write_bytes(b"\0\6\0\2\2\x58")
-    monkeypatch.setitem(sys.modules, "gdstk", None)
-    with pytest.raises(MissingExtraError, match=r'gdstk.*pip install "\.\[formats\]"'):
-        pw.read_aperture(path)

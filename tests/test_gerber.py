@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import math
-import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 import polywigner as pw
-from polywigner.errors import ArgumentError, FileFormatError, MissingExtraError
-from polywigner.geometry.formats import gerber
+from polywigner.errors import ArgumentError, FileFormatError
 
 # Sums of some hundred vertices, scaled from mm to metres.
 ROUNDING = 1e-12
@@ -27,18 +23,9 @@ PATCH = "G36*\nX0Y0D02*\nG01X30000D01*\nY20000D01*\nX0D01*\nY0D01*\nG37*\n"
 FLASH = "D10*\nX5000Y0D03*\n"
 
 
-def in_this_process(program: Any, asked: dict[str, Any], *_: Any) -> Any:
-    """As ``in_process``, without the time that it takes to start one."""
-    try:
-        return json.loads(json.dumps(program.answer(json.loads(json.dumps(asked)))))
-    except LookupError as error:
-        raise FileFormatError(str(error)) from None
-
-
 @pytest.fixture
-def read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def read(tmp_path: Path):
     pytest.importorskip("gerbonara")
-    monkeypatch.setattr(gerber, "in_process", in_this_process)
 
     def reader(body: str, head: str = HEAD, end: str = "M02*\n", **how: object) -> pw.Aperture:
         path = tmp_path / "board.gbr"
@@ -219,23 +206,10 @@ def test_damaged_files_are_refused(read, tmp_path: Path) -> None:
             pw.read_aperture(path)
 
 
-def test_a_process_of_its_own_reads_the_file_whatever_its_suffix(tmp_path: Path) -> None:
-    pytest.importorskip("gerbonara")
-    path = tmp_path / "board.txt"
-    path.write_text(HEAD + PATCH + "M02*\n")
-    assert pw.read_aperture(path).area == pytest.approx(6e-4, rel=ROUNDING, abs=0.0)
+def test_large_files_are_read_in_a_process_of_its_own(read) -> None:
+    strokes = "%ADD10R,1X1*%D10*X0Y0D02*" + "".join(f"X{500 * k}D01*\n" for k in range(1, 1501))
+    assert read(strokes).area == pytest.approx(751e-6, rel=ROUNDING, abs=0.0)
+    with pytest.raises(FileFormatError, match=r"board\.gbr: expected .*inside region"):
+        read(strokes + "G36*X0Y0D02*D03*G37*")
     with pytest.raises(ArgumentError, match="no layers"):
-        pw.read_aperture(path, layer="top")
-    path.write_text(HEAD + "G36*X0Y0D02*D03*G37*M02*\n")
-    with pytest.raises(FileFormatError, match=r"board\.txt: expected .*inside region"):
-        pw.read_aperture(path)
-
-
-def test_without_the_library_the_error_says_what_to_install(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = tmp_path / "board.gbr"
-    path.write_text(HEAD + PATCH + "M02*\n")
-    monkeypatch.setitem(sys.modules, "gerbonara.rs274x", None)
-    with pytest.raises(MissingExtraError, match=r'gerbonara.*pip install "\.\[formats\]"'):
-        pw.read_aperture(path)
+        read(PATCH, layer="top")

@@ -19,7 +19,7 @@ from package_imports import PACKAGE, imports_of, sources
 # A room may import from those above it in this list, never from those below or beside it.
 ROOMS = [
     ("errors", "interruption"),
-    ("quantities", "citations"),
+    ("quantities", "citations", "apart"),
     ("geometry",),
     ("illumination", "optics"),
     ("toolchain", "numerics", "plans"),
@@ -55,7 +55,11 @@ EXCEPTIONS: dict[tuple[str, str], str] = {}
 STANDARD_LIBRARY_ONLY = {
     "toolchain/debian.py": (),
     "toolchain/llvm_discovery.py": (),
-    "toolchain/llvm_verdicts.py": ("polywigner.toolchain", "polywigner.interruption"),
+    "toolchain/trials.py": (
+        "polywigner.toolchain",
+        "polywigner.interruption",
+        "polywigner.apart",
+    ),
     # drjit: by require_drjit() only, when the library has been chosen
     "toolchain/llvm.py": ("polywigner.toolchain", "polywigner.errors", "drjit"),
     "toolchain/llvm_install.py": (
@@ -63,9 +67,9 @@ STANDARD_LIBRARY_ONLY = {
         "polywigner.errors",
         "polywigner.interruption",
     ),
-    "toolchain/gpu.py": ("polywigner.toolchain",),
     "toolchain/native_hook.py": ("polywigner.toolchain",),
     "errors.py": (),
+    "apart.py": ("polywigner.errors",),
     "interruption.py": (),
 }
 

@@ -19,7 +19,7 @@ from polywigner.interruption import postponed_interrupts
 from polywigner.propagation.stores import write_dataset
 from polywigner.propagation.stores_checks import Layout
 from polywigner.toolchain.llvm_discovery import Candidate
-from polywigner.toolchain.llvm_verdicts import judge
+from polywigner.toolchain.trials import judge
 from polywigner.transforms.xarray_arguments import labelled_array
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals of Unix")
@@ -101,7 +101,7 @@ def test_an_interrupted_volume_keeps_finished_chunks_only(tmp_path: Path) -> Non
         run.send_signal(signal.SIGINT)
         _, errors = run.communicate(timeout=_HANGS)
     assert (run.returncode, errors) == (130, _LINE)
-    assert not list(tmp_path.rglob("*.partial"))
+    assert not list(tmp_path.rglob("*.partial*"))
 
 
 def test_an_interrupt_within_an_import_comes_after_it() -> None:

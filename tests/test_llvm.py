@@ -16,13 +16,12 @@ from typing import Any
 
 import pytest
 
-from polywigner.errors import EngineError
 from polywigner.toolchain import llvm as llvm_module
 from polywigner.toolchain import llvm_discovery as discovery
-from polywigner.toolchain import llvm_verdicts as verdicts
+from polywigner.toolchain import trials as verdicts
 from polywigner.toolchain.llvm import LLVMStatus
 from polywigner.toolchain.llvm_discovery import NONE_USABLE, Candidate, version_of_name
-from polywigner.toolchain.llvm_verdicts import Verdict, judge
+from polywigner.toolchain.trials import Verdict, judge
 
 # What choosing a library whose verdict is remembered may cost, in seconds.
 QUICK = 0.05
@@ -104,14 +103,11 @@ def test_a_name_tells_the_version(name: str, version: tuple[int, ...] | None) ->
     assert version_of_name(name) == version
 
 
-def test_a_link_without_a_version_has_that_of_its_target(tmp_path: Path) -> None:
+def test_of_a_link_and_its_target_the_one_with_a_version_tells(tmp_path: Path) -> None:
     library(tmp_path, "libLLVM-16.so.1")
     (tmp_path / "libLLVM.so").symlink_to("libLLVM-16.so.1")
     assert version_of_name(str(tmp_path / "libLLVM.so")) == (16,)
-
-
-def test_a_link_with_a_version_tells_what_its_target_does_not(tmp_path: Path) -> None:
-    """As on Ubuntu 24.04, where libLLVM-18.so leads to llvm-18/lib/libLLVM.so.1."""
+    # as on Ubuntu 24.04, where libLLVM-18.so leads to llvm-18/lib/libLLVM.so.1
     library(tmp_path / "a", "libLLVM.so.1")
     (tmp_path / "libLLVM-18.so").symlink_to("a/libLLVM.so.1")
     assert version_of_name(str(tmp_path / "libLLVM-18.so")) == (18,)
@@ -256,7 +252,7 @@ def test_a_trial_that_takes_too_long_is_no_lasting_verdict(
     own_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(verdicts, "_KERNELS", "import time; time.sleep(60)")
-    monkeypatch.setattr(verdicts, "_PATIENCE", 0.5)
+    monkeypatch.setattr(verdicts, "_SECONDS", 0.1)
     verdict = judge(Candidate(library(tmp_path, "libLLVM.so.19.1"), "system", (19, 1)))
     assert not verdict.usable and "longer than" in (verdict.reason or "")
     assert not own_cache.exists()
@@ -353,6 +349,35 @@ def test_without_llvm_the_transforms_run_and_kernels_are_refused() -> None:
     assert complaints == [f"{status['problem']} {status['remedy']}"] * 2
 
 
+def test_dr_jit_imported_first_with_a_bad_library_is_refused_before_any_kernel(
+    bad_llvm: str, drjit_by_itself: None
+) -> None:
+    code = (
+        "import json, drjit, numpy as np, polywigner as pw\n"
+        "from polywigner.errors import EngineError\n"
+        "square = pw.Aperture([(-1, -1), (1, -1), (1, 1), (-1, 1)])\n"
+        "many = np.zeros((100_000, 2))\n"
+        "value = float(pw.wigner(square, many, (0.0, 0.0))[0])\n"
+        "try: pw.wigner(square, many, (0.0, 0.0), engine='llvm')\n"
+        "except EngineError as error: print(json.dumps([value, str(error)]))"
+    )
+    value, message = python(code, DRJIT_LIBLLVM_PATH=bad_llvm)
+    assert value == pytest.approx(16.0, rel=1e-12)  # by NumPy
+    assert "imported before polywigner" in message
+    assert "Import polywigner before drjit" in message
+
+
+def test_a_missing_libatomic_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "platform", "linux")
+    monkeypatch.setattr(llvm_module, "_opens", lambda library: "libatomic" not in library)
+    monkeypatch.setattr(
+        llvm_module, "drjit_imports", lambda: "NameError: name '_drjit_ext' is not defined"
+    )
+    status = llvm_module._find()
+    assert not status.usable and not status.drjit_imports
+    assert "libatomic1" in (status.remedy or "")
+
+
 @pytest.mark.drjit
 def test_without_llvm_dr_jit_is_imported_without_a_word_on_stderr() -> None:
     code = (
@@ -402,64 +427,3 @@ def test_dr_jit_imported_first_with_a_usable_library_is_fine(
     status = python(code, DRJIT_LIBLLVM_PATH=llvm.path or "")
     assert os.path.realpath(status["path"]) == os.path.realpath(llvm.path or "")
     assert status["version"] == llvm.version
-
-
-def test_dr_jit_imported_first_with_a_bad_library_is_refused_before_any_kernel(
-    bad_llvm: str, drjit_by_itself: None
-) -> None:
-    code = (
-        "import json, drjit, numpy as np, polywigner as pw\n"
-        "from polywigner.errors import EngineError\n"
-        "square = pw.Aperture([(-1, -1), (1, -1), (1, 1), (-1, 1)])\n"
-        "many = np.zeros((100_000, 2))\n"
-        "value = float(pw.wigner(square, many, (0.0, 0.0))[0])\n"
-        "try: pw.wigner(square, many, (0.0, 0.0), engine='llvm')\n"
-        "except EngineError as error: print(json.dumps([value, str(error)]))"
-    )
-    value, message = python(code, DRJIT_LIBLLVM_PATH=bad_llvm)
-    assert value == pytest.approx(16.0, rel=1e-12)  # by NumPy
-    assert "imported before polywigner" in message
-    assert "Import polywigner before drjit" in message
-
-
-def test_a_missing_libatomic_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys, "platform", "linux")
-    monkeypatch.setattr(llvm_module, "_opens", lambda library: "libatomic" not in library)
-    monkeypatch.setattr(
-        llvm_module, "drjit_imports", lambda: "NameError: name '_drjit_ext' is not defined"
-    )
-    status = llvm_module._find()
-    assert not status.usable and not status.drjit_imports
-    assert "libatomic1" in (status.remedy or "")
-
-
-def test_what_the_linker_said_is_told_not_what_dr_jit_made_of_it(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    said = (
-        "Traceback (most recent call last):\n"
-        "ImportError: libatomic.so.1: cannot open shared object file: No such file or directory\n"
-        "During handling of the above exception, another exception occurred:\n"
-        "NameError: name '_drjit_ext' is not defined\n"
-    )
-    monkeypatch.setattr(verdicts, "run_probe", lambda script: (1, "", said))
-    complaint = verdicts.drjit_imports()
-    assert complaint is not None and complaint.startswith("libatomic.so.1: cannot open")
-
-
-def test_a_dr_jit_that_cannot_be_imported_is_refused_before_the_import(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    broken = LLVMStatus(False, problem="Broken.", remedy="Mend it.", drjit_imports=False)
-    monkeypatch.setattr(llvm_module, "_status", broken)
-    with pytest.raises(EngineError, match=r"Broken\. Mend it\."):
-        llvm_module.require_drjit()
-
-
-@pytest.mark.drjit
-def test_a_missing_libatomic_does_not_matter_to_a_dr_jit_that_does_without(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(sys, "platform", "linux")
-    monkeypatch.setattr(llvm_module, "_opens", lambda library: False)
-    assert llvm_module._open_libatomic() is None  # the child imports Dr.Jit without complaint

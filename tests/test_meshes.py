@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import polywigner as pw
-from polywigner.errors import FileFormatError, GeometryError, MissingExtraError, QuantityError
+from polywigner.errors import FileFormatError, GeometryError, QuantityError
 
 trimesh = pytest.importorskip("trimesh")
 
@@ -168,14 +168,3 @@ def test_a_mesh_is_no_aperture(tmp_path: Path) -> None:
     path = written(tmp_path, trimesh.creation.box(SIDES), "stl")
     with pytest.raises(FileFormatError, match=r"polywigner\.read_polyhedron"):
         pw.read_aperture(path)
-
-
-def test_a_missing_library_is_named_with_its_extra(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    import sys
-
-    path = written(tmp_path, trimesh.creation.box(SIDES), "stl")
-    monkeypatch.setitem(sys.modules, "trimesh", None)
-    with pytest.raises(MissingExtraError, match=r'trimesh.*pip install "\.\[formats\]"'):
-        pw.read_polyhedron(path)

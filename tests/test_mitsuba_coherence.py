@@ -117,8 +117,6 @@ def test_a_partly_coherent_receiver_takes_of_a_sky_as_one_mode_does(normalise: s
 @pytest.mark.parametrize(
     "how",
     [
-        {"source": SLITS.partially_coherent(WIDTH), "estimator": "exact"},
-        {"source": SLITS, "bandwidth": 1e9, "estimator": "exact"},
         {"source": SLITS.partially_coherent(WIDTH), "obliquity": "kirchhoff"},
         {"source": SLITS, "bandwidth": 3e11},
     ],
@@ -136,7 +134,7 @@ def test_a_direct_link_is_the_mean_over_tilts_and_wavelengths() -> None:
     use("scalar_rgb")
     from polywigner.mitsuba.direct_light import coupled_share, facing_parts
     from polywigner.mitsuba.placement import PlacedSource
-    from polywigner.mitsuba.radiance import Mixture
+    from polywigner.mitsuba.sources import Mixture
 
     square, far, width, band = pw.shapes.square(6e-3), 20.0, 12e-3, 2e9
     partly = square.partially_coherent(width)
@@ -150,18 +148,11 @@ def test_a_direct_link_is_the_mean_over_tilts_and_wavelengths() -> None:
     assert coupled_share(parts, 1e-6) == pytest.approx(expected, rel=1e-3, abs=0)
 
 
-def test_a_receiver_by_exact_fields_is_coherent() -> None:
-    use("scalar_rgb")
-    from polywigner.mitsuba import receiver
-
-    with pytest.raises(SceneError, match='use the estimator "wigner"'):
-        receiver(SLITS.partially_coherent(WIDTH), WAVELENGTH)
-
-
 def test_scalar_variants_draw_waves_of_the_right_spread() -> None:
     """Tilts of standard deviation 1/(2 pi width), and frequencies over all of the band."""
     mi = use("scalar_rgb")
-    from polywigner.mitsuba.radiance import DrawnWaves, Mixture
+    from polywigner.mitsuba.sources import Mixture
+    from polywigner.mitsuba.wigner import DrawnWaves
     from polywigner.quantities import SPEED_OF_LIGHT
 
     waves = DrawnWaves(mi, Mixture(WIDTH, 20e9))

@@ -379,6 +379,86 @@ def test_derivatives_are_those_in_the_power_and_others_are_refused(llvm: object)
         dr.disable_grad(value)
 
 
+HALF = pw.shapes.square(5e-3)
+CURVED = L_SHAPE.curved((0.03, -0.05), WAVELENGTH, (1e-3, 0.0))
+MIXTURES: dict[str, tuple[Any, dict[str, Any]]] = {
+    "curved": (CURVED, {}),
+    "curved in one plane, with a taper": (HORN.curved((0.02, np.inf), WAVELENGTH), {}),
+    "curved array": (FOCUSED.curved(0.05, WAVELENGTH), {}),
+    "partly coherent": (pw.shapes.chevron(5e-3, 5e-3, 2e-3).partially_coherent(5e-3), {}),
+    "curved and partly coherent": (HALF.curved(0.03, WAVELENGTH).partially_coherent(8e-3), {}),
+    "of a band": (HALF, {"bandwidth": 6e9}),
+}
+# Of samples of 2^14 places and waves, by their own spread: one of ten thousand is farther off.
+SPREADS = 4.0
+
+
+@pytest.mark.parametrize("name", MIXTURES)
+def test_curved_and_partly_coherent_light_is_exact_near_and_far(name: str, llvm: object) -> None:
+    mi = use("llvm_ad_mono")
+    source, how = MIXTURES[name]
+    emitter = emitter_of(light(source, estimator="exact", power=1.0, **how))
+    points = np.concatenate([floor_points(height, 12) for height in HEIGHTS])
+    seen = received(mi, emitter, points / MILLIMETRE) * emitter.spec.norm
+    single = (points / MILLIMETRE).astype(np.float32) * MILLIMETRE
+    exact = pw.irradiance(source, single, WAVELENGTH, METHODS[0], tolerance=1e-5, **how)
+    seen, exact = (v.reshape(len(HEIGHTS), -1) for v in (seen, exact))
+    assert (np.abs(seen - exact).max(axis=1) < ERROR * exact.max(axis=1)).all()
+
+
+@pytest.mark.parametrize("name", ["curved", "partly coherent"])
+def test_far_away_signed_radiance_has_the_mean_of_the_exact_light(name: str, llvm: object) -> None:
+    mi = use("llvm_ad_mono")
+    source, how = MIXTURES[name]
+    for place in ([0.0, 0.0, 5e3], [6e2, -3e2, 4e3]):
+        points = np.tile(place, (1 << 14, 1))
+        by_radiance, exactly = (
+            received(mi, emitter_of(light(source, estimator=e, power=1.0, **how)), points)
+            for e in ("wigner", "exact")
+        )
+        error = by_radiance.std() / np.sqrt(len(points))
+        assert abs(by_radiance.mean() - exactly[0]) < SPREADS * error + PIXEL * exactly[0]
+        assert error < 0.05 * exactly[0]
+
+
+def test_a_scalar_variant_adds_the_waves_of_a_mixture_up_as_well() -> None:
+    mi = use("scalar_rgb")
+    source, how = MIXTURES["partly coherent"]
+    emitter = emitter_of(light(source, estimator="exact", power=1.0, **how))
+    points = floor_points(0.05, 3)
+    seen = received(mi, emitter, points / MILLIMETRE) * emitter.spec.norm
+    exact = pw.irradiance(source, points, WAVELENGTH, METHODS[0], tolerance=1e-5)
+    assert np.abs(seen - exact).max() < PLACES * exact.max()
+
+
+@pytest.mark.parametrize("wave", ["curved", "partly coherent"])
+def test_receivers_of_either_estimator_get_the_same_of_a_lit_floor(wave: str, llvm: object) -> None:
+    """Two diameters squared over the wavelength away, where a ray's W stands for its field."""
+    mi = use("llvm_ad_mono")
+    import polywigner.mitsuba as pwm
+
+    source = HALF.curved(0.03, WAVELENGTH) if wave == "curved" else HALF.partially_coherent(6e-3)
+    t = mi.ScalarTransform4f
+    floor = t().translate([0, 0, 0.3]).rotate([1, 0, 0], 180).scale(0.3)
+    found = []
+    for estimator in ("wigner", "exact"):
+        scene = mi.load_dict(
+            {
+                "type": "scene",
+                "integrator": {"type": "path", "max_depth": 3},
+                "light": pwm.aperture(HALF, WAVELENGTH, pose((0.02, 0, 0)), power=1.0,
+                                      estimator="exact"),
+                "floor": {"type": "rectangle", "to_world": floor, "bsdf": {"type": "diffuse"}},
+                "sensor": pwm.receiver(source, WAVELENGTH, estimator=estimator),
+            }
+        )  # fmt: skip
+        found.append(pwm.received_power(scene, spp=1 << 13, seed=2))
+    radiance, exact = found
+    error = np.hypot(radiance.standard_error, exact.standard_error)
+    assert abs(radiance.scattered - exact.scattered) < SPREADS * error
+    assert error < 0.05 * exact.scattered
+
+
 HUGE = pw.phased_array(PATCH, WAVELENGTH * np.argwhere(np.ones((50, 50))), np.ones(2500))
 
 
@@ -386,11 +466,17 @@ HUGE = pw.phased_array(PATCH, WAVELENGTH * np.argwhere(np.ones((50, 50))), np.on
     ("arguments", "words"),
     [
         ({"estimator": "rays"}, "an estimator, got 'rays'; use one of wigner, exact"),
-        ({"estimator": None}, "an estimator, got None"),
+        ({"estimator": None}, "expected estimator as a text.*got None"),
         ({"estimator": "exact", "obliquity": "paper"}, "boundary condition.*'paper'"),
         ({"estimator": "exact", "control_variate": True}, "no control_variate"),
         ({"estimator": "exact", "antithetic": True}, "no antithetic"),
         ({"estimator": "exact", "source": HUGE}, 'at most 8192 pieces.*10417.*"wigner"'),
+        ({"estimator": "exact", "source": RING.partially_coherent(1e-3)}, "at most 8192 pieces"),
+        ({"estimator": "exact", "source": SQUARE.curved(4e-4, WAVELENGTH)}, "less curvature"),
+        (
+            {"estimator": "exact", "source": CURVED, "obliquity": "kirchhoff"},
+            "for a curved wave or partly",
+        ),
     ],
 )
 def test_what_the_estimator_is_not_for_is_refused(arguments: dict[str, Any], words: str) -> None:

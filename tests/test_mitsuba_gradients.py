@@ -141,9 +141,9 @@ def test_the_mean_of_a_control_variate_has_the_derivatives_of_the_far_field(
 
     from polywigner.execution import ops_for
     from polywigner.mitsuba.emitter import TracedSource
-    from polywigner.mitsuba.radiator import radiator_of
+    from polywigner.mitsuba.sources import centred_source
 
-    radiator = radiator_of(source, "rayleigh-sommerfeld-1")
+    radiator = centred_source(source, "rayleigh-sommerfeld-1")
     traced = TracedSource(mi, radiator)
     nu = mi.Point2f([30.0, -80.0, 0.0], [50.0, 10.0, 0.0])
     dr.enable_grad(traced.vertices, traced.weights)

@@ -673,15 +673,15 @@ def test_an_error_of_load_file_ends_with_the_packages_line(tmp_path: Path) -> No
 
 @pytest.mark.slow
 def test_apertures_in_memory_are_shared_by_content_and_bounded() -> None:
-    from polywigner.mitsuba import given
+    from polywigner.mitsuba import parameters
 
-    first = given.register_source(pw.shapes.square(0.01))
-    assert given.register_source(pw.shapes.square(0.01)) == first
-    for k in range(given.CAPACITY):
-        given.register_source(pw.shapes.square(0.02 + k))
+    first = parameters.register_source(pw.shapes.square(0.01))
+    assert parameters.register_source(pw.shapes.square(0.01)) == first
+    for k in range(parameters.CAPACITY):
+        parameters.register_source(pw.shapes.square(0.02 + k))
     gc.collect()
     with pytest.raises(SceneError, match="key of a source"):
-        given.registered_source(first)
+        parameters.registered_source(first)
 
 
 def test_importing_the_plugin_sets_no_variant() -> None:

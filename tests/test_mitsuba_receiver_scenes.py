@@ -69,7 +69,7 @@ def test_a_receiver_in_xml_has_the_parameters_of_its_source_and_of_its_noise(
     assert sensor.is_wigner_receiver
     assert len(spec.source.elements_in_plane) == 6
     assert spec.wavelength == WAVELENGTH
-    assert (spec.bandwidth, spec.temperature, spec.noise_figure) == (1e9, 290.0, 3.0)
+    assert tuple(spec.noise.values()) == (1e9, 290.0, 3.0)
     assert (spec.obliquity, spec.estimator, spec.sampling) == ("kirchhoff", "wigner", "marginal")
     assert (spec.scene_unit, spec.pose[0, 3]) == (1e-3, 7.0)
     assert spec.normalise == "aperture"
@@ -84,7 +84,7 @@ def test_defaults_are_exact_light_and_no_noise(tmp_path: Path) -> None:
         "rayleigh-sommerfeld-1",
         1,
     )
-    assert (spec.bandwidth, spec.temperature, spec.noise_figure) == (None, None, None)
+    assert tuple(spec.noise.values()) == (None, None, None)
     assert spec.normalise == "radiated"
     assert tuple(sensor.film().size()) == (1, 1)
 

@@ -491,17 +491,17 @@ def test_bad_requests_are_refused() -> None:
     import polywigner.mitsuba as pwm
 
     scene = floor_scene({"aperture": light()}, columns=2)
-    with pytest.raises(ArgumentError, match="at least one sample"):
+    with pytest.raises(ArgumentError, match="spp as a whole number from 1"):
         pwm.render(scene, spp=0)
-    with pytest.raises(ArgumentError, match="sensor below 1"):
+    with pytest.raises(ArgumentError, match="sensor as a whole number from 0 to 0"):
         pwm.render(scene, sensor=1)
     with pytest.raises(SceneError, match="no_such_integrator"):
         pwm.render(scene, "no_such_integrator")
-    with pytest.raises(ArgumentError, match=r"at most 1073741824"):
+    with pytest.raises(ArgumentError, match="from 1 to 1073741824"):
         pwm.render(scene, spp=2**40)
-    with pytest.raises(ArgumentError, match=r"whole number as spp, got 1\.5"):
+    with pytest.raises(ArgumentError, match=r"spp as a whole number.*got 1\.5"):
         pwm.render(scene, spp=1.5)
-    with pytest.raises(ArgumentError, match="seed of zero or more, got -1"):
+    with pytest.raises(ArgumentError, match="seed as a whole number of zero or more, got -1"):
         pwm.render(scene, seed=-1)
     with pytest.raises(ArgumentError, match=r"expected a mi\.Scene, got NoneType"):
         pwm.render(None)

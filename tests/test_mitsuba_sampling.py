@@ -8,7 +8,7 @@ import shapely
 
 import polywigner as pw
 from mitsuba_scenes import MONO, use
-from polywigner.geometry.trapezoids import trapezoids
+from polywigner.geometry.convex import trapezoids
 
 pytestmark = pytest.mark.drjit
 
@@ -90,10 +90,10 @@ def test_the_mean_of_the_marginal_over_the_density_is_the_square_of_the_area(
 ) -> None:
     """|F(0)|^2 is the integral of R_x: the density is that of the samples."""
     mi = use(variant)
-    from polywigner.mitsuba.radiator import radiator_of
     from polywigner.mitsuba.sampling import positions_of
+    from polywigner.mitsuba.sources import centred_source
 
-    radiator = radiator_of(pw.shapes.chevron(0.01, 0.01, 0.004), "paper")
+    radiator = centred_source(pw.shapes.chevron(0.01, 0.01, 0.004), "paper")
     positions = positions_of(mi, radiator, sampling, 1e-3)
     middles = ((np.arange(_GRID) + 0.5) / _GRID).tolist()
     if variant == "scalar_rgb":
@@ -108,7 +108,7 @@ def test_the_mean_of_the_marginal_over_the_density_is_the_square_of_the_area(
         x = np.array(points).T
         again = np.array(positions.density(points))
     assert np.allclose(again, density, rtol=1e-3)
-    marginal = pw.position_marginal(radiator.centred, x * 1e-3)
+    marginal = pw.position_marginal(radiator.at_origin, x * 1e-3)
     total = np.mean(marginal / density) * 1e-6
     assert total == pytest.approx(radiator.source.area**2, rel=_AREA_ERROR)
 
@@ -117,10 +117,10 @@ def test_the_mean_of_the_marginal_over_the_density_is_the_square_of_the_area(
 def test_samples_follow_the_marginal_or_its_root(variant: str) -> None:
     """Of a square from -1 to 1, R_x = 16 (1 - |x|)(1 - |y|)."""
     mi = use(variant)
-    from polywigner.mitsuba.radiator import radiator_of
     from polywigner.mitsuba.sampling import positions_of
+    from polywigner.mitsuba.sources import centred_source
 
-    radiator = radiator_of(pw.shapes.square(2.0), "paper")
+    radiator = centred_source(pw.shapes.square(2.0), "paper")
     middles = (np.arange(_GRID) + 0.5) / _GRID
     u, v = (axis.ravel().tolist() for axis in np.meshgrid(middles, middles))
     means = []

@@ -82,7 +82,7 @@ def test_the_radiance_is_that_of_the_wigner_function_with_complex_fields(
     mi = use(variant)
     source = SOURCES[name]
     emitter = emitter_of(light(source, power=3.0))
-    radiator = emitter.spec.radiator
+    radiator = emitter.spec.centred
     within, direction = draws(20 if variant == "scalar_rgb" else 1000, 1.0)
     x = within * np.array(radiator.support.bounds[2:])
     seen = evaluated(mi, emitter, x / MILLIMETRE, direction)
@@ -234,10 +234,10 @@ def test_the_obliquity_of_several_waves_is_that_of_each_pair_of_them(
 ) -> None:
     mi = use(variant)
     emitter = emitter_of(light(source, obliquity=obliquity))
-    support = emitter.spec.radiator.support
+    support = emitter.spec.centred.support
     within, direction = draws(30, 1.0)
     x = within * np.array(support.bounds[2:])
-    centre = emitter.spec.radiator.centre
+    centre = emitter.spec.centred.centre
     inside = [support.polygons.contains(shapely.Point(place)) for place in x]
     x, direction = x[inside], direction[inside]
     seen = evaluated(mi, emitter, x / MILLIMETRE, direction)
@@ -410,7 +410,7 @@ def test_antithetic_samples_see_what_plain_ones_see_with_far_less_noise(llvm: ob
 
 
 def test_short_rows_and_other_sources_have_no_antithetic_samples() -> None:
-    from polywigner.mitsuba.radiator import radiator_of
+    from polywigner.mitsuba.sources import centred_source
 
     for source, expected in (
         (steered(10.0), 9),
@@ -419,11 +419,11 @@ def test_short_rows_and_other_sources_have_no_antithetic_samples() -> None:
         (PATCH, 1),
         (any_elements(), 1),
     ):
-        radiator = radiator_of(source, "paper", antithetic=True)
+        radiator = centred_source(source, "paper", antithetic=True)
         assert len(radiator.shifts) == expected
         assert radiator.shifts[:, 2].sum() == 1
         assert np.abs(radiator.shifts[:, 2] @ radiator.shifts[:, :2]).max() < 1e-18
-        plain = radiator_of(source, "paper")
+        plain = centred_source(source, "paper")
         assert len(plain.shifts) == 1
         grown = radiator.support.moved(radiator.centre).polygons
         for shift in radiator.shifts[:, :2]:  # nothing that radiates is left out

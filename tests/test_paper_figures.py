@@ -288,27 +288,3 @@ def check_panels_have_letters(figure: Any, part: str) -> None:
     letters = [re.search(r"\((\w+)\)", axes.get_title(loc="left")) for axes in panels]
     names = [f"{part}{k}" for k in range(1, 10)] if part else list(ascii_lowercase)
     assert [letter[1] for letter in letters if letter] == names[: len(panels)]
-
-
-@pytest.mark.parametrize(
-    ("words", "told"),
-    [
-        (["amp_spec", "nosuch"], "got 'nosuch'"),
-        (["amp_spec", "--quality", "best"], "got 'best'"),
-        (["amp_spec", "--out", ""], "got nothing"),
-        (["amp_spec", "--out", "taken"], "got the file taken"),
-    ],
-)
-def test_what_cannot_be_made_is_refused_before_anything_is_written(
-    words: list[str],
-    told: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capfd: pytest.CaptureFixture[str],
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    Path("taken").touch()
-    assert main(["figures", *words]) == 2
-    captured = capfd.readouterr()
-    assert told in captured.err and captured.err.count("\n") == 1
-    assert [path.name for path in tmp_path.iterdir()] == ["taken"]

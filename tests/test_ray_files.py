@@ -272,7 +272,7 @@ def test_input_that_cannot_be_used_is_refused_in_a_line(
 
 
 def _packed_zeros(path: Path) -> None:
-    zeros = np.zeros((1 << 24, 3))
+    zeros = np.zeros((1 << 22, 3))
     np.savez_compressed(path, position=zeros, direction=zeros, weight=zeros[:, 0], attrs="{}")
 
 

@@ -12,8 +12,6 @@ import polywigner as pw
 from oracles.diffraction import irradiance_by_quadrature
 from oracles.references import read_json
 from polywigner.errors import ArgumentError, PolywignerError, PolywignerWarning
-from polywigner.propagation import arrangement, rays_adaptive
-from polywigner.propagation.arrangement import gauss_rule, node_count, smooth_triangles
 
 CONDITIONS = ("rayleigh-sommerfeld-1", "kirchhoff", "rayleigh-sommerfeld-2")
 
@@ -145,60 +143,6 @@ def test_third_order_is_right_off_axis_where_there_is_power(distance: float, lim
         assert np.sqrt((errors**2).mean()) < limit
 
 
-def test_far_away_rays_are_the_spectrum_times_the_obliquity() -> None:
-    points = on_arc(1e7, np.arange(0, 80, 10), 20.0)
-    c = points[:, 2] / 1e7
-    source = SOURCES["three waves"]
-    spectrum = abs(pw.fourier(source, points[:, :2] / 1e7)) ** 2
-    for obliquity, factor in (("rayleigh-sommerfeld-1", c**2), ("paper", c)):
-        for order in (1, 3) if obliquity != "paper" else (1,):
-            found = pw.irradiance(
-                source, points, 1.0, obliquity=obliquity, order=order, tolerance=1e-8
-            )
-            # rays from both ends of the source differ by 4e-7 rad
-            assert abs(found * 1e14 - factor * spectrum).max() < 1e-6 * spectrum.max()
-
-
-def test_without_obliquity_and_with_paraxial_rays_the_sum_is_fresnel_diffraction() -> None:
-    """|U|^2 = int W(x, (x' - x)/(lambda z)) dx/(lambda z)^2, exactly: the rule's own test."""
-    distance, points = 6.0, np.array([(0.0, 0.0), (1.0, 0.4), (2.0, -3.0), (5.0, 1.0)])
-    nodes, weights = gauss_rule(smooth_triangles(SQUARE), 1.2, 8)
-    nu = (points[:, None] - nodes) / distance
-    found = pw.wigner(SQUARE, nodes, nu) @ weights / distance**2
-    grid, share = np.polynomial.legendre.leggauss(60)
-    grid, share = grid * SIDE / 2, share * SIDE / 2
-    phase = np.exp(1j * np.pi * (points[..., None] - grid) ** 2 / distance) @ share
-    expected = abs(phase[:, 0] * phase[:, 1]) ** 2 / distance**2
-    assert abs(found - expected).max() < 1e-10 * expected.max()
-
-
-@pytest.mark.parametrize("tolerance", [1e-2, 1e-6])
-@pytest.mark.parametrize("name", ["chevrons", "three waves"])
-def test_errors_of_the_sum_are_within_the_tolerance_and_their_estimates(
-    name: str, tolerance: float
-) -> None:
-    points = on_arc(8.0, np.arange(-80, 81, 20), 15.0)
-    exact = pw.irradiance(SOURCES[name], points, 1.0, tolerance=1e-9)
-    found, errors = pw.irradiance(
-        SOURCES[name], points, 1.0, tolerance=tolerance, return_error=True
-    )
-    allowed = tolerance * np.maximum(abs(exact), 1e-3 * exact.max())
-    assert (abs(found - exact) <= allowed).all()
-    assert (abs(found - exact) <= errors + 1e-9 * exact.max()).all()
-
-
-def test_cells_found_by_refinement_give_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As of outlines with too many kinks to be found, where it takes a minute."""
-    source = pw.shapes.regular_polygon(5, 1.2)
-    points = on_arc(7.0, np.arange(-60, 61, 20))
-    known = pw.irradiance(source, points, 1.0, tolerance=1e-8)
-    monkeypatch.setattr(arrangement, "_MOST_KINKS", 20)
-    moved, shift = source.moved((0.31, -0.17)), (0.31, -0.17, 0.0)
-    refined, errors = pw.irradiance(moved, points + shift, 1.0, tolerance=1e-2, return_error=True)
-    assert abs(refined - known).max() < 2e-3 * known.max()
-    assert errors.max() < 1e-2 * known.max()
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("sampling", ["sobol", "monte-carlo"])
 def test_drawn_places_give_the_same_within_their_error(sampling: Any) -> None:
@@ -235,27 +179,6 @@ def test_points_beside_the_source_have_one_however_low_they_are() -> None:
             pw.shapes.square(10e-3), (8e-3, 0.0, 1e-8), 3.2e-3, return_error=True
         )
     assert 0 < found < 1e-12 and error < 1e-15  # as the square of the height
-
-
-def test_places_are_drawn_until_the_tolerance_is_met() -> None:
-    points = on_arc(7.0, np.arange(-60, 61, 20))
-    exact = pw.irradiance(SQUARE, points, 1.0, tolerance=1e-8)
-    share = 1e-3 * exact.max()  # below, errors are relative to about as much
-    how: dict[str, Any] = {"sampling": "sobol", "seed": 3, "return_error": True}
-    errors = {}
-    for tolerance in (0.03, 1e-3):
-        found, errors[tolerance] = pw.irradiance(SQUARE, points, 1.0, tolerance=tolerance, **how)
-        assert (errors[tolerance] <= tolerance * np.maximum(found, 10 * share)).all()
-        assert (abs(found - exact) < 5 * errors[tolerance]).all()
-    fixed = pw.irradiance(SQUARE, points, 1.0, samples=1 << 14, **how)[1]
-    assert (errors[0.03] == fixed).all()  # which a coarse one is content with
-    assert errors[1e-3].max() < 0.6 * fixed.max()
-
-
-def test_a_tolerance_that_drawn_places_miss_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rays_adaptive, "_MOST_SAMPLES", 1 << 15)
-    with pytest.warns(PolywignerWarning, match="more samples, or sampling='gauss'"):
-        pw.irradiance(SQUARE, on_arc(8.0, [40, 60]), 1.0, sampling="monte-carlo", seed=1)
 
 
 def test_sobol_places_are_much_better_than_random_ones() -> None:
@@ -331,56 +254,7 @@ def test_lengths_in_any_unit_give_the_same() -> None:
         assert found == pytest.approx(pw.irradiance(SQUARE, points, 1.0, order=order), rel=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("order", "distance", "words"),
-    [(1, 1.5, "2 wavelengths"), (3, 4.0, "third order"), (1, 4.0, None), (3, 6.0, None)],
-)
-def test_where_rays_are_not_valid_there_is_a_warning(
-    order: int, distance: float, words: str | None
-) -> None:
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        pw.irradiance(SQUARE, on_axis(distance, distance), 1.0, order=order)
-    messages = [str(w.message) for w in caught if w.category is PolywignerWarning]
-    assert len(messages) == (0 if words is None else 1)
-    assert words is None or words in messages[0]
-
-
-def test_a_tolerance_out_of_reach_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rays_adaptive, "_LEVELS", (2.0, 3.0))
-    with pytest.warns(PolywignerWarning, match="tolerance"):
-        pw.irradiance(SQUARE, on_arc(8.0, [40, 60]), 1.0, tolerance=1e-12)
-
-
 SCALES = 1e29, 1e-29  # sources and points of a few times these are within what rays take
-
-
-@pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("order", [1, 3])
-def test_lengths_that_floats_have_room_for_give_the_same_and_others_are_refused(order: Any) -> None:
-    points = on_arc(8.0, np.arange(0, 60, 20))
-    known = pw.irradiance(SQUARE, points, 1.0, order=order)
-    for scale in SCALES:
-        square = pw.shapes.square(SIDE * scale)
-        found = pw.irradiance(square, scale * points, scale, order=order)
-        assert found == pytest.approx(known, rel=1e-9)
-    for scale in (1e60, 1e-60):
-        with pytest.raises(ArgumentError, match="expected lengths of Wigner rays between"):
-            pw.irradiance(pw.shapes.square(scale), scale * points, scale, order=order)
-    for point in ((0, 0, 1e160), (1e160, 0, 1), (SIDE / 2, SIDE / 2, 1e-300)):
-        with pytest.raises(ArgumentError, match="expected lengths of Wigner rays between"):
-            pw.irradiance(SQUARE, point, 1.0, order=order)
-
-
-def test_rules_of_any_number_of_nodes_integrate_waves_to_their_spectrum() -> None:
-    """As many cycles as need more nodes along a side than one Gauss rule has."""
-    triangle = pw.Aperture([(0.0, 0.0), (1.0, 0.1), (0.3, 0.8)])
-    for cycles in (20.0, 90.0, 300.0):
-        nu = cycles * np.array([0.6, 0.8])
-        nodes, weights = gauss_rule(smooth_triangles(triangle), cycles, 8)
-        total = weights @ np.exp(-2j * np.pi * (nodes @ nu))
-        assert abs(total - pw.fourier(triangle, nu)) < 1e-11 * triangle.area
-        assert len(nodes) == pytest.approx(node_count(smooth_triangles(triangle), cycles, 8), 0.1)
 
 
 def test_the_sum_over_hundreds_of_wavelengths_is_right_or_refused() -> None:

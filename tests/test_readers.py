@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 import time
 from pathlib import Path
 
@@ -14,8 +15,14 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from outlines import CHEVRON, apertures, square_at
-from polywigner.errors import ArgumentError, FileFormatError, GeometryError, QuantityError
-from polywigner.geometry import Aperture, read_aperture, shapes
+from polywigner.errors import (
+    ArgumentError,
+    FileFormatError,
+    GeometryError,
+    MissingExtraError,
+    QuantityError,
+)
+from polywigner.geometry import Aperture, read_aperture, read_polyhedron, shapes
 
 MILLIMETRES = 1000 * CHEVRON / 100  # a chevron of 20 mm
 EXPECTED = Aperture(MILLIMETRES / 1000)
@@ -40,6 +47,8 @@ DXF = "\n".join([
     ),
     "0\nENDSEC\n0\nEOF\n",
 ])  # fmt: skip
+CORNERS = [f"X{x * 1e6:.0f}Y{y * 1e6:.0f}" for x, y in _closed(MILLIMETRES)]
+GERBER = f"%FSLAX36Y36*%%MOMM*%G01*G36*{CORNERS[0]}D02*{'D01*'.join(CORNERS[1:])}D01*G37*M02*"
 SAME = {
     "polygon.geojson": json.dumps(POLYGON),
     "polygon.json": "\ufeff" + json.dumps(POLYGON, indent=1),
@@ -72,6 +81,8 @@ SAME = {
     "path.svg": f'<svg viewBox="0 0 1 1"><path d="M{POINTS}z"/></svg>',
     "path.xml": f'<?xml version="1.0"?><svg><polygon points="{POINTS}"/></svg>',
     "lines.dxf": DXF,
+    "region.gbr": GERBER,
+    "region.txt": GERBER,
     "lines.txt": "999\na comment\n" + DXF,
 }
 
@@ -185,7 +196,7 @@ BAD_FILES = {
     "nothing.wkt": ("POLYGON EMPTY", FileFormatError, "EMPTY"),
     "line.wkt": ("LINESTRING (0 0, 1 1)", FileFormatError, "LineString"),
     "curve.wkt": ("CURVEPOLYGON ((0 0, 1 0, 1 1, 0 0))", FileFormatError, "expected"),
-    "deep.wkt": ("GEOMETRYCOLLECTION (" * 100_000, FileFormatError, "nested"),
+    "deep.wkt": ("GEOMETRYCOLLECTION (" * 100_000, FileFormatError, "32 brackets"),
     "nan.wkt": ("POLYGON ((0 0, 1 0, nan 1, 0 0))", GeometryError, "finite"),
     "high.wkt": ("POLYGON Z ((0 0 1, 1 0 1, 1 1 1, 0 0 1))", GeometryError, "z = 0"),
     "columns.csv": ("0,0,0\n1,0,0\n1,1,0\n", FileFormatError, "line 1"),
@@ -217,6 +228,25 @@ def test_a_bad_file_raises_one_error_that_names_it(tmp_path, name, case):
     assert str(raised.value).startswith(f"{path}: expected")
     assert len(str(raised.value)) < 600
     assert raised.value.__cause__ is None
+
+
+@pytest.mark.parametrize(
+    ("name", "library"),
+    [
+        ("path.svg", "defusedxml"), ("path.svg", "svgelements"), ("lines.dxf", "ezdxf"),
+        ("region.gbr", "gerbonara.rs274x"), ("chip.gds", "gdstk"), ("body.stl", "trimesh"),
+    ],
+)  # fmt: skip
+def test_a_missing_library_is_named_with_its_extra(tmp_path, monkeypatch, name, library):
+    path = tmp_path / name
+    path.write_text(SAME.get(name, "solid"))
+    for module in [m for m in sys.modules if m.partition(".")[0] == library]:
+        monkeypatch.delitem(sys.modules, module)
+    monkeypatch.setitem(sys.modules, library, None)
+    read = read_polyhedron if name.endswith("stl") else read_aperture
+    named = rf'{library.partition(".")[0]}.*pip install "\.\[formats\]"'
+    with pytest.raises(MissingExtraError, match=named):
+        read(path)
 
 
 def test_paths_that_are_no_files_raise(tmp_path):
@@ -264,7 +294,7 @@ TOO_MUCH = {
                          FileFormatError, "at most 10000 outlines"),
     "heap.geojson": (f'{{"type":"MultiPolygon","coordinates":[{_many(TRIANGLE, 1500)}]}}',
                      FileFormatError, "pairs of edges near each other"),
-    "scribble.csv": ("\n".join(SCRIBBLE), FileFormatError, "cross in at most 20000 places"),
+    "scribble.csv": ("\n".join(SCRIBBLE), FileFormatError, "at most 20000 places"),
 }  # fmt: skip
 
 # Each takes a second or two; without a bound, minutes.

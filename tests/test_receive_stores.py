@@ -61,11 +61,11 @@ def same(found: list[Any], whole: list[Any]) -> bool:
 
 
 def received(path: Path, seed: int = 0, **options: Any) -> list[Any]:
-    from polywigner.mitsuba.received import asked_of
+    from polywigner.mitsuba.received import receive_options
     from polywigner.mitsuba.scene_renders import SceneFile, receive_parts
 
     file = SceneFile(path, "scalar_rgb")
-    asked = asked_of(None, seed, None, 0, 1e-6, None, None, None)
+    asked = receive_options(None, seed, None, 0, 1e-6, None, None, None)
     found = receive_parts(file, file.load(), asked, threads=1, **options)
     return [[part.scattered for part in each.contributions] for each in found]
 

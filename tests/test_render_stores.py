@@ -80,7 +80,7 @@ def scene(tmp_path: Path) -> Path:
 def short_strips(monkeypatch: pytest.MonkeyPatch) -> None:
     import polywigner.mitsuba  # noqa: F401 (chooses the LLVM library)
 
-    monkeypatch.setattr("polywigner.mitsuba.parts._SCALAR_ROWS", ROWS)
+    monkeypatch.setattr("polywigner.mitsuba.films._SCALAR_ROWS", ROWS)
 
 
 def rendered(path: Path, **options: Any) -> np.ndarray:
@@ -148,7 +148,7 @@ def test_another_picture_is_not_mixed_with_the_parts_that_are_there(
 def test_sets_of_passes_of_a_sensor_that_has_no_strips_add_up_to_the_same_bits(
     scene: Path, tmp_path: Path, llvm: object, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("polywigner.mitsuba.parts.WAVEFRONT", 8 * 64)
+    monkeypatch.setattr("polywigner.mitsuba.films.WAVEFRONT", 8 * 64)
     store = tmp_path / "parts.zarr"
     # Mitsuba puts one pixel on the film of a radiance meter alone
     text = scene.read_text().replace('name="width" value="8"', 'name="width" value="1"')
@@ -168,16 +168,16 @@ def test_samples_of_a_strip_are_cut_into_passes_only_where_one_row_has_too_many(
 
     import mitsuba as mi
 
-    from polywigner.mitsuba.parts import cut_of
+    from polywigner.mitsuba.films import tiling_of
 
     mi.set_variant("llvm_ad_mono")
     for width, height, samples in ((480, 480, 1600), (360, 180, 324), (1000, 999, 4099)):
         film = Stub(crop_size=lambda size=(width, height): size)
         camera = Stub(class_name=lambda: "PerspectiveCamera", film=lambda film=film: film)
-        cut = cut_of(camera, samples)
+        cut = tiling_of(camera, samples)
         assert cut.passes == cut.sets == 1
         assert cut.strips * cut.rows >= height > (cut.strips - 1) * cut.rows
-    vast = cut_of(camera, 2**24)
+    vast = tiling_of(camera, 2**24)
     assert (vast.rows, vast.passes, vast.sets) == (1, 1001, 67)
     assert [n for k in range(vast.sets) for n in vast.passes_of(k)] == list(range(vast.passes))
 

@@ -16,7 +16,7 @@ from oracles.references import aperture
 from oracles.shapes import Polygons
 from outlines import sample as box_sample
 from polywigner.errors import ArgumentError, GeometryError
-from polywigner.geometry.trapezoids import trapezoids
+from polywigner.geometry.convex import trapezoids
 
 HOLED = pw.Aperture(shapely.box(-1, -1, 1, 1) - shapely.box(-0.5, -0.5, 0.25, 0.5))
 SOURCES = {

@@ -291,7 +291,7 @@ def test_files_hold_the_cloud(plain: None, tmp_path: Path) -> None:
             assert [names[k] for k in values] == cloud["shape"].values.tolist()
         else:
             assert np.array_equal(values, cloud[name].values.ravel())
-    assert not list(tmp_path.glob("*.partial"))
+    assert not list(tmp_path.glob("*.partial*"))
 
 
 def test_other_files_and_other_data_are_refused(plain: None, tmp_path: Path) -> None:
@@ -312,11 +312,11 @@ def test_other_files_and_other_data_are_refused(plain: None, tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"count": 0}, "count from 1"),
-        ({"count": 2.5}, "count as a whole number"),
-        ({"count": 10, "rays": 10**9}, "rays from 1"),
-        ({"count": 10, "seed": -1}, "seed of zero or more"),
-        ({"count": 10, "max_depth": 0}, "max_depth from 1"),
+        ({"count": 0}, "count as a whole number from 1"),
+        ({"count": 2.5}, "count as a whole number from 1"),
+        ({"count": 10, "rays": 10**9}, "rays as a whole number from 1"),
+        ({"count": 10, "seed": -1}, "seed as a whole number of zero or more"),
+        ({"count": 10, "max_depth": 0}, "max_depth as a whole number from 1"),
         ({"count": 10, "receiver": "nobody"}, "receiver as one of"),
         (
             {"count": 10, "velocities": {"flor": (1, 0, 0)}},

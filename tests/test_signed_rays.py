@@ -97,7 +97,7 @@ def test_weights_add_up_to_the_radiated_power(name: str) -> None:
 
 @pytest.mark.parametrize("obliquity", ["kirchhoff", "rayleigh-sommerfeld-2", "paper"])
 def test_each_obliquity_has_its_radiated_power(obliquity: Any) -> None:
-    rays = pw.sample_rays(STEERED, WAVELENGTH, 24 << 16, directions="uniform", obliquity=obliquity)
+    rays = pw.sample_rays(STEERED, WAVELENGTH, 24 << 14, directions="uniform", obliquity=obliquity)
     check_sum(rays, pw.radiated_power(STEERED, WAVELENGTH, obliquity))
 
 

@@ -542,10 +542,12 @@ def test_what_is_no_file_of_sensible_size_is_refused(tmp_path: Path) -> None:
         ("folder.toml", "directory"),
         ("pipe.toml", "pipe"),
         ("large.toml", "64 MiB, got 65 MiB"),
-        ("null\0.toml", "readable|exist"),
     ):
         with pytest.raises(FileFormatError, match=complaint):
             pw.read_source(tmp_path / name)
+    for path in (tmp_path / "null\0.toml", None, 3, SQUARE):
+        with pytest.raises(ArgumentError, match="expected a path"):
+            pw.read_source(path)  # type: ignore[arg-type]
 
 
 def test_the_error_of_a_missing_library_names_the_extra(

@@ -306,10 +306,17 @@ def test_a_scheduler_that_does_not_answer_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("polywigner.propagation.stores._PATIENCE", 0.3)
-    for address in ("tcp://127.0.0.1:1", "nonsense://x"):
-        with pytest.raises(EngineError, match=f"scheduler at '{address}'"):
-            write_dataset(tmp_path / "beam.zarr", LAYOUT, Beam(), SETTINGS, scheduler=address)
+    address = "tcp://127.0.0.1:1"
+    with pytest.raises(EngineError, match=f"scheduler at '{address}'"):
+        write_dataset(tmp_path / "beam.zarr", LAYOUT, Beam(), SETTINGS, scheduler=address)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("address", ["nonsense://x", "http://127.0.0.1:8786", "tcp://host", "host"])
+def test_an_address_of_no_scheduler_is_refused_at_once(tmp_path: Path, address: str) -> None:
+    with pytest.raises(EngineError, match="address of a dask scheduler such as tcp://host:8786"):
+        write_dataset(tmp_path / "beam.zarr", LAYOUT, Beam(), SETTINGS, scheduler=address)
+    assert not (tmp_path / "beam.zarr").exists()
 
 
 def test_a_server_that_is_no_scheduler_is_named(

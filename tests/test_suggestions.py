@@ -16,8 +16,7 @@ from shapely.affinity import rotate
 
 import polywigner as pw
 from polywigner.cli import main
-from polywigner.cli.fields import samples_of_box, samples_of_place
-from polywigner.cli.where import parse_place
+from polywigner.cli.fields import parse_place, samples_of_box, samples_of_place
 from polywigner.errors import ArgumentError
 from polywigner.illumination.support import mutual_support
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -15,8 +16,9 @@ from oracles.references import ENGINES, aperture, awkward, numpy_and_few
 from oracles.shapes import Polygons
 from oracles.sources import SOURCES, content, points_of
 from polywigner import transforms
-from polywigner.errors import ArgumentError
+from polywigner.errors import ArgumentError, GeometryError
 from polywigner.testing import (
+    assert_array_identities,
     assert_fourier_stable,
     assert_marginals,
     assert_otf_properties,
@@ -117,6 +119,58 @@ def test_sources_with_waves_on_them_obey_all_identities_in_single_precision() ->
     assert_fourier_stable(placed, engine="numpy", points=57, precision="single")
 
 
+UNIT_SQUARE = pw.shapes.square(1.0)
+RNG = np.random.default_rng(5)
+NOTCHED = pw.shapes.chevron(1.0, 0.8, 0.3)
+SLIT = pw.Slits([0.0, 1.0])
+PLACES = pw.arrays.grid_positions(3, 3, 1.2)
+
+
+def _weights(count: int) -> Any:
+    return RNG.normal(size=count) + 1j * RNG.normal(size=count)
+
+
+ARRAYS = {
+    "one": pw.Array([NOTCHED], [2j]),
+    "dark": pw.Array([UNIT_SQUARE, UNIT_SQUARE], [1, -1]),
+    "mixed and overlapping": pw.Array(
+        [UNIT_SQUARE, NOTCHED.moved((0.3, 0.2)), pw.shapes.regular_polygon(5, 0.7)], [1, 1j, -0.4]
+    ),
+    "lattice with a taper and a beam": pw.phased_array(
+        UNIT_SQUARE, PLACES, np.kron([0.5, 1, 0.5], [1, 1j, -1])
+    ),
+    "lattice with any weights": pw.phased_array(UNIT_SQUARE, PLACES, _weights(9)),
+    "lattice far away": pw.phased_array(UNIT_SQUARE, PLACES + 1000.0, _weights(9)),
+    "scattered": pw.phased_array(NOTCHED, RNG.uniform(-2, 2, (7, 2)), _weights(7)),
+    "waves on elements": pw.phased_array(
+        UNIT_SQUARE.with_illumination(pw.Illumination([1, 0.5j], [(0, 0), (1.3, 0.4)])),
+        PLACES[:4],
+        _weights(4),
+    ),
+    "slits of two widths": pw.Array([SLIT, pw.Slits([0.5, 2.2])], [1, 2j]),
+    "slits on a lattice": pw.phased_array(SLIT, np.arange(6) * 1.3, _weights(6)),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("names", "engine", "precision"),
+    [
+        (tuple(ARRAYS), "numpy", "double"),
+        (("mixed and overlapping", "lattice with any weights"), "numpy", "single"),
+        pytest.param(
+            ("lattice with a taper and a beam", "slits on a lattice"),
+            "llvm",
+            "double",
+            marks=pytest.mark.llvm,
+        ),
+    ],
+)
+def test_arrays_obey_all_identities(names: Any, engine: str, precision: Any) -> None:
+    for name in names:
+        assert_array_identities(ARRAYS[name], engine=engine, precision=precision, points=40)
+
+
 def _times(factor: complex) -> Wrong:
     return lambda right, *a, **k: right(*a, **k) * factor
 
@@ -127,36 +181,6 @@ def _plus(offset: float) -> Wrong:
 
 def _conjugate(right: Any, *a: Any, **k: Any) -> Any:
     return np.conj(right(*a, **k))
-
-
-def _broken(monkeypatch: pytest.MonkeyPatch, transform: str, wrong: Wrong) -> None:
-    right = getattr(transforms, transform)
-
-    def broken(*args: Any, **keywords: Any) -> Any:
-        return wrong(right, *args, **keywords)
-
-    broken.__name__ = transform
-    monkeypatch.setattr(transforms, transform, broken)
-
-
-@pytest.mark.parametrize("source", [TRIANGLE, PAIR], ids=["triangle", "slits"])
-@pytest.mark.parametrize(
-    ("transform", "wrong"),
-    [
-        ("wigner", _times(1.0001)),
-        ("wigner", _plus(1e-6)),
-        ("ambiguity", _conjugate),
-        ("position_marginal", _times(0.25)),
-        ("lag_marginal", _plus(1e-9)),
-        ("fourier", _conjugate),
-    ],
-)
-def test_a_wrong_transform_breaks_an_identity(
-    source: Any, transform: str, wrong: Wrong, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    _broken(monkeypatch, transform, wrong)
-    with pytest.raises(AssertionError, match=r"expected .*, got .* at "):
-        assert_wigner_identities(source, engine="numpy")
 
 
 def _shifted_in_phase(right: Any, source: Any, upsilon: Any, xi: Any, **keywords: Any) -> Any:
@@ -184,39 +208,6 @@ def _first_wave_alone(right: Any, source: Any, *points: Any, **keywords: Any) ->
         first = pw.Illumination(field.amplitudes[:1], field.frequencies[:1])
         source = source.with_illumination(first)
     return right(source, *points, **keywords)
-
-
-@pytest.mark.parametrize("transform", ["wigner", "ambiguity", "fourier"])
-@pytest.mark.parametrize("wrong", [_of_conjugate_field, _first_wave_alone, _times(1.0001)])
-def test_waves_taken_wrongly_break_an_identity(
-    transform: str, wrong: Wrong, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    _broken(monkeypatch, transform, wrong)
-    for name in ("three waves on a chevron", "three waves on slits"):
-        with pytest.raises(AssertionError, match=r"expected .*, got .* at "):
-            assert_wigner_identities(ILLUMINATED[name], engine="numpy", points=20)
-    if transform == "fourier":
-        with pytest.raises(AssertionError, match=r"expected .*, got .* at "):
-            assert_fourier_stable(ILLUMINATED["three waves on slits"], engine="numpy", points=20)
-
-
-@pytest.mark.parametrize(
-    ("transform", "wrong", "law"),
-    [
-        ("ambiguity", _shifted_in_phase, r"int A exp"),
-        ("wigner", _at_another_nu, r"int W "),
-        ("fourier", _times(1.001), r"F\(upsilon\)|int "),
-        ("position_marginal", _times(1.001), r"R_x"),
-        ("lag_marginal", _times(1.001), r"R_xi"),
-    ],
-)
-def test_a_wrong_transform_has_wrong_marginals(
-    transform: str, wrong: Wrong, law: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    assert_marginals(TRIANGLE, engine="numpy")
-    _broken(monkeypatch, transform, wrong)
-    with pytest.raises(AssertionError, match=law):
-        assert_marginals(TRIANGLE, engine="numpy")
 
 
 def _centre(source: Any) -> np.ndarray:
@@ -255,34 +246,6 @@ def _mirrored(right: Any, source: Any, nu: Any, **keywords: Any) -> Any:
     return right(source, -np.asarray(nu), **keywords)
 
 
-SQUARE = pw.shapes.square(1.0)
-CUBE = SOURCES["convex body"]["tetrahedron"]
-
-
-@pytest.mark.parametrize(
-    ("source", "wrong"),
-    [
-        (FAR, _no_linear_term),
-        (FAR, _rounded_phase),
-        (SQUARE, _not_a_number_along_an_edge),
-        (TRIANGLE, _threshold),
-        (CUBE, _threshold),
-        (PAIR, _threshold),
-        (TRIANGLE, _mirrored),
-        (CUBE, _mirrored),
-        (CUBE, _times(1 + 1e-12)),
-        (PAIR, _times(1j)),
-    ],
-)
-def test_an_unstable_fourier_transform_is_noticed(
-    source: Any, wrong: Wrong, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    assert_fourier_stable(source, engine="numpy")
-    _broken(monkeypatch, "fourier", wrong)
-    with pytest.raises(AssertionError, match=r"expected .*, got .* at "):
-        assert_fourier_stable(source, engine="numpy")
-
-
 def _same_for_both_signs(right: Any, source: Any, xi: Any, w: float = 0.0, **k: Any) -> Any:
     return right(source, xi, abs(w), **k)
 
@@ -295,27 +258,126 @@ def _brighter_out_of_focus(right: Any, source: Any, xi: Any, w: float = 0.0, **k
     return right(source, xi, w / 4, **k) * (1 + w * w)
 
 
-@pytest.mark.parametrize(
-    ("wrong", "law"),
-    [
-        (_times(2.0), "1 at xi = 0"),
-        (_same_for_both_signs, "opposite defocus"),
-        (_wider, "no larger than in focus|mutual content|cut-off"),
-        (_brighter_out_of_focus, "no larger than in focus|1 at xi = 0"),
-    ],
-)
-def test_an_otf_with_wrong_properties_is_noticed(
-    wrong: Wrong, law: str, monkeypatch: pytest.MonkeyPatch
+def _without_weights(right: Any, array: Any, *places: Any, **keywords: Any) -> Any:
+    return right(pw.Array(array.elements_in_plane, np.abs(array.weights)), *places, **keywords)
+
+
+def _conjugate_weights(right: Any, array: Any, *places: Any, **keywords: Any) -> Any:
+    return right(pw.Array(array.elements_in_plane, array.weights.conj()), *places, **keywords)
+
+
+def _no_cross_terms(right: Any, array: Any, *places: Any, **keywords: Any) -> Any:
+    """The elements as if they were incoherent."""
+    pairs = zip(array.elements_in_plane, np.abs(array.weights) ** 2, strict=True)
+    return sum(factor * right(element, *places, **keywords) for element, factor in pairs)
+
+
+def _one_element_nudged(right: Any, array: Any, *places: Any, **keywords: Any) -> Any:
+    first, *others = array.elements_in_plane
+    nudge = np.full(1 if isinstance(first, pw.Slits) else 2, 1e-8)
+    return right(pw.Array([first.moved(nudge), *others], array.weights), *places, **keywords)
+
+
+TETRAHEDRON = SOURCES["convex body"]["tetrahedron"]
+WAVES = [ILLUMINATED[name] for name in ("three waves on a chevron", "three waves on slits")]
+LITTLE, A_LOT = _times(1 + 1e-9), _times(1.0001)
+# Assertion, source, the transform that is broken, how, and the law that does not hold.
+BROKEN: list[tuple[Callable[..., None], Any, str, Wrong, str]] = [
+    *(
+        (assert_wigner_identities, source, transform, wrong, "")
+        for source in (TRIANGLE, PAIR)
+        for transform, wrong in (
+            ("wigner", A_LOT),
+            ("wigner", _plus(1e-6)),
+            ("ambiguity", _conjugate),
+            ("position_marginal", _times(0.25)),
+            ("lag_marginal", _plus(1e-9)),
+            ("fourier", _conjugate),
+        )
+    ),
+    *(
+        (assert_wigner_identities, source, transform, wrong, "")
+        for source in WAVES
+        for transform in ("wigner", "ambiguity", "fourier")
+        for wrong in (_of_conjugate_field, _first_wave_alone, A_LOT)
+    ),
+    *(
+        (assert_fourier_stable, WAVES[1], "fourier", wrong, "")
+        for wrong in (_of_conjugate_field, _first_wave_alone, A_LOT)
+    ),
+    (assert_marginals, TRIANGLE, "ambiguity", _shifted_in_phase, r"int A exp"),
+    (assert_marginals, TRIANGLE, "wigner", _at_another_nu, r"int W "),
+    (assert_marginals, TRIANGLE, "fourier", _times(1.001), r"F\(upsilon\)|int "),
+    (assert_marginals, TRIANGLE, "position_marginal", _times(1.001), r"R_x"),
+    (assert_marginals, TRIANGLE, "lag_marginal", _times(1.001), r"R_xi"),
+    *(
+        (assert_fourier_stable, source, "fourier", wrong, "")
+        for source, wrong in (
+            (FAR, _no_linear_term),
+            (FAR, _rounded_phase),
+            (UNIT_SQUARE, _not_a_number_along_an_edge),
+            (TRIANGLE, _threshold),
+            (TETRAHEDRON, _threshold),
+            (PAIR, _threshold),
+            (TRIANGLE, _mirrored),
+            (TETRAHEDRON, _mirrored),
+            (TETRAHEDRON, _times(1 + 1e-12)),
+            (PAIR, _times(1j)),
+        )
+    ),
+    (assert_otf_properties, TRIANGLE, "otf", _times(2.0), "1 at xi = 0"),
+    (assert_otf_properties, TRIANGLE, "otf", _same_for_both_signs, "opposite defocus"),
+    (assert_otf_properties, TRIANGLE, "otf", _wider, "in focus|mutual content|cut-off"),
+    (assert_otf_properties, TRIANGLE, "otf", _brighter_out_of_focus, "in focus|1 at xi = 0"),
+    *(
+        (assert_array_identities, ARRAYS[name], transform, wrong, "")
+        for name in ("mixed and overlapping", "slits on a lattice")
+        for transform in ("fourier", "wigner", "ambiguity", "lag_marginal")
+        for wrong in (
+            _without_weights, _conjugate_weights, _no_cross_terms, _one_element_nudged, LITTLE
+        )
+        if (transform, wrong) != ("fourier", _no_cross_terms)  # which F has none of
+    ),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("check", "source", "transform", "wrong", "law"), BROKEN)
+def test_a_wrong_transform_is_noticed(
+    check: Any, source: Any, transform: str, wrong: Wrong, law: str, monkeypatch: Any
 ) -> None:
-    _broken(monkeypatch, "otf", wrong)
-    with pytest.raises(AssertionError, match=law):
-        assert_otf_properties(TRIANGLE, engine="numpy")
+    right = getattr(transforms, transform)
+
+    def broken(given: Any, *places: Any, **keywords: Any) -> Any:
+        # the elements of an array are sources as well, and right
+        if isinstance(source, pw.Array) and given != source:
+            return right(given, *places, **keywords)
+        return wrong(right, given, *places, **keywords)
+
+    broken.__name__ = transform
+    monkeypatch.setattr(transforms, transform, broken)
+    with pytest.raises(AssertionError, match=rf"{law}.*expected .*, got .* at ") as caught:
+        check(source, engine="numpy", points=40)
+    expected, got = re.findall(r"(?:expected|got) (\S+?),? ", str(caught.value))[:2]
+    assert expected != got
 
 
-def test_sources_without_a_phase_space_are_refused() -> None:
-    placed = TRIANGLE.placed(np.eye(4))
+@pytest.mark.parametrize(
+    ("check", "source"),
+    [(assert_marginals, TRIANGLE), (assert_otf_properties, TRIANGLE), (assert_fourier_stable, FAR)]
+    + [(assert_fourier_stable, s) for s in (UNIT_SQUARE, TRIANGLE, TETRAHEDRON, PAIR)],
+)
+def test_right_transforms_are_accepted(check: Any, source: Any) -> None:
+    check(source, engine="numpy")
+
+
+def test_other_sources_are_refused() -> None:
+    placed = TRIANGLE.placed(np.eye(4)[[1, 2, 0, 3]])
     for check in (assert_wigner_identities, assert_marginals, assert_otf_properties):
         with pytest.raises(ArgumentError, match="expected an Aperture or Slits"):
             check(placed)
     with pytest.raises(ArgumentError, match="expected Slits"):
         assert_fourier_stable("square")  # type: ignore[arg-type]
+    with pytest.raises(ArgumentError, match="expected an Array, got Aperture"):
+        assert_array_identities(TRIANGLE)  # type: ignore[arg-type]
+    with pytest.raises(GeometryError):
+        assert_array_identities(pw.Array([TRIANGLE, placed]))

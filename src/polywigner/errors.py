@@ -4,6 +4,9 @@ Messages say what was expected, what was given, and what to do. The command line
 them into one line on stderr and exit code 2.
 """
 
+from importlib import import_module
+from typing import Any
+
 __all__ = [
     "ArgumentError",
     "EngineError",
@@ -66,6 +69,26 @@ class EngineError(PolywignerError, RuntimeError):
 
 class MissingExtraError(PolywignerError, ImportError):
     """A library that an optional extra of polywigner brings is not installed."""
+
+
+def missing_extra(library: str, extra: str, purpose: str = "", got: str = "none") -> Exception:
+    """The error for a library that is not installed; ``purpose``: "reads SVG files"."""
+    which = f", which {purpose}" if purpose else ""
+    return MissingExtraError(
+        f"expected {library} to be installed{which}, got {got}; run {install_command(extra)}"
+    )
+
+
+def require(name: str, extra: str, purpose: str = "") -> Any:
+    """Import a module of a library that one of the package's extras brings.
+
+    Raises :class:`MissingExtraError` where it is not installed.
+    """
+    try:
+        return import_module(name)
+    except ImportError as error:
+        library = name.partition(".")[0]
+        raise missing_extra(library, extra, purpose, f"none ({error})") from error
 
 
 class PolywignerWarning(UserWarning):

@@ -67,6 +67,42 @@ def unfinished(*paths: Path) -> Iterator[None]:
 
 
 @contextmanager
+def atomic_path(path: Path) -> Iterator[Path]:
+    """Give a path beside a file or folder to write to; it takes its place when the block is done.
+
+    Its suffix is the same. A block that raises, or Ctrl-C, leaves nothing half written, and what an
+    earlier run wrote stays as it was.
+    """
+    scratch = scratch_of(path)
+    with unfinished(scratch):
+        yield scratch
+        if scratch.is_dir() and path.is_dir():
+            _replace_folder(scratch, path)
+        else:
+            scratch.replace(path)
+
+
+def scratch_of(path: Path) -> Path:
+    """Return the path of :func:`atomic_path`, of this process alone: the last to finish wins."""
+    return path.with_name(f"{path.name}.{os.getpid()}.partial{path.suffix}")
+
+
+def _replace_folder(scratch: Path, path: Path) -> None:
+    """Put a folder in another's place: not in one step, but back if that fails."""
+    import shutil
+
+    aside = path.with_name(f"{path.name}.{os.getpid()}.old.partial")
+    path.rename(aside)
+    try:
+        scratch.rename(path)
+    except BaseException:  # KeyboardInterrupt too
+        if not path.exists():
+            aside.rename(path)
+        raise
+    shutil.rmtree(aside, ignore_errors=True)
+
+
+@contextmanager
 def temporary_folder(parent: Path | None = None, prefix: str = "polywigner-") -> Iterator[str]:
     """A folder that is gone when the block ends, in whatever way, Ctrl-C included."""
     import tempfile

@@ -192,7 +192,7 @@ NOISE_PARSERS = {
     "temperature": parse_temperature,
     "noise_figure": parse_noise_figure,
 }
-"""What the noise of a receiver is told by, and how it is read."""
+"""Readers of the numbers that state a receiver's noise, by name."""
 
 
 def parse_noise(

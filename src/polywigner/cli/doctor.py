@@ -9,10 +9,9 @@ import sys
 from dataclasses import dataclass
 
 from polywigner.errors import EngineError, install_command
-from polywigner.toolchain.gpu import GPUStatus, look_for_gpu
 from polywigner.toolchain.llvm import LLVMStatus, prepare
 from polywigner.toolchain.llvm_install import install_llvm
-from polywigner.toolchain.llvm_verdicts import run_probe
+from polywigner.toolchain.trials import GPUStatus, look_for_gpu, run_probe
 
 _GOOD, _BAD, _OPTIONAL = "yes", "no", "-"
 _CORE = ("numpy", "shapely", "drjit", "mitsuba", "matplotlib", "typer", "rich")
@@ -103,7 +102,7 @@ def _mitsuba(llvm: LLVMStatus, gpu: GPUStatus) -> Finding:
         found = "Mitsuba needs a Dr.Jit that can be imported"
         return Finding("rendering", _BAD, found, llvm.remedy or "")
     # In a child: a Mitsuba and a Dr.Jit that do not fit each other can end the process.
-    code, variants, errors = run_probe("import mitsuba; print(*mitsuba.variants())")
+    code, variants, errors = run_probe("import mitsuba; answer = ' '.join(mitsuba.variants())")
     if code != 0:
         complaint = (errors.strip().splitlines() or [f"the import ends with status {code}"])[-1]
         remedy = f"Run `pip install --force-reinstall '{_requirement('mitsuba')}'`."

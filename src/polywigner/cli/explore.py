@@ -8,8 +8,7 @@ from typing import Annotated
 import typer
 
 from polywigner.cli.options import Frequency, Layer, Union, Unit, Wavelength
-from polywigner.cli.reading import Reading
-from polywigner.cli.sources import check_source_file, wavelength_from
+from polywigner.cli.sources import Reading, check_source_file, wavelength_from
 
 
 def explore(
@@ -24,9 +23,10 @@ def explore(
     union: Union = False,
     frequency: Frequency = None,
     wavelength: Wavelength = None,
-    port: Annotated[int, typer.Option(help="To serve at; 0: any that is free.")] = 5006,
+    port: Annotated[int, typer.Option(help="Port to serve at; 0: any that is free.")] = 5006,
     address: Annotated[
-        str, typer.Option(help="To listen at; any other than this one lets other machines in.")
+        str,
+        typer.Option(help="Address to listen at; any other than this one lets other machines in."),
     ] = "127.0.0.1",
     allow_host: Annotated[
         list[str] | None,

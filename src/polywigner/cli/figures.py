@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from polywigner.cli.output import check_text, check_writable, writing
+from polywigner.cli.output import check_text, check_writable, write_arrays, writing
 from polywigner.errors import ArgumentError
 
 if TYPE_CHECKING:
@@ -48,8 +47,6 @@ def figures(
         for name in chosen:
             _write(files[name], make_figure(name, level), level)
             advance()
-            for path in files[name]:
-                print(path, flush=True)
 
 
 def _folder(out: str | None) -> Path:
@@ -87,16 +84,4 @@ def _write(files: tuple[Path, ...], made: Made, quality: Quality) -> None:
             figure.savefig(
                 partial[2 * k + 1], format="pdf", dpi=resolution, metadata={"CreationDate": None}
             )
-        with partial[-1].open("wb") as file:
-            _save_values(file, made)
-
-
-def _save_values(file: Any, made: Made) -> None:
-    """The arrays under their names, and a JSON text ``metadata`` with units and axes."""
-    import numpy as np
-
-    import polywigner as pw
-
-    metadata = {"about": dict(made.about), "polywigner": pw.__version__}
-    arrays: dict[str, Any] = {**made.values, "metadata": np.asarray(json.dumps(metadata))}
-    np.savez_compressed(file, **arrays)
+        write_arrays(partial[-1], made.values, {"about": dict(made.about)})

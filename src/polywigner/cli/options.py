@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import MISSING, fields, is_dataclass
 from functools import wraps
@@ -10,65 +11,32 @@ from typing import Annotated, Any, get_type_hints
 
 import typer
 
-SourceFile = Annotated[
-    str,
-    typer.Argument(
-        help="Aperture file: GeoJSON, WKT, SVG, DXF, GDSII, or CSV with one ring; or a source "
-        "file: TOML or JSON."
-    ),
-]
+from polywigner.errors import ArgumentError
+from polywigner.quantities import parse_angle
+
 Unit = Annotated[
     str | None,
     typer.Option(help="Unit of an aperture file, where it does not say (default: mm)."),
 ]
 Tolerance = Annotated[
     str | None,
-    typer.Option(help="Such as '1 um': how far chords may lie from curves (SVG, DXF)."),
+    typer.Option(help="Largest distance of chords from curves (SVG, DXF), such as '1 um'."),
 ]
 Layer = Annotated[
     list[str] | None,
-    typer.Option(help="Of a drawing: a layer or group to read alone; several times for more."),
+    typer.Option(help="Layer or group of a drawing to read alone; several times for more."),
 ]
 Union = Annotated[
     bool, typer.Option("--union", help="Join shapes of an aperture file that overlap.")
 ]
-AllowOutside = Annotated[
-    bool,
-    typer.Option(
-        "--allow-outside", help="Read files that a source file names outside of its folder."
-    ),
-]
-Taper = Annotated[
-    str | None,
-    typer.Option(help="Of the aperture: 'cosine', 'cosine 2 x', 'te10', 'taylor 30 dB 4'."),
-]
-Array = Annotated[str | None, typer.Option(help="Copies of the aperture, such as '12 x 16, 2 mm'.")]
-Window = Annotated[
-    str | None,
-    typer.Option(help="Of the array: 'taylor 25 dB', 'chebyshev 30 dB', 'hamming'."),
-]
-Steering = Annotated[
-    str | None, typer.Option(help="A beam towards theta, phi, such as '20 deg, 90 deg'.")
-]
-Focus = Annotated[
-    str | None, typer.Option(help="Of the array: a point, such as '0 mm, 0 mm, 80 mm'.")
-]
-Curved = Annotated[
-    str | None,
-    typer.Option(
-        help="Radius of a curved wave, or one along x and one along y: '60 mm', '60 mm, inf'."
-    ),
-]
-Coherence = Annotated[
-    str | None,
-    typer.Option(help="Width over which the source is coherent, such as '0.5 mm'."),
-]
 Bandwidth = Annotated[
     str | None,
-    typer.Option(help="Of the light, such as '4 GHz': the mean over a flat band around it."),
+    typer.Option(help="Width of a flat band of light to average over, such as '4 GHz'."),
 ]
-Frequency = Annotated[str | None, typer.Option(help="Such as '94 GHz'.")]
-Wavelength = Annotated[str | None, typer.Option(help="Such as '3.19 mm', instead of --frequency.")]
+Frequency = Annotated[str | None, typer.Option(help="Frequency, such as '94 GHz'.")]
+Wavelength = Annotated[
+    str | None, typer.Option(help="Wavelength, such as '3.19 mm', instead of --frequency.")
+]
 DbFloor = Annotated[
     float, typer.Option("--db-floor", help="Lowest level of the picture, dB below its peak.")
 ]
@@ -77,7 +45,18 @@ Out = Annotated[
     typer.Option(help="Folder, or path without suffix, of the files written (default: here)."),
 ]
 
-Order = Annotated[int, typer.Option(help="Of wigner rays: 1, or 3 for cubic lags as well.")]
+Seed = Annotated[int, typer.Option(help="Seed of the random numbers.")]
+Variant = Annotated[
+    str | None,
+    typer.Option(help="Mitsuba variant (default: the fastest monochromatic one that works)."),
+]
+Define = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--define", help="NAME=VALUE of a $parameter of the scene; several times for more."
+    ),
+]
+Order = Annotated[int, typer.Option(help="Order of wigner rays: 1, or 3 for cubic lags as well.")]
 Obliquity = Annotated[
     str | None,
     typer.Option(
@@ -105,11 +84,11 @@ Precision = Annotated[str | None, typer.Option(help="double (default) or single.
 Formats = Annotated[
     list[str] | None,
     typer.Option(
-        "--format", help="Of the values: nc, zarr, vti; several times for several of them."
+        "--format", help="Format of the values: nc, zarr, vti; several times for several of them."
     ),
 ]
 Threads = Annotated[
-    int | None, typer.Option(help="Of this machine (default: all), or of each worker.")
+    int | None, typer.Option(help="Threads of this machine (default: all), or of each worker.")
 ]
 Resumable = Annotated[
     bool,
@@ -121,8 +100,32 @@ Resumable = Annotated[
 ]
 Scheduler = Annotated[
     str | None,
-    typer.Option(help="Address of a dask.distributed scheduler, such as tcp://host:8786."),
+    typer.Option(
+        help="Address of a dask.distributed scheduler that you trust, such as tcp://host:8786."
+    ),
 ]
+
+
+def parse_step(text: str, largest: float, most: int) -> float:
+    """Degrees of a step of angles, from a text: up to ``largest``, and not too fine.
+
+    Parameters
+    ----------
+    most : directions, of a grid over half of all.
+
+    Raises
+    ------
+    ArgumentError, QuantityError for other texts.
+    """
+    step = math.degrees(parse_angle(text))
+    if not 0 < step <= largest:
+        raise ArgumentError(
+            f"--step: expected an angle above 0 and up to {largest:g} deg, got {text!r}"
+        )
+    least = 180 / math.sqrt(most)
+    if step < least:
+        raise ArgumentError(f"--step: expected {least:.2g} deg or more, got {text!r}")
+    return step
 
 
 def with_options(function: Callable[..., Any]) -> Callable[..., None]:

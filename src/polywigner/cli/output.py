@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import os
-import shutil
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 from polywigner.errors import ArgumentError
-from polywigner.interruption import unfinished
+from polywigner.interruption import atomic_path, scratch_of
 
 _KNOWN_SUFFIXES = (
     ".png", ".exr", ".json", ".npz", ".nc", ".vti", ".vtp", ".zarr",
@@ -71,6 +72,13 @@ def targets(stem: Path, suffixes: Sequence[str]) -> tuple[Path, ...]:
     return tuple(stem.with_name(stem.name + suffix) for suffix in suffixes)
 
 
+def files_to_write(out: str | None, name: str, suffixes: Sequence[str]) -> tuple[Path, ...]:
+    """Return the files of :func:`output_stem` with each suffix, which can be written."""
+    files = targets(output_stem(out, name), suffixes)
+    check_writable(files)
+    return files
+
+
 def check_writable(paths: Sequence[Path]) -> None:
     """Fail before the long work rather than after it.
 
@@ -87,7 +95,7 @@ def check_writable(paths: Sequence[Path]) -> None:
         parents = absolute.parents
         folder = next(parent for parent in parents if os.path.exists(parent))  # noqa: PTH110
         try:
-            _try_to_write(_scratch(absolute), folder)
+            _try_to_write(scratch_of(absolute), folder)
         except OSError as error:
             raise ArgumentError(
                 f"expected a folder that can be written to for {path}, got {folder}: "
@@ -103,11 +111,6 @@ def _try_to_write(scratch: Path, folder: Path) -> None:
     probe = folder / scratch.name
     probe.touch(exist_ok=False)
     probe.unlink()
-
-
-def _scratch(path: Path) -> Path:
-    # The process id keeps two runs with one target apart: the last to finish wins, whole.
-    return path.with_name(f"{path.name}.{os.getpid()}.partial")
 
 
 def missing_folders(paths: Sequence[Path]) -> list[Path]:
@@ -127,24 +130,23 @@ def writing(paths: Sequence[Path]) -> Iterator[tuple[Path, ...]]:
 
     Folders are created, and named on stderr. A target may be a folder itself, as stores are. A
     block that raises leaves neither targets nor scratch files; targets of an earlier run stay as
-    they were.
+    they were. The targets are printed at last.
 
     Raises
     ------
     ArgumentError : the operating system refused to write (no permission, disk full, ...).
     """
-    partials = tuple(_scratch(path) for path in paths)
     try:
         new = missing_folders(paths)
         for folder in new:
             folder.mkdir(parents=True, exist_ok=True)
-        with unfinished(*partials):
+        with ExitStack() as stack:
+            partials = tuple(stack.enter_context(atomic_path(path)) for path in paths)
             yield partials
             for partial in partials:
                 partial.stat()  # all are there before the first takes its place
-            for partial, path in zip(partials, paths, strict=True):
-                _put_in_place(partial, path)
         say_made(new)
+        print(*paths, sep="\n", flush=True)
     except OSError as error:
         raise ArgumentError(
             f"expected to write {', '.join(map(str, paths))}, got {error}; "
@@ -152,17 +154,17 @@ def writing(paths: Sequence[Path]) -> Iterator[tuple[Path, ...]]:
         ) from error
 
 
-def _put_in_place(partial: Path, path: Path) -> None:
-    if not path.is_dir():
-        partial.replace(path)
-        return
-    # Folders cannot be replaced in one step: the old one goes aside, and back if that fails.
-    aside = path.with_name(f"{path.name}.{os.getpid()}.old.partial")
-    path.rename(aside)
-    try:
-        partial.rename(path)
-    except BaseException:  # KeyboardInterrupt too
-        if not path.exists():
-            aside.rename(path)
-        raise
-    shutil.rmtree(aside, ignore_errors=True)
+def write_arrays(path: Path, arrays: Mapping[str, Any], metadata: Mapping[str, Any]) -> None:
+    """Write arrays as .npz under their names, and a JSON text ``metadata`` with their units."""
+    import numpy as np
+
+    import polywigner as pw
+
+    about = json.dumps({**metadata, "polywigner": pw.__version__})
+    with path.open("wb") as file:
+        np.savez_compressed(file, **dict(arrays), metadata=np.asarray(about))
+
+
+def write_record(path: Path, record: Mapping[str, Any]) -> None:
+    """Write a record as JSON."""
+    path.write_text(json.dumps(record, indent=2, allow_nan=False) + "\n", encoding="utf-8")

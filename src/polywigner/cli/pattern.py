@@ -10,15 +10,14 @@ from typing import Annotated, Any, cast
 import typer
 
 from polywigner.cli.fields import format_suffixes
-from polywigner.cli.options import BoundaryCondition, DbFloor, Out
-from polywigner.cli.output import check_writable, output_stem, targets, writing
+from polywigner.cli.options import BoundaryCondition, DbFloor, Out, parse_step
+from polywigner.cli.output import files_to_write, writing
 from polywigner.cli.sources import (
     SourceOptions,
     check_is_coherent,
     field_title,
 )
-from polywigner.errors import ArgumentError
-from polywigner.quantities import parse_angle, parse_power
+from polywigner.quantities import parse_power
 
 _FORMATS = ("csv", "txt", "ffd", "cut", "msi", "pln")
 # A lobe of a source D across is lambda/D wide; so many steps across it draw it smoothly.
@@ -35,17 +34,20 @@ def pattern(
     power: Annotated[
         str | None,
         typer.Option(
-            help="That the antenna accepts, such as '10 dBm' or '10 mW'; without it, no EIRP."
+            help="Power that the antenna accepts, such as '10 dBm' or '10 mW'; without it, no EIRP."
         ),
     ] = None,
     efficiency: Annotated[
-        float, typer.Option(help="Radiated over accepted power: what losses leave, up to 1.")
+        float, typer.Option(help="Radiated over accepted power, up to 1 for no losses.")
     ] = 1.0,
     polarisation: Annotated[
-        str, typer.Option(help="x or y, of the field on the aperture; for the files.")
+        str, typer.Option(help="Polarisation of the field on the aperture, x or y; for the files.")
     ] = "y",
     step: Annotated[
-        str | None, typer.Option(help="Of the angles, such as '0.5 deg' (default: enough).")
+        str | None,
+        typer.Option(
+            help="Step of the angles, such as '0.5 deg' (default: fine enough for the lobes)."
+        ),
     ] = None,
     source: SourceOptions,
     floor_db: DbFloor = -40.0,
@@ -53,8 +55,8 @@ def pattern(
         list[str] | None,
         typer.Option(
             "--format",
-            help="Of the values: csv (default), txt (CST), ffd (HFSS), cut (GRASP), msi or pln; "
-            "several times for several of them.",
+            help="Format of the values: csv (default), txt (CST), ffd (HFSS), cut (GRASP), msi or "
+            "pln; several times for several of them.",
         ),
     ] = None,
     out: Out = None,
@@ -66,10 +68,9 @@ def pattern(
     """
     source.check()
     watts = None if power is None else parse_power(power)
-    angle = None if step is None else _step(step)
+    asked = None if step is None else parse_step(step, 15.0, _MOST)
     suffixes = format_suffixes(formats or ["csv"], _FORMATS)
-    files = targets(output_stem(out, Path(source.source).stem + "_pattern"), (".png", *suffixes))
-    check_writable(files)
+    files = files_to_write(out, Path(source.source).stem + "_pattern", (".png", *suffixes))
 
     # Everything cheap has been checked: only now the libraries that take a second to import.
     import numpy as np
@@ -81,9 +82,7 @@ def pattern(
     check_floor(floor_db)
     radiator, length = source.read_with_wavelength()
     check_is_coherent(radiator, "pattern")
-    degrees = (
-        _degrees(outline_of(radiator).diameter / length) if angle is None else math.degrees(angle)
-    )
+    degrees = asked or _degrees(outline_of(radiator).diameter / length)
     quarter = round(90.0 / degrees)
     # nothing goes backwards, but HFSS wants to read it
     reach_of_theta = 2 * quarter if ".ffd" in suffixes else quarter
@@ -96,26 +95,11 @@ def pattern(
     )
     with writing(files) as (picture, *values):
         figure.savefig(picture, format="png")
-        for path, partial in zip(files[1:], values, strict=True):
-            named = partial.with_name(partial.name + path.suffix)  # the suffix chooses the format
+        for partial in values:
             pw.write_pattern(
-                found, named, polarisation=cast(Any, polarisation), efficiency=efficiency
+                found, partial, polarisation=cast(Any, polarisation), efficiency=efficiency
             )
-            named.replace(partial)
-    print(metrics)
-    for path in files:
-        print(path)
-
-
-def _step(text: str) -> float:
-    """An angle in rad that divides the quarter turn into parts that fit in memory."""
-    angle = parse_angle(text)
-    if not 0 < angle <= math.radians(15.0):
-        raise ArgumentError(f"--step: expected an angle above 0 and up to 15 deg, got {text!r}")
-    if (math.pi / angle) ** 2 > _MOST:
-        least = math.degrees(math.pi / math.sqrt(_MOST))
-        raise ArgumentError(f"--step: expected {least:.2g} deg or more, got {text!r}")
-    return angle
+        print(metrics)
 
 
 def _degrees(wavelengths: float) -> float:

@@ -11,10 +11,13 @@ import typer
 
 from polywigner.cli.fields import (
     MethodText,
+    Place,
     check_files,
     compared_with,
     format_suffixes,
     parse_methods,
+    parse_place,
+    place_text,
     print_differences,
     samples_of_place,
     write_field,
@@ -36,7 +39,6 @@ from polywigner.cli.sources import (
     MixedSourceOptions,
     field_title,
 )
-from polywigner.cli.where import Place, parse_place, place_text
 from polywigner.errors import ArgumentError
 from polywigner.quantities import parse_frequency
 
@@ -67,7 +69,9 @@ def propagate(
         str | None,
         typer.Option(help="Ranges of two coordinates: '-30 mm to 30 mm, -30 mm to 30 mm, 90 mm'."),
     ] = None,
-    hemisphere: Annotated[str | None, typer.Option(help="Its radius, such as '50 mm'.")] = None,
+    hemisphere: Annotated[
+        str | None, typer.Option(help="Radius of a hemisphere, such as '50 mm'.")
+    ] = None,
     samples: Annotated[
         str | None,
         typer.Option(help="'201' on lines and arcs, '101 x 81' elsewhere (default: enough)."),
@@ -140,11 +144,9 @@ def propagate(
         floor_db,
         f"{field_title(source.source, length)}\n{place_text(place)}",
     )
-    write_field(found, figure, files)
     if len(wanted) > 1:
         print_differences(found.data_vars, reference)
-    for path in files:
-        print(path)
+    write_field(found, figure, files)
 
 
 def _fields(

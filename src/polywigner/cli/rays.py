@@ -10,8 +10,8 @@ from typing import Annotated, Any, cast
 import typer
 
 from polywigner.cli.fields import format_suffixes
-from polywigner.cli.options import BoundaryCondition, Out
-from polywigner.cli.output import check_writable, output_stem, targets, writing
+from polywigner.cli.options import BoundaryCondition, Out, Seed
+from polywigner.cli.output import files_to_write, writing
 from polywigner.cli.sources import (
     MixedSourceOptions,
 )
@@ -23,10 +23,10 @@ _FORMATS = ("npz", "csv", "nc", "dat")
 
 def rays(
     *,
-    count: Annotated[int, typer.Option(help="How many rays.")] = 100_000,
-    seed: Annotated[int, typer.Option(help="Of the random numbers.")] = 0,
+    count: Annotated[int, typer.Option(help="Number of rays.")] = 100_000,
+    seed: Seed = 0,
     sampling: Annotated[
-        str, typer.Option(help="Of positions: uniform, marginal or quasi-random.")
+        str, typer.Option(help="Distribution of positions: uniform, marginal or quasi-random.")
     ] = "uniform",
     directions: Annotated[
         str,
@@ -39,15 +39,17 @@ def rays(
     obliquity: BoundaryCondition = "rayleigh-sommerfeld-1",
     power: Annotated[
         str | None,
-        typer.Option(help="Radiated in all directions, such as '1 mW' (default: the field's own)."),
+        typer.Option(
+            help="Power radiated in all directions, such as '1 mW' (default: the field's own)."
+        ),
     ] = None,
     source: MixedSourceOptions,
     formats: Annotated[
         list[str] | None,
         typer.Option(
             "--format",
-            help="npz, csv, nc, or dat (source file of OpticStudio); several times for several of "
-            "them (default: that of --out, or npz).",
+            help="Format: npz, csv, nc, or dat (source file of OpticStudio); several times for "
+            "several of them (default: that of --out, or npz).",
         ),
     ] = None,
     split: Annotated[
@@ -73,10 +75,9 @@ def rays(
         )
     angle = None if cone is None else parse_angle(cone)
     watts = None if power is None else parse_power(power)
-    stem = output_stem(out, Path(source.source).stem + "_rays")
     parts = ("_positive.dat", "_negative.dat")
-    files = targets(stem, parts if split else [f".{kind}" for kind in kinds])
-    check_writable(files)
+    suffixes = parts if split else [f".{kind}" for kind in kinds]
+    files = files_to_write(out, Path(source.source).stem + "_rays", suffixes)
 
     # Everything cheap has been checked: only now the libraries that take a second to import.
     import polywigner as pw
@@ -103,9 +104,7 @@ def rays(
         else:
             for partial, path in zip(partials, files, strict=True):
                 write_to(drawn, [partial], [path])
-    print(_summary(drawn))
-    for path in files:
-        print(path)
+        print(_summary(drawn))
 
 
 def _formats(formats: Sequence[str], out: str | None) -> list[str]:

@@ -20,17 +20,17 @@ from polywigner.cli.options import (
     Union,
     Unit,
     Wavelength,
+    parse_step,
 )
-from polywigner.cli.output import check_writable, output_stem, targets, writing
-from polywigner.cli.reading import Reading
+from polywigner.cli.output import files_to_write, writing
 from polywigner.cli.sources import (
+    Reading,
     check_source_file,
     field_title,
     required_wavelength,
     wavelength_from,
 )
 from polywigner.errors import ArgumentError
-from polywigner.quantities import parse_angle
 
 _FORMATS = ("csv", "json", "nc")
 _MESHES = (".stl", ".ply", ".obj")
@@ -60,7 +60,7 @@ def rcs(
     ] = None,
     step: Annotated[
         str | None,
-        typer.Option(help="Of the angles, such as '2 deg' (default: the finest in a minute)."),
+        typer.Option(help="Step of the angles, such as '2 deg' (default: the finest in a minute)."),
     ] = None,
     unit: Unit = None,
     tolerance: Tolerance = None,
@@ -70,7 +70,8 @@ def rcs(
     formats: Annotated[
         list[str] | None,
         typer.Option(
-            "--format", help="Of the values: csv (default), json, nc; several times for several."
+            "--format",
+            help="Format of the values: csv (default), json, nc; several times for more.",
         ),
     ] = None,
     out: Out = None,
@@ -83,10 +84,9 @@ def rcs(
     reading = Reading(unit, tolerance, layer, union)
     check_source_file(body, reading)
     length = required_wavelength(wavelength_from(frequency, wavelength))
-    asked = None if step is None else _step(step)
+    asked = None if step is None else parse_step(step, 30.0, _MOST // 2)
     suffixes = format_suffixes(formats or ["csv"], _FORMATS)
-    files = targets(output_stem(out, Path(body).stem + "_rcs"), (".png", *suffixes))
-    check_writable(files)
+    files = files_to_write(out, Path(body).stem + "_rcs", (".png", *suffixes))
 
     # Everything cheap has been checked: only now the libraries that take a second to import.
     import numpy as np
@@ -110,11 +110,9 @@ def rcs(
     figure = draw_rcs(pattern, floor_db=floor_db, title=field_title(body, length))
     with writing(files) as (picture, *values):
         figure.savefig(picture, format="png")
-        for path, partial in zip(files[1:], values, strict=True):
-            _write(pattern, path.suffix, partial)
-    print(_summary(pattern, floor_db))
-    for path in files:
-        print(path)
+        for partial in values:
+            _write(pattern, partial)
+        print(_summary(pattern, floor_db))
 
 
 def _read(path: str, reading: Reading) -> Any:
@@ -129,18 +127,16 @@ def _read(path: str, reading: Reading) -> Any:
     return pw.read_polyhedron(path, unit=reading.unit or "mm")
 
 
-def _write(pattern: Any, suffix: str, path: Path) -> None:
+def _write(pattern: Any, path: Path) -> None:
     import numpy as np
 
-    if suffix == ".nc":
+    if path.suffix == ".nc":
         import polywigner as pw
 
-        named = path.with_name(path.name + suffix)
-        pw.write_netcdf(pattern, named)
-        named.replace(path)
+        pw.write_netcdf(pattern, path)
         return
     azimuth, elevation, values = (pattern[n].values for n in ("azimuth", "elevation", "rcs"))
-    if suffix == ".json":
+    if path.suffix == ".json":
         content = {
             **pattern.attrs,
             "azimuth_deg": np.degrees(azimuth).tolist(),
@@ -174,17 +170,6 @@ def _summary(pattern: Any, floor_db: float) -> str:
         f"triangles     {pattern.attrs['triangles']}\n"
         "method        physical optics: one reflection, no waves of edges (docs/rcs.md)"
     )
-
-
-def _step(text: str) -> float:
-    """Degrees that divide the quarter turn into parts that fit in memory."""
-    angle = math.degrees(parse_angle(text))
-    if not 0 < angle <= 30.0:
-        raise ArgumentError(f"--step: expected an angle above 0 and up to 30 deg, got {text!r}")
-    if 2 * (180 / angle) ** 2 > _MOST:
-        least = 180 / math.sqrt(_MOST / 2)
-        raise ArgumentError(f"--step: expected {least:.2g} deg or more, got {text!r}")
-    return angle
 
 
 def _warn_of_lobes(step: float, wavelengths: float) -> None:

@@ -2,36 +2,45 @@
 
 from __future__ import annotations
 
-import json
 import time
-import warnings
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from polywigner.cli.options import DbFloor, Out, Resumable, Scheduler, Threads
+from polywigner.cli.options import (
+    DbFloor,
+    Define,
+    Out,
+    Resumable,
+    Scheduler,
+    Seed,
+    Threads,
+    Variant,
+)
 from polywigner.cli.output import (
     check_writable,
     missing_folders,
     output_stem,
     say_made,
     targets,
+    write_record,
     writing,
 )
 from polywigner.cli.scenes import (
-    check_is_file,
-    check_is_no_aperture,
     check_samples,
+    check_scene_file,
     check_threads,
     counted_bar,
     draw_ranges,
+    messages_as_warnings,
     parse_ranges,
     prepare_ranges,
     ranges_record,
     ranges_text,
     scene_definition,
+    store_of_parts,
     versions_of,
 )
 from polywigner.cli.sources import frequency_text, short_name
@@ -53,24 +62,23 @@ class ReceiveSettings:
         int | None,
         typer.Option(help="Samples of the scattered light of each emitter (default: the scene's)."),
     ] = None
-    seed: Annotated[int, typer.Option(help="Seed of the random numbers.")] = 0
-    variant: Annotated[
-        str | None,
-        typer.Option(help="Mitsuba variant (default: the fastest monochromatic one that works)."),
-    ] = None
+    seed: Seed = 0
+    variant: Variant = None
     reflections: Annotated[int, typer.Option(help="Most flat mirrors on a direct way, 0 to 3.")] = 2
     accuracy: Annotated[
         float, typer.Option(help="Relative error allowed of the fields of direct light.")
     ] = 1e-6
     bandwidth: Annotated[
-        str | None, typer.Option(help="Such as '1 GHz' (default: the receiver's own).")
+        str | None,
+        typer.Option(help="Bandwidth of the noise, such as '1 GHz' (default: the receiver's own)."),
     ] = None
     temperature: Annotated[
         str | None,
-        typer.Option(help="Of the noise, such as '290 K' (default: the receiver's own)."),
+        typer.Option(help="Noise temperature, such as '290 K' (default: the receiver's own)."),
     ] = None
     noise_figure: Annotated[
-        str | None, typer.Option(help="Such as '3 dB' (default: the receiver's own, else 0 dB).")
+        str | None,
+        typer.Option(help="Noise figure, such as '3 dB' (default: the receiver's own, else 0 dB)."),
     ] = None
     range_text: Annotated[
         str | None,
@@ -79,13 +87,10 @@ class ReceiveSettings:
             help="Sort what is scattered by range as well, such as '0 m to 60 m' (docs/range.md).",
         ),
     ] = None
-    bins: Annotated[int | None, typer.Option(help="Of the range (default: 256).")] = None
-    defined: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--define", help="NAME=VALUE of a $parameter of the scene; several times for more."
-        ),
+    bins: Annotated[
+        int | None, typer.Option(help="Number of bins of the range (default: 256).")
     ] = None
+    defined: Define = None
     resumable: Resumable = False
     threads: Threads = None
     scheduler: Scheduler = None
@@ -102,7 +107,7 @@ def receive(settings: ReceiveSettings, out: Out = None) -> None:
     """
     defined = dict(scene_definition(text) for text in settings.defined or [])
     scene, seed = settings.scene, settings.seed
-    check_is_file(scene)
+    check_scene_file(scene)
     check_samples(settings.spp, seed)
     check_threads(settings.threads)
     noise = parse_noise(settings.bandwidth, settings.temperature, settings.noise_figure)
@@ -111,18 +116,12 @@ def receive(settings: ReceiveSettings, out: Out = None) -> None:
     by_range = ("_range.nc", "_range.png") if edges is not None else ()
     files = targets(stem, (".json", ".png", *by_range))
     check_writable(files)
-    store = None
-    if settings.resumable or settings.scheduler is not None:
-        (store,) = targets(stem, (".parts.zarr",))
     new = missing_folders(files)
-    check_is_no_aperture(scene)
 
     from polywigner.figures.levels import check_floor
     from polywigner.mitsuba import choose_variant
-    from polywigner.mitsuba.arrival_map import arrival_map
-    from polywigner.mitsuba.images import to_list
-    from polywigner.mitsuba.received import asked_of
-    from polywigner.mitsuba.received_power import receivers_of
+    from polywigner.mitsuba.received import receive_options
+    from polywigner.mitsuba.received_power import arrival_map, receivers_of
     from polywigner.mitsuba.scene_renders import (
         SceneFile,
         receive_parts,
@@ -130,21 +129,19 @@ def receive(settings: ReceiveSettings, out: Out = None) -> None:
         remove_store,
     )
     from polywigner.propagation.exports import write_netcdf
-    from polywigner.propagation.stores_checks import require_stores
 
-    if store is not None:
-        require_stores(settings.scheduler)
+    store = store_of_parts(stem, settings.resumable, settings.scheduler)
     check_floor(settings.floor_db)
     start = time.perf_counter()
     chosen = choose_variant(settings.variant)
     profile = None
-    with to_list() as messages:
+    with messages_as_warnings():
         if edges is not None:
             prepare_ranges(chosen)
         file = SceneFile(Path(scene), chosen, None, defined)
         loaded = file.load()
         receivers_of(loaded)
-        asked = asked_of(
+        asked = receive_options(
             settings.spp, seed, None, settings.reflections, settings.accuracy, *noise.values()
         )
         with counted_bar("receiving") as progress:
@@ -159,8 +156,6 @@ def receive(settings: ReceiveSettings, out: Out = None) -> None:
             else:
                 found, profile = receive_ranges(file, loaded, asked, edges, **how)
         maps = [arrival_map(loaded, number, seed) for number in range(len(found))]
-    for message in messages:
-        warnings.warn(f"Mitsuba: {message}", RuntimeWarning, stacklevel=2)
     record: dict[str, Any] = {
         "settings": asdict(settings) | {"defined": defined},
         "used": {"variant": chosen},
@@ -173,24 +168,22 @@ def receive(settings: ReceiveSettings, out: Out = None) -> None:
         record["ranges"] = ranges_record(profile, len(found))
         ranges_figure = draw_ranges(scene, profile, found, settings.floor_db)
     with writing(files) as (text, png, *others):
-        text.write_text(json.dumps(record, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        write_record(text, record)
         figure.savefig(png, format="png")
         if profile is not None:
             write_netcdf(profile, others[0])
             ranges_figure.savefig(others[1], format="png")
+        print("\n\n".join(map(str, found)))
+        if profile is not None:
+            print(ranges_text(profile, found))
     if store is not None:
         remove_store(store)
         say_made(new)
-    print("\n\n".join(map(str, found)))
-    if profile is not None:
-        print(ranges_text(profile, found))
-    for path in files:
-        print(path)
 
 
 def _figure(scene: str, found: list[Any], maps: list[Any], floor_db: float) -> Any:
     """A panel for each receiver."""
-    from polywigner.figures.ranges import DirectArrival, draw_arrivals
+    from polywigner.figures.scenes import DirectArrival, draw_arrivals
     from polywigner.figures.style import new_figure
 
     columns = min(len(found), _COLUMNS)

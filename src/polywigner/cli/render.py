@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import time
 import warnings
@@ -12,26 +11,27 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from polywigner.cli.options import DbFloor, Out, Resumable, Scheduler, Threads
+from polywigner.cli.options import DbFloor, Out, Resumable, Scheduler, Seed, Threads, Variant
 from polywigner.cli.output import (
     check_writable,
     missing_folders,
     output_stem,
     say_made,
     targets,
+    write_record,
     writing,
 )
-from polywigner.cli.reading import check_wavelength
 from polywigner.cli.scenes import (
-    check_is_file,
-    check_is_no_aperture,
     check_samples,
+    check_scene_file,
     check_threads,
+    messages_as_warnings,
     parse_ranges,
     prepare_ranges,
+    store_of_parts,
     versions_of,
 )
-from polywigner.cli.sources import frequency_text, short_name
+from polywigner.cli.sources import check_wavelength, frequency_text, short_name
 from polywigner.errors import ArgumentError, SceneError
 
 if TYPE_CHECKING:
@@ -63,17 +63,14 @@ class RenderSettings:
             "the source makes it (docs/sampling.md)."
         ),
     ] = None
-    variant: Annotated[
-        str | None,
-        typer.Option(help="Mitsuba variant (default: the fastest monochromatic one that works)."),
-    ] = None
+    variant: Variant = None
     integrator: Annotated[
         str | None, typer.Option(help="path, direct, volpath, ... (default: the scene's).")
     ] = None
     sampler: Annotated[
         str | None, typer.Option(help="multijitter, independent, ... (default: the scene's).")
     ] = None
-    seed: Annotated[int, typer.Option(help="Seed of the random numbers.")] = 0
+    seed: Seed = 0
     range_text: Annotated[
         str | None,
         typer.Option(
@@ -81,7 +78,9 @@ class RenderSettings:
             help="A frame for each bin of range as well, such as '0 m to 30 m' (docs/range.md).",
         ),
     ] = None
-    bins: Annotated[int | None, typer.Option(help="Of the range (default: 64).")] = None
+    bins: Annotated[int | None, typer.Option(help="Number of bins of the range (default: 64).")] = (
+        None
+    )
     resumable: Resumable = False
     threads: Threads = None
     scheduler: Scheduler = None
@@ -102,13 +101,7 @@ def render(settings: RenderSettings, out: Out = None) -> None:
     by_range = ("_range.nc", "_range.gif") if edges is not None else ()
     files = targets(stem, (".exr", ".png", ".json", *by_range))
     check_writable(files)
-    store = (
-        targets(stem, (".parts.zarr",))[0]
-        if settings.resumable or settings.scheduler is not None
-        else None
-    )
     new = missing_folders(files)
-    check_is_no_aperture(scene)
 
     from polywigner.execution import kernel_threads
     from polywigner.figures import (
@@ -119,23 +112,21 @@ def render(settings: RenderSettings, out: Out = None) -> None:
     )
     from polywigner.figures.levels import check_floor
     from polywigner.mitsuba import choose_variant
-    from polywigner.mitsuba.images import mean_of_colours, to_list, write_exr
+    from polywigner.mitsuba.films import mean_of_colours, write_exr
     from polywigner.mitsuba.range_profile import prepared_frames
     from polywigner.mitsuba.receiver import is_receiver
     from polywigner.mitsuba.rendering import check_spp, default_spp
     from polywigner.mitsuba.scene_renders import SceneFile, remove_store, render_parts
     from polywigner.propagation.exports import write_netcdf
-    from polywigner.propagation.stores_checks import require_stores
 
     frames = None
-    if store is not None:
-        require_stores(settings.scheduler)
+    store = store_of_parts(stem, settings.resumable, settings.scheduler)
     check_floor(settings.floor_db)
     if settings.spp is not None:
         check_spp(settings.spp)
     start = time.perf_counter()
     chosen = choose_variant(settings.variant)
-    with to_list() as messages:
+    with messages_as_warnings():
         if edges is not None:
             prepare_ranges(chosen)
         file = SceneFile(Path(scene), chosen, settings.sampler)
@@ -164,8 +155,6 @@ def render(settings: RenderSettings, out: Out = None) -> None:
             with kernel_threads(settings.threads):
                 frames = by_range_of(None)
         done = time.perf_counter()
-    for message in messages:
-        warnings.warn(f"Mitsuba: {message}", RuntimeWarning, stacklevel=2)
 
     radiance = mean_of_colours(image)
     reference = picture_peak(radiance)
@@ -182,20 +171,18 @@ def render(settings: RenderSettings, out: Out = None) -> None:
     with writing(files) as (exr, png, text, *others):
         write_exr(exr, image)
         figure.savefig(png, format="png")
-        text.write_text(json.dumps(record, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        write_record(text, record)
         if frames is not None:
             write_netcdf(frames, others[0])
             write_range_animation(frames, others[1], floor_db=settings.floor_db, title=title)
     if store is not None:
         remove_store(store)
         say_made(new)
-    for path in files:
-        print(path)
 
 
 def _check(settings: RenderSettings) -> None:
     """All that can be known to be wrong before Mitsuba takes its second to load."""
-    check_is_file(settings.scene)
+    check_scene_file(settings.scene)
     check_samples(settings.spp, settings.seed)
     if settings.spp is not None and settings.error_db is not None:
         raise ArgumentError("expected --spp or --error-db, got both; drop one of them")
@@ -215,7 +202,7 @@ def _check_scene(scene: Any, name: str) -> None:
             "it with mitsuba itself"
         )
     for spec in specs:
-        check_wavelength(spec.wavelength, spec.radiator.support.diameter)
+        check_wavelength(spec.wavelength, spec.centred.support.diameter)
 
 
 def _enough(scene: Any, error_db: float, sampler: str) -> int:
@@ -231,9 +218,7 @@ def _enough(scene: Any, error_db: float, sampler: str) -> int:
     if not noisy:
         return int(default_spp(scene))
     independent = max(
-        pw.suggest_sampling(
-            spec.radiator.source, spec.wavelength, "render", error_db=error_db
-        ).samples
+        pw.suggest_sampling(spec.source, spec.wavelength, "render", error_db=error_db).samples
         for spec in noisy
     )
     return math.ceil(independent / _GAINS.get(sampler, 1))

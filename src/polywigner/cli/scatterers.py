@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-import warnings
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from polywigner.cli.output import check_writable, output_stem, targets, writing
-from polywigner.cli.scenes import check_is_file, check_is_no_aperture, scene_definition
+from polywigner.cli.options import Define, Seed, Variant
+from polywigner.cli.output import files_to_write, writing
+from polywigner.cli.scenes import check_scene_file, messages_as_warnings, scene_definition
 from polywigner.errors import ArgumentError
 
 _SUFFIXES = (".csv", ".vtp", ".nc")
@@ -22,7 +22,7 @@ def scatterers(
         typer.Argument(help="Mitsuba XML file with a <sensor type='wigner_receiver'> in it."),
     ],
     count: Annotated[int, typer.Option(help="Scatterers wanted.")] = 20_000,
-    seed: Annotated[int, typer.Option(help="Seed of the random numbers.")] = 0,
+    seed: Seed = 0,
     receiver: Annotated[
         str | None, typer.Option(help="Id of the receiver (default: the only one).")
     ] = None,
@@ -31,7 +31,7 @@ def scatterers(
         typer.Option(help="Longest path: 2 is one reflection, -1 no limit (default: the scene's)."),
     ] = None,
     rays: Annotated[
-        int | None, typer.Option(help="From the receiver (default: four times --count).")
+        int | None, typer.Option(help="Rays from the receiver (default: four times --count).")
     ] = None,
     velocity: Annotated[
         list[str] | None,
@@ -40,14 +40,8 @@ def scatterers(
             "more."
         ),
     ] = None,
-    variant: Annotated[
-        str | None,
-        typer.Option(help="Mitsuba variant (default: the fastest monochromatic one that works)."),
-    ] = None,
-    define: Annotated[
-        list[str] | None,
-        typer.Option(help="NAME=VALUE of a $parameter of the scene; several times for more."),
-    ] = None,
+    variant: Variant = None,
+    define: Define = None,
     out: Annotated[
         str | None,
         typer.Option(help="File or folder; .csv (default), .vtp for ParaView, or .nc."),
@@ -58,19 +52,16 @@ def scatterers(
     Each has a place, a normal, a power in W, the length of its path, the ids of its shape and of
     its emitter, and with --velocity what its path grows by per second.
     """
-    check_is_file(scene)
+    check_scene_file(scene)
     defined = dict(scene_definition(text) for text in define or [])
     speeds = dict(_velocity(text) for text in velocity or [])
     suffix = _suffix(out)
-    (file,) = targets(output_stem(out, Path(scene).stem + "_scatterers"), (suffix,))
-    check_writable([file])
-    check_is_no_aperture(scene)
+    files = files_to_write(out, Path(scene).stem + "_scatterers", (suffix,))
 
     import polywigner.mitsuba as pm
-    from polywigner.mitsuba.images import to_list
 
     chosen = pm.choose_variant(variant)
-    with to_list() as messages:
+    with messages_as_warnings():
         loaded = pm.load_scene(scene, chosen, merge=False, **defined)
         cloud = pm.scatterers(
             loaded,
@@ -81,14 +72,9 @@ def scatterers(
             rays=rays,
             velocities=speeds or None,
         )
-    for message in messages:
-        warnings.warn(f"Mitsuba: {message}", RuntimeWarning, stacklevel=2)
-    with writing([file]) as (partial,):
-        named = partial.with_name(partial.name + suffix)
-        pm.write_scatterers(cloud, named)
-        named.replace(partial)
-    print(_summary(cloud))
-    print(file)
+    with writing(files) as (partial,):
+        pm.write_scatterers(cloud, partial)
+        print(_summary(cloud))
 
 
 def _suffix(out: str | None) -> str:

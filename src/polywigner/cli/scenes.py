@@ -5,28 +5,33 @@ from __future__ import annotations
 import os
 import platform
 import shlex
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from polywigner.cli.output import check_text
+from polywigner.cli.output import check_text, targets
 from polywigner.cli.sources import frequency_text, short_name
 from polywigner.errors import ArgumentError, SceneError
 from polywigner.quantities import parse_coordinate
 
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+
 _NO_SCENES = (".csv", ".wkt", ".geojson", ".json", ".svg", ".dxf", ".gds", ".toml")
 
 
-def check_is_file(scene: str) -> None:
-    """Raise SceneError for a path without a file, before Mitsuba takes its second to load."""
+def check_scene_file(scene: str) -> None:
+    """Raise SceneError unless a path leads to a scene, before Mitsuba takes its second to load.
+
+    For the file of an aperture it names the command that reads it.
+    """
     check_text("the scene file", scene)
     if not os.path.isfile(scene):  # noqa: PTH113 (pathlib raises for a name too long)
         raise SceneError(f"expected a Mitsuba scene file, got {scene!r}, which is not a file")
-
-
-def check_is_no_aperture(scene: str) -> None:
-    """Raise SceneError for the file of an aperture, and name the command that reads it."""
     suffix = Path(scene).suffix.lower()
     if suffix in _NO_SCENES:
         kind = "a source file" if suffix == ".toml" else "an aperture"
@@ -35,6 +40,32 @@ def check_is_no_aperture(scene: str) -> None:
             f"see its transforms by `polywigner transform {shlex.quote(scene)}`, or name it in "
             'the <shape type="wigner"> of a scene'
         )
+
+
+@contextmanager
+def messages_as_warnings() -> Iterator[None]:
+    """Within, messages of Mitsuba are collected; they are warnings at the end of the block."""
+    from polywigner.mitsuba.films import to_list
+
+    with to_list() as messages:
+        yield
+    for message in messages:
+        warnings.warn(f"Mitsuba: {message}", RuntimeWarning, stacklevel=3)
+
+
+def store_of_parts(stem: Path, resumable: bool, scheduler: str | None) -> Path | None:
+    """The store for finished parts of a run that goes on after its end; None of other runs.
+
+    Raises
+    ------
+    MissingExtraError without the libraries that it takes.
+    """
+    if not resumable and scheduler is None:
+        return None
+    from polywigner.propagation.stores_checks import require_stores
+
+    require_stores(scheduler)
+    return targets(stem, (".parts.zarr",))[0]
 
 
 def check_samples(spp: int | None, seed: int) -> None:
@@ -95,11 +126,6 @@ def versions_of(variant: str) -> dict[str, str | None]:
     found["python"] = platform.python_version()
     found["machine"] = f"{platform.system()} {platform.machine()}"
     return found
-
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
 
 
 _BINS = {"receive": 256, "render": 64}

@@ -6,30 +6,15 @@ import json
 import math
 import os
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
-from polywigner.cli.options import (
-    AllowOutside,
-    Array,
-    Coherence,
-    Curved,
-    Focus,
-    Frequency,
-    Layer,
-    SourceFile,
-    Steering,
-    Taper,
-    Tolerance,
-    Union,
-    Unit,
-    Wavelength,
-    Window,
-)
+import typer
+
+from polywigner.cli.options import Frequency, Layer, Tolerance, Union, Unit, Wavelength
 from polywigner.cli.output import check_text
-from polywigner.cli.reading import Reading, check_wavelength
 from polywigner.errors import ArgumentError, FileFormatError, IlluminationError
 from polywigner.quantities import SPEED_OF_LIGHT, parse_frequency, parse_length, wavelength_of
 
@@ -43,6 +28,55 @@ _LONGEST_NAME = 32
 
 # A frequency and the wavelength typed for it, with a few digits.
 _SAME_WAVELENGTH = 1e-3
+
+
+class Reading(NamedTuple):
+    """Options for reading an aperture file, as texts."""
+
+    unit: str | None
+    tolerance: str | None
+    layer: Sequence[str] | None
+    union: bool
+    allow_outside: bool = False
+    """Whether a source file may name files outside of its folder."""
+
+    def of_aperture(self) -> dict[str, Any]:
+        """The arguments of :func:`polywigner.read_aperture`."""
+        from polywigner.quantities import parse_length
+
+        reach = None if self.tolerance is None else parse_length(self.tolerance)
+        return {
+            "unit": self.unit or "mm",
+            "tolerance": reach,
+            "layer": self.layer,
+            "union": self.union,
+        }
+
+
+# Nothing but a slip; and pictures cannot have axes of 1e-300.
+_ABSURD = 1e12
+
+
+def check_wavelength(wavelength: float, diameter: float) -> None:
+    """Warn of a wavelength that hardly belongs to an aperture, as functions in Python do.
+
+    Parameters
+    ----------
+    wavelength : m, above zero.
+    diameter : of the aperture, m, above zero.
+
+    Raises
+    ------
+    ArgumentError : the two differ by more than twelve orders of magnitude.
+    """
+    from polywigner.geometry.arguments import doubt_of_wavelength
+
+    doubt = doubt_of_wavelength(wavelength, diameter)
+    if doubt is None:
+        return
+    if not 1 / _ABSURD <= wavelength / diameter <= _ABSURD:
+        raise ArgumentError(f"expected a wavelength that belongs to the aperture, got {doubt}")
+    warnings.warn(f"got {doubt}", RuntimeWarning, stacklevel=2)
 
 
 def check_is_coherent(source: Any, command: str) -> None:
@@ -59,20 +93,50 @@ def check_is_coherent(source: Any, command: str) -> None:
 class SourceOptions:
     """Options of the source of a command: its file, tapers, copies, steering, and wavelength."""
 
-    source: SourceFile
+    source: Annotated[
+        str,
+        typer.Argument(
+            help="Aperture file: GeoJSON, WKT, SVG, DXF, GDSII, or CSV with one ring; or a source "
+            "file: TOML or JSON."
+        ),
+    ]
     frequency: Frequency = None
     wavelength: Wavelength = None
     unit: Unit = None
     tolerance: Tolerance = None
     layer: Layer = None
     union: Union = False
-    allow_outside: AllowOutside = False
-    taper: Taper = None
-    array: Array = None
-    window: Window = None
-    steering: Steering = None
-    focus: Focus = None
-    curved: Curved = None
+    allow_outside: Annotated[
+        bool,
+        typer.Option(
+            "--allow-outside", help="Read files that a source file names outside of its folder."
+        ),
+    ] = False
+    taper: Annotated[
+        str | None,
+        typer.Option(
+            help="Taper of the aperture: 'cosine', 'cosine 2 x', 'te10', 'taylor 30 dB 4'."
+        ),
+    ] = None
+    array: Annotated[
+        str | None, typer.Option(help="Copies of the aperture, such as '12 x 16, 2 mm'.")
+    ] = None
+    window: Annotated[
+        str | None,
+        typer.Option(help="Window of the array: 'taylor 25 dB', 'chebyshev 30 dB', 'hamming'."),
+    ] = None
+    steering: Annotated[
+        str | None, typer.Option(help="A beam towards theta, phi, such as '20 deg, 90 deg'.")
+    ] = None
+    focus: Annotated[
+        str | None, typer.Option(help="Focal point of the array, such as '0 mm, 0 mm, 80 mm'.")
+    ] = None
+    curved: Annotated[
+        str | None,
+        typer.Option(
+            help="Radius of a curved wave, or one along x and one along y: '60 mm', '60 mm, inf'."
+        ),
+    ] = None
 
     def check(self) -> None:
         """Raise the errors that can be known before anything heavy is imported."""
@@ -120,7 +184,10 @@ _FEEDING = ("taper", "array", "window", "steering", "focus", "curved")
 class MixedSourceOptions(SourceOptions):
     """Options of a source whose light may be partly coherent."""
 
-    coherence: Coherence = None
+    coherence: Annotated[
+        str | None,
+        typer.Option(help="Width over which the source is coherent, such as '0.5 mm'."),
+    ] = None
 
 
 def check_source_file(path: str, reading: Reading) -> None:
@@ -230,7 +297,7 @@ def _read_source(
 
 def _is_source_file(path: str) -> bool:
     """TOML; or JSON whose outermost table has a kind, which GeoJSON has not."""
-    from polywigner.geometry.formats.limits import bytes_of, check_values, text_of
+    from polywigner.geometry.io.limits import bytes_of, check_values, text_of
 
     suffix = Path(path).suffix.lower()
     if suffix != ".json":

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from polywigner.cli.options import DbFloor, Out
-from polywigner.cli.output import check_writable, output_stem, targets, writing
+from polywigner.cli.output import files_to_write, write_arrays, writing
 from polywigner.cli.sources import (
     SourceOptions,
     check_is_coherent,
@@ -134,12 +133,10 @@ def transform(
     system = None if through is None else system_from(through)
     if system is not None and (position or lag):
         raise QuantityError("expected no --x and no --xi with --through; leave them out")
-    files = targets(output_stem(out, Path(source.source).stem), (".png", ".npz"))
-    check_writable(files)
+    files = files_to_write(out, Path(source.source).stem, (".png", ".npz"))
 
     # Everything cheap has been checked: only now the libraries that take a second to import.
     from polywigner.figures import (
-        TransformSlices,
         draw_transforms,
         outline_of,
         system_slices,
@@ -163,13 +160,7 @@ def transform(
     figure = draw_transforms(slices, floor_db, title=title)
     with writing(files) as (picture, values):
         figure.savefig(picture, format="png")
-        with values.open("wb") as file:
-            if isinstance(slices, TransformSlices):
-                _save_values(file, slices)
-            else:
-                _save_system(file, slices)
-    for path in files:
-        print(path)
+        write_arrays(values, *_values_of(slices))
 
 
 def _samples(given: int | None, aperture: Aperture, wavelength: float | None) -> int:
@@ -193,74 +184,52 @@ def _samples(given: int | None, aperture: Aperture, wavelength: float | None) ->
     return samples
 
 
-def _save_values(file: Any, slices: TransformSlices) -> None:
-    """The arrays under their names, and a JSON text ``metadata`` with units and settings."""
+def _values_of(slices: TransformSlices | SystemSlices) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Arrays by their names, and their axes and units."""
     import numpy as np
 
-    import polywigner as pw
+    from polywigner.figures import TransformSlices
 
-    metadata = {
-        "axes": "fourier[j, i] and wigner[j, i] at nu = (frequency[i], frequency[j]); "
-        "ambiguity[j, i] at upsilon = (frequency[i], frequency[j])",
-        "convention": "F(nu) = int u exp(-2 pi i nu.x) dx",
-        "units": {
-            "frequency": "1/m",
-            "fourier": "m^2",
-            "wigner": "m^2",
-            "ambiguity": "m^2",
-            "x": "m",
-            "xi": "m",
-            "wavelength": "m (nan: not given)",
-            "aperture_geojson": "m",
-            "automean_geojson": "m",
-        },
-        "polywigner": pw.__version__,
+    wavelength = np.asarray(np.nan if slices.wavelength is None else slices.wavelength)
+    arrays = {"wavelength": wavelength, "aperture_geojson": _geojson(slices.aperture)}
+    in_metres: tuple[str, ...]
+    inverse: tuple[str, ...]
+    areas: tuple[str, ...]
+    if not isinstance(slices, TransformSlices):
+        in_metres, inverse, areas = (
+            ("x", "x_out", "across", "up"),
+            ("nu", "nu_out"),
+            ("before", "behind"),
+        )
+        arrays["matrix"] = slices.system.matrix
+        metadata: dict[str, Any] = {
+            "axes": "before[j, i] at (x[i], nu[j]), behind[j, i] at (x_out[i], nu_out[j]): W; "
+            "light[j, i] at (across[i], up[j]): |U|^2 behind"
+        }
+        arrays["light"] = slices.light
+    else:
+        in_metres, inverse = ("x", "xi"), ("frequency",)
+        areas = ("fourier", "wigner", "ambiguity")
+        arrays["automean_geojson"] = _geojson(slices.support)
+        metadata = {
+            "axes": "fourier[j, i] and wigner[j, i] at nu = (frequency[i], frequency[j]); "
+            "ambiguity[j, i] at upsilon = (frequency[i], frequency[j])",
+            "convention": "F(nu) = int u exp(-2 pi i nu.x) dx",
+        }
+    arrays |= {name: np.asarray(getattr(slices, name)) for name in (*in_metres, *inverse, *areas)}
+    metadata["units"] = {
+        **dict.fromkeys(in_metres, "m"),
+        **dict.fromkeys(inverse, "1/m"),
+        **dict.fromkeys(areas, "m^2"),
+        "wavelength": "m (nan: not given)",
+        **{name: "m" for name in arrays if name.endswith("geojson")},
     }
-    np.savez(
-        file,
-        frequency=slices.frequency,
-        fourier=slices.fourier,
-        wigner=slices.wigner,
-        ambiguity=slices.ambiguity,
-        x=np.asarray(slices.x),
-        xi=np.asarray(slices.xi),
-        wavelength=np.asarray(np.nan if slices.wavelength is None else slices.wavelength),
-        aperture_geojson=np.asarray(_geojson(slices.aperture)),
-        automean_geojson=np.asarray(_geojson(slices.support)),
-        metadata=np.asarray(json.dumps(metadata)),
-    )
+    return arrays, metadata
 
 
-def _save_system(file: Any, slices: SystemSlices) -> None:
-    """The arrays under their names, the ray matrix, and a JSON text ``metadata``."""
+def _geojson(aperture: Any) -> Any:
     import numpy as np
-
-    import polywigner as pw
-
-    arrays = ("x", "nu", "before", "x_out", "nu_out", "behind", "across", "up", "light")
-    metadata = {
-        "axes": "before[j, i] at (x[i], nu[j]), behind[j, i] at (x_out[i], nu_out[j]): W; "
-        "light[j, i] at (across[i], up[j]): |U|^2 behind",
-        "units": {
-            "before": "m^2",
-            "behind": "m^2",
-            **dict.fromkeys(("x", "x_out", "across", "up", "wavelength"), "m"),
-            **dict.fromkeys(("nu", "nu_out"), "1/m"),
-        },
-        "polywigner": pw.__version__,
-    }
-    np.savez(
-        file,
-        **{name: getattr(slices, name) for name in arrays},
-        matrix=slices.system.matrix,
-        wavelength=np.asarray(slices.wavelength),
-        aperture_geojson=np.asarray(_geojson(slices.aperture)),
-        metadata=np.asarray(json.dumps(metadata)),
-    )
-
-
-def _geojson(aperture: Any) -> str:
     import shapely
 
     # GeoJSON rather than WKT: GEOS writes all digits of it.
-    return str(shapely.to_geojson(aperture.polygons))
+    return np.asarray(shapely.to_geojson(aperture.polygons))

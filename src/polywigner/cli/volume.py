@@ -10,9 +10,13 @@ import typer
 from polywigner.cli.fields import (
     compared_with,
     format_suffixes,
+    parse_box,
+    parse_levels,
     parse_methods,
+    parse_shape,
     print_differences,
     samples_of_box,
+    shown,
     write_field,
 )
 from polywigner.cli.options import (
@@ -34,7 +38,6 @@ from polywigner.cli.sources import (
     MixedSourceOptions,
     field_title,
 )
-from polywigner.cli.where import parse_box, parse_levels, parse_shape, shown
 from polywigner.errors import ArgumentError
 from polywigner.quantities import parse_frequency
 
@@ -89,9 +92,11 @@ def volume(
         str | None,
         typer.Option(help="Levels of the isosurfaces, dB, such as '-6, -12, -18' (default: four)."),
     ] = None,
-    projection: Annotated[str, typer.Option(help="On the walls: maximum, or mean.")] = "maximum",
+    projection: Annotated[
+        str, typer.Option(help="Projection on the walls: maximum, or mean.")
+    ] = "maximum",
     renderer: Annotated[
-        str, typer.Option(help="Of the isosurfaces: auto, pyvista or matplotlib.")
+        str, typer.Option(help="Renderer of the isosurfaces: auto, pyvista or matplotlib.")
     ] = "auto",
     floor_db: DbFloor = -40.0,
     formats: Formats = None,
@@ -152,7 +157,7 @@ def volume(
         how |= {"bandwidth": band}
         checked_settings(length, cast(FieldOptions, how | one.options))
     nx, ny, nz = count or samples_of_box(radiator, corners, length)
-    fields, written = {}, []
+    fields = {}
     new = missing_folders([stem])
     for one in wanted:
         name = stem if len(wanted) == 1 else stem.with_name(f"{stem.name}-{one.name}")
@@ -173,10 +178,8 @@ def volume(
         )
         fields[one.name] = found[one.method]
         title = f"{label_of(found[one.method], one.method)}: {field_title(source.source, length)}"
+        print(store)
         write_field(found, draw_volume(found, radiator, title=title, **drawn), files)
-        written += [store, *files]
     if len(wanted) > 1:
         print_differences(fields, reference)
     say_made(new)
-    for path in written:
-        print(path)

@@ -34,7 +34,7 @@ from polywigner.execution.chunks import (
     stop_this_thread_when,
 )
 from polywigner.execution.drjit_operations import DrjitOperations, UnrolledOperations, ops_for
-from polywigner.execution.evaluation import Shear, evaluate, evaluate_sums, explained
+from polywigner.execution.evaluation import Shear, evaluate, evaluate_rows, evaluate_sums, explained
 from polywigner.execution.gradients import kernel_with_derivatives
 from polywigner.execution.grids import evaluate_on_grid
 from polywigner.execution.hosted import (

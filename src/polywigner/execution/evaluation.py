@@ -16,7 +16,7 @@ import numpy.typing as npt
 from polywigner.execution.choice import planned, request_for, resolved
 from polywigner.execution.chunks import Launched, store
 from polywigner.execution.grids import plan_for_grid
-from polywigner.execution.on_drjit import OnDrjit
+from polywigner.execution.on_drjit import OnDrjit, row_sums
 from polywigner.execution.on_drjit_data import OnDrjitData
 from polywigner.execution.on_numpy import OnNumpy
 from polywigner.execution.operations import NumpyOperations
@@ -31,6 +31,8 @@ _ROW_BLOCK = 1 << 18
 _LEAST_COLUMNS = 64
 # Pairs of a place and a point whose terms are stored at a time: 32 MiB in float64.
 _BLOCK = 1 << 22
+# Of rows and samples, whose terms are long: some MB for each number of a term.
+_ROWS = 1 << 18
 
 Array = npt.NDArray[Any]
 Shear = Callable[[Sequence[Array]], Sequence[Array]]
@@ -111,6 +113,41 @@ def evaluate_sums(
             (values,) = evaluate(kernel, source, components, **how)
             total[columns] += values @ weights[some]
     return total
+
+
+def evaluate_rows(
+    term: Callable[..., tuple[Any, ...]],
+    table: Array,
+    samples: Array,
+    constants: Array,
+    outputs: int,
+    engine: str,
+) -> tuple[Array, ...]:
+    """Sums of term(ops, row, sample, constants) over the rows of a table, in double precision.
+
+    table (m, a), samples (n, b), constants (c,); ``outputs`` arrays (n,). On Dr.Jit the rows and
+    the constants are data of one loop: other ones compile nothing.
+    """
+    found = resolved(engine, len(samples), len(table))
+    if found == "numpy":
+        return _rows_on_numpy(term, table, samples.T, tuple(constants.tolist()), outputs)
+    return row_sums(term, table, samples.T, constants, outputs, found)
+
+
+def _rows_on_numpy(
+    term: Callable[..., tuple[Any, ...]],
+    table: Array,
+    columns: Array,
+    constants: tuple[float, ...],
+    outputs: int,
+) -> tuple[Array, ...]:
+    ops = NumpyOperations(double=True)
+    total = np.zeros((outputs, columns.shape[1]))
+    step = max(1, _ROWS // columns.shape[1])
+    for start in range(0, len(table), step):
+        rows = tuple(table[start : start + step].T[:, :, None])
+        total += [part.sum(axis=0) for part in term(ops, rows, tuple(columns), constants)]
+    return tuple(total)
 
 
 class _Call:

@@ -120,3 +120,29 @@ def _split(kind: Any, rows: int, columns: int) -> tuple[Any, Any]:
     # 2^21 samples: half a sample is more than two roundings, to float32, of the quotient.
     row = type(index)((kind(index) + 0.5) * drjit.opaque(kind, 1 / columns))
     return row, index - row * drjit.opaque(type(index), columns)
+
+
+def row_sums(
+    term: Callable[..., tuple[Any, ...]],
+    table: npt.NDArray[np.float64],
+    columns: npt.NDArray[np.float64],
+    constants: npt.NDArray[np.float64],
+    outputs: int,
+    engine: str,
+) -> tuple[npt.NDArray[np.float64], ...]:
+    """Sums of a term over the rows of a table, see :func:`evaluate_rows`: one loop over memory."""
+    import drjit as dr
+
+    kind = drjit_float(engine, True)
+    ops = DrjitOperations(kind)
+    held = ops.held(np.ascontiguousarray(table))
+    sample = tuple(array_of(kind, column) for column in columns)
+    shared = tuple(dr.opaque(kind, float(value)) for value in constants)
+
+    def step(row: Any, *total: Any) -> Any:
+        parts = term(ops, ops.gather(held, row), sample, shared)
+        return tuple(a + b for a, b in zip(total, parts, strict=True))
+
+    end = dr.opaque(dr.uint32_array_t(kind), len(table))
+    start = (dr.zeros(kind, columns.shape[1]),) * outputs
+    return tuple(np.array(part) for part in ops.fold(0, end, start, step))

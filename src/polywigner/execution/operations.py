@@ -280,7 +280,7 @@ class RowByRow(Operations):
     gather: Callable[[Any, Any], Values]
     select: Callable[[Any, Any, Any], Any]
     fold: Callable[..., Values]
-    """As of NumPy; ``is_sum``: whether the state is of sums, of which there may be derivatives."""
+    """As of NumPy; ``is_sum``: whether the state holds sums, which may have derivatives."""
 
     def plain_sum(self, first: Any, end: Any, term: Term, values: int) -> Values:
         """:meth:`sum_over_range` for so few terms that rounding of the sum does not matter."""

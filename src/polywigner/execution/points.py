@@ -153,7 +153,7 @@ class PointKind:
 
     float_type: Any
     tensor: tuple[Any, tuple[int, ...]] | None
-    """Of tensors: their type and broadcast shape, without the last axis."""
+    """Type and broadcast shape of tensors, without the last axis; None for other arrays."""
 
     def points(self, components: Sequence[Any]) -> Any:
         """Points of these components."""
@@ -408,7 +408,7 @@ class Traced:
     fields: tuple[Any, Any] | None = None
     """Real and imaginary parts of all weights, or of the amplitudes of all waves."""
     by_waves: bool = False
-    """Which of the two."""
+    """Whether ``fields`` are amplitudes of waves."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -140,27 +140,18 @@ def _chosen(state: State, name: str) -> str:
 
 
 def _draw(axes: Axes, picture: views.Picture, what: Shown, state: State) -> None:
-    from polywigner.figures.style import (
-        LEVEL_MAP,
-        SIGNED_MAP,
-        colour_bar,
-        signed_norm,
-        signed_ticks,
-    )
+    from polywigner.figures import style
 
     scale = 1 / state.per_metre if picture.axis_unit == "1/m" else state.per_metre
-    step = picture.half / (picture.samples - 1)  # pixel centres, not edges, lie on the samples
-    x, y, half = (scale * v for v in (*picture.centre, picture.half + step))
-    extent = (x - half, x + half, y - half, y + half)
-    maps = {"level": LEVEL_MAP, "unit": LEVEL_MAP, "phase": "twilight"}
-    how: dict[str, Any] = {"cmap": maps.get(what.scale, SIGNED_MAP)}
-    how |= (
-        {"norm": signed_norm()} if what.scale == "signed" else {"vmin": what.low, "vmax": what.high}
-    )
-    image = axes.imshow(what.values, origin="lower", extent=extent, interpolation="nearest", **how)
-    bar = colour_bar(axes, image, what.bar)
+    along = np.linspace(-picture.half, picture.half, picture.samples)
+    x, y = (scale * (middle + along) for middle in picture.centre)
     if what.scale == "signed":
-        signed_ticks(bar)
+        style.signed_bar(axes, style.draw_signed(axes, what.values, x, y), what.bar)
+    else:
+        maps = {"level": style.LEVEL_MAP, "unit": style.LEVEL_MAP, "phase": style.PHASE_MAP}
+        how = {"cmap": maps.get(what.scale, style.SIGNED_MAP), "vmin": what.low, "vmax": what.high}
+        image = style.draw_map(axes, what.values, x, y, **how)
+        style.colour_bar(axes, image, what.bar)
     if what.scale == "difference":
         axes.set_facecolor("0.85")  # not compared
     axes.set_title(what.title)

@@ -22,7 +22,7 @@ from polywigner.errors import FileFormatError, PolywignerError
 from polywigner.explorer import reading_process
 from polywigner.explorer.sources import check_upload, without_advice
 from polywigner.explorer.state import UNITS, Ring, Unit
-from polywigner.geometry.formats import library_process
+from polywigner.geometry.io import library_process
 
 _SECONDS = 10
 _MEMORY = 1 << 30
@@ -43,7 +43,7 @@ class Readings:
         self._turns = asyncio.Semaphore(_AT_ONCE)
         self._tasks: dict[Hashable, asyncio.Task[None]] = {}
         self.processes: set[Process] = set()
-        """Those that read now."""
+        """Processes that read now."""
 
     def submit(
         self,

@@ -11,7 +11,10 @@ from collections.abc import Callable, Sequence
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
-from polywigner.errors import ArgumentError, MissingExtraError, install_command
+from polywigner.errors import (
+    ArgumentError,
+    require,
+)
 from polywigner.explorer.logs import keep_short
 from polywigner.explorer.state import State
 
@@ -31,12 +34,7 @@ _LARGEST_HEADER = 256 << 10  # a websocket is asked for with the link twice: its
 
 def check_installed() -> None:
     """Raises MissingExtraError without the libraries of the page."""
-    try:
-        import bokeh.server.server  # noqa: F401
-    except ImportError:
-        raise MissingExtraError(
-            f"expected Bokeh, which serves the page, got none; run {install_command('explorer')}"
-        ) from None
+    require("bokeh.server.server", "explorer", "serves the page")
 
 
 def is_local(address: str) -> bool:

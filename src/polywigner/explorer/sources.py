@@ -14,14 +14,13 @@ import polywigner as pw
 from polywigner.errors import ArgumentError, FileFormatError, GeometryError
 from polywigner.explorer.editing import rings_of_aperture
 from polywigner.explorer.state import Ring, State
-from polywigner.geometry.formats.outlines import nested
+from polywigner.geometry.io.outlines import nested
 from polywigner.illumination.texts import fed
 
 Source = pw.Aperture | pw.Array
 
 LARGEST_UPLOAD = 1 << 20
-"""Bytes of a file that a visitor sends: ten thousand vertices as text, of which the page edits a
-tenth."""
+"""Bytes of a file that a visitor sends: ten thousand vertices as text; the page edits a tenth."""
 
 MOST_ELEMENTS = 256
 """Most elements of an array: one visitor's picture must not keep the others waiting for long."""

@@ -25,7 +25,7 @@ from tornado.web import ErrorHandler, RequestHandler
 from polywigner.explorer.page import theme
 
 LARGEST_MESSAGE = 4 << 20
-"""Bytes of what a browser sends at once: the largest file, as text, twice over."""
+"""Bytes of one message of a browser: the largest file, as text, twice over."""
 _NOT_FOUND = 404
 _MOST_WAITING = 24
 _MOST_DEBT = 0.5  # seconds of work that a page may have ahead of what it is due

@@ -1,4 +1,4 @@
-"""Samples of a field on evenly spaced axes, as figures need them, from labelled arrays."""
+"""Labelled arrays as figures read them: places, quantities and units, and methods to compare."""
 
 from __future__ import annotations
 
@@ -10,6 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
+from polywigner.figures.levels import checked_dataset
+from polywigner.figures.style import floor_text, quantity_text
+from polywigner.geometry.arguments import checked_choice
 from polywigner.illumination.obliquities import OBLIQUITIES
 
 Floats = NDArray[np.float64]
@@ -20,78 +23,6 @@ wavelengths of a thousand samples, and a tenth of a pixel is not seen."""
 
 # Units as printed; files write W m-2.
 _PRINTED = {"W m-2": "W/m²", "W0.5 m-1": "√W/m", "1": ""}
-
-
-@dataclass(frozen=True, eq=False)
-class Samples:
-    """Real values (n1, n2, ...) of a quantity on evenly spaced axes in metres.
-
-    ``corners`` are the places of the first and of the last sample, ``unit`` that of the values, as
-    it is printed.
-    """
-
-    name: str
-    unit: str
-    values: Floats
-    corners: tuple[Floats, Floats]
-
-    @property
-    def spacing(self) -> Floats:
-        lower, upper = self.corners
-        return (upper - lower) / (np.array(self.values.shape) - 1)
-
-    def zero_db(self, reference: float | None) -> float:
-        """The value of 0 dB: the reference, or the largest value; ArgumentError if not above 0."""
-        if reference is None:
-            return peak_of(self.values, self.name)
-        if not (reference > 0 and math.isfinite(reference)):
-            raise ArgumentError(f"expected a reference above zero, got {reference:g}")
-        return float(reference)
-
-
-def field_samples(
-    found: Any, name: str | None, dims: tuple[str, ...], most: int | None = None
-) -> Samples:
-    """The real samples of ``found[name]`` over the axes ``dims``, in this order.
-
-    Parameters
-    ----------
-    found : xarray.Dataset with evenly spaced coordinates in metres.
-    name : None: the only variable.
-    most : along an axis; of longer ones every second, third, ... sample. Arrays that are read when
-        asked are asked for these samples only. None: all.
-
-    Raises
-    ------
-    ArgumentError : no such quantity or axes, fewer than two samples along an axis, uneven ones,
-    samples that are nan (a file that has not been finished).
-    """
-    if name is None and len(found.data_vars) == 1:
-        (name,) = found.data_vars
-    if name is None or name not in found.data_vars:
-        raise ArgumentError(
-            f"expected the name of one of {', '.join(map(str, found.data_vars))}, got {name!r}"
-        )
-    array = found[name]
-    if sorted(array.dims) != sorted(dims):
-        raise ArgumentError(
-            f"expected {name} over {', '.join(dims)}, got it over {', '.join(map(str, array.dims))}"
-        )
-    array = array.transpose(*dims)
-    if most is not None:
-        array = array[tuple(slice(None, None, -(-n // most)) for n in array.shape)]
-    axes = [even_axis(d, np.asarray(array[d].values, dtype=np.float64)) for d in dims]
-    values = np.asarray(array.values)
-    if np.iscomplexobj(values):
-        raise ArgumentError(f"expected {name} as real values, got complex ones; draw their squares")
-    values = values.astype(np.float64)
-    if np.isnan(values).any():
-        raise ArgumentError(
-            f"expected {name} at all points, got nan at {np.isnan(values).mean():.1%} of them; "
-            "finish the run that computes it"
-        )
-    ends = np.array([[a[0], a[-1]] for a in axes])
-    return Samples(quantity_of(array), printed_unit(array), values, (ends[:, 0], ends[:, 1]))
 
 
 def even_axis(name: str, places: Floats) -> Floats:
@@ -115,13 +46,70 @@ def peak_of(values: NDArray[Any], name: str) -> float:
     return peak
 
 
-def chosen_method(fields: dict[str, NDArray[Any]], against: str | None) -> str:
-    """The method that others are compared with, by default the last; ArgumentError for others."""
-    if against is None:
-        return list(fields)[-1]
-    if against not in fields:
-        raise ArgumentError(f"expected against to be one of {', '.join(fields)}, got {against!r}")
-    return against
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """One quantity by several methods at the same places, like a power: fields are squared.
+
+    ``powers`` and ``labels`` are by the name of the variable, over ``dims``, the axes of more than
+    one sample. 0 dB is ``zero``, the peak of the method ``against``. ``fields`` are the values as
+    they were given, complex if ``is_field``.
+    """
+
+    fields: dict[str, NDArray[Any]]
+    powers: dict[str, Floats]
+    labels: dict[str, str]
+    dims: tuple[str, ...]
+    against: str
+    zero: float
+    quantity: str
+    unit: str
+    is_field: bool
+
+    @staticmethod
+    def of(found: Any, against: str | None) -> Comparison:
+        """Read the variables of a dataset; 0 dB is the peak of ``against``, by default the last.
+
+        Raises
+        ------
+        ArgumentError : no variables, or of different axes or quantities; no such method; a
+        reference that is nowhere above zero.
+        """
+        arrays = {
+            str(name): array.squeeze()
+            for name, array in checked_dataset(found, "found").data_vars.items()
+        }
+        if not arrays:
+            raise ArgumentError("expected a field to draw, got a dataset without variables")
+        first = next(iter(arrays.values()))
+        quantity, unit = quantity_of(first), printed_unit(first)
+        for name, array in arrays.items():
+            if array.dims != first.dims or quantity_of(array) != quantity:
+                raise ArgumentError(
+                    f"expected fields of one quantity over the same axes, got {name!r}, another; "
+                    "draw them one by one"
+                )
+        if against is not None:
+            checked_choice(against, "against", list(arrays))
+        against = list(arrays)[-1] if against is None else against
+        fields = {name: np.asarray(array.values) for name, array in arrays.items()}
+        is_field = np.iscomplexobj(fields[against])
+        if is_field:
+            quantity = f"|{quantity}|²"
+            unit = {"√W/m": "W/m²", "": ""}.get(unit, f"({unit})²")
+        powers = {name: np.abs(v) ** 2 if is_field else v for name, v in fields.items()}
+        labels = {name: label_of(array, name) for name, array in arrays.items()}
+        zero = peak_of(powers[against], quantity)
+        dims = tuple(str(d) for d in first.dims)
+        return Comparison(fields, powers, labels, dims, against, zero, quantity, unit, is_field)
+
+    @property
+    def zero_text(self) -> str:
+        """The power of 0 dB with its unit."""
+        return quantity_text(self.zero, self.unit)
+
+    def level_text(self, floor_db: float) -> str:
+        """Label of a bar of levels."""
+        return f"{self.quantity}, dB relative to {self.zero_text}\n{floor_text(floor_db)}"
 
 
 def printed_unit(array: Any) -> str:
@@ -130,46 +118,9 @@ def printed_unit(array: Any) -> str:
     return _PRINTED.get(unit, unit)
 
 
-def squared_unit(array: Any) -> str:
-    """The unit of a labelled array's square, as it is printed."""
-    unit = printed_unit(array)
-    return {"√W/m": "W/m²", "": ""}.get(unit, f"({unit})²")
-
-
-def fields_of(found: Any) -> dict[str, NDArray[Any]]:
-    """Values of each variable by its name, over their common axes of more than one sample.
-
-    Raises
-    ------
-    ArgumentError : no variables, or of different axes or quantities.
-    """
-    arrays = {str(name): array.squeeze() for name, array in found.data_vars.items()}
-    if not arrays:
-        raise ArgumentError("expected a field to draw, got a dataset without variables")
-    first = next(iter(arrays.values()))
-    for name, array in arrays.items():
-        if array.dims != first.dims or quantity_of(array) != quantity_of(first):
-            raise ArgumentError(
-                f"expected fields of one quantity over the same axes, got {name!r}, another; draw "
-                "them one by one"
-            )
-    return {name: np.asarray(array.values) for name, array in arrays.items()}
-
-
-def dims_of(found: Any) -> tuple[str, ...]:
-    """The axes of more than one sample that the variables are given over."""
-    first = next(iter(found.data_vars.values()))
-    return tuple(str(d) for d in first.squeeze().dims)
-
-
 def quantity_of(array: Any) -> str:
     """The quantity of a variable: "irradiance" unless its attributes say something else."""
     return str(array.attrs.get("quantity", "irradiance"))
-
-
-def first_of(found: Any) -> Any:
-    """The first variable, whose unit and quantity all others share."""
-    return next(iter(found.data_vars.values()))
 
 
 def label_of(array: Any, name: str) -> str:

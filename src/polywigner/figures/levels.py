@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError
+from polywigner.geometry.arguments import checked_array, checked_length, real_numbers
 
 PEAK_RULE = "largest 3x3 median"
-"""How :func:`picture_peak` chooses the 0 dB level, in words for labels and logs."""
+"""Rule by which :func:`picture_peak` chooses 0 dB, in words for labels and logs."""
 
 _LOWEST_DB = -300.0
-"""Fifteen digits of a field and thirty of its square: what is fainter is rounding."""
+"""Fifteen digits of a field and thirty of its square: fainter values are rounding."""
 
 
 def check_floor(floor_db: float) -> float:
@@ -49,7 +50,7 @@ def picture_peak(values: ArrayLike) -> float | None:
     -------
     The peak in the unit of ``values``, or None where no median is positive.
     """
-    picture = np.asarray(values, dtype=np.float64)
+    picture = checked_array(values, "values", 2)
     padded = np.pad(picture, 1, mode="edge")
     windows = np.lib.stride_tricks.sliding_window_view(padded, (3, 3))
     medians = np.median(windows, axis=(-2, -1))
@@ -73,13 +74,27 @@ def level_db(values: ArrayLike, reference: float | None, floor_db: float) -> NDA
     -------
     Levels in dB, the shape of ``values``.
     """
-    power = np.asarray(values, dtype=np.float64)
+    try:
+        power = real_numbers(values)
+    except ValueError as error:
+        raise ArgumentError(f"expected values as real numbers, got {error}") from None
     levels = np.full(power.shape, check_floor(floor_db))
     if reference is None:
         return levels
-    above = power > reference * 10 ** (floor_db / 10)
-    levels[above] = 10 * np.log10(power[above] / reference)
+    zero = checked_length(reference, "reference")
+    with np.errstate(over="ignore"):
+        above = power > zero * 10 ** (floor_db / 10)
+        levels[above] = 10 * (np.log10(power[above]) - np.log10(zero))
     return levels
+
+
+def checked_dataset(found: Any, name: str) -> Any:
+    """An xarray.Dataset, or ArgumentError."""
+    import xarray
+
+    if not isinstance(found, xarray.Dataset):
+        raise ArgumentError(f"expected {name} as an xarray.Dataset, got {type(found).__name__}")
+    return found
 
 
 COMPARED_DB = -30.0

@@ -8,19 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
-from polywigner.figures.fields import (
-    chosen_method,
-    dims_of,
-    fields_of,
-    first_of,
-    label_of,
-    peak_of,
-    printed_unit,
-    quantity_of,
-    squared_unit,
-)
+from polywigner.figures.fields import Comparison
 from polywigner.figures.levels import COMPARED_DB, check_floor, difference_db
-from polywigner.figures.style import TYPOGRAPHY, figure_on, number_text, quantity_text, write_title
+from polywigner.figures.style import (
+    BLUE,
+    GREEN,
+    ORANGE,
+    RED,
+    TYPOGRAPHY,
+    VIOLET,
+    figure_on,
+    number_text,
+    write_title,
+)
 from polywigner.geometry.display import length_unit
 
 if TYPE_CHECKING:
@@ -30,29 +30,24 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-_COLOURS = ("#d7301f", "#2166ac", "#e69f00", "#1b9e77", "#7b3294", "#8c510a", "#e377c2", "#666666")
+_COLOURS = (RED, BLUE, ORANGE, GREEN, VIOLET, "#8c510a", "#e377c2", "#666666")
 _DASHES = ("-", "--", "-.", (0, (1, 1.2)), (0, (5, 1, 1, 1, 1, 1)))
 
 _DECADES = 20.0
 """Ratio of the ends of an axis of lengths from which it is logarithmic."""
 
 _LINEAR_DB = 0.01
-"""Differences are drawn linearly up to here and logarithmically beyond: those of good methods fall
+"""Difference up to which the axis is linear, logarithmic beyond: differences of good methods fall
 by three decades along a line."""
 
 
 class _Curves(NamedTuple):
-    """Curves of a column of panels: power-like values by method, their labels and places."""
+    """Curves of a column of panels: fields by method, and their places as they are printed."""
 
-    values: dict[str, Floats]
-    labels: dict[str, str]
-    against: str
-    zero: float
-    quantity: str
-    unit: str
+    fields: Comparison
     places: Floats
     along: str
-    logarithmic: bool
+    is_logarithmic: bool
 
 
 def draw_lines(
@@ -94,8 +89,12 @@ def draw_lines(
 
     check_floor(floor_db)
     columns = dict(found) if isinstance(found, dict) else {"": found}
-    curves = [_curves(one, along, against) for one in columns.values()]
-    rows = 2 if len(curves[0].values) > 1 else 1
+    fields = [Comparison.of(one, against) for one in columns.values()]
+    curves = [
+        _Curves(each, *_axis(one, each.dims, along))
+        for one, each in zip(columns.values(), fields, strict=True)
+    ]
+    rows = 2 if len(fields[0].powers) > 1 else 1
     with mpl.rc_context(TYPOGRAPHY):
         side_by_side = len(curves) > 1
         width = 1.0 + 3.0 * len(curves) if side_by_side else 6.4
@@ -110,10 +109,10 @@ def draw_lines(
             if rows == 2:
                 _draw_differences(column[1], one, compared_db)
             _draw_places(column, one)
-        panels[0, 0].set_ylim(*_range(curves, floor_db))
-        panels[0, 0].set_ylabel(f"{curves[0].quantity} (dB)")
+        panels[0, 0].set_ylim(*_range(fields, floor_db))
+        panels[0, 0].set_ylabel(f"{fields[0].quantity} (dB)")
         if rows == 2:
-            _difference_axis(panels[1], curves[0], compared_db)
+            _difference_axis(panels[1], fields[0], compared_db)
             how: dict[str, Any] = {"frameon": False, "fontsize": 7.5, "handlelength": 2.6}
             if side_by_side:
                 handles = panels[0, 0].get_legend_handles_labels()
@@ -124,38 +123,27 @@ def draw_lines(
     return figure
 
 
-def _curves(found: Any, along: str | None, against: str | None) -> _Curves:
-    fields = fields_of(found)
-    first, reference = first_of(found), chosen_method(fields, against)
-    quantity, unit = quantity_of(first), printed_unit(first)
-    if np.iscomplexobj(fields[reference]):
-        fields = {name: np.abs(values) ** 2 for name, values in fields.items()}
-        quantity, unit = f"|{quantity}|²", squared_unit(first)
-    labels = {name: label_of(found[name], name) for name in fields}
-    zero = peak_of(fields[reference], quantity)
-    return _Curves(fields, labels, reference, zero, quantity, unit, *_axis(found, along))
-
-
 def _draw_levels(axes: Axes, curves: _Curves, name: str) -> None:
-    styles = _styles(list(curves.values), curves.against)
-    for method, values in curves.values.items():
+    fields = curves.fields
+    styles = _styles(list(fields.powers), fields.against)
+    for method, values in fields.powers.items():
         levels = np.full(values.shape, np.nan)
-        levels[values > 0] = 10 * np.log10(values[values > 0] / curves.zero)
-        axes.plot(curves.places, levels, label=curves.labels[method], **styles[method])
-    text = f"0 dB: {quantity_text(curves.zero, curves.unit).rstrip()}"
+        levels[values > 0] = 10 * np.log10(values[values > 0] / fields.zero)
+        axes.plot(curves.places, levels, label=fields.labels[method], **styles[method])
+    text = f"0 dB: {fields.zero_text}"
     if name:
         text = f"{name}; {text}"
     elif len(styles) > 1:
-        text += f", the peak of {curves.labels[curves.against]}"
+        text += f", the peak of {fields.labels[fields.against]}"
     axes.set_title(text, loc="left", fontsize=8)
 
 
 def _draw_differences(axes: Axes, curves: _Curves, compared_db: float) -> None:
-    styles = _styles(list(curves.values), curves.against)
-    reference = curves.values[curves.against]
-    for method, values in curves.values.items():
-        if method != curves.against:
-            difference = difference_db(values, reference, compared_db)
+    fields = curves.fields
+    styles = _styles(list(fields.powers), fields.against)
+    for method, values in fields.powers.items():
+        if method != fields.against:
+            difference = difference_db(values, fields.powers[fields.against], compared_db)
             axes.plot(curves.places, difference, **styles[method])
 
 
@@ -163,16 +151,15 @@ def _draw_places(column: Any, curves: _Curves) -> None:
     for axes in column:
         axes.grid(alpha=0.3, lw=0.5)
         axes.margins(x=0)
-        if curves.logarithmic:
+        if curves.is_logarithmic:
             axes.set_xscale("log")
     column[-1].set_xlabel(curves.along)
-    if curves.logarithmic:
+    if curves.is_logarithmic:
         _plain_ticks(column[-1])
 
 
-def _axis(found: Any, along: str | None) -> tuple[Floats, str, bool]:
+def _axis(found: Any, dims: tuple[str, ...], along: str | None) -> tuple[Floats, str, bool]:
     """Places as they are printed, the label of their axis, and whether it is logarithmic."""
-    dims = dims_of(found)
     if len(dims) != 1:
         raise ArgumentError(f"expected fields along one axis, got them over {', '.join(dims)}")
     if along is None:
@@ -214,11 +201,11 @@ def _styles(methods: list[str], against: str) -> dict[str, dict[str, Any]]:
     return styles
 
 
-def _range(columns: list[_Curves], floor_db: float) -> tuple[float, float]:
+def _range(columns: list[Comparison], floor_db: float) -> tuple[float, float]:
     """From the floor, or just below all curves, to above them. They may pass the peak of the
     reference (0 dB), but not by so much that nothing else is seen."""
     levels = np.concatenate(
-        [v[v > 0] / curves.zero for curves in columns for v in curves.values.values()]
+        [v[v > 0] / fields.zero for fields in columns for v in fields.powers.values()]
     )
     low, high = 10 * np.log10(levels.min()), 10 * np.log10(levels.max())
     top = min(high, -floor_db / 4)
@@ -227,7 +214,7 @@ def _range(columns: list[_Curves], floor_db: float) -> tuple[float, float]:
     return float(bottom if low < floor_db else bottom - margin), float(top + margin)
 
 
-def _difference_axis(panels: Any, curves: _Curves, compared_db: float) -> None:
+def _difference_axis(panels: Any, fields: Comparison, compared_db: float) -> None:
     from matplotlib.ticker import FixedLocator, FuncFormatter
 
     largest = max(
@@ -237,7 +224,7 @@ def _difference_axis(panels: Any, curves: _Curves, compared_db: float) -> None:
     )
     bound = min(max(largest * 1.3, 3 * _LINEAR_DB), 30.0)
     decades = [10.0**k for k in range(-2, 2) if 10.0**k <= bound]
-    called = curves.labels[curves.against]
+    called = fields.labels[fields.against]
     panels[0].set_ylabel("difference (dB)")
     text = f"minus {called}, where above {number_text(compared_db)} dB of its peak"
     panels[0].set_title(text, loc="left", fontsize=8)

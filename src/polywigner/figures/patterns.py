@@ -1,4 +1,4 @@
-"""Radiation patterns as data sheets show them: cuts, a polar plot, a u-v map and the numbers."""
+"""Far fields as data sheets show them: radiation patterns, and radar cross sections over angles."""
 
 from __future__ import annotations
 
@@ -10,155 +10,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
-from polywigner.figures.fields import (
-    chosen_method,
-    dims_of,
-    fields_of,
-    first_of,
-    label_of,
-    peak_of,
-    printed_unit,
-    quantity_of,
-    squared_unit,
-)
-from polywigner.figures.levels import check_floor, level_db
+from polywigner.figures.levels import check_floor
 from polywigner.figures.style import (
-    LEVEL_MAP,
+    BLUE,
+    GREEN,
+    ORANGE,
+    RED,
     TYPOGRAPHY,
     colour_bar,
+    draw_disc,
+    draw_levels,
     figure_on,
+    floor_text,
     number_text,
-    quantity_text,
-    row_bar,
     write_title,
 )
+from polywigner.geometry.arguments import checked_choice
 from polywigner.propagation.beams import BeamMetrics, beam_metrics
 from polywigner.propagation.patterns import checked_pattern, cuts_of, front_of
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure, SubFigure
-
-
-_INCHES = 3.3
-_RINGS = (30, 60)  # degrees from the axis
-
-
-def draw_hemispheres(
-    found: Any,
-    *,
-    against: str | None = None,
-    floor_db: float = -40.0,
-    title: str = "",
-    figure: Figure | SubFigure | None = None,
-) -> Any:
-    """Levels over all directions of a half space, in the plane of the direction cosines s_x, s_y.
-
-    Parameters
-    ----------
-    found : xarray.Dataset with a variable for each method, as from :func:`polywigner.hemisphere`,
-        over ``theta`` (from the axis) and ``phi`` (around it, from x) in radians. Complex values
-        are squared.
-    against : the variable whose peak is 0 dB; None: the last one.
-    floor_db : lowest level, dB; all that is less has its colour.
-    title : above the panels.
-    figure : matplotlib Figure or SubFigure to draw on; None: a new figure.
-
-    Returns
-    -------
-    The figure or subfigure.
-
-    Raises
-    ------
-    ArgumentError : no such quantity or method; other axes; what is no figure.
-    """
-    import matplotlib as mpl
-
-    check_floor(floor_db)
-    if "directivity" in found:
-        raise ArgumentError(
-            "expected fields on a hemisphere, got a radiation pattern, whose directivity is in dBi "
-            "already; use draw_pattern"
-        )
-    fields = fields_of(found)
-    against = chosen_method(fields, against)
-    dims = dims_of(found)
-    if sorted(dims) != ["phi", "theta"]:
-        raise ArgumentError(f"expected fields over theta and phi, got them over {', '.join(dims)}")
-    first = first_of(found)
-    name, unit = quantity_of(first), printed_unit(first)
-    theta, phi = (np.asarray(found[d].values, dtype=np.float64) for d in ("theta", "phi"))
-    is_field = np.iscomplexobj(fields[against])
-    powers = {
-        m: (np.abs(v) ** 2 if is_field else v).transpose([dims.index("theta"), dims.index("phi")])
-        for m, v in fields.items()
-    }
-    zero = peak_of(powers[against], name)
-    with mpl.rc_context(TYPOGRAPHY):
-        size = _INCHES * len(powers) + 1.2, _INCHES + 0.6
-        figure = figure_on(figure, *size, is_compressed=True)
-        panels = figure.subplots(1, len(powers), squeeze=False, sharey=True)[0]
-        for axes, (method, power) in zip(panels, powers.items(), strict=True):
-            levels = level_db(power, zero, floor_db)
-            shown = draw_disc(axes, theta, phi, levels, floor_db, 0.0)
-            axes.set_xlabel("$s_x$")
-            axes.set_title(label_of(found[method], method))
-        panels[0].set_ylabel("$s_y$")
-        unit = squared_unit(first) if is_field else unit
-        what = f"|{name}|²" if is_field else name
-        text = (
-            f"{what}, dB relative to {quantity_text(zero, unit)}\nfloor {number_text(floor_db)} dB"
-        )
-        row_bar(panels, shown, text)
-        write_title(figure, title)
-    return figure
-
-
-def draw_disc(
-    axes: Axes,
-    theta: NDArray[np.float64],
-    phi: NDArray[np.float64],
-    levels: NDArray[np.float64],
-    low: float,
-    high: float,
-) -> Any:
-    """Levels (n, m) over theta and phi, in the plane of the direction cosines, with its circles."""
-    from matplotlib.patches import Circle
-
-    phi, levels = _once_around(phi, levels)
-    sine = np.sin(theta)[:, None]
-    shown = axes.pcolormesh(
-        sine * np.cos(phi),
-        sine * np.sin(phi),
-        levels,
-        shading="gouraud",
-        cmap=LEVEL_MAP,
-        vmin=low,
-        vmax=high,
-        rasterized=True,
-    )
-    for degrees in (*_RINGS, 90):
-        radius = np.sin(np.radians(degrees))
-        how: dict[str, Any] = {"edgecolor": "0.4" if degrees == 90 else "white", "fill": False}
-        axes.add_patch(Circle((0, 0), radius, lw=0.6, ls="-" if degrees == 90 else ":", **how))
-        if degrees != 90:
-            place = radius * np.cos(np.pi / 4), radius * np.sin(np.pi / 4)
-            axes.text(*place, f"{degrees}°", color="white", fontsize=7, ha="left", va="bottom")
-    axes.set_aspect("equal")
-    axes.set_xlim(-1.02, 1.02)
-    axes.set_ylim(-1.02, 1.02)
-    return shown
-
-
-def _once_around(
-    phi: NDArray[np.float64], levels: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """With the first meridian again at the end, where the circle is left open by one step."""
-    step = phi[1] - phi[0] if len(phi) > 1 else 0.0
-    if abs(phi[-1] + step - phi[0] - 2 * np.pi) > 1e-6 * max(step, 1e-6):
-        return phi, levels
-    return np.append(phi, phi[0] + 2 * np.pi), np.concatenate([levels, levels[:, :1]], axis=1)
-
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -171,7 +40,7 @@ Cut = tuple[str, Floats, Floats]
 
 PatternPanel = Literal["cuts", "polar", "uv", "table"]
 
-_COLOURS = ("#2166ac", "#d7301f", "#1b9e77", "#e69f00")
+_COLOURS = (BLUE, RED, GREEN, ORANGE)
 _DASHES = ("-", "--", "-.", ":")
 _PANELS: dict[str, tuple[float, float]] = {
     "cuts": (4.6, 3.4), "polar": (3.6, 3.4), "uv": (3.8, 3.4), "table": (4.4, 3.4),
@@ -243,7 +112,9 @@ def draw_pattern(
 def _chosen(panels: Sequence[str] | None, meridians: int) -> list[str]:
     if panels is None:
         return [name for name in _PANELS if name != "uv" or meridians >= _LEAST_MERIDIANS]
-    names = [panels] if isinstance(panels, str) or not isinstance(panels, Sequence) else [*panels]
+    if isinstance(panels, str) or not isinstance(panels, Sequence):
+        panels = [panels]
+    names = [checked_choice(panel, "panels", get_args(PatternPanel)) for panel in panels]
     for name in names:
         if name not in get_args(PatternPanel):
             raise ArgumentError(
@@ -283,7 +154,7 @@ def _draw_cuts(axes: Axes, cuts: Sequence[Cut], low: float, high: float) -> None
     axes.xaxis.set_major_locator(MultipleLocator(30 if reach > 45 else 10))
     axes.set_xlabel("angle from the normal $\\theta$ (degrees)")
     axes.set_ylabel("directivity (dBi)")
-    axes.set_title(f"dotted: half the peak; floor {number_text(low - high)} dB", fontsize=8)
+    axes.set_title(f"dotted: half the peak; {floor_text(low - high)}", fontsize=8)
     axes.grid(alpha=0.3, lw=0.5)
     axes.legend(frameon=False, fontsize=8)
 
@@ -311,7 +182,7 @@ def _draw_map(
     shown = draw_disc(axes, theta, phi, np.maximum(levels, low), low, high)
     axes.set_xlabel("$u = \\sin\\theta\\,\\cos\\phi$")
     axes.set_ylabel("$v = \\sin\\theta\\,\\sin\\phi$")
-    colour_bar(axes, shown, f"directivity (dBi), floor {number_text(round(low, 1))} dBi")
+    colour_bar(axes, shown, f"directivity (dBi), {floor_text(round(low, 1), 'dBi')}")
 
 
 def _write_table(axes: Axes, metrics: BeamMetrics) -> None:
@@ -322,3 +193,97 @@ def _write_table(axes: Axes, metrics: BeamMetrics) -> None:
         0.0, 0.95, text, family="DejaVu Sans Mono", fontsize=7, va="top", linespacing=1.5,
         transform=axes.transAxes,
     )  # fmt: skip
+
+
+def draw_rcs(
+    pattern: Any,
+    *,
+    floor_db: float = -40.0,
+    title: str = "",
+    figure: Figure | SubFigure | None = None,
+) -> Any:
+    """Cross sections in dBsm: cuts around z and x-z in polar coordinates, and a map of all angles.
+
+    Parameters
+    ----------
+    pattern : xarray.Dataset or the like, as :func:`polywigner.rcs_pattern` returns, of two angles
+        each or more.
+    floor_db : lowest level, dB below the largest cross section.
+    title : above all panels.
+    figure : matplotlib Figure or SubFigure to draw on; None: a new figure.
+
+    Returns
+    -------
+    The figure or subfigure.
+
+    Raises
+    ------
+    ArgumentError : no pattern, too few angles, a body that scatters nothing; what is no figure.
+    """
+    import matplotlib as mpl
+
+    check_floor(floor_db)
+    azimuth, elevation, levels = _checked_rcs(pattern)
+    high = float(levels.max())
+    low = high + floor_db
+    label = f"RCS (dBsm), {floor_text(round(low, 1), 'dBsm')}"
+    with mpl.rc_context(TYPOGRAPHY):
+        drawn = figure_on(figure, 8.4, 3.8, spacing=0.05)
+        polar = drawn.add_subplot(1, 2, 1, projection="polar")
+        for (name, angles, cut), style in zip(
+            _rcs_cuts(azimuth, elevation, levels), ("-", "--"), strict=True
+        ):
+            polar.plot(angles, np.maximum(cut, low), style, label=name, lw=1.2)
+        polar.set_ylim(low, high)
+        polar.tick_params(labelsize=7)
+        polar.grid(alpha=0.4, lw=0.5)
+        polar.set_title(label, fontsize=8)
+        polar.legend(frameon=False, fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -0.08))
+        axes = drawn.add_subplot(1, 2, 2)
+        places = np.degrees(azimuth), np.degrees(elevation)
+        drawn_levels = np.maximum(levels, low).T
+        shown = draw_levels(axes, drawn_levels, *places, low=low, high=high, shading="nearest")
+        axes.set_xlabel("azimuth (degrees)")
+        axes.set_ylabel("elevation (degrees)")
+        colour_bar(axes, shown, label)
+        write_title(drawn, title)
+    return drawn
+
+
+def _checked_rcs(pattern: Any) -> tuple[Floats, Floats, Floats]:
+    """Azimuth (n,), elevation (m,), and levels (n, m) in dBsm, minus infinity for nothing."""
+    try:
+        azimuth, elevation, values = (
+            np.asarray(pattern[name].values) for name in ("azimuth", "elevation", "rcs")
+        )
+    except (TypeError, KeyError, IndexError, AttributeError):
+        raise ArgumentError(
+            f"expected a pattern of polywigner.rcs_pattern, got {type(pattern).__name__}"
+        ) from None
+    if min(values.shape) < 2:
+        raise ArgumentError(f"expected two angles each or more, got a table of {values.shape}")
+    if not values.max() > 0:
+        raise ArgumentError(
+            "expected a body that scatters something on these angles, got zero everywhere"
+        )
+    with np.errstate(divide="ignore"):
+        return azimuth, elevation, 10 * np.log10(values)
+
+
+def _rcs_cuts(
+    azimuth: Floats, elevation: Floats, levels: Floats
+) -> list[tuple[str, Floats, Floats]]:
+    """The cut nearest to the plane z = 0, over azimuth, and that nearest to x-z, over elevation."""
+    flat = int(np.abs(elevation).argmin())
+    turns = np.abs(np.exp(1j * azimuth)[:, None] - np.array([1.0, -1.0])).argmin(axis=0)
+    front, back = (int(turn) for turn in turns)
+    upright = np.concatenate([elevation, math.pi - elevation[::-1]])
+    across = np.concatenate([levels[front], levels[back][::-1]])
+    return [
+        (
+            f"over azimuth, elevation {number_text(round(math.degrees(elevation[flat]), 2))}°",
+            azimuth,
+            levels[:, flat],
+        ),
+        ("over elevation, in the x-z plane", upright, across),
+    ]

@@ -1,4 +1,4 @@
-"""Fields on a plane: irradiances in dB and phases, by several methods side by side."""
+"""Fields on planes and hemispheres: levels in dB and phases, by several methods side by side."""
 
 from __future__ import annotations
 
@@ -8,40 +8,39 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
-from polywigner.figures.fields import (
-    chosen_method,
-    dims_of,
-    even_axis,
-    fields_of,
-    first_of,
-    label_of,
-    peak_of,
-    printed_unit,
-    quantity_of,
-    squared_unit,
+from polywigner.figures.fields import Comparison, even_axis
+from polywigner.figures.levels import (
+    COMPARED_DB,
+    check_floor,
+    checked_dataset,
+    difference_db,
+    level_db,
 )
-from polywigner.figures.levels import COMPARED_DB, check_floor, difference_db, level_db
 from polywigner.figures.style import (
-    LEVEL_MAP,
-    SIGNED_MAP,
+    PHASE_MAP,
     TYPOGRAPHY,
+    axis_label,
+    colour_bar,
+    draw_disc,
+    draw_levels,
+    draw_map,
+    draw_signed,
     figure_on,
     number_text,
-    quantity_text,
-    row_bar,
     write_title,
 )
 from polywigner.geometry.display import length_unit
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
 
 
-Extent = tuple[float, float, float, float]
+Floats = NDArray[np.float64]
+Axis = tuple[str, Floats]
+"""The label of an axis, and places along it in the unit that the label names."""
 
-_PHASE_MAP = "twilight"  # cyclic: -180 and 180 degrees have one colour
-_INCHES, _ALONE = 3.0, 4.8  # width of a panel without its colour bar: of several, of one
+# Width of a panel without its colour bar: of several maps, of one alone, of a disc.
+_INCHES, _ALONE, _DISC = 3.0, 4.8, 3.3
 _MOST_DB = 3.0
 """Largest difference with a colour of its own."""
 
@@ -80,129 +79,143 @@ def draw_planes(
     import matplotlib as mpl
 
     check_floor(floor_db)
-    fields = fields_of(found)
-    against = chosen_method(fields, against)
-    first = first_of(found)
-    name, unit = quantity_of(first), printed_unit(first)
-    dims, fields = _turned(dims_of(found), fields)
-    extent, labels, shape = _axes(found, dims)
-    is_field = np.iscomplexobj(fields[against])
-    powers = {m: np.abs(v) ** 2 if is_field else v for m, v in fields.items()}
-    zero = peak_of(powers[against], name)
-    unit = squared_unit(first) if is_field else unit
-    rows = 2 if is_field or len(fields) > 1 else 1
+    fields = Comparison.of(found, against)
+    across, up = _axes(found, fields.dims)
+    extents = [np.ptp(places) + places[1] - places[0] for _, places in (across, up)]
+    rows = 2 if fields.is_field or len(fields.powers) > 1 else 1
     with mpl.rc_context(TYPOGRAPHY):
-        ratio = float(np.clip(shape, 0.4, 2.0))
-        columns = len(fields)
+        ratio = float(np.clip(extents[1] / extents[0], 0.4, 2.0))
+        columns = len(fields.powers)
         inches = _INCHES if rows * columns > 1 else _ALONE
         size = (inches * columns + 1.4, (inches * ratio + 0.45) * rows + 0.3)
         figure = figure_on(figure, *size, is_compressed=True)
         panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
-        top = []
-        for axes, (method, power) in zip(panels[0], powers.items(), strict=True):
-            levels = level_db(power, zero, floor_db)
-            top.append(_show(axes, levels, extent, cmap=LEVEL_MAP, vmin=floor_db, vmax=0.0))
-            axes.set_title(label_of(found[method], method))
-        what = f"|{name}|²" if is_field else name
-        relative = f"dB relative to {quantity_text(zero, unit).rstrip()}"
-        row_bar(panels[0], top[-1], f"{what}, {relative}\nfloor {number_text(floor_db)} dB")
-        if is_field:
-            _draw_phases(panels[1], fields, powers, zero, floor_db, extent)
+        for axes, (method, power) in zip(panels[0], fields.powers.items(), strict=True):
+            levels = _upright(level_db(power, fields.zero, floor_db), fields)
+            shown = draw_levels(axes, levels, across[1], up[1], low=floor_db)
+            axes.set_title(fields.labels[method])
+        colour_bar(panels[0], shown, fields.level_text(floor_db))
+        if fields.is_field:
+            _draw_phases(panels[1], fields, floor_db, across[1], up[1])
         elif rows == 2:
-            _draw_differences(
-                panels[1], powers, (against, label_of(found[against], against)), compared_db, extent
-            )
+            _draw_differences(panels[1], fields, compared_db, across[1], up[1])
         for axes in panels[-1]:
-            axes.set_xlabel(labels[0])
+            axes.set_xlabel(across[0])
         for axes in panels[:, 0]:
-            axes.set_ylabel(labels[1])
+            axes.set_ylabel(up[0])
         write_title(figure, title)
     return figure
 
 
-def _turned(
-    dims: tuple[str, ...], fields: dict[str, NDArray[Any]]
-) -> tuple[tuple[str, ...], dict[str, NDArray[Any]]]:
-    """With z, along which beams go, as the first of two axes, the one across."""
-    if len(dims) != 2 or dims[1] != "z":
-        return dims, fields
-    return dims[::-1], {name: values.T for name, values in fields.items()}
-
-
-def _axes(found: Any, dims: tuple[str, ...]) -> tuple[Extent, tuple[str, ...], float]:
-    """Extent for imshow in printed units, labels, and height over width."""
+def _axes(found: Any, dims: tuple[str, ...]) -> tuple[Axis, Axis]:
+    """The axes across and up; z, along which beams go, is never the one upwards."""
     if len(dims) != 2:
         raise ArgumentError(f"expected fields over two axes, got them over {', '.join(dims)}")
-    places = [even_axis(d, np.asarray(found[d].values, dtype=np.float64)) for d in dims]
-    unit = length_unit(max(float(np.ptp(p)) for p in places))
-    edges: list[float] = []
-    for p in places:
-        half = (p[1] - p[0]) / 2  # pixel centres lie on the samples
-        edges += [(p[0] - half) / unit.metres, (p[-1] + half) / unit.metres]
-    labels = tuple(f"${d}$ ({unit.name})" for d in dims)
-    return (
-        (edges[0], edges[1], edges[2], edges[3]),
-        labels,
-        (edges[3] - edges[2]) / (edges[1] - edges[0]),
-    )
+    places = {d: even_axis(d, np.asarray(found[d].values, dtype=np.float64)) for d in dims}
+    unit = length_unit(max(float(np.ptp(p)) for p in places.values()))
+    first, second = ((axis_label(d, unit), p / unit.metres) for d, p in places.items())
+    return (second, first) if dims[1] == "z" else (first, second)
 
 
-def _show(axes: Axes, values: NDArray[Any], extent: Extent, **how: Any) -> Any:
-    """Values (n1, n2), or (n1, n2, 4) in colours, with the first axis across."""
-    return axes.imshow(
-        np.swapaxes(values, 0, 1), origin="lower", extent=extent, interpolation="nearest", **how
-    )
+def _upright(values: NDArray[Any], fields: Comparison) -> NDArray[Any]:
+    """Values with the axis upwards first."""
+    return values if fields.dims[1] == "z" else values.T
 
 
 def _draw_phases(
-    panels: Any,
-    fields: dict[str, NDArray[Any]],
-    powers: dict[str, NDArray[Any]],
-    zero: float,
-    floor_db: float,
-    extent: Extent,
+    panels: Any, fields: Comparison, floor_db: float, across: Floats, up: Floats
 ) -> None:
-    for axes, (method, field) in zip(panels, fields.items(), strict=True):
-        # Noise around nulls has a phase as well: it fades with the level.
-        strength = 1 - level_db(powers[method], zero, floor_db) / floor_db
-        how: dict[str, Any] = {"cmap": _PHASE_MAP, "vmin": -180, "vmax": 180}
-        shown = _show(axes, np.degrees(np.angle(field)), extent, **how)
-        shown.set_alpha(np.clip(3 * strength, 0, 1).T)
-    bar = row_bar(panels, _phase_scale(), "phase (degrees)")
-    bar.set_ticks([-180, -90, 0, 90, 180])
-
-
-def _phase_scale() -> Any:
-    """The mappable of a colour bar of phases: the pictures themselves are partly transparent."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
-    return ScalarMappable(Normalize(-180, 180), _PHASE_MAP)
+    for axes, (method, field) in zip(panels, fields.fields.items(), strict=True):
+        # Noise around nulls has a phase as well: it fades with the level.
+        strength = 1 - level_db(fields.powers[method], fields.zero, floor_db) / floor_db
+        phases = _upright(np.degrees(np.angle(field)), fields)
+        shown = draw_map(axes, phases, across, up, cmap=PHASE_MAP, vmin=-180, vmax=180)
+        shown.set_alpha(_upright(np.clip(3 * strength, 0, 1), fields))
+    # The pictures themselves are partly transparent.
+    bar = colour_bar(panels, ScalarMappable(Normalize(-180, 180), PHASE_MAP), "phase (degrees)")
+    bar.set_ticks([-180, -90, 0, 90, 180])
 
 
 def _draw_differences(
-    panels: Any,
-    powers: dict[str, NDArray[Any]],
-    reference: tuple[str, str],
-    compared_db: float,
-    extent: Extent,
+    panels: Any, fields: Comparison, compared_db: float, across: Floats, up: Floats
 ) -> None:
-    against, called = reference
+    reference = fields.powers[fields.against]
     differences = {
-        m: difference_db(power, powers[against], compared_db)
-        for m, power in powers.items()
-        if m != against
+        method: difference_db(power, reference, compared_db)
+        for method, power in fields.powers.items()
+        if method != fields.against
     }
     largest = max(float(np.nanmax(np.abs(d), initial=0.0)) for d in differences.values())
     bound = min(largest, _MOST_DB) or 1.0
-    shown = None
-    for axes, method in zip(panels, powers, strict=True):
-        if method == against:
+    for axes, method in zip(panels, fields.powers, strict=True):
+        if method == fields.against:
             axes.set_visible(False)
             continue
-        how: dict[str, Any] = {"cmap": SIGNED_MAP, "vmin": -bound, "vmax": bound}
-        shown = _show(axes, differences[method], extent, **how)
+        difference = _upright(differences[method], fields)
+        shown = draw_signed(axes, difference, across, up, bound=bound)
         axes.set_facecolor("0.85")
-        axes.set_title(f"minus {called}", fontsize=8)
+        axes.set_title(f"minus {fields.labels[fields.against]}", fontsize=8)
     text = f"difference (dB)\ngrey: below {number_text(compared_db)} dB"
-    row_bar(panels, shown, text, "both" if largest > bound else "neither")
+    colour_bar(panels, shown, text, "both" if largest > bound else "neither")
+
+
+def draw_hemispheres(
+    found: Any,
+    *,
+    against: str | None = None,
+    floor_db: float = -40.0,
+    title: str = "",
+    figure: Figure | SubFigure | None = None,
+) -> Any:
+    """Levels over all directions of a half space, in the plane of the direction cosines s_x, s_y.
+
+    Parameters
+    ----------
+    found : xarray.Dataset with a variable for each method, as from :func:`polywigner.hemisphere`,
+        over ``theta`` (from the axis) and ``phi`` (around it, from x) in radians. Complex values
+        are squared.
+    against : the variable whose peak is 0 dB; None: the last one.
+    floor_db : lowest level, dB; all that is less has its colour.
+    title : above the panels.
+    figure : matplotlib Figure or SubFigure to draw on; None: a new figure.
+
+    Returns
+    -------
+    The figure or subfigure.
+
+    Raises
+    ------
+    ArgumentError : no such quantity or method; other axes; what is no figure.
+    """
+    import matplotlib as mpl
+
+    check_floor(floor_db)
+    if "directivity" in checked_dataset(found, "found"):
+        raise ArgumentError(
+            "expected fields on a hemisphere, got a radiation pattern, whose directivity is in dBi "
+            "already; use draw_pattern"
+        )
+    fields = Comparison.of(found, against)
+    if sorted(fields.dims) != ["phi", "theta"]:
+        raise ArgumentError(
+            f"expected fields over theta and phi, got them over {', '.join(fields.dims)}"
+        )
+    theta, phi = (np.asarray(found[d].values, dtype=np.float64) for d in ("theta", "phi"))
+    with mpl.rc_context(TYPOGRAPHY):
+        size = _DISC * len(fields.powers) + 1.2, _DISC + 0.6
+        figure = figure_on(figure, *size, is_compressed=True)
+        panels = figure.subplots(1, len(fields.powers), squeeze=False, sharey=True)[0]
+        for axes, (method, power) in zip(panels, fields.powers.items(), strict=True):
+            levels = level_db(
+                power if fields.dims[0] == "theta" else power.T, fields.zero, floor_db
+            )
+            shown = draw_disc(axes, theta, phi, levels, floor_db, 0.0)
+            axes.set_xlabel("$s_x$")
+            axes.set_title(fields.labels[method])
+        panels[0].set_ylabel("$s_y$")
+        colour_bar(panels, shown, fields.level_text(floor_db))
+        write_title(figure, title)
+    return figure

@@ -9,19 +9,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
-from polywigner.figures.levels import check_floor, level_db
+from polywigner.figures.levels import (
+    check_floor,
+    checked_dataset,
+    level_db,
+)
 from polywigner.figures.style import (
-    LEVEL_MAP,
-    SIGNED_MAP,
     TYPOGRAPHY,
-    LengthUnit,
+    axis_label,
     colour_bar,
+    draw_levels,
+    draw_signed,
     figure_on,
-    signed_norm,
-    signed_ticks,
+    is_spectral,
+    latex,
+    signed_bar,
     write_title,
 )
-from polywigner.geometry.display import length_unit
+from polywigner.geometry.display import LengthUnit, length_unit
 
 if TYPE_CHECKING:
     import xarray
@@ -89,11 +94,11 @@ def draw_projections(
 
     check_floor(floor_db)
     cells = _cells(found, layout)
-    axes_of_tiles = {d for name in cells.values() for d in found[name].dims}
+    axes_of_tiles = {d for _, *pair in cells.values() for d in pair}
     for name in axes_of_tiles:
         if len(found[name].values) < 2:
             raise ArgumentError(f"expected at least two samples along {name} to draw, got one")
-    lengths = [d for d in axes_of_tiles if not _spectral(d)]
+    lengths = [d for d in axes_of_tiles if not is_spectral(d)]
     unit = length_unit(max(float(np.ptp(found[d].values)) for d in lengths))
     rows, columns = (max(cell[k] for cell in cells) + 1 for k in (0, 1))
     with mpl.rc_context(TYPOGRAPHY):
@@ -105,57 +110,39 @@ def draw_projections(
             if (row, column) not in cells:
                 axes.set_axis_off()
                 continue
-            across, up = _names(found, cells, row, column)
-            _draw(axes, found, cells[row, column], across, up, unit, floor_db)
+            name, across, up = cells[row, column]
+            _draw(axes, found, name, across, up, unit, floor_db)
             axes.tick_params(labelbottom=True)
-            axes.set_xlabel(_axis_label(across, unit))
+            axes.set_xlabel(axis_label(across, unit))
             if column == 0:
-                axes.set_ylabel(_axis_label(up, unit))
+                axes.set_ylabel(axis_label(up, unit))
         write_title(figure, title)
     return figure
 
 
-def _spectral(name: str) -> bool:
-    return name.startswith(("nu", "upsilon"))
-
-
-Cells = dict[tuple[int, int], str]
+Cells = dict[tuple[int, int], tuple[str, str, str]]
+"""(row, column) -> name of the tile there, and its coordinates to the right and upwards."""
 
 
 def _cells(found: xarray.Dataset, layout: str) -> Cells:
-    """(row, column) -> name of the tile there."""
-    names = list(found.data_vars)
-    kind = found.attrs["kind"]
+    names = list(checked_dataset(found, "found").data_vars)
     if len(names) == 1 and not any("_" in d for d in found[names[0]].dims):
-        return {(0, 0): names[0]}  # of slits
-    p, q, r, s = _COORDINATES[kind]
+        return {(0, 0): (names[0], *found[names[0]].dims)}  # of slits
+    p, q, r, s = _COORDINATES[found.attrs["kind"]]
     if layout == "paper":
-        below, beside = (p, s), (q, r)
-        pairs = {(j, i): (below[i], beside[j]) for i, j in product(range(2), range(2))}
+        pairs = {(j, i): ((p, s)[i], (q, r)[j]) for i, j in product(range(2), repeat=2)}
     elif layout == "all":
-        below, beside = (p, q, r), (q, r, s)  # type: ignore[assignment]
-        pairs = {(j, i): (below[i], beside[j]) for i in range(3) for j in range(i, 3)}
+        pairs = {(j, i): ((p, q, r)[i], (q, r, s)[j]) for i in range(3) for j in range(i, 3)}
     else:
         raise ArgumentError(f'expected layout to be "paper" or "all", got {layout!r}')
     named = {frozenset(found[name].dims): name for name in names}
-    missing = [pair for pair in pairs.values() if frozenset(pair) not in named]
-    if missing:
-        raise ArgumentError(
-            f"expected projections with all their tiles, got none of {' and '.join(missing[0])}; "
-            "leave out tiles="
-        )
-    return {cell: named[frozenset(pair)] for cell, pair in pairs.items()}
-
-
-def _names(found: xarray.Dataset, cells: Cells, row: int, column: int) -> tuple[str, str]:
-    """The coordinates to the right and upwards: those shared along the column and the row."""
-    if len(cells) == 1:
-        first, second = found[cells[row, column]].dims
-        return first, second
-    p, q, r, s = _COORDINATES[found.attrs["kind"]]
-    if len(cells) == 4:
-        return (p, s)[column], (q, r)[row]
-    return (p, q, r)[column], (q, r, s)[row]
+    for across, up in pairs.values():
+        if frozenset((across, up)) not in named:
+            raise ArgumentError(
+                f"expected projections with all their tiles, got none of {across} and {up}; "
+                "leave out tiles="
+            )
+    return {cell: (named[frozenset(pair)], *pair) for cell, pair in pairs.items()}
 
 
 def _draw(
@@ -171,36 +158,25 @@ def _draw(
     values = np.real(np.asarray(tile.values))
     values = values.T if tile.dims == (across, up) else values
     peak = float(np.max(np.abs(values))) or 1.0
-    scaled = values / peak
-    symbol = _integral(found.attrs["kind"], tile.dims, np.iscomplexobj(tile.values))
     size = _size(peak, tile.attrs["units"], unit)
-    if scaled.min() < -_NEGATIVE:
-        how: dict[str, Any] = {"cmap": SIGNED_MAP, "norm": signed_norm()}
-        size = f"relative to {size}"
-    elif _spectral(across) or _spectral(up):
-        scaled = level_db(scaled, 1.0, floor_db)
-        how = {"cmap": LEVEL_MAP, "vmin": floor_db, "vmax": 0.0}
-        size = f"dB relative to {size}"
+    places = [_printed(found, name, unit) for name in (across, up)]
+    if values.min() < -_NEGATIVE * peak:
+        shown = draw_signed(axes, values / peak, *places, shading="nearest")
+        signed_bar(axes, shown, f"relative to {size}")
+    elif is_spectral(across) or is_spectral(up):
+        levels = level_db(values, peak, floor_db)
+        shown = draw_levels(axes, levels, *places, low=floor_db, shading="nearest")
+        colour_bar(axes, shown, f"dB relative to {size}")
     else:
-        scaled = values / _measure(tile.attrs["units"], unit)
-        how = {"cmap": LEVEL_MAP, "vmin": 0.0}
-        size = _unit_text(tile.attrs["units"], unit)
-    shown = axes.pcolormesh(
-        *(_printed(found, name, unit) for name in (across, up)),
-        scaled,
-        shading="nearest",
-        rasterized=True,
-        **how,
-    )
-    bar = colour_bar(axes, shown, size)
-    if "norm" in how:
-        signed_ticks(bar)
-    axes.set_title(symbol)
+        printed = values / _measure(tile.attrs["units"], unit)
+        shown = draw_levels(axes, printed, *places, low=0.0, high=None, shading="nearest")
+        colour_bar(axes, shown, _unit_text(tile.attrs["units"], unit))
+    axes.set_title(_integral(found.attrs["kind"], tile.dims, np.iscomplexobj(tile.values)))
 
 
 def _printed(found: xarray.Dataset, name: str, unit: LengthUnit) -> NDArray[np.float64]:
     values = np.asarray(found[name].values)
-    return values * unit.metres if _spectral(name) else values / unit.metres
+    return values * unit.metres if is_spectral(name) else values / unit.metres
 
 
 def _measure(units: str, unit: LengthUnit) -> float:
@@ -219,10 +195,6 @@ def _size(peak: float, units: str, unit: LengthUnit) -> str:
     return f"{digits}{times} {_unit_text(units, unit)}".rstrip()
 
 
-def _latex(name: str) -> str:
-    return name if "_" not in name and len(name) == 1 else f"\\{name}"
-
-
 def _integral(kind: str, kept: tuple[str, ...], is_complex: bool) -> str:
     """The quantity shown, as a formula: the function and the coordinates it was integrated over."""
     letter = _LETTERS[kind]
@@ -230,10 +202,6 @@ def _integral(kind: str, kept: tuple[str, ...], is_complex: bool) -> str:
     real = r"\mathrm{Re}\," if is_complex else ""
     if len(left_out) != 2:
         return f"${real}{letter}$"
-    measure = r"\,".join(rf"\mathrm{{d}}{_latex(n)}" for n in left_out)
+    measure = r"\,".join(rf"\mathrm{{d}}{latex(n)}" for n in left_out)
     known = _KNOWN.get((kind, kept[0], kept[1]))
     return rf"$\iint {real}{letter}\;{measure}{f' = {real}{known}' if known else ''}$"
-
-
-def _axis_label(name: str, unit: LengthUnit) -> str:
-    return f"${_latex(name)}$ ({'1/' if _spectral(name) else ''}{unit.name})"

@@ -1,4 +1,4 @@
-"""The common style of all pictures: maps, type, units a person reads, and colour bars."""
+"""The common style of all pictures: maps of levels and of signed values, axes, bars, layouts."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from string import ascii_lowercase
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry.display import LengthUnit, draw_rings
@@ -18,6 +19,10 @@ if TYPE_CHECKING:
 
 LEVEL_MAP = "inferno"  # perceptually uniform, black at the floor
 SIGNED_MAP = "RdBu_r"  # diverging, white at zero
+PHASE_MAP = "twilight"  # cyclic: -180 and 180 degrees have one colour
+
+INK, TINT, ACCENT = "#1f3b57", "#c6d7e6", "#c1440e"  # outlines, what surrounds them, marks
+RED, BLUE, ORANGE, GREEN, VIOLET = "#d7301f", "#2166ac", "#e69f00", "#1b9e77", "#7b3294"  # lines
 
 TYPOGRAPHY: dict[Any, Any] = {
     "font.family": "DejaVu Sans",  # comes with matplotlib: the same on every machine
@@ -31,6 +36,60 @@ TYPOGRAPHY: dict[Any, Any] = {
     "ytick.major.width": 0.6,
 }
 
+_LINEAR = 0.01
+"""Signed maps are linear within this part of their peak and logarithmic beyond it."""
+
+
+def draw_levels(
+    axes: Axes, levels: Any, across: Any = None, up: Any = None, *, low: float,
+    high: float | None = 0.0,
+    **how: Any,
+) -> Any:  # fmt: skip
+    """Draw levels in dB from the floor ``low``, black, to ``high``; places as for `draw_map`.
+
+    Or values that are not below ``low``; without ``high`` the largest is the brightest.
+    """
+    return draw_map(axes, levels, across, up, cmap=LEVEL_MAP, vmin=low, vmax=high, **how)
+
+
+def draw_signed(
+    axes: Axes, values: Any, across: Any = None, up: Any = None, *, bound: float | None = None,
+    **how: Any,
+) -> Any:  # fmt: skip
+    """Draw signed values on a symmetric colour scale to ``bound``; places as for `draw_map`.
+
+    Without a bound values reach from -1 to 1, and the scale is logarithmic so that faint ones are
+    seen as well; :func:`signed_bar` is for it.
+    """
+    if bound is None:
+        from matplotlib.colors import SymLogNorm
+
+        how["norm"] = SymLogNorm(_LINEAR, linscale=0.5, vmin=-1.0, vmax=1.0)
+    else:
+        how |= {"vmin": -bound, "vmax": bound}
+    return draw_map(axes, values, across, up, cmap=SIGNED_MAP, **how)
+
+
+def draw_map(axes: Axes, values: Any, across: Any, up: Any, **how: Any) -> Any:
+    """Draw values (m, n) at places ``across`` (n,) and ``up`` (m,); None: a picture, from its top.
+
+    Places are evenly spaced, unless ``how`` names a shading: those of a mesh may be any.
+    """
+    if "shading" in how:
+        return axes.pcolormesh(across, up, values, rasterized=True, **how)
+    if across is None:
+        return axes.imshow(values, **how)
+    extent = (*_outer_edges(across), *_outer_edges(up))
+    return axes.imshow(
+        values, origin="lower", extent=extent, **({"interpolation": "nearest"} | how)
+    )
+
+
+def _outer_edges(places: NDArray[np.float64]) -> tuple[float, float]:
+    """Edges of the outer pixels: their middles, not their edges, lie on the places."""
+    half = (places[1] - places[0]) / 2
+    return float(places[0] - half), float(places[-1] + half)
+
 
 def number_text(value: float) -> str:
     """A number as it is printed, with the minus sign that matplotlib's axes have."""
@@ -39,13 +98,21 @@ def number_text(value: float) -> str:
 
 def quantity_text(value: float, unit: str) -> str:
     """A value with three significant digits and an SI prefix-free unit: ``1.23e-05 W/m²/sr``."""
-    return f"{value:.3g} {unit}"
+    return f"{value:.3g} {unit}".rstrip()
 
 
-def new_figure(width: float, height: float, spacing: float = 0.02) -> Figure:
+def floor_text(floor: float, unit: str = "dB") -> str:
+    """The lowest level of a picture, for the label of its bar."""
+    return f"floor {number_text(floor)} {unit}"
+
+
+def new_figure(
+    width: float, height: float, spacing: float = 0.02, *, is_compressed: bool = False
+) -> Figure:
     """An empty figure, in inches, that no window shows and pyplot does not keep.
 
-    ``spacing`` between panels, as a part of their size.
+    ``spacing`` between panels, as a part of their size; ``is_compressed``: panels of one shape lie
+    next to each other.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -54,6 +121,8 @@ def new_figure(width: float, height: float, spacing: float = 0.02) -> Figure:
     layout = ConstrainedLayoutEngine(wspace=spacing, hspace=spacing)
     figure = Figure(figsize=(width, height), dpi=150, layout=layout)
     FigureCanvasAgg(figure)
+    if is_compressed:
+        figure.set_layout_engine("compressed")
     return figure
 
 
@@ -62,15 +131,11 @@ def figure_on(
 ) -> Any:
     """The figure or subfigure of a caller, ready to be drawn on; for None a :func:`new_figure`.
 
-    ``is_compressed``: panels of one shape lie next to each other on a new one. An empty figure
-    without a layout gets that of :func:`new_figure`, or colour bars would overlap. Raises
-    ArgumentError for anything else.
+    An empty figure without a layout gets that of :func:`new_figure`, or colour bars would overlap.
+    Raises ArgumentError for anything else.
     """
     if figure is None:
-        made = new_figure(width, height, spacing)
-        if is_compressed:
-            made.set_layout_engine("compressed")
-        return made
+        return new_figure(width, height, spacing, is_compressed=is_compressed)
     from matplotlib.figure import Figure, FigureBase
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
@@ -96,54 +161,47 @@ def checked_axes(axes: Any) -> Any:
     return axes
 
 
+def axes_on(ax: Any, width: float, height: float) -> tuple[Any, Any]:
+    """The axes to draw on, and the caller's result: the axes, or for None the new figure."""
+    if ax is not None:
+        return checked_axes(ax), ax
+    figure = new_figure(width, height)
+    return figure.add_subplot(), figure
+
+
+def checked_title(title: Any) -> str:
+    """A text, or ArgumentError."""
+    if not isinstance(title, str):
+        raise ArgumentError(f"expected title as a text, got {title!r}")
+    return title
+
+
 def write_title(figure: Figure | SubFigure, title: str) -> None:
     """Write the title above all panels; without one the caller's stays."""
-    if title or not figure.get_suptitle():
+    if checked_title(title) or not figure.get_suptitle():
         figure.suptitle(title)
 
 
-def colour_bar(axes: Axes, mappable: Any, label: str, extend: str = "neither") -> Any:
-    """A labelled colour bar as high as its picture."""
-    bar = axes.figure.colorbar(mappable, ax=axes, extend=extend, fraction=0.046, pad=0.03)
-    bar.set_label(label)
-    bar.outline.set_linewidth(0.6)
-    return bar
-
-
-def row_bar(panels: Any, mappable: Any, label: str, extend: str = "neither") -> Any:
-    """A labelled colour bar at the right of a row of panels that share it."""
-    row = list(panels)
+def colour_bar(panels: Any, mappable: Any, label: str, extend: str = "neither") -> Any:
+    """A labelled colour bar as high as its picture, or at the right of a row of panels."""
+    row = [panels] if hasattr(panels, "figure") else list(panels)
+    how = {"aspect": 18} if len(row) > 1 or row[0] is not panels else {}
     bar = row[0].figure.colorbar(
-        mappable, ax=row, extend=extend, fraction=0.046 / len(row), pad=0.03 / len(row), aspect=18
+        mappable, ax=row, extend=extend, fraction=0.046 / len(row), pad=0.03 / len(row), **how
     )
     bar.set_label(label)
     bar.outline.set_linewidth(0.6)
     return bar
 
 
-_LINEAR = 0.01
-"""Signed panels are linear within this part of their peak and logarithmic beyond it."""
-
-
-def signed_norm() -> Any:
-    """Colour norm for values from -1 to 1 that shows faint ones as well."""
-    from matplotlib.colors import SymLogNorm
-
-    return SymLogNorm(_LINEAR, linscale=0.5, vmin=-1.0, vmax=1.0)
-
-
-def signed_ticks(bar: Any) -> None:
-    """The decades of :func:`signed_norm` at its colour bar."""
+def signed_bar(axes: Axes, mappable: Any, label: str) -> None:
+    """The colour bar of :func:`draw_signed` without a bound, with its decades."""
     from matplotlib.ticker import FixedLocator, FuncFormatter
 
+    bar = colour_bar(axes, mappable, label)
     bar.ax.yaxis.set_major_locator(FixedLocator([-1, -0.1, -0.01, 0, 0.01, 0.1, 1]))
     bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: number_text(value)))
     bar.ax.yaxis.set_minor_locator(FixedLocator([]))
-
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 
 def draw_polygons(axes: Axes, shape: Any, unit: LengthUnit, **how: Any) -> None:
@@ -154,15 +212,83 @@ def draw_polygons(axes: Axes, shape: Any, unit: LengthUnit, **how: Any) -> None:
         draw_rings(axes, [np.asarray(ring.coords) for ring in rings], unit.metres, **how)
 
 
+def draw_disc(axes: Axes, theta: Any, phi: Any, levels: Any, low: float, high: float) -> Any:
+    """Levels (n, m) over theta and phi, in the plane of the direction cosines, with its circles."""
+    phi, levels = _once_around(phi, levels)
+    sine = np.sin(theta)[:, None]
+    x, y = sine * np.cos(phi), sine * np.sin(phi)
+    shown = draw_levels(axes, levels, x, y, low=low, high=high, shading="gouraud")
+    draw_circles(axes, above=True)
+    axes.set_aspect("equal")
+    axes.set_xlim(-1.02, 1.02)
+    axes.set_ylim(-1.02, 1.02)
+    return shown
+
+
+def _once_around(
+    phi: NDArray[np.float64], levels: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """With the first meridian again at the end, where the circle is left open by one step."""
+    step = phi[1] - phi[0] if len(phi) > 1 else 0.0
+    if abs(phi[-1] + step - phi[0] - 2 * np.pi) > 1e-6 * max(step, 1e-6):
+        return phi, levels
+    return np.append(phi, phi[0] + 2 * np.pi), np.concatenate([levels, levels[:, :1]], axis=1)
+
+
+def draw_circles(axes: Axes, *, above: bool) -> None:
+    """Rings of 30 and 60 degrees from the axis among direction cosines, and a rim.
+
+    ``above``: their names stand above the middle, else below it.
+    """
+    from matplotlib.patches import Circle
+
+    for degrees in (30, 60):
+        radius = float(np.sin(np.radians(degrees)))
+        axes.add_patch(Circle((0, 0), radius, lw=0.6, ls=":", edgecolor="white", fill=False))
+        place, side = radius * np.sqrt(0.5), 1 if above else -1
+        axes.text(
+            place, side * place, f"{degrees}°", color="white", fontsize=7,
+            ha="left" if above else "right", va="bottom" if above else "top",
+        )  # fmt: skip
+    axes.add_patch(Circle((0, 0), 1.0, lw=0.6, edgecolor="0.4", fill=False))
+
+
+def mark_evanescent(axes: Axes, wavelength: float, unit: LengthUnit, ink: str) -> None:
+    """A dotted circle |nu| = 1/wavelength: waves inside propagate, those outside are evanescent."""
+    from matplotlib.patches import Circle
+
+    radius = unit.metres / wavelength
+    axes.add_patch(Circle((0, 0), radius, fill=False, edgecolor=ink, lw=0.8, ls=":"))
+
+
+def is_spectral(name: str) -> bool:
+    """Whether a coordinate is a frequency, whose unit is one over a length."""
+    return name.startswith(("nu", "upsilon"))
+
+
+def latex(name: str) -> str:
+    """A coordinate in a formula: the Greek ones are ``xi``, ``nu`` and ``upsilon``."""
+    return f"\\{name}" if name.startswith(("xi", "nu", "upsilon")) else name
+
+
+def axis_label(name: str, unit: LengthUnit) -> str:
+    """A coordinate with its unit: ``x (mm)``, ``nu_x (1/mm)``."""
+    return f"${latex(name)}$ ({'1/' if is_spectral(name) else ''}{unit.name})"
+
+
+def label_axes(axes: Axes, symbol: str, unit: LengthUnit) -> None:
+    """Label both axes with the components of ``symbol``: (x, y), (xi_x, xi_y), (nu_x, nu_y), ..."""
+    across, up = ("x", "y") if symbol == "x" else (f"{symbol}_x", f"{symbol}_y")
+    axes.set_xlabel(axis_label(across, unit))
+    axes.set_ylabel(axis_label(up, unit))
+
+
 def length_axes(axes: Axes, symbol: str, unit: LengthUnit) -> None:
     """Set both axes to one scale around the drawing, labelled with components of ``symbol``."""
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.08)
     axes.autoscale_view()
-    # A position is (x, y), a lag (xi_x, xi_y).
-    across, up = ("x", "y") if symbol == "x" else (f"{symbol}_x", f"{symbol}_y")
-    axes.set_xlabel(f"${across}$ ({unit.name})")
-    axes.set_ylabel(f"${up}$ ({unit.name})")
+    label_axes(axes, symbol, unit)
 
 
 def letter_panels(panels: Iterable[Axes]) -> None:

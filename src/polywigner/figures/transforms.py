@@ -1,32 +1,42 @@
-"""The figure of ``polywigner transform``: an aperture, its SFT, a Wigner and an ambiguity slice."""
+"""The figures of ``polywigner transform``, and the values behind them."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 import polywigner as pw
+from polywigner.errors import ArgumentError
 from polywigner.figures.levels import check_floor, level_db
-from polywigner.figures.slices import TransformSlices
 from polywigner.figures.style import (
-    LEVEL_MAP,
-    SIGNED_MAP,
+    ACCENT,
+    INK,
+    TINT,
     TYPOGRAPHY,
-    LengthUnit,
+    checked_title,
     colour_bar,
+    draw_levels,
     draw_polygons,
+    draw_signed,
     figure_on,
+    floor_text,
+    label_axes,
     length_axes,
     letter_panels,
-    number_text,
-    signed_norm,
-    signed_ticks,
+    mark_evanescent,
+    signed_bar,
     write_title,
 )
-from polywigner.figures.systems import SystemSlices, draw_system_panels
-from polywigner.geometry.display import length_unit
+from polywigner.geometry.arguments import (
+    checked_count,
+    checked_wavelength,
+    real_numbers,
+)
+from polywigner.geometry.display import LengthUnit, length_unit
+from polywigner.illumination.support import mutual_support
 from polywigner.transforms.wavefronts import flat_of
 
 if TYPE_CHECKING:
@@ -34,9 +44,279 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
 
 
-_INK = "#1f3b57"
-_TINT = "#c6d7e6"
-_ACCENT = "#c1440e"
+LARGEST_SAMPLES = 4096
+"""Along each axis: an array of as many complex squares holds 256 MiB."""
+
+_LOBES = 8.0
+"""Half width of the frequency axes without a wavelength, in 1/diameter: five lobes of a square."""
+
+
+@dataclass(frozen=True)
+class TransformSlices:
+    """Values of the transforms of one source; arrays are read-only, lengths in metres.
+
+    ``fourier`` (n, n) complex, ``wigner`` (n, n) real and ``ambiguity`` (n, n) complex, all in
+    m^2, with the second frequency component along the first axis: ``fourier[j, i]`` belongs to
+    (frequency[i], frequency[j]). ``frequency`` (n,) in 1/m is the axis of nu and of upsilon.
+    """
+
+    source: pw.Aperture | pw.Array | pw.Wavefront
+    aperture: pw.Aperture
+    """Outline of the source; for an array, the outline of all elements."""
+    support: pw.Aperture
+    """The automean, or a region around it: where W may differ from zero."""
+    x: tuple[float, float]
+    xi: tuple[float, float]
+    wavelength: float | None
+    frequency: NDArray[np.float64]
+    fourier: NDArray[np.complex128]
+    wigner: NDArray[np.float64]
+    ambiguity: NDArray[np.complex128]
+
+
+def transform_slices(
+    source: pw.Aperture | pw.Array | pw.Wavefront,
+    x: ArrayLike | None = None,
+    xi: ArrayLike | None = None,
+    wavelength: float | None = None,
+    samples: int = 257,
+) -> TransformSlices:
+    """F(nu), W(x, nu) at one position and A(upsilon, xi) at one lag, on a square of frequencies.
+
+    Parameters
+    ----------
+    source : an aperture with its field, or an array of apertures in the plane z = 0; or one with a
+        curved wave; metres.
+    x : (2,) m, inside the automean; None: the middle of the bounds where that is inside, else a
+        point inside.
+    xi : (2,) m, a lag at which the aperture overlaps itself; None: a quarter of the width, or of
+        the height, or a sixteenth, whichever first leaves a quarter of the area.
+    wavelength : m; the axes reach to |nu| = 1/wavelength. None: to 8/diameter.
+    samples : points along each axis, from 2 to 4096; an odd number has nu = 0 among them.
+
+    Raises
+    ------
+    ArgumentError : anything but such a source; W vanishes at this x, or A at this xi, for every
+    frequency; too few or too many samples.
+    GeometryError : elements of an array that do not lie in the plane z = 0.
+    """
+    checked_count(samples, "samples", 2, LARGEST_SAMPLES)
+    aperture, support = outline_of(source), mutual_support(flat_of(source))
+    position = default_position(support, aperture.centre) if x is None else _point(x)
+    lag = _default_lag(aperture) if xi is None else _point(xi)
+    _check_supports(aperture, support, position, lag)
+    half = _half_width(aperture, wavelength)
+    frequency = np.linspace(-half, half, samples)
+    grid = np.stack(np.meshgrid(frequency, frequency), axis=-1)
+    return TransformSlices(
+        source,
+        aperture,
+        support,
+        position,
+        lag,
+        wavelength,
+        _frozen(frequency),
+        _frozen(pw.fourier(_in_plane(source), grid)),
+        _frozen(pw.wigner(source, position, grid)),
+        _frozen(pw.ambiguity(source, grid, lag)),
+    )
+
+
+def outline_of(source: pw.Aperture | pw.Array | pw.Wavefront) -> pw.Aperture:
+    """The aperture itself, or the union of an array's elements; ArgumentError for others.
+
+    Of a source with a curved wave that of its flat source.
+    """
+    source = flat_of(source)
+    if isinstance(source, pw.Aperture):
+        return source
+    if not isinstance(source, pw.Array) or source.dimension == 1:
+        got = "slits" if isinstance(source, pw.Array) else type(source).__name__
+        raise ArgumentError(f"expected an aperture, or an array of apertures, got {got}")
+    return source.support
+
+
+def _in_plane(source: Any) -> Any:
+    """A source whose Fourier transform takes two-component nu."""
+    if isinstance(source, pw.Array) and source.dimension == 3:
+        return pw.Array(source.elements_in_plane, source.weights)
+    return source
+
+
+def samples_needed(aperture: pw.Aperture, wavelength: float | None) -> int:
+    """Samples along each axis that show all of |F|^2, W and A between them.
+
+    Parameters
+    ----------
+    aperture : the outline of the source.
+    wavelength : as for :func:`transform_slices`.
+    """
+    reach = _half_width(aperture, wavelength)
+    return max(axis.count for axis in pw.suggest_sampling(aperture, reach=reach).axes)
+
+
+def _half_width(aperture: pw.Aperture, wavelength: float | None) -> float:
+    if wavelength is None:
+        return _LOBES / aperture.diameter
+    return 1.0 / checked_wavelength(wavelength)
+
+
+def _point(value: ArrayLike) -> tuple[float, float]:
+    try:
+        point = real_numbers(value)
+    except ValueError:
+        point = np.empty(0)
+    if point.shape != (2,) or not np.all(np.isfinite(point)):
+        raise ArgumentError(f"expected two finite coordinates, got {value!r}")
+    return float(point[0]), float(point[1])
+
+
+def _frozen(values: Any) -> NDArray[Any]:
+    array = np.array(values)
+    array.setflags(write=False)
+    return array
+
+
+def default_position(support: pw.Aperture, middle: NDArray[np.float64]) -> tuple[float, float]:
+    import shapely
+
+    centre = shapely.Point(middle)
+    # A representative point keeps its distance from the boundary, where W vanishes.
+    region = support.polygons
+    inside = centre if region.contains(centre) else region.representative_point()
+    return inside.x, inside.y
+
+
+def _default_lag(aperture: pw.Aperture) -> tuple[float, float]:
+    """A lag that keeps a good part of the overlap, so that A differs from F and is not small."""
+    xmin, ymin, xmax, ymax = aperture.bounds
+    width, height = xmax - xmin, ymax - ymin
+    for lag in ((width / 4, 0.0), (0.0, height / 4), (width / 16, 0.0), (0.0, height / 16)):
+        if pw.position_slice(aperture, lag).area > aperture.area / 4:
+            return lag
+    return 0.0, 0.0
+
+
+def _check_supports(
+    aperture: pw.Aperture,
+    support: pw.Aperture,
+    x: tuple[float, float],
+    xi: tuple[float, float],
+) -> None:
+    if not pw.lag_slice(aperture, x).area > 0:
+        bounds = ", ".join(f"{b:.4g}" for b in support.bounds)
+        raise ArgumentError(
+            f"expected a position x inside the automean (bounds {bounds} m), where W is not zero, "
+            f"got ({x[0]:.4g}, {x[1]:.4g}) m; give another, with its unit"
+        )
+    if not pw.position_slice(aperture, xi).area > 0:
+        raise ArgumentError(
+            "expected a lag xi at which the aperture overlaps its shifted copy, got "
+            f"({xi[0]:.4g}, {xi[1]:.4g}) m, where A is zero; give another, with its unit"
+        )
+
+
+# 1/width of the source: four lobes of a square, and a lobe and a half.
+_SYSTEM_LOBES, _BRIGHT = 4.0, 1.5
+
+
+@dataclass(frozen=True)
+class SystemSlices:
+    """W and the light of a source before and behind a system; arrays are read-only, SI units.
+
+    ``before`` (n, n) is W at ((x[i], y), (nu[j], 0)), in m^2; ``behind`` (n, n) that at
+    ((x_out[i], y_out), (nu_out[j], nu_y)), where the ray through the middle, (y_out, nu_y), leaves
+    the system. ``light`` (n, n) is |U|^2 at (across[i], up[j]) behind it.
+    """
+
+    source: pw.Aperture | pw.Array
+    aperture: pw.Aperture
+    system: pw.FirstOrder
+    wavelength: float
+    x: NDArray[np.float64]
+    nu: NDArray[np.float64]
+    before: NDArray[np.float64]
+    x_out: NDArray[np.float64]
+    nu_out: NDArray[np.float64]
+    behind: NDArray[np.float64]
+    across: NDArray[np.float64]
+    up: NDArray[np.float64]
+    light: NDArray[np.float64]
+
+
+def system_slices(
+    source: pw.Aperture | pw.Array,
+    system: pw.FirstOrder,
+    wavelength: float,
+    samples: int = 257,
+) -> SystemSlices:
+    """W of a source over x and nu_x before and behind a system, and the irradiance behind it.
+
+    Parameters
+    ----------
+    source : an aperture with its field, or an array of apertures in the plane z = 0; metres.
+    system : what is between the source and the plane behind.
+    wavelength : m.
+    samples : points along each axis, from 2 to 4096.
+
+    Raises
+    ------
+    ArgumentError : anything but such arguments; too few or too many samples.
+    """
+    checked_count(samples, "samples", 2, LARGEST_SAMPLES)
+    wavelength = checked_wavelength(wavelength)
+    if not isinstance(system, pw.FirstOrder):
+        raise ArgumentError(f"expected a FirstOrder system, got {type(system).__name__}")
+    aperture, support = outline_of(source), mutual_support(flat_of(source))
+    middle = np.array(default_position(support, aperture.centre))
+    xmin, ymin, xmax, ymax = support.bounds
+    width = np.array([xmax - xmin, ymax - ymin])
+    sides = np.array([xmin, xmax]) + np.array([-0.1, 0.1]) * width[0]
+    x = _axis(sides, samples)
+    nu = np.linspace(-_SYSTEM_LOBES / width[0], _SYSTEM_LOBES / width[0], samples)
+    grid = np.meshgrid(x, nu)
+    before = pw.wigner(source, _pairs(grid[0], middle[1]), _pairs(grid[1], 0.0))
+    # the corners of that section, as rays
+    ends = np.array([(a, b) for a in sides for b in nu[[0, -1]]])
+    corners = system.rays(_pairs(ends[:, 0], middle[1]), wavelength * _pairs(ends[:, 1], 0.0))
+    y_out, s_out = system.rays(middle, np.zeros(2))
+    x_out = _axis(corners[0][:, 0], samples)
+    nu_out = _axis(corners[1][:, 0] / wavelength, samples)
+    grid = np.meshgrid(x_out, nu_out)
+    behind = pw.wigner(
+        source,
+        _pairs(grid[0], y_out[1]),
+        _pairs(grid[1], s_out[1] / wavelength),
+        through=system,
+        wavelength=wavelength,
+    )
+    bright = [
+        system.rays(
+            (a, b), (c * wavelength * _BRIGHT / width[0], d * wavelength * _BRIGHT / width[1])
+        )[0]
+        for a in sides
+        for b in (ymin, ymax)
+        for c in (-1, 1)
+        for d in (-1, 1)
+    ]
+    across, up = (_axis(np.array(bright)[:, k], samples) for k in range(2))
+    light = pw.irradiance(
+        source, np.stack(np.meshgrid(across, up), axis=-1), wavelength, through=system,
+        tolerance=1e-6,
+    )  # fmt: skip
+    found = (x, nu, before, x_out, nu_out, behind, across, up, light)
+    for array in found:
+        array.setflags(write=False)
+    return SystemSlices(source, aperture, system, wavelength, *found)
+
+
+def _pairs(first: Any, second: float) -> NDArray[np.float64]:
+    return np.stack([first, np.full_like(first, second)], axis=-1)
+
+
+def _axis(values: NDArray[np.float64], samples: int) -> NDArray[np.float64]:
+    low, high = float(values.min()), float(values.max())
+    return np.linspace(low, high, samples)
 
 
 def draw_transforms(
@@ -71,10 +351,15 @@ def draw_transforms(
     import matplotlib as mpl
 
     check_floor(floor_db)
+    checked_title(title)
+    if not isinstance(slices, (SystemSlices, TransformSlices)):
+        raise ArgumentError(
+            f"expected slices as transform_slices returns them, got {type(slices).__name__}"
+        )
     if isinstance(slices, SystemSlices):
         with mpl.rc_context(TYPOGRAPHY):
             figure = figure_on(figure, 9.4, 7.2, spacing=0.04)
-            draw_system_panels(figure.subplots(2, 2), slices, floor_db)
+            _draw_system_panels(figure.subplots(2, 2), slices, floor_db)
             write_title(figure, _heading(title, slices.wavelength, ""))
         return figure
     unit = length_unit(slices.aperture.diameter)
@@ -82,113 +367,122 @@ def draw_transforms(
         figure = figure_on(figure, 11.6, 6.9, spacing=0.04)
         panels = figure.subplots(2, 3).ravel()
         _draw_supports(panels[0], slices, unit)
-        _draw_levels(panels[1], slices, unit, floor_db)
-        _draw_signed(panels[2], slices, slices.fourier.real, unit, "Re F(ν)", r"\nu")
+        _draw_power(panels[1], slices, unit, floor_db)
+        _draw_real(panels[2], slices, slices.fourier.real, unit, "Re F(ν)", "nu")
         _draw_lag_slice(panels[3], slices, unit)
-        _draw_signed(panels[4], slices, slices.wigner, unit, "W(x, ν)", r"\nu")
-        _draw_signed(panels[5], slices, slices.ambiguity.real, unit, "Re A(υ, ξ)", r"\upsilon")
+        _draw_real(panels[4], slices, slices.wigner, unit, "W(x, ν)", "nu")
+        _draw_real(panels[5], slices, slices.ambiguity.real, unit, "Re A(υ, ξ)", "upsilon")
         letter_panels(panels)
         write_title(figure, _heading(title, slices.wavelength))
     return figure
 
 
+def _draw_system_panels(axes: Any, slices: SystemSlices, floor_db: float) -> None:
+    """The aperture, W before, the light behind, and W behind, on (2, 2) axes."""
+    unit = length_unit(slices.aperture.diameter)
+    draw_polygons(axes[0, 0], slices.aperture.polygons, unit, facecolor=INK, edgecolor="none")
+    axes[0, 0].set_title("aperture")
+    length_axes(axes[0, 0], "x", unit)
+    _draw_section(axes[0, 1], slices, slices.x, slices.nu, slices.before, "W(x, ν) before")
+    wide = length_unit(float(np.ptp(slices.across)))
+    peak = float(slices.light.max())
+    places = slices.across / wide.metres, slices.up / wide.metres
+    levels = level_db(slices.light, peak, floor_db)
+    shown = draw_levels(axes[1, 0], levels, *places, low=floor_db, interpolation=None)
+    colour_bar(axes[1, 0], shown, f"dB relative to {peak:.3g}, {floor_text(floor_db)}")
+    axes[1, 0].set_title("|U|² behind")
+    label_axes(axes[1, 0], "x", wide)
+    _draw_section(axes[1, 1], slices, slices.x_out, slices.nu_out, slices.behind, "W(x, ν) behind")
+    letter_panels(axes.ravel())
+
+
+def _draw_section(
+    axes: Axes, slices: SystemSlices, x: Any, nu: Any, values: Any, title: str
+) -> None:
+    """W over x and the direction lambda nu, in units of the largest before the system."""
+    unit = length_unit(float(np.ptp(x)))
+    peak = float(np.abs(slices.before).max())
+    directions = nu * slices.wavelength * 1e3
+    shown = draw_signed(axes, values / peak, x / unit.metres, directions, aspect="auto")
+    signed_bar(axes, shown, "W / peak before")
+    axes.set_title(title)
+    axes.set_xlabel(f"$x$ ({unit.name})")
+    axes.set_ylabel(r"$\lambda\nu_x$ (mrad)")
+
+
 def _draw_supports(axes: Axes, slices: TransformSlices, unit: LengthUnit) -> None:
-    support = slices.support.polygons
     array = isinstance(flat_of(slices.source), pw.Array)
-    names = ("W is 0 outside", "elements") if array else ("automean", "aperture")
+    support, aperture = ("W is 0 outside", "elements") if array else ("automean", "aperture")
     overlap = pw.position_slice(slices.aperture, slices.xi)
-    draw_polygons(axes, support, unit, facecolor=_TINT, edgecolor="none", label=names[0])
-    draw_polygons(
-        axes, slices.aperture.polygons, unit, facecolor=_INK, edgecolor="none", label=names[1]
-    )
-    draw_polygons(
-        axes, overlap, unit, facecolor="none", edgecolor=_ACCENT, label="position slice at ξ"
-    )
+    for shape, face, edge, label in (
+        (slices.support.polygons, TINT, "none", support),
+        (slices.aperture.polygons, INK, "none", aperture),
+        (overlap, "none", ACCENT, "position slice at ξ"),
+    ):
+        draw_polygons(axes, shape, unit, facecolor=face, edgecolor=edge, label=label)
     x = np.asarray(slices.x) / unit.metres
-    axes.plot(*x, "+", color=_ACCENT, markersize=8, markeredgewidth=1.4, label="x")
-    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=4, **_LEGEND)
-    axes.set_title(f"{names[1]}; ξ = {_point_text(slices.xi, unit)}")
+    axes.plot(*x, "+", color=ACCENT, markersize=8, markeredgewidth=1.4, label="x")
+    _write_legend(axes, 4)
+    axes.set_title(f"{aperture}; ξ = {_point_text(slices.xi, unit)}")
     length_axes(axes, "x", unit)
 
 
 def _draw_lag_slice(axes: Axes, slices: TransformSlices, unit: LengthUnit) -> None:
-    import shapely
+    from shapely.affinity import affine_transform
 
+    x, y = slices.x
+    for sign, style, label in ((2, "-", "2(Γ − x)"), (-2, "--", "2(x − Γ)")):
+        copy = affine_transform(slices.aperture.polygons, (sign, 0, 0, sign, -sign * x, -sign * y))
+        draw_polygons(
+            axes, copy, unit, facecolor="none", edgecolor=INK, linestyle=style, label=label
+        )
     lags = pw.lag_slice(slices.aperture, slices.x)
-    doubled = shapely.affinity.affine_transform(
-        slices.aperture.polygons, (2, 0, 0, 2, -2 * slices.x[0], -2 * slices.x[1])
-    )
-    mirrored = shapely.affinity.scale(doubled, -1, -1, origin=(0, 0))
-    draw_polygons(axes, doubled, unit, facecolor="none", edgecolor=_INK, label="2(Γ − x)")
     draw_polygons(
-        axes, mirrored, unit, facecolor="none", edgecolor=_INK, linestyle="--", label="2(x − Γ)"
+        axes, lags, unit, facecolor=ACCENT, edgecolor="none", alpha=0.35, label="lag slice"
     )
-    draw_polygons(
-        axes, lags, unit, facecolor=_ACCENT, edgecolor="none", alpha=0.35, label="lag slice"
-    )
-    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=3, **_LEGEND)
+    _write_legend(axes, 3)
     axes.set_title(f"lag slice at x = {_point_text(slices.x, unit)}")
-    length_axes(axes, r"\xi", unit)
+    length_axes(axes, "xi", unit)
 
 
-def _draw_levels(axes: Axes, slices: TransformSlices, unit: LengthUnit, floor_db: float) -> None:
+def _write_legend(axes: Axes, columns: int) -> None:
+    how = {"handlelength": 1.2, "handletextpad": 0.5, "columnspacing": 1.0}
+    axes.legend(
+        loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=columns, frameon=False,
+        fontsize=7.5, **how,
+    )  # fmt: skip
+
+
+def _draw_power(axes: Axes, slices: TransformSlices, unit: LengthUnit, floor_db: float) -> None:
     power = np.abs(slices.fourier) ** 2
     uniform = isinstance(slices.source, pw.Aperture) and slices.source.illumination is None
     reference = slices.aperture.area**2 if uniform else float(power.max())
+    places = slices.frequency * unit.metres
     levels = level_db(power, reference, floor_db)
-    shown = _show(axes, slices, levels, unit, cmap=LEVEL_MAP, vmin=floor_db, vmax=0.0)
+    shown = draw_levels(axes, levels, places, places, low=floor_db)
     zero = "|F(0)|²" if uniform else "the peak shown"
-    colour_bar(axes, shown, f"dB relative to {zero}, floor {number_text(floor_db)} dB")
+    colour_bar(axes, shown, f"dB relative to {zero}, {floor_text(floor_db)}")
     axes.set_title("|F(ν)|²")
-    _frequency_axes(axes, r"\nu", unit, slices.wavelength, "white")
+    _frequency_axes(axes, "nu", unit, slices.wavelength, "white")
 
 
-def _draw_signed(
-    axes: Axes,
-    slices: TransformSlices,
-    values: NDArray[np.float64],
-    unit: LengthUnit,
-    name: str,
-    symbol: str,
+def _draw_real(
+    axes: Axes, slices: TransformSlices, values: Any, unit: LengthUnit, name: str, symbol: str
 ) -> None:
     peak = float(np.max(np.abs(values)))
-    shown = _show(axes, slices, values / peak, unit, cmap=SIGNED_MAP, norm=signed_norm())
-    bar = colour_bar(axes, shown, f"{name} / ({peak / unit.metres**2:.4g} {unit.name}²)")
-    signed_ticks(bar)
+    places = slices.frequency * unit.metres
+    shown = draw_signed(axes, values / peak, places, places)
+    signed_bar(axes, shown, f"{name} / ({peak / unit.metres**2:.4g} {unit.name}²)")
     axes.set_title(name)
     _frequency_axes(axes, symbol, unit, slices.wavelength, "0.35")
-
-
-_LEGEND: dict[str, Any] = {
-    "frameon": False,
-    "fontsize": 7.5,
-    "handlelength": 1.2,
-    "handletextpad": 0.5,
-    "columnspacing": 1.0,
-}
-
-
-def _show(
-    axes: Axes, slices: TransformSlices, values: NDArray[Any], unit: LengthUnit, **how: Any
-) -> Any:
-    step = slices.frequency[1] - slices.frequency[0]
-    # Pixel centres, not edges, lie on the sampled frequencies.
-    edge = (slices.frequency[-1] + step / 2) * unit.metres
-    extent = (-edge, edge, -edge, edge)
-    return axes.imshow(values, origin="lower", extent=extent, interpolation="nearest", **how)
 
 
 def _frequency_axes(
     axes: Axes, symbol: str, unit: LengthUnit, wavelength: float | None, ink: str
 ) -> None:
     if wavelength is not None:
-        from matplotlib.patches import Circle
-
-        # Inside propagates, outside is evanescent.
-        radius = unit.metres / wavelength
-        axes.add_patch(Circle((0, 0), radius, fill=False, edgecolor=ink, lw=0.8, ls=":"))
-    axes.set_xlabel(f"${symbol}_x$ (1/{unit.name})")
-    axes.set_ylabel(f"${symbol}_y$ (1/{unit.name})")
+        mark_evanescent(axes, wavelength, unit, ink)
+    label_axes(axes, symbol, unit)
 
 
 def _point_text(point: tuple[float, float], unit: LengthUnit) -> str:

@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+import math
 import warnings
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, EngineError, MissingExtraError
-from polywigner.figures.fields import Samples, field_samples
-from polywigner.figures.levels import check_floor, level_db
+from polywigner.figures.fields import even_axis, peak_of, printed_unit, quantity_of
+from polywigner.figures.levels import (
+    check_floor,
+    checked_dataset,
+    level_db,
+)
 from polywigner.figures.style import (
     TYPOGRAPHY,
     checked_axes,
+    floor_text,
     new_figure,
     number_text,
     quantity_text,
@@ -30,6 +37,7 @@ from polywigner.figures.volumes_layers import (
     shaded,
 )
 from polywigner.figures.volumes_pyvista import pyvista_layers
+from polywigner.geometry.arguments import checked_row
 from polywigner.geometry.display import length_unit
 
 if TYPE_CHECKING:
@@ -157,7 +165,7 @@ def check_volume_options(
     _check_name("renderer", renderer, Renderer)
     if surfaces is None:
         return tuple(sorted(floor_db * part for part in _SURFACES))
-    levels = tuple(sorted({float(level) for level in surfaces}))
+    levels = tuple(sorted(set(checked_row(surfaces, "expected surfaces as levels in dB").tolist())))
     if not levels or not all(floor_db <= level < 0 for level in levels):
         raise ArgumentError(
             f"expected surfaces at levels from the floor, {floor_db:g} dB, to below 0 dB, got "
@@ -166,10 +174,83 @@ def check_volume_options(
     return levels
 
 
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Real values (n1, n2, ...) of a quantity on evenly spaced axes in metres.
+
+    ``corners`` are the places of the first and of the last sample, ``unit`` that of the values, as
+    it is printed.
+    """
+
+    name: str
+    unit: str
+    values: Floats
+    corners: tuple[Floats, Floats]
+
+    @property
+    def spacing(self) -> Floats:
+        lower, upper = self.corners
+        return (upper - lower) / (np.array(self.values.shape) - 1)
+
+    def zero_db(self, reference: float | None) -> float:
+        """The value of 0 dB: the reference, or the largest value; ArgumentError if not above 0."""
+        if reference is None:
+            return peak_of(self.values, self.name)
+        if not (reference > 0 and math.isfinite(reference)):
+            raise ArgumentError(f"expected a reference above zero, got {reference:g}")
+        return float(reference)
+
+
+def field_samples(
+    found: Any, name: str | None, dims: tuple[str, ...], most: int | None = None
+) -> Samples:
+    """The real samples of ``found[name]`` over the axes ``dims``, in this order.
+
+    Parameters
+    ----------
+    found : xarray.Dataset with evenly spaced coordinates in metres.
+    name : None: the only variable.
+    most : along an axis; of longer ones every second, third, ... sample. Arrays that are read when
+        asked are asked for these samples only. None: all.
+
+    Raises
+    ------
+    ArgumentError : no such quantity or axes, fewer than two samples along an axis, uneven ones,
+    samples that are nan (a file that has not been finished).
+    """
+    checked_dataset(found, "found")
+    if name is None and len(found.data_vars) == 1:
+        (name,) = found.data_vars
+    if name is None or name not in found.data_vars:
+        raise ArgumentError(
+            f"expected the name of one of {', '.join(map(str, found.data_vars))}, got {name!r}"
+        )
+    array = found[name]
+    if sorted(array.dims) != sorted(dims):
+        raise ArgumentError(
+            f"expected {name} over {', '.join(dims)}, got it over {', '.join(map(str, array.dims))}"
+        )
+    array = array.transpose(*dims)
+    if most is not None:
+        array = array[tuple(slice(None, None, -(-n // most)) for n in array.shape)]
+    axes = [even_axis(d, np.asarray(array[d].values, dtype=np.float64)) for d in dims]
+    values = np.asarray(array.values)
+    if np.iscomplexobj(values):
+        raise ArgumentError(f"expected {name} as real values, got complex ones; draw their squares")
+    values = values.astype(np.float64)
+    if np.isnan(values).any():
+        raise ArgumentError(
+            f"expected {name} at all points, got nan at {np.isnan(values).mean():.1%} of them; "
+            "finish the run that computes it"
+        )
+    ends = np.array([[a[0], a[-1]] for a in axes])
+    return Samples(quantity_of(array), printed_unit(array), values, (ends[:, 0], ends[:, 1]))
+
+
 def _check_name(what: str, name: str, known: Any) -> None:
     from typing import get_args
 
-    if name not in get_args(known):
+    if not isinstance(name, str) or name not in get_args(known):
         raise ArgumentError(
             f"expected {what} to be one of {', '.join(get_args(known))}, got {name!r}"
         )
@@ -251,9 +332,8 @@ def _label(
 ) -> str:
     listed = ", ".join(number_text(level) for level in reversed(shells))
     peak = ", the largest in the box" if reference is None else ""
-    floor = number_text(floor_db)
     return (
         f"{volume.name}, dB relative to {quantity_text(zero, volume.unit)}{peak}\n"
         f"surfaces at {listed} dB\n"
-        f"walls: {projection} along their normals, floor {floor} dB"
+        f"walls: {projection} along their normals, {floor_text(floor_db)}"
     )

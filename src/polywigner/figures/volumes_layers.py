@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.figures.slices import outline_of
 from polywigner.figures.style import LengthUnit, number_text
+from polywigner.figures.transforms import outline_of
 
 Floats = NDArray[np.float64]
 

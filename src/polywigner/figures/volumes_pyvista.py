@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.errors import EngineError, MissingExtraError, install_command
+from polywigner.errors import EngineError, missing_extra
 from polywigner.figures.volumes_layers import Layers, View
 from polywigner.interruption import temporary_folder
 
@@ -41,9 +41,7 @@ def pyvista_layers(
     EngineError : it is, but cannot draw on this machine.
     """
     if importlib.util.find_spec("pyvista") is None:
-        raise MissingExtraError(
-            f"expected pyvista to draw with, got none; run {install_command('volume')}"
-        )
+        raise missing_extra("pyvista", "volume", "draws isosurfaces")
     upper = lower + spacing * (np.array(levels.shape) - 1)
     page = view.corners(lower, upper)
     middle = (page.min(axis=0) + page.max(axis=0)) / 2

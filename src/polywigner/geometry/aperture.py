@@ -13,13 +13,24 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, GeometryError, IlluminationError
 from polywigner.geometry.arguments import Outline, checked_number, rigid_pose
+from polywigner.geometry.convex import convex_pieces, triangulate_part
 from polywigner.geometry.display import length_text, plot_rings, shown_as_html
 from polywigner.geometry.exact import Ring, orientations, total_area
-from polywigner.geometry.field import Field, checked_field, checked_shift, turned_points
-from polywigner.geometry.grid import combined_on_grid, union_on_grid
-from polywigner.geometry.parts import merge_parts, parts_from, split_ring
-from polywigner.geometry.rings import Part, convex_pieces, polygon_of_part, triangulate_part
-from polywigner.geometry.wavefront import TakesWaves
+from polywigner.geometry.parts import (
+    combined_on_grid,
+    merge_parts,
+    parts_from,
+    split_ring,
+    union_on_grid,
+)
+from polywigner.geometry.rings import Part, polygon_of_part
+from polywigner.geometry.wavefront import (
+    Field,
+    TakesWaves,
+    checked_field,
+    checked_shift,
+    turned_points,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

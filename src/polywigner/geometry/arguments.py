@@ -19,7 +19,7 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, GeometryError, PolywignerError, PolywignerWarning
-from polywigner.interruption import unfinished
+from polywigner.interruption import atomic_path
 from polywigner.quantities import SPEED_OF_LIGHT
 
 
@@ -109,6 +109,26 @@ def checked_row(values: Any, expected: str) -> NDArray[np.float64]:
     if numbers.ndim != 1 or not numbers.size:
         raise ArgumentError(f"{expected}, got shape {shape_of(values)}")
     return numbers
+
+
+def checked_array(values: Any, name: str, dimension: int) -> NDArray[np.float64]:
+    """Real numbers with so many axes, none of them empty, or ArgumentError."""
+    try:
+        numbers = real_numbers(values)
+    except ValueError as error:
+        raise ArgumentError(f"expected {name} as an array of real numbers, got {error}") from None
+    if numbers.ndim != dimension or not numbers.size:
+        raise ArgumentError(
+            f"expected {name} with {dimension} axes and some entries, got shape {numbers.shape}"
+        )
+    return numbers
+
+
+def checked_callable(value: Any, name: str) -> Any:
+    """A function or None, or ArgumentError."""
+    if value is not None and not callable(value):
+        raise ArgumentError(f"expected {name} as a function or None, got {value!r}")
+    return value
 
 
 def checked_length(value: Any, name: str, zero: bool = False) -> float:
@@ -434,10 +454,8 @@ def write_lines(file: Path, lines: Iterable[str]) -> None:
     What ``lines`` raises leaves no file behind. Raises ArgumentError where it cannot be written.
     """
     text = "".join(f"{line}\n" for line in lines)
-    scratch = file.with_name(f"{file.name}.{os.getpid()}.partial")
     try:
-        with unfinished(scratch):
+        with atomic_path(file) as scratch:
             scratch.write_text(text, encoding="utf-8", newline="\n")
-            scratch.replace(file)
     except (OSError, ValueError) as error:  # ValueError: a null character in the path
         raise ArgumentError(f"expected to write {file}, got: {error}") from None

@@ -12,7 +12,7 @@ from polywigner.errors import ArgumentError
 from polywigner.geometry.aperture import Aperture
 from polywigner.geometry.arguments import real_numbers
 from polywigner.geometry.exact import Ring
-from polywigner.geometry.grid import polygons_in, union_on_grid
+from polywigner.geometry.parts import polygons_in, union_on_grid
 
 
 def _require_aperture(aperture: Aperture) -> None:

@@ -211,7 +211,8 @@ def double_slit(widths: ArrayLike, height: float, offsets: ArrayLike) -> Apertur
 
 def _two_slits(widths: ArrayLike, offsets: ArrayLike) -> list[tuple[float, float]]:
     """(centre, width) of two slits; one number for `widths` means two equal ones."""
-    pair = _pair((widths, widths) if np.ndim(widths) == 0 else widths, "widths")
+    single = np.isscalar(widths) or getattr(widths, "ndim", None) == 0
+    pair = _pair((widths, widths) if single else widths, "widths")
     places = _pair(offsets, "offsets")
     return [(float(x), _length(float(w), "widths")) for x, w in zip(places, pair, strict=True)]
 

@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import GeometryError
 from polywigner.geometry.arguments import real_numbers
 from polywigner.geometry.display import length_text, shown_as_html
-from polywigner.geometry.field import Field, checked_field, checked_shift
-from polywigner.geometry.wavefront import TakesWaves
+from polywigner.geometry.wavefront import Field, TakesWaves, checked_field, checked_shift
 
 # Intervals that overlap by no more than this fraction of the extent touch; see ``rings``.
 _ROUNDING = 2.0**-46

@@ -4,19 +4,93 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NoReturn, final
+from typing import TYPE_CHECKING, Any, NoReturn, Protocol, final, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, IlluminationError
-from polywigner.geometry.arguments import checked_length, checked_wavelength, real_numbers
+from polywigner.geometry.arguments import (
+    checked_length,
+    checked_number,
+    checked_wavelength,
+    real_numbers,
+    warn_of_degrees,
+)
 from polywigner.geometry.display import length_text, shown_as_html
-from polywigner.geometry.field import checked_shift, turned_points
+
+
+@runtime_checkable
+class Field(Protocol):
+    """The part of :class:`polywigner.Illumination` that travels with a source.
+
+    Fields are made in the room above this one.
+    """
+
+    amplitudes: Any
+    frequencies: Any
+
+    @property
+    def dimension(self) -> int: ...
+
+    def moved(self, shift: Any) -> Field: ...
+
+    def turned(self, angle: Any) -> Field: ...
+
+    def scaled(self, factor: float) -> Field: ...
+
+
+def checked_field(field: Any, dimension: int) -> Field:
+    """The field of a source in ``dimension`` dimensions.
+
+    Raises ArgumentError for what is not an Illumination, IlluminationError for one of another
+    dimension.
+    """
+    if not isinstance(field, Field):
+        advice = (
+            "give its .illumination"
+            if isinstance(getattr(field, "illumination", None), Field)
+            else "make one with polywigner.Illumination(amplitudes, frequencies) or "
+            "polywigner.steering(...)"
+        )
+        raise ArgumentError(f"expected an Illumination, got {type(field).__name__}; {advice}")
+    if field.dimension != dimension:
+        raise IlluminationError(
+            f"expected an illumination with frequencies of {dimension} components, got "
+            f"{field.dimension}"
+        )
+    return field
+
+
+def checked_shift(shift: Any, dimension: int, name: str = "a shift") -> NDArray[np.float64]:
+    """A shift as (dimension,) finite numbers; ArgumentError if it is none."""
+    try:
+        offset = real_numbers(shift)
+    except ValueError:
+        offset = np.empty(0)
+    if offset.shape != (dimension,) or not np.isfinite(offset).all():
+        raise ArgumentError(f"expected {name} of {dimension} finite numbers, got {shift!r}")
+    return offset
+
+
+def turned_points(points: NDArray[np.float64], angle: Any) -> NDArray[np.float64]:
+    """Points (n, 2) turned counter-clockwise about the origin by an angle in radians.
+
+    Quarter turns are exact. Raises ArgumentError for an angle that is not a finite number.
+    """
+    turn = checked_number(angle, "angle", "an angle in radians")
+    if (2.0 * turn).is_integer():  # turns that add up may go on and on
+        warn_of_degrees("angle", np.array([turn]))
+    quarters = round(turn / (math.pi / 2))
+    c, s = math.cos(turn), math.sin(turn)
+    if turn == quarters * (math.pi / 2):
+        c, s = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[quarters % 4]
+    x, y = points.T
+    return np.column_stack([c * x - s * y, s * x + c * y]) + 0.0  # no negative zeros
+
 
 if TYPE_CHECKING:
-    from polywigner.geometry.aperture import Aperture
-    from polywigner.geometry.slits import Slits
+    pass
 
 
 class TakesWaves:
@@ -47,7 +121,14 @@ class TakesWaves:
         >>> pw.shapes.square(0.01).curved(0.05, 3e-3).curvature.diagonal().round(1).tolist()
         [6666.7, 6666.7]
         """
-        return with_curvature(self, radius, wavelength, centre)
+        wave = self if isinstance(self, Wavefront) else Wavefront(self)
+        q = _curvature_of(radius, wavelength, wave.dimension)
+        if not wave.is_flat and centre is not None and not np.array_equal(wave.centre, centre):
+            raise IlluminationError(
+                "expected curved waves with one centre, got two; give one of them"
+            )
+        c = wave.centre if centre is None else centre
+        return wave._with(curvature=wave.curvature + q, centre=c)
 
     def partially_coherent(self, width: float) -> Wavefront:
         """This source with a Gaussian degree of coherence exp(-xi^2 / (2 width^2)), Gauss-Schell.
@@ -64,7 +145,13 @@ class TakesWaves:
         >>> pw.shapes.square(0.01).partially_coherent(2e-3).coherence_width
         0.002
         """
-        return with_coherence(self, width)
+        wave = self if isinstance(self, Wavefront) else Wavefront(self)
+        sigma, own = _checked_width(width, "width"), wave.coherence_width
+        if np.inf in (sigma, own):
+            return wave._with(coherence_width=min(sigma, own))
+        least, most = sorted((sigma, own))
+        # 1/sqrt(1/sigma^2 + 1/own^2), where no square overflows
+        return wave._with(coherence_width=least / math.hypot(1.0, least / most))
 
 
 @final
@@ -250,22 +337,7 @@ class Wavefront(TakesWaves):
         return f"Wavefront({self.source!r}, {', '.join(how) or 'flat, coherent'})"
 
 
-def with_curvature(
-    source: Aperture | Slits | Wavefront | Any,
-    radius: float | Sequence[float],
-    wavelength: float,
-    centre: ArrayLike | None = None,
-) -> Wavefront:
-    """The source with a curved wave; see :meth:`Aperture.curved`."""
-    wave = source if isinstance(source, Wavefront) else Wavefront(source)
-    q = curvature_of(radius, wavelength, wave.dimension)
-    if not wave.is_flat and centre is not None and not np.array_equal(wave.centre, centre):
-        raise IlluminationError("expected curved waves with one centre, got two; give one of them")
-    c = wave.centre if centre is None else centre
-    return wave._with(curvature=wave.curvature + q, centre=c)
-
-
-def curvature_of(
+def _curvature_of(
     radius: float | Sequence[float], wavelength: float, dimension: int
 ) -> NDArray[np.float64]:
     """The matrix Q (d, d) in 1/m^2 of a wave of this radius, or of one radius for each axis."""
@@ -285,17 +357,6 @@ def curvature_of(
     if not np.isfinite(q).all():
         raise ArgumentError(f"expected a radius in m that a float can divide by, got {radius!r}")
     return q
-
-
-def with_coherence(source: Aperture | Slits | Wavefront | Any, width: float) -> Wavefront:
-    """The source behind a Gaussian diffuser; see :meth:`Aperture.partially_coherent`."""
-    wave = source if isinstance(source, Wavefront) else Wavefront(source)
-    sigma, own = _checked_width(width, "width"), wave.coherence_width
-    if np.inf in (sigma, own):
-        return wave._with(coherence_width=min(sigma, own))
-    least, most = sorted((sigma, own))
-    # 1/sqrt(1/sigma^2 + 1/own^2), where no square overflows
-    return wave._with(coherence_width=least / math.hypot(1.0, least / most))
 
 
 def _checked_width(value: Any, name: str) -> float:

@@ -15,7 +15,7 @@ from polywigner.errors import ArgumentError, GeometryError, IlluminationError
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
 from polywigner.geometry.arguments import rigid_pose
 from polywigner.geometry.display import length_text, shown_as_html
-from polywigner.geometry.grid import union_on_grid
+from polywigner.geometry.parts import union_on_grid
 from polywigner.geometry.wavefront import TakesWaves, Wavefront
 from polywigner.illumination.lattices import Sites, checked_sites, checked_weights
 from polywigner.illumination.waves import Illumination

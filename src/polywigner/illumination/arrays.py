@@ -7,7 +7,6 @@
 
 from __future__ import annotations
 
-import importlib
 import math
 import warnings
 from collections.abc import Callable, Sequence
@@ -16,9 +15,13 @@ from typing import Any, Literal, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import ArgumentError, MissingExtraError, install_command
+from polywigner.errors import (
+    ArgumentError,
+    require,
+)
 from polywigner.geometry.arguments import (
     checked_count,
+    checked_flag,
     checked_length,
     checked_number,
     real_numbers,
@@ -210,7 +213,8 @@ def thinned(
     kept = random.random(len(places)) < likely * (share / float(likely.mean()))
     if not kept.any():
         raise ArgumentError("expected an element to be drawn, got none; try another seed")
-    return (places[kept], np.flatnonzero(kept)) if return_index else places[kept]
+    wanted = checked_flag(return_index, "return_index")
+    return (places[kept], np.flatnonzero(kept)) if wanted else places[kept]
 
 
 def _listed(values: Any) -> list[Any]:
@@ -349,6 +353,8 @@ def window_weights(
     sizes = tuple(shape) if isinstance(shape, Sequence) else (shape,)
     if len(sizes) not in (1, 2):
         raise ArgumentError(f"expected a shape of n or (nx, ny), got {shape!r}")
+    if not isinstance(window, (str, Sequence)):
+        raise ArgumentError(f"expected {len(sizes)} windows, got {window!r}")
     names = (window,) * len(sizes) if isinstance(window, str) else tuple(window)
     if len(names) != len(sizes):
         raise ArgumentError(f"expected {len(sizes)} windows, got {window!r}")
@@ -377,10 +383,4 @@ def _window(count: int, name: str, sll: float, nbar: int) -> NDArray[np.float64]
 
 
 def _scipy_windows(name: str) -> Any:
-    try:
-        return importlib.import_module("scipy.signal.windows")
-    except ImportError:
-        raise MissingExtraError(
-            f"expected scipy to be installed, which has the window {name!r}, got none; run "
-            f"{install_command('arrays')}"
-        ) from None
+    return require("scipy.signal.windows", "arrays", f"has the window {name!r}")

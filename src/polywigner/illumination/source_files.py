@@ -15,8 +15,11 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, FileFormatError, GeometryError, PolywignerError
 from polywigner.geometry import Aperture, PlacedAperture, Slits, Wavefront
-from polywigner.geometry.arguments import write_lines
-from polywigner.geometry.formats.limits import (
+from polywigner.geometry.arguments import (
+    checked_path,
+    write_lines,
+)
+from polywigner.geometry.io.limits import (
     LARGEST_TOML,
     bytes_of,
     check_values,
@@ -119,7 +122,7 @@ def read_with_wavelength(
 
     Raises as :func:`read_source` does.
     """
-    file = Path(path)
+    file = checked_path(path)
     try:
         return source_of(_parsed(text_of(bytes_of(file)), file.suffix), file.parent, allow_outside)
     except PolywignerError as error:
@@ -334,7 +337,7 @@ def write_source(source: Source, path: str | os.PathLike[str]) -> None:
     >>> pw.read_source(path) == pw.shapes.square(10e-3)
     True
     """
-    file = Path(path)
+    file = checked_path(path)
     writers = {".toml": toml_of, ".json": json_of}
     if file.suffix.lower() not in writers:
         raise FileFormatError(

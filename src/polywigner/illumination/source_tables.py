@@ -25,8 +25,8 @@ from polywigner.geometry import (
     rigid_pose,
     shapes,
 )
-from polywigner.geometry.formats import limits
-from polywigner.geometry.formats.limits import check_polygons
+from polywigner.geometry.io import limits
+from polywigner.geometry.io.outlines import check_polygons
 from polywigner.geometry.parts import merge_parts, part_of_rings
 from polywigner.geometry.rings import Part, oriented, polygon_of_part
 from polywigner.illumination.array import Array, Element, phased_array

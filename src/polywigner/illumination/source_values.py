@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from polywigner.errors import FileFormatError, PolywignerError
 from polywigner.geometry import Aperture, Polyhedron
-from polywigner.geometry.formats.limits import (
+from polywigner.geometry.io.limits import (
     LARGEST_FILE,
     MOST_WAVES,
     check_rings,
@@ -262,9 +262,9 @@ class Around:
     wavelength: float | None
     """At the top of the file, in metres."""
     dimension: int = 2
-    """Of the element that is lit or repeated."""
+    """Dimension of the element that is lit or repeated: 1 or 2."""
     positions: Positions = _NONE
-    """Of the array of which the table gives the weights."""
+    """Positions of the array whose weights the table gives."""
     read: dict[tuple[Any, ...], Aperture | Polyhedron] = field(default_factory=dict)
     """Other files that were read, by path, unit and options."""
     counted: Counter[str] = field(default_factory=Counter)

@@ -9,7 +9,7 @@ import shapely
 from numpy.typing import NDArray
 
 from polywigner.geometry import Aperture, Slits, automean
-from polywigner.geometry.grid import union_on_grid
+from polywigner.geometry.parts import union_on_grid
 from polywigner.illumination.array import Array, phased_array
 
 _Source = TypeVar("_Source", Aperture, Slits, Array, Aperture | Array)

@@ -214,7 +214,7 @@ def te_mode(
     a, b = checked_length(width, "width"), checked_length(height, "height")
     along_x = checked_count(m, "m", 0, _HIGHEST_MODE)
     along_y = checked_count(n, "n", 0, _HIGHEST_MODE)
-    if component not in ("x", "y"):
+    if not isinstance(component, str) or component not in ("x", "y"):
         raise ArgumentError(f'expected component "x" or "y", got {component!r}')
     number, axis = (along_x, "m") if component == "y" else (along_y, "n")
     if number == 0:

@@ -19,7 +19,7 @@ from polywigner.geometry.arguments import (
     shape_of,
 )
 from polywigner.geometry.display import shown_as_html
-from polywigner.geometry.field import checked_shift, turned_points
+from polywigner.geometry.wavefront import checked_shift, turned_points
 
 LARGEST_AMPLITUDE = 1e100
 """Products of two amplitudes and an area must neither overflow nor vanish."""
@@ -81,7 +81,10 @@ class Illumination:
 
     def __call__(self, x: ArrayLike) -> Any:
         """The field at positions x (..., d), complex (...)."""
-        points = np.asarray(x, dtype=np.float64)
+        try:
+            points = real_numbers(x)
+        except ValueError as error:
+            raise ArgumentError(f"expected x as real numbers, got {error}") from None
         if points.ndim == 0 or points.shape[-1] != self.dimension:
             raise ArgumentError(f"expected x of shape (..., {self.dimension}), got {points.shape}")
         return np.exp(2j * np.pi * (points @ self.frequencies.T)) @ self.amplitudes
@@ -108,7 +111,8 @@ class Illumination:
     def scaled(self, factor: float) -> Illumination:
         """The field carried along when its source grows by a factor about the origin."""
         size = checked_length(factor, "factor")
-        return self._from(self.amplitudes, self.frequencies / size)
+        with np.errstate(over="ignore"):
+            return self._from(self.amplitudes, self.frequencies / size)
 
     def _repr_html_(self) -> str:
         rows = [("waves", f"{len(self.amplitudes)} in {self.dimension} dimensions")]
@@ -350,7 +354,9 @@ def fit_illumination(
     amplitudes, left, rank = _least_squares(places - centre, field, kappa, least)
     size = float(np.linalg.norm(field))
     residual = left / size
-    if largest_residual is not None and not residual <= largest_residual:
+    if largest_residual is not None and not residual <= checked_number(
+        largest_residual, "largest_residual", "a number"
+    ):
         raise IlluminationError(
             f"expected a fit with a residual of at most {largest_residual:g}, got {residual:.3g} "
             f"with {len(kappa)} waves; give a higher order or other frequencies"

@@ -120,7 +120,7 @@ _PARTLY_COHERENT: dict[Kernel, Kernel] = {
 
 
 MOST_WIDTHS = 1 << 15
-"""Widths of coherence in the area of a source, of which a mean has some four tilts each."""
+"""Widths of coherence in the area of a source; a mean has some four tilts for each."""
 # Elements of an array with a closed form, in which every pair of them has a slice: of any, and
 # where the alternative is a mean over too many tilts.
 _FEW_ELEMENTS, _MOST_ELEMENTS = 16, 256

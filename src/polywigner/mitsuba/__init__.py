@@ -4,18 +4,17 @@ Importing this module chooses the LLVM library for Dr.Jit (before Dr.Jit is load
 be chosen only then) and makes the shape ``wigner`` and the sensor ``wigner_receiver`` known
 to every Mitsuba variant. It never sets a variant.
 
-- ``given``: parameters of a scene's element; ``parameters`` of the shape, ``receiver_parameters``
-- ``plugins``: the shape; ``emitter``: its light, by ``radiance`` (W) or ``exact`` fields;
+- ``parameters`` of scenes' elements, read and checked; ``entries`` for dictionaries; ``sources``
+- ``plugins``: the shape; ``emitter``: its light, by the estimators ``wigner`` or ``exact``;
   ``sampling`` of positions and directions; ``placement`` of meshes and sources
-- ``receiver``: the sensor, with its ``receiver_entry`` for dictionaries
+- ``receiver``: the sensor
 - ``received_power``: watts of receivers (``received``); ``direct_light`` by links and ``mirrors``;
-  ``scattered`` light; ``arrival_map`` for pictures
-- ``scatterers``: lit scenes as clouds, by ``scattering_steps``; ``scatterer_files``;
-  ``covariances`` of arrays that receive them
+  ``scattered`` light
+- ``scatterers``: lit scenes as ``clouds``, by ``scattering_steps``
 - ``range_profile``: by lengths of paths, with the integrators and the film of ``range_film``
 - ``scenes``: loading scenes (``scene_files``) and choosing variants; ``rendering``: their images
-- ``parts`` of a picture; ``scene_renders``: scene files on this machine or a cluster;
-  ``images`` on disk
+- ``films``: parts of a picture, and pictures on disk; ``scene_renders``: scene files on this
+  machine or a cluster
 """
 
 from polywigner.toolchain import llvm
@@ -23,20 +22,22 @@ from polywigner.toolchain import llvm
 llvm.require_drjit()  # before the next imports, which load Dr.Jit
 
 from polywigner.illumination import obliquities  # noqa: E402
-from polywigner.mitsuba.covariances import covariance, element_responses  # noqa: E402
-from polywigner.mitsuba.given import register_source  # noqa: E402
+from polywigner.mitsuba.clouds import (  # noqa: E402
+    covariance,
+    element_responses,
+    write_scatterers,
+)
+from polywigner.mitsuba.entries import aperture, receiver  # noqa: E402
+from polywigner.mitsuba.parameters import register_source  # noqa: E402
 from polywigner.mitsuba.plugins import exclusive, register  # noqa: E402
 from polywigner.mitsuba.range_profile import range_frames, range_profile  # noqa: E402
 from polywigner.mitsuba.received import Contribution, DirectPath, ReceivedPower  # noqa: E402
 from polywigner.mitsuba.received_power import received_power, received_powers  # noqa: E402
 from polywigner.mitsuba.receiver import receiving  # noqa: E402
-from polywigner.mitsuba.receiver_entry import receiver  # noqa: E402
 from polywigner.mitsuba.rendering import render  # noqa: E402
-from polywigner.mitsuba.scatterer_files import write_scatterers  # noqa: E402
 from polywigner.mitsuba.scatterers import scatterers  # noqa: E402
 from polywigner.mitsuba.scene_renders import render_file  # noqa: E402
 from polywigner.mitsuba.scenes import (  # noqa: E402
-    aperture,
     choose_variant,
     has_wigner_emitter,
     load_scene,

@@ -20,9 +20,9 @@ from polywigner.illumination import Array
 from polywigner.illumination.obliquities import CONDITIONS
 from polywigner.mitsuba.mirrors import Mirror, chains_of, mirrors_of, trace_way
 from polywigner.mitsuba.placement import PLACE_ERROR, PlacedSource
-from polywigner.mitsuba.radiator import norm_of
 from polywigner.mitsuba.received import DirectPath
 from polywigner.mitsuba.sampling import cells_with_field
+from polywigner.mitsuba.sources import norm_of
 from polywigner.reception import coupling
 from polywigner.transforms.phase_space import energy_of
 
@@ -128,7 +128,7 @@ class FacingParts:
     emitter: PlacedSource
     receiver: PlacedSource
     share: float
-    """Of int |u|^2 of both, the product: 1 where all faces all."""
+    """Product of the shares of int |u|^2 that face each other: 1 where all faces all."""
 
 
 def facing_parts(emitter: PlacedSource, receiver: PlacedSource) -> FacingParts | None:

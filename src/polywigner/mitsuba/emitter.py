@@ -33,18 +33,17 @@ from polywigner.execution import Traced, UnrolledOperations, kernel_with_derivat
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.illumination import Array
 from polywigner.kernels import FOURIER, WIGNER, new_outline_of, new_tables_of
-from polywigner.mitsuba.exact import FIXED, ExactField, opaque
-from polywigner.mitsuba.given import rigid_pose
-from polywigner.mitsuba.parameters import EmitterSpec, check_range
+from polywigner.mitsuba.parameters import ESTIMATORS, check_range, rigid_pose
 from polywigner.mitsuba.placement import Frame, check_place, cover, matrix_of, move
-from polywigner.mitsuba.radiance import DrawnWaves, Wave, WignerSum, depends_on_wavelength
-from polywigner.mitsuba.radiator import Radiator, norm_of, radiator_of
-from polywigner.mitsuba.sampling import (
-    cells_with_field,
-    positions_of,
-    sampled_emitter_class,
-    spectrum,
+from polywigner.mitsuba.sampling import opaque, sampled_emitter_class, spectrum
+from polywigner.mitsuba.sources import (
+    CentredSource,
+    SourceSpec,
+    centred_source,
+    depends_on_wavelength,
+    norm_of,
 )
+from polywigner.mitsuba.wigner import Wave, WignerRadiance
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.plans import exposes_numbers
 from polywigner.radiometry.hemisphere import directions_and_weights, largest_lag
@@ -62,17 +61,17 @@ class TracedSource:
     None where they are not exposed; ``why_not`` says why.
     """
 
-    def __init__(self, m: Any, radiator: Radiator) -> None:
-        self._m, self._radiator = m, radiator
+    def __init__(self, m: Any, centred: CentredSource) -> None:
+        self._m, self._source = m, centred
         self.vertices: Any = None
         self.weights: Any = None
         self.why_not = ""
         if not dr.is_jit_v(m.Float):
             self.why_not = "a variant of Mitsuba that compiles, such as llvm_ad_rgb"
-        elif not _is_simple(radiator.source):
+        elif not _is_simple(centred.source):
             self.why_not = "a uniform aperture, or an array of such that do not overlap"
         else:
-            self._tables = new_tables_of(radiator.centred, dr.itemsize_v(m.Float) == 8)
+            self._tables = new_tables_of(centred.at_origin, dr.itemsize_v(m.Float) == 8)
             cuts = self._tables.clips
             if not exposes_numbers(cuts):
                 self.why_not = (
@@ -81,9 +80,9 @@ class TracedSource:
                 )
         if self.why_not:
             return
-        self.vertices = m.Float(_corners(radiator.source).ravel().tolist())
-        if isinstance(radiator.source, Array):
-            self.weights = m.Float(_pairs(radiator.source.weights).ravel().tolist())
+        self.vertices = m.Float(_corners(centred.source).ravel().tolist())
+        if isinstance(centred.source, Array):
+            self.weights = m.Float(_pairs(centred.source.weights).ravel().tolist())
 
     def is_followed(self) -> bool:
         """Whether derivatives are asked of any."""
@@ -96,7 +95,7 @@ class TracedSource:
         """
         if self.vertices is None:
             return None
-        source: Any = self._radiator.source
+        source: Any = self._source.source
         known = _corners(source).astype(np.float32)
         points = self._values("vertices", self.vertices, len(known))
         has_changed = not np.array_equal(points, known)
@@ -138,7 +137,7 @@ class TracedSource:
         code = UnrolledOperations(ops.float_type)
         corners = iter(self._centred())
         total = Pair(0.0, 0.0)
-        for number, element in enumerate(self._radiator.centred.elements_in_plane):
+        for number, element in enumerate(self._source.at_origin.elements_in_plane):
             outline = new_outline_of(element)
             own = [outline.frame.position(ops, *next(corners)) for _ in outline.edges]
             x, y = zip(*own, strict=True)
@@ -154,7 +153,7 @@ class TracedSource:
         return first, second
 
     def _centred(self) -> list[tuple[Any, Any]]:
-        cx, cy = self._radiator.centre.tolist()
+        cx, cy = self._source.centre.tolist()
         count = dr.width(self.vertices) // 2
         pairs = (self._pair(self.vertices, number) for number in range(count))
         return [(x - cx, y - cy) for x, y in pairs]
@@ -201,7 +200,7 @@ def emitter_class(variant: str) -> Any:
 
         is_wigner = True
 
-        def __init__(self, spec: EmitterSpec, id: str = "") -> None:
+        def __init__(self, spec: SourceSpec, id: str = "") -> None:
             props = mi.Properties("wigner_emitter")
             props.set_id(id)
             props["sampling_weight"] = spec.sampling_weight
@@ -219,39 +218,21 @@ def emitter_class(variant: str) -> Any:
             self._set_source(spec, spec.wavelength)
             self._take_over()
 
-        def _set_source(self, spec: EmitterSpec, wavelength: float) -> None:
+        def _set_source(self, spec: SourceSpec, wavelength: float) -> None:
             """Take over all that follows from the source."""
             self.spec = spec
-            radiator = spec.radiator
-            self._centre = radiator.centre / self._unit
-            self._shifts = [
-                (m.Vector2f(x / self._unit, y / self._unit), weight)
-                for x, y, weight in radiator.shifts.tolist()
-            ]
-            self._positions = positions_of(m, radiator, spec.sampling, self._unit)
-            self._source = radiator.centred
-            self._is_dispersive = depends_on_wavelength(self._source, spec.obliquity)
-            self._sum = self._sum_at(wavelength)
-            self._waves = DrawnWaves(m, spec.mixture)
-            self._traced = TracedSource(m, radiator)
-            self._exact: Any = None
-            self._cells: Any = None
-            if spec.estimator == "exact":
-                self._exact = self._exact_at(wavelength)
-                self._cells = cells_with_field(m, self._source, self._unit)
-
-        def _exact_at(self, wavelength: float) -> ExactField:
-            return ExactField(m, self._source, wavelength, self.spec.obliquity)
-
-        def _sum_at(self, wavelength: float) -> WignerSum:
-            return WignerSum(m, self._source, wavelength, self.spec.obliquity, self._unit)
+            self._centre = spec.centred.centre / self._unit
+            self._is_dispersive = depends_on_wavelength(spec.source, spec.obliquity)
+            self._own = WignerRadiance(m, spec, wavelength)
+            self._estimator = ESTIMATORS[spec.estimator](m, spec, wavelength, self._own)
+            self._traced = TracedSource(m, spec.centred)
 
         # ---- what a user may change ----------------------------------------------------------
 
         def traverse(self, callback: Any) -> None:
             """``wavelength`` (m), ``power`` (W), ``to_world`` (rigid); vertices and weights."""
             # Where it turns the directions of waves, these are constants of the kernel.
-            constant = self._is_dispersive or self._exact is not None
+            constant = self._is_dispersive or self._estimator.is_constant
             flag = "NonDifferentiable" if constant else "Differentiable"
             callback.put("wavelength", self.wavelength, getattr(mi.ParamFlags, flag))
             callback.put("power", self.power, mi.ParamFlags.Differentiable)
@@ -286,10 +267,10 @@ def emitter_class(variant: str) -> Any:
             shape = self.get_shape() if self.spec.visible else None
             if "vertices" in keys or "weights" in keys:
                 self._reshape(shape)
-            if "wavelength" in keys and self._is_dispersive:
-                self._sum = self._sum_at(_single(self.wavelength, "wavelength"))
-            if "wavelength" in keys and self._exact is not None:
-                self._exact = self._exact_at(_single(self.wavelength, "wavelength"))
+            if "wavelength" in keys and (self._is_dispersive or self._estimator.is_constant):
+                wavelength, kept = _single(self.wavelength, "wavelength"), self._traced
+                self._set_source(self.spec, wavelength)
+                self._traced = kept
             self._take_over()
             if "to_world" in keys and shape is not None:
                 move(shape, rigid_pose(matrix_of(self.to_world)), self._centre)
@@ -302,16 +283,15 @@ def emitter_class(variant: str) -> Any:
             if source is None:
                 return
             traced, spec = self._traced, self.spec
-            antithetic = len(spec.radiator.shifts) > 1
-            radiator = radiator_of(source, spec.obliquity, antithetic)
+            centred = centred_source(source, spec.obliquity, spec.antithetic)
             wavelength = _single(self.wavelength, "wavelength")
             norm = norm_of(source, wavelength, spec.obliquity, spec.mixture)
-            self._set_source(replace(spec, radiator=radiator, norm=norm), wavelength)
+            self._set_source(replace(spec, centred=centred, norm=norm), wavelength)
             # the arrays that a user holds, and their derivatives
             self._traced.vertices, self._traced.weights = traced.vertices, traced.weights
             if shape is not None:
                 pose = rigid_pose(matrix_of(self.to_world))
-                cover(shape, radiator.support, pose, self._centre, self._unit)
+                cover(shape, centred.support, pose, self._centre, self._unit)
 
         def _check_numbers(self) -> None:
             wavelength = _single(self.wavelength, "wavelength")
@@ -322,24 +302,28 @@ def emitter_class(variant: str) -> Any:
                 raise SceneError(f"expected a power of zero or more, got {power:.6g} W")
             spec = self.spec
             norm = norm_of(spec.source, wavelength, spec.obliquity, spec.mixture)
-            check_range(spec.radiator, wavelength, power, norm, self._unit)
+            check_range(spec.centred, wavelength, power, norm, self._unit)
             self.spec = replace(spec, norm=norm)
 
         def _take_over(self) -> None:
             # Opaque: as literals, every new value would compile the render kernel again.
             if jit:
                 dr.make_opaque(self.wavelength, self.power)
-            self._frame = Frame(m, self.to_world, self._centre)
-            is_followed = jit and (self._traced.is_followed() or dr.grad_enabled(self.wavelength))
-            self._norm = self._traced_norm() if is_followed else opaque(m, self.spec.norm)
+            self.frame = Frame(m, self.to_world, self._centre)
+            self._norm = self._traced_norm() if self.is_followed() else opaque(m, self.spec.norm)
+
+        def is_followed(self) -> bool:
+            """Whether derivatives are asked of the wavelength, of vertices or of weights."""
+            return jit and (self._traced.is_followed() or dr.grad_enabled(self.wavelength))
 
         def _traced_norm(self) -> Any:
             """N with derivatives; its value is the host's."""
             wavelength = _single(self.wavelength, "wavelength")
-            lag = largest_lag(self._source)
+            source = self.spec.centred.at_origin
+            lag = largest_lag(source)
             blocks = [np.column_stack(both) for both in directions_and_weights(lag, wavelength)]
             nodes = np.concatenate(blocks)
-            waves = self.spec.mixture.nodes(self._source, wavelength)
+            waves = self.spec.mixture.nodes(source, wavelength)
             both = np.concatenate(
                 [np.repeat(nodes, len(waves), axis=0), np.tile(waves, (len(nodes), 1))], axis=1
             )
@@ -347,40 +331,37 @@ def emitter_class(variant: str) -> Any:
             inverse = 1.0 / self.wavelength + shift
             wave = Wave(inverse, m.Vector2f(tilt_x, tilt_y))
             own = self._traced.intensity if self._follows() else None
-            intensity = self._sum.integral(m.Vector3f(x, y, z), wave, own) * inverse * inverse
+            intensity = self._own.integral(m.Vector3f(x, y, z), wave, own) * inverse * inverse
             total = dr.sum(intensity * z * solid_angle * share)
             return self.spec.norm * (total / dr.detach(total))
 
         # ---- the radiance --------------------------------------------------------------------
 
-        def _wave(self, x: Any, place: Any) -> Wave:
+        def wave(self, x: Any, place: Any) -> Wave:
             """The wave of the sample at x (2D) for a receiver at a point, or into a direction."""
-            return self._waves.wave(1.0 / _value(self.wavelength, jit), x, place)
+            return self._own.waves.wave(1.0 / _value(self.wavelength, jit), x, place)
 
-        def _radiance(self, x: Any, direction: Any, wave: Wave) -> Any:
+        def radiance(self, x: Any, direction: Any, wave: Wave) -> Any:
             """L at positions x (2D) and directions (3D unit vectors) of the aperture's frame.
 
             Positions are in scene units, as everything that Mitsuba sees.
             """
             own = self._traced.wigner if self._follows() else None
-            return self._scale(wave.inverse) * self._sum.at(x, direction, wave, own)
+            return self._scale(wave.inverse) * self._own.at(x, direction, wave, own)
 
-        def _irradiance(self, point: Any) -> Any:
-            """|U|^2 at a point in front, in the frame and in scene units, in W/m^2."""
-            if jit and (self._traced.is_followed() or dr.grad_enabled(self.wavelength)):
-                raise SceneError(FIXED)
-            found = self._exact.intensity(point, self._unit)
-            return found * (_value(self.power, jit) / self._norm)
+        def watts_per_norm(self) -> Any:
+            """Radiated over the power of the field as it is."""
+            return _value(self.power, jit) / self._norm
 
-        def _intensity(self, direction: Any, wave: Wave) -> Any:
+        def intensity(self, direction: Any, wave: Wave) -> Any:
             """The integral of L over positions: radiance times area."""
             own = self._traced.intensity if self._follows() else None
             in_scene = self._scale(wave.inverse) / self._unit**2
-            return in_scene * self._sum.integral(direction, wave, own)
+            return in_scene * self._own.integral(direction, wave, own)
 
         def _follows(self) -> bool:
             """Whether derivatives in vertices or weights are asked of the radiance."""
-            return jit and self._traced.is_followed() and self._sum.is_single
+            return jit and self._traced.is_followed() and self._own.is_single
 
         def _scale(self, inverse: Any) -> Any:
             return _value(self.power, jit) * (inverse * inverse / self._norm)
@@ -388,8 +369,8 @@ def emitter_class(variant: str) -> Any:
         def eval(self, si: Any, active: Any = True) -> Any:
             if not self.spec.visible:  # or unseen for a while, with a surface of its own
                 return spectrum(m, self._dark, active)
-            direction = self._frame.to_own(si.to_world(si.wi))
-            found = self._radiance(si.uv, direction, self._wave(si.uv, direction))
+            direction = self.frame.to_own(si.to_world(si.wi))
+            found = self.radiance(si.uv, direction, self.wave(si.uv, direction))
             return spectrum(m, found, active)
 
         def bbox(self) -> Any:

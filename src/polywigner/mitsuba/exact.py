@@ -15,16 +15,16 @@ import math
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
+from itertools import islice
 from typing import Any
 
 import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.errors import IlluminationError, SceneError
+from polywigner.errors import ArgumentError, IlluminationError, SceneError
 from polywigner.execution import NumpyOperations, ops_for
 from polywigner.geometry import Aperture, Wavefront
-from polywigner.illumination import Array
 from polywigner.illumination.obliquities import (
     CONDITIONS,
     Obliquity,
@@ -33,6 +33,8 @@ from polywigner.illumination.obliquities import (
 )
 from polywigner.kernels.boundary import integrals
 from polywigner.kernels.boundary.integrals import distance_of
+from polywigner.mitsuba.sampling import cells_with_field, opaque
+from polywigner.mitsuba.sources import SourceSpec, plane_waves_of
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.phases import cos_sin_turns
@@ -40,12 +42,6 @@ from polywigner.plans.cuts import sums_over_points
 from polywigner.propagation.boundary import boundary_tables, panels_in
 from polywigner.propagation.panels import Radiator, radiator_of
 from polywigner.transforms import fourier
-
-
-def opaque(m: Any, value: float) -> Any:
-    """A number of the variant ``m``: as a literal, each new value would compile a new kernel."""
-    return dr.opaque(m.Float, value) if dr.is_jit_v(m.Float) else value
-
 
 Floats = NDArray[np.float64]
 
@@ -202,9 +198,6 @@ def _fitted(
     return weights if missed <= _ERROR * expected.max() else None
 
 
-ESTIMATORS = ("wigner", "exact")
-
-
 FIXED = (
     'expected derivatives in the power and in reflectances alone with the estimator "exact", got '
     'some in a place, an outline, weights or the wavelength; use the estimator "wigner"'
@@ -226,57 +219,121 @@ _FAR_OF_SMALL = 200.0
 _REAL = 1e-9
 
 
-def check_estimator(
-    name: Any,
-    source: Any,
-    wavelength: float,
-    obliquity: str,
-    antithetic: bool,
-    control_variate: bool,
-) -> str:
-    """``name`` itself; SceneError for others, and for ``exact`` where it is not for this source."""
-    if name not in ESTIMATORS:
-        raise SceneError(f"expected an estimator, got {name!r}; use one of {', '.join(ESTIMATORS)}")
-    if isinstance(source, Wavefront) and (name == "exact" or control_variate):
-        raise SceneError(
-            'expected estimator="wigner" without control_variate for a curved wave, of which each '
-            "sample's exact field would be a sum over the aperture"
-        )
-    if name == "exact":
-        given = {"antithetic": antithetic, "control_variate": control_variate}
-        for option in (option for option, is_on in given.items() if is_on):
+# Of means over tilts and wavelengths, as a share of the largest irradiance.
+_OF_MIXTURE = 3e-5
+
+
+class ExactEstimator:
+    """Points are lit, and rays weighed, by the exact irradiance |U|^2 of the whole source.
+
+    Of a mixture the mean over its waves.
+    """
+
+    needs_distance = True
+    is_constant = True
+
+    def __init__(self, m: Any, spec: SourceSpec, wavelength: float, own: Any) -> None:
+        self._m, self._unit = m, spec.scene_unit
+        source = spec.centred.at_origin
+        self._cells = cells_with_field(m, source, self._unit)
+        parts = list(spec.mixture.parts(source, wavelength, _OF_MIXTURE))
+        self._fields = [
+            (ExactField(m, part, length, spec.obliquity, len(parts) > 1), share)
+            for part, length, share in parts
+        ]
+        self._scale = opaque(m, wavelength**2 * self._unit**2 / spec.norm)
+
+    @staticmethod
+    def check(spec: SourceSpec) -> None:
+        """SceneError where a source has no exact field, or one that costs too much a sample."""
+        options = {"antithetic": spec.antithetic, "control_variate": spec.control_variate}
+        for option in (option for option, is_on in options.items() if is_on):
             raise SceneError(
                 f'expected no {option} with the estimator "exact", got true; leave it out: a point '
                 "that sees the whole source has no noise there"
             )
-        _check_exact(source, wavelength, obliquity)
-    return str(name)
+        if spec.obliquity not in CONDITIONS:
+            raise SceneError(
+                f'expected a boundary condition as obliquity with the estimator "exact", got '
+                f'{spec.obliquity!r}; use one of {", ".join(CONDITIONS)}, or the estimator "wigner"'
+            )
+        try:
+            parts = spec.mixture.parts(spec.source, spec.wavelength, _OF_MIXTURE)
+            first, length, _ = next(parts)
+            # of each wave of a mixture as many
+            each = panels_in(radiator_of(plane_waves_of(first)), length, _LONGEST)
+            count = each * (1 + sum(1 for _ in islice(parts, int(_MOST_PANELS / each))))
+        except ArgumentError as error:  # too many tilts
+            raise SceneError(str(error)) from None
+        if not count <= _MOST_PANELS:
+            raise SceneError(
+                f"expected at most {_MOST_PANELS} pieces of edges, once for each wave, with the "
+                f'estimator "exact", got {count:.0f} or more, of which each sample is a sum; use '
+                'the estimator "wigner"'
+            )
 
+    def draw(self, sample: Any) -> tuple[Any, Any]:
+        """A place in proportion to |u|^2, from which obstacles are looked for."""
+        return self._cells.sample(sample), None
 
-def _check_exact(source: Aperture | Array, wavelength: float, obliquity: str) -> None:
-    """SceneError where a source has no exact field, or one that costs too much a sample."""
-    if obliquity not in CONDITIONS:
-        raise SceneError(
-            f'expected a boundary condition as obliquity with the estimator "exact", got '
-            f'{obliquity!r}; use one of {", ".join(CONDITIONS)}, or the estimator "wigner"'
-        )
-    count = panels_in(radiator_of(source), wavelength, _LONGEST)
-    if not count <= _MOST_PANELS:
-        raise SceneError(
-            f"expected at most {_MOST_PANELS} pieces of edges, once for each wave, with the "
-            f'estimator "exact", got {count:.0f}, of which each sample is a sum; use the estimator '
-            '"wigner"'
-        )
+    def density(self, x: Any) -> None:
+        """None: a point sees all of the source at once."""
+
+    def lit(self, light: Any, it: Any, x: Any, per_area: Any) -> Any:
+        """|U|^2 at the point ``it``; the surface there multiplies it by its own cosine."""
+        if light.is_followed():
+            raise SceneError(FIXED)
+        m = self._m
+        place = light.frame.to_own(it.p - light.frame.origin)
+        front = place.z > 0.0
+        found = self.intensity(m.Point3f(place.x, place.y, dr.select(front, place.z, 1.0)))
+        return dr.select(front, found * light.watts_per_norm(), 0.0)
+
+    def received(
+        self, x: Any, direction: Any, per_area: Any, point: Any = None, distance: Any = None
+    ) -> Any:
+        """lambda^2 r^2 |U|^2/N of the point that the ray meets, or of one far out."""
+        return self._scale * (distance * distance) * self.intensity(point)
+
+    def intensity(self, point: Any) -> Any:
+        """|U|^2 at a point in front, in units of the scene; in the unit of |u|^2."""
+        if len(self._fields) == 1:
+            return self._fields[0][0].intensity(point, self._unit)
+        terms = [partial(self._term, *term) for term in self._fields]
+        m = self._m
+        if not dr.is_jit_v(m.Float):
+            return sum(term(point) for term in terms)
+        # calls of one kind share their code, whose constants are data
+        first = m.UInt32(0), m.Float(0.0)
+        return dr.while_loop(
+            first,
+            lambda k, total: k < len(terms),
+            lambda k, total: (k + 1, total + dr.switch(k, terms, point)),
+            mode="symbolic",
+        )[1]
+
+    def _term(self, field: ExactField, share: float, point: Any) -> Any:
+        return opaque(self._m, share) * field.intensity(point, self._unit)
 
 
 class ExactField:
-    """|U|^2 of a source for one variant's arrays; nothing in it depends on the pose.
+    """|U|^2 of a source in coherent light for one variant's arrays.
 
-    Raises SceneError for what :func:`check_estimator` refuses.
+    ``is_part``: of a mixture, whose waves share their code if all are sums over edges alone, for
+    which numbers are data: 76 tilts of a square compile in 0.3 s instead of 8 s. Measured, |U|^2 is
+    within 3e-6 of its peak at that distance, up to 1 km.
     """
 
-    def __init__(self, m: Any, source: Aperture | Array, wavelength: float, obliquity: str) -> None:
-        _check_exact(source, wavelength, obliquity)
+    def __init__(
+        self,
+        m: Any,
+        source: Any,
+        wavelength: float,
+        obliquity: str,
+        is_part: bool = False,
+    ) -> None:
+        is_curved = isinstance(source, Wavefront)
+        source = plane_waves_of(source)
         warn_of_slopes(source, wavelength, obliquity)
         self._m, self._jit = m, dr.is_jit_v(m.Float)
         # a scalar variant has one sample: all panels, and all nodes, are taken at once
@@ -290,15 +347,20 @@ class ExactField:
         self._middle = [opaque(m, c) for c in (radiator.centre / wavelength).tolist()]
         self._inverse = opaque(m, 1 / wavelength)
         self._elements: list[tuple[float, ...]] = []
+        self._points: EquivalentSources | None = None
+        if is_part:
+            return
         self._points = equivalent_sources(
             source, radiator, wavelength, self._condition, len(self._tables.edges)
         )
         if self._points is not None:
             self._half = [opaque(m, half) for half in self._points.half]
         # of one aperture the far field is less work than its points, of an array more
-        alone = len(radiator.elements) == 1 and len(radiator.elements[0].weights) == 1
-        if alone or (self._points is None and len(radiator.elements) == 1):
-            self._set_elements(radiator.elements[0], wavelength)
+        if len(radiator.elements) == 1:
+            element = radiator.elements[0]
+            # the far field of a curved wave is more work than its edges, and a minute to compile
+            if not is_curved and (len(element.weights) == 1 or self._points is None):
+                self._set_elements(element, wavelength)
 
     def _set_elements(self, element: Any, wavelength: float) -> None:
         """Set the tables of the sum over equal elements in their far zones."""

@@ -1,33 +1,128 @@
-"""The parameters of the ``wigner`` shape, read from a scene and checked.
+"""Parameters of the ``wigner`` shape and the ``wigner_receiver`` sensor, read and checked once.
 
-Their meaning is the table in ``docs/plugin.md``. What single precision, in which Mitsuba computes,
-cannot hold is refused here: the picture would be black or not a number.
+Scene files and entries made in Python are read by the same functions. What single precision, in
+which Mitsuba computes, cannot hold is refused here: the picture would be black or not a number.
 """
 
 from __future__ import annotations
 
+import hashlib
 import math
-from dataclasses import dataclass
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from numbers import Real
+from pathlib import Path
 from typing import Any
 
 import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.errors import SceneError
-from polywigner.geometry import Aperture
-from polywigner.illumination import Array
+from polywigner import geometry
+from polywigner.errors import GeometryError, SceneError
+from polywigner.geometry import (
+    Aperture,
+    PlacedAperture,
+    Polyhedron,
+    Slits,
+    Wavefront,
+    read_aperture,
+)
+from polywigner.illumination import Array, read_source
 from polywigner.illumination.obliquities import DEFAULT
-from polywigner.mitsuba.exact import ESTIMATORS, check_estimator
-from polywigner.mitsuba.given import SOURCE_PARAMETERS, Given
-from polywigner.mitsuba.radiance import PLAIN, Mixture, check_mixture, check_obliquity, mixture_of
-from polywigner.mitsuba.radiator import Radiator, emitted_power, norm_of, radiator_of
-from polywigner.mitsuba.sampling import SAMPLINGS, check_sampling
-from polywigner.quantities import parse_frequency, parse_power
+from polywigner.illumination.source_files import json_of, table_of
+from polywigner.illumination.texts import FEEDING, fed
+from polywigner.mitsuba.exact import ExactEstimator
+from polywigner.mitsuba.sampling import SAMPLINGS, Estimator, check_sampling
+from polywigner.mitsuba.sources import (
+    CentredSource,
+    SourceSpec,
+    centred_source,
+    check_obliquity,
+    mixture_of,
+    norm_of,
+)
+from polywigner.mitsuba.wigner import WignerEstimator
+from polywigner.quantities import (
+    NOISE_PARSERS,
+    parse_frequency,
+    parse_length,
+    parse_power,
+    wavelength_of,
+)
+from polywigner.reception.norms import NORMALISATIONS, checked_normalise
+
+KEY_PREFIX = "memory:"
+
+# Bounds what a long-lived process that makes a scene per aperture (an optimiser) keeps. A scene
+# needs its key only while it is being loaded.
+CAPACITY = 1024
+
+_sources: OrderedDict[str, Aperture | Array | Wavefront] = OrderedDict()
+_lock = threading.Lock()
+
+
+def register_source(source: Aperture | Array | Wavefront) -> str:
+    """The key under which scenes find this aperture or array, with its wave; equal ones share one.
+
+    The last 1024 sources are kept. Use the key as the parameter ``source`` (or ``aperture``) of a
+    ``wigner`` shape, in a dictionary or in XML.
+
+    Raises
+    ------
+    SceneError for anything but an Aperture or an Array.
+    """
+    if not isinstance(source, Aperture | Array | Wavefront):
+        advice = "make one with polywigner.Aperture(vertices)"
+        if isinstance(source, PlacedAperture):
+            advice = "leave its pose out, and give it as the to_world of the shape"
+        elif isinstance(source, Slits):
+            advice = "make rectangles of slits"
+        raise SceneError(f"expected an Aperture or an Array, got {type(source).__name__}; {advice}")
+    content = json_of(table_of(source))  # all that makes it up, to the last digit
+    key = KEY_PREFIX + hashlib.sha256(content.encode()).hexdigest()[:24]
+    with _lock:
+        _sources[key] = source
+        _sources.move_to_end(key)
+        while len(_sources) > CAPACITY:
+            _sources.popitem(last=False)
+    return key
+
+
+def is_key(name: str) -> bool:
+    """Whether the parameter ``aperture`` or ``source`` is a key rather than a file."""
+    return name.startswith(KEY_PREFIX)
+
+
+def registered_source(key: str) -> Aperture | Array | Wavefront:
+    """The source of a key, or a SceneError."""
+    with _lock:
+        source = _sources.get(key)
+    if source is None:
+        raise SceneError(
+            f"expected the key of a source in this process, got {key!r}; make the scene entry "
+            "with polywigner.mitsuba.aperture(...) shortly before loading the scene"
+        )
+    return source
+
+
+_COMMON = (
+    "aperture",
+    "unit",
+    "tolerance",
+    "layer",
+    "union",
+    "source",
+    "frequency",
+    "wavelength",
+    *FEEDING,
+    "to_world",
+)
 
 PARAMETERS = (
-    *SOURCE_PARAMETERS,
+    *_COMMON,
     "power",
     "aperture_power",
     "obliquity",
@@ -40,44 +135,34 @@ PARAMETERS = (
     "visible",
     "bandwidth",
 )
+"""Names of the ``wigner`` shape's parameters; ``docs/plugin.md`` explains them."""
+
+RECEIVER_PARAMETERS = (
+    *_COMMON,
+    "obliquity",
+    "estimator",
+    "sampling",
+    "scene_unit",
+    "normalise",
+    *NOISE_PARSERS,
+)
+"""Names of the ``wigner_receiver`` sensor's parameters; ``docs/receivers.md`` explains them."""
+
+ESTIMATORS: dict[str, type[Estimator]] = {"wigner": WignerEstimator, "exact": ExactEstimator}
+RECEIVER_ESTIMATOR = "exact"
 
 # Decimal exponents of the normal numbers of single precision.
 _SMALLEST = math.log10(np.finfo(np.float32).tiny)
 _LARGEST = math.log10(np.finfo(np.float32).max)
 
-
-@dataclass(frozen=True, eq=False)
-class EmitterSpec:
-    """All that the emitter of one ``wigner`` shape needs, in SI units."""
-
-    radiator: Radiator
-    wavelength: float
-    power: float
-    """Radiated, in W."""
-    norm: float
-    """Power in W that the field of the source radiates as it is."""
-    pose: npt.NDArray[np.float64]
-    """(4, 4), read-only; the translation in scene units."""
-    obliquity: str = DEFAULT
-    estimator: str = ESTIMATORS[0]
-    scene_unit: float = 1.0
-    """Metres."""
-    sampling_weight: float = 1.0
-    sampling: str = SAMPLINGS[0]
-    control_variate: bool = False
-    visible: bool = True
-    """Whether rays meet its surface."""
-    mixture: Mixture = PLAIN
-    """Of its light."""
-
-    @property
-    def source(self) -> Aperture | Array:
-        """The source that the scene asked for, in coherent light."""
-        return self.radiator.source
+_BOTH_POWERS = (
+    "expected power or aperture_power, got both; power leaves through the hemisphere in front, "
+    "aperture_power is the integral of |u|^2 over the aperture: give one"
+)
 
 
-def read_parameters(props: Any) -> EmitterSpec:
-    """The checked parameters of a ``wigner`` shape from Mitsuba's ``Properties``.
+def read_emitter(values: Mapping[str, Any]) -> SourceSpec:
+    """The checked parameters of a ``wigner`` shape, from Mitsuba or from an entry in Python.
 
     Raises
     ------
@@ -85,43 +170,212 @@ def read_parameters(props: Any) -> EmitterSpec:
     :func:`polywigner.read_aperture` and :func:`polywigner.read_source` for a file, and those of
     tapers, steering and layouts for their texts.
     """
-    given = Given.of(props, "wigner shape")
-    _reject_nested(given.values)
+    given = SceneParameters(values, "wigner shape")
     given.check_names(PARAMETERS)
-    obliquity = check_obliquity(given.text("obliquity", DEFAULT))
-    powers = [given.optional(name, parse_power) for name in ("power", "aperture_power")]
-    wavelength = given.wavelength()
-    scene_unit = given.scene_unit()
-    antithetic = given.flag("antithetic", False)
-    bandwidth = given.optional("bandwidth", parse_frequency)
-    source, mixture = mixture_of(given.source(wavelength), wavelength, bandwidth)
-    radiator = radiator_of(source, obliquity, antithetic)
-    norm = norm_of(source, wavelength, obliquity, mixture)
-    power = emitted_power(radiator, norm, *powers)
-    check_range(radiator, wavelength, power, norm, scene_unit)
-    varied = given.flag("control_variate", False)
-    estimator = given.text("estimator", ESTIMATORS[0])
-    check_estimator(estimator, radiator.source, wavelength, obliquity, antithetic, varied)
-    check_mixture(mixture, source, wavelength, obliquity, estimator)
-    return EmitterSpec(
-        radiator=radiator,
-        wavelength=wavelength,
-        power=power,
-        norm=norm,
-        pose=given.pose(),
-        obliquity=obliquity,
-        estimator=estimator,
-        scene_unit=scene_unit,
-        sampling_weight=check_sampling_weight(given.values.get("sampling_weight", 1.0)),
-        sampling=check_sampling(given.text("sampling", SAMPLINGS[0])),
-        control_variate=varied,
-        visible=given.flag("visible", True),
-        mixture=mixture,
+    given.check_nested_shape()
+    spec = _spec(given, "wigner", given.optional("bandwidth", parse_frequency))
+    power, aperture_power = (given.optional(n, parse_power) for n in ("power", "aperture_power"))
+    if power is not None and aperture_power is not None:
+        raise SceneError(_BOTH_POWERS)
+    if aperture_power is not None:
+        power = spec.norm * (aperture_power / spec.centred.energy)
+    return _checked(
+        replace(
+            spec,
+            power=spec.norm if power is None else power,
+            control_variate=given.flag("control_variate", False),
+            sampling_weight=check_sampling_weight(values.get("sampling_weight", 1.0)),
+            visible=given.flag("visible", True),
+        )
     )
 
 
+def read_receiver(values: Mapping[str, Any]) -> SourceSpec:
+    """The checked parameters of a ``wigner_receiver`` sensor; raises as :func:`read_emitter`."""
+    given = SceneParameters(values, "wigner_receiver sensor")
+    given.check_names(RECEIVER_PARAMETERS)
+    spec = _spec(given, RECEIVER_ESTIMATOR, None)
+    noise = {name: given.optional(name, parse) for name, parse in NOISE_PARSERS.items()}
+    return _checked(replace(spec, noise=noise))
+
+
+def _spec(given: SceneParameters, estimator: str, bandwidth: float | None) -> SourceSpec:
+    """The parameters that emitters and receivers share."""
+    obliquity = check_obliquity(given.text("obliquity", DEFAULT))
+    estimator = given.text("estimator", estimator)
+    if estimator not in ESTIMATORS:
+        names = ", ".join(ESTIMATORS)
+        raise SceneError(f"expected an estimator, got {estimator!r}; use one of {names}")
+    sampling = check_sampling(given.text("sampling", SAMPLINGS[0]))
+    normalise = checked_normalise(given.text("normalise", NORMALISATIONS[0]), SceneError)
+    antithetic = given.flag("antithetic", False)
+    wavelength = given.wavelength()
+    scene_unit = given.scene_unit()
+    source, mixture = mixture_of(given.source(wavelength), wavelength, bandwidth)
+    centred = centred_source(source, obliquity, antithetic)
+    return SourceSpec(
+        centred=centred,
+        wavelength=wavelength,
+        norm=norm_of(source, wavelength, obliquity, mixture, normalise),
+        pose=given.pose(),
+        obliquity=obliquity,
+        estimator=estimator,
+        sampling=sampling,
+        scene_unit=scene_unit,
+        mixture=mixture,
+        normalise=normalise,
+        antithetic=antithetic,
+    )
+
+
+def _checked(spec: SourceSpec) -> SourceSpec:
+    check_range(spec.centred, spec.wavelength, spec.power, spec.norm, spec.scene_unit)
+    ESTIMATORS[spec.estimator].check(spec)
+    return spec
+
+
+def values_of(props: Any) -> dict[str, Any]:
+    """The parameters of Mitsuba's ``Properties``."""
+    return {name: props[name] for name in props.keys()}  # noqa: SIM118 (no dict)
+
+
+@dataclass(frozen=True)
+class SceneParameters:
+    """The parameters of one element of a scene.
+
+    Its methods raise SceneError for a missing, doubled or unusable parameter.
+    """
+
+    values: Mapping[str, Any]
+    element: str
+    """Such as "wigner shape", for messages."""
+
+    def check_names(self, known: tuple[str, ...]) -> None:
+        """Raise SceneError for a parameter of another name; nested objects have any."""
+        for name, value in self.values.items():
+            is_nested = isinstance(value, mi.Object | Mapping) or name == "type"
+            if not is_nested and name not in known:
+                raise SceneError(
+                    f"expected the parameters {', '.join(known)} of a {self.element}, got {name!r}"
+                )
+
+    def check_nested_shape(self) -> None:
+        """Raise SceneError for another light, or for anything nested in an invisible shape."""
+        visible = self.flag("visible", True)
+        for name, value in self.values.items():
+            if isinstance(value, mi.Object) and type(value).__name__ in ("Emitter", "Sensor"):
+                raise SceneError(
+                    f"expected no {type(value).__name__.lower()} inside a wigner shape, got "
+                    f"{name!r}; the shape brings its own emitter"
+                )
+            if isinstance(value, mi.Object | Mapping) and not visible:
+                raise SceneError(
+                    "expected nothing nested in a wigner shape that is not visible, got "
+                    f"{name!r}; leave it out, or make the shape visible"
+                )
+
+    def source(self, wavelength: float) -> Any:
+        """The source with its taper and copies, steered."""
+        texts = {name: self.text(name, None) for name in FEEDING if name in self.values}
+        return fed(self._outline(), texts, wavelength)
+
+    def _outline(self) -> Any:
+        """The source from its file, or from memory, before its taper and copies."""
+        given = [name for name in ("aperture", "source") if name in self.values]
+        if len(given) == 2:
+            raise SceneError(
+                f"expected an aperture or a source of the {self.element}, got both; a source file "
+                "can take its outline from an aperture file"
+            )
+        name = self.text((given or ["aperture"])[0], None)
+        in_file = given == ["aperture"] and not is_key(name)
+        for key in ("unit", "tolerance", "layer", "union"):
+            if key in self.values and not in_file:
+                kind = "an aperture from memory" if is_key(name) else "a source file"
+                raise SceneError(
+                    f"expected no {key} with {kind}, got {self.values[key]!r}; its coordinates are "
+                    "in metres already"
+                )
+        if is_key(name):
+            return registered_source(name)
+        path = Path(str(mi.file_resolver().resolve(name)))
+        if not in_file:
+            return read_source(path)
+        tolerance = self.optional("tolerance", parse_length)
+        layers = [name.strip() for name in self.text("layer", "").split(";") if name.strip()]
+        joins = self.flag("union", False)
+        return read_aperture(path, self.text("unit", "mm"), tolerance, layers, joins)
+
+    def wavelength(self) -> float:
+        """In metres, from either parameter."""
+        given = [name for name in ("frequency", "wavelength") if name in self.values]
+        if len(given) != 1:
+            got = "both" if given else "neither"
+            raise SceneError(
+                f"expected a frequency or a wavelength of the {self.element}, got {got}; give one, "
+                'such as frequency "94 GHz"'
+            )
+        if given == ["frequency"]:
+            return wavelength_of(self.number("frequency", parse_frequency))
+        return self.number("wavelength", parse_length)
+
+    def scene_unit(self) -> float:
+        """In metres."""
+        value = self.values.get("scene_unit", 1.0)
+        if isinstance(value, str) and value.strip()[:1].isalpha():
+            value = f"1 {value}"
+        return SceneParameters({"scene_unit": value}, self.element).number(
+            "scene_unit", parse_length
+        )
+
+    def pose(self) -> npt.NDArray[np.float64]:
+        """A read-only (4, 4) matrix."""
+        given = self.values.get("to_world")
+        return rigid_pose(np.eye(4) if given is None else given.matrix)
+
+    def optional(self, name: str, parse: Callable[[Any], float]) -> float | None:
+        """A number, or None where there is none."""
+        return self.number(name, parse) if name in self.values else None
+
+    def number(self, name: str, parse: Callable[[Any], float]) -> float:
+        """A number, or the text of one."""
+        value = self.values[name]
+        if not isinstance(value, (str, int, float)) or isinstance(value, bool):
+            raise SceneError(f"expected a number or a text as {name}, got {type(value).__name__}")
+        try:
+            return float(parse(value))
+        except ValueError as error:
+            raise SceneError(f"{name} of the {self.element}: {error}") from None
+
+    def flag(self, name: str, default: bool) -> bool:
+        """True or false."""
+        value = self.values.get(name, default)
+        if not isinstance(value, bool | np.bool_):
+            raise SceneError(
+                f'expected {name} as True or False, <boolean name="{name}" .../> in a scene file, '
+                f"got {value!r} of type {type(value).__name__}"
+            )
+        return bool(value)
+
+    def text(self, name: str, default: str | None) -> str:
+        """A text; without a default it must be there."""
+        value = self.values.get(name, default)
+        if value is None and name not in self.values:
+            raise SceneError(
+                f"expected the parameter {name!r} of a {self.element}, got none; give the file of "
+                "an aperture (GeoJSON, WKT, CSV, SVG or DXF), or a source file (TOML or JSON) as "
+                "source"
+            )
+        if not isinstance(value, str):
+            raise SceneError(
+                f'expected {name} as a text, <string name="{name}" .../> in a scene file, got '
+                f"{value!r} of type {type(value).__name__}"
+            )
+        return value
+
+
 def check_range(
-    radiator: Radiator, wavelength: float, power: float, norm: float, scene_unit: float = 1.0
+    centred: CentredSource, wavelength: float, power: float, norm: float, scene_unit: float = 1.0
 ) -> None:
     """Raise SceneError where single precision cannot hold the emitter's numbers.
 
@@ -129,7 +383,7 @@ def check_range(
     """
     # Logarithms, because the numbers themselves may leave double precision as well.
     energy, inverse_square = _exponent(norm), -2 * _exponent(wavelength)
-    area_in_scene = _exponent(radiator.support.area) - 2 * _exponent(scene_unit)
+    area_in_scene = _exponent(centred.support.area) - 2 * _exponent(scene_unit)
     radiance = _exponent(power) + inverse_square
     _fits("wavelength", f"{wavelength:.6g} m", -inverse_square / 2, inverse_square)
     _fits("wavelength", f"{wavelength:.6g} m", inverse_square - energy)
@@ -149,13 +403,6 @@ def check_sampling_weight(value: Any) -> float:
     return float(value)
 
 
-def check_flag(name: str, value: Any) -> bool:
-    """The value as True or False; SceneError for anything else, such as the text "false"."""
-    if not isinstance(value, bool | np.bool_):
-        raise SceneError(f"expected {name} to be True or False, got {value!r}; give one of them")
-    return bool(value)
-
-
 def _exponent(value: Any) -> float:
     return math.log10(value) if value > 0 else -math.inf
 
@@ -169,10 +416,42 @@ def _fits(name: str, shown: str, *exponents: float) -> None:
             )
 
 
-def _reject_nested(values: dict[str, Any]) -> None:
-    for name, value in values.items():
-        if isinstance(value, mi.Object) and type(value).__name__ in ("Emitter", "Sensor"):
-            raise SceneError(
-                f"expected no {type(value).__name__.lower()} inside a wigner shape, got "
-                f"{name!r}; the shape brings its own emitter"
-            )
+def rigid_pose(matrix: Any) -> npt.NDArray[np.float64]:
+    """A read-only (4, 4) pose from a matrix or from one of Mitsuba's, of any variant.
+
+    Raises SceneError for anything but rotations and translations, and for what single precision
+    cannot hold.
+    """
+    try:
+        given = np.asarray(matrix, dtype=np.float64)
+    except (TypeError, ValueError, RuntimeError):
+        given = np.empty(0)
+    if given.shape not in ((4, 4), (4, 4, 1)):  # with a last axis of 1 from compiled variants
+        shown = f"one of shape {given.shape}" if given.size else type(matrix).__name__
+        raise SceneError(
+            f"expected a (4, 4) matrix as to_world, got {shown}; give one, or a transform such as "
+            "mitsuba.ScalarTransform4f().translate([0, 0, 1])"
+        )
+    if not (np.abs(given) <= np.finfo(np.float32).max).all():
+        raise SceneError(f"expected a finite to_world, got {given.tolist()}")
+    try:
+        return geometry.rigid_pose(given.reshape(4, 4))
+    except GeometryError as error:
+        raise SceneError(str(error)) from None
+
+
+def as_source(given: Any) -> Any:
+    """A source as it is; an Aperture of anything else. GeometryError for no outline."""
+    kinds = Aperture | Array | Wavefront | PlacedAperture | Slits | Polyhedron
+    return given if isinstance(given, kinds) else Aperture(given)
+
+
+def pose_entry(to_world: Any) -> dict[str, Any]:
+    """The key ``to_world`` for a matrix or a transform of any variant; nothing for None.
+
+    Raises SceneError for a pose that is not rigid.
+    """
+    if to_world is None:
+        return {}
+    pose = rigid_pose(getattr(to_world, "matrix", to_world))
+    return {"to_world": mi.scalar_rgb.ScalarTransform4f(pose)}

@@ -15,8 +15,8 @@ from polywigner.errors import SceneError
 from polywigner.geometry import Aperture, Wavefront, triangulate
 from polywigner.illumination import Array
 from polywigner.illumination.support import mirrored_source
-from polywigner.mitsuba.given import rigid_pose
-from polywigner.mitsuba.radiance import PLAIN, Mixture
+from polywigner.mitsuba.parameters import rigid_pose
+from polywigner.mitsuba.sources import PLAIN, Mixture
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.transforms.wavefronts import flat_of
 
@@ -144,7 +144,7 @@ class PlacedSource:
     power: float = 0.0
     """Radiated, in W."""
     mixture: Mixture = PLAIN
-    """Of its light."""
+    """Mixture of its light."""
     medium: Any = None
     """Fog that the source stands in, as the sensor says; None: none."""
 

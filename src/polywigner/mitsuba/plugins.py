@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial, wraps
 from typing import Any, ParamSpec, TypeVar
 
 import mitsuba as mi
 
-from polywigner.errors import PolywignerError, SceneError
+from polywigner.errors import PolywignerError
 from polywigner.execution import uncompiled
 from polywigner.geometry import triangulate
 from polywigner.mitsuba.emitter import emitter_class
-from polywigner.mitsuba.parameters import EmitterSpec, read_parameters
+from polywigner.mitsuba.parameters import read_emitter, values_of
 from polywigner.mitsuba.placement import cover, hide
 
 # Mitsuba wraps what a plugin raises into a RuntimeError with a traceback in its text. The errors
@@ -101,27 +101,14 @@ def _built(build: Callable[[str, Any], Any], variant: str, props: Any) -> Any:
 PLUGIN_NAME = "wigner"
 
 
-def check_nested(names: Iterable[str], visible: bool) -> None:
-    """Raise SceneError for anything nested in a shape without a surface."""
-    for name in () if visible else names:
-        raise SceneError(
-            f"expected nothing nested in a wigner shape that is not visible, got {name!r}; leave "
-            "it out, or make the shape visible"
-        )
-
-
 def _build(variant: str, props: Any) -> Any:
     """The mesh for the parameters of one ``wigner`` element."""
-    return _mesh(variant, props, read_parameters(props))
-
-
-def _mesh(variant: str, props: Any, spec: EmitterSpec) -> Any:
+    spec = read_emitter(values_of(props))
     m = getattr(mi, variant)
-    vertices, triangles = triangulate(spec.radiator.support)
+    vertices, triangles = triangulate(spec.centred.support)
     inner = mi.Properties(PLUGIN_NAME)
     inner.set_id(props.id())
     nested = dict(props.objects())
-    check_nested(nested, spec.visible)
     for name, value in nested.items():
         inner[name] = value
     if not any(isinstance(value, m.BSDF) for value in nested.values()):
@@ -134,8 +121,8 @@ def _mesh(variant: str, props: Any, spec: EmitterSpec) -> Any:
         props=inner,
         has_vertex_texcoords=True,
     )
-    centre = spec.radiator.centre / spec.scene_unit
-    cover(mesh, spec.radiator.support, spec.pose, centre, spec.scene_unit)
+    centre = spec.centred.centre / spec.scene_unit
+    cover(mesh, spec.centred.support, spec.pose, centre, spec.scene_unit)
     if not spec.visible:
         hide(mesh)
     return mesh

@@ -6,7 +6,6 @@ has bins of one width, adds them in single precision and drops what lies outside
 
 from __future__ import annotations
 
-import importlib
 import math
 import os
 import sys
@@ -22,14 +21,16 @@ import numpy.typing as npt
 from polywigner.errors import (
     ArgumentError,
     EngineError,
-    MissingExtraError,
     SceneError,
-    install_command,
+    require,
 )
-from polywigner.mitsuba.parts import CAMERAS, WAVEFRONT, fineness, seed_of
+from polywigner.mitsuba.films import CAMERAS, WAVEFRONT, fineness, seed_of
 from polywigner.mitsuba.receiver import is_receiver, receiving
 from polywigner.mitsuba.rendering import depths_of
-from polywigner.mitsuba.scenes import translate_error
+from polywigner.mitsuba.scenes import (
+    checked_scene,
+    translate_error,
+)
 
 _NAME = "mitransient"
 _PATH, _VOLUME = "transient_path", "transient_prbvolpath"
@@ -79,12 +80,7 @@ def require_transients(variant: str | None = None) -> Any:
     # an import of it chooses a variant for child processes too
     chosen = os.environ.get("MI_DEFAULT_VARIANT")
     try:
-        return importlib.import_module(_NAME)
-    except ImportError as error:
-        raise MissingExtraError(
-            f"expected mitransient to be installed, by which ranges are told, got none ({error}); "
-            f"run {install_command('radar')}"
-        ) from error
+        return require(_NAME, "radar", "tells ranges")
     finally:
         if chosen is None:
             os.environ.pop("MI_DEFAULT_VARIANT", None)
@@ -112,11 +108,7 @@ def transient_integrator(integrator: Any, scene: Any, sensor: Any) -> Any:
     paths in.
     """
     require_transients()
-    if not isinstance(scene, mi.Scene):
-        raise SceneError(
-            f"expected a scene of the variant that is set, {mi.variant()}, got one of another; set "
-            "that one, or load the scene anew"
-        )
+    checked_scene(scene)
     _check_lights(scene)
     found = _counterpart(integrator)
     if type(found).__name__ == _OWN[1]:

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from polywigner.errors import ArgumentError
-from polywigner.geometry.arguments import real_numbers
-from polywigner.mitsuba.parts import seed_of
+from polywigner.geometry.arguments import (
+    checked_callable,
+    real_numbers,
+)
+from polywigner.mitsuba.films import seed_of
 from polywigner.mitsuba.plugins import one_at_a_time
 from polywigner.mitsuba.range_film import (
     check_sums,
@@ -19,7 +22,7 @@ from polywigner.mitsuba.range_film import (
     sorted_by_range,
     transient_integrator,
 )
-from polywigner.mitsuba.received import OTHER_LIGHTS, asked_of, noise_power_of
+from polywigner.mitsuba.received import OTHER_LIGHTS, described, noise_power_of, receive_options
 from polywigner.mitsuba.received_power import (
     Parties,
     chosen,
@@ -35,14 +38,13 @@ from polywigner.mitsuba.scattered import (
     Scattering,
     batches_of,
     lights_of,
-    lit_by,
     shares_of,
     standard_error,
     unseen,
     wigner_emitters,
 )
 from polywigner.quantities import SPEED_OF_LIGHT
-from polywigner.transforms.xarray_arguments import labelled_array, labelled_arrays
+from polywigner.transforms.xarray_arguments import labelled_array
 
 if TYPE_CHECKING:
     import xarray
@@ -111,12 +113,12 @@ def range_profile(
     """
     edges = checked_ranges(ranges)
     require_transients()
-    asked = asked_of(spp, seed, integrator, 0, 1e-6, bandwidth, temperature, noise_figure)
+    options = receive_options(spp, seed, integrator, 0, 1e-6, bandwidth, temperature, noise_figure)
     found = receivers_of(scene)
     numbers = list(range(len(found))) if receiver is None else [chosen(found, receiver)]
-    parties = matched(scene, numbers, asked)
+    parties = matched(scene, numbers, options)
     with unseen(scene):
-        plans = [scattering(scene, sensor, asked) for sensor in parties.sensors]
+        plans = [scattering(scene, sensor, options) for sensor in parties.sensors]
         powers = scattered_here(scene, progress, ranged(plans, parties, edges))
     return profile_of(scene, parties, edges, plans[0], powers)
 
@@ -146,47 +148,10 @@ def checked_ranges(ranges: npt.ArrayLike) -> Floats:
     return edges
 
 
-@dataclass(frozen=True)
-class Ranging(Scattering):
-    """Sampling by range of the light that is scattered to one receiver."""
-
-    edges: tuple[float, ...] = ()
-    """Of bins, lengths of paths in units of the scene."""
-
-    @property
-    def values(self) -> tuple[int, ...]:
-        """Power of each light in one batch: nearer than all bins, in each, farther."""
-        return (len(self.edges) + 1,)
-
-    def batch(
-        self, scene: Any, number: int, done: Callable[[], None] = lambda: None
-    ) -> npt.NDArray[np.float64]:
-        """W (lights, values) that one batch finds of each of ``lights_of``.
-
-        Raises what :func:`range_profile` does.
-        """
-        sources = wigner_emitters(scene)
-        sensor = scene.sensors()[self.sensor]
-        asked = exposed(scene, self.integrator, 1, 0, self.sensor, warn=number == 0).integrator
-        integrator = transient_integrator(asked, scene, sensor)
-        edges = np.array(self.edges)
-        own = seed_of(self.seed, number)
-        found = []
-        for light in lights_of(scene):
-            with lit_by(sources, light):
-                image = sorted_by_range(scene, sensor, integrator, edges, batches_of(self.spp), own)
-            found.append(image.sum(axis=(0, 1)))
-            done()
-        return np.array(found)
-
-
-def ranged(plans: list[Scattering], parties: Parties, edges: Floats) -> list[Ranging]:
+def ranged(plans: list[Scattering], parties: Parties, edges: Floats) -> list[Scattering]:
     """Sampling of the same light by range, with bin ``edges`` in m."""
-    lengths = [2.0 * edges / place.scene_unit for place in parties.places]
-    return [
-        Ranging(plan.sensor, plan.integrator, plan.spp, plan.seed, tuple(own.tolist()))
-        for plan, own in zip(plans, lengths, strict=True)
-    ]
+    lengths = [tuple((2.0 * edges / place.scene_unit).tolist()) for place in parties.places]
+    return [replace(plan, edges=own) for plan, own in zip(plans, lengths, strict=True)]
 
 
 def profile_of(
@@ -204,20 +169,19 @@ def _described(
     by_light: Floats, names: list[str], parties: Parties, edges: Floats, plan: Scattering
 ) -> xarray.Dataset:
     """``by_light``: W (receivers, lights, batches, values)."""
-    from polywigner import __version__
-
     each = by_light.sum(axis=1)
     mean, error = each.mean(axis=1), standard_error(each, axis=1)
     all_bins = each.sum(axis=-1)
-    noise = [noise_power_of(**of_one) for of_one in parties.noises]
     bands = [of_one["bandwidth"] for of_one in parties.noises]
-    unknown = np.nan
-    values = {
-        "power": (mean[:, 1:-1], ("range",), "W", "scattered power of a bin"),
-        "standard_error": (error[:, 1:-1], ("range",), "W", "standard error of the power"),
+    noise = [noise_power_of(**of_one) for of_one in parties.noises]
+    resolution = [None if b is None else SPEED_OF_LIGHT / (2 * b) for b in bands]
+    by_range = ("range",)
+    values: dict[str, tuple[Any, tuple[str, ...], str, str]] = {
+        "power": (mean[:, 1:-1], by_range, "W", "scattered power of a bin"),
+        "standard_error": (error[:, 1:-1], by_range, "W", "standard error of the power"),
         "emitter_power": (
             by_light.mean(axis=2)[..., 1:-1],
-            ("emitter", "range"),
+            ("emitter", *by_range),
             "W",
             "scattered power of one emitter",
         ),
@@ -230,47 +194,30 @@ def _described(
             "W",
             "standard error of the scattered power from all ranges",
         ),
-        "noise_power": (
-            np.array([unknown if power is None else power for power in noise]),
-            (),
-            "W",
-            "noise k T B F",
-        ),
+        "noise_power": (np.array(noise, float), (), "W", "noise k T B F"),
         "resolution": (
-            np.array([unknown if b is None else SPEED_OF_LIGHT / (2 * b) for b in bands]),
+            np.array(resolution, float),
             (),
             "m",
             "range that the bandwidth resolves, c/(2 B)",
         ),
     }
-    coords = {
-        **range_axes(edges),
-        "emitter": labelled_array(np.array(names), ("emitter",)),
-    }
-    single = len(parties.places) == 1
-    first: tuple[str, ...] = () if single else ("receiver",)
-    if not single:
-        receivers = np.array([place.name for place in parties.places])
-        coords["receiver"] = labelled_array(receivers, ("receiver",))
+    coords = {**range_axes(edges), "emitter": labelled_array(np.array(names), ("emitter",))}
+    receivers = [place.name for place in parties.places]
+    if single := len(receivers) == 1:
+        values = {name: (array[0], *rest) for name, (array, *rest) in values.items()}
+    else:
+        values = {
+            n: (array, ("receiver", *dims), *rest) for n, (array, dims, *rest) in values.items()
+        }
+        coords["receiver"] = labelled_array(np.array(receivers), ("receiver",))
     about = {
-        "receiver": parties.places[0].name if single else "several",
+        "receiver": receivers[0] if single else "several",
         "wavelength": parties.places[0].wavelength,
         "samples": BATCHES * batches_of(plan.spp),
         "seed": plan.seed,
-        "polywigner_version": __version__,
     }
-    return labelled_arrays(
-        {
-            name: labelled_array(
-                np.asarray(array[0] if single else array),
-                (*first, *dims),
-                {"units": unit, "long_name": meaning},
-            )
-            for name, (array, dims, unit, meaning) in values.items()
-        },
-        coords,
-        about,
-    )
+    return described(values, coords, about)
 
 
 def range_axes(edges: Floats) -> dict[str, xarray.Variable]:
@@ -354,6 +301,7 @@ def prepared_frames(
     parts = min(_PARTS, total)
 
     def rendered(progress: Progress | None) -> xarray.Dataset:
+        checked_callable(progress, "progress")
         found: Any = 0.0
         for part in range(parts):
             samples = total // parts + (part < total % parts)
@@ -366,23 +314,12 @@ def prepared_frames(
     return rendered
 
 
-def _labelled(
-    found: npt.NDArray[np.float64], edges: npt.NDArray[np.float64], spp: int, seed: int
-) -> xarray.Dataset:
-    from polywigner import __version__
-
-    picture = ("row", "column")
-    frames = np.ascontiguousarray(np.moveaxis(found[..., 1:-1], -1, 0))
+def _labelled(found: Floats, edges: Floats, spp: int, seed: int) -> xarray.Dataset:
+    picture, unit = ("row", "column"), "W m-2 sr-1"
+    frames = np.moveaxis(found[..., 1:-1], -1, 0)
     values = {
-        "radiance": (frames, ("range", *picture), "radiance of a bin"),
-        "before": (found[..., 0].copy(), picture, "radiance from nearer than all bins"),
-        "after": (found[..., -1].copy(), picture, "radiance from farther than all bins"),
+        "radiance": (frames, ("range", *picture), unit, "radiance of a bin"),
+        "before": (found[..., 0], picture, unit, "radiance from nearer than all bins"),
+        "after": (found[..., -1], picture, unit, "radiance from farther than all bins"),
     }
-    return labelled_arrays(
-        {
-            name: labelled_array(array, dims, {"units": "W m-2 sr-1", "long_name": meaning})
-            for name, (array, dims, meaning) in values.items()
-        },
-        range_axes(edges),
-        {"samples": spp, "seed": seed, "polywigner_version": __version__},
-    )
+    return described(values, range_axes(edges), {"samples": spp, "seed": seed})

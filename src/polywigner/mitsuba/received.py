@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from polywigner.errors import ArgumentError
+from polywigner.geometry.arguments import checked_count
 from polywigner.mitsuba.rendering import check_seed, check_spp
 from polywigner.quantities import NOISE_PARSERS, SPEED_OF_LIGHT, parse_noise
 from polywigner.reception.couplings import checked_tolerance
+from polywigner.transforms.xarray_arguments import labelled_array, labelled_arrays
+
+if TYPE_CHECKING:
+    import xarray
 
 BOLTZMANN = 1.380649e-23
 """J/K, exact in the SI of 2019."""
@@ -83,7 +89,7 @@ class ReceivedPower:
     standard_error: float
     """W, of ``scattered``; the rest has none."""
     samples: int
-    """Of the scattered part, for each of its renders."""
+    """Samples of the scattered part, for each of its renders."""
     seed: int
     bandwidth: float | None = None
     """Hz."""
@@ -92,7 +98,7 @@ class ReceivedPower:
     noise_figure: float | None = None
     """dB; None counts as 0."""
     notes: tuple[str, ...] = ()
-    """What the numbers leave out in this scene."""
+    """Sentences about effects in this scene that the numbers leave out."""
 
     @property
     def direct(self) -> float:
@@ -212,11 +218,12 @@ def _watts(value: float) -> str:
     return f"{value:.4g} W"
 
 
+# Ways by more mirrors are not searched.
 _MOST_REFLECTIONS = 3
 
 
 @dataclass(frozen=True)
-class Asked:
+class ReceiveOptions:
     """Checked arguments of :func:`polywigner.mitsuba.received_power`; None: as the scene says."""
 
     spp: int | None
@@ -230,8 +237,8 @@ class Asked:
 
     def noise_of(self, spec: Any) -> dict[str, Any]:
         """Noise of a receiver: the caller's numbers, else its own."""
-        asked = {name: getattr(self, name) for name in NOISE_PARSERS}
-        noise = {n: getattr(spec, n) if value is None else value for n, value in asked.items()}
+        own = {name: getattr(self, name) for name in NOISE_PARSERS}
+        noise = {n: spec.noise[n] if value is None else value for n, value in own.items()}
         power = noise_power_of(**noise)
         if power is not None and not 0 < power < math.inf:
             raise ArgumentError(
@@ -241,7 +248,7 @@ class Asked:
         return noise
 
 
-def asked_of(
+def receive_options(
     spp: Any,
     seed: Any,
     integrator: Any,
@@ -250,24 +257,35 @@ def asked_of(
     bandwidth: Any,
     temperature: Any,
     noise_figure: Any,
-) -> Asked:
+) -> ReceiveOptions:
     """The arguments; ArgumentError, QuantityError for one out of range."""
-    return Asked(
+    return ReceiveOptions(
         None if spp is None else check_spp(spp),
         check_seed(seed),
         integrator,
-        _checked_reflections(reflections),
+        checked_count(reflections, "reflections", 0, _MOST_REFLECTIONS),
         checked_tolerance(tolerance),
         **parse_noise(bandwidth, temperature, noise_figure),
     )
 
 
-def _checked_reflections(value: Any) -> int:
-    if isinstance(value, bool) or not isinstance(value, int | np.integer):
-        raise ArgumentError(f"expected reflections as a whole number, got {value!r}")
-    if not 0 <= value <= _MOST_REFLECTIONS:
-        raise ArgumentError(
-            f"expected reflections from 0 to {_MOST_REFLECTIONS}, got {value}; ways by more "
-            "mirrors are not searched"
-        )
-    return int(value)
+def described(
+    values: Mapping[str, tuple[Any, tuple[str, ...], str, str]],
+    coords: Mapping[str, Any],
+    about: Mapping[str, Any],
+) -> xarray.Dataset:
+    """A dataset of values by their names: array, dimensions, unit (none: a text), meaning."""
+    from polywigner import __version__
+
+    return labelled_arrays(
+        {
+            name: labelled_array(
+                np.ascontiguousarray(array) if np.ndim(array) else array,
+                dims,
+                ({"units": unit} if unit else {}) | {"long_name": meaning},
+            )
+            for name, (array, dims, unit, meaning) in values.items()
+        },
+        coords,
+        {**about, "polywigner_version": __version__},
+    )

@@ -8,11 +8,15 @@ from functools import partial
 from itertools import count
 from typing import Any, NamedTuple
 
+import drjit as dr
+import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, SceneError
+from polywigner.geometry.arguments import checked_callable
 from polywigner.mitsuba.direct_light import DirectLight, direct_light, mirrors_in, ways_of
+from polywigner.mitsuba.films import film_of, mean_of_colours, seed_of, silent
 from polywigner.mitsuba.placement import (
     PlacedSource,
     check_match,
@@ -20,9 +24,16 @@ from polywigner.mitsuba.placement import (
     placed_receiver,
 )
 from polywigner.mitsuba.plugins import one_at_a_time
-from polywigner.mitsuba.received import OTHER_LIGHTS, Asked, Contribution, ReceivedPower, asked_of
-from polywigner.mitsuba.receiver import is_receiver
-from polywigner.mitsuba.rendering import default_spp, exposed
+from polywigner.mitsuba.range_film import is_transient
+from polywigner.mitsuba.received import (
+    OTHER_LIGHTS,
+    Contribution,
+    ReceivedPower,
+    ReceiveOptions,
+    receive_options,
+)
+from polywigner.mitsuba.receiver import RECEIVER_NAME, is_receiver, receiver_class
+from polywigner.mitsuba.rendering import default_integrator, default_spp, exposed
 from polywigner.mitsuba.scattered import (
     BATCHES,
     Scattering,
@@ -33,6 +44,8 @@ from polywigner.mitsuba.scattered import (
     unseen,
     wigner_emitters,
 )
+
+__all__ = []
 
 _NO_RADIANCE = ("AOVIntegrator", "DepthIntegrator", "MomentIntegrator", "ParticleTracerIntegrator")
 
@@ -90,11 +103,11 @@ def received_power(
         refuses. ArgumentError : no scene, several receivers and none named, other arguments out of
         range; QuantityError : a quantity that is none.
     """
-    asked = asked_of(
+    options = receive_options(
         spp, seed, integrator, reflections, tolerance, bandwidth, temperature, noise_figure
     )
     number = chosen(receivers_of(scene), receiver)
-    return received(scene, [number], asked, partial(scattered_here, scene, progress))[0]
+    return received(scene, [number], options, partial(scattered_here, scene, progress))[0]
 
 
 @one_at_a_time
@@ -112,11 +125,11 @@ def received_powers(
     progress: Progress | None = None,
 ) -> list[ReceivedPower]:
     """The power of each receiver of a scene, in its order: :func:`received_power`."""
-    asked = asked_of(
+    options = receive_options(
         spp, seed, integrator, reflections, tolerance, bandwidth, temperature, noise_figure
     )
     numbers = list(range(len(receivers_of(scene))))
-    return received(scene, numbers, asked, partial(scattered_here, scene, progress))
+    return received(scene, numbers, options, partial(scattered_here, scene, progress))
 
 
 def receivers_of(scene: Any) -> list[tuple[int, Any]]:
@@ -152,16 +165,18 @@ def chosen(found: list[tuple[int, Any]], receiver: int | str | None) -> int:
     )
 
 
-def received(scene: Any, numbers: list[int], asked: Asked, scattered: Scattered) -> list[Any]:
+def received(
+    scene: Any, numbers: list[int], options: ReceiveOptions, scattered: Scattered
+) -> list[Any]:
     """The :class:`ReceivedPower` of receivers by their numbers; see :func:`received_power`.
 
     ``scattered``: (how to sample for each receiver) -> W found (receivers, batches, lights), called
     while the scene's sources are unseen.
     """
-    parties = matched(scene, numbers, asked)
+    parties = matched(scene, numbers, options)
     with unseen(scene):
-        lit = [_direct(scene, place, parties.emitters, asked) for place in parties.places]
-        plans = [scattering(scene, index, asked) for index in parties.sensors]
+        lit = [_direct(scene, place, parties.emitters, options) for place in parties.places]
+        plans = [scattering(scene, index, options) for index in parties.sensors]
         found = scattered(plans)
         each = zip(parties.places, parties.noises, lit, plans, found, strict=True)
         return [_result(scene, parties.emitters, *one) for one in each]
@@ -178,25 +193,25 @@ class Parties(NamedTuple):
     emitters: list[PlacedSource]
 
 
-def matched(scene: Any, numbers: list[int], asked: Asked) -> Parties:
+def matched(scene: Any, numbers: list[int], options: ReceiveOptions) -> Parties:
     """Receivers by their numbers, and the sources; SceneError for pairs that do not match."""
     if not scene.emitters():
         raise SceneError("expected a scene with light, got one without emitters; add one")
     receivers = [receivers_of(scene)[number] for number in numbers]
     emitters = [placed_emitter(e, k) for k, e in enumerate(wigner_emitters(scene))]
     places = [placed_receiver(s, n) for n, (_, s) in zip(numbers, receivers, strict=True)]
-    noises = [asked.noise_of(sensor.spec) for _, sensor in receivers]
+    noises = [options.noise_of(sensor.spec) for _, sensor in receivers]
     for place, noise in zip(places, noises, strict=True):
         for emitter in emitters:
             check_match(emitter, place, noise["bandwidth"])
     return Parties([index for index, _ in receivers], places, noises, emitters)
 
 
-def scattering(scene: Any, sensor: int, asked: Asked) -> Scattering:
+def scattering(scene: Any, sensor: int, options: ReceiveOptions) -> Scattering:
     """Sampling of the light that is scattered to a sensor, by its number."""
-    _check_integrator(exposed(scene, asked.integrator, 1, 0, sensor, warn=False).integrator)
-    spp = default_spp(scene, sensor) if asked.spp is None else asked.spp
-    return Scattering(sensor, asked.integrator, spp, asked.seed)
+    _check_integrator(exposed(scene, options.integrator, 1, 0, sensor, warn=False).integrator)
+    spp = default_spp(scene, sensor) if options.spp is None else options.spp
+    return Scattering(sensor, options.integrator, spp, options.seed)
 
 
 def _check_integrator(integrator: Any) -> None:
@@ -216,19 +231,19 @@ def scattered_here(
     done, total = count(1), len(plans) * BATCHES * len(lights_of(scene))
 
     def tell() -> None:
-        if progress is not None:
+        if progress is not None and checked_callable(progress, "progress"):
             progress(next(done), total)
 
     return np.array([[p.batch(scene, k, tell) for k in range(BATCHES)] for p in plans])
 
 
 def _direct(
-    scene: Any, receiver: PlacedSource, emitters: list[PlacedSource], asked: Asked
+    scene: Any, receiver: PlacedSource, emitters: list[PlacedSource], options: ReceiveOptions
 ) -> tuple[list[DirectLight], list[str]]:
     """Light that comes straight or by mirrors from each emitter; and notes on omissions."""
-    mirrors, notes = mirrors_in(scene, receiver.scene_unit, asked.reflections)
-    ways = ways_of(mirrors, asked.reflections)
-    links = [direct_light(scene, e, receiver, ways, asked.tolerance) for e in emitters]
+    mirrors, notes = mirrors_in(scene, receiver.scene_unit, options.reflections)
+    ways = ways_of(mirrors, options.reflections)
+    links = [direct_light(scene, e, receiver, ways, options.tolerance) for e in emitters]
     return links, [note for link in links for note in link.notes] + notes
 
 
@@ -269,3 +284,33 @@ def _contribution(name: str, batches: Any, link: DirectLight) -> Contribution:
         standard_error=float(standard_error(batches)),
         paths=link.paths,
     )
+
+
+# Pixels on a side, and samples of each: some seconds at most, in scalar variants too.
+_FINE, _COARSE = (64, 64), (24, 4)
+
+
+def arrival_map(scene: Any, receiver: int, seed: int = 0) -> NDArray[np.float64]:
+    """W (n, n) that surfaces, fog and incoherent lights send from each direction, sources unseen.
+
+    Over direction cosines of the receiver's frame, from -1 to 1: columns along x, rows along y. For
+    a receiver by its number among those of the scene; its own film stays as it is.
+    """
+    _, own = receivers_of(scene)[receiver]
+    size, spp = _FINE if dr.is_jit_v(mi.Float) else _COARSE
+    props = mi.Properties(RECEIVER_NAME)
+    props.set_id(own.id())
+    props["film"] = mi.load_dict(film_of(size, size))
+    sensor = receiver_class(mi.variant())(own.spec, props)
+    sensor.scene = scene
+    try:
+        with unseen(scene), silent():
+            integrator = scene.integrator()
+            if integrator is None or is_transient(integrator):
+                integrator = mi.load_dict({"type": default_integrator(scene)})
+            own = seed_of(seed)
+            found = mi.render(scene, sensor=sensor, integrator=integrator, spp=spp, seed=own)
+            image = np.array(found, dtype=np.float64)
+    finally:
+        sensor.scene = None  # or it would keep the scene alive
+    return mean_of_colours(image)

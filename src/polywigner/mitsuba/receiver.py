@@ -33,13 +33,12 @@ from polywigner.errors import SceneError
 from polywigner.geometry import Aperture
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import irradiance_factor
-from polywigner.mitsuba.exact import ExactField, opaque
-from polywigner.mitsuba.given import rigid_pose
+from polywigner.mitsuba.parameters import ESTIMATORS, read_receiver, rigid_pose, values_of
 from polywigner.mitsuba.placement import Frame, matrix_of
 from polywigner.mitsuba.plugins import add_plugin
-from polywigner.mitsuba.radiance import DrawnWaves, WignerSum, emissions
-from polywigner.mitsuba.receiver_parameters import ReceiverSpec, read_receiver
-from polywigner.mitsuba.sampling import Tabulated, cells_with_field, positions_of, spectrum
+from polywigner.mitsuba.sampling import Tabulated, opaque, spectrum
+from polywigner.mitsuba.sources import SourceSpec, emissions
+from polywigner.mitsuba.wigner import WignerRadiance
 from polywigner.transforms import fourier
 
 
@@ -213,7 +212,7 @@ def receiver_class(variant: str) -> Any:
 
         is_wigner_receiver = True
 
-        def __init__(self, spec: ReceiverSpec, props: Any) -> None:
+        def __init__(self, spec: SourceSpec, props: Any) -> None:
             super().__init__(props)
             self.m_needs_sample_3 = True
             self.spec = spec
@@ -221,28 +220,18 @@ def receiver_class(variant: str) -> Any:
             self.fineness = 1  # pixels of the film for one of the map, see module `films`
             self.to_world = m.Transform4f(m.Matrix4f(spec.pose))
             self._place()
-            radiator, unit = spec.radiator, spec.scene_unit
-            source = radiator.centred
+            source, wavelength = spec.centred.at_origin, spec.wavelength
             width = spec.mixture.coherence_width
-            self.directions = directions_of(m, source, spec.wavelength, spec.obliquity, width)
-            self._inverse = opaque(m, 1.0 / spec.wavelength)
-            if spec.estimator == "exact":
-                self._exact = ExactField(m, source, spec.wavelength, spec.obliquity)
-                self._cells = cells_with_field(m, source, unit)
-                reach = float(np.hypot(*np.abs(np.reshape(source.bounds, (2, 2))).max(axis=0)))
-                far = _FAR * reach * max(reach / spec.wavelength, 1.0)
-                self._far = opaque(m, far / unit)
-                scale = spec.wavelength**2 * unit**2 / spec.norm
-            else:
-                self._waves = DrawnWaves(m, spec.mixture)
-                self._sum = WignerSum(m, source, spec.wavelength, spec.obliquity, unit)
-                self._positions = positions_of(m, radiator, spec.sampling, unit)
-                scale = unit**2 / spec.norm
-            self._scale = opaque(m, scale)
+            self.directions = directions_of(m, source, wavelength, spec.obliquity, width)
+            own = WignerRadiance(m, spec, wavelength)
+            self._estimator = ESTIMATORS[spec.estimator](m, spec, wavelength, own)
+            reach = float(np.hypot(*np.abs(np.reshape(source.bounds, (2, 2))).max(axis=0)))
+            far = _FAR * reach * max(reach / wavelength, 1.0)
+            self._far = opaque(m, far / spec.scene_unit)
 
         def _place(self) -> None:
             pose = self.spec.pose
-            self._frame = Frame(m, self.to_world, self.spec.radiator.centre / self.spec.scene_unit)
+            self._frame = Frame(m, self.to_world, self.spec.centred.centre / self.spec.scene_unit)
             # rays start a little in front, as Mitsuba's do: the receiver may stand on a surface
             largest = float(np.abs(pose[:3, 3]).max())
             self._lift = opaque(m, (1.0 + largest) * float(m.math.RayEpsilon))
@@ -285,14 +274,10 @@ def receiver_class(variant: str) -> Any:
             ray.time = time
             ray.d = self._frame.to_scene(direction)
             ray.maxt = m.Float(float(np.finfo(np.float32).max))
-            if self.spec.estimator == "exact":
-                x = self._cells.sample(sample3)
-                ray.o = self._start(x)
-                weight = self._exact_weight(ray, x, direction, active)
-            else:
-                x, per_area = self._positions.sample(sample3)
-                ray.o = self._start(x)
-                weight = self._signed_weight(x, direction) / per_area
+            x, per_area = self._estimator.draw(sample3)
+            ray.o = self._frame.point(x) + self.lift
+            met = self._met(ray, x, direction, active) if self._estimator.needs_distance else ()
+            weight = self._estimator.received(x, direction, per_area, *met)
             zero = dr.zeros(m.SurfaceInteraction3f)
             ray.wavelengths, share = self.sample_wavelengths(zero, sample1, active)
             return ray, weight, share
@@ -315,32 +300,24 @@ def receiver_class(variant: str) -> Any:
             )
             return in_pixel(m, place, (width, height))
 
-        def _start(self, x: Any) -> Any:
-            return self._frame.point(x) + self.lift
-
         @property
         def lift(self) -> Any:
             """From a place on the receiver to where its ray starts."""
             return self._frame.axes[2] * self._lift
 
-        def _signed_weight(self, x: Any, direction: Any) -> Any:
-            """g W/N, of positions in scene units; g = h cos."""
-            wave = self._waves.wave(self._inverse, x, direction)
-            return self._scale * self._sum.at(x, direction, wave, None) * direction.z
-
-        def _exact_weight(self, ray: Any, x: Any, direction: Any, active: Any) -> Any:
-            """lambda^2 r^2 |U|^2/N of the point that the ray meets, or of one far out."""
+        def _met(self, ray: Any, x: Any, direction: Any, active: Any) -> tuple[Any, Any]:
+            """The place of the surface that a ray meets, or one far out, and its distance."""
             if self.scene is None:
                 raise SceneError(
-                    'expected the scene of the wigner_receiver for its estimator "exact", got none '
-                    "from Mitsuba; render with polywigner.mitsuba.render, or within `with "
+                    "expected the scene of the wigner_receiver for its estimator "
+                    f'"{self.spec.estimator}", got none from Mitsuba; render with '
+                    "polywigner.mitsuba.render, or within `with "
                     'polywigner.mitsuba.receiving(scene)`, or use the estimator "wigner"'
                 )
             distance = distance_to_surface(m, self.scene, ray, self._lift, self._far, active)
             along = direction * distance
             point = m.Point3f(x.x + along.x, x.y + along.y, self._lift + along.z)
-            found = self._exact.intensity(point, self.spec.scene_unit)
-            return self._scale * (distance * distance) * found
+            return point, distance
 
         def bbox(self) -> Any:
             # scalar variants have one kind
@@ -378,9 +355,62 @@ def receiving(scene: Any) -> Iterator[None]:
         yield
 
 
+_NESTED = ("Film", "Sampler", "Medium")
+
+
+def _check_film(values: dict[str, Any]) -> None:
+    """SceneError without a film, in whose place Mitsuba takes one of 768 x 576 pixels.
+
+    And for a film whose pixels share samples, which adds to a pixel what came from elsewhere.
+    """
+    films = [value for value in values.values() if isinstance(value, mi.Object) and _is_film(value)]
+    if not films:
+        raise SceneError(
+            "expected a film in the wigner_receiver sensor, got none; give it one of 1 x 1 pixel, "
+            'which reads the received power: <film type="hdrfilm"> with width 1, height 1 and '
+            '<rfilter type="box"/>'
+        )
+    name = films[0].rfilter().class_name()
+    if name != "BoxFilter":
+        raise SceneError(
+            f"expected a film with a box filter in the wigner_receiver sensor, got {name}; give "
+            'the film <rfilter type="box"/>: other filters share samples among pixels'
+        )
+    _check_whole(films[0])
+
+
+def _check_whole(film: Any) -> None:
+    """SceneError for a film that is cropped: its pixels add up to a part of the power."""
+    size, part = (tuple(int(n) for n in pair) for pair in (film.size(), film.crop_size()))
+    if size != part:
+        raise SceneError(
+            f"expected the whole film of the wigner_receiver sensor, got {part[0]} x {part[1]} of "
+            f"{size[0]} x {size[1]} pixels; leave its crop window out"
+        )
+
+
+def _check_nested(values: dict[str, Any]) -> None:
+    """SceneError for anything nested but a film, a sampler and a medium."""
+    variants = {"scalar_rgb", mi.variant() or "scalar_rgb"}
+    known = tuple(getattr(getattr(mi, v), kind) for v in variants for kind in _NESTED)
+    for name, value in values.items():
+        if isinstance(value, mi.Object) and not isinstance(value, known):
+            raise SceneError(
+                f"expected a film, a sampler or a medium in the wigner_receiver sensor, got "
+                f"{name!r}, a {value.class_name()}; leave it out"
+            )
+
+
+def _is_film(value: Any) -> bool:
+    return hasattr(value, "rfilter") and hasattr(value, "crop_size")
+
+
 def _build(variant: str, props: Any) -> Any:
     """The sensor for the parameters of one ``wigner_receiver`` element."""
-    spec = read_receiver(props)
+    values = values_of(props)
+    spec = read_receiver(values)
+    _check_nested(values)
+    _check_film(values)
     inner = mi.Properties(RECEIVER_NAME)
     inner.set_id(props.id())
     for name, value in dict(props.objects()).items():

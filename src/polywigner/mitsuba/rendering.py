@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import operator
 import re
 import warnings
 from collections.abc import Callable
@@ -14,7 +13,11 @@ import numpy as np
 import numpy.typing as npt
 
 from polywigner.errors import ArgumentError, SceneError
-from polywigner.mitsuba.parts import Exposure, cut_of
+from polywigner.geometry.arguments import (
+    checked_callable,
+    checked_count,
+)
+from polywigner.mitsuba.films import Exposure, tiling_of
 from polywigner.mitsuba.placement import PLACE_ERROR, matrix_of
 from polywigner.mitsuba.plugins import one_at_a_time
 from polywigner.mitsuba.receiver import is_receiver
@@ -30,7 +33,7 @@ def is_fog_near(scene: Any, sensor: Any) -> bool:
     spec = sensor.spec
     size = np.ptp(np.reshape(spec.source.bounds, (2, 2)), axis=0)
     far = 2 * float(size @ size) / spec.wavelength / spec.scene_unit
-    middle = spec.pose[:3] @ [*(spec.radiator.centre / spec.scene_unit), 0.0, 1.0]
+    middle = spec.pose[:3] @ [*(spec.centred.centre / spec.scene_unit), 0.0, 1.0]
     bounds = (shape.bbox() for shape in scene.shapes() if shape.is_medium_transition())
     return any(float(box.distance(middle.tolist())) < far for box in bounds)
 
@@ -128,7 +131,7 @@ def render(
     integrator, one that cannot render this scene, or radiance that is not finite.
     """
     exposure = exposed(scene, integrator, spp, seed, sensor)
-    if progress is None:
+    if checked_callable(progress, "progress") is None:
         return exposure.picture(lambda: None)
     done, steps = count(1), exposure.cut.steps
     return exposure.picture(lambda: progress(next(done), steps))
@@ -153,7 +156,7 @@ def exposed(
     if warn:
         _warn_of_limits(scene, method)
         _warn_of_fog(scene, camera)
-    return Exposure(scene, camera, method, cut_of(camera, total), entropy)
+    return Exposure(scene, camera, method, tiling_of(camera, total), entropy)
 
 
 def default_integrator(scene: Any) -> str:
@@ -177,8 +180,7 @@ def _camera(scene: Any, number: int) -> Any:
         raise SceneError(
             "expected a scene with a <sensor>, got one without; add a sensor with a film"
         )
-    if not 0 <= _integer("sensor", number) < len(sensors):
-        raise ArgumentError(f"expected a sensor below {len(sensors)}, got {number}")
+    checked_count(number, "sensor", 0, len(sensors) - 1)
     width, height = sensors[number].film().crop_size()
     if width < 1 or height < 1:
         raise SceneError(
@@ -190,28 +192,14 @@ def _camera(scene: Any, number: int) -> Any:
 
 def check_spp(spp: int) -> int:
     """The samples per pixel; ArgumentError unless a whole number from 1 to 2^30."""
-    total = _integer("spp", spp)
-    if total < 1:
-        raise ArgumentError(f"expected at least one sample per pixel, got {total}")
-    if total > _LARGEST_SPP:
-        raise ArgumentError(
-            f"expected at most {_LARGEST_SPP} samples per pixel, got {total}; use fewer"
-        )
-    return total
+    return checked_count(spp, "spp", 1, _LARGEST_SPP)
 
 
 def check_seed(seed: int) -> int:
     """The seed; ArgumentError unless a whole number of zero or more."""
-    if (entropy := _integer("seed", seed)) < 0:
-        raise ArgumentError(f"expected a seed of zero or more, got {seed}")
-    return entropy
-
-
-def _integer(name: str, value: Any) -> int:
-    try:
-        return operator.index(value)
-    except TypeError:
-        raise ArgumentError(f"expected a whole number as {name}, got {value!r}") from None
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+        raise ArgumentError(f"expected a seed as a whole number of zero or more, got {seed!r}")
+    return int(seed)
 
 
 def _integrator(scene: Any, integrator: Any) -> Any:

@@ -1,5 +1,8 @@
 """Sampling of positions in an aperture, in its own coordinates, inside a renderer.
 
+And of the light of emitters, by one of the estimators: the classes that say how points of a scene
+are lit by a source, and how the rays of a receiver weigh.
+
 Positions come out relative to the aperture and keep single precision wherever the aperture stands
 in the world.
 """
@@ -8,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cache
-from typing import Any
+from typing import Any, Protocol
 
 import drjit as dr
 import mitsuba as mi
@@ -18,9 +21,9 @@ import shapely
 
 from polywigner.errors import SceneError
 from polywigner.execution import ops_for
-from polywigner.geometry.trapezoids import Trapezoids, point_in_trapezoid, trapezoids
+from polywigner.geometry.convex import Trapezoids, point_in_trapezoid, trapezoids
 from polywigner.illumination import Array
-from polywigner.mitsuba.radiator import Radiator
+from polywigner.mitsuba.sources import CentredSource, SourceSpec
 from polywigner.transforms import position_marginal
 from polywigner.transforms.sampling import in_phase
 from polywigner.transforms.wavefronts import flat_of
@@ -35,6 +38,11 @@ _STRIPS, _PIECES = 32, 1 << 16
 _EVERYWHERE = 0.02
 
 
+def opaque(m: Any, value: float) -> Any:
+    """A number of the variant ``m``: as a literal, each new value would compile a new kernel."""
+    return dr.opaque(m.Float, value) if dr.is_jit_v(m.Float) else value
+
+
 def check_sampling(name: str) -> str:
     """Return ``name``, or raise a SceneError that lists the known names."""
     if name not in SAMPLINGS:
@@ -42,12 +50,12 @@ def check_sampling(name: str) -> str:
     return name
 
 
-def cells_of(m: Any, rings: Sequence[npt.NDArray[np.float64]]) -> Cells:
+def cells_of(m: Any, rings: Sequence[npt.NDArray[np.float64]]) -> TrapezoidSampler:
     """The sampler of positions inside boundary rings, for the variant ``m``."""
-    return Cells(m, trapezoids(rings))
+    return TrapezoidSampler(m, trapezoids(rings))
 
 
-def cells_with_field(m: Any, source: Any, unit: float) -> Cells:
+def cells_with_field(m: Any, source: Any, unit: float) -> TrapezoidSampler:
     """The sampler of positions in a source in proportion to |u|^2, in units of ``unit`` metres.
 
     Of fields that are not uniform, in proportion to |u|^2 in the middle of each of many pieces.
@@ -66,10 +74,12 @@ def cells_with_field(m: Any, source: Any, unit: float) -> Cells:
         values = np.ones(1) if field is None else field(cells.middles)
         shares.append(np.broadcast_to(np.abs(weight * values) ** 2, cells.left.shape))
         tables.append(cells.rows)
-    return Cells(m, Trapezoids(*(np.concatenate(tables) / unit).T), np.concatenate(shares))
+    return TrapezoidSampler(
+        m, Trapezoids(*(np.concatenate(tables) / unit).T), np.concatenate(shares)
+    )
 
 
-class Cells:
+class TrapezoidSampler:
     """The trapezoids of an aperture as tables of one variant's arrays."""
 
     def __init__(
@@ -100,7 +110,7 @@ class Cells:
         return [column[index] for column in self._columns]
 
 
-def positions_of(m: Any, radiator: Radiator, sampling: str, unit: float) -> Positions:
+def positions_of(m: Any, centred: CentredSource, sampling: str, unit: float) -> Positions:
     """A sampler of an emitter's positions for the variant ``m``, in units of ``unit`` metres.
 
     ``"uniform"`` in the region that radiates; in proportion to the position marginal R_x, which
@@ -110,19 +120,19 @@ def positions_of(m: Any, radiator: Radiator, sampling: str, unit: float) -> Posi
     over all of them.
     """
     if sampling == "uniform":
-        return Positions(m, [ring / unit for ring in radiator.support.rings])
-    low, high = np.reshape(radiator.support.bounds, (2, 2))
+        return Positions(m, [ring / unit for ring in centred.support.rings])
+    low, high = np.reshape(centred.support.bounds, (2, 2))
     counts = np.maximum(2, np.ceil(_TABLE * (high - low) / (high - low).max()).astype(int))
     axes = [np.linspace(a, b, n + 1) for a, b, n in zip(low, high, counts, strict=True)]
     places = np.stack(np.meshgrid(*axes), axis=-1)
     values = np.zeros(places.shape[:-1])
-    for *shift, weight in radiator.shifts:
-        shifted = position_marginal(in_phase(flat_of(radiator.centred)), places + shift)
+    for *shift, weight in centred.shifts:
+        shifted = position_marginal(in_phase(flat_of(centred.at_origin)), places + shift)
         values += weight * np.maximum(shifted, 0.0)
     density = np.sqrt(values) if sampling == "root-marginal" else values
     steps = (high - low) / counts
     near = shapely.dwithin(
-        shapely.points(places), radiator.support.polygons, float(np.hypot(*steps))
+        shapely.points(places), centred.support.polygons, float(np.hypot(*steps))
     )
     density = density / density[near].mean() + _EVERYWHERE * near
     return Tabulated(m, density, low / unit, (high - low) / unit)
@@ -133,7 +143,7 @@ class Positions:
 
     def __init__(self, m: Any, rings: Sequence[npt.NDArray[np.float64]]) -> None:
         cells = trapezoids(rings)
-        self._cells = Cells(m, cells)
+        self._cells = TrapezoidSampler(m, cells)
         self._density = 1.0 / float(cells.areas.sum())
 
     def sample(self, sample: Any) -> tuple[Any, Any]:
@@ -175,13 +185,48 @@ def spectrum(m: Any, value: Any, active: Any) -> Any:
     return m.depolarizer(m.UnpolarizedSpectrum(dr.select(active, value, 0.0)))
 
 
+class Estimator(Protocol):
+    """Weights of light samples at points of a scene, and of the rays of a receiver.
+
+    Made of a variant, the parameters, a wavelength in m, and the radiance of the source.
+    """
+
+    needs_distance: bool
+    """Whether a receiver must know the surface that its rays meet."""
+    is_constant: bool
+    """Whether wavelength and source are constants of the kernel, without derivatives."""
+
+    def __init__(self, m: Any, spec: SourceSpec, wavelength: float, own: Any) -> None: ...
+
+    @staticmethod
+    def check(spec: SourceSpec) -> None:
+        """Raise SceneError for a source that it cannot estimate."""
+
+    def draw(self, sample: Any) -> tuple[Any, Any]:
+        """A place (2D), and its density; None where a point sees all of the source at once."""
+
+    def density(self, x: Any) -> Any:
+        """Per area, at a place; or None."""
+
+    def lit(self, light: Any, it: Any, x: Any, per_area: Any) -> Any:
+        """The weight of the sample x of an emitter at the point ``it``, in W/m^2."""
+
+    def received(
+        self, x: Any, direction: Any, per_area: Any, point: Any = None, distance: Any = None
+    ) -> Any:
+        """The weight of a receiver's ray from x, per radiance and solid angle.
+
+        ``point`` (3D, in its frame) and ``distance``: of the surface that the ray meets, for those
+        that need it; in units of the scene.
+        """
+
+
 @cache
 def sampled_emitter_class(variant: str) -> Any:
     """The base of the emitter's class for one variant, which has no radiance yet.
 
-    What it is built on has ``_positions`` to draw from, ``_shifts``, its ``_frame``, ``_wave``,
-    ``_radiance`` and ``_intensity``; with the estimator ``exact``, else None,
-    ``_cells`` in proportion to |u|^2, and ``_irradiance``.
+    What it is built on has its ``frame``, ``_own`` radiance, ``_estimator``, ``wave``, ``radiance``
+    and ``intensity``.
     """
     m = getattr(mi, variant)
     jit = dr.is_jit_v(m.Float)
@@ -194,34 +239,25 @@ def sampled_emitter_class(variant: str) -> Any:
         # ---- sampling for receivers ----------------------------------------------------------
 
         def sample_direction(self, it: Any, sample: Any, active: Any = True) -> Any:
-            x, per_area = self._drawn(sample)
-            direction, distance = self._seen_from(it, x)
+            x, per_area = self._estimator.draw(sample)
+            direction, distance = self.seen_from(it, x)
             ds = m.DirectionSample3f()
             self._place(ds, x, it.time)
-            ds.d = -self._frame.to_scene(direction)
+            ds.d = -self.frame.to_scene(direction)
             ds.dist = distance
             ds.pdf = self._density(direction.z, distance, per_area)
             ds.emitter = m.EmitterPtr(self) if jit else self
-            return ds, spectrum(m, self._weight(it, x, per_area), active)
+            return ds, spectrum(m, self._estimator.lit(self, it, x, per_area), active)
 
         def pdf_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
-            cosine = -dr.dot(ds.d, self._frame.axes[2])
-            return self._density(cosine, ds.dist, self._density_at(ds.uv))
+            cosine = -dr.dot(ds.d, self.frame.axes[2])
+            return self._density(cosine, ds.dist, self._estimator.density(ds.uv))
 
         def eval_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
-            direction, distance = self._seen_from(it, ds.uv)
-            per_area = self._density_at(ds.uv)
+            direction, distance = self.seen_from(it, ds.uv)
+            per_area = self._estimator.density(ds.uv)
             density = self._density(direction.z, distance, per_area)
-            return spectrum(m, self._weight(it, ds.uv, per_area) * density, active)
-
-        def _drawn(self, sample: Any) -> tuple[Any, Any]:
-            """A position and its density, None where there is exact light."""
-            if self._cells is not None:
-                return self._cells.sample(sample), None
-            return self._positions.sample(sample)
-
-        def _density_at(self, x: Any) -> Any:
-            return None if self._cells is not None else self._positions.density(x)
+            return spectrum(m, self._estimator.lit(self, it, ds.uv, per_area) * density, active)
 
         def _density(self, cosine: Any, distance: Any, per_area: Any) -> Any:
             """Per solid angle; overwhelming where no light comes by rays that meet the source.
@@ -237,59 +273,16 @@ def sampled_emitter_class(variant: str) -> Any:
                 density = per_area * (distance * distance) / dr.select(front, cosine, 1.0)
             return dr.select(front, density, 0.0)
 
-        def _weight(self, it: Any, x: Any, per_area: Any) -> Any:
-            if self._cells is not None:
-                return self._seen_exactly(it)
-            return self._received(it, x, per_area) / per_area
-
-        def _seen_exactly(self, it: Any) -> Any:
-            """|U|^2 at the point ``it``; the surface there multiplies it by its own cosine."""
-            place = self._frame.to_own(it.p - self._frame.origin)
-            front = place.z > 0.0
-            found = self._irradiance(m.Point3f(place.x, place.y, dr.select(front, place.z, 1.0)))
-            return dr.select(front, found, 0.0)
-
-        def _received(self, it: Any, x: Any, per_area: Any) -> Any:
-            """L cos/r^2 at the point ``it``, the mean over the places that a sample stands for.
-
-            With a control variate: less what the direction from the middle would give at these
-            places, plus the integral of that, dealt out in proportion to the density of samples.
-            """
-            total, wave = 0.0, self._wave(x, it.p)
-            if self.spec.control_variate:
-                middle, distance = self._seen_from(it, m.Point2f(0.0))
-                fixed = middle.z / (distance * distance) * self._cosines(it, x, middle)
-                total = self._intensity(middle, wave) * fixed * per_area
-            for shift, weight in self._shifts:
-                place = x + shift
-                direction, distance = self._seen_from(it, place)
-                cosine = direction.z / (distance * distance)
-                found = self._radiance(place, direction, wave) * cosine
-                if self.spec.control_variate:
-                    found = found - self._radiance(place, middle, wave) * fixed
-                total = total + weight * found
-            return total
-
-        def _cosines(self, it: Any, x: Any, middle: Any) -> Any:
-            """The receiver's cosine towards the middle over that towards x, by which it multiplies.
-
-            1 where there is no surface (fog has no normal), or only one of the two is in front.
-            """
-            normal = self._frame.to_own(it.n)
-            own, other = dr.dot(normal, self._seen_from(it, x)[0]), dr.dot(normal, middle)
-            same_side = own * other > 0.0
-            return dr.select(same_side, other / dr.select(same_side, own, 1.0), 1.0)
-
-        def _seen_from(self, it: Any, x: Any) -> tuple[Any, Any]:
+        def seen_from(self, it: Any, x: Any) -> tuple[Any, Any]:
             """Unit vector, in the frame, from x to the point ``it``; and the distance."""
-            r = self._frame.to_own(it.p - self._frame.origin) - m.Vector3f(x.x, x.y, 0.0)
+            r = self.frame.to_own(it.p - self.frame.origin) - m.Vector3f(x.x, x.y, 0.0)
             distance = dr.norm(r)
             return r / distance, distance
 
         def _place(self, sample: Any, x: Any, time: Any) -> None:
             """Fill in the numbers that all samples of the position x share."""
-            sample.p = self._frame.point(x)
-            sample.n = m.Normal3f(self._frame.axes[2])
+            sample.p = self.frame.point(x)
+            sample.n = m.Normal3f(self.frame.axes[2])
             sample.uv = x
             sample.time = m.Float(time)
             sample.delta = m.Bool(False)
@@ -298,13 +291,13 @@ def sampled_emitter_class(variant: str) -> Any:
 
         def sample_position(self, time: Any, sample: Any, active: Any = True) -> Any:
             ps = m.PositionSample3f()
-            x, per_area = self._positions.sample(sample)
+            x, per_area = self._own.positions.sample(sample)
             self._place(ps, x, time)
             ps.pdf = m.Float(per_area)
             return ps, dr.select(active, m.Float(1.0 / per_area), 0.0)
 
         def pdf_position(self, ps: Any, active: Any = True) -> Any:
-            return dr.select(active, m.Float(self._positions.density(ps.uv)), 0.0)
+            return dr.select(active, m.Float(self._own.positions.density(ps.uv)), 0.0)
 
         def sample_ray(
             self, time: Any, sample1: Any, sample2: Any, sample3: Any, active: Any = True
@@ -315,15 +308,15 @@ def sampled_emitter_class(variant: str) -> Any:
             wavelengths, density = _optical_wavelengths(m, sample1)
             si = m.SurfaceInteraction3f(ps, wavelengths)
             si.time = time
-            found = self._radiance(ps.uv, direction, self._wave(ps.uv, direction))
+            found = self.radiance(ps.uv, direction, self.wave(ps.uv, direction))
             weight = spectrum(m, found * share * dr.pi, active)
-            return si.spawn_ray(self._frame.to_scene(direction)), weight * density
+            return si.spawn_ray(self.frame.to_scene(direction)), weight * density
 
         def sample_wavelengths(self, si: Any, sample: Any, active: Any = True) -> Any:
             """For the particle tracer alone, which passes the direction in scene coordinates."""
             wavelengths, density = _optical_wavelengths(m, sample)
-            direction = self._frame.to_own(si.wi)
-            radiance = self._radiance(si.uv, direction, self._wave(si.uv, direction))
+            direction = self.frame.to_own(si.wi)
+            radiance = self.radiance(si.uv, direction, self.wave(si.uv, direction))
             return wavelengths, spectrum(m, radiance, active) * density
 
     return SampledEmitter

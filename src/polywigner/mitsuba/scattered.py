@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import drjit as dr
@@ -18,8 +19,8 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.mitsuba.images import mean_of_colours
-from polywigner.mitsuba.parts import check_is_whole, seed_of
+from polywigner.mitsuba.films import Exposure, check_is_whole, mean_of_colours, seed_of
+from polywigner.mitsuba.range_film import sorted_by_range, transient_integrator
 from polywigner.mitsuba.rendering import check_spp, exposed
 
 # Of the size of a surface: its share of rays is the square, and those that meet it read zero.
@@ -122,29 +123,49 @@ class Scattering:
     """Samples of all batches, as asked."""
     seed: int
 
+    edges: tuple[float, ...] | None = None
+    """Edges of bins of range: lengths of paths in units of the scene; None: all in one number."""
+
     @property
     def values(self) -> tuple[int, ...]:
-        """Shape of a batch's value for each light: one number."""
-        return ()
+        """Shape of a batch's power of each light: (), or nearer than all bins, in each, farther."""
+        return () if self.edges is None else (len(self.edges) + 1,)
 
     def batch(
         self, scene: Any, number: int, done: Callable[[], None] = lambda: None
     ) -> NDArray[np.float64]:
-        """W that one batch finds of each of :func:`lights_of`; ``done`` is called after each.
+        """W (lights, values) that one batch finds of each of :func:`lights_of`.
 
-        Raises what :func:`polywigner.mitsuba.render` does.
+        ``done`` is called after each. Raises what :func:`polywigner.mitsuba.render` and
+        :func:`polywigner.mitsuba.range_profile` do.
         """
-        sources = wigner_emitters(scene)
-        own = seed_of(self.seed, number)
-        exposure = exposed(scene, self.integrator, batches_of(self.spp), own, self.sensor)
-        found = []
+        own, samples = seed_of(self.seed, number), batches_of(self.spp)
+        exposure = exposed(
+            scene, self.integrator, samples, own, self.sensor, self.edges is None or number == 0
+        )
+        if self.edges is None:
+            power = partial(_power, exposure)
+        else:
+            integrator = transient_integrator(exposure.integrator, scene, exposure.camera)
+            edges = np.array(self.edges)
+            ranged = scene, exposure.camera, integrator, edges, samples, own
+            power = partial(_power_by_range, ranged)
+        sources, found = wigner_emitters(scene), []
         for light in lights_of(scene):
             with lit_by(sources, light):
-                image = exposure.picture(lambda: None)
-            check_is_whole(exposure.integrator)
-            found.append(float(mean_of_colours(image).sum()))
+                found.append(power())
             done()
         return np.array(found)
+
+
+def _power(exposure: Exposure) -> Any:
+    image = exposure.picture(lambda: None)
+    check_is_whole(exposure.integrator)
+    return mean_of_colours(image).sum()
+
+
+def _power_by_range(ranged: tuple[Any, ...]) -> Any:
+    return sorted_by_range(*ranged).sum(axis=(0, 1))
 
 
 def lights_of(scene: Any) -> list[Any]:

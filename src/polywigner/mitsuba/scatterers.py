@@ -13,17 +13,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, SceneError
+from polywigner.geometry.arguments import checked_count
 from polywigner.illumination import Array
 from polywigner.mitsuba.placement import placed_emitter
 from polywigner.mitsuba.plugins import one_at_a_time
-from polywigner.mitsuba.received import asked_of
+from polywigner.mitsuba.received import described, receive_options
 from polywigner.mitsuba.received_power import chosen, matched, receivers_of
 from polywigner.mitsuba.receiver import receiving
 from polywigner.mitsuba.rendering import depths_of
 from polywigner.mitsuba.scattered import unseen, wigner_emitters
 from polywigner.mitsuba.scattering_steps import Events, Motion, Paths, events_of, number_of
 from polywigner.quantities import SPEED_OF_LIGHT
-from polywigner.transforms.xarray_arguments import labelled_array, labelled_arrays
+from polywigner.transforms.xarray_arguments import labelled_array
 
 if TYPE_CHECKING:
     import xarray
@@ -240,21 +241,25 @@ def scatterers(
         unit; radiance that is not finite. ArgumentError : no scene, several receivers and none
         named, ids that are not there, other arguments out of range.
     """
-    size = _counted("count", count, _MOST)
-    asked = max(_RAYS * size, _FEWEST_RAYS) if rays is None else _counted("rays", rays, _MOST_RAYS)
-    depth = None if max_depth is None else _depth(max_depth)
-    given = asked_of(None, seed, None, 0, 1e-6, None, None, None)
-    rng = np.random.default_rng(given.seed)
+    size = checked_count(count, "count", 1, _MOST)
+    launched = max(_RAYS * size, _FEWEST_RAYS)
+    if rays is not None:
+        launched = checked_count(rays, "rays", 1, _MOST_RAYS)
+    depth = max_depth
+    if depth is not None:  # -1: no limit
+        depth = _NO_LIMIT if depth == -1 else checked_count(depth, "max_depth", 1, _NO_LIMIT)
+    options = receive_options(None, seed, None, 0, 1e-6, None, None, None)
+    rng = np.random.default_rng(options.seed)
     found = receivers_of(scene)
     number = chosen(found, receiver)
     sensor = found[number][1]
-    (place,) = matched(scene, [number], given).places
+    (place,) = matched(scene, [number], options).places
     _check_air(scene, sensor)
     names = _Names.of(scene, place.name)
     motion = None if velocities is None else names.motion(velocities, place.scene_unit)
     depth = _longest_path(scene.integrator()) if depth is None else depth
     with unseen(scene), receiving(scene):
-        cloud = cloud_of(scene, sensor, asked, depth, rng, motion)
+        cloud = cloud_of(scene, sensor, launched, depth, rng, motion)
     cloud = cloud.thinned(size, rng, isinstance(place.source, Array))
     about = {
         "receiver": place.name,
@@ -264,8 +269,8 @@ def scatterers(
         "obliquity": place.obliquity,
         "normalise": sensor.spec.normalise,
         "estimator": sensor.spec.estimator,
-        "rays": -(-asked // BATCHES) * BATCHES,
-        "seed": given.seed,
+        "rays": -(-launched // BATCHES) * BATCHES,
+        "seed": options.seed,
         "standard_error": cloud.standard_error,
     }
     return _described(cloud, names, motion, place.scene_unit, about)
@@ -334,28 +339,6 @@ def _velocity(name: str, value: ArrayLike) -> Floats:
     return found
 
 
-def _counted(name: str, value: Any, most: int) -> int:
-    if isinstance(value, bool) or not isinstance(value, int | np.integer):
-        raise ArgumentError(f"expected {name} as a whole number, got {value!r}")
-    if not 1 <= value <= most:
-        raise ArgumentError(f"expected {name} from 1 to {most}, got {value}")
-    return int(value)
-
-
-def _depth(value: Any) -> int:
-    """The longest path in segments."""
-    if isinstance(value, bool) or not isinstance(value, int | np.integer):
-        raise ArgumentError(f"expected max_depth as a whole number, got {value!r}")
-    if value == -1:
-        return _NO_LIMIT
-    if not 1 <= value <= _NO_LIMIT:
-        raise ArgumentError(
-            f"expected max_depth from 1 to {_NO_LIMIT}, or -1 for no limit, got {value}; 2 is one "
-            "reflection"
-        )
-    return int(value)
-
-
 def _longest_path(integrator: Any) -> int:
     """Longest path of an integrator, by its own parameters."""
     if integrator is None:
@@ -377,40 +360,29 @@ def _check_air(scene: Any, sensor: Any) -> None:
 def _described(
     cloud: Cloud, names: _Names, motion: Motion | None, unit: float, about: dict[str, Any]
 ) -> xarray.Dataset:
-    from polywigner import __version__
-
-    events = cloud.events
-    along = {
-        "power": (cloud.power, "W", "power towards the receiver"),
-        "intensity": (cloud.intensity, "W/sr", "radiant intensity towards the receiver"),
-        "path_length": (unit * events.length, "m", "path from emitter to receiver"),
-        "bounces": (events.bounces, "1", "surfaces on the path"),
-        "shape": (_named(names.shapes, events.shape), "", "id of the first surface"),
-        "emitter": (_named(names.lights, events.light), "", "id of the light"),
-    }
-    in_space = {
-        "position": (unit * events.place, "m", "first surface that the receiver sees"),
-        "normal": (events.normal, "1", "normal of the first surface"),
+    events, along, in_space = cloud.events, ("scatterer",), ("scatterer", "axis")
+    shapes, lights = _named(names.shapes, events.shape), _named(names.lights, events.light)
+    values: dict[str, tuple[Any, tuple[str, ...], str, str]] = {
+        "position": (unit * events.place, in_space, "m", "first surface that the receiver sees"),
+        "normal": (events.normal, in_space, "1", "normal of the first surface"),
     }
     if motion is not None:
         speeds = np.zeros_like(events.place)
         for number, velocity in motion.shapes.items():
             speeds[events.shape == number] = unit * velocity
-        in_space["velocity"] = (speeds, "m/s", "velocity of the first surface")
-        along["path_rate"] = (unit * events.rate, "m/s", "growth of the path per second")
-    dims = dict.fromkeys(in_space, ("scatterer", "axis")) | dict.fromkeys(along, ("scatterer",))
-    return labelled_arrays(
-        {
-            name: labelled_array(
-                np.ascontiguousarray(values),
-                dims[name],
-                ({"units": units} if units else {}) | {"long_name": meaning},
-            )
-            for name, (values, units, meaning) in (in_space | along).items()
-        },
-        {"axis": labelled_array(np.array(["x", "y", "z"]), ("axis",))},
-        about | {"polywigner_version": __version__},
-    )
+        values["velocity"] = (speeds, in_space, "m/s", "velocity of the first surface")
+    values |= {
+        "power": (cloud.power, along, "W", "power towards the receiver"),
+        "intensity": (cloud.intensity, along, "W/sr", "radiant intensity towards the receiver"),
+        "path_length": (unit * events.length, along, "m", "path from emitter to receiver"),
+        "bounces": (events.bounces, along, "1", "surfaces on the path"),
+        "shape": (shapes, along, "", "id of the first surface"),
+        "emitter": (lights, along, "", "id of the light"),
+    }
+    if motion is not None:
+        values["path_rate"] = (unit * events.rate, along, "m/s", "growth of the path per second")
+    axes = {"axis": labelled_array(np.array(["x", "y", "z"]), ("axis",))}
+    return described(values, axes, about)
 
 
 def _named(names: dict[int, str], numbers: NDArray[np.int64]) -> NDArray[np.str_]:

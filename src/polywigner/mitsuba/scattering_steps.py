@@ -47,7 +47,7 @@ class Paths:
     last: Any
     """The surface of the last bounce."""
     density: Any
-    """Of the direction, per solid angle."""
+    """Probability density of the direction, per solid angle."""
     is_smooth: Any
     """Whether no sample of a light can take this direction."""
 
@@ -206,7 +206,7 @@ class Events:
     distance: Floats
     """To the first surface."""
     length: Floats
-    """Of the whole path."""
+    """Length of the whole path."""
     rate: Floats
     """By which the path grows, per second."""
     bounces: NDArray[np.int64]

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import FileFormatError, SceneError
-from polywigner.geometry.formats.limits import (
+from polywigner.geometry.io.limits import (
     LARGEST_SCENE,
     MOST_NESTED,
     MOST_SCENE_ELEMENTS,
@@ -79,7 +79,7 @@ def check_scene_file(
     Raises SceneError for a scene, or one that it includes, that must not reach Mitsuba.
     `resolve` finds the files that it names; `parameters` are values of its ``$parameters``.
     """
-    seen = _Seen({name: str(value) for name, value in parameters.items()}, resolve)
+    seen = _SceneCheck({name: str(value) for name, value in parameters.items()}, resolve)
     try:
         seen.look_through(file, 0)
         seen.check_references()
@@ -88,7 +88,7 @@ def check_scene_file(
     return seen.files | seen.named.keys()
 
 
-class _Seen:
+class _SceneCheck:
     """The scenes and elements that were looked through."""
 
     def __init__(self, values: dict[str, str], resolve: Callable[[str], Path]) -> None:
@@ -260,7 +260,7 @@ def _check_content(path: Path, kind: str) -> None:
 
 _CORNERS = ("vertex_indices", "vertex_index")
 Property = list[str]
-"""Of a PLY element: type and name; or "list", types of length and entries, and name."""
+"""Type and name of a PLY element's property; or "list", types of length and entries, and name."""
 
 
 def _ply(content: bytes) -> tuple[NDArray[Any], int]:

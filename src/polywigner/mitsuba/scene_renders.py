@@ -19,12 +19,15 @@ import numpy.typing as npt
 
 from polywigner.errors import ArgumentError, SceneError, StoreError
 from polywigner.execution import MOST_THREADS, kernel_threads
-from polywigner.geometry.arguments import checked_count
-from polywigner.mitsuba.given import is_key, register_source, registered_source
-from polywigner.mitsuba.parts import Cut, check_is_whole
+from polywigner.geometry.arguments import (
+    checked_count,
+    checked_path,
+)
+from polywigner.mitsuba.films import Tiling, check_is_whole
+from polywigner.mitsuba.parameters import is_key, register_source, registered_source
 from polywigner.mitsuba.plugins import one_at_a_time
-from polywigner.mitsuba.range_profile import Ranging, checked_ranges, profile_of, ranged
-from polywigner.mitsuba.received import Asked, ReceivedPower
+from polywigner.mitsuba.range_profile import checked_ranges, profile_of, ranged
+from polywigner.mitsuba.received import ReceivedPower, ReceiveOptions
 from polywigner.mitsuba.received_power import matched, received, receivers_of, scattered_here
 from polywigner.mitsuba.rendering import exposed
 from polywigner.mitsuba.scattered import BATCHES, Scattering, batches_of, lights_of, unseen
@@ -199,7 +202,9 @@ def render_file(
         raise ArgumentError("expected a store with a scheduler, got none; say where to keep parts")
     if store is not None:
         require_stores(scheduler)
-    file = SceneFile(Path(path), choose_variant(variant or mi.variant()), sampler, parameters or {})
+    file = SceneFile(
+        checked_path(path), choose_variant(variant or mi.variant()), sampler, parameters or {}
+    )
     keeping: dict[str, Any] = {"store": store, "scheduler": scheduler}
     keeping |= {"threads": threads, "progress": progress}
     return render_parts(file, file.load(), integrator, spp, seed, sensor, **keeping)
@@ -251,7 +256,7 @@ def render_parts(
 
 
 def tile(
-    cut: Cut, integrator: str | None, seed: int, sensor: int, scene: Any, origin: Index
+    cut: Tiling, integrator: str | None, seed: int, sensor: int, scene: Any, origin: Index
 ) -> npt.NDArray[np.float64]:
     """One strip of a picture by one set of its passes: (1, row, column, channel)."""
     # the caller has told of the integrator's limits
@@ -261,20 +266,22 @@ def tile(
     return image[None]
 
 
-def receive_parts(file: SceneFile, scene: Any, asked: Asked, **keeping: Any) -> list[ReceivedPower]:
+def receive_parts(
+    file: SceneFile, scene: Any, options: ReceiveOptions, **keeping: Any
+) -> list[ReceivedPower]:
     """:func:`received_powers` of a scene that was loaded from a file.
 
     ``keeping``: ``store``, ``scheduler`` and ``threads`` as of :func:`render_file`, where a part is
     a batch of one receiver; and ``progress``, which is told without a store, which has its own bar.
     """
     numbers = list(range(len(receivers_of(scene))))
-    return received(scene, numbers, asked, partial(_sampled, file, scene, **keeping))
+    return received(scene, numbers, options, partial(_sampled, file, scene, **keeping))
 
 
 def receive_ranges(
     file: SceneFile,
     scene: Any,
-    asked: Asked,
+    options: ReceiveOptions,
     edges: npt.NDArray[np.float64],
     **keeping: Any,
 ) -> tuple[list[ReceivedPower], xarray.Dataset]:
@@ -284,7 +291,7 @@ def receive_ranges(
     """
     edges = checked_ranges(edges)
     numbers = list(range(len(receivers_of(scene))))
-    parties = matched(scene, numbers, asked)
+    parties = matched(scene, numbers, options)
     kept: list[Any] = []
 
     def scattered(plans: list[Scattering]) -> npt.NDArray[np.float64]:
@@ -292,7 +299,7 @@ def receive_ranges(
         kept.extend((plans[0], found))
         return np.asarray(found.sum(axis=-1))
 
-    powers = received(scene, numbers, asked, scattered)
+    powers = received(scene, numbers, options, scattered)
     return powers, profile_of(scene, parties, edges, *kept)
 
 
@@ -317,7 +324,7 @@ def _sampled(
         "integrator": first.integrator,
         "spp": [batches_of(plan.spp) for plan in plans],
         "seed": first.seed,
-        **({"ranges": list(first.edges)} if isinstance(first, Ranging) else {}),
+        **({} if first.edges is None else {"ranges": list(first.edges)}),
     }
     found = SceneJob(file, scene, partial(_batch, plans)).write(
         store,

@@ -11,29 +11,21 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-import numpy.typing as npt
 
-from polywigner.errors import EngineError, PolywignerError, SceneError
-from polywigner.geometry import Aperture
-from polywigner.geometry.arguments import takes_frequency
-from polywigner.illumination import Array
-from polywigner.illumination.obliquities import DEFAULT
-from polywigner.mitsuba.exact import ESTIMATORS, check_estimator
-from polywigner.mitsuba.given import as_source, pose_entry, register_source
-from polywigner.mitsuba.images import threads_for_openexr
-from polywigner.mitsuba.parameters import check_flag, check_range, check_sampling_weight
+from polywigner.errors import (
+    ArgumentError,
+    EngineError,
+    PolywignerError,
+    SceneError,
+)
+from polywigner.geometry.arguments import checked_flag, checked_path
+from polywigner.mitsuba.films import threads_for_openexr
 from polywigner.mitsuba.plugins import (
-    PLUGIN_NAME,
-    check_nested,
     one_at_a_time,
     original_error,
     register,
 )
-from polywigner.mitsuba.radiance import check_mixture, mixture_of
-from polywigner.mitsuba.radiator import emitted_power, norm_of, radiator_of
-from polywigner.mitsuba.sampling import SAMPLINGS, check_sampling
 from polywigner.mitsuba.scene_files import check_scene_file, resolving
-from polywigner.quantities import parse_frequency, parse_length, parse_power
 from polywigner.toolchain import llvm
 
 _FAST_VARIANT = "llvm_ad_mono"
@@ -41,117 +33,6 @@ _GPU_VARIANT = "cuda_ad_mono"
 _PLAIN_VARIANT = "scalar_rgb"
 # More make a sampler of Mitsuba round up without an end.
 _MOST_SAMPLES = 1 << 24
-
-
-@takes_frequency
-def aperture(
-    source: Aperture | Array | npt.ArrayLike,
-    wavelength: float,
-    to_world: Any = None,
-    obliquity: str = DEFAULT,
-    power: float | str | None = None,
-    bsdf: Mapping[str, Any] | None = None,
-    scene_unit: float = 1.0,
-    sampling_weight: float = 1.0,
-    antithetic: bool = False,
-    sampling: str = SAMPLINGS[0],
-    control_variate: bool = False,
-    visible: bool = True,
-    radiated_power: float | str | None = None,
-    estimator: str = ESTIMATORS[0],
-    bandwidth: float | str | None = None,
-    aperture_power: float | str | None = None,
-) -> dict[str, Any]:
-    """A coherent aperture or array as an entry of a dictionary for ``mi.load_dict``.
-
-    Parameters
-    ----------
-    source: an Aperture with its field, or what makes one; or an Array of apertures in the plane
-        z = 0. Coordinates in metres.
-    wavelength: metres.
-    to_world: rigid pose, as a (4, 4) matrix or a Mitsuba transform; the aperture lies in the plane
-        z = 0 of its own frame and radiates to +z. Default: none.
-    obliquity: the diffraction integral whose |U|^2, times its own cosine, a surface receives:
-        ``rayleigh-sommerfeld-1``, ``kirchhoff``, ``rayleigh-sommerfeld-2``; or ``paper``, the
-        paper's radiance W/lambda^2.
-    power: watts or a text such as "10 dBm", radiated through the hemisphere in front, as
-        :func:`polywigner.radiated_power` counts it for this obliquity. Default: the power that the
-        field radiates as it is, with |u|^2 in W/m^2.
-    bsdf: entry of the surface that radiates. Default: ``null``, which light passes through, though
-        ``direct``, ``path`` and ``prb`` do not know it when they sample a light behind:
-        docs/plugin.md.
-    scene_unit: metres in one unit of the scene, which is that of ``to_world``'s translation. Use
-        1e-3 and a scene in millimetres when receivers stand within centimetres of the aperture.
-    sampling_weight: relative number of samples spent on this source.
-    antithetic: a sample of an array on a lattice stands for nine midpoints of elements, which
-        cancel off its beams; clears noise beside steered beams, docs/plugin.md.
-    sampling: density of samples in the region that radiates: ``uniform``; ``marginal``, in
-        proportion to the position marginal; or ``root-marginal``, to its root. Unbiased all.
-    control_variate: of each sample, take off the radiance in the direction from the middle of the
-        source, and put its exact mean back: far less noise on diffuse surfaces that see all of the
-        source, bias where they see a part of it or gloss: docs/plugin.md.
-    visible: False leaves the surface out. It lights the scene as before and stands in no other
-        light, but is not seen: by no camera, in no mirror, by no irradiance meter.
-    aperture_power: in place of power, watts or a text: the integral of |u|^2 over the source, of
-        which small sources radiate little; the rest is evanescent.
-    radiated_power: the former name of power; deprecated.
-    estimator: how a point of the scene is lit. ``wigner``: by signed radiance from a random place
-        of the source. ``exact``: by the exact irradiance |U|^2 of the point, to 1e-4 of its peak at
-        any distance, with no noise where all of the source is seen; docs/plugin.md.
-    bandwidth: of the light, in Hz or a text such as "4 GHz", around the frequency of the
-        wavelength. Each sample is light of one frequency of this band, docs/coherence.md; it is no
-        bandwidth of noise. Default: one wavelength.
-
-    The entry holds a key, see :func:`register_source`: load it in the process that made it.
-
-    Raises
-    ------
-    GeometryError, QuantityError, SceneError for an unusable argument.
-    """
-    given = as_source(source)
-    antithetic = check_flag("antithetic", antithetic)
-    control_variate = check_flag("control_variate", control_variate)
-    length = parse_length(wavelength)
-    band = None if bandwidth is None else parse_frequency(bandwidth)
-    coherent, mixture = mixture_of(given, length, band)
-    radiator = radiator_of(coherent, obliquity, antithetic)
-    check_mixture(mixture, coherent, length, obliquity, estimator)
-    check_estimator(estimator, radiator.source, length, obliquity, antithetic, control_variate)
-    entry: dict[str, Any] = {
-        "type": PLUGIN_NAME,
-        "source": register_source(given),
-        "wavelength": length,
-        "obliquity": obliquity,
-        "estimator": estimator,
-        "antithetic": antithetic,
-        "sampling": check_sampling(sampling),
-        "control_variate": control_variate,
-        "scene_unit": parse_length(scene_unit),
-        "sampling_weight": check_sampling_weight(sampling_weight),
-        "visible": check_flag("visible", visible),
-    }
-    check_nested([] if bsdf is None else ["bsdf"], entry["visible"])
-    if radiated_power is not None:
-        warnings.warn(
-            "radiated_power is deprecated: power is the radiated power now; write power=",
-            DeprecationWarning,
-            stacklevel=2,
-        )
-        if power is not None:
-            raise SceneError("expected power, got radiated_power as well; both are one number")
-        power = radiated_power
-    powers = [None if given is None else parse_power(given) for given in (power, aperture_power)]
-    norm = norm_of(coherent, length, obliquity, mixture)
-    watts = emitted_power(radiator, norm, *powers)
-    check_range(radiator, length, watts, norm, entry["scene_unit"])
-    entry |= pose_entry(to_world)
-    if power is not None or aperture_power is not None:
-        entry["power"] = watts
-    if band is not None:
-        entry["bandwidth"] = band
-    if bsdf is not None:
-        entry["bsdf"] = _bsdf_entry(bsdf)
-    return entry
 
 
 def choose_variant(prefer: str | None = None) -> str:
@@ -177,7 +58,7 @@ def choose_variant(prefer: str | None = None) -> str:
             stacklevel=2,
         )
         return _PLAIN_VARIANT
-    if prefer not in mi.variants():
+    if not isinstance(prefer, str) or prefer not in mi.variants():
         raise EngineError(
             f"expected a variant of the installed Mitsuba, got {prefer!r}; use one of "
             f"{', '.join(mi.variants())}"
@@ -217,7 +98,11 @@ def load_scene(
     EngineError for a variant that cannot run; SceneError, or the package's own error behind it,
     for a scene that does not load.
     """
-    file = Path(path)
+    file = checked_path(path)
+    for name, value in (("sampler", sampler), *parameters.items()):
+        if value is not None and not isinstance(value, (str, int, float)):
+            raise ArgumentError(f"expected {name} as a text or a number, got {value!r}")
+    checked_flag(merge, "merge")
     if not file.is_file():
         raise SceneError(f"expected a Mitsuba scene file, got {str(path)!r}, which is not a file")
     if variant is not None or mi.variant() is None:
@@ -234,9 +119,20 @@ def load_scene(
     return scene
 
 
+def checked_scene(scene: Any) -> Any:
+    """A scene of the variant that is set, or SceneError."""
+    if not isinstance(scene, mi.Scene):
+        raise SceneError(
+            f"expected a scene of the variant that is set, {mi.variant()}, got one of another or "
+            f"no scene ({type(scene).__name__}); set that one, or load the scene anew"
+        )
+    return scene
+
+
 def has_wigner_emitter(scene: Any) -> bool:
     """Whether a ``wigner`` shape lights this scene."""
-    return any(getattr(type(emitter), "is_wigner", False) for emitter in scene.emitters())
+    emitters = checked_scene(scene).emitters()
+    return any(getattr(type(emitter), "is_wigner", False) for emitter in emitters)
 
 
 def translate_error(error: Exception) -> PolywignerError:
@@ -256,15 +152,6 @@ def translate_error(error: Exception) -> PolywignerError:
     cause = traceback.strip().splitlines()[-1:]  # what a plugin written in Python has raised
     line = " ".join(" ".join([head, *cause]).split())
     return SceneError(f"expected a scene that Mitsuba can load: {line}")
-
-
-def _bsdf_entry(bsdf: Any) -> dict[str, Any]:
-    if not isinstance(bsdf, Mapping) or not isinstance(bsdf.get("type"), str):
-        raise SceneError(
-            f"expected the bsdf as a dictionary with its type, got {bsdf!r}; give one such as "
-            '{"type": "diffuse"}'
-        )
-    return dict(bsdf)
 
 
 def _instantiate(

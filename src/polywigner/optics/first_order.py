@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import checked_number, real_numbers
 from polywigner.geometry.display import shown_as_html
-from polywigner.geometry.field import turned_points
+from polywigner.geometry.wavefront import turned_points
 
 Matrix = NDArray[np.float64]
 
@@ -92,8 +92,8 @@ class FirstOrder:
     matrix: Matrix
     """(4, 4), read-only."""
     rounding: Matrix
-    """(4, 4): bounds on what rounding has made of the elements. In a product what is no larger is
-    set to zero, so that an image that is composed of lenses and distances is one."""
+    """(4, 4): bounds on the rounding errors of the elements. In a product, elements within their
+    bounds become zero, so that an image composed of lenses and distances stays an image."""
 
     def __init__(self, matrix: ArrayLike) -> None:
         try:

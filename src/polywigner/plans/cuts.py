@@ -51,7 +51,7 @@ def tabulates_products(weights: int, factors: int | None) -> bool:
 
 
 forced_cut: ContextVar[str | None] = ContextVar("forced_cut", default=None)
-"""How edges are to be cut whatever it costs; None where plans are free."""
+"""Cut of edges to take whatever it costs; None where plans are free."""
 
 
 @contextmanager

@@ -46,7 +46,7 @@ class Request:
     terms: int = 1
     """Terms of a plain sum for each sample; of an array, pairs of copies near it."""
     is_array: bool = False
-    """Whether the outline is that of an element of many copies."""
+    """Whether the outline belongs to an element with many copies."""
     rows: int = 0
     """Places, where each meets every one of ``columns`` frequencies; 0 where samples are points."""
     columns: int = 0
@@ -88,7 +88,7 @@ class Way:
     run: float
     """Seconds for each call."""
     cut: str | None = None
-    """How edges are cut: ``"code"``, ``"rows"``, ``"pairs"``."""
+    """Cut of edges: ``"code"``, ``"rows"``, ``"pairs"``."""
 
     @property
     def seconds(self) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import lru_cache, partial
 from typing import Any
 
@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from polywigner import execution
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, Precision
-from polywigner.geometry import Aperture, Wavefront
-from polywigner.geometry.aperture import triangulate
+from polywigner.geometry import Aperture, Polyhedron, Wavefront
+from polywigner.geometry.aperture import PlacedAperture, triangulate
 from polywigner.geometry.arguments import Points, checked_flag, checked_wavelength, takes_frequency
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import (
@@ -28,6 +28,7 @@ from polywigner.illumination.support import moved_source
 from polywigner.kernels.boundary.integrals import distance_of, point_in_wavelengths
 from polywigner.numerics.phases import reduced
 from polywigner.optics import FirstOrder
+from polywigner.propagation import shadows
 from polywigner.propagation.boundary import boundary_field
 from polywigner.propagation.collins import field_behind
 from polywigner.propagation.far_fields import check_slopes, far_field
@@ -42,7 +43,12 @@ from polywigner.propagation.places import (
     checked_points,
     warn_of_missed,
 )
-from polywigner.propagation.screens import Screen, field_of_screen
+from polywigner.propagation.screens import (
+    PointSource,
+    Screen,
+    field_of_screen,
+    incident_of_point,
+)
 from polywigner.transforms import Differentiable
 from polywigner.transforms.wavefronts import (
     checked_wavefront,
@@ -203,6 +209,8 @@ def _rule() -> tuple[Floats, Floats]:
     return np.stack([1 - u, u * (1 - v), u * v], axis=1), weights
 
 
+Obstacle = Polyhedron | PlacedAperture
+
 # Points at a time: temporary arrays stay in the cache of one core.
 _BLOCK = 1 << 12
 _OPS = execution.NumpyOperations(double=True)
@@ -214,12 +222,13 @@ _FOURIER_ERROR = {True: 1e-13, False: 2e-6}
 @takes_frequency
 @takes_xarray("points", units="W0.5 m-1", long_name="complex amplitude U")
 def amplitude(
-    source: Aperture | Array | Wavefront | Differentiable | Screen,
+    source: Aperture | Array | Wavefront | Differentiable | Screen | PointSource,
     points: Points,
     wavelength: float,
     method: Method = DEFAULT,
     *,
     through: FirstOrder | None = None,
+    obstacles: Obstacle | Sequence[Obstacle] | None = None,
     tolerance: float | None = None,
     obliquity: BoundaryCondition | None = None,
     return_error: bool = False,
@@ -240,7 +249,7 @@ def amplitude(
     source : an Aperture, or an Array of apertures in the plane z = 0, with any illuminations; or a
         :func:`differentiable` one; one with a curved wave, whose exact field is a sum over places
         in the opening rather than along its edges (docs/curved.md, (Q7)); or a :class:`Screen`
-        that something lights from behind.
+        that something lights from behind; or a :class:`PointSource`, with obstacles.
     points : (..., 3) in m, z > 0, or (..., 2) with ``through``; or a Dr.Jit array for results as
         those of :func:`fourier` are.
         Derivatives in them, and in the numbers of a differentiable source, are as accurate as the
@@ -253,10 +262,16 @@ def amplitude(
         is Collins' integral (O4), instead of a ``method``, without exp(ikL) of the path L along the
         axis. An image (B = 0) is u itself. Behind systems of other curvatures along one axis than
         along the other, NumPy sums it up. No derivatives.
+    obstacles : bodies in the way, as :class:`Polyhedron`, and plates, as apertures in a pose
+        (:meth:`Aperture.placed`), alone or in a sequence. They are opaque and black. Light passes
+        one edge of theirs (docs/shadows.md, (SB1)): the field is smooth across the boundaries of
+        shadows, and zero in bodies. Not with ``through``, "fresnel" and "fraunhofer", nor with
+        derivatives.
     tolerance : error allowed, as a fraction of the incident amplitude or, where that is less, of
         |u| area/(wavelength distance), which is what the field would be if all of the source were
         in phase (within a wavelength with the static field, |u| area/(2 pi distance^2)). Default
-        1e-9 (single precision: 1e-5); at least 1e-13 (1e-6). Not for Fraunhofer.
+        1e-9 (single precision: 1e-5); at least 1e-13 (1e-6). With obstacles 1e-6, at least 1e-8,
+        of the largest field, from three wavelengths off the source. Not for Fraunhofer.
     obliquity : of "fraunhofer" alone: that of the far field of "rayleigh-sommerfeld-1" (default),
         "kirchhoff" or "rayleigh-sommerfeld-2".
     return_error : also return the estimated error of each value, |.|: of the sum over nodes, not
@@ -288,6 +303,14 @@ def amplitude(
     0.3103
     """
     checked_flag(return_error, "return_error")
+    if obstacles is not None:
+        _check_shadowed(source, points, wavelength, method, through, obliquity)
+        return _behind_obstacles(
+            source, points, wavelength, method, obstacles, tolerance,
+            return_error=return_error, precision=precision, engine=engine,
+        )  # fmt: skip
+    if isinstance(source, PointSource):
+        raise ArgumentError("expected a PointSource with obstacles, or on a Screen, got it alone")
     if through is not None:
         others: dict[str, object] = {"obliquity": obliquity}
         others["method"] = None if method in (DEFAULT, "fresnel") else method
@@ -369,6 +392,58 @@ def amplitude(
     shape = places.shape[:-1]
     result = values.reshape(shape).astype(np.complex128 if double else np.complex64)[()]
     return (result, errors.reshape(shape)[()]) if return_error else result
+
+
+def _check_shadowed(
+    source: Any, points: Any, wavelength: Any, method: Any, through: Any, obliquity: Any
+) -> None:
+    """Raise ArgumentError for options that fields behind obstacles do not have."""
+    if through is not None or obliquity is not None or method in ("fresnel", "fraunhofer"):
+        raise ArgumentError(
+            f"expected obstacles with one of the methods {', '.join(CONDITIONS)} alone, got them "
+            "with a system, an obliquity or another method; leave one out"
+        )
+    if has_derivatives(source, points, wavelength) or execution.is_drjit(points):
+        raise ArgumentError(
+            "expected NumPy points with obstacles, got Dr.Jit arrays, whose derivatives shadows do "
+            "not have yet; pass numpy.array(points)"
+        )
+    if isinstance(source, (Screen, Differentiable)):
+        raise ArgumentError(
+            f"expected a source without a screen before obstacles, got {type(source).__name__}; "
+            "pass the screen's plate as an obstacle and its PointSource as the source"
+        )
+
+
+def _behind_obstacles(
+    source: Any,
+    points: Points,
+    wavelength: float,
+    method: str,
+    obstacles: Any,
+    tolerance: float | None,
+    *,
+    return_error: bool,
+    precision: Precision,
+    engine: Engine,
+) -> Any:
+    """The free field and the change that obstacles make, (SB1)."""
+    allowed = shadows.checked_shadow_tolerance(tolerance)
+    how: dict[str, Any] = {"return_error": True, "precision": precision, "engine": engine}
+    places, length = checked_points(points), checked_wavelength(wavelength)
+    flat = places.reshape(-1, 3)
+    if isinstance(source, PointSource):
+        free = source.amplitude * incident_of_point(source.position, flat, length)
+        off = np.zeros(len(flat))
+    else:
+        free, off = amplitude(source, flat, wavelength, method, **how)
+    change, inside, missed = shadows.shadow_of(
+        source, obstacles, flat, length, method, allowed, engine, return_error
+    )
+    values = np.where(inside, 0.0, free + change).reshape(places.shape[:-1])
+    values = values.astype(np.complex64 if precision == "single" else np.complex128)[()]
+    errors = np.where(inside, 0.0, off + missed).reshape(places.shape[:-1])[()]
+    return (values, errors) if return_error else values
 
 
 def _seen_from_centre(

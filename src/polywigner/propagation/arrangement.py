@@ -10,7 +10,7 @@ import shapely
 from numpy.typing import NDArray
 
 from polywigner.geometry import Aperture
-from polywigner.geometry.grid import grid_size, polygons_in
+from polywigner.geometry.parts import grid_size, polygons_in
 from polywigner.illumination import Array
 from polywigner.illumination.support import mutual_support
 

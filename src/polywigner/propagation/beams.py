@@ -53,9 +53,9 @@ class CutMetrics:
     phi: float
     """The meridian of theta > 0, in rad."""
     theta: float
-    """Of the cut's peak, in rad; negative on the other side of the normal."""
+    """Angle of the cut's peak in rad; negative on the other side of the normal."""
     directivity: float
-    """Of the cut's peak, in dBi; minus infinity where nothing is radiated along the cut."""
+    """Directivity of the cut's peak in dBi; minus infinity where the cut has no radiation."""
     half_power_beamwidth: float
     """In rad, between the directions of half the cut's peak; NaN where the cut ends before."""
     sidelobe_levels: tuple[float, float]
@@ -76,11 +76,11 @@ class BeamMetrics:
     """
 
     theta: float
-    """Of the beam, the largest directivity in any direction, from the normal in rad."""
+    """Angle of the beam, the direction of largest directivity, from the normal in rad."""
     phi: float
-    """Of the beam, from the x axis in rad; 0 for a beam along the normal."""
+    """Angle of the beam from the x axis in rad; 0 for a beam along the normal."""
     directivity: float
-    """Of the beam, in dBi: 4 pi |E|^2 over the radiated power."""
+    """Directivity of the beam in dBi: 4 pi |E|^2 over the radiated power."""
     gain: float
     """In dBi: the directivity times the efficiency."""
     radiated_power: float
@@ -89,7 +89,7 @@ class BeamMetrics:
     """Equivalent isotropically radiated power in W: radiated power times directivity; None without
     a power."""
     front_share: float
-    """The radiated power over int |u|^2: what is not evanescent, as the obliquity counts it."""
+    """Radiated power over int |u|^2: the part that propagates, as the obliquity counts it."""
     cuts: tuple[CutMetrics, ...]
     """One for each meridian of the pattern."""
 

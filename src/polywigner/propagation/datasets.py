@@ -64,9 +64,9 @@ class FieldOptions(TypedDict, total=False):
     order: int
     """Order in the lag of "wigner": 1 or 3."""
     bandwidth: float | None
-    """Of the light, in Hz; None: one wavelength. See :func:`irradiance`."""
+    """Bandwidth of the light in Hz; None: one wavelength. See :func:`irradiance`."""
     tolerance: float | None
-    """None: that of :func:`irradiance` and :func:`amplitude`."""
+    """Relative error; None: the default of :func:`irradiance` and :func:`amplitude`."""
     dtype: str
     """"float64" or "float32" to store values as; for amplitudes complex numbers of these."""
     precision: Precision

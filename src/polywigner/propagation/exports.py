@@ -21,7 +21,7 @@ import numpy as np
 
 from polywigner.errors import ArgumentError, PolywignerError, StoreError
 from polywigner.geometry.arguments import checked_path
-from polywigner.interruption import unfinished
+from polywigner.interruption import atomic_path
 from polywigner.propagation.stores_checks import (
     METADATA,
     check_store,
@@ -152,12 +152,10 @@ def in_place(path: Path, dataset: Stored | None = None) -> Iterator[Path]:
 
     Raises ArgumentError on OSError, StoreError for damaged chunks of what the block reads.
     """
-    scratch = path.with_name(f"{path.name}.{os.getpid()}.partial")
     try:
-        with unfinished(scratch):
-            path.parent.mkdir(parents=True, exist_ok=True)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with atomic_path(path) as scratch:
             yield scratch
-            scratch.replace(path)
     except PolywignerError:
         raise
     except OSError as error:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Any, get_args
 
@@ -41,7 +41,7 @@ from polywigner.illumination.obliquities import (
     weighted_sources,
 )
 from polywigner.optics import FirstOrder
-from polywigner.propagation.amplitudes import amplitude
+from polywigner.propagation.amplitudes import Obstacle, amplitude
 from polywigner.propagation.collins import field_behind, squared_field
 from polywigner.propagation.far_fields import check_slopes
 from polywigner.propagation.field_slopes import has_derivatives, traced_field
@@ -56,6 +56,7 @@ from polywigner.propagation.rays import Rays
 from polywigner.propagation.rays_adaptive import Estimate, Sampling, by_gauss, by_samples
 from polywigner.propagation.rays_traced import traced_irradiance
 from polywigner.propagation.screens import Screen
+from polywigner.propagation.shadows import LEAST_TOLERANCE
 from polywigner.radiometry.directions import (
     checked_bandwidth,
     checked_radiator,
@@ -153,6 +154,7 @@ def irradiance(
     method: str = "wigner",
     *,
     through: FirstOrder | None = None,
+    obstacles: Obstacle | Sequence[Obstacle] | None = None,
     obliquity: ObliquityName | None = None,
     order: int = 1,
     tolerance: float = _TOLERANCE,
@@ -189,6 +191,8 @@ def irradiance(
     through : a :class:`FirstOrder` from the source's plane to that of ``points``. There the
         integral of W over all frequencies is the square of Collins' integral, exactly, and that is
         what is computed, see :func:`amplitude`.
+    obstacles : bodies and plates in the way, whose shadows diffract, as in :func:`amplitude`; with
+        "auto" or a method of :func:`amplitude`, for coherent light.
     obliquity : the boundary condition that the rays are matched to: "rayleigh-sommerfeld-1" (the
         default), "kirchhoff" or "rayleigh-sommerfeld-2"; or "paper", a factor cos(theta) of no
         boundary condition, for order 1 only. Of fields of several waves it is applied to each pair
@@ -238,6 +242,12 @@ def irradiance(
     checked_method(method, ("wigner", *METHODS, "auto"))
     checked_flag(return_error, "return_error")
     checked_choice(sampling, "sampling", get_args(Sampling))
+    if obstacles is not None:
+        return _behind_obstacles(
+            source, points, wavelength, method, obstacles, tolerance, return_error,
+            through=through, obliquity=obliquity, order=order, samples=samples, seed=seed,
+            bandwidth=bandwidth, precision=precision, engine=engine,
+        )  # fmt: skip
     by_lags = through is None and method == "wigner" and _is_by_lags(source, obliquity, order)
     if is_mixture(source, bandwidth) and has_derivatives(source, points, wavelength):
         raise ArgumentError(
@@ -336,6 +346,34 @@ def irradiance(
     found = _summed(flat_source, rays, flat, allowed, sampling, samples, seed)
     values = found.values.reshape(places.shape[:-1])[()]
     return (values, found.errors.reshape(places.shape[:-1])[()]) if return_error else values
+
+
+def _behind_obstacles(
+    source: Any,
+    points: Points,
+    wavelength: Any,
+    method: str,
+    obstacles: Any,
+    tolerance: float,
+    return_error: bool,
+    *,
+    obliquity: Any,
+    precision: Precision,
+    engine: Engine,
+    **others: Any,
+) -> Any:
+    """|U|^2 behind bodies: the square of the amplitude."""
+    if method == "wigner" or is_mixture(source, others["bandwidth"]):
+        raise ArgumentError(
+            "expected coherent light of one wavelength and another method than rays with "
+            f'obstacles, got method={method!r} and {source!r}; use method="auto"'
+        )
+    if method == "auto":
+        method, obliquity = checked_obliquity(obliquity, 1), None
+    _check_rays_only(method, **{name: value for name, value in others.items() if value != 1})
+    options: Any = {"obstacles": obstacles, "precision": precision, "engine": engine}
+    options["tolerance"] = max(0.1 * checked_tolerance(tolerance), LEAST_TOLERANCE)
+    return _squared(source, points, wavelength, method, return_error, options)
 
 
 def _is_by_lags(source: Any, obliquity: Any, order: Any) -> bool:

@@ -221,7 +221,7 @@ class Pieces:
     length: Floats
     """(n,)."""
     owner: NDArray[np.intp]
-    """Number of the edge, which is that of the vertex that it begins at."""
+    """Number of the edge: the number of the vertex that it begins at."""
     share: Floats
     """Share of the edge before the piece begins, (n,)."""
     step: Floats

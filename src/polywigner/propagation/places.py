@@ -61,7 +61,7 @@ METHODS: tuple[str, ...] = get_args(Method)
 """Methods for a field, an amplitude with a phase."""
 
 DEFAULT_TOLERANCE = {True: 1e-9, False: 1e-5}
-"""Of fields, in double and in single precision."""
+"""Relative errors of fields, in double (True) and in single precision."""
 
 # The least that can be asked for: some tens of roundings.
 _LEAST = {True: 1e-13, False: 1e-6}

@@ -148,9 +148,9 @@ class Rays:
     engine: Engine
     double: bool
     curved: tuple[float, ...] = ()
-    """Of a curved wave on all sources: Q_xx, Q_xy, Q_yy, and its centre."""
+    """Q_xx, Q_xy, Q_yy and the centre of a curved wave on all sources; empty: flat."""
     coherence_width: float = math.inf
-    """Of the light, in m; finite to leading order only."""
+    """Width of coherence in m; finite to leading order only."""
 
     @property
     def is_partly_coherent(self) -> bool:

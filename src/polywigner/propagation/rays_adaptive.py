@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -11,7 +10,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.errors import ArgumentError, MissingExtraError, install_command
+from polywigner.errors import (
+    ArgumentError,
+    require,
+)
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import checked_count, checked_generator
 from polywigner.illumination import Array
@@ -252,7 +254,7 @@ _BATCHES = 16
 _FIRST_SAMPLES, _MOST_SAMPLES = 1 << 14, 1 << 18
 
 Draw = Callable[[int], Values]
-"""How many -> numbers (n, 2) in [0, 1), others at each call."""
+"""Count n -> numbers (n, 2) in [0, 1), others at each call."""
 
 
 def by_samples(
@@ -334,10 +336,4 @@ def _below_one(numbers: Values) -> Values:
 
 
 def _sobol() -> Any:
-    try:
-        return importlib.import_module("scipy.stats.qmc").Sobol
-    except ImportError:
-        raise MissingExtraError(
-            "expected scipy to be installed for quasi-random numbers (Sobol), got none; run "
-            f"{install_command('arrays')}"
-        ) from None
+    return require("scipy.stats.qmc", "arrays", "has quasi-random numbers (Sobol)").Sobol

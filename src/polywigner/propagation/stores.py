@@ -284,8 +284,8 @@ def _on_this_machine(
 def connected(scheduler: str) -> Iterator[Any]:
     """A client of the scheduler at an address, which has workers. Raises EngineError without."""
     distributed = required("distributed")
-    if "://" not in scheduler and not re.fullmatch(r"[^\s/]+:\d+", scheduler):
-        # distributed would say the same with a traceback when its client is collected
+    if not re.fullmatch(r"((tcp|tls|ws|wss)://)?[^\s/]+:\d+/?", scheduler):
+        # distributed would say the same later, and with a traceback when its client is collected
         raise EngineError(
             f"expected the address of a dask scheduler such as tcp://host:8786, got {scheduler!r}"
         )
@@ -441,7 +441,8 @@ def _sweep(array: Path) -> None:
 def _opened_lock(file: Path) -> Any:
     """The file of a lock, made if there is none; StoreError for a link, or a file of others."""
     try:
-        number = os.open(file, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK, 0o666)
+        careful = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)  # not on Windows
+        number = os.open(file, os.O_RDWR | os.O_CREAT | careful, 0o666)
     except OSError as error:
         if error.errno != errno.ELOOP:
             raise

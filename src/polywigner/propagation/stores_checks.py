@@ -8,7 +8,6 @@ changed places are not noticed: a checksum is one of bytes, not of their place.
 from __future__ import annotations
 
 import hashlib
-import importlib
 import json
 import math
 import os
@@ -21,9 +20,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from polywigner.errors import FileFormatError, MissingExtraError, StoreError, install_command
+from polywigner.errors import (
+    FileFormatError,
+    MissingExtraError,
+    StoreError,
+    require,
+)
 from polywigner.geometry.arguments import checked_path
-from polywigner.geometry.formats.limits import bytes_of
+from polywigner.geometry.io.limits import bytes_of
 from polywigner.illumination.source_files import SOURCE_COORDINATE, json_of, table_of
 from polywigner.radiometry.progress import progress_bar
 from polywigner.transforms.xarray_arguments import labelled_array
@@ -49,13 +53,7 @@ Index = tuple[int, ...]
 
 def required(name: str) -> Any:
     """Return a module of the extra ``volume``; raise MissingExtraError without it."""
-    try:
-        return importlib.import_module(name)
-    except ImportError as error:
-        raise MissingExtraError(
-            f"expected {name} to be installed, which large results are stored and shared out with, "
-            f"got none ({error}); run {install_command('volume')}"
-        ) from error
+    return require(name, "volume", "large results are stored and shared out with")
 
 
 def require_stores(scheduler: str | None = None) -> None:

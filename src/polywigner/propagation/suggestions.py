@@ -143,7 +143,7 @@ class AxisSampling:
     low: float
     """First value."""
     high: float
-    """Last value; that of a flat box is the first."""
+    """Last value; a flat box has the first value here too."""
     count: int
     """Number of samples, both ends included; odd where the axis is symmetric, so that 0 is one."""
     nyquist: float

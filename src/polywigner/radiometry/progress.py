@@ -9,6 +9,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+from polywigner.geometry.arguments import checked_flag
+
 # Of a bar below a cell: characters, and seconds between two drawings.
 _COLUMNS = 100
 _INTERVAL = 0.1
@@ -22,7 +24,7 @@ def progress_bar(
 
     ``show``: None draws the bar if stderr is a terminal. Nothing is left of it, in notebooks too.
     """
-    if not (sys.stderr.isatty() if show is None else show):
+    if not (sys.stderr.isatty() if show is None else checked_flag(show, "progress")):
         yield lambda parts=1: None
         return
     from rich.console import Console

@@ -8,15 +8,14 @@ carry W exactly; through aberrations approximately.
 module               what is in it
 ===================  ==========================================================================
 ``sampling``         rays drawn from W of a source: :func:`sample_rays`
-``bundles``          rays as a dataset, checked, and after ray optics of your own
-``rebuilding``       irradiance in the pixels of a plane, with its standard error
+``bundles``          rays as a dataset: checked, after ray optics of your own, and rebuilt to
+                     irradiance in the pixels of a plane, with its standard error
 ``files``            .npz, .csv, NetCDF and source files of OpticStudio, written and read
 ===================  ==========================================================================
 """
 
-from polywigner.rays.bundles import traced
+from polywigner.rays.bundles import rebuild, traced
 from polywigner.rays.files import load, save
-from polywigner.rays.rebuilding import rebuild
 from polywigner.rays.sampling import sample_rays
 
 __all__ = ["load", "rebuild", "sample_rays", "save", "traced"]

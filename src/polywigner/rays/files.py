@@ -11,6 +11,7 @@ import warnings
 import zipfile
 import zlib
 from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, cast
 
@@ -18,9 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, FileFormatError
-from polywigner.geometry.arguments import checked_path, warn_caller
-from polywigner.geometry.formats.limits import check_regular
-from polywigner.interruption import unfinished
+from polywigner.geometry.arguments import (
+    checked_flag,
+    checked_path,
+    warn_caller,
+)
+from polywigner.geometry.io.limits import check_regular
+from polywigner.interruption import atomic_path
 from polywigner.propagation.exports import write_netcdf
 from polywigner.propagation.stores_checks import required
 from polywigner.rays.bundles import bundle, checked_bundle, count_of
@@ -149,7 +154,7 @@ if TYPE_CHECKING:
 
 
 SUFFIXES = (".npz", ".csv", ".nc", ".dat")
-"""Of the formats."""
+"""Suffixes of the formats."""
 
 LengthUnit = Literal["m", "in", "cm", "ft", "mm"]
 _COLUMNS = ("x", "y", "z", "l", "m", "n", "weight")
@@ -220,14 +225,12 @@ def save(
     """
     if not isinstance(unit, str) or unit not in METRES:
         raise ArgumentError(f"expected unit to be one of {', '.join(METRES)}, got {unit!r}")
-    paths = names_of(checked_path(path), split)
-    scratch = [p.with_name(f"{p.name}.{os.getpid()}.partial") for p in paths]
+    paths = names_of(checked_path(path), checked_flag(split, "split"))
     try:
-        with unfinished(*scratch):
-            paths[0].parent.mkdir(parents=True, exist_ok=True)
+        paths[0].parent.mkdir(parents=True, exist_ok=True)
+        with ExitStack() as stack:
+            scratch = [stack.enter_context(atomic_path(path)) for path in paths]
             write_to(rays, scratch, paths, unit)
-            for written, final in zip(scratch, paths, strict=True):
-                written.replace(final)
     except OSError as error:
         raise ArgumentError(
             f"expected to write {path}, got {error.strerror or error}; choose another place"

@@ -16,7 +16,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,29 +120,16 @@ _MOMENTS = 1 << 21
 _RATE_STEP = 0.125
 
 
-@dataclass(frozen=True, eq=False)
-class Pairs:
-    """Pairs of cells: the numbers of a pose and of both cells, (n,) each."""
+# Pairs of cells: fields pose, transmitter and receiver, the numbers of a pose and of both cells.
+Pairs: TypeAlias = Any
 
-    pose: Indices
-    transmitter: Indices
-    receiver: Indices
 
-    def __len__(self) -> int:
-        return len(self.pose)
+table: Any = np.rec.fromarrays  # NumPy's types ask for formats, which columns have
 
-    def where(self, chosen: NDArray[np.bool_] | Indices) -> Pairs:
-        """Some of the pairs."""
-        return Pairs(self.pose[chosen], self.transmitter[chosen], self.receiver[chosen])
 
-    def and_also(self, other: Pairs) -> Pairs:
-        """These pairs and others."""
-        both = zip(self._columns, other._columns, strict=True)
-        return Pairs(*(np.concatenate(columns) for columns in both))
-
-    @property
-    def _columns(self) -> tuple[Indices, Indices, Indices]:
-        return self.pose, self.transmitter, self.receiver
+def pairs_of(pose: Indices, transmitter: Indices, receiver: Indices) -> Pairs:
+    """Return pairs of cells (n,), an array with named fields."""
+    return table([pose, transmitter, receiver], names="pose,transmitter,receiver")
 
 
 class _Sight:
@@ -196,10 +183,10 @@ class Links:
     rotation: Floats
     """(n, 3, 3), of the receiver's frame into the transmitter's."""
     offset: Floats
-    """From the centre of the transmitter to that of the receiver, (n, 3)."""
+    """(n, 3) from the transmitter's centre to the receiver's."""
     condition: Obliquity
     extra: float
-    """Nodes along a side of a cell beyond those that waves and polynomials need."""
+    """Nodes along a side of a cell, added to the count that waves and polynomials need."""
 
     def sizes(self, pairs: Pairs) -> tuple[Floats, Floats, Floats]:
         """Half the diagonals of both cells of pairs, and their distance, (n,) each."""
@@ -266,7 +253,7 @@ class Links:
         step = max(1, _BLOCK // count**2)
         rows = max(1, _BLOCK // (step * count))
         for begin in range(0, len(pairs), most):
-            part = pairs.where(np.arange(begin, min(begin + most, len(pairs))))
+            part = pairs[begin : begin + most]
             towards = self._between(part)
             towards /= np.linalg.norm(towards, axis=1)[:, None]
             back = np.einsum("nji,nj->ni", self.rotation[part.pose], towards)
@@ -274,7 +261,7 @@ class Links:
             there = self._moments(self.receiver, part.receiver, back[:, :2], order)
             for start in range(0, len(part), step):
                 mine = slice(start, min(start + step, len(part)))
-                some = part.where(np.arange(mine.start, mine.stop))
+                some = part[mine]
                 own = slice(begin + mine.start, begin + mine.stop)
                 x, y, from_x, from_y = self._places(some, order)
                 left = here[mine] * exp_turns((from_x @ towards[mine, :2, None])[..., 0])

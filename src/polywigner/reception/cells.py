@@ -15,7 +15,7 @@ import shapely
 from numpy.typing import NDArray
 
 from polywigner.geometry import Aperture, Wavefront
-from polywigner.geometry.grid import polygons_in
+from polywigner.geometry.parts import polygons_in
 from polywigner.illumination.obliquities import fields_of
 from polywigner.propagation.arrangement import (
     NODES_PER_CYCLE,
@@ -56,7 +56,7 @@ class Cells:
         waves = [np.zeros((1, 2)) if f is None else f.frequencies for f in fields_of(source)]
         frequencies = np.linalg.norm(np.concatenate(waves), axis=1)
         self.highest_frequency = float(frequencies.max()) * wavelength
-        """Of the waves of the field, in cycles per wavelength."""
+        """Highest frequency of the field's waves, in cycles per wavelength."""
         if self._wave is not None:
             corners = np.array([(x, y) for x in (xmin, xmax) for y in (ymin, ymax)])
             slopes = (corners - self._wave.centre) @ self._wave.curvature

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
-from polywigner.reception.cell_pairs import Links, Pairs
+from polywigner.reception.cell_pairs import Links, Pairs, pairs_of, table
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -31,45 +31,14 @@ _ROUNDING = 1e-15
 _MOST_VALUES, _MOST_PAIRS = 1 << 29, 1 << 17
 
 
-@dataclass(eq=False)
-class LinkSums:
+class LinkSums(NamedTuple):
     """Couplings of n poses, but for the phase of the distance and the norms, and errors."""
 
     values: Complex
     errors: Floats
     allowed: Floats
-    parts: _Parts
-
-
-@dataclass(eq=False)
-class _Parts:
-    """Pairs with their sums, orders (numbers of ``_ORDERS``), estimated errors and sizes, (n,)."""
-
-    pairs: Pairs
-    values: Complex
-    orders: Indices
-    errors: Floats
-    sizes: Floats
-
-    def where(self, chosen: NDArray[np.bool_]) -> _Parts:
-        """Some of them."""
-        return _Parts(
-            self.pairs.where(chosen),
-            self.values[chosen],
-            self.orders[chosen],
-            self.errors[chosen],
-            self.sizes[chosen],
-        )
-
-    def and_also(self, other: _Parts) -> _Parts:
-        """These and others."""
-        return _Parts(
-            self.pairs.and_also(other.pairs),
-            np.concatenate([self.values, other.values]),
-            np.concatenate([self.orders, other.orders]),
-            np.concatenate([self.errors, other.errors]),
-            np.concatenate([self.sizes, other.sizes]),
-        )
+    parts: Pairs
+    """With values, orders (numbers of ``_ORDERS``), estimated errors and sizes, (n,) each."""
 
 
 def link_sums(links: Links, tolerance: float, floor: Floats) -> LinkSums:
@@ -80,10 +49,10 @@ def link_sums(links: Links, tolerance: float, floor: Floats) -> LinkSums:
     count = len(links.offset)
     none = np.zeros(count, np.intp)
     digits = -math.log10(tolerance)
-    parts = _first(links, _tryable(links, Pairs(np.arange(count), none, none)), digits)
+    parts = _first(links, _tryable(links, pairs_of(np.arange(count), none, none)), digits)
     work = 0.0
     while True:
-        pose = parts.pairs.pose
+        pose = parts.pose
         real, imag = (np.bincount(pose, v, count) for v in (parts.values.real, parts.values.imag))
         total = real + 1j * imag
         allowed = tolerance * np.maximum(np.abs(total), floor)
@@ -93,19 +62,19 @@ def link_sums(links: Links, tolerance: float, floor: Floats) -> LinkSums:
         share = (allowed / 2 / np.maximum(np.bincount(pose[open_], minlength=count), 1))[pose]
         halved = open_ & (_foreseen(links, parts) > share)
         raised = open_ & ~halved
-        fresh = _first(links, _tryable(links, _halves(links, parts.pairs.where(halved))), digits)
-        again = _raised(links, parts.where(raised))
+        fresh = _first(links, _tryable(links, _halves(links, parts[halved])), digits)
+        again = _raised(links, parts[raised])
         work += sum(float((_ORDERS[part.orders] ** 4.0).sum()) for part in (fresh, again))
         if work > _MOST_VALUES * count:
-            raise _too_much(links, parts.pairs)
-        parts = parts.where(~open_).and_also(fresh).and_also(again)
+            raise _too_much(links, parts)
+        parts = _joined(parts[~open_], fresh, again)
     errors = np.bincount(pose, parts.errors, count).astype(np.float64)
     return LinkSums(total, errors, allowed, parts)
 
 
-def _to_refine(parts: _Parts, allowed: Floats) -> NDArray[np.bool_]:
+def _to_refine(parts: Pairs, allowed: Floats) -> NDArray[np.bool_]:
     """Pairs with the largest errors; the errors of all others add up to ``allowed`` a pose."""
-    pose = parts.pairs.pose
+    pose = parts.pose
     ordered = np.lexsort((parts.errors, pose))
     sums = np.cumsum(parts.errors[ordered])
     starts = np.searchsorted(pose[ordered], np.arange(len(allowed)))
@@ -115,9 +84,9 @@ def _to_refine(parts: _Parts, allowed: Floats) -> NDArray[np.bool_]:
     return found & (parts.errors > _ROUNDING * parts.sizes)
 
 
-def _foreseen(links: Links, parts: _Parts) -> Floats:
+def _foreseen(links: Links, parts: Pairs) -> Floats:
     """The error that a pair will be seen to have at the highest order; infinite there."""
-    idle = _IDLE * _turn(links, parts.pairs)
+    idle = _IDLE * _turn(links, parts)
     falling = np.maximum(_ORDERS[np.maximum(parts.orders - 1, 0)] - idle, 1.0)
     size = np.maximum(np.maximum(np.abs(parts.values), parts.errors), 1e-300)
     rate = np.log(np.maximum(parts.errors, 1e-300) / size) / falling
@@ -125,7 +94,7 @@ def _foreseen(links: Links, parts: _Parts) -> Floats:
     return np.where(parts.orders == len(_ORDERS) - 1, np.inf, found)
 
 
-def _first(links: Links, pairs: Pairs, digits: float) -> _Parts:
+def _first(links: Links, pairs: Pairs, digits: float) -> Pairs:
     """Pairs at the first two orders that can tell something of them."""
     turn = _turn(links, pairs)
     # the least that was found to do, of squares at any distance; more costs nothing but one more
@@ -134,14 +103,24 @@ def _first(links: Links, pairs: Pairs, digits: float) -> _Parts:
     orders = np.searchsorted(_ORDERS, least)
     values, sizes = _at(links, pairs, orders)
     unknown = np.full(len(pairs), np.inf)
-    return _raised(links, _Parts(pairs, values, orders, unknown, sizes))
+    return _raised(links, _parts(pairs, values, orders, unknown, sizes))
 
 
-def _raised(links: Links, parts: _Parts) -> _Parts:
+def _raised(links: Links, parts: Pairs) -> Pairs:
     """Pairs at the next order."""
     orders = parts.orders + 1
-    values, sizes = _at(links, parts.pairs, orders)
-    return _Parts(parts.pairs, values, orders, np.abs(values - parts.values), sizes)
+    values, sizes = _at(links, parts, orders)
+    return _parts(parts, values, orders, np.abs(values - parts.values), sizes)
+
+
+def _parts(pairs: Pairs, values: Complex, orders: Indices, errors: Floats, sizes: Floats) -> Pairs:
+    columns = [pairs.pose, pairs.transmitter, pairs.receiver, values, orders, errors, sizes]
+    names = "pose,transmitter,receiver,values,orders,errors,sizes"
+    return table(columns, names=names)
+
+
+def _joined(*pairs: Pairs) -> Pairs:
+    return np.concatenate(pairs).view(np.recarray)
 
 
 def _at(links: Links, pairs: Pairs, orders: Indices) -> tuple[Complex, Floats]:
@@ -151,7 +130,7 @@ def _at(links: Links, pairs: Pairs, orders: Indices) -> tuple[Complex, Floats]:
     values, sizes = np.empty(len(pairs), np.complex128), np.empty(len(pairs))
     for order in np.unique(orders):
         mine = np.flatnonzero(orders == order)
-        values[mine], sizes[mine] = links.sums(pairs.where(mine), int(_ORDERS[order]))
+        values[mine], sizes[mine] = links.sums(pairs[mine], int(_ORDERS[order]))
     return values, sizes
 
 
@@ -174,13 +153,13 @@ def _turn(links: Links, pairs: Pairs) -> Floats:
 
 def _tryable(links: Links, pairs: Pairs) -> Pairs:
     """Pairs so small that an interpolation is worth a try, in place of larger ones."""
-    found = pairs.where(np.zeros(len(pairs), np.bool_))
+    found = pairs[:0]
     while len(pairs):
         here, there, distance = links.sizes(pairs)
         good = (_turn(links, pairs) <= _MOST_TURN) | (here + there < 1e-3)
         good &= here + there <= _MOST_RATIO * distance
-        found = found.and_also(pairs.where(good))
-        pairs = _halves(links, pairs.where(~good))
+        found = _joined(found, pairs[good])
+        pairs = _halves(links, pairs[~good])
         if len(pairs) + len(found) > _MOST_PAIRS * len(links.offset):
             raise _too_much(links, pairs)
     return found
@@ -190,11 +169,12 @@ def _halves(links: Links, pairs: Pairs) -> Pairs:
     """Pairs with the larger of both cells halved."""
     here, there, _ = links.sizes(pairs)
     first = here >= there
-    one, other = pairs.where(first), pairs.where(~first)
+    one, other = pairs[first], pairs[~first]
     cells, place = links.transmitter.halved(one.transmitter)
-    halved = Pairs(one.pose[place], cells, one.receiver[place])
+    halved = pairs_of(one.pose[place], cells, one.receiver[place])
     cells, place = links.receiver.halved(other.receiver)
-    return halved.and_also(Pairs(other.pose[place], other.transmitter[place], cells))
+    others = pairs_of(other.pose[place], other.transmitter[place], cells)
+    return _joined(halved, others)
 
 
 def link_slopes_of(links: Links, sums: LinkSums) -> Complex:
@@ -203,6 +183,6 @@ def link_slopes_of(links: Links, sums: LinkSums) -> Complex:
     found = np.zeros((len(sums.values), 3, 4), np.complex128)
     for order in np.unique(parts.orders):
         mine = parts.orders == order
-        pairs = parts.pairs.where(mine)
+        pairs = parts[mine]
         np.add.at(found, pairs.pose, links.slopes(pairs, int(_ORDERS[order])))
     return found

@@ -37,7 +37,7 @@ _BLOCK = 1 << 22
 
 def checked_normalise(name: Any, error: type[PolywignerError] = ArgumentError) -> str:
     """Return ``name`` itself, or raise the error with the names that there are."""
-    if name not in NORMALISATIONS:
+    if not isinstance(name, str) or name not in NORMALISATIONS:
         names = " or ".join(f'"{known}"' for known in NORMALISATIONS)
         raise error(f"expected normalise to be {names}, got {name!r}")
     return str(name)

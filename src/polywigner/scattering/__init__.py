@@ -3,8 +3,7 @@
 ====================  =========================================================================
 module                what is in it
 ====================  =========================================================================
-``cross_sections``    the radar cross section by physical optics, and its derivatives
-``patterns``          the same over azimuth and elevation
+``cross_sections``    the radar cross section by physical optics, its derivatives, its patterns
 ``facets``            bodies and plates as triangles: which join smoothly, which shadow others
 ``near_fields``       the cross section near the antennas of a radar, over pieces of plane waves
 ``antennas``          antennas at their places, their fields and polarisations
@@ -13,7 +12,6 @@ module                what is in it
 ====================  =========================================================================
 """
 
-from polywigner.scattering.cross_sections import rcs
-from polywigner.scattering.patterns import rcs_pattern
+from polywigner.scattering.cross_sections import rcs, rcs_pattern
 
 __all__ = ["rcs", "rcs_pattern"]

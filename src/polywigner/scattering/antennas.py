@@ -152,12 +152,12 @@ class Antenna:
 
     source: Source
     pose: Floats
-    """(4, 4) maps the body's frame into that of the source."""
+    """(4, 4) maps the body's frame into the source's."""
     wavelength: float
     normalise: str
     """Power by which fields are divided: "radiated", or "aperture"."""
     tolerance: float
-    """Of fields, relative to what reaches a place in phase."""
+    """Error of fields, relative to a field whose parts all arrive in phase."""
 
     @cached_property
     def extent(self) -> float:

@@ -32,9 +32,9 @@ class Projected:
     points: Floats
     """(n, 3, 2) corners across the direction."""
     depth: Floats
-    """(n, 3) of the corners along the direction; what has less is nearer to the observer."""
+    """(n, 3) of the corners along the direction; a smaller depth is nearer to the observer."""
     size: float
-    """Of the whole body."""
+    """Size of the whole body."""
     ranges: Floats
     """(n, 3) of the corners from an observer who is near, relative to each other; far away, 1."""
 
@@ -176,7 +176,7 @@ class Seen:
     signs: NDArray[np.int8]
     """(n,) 1 where the outer side is seen, -1 the other side of a plate, 0 for nothing."""
     parts: Shapes
-    """(n,) what is seen of each, or None: all of it.
+    """(n,) visible part of each triangle, or None: all of it.
 
     In coordinates along its two vectors, (0, 0), (1, 0) and (0, 1) at its corners.
     """

@@ -20,9 +20,12 @@ nothing. They need nothing but the package itself and take about a second (more 
 """
 
 from polywigner.testing.arrays import assert_array_identities
-from polywigner.testing.pupil import assert_otf_properties
 from polywigner.testing.stability import assert_fourier_stable
-from polywigner.testing.wigner import assert_marginals, assert_wigner_identities
+from polywigner.testing.wigner import (
+    assert_marginals,
+    assert_otf_properties,
+    assert_wigner_identities,
+)
 
 __all__ = [
     "assert_array_identities",

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from fractions import Fraction
 from functools import cached_property
 from typing import Any, Literal
 
@@ -15,7 +13,13 @@ from numpy.typing import NDArray
 
 from polywigner import transforms
 from polywigner.errors import ArgumentError
-from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
+from polywigner.execution import checked_precision
+from polywigner.geometry import Aperture, Polyhedron, Slits
+from polywigner.geometry.arguments import (
+    checked_count,
+    checked_generator,
+    checked_number,
+)
 from polywigner.illumination import Array as Elements
 from polywigner.illumination import Illumination
 
@@ -77,17 +81,13 @@ class Waves:
     def _dimension(self) -> int:
         return int(self.frequencies.shape[1])
 
-    def field(self) -> Illumination:
-        """The waves as an Illumination."""
-        return Illumination(self.amplitudes, self.frequencies)
-
-    def mapped(self, matrix: Array, shift: Array) -> Waves:
+    def mapped(self, matrix: Array, shift: Array) -> Illumination:
         """Carried along by x -> matrix x + shift."""
         kappa = self.frequencies @ np.linalg.inv(matrix)
-        return Waves(self.amplitudes * np.exp(-2j * np.pi * (kappa @ shift)), kappa)
+        return Illumination(self.amplitudes * np.exp(-2j * np.pi * (kappa @ shift)), kappa)
 
-    def conjugate(self) -> Waves:
-        return Waves(self.amplitudes.conj(), -self.frequencies)
+    def conjugate(self) -> Illumination:
+        return Illumination(self.amplitudes.conj(), -self.frequencies)
 
 
 def waves_of(source: Aperture | Slits) -> Waves:
@@ -96,35 +96,6 @@ def waves_of(source: Aperture | Slits) -> Waves:
     if field is None:
         return Waves(np.ones(1, complex), np.zeros((1, 1 if isinstance(source, Slits) else 2)))
     return Waves(field.amplitudes, field.frequencies)
-
-
-Point = tuple[Fraction, ...]
-
-
-@dataclass(frozen=True)
-class Simplex:
-    """d! times the signed content, and the corners in the space of nu."""
-
-    weight: Fraction
-    corners: tuple[Point, ...]
-
-
-def simplices_of(source: Any) -> list[Simplex]:
-    """Signed simplices with one corner in common, their first, whose sum the source is."""
-    if isinstance(source, Slits):
-        ends = [tuple((Fraction(x),) for x in pair) for pair in source.intervals.tolist()]
-        return [Simplex(b[0] - a[0], (a, b)) for a, b in ends]
-    if isinstance(source, Polyhedron):
-        corners = _exact(source.vertices)
-        return _fan([[corners[k] for k in face] for face in source.triangles.tolist()])
-    if isinstance(source, PlacedAperture):
-        pose = [[Fraction(value) for value in row] for row in source.pose.tolist()]
-        return [
-            Simplex(s.weight, tuple(_placed(pose, corner) for corner in s.corners))
-            for s in simplices_of(source.aperture)
-        ]
-    rings = [_exact(ring) for ring in source.rings]
-    return _fan([[p, q] for r in rings for p, q in zip(r, r[1:] + r[:1], strict=True)])
 
 
 def corners_of(source: Any) -> Array:
@@ -137,69 +108,6 @@ def corners_of(source: Any) -> Array:
         return np.concatenate(source.rings)
     flat = np.concatenate(source.aperture.rings)
     return flat @ source.pose[:3, :2].T + source.pose[:3, 3]
-
-
-def _exact(points: Array) -> list[Point]:
-    return [tuple(Fraction(x) for x in point) for point in points.tolist()]
-
-
-def _placed(pose: list[list[Fraction]], corner: Point) -> Point:
-    x, y = corner
-    return tuple(row[0] * x + row[1] * y + row[3] for row in pose[:3])
-
-
-def _fan(faces: list[list[Point]]) -> list[Simplex]:
-    """The cones from one corner over all faces that do not contain it."""
-    apex = faces[0][0]
-    found = []
-    for face in faces:
-        rows = [[x - a for x, a in zip(corner, apex, strict=True)] for corner in face]
-        weight = _determinant(rows)
-        if weight:
-            found.append(Simplex(weight, (apex, *face)))
-    return found
-
-
-def _determinant(rows: Sequence[Sequence[Fraction]]) -> Fraction:
-    if len(rows) == 2:
-        return rows[0][0] * rows[1][1] - rows[0][1] * rows[1][0]
-    (a, b, c), lower = rows[0], rows[1:]
-    minors = [[[row[j] for j in range(3) if j != k] for row in lower] for k in range(3)]
-    first, second, third = (_determinant(minor) for minor in minors)
-    return a * first - b * second + c * third
-
-
-def phase_of(nu: Sequence[float], point: Sequence[Any]) -> complex:
-    """exp(-2 pi i nu.point), the product exact and reduced modulo one turn."""
-    turns = sum(Fraction(n) * Fraction(x) for n, x in zip(nu, point, strict=True))
-    reduced = float(turns - round(turns))
-    return complex(math.cos(2 * math.pi * reduced), -math.sin(2 * math.pi * reduced))
-
-
-def small_frequency_limit(
-    simplices: list[Simplex], centre: Sequence[float], nu: Sequence[float]
-) -> complex:
-    """F(nu) to second order in nu.(x - centre), from exact moments.
-
-    The next term is (2 pi |nu| D)^3/6 of the content.
-    """
-    d = len(simplices[0].corners) - 1
-    middle = [Fraction(c) for c in centre]
-    frequency = [Fraction(n) for n in nu]
-    zeroth = first = second = Fraction(0)
-    for simplex in simplices:
-        turns = [
-            sum((n * (x - c) for n, x, c in zip(frequency, p, middle, strict=True)), Fraction(0))
-            for p in simplex.corners
-        ]
-        total = sum(turns, Fraction(0))
-        squares = sum((t * t for t in turns), Fraction(0))
-        zeroth += simplex.weight / math.factorial(d)
-        first += simplex.weight * total / math.factorial(d + 1)
-        second += simplex.weight * (total * total + squares) / math.factorial(d + 2)
-    turn = 2 * math.pi
-    near = complex(float(zeroth) - turn**2 * float(second) / 2, -turn * float(first))
-    return near * phase_of(nu, centre)
 
 
 Precision = Literal["double", "single"] | None
@@ -221,6 +129,14 @@ class Case:
     keywords: dict[str, Any]
     tolerance: float
     waves: Waves
+
+    @property
+    def elements(self) -> tuple[Any, ...]:
+        return (self.source,)
+
+    @property
+    def weights(self) -> Array:
+        return np.ones(1)
 
     @property
     def dimension(self) -> int:
@@ -290,15 +206,17 @@ def case_of(
             "assert_array_identities, and the .aperture of a placed one by itself"
         )
     waves = waves_of(source)
-    rng = np.random.default_rng(seed)
+    rng, points = checked_generator(seed), checked_count(points, "points", 1)
     corner, sides = box_of(source)
     dimension = len(corner)
     unit = rng.random((points, dimension))
     direction = rng.normal(size=(points, dimension))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     size = 10 ** rng.uniform(-2, 1.5, points) / source.diameter
+    kept = TOLERANCE[checked_precision(precision) or "double"]
     if tolerance is None:
-        tolerance = TOLERANCE[precision or "double"] * max(1.0, thinness_of(source) / 10)
+        tolerance = kept * max(1.0, thinness_of(source) / 10)
+    tolerance = checked_number(tolerance, "tolerance", "a number")
     return Case(
         source,
         x=corner + unit @ sides,
@@ -359,8 +277,6 @@ def _row(value: Any, number: int) -> Sequence[float]:
     return row
 
 
-Values = NDArray[Any]
-
 _PLACES = 12  # of sums over pairs of elements, each pair a slice cut by itself
 _LEAST_PLACES, _MOST_ELEMENTS = 1, 400  # fewer places than that for more elements
 
@@ -370,10 +286,10 @@ class ArrayCase:
     """An array, places to look at, and how to evaluate."""
 
     array: Elements
-    x: Values
-    xi: Values
-    nu: Values
-    upsilon: Values
+    x: Array
+    xi: Array
+    nu: Array
+    upsilon: Array
     keywords: dict[str, Any]
     tolerance: float
 
@@ -382,7 +298,7 @@ class ArrayCase:
         return self.array.elements_in_plane
 
     @property
-    def weights(self) -> Values:
+    def weights(self) -> Array:
         return self.array.weights
 
     @property
@@ -390,7 +306,7 @@ class ArrayCase:
         return int(self.x.shape[-1])
 
     @cached_property
-    def strengths(self) -> Values:
+    def strengths(self) -> Array:
         """Bounds (n,) on the field of each element."""
         return np.abs(self.weights) * [waves_of(e).strength for e in self.elements]
 
@@ -429,7 +345,7 @@ class ArrayCase:
         """Keywords for many sources at few places, for which compiling would be slower."""
         return {**self.keywords, "engine": "numpy"}
 
-    def evaluate(self, transform: str, *places: Values) -> Any:
+    def evaluate(self, transform: str, *places: Array) -> Any:
         return getattr(transforms, transform)(self.array, *places, **self.keywords)
 
 
@@ -453,7 +369,7 @@ def array_case_of(
             "aperture or slits"
         )
     elements = array.elements_in_plane
-    rng = np.random.default_rng(seed)
+    rng, points = checked_generator(seed), checked_count(points, "points", 1)
     one, other = rng.integers(len(elements), size=(2, points))
     ends = [_drawn_in(elements, chosen, rng) for chosen in (one, other)]
     dimension = ends[0].shape[1]
@@ -464,9 +380,10 @@ def array_case_of(
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     size = 10 ** rng.uniform(-2 - np.log10(largest), 1 - np.log10(smallest), points)
     carriers = [_wave_of(elements, chosen, rng) for chosen in (one, other)]
+    kept = TOLERANCE[checked_precision(precision) or "double"]
     if tolerance is None:
-        thinnest = max(map(thinness_of, elements))
-        tolerance = TOLERANCE[precision or "double"] * max(1.0, thinnest / 10)
+        tolerance = kept * max(1.0, max(map(thinness_of, elements)) / 10)
+    tolerance = checked_number(tolerance, "tolerance", "a number")
     return ArrayCase(
         array,
         x=(ends[0] + ends[1]) / 2,
@@ -478,7 +395,7 @@ def array_case_of(
     )
 
 
-def _drawn_in(elements: Any, chosen: Values, rng: np.random.Generator) -> Values:
+def _drawn_in(elements: Any, chosen: Array, rng: np.random.Generator) -> Array:
     """A random point (n, d) in the box of each chosen element."""
     boxes = {k: box_of(elements[k]) for k in set(chosen.tolist())}
     unit = rng.random((len(chosen), len(boxes[int(chosen[0])][0])))
@@ -487,7 +404,7 @@ def _drawn_in(elements: Any, chosen: Values, rng: np.random.Generator) -> Values
     )
 
 
-def _wave_of(elements: Any, chosen: Values, rng: np.random.Generator) -> Values:
+def _wave_of(elements: Any, chosen: Array, rng: np.random.Generator) -> Array:
     """The frequency (n, d) of one of the waves of each chosen element."""
     return np.stack([rng.choice(waves_of(elements[k]).frequencies) for k in chosen.tolist()])
 

@@ -1,34 +1,20 @@
-"""Sources made of others: their slices, their images, and their parts."""
+"""Sources made of others: sums over their slices, their images, and their parts."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from polywigner.geometry import Aperture, Slits, lag_slice, position_slice, triangulate
-from polywigner.testing.cases import waves_of
+from polywigner import transforms
+from polywigner.geometry import Aperture, Slits, triangulate
+from polywigner.illumination import Array as Elements
+from polywigner.testing.cases import ArrayCase, Case, waves_of
 
 Array = NDArray[Any]
-
-
-def lag_slices(source: Aperture | Slits, x: Array) -> list[list[Any]]:
-    """2(G - x) & 2(x - G) at each x, as sources whose union it is."""
-    if isinstance(source, Aperture):
-        return [_apertures(lag_slice(source, point)) for point in x]
-    return [
-        _overlaps(2 * (source.intervals - p), 2 * (p - source.intervals[:, ::-1])) for (p,) in x
-    ]
-
-
-def position_slices(source: Aperture | Slits, xi: Array) -> list[list[Any]]:
-    """(G - xi/2) & (G + xi/2) at each xi, as sources whose union it is."""
-    if isinstance(source, Aperture):
-        return [_apertures(position_slice(source, lag)) for lag in xi]
-    return [_overlaps(source.intervals - lag / 2, source.intervals + lag / 2) for (lag,) in xi]
 
 
 def lag_slices_of_pairs(sources: Sequence[Any], x: Array) -> list[tuple[int, int, list[Any]]]:
@@ -65,6 +51,56 @@ def _overlaps(first: Array, second: Array) -> list[Any]:
     return [Slits([a, b]) for a, b in zip(low, high, strict=True) if a < b]
 
 
+def wigner_by_pairs(case: Case | ArrayCase, x: Array, nu: Array) -> Any:
+    """The sum of w_j w_k* c_m c_n* exp(2 pi i (k_m - k_n).x) F(nu - (k_m + k_n)/2) of slices."""
+    return _summed(
+        (parts, factor * _turn((one - other) @ x), nu - (one + other) / 2)
+        for j, k, parts in lag_slices_of_pairs(case.elements, x)
+        for factor, one, other in _waves_of_pair(case, j, k)
+    ).real
+
+
+def ambiguity_by_pairs(case: Case | ArrayCase, upsilon: Array, xi: Array) -> complex:
+    """The sum of w_j w_k* c_m c_n* exp(pi i (k_m + k_n).xi) F(upsilon - k_m + k_n) of slices."""
+    return _summed(
+        (parts, factor * _turn((one + other) @ xi / 2), upsilon - one + other)
+        for j, k, parts in position_slices_of_pairs(case.elements, xi)
+        for factor, one, other in _waves_of_pair(case, j, k)
+    )
+
+
+def _turn(turns: Any) -> complex:
+    return complex(np.exp(2j * np.pi * turns))
+
+
+def _waves_of_pair(
+    case: Case | ArrayCase, j: int, k: int
+) -> Iterator[tuple[complex, Array, Array]]:
+    """(w_j w_k* c_m c_n*, k_m, k_n) for the waves of elements j and k."""
+    one, other = waves_of(case.elements[j]), waves_of(case.elements[k])
+    factor = complex(case.weights[j] * case.weights[k].conjugate())
+    for c, kappa in zip(one.amplitudes.tolist(), one.frequencies, strict=True):
+        for d, frequency in zip(other.amplitudes.tolist(), other.frequencies, strict=True):
+            yield factor * c * d.conjugate(), kappa, frequency
+
+
+def _summed(terms: Iterable[tuple[list[Any], complex, Array]]) -> complex:
+    """The sum of factor times F(q) of parts, over (parts, factor, q)."""
+    found: dict[bytes, tuple[Array, list[Any], list[complex]]] = {}
+    for parts, factor, q in terms:
+        if factor:
+            _, pieces, factors = found.setdefault(q.tobytes(), (q, [], []))
+            pieces += parts
+            factors += [factor] * len(parts)
+    return sum(
+        (
+            complex(transforms.fourier(Elements(pieces, factors), q, engine="numpy"))
+            for q, pieces, factors in found.values()
+        ),
+        0j,
+    )
+
+
 def moved(source: Aperture | Slits, matrix: Array, shift: Array) -> Any:
     """The image under x -> matrix x + shift, its field carried along."""
     image = (
@@ -74,7 +110,7 @@ def moved(source: Aperture | Slits, matrix: Array, shift: Array) -> Any:
     )
     if source.illumination is None:
         return image
-    return image.with_illumination(waves_of(source).mapped(matrix, shift).field())
+    return image.with_illumination(waves_of(source).mapped(matrix, shift))
 
 
 def split_in_three(source: Aperture | Slits) -> tuple[list[Any], list[Any]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -14,17 +14,14 @@ from numpy.typing import NDArray
 
 from polywigner import transforms
 from polywigner.errors import ArgumentError, GeometryError
+from polywigner.execution import checked_precision
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
-from polywigner.testing.cases import (
-    Precision,
-    Simplex,
-    corners_of,
-    phase_of,
-    require,
-    simplices_of,
-    small_frequency_limit,
-    waves_of,
+from polywigner.geometry.arguments import (
+    checked_count,
+    checked_generator,
+    checked_number,
 )
+from polywigner.testing.cases import Precision, corners_of, require, waves_of
 from polywigner.testing.pieces import split_in_three
 
 # Errors that the package promises, relative to the content.
@@ -39,6 +36,17 @@ _ULP = 2.0**-53
 _FAR = 1000.0  # diameters
 
 Array = NDArray[Any]
+
+
+Point = tuple[Fraction, ...]
+
+
+@dataclass(frozen=True)
+class _Simplex:
+    """d! times the signed content, and the corners in the space of nu."""
+
+    weight: Fraction
+    corners: tuple[Point, ...]
 
 
 @dataclass(frozen=True)
@@ -102,12 +110,15 @@ def assert_fourier_stable(
             f"{type(source).__name__}; check an array with assert_array_identities"
         )
     outline = _without_field(source)
-    simplices = simplices_of(outline)
-    nu, decade = _frequencies(corners_of(source), points, np.random.default_rng(seed))
+    simplices = _simplices_of(outline)
+    count = checked_count(points, "points", 1)
+    nu, decade = _frequencies(corners_of(source), count, checked_generator(seed))
+    kept = _TOLERANCE[checked_precision(precision) or "double"]
     if tolerance is None:
-        tolerance = _TOLERANCE[precision or "double"]
+        tolerance = kept
         if isinstance(source, Polyhedron):
             tolerance *= max(1.0, _cancellation(simplices) / 10)
+    tolerance = checked_number(tolerance, "tolerance", "a number")
     case = _Case(outline, nu, decade, {"precision": precision, "engine": engine}, tolerance)
     _is_bounded_and_hermitian(case)
     _has_its_limit_at_small_frequencies(case, simplices)
@@ -148,7 +159,7 @@ def _content(source: Any) -> float:
     return float(source.volume if isinstance(source, Polyhedron) else source.area)
 
 
-def _cancellation(simplices: list[Simplex]) -> float:
+def _cancellation(simplices: list[_Simplex]) -> float:
     weights = [float(s.weight) for s in simplices]
     return math.fsum(map(abs, weights)) / abs(math.fsum(weights))
 
@@ -190,16 +201,16 @@ def _is_bounded_and_hermitian(case: _Case) -> None:
     require("|F(nu)| <= F(0)", size, np.minimum(size, case.content), case.allowed, here)
 
 
-def _has_its_limit_at_small_frequencies(case: _Case, simplices: list[Simplex]) -> None:
+def _has_its_limit_at_small_frequencies(case: _Case, simplices: list[_Simplex]) -> None:
     corners = corners_of(case.source)
     centre = ((corners.min(axis=0) + corners.max(axis=0)) / 2).tolist()
     small = 10.0**case.decade <= _SMALL
-    expected = [small_frequency_limit(simplices, centre, nu) for nu in case.nu[small].tolist()]
+    expected = [_small_frequency_limit(simplices, centre, nu) for nu in case.nu[small].tolist()]
     law = "F(nu) at small nu, from the moments of the source"
     require(law, case.transform()[small], expected, case.allowed, {"nu": case.nu[small]})
 
 
-def _agrees_with_the_vertex_formula(case: _Case, simplices: list[Simplex]) -> None:
+def _agrees_with_the_vertex_formula(case: _Case, simplices: list[_Simplex]) -> None:
     """F = sum w sum_k exp(z_k)/prod_j (z_k - z_j), z = -2 pi i nu.corner, with its own error."""
     corners = corners_of(case.source)
     centre = (corners.min(axis=0) + corners.max(axis=0)) / 2
@@ -224,14 +235,14 @@ def _agrees_with_the_vertex_formula(case: _Case, simplices: list[Simplex]) -> No
         relative = (2 * np.pi * np.abs(turns).max(axis=-1)[..., None, None] / size).sum(axis=-1)
         error = _ULP * (np.abs(terms) * (lost + 4 * relative)).sum(axis=(1, 2))
     good = error < case.allowed
-    phase = np.array([phase_of(nu, centre.tolist()) for nu in case.nu[good].tolist()])
+    phase = np.array([_phase_of(nu, centre.tolist()) for nu in case.nu[good].tolist()])
     got, expected = case.transform()[good], total[good] * phase
     allowed = case.allowed + error[good]
     if good.any():
         require("F(nu) by the vertex formula", got, expected, allowed, {"nu": case.nu[good]})
 
 
-def _is_the_sum_over_parts(case: _Case, simplices: list[Simplex]) -> None:
+def _is_the_sum_over_parts(case: _Case, simplices: list[_Simplex]) -> None:
     if isinstance(case.source, Polyhedron):
         parts, left_out = _tetrahedra(simplices)
     else:
@@ -249,7 +260,7 @@ def _pieces(source: Any) -> list[Any]:
     return split_in_three(source)[0]
 
 
-def _tetrahedra(simplices: list[Simplex]) -> tuple[list[tuple[float, Any]], float]:
+def _tetrahedra(simplices: list[_Simplex]) -> tuple[list[tuple[float, Any]], float]:
     """Signed tetrahedra, and the volume of those too flat to be polyhedra."""
     found, left_out = [], 0.0
     for simplex in simplices:
@@ -274,7 +285,7 @@ def _has_only_another_phase_far_away(case: _Case) -> None:
         near = _mapped(far, lambda x: x - shift[: x.shape[-1]])
     except GeometryError:
         return  # so thin that its corners are one, that far away
-    phase = np.array([phase_of(nu, shift.tolist()) for nu in case.nu.tolist()])
+    phase = np.array([_phase_of(nu, shift.tolist()) for nu in case.nu.tolist()])
     expected = phase * transforms.fourier(near, case.nu, **case.keywords)
     got = transforms.fourier(far, case.nu, **case.keywords)
     allowed = case.tolerance * max(_content(near), case.content)
@@ -309,7 +320,88 @@ def _is_continuous(case: _Case) -> None:
         allowed = 2 * case.allowed + 2 * np.pi * moved * reach * case.content
         values = [
             transforms.fourier(case.source, nu, **case.keywords)
-            * np.array([phase_of(row, centre.tolist()).conjugate() for row in nu.tolist()])
+            * np.array([_phase_of(row, centre.tolist()).conjugate() for row in nu.tolist()])
             for nu in (case.nu, there)
         ]
         require("F changes no faster than nu", values[1], values[0], allowed, {"nu": case.nu})
+
+
+def _simplices_of(source: Any) -> list[_Simplex]:
+    """Signed simplices with one corner in common, their first, whose sum the source is."""
+    if isinstance(source, Slits):
+        ends = [tuple((Fraction(x),) for x in pair) for pair in source.intervals.tolist()]
+        return [_Simplex(b[0] - a[0], (a, b)) for a, b in ends]
+    if isinstance(source, Polyhedron):
+        corners = _exact(source.vertices)
+        return _fan([[corners[k] for k in face] for face in source.triangles.tolist()])
+    if isinstance(source, PlacedAperture):
+        pose = [[Fraction(value) for value in row] for row in source.pose.tolist()]
+        return [
+            _Simplex(s.weight, tuple(_placed(pose, corner) for corner in s.corners))
+            for s in _simplices_of(source.aperture)
+        ]
+    rings = [_exact(ring) for ring in source.rings]
+    return _fan([[p, q] for r in rings for p, q in zip(r, r[1:] + r[:1], strict=True)])
+
+
+def _exact(points: Array) -> list[Point]:
+    return [tuple(Fraction(x) for x in point) for point in points.tolist()]
+
+
+def _placed(pose: list[list[Fraction]], corner: Point) -> Point:
+    x, y = corner
+    return tuple(row[0] * x + row[1] * y + row[3] for row in pose[:3])
+
+
+def _fan(faces: list[list[Point]]) -> list[_Simplex]:
+    """The cones from one corner over all faces that do not contain it."""
+    apex = faces[0][0]
+    found = []
+    for face in faces:
+        rows = [[x - a for x, a in zip(corner, apex, strict=True)] for corner in face]
+        weight = _determinant(rows)
+        if weight:
+            found.append(_Simplex(weight, (apex, *face)))
+    return found
+
+
+def _determinant(rows: Sequence[Sequence[Fraction]]) -> Fraction:
+    if len(rows) == 2:
+        return rows[0][0] * rows[1][1] - rows[0][1] * rows[1][0]
+    (a, b, c), lower = rows[0], rows[1:]
+    minors = [[[row[j] for j in range(3) if j != k] for row in lower] for k in range(3)]
+    first, second, third = (_determinant(minor) for minor in minors)
+    return a * first - b * second + c * third
+
+
+def _phase_of(nu: Sequence[float], point: Sequence[Any]) -> complex:
+    """exp(-2 pi i nu.point), the product exact and reduced modulo one turn."""
+    turns = sum(Fraction(n) * Fraction(x) for n, x in zip(nu, point, strict=True))
+    reduced = float(turns - round(turns))
+    return complex(math.cos(2 * math.pi * reduced), -math.sin(2 * math.pi * reduced))
+
+
+def _small_frequency_limit(
+    simplices: list[_Simplex], centre: Sequence[float], nu: Sequence[float]
+) -> complex:
+    """F(nu) to second order in nu.(x - centre), from exact moments.
+
+    The next term is (2 pi |nu| D)^3/6 of the content.
+    """
+    d = len(simplices[0].corners) - 1
+    middle = [Fraction(c) for c in centre]
+    frequency = [Fraction(n) for n in nu]
+    zeroth = first = second = Fraction(0)
+    for simplex in simplices:
+        turns = [
+            sum((n * (x - c) for n, x, c in zip(frequency, p, middle, strict=True)), Fraction(0))
+            for p in simplex.corners
+        ]
+        total = sum(turns, Fraction(0))
+        squares = sum((t * t for t in turns), Fraction(0))
+        zeroth += simplex.weight / math.factorial(d)
+        first += simplex.weight * total / math.factorial(d + 1)
+        second += simplex.weight * (total * total + squares) / math.factorial(d + 2)
+    turn = 2 * math.pi
+    near = complex(float(zeroth) - turn**2 * float(second) / 2, -turn * float(first))
+    return near * _phase_of(nu, centre)

@@ -1,9 +1,8 @@
-"""Laws of phase space that W, A, F and the marginals of any field must obey."""
+"""Laws of phase space and of imaging: W, A, F, the marginals and the OTF of any field."""
 
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 import shapely
@@ -20,7 +19,12 @@ from polywigner.testing.cases import (
     values_at_zero,
     wigner_is_real_and_bounded,
 )
-from polywigner.testing.pieces import lag_slices, moved, position_slices, split_in_three
+from polywigner.testing.pieces import (
+    ambiguity_by_pairs,
+    moved,
+    split_in_three,
+    wigner_by_pairs,
+)
 
 # Rank-1 lattice sums of continuous functions with kinks, at 10^4 points, relative to content^2:
 # at most 1e-4 on triangles, stars, rings and combs.
@@ -105,7 +109,7 @@ def _wigner_is_real_bounded_and_mirrored(case: Case) -> None:
     conjugate = case.source
     law = "W(x, -nu) = W(x, nu) for a real field"
     if not case.waves.uniform:
-        conjugate = case.outline.with_illumination(case.waves.conjugate().field())
+        conjugate = case.outline.with_illumination(case.waves.conjugate())
         law = "W(x, -nu) of the conjugate field = W(x, nu)"
     mirrored = transforms.wigner(conjugate, case.x, -case.nu, **case.keywords)
     require(law, mirrored, value, case.allowed, here)
@@ -218,25 +222,14 @@ def _wigner_integrates_over_frequencies_to_the_intensity(case: Case) -> None:
 
 
 def _slices_found_otherwise_have_the_same_transforms(case: Case) -> None:
-    """By pairs of waves on the slices of the outline, as geometry has them."""
+    """By pairs of waves on the slices of the outline, cut one by one."""
     x, xi = case.x[:_SLICES], case.xi[:_SLICES]
     nu, upsilon = case.nu[:_SLICES], case.upsilon[:_SLICES]
     allowed = case.allowed + 4 * case.rounding * case.waves.strength**2 + case.turned
-
-    def on(parts: Any, q: Any) -> complex:
-        return sum((complex(transforms.fourier(s, q, engine="numpy")) for s in parts), 0j)
-
-    by_lag, by_position = np.zeros(len(x), complex), np.zeros(len(xi), complex)
-    lag_regions = lag_slices(case.outline, x)
-    position_regions = position_slices(case.outline, xi)
-    for factor, mean, apart in case.waves.pairs():
-        for k in range(len(x)):
-            turn = np.exp(2j * np.pi * apart @ x[k])
-            by_lag[k] += factor * turn * on(lag_regions[k], nu[k] - mean)
-            turn = np.exp(2j * np.pi * mean @ xi[k])
-            by_position[k] += factor * turn * on(position_regions[k], upsilon[k] - apart)
+    by_lag = [wigner_by_pairs(case, *place) for place in zip(x, nu, strict=True)]
     got = case.evaluate("wigner", x, nu)
-    require("W(x, nu) = F(nu) of the lag slice", got, by_lag.real, allowed, {"x": x, "nu": nu})
+    require("W(x, nu) = F(nu) of the lag slice", got, by_lag, allowed, {"x": x, "nu": nu})
+    by_position = [ambiguity_by_pairs(case, *place) for place in zip(upsilon, xi, strict=True)]
     got = case.evaluate("ambiguity", upsilon, xi)
     law = "A(upsilon, xi) = F(upsilon) of the position slice"
     require(law, got, by_position, allowed, {"upsilon": upsilon, "xi": xi})
@@ -304,3 +297,61 @@ _COVARIANCE = (
     _moving_turning_and_scaling_only_change_coordinates,
     _cutting_into_pieces_changes_nothing,
 )
+
+
+def assert_otf_properties(
+    source: Aperture | Slits,
+    *,
+    defocus: float = 0.75,
+    points: int = 200,
+    seed: int = 0,
+    precision: Precision = None,
+    engine: str = "auto",
+    tolerance: float | None = None,
+) -> None:
+    """Raise an AssertionError unless the OTF of a pupil has the properties that it must have.
+
+    OTF(0) = 1; OTF(-xi) = conj OTF(xi), since the image of a point is real; in focus it is the
+    lag marginal over int |u|^2, of a uniform pupil the mutual area over the area; out of focus a
+    uniform pupil's is nowhere larger than that (any pupil's not than the mutual area times the
+    largest |u|^2 over int |u|^2); with the conjugate field and the opposite defocus it is the
+    conjugate; and it is zero beyond the largest distance of two points of the pupil, the cut-off.
+
+    Parameters
+    ----------
+    source: the pupil, an Aperture or Slits, uniform or with an illumination.
+    defocus: W20 in waves, at the pupil's largest radius.
+    points, seed, precision, engine, tolerance: as in :func:`assert_wigner_identities`.
+
+    Raises
+    ------
+    AssertionError: names the first property that does not hold, where, and the two values.
+    ArgumentError: for sources that are no pupils.
+    """
+    case = case_of(source, points, seed, precision, engine, tolerance)
+    xi, allowed = case.xi, case.allowed / case.energy
+    outline = transforms.lag_marginal(case.outline, xi, **case.keywords)
+    mutual = case.evaluate("lag_marginal", xi) / case.energy
+    largest = case.waves.strength**2 / case.energy * outline
+    conjugate = case.source
+    if not case.waves.uniform:
+        conjugate = case.outline.with_illumination(case.waves.conjugate())
+    for waves in (0.0, defocus):
+        name = f"OTF at {waves} waves"
+        value = transforms.otf(source, xi, waves, **case.keywords)
+        origin = np.zeros((1, case.dimension))
+        at_zero = transforms.otf(source, origin, waves, **case.keywords)
+        require(f"{name}: 1 at xi = 0", at_zero, 1.0, allowed, {"xi": origin})
+        reversed_ = transforms.otf(conjugate, xi, -waves, **case.keywords)
+        law = f"{name}: the conjugate of that with the opposite defocus"
+        require(law, reversed_, value.conj(), allowed, {"xi": xi})
+        mirrored = transforms.otf(source, -xi, waves, **case.keywords)
+        require(f"{name}: OTF(-xi) = conj OTF(xi)", mirrored, value.conj(), allowed, {"xi": xi})
+        size = np.abs(value)
+        law = f"{name}: no larger than in focus"
+        require(law, size, np.minimum(size, largest), allowed, {"xi": xi})
+        if not waves:
+            require(f"{name}: mutual content over content", value, mutual, allowed, {"xi": xi})
+        beyond = xi * (1.001 * source.diameter / np.linalg.norm(xi, axis=1, keepdims=True))
+        value = transforms.otf(source, beyond, waves, **case.keywords)
+        require(f"{name}: zero beyond the cut-off", value, 0.0, allowed, {"xi": beyond})

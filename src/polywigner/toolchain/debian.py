@@ -22,7 +22,7 @@ _PATIENCE = 1800.0
 
 
 _MOST_BYTES = 2 << 30
-"""Of all files of one package; LLVM's has 130 MB."""
+"""Bytes of all files of one package; LLVM's has 130 MB."""
 
 
 class PackageError(Exception):

@@ -30,7 +30,7 @@ from polywigner.toolchain.llvm_discovery import (
     native_libatomic,
     remedy,
 )
-from polywigner.toolchain.llvm_verdicts import Verdict, drjit_imports, drjit_release, judge
+from polywigner.toolchain.trials import Verdict, drjit_imports, drjit_release, judge
 
 
 @dataclass(frozen=True)

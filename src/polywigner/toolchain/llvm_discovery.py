@@ -1,7 +1,7 @@
 """Where LLVM libraries are found on this machine, and how to get one where there is none.
 
 Dr.Jit brings no LLVM of its own: it opens a shared library of the system at import. This module
-only looks at file names; :mod:`polywigner.toolchain.llvm_verdicts` tries the libraries out.
+only looks at file names; :mod:`polywigner.toolchain.trials` tries the libraries out.
 """
 
 from __future__ import annotations

@@ -25,14 +25,14 @@ from polywigner.toolchain.llvm_discovery import (
     remedy,
     version_of_name,
 )
-from polywigner.toolchain.llvm_verdicts import judge
+from polywigner.toolchain.trials import judge
 
 _LIBATOMIC = ["libatomic1"]
 # 19 first: the one the tests are run with. Ubuntu renamed some for its 64-bit time.
 _LLVM = [f"libllvm{major}{suffix}" for major in (19, 20, 21, 22, 18, 17) for suffix in ("", "t64")]
 
 _PARTIAL = ".partial-"
-"""What the names of folders that are being filled begin with; the process follows."""
+"""Start of the names of folders that are being filled; the process follows."""
 
 _TRY_TO_OPEN = """
 import ctypes, sys

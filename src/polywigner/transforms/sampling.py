@@ -12,7 +12,7 @@ from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, NumpyOperations
 from polywigner.geometry import Aperture, Slits, automean
 from polywigner.geometry.arguments import checked_choice, checked_generator, real_numbers
-from polywigner.geometry.trapezoids import point_in_trapezoid, trapezoids
+from polywigner.geometry.convex import point_in_trapezoid, trapezoids
 from polywigner.illumination import Array
 from polywigner.kernels import kernel_for
 from polywigner.transforms.arguments import PhaseSpaceSource

@@ -155,7 +155,7 @@ class Sections:
     high: Floats
     weight: NDArray[Any]
     element: Indices
-    """Whose interval it is."""
+    """Element that owns the interval."""
 
 
 @dataclass(frozen=True)
@@ -250,7 +250,7 @@ class Overlaps:
     weight: NDArray[Any]
     first: Indices
     second: Indices
-    """Which elements have the region in common."""
+    """Elements ``first`` and ``second`` whose common region it is."""
 
 
 _OF_EDGES = ("row", "begin", "end", "weight", "first", "second")

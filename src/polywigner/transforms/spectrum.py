@@ -276,6 +276,7 @@ def array_factor(
     """
     sites = Sites(*checked_sites(positions, weights))
     # phases of sites far apart are worth float64 also where the result is not
+    execution.checked_precision(precision)
     rounded = precision == "single" and not execution.is_drjit(nu)
     inner = None if rounded else precision
 

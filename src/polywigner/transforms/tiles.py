@@ -57,9 +57,9 @@ class Tile:
     label: str
     """Label of the equation in docs/projections.md."""
     compute: Values
-    """(what is seen, values along the first, along the second, engine) -> (n, m)."""
+    """(field or slits, values along the first, along the second, engine) -> (n, m)."""
     scale: Scale
-    """(field, or slits) -> what the rounding error is proportional to, in the tile's units."""
+    """(field or slits) -> unit of the rounding error, in the tile's units."""
     sees: Sees = "source"
     """The field as ``compute`` takes it: transposed, x and y change roles in it."""
 

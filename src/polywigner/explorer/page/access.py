@@ -30,7 +30,7 @@ WITH_KEYS = {
     "wigner_nu": "Arrows move the spatial frequency, with Shift ten steps.",
     "wigner_x": "Arrows move the position x, with Shift ten steps.",
 }
-"""The figures that take keys, and what they do; the others are pictures."""
+"""Figures that take keys, with the help text of each; other figures are pictures."""
 
 _ROLES = """
 const view_of = (model) => Bokeh.index.find_one(model)

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from polywigner.explorer.shown import Shown, power_of_ten, written
 from polywigner.explorer.state import State
 from polywigner.explorer.views import Picture
-from polywigner.figures.style import LEVEL_MAP, SIGNED_MAP
+from polywigner.figures.style import LEVEL_MAP, PHASE_MAP, SIGNED_MAP
 
 _SIDE = 256
 """Side of the square that is drawn into, in pixels, until the page has measured its window."""
-_MAPS = {"level": LEVEL_MAP, "unit": LEVEL_MAP, "phase": "twilight", "difference": SIGNED_MAP}
+_MAPS = {"level": LEVEL_MAP, "unit": LEVEL_MAP, "phase": PHASE_MAP, "difference": SIGNED_MAP}
 _SIDES = {"level": "dB", "phase": "°", "difference": "dB"}
 _NO_COLOUR = "#dddddd"  # of what is not a number
 

@@ -120,7 +120,7 @@ document.addEventListener("wheel", (event) => {
   if (!event.ctrlKey && !event.metaKey) { event.stopPropagation() }
 }, {capture: true})
 """
-"""The size of figures, which controls are open, and what the wheel does over figures."""
+"""Sizes of figures, open controls, and the action of the wheel over figures."""
 
 SCROLL = """
 const [name] = pointed.data.figure

@@ -26,7 +26,12 @@ from polywigner.figures.paper.sources import (
 )
 from polywigner.figures.planes import draw_planes
 from polywigner.figures.style import (
+    BLUE,
+    GREEN,
+    ORANGE,
+    RED,
     TYPOGRAPHY,
+    VIOLET,
     letter_panels,
     new_figure,
     number_panels,
@@ -79,11 +84,11 @@ _METHODS: dict[str, dict[str, Any]] = {
     "Fraunhofer": {"method": "fraunhofer", "obliquity": "kirchhoff"},
 }
 _STYLES = (
-    ("#d7301f", "-"),
-    ("#2166ac", "--"),
-    ("#e69f00", "-."),
-    ("#1b9e77", ":"),
-    ("#7b3294", (0, (5, 1, 1, 1))),
+    (RED, "-"),
+    (BLUE, "--"),
+    (ORANGE, "-."),
+    (GREEN, ":"),
+    (VIOLET, (0, (5, 1, 1, 1))),
 )
 
 

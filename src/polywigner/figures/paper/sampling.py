@@ -16,7 +16,7 @@ from polywigner.figures.paper.sources import (
     number_samples,
     square,
 )
-from polywigner.figures.style import TYPOGRAPHY, letter_panels, new_figure
+from polywigner.figures.style import BLUE, RED, TYPOGRAPHY, letter_panels, new_figure
 
 POSITION = (0.5e-3, 0.8e-3)
 """Place of the slice that is summed on grids, in m: no symmetry of the chevrons helps there."""
@@ -109,8 +109,8 @@ def _rms(values: NDArray[np.float64]) -> float:
 
 
 def _draw_counts(axes: Any, sizes: NDArray[np.float64], counts: NDArray[np.int64]) -> None:
-    axes.loglog(sizes, counts[0], color="#2166ac", label="slits: 2 coordinates", lw=1.3)
-    axes.loglog(sizes, counts[1], color="#d7301f", label="plane: 4 coordinates", lw=1.3)
+    axes.loglog(sizes, counts[0], color=BLUE, label="slits: 2 coordinates", lw=1.3)
+    axes.loglog(sizes, counts[1], color=RED, label="plane: 4 coordinates", lw=1.3)
     axes.axhline(1, color="0.35", ls="--", lw=1.1, label="closed form, for one ray")
     width = np.sqrt(square().area)
     marked = dense_samples(width, WAVELENGTH, 2)
@@ -136,7 +136,7 @@ def _draw_counts(axes: Any, sizes: NDArray[np.float64], counts: NDArray[np.int64
 def _draw_errors(
     axes: Any, cells: NDArray[np.int64], errors: NDArray[np.float64], source: pw.Aperture
 ) -> None:
-    axes.loglog(cells, errors, "o-", color="#d7301f", ms=4, lw=1.3, label="sum over a grid (FFT)")
+    axes.loglog(cells, errors, "o-", color=RED, ms=4, lw=1.3, label="sum over a grid (FFT)")
     fine = len(cells) // 2
     # Above all: where an edge along an axis falls between two rows of cells is a matter of luck.
     guide = np.max((errors * cells)[fine:]) / cells

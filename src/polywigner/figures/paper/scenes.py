@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 import polywigner as pw
 from polywigner.figures.levels import level_db, picture_peak
 from polywigner.figures.paper.sources import WAVELENGTH, Made, Quality, square
-from polywigner.figures.scene import draw_scene
+from polywigner.figures.scenes import draw_scene
 from polywigner.figures.style import (
-    LEVEL_MAP,
     TYPOGRAPHY,
+    draw_levels,
+    floor_text,
     letter_panels,
     new_figure,
-    number_text,
     quantity_text,
 )
 from polywigner.interruption import temporary_folder
@@ -54,7 +54,7 @@ def render_room(
     images : by the names of the EXR files to which ``source`` refers.
     """
     from polywigner.mitsuba import load_scene, render
-    from polywigner.mitsuba.images import mean_of_colours, write_exr
+    from polywigner.mitsuba.films import mean_of_colours, write_exr
 
     text = files(__package__).joinpath("room.xml").read_text(encoding="utf-8")
     with temporary_folder() as folder:
@@ -190,17 +190,16 @@ def draw_emitters(quality: Quality) -> Made:
               "uniform, from a point", "cosine, incoherent surface")  # fmt: skip
     zero = picture_peak(pictures["wigner"])
     with mpl.rc_context(TYPOGRAPHY):
-        figure = new_figure(8.4, 6.6)
-        figure.set_layout_engine("compressed")
+        figure = new_figure(8.4, 6.6, is_compressed=True)
         panels = figure.subplots(2, 2).ravel()
         for axes, picture, title in zip(panels, pictures.values(), titles, strict=True):
             levels = level_db(picture, zero, _FLOOR_DB)
-            shown = axes.imshow(levels, cmap=LEVEL_MAP, vmin=_FLOOR_DB, vmax=0.0)
+            shown = draw_levels(axes, levels, low=_FLOOR_DB)
             axes.set(xticks=[], yticks=[])
             axes.set_title(title)
         bar = figure.colorbar(shown, ax=panels, shrink=0.7, pad=0.02, extend="max")
         against = "nothing lit" if zero is None else quantity_text(zero, _UNIT)
-        bar.set_label(f"radiance, dB relative to {against}; floor {number_text(_FLOOR_DB)} dB")
+        bar.set_label(f"radiance, dB relative to {against}; {floor_text(_FLOOR_DB)}")
         letter_panels(panels)
     about = "W m^-2 sr^-1; rows from the top; signed"
     return Made(

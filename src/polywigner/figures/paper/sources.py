@@ -109,7 +109,7 @@ RAYS: Mapping[str, Mapping[str, Any]] = {
     "matched": {"obliquity": "kirchhoff"},
     "third order": {"obliquity": "kirchhoff", "order": 3},
 }
-"""Wigner rays with the paper's obliquity, with that of Kirchhoff's integral, and to third order."""
+"""Wigner rays with the paper's obliquity, with Kirchhoff's, and to third order."""
 
 
 def compared(place: Callable[..., Any], rays: tuple[str, ...], *others: str) -> Any:

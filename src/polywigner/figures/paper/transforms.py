@@ -22,13 +22,18 @@ from polywigner.figures.paper.sources import (
 )
 from polywigner.figures.projections import draw_projections
 from polywigner.figures.style import (
-    LEVEL_MAP,
-    SIGNED_MAP,
+    ACCENT,
+    INK,
     TYPOGRAPHY,
     colour_bar,
+    draw_levels,
     draw_polygons,
+    draw_signed,
+    floor_text,
+    label_axes,
     length_axes,
     letter_panels,
+    mark_evanescent,
     new_figure,
     number_panels,
     number_text,
@@ -62,36 +67,24 @@ def draw_amp_spec(quality: Quality) -> Made:
     nu = np.stack(np.meshgrid(frequency, frequency), axis=-1)
     transform = pw.fourier(source, nu)
     unit = length_unit(WAVELENGTH)
-    edge = frequency[-1] * (1 + 1 / (len(frequency) - 1)) * unit.metres
+    places = frequency * unit.metres
     with mpl.rc_context(TYPOGRAPHY):
         figure = new_figure(5.8, 4.4)
         axes = figure.add_subplot()
-        shown = axes.imshow(
-            signed_db(transform.real, source.area, _FLOOR_DB),
-            origin="lower",
-            extent=(-edge, edge, -edge, edge),
-            cmap=SIGNED_MAP,
-            vmin=-1,
-            vmax=1,
-            interpolation="nearest",
-        )
+        levels = signed_db(transform.real, source.area, _FLOOR_DB)
+        shown = draw_signed(axes, levels, places, places, bound=1.0)
         area = source.area / unit.metres**2
         # Above zero levels rise to the peak; below it those of negative values fall away from it.
-        levels = np.array([0, -10, -20, -30])
-        places = 1 - levels / _FLOOR_DB
+        marked = np.array([0, -10, -20, -30])
+        ticks = 1 - marked / _FLOOR_DB
         bar = colour_bar(
             axes, shown, f"Re F > 0 (red), Re F < 0 (blue)\ndB relative to F(0) = {area:.3g} mm²"
         )
-        names = [number_text(level) for level in levels]
-        bar.set_ticks([*-places, 0.0, *places])
+        names = [number_text(level) for level in marked]
+        bar.set_ticks([*-ticks, 0.0, *ticks])
         bar.set_ticklabels([*names, f"≤ {number_text(_FLOOR_DB)}", *names])
-        axes.add_patch(
-            mpl.patches.Circle(
-                (0, 0), unit.metres / WAVELENGTH, fill=False, edgecolor="0.35", lw=0.8, ls=":"
-            )
-        )
-        axes.set_xlabel(rf"$\nu_x$ (1/{unit.name})")
-        axes.set_ylabel(rf"$\nu_y$ (1/{unit.name})")
+        mark_evanescent(axes, WAVELENGTH, unit, "0.35")
+        label_axes(axes, "nu", unit)
         axes.set_title(f"Re F(ν) of two chevrons; dotted: |ν| = 1/λ, λ = {WAVELENGTH * 1e3:.3g} mm")
         inset = axes.inset_axes((0.01, 0.01, 0.19, 0.12))
         draw_polygons(inset, source.polygons, unit, facecolor="0.2", edgecolor="none")
@@ -120,8 +113,7 @@ def draw_appendix(quality: Quality) -> Made:
     values: dict[str, NDArray[Any]] = {"nu": along, "nu_x": across}
     about = {"nu": "1/m, of slits", "nu_x": "1/m, along both axes of all others"}
     with mpl.rc_context(TYPOGRAPHY):
-        figure = new_figure(8.4, 8.6, spacing=0.03)
-        figure.set_layout_engine("compressed")
+        figure = new_figure(8.4, 8.6, is_compressed=True)
         panels = figure.subplots(3, 3).ravel()
         for axes, (name, source) in zip(panels, catalogue().items(), strict=True):
             slits = isinstance(source, pw.Slits)
@@ -138,7 +130,7 @@ def draw_appendix(quality: Quality) -> Made:
             values[key] = field
             about[key] = "m, at nu" if slits else "m^2; [j, i] at (nu_x[i], nu_x[j])"
         bar = figure.colorbar(shown, ax=panels, location="bottom", shrink=0.5, aspect=40, pad=0.02)
-        bar.set_label(f"|F(ν)|², dB relative to |F(0)|², floor {number_text(_FLOOR_DB)} dB")
+        bar.set_label(f"|F(ν)|², dB relative to |F(0)|², {floor_text(_FLOOR_DB)}")
         letter_panels(panels)
     return Made({"": figure}, values, about)
 
@@ -147,7 +139,7 @@ _INVERSE_UNIT = length_unit(WAVELENGTH)
 
 
 def _draw_line(axes: Any, nu: NDArray[np.float64], levels: NDArray[np.float64]) -> None:
-    axes.plot(nu * _INVERSE_UNIT.metres, levels, color="#1f3b57", lw=1.0)
+    axes.plot(nu * _INVERSE_UNIT.metres, levels, color=INK, lw=1.0)
     axes.set_ylim(_FLOOR_DB, 1.5)
     axes.set_box_aspect(1)
     axes.margins(x=0)
@@ -157,18 +149,10 @@ def _draw_line(axes: Any, nu: NDArray[np.float64], levels: NDArray[np.float64]) 
 
 
 def _draw_map(axes: Any, nu: NDArray[np.float64], levels: NDArray[np.float64]) -> Any:
-    edge = nu[-1] * _INVERSE_UNIT.metres * (1 + 1 / (len(nu) - 1))
-    shown = axes.imshow(
-        levels,
-        origin="lower",
-        extent=(-edge, edge, -edge, edge),
-        cmap=LEVEL_MAP,
-        vmin=_FLOOR_DB,
-        vmax=0.0,
-        interpolation="nearest",
-    )
-    axes.set_xlabel(rf"$\nu_x$ (1/{_INVERSE_UNIT.name})")
-    axes.set_ylabel(rf"$\nu_y$ (1/{_INVERSE_UNIT.name})", labelpad=0)
+    places = nu * _INVERSE_UNIT.metres
+    shown = draw_levels(axes, levels, places, places, low=_FLOOR_DB)
+    label_axes(axes, "nu", _INVERSE_UNIT)
+    axes.yaxis.labelpad = 0
     return shown
 
 
@@ -178,7 +162,7 @@ def _draw_outline(axes: Any, source: pw.Slits | pw.Aperture) -> None:
     half = 10e-3 / _INVERSE_UNIT.metres
     if isinstance(source, pw.Slits):
         for start, end in source.intervals / _INVERSE_UNIT.metres:
-            inset.plot([start, end], [0, 0], color="#1f3b57", lw=3, solid_capstyle="butt")
+            inset.plot([start, end], [0, 0], color=INK, lw=3, solid_capstyle="butt")
         inset.patch.set_visible(False)
     else:
         draw_polygons(inset, source.polygons, _INVERSE_UNIT, facecolor="white", edgecolor="none")
@@ -247,8 +231,7 @@ def draw_marginals(quality: Quality) -> Made:
     of_lag = pw.lag_marginal(source, np.stack(np.meshgrid(xi_x, xi_y), axis=-1))
     unit = length_unit(source.diameter)
     with mpl.rc_context(TYPOGRAPHY):
-        figure = new_figure(5.6, 4.2, spacing=0.04)
-        figure.set_layout_engine("compressed")
+        figure = new_figure(5.6, 4.2, is_compressed=True)
         panels = figure.subplots(2, 1)
         for axes, across, up, values, symbol, name in (
             (panels[0], x, y, of_position, "x", r"$R_x$, area of the lag slice at $x$"),
@@ -257,7 +240,7 @@ def draw_marginals(quality: Quality) -> Made:
                 xi_x,
                 xi_y,
                 of_lag,
-                r"\xi",
+                "xi",
                 r"$R_\xi$, area of the position slice at $\xi$",
             ),
         ):
@@ -287,15 +270,9 @@ def draw_marginals(quality: Quality) -> Made:
 
 
 def _draw_marginal(axes: Any, across: Any, up: Any, values: Any, symbol: str, unit: Any) -> None:
-    shown = axes.pcolormesh(
-        across / unit.metres,
-        up / unit.metres,
-        values / unit.metres**2,
-        shading="nearest",
-        cmap=LEVEL_MAP,
-        vmin=0.0,
-        rasterized=True,
-    )
+    places = across / unit.metres, up / unit.metres
+    areas = values / unit.metres**2
+    shown = draw_levels(axes, areas, *places, low=0.0, high=None, shading="nearest")
     colour_bar(axes, shown, f"{unit.name}²")
     length_axes(axes, symbol, unit)
     axes.set_aspect("equal", adjustable="box")
@@ -331,7 +308,7 @@ def _called(kind: PhaseSpaceFunction) -> str:
 POSITION = (1.2e-3, -0.6e-3)
 LAG = (4e-3, 2.5e-3)
 
-_ELEMENT, _FIRST, _SECOND, _SLICE = "0.82", "#1f3b57", "#8a5a00", "#c1440e"
+_ELEMENT, _FIRST, _SECOND, _SLICE = "0.82", INK, "#8a5a00", ACCENT
 
 
 def draw_xforms(quality: Quality) -> Made:
@@ -365,7 +342,7 @@ def draw_xforms(quality: Quality) -> Made:
         left.set_title(f"lag slice at x = {_pair(POSITION)} mm")
         right.set_title(f"position slice at ξ = {_pair(LAG)} mm")
         unit = length_unit(source.diameter)
-        length_axes(left, r"\xi", unit)
+        length_axes(left, "xi", unit)
         length_axes(right, "x", unit)
         for axes in (left, right):
             axes.legend(

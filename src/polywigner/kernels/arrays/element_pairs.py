@@ -71,7 +71,7 @@ class Parts:
     """The edges of different elements, each about its own centre, and the field on all."""
 
     edges: HeldTable
-    """(n, 8) as those of an outline, on a grid of this step."""
+    """(n, 8) edges in an outline's form, on a grid with the spacing ``step``."""
     step: float
     waves: Waves
     """With phases relative to the middle of the source."""
@@ -84,7 +84,7 @@ class _Elements:
     frame: Frame
     """The frame of the elements, moved to the middle of their centres."""
     element: ElementTables | Parts
-    """The one element, or the parts of which each is a range of edges."""
+    """One element for all copies, or parts: a range of edges for each."""
     places: phases.Doubled
     """(n, 2) centres in the user's unit, less the middle."""
     weights: Complexes

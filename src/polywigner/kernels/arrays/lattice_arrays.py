@@ -51,9 +51,9 @@ class _Window:
     low: float
     high: float
     start: int
-    """The first of those that the lattice has, ..."""
+    """First number on the lattice."""
     steps: int
-    """... and how many it has."""
+    """Count of numbers on the lattice."""
 
     @property
     def _is_all(self) -> bool:

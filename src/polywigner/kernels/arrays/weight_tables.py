@@ -179,8 +179,8 @@ def _direction(count: int, step: int) -> _Direction:
 
 
 _Line = tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64], Complexes]
-"""Along one direction: sites, their partners, by pair what makes up for the interpolation, and by
-sample of a period the wave of the first pair, from which an FFT counts."""
+"""Along one direction: sites, their partners, each pair's factor that undoes the interpolation, and
+the wave of the first pair, from which an FFT counts, at each sample of a period."""
 
 
 def _line(count: int, number: int, by_mean: bool, period: int, double: bool) -> _Line:

@@ -214,41 +214,103 @@ def spherical_edge(
 ) -> tuple[Any, Any, Any]:  # fmt: skip
     """(real, imaginary) integrand of U/U_incident, times 2 pi, and the detour. Lengths in waves.
 
-    A point source S behind an opening, seen from P at a distance D; rho and R are the distances of
-    a place on the edge from either. The detour rho + R - D, the angle about the axis from S to P,
-    and the boundary wave all vanish or diverge together where the edge meets the axis, the boundary
-    of the shadow: their sum stays smooth there. Source: (B9).
+    A point source S behind an opening, seen from P. The angle about the axis from S to P and the
+    boundary wave diverge together where the edge meets the axis, the boundary of the shadow: their
+    sum stays smooth there. Source: (B9).
 
     ``place`` on an edge of direction ``along`` (x, y) of the plane z = 0, which parts the point
     from the source; ``mirrored``: what the field at the point's mirror image counts beside its own.
     """
-    q = tuple(a - b for a, b in zip((*place, 0.0), source, strict=True))
-    r = tuple(a - b for a, b in zip(point, (*place, 0.0), strict=True))
-    d = ops.sqrt(sum((a - b) ** 2 for a, b in zip(point, source, strict=True)))
-    rho, radius = (ops.sqrt(sum(c * c for c in v)) for v in (q, r))
-    both, product = rho + radius + d, rho * radius
-    dot = sum(a * b for a, b in zip(q, r, strict=True))
-    # (D^2 - (rho - R)^2)/2 and ((rho + R)^2 - D^2)/2: one cancels, and their product is |q x r|^2
-    large = product + ops.maximum(dot, -dot)
-    small = ops.maximum(sum(c * c for c in _cross(q, r)) / large, 1e-300)
-    inner, outer = ops.select(dot > 0.0, large, small), ops.select(dot > 0.0, small, large)
-    detour = 2.0 * outer / both
-    # the angle about the axis turns by ahead.r/D over h^2 for each unit of length
-    ahead = _cross(q, (*along, 0.0))
-    turn = sum(a * b for a, b in zip(ahead, r, strict=True)) * d
-    c, s = cos_sin_turns(ops, detour)
-    # 2 pi times (wave past the axis less boundary wave), over h^2
-    c2, s2 = cos_sin_turns(ops, 0.5 * detour)
-    slope = 4.0 * math.pi / (inner * both) * sinc(ops, detour)
-    boundary = 0.5 / (inner * product)
-    real = turn * (slope * s2 + boundary * c)
-    imag = turn * (boundary * s - slope * c2)
+    path = _Path(ops, source, point, (*place, 0.0), (*along, 0.0))
+    real, imag = path.smooth(ops)
     if mirrored:
         # the boundary wave alone: no wave past the axis on the source's side of the plane
-        turn = (ahead[0] * r[0] + ahead[1] * r[1] - ahead[2] * r[2]) * d
-        wave = -0.5 * mirrored * turn / (product * (outer + 2.0 * q[2] * r[2]))
+        ahead, (x, y, z) = path.ahead, path.to_point
+        turn = (ahead[0] * x + ahead[1] * y - ahead[2] * z) * path.axis
+        beyond = path.outer + 2.0 * path.from_source[2] * z
+        c, s = cos_sin_turns(ops, path.detour)
+        wave = -0.5 * mirrored * turn / (path.product * beyond)
         real, imag = real + wave * c, imag + wave * s
-    return real, imag, detour
+    return real, imag, path.detour
+
+
+def silhouette_edge(
+    ops: Any, source: tuple[Any, ...], point: tuple[Any, ...], row: tuple[Any, ...],
+    aside: tuple[Any, ...] | None,
+) -> tuple[Any, Any]:  # fmt: skip
+    """(real, imaginary) term of (SB1) of a node of a silhouette, times 2 pi. Lengths in waves.
+
+    ``row``: the node and its step along the edge; then the middle and the ends of its panel, 1
+    where the panel counts its angle, else 0, and the plane behind which the edge has no part.
+    ``aside``: None where all edges part the points from light: the sum of their angles and waves.
+    Otherwise a place beside the point, whose angles are taken in closed form: the sum of the waves.
+    """
+    path = _Path(ops, source, point, row[:3], row[3:6])
+    real, imag = path.smooth(ops)
+    if aside is None:
+        return real, imag
+    axis, middle, first, last = (
+        tuple(a - b for a, b in zip(place, source, strict=True))
+        for place in (aside, row[6:9], row[9:12], row[12:15])
+    )
+    length = ops.sqrt(_dot(axis, axis))
+    turned, over = _dot(axis, _cross(first, last)), _dot(axis, first) * _dot(axis, last)
+    angle = row[15] * ops.atan2(turned, _dot(first, last) * length - over / length)
+    # behind the point the axis may meet edges that throw no shadow on it: their waves are smooth
+    is_shadowed = _dot(middle, tuple(a - b for a, b in zip(axis, middle, strict=True))) > 0.0
+    wave = path.boundary_wave(ops)
+    ahead = _dot(row[16:19], point) + row[19]
+    counts = ahead >= 0.0
+    return (
+        ops.select(counts, ops.select(is_shadowed, real - angle, -wave[0]), 0.0),
+        ops.select(counts, ops.select(is_shadowed, imag, -wave[1]), 0.0),
+    )
+
+
+class _Path:
+    """The way from a source over a place on an edge to a point. Lengths in wavelengths."""
+
+    def __init__(
+        self, ops: Any, source: tuple[Any, ...], point: tuple[Any, ...], place: tuple[Any, ...],
+        along: tuple[Any, ...],
+    ) -> None:  # fmt: skip
+        q = self.from_source = tuple(a - b for a, b in zip(place, source, strict=True))
+        r = self.to_point = tuple(a - b for a, b in zip(point, place, strict=True))
+        self.axis = ops.sqrt(sum((a - b) ** 2 for a, b in zip(point, source, strict=True)))
+        rho, radius = (ops.sqrt(_dot(v, v)) for v in (q, r))
+        self.both, self.product = rho + radius + self.axis, rho * radius
+        dot, normal = _dot(q, r), _cross(q, r)
+        # (D^2 - (rho - R)^2)/2 and ((rho + R)^2 - D^2)/2: one cancels; their product is |q x r|^2
+        large = self.product + ops.maximum(dot, -dot)
+        small = ops.maximum(_dot(normal, normal) / large, 1e-300)
+        self.inner = ops.select(dot > 0.0, large, small)
+        self.outer = ops.select(dot > 0.0, small, large)
+        self.detour = 2.0 * self.outer / self.both
+        # the angle about the axis turns by ahead.r D/|q x r|^2 for each unit of length
+        self.ahead = _cross(q, along)
+        self.turn = _dot(self.ahead, r) * self.axis
+
+    def smooth(self, ops: Any) -> tuple[Any, Any]:
+        """The angle less the boundary wave; on the axis each alone diverges."""
+        c, s = cos_sin_turns(ops, self.detour)
+        c2, s2 = cos_sin_turns(ops, 0.5 * self.detour)
+        slope = 4.0 * math.pi / (self.inner * self.both) * sinc(ops, self.detour)
+        boundary = 0.5 / (self.inner * self.product)
+        return (
+            self.turn * (slope * s2 + boundary * c),
+            self.turn * (boundary * s - slope * c2),
+        )
+
+    def boundary_wave(self, ops: Any) -> tuple[Any, Any]:
+        """The boundary wave alone, as smooth as the way: for places that the axis misses."""
+        c, s = cos_sin_turns(ops, self.detour)
+        # exp(ik detour) (1 - eta^2)/(xi^2 - eta^2) of (B9), over h^2
+        size = 0.5 * self.turn / (self.outer * self.product)
+        return size * c, size * s
+
+
+def _dot(a: tuple[Any, ...], b: tuple[Any, ...]) -> Any:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def _cross(a: tuple[Any, ...], b: tuple[Any, ...]) -> tuple[Any, ...]:

@@ -357,10 +357,10 @@ class _Lists:
         preceding[following] = np.arange(self.count)
         place = self._place(key, key - self.group_edge + preceding[self.group_edge])
         self.changes = np.logical_or.reduceat(touches, self.first) & (place >= 0)
-        """Whether that of the start may change within the cell."""
+        """Whether the level of the start may change within the cell."""
         place = self._place(key, key - self.group_edge + following[self.group_edge])
         self.leads_on = (place >= 0) & self.changes[place]
-        """Whether that of the end may change."""
+        """Whether the level of the end may change within the cell."""
 
     def _place(self, key: Array, wanted: Array) -> Array:
         """Where keys are found, or -1."""

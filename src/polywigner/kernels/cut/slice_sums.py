@@ -55,7 +55,7 @@ class SliceSum:
     summed: Callable[..., Values]
     """(clipper, *arguments in the frame) -> sums."""
     listed: Any = None
-    """How parts of edges are listed for many frequencies, a `SharedSlice`; None if they are not."""
+    """`SharedSlice` that lists parts of edges for many frequencies; None: parts are not listed."""
     serves_all: bool = True
     """Whether compiled sums of one source serve all: not where they measure by its frame."""
 

@@ -31,7 +31,7 @@ from polywigner.kernels.cut.pair_grid import (
 from polywigner.kernels.outline.tables import Edge, Piece, Tables, cut_of, numbers_of
 
 Pass = tuple[View, int, int]
-"""The view of edges, the number of their field, and of that of the other copy."""
+"""View of edges, number of their field, and number of the other copy's field."""
 Interval = tuple[Any, Any, Any, Any]
 Level = tuple[Any, ...]
 Array = npt.NDArray[Any]
@@ -73,7 +73,7 @@ def pairs_of(tables: Tables, key: Pass, double: bool, samples: int = 0) -> PairG
 
 
 _kept: deque[tuple[dict[Any, Any], Hashable, int]] = deque()
-"""Whose lists there are, which, and their size, in the order in which they were made."""
+"""Owner, key and size of each list, oldest first."""
 
 
 def held_pairs(ops: Any, tables: Tables, key: Pass, samples: int = 0) -> PairGrid:

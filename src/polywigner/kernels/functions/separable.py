@@ -44,7 +44,7 @@ class Rectangle:
     corners: Floats
     """(4, 2), counter-clockwise; if the rectangle is turned, its longest side is the first."""
     rounding: float
-    """How far the corners may miss those of a true rectangle."""
+    """Largest distance between the corners and a true rectangle's."""
 
     @cached_property
     def sides(self) -> tuple[float, float]:

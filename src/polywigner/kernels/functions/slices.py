@@ -214,11 +214,11 @@ class SharedSlice:
     """A kernel as a sum over parts of edges that depend on some of its arguments alone."""
 
     arguments: slice
-    """Which components are the place on which the parts depend, as the caller gives them."""
+    """Components of the place, on which the parts depend, among the caller's arguments."""
     place: slice
-    """Which arguments in the frame are this place."""
+    """Components of the place among the arguments in the frame."""
     frequency: slice
-    """Which arguments in the frame are the frequency."""
+    """Components of the frequency among the arguments in the frame."""
     list_parts: Callable[..., Listed]
     """(ops of NumPy in double precision, tables, *place) -> whose, (k, 8) rows."""
     terms: Callable[[Any, Values, bool], EdgeTerms]

@@ -68,12 +68,12 @@ class Edge:
     """The complex weight of the element that the edge bounds."""
     imag: Any = 0.0
     group: Any = 0
-    """Which of the fields in ``Tables.groups`` the weight is for."""
+    """Number of the weight's field in ``Tables.groups``."""
     line: Any = 0
     """The number of the edge's line, and the side of it on which the polygon lies."""
     side: Any = 1
     begin: Any = 0
-    """The numbers of the vertices a and b among those of all rings of all elements."""
+    """Numbers of the vertices a and b among all vertices of all rings of all elements."""
     end: Any = 0
     element: Any = 0
     """The number of the element that the edge bounds."""
@@ -117,7 +117,7 @@ class Tables:
     groups: tuple[Waves, ...] = (UNIFORM,)  # the different fields on the elements, less weights
     factors: tuple[complex, ...] = (1.0,)  # of each element: its weight here over the user's
     cut: str | None = None
-    """How edges are cut, of `polywigner.plans.cuts`; None where nothing has been planned."""
+    """Cut of edges, by `polywigner.plans.cuts`; None where nothing has been planned."""
     coherence: Any = None
     """The degree of coherence of light that is partly coherent, by lags of the frame."""
     variants: dict[str, Tables] = field(default_factory=dict, repr=False)
@@ -258,7 +258,7 @@ class _Outline:
     rings: Sequence[npt.NDArray[np.float64]]
     pieces: Sequence[tuple[npt.NDArray[np.float64], float]]
     numbers: Sequence[npt.NDArray[np.intp]]
-    """Numbers of each ring's vertices among those of all rings of the element before rounding."""
+    """Numbers of each ring's vertices among all vertices of the element before rounding."""
 
 
 def _in_frame(element: Element, frame: Frame) -> _Outline:

@@ -67,7 +67,7 @@ class Slopes:
     frequency: list[Pair]
     place: list[Pair]
     shared: list[Any]
-    """The sums of what an accumulator has returned."""
+    """Sums of the values that an accumulator has returned."""
 
 
 @dataclass(frozen=True)

@@ -312,7 +312,7 @@ class SlopeKernel:
     slopes: Callable[..., Slopes]
     """(ops, tables, accumulator, *arguments in the frame)."""
     arguments: int
-    """How many of the arguments in the frame it takes, the last ones."""
+    """Number of arguments in the frame that it takes, counted from the last."""
     frequency_leads: bool = True
     """Whether a frequency is the first argument, before a place if there is any."""
     has_place: bool = True

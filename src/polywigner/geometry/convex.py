@@ -1,0 +1,303 @@
+"""Outlines as tiles: triangles, few convex pieces, and trapezoids to draw points from.
+
+A point of the unit square is mapped to a trapezoid: the first coordinate picks the trapezoid and
+the abscissa, the second the ordinate. For a rectangle this is an affine map and for any convex
+polygon the abscissa is monotone in the first coordinate, so stratified samples stay stratified; a
+triangle mesh, with its fold along every diagonal, would lose that.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from polywigner.errors import GeometryError
+from polywigner.geometry.exact import Ring, cross_products, orientations, shoelace, turn
+from polywigner.geometry.rings import Part, extent, polygon_of_part
+
+Indices = NDArray[np.intp]
+
+# A piece may be dented by this fraction of area/diameter: the region that its half-planes enclose
+# then misses at most this fraction of the area, a tenth of the accuracy of the transforms.
+_DENT = 2.0**-48
+
+# Larger dented pieces stay cut, because testing them is quadratic.
+_LARGEST_DENTED = 512
+
+# Greedy merging depends on the order of the diagonals: random orders are tried until so many in a
+# row found nothing better, or until that many merges in all.
+_PATIENCE = 16
+_MOST_MERGES = 20_000
+
+
+def triangulate_part(part: Part) -> tuple[Ring, Indices]:
+    """Constrained Delaunay triangles: vertices (n, 2) and counter-clockwise indices (m, 3).
+
+    Zero-area triangles (of vertices on one line) may be among them: they keep neighbours
+    connected. Raises GeometryError if the triangles do not tile the part exactly.
+    """
+    vertices = np.unique(np.concatenate(part), axis=0)
+    index = {vertex.tobytes(): number for number, vertex in enumerate(vertices)}
+    found = shapely.constrained_delaunay_triangles(polygon_of_part(part))
+    corners = shapely.get_coordinates(found).reshape(-1, 4, 2)[:, :3] + 0.0
+    triangles = np.array(
+        [[index[corner.tobytes()] for corner in triangle] for triangle in corners], dtype=np.intp
+    ).reshape(-1, 3)
+    if shoelace(vertices[triangles]) < 0:
+        # All together: triangles of zero area, too, keep edges that run against their neighbours'.
+        triangles = triangles[:, ::-1]
+    if shoelace(vertices[triangles]) != shoelace(part):
+        raise GeometryError(
+            "expected an outline that can be triangulated, got one whose triangles miss its area; "
+            "round its coordinates, for instance with shapely.set_precision"
+        )
+    return vertices, triangles
+
+
+def _is_convex(ring: Ring, dent: float) -> bool:
+    """Whether every vertex lies left of every edge's line, or right of it by at most `dent`.
+
+    Edges times vertices in cost: refused for rings beyond _LARGEST_DENTED.
+    """
+    if len(ring) > _LARGEST_DENTED:
+        return False
+    start, end = ring, np.roll(ring, -1, axis=0)
+    value, bound = cross_products(start[:, None], end[:, None], ring[None, :])
+    slack = dent * np.hypot(*(end - start).T)[:, None]
+    if np.any(value < -slack - bound):
+        return False
+    unsure = zip(*np.nonzero(value < bound - slack), strict=True)
+    return all(
+        turn(start[i].tolist(), end[i].tolist(), ring[j].tolist()) >= -slack[i, 0]
+        for i, j in unsure
+    )
+
+
+class _Merger:
+    """Pieces as cycles of vertex numbers, merged across diagonals while they stay convex."""
+
+    def __init__(self, vertices: Ring, triangles: Indices, dent: float) -> None:
+        self.vertices = vertices
+        self.points = [(float(x), float(y)) for x, y in vertices]
+        self.dent = dent
+        self.dented: set[int] = set()
+        self.pieces: list[list[int]] = [list(map(int, t)) for t in triangles]
+        self.owner = {
+            (piece[k - 1], piece[k]): n for n, piece in enumerate(self.pieces) for k in range(3)
+        }
+
+    def diagonals(self) -> list[tuple[int, int]]:
+        return [(i, j) for i, j in self.owner if i < j and (j, i) in self.owner]
+
+    def try_merge(self, i: int, j: int) -> bool:
+        left, right = self.owner[i, j], self.owner[j, i]
+        if left == right:
+            return False
+        ahead, back = self.pieces[left], self.pieces[right]
+        p, q = ahead.index(j), back.index(i)
+        at_i = self._dent_at(ahead[p - 2], i, back[(q + 1) % len(back)])
+        at_j = self._dent_at(back[q - 2], j, ahead[(p + 1) % len(ahead)])
+        if max(at_i, at_j) > self.dent:
+            return False
+        # From j round the left piece to i, then from i round the right piece to j.
+        merged = (ahead[p:] + ahead[:p])[:-1] + (back[q:] + back[:q])[:-1]
+        if at_i > 0 or at_j > 0 or left in self.dented or right in self.dented:
+            # Dents at rounding level: how far they reach depends on the whole piece.
+            if not _is_convex(self.vertices[merged], self.dent):
+                return False
+            self.dented.add(left)
+        self.pieces[left], self.pieces[right] = merged, []
+        for k in range(len(merged)):
+            self.owner[merged[k - 1], merged[k]] = left
+        del self.owner[i, j], self.owner[j, i]
+        return True
+
+    def _dent_at(self, before: int, corner: int, after: int) -> float:
+        """Distance of a corner's neighbours to the right of its edges' lines; 0 where convex."""
+        a, b, c = self.points[before], self.points[corner], self.points[after]
+        value = turn(a, b, c)
+        if value >= 0:
+            return 0.0
+        shorter = min(math.hypot(b[0] - a[0], b[1] - a[1]), math.hypot(c[0] - b[0], c[1] - b[1]))
+        return -value / shorter
+
+    def run(self, order: Sequence[tuple[int, int]]) -> list[list[int]]:
+        for i, j in order:
+            self.try_merge(i, j)
+        return [piece for piece in self.pieces if piece]
+
+
+def _fewest_pieces(vertices: Ring, triangles: Indices, dent: float, enough: int) -> list[list[int]]:
+    """The best of several orders of merging; `enough` pieces cannot be improved on."""
+    diagonals = _Merger(vertices, triangles, dent).diagonals()
+
+    def merged(order: Sequence[int] | Indices) -> list[list[int]]:
+        return _Merger(vertices, triangles, dent).run([diagonals[k] for k in order])
+
+    ends = vertices[np.array(diagonals, dtype=np.intp).reshape(-1, 2)]
+    longest_first = np.argsort(-np.hypot(*(ends[:, 1] - ends[:, 0]).T), kind="stable")
+    best = min(merged(longest_first), merged(longest_first[::-1]), key=len)
+    shuffle = np.random.default_rng(0).permutation
+    idle = 0
+    for _ in range(_MOST_MERGES // (len(diagonals) + 1)):
+        if len(best) <= enough or idle == _PATIENCE:
+            break
+        cover = merged(shuffle(len(diagonals)))
+        idle = 0 if len(cover) < len(best) else idle + 1
+        best = min(best, cover, key=len)
+    return best
+
+
+def _fewest_possible(part: Part) -> int:
+    """Each dent needs a diagonal, one serves at most two, and one per hole makes no new piece."""
+    dents = 0
+    for ring in part:
+        turns = orientations(np.roll(ring, 1, axis=0), ring, np.roll(ring, -1, axis=0))
+        dents += int(np.count_nonzero(turns < 0))
+    return max(1, (dents + 1) // 2 + 2 - len(part))
+
+
+def convex_pieces(part: Part) -> list[Ring]:
+    """Convex counter-clockwise polygons that tile the part, with its own vertices only.
+
+    A convex part is its own single piece. Otherwise constrained Delaunay triangles are merged
+    greedily while convex (Hertel and Mehlhorn 1983: at most four times the fewest possible),
+    over several orders of merging.
+    """
+    area = float(shoelace(part))
+    dent = _DENT * area / extent(part[0])
+    if len(part) == 1:
+        ring = part[0]
+        turns = orientations(np.roll(ring, 1, axis=0), ring, np.roll(ring, -1, axis=0))
+        if np.all(turns >= 0) or _is_convex(ring, dent):
+            return [ring]
+    vertices, triangles = triangulate_part(part)
+    enough = _fewest_possible(part)
+    pieces = [vertices[piece] for piece in _fewest_pieces(vertices, triangles, dent, enough)]
+    return [piece for piece in pieces if shoelace([piece]) > 0]
+
+
+# Vertices that should share an abscissa and differ in the last digits make trapezoids of no
+# account; dropping them changes the density by less than single precision can tell.
+_NEGLIGIBLE = 1e-12
+
+# Smaller than any height of an aperture and above zero in single precision.
+_TINY = 1e-30
+
+
+@dataclass(frozen=True, eq=False)
+class Trapezoids:
+    """Trapezoids with vertical parallel sides; read-only float64 arrays (n,), metres."""
+
+    left: NDArray[np.float64]
+    width: NDArray[np.float64]
+    low_left: NDArray[np.float64]
+    low_right: NDArray[np.float64]
+    high_left: NDArray[np.float64]
+    high_right: NDArray[np.float64]
+
+    @property
+    def areas(self) -> NDArray[np.float64]:
+        """Areas (n,), m^2."""
+        heights = self.high_left - self.low_left + self.high_right - self.low_right
+        return 0.5 * self.width * heights
+
+    @property
+    def rows(self) -> NDArray[np.float64]:
+        """(n, 6): all numbers of each."""
+        sides = (self.low_left, self.low_right, self.high_left, self.high_right)
+        return np.stack([self.left, self.width, *sides], axis=-1)
+
+    @property
+    def middles(self) -> NDArray[np.float64]:
+        """Midpoints of their middle lines, (n, 2)."""
+        y = 0.25 * (self.low_left + self.low_right + self.high_left + self.high_right)
+        return np.stack([self.left + 0.5 * self.width, y], axis=-1)
+
+    def divided(self, count: int) -> Trapezoids:
+        """Each in ``count`` strips of equal width, these in as many pieces of equal height."""
+        step = np.arange(count + 1) / count
+        u, v = step[:, None, None], step[:, None]
+        low = self.low_left + u * (self.low_right - self.low_left)
+        high = self.high_left + u * (self.high_right - self.high_left)
+        side = low + v * (high - low)  # (strip, piece, n)
+        left = self.left + u[:-1] * self.width
+        found = (
+            left, self.width / count,
+            side[:-1, :-1], side[1:, :-1], side[:-1, 1:], side[1:, 1:],
+        )  # fmt: skip
+        return Trapezoids(*(a.reshape(-1) for a in np.broadcast_arrays(*found)))
+
+    @property
+    def columns(self) -> tuple[NDArray[np.float64], ...]:
+        """The constants of :func:`point_in_trapezoid`, each (n,).
+
+        Heights are differences of coordinates: formed here, in double precision.
+        """
+        return (
+            self.left,
+            self.width,
+            self.high_left - self.low_left,
+            self.high_right - self.low_right,
+            self.low_left,
+            self.low_right,
+        )
+
+
+def trapezoids(rings: Sequence[NDArray[np.float64]]) -> Trapezoids:
+    """The trapezoids between the boundary rings (n, 2) of an aperture, from left to right.
+
+    Cost: number of vertices times number of edges.
+    """
+    start = np.concatenate(rings)
+    end = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
+    rightwards = start[:, :1] <= end[:, :1]
+    start, end = np.where(rightwards, start, end), np.where(rightwards, end, start)
+    cuts = np.unique([*start[:, 0], *end[:, 0]])
+    rows: list[NDArray[np.float64]] = []
+    for left, right in pairwise(cuts):
+        rows.extend(_slab(start, end, left, right))
+    table = np.array(rows).reshape(-1, 6)
+    found = Trapezoids(*table.T)
+    kept = table[found.areas > _NEGLIGIBLE * found.areas.sum()].T.copy()
+    kept.flags.writeable = False
+    return Trapezoids(*kept)
+
+
+def _slab(
+    start: NDArray[np.float64], end: NDArray[np.float64], left: float, right: float
+) -> NDArray[np.float64]:
+    """The trapezoids between two neighbouring cuts, from below upwards."""
+    across = (start[:, 0] <= left) & (end[:, 0] >= right)
+    a, b = start[across], end[across]
+    slope = (b[:, 1] - a[:, 1]) / (b[:, 0] - a[:, 0])
+    at_left = a[:, 1] + slope * (left - a[:, 0])
+    at_right = a[:, 1] + slope * (right - a[:, 0])
+    order = np.argsort(at_left + at_right, kind="stable")
+    # Edges alternate between entering and leaving the aperture; touching parts tie, and either
+    # order of a tie gives the same trapezoids.
+    low, high = order[0::2], order[1::2]
+    sides = (at_left[low], at_right[low], at_left[high], at_right[high])
+    return np.stack([np.full(low.shape, left), np.full(low.shape, right - left), *sides], axis=-1)
+
+
+def point_in_trapezoid(ops: Any, row: Sequence[Any], u: Any, v: Any) -> tuple[Any, Any]:
+    """The point of a trapezoid, uniform by area, for (u, v) uniform in the unit square.
+
+    ``row``: what :attr:`Trapezoids.columns` holds for it; ``ops``: the namespace of their type.
+    """
+    left, width, height_left, height_right, low_left, low_right = row
+    # Solves (h0 t + (h1 - h0) t^2 / 2) = u (h0 + h1) / 2 without cancellation.
+    root = ops.sqrt((1.0 - u) * height_left * height_left + u * height_right * height_right)
+    below = height_left + root
+    t = u * (height_left + height_right) / ops.select(below > _TINY, below, _TINY)
+    low = low_left + t * (low_right - low_left)
+    height = height_left + t * (height_right - height_left)
+    return left + t * width, low + v * height

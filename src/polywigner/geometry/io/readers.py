@@ -1,0 +1,273 @@
+"""Files of apertures and bodies: GeoJSON, WKT, CSV, SVG, DXF, GDSII, Gerber; STL, PLY and OBJ.
+
+A format is a module of this folder with its ``FORMATS``; it makes polygons, each a list of rings
+with the exterior first, in the file's own unit. :class:`Aperture` and :class:`Polyhedron` check
+them.
+"""
+
+from __future__ import annotations
+
+import importlib
+import math
+import os
+import pkgutil
+import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from polywigner.errors import (
+    ArgumentError,
+    FileFormatError,
+    GeometryError,
+    MissingExtraError,
+    PolywignerError,
+)
+from polywigner.geometry import io
+from polywigner.geometry.aperture import Aperture
+from polywigner.geometry.arguments import checked_flag
+from polywigner.geometry.exact import Ring
+from polywigner.geometry.io.drawing import Drawing, File, Format, required
+from polywigner.geometry.io.limits import bytes_of, check_bytes
+from polywigner.geometry.io.mesh import MESH_SUFFIXES, read_mesh
+from polywigner.geometry.io.outlines import check_polygons
+from polywigner.geometry.io.svg_shapes import PIXEL
+from polywigner.geometry.parts import merge_parts, part_of_rings, union_parts
+from polywigner.geometry.polyhedron import Polyhedron
+from polywigner.quantities import parse_unit
+
+# Finding out what is wrong with a large outline takes seconds, which are not spent twice.
+_MOST_REPEATED = 50_000
+
+_FORMATS: list[Format] = [
+    found
+    for name in sorted(module.name for module in pkgutil.iter_modules(io.__path__))
+    if name not in ("readers", "library_process")
+    for found in getattr(importlib.import_module(f"{io.__name__}.{name}"), "FORMATS", ())
+]
+_NOT_READ = (".shp", ".dwg", ".svgz", ".pdf", ".eps", ".step", ".stp", ".iges", ".igs")
+
+
+def _format_of(path: Path, content: bytes) -> Format:
+    """The format by the suffix, else by the first bytes; CSV, where these tell nothing."""
+    suffix = path.suffix.lower()
+    if suffix in MESH_SUFFIXES:
+        raise FileFormatError(
+            f"expected an aperture, got {suffix}, which holds a body; read it with "
+            "polywigner.read_polyhedron"
+        )
+    if suffix in _NOT_READ:
+        known = ", ".join(sorted(found.name for found in _FORMATS))
+        raise FileFormatError(
+            f"expected one of {known}, got {suffix}, which is not read; export the outline as one "
+            "of these"
+        )
+    start = content[:4096].removeprefix(b"\xef\xbb\xbf").lstrip()
+    by_suffix = (found for found in _FORMATS if suffix in found.suffixes)
+    by_start = (found for found in _FORMATS if re.match(found.start, start))
+    csv = (found for found in _FORMATS if found.name == "CSV")
+    return next(by_suffix, None) or next(by_start, None) or next(csv)
+
+
+def _drawing(file: File) -> Drawing:
+    found = _format_of(file.path, file.content)
+    if file.layers and not found.has_layers:
+        raise ArgumentError(
+            "expected a layer of a drawing (SVG, DXF, GDSII) only, got one of a file that has "
+            "no layers; leave it out"
+        )
+    check_bytes(len(file.content), found.largest, found.name)
+    if found.library:
+        required(found.library, found.name)
+    return found.read(file)
+
+
+def _scaled(points: Any, metres: float) -> Ring:
+    """Coordinates in metres. Dividing by 1000 rather than multiplying by 0.001 rounds correctly."""
+    array = np.asarray(points, dtype=np.float64)
+    per_metre = round(1 / metres) if 1e-15 < metres < 1 else 0
+    return array / per_metre if per_metre and 1 / per_metre == metres else array * metres
+
+
+def _aperture(drawing: Drawing, union: bool) -> Aperture:
+    polygons = drawing.polygons
+    vertices = check_polygons(polygons)
+    single = len(polygons) == 1
+    names = ["the polygon" if single else f"polygon {number}" for number in range(len(polygons))]
+
+    advice = {} if drawing.remedy is None else {"remedy": drawing.remedy}
+
+    def build(scale: float) -> Aperture:
+        scaled = [[_scaled(ring, scale) for ring in rings] for rings in polygons]
+        named = zip(scaled, names, strict=True)
+        parts = [part_of_rings(rings, name, **advice) for rings, name in named]
+        return Aperture._of_parts(union_parts(parts) if union else merge_parts(parts, **advice))
+
+    try:
+        return build(drawing.metres)
+    except GeometryError:
+        if vertices <= _MOST_REPEATED:
+            build(1.0)  # raises the same with places in the file's own unit
+        raise
+
+
+def _metres(unit: str | float) -> float:
+    return float(PIXEL) if isinstance(unit, str) and unit.strip() == "px" else parse_unit(unit)
+
+
+def _checked_tolerance(tolerance: Any) -> float | None:
+    """A length in metres above zero, or None; ArgumentError for any other."""
+    if tolerance is None:
+        return None
+    number = isinstance(tolerance, (int, float, np.number)) and not isinstance(tolerance, bool)
+    if not number or not 0 < tolerance < math.inf:
+        raise ArgumentError(
+            f"expected a tolerance in metres above zero, got {tolerance!r}; give one such as 1e-5"
+        )
+    return float(tolerance)
+
+
+def _checked_layers(layer: Any) -> tuple[str, ...]:
+    """The names that a caller gives: one, several, or None for all layers."""
+    given = () if layer is None else (layer,) if isinstance(layer, str) else layer
+    names = tuple(given) if isinstance(given, Iterable) else (given,)
+    if not all(isinstance(name, str) and name for name in names):
+        raise ArgumentError(
+            f"expected a layer by its name, or several names, got {layer!r}; give for example "
+            'layer="pads" or layer=["pads", "feed"]'
+        )
+    return names
+
+
+def _about(path: Path, error: PolywignerError) -> PolywignerError:
+    """The error with the file's name, and without characters that a terminal would obey."""
+    text = f"{path}: {error}"
+    return type(error)("".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text))
+
+
+def read_aperture(
+    path: str | os.PathLike[str],
+    unit: str | float = "mm",
+    tolerance: float | None = None,
+    layer: str | Sequence[str] | None = None,
+    union: bool = False,
+) -> Aperture:
+    """Read an aperture from a file; returns it in metres.
+
+    Parameters
+    ----------
+    path
+        ``.geojson`` or ``.json``: Polygon, MultiPolygon, or Features and collections of them;
+        ``.wkt``: Polygon or MultiPolygon; ``.csv``: one vertex of a single ring per line,
+        with comma, semicolon or blanks between x and y, an optional header line and ``#``
+        comments (with semicolons, a decimal comma is understood); ``.svg``: filled shapes, turned
+        so that y points up; ``.dxf``: closed outlines in the model space, those inside others
+        being holes; ``.gds``: polygons and paths of a cell; ``.gbr``, ``.ger``, ``.gtl``, ``.gbl``
+        or ``.art``: the copper of a Gerber layer. Any other suffix: by content. SVG, DXF, GDSII
+        and Gerber need the extra `formats`.
+    unit
+        What 1 stands for in the file: a unit's name ("mm", "um", "in") or a length ("0.1 mm");
+        "px" is 1/96 inch. An SVG file whose width or height is in mm, cm, Q, in, pt or pc, and a
+        DXF file with $INSUNITS, state it themselves, as GDSII and Gerber do; then `unit` has no
+        effect.
+    tolerance
+        Largest distance in metres between a curve (SVG, DXF, Gerber) and the chords that replace
+        it. None: 1/2000 of the diagonal of each outline. Whole circles and ellipses keep their
+        area.
+    layer
+        Of a drawing, the layers to read alone: a name, or several. DXF: layers, in capitals or not;
+        SVG: groups or shapes by id or by the name that Inkscape shows. Those that are named are
+        read even where they are hidden. GDSII: layers as "1" or "1/0", and a cell by its name.
+        None: all that is visible.
+    union
+        Whether to join shapes that overlap, such as a pad and its feed, rather than to refuse them.
+        Those of a Gerber file are always joined.
+
+    Raises
+    ------
+    FileFormatError
+        The file is missing, empty, too large (64 MiB), damaged, not of its format, or holds
+        something that is no outline; docs/files.md lists what is read and the limits.
+    GeometryError
+        The outline is not a polygon: see :class:`Aperture`. Places are in the file's unit.
+    QuantityError
+        The unit does not parse.
+    ArgumentError
+        The tolerance is not a length above zero, or the path is none, or there is no such layer.
+    MissingExtraError
+        The format needs a library that is not installed.
+
+    >>> import polywigner as pw
+    >>> import pathlib, tempfile
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "slot.wkt"
+    >>> _ = path.write_text("POLYGON ((0 0, 4 0, 4 1, 0 1, 0 0))")
+    >>> pw.read_aperture(path, unit="mm").bounds
+    (0.0, 0.0, 0.004, 0.001)
+    """
+    metres, reach, source = _metres(unit), _checked_tolerance(tolerance), _path(path)
+    layers, joins = _checked_layers(layer), checked_flag(union, "union")
+    try:
+        file = File(source, bytes_of(source), metres, reach, layers, joins)
+        # Numbers beyond the range of float64 are reported where they arrive, with a place.
+        with np.errstate(all="ignore"):
+            return _aperture(_drawing(file), joins)
+    except (FileFormatError, GeometryError, MissingExtraError, ArgumentError) as error:
+        raise _about(source, error) from None
+
+
+def read_polyhedron(path: str | os.PathLike[str], unit: str | float = "mm") -> Polyhedron:
+    """Read a body from a mesh file (``.stl``, ``.ply``, ``.obj``); returns it in metres.
+
+    Needs the extra `formats`. Vertices with equal coordinates are merged; faces of more than three
+    vertices become fans of triangles; colours, normals and materials are passed over.
+
+    Parameters
+    ----------
+    path
+        The file, in text or binary form where the format has both.
+    unit
+        What 1 stands for in the file, as for :func:`read_aperture`; none of these formats says.
+
+    Raises
+    ------
+    FileFormatError
+        The file is missing, empty, too large (64 MiB, 200 000 triangles), damaged, or not of its
+        format.
+    GeometryError
+        The surface is not closed, not consistently oriented, or encloses no volume.
+    QuantityError
+        The unit does not parse.
+    ArgumentError
+        The path is none.
+    MissingExtraError
+        trimesh is not installed.
+
+    >>> import polywigner as pw
+    >>> import pathlib, tempfile
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "body.obj"
+    >>> faces = "f 1 3 2\\nf 1 2 4\\nf 2 3 4\\nf 1 4 3\\n"
+    >>> _ = path.write_text("v 0 0 0\\nv 1 0 0\\nv 0 1 0\\nv 0 0 1\\n" + faces)
+    >>> round(pw.read_polyhedron(path, unit="m").volume, 6)
+    0.166667
+    """
+    metres, source = _metres(unit), _path(path)
+    try:
+        if source.suffix.lower() not in MESH_SUFFIXES:
+            raise FileFormatError(
+                f"expected a mesh with the suffix {', '.join(MESH_SUFFIXES)}, got "
+                f"{source.suffix or 'no suffix'!r}; outlines are read by polywigner.read_aperture"
+            )
+        with np.errstate(all="ignore"):
+            vertices, faces = read_mesh(bytes_of(source), source.suffix.lower())
+            return Polyhedron(_scaled(vertices, metres), faces)
+    except (FileFormatError, GeometryError, MissingExtraError) as error:
+        raise _about(source, error) from None
+
+
+def _path(path: Any) -> Path:
+    try:
+        return Path(os.fsdecode(path))
+    except TypeError:
+        raise ArgumentError(f"expected the path of a file, got {type(path).__name__}") from None

@@ -1,0 +1,311 @@
+"""Filled shapes of an SVG file.
+
+The picture is kept as it looks: SVG's y axis points down, so (x, y) of the file's coordinates
+becomes (x, -y), about the file's own origin. What counts is where something is painted, in whatever
+colour; strokes have no part in it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+
+from polywigner.errors import FileFormatError
+from polywigner.geometry.io.curves import Points, count_of, flattened
+from polywigner.geometry.io.drawing import (
+    Drawing,
+    File,
+    Format,
+    check_known,
+    overlap_remedy,
+    required,
+)
+from polywigner.geometry.io.limits import MOST_NESTED, check_curves, check_most, check_rings
+from polywigner.geometry.io.outlines import Work, filled
+from polywigner.geometry.io.svg_shapes import (
+    PIXEL,
+    SHAPES,
+    Place,
+    Shape,
+    Style,
+    Styles,
+    check_supported,
+    corner,
+    fitted,
+    is_painted,
+    length,
+    matrix_of,
+    physical_length,
+    shape_of,
+    view_box,
+)
+
+# Elements of a file, and elements drawn, functions of transforms, and characters in attributes, all
+# with repetitions by `use`; and characters in one element.
+_MOST_ELEMENTS = 50_000
+_MOST_TRANSFORMS = 100_000
+_MOST_TEXT = 16 * 2**20
+
+_NAMESPACE = "{http://www.w3.org/2000/svg}"
+_NAMES = ("{http://www.inkscape.org/namespaces/inkscape}label", "data-name", "id")
+_LINK = "{http://www.w3.org/1999/xlink}href"
+# A start tag is parsed as a whole, before its attributes can be counted.
+_LONG_PIECE = re.compile(rb"<[^<]{%d}" % _MOST_TEXT)
+
+_CONTAINERS = {"svg", "g", "a", "switch"}
+_OPAQUE = {"text", "image", "foreignObject"}
+
+
+def parsed(content: bytes) -> Any:
+    """The root element. A plain DOCTYPE may stand; declarations in it and other files may not."""
+    if _LONG_PIECE.search(content):
+        raise FileFormatError(
+            f"expected elements of at most {_MOST_TEXT >> 20} MiB, got one with more text or "
+            "attributes; simplify the drawing"
+        )
+    # Tags that open and that close, and as many comments: memory; elements are counted afterwards.
+    check_most(content.count(b"<"), 3 * _MOST_ELEMENTS, "tags")
+    defused = required("defusedxml.ElementTree", "SVG")
+    common = required("defusedxml.common", "SVG")
+    parser = defused.XMLParser(forbid_dtd=False)
+    # The default of an attribute that a DTD declares would be copied into each element.
+    parser.parser.StartDoctypeDeclHandler = _refuse_declarations
+    try:
+        parser.feed(content)
+        root = parser.close()
+    except FileFormatError:
+        raise
+    except common.DefusedXmlException:
+        _refuse_declarations("", None, None, True)
+    except (SyntaxError, ValueError, LookupError) as error:  # ParseError is a SyntaxError
+        line = getattr(error, "position", (1, 0))[0]
+        raise FileFormatError(f"expected SVG, got text that is not XML in line {line}") from None
+    try:
+        _check_count(sum(1 for _ in root.iter()))
+    except RecursionError:  # defusedxml's elements look through each other
+        _check_depth(MOST_NESTED + 1)
+    if _tag(root) != "svg":
+        raise FileFormatError("expected an svg element, got XML of another kind")
+    return root
+
+
+def _refuse_declarations(name: str, system: Any, public: Any, has_declarations: bool) -> None:
+    if has_declarations:
+        raise FileFormatError(
+            "expected SVG without entities or other declarations of its own, got one; save as "
+            "plain SVG"
+        )
+
+
+def _check_count(count: int) -> None:
+    check_most(count, _MOST_ELEMENTS, "elements (repetitions by use included)")
+
+
+def _check_depth(depth: int) -> None:
+    if depth > MOST_NESTED:
+        raise FileFormatError(
+            f"expected elements nested at most {MOST_NESTED} deep, got more (or a use that "
+            "contains itself); ungroup them"
+        )
+
+
+def _tag(element: Any) -> str:
+    """Name of an SVG element; empty for comments and other namespaces."""
+    tag = element.tag if isinstance(element.tag, str) else "{"
+    return tag.removeprefix(_NAMESPACE) if not tag.startswith("{") or _NAMESPACE in tag else ""
+
+
+def _names(element: Any) -> list[str]:
+    """Names of a group or shape in drawing programs, the displayed one first."""
+    return [element.get(key) for key in _NAMES if element.get(key)]
+
+
+class Document:
+    """A walk over the elements that are drawn, on `layers` (names or ids) alone if there are."""
+
+    def __init__(self, root: Any, layers: Sequence[str] = ()) -> None:
+        self.root = root
+        self.layers = frozenset(layers)
+        known = {name: _tag(e) == "g" for e in root.iter() for name in _names(e)}
+        if not self.layers <= known.keys():
+            check_known(layers, [name for name in known if known[name] or name in self.layers])
+        self.styles = Styles("".join(e.text or "" for e in root.iter() if _tag(e) == "style"))
+        self.named = {e.get("id"): e for e in reversed(list(root.iter())) if e.get("id")}
+        self.visited = 0
+        self.curves = 0
+        self.outlines = 0
+        self.text = 0
+        self.transforms = 0
+
+    def shapes(self, matrix: Points) -> Iterator[Shape]:
+        box = view_box(self.root)
+        viewport = (None, None) if box is None else (box[2], box[3])
+        place = Place(matrix, np.zeros(2), Style(), viewport, is_asked=not self.layers)
+        inside = self._entered(self.root, place)
+        if inside.style.own.get("display") != "none":
+            yield from self._children(self.root, inside)
+
+    def _entered(self, element: Any, place: Place) -> Place:
+        """The place inside an element: its style, its transform."""
+        self.visited += 1
+        _check_count(self.visited)
+        _check_depth(place.depth + 1)
+        self.text += sum(map(len, element.attrib.values()))
+        check_most(self.text, _MOST_TEXT, "characters of attributes (repetitions included)")
+        tag, names = _tag(element), _names(element)
+        style = self.styles.of(element, tag, place.style)
+        is_asked = place.is_asked or not self.layers.isdisjoint(names)
+        if not place.is_asked:  # a layer asked for is read, hidden or not
+            style = replace(style, own={k: v for k, v in style.own.items() if k != "display"})
+        around = (*place.unchecked, (style, tag)) if style.own.get("display") != "none" else ()
+        for some, name in around if is_asked else ():
+            check_supported(some, name)
+        inside = replace(
+            place,
+            style=style,
+            depth=place.depth + 1,
+            layer=names[0] if tag == "g" and names else place.layer,
+            is_asked=is_asked,
+            unchecked=() if is_asked else around,
+        )
+        text = style.own.get("transform")
+        if text not in (None, "", "none"):
+            self.transforms += text.count("(")
+            check_most(
+                self.transforms, _MOST_TRANSFORMS, "transforms (repetitions by use included)"
+            )
+            inside = inside.moved(*matrix_of(text))
+        return inside
+
+    def _children(self, element: Any, place: Place) -> Iterator[Shape]:
+        for child in element:
+            yield from self._drawn(child, place)
+
+    def _drawn(self, element: Any, place: Place) -> Iterator[Shape]:
+        tag = _tag(element)
+        if tag not in _CONTAINERS | SHAPES | _OPAQUE | {"use"}:
+            return
+        inside = self._entered(element, place)
+        if inside.style.own.get("display") == "none":
+            return
+        if tag in SHAPES:
+            if inside.is_asked and is_painted(inside.style):
+                shape = shape_of(element, tag, inside)
+                self.curves += sum(count_of(curve) for path in shape.subpaths for curve in path)
+                check_curves(self.curves)
+                self.outlines += len(shape.subpaths)
+                check_rings(self.outlines)
+                yield shape
+        elif tag == "use":
+            yield from self._used(element, inside)
+        elif tag in _OPAQUE:
+            if inside.is_asked and (tag != "text" or is_painted(inside.style)):
+                raise FileFormatError(
+                    f"expected shapes, got a {tag} element; convert it to paths or remove it"
+                )
+        elif tag == "svg":
+            yield from self._children(element, self._viewport(element, inside))
+        else:
+            yield from self._children(_chosen(element) if tag == "switch" else element, inside)
+
+    def _used(self, element: Any, place: Place) -> Iterator[Shape]:
+        link = (element.get("href") or element.get(_LINK) or "").strip()
+        target = self.named.get(link[1:]) if link.startswith("#") else None
+        if target is None:
+            raise FileFormatError(
+                f"expected a use of an element in the same file, got {link[:60]!r}; unlink it"
+            )
+        place = place.moved(np.eye(2), corner(element, place))
+        if _tag(target) not in ("symbol", "svg"):
+            yield from self._drawn(target, place)
+            return
+        inside = self._entered(target, place)
+        size = [element.get(name) or target.get(name) for name in ("width", "height")]
+        yield from self._children(target, self._viewport(target, inside, size))
+
+    def _viewport(
+        self, element: Any, place: Place, size: Sequence[str | None] | None = None
+    ) -> Place:
+        """The place inside a nested svg or symbol: its corner, and the scale of its viewBox."""
+        if size is None:
+            size = [element.get("width"), element.get("height")]
+        place = place.moved(np.eye(2), corner(element, place))
+        box = view_box(element)
+        extents = [
+            reference if text in (None, "auto") else length(str(text), "a size", reference)
+            for text, reference in zip(size, place.viewport, strict=True)
+        ]
+        if box is None:
+            return replace(place, viewport=(extents[0], extents[1]))
+        width, height = (
+            given if given is not None else own for given, own in zip(extents, box[2:], strict=True)
+        )
+        scale, shift = fitted(element.get("preserveAspectRatio", ""), box, (width, height))
+        return replace(place.moved(np.diag(scale), shift), viewport=box[2:])
+
+
+def _chosen(switch: Any) -> list[Any]:
+    """The one element of a switch that is drawn: the first that asks for no extension."""
+    return [child for child in switch if _tag(child) and not child.get("requiredExtensions")][:1]
+
+
+def read_svg(file: File) -> Drawing:
+    """The filled shapes of an SVG file, y up, each flattened and filled by its own rule."""
+    root = parsed(file.content)
+    metres, matrix = _unit(root, file.unit_metres)
+    shapes = list(Document(root, file.layers).shapes(matrix))
+    if not shapes:
+        raise FileFormatError(
+            "expected filled shapes, got none; give the outlines a fill (strokes have no inside)"
+        )
+    subpaths = [subpath for shape in shapes for subpath in shape.subpaths]
+    outlines = flattened(subpaths, file.tolerance and file.tolerance / metres)
+    rings, work = iter(outlines), Work()
+    polygons = [
+        polygon
+        for shape in shapes
+        for polygon in filled([next(rings) for _ in shape.subpaths], shape.rule, work)
+    ]
+    if not polygons:
+        raise FileFormatError("expected shapes that enclose an area, got none that do")
+    names = [shape.layer for shape in shapes for _ in shape.subpaths]
+    return Drawing(polygons, metres, overlap_remedy(outlines, names))
+
+
+def _unit(root: Any, unit_metres: float) -> tuple[float, Points]:
+    """Metres of a unit of the file's coordinates, and the map that flips y.
+
+    A width or height in mm, cm, Q, in, pt or pc states the size of the viewBox, or, without one,
+    that a unit is a CSS pixel. Otherwise a unit is what the caller says.
+    """
+    sizes = {}
+    for name in ("width", "height"):
+        text = root.get(name)
+        physical = None if text in (None, "auto") else physical_length(text, f"the {name}")
+        if physical is not None:
+            sizes[name] = physical
+    box = view_box(root)
+    if not sizes:
+        return unit_metres, np.diag([1.0, -1.0])
+    if box is None:
+        return float(PIXEL), np.diag([1.0, -1.0])
+    extents = {"width": Fraction(box[2]), "height": Fraction(box[3])}
+    x, y = (float(sizes[n] / extents[n]) if n in sizes else None for n in ("width", "height"))
+    if x is None or y is None:
+        metres = y if x is None else x
+        assert metres is not None
+        return metres, np.diag([1.0, -1.0])
+    fit = root.get("preserveAspectRatio", "").split()
+    if "none" in fit:
+        return x, np.diag([1.0, -y / x])
+    return (max if "slice" in fit else min)(x, y), np.diag([1.0, -1.0])
+
+
+FORMATS = (
+    Format("SVG", (".svg",), read_svg, rb"<", library="defusedxml.ElementTree", has_layers=True),
+)

@@ -1,0 +1,364 @@
+"""Films: images on disk and without noise in logs, and pictures cut into parts.
+
+A picture's parts know nothing of each other: strips of rows, and sets of passes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import reduce
+from pathlib import Path
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import numpy.typing as npt
+
+from polywigner.errors import ArgumentError, SceneError, StoreError
+from polywigner.execution import kernel_threads
+from polywigner.interruption import temporary_folder
+from polywigner.mitsuba.receiver import is_receiver, receiving
+
+__all__ = []
+
+# A colour film in a variant of one channel: as intended, and so no news to anybody.
+_EXPECTED = ("Monochrome mode enabled",)
+_DATE = len("2000-01-01 00:00:00 ")
+
+
+@contextmanager
+def silent() -> Iterator[None]:
+    """Nothing is logged within, and no progress bar drawn."""
+    with _appending():
+        yield
+
+
+@contextmanager
+def to_list() -> Iterator[list[str]]:
+    """Collect Mitsuba's messages of the block in a list."""
+    messages: list[str] = []
+    # Through a file, which needs no Python: messages come from Mitsuba's threads. An appender
+    # with a file also leaves out the progress bars.
+    with temporary_folder() as folder:
+        path = Path(folder) / "mitsuba.log"
+        appender = mi.StreamAppender(str(path))
+        try:
+            with _appending(appender):
+                yield messages
+        finally:
+            del appender  # closes the file
+            lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+            texts = (line[_DATE:].strip() for line in lines)
+            messages += [t for t in texts if t and not any(known in t for known in _EXPECTED)]
+
+
+@contextmanager
+def _appending(*appenders: mi.Appender) -> Iterator[None]:
+    logger = mi.logger()
+    before = [logger.appender(index) for index in range(logger.appender_count())]
+    logger.clear_appenders()
+    for appender in appenders:
+        logger.add_appender(appender)
+    try:
+        yield
+    finally:
+        logger.clear_appenders()
+        for appender in before:
+            logger.add_appender(appender)
+
+
+@contextmanager
+def threads_for_openexr() -> Iterator[None]:
+    """Within, Dr.Jit's pool has a thread beside the caller's.
+
+    Mitsuba's OpenEXR, which reads textures too, hands work to the pool and waits without doing any:
+    on one processor, or with ``drjit.set_thread_count(1)``, it would wait for ever.
+    """
+    before = dr.thread_count()
+    if before < 2:
+        dr.set_thread_count(2)
+    try:
+        yield
+    finally:
+        if before < 2:
+            dr.set_thread_count(before)
+
+
+def mean_of_colours(image: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+    """(height, width) from a film of one channel, or of colours (their mean) and others.
+
+    Scalar variants have three colours for one channel.
+    """
+    colours = 3 if image.shape[-1] >= 3 else 1
+    return np.asarray(image[..., :colours].mean(axis=-1, dtype=np.float64))
+
+
+def write_exr(path: Path, image: npt.ArrayLike) -> None:
+    """Write an image as OpenEXR with 32-bit floats; negative values keep their sign.
+
+    Parameters
+    ----------
+    path: any name, whatever its suffix; written in place.
+    image: (height, width, channels), the channels being Y, YA, RGB, RGBA by their number, or
+        numbered where there are more.
+
+    Raises
+    ------
+    ArgumentError for a path that cannot be written to, or a full disk.
+    """
+    # Mitsuba's own default for an array of floats is to leave it linear, which radiance is.
+    bitmap = mi.Bitmap(np.ascontiguousarray(image, dtype=np.float32))
+    # Through memory: writing to a file itself, Mitsuba does not notice that a disk is full.
+    stream = mi.MemoryStream()
+    with kernel_threads(), threads_for_openexr():
+        bitmap.write(stream, mi.Bitmap.FileFormat.OpenEXR)
+    try:
+        path.write_bytes(stream.raw_buffer())
+    except OSError as error:
+        raise ArgumentError(
+            f"expected to write {path}, got: {error.strerror}; choose another place"
+        ) from error
+
+
+# Mitsuba adds the samples of a pixel in float32: 2^20 equal ones were 0.4 % off, 2^24 6 %.
+_IN_PIXEL = 1 << 12
+
+
+def fineness(camera: Any, samples: int) -> int:
+    """Number of pixels along each side into which a receiver's pixel is divided.
+
+    Those of others are not: what is stratified in a pixel of a camera is best left so.
+    """
+    doublings = math.ceil(math.log2(samples / _IN_PIXEL) / 2)
+    return 2 ** max(doublings, 0) if is_receiver(camera) else 1
+
+
+@contextmanager
+def refined(camera: Any, factor: int) -> Iterator[None]:
+    """A film of so many times the pixels along each side, which the receiver takes for the same."""
+    if factor == 1:
+        yield
+        return
+    film = camera.film()
+    before = [film.size(), film.crop_size(), film.crop_offset()]
+    finer = [(int(pair[0]) * factor, int(pair[1]) * factor) for pair in before]
+    camera.fineness = factor
+    _set(camera, *finer)
+    try:
+        yield
+    finally:
+        camera.fineness = 1
+        _set(camera, *before)
+
+
+def film_of(width: int, height: int) -> dict[str, Any]:
+    """The entry of a film that a receiver can have."""
+    return {
+        "type": "hdrfilm",
+        "width": width,
+        "height": height,
+        "pixel_format": "luminance",
+        "component_format": "float32",
+        "rfilter": {"type": "box"},
+    }
+
+
+def coarse(image: npt.NDArray[Any], factor: int) -> npt.NDArray[Any]:
+    """The image of the film as it was: means over pixels."""
+    rows, columns, channels = image.shape
+    shape = (rows // factor, factor, columns // factor, factor, channels)
+    return np.asarray(image.reshape(shape).mean(axis=(1, 3)))
+
+
+@contextmanager
+def cropped(camera: Any, top: int, rows: int, columns: int | None = None) -> Iterator[None]:
+    """A narrower crop window, put back afterwards."""
+    film = camera.film()
+    size, offset = film.crop_size(), film.crop_offset()
+    wanted = (size[0] if columns is None else columns, rows)
+    if wanted == (size[0], size[1]):
+        yield
+        return
+    _set(camera, film.size(), wanted, (offset[0], offset[1] + top))
+    try:
+        yield
+    finally:
+        _set(camera, film.size(), size, offset)
+
+
+def _set(camera: Any, size: Any, crop_size: Any, crop_offset: Any) -> None:
+    parameters = mi.traverse(camera)
+    parameters["film.size"] = size
+    parameters["film.crop_size"] = crop_size
+    parameters["film.crop_offset"] = crop_offset
+    parameters.update()
+
+
+# Samples in flight at once in the compiled variants: Mitsuba keeps some 100 bytes of each.
+WAVEFRONT = 2**24
+
+# The scalar variants keep nothing; they are cut only so that progress can be told. Their threads
+# share out squares of 32 pixels.
+_SCALAR_STRIPS = 20
+_SCALAR_ROWS = 32
+
+# Pixels of all sets together: half a gigabyte of each channel, where they are stored.
+_STORED = 2**26
+
+CAMERAS = ("PerspectiveCamera", "ThinLensCamera", "OrthographicCamera")
+"""Sensors whose film can be rendered in parts."""
+
+
+@dataclass(frozen=True)
+class Tiling:
+    """Tiling of a film into strips of whole rows, and of their samples into passes.
+
+    It depends on scene, variant and samples alone, so that a picture is the same whoever renders
+    its parts.
+    """
+
+    width: int
+    height: int
+    rows: int
+    """Rows of a strip; the last one may have fewer."""
+    samples: int
+    """Samples of a pixel."""
+    passes: int
+    """Passes of each strip."""
+    sets: int
+    """Sets of passes: a part is one strip with one set of its passes."""
+
+    @property
+    def strips(self) -> int:
+        return math.ceil(self.height / self.rows)
+
+    @property
+    def steps(self) -> int:
+        """Number of passes of all strips together, in which progress is told."""
+        return self.strips * self.passes
+
+    def passes_of(self, number: int) -> range:
+        """The passes of a set. They are counted, not listed: there may be millions."""
+        ends = [k * self.passes // self.sets for k in (number, number + 1)]
+        return range(*ends)
+
+
+def tiling_of(camera: Any, samples: int) -> Tiling:
+    """The parts of a sensor's film, from the top of its crop window."""
+    width, height = camera.film().crop_size()
+    is_compiled = dr.is_jit_v(mi.Float)
+    if camera.class_name() not in CAMERAS:
+        count = 1
+    elif is_compiled:
+        count = math.ceil(height / max(1, WAVEFRONT // (samples * width)))
+    else:
+        count = max(1, min(_SCALAR_STRIPS, height // _SCALAR_ROWS))
+    rows = math.ceil(height / count)
+    longest = max(1, WAVEFRONT // (width * rows)) if is_compiled else samples
+    passes = math.ceil(samples / longest)
+    sets = max(1, min(passes, _STORED // (width * height)))
+    return Tiling(width, height, rows, samples, passes, sets)
+
+
+@dataclass(frozen=True)
+class Exposure:
+    """All that decides the values of a picture."""
+
+    scene: Any
+    camera: Any
+    integrator: Any
+    cut: Tiling
+    seed: int
+
+    def image(
+        self, strip: int, number: int, done: Callable[[], None] = lambda: None
+    ) -> npt.NDArray[np.float64]:
+        """One set of a strip's passes, weighted so that the sum of all sets is the radiance.
+
+        ``done`` is called after each pass. Raises SceneError for values that are not finite.
+        """
+        cut = self.cut
+        top = strip * cut.rows
+        rows = min(cut.rows, cut.height - top)
+        image: npt.NDArray[np.float64] | float = 0.0
+        for index in cut.passes_of(number):
+            # Of almost equal length, rather than a last one that is short and badly stratified.
+            samples = cut.samples // cut.passes + (index < cut.samples % cut.passes)
+            seed = seed_of(self.seed, strip * cut.passes + index)
+            with cropped(self.camera, top, rows), _without_complaints():
+                rendered = _rendered(self, samples, seed)
+            image = image + samples / cut.samples * rendered
+            done()
+        return _finite(np.asarray(image))
+
+    def picture(self, done: Callable[[], None]) -> npt.NDArray[np.float32]:
+        """All parts, one after the other: (height, width, channels)."""
+        strips = []
+        for strip in range(self.cut.strips):
+            sets = (self.image(strip, number, done) for number in range(self.cut.sets))
+            strips.append(reduce(np.add, sets))
+        return np.concatenate(strips).astype(np.float32)
+
+    def channels(self) -> int:
+        """Number of channels of the image, from one pixel: integrators add to the film's."""
+        one = 1 if self.camera.class_name() in CAMERAS else self.cut.height
+        with cropped(self.camera, 0, one, one), _without_complaints():
+            return int(_rendered(self, 1, 0).shape[-1])
+
+
+def seed_of(seed: int, *part: int) -> int:
+    """Seed of 32 bits for a part of a render with a seed of any size."""
+    return int(np.random.SeedSequence(seed, spawn_key=part).generate_state(1)[0])
+
+
+def check_is_whole(integrator: Any) -> None:
+    """Raise StoreError for a render that ended before its time.
+
+    Mitsuba answers Ctrl-C itself, by giving back what it has.
+    """
+    if integrator.should_stop():
+        raise StoreError(
+            "expected a part that is rendered to its end, got one that Ctrl-C or a timeout of "
+            "the integrator has cut short; start the same run again, without a timeout"
+        )
+
+
+def _rendered(exposure: Exposure, spp: int, seed: int) -> npt.NDArray[np.float64]:
+    """An image that Mitsuba renders in one go."""
+    scene, camera, integrator = exposure.scene, exposure.camera, exposure.integrator
+    factor = fineness(camera, spp)
+    finer = math.ceil(spp / factor**2)
+    try:
+        with receiving(scene), refined(camera, factor):
+            image = mi.render(scene, sensor=camera, integrator=integrator, spp=finer, seed=seed)
+            return coarse(np.array(image, dtype=np.float64), factor)
+    except (RuntimeError, AssertionError) as error:
+        # Dr.Jit says only that something failed; what failed is the cause.
+        cause = error.__cause__ or error
+        raise SceneError(
+            f"expected a scene that {integrator.class_name()} can render: {cause}"
+        ) from error
+
+
+def _finite(image: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    bad = int(np.count_nonzero(~np.isfinite(image).all(axis=-1)))
+    if bad:
+        raise SceneError(
+            f"expected radiance that is finite, got {bad} of {image[..., 0].size} pixels that are "
+            "not; check frequency, power and radiances of the scene, and their units"
+        )
+    return image
+
+
+@contextmanager
+def _without_complaints() -> Iterator[None]:
+    """The scalar variants log each negative sample that a film takes, and draw a progress bar."""
+    if dr.is_jit_v(mi.Float):
+        yield
+        return
+    with silent():
+        yield

@@ -1,0 +1,298 @@
+"""LLVM libraries and GPUs are tried out in child processes: is this one usable?
+
+A bad library, or driver, does not raise: it ends the process. So nothing is believed of it until a
+child process has compiled and run a few kernels. The verdict on a library is kept in the user's
+cache folder under a key that changes with the library, with Dr.Jit and with the machine.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import hashlib
+import importlib.util
+import json
+import os
+import platform
+import shutil
+import signal
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from polywigner.apart import ChildError, run_apart
+from polywigner.interruption import atomic_path, temporary_folder
+from polywigner.toolchain.llvm_discovery import (
+    LIBRARY_VARIABLE,
+    OLDEST_VERSION,
+    Candidate,
+    native_libatomic,
+)
+
+_SECONDS = 20.0
+"""Processor seconds of a trial; wall time may be six times as long: Dr.Jit's first import from a
+cold disk is slow."""
+
+_FROM_OUTSIDE = (signal.SIGINT, signal.SIGTERM, 1, 9)
+"""Signals that end the child through no fault of the library; 1 and 9 have no names on Windows."""
+
+_KERNELS = """
+import drjit as dr
+if not dr.has_backend(dr.JitBackend.LLVM):
+    raise SystemExit("Dr.Jit does not accept the library")
+from drjit.llvm import Float, Float64, UInt32
+for kind in (Float, Float64):
+    x = dr.arange(kind, 16) - 7.5
+    low, high = dr.minimum(x, 2.0), dr.maximum(x, -2.0)
+    root = dr.floor(dr.sqrt(dr.fma(x, x, 1.0)))
+    turned = dr.gather(kind, x, UInt32(15) - dr.arange(UInt32, 16))
+    dr.eval(low, high, root, turned)
+    expected = [k - 7.5 for k in range(16)]
+    if (
+        list(low) != [min(v, 2.0) for v in expected]
+        or list(high) != [max(v, -2.0) for v in expected]
+        or list(root) != [int((v * v + 1) ** 0.5) for v in expected]
+        or list(turned) != expected[::-1]
+    ):
+        raise SystemExit("a kernel compiled with the library returns wrong numbers")
+answer = ".".join(str(figure) for figure in dr.detail.llvm_version())
+"""
+
+_GPU_KERNEL = """
+import drjit as dr
+if not dr.has_backend(dr.JitBackend.CUDA):
+    raise SystemExit("no backend")
+from drjit.cuda import Float
+x = dr.arange(Float, 16) - 7.5
+low = dr.minimum(x, 2.0)
+if list(low) != [min(k - 7.5, 2.0) for k in range(16)]:
+    raise SystemExit("its kernels return wrong numbers")
+"""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Verdict on one library."""
+
+    usable: bool
+    version: str | None = None
+    reason: str | None = None
+    """Why it is not usable: half a sentence."""
+
+
+@dataclass(frozen=True)
+class GPUStatus:
+    """Whether kernels can be compiled for an NVIDIA GPU, and if not, the remedy."""
+
+    usable: bool
+    name: str | None = None
+    """The GPU and its driver's version, as nvidia-smi tells them."""
+    problem: str | None = None
+    remedy: str | None = None
+
+
+def judge(candidate: Candidate, preload: Sequence[str] = ()) -> Verdict:
+    """The verdict on a library: from its name, from the cache, or from a child process.
+
+    Parameters
+    ----------
+    candidate : the library.
+    preload : libraries that the child opens first, in this order (dependencies that the system
+        lacks and the environment holds).
+    """
+    if candidate.version is not None and candidate.version < OLDEST_VERSION:
+        text = ".".join(str(figure) for figure in candidate.version)
+        return Verdict(
+            False, text, f"LLVM {text} is too old (its kernels end the process; 17 or newer works)"
+        )
+    if os.path.isabs(candidate.path) and not os.path.exists(candidate.path):  # noqa: PTH110, PTH117
+        return Verdict(False, None, "there is no such file")
+    store = _store_of(candidate.path, preload)
+    known = _recall(store)
+    if known is not None:
+        return known
+    verdict, lasting = _try_out(candidate.path, preload)
+    if lasting:
+        _remember(store, verdict)
+    return verdict
+
+
+def drjit_imports() -> str | None:
+    """None when a child process can import Dr.Jit, else half a sentence that says why not."""
+    code, _, errors = run_probe("import drjit")
+    if code == 0:
+        return None
+    return _reason(errors) or f"the import ends with status {code}"
+
+
+def drjit_release() -> str | None:
+    """The version of the installed Dr.Jit, found without importing it; None when there is none."""
+    spec = importlib.util.find_spec("drjit") if "drjit" not in sys.modules else None
+    origin = spec.origin if spec else getattr(sys.modules.get("drjit"), "__file__", None)
+    if origin is None:
+        return None
+    # importlib.metadata would answer too, but costs 20 ms to import.
+    for folder in Path(origin).parent.parent.glob("drjit-*.dist-info"):
+        return folder.name.removeprefix("drjit-").removesuffix(".dist-info")
+    return "unknown"
+
+
+def cache_folder() -> Path:
+    """The user's cache folder of polywigner (it need not exist)."""
+    home = Path(os.path.expanduser("~"))  # noqa: PTH111 (Path.home raises where there is no home)
+    if sys.platform == "win32":
+        base = Path(os.environ.get("LOCALAPPDATA") or home / "AppData" / "Local")
+    elif sys.platform == "darwin":
+        base = home / "Library" / "Caches"
+    else:
+        base = Path(os.environ.get("XDG_CACHE_HOME") or home / ".cache")
+    return base / "polywigner"
+
+
+def _store_of(path: str, preload: Sequence[str]) -> Path | None:
+    """The file in which the verdict on a library is kept; None when the library is not there."""
+    try:
+        state = Path(path).stat()
+    except OSError:
+        return None
+    # The machine's name is in the key for homes shared between machines of different CPU types.
+    facts = [os.path.realpath(path), state.st_mtime_ns, state.st_size, drjit_release()]
+    facts += [sys.implementation.cache_tag, platform.machine(), platform.node(), *preload, _KERNELS]
+    digest = hashlib.sha256(json.dumps(facts).encode()).hexdigest()[:32]
+    return cache_folder() / "llvm" / f"{digest}.json"
+
+
+def _recall(store: Path | None) -> Verdict | None:
+    if store is None:
+        return None
+    try:
+        return Verdict(**json.loads(store.read_bytes()))
+    except (OSError, ValueError, TypeError):
+        return None
+
+
+def _remember(store: Path | None, verdict: Verdict) -> None:
+    """Keep a verdict. A cache that cannot be written costs a second next time, nothing else."""
+    if store is None:
+        return
+    with contextlib.suppress(OSError):
+        store.parent.mkdir(parents=True, exist_ok=True)
+        with atomic_path(store) as scratch:  # another process sees all of it or nothing
+            scratch.write_text(json.dumps(asdict(verdict)))
+
+
+def _try_out(path: str, preload: Sequence[str]) -> tuple[Verdict, bool]:
+    """Run the kernels in a child; also say whether the answer will stay the same."""
+    code, output, errors = run_probe(_KERNELS, library=path, preload=preload)
+    if code == 0 and output:
+        return Verdict(True, output), True
+    if code is None:
+        return Verdict(False, None, errors), False
+    if code < 0 or code >= 128:
+        line = next((text for text in errors.splitlines() if "LLVM ERROR" in text), "")
+        told = f" ({line[:80].strip()})" if line else ""
+        # Somebody else may have ended it: Ctrl-C reaches all processes of a terminal.
+        lasting = -code not in _FROM_OUTSIDE
+        return Verdict(False, None, f"its kernels end the process{told}"), lasting
+    # A library that does not open may open tomorrow, when its dependency has been installed.
+    return Verdict(False, None, _reason(errors) or f"the trial ended with status {code}"), False
+
+
+def run_probe(
+    script: str, *, library: str = os.devnull, preload: Sequence[str] = ()
+) -> tuple[int | None, str, str]:
+    """Run Python code in a child process with this process's module path.
+
+    Parameters
+    ----------
+    script : the code; its variable ``answer`` is returned.
+    library : the LLVM library that Dr.Jit is told to open.
+    preload : libraries to open first.
+
+    Returns
+    -------
+    Exit status (None when no child could be run to its end), the answer, and its stderr.
+    """
+    # Dr.Jit itself needs libatomic, which may lie in the environment only.
+    task = partial(_run, script, [*native_libatomic(), *preload])
+    try:
+        with temporary_folder() as scratch:
+            environment = {
+                LIBRARY_VARIABLE: library,
+                # Empty: a remembered kernel proves nothing about the compiler.
+                "DRJIT_CACHE_DIR": scratch,
+                "POLYWIGNER_TRIAL": "1",  # see native_hook.py
+            }
+            return 0, run_apart(task, _SECONDS, None, environment), ""
+    except ChildError as error:
+        if error.failure == "time":
+            return None, "", f"the trial took longer than {_SECONDS:g} s of the processor"
+        if error.failure == "start":
+            return None, "", str(error)
+        return error.status or 1, "", error.stderr
+    except OSError as error:
+        return None, "", f"the trial could not be started ({error})"
+
+
+def _run(script: str, preload: Sequence[str]) -> str:
+    for library in preload:
+        ctypes.CDLL(library)
+    names: dict[str, Any] = {}
+    exec(script, names)
+    return str(names.get("answer", ""))
+
+
+def look_for_gpu() -> GPUStatus:
+    """The state of the CUDA engine, found by running a kernel in a child process."""
+    name = _gpu_name()
+    code, _, errors = run_probe(_GPU_KERNEL)
+    if code == 0:
+        return GPUStatus(True, name)
+    if name is None:
+        return GPUStatus(
+            False,
+            problem="no NVIDIA GPU answers",
+            remedy="If there is one, bring its driver: `apt-get install nvidia-driver` on Debian.",
+        )
+    return GPUStatus(
+        False,
+        name,
+        f"{name} is here, but its kernels do not run ({_last_line(errors) or code}).",
+        "Install an NVIDIA driver that Dr.Jit supports: 535 or newer.",
+    )
+
+
+def _gpu_name() -> str | None:
+    tool = shutil.which("nvidia-smi")
+    if tool is None:
+        return None
+    import subprocess
+
+    query = [tool, "--query-gpu=name,driver_version", "--format=csv,noheader"]
+    try:
+        done = subprocess.run(query, capture_output=True, text=True, timeout=30)
+    except (OSError, subprocess.SubprocessError):
+        return None
+    lines = done.stdout.strip().splitlines() if done.returncode == 0 else []
+    return ", driver ".join(part.strip() for part in lines[0].split(",")) if lines else None
+
+
+def _reason(errors: str) -> str:
+    """The telling part of the child's output: the linker's complaint, or the last line."""
+    for line in errors.splitlines():
+        if "Unable to load" in line:
+            return line.rsplit('": ', 1)[-1].strip().rstrip("!")
+        if "too old" in line or "lacks" in line:
+            return line.split("): ", 1)[-1].split(".", 1)[0].strip()
+        if line.startswith(("ImportError: lib", "OSError: ")):
+            # Dr.Jit hides what the linker said behind a NameError of its own.
+            return line.split(": ", 1)[1].strip()
+    return _last_line(errors)
+
+
+def _last_line(errors: str) -> str:
+    lines = errors.strip().splitlines()
+    return lines[-1].strip().removeprefix("SystemExit: ") if lines else ""

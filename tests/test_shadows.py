@@ -1,0 +1,281 @@
+"""Shadows that diffract: fields behind opaque bodies and plates, by their silhouettes alone."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from polywigner.errors import ArgumentError, PolywignerWarning
+
+REFERENCE = json.loads((Path(__file__).parent / "data" / "shadows.json").read_text("utf-8"))
+WAVELENGTH = REFERENCE["wavelength"]
+SQUARE = pw.shapes.square(REFERENCE["side"])
+LAMP = pw.PointSource((0.3e-3, 0.1e-3, -0.11))
+
+# Default tolerance of fields behind obstacles, of the largest free field.
+TOLERANCE = 1e-6
+# A place beside each point decides about its angles (1e-8 of the distance), over a tight gap.
+TOUCHING = 1e-6
+
+
+def at(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> np.ndarray:
+    pose = np.eye(4)
+    pose[:3, 3] = x, y, z
+    return pose
+
+
+def box(low: Any, high: Any) -> pw.Polyhedron:
+    corners = [[(low, high)[(n >> c) & 1][c] for c in range(3)] for n in range(8)]
+    faces = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]]
+    return pw.Polyhedron(corners, faces)
+
+
+def drawn_points(count: int, low: Any, high: Any, seed: int = 0) -> np.ndarray:
+    return np.random.default_rng(seed).uniform(low, high, (count, 3))
+
+
+def field(source: Any, points: Any, obstacles: Any, **options: Any) -> Any:
+    return pw.amplitude(
+        source, points, WAVELENGTH, "kirchhoff", obstacles=obstacles, engine="numpy", **options
+    )
+
+
+def free_field(points: np.ndarray) -> np.ndarray:
+    distance = np.linalg.norm(points - np.array(LAMP.position), axis=-1)
+    return np.exp(2j * math.pi * distance / WAVELENGTH) / distance
+
+
+BEHIND = drawn_points(60, (-0.06, -0.06, 0.05), (0.06, 0.06, 0.3))
+BODIES = {
+    "plate": pw.Aperture(REFERENCE["plate_outline"]).placed(REFERENCE["plate_pose"]),
+    "box": pw.Polyhedron(REFERENCE["box_vertices"], REFERENCE["box_faces"]),
+}
+
+
+@pytest.mark.parametrize("engine", ["numpy", pytest.param("llvm", marks=pytest.mark.llvm)])
+@pytest.mark.parametrize("name", BODIES)
+def test_field_of_an_aperture_behind_a_body_is_the_sum_over_points_of_it(
+    name: str, engine: Any
+) -> None:
+    expected = REFERENCE[name]
+    found = pw.amplitude(
+        SQUARE, expected["points"], WAVELENGTH, obstacles=BODIES[name], engine=engine
+    )
+    error = np.abs(np.abs(found) - expected["field"]).max()
+    assert error < TOLERANCE * max(expected["free"])
+
+
+def test_tolerance_bounds_the_error_and_the_estimate_covers_it() -> None:
+    points, body = REFERENCE["box"]["points"], BODIES["box"]
+    fine = pw.amplitude(SQUARE, points, WAVELENGTH, obstacles=body, tolerance=1e-8)
+    for tolerance in (1e-3, 1e-5):
+        found, error = pw.amplitude(
+            SQUARE, points, WAVELENGTH, obstacles=body, tolerance=tolerance, return_error=True
+        )
+        off = np.abs(found - fine).max()
+        assert off < tolerance * np.abs(fine).max()
+        assert off < 3 * error.max()
+
+
+def test_plate_in_the_plane_is_a_screen() -> None:
+    outline = pw.Aperture([(-0.02, -0.015), (0.02, -0.015), (0.025, 0.02), (-0.02, 0.02)])
+    expected = pw.amplitude(pw.Screen(outline, LAMP), BEHIND, WAVELENGTH, "kirchhoff")
+    assert np.abs(field(LAMP, BEHIND, outline.placed(at())) / expected - 1).max() < TOLERANCE
+
+
+def test_hole_in_a_wall_adds_to_the_plate_that_would_fill_it() -> None:
+    hole = pw.shapes.rectangle(0.012, 0.02)
+    wall = pw.shapes.square(0.2) - hole
+    free = free_field(BEHIND)
+    parts = [field(LAMP, BEHIND, body.placed(at())) - free for body in (wall, hole)]
+    whole = field(LAMP, BEHIND, pw.shapes.square(0.2).placed(at())) - free
+    assert np.abs(parts[0] + parts[1] - whole).max() < TOLERANCE * np.abs(free).max()
+
+
+def test_two_slits_in_a_wall_interfere_as_two_apertures_do() -> None:
+    slits = pw.shapes.double_slit((0.01, 0.01), 0.03, (-0.012, 0.012))
+    far = pw.PointSource((0.0, 0.0, -40.0), 40.0)
+    wall = (pw.shapes.square(0.5) - slits).placed(at())
+    x = np.linspace(-0.1, 0.1, 41)
+    points = np.column_stack([x, 0 * x, 0 * x + 0.3])
+    behind = np.abs(field(far, points, wall))
+    assert np.abs(behind - np.abs(pw.amplitude(slits, points, WAVELENGTH, "kirchhoff"))).max() < (
+        0.15 * behind.max()
+    )  # the wall's own rim adds waves of a tenth
+
+
+def test_spot_of_arago_is_as_bright_behind_a_ball_as_behind_its_disc() -> None:
+    sphere = ball(0.02, 24)
+    rim = sphere.vertices[np.abs(sphere.vertices[:, 2]) < 1e-9][:, :2]
+    order = np.argsort(np.arctan2(rim[:, 1], rim[:, 0]))
+    disc = pw.Aperture(rim[order]).placed(at())
+    axis = [(0.0, 0.0, 0.2), (0.0, 0.0, 0.5)]
+    lamp = pw.PointSource((0.0, 0.0, -300.0))
+    spots = [np.abs(field(lamp, axis, body)) * 300.0 for body in (sphere, disc)]
+    assert np.abs(spots[0] / spots[1] - 1).max() < 1e-3  # the mesh's facets are no circle
+    closed_form = 1 / np.hypot(1, 0.02 / np.array([0.2, 0.5]))
+    assert np.abs(spots[1] / closed_form - 1).max() < 0.03
+
+
+def ball(radius: float, steps: int) -> pw.Polyhedron:
+    """Ball of 2 * steps meridians, with its equator in the plane z = 0."""
+    from scipy.spatial import ConvexHull
+
+    theta = np.pi * np.arange(1, steps) / steps
+    phi = np.pi * np.arange(2 * steps) / steps
+    t, p = (a.ravel() for a in np.meshgrid(theta, phi))
+    points = np.column_stack([np.sin(t) * np.cos(p), np.sin(t) * np.sin(p), np.cos(t)])
+    points = radius * np.concatenate([points, [[0, 0, 1], [0, 0, -1]]])
+    hull = ConvexHull(points)
+    faces = [
+        face if np.cross(*(points[face[1:]] - points[face[0]])) @ points[face].mean(0) > 0
+        else face[::-1]
+        for face in hull.simplices
+    ]  # fmt: skip
+    return pw.Polyhedron(points, faces)
+
+
+def test_knife_edge_is_that_of_fresnel() -> None:
+    from scipy.special import fresnel
+
+    edge = pw.Aperture([(0, -40), (40, -40), (40, 40), (0, 40)]).placed(at(z=10.0))
+    lamp, x = pw.PointSource((0.0, 0.0, -1e-3)), np.linspace(-0.6, 0.2, 17)
+    points = np.column_stack([x, 0 * x, 0 * x + 20.0])
+    scale = math.sqrt(2 * (10.001 + 10.0) / (WAVELENGTH * 10.001 * 10.0)) * 10.001 / 20.001
+    s, c = fresnel(-x * scale)
+    expected = np.abs((0.5 + c) + 1j * (0.5 + s)) / math.sqrt(2)
+    distance = np.linalg.norm(points - np.array(lamp.position), axis=1)
+    level = 20 * np.log10(np.abs(field(lamp, points, edge)) * distance / expected)
+    assert np.abs(level).max() < 0.02
+
+
+L_SHAPE = pw.Polyhedron(
+    [[x, y, z] for y in (0, 5) for x, z in ((0, 0), (10, 0), (10, 4), (4, 4), (4, 10), (0, 10))],
+    [[0, 1, 2, 3, 4, 5], [11, 10, 9, 8, 7, 6], [0, 6, 7, 1], [1, 7, 8, 2],
+     [2, 8, 9, 3], [3, 9, 10, 4], [4, 10, 11, 5], [5, 11, 6, 0]],
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("place", [(3, 1, -40), (30, -20, -10), (-30, 20, -30), (4, 2.5, -40)])
+@pytest.mark.parametrize(
+    ("whole", "parts"),
+    [
+        (box((0, 0, 0), (10, 5, 9)), [box((0, 0, 0), (10, 5, 4)), box((0, 0, 4), (10, 5, 9))]),
+        (L_SHAPE, [box((0, 0, 0), (10, 5, 4)), box((0, 0, 4), (4, 5, 10))]),
+        (
+            pw.shapes.rectangle(60, 50).placed(at()),
+            [pw.shapes.rectangle(30, 50).placed(at(x=x)) for x in (-15, 15)],
+        ),
+    ],
+    ids=["tall box", "step", "wall"],
+)
+def test_bodies_that_touch_throw_the_shadow_of_one(whole: Any, parts: Any, place: Any) -> None:
+    points = drawn_points(40, (-60, -60, 20), (60, 60, 60))
+    source = pw.PointSource(place)
+    one, two = (
+        pw.amplitude(source, points, 1.0, "kirchhoff", obstacles=bodies, engine="numpy")
+        for bodies in (whole, parts)
+    )
+    assert np.abs(one - two).max() < TOUCHING * np.abs(one).max()
+
+
+def test_body_in_the_shadow_of_another_changes_nothing() -> None:
+    wall = pw.shapes.rectangle(0.06, 0.05).placed(at())
+    hidden = box((-0.005, -0.004, 0.003), (0.005, 0.004, 0.009))
+    alone = field(LAMP, BEHIND, wall)
+    assert np.array_equal(field(LAMP, BEHIND, [wall, hidden]), alone)
+
+
+def test_light_on_a_floor_does_not_know_of_the_floor() -> None:
+    floor = pw.shapes.square(3.0).placed(at(z=0.2))
+    body = box((-0.02, -0.01, 0.1), (0.01, 0.02, 0.15))
+    points = drawn_points(60, (-0.06, -0.06, 0.2), (0.06, 0.06, 0.2))
+    alone, with_floor = field(LAMP, points, body), field(LAMP, points, [body, floor])
+    # the floor's rim, 500 wavelengths away, sends waves of its own
+    assert np.abs(with_floor - alone).max() < 0.01 * np.abs(alone).max()
+
+
+def test_below_a_floor_nothing_is_left_of_fringes_above_it() -> None:
+    floor = pw.shapes.square(3.0).placed(at(z=0.2))
+    body = box((-0.02, -0.01, 0.1), (0.01, 0.02, 0.15))
+    below = drawn_points(40, (-0.06, -0.06, 0.25), (0.06, 0.06, 0.3))
+    alone, with_body = field(LAMP, below, floor), field(LAMP, below, [floor, body])
+    assert np.abs(with_body - alone).max() < TOUCHING * np.abs(free_field(below)).max()
+
+
+def test_field_is_smooth_but_on_surfaces() -> None:
+    body = box((-0.02, -0.01, 0.02), (0.02, 0.03, 0.05))
+    lines = [((-0.1, -0.08, 0.03), (0.1, 0.08, 0.03)), ((-0.1, -0.1, 0.2), (0.1, 0.1, 0.01))]
+    for first, last in lines:
+        points = np.linspace(first, last, 4001)
+        step = np.linalg.norm(points[1] - points[0]) / WAVELENGTH
+        values = field(LAMP, points, body)
+        inside = values == 0.0
+        jumps = np.abs(np.diff(values))
+        jumps[inside[1:] | inside[:-1]] = 0.0
+        assert jumps.max() < 3 * 2 * math.pi * step * np.abs(free_field(points)).max()
+
+
+def test_points_on_edges_faces_and_in_bodies_have_values() -> None:
+    body = box((-0.02, -0.01, 0.02), (0.02, 0.03, 0.05))
+    middle, edge, corner, face, back = (
+        (0.0, 0.01, 0.03), (0.02, 0.01, 0.05), (0.02, 0.03, 0.05), (0.0, 0.01, 0.02),
+        (0.0, 0.01, 0.05),
+    )  # fmt: skip
+    values = field(LAMP, [middle, edge, corner, face, back], body)
+    level = np.abs(values) / np.abs(free_field(np.array([middle, edge, corner, face, back])))
+    assert np.isfinite(values).all()
+    assert level[0] == 0.0
+    assert 0.2 < level[1] < 0.8 and level[3] > 0.5 and level[4] < 0.5
+
+
+def test_exchange_of_source_and_point_behind_a_plate_leaves_the_field() -> None:
+    plate = pw.shapes.rectangle(0.04, 0.03)
+    tilt = np.array([[0.8, 0, 0.6, 0], [0, 1, 0, 0], [-0.6, 0, 0.8, 0], [0, 0, 0, 1.0]])
+    back = np.diag([1.0, 1.0, -1.0, 1.0]) @ tilt @ np.diag([1.0, 1.0, -1.0, 1.0])
+    receiver = (0.01, 0.02, 0.1)
+    for x, y, z in drawn_points(8, (-0.03, -0.03, 0.05), (0.03, 0.03, 0.2)):
+        sent = field(pw.PointSource((x, y, -z)), receiver, plate.placed(tilt))
+        returned = field(pw.PointSource((0.01, 0.02, -0.1)), (x, y, z), plate.placed(back))
+        assert abs(sent - returned) < TOUCHING * abs(sent)
+
+
+def test_power_that_a_shadow_takes_is_what_the_body_blocks() -> None:
+    plate = pw.shapes.rectangle(0.05, 0.04)
+    lamp, z = pw.PointSource((0.0, 0.0, -3.0)), 0.1
+    g = (np.arange(400) + 0.5) / 400 * 0.8 - 0.4
+    points = np.stack(np.meshgrid(g, g, [z], indexing="ij"), axis=-1).reshape(-1, 3)
+    free = np.exp(2j * np.pi / WAVELENGTH) / np.linalg.norm(points - lamp.position, axis=1)
+    found = pw.amplitude(lamp, points, WAVELENGTH, "kirchhoff", obstacles=plate.placed(at()))
+    cosine = (z + 3.0) / np.linalg.norm(points - lamp.position, axis=1)
+    lost = ((np.abs(free) ** 2 - np.abs(found) ** 2) * cosine).sum() * (g[1] - g[0]) ** 2
+    blocked = plate.area / 9.0
+    assert abs(lost / blocked - 1) < 0.02
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"obstacles": pw.shapes.square(1.0)}, "placed"),
+        ({"obstacles": []}, "one obstacle"),
+        ({"obstacles": "box.stl"}, "Polyhedra"),
+        ({"obstacles": BODIES["box"], "method": "fresnel"}, "obstacles with one of the methods"),
+        ({"obstacles": BODIES["box"], "tolerance": 1e-12}, "tolerance"),
+        ({"obstacles": box((-1, -1, -1), (1, 1, 1))}, "away from the source"),
+    ],
+)
+def test_obstacles_that_cannot_be_are_refused(options: dict[str, Any], words: str) -> None:
+    with pytest.raises(ArgumentError, match=words):
+        pw.amplitude(SQUARE, (0.0, 0.0, 0.3), WAVELENGTH, **options)
+
+
+def test_obstacle_at_the_source_warns() -> None:
+    near = box((0.0, 0.0, 0.5e-3), (0.01, 0.01, 0.02))
+    with pytest.warns(PolywignerWarning, match="fade within a wavelength"):
+        pw.amplitude(SQUARE, (0.0, 0.0, 0.3), WAVELENGTH, obstacles=near)
