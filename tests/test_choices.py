@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -111,6 +112,11 @@ EXCEPTIONS: dict[tuple[str, str], str] = {
 }
 
 
+@cache
+def tree_of(file: str) -> ast.AST:
+    return ast.parse((PACKAGE / file).read_text(encoding="utf-8"))
+
+
 def thresholds(tree: ast.AST) -> Iterator[str]:
     """The constants and numbers that something is compared with by size."""
     for node in ast.walk(tree):
@@ -149,7 +155,7 @@ def files() -> list[str]:
 
 @pytest.mark.parametrize("file", files())
 def test_no_module_chooses_a_way_but_plans(file: str) -> None:
-    tree = ast.parse((PACKAGE / file).read_text(encoding="utf-8"))
+    tree = tree_of(file)
     found = {name for name in thresholds(tree) if (file, name) not in EXCEPTIONS}
     assert not found, f"ask polywigner.plans, or say in EXCEPTIONS what {sorted(found)} is for"
     assert not set(table_of_plans(tree))
@@ -157,7 +163,7 @@ def test_no_module_chooses_a_way_but_plans(file: str) -> None:
 
 def test_every_exception_is_still_needed() -> None:
     for file, name in EXCEPTIONS:
-        tree = ast.parse((PACKAGE / file).read_text(encoding="utf-8"))
+        tree = tree_of(file)
         assert name in set(thresholds(tree)), f"{file} compares nothing with {name} any more"
 
 

@@ -151,7 +151,14 @@ def test_arrays_of_the_engine_have_the_same_values(name: str, precision: str) ->
             assert error <= within * golden.scale_of(name, function), (function, layout)
 
 
-@pytest.mark.parametrize("name", [n for n in golden.SOURCES if "automean" in FROZEN[n]])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.slow] if name in LONG else [])
+        for name in golden.SOURCES
+        if "automean" in FROZEN[name]
+    ],
+)
 def test_samples_of_the_automean_are_as_they_were(name: str) -> None:
     found, expected = golden.drawn(name), frozen(name, "automean")
     assert np.abs(found - expected).max(axis=0) == pytest.approx(
