@@ -53,7 +53,13 @@ COMMANDS = {
 }
 README = ("patch_above_floor", "first_picture", "two_chevrons_volume")
 README_WIDTH = 560
-SCRIPTS = ("inverse_design", "fractional_fourier", "shadow_of_a_plate", "partial_coherence")
+SCRIPTS = (
+    "inverse_design",
+    "fractional_fourier",
+    "shadow_of_a_plate",
+    "shadows_of_bodies",
+    "partial_coherence",
+)
 """Examples that write NAME.png into a folder."""
 PAPER = ("render", "amp_spec", "error", "emitters")  # of `polywigner figures`, for docs/figures.md
 

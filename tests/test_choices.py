@@ -77,7 +77,6 @@ EXCEPTIONS: dict[tuple[str, str], str] = {
     ("kernels/outline/lines.py", "_SAME_OFFSET"): DIGITS,
     ("mitsuba/scatterers.py", "_NO_LIMIT"): REFUSED,
     ("mitsuba/scattering_steps.py", "_ROULETTE"): SPARED,
-    ("mitsuba/exact.py", "_ERROR"): DIGITS,
     ("mitsuba/exact.py", "_ROUNDING"): DIGITS,
     ("mitsuba/sources.py", "_LARGEST_SUM"): DIGITS,
     ("mitsuba/sources.py", "_OF_CURVED"): DIGITS,

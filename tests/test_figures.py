@@ -117,8 +117,8 @@ def test_the_default_position_and_lag_lie_where_w_and_a_do_not_vanish() -> None:
         ({"xi": (1.0, 0.0)}, "overlaps its shifted copy"),
         ({"x": (np.nan, 0.0)}, "two finite coordinates"),
         ({"xi": (1.0, 0.0, 0.0)}, "two finite coordinates"),
-        ({"samples": 1}, "at least 2 samples"),
-        ({"samples": 10**5}, "at most 4096 samples"),
+        ({"samples": 1}, "from 2 to 4096"),
+        ({"samples": 10**5}, "from 2 to 4096"),
     ],
 )
 def test_slices_that_would_be_empty_are_refused(arguments: dict, message: str) -> None:

@@ -165,7 +165,15 @@ def check_volume_options(
     _check_name("renderer", renderer, Renderer)
     if surfaces is None:
         return tuple(sorted(floor_db * part for part in _SURFACES))
-    levels = tuple(sorted(set(checked_row(surfaces, "expected surfaces as levels in dB").tolist())))
+    levels = tuple(
+        sorted(
+            set(
+                checked_row(
+                    surfaces, "expected surfaces at levels from the floor to below 0 dB"
+                ).tolist()
+            )
+        )
+    )
     if not levels or not all(floor_db <= level < 0 for level in levels):
         raise ArgumentError(
             f"expected surfaces at levels from the floor, {floor_db:g} dB, to below 0 dB, got "

@@ -40,6 +40,7 @@ from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.phases import cos_sin_turns
 from polywigner.plans.cuts import sums_over_points
 from polywigner.propagation.boundary import boundary_tables, panels_in
+from polywigner.propagation.equivalent import EquivalentGrid, equivalent_grid
 from polywigner.propagation.panels import Radiator, radiator_of
 from polywigner.transforms import fourier
 
@@ -51,11 +52,7 @@ chevrons, tapers and arrays of up to 10 wavelengths, |U|^2 was within 7e-5 of it
 on, and within 1e-3 at a third of it."""
 # Error allowed of |F|^2 over its peak, a seventh of what is promised of |U|^2.
 _ERROR = 1.5e-5
-# Nodes a wavelength that are always needed, and most beyond these.
-_PITCH, _MOST_MORE = 1.5, 24
-# The far field is compared at so many directions for each node's length, and so many more.
-_DIRECTIONS, _MORE_DIRECTIONS = 4.0, 24
-# Singular values of plane waves at the nodes that are rounding.
+# Imaginary part of weights, over the largest, that is rounding.
 _ROUNDING = 1e-9
 
 
@@ -129,41 +126,15 @@ def equivalent_sources(
     source: Any, radiator: Radiator, wavelength: float, condition: Obliquity, panels: int
 ) -> EquivalentSources | None:
     """Equivalent points of a source; None where a sum over so many panels is faster."""
-    fields = [(source, condition.field)] if condition.field else []
-    if condition.slope:
-        with suppress(IlluminationError):  # all waves graze the plane: their cosines are zero
-            fields.append((times_direction_cosine(source, wavelength), condition.slope))
-    if not fields:
-        return None
-    half = (radiator.high - radiator.low) / (2 * wavelength)
-    sines = [
-        np.cos(math.pi * (np.arange(n) + 0.5) / n)
-        for n in (math.ceil(2 * _DIRECTIONS * h) + _MORE_DIRECTIONS for h in half)
-    ]
-    spectra: list[NDArray[np.complex128]] = []
-    for more in range(1, _MOST_MORE):
-        counts = [math.ceil(2 * _PITCH * h) + more for h in half]
-        if not sums_over_points(counts, panels):
-            return None
-        # not before it is known that there are few
-        spectra = spectra or [
-            part * _spectrum(field, sines, radiator.centre, wavelength) for field, part in fields
-        ]
-        nodes = [np.polynomial.legendre.leggauss(n)[0] for n in counts]
-        places = [h * x for h, x in zip(half, nodes, strict=True)]
-        weights = [_fitted(spectrum, sines, places) for spectrum in spectra]
-        if all(found is not None for found in weights):
-            return _as_lines(
-                half, nodes, [w for w in weights if w is not None], bool(condition.field)
-            )
-    return None
+    grid = equivalent_grid(
+        source, radiator, wavelength, condition, _ERROR, lambda n: sums_over_points(n, panels)
+    )
+    return None if grid is None else _as_lines(grid, bool(condition.field))
 
 
-def _as_lines(
-    half: Floats, nodes: list[Floats], weights: list[NDArray[np.complex128]], has_field: bool
-) -> EquivalentSources:
+def _as_lines(grid: EquivalentGrid, has_field: bool) -> EquivalentSources:
     """Sum in lines: the code is as long as the shorter side of the grid."""
-    table = np.stack(weights, axis=-1)
+    half, nodes, table = grid.half, grid.nodes, np.stack(grid.weights, axis=-1)
     is_swapped = len(nodes[0]) < len(nodes[1])
     across, along = 0, 1
     if is_swapped:
@@ -174,28 +145,6 @@ def _as_lines(
     lines = tuple(map(tuple, rows.tolist()))
     along_ = tuple(nodes[along].tolist())
     return EquivalentSources(tuple(half.tolist()), along_, lines, is_real, has_field, is_swapped)
-
-
-def _spectrum(
-    field: Any, sines: list[Floats], middle: Floats, wavelength: float
-) -> NDArray[np.complex128]:
-    """The far field in units of a square wavelength, seen from the middle."""
-    nu = np.stack(np.meshgrid(*sines, indexing="ij"), axis=-1) / wavelength
-    return fourier(field, nu) * np.exp(2j * math.pi * (nu @ middle)) / wavelength**2
-
-
-def _fitted(
-    spectrum: NDArray[np.complex128], sines: list[Floats], places: list[Floats]
-) -> NDArray[np.complex128] | None:
-    """The weights of a grid of places with this far field; None if they miss it."""
-    waves = [np.exp(-2j * math.pi * np.outer(s, x)) for s, x in zip(sines, places, strict=True)]
-    first, second = (np.linalg.pinv(wave, rcond=_ROUNDING) for wave in waves)
-    weights = first @ spectrum @ second.T
-    found = waves[0] @ weights @ waves[1].T
-    seen = np.add.outer(sines[0] ** 2, sines[1] ** 2) <= 1.0
-    expected = np.abs(spectrum[seen]) ** 2
-    missed = np.abs(np.abs(found[seen]) ** 2 - expected).max()
-    return weights if missed <= _ERROR * expected.max() else None
 
 
 FIXED = (
