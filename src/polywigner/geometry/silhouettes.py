@@ -89,24 +89,26 @@ class Obstacle:
 def obstacle_of(body: Polyhedron | PlacedAperture) -> Obstacle:
     """Triangles of a body, or of a plate in its pose."""
     if isinstance(body, PlacedAperture):
-        flat, triangles = triangulate(body.aperture)
+        flat, corners_of = triangulate(body.aperture)
         vertices = np.column_stack([flat, np.zeros(len(flat))])
         vertices = vertices @ body.pose[:3, :3].T + body.pose[:3, 3]
-        owner = np.zeros(len(triangles), np.intp)
-        return Obstacle(vertices, triangles, owner, body.normal[None], False, True)
-    triangles, owner, normals = [], [], []
+        owner = np.zeros(len(corners_of), np.intp)
+        return Obstacle(vertices, corners_of, owner, body.normal[None], False, True)
+    triangles: list[list[int]] = []
+    numbers: list[int] = []
+    normals: list[Floats] = []
     for number, face in enumerate(body.faces):
         corners = body.vertices[list(face)] - body.vertices[face[0]]
         normals.append(np.cross(corners, np.roll(corners, -1, axis=0)).sum(axis=0))
         triangles += [[face[k] for k in corner] for corner in _triangles(corners, normals[-1])]
-        owner += [number] * (len(triangles) - len(owner))
+        numbers += [number] * (len(triangles) - len(numbers))
     directions, points = np.array(normals), body.vertices
     offsets = np.einsum("fk,fk->f", directions, points[[face[0] for face in body.faces]])
     size = float(np.ptp(points, axis=0).max()) * np.linalg.norm(directions, axis=1)
     convex = bool((directions @ points.T - offsets[:, None] <= _ON * size[:, None]).all())
     # a convex surface of several bodies would have vertices before its faces
     return Obstacle(
-        points, np.array(triangles, np.intp), np.array(owner, np.intp), directions, True, convex
+        points, np.array(triangles, np.intp), np.array(numbers, np.intp), directions, True, convex
     )
 
 

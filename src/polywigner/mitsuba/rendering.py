@@ -131,7 +131,8 @@ def render(
     integrator, one that cannot render this scene, or radiance that is not finite.
     """
     exposure = exposed(scene, integrator, spp, seed, sensor)
-    if checked_callable(progress, "progress") is None:
+    checked_callable(progress, "progress")
+    if progress is None:
         return exposure.picture(lambda: None)
     done, steps = count(1), exposure.cut.steps
     return exposure.picture(lambda: progress(next(done), steps))

@@ -350,7 +350,7 @@ def irradiance(
 
 def _behind_obstacles(
     source: Any,
-    points: Points,
+    points: Any,
     wavelength: Any,
     method: str,
     obstacles: Any,
