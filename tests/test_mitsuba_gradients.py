@@ -155,7 +155,7 @@ def test_the_mean_of_a_control_variate_has_the_derivatives_of_the_far_field(
     if isinstance(source, pw.Array):
         numbers["weights"] = mi.TensorXf(np.array(dr.detach(traced.weights)).reshape(-1, 2))
     dr.enable_grad(numbers)
-    far = pw.fourier(pw.differentiable(radiator.centred, **numbers), nu)
+    far = pw.fourier(pw.differentiable(radiator.at_origin, **numbers), nu)
     dr.backward(dr.dot(dr.squared_norm(far), mi.Float(1.0, -2.0, 0.5)))
     for name, value in numbers.items():
         expected = np.array(value.grad).ravel()
