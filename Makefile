@@ -10,7 +10,7 @@ TESTS ?=
 
 # FUZZ='--seed 2' make fuzz      arguments for tools/fuzz
 FUZZ ?=
-# KILL='--kills 10' make kill       arguments for tools/kill_volumes.py
+# KILL='--kills 10' make kill       arguments for tools/kill_runs.py
 KILL ?=
 
 # BENCH='--only wigner' make bench  arguments for the comparison: --quick, --only, --list, --out
@@ -61,9 +61,9 @@ fuzz: ## read ten thousand damaged files, and hostile ones; FUZZ='--seed 2 --cou
 	@$(SETUP) --group test
 	$(BIN)/python tools/fuzz $(FUZZ)
 
-kill: ## kill a volume fifty times and compare what it becomes; KILL='--kills 10' for fewer
+kill: ## kill volumes, receptions and renders fifty times each and compare what they become; KILL='--kills 10' for fewer
 	@$(SETUP) --group test
-	$(BIN)/python tools/kill_volumes.py $(KILL)
+	$(BIN)/python tools/kill_runs.py $(KILL)
 
 lint: ## check style and formatting
 	@$(SETUP) --group dev

@@ -46,9 +46,9 @@ html_math_renderer = "mathml"
 highlight_language = "none"  # indented blocks are formulas
 bibtex_bibfiles = ["../src/polywigner/references.bib"]  # the one that pw.cite reads
 
-# Without LLVM, Mitsuba's scalar variants take minutes for lessons 103, 107 and 108: they are then
-# shown without what they draw.
-LESSONS = r"/lesson_\d+" if llvm.prepare().usable else r"/lesson_(?!103|107|108)\d+"
+# Without LLVM, Mitsuba's scalar variants take minutes for lessons 103, 107, 108 and 110: they are
+# then shown without what they draw.
+LESSONS = r"/lesson_\d+" if llvm.prepare().usable else r"/lesson_(?!103|107|108|110)\d+"
 sphinx_gallery_conf = {
     "examples_dirs": "examples/lessons",
     "gallery_dirs": "docs/lessons",

@@ -12,6 +12,7 @@ import sys
 import tempfile
 from itertools import chain
 from pathlib import Path
+from typing import Any, cast
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -19,7 +20,8 @@ from PIL import Image
 
 import polywigner as pw
 from polywigner.cli import main as polywigner
-from polywigner.figures import draw_projections
+from polywigner.figures import draw_projections, draw_tolerance
+from polywigner.figures.style import BLUE, GREEN, RED, colour_bar, draw_disc
 
 ROOT = Path(__file__).parent.parent
 EXAMPLES = ROOT / "examples"
@@ -32,6 +34,7 @@ SMALLER = {
 }  # KiB, of pictures that lose nothing by it
 
 CHEVRONS = EXAMPLES / "two_chevrons" / "chevrons.geojson"
+BODIES = EXAMPLES / "shadows_of_bodies"
 VOLUME = {
     "--frequency": "94 GHz",
     "--method": "rayleigh-sommerfeld-1",
@@ -45,20 +48,58 @@ FLOOR = dict.fromkeys(("phased_array_77ghz", "focused_array", "te10_horn"), ("--
 COMMANDS = {
     "two_chevrons_volume": ["volume", str(CHEVRONS), *chain.from_iterable(VOLUME.items())],
     "two_chevrons_transforms": ["transform", str(CHEVRONS), "--frequency", "94 GHz"],
+    "behind_obstacles": [
+        "propagate",
+        str(BODIES / "patch.wkt"),
+        "--frequency",
+        "94 GHz",
+        "--plane",
+        "-80 mm to 80 mm, 0 mm, 20 mm to 260 mm",
+        "--samples",
+        "161 x 241",
+        "--obstacle",
+        str(BODIES / "box.obj"),
+        "--obstacle",
+        f"{BODIES / 'plate.wkt'} at -40 mm, 0 mm, 60 mm towards 35 deg, 180 deg",
+    ],
+    "diffraction_in_scenes": [
+        "render",
+        str(EXAMPLES / "patch_above_floor" / "scene.xml"),
+        "--diffraction",
+        *("--integrator", "direct", "--spp", "9"),
+    ],
+    "street_diffraction": [
+        "render",
+        str(EXAMPLES / "street_77ghz" / "scene.xml"),
+        "--diffraction",
+        *("--integrator", "direct", "--spp", "4"),
+    ],
+    **{  # two of the pictures of one command
+        f"wet_street_{kind}": [
+            "render",
+            str(EXAMPLES / "wet_street" / "street.xml"),
+            *("--polarised", "--spp", "144"),
+        ]
+        for kind in ("stokes", "polarisation")
+    },
     "link_77ghz": ["receive", str(EXAMPLES / "link_77ghz" / "link.xml")],
     **{
         path.parent.name: ["render", str(path), *FLOOR.get(path.parent.name, ())]
         for path in sorted(EXAMPLES.glob("*/scene.xml"))
     },
 }
-README = ("patch_above_floor", "first_picture", "two_chevrons_volume")
+README = ("patch_above_floor", "diffraction_in_scenes", "first_picture", "two_chevrons_volume")
 README_WIDTH = 560
 SCRIPTS = (
     "inverse_design",
     "fractional_fourier",
+    "spatial_filter",
     "shadow_of_a_plate",
     "shadows_of_bodies",
     "partial_coherence",
+    "corner_reflector",
+    "corner_above_road",
+    "koehler_illumination",
 )
 """Examples that write NAME.png into a folder."""
 PAPER = ("render", "amp_spec", "error", "emitters")  # of `polywigner figures`, for docs/figures.md
@@ -73,9 +114,13 @@ def main(names: list[str]) -> None:
             "first_picture",
             "projections",
             "tapers",
+            "polarised_opening",
+            "tolerance",
+            "virtual_array",
             "estimators",
             "ranges",
             "radar_77ghz",
+            "double_edges",
         ]
         scripts += SCRIPTS
         for name in names or [*scripts, *near, *paper, *COMMANDS]:
@@ -85,10 +130,18 @@ def main(names: list[str]) -> None:
                 made = projections(Path(folder))
             elif name == "tapers":
                 made = tapers(Path(folder))
+            elif name == "polarised_opening":
+                made = polarised_opening(Path(folder))
+            elif name == "tolerance":
+                made = tolerance(Path(folder))
+            elif name == "virtual_array":
+                made = virtual_array(Path(folder))
             elif name in SCRIPTS:
                 made = by_script(name, Path(folder))
             elif name == "radar_77ghz":
                 made = radar(Path(folder))
+            elif name == "double_edges":
+                made = double_edges(Path(folder))
             elif name == "estimators":
                 made = estimators(Path(folder))
             elif name == "ranges":
@@ -102,7 +155,8 @@ def main(names: list[str]) -> None:
                     sys.exit(f"{name} failed")
             else:
                 made = Path(folder) / f"{name}.png"
-                if polywigner([*COMMANDS[name], "--out", str(made)]) != 0:
+                stem = name.removesuffix("_stokes").removesuffix("_polarisation")
+                if polywigner([*COMMANDS[name], "--out", str(Path(folder) / stem)]) != 0:
                     sys.exit(f"{name} failed")
             reduce(made, IMAGES / f"{name}.png", SMALLER.get(name, LARGEST))
             if name in README:
@@ -220,6 +274,12 @@ def radar(folder: Path) -> Path:
     return out
 
 
+def double_edges(folder: Path) -> Path:
+    script = ROOT / "benchmarks" / "double_edges.py"
+    subprocess.run([sys.executable, str(script), str(folder)], check=True)
+    return folder / "double_edges.png"
+
+
 def near_field(folder: Path) -> Path:
     if not (folder / "boresight.png").exists():
         script = EXAMPLES / "near_field" / "near_field.py"
@@ -266,6 +326,88 @@ def tapers(folder: Path) -> Path:
         axes.legend(fontsize="small", loc="lower center" if axes is left else "upper left")
     figure.savefig(folder / "tapers.png", dpi=150)
     return folder / "tapers.png"
+
+
+def polarised_opening(folder: Path) -> Path:
+    """Co- and cross-polar far fields of an opening in a metal screen, and three models of it."""
+    opening = pw.shapes.rectangle(1.0, 0.7)  # wavelengths
+
+    def levels(method: str, part: str, theta: np.ndarray, phi: np.ndarray) -> np.ndarray:
+        found = pw.radiation_pattern(
+            opening, 1.0, theta, phi, polarisation="y", method=cast(Any, method)
+        )
+        power = np.abs(found[part].values) ** 2 * 4 * np.pi / found.attrs["radiated_power"]
+        return 10 * np.log10(np.maximum(power, 1e-9))
+
+    figure, (left, middle, right) = plt.subplots(1, 3, figsize=(12, 3.9), layout="constrained")
+    theta, phi = np.radians(np.arange(0, 91)), np.radians(np.arange(0, 360, 3))
+    for axes, part in ((left, "field"), (middle, "cross_field")):
+        shown = draw_disc(axes, theta, phi, levels("magnetic", part, theta, phi), -25.0, 10.0)
+        colour_bar(axes, shown, "directivity (dBi), black: -25 or less")
+        axes.set(xlabel=r"$\sin\theta\,\cos\phi$", ylabel=r"$\sin\theta\,\sin\phi$")
+    left.set_title("co-polar, magnetic currents, E along y", fontsize=10)
+    middle.set_title("cross-polar, the same", fontsize=10)
+    angle = np.radians(np.arange(-90, 90.5, 0.5))
+    models = (("magnetic", BLUE), ("huygens", GREEN), ("electric", RED))
+    for method, colour in models:
+        cut = levels(method, "field", angle, np.array([np.pi / 2]))[:, 0]
+        right.plot(np.degrees(angle), cut, color=colour, label=method)
+    crossed = levels("magnetic", "cross_field", angle, np.array([np.pi / 4]))[:, 0]
+    right.plot(np.degrees(angle), crossed, "--", color=BLUE, label="magnetic, cross")
+    right.set(xlabel="angle from the normal (degrees)", ylabel="directivity (dBi)")
+    right.set(xlim=(-90, 90), ylim=(-25, 16))
+    right.set_title("E-plane; cross-polar on the diagonal", fontsize=10)
+    right.grid(alpha=0.3)
+    right.legend(fontsize="x-small", ncols=2, loc="upper center", frameon=False)
+    figure.savefig(folder / "polarised_opening.png", dpi=150)
+    return folder / "polarised_opening.png"
+
+
+def tolerance(folder: Path) -> Path:
+    """Patterns of an array with errors, as on the page of patterns."""
+    wavelength = pw.SPEED_OF_LIGHT / 77e9
+    places = pw.arrays.grid_positions(16, 16, wavelength / 2)
+    weights = pw.arrays.window_weights((16, 16), "taylor", sll=30)
+    weights = weights * pw.arrays.steering_weights(places, (0.5, 0.0), wavelength)
+    array = pw.phased_array(pw.shapes.square(0.48 * wavelength), places, weights)
+    theta, phi = np.radians(np.arange(-90, 90.25, 0.25)), np.radians([0, 90])
+    errors = {"amplitude": 0.5, "phase": np.radians(5), "dead": 0.03}
+    found = pw.array_tolerance(array, wavelength, theta, phi, **errors)
+    title = "16 x 16 elements: 0.5 dB and 5° rms, 3 % dead"
+    draw_tolerance(found, title=title).savefig(folder / "tolerance.png")
+    return folder / "tolerance.png"
+
+
+def virtual_array(folder: Path) -> Path:
+    """The elements of a radar with three transmitters and eight receivers, and its patterns."""
+    wavelength = pw.SPEED_OF_LIGHT / 77e9
+    patch = pw.shapes.rectangle(0.48 * wavelength, 2 * wavelength)
+    sent = pw.arrays.grid_positions(3, 1, 4 * wavelength)
+    received = pw.arrays.grid_positions(8, 1, wavelength / 2)
+    rows = {
+        "virtual": (pw.arrays.virtual_array(sent, received)[0], GREEN, "two_way"),
+        "receive": (received, RED, "receive"),
+        "transmit": (sent, BLUE, "transmit"),
+    }
+    pair = pw.phased_array(patch, sent), pw.phased_array(patch, received)
+    theta = np.radians(np.arange(-90, 90.1, 0.1))
+    found = pw.two_way_pattern(*pair, wavelength, theta, 0.0)
+    figure, (left, right) = plt.subplots(1, 2, figsize=(11, 3.6), layout="constrained")
+    for row, (name, (places, colour, part)) in enumerate(rows.items()):
+        left.plot(places[:, 0] / wavelength, np.full(len(places), row), "s", color=colour, ms=5)
+        level = found[part].values[:, 0]
+        style = {"lw": 1.6 if part == "two_way" else 0.9, "zorder": 3 - row}
+        label = name if part != "two_way" else "two-way, of the virtual array"
+        right.plot(np.degrees(theta), level - level.max(), color=colour, label=label, **style)
+    left.set(xlabel="x / wavelength", ylim=(-0.6, 2.6))
+    left.set_yticks(range(3), list(rows))
+    right.set(xlabel="angle from the normal (degrees)", ylabel="level relative to the peak (dB)")
+    right.set(xlim=(-90, 90), ylim=(-50, 14))
+    right.legend(fontsize="small", loc="upper left", frameon=False)
+    for axes in (left, right):
+        axes.grid(alpha=0.3)
+    figure.savefig(folder / "virtual_array.png", dpi=150)
+    return folder / "virtual_array.png"
 
 
 def decibels(amplitudes: np.ndarray) -> np.ndarray:

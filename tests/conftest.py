@@ -4,6 +4,7 @@ cannot run is left out in one way, counted, and named at the end of the run."""
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 from collections import Counter
@@ -40,6 +41,7 @@ _LONG = (
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
     config.stash[_LEFT_OUT] = Counter()
     for name, meaning in _MARKERS.items():
         config.addinivalue_line("markers", f"{name}: {meaning}")

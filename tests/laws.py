@@ -20,7 +20,7 @@ import numpy as np
 import shapely
 
 import polywigner as pw
-from oracles import exact, golden
+from oracles import exact, kinds
 
 __all__ = [
     "SOURCES",
@@ -73,11 +73,8 @@ def _small_rings(size: float) -> list[Values]:
 
 
 _grid = pw.arrays.grid_positions
-# Those of the golden values, and what else takes a way of its own through kernels.
 SOURCES: dict[str, Callable[[], Any]] = {
-    **{
-        k: v for k, v in golden.SOURCES.items() if k not in ("coast", "1000-gon", "cuboid", "prism")
-    },
+    **kinds.SOURCES,
     "touching": lambda: pw.Array([SQUARE, SQUARE.moved((1.0, 0.0))], [1.0, 0.5 - 1.5j]),
     "overlapping": lambda: pw.Array(
         [SQUARE, SQUARE.moved((0.75, 0.5)), SQUARE.moved((1.0, 0.0))], [1.0, 1j, -0.75]

@@ -153,16 +153,3 @@ def _zeros(mi: Any) -> Any:
 
 def uniform(mi: Any, count: int, dimensions: int, seed: int) -> Any:
     return vectors(mi, "Point", np.random.default_rng(seed).uniform(size=(count, dimensions)))
-
-
-def propagating_part(source: pw.Aperture | pw.Array, cosines: int = 0) -> float:
-    """int |F|^2 cos(theta)^n over |nu| < 1/lambda, by Gauss-Legendre in polar coordinates.
-
-    The radiated power: with no cosine by the paper's flux, with one by Rayleigh-Sommerfeld I.
-    """
-    t, w = np.polynomial.legendre.leggauss(200)
-    sine, weight = (t + 1) / 2, w / 2 / WAVELENGTH**2
-    angle = np.arange(400) * (2 * np.pi / 400)  # periodic: the rectangle rule converges fast
-    nu = sine[:, None, None] / WAVELENGTH * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    density = (np.abs(pw.fourier(source, nu)) ** 2).mean(axis=1)
-    return float((density * (1 - sine**2) ** (cosines / 2) * 2 * np.pi * sine * weight).sum())

@@ -63,8 +63,9 @@ def _variable(name: str) -> str | None:
 
 
 def test_a_value_comes_back_however_large_and_whatever_is_printed() -> None:
-    found = run_apart(partial(_ones, 1 << 22), SECONDS, MEMORY)
-    assert found.shape == (1 << 22,) and (found == 1).all()
+    for modules in ((), ("numpy",), ("numpy",)):
+        found = run_apart(partial(_ones, 1 << 22), SECONDS, MEMORY, modules=modules)
+        assert found.shape == (1 << 22,) and (found == 1).all()
 
 
 def test_an_error_of_the_package_comes_back_as_it_was_raised() -> None:
@@ -72,6 +73,7 @@ def test_an_error_of_the_package_comes_back_as_it_was_raised() -> None:
         run_apart(_refuse, SECONDS, MEMORY)
 
 
+@pytest.mark.parametrize("modules", [(), ("numpy",)], ids=["fresh", "forked"])
 @pytest.mark.parametrize(
     ("function", "seconds", "failure", "text"),
     [
@@ -83,13 +85,22 @@ def test_an_error_of_the_package_comes_back_as_it_was_raised() -> None:
     ],
 )
 def test_what_goes_wrong_in_the_child_is_one_error_here(
-    function: Any, seconds: float, failure: str, text: str
+    function: Any, seconds: float, failure: str, text: str, modules: tuple[str, ...]
 ) -> None:
     begin = time.monotonic()
     with pytest.raises(ChildError, match=text) as caught:
-        run_apart(function, seconds, MEMORY)
+        run_apart(function, seconds, MEMORY, modules=modules)
     assert caught.value.failure == failure
     assert time.monotonic() - begin < PATIENCE
+
+
+def _run_again() -> int:
+    return run_apart(partial(int, "3"), SECONDS, MEMORY, modules=("numpy",))
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="limits are Unix's")
+def test_a_limited_process_starts_no_other() -> None:
+    assert run_apart(_run_again, SECONDS, MEMORY, modules=("numpy",)) == 3
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")

@@ -1,11 +1,8 @@
 """Layouts and weights of arrays: where elements are, and where the lobes then are."""
 
-from __future__ import annotations
-
 import itertools
 import sys
 from fractions import Fraction
-from typing import Any
 
 import numpy as np
 import pytest
@@ -21,19 +18,19 @@ PITCH = 0.6 * WAVELENGTH
 ROUNDING = 1e-12
 
 
-def array_factor(positions: np.ndarray, weights: Any, nu: np.ndarray) -> np.ndarray:
+def array_factor(positions, weights, nu):
     """sum_k w_k exp(-2 pi i nu.x_k), the definition."""
     return np.exp(-2j * np.pi * (nu @ np.asarray(positions).T)) @ np.asarray(weights)
 
 
-def directions(count: int, seed: int) -> np.ndarray:
+def directions(count, seed):
     s = np.random.default_rng(seed).normal(size=(count, 3))
     s[:, 2] = np.abs(s[:, 2])
     return s / np.linalg.norm(s, axis=1, keepdims=True)
 
 
 @pytest.mark.parametrize(("nx", "ny"), [(1, 1), (2, 1), (3, 4), (12, 16), (7, 7)])
-def test_a_grid_is_centred_and_its_coordinates_are_rounded_once(nx: int, ny: int) -> None:
+def test_a_grid_is_centred_and_its_coordinates_are_rounded_once(nx, ny):
     x_pitch, y_pitch = 1.9e-3, 0.1
     grid = arrays.grid_positions(nx, ny, x_pitch, y_pitch)
     assert grid.shape == (nx * ny, 2)
@@ -44,12 +41,7 @@ def test_a_grid_is_centred_and_its_coordinates_are_rounded_once(nx: int, ny: int
     assert not np.signbit(grid[grid == 0]).any()
 
 
-def test_one_pitch_makes_a_square_lattice() -> None:
-    square = arrays.grid_positions(3, 3, PITCH)
-    np.testing.assert_array_equal(square, arrays.grid_positions(3, 3, PITCH, PITCH))
-
-
-def test_inner_elements_of_a_triangular_lattice_have_six_neighbours_at_one_pitch() -> None:
+def test_inner_elements_of_a_triangular_lattice_have_six_neighbours_at_one_pitch():
     places = arrays.triangular_positions(7, 6, PITCH)
     assert len(places) == 42
     distance = np.linalg.norm(places[:, None] - places, axis=-1)
@@ -60,19 +52,7 @@ def test_inner_elements_of_a_triangular_lattice_have_six_neighbours_at_one_pitch
     assert distance[distance > 0].min() == pytest.approx(PITCH, rel=1e-12)
 
 
-def test_coordinates_of_a_triangular_lattice_are_whole_quarters_of_the_pitch() -> None:
-    places = arrays.triangular_positions(5, 4, 1.9e-3, 1.7e-3)
-    for x, y in places:
-        column, row = round(4 * x / 1.9e-3), round(2 * y / 1.7e-3)
-        assert x == float(Fraction(column, 4) * Fraction(1.9e-3))
-        assert y == float(Fraction(row, 2) * Fraction(1.7e-3))
-    np.testing.assert_allclose(places.mean(axis=0), 0, atol=1e-18)
-    np.testing.assert_array_equal(
-        arrays.triangular_positions(4, 1, PITCH), arrays.grid_positions(4, 1, PITCH)
-    )
-
-
-def test_rings_are_regular_polygons() -> None:
+def test_rings_are_regular_polygons():
     places = arrays.ring_positions([0.0, 1e-3, 2e-3], [1, 6, 12])
     radius = np.hypot(*places.T)
     np.testing.assert_allclose(radius, np.repeat([0, 1e-3, 2e-3], [1, 6, 12]), rtol=1e-14)
@@ -84,9 +64,7 @@ def test_rings_are_regular_polygons() -> None:
 
 
 @pytest.mark.parametrize("s", directions(4, seed=1))
-def test_a_steered_array_peaks_towards_the_direction_and_at_its_grating_lobes(
-    s: np.ndarray,
-) -> None:
+def test_a_steered_array_peaks_towards_the_direction_and_at_its_grating_lobes(s):
     places = arrays.grid_positions(12, 16, PITCH)
     weights = arrays.steering_weights(places, s, WAVELENGTH)
     np.testing.assert_allclose(np.abs(weights), 1, rtol=1e-15)
@@ -102,24 +80,12 @@ def test_a_steered_array_peaks_towards_the_direction_and_at_its_grating_lobes(
     )
 
 
-def test_rows_of_slits_and_elements_in_space_are_steered_too() -> None:
-    s = np.array([0.48, -0.6, 0.64])
-    row = arrays.grid_positions(9, 1, PITCH)[:, 0]
-    weights = arrays.steering_weights(row, s[0], WAVELENGTH)
-    np.testing.assert_allclose(
-        array_factor(row[:, None], weights, np.array([s[0] / WAVELENGTH])), 9, rtol=ROUNDING
-    )
-    space = np.random.default_rng(4).normal(size=(20, 3)) * 5e-3
-    weights = arrays.steering_weights(space, s, WAVELENGTH)
-    np.testing.assert_allclose(array_factor(space, weights, s / WAVELENGTH), 20, rtol=ROUNDING)
-
-
-def test_waves_of_a_focused_array_arrive_in_phase() -> None:
+def test_waves_of_a_focused_array_arrive_in_phase():
     places = arrays.grid_positions(16, 16, PITCH)
     focus = np.array([5e-3, -8e-3, 60e-3])
     weights = arrays.focusing_weights(places, focus, WAVELENGTH)
 
-    def field(point: np.ndarray) -> complex:
+    def field(point):
         distance = np.sqrt(((point[:2] - places) ** 2).sum(-1) + point[2] ** 2)
         return complex((weights * np.exp(2j * np.pi * distance / WAVELENGTH) / distance).sum())
 
@@ -132,14 +98,7 @@ def test_waves_of_a_focused_array_arrive_in_phase() -> None:
     assert np.abs(aside).max() < abs(at_focus)
 
 
-def test_focusing_far_away_is_steering() -> None:
-    places = arrays.grid_positions(8, 8, PITCH)
-    s = np.array([0.6, 0.0, 0.8])
-    far = arrays.focusing_weights(places, 1e9 * s, WAVELENGTH)
-    np.testing.assert_allclose(far, arrays.steering_weights(places, s, WAVELENGTH), atol=ROUNDING)
-
-
-def sidelobes(weights: np.ndarray) -> np.ndarray:
+def sidelobes(weights):
     """Levels in dB of all sidelobes of a row, up to half the distance to its grating lobe."""
     row = np.arange(len(weights)) - (len(weights) - 1) / 2
     pattern = np.abs(array_factor(row[:, None], weights, np.linspace(0, 0.5, 20001)[:, None]))
@@ -149,24 +108,24 @@ def sidelobes(weights: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("count", "sll"), [(16, 20.0), (17, 30.0), (32, 40.0), (64, 60.0)])
-def test_all_sidelobes_of_a_chebyshev_array_are_equal(count: int, sll: float) -> None:
+def test_all_sidelobes_of_a_chebyshev_array_are_equal(count, sll):
     levels = sidelobes(arrays.window_weights(count, "chebyshev", sll=sll))
     assert len(levels) >= count // 2 - 4
     np.testing.assert_allclose(levels, -sll, atol=1e-3)
 
 
 @pytest.mark.parametrize(("sll", "nbar"), [(25.0, 4), (30.0, 4), (40.0, 7)])
-def test_sidelobes_of_a_taylor_array_stay_below_what_was_asked_for(sll: float, nbar: int) -> None:
+def test_sidelobes_of_a_taylor_array_stay_below_what_was_asked_for(sll, nbar):
     levels = sidelobes(arrays.window_weights(64, "taylor", sll=sll, nbar=nbar))
     assert -sll - 1 < levels.max() < -sll + 0.2
 
 
-def test_a_hamming_array_has_its_known_sidelobes_and_a_uniform_one_those_of_a_sinc() -> None:
+def test_a_hamming_array_has_its_known_sidelobes_and_a_uniform_one_those_of_a_sinc():
     assert sidelobes(arrays.window_weights(200, "hamming")).max() == pytest.approx(-42.7, abs=0.5)
     assert sidelobes(arrays.window_weights(200, "uniform")).max() == pytest.approx(-13.26, abs=0.01)
 
 
-def test_the_taper_of_a_grid_is_separable_and_in_the_order_of_its_positions() -> None:
+def test_the_taper_of_a_grid_is_separable_and_in_the_order_of_its_positions():
     nx, ny = 12, 5
     weights = arrays.window_weights((nx, ny), ("taylor", "chebyshev"), sll=25, nbar=3)
     along_x = arrays.window_weights(nx, "taylor", sll=25, nbar=3)
@@ -179,7 +138,7 @@ def test_the_taper_of_a_grid_is_separable_and_in_the_order_of_its_positions() ->
     assert (arrays.window_weights((3, 1), "hamming") == arrays.window_weights(3, "hamming")).all()
 
 
-def test_thinning_keeps_positions_as_they_are_and_repeats_itself() -> None:
+def test_thinning_keeps_positions_as_they_are_and_repeats_itself():
     full = arrays.grid_positions(20, 20, PITCH)
     some = arrays.thinned(full, 0.4, seed=3)
     assert {tuple(p) for p in some} < {tuple(p) for p in full}
@@ -188,29 +147,11 @@ def test_thinning_keeps_positions_as_they_are_and_repeats_itself() -> None:
     np.testing.assert_array_equal(arrays.thinned(full, 1.0, seed=0), full)
 
 
-def test_the_mean_pattern_of_thinned_arrays_is_the_tapered_one_plus_a_floor() -> None:
-    full = arrays.grid_positions(10, 10, PITCH)
-    taper = arrays.window_weights((10, 10), "hamming")
-    fill = 0.25
-    kept = taper * fill / taper.mean()
-    nu = np.random.default_rng(0).uniform(-0.5, 0.5, (40, 2)) / PITCH
-    nu[0] = 0
-    draws = 2000
-    total = np.zeros(len(nu))
-    for seed in range(draws):
-        places = arrays.thinned(full, fill, seed, taper)
-        total += np.abs(array_factor(places, np.ones(len(places)), nu)) ** 2
-    expected = np.abs(array_factor(full, kept, nu)) ** 2 + (kept * (1 - kept)).sum()
-    # |AF|^2 is about exponential away from the main lobe: its mean is good to 1/sqrt(draws), 2.2 %
-    np.testing.assert_allclose(total / draws, expected, rtol=5 * 0.022)
-    assert total[0] / draws == pytest.approx(expected[0], rel=0.02)
-
-
 @pytest.mark.parametrize(
     ("make", "complaint"),
     [
         (lambda: arrays.grid_positions(0, 3, 1.0), "nx"),
-        (lambda: arrays.grid_positions(3, 2.0, 1.0), "ny"),  # type: ignore[arg-type]
+        (lambda: arrays.grid_positions(3, 2.0, 1.0), "ny"),
         (lambda: arrays.grid_positions(3, 3, 0.0), "pitch_x"),
         (lambda: arrays.grid_positions(3, 3, 1.0, -1.0), "pitch_y"),
         (lambda: arrays.grid_positions(2000, 2000, 1.0), "1048576 elements"),
@@ -238,45 +179,36 @@ def test_the_mean_pattern_of_thinned_arrays_is_the_tapered_one_plus_a_floor() ->
         (lambda: arrays.focusing_weights([[0, 0]], (0, 0, 0), 1.0), "z above zero"),
         (lambda: arrays.focusing_weights([[0, 0]], (0, 0), 1.0), "point"),
         (lambda: arrays.window_weights(4, "kaiser"), "one of the windows uniform, taylor"),
-        (lambda: arrays.window_weights((4, 4, 4), "taylor"), "shape"),  # type: ignore[arg-type]
-        (lambda: arrays.window_weights((4, 4), ("taylor",)), "2 windows"),  # type: ignore[arg-type]
+        (lambda: arrays.window_weights((4, 4, 4), "taylor"), "shape"),
+        (lambda: arrays.window_weights((4, 4), ("taylor",)), "2 windows"),
         (lambda: arrays.window_weights(0, "taylor"), "shape"),
         (lambda: arrays.window_weights(4, "taylor", sll=-25), "25 for|30 for"),
         (lambda: arrays.window_weights(4, "taylor", nbar=0), "nbar"),
     ],
 )
-def test_layouts_and_weights_out_of_range_are_refused(make: Any, complaint: str) -> None:
+def test_layouts_and_weights_out_of_range_are_refused(make, complaint):
     with pytest.raises(ArgumentError, match=complaint):
         make()
 
 
-def test_without_scipy_windows_name_the_extra_that_brings_it(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_without_scipy_windows_name_the_extra_that_brings_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "scipy.signal.windows", None)
     with pytest.raises(MissingExtraError, match=r'pip install "\.\[arrays\]"'):
         arrays.window_weights(8, "taylor")
     assert len(arrays.window_weights(8, "hamming")) == 8
 
 
-@pytest.mark.parametrize("sll", [0.1, 1.0, 5.0])
-def test_the_largest_amplitude_is_one_also_where_it_was_negative(sll: float) -> None:
-    weights = arrays.window_weights(16, "taylor", sll=sll)
-    assert np.abs(weights).max() == 1
-    assert weights.max() == 1
-
-
 @pytest.mark.parametrize("wavelength", [1e-320, 1e-309, 5e-324])
 @pytest.mark.filterwarnings("error")
-def test_wavelengths_too_small_for_phases_are_refused(wavelength: float) -> None:
+def test_wavelengths_too_small_for_phases_are_refused(wavelength):
     places = arrays.grid_positions(2, 2, 10.0)
-    with pytest.raises(ArgumentError, match="expected a wavelength in metres"):
+    with pytest.raises(ArgumentError, match=r"expected wavelength .* unit"):
         arrays.steering_weights(places, (0.6, 0.0, 0.8), wavelength)
-    with pytest.raises(ArgumentError, match="expected a wavelength in metres"):
+    with pytest.raises(ArgumentError, match=r"expected wavelength .* unit"):
         arrays.focusing_weights(places, (1e4, 0.0, 1.0), wavelength)
 
 
-def test_thinned_elements_keep_the_weights_of_the_full_layout() -> None:
+def test_thinned_elements_keep_the_weights_of_the_full_layout():
     full = arrays.grid_positions(8, 6, 1e-3)
     weights = arrays.window_weights((8, 6), "hamming")
     kept, index = arrays.thinned(full, 0.4, seed=3, return_index=True)

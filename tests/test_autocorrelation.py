@@ -1,9 +1,6 @@
 """The autocorrelation itself against shapely and the slices, and optical transfer functions."""
 
-from __future__ import annotations
-
 import math
-from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +16,7 @@ HOLED = pw.Aperture(shapely.box(-1, -1, 1, 1) - shapely.box(-0.5, -0.5, 0.25, 0.
 SLITS = pw.Slits([[-1.0, -0.4], [0.1, 0.9]])
 
 
-def test_points_on_shared_edges_belong_to_exactly_one_tile() -> None:
+def test_points_on_shared_edges_belong_to_exactly_one_tile():
     corner = np.linspace(0, 1, 9)
     points = np.stack(np.meshgrid(corner, corner), axis=-1).reshape(-1, 2)
     tiles = [
@@ -32,20 +29,20 @@ def test_points_on_shared_edges_belong_to_exactly_one_tile() -> None:
     assert (inside <= 1).all()
 
 
-def _pupil_overlap(xi: float, waves: float, radius: float) -> complex:
+def _pupil_overlap(xi, waves, radius):
     """The defocused transfer function of the slit [-1, 1], by quadrature over the overlap."""
     nodes, weights = np.polynomial.legendre.leggauss(80)
     half = 1 - abs(xi) / 2
     x = half * nodes
 
-    def pupil(p: np.ndarray) -> np.ndarray:
+    def pupil(p):
         return np.exp(2j * math.pi * waves * p**2 / radius**2)
 
     return complex(half * weights @ (pupil(x + xi / 2) * pupil(x - xi / 2).conj())) / 2
 
 
 @pytest.mark.parametrize("waves", [0.0, 0.5, -2.0])
-def test_defocus_is_a_cut_through_the_ambiguity_function(waves: float) -> None:
+def test_defocus_is_a_cut_through_the_ambiguity_function(waves):
     slit = pw.Slits([-1, 1])
     for xi in (0.0, 0.3, -0.3, 1.1, 1.9):
         expected = _pupil_overlap(xi, waves, 1.0)
@@ -59,7 +56,7 @@ def test_defocus_is_a_cut_through_the_ambiguity_function(waves: float) -> None:
         assert stated == pytest.approx(product, abs=1e-13)
 
 
-def test_transfer_function_in_focus_is_the_normalised_overlap() -> None:
+def test_transfer_function_in_focus_is_the_normalised_overlap():
     telescope = pw.shapes.hexagonal_segments(1.0, gap=0.01)
     xi = np.random.default_rng(3).uniform(-5, 5, (50, 2))
     got = pw.otf(telescope, xi)
@@ -81,13 +78,13 @@ def test_transfer_function_in_focus_is_the_normalised_overlap() -> None:
         ({"defocus": 1e300, "pupil_radius": 1e-50}, "fewer waves"),
     ],
 )
-def test_unusable_pupils_are_refused(arguments: dict[str, Any], message: str) -> None:
+def test_unusable_pupils_are_refused(arguments, message):
     with pytest.raises(ArgumentError, match=message):
         pw.otf(HOLED, [0.1, 0.1], **arguments)
 
 
 @engines
-def test_points_that_are_no_numbers_have_no_autocorrelation(engine: str) -> None:
+def test_points_that_are_no_numbers_have_no_autocorrelation(engine):
     x = np.array([[0.7, 0.7], [np.nan, 0.0], [0.0, np.nan]])
     for xi in (np.zeros((3, 2)), np.full((3, 2), [0.0, np.nan])):
         got = pw.autocorrelation(HOLED, x, xi, engine=engine)
@@ -101,7 +98,7 @@ DISC_OF_64 = 2e-5
 """The 64-gon with the disc's area; of focused OTFs it errs by 1e-5."""
 
 
-def _defocused_otf_of_a_disc(lag: float, waves: float) -> float:
+def _defocused_otf_of_a_disc(lag, waves):
     """Of radius 1: the lens that two discs share, cut into lines along the lag (Hopkins)."""
     node, weight = np.polynomial.legendre.leggauss(120)
     half = np.sqrt(1 - lag * lag / 4)
@@ -111,7 +108,7 @@ def _defocused_otf_of_a_disc(lag: float, waves: float) -> float:
     return float(weight @ (length * np.sinc(2 * waves * lag * length) * np.cos(angle))) * half / 2
 
 
-def test_a_disc_out_of_focus_has_the_radius_that_is_told() -> None:
+def test_a_disc_out_of_focus_has_the_radius_that_is_told():
     """By default the pupil ends at the vertices, which lie outside of the disc."""
     disc = pw.shapes.disc(1.0)
     lags = np.linspace(0.05, 1.95, 20)

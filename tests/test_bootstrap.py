@@ -3,18 +3,14 @@
 The steps that download (venv, pip, LLVM) are stood in for by ones that leave their mark.
 """
 
-from __future__ import annotations
-
 import importlib.machinery
 import importlib.util
 import json
 import subprocess
 import sys
 import tomllib
-from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 
 import pytest
 
@@ -23,7 +19,7 @@ SCRIPT = Path(__file__).resolve().parent.parent / "tools" / "bootstrap"
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="make and flock are Unix's")
 
 
-def load_bootstrap() -> Any:
+def load_bootstrap():
     loader = importlib.machinery.SourceFileLoader("bootstrap", str(SCRIPT))
     specification = importlib.util.spec_from_loader("bootstrap", loader)
     assert specification is not None
@@ -35,12 +31,12 @@ def load_bootstrap() -> Any:
 class Project:
     """A project folder with the bootstrap in it, and a diary of its steps."""
 
-    def __init__(self, root: Path) -> None:
+    def __init__(self, root):
         self.module = load_bootstrap()
         self.steps: list[str] = []
         self.move(root)
 
-    def move(self, root: Path) -> None:
+    def move(self, root):
         """Point the script at another folder, as it finds itself after the project was moved."""
         self.root = root
         environment = root / ".venv"
@@ -54,7 +50,7 @@ class Project:
         self.module.bring_llvm = lambda: self.steps.append("llvm")
         self.module.say = lambda message: None
 
-    def create(self, python: str) -> None:
+    def create(self, python):
         import shutil
 
         shutil.rmtree(self.root / ".venv", ignore_errors=True)
@@ -66,10 +62,10 @@ class Project:
         (self.root / ".venv" / "bin" / "python").symlink_to(sys.executable)
         self.steps.append("create")
 
-    def install(self, group: str) -> None:
+    def install(self, group):
         self.steps.append(f"install {group}")
 
-    def set_up(self, group: str = "test", python: str | None = None) -> list[str]:
+    def set_up(self, group="test", python=None):
         """The steps that one run of the bootstrap takes."""
         self.steps = []
         done = self.module.set_up(python, group)
@@ -78,21 +74,19 @@ class Project:
 
 
 @pytest.fixture
-def project(tmp_path: Path) -> Project:
+def project(tmp_path):
     root = tmp_path / "a project"
     root.mkdir()
     (root / "pyproject.toml").write_text("[project]\n")
     return Project(root)
 
 
-def test_a_second_run_does_nothing(project: Project) -> None:
+def test_a_second_run_does_nothing(project):
     assert project.set_up() == ["create", "install test", "llvm"]
     assert project.set_up() == []
 
 
-def test_a_demo_after_the_tests_needs_nothing_and_tests_after_a_demo_only_their_tools(
-    project: Project,
-) -> None:
+def test_a_demo_after_the_tests_needs_nothing_and_tests_after_a_demo_only_their_tools(project):
     project.set_up("demo")
     assert project.set_up("test") == ["install test", "llvm"]
     assert project.set_up("demo") == []
@@ -100,19 +94,13 @@ def test_a_demo_after_the_tests_needs_nothing_and_tests_after_a_demo_only_their_
     assert project.set_up("test") == []
 
 
-def test_the_site_takes_its_tools_beside_those_that_are_there(project: Project) -> None:
-    project.set_up("dev")
-    assert project.set_up("docs") == ["install docs", "llvm"]
-    assert project.set_up("test") == project.set_up("dev") == []
-
-
-def test_every_group_installs_what_the_groups_that_it_contains_do() -> None:
+def test_every_group_installs_what_the_groups_that_it_contains_do():
     """So a set-up for one may stand in for those."""
     extras = tomllib.loads((SCRIPT.parent.parent / "pyproject.toml").read_text())["project"][
         "optional-dependencies"
     ]
 
-    def closure(names: str) -> set[str]:
+    def closure(names):
         found = set(names.split(","))
         inner = [need[11:-1] for name in found for need in extras[name] if "polywigner[" in need]
         return found.union(*map(closure, inner))
@@ -123,21 +111,15 @@ def test_every_group_installs_what_the_groups_that_it_contains_do() -> None:
         assert all(contents[part] <= contents[name] for part in contained)
 
 
-def test_a_group_beside_another_is_installed_with_it(project: Project) -> None:
-    project.set_up("docs")
-    assert project.set_up("bench") == ["install docs+bench", "llvm"]
-    assert project.set_up("bench") == project.set_up("dev") == project.set_up("docs") == []
-
-
-def test_new_requirements_are_installed_into_the_same_environment(project: Project) -> None:
+def test_new_requirements_are_installed_into_the_same_environment(project):
     project.set_up("dev")
     (project.root / "pyproject.toml").write_text("[project]\nversion = '2'\n")
     # With all the tools that were there before.
     assert project.set_up("demo") == ["install dev", "llvm"]
 
 
-def interrupted(project: Project) -> None:
-    def killed(group: str) -> None:
+def interrupted(project):
+    def killed(group):
         raise KeyboardInterrupt
 
     (project.root / "pyproject.toml").write_text("[project]\nversion = '2'\n")
@@ -147,13 +129,13 @@ def interrupted(project: Project) -> None:
     project.module.install = project.install
 
 
-def without_its_interpreter(project: Project) -> None:
+def without_its_interpreter(project):
     link = project.root / ".venv" / "bin" / "python"
     link.unlink()
     link.symlink_to("/gone/python3")
 
 
-def after_an_upgrade_of_the_system(project: Project) -> None:
+def after_an_upgrade_of_the_system(project):
     (folder,) = project.root.glob(".venv/lib/python3.*")
     folder.rename(folder.with_name("python3.10"))
     link = project.root / ".venv" / "bin" / "python"
@@ -164,24 +146,24 @@ def after_an_upgrade_of_the_system(project: Project) -> None:
     link.symlink_to(target)
 
 
-def without_a_library(project: Project) -> None:
+def without_a_library(project):
     (library,) = project.root.glob(".venv/lib/*/site-packages/mitsuba")
     library.rmdir()
 
 
-def with_a_spoilt_stamp(project: Project) -> None:
+def with_a_spoilt_stamp(project):
     (project.root / ".venv" / "polywigner-setup.json").write_text('{"project"')
 
 
-def with_a_foreign_stamp(project: Project) -> None:
+def with_a_foreign_stamp(project):
     (project.root / ".venv" / "polywigner-setup.json").write_text('["not", "ours"]')
 
 
-def made_by_hand(project: Project) -> None:
+def made_by_hand(project):
     (project.root / ".venv" / "polywigner-setup.json").unlink()
 
 
-def moved(project: Project) -> None:
+def moved(project):
     # The scripts in .venv/bin name the old place in their first line.
     project.move(project.root.rename(project.root.with_name("elsewhere")))
 
@@ -199,16 +181,14 @@ def moved(project: Project) -> None:
         moved,
     ],
 )
-def test_a_damaged_environment_is_made_anew(
-    damage: Callable[[Project], None], project: Project
-) -> None:
+def test_a_damaged_environment_is_made_anew(damage, project):
     project.set_up()
     damage(project)
     assert project.set_up() == ["create", "install test", "llvm"]
     assert project.set_up() == []
 
 
-def test_another_python_asks_for_another_environment_and_then_stays(project: Project) -> None:
+def test_another_python_asks_for_another_environment_and_then_stays(project):
     project.set_up()
     other = {"path": "/opt/python3.99", "version": "3.99.0"}
     this = project.module.python_of(None)
@@ -226,15 +206,13 @@ def test_another_python_asks_for_another_environment_and_then_stays(project: Pro
         ("false", "is not a Python that runs"),
     ],
 )
-def test_an_interpreter_that_cannot_be_used_is_one_sentence(
-    interpreter: str, complaint: str, project: Project
-) -> None:
+def test_an_interpreter_that_cannot_be_used_is_one_sentence(interpreter, complaint, project):
     with pytest.raises(project.module.SetupError, match=complaint):
         project.set_up(python=interpreter)
     assert not (project.root / ".venv").exists()
 
 
-def test_a_python_that_is_too_old_is_one_sentence(project: Project, tmp_path: Path) -> None:
+def test_a_python_that_is_too_old_is_one_sentence(project, tmp_path):
     old = tmp_path / "python3.9"
     old.write_text(f"#!/bin/sh\necho {old}\necho 3.9.2\n")
     old.chmod(0o755)
@@ -242,9 +220,7 @@ def test_a_python_that_is_too_old_is_one_sentence(project: Project, tmp_path: Pa
         project.set_up(python=str(old))
 
 
-def test_an_activated_environment_and_foreign_paths_do_not_reach_inside(
-    project: Project, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_activated_environment_and_foreign_paths_do_not_reach_inside(project, monkeypatch):
     for variable in ("PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV", "PIP_TARGET"):
         monkeypatch.setenv(variable, "/somewhere/else")
     monkeypatch.setenv("PIP_INDEX_URL", "https://index.example")
@@ -254,7 +230,7 @@ def test_an_activated_environment_and_foreign_paths_do_not_reach_inside(
     assert seen["PIP_INDEX_URL"] == "https://index.example"  # pip's own settings stay the user's
 
 
-def test_the_module_about_apt_loads_without_the_package() -> None:
+def test_the_module_about_apt_loads_without_the_package():
     """From a bare Python: nothing installed, no polywigner on the path."""
     code = (
         "import sys, importlib.machinery as m, importlib.util as u\n"
@@ -266,7 +242,7 @@ def test_the_module_about_apt_loads_without_the_package() -> None:
     assert done.stdout.split() == ["True", "False"], done.stderr
 
 
-def test_two_runs_at_once_take_turns(project: Project) -> None:
+def test_two_runs_at_once_take_turns(project):
     module: ModuleType = project.module
     other = (
         "import fcntl, os, sys\n"

@@ -1,10 +1,7 @@
 """Fields on lines, planes, hemispheres and in volumes: the same numbers wherever they are asked."""
 
-from __future__ import annotations
-
 import math
 import pickle
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,12 +9,11 @@ import pytest
 from dask.callbacks import Callback
 
 import polywigner as pw
-from polywigner.errors import ArgumentError, PolywignerError, PolywignerWarning
+from polywigner.errors import ArgumentError
 from polywigner.propagation import datasets
 from polywigner.propagation.grids import box_grid
 
 WAVELENGTH = 299792458 / 94e9
-K = 2 * math.pi / WAVELENGTH
 SQUARE = pw.shapes.square(10e-3)
 CHEVRONS = pw.shapes.chevron_pair(6e-3, 5e-3, 2e-3)
 BOX = ((-20e-3, -15e-3, 30e-3), (10e-3, 15e-3, 60e-3))
@@ -27,14 +23,14 @@ SHAPE = (4, 3, 5)
 ROUNDING = 1e-12
 
 
-def _points(found: Any) -> np.ndarray:
+def _points(found):
     """(..., 3) of a dataset, in the order of its variable's dimensions."""
     variable = next(iter(found.data_vars.values()))
     parts = [found[name].broadcast_like(variable).transpose(*variable.dims) for name in "xyz"]
     return np.stack([part.values for part in parts], axis=-1)
 
 
-def _builders(**options: Any) -> dict[str, Any]:
+def _builders(**options):
     corners = ((-10e-3, 0, 30e-3), (10e-3, 0, 30e-3), (-10e-3, 5e-3, 50e-3))
     flat = ((-5e-3, 2e-3, 30e-3), (5e-3, 2e-3, 60e-3))
     return {
@@ -49,7 +45,7 @@ def _builders(**options: Any) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("name", _builders())
-def test_values_are_those_of_irradiance_and_amplitude_at_the_points(name: str) -> None:
+def test_values_are_those_of_irradiance_and_amplitude_at_the_points(name):
     """Side by side: each variable is named after its method."""
     methods = ("wigner", "kirchhoff", "fraunhofer")
     found = _builders(method=methods)[name]()
@@ -66,24 +62,7 @@ def test_values_are_those_of_irradiance_and_amplitude_at_the_points(name: str) -
     assert found["kirchhoff"].values == pytest.approx(np.abs(expected) ** 2, rel=1e-6)
 
 
-def test_a_plane_is_a_slice_of_a_volume_at_any_resolution() -> None:
-    (x0, y0, z0), (x1, y1, z1) = BOX
-    whole = pw.volume(CHEVRONS, BOX, (5, 7, 3), WAVELENGTH, method="kirchhoff", dtype="float64")
-    middle = (z0 + z1) / 2
-    plane = pw.plane(
-        CHEVRONS, ((x0, y0, middle), (x1, y1, middle)), (9, 4), WAVELENGTH, method="kirchhoff"
-    )
-    common = whole["kirchhoff"].sel(z=middle).values[:, ::2]
-    assert plane["kirchhoff"].values[::2] == pytest.approx(common, rel=1e-9)
-    half = pw.volume(
-        CHEVRONS, ((x0, y0, z0), (x1, y1, middle)), (5, 7, 2), WAVELENGTH, method="kirchhoff",
-        dtype="float64",
-    )  # fmt: skip
-    assert half["kirchhoff"].values == pytest.approx(whole["kirchhoff"].values[..., :2], rel=1e-9)
-    assert pw.volume(CHEVRONS, BOX, (1, 1, 1), WAVELENGTH, method="fraunhofer")["z"] == middle
-
-
-def test_the_far_hemisphere_receives_the_radiated_power() -> None:
+def test_the_far_hemisphere_receives_the_radiated_power():
     """int |U|^2 r^2 dOmega, 1000 apertures away, is the power of the pattern."""
     node, weight = np.polynomial.legendre.leggauss(40)
     theta, phi, radius = (node + 1) * math.pi / 4, 2 * math.pi * np.arange(40) / 40, 10.0
@@ -97,14 +76,7 @@ def test_the_far_hemisphere_receives_the_radiated_power() -> None:
     assert power == pytest.approx(expected, rel=near)
 
 
-def test_the_phase_of_the_far_axis_advances_with_the_wave() -> None:
-    ends = ((0, 0, 2.0), (0, 0, 2.0 + WAVELENGTH / 3))
-    found = pw.line(SQUARE, ends, 2, WAVELENGTH, method="kirchhoff", quantity="phase")
-    first, last = found["kirchhoff"].values
-    assert (last - first) % (2 * math.pi) == pytest.approx(2 * math.pi / 3, abs=1e-4)
-
-
-def test_every_grid_knows_where_its_points_are() -> None:
+def test_every_grid_knows_where_its_points_are():
     builders = _builders(method="fraunhofer")
     line = builders["line"]()
     assert dict(line.sizes) == {"distance": 5}
@@ -125,17 +97,7 @@ def test_every_grid_knows_where_its_points_are() -> None:
     assert volume["x"].values[[0, -1]] == pytest.approx([-20e-3, 10e-3])
 
 
-def test_rays_and_the_far_field_share_an_obliquity_side_by_side() -> None:
-    """At 100 apertures they agree, where another obliquity differs by cos(theta)^2."""
-    how: dict[str, Any] = {"method": ("wigner", "fraunhofer"), "obliquity": "rayleigh-sommerfeld-2"}
-    found = pw.hemisphere(SQUARE, 1.0, [0.0, 0.5], 0.0, WAVELENGTH, **how)
-    assert found["wigner"].values == pytest.approx(found["fraunhofer"].values, rel=2e-2)
-    other = pw.hemisphere(SQUARE, 1.0, [0.0, 0.5], 0.0, WAVELENGTH, method="fraunhofer")
-    ratio = other["fraunhofer"].values / found["fraunhofer"].values
-    assert ratio[1, 0] == pytest.approx(math.cos(0.5) ** 2, rel=1e-9)
-
-
-def test_a_dataset_says_what_it_is_and_can_be_saved(tmp_path: Path) -> None:
+def test_a_dataset_says_what_it_is_and_can_be_saved(tmp_path):
     import xarray
 
     field = CHEVRONS.with_illumination(pw.steering((0.6, 0, 0.8), WAVELENGTH))
@@ -152,7 +114,7 @@ def test_a_dataset_says_what_it_is_and_can_be_saved(tmp_path: Path) -> None:
     assert xarray.open_dataset(tmp_path / "line.nc", engine="h5netcdf").identical(found)
 
 
-def test_a_lazy_volume_computes_only_what_is_asked_for() -> None:
+def test_a_lazy_volume_computes_only_what_is_asked_for():
     tasks: list[Any] = []
     eager = pw.volume(CHEVRONS, BOX, SHAPE, WAVELENGTH, method="kirchhoff")
     with Callback(posttask=lambda key, *_: tasks.append(key)):
@@ -166,48 +128,14 @@ def test_a_lazy_volume_computes_only_what_is_asked_for() -> None:
     assert lazy["kirchhoff"].dtype == eager["kirchhoff"].dtype == np.float32
 
 
-def test_blocks_of_any_size_give_one_volume(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Points are computed some at a time, none is left out, and memory is what a block takes."""
-    whole = pw.volume(CHEVRONS, BOX, SHAPE, WAVELENGTH, method="fraunhofer", dtype="float64")
-    monkeypatch.setattr(datasets, "_BLOCK", 7)
-    parts = pw.volume(CHEVRONS, BOX, SHAPE, WAVELENGTH, method="fraunhofer", dtype="float64")
-    assert parts["fraunhofer"].values == pytest.approx(whole["fraunhofer"].values, rel=ROUNDING)
-
-
-def test_a_warning_of_many_blocks_is_said_once_and_to_the_caller(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(datasets, "_BLOCK", 2)
-    near = ((0, 0, 0.5 * WAVELENGTH), (0, 0, 0.9 * WAVELENGTH))
-    with pytest.warns(PolywignerWarning, match="wavelengths") as caught:
-        pw.line(SQUARE, near, 6, WAVELENGTH)
-    assert len(caught) == 1
-    assert Path(caught[0].filename) == Path(__file__)
-
-
-def test_a_block_can_be_sent_to_another_process() -> None:
+def test_a_block_can_be_sent_to_another_process():
     settings = datasets.checked_settings(WAVELENGTH, {"method": "fraunhofer"})
     block = datasets.FieldBlock(CHEVRONS, box_grid(BOX, SHAPE), "fraunhofer", settings)
     there = pickle.loads(pickle.dumps(block))
     assert (there((1, 0, 2), (2, 3, 1)) == block((1, 0, 2), (2, 3, 1))).all()
 
 
-def test_a_stored_volume_is_the_eager_one_and_is_taken_up(tmp_path: Path) -> None:
-    how: dict[str, Any] = {"method": "kirchhoff", "engine": "numpy"}
-    stored = pw.volume(CHEVRONS, BOX, SHAPE, WAVELENGTH, chunks=3, out=tmp_path / "v", **how)
-    eager = pw.volume(CHEVRONS, BOX, SHAPE, WAVELENGTH, **how)
-    assert stored["kirchhoff"].values == pytest.approx(eager["kirchhoff"].values, rel=1e-6)
-    assert stored["kirchhoff"].attrs["units"] == "W m-2"
-    assert stored.attrs["wavelength"] == WAVELENGTH
-    again = pw.volume(CHEVRONS, BOX, SHAPE, WAVELENGTH, chunks=3, out=tmp_path / "v", **how)
-    assert (again["kirchhoff"].values == stored["kirchhoff"].values).all()
-    with pytest.raises(PolywignerError, match="wavelength"):
-        pw.volume(CHEVRONS, BOX, SHAPE, 2 * WAVELENGTH, chunks=3, out=tmp_path / "v", **how)
-
-
-def test_a_bar_is_drawn_on_request_and_never_into_a_pipe(
-    capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_bar_is_drawn_on_request_and_never_into_a_pipe(capfd, monkeypatch):
     builders = _builders(method="fraunhofer")
     builders["volume"]()
     assert capfd.readouterr() == ("", "")
@@ -243,10 +171,7 @@ REFUSED: dict[str, tuple[Any, str]] = {
     "a point": (lambda: pw.line(SQUARE, ((0, 0, 1), (0, 0, 1)), 2, 1.0), "twice"),
     "the horizon": (lambda: pw.hemisphere(SQUARE, 1.0, math.pi / 2, 0.0, 1.0), "z > 0"),
     "a negative radius": (lambda: pw.hemisphere(SQUARE, -1.0, 0.0, 0.0, 1.0), "radius"),
-    "two coordinates": (
-        lambda: pw.hemisphere(SQUARE, 1.0, 0.0, 0.0, 1.0, centre=(0, 0)),  # type: ignore[arg-type]
-        "centre",
-    ),
+    "two coordinates": (lambda: pw.hemisphere(SQUARE, 1.0, 0.0, 0.0, 1.0, centre=(0, 0)), "centre"),
     "a method": (lambda: pw.line(SQUARE, BOX, 2, 1.0, method="bpm"), "kirchhoff"),
     "a method twice": (
         lambda: pw.line(SQUARE, BOX, 2, 1.0, method=("wigner", "wigner")),
@@ -254,12 +179,9 @@ REFUSED: dict[str, tuple[Any, str]] = {
     ),
     "no method": (lambda: pw.line(SQUARE, BOX, 2, 1.0, method=()), "one method"),
     "a ray's phase": (lambda: pw.line(SQUARE, BOX, 2, 1.0, quantity="phase"), "a phase"),
-    "a quantity": (lambda: pw.line(SQUARE, BOX, 2, 1.0, quantity="flux"), "irradiance"),  # type: ignore[arg-type]
-    "an option": (lambda: pw.line(SQUARE, BOX, 2, 1.0, methods="wigner"), "options among"),  # type: ignore[call-arg]
-    "a second order": (
-        lambda: pw.volume(SQUARE, BOX, SHAPE, 1.0, order=2, chunks=2),
-        "1 or 3",
-    ),
+    "a quantity": (lambda: pw.line(SQUARE, BOX, 2, 1.0, quantity="flux"), "irradiance"),
+    "an option": (lambda: pw.line(SQUARE, BOX, 2, 1.0, methods="wigner"), "options among"),
+    "a second order": (lambda: pw.volume(SQUARE, BOX, SHAPE, 1.0, order=2, chunks=2), "1 or 3"),
     "an obliquity": (
         lambda: pw.volume(SQUARE, BOX, SHAPE, 1.0, obliquity="cosine", chunks=2),
         "obliquity",
@@ -284,9 +206,7 @@ REFUSED: dict[str, tuple[Any, str]] = {
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_what_is_no_place_or_method_is_refused_in_words(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_is_no_place_or_method_is_refused_in_words(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     call, words = REFUSED[name]
     with pytest.raises(ArgumentError, match=words) as caught:

@@ -13,7 +13,6 @@ from polywigner.cli import main
 
 Captured = pytest.CaptureFixture[str]
 
-RING = "0,0\n1,0\n1,1\n"
 GEOJSON = '{{"type": "Polygon", "coordinates": [[{0}]]}}'
 WIGNER = """<shape type="wigner" id="tx">
     <string name="aperture" value="square.wkt"/>
@@ -236,6 +235,16 @@ BAD: dict[str, str] = {
         --format zip => --format | zip | nc, zarr, vti
         --format vti => --format | --plane
         --wavelength "3 mm" => both
+        --obstacle absent.stl => absent.stl
+        --obstacle empty.csv => --obstacle
+        --obstacle second.wkt => second.wkt
+        --obstacle "square.wkt at 1 mm, 2 mm" => --obstacle | a point
+        --obstacle "square.wkt at 1 mm, 2 mm, 3 furlong" => --obstacle | furlong
+        --obstacle "square.wkt at 0 mm, 0 mm, 9 mm towards 3 deg" => --obstacle | a direction
+        --obstacle "square.wkt at 0 mm, 0 mm, 9 mm" --method wigner => obstacles | 'wigner'
+        --obstacle "square.wkt at 0 mm, 0 mm, 9 mm" --bandwidth "1 GHz" => one wavelength
+        --obstacle "square.wkt at 0 mm, 0 mm, 9 mm" --obstacle-unit ell => ell
+        --obstacle-unit mm => --obstacle-unit | alone
     """,
     'propagate square.wkt --frequency "94 GHz"': """
          => --line | --hemisphere | got none
@@ -284,6 +293,21 @@ BAD: dict[str, str] = {
         --step "0.01 deg" => or more
         --power "10 dB" => power
         --format zip => --format
+        --polarisation up => 45 deg
+        --method kirchhoff => huygens
+        --method electric --obliquity kirchhoff => --obliquity or --method
+    """,
+    'rays square.wkt --wavelength "3.2 mm"': """
+        --count 0 => count
+        --count 200 --sampling sobol => sampling
+        --count 200 --directions all => directions
+        --count 200 --cone "100 deg" => cone
+        --count 200 --cone wide => angle
+        --count 200 --power much => power
+        --count 200 --format txt => --format
+        --count 200 --split => --split
+        --count 200 --obliquity lambert => obliquity
+        --count 200 --seed -1 => seed
     """,
     "render": """
         absent.xml => absent.xml

@@ -1,9 +1,6 @@
 """``polywigner propagate``: its files and its table hold the fields, at the places asked for."""
 
-from __future__ import annotations
-
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,7 +14,6 @@ from polywigner.quantities import wavelength_of
 xarray = pytest.importorskip("xarray")
 pytest.importorskip("h5netcdf")
 
-Captured = pytest.CaptureFixture[str]
 
 WAVELENGTH = 299_792_458 / 94e9
 SQUARE = pw.shapes.square(10e-3)
@@ -28,13 +24,13 @@ ROUNDING = 1e-12
 
 
 @pytest.fixture
-def square(tmp_path: Path) -> Path:
+def square(tmp_path):
     path = tmp_path / "square.wkt"
     path.write_text("POLYGON ((-5 -5, 5 -5, 5 5, -5 5, -5 -5))")
     return path
 
 
-def propagated(path: Path, *options: str) -> object:
+def propagated(path, *options):
     stem = path.parent / "out" / "field"
     assert main(["propagate", str(path), *FREQUENCY, "--out", str(stem), *options]) == 0
     assert stem.with_suffix(".png").read_bytes().startswith(b"\x89PNG")
@@ -42,7 +38,7 @@ def propagated(path: Path, *options: str) -> object:
         return found.load()
 
 
-def points_of(found: object) -> np.ndarray:
+def points_of(found):
     variable = next(iter(found.data_vars.values()))
     parts = [found[name].broadcast_like(variable).transpose(*variable.dims) for name in "xyz"]
     return np.stack([part.values for part in parts], axis=-1)
@@ -57,7 +53,7 @@ PLACES = {
 
 
 @pytest.mark.parametrize("place", PLACES)
-def test_the_values_are_those_of_irradiance_at_the_places(place: str, square: Path) -> None:
+def test_the_values_are_those_of_irradiance_at_the_places(place, square):
     where, samples = PLACES[place]
     found = propagated(
         square, f"--{place}", where, "--samples", samples, "--method", "wigner kirchhoff 3",
@@ -75,7 +71,7 @@ def test_the_values_are_those_of_irradiance_at_the_places(place: str, square: Pa
         assert found[name].attrs["units"] == "W m-2"
 
 
-def test_places_are_where_they_were_asked_for(square: Path) -> None:
+def test_places_are_where_they_were_asked_for(square):
     found = propagated(square, "--arc", "50 mm, 30 deg, 60 deg", "--samples", "3",
                        "--method", "fraunhofer")  # fmt: skip
     s, c = 50e-3 * np.sin(np.pi / 3), 50e-3 * np.cos(np.pi / 3)
@@ -84,7 +80,7 @@ def test_places_are_where_they_were_asked_for(square: Path) -> None:
     np.testing.assert_allclose(points_of(found).reshape(3, 3), expected, atol=1e-12)
 
 
-def test_complex_fields_are_written_with_their_phase(square: Path) -> None:
+def test_complex_fields_are_written_with_their_phase(square):
     found = propagated(square, "--plane", "-20 mm to 20 mm, -20 mm to 20 mm, 40 mm", "--samples",
                        "5 x 4", "--method", "kirchhoff", "--amplitude")  # fmt: skip
     field = found["kirchhoff_real"].values + 1j * found["kirchhoff_imag"].values
@@ -100,8 +96,8 @@ def test_complex_fields_are_written_with_their_phase(square: Path) -> None:
     ],
 )
 def test_a_plane_is_an_image_for_others_where_it_is_in_space(
-    plane: str, samples: str, extent: str, origin: str, square: Path
-) -> None:
+    plane, samples, extent, origin, square
+):
     propagated(square, "--plane", plane, "--samples", samples, "--method", "fraunhofer",
                "--format", "vti", "--format", "nc")  # fmt: skip
     header = (square.parent / "out" / "field.vti").read_text("latin-1")
@@ -111,7 +107,7 @@ def test_a_plane_is_an_image_for_others_where_it_is_in_space(
 ARC = ("--arc", "50 mm", "--samples", "5", "--method", "kirchhoff")
 
 
-def test_a_store_holds_the_same_complex_fields_as_other_formats(square: Path) -> None:
+def test_a_store_holds_the_same_complex_fields_as_other_formats(square):
     pytest.importorskip("zarr")
     formats = ("--format", "zarr", "--format", "nc")
     split = propagated(square, *ARC, "--amplitude", *formats)
@@ -127,7 +123,7 @@ def test_a_store_holds_the_same_complex_fields_as_other_formats(square: Path) ->
     assert names == ["field.nc", "field.png", "field.zarr"]
 
 
-def test_a_store_of_hours_of_work_is_not_replaced(square: Path, capfd: Captured) -> None:
+def test_a_store_of_hours_of_work_is_not_replaced(square, capfd):
     pytest.importorskip("zarr")
     store = square.parent / "out" / "field.zarr"
     box = ((-0.02, -0.02, 0.04), (0.02, 0.02, 0.06))
@@ -139,7 +135,7 @@ def test_a_store_of_hours_of_work_is_not_replaced(square: Path, capfd: Captured)
     assert list(store.parent.iterdir()) == [store]
 
 
-def test_a_file_in_the_place_of_a_store_is_left_alone(square: Path, capfd: Captured) -> None:
+def test_a_file_in_the_place_of_a_store_is_left_alone(square, capfd):
     pytest.importorskip("zarr")
     store = square.parent / "field.zarr"
     store.touch()
@@ -149,7 +145,7 @@ def test_a_file_in_the_place_of_a_store_is_left_alone(square: Path, capfd: Captu
     assert sorted(path.name for path in store.parent.iterdir()) == ["field.zarr", "square.wkt"]
 
 
-def test_the_table_says_how_far_methods_are_apart(square: Path, capfd: Captured) -> None:
+def test_the_table_says_how_far_methods_are_apart(square, capfd):
     found = propagated(
         square, "--line", "0 mm, 0 mm, 60 mm to 0 mm, 0 mm, 90 mm", "--samples", "4",
         "--method", "wigner", "--method", "rayleigh-sommerfeld-1", "--method", "fraunhofer",
@@ -169,14 +165,14 @@ def test_the_table_says_how_far_methods_are_apart(square: Path, capfd: Captured)
     ]
 
 
-def test_another_method_can_be_compared_with(square: Path, capfd: Captured) -> None:
+def test_another_method_can_be_compared_with(square, capfd):
     options = ("--line", "0 mm, 0 mm, 60 mm to 0 mm, 0 mm, 90 mm", "--samples", "2")
     propagated(square, *options, "--method", "wigner 3", "--method", "fraunhofer",
                "--against", "wigner 3")  # fmt: skip
     assert "Differences from wigner-3" in capfd.readouterr().out
 
 
-def test_tapers_arrays_and_steering_are_those_of_other_commands(square: Path) -> None:
+def test_tapers_arrays_and_steering_are_those_of_other_commands(square):
     found = propagated(
         square, "--array", "3 x 2, 12 mm", "--taper", "cosine", "--steering", "20 deg, 90 deg",
         "--arc", "500 mm, 90 deg, 40 deg", "--samples", "81", "--method", "fraunhofer",
@@ -193,7 +189,7 @@ def test_tapers_arrays_and_steering_are_those_of_other_commands(square: Path) ->
     np.testing.assert_allclose(found["fraunhofer"], expected, rtol=0, atol=ROUNDING * scale)
 
 
-def test_texts_of_places_say_what_they_show() -> None:
+def test_texts_of_places_say_what_they_show():
     texts = dict.fromkeys(PLACES)
     line = parse_place({**texts, "line": "1 mm,0,.002 to 0 mm , -2 mm, 0.1 m"}, None)
     assert line.points == ((1e-3, 0.0, 2e-3), (0.0, -2e-3, 0.1))
@@ -215,13 +211,13 @@ def test_texts_of_places_say_what_they_show() -> None:
         ("hemisphere", "120 um", "hemisphere of radius 120 µm"),
     ],
 )
-def test_a_picture_says_where_its_field_is(kind: str, text: str, expected: str) -> None:
+def test_a_picture_says_where_its_field_is(kind, text, expected):
     kinds = ("line", "arc", "plane", "hemisphere")
     place = parse_place({name: text if name == kind else None for name in kinds}, None)
     assert place_text(place) == expected
 
 
-def test_a_picture_says_source_and_frequency_and_cuts_a_long_name() -> None:
+def test_a_picture_says_source_and_frequency_and_cuts_a_long_name():
     metres = wavelength_of(94e9)
     assert field_title("folder/horn.dxf", metres) == "horn.dxf, 94 GHz (wavelength 3.189 mm)"
     assert frequency_text(wavelength_of(1e12)) == "1 THz"
@@ -229,3 +225,39 @@ def test_a_picture_says_source_and_frequency_and_cuts_a_long_name() -> None:
     long = short_name(f"{'antenna' * 9}.geojson")
     assert len(long) == 32
     assert long.endswith("…nna.geojson")
+
+
+BOX = pw.Polyhedron(
+    [(x, y, z) for z in (0.02, 0.03) for y in (-0.01, 0.02) for x in (-0.01, 0.01)],
+    [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]],
+)
+
+
+def write_box(path):
+    """The box in cm, 5 cm before its place."""
+    corners = ["v {} {} {}".format(*(100 * v - (0, 0, 5))) for v in BOX.vertices]
+    faces = ["f " + " ".join(str(k + 1) for k in face) for face in BOX.faces]
+    path.write_text("\n".join(corners + faces))
+
+
+def test_fields_behind_meshes_and_plates_are_those_of_irradiance(square):
+    write_box(square.parent / "box.obj")
+    plate = f"{square} at 5 mm, 0 mm, 50 mm towards 90 deg, 90 deg"
+    found = propagated(
+        square, "--plane", "-20 mm to 20 mm, 0 mm, 16 mm to 60 mm", "--samples", "5 x 4",
+        "--obstacle", f"{square.parent / 'box.obj'} at 0 mm, 0 mm, 50 mm",
+        "--obstacle-unit", "cm", "--engine", "numpy",
+    )  # fmt: skip
+    assert tuple(found.data_vars) == ("rayleigh-sommerfeld-1",)
+    how = {"method": "auto", "engine": "numpy"}
+    values = found["rayleigh-sommerfeld-1"]
+    expected = pw.irradiance(SQUARE, points_of(found), WAVELENGTH, obstacles=BOX, **how)
+    np.testing.assert_allclose(values, expected, rtol=1e-6, atol=1e-9)
+    found = propagated(square, "--line", "0 mm, 0 mm, 70 mm to 20 mm, 5 mm, 70 mm", "--samples",
+                       "4", "--obstacle", plate, "--engine", "numpy")  # fmt: skip
+    # x stays x where z is turned into y, and y into -z
+    pose = [[1, 0, 0, 5e-3], [0, 0, 1, 0], [0, -1, 0, 50e-3], [0, 0, 0, 1]]
+    expected = pw.irradiance(
+        SQUARE, points_of(found), WAVELENGTH, obstacles=SQUARE.placed(pose), **how
+    )
+    np.testing.assert_allclose(found["rayleigh-sommerfeld-1"], expected, rtol=1e-6, atol=1e-9)

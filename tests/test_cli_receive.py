@@ -14,7 +14,6 @@ from PIL import Image
 
 import polywigner as pw
 from polywigner.cli import main
-from polywigner.figures import DirectArrival, draw_arrivals
 
 pytestmark = pytest.mark.drjit
 
@@ -112,9 +111,16 @@ def test_the_example_is_received_and_its_map_adds_up(tmp_path: Path) -> None:
     assert 0 < 3 * found["standard_error_w"] < found["scattered_w"] < found["direct_w"]
 
     from polywigner.mitsuba import load_scene
-    from polywigner.mitsuba.received_power import arrival_map
+    from polywigner.mitsuba.received_power import arrival_map, shapes_in
 
-    total = arrival_map(load_scene(EXAMPLE, "llvm_ad_mono"), 0).sum()
+    scene = load_scene(EXAMPLE, "llvm_ad_mono")
+    picture = arrival_map(scene, 0)
+    total = picture.sum()
+    # the receiver stands above the floor, with the box at its right
+    places = shapes_in(scene, 0, picture)
+    assert list(places) == ["floor", "box"]
+    assert abs(places["floor"][0]) < 0.05 and -0.6 < places["floor"][1] < -0.3
+    assert -0.3 < places["box"][0] < -0.05 and -0.5 < places["box"][1] < -0.1
     # 64 samples of each pixel
     assert total == pytest.approx(found["scattered_w"], abs=5 * found["standard_error_w"])
 
@@ -148,7 +154,7 @@ LAMP = """<scene version="3.0.0">
 
 @pytest.mark.parametrize(
     ("command", "right", "above"),
-    [("receive", 0.5, 0.25), ("render", 0.5, 0.25), ("render", -0.25, -0.5)],
+    [("receive", 0.5, 0.25), ("render", -0.25, -0.5)],
 )
 def test_pictures_are_seen_as_the_receiver_sees(
     command: str, right: float, above: float, tmp_path: Path
@@ -169,20 +175,52 @@ def test_pictures_are_seen_as_the_receiver_sees(
     assert np.sign(-down) == np.sign(above)
 
 
-def test_the_axes_of_arrivals_are_direction_cosines() -> None:
-    """Reversed, so that a mark stands at its own number and at its own side."""
-    power = np.zeros((8, 8))
-    power[5, 6] = 1e-3  # s_y = 0.375, s_x = 0.625
-    figure = draw_arrivals(power, [DirectArrival((0.625, 0.375), 1e-6, "lamp")])
-    axes = figure.axes[0]
-    assert axes.get_xlabel() == "$s_x$"
-    left, right = axes.get_xlim()
-    assert left > 0 > right
-    assert axes.get_ylim()[0] < axes.get_ylim()[1]
-    (mark,) = (line for line in axes.lines if line.get_marker() == "o")
-    assert (mark.get_xdata()[0], mark.get_ydata()[0]) == (0.625, 0.375)
-    figure.canvas.draw()
-    shown = axes.images[0]
-    column, row = (8 * (np.array([0.625, 0.375]) + 1) / 2).astype(int)
-    assert shown.get_array()[row, column] == shown.get_array().max()
-    assert tuple(shown.get_extent()) == (-1, 1, -1, 1)
+WALL = """<shape type="rectangle" id="wall">
+    <transform name="to_world"><rotate y="1" angle="90"/><translate x="-0.2"/></transform>
+    <bsdf type="conductor"><string name="material" value="none"/></bsdf>
+</shape></scene>"""
+
+
+def test_a_channel_is_written_with_its_ways_and_drawn(tmp_path: Path) -> None:
+    xarray = pytest.importorskip("xarray")
+    path = scene_file(tmp_path, "rx")
+    path.write_text(path.read_text().replace("</scene>", WALL))
+    (found,) = received(
+        path, "--frequencies", "93 GHz to 95 GHz, 3", "--coherent", "--polarisation", "x"
+    )
+    with xarray.open_dataset(tmp_path / "out_channel.nc") as channel:
+        h = channel["h_real"].values + 1j * channel["h_imag"].values
+        assert channel["mirrors"].values.tolist() == ["", "wall"]
+    rows = (tmp_path / "out_channel.csv").read_text().splitlines()
+    table = [row.split(",") for row in rows[1:]]
+    assert [row[3] for row in table] == ["all", "direct", "wall"] * 3
+    assert [float(row[0]) for row in table[::3]] == [93e9, 94e9, 95e9]
+    read = np.array([complex(float(row[5]), float(row[6])) for row in table]).reshape(3, 3)
+    assert read[:, 0] == pytest.approx(h[:, 0, 0])
+    assert read[:, 1:].sum(axis=1) == pytest.approx(h[:, 0, 0])
+    assert found["power_w"] == pytest.approx(10e-3 * abs(h[1, 0, 0]) ** 2, rel=1e-5)
+    assert (tmp_path / "out_channel.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ("--frequencies", "fast"),
+        ("--frequencies", "93 GHz to 92 GHz, 3"),
+        ("--frequencies", "93 GHz to 95 GHz"),
+        ("--frequencies", "93 GHz to 95 GHz, 1000000"),
+        ("--polarisation", "x"),
+        ("--coherent", "--polarisation", "z"),
+    ],
+    ids=" ".join,
+)
+def test_frequencies_and_polarisations_that_are_none_are_refused(
+    tmp_path: Path, options: tuple[str, ...], capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = scene_file(tmp_path, "rx")
+    out = tmp_path / "out"
+    words = ["receive", str(path), "--variant", "scalar_rgb", "--out", str(out), *options]
+    assert main(words) == 2
+    err = capfd.readouterr().err
+    assert "expected" in err and err.count("\n") == 1
+    assert not list(tmp_path.glob("out*"))

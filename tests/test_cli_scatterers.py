@@ -1,9 +1,6 @@
 """``polywigner scatterers`` writes clouds, and refuses what it cannot use with one sentence."""
 
-from __future__ import annotations
-
 import csv
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -40,19 +37,19 @@ SCENE = """<scene version="3.0.0">
 
 
 @pytest.fixture
-def scene(tmp_path: Path) -> Path:
+def scene(tmp_path):
     (tmp_path / "square.wkt").write_text("POLYGON ((-1 -1, 1 -1, 1 1, -1 1, -1 -1))")
     path = tmp_path / "street.xml"
     path.write_text(SCENE)
     return path
 
 
-def run(scene: Path, *options: str) -> int:
+def run(scene, *options):
     words = ["scatterers", str(scene), "--variant", "scalar_rgb", "--count", "10", "--rays", "32"]
     return main([*words, *options])
 
 
-def test_a_cloud_is_written_and_summed_up(scene: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_cloud_is_written_and_summed_up(scene, capfd):
     out = scene.with_name("cloud.csv")
     options = ("--define", "height=2", "--velocity", "floor=0,0,-1", "--out", str(out))
     assert run(scene, *options) == 0

@@ -1,9 +1,5 @@
 """``polywigner volume``: a store that can be gone on with, a picture, and files for others."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -14,7 +10,6 @@ from polywigner.propagation.stores import one_run
 xarray = pytest.importorskip("xarray")
 pytest.importorskip("zarr")
 
-Captured = pytest.CaptureFixture[str]
 
 WAVELENGTH = 299_792_458 / 94e9
 SQUARE = pw.shapes.square(10e-3)
@@ -25,24 +20,24 @@ SINGLE = 1e-6  # values are stored in float32
 
 
 @pytest.fixture
-def square(tmp_path: Path) -> Path:
+def square(tmp_path):
     path = tmp_path / "square.wkt"
     path.write_text("POLYGON ((-5 -5, 5 -5, 5 5, -5 5, -5 -5))")
     return path
 
 
 @pytest.fixture(autouse=True)
-def few_pixels(monkeypatch: pytest.MonkeyPatch) -> None:
+def few_pixels(monkeypatch):
     monkeypatch.setattr("polywigner.figures.volumes._PIXELS", 100)
 
 
-def run(path: Path, *options: str) -> int:
+def run(path, *options):
     out = path.parent / "out" / "field"
     common = ("--frequency", "94 GHz", "--renderer", "matplotlib", "--out", str(out))
     return main(["volume", str(path), *common, *options])
 
 
-def test_the_store_holds_the_irradiance_in_the_box(square: Path, capfd: Captured) -> None:
+def test_the_store_holds_the_irradiance_in_the_box(square, capfd):
     formats = ("--format", "nc", "--format", "vti", "--format", "vti", "--format", "zarr")
     assert run(square, *SMALL, "--method", "wigner kirchhoff", *formats) == 0
     out = square.parent / "out"
@@ -61,7 +56,7 @@ def test_the_store_holds_the_irradiance_in_the_box(square: Path, capfd: Captured
     assert b'WholeExtent="0 5 0 4 0 3"' in (out / "field.vti").read_bytes()  # for ParaView
 
 
-def test_the_same_command_completes_what_is_missing(square: Path) -> None:
+def test_the_same_command_completes_what_is_missing(square):
     assert run(square, *SMALL) == 0
     store = square.parent / "out" / "field.zarr"
     before = xarray.open_zarr(store)["wigner"].load()
@@ -74,7 +69,7 @@ def test_the_same_command_completes_what_is_missing(square: Path) -> None:
     assert xarray.open_zarr(store)["wigner"].identical(before)
 
 
-def test_methods_side_by_side_have_stores_of_their_own(square: Path, capfd: Captured) -> None:
+def test_methods_side_by_side_have_stores_of_their_own(square, capfd):
     methods = ("--method", "fraunhofer", "--method", "kirchhoff")
     assert run(square, *SMALL, *methods) == 0
     printed = capfd.readouterr().out
@@ -88,7 +83,7 @@ def test_methods_side_by_side_have_stores_of_their_own(square: Path, capfd: Capt
     assert (out / "field-kirchhoff.png").exists()
 
 
-def test_a_store_of_other_settings_is_not_gone_on_with(square: Path, capfd: Captured) -> None:
+def test_a_store_of_other_settings_is_not_gone_on_with(square, capfd):
     assert run(square, *SMALL) == 0
     store = square.parent / "out" / "field.zarr"
     content = {path: path.read_bytes() for path in store.rglob("*") if path.is_file()}
@@ -97,7 +92,7 @@ def test_a_store_of_other_settings_is_not_gone_on_with(square: Path, capfd: Capt
     assert content == {path: path.read_bytes() for path in store.rglob("*") if path.is_file()}
 
 
-def test_damage_and_a_second_start_are_told_in_one_line(square: Path, capfd: Captured) -> None:
+def test_damage_and_a_second_start_are_told_in_one_line(square, capfd):
     assert run(square, *SMALL) == 0
     store = square.parent / "out" / "field.zarr"
     next((store / "wigner").rglob("c/1/0/0")).write_bytes(b"")
@@ -115,3 +110,21 @@ def test_damage_and_a_second_start_are_told_in_one_line(square: Path, capfd: Cap
         assert command() == 2
         stderr = capfd.readouterr().err
         assert "got damaged metadata" in stderr and stderr.count("\n") == 1
+
+
+def test_the_store_of_a_field_behind_an_obstacle_is_no_other_field(square, capfd):
+    plate = ("--obstacle", f"{square} at 0 mm, 0 mm, 20 mm")
+    assert run(square, *SMALL, *plate) == 0
+    found = xarray.open_zarr(square.parent / "out" / "field.zarr")["rayleigh-sommerfeld-1"]
+    pose = np.eye(4)
+    pose[2, 3] = 0.02
+    axes = np.meshgrid(*(found[name].values for name in "xyz"), indexing="ij")
+    expected = pw.irradiance(
+        SQUARE, np.stack(axes, -1), WAVELENGTH, "auto", obstacles=SQUARE.placed(pose)
+    )
+    np.testing.assert_allclose(found, expected, rtol=SINGLE, atol=SINGLE)
+    assert run(square, *SMALL, *plate) == 0
+    (square.parent / "out" / "field.png").unlink()
+    capfd.readouterr()
+    assert run(square, *SMALL, "--obstacle", f"{square} at 0 mm, 1 mm, 20 mm") == 2
+    assert "obstacles" in capfd.readouterr().err

@@ -1,14 +1,10 @@
 """CONTRIBUTING tells the truth: its walk happens, its rooms and targets exist, hooks are ours."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
 import sys
 from pathlib import Path
-from types import FrameType
-from typing import Any
 
 import polywigner
 from polywigner.cli import main
@@ -18,20 +14,20 @@ PACKAGE = Path(polywigner.__file__).resolve().parent
 TEXT = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
 
 
-def section(title: str) -> str:
+def section(title):
     return TEXT.split(f"## {title}", 1)[1].split("\n## ", 1)[0]
 
 
-def rooms_of_the_walk() -> list[str]:
+def rooms_of_the_walk():
     rows = re.findall(r"^\| `(\w+)(?:/|\.py)` \|", section("A walk"), flags=re.MULTILINE)
     return [str(room) for room in rows]
 
 
-def test_the_walk_from_file_to_picture_goes_through_its_rooms(tmp_path: Path) -> None:
+def test_the_walk_from_file_to_picture_goes_through_its_rooms(tmp_path):
     entered: list[str] = []
     inside = f"{PACKAGE}{os.sep}"
 
-    def seen(frame: FrameType, event: str, _: Any) -> None:
+    def seen(frame, event, _):
         file = frame.f_code.co_filename
         if event == "call" and file.startswith(inside):
             room = Path(file.removeprefix(inside)).parts[0].removesuffix(".py")
@@ -56,20 +52,20 @@ def test_the_walk_from_file_to_picture_goes_through_its_rooms(tmp_path: Path) ->
         assert room in later, room  # takes rooms up to this one
 
 
-def test_the_map_has_every_room() -> None:
+def test_the_map_has_every_room():
     rooms = {path.stem for path in PACKAGE.iterdir() if not path.name.startswith("_")}
     rooms -= {"py", "references"}  # marks and data
     assert set(re.findall(r"^\| `(\w+)` \|", section("The rooms"), flags=re.MULTILINE)) == rooms
 
 
-def test_every_target_of_make_is_explained_and_every_one_explained_exists() -> None:
+def test_every_target_of_make_is_explained_and_every_one_explained_exists():
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
     targets = set(re.findall(r"^([\w-]+):.* ## ", makefile, flags=re.MULTILINE)) - {"help"}
     explained = set(re.findall(r"`make ([\w-]+)`", section("Start")))
     assert targets <= explained | {"help"} and explained <= targets | {"help"}
 
 
-def test_hooks_run_what_make_runs_and_fetch_nothing() -> None:
+def test_hooks_run_what_make_runs_and_fetch_nothing():
     hooks = (ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8")
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
     assert re.findall(r"repo: (\S+)", hooks) == ["local"]

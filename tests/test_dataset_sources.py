@@ -1,10 +1,7 @@
 """Datasets say in a line which source they are of, and hold the whole of it beside."""
 
-from __future__ import annotations
-
 import json
 import shutil
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,7 +22,7 @@ AXIS = [0.0, 1e-3]
 LONGEST = 200
 
 
-def _datasets(folder: Path) -> dict[str, Any]:
+def _datasets(folder):
     how: dict[str, Any] = {"method": "fraunhofer"}
     return {
         "line": pw.line(SOURCE, BOX, 3, WAVELENGTH, **how),
@@ -40,7 +37,7 @@ def _datasets(folder: Path) -> dict[str, Any]:
     }
 
 
-def test_a_dataset_tells_its_source_in_a_line_and_gives_it_back(tmp_path: Path) -> None:
+def test_a_dataset_tells_its_source_in_a_line_and_gives_it_back(tmp_path):
     for name, found in _datasets(tmp_path).items():
         assert found.attrs["source"] == repr(SOURCE), name
         assert pw.read_source(found) == SOURCE, name
@@ -50,7 +47,7 @@ def test_a_dataset_tells_its_source_in_a_line_and_gives_it_back(tmp_path: Path) 
         assert all("polygons" not in str(value) for value in found.attrs.values()), name
 
 
-def test_fields_and_patterns_show_themselves_in_few_lines(tmp_path: Path) -> None:
+def test_fields_and_patterns_show_themselves_in_few_lines(tmp_path):
     """A line of the display for each axis, each variable and each attribute, beside five."""
     found = _datasets(tmp_path)
     assert set(found["line"].attrs) == {"wavelength", "frequency", "source"}
@@ -58,7 +55,7 @@ def test_fields_and_patterns_show_themselves_in_few_lines(tmp_path: Path) -> Non
     assert len(repr(found["pattern"]).splitlines()) <= 20
 
 
-def test_files_give_the_source_back_too(tmp_path: Path) -> None:
+def test_files_give_the_source_back_too(tmp_path):
     found = _datasets(tmp_path)
     for name in ("line", "stored volume"):
         pw.write_netcdf(found[name], tmp_path / f"{name}.nc")
@@ -67,7 +64,7 @@ def test_files_give_the_source_back_too(tmp_path: Path) -> None:
     assert pw.read_source(xarray.open_zarr(tmp_path / "w.zarr")) == SOURCE
 
 
-def test_a_source_too_long_to_keep_is_told_by_its_digest() -> None:
+def test_a_source_too_long_to_keep_is_told_by_its_digest():
     long = pw.shapes.disc(10e-3, 2000)
     found = pw.line(long, BOX, 2, WAVELENGTH, method="fraunhofer")
     assert len(found.attrs["source_sha256"]) == 64
@@ -75,7 +72,7 @@ def test_a_source_too_long_to_keep_is_told_by_its_digest() -> None:
         pw.read_source(found)
 
 
-def _made_older(store: Path) -> None:
+def _made_older(store):
     """As stores were written before the source had a variable of its own."""
     file = store / "zarr.json"
     table = json.loads(file.read_text())
@@ -90,7 +87,7 @@ def _made_older(store: Path) -> None:
     shutil.rmtree(store / "source_json")
 
 
-def test_an_older_store_is_read_and_taken_up(tmp_path: Path) -> None:
+def test_an_older_store_is_read_and_taken_up(tmp_path):
     store = tmp_path / "w.zarr"
     arguments = (AXIS, AXIS, AXIS, AXIS, store)
     values = pw.wigner_table(SOURCE, *arguments, engine="numpy")["W"].values

@@ -1,13 +1,10 @@
 """Packages that are unpacked without root stay in their folder, and are what apt's lists say; and
 nothing is installed into the system unasked."""
 
-from __future__ import annotations
-
 import hashlib
 import io
 import os
 import tarfile
-from pathlib import Path
 
 import pytest
 
@@ -18,7 +15,7 @@ from polywigner.toolchain import debian, llvm_install
 _BYTES = b"a library"
 
 
-def _archive(path: Path, *members: tuple[str, bytes, str]) -> Path:
+def _archive(path, *members):
     """A tar file of (name, type, target of a link)."""
     with tarfile.open(path, "w") as archive:
         for name, kind, target in members:
@@ -39,9 +36,7 @@ def _archive(path: Path, *members: tuple[str, bytes, str]) -> Path:
     ],
     ids=["absolute", "above", "above from within", "device"],
 )
-def test_members_out_of_place_are_refused(
-    members: list[tuple[str, bytes, str]], tmp_path: Path
-) -> None:
+def test_members_out_of_place_are_refused(members, tmp_path):
     folder = tmp_path / "tree"
     folder.mkdir()
     with pytest.raises(debian.PackageError, match=r"evil|device"):
@@ -49,7 +44,7 @@ def test_members_out_of_place_are_refused(
     assert not list(folder.rglob("evil")) and not (tmp_path / "evil").exists()
 
 
-def test_links_within_are_kept_and_links_that_lead_out_are_left_out(tmp_path: Path) -> None:
+def test_links_within_are_kept_and_links_that_lead_out_are_left_out(tmp_path):
     folder = tmp_path / "tree"
     folder.mkdir()
     members = [
@@ -67,9 +62,7 @@ def test_links_within_are_kept_and_links_that_lead_out_are_left_out(tmp_path: Pa
     assert not (folder / "lib" / "out").is_symlink() and not (tmp_path / "file").exists()
 
 
-def test_a_package_with_another_sum_than_apts_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_package_with_another_sum_than_apts_is_refused(tmp_path, monkeypatch):
     package, tool = tmp_path / "libx_1%3a2_amd64.deb", tmp_path / "apt-cache"
     package.write_bytes(_BYTES)
     monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
@@ -84,7 +77,7 @@ def test_a_package_with_another_sum_than_apts_is_refused(
             debian._check_sums([package], ["libx"], ())
 
 
-def test_folders_of_killed_runs_are_swept_and_those_of_running_ones_kept(tmp_path: Path) -> None:
+def test_folders_of_killed_runs_are_swept_and_those_of_running_ones_kept(tmp_path):
     names = [".partial-abc", ".partial-999999999-x", f".partial-{os.getpid()}-x", "native"]
     for name in names:
         (tmp_path / name).mkdir()
@@ -92,16 +85,14 @@ def test_folders_of_killed_runs_are_swept_and_those_of_running_ones_kept(tmp_pat
     assert {path.name for path in tmp_path.iterdir()} == set(names[2:])
 
 
-def test_without_a_terminal_nothing_is_installed_into_the_system_unless_told(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_without_a_terminal_nothing_is_installed_into_the_system_unless_told(monkeypatch):
     monkeypatch.setattr("sys.stdin", io.StringIO("y\n"))
     with pytest.raises(EngineError, match="--yes"):
         doctor._ask("an LLVM library")
 
 
 @pytest.mark.parametrize("answer", ["n\n", "\n", "", "y\n", "Yes\n"])
-def test_on_a_terminal_only_yes_is_consent(answer: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_on_a_terminal_only_yes_is_consent(answer, monkeypatch):
     terminal = io.StringIO(answer)
     monkeypatch.setattr(terminal, "isatty", lambda: True)
     monkeypatch.setattr("sys.stdin", terminal)

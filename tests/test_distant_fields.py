@@ -1,8 +1,5 @@
 """Phases of fields at 1e4 to 1e12 wavelengths, against fields with 40 digits."""
 
-from __future__ import annotations
-
-import warnings
 from functools import cache
 from typing import Any
 
@@ -11,9 +8,7 @@ import pytest
 
 import polywigner as pw
 from oracles.distant import distant_fields
-from oracles.references import ENGINES, numpy_and_few
-
-engines = pytest.mark.parametrize("engine", ENGINES)
+from oracles.references import numpy_and_few
 
 WAVELENGTH = 299792458 / 94e9
 ASKED = 1e-12
@@ -42,17 +37,17 @@ AXIS = np.array([0.2, 0.1, 1.0])
 DISTANCES = (1.2345e4, 1.037e8, 1.0071e12)
 
 
-def point_of(name: str, distance: float) -> np.ndarray:
+def point_of(name, distance):
     """Where the source is bright."""
     return (BEAM if name in ("steered", "array") else AXIS) * (distance * WAVELENGTH)
 
 
 @cache
-def expected(name: str, distance: float) -> dict[str, complex]:
+def expected(name, distance):
     return distant_fields(SOURCES[name], point_of(name, distance), WAVELENGTH)
 
 
-def settings(method: str, **others: Any) -> dict[str, Any]:
+def settings(method, **others):
     """Arguments of `amplitude` for one of the oracle's methods."""
     name, _, obliquity = method.partition(" ")
     return {"method": name, **({"obliquity": obliquity} if obliquity else others)}
@@ -65,7 +60,7 @@ some_compiled = pytest.mark.parametrize(
 
 @some_compiled
 @pytest.mark.parametrize("distance", DISTANCES)
-def test_phases_are_right_at_any_distance(name: str, distance: float, engine: str) -> None:
+def test_phases_are_right_at_any_distance(name, distance, engine):
     for method, value in expected(name, distance).items():
         how = settings(method, tolerance=ASKED)
         got, error = pw.amplitude(
@@ -77,7 +72,7 @@ def test_phases_are_right_at_any_distance(name: str, distance: float, engine: st
 
 
 @some_compiled
-def test_single_precision_keeps_its_tolerance_far_away(name: str, engine: str) -> None:
+def test_single_precision_keeps_its_tolerance_far_away(name, engine):
     distance = DISTANCES[1]
     points = np.tile(point_of(name, distance), (300, 1))  # enough for float32 throughout
     for method, value in expected(name, distance).items():
@@ -87,24 +82,9 @@ def test_single_precision_keeps_its_tolerance_far_away(name: str, engine: str) -
         assert np.abs(got - value).max() <= SINGLE * abs(value)
 
 
-@engines
-def test_where_single_precision_ends_its_estimate_says_so(engine: str) -> None:
-    """Two floats of 24 bits hold a distance to 2^-48, 1e-2 of a turn at 1e12 wavelengths."""
-    point = point_of("steered", DISTANCES[2]) * [0.2, -2.0, 1.0]
-    value = distant_fields(STEERED, point, WAVELENGTH)["kirchhoff"]
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        got, error = pw.amplitude(
-            STEERED, np.tile(point, (300, 1)), WAVELENGTH, "kirchhoff",
-            precision="single", engine=engine, return_error=True,
-        )  # fmt: skip
-    assert (np.abs(got - value) <= error).all()
-    assert any("miss the tolerance" in str(w.message) for w in caught)
-
-
 @pytest.mark.llvm
 @pytest.mark.parametrize("method", ["rayleigh-sommerfeld-1", "kirchhoff", "fresnel"])
-def test_derivatives_have_the_phase_of_the_field(method: str) -> None:
+def test_derivatives_have_the_phase_of_the_field(method):
     """Far along its beam a field turns with its distance: dU/dr = (ik - 1/r) U."""
     import drjit as dr
 

@@ -1,21 +1,17 @@
 """``polywigner doctor`` says what works here, and for each thing missing the command for it."""
 
-from __future__ import annotations
-
 import importlib.metadata
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
 from polywigner.cli import doctor
-from polywigner.toolchain.llvm import LLVMStatus
 from polywigner.toolchain.trials import GPUStatus
 
 
-def run(*arguments: str, **variables: str) -> subprocess.CompletedProcess[str]:
+def run(*arguments, **variables):
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     environment.pop("POLYWIGNER_NO_LLVM", None)  # a whole run may have it set
     return subprocess.run(
@@ -27,7 +23,7 @@ def run(*arguments: str, **variables: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-def row_of(output: str, subject: str) -> str:
+def row_of(output, subject):
     """The text of one row of the table, its lines joined."""
     rows: list[list[str]] = []
     for line in output.splitlines():
@@ -42,7 +38,7 @@ def row_of(output: str, subject: str) -> str:
     return found
 
 
-def test_it_names_the_library_its_version_and_the_variants(llvm: LLVMStatus) -> None:
+def test_it_names_the_library_its_version_and_the_variants(llvm):
     done = run()
     assert done.returncode == 0, done.stderr
     row = row_of(done.stdout, "engine llvm")
@@ -52,7 +48,7 @@ def test_it_names_the_library_its_version_and_the_variants(llvm: LLVMStatus) -> 
 
 
 @pytest.mark.drjit
-def test_without_llvm_all_is_well_but_slow() -> None:
+def test_without_llvm_all_is_well_but_slow():
     done = run(POLYWIGNER_NO_LLVM="1")
     assert done.returncode == 0  # the transforms work
     assert "yes" in row_of(done.stdout, "engine numpy")
@@ -65,63 +61,27 @@ def test_without_llvm_all_is_well_but_slow() -> None:
 
 @pytest.mark.slow
 @pytest.mark.drjit
-def test_a_refused_library_is_listed_with_the_reason(tmp_path: Path) -> None:
+def test_a_refused_library_is_listed_with_the_reason(tmp_path):
     old = tmp_path / "libLLVM-15.so.1"
     old.touch()
     row = row_of(run(DRJIT_LIBLLVM_PATH=str(old)).stdout, "engine llvm")
     assert f"refused {old}: LLVM 15 is too old" in row
 
 
-def test_a_library_that_cannot_be_brought_is_bad_input_not_a_crash() -> None:
+@pytest.mark.slow
+def test_a_library_that_cannot_be_brought_is_bad_input_not_a_crash():
     done = run("--install-llvm", POLYWIGNER_NO_LLVM="1")
     assert done.returncode == 2
     assert done.stderr.startswith("polywigner: error: ") and done.stderr.count("\n") == 1
 
 
-def test_the_gpu_row_tells_a_broken_driver_from_no_gpu() -> None:
-    none = doctor._gpu(GPUStatus(False, problem="no NVIDIA GPU answers", remedy="bring one"))
-    broken = doctor._gpu(GPUStatus(False, "H100, driver 470", "its kernels do not run", "update"))
-    fine = doctor._gpu(GPUStatus(True, "H100, driver 550"))
-    assert [none.works, broken.works, fine.works] == ["-", "no", "yes"]
-    assert broken.remedy == "update" and fine.found == "H100, driver 550"
-
-
-def test_a_missing_extra_is_named_with_the_command_that_brings_it(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(doctor, "_version", lambda name: None if name == "mpmath" else "1.0")
-    row = doctor._extra("test", ["pytest", "mpmath"])
-    assert row.works == "-"
-    assert row.found == "missing: mpmath"
-    assert row.remedy == 'Run `pip install ".[test]"` in a clone of polywigner.'
-
-
-def test_the_extras_are_those_of_the_package() -> None:
+def test_the_extras_are_those_of_the_package():
     subjects = {row.subject for row in doctor._extras()}
     provided = importlib.metadata.metadata("polywigner").get_all("Provides-Extra") or []
     assert subjects == {f"extra {name}" for name in provided}
 
 
-def test_a_missing_library_is_named_with_its_version_bounds(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(doctor, "_version", lambda name: None if name == "mitsuba" else "1.0")
-    (row,) = [row for row in doctor._libraries() if row.subject == "mitsuba"]
-    assert row.works == "no"
-    assert "pip install 'mitsuba" in row.remedy and "<3.10" in row.remedy
-
-
-def test_a_mitsuba_that_ends_its_process_is_reported(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(doctor, "run_probe", lambda script: (-11, "", ""))
-    row = doctor._mitsuba(LLVMStatus(True, "/x", "19"), GPUStatus(False))
-    assert row.works == "no" and "status -11" in row.found
-
-
-def test_transforms_that_do_not_work_are_a_failure(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_transforms_that_do_not_work_are_a_failure(monkeypatch, capsys):
     import polywigner as pw
 
     monkeypatch.setattr(pw, "fourier", lambda *args, **options: 3.9, raising=False)

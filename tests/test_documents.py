@@ -1,7 +1,5 @@
 """Documents agree with what they are made from: recorded benchmarks, the bibliography, the code."""
 
-from __future__ import annotations
-
 import re
 import runpy
 import subprocess
@@ -11,6 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+
+import polywigner as pw
+from polywigner.citations import METHODS
+from polywigner.cli import main
+from polywigner.errors import ArgumentError
 
 ROOT = Path(__file__).resolve().parent.parent
 FILL = ROOT / "tools" / "fill_documents.py"
@@ -22,12 +25,12 @@ OF_FEW_COLOURS = 2.3
 LABEL = re.compile(r"\(([A-Z]{1,2}\d{1,2})\)")
 
 
-def test_the_tables_of_documents_are_those_that_benchmarks_have_printed() -> None:
+def test_the_tables_of_documents_are_those_that_benchmarks_have_printed():
     done = subprocess.run([sys.executable, FILL, "--check"], capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-def test_a_table_that_somebody_has_touched_is_found(tmp_path: Path) -> None:
+def test_a_table_that_somebody_has_touched_is_found(tmp_path):
     tool = runpy.run_path(str(FILL))
     text = (ROOT / "docs" / "accuracy.md").read_text(encoding="utf-8")
     touched = text.replace("| convex, double | 6e-16", "| convex, double | 6e-17", 1)
@@ -35,7 +38,7 @@ def test_a_table_that_somebody_has_touched_is_found(tmp_path: Path) -> None:
     assert tool["filled"](text) == text == tool["filled"](touched)
 
 
-def worst(file: str, number: int, row: str) -> float:
+def worst(file, number, row):
     """The largest error of the rows of a recorded table, less the classes under limits."""
     leave_out = "cavity" if number == 1 else "thin,"
     tables = re.findall(r"(?:^\|.*\|\n)+", (RECORDED / file).read_text(), re.MULTILINE)
@@ -56,9 +59,7 @@ def worst(file: str, number: int, row: str) -> float:
         ("fourier_accuracy.md", 2, "single"),
     ],
 )
-def test_what_has_been_recorded_is_within_what_is_promised(
-    file: str, number: int, row: str
-) -> None:
+def test_what_has_been_recorded_is_within_what_is_promised(file, number, row):
     """Of all classes but those that the page lists under limits."""
     text = (ROOT / "docs" / "accuracy.md").read_text(encoding="utf-8")
     line = re.search(rf"^\| {'F' if number == 1 else 'W and A'},.*$", text, re.MULTILINE)
@@ -72,7 +73,7 @@ def test_what_has_been_recorded_is_within_what_is_promised(
     assert worst(file, number, row) <= 1.05 * measured[column] < promised[column]
 
 
-def labels_of_formulas() -> list[str]:
+def labels_of_formulas():
     """Of formulas, and of what stands in a table or a sentence with a label at its end."""
     found = []
     for page in PAGES:
@@ -83,13 +84,13 @@ def labels_of_formulas() -> list[str]:
     return found
 
 
-def test_every_label_stands_at_one_formula() -> None:
+def test_every_label_stands_at_one_formula():
     labels = labels_of_formulas()
     assert len(labels) > 40
     assert sorted(labels) == sorted(set(labels))
 
 
-def test_every_label_that_code_and_documents_cite_stands_at_a_formula() -> None:
+def test_every_label_that_code_and_documents_cite_stands_at_a_formula():
     labels = set(labels_of_formulas())
     sources = [*(ROOT / "src").rglob("*.py"), *PAGES]
     cited = {label: path for path in sources for label in LABEL.findall(path.read_text("utf-8"))}
@@ -99,7 +100,7 @@ def test_every_label_that_code_and_documents_cite_stands_at_a_formula() -> None:
 @pytest.mark.parametrize(
     "name", [path.name for path in sorted((ROOT / "docs" / "images").glob("small_*.png"))]
 )
-def test_small_pictures_are_smooth_where_large_ones_are(name: str) -> None:
+def test_small_pictures_are_smooth_where_large_ones_are(name):
     """Their few colours are not mixed by dots: no pixel is far from the one that it stands for."""
     with Image.open(ROOT / "docs" / "images" / name) as picture:
         small = np.asarray(picture.convert("RGB"), dtype=float)
@@ -110,7 +111,7 @@ def test_small_pictures_are_smooth_where_large_ones_are(name: str) -> None:
     assert np.sqrt((apart**2).mean()) < OF_FEW_COLOURS
 
 
-def ratios(case: str, peer: str) -> str:
+def ratios(case, peer):
     """The range of a peer's ratios in the recorded comparison, as it is written in sentences."""
     rows = re.findall(r"^\|.*\|$", (RECORDED / "comparison.md").read_text("utf-8"), re.MULTILINE)
     cells = [[cell.strip() for cell in row.strip("|").split("|")] for row in rows]
@@ -122,7 +123,7 @@ def ratios(case: str, peer: str) -> str:
     return f"{min(found):.{digits}f} to {max(found):.{digits}f}"
 
 
-def test_ratios_in_sentences_are_those_of_the_recorded_comparison() -> None:
+def test_ratios_in_sentences_are_those_of_the_recorded_comparison():
     readme, comparison = (
         re.sub(r"\s+", " ", (ROOT / name).read_text("utf-8"))
         for name in ("README.md", "docs/comparison.md")
@@ -134,15 +135,107 @@ def test_ratios_in_sentences_are_those_of_the_recorded_comparison() -> None:
 
 
 @pytest.mark.parametrize("tool", ["cli_reference.py", "public_names.py"])
-def test_pages_made_from_the_package_say_what_it_knows(tool: str) -> None:
+def test_pages_made_from_the_package_say_what_it_knows(tool):
     command = [sys.executable, str(ROOT / "tools" / tool), "--check"]
     found = subprocess.run(command, capture_output=True, text=True, check=False)
     assert found.returncode == 0, found.stdout + found.stderr
 
 
-def test_files_in_commands_of_the_readme_are_there() -> None:
+def test_files_in_commands_of_the_readme_are_there():
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     commands = "render|transform|pattern|propagate"
     files = re.findall(rf"^polywigner (?:{commands}) (\S+)", text, re.MULTILINE)
     assert len(files) == 4
     assert [name for name in files if not (ROOT / name).is_file()] == []
+
+
+# --- The site reads the pages of the repository with links of its own
+
+DOCS = ROOT / "docs"
+FOR_SITE = runpy.run_path(str(DOCS / "extensions" / "pages.py"))["for_site"]
+
+
+@pytest.mark.parametrize(
+    ("written", "read"),
+    [
+        ("[`pw.otf`](api/transforms.rst#polywigner.otf)", "{py:obj}`pw.otf <polywigner.otf>`"),
+        ("<!-- index: gain, EIRP -->", "```{index} ! gain, ! EIRP\n```"),
+        ("[near](../examples/near_field)", "[near](../examples/near_field/README.md)"),
+        ("[101](../examples/lessons/lesson_101_x.py)", "[101](/docs/lessons/lesson_101_x.rst)"),
+        ("[Taylor](sources.md#taylor1955line)", "Taylor {cite:p}`taylor1955line`"),
+        ("[files](files.md#units), `pw.otf`", "[files](files.md#units), `pw.otf`"),
+    ],
+)
+def test_a_link_of_the_repository_becomes_one_of_the_site(written, read):
+    assert FOR_SITE(written, DOCS) == read
+
+
+def test_the_tour_links_each_public_function_that_it_names():
+    """A link shows the name by which it is called; the checker knows that the entry is there."""
+    tour = (DOCS / "tour.md").read_text(encoding="utf-8").split("```", 1)[0]
+    unlinked = [name for name in pw.__all__ if f"`pw.{name}`" in tour.replace(f"[`pw.{name}`]", "")]
+    assert unlinked == []
+
+
+def test_a_search_for_directivity_finds_the_page_on_patterns():
+    text = (DOCS / "patterns.md").read_text(encoding="utf-8")
+    assert "! directivity" in FOR_SITE(text, DOCS)
+    others = [path for path in DOCS.glob("*.md") if path.name != "patterns.md"]
+    assert not any("<!-- index: directivity" in path.read_text("utf-8") for path in others)
+
+
+# --- What is cited is one set of facts: in the package, in the docs and in CITATION.cff
+
+BIBLIOGRAPHY = Path(pw.__file__).parent / "references.bib"
+
+
+def keys_of(text):
+    return re.findall(r"^@\w+\{([\w-]+),", text, flags=re.MULTILINE)
+
+
+def field_of(entry, name):
+    match = re.search(rf"^  {name}\s*= \{{(.*)\}},?$", entry, flags=re.MULTILINE)
+    assert match, f"{name} in {entry}"
+    return match[1].replace("{", "").replace("}", "")
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_every_method_cites_the_paper_first_then_this_software_and_each_entry_once(method):
+    keys = keys_of(pw.cite(method, method, "wigner"))
+    assert keys[:2] == keys_of(pw.cite()) == ["mackay2022polygons", "polywigner"]
+    assert set(METHODS[method]) <= set(keys) and len(keys) == len(set(keys))
+
+
+def test_braces_of_every_entry_are_closed_and_no_entry_is_never_cited():
+    text = pw.cite(*METHODS)
+    for entry in text.strip().split("\n\n"):
+        assert entry.count("{") == entry.count("}") > 0
+        assert field_of(entry, "title") and field_of(entry, "author") and field_of(entry, "year")
+    assert set(keys_of(text)) == set(keys_of(BIBLIOGRAPHY.read_text(encoding="utf-8")))
+
+
+def test_the_version_cited_is_that_of_the_package():
+    assert field_of(pw.cite().split("\n\n")[1], "version") == pw.__version__
+    assert f"\nversion: {pw.__version__}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+
+
+def test_the_command_prints_the_same_and_tells_the_known_methods_where_one_is_unknown(capfd):
+    with pytest.raises(ArgumentError, match="rendering"):
+        pw.cite("raytracing")
+    assert main(["cite", "raytracing"]) == 2
+    assert "rendering" in capfd.readouterr().err
+    assert main(["cite", "otf"]) == 0
+    assert capfd.readouterr().out == pw.cite("otf")
+
+
+def test_the_citation_file_has_the_paper_of_the_bibliography():
+    yaml = pytest.importorskip("yaml")
+    file = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    paper, software = pw.cite().split("\n\n")
+    preferred = file["preferred-citation"]
+    assert preferred["title"] == field_of(paper, "title")
+    names = [f"{a['family-names']}, {a['given-names']}" for a in preferred["authors"]]
+    assert " and ".join(names) == field_of(paper, "author")
+    assert field_of(paper, "eprint") in preferred["url"]
+    assert file["title"] == field_of(software, "title")
+    assert file["authors"] == [{"name": field_of(software, "author")}]

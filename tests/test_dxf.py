@@ -217,16 +217,6 @@ def test_ellipses_and_stretched_circles_keep_their_area(read: Read) -> None:
     assert drawn.area == pytest.approx(math.pi * (25 * 0.3 + 2) * 1e-6, rel=ROUNDING)
 
 
-def test_half_an_ellipse_closed_by_a_line(read: Read) -> None:
-    def half(space: Any) -> None:
-        space.add_ellipse((0, 0), (3, 0), 0.5, start_param=0, end_param=math.pi)
-        space.add_line((-3, 0), (3, 0))
-
-    drawn = read(half, tolerance=1e-8)
-    assert drawn.area == pytest.approx(math.pi * 4.5e-6 / 2, rel=1e-4)
-    assert drawn.bounds == pytest.approx((-3e-3, 0, 3e-3, 1.5e-3), abs=1e-7)
-
-
 def test_a_rational_spline_of_an_ellipse_is_the_ellipse(read: Read) -> None:
     from ezdxf.math import BSpline, ConstructionEllipse
 
@@ -310,7 +300,7 @@ BAD: dict[str, tuple[Build, type[Exception], str]] = {
     "nan": (lambda s: s.add_circle((0, math.nan), 1), FileFormatError, "finite coordinates"),
     "infinite": (lambda s: s.add_circle((0, math.inf), 1), FileFormatError, "finite coordinates"),
     "huge": (lambda s: s.add_circle((0, 0), 1e200), FileFormatError, "below 1e\\+100"),
-    "block bomb": (bomb, FileFormatError, "100000 lines"),
+    "block bomb": (bomb, FileFormatError, "within 20 s and 1 GiB"),
     "recursion": (recursion, FileFormatError, "16 deep"),
     "empty grid": (empty_grid, FileFormatError, "got none"),
     "weights": (
@@ -319,11 +309,17 @@ BAD: dict[str, tuple[Build, type[Exception], str]] = {
     ),
 }  # fmt: skip
 
-# Each takes a second at most; without a bound, minutes to forever.
+# Each takes a second at most of this process; without a bound, minutes to forever.
 PATIENCE = 20
 
 
-@pytest.mark.parametrize(("build", "kind", "words"), BAD.values(), ids=BAD)
+@pytest.mark.parametrize(
+    ("build", "kind", "words"),
+    [
+        pytest.param(*case, id=name, marks=[pytest.mark.slow] if name == "block bomb" else [])
+        for name, case in BAD.items()
+    ],
+)
 def test_what_is_no_outline_raises_one_error(
     read: Read, build: Build, kind: type[Exception], words: str
 ) -> None:
@@ -347,7 +343,6 @@ BAD_FILES = {
     "cut": (b"0\nSECTION\n2\nENTITIES\n0\nCIRCLE\n8\n0\n10\n1.0\n", "does not read"),
     "binary cut": (b"AutoCAD Binary DXF\r\n\x1a\0" + bytes(30), "does not read"),
     "words": (b"0\nSECTION\n2\nENTITIES\nten\nCIRCLE\n0\nENDSEC\n0\nEOF\n", "does not read"),
-    "too large": (b"0\nSECTION\n" + b"999\nx\n" * 3_000_000, "4 MiB"),
 }  # fmt: skip
 
 
@@ -444,22 +439,3 @@ def test_a_pad_and_its_feed_are_joined_when_asked_and_keep_their_hole(read: Read
     outside = shapely.union(pad, feed).area - math.pi * 0.25**2
     assert joined.area * 1e6 == pytest.approx(outside, rel=UNION)
     assert [len(part.interiors) for part in joined.polygons.geoms] == [1]
-
-
-def test_strips_that_overlap_into_a_frame_leave_it_open(read: Read) -> None:
-    strips = [(0, 0, 9, 1), (0, 8, 9, 9), (0, 0, 1, 9), (8, 0, 9, 9), (4, 4, 5, 5)]
-
-    def build(space: Any) -> None:
-        for x0, y0, x1, y1 in strips:
-            space.add_lwpolyline([(x0, y0), (x1, y0), (x1, y1), (x0, y1)], close=True)
-
-    expected = shapely.union_all([shapely.box(*strip) for strip in strips])
-    assert read(build, union=True).area * 1e6 == pytest.approx(expected.area, rel=UNION)
-
-
-def test_where_nothing_overlaps_a_union_changes_nothing(read: Read) -> None:
-    def build(space: Any) -> None:
-        square(space)
-        space.add_circle((4, 4), 1)
-
-    assert read(build, union=True) == read(build)

@@ -1,7 +1,5 @@
 """The examples, and every block of Python in the README and in docs/, run as they stand."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -9,10 +7,8 @@ import runpy
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import polywigner as pw
@@ -26,7 +22,7 @@ PAGES += sorted((ROOT / "docs").glob("[!_]*/*.md"))
 BLOCK = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
 
 
-def by_folder(path: Path) -> str:
+def by_folder(path):
     return path.parent.name
 
 
@@ -35,9 +31,7 @@ def by_folder(path: Path) -> str:
     [PAGES[0], *(pytest.param(page, marks=pytest.mark.slow) for page in PAGES[1:])],
     ids=lambda page: page.stem,
 )
-def test_the_python_of_a_page_runs(
-    page: Path, tmp_path: Path, imported: subprocess.Popen[str]
-) -> None:
+def test_the_python_of_a_page_runs(page, tmp_path, imported):
     blocks = BLOCK.findall(page.read_text(encoding="utf-8"))
     if any("mitsuba" in block for block in blocks):
         pytest.importorskip("mitsuba")
@@ -82,7 +76,7 @@ for line in sys.stdin:
 
 
 @pytest.fixture(scope="module")
-def imported() -> Iterator[subprocess.Popen[str]]:
+def imported():
     environment = {**os.environ, "MPLBACKEND": "agg"}
     command = [sys.executable, "-c", SPLITTING]
     pipe = subprocess.PIPE
@@ -92,7 +86,7 @@ def imported() -> Iterator[subprocess.Popen[str]]:
         process.stdin.close()
 
 
-def run_script(script: Path, folder: Path, *arguments: str) -> str:
+def run_script(script, folder, *arguments):
     """What the script prints."""
     environment = {**os.environ, "MPLBACKEND": "agg"}
     run = subprocess.run(
@@ -107,7 +101,7 @@ def run_script(script: Path, folder: Path, *arguments: str) -> str:
     return run.stdout
 
 
-def test_the_readme_reaches_its_first_picture_in_five_lines(tmp_path: Path) -> None:
+def test_the_readme_reaches_its_first_picture_in_five_lines(tmp_path):
     block = BLOCK.findall((ROOT / "README.md").read_text(encoding="utf-8"))[0]
     assert len([line for line in block.splitlines() if line.strip()]) == 5
     script = tmp_path / "five.py"
@@ -116,14 +110,8 @@ def test_the_readme_reaches_its_first_picture_in_five_lines(tmp_path: Path) -> N
     assert (tmp_path / "wigner.png").read_bytes().startswith(b"\x89PNG")
 
 
-@pytest.mark.slow
-def test_the_first_picture_is_drawn(tmp_path: Path) -> None:
-    run_script(EXAMPLES / "first_picture.py", tmp_path)
-    assert (tmp_path / "wigner.png").read_bytes().startswith(b"\x89PNG")
-
-
 @pytest.mark.parametrize("scene", SCENES, ids=by_folder)
-def test_an_example_explains_itself_and_brings_its_files(scene: Path) -> None:
+def test_an_example_explains_itself_and_brings_its_files(scene):
     assert (scene.parent / "README.md").is_file()
     root = ET.parse(scene).getroot()
     shapes = root.findall("shape[@type='wigner']")
@@ -143,34 +131,14 @@ def test_an_example_explains_itself_and_brings_its_files(scene: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.llvm
 @pytest.mark.parametrize("scene", SCENES, ids=by_folder)
-def test_an_example_renders(scene: Path, tmp_path: Path) -> None:
+def test_an_example_renders(scene, tmp_path):
     assert main(["render", str(scene), "--spp", "4", "--out", str(tmp_path / "a")]) == 0
     record = json.loads((tmp_path / "a.json").read_text())
     assert record["picture"]["zero_db"] > 0
     assert record["radiance"]["fraction_not_positive"] < 0.9
 
 
-@pytest.mark.slow
-def test_third_order_rays_of_the_near_field_example_are_as_close_as_it_says(
-    tmp_path: Path,
-) -> None:
-    """In dB: at most 0.025 on boresight from 3 wavelengths on, and off the axis an rms of at most
-    0.2, 0.04 and 0.002 at 5, 10 and 30 wavelengths; first order is several times as far."""
-    pytest.importorskip("xarray")
-    script = EXAMPLES / "near_field" / "near_field.py"
-    printed = run_script(script, tmp_path, "--out", str(tmp_path / "out"))
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {"boresight.png", "off_axis.png"}
-    rows = re.findall(r"^  (third order|matched) +(\S+) +(\S+)$", printed, re.MULTILINE)
-    largest = {name: [abs(float(a)) for n, a, _ in rows if n == name] for name, *_ in rows}
-    rms = {name: [float(b) for n, _, b in rows if n == name] for name, *_ in rows}
-    assert largest["third order"][0] <= 0.025 < largest["matched"][0]
-    for found, bound, first in zip(
-        rms["third order"][1:], (0.2, 0.04, 0.002), rms["matched"][1:], strict=True
-    ):
-        assert found <= bound and 3 * found < first
-
-
-def test_the_command_of_the_volume_example_is_that_of_its_picture() -> None:
+def test_the_command_of_the_volume_example_is_that_of_its_picture():
     import shlex
 
     text = (EXAMPLES / "two_chevrons_volume" / "README.md").read_text(encoding="utf-8")
@@ -184,30 +152,7 @@ def test_the_command_of_the_volume_example_is_that_of_its_picture() -> None:
     assert given == {"polywigner", *relative}
 
 
-@pytest.mark.slow
-@pytest.mark.llvm
-def test_the_beam_of_the_sweep_goes_from_left_to_right(tmp_path: Path) -> None:
-    from PIL import Image
-
-    out = tmp_path / "sweep.gif"
-    script = EXAMPLES / "beam_sweep" / "beam_sweep.py"
-    arguments = ["--frames", "2", "--spp", "36", "--width", "64", "--out", str(out)]
-    run_script(script, tmp_path, *arguments)
-    with Image.open(out) as animation:
-        assert animation.n_frames == 2
-        seen = []
-        for number in range(2):
-            animation.seek(number)
-            seen.append(np.asarray(animation.convert("L"), dtype=float)[8:, :62])
-    left, right = seen[0] - seen[1], seen[1] - seen[0]
-    # the facade is at the left, and the road past the car at the right edge
-    assert left[:, :31].mean() > 0 > left[:, 50:].mean()
-    assert right[20:, 50:].mean() > 0
-
-
-def test_the_meshes_of_the_street_are_what_their_script_writes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_meshes_of_the_street_are_what_their_script_writes(tmp_path, monkeypatch):
     street = EXAMPLES / "street_77ghz"
     script = tmp_path / "make_meshes.py"
     script.write_text((street / "make_meshes.py").read_text())
@@ -222,7 +167,7 @@ LESSONS = sorted((EXAMPLES / "lessons").glob("lesson_*.py"))
 
 
 @pytest.mark.parametrize("lesson", LESSONS, ids=lambda path: path.stem[:10])
-def test_a_lesson_is_listed_asserts_what_it_says_and_ends_with_exercises(lesson: Path) -> None:
+def test_a_lesson_is_listed_asserts_what_it_says_and_ends_with_exercises(lesson):
     """They are run by `make docs`, which fails where an assertion does."""
     text = lesson.read_text(encoding="utf-8")
     assert f"(../examples/lessons/{lesson.name})" in (ROOT / "docs" / "lessons.md").read_text()

@@ -1,11 +1,6 @@
 """Datasets as NetCDF and VTK files: the same numbers at the same places, whole files or none."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -23,7 +18,7 @@ NU = np.linspace(-2.0, 2.0, 5)
 
 
 @pytest.fixture(scope="module")
-def table(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def table(tmp_path_factory):
     """A W table on disk, in chunks that do not divide its axes."""
     store = tmp_path_factory.mktemp("table") / "w.zarr"
     x = np.linspace(-0.5, 0.5, 6)
@@ -32,7 +27,7 @@ def table(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return store
 
 
-def read_vti(path: Path) -> tuple[dict[str, str], dict[str, np.ndarray]]:
+def read_vti(path):
     """Attributes of the image, and its arrays, indexed [x, y, z], by the format's description."""
     head, _, rest = path.read_bytes().partition(b'<AppendedData encoding="raw">\n_')
     body, _, tail = rest.rpartition(b"\n</AppendedData>")
@@ -52,7 +47,7 @@ def read_vti(path: Path) -> tuple[dict[str, str], dict[str, np.ndarray]]:
     return dict(image.attrib), arrays
 
 
-def test_netcdf_has_the_values_axes_and_units_of_a_store(table: Path, tmp_path: Path) -> None:
+def test_netcdf_has_the_values_axes_and_units_of_a_store(table, tmp_path):
     pw.write_netcdf(table, tmp_path / "w.nc")
     with xarray.open_dataset(tmp_path / "w.nc", engine="h5netcdf") as found:
         stored = xarray.open_zarr(table)
@@ -63,7 +58,7 @@ def test_netcdf_has_the_values_axes_and_units_of_a_store(table: Path, tmp_path: 
     assert [file.name for file in tmp_path.iterdir()] == ["w.nc"]
 
 
-def test_vtk_image_data_has_the_values_of_a_store(table: Path, tmp_path: Path) -> None:
+def test_vtk_image_data_has_the_values_of_a_store(table, tmp_path):
     part = xarray.open_zarr(table).isel(nu_y=1, drop=True)
     pw.write_vti(part, tmp_path / "w.vti")
     image, arrays = read_vti(tmp_path / "w.vti")
@@ -72,18 +67,7 @@ def test_vtk_image_data_has_the_values_of_a_store(table: Path, tmp_path: Path) -
     np.testing.assert_allclose(np.array(image["Spacing"].split(), float), [0.2, 0.2, 1.0])
 
 
-def test_slabs_of_any_thickness_make_one_file(
-    table: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    part = xarray.open_zarr(table).isel(x=2, drop=True)
-    pw.write_vti(part, tmp_path / "whole.vti")
-    for samples in (1, 70, 150):
-        monkeypatch.setattr("polywigner.propagation.exports._SLAB", samples)
-        pw.write_vti(part, tmp_path / "slabs.vti")
-        assert (tmp_path / "slabs.vti").read_bytes() == (tmp_path / "whole.vti").read_bytes()
-
-
-def test_complex_values_become_their_two_parts(tmp_path: Path) -> None:
+def test_complex_values_become_their_two_parts(tmp_path):
     lags = np.linspace(-0.5, 0.25, 4)
     found = pw.ambiguity_table(SQUARE.moved((0.1, 0)), NU, NU, lags, lags, precision="double")
     part = found.isel(xi_y=0)
@@ -97,7 +81,7 @@ def test_complex_values_become_their_two_parts(tmp_path: Path) -> None:
         assert file["A_imag"].attrs["units"] == "m2"
 
 
-def test_planes_and_lines_are_images_of_one_sample_across(table: Path, tmp_path: Path) -> None:
+def test_planes_and_lines_are_images_of_one_sample_across(table, tmp_path):
     line = xarray.open_zarr(table).isel(x=2, nu_x=2, nu_y=3, drop=True)
     pw.write_vti(line, tmp_path / "line.vti")
     image, arrays = read_vti(tmp_path / "line.vti")
@@ -105,7 +89,7 @@ def test_planes_and_lines_are_images_of_one_sample_across(table: Path, tmp_path:
     np.testing.assert_array_equal(arrays["W"][0, :, 0], line["W"])
 
 
-def test_vtk_itself_reads_what_is_written(table: Path, tmp_path: Path) -> None:
+def test_vtk_itself_reads_what_is_written(table, tmp_path):
     reading = pytest.importorskip("vtkmodules.vtkIOXML", reason="vtk is not installed")
     from vtkmodules.util.numpy_support import vtk_to_numpy
 
@@ -123,15 +107,13 @@ def test_vtk_itself_reads_what_is_written(table: Path, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("write", [pw.write_netcdf, pw.write_vti])
 @pytest.mark.parametrize("given", [3, "nowhere.zarr", None, np.zeros(3)])
-def test_what_is_no_dataset_is_refused(
-    tmp_path: Path, write: Callable[..., None], given: Any
-) -> None:
+def test_what_is_no_dataset_is_refused(tmp_path, write, given):
     with pytest.raises(ArgumentError, match=r"expected an xarray\.Dataset or the path of a store"):
         write(given, tmp_path / "out")
     assert not list(tmp_path.iterdir())
 
 
-def test_images_of_four_axes_or_uneven_ones_are_refused(table: Path, tmp_path: Path) -> None:
+def test_images_of_four_axes_or_uneven_ones_are_refused(table, tmp_path):
     found = xarray.open_zarr(table)
     with pytest.raises(ArgumentError, match="one to three axes"):
         pw.write_vti(found, tmp_path / "w.vti")
@@ -143,9 +125,7 @@ def test_images_of_four_axes_or_uneven_ones_are_refused(table: Path, tmp_path: P
 
 
 @pytest.mark.parametrize("write", [pw.write_netcdf, pw.write_vti])
-def test_a_write_that_fails_leaves_what_was_there(
-    table: Path, tmp_path: Path, write: Callable[..., None]
-) -> None:
+def test_a_write_that_fails_leaves_what_was_there(table, tmp_path, write):
     part = xarray.open_zarr(table).isel(nu_y=1, drop=True)
     (tmp_path / "taken").mkdir()
     with pytest.raises(ArgumentError, match="expected to write"):

@@ -1,7 +1,5 @@
 """Array factors of lattices far off the origin, where positions are rounded off the lattice."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 import numpy as np
@@ -16,7 +14,7 @@ DECADES = (1, 10, 100, 1000)
 PITCH = np.array([0.0123, 0.0171])
 
 
-def exact_factor(sites: np.ndarray, weights: np.ndarray, nu: np.ndarray) -> np.ndarray:
+def exact_factor(sites, weights, nu):
     """With exact phases."""
     values = []
     for p, q in nu.tolist():
@@ -26,7 +24,7 @@ def exact_factor(sites: np.ndarray, weights: np.ndarray, nu: np.ndarray) -> np.n
     return np.array(values)
 
 
-def frequencies(extent: float, turned: np.ndarray) -> np.ndarray:
+def frequencies(extent, turned):
     """Near grating lobes, where all elements add up, in each decade of |nu| times the extent."""
     rng = np.random.default_rng(5)
     nu = rng.normal(size=(3, 2)) / extent
@@ -39,9 +37,7 @@ def frequencies(extent: float, turned: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("turn", [0.0, 0.3])
 @pytest.mark.parametrize("tapered", [False, True])
 @pytest.mark.parametrize("diameters", [0, 10, 1e4])
-def test_array_factors_are_those_of_the_given_positions(
-    diameters: float, tapered: bool, turn: float, engine: str
-) -> None:
+def test_array_factors_are_those_of_the_given_positions(diameters, tapered, turn, engine):
     turned = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
     i, j = np.indices((12, 9))
     sites = np.column_stack([(i - 5.5).ravel() * PITCH[0], (j - 4.0).ravel() * PITCH[1]]) @ turned
@@ -58,7 +54,7 @@ def test_array_factors_are_those_of_the_given_positions(
     assert error < PROMISED
 
 
-def test_phased_arrays_far_off_are_the_sums_of_their_elements() -> None:
+def test_phased_arrays_far_off_are_the_sums_of_their_elements():
     element = pw.shapes.square(0.01)
     i, j = np.indices((12, 9))
     places = np.column_stack([150.0 + i.ravel() * PITCH[0], j.ravel() * PITCH[1] - 90.0])

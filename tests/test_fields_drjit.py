@@ -1,7 +1,5 @@
 """Fields at points in Dr.Jit arrays: the values of NumPy points, in arrays of the same kind."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -18,7 +16,7 @@ POINTS = np.random.default_rng(0).uniform((-4.0, -4.0, 3.0), (4.0, 4.0, 9.0), (1
 AGREEMENT = {"double": 1e-8, "single": 2e-3}
 
 
-def arrays(precision: str) -> tuple[Any, Any, Any, Any]:
+def arrays(precision):
     import drjit.llvm as backend
 
     if precision == "double":
@@ -28,7 +26,7 @@ def arrays(precision: str) -> tuple[Any, Any, Any, Any]:
 
 @pytest.mark.parametrize("precision", ["double", "single"])
 @pytest.mark.parametrize("method", ["kirchhoff", "fraunhofer"])
-def test_amplitudes_of_components_are_complex_arrays(method: Any, precision: Any) -> None:
+def test_amplitudes_of_components_are_complex_arrays(method, precision):
     vector, tensor, _, number = arrays(precision)
     expected = pw.amplitude(SQUARE, POINTS, 1.0, method)
     found = pw.amplitude(SQUARE, vector(*POINTS.T.copy()), 1.0, method)
@@ -43,7 +41,7 @@ def test_amplitudes_of_components_are_complex_arrays(method: Any, precision: Any
 
 @pytest.mark.parametrize("precision", ["double", "single"])
 @pytest.mark.parametrize("method", ["wigner", "rayleigh-sommerfeld-1"])
-def test_irradiances_are_real_arrays_and_so_are_their_errors(method: Any, precision: Any) -> None:
+def test_irradiances_are_real_arrays_and_so_are_their_errors(method, precision):
     vector, tensor, real, _ = arrays(precision)
     expected = pw.irradiance(SQUARE, POINTS, 1.0, method)
     found, error = pw.irradiance(SQUARE, vector(*POINTS.T.copy()), 1.0, method, return_error=True)
@@ -54,7 +52,7 @@ def test_irradiances_are_real_arrays_and_so_are_their_errors(method: Any, precis
     assert abs(last.numpy().ravel() - expected).max() < AGREEMENT[precision]
 
 
-def test_points_of_other_kinds_are_refused_with_advice() -> None:
+def test_points_of_other_kinds_are_refused_with_advice():
     import drjit as dr
     import drjit.llvm as backend
     import drjit.llvm.ad as ad

@@ -1,8 +1,6 @@
 """Levels in dB never depend on noise or on the logarithm of what is not positive; figures say
 what they show."""
 
-from __future__ import annotations
-
 import io
 
 import numpy as np
@@ -23,28 +21,28 @@ ROUNDING_DB = 1e-12  # log10 of exact powers of ten, float64
 ROUNDING = 1e-12  # relative to the area; the kernel's own bound
 
 
-def test_ten_times_less_radiance_is_ten_decibels_less() -> None:
+def test_ten_times_less_radiance_is_ten_decibels_less():
     levels = level_db([5.0, 0.5, 0.05], reference=5.0, floor_db=-40)
     np.testing.assert_allclose(levels, [0.0, -10.0, -20.0], atol=ROUNDING_DB)
 
 
-def test_what_is_negative_or_zero_or_faint_lies_exactly_on_the_floor() -> None:
+def test_what_is_negative_or_zero_or_faint_lies_exactly_on_the_floor():
     with np.errstate(all="raise"):  # a logarithm of any of these would raise
         levels = level_db([-3.0, 0.0, 1e-9, -0.0, 5e-324], reference=1.0, floor_db=-40)
     assert (levels == -40.0).all()
 
 
-def test_what_exceeds_the_reference_keeps_its_level() -> None:
+def test_what_exceeds_the_reference_keeps_its_level():
     np.testing.assert_allclose(level_db([100.0], 1.0, -40), [20.0], atol=ROUNDING_DB)
 
 
 @pytest.mark.parametrize("floor", [0.0, 3.0, np.nan, -np.inf, -1e3])
-def test_a_floor_that_is_not_below_the_peak_is_refused(floor: float) -> None:
+def test_a_floor_that_is_not_below_the_peak_is_refused(floor):
     with pytest.raises(ArgumentError, match="expected a floor below 0 dB"):
         level_db([1.0], 1.0, floor)
 
 
-def test_single_outliers_do_not_move_the_peak_of_a_picture() -> None:
+def test_single_outliers_do_not_move_the_peak_of_a_picture():
     y, x = np.mgrid[-20:21, -20:21]
     beam = np.exp(-(x**2 + y**2) / 200.0)
     noisy = beam.copy()
@@ -58,31 +56,32 @@ def test_single_outliers_do_not_move_the_peak_of_a_picture() -> None:
     assert np.exp(-2 / 200.0) <= peak <= 1.0
 
 
-def test_a_picture_without_positive_pixels_has_no_peak_and_lies_on_the_floor() -> None:
+def test_a_picture_without_positive_pixels_has_no_peak_and_lies_on_the_floor():
     dark = -np.ones((5, 7))
     assert picture_peak(dark) is None
     assert (level_db(dark, None, -30) == -30).all()
 
 
-def test_a_picture_one_pixel_high_has_a_peak() -> None:
+def test_a_picture_one_pixel_high_has_a_peak():
     assert picture_peak(np.ones((1, 4))) == 1.0
 
 
-def test_the_scene_picture_states_reference_unit_and_floor() -> None:
+def test_the_scene_picture_states_reference_unit_and_floor():
     figure = draw_scene(np.ones((4, 6)), reference=2.5e-3, floor_db=-35)
     label = figure.axes[1].get_ylabel()
-    for part in ("dB", "0.0025 W/(m² sr)", "median", "floor −35 dB", "negative"):
+    for part in ("dB", "0.0025 W/(m² sr)", "floor −35 dB"):
         assert part in label
+    assert "\n" not in label
     assert figure.axes[0].images[0].get_clim() == (-35.0, 0.0)
 
 
-def test_the_scene_picture_is_as_wide_as_the_film() -> None:
+def test_the_scene_picture_is_as_wide_as_the_film():
     axes = draw_scene(np.ones((4, 6)), 1.0, -40).axes[0]
     assert axes.images[0].get_array().shape == (4, 6)
     assert axes.get_aspect() == 1.0
 
 
-def test_slices_agree_with_the_transforms_at_single_points() -> None:
+def test_slices_agree_with_the_transforms_at_single_points():
     chevron = pw.shapes.chevron(10e-3, 12e-3, 3e-3)
     slices = transform_slices(chevron, x=(1e-3, 0.5e-3), xi=(0.5e-3, 1e-3), samples=9)
     i, j = 6, 2
@@ -96,13 +95,13 @@ def test_slices_agree_with_the_transforms_at_single_points() -> None:
     np.testing.assert_allclose(got, expected, rtol=0, atol=ROUNDING * chevron.area)
 
 
-def test_a_wavelength_sets_the_axes_to_the_horizon() -> None:
+def test_a_wavelength_sets_the_axes_to_the_horizon():
     slices = transform_slices(pw.shapes.square(10e-3), wavelength=3e-3, samples=5)
     assert slices.frequency[0] == -1 / 3e-3
     assert slices.frequency[-1] == 1 / 3e-3
 
 
-def test_the_default_position_and_lag_lie_where_w_and_a_do_not_vanish() -> None:
+def test_the_default_position_and_lag_lie_where_w_and_a_do_not_vanish():
     far_apart = pw.Aperture([[(0, 0), (1, 0), (1, 5), (0, 5)], [(9, 0), (9.5, 0), (9.5, 5)]])
     for aperture in (pw.shapes.chevron(10.0, 12.0, 1.0), far_apart, pw.shapes.disc(1.0, 7)):
         slices = transform_slices(aperture, samples=3)
@@ -121,18 +120,18 @@ def test_the_default_position_and_lag_lie_where_w_and_a_do_not_vanish() -> None:
         ({"samples": 10**5}, "from 2 to 4096"),
     ],
 )
-def test_slices_that_would_be_empty_are_refused(arguments: dict, message: str) -> None:
+def test_slices_that_would_be_empty_are_refused(arguments, message):
     with pytest.raises(ArgumentError, match=message):
         transform_slices(pw.shapes.square(10e-3), **arguments)
 
 
-def test_the_values_of_slices_cannot_be_changed() -> None:
+def test_the_values_of_slices_cannot_be_changed():
     slices = transform_slices(pw.shapes.square(1.0), samples=3)
     with pytest.raises(ValueError, match="read-only"):
         slices.wigner[0, 0] = 1.0
 
 
-def test_every_axis_and_colour_bar_of_the_transforms_is_labelled_with_its_unit() -> None:
+def test_every_axis_and_colour_bar_of_the_transforms_is_labelled_with_its_unit():
     slices = transform_slices(pw.shapes.triangle(10e-3, 8e-3), wavelength=3e-3, samples=5)
     figure = draw_transforms(slices, floor_db=-30, title="triangle")
     panels = [axes for axes in figure.axes if axes.get_xlabel()]
@@ -147,7 +146,7 @@ def test_every_axis_and_colour_bar_of_the_transforms_is_labelled_with_its_unit()
     assert "λ = 3 mm" in figure.get_suptitle()
 
 
-def test_figures_can_be_drawn_without_a_display(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_figures_can_be_drawn_without_a_display(monkeypatch):
     monkeypatch.delenv("DISPLAY", raising=False)
     stream = io.BytesIO()
     draw_scene(np.ones((3, 3)), 1.0, -40).savefig(stream, format="png")
@@ -161,7 +160,7 @@ TEE = pw.Aperture(
 SYSTEM = pw.FirstOrder.free_space(0.05) @ pw.FirstOrder.lens(0.03)
 
 
-def test_the_section_behind_is_the_one_before_along_rays() -> None:
+def test_the_section_behind_is_the_one_before_along_rays():
     found = system_slices(TEE, SYSTEM, WAVELENGTH, samples=33)
     inside = tuple(np.argwhere(abs(found.before) > 1e-6).mean(axis=0).astype(int))
     assert found.before[inside] != 0.0
@@ -177,7 +176,7 @@ def test_the_section_behind_is_the_one_before_along_rays() -> None:
     assert np.count_nonzero(expected) > 5
 
 
-def test_the_light_is_the_irradiance_where_most_of_it_goes() -> None:
+def test_the_light_is_the_irradiance_where_most_of_it_goes():
     found = system_slices(TEE, SYSTEM, WAVELENGTH, samples=41)
     step = (found.across[1] - found.across[0]) * (found.up[1] - found.up[0])
     share = found.light.sum() * step / TEE.area
@@ -187,7 +186,7 @@ def test_the_light_is_the_irradiance_where_most_of_it_goes() -> None:
     assert found.light[30, 7] == pytest.approx(light, abs=1e-5)
 
 
-def test_it_is_drawn_as_four_panels() -> None:
+def test_it_is_drawn_as_four_panels():
     slices = system_slices(TEE, SYSTEM, WAVELENGTH, samples=17)
     drawn = draw_transforms(slices, -30.0, "an L")
     titles = [axes.get_title() for axes in drawn.axes if axes.get_title()]
@@ -195,6 +194,6 @@ def test_it_is_drawn_as_four_panels() -> None:
     assert "an L" in drawn.get_suptitle() and "dotted" not in drawn.get_suptitle()
 
 
-def test_too_few_samples_are_refused() -> None:
+def test_too_few_samples_are_refused():
     with pytest.raises(ArgumentError, match="from 2 to"):
         system_slices(TEE, SYSTEM, WAVELENGTH, samples=1)

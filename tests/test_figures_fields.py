@@ -1,15 +1,15 @@
 """Figures of fields on lines, planes and hemispheres: what is drawn is what was given, in dB."""
 
-from __future__ import annotations
-
 import io
 
 import numpy as np
 import pytest
 
+import polywigner as pw
 from polywigner.errors import ArgumentError
-from polywigner.figures import draw_hemispheres, draw_lines, draw_planes
+from polywigner.figures import draw_hemispheres, draw_lines, draw_planes, draw_projections
 from polywigner.figures.levels import difference_db, summary
+from projected import KINDS
 
 xarray = pytest.importorskip("xarray")
 
@@ -20,7 +20,7 @@ Z = np.geomspace(2e-3, 200e-3, 50)
 TWICE = 10 * np.log10(2)
 
 
-def line(**values: np.ndarray) -> object:
+def line(**values):
     """Along the z axis, as `polywigner.line` gives it."""
     return xarray.Dataset(
         {name: ("distance", v, {"units": "W m-2"}) for name, v in values.items()},
@@ -33,7 +33,7 @@ def line(**values: np.ndarray) -> object:
     )
 
 
-def test_twice_the_power_is_three_decibels_more() -> None:
+def test_twice_the_power_is_three_decibels_more():
     true = 1 / Z**2
     np.testing.assert_allclose(difference_db(2 * true, true, -60), TWICE, rtol=ROUNDING)
     found = summary(2 * true, true, -60)
@@ -41,7 +41,7 @@ def test_twice_the_power_is_three_decibels_more() -> None:
     np.testing.assert_allclose([found.largest, found.rms], TWICE, rtol=ROUNDING)
 
 
-def test_nulls_of_the_reference_and_negative_values_are_not_compared() -> None:
+def test_nulls_of_the_reference_and_negative_values_are_not_compared():
     true = np.array([1.0, 1e-2, 1e-4, 0.0, 0.5])
     found = np.array([2.0, 1e-2, 7.0, 3.0, -0.1])
     assert np.array_equal(
@@ -53,7 +53,7 @@ def test_nulls_of_the_reference_and_negative_values_are_not_compared() -> None:
         difference_db(true, true[1:])
 
 
-def test_a_line_shows_levels_and_differences_of_all_methods() -> None:
+def test_a_line_shows_levels_and_differences_of_all_methods():
     true = 1 / Z**2
     figure = draw_lines(line(double=2 * true, exact=true), floor_db=-60, compared_db=-20)
     figure.savefig(io.BytesIO(), format="png")
@@ -74,7 +74,7 @@ def test_a_line_shows_levels_and_differences_of_all_methods() -> None:
     assert "W/m²" in levels.get_title(loc="left")
 
 
-def test_a_curve_has_gaps_where_there_is_no_power() -> None:
+def test_a_curve_has_gaps_where_there_is_no_power():
     values = 1 / Z**2
     values[10:12] = [0.0, -1.0]
     figure = draw_lines(line(rays=values, exact=1 / Z**2))
@@ -82,7 +82,7 @@ def test_a_curve_has_gaps_where_there_is_no_power() -> None:
     assert np.flatnonzero(np.isnan(curve.get_ydata())).tolist() == [10, 11]
 
 
-def test_an_arc_is_drawn_over_degrees() -> None:
+def test_an_arc_is_drawn_over_degrees():
     angle = np.radians(np.linspace(-80, 80, 33))
     found = xarray.Dataset(
         {"kirchhoff": (("theta", "phi"), np.cos(angle)[:, None] ** 4)},
@@ -96,14 +96,14 @@ def test_an_arc_is_drawn_over_degrees() -> None:
 X, Y = np.linspace(-3e-3, 3e-3, 7), np.linspace(-2e-3, 2e-3, 5)
 
 
-def plane(quantity: str, units: str, **values: np.ndarray) -> object:
+def plane(quantity, units, **values):
     about = {"units": units, "quantity": quantity}
     return xarray.Dataset(
         {name: (("x", "y"), v, about) for name, v in values.items()}, coords={"x": X, "y": Y}
     )
 
 
-def test_a_plane_shows_levels_and_differences_at_their_places() -> None:
+def test_a_plane_shows_levels_and_differences_at_their_places():
     true = np.add.outer(np.arange(7.0), 10 * np.arange(5.0)) + 1
     figure = draw_planes(plane("irradiance", "W m-2", double=2 * true, exact=true))
     figure.savefig(io.BytesIO(), format="png")
@@ -118,7 +118,7 @@ def test_a_plane_shows_levels_and_differences_at_their_places() -> None:
     assert below.get_xlabel() == "$x$ (mm)" and below.get_ylabel() == "$y$ (mm)"
 
 
-def test_a_complex_field_shows_its_phase() -> None:
+def test_a_complex_field_shows_its_phase():
     phase = np.add.outer(np.linspace(-2, 2, 7), np.linspace(-1, 1, 5))
     figure = draw_planes(plane("amplitude", "1", exact=np.exp(1j * phase)))
     figure.savefig(io.BytesIO(), format="png")
@@ -128,7 +128,7 @@ def test_a_complex_field_shows_its_phase() -> None:
     assert any(axes.get_ylabel() == "phase (degrees)" for axes in figure.axes)
 
 
-def test_beams_go_across_a_plane_along_z() -> None:
+def test_beams_go_across_a_plane_along_z():
     values = np.add.outer(np.arange(7.0), np.arange(5.0)) + 1
     found = plane("irradiance", "W m-2", exact=values).rename(y="z")
     (axes, _) = draw_planes(found).axes
@@ -136,14 +136,14 @@ def test_beams_go_across_a_plane_along_z() -> None:
     assert axes.images[0].get_array().shape == (7, 5)
 
 
-def test_rays_are_labelled_with_their_obliquity_and_order() -> None:
+def test_rays_are_labelled_with_their_obliquity_and_order():
     found = line(rays=1 / Z, kirchhoff=1 / Z)
     found["rays"].attrs |= {"method": "wigner", "obliquity": "kirchhoff", "order": 3}
     labels = [text.get_text() for text in draw_lines(found).axes[0].get_legend().get_texts()]
     assert labels == ["Wigner, obliquity Kirchhoff, third order", "Kirchhoff"]
 
 
-def test_a_hemisphere_is_drawn_over_direction_cosines_all_around() -> None:
+def test_a_hemisphere_is_drawn_over_direction_cosines_all_around():
     theta, phi = np.radians(np.linspace(0, 90, 10)), np.radians(np.arange(0, 360, 30.0))
     values = np.cos(theta)[:, None] ** 2 * (1 + 0.5 * np.cos(phi))
     found = xarray.Dataset(
@@ -161,12 +161,12 @@ def test_a_hemisphere_is_drawn_over_direction_cosines_all_around() -> None:
     np.testing.assert_allclose(levels[:, :-1], expected, atol=1e-9)
 
 
-def test_fields_that_cannot_be_drawn_are_refused() -> None:
+def test_fields_that_cannot_be_drawn_are_refused():
     flat = plane("irradiance", "W m-2", exact=np.ones((7, 5)))
     cases = [
         (draw_lines, flat, {}, "along one axis"),
         (draw_lines, line(exact=1 / Z), {"against": "kirchhoff"}, "kirchhoff"),
-        (draw_lines, line(exact=1 / Z), {"along": "s"}, "coordinate"),
+        (draw_lines, line(exact=1 / Z), {"along": "s"}, "expected along to be one of"),
         (draw_lines, line(exact=1 / Z).drop_vars("exact"), {}, "without variables"),
         (draw_lines, line(exact=1 / Z).assign(other=flat["exact"]), {}, "same axes"),
         (draw_lines, line(exact=0 / Z), {}, "above zero"),
@@ -178,3 +178,90 @@ def test_fields_that_cannot_be_drawn_are_refused() -> None:
     for draw, found, options, words in cases:
         with pytest.raises(ArgumentError, match=words):
             draw(found, **options)
+
+
+def cuts_drawn(found, obstacles):
+    """Ends of the lines that are drawn over a map, in the units of its axes."""
+    figure = draw_planes(found, obstacles=obstacles)
+    return {
+        tuple(np.round(line[[0, -1]].ravel(), 6))
+        for drawn in figure.axes[0].collections
+        for line in drawn.get_segments()
+    }
+
+
+def test_the_lines_where_a_plane_cuts_obstacles_are_drawn():
+    import polywigner as pw
+
+    box = pw.Polyhedron(
+        [(x, y, z) for z in (0.02, 0.03) for y in (-0.01, 0.02) for x in (-0.01, 0.01)],
+        [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]],
+    )
+    square, method = pw.shapes.square(10e-3), {"method": "fraunhofer"}
+    found = pw.plane(square, [(-0.02, 0, 0.01), (0.02, 0, 0.05)], (3, 4), 3e-3, **method)
+    # z across, x upwards
+    ends = np.array(list(cuts_drawn(found, box))).reshape(-1, 2)
+    assert set(map(tuple, ends)) >= {(20, -10), (20, 10), (30, -10), (30, 10)}
+    assert ends.min(axis=0).tolist() == [20, -10] and ends.max(axis=0).tolist() == [30, 10]
+    pose = np.eye(4)
+    pose[2, 3] = 0.04
+    corners = [(-0.02, -0.02, 0.04), (0.02, 0.02, 0.04)]
+    found = pw.plane(square, corners, (3, 4), 3e-3, **method)
+    ends = np.array(list(cuts_drawn(found, square.placed(pose)))).reshape(-1, 2)
+    assert set(map(tuple, ends)) == {(-5, -5), (-5, 5), (5, -5), (5, 5)}
+    assert not cuts_drawn(found, box)
+
+
+# --- Figures of projections: neighbours share axes, and every panel says what it shows
+
+SOURCE = pw.shapes.chevron_pair(20e-3, 12e-3, 4e-3)
+COUNTS = {"paper": 4, "all": 6}
+
+
+def _panels(figure):
+    """Panels with a picture, not colour bars."""
+    return [a for a in figure.axes if a.get_title()]
+
+
+@pytest.mark.parametrize("layout", COUNTS)
+@pytest.mark.parametrize("kind", KINDS)
+def test_panels_of_a_column_share_the_axis_across_and_those_of_a_row_that_upwards(kind, layout):
+    panels = _panels(draw_projections(pw.projections(SOURCE, kind, samples=9), layout))
+    specs = [(axes, axes.get_subplotspec()) for axes in panels]
+    for axes, spec in specs:
+        for other, place in specs:
+            if spec.colspan == place.colspan:
+                assert axes.get_xlabel() == other.get_xlabel()
+                assert axes.get_xlim() == other.get_xlim()
+            if spec.rowspan == place.rowspan:
+                assert axes.get_ylim() == other.get_ylim()
+
+
+def test_values_stand_at_their_coordinates():
+    found = pw.projections(
+        SOURCE, "wigner", samples={"x": 9, "y": 8, "nu_x": 7, "nu_y": 6}, tiles=None
+    )
+    corner = _panels(draw_projections(found))[0]
+    mesh = corner.collections[0]
+    values = np.asarray(mesh.get_array()).reshape(8, 9)  # y upwards, x across
+    assert (values == found["x_y"].values.T).all()
+    centres = (mesh.get_coordinates()[0, :-1, 0] + mesh.get_coordinates()[0, 1:, 0]) / 2
+    assert np.allclose(centres, found["x"].values * 1e3)  # mm
+
+
+def test_slits_have_one_panel():
+    slits = pw.shapes.slit_pair((1e-3, 2e-3), (-2e-3, 3e-3))
+    figure = draw_projections(pw.projections(slits, "wigner", samples=9))
+    assert [axes.get_title() for axes in _panels(figure)] == ["$W$"]
+
+
+def test_what_cannot_be_drawn_is_refused():
+    found = pw.projections(SOURCE, samples=5)
+    with pytest.raises(ArgumentError, match='expected layout to be one of "paper", "all"'):
+        draw_projections(found, "round")
+    with pytest.raises(ArgumentError, match="expected a floor below 0 dB"):
+        draw_projections(found, floor_db=3.0)
+    with pytest.raises(ArgumentError, match="with all their tiles"):
+        draw_projections(pw.projections(SOURCE, samples=5, tiles=["x_y", "x_nu_x"]))
+    with pytest.raises(ArgumentError, match="two samples along x"):
+        draw_projections(pw.projections(SOURCE, samples=5, coordinates={"x": [0.0]}))

@@ -33,6 +33,47 @@ def _slices() -> Any:
     return figures.transform_slices(SQUARE, samples=17)
 
 
+def _channel(count: int = 65) -> Any:
+    """A band of 64 GHz, two ways 0.2 ns apart of which the second has a tenth of the amplitude."""
+    import xarray
+
+    frequencies = np.linspace(60e9, 124e9, count)
+    delays, sizes = np.array([0.5e-9, 0.7e-9]), np.array([1.0, 0.1])
+    ways = sizes * np.exp(2j * np.pi * frequencies[:, None] * delays)
+    dims = "receiver", "emitter", "way"
+    return xarray.Dataset(
+        {
+            "h": (("frequency", *dims[:2]), ways.sum(axis=-1)[:, None, None]),
+            "amplitude": (("frequency", *dims), ways[:, None, None]),
+            "delay": (dims, delays[None, None]),
+            "mirrors": (("way",), ["", "floor"]),
+        },
+        {"frequency": frequencies, "receiver": ["rx"], "emitter": ["tx"]},
+    )
+
+
+def test_impulse_responses_peak_at_each_way_by_its_own_level() -> None:
+    _, response = figures.draw_channel(_channel()).axes
+    times, levels = (np.asarray(values) for values in response.lines[0].get_data())
+    for delay, level in ((0.5, 0.0), (0.7, -20.0)):
+        near = np.abs(times - delay) < 0.05
+        top = np.argmax(np.where(near, levels, -np.inf))
+        assert times[top] == pytest.approx(delay, abs=2e-3)
+        assert levels[top] == pytest.approx(level, abs=0.1)
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_few_frequencies_have_no_impulse_response(count: int) -> None:
+    _, response = figures.draw_channel(_channel(count)).axes
+    assert all(len(line.get_xdata()) == 1 for line in response.lines)
+
+
+@pytest.mark.parametrize("wrong", [None, 3.0, {"h": 1}])
+def test_what_is_no_channel_is_not_drawn(wrong: Any) -> None:
+    with pytest.raises(ArgumentError, match=r"polywigner\.mitsuba\.channel"):
+        figures.draw_channel(wrong)
+
+
 SEVERAL: dict[str, Callable[..., Any]] = {
     "lines": lambda **how: figures.draw_lines(_line(0.0), **how),
     "columns of lines": lambda **how: figures.draw_lines(
@@ -51,6 +92,7 @@ SEVERAL: dict[str, Callable[..., Any]] = {
     "rcs": lambda **how: figures.draw_rcs(pw.rcs_pattern(SQUARE, WAVELENGTH, *ANGLES[::-1]), **how),
     "projections": lambda **how: figures.draw_projections(pw.projections(SQUARE, samples=9), **how),
     "transforms": lambda **how: figures.draw_transforms(_slices(), -30.0, **how),
+    "channel": lambda **how: figures.draw_channel(_channel(), **how),
 }
 ONE: dict[str, Callable[..., Any]] = {
     "scene": lambda **how: figures.draw_scene(np.ones((4, 6)), 2.0, -40.0, **how),

@@ -1,9 +1,6 @@
 """Fresnel fields along edges against Fresnel integrals, and the far field. In wavelengths."""
 
-from __future__ import annotations
-
 import math
-from typing import Any
 
 import numpy as np
 import pytest
@@ -33,7 +30,7 @@ POINTS = np.array(
 )
 
 
-def by_fresnel_integrals(kappa: Any, point: Any) -> complex:
+def by_fresnel_integrals(kappa, point):
     """The product of two one-dimensional fields of RECTANGLE."""
     z = point[2]
     scale = math.sqrt(2 / z)
@@ -47,7 +44,7 @@ def by_fresnel_integrals(kappa: Any, point: Any) -> complex:
 
 @pytest.mark.parametrize("kappa", [(0.0, 0.0), (0.2, -0.1), (0.9, 0.7)])
 @pytest.mark.parametrize("engine", ENGINES)
-def test_fields_of_a_rectangle_are_products_of_fresnel_integrals(kappa: Any, engine: Any) -> None:
+def test_fields_of_a_rectangle_are_products_of_fresnel_integrals(kappa, engine):
     source = RECTANGLE.with_illumination(pw.Illumination([1.0], [kappa]))
     expected = [by_fresnel_integrals(kappa, p) for p in POINTS]
     got = pw.amplitude(source, POINTS, 1.0, "fresnel", tolerance=1e-12, engine=engine)
@@ -57,7 +54,7 @@ def test_fields_of_a_rectangle_are_products_of_fresnel_integrals(kappa: Any, eng
     np.testing.assert_allclose(single, expected, rtol=0, atol=SINGLE)
 
 
-def test_the_intensity_is_the_wigner_function_along_parallel_rays() -> None:
+def test_the_intensity_is_the_wigner_function_along_parallel_rays():
     """|U|^2 = integral of W(x, (x' - x)/(lambda z)) / (lambda z)^2 over the automean, exactly."""
     triangle = pw.Aperture([(-1.0, -0.8), (1.3, -0.5), (-0.2, 1.1)])
     a, b, c = triangle.rings[0]
@@ -80,7 +77,7 @@ def test_the_intensity_is_the_wigner_function_along_parallel_rays() -> None:
     ("method", "share"),
     [("rayleigh-sommerfeld-1", 1.0), ("kirchhoff", 0.5), ("rayleigh-sommerfeld-2", 0.0)],
 )
-def test_near_the_axis_exact_fields_come_close_to_fresnels(method: Any, share: float) -> None:
+def test_near_the_axis_exact_fields_come_close_to_fresnels(method, share):
     """Up to i/(kz), the near field of the first integral's sources, which the second has not."""
     for z in (100.0, 1000.0):
         points = np.array([(0.2, 0.1, z), (0.5, 1.0, z)])
@@ -91,7 +88,7 @@ def test_near_the_axis_exact_fields_come_close_to_fresnels(method: Any, share: f
         assert np.abs(exact / paraxial - near_field).max() <= 2.5**2 / z**2
 
 
-def test_points_from_which_the_source_is_seen_at_a_steep_slope_are_refused_in_words() -> None:
+def test_points_from_which_the_source_is_seen_at_a_steep_slope_are_refused_in_words():
     with pytest.raises(ArgumentError, match="kirchhoff"):
         pw.amplitude(RECTANGLE, (0, 0, 1e-7), 1.0, "fresnel")
 
@@ -105,9 +102,7 @@ def test_points_from_which_the_source_is_seen_at_a_steep_slope_are_refused_in_wo
         ("rayleigh-sommerfeld-2", lambda c, p: p),
     ],
 )
-def test_the_far_field_is_the_fourier_transform_with_its_obliquity(
-    obliquity: Any, factor: Any
-) -> None:
+def test_the_far_field_is_the_fourier_transform_with_its_obliquity(obliquity, factor):
     wavelength = 3e-3
     kappas = np.array([(50.0, 20.0), (300.0, 250.0)])  # the second wave is evanescent
     p = np.sqrt(1 - wavelength**2 * (kappas**2).sum(axis=1) + 0j)
@@ -128,7 +123,7 @@ def test_the_far_field_is_the_fourier_transform_with_its_obliquity(
     assert got == pytest.approx(wave * sum(terms), rel=1e-10)
 
 
-def test_waves_that_graze_the_plane_have_no_slope_and_no_far_field_of_it() -> None:
+def test_waves_that_graze_the_plane_have_no_slope_and_no_far_field_of_it():
     source = RECTANGLE.with_illumination(pw.Illumination([1.0], [(1.0, 0.0)]))
     second = "rayleigh-sommerfeld-2"
     assert abs(pw.amplitude(source, (1, 2, 3), 1.0, second)) <= 1e-15

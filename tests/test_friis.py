@@ -1,7 +1,5 @@
 """One gain everywhere: Friis' formula and the radar equation with directivities of patterns."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
@@ -15,11 +13,9 @@ EXACT = ("rayleigh-sommerfeld-1", "rayleigh-sommerfeld-2", "kirchhoff")
 FAR = 1000.0
 # Decibels that these phases leave of a curved source; of flat ones some millionths.
 DECIBELS = 1e-3
-# Decibels of an opening of 0.01 wavelengths off its limit: (side/wavelength)^2.
-SMALL = 2e-3
 
 
-def square(side: float) -> pw.Aperture:
+def square(side):
     """Sides in wavelengths, and wavelengths of 1 m, in all of this file."""
     return pw.shapes.square(side)
 
@@ -40,12 +36,12 @@ CURVED = {"curved": (square(3.0).curved(20.0, 1.0), 4.25, 0.1, -0.2)}
 CASES = [(name, obliquity) for name in LINKS for obliquity in EXACT] + [("curved", EXACT[0])]
 
 
-def along(angle: float) -> np.ndarray:
+def along(angle):
     """At an angle from z towards x."""
     return np.array([math.sin(angle), 0.0, math.cos(angle)])
 
 
-def placed(angle: float, other: float, distance: float) -> np.ndarray:
+def placed(angle, other, distance):
     """Pose of a source so far off, for a line of sight at these angles from both normals."""
     turn = math.pi + angle - other
     c, s = math.cos(turn), math.sin(turn)
@@ -57,17 +53,17 @@ def placed(angle: float, other: float, distance: float) -> np.ndarray:
     return pose
 
 
-def directivity(source: Any, angle: float, obliquity: str) -> float:
+def directivity(source, angle, obliquity):
     """In dBi."""
     pattern = pw.radiation_pattern(source, 1.0, angle, 0.0, obliquity=obliquity)  # type: ignore
     return float(pattern["directivity"].values.item())
 
 
-def decibels(power: float) -> float:
+def decibels(power):
     return 10 * math.log10(power)
 
 
-def link(name: str, obliquity: str) -> tuple[Any, np.ndarray, float]:
+def link(name, obliquity):
     """Source of both ends, the receiver's pose, and Friis' received over radiated power in dB."""
     source, diameter, *angles = (LINKS | CURVED)[name]
     distance = FAR * 2 * diameter**2
@@ -77,15 +73,15 @@ def link(name: str, obliquity: str) -> tuple[Any, np.ndarray, float]:
 
 
 @pytest.mark.parametrize(("name", "obliquity"), CASES)
-def test_far_away_a_coupling_is_friis_with_directivities(name: str, obliquity: Any) -> None:
+def test_far_away_a_coupling_is_friis_with_directivities(name, obliquity):
     source, pose, expected = link(name, obliquity)
     b = pw.coupling(source, source, pose, 1.0, obliquity)
     assert decibels(abs(b) ** 2) == pytest.approx(expected, abs=DECIBELS)
 
 
 @pytest.mark.drjit
-@pytest.mark.parametrize(("name", "obliquity"), CASES)
-def test_far_away_direct_light_of_a_scene_is_friis(name: str, obliquity: Any) -> None:
+@pytest.mark.parametrize(("name", "obliquity"), CASES[::3])
+def test_far_away_direct_light_of_a_scene_is_friis(name, obliquity):
     pm = pytest.importorskip("polywigner.mitsuba")
     import mitsuba as mi
 
@@ -100,7 +96,7 @@ def test_far_away_direct_light_of_a_scene_is_friis(name: str, obliquity: Any) ->
 
 
 @pytest.mark.parametrize("name", LINKS)
-def test_a_small_plate_far_away_echoes_by_the_radar_equation(name: str) -> None:
+def test_a_small_plate_far_away_echoes_by_the_radar_equation(name):
     """|b|^2 = G^2 lambda^2 sigma/((4 pi)^3 r^4), with the plate across the line of sight."""
     source, diameter, angle, _ = LINKS[name]
     distance = FAR * 2 * max(diameter, 2.0) ** 2
@@ -113,29 +109,8 @@ def test_a_small_plate_far_away_echoes_by_the_radar_equation(name: str) -> None:
     assert decibels(power) == pytest.approx(expected, abs=DECIBELS)
 
 
-@pytest.mark.parametrize(
-    ("obliquity", "limit"),
-    [
-        ("paper", 4.0),
-        ("rayleigh-sommerfeld-1", 6.0),
-        ("rayleigh-sommerfeld-2", 2.0),
-        ("kirchhoff", 24 / 7),
-    ],
-)
-def test_the_directivity_of_a_tiny_opening_is_that_of_its_obliquity(
-    obliquity: Any, limit: float
-) -> None:
-    """4 pi g(0)/int g dOmega, of patterns and of links; the paper's cosine has no links."""
-    tiny, distance = square(0.01), 1e4
-    assert directivity(tiny, 0.0, obliquity) == pytest.approx(decibels(limit), abs=SMALL)
-    if obliquity in EXACT:
-        b = pw.coupling(tiny, tiny, placed(0.0, 0.0, distance), 1.0, obliquity)
-        gain = abs(b) * 4 * math.pi * distance
-        assert decibels(gain) == pytest.approx(decibels(limit), abs=SMALL)
-
-
 @pytest.mark.parametrize("obliquity", EXACT)
-def test_propagating_waves_bring_no_more_than_all(obliquity: Any) -> None:
+def test_propagating_waves_bring_no_more_than_all(obliquity):
     """A wavelength apart and aside, where waves that do not propagate have died away."""
     for side in (0.47, 1.0, 3.0):
         poses = [placed(angle, -angle, 1.0 + 2 * side * abs(angle)) for angle in (0.0, 0.3)]

@@ -1,18 +1,13 @@
 """Kernels that are traced once give in every later call what they gave in the first."""
 
-from __future__ import annotations
-
-import gc
 import subprocess
 import sys
 import threading
-from typing import Any
 
 import numpy as np
 import pytest
 
 import polywigner as pw
-from polywigner.plans import forced
 
 pytestmark = pytest.mark.llvm
 
@@ -24,12 +19,12 @@ EXACT = 0.0
 ROUNDING = 1e-12
 
 
-def points(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+def points(count, seed=0):
     rng = np.random.default_rng(seed)
     return rng.uniform(-0.5, 0.5, (count, 2)), rng.uniform(-5, 5, (count, 2))
 
 
-def in_engine(*arrays: np.ndarray) -> list[Any]:
+def in_engine(*arrays):
     import drjit as dr
     import drjit.llvm as backend
 
@@ -38,11 +33,11 @@ def in_engine(*arrays: np.ndarray) -> list[Any]:
     return found
 
 
-def largest(difference: Any) -> float:
+def largest(difference):
     return float(np.abs(np.array(difference)).max())
 
 
-def test_any_number_of_samples_goes_through_a_kernel_traced_once() -> None:
+def test_any_number_of_samples_goes_through_a_kernel_traced_once():
     for seed, count in enumerate([1000, 7, 1, 20_000, 1, 33]):
         x, nu = points(count, seed)
         for source in (SQUARE, CHEVRON):
@@ -53,7 +48,7 @@ def test_any_number_of_samples_goes_through_a_kernel_traced_once() -> None:
             assert largest(found - expected) < allowed
 
 
-def test_every_transform_repeats_itself() -> None:
+def test_every_transform_repeats_itself():
     x, nu = points(300)
     tapered = SQUARE.with_illumination(pw.cosine_taper(1.0, 1.0))
     for source in (CHEVRON, tapered, pw.shapes.regular_polygon(40, 0.5)):
@@ -70,7 +65,7 @@ def test_every_transform_repeats_itself() -> None:
             assert largest(calls[2] - expected) < ROUNDING * max(source.area, 1.0)
 
 
-def test_earlier_results_stay_as_they_are() -> None:
+def test_earlier_results_stay_as_they_are():
     arrays = [in_engine(*points(100, seed)) for seed in (1, 2)]
     first = pw.wigner(CHEVRON, *arrays[0])
     before = np.array(first)
@@ -78,7 +73,7 @@ def test_earlier_results_stay_as_they_are() -> None:
     assert largest(np.array(first) - before) == EXACT
 
 
-def test_threads_may_call_the_same_kernels_at_once() -> None:
+def test_threads_may_call_the_same_kernels_at_once():
     """Dr.Jit ends the process where two threads record one function at the same time."""
     sources = [pw.shapes.triangle(1.0, 0.7 + k / 100) for k in range(10)]
     given = [points(200 + 10 * k, k) for k in range(4)]
@@ -86,7 +81,7 @@ def test_threads_may_call_the_same_kernels_at_once() -> None:
     together = threading.Barrier(len(given))
     worst = [1.0] * len(given)
 
-    def work(k: int) -> None:
+    def work(k):
         found = []
         for source, values in zip(sources, expected[k], strict=True):
             together.wait(timeout=60)
@@ -101,7 +96,7 @@ def test_threads_may_call_the_same_kernels_at_once() -> None:
     assert max(worst) < ROUNDING
 
 
-def test_what_is_yet_to_be_computed_is_computed_together_with_the_kernel() -> None:
+def test_what_is_yet_to_be_computed_is_computed_together_with_the_kernel():
     import drjit as dr
 
     x, nu = in_engine(*points(100))
@@ -110,27 +105,7 @@ def test_what_is_yet_to_be_computed_is_computed_together_with_the_kernel() -> No
     assert pw.wigner(CHEVRON, x, nu).state == dr.VarState.Evaluated
 
 
-MANY_OUTLINES = """
-import numpy as np, polywigner as pw
-
-outlines = [pw.shapes.regular_polygon(sides, 1.0) for sides in range(40, 76)]
-rng = np.random.default_rng(0)
-for _ in range(400):
-    source, count = outlines[rng.integers(36)], int(rng.integers(1, 3000))
-    precision = ["double", "single"][rng.integers(2)]
-    x, nu = rng.normal(size=(count, 2)) * 0.4, rng.normal(size=(count, 2))
-    pw.wigner(source, x, nu, engine="llvm", precision=precision)
-"""
-
-
-@pytest.mark.slow
-def test_lists_of_pairs_that_are_made_anew_are_read_anew() -> None:
-    """More outlines in turn than there are lists remembered."""
-    done = subprocess.run([sys.executable, "-c", MANY_OUTLINES], capture_output=True, text=True)
-    assert (done.returncode, done.stderr) == (0, "")
-
-
-def test_a_process_that_remembers_kernels_ends_in_silence() -> None:
+def test_a_process_that_remembers_kernels_ends_in_silence():
     code = (
         "import polywigner as pw, numpy as np\n"
         "x = np.full((100, 2), 0.1)\n"
@@ -142,7 +117,7 @@ def test_a_process_that_remembers_kernels_ends_in_silence() -> None:
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
-def test_points_of_numpy_in_a_function_that_a_caller_records_do_not_end_the_process() -> None:
+def test_points_of_numpy_in_a_function_that_a_caller_records_do_not_end_the_process():
     code = (
         "import numpy as np, polywigner as pw\n"
         "from polywigner.toolchain.llvm import prepare\n"
@@ -155,56 +130,6 @@ def test_points_of_numpy_in_a_function_that_a_caller_records_do_not_end_the_proc
         "assert np.allclose(value(x), pw.wigner(pw.shapes.square(1.0), x, nu))\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert (done.returncode, done.stderr) == (0, "")
-
-
-def test_an_interrupt_while_a_kernel_is_recorded_is_an_interrupt(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Dr.Jit makes a RuntimeError of it, which would go the way of faults."""
-    from polywigner.execution.drjit_operations import DrjitOperations
-
-    def interrupted(*_: Any) -> Any:
-        raise KeyboardInterrupt
-
-    waves = pw.Illumination([1.0, 0.5], [[0.0, 0.0], [1.0, 0.3]])  # a kernel of its own
-    source, (x, nu) = pw.shapes.triangle(1.0, 0.61).with_illumination(waves), points(10)
-    with monkeypatch.context() as patched:
-        patched.setattr(DrjitOperations, "select", interrupted)
-        with pytest.raises(KeyboardInterrupt), forced("pairs"):
-            pw.wigner(source, x, nu, engine="llvm")
-    assert gc.isenabled()
-    expected = pw.wigner(source, x, nu, engine="numpy")
-    assert largest(pw.wigner(source, x, nu, engine="llvm") - expected) < ROUNDING
-
-
-THREADS = """
-import threading
-import numpy as np
-from drjit.llvm import Array2f64
-import polywigner as pw
-
-disc = pw.shapes.regular_polygon(40, 0.5)
-
-def work(seed):
-    x, nu = np.random.default_rng(seed).uniform(-0.4, 0.4, (2, 2, 9000))
-    for _ in range(10):
-        found = np.array(pw.ambiguity(disc, Array2f64(nu), Array2f64(x)))
-    expected = pw.ambiguity(disc, nu.T, x.T, engine="numpy")
-    assert np.abs(found - expected).max() < 1e-12, seed
-
-threads = [threading.Thread(target=work, args=(k,)) for k in range(4)]
-for thread in threads:
-    thread.start()
-for thread in threads:
-    thread.join()
-"""
-
-
-@pytest.mark.slow
-def test_threads_may_read_what_was_sorted_by_cells() -> None:
-    """Dr.Jit ends the process where several threads have arrays yet to be scattered into."""
-    done = subprocess.run([sys.executable, "-c", THREADS], capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")
 
 
@@ -234,6 +159,6 @@ assert gc.isenabled()
 """
 
 
-def test_garbage_that_holds_memory_of_numpy_is_not_collected_while_a_kernel_is_recorded() -> None:
+def test_garbage_that_holds_memory_of_numpy_is_not_collected_while_a_kernel_is_recorded():
     done = subprocess.run([sys.executable, "-c", GARBAGE], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr

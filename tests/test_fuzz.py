@@ -3,8 +3,6 @@
 `make fuzz` makes ten thousand.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
@@ -20,7 +18,7 @@ pytest.importorskip("trimesh")
 
 
 @pytest.mark.slow
-def test_a_case_is_the_same_file_each_time() -> None:
+def test_a_case_is_the_same_file_each_time():
     code = (
         "import hashlib, sys; sys.path.insert(0, sys.argv[1]);"
         "from fuzz_files import FORMATS, case;"
@@ -40,7 +38,7 @@ def test_a_case_is_the_same_file_each_time() -> None:
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="limits of time and memory are Unix's")
-def test_damaged_files_are_read_or_refused_but_break_nothing(tmp_path: Path) -> None:
+def test_damaged_files_are_read_or_refused_but_break_nothing(tmp_path):
     command = [sys.executable, str(FUZZ), "--count", str(COUNT), "--keep", str(tmp_path)]
     command += ["--hostile", "toml"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300)

@@ -1,10 +1,6 @@
 """Apertures drawn as GDSII layouts: units, cells, layers, paths; and files that end gdstk."""
 
-from __future__ import annotations
-
 import random
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +12,7 @@ from polywigner.errors import ArgumentError, FileFormatError, GeometryError
 ROUNDING = 1e-12
 
 
-def layout(path: Path) -> Path:
+def layout(path):
     """A cell TOP with 2 x 2 cells PAD, and a cell OTHER; in micrometres, to a nanometre."""
     gdstk = pytest.importorskip("gdstk")
     library = gdstk.Library(unit=1e-6, precision=1e-9)
@@ -31,7 +27,7 @@ def layout(path: Path) -> Path:
     return path
 
 
-def test_a_layer_of_a_cell_is_read_in_its_own_unit(tmp_path: Path) -> None:
+def test_a_layer_of_a_cell_is_read_in_its_own_unit(tmp_path):
     path = layout(tmp_path / "chip.gds")
     pads = pw.read_aperture(path, unit="km", layer=["TOP", "1"])
     assert pads.area == pytest.approx(4 * 2e-12, rel=ROUNDING, abs=0.0)
@@ -42,7 +38,7 @@ def test_a_layer_of_a_cell_is_read_in_its_own_unit(tmp_path: Path) -> None:
     assert pw.read_aperture(renamed, layer=["TOP", "1/0"]) == pads
 
 
-def test_shapes_of_layers_that_overlap_are_joined_when_asked(tmp_path: Path) -> None:
+def test_shapes_of_layers_that_overlap_are_joined_when_asked(tmp_path):
     path = layout(tmp_path / "chip.gds")
     with pytest.raises(GeometryError, match=r"union=True \(--union\)"):
         pw.read_aperture(path, layer="PAD")
@@ -50,7 +46,7 @@ def test_shapes_of_layers_that_overlap_are_joined_when_asked(tmp_path: Path) -> 
     assert joined.area == pytest.approx(2e-12 + 3 * 0.5e-12, rel=ROUNDING, abs=0.0)
 
 
-def test_a_hole_that_a_cut_leads_to_is_open(tmp_path: Path) -> None:
+def test_a_hole_that_a_cut_leads_to_is_open(tmp_path):
     other = pw.read_aperture(layout(tmp_path / "chip.gds"), layer="OTHER")
     assert other.area == pytest.approx(15e-12, rel=ROUNDING, abs=0.0)
     assert any(len(polygon.interiors) for polygon in np.atleast_1d(other.polygons.geoms))
@@ -66,14 +62,12 @@ def test_a_hole_that_a_cut_leads_to_is_open(tmp_path: Path) -> None:
         (["TOP", "PAD"], ArgumentError, "expected one cell, got TOP, PAD"),
     ],
 )
-def test_what_is_not_in_the_file_is_answered_with_what_is(
-    layer: Any, error: type[Exception], words: str, tmp_path: Path
-) -> None:
+def test_what_is_not_in_the_file_is_answered_with_what_is(layer, error, words, tmp_path):
     with pytest.raises(error, match=words):
         pw.read_aperture(layout(tmp_path / "chip.gds"), layer=layer)
 
 
-def test_files_that_end_gdstk_are_refused_and_leave_this_process_alone(tmp_path: Path) -> None:
+def test_files_that_end_gdstk_are_refused_and_leave_this_process_alone(tmp_path):
     """Cut, overwritten and repeated pieces, of which some are segmentation faults."""
     content = layout(tmp_path / "chip.gds").read_bytes()
     path = tmp_path / "damaged.gds"
@@ -85,9 +79,22 @@ def test_files_that_end_gdstk_are_refused_and_leave_this_process_alone(tmp_path:
             pw.read_aperture(path, layer=["TOP", "1"])
 
 
-def test_a_cell_within_itself_is_refused(tmp_path: Path) -> None:
+def test_a_cell_within_itself_is_refused(tmp_path):
     content = layout(tmp_path / "chip.gds").read_bytes()
     path = tmp_path / "circle.gds"
     path.write_bytes(content.replace(b"PAD\0", b"TOP\0"))
     with pytest.raises(FileFormatError):
         pw.read_aperture(path, layer=["TOP", "1"])
+
+
+def test_a_polygon_of_one_point_is_none(tmp_path):
+    gdstk = pytest.importorskip("gdstk")
+    box, path = gdstk.rectangle((0, 0), (5, 5)), tmp_path / "a.gds"
+    library = gdstk.Library()
+    library.new_cell("a").add(box)
+    library.write_gds(path)
+    head = "000408000006 0D02 0001 0006 0E02 0000"
+    point = bytes.fromhex(f"{head} 000C 1003 0000 0000 0000 0000 0004 1100")
+    end = bytes.fromhex("0004 0700")
+    path.write_bytes(path.read_bytes().replace(end, 2 * point + end))
+    assert pw.read_aperture(path).area == pytest.approx(25e-12)

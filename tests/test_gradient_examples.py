@@ -1,10 +1,7 @@
 """The examples of derivatives do what they say."""
 
-from __future__ import annotations
-
 import runpy
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -18,11 +15,11 @@ EXAMPLES = Path(__file__).parent.parent / "examples"
 DIFFERENCES = 1e-4
 
 
-def _example(*path: str) -> dict[str, Any]:
+def _example(*path):
     return runpy.run_path(str(EXAMPLES.joinpath(*path)))
 
 
-def test_the_outline_of_the_design_has_lower_sidelobes_than_a_disc() -> None:
+def test_the_outline_of_the_design_has_lower_sidelobes_than_a_disc():
     """By the transform of plain apertures in NumPy, where the loss did not look as well."""
     example = _example("inverse_design", "inverse_design.py")
     rings, history = example["shaped_aperture"](steps=40)
@@ -37,7 +34,7 @@ def test_the_outline_of_the_design_has_lower_sidelobes_than_a_disc() -> None:
     assert history[-1] < history[0] - 5
 
 
-def test_the_weights_of_the_design_have_lower_sidelobes_than_equal_ones() -> None:
+def test_the_weights_of_the_design_have_lower_sidelobes_than_equal_ones():
     example = _example("inverse_design", "inverse_design.py")
     weights, _ = example["designed_weights"]()
     angle = np.radians(np.linspace(-90, 90, 1001))
@@ -52,7 +49,7 @@ def test_the_weights_of_the_design_have_lower_sidelobes_than_equal_ones() -> Non
     assert levels[1] < levels[0] - 10
 
 
-def test_pytorch_differentiates_through_the_transform() -> None:
+def test_pytorch_differentiates_through_the_transform():
     pytest.importorskip("torch")
     example = _example("other_frameworks", "with_torch.py")
     vertices, losses = example["widened"](steps=10)
@@ -60,7 +57,7 @@ def test_pytorch_differentiates_through_the_transform() -> None:
     assert abs(pw.Aperture(vertices.numpy()).area - 1.5 * np.sqrt(3)) < 0.1
 
 
-def test_a_loss_in_jax_has_the_gradient_of_differences() -> None:
+def test_a_loss_in_jax_has_the_gradient_of_differences():
     pytest.importorskip("jax")
     example = _example("other_frameworks", "with_jax.py")
     square, step = example["SQUARE"], 1e-4

@@ -1,8 +1,6 @@
 """Ctrl-C ends a command with code 130 and one line, leaves nothing unfinished, and ends a call of
 the library by KeyboardInterrupt; whatever Python, or C, is at."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
@@ -15,7 +13,7 @@ import numpy as np
 import pytest
 
 import polywigner as pw
-from polywigner.interruption import postponed_interrupts
+from polywigner.interruption import atomic_path, postponed_interrupts
 from polywigner.propagation.stores import write_dataset
 from polywigner.propagation.stores_checks import Layout
 from polywigner.toolchain.llvm_discovery import Candidate
@@ -59,7 +57,7 @@ with unfinished(Path("table.npz.1.partial")), temporary_folder(Path()) as folder
 """
 
 
-def _run(script: str, *words: str, folder: Path) -> subprocess.CompletedProcess[str]:
+def _run(script, *words, folder):
     return subprocess.run(
         [sys.executable, "-c", script, *words],
         cwd=folder,
@@ -69,8 +67,36 @@ def _run(script: str, *words: str, folder: Path) -> subprocess.CompletedProcess[
     )
 
 
-@pytest.mark.parametrize("name", ["numpy", "shapely.lib", "matplotlib.figure"])
-def test_an_interrupted_import_ends_the_command_in_one_line(name: str, tmp_path: Path) -> None:
+_KILLED = """
+import os, signal
+from pathlib import Path
+from polywigner.interruption import atomic_path
+with atomic_path(Path("record.json")) as scratch:
+    scratch.write_text("half of it")
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_the_scratch_file_of_a_killed_run_goes_with_the_next_and_of_a_running_one_stays(tmp_path):
+    record = tmp_path / "record.json"
+    with atomic_path(record) as ours:
+        ours.write_text("whole")
+        for _ in range(2):
+            _run(_KILLED, folder=tmp_path)
+            (left,) = set(tmp_path.iterdir()) - {ours}  # one: the second has removed the first
+        other = tmp_path / left.name.replace("record", "records")
+        other.touch()
+        with atomic_path(record) as scratch:
+            assert not left.exists() and ours.exists()
+            scratch.write_text("whole")
+        ours.write_text("whole")
+    assert set(tmp_path.iterdir()) == {record, other}
+
+
+@pytest.mark.parametrize(
+    "name", ["shapely.lib", pytest.param("matplotlib.figure", marks=pytest.mark.slow)]
+)
+def test_an_interrupted_import_ends_the_command_in_one_line(name, tmp_path):
     words = ("transform", str(_CHEVRONS), "--frequency", "94 GHz")
     done = _run(_AT_AN_IMPORT.replace("MODULE", repr(name)), *words, folder=tmp_path)
     assert (done.returncode, done.stderr) == (130, _LINE)
@@ -78,16 +104,14 @@ def test_an_interrupted_import_ends_the_command_in_one_line(name: str, tmp_path:
 
 
 @pytest.mark.parametrize("signals", ["1", "2"], ids=["after a while", "at the second"])
-def test_code_that_swallows_the_interrupt_is_ended_with_its_scratch_files(
-    signals: str, tmp_path: Path
-) -> None:
+def test_code_that_swallows_the_interrupt_is_ended_with_its_scratch_files(signals, tmp_path):
     done = _run(_DEAF, signals, folder=tmp_path)
     assert (done.returncode, done.stderr) == (130, _LINE)
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.slow  # some seconds: libraries and a plan for many points
-def test_an_interrupted_volume_keeps_finished_chunks_only(tmp_path: Path) -> None:
+def test_an_interrupted_volume_keeps_finished_chunks_only(tmp_path):
     pytest.importorskip("zarr", reason="the extra `volume` is not installed")
     pytest.importorskip("dask", reason="the extra `volume` is not installed")
     command = [sys.executable, "-m", "polywigner", "volume", str(_CHEVRONS)]
@@ -104,7 +128,7 @@ def test_an_interrupted_volume_keeps_finished_chunks_only(tmp_path: Path) -> Non
     assert not list(tmp_path.rglob("*.partial*"))
 
 
-def test_an_interrupt_within_an_import_comes_after_it() -> None:
+def test_an_interrupt_within_an_import_comes_after_it():
     done = []
     with pytest.raises(KeyboardInterrupt), postponed_interrupts():
         os.kill(os.getpid(), signal.SIGINT)
@@ -119,7 +143,7 @@ class Endless:
 
     finished: list[int]
 
-    def __call__(self, origin: tuple[int, ...], shape: tuple[int, ...]) -> np.ndarray:
+    def __call__(self, origin, shape):
         os.kill(os.getpid(), signal.SIGINT)
         for _ in range(100_000):
             pw.fourier(pw.shapes.square(1.0), (0.0, 0.0), engine="numpy")
@@ -127,7 +151,7 @@ class Endless:
         return np.zeros(shape)
 
 
-def test_a_store_that_is_interrupted_gives_up_the_chunks_it_has_begun(tmp_path: Path) -> None:
+def test_a_store_that_is_interrupted_gives_up_the_chunks_it_has_begun(tmp_path):
     pytest.importorskip("zarr", reason="the extra `volume` is not installed")
     pytest.importorskip("dask", reason="the extra `volume` is not installed")
     axis = labelled_array(np.arange(4.0), ("x",), {"units": "m"})
@@ -140,9 +164,7 @@ def test_a_store_that_is_interrupted_gives_up_the_chunks_it_has_begun(tmp_path: 
     assert not finished and not list(tmp_path.iterdir())
 
 
-def test_a_trial_of_a_library_that_ctrl_c_has_ended_is_not_remembered(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_trial_of_a_library_that_ctrl_c_has_ended_is_not_remembered(tmp_path, monkeypatch):
     python, library = tmp_path / "python", tmp_path / "libLLVM-19.so"
     library.touch()
     python.write_text("#!/bin/sh\nkill -INT $$\n")

@@ -1,10 +1,5 @@
 """Moments of lag slices: against quadrature of the slice, and the Bessel functions behind them."""
 
-from __future__ import annotations
-
-from typing import Any
-
-import mpmath
 import numpy as np
 import pytest
 
@@ -12,9 +7,7 @@ import polywigner as pw
 from oracles.quadrature import triangle_nodes
 from oracles.references import numpy_and_few
 from polywigner import execution, kernels
-from polywigner.execution import NumpyOperations
 from polywigner.geometry.aperture import triangulate
-from polywigner.numerics.polynomials import segment_moments
 
 # Of area times diameter^2 and turns^3: some roundings of each term; in float32 with phases of some
 # turns, which are rounded as well.
@@ -36,14 +29,14 @@ SOURCES = {
 }
 
 
-def moments(source: Any, x: Any, nu: Any, engine: str = "numpy", double: bool = True) -> Any:
+def moments(source, x, nu, engine="numpy", double=True):
     kernel = kernels.kernel_for("lag moments", source)
     components = [np.asarray(a[..., k], np.float64) for a in (x, nu) for k in (0, 1)]
     found = execution.evaluate(kernel, source, components, double=double, engine=engine, outputs=6)
     return np.stack(found, axis=-1)
 
 
-def moments_by_quadrature(source: Any, x: Any, nu: Any) -> Any:
+def moments_by_quadrature(source, x, nu):
     outline = source.with_illumination(None)
     region = pw.lag_slice(outline, x)
     if region.is_empty:
@@ -57,14 +50,14 @@ def moments_by_quadrature(source: Any, x: Any, nu: Any) -> Any:
     return np.array([(product * f).sum().real for f in functions])
 
 
-def places(source: Any, count: int) -> tuple[Any, Any]:
+def places(source, count):
     """Positions, and frequencies from none at all to two cycles over the source."""
     x, _ = pw.sample_automean(source.with_illumination(None), count, seed=4)
     sizes = np.resize([0.0, 1e-9, 1e-3, 0.3, 1.0, 2.0], count) / source.diameter
     return x, np.random.default_rng(2).normal(size=(count, 2)) * sizes[:, None]
 
 
-def scale(source: Any, nu: Any) -> Any:
+def scale(source, nu):
     size = source.diameter
     turns = 2 * size * (np.linalg.norm(nu, axis=-1) + 1 / size)
     field = source.illumination
@@ -77,7 +70,7 @@ def scale(source: Any, nu: Any) -> Any:
 @pytest.mark.parametrize(
     ("name", "engine"), numpy_and_few(SOURCES, ["needle with waves"], slow=["L"])
 )
-def test_moments_are_integrals_over_the_lag_slice(name: str, engine: str) -> None:
+def test_moments_are_integrals_over_the_lag_slice(name, engine):
     source = SOURCES[name]
     x, nu = places(source, 12)
     expected = np.array(
@@ -88,7 +81,7 @@ def test_moments_are_integrals_over_the_lag_slice(name: str, engine: str) -> Non
         assert errors.max() < allowed
 
 
-def test_complex_weights_turn_moments_as_steering_does() -> None:
+def test_complex_weights_turn_moments_as_steering_does():
     """Elements with the phases of a beam, and the beam's own wave on them, at their centres."""
     kappa = np.array([0.4, 0.0])
     narrow = pw.shapes.rectangle(1e-4, 1.0)
@@ -102,25 +95,3 @@ def test_complex_weights_turn_moments_as_steering_does() -> None:
     one, other = moments(by_weights, x, nu), moments(by_waves, x, nu)
     # across an element the wave turns by 4e-5 of a turn
     assert abs(one - other).max() < 1e-3 * abs(one).max()
-
-
-def _segment_moment(n: int, turns: float) -> float:
-    """The integral of t^n exp(-2 pi i turns t) over the unit segment, its part that is not zero."""
-    with mpmath.workdps(90):
-        w = 2 * mpmath.pi * mpmath.mpf(turns)
-        half = mpmath.mpf(1) / 2
-        terms = (
-            (-1) ** ((k + 1) // 2) * w**k / mpmath.factorial(k) * half ** (n + k) / (n + k + 1)
-            for k in range(n % 2, 400, 2)
-        )
-        return float(mpmath.fsum(terms))
-
-
-@pytest.mark.parametrize("order", [2, 4])
-def test_segment_moments_keep_all_digits_where_series_and_recurrence_meet(order: int) -> None:
-    meet = [1 / np.pi, 2 / np.pi]
-    turns = np.concatenate([[0.0, 1e-200, 1e-9], np.linspace(0.05, 2.3, 10), meet, [17.3]])
-    found = np.array(segment_moments(NumpyOperations(double=True), turns / 2, order))
-    for n in range(order + 1):
-        expected = [_segment_moment(n, value) for value in turns.tolist()]
-        assert abs(found[n] - expected).max() < 1e-15 * 2.0**-n

@@ -1,7 +1,5 @@
 """Memory is bounded by what is given and what is returned, whatever the number of samples."""
 
-from __future__ import annotations
-
 import sys
 import time
 import tracemalloc
@@ -25,7 +23,7 @@ ROUNDING = 1e-5
 
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("form", ["outer product", "one place", "one by one"])
-def test_no_copy_of_all_samples_is_made(form: str, engine: str) -> None:
+def test_no_copy_of_all_samples_is_made(form, engine):
     rng, count = np.random.default_rng(3), 1 << 21
     # of single precision: a copy of all in double precision would be 32 MiB for each argument
     x: Any = rng.random((count, 2), dtype=np.float32) - 0.5
@@ -42,7 +40,7 @@ def test_no_copy_of_all_samples_is_made(form: str, engine: str) -> None:
     assert peak < found.nbytes + CHUNK
 
 
-def peak_of(transform: Any, *arguments: Any, **how: Any) -> tuple[Any, int]:
+def peak_of(transform, *arguments, **how):
     tracemalloc.start()
     try:
         found = transform(*arguments, **how)
@@ -56,7 +54,7 @@ def peak_of(transform: Any, *arguments: Any, **how: Any) -> tuple[Any, int]:
         tracemalloc.stop()
 
 
-def wait_for_threads() -> None:
+def wait_for_threads():
     """Until no memory has been let go of for a while: Dr.Jit does not tell when it has done so."""
     before, quiet = -1, 0
     for _ in range(200):
@@ -68,21 +66,8 @@ def wait_for_threads() -> None:
         time.sleep(0.025)
 
 
-@pytest.mark.slow
-@pytest.mark.llvm
-def test_both_parts_of_a_complex_result_are_computed_where_it_is() -> None:
-    count = 1 << 23  # a copy of the result would be 64 MiB
-    nu: Any = np.random.default_rng(3).random((count, 2), dtype=np.float32)
-    square, how = pw.shapes.square(1.0), {"engine": "llvm", "precision": "single"}
-    for transform, arguments in ((pw.fourier, ()), (pw.ambiguity, ((0.1, 0.2),))):
-        transform(square, nu[:512], *arguments, **how)  # what is made once
-        found, peak = peak_of(transform, square, nu, *arguments, **how)
-        assert found.shape == (count,)
-        assert peak < found.nbytes + CHUNK
-
-
-@pytest.mark.parametrize("source", ["array", "waves"])
-def test_sums_of_transforms_hold_some_samples_at_a_time(source: str) -> None:
+@pytest.mark.parametrize("source", ["array", pytest.param("waves", marks=pytest.mark.slow)])
+def test_sums_of_transforms_hold_some_samples_at_a_time(source):
     count = 1 << 22
     nu: Any = np.random.default_rng(3).random((count, 2), dtype=np.float32)
     square = pw.shapes.square(1.0)

@@ -1,9 +1,5 @@
 """The emitter alone: its radiance, its sampling, its power."""
 
-from __future__ import annotations
-
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -23,7 +19,6 @@ from mitsuba_scenes import (
     evaluated,
     light,
     pose,
-    propagating_part,
     uniform,
     use,
     vectors,
@@ -43,8 +38,8 @@ FACTORS = {
 @pytest.mark.parametrize("variant", VARIANTS)
 @pytest.mark.parametrize("source", [SQUARE, CHEVRON], ids=["square", "chevron"])
 def test_the_radiance_is_the_wigner_function_times_the_cosine_over_the_wavelength_squared(
-    source: pw.Aperture, variant: str
-) -> None:
+    source, variant
+):
     mi = use(variant)
     x, direction = draws(40, 0.005)
     seen = evaluated(mi, emitter_of(light(source)), x / MILLIMETRE, direction)
@@ -59,8 +54,8 @@ def test_the_radiance_is_the_wigner_function_times_the_cosine_over_the_wavelengt
 @pytest.mark.parametrize("variant", ["scalar_rgb", MONO])
 @pytest.mark.parametrize("obliquity", FACTORS)
 def test_the_radiance_times_the_cosine_is_the_wigner_function_times_the_obliquity(
-    obliquity: str, variant: str
-) -> None:
+    obliquity, variant
+):
     mi = use(variant)
     x, direction = draws(20, 0.004)
     seen = evaluated(mi, emitter_of(light(obliquity=obliquity)), x / MILLIMETRE, direction)
@@ -70,7 +65,7 @@ def test_the_radiance_times_the_cosine_is_the_wigner_function_times_the_obliquit
 
 
 @pytest.mark.parametrize("variant", ["scalar_rgb", MONO])
-def test_nothing_is_radiated_to_the_back(variant: str) -> None:
+def test_nothing_is_radiated_to_the_back(variant):
     mi = use(variant)
     x, direction = draws(10, 0.004)
     emitter = emitter_of(light())
@@ -83,7 +78,7 @@ def test_nothing_is_radiated_to_the_back(variant: str) -> None:
 
 
 @pytest.mark.parametrize("variant", ["scalar_rgb", MONO])
-def test_powers_scale_the_radiance_from_the_radiated_power_or_the_area(variant: str) -> None:
+def test_powers_scale_the_radiance_from_the_radiated_power_or_the_area(variant):
     """The field as it is, 1 W/m^2, radiates the one and has the other as int |u|^2."""
     mi = use(variant)
     x, direction = draws(10, 0.004)
@@ -100,16 +95,15 @@ HOW = [("uniform", False), ("marginal", False), ("root-marginal", True)]
 @pytest.mark.parametrize(
     ("variant", "sampling", "control_variate"),
     [
-        *(("scalar_rgb", *how) for how in HOW),
-        *(pytest.param(*MONO.values, *how, marks=MONO.marks) for how in HOW),
+        ("scalar_rgb", *HOW[0]),
+        ("scalar_rgb", *HOW[2]),
+        pytest.param(*MONO.values, *HOW[1], marks=MONO.marks),
         # colours share the density of positions
-        pytest.param(*RGB.values, *HOW[1], marks=RGB.marks),
-        pytest.param(*SPECTRAL.values, *HOW[2], marks=SPECTRAL.marks),
+        pytest.param(*RGB.values, *HOW[1], marks=[*RGB.marks, pytest.mark.slow]),
+        pytest.param(*SPECTRAL.values, *HOW[2], marks=[*SPECTRAL.marks, pytest.mark.slow]),
     ],
 )
-def test_sampled_directions_agree_with_density_and_evaluation(
-    variant: str, sampling: str, control_variate: bool
-) -> None:
+def test_sampled_directions_agree_with_density_and_evaluation(variant, sampling, control_variate):
     mi = use(variant)
     how = {"sampling": sampling, "control_variate": control_variate}
     emitter = emitter_of(light(CHEVRON, to_world=pose((3.0, -2.0, 1.0), about_x=0.3), **how))
@@ -131,9 +125,7 @@ def test_sampled_directions_agree_with_density_and_evaluation(
     [(SQUARE, "uniform"), (CHEVRON, "uniform"), (SQUARE, "marginal"), (SQUARE, "root-marginal")],
     ids=["square", "chevron", "square, marginal", "square, root of the marginal"],
 )
-def test_sampled_directions_follow_their_density_by_chi_square(
-    source: pw.Aperture, sampling: str, llvm: object
-) -> None:
+def test_sampled_directions_follow_their_density_by_chi_square(source, sampling, llvm):
     mi = use("llvm_ad_mono")
     from mitsuba.chi2 import ChiSquareTest, SphericalDomain
 
@@ -143,7 +135,7 @@ def test_sampled_directions_follow_their_density_by_chi_square(
     it = mi.Interaction3f()
     it.p = mi.Point3f(2.0, -1.0, 6.0)
 
-    def density(direction: Any) -> Any:
+    def density(direction):
         si = scene.ray_intersect(mi.Ray3f(it.p, direction))
         ds = mi.DirectionSample3f(scene, si, it)
         import drjit as dr
@@ -162,7 +154,7 @@ def test_sampled_directions_follow_their_density_by_chi_square(
 
 
 @pytest.mark.parametrize("variant", ["scalar_rgb", MONO])
-def test_positions_have_the_density_of_the_automean(variant: str) -> None:
+def test_positions_have_the_density_of_the_automean(variant):
     mi = use(variant)
     emitter = emitter_of(light(CHEVRON))
     ps, weight = emitter.sample_position(0.0, mi.Point2f(0.2, 0.7), True)
@@ -177,56 +169,7 @@ def test_positions_have_the_density_of_the_automean(variant: str) -> None:
     )
 
 
-def test_the_square_of_ten_millimetres_keeps_6_62_percent_to_itself() -> None:
-    assert propagating_part(SQUARE) / SQUARE.area == pytest.approx(1 - 0.0662, abs=5e-5)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("source", "sampling", "obliquity", "cosines"),
-    [
-        (SQUARE, "uniform", "rayleigh-sommerfeld-1", 1),
-        (CHEVRON, "uniform", "paper", 0),
-        (CHEVRON, "marginal", "rayleigh-sommerfeld-1", 1),
-    ],
-    ids=["square", "chevron", "chevron, marginal"],
-)
-def test_the_power_of_emitted_rays_is_that_of_the_far_field(
-    source: pw.Aperture, sampling: str, obliquity: str, cosines: int, llvm: object
-) -> None:
-    mi = use("llvm_ad_mono")
-    count = 2**21
-    how = {"sampling": sampling, "obliquity": obliquity}
-    emitter = emitter_of(light(source, to_world=pose(about_x=0.7), **how))
-    _, weight = emitter.sample_ray(
-        0.0, 0.5, uniform(mi, count, 2, seed=1), uniform(mi, count, 2, seed=2), True
-    )
-    samples = np.array(weight, dtype=float).ravel() * MILLIMETRE**2
-    error = samples.std() / np.sqrt(count)
-    expected = propagating_part(source, cosines)
-    assert error < 0.01 * expected
-    assert abs(samples.mean() - expected) < 4 * error
-
-
-@pytest.mark.parametrize("obliquity", FACTORS)
-def test_a_closed_box_around_a_small_patch_receives_its_power(obliquity: str, llvm: object) -> None:
-    """int int L cos dOmega dx; about half of int |u|^2 of such a patch does not get away."""
-    mi = use("llvm_ad_mono")
-    side, count = 0.6 * WAVELENGTH, 2**20
-    entry = light(pw.shapes.square(side), power="10 mW", obliquity=obliquity)
-    rng = np.random.default_rng(5)
-    x = rng.uniform(-side / 2, side / 2, (count, 2))
-    cosine, phi = rng.uniform(0, 1, count), rng.uniform(0, 2 * np.pi, count)
-    sine = np.sqrt(1 - cosine**2)
-    directions = np.stack([sine * np.cos(phi), sine * np.sin(phi), cosine], axis=-1)
-    radiance = evaluated(mi, emitter_of(entry), x / MILLIMETRE, directions)[:, 0]
-    samples = radiance * cosine * side**2 * 2 * np.pi
-    error = samples.std() / np.sqrt(count)
-    assert error < 1e-4
-    assert abs(samples.mean() - 10e-3) < 4 * error
-
-
-def test_rays_leave_from_the_aperture_to_its_front(llvm: object) -> None:
+def test_rays_leave_from_the_aperture_to_its_front(llvm):
     mi = use("llvm_ad_mono")
     placed = pose((1.0, 2.0, 3.0), about_x=0.7)
     emitter = emitter_of(light(CHEVRON, to_world=placed))
@@ -238,7 +181,7 @@ def test_rays_leave_from_the_aperture_to_its_front(llvm: object) -> None:
     assert (np.array(ray.d).T @ normal > 0).all()
 
 
-def test_an_aperture_far_from_the_origin_keeps_its_pattern(llvm: object) -> None:
+def test_an_aperture_far_from_the_origin_keeps_its_pattern(llvm):
     mi = use("llvm_ad_mono")
     import polywigner.mitsuba as pwm
 
@@ -264,40 +207,8 @@ def test_an_aperture_far_from_the_origin_keeps_its_pattern(llvm: object) -> None
     assert np.abs(seen - expected).max() < RADIANCE_ERROR * scale
 
 
-def test_identical_apertures_stay_apart(llvm: object) -> None:
+def test_identical_apertures_stay_apart(llvm):
     for variant in ("llvm_ad_mono", "scalar_rgb"):
         mi = use(variant)
         entries = {f"aperture{k}": light() for k in range(3)}
         assert len(mi.load_dict({"type": "scene", **entries}).emitters()) == 3
-
-
-@pytest.mark.slow
-def test_an_irradiance_meter_sees_the_aperture_with_volpath_or_an_opaque_surface(
-    llvm: object,
-) -> None:
-    mi = use("llvm_ad_mono")
-    height = 30.0
-
-    def measured(integrator: str, **more: Any) -> float:
-        floor = mi.ScalarTransform4f().translate([0, 0, height]).rotate([1, 0, 0], 180)
-        meter = {
-            "type": "irradiancemeter",
-            "film": {"type": "hdrfilm", "width": 1, "height": 1, "rfilter": {"type": "box"}},
-            "sampler": {"type": "independent"},
-        }
-        scene = mi.load_dict(
-            {
-                "type": "scene",
-                "aperture": light(**more),
-                "floor": {"type": "rectangle", "to_world": floor, "sensor": meter},
-            }
-        )
-        integrator = mi.load_dict({"type": integrator})
-        return float(np.array(mi.render(scene, integrator=integrator, spp=2**20)).item())
-
-    opaque = measured("path", bsdf={"type": "diffuse"})
-    # The same seed draws the same rays; what the two surfaces throw back and forth is below 1e-4.
-    for integrator in ("volpath", "direct"):
-        assert measured(integrator) == pytest.approx(opaque, rel=1e-4)
-    assert opaque > 0
-    assert measured("path") == 0.0  # Mitsuba's rule for null surfaces, as the page says

@@ -1,9 +1,5 @@
 """Powers that ``wigner_receiver`` reads of scenes, against quadrature and the radar equation."""
 
-from __future__ import annotations
-
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -19,21 +15,17 @@ RENDERS, ERRORS = 8, 5.0
 EXACT = 3e-4
 # What fog at 1.6 to 2.4 times 2 D^2/wavelength does not know of the near field (measured: 0.5 %).
 FOG = 0.01
-# Of sums of float32 over pixels and samples.
-ROUNDING = 1e-5
 
-RING = pw.shapes.ring(0.006, 0.004, n=12)
 HORN = pw.shapes.rectangle(12e-3, 8e-3).with_illumination(pw.cosine_taper(12e-3))
 SITES = 0.6 * WAVELENGTH * (np.argwhere(np.ones((4, 4))) - 1.5)
 STEERED = pw.phased_array(
     pw.shapes.square(0.5 * WAVELENGTH), SITES, np.exp(2j * np.pi * SITES @ [0.3, 0.2] / WAVELENGTH)
 )
-SOURCES = {"square": SQUARE, "ring": RING, "horn": HORN, "steered array": STEERED}
 SKY = {"type": "constant", "radiance": {"type": "spectrum", "value": 1.0}}
 OBLIQUITIES = ("rayleigh-sommerfeld-1", "kirchhoff", "rayleigh-sommerfeld-2")
 
 
-def read(scene: dict[str, Any], samples: int) -> tuple[float, float]:
+def read(scene, samples):
     """The mean power of some renders, and its standard error."""
     import mitsuba as mi
 
@@ -45,7 +37,7 @@ def read(scene: dict[str, Any], samples: int) -> tuple[float, float]:
     return float(np.mean(values)), float(np.std(values, ddof=1) / np.sqrt(RENDERS))
 
 
-def furnace(source: Any, **more: Any) -> dict[str, Any]:
+def furnace(source, **more):
     """A receiver under a sky of radiance 1."""
     import polywigner.mitsuba as pwm
 
@@ -53,7 +45,7 @@ def furnace(source: Any, **more: Any) -> dict[str, Any]:
     return {"type": "scene", "integrator": {"type": "path"}, "receiver": receiver, "sky": SKY}
 
 
-def check_furnace(power: float, error: float, expected: float = WAVELENGTH**2) -> None:
+def check_furnace(power, error, expected=WAVELENGTH**2):
     """A furnace of radiance L gives lambda^2 L to any receiver: one mode."""
     assert abs(power - expected) < ERRORS * error + EXACT * expected
     assert error < 0.02 * expected
@@ -62,18 +54,14 @@ def check_furnace(power: float, error: float, expected: float = WAVELENGTH**2) -
 @pytest.mark.parametrize("estimator", ["exact", "wigner"])
 @pytest.mark.parametrize("obliquity", OBLIQUITIES)
 @pytest.mark.parametrize("variant", [MONO])
-def test_a_radiance_from_everywhere_reads_one_mode_of_it(
-    variant: str, obliquity: str, estimator: str
-) -> None:
+def test_a_radiance_from_everywhere_reads_one_mode_of_it(variant, obliquity, estimator):
     use(variant)
     check_furnace(*read(furnace(SQUARE, obliquity=obliquity, estimator=estimator), 1 << 17))
 
 
 @pytest.mark.parametrize("estimator", ["exact", "wigner"])
 @pytest.mark.parametrize("variant", [MONO])
-def test_as_aperture_power_a_receiver_reads_the_share_that_it_radiates(
-    variant: str, estimator: str
-) -> None:
+def test_as_aperture_power_a_receiver_reads_the_share_that_it_radiates(variant, estimator):
     use(variant)
     share = pw.radiated_power(HORN, WAVELENGTH) / np.real(pw.lag_marginal(HORN, (0.0, 0.0)))
     assert share < 0.95
@@ -82,19 +70,8 @@ def test_as_aperture_power_a_receiver_reads_the_share_that_it_radiates(
 
 
 @pytest.mark.parametrize("estimator", ["exact", "wigner"])
-@pytest.mark.parametrize("name", ["ring", "horn", "steered array"])
-@pytest.mark.parametrize("variant", [MONO])
-@pytest.mark.slow
-def test_sources_with_holes_fields_and_elements_receive_one_mode(
-    variant: str, name: str, estimator: str
-) -> None:
-    use(variant)
-    check_furnace(*read(furnace(SOURCES[name], estimator=estimator), 1 << 17))
-
-
-@pytest.mark.parametrize("estimator", ["exact", "wigner"])
 @pytest.mark.parametrize("variant", ["scalar_rgb", "scalar_mono_polarized"])
-def test_scalar_variants_read_the_same(variant: str, estimator: str) -> None:
+def test_scalar_variants_read_the_same(variant, estimator):
     mi = use("scalar_rgb")
     if variant not in mi.variants():
         variant = "scalar_rgb"
@@ -127,9 +104,7 @@ def test_scalar_variants_read_the_same(variant: str, estimator: str) -> None:
 )
 @pytest.mark.parametrize("variant", [MONO])
 @pytest.mark.slow
-def test_scenes_read_what_quadrature_finds(
-    variant: str, name: str, samples: int, model: float
-) -> None:
+def test_scenes_read_what_quadrature_finds(variant, name, samples, model):
     """The scenes of benchmarks/receive_scene.py."""
     use(variant)
     import receive_scene
@@ -141,7 +116,7 @@ def test_scenes_read_what_quadrature_finds(
     assert error < 0.03 * expected
 
 
-def test_the_reference_is_the_radar_equation_far_away() -> None:
+def test_the_reference_is_the_radar_equation_far_away():
     """Cross sections 4 rho A cos^2 of a Lambertian plate and 8/3 pi a^2 rho of a sphere."""
     use("scalar_rgb")
     import receive_scene
@@ -150,26 +125,8 @@ def test_the_reference_is_the_radar_equation_far_away() -> None:
         assert abs(power / expected - 1) < 3 * receive_scene.TARGET / 300.0
 
 
-@pytest.mark.parametrize("degrees", [0, 30, 60])
 @pytest.mark.parametrize("variant", [MONO])
-def test_transmitter_and_receiver_can_be_exchanged(variant: str, degrees: int) -> None:
-    """Each with 1 W, one of them with the target so far off its axis."""
-    use(variant)
-    import receive_scene
-
-    cases, found = receive_scene.cases(), []
-    for way, side in (("there", 0.003), ("back", 0.007)):
-        case = cases[f"plate, {degrees} degrees off one axis, {way}, exact"]
-        power = pw.radiated_power(pw.shapes.square(side), WAVELENGTH)
-        found.append(np.array([*read(case.scene(), 1 << 20), case.power()]) / power)
-    (one, error, expected), (other, other_error, _) = found
-    assert abs(one - other) < ERRORS * np.hypot(error, other_error) + EXACT * one
-    assert abs(one - expected) < ERRORS * error + EXACT * expected
-    assert max(error, other_error) < 0.03 * one
-
-
-@pytest.mark.parametrize("variant", [MONO])
-def test_powers_of_two_transmitters_add(variant: str) -> None:
+def test_powers_of_two_transmitters_add(variant):
     use(variant)
     import receive_scene as rs
 
@@ -185,7 +142,7 @@ def test_powers_of_two_transmitters_add(variant: str) -> None:
 
 @pytest.mark.parametrize("estimator", ["exact", "wigner"])
 @pytest.mark.parametrize("variant", [MONO])
-def test_a_map_of_directions_adds_up_to_the_power(variant: str, estimator: str) -> None:
+def test_a_map_of_directions_adds_up_to_the_power(variant, estimator):
     use(variant)
     total, error = read(furnace(STEERED, estimator=estimator), 1 << 16)
     mapped, map_error = read(furnace(STEERED, estimator=estimator, film=(6, 5)), 1 << 12)
@@ -194,7 +151,7 @@ def test_a_map_of_directions_adds_up_to_the_power(variant: str, estimator: str) 
 
 
 @pytest.mark.parametrize("variant", ["scalar_rgb", MONO])
-def test_columns_of_a_map_run_along_x_and_rows_along_y(variant: str) -> None:
+def test_columns_of_a_map_run_along_x_and_rows_along_y(variant):
     """Light from a small sphere in the direction (0.6, -0.4) of a receiver that is turned."""
     mi = use(variant)
     import polywigner.mitsuba as pwm
@@ -221,7 +178,7 @@ def test_columns_of_a_map_run_along_x_and_rows_along_y(variant: str) -> None:
 
 
 @pytest.mark.parametrize("variant", [MONO])
-def test_null_surfaces_are_not_the_first(variant: str) -> None:
+def test_null_surfaces_are_not_the_first(variant):
     """Two veils 10 mm away, where the field is another: the sky behind weighs as without them."""
     mi = use(variant)
     import polywigner.mitsuba as pwm
@@ -236,7 +193,7 @@ def test_null_surfaces_are_not_the_first(variant: str) -> None:
 
 
 @pytest.mark.parametrize("variant", [MONO])
-def test_equal_samples_read_equal_powers_however_often(variant: str) -> None:
+def test_equal_samples_read_equal_powers_however_often(variant):
     """A pixel takes 2^18 samples: added up in float32, they would be off by a thousandth."""
     mi = use(variant)
     import polywigner.mitsuba as pwm
@@ -248,7 +205,7 @@ def test_equal_samples_read_equal_powers_however_often(variant: str) -> None:
 
 
 @pytest.mark.parametrize("variant", [MONO])
-def test_large_numbers_of_samples_are_not_rounded_away(variant: str) -> None:
+def test_large_numbers_of_samples_are_not_rounded_away(variant):
     """Each sample of a patch that receives nearly alike from everywhere weighs nearly the same."""
     mi = use(variant)
     import polywigner.mitsuba as pwm

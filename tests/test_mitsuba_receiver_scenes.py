@@ -1,12 +1,8 @@
 """Receivers in scenes: XML, films, poses, what is refused, and how the scene reaches them."""
 
-from __future__ import annotations
-
 import gc
 import warnings
 import weakref
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -25,7 +21,7 @@ SOURCE = '<string name="aperture" value="square.wkt"/>'
 FREQUENCY = '<string name="frequency" value="94 GHz"/>'
 
 
-def scene_with(**more: Any) -> dict[str, Any]:
+def scene_with(**more):
     """A receiver under a sky of radiance 1."""
     import polywigner.mitsuba as pwm
 
@@ -33,7 +29,7 @@ def scene_with(**more: Any) -> dict[str, Any]:
     return {"type": "scene", "integrator": {"type": "path"}, "receiver": receiver, "sky": SKY}
 
 
-def loaded(folder: Path, inside: str) -> Any:
+def loaded(folder, inside):
     import polywigner.mitsuba as pwm
 
     (folder / "square.wkt").write_text("POLYGON((-5 -5, 5 -5, 5 5, -5 5, -5 -5))")
@@ -44,9 +40,7 @@ def loaded(folder: Path, inside: str) -> Any:
     return pwm.load_scene(folder / "scene.xml")
 
 
-def test_a_receiver_in_xml_has_the_parameters_of_its_source_and_of_its_noise(
-    tmp_path: Path,
-) -> None:
+def test_a_receiver_in_xml_has_the_parameters_of_its_source_and_of_its_noise(tmp_path):
     use("scalar_rgb")
     texts = {
         "array": "2 x 3, 12 mm",
@@ -75,7 +69,7 @@ def test_a_receiver_in_xml_has_the_parameters_of_its_source_and_of_its_noise(
     assert spec.normalise == "aperture"
 
 
-def test_defaults_are_exact_light_and_no_noise(tmp_path: Path) -> None:
+def test_defaults_are_exact_light_and_no_noise(tmp_path):
     use("scalar_rgb")
     sensor = loaded(tmp_path, SOURCE + FREQUENCY + FILM).sensors()[0]
     spec = sensor.spec
@@ -123,7 +117,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("wrong", WRONG)
-def test_what_a_receiver_lacks_or_cannot_take_is_one_line(tmp_path: Path, wrong: str) -> None:
+def test_what_a_receiver_lacks_or_cannot_take_is_one_line(tmp_path, wrong):
     use("scalar_rgb")
     inside, reason = WRONG[wrong]
     with pytest.raises(PolywignerError, match=reason) as caught:
@@ -145,15 +139,13 @@ def test_what_a_receiver_lacks_or_cannot_take_is_one_line(tmp_path: Path, wrong:
         ({"to_world": np.diag([2.0, 1.0, 1.0, 1.0])}, "to_world"),
     ],
 )
-def test_python_says_what_is_wrong_before_a_scene_is_loaded(
-    more: dict[str, Any], reason: str
-) -> None:
+def test_python_says_what_is_wrong_before_a_scene_is_loaded(more, reason):
     use("scalar_rgb")
     with pytest.raises(PolywignerError, match=reason):
         scene_with(**more)
 
 
-def test_frequency_stands_for_wavelength_and_texts_for_numbers() -> None:
+def test_frequency_stands_for_wavelength_and_texts_for_numbers():
     use("scalar_rgb")
     import polywigner.mitsuba as pwm
 
@@ -164,7 +156,7 @@ def test_frequency_stands_for_wavelength_and_texts_for_numbers() -> None:
 
 
 @pytest.mark.parametrize("variant", ["scalar_rgb", MONO])
-def test_equal_receivers_are_two(variant: str) -> None:
+def test_equal_receivers_are_two(variant):
     mi = use(variant)
     scene = scene_with()
     loaded = mi.load_dict({**scene, "other": dict(scene["receiver"])})
@@ -172,7 +164,7 @@ def test_equal_receivers_are_two(variant: str) -> None:
 
 
 @pytest.mark.parametrize("variant", ["scalar_rgb", MONO])
-def test_mitsubas_own_render_needs_the_scene_handed_over(variant: str) -> None:
+def test_mitsubas_own_render_needs_the_scene_handed_over(variant):
     mi = use(variant)
     import polywigner.mitsuba as pwm
 
@@ -190,21 +182,21 @@ def test_mitsubas_own_render_needs_the_scene_handed_over(variant: str) -> None:
 
 
 @pytest.mark.parametrize("variant", [MONO])
-def test_signed_weights_need_no_scene(variant: str) -> None:
+def test_signed_weights_need_no_scene(variant):
     mi = use(variant)
     scene = mi.load_dict(scene_with(estimator="wigner"))
     assert np.array(mi.render(scene, spp=256)).item() > 0
 
 
 @pytest.mark.parametrize("variant", [MONO])
-def test_a_render_leaves_film_and_receiver_as_they_were_even_if_it_fails(variant: str) -> None:
+def test_a_render_leaves_film_and_receiver_as_they_were_even_if_it_fails(variant):
     mi = use(variant)
     import polywigner.mitsuba as pwm
 
     scene = mi.load_dict(scene_with(film=(3, 2)))
     sensor = scene.sensors()[0]
 
-    def stop(done: int, total: int) -> None:
+    def stop(done, total):
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -215,7 +207,7 @@ def test_a_render_leaves_film_and_receiver_as_they_were_even_if_it_fails(variant
 
 
 @pytest.mark.parametrize("variant", [MONO])
-def test_a_rendered_scene_is_freed(variant: str) -> None:
+def test_a_rendered_scene_is_freed(variant):
     mi = use(variant)
     import polywigner.mitsuba as pwm
 
@@ -228,7 +220,7 @@ def test_a_rendered_scene_is_freed(variant: str) -> None:
 
 
 @pytest.mark.parametrize("variant", ["scalar_rgb", MONO])
-def test_a_receiver_moves_with_its_to_world(variant: str) -> None:
+def test_a_receiver_moves_with_its_to_world(variant):
     """Turned away from a sky of half a sphere it reads nothing."""
     mi = use(variant)
     import polywigner.mitsuba as pwm
@@ -250,7 +242,7 @@ def test_a_receiver_moves_with_its_to_world(variant: str) -> None:
 
 
 @pytest.mark.parametrize(("start", "warned"), [(20.0, True), (150.0, False)])
-def test_fog_in_the_near_zone_is_warned_of(start: float, warned: bool) -> None:
+def test_fog_in_the_near_zone_is_warned_of(start, warned):
     """2 D^2/wavelength is 125 mm from the 10 mm square."""
     mi = use("scalar_rgb")
     import polywigner.mitsuba as pwm
@@ -268,26 +260,3 @@ def test_fog_in_the_near_zone_is_warned_of(start: float, warned: bool) -> None:
             pwm.render(scene, integrator="volpath", spp=1)
         found = [str(w.message) for w in caught if "near zone" in str(w.message)]
         assert len(found) == (warned and estimator == "exact")
-
-
-@pytest.mark.parametrize("variant", [MONO])
-def test_other_wavelengths_and_poses_compile_nothing_new(variant: str) -> None:
-    mi = use(variant)
-    import drjit as dr
-
-    import polywigner.mitsuba as pwm
-
-    def kernels(wavelength: float, turn: float) -> set[str]:
-        gc.collect()  # emitters of scenes that are alive are code of every kernel
-        receiver = pwm.receiver(SQUARE, wavelength, pose((1.0, 2.0, turn), turn), "kirchhoff")
-        scene = mi.load_dict(
-            {"type": "scene", "integrator": {"type": "path"}, "r": receiver, "s": SKY}
-        )
-        with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
-            dr.kernel_history_clear()
-            pwm.render(scene, spp=64)
-            history = dr.kernel_history()
-        return {entry["hash"] for entry in history if "hash" in entry}
-
-    kernels(WAVELENGTH, 0.1)
-    assert kernels(1.1 * WAVELENGTH, 0.3) <= kernels(1.2 * WAVELENGTH, 0.4)

@@ -1,31 +1,13 @@
 """Rendered floors: against the diffraction integral, across integrators, variants and changes."""
 
-from __future__ import annotations
-
-import os
-import subprocess
-import sys
 import warnings
-from collections.abc import Callable
 from functools import cache
-from typing import Any
 
 import numpy as np
 import pytest
 
 import polywigner as pw
-from mitsuba_scenes import (
-    CHEVRON,
-    MILLIMETRE,
-    MONO,
-    RGB,
-    SQUARE,
-    WAVELENGTH,
-    floor_scene,
-    light,
-    pose,
-    use,
-)
+from mitsuba_scenes import CHEVRON, MILLIMETRE, SQUARE, WAVELENGTH, floor_scene, light, pose, use
 from polywigner.errors import ArgumentError, EngineError, SceneError
 
 pytestmark = pytest.mark.drjit
@@ -37,7 +19,7 @@ LARGEST_MEAN_SQUARE = 2.2
 
 
 @cache
-def line(source: pw.Aperture, distance: float) -> np.ndarray:
+def line(source, distance):
     """What a line of pixels through the axis must show at ``distance`` wavelengths."""
     import render_reference as reference
 
@@ -46,12 +28,12 @@ def line(source: pw.Aperture, distance: float) -> np.ndarray:
     return reference.mean_over_pixels(reference.wigner_floor(source, points, WAVELENGTH))
 
 
-def irradiance(image: np.ndarray) -> np.ndarray:
+def irradiance(image):
     """On a white floor, in the order of x: the camera's columns run towards -x."""
     return np.pi * image[0, ::-1, 0].astype(float)
 
 
-def mean_and_error(runs: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+def mean_and_error(runs):
     stack = np.array(runs, dtype=float)
     return stack.mean(axis=0), stack.std(axis=0, ddof=1) / np.sqrt(len(runs))
 
@@ -59,14 +41,14 @@ def mean_and_error(runs: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize(
     ("source", "distance", "sampler"),
     [
-        (SQUARE, 2, "independent"),
+        pytest.param(SQUARE, 2, "independent", marks=pytest.mark.slow),
         (CHEVRON, 10, "multijitter"),
         pytest.param(CHEVRON, 50, "multijitter", marks=pytest.mark.slow),
     ],
 )
 def test_a_floor_shows_the_diffraction_integral_times_its_cosine_without_bias(
-    source: pw.Aperture, distance: float, sampler: str, llvm: object
-) -> None:
+    source, distance, sampler, llvm
+):
     use("llvm_ad_mono")
     import polywigner.mitsuba as pwm
 
@@ -85,19 +67,12 @@ L_SHAPE = pw.Aperture(
 
 
 @pytest.mark.parametrize(
-    ("estimator", "samples", "columns", "decibels"),
-    [("wigner", 4096, 64, -41.0), ("exact", 16, 96, -45.0)],
+    ("source", "distance", "estimator", "samples", "columns", "decibels"),
+    [(TRIANGLE, 20, "exact", 16, 96, -45.0), (L_SHAPE, 30, "wigner", 4096, 64, -41.0)],
 )
-@pytest.mark.parametrize(("source", "distance"), [(TRIANGLE, 20), (L_SHAPE, 30)])
 def test_a_floor_receives_the_squared_field_times_its_cosine(
-    source: pw.Aperture,
-    distance: float,
-    estimator: str,
-    samples: int,
-    columns: int,
-    decibels: float,
-    llvm: object,
-) -> None:
+    source, distance, estimator, samples, columns, decibels, llvm
+):
     """Mean error of all pixels over the peak; the cosine from the middle of the source."""
     use("llvm_ad_mono")
     import polywigner.mitsuba as pwm
@@ -120,7 +95,7 @@ def test_a_floor_receives_the_squared_field_times_its_cosine(
     assert 10 * np.log10(error) < decibels
 
 
-def _floor(source: pw.Aperture, distance: float, sampler: str, **how: Any) -> Any:
+def _floor(source, distance, sampler, **how):
     return floor_scene(
         {"aperture": light(source, **how)},
         distance=distance * WAVELENGTH / MILLIMETRE,
@@ -140,8 +115,8 @@ def _floor(source: pw.Aperture, distance: float, sampler: str, **how: Any) -> An
     ],
 )
 def test_importance_and_control_variate_shift_no_mean_and_save_three_of_four_samples(
-    source: pw.Aperture, distance: float, how: dict[str, Any], llvm: object
-) -> None:
+    source, distance, how, llvm
+):
     use("llvm_ad_mono")
     import polywigner.mitsuba as pwm
 
@@ -157,26 +132,8 @@ def test_importance_and_control_variate_shift_no_mean_and_save_three_of_four_sam
     assert np.std(runs - expected) < np.std(many - expected)
 
 
-@pytest.mark.slow
-def test_a_control_variate_is_unbiased_on_a_tilted_floor_too(llvm: object) -> None:
-    """The receiver's cosine, by which the renderer multiplies, changes from place to place."""
-    use("llvm_ad_mono")
-    import polywigner.mitsuba as pwm
-
-    runs = []
-    for how in ({}, {"control_variate": True}):
-        turned = pose(about_x=0.6)
-        scene = _floor(SQUARE, 20, "multijitter", to_world=turned, **how)
-        runs.append([irradiance(pwm.render(scene, spp=1024, seed=seed)) for seed in range(8)])
-    (plain, own), (mean, error) = (mean_and_error(run) for run in runs)
-    assert np.mean((mean - plain) ** 2 / (error**2 + own**2)) < LARGEST_MEAN_SQUARE
-    assert np.mean(error**2) < 0.1 * np.mean(own**2)
-
-
 @pytest.mark.parametrize(("distance", "rms_db"), [(2, 0.7), (5, 0.35), (10, 0.2), (20, 0.08)])
-def test_that_integral_without_the_cosine_is_the_rayleigh_sommerfeld_field(
-    distance: float, rms_db: float
-) -> None:
+def test_that_integral_without_the_cosine_is_the_rayleigh_sommerfeld_field(distance, rms_db):
     import render_reference as reference
 
     z = distance * WAVELENGTH
@@ -187,28 +144,12 @@ def test_that_integral_without_the_cosine_is_the_rayleigh_sommerfeld_field(
     assert np.sqrt(np.mean((10 * np.log10(leading[lit] / exact[lit])) ** 2)) < rms_db
 
 
-@pytest.mark.parametrize(
-    ("distance", "of", "value"),
-    [
-        (2, "rayleigh_sommerfeld", 1.9824987166920205),
-        (2, "wigner_intensity", 1.740957057358862),
-    ],
-)
-def test_the_reference_integrals_agree_with_values_computed_elsewhere(
-    distance: float, of: str, value: float
-) -> None:
-    import render_reference as reference
-
-    axis = np.array([[0.0, 0.0, distance * WAVELENGTH]])
-    assert getattr(reference, of)(SQUARE, axis, WAVELENGTH)[0] == pytest.approx(value, rel=1e-9)
-
-
 @pytest.fixture(scope="module")
-def path_traced() -> Callable[[int], tuple[np.ndarray, np.ndarray]]:
+def path_traced():
     """Mean and error of the floor under a chevron, seen with so many columns by path tracing."""
 
     @cache
-    def floor(columns: int) -> tuple[np.ndarray, np.ndarray]:
+    def floor(columns):
         use("llvm_ad_mono")
         import polywigner.mitsuba as pwm
 
@@ -226,7 +167,7 @@ def path_traced() -> Callable[[int], tuple[np.ndarray, np.ndarray]]:
         *(pytest.param(n, marks=pytest.mark.slow) for n in ("direct", "volpathmis", "prbvolpath")),
     ],
 )
-def test_integrators_agree(integrator: str, path_traced: Any, llvm: object) -> None:
+def test_integrators_agree(integrator, path_traced, llvm):
     use("llvm_ad_mono")
     import polywigner.mitsuba as pwm
 
@@ -239,9 +180,7 @@ def test_integrators_agree(integrator: str, path_traced: Any, llvm: object) -> N
 
 
 @pytest.mark.slow
-def test_the_particle_tracer_agrees_and_warns_where_it_plays_russian_roulette(
-    llvm: object,
-) -> None:
+def test_the_particle_tracer_agrees_and_warns_where_it_plays_russian_roulette(llvm):
     mi = use("llvm_ad_mono")
     import polywigner.mitsuba as pwm
 
@@ -278,44 +217,8 @@ def test_the_particle_tracer_agrees_and_warns_where_it_plays_russian_roulette(
     assert np.mean(((mean - expected) / np.hypot(error, own_error)) ** 2) < LARGEST_MEAN_SQUARE
 
 
-# A sample of a scalar variant takes a third of a millisecond.
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("variant", "spp"),
-    [("scalar_rgb", 36), (*RGB.values, 256)],
-)
-def test_variants_show_the_same_floor(
-    variant: str, spp: int, path_traced: Any, llvm: object
-) -> None:
-    import polywigner.mitsuba as pwm
-
-    expected, error = path_traced(4)
-    use(variant)
-    scene = floor_scene({"aperture": light(CHEVRON)}, columns=4)
-    runs = [pwm.render(scene, spp=spp, seed=50 + s) for s in range(8)]
-    mean, own_error = mean_and_error(runs)
-    assert mean.shape == (4, 4, 3)
-    assert np.abs(mean - mean[..., :1]).max() < 1e-6 * mean.max()  # one band in every channel
-    deviation = (mean[..., 0] - expected[..., 0]) / np.hypot(error, own_error)[..., 0]
-    assert np.mean(deviation**2) < 2 * LARGEST_MEAN_SQUARE  # 16 pixels only
-
-
-@pytest.mark.slow
-def test_the_plugin_survives_changes_of_the_variant(llvm: object) -> None:
-    import polywigner.mitsuba as pwm
-
-    images = []
-    for variant in ("llvm_ad_mono", "scalar_rgb", "llvm_ad_rgb", "llvm_ad_mono"):
-        use(variant)
-        scene = floor_scene({"aperture": light()}, columns=4)
-        images.append(pwm.render(scene, spp=16, seed=1))
-    assert np.array_equal(images[0], images[-1])
-
-
 @pytest.mark.parametrize("integrator", ["path", "direct", "volpath", "prb"])
-def test_an_aperture_that_is_looked_at_shows_its_negative_radiance(
-    integrator: str, llvm: object
-) -> None:
+def test_an_aperture_that_is_looked_at_shows_its_negative_radiance(integrator, llvm):
     mi = use("llvm_ad_mono")
     import polywigner.mitsuba as pwm
 
@@ -341,21 +244,7 @@ def test_an_aperture_that_is_looked_at_shows_its_negative_radiance(
     assert 0.8 < image.max() / density.max() < 1.05
 
 
-@pytest.mark.slow
-def test_two_identical_apertures_shine_twice_as_bright(llvm: object) -> None:
-    use("llvm_ad_mono")
-    import polywigner.mitsuba as pwm
-
-    one = floor_scene({"a": light()}, columns=8)
-    two = floor_scene({"a": light(), "b": light()}, columns=8)
-    expected, error = mean_and_error([pwm.render(one, spp=256, seed=s) for s in range(8)])
-    mean, own_error = mean_and_error([pwm.render(two, spp=256, seed=s) for s in range(8)])
-    assert np.mean(((mean - 2 * expected) / np.hypot(2 * error, own_error)) ** 2) < (
-        LARGEST_MEAN_SQUARE
-    )
-
-
-def heavy_kernels(render: Any, samples: int) -> list[dict[str, Any]]:
+def heavy_kernels(render, samples):
     """The kernels that ran over at least one item per sample."""
     import drjit as dr
 
@@ -366,7 +255,7 @@ def heavy_kernels(render: Any, samples: int) -> list[dict[str, Any]]:
     return [kernel for kernel in history if kernel["size"] >= samples]
 
 
-def test_a_render_is_one_kernel_whatever_shines_in_the_scene(llvm: object) -> None:
+def test_a_render_is_one_kernel_whatever_shines_in_the_scene(llvm):
     mi = use("llvm_ad_mono")
     lights = {
         "a": light(to_world=pose((20.0, 0.0, 0.0))),
@@ -378,7 +267,7 @@ def test_a_render_is_one_kernel_whatever_shines_in_the_scene(llvm: object) -> No
     assert len(kernels) == 1
 
 
-def test_new_parameters_give_the_picture_of_a_new_scene_from_the_same_kernel(llvm: object) -> None:
+def test_new_parameters_give_the_picture_of_a_new_scene_from_the_same_kernel(llvm):
     mi = use("llvm_ad_mono")
     placed = pose((20.0, 30.0, -1.0), about_x=0.2)
     scene = floor_scene({"aperture": light()}, columns=8)
@@ -403,76 +292,7 @@ def test_new_parameters_give_the_picture_of_a_new_scene_from_the_same_kernel(llv
     assert np.allclose(box.max, fresh_box.max)
 
 
-@pytest.mark.parametrize("variant", ["scalar_rgb", MONO])
-def test_parameters_change_in_every_variant_and_are_checked(variant: str) -> None:
-    mi = use(variant)
-    scene = floor_scene({"aperture": light()}, columns=2)
-    params = mi.traverse(scene)
-    params["aperture.emitter.power"] = 3.0
-    params.update()
-    assert np.array(scene.emitters()[0].power).item() == pytest.approx(3.0)
-    params["aperture.emitter.wavelength"] = -1.0
-    with pytest.raises(SceneError, match="wavelength above zero"):
-        params.update()
-    params["aperture.emitter.wavelength"] = WAVELENGTH
-    params["aperture.emitter.to_world"] = mi.Transform4f().scale(2.0)
-    with pytest.raises(SceneError, match="scales by 2, 2, 2"):
-        params.update()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("name", "value"), [("wavelength", WAVELENGTH), ("power", 1e-4)])
-def test_gradients_flow_to_wavelength_and_power(name: str, value: float, llvm: object) -> None:
-    mi = use("llvm_ad_mono")
-    import drjit as dr
-
-    scene = floor_scene({"aperture": light()}, {"type": "prb", "max_depth": 2}, columns=9)
-    params = mi.traverse(scene)
-    key = f"aperture.emitter.{name}"
-
-    def images(shift: float) -> np.ndarray:
-        params[key] = mi.Float(value * (1 + shift))
-        params.update()
-        return np.mean([np.array(mi.render(scene, spp=2048, seed=s)) for s in range(8)], axis=0)
-
-    gradients = []
-    for seed in range(8):
-        params[key] = mi.Float(value)
-        dr.enable_grad(params[key])
-        params.update()
-        image = mi.render(scene, params, spp=2048, seed=seed)
-        dr.forward(params[key])
-        gradients.append(np.array(dr.grad(image)))
-    gradient, error = mean_and_error(gradients)
-    step = 5e-3  # the pattern changes by a few per cent of its curvature
-    difference = (images(step) - images(-step)) / (2 * step * value)
-    # The difference's own noise, from the same seeds on both sides, is like the gradient's.
-    deviation = (gradient - difference) / (np.sqrt(2) * error)
-    assert np.mean(deviation**2) < 2 * LARGEST_MEAN_SQUARE
-    assert np.abs(gradient / error).max() > 5  # it is not that everything drowns in noise
-
-
-@pytest.mark.slow
-def test_an_aperture_casts_no_shadow_in_volpath_and_direct_warns(llvm: object) -> None:
-    use("llvm_ad_mono")
-    import polywigner.mitsuba as pwm
-
-    rear = {"rear": light(to_world=pose((0.0, 0.0, -10.0)))}
-    # Dark, larger, and between the other aperture and the floor.
-    front = {"front": light(pw.shapes.square(0.03), power=1e-15, sampling_weight=0.1)}
-    free = floor_scene(rear, columns=4)
-    behind = floor_scene(rear | front, columns=4)
-    expected, error = mean_and_error([pwm.render(free, spp=256, seed=s) for s in range(8)])
-    runs = [pwm.render(behind, "volpath", spp=256, seed=50 + s) for s in range(8)]
-    mean, own_error = mean_and_error(runs)
-    deviation = (mean - expected) / np.hypot(error, own_error)
-    assert np.mean(deviation**2) < 2 * LARGEST_MEAN_SQUARE
-    with pytest.warns(RuntimeWarning, match="cast shadows"):
-        dark = pwm.render(behind, "direct", spp=64)
-    assert dark.mean() < 0.1 * expected.mean()
-
-
-def test_the_same_seed_gives_the_same_image_and_another_seed_another(llvm: object) -> None:
+def test_the_same_seed_gives_the_same_image_and_another_seed_another(llvm):
     use("llvm_ad_mono")
     import polywigner.mitsuba as pwm
 
@@ -486,7 +306,7 @@ def test_the_same_seed_gives_the_same_image_and_another_seed_another(llvm: objec
     assert not np.array_equal(first, pwm.render(scene, spp=64, seed=4))
 
 
-def test_bad_requests_are_refused() -> None:
+def test_bad_requests_are_refused():
     use("scalar_rgb")
     import polywigner.mitsuba as pwm
 
@@ -511,37 +331,7 @@ def test_bad_requests_are_refused() -> None:
         pwm.render(scene, "ptracer", spp=1)  # an orthographic sensor cannot be aimed at
 
 
-@pytest.mark.slow
-def test_without_llvm_one_warning_says_what_to_do_and_rendering_works() -> None:
-    code = (
-        "import warnings, sys; sys.path.insert(0, sys.argv[1])\n"
-        "import polywigner.mitsuba as pwm\n"
-        "from mitsuba_scenes import floor_scene, light, use\n"
-        "from polywigner.errors import EngineError\n"
-        "with warnings.catch_warnings(record=True) as caught:\n"
-        "    warnings.simplefilter('always')\n"
-        "    variant = pwm.choose_variant()\n"
-        "assert variant == 'scalar_rgb' and len(caught) == 1, caught\n"
-        "assert 'times slower' in str(caught[0].message)\n"
-        "try:\n"
-        "    pwm.choose_variant('llvm_ad_mono')\n"
-        "except EngineError as error:\n"
-        "    assert 'needs LLVM' in str(error)\n"
-        "else:\n"
-        "    raise AssertionError\n"
-        "use(variant)\n"
-        "image = pwm.render(floor_scene({'aperture': light()}, columns=4), spp=4)\n"
-        "assert image.max() > 0\n"
-    )
-    environment = os.environ | {"POLYWIGNER_NO_LLVM": "1"}
-    tests = os.path.dirname(__file__)  # noqa: PTH120 (a string is what the child needs)
-    done = subprocess.run(
-        [sys.executable, "-c", code, tests], env=environment, capture_output=True, text=True
-    )
-    assert done.returncode == 0, done.stderr
-
-
-def test_the_preferred_variant_is_the_fast_one(llvm: object) -> None:
+def test_the_preferred_variant_is_the_fast_one(llvm):
     import polywigner.mitsuba as pwm
 
     with warnings.catch_warnings():

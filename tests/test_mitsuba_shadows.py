@@ -1,10 +1,7 @@
 """A source that stands in the light of another: who takes light away, and who does not."""
 
-from __future__ import annotations
-
 import warnings
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -34,7 +31,7 @@ SEEDS, SAMPLES = 8, 256
 LARGEST_MEAN_SQUARE = 3.2
 
 
-def floor(lights: dict[str, Any]) -> Any:
+def floor(lights):
     """A floor at z = HEIGHT (mm) in the light of sources at z <= 0, and a camera beside them."""
     import mitsuba as mi
 
@@ -58,17 +55,17 @@ def floor(lights: dict[str, Any]) -> Any:
     )
 
 
-def rear(**more: Any) -> dict[str, Any]:
+def rear(**more):
     return {"rear": light(to_world=pose((0.0, 0.0, -10.0)), **more)}
 
 
-def front(**more: Any) -> dict[str, Any]:
+def front(**more):
     """Larger, and between the rear one and the floor."""
     source = pw.shapes.square(0.012)
     return {"front": light(source, to_world=pose((0.0, 0.0, -3.0)), **more)}
 
 
-def mean_and_variance(scene: Any, integrator: Any, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+def mean_and_variance(scene, integrator, seed=0):
     """Of the pixels' means over SEEDS runs."""
     import polywigner.mitsuba as pwm
 
@@ -77,7 +74,7 @@ def mean_and_variance(scene: Any, integrator: Any, seed: int = 0) -> tuple[np.nd
 
 
 @cache
-def alone() -> tuple[np.ndarray, np.ndarray]:
+def alone():
     """The sum of the light of each source where no other is."""
     mi = use("llvm_ad_mono")
     direct = mi.load_dict({"type": "direct"})
@@ -95,9 +92,7 @@ INTEGRATORS: list[Any] = [
 
 
 @pytest.mark.parametrize(("name", "depth"), [*INTEGRATORS, ("volpath", 2), ("ptracer", 2)])
-def test_sources_without_a_surface_light_a_floor_as_each_alone(
-    name: str, depth: int | None, llvm: object
-) -> None:
+def test_sources_without_a_surface_light_a_floor_as_each_alone(name, depth, llvm):
     mi = use("llvm_ad_mono")
     entry: dict[str, Any] = {"type": name}
     if depth is not None:
@@ -111,9 +106,7 @@ def test_sources_without_a_surface_light_a_floor_as_each_alone(
 
 
 @pytest.mark.parametrize(("name", "depth"), INTEGRATORS)
-def test_surfaces_cast_shadows_on_each_other_s_light_and_a_warning_says_so(
-    name: str, depth: int | None, llvm: object
-) -> None:
+def test_surfaces_cast_shadows_on_each_other_s_light_and_a_warning_says_so(name, depth, llvm):
     mi = use("llvm_ad_mono")
     import polywigner.mitsuba as pwm
 
@@ -127,7 +120,7 @@ def test_surfaces_cast_shadows_on_each_other_s_light_and_a_warning_says_so(
 
 
 @pytest.mark.parametrize("variant", ["scalar_rgb", MONO])
-def test_a_scene_that_names_no_integrator_gets_one_that_makes_no_shadows(variant: str) -> None:
+def test_a_scene_that_names_no_integrator_gets_one_that_makes_no_shadows(variant):
     mi = use(variant)
     from polywigner.mitsuba.rendering import default_integrator
 
@@ -151,7 +144,7 @@ def test_a_scene_that_names_no_integrator_gets_one_that_makes_no_shadows(variant
 
 
 @pytest.mark.parametrize("variant", ["scalar_rgb", MONO])
-def test_a_source_without_a_surface_is_met_by_no_ray_and_moves(variant: str) -> None:
+def test_a_source_without_a_surface_is_met_by_no_ray_and_moves(variant):
     mi = use(variant)
     import drjit as dr
 
@@ -171,7 +164,7 @@ def test_a_source_without_a_surface_is_met_by_no_ray_and_moves(variant: str) -> 
 
 
 @pytest.mark.parametrize("variant", ["scalar_rgb", MONO])
-def test_a_source_without_a_surface_has_the_samples_of_one_with_it(variant: str) -> None:
+def test_a_source_without_a_surface_has_the_samples_of_one_with_it(variant):
     mi = use(variant)
     it = mi.Interaction3f()
     it.p, it.n = mi.Point3f(3.0, 2.0, 25.0), mi.Normal3f(0.0, 0.0, -1.0)
@@ -184,7 +177,7 @@ def test_a_source_without_a_surface_has_the_samples_of_one_with_it(variant: str)
         assert np.all(np.array(unseen.pdf) > 1e6 * np.array(seen.pdf))
 
 
-def test_no_tracer_of_particles_shows_a_source_without_a_surface() -> None:
+def test_no_tracer_of_particles_shows_a_source_without_a_surface():
     mi = use("scalar_rgb")
     import polywigner.mitsuba as pwm
 
@@ -200,7 +193,7 @@ def test_no_tracer_of_particles_shows_a_source_without_a_surface() -> None:
         assert np.any(pwm.render(scene, tracer, 4)) == visible
 
 
-def test_nothing_is_nested_in_a_source_without_a_surface(tmp_path: Path) -> None:
+def test_nothing_is_nested_in_a_source_without_a_surface(tmp_path):
     use("scalar_rgb")
     import polywigner.mitsuba as pwm
 

@@ -1,9 +1,6 @@
 """Threads that use scenes at the same time get the values of one thread alone."""
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 import pytest
 
@@ -39,15 +36,13 @@ ROUNDING = 1e-6
 
 @pytest.mark.slow
 @pytest.mark.parametrize("threads", [2, 4])
-def test_threads_that_load_and_receive_at_once_get_the_power_of_one(
-    tmp_path: Path, threads: int
-) -> None:
+def test_threads_that_load_and_receive_at_once_get_the_power_of_one(tmp_path, threads):
     import polywigner.mitsuba as pm
 
     (tmp_path / "square.wkt").write_text("POLYGON ((0 0, 5 0, 5 5, 0 5, 0 0))")
     (tmp_path / "scene.xml").write_text(SCENE)
 
-    def power(_: int) -> float:
+    def power(_):
         scene = pm.load_scene(tmp_path / "scene.xml", "llvm_ad_mono")
         return float(pm.received_power(scene, spp=1 << 10, seed=1).power)
 

@@ -1,7 +1,5 @@
 """The package and the project around it hold together: metadata, public names, make targets."""
 
-from __future__ import annotations
-
 import ast
 import importlib
 import importlib.metadata
@@ -20,27 +18,27 @@ ROOT = Path(__file__).resolve().parent.parent
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 
 
-def test_the_installed_version_is_that_of_the_sources() -> None:
+def test_the_installed_version_is_that_of_the_sources():
     """It stands in the package alone: an archive without git installs, and says the same."""
     assert PYPROJECT["project"]["dynamic"] == ["version"]
     assert polywigner.__version__ == importlib.metadata.version("polywigner")
 
 
-def test_the_changelog_has_an_entry_for_this_version() -> None:
+def test_the_changelog_has_an_entry_for_this_version():
     changelog = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     assert f"## [{polywigner.__version__}]" in changelog
 
 
-def test_the_package_says_that_it_is_typed() -> None:
+def test_the_package_says_that_it_is_typed():
     assert (Path(polywigner.__file__).parent / "py.typed").is_file()
 
 
-def test_every_public_name_is_what_its_home_has() -> None:
+def test_every_public_name_is_what_its_home_has():
     for name, home in polywigner._HOMES.items():
         assert getattr(polywigner, name) is getattr(importlib.import_module(home), name), name
 
 
-def test_the_public_names_are_the_same_in_all_three_lists() -> None:
+def test_the_public_names_are_the_same_in_all_three_lists():
     """``__all__``, the lazy loader's table, and what type checkers are shown."""
     tree = ast.parse(Path(polywigner.__file__).read_text(encoding="utf-8"))
     shown = {
@@ -55,38 +53,30 @@ def test_the_public_names_are_the_same_in_all_three_lists() -> None:
     assert set(polywigner.__all__) == {*shown, "__version__"}
 
 
-def test_an_unknown_public_name_is_an_attribute_error() -> None:
+def test_an_unknown_public_name_is_an_attribute_error():
     with pytest.raises(AttributeError, match="no attribute 'wagner'"):
-        _ = polywigner.wagner  # type: ignore[attr-defined]
+        _ = polywigner.wagner
 
 
-def test_importing_the_package_loads_no_heavy_library() -> None:
+def test_importing_the_package_loads_no_heavy_library():
     code = "import sys, polywigner; print(*{'numpy', 'shapely', 'drjit'} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
     assert done.stdout.split() == []
 
 
-@pytest.mark.parametrize(
-    "target", ["demo", "test", "test-all", "lint", "typecheck", "bench", "docs", "clean", "help"]
-)
-def test_make_has_the_target(target: str) -> None:
-    makefile = (ROOT / "Makefile").read_text()
-    assert re.search(rf"^{target}:.* ## \S", makefile, flags=re.MULTILINE)
-
-
-def test_the_sdist_takes_along_what_it_names() -> None:
+def test_the_sdist_takes_along_what_it_names():
     for name in PYPROJECT["tool"]["hatch"]["build"]["targets"]["sdist"]["include"]:
         assert (ROOT / name).exists(), name
 
 
-def test_the_demo_renders_examples_that_exist() -> None:
+def test_the_demo_renders_examples_that_exist():
     makefile = (ROOT / "Makefile").read_text()
     inputs = re.findall(r"\bexamples/\S+", makefile)
     assert inputs
     assert [path for path in inputs if not (ROOT / path).is_file()] == []
 
 
-def test_every_local_link_of_the_documents_leads_somewhere() -> None:
+def test_every_local_link_of_the_documents_leads_somewhere():
     done = subprocess.run(
         [sys.executable, ROOT / "tools" / "check_documents.py"], capture_output=True, text=True
     )
@@ -96,7 +86,7 @@ def test_every_local_link_of_the_documents_leads_somewhere() -> None:
 RECIPES = ROOT / "packaging"
 
 
-def test_the_conda_recipe_asks_for_what_the_package_asks_for() -> None:
+def test_the_conda_recipe_asks_for_what_the_package_asks_for():
     project = PYPROJECT["project"]
     recipe = (RECIPES / "conda" / "meta.yaml").read_text("utf-8")
     run = recipe.split("  run:\n")[1].split("\ntest:")[0]
@@ -106,7 +96,7 @@ def test_the_conda_recipe_asks_for_what_the_package_asks_for() -> None:
     assert f'version = "{polywigner.__version__}"' in recipe
 
 
-def test_the_container_is_built_from_a_checkout_by_somebody_without_rights() -> None:
+def test_the_container_is_built_from_a_checkout_by_somebody_without_rights():
     """Each line an instruction that Docker knows, a pinned base, and no root at the end."""
     text = (RECIPES / "Dockerfile").read_text("utf-8").replace("\\\n", " ")
     lines = [line.split(maxsplit=1) for line in text.splitlines() if line and line[0] != "#"]
@@ -119,13 +109,13 @@ def test_the_container_is_built_from_a_checkout_by_somebody_without_rights() -> 
             assert isinstance(json.loads(line[1]), list)
 
 
-def test_the_address_is_the_same_everywhere() -> None:
+def test_the_address_is_the_same_everywhere():
     home = PYPROJECT["project"]["urls"]["Homepage"]
     for name in ("README.md", "packaging/conda/meta.yaml", ".github/ISSUE_TEMPLATE/config.yml"):
         assert home in (ROOT / name).read_text(encoding="utf-8"), name
 
 
-def test_workflows_run_all_systems_and_pythons_that_are_named() -> None:
+def test_workflows_run_all_systems_and_pythons_that_are_named():
     yaml = pytest.importorskip("yaml")
     found = {
         file.stem: yaml.safe_load(file.read_text(encoding="utf-8"))
@@ -141,3 +131,30 @@ def test_workflows_run_all_systems_and_pythons_that_are_named() -> None:
     assert set(matrix["python"]) == named
     assert {name.partition("-")[0] for name in matrix["os"]} == {"ubuntu", "macos", "windows"}
     assert found["release"]["jobs"]["publish"]["permissions"] == {"id-token": "write"}
+
+
+# --- constraints.txt has a tested version of every package that pyproject.toml asks for, within
+
+sys.path.insert(0, str(ROOT / "tools"))
+
+from pin_versions import CONSTRAINTS, declared  # noqa: E402
+
+# In no environment that the tests are run in: peers of benchmarks, and VTK's 600 MB.
+_NOT_TESTED = {"coxeter", "finufft", "jax", "pyvista"}
+TEXT = CONSTRAINTS.read_text()
+LINES = [line for line in TEXT.splitlines() if not line.startswith("#")]
+VERSIONS = dict(line.split("==") for line in LINES)
+
+
+def test_every_line_is_one_version_of_a_package():
+    assert all(re.fullmatch(r"[a-z0-9-]+==[\w.!]+", line) for line in LINES)
+    assert list(VERSIONS) == sorted(VERSIONS) and "polywigner" not in VERSIONS
+
+
+def test_every_requirement_has_a_version_within_its_range():
+    for name, requirements in declared().items():
+        if name in _NOT_TESTED:
+            assert re.search(rf"^# Not tested .*\b{name}\b", TEXT, flags=re.MULTILINE)
+            continue
+        for requirement in requirements:
+            assert requirement.specifier.contains(VERSIONS[name]), requirement

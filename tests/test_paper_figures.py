@@ -1,13 +1,10 @@
 """``polywigner figures``: the numbers behind figures are those of the public functions."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable
 from pathlib import Path
 from string import ascii_lowercase
-from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -28,15 +25,15 @@ Values = dict[str, np.ndarray]
 ROUNDING = 1e-12
 
 
-def frequencies(axis: np.ndarray) -> np.ndarray:
+def frequencies(axis):
     return np.stack(np.meshgrid(axis, axis), axis=-1)
 
 
-def shape(values: Values, name: str) -> Any:
+def shape(values, name):
     return shapely.from_geojson(str(values[name]))
 
 
-def check_amp_spec(values: Values) -> None:
+def check_amp_spec(values):
     """The transform is that of both chevrons together, each by itself from its own edges."""
     assert values["frequency"][-1] == 1 / WAVELENGTH
     nu = frequencies(values["frequency"])[::8, ::8]
@@ -45,7 +42,7 @@ def check_amp_spec(values: Values) -> None:
     assert apart < ROUNDING * chevrons().area
 
 
-def check_indmk(values: Values) -> None:
+def check_indmk(values):
     """The automean is where the position marginal is not zero; it lies inside the hull."""
     elements, automean, hull = (shape(values, name) for name in ("elements", "automean", "hull"))
     assert elements.equals(triangles().polygons)
@@ -57,7 +54,7 @@ def check_indmk(values: Values) -> None:
     assert automean.difference(hull).area < ROUNDING * hull.area
 
 
-def check_marginals(values: Values) -> None:
+def check_marginals(values):
     """Both integrate to the square of the area: a sum over samples does to their distance."""
     for name, x, y in (("position", "x", "y"), ("lag", "xi_x", "xi_y")):
         cell = (values[x][1] - values[x][0]) * (values[y][1] - values[y][0])
@@ -65,7 +62,7 @@ def check_marginals(values: Values) -> None:
         assert total == pytest.approx(triangles().area ** 2, rel=1e-3)
 
 
-def check_xforms(values: Values) -> None:
+def check_xforms(values):
     """Slices are overlaps of the two outlines drawn; their areas are the marginals."""
     for first, second, found, area in (
         ("doubled", "mirrored", "lag_slice", pw.position_marginal(triangle(), values["x"])),
@@ -76,7 +73,7 @@ def check_xforms(values: Values) -> None:
         assert shape(values, found).area == pytest.approx(area, rel=ROUNDING)
 
 
-def check_projs(values: Values) -> None:
+def check_projs(values):
     """Diagonal tiles are known: R_x, |F|^2, and for A the product of two transforms."""
     x = np.stack(np.meshgrid(values["x"], values["y"], indexing="ij"), axis=-1)
     close(values["autocorrelation_x_y"], pw.position_marginal(chevrons(), x))
@@ -87,11 +84,11 @@ def check_projs(values: Values) -> None:
     close(values["ambiguity_upsilon_x_upsilon_y"], product)
 
 
-def close(found: np.ndarray, expected: np.ndarray) -> None:
+def close(found, expected):
     assert np.abs(found - expected).max() < ROUNDING * np.abs(expected).max()
 
 
-def check_volrender(values: Values) -> None:
+def check_volrender(values):
     """Exact values are those of Wigner rays, another theory, far from the plane."""
     axes = [values[name][::step] for name, step in (("x", 10), ("y", 10), ("z", 5))]
     far = axes[2] > 20 * WAVELENGTH  # nearer, rays of first order are a few per cent off
@@ -101,7 +98,7 @@ def check_volrender(values: Values) -> None:
     assert np.abs(rays - exact).max() < 0.02 * exact.max()
 
 
-def check_volrender_fdtd(values: Values) -> None:
+def check_volrender_fdtd(values):
     """Behind a black screen Kirchhoff's integral is exact: what differs is the lattice."""
     axes = [values["x"][35::7], values["y"][35::7], values["z"][::6]]  # from the middle outwards
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
@@ -112,7 +109,7 @@ def check_volrender_fdtd(values: Values) -> None:
     assert np.array_equal(values["fdtd"], values["fdtd"][::-1, ::-1])
 
 
-def check_render(values: Values) -> None:
+def check_render(values):
     """Where the axis meets the floor, radiance is that of a diffuse floor in the exact field."""
     position, target = np.array([0, -0.45, 0.16]), np.array([0, -0.05, 0.02])
     axis = (target - position) / np.linalg.norm(target - position)
@@ -126,7 +123,7 @@ def check_render(values: Values) -> None:
     assert values["radiance"].min() < 0
 
 
-def pixel(point: np.ndarray, shape: tuple[int, ...]) -> tuple[int, int]:
+def pixel(point, shape):
     """Row and column at which the camera of the room sees a point."""
     origin, target = np.array([0, -1.25, 1.45]), np.array([0, 0.06, 0.05])
     ahead = (target - origin) / np.linalg.norm(target - origin)
@@ -137,13 +134,13 @@ def pixel(point: np.ndarray, shape: tuple[int, ...]) -> tuple[int, int]:
     return int(shape[0] / 2 - scale * (to @ np.cross(ahead, left))), int(column)
 
 
-def levels_apart(first: np.ndarray, second: np.ndarray) -> float:
+def levels_apart(first, second):
     """dB between the means over the beam, where the second is above -10 dB of its peak."""
     beam = second > 0.1 * np.quantile(second, 0.999)
     return abs(10 * np.log10(first[beam].mean() / second[beam].mean()))
 
 
-def check_emitters(values: Values) -> None:
+def check_emitters(values):
     """Of equal power: near the axis a cosine source is twice as bright as a uniform one."""
     assert levels_apart(values["wigner"], values["fft"]) < 0.1
     ratio = values["cosine"] / np.where(values["uniform"] > 0, values["uniform"], np.inf)
@@ -156,7 +153,7 @@ def check_emitters(values: Values) -> None:
     assert np.abs(intensity_by_fft(sines) - exact).max() < 0.02 * exact.max()
 
 
-def check_compar(values: Values) -> None:
+def check_compar(values):
     """What the caption says of boresight: rays converge to Kirchhoff after two wavelengths."""
     z = values["boresight_z"]
     kirchhoff = values["boresight_kirchhoff"]
@@ -174,7 +171,7 @@ def check_compar(values: Values) -> None:
     assert np.abs(values["plane_paper"][::30, 5::30] - rays).max() < 1e-3 * rays.max()
 
 
-def check_error(values: Values) -> None:
+def check_error(values):
     """First order falls with the square of the distance on the axis, third order faster; beside
     it, the paper's obliquity stays wrong."""
     (paper, matched, third, _, fraunhofer), far = values["boresight_error"], values["distance"]
@@ -187,7 +184,7 @@ def check_error(values: Values) -> None:
     assert np.abs(paper - matched)[far > 3].max() < 0.01
 
 
-def check_sampling(values: Values) -> None:
+def check_sampling(values):
     """The paper's own count; and grids get better with their number of cells, to first order."""
     assert dense_samples(10e-3, WAVELENGTH, 2) == 4096
     assert tuple(values["x"]) == POSITION
@@ -196,7 +193,7 @@ def check_sampling(values: Values) -> None:
     assert finer[-1] < finer[0]
 
 
-def check_appendix(values: Values) -> None:
+def check_appendix(values):
     """At zero the transform is the area; the circle's is Airy's to what its 64 corners leave."""
     from scipy.special import j1
 
@@ -226,7 +223,7 @@ CHECKS: dict[str, Callable[[Values], None]] = {
 }
 
 
-def test_every_figure_is_checked_and_named_by_the_help(capfd: pytest.CaptureFixture[str]) -> None:
+def test_every_figure_is_checked_and_named_by_the_help(capfd):
     assert set(CHECKS) == set(FIGURES)
     assert main(["figures", "--help"]) == 0
     help_text = capfd.readouterr().out
@@ -234,24 +231,21 @@ def test_every_figure_is_checked_and_named_by_the_help(capfd: pytest.CaptureFixt
 
 
 RENDERED = {"render", "emitters"}  # minutes without LLVM
-SHORT = {"amp_spec", "indmk", "xforms"}
+SHORT = {"indmk", "xforms"}
 
 
-def marks(name: str) -> list[pytest.MarkDecorator]:
+def marks(name):
     return [pytest.mark.llvm] * (name in RENDERED) + [pytest.mark.slow] * (name not in SHORT)
 
 
 @pytest.mark.parametrize("name", [pytest.param(name, marks=marks(name)) for name in FIGURES])
 def test_the_numbers_behind_a_figure_are_those_of_the_public_functions(
-    name: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capfd: pytest.CaptureFixture[str],
-) -> None:
+    name, tmp_path, monkeypatch, capfd
+):
     drawn: list[Figure] = []
     save = Figure.savefig
 
-    def noted(figure: Figure, file: Path, **how: Any) -> None:
+    def noted(figure, file, **how):
         if how["format"] == "png":
             drawn.append(figure)
         save(figure, file, **how)
@@ -273,14 +267,14 @@ def test_the_numbers_behind_a_figure_are_those_of_the_public_functions(
         check_panels_have_letters(figure, part)
 
 
-def check_nothing_is_cut_off(picture: Path) -> None:
+def check_nothing_is_cut_off(picture):
     """The outermost pixels are paper: what passes beyond the edge of a figure leaves ink there."""
     pixels = plt.imread(picture)[..., :3]
     for edge in (pixels[0], pixels[-1], pixels[:, 0], pixels[:, -1]):
         assert edge.min() == 1.0, picture.name
 
 
-def check_panels_have_letters(figure: Any, part: str) -> None:
+def check_panels_have_letters(figure, part):
     """(a), (b), ... of several panels, and (a1), (a2), ... of those of a part (a)."""
     panels = [axes for axes in figure.axes if axes.get_title() or axes.get_title(loc="left")]
     if len(panels) < 2:

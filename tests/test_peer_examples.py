@@ -26,6 +26,10 @@ ANGLES = np.radians([-60, -20, -5, 0, 10, 20, 30, 70])
 LOBES = 0.02
 
 
+# Of the amplitude of the direct way: Sionna's delays in single precision.
+FRINGES = 5e-3
+
+
 # Of the peak, in pixels of the picture, with half a million rays: 2 % is one standard error of the
 # brightest, and of two thousand pixels one is four standard errors off.
 NOISE = 0.08
@@ -98,6 +102,18 @@ def test_echoes_of_a_target_are_those_of_the_radar_equation() -> None:
     found = module.echoes(scene, yaws, max_depth=1)
     ratio = found / module.radar_equation(metal, yaws)
     assert 10 * np.log10(ratio) == pytest.approx(0, abs=LOBES)
+
+
+@pytest.mark.llvm
+def test_two_rays_over_concrete_interfere_as_in_sionna() -> None:
+    module = loaded("two_rays")
+    module.mi.set_variant("llvm_ad_mono_polarized")
+    distances = np.array([2.0, 3.7, 11.0, 40.0])
+    theirs = module.sionna_channel_of(distances)
+    ours = module.channel_of(module.DOT, distances, **module.ALL_SIDES) / 2
+    direct = module.WAVELENGTH / (4 * np.pi * np.hypot(distances, 0.2))
+    turned = 1j * ours * module.direct_phase(distances).conj()  # Sionna's first delay is zero
+    assert turned / direct == pytest.approx(theirs.conj() / direct, abs=FRINGES)
 
 
 @pytest.mark.filterwarnings("ignore")

@@ -1,10 +1,7 @@
 """Which way a call takes: a table of requests, and laws of every choice."""
 
-from __future__ import annotations
-
 import itertools
 import re
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,8 +11,8 @@ import pytest
 import polywigner
 import polywigner as pw
 import polywigner.plans
-from polywigner.plans import COSTS, Outline, Request, cut_for, forced, launch_for, plan
-from polywigner.plans.plan import LISTED, Way
+from polywigner.plans import Outline, Request, cut_for, forced, launch_for, plan
+from polywigner.plans.plan import LISTED
 
 TABLE = Path(__file__).parent / "data" / "plans.txt"
 
@@ -37,7 +34,7 @@ SAMPLES = (1, 100, 10_000, 1_000_000)
 LAYOUTS = ("points", "one place", "outer")
 
 
-def requests() -> dict[str, Request]:
+def requests():
     """By name: W and A of outlines in every layout, arrays, and plain sums."""
     found = {}
     for (name, outline), function, layout, n in itertools.product(
@@ -64,19 +61,19 @@ def requests() -> dict[str, Request]:
     return found
 
 
-def table() -> str:
+def table():
     """The table as it is now; ``python tests/test_plans.py`` writes it."""
     rows = [f"{name} | {plan(request).way.name}" for name, request in requests().items()]
     return "\n".join(rows) + "\n"
 
 
-def test_requests_take_the_ways_of_the_table() -> None:
+def test_requests_take_the_ways_of_the_table():
     expected = TABLE.read_text().splitlines()
     assert len(expected) > 150
     assert table().splitlines() == expected
 
 
-def test_few_samples_stay_on_numpy_and_many_are_compiled() -> None:
+def test_few_samples_stay_on_numpy_and_many_are_compiled():
     """The regret of the default, as ways instead of seconds: benchmarks/default_regret.py."""
     engines: dict[int, list[str]] = {n: [] for n in SAMPLES}
     for request in requests().values():
@@ -88,25 +85,23 @@ def test_few_samples_stay_on_numpy_and_many_are_compiled() -> None:
     assert engines[1_000_000].count("llvm") >= 0.8 * len(engines[1_000_000])
 
 
-def _alone(way: Way) -> float:
+def _alone(way):
     """Seconds of a call that is the only one."""
     return way.shared + way.setup + way.run
 
 
-def _repeated(way: Way) -> float:
+def _repeated(way):
     """Of one of many calls of a source."""
     return (way.shared + way.setup) / MANY + way.run
 
 
-def _in_a_loop(way: Way) -> float:
+def _in_a_loop(way):
     """Of one of many calls, each of another source."""
     return way.shared / MANY + way.setup + way.run
 
 
 @pytest.mark.parametrize(("use", "most"), [(_alone, 13.0), (_repeated, 21.0), (_in_a_loop, 3.5)])
-def test_no_use_costs_much_more_than_had_it_been_known(
-    use: Callable[[Way], float], most: float
-) -> None:
+def test_no_use_costs_much_more_than_had_it_been_known(use, most):
     """Whether a call is repeated, and whether its source changes, nobody knows beforehand."""
     for request in requests().values():
         found = plan(request)
@@ -114,28 +109,20 @@ def test_no_use_costs_much_more_than_had_it_been_known(
         assert use(found.way) <= max(most * best, UNNOTICED)
 
 
-def test_a_loop_over_outlines_compiles_for_none_of_them() -> None:
-    """Of few edges, and up to as many samples as take as long as it does to compile."""
-    for name, n in itertools.product(("square", "chevron", "two chevrons"), (1, 100, 10_000)):
-        for function, engine in itertools.product(("wigner", "ambiguity"), ("auto", "llvm")):
-            request = requests()[f"{function} | {name} | points | {n}"]
-            assert plan(replace(request, engine=engine)).way.setup < UNNOTICED
-
-
 @pytest.mark.parametrize("engine", ["numpy", "llvm"])
-def test_an_engine_that_is_asked_for_is_taken(engine: str) -> None:
+def test_an_engine_that_is_asked_for_is_taken(engine):
     for request in requests().values():
         found = plan(replace(request, engine=engine))
         assert found.engine == found.way.engine == engine
 
 
-def test_a_graphics_processor_takes_the_compiled_ways() -> None:
+def test_a_graphics_processor_takes_the_compiled_ways():
     found = plan(replace(requests()["wigner | square | points | 10000"], engine="cuda"))
     assert (found.engine, found.way.engine) == ("cuda", "llvm")
 
 
 @pytest.mark.parametrize("name", ["64-gon", "coastline", "square"])
-def test_what_would_change_a_plan_does(name: str) -> None:
+def test_what_would_change_a_plan_does(name):
     request = requests()[f"wigner | {name} | points | 1"]
     found = plan(request)
     number, other = re.search(r"change it: (\d+) times.*: then (.*)", str(found)).groups()
@@ -144,14 +131,14 @@ def test_what_would_change_a_plan_does(name: str) -> None:
     assert plan(whole).way.name == other
 
 
-def test_without_a_compiler_everything_is_numpy_s() -> None:
+def test_without_a_compiler_everything_is_numpy_s():
     for request in requests().values():
         found = plan(replace(request, compiles=False))
         assert found.engine == "numpy"
         assert "asked for" not in str(found)
 
 
-def test_edges_are_cut_as_forced() -> None:
+def test_edges_are_cut_as_forced():
     request = requests()["wigner | 64-gon | points | 10000"]
     for cut in ("code", "rows", "pairs"):
         with forced(cut):
@@ -160,7 +147,7 @@ def test_edges_are_cut_as_forced() -> None:
         assert plan(request).way.cut == "pairs"
 
 
-def test_a_plan_prints_five_lines() -> None:
+def test_a_plan_prints_five_lines():
     for request in requests().values():
         lines = str(plan(request)).splitlines()
         starts = ("way: ", "because: ", "estimate: ", "next best: ", "would change it: ")
@@ -168,14 +155,7 @@ def test_a_plan_prints_five_lines() -> None:
         assert all(line.startswith(start) for line, start in zip(lines, starts, strict=True))
 
 
-def test_each_cost_names_a_benchmark() -> None:
-    benchmarks = Path(__file__).parent.parent / "benchmarks"
-    for cost in COSTS.values():
-        assert cost.seconds > 0
-        assert (benchmarks / cost.benchmark).is_file()
-
-
-def test_the_documents_explain_every_way() -> None:
+def test_the_documents_explain_every_way():
     """By the names that `pw.explain` prints."""
     text = (Path(__file__).parent.parent / "docs" / "performance.md").read_text(encoding="utf-8")
     explained = set(re.findall(r"^\| ([a-z][^|]*) \|", section(text), flags=re.MULTILINE)) - {"way"}
@@ -186,12 +166,12 @@ def test_the_documents_explain_every_way() -> None:
     assert all(f'"{name}"' in code for name in explained)
 
 
-def section(text: str) -> str:
+def section(text):
     return text.split("## Which way a call takes", 1)[1].split("\n## ", 1)[0]
 
 
 @pytest.mark.parametrize("samples", [1, 1000, 100_000, 10_000_000])
-def test_arrays_of_the_engine_are_launched_as_they_may_be(samples: int) -> None:
+def test_arrays_of_the_engine_are_launched_as_they_may_be(samples):
     for changes, recordable, by_pairs in itertools.product((True, False), repeat=3):
         found = launch_for(samples, changes=changes, recordable=recordable, by_pairs=by_pairs)
         allowed = {"code", "data"} if changes else {"code"}
@@ -199,20 +179,20 @@ def test_arrays_of_the_engine_are_launched_as_they_may_be(samples: int) -> None:
         assert found in allowed
 
 
-def test_few_samples_are_recorded_and_many_are_part_of_a_caller_s_kernel() -> None:
+def test_few_samples_are_recorded_and_many_are_part_of_a_caller_s_kernel():
     apart = {"changes": False, "recordable": True, "by_pairs": False}
     assert launch_for(100, **apart) == "recorded"
     assert launch_for(100_000, **apart) == "code"
     assert launch_for(100_000, **{**apart, "by_pairs": True}) == "recorded"
 
 
-def test_an_outline_that_changes_is_data_unless_samples_are_very_many() -> None:
+def test_an_outline_that_changes_is_data_unless_samples_are_very_many():
     changing = {"changes": True, "recordable": False, "by_pairs": False}
     assert launch_for(100_000, **changing) == "data"
     assert launch_for(10_000_000, **changing) == "code"
 
 
-def test_derivatives_are_found_by_pairs_from_fewer_edges_on() -> None:
+def test_derivatives_are_found_by_pairs_from_fewer_edges_on():
     """Their code for each cut is some ten times that of the function."""
     many = 1_000_000
     assert cut_for("derivatives", 48, True, many) == cut_for("compiled", 48, True) == "code"
@@ -221,19 +201,19 @@ def test_derivatives_are_found_by_pairs_from_fewer_edges_on() -> None:
     assert cut_for("derivatives", 10_000, False, many) == "rows"
 
 
-def test_derivatives_of_few_samples_need_no_code_of_their_own() -> None:
+def test_derivatives_of_few_samples_need_no_code_of_their_own():
     assert cut_for("derivatives", 48, True, 1000) == "pairs"
     assert cut_for("derivatives", 48, False, 1000) == "code"
 
 
-def test_explain_tells_what_a_call_does() -> None:
+def test_explain_tells_what_a_call_does():
     square, nu = pw.shapes.square(0.01), np.zeros((1000, 2))
     assert pw.explain(square, (0.0, 0.0), nu).way.name == LISTED
     assert pw.explain(square, nu, function="fourier").way.name == "sum on NumPy"
     assert pw.explain(square, nu, nu, function="ambiguity", engine="numpy").engine == "numpy"
 
 
-def test_a_call_takes_the_same_way_at_every_repetition() -> None:
+def test_a_call_takes_the_same_way_at_every_repetition():
     """And in every process: whatever else has been computed, loaded or compiled."""
     rng = np.random.default_rng(2)
     for count in (10, 1000):
@@ -244,7 +224,7 @@ def test_a_call_takes_the_same_way_at_every_repetition() -> None:
         assert pw.explain(source, *points) == first
 
 
-def test_explain_refuses_what_it_cannot_tell() -> None:
+def test_explain_refuses_what_it_cannot_tell():
     square = pw.shapes.square(0.01)
     with pytest.raises(pw.errors.ArgumentError, match="function to be one of"):
         pw.explain(square, (0, 0), (0, 0), function="otf")

@@ -5,9 +5,6 @@ box; a receiver in a furnace of radiance L reads lambda^2 L, whatever its apertu
 passes as much from one aperture to another as back.
 """
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -51,11 +48,13 @@ QUICK = [
 ]
 
 
-def cases(*estimators: str) -> list[Any]:
+def cases(*estimators):
     """Sources, boundary conditions and estimators that go together; but a few are slow."""
     found = []
-    for name in SOURCES:
-        for obliquity in OBLIQUITIES:
+    for i, name in enumerate(SOURCES):
+        for j, obliquity in enumerate(OBLIQUITIES):
+            if (i + j) % 2 and (name, obliquity) not in QUICK:
+                continue
             for estimator in estimators:
                 bent = name in BENT and (
                     estimator == "exact" or obliquity in ("kirchhoff", "rayleigh-sommerfeld-2")
@@ -67,7 +66,7 @@ def cases(*estimators: str) -> list[Any]:
     return found
 
 
-def detectors(shape: str, half: float, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def detectors(shape, half, count):
     """Places (n, 3) on a closed surface in front, normals inwards, and areas, by Gauss's rule."""
     node, weight = np.polynomial.legendre.leggauss(count)
     theta, phi = np.pi / 4 * (node + 1), 2 * np.pi * (np.arange(2 * count) + 0.5) / (2 * count)
@@ -83,7 +82,7 @@ def detectors(shape: str, half: float, count: int) -> tuple[np.ndarray, np.ndarr
     return half * s / facing[:, None], normal, half**2 * solid / facing**3
 
 
-def collected(entry: dict[str, Any], shape: str, half: float, samples: int) -> tuple[float, float]:
+def collected(entry, shape, half, samples):
     """Power in W that detectors all around an emitter receive, and its standard error."""
     import drjit as dr
 
@@ -105,11 +104,9 @@ def collected(entry: dict[str, Any], shape: str, half: float, samples: int) -> t
     return float(np.mean(totals)), float(np.std(totals, ddof=1) / np.sqrt(RENDERS))
 
 
-@pytest.mark.parametrize("shape", ["box", "sphere"])
+@pytest.mark.parametrize("shape", [pytest.param("box", marks=pytest.mark.slow), "sphere"])
 @pytest.mark.parametrize(("name", "obliquity", "estimator"), cases("exact", "wigner"))
-def test_detectors_all_around_an_emitter_receive_its_power(
-    shape: str, name: str, obliquity: str, estimator: str
-) -> None:
+def test_detectors_all_around_an_emitter_receive_its_power(shape, name, obliquity, estimator):
     import polywigner.mitsuba as pwm
 
     entry = pwm.aperture(
@@ -121,7 +118,7 @@ def test_detectors_all_around_an_emitter_receive_its_power(
     assert error / 2.5 < NOISE[estimator]
 
 
-def received(scene: dict[str, Any], samples: int) -> tuple[float, float]:
+def received(scene, samples):
     """Mean power in W of some renders of the first sensor, and its standard error."""
     import polywigner.mitsuba as pwm
 
@@ -134,8 +131,8 @@ def received(scene: dict[str, Any], samples: int) -> tuple[float, float]:
 
 @pytest.mark.parametrize(("name", "obliquity", "estimator"), cases("exact", "wigner"))
 def test_a_furnace_gives_a_wavelength_squared_of_its_radiance_to_any_receiver(
-    name: str, obliquity: str, estimator: str
-) -> None:
+    name, obliquity, estimator
+):
     import polywigner.mitsuba as pwm
 
     use(VARIANT)
@@ -148,7 +145,7 @@ def test_a_furnace_gives_a_wavelength_squared_of_its_radiance_to_any_receiver(
     assert error < NOISE[estimator] * expected
 
 
-def towards(place: Any, degrees: float) -> np.ndarray:
+def towards(place, degrees):
     """Pose at a place whose +z is so many degrees off the way to the origin, turned about y."""
     way = -np.asarray(place) / np.linalg.norm(place)
     side = np.cross([0.0, 1.0, 0.0], way)
@@ -172,13 +169,13 @@ ENDS = (
 SIDE = 12 * WAVELENGTH
 
 
-def plate(mi: Any) -> dict[str, Any]:
+def plate(mi):
     white = {"type": "diffuse", "reflectance": {"type": "spectrum", "value": 1.0}}
     pose = mi.ScalarTransform4f().scale(SIDE / 2)
     return {"type": "rectangle", "to_world": pose, "bsdf": white}
 
 
-def cloud(mi: Any) -> dict[str, Any]:
+def cloud(mi):
     """A ball of fog that scatters alike in all directions."""
     fog = {
         "type": "homogeneous",
@@ -186,22 +183,10 @@ def cloud(mi: Any) -> dict[str, Any]:
         "sigma_t": 0.2 / WAVELENGTH,
         "phase": {"type": "isotropic"},
     }
-    return {
-        "type": "sphere",
-        "radius": 4 * WAVELENGTH,
-        "bsdf": {"type": "null"},
-        "interior": fog,
-    }
+    return {"type": "sphere", "radius": 4 * WAVELENGTH, "bsdf": {"type": "null"}, "interior": fog}
 
 
-def passed(
-    target: Callable[[Any], dict[str, Any]],
-    degrees: float,
-    obliquity: str,
-    estimator: str,
-    back: bool,
-    samples: int,
-) -> tuple[float, float]:
+def passed(target, degrees, obliquity, estimator, back, samples):
     """Power that the second end receives of 1 W of the first by way of a target; or ``back``."""
     import polywigner.mitsuba as pwm
 
@@ -222,7 +207,7 @@ def passed(
     return received(scene, samples)
 
 
-def quadrature(degrees: float, obliquity: str) -> float:
+def quadrature(degrees, obliquity):
     """Power by way of the plate, of exact fields: lambda^2 int |U_t|^2 |U_r|^2 cos cos dA/pi."""
     node, weight = np.polynomial.legendre.leggauss(40)
     x, y = np.meshgrid(SIDE / 2 * node, SIDE / 2 * node)
@@ -239,19 +224,16 @@ def quadrature(degrees: float, obliquity: str) -> float:
     return float(product.sum())
 
 
-@pytest.mark.parametrize("degrees", [0.0, 30.0, 60.0])
-@pytest.mark.parametrize("estimator", ["exact", "wigner"])
 @pytest.mark.parametrize(
-    "obliquity",
+    ("obliquity", "estimator", "degrees"),
     [
-        "rayleigh-sommerfeld-1",
-        pytest.param("kirchhoff", marks=pytest.mark.slow),
-        pytest.param("rayleigh-sommerfeld-2", marks=pytest.mark.slow),
+        ("rayleigh-sommerfeld-1", "exact", 30.0),
+        ("rayleigh-sommerfeld-1", "wigner", 60.0),
+        pytest.param("kirchhoff", "exact", 60.0, marks=pytest.mark.slow),
+        pytest.param("rayleigh-sommerfeld-2", "wigner", 0.0, marks=pytest.mark.slow),
     ],
 )
-def test_a_diffuse_plate_passes_as_much_there_as_back(
-    obliquity: str, estimator: str, degrees: float
-) -> None:
+def test_a_diffuse_plate_passes_as_much_there_as_back(obliquity, estimator, degrees):
     expected = quadrature(degrees, obliquity)
     samples = 1 << (17 if estimator == "exact" else 20)
     for back in (False, True):
@@ -263,9 +245,7 @@ def test_a_diffuse_plate_passes_as_much_there_as_back(
 @pytest.mark.slow
 @pytest.mark.parametrize("degrees", [0.0, 30.0, 60.0])
 @pytest.mark.parametrize("obliquity", OBLIQUITIES[:3])
-def test_an_isotropic_scatterer_passes_as_much_there_as_back(
-    obliquity: str, degrees: float
-) -> None:
+def test_an_isotropic_scatterer_passes_as_much_there_as_back(obliquity, degrees):
     there, back = (
         passed(cloud, degrees, obliquity, "wigner", back, 1 << 21) for back in (False, True)
     )

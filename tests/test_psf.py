@@ -13,11 +13,11 @@ SQUARE = pw.shapes.square(10e-3)
 UNIT = WAVELENGTH * FOCUS / 10e-3
 
 
-def points(count: int) -> np.ndarray:
+def points(count):
     return np.random.default_rng(3).uniform(-2, 2, (count, 2)) * UNIT
 
 
-def test_in_focus_it_is_the_square_of_the_transform_with_unit_power() -> None:
+def test_in_focus_it_is_the_square_of_the_transform_with_unit_power():
     y = points(20)
     scale = WAVELENGTH * FOCUS
     expected = abs(pw.fourier(PUPIL, y / scale)) ** 2 / scale**2 / PUPIL.area
@@ -25,7 +25,7 @@ def test_in_focus_it_is_the_square_of_the_transform_with_unit_power() -> None:
 
 
 @pytest.mark.parametrize("defocus", [0.0, 0.7])
-def test_its_fourier_transform_is_the_transfer_function(defocus: float) -> None:
+def test_its_fourier_transform_is_the_transfer_function(defocus):
     """The OTF of a small pupil lies within 10 mm of lag: by the sampling theorem sums are exact.
 
     They leave out the light outside of the lattice, which falls off with the third power of its
@@ -46,7 +46,7 @@ def test_its_fourier_transform_is_the_transfer_function(defocus: float) -> None:
     assert found == pytest.approx(pw.otf(pupil, xi, defocus, 2e-3), abs=2e-4)
 
 
-def test_a_square_out_of_focus_has_the_strehl_ratio_of_fresnels_integral() -> None:
+def test_a_square_out_of_focus_has_the_strehl_ratio_of_fresnels_integral():
     """(int exp(2 pi i w t^2) dt/2)^4 over t from -1 to 1, w at the middle of a side."""
     at, weights = np.polynomial.legendre.leggauss(40)
     for waves in (0.1, 0.5, -1.3):
@@ -57,14 +57,14 @@ def test_a_square_out_of_focus_has_the_strehl_ratio_of_fresnels_integral() -> No
         assert blurred / focused == pytest.approx(expected, rel=1e-9)
 
 
-def test_light_of_several_colours_is_their_mean() -> None:
+def test_light_of_several_colours_is_their_mean():
     y, colours = points(5), (0.45e-6, 0.6e-6)
     found = pw.psf(PUPIL, y, colours, FOCUS, weights=(1.0, 3.0))
     single = [pw.psf(PUPIL, y, colour, FOCUS) for colour in colours]
     assert found == pytest.approx(0.25 * single[0] + 0.75 * single[1])
 
 
-def test_labels_stay() -> None:
+def test_labels_stay():
     xarray = pytest.importorskip("xarray")
     y = points(4)
     found = pw.psf(PUPIL, xarray.DataArray(y, dims=("star", "xy")), WAVELENGTH, FOCUS)
@@ -84,7 +84,7 @@ def test_labels_stay() -> None:
         ({"weights": (1.0, 2.0)}, "weights"),
     ],
 )
-def test_wrong_arguments_are_named(call, message) -> None:
+def test_wrong_arguments_are_named(call, message):
     given = {
         "source": SQUARE,
         "points": (0.0, 0.0),

@@ -1,12 +1,8 @@
 """Pictures by range: cameras against lengths by hand, and what is drawn of frames and profiles."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import math
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -61,7 +57,7 @@ SCENE = """<scene version="3.0.0">
 
 
 @pytest.fixture
-def scene(tmp_path: Path) -> Path:
+def scene(tmp_path):
     (tmp_path / "square.wkt").write_text("POLYGON ((-5 -5, 5 -5, 5 5, -5 5, -5 -5))")
     path = tmp_path / "scene.xml"
     path.write_text(SCENE)
@@ -71,9 +67,7 @@ def scene(tmp_path: Path) -> Path:
 class TestCameras:
     pytestmark = RADAR
 
-    def test_frames_are_where_paths_are_as_long_and_add_up_to_the_picture(
-        self, scene: Path
-    ) -> None:
+    def test_frames_are_where_paths_are_as_long_and_add_up_to_the_picture(self, scene):
         pm = pytest.importorskip("polywigner.mitsuba")
         loaded = pm.load_scene(scene, "llvm_ad_mono")
         edges = np.linspace(9.0, 12.0, 61)
@@ -100,7 +94,7 @@ class TestCameras:
         with pytest.raises(ArgumentError, match="sensor as a whole number"):
             pm.range_frames(loaded, edges, sensor="camera")
 
-    def test_commands_write_what_functions_return(self, scene: Path, tmp_path: Path) -> None:
+    def test_commands_write_what_functions_return(self, scene, tmp_path):
         xarray = pytest.importorskip("xarray")
         out = tmp_path / "out" / "echo"
         words = [str(scene), "--variant", "llvm_ad_mono", "--range", "9 m to 15 m", "--out"]
@@ -123,9 +117,7 @@ class TestCameras:
             "echo_range.png",
         ]  # fmt: skip
 
-    def test_what_cannot_be_sorted_is_told_before_the_picture(
-        self, scene: Path, capsys: pytest.CaptureFixture[str]
-    ) -> None:
+    def test_what_cannot_be_sorted_is_told_before_the_picture(self, scene, capsys):
         words = [str(scene), "--variant", "llvm_ad_mono", "--out", str(scene.parent / "echo")]
         spp = ["--spp", "1000000000"]  # a picture of a day
         assert main(["render", *words, *spp, "--range", "1 m to 1.0000001 m"]) == 2
@@ -151,16 +143,14 @@ class TestCameras:
     ],
 )
 @pytest.mark.parametrize("command", ["receive", "render"])
-def test_bad_ranges_are_one_sentence(
-    command: str, words: list[str], message: str, scene: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_bad_ranges_are_one_sentence(command, words, message, scene, capsys):
     assert main([command, str(scene), *words]) == 2
     errors = capsys.readouterr().err
     assert message in errors and errors.count("\n") == 1
     assert sorted(path.name for path in scene.parent.iterdir()) == ["scene.xml", "square.wkt"]
 
 
-def profile(**other: Any) -> Any:
+def profile(**other):
     edges = np.linspace(0.0, 4.0, 5)
     values = {
         "power": np.array([0.0, 1e-6, -1e-9, 1e-8]),
@@ -172,7 +162,7 @@ def profile(**other: Any) -> Any:
     return labelled_arrays(arrays, {"range_edge": labelled_array(edges, ("range_edge",))})
 
 
-def test_a_profile_is_drawn_in_dbm_with_the_noise() -> None:
+def test_a_profile_is_drawn_in_dbm_with_the_noise():
     axes = draw_range_profile(profile(), floor_db=-40.0).axes[0]
     drawn = axes.patches[-1].get_data().values
     np.testing.assert_allclose(drawn, [-85.0, -30.0, -85.0, -50.0])
@@ -187,7 +177,7 @@ def test_a_profile_is_drawn_in_dbm_with_the_noise() -> None:
         draw_range_profile(profile(), 1)
 
 
-def test_an_animation_has_a_frame_for_each_bin(tmp_path: Path) -> None:
+def test_an_animation_has_a_frame_for_each_bin(tmp_path):
     from PIL import Image
 
     radiance = np.zeros((3, 4, 4))
@@ -205,3 +195,7 @@ def test_an_animation_has_a_frame_for_each_bin(tmp_path: Path) -> None:
         write_range_animation(labelled_arrays(many, edges), path)
     with pytest.raises(ArgumentError, match="milliseconds"):
         write_range_animation(labelled_arrays(arrays, edges), path, milliseconds=0)
+    with pytest.raises(ArgumentError, match="expected to write"):
+        write_range_animation(labelled_arrays(arrays, edges), path.parent)
+    with pytest.raises(ArgumentError, match="can be printed"):
+        write_range_animation(labelled_arrays(arrays, edges), path, title="\0")

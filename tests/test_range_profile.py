@@ -1,12 +1,9 @@
 """Range profiles against received powers, quadratures over surfaces, and lengths by hand."""
 
-from __future__ import annotations
-
 import importlib.util
 import math
 import os
 import sys
-from typing import Any
 
 import numpy as np
 import pytest
@@ -40,32 +37,32 @@ LAW = 0.05
 
 
 @pytest.fixture(autouse=True)
-def mono() -> None:
+def mono():
     mi.set_variant("llvm_ad_mono")
 
 
-def emitter(**options: Any) -> dict[str, Any]:
+def emitter(**options):
     return pm.aperture(SQUARE, WAVELENGTH, power=1.0, visible=False, **options)
 
 
-def receiver(source: Any = SQUARE, **options: Any) -> dict[str, Any]:
+def receiver(source=SQUARE, **options):
     return pm.receiver(source, WAVELENGTH, **options)
 
 
-def at(x: float, z: float, turn: float = 180.0) -> Any:
+def at(x, z, turn=180.0):
     """Turned about y by degrees, then moved; 180 looks back along -z."""
     return mi.ScalarTransform4f().translate([x, 0.0, z]).rotate([0, 1, 0], turn)
 
 
-def plate(half: float, pose: Any) -> dict[str, Any]:
+def plate(half, pose):
     return {"type": "rectangle", "to_world": pose.scale([half, half, 1.0])}
 
 
-def scene_of(**parts: Any) -> Any:
+def scene_of(**parts):
     return mi.load_dict({"type": "scene", **parts})
 
 
-def nodes(half: float, pose: Any, count: int = 10) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def nodes(half, pose, count=10):
     """Points (n, 3) of a square plate, its normal, and areas (n,)."""
     x, weight = np.polynomial.legendre.leggauss(count)
     u, v = np.meshgrid(half * x, half * x)
@@ -74,20 +71,20 @@ def nodes(half: float, pose: Any, count: int = 10) -> tuple[np.ndarray, np.ndarr
     return (own @ matrix.T)[:, :3], matrix[:3, 2], half**2 * np.outer(weight, weight).ravel()
 
 
-def lit(source: Any, points: np.ndarray, normal: np.ndarray) -> np.ndarray:
+def lit(source, points, normal):
     """W/m^2 on a surface by a source of 1 W at the origin, or a receiver's weight there."""
     away = points / np.linalg.norm(points, axis=1)[:, None]
     density = pw.irradiance(source, points, WAVELENGTH, method="rayleigh-sommerfeld-1")
     return density / pw.radiated_power(source, WAVELENGTH) * (-away @ normal)
 
 
-def gain(source: Any) -> float:
+def gain(source):
     """Directivity along z."""
     pattern = pw.radiation_pattern(source, WAVELENGTH, 0.0, 0.0)
     return float(10 ** (pattern.attrs["largest_directivity"] / 10))
 
 
-def test_a_plate_falls_into_its_bin_and_bins_add_up_to_the_scattered_power() -> None:
+def test_a_plate_falls_into_its_bin_and_bins_add_up_to_the_scattered_power():
     scene = scene_of(
         tx=emitter(),
         rx=receiver(estimator="wigner", bandwidth=1e9, temperature=290.0),
@@ -128,12 +125,12 @@ def test_a_plate_falls_into_its_bin_and_bins_add_up_to_the_scattered_power() -> 
         ([100.0, 100.0 + 1e-7], "single precision"),
     ],
 )
-def test_edges_that_do_not_rise_are_refused(ranges: Any, message: str) -> None:
+def test_edges_that_do_not_rise_are_refused(ranges, message):
     with pytest.raises(ArgumentError, match=message):
         pm.range_profile(None, ranges)
 
 
-def test_without_mitransient_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_mitransient_the_extra_is_named(monkeypatch):
     for name in [name for name in sys.modules if name.split(".")[0] == "mitransient"]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "mitransient", None)
@@ -141,7 +138,7 @@ def test_without_mitransient_the_extra_is_named(monkeypatch: pytest.MonkeyPatch)
         pm.range_profile(None, [0.0, 1.0])
 
 
-def test_what_has_no_path_lengths_is_refused() -> None:
+def test_what_has_no_path_lengths_is_refused():
     scene = scene_of(tx=emitter(), rx=receiver(), plate=plate(1.0, at(0.0, 5.0)))
     require_transients()
     with pytest.raises(SceneError, match="expected an integrator"):
@@ -171,15 +168,16 @@ def test_what_has_no_path_lengths_is_refused() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("distance", [20.0, 60.0, 200.0])
-def test_a_small_patch_falls_off_as_the_fourth_power_of_its_range(distance: float) -> None:
+def test_a_small_patch_falls_off_as_the_fourth_power_of_its_range(distance):
     half, pose = 0.25, at(0.0, distance)
     scene = scene_of(tx=emitter(estimator="exact"), rx=receiver(LARGE), plate=plate(half, pose))
-    found = pm.range_profile(scene, np.arange(0.0, 250.5, 0.5), spp=2**22, seed=1)
+    # amid a bin: single precision leaves paths on both sides of an edge
+    found = pm.range_profile(scene, np.arange(0.25, 250.5, 0.5), spp=2**22, seed=1)
     points, normal, areas = nodes(half, pose)
     radiance = REFLECTANCE / math.pi * lit(SQUARE, points, normal)
     expected = WAVELENGTH**2 * np.sum(areas * radiance * lit(LARGE, points, normal))
     power = found["power"].values
-    assert found["range"].values[np.argmax(power)] == distance + 0.25
+    assert found["range"].values[np.argmax(power)] == distance
     assert abs(10 * math.log10(power.max() / expected)) < LAW
     # with the pattern of both taken off: that of points on the axis
     axis = np.array([[0.0, 0.0, distance]])
@@ -192,7 +190,7 @@ def test_a_small_patch_falls_off_as_the_fourth_power_of_its_range(distance: floa
 
 @pytest.mark.slow
 @pytest.mark.parametrize("estimator", ["wigner", "exact"])
-def test_two_bounces_in_a_dihedral_are_a_ghost_behind_it(estimator: str) -> None:
+def test_two_bounces_in_a_dihedral_are_a_ghost_behind_it(estimator):
     half, aside, depth = 0.7, 2.0, 10.0
     poses = at(-aside, depth, 135.0), at(aside, depth, -135.0)
     scene = scene_of(
@@ -226,20 +224,8 @@ def test_two_bounces_in_a_dihedral_are_a_ghost_behind_it(estimator: str) -> None
 
 
 @pytest.mark.slow
-def test_standard_errors_are_the_spread_over_seeds() -> None:
-    scene = scene_of(tx=emitter(), rx=receiver(estimator="wigner"), near=plate(5.0, at(0.0, 8.0)))
-    edges = np.array([8.0, 8.2, 8.5, 9.0, 12.0])
-    runs = [pm.range_profile(scene, edges, spp=1024, seed=seed) for seed in range(24)]
-    powers = np.array([run["power"].values for run in runs])
-    told = np.sqrt(np.mean([run["standard_error"].values ** 2 for run in runs], axis=0))
-    # a spread of 24 is known to 15 %
-    np.testing.assert_allclose(powers.std(axis=0, ddof=1) / told, 1.0, atol=0.45)
-    assert runs[0]["power"].values.tobytes() != runs[1]["power"].values.tobytes()
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("estimator", ["wigner", "exact"])
-def test_paths_end_at_places_of_the_receiver_not_at_its_middle(estimator: str) -> None:
+def test_paths_end_at_places_of_the_receiver_not_at_its_middle(estimator):
     """Of what stands before one end of a receiver that is wide and aside of its own origin."""
     wide, wavelength, end, z = pw.shapes.rectangle(1.0, 0.05).moved([1.25, 0.0]), 0.02, 0.85, 2.0
     scene = scene_of(
@@ -262,7 +248,7 @@ def test_paths_end_at_places_of_the_receiver_not_at_its_middle(estimator: str) -
 
 
 @pytest.mark.slow
-def test_fog_spreads_over_its_depth() -> None:
+def test_fog_spreads_over_its_depth():
     fog = {"type": "homogeneous", "albedo": 0.9, "sigma_t": 0.05}
     cube = {"type": "cube", "bsdf": {"type": "null"}, "interior": fog}
     cube["to_world"] = mi.ScalarTransform4f().translate([0.0, 0.0, 15.0]).scale([20.0, 20.0, 5.0])
@@ -280,21 +266,3 @@ def test_fog_spreads_over_its_depth() -> None:
     scale = power.sum() / shape.sum()
     assert np.all(np.abs(power - scale * shape) < SIGMAS * error)
     assert float(found["before"].values) == 0.0
-
-
-@pytest.mark.slow
-def test_other_variants_and_renders_in_the_same_process_are_left_as_they_are() -> None:
-    values = []
-    for variant in ("llvm_ad_rgb", "llvm_ad_mono", "llvm_ad_rgb"):
-        mi.set_variant(variant)
-        scene = scene_of(
-            tx=emitter(),
-            rx=receiver(estimator="wigner", film=(3, 2)),
-            plate=plate(2.0, at(0.0, 37.5)),
-        )
-        steady = pm.received_power(scene, spp=1024)
-        found = pm.range_profile(scene, [37.0, 38.0], spp=1024)
-        values.append(found["power"].values.item())
-        assert pm.received_power(scene, spp=1024).scattered == steady.scattered
-        np.testing.assert_allclose(values[-1], steady.scattered, rtol=STEADY)
-    np.testing.assert_allclose(values, values[0], rtol=1e-6)

@@ -1,7 +1,5 @@
 """Irradiance by Wigner rays against diffraction integrals, limits, and itself by other means."""
 
-from __future__ import annotations
-
 import warnings
 from typing import Any
 
@@ -53,18 +51,18 @@ POWERS, NEARLY = {1: 2, 3: 4}, 0.1
 UNSYMMETRIC = ("array with waves", "kirchhoff")
 
 
-def on_axis(*distances: float) -> np.ndarray:
+def on_axis(*distances):
     return np.array([(0.0, 0.0, z) for z in distances])
 
 
-def on_arc(distance: float, degrees: Any, azimuth: float = 0.0) -> np.ndarray:
+def on_arc(distance, degrees, azimuth=0.0):
     theta, phi = np.radians(degrees), np.radians(azimuth)
     rho = np.sin(theta)
     unit = np.stack([rho * np.cos(phi), rho * np.sin(phi), np.cos(theta)], axis=-1)
     return distance * unit
 
 
-def decibels(ratio: Any) -> Any:
+def decibels(ratio):
     return 10 * np.log10(ratio)
 
 
@@ -77,23 +75,9 @@ def decibels(ratio: Any) -> Any:
         ("ray_kir_bore_z2", "kirchhoff"),
     ],
 )
-def test_rays_have_their_reference_values(name: str, obliquity: Any) -> None:
+def test_rays_have_their_reference_values(name, obliquity):
     found = pw.irradiance(SQUARE, (0, 0, 2), 1.0, obliquity=obliquity, tolerance=1e-8)
     assert found == pytest.approx(VALUES[name], rel=ACCURATE)
-
-
-def test_the_quadrature_that_rays_are_compared_with_has_its_reference_values() -> None:
-    settings = [
-        ("I_RSI_bore_z2", SQUARE, (0, 0, 2), "rayleigh-sommerfeld-1"),
-        ("I_RSII_bore_z2", SQUARE, (0, 0, 2), "rayleigh-sommerfeld-2"),
-        ("I_K_bore_z2", SQUARE, (0, 0, 2), "kirchhoff"),
-        ("I_RSI_r10_th60_ph45", SQUARE, on_arc(10, 60, 45), "rayleigh-sommerfeld-1"),
-    ]
-    oblique = SQUARE.with_illumination(pw.Illumination([1], [(0.5, 0)]))
-    settings.append(("I_K_oblique", oblique, (2, 1, 3), "kirchhoff"))
-    for name, source, point, condition in settings:
-        found = irradiance_by_quadrature(source, point, 1.0, condition)[0]
-        assert found == pytest.approx(VALUES[name], rel=ACCURATE)
 
 
 CASES = [("square", condition) for condition in CONDITIONS]
@@ -106,8 +90,8 @@ CASES += [("two triangles", "kirchhoff"), ("array with waves", "kirchhoff")]
 @pytest.mark.parametrize("order", [1, 3])
 @pytest.mark.parametrize(("name", "condition"), CASES)
 def test_the_error_of_rays_falls_with_the_power_of_the_distance_that_theory_has(
-    name: str, condition: str, order: int
-) -> None:
+    name, condition, order
+):
     source = SOURCES[name]
     outline = source.support if isinstance(source, pw.Array) else source
     errors = []
@@ -122,7 +106,7 @@ def test_the_error_of_rays_falls_with_the_power_of_the_distance_that_theory_has(
     assert POWERS[order] - lost - NEARLY < power < POWERS[order] + NEARLY
 
 
-def test_third_order_is_right_on_axis_from_three_wavelengths_on() -> None:
+def test_third_order_is_right_on_axis_from_three_wavelengths_on():
     points = on_axis(3, 3.5, 4, 5, 7, 10, 20, 50)
     for condition, limit in (("kirchhoff", 0.025), ("rayleigh-sommerfeld-1", 0.025)):
         expected = irradiance_by_quadrature(SQUARE, points, 1.0, condition)
@@ -132,20 +116,9 @@ def test_third_order_is_right_on_axis_from_three_wavelengths_on() -> None:
         assert abs(decibels(found / expected)).max() < limit
 
 
-@pytest.mark.parametrize(("distance", "limit"), [(5, 0.2), (10, 0.04), (30, 0.002)])
-def test_third_order_is_right_off_axis_where_there_is_power(distance: float, limit: float) -> None:
-    points = on_arc(distance, np.arange(-80, 81, 4.0))
-    for condition in ("kirchhoff", "rayleigh-sommerfeld-1"):
-        expected = irradiance_by_quadrature(SQUARE, points, 1.0, condition)
-        seen = expected > 1e-3 * expected.max()
-        found = pw.irradiance(SQUARE, points, 1.0, obliquity=condition, order=3, tolerance=1e-5)
-        errors = decibels(found[seen] / expected[seen])
-        assert np.sqrt((errors**2).mean()) < limit
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("sampling", ["sobol", "monte-carlo"])
-def test_drawn_places_give_the_same_within_their_error(sampling: Any) -> None:
+def test_drawn_places_give_the_same_within_their_error(sampling):
     points = on_arc(7.0, np.arange(-60, 61, 20))
     exact = pw.irradiance(SQUARE, points, 1.0, tolerance=1e-8)
     found, errors = pw.irradiance(
@@ -159,8 +132,8 @@ def test_drawn_places_give_the_same_within_their_error(sampling: Any) -> None:
 @pytest.mark.parametrize("sampling", ["gauss", "monte-carlo"])
 @pytest.mark.parametrize("height", [1e-9, 1e-8, 1e-7])
 def test_points_on_the_source_whose_rays_pass_between_all_places_have_no_error_estimate(
-    sampling: Any, height: float
-) -> None:
+    sampling, height
+):
     square, points = pw.shapes.square(10e-3), [(0, 0, height), (1e-3, 2e-3, height)]
     with pytest.warns(PolywignerWarning, match="tolerance asked for is not met"):
         found, error = pw.irradiance(
@@ -171,7 +144,7 @@ def test_points_on_the_source_whose_rays_pass_between_all_places_have_no_error_e
     assert np.isinf(error).all()
 
 
-def test_points_beside_the_source_have_one_however_low_they_are() -> None:
+def test_points_beside_the_source_have_one_however_low_they_are():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         warnings.filterwarnings("ignore", message=".*rough picture")
@@ -181,20 +154,9 @@ def test_points_beside_the_source_have_one_however_low_they_are() -> None:
     assert 0 < found < 1e-12 and error < 1e-15  # as the square of the height
 
 
-def test_sobol_places_are_much_better_than_random_ones() -> None:
-    points = on_arc(7.0, np.arange(-60, 61, 20))
-    scatter = [
-        pw.irradiance(
-            SQUARE, points, 1.0, sampling=sampling, samples=8192, seed=5, return_error=True
-        )[1].max()
-        for sampling in ("sobol", "monte-carlo")
-    ]
-    assert scatter[0] < 0.2 * scatter[1]
-
-
 @pytest.mark.llvm
 @pytest.mark.parametrize("order", [1, 3])
-def test_engines_and_precisions_agree(order: int) -> None:
+def test_engines_and_precisions_agree(order):
     points = on_arc(18.0, np.arange(-80, 81, 20), 15.0)
     source = pw.shapes.triangle(3.0, 2.0)
     first = pw.irradiance(source, points, 1.0, order=order, engine="numpy")
@@ -206,7 +168,7 @@ def test_engines_and_precisions_agree(order: int) -> None:
     assert abs(first - single).max() < 1e-5 * first.max()
 
 
-def test_a_large_lattice_is_the_same_whether_it_is_seen_as_one_or_not() -> None:
+def test_a_large_lattice_is_the_same_whether_it_is_seen_as_one_or_not():
     element = pw.shapes.rectangle(0.6, 0.4)
     positions = np.array([(0.7 * i, 0.5 * j) for i in range(3) for j in range(2)])
     weights = np.exp(2j * np.pi * positions @ (0.3, 0.1))
@@ -219,7 +181,7 @@ def test_a_large_lattice_is_the_same_whether_it_is_seen_as_one_or_not() -> None:
 @pytest.mark.parametrize(
     "method", ["rayleigh-sommerfeld-1", "kirchhoff", "rayleigh-sommerfeld-2", "fresnel"]
 )
-def test_other_methods_give_the_square_of_the_field_at_least_to_the_tolerance(method: Any) -> None:
+def test_other_methods_give_the_square_of_the_field_at_least_to_the_tolerance(method):
     points = on_arc(8.0, np.arange(-80, 81, 8), 15.0)
     exact = abs(pw.amplitude(SQUARE, points, 1.0, method, tolerance=1e-12)) ** 2
     for tolerance in (1e-2, 1e-5):
@@ -231,7 +193,7 @@ def test_other_methods_give_the_square_of_the_field_at_least_to_the_tolerance(me
         assert (abs(found - exact) <= errors + 1e-11 * exact.max()).all()
 
 
-def test_fraunhofer_irradiance_takes_an_obliquity() -> None:
+def test_fraunhofer_irradiance_takes_an_obliquity():
     far = on_arc(1e5, [0.0, 30.0, 60.0])
     for obliquity in CONDITIONS:
         rays = pw.irradiance(SQUARE, far, 1.0, obliquity=obliquity, tolerance=1e-8)
@@ -239,25 +201,14 @@ def test_fraunhofer_irradiance_takes_an_obliquity() -> None:
         assert found == pytest.approx(rays, rel=1e-3, abs=1e-6 * rays.max())
 
 
-def test_points_may_have_any_shape_and_one_point_gives_a_number() -> None:
+def test_points_may_have_any_shape_and_one_point_gives_a_number():
     points = on_arc(8.0, np.arange(0, 60, 10)).reshape(2, 3, 3)
     assert pw.irradiance(SQUARE, points, 1.0).shape == (2, 3)
     assert isinstance(pw.irradiance(SQUARE, points[0, 0], 1.0), float)
     assert pw.irradiance(SQUARE, np.empty((0, 3)), 1.0).shape == (0,)
 
 
-def test_lengths_in_any_unit_give_the_same() -> None:
-    points = on_arc(8.0, np.arange(0, 60, 10))
-    small = pw.shapes.square(SIDE * 1e-6)
-    for order in (1, 3):
-        found = pw.irradiance(small, 1e-6 * points, 1e-6, order=order)
-        assert found == pytest.approx(pw.irradiance(SQUARE, points, 1.0, order=order), rel=1e-9)
-
-
-SCALES = 1e29, 1e-29  # sources and points of a few times these are within what rays take
-
-
-def test_the_sum_over_hundreds_of_wavelengths_is_right_or_refused() -> None:
+def test_the_sum_over_hundreds_of_wavelengths_is_right_or_refused():
     """Lobes of a strip of 400 wavelengths, far off its axis, where W turns hundreds of times."""
     strip, wavelength = pw.shapes.rectangle(1.0, 0.02), 2.5e-3
     lobes = 2000.0 * on_arc(1.0, [30.04, 45.0, 45.02])
@@ -292,7 +243,7 @@ def test_the_sum_over_hundreds_of_wavelengths_is_right_or_refused() -> None:
         {"precision": "half"},
     ],
 )
-def test_options_that_make_no_sense_are_refused(options: Any) -> None:
+def test_options_that_make_no_sense_are_refused(options):
     with pytest.raises(ArgumentError, match="expected"):
         pw.irradiance(SQUARE, (0, 0, 5), 1.0, **options)
 
@@ -301,6 +252,6 @@ def test_options_that_make_no_sense_are_refused(options: Any) -> None:
     "source",
     [pw.Slits([(0, 1)]), SQUARE.placed(np.eye(4)), pw.Array([pw.Slits([(0, 1)])]), "square"],
 )
-def test_sources_without_a_plane_are_refused(source: Any) -> None:
+def test_sources_without_a_plane_are_refused(source):
     with pytest.raises(PolywignerError, match="expected"):
         pw.irradiance(source, (0, 0, 5), 1.0)

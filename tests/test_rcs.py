@@ -15,7 +15,6 @@ from oracles.meshes import extruded, sphere, torus
 from oracles.rays import lit_sum
 from oracles.references import read_json
 from polywigner.errors import ArgumentError, PolywignerWarning
-from polywigner.scattering.facets import is_convex
 
 # Of sums of float64, in amplitudes of a plate of the same size.
 ROUNDING = 1e-12
@@ -162,16 +161,6 @@ def test_circular_waves_return_turned_the_other_way_from_a_plate() -> None:
     assert pw.rcs(square, up, 0.1, polarisation=(right, right)) < 1e-20 * whole
 
 
-def test_the_reversed_path_of_a_plate_exchanges_electric_and_magnetic_vectors() -> None:
-    s, t = towards(35, 20), towards(60, 200)
-    q, p = np.cross(s, (0.6, 0.0, 0.8)), np.cross(t, (0.0, 1.0, 0.0))
-    q, p = q / np.linalg.norm(q), p / np.linalg.norm(p)
-    there = pw.rcs(HOLED, s, 0.3, t, (q, p))
-    back = pw.rcs(HOLED, t, 0.3, s, (np.cross(t, p), np.cross(s, q)))
-    assert back == pytest.approx(there, rel=1e-10)
-    assert pw.rcs(HOLED, t, 0.3, s) == pytest.approx(pw.rcs(HOLED, s, 0.3, t), rel=1e-10)
-
-
 @pytest.mark.parametrize(
     "body",
     [
@@ -237,92 +226,11 @@ def across(direction: np.ndarray) -> np.ndarray:
     return vector / np.linalg.norm(vector)
 
 
-@pytest.mark.parametrize("t", [None, towards(35, 300)])
-def test_a_body_in_two_halves_that_touch_is_the_body(t: Any) -> None:
-    lower = extruded([(0, 0), (3, 0), (3, 1), (0, 1)], 1.5)
-    upper = extruded([(0, 1), (1, 1), (1, 3), (0, 3)], 1.5)
-    found = np.sqrt(pw.rcs([lower, upper], DIRECTIONS, 0.3, t))
-    np.testing.assert_allclose(
-        found, np.sqrt(pw.rcs(L_BODY, DIRECTIONS, 0.3, t)), rtol=0, atol=ROUNDING * plate(9, 0.3)
-    )
-
-
-@pytest.mark.parametrize("seed", range(12))
-def test_plates_at_random_are_lit_where_their_union_is(seed: int) -> None:
-    random = np.random.default_rng(seed)
-    plates = []
-    for _ in range(20):
-        axes, _ = np.linalg.qr(random.normal(size=(3, 3)))
-        pose = np.eye(4)
-        # half of the sets stand on a lattice, and touch, coincide and meet at right angles
-        pose[:3, :3] = np.eye(3)[random.permutation(3)] if seed % 2 else axes
-        pose[:3, 0] *= np.linalg.det(pose[:3, :3])
-        pose[:3, 3] = random.integers(-2, 3, 3) / 2 if seed % 2 else random.uniform(-1, 1, 3)
-        plates.append(pw.Aperture([(0, 0), (1, 0), (1, 1), (0.5, 1)]).placed(pose))
-    t = towards(*random.choice([30, 45, 60, 90], 2)) if seed % 2 else towards(40, 70)
-    found = pw.rcs(plates, -t, 0.3, t, "vv")
-    assert math.sqrt(found) == pytest.approx(plate(shadow_of(plates, t), 0.3), rel=1e-9)
-    for s in (t, towards(45, 45), towards(90, 90)):
-        assert np.isfinite(pw.rcs(plates, s, 0.3, t))
-
-
-def test_a_plate_right_behind_another_is_dark() -> None:
-    front = pw.shapes.square(1.0)
-    behind = pw.shapes.square(0.9).placed(at(0, 0, -0.11))
-    up = (0.0, 0.0, 1.0)
-    assert pw.rcs([behind, front], up, 0.1) == pytest.approx(pw.rcs(front, up, 0.1), rel=1e-12)
-    down = pw.rcs([behind, front], (0.0, 0.0, -1.0), 0.1)
-    assert down != pytest.approx(pw.rcs(front, up, 0.1), rel=1e-3)
-
-
-def test_a_cavity_is_dark_from_everywhere() -> None:
-    """Two triangles of each face shadow it, along a common edge that rounding makes two."""
-    rng = np.random.default_rng(1)
-    s, t = (v / np.linalg.norm(v, axis=1, keepdims=True) for v in rng.normal(size=(2, 20, 3)))
-    outer = extruded([(0, 0), (3, 0), (3, 3), (0, 3)], 1.5)
-    inner = extruded([(1, 1), (2, 1), (2, 2), (1, 2)], 0.5)
-    count = len(outer.vertices)
-    walls = [tuple(count + k for k in reversed(face)) for face in inner.faces]
-    inside = inner.vertices + np.array([0, 0, 0.5])
-    hollow = pw.Polyhedron(np.concatenate([outer.vertices, inside]), [*outer.faces, *walls])
-    found, expected = (np.sqrt(pw.rcs(body, s, 0.3, t)) for body in (hollow, outer))
-    np.testing.assert_allclose(found, expected, rtol=0, atol=ROUNDING * plate(9, 0.3))
-
-
 def test_plates_that_coincide_count_once() -> None:
     square = pw.shapes.square(1.0)
     alone = pw.rcs(square, DIRECTIONS, 0.1)
     np.testing.assert_allclose(pw.rcs([square, square], DIRECTIONS, 0.1), alone, rtol=1e-12)
     np.testing.assert_allclose(pw.rcs(pw.Array([square]), DIRECTIONS, 0.1), alone, rtol=1e-12)
-
-
-def test_a_torus_covers_the_area_that_it_shadows() -> None:
-    body = torus(40, 16)
-    t = towards(65, 20)
-    found = pw.rcs(body, -t, 0.3, t, "hh")
-    assert math.sqrt(found) == pytest.approx(plate(shadow_of(body, t), 0.3), rel=1e-9)
-
-
-def test_a_body_turned_with_its_radar_is_the_same() -> None:
-    axes, _ = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))
-    axes *= np.linalg.det(axes)
-    turned = pw.Polyhedron(L_BODY.vertices @ axes.T + (10, -3, 2), L_BODY.faces)
-    found = pw.rcs(turned, DIRECTIONS @ axes.T, 0.3, DIRECTIONS[1] @ axes.T)
-    expected = pw.rcs(L_BODY, DIRECTIONS, 0.3, DIRECTIONS[1])
-    np.testing.assert_allclose(
-        np.sqrt(found), np.sqrt(expected), rtol=0, atol=ROUNDING * plate(9, 0.3)
-    )
-
-
-def test_bodies_are_told_convex_or_not() -> None:
-    assert is_convex(BOX) and is_convex(sphere(2))
-    assert not is_convex(L_BODY) and not is_convex(torus(12, 8))
-    # two separate boxes, and a box in a box: convex at every edge
-    two = np.concatenate([BOX.vertices, BOX.vertices + np.array([5, 0, 0])])
-    faces = [*BOX.faces, *(tuple(k + len(BOX.vertices) for k in face) for face in BOX.faces)]
-    assert not is_convex(pw.Polyhedron(two, faces))
-    nested = np.concatenate([BOX.vertices, BOX.vertices * 0.5 + (0.3, 0.2, 0.1)])
-    assert not is_convex(pw.Polyhedron(nested, faces))
 
 
 def test_directions_and_wavelengths_broadcast() -> None:
@@ -334,12 +242,6 @@ def test_directions_and_wavelengths_broadcast() -> None:
         np.testing.assert_allclose(table, single, rtol=1e-9)
     assert isinstance(pw.rcs(BOX, DIRECTIONS[0], 0.3), float)
     assert pw.rcs(L_BODY, np.zeros((0, 3)), 0.3).shape == (0,)
-
-
-def test_a_plate_seen_edge_on_is_dark() -> None:
-    square = pw.shapes.square(1.0)
-    assert pw.rcs(square, (1.0, 0.0, 0.0), 0.1) == 0
-    assert pw.rcs([square, square.placed(at(0, 0, 1))], (1.0, 0.0, 0.0), 0.1) == 0
 
 
 def test_a_face_below_a_wavelength_is_warned_of_once() -> None:
@@ -515,6 +417,7 @@ def _needles(count: int) -> pw.Polyhedron:
     return pw.Polyhedron(np.array(corners), faces)
 
 
-def test_bodies_of_too_many_overlaps_are_refused_before_they_take_the_memory() -> None:
+@pytest.mark.parametrize("count", [400, 1500])
+def test_bodies_of_too_many_overlaps_are_refused_before_they_take_the_memory(count: int) -> None:
     with pytest.raises(ArgumentError, match="overlap"):
-        pw.rcs(_needles(1500), (0.0, 0.0, 1.0), 0.03)
+        pw.rcs(_needles(count), (0.0, 0.0, 1.0), 0.03)

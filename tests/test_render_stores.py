@@ -1,30 +1,15 @@
 """Pictures of parts in a store: the bits of one run, whoever renders them, killed or not."""
 
-from __future__ import annotations
-
-import os
 import pickle
 import shutil
-import signal
-import subprocess
 import sys
-import threading
-import time
 from functools import partial
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from polywigner.cli import main
-from polywigner.errors import (
-    ArgumentError,
-    EngineError,
-    PolywignerWarning,
-    SceneError,
-    StoreError,
-)
+from polywigner.errors import ArgumentError, EngineError, PolywignerWarning, SceneError, StoreError
 from polywigner.propagation.stores import one_run
 
 pytestmark = pytest.mark.drjit
@@ -33,7 +18,6 @@ _EXTRA = "the extra `volume` is not installed"
 for _library in ("xarray", "zarr", "dask", "distributed"):
     pytest.importorskip(_library, reason=_EXTRA)
 
-Captured = pytest.CaptureFixture[str]
 
 SCENE = """<scene version="3.0.0">
     <default name="height" value="64"/>
@@ -69,7 +53,7 @@ PARTS = 4
 
 
 @pytest.fixture
-def scene(tmp_path: Path) -> Path:
+def scene(tmp_path):
     (tmp_path / "square.wkt").write_text("POLYGON ((-5 -5, 5 -5, 5 5, -5 5, -5 -5))")
     path = tmp_path / "scene.xml"
     path.write_text(SCENE)
@@ -77,29 +61,27 @@ def scene(tmp_path: Path) -> Path:
 
 
 @pytest.fixture(autouse=True)
-def short_strips(monkeypatch: pytest.MonkeyPatch) -> None:
+def short_strips(monkeypatch):
     import polywigner.mitsuba  # noqa: F401 (chooses the LLVM library)
 
     monkeypatch.setattr("polywigner.mitsuba.films._SCALAR_ROWS", ROWS)
 
 
-def rendered(path: Path, **options: Any) -> np.ndarray:
+def rendered(path, **options):
     """By one thread: in how many Mitsuba's scalar variants cut a small strip depends on them."""
     import polywigner.mitsuba as pwm
 
     return pwm.render_file(path, **{"variant": "scalar_rgb", "threads": 1, **options})
 
 
-def parts_of(store: Path) -> dict[Path, int]:
+def parts_of(store):
     """The finished parts, and when each was written."""
     files = (store / "radiance" / "c").rglob("*") if store.exists() else ()
     found = (file for file in files if not file.name.endswith(".partial"))
     return {file: file.stat().st_mtime_ns for file in found if file.is_file()}
 
 
-def test_a_picture_of_parts_is_that_of_one_run_and_is_not_rendered_twice(
-    scene: Path, tmp_path: Path
-) -> None:
+def test_a_picture_of_parts_is_that_of_one_run_and_is_not_rendered_twice(scene, tmp_path):
     whole, store = rendered(scene), tmp_path / "parts.zarr"
     assert whole.shape == (64, 8, 1) and whole.max() > 0
     assert np.array_equal(rendered(scene, store=store), whole)
@@ -109,9 +91,7 @@ def test_a_picture_of_parts_is_that_of_one_run_and_is_not_rendered_twice(
     assert parts_of(store) == before
 
 
-def test_only_parts_that_are_missing_or_damaged_are_rendered_anew(
-    scene: Path, tmp_path: Path
-) -> None:
+def test_only_parts_that_are_missing_or_damaged_are_rendered_anew(scene, tmp_path):
     store = tmp_path / "parts.zarr"
     whole = rendered(scene, store=store)
     kept, lost, torn, other = sorted(before := parts_of(store))
@@ -126,9 +106,7 @@ def test_only_parts_that_are_missing_or_damaged_are_rendered_anew(
     assert {kept, other} <= set(after)
 
 
-def test_another_picture_is_not_mixed_with_the_parts_that_are_there(
-    scene: Path, tmp_path: Path
-) -> None:
+def test_another_picture_is_not_mixed_with_the_parts_that_are_there(scene, tmp_path):
     store = tmp_path / "parts.zarr"
     rendered(scene, store=store)
     before = parts_of(store)
@@ -145,44 +123,7 @@ def test_another_picture_is_not_mixed_with_the_parts_that_are_there(
     assert parts_of(store) == before
 
 
-def test_sets_of_passes_of_a_sensor_that_has_no_strips_add_up_to_the_same_bits(
-    scene: Path, tmp_path: Path, llvm: object, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("polywigner.mitsuba.films.WAVEFRONT", 8 * 64)
-    store = tmp_path / "parts.zarr"
-    # Mitsuba puts one pixel on the film of a radiance meter alone
-    text = scene.read_text().replace('name="width" value="8"', 'name="width" value="1"')
-    scene.write_text(text.replace('<scale x="0.02" y="0.02"/>', ""))
-    parameters = {"height": 1, "samples": 3 * 8 * 64 - 1, "sensor": "radiancemeter"}
-    options: dict[str, Any] = {"variant": "llvm_ad_mono", "parameters": parameters}
-    whole = rendered(scene, **options)
-    assert whole.shape == (1, 1, 1) and whole[0, 0, 0] > 0
-    assert np.array_equal(rendered(scene, **options, store=store), whole)
-    assert len(parts_of(store)) == 3
-
-
-def test_samples_of_a_strip_are_cut_into_passes_only_where_one_row_has_too_many(
-    llvm: object,
-) -> None:
-    from types import SimpleNamespace as Stub
-
-    import mitsuba as mi
-
-    from polywigner.mitsuba.films import tiling_of
-
-    mi.set_variant("llvm_ad_mono")
-    for width, height, samples in ((480, 480, 1600), (360, 180, 324), (1000, 999, 4099)):
-        film = Stub(crop_size=lambda size=(width, height): size)
-        camera = Stub(class_name=lambda: "PerspectiveCamera", film=lambda film=film: film)
-        cut = tiling_of(camera, samples)
-        assert cut.passes == cut.sets == 1
-        assert cut.strips * cut.rows >= height > (cut.strips - 1) * cut.rows
-    vast = tiling_of(camera, 2**24)
-    assert (vast.rows, vast.passes, vast.sets) == (1, 1001, 67)
-    assert [n for k in range(vast.sets) for n in vast.passes_of(k)] == list(range(vast.passes))
-
-
-def test_parts_that_are_sent_to_another_process_load_the_scene_there(scene: Path) -> None:
+def test_parts_that_are_sent_to_another_process_load_the_scene_there(scene):
     import polywigner as pw
     import polywigner.mitsuba as pwm
     from polywigner.mitsuba.rendering import exposed
@@ -208,9 +149,7 @@ def test_parts_that_are_sent_to_another_process_load_the_scene_there(scene: Path
         copy.check()
 
 
-def test_bad_requests_are_refused_and_leave_nothing(
-    scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_bad_requests_are_refused_and_leave_nothing(scene, tmp_path, monkeypatch):
     monkeypatch.setattr("polywigner.propagation.stores._PATIENCE", 0.3)
     before, store = set(tmp_path.iterdir()), tmp_path / "parts.zarr"
     with pytest.raises(ArgumentError, match="store with a scheduler"):
@@ -224,43 +163,13 @@ def test_bad_requests_are_refused_and_leave_nothing(
     assert set(tmp_path.iterdir()) == before
 
 
-COUNTS_THREADS = """
-import sys
-import drjit
-import numpy
-import polywigner.mitsuba as pwm
-import mitsuba
-mitsuba.set_variant("scalar_rgb")
-drjit.set_thread_count(3)
-found = []
-class Counts(mitsuba.SamplingIntegrator):
-    def render(self, scene, sensor, *arguments, **options):
-        found.append(drjit.thread_count())
-        return mitsuba.TensorXf(numpy.zeros((64, 8, 1)))
-mitsuba.register_integrator("counts_threads", Counts)
-pwm.render_file(sys.argv[1], "counts_threads", variant="scalar_rgb", threads=1)
-assert set(found) == {1}, found
-assert drjit.thread_count() == 3
-"""
-
-
-def test_threads_are_those_asked_for_and_then_as_many_as_before_even_without_llvm(
-    scene: Path,
-) -> None:
-    environment = {**os.environ, "POLYWIGNER_NO_LLVM": "1"}
-    command = [sys.executable, "-c", COUNTS_THREADS, str(scene)]
-    subprocess.run(command, check=True, timeout=60, env=environment)
-
-
-def command_line(scene: Path, *options: str) -> int:
+def command_line(scene, *options):
     out = str(scene.parent / "out" / "picture")
     words = ["render", str(scene), "--variant", "scalar_rgb", "--threads", "1", "--out", out]
     return main([*words, *options])
 
 
-def test_the_command_sweeps_the_parts_when_the_picture_is_done(
-    scene: Path, capfd: Captured
-) -> None:
+def test_the_command_sweeps_the_parts_when_the_picture_is_done(scene, capfd):
     out = scene.parent / "out"
     assert command_line(scene) == 0
     whole = (out / "picture.exr").read_bytes()
@@ -274,9 +183,7 @@ def test_the_command_sweeps_the_parts_when_the_picture_is_done(
     assert capfd.readouterr().err == f"polywigner: made the folder {out}\n"
 
 
-def test_a_second_start_and_other_settings_are_refused_in_one_line(
-    scene: Path, capfd: Captured
-) -> None:
+def test_a_second_start_and_other_settings_are_refused_in_one_line(scene, capfd):
     store = scene.parent / "out" / "picture.parts.zarr"
     whole = rendered(scene, store=store)
     with one_run(store):
@@ -290,75 +197,9 @@ def test_a_second_start_and_other_settings_are_refused_in_one_line(
 
 
 @pytest.mark.parametrize("library", ["zarr", "distributed"])
-def test_without_the_extra_the_command_names_it(
-    scene: Path, capfd: Captured, monkeypatch: pytest.MonkeyPatch, library: str
-) -> None:
+def test_without_the_extra_the_command_names_it(scene, capfd, monkeypatch, library):
     monkeypatch.setitem(sys.modules, library, None)
     assert command_line(scene, "--scheduler", "tcp://127.0.0.1:1") == 2
     stderr = capfd.readouterr().err
     assert 'pip install ".[volume]"' in stderr and stderr.count("\n") == 1
     assert not (scene.parent / "out").exists()
-
-
-def wait_for(store: Path, count: int, until: float = 60.0) -> None:
-    end = time.monotonic() + until
-    while len(parts_of(store)) < count:
-        assert time.monotonic() < end, f"{len(parts_of(store))} parts after {until} s"
-        time.sleep(0.002)
-
-
-@pytest.mark.slow
-def test_a_killed_worker_costs_time_and_no_bit_of_the_picture(scene: Path, tmp_path: Path) -> None:
-    import distributed
-
-    store, many = tmp_path / "parts.zarr", {"height": 20 * ROWS, "samples": 8}
-    whole = rendered(scene, parameters=many)
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
-    ) as cluster:
-        victim, at_death = cluster.workers[0].pid, []
-
-        def kill() -> None:
-            wait_for(store, 4)
-            os.kill(victim, signal.SIGKILL)
-            at_death.append(len(parts_of(store)))
-
-        killer = threading.Thread(target=kill)
-        killer.start()
-        image = rendered(scene, parameters=many, store=store, scheduler=cluster.scheduler_address)
-        killer.join()
-        assert 4 <= at_death[0] < 20 == len(parts_of(store))
-        assert np.array_equal(image, whole)
-        # what a worker finds wrong comes as an error of the package, and leaves nothing
-        light = '<emitter type="constant"><rgb name="radiance" value="1e39"/></emitter>'
-        scene.write_text(scene.read_text().replace("</scene>", f"{light}</scene>"))
-        other = tmp_path / "other.zarr"
-        with pytest.raises(SceneError, match="expected radiance that is finite"):
-            rendered(scene, store=other, scheduler=cluster.scheduler_address)
-        assert not other.exists()
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(os.name != "posix", reason="signals of Unix")
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
-def test_a_command_that_is_ended_goes_on_with_what_is_missing(
-    scene: Path, number: signal.Signals
-) -> None:
-    text = scene.read_text().replace('"height" value="64"', '"height" value="640"')
-    scene.write_text(text.replace('"samples" value="4"', '"samples" value="8"'))
-    whole, store = rendered(scene), scene.parent / "picture.parts.zarr"
-    command = [sys.executable, "-m", "polywigner", "render", str(scene), "--resumable"]
-    command += ["--variant", "scalar_rgb", "--threads", "1", "--out", str(scene.parent / "picture")]
-    with subprocess.Popen(command, stderr=subprocess.PIPE) as run:
-        wait_for(store, 3)
-        run.send_signal(number)
-        _, errors = run.communicate(timeout=20)
-    expected = (130, b"polywigner: interrupted\n") if number == signal.SIGINT else (-number, b"")
-    assert (run.returncode, errors) == expected
-    before = parts_of(store)
-    assert 3 <= len(before) < 20
-    assert np.array_equal(rendered(scene, store=store), whole)
-    after = parts_of(store)
-    assert len(after) == 20 and {file: after[file] for file in before} == before
-    assert subprocess.run(command, check=False).returncode == 0
-    assert not store.exists() and (scene.parent / "picture.exr").exists()

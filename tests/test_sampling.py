@@ -1,7 +1,5 @@
 """Positions drawn from the automean follow the density that they come with."""
 
-from __future__ import annotations
-
 import mpmath
 import numpy as np
 import pytest
@@ -13,10 +11,7 @@ import polywigner as pw
 from oracles.drawn import polygons
 from oracles.quadrature import triangle_nodes
 from oracles.references import aperture
-from oracles.shapes import Polygons
-from outlines import sample as box_sample
 from polywigner.errors import ArgumentError, GeometryError
-from polywigner.geometry.convex import trapezoids
 
 HOLED = pw.Aperture(shapely.box(-1, -1, 1, 1) - shapely.box(-0.5, -0.5, 0.25, 0.5))
 SOURCES = {
@@ -33,11 +28,10 @@ weights = pytest.mark.parametrize("kind", ["uniform", "marginal"])
 COUNT = 20_000
 # Chance that a right sampler fails one of these tests: seeds are fixed, it happens never or always.
 UNLIKELY = 1e-4
-KOLMOGOROV = 2.23  # exceeded with a chance of 2 exp(-2 t^2), the same 1e-4
 ROUNDING = 1e-12
 
 
-def _expected_in_boxes(source: pw.Aperture, kind: str, edges: list[np.ndarray]) -> np.ndarray:
+def _expected_in_boxes(source, kind, edges):
     """The probability of each box of a grid, by exact cells and quadrature over them."""
     support = pw.automean(source)
     x, y = edges
@@ -60,9 +54,7 @@ def _expected_in_boxes(source: pw.Aperture, kind: str, edges: list[np.ndarray]) 
 
 @weights
 @sources
-def test_positions_fill_boxes_in_proportion_to_their_probability(
-    source: pw.Aperture, kind: str
-) -> None:
+def test_positions_fill_boxes_in_proportion_to_their_probability(source, kind):
     points, _ = pw.sample_automean(source, COUNT, kind, seed=1)
     west, south, east, north = source.bounds
     edges = [np.linspace(west, east, 7), np.linspace(south, north, 6)]
@@ -80,42 +72,10 @@ def test_positions_fill_boxes_in_proportion_to_their_probability(
     assert mpmath.gammainc(freedom / 2, statistic / 2, regularized=True) > UNLIKELY
 
 
-@weights
-def test_positions_on_slits_follow_the_exact_distribution(kind: str) -> None:
-    points, density = pw.sample_automean(SLITS, COUNT, kind, seed=2)
-    # the density is piecewise linear between means of ends: the trapezoidal rule is exact there
-    ends = SLITS.intervals.ravel()
-    knots = np.unique((ends[:, None] + ends) / 2)
-    inside = np.nextafter(knots[:-1], np.inf), np.nextafter(knots[1:], -np.inf)
-    if kind == "uniform":
-        middle = (knots[:-1] + knots[1:]) / 2
-        height = (pw.position_marginal(SLITS, middle[:, None]) > 0).astype(float)
-        left = right = height / (height @ np.diff(knots))
-    else:
-        left, right = (pw.position_marginal(SLITS, k[:, None]) / SLITS.length**2 for k in inside)
-    mass = np.append(0, np.cumsum(np.diff(knots) * (left + right) / 2))
-    assert mass[-1] == pytest.approx(1.0, abs=ROUNDING)
-
-    def distribution(x: np.ndarray) -> np.ndarray:
-        k = np.clip(np.searchsorted(knots, x, side="right") - 1, 0, len(left) - 1)
-        run = x - knots[k]
-        return mass[k] + run * (left[k] + (right - left)[k] * run / np.diff(knots)[k] / 2)
-
-    steps = np.arange(COUNT + 1) / COUNT
-    found = distribution(np.sort(points[:, 0]))
-    distance = max((found - steps[:-1]).max(), (steps[1:] - found).max())
-    assert distance * np.sqrt(COUNT) < KOLMOGOROV
-    k = np.searchsorted(knots, points[:, 0], side="right") - 1
-    exact = left[k] + (right - left)[k] * (points[:, 0] - knots[k]) / np.diff(knots)[k]
-    assert np.abs(density - exact).max() < 1e-10 * exact.max()
-
-
 @settings(max_examples=25)
 @given(drawn=polygons(), seed=st.integers(0, 2**32 - 1))
 @weights
-def test_every_position_lies_in_the_automean_and_its_density_is_that_stated(
-    kind: str, drawn: Polygons, seed: int
-) -> None:
+def test_every_position_lies_in_the_automean_and_its_density_is_that_stated(kind, drawn, seed):
     source = aperture(drawn)
     support = pw.automean(source)
     points, density = pw.sample_automean(source, 50, kind, seed=seed)
@@ -131,9 +91,7 @@ def test_every_position_lies_in_the_automean_and_its_density_is_that_stated(
 
 @sources
 @pytest.mark.parametrize("turns", [0.0, 0.3, 1.5])
-def test_sums_of_the_wigner_function_converge_to_the_squared_spectrum(
-    source: pw.Aperture, turns: float
-) -> None:
+def test_sums_of_the_wigner_function_converge_to_the_squared_spectrum(source, turns):
     nu = np.array([0.8, 0.6]) * turns / source.diameter
     expected = abs(pw.fourier(source, nu)) ** 2
     for kind in ("uniform", "marginal"):
@@ -141,19 +99,6 @@ def test_sums_of_the_wigner_function_converge_to_the_squared_spectrum(
         terms = pw.wigner(source, x, nu) / density
         deviation = max(terms.std() / np.sqrt(COUNT), ROUNDING * source.area**2)
         assert abs(terms.mean() - expected) < 5 * deviation
-
-
-@sources
-def test_near_the_main_lobe_the_marginal_is_the_less_noisy_density(source: pw.Aperture) -> None:
-    nu = np.array([0.8, 0.6]) * 0.3 / source.diameter
-    noise = {}
-    for kind in ("uniform", "marginal"):
-        x, density = pw.sample_automean(source, COUNT, kind, seed=4)
-        noise[kind] = (pw.wigner(source, x, nu) / density).var()
-    assert noise["marginal"] < 0.2 * noise["uniform"]
-    x, density = pw.sample_automean(source, 1000, "marginal", seed=4)
-    power = pw.wigner(source, x, [0.0, 0.0]) / density
-    assert np.abs(power - source.area**2).max() < 1e-6 * source.area**2  # R_x small: cancels
 
 
 ARRAYS = {
@@ -168,9 +113,7 @@ ARRAYS = {
 
 @pytest.mark.parametrize("source", ARRAYS.values(), ids=ARRAYS)
 @weights
-def test_sums_of_the_wigner_function_of_arrays_converge_and_stay_bounded(
-    kind: str, source: pw.Array
-) -> None:
+def test_sums_of_the_wigner_function_of_arrays_converge_and_stay_bounded(kind, source):
     x, density = pw.sample_automean(source, 4 * COUNT, kind, seed=6)
     contents = [getattr(e, "area", None) or e.length for e in source.elements]
     bound = (abs(source.weights) @ contents) ** 2
@@ -182,7 +125,7 @@ def test_sums_of_the_wigner_function_of_arrays_converge_and_stay_bounded(
             assert abs(terms).max() < bound * (1 + 1e-6)
 
 
-def test_an_array_of_one_element_is_sampled_like_the_element() -> None:
+def test_an_array_of_one_element_is_sampled_like_the_element():
     for kind in ("uniform", "marginal"):
         for source in (HOLED, SLITS):
             alone, together = (
@@ -192,7 +135,7 @@ def test_an_array_of_one_element_is_sampled_like_the_element() -> None:
             assert np.abs(alone[1] / together[1] - 1).max() < 1e-9
 
 
-def test_strata_of_the_unit_square_stay_strata_of_a_rectangle() -> None:
+def test_strata_of_the_unit_square_stay_strata_of_a_rectangle():
     source = pw.shapes.rectangle(2.0, 1.0)
     u, v = np.meshgrid(*2 * [(np.arange(16) + 0.5) / 16], indexing="ij")
     points, _ = pw.sample_automean(source, np.column_stack([u.ravel(), v.ravel()]))
@@ -200,13 +143,13 @@ def test_strata_of_the_unit_square_stay_strata_of_a_rectangle() -> None:
     assert np.abs(points[:, 1] - (v.ravel() - 0.5)).max() < ROUNDING
 
 
-def test_stratified_points_integrate_better_than_random_ones() -> None:
+def test_stratified_points_integrate_better_than_random_ones():
     source, side = SOURCES["chevrons"], 64
     rng = np.random.default_rng(5)
     nu = np.array([40.0, 20.0])
     expected = abs(pw.fourier(source, nu)) ** 2
 
-    def error(numbers: np.ndarray) -> float:
+    def error(numbers):
         x, density = pw.sample_automean(source, numbers)
         return float(abs((pw.wigner(source, x, nu) / density).mean() - expected))
 
@@ -216,7 +159,7 @@ def test_stratified_points_integrate_better_than_random_ones() -> None:
     assert np.mean(stratified) < 0.3 * np.mean(random)
 
 
-def test_the_same_seed_gives_the_same_positions_and_a_generator_goes_on() -> None:
+def test_the_same_seed_gives_the_same_positions_and_a_generator_goes_on():
     first, second = (pw.sample_automean(HOLED, 10, seed=7)[0] for _ in range(2))
     assert (first == second).all()
     generator = np.random.default_rng(7)
@@ -224,7 +167,7 @@ def test_the_same_seed_gives_the_same_positions_and_a_generator_goes_on() -> Non
     assert (first == third).all() and (third != fourth).any()
 
 
-def test_corners_of_the_unit_square_stay_in_the_automean() -> None:
+def test_corners_of_the_unit_square_stay_in_the_automean():
     last = np.nextafter(1.0, 0.0)
     corners = [[0.0, 0.0], [last, last], [0.0, last], [last, 0.0]]
     for source in SOURCES.values():
@@ -236,7 +179,7 @@ def test_corners_of_the_unit_square_stay_in_the_automean() -> None:
 @pytest.mark.parametrize(
     ("samples", "kind", "message"),
     [
-        (0, "uniform", "at least one sample"),
+        (0, "uniform", "samples as a whole number from 1"),
         (True, "uniform", "count or as numbers"),
         ([[0.5, 1.0]], "uniform", r"in \[0, 1\), got 1.0"),
         ([[0.5, np.nan]], "uniform", "got nan"),
@@ -245,28 +188,16 @@ def test_corners_of_the_unit_square_stay_in_the_automean() -> None:
         (3, "gaussian", '"uniform", "marginal"'),
     ],
 )
-def test_unusable_samples_are_refused(samples: object, kind: str, message: str) -> None:
+def test_unusable_samples_are_refused(samples, kind, message):
     with pytest.raises(ArgumentError, match=message):
-        pw.sample_automean(HOLED, samples, kind)  # type: ignore[arg-type]
+        pw.sample_automean(HOLED, samples, kind)
 
 
-def test_sources_without_a_phase_space_are_refused() -> None:
+def test_sources_without_a_phase_space_are_refused():
     with pytest.raises(ArgumentError, match="expected a source"):
-        pw.sample_automean(HOLED.placed(np.eye(4)), 3)  # type: ignore[arg-type]
+        pw.sample_automean(HOLED.placed(np.eye(4)), 3)
     leaning = np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
     with pytest.raises(GeometryError, match="one plane"):
         pw.sample_automean(pw.Array([HOLED, HOLED.placed(leaning)]), 3)
     with pytest.raises(ArgumentError, match="seed"):
-        pw.sample_automean(HOLED, 3, seed="x")  # type: ignore[arg-type]
-
-
-def test_box_samples_inside_the_outline_are_inside_its_trapezoids() -> None:
-    """The trapezoids tile the outline: as many points of its box in the one as in the other."""
-    for source in SOURCES.values():
-        cells = trapezoids(source.rings)
-        x, y = box_sample(source, 500).T
-        t = (x[:, None] - cells.left) / cells.width
-        low = cells.low_left + t * (cells.low_right - cells.low_left)
-        high = cells.high_left + t * (cells.high_right - cells.high_left)
-        found = ((t >= 0) & (t < 1) & (y[:, None] > low) & (y[:, None] < high)).sum(axis=1)
-        assert (found == shapely.contains_xy(source.polygons, x, y)).all()
+        pw.sample_automean(HOLED, 3, seed="x")

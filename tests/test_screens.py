@@ -1,7 +1,5 @@
 """Behind opaque screens: quadrature, knife edges, UTD, Babinet."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
@@ -25,10 +23,9 @@ TOLERANCE = 1e-11
 
 # The edge of the half-plane is x = 0; its other edges are so far off that they add 1e-4 at most.
 HALF_PLANE = pw.Aperture([(0, -400), (511, -400), (511, 400), (0, 400)])
-FAR_EDGES = 0.02  # dB
 
 
-def by_quadrature(source: Any, point: Any, method: str) -> complex:
+def by_quadrature(source, point, method):
     """(B1) over the opening."""
     t, w = np.polynomial.legendre.leggauss(80)
     total = 0j
@@ -47,7 +44,7 @@ def by_quadrature(source: Any, point: Any, method: str) -> complex:
 
 
 @pytest.mark.parametrize("method", ["rayleigh-sommerfeld-1", "rayleigh-sommerfeld-2", "kirchhoff"])
-def test_point_sources_through_openings_equal_quadrature(method: Any) -> None:
+def test_point_sources_through_openings_equal_quadrature(method):
     opening = pw.Screen(pw.Aperture(L_SHAPE), pw.PointSource(SOURCE), "opening")
     found = pw.amplitude(opening, POINTS, 1.0, method, tolerance=TOLERANCE)
     expected = [by_quadrature(SOURCE, point, method) for point in POINTS]
@@ -55,7 +52,7 @@ def test_point_sources_through_openings_equal_quadrature(method: Any) -> None:
 
 
 @pytest.mark.parametrize("method", ["rayleigh-sommerfeld-1", "rayleigh-sommerfeld-2", "kirchhoff"])
-def test_a_point_may_be_the_mirror_image_of_the_source(method: Any) -> None:
+def test_a_point_may_be_the_mirror_image_of_the_source(method):
     x, y, z = SOURCE
     points = [(x, y, -z), (x, y, 1e-9 - z)]
     opening = pw.Screen(pw.Aperture(L_SHAPE), pw.PointSource(SOURCE), "opening")
@@ -64,7 +61,7 @@ def test_a_point_may_be_the_mirror_image_of_the_source(method: Any) -> None:
     assert np.abs(found - expected).max() < ROUNDING + TOLERANCE
 
 
-def test_right_before_the_opening_the_field_is_the_free_one() -> None:
+def test_right_before_the_opening_the_field_is_the_free_one():
     near = 1e-7
     opening = pw.Screen(pw.Aperture(L_SHAPE), pw.PointSource((0.0, 0.0, -near)), "opening")
     found = pw.amplitude(opening, (0.0, 0.0, near), 1.0, "kirchhoff", tolerance=1e-12)
@@ -72,7 +69,7 @@ def test_right_before_the_opening_the_field_is_the_free_one() -> None:
     assert abs(found) * 2 * near == pytest.approx(1.0, abs=1e-11)
 
 
-def test_a_plate_and_an_opening_add_up_to_the_free_field() -> None:
+def test_a_plate_and_an_opening_add_up_to_the_free_field():
     outline, light = pw.Aperture(L_SHAPE), pw.PointSource(SOURCE, 2j)
     plate, opening = (
         pw.amplitude(pw.Screen(outline, light, kind), POINTS, 1.0, "kirchhoff")
@@ -82,24 +79,13 @@ def test_a_plate_and_an_opening_add_up_to_the_free_field() -> None:
     assert np.abs(plate + opening - free).max() < 1e-15
 
 
-def test_plane_waves_are_point_sources_far_away() -> None:
-    direction, far = np.array((0.2, -0.1, 1.0)) / math.hypot(0.2, 0.1, 1.0), 2e6
-    light = pw.PointSource(-far * direction, far * np.exp(-1j * K * (far % 1.0)))
-    outline = pw.Aperture(L_SHAPE)
-    for kind in ("plate", "opening"):
-        screens = [pw.Screen(outline, lit, kind) for lit in (pw.PlaneWave(direction), light)]
-        plane, point = (pw.amplitude(s, POINTS, 1.0, "kirchhoff") for s in screens)
-        # the sphere bulges by r^2/(2 far) wavelengths, r at most 5
-        assert np.abs(plane - point).max() < 12.5 * K / far
-
-
-def knife_edge(v: Any) -> Any:
+def knife_edge(v):
     """The field behind a knife edge over the free one: the Fresnel integral from v on."""
     s, c = fresnel(v)
     return (1 + 1j) / 2 * ((0.5 - c) - 1j * (0.5 - s))
 
 
-def test_grazing_is_half_the_field_and_knife_edges_follow_fresnel() -> None:
+def test_grazing_is_half_the_field_and_knife_edges_follow_fresnel():
     # ITU-R P.526: v = h sqrt(2 (d1 + d2)/(wavelength d1 d2)), at 5 m from the edge on either side
     wavelength = 0.1
     x = np.array([-1.0, -0.4, -0.1, 0.0, 0.1, 0.4, 1.0])
@@ -115,7 +101,7 @@ def test_grazing_is_half_the_field_and_knife_edges_follow_fresnel() -> None:
     assert found[3] == pytest.approx(-6.0206, abs=1e-3)
 
 
-def utd(x: float, z: float, wavelength: float, sign: int) -> complex:
+def utd(x, z, wavelength, sign):
     """What the edge adds, over the free field, behind a half-plane x > 0 of the plane z = 0.
 
     The uniform theory of diffraction, Kouyoumjian and Pathak 1974. The source stands at
@@ -141,7 +127,7 @@ def utd(x: float, z: float, wavelength: float, sign: int) -> complex:
     return complex(spread * np.exp(1j * k * (near + far - distance)) * distance)
 
 
-def test_kirchhoffs_screen_lies_between_utds_soft_and_hard_edges() -> None:
+def test_kirchhoffs_screen_lies_between_utds_soft_and_hard_edges():
     wavelength, r = 0.1, 5.0
     screen = pw.Screen(HALF_PLANE, pw.PointSource((0.0, 0.0, -5.0)))
     degrees = np.array([-40.0, -5.0, 5.0, 20.0, 40.0])
@@ -159,7 +145,7 @@ def test_kirchhoffs_screen_lies_between_utds_soft_and_hard_edges() -> None:
             assert abs(soft) < abs(ratio) < abs(hard)
 
 
-def test_screens_say_what_they_expect() -> None:
+def test_screens_say_what_they_expect():
     outline, light = pw.Aperture(L_SHAPE), pw.PointSource(SOURCE)
     lit = outline.with_illumination(pw.steering((0.1, 0.0), 1.0))
     bad: list[Any] = [
@@ -175,7 +161,7 @@ def test_screens_say_what_they_expect() -> None:
         lambda: pw.Screen(lit, light),
         lambda: pw.Screen(outline, outline),
         lambda: pw.Screen(outline, light, "mirror"),
-        lambda: pw.Screen(outline, light, np.array(["plate", "opening"])),  # type: ignore[arg-type]
+        lambda: pw.Screen(outline, light, np.array(["plate", "opening"])),
         lambda: pw.amplitude(pw.Screen(outline, light), (0.0, 0.0, -1.0), 1.0),
         lambda: pw.amplitude(pw.Screen(outline, light), (0.0, 0.0, 1.0), 1.0, "fresnel"),
         lambda: pw.amplitude(pw.Screen(outline, light), (0.0, 0.0, 1.0), 1.0, "fraunhofer"),
@@ -183,7 +169,7 @@ def test_screens_say_what_they_expect() -> None:
         lambda: pw.amplitude(
             pw.Screen(outline, light), (0.0, 0.0, 1.0), 1.0, "kirchhoff", obliquity="kirchhoff"
         ),
-        lambda: pw.wigner(pw.Screen(outline, light), (0.0, 0.0), (0.0, 0.0)),  # type: ignore[arg-type]
+        lambda: pw.wigner(pw.Screen(outline, light), (0.0, 0.0), (0.0, 0.0)),
         lambda: pw.amplitude(
             pw.Screen(pw.shapes.square(1e7), light), (0.0, 0.0, 1.0), 1.0, "kirchhoff"
         ),
@@ -194,14 +180,14 @@ def test_screens_say_what_they_expect() -> None:
         assert isinstance(caught.value, ArgumentError)
 
 
-def test_directions_of_any_length_become_unit_vectors() -> None:
+def test_directions_of_any_length_become_unit_vectors():
     for length in (5e-324, 1e-200, 1.0, 1e308):
         direction = pw.PlaneWave((length, 0.0, length)).direction
         np.testing.assert_allclose(direction, (math.sqrt(0.5), 0.0, math.sqrt(0.5)), rtol=1e-15)
 
 
 @pytest.mark.parametrize("light", [pw.PointSource, pw.PlaneWave])
-def test_fields_are_linear_in_the_amplitude(light: Any) -> None:
+def test_fields_are_linear_in_the_amplitude(light):
     vector = SOURCE if light is pw.PointSource else (0.1, -0.2, 1.0)
     one, dark, many = (
         pw.amplitude(pw.Screen(pw.Aperture(L_SHAPE), light(vector, a)), POINTS, 1.0, "kirchhoff")
@@ -213,7 +199,7 @@ def test_fields_are_linear_in_the_amplitude(light: Any) -> None:
 
 @pytest.mark.llvm
 @pytest.mark.parametrize("find", [pw.amplitude, pw.irradiance])
-def test_screens_take_points_of_drjit_and_have_no_derivatives(find: Any) -> None:
+def test_screens_take_points_of_drjit_and_have_no_derivatives(find):
     import drjit as dr
     from drjit.llvm.ad import Array3f64
 
@@ -227,7 +213,7 @@ def test_screens_take_points_of_drjit_and_have_no_derivatives(find: Any) -> None
         find(screen, point, 1.0, "kirchhoff")
 
 
-def test_irradiance_is_the_square_and_errors_are_told() -> None:
+def test_irradiance_is_the_square_and_errors_are_told():
     screen = pw.Screen(pw.Aperture(L_SHAPE), pw.PointSource(SOURCE))
     field, error = pw.amplitude(screen, POINTS, 1.0, "kirchhoff", return_error=True)
     assert (error < 1e-9 * 2).all()

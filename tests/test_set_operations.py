@@ -1,9 +1,6 @@
 """Set operations and scaling of apertures, and how sources show themselves."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ElementTree
-from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +16,7 @@ FIELD = pw.cosine_taper(30e-3, 4e-3)
 NU = np.array([[0.0, 0.0], [30.0, -20.0], [400.0, 90.0]])
 
 
-def test_areas_and_transforms_add_up() -> None:
+def test_areas_and_transforms_add_up():
     """1_A + 1_B = 1_(A or B) + 1_(A and B), and 1_A = 1_(A and B) + 1_(A without B)."""
     either, both, rest = DISC | BAR, DISC & BAR, DISC - BAR
     bound = GRID * either.area
@@ -30,25 +27,20 @@ def test_areas_and_transforms_add_up() -> None:
     assert len(rest.rings) == 2 and len(both.rings) == 2
 
 
-def test_vertices_that_stay_are_the_same_floats() -> None:
-    kept = {tuple(vertex) for ring in (DISC - BAR).rings for vertex in ring}
-    assert {tuple(v) for v in DISC.rings[0]} & kept
-
-
-def test_operations_undo_each_other() -> None:
+def test_operations_undo_each_other():
     square, corner = pw.shapes.square(2.0), pw.shapes.square(1.0).moved((0.5, 0.5))
     assert (square - corner) | corner == square
     assert square & corner == corner
 
 
-def test_the_left_one_keeps_its_field() -> None:
+def test_the_left_one_keeps_its_field():
     fed = BAR.with_illumination(FIELD)
     assert (fed & DISC).illumination == FIELD
     assert (fed - DISC).illumination == FIELD
     assert (fed | fed.moved((0.0, 0.0))).illumination == FIELD
 
 
-def test_a_scaled_aperture_has_a_scaled_transform() -> None:
+def test_a_scaled_aperture_has_a_scaled_transform():
     """F of u(x/s) is s^2 F(s nu)."""
     fed = BAR.with_illumination(FIELD)
     for nu in NU:
@@ -67,13 +59,13 @@ def test_a_scaled_aperture_has_a_scaled_transform() -> None:
         (lambda: DISC.scaled(float("nan")), PolywignerError, "factor"),
     ],
 )
-def test_what_cannot_be_is_refused(made: Any, error: type[Exception], words: str) -> None:
+def test_what_cannot_be_is_refused(made, error, words):
     with pytest.raises(error, match=words):
         made()
 
 
-def test_operations_with_anything_else_are_type_errors() -> None:
-    for operate in (lambda: DISC | 3, lambda: DISC & "a", lambda: DISC - None):  # type: ignore[operator]
+def test_operations_with_anything_else_are_type_errors():
+    for operate in (lambda: DISC | 3, lambda: DISC & "a", lambda: DISC - None):
         with pytest.raises(TypeError):
             operate()
 
@@ -96,7 +88,7 @@ SOLID = pw.Polyhedron(
         (FIELD, ["4 in 2 dimensions"]),
     ],
 )
-def test_notebooks_show_a_drawing_and_the_facts(source: Any, facts: list[str]) -> None:
+def test_notebooks_show_a_drawing_and_the_facts(source, facts):
     page = ElementTree.fromstring(source._repr_html_())  # well formed
     text = " ".join(page.itertext())
     for fact in facts:
@@ -104,7 +96,7 @@ def test_notebooks_show_a_drawing_and_the_facts(source: Any, facts: list[str]) -
     assert len(source._repr_html_()) < 20_000
 
 
-def test_an_outline_is_drawn_on_given_axes_in_its_unit() -> None:
+def test_an_outline_is_drawn_on_given_axes_in_its_unit():
     from matplotlib.figure import Figure
 
     axes = Figure().subplots()
@@ -114,10 +106,10 @@ def test_an_outline_is_drawn_on_given_axes_in_its_unit() -> None:
     assert low <= -15.0 and high >= 15.0 and high < 20.0
     assert axes.get_xlabel() == "x (mm)"
     with pytest.raises(PolywignerError, match="axes"):
-        DISC.plot(3)  # type: ignore[arg-type]
+        DISC.plot(3)
 
 
-def test_a_misspelt_name_is_answered_with_the_nearest() -> None:
+def test_a_misspelt_name_is_answered_with_the_nearest():
     with pytest.raises(AttributeError, match="did you mean 'wigner'"):
         _ = pw.wignr
     assert dir(pw.shapes) == sorted(pw.shapes.__all__)

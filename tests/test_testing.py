@@ -1,19 +1,14 @@
 """The public assertions accept what is right and notice what is wrong."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
 
 import polywigner as pw
-from oracles.drawn import polygons as drawn_polygons
-from oracles.references import ENGINES, aperture, awkward, numpy_and_few
-from oracles.shapes import Polygons
+from oracles.references import awkward, numpy_and_few
 from oracles.sources import SOURCES, content, points_of
 from polywigner import transforms
 from polywigner.errors import ArgumentError, GeometryError
@@ -24,8 +19,6 @@ from polywigner.testing import (
     assert_otf_properties,
     assert_wigner_identities,
 )
-
-engines = pytest.mark.parametrize("engine", ENGINES)
 
 PAIR = pw.Slits([[-1.0, -0.4], [0.1, 0.9]])
 TRIANGLE = pw.Aperture([[0, 0], [1.3, 0.2], [0.4, 1.1]])
@@ -42,43 +35,25 @@ Wrong = Callable[..., Any]
         ["chevron", "needle 1e-3, rotated"],
     ),
 )
-def test_apertures_obey_all_identities(name: str, engine: str) -> None:
+def test_apertures_obey_all_identities(name, engine):
     assert_wigner_identities(awkward(name).aperture, engine=engine)
-
-
-@engines
-def test_slits_obey_all_identities(engine: str) -> None:
-    assert_wigner_identities(PAIR, engine=engine)
-    assert_wigner_identities(pw.Slits([999.7, 1000.1]), engine=engine)
-
-
-def test_identities_hold_in_single_precision() -> None:
-    assert_wigner_identities(awkward("chevron").aperture, engine="numpy", precision="single")
-    assert_wigner_identities(PAIR, engine="numpy", precision="single")
-
-
-@pytest.mark.slow
-@given(polygons=drawn_polygons())
-@settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.too_slow])
-def test_any_aperture_obeys_all_identities(polygons: Polygons) -> None:
-    assert_wigner_identities(aperture(polygons), points=40, engine="numpy")
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("precision", ["double", "single"])
-def test_fourier_transforms_of_all_kinds_are_stable(precision: Any) -> None:
+def test_fourier_transforms_of_all_kinds_are_stable(precision):
     for source in ONE_OF_EACH:
         assert_fourier_stable(source, points=57, precision=precision, engine="numpy")
 
 
 @pytest.mark.llvm
-def test_fourier_transforms_are_stable_when_compiled() -> None:
+def test_fourier_transforms_are_stable_when_compiled():
     for source in (FAR, PAIR, SOURCES["placed"]["chevron"], SOURCES["convex body"]["cube"]):
         assert_fourier_stable(source, points=57, engine="llvm")
 
 
 @pytest.mark.parametrize("source", [PAIR, TRIANGLE, FAR], ids=["slits", "triangle", "far"])
-def test_pupils_have_the_properties_of_pupils(source: Any) -> None:
+def test_pupils_have_the_properties_of_pupils(source):
     assert_otf_properties(source, engine="numpy")
 
 
@@ -103,22 +78,6 @@ ILLUMINATED = {
 }
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ILLUMINATED)
-def test_sources_with_waves_on_them_obey_all_identities(name: str) -> None:
-    source = ILLUMINATED[name]
-    assert_wigner_identities(source, engine="numpy", points=100)
-    assert_otf_properties(source, engine="numpy", points=100)
-    assert_fourier_stable(source, engine="numpy", points=57)
-
-
-def test_sources_with_waves_on_them_obey_all_identities_in_single_precision() -> None:
-    for name in ("TE10", "steered by 400 cycles, far away"):
-        assert_wigner_identities(ILLUMINATED[name], engine="numpy", precision="single")
-    placed = ILLUMINATED["steered"].placed(np.eye(4)[[1, 2, 0, 3]])
-    assert_fourier_stable(placed, engine="numpy", points=57, precision="single")
-
-
 UNIT_SQUARE = pw.shapes.square(1.0)
 RNG = np.random.default_rng(5)
 NOTCHED = pw.shapes.chevron(1.0, 0.8, 0.3)
@@ -126,7 +85,7 @@ SLIT = pw.Slits([0.0, 1.0])
 PLACES = pw.arrays.grid_positions(3, 3, 1.2)
 
 
-def _weights(count: int) -> Any:
+def _weights(count):
     return RNG.normal(size=count) + 1j * RNG.normal(size=count)
 
 
@@ -152,48 +111,29 @@ ARRAYS = {
 }
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("names", "engine", "precision"),
-    [
-        (tuple(ARRAYS), "numpy", "double"),
-        (("mixed and overlapping", "lattice with any weights"), "numpy", "single"),
-        pytest.param(
-            ("lattice with a taper and a beam", "slits on a lattice"),
-            "llvm",
-            "double",
-            marks=pytest.mark.llvm,
-        ),
-    ],
-)
-def test_arrays_obey_all_identities(names: Any, engine: str, precision: Any) -> None:
-    for name in names:
-        assert_array_identities(ARRAYS[name], engine=engine, precision=precision, points=40)
-
-
-def _times(factor: complex) -> Wrong:
+def _times(factor):
     return lambda right, *a, **k: right(*a, **k) * factor
 
 
-def _plus(offset: float) -> Wrong:
+def _plus(offset):
     return lambda right, *a, **k: right(*a, **k) + offset
 
 
-def _conjugate(right: Any, *a: Any, **k: Any) -> Any:
+def _conjugate(right, *a, **k):
     return np.conj(right(*a, **k))
 
 
-def _shifted_in_phase(right: Any, source: Any, upsilon: Any, xi: Any, **keywords: Any) -> Any:
+def _shifted_in_phase(right, source, upsilon, xi, **keywords):
     """The ambiguity function about one copy instead of the middle of both: the paper's slip."""
     wave = np.exp(1j * np.pi * (np.asarray(upsilon) * xi).sum(axis=-1))
     return right(source, upsilon, xi, **keywords) * wave
 
 
-def _at_another_nu(right: Any, source: Any, x: Any, nu: Any, **keywords: Any) -> Any:
+def _at_another_nu(right, source, x, nu, **keywords):
     return right(source, x, np.asarray(nu) * 1.01, **keywords)
 
 
-def _of_conjugate_field(right: Any, source: Any, *points: Any, **keywords: Any) -> Any:
+def _of_conjugate_field(right, source, *points, **keywords):
     """The second field where the first belongs."""
     field = source.illumination
     if field is not None:
@@ -202,7 +142,7 @@ def _of_conjugate_field(right: Any, source: Any, *points: Any, **keywords: Any) 
     return right(source, *points, **keywords)
 
 
-def _first_wave_alone(right: Any, source: Any, *points: Any, **keywords: Any) -> Any:
+def _first_wave_alone(right, source, *points, **keywords):
     field = source.illumination
     if field is not None:
         first = pw.Illumination(field.amplitudes[:1], field.frequencies[:1])
@@ -210,25 +150,25 @@ def _first_wave_alone(right: Any, source: Any, *points: Any, **keywords: Any) ->
     return right(source, *points, **keywords)
 
 
-def _centre(source: Any) -> np.ndarray:
+def _centre(source):
     points = points_of(source)
     return (points.min(axis=0) + points.max(axis=0)) / 2
 
 
-def _no_linear_term(right: Any, source: Any, nu: Any, **keywords: Any) -> Any:
+def _no_linear_term(right, source, nu, **keywords):
     """F of a small nu is the content: the linear term of an off-centre source is lost."""
     small = np.linalg.norm(nu, axis=-1) < 1e-9
     return np.where(small, content(source), right(source, nu, **keywords))
 
 
-def _rounded_phase(right: Any, source: Any, nu: Any, **keywords: Any) -> Any:
+def _rounded_phase(right, source, nu, **keywords):
     """The phase of the centre to the nearest float instead of modulo one turn."""
     turns = nu @ _centre(source)
     error = np.spacing(np.abs(turns)) / 2
     return right(source, nu, **keywords) * np.exp(2j * np.pi * error)
 
 
-def _not_a_number_along_an_edge(right: Any, source: Any, nu: Any, **keywords: Any) -> Any:
+def _not_a_number_along_an_edge(right, source, nu, **keywords):
     """0/0 where nu is normal to an edge."""
     points = points_of(source)
     along = np.abs(nu @ (points - np.roll(points, 1, axis=0)).T).min(axis=-1)
@@ -236,43 +176,43 @@ def _not_a_number_along_an_edge(right: Any, source: Any, nu: Any, **keywords: An
     return np.where((along == 0) & nu.any(axis=-1), np.nan, value)
 
 
-def _threshold(right: Any, source: Any, nu: Any, **keywords: Any) -> Any:
+def _threshold(right, source, nu, **keywords):
     """A step of 1e-12 where one formula takes over from another."""
     size = np.linalg.norm(nu, axis=-1)
     return right(source, nu, **keywords) * (1 + 1e-12 * (size > 0.1))
 
 
-def _mirrored(right: Any, source: Any, nu: Any, **keywords: Any) -> Any:
+def _mirrored(right, source, nu, **keywords):
     return right(source, -np.asarray(nu), **keywords)
 
 
-def _same_for_both_signs(right: Any, source: Any, xi: Any, w: float = 0.0, **k: Any) -> Any:
+def _same_for_both_signs(right, source, xi, w=0.0, **k):
     return right(source, xi, abs(w), **k)
 
 
-def _wider(right: Any, source: Any, xi: Any, w: float = 0.0, **k: Any) -> Any:
+def _wider(right, source, xi, w=0.0, **k):
     return right(source, np.asarray(xi) / 1.1, w, **k)
 
 
-def _brighter_out_of_focus(right: Any, source: Any, xi: Any, w: float = 0.0, **k: Any) -> Any:
+def _brighter_out_of_focus(right, source, xi, w=0.0, **k):
     return right(source, xi, w / 4, **k) * (1 + w * w)
 
 
-def _without_weights(right: Any, array: Any, *places: Any, **keywords: Any) -> Any:
+def _without_weights(right, array, *places, **keywords):
     return right(pw.Array(array.elements_in_plane, np.abs(array.weights)), *places, **keywords)
 
 
-def _conjugate_weights(right: Any, array: Any, *places: Any, **keywords: Any) -> Any:
+def _conjugate_weights(right, array, *places, **keywords):
     return right(pw.Array(array.elements_in_plane, array.weights.conj()), *places, **keywords)
 
 
-def _no_cross_terms(right: Any, array: Any, *places: Any, **keywords: Any) -> Any:
+def _no_cross_terms(right, array, *places, **keywords):
     """The elements as if they were incoherent."""
     pairs = zip(array.elements_in_plane, np.abs(array.weights) ** 2, strict=True)
     return sum(factor * right(element, *places, **keywords) for element, factor in pairs)
 
 
-def _one_element_nudged(right: Any, array: Any, *places: Any, **keywords: Any) -> Any:
+def _one_element_nudged(right, array, *places, **keywords):
     first, *others = array.elements_in_plane
     nudge = np.full(1 if isinstance(first, pw.Slits) else 2, 1e-8)
     return right(pw.Array([first.moved(nudge), *others], array.weights), *places, **keywords)
@@ -342,12 +282,10 @@ BROKEN: list[tuple[Callable[..., None], Any, str, Wrong, str]] = [
 
 
 @pytest.mark.parametrize(("check", "source", "transform", "wrong", "law"), BROKEN)
-def test_a_wrong_transform_is_noticed(
-    check: Any, source: Any, transform: str, wrong: Wrong, law: str, monkeypatch: Any
-) -> None:
+def test_a_wrong_transform_is_noticed(check, source, transform, wrong, law, monkeypatch):
     right = getattr(transforms, transform)
 
-    def broken(given: Any, *places: Any, **keywords: Any) -> Any:
+    def broken(given, *places, **keywords):
         # the elements of an array are sources as well, and right
         if isinstance(source, pw.Array) and given != source:
             return right(given, *places, **keywords)
@@ -366,18 +304,18 @@ def test_a_wrong_transform_is_noticed(
     [(assert_marginals, TRIANGLE), (assert_otf_properties, TRIANGLE), (assert_fourier_stable, FAR)]
     + [(assert_fourier_stable, s) for s in (UNIT_SQUARE, TRIANGLE, TETRAHEDRON, PAIR)],
 )
-def test_right_transforms_are_accepted(check: Any, source: Any) -> None:
+def test_right_transforms_are_accepted(check, source):
     check(source, engine="numpy")
 
 
-def test_other_sources_are_refused() -> None:
+def test_other_sources_are_refused():
     placed = TRIANGLE.placed(np.eye(4)[[1, 2, 0, 3]])
     for check in (assert_wigner_identities, assert_marginals, assert_otf_properties):
         with pytest.raises(ArgumentError, match="expected an Aperture or Slits"):
             check(placed)
     with pytest.raises(ArgumentError, match="expected Slits"):
-        assert_fourier_stable("square")  # type: ignore[arg-type]
+        assert_fourier_stable("square")
     with pytest.raises(ArgumentError, match="expected an Array, got Aperture"):
-        assert_array_identities(TRIANGLE)  # type: ignore[arg-type]
+        assert_array_identities(TRIANGLE)
     with pytest.raises(GeometryError):
         assert_array_identities(pw.Array([TRIANGLE, placed]))

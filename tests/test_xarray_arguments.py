@@ -1,8 +1,6 @@
 """Labelled arrays in, labelled arrays out: names, coordinates and laziness are kept, values are the
 same."""
 
-from __future__ import annotations
-
 import pickle
 import subprocess
 import sys
@@ -29,18 +27,18 @@ ROW = pw.phased_array(SQUARE, [(0.0, 0.0), (12e-3, 0.0)], [1.0, 1j])
 _RANDOM = np.random.default_rng(5)
 
 
-def _named(values: Any, *dims: str) -> Any:
+def _named(values, *dims):
     """Labels along every dimension, along that of the components as well."""
     array = xarray.DataArray(values, dims=dims)
     labels = {d: (d, 10.0 + np.arange(n), {"units": "m"}) for d, n in array.sizes.items()}
     return array.assign_coords({**labels, "scalar": 7})
 
 
-def _points(dimension: int, size: float, *counts: int) -> Any:
+def _points(dimension, size, *counts):
     return size * (_RANDOM.random((*counts, dimension)) - 0.5)
 
 
-def _directions(*counts: int) -> Any:
+def _directions(*counts):
     vectors = _RANDOM.random((*counts, 3)) + 0.2
     return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
 
@@ -76,7 +74,7 @@ CASES: dict[str, Case] = {
 }  # fmt: skip
 
 
-def _as_labelled(values: tuple[Any, ...]) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+def _as_labelled(values):
     """Each argument over dimensions of its own, and NumPy's for the same outer product."""
     names = iter(("time", "place", "shot", "run"))
     dims = [[next(names) for _ in range(v.ndim - 1)] for v in values]
@@ -89,7 +87,7 @@ def _as_labelled(values: tuple[Any, ...]) -> tuple[tuple[Any, ...], tuple[Any, .
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_dimensions_and_coordinates_are_kept_and_values_are_those_of_numpy(name: str) -> None:
+def test_dimensions_and_coordinates_are_kept_and_values_are_those_of_numpy(name):
     function, values, units = CASES[name]
     labelled, plain = _as_labelled(values)
     found, expected = function(*labelled), function(*plain)
@@ -107,7 +105,7 @@ def test_dimensions_and_coordinates_are_kept_and_values_are_those_of_numpy(name:
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_a_lazy_argument_stays_lazy_and_computes_the_same(name: str) -> None:
+def test_a_lazy_argument_stays_lazy_and_computes_the_same(name):
     function, values, _ = CASES[name]
     labelled, _ = _as_labelled(values)
     eager = function(*labelled)
@@ -121,14 +119,14 @@ def test_a_lazy_argument_stays_lazy_and_computes_the_same(name: str) -> None:
     assert lazy.compute().attrs == eager.attrs
 
 
-def test_dimensions_of_one_name_go_together() -> None:
+def test_dimensions_of_one_name_go_together():
     x, nu = _named(X, "ray", "xy"), _named(NU[0, :3], "ray", "frequency")
     found = pw.wigner(SQUARE, x, nu)
     assert found.dims == ("ray",)
     np.testing.assert_array_equal(found.values, pw.wigner(SQUARE, X, NU[0, :3]))
 
 
-def test_one_point_may_stand_beside_a_labelled_array() -> None:
+def test_one_point_may_stand_beside_a_labelled_array():
     for origin in ((0.0, 0.0), np.zeros(2)):
         found = pw.wigner(SQUARE, origin, _named(NU, "i", "j", "k"))
         np.testing.assert_array_equal(found.values, pw.wigner(SQUARE, (0.0, 0.0), NU))
@@ -136,7 +134,7 @@ def test_one_point_may_stand_beside_a_labelled_array() -> None:
 
 
 @pytest.mark.parametrize("chunks", [None, {"place": 2}])
-def test_the_flux_vector_has_a_dimension_for_its_components(chunks: Any) -> None:
+def test_the_flux_vector_has_a_dimension_for_its_components(chunks):
     x = _named(X, "place", "component")
     found = pw.flux_vector(SQUARE, x if chunks is None else x.chunk(chunks), WAVELENGTH)
     assert found.dims == ("place", "flux_component")
@@ -147,7 +145,7 @@ def test_the_flux_vector_has_a_dimension_for_its_components(chunks: Any) -> None
 
 
 @pytest.mark.parametrize("chunks", [None, {"place": 2}])
-def test_estimated_errors_are_labelled_too(chunks: Any) -> None:
+def test_estimated_errors_are_labelled_too(chunks):
     points = _named(IN_FRONT, "place", "xyz")
     points = points if chunks is None else points.chunk(chunks)
     found = pw.amplitude(SQUARE, points, WAVELENGTH, return_error=True)
@@ -159,7 +157,7 @@ def test_estimated_errors_are_labelled_too(chunks: Any) -> None:
     assert "error" in found[1].attrs["long_name"]
 
 
-def test_a_lazy_result_can_be_sent_to_another_process() -> None:
+def test_a_lazy_result_can_be_sent_to_another_process():
     lazy = pw.radiance(SQUARE, _named(X, "place", "c").chunk(place=2), (0, 0, 1), WAVELENGTH)
     there = pickle.loads(pickle.dumps(lazy))
     np.testing.assert_array_equal(there.values, lazy.values)
@@ -189,13 +187,13 @@ NAMED = _named(X, "place", "component")
         ),
     ],
 )
-def test_errors_are_those_of_the_package(call: Callable[[], Any], told: str) -> None:
+def test_errors_are_those_of_the_package(call, told):
     with pytest.raises(ArgumentError, match=told):
         call()
 
 
 @pytest.mark.drjit
-def test_labelled_points_of_a_differentiable_source_are_refused(llvm: None) -> None:
+def test_labelled_points_of_a_differentiable_source_are_refused(llvm):
     import drjit as dr
     from drjit.llvm.ad import Float, TensorXf64  # noqa: F401
 
@@ -206,7 +204,7 @@ def test_labelled_points_of_a_differentiable_source_are_refused(llvm: None) -> N
         pw.fourier(source, NAMED)
 
 
-def test_xarray_is_not_imported_by_the_transforms() -> None:
+def test_xarray_is_not_imported_by_the_transforms():
     code = (
         "import sys, polywigner as pw; pw.wigner(pw.shapes.square(1.0), (0, 0), (0, 0)); "
         "pw.amplitude(pw.shapes.square(1.0), (0, 0, 1.0), 1.0); sys.exit('xarray' in sys.modules)"

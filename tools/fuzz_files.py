@@ -8,12 +8,16 @@ import logging
 import random
 import re
 import struct
+import tempfile
+import zipfile
+import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 from typing import Any
 
-__all__ = ["FORMATS", "Format", "case", "seeds"]
+__all__ = ["FORMATS", "Format", "case", "place", "seeds"]
 
 
 @dataclass(frozen=True)
@@ -22,7 +26,10 @@ class Format:
 
     suffix: str
     make: Callable[[], list[bytes]]
-    is_body: bool = False
+    reader: str = "aperture"
+    """aperture, body, source, rays, pattern, elements, scene or store: which function reads it."""
+    beside: str = ""
+    """Scene that names the file, "case" and the suffix, and is read in its place."""
 
 
 def case(seed: int, number: int, formats: list[str]) -> tuple[str, str, bytes]:
@@ -30,9 +37,10 @@ def case(seed: int, number: int, formats: list[str]) -> tuple[str, str, bytes]:
     dice = random.Random(f"{seed}:{number}")
     name = formats[number % len(formats)]
     content = dice.choice(seeds(name))
-    damages = OWN_DAMAGES.get(name, []) + TEXT_DAMAGES
+    own = OWN_DAMAGES.get(name, [])
+    damages = own + TEXT_DAMAGES
     if name in BINARY or dice.random() < 0.2:
-        damages = BYTE_DAMAGES
+        damages = BYTE_DAMAGES + (own if name in BINARY else [])
     for _ in range(dice.choice((1, 1, 1, 2, 2, 4))):
         content = dice.choice(damages)(content, name, dice)
     return name, FORMATS[name].suffix, content
@@ -93,6 +101,46 @@ def mix_attributes(content: bytes, name: str, dice: random.Random) -> bytes:
         value = damage(match[1], name, dice).replace(b'"', b"").replace(b"<", b"")
         content = content[: match.start(1)] + value + content[match.end(1) :]
     return content
+
+
+def within_members(content: bytes, name: str, dice: random.Random) -> bytes:
+    """An archive of arrays, one of them damaged and packed anew: its checksums are right."""
+    packed = io.BytesIO()
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            members = [(each.filename, archive.read(each)) for each in archive.infolist()]
+    except (zipfile.BadZipFile, OSError, ValueError, RuntimeError, zlib.error):
+        return content
+    with zipfile.ZipFile(packed, "w") as archive:
+        hit = dice.randrange(len(members)) if members else 0
+        for number, (member, inner) in enumerate(members):
+            damaged = dice.choice(BYTE_DAMAGES)(inner, name, dice) if number == hit else inner
+            archive.writestr(zipfile.ZipInfo(member), damaged)
+    return packed.getvalue()
+
+
+def within_packed(content: bytes, name: str, dice: random.Random) -> bytes:
+    """A serialized mesh that is damaged and packed anew."""
+    try:
+        inner = zlib.decompressobj().decompress(content[4:], 1 << 20)
+    except zlib.error:
+        return content
+    packed = zlib.compress(dice.choice(BYTE_DAMAGES)(inner, name, dice))
+    return content[:4] + packed + struct.pack("<QI", 0, 1)
+
+
+def within_chunks(content: bytes, name: str, dice: random.Random) -> bytes:
+    """A PNG, the header or the pixels of which are damaged; its checksums are right."""
+    made, place, hit = [content[:8]], 8, dice.choice((b"IHDR", b"IHDR", b"IDAT"))
+    while place + 12 <= len(content):
+        (size,) = struct.unpack_from(">I", content, place)
+        kind, inner = content[place + 4 : place + 8], content[place + 8 : place + 8 + size]
+        if kind == hit:
+            inner = dice.choice((flip_bytes, odd_fields))(inner, name, dice)[: len(inner)]
+        made.append(struct.pack(">I", len(inner)) + kind + inner)
+        made.append(struct.pack(">I", zlib.crc32(kind + inner)))
+        place += 12 + size
+    return b"".join(made)
 
 
 def odd_letters(content: bytes, name: str, dice: random.Random) -> bytes:
@@ -182,7 +230,10 @@ def exchange(content: bytes, name: str, dice: random.Random) -> bytes:
     return dice.choice(seeds(dice.choice(list(FORMATS)))) if dice.random() < 0.2 else content
 
 
-BINARY = ("dxf binary", "stl")
+BINARY = (
+    "dxf binary", "stl", "gds", "rays npz", "rays nc", "rays dat", "scene serialized", "scene png",
+    "scene exr", "store chunk",
+)  # fmt: skip
 BYTE_DAMAGES = [
     flip_bytes, flip_bytes, random_bytes, truncate, cut_out, repeat, odd_fields, odd_fields, splice,
     exchange,
@@ -195,6 +246,10 @@ OWN_DAMAGES = {
     "svg": [mix_attributes] * 12,
     "svg text": [mix_attributes] * 12,
     "dxf": [mix_pairs] * 6,
+    "scene": [mix_attributes] * 12,
+    "rays npz": [within_members] * 12,
+    "scene serialized": [within_packed] * 12,
+    "scene png": [within_chunks] * 12,
 }
 
 
@@ -374,6 +429,173 @@ def gerber() -> list[bytes]:
     return [f"{head}{body}M02*\n".encode() for body in bodies]
 
 
+def gds() -> list[bytes]:
+    from hostile_files import gds_array, gds_box, gds_of
+
+    boxes = gds_box(0, 0, 500) + gds_box(1000, 0, 500)
+    return [gds_of({"a": boxes}), gds_of({"a": boxes, "b": gds_array("a", 3, 2, 5000)})]
+
+
+def sources(suffix: str) -> list[bytes]:
+    """An aperture with a taper, an array, a horn, slits and a body."""
+    import polywigner as pw
+
+    square = pw.shapes.square(0.01)
+    tapered = square.with_illumination(pw.cosine_taper(0.01, 0.01))
+    array = pw.phased_array(tapered, pw.arrays.grid_positions(3, 2, 0.02))
+    horn = pw.horns.pyramidal(0.03, 0.02, 0.1, 0.1, 0.003)
+    found = []
+    for source in (tapered, array, horn, pw.Slits([[0.0, 0.01], [0.02, 0.03]])):
+        with tempfile.TemporaryDirectory() as folder:
+            pw.write_source(source, path := Path(folder) / f"source{suffix}")
+            found.append(path.read_bytes())
+    return found
+
+
+def by_hand() -> list[bytes]:
+    """Sources as people write them."""
+    head = b'kind = "phased-array"\nelement = {kind = "aperture", shape = {name = "square", a = '
+    grid = b'positions = {kind = "grid", nx = 4, ny = 3, pitch_x = "2 mm"}\n'
+    return [
+        b'kind = "slits"\nintervals = [[0.0, 1.0], [2.0, 3.5]]\n',
+        b'wavelength = "3.2 mm"\n' + head + b'"5 mm"}}\n' + grid,
+        b'kind = "aperture"\nshape = {name = "disc", radius = 1, n = 32}\n'
+        b'illumination = [{kind = "taylor_taper", width = 2, height = 2, nbar = 4}]\n',
+    ]
+
+
+def rays(suffix: str) -> list[bytes]:
+    import polywigner as pw
+
+    found = pw.sample_rays(pw.shapes.square(0.01), 0.003, 16)
+    found["weight"] = abs(found["weight"])
+    with tempfile.TemporaryDirectory() as folder:
+        (path,) = pw.rays.save(found, Path(folder) / f"rays{suffix}")
+        return [path.read_bytes()]
+
+
+def patterns(suffix: str) -> list[bytes]:
+    import numpy as np
+
+    import polywigner as pw
+
+    angles = np.radians(np.arange(0, 91, 15)), np.radians(np.arange(0, 360, 45))
+    square = pw.shapes.square(2e-3)
+    found = pw.radiation_pattern(square, 3.9e-3, *angles, polarisation="right")
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"pattern{suffix}"
+        pw.write_pattern(found, path)
+        return [path.read_bytes()]
+
+
+def elements() -> list[bytes]:
+    """Tables with a row for each element."""
+    rows = [f"{k},{k % 3},{1 + k / 10},{20 * k},{15 * k}" for k in range(20)]
+    return [
+        "\n".join(["x,y,amplitude,phase,angle", *rows]).encode(),
+        b"# complex\nim; re; y; x\n0;1;0;0\n0,5;0;2,5;0\n",
+        b"0 0\n2 0\n4 1\n",
+    ]
+
+
+SCENE = """<scene version="3.0.0">
+<default name="spp" value="4"/><default name="shine" value="0.5"/>
+<integrator type="path"><integer name="max_depth" value="3"/></integrator>
+<bsdf type="diffuse" id="grey"><rgb name="reflectance" value="$shine, 0.2, 0.1"/></bsdf>
+<sensor type="perspective"><float name="fov" value="40"/>
+<transform name="to_world"><lookat origin="0, 0, 4" target="0, 0, 0" up="0, 1, 0"/></transform>
+<sampler type="independent"><integer name="sample_count" value="$spp"/></sampler>
+<film type="hdrfilm"><integer name="width" value="8"/><integer name="height" value="8"/></film>
+</sensor>
+<shape type="wigner"><string name="frequency" value="94 GHz"/><string name="power" value="1 mW"/>
+<string name="aperture" value="square.wkt"/></shape>
+{}</scene>
+"""
+
+
+def scenes() -> list[bytes]:
+    bodies = (
+        '<shape type="rectangle"><transform name="to_world"><scale value="2"/><rotate x="1" '
+        'angle="180"/><translate z="-1"/></transform><ref id="grey"/></shape>',
+        '<shape type="sphere"><point name="center" value="0, 1, 0"/><bsdf type="roughconductor">'
+        '<float name="alpha" value="0.1"/></bsdf></shape><emitter type="constant"><rgb '
+        'name="radiance" value="0.1"/></emitter>',
+        '<sensor type="wigner_receiver"><string name="aperture" value="square.wkt"/><string '
+        'name="frequency" value="94 GHz"/><film type="hdrfilm"><integer name="width" value="1"/>'
+        '<integer name="height" value="1"/><rfilter type="box"/></film></sensor>',
+        '<shape type="cube"><bsdf type="twosided"><bsdf type="principled"><texture name='
+        '"base_color" type="checkerboard"/></bsdf></bsdf></shape><alias id="grey" as="other"/>',
+    )
+    return [SCENE.format(body).encode() for body in bodies]
+
+
+NAMING = {
+    kind: SCENE.format(
+        f'<shape type="{kind}"><string name="filename" value="case.{kind}"/></shape>'
+    )
+    for kind in ("ply", "obj", "serialized")
+} | {
+    kind: SCENE.format(
+        '<shape type="cube"><bsdf type="diffuse"><texture type="bitmap" name="reflectance">'
+        f'<string name="filename" value="case.{kind}"/></texture></bsdf></shape>'
+    )
+    for kind in ("png", "exr")
+}
+"""Scenes that name a mesh or a picture."""
+
+
+def serialized() -> list[bytes]:
+    vertices = struct.pack("<12f", 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1)
+    body = struct.pack("<I", 0x1000) + b"a\0" + struct.pack("<QQ", 4, 4) + vertices
+    body += struct.pack("<12I", 0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3)
+    return [struct.pack("<HH", 0x041C, 4) + zlib.compress(body) + struct.pack("<QI", 0, 1)]
+
+
+def pictures(suffix: str) -> list[bytes]:
+    import mitsuba as mi
+    import numpy as np
+
+    mi.set_variant("scalar_rgb")
+    values = np.linspace(0, 1, 4 * 4 * 3, dtype=np.float32).reshape(4, 4, 3)
+    bitmap = mi.Bitmap(values if suffix == ".exr" else (255 * values).astype(np.uint8))
+    with tempfile.TemporaryDirectory() as folder:
+        bitmap.write(str(path := Path(folder) / f"picture{suffix}"))
+        return [path.read_bytes()]
+
+
+@cache
+def array() -> dict[str, bytes]:
+    """The files of an array in a store of zarr."""
+    import xarray
+
+    with tempfile.TemporaryDirectory() as folder:
+        xarray.Dataset({"u": (("x", "y"), [[0.0, 1.0], [2.0, 3.0]])}).to_zarr(
+            folder, zarr_format=3, consolidated=False
+        )
+        return {name: Path(folder, "u", name).read_bytes() for name in ("zarr.json", "c/0/0")}
+
+
+def place(name: str, content: bytes, folder: Path) -> Path:
+    """Write a damaged file and all that belongs to it; the path that is read."""
+    path = folder / f"case{FORMATS[name].suffix}"
+    if FORMATS[name].reader == "scene":
+        (folder / "square.wkt").write_text("POLYGON ((-5 -5, 5 -5, 5 5, -5 5, -5 -5))")
+    if FORMATS[name].reader == "store":
+        damaged = "c/0/0" if name == "store chunk" else "zarr.json"
+        for member, inner in (array() | {damaged: content}).items():
+            file = path / "u" / member
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_bytes(inner)
+        group = {"zarr_format": 3, "node_type": "group", "attributes": {}}
+        (path / "zarr.json").write_text(json.dumps(group))
+        return path
+    path.write_bytes(content)
+    if not FORMATS[name].beside:
+        return path
+    (folder / "scene.xml").write_text(FORMATS[name].beside)
+    return folder / "scene.xml"
+
+
 FORMATS = {
     "geojson": Format(".geojson", geojson),
     "wkt": Format(".wkt", wkt),
@@ -383,8 +605,27 @@ FORMATS = {
     "dxf": Format(".dxf", dxf),
     "dxf binary": Format(".dxf", dxf_binary),
     "gerber": Format(".gbr", gerber),
-    "stl": Format(".stl", lambda: _meshes("stl"), is_body=True),
-    "stl ascii": Format(".stl", lambda: _meshes("stl_ascii"), is_body=True),
-    "ply": Format(".ply", ply, is_body=True),
-    "obj": Format(".obj", obj, is_body=True),
+    "gds": Format(".gds", gds),
+    "stl": Format(".stl", lambda: _meshes("stl"), "body"),
+    "stl ascii": Format(".stl", lambda: _meshes("stl_ascii"), "body"),
+    "ply": Format(".ply", ply, "body"),
+    "obj": Format(".obj", obj, "body"),
+    "toml": Format(".toml", lambda: sources(".toml") + by_hand(), "source"),
+    "json": Format(".json", lambda: sources(".json"), "source"),
+    "rays npz": Format(".npz", lambda: rays(".npz"), "rays"),
+    "rays csv": Format(".csv", lambda: rays(".csv"), "rays"),
+    "rays nc": Format(".nc", lambda: rays(".nc"), "rays"),
+    "rays dat": Format(".dat", lambda: rays(".dat"), "rays"),
+    "pattern csv": Format(".csv", lambda: patterns(".csv"), "pattern"),
+    "pattern txt": Format(".txt", lambda: patterns(".txt"), "pattern"),
+    "pattern ffd": Format(".ffd", lambda: patterns(".ffd"), "pattern"),
+    "elements": Format(".csv", elements, "elements"),
+    "scene": Format(".xml", scenes, "scene"),
+    "scene ply": Format(".ply", ply, "scene", NAMING["ply"]),
+    "scene obj": Format(".obj", obj, "scene", NAMING["obj"]),
+    "scene serialized": Format(".serialized", serialized, "scene", NAMING["serialized"]),
+    "scene png": Format(".png", lambda: pictures(".png"), "scene", NAMING["png"]),
+    "scene exr": Format(".exr", lambda: pictures(".exr"), "scene", NAMING["exr"]),
+    "store": Format(".zarr", lambda: [array()["zarr.json"]], "store"),
+    "store chunk": Format(".zarr", lambda: [array()["c/0/0"]], "store"),
 }

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-__all__ = ["KINDS", "Kind"]
+__all__ = ["KINDS", "Kind", "gds_array", "gds_box", "gds_of"]
 
 
 @dataclass(frozen=True)
@@ -188,7 +188,7 @@ def _gds_text(kind: int, text: str) -> bytes:
     return _gds_record(kind, 6, text.encode() + b"\0" * (len(text) % 2))
 
 
-def gds(cells: dict[str, bytes]) -> bytes:
+def gds_of(cells: dict[str, bytes]) -> bytes:
     dates = struct.pack(">12H", *[2024, 1, 1, 0, 0, 0] * 2)
     units = _gds_record(3, 5, _gds_real(1e-3) + _gds_real(1e-9))
     found = _gds_record(0, 2, struct.pack(">H", 600)) + _gds_record(1, 2, dates)
@@ -198,7 +198,7 @@ def gds(cells: dict[str, bytes]) -> bytes:
     return found + _gds_record(4, 0)
 
 
-def _gds_box(x: int, y: int, size: int) -> bytes:
+def gds_box(x: int, y: int, size: int) -> bytes:
     points = [(x, y), (x + size, y), (x + size, y + size), (x, y + size), (x, y)]
     flat = [value for point in points for value in point]
     return (
@@ -210,7 +210,7 @@ def _gds_box(x: int, y: int, size: int) -> bytes:
     )
 
 
-def _gds_array(name: str, columns: int, rows: int, step: int) -> bytes:
+def gds_array(name: str, columns: int, rows: int, step: int) -> bytes:
     corners = (0, 0, columns * step, 0, 0, rows * step)
     return (
         _gds_record(11, 0)
@@ -374,15 +374,15 @@ KINDS = {
         _insert("b", 0, 50_000, 1, 1e-12), _block("b", _TRIANGLE))),
     "dxf lines": Kind("a.dxf", lambda: dxf("".join(
         f"0\nLINE\n8\n0\n10\n{k}\n20\n0\n11\n{k + 1}\n21\n0\n" for k in range(190_000)))),
-    "gds array of references": Kind("a.gds", lambda: gds(
-        {"a": _gds_box(0, 0, 5), "b": _gds_array("a", 30_000, 30_000, 10)})),
-    "gds arrays of arrays": Kind("a.gds", lambda: gds(
-        {"a": _gds_box(0, 0, 5)}
-        | {f"b{k}": _gds_array("a" if k == 0 else f"b{k - 1}", 100, 100, 10) for k in range(6)})),
-    "gds boxes": Kind("a.gds", lambda: gds(
-        {"a": b"".join(_gds_box(10 * k, 0, 5) for k in range(230_000))})),
-    "gds ten thousand boxes": Kind("a.gds", lambda: gds(
-        {"a": b"".join(_gds_box(10 * k, 0, 5) for k in range(9_999))}), is_read=True),
+    "gds array of references": Kind("a.gds", lambda: gds_of(
+        {"a": gds_box(0, 0, 5), "b": gds_array("a", 30_000, 30_000, 10)})),
+    "gds arrays of arrays": Kind("a.gds", lambda: gds_of(
+        {"a": gds_box(0, 0, 5)}
+        | {f"b{k}": gds_array("a" if k == 0 else f"b{k - 1}", 100, 100, 10) for k in range(6)})),
+    "gds boxes": Kind("a.gds", lambda: gds_of(
+        {"a": b"".join(gds_box(10 * k, 0, 5) for k in range(230_000))})),
+    "gds ten thousand boxes": Kind("a.gds", lambda: gds_of(
+        {"a": b"".join(gds_box(10 * k, 0, 5) for k in range(9_999))}), is_read=True),
     "gerber flashes": Kind("a.gbr", lambda: gerber("%ADD10C,1*%\nD10*\n" + "".join(
         f"X{2000000 * (k % 400)}Y{2000000 * (k // 400)}D03*\n" for k in range(150_000)))),
     "gerber strokes": Kind("a.gbr", lambda: gerber("%ADD10C,1*%\nD10*\nX0Y0D02*\n" + "".join(

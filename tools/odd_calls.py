@@ -2,12 +2,14 @@
 """Odd values for every argument of all public functions: a result, or one error of the package.
 
     python tools/odd_calls.py [--count N] [--seed S] [--only TEXT]
+    python tools/odd_calls.py --each [--only TEXT]       every argument with every odd value
 
 The functions are those of tools/public_names.py, methods and constructors included. Each call is a
-plain one in which one or two arguments are replaced. It runs in a process that is begun anew when
-it dies; an exception that is not the package's own (TypeError for a wrong number of arguments is
-Python's), a warning of NumPy's or the end of the process is a fault. Prints counts by outcome, the
-longest call and the largest memory; the exit status is 1 if there was a fault.
+plain one in which one or two arguments are replaced by chance, or one after the other. It runs in a
+process that is begun anew when it dies; an exception that is not the package's own (TypeError for a
+wrong number of arguments is Python's), a warning of NumPy's or the end of the process is a fault.
+Prints counts by outcome, the longest call and the largest memory; the exit status is 1 if there was
+a fault.
 """
 
 from __future__ import annotations
@@ -63,6 +65,10 @@ PLAIN: dict[str, Any] = {
     "faces": [[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]], "fill": 0.5, "flat_to_flat": 0.01,
     "floor_db": -40.0, "focal_length": 0.1, "frequencies": [[0.0, 0.0]], "frequency": 5.0,
     "height": 0.01, "illumination": pw.cosine_taper(0.01, 0.01), "inner": 0.005,
+    "condenser": pw.shapes.square(1e-3), "distance": 0.01, "mask": pw.shapes.square(2e-6),
+    "period": [6e-6, 6e-6], "polarisation": "x", "pupil": pw.shapes.square(5e-3),
+    "receive": [[0.0, 0.0]], "transmit": [[0.0, 0.0]], "xi_1": [1e-3, 0.0], "xi_2": [0.0, 1e-3],
+    "stokes": np.ones((4, 3, 3)),
     "intervals": [[0.0, 0.01]], "lit_by": pw.PointSource([0.0, 0.0, -0.1]), "m": 2.0,
     "matrix": [[1.0, 0.1], [0.0, 1.0]], "n": 6, "nu": NU, "nx": 2, "offsets": [-0.01, 0.01],
     "ny": 2, "order": 0.5, "other": SQUARE, "outer": 0.01, "outline": SQUARE,
@@ -104,6 +110,8 @@ SPECIAL: dict[str, dict[str, Any]] = {
     "polywigner.hemisphere": {"radius": 0.2, "theta": [0.1, 0.2], "phi": [0.0, 1.0]},
     "polywigner.lag_slice": {"x": [0.0, 0.0]},
     "polywigner.position_slice": {"xi": [0.0, 0.0]},
+    "polywigner.partially_coherent_image": {"wavelength": 550e-9, "points": X},
+    "polywigner.segmented_pupil": {"pupil": [SQUARE]},
     "polywigner.psf": {"points": X},
     "polywigner.radiance": {"direction": [0.0, 0.0, 1.0]},
     "polywigner.radiant_intensity": {"direction": [0.0, 0.0, 1.0]},
@@ -172,7 +180,8 @@ def loaded(name: str, variant: str = "llvm_ad_mono") -> Any:
 
 def scene_of(function: str) -> Any:
     """Scene with a receiver for functions that receive, and without one for those that render."""
-    links = ("received_power", "received_powers", "range_profile", "receiving", "scatterers")
+    links = ("received_power", "received_powers", "range_profile", "receiving", "scatterers",
+             "channel")  # fmt: skip
     return loaded("link_77ghz" if function.endswith(links) else "patch_above_floor")
 
 
@@ -194,8 +203,23 @@ def stored() -> Path:
     return Path("volume.zarr").resolve()
 
 
+def spots(name: str, dims: tuple[str, ...]) -> Any:
+    import xarray
+
+    return xarray.Dataset(
+        {name: (dims, np.ones((1, 2, 3)))},
+        {dim: np.arange(size) * 1e-6 for dim, size in zip(dims, (1, 2, 3), strict=True)},
+    )
+
+
 def seen() -> Any:
     return pw.radiation_pattern(SQUARE, 0.003, [0.0, 0.1, 0.2], [0.0, np.pi / 2])
+
+
+@functools.cache
+def polarised() -> Any:
+    angles = np.radians(np.arange(0, 91, 5)), np.radians(np.arange(0, 360, 10))
+    return pw.radiation_pattern(SQUARE, 0.003, *angles, polarisation="x")
 
 
 @functools.cache
@@ -212,7 +236,17 @@ def profile() -> Any:
     return pm.range_profile(loaded("link_77ghz"), [0.0, 2.0, 4.0], spp=16)
 
 
+@functools.cache
+def heard() -> Any:
+    import polywigner.mitsuba as pm
+
+    return pm.channel(loaded("link_77ghz"), 77e9, 0)
+
+
 MADE: dict[str, Callable[[str], Any]] = {
+    "channel": lambda _: heard(),
+    "image": lambda _: np.ones((3, 3, 13)),
+    "tolerance": lambda _: pw.array_tolerance(ARRAY, 0.003, [0.0, 0.1], 0.0, phase=0.1, count=4),
     "scene": scene_of,
     "dataset": lambda _: plane(),
     "cloud": lambda _: cloud(),
@@ -222,12 +256,18 @@ MADE: dict[str, Callable[[str], Any]] = {
     "rays": lambda _: pw.sample_rays(SQUARE, 0.003, 4),
     "system": lambda _: pw.FirstOrder.free_space(0.1),
     "pattern": lambda name: (
-        pw.rcs_pattern(CUBE, 0.003, [0.0, 0.1], [0.0, 0.1]) if name.endswith("rcs") else seen()
+        pw.rcs_pattern(CUBE, 0.003, [0.0, 0.1], [0.0, 0.1])
+        if name.endswith("rcs")
+        else polarised()
+        if name.endswith("fit_pattern")
+        else seen()
     ),
     "found": lambda name: {
         "draw_lines": lambda: pw.line(SQUARE, PLAIN["ends"], 3, 0.003),
         "draw_hemispheres": lambda: pw.hemisphere(SQUARE, 0.2, [0.1, 0.2], [0.0, 1.0], 0.003),
         "draw_projections": lambda: pw.projections(SQUARE, samples=9),
+        "draw_psf": lambda: spots("psf", ("defocus", "y", "x")),
+        "draw_mtf": lambda: spots("mtf", ("defocus", "direction", "frequency")),
         "draw_volume": lambda: pw.volume(SQUARE, PLAIN["box"], (2, 2, 2), 0.003),
     }.get(name.rpartition(".")[2], plane)(),
     "slices": lambda _: pw.figures.transform_slices(SQUARE, samples=17),
@@ -350,7 +390,7 @@ def odd_values() -> list[Any]:
     ragged: Any = [[1.0, 2.0], [3.0]]
     return [
         None, True, 0, -1, 1e-320, 1e308, np.nan, np.inf, -np.inf, 10**400, 1j, "", "junk", "1 mm",
-        "a\nb", "\0", b"bytes", [], [[]], (), {}, set(), object(), lambda: 1, type,
+        "a\nb", "\0", b"bytes", [], [[]], (), {}, set(), object(), lambda *_: 1,
         NotImplemented, Fraction(1, 3), Decimal("0.1"), datetime(2020, 1, 1), Path("x"), range(3),
         iter([1.0]), np.float32(0.003), SQUARE, SLITS, ARRAY, np.dtype("f8"), slice(1, 2), ragged,
         np.array([]), np.zeros((0, 2)), np.zeros((2, 0)), np.zeros((3, 5)), np.zeros((2, 2, 2, 2)),
@@ -362,21 +402,35 @@ def odd_values() -> list[Any]:
     ]  # fmt: skip
 
 
-def changed(number: int, seed: int, names: list[str]) -> tuple[str, dict[str, Any], str]:
-    """Name and arguments of a call, and a sentence on its odd values."""
+def by_chance(number: int, seed: int, names: list[str]) -> tuple[str, dict[str, int]]:
+    """Name of a function, and the numbers of odd values by the names of one or two arguments."""
     rng = np.random.default_rng([seed, number])
     name = names[number % len(names)]
-    places, values = parameters(name), odd_values()
-    arguments, said = plain_arguments(name), []
-    for place in rng.permutation(len(places))[: 1 + (rng.random() < 0.3)]:
-        which = int(rng.integers(len(values)))
-        arguments[places[place].name] = values[which]
-        text = " ".join(repr(values[which]).split())
-        said.append(f"{places[place].name}: odd value {which} ({text:.40})")
-    return name, arguments, "; ".join(said)
+    places, count = parameters(name), len(odd_values())
+    chosen = rng.permutation(len(places))[: 1 + (rng.random() < 0.3)]
+    return name, {places[place].name: int(rng.integers(count)) for place in chosen}
 
 
-def work(numbers: range, seed: int, names: list[str], file: Path) -> None:
+@functools.cache
+def each(names: tuple[str, ...]) -> list[tuple[str, str]]:
+    """Names of functions and arguments, to be called with every odd value."""
+    return [(name, p.name) for name in names for p in parameters(name)]
+
+
+def changed(number: int, seed: int | None, names: list[str]) -> tuple[str, dict[str, Any], str]:
+    """Name and arguments of a call, and a sentence on its odd values; seed None: one by one."""
+    values = odd_values()
+    if seed is None:
+        place, which = divmod(number, len(values))
+        name, argument = each(tuple(names))[place]
+        odd = {argument: which}
+    else:
+        name, odd = by_chance(number, seed, names)
+    said = (f"{k}: odd value {n} ({' '.join(repr(values[n]).split()):.40})" for k, n in odd.items())
+    return name, plain_arguments(name) | {k: values[n] for k, n in odd.items()}, "; ".join(said)
+
+
+def work(numbers: range, seed: int | None, names: list[str], file: Path) -> None:
     """Make calls, and write their outcomes; the number of the one that is made comes first."""
     os.chdir(file.parent)
     os.environ["MPLBACKEND"] = "agg"
@@ -410,8 +464,11 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=COUNT)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--only", default="", help="functions whose name contains this text")
+    parser.add_argument("--each", action="store_true", help="every argument with every odd value")
     options = parser.parse_args()
     names = [name for name in callables() if options.only in name]
+    if options.each:
+        options.count, options.seed = len(each(tuple(names))) * len(odd_values()), None
     context, counts, faults, longest = multiprocessing.get_context("spawn"), Counter(), 0, (0.0, "")
     print(f"{len(names)} functions", flush=True)
     with tempfile.TemporaryDirectory() as folder:

@@ -1,17 +1,20 @@
 """Run a function in a process of its own, with a limit of time and one of memory.
 
 Damaged files, drivers and bad compilers can end a process, hang it or fill the memory. Here they
-end a child. The child is a fresh interpreter: a fork of a process with the threads of Dr.Jit or
-OpenBLAS can hang, and `multiprocessing` would run the user's unguarded script again.
+end a child. The child is a fresh interpreter, or the fork of one that keeps its imports for the
+next call: a fork of a process with the threads of Dr.Jit or OpenBLAS can hang, and
+`multiprocessing` would run the user's unguarded script again.
 """
 
 from __future__ import annotations
 
+import atexit
+import importlib
 import os
 import pickle
 import signal
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, BinaryIO, Literal, TypeVar, cast
 
@@ -20,7 +23,7 @@ from polywigner.errors import EngineError, PolywignerError
 if TYPE_CHECKING:
     import subprocess
 
-__all__ = ["ChildError", "run_apart"]
+__all__ = ["ChildError", "end_servers", "run_apart"]
 
 Result = TypeVar("Result")
 Failure = Literal["time", "memory", "end", "error", "start"]
@@ -35,8 +38,16 @@ _PROGRAM = """
 import pickle, sys
 sys.path[:] = pickle.load(sys.stdin.buffer)
 from polywigner.apart import _answer
-_answer()
+_answer(sys.stdin.buffer)
 """
+_SERVER = """
+import sys
+sys.path[:] = {path!r}
+from polywigner.apart import _serve
+_serve()
+"""
+# Seconds of the clock until a server has imported its modules.
+_STARTING = 120.0
 
 
 class ChildError(EngineError):
@@ -58,11 +69,13 @@ def run_apart(
     seconds: float,
     memory: int | None,
     environment: Mapping[str, str] | None = None,
+    modules: Sequence[str] = (),
 ) -> Result:
     """Return ``function()``, called in a process of its own.
 
     Starting the process takes 0.1 s, and the imports that the function needs. An array of 256 MB
-    comes back in a second.
+    comes back in a second. With `modules`, where the system can fork, the process is a fork of a
+    server that is started once and imports them once: later calls take some 10 ms.
 
     Parameters
     ----------
@@ -71,40 +84,153 @@ def run_apart(
     seconds : of the processor that it may take, and six times as many of the clock.
     memory : bytes of address space that it may have, libraries included: NumPy and Shapely take
         0.15 GB, Dr.Jit with LLVM 0.4 GB on two cores and more on many. None: any number.
-    environment : variables to set, as well as those of this process.
+    environment : variables to set, as well as those of this process; not with `modules`.
+    modules : names of modules to import before the fork. In a process that has such limits, or
+        lower ones, the function is called where it is.
 
     Raises
     ------
     PolywignerError as the function raises it; ChildError (an EngineError) in all other cases.
     """
-    import subprocess  # takes 15 ms, which a verdict that is remembered saves
+    if modules and _is_limited(seconds, memory):
+        return function()
     from tempfile import TemporaryFile
 
-    task = pickle.dumps(sys.path) + pickle.dumps((seconds, memory)) + pickle.dumps(function)
+    forks = bool(modules) and hasattr(os, "fork")
     # files without names: pipes are four times slower, and could fill this process's memory
     with TemporaryFile() as asked, TemporaryFile() as answer, TemporaryFile() as complaints:
-        asked.write(task)
+        for part in ((sys.path, modules) if forks else sys.path, (seconds, memory), function):
+            pickle.dump(part, asked)
         asked.seek(0)
+        files = [cast(BinaryIO, file) for file in (asked, answer, complaints)]
+        run = _forked if forks else _started
         try:
-            child = subprocess.Popen(
-                [sys.executable, "-P", "-c", _PROGRAM],
-                stdin=asked,
-                stdout=answer,
-                stderr=complaints,
-                env={**os.environ, **_ONE_THREAD, **(environment or {})},
-                start_new_session=True,  # ends with the children that it has started
-            )
+            status = run(files, _WAITING * seconds, environment)
         except (OSError, ValueError) as error:
             raise _failed(f"one that could not be started ({error})", "start", None, "") from None
-        try:
-            status = child.wait(_WAITING * seconds)
-        except subprocess.TimeoutExpired:
-            status = None
-        finally:
-            _end(child)
         answer.seek(0)
-        stderr = _end_of(cast(BinaryIO, complaints))
-        return cast(Result, _value(cast(BinaryIO, answer), status, seconds, memory, stderr))
+        return cast(Result, _value(files[1], status, seconds, memory, _end_of(files[2])))
+
+
+def _started(
+    files: Sequence[BinaryIO], most: float, environment: Mapping[str, str] | None
+) -> int | None:
+    """Exit status of a fresh interpreter that answers; None where it was ended after `most` s."""
+    import subprocess  # takes 15 ms, which a verdict that is remembered saves
+
+    child = _interpreter(_PROGRAM, files, environment)
+    try:
+        return child.wait(most)
+    except subprocess.TimeoutExpired:
+        return None
+    finally:
+        _end(child)
+
+
+def _interpreter(
+    program: str, files: Sequence[Any], environment: Mapping[str, str] | None = None
+) -> subprocess.Popen[bytes]:
+    import subprocess
+
+    return subprocess.Popen(
+        [sys.executable, "-P", "-c", program],
+        stdin=files[0],
+        stdout=files[1],
+        stderr=files[2],
+        env={**os.environ, **_ONE_THREAD, **(environment or {})},
+        start_new_session=True,  # ends with the children that it has started
+    )
+
+
+def _forked(
+    files: Sequence[BinaryIO], most: float, environment: Mapping[str, str] | None
+) -> int | None:
+    """Exit status of a child of a server, which is kept for the next call if all went well."""
+    server = _Server.idle.pop() if _Server.idle else _Server()
+    if not server.is_alive():
+        server.end()
+        server = _Server()
+    status = None
+    try:
+        status = server.status(files, most)
+    finally:  # also when a user interrupts
+        if status == 0:
+            _Server.idle.append(server)
+        else:
+            server.end()
+    return status
+
+
+class _Server:
+    """A process with one thread that forks a child for each call."""
+
+    idle: list[_Server] = []  # noqa: RUF012
+
+    def __init__(self) -> None:
+        import socket
+        from subprocess import DEVNULL
+
+        self._channel, theirs = socket.socketpair()
+        with theirs:
+            files = [theirs, DEVNULL, DEVNULL]
+            self._process = _interpreter(_SERVER.format(path=sys.path), files)
+
+    def is_alive(self) -> bool:
+        return self._process.poll() is None
+
+    def status(self, files: Sequence[BinaryIO], most: float) -> int | None:
+        """Exit status of a child; None where it has taken more seconds than `most`."""
+        import socket
+
+        try:
+            self._channel.settimeout(_STARTING)
+            socket.send_fds(self._channel, [b"-"], [file.fileno() for file in files])
+            self._channel.recv(1)  # it has forked
+            self._channel.settimeout(most)
+            return int(self._channel.recv(8) or 1)  # nothing of a server that has ended
+        except TimeoutError:
+            return None
+
+    def end(self) -> None:
+        self._channel.close()
+        _end(self._process)
+
+
+def end_servers() -> None:
+    """End the processes that wait for calls; the next call starts one."""
+    while _Server.idle:
+        _Server.idle.pop().end()
+
+
+atexit.register(end_servers)
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_Server.idle.clear)  # they answer the parent
+
+
+def _serve() -> None:
+    """Fork a child for each task, until the caller's process ends: in the server."""
+    import socket
+
+    channel = socket.socket(fileno=os.dup(0))
+    os.dup2(1, 0)
+    while (message := socket.recv_fds(channel, 1, 3))[0]:
+        asked, answer, complaints = message[1]
+        with os.fdopen(asked, "rb") as task:
+            sys.path[:], modules = pickle.load(task)
+            for name in modules:
+                with suppress(Exception):  # the function meets it again
+                    importlib.import_module(name)
+            child = os.fork()
+            if child == 0:
+                channel.close()
+                os.dup2(answer, 1)
+                os.dup2(complaints, 2)
+                _answer(task)
+        os.close(answer)
+        os.close(complaints)
+        channel.send(b"-")
+        status = os.waitpid(child, 0)[1]
+        channel.send(str(os.waitstatus_to_exitcode(status)).encode())
 
 
 def _end(child: subprocess.Popen[bytes]) -> None:
@@ -152,14 +278,14 @@ def _failed(got: str, failure: Failure, status: int | None, stderr: str) -> Chil
     )
 
 
-def _answer() -> None:
-    """Call the function on stdin and write its value, or its error, to stdout: in the child."""
+def _answer(task: BinaryIO) -> None:
+    """Call the function of a task and write its value, or its error, to stdout: in the child."""
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what libraries print is no answer
-    seconds, memory = pickle.load(sys.stdin.buffer)
+    seconds, memory = pickle.load(task)
     _limit(seconds, memory)
     try:
-        value = pickle.load(sys.stdin.buffer)()
+        value = pickle.load(task)()
         pickle.dump(("value", value), answers, protocol=5)
     except BaseException as error:
         answers.seek(0)
@@ -181,6 +307,16 @@ def _told(error: BaseException) -> bytes:
     traceback.print_exception(error)
     sys.stderr.flush()
     return pickle.dumps(("error", f"{type(error).__name__}: {error}"))
+
+
+def _is_limited(seconds: float, memory: int | None) -> bool:
+    try:
+        import resource
+    except ImportError:
+        return False
+    wanted = {resource.RLIMIT_CPU: max(1, round(seconds)), resource.RLIMIT_AS: memory or 0}
+    found = {kind: resource.getrlimit(kind)[0] for kind in wanted}
+    return all(0 <= found[kind] <= most for kind, most in wanted.items())
 
 
 def _limit(seconds: float, memory: int | None) -> None:

@@ -71,9 +71,15 @@ def atomic_path(path: Path) -> Iterator[Path]:
     """Give a path beside a file or folder to write to; it takes its place when the block is done.
 
     Its suffix is the same. A block that raises, or Ctrl-C, leaves nothing half written, and what an
-    earlier run wrote stays as it was.
+    earlier run wrote stays as it was. What a killed run left for the same path is removed first.
     """
     scratch = scratch_of(path)
+    before, _, after = scratch.name.rpartition(f"{os.getpid()}.partial")
+    with suppress(OSError):
+        for left in path.parent.iterdir():
+            owner = left.name.removeprefix(before).removesuffix(f".partial{after}")
+            if left.name == f"{before}{owner}.partial{after}" and not is_running(owner):
+                _remove(left)
     with unfinished(scratch):
         yield scratch
         if scratch.is_dir() and path.is_dir():
@@ -83,8 +89,27 @@ def atomic_path(path: Path) -> Iterator[Path]:
 
 
 def scratch_of(path: Path) -> Path:
-    """Return the path of :func:`atomic_path`, of this process alone: the last to finish wins."""
-    return path.with_name(f"{path.name}.{os.getpid()}.partial{path.suffix}")
+    """Return the path of :func:`atomic_path`, of this process alone: the last to finish wins.
+
+    Its name tells the machine too: only there is it known whether the process runs.
+    """
+    import platform
+    import zlib
+
+    machine = zlib.crc32(platform.node().encode(errors="replace"))
+    return path.with_name(f"{path.name}.{machine:08x}-{os.getpid()}.partial{path.suffix}")
+
+
+def is_running(process: str) -> bool:
+    """Whether this machine has a process of that number; in doubt, if it is a number at all."""
+    try:
+        if os.name == "posix":  # elsewhere the signal would end it
+            os.kill(int(process), 0)
+    except (ValueError, OverflowError, ProcessLookupError):
+        return False
+    except PermissionError:
+        pass  # somebody else's
+    return True
 
 
 def _replace_folder(scratch: Path, path: Path) -> None:

@@ -133,12 +133,17 @@ def parse_point(text: str) -> tuple[float, float]:
     return first, second
 
 
+_LEAST_UNIT = 1e-100
+
+
 def parse_unit(text: str | float) -> float:
     """The metres per unit of a file: a unit's name ("mm") or a length ("0.1 mm"), above zero."""
     if isinstance(text, str) and text.strip() in _LENGTHS:
         return _number(_LENGTHS[text.strip()])
     example = 'mm" or "0.1 mm'
-    return _positive(_parse(text, _LENGTHS, "unit of length", example), text, "unit", example)
+    metres = _parse(text, _LENGTHS, "unit of length", example)
+    # a length in a unit so small is no float
+    return _positive(metres if metres > _LEAST_UNIT else 0.0, text, "unit", example)
 
 
 def parse_frequency(text: str | float) -> float:

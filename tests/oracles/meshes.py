@@ -48,6 +48,24 @@ def sphere(splits: int) -> pw.Polyhedron:
     return pw.Polyhedron(points / np.linalg.norm(points, axis=1, keepdims=True), faces)
 
 
+def ball(radius: float, steps: int) -> pw.Polyhedron:
+    """Ball of 2 * steps meridians, with its equator in the plane z = 0."""
+    from scipy.spatial import ConvexHull
+
+    theta = np.pi * np.arange(1, steps) / steps
+    phi = np.pi * np.arange(2 * steps) / steps
+    t, p = (a.ravel() for a in np.meshgrid(theta, phi))
+    points = np.column_stack([np.sin(t) * np.cos(p), np.sin(t) * np.sin(p), np.cos(t)])
+    points = radius * np.concatenate([points, [[0, 0, 1], [0, 0, -1]]])
+    hull = ConvexHull(points)
+    faces = [
+        face if np.cross(*(points[face[1:]] - points[face[0]])) @ points[face].mean(0) > 0
+        else face[::-1]
+        for face in hull.simplices
+    ]  # fmt: skip
+    return pw.Polyhedron(points, faces)
+
+
 def torus(count: int, around: int) -> pw.Polyhedron:
     """2 count around facets; radii 1 and 0.4."""
     i, j = (k.ravel() for k in np.meshgrid(np.arange(count), np.arange(around), indexing="ij"))

@@ -8,6 +8,7 @@ import typer
 
 from polywigner.cli.explore import explore
 from polywigner.cli.figures import figures
+from polywigner.cli.lens import mtf, psf
 from polywigner.cli.options import with_options
 from polywigner.cli.pattern import pattern
 from polywigner.cli.propagate import propagate
@@ -55,6 +56,8 @@ for command in (
     rcs,
     propagate,
     volume,
+    psf,
+    mtf,
     rays,
     figures,
     explore,

@@ -62,8 +62,10 @@ def check_files(files: Sequence[Path]) -> None:
 
 
 def _is_written_whole(store: Path) -> bool:
+    from polywigner.geometry.io.limits import bytes_of
+
     try:
-        attrs = json.loads((store / "zarr.json").read_bytes())["attributes"]
+        attrs = json.loads(bytes_of(store / "zarr.json"))["attributes"]
         return attrs.keys() >= _OF_FIELDS and "polywigner_settings" not in attrs
     except (OSError, ValueError, KeyError, TypeError):
         return False

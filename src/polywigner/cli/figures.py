@@ -35,8 +35,8 @@ def figures(
 
     Writes NAME.png, NAME.pdf and the numbers behind them, NAME.npz, for each.
     """
+    from polywigner.execution.progress import progress_bar
     from polywigner.figures.paper import check_figures, make_figure
-    from polywigner.radiometry.progress import progress_bar
 
     chosen = check_figures(list(names or []), quality)
     folder = _folder(out)

@@ -50,6 +50,14 @@ Variant = Annotated[
     str | None,
     typer.Option(help="Mitsuba variant (default: the fastest monochromatic one that works)."),
 ]
+Diffraction = Annotated[
+    bool,
+    typer.Option(
+        "--diffraction",
+        help="Let shadows of opaque surfaces diffract: all sources and receivers with the "
+        "estimator 'exact' (docs/shadows.md).",
+    ),
+]
 Define = Annotated[
     list[str] | None,
     typer.Option(

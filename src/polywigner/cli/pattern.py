@@ -10,18 +10,21 @@ from typing import Annotated, Any, cast
 import typer
 
 from polywigner.cli.fields import format_suffixes
-from polywigner.cli.options import BoundaryCondition, DbFloor, Out, parse_step
+from polywigner.cli.options import DbFloor, Out, parse_step
 from polywigner.cli.output import files_to_write, writing
 from polywigner.cli.sources import (
     SourceOptions,
     check_is_coherent,
     field_title,
 )
+from polywigner.errors import ArgumentError
 from polywigner.quantities import parse_power
 
 _FORMATS = ("csv", "txt", "ffd", "cut", "msi", "pln")
 # A lobe of a source D across is lambda/D wide; so many steps across it draw it smoothly.
 _STEPS_PER_LOBE = 8
+# Steps of the cuts: between nulls, levels fall to some -30 dB of a lobe on samples beside them.
+_CUT_STEPS_PER_LOBE, _MOST_OF_A_CUT = 64, 32769
 # Degrees, unasked: the finest makes 361 x 1440 directions, a second or two for most sources.
 _FINEST, _COARSEST = 0.25, 1.0
 # Directions in front: 0.2 GB.
@@ -30,7 +33,13 @@ _MOST = 4_000_000
 
 def pattern(
     *,
-    obliquity: BoundaryCondition = "rayleigh-sommerfeld-1",
+    obliquity: Annotated[
+        str | None,
+        typer.Option(
+            help="Boundary condition of a scalar field: rayleigh-sommerfeld-1 (default without a "
+            "polarisation), rayleigh-sommerfeld-2, kirchhoff, or paper."
+        ),
+    ] = None,
     power: Annotated[
         str | None,
         typer.Option(
@@ -41,12 +50,38 @@ def pattern(
         float, typer.Option(help="Radiated over accepted power, up to 1 for no losses.")
     ] = 1.0,
     polarisation: Annotated[
-        str, typer.Option(help="Polarisation of the field on the aperture, x or y; for the files.")
-    ] = "y",
+        str | None,
+        typer.Option(
+            help="Polarisation of the field on the aperture: x, y, right, left, or a slant such as "
+            "'45 deg' (default: the source file's; without one the field is scalar). With "
+            "--obliquity x or y, for the files alone."
+        ),
+    ] = None,
+    method: Annotated[
+        str | None,
+        typer.Option(
+            help="Currents that stand for a polarised field: huygens (default), magnetic (an "
+            "opening in a metal screen) or electric."
+        ),
+    ] = None,
     step: Annotated[
         str | None,
         typer.Option(
             help="Step of the angles, such as '0.5 deg' (default: fine enough for the lobes)."
+        ),
+    ] = None,
+    element: Annotated[
+        str | None,
+        typer.Option(
+            help="Far field of each element of a phased array, in place of its aperture: a .csv, "
+            ".txt (CST) or .ffd (HFSS) file."
+        ),
+    ] = None,
+    cuts: Annotated[
+        str | None,
+        typer.Option(
+            help="Cuts that are drawn: beam or principal (default: through a beam that is off the "
+            "principal planes, else the principal planes)."
         ),
     ] = None,
     source: SourceOptions,
@@ -67,6 +102,11 @@ def pattern(
     figure NAME_pattern.png (cuts, polar plot, u-v map, the numbers) and the values.
     """
     source.check()
+    if obliquity is not None and method is not None:
+        raise ArgumentError(
+            f"expected --obliquity or --method, got {obliquity} and {method}; the first is of "
+            "scalar fields, the second of polarised ones"
+        )
     watts = None if power is None else parse_power(power)
     asked = None if step is None else parse_step(step, 15.0, _MOST)
     suffixes = format_suffixes(formats or ["csv"], _FORMATS)
@@ -78,28 +118,59 @@ def pattern(
     import polywigner as pw
     from polywigner.figures import draw_pattern, outline_of
     from polywigner.figures.levels import check_floor
+    from polywigner.geometry.arguments import checked_choice
+    from polywigner.propagation.beams import is_off_planes
 
+    if cuts is not None:
+        checked_choice(cuts, "--cuts", ("beam", "principal"))
     check_floor(floor_db)
     radiator, length = source.read_with_wavelength()
     check_is_coherent(radiator, "pattern")
-    degrees = asked or _degrees(outline_of(radiator).diameter / length)
+    wavelengths = outline_of(radiator).diameter / length
+    degrees = asked or _degrees(wavelengths)
     quarter = round(90.0 / degrees)
     # nothing goes backwards, but HFSS wants to read it
     reach_of_theta = 2 * quarter if ".ffd" in suffixes else quarter
     theta = np.radians(np.arange(reach_of_theta + 1) * 90.0 / quarter)
     phi = np.radians(np.arange(4 * quarter) * 90.0 / quarter)
-    found = pw.radiation_pattern(radiator, length, theta, phi, obliquity=cast(Any, obliquity))
+    how: dict[str, Any] = {"obliquity": obliquity}
+    if obliquity is None:
+        jones = source.polarisation() if polarisation is None else polarisation
+        if jones is None and method is not None and element is None:
+            jones = "y"
+        how = {"polarisation": jones, "method": method}
+    if element is not None:
+        how["element"] = pw.read_pattern(element)
+    found = pw.radiation_pattern(radiator, length, theta, phi, **how)
     metrics = pw.beam_metrics(found, power=watts, efficiency=efficiency)
+    through = is_off_planes(metrics) if cuts is None else cuts == "beam"
+    fine = _fine(wavelengths)
+    meridians = [metrics.phi] if through else [0.0, math.pi / 2]
+    along = [pw.radiation_pattern(radiator, length, fine, meridians, **how)]
+    if through:
+        cone = metrics.phi + fine
+        along.append(pw.radiation_pattern(radiator, length, metrics.theta, cone, **how))
     figure = draw_pattern(
-        found, metrics=metrics, floor_db=floor_db, title=field_title(source.source, length)
+        found,
+        cuts=along,
+        metrics=metrics,
+        floor_db=floor_db,
+        title=field_title(source.source, length),
     )
     with writing(files) as (picture, *values):
         figure.savefig(picture, format="png")
         for partial in values:
-            pw.write_pattern(
-                found, partial, polarisation=cast(Any, polarisation), efficiency=efficiency
-            )
+            in_files = None if obliquity is None else cast(Any, polarisation)
+            pw.write_pattern(found, partial, polarisation=in_files, efficiency=efficiency)
         print(metrics)
+
+
+def _fine(wavelengths: float) -> Any:
+    """Angles from -90 to 90 degrees in rad, fine enough to draw the nulls of a source so wide."""
+    import numpy as np
+
+    half = math.ceil(min(_CUT_STEPS_PER_LOBE * math.pi / 2 * wavelengths, _MOST_OF_A_CUT // 2))
+    return np.linspace(-math.pi / 2, math.pi / 2, 2 * max(half, 180) + 1)
 
 
 def _degrees(wavelengths: float) -> float:

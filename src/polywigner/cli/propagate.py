@@ -37,6 +37,7 @@ from polywigner.cli.options import (
 from polywigner.cli.output import output_stem, targets
 from polywigner.cli.sources import (
     MixedSourceOptions,
+    ObstacleOptions,
     field_title,
 )
 from polywigner.errors import ArgumentError
@@ -50,6 +51,7 @@ if TYPE_CHECKING:
 
 
 _DEFAULT = ("wigner", "rayleigh-sommerfeld-1")
+_BEHIND_OBSTACLES = ("rayleigh-sommerfeld-1",)
 
 
 def propagate(
@@ -80,8 +82,9 @@ def propagate(
         list[str] | None,
         typer.Option(
             help="wigner, rayleigh-sommerfeld-1, rayleigh-sommerfeld-2, kirchhoff, fresnel or "
-            "fraunhofer; several times to compare them (default: the first two). wigner with its "
-            "own obliquity and order: 'wigner paper', 'wigner kirchhoff 3'."
+            "fraunhofer; several times to compare them (default: the first two; behind "
+            "obstacles the second). wigner with its own obliquity and order: 'wigner "
+            "paper', 'wigner kirchhoff 3'."
         ),
     ] = None,
     order: Order = 1,
@@ -92,6 +95,7 @@ def propagate(
     against: Against = None,
     accuracy: Accuracy = None,
     source: MixedSourceOptions,
+    obstacles: ObstacleOptions,
     bandwidth: Bandwidth = None,
     engine: EngineName = "auto",
     precision: Precision = None,
@@ -106,6 +110,7 @@ def propagate(
     methods are apart. For volumes, see `polywigner volume`.
     """
     source.check()
+    obstacles.check()
     where = {"line": line, "arc": arc, "plane": plane, "hemisphere": hemisphere}
     place = parse_place(where, samples)
     suffixes = format_suffixes(formats or ["nc"])
@@ -122,17 +127,20 @@ def propagate(
     from polywigner.propagation.stores_checks import required
 
     check_floor(floor_db)
-    wanted = parse_methods(method or _DEFAULT, obliquity, order)
+    default = _BEHIND_OBSTACLES if obstacles.obstacle else _DEFAULT
+    wanted = parse_methods(method or default, obliquity, order)
     reference = compared_with(wanted, against)
     for suffix, module in ((".nc", "h5netcdf"), (".zarr", "zarr")):
         if suffix in suffixes:
             required(module)  # now rather than after the work
     radiator, length = source.read_with_wavelength()
+    bodies = obstacles.read()
     place = place._replace(shape=samples_of_place(radiator, place, length, amplitude))
     how = {
         "quantity": "amplitude" if amplitude else "irradiance",
         "bandwidth": None if bandwidth is None else parse_frequency(bandwidth),
         "tolerance": accuracy,
+        "obstacles": bodies or None,
         "engine": engine,
         "precision": precision,
     }
@@ -143,6 +151,7 @@ def propagate(
         reference,
         floor_db,
         f"{field_title(source.source, length)}\n{place_text(place)}",
+        bodies,
     )
     if len(wanted) > 1:
         print_differences(found.data_vars, reference)
@@ -190,11 +199,15 @@ def _field(
     return pw.hemisphere(source, place.radius, theta, phi, wavelength, **options)
 
 
-def _figure(found: Any, place: Place, reference: str, floor_db: float, title: str) -> Figure:
+def _figure(
+    found: Any, place: Place, reference: str, floor_db: float, title: str, bodies: Sequence[Any]
+) -> Figure:
     from polywigner.figures import draw_hemispheres, draw_lines, draw_planes
 
     if place.kind == "plane":
-        return draw_planes(found, against=reference, floor_db=floor_db, title=title)
+        return draw_planes(
+            found, against=reference, floor_db=floor_db, title=title, obstacles=bodies
+        )
     if place.kind == "hemisphere":
         return draw_hemispheres(found, against=reference, floor_db=floor_db, title=title)
     return draw_lines(found, against=reference, floor_db=floor_db, title=title)

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import json
 import math
+import sys
 import warnings
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, cast
+from typing import Annotated, Any
 
 import typer
 
@@ -27,21 +30,27 @@ from polywigner.cli.sources import (
     Reading,
     check_source_file,
     field_title,
+    read_body,
     required_wavelength,
     wavelength_from,
 )
-from polywigner.errors import ArgumentError
+from polywigner.quantities import parse_angle
 
 _FORMATS = ("csv", "json", "nc")
-_MESHES = (".stl", ".ply", ".obj")
 # Degrees, unasked: the finest that takes a minute or less. Measured, seconds a direction: triangles
 # alone, and those that cast shadows.
 _STEPS = (1.0, 2.0, 5.0, 10.0)
 _A_MINUTE = 60.0
 _PER_TRIANGLE, _PER_SHADOWING = 1e-6, 2e-5
 _PER_CUT = 2e-3
+# The same of each further reflection, as a share of the first, and of pairs of triangles: from
+# trihedrals to a torus of 2,000 facets (benchmarks/rcs_bounces.py).
+_SHARE_OF_BOUNCE, _PER_PAIR = 0.7, 1.5e-7
 # Directions: some hours of a simple body, 0.1 GB.
 _MOST = 4_000_000
+# Steps to a lobe of backscatter in cuts, which take half a minute each or less.
+_TO_A_LOBE, _OF_A_CUT = 4.0, 30.0
+_FINEST, _MOST_OF_CUTS = 1e-3, 33_000_000_000
 
 
 def rcs(
@@ -62,11 +71,37 @@ def rcs(
         str | None,
         typer.Option(help="Step of the angles, such as '2 deg' (default: the finest in a minute)."),
     ] = None,
+    bounces: Annotated[
+        int, typer.Option(min=1, max=3, help="Reflections that count (corner reflectors: 3).")
+    ] = 1,
+    cut_step: Annotated[
+        str | None,
+        typer.Option(
+            help="Step of both cuts, such as '0.05 deg' (default: a fourth of a lobe, or the "
+            "finest in a minute)."
+        ),
+    ] = None,
+    cut_elevation: Annotated[
+        str, typer.Option(help="Elevation of the cut over azimuth, such as '35 deg'.")
+    ] = "0 deg",
+    cut_azimuth: Annotated[
+        str, typer.Option(help="Azimuth of the cut over elevation, such as '45 deg'.")
+    ] = "0 deg",
+    smooth: Annotated[
+        str | None,
+        typer.Option(help="Width of a running median, drawn over the cuts, such as '2 deg'."),
+    ] = None,
+    open_mesh: Annotated[
+        bool,
+        typer.Option(
+            "--open-mesh", help="Take a mesh as thin plates with two sides; it may be open."
+        ),
+    ] = False,
     unit: Unit = None,
     tolerance: Tolerance = None,
     layer: Layer = None,
     union: Union = False,
-    floor_db: DbFloor = -40.0,
+    floor_db: DbFloor = -60.0,
     formats: Annotated[
         list[str] | None,
         typer.Option(
@@ -78,15 +113,19 @@ def rcs(
 ) -> None:
     """Compute the radar cross section of a metal body or plate, by physical optics.
 
-    Prints the largest value and its direction. Writes a figure NAME_rcs.png (polar cuts, and a map
-    over azimuth and elevation, in dBsm) and the values.
+    Says first how long it takes. Prints the largest value and its direction. Writes a figure
+    NAME_rcs.png (cuts over azimuth and over elevation, and a map of both, in dBsm), the values of
+    the map, and those of the cuts in NAME_rcs_cuts.csv.
     """
     reading = Reading(unit, tolerance, layer, union)
     check_source_file(body, reading)
     length = required_wavelength(wavelength_from(frequency, wavelength))
     asked = None if step is None else parse_step(step, 30.0, _MOST // 2)
+    asked_of_cuts = None if cut_step is None else parse_step(cut_step, 30.0, _MOST_OF_CUTS)
+    places = parse_angle(cut_azimuth), parse_angle(cut_elevation)
+    width = None if smooth is None else parse_angle(smooth)
     suffixes = format_suffixes(formats or ["csv"], _FORMATS)
-    files = files_to_write(out, Path(body).stem + "_rcs", (".png", *suffixes))
+    files = files_to_write(out, Path(body).stem + "_rcs", (".png", "_cuts.csv", *suffixes))
 
     # Everything cheap has been checked: only now the libraries that take a second to import.
     import numpy as np
@@ -94,37 +133,69 @@ def rcs(
     import polywigner as pw
     from polywigner.figures import draw_rcs
     from polywigner.figures.levels import check_floor
+    from polywigner.scattering.antennas import checked_channel
     from polywigner.scattering.facets import facets_of
 
     check_floor(floor_db)
-    metal = _read(body, reading)
+    channel = None if polarisation is None else checked_channel(polarisation)
+    metal = read_body(body, reading, open_mesh)
     facets = facets_of(metal)
-    degrees = _enough(len(facets.corner), facets.casts_shadows) if asked is None else asked
+    seconds = _seconds(len(facets.corner), facets.casts_shadows, bounces)
+    degrees = _enough(seconds) if asked is None else asked
     count = round(90.0 / degrees)
-    _warn_of_lobes(90.0 / count, facets.size / length)
+    wavelengths = facets.size / length
+    fine = _of_cuts(seconds, wavelengths) if asked_of_cuts is None else asked_of_cuts
+    _say_time(seconds, 90.0 / count, fine)
+    _warn_of_lobes("the map", 90.0 / count, wavelengths, "--step")
+    _warn_of_lobes("the cuts", fine, wavelengths, "--cut-step")
     azimuth = np.radians(np.arange(-2 * count, 2 * count + 1) * 90.0 / count)
     elevation = np.radians(np.arange(-count, count + 1) * 90.0 / count)
-    pattern = pw.rcs_pattern(
-        metal, length, azimuth, elevation, polarisation=cast(Any, polarisation)
-    )
-    figure = draw_rcs(pattern, floor_db=floor_db, title=field_title(body, length))
-    with writing(files) as (picture, *values):
+    find = partial(pw.rcs_pattern, metal, length, polarisation=channel, bounces=bounces)
+    cuts = [
+        find(np.linspace(-np.pi, np.pi, round(360.0 / fine) + 1), places[1]),
+        find(
+            places[0] + np.array([0.0, np.pi]),
+            np.linspace(-np.pi / 2, np.pi / 2, round(180.0 / fine) + 1),
+        ),
+    ]
+    pattern = find(azimuth, elevation)
+    title = field_title(body, length)
+    figure = draw_rcs(pattern, cuts=cuts, smooth=width, floor_db=floor_db, title=title)
+    with writing(files) as (picture, of_cuts, *values):
         figure.savefig(picture, format="png")
-        for partial in values:
-            _write(pattern, partial)
-        print(_summary(pattern, floor_db))
+        _write_rows(cuts, of_cuts)
+        for partial_file in values:
+            _write(pattern, partial_file)
+        print(_summary([pattern, *cuts], floor_db))
 
 
-def _read(path: str, reading: Reading) -> Any:
-    """The body of a mesh, or the plate of an aperture file."""
-    import polywigner as pw
+def _say_time(seconds: float, step: float, fine: float) -> None:
+    """Write on stderr the time that the map and the cuts will take."""
+    total = seconds * (2 * (180 / step) ** 2 + 720 / fine)
+    about = f"{max(1, round(total))} s" if total < 2 * _A_MINUTE else f"{total / 60:.0f} min"
+    sys.stderr.write(
+        f"polywigner: takes about {about}: a map in steps of {step:.3g} deg, cuts in steps of "
+        f"{fine:.3g} deg\n"
+    )
+    sys.stderr.flush()
 
-    if Path(path).suffix.lower() not in _MESHES:
-        return pw.read_aperture(path, **reading.of_aperture())
-    for name in ("tolerance", "layer", "union"):
-        if getattr(reading, name):
-            raise ArgumentError(f"expected no --{name} with a mesh; it is for drawings")
-    return pw.read_polyhedron(path, unit=reading.unit or "mm")
+
+def _write_rows(patterns: Sequence[Any], path: Path) -> None:
+    """All values of patterns, one a row."""
+    import numpy as np
+
+    rows = [
+        np.column_stack(
+            [
+                np.repeat(np.degrees(found["azimuth"].values), found["elevation"].size),
+                np.tile(np.degrees(found["elevation"].values), found["azimuth"].size),
+                found["rcs"].values.ravel(),
+            ]
+        )
+        for found in patterns
+    ]
+    header = "azimuth_deg,elevation_deg,rcs_m2"
+    np.savetxt(path, np.concatenate(rows), "%.12g", ",", header=header, comments="")
 
 
 def _write(pattern: Any, path: Path) -> None:
@@ -145,19 +216,13 @@ def _write(pattern: Any, path: Path) -> None:
         }
         path.write_text(json.dumps(content) + "\n", encoding="utf-8")
         return
-    rows = np.column_stack(
-        [
-            np.repeat(np.degrees(azimuth), len(elevation)),
-            np.tile(np.degrees(elevation), len(azimuth)),
-            values.ravel(),
-        ]
-    )
-    np.savetxt(path, rows, "%.12g", ",", header="azimuth_deg,elevation_deg,rcs_m2", comments="")
+    _write_rows([pattern], path)
 
 
-def _summary(pattern: Any, floor_db: float) -> str:
+def _summary(patterns: Sequence[Any], floor_db: float) -> str:
     import numpy as np
 
+    pattern = max(patterns, key=lambda found: float(found["rcs"].values.max()))
     values = pattern["rcs"].values
     i, j = np.unravel_index(int(values.argmax()), values.shape)
     peak = 10 * math.log10(values[i, j])
@@ -165,32 +230,46 @@ def _summary(pattern: Any, floor_db: float) -> str:
         math.degrees(pattern[name].values[k]) for name, k in (("azimuth", i), ("elevation", j))
     )
     return (
-        f"largest RCS   {peak:.2f} dBsm at azimuth {azimuth:g} deg, elevation {elevation:g} deg\n"
-        f"picture       down to {peak + floor_db:.2f} dBsm\n"
+        f"largest RCS   {peak:.2f} dBsm at azimuth {azimuth:.6g} deg, elevation {elevation:.6g} deg"
+        f"\npicture       down to {peak + floor_db:.2f} dBsm\n"
         f"triangles     {pattern.attrs['triangles']}\n"
-        "method        physical optics: one reflection, no waves of edges (docs/rcs.md)"
+        f"method        {pattern['rcs'].attrs['method']} (docs/rcs.md)"
     )
 
 
-def _warn_of_lobes(step: float, wavelengths: float) -> None:
+def _warn_of_lobes(name: str, step: float, wavelengths: float, option: str) -> None:
     """Backscatter of a body D across has lobes lambda/(2 D) wide."""
     lobe = math.degrees(0.5 / wavelengths)
     if step > lobe:
         warnings.warn(
-            f"steps of {step:.3g} degrees miss lobes of {lobe:.2g} degrees, those of a body "
-            f"{wavelengths:.4g} wavelengths across; give --step, or use polywigner.rcs on "
+            f"steps of {step:.3g} degrees miss lobes of {lobe:.2g} degrees in {name}, those of a "
+            f"body {wavelengths:.4g} wavelengths across; give {option}, or use polywigner.rcs on "
             "directions about those you need",
             RuntimeWarning,
             stacklevel=3,
         )
 
 
-def _enough(triangles: int, casts_shadows: bool) -> float:
-    """The finest step that takes about a minute, or the coarsest."""
+def _seconds(triangles: int, casts_shadows: bool, bounces: int) -> float:
+    """Seconds a direction."""
     seconds = triangles * _PER_TRIANGLE
     if casts_shadows:
         seconds += triangles * _PER_SHADOWING + _PER_CUT
+        seconds *= 1 + _SHARE_OF_BOUNCE * (bounces - 1)
+        seconds += _PER_PAIR * triangles**2 * (bounces - 1)
+    return seconds
+
+
+def _enough(seconds: float) -> float:
+    """The finest step that takes about a minute, or the coarsest."""
     for step in _STEPS:
         if 2 * (180 / step) ** 2 * seconds <= _A_MINUTE:
             return step
     return _STEPS[-1]
+
+
+def _of_cuts(seconds: float, wavelengths: float) -> float:
+    """The step in degrees that resolves lobes in cuts, or the finest that takes a minute."""
+    lobe = math.degrees(0.5 / wavelengths)
+    step = max(lobe / _TO_A_LOBE, 360.0 * seconds / _OF_A_CUT, _FINEST)
+    return min(360.0 / math.ceil(360.0 / step), _STEPS[0])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -12,6 +13,7 @@ import typer
 from polywigner.cli.options import (
     DbFloor,
     Define,
+    Diffraction,
     Out,
     Resumable,
     Scheduler,
@@ -44,7 +46,8 @@ from polywigner.cli.scenes import (
     versions_of,
 )
 from polywigner.cli.sources import frequency_text, short_name
-from polywigner.quantities import parse_noise
+from polywigner.errors import ArgumentError
+from polywigner.quantities import parse_frequency, parse_noise
 
 # Panels of a row of the picture.
 _COLUMNS = 3
@@ -90,6 +93,27 @@ class ReceiveSettings:
     bins: Annotated[
         int | None, typer.Option(help="Number of bins of the range (default: 256).")
     ] = None
+    coherent: Annotated[
+        bool,
+        typer.Option(
+            "--coherent", help="Add direct ways as amplitudes, with fringes (docs/channel.md)."
+        ),
+    ] = False
+    frequencies: Annotated[
+        str | None,
+        typer.Option(
+            help="Write the complex channel at these frequencies as well, such as '76 GHz to 78 "
+            "GHz, 201' or '76 GHz, 77 GHz'."
+        ),
+    ] = None
+    polarisation: Annotated[
+        str | None,
+        typer.Option(
+            help="Polarisation, with --coherent or --frequencies, of sources without one: x, y "
+            "(default), right, left or a slant such as '45 deg'."
+        ),
+    ] = None
+    diffraction: Diffraction = False
     defined: Define = None
     resumable: Resumable = False
     threads: Threads = None
@@ -102,8 +126,9 @@ def receive(settings: ReceiveSettings, out: Out = None) -> None:
 
     Prints a table, writes all of it NAME.json, and a picture of where scattered power comes from
     NAME.png; with --range, power by half the length of its path NAME_range.nc and NAME_range.png
-    too. With --scheduler, the workers of a cluster share the batches of samples, and the run is
-    resumable.
+    too; with --frequencies, complex amplitudes of ways that interfere NAME_channel.nc,
+    NAME_channel.csv and NAME_channel.png. With --scheduler, the workers of a cluster share the
+    batches of samples, and the run is resumable.
     """
     defined = dict(scene_definition(text) for text in settings.defined or [])
     scene, seed = settings.scene, settings.seed
@@ -114,14 +139,22 @@ def receive(settings: ReceiveSettings, out: Out = None) -> None:
     stem = output_stem(out, Path(scene).stem + "_received")
     edges = parse_ranges(settings.range_text, settings.bins, "receive")
     by_range = ("_range.nc", "_range.png") if edges is not None else ()
-    files = targets(stem, (".json", ".png", *by_range))
+    band = parse_band(settings.frequencies)
+    of_channel = ("_channel.nc", "_channel.csv", "_channel.png") if band else ()
+    if settings.polarisation is not None and not (settings.coherent or band):
+        raise ArgumentError(
+            "expected --polarisation with --coherent or --frequencies, got it alone; add one"
+        )
+    files = targets(stem, (".json", ".png", *by_range, *of_channel))
     check_writable(files)
     new = missing_folders(files)
 
+    from polywigner.figures import draw_channel
     from polywigner.figures.levels import check_floor
-    from polywigner.mitsuba import choose_variant
+    from polywigner.mitsuba import channel, choose_variant
     from polywigner.mitsuba.received import receive_options
-    from polywigner.mitsuba.received_power import arrival_map, receivers_of
+    from polywigner.mitsuba.received_power import arrival_map, shapes_in
+    from polywigner.mitsuba.receiver import receivers_of
     from polywigner.mitsuba.scene_renders import (
         SceneFile,
         receive_parts,
@@ -129,20 +162,32 @@ def receive(settings: ReceiveSettings, out: Out = None) -> None:
         remove_store,
     )
     from polywigner.propagation.exports import write_netcdf
+    from polywigner.propagation.stores_checks import required
 
     store = store_of_parts(stem, settings.resumable, settings.scheduler)
     check_floor(settings.floor_db)
+    for module in ("h5netcdf", "dask") if band else ():
+        required(module)
     start = time.perf_counter()
     chosen = choose_variant(settings.variant)
     profile = None
     with messages_as_warnings():
         if edges is not None:
             prepare_ranges(chosen)
-        file = SceneFile(Path(scene), chosen, None, defined)
+        file = SceneFile(Path(scene), chosen, None, defined, settings.diffraction)
         loaded = file.load()
         receivers_of(loaded)
         asked = receive_options(
-            settings.spp, seed, None, settings.reflections, settings.accuracy, *noise.values()
+            settings.spp,
+            seed,
+            None,
+            settings.reflections,
+            settings.accuracy,
+            noise["bandwidth"],
+            noise["temperature"],
+            noise["noise_figure"],
+            settings.coherent,
+            settings.polarisation if settings.coherent else None,
         )
         with counted_bar("receiving") as progress:
             how: dict[str, Any] = {
@@ -155,7 +200,18 @@ def receive(settings: ReceiveSettings, out: Out = None) -> None:
                 found = receive_parts(file, loaded, asked, **how)
             else:
                 found, profile = receive_ranges(file, loaded, asked, edges, **how)
+        if band:
+            with counted_bar("channels") as progress:
+                found_channel = channel(
+                    loaded,
+                    band,
+                    settings.reflections,
+                    polarisation=settings.polarisation,
+                    tolerance=settings.accuracy,
+                    progress=progress,
+                )
         maps = [arrival_map(loaded, number, seed) for number in range(len(found))]
+        names = [shapes_in(loaded, number, picture) for number, picture in enumerate(maps)]
     record: dict[str, Any] = {
         "settings": asdict(settings) | {"defined": defined},
         "used": {"variant": chosen},
@@ -163,16 +219,23 @@ def receive(settings: ReceiveSettings, out: Out = None) -> None:
         "versions": versions_of(chosen),
         "seconds": round(time.perf_counter() - start, 3),
     }
-    figure = _figure(scene, found, maps, settings.floor_db)
+    figure = _figure(scene, found, maps, names, settings.floor_db)
     if profile is not None:
         record["ranges"] = ranges_record(profile, len(found))
         ranges_figure = draw_ranges(scene, profile, found, settings.floor_db)
+    if band:
+        title = f"{short_name(scene)}, {len(band)} frequencies"
+        channel_figure = draw_channel(found_channel, floor_db=settings.floor_db, title=title)
     with writing(files) as (text, png, *others):
         write_record(text, record)
         figure.savefig(png, format="png")
         if profile is not None:
             write_netcdf(profile, others[0])
             ranges_figure.savefig(others[1], format="png")
+        if band:
+            write_netcdf(found_channel, others[-3])
+            _write_ways(found_channel, others[-2])
+            channel_figure.savefig(others[-1], format="png")
         print("\n\n".join(map(str, found)))
         if profile is not None:
             print(ranges_text(profile, found))
@@ -181,7 +244,51 @@ def receive(settings: ReceiveSettings, out: Out = None) -> None:
         say_made(new)
 
 
-def _figure(scene: str, found: list[Any], maps: list[Any], floor_db: float) -> Any:
+_MOST_FREQUENCIES = 1 << 16
+
+
+def parse_band(text: str | None) -> list[float]:
+    """Frequencies in Hz of a text such as "76 GHz to 78 GHz, 201" or "76 GHz, 77 GHz".
+
+    None: no frequencies. Raises ArgumentError or QuantityError for another text.
+    """
+    if text is None:
+        return []
+    ends, _, number = text.partition(",")
+    first, to, last = ends.partition(" to ")
+    if not to:
+        return [parse_frequency(part.strip()) for part in text.split(",")]
+    low, high = (parse_frequency(end.strip()) for end in (first, last))
+    count = int(number) if number.strip().isdecimal() and len(number) < 9 else 0
+    if not (low < high and 2 <= count <= _MOST_FREQUENCIES):
+        raise ArgumentError(
+            "expected --frequencies as a lower and a higher one with a number from 2 to "
+            f"{_MOST_FREQUENCIES}, got {text[:100]!r}; write such as '76 GHz to 78 GHz, 201'"
+        )
+    return [low + (high - low) * k / (count - 1) for k in range(count)]
+
+
+def _write_ways(found: Any, path: Path) -> None:
+    """A row for each frequency and pair, of the channel itself and of each of its ways."""
+    with path.open("w", encoding="utf-8", newline="") as file:
+        rows = csv.writer(file)
+        rows.writerow(["frequency_hz", "receiver", "emitter", "way", "delay_s", "real", "imag"])
+        ways = [str(name) or "direct" for name in found["mirrors"].values]
+        for i, frequency in enumerate(found["frequency"].values.tolist()):
+            for j, receiver in enumerate(found["receiver"].values.tolist()):
+                for k, emitter in enumerate(found["emitter"].values.tolist()):
+                    total = complex(found["h"].values[i, j, k])
+                    first = [frequency, receiver, emitter]
+                    rows.writerow([*first, "all", "", total.real, total.imag])
+                    each = found["amplitude"].values[i, j, k], found["delay"].values[j, k]
+                    for way, value, delay in zip(ways, *each, strict=True):
+                        if delay == delay:  # a number: the way is there
+                            rows.writerow([*first, way, delay, value.real, value.imag])
+
+
+def _figure(
+    scene: str, found: list[Any], maps: list[Any], names: list[Any], floor_db: float
+) -> Any:
     """A panel for each receiver."""
     from polywigner.figures.scenes import DirectArrival, draw_arrivals
     from polywigner.figures.style import new_figure
@@ -190,13 +297,13 @@ def _figure(scene: str, found: list[Any], maps: list[Any], floor_db: float) -> A
     rows = -(-len(found) // columns)
     figure = new_figure(5.4 * columns, 4.7 * rows, spacing=0.05)
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
-    for axes, each, picture in zip(panels, found, maps, strict=False):
+    for axes, each, picture, named in zip(panels, found, maps, names, strict=False):
         marks = [
             DirectArrival(path.arrives_from, path.power, " by ".join([part.name, *path.mirrors]))
             for part in each.contributions
             for path in part.paths
         ]
-        draw_arrivals(picture, marks, floor_db, _title(scene, each), ax=axes)
+        draw_arrivals(picture, marks, floor_db, _title(scene, each), names=named, ax=axes)
     for axes in panels[len(found) :]:
         axes.set_visible(False)
     return figure

@@ -11,7 +11,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from polywigner.cli.options import DbFloor, Out, Resumable, Scheduler, Seed, Threads, Variant
+from polywigner.cli.options import (
+    DbFloor,
+    Diffraction,
+    Out,
+    Resumable,
+    Scheduler,
+    Seed,
+    Threads,
+    Variant,
+)
 from polywigner.cli.output import (
     check_writable,
     missing_folders,
@@ -43,6 +52,8 @@ _SAMPLERS = ("multijitter", "independent", "stratified", "orthogonal", "ldsample
 # By how much fewer samples a sampler needs than independent ones; on floors that are lit without
 # obstacles it was 60, beside edges of shadows less (docs/sampling.md).
 _GAINS = {"multijitter": 10}
+_POLARISED = ("_stokes.npz", "_stokes.png", "_polarisation.png")
+_STOKES_CHANNELS = 12
 _RADIANCE_UNIT = "W m^-2 sr^-1"
 
 
@@ -70,6 +81,13 @@ class RenderSettings:
     sampler: Annotated[
         str | None, typer.Option(help="multijitter, independent, ... (default: the scene's).")
     ] = None
+    diffraction: Diffraction = False
+    polarised: Annotated[
+        bool,
+        typer.Option(
+            "--polarised", help="Pictures of the light's polarisation too (docs/polarised.md)."
+        ),
+    ] = False
     seed: Seed = 0
     range_text: Annotated[
         str | None,
@@ -91,27 +109,34 @@ def render(settings: RenderSettings, out: Out = None) -> None:
     """Render a Mitsuba scene lit by a coherent aperture.
 
     Writes the signed radiance NAME.exr, a picture in dB NAME.png, and a record NAME.json; with
-    --range the animated picture NAME_range.gif and its frames NAME_range.nc. With --scheduler, the
-    workers of a cluster share the parts of the picture, and the run is resumable.
+    --range the animated picture NAME_range.gif and its frames NAME_range.nc; with --polarised the
+    Stokes numbers NAME_stokes.npz, their picture NAME_stokes.png, and degree and angle of
+    polarisation NAME_polarisation.png. With --scheduler, the workers of a cluster share the parts
+    of the picture, and the run is resumable.
     """
     _check(settings)
     scene, seed = settings.scene, settings.seed
     stem = output_stem(out, Path(scene).stem)
     edges = parse_ranges(settings.range_text, settings.bins, "render")
     by_range = ("_range.nc", "_range.gif") if edges is not None else ()
-    files = targets(stem, (".exr", ".png", ".json", *by_range))
+    polarised = _POLARISED if settings.polarised else ()
+    files = targets(stem, (".exr", ".png", ".json", *polarised, *by_range))
     check_writable(files)
     new = missing_folders(files)
+
+    import numpy as np
 
     from polywigner.execution import kernel_threads
     from polywigner.figures import (
         draw_arrivals,
+        draw_polarisation,
         draw_scene,
+        draw_stokes,
         picture_peak,
         write_range_animation,
     )
     from polywigner.figures.levels import check_floor
-    from polywigner.mitsuba import choose_variant
+    from polywigner.mitsuba import choose_variant, stokes_of
     from polywigner.mitsuba.films import mean_of_colours, write_exr
     from polywigner.mitsuba.range_profile import prepared_frames
     from polywigner.mitsuba.receiver import is_receiver
@@ -125,13 +150,21 @@ def render(settings: RenderSettings, out: Out = None) -> None:
     if settings.spp is not None:
         check_spp(settings.spp)
     start = time.perf_counter()
-    chosen = choose_variant(settings.variant)
+    chosen = choose_variant(settings.variant, settings.polarised)
+    integrator = settings.integrator
+    if settings.polarised:
+        integrator = f"stokes {integrator or ''}"
     with messages_as_warnings():
         if edges is not None:
             prepare_ranges(chosen)
-        file = SceneFile(Path(scene), chosen, settings.sampler)
+        file = SceneFile(Path(scene), chosen, settings.sampler, diffraction=settings.diffraction)
         loaded = file.load()
         _check_scene(loaded, scene)
+        if settings.polarised and is_receiver(loaded.sensors()[0]):
+            raise SceneError(
+                f"expected a camera in {scene} with --polarised, got a wigner_receiver, which has "
+                "a polarisation of its own"
+            )
         samples = settings.spp or default_spp(loaded)
         if settings.error_db is not None:
             used = settings.sampler or _plugin(loaded.sensors()[0].sampler(), "Sampler")
@@ -144,7 +177,7 @@ def render(settings: RenderSettings, out: Out = None) -> None:
         image = render_parts(
             file,
             loaded,
-            settings.integrator,
+            integrator,
             samples,
             seed,
             store=store,
@@ -156,6 +189,9 @@ def render(settings: RenderSettings, out: Out = None) -> None:
                 frames = by_range_of(None)
         done = time.perf_counter()
 
+    if settings.polarised:
+        stokes = stokes_of(image)
+        image = image[..., :-_STOKES_CHANNELS]
     radiance = mean_of_colours(image)
     reference = picture_peak(radiance)
     record = _record(settings, loaded, radiance, reference)
@@ -172,6 +208,13 @@ def render(settings: RenderSettings, out: Out = None) -> None:
         write_exr(exr, image)
         figure.savefig(png, format="png")
         write_record(text, record)
+        if settings.polarised:
+            npz, signed, angles, *others = others
+            with npz.open("wb") as binary:
+                np.savez_compressed(binary, stokes=stokes.astype(np.float32))
+            draw_stokes(stokes, title).savefig(signed, format="png")
+            found = draw_polarisation(stokes, settings.floor_db, title)
+            found.savefig(angles, format="png")
         if frames is not None:
             write_netcdf(frames, others[0])
             write_range_animation(frames, others[1], floor_db=settings.floor_db, title=title)

@@ -59,10 +59,11 @@ def scatterers(
     files = files_to_write(out, Path(scene).stem + "_scatterers", (suffix,))
 
     import polywigner.mitsuba as pm
+    from polywigner.mitsuba.scenes import load_file
 
     chosen = pm.choose_variant(variant)
     with messages_as_warnings():
-        loaded = pm.load_scene(scene, chosen, merge=False, **defined)
+        loaded = load_file(scene, chosen, None, False, False, defined)
         cloud = pm.scatterers(
             loaded,
             count,

@@ -101,7 +101,7 @@ def counted_bar(title: str) -> Iterator[Callable[[int, int], None]]:
 
     From the first one on there is a bar on a terminal, and nothing elsewhere.
     """
-    from polywigner.radiometry.progress import progress_bar
+    from polywigner.execution.progress import progress_bar
 
     with ExitStack() as stack:
         bars: list[Callable[..., None]] = []

@@ -15,8 +15,22 @@ import typer
 
 from polywigner.cli.options import Frequency, Layer, Tolerance, Union, Unit, Wavelength
 from polywigner.cli.output import check_text
-from polywigner.errors import ArgumentError, FileFormatError, IlluminationError
-from polywigner.quantities import SPEED_OF_LIGHT, parse_frequency, parse_length, wavelength_of
+from polywigner.errors import (
+    ArgumentError,
+    FileFormatError,
+    IlluminationError,
+    PolywignerError,
+    QuantityError,
+)
+from polywigner.quantities import (
+    SPEED_OF_LIGHT,
+    parse_angle,
+    parse_coordinate,
+    parse_frequency,
+    parse_length,
+    parse_unit,
+    wavelength_of,
+)
 
 if TYPE_CHECKING:
     from polywigner import Aperture
@@ -171,6 +185,14 @@ class SourceOptions:
             check_wavelength(wavelength, outline_of(source).diameter)
         return source, wavelength
 
+    def polarisation(self) -> Any:
+        """Jones vectors that a source file says; None without."""
+        from polywigner import read_polarisation
+
+        if not _is_source_file(self.source):
+            return None
+        return read_polarisation(self.source, self.allow_outside)
+
     def read_with_wavelength(self) -> tuple[Any, float]:
         """Read the source and its wavelength; ArgumentError without one."""
         source, wavelength = self.read()
@@ -279,9 +301,9 @@ def _read_source(
     path: str, wavelength: float | None, allow_outside: bool
 ) -> tuple[Any, float | None]:
     """The source, and the wavelength that was asked for, or else its own."""
-    from polywigner.illumination.source_files import read_with_wavelength
+    from polywigner.illumination.source_files import read_content
 
-    source, own = read_with_wavelength(path, allow_outside)
+    source, own, _ = read_content(path, allow_outside)
     if wavelength is None or own is None:
         return source, own if wavelength is None else wavelength
     if abs(wavelength - own) > _SAME_WAVELENGTH * own:
@@ -309,3 +331,107 @@ def _is_source_file(path: str) -> bool:
     except (ValueError, RecursionError, OSError):
         return False  # the reader of apertures says what is wrong with it
     return isinstance(content, dict) and "kind" in content and "type" not in content
+
+
+_MESHES = (".stl", ".ply", ".obj")
+
+
+def read_body(path: str, reading: Reading, as_plates: bool = False) -> Any:
+    """The body of a mesh, or its faces as plates; or the outline of an aperture file."""
+    import polywigner as pw
+
+    if Path(path).suffix.lower() not in _MESHES:
+        if as_plates:
+            raise ArgumentError("expected --open-mesh with a mesh (STL, PLY, OBJ), got a drawing")
+        return pw.read_aperture(path, **reading.of_aperture())
+    for name in ("tolerance", "layer", "union"):
+        if getattr(reading, name):
+            raise ArgumentError(f"expected no --{name} with a mesh; it is for drawings")
+    read = pw.read_sheets if as_plates else pw.read_polyhedron
+    return read(path, unit=reading.unit or "mm")
+
+
+@dataclass(frozen=True)
+class ObstacleOptions:
+    """Options of bodies and plates in the way."""
+
+    obstacle: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Body or plate in the way, whose shadow diffracts: a mesh (STL, PLY, OBJ) or an "
+            "aperture file, and its place: 'box.stl', 'plate.svg at 0 mm, 10 mm, 150 mm', "
+            "'plate.svg at 0 mm, 0 mm, 150 mm towards 30 deg, 90 deg' with theta and phi of the "
+            "direction into which its z axis is turned; several times for more."
+        ),
+    ] = None
+    obstacle_unit: Annotated[
+        str | None,
+        typer.Option(help="Unit of the files of obstacles, where they do not say (default: mm)."),
+    ] = None
+
+    @property
+    def _reading(self) -> Reading:
+        return Reading(self.obstacle_unit, None, None, False)
+
+    def check(self) -> None:
+        """Raise the errors that can be known before anything heavy is imported."""
+        for text in self.obstacle or ():
+            path, _, _ = _placed_file(text)
+            check_source_file(path, self._reading)
+        if self.obstacle_unit is not None:
+            parse_unit(self.obstacle_unit)
+            if not self.obstacle:
+                raise ArgumentError("expected --obstacle-unit with --obstacle, got it alone")
+
+    def read(self) -> list[Any]:
+        """The bodies and placed plates.
+
+        Raises
+        ------
+        PolywignerError for files and texts that cannot be used.
+        """
+        return [_placed(*_placed_file(text), self._reading) for text in self.obstacle or ()]
+
+
+def _placed_file(text: str) -> tuple[str, tuple[float, ...], tuple[float, float]]:
+    """The file, the place of its origin in m, and theta and phi of its z axis in rad."""
+    example = '"plate.svg at 0 mm, 0 mm, 150 mm towards 30 deg, 90 deg"'
+    check_text("--obstacle", text)
+    path, at, where = text.rpartition(" at ")
+    if not at:
+        return text, (0.0, 0.0, 0.0), (0.0, 0.0)
+    place, _, direction = where.partition(" towards ")
+    try:
+        point = tuple(parse_coordinate(part) for part in place.split(","))
+        angles = tuple(parse_angle(part) for part in direction.split(",")) if direction else (0, 0)
+    except QuantityError as error:
+        raise QuantityError(f"--obstacle: {error}") from None
+    if len(point) != 3 or len(angles) != 2:
+        raise ArgumentError(
+            f"--obstacle: expected a file, a point and perhaps a direction, such as {example}, got "
+            f"{text!r}"
+        )
+    return path.strip(), point, (float(angles[0]), float(angles[1]))
+
+
+def _placed(
+    path: str, place: tuple[float, ...], angles: tuple[float, float], reading: Reading
+) -> Any:
+    """A body whose z axis is turned the shortest way into a direction, and its origin moved."""
+    import numpy as np
+
+    from polywigner import Polyhedron
+
+    theta, phi = angles
+    axis = np.array([-math.sin(phi), math.cos(phi), 0.0])
+    cross = np.cross(np.eye(3), -axis)
+    pose = np.eye(4)
+    pose[:3, :3] += math.sin(theta) * cross + (1.0 - math.cos(theta)) * cross @ cross
+    pose[:3, 3] = place
+    try:
+        body = read_body(path, reading)
+        if isinstance(body, Polyhedron):
+            return Polyhedron(body.vertices @ pose[:3, :3].T + pose[:3, 3], body.faces)
+        return body.placed(pose)
+    except PolywignerError as error:
+        raise type(error)(f"--obstacle: {error}") from None

@@ -96,6 +96,7 @@ if TYPE_CHECKING:
 
 _FEWEST = 257
 _MOST_UNASKED = 513  # some ten seconds for an aperture of a hundred edges
+_AHEAD = 0.1  # of the area that radiates in phase: cosine tapers have 0.66
 
 
 def transform(
@@ -138,7 +139,6 @@ def transform(
     # Everything cheap has been checked: only now the libraries that take a second to import.
     from polywigner.figures import (
         draw_transforms,
-        outline_of,
         system_slices,
         transform_slices,
     )
@@ -150,8 +150,8 @@ def transform(
     name = short_name(source.source)
     slices: TransformSlices | SystemSlices
     if system is None:
-        count = _samples(samples, outline_of(radiator), length)
-        slices = transform_slices(radiator, position, lag, length, count)
+        count, zoomed = _samples(samples, radiator, length)
+        slices = transform_slices(radiator, position, lag, length, count, zoomed)
     elif length is None:
         raise QuantityError("expected a --frequency or --wavelength with --through, got none")
     else:
@@ -163,11 +163,22 @@ def transform(
         write_arrays(values, *_values_of(slices))
 
 
-def _samples(given: int | None, aperture: Aperture, wavelength: float | None) -> int:
-    """The number asked for, else as many as are needed within bounds; a warning of too few."""
-    from polywigner.figures import LARGEST_SAMPLES, samples_needed
+def _samples(given: int | None, source: Any, wavelength: float | None) -> tuple[int, bool]:
+    """The number asked for, else as many as are needed within bounds; whether axes are zoomed.
 
+    They are where no picture has room for all, and the light goes straight ahead. Warns of too few.
+    """
+    from polywigner.figures import LARGEST_SAMPLES, outline_of, samples_needed
+
+    aperture = outline_of(source)
     needed = samples_needed(aperture, wavelength)
+    if given is None and needed > LARGEST_SAMPLES and _goes_ahead(source, aperture):
+        typer.echo(
+            "polywigner: shows the middle of the pattern; all directions would take "
+            f"{needed} samples along an axis",
+            err=True,
+        )
+        return max(samples_needed(aperture, None), _FEWEST), True
     samples = min(max(needed, _FEWEST), _MOST_UNASKED) if given is None else given
     if 2 <= samples < needed:
         remedy = (
@@ -181,7 +192,18 @@ def _samples(given: int | None, aperture: Aperture, wavelength: float | None) ->
             RuntimeWarning,
             stacklevel=2,
         )
-    return samples
+    return samples, False
+
+
+def _goes_ahead(source: Any, aperture: Aperture) -> bool:
+    """Whether |F(0)|^2 is near the largest that a field of this power and area can have."""
+    import numpy as np
+
+    import polywigner as pw
+
+    zero = np.zeros(2)
+    ahead = abs(complex(pw.fourier(source, zero))) ** 2
+    return ahead > _AHEAD * aperture.area * float(np.real(pw.lag_marginal(source, zero)))
 
 
 def _values_of(slices: TransformSlices | SystemSlices) -> tuple[dict[str, Any], dict[str, Any]]:

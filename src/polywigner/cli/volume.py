@@ -36,12 +36,14 @@ from polywigner.cli.options import (
 from polywigner.cli.output import check_writable, missing_folders, output_stem, say_made, targets
 from polywigner.cli.sources import (
     MixedSourceOptions,
+    ObstacleOptions,
     field_title,
 )
 from polywigner.errors import ArgumentError
 from polywigner.quantities import parse_frequency
 
 _DEFAULT = ("wigner",)
+_BEHIND_OBSTACLES = ("rayleigh-sommerfeld-1",)
 
 
 def _verify(context: typer.Context, store: str | None) -> None:
@@ -71,8 +73,9 @@ def volume(
     method: Annotated[
         list[str] | None,
         typer.Option(
-            help="wigner (default), rayleigh-sommerfeld-1, rayleigh-sommerfeld-2, kirchhoff, "
-            "fresnel or fraunhofer; several times to compare them."
+            help="wigner (default), rayleigh-sommerfeld-1 (behind obstacles), "
+            "rayleigh-sommerfeld-2, kirchhoff, fresnel or fraunhofer; several times "
+            "to compare them."
         ),
     ] = None,
     order: Order = 1,
@@ -80,6 +83,7 @@ def volume(
     against: Against = None,
     accuracy: Accuracy = None,
     source: MixedSourceOptions,
+    obstacles: ObstacleOptions,
     bandwidth: Bandwidth = None,
     chunks: Annotated[
         str | None, typer.Option(help="Samples of a chunk, such as '32 x 32 x 32'.")
@@ -120,6 +124,7 @@ def volume(
     Of several methods, each has files of its own, NAME-METHOD.zarr and so on.
     """
     source.check()
+    obstacles.check()
     corners = parse_box(box)
     count = None if shape is None else parse_shape("--shape", shape, 3)
     if count is not None and min(count) < 2:
@@ -149,12 +154,14 @@ def volume(
         "renderer": renderer,
     }
     check_volume_options(**drawn)
-    wanted = parse_methods(method or _DEFAULT, obliquity, order)
+    default = _BEHIND_OBSTACLES if obstacles.obstacle else _DEFAULT
+    wanted = parse_methods(method or default, obliquity, order)
     reference = compared_with(wanted, against)
     radiator, length = source.read_with_wavelength()
+    bodies = obstacles.read() or None
     for one in wanted:  # before the first is computed
         how: dict[str, Any] = {"engine": engine, "precision": precision, "tolerance": accuracy}
-        how |= {"bandwidth": band}
+        how |= {"bandwidth": band, "obstacles": bodies}
         checked_settings(length, cast(FieldOptions, how | one.options))
     nx, ny, nz = count or samples_of_box(radiator, corners, length)
     fields = {}
@@ -174,12 +181,15 @@ def volume(
             scheduler=scheduler,
             tolerance=accuracy,
             bandwidth=band,
+            obstacles=bodies,
             **options,
         )
         fields[one.name] = found[one.method]
         title = f"{label_of(found[one.method], one.method)}: {field_title(source.source, length)}"
         print(store)
-        write_field(found, draw_volume(found, radiator, title=title, **drawn), files)
+        write_field(
+            found, draw_volume(found, radiator, title=title, obstacles=bodies or (), **drawn), files
+        )
     if len(wanted) > 1:
         print_differences(fields, reference)
     say_made(new)

@@ -8,6 +8,7 @@ module               what is in it
 ``choice``           which engine and precision a call runs on; what is counted for its plan
 ``evaluation``       NumPy arrays in and out, in chunks, on any engine; sums over places
 ``chunks``           samples chunk by chunk, threads, and NumPy memory as Dr.Jit takes it
+``progress``         bars on a terminal for work that takes long
 ``on_numpy``         a kernel on NumPy arrays; ``on_drjit`` a compiled one; ``on_drjit_data`` one
                      for all outlines, which are data
 ``frozen``           kernels traced once
@@ -35,6 +36,7 @@ from polywigner.execution.chunks import (
 )
 from polywigner.execution.drjit_operations import DrjitOperations, UnrolledOperations, ops_for
 from polywigner.execution.evaluation import Shear, evaluate, evaluate_rows, evaluate_sums, explained
+from polywigner.execution.frozen import without_collection
 from polywigner.execution.gradients import kernel_with_derivatives
 from polywigner.execution.grids import evaluate_on_grid
 from polywigner.execution.hosted import (

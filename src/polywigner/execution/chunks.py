@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from polywigner.execution.progress import slow_bar
 from polywigner.toolchain import llvm
 
 
@@ -97,21 +98,25 @@ Launched = Iterator[tuple[Sequence[Array], Any, Fetch]]
 """(results, where in them, how to fetch them); there the work has begun already."""
 
 
-def store(launched: Launched) -> None:
+def store(launched: Launched, samples: int) -> None:
     """Fetch each chunk while the next one is computed."""
     last: Any = None
-    for chunk in launched:
-        check_not_stopped()
+    with slow_bar("samples", samples) as advance:
+        for chunk in launched:
+            check_not_stopped()
+            if last is not None:
+                advance(_write(*last))
+            last = chunk
         if last is not None:
             _write(*last)
-        last = chunk
-    if last is not None:
-        _write(*last)
 
 
-def _write(results: Sequence[Array], where: Any, fetch: Fetch) -> None:
-    for result, values in zip(results, fetch(), strict=True):
+def _write(results: Sequence[Array], where: Any, fetch: Fetch) -> int:
+    """Write a chunk, and return the number of its samples."""
+    found = fetch()
+    for result, values in zip(results, found, strict=True):
         result[where] = values
+    return int(np.size(found[0]))
 
 
 def ready(values: tuple[Array, ...]) -> Fetch:

@@ -70,7 +70,7 @@ def evaluate(
         assert call.grid is not None
         call.grid.fill(results, OnNumpy(kernel, call.tables, double).values)
     else:
-        store(_launched(call, chosen, results, shear))
+        store(_launched(call, chosen, results, shear), results[0].size)
     return results
 
 
@@ -214,7 +214,8 @@ def _by_parts(
         inner = compute.entered(arguments if shear is None else shear(arguments))
         count = len(range(*block[0].indices(pairs.rows)))
         place = (np.broadcast_to(np.ravel(p), count) for p in inner[shared.place])
-        (owners, table), is_real = shared.parts(host, exact, *place)
+        with np.errstate(invalid="ignore", over="ignore"):  # of places far beyond the source
+            (owners, table), is_real = shared.parts(host, exact, *place)
         ends = np.searchsorted(owners, np.arange(count + 1))
         yield targets, block, compute.of_parts(shared, inner, ends, table, is_real)
 

@@ -46,7 +46,7 @@ class _Frozen:
         self.lock = threading.Lock()
 
     def __call__(self, *arguments: Any) -> Values:
-        with self.lock, _without_collection():
+        with self.lock, without_collection():
             try:
                 found: Values = self.replayed(*arguments)
             except RuntimeError as error:
@@ -60,7 +60,7 @@ _paused: list[bool] = []
 
 
 @contextmanager
-def _without_collection() -> Iterator[None]:
+def without_collection() -> Iterator[None]:
     """No garbage is collected meanwhile.
 
     Dr.Jit ends the process when an array that holds memory of NumPy's is freed in a thread that is

@@ -67,7 +67,7 @@ class OnDrjitData:
         """Results as Dr.Jit arrays, for arrays of one width or the other 1 that are evaluated."""
         host = np.broadcast_arrays(*(np.asarray(c.numpy(), np.float64) for c in components))
         results = [np.empty(host[0].shape, self.dtype) for _ in range(self.outputs)]
-        store(self.points(host, results))
+        store(self.points(host, results), results[0].size)
         return tuple(array_of(self.ops.float_type, values) for values in results)
 
     def _begun(self, arguments: Sequence[Array]) -> tuple[Any, Fetch]:

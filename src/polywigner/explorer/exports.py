@@ -12,7 +12,7 @@ from polywigner.explorer import views
 from polywigner.explorer.results import final_samples
 from polywigner.explorer.shown import FLOOR_DB, Shown, shown
 from polywigner.explorer.sources import aperture_of, feeding_of
-from polywigner.explorer.state import State, to_query
+from polywigner.explorer.state import UNITS, State, to_query
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,13 +20,13 @@ if TYPE_CHECKING:
 
 
 def geojson(state: State) -> str:
-    """The outline of the element as a GeoJSON Feature, in the state's unit.
+    """The outline of the element as a GeoJSON Feature, in mm, as it is read without a unit.
 
     Raises
     ------
     PolywignerError for what is no polygon, here as in all of this module.
     """
-    scale = state.per_metre
+    scale = UNITS["mm"]
     polygons = [
         [[[*_exact(x, scale), *_exact(y, scale)] for x, y in ring.coords] for ring in rings]
         for rings in _parts(state)
@@ -36,7 +36,7 @@ def geojson(state: State) -> str:
         geometry = {"type": "Polygon", "coordinates": polygons[0]}
     feature = {
         "type": "Feature",
-        "properties": {"unit": state.unit, "wave": state.wave},
+        "properties": {"unit": "mm", "wave": state.wave},
         "geometry": geometry,
     }
     return json.dumps(feature, indent=1) + "\n"
@@ -78,14 +78,15 @@ def values_file(state: State, name: str) -> bytes:
     buffer = io.BytesIO()
     if name == "far":
         cuts = views.far_field(state)
+        arrays: dict[str, Any] = {} if cuts.cross is None else {"cross_polar_dbi": cuts.cross}
         np.savez(
             buffer, theta_rad=cuts.theta, phi_rad=cuts.phi, directivity_dbi=cuts.directivity,
-            link=to_query(state),
+            link=to_query(state), **arrays,
         )  # fmt: skip
         return buffer.getvalue()
     picture = views.PICTURES[name](state, final_samples(state, name))
     axis = np.linspace(-picture.half, picture.half, picture.samples)
-    arrays: dict[str, Any] = dict(picture.arrays)
+    arrays = dict(picture.arrays)
     np.savez(
         buffer, first=picture.centre[0] + axis, second=picture.centre[1] + axis,
         axis_unit=picture.axis_unit, unit=picture.unit, link=to_query(state), **arrays,
@@ -136,6 +137,8 @@ def _chosen(state: State, name: str) -> str:
         return f"defocus {state.defocus:g} waves"
     if name == "near":
         return f"z = {state.distance:g} {state.unit}, rays of order {state.order}"
+    if name == "far" and state.polarisation.strip():
+        return f"polarisation {state.polarisation.strip()}: co- and cross-polar"
     return "directivity" if name == "far" else "Fourier transform"
 
 
@@ -165,9 +168,9 @@ def _draw_cuts(axes: Any, cuts: views.Cuts) -> None:
     floor = cuts.largest + FLOOR_DB
     axes.set_theta_zero_location("N")
     axes.set_theta_direction(-1)
-    for k, (phi, style) in enumerate(zip(cuts.phi, ("-", "--"), strict=True)):
-        name = f"φ = {np.degrees(phi):.4g}°"
-        axes.plot(cuts.theta, np.maximum(cuts.directivity[:, k], floor), style, label=name, lw=1)
+    for k, (name, levels) in enumerate(cuts.lines):
+        style = {"ls": ("-", "--", ":", "-.")[k], "color": f"C{k % 2}", "lw": 1}
+        axes.plot(cuts.theta, np.maximum(levels, floor), label=name, **style)
     axes.set_thetamin(-90)
     axes.set_thetamax(90)
     axes.set_ylim(floor, cuts.largest + 2)

@@ -109,6 +109,20 @@ def _view_lines(state: State, name: str, samples: int | None) -> list[str]:
             ")",
         ]
     theta = windows.angles(state)
+    if state.polarisation.strip():
+        return [
+            f"theta = np.linspace({float(theta[0])!r}, {float(theta[-1])!r}, {len(theta)})",
+            f"phi = {windows.azimuths(state)!r}",
+            "pattern = pw.radiation_pattern(",
+            f"    source, wavelength, theta, phi, {engine}, polarisation={state.polarisation!r}",
+            ")",
+            'power = pattern.attrs["radiated_power"]',
+            'with np.errstate(divide="ignore"):',
+            "    values, cross = (  # dBi, co- and cross-polar",
+            "        10 * np.log10(4 * np.pi / power * np.abs(pattern[part].values) ** 2)",
+            '        for part in ("field", "cross_field")',
+            "    )",
+        ]
     return [
         f"theta = np.linspace({float(theta[0])!r}, {float(theta[-1])!r}, {len(theta)})",
         f"phi = {windows.azimuths(state)!r}",

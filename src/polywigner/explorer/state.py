@@ -73,6 +73,8 @@ class State:
     array: str = ""
     window: str = ""
     steering: str = ""
+    polarisation: str = ""
+    """Polarisation of the far field, as :func:`polywigner.field` takes it; "" for a scalar one."""
     x: Point = (0.0, 0.0)
     """The chosen position, in units."""
     nu: Point = (0.0, 0.0)
@@ -106,7 +108,7 @@ class State:
             object.__setattr__(self, name, _checked_number(name, getattr(self, name), low))
         if not self.distance > 0 or self.reach > 1:
             raise ArgumentError("expected a distance above zero, and a reach of at most 1")
-        for name in ("wave", "taper", "array", "window", "steering"):
+        for name in ("wave", "taper", "array", "window", "steering", "polarisation"):
             text = getattr(self, name)
             if not isinstance(text, str) or len(text) > _LONGEST_TEXT:
                 raise ArgumentError(f"{name}: expected a text of at most {_LONGEST_TEXT} letters")
@@ -269,7 +271,7 @@ _NEEDS: Mapping[str, frozenset[str]] = {
     "wigner_nu": _SOURCE | {"x", "reach", "coherence"},
     "wigner_x": _SOURCE | {"nu", "coherence"},
     "otf": _SOURCE | {"defocus"},
-    "far": _SOURCE | {"reach"},
+    "far": _SOURCE | {"reach", "polarisation"},
     "near": _SOURCE | {"distance", "order"},
     "values": _SOURCE | {"x", "nu", "coherence"},
 }

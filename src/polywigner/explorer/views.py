@@ -78,7 +78,7 @@ class Outlines:
 
 @dataclass(frozen=True, eq=False)
 class Cuts:
-    """Directivity in two planes through the normal."""
+    """Directivity in two planes through the normal, of a polarised source its co-polar part."""
 
     theta: NDArray[np.float64]
     """(n,) from the normal, in rad."""
@@ -88,6 +88,19 @@ class Cuts:
     """On these cuts, in dBi."""
     phi: tuple[float, float]
     """Azimuths of the planes, in rad."""
+    cross: NDArray[np.float64] | None = None
+    """Cross-polar part (n, 2) in dBi, of a polarised source."""
+    axial_ratio: float = math.nan
+    """In dB in the direction of the beam, of a polarised source."""
+
+    @property
+    def lines(self) -> list[tuple[str, NDArray[np.float64]]]:
+        """Names and levels in dBi of all that is drawn: both planes, then the cross-polar parts."""
+        names = [f"φ = {np.degrees(phi):.4g}°" for phi in self.phi]
+        found = list(zip(names, self.directivity.T, strict=True))
+        if self.cross is not None:
+            found += [(f"{n}, cross", c) for n, c in zip(names, self.cross.T, strict=True)]
+        return found
 
 
 def outlines(state: State) -> Outlines:
@@ -242,9 +255,21 @@ def far_field(state: State) -> Cuts:
     """Directivity in two planes through the normal: phi = 0 and 90 degrees, or of a steered
     beam and the one across."""
     theta, phi = windows.angles(state), windows.azimuths(state)
-    pattern = pw.radiation_pattern(source_of(state), state.wavelength, theta, phi, engine=ENGINE)
+    polarisation = state.polarisation if state.polarisation.strip() else None
+    pattern = pw.radiation_pattern(
+        source_of(state), state.wavelength, theta, phi, polarisation=polarisation, engine=ENGINE
+    )
     directivity = np.asarray(pattern["directivity"].values)
-    return Cuts(theta, directivity, float(directivity.max()), phi)
+    if polarisation is None:
+        return Cuts(theta, directivity, float(directivity.max()), phi)
+    power = pattern.attrs["radiated_power"]
+    with np.errstate(divide="ignore"):
+        co, cross = (
+            10 * np.log10(4 * math.pi / power * np.abs(pattern[part].values) ** 2)
+            for part in ("field", "cross_field")
+        )
+    ratio = pattern.attrs["peak_axial_ratio"]
+    return Cuts(theta, co, float(directivity.max()), phi, cross, ratio)
 
 
 def values_at(state: State) -> dict[str, tuple[complex, str]]:

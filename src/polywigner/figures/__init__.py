@@ -5,22 +5,26 @@
 ``lines``, ``planes`` and ``volumes`` draw fields in front of a source, ``patterns`` far fields and
 cross sections as data sheets show them, ``scenes`` rendered pictures and where a receiver's power
 comes from, ``transforms`` the figure of ``polywigner transform``, ``projections`` projections of
-phase space. ``paper`` has the figures of the paper.
+phase space, ``lens`` spots and transfer functions. ``paper`` has the figures of the paper.
 Nothing here opens a window: figures are drawn into memory and saved by the caller.
 """
 
 from __future__ import annotations
 
+from polywigner.figures.lens import draw_mtf, draw_psf
 from polywigner.figures.levels import level_db, picture_peak
 from polywigner.figures.lines import draw_lines
-from polywigner.figures.patterns import draw_pattern, draw_rcs
+from polywigner.figures.patterns import draw_pattern, draw_rcs, draw_tolerance
 from polywigner.figures.planes import draw_hemispheres, draw_planes
 from polywigner.figures.projections import draw_projections
 from polywigner.figures.scenes import (
     DirectArrival,
     draw_arrivals,
+    draw_channel,
+    draw_polarisation,
     draw_range_profile,
     draw_scene,
+    draw_stokes,
     write_range_animation,
 )
 from polywigner.figures.transforms import (
@@ -41,14 +45,20 @@ __all__ = [
     "SystemSlices",
     "TransformSlices",
     "draw_arrivals",
+    "draw_channel",
     "draw_hemispheres",
     "draw_lines",
+    "draw_mtf",
     "draw_pattern",
     "draw_planes",
+    "draw_polarisation",
     "draw_projections",
+    "draw_psf",
     "draw_range_profile",
     "draw_rcs",
     "draw_scene",
+    "draw_stokes",
+    "draw_tolerance",
     "draw_transforms",
     "draw_volume",
     "level_db",

@@ -21,6 +21,7 @@ from polywigner.figures.style import (
     number_text,
     write_title,
 )
+from polywigner.geometry.arguments import checked_choice
 from polywigner.geometry.display import length_unit
 
 if TYPE_CHECKING:
@@ -88,7 +89,7 @@ def draw_lines(
     import matplotlib as mpl
 
     check_floor(floor_db)
-    columns = dict(found) if isinstance(found, dict) else {"": found}
+    columns = dict(found) if isinstance(found, dict) and found else {"": found}
     fields = [Comparison.of(one, against) for one in columns.values()]
     curves = [
         _Curves(each, *_axis(one, each.dims, along))
@@ -164,9 +165,7 @@ def _axis(found: Any, dims: tuple[str, ...], along: str | None) -> tuple[Floats,
         raise ArgumentError(f"expected fields along one axis, got them over {', '.join(dims)}")
     if along is None:
         along = _parallel(found, dims[0])
-    if along not in found.coords:
-        names = ", ".join(map(str, found.coords))
-        raise ArgumentError(f"expected one of the coordinates {names}, got {along!r}")
+    checked_choice(along, "along", [str(name) for name in found.coords])
     places = np.asarray(found[along].squeeze().values, dtype=np.float64)
     kind = found[along].attrs.get("units", "")
     called = str(found[along].attrs.get("long_name", f"${along}$" if len(along) == 1 else along))

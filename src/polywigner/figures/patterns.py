@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,9 +25,9 @@ from polywigner.figures.style import (
     number_text,
     write_title,
 )
-from polywigner.geometry.arguments import checked_choice
-from polywigner.propagation.beams import BeamMetrics, beam_metrics
-from polywigner.propagation.patterns import checked_pattern, cuts_of, front_of
+from polywigner.geometry.arguments import checked_choice, checked_length
+from polywigner.propagation.beams import BeamMetrics, beam_metrics, is_off_planes
+from polywigner.propagation.patterns import angle_between, checked_pattern, cuts_of, front_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -35,10 +35,21 @@ if TYPE_CHECKING:
 
 
 Floats = NDArray[np.float64]
-Cut = tuple[str, Floats, Floats]
-"""Label, theta in rad, directivity in dBi."""
+
+
+class Cut(NamedTuple):
+    """Levels along a line of directions."""
+
+    label: str
+    angles: Floats
+    """Theta in rad, or on a cone phi from the beam's."""
+    levels: Floats
+    """Directivity in dBi."""
+    is_cone: bool = False
+
 
 PatternPanel = Literal["cuts", "polar", "uv", "table"]
+PatternCuts = Literal["beam", "principal"]
 
 _COLOURS = (BLUE, RED, GREEN, ORANGE)
 _DASHES = ("-", "--", "-.", ":")
@@ -53,6 +64,7 @@ def draw_pattern(
     pattern: Any,
     *,
     panels: Sequence[PatternPanel] | None = None,
+    cuts: PatternCuts | Sequence[Any] | None = None,
     metrics: BeamMetrics | None = None,
     floor_db: float = -40.0,
     title: str = "",
@@ -60,11 +72,17 @@ def draw_pattern(
 ) -> Any:
     """The directivity of a pattern: cuts over theta, in polar coordinates, over u-v, and a table.
 
+    Cuts through the beam are the meridian of its phi, over theta, and the cone of its theta, over
+    phi up to 90 degrees from the beam's.
+
     Parameters
     ----------
     pattern : xarray.Dataset or the like, as :func:`polywigner.radiation_pattern` returns.
     panels : of "cuts", "polar", "uv" (direction cosines; needs eight angles phi or more) and
         "table"; None: all that the pattern has enough angles for.
+    cuts : "beam", or "principal": the meridians next to the x and the y axis; or patterns in finer
+        steps, of which meridians are drawn, and of a pattern with one theta the cone; None: through
+        a beam that lies 0.1 dB or more above both principal planes, else the principal planes.
     metrics : the numbers of the table; None: those of :func:`polywigner.beam_metrics`.
     floor_db : lowest level, dB below the largest directivity.
     title : above all panels.
@@ -85,9 +103,9 @@ def draw_pattern(
         raise ArgumentError(f"expected metrics of beam_metrics, got {type(metrics).__name__}")
     theta, phi, levels, _ = checked_pattern(pattern)
     found = beam_metrics(pattern) if metrics is None else metrics
-    theta, levels = front_of(theta, levels)
     chosen = _chosen(panels, len(phi))
-    cuts = _principal(theta, phi, levels, found)
+    heading, lines, beside = _drawn_cuts(pattern, cuts, found)
+    theta, levels = front_of(theta, levels)
     low, high = found.directivity + floor_db, found.directivity
     with mpl.rc_context(TYPOGRAPHY):
         columns = 3 if len(chosen) == 3 else min(2, len(chosen))
@@ -98,9 +116,9 @@ def draw_pattern(
             projection = "polar" if name == "polar" else None
             axes = figure.add_subplot(rows, columns, place, projection=projection)
             if name == "cuts":
-                _draw_cuts(axes, cuts, low, high)
+                _draw_cuts(axes, heading, lines, low, high, beside)
             elif name == "polar":
-                _draw_polar(axes, cuts, low, high)
+                _draw_polar(axes, [line for line in lines if not line.is_cone], low, high)
             elif name == "uv":
                 _draw_map(axes, theta, phi, levels, low, high)
             else:
@@ -130,39 +148,129 @@ def _chosen(panels: Sequence[str] | None, meridians: int) -> list[str]:
     return list(dict.fromkeys(names))
 
 
-def _principal(theta: Floats, phi: Floats, levels: Floats, metrics: BeamMetrics) -> list[Cut]:
-    """The cuts that the table names."""
-    wanted = [cut.phi for cut in metrics.principal_cuts]
-    return [
-        (f"$\\phi$ = {number_text(round(math.degrees(angle), 2))}°", places, values)
-        for angle, places, values in cuts_of(theta, phi, levels)
-        if angle in wanted
+def _cross_polar(pattern: Any, theta: Floats, levels: Floats) -> Floats | None:
+    """Directivity (n, m) of the cross-polar part in dBi; None for a scalar pattern."""
+    if "cross_field" not in pattern:
+        return None
+    ratio = pattern["cross_polar_discrimination"]
+    ratio = np.asarray(ratio.transpose("theta", "phi").values)
+    with np.errstate(invalid="ignore"):
+        part = np.nan_to_num(-10 * np.log10(1 + 10 ** (ratio / 10)), nan=0.0)
+    return levels + part
+
+
+def _drawn_cuts(pattern: Any, cuts: Any, metrics: BeamMetrics) -> tuple[str, list[Cut], list[Cut]]:
+    """Return a heading, the cuts to draw, and the same cuts of the cross-polar part."""
+    place = f"$\\theta$ = {_degrees(metrics.theta)}, $\\phi$ = {_degrees(metrics.phi)}"
+    if cuts is None:
+        cuts = "beam" if is_off_planes(metrics) else "principal"
+    if isinstance(cuts, str):
+        checked_choice(cuts, "cuts", get_args(PatternCuts))
+    elif not isinstance(cuts, Sequence) or not cuts:
+        raise ArgumentError(
+            'expected cuts as "beam", "principal" or patterns in finer steps, got '
+            f"{type(cuts).__name__}"
+        )
+    lists: tuple[list[Cut], list[Cut]] = ([], [])
+    for one in [pattern] if isinstance(cuts, str) else cuts:
+        theta, phi, levels, _ = checked_pattern(one)
+        for found, part in zip(lists, (levels, _cross_polar(one, theta, levels)), strict=True):
+            if part is not None:
+                where = (*front_of(theta, part), phi)
+                found += _lines(*where, metrics, cuts if isinstance(cuts, str) else "all")
+    if cuts == "beam" or any(cut.is_cone for cut in lists[0]):
+        return f"cuts through the beam at {place}", *lists
+    principal = {f"$\\phi$ = {_degrees(turn * math.pi / 2)}" for turn in range(4)}
+    named = {cut.label for cut in lists[0]} <= principal
+    return "principal planes" if named else "cuts along meridians", *lists
+
+
+def _lines(
+    theta: Floats, levels: Floats, phi: Floats, metrics: BeamMetrics, which: str
+) -> list[Cut]:
+    """Cuts among levels (n, m): "all", the "principal" ones, or those through the "beam"."""
+    if len(theta) == 1:
+        return [_cone(float(theta[0]), phi, levels[0], metrics)]
+    meridians = list(cuts_of(theta, phi, levels))
+    wanted = (metrics.phi,) if which == "beam" else (0.0, math.pi / 2)
+    if which != "all":
+        near = [
+            min(range(len(meridians)), key=lambda k: angle_between(meridians[k][0], angle))
+            for angle in wanted
+        ]
+        meridians = [meridians[k] for k in dict.fromkeys(near)]
+    found = [
+        Cut(f"$\\phi$ = {_degrees(angle)}", places, values) for angle, places, values in meridians
     ]
+    if which == "beam" and len(phi) >= _LEAST_MERIDIANS:
+        k = int(np.abs(theta - metrics.theta).argmin())
+        found.append(_cone(float(theta[k]), phi, levels[k], metrics))
+    return found
 
 
-def _draw_cuts(axes: Axes, cuts: Sequence[Cut], low: float, high: float) -> None:
+def _cone(theta: float, phi: Floats, levels: Floats, metrics: BeamMetrics) -> Cut:
+    """Levels (m,) at one theta, over phi from the beam's."""
+    away = (phi - metrics.phi + math.pi) % (2 * math.pi) - math.pi
+    near = np.flatnonzero(np.abs(away) <= math.pi / 2 + 1e-9)
+    order = near[np.argsort(away[near])]
+    label = f"$\\theta$ = {_degrees(theta)}, over $\\phi$ \N{MINUS SIGN} {_degrees(metrics.phi)}"
+    return Cut(label, away[order], levels[order], is_cone=True)
+
+
+def _degrees(angle: float) -> str:
+    return f"{number_text(round(math.degrees(angle), 2))}°"
+
+
+def _draw_cuts(
+    axes: Axes, heading: str, cuts: Sequence[Cut], low: float, high: float, crossed: Sequence[Cut]
+) -> None:
     from matplotlib.ticker import MultipleLocator
 
     reach = 0.0
-    for number, (label, theta, levels) in enumerate(cuts):
-        style: dict[str, Any] = {"color": _COLOURS[number], "ls": _DASHES[number], "lw": 1.2}
-        axes.plot(np.degrees(theta), np.maximum(levels, low - 100), label=label, **style)
-        reach = max(reach, min(90.0, float(np.degrees(np.abs(theta).max()))))
+    for number, cut in enumerate(cuts):
+        style: dict[str, Any] = {
+            "color": _COLOURS[number % 4],
+            "ls": _DASHES[number % 4],
+            "lw": 1.2,
+        }
+        axes.plot(
+            np.degrees(cut.angles), np.maximum(cut.levels, low - 100), label=cut.label, **style
+        )
+        reach = max(reach, min(90.0, float(np.degrees(np.abs(cut.angles).max()))))
+    for number, cut in enumerate(crossed):
+        if cut.levels.max() > low:
+            style = {"color": _COLOURS[number % 4], "ls": ":", "lw": 1.2}
+            axes.plot(
+                np.degrees(cut.angles),
+                np.maximum(cut.levels, low - 100),
+                label="its cross-polar part" if len(cuts) > 1 else "cross-polar part",
+                **style,
+            )
     axes.axhline(high - 10 * math.log10(2), color="0.6", lw=0.6, ls=":")
     axes.set_xlim(-reach, reach)
-    axes.set_ylim(low, high + 0.05 * (high - low))
+    entries = len(axes.get_legend_handles_labels()[0])
+    axes.set_ylim(low, high + (0.05 + 0.08 * -(-entries // 2)) * (high - low))
     axes.xaxis.set_major_locator(MultipleLocator(30 if reach > 45 else 10))
-    axes.set_xlabel("angle from the normal $\\theta$ (degrees)")
+    has_cone = any(cut.is_cone for cut in cuts)
+    axes.set_xlabel(
+        "$\\theta$, or $\\phi$ from the beam (degrees)"
+        if has_cone
+        else "angle from the normal $\\theta$ (degrees)"
+    )
     axes.set_ylabel("directivity (dBi)")
-    axes.set_title(f"dotted: half the peak; {floor_text(low - high)}", fontsize=8)
+    axes.set_title(f"{heading}\ndotted: half the peak; {floor_text(low - high)}", fontsize=8)
     axes.grid(alpha=0.3, lw=0.5)
-    axes.legend(frameon=False, fontsize=8)
+    axes.legend(frameon=False, fontsize=7, ncols=2, loc="upper center")
 
 
 def _draw_polar(axes: Any, cuts: Sequence[Cut], low: float, high: float) -> None:
-    for number, (label, theta, levels) in enumerate(cuts):
-        style: dict[str, Any] = {"color": _COLOURS[number], "ls": _DASHES[number], "lw": 1.2}
-        axes.plot(theta, np.maximum(levels, low), label=label, **style)
+    for number, cut in enumerate(cuts):
+        style: dict[str, Any] = {
+            "color": _COLOURS[number % 4],
+            "ls": _DASHES[number % 4],
+            "lw": 1.2,
+        }
+        axes.plot(cut.angles, np.maximum(cut.levels, low), **style)
     axes.set_theta_zero_location("N")
     axes.set_theta_direction(-1)
     axes.set_thetamin(-90)
@@ -173,7 +281,8 @@ def _draw_polar(axes: Any, cuts: Sequence[Cut], low: float, high: float) -> None
     axes.set_xticks(np.radians(np.arange(-90, 91, 30)))
     axes.tick_params(labelsize=7)
     axes.grid(alpha=0.4, lw=0.5)
-    axes.set_title("directivity (dBi) over $\\theta$", fontsize=8)
+    planes = ", ".join(cut.label for cut in cuts)
+    axes.set_title(f"directivity (dBi) over $\\theta$, {planes}", fontsize=8)
 
 
 def _draw_map(
@@ -195,19 +304,105 @@ def _write_table(axes: Axes, metrics: BeamMetrics) -> None:
     )  # fmt: skip
 
 
-def draw_rcs(
-    pattern: Any,
+# Cuts of a tolerance run in one figure.
+_MOST_CUTS = 4
+
+
+def draw_tolerance(
+    tolerance: Any,
     *,
-    floor_db: float = -40.0,
+    floor_db: float = -50.0,
     title: str = "",
     figure: Figure | SubFigure | None = None,
 ) -> Any:
-    """Cross sections in dBsm: cuts around z and x-z in polar coordinates, and a map of all angles.
+    """The band between 5 and 95 % of an array's patterns with errors, and their mean, over theta.
+
+    Parameters
+    ----------
+    tolerance : xarray.Dataset or the like, as :func:`polywigner.array_tolerance` returns, of one to
+        four meridians; those half a turn apart are one cut.
+    floor_db : lowest level, dB below the largest directivity without errors.
+    title : above all panels.
+    figure : matplotlib Figure or SubFigure to draw on; None: a new figure.
+
+    Returns
+    -------
+    The figure or subfigure.
+
+    Raises
+    ------
+    ArgumentError : no tolerance run, too many meridians or fewer than two angles theta; what is no
+        figure.
+    """
+    import matplotlib as mpl
+
+    check_floor(floor_db)
+    try:
+        theta, phi = (np.asarray(tolerance[name].values, np.float64) for name in ("theta", "phi"))
+        levels = {
+            name: np.asarray(tolerance[name].transpose("theta", "phi").values, np.float64)
+            for name in ("nominal", "expected", "low", "high")
+        }
+        count = int(tolerance.attrs["count"])
+    except (TypeError, KeyError, IndexError, AttributeError, ValueError):
+        raise ArgumentError(
+            f"expected a dataset of polywigner.array_tolerance, got {type(tolerance).__name__}"
+        ) from None
+    cuts = {name: list(cuts_of(*_front(theta, phi, part))) for name, part in levels.items()}
+    places = cuts["nominal"]
+    if len(theta) < 2 or not 1 <= len(places) <= _MOST_CUTS:
+        raise ArgumentError(
+            f"expected one to {_MOST_CUTS} cuts over two angles theta or more, got {len(places)} "
+            f"over {len(theta)}; give array_tolerance fewer angles phi"
+        )
+    high = float(levels["nominal"].max())
+    with mpl.rc_context(TYPOGRAPHY):
+        drawn = figure_on(figure, 5.4 * len(places), 3.9, spacing=0.05)
+        for k, (angle, where, nominal) in enumerate(places):
+            axes = drawn.add_subplot(1, len(places), k + 1)
+            degrees = np.degrees(where)
+            low, upper, mean = (cuts[name][k][2] for name in ("low", "high", "expected"))
+            axes.fill_between(
+                degrees, low, upper, color=ORANGE, alpha=0.4, lw=0,
+                label=f"5 to 95 % of {count} samples",
+            )  # fmt: skip
+            axes.plot(degrees, mean, color=RED, lw=1.2, ls="--", label="mean, closed form")
+            axes.plot(degrees, nominal, color=BLUE, lw=0.9, label="without errors")
+            axes.set_xlim(degrees.min(), degrees.max())
+            axes.set_ylim(high + floor_db, high + 3)
+            axes.set_xlabel("angle from the normal $\\theta$ (degrees)")
+            axes.set_ylabel("directivity (dBi)")
+            axes.set_title(f"$\\phi$ = {_degrees(angle)}; {floor_text(floor_db)}", fontsize=8)
+            axes.grid(alpha=0.3, lw=0.5)
+            axes.legend(frameon=False, fontsize=8)
+        write_title(drawn, title)
+    return drawn
+
+
+def _front(theta: Floats, phi: Floats, levels: Floats) -> tuple[Floats, Floats, Floats]:
+    """Theta in front of the plane, phi, and levels there."""
+    theta, levels = front_of(theta, levels)
+    return theta, phi, levels
+
+
+def draw_rcs(
+    pattern: Any,
+    *,
+    cuts: Sequence[Any] | None = None,
+    smooth: float | None = None,
+    floor_db: float = -60.0,
+    title: str = "",
+    figure: Figure | SubFigure | None = None,
+) -> Any:
+    """Cross sections in dBsm: cuts over azimuth and over elevation, and a map of all angles.
 
     Parameters
     ----------
     pattern : xarray.Dataset or the like, as :func:`polywigner.rcs_pattern` returns, of two angles
         each or more.
+    cuts : two patterns in finer steps: of one elevation, and of two azimuths half a turn apart;
+        None: those of the pattern nearest to the planes z = 0 and x-z.
+    smooth : width in rad of a running median, drawn over the cuts; None: no such line.
     floor_db : lowest level, dB below the largest cross section.
     title : above all panels.
     figure : matplotlib Figure or SubFigure to draw on; None: a new figure.
@@ -223,23 +418,26 @@ def draw_rcs(
     import matplotlib as mpl
 
     check_floor(floor_db)
+    if smooth is not None:
+        smooth = checked_length(smooth, "smooth", meaning="an angle in rad above zero")
+        smooth = min(smooth, 2 * math.pi)
     azimuth, elevation, levels = _checked_rcs(pattern)
-    high = float(levels.max())
+    shown_cuts = _rcs_cuts(azimuth, elevation, levels) if cuts is None else _finer_cuts(cuts)
+    high = max(float(part.max()) for part in (levels, *(cut for _, _, cut in shown_cuts)))
+    if high == -math.inf:
+        raise ArgumentError(
+            "expected a body that scatters something on these angles, got zero everywhere"
+        )
     low = high + floor_db
     label = f"RCS (dBsm), {floor_text(round(low, 1), 'dBsm')}"
     with mpl.rc_context(TYPOGRAPHY):
-        drawn = figure_on(figure, 8.4, 3.8, spacing=0.05)
-        polar = drawn.add_subplot(1, 2, 1, projection="polar")
-        for (name, angles, cut), style in zip(
-            _rcs_cuts(azimuth, elevation, levels), ("-", "--"), strict=True
-        ):
-            polar.plot(angles, np.maximum(cut, low), style, label=name, lw=1.2)
-        polar.set_ylim(low, high)
-        polar.tick_params(labelsize=7)
-        polar.grid(alpha=0.4, lw=0.5)
-        polar.set_title(label, fontsize=8)
-        polar.legend(frameon=False, fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -0.08))
-        axes = drawn.add_subplot(1, 2, 2)
+        drawn = figure_on(figure, 11.6, 3.9, spacing=0.05)
+        for place, (name, angles, cut) in enumerate(shown_cuts, start=1):
+            polar = drawn.add_subplot(1, 3, place, projection="polar")
+            _draw_rcs_cut(polar, angles, np.maximum(cut, low), smooth)
+            polar.set_ylim(low, high)
+            polar.set_title(name, fontsize=8)
+        axes = drawn.add_subplot(1, 3, 3)
         places = np.degrees(azimuth), np.degrees(elevation)
         drawn_levels = np.maximum(levels, low).T
         shown = draw_levels(axes, drawn_levels, *places, low=low, high=high, shading="nearest")
@@ -250,7 +448,26 @@ def draw_rcs(
     return drawn
 
 
-def _checked_rcs(pattern: Any) -> tuple[Floats, Floats, Floats]:
+def _draw_rcs_cut(polar: Any, angles: Floats, levels: Floats, smooth: float | None) -> None:
+    fine = smooth is not None or len(angles) > 1000
+    polar.plot(angles, levels, color=BLUE, lw=0.5 if fine else 1.2, alpha=0.5 if smooth else 1.0)
+    if smooth is not None:
+        polar.plot(angles, _running_median(angles, levels, smooth), color=RED, lw=1.2)
+        text = f"running median over {number_text(round(math.degrees(smooth), 2))}°"
+        polar.set_xlabel(text, fontsize=7, color=RED)
+    polar.tick_params(labelsize=7)
+    polar.grid(alpha=0.4, lw=0.5)
+
+
+def _running_median(angles: Floats, levels: Floats, width: float) -> Floats:
+    """Medians over a width about each of the angles (n,), which rise in equal steps."""
+    half = min(int(width / (2 * abs(angles[1] - angles[0]))), (len(levels) - 1) // 2)
+    padded = np.pad(levels, half, mode="edge")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1)
+    return np.asarray(np.median(windows, axis=1))
+
+
+def _checked_rcs(pattern: Any, least: tuple[int, int] = (2, 2)) -> tuple[Floats, Floats, Floats]:
     """Azimuth (n,), elevation (m,), and levels (n, m) in dBsm, minus infinity for nothing."""
     try:
         azimuth, elevation, values = (
@@ -260,14 +477,26 @@ def _checked_rcs(pattern: Any) -> tuple[Floats, Floats, Floats]:
         raise ArgumentError(
             f"expected a pattern of polywigner.rcs_pattern, got {type(pattern).__name__}"
         ) from None
-    if min(values.shape) < 2:
-        raise ArgumentError(f"expected two angles each or more, got a table of {values.shape}")
-    if not values.max() > 0:
+    if values.ndim != 2 or values.shape[0] < least[0] or values.shape[1] < least[1]:
         raise ArgumentError(
-            "expected a body that scatters something on these angles, got zero everywhere"
+            f"expected a pattern of {least[0]} x {least[1]} angles or more, two angles each for a "
+            f"map, got a table of {values.shape}"
         )
     with np.errstate(divide="ignore"):
         return azimuth, elevation, 10 * np.log10(values)
+
+
+def _finer_cuts(cuts: Sequence[Any]) -> list[tuple[str, Floats, Floats]]:
+    """Both cuts of their own patterns."""
+    if isinstance(cuts, str) or not isinstance(cuts, Sequence) or len(cuts) != 2:
+        raise ArgumentError(
+            "expected cuts as two patterns, over azimuth and over elevation, got "
+            f"{type(cuts).__name__}"
+        )
+    return [
+        _cut_of_azimuth(*_checked_rcs(cuts[0], (2, 1)), 0),
+        _cut_of_elevation(*_checked_rcs(cuts[1], (2, 2)), 0, 1),
+    ]
 
 
 def _rcs_cuts(
@@ -277,13 +506,24 @@ def _rcs_cuts(
     flat = int(np.abs(elevation).argmin())
     turns = np.abs(np.exp(1j * azimuth)[:, None] - np.array([1.0, -1.0])).argmin(axis=0)
     front, back = (int(turn) for turn in turns)
+    return [
+        _cut_of_azimuth(azimuth, elevation, levels, flat),
+        _cut_of_elevation(azimuth, elevation, levels, front, back),
+    ]
+
+
+def _cut_of_azimuth(
+    azimuth: Floats, elevation: Floats, levels: Floats, at: int
+) -> tuple[str, Floats, Floats]:
+    angle = number_text(round(math.degrees(elevation[at]), 2))
+    return f"over azimuth, at elevation {angle}°", azimuth, levels[:, at]
+
+
+def _cut_of_elevation(
+    azimuth: Floats, elevation: Floats, levels: Floats, front: int, back: int
+) -> tuple[str, Floats, Floats]:
+    """Up over one azimuth, and down over that half a turn further."""
+    angle = number_text(round(math.degrees(azimuth[front]), 2))
     upright = np.concatenate([elevation, math.pi - elevation[::-1]])
     across = np.concatenate([levels[front], levels[back][::-1]])
-    return [
-        (
-            f"over azimuth, elevation {number_text(round(math.degrees(elevation[flat]), 2))}°",
-            azimuth,
-            levels[:, flat],
-        ),
-        ("over elevation, in the x-z plane", upright, across),
-    ]
+    return f"over elevation, at azimuth {angle}° and behind", upright, across

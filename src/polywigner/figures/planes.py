@@ -30,6 +30,7 @@ from polywigner.figures.style import (
     write_title,
 )
 from polywigner.geometry.display import length_unit
+from polywigner.geometry.silhouettes import bodies_if_any, obstacle_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
@@ -51,6 +52,7 @@ def draw_planes(
     against: str | None = None,
     floor_db: float = -40.0,
     compared_db: float = COMPARED_DB,
+    obstacles: Any = (),
     title: str = "",
     figure: Figure | SubFigure | None = None,
 ) -> Any:
@@ -65,6 +67,8 @@ def draw_planes(
     floor_db : lowest level, dB below the peak of that method; all that is less, negative values
         included, has its colour.
     compared_db : lowest level of that method at which differences are shown.
+    obstacles : bodies and plates, as :func:`polywigner.plane` takes them: the lines in which the
+        plane cuts them are drawn.
     title : above the panels.
     figure : matplotlib Figure or SubFigure to draw on; None: a new figure.
 
@@ -81,6 +85,7 @@ def draw_planes(
     check_floor(floor_db)
     fields = Comparison.of(found, against)
     across, up = _axes(found, fields.dims)
+    cuts = _cuts(found, fields.dims, obstacles)
     extents = [np.ptp(places) + places[1] - places[0] for _, places in (across, up)]
     rows = 2 if fields.is_field or len(fields.powers) > 1 else 1
     with mpl.rc_context(TYPOGRAPHY):
@@ -99,6 +104,8 @@ def draw_planes(
             _draw_phases(panels[1], fields, floor_db, across[1], up[1])
         elif rows == 2:
             _draw_differences(panels[1], fields, compared_db, across[1], up[1])
+        for axes in panels.flat:
+            _draw_cuts(axes, cuts)
         for axes in panels[-1]:
             axes.set_xlabel(across[0])
         for axes in panels[:, 0]:
@@ -115,6 +122,39 @@ def _axes(found: Any, dims: tuple[str, ...]) -> tuple[Axis, Axis]:
     unit = length_unit(max(float(np.ptp(p)) for p in places.values()))
     first, second = ((axis_label(d, unit), p / unit.metres) for d, p in places.items())
     return (second, first) if dims[1] == "z" else (first, second)
+
+
+def _cuts(found: Any, dims: tuple[str, ...], obstacles: Any) -> list[Floats]:
+    """Lines (k, 2, 2) in which the plane of a field cuts obstacles, in the units of its axes."""
+    bodies = bodies_if_any(obstacles)
+    if not bodies:
+        return []
+    places = [np.asarray(found[d].values, dtype=np.float64) for d in dims]
+
+    def point(*numbers: int) -> Floats:
+        at = dict(zip(dims, numbers, strict=True))
+        own = (found[c].isel({d: n for d, n in at.items() if d in found[c].dims}) for c in "xyz")
+        return np.array([float(c) for c in own])
+
+    corner = point(0, 0)
+    along = np.array([point(-1, 0) - corner, point(0, -1) - corner])
+    along /= np.array([np.ptp(p) for p in places])[:, None]
+    origin = corner - places[0][0] * along[0] - places[1][0] * along[1]
+    metres = length_unit(max(float(np.ptp(p)) for p in places)).metres
+    lines = [obstacle_of(body).cut(origin, along) / metres for body in bodies]
+    return [line[..., ::-1] if dims[1] == "z" else line for line in lines]
+
+
+def _draw_cuts(axes: Any, cuts: list[Floats]) -> None:
+    """Draw lines dark on light, so that they are seen on every colour; limits stay."""
+    from matplotlib.collections import LineCollection
+
+    for lines in cuts:
+        for colour, width in (("k", 2.2), ("w", 1.0)):
+            axes.add_collection(
+                LineCollection(list(lines), colors=colour, linewidths=width, capstyle="round"),
+                autolim=False,
+            )
 
 
 def _upright(values: NDArray[Any], fields: Comparison) -> NDArray[Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from itertools import product
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,7 @@ from polywigner.figures.style import (
     signed_bar,
     write_title,
 )
+from polywigner.geometry.arguments import checked_choice
 from polywigner.geometry.display import LengthUnit, length_unit
 
 if TYPE_CHECKING:
@@ -129,12 +130,10 @@ def _cells(found: xarray.Dataset, layout: str) -> Cells:
     if len(names) == 1 and not any("_" in d for d in found[names[0]].dims):
         return {(0, 0): (names[0], *found[names[0]].dims)}  # of slits
     p, q, r, s = _COORDINATES[found.attrs["kind"]]
-    if layout == "paper":
+    if checked_choice(layout, "layout", get_args(Layout)) == "paper":
         pairs = {(j, i): ((p, s)[i], (q, r)[j]) for i, j in product(range(2), repeat=2)}
-    elif layout == "all":
-        pairs = {(j, i): ((p, q, r)[i], (q, r, s)[j]) for i in range(3) for j in range(i, 3)}
     else:
-        raise ArgumentError(f'expected layout to be "paper" or "all", got {layout!r}')
+        pairs = {(j, i): ((p, q, r)[i], (q, r, s)[j]) for i in range(3) for j in range(i, 3)}
     named = {frozenset(found[name].dims): name for name in names}
     for across, up in pairs.values():
         if frozenset((across, up)) not in named:

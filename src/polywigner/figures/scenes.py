@@ -1,30 +1,38 @@
-"""Pictures of rendered scenes: radiance in dB, frames by range, and the power of receivers."""
+"""Pictures of scenes: radiance in dB, frames by range, and the power and channels of receivers."""
 
 from __future__ import annotations
 
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError
-from polywigner.figures.levels import PEAK_RULE, check_floor, level_db, picture_peak
+from polywigner.figures.levels import check_floor, level_db, picture_peak
 from polywigner.figures.style import (
     LEVEL_MAP,
+    PHASE_MAP,
     TYPOGRAPHY,
     axes_on,
     checked_title,
     colour_bar,
     draw_circles,
     draw_levels,
+    draw_map,
+    draw_signed,
+    figure_on,
     floor_text,
+    new_figure,
     number_text,
     quantity_text,
+    signed_bar,
+    write_title,
 )
 from polywigner.geometry.arguments import checked_array, checked_count, checked_path
+from polywigner.propagation.exports import in_place
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -65,6 +73,7 @@ def draw_scene(
     picture = checked_array(radiance, "radiance", 2)
     height, width = picture.shape
     levels = level_db(picture, reference, floor_db)
+    reference = None if reference is None else float(reference)
     with mpl.rc_context(TYPOGRAPHY):
         axes, drawn = axes_on(ax, *_size(width, height))
         shown = draw_levels(axes, levels, low=floor_db)
@@ -83,14 +92,108 @@ def _size(width: int, height: int) -> tuple[float, float]:
 
 
 def _label(reference: float | None, floor_db: float, unit: str) -> str:
-    floor = floor_text(floor_db)
-    if reference is None:
-        return f"radiance; nothing positive to compare with\n{floor}"
-    return (
-        f"radiance, dB relative to {quantity_text(reference, unit)}\n"
-        f"(peak: {PEAK_RULE}); {floor}:\n"
-        "all below it, negative radiance included"
-    )
+    zero = "nothing positive" if reference is None else quantity_text(reference, unit)
+    return f"radiance, dB relative to {zero}; {floor_text(floor_db)}"
+
+
+_STOKES = ("S₀", "S₁: horizontal − vertical", "S₂: 45° − (−45°)", "S₃: left − right (IEEE)")
+
+
+def draw_stokes(stokes: ArrayLike, title: str = "") -> Any:
+    """Draw the four Stokes numbers of a rendered picture, signed, relative to its peak.
+
+    Parameters
+    ----------
+    stokes : (4, height, width), as :func:`polywigner.mitsuba.stokes_of` returns.
+    title : above the panels.
+
+    Returns the figure.
+
+    Raises
+    ------
+    ArgumentError : numbers of another shape; a title that is no text.
+    """
+    import matplotlib as mpl
+
+    numbers = _checked_stokes(stokes)
+    peak = picture_peak(numbers[0])
+    with mpl.rc_context(TYPOGRAPHY):
+        figure, panels = _panels(numbers, 2, title)
+        for axes, name, values in zip(panels, _STOKES, numbers, strict=True):
+            shown = draw_signed(axes, values / (peak or 1.0))
+            axes.set_title(name, fontsize=8)
+        unit = quantity_text(peak, "W/(m² sr)") if peak else "nothing"
+        signed_bar(panels, shown, f"relative to {unit}, the peak of S₀")
+    return figure
+
+
+# Degree of linear polarisation below which an angle is noise.
+_LEAST_LINEAR = 0.05
+
+
+def draw_polarisation(stokes: ArrayLike, floor_db: float = -40.0, title: str = "") -> Any:
+    """Draw the degree of polarisation and the angle of its linear part, of a rendered picture.
+
+    Parameters
+    ----------
+    stokes : (4, height, width), as :func:`polywigner.mitsuba.stokes_of` returns.
+    floor_db : level of S0 below its peak, in dB, below which pixels are grey.
+    title : above the panels.
+
+    The angle is from the picture's right upwards, from -90 to 90 degrees; grey where less than 5 %
+    of the light is linearly polarised. Returns the figure.
+
+    Raises
+    ------
+    ArgumentError : numbers of another shape; a floor that is not below 0 dB; a title that is no
+        text.
+    """
+    import matplotlib as mpl
+
+    numbers = _checked_stokes(stokes)
+    check_floor(floor_db)
+    peak = picture_peak(numbers[0])
+    lit = numbers[0] > (peak or math.inf) * 10 ** (floor_db / 10)
+    whole = np.where(lit, numbers[0], 1.0)
+    linear = np.hypot(numbers[1], numbers[2]) / whole
+    degree = np.minimum(np.hypot(linear, numbers[3] / whole), 1.0)
+    angle = np.degrees(np.arctan2(numbers[2], numbers[1])) / 2
+    with mpl.rc_context(TYPOGRAPHY):
+        figure, panels = _panels(numbers, 1, title)
+        shown = draw_map(
+            panels[0], np.where(lit, degree, np.nan), None, None, cmap="viridis", vmin=0, vmax=1
+        )
+        colour_bar(panels[0], shown, "degree of polarisation")
+        angle = np.where(lit & (linear > _LEAST_LINEAR), angle, np.nan)
+        shown = draw_map(panels[1], angle, None, None, cmap=PHASE_MAP, vmin=-90, vmax=90)
+        colour_bar(panels[1], shown, "angle from the right upwards, degrees")
+        for axes in panels:
+            axes.set_facecolor("0.6")
+    return figure
+
+
+def _checked_stokes(stokes: ArrayLike) -> NDArray[np.float64]:
+    numbers = checked_array(stokes, "stokes", 3)
+    if len(numbers) != 4:
+        raise ArgumentError(
+            f"expected stokes (4, height, width), got shape {numbers.shape}; see "
+            "polywigner.mitsuba.stokes_of"
+        )
+    return numbers
+
+
+def _panels(numbers: NDArray[np.float64], rows: int, title: str) -> tuple[Any, Any]:
+    """A figure with two columns of panels of a picture's shape."""
+    height, width = numbers.shape[1:]
+    scale = 4.0 / max(height, width)
+    size = 2 * width * scale + 1.6, max(rows * (height * scale + 0.3), 2.6) + 0.4
+    figure = new_figure(*size, is_compressed=True)
+    panels = figure.subplots(rows, 2).ravel()
+    for axes in panels:
+        axes.set_xticks([])
+        axes.set_yticks([])
+    write_title(figure, title)
+    return figure, panels
 
 
 # Colours of the picture and of text: one palette for all frames.
@@ -119,7 +222,8 @@ def write_range_animation(
 
     Raises
     ------
-    ArgumentError : no frames or too many, a floor that is not below 0 dB, a time out of range.
+    ArgumentError : no frames or too many, a floor that is not below 0 dB, a time out of range, a
+        place that cannot be written to.
     """
     from PIL import Image
 
@@ -141,15 +245,16 @@ def write_range_animation(
         figure.canvas.draw()
         drawn = Image.fromarray(np.asarray(figure.canvas.buffer_rgba())[..., :3].copy())
         images.append(drawn.quantize(palette=palette, dither=Image.Dither.NONE))
-    images[0].save(
-        path,
-        format="GIF",
-        save_all=True,
-        append_images=images[1:],
-        duration=milliseconds,
-        loop=0,
-        optimize=False,
-    )
+    with in_place(path) as scratch:
+        images[0].save(
+            scratch,
+            format="GIF",
+            save_all=True,
+            append_images=images[1:],
+            duration=milliseconds,
+            loop=0,
+            optimize=False,
+        )
 
 
 def _checked_frames(frames: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -256,7 +361,7 @@ def _checked_profile(profile: Any, receiver: int) -> tuple[Floats, Floats, Float
         if power.ndim == 1:
             power, error, noise = power[None], error[None], noise[None]
         own = power[receiver], error[receiver], float(np.nan_to_num(noise[receiver]))
-    except (TypeError, KeyError, IndexError, AttributeError):
+    except (TypeError, KeyError, IndexError, AttributeError, ValueError):
         raise ArgumentError(
             "expected a profile of polywigner.mitsuba.range_profile and the number of one of its "
             f"receivers, got {type(profile).__name__} and {receiver!r}"
@@ -289,6 +394,7 @@ def draw_arrivals(
     floor_db: float = -40.0,
     title: str = "",
     *,
+    names: Mapping[str, tuple[float, float]] | None = None,
     ax: Axes | None = None,
 ) -> Any:
     """A map of scattered power over direction cosines, in dBm, with marks for direct light.
@@ -302,6 +408,7 @@ def draw_arrivals(
     floor_db : lowest level, dB below the peak (the largest 3x3 median; of targets smaller than that
         the largest pixel); all that is less, negative values included, has its colour.
     title : above the picture.
+    names : texts to write at direction cosines, such as those of shapes.
     ax : matplotlib axes to draw on, whose figure gets the colour bar; None: a new figure.
 
     Returns
@@ -314,12 +421,12 @@ def draw_arrivals(
     """
     import matplotlib as mpl
     from matplotlib.patches import Circle
+    from matplotlib.patheffects import withStroke
 
     values = checked_array(power, "power", 2)
-    peak, rule = picture_peak(values), PEAK_RULE
+    peak = picture_peak(values)
     if peak is None:  # a target of a few pixels
-        highest = float(np.max(values, initial=0.0, where=np.isfinite(values)))
-        peak, rule = (highest, "largest pixel") if highest > 0 else (None, "")
+        peak = float(np.max(values, initial=0.0, where=np.isfinite(values))) or None
     levels = level_db(values, peak, floor_db)
     top = 0.0 if peak is None else 10 * math.log10(peak / _MILLIWATT)
     with mpl.rc_context(TYPOGRAPHY):
@@ -331,14 +438,29 @@ def draw_arrivals(
         shown.set_clip_path(Circle((0, 0), 1.0, transform=axes.transData))
         draw_circles(axes, above=False)
         _mark(axes, direct)
+        for name, place in _checked_names(names).items():
+            text = axes.annotate(
+                name, place, ha="center", va="center", color="w", fontsize=7, parse_math=False
+            )
+            text.set_path_effects([withStroke(linewidth=1.5, foreground="k")])
         axes.set_xlim(1.02, -1.02)
         axes.set_ylim(-1.02, 1.02)
         axes.set_xlabel(r"$s_x$")
         axes.set_ylabel(r"$s_y$")
         axes.set_title(title, fontsize=8)
         extend = "max" if np.any(levels > 0) else "neither"
-        colour_bar(axes, shown, _map_label(rule, floor_db, values.shape), extend)
+        colour_bar(axes, shown, _map_label(peak is not None, floor_db, values.shape), extend)
     return drawn
+
+
+def _checked_names(names: Any) -> dict[str, Floats]:
+    if not isinstance(names, Mapping | None):
+        raise ArgumentError(f"expected names as texts to pairs of cosines, got {names!r:.100}")
+    places = {str(name): checked_array(at, "a place", 1) for name, at in (names or {}).items()}
+    for name, place in places.items():
+        if place.shape != (2,) or not np.isfinite(place).all():
+            raise ArgumentError(f"expected two direction cosines of {name!r:.100}, got {place!r}")
+    return places
 
 
 def _mark(axes: Any, direct: Sequence[DirectArrival]) -> None:
@@ -358,12 +480,125 @@ def _mark(axes: Any, direct: Sequence[DirectArrival]) -> None:
             fontsize=7,
             ha="left" if side > 0 else "right",
             va="bottom" if above > 0 else "top",
+            parse_math=False,
         )
 
 
-def _map_label(rule: str, floor_db: float, shape: tuple[int, ...]) -> str:
+def _map_label(lit: bool, floor_db: float, shape: tuple[int, ...]) -> str:
     pixels = f"scattered power of a pixel ({shape[1]} x {shape[0]}), dBm"
-    floor = floor_text(floor_db)
-    if not rule:
-        return f"{pixels}; nothing positive\n{floor}"
-    return f"{pixels}\n(peak: {rule}); {floor}:\nall below it, negative power included"
+    return f"{pixels}; {floor_text(floor_db)}{'' if lit else '; nothing positive'}"
+
+
+# Pairs of ends in one picture; delays at which impulse responses are drawn, and inverse bandwidths
+# before the first way and behind the last.
+_MOST_PAIRS, _DELAYS, _BEYOND = 6, 2001, 6.0
+_HERTZ = ((1e12, "THz"), (1e9, "GHz"), (1e6, "MHz"), (0.0, "Hz"))
+
+
+def draw_channel(
+    channel: Any, *, floor_db: float = -60.0, title: str = "", figure: Any = None
+) -> Any:
+    """Channels in dB over frequency, and their impulse responses over delay, a row for each pair.
+
+    The impulse response is the mean of h exp(-2 pi i f t) over evenly spaced frequencies, with a
+    Hann window: a way alone peaks at its own level. Stems are the ways at the middle frequency.
+
+    Parameters
+    ----------
+    channel : as :func:`polywigner.mitsuba.channel` returns; the first 6 pairs are drawn.
+    floor_db : lowest level, dB below the largest of a panel.
+    title : above the picture.
+    figure : matplotlib figure or subfigure to draw on; None: a new one.
+
+    Returns
+    -------
+    The figure that was given, or the new one.
+
+    Raises
+    ------
+    ArgumentError : no channel; what is no figure; a floor that is not below 0 dB.
+    """
+    import matplotlib as mpl
+
+    check_floor(floor_db)
+    pairs = _checked_channel(channel)[:_MOST_PAIRS]
+    frequencies = channel["frequency"].values
+    scale, unit = next(each for each in _HERTZ if frequencies.max() >= each[0])
+    with mpl.rc_context(TYPOGRAPHY):
+        drawn = figure_on(figure, 9.6, 0.5 + 2.7 * len(pairs), spacing=0.05)
+        panels = drawn.subplots(len(pairs), 2, squeeze=False)
+        for (left, right), pair in zip(panels, pairs, strict=True):
+            left.plot(frequencies / (scale or 1.0), pair.levels(pair.h), pair.line, lw=1.0)
+            left.set_xlabel(f"frequency ({unit})")
+            left.set_ylabel("|h|², received over sent (dB)")
+            left.set_title(f"{pair.receiver} from {pair.emitter}", fontsize=8)
+            _draw_response(right, frequencies, pair)
+            for axes, values in ((left, pair.h), (right, pair.amplitude)):
+                top = float(pair.levels(np.abs(values).max(initial=0.0)))
+                low = float(pair.levels(values).min()) - _ROOM if axes is left else -math.inf
+                axes.set_ylim(max(low, top + floor_db), top + _ROOM)
+                axes.grid(alpha=0.4, lw=0.5)
+        if checked_title(title):
+            drawn.suptitle(title, fontsize=8)
+    return drawn
+
+
+class _Pair(NamedTuple):
+    """The channel of one receiver and one emitter."""
+
+    receiver: str
+    emitter: str
+    h: NDArray[np.complex128]
+    amplitude: NDArray[np.complex128]
+    """(n, ways)."""
+    delays: Floats
+    ways: list[str]
+
+    @property
+    def line(self) -> str:
+        return "-" if len(self.h) > 1 else "o"
+
+    @staticmethod
+    def levels(values: Any) -> Floats:
+        """dB of amplitudes, far below any floor for zero."""
+        return np.asarray(20 * np.log10(np.maximum(np.abs(values), 1e-150)))
+
+
+def _draw_response(axes: Axes, frequencies: Floats, pair: _Pair) -> None:
+    there = np.isfinite(pair.delays)
+    band = float(np.ptp(frequencies))
+    steps = np.diff(frequencies)
+    if there.any() and len(steps) > 1 and np.ptp(steps) <= 1e-6 * abs(steps[0]):
+        beyond = min(_BEYOND / band, 0.5 / steps[0])
+        times = np.linspace(
+            max(0.0, pair.delays[there].min() - beyond), pair.delays[there].max() + beyond, _DELAYS
+        )
+        window = np.hanning(len(frequencies) + 2)[1:-1]
+        turns = np.outer(times, frequencies)
+        response = np.exp(-2j * np.pi * (turns % 1.0)) @ (window * pair.h) / window.sum()
+        axes.plot(1e9 * times, pair.levels(response), lw=1.0, label="impulse response")
+    middle = np.abs(pair.amplitude[len(frequencies) // 2])
+    for number in np.flatnonzero(there):
+        delay, level = 1e9 * pair.delays[number], float(pair.levels(middle[number]))
+        label = pair.ways[number] or "direct"
+        axes.plot(delay, level, "o", ms=4, color=f"C{number + 1}", label=f"{label}")
+        axes.vlines(delay, level - 1e3, level, color=f"C{number + 1}", lw=1.0)
+    axes.set_xlabel("delay (ns)")
+    axes.set_ylabel("level (dB)")
+    if there.any():
+        axes.legend(frameon=False, fontsize=7, loc="upper right")
+
+
+def _checked_channel(channel: Any) -> list[_Pair]:
+    try:
+        h, amplitude, delay = (channel[name].values for name in ("h", "amplitude", "delay"))
+        ways = [str(name) for name in channel["mirrors"].values]
+        return [
+            _Pair(receiver, emitter, h[:, k, j], amplitude[:, k, j], delay[k, j], ways)
+            for k, receiver in enumerate(channel["receiver"].values.tolist())
+            for j, emitter in enumerate(channel["emitter"].values.tolist())
+        ]
+    except (TypeError, KeyError, IndexError, AttributeError, ValueError):
+        raise ArgumentError(
+            f"expected a channel of polywigner.mitsuba.channel, got {type(channel).__name__}"
+        ) from None

@@ -171,8 +171,8 @@ def axes_on(ax: Any, width: float, height: float) -> tuple[Any, Any]:
 
 def checked_title(title: Any) -> str:
     """A text, or ArgumentError."""
-    if not isinstance(title, str):
-        raise ArgumentError(f"expected title as a text, got {title!r}")
+    if not isinstance(title, str) or not title.replace("\n", "").isprintable():
+        raise ArgumentError(f"expected title as a text that can be printed, got {title!r}")
     return title
 
 
@@ -194,7 +194,7 @@ def colour_bar(panels: Any, mappable: Any, label: str, extend: str = "neither") 
     return bar
 
 
-def signed_bar(axes: Axes, mappable: Any, label: str) -> None:
+def signed_bar(axes: Any, mappable: Any, label: str) -> None:
     """The colour bar of :func:`draw_signed` without a bound, with its decades."""
     from matplotlib.ticker import FixedLocator, FuncFormatter
 

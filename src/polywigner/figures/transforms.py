@@ -32,6 +32,7 @@ from polywigner.figures.style import (
 )
 from polywigner.geometry.arguments import (
     checked_count,
+    checked_flag,
     checked_wavelength,
     real_numbers,
 )
@@ -80,6 +81,7 @@ def transform_slices(
     xi: ArrayLike | None = None,
     wavelength: float | None = None,
     samples: int = 257,
+    zoomed: bool = False,
 ) -> TransformSlices:
     """F(nu), W(x, nu) at one position and A(upsilon, xi) at one lag, on a square of frequencies.
 
@@ -93,6 +95,7 @@ def transform_slices(
         the height, or a sixteenth, whichever first leaves a quarter of the area.
     wavelength : m; the axes reach to |nu| = 1/wavelength. None: to 8/diameter.
     samples : points along each axis, from 2 to 4096; an odd number has nu = 0 among them.
+    zoomed : whether axes reach to 8/diameter with a wavelength as well.
 
     Raises
     ------
@@ -105,7 +108,7 @@ def transform_slices(
     position = default_position(support, aperture.centre) if x is None else _point(x)
     lag = _default_lag(aperture) if xi is None else _point(xi)
     _check_supports(aperture, support, position, lag)
-    half = _half_width(aperture, wavelength)
+    half = _half_width(aperture, None if checked_flag(zoomed, "zoomed") else wavelength)
     frequency = np.linspace(-half, half, samples)
     grid = np.stack(np.meshgrid(frequency, frequency), axis=-1)
     return TransformSlices(
@@ -151,6 +154,7 @@ def samples_needed(aperture: pw.Aperture, wavelength: float | None) -> int:
     aperture : the outline of the source.
     wavelength : as for :func:`transform_slices`.
     """
+    aperture = outline_of(aperture)
     reach = _half_width(aperture, wavelength)
     return max(axis.count for axis in pw.suggest_sampling(aperture, reach=reach).axes)
 
@@ -373,7 +377,9 @@ def draw_transforms(
         _draw_real(panels[4], slices, slices.wigner, unit, "W(x, ν)", "nu")
         _draw_real(panels[5], slices, slices.ambiguity.real, unit, "Re A(υ, ξ)", "upsilon")
         letter_panels(panels)
-        write_title(figure, _heading(title, slices.wavelength))
+        zoomed = slices.frequency[-1] * (slices.wavelength or 0.0) < 0.5
+        note = "" if zoomed else ", dotted circle: |ν| = 1/λ"
+        write_title(figure, _heading(title, slices.wavelength, note))
     return figure
 
 
@@ -480,7 +486,8 @@ def _draw_real(
 def _frequency_axes(
     axes: Axes, symbol: str, unit: LengthUnit, wavelength: float | None, ink: str
 ) -> None:
-    if wavelength is not None:
+    # beyond the picture it would be drawn as millions of dots
+    if wavelength is not None and unit.metres / wavelength < 2 * max(axes.get_xlim()):
         mark_evanescent(axes, wavelength, unit, ink)
     label_axes(axes, symbol, unit)
 
@@ -490,7 +497,7 @@ def _point_text(point: tuple[float, float], unit: LengthUnit) -> str:
     return f"({first}, {second}) {unit.name}"
 
 
-def _heading(title: str, wavelength: float | None, note: str = ", dotted circle: |ν| = 1/λ") -> str:
+def _heading(title: str, wavelength: float | None, note: str) -> str:
     if wavelength is None:
         return title
     unit = length_unit(wavelength)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import warnings
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
@@ -22,7 +21,6 @@ from polywigner.figures.style import (
     checked_axes,
     floor_text,
     new_figure,
-    number_text,
     quantity_text,
 )
 from polywigner.figures.volumes_layers import (
@@ -37,8 +35,9 @@ from polywigner.figures.volumes_layers import (
     shaded,
 )
 from polywigner.figures.volumes_pyvista import pyvista_layers
-from polywigner.geometry.arguments import checked_row
+from polywigner.geometry.arguments import checked_length, checked_row
 from polywigner.geometry.display import length_unit
+from polywigner.geometry.silhouettes import Obstacle, bodies_if_any, obstacle_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -75,6 +74,7 @@ def draw_volume(
     found: Any,
     source: Aperture | Array | None = None,
     *,
+    obstacles: Any = (),
     name: str | None = None,
     surfaces: tuple[float, ...] | None = None,
     floor_db: float = -40.0,
@@ -94,6 +94,7 @@ def draw_volume(
         any order) in metres, each with at least two evenly spaced samples. Of axes with more than
         256 samples every second, third, ... one is read.
     source : its outline is drawn where it is, in the plane z = 0.
+    obstacles : bodies and plates, as :func:`polywigner.volume` takes them, drawn by their outlines.
     name : of the variable, which is like a power; None: the only one.
     surfaces : levels of the isosurfaces, dB, from the floor to below 0; None: four, evenly spaced.
     floor_db : lowest level of the walls, dB; all below it gets its colour.
@@ -142,11 +143,13 @@ def draw_volume(
         _draw_layers(axes, layers, colours, view)
         if source is not None:
             draw_outline(axes, view, source)
+        for body in bodies_if_any(obstacles):
+            _draw_body(axes, view, obstacle_of(body))
         extend = "max" if np.max(volume.values) > zero else "neither"
         bar = axes.figure.colorbar(shown, extend=extend, **place)
         bar.outline.set_linewidth(0.6)
         bar.ax.hlines(shells, 0, 1, colors=[tuple(c) for c in colours], linewidth=3)
-        bar.set_label(_label(volume, zero, reference, shells, floor_db, projection))
+        bar.set_label(_label(volume, zero, floor_db, projection))
         axes.set_title(title)
     return figure if ax is None else axes
 
@@ -204,9 +207,7 @@ class Samples:
         """The value of 0 dB: the reference, or the largest value; ArgumentError if not above 0."""
         if reference is None:
             return peak_of(self.values, self.name)
-        if not (reference > 0 and math.isfinite(reference)):
-            raise ArgumentError(f"expected a reference above zero, got {reference:g}")
-        return float(reference)
+        return checked_length(reference, "reference", meaning="a power above zero")
 
 
 def field_samples(
@@ -229,7 +230,7 @@ def field_samples(
     checked_dataset(found, "found")
     if name is None and len(found.data_vars) == 1:
         (name,) = found.data_vars
-    if name is None or name not in found.data_vars:
+    if not isinstance(name, str) or name not in found.data_vars:
         raise ArgumentError(
             f"expected the name of one of {', '.join(map(str, found.data_vars))}, got {name!r}"
         )
@@ -330,18 +331,17 @@ def _draw_layers(axes: Axes, layers: Layers, colours: Floats, view: View) -> Non
     )
 
 
-def _label(
-    volume: Samples,
-    zero: float,
-    reference: float | None,
-    shells: tuple[float, ...],
-    floor_db: float,
-    projection: Projection,
-) -> str:
-    listed = ", ".join(number_text(level) for level in reversed(shells))
-    peak = ", the largest in the box" if reference is None else ""
-    return (
-        f"{volume.name}, dB relative to {quantity_text(zero, volume.unit)}{peak}\n"
-        f"surfaces at {listed} dB\n"
-        f"walls: {projection} along their normals, {floor_text(floor_db)}"
-    )
+def _draw_body(axes: Axes, view: View, body: Obstacle) -> None:
+    """Draw the outline of a body, seen through all that is before it."""
+    from matplotlib.collections import LineCollection
+
+    lines = view.on_page(body.outline(view.towards / view.stretch))
+    for colour, width in (("w", 2.2), ("k", 1.0)):
+        drawn = LineCollection(list(lines), colors=colour, linewidths=width, capstyle="round")
+        axes.add_collection(drawn, autolim=False)
+        drawn.set_zorder(4)
+
+
+def _label(volume: Samples, zero: float, floor_db: float, projection: Projection) -> str:
+    size = quantity_text(zero, volume.unit)
+    return f"{volume.name}, dB relative to {size}; walls: {projection}, {floor_text(floor_db)}"

@@ -51,10 +51,6 @@ class View:
         right = right / np.linalg.norm(right)
         return View(stretch, right, np.cross(direction, right), direction)
 
-    @property
-    def is_stretched(self) -> bool:
-        return bool(np.any(self.stretch > 1))
-
     def on_page(self, points: ArrayLike) -> Floats:
         """Points (..., 3) to page coordinates (..., 2)."""
         stretched = np.asarray(points, dtype=np.float64) * self.stretch

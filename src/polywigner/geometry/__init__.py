@@ -16,7 +16,7 @@ from polywigner.geometry import shapes
 from polywigner.geometry.aperture import Aperture, PlacedAperture, triangulate
 from polywigner.geometry.arguments import rigid_pose
 from polywigner.geometry.automean import automean, lag_slice, position_slice
-from polywigner.geometry.io.readers import read_aperture, read_polyhedron
+from polywigner.geometry.io.readers import read_aperture, read_polyhedron, read_sheets
 from polywigner.geometry.polyhedron import Polyhedron
 from polywigner.geometry.slits import Slits
 from polywigner.geometry.wavefront import Wavefront
@@ -32,6 +32,7 @@ __all__ = [
     "position_slice",
     "read_aperture",
     "read_polyhedron",
+    "read_sheets",
     "rigid_pose",
     "shapes",
     "triangulate",

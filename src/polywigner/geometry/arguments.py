@@ -9,7 +9,7 @@ import os
 import re
 import sys
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from numbers import Real
 from pathlib import Path
 from typing import Any, ParamSpec, Protocol, TypeAlias, TypeVar, cast, overload
@@ -77,6 +77,7 @@ def checked_number(value: Any, name: str, meaning: str) -> float:
     """A finite number, or ArgumentError: expected `name` as `meaning`."""
     try:
         refused = isinstance(value, (str, bytes, bool)) or np.iscomplexobj(value)
+        refused |= np.ma.is_masked(value)
         number = math.nan if refused else float(value)
     except (TypeError, ValueError, OverflowError):
         number = math.nan
@@ -85,7 +86,7 @@ def checked_number(value: Any, name: str, meaning: str) -> float:
     return number
 
 
-def checked_choice(value: Any, name: str, choices: Sequence[str]) -> str:
+def checked_choice(value: Any, name: str, choices: Collection[str]) -> str:
     """One of some names, or ArgumentError."""
     if not isinstance(value, str) or value not in choices:
         known = ", ".join(f'"{choice}"' for choice in choices)
@@ -131,13 +132,18 @@ def checked_callable(value: Any, name: str) -> Any:
     return value
 
 
-def checked_length(value: Any, name: str, zero: bool = False) -> float:
-    """A finite number above zero (or zero, if allowed), or ArgumentError."""
-    meaning = "a length of at least zero" if zero else "a length above zero"
+def checked_length(value: Any, name: str, zero: bool = False, meaning: str = "") -> float:
+    """A finite number above zero (or zero, if allowed) with a finite inverse, or ArgumentError."""
+    meaning = meaning or ("a length of at least zero" if zero else "a length above zero")
     number = checked_number(value, name, meaning)
-    if number < 0 or (number == 0 and not zero):
-        raise ArgumentError(f"expected {name} as {meaning}, got {value!r}")
+    if number < _LEAST_LENGTH and not (zero and number == 0):
+        unit = "; check its unit" if number > 0 else ""
+        raise ArgumentError(f"expected {name} as {meaning}, got {value!r}{unit}")
     return number
+
+
+# Of smaller numbers the inverse is infinite.
+_LEAST_LENGTH = 2.0**-1023
 
 
 def checked_wavelength(value: Any) -> float:

@@ -385,17 +385,12 @@ _PAIRS_AT_ONCE = 1_000_000
 _RULES = ("nonzero", "evenodd")
 
 
-def winding_numbers(ring: Ring, points: Ring) -> NDArray[np.int64]:
-    """Number of turns of a ring (n, 2) counter-clockwise around each of the points (m, 2).
-
-    Counts signed crossings of the ray towards +x, with exact orientations; points on the ring
-    itself get the value of one of its sides.
-    """
-    return _turns(ring, np.roll(ring, -1, axis=0), points)
-
-
 def _turns(start: Ring, end: Ring, points: Ring) -> NDArray[np.int64]:
-    """Winding numbers (m,) of closed rings given by their edges, start and end (n, 2)."""
+    """Winding numbers (m,) of closed rings given by their edges, start and end (n, 2).
+
+    Counts signed crossings of the ray towards +x, with exact orientations; points on a ring get the
+    value of one of its sides.
+    """
     tree = shapely.STRtree(shapely.linestrings(np.stack([start, end], axis=1)))
     farthest = np.column_stack([np.full(len(points), start[:, 0].max()), points[:, 1]])
     rays = shapely.linestrings(np.stack([points, farthest], axis=1))

@@ -119,7 +119,7 @@ class Polyhedron:
         raise AttributeError(f"a Polyhedron cannot be changed ({name}); build a new one")
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Polyhedron, (self.vertices, self.faces)
+        return _restored, (self.vertices, self.faces)
 
     def _repr_html_(self) -> str:
         # seen along (1, 1, 1), z upwards
@@ -139,6 +139,15 @@ class Polyhedron:
             f"Polyhedron({len(self.vertices)} vertices, {len(self.faces)} faces, "
             f"volume {self.volume:.6g})"
         )
+
+
+def _restored(vertices: Vertices, faces: tuple[tuple[int, ...], ...]) -> Polyhedron:
+    """A body that was checked before it was copied."""
+    body = object.__new__(Polyhedron)
+    vertices.setflags(write=False)
+    object.__setattr__(body, "vertices", vertices)
+    object.__setattr__(body, "faces", faces)
+    return body
 
 
 def _largest_distance(points: Vertices) -> float:
@@ -226,7 +235,7 @@ def _check_closed(faces: Sequence[tuple[int, ...]]) -> None:
         if edges[b, a] < times:
             raise GeometryError(
                 f"expected a closed surface, got an edge from vertex {a} to {b} with a face on one "
-                "side only; add the missing face"
+                "side only; add the missing face, or read an open mesh with polywigner.read_sheets"
             )
 
 

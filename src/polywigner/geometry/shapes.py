@@ -18,9 +18,9 @@ from numpy.typing import ArrayLike
 from polywigner.errors import ArgumentError
 from polywigner.geometry.aperture import Aperture
 from polywigner.geometry.arguments import checked_count as _count
+from polywigner.geometry.arguments import checked_flag, real_numbers
 from polywigner.geometry.arguments import checked_length as _length
 from polywigner.geometry.arguments import checked_number as _number
-from polywigner.geometry.arguments import real_numbers
 from polywigner.geometry.exact import Ring
 from polywigner.geometry.parts import part_of_rings
 from polywigner.geometry.slits import Slits
@@ -262,13 +262,15 @@ def hexagonal_segments(
     and merge into one outline.
     """
     flat, space = _length(flat_to_flat, "flat_to_flat"), _length(gap, "gap", zero=True)
-    cells = _hexagon_centres(_count(rings, "rings", 0 if centre else 1), bool(centre))
+    whole = checked_flag(centre, "centre")
+    cells = _hexagon_centres(_count(rings, "rings", 0 if whole else 1), whole)
     corners = np.array([(2, 0), (1, 1), (-1, 1), (-2, 0), (-1, -1), (1, -1)], dtype=np.float64)
     # Half a side along x and half a flat-to-flat along y: all corners are multiples of these.
     unit = np.array([flat / math.sqrt(12.0), flat / 2])
     extra = np.array([space / math.sqrt(12.0), space / 2])
     places = np.array([(3 * q, m) for q, m in cells], dtype=np.float64)
-    return Aperture([(corners + place) * unit + place * extra for place in places])
+    with np.errstate(over="ignore"):  # an Aperture says so
+        return Aperture([(corners + place) * unit + place * extra for place in places])
 
 
 def patch_row(count: int, width: float, length: float, pitch: float) -> Aperture:

@@ -7,6 +7,7 @@ its shadow on that surface: behind it the edge has no part in the light (docs/th
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -27,8 +28,19 @@ _ASIDE = 1e-7
 _TOUCH, _ON = 1e-5, 1e-9
 # A point sees the source if all that is in the way is nearer than this to it, as a share.
 _BEFORE = 1e-7
+# Sizes of a body from which its outline is that seen from infinity.
+_AFAR = 1e6
+# Faces times points of a source, beyond which these share the silhouette that their middle sees.
+_MOST_FACES = 1 << 15
+# Wavelengths; products of six such lengths are numbers still.
+_FARTHEST = 1e50
+# Cones around bodies are wider by this angle, in rad: beyond rounding.
+_WIDER = 1e-6
 # Pairs of a ray and a triangle at a time: some 50 MB.
 _PAIRS = 1 << 20
+# Pairs of an edge and one that may hide it, and of a piece and a triangle, at 0.3 us each: ten
+# minutes. A pair of an edge and a whole body takes a sixteenth of that, and a piece 300 bytes.
+_MOST_PAIRS, _BODIES, _PIECES = 1 << 31, 16, 512
 
 
 @dataclass(frozen=True)
@@ -84,6 +96,31 @@ class Obstacle:
         ends = np.stack([keys // len(self.vertices), keys % len(self.vertices)], axis=1)
         ends[net < 0.0] = ends[net < 0.0, ::-1]
         return ends[net != 0.0], face[net != 0.0]
+
+    def outline(self, towards: Floats) -> Floats:
+        """Edges (m, 2, 3) of the silhouette seen from afar, in the direction ``towards`` (3,)."""
+        size = np.linalg.norm(self.vertices, axis=1).max()
+        ends, _ = self.silhouette(_AFAR * size / np.linalg.norm(towards) * towards)
+        return self.vertices[ends]
+
+    def cut(self, origin: Floats, along: Floats) -> Floats:
+        """Lines (k, 2, 2) in which a plane with the axes ``along`` (2, 3) meets the surface.
+
+        Of a plate in that plane its border.
+        """
+        normal = np.cross(*along)
+        height = (self.vertices - origin) @ normal
+        if np.abs(height).max() <= _ON * np.ptp(self.vertices, axis=0).max():
+            ends = self.vertices[self.silhouette(origin + normal)[0]]
+            return np.asarray((ends - origin) @ along.T)
+        at = height[self.triangles]
+        start, end = self.vertices[self.triangles], self.vertices[np.roll(self.triangles, -1, 1)]
+        after = np.roll(at, -1, axis=1)
+        meets = (at >= 0.0) != (after >= 0.0)
+        some = meets.any(axis=1)
+        share = np.where(meets, at, 0.0) / np.where(meets, at - after, 1.0)
+        places = (start + share[..., None] * (end - start) - origin) @ along.T
+        return np.asarray(places[some][meets[some]].reshape(-1, 2, 2))
 
 
 def obstacle_of(body: Polyhedron | PlacedAperture) -> Obstacle:
@@ -142,30 +179,54 @@ class Silhouette:
 _EVERYWHERE = np.array([0.0, 0.0, 0.0, 1.0])
 
 
-class Obstacles:
-    """Opaque bodies and plates in space, with the questions that light asks of them.
+def bodies_if_any(bodies: Any) -> tuple[Polyhedron | PlacedAperture, ...]:
+    """Obstacles as a tuple, see :func:`listed_bodies`; () for None and for no obstacles."""
+    is_none = bodies is None or (isinstance(bodies, (list, tuple)) and not bodies)
+    return () if is_none else listed_bodies(bodies)
+
+
+def listed_bodies(bodies: Any) -> tuple[Polyhedron | PlacedAperture, ...]:
+    """One or several obstacles as a tuple.
 
     Raises ArgumentError for anything but a Polyhedron, an aperture in a pose
     (:meth:`Aperture.placed`), or a sequence of these.
     """
+    listed = tuple(bodies) if isinstance(bodies, (list, tuple)) else (bodies,)
+    if not listed:
+        raise ArgumentError("expected at least one obstacle, got none; leave obstacles out")
+    for body in listed:
+        if not isinstance(body, (Polyhedron, PlacedAperture)):
+            raise ArgumentError(
+                "expected obstacles as Polyhedra and placed apertures, got "
+                f"{type(body).__name__}; place an Aperture by its method placed"
+            )
+        if isinstance(body, PlacedAperture) and body.aperture.illumination is not None:
+            raise ArgumentError(
+                "expected obstacles without illuminations, got an aperture with one; "
+                "pass its outline alone"
+            )
+    return listed
 
-    def __init__(self, bodies: Any, unit: float) -> None:
-        listed = bodies if isinstance(bodies, (list, tuple)) else [bodies]
-        if not listed:
-            raise ArgumentError("expected at least one obstacle, got none; leave obstacles out")
-        for body in listed:
-            if not isinstance(body, (Polyhedron, PlacedAperture)):
-                raise ArgumentError(
-                    "expected obstacles as Polyhedra and placed apertures, got "
-                    f"{type(body).__name__}; place an Aperture by its method placed"
-                )
-            if isinstance(body, PlacedAperture) and body.aperture.illumination is not None:
-                raise ArgumentError(
-                    "expected obstacles without illuminations, got an aperture with one; "
-                    "pass its outline alone"
-                )
-        found = [obstacle_of(body) for body in listed]
-        self.bodies = [replace(body, vertices=body.vertices / unit) for body in found]
+
+def obstacles_of(bodies: Any, unit: float) -> Obstacles:
+    """The obstacles that a user lists, in units of ``unit`` metres.
+
+    Raises ArgumentError as :func:`listed_bodies` does, and for bodies beyond all numbers.
+    """
+    found = [obstacle_of(body) for body in listed_bodies(bodies)]
+    found = [replace(body, vertices=body.vertices / unit) for body in found]
+    if not all((np.abs(body.vertices) < _FARTHEST).all() for body in found):
+        raise ArgumentError(
+            f"expected obstacles within {_FARTHEST:g} wavelengths, got one beyond; check its unit"
+        )
+    return Obstacles(found)
+
+
+@dataclass(frozen=True)
+class Obstacles:
+    """Opaque bodies and plates in space, with the questions that light asks of them."""
+
+    bodies: list[Obstacle]
 
     def reach(self, source: Floats) -> float:
         """Largest distance of any body from a source."""
@@ -173,8 +234,20 @@ class Obstacles:
             float(np.linalg.norm(body.vertices - source, axis=1).max()) for body in self.bodies
         )
 
+    def silhouettes(self, sources: Sequence[Floats]) -> list[Silhouette]:
+        """Return a silhouette for each of the places (3,) of one source.
+
+        Where the mesh is large they share one, seen from their middle.
+        """
+        if len(sources) * sum(len(body.triangles) for body in self.bodies) > _MOST_FACES:
+            return [self.silhouette(np.mean(sources, axis=0))] * len(sources)
+        return [self.silhouette(place) for place in sources]
+
     def silhouette(self, source: Floats) -> Silhouette:
-        """Return the edges of the shadows that all bodies throw, seen from a source (3,)."""
+        """Return the edges of the shadows that all bodies throw, seen from a source (3,).
+
+        Raises ArgumentError for bodies that hide each other in too many ways to find out.
+        """
         places, numbers, faces = [], [], []
         for number, body in enumerate(self.bodies):
             ends, face = body.silhouette(source)
@@ -191,16 +264,20 @@ class Obstacles:
         if not all(body.is_simple for body in self.bodies):
             return False
         cones = [_cone(body.vertices - source) for body in self.bodies]
+        axes, angles = (
+            np.array([axis for axis, _ in cones]),
+            np.array([angle for _, angle in cones]),
+        )
         return all(
-            np.arccos(np.clip(a[0] @ b[0], -1.0, 1.0)) > a[1] + b[1]
-            for k, a in enumerate(cones)
-            for b in cones[:k]
+            (np.arccos(np.clip(axes[:k] @ axes[k], -1.0, 1.0)) > angles[:k] + angles[k]).all()
+            for k in range(1, len(cones))
         )
 
     def _seen(self, source: Floats, edges: Floats, number: Indices, face: Indices) -> Silhouette:
         """The parts of edges that a source sees, with their own face on one side of them only."""
-        lines = [body.vertices[body.borders(source)] for body in self.bodies]
-        starts, ends, owner = _pieces(edges - source, np.concatenate(lines) - source)
+        lines = [body.vertices[body.borders(source)] - source for body in self.bodies]
+        cones = [_cone(body.vertices - source) for body in self.bodies]
+        starts, ends, owner = _pieces(edges - source, lines, cones)
         middle = 0.5 * (starts + ends)
         aside = np.cross(starts, ends)
         aside *= (_ASIDE * np.linalg.norm(middle, axis=1) / np.linalg.norm(aside, axis=1))[:, None]
@@ -222,14 +299,19 @@ class Obstacles:
 
     def _first_hits(self, source: Floats, rays: Floats) -> tuple[Floats, Indices, Indices]:
         """Where rays (n, 3) meet a surface first, in their lengths; its body and its face."""
-        best = np.full(len(rays), np.inf)
+        best, length = np.full(len(rays), np.inf), np.linalg.norm(rays, axis=1)
         body_of, face_of = np.full(len(rays), -1), np.full(len(rays), -1)
+        pairs = 0
         for number, body in enumerate(self.bodies):
-            for some, share in _hits(body, source, rays):
+            axis, angle = _cone(body.vertices - source)
+            near = np.flatnonzero(rays @ axis >= np.cos(min(angle + _WIDER, np.pi)) * length)
+            pairs += len(near) * len(body.triangles)
+            _check_pairs(pairs)
+            for some, share in _hits(body, source, rays[near]):
                 nearest = share.argmin(axis=1)
                 found = share[np.arange(len(nearest)), nearest]
-                better = np.flatnonzero(found < best[some] * (1.0 - _ON))
-                at = np.arange(len(rays))[some][better]
+                better = np.flatnonzero(found < best[near[some]] * (1.0 - _ON))
+                at = near[some][better]
                 best[at] = found[better]
                 body_of[at], face_of[at] = number, body.owner[nearest[better]]
         return best, body_of, face_of
@@ -241,7 +323,7 @@ class Obstacles:
             near, angle = _cone(body.vertices - source)
             rays = points - source
             length = np.linalg.norm(rays, axis=1)
-            inside = np.flatnonzero(rays @ near >= np.cos(min(angle + 1e-6, np.pi)) * length)
+            inside = np.flatnonzero(rays @ near >= np.cos(min(angle + _WIDER, np.pi)) * length)
             for some, share in _hits(body, source, rays[inside]):
                 found[inside[some]] |= (share < 1.0 - _BEFORE).any(axis=1)
         return found
@@ -323,22 +405,40 @@ def _from_triangles(corners: Floats, points: Floats) -> Floats:
     return np.where(above, np.abs(height), best)
 
 
-def _pieces(edges: Floats, lines: Floats) -> tuple[Floats, Floats, Indices]:
-    """Cut edges (m, 2, 3), seen from the origin, where lines (n, 2, 3) cross them.
+def _pieces(
+    edges: Floats, lines: list[Floats], cones: list[tuple[Floats, float]]
+) -> tuple[Floats, Floats, Indices]:
+    """Cut edges (m, 2, 3), seen from the origin, where lines (n, 2, 3) of bodies cross them.
 
-    Returns starts and ends (k, 3) of the pieces, and the number (k,) of their edge.
+    ``cones`` around the bodies. Returns starts and ends (k, 3) of the pieces, and the number (k,)
+    of their edge.
     """
     starts, ends, owner = [], [], []
-    c, d = lines[:, 0], lines[:, 1]
-    planes = np.cross(c, d)
+    axes, angles = np.array([axis for axis, _ in cones]), np.array([angle for _, angle in cones])
+    columns = [(some[:, 0], some[:, 1], np.cross(some[:, 0], some[:, 1])) for some in lines]
+    counts = np.array([len(some) for some in lines])
+    _check_pairs(len(edges) * len(lines) // _BODIES)
+    nearby, pairs, pieces = [], 0, 0
+    for edge in edges:
+        axis, angle = _cone(edge)
+        apart = np.arccos(np.clip(axes @ axis, -1.0, 1.0))
+        nearby.append(np.flatnonzero(apart <= angle + angles + _WIDER))
+        pairs += int(counts[nearby[-1]].sum())
+        _check_pairs(pairs)
     for k, (a, b) in enumerate(edges):
         normal = np.cross(a, b)
         if not normal.any():  # seen end on: no angle, and no wave
             continue
+        near = nearby[k].tolist()
+        c, d, planes = (
+            np.concatenate(part) for part in zip(*(columns[n] for n in near), strict=True)
+        )
         cuts = _cuts(a, b, normal, c, d, planes)
         places = np.unique(np.concatenate([[0.0, 1.0], cuts]))
         places = places[np.append(True, np.diff(places) > _ON)]
         places[-1] = 1.0
+        pieces += len(places) - 1
+        _check_pairs(pieces * _PIECES)
         points = a + places[:, None] * (b - a)
         starts.append(points[:-1])
         ends.append(points[1:])
@@ -346,6 +446,14 @@ def _pieces(edges: Floats, lines: Floats) -> tuple[Floats, Floats, Indices]:
     if not owner:
         return np.empty((0, 3)), np.empty((0, 3)), np.empty(0, np.intp)
     return np.concatenate(starts), np.concatenate(ends), np.concatenate(owner)
+
+
+def _check_pairs(count: int) -> None:
+    if count > _MOST_PAIRS:
+        raise ArgumentError(
+            f"expected obstacles with at most {_MOST_PAIRS} pairs of an edge and a surface that "
+            "may hide it, got more; simplify their meshes"
+        )
 
 
 def _cuts(a: Floats, b: Floats, normal: Floats, c: Floats, d: Floats, planes: Floats) -> Floats:

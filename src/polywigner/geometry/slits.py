@@ -65,7 +65,7 @@ class Slits(TakesWaves):
 
         Raises ArgumentError for anything but one finite number.
         """
-        offset = checked_shift(np.atleast_1d(shift), 1)
+        offset = checked_shift(shift, 1)
         field = None if self.illumination is None else self.illumination.moved(offset)
         return _restored(self.intervals + offset, field)
 

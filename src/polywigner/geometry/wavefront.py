@@ -66,6 +66,7 @@ def checked_shift(shift: Any, dimension: int, name: str = "a shift") -> NDArray[
     """A shift as (dimension,) finite numbers; ArgumentError if it is none."""
     try:
         offset = real_numbers(shift)
+        offset = np.atleast_1d(offset) if dimension == 1 else offset
     except ValueError:
         offset = np.empty(0)
     if offset.shape != (dimension,) or not np.isfinite(offset).all():
@@ -363,4 +364,7 @@ def _checked_width(value: Any, name: str) -> float:
     """Return a width of coherence in m, infinite for coherent light; else ArgumentError."""
     if np.isscalar(value) and value == np.inf:
         return math.inf
-    return checked_length(value, name)
+    width = checked_number(value, name, "a length above zero")
+    if width <= 0:
+        raise ArgumentError(f"expected {name} as a length above zero, got {value!r}")
+    return width

@@ -3,7 +3,7 @@
 - ``waves``: the immutable :class:`Illumination`, and waves for sampled fields; ``tapers``:
   steering, tapers and modes
 - ``array``: :class:`Array` and :func:`phased_array`; ``lattices``: sites of equal elements
-- ``arrays``: layouts and weights of elements
+- ``arrays``: layouts and weights of elements; ``element_files``: tables of both
 - ``source_files``: sources in TOML and JSON, made of ``source_tables`` and ``source_values``;
   ``texts``: tapers and layouts in a few words
 - ``support``: the region outside of which W is zero
@@ -11,8 +11,8 @@
 """
 
 from polywigner.illumination import arrays
-from polywigner.illumination.array import Array, Element, phased_array
-from polywigner.illumination.source_files import read_source, write_source
+from polywigner.illumination.array import Array, Element, phased_array, segmented_pupil
+from polywigner.illumination.source_files import read_polarisation, read_source, write_source
 from polywigner.illumination.tapers import (
     cosine_taper,
     fourier_taper,
@@ -33,7 +33,9 @@ __all__ = [
     "fit_illumination",
     "fourier_taper",
     "phased_array",
+    "read_polarisation",
     "read_source",
+    "segmented_pupil",
     "steering",
     "taylor_taper",
     "te_mode",

@@ -13,7 +13,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, GeometryError, IlluminationError
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
-from polywigner.geometry.arguments import rigid_pose
+from polywigner.geometry.arguments import (
+    checked_wavelength,
+    real_numbers,
+    rigid_pose,
+    takes_frequency,
+)
 from polywigner.geometry.display import length_text, shown_as_html
 from polywigner.geometry.parts import union_on_grid
 from polywigner.geometry.wavefront import TakesWaves, Wavefront
@@ -436,3 +441,69 @@ def phased_array(
     array: Array = object.__new__(Array)
     array.__dict__.update(repeated=(element, places), weights=amplitudes)
     return array
+
+
+@takes_frequency
+def segmented_pupil(
+    pupil: Aperture | Sequence[Aperture],
+    wavelength: float,
+    piston: ArrayLike = 0.0,
+    tilt: ArrayLike = 0.0,
+) -> Array:
+    """Pupil of segments with pistons and tilts, exact: phases of weights, and plane waves.
+
+    Parameters
+    ----------
+    pupil : Aperture whose separate parts are the segments, in the order of ``polygons.geoms``; or a
+        list of apertures, each with its own field.
+    wavelength : in m.
+    piston : (n,) of the wavefront at each segment's centroid, in m; or one for all. A segmented
+        mirror's is twice its step.
+    tilt : (n, 2) slopes of the wavefront along x and y on each segment, without unit.
+
+    Returns
+    -------
+    The :class:`Array` of segments, for :func:`psf`, :func:`mtf`, :func:`otf` and others.
+
+    Raises
+    ------
+    ArgumentError for other pupils, and for pistons and tilts that are not n finite numbers.
+
+    >>> import polywigner as pw
+    >>> mirror = pw.shapes.hexagonal_segments(1.32, 0.01, rings=1)
+    >>> waves = pw.segmented_pupil(mirror, 2e-6, piston=[0, 0, 0, 1e-6, 0, 0])
+    >>> peaks = [float(pw.psf(pupil, (0, 0), 2e-6, 10.0)) for pupil in (waves, mirror)]
+    >>> round(peaks[0] / peaks[1], 6)  # (4/6)^2
+    0.444444
+    """
+    length = checked_wavelength(wavelength)
+    if isinstance(pupil, Aperture):
+        parts = getattr(pupil.polygons, "geoms", [pupil.polygons])
+        segments = [Aperture(part).with_illumination(pupil.illumination) for part in parts]
+    else:
+        segments = list(pupil) if isinstance(pupil, Sequence) else [pupil]
+    if not segments or not all(isinstance(segment, Aperture) for segment in segments):
+        raise ArgumentError("expected pupil as an Aperture, or as a list of apertures")
+    count = len(segments)
+    steps = _for_segments("piston", piston, (count,))
+    slopes = _for_segments("tilt", tilt, (count, 2)) / length
+    centres = np.array([segment.polygons.centroid.coords[0] for segment in segments])
+    phases = steps / length - np.einsum("ij,ij->i", slopes, centres)
+    found = []
+    for segment, slope in zip(segments, slopes, strict=True):
+        wave: Any = segment.illumination
+        if slope.any():
+            tilted = Illumination([1.0], slope[None])
+            wave = tilted if wave is None else wave * tilted
+        found.append(segment.with_illumination(wave))
+    return Array(found, np.exp(2j * np.pi * np.remainder(phases, 1.0)))
+
+
+def _for_segments(name: str, values: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    try:
+        found = np.broadcast_to(real_numbers(values), shape)
+    except ValueError:
+        found = np.full(shape, np.nan)
+    if not np.isfinite(found).all():
+        raise ArgumentError(f"expected {name} as finite numbers {shape}, got {values!r}")
+    return found

@@ -3,6 +3,8 @@
 - where: ``grid_positions``, ``triangular_positions``, ``ring_positions``, ``thinned``
 - how strong: ``window_weights``
 - in which phase: ``steering_weights``, ``focusing_weights``
+- of a radar: ``virtual_array``
+- all of it from a table: ``read_elements``
 """
 
 from __future__ import annotations
@@ -27,16 +29,19 @@ from polywigner.geometry.arguments import (
     real_numbers,
     takes_frequency,
 )
-from polywigner.illumination.lattices import checked_positions
+from polywigner.illumination.element_files import read_elements
+from polywigner.illumination.lattices import checked_positions, checked_weights
 from polywigner.illumination.tapers import checked_sidelobes, transverse, unit_vector
 
 __all__ = [
     "focusing_weights",
     "grid_positions",
+    "read_elements",
     "ring_positions",
     "steering_weights",
     "thinned",
     "triangular_positions",
+    "virtual_array",
     "window_weights",
 ]
 
@@ -231,6 +236,66 @@ def _steps(count: int) -> NDArray[np.int64]:
     return 2 * np.arange(count) - (count - 1)
 
 
+# Virtual elements so near, as a fraction of their extent, are one: sums of positions are rounded.
+_ONE_PLACE = 1e-12
+
+
+def virtual_array(
+    transmit: ArrayLike,
+    receive: ArrayLike,
+    transmit_weights: ArrayLike | None = None,
+    receive_weights: ArrayLike | None = None,
+) -> tuple[Positions, NDArray[np.complex128]]:
+    """Return positions and weights of the virtual array of a transmitter and a receiver.
+
+    A radar far from its target sees the path of transmitting element j and receiving element k as
+    that of one element at x_j + y_k with the weight v_j w_k: the array factor of the virtual array
+    is the product of both, its layout their convolution. Elements in one place become one, with the
+    sum of their weights.
+
+    Parameters
+    ----------
+    transmit, receive
+        Positions (n, d) and (m, d) in metres, d = 2; for slits (n,) or (n, 1); in space (n, 3).
+    transmit_weights, receive_weights
+        (n,) and (m,) complex; None: all 1.
+
+    Returns
+    -------
+    Positions (p, d) with p up to n m, by ascending x, then y, then z, and weights (p,).
+
+    Raises
+    ------
+    ArgumentError for positions out of shape, of two dimensions, and more than 2^20 products;
+    IlluminationError for weights that are not n finite complex numbers, or all zero.
+
+    >>> import polywigner as pw
+    >>> places, weights = pw.arrays.virtual_array([0.0, 2e-3], [0.0, 1e-3])
+    >>> places[:, 0].tolist(), weights.real.tolist()
+    ([0.0, 0.001, 0.002, 0.003], [1.0, 1.0, 1.0, 1.0])
+    """
+    sent, received = (checked_positions(given, (1, 2, 3)) for given in (transmit, receive))
+    if sent.shape[1] != received.shape[1]:
+        raise ArgumentError(
+            f"expected positions with the same number of components, got {sent.shape[1]} and "
+            f"{received.shape[1]}"
+        )
+    _check_number(len(sent) * len(received))
+    v = checked_weights(transmit_weights, len(sent))
+    w = checked_weights(receive_weights, len(received))
+    places = (sent[:, None] + received).reshape(-1, sent.shape[1])
+    near = _ONE_PLACE * float(max(np.abs(sent).max(), np.abs(received).max()))
+    order = np.argsort(places, axis=0, kind="stable")
+    ranks = np.empty_like(order)
+    for axis, along in enumerate(order.T):  # equal coordinates have equal ranks
+        steps = np.diff(places[along, axis]) > near
+        ranks[along, axis] = np.concatenate([[0], np.cumsum(steps)])
+    _, first, which = np.unique(ranks, axis=0, return_index=True, return_inverse=True)
+    weights = np.zeros(len(first), np.complex128)
+    np.add.at(weights, which.reshape(-1), np.multiply.outer(v, w).ravel())
+    return places[first] + 0.0, weights
+
+
 WINDOWS = ("uniform", "taylor", "chebyshev", "hamming")
 """Windows that :func:`window_weights` knows."""
 
@@ -301,11 +366,11 @@ def focusing_weights(
         focus = np.empty(0)
     if focus.shape != (3,) or not np.isfinite(focus).all() or not focus[2] > 0:
         raise ArgumentError(f"expected a point (x, y, z) with z above zero, got {point!r}")
-    distance = np.linalg.norm(
-        np.column_stack([focus[:2] - places, np.full(len(places), focus[2])]), axis=1
-    )
-    # R_k - R without the difference of two long distances
-    path = ((places - 2 * focus[:2]) * places).sum(axis=1) / (distance + np.linalg.norm(focus))
+    apart = np.column_stack([focus[:2] - places, np.full(len(places), focus[2])])
+    with np.errstate(over="ignore", invalid="ignore"):  # refused below
+        distance = np.linalg.norm(apart, axis=1) + np.linalg.norm(focus)
+        # R_k - R without the difference of two long distances
+        path = ((places - 2 * focus[:2]) * places).sum(axis=1) / distance
     return _phases(lambda length: -path / length, wavelength)
 
 

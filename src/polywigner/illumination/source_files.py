@@ -7,11 +7,12 @@ import os
 import re
 import tomllib
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn, Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, FileFormatError, GeometryError, PolywignerError
 from polywigner.geometry import Aperture, PlacedAperture, Slits, Wavefront
@@ -21,13 +22,21 @@ from polywigner.geometry.arguments import (
 )
 from polywigner.geometry.io.limits import (
     LARGEST_TOML,
+    SMALL,
     bytes_of,
     check_values,
     place_of,
     text_of,
+    within_limits,
 )
 from polywigner.illumination.array import Array, Element
-from polywigner.illumination.source_tables import Source, aperture_of_polygons, source_of
+from polywigner.illumination.polarisation import checked_polarisation
+from polywigner.illumination.source_tables import (
+    FileContent,
+    Source,
+    aperture_of_polygons,
+    content_of,
+)
 from polywigner.illumination.source_values import VERSION
 
 _LONGEST_MESSAGE = 1000
@@ -91,8 +100,40 @@ def read_source(path: str | os.PathLike[str] | Dataset, allow_outside: bool = Fa
     True
     """
     if isinstance(path, Dataset):
-        return source_of(_parsed(_text_in(path), ".json"), Path(), allow_outside)[0]
-    return read_with_wavelength(path, allow_outside)[0]
+        return content_of(_parsed(_text_in(path), ".json"), Path(), allow_outside).source
+    return read_content(path, allow_outside).source
+
+
+def read_polarisation(
+    path: str | os.PathLike[str], allow_outside: bool = False
+) -> NDArray[np.complex128] | None:
+    """Read the polarisation at the top of a source file, None where there is none.
+
+    A source is a scalar field; what polarises it is a second value, which functions take beside the
+    source.
+
+    Parameters
+    ----------
+    path, allow_outside
+        As of :func:`read_source`, which reads the source itself.
+
+    Returns
+    -------
+    The Jones vector (2,) along the source's x and y, complex; of an array whose elements have one
+    each (n, 2).
+
+    Raises
+    ------
+    As :func:`read_source`; ArgumentError for a polarisation that is none.
+
+    >>> import polywigner as pw
+    >>> import pathlib, tempfile
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "antenna.toml"
+    >>> pw.write_source(pw.shapes.square(10e-3), path, polarisation="right")
+    >>> pw.read_polarisation(path).round(3)
+    array([0.707+0.j   , 0.   +0.707j])
+    """
+    return read_content(path, allow_outside).polarisation
 
 
 def _text_in(found: Any) -> str:
@@ -115,16 +156,17 @@ def _text_in(found: Any) -> str:
     )
 
 
-def read_with_wavelength(
-    path: str | os.PathLike[str], allow_outside: bool = False
-) -> tuple[Source, float | None]:
-    """The source of a file, and the wavelength in metres that stands at its top, if any.
+def read_content(path: str | os.PathLike[str], allow_outside: bool = False) -> FileContent:
+    """The source of a file, and the numbers that stand at its top, if any.
 
     Raises as :func:`read_source` does.
     """
     file = checked_path(path)
+    read = partial(_read, file.absolute(), allow_outside)
     try:
-        return source_of(_parsed(text_of(bytes_of(file)), file.suffix), file.parent, allow_outside)
+        if not file.is_file() or file.stat().st_size <= SMALL:
+            return read()
+        return within_limits(read, (__name__,), "a source file")
     except PolywignerError as error:
         whole = f"{file}: {error}"
         short = whole if len(whole) <= _LONGEST_MESSAGE else whole[:_LONGEST_MESSAGE] + "..."
@@ -132,6 +174,10 @@ def read_with_wavelength(
         raise type(error)(
             "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in short)
         ) from None
+
+
+def _read(file: Path, allow_outside: bool) -> FileContent:
+    return content_of(_parsed(text_of(bytes_of(file)), file.suffix), file.parent, allow_outside)
 
 
 def _parsed(text: str, suffix: str) -> Any:
@@ -307,7 +353,9 @@ def toml_of(table: Mapping[str, Any], name: str = "") -> str:
     return "".join(lines + sections)
 
 
-def write_source(source: Source, path: str | os.PathLike[str]) -> None:
+def write_source(
+    source: Source, path: str | os.PathLike[str], *, polarisation: str | ArrayLike | None = None
+) -> None:
     """Write a source to a ``.toml`` or ``.json`` file, from which :func:`read_source` has it back.
 
     All floats come back as they are, so that the source that is read equals the one written. The
@@ -319,11 +367,14 @@ def write_source(source: Source, path: str | os.PathLike[str]) -> None:
         Aperture, placed aperture, Slits, Polyhedron or Array, with fields and weights.
     path
         The suffix chooses the format.
+    polarisation
+        As of :func:`polywigner.field`, from which :func:`read_polarisation` has its Jones vector
+        back; None: none is written.
 
     Raises
     ------
     ArgumentError
-        Anything but a source, and a place that cannot be written to.
+        Anything but a source or a polarisation, and a place that cannot be written to.
     FileFormatError
         Another suffix.
     GeometryError
@@ -344,7 +395,13 @@ def write_source(source: Source, path: str | os.PathLike[str]) -> None:
             f"{file}: expected a source file with the suffix .toml or .json, got "
             f"{file.suffix or 'none'!r}"
         )
-    text = writers[file.suffix.lower()](table_of(source)).rstrip("\n")
+    table = table_of(source)
+    if polarisation is not None:
+        parts = checked_polarisation(polarisation, source).view(np.float64)
+        pairs = parts.reshape(*parts.shape[:-1], 2, 2).tolist()
+        # before other tables, which TOML would take it into
+        table = {"version": table.pop("version"), "polarisation": pairs, **table}
+    text = writers[file.suffix.lower()](table).rstrip("\n")
     _check_same(source, text, file)
     write_lines(file, [text])
 
@@ -352,7 +409,7 @@ def write_source(source: Source, path: str | os.PathLike[str]) -> None:
 def _check_same(source: Source, text: str, file: Path) -> None:
     """Refuse to write a source that would be read back as another."""
     try:
-        again = source_of(_parsed(text, file.suffix), file.parent)[0]
+        again = content_of(_parsed(text, file.suffix), file.parent).source
     except PolywignerError as error:
         raise GeometryError(f"expected a source that is valid to write, got: {error}") from None
     if again != source:

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
@@ -26,10 +26,10 @@ from polywigner.geometry import (
     shapes,
 )
 from polywigner.geometry.io import limits
-from polywigner.geometry.io.outlines import check_polygons
 from polywigner.geometry.parts import merge_parts, part_of_rings
 from polywigner.geometry.rings import Part, oriented, polygon_of_part
 from polywigner.illumination.array import Array, Element, phased_array
+from polywigner.illumination.polarisation import checked_polarisation
 from polywigner.illumination.source_values import (
     HEAD,
     KEYS,
@@ -59,8 +59,18 @@ Source = Element | Array | Wavefront
 _ROUNDING = 1e-15
 
 
-def source_of(table: Any, folder: Path, allow_outside: bool = False) -> tuple[Source, float | None]:
-    """The source that a file's whole table describes, and the wavelength at its top, in metres.
+class FileContent(NamedTuple):
+    """The source of a file, with the numbers at its top."""
+
+    source: Source
+    wavelength: float | None
+    """In m, that stands at its top, if any."""
+    polarisation: NDArray[np.complex128] | None
+    """Jones vector (2,), or one for each element (n, 2), that stands at its top, if any."""
+
+
+def content_of(table: Any, folder: Path, allow_outside: bool = False) -> FileContent:
+    """The source that a file's whole table describes, and the numbers at its top.
 
     Its aperture files are in `folder` or below, unless they are allowed to be outside.
     """
@@ -68,15 +78,28 @@ def source_of(table: Any, folder: Path, allow_outside: bool = False) -> tuple[So
         raise FileFormatError(f"expected a table with the key 'kind', got {shown(table)}")
     kinds = _ELEMENTS | _ARRAYS
     name_in(table, kinds)  # first: of a file that is no source file, nothing is quoted
-    wavelength = wavelength_in(values_of(table, HEAD), None)
+    head = values_of(table, HEAD)
+    wavelength = wavelength_in(head, None)
     around = Around(folder, allow_outside, wavelength)
     body = {key: value for key, value in table.items() if key not in HEAD}
     wave = body.pop("wavefront", None)
-    source = made(body, kinds, around)
+    source = flat = made(body, kinds, around)
     if wave is not None:
         with at("wavefront"):
             source = _with_wave(source, wave, wavelength)
-    return source, wavelength
+    jones = None
+    if "polarisation" in head:
+        with at("polarisation"):
+            jones = _polarisation(head["polarisation"], flat)
+    return FileContent(source, wavelength, jones)
+
+
+def _polarisation(value: Any, source: Any) -> NDArray[np.complex128]:
+    """Jones vectors of a text, a list of texts, or lists of numbers: pairs where complex."""
+    if isinstance(value, list) and not all(isinstance(item, str) for item in value):
+        is_deep = isinstance(value[0], list) and any(isinstance(part, list) for part in value[0])
+        value = complex_numbers(value, 2 if is_deep else 1)
+    return checked_polarisation(value, source)
 
 
 # Outlines and bodies.
@@ -243,7 +266,6 @@ def _of_polygons(polygons: Any, verbatim: bool) -> Aperture:
         raise FileFormatError(
             "expected a list of polygons, each a list of rings, each a list of vertices [x, y]"
         )
-    check_polygons(polygons)
     return _aperture_as_it_is(polygons) if verbatim else aperture_of_polygons(polygons)
 
 

@@ -213,7 +213,12 @@ def _untouched(value: Any) -> Any:
     return value
 
 
-HEAD: dict[str, Converter] = {"version": _version, "frequency": frequency, "wavelength": length}
+HEAD: dict[str, Converter] = {
+    "version": _version,
+    "frequency": frequency,
+    "wavelength": length,
+    "polarisation": _untouched,
+}
 """Keys at the top of a file, whatever its kind."""
 
 _OF_CONVERTERS: dict[Converter, str] = {

@@ -7,9 +7,9 @@ to every Mitsuba variant. It never sets a variant.
 - ``parameters`` of scenes' elements, read and checked; ``entries`` for dictionaries; ``sources``
 - ``plugins``: the shape; ``emitter``: its light, by the estimators ``wigner`` or ``exact``;
   ``sampling`` of positions and directions; ``placement`` of meshes and sources
-- ``receiver``: the sensor
+- ``receiver``: the sensor; ``polarisation`` of both in Mitsuba's polarised variants
 - ``received_power``: watts of receivers (``received``); ``direct_light`` by links and ``mirrors``;
-  ``scattered`` light
+  ``scattered`` light, with ``targets``; ``channels``: paths that interfere
 - ``scatterers``: lit scenes as ``clouds``, by ``scattering_steps``
 - ``range_profile``: by lengths of paths, with the integrators and the film of ``range_film``
 - ``scenes``: loading scenes (``scene_files``) and choosing variants; ``rendering``: their images
@@ -22,6 +22,7 @@ from polywigner.toolchain import llvm
 llvm.require_drjit()  # before the next imports, which load Dr.Jit
 
 from polywigner.illumination import obliquities  # noqa: E402
+from polywigner.mitsuba.channels import channel  # noqa: E402
 from polywigner.mitsuba.clouds import (  # noqa: E402
     covariance,
     element_responses,
@@ -30,6 +31,7 @@ from polywigner.mitsuba.clouds import (  # noqa: E402
 from polywigner.mitsuba.entries import aperture, receiver  # noqa: E402
 from polywigner.mitsuba.parameters import register_source  # noqa: E402
 from polywigner.mitsuba.plugins import exclusive, register  # noqa: E402
+from polywigner.mitsuba.polarisation import stokes_of  # noqa: E402
 from polywigner.mitsuba.range_profile import range_frames, range_profile  # noqa: E402
 from polywigner.mitsuba.received import Contribution, DirectPath, ReceivedPower  # noqa: E402
 from polywigner.mitsuba.received_power import received_power, received_powers  # noqa: E402
@@ -55,6 +57,7 @@ __all__ = [
     "DirectPath",
     "ReceivedPower",
     "aperture",
+    "channel",
     "choose_variant",
     "covariance",
     "element_responses",
@@ -71,6 +74,7 @@ __all__ = [
     "render",
     "render_file",
     "scatterers",
+    "stokes_of",
     "translate_error",
     "write_scatterers",
 ]

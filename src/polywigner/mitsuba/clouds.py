@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture
-from polywigner.geometry.arguments import checked_path
+from polywigner.geometry.arguments import checked_path, checked_row, real_numbers
 from polywigner.illumination import Array
 from polywigner.mitsuba.sources import centred_source, norm_of
 from polywigner.propagation.amplitudes import amplitude
@@ -175,9 +175,9 @@ def _sources(elements: Any) -> list[Aperture]:
 
 def _pose(value: Any) -> NDArray[np.float64]:
     try:
-        found = np.asarray(value, np.float64)
+        found = real_numbers(value)
         found = found.reshape(4, 4) if found.shape == (16,) else found
-    except (TypeError, ValueError):
+    except ValueError:
         found = np.empty(0)
     turn = found[:3, :3] if found.shape == (4, 4) else np.zeros((3, 3))
     if not (np.isfinite(found).all() and np.allclose(turn @ turn.T, np.eye(3), atol=1e-5)):
@@ -186,12 +186,10 @@ def _pose(value: Any) -> NDArray[np.float64]:
 
 
 def _edges(ranges: Any) -> NDArray[np.float64]:
-    try:
-        found = np.asarray(ranges, np.float64)
-    except (TypeError, ValueError):
-        found = np.empty(0)
-    if found.ndim != 1 or len(found) < 2 or not (np.diff(found) > 0.0).all():
-        raise ArgumentError(f"expected ranges as two or more ascending edges in m, got {ranges!r}")
+    expected = "expected ranges as two or more ascending edges in m"
+    found = checked_row(ranges, expected)
+    if len(found) < 2 or not (np.diff(found) > 0.0).all():
+        raise ArgumentError(f"{expected}, got {ranges!r}")
     return found
 
 

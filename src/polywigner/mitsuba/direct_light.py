@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
-import drjit as dr
-import mitsuba as mi
 import numpy as np
 import shapely
 from numpy.typing import NDArray
@@ -18,107 +16,16 @@ from polywigner.errors import PolywignerError, SceneError
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import CONDITIONS
-from polywigner.mitsuba.mirrors import Mirror, chains_of, mirrors_of, trace_way
+from polywigner.mitsuba.diffraction import meshes_in
+from polywigner.mitsuba.mirrors import Mirror, chains_of, mirrors_of
+from polywigner.mitsuba.passing import diffracted_share, passing_share
 from polywigner.mitsuba.placement import PLACE_ERROR, PlacedSource
 from polywigner.mitsuba.received import DirectPath
-from polywigner.mitsuba.sampling import cells_with_field
 from polywigner.mitsuba.sources import norm_of
 from polywigner.reception import coupling
 from polywigner.transforms.phase_space import energy_of
 
 Floats = NDArray[np.float64]
-
-RAYS = 4096
-# A hit lies in the plane of a mirror within this, relative to the coordinates: Mitsuba starts rays
-# 1e-4 off a surface.
-_IN_PLANE = 1e-4
-
-
-def passing_share(
-    scene: Any, emitter: PlacedSource, receiver: PlacedSource, chain: Sequence[Mirror] = ()
-) -> float:
-    """The mean share of power that arrives by these mirrors, of 4096 rays.
-
-    ``emitter`` itself, not its image.
-    """
-    unit = receiver.scene_unit
-    draws = _draws(RAYS)
-    start = emitter.points(_places(emitter, draws[:, :2]))
-    end = receiver.points(_places(receiver, draws[:, 2:]))
-    corners = _corners(start, end, chain)
-    if corners is None:
-        return 0.0
-    way = [end, *corners, start]
-    leaves = np.einsum("ij,j->i", way[-2] - start, emitter.normal) > 0
-    arrives = np.einsum("ij,j->i", way[1] - end, receiver.normal) > 0
-    valid = leaves & arrives & np.all([np.isfinite(point).all(axis=1) for point in way], axis=0)
-    if not valid.any():
-        return 0.0
-    scaled = [point[valid] / unit for point in way]
-    return float(_passed(scene, scaled, receiver, chain).sum() / RAYS)
-
-
-def _draws(count: int) -> Floats:
-    """(count, 4) points that fill the unit cube evenly: multiples of powers of one number.
-
-    Source: M. Roberts, "The unreasonable effectiveness of quasirandom sequences" (2018).
-    """
-    root = 1.1673039782614187  # of x^5 = x + 1
-    steps = root ** -np.arange(1.0, 5.0)
-    result: Floats = (0.5 + np.arange(count)[:, None] * steps) % 1.0
-    return result
-
-
-def _places(source: PlacedSource, draws: Floats) -> Floats:
-    """Places (n, 2) of a source in proportion to |u|^2, in m."""
-    cells = cells_with_field(mi, source.source, 1.0)
-    if dr.is_jit_v(mi.Float):
-        return _rows(cells.sample(mi.Point2f(*(mi.Float(c.tolist()) for c in draws.T))))
-    return np.concatenate([_rows(cells.sample(mi.Point2f(*draw))) for draw in draws.tolist()])
-
-
-def _corners(start: Floats, end: Floats, chain: Sequence[Mirror]) -> list[Floats] | None:
-    """Where the ways meet the mirrors, from the last to the first; nan where one does not.
-
-    None where no way meets all of them.
-    """
-    images = [start]
-    for mirror in chain:
-        height = images[-1] @ mirror.normal - mirror.offset
-        images.append(images[-1] - 2 * height[:, None] * mirror.normal)
-    found, place = [], end
-    for mirror, image in zip(reversed(chain), reversed(images[1:]), strict=True):
-        here, there = (point @ mirror.normal - mirror.offset for point in (place, image))
-        crosses = here * there < 0
-        if not crosses.any():
-            return None
-        along = np.where(crosses, here / np.where(crosses, here - there, 1.0), np.nan)
-        place = place + along[:, None] * (image - place)
-        found.append(place)
-    return found
-
-
-def _passed(
-    scene: Any, way: list[Floats], receiver: PlacedSource, chain: Sequence[Mirror]
-) -> Floats:
-    """The share of each ray that passes; ``way`` in scene units, from the receiver on."""
-    rounding = _IN_PLANE * max(float(np.abs(place).max()) for place in way)
-    planes = [
-        (mirror.shape, mi.Vector3f(*mirror.normal.tolist()), mirror.offset / receiver.scene_unit)
-        for mirror in reversed(chain)
-    ]
-    normal = mi.Normal3f(*receiver.normal.tolist())
-    trace = partial(trace_way, scene, receiver.medium, normal, planes, rounding)
-    if dr.is_jit_v(mi.Float):
-        points = [mi.Point3f(*(mi.Float(c.tolist()) for c in place.T)) for place in way]
-        return np.broadcast_to(np.array(trace(points), np.float64), len(way[0]))
-    rays = zip(*(place.tolist() for place in way), strict=True)
-    return np.array([float(trace([mi.Point3f(*point) for point in ray])) for ray in rays])
-
-
-def _rows(points: Any) -> Floats:
-    """(n, 2) from a point, or from an array of them."""
-    return np.stack([np.ravel(np.array(c, np.float64)) for c in (points.x, points.y)], axis=-1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,7 +67,7 @@ def coupled_share(parts: FacingParts, tolerance: float) -> float:
     """
     emitter, receiver = parts.emitter, parts.receiver
     link = f"the link from emitter {emitter.name!r} to receiver {receiver.name!r}"
-    _check_obliquity(link, emitter.obliquity, receiver.obliquity)
+    check_obliquity(link, emitter.obliquity, receiver.obliquity)
     pose = emitter.pose_of(receiver)
     method: Any = emitter.obliquity
     share = 0.0
@@ -180,7 +87,8 @@ def coupled_share(parts: FacingParts, tolerance: float) -> float:
     return float(share)
 
 
-def _check_obliquity(link: str, one: str, other: str) -> None:
+def check_obliquity(link: str, one: str, other: str) -> None:
+    """Raise SceneError for a link without one boundary condition at both ends."""
     if one != other:
         raise SceneError(
             f"{link}: expected one obliquity, got {one!r} and {other!r}; a link has one boundary "
@@ -235,6 +143,9 @@ def _cut(element: Aperture, normal: Floats, least: float) -> Aperture | None:
 
 Way = tuple[Mirror, ...]
 
+UNSEEN = "no direct light; one lies in the plane of the other, or behind it"
+BLOCKED = "no light; obstacles block it, by rays, without diffraction"
+
 
 @dataclass(frozen=True)
 class DirectLight:
@@ -242,6 +153,15 @@ class DirectLight:
 
     paths: tuple[DirectPath, ...] = ()
     notes: tuple[str, ...] = field(default=())
+    interfering: float | None = None
+    """W of all paths as they interfere; None: their powers add."""
+
+    @property
+    def power(self) -> float:
+        """W."""
+        if self.interfering is not None:
+            return self.interfering
+        return math.fsum(path.power for path in self.paths)
 
 
 def direct_light(
@@ -256,10 +176,15 @@ def direct_light(
     Raises SceneError for links that are too much work.
     """
     paths, notes = [], []
+    share: Callable[..., Floats] = passing_share
+    if emitter.diffraction or receiver.diffraction:
+        unit = receiver.scene_unit
+        meshes = [(p * unit, f) for p, f in meshes_in(scene, receiver.wavelength / unit)]
+        share = partial(diffracted_share, meshes)
     link = f"from {emitter.name!r} to {receiver.name!r}"
     for chain in ways:
         way = link + "".join(f" by {mirror.name!r}" for mirror in chain)
-        found, reason = _path(scene, emitter, receiver, chain, tolerance)
+        found, reason = _path(scene, emitter, receiver, chain, tolerance, share)
         if found is not None:
             paths.append(found)
         # most chains of mirrors lead nowhere
@@ -274,47 +199,60 @@ def _path(
     receiver: PlacedSource,
     chain: Way,
     tolerance: float,
+    share: Callable[..., Floats],
 ) -> tuple[DirectPath | None, str]:
-    image = emitter
-    for mirror in chain:
-        image = image.mirrored(mirror.normal, mirror.offset)
+    image = emitter.image(chain)
     parts = facing_parts(image, receiver)
     if parts is None:
-        return None, "no direct light; one lies in the plane of the other, or behind it"
+        return None, UNSEEN
     # rays leave the emitter itself, from the part whose image faces the receiver
-    facing = parts.emitter
-    for mirror in reversed(chain):
-        facing = facing.mirrored(mirror.normal, mirror.offset)
-    passing = passing_share(scene, facing, parts.receiver, chain)
+    facing = parts.emitter.image(chain[::-1])
+    matrix = share(scene, facing, parts.receiver, chain)
+    passing = float(matrix[0, 0])
     if passing == 0:
-        return None, "no direct light; obstacles block it, by rays, without diffraction"
-    coupling = coupled_share(parts, tolerance)
+        return None, BLOCKED
+    coupling, matched = _coupled(image, receiver, matrix, tolerance)
     path = DirectPath(
         tuple(mirror.name for mirror in chain),
-        emitter.power * coupling * passing,
+        emitter.power * coupling * passing * matched,
         coupling,
         passing,
-        _arrival(parts.emitter, parts.receiver),
+        arrival(parts.emitter.middle, parts.receiver),
+        matched,
     )
-    doubts = _doubts(parts.share, passing, chain)
-    doubts += _narrow(chain, parts.emitter, parts.receiver)
+    doubts = _doubts(parts.share, passing if share is passing_share else 1.0, chain)
+    doubts += narrow(chain, parts.emitter, parts.receiver)
     return path, " and ".join(doubts)
 
 
-def _arrival(emitter: PlacedSource, receiver: PlacedSource) -> tuple[float, float]:
-    """Direction cosines of the emitter's middle, in the receiver's frame."""
-    way = receiver.pose[:3, :3].T @ _between(emitter, receiver)
+def _coupled(
+    image: PlacedSource, receiver: PlacedSource, passing: Floats, tolerance: float
+) -> tuple[float, float]:
+    """|b|^2 with nothing in between whatever the polarisation; the share of it that is received.
+
+    ``passing``: the mean Mueller matrix of the way.
+    """
+    size = len(passing)
+    terms = []
+    for sent, leaves in image.fields:
+        for taken, wanted in receiver.fields:
+            parts = facing_parts(replace(image, source=sent), replace(receiver, source=taken))
+            assert parts is not None  # as of the whole sources
+            share = coupled_share(parts, tolerance)
+            row, column = (np.array(stokes[:size]) for stokes in (wanted, leaves))
+            weight = 1.0 if receiver.polarisation is None else 0.5
+            received = weight * float(row @ passing @ column)
+            terms.append((leaves[0] * wanted[0] * share, received * share))
+    whole, received = (math.fsum(column) for column in zip(*terms, strict=True))
+    share = received / (whole * float(passing[0, 0])) if whole > 0 else 0.0
+    return whole, max(share, 0.0)  # rounding of crossed ends
+
+
+def arrival(place: Floats, receiver: PlacedSource) -> tuple[float, float]:
+    """Direction cosines of a place in the receiver's frame."""
+    way = receiver.pose[:3, :3].T @ (place - receiver.middle)
     alpha, beta, _ = (way / np.linalg.norm(way)).tolist()
     return alpha, beta
-
-
-def _between(emitter: PlacedSource, receiver: PlacedSource) -> Any:
-    """(3,) in m, from the receiver's middle to the emitter's."""
-    middles = [
-        place.points(np.reshape(place.source.bounds, (2, 2)).mean(axis=0)[None])[0]
-        for place in (emitter, receiver)
-    ]
-    return middles[0] - middles[1]
 
 
 def _doubts(facing: float, passing: float, chain: Way) -> list[str]:
@@ -328,9 +266,9 @@ def _doubts(facing: float, passing: float, chain: Way) -> list[str]:
     return doubts
 
 
-def _narrow(chain: Way, image: PlacedSource, receiver: PlacedSource) -> list[str]:
+def narrow(chain: Way, image: PlacedSource, receiver: PlacedSource) -> list[str]:
     """Note on mirrors so small that their edges diffract, which rays do not show."""
-    zone = math.sqrt(receiver.wavelength * float(np.linalg.norm(_between(image, receiver))))
+    zone = math.sqrt(receiver.wavelength * float(np.linalg.norm(image.middle - receiver.middle)))
     unit = receiver.scene_unit
     return [
         f"{mirror.name!r} is narrower than a Fresnel zone of {zone:.3g} m: it sends less than "

@@ -35,7 +35,8 @@ from polywigner.illumination import Array
 from polywigner.kernels import FOURIER, WIGNER, new_outline_of, new_tables_of
 from polywigner.mitsuba.parameters import ESTIMATORS, check_range, rigid_pose
 from polywigner.mitsuba.placement import Frame, check_place, cover, matrix_of, move
-from polywigner.mitsuba.sampling import opaque, sampled_emitter_class, spectrum
+from polywigner.mitsuba.polarisation import Polariser
+from polywigner.mitsuba.sampling import opaque, sampled_emitter_class, single, spectrum
 from polywigner.mitsuba.sources import (
     CentredSource,
     SourceSpec,
@@ -61,13 +62,15 @@ class TracedSource:
     None where they are not exposed; ``why_not`` says why.
     """
 
-    def __init__(self, m: Any, centred: CentredSource) -> None:
+    def __init__(self, m: Any, centred: CentredSource, has_several: bool) -> None:
         self._m, self._source = m, centred
         self.vertices: Any = None
         self.weights: Any = None
         self.why_not = ""
         if not dr.is_jit_v(m.Float):
             self.why_not = "a variant of Mitsuba that compiles, such as llvm_ad_rgb"
+        elif has_several:
+            self.why_not = "an array of one polarisation"
         elif not _is_simple(centred.source):
             self.why_not = "a uniform aperture, or an array of such that do not overlap"
         else:
@@ -215,6 +218,7 @@ def emitter_class(variant: str) -> Any:
             # a literal is folded into loops, which Dr.Jit cannot record for a single sample then
             self._dark = opaque(m, 0.0)
             self._unit = spec.scene_unit
+            self.polariser = Polariser(m, spec.polarisation)
             self._set_source(spec, spec.wavelength)
             self._take_over()
 
@@ -224,15 +228,15 @@ def emitter_class(variant: str) -> Any:
             self._centre = spec.centred.centre / self._unit
             self._is_dispersive = depends_on_wavelength(spec.source, spec.obliquity)
             self._own = WignerRadiance(m, spec, wavelength)
-            self._estimator = ESTIMATORS[spec.estimator](m, spec, wavelength, self._own)
-            self._traced = TracedSource(m, spec.centred)
+            self.estimator = ESTIMATORS[spec.estimator](m, spec, wavelength, self._own)
+            self._traced = TracedSource(m, spec.centred, spec.has_several)
 
         # ---- what a user may change ----------------------------------------------------------
 
         def traverse(self, callback: Any) -> None:
             """``wavelength`` (m), ``power`` (W), ``to_world`` (rigid); vertices and weights."""
             # Where it turns the directions of waves, these are constants of the kernel.
-            constant = self._is_dispersive or self._estimator.is_constant
+            constant = self._is_dispersive or self.estimator.is_constant
             flag = "NonDifferentiable" if constant else "Differentiable"
             callback.put("wavelength", self.wavelength, getattr(mi.ParamFlags, flag))
             callback.put("power", self.power, mi.ParamFlags.Differentiable)
@@ -267,8 +271,8 @@ def emitter_class(variant: str) -> Any:
             shape = self.get_shape() if self.spec.visible else None
             if "vertices" in keys or "weights" in keys:
                 self._reshape(shape)
-            if "wavelength" in keys and (self._is_dispersive or self._estimator.is_constant):
-                wavelength, kept = _single(self.wavelength, "wavelength"), self._traced
+            if "wavelength" in keys and (self._is_dispersive or self.estimator.is_constant):
+                wavelength, kept = single(self.wavelength, "wavelength"), self._traced
                 self._set_source(self.spec, wavelength)
                 self._traced = kept
             self._take_over()
@@ -284,7 +288,7 @@ def emitter_class(variant: str) -> Any:
                 return
             traced, spec = self._traced, self.spec
             centred = centred_source(source, spec.obliquity, spec.antithetic)
-            wavelength = _single(self.wavelength, "wavelength")
+            wavelength = single(self.wavelength, "wavelength")
             norm = norm_of(source, wavelength, spec.obliquity, spec.mixture)
             self._set_source(replace(spec, centred=centred, norm=norm), wavelength)
             # the arrays that a user holds, and their derivatives
@@ -294,14 +298,14 @@ def emitter_class(variant: str) -> Any:
                 cover(shape, centred.support, pose, self._centre, self._unit)
 
         def _check_numbers(self) -> None:
-            wavelength = _single(self.wavelength, "wavelength")
-            power = _single(self.power, "power")
+            wavelength = single(self.wavelength, "wavelength")
+            power = single(self.power, "power")
             if not wavelength > 0:
                 raise SceneError(f"expected a wavelength above zero, got {wavelength:.6g} m")
             if not power >= 0:
                 raise SceneError(f"expected a power of zero or more, got {power:.6g} W")
             spec = self.spec
-            norm = norm_of(spec.source, wavelength, spec.obliquity, spec.mixture)
+            norm = spec.norm_at(wavelength)
             check_range(spec.centred, wavelength, power, norm, self._unit)
             self.spec = replace(spec, norm=norm)
 
@@ -318,7 +322,7 @@ def emitter_class(variant: str) -> Any:
 
         def _traced_norm(self) -> Any:
             """N with derivatives; its value is the host's."""
-            wavelength = _single(self.wavelength, "wavelength")
+            wavelength = single(self.wavelength, "wavelength")
             source = self.spec.centred.at_origin
             lag = largest_lag(source)
             blocks = [np.column_stack(both) for both in directions_and_weights(lag, wavelength)]
@@ -332,6 +336,8 @@ def emitter_class(variant: str) -> Any:
             wave = Wave(inverse, m.Vector2f(tilt_x, tilt_y))
             own = self._traced.intensity if self._follows() else None
             intensity = self._own.integral(m.Vector3f(x, y, z), wave, own) * inverse * inverse
+            if self.spec.has_several:
+                intensity = intensity.x
             total = dr.sum(intensity * z * solid_angle * share)
             return self.spec.norm * (total / dr.detach(total))
 
@@ -369,9 +375,10 @@ def emitter_class(variant: str) -> Any:
         def eval(self, si: Any, active: Any = True) -> Any:
             if not self.spec.visible:  # or unseen for a while, with a surface of its own
                 return spectrum(m, self._dark, active)
-            direction = self.frame.to_own(si.to_world(si.wi))
+            along = si.to_world(si.wi)
+            direction = self.frame.to_own(along)
             found = self.radiance(si.uv, direction, self.wave(si.uv, direction))
-            return spectrum(m, found, active)
+            return self.polariser.sent(found, direction, self.frame, active, along)
 
         def bbox(self) -> Any:
             return self.get_shape().bbox()
@@ -395,10 +402,3 @@ def _adjustable(m: Any, value: float) -> Any:
 
 def _value(number: Any, jit: bool) -> Any:
     return number if jit else number[0]
-
-
-def _single(number: Any, name: str) -> float:
-    values = np.asarray(dr.detach(number), dtype=np.float64).ravel()
-    if values.size != 1 or not np.isfinite(values).all():
-        raise SceneError(f"expected one finite number as {name}, got {values.tolist()}")
-    return float(values[0])

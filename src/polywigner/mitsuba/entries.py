@@ -14,6 +14,7 @@ from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import takes_frequency
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import DEFAULT
+from polywigner.illumination.polarisation import checked_polarisation, polarisation_text
 from polywigner.mitsuba.films import film_of
 from polywigner.mitsuba.parameters import (
     RECEIVER_ESTIMATOR,
@@ -30,7 +31,7 @@ from polywigner.quantities import parse_frequency, parse_length, parse_noise, pa
 from polywigner.reception.norms import NORMALISATIONS
 
 # Python's own, where NumPy's were given.
-_EMITTER_FLAGS = ("antithetic", "control_variate", "visible", "sampling_weight")
+_EMITTER_FLAGS = ("diffraction", "antithetic", "control_variate", "visible", "sampling_weight")
 
 
 @takes_frequency
@@ -51,6 +52,8 @@ def aperture(
     estimator: str = "wigner",
     bandwidth: float | str | None = None,
     aperture_power: float | str | None = None,
+    diffraction: bool = False,
+    polarisation: Any = None,
 ) -> dict[str, Any]:
     """A coherent aperture or array as an entry of a dictionary for ``mi.load_dict``.
 
@@ -91,12 +94,18 @@ def aperture(
     bandwidth: of the light, in Hz or a text such as "4 GHz", around the frequency of the
         wavelength. Each sample is light of one frequency of this band, docs/coherence.md; it is no
         bandwidth of noise. Default: one wavelength.
+    diffraction: with the estimator ``exact``: shadows of the scene's opaque surfaces diffract, one
+        edge at a time, as of black bodies; docs/shadows.md.
+    polarisation: of the field, in Mitsuba's polarised variants: "x", "y", "right", "left", a slant
+        from x towards y such as "45 deg", or a Jones vector (2,) along the source's x and y; of an
+        array also one for each element, (n, 2) or a list. Default: unpolarised; docs/polarised.md.
 
-    The entry holds a key, see :func:`register_source`: load it in the process that made it.
+    The entry holds a key, see :func:`register_source`: load it in the process that made it. With a
+    polarisation, loading it in a variant that is not polarised raises a SceneError.
 
     Raises
     ------
-    GeometryError, QuantityError, SceneError for an unusable argument.
+    ArgumentError, GeometryError, QuantityError, SceneError for an unusable argument.
     """
     entry: dict[str, Any] = {
         "type": PLUGIN_NAME,
@@ -104,12 +113,14 @@ def aperture(
         "wavelength": parse_length(wavelength),
         "obliquity": obliquity,
         "estimator": estimator,
+        "diffraction": diffraction,
         "antithetic": antithetic,
         "sampling": sampling,
         "control_variate": control_variate,
         "scene_unit": parse_length(scene_unit),
         "sampling_weight": sampling_weight,
         "visible": visible,
+        **_polarisation_entry(source, polarisation),
         **pose_entry(to_world),
     }
     if radiated_power is not None:
@@ -148,6 +159,8 @@ def receiver(
     scene_unit: float = 1.0,
     sampling: str = SAMPLINGS[0],
     normalise: str = NORMALISATIONS[0],
+    diffraction: bool = False,
+    polarisation: Any = None,
 ) -> dict[str, Any]:
     """A coherent aperture or array that receives, as an entry of a dictionary for ``mi.load_dict``.
 
@@ -171,6 +184,11 @@ def receiver(
     normalise: ``radiated``: its gain is the directivity, so that a sky of the radiance L gives
         lambda^2 L to any receiver. ``aperture``: received power counts as int |u|^2 does, less by
         the share of it that is evanescent; docs/receivers.md.
+    diffraction: with the estimator ``exact``: light comes around the edges of the scene's opaque
+        surfaces as well, by reciprocity; docs/shadows.md.
+    polarisation: of the wave that it would send, as of :func:`polywigner.mitsuba.aperture`: it
+        takes all of a matched wave, nothing of the crossed one, half of unpolarised light. Default:
+        all light alike; docs/polarised.md.
 
     The entry holds a key, see :func:`register_source`: load it in the process that made it. Render
     it with :func:`polywigner.mitsuba.render`, which hands the scene over to the estimator
@@ -186,17 +204,27 @@ def receiver(
         "wavelength": parse_length(wavelength),
         "obliquity": obliquity,
         "estimator": estimator,
+        "diffraction": diffraction,
         "sampling": sampling,
         "scene_unit": parse_length(scene_unit),
         "normalise": normalise,
         "film": _film(film),
         "sampler": {"type": "multijitter"},
+        **_polarisation_entry(source, polarisation),
         **pose_entry(to_world),
     }
     noise = parse_noise(bandwidth, temperature, noise_figure)
     entry |= {name: value for name, value in noise.items() if value is not None}
     read_receiver(entry)
     return entry
+
+
+def _polarisation_entry(source: Any, polarisation: Any) -> dict[str, str]:
+    """The key ``polarisation``, as text of Jones vectors; nothing for None."""
+    if polarisation is None:
+        return {}
+    vectors = checked_polarisation(polarisation, as_source(source))
+    return {"polarisation": polarisation_text(vectors)}
 
 
 def _film(film: Any) -> dict[str, Any]:

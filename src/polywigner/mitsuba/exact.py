@@ -12,11 +12,12 @@ Lengths are in wavelengths, relative to the middle of the source.
 from __future__ import annotations
 
 import math
+import operator
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import partial
+from functools import partial, reduce
 from itertools import islice
-from typing import Any
+from typing import Any, ClassVar
 
 import drjit as dr
 import numpy as np
@@ -33,7 +34,7 @@ from polywigner.illumination.obliquities import (
 )
 from polywigner.kernels.boundary import integrals
 from polywigner.kernels.boundary.integrals import distance_of
-from polywigner.mitsuba.sampling import cells_with_field, opaque
+from polywigner.mitsuba.sampling import cells_with_field, four, opaque
 from polywigner.mitsuba.sources import SourceSpec, plane_waves_of
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair
@@ -180,17 +181,25 @@ class ExactEstimator:
 
     needs_distance = True
     is_constant = True
+    tells: ClassVar[bool] = False
+    """Whether a scene is told of: kernels are traced through the sources of others as well."""
 
     def __init__(self, m: Any, spec: SourceSpec, wavelength: float, own: Any) -> None:
         self._m, self._unit = m, spec.scene_unit
         source = spec.centred.at_origin
         self._cells = cells_with_field(m, source, self._unit)
-        parts = list(spec.mixture.parts(source, wavelength, _OF_MIXTURE))
-        self._fields = [
-            (ExactField(m, part, length, spec.obliquity, len(parts) > 1), share)
-            for part, length, share in parts
-        ]
+        self._fields = []
+        for field, stokes in spec.fields(source):
+            parts = list(spec.mixture.parts(field, wavelength, _OF_MIXTURE))
+            exact = [
+                (ExactField(m, part, length, spec.obliquity, len(parts) > 1), share)
+                for part, length, share in parts
+            ]
+            self._fields.append((exact, stokes))
         self._scale = opaque(m, wavelength**2 * self._unit**2 / spec.norm)
+        self._diffracts, self._shadows = spec.diffraction, None
+        self.shadows_key = ""
+        """Digest of the scene that `cast` has told of; empty before."""
 
     @staticmethod
     def check(spec: SourceSpec) -> None:
@@ -200,6 +209,16 @@ class ExactEstimator:
             raise SceneError(
                 f'expected no {option} with the estimator "exact", got true; leave it out: a point '
                 "that sees the whole source has no noise there"
+            )
+        if spec.diffraction and not spec.mixture.is_plain:
+            raise SceneError(
+                f"expected coherent light of one wavelength with diffraction, got {spec.mixture}; "
+                "leave diffraction out, or add the pictures of its waves"
+            )
+        if spec.diffraction and spec.has_several:
+            raise SceneError(
+                "expected one polarisation of all elements with diffraction, got several; leave "
+                "diffraction out"
             )
         if spec.obliquity not in CONDITIONS:
             raise SceneError(
@@ -244,11 +263,32 @@ class ExactEstimator:
         """lambda^2 r^2 |U|^2/N of the point that the ray meets, or of one far out."""
         return self._scale * (distance * distance) * self.intensity(point)
 
+    def cast(self, key: str, shadows: Any) -> None:
+        """Take over the shadows of a scene with the digest ``key``; None: nothing is in the way."""
+        self.shadows_key, self._shadows = key, shadows
+
     def intensity(self, point: Any) -> Any:
-        """|U|^2 at a point in front, in units of the scene; in the unit of |u|^2."""
-        if len(self._fields) == 1:
-            return self._fields[0][0].intensity(point, self._unit)
-        terms = [partial(self._term, *term) for term in self._fields]
+        """|U|^2 at a point in front, in units of the scene; in the unit of |u|^2.
+
+        Four Stokes numbers of a source of several polarisations.
+        """
+        if self._diffracts and not self.shadows_key and not self.tells:
+            raise SceneError(
+                "expected the scene of a source or a receiver with diffraction, got none from "
+                "Mitsuba; render with polywigner.mitsuba.render, or within `with "
+                "polywigner.mitsuba.receiving(scene)`"
+            )
+        if self._shadows is not None:
+            ((first, _),) = self._fields[0][0]
+            return self._shadows.either(point, partial(first.intensity, unit=self._unit))
+        each = [four(self._m, s, self._mean(parts, point)) for parts, s in self._fields]
+        return reduce(operator.add, each)
+
+    def _mean(self, parts: list[tuple[ExactField, float]], point: Any) -> Any:
+        """|U|^2 of one field, the mean over the waves of a mixture."""
+        if len(parts) == 1:
+            return parts[0][0].intensity(point, self._unit)
+        terms = [partial(self._term, *term) for term in parts]
         m = self._m
         if not dr.is_jit_v(m.Float):
             return sum(term(point) for term in terms)

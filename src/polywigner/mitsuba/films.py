@@ -332,6 +332,8 @@ def _rendered(exposure: Exposure, spp: int, seed: int) -> npt.NDArray[np.float64
     scene, camera, integrator = exposure.scene, exposure.camera, exposure.integrator
     factor = fineness(camera, spp)
     finer = math.ceil(spp / factor**2)
+    if mi.is_polarized:  # zeros of matrices are literals, which loops of a single sample fold
+        finer = max(finer, 2)
     try:
         with receiving(scene), refined(camera, factor):
             image = mi.render(scene, sensor=camera, integrator=integrator, spp=finer, seed=seed)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import drjit as dr
 import mitsuba as mi
@@ -26,6 +26,9 @@ _MOST_FACES = 32
 _MOST_CHAINS = 5000
 # Departure from a plane, relative to the coordinates: rounding of single precision.
 _FLAT = 1e-5
+# Rounding of cosines in a normal: that of a wall along an axis is one. A hundred metres away the
+# image in a wall that leans by it would be 10 um off, a radian of phase in the terahertz.
+_AXIS = 2e-7
 _SMOOTH = int(mi.BSDFFlags.DeltaReflection) | int(mi.BSDFFlags.DeltaTransmission)
 # Places on a side of a shape that is looked at.
 _PLACES = 5
@@ -84,11 +87,12 @@ def _planes(shape: Any) -> list[tuple[Floats, float]]:
     has_faces = "vertex_positions" in params and "faces" in params
     points, normals = _faces(params) if has_faces else _samples(shape)
     size = max(float(np.abs(points).max(initial=0.0)), 1e-30)
-    offsets = np.einsum("ij,ij->i", points, normals)
     planes: list[tuple[Floats, float]] = []
-    for normal, offset in zip(normals, offsets, strict=True):
+    for own, place in zip(normals, points, strict=True):
+        normal = np.where(np.abs(own) < _AXIS, 0.0, own)
+        normal, offset = normal / np.linalg.norm(normal), float(place @ normal)
         if not any(_is_same(plane, normal, offset, size) for plane in planes):
-            planes.append((normal, float(offset)))
+            planes.append((normal, offset))
         if len(planes) > (_MOST_FACES if has_faces else 1):
             return []
     return planes
@@ -123,7 +127,8 @@ def _samples(shape: Any) -> tuple[Floats, Floats]:
     except RuntimeError:  # a shape that has no such samples: not one of the flat ones
         return np.empty((0, 3)), np.empty((0, 3))
     points, normals = np.moveaxis(np.array(found), 1, 0)
-    return points, normals
+    # rounding of places turns a plane's own, and evens out in the middle
+    return np.broadcast_to(points.mean(axis=0), points.shape), normals
 
 
 # More null surfaces than this on a way count as a wall.
@@ -135,7 +140,15 @@ _STRAIGHT = 1e-3
 # Wavelengths of colours, in nm, of variants that have some.
 _COLOURS = (450.0, 520.0, 590.0, 660.0)
 
-Plane = tuple[Any, Any, float]
+
+class Plane(NamedTuple):
+    """The plane of a mirror as rays meet it, in units of the scene."""
+
+    shape: Any
+    normal: Any
+    offset: float
+    surfaces: tuple[Surface, Surface] | None = None
+    """Before and behind it: their reflectances are left out; None: they count."""
 
 
 def trace_way(
@@ -145,11 +158,15 @@ def trace_way(
     planes: Sequence[Plane],
     rounding: float,
     points: list[Any],
-) -> Any:
-    """The share of power that passes from the last to the first of the points.
+    polarised: bool,
+) -> tuple[Any, Any, Any]:
+    """The share of power that passes from the last to the first of the points, and directions.
 
-    ``medium``: fog at the first, or None. ``normal``: of its surface. ``planes``: shape, normal and
-    offset of the mirrors at the points between, which are met within ``rounding``.
+    If ``polarised``, a Mueller matrix between Mitsuba's axes. Directions of the way, seen from
+    the first point: there, and at the last one.
+
+    ``medium``: fog at the first, or None. ``normal``: of its surface. ``planes``: of the mirrors at
+    the points between, which are met within ``rounding``.
     """
     it = dr.zeros(mi.SurfaceInteraction3f)
     it.p, it.n = points[0], normal
@@ -157,30 +174,43 @@ def trace_way(
         it.wavelengths = type(it.wavelengths)(*_COLOURS)
     if dr.is_jit_v(mi.Float):
         medium = mi.MediumPtr(medium)
-    share = mi.Float(1.0)
+    share = _whole(polarised)
+    first = None
     for plane, point in zip(planes, points[1:-1], strict=True):
         ray = it.spawn_ray(it.spawn_ray_to(point).d)  # ends behind the mirror
-        it, passed, medium = _first_surface(scene, ray, medium, plane, rounding)
-        met = _is_shape(it, plane[0]) & (_is_apart(it.p, plane, rounding) == mi.Bool(False))
+        first = first or ray
+        it, passed, medium = _first_surface(scene, ray, medium, polarised, plane, rounding)
+        met = _is_shape(it, plane.shape) & (_is_apart(it.p, plane, rounding) == mi.Bool(False))
         if not dr.any(met):
-            return mi.Float(0.0)
-        share = share * dr.select(met, passed * _reflectance(it, met), 0.0)
-    it, passed, _ = _first_surface(scene, it.spawn_ray_to(points[-1]), medium)
-    return dr.select(it.is_valid(), 0.0, share * passed)
+            return 0.0 * share, ray.d, ray.d
+        share = share * dr.select(met, passed * _reflectance(it, met, plane, polarised), 0.0)
+    last = it.spawn_ray_to(points[-1])
+    it, passed, _ = _first_surface(scene, last, medium, polarised)
+    return dr.select(it.is_valid(), 0.0, share * passed), (first or last).d, last.d
+
+
+def _whole(polarised: bool) -> Any:
+    """All of the power, in its polarisation where there is one."""
+    return mi.Spectrum(1.0) if polarised else mi.Float(1.0)
 
 
 def share_unobstructed(scene: Any, si: Any, point: Any) -> Any:
     """The share of power that passes from a point to a surface, through null surfaces, no fog."""
     medium = mi.MediumPtr(None) if dr.is_jit_v(mi.Float) else None
-    it, passed, _ = _first_surface(scene, si.spawn_ray_to(point), medium)
+    it, passed, _ = _first_surface(scene, si.spawn_ray_to(point), medium, mi.is_polarized)
     return dr.select(it.is_valid(), 0.0, passed)
 
 
 def _first_surface(
-    scene: Any, ray: Any, medium: Any, plane: Plane | None = None, rounding: float = 0.0
+    scene: Any,
+    ray: Any,
+    medium: Any,
+    polarised: bool,
+    plane: Plane | None = None,
+    rounding: float = 0.0,
 ) -> tuple[Any, Any, Any]:
     """First surface that is not null or lies in a mirror's plane; transmission; fog behind it."""
-    share, moves = mi.Float(1.0), mi.Bool(True)
+    share, moves = _whole(polarised), mi.Bool(True)
     for _ in range(_MOST_PASSED):
         si = scene.ray_intersect(ray)
         share = dr.select(moves, share * _through_fog(medium, ray, si), share)
@@ -192,8 +222,10 @@ def _first_surface(
         moves = moves & mi.has_flag(si.bsdf().flags(), mi.BSDFFlags.Null)
         if not dr.any(moves):
             break
-        passed = _mean(si.bsdf().eval_null_transmission(si, moves))
-        share = dr.select(moves, share * passed, share)
+        passed = si.bsdf().eval_null_transmission(si, moves)
+        if polarised:
+            passed = si.to_world_mueller(passed, si.wi, si.wi)
+        share = dr.select(moves, share * _mean(passed, polarised), share)
         medium = _behind(si, ray.d, medium, moves)
         onwards = si.spawn_ray(ray.d)
         onwards.maxt = ray.maxt - si.t
@@ -218,7 +250,8 @@ def _through_fog(medium: Any, ray: Any, si: Any) -> Any:
         place.p = ray.o + ray.d * (length * (dr.opaque(mi.Float, along) if is_jit else along))
         depth = depth + medium.get_scattering_coefficients(place, is_there)[2]
         dr.eval(depth)  # one small kernel, again and again
-    return dr.select(is_there, _mean(dr.exp(-depth * (length / _IN_FOG))), 1.0)
+    left = dr.mean(dr.exp(-depth * (length / _IN_FOG)))
+    return dr.select(is_there, left, 1.0)
 
 
 def _behind(si: Any, direction: Any, medium: Any, active: Any) -> Any:
@@ -230,25 +263,136 @@ def _behind(si: Any, direction: Any, medium: Any, active: Any) -> Any:
 
 
 def _is_apart(point: Any, plane: Plane, rounding: float) -> Any:
-    _, normal, offset = plane
-    return dr.abs(dr.dot(point, normal) - offset) > rounding
+    return dr.abs(dr.dot(point, plane.normal) - plane.offset) > rounding
 
 
-def _reflectance(si: Any, active: Any) -> Any:
+def _reflectance(si: Any, active: Any, plane: Plane, polarised: bool) -> Any:
     """Reflectance of the smooth lobe, in power; zero where a normal map turns it."""
+    bsdf = plane.shape.bsdf()
     context = mi.BSDFContext()
     context.type_mask = mi.BSDFFlags.DeltaReflection
-    sample, weight = si.bsdf().sample(context, si, 0.5, mi.Point2f(0.5), active)
+    opacity: Any = 1.0
+    while bsdf.class_name() == _MASK:  # without its null lobe it samples nothing
+        opacity = opacity * (1.0 - _mean(bsdf.eval_null_transmission(si, active), False))
+        bsdf = _nested(bsdf)[1]
+    sample, weight = bsdf.sample(context, si, 0.5, mi.Point2f(0.5), active)
     arrived = si.to_world(si.wi)
     mirrored = 2 * dr.dot(arrived, si.n) * si.n - arrived
     is_there = active & (dr.norm(si.to_world(sample.wo) - mirrored) < _STRAIGHT)
-    return dr.select(is_there, _mean(weight), 0.0)
+    if polarised:
+        weight = si.to_world_mueller(weight, -sample.wo, si.wi)
+    share = dr.select(is_there, opacity * _mean(weight, polarised), 0.0)
+    return share if plane.surfaces is None else share / _expected(plane, dr.dot(arrived, si.n))
 
 
-def _mean(spectrum: Any) -> Any:
+def _expected(plane: Plane, cosine: Any) -> Any:
+    """Fresnel's reflectance at Mitsuba's own cosines: rays start 1e-4 off a surface."""
+    ahead = np.abs(np.array(cosine, np.float64))
+    before, behind = (surface.reflectance(ahead) for surface in plane.surfaces or ())
+    found = np.where(np.array(cosine) > 0.0, before, behind)
+    found = np.where(found > 0.0, found, 1.0)
+    return mi.Float(found.tolist()) if dr.is_jit_v(mi.Float) else float(found)
+
+
+def _mean(spectrum: Any, polarised: bool) -> Any:
     """Over colours: pictures and received powers are means of them too."""
-    return dr.mean(mi.unpolarized_spectrum(spectrum))
+    if not polarised:
+        return dr.mean(mi.unpolarized_spectrum(spectrum))
+    matrix = dr.zeros(mi.Spectrum)
+    for row, column in np.ndindex(4, 4):
+        matrix[row, column] = mi.UnpolarizedSpectrum(dr.mean(spectrum[row, column]))
+    return matrix
 
 
 def _is_shape(si: Any, shape: Any) -> Any:
     return si.shape == mi.ShapePtr(shape) if dr.is_jit_v(mi.Float) else si.shape is shape
+
+
+# ---- waves, with their phase and their polarisation ---------------------------------------------
+
+_MASK, _TWO_SIDED = "MaskBSDF", "TwoSidedBRDF"
+_CONDUCTOR, _THIN = "SmoothConductor", "ThinDielectric"
+_SURFACES = (_CONDUCTOR, _THIN, "SmoothDielectric", "SmoothPlastic")
+# |n x k| of a wave along the normal: any vector across it serves.
+_ALONG = 1e-9
+
+
+def _nested(bsdf: Any) -> list[Any]:
+    """A BSDF and all that it is made of, from outside inwards."""
+    return [node for node in mi.traverse(bsdf).hierarchy if isinstance(node, mi.BSDF)]
+
+
+@dataclass(frozen=True)
+class Surface:
+    """The smooth surface of a mirror, as a wave on one of its sides meets it."""
+
+    index: complex | None
+    """Refractive index n + ik behind it over that before it; None: a perfect conductor."""
+    is_thin: bool = False
+    """A sheet, whose inner reflections add up in power."""
+
+    def coefficients(self, cosine: Any) -> tuple[Any, Any]:
+        """Fresnel's coefficients of E across the plane of incidence and of E in it.
+
+        ``cosine``: of the angle of incidence. Waves go as exp(-i omega t); both vectors in the
+        plane are s x k, so that a perfect conductor has -1 and +1 at any angle.
+        """
+        if self.index is None:
+            return -np.ones_like(cosine, complex), np.ones_like(cosine, complex)
+        square = self.index**2
+        behind = np.sqrt(square - 1 + np.square(cosine) + 0j)  # n cos, decays for Im > 0
+        found = (
+            (cosine - behind) / (cosine + behind),
+            (square * cosine - behind) / (square * cosine + behind),
+        )
+        if not self.is_thin:
+            return found
+        powers = [np.square(np.abs(r)) for r in found]
+        sheets = [np.sqrt(2 * power / (1 + power)) for power in powers]
+        across, along = (np.sign(r.real) * sheet for r, sheet in zip(found, sheets, strict=True))
+        return across, along
+
+    def reflectance(self, cosine: Any) -> Any:
+        """Share of the power of unpolarised light."""
+        across, along = self.coefficients(cosine)
+        return (np.square(np.abs(across)) + np.square(np.abs(along))) / 2
+
+
+def surface_of(mirror: Mirror, is_before: bool) -> Surface:
+    """The surface that a wave meets from where the normal points, or from behind.
+
+    Raises SceneError for a BSDF whose reflection has no known phase.
+    """
+    nodes = _nested(mirror.shape.bsdf())
+    smooth = [node for node in nodes if node.class_name() in _SURFACES]
+    kinds = {node.class_name() for node in nodes}
+    if not smooth or kinds - {_MASK, _TWO_SIDED, *_SURFACES}:
+        raise SceneError(
+            f"expected the mirror {mirror.name!r} to be a conductor, dielectric, thindielectric or "
+            f"plastic, whose reflection has a phase, got {mirror.shape.bsdf().class_name()}; give "
+            "it one of these, or make it rough"
+        )
+    own = smooth[0 if is_before else -1]
+    params = mi.traverse(own)
+    if own.class_name() == _CONDUCTOR:
+        index = complex(*(_single(t.mean()) for t in list(params.hierarchy)[1:3]))
+        return Surface(None if index == 1j else index)  # Mitsuba's "none" is 0 + 1i
+    ratio = _single(params["eta"])
+    is_inside = not (is_before or _TWO_SIDED in kinds or own.class_name() == _THIN)
+    return Surface(complex(1 / ratio if is_inside else ratio), own.class_name() == _THIN)
+
+
+def _single(value: Any) -> float:
+    return float(np.ravel(np.array(value, np.float64)).mean())
+
+
+def reflected(field: Any, direction: Floats, normal: Floats, surface: Surface) -> Any:
+    """E (3,) complex of a plane wave along the unit vector ``direction`` after its reflection."""
+    across = np.cross(normal, direction)
+    if np.linalg.norm(across) < _ALONG:
+        across = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
+    across = across / np.linalg.norm(across)
+    turned = direction - 2 * (normal @ direction) * normal
+    r_across, r_along = surface.coefficients(abs(float(normal @ direction)))
+    before, after = np.cross(across, direction), np.cross(across, turned)
+    return r_across * (field @ across) * across + r_along * (field @ before) * after

@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from polywigner import geometry
-from polywigner.errors import GeometryError, SceneError
+from polywigner.errors import ArgumentError, GeometryError, SceneError
 from polywigner.geometry import (
     Aperture,
     PlacedAperture,
@@ -30,19 +30,21 @@ from polywigner.geometry import (
     Wavefront,
     read_aperture,
 )
+from polywigner.geometry.arguments import real_numbers
 from polywigner.illumination import Array, read_source
 from polywigner.illumination.obliquities import DEFAULT
+from polywigner.illumination.polarisation import polarisation_of_text
 from polywigner.illumination.source_files import json_of, table_of
 from polywigner.illumination.texts import FEEDING, fed
 from polywigner.mitsuba.exact import ExactEstimator
 from polywigner.mitsuba.sampling import SAMPLINGS, Estimator, check_sampling
 from polywigner.mitsuba.sources import (
     CentredSource,
+    Complexes,
     SourceSpec,
     centred_source,
     check_obliquity,
     mixture_of,
-    norm_of,
 )
 from polywigner.mitsuba.wigner import WignerEstimator
 from polywigner.quantities import (
@@ -118,6 +120,7 @@ _COMMON = (
     "frequency",
     "wavelength",
     *FEEDING,
+    "polarisation",
     "to_world",
 )
 
@@ -127,6 +130,7 @@ PARAMETERS = (
     "aperture_power",
     "obliquity",
     "estimator",
+    "diffraction",
     "antithetic",
     "sampling",
     "control_variate",
@@ -141,6 +145,7 @@ RECEIVER_PARAMETERS = (
     *_COMMON,
     "obliquity",
     "estimator",
+    "diffraction",
     "sampling",
     "scene_unit",
     "normalise",
@@ -178,7 +183,7 @@ def read_emitter(values: Mapping[str, Any]) -> SourceSpec:
     if power is not None and aperture_power is not None:
         raise SceneError(_BOTH_POWERS)
     if aperture_power is not None:
-        power = spec.norm * (aperture_power / spec.centred.energy)
+        power = spec.norm * (aperture_power / spec.norm_at(spec.wavelength, "aperture"))
     return _checked(
         replace(
             spec,
@@ -209,14 +214,20 @@ def _spec(given: SceneParameters, estimator: str, bandwidth: float | None) -> So
     sampling = check_sampling(given.text("sampling", SAMPLINGS[0]))
     normalise = checked_normalise(given.text("normalise", NORMALISATIONS[0]), SceneError)
     antithetic = given.flag("antithetic", False)
+    diffraction = given.flag("diffraction", False)
+    if diffraction and estimator != "exact":
+        raise SceneError(
+            f'expected the estimator "exact" with diffraction, got {estimator!r}; W knows nothing '
+            "of edges in the way"
+        )
     wavelength = given.wavelength()
     scene_unit = given.scene_unit()
     source, mixture = mixture_of(given.source(wavelength), wavelength, bandwidth)
     centred = centred_source(source, obliquity, antithetic)
-    return SourceSpec(
+    spec = SourceSpec(
         centred=centred,
         wavelength=wavelength,
-        norm=norm_of(source, wavelength, obliquity, mixture, normalise),
+        norm=math.nan,
         pose=given.pose(),
         obliquity=obliquity,
         estimator=estimator,
@@ -224,8 +235,11 @@ def _spec(given: SceneParameters, estimator: str, bandwidth: float | None) -> So
         scene_unit=scene_unit,
         mixture=mixture,
         normalise=normalise,
+        diffraction=diffraction,
         antithetic=antithetic,
+        polarisation=given.polarisation(source),
     )
+    return replace(spec, norm=spec.norm_at(wavelength))
 
 
 def _checked(spec: SourceSpec) -> SourceSpec:
@@ -318,6 +332,15 @@ class SceneParameters:
         if given == ["frequency"]:
             return wavelength_of(self.number("frequency", parse_frequency))
         return self.number("wavelength", parse_length)
+
+    def polarisation(self, source: Any) -> Complexes | None:
+        """Unit Jones vector (2,), or (n, 2) of an array; None where there is none."""
+        if "polarisation" not in self.values:
+            return None
+        try:
+            return polarisation_of_text(self.text("polarisation", None), source)
+        except ArgumentError as error:
+            raise SceneError(str(error)) from None
 
     def scene_unit(self) -> float:
         """In metres."""
@@ -423,8 +446,8 @@ def rigid_pose(matrix: Any) -> npt.NDArray[np.float64]:
     cannot hold.
     """
     try:
-        given = np.asarray(matrix, dtype=np.float64)
-    except (TypeError, ValueError, RuntimeError):
+        given = real_numbers(matrix)
+    except (ValueError, RuntimeError):
         given = np.empty(0)
     if given.shape not in ((4, 4), (4, 4, 1)):  # with a last axis of 1 from compiled variants
         shown = f"one of shape {given.shape}" if given.size else type(matrix).__name__

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,10 +15,12 @@ from numpy.typing import NDArray
 from polywigner.errors import SceneError
 from polywigner.geometry import Aperture, Wavefront, triangulate
 from polywigner.illumination import Array
+from polywigner.illumination.polarisation import Stokes, stokes_fields
 from polywigner.illumination.support import mirrored_source
 from polywigner.mitsuba.parameters import rigid_pose
-from polywigner.mitsuba.sources import PLAIN, Mixture
+from polywigner.mitsuba.sources import PLAIN, Complexes, Mixture
 from polywigner.quantities import SPEED_OF_LIGHT
+from polywigner.reception.norms import NORMALISATIONS
 from polywigner.transforms.wavefronts import flat_of
 
 # The pose is held in single precision: its rotation and translation round by 6e-8 of the largest
@@ -145,8 +148,21 @@ class PlacedSource:
     """Radiated, in W."""
     mixture: Mixture = PLAIN
     """Mixture of its light."""
+    diffraction: bool = False
+    """Whether shadows on its way diffract."""
     medium: Any = None
     """Fog that the source stands in, as the sensor says; None: none."""
+    polarisation: Complexes | None = None
+    """As of :class:`SourceSpec`."""
+    normalise: str = NORMALISATIONS[0]
+    """Power that ``norm`` stands for."""
+
+    @property
+    def fields(self) -> list[tuple[Any, Stokes]]:
+        """Scalar sources, and the Stokes numbers by which their light adds up to the source's."""
+        if self.polarisation is None:
+            return [(self.source, (1.0, 0.0, 0.0, 0.0))]
+        return stokes_fields(self.source, self.polarisation)
 
     def mirrored(self, normal: Floats, offset: float) -> PlacedSource:
         """Its image behind the plane of the points p with ``normal`` . p = ``offset``, in m.
@@ -165,9 +181,22 @@ class PlacedSource:
         mirrored = Wavefront(flat, wave.curvature * np.outer(sign, sign), wave.centre * sign)
         return replace(self, source=mirrored, pose=pose)
 
+    def image(self, chain: Iterable[Any]) -> PlacedSource:
+        """Its image in mirrors, each with a ``normal`` and an ``offset``, in the light's order."""
+        image = self
+        for mirror in chain:
+            image = image.mirrored(mirror.normal, mirror.offset)
+        return image
+
     def points(self, places: Floats) -> Floats:
         """Places (n, 2) of its plane in space, (n, 3) in m."""
         result: Floats = places @ self.pose[:3, :2].T + self.pose[:3, 3]
+        return result
+
+    @property
+    def middle(self) -> Floats:
+        """(3,) in m, of the source's bounds."""
+        result: Floats = self.points(np.reshape(self.source.bounds, (2, 2)).mean(axis=0)[None])[0]
         return result
 
     @property
@@ -212,7 +241,13 @@ def check_match(
             f"{receiver.wavelength:.6g} m, {apart:.6g} Hz apart; give both one frequency, or the "
             "receiver a bandwidth of twice that"
         )
+    check_unit(emitter, receiver)
+
+
+def check_unit(emitter: PlacedSource, receiver: PlacedSource) -> None:
+    """Raise SceneError for two ends in other units."""
     if emitter.scene_unit != receiver.scene_unit:
+        both = f"of emitter {emitter.name!r} and receiver {receiver.name!r}"
         raise SceneError(
             f"expected one scene_unit {both}, got {emitter.scene_unit:g} m and "
             f"{receiver.scene_unit:g} m; a scene has one unit"
@@ -236,6 +271,9 @@ def _placed(plugin: Any, name: str) -> PlacedSource:
         spec.scene_unit,
         spec.norm,
         mixture=spec.mixture,
+        diffraction=spec.diffraction,
+        polarisation=spec.polarisation,
+        normalise=spec.normalise,
     )
 
 

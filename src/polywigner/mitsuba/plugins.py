@@ -10,13 +10,16 @@ from functools import partial, wraps
 from typing import Any, ParamSpec, TypeVar
 
 import mitsuba as mi
+import numpy as np
 
-from polywigner.errors import PolywignerError
+from polywigner.errors import PolywignerError, SceneError
 from polywigner.execution import uncompiled
 from polywigner.geometry import triangulate
+from polywigner.geometry.io.readers import read_triangles
 from polywigner.mitsuba.emitter import emitter_class
-from polywigner.mitsuba.parameters import read_emitter, values_of
+from polywigner.mitsuba.parameters import SceneParameters, read_emitter, values_of
 from polywigner.mitsuba.placement import cover, hide
+from polywigner.mitsuba.polarisation import check_polarised
 
 # Mitsuba wraps what a plugin raises into a RuntimeError with a traceback in its text. The errors
 # themselves wait here until the scene's loader asks for them; loaders may run in parallel.
@@ -104,6 +107,7 @@ PLUGIN_NAME = "wigner"
 def _build(variant: str, props: Any) -> Any:
     """The mesh for the parameters of one ``wigner`` element."""
     spec = read_emitter(values_of(props))
+    check_polarised(variant, spec, "wigner shape")
     m = getattr(mi, variant)
     vertices, triangles = triangulate(spec.centred.support)
     inner = mi.Properties(PLUGIN_NAME)
@@ -129,3 +133,40 @@ def _build(variant: str, props: Any) -> Any:
 
 
 add_plugin("shape", PLUGIN_NAME, _build)
+
+
+STL_NAME = "stl"
+
+
+def _build_stl(variant: str, props: Any) -> Any:
+    """The mesh of an STL file, whose numbers are units of the scene, with its faces flat.
+
+    FileFormatError as of :func:`polywigner.read_polyhedron`; SceneError for other parameters.
+    """
+    given = SceneParameters(values_of(props), f"{STL_NAME} shape")
+    given.check_names(("filename", "to_world"))
+    path = str(mi.file_resolver().resolve(given.text("filename", None)))
+    vertices, triangles = read_triangles(path, "m")
+    matrix = np.eye(4)
+    if "to_world" in given.values:
+        matrix = np.array(given.values["to_world"].matrix, np.float64).reshape(4, 4)
+    vertices = vertices @ matrix[:3, :3].T + matrix[:3, 3]
+    if not (np.abs(vertices) <= np.finfo(np.float32).max).all() or not len(triangles):
+        raise SceneError(f"expected finite triangles of {path}, got none or others; export it anew")
+    if np.linalg.det(matrix[:3, :3]) < 0:  # outsides stay outsides in mirror images
+        triangles = triangles[:, ::-1]
+    inner = mi.Properties(STL_NAME)
+    inner.set_id(props.id())
+    for name, value in dict(props.objects()).items():
+        inner[name] = value
+    mesh = getattr(mi, variant).Mesh(
+        props.id() or STL_NAME, len(vertices), len(triangles), props=inner
+    )
+    params = mi.traverse(mesh)
+    params["vertex_positions"] = vertices.ravel().tolist()
+    params["faces"] = triangles.ravel().tolist()
+    params.update()
+    return mesh
+
+
+add_plugin("shape", STL_NAME, _build_stl)

@@ -308,7 +308,7 @@ def _film_class(base: Any, variant: str) -> Any:
             offset = self.crop_offset()
             column, row = m.Int32(pos.x) - int(offset[0]), m.Int32(pos.y) - int(offset[1])
             pixel = m.UInt32(row * self._shape[1] + column)
-            value = m.Float64(_luminance(m, spec * m.Spectrum(ray_weight), wavelengths))
+            value = m.Float64(_luminance(m, m.Spectrum(ray_weight) * spec, wavelengths))
             place = pixel * self._shape[2] + passed
             dr.scatter_reduce(dr.ReduceOp.Add, self._sums, value, place, active)
 
@@ -350,7 +350,18 @@ def _sensor_class(variant: str) -> Any:
                 time, sample1, sample2, sample3, active
             )
             self._sorts.late = self._late(ray)
+            if is_receiver(self._looks) and m.is_polarized:
+                weight = weight * self._turned_back(ray.d)
             return ray, weight
+
+        def _turned_back(self, d: Any) -> Any:
+            """The inverse of the turn into the sensor's axes with which mitransient starts paths.
+
+            A receiver weighs light along Mitsuba's axes of the ray.
+            """
+            upright = m.Vector3f(self.world_transform() @ m.Vector3f(0.0, 1.0, 0.0))
+            axes = dr.cross(d, upright), m.mueller.stokes_basis(-d)
+            return m.Spectrum(m.mueller.rotate_stokes_basis(-d, *axes))
 
         def _late(self, ray: Any) -> Any:
             """Distance from the sensor at which a ray starts: near clip, or receiver's step."""

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from polywigner.errors import ArgumentError
+from polywigner.execution.progress import told
 from polywigner.geometry.arguments import (
     checked_callable,
     real_numbers,
@@ -27,11 +28,10 @@ from polywigner.mitsuba.received_power import (
     Parties,
     chosen,
     matched,
-    receivers_of,
     scattered_here,
     scattering,
 )
-from polywigner.mitsuba.receiver import is_receiver
+from polywigner.mitsuba.receiver import is_receiver, receivers_of
 from polywigner.mitsuba.rendering import check_seed, check_spp, default_spp, exposed
 from polywigner.mitsuba.scattered import (
     BATCHES,
@@ -43,6 +43,7 @@ from polywigner.mitsuba.scattered import (
     unseen,
     wigner_emitters,
 )
+from polywigner.mitsuba.targets import aimed
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.transforms.xarray_arguments import labelled_array
 
@@ -117,7 +118,7 @@ def range_profile(
     found = receivers_of(scene)
     numbers = list(range(len(found))) if receiver is None else [chosen(found, receiver)]
     parties = matched(scene, numbers, options)
-    with unseen(scene):
+    with unseen(scene), aimed(scene):
         plans = [scattering(scene, sensor, options) for sensor in parties.sensors]
         powers = scattered_here(scene, progress, ranged(plans, parties, edges))
     return profile_of(scene, parties, edges, plans[0], powers)
@@ -303,12 +304,14 @@ def prepared_frames(
     def rendered(progress: Progress | None) -> xarray.Dataset:
         checked_callable(progress, "progress")
         found: Any = 0.0
-        for part in range(parts):
-            samples = total // parts + (part < total % parts)
-            image = sorted_by_range(scene, camera, own, lengths, samples, seed_of(entropy, part))
-            found = found + samples / total * image
-            if progress is not None:
-                progress(part + 1, parts)
+        with told("renders", range(parts)) as each:
+            for part in each:
+                samples = total // parts + (part < total % parts)
+                seed = seed_of(entropy, part)
+                image = sorted_by_range(scene, camera, own, lengths, samples, seed)
+                found = found + samples / total * image
+                if progress is not None:
+                    progress(part + 1, parts)
         return _labelled(np.asarray(found), edges, total, entropy)
 
     return rendered

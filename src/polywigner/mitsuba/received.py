@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from polywigner.errors import ArgumentError
-from polywigner.geometry.arguments import checked_count
+from polywigner.geometry.arguments import checked_count, checked_flag
+from polywigner.illumination.polarisation import checked_polarisation
+from polywigner.mitsuba.bodies import Body, checked_bodies
 from polywigner.mitsuba.rendering import check_seed, check_spp
 from polywigner.quantities import NOISE_PARSERS, SPEED_OF_LIGHT, parse_noise
 from polywigner.reception.couplings import checked_tolerance
@@ -42,10 +44,10 @@ def dbm_text(watts: float) -> str:
 
 @dataclass(frozen=True)
 class DirectPath:
-    """Light that comes straight from an emitter, or from its image in flat mirrors."""
+    """Light that comes straight from an emitter, or by flat mirrors and bodies."""
 
     mirrors: tuple[str, ...]
-    """Names of shapes, in the order in which light meets them; none: the straight line."""
+    """Names of shapes and bodies in the light's order; none: the straight line."""
     power: float
     """W."""
     coupling: float
@@ -54,6 +56,10 @@ class DirectPath:
     """Share of the power that obstacles and mirrors let through, a mean over rays."""
     arrives_from: tuple[float, float]
     """Direction cosines to the middle of the emitter or its image, in the receiver's frame."""
+    polarisation: float = 1.0
+    """Share of the passing power in the receiver's polarisation."""
+    amplitude: complex | None = None
+    """Amplitude where ways interfere: its power is ``coupling`` times ``passing``; else None."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +85,7 @@ class Contribution:
 class ReceivedPower:
     """The power that one receiver gets from a scene; ``float()`` gives it in W.
 
-    Powers count as the integral of |u|^2 does. Parts add without interference.
+    Direct ways of one emitter interfere with ``coherent=True``; else powers add.
     """
 
     receiver: str
@@ -208,10 +214,16 @@ def _dict_of(part: Contribution) -> dict[str, Any]:
                 "coupling": path.coupling,
                 "passing": path.passing,
                 "arrives_from": list(path.arrives_from),
+                "polarisation": path.polarisation,
+                **_phase_of(path.amplitude),
             }
             for path in part.paths
         ],
     }
+
+
+def _phase_of(amplitude: complex | None) -> dict[str, list[float]]:
+    return {} if amplitude is None else {"amplitude": [amplitude.real, amplitude.imag]}
 
 
 def _watts(value: float) -> str:
@@ -219,7 +231,7 @@ def _watts(value: float) -> str:
 
 
 # Ways by more mirrors are not searched.
-_MOST_REFLECTIONS = 3
+MOST_REFLECTIONS = 3
 
 
 @dataclass(frozen=True)
@@ -234,6 +246,9 @@ class ReceiveOptions:
     bandwidth: float | None
     temperature: float | None
     noise_figure: float | None
+    coherent: bool = False
+    polarisation: Any = None
+    bodies: tuple[Body, ...] = ()
 
     def noise_of(self, spec: Any) -> dict[str, Any]:
         """Noise of a receiver: the caller's numbers, else its own."""
@@ -257,15 +272,29 @@ def receive_options(
     bandwidth: Any,
     temperature: Any,
     noise_figure: Any,
+    coherent: Any = False,
+    polarisation: Any = None,
+    bodies: Any = None,
 ) -> ReceiveOptions:
     """The arguments; ArgumentError, QuantityError for one out of range."""
+    checked_flag(coherent, "coherent")
+    if polarisation is not None and not coherent:
+        raise ArgumentError("expected polarisation with coherent=True, got it alone; give both")
+    if bodies is not None and not coherent:
+        raise ArgumentError(
+            "expected bodies with coherent=True, since the shadow of one is the difference of two "
+            "waves, got them alone; give both"
+        )
     return ReceiveOptions(
         None if spp is None else check_spp(spp),
         check_seed(seed),
         integrator,
-        checked_count(reflections, "reflections", 0, _MOST_REFLECTIONS),
+        checked_count(reflections, "reflections", 0, MOST_REFLECTIONS),
         checked_tolerance(tolerance),
         **parse_noise(bandwidth, temperature, noise_figure),
+        coherent=bool(coherent),
+        polarisation=None if polarisation is None else checked_polarisation(polarisation),
+        bodies=checked_bodies(bodies),
     )
 
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from itertools import count
 from typing import Any, NamedTuple
@@ -14,7 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, SceneError
+from polywigner.execution.progress import slow_bar
 from polywigner.geometry.arguments import checked_callable
+from polywigner.mitsuba.bodies import echoes_of
+from polywigner.mitsuba.channels import Way, coherent_light
 from polywigner.mitsuba.direct_light import DirectLight, direct_light, mirrors_in, ways_of
 from polywigner.mitsuba.films import film_of, mean_of_colours, seed_of, silent
 from polywigner.mitsuba.placement import (
@@ -32,7 +34,7 @@ from polywigner.mitsuba.received import (
     ReceiveOptions,
     receive_options,
 )
-from polywigner.mitsuba.receiver import RECEIVER_NAME, is_receiver, receiver_class
+from polywigner.mitsuba.receiver import RECEIVER_NAME, receiver_class, receivers_of
 from polywigner.mitsuba.rendering import default_integrator, default_spp, exposed
 from polywigner.mitsuba.scattered import (
     BATCHES,
@@ -44,6 +46,8 @@ from polywigner.mitsuba.scattered import (
     unseen,
     wigner_emitters,
 )
+from polywigner.mitsuba.scattering_steps import number_of
+from polywigner.mitsuba.targets import aimed
 
 __all__ = []
 
@@ -66,6 +70,9 @@ def received_power(
     bandwidth: float | str | None = None,
     temperature: float | str | None = None,
     noise_figure: float | str | None = None,
+    coherent: bool = False,
+    polarisation: Any = None,
+    bodies: Mapping[str, Any] | None = None,
     progress: Progress | None = None,
 ) -> ReceivedPower:
     """The power that a receiver of a scene gets, in W, with its standard error.
@@ -73,7 +80,8 @@ def received_power(
     The sum of what comes straight from each emitter, exact by :func:`polywigner.coupling` in the
     poses of both, times the share of rays that pass obstacles; of what comes by flat mirrors, the
     same from the images of emitters in them; and of what surfaces and fog scatter, by samples of
-    the ``wigner_receiver`` sensor. Powers add without interference. docs/received_power.md.
+    the ``wigner_receiver`` sensor. Powers add without interference, unless ``coherent`` is true.
+    docs/received_power.md.
 
     Parameters
     ----------
@@ -89,6 +97,10 @@ def received_power(
     bandwidth, temperature, noise_figure : of the noise k T B F, in Hz, K and dB or as texts such
         as "1 GHz", in place of the receiver's own; without a noise figure, F is 1. The
         bandwidth also says which emitters the receiver takes.
+    coherent : True: the direct ways of one emitter add as amplitudes, with fringes, as in
+        :func:`polywigner.mitsuba.channel`; what is scattered, and several emitters, add as powers.
+    polarisation : with ``coherent``: of sources without one of their own, default "y", as there.
+    bodies : with ``coherent``: perfect conductors beside the scene by their names, as there.
     progress : called after each render with the number of those done, and of all.
 
     Returns
@@ -104,7 +116,17 @@ def received_power(
         range; QuantityError : a quantity that is none.
     """
     options = receive_options(
-        spp, seed, integrator, reflections, tolerance, bandwidth, temperature, noise_figure
+        spp,
+        seed,
+        integrator,
+        reflections,
+        tolerance,
+        bandwidth,
+        temperature,
+        noise_figure,
+        coherent,
+        polarisation,
+        bodies,
     )
     number = chosen(receivers_of(scene), receiver)
     return received(scene, [number], options, partial(scattered_here, scene, progress))[0]
@@ -122,30 +144,27 @@ def received_powers(
     bandwidth: float | str | None = None,
     temperature: float | str | None = None,
     noise_figure: float | str | None = None,
+    coherent: bool = False,
+    polarisation: Any = None,
+    bodies: Mapping[str, Any] | None = None,
     progress: Progress | None = None,
 ) -> list[ReceivedPower]:
     """The power of each receiver of a scene, in its order: :func:`received_power`."""
     options = receive_options(
-        spp, seed, integrator, reflections, tolerance, bandwidth, temperature, noise_figure
+        spp,
+        seed,
+        integrator,
+        reflections,
+        tolerance,
+        bandwidth,
+        temperature,
+        noise_figure,
+        coherent,
+        polarisation,
+        bodies,
     )
     numbers = list(range(len(receivers_of(scene))))
     return received(scene, numbers, options, partial(scattered_here, scene, progress))
-
-
-def receivers_of(scene: Any) -> list[tuple[int, Any]]:
-    """The receivers of a scene with their numbers among its sensors; SceneError for none."""
-    if not hasattr(scene, "sensors"):
-        raise ArgumentError(
-            f"expected a mi.Scene, got {type(scene).__name__}; make one with "
-            "polywigner.mitsuba.load_scene or mi.load_dict"
-        )
-    found = [(k, sensor) for k, sensor in enumerate(scene.sensors()) if is_receiver(sensor)]
-    if not found:
-        raise SceneError(
-            "expected a scene with a receiver, got one without; add a <sensor "
-            'type="wigner_receiver">, or polywigner.mitsuba.receiver(...)'
-        )
-    return found
 
 
 def chosen(found: list[tuple[int, Any]], receiver: int | str | None) -> int:
@@ -174,7 +193,7 @@ def received(
     while the scene's sources are unseen.
     """
     parties = matched(scene, numbers, options)
-    with unseen(scene):
+    with unseen(scene), aimed(scene):
         lit = [_direct(scene, place, parties.emitters, options) for place in parties.places]
         plans = [scattering(scene, index, options) for index in parties.sensors]
         found = scattered(plans)
@@ -229,12 +248,16 @@ def scattered_here(
 ) -> NDArray[np.float64]:
     """Power in W (receivers, batches, lights, ...) of all batches, one after the other."""
     done, total = count(1), len(plans) * BATCHES * len(lights_of(scene))
+    checked_callable(progress, "progress")
+    with slow_bar("renders", total) as advance:
 
-    def tell() -> None:
-        if progress is not None and checked_callable(progress, "progress"):
-            progress(next(done), total)
+        def tell() -> None:
+            if progress is None:
+                advance()
+            else:
+                progress(next(done), total)
 
-    return np.array([[p.batch(scene, k, tell) for k in range(BATCHES)] for p in plans])
+        return np.array([[p.batch(scene, k, tell) for k in range(BATCHES)] for p in plans])
 
 
 def _direct(
@@ -243,7 +266,15 @@ def _direct(
     """Light that comes straight or by mirrors from each emitter; and notes on omissions."""
     mirrors, notes = mirrors_in(scene, receiver.scene_unit, options.reflections)
     ways = ways_of(mirrors, options.reflections)
-    links = [direct_light(scene, e, receiver, ways, options.tolerance) for e in emitters]
+    if options.coherent:
+        echoes = echoes_of(options.bodies, mirrors, options.reflections)
+        every: list[Way] = [*ways, *echoes]
+        jones = options.polarisation
+        links = [
+            coherent_light(scene, e, receiver, every, options.tolerance, jones) for e in emitters
+        ]
+    else:
+        links = [direct_light(scene, e, receiver, ways, options.tolerance) for e in emitters]
     return links, [note for link in links for note in link.notes] + notes
 
 
@@ -279,7 +310,7 @@ def _result(
 def _contribution(name: str, batches: Any, link: DirectLight) -> Contribution:
     return Contribution(
         name=name,
-        direct=math.fsum(path.power for path in link.paths),
+        direct=link.power,
         scattered=float(batches.mean()),
         standard_error=float(standard_error(batches)),
         paths=link.paths,
@@ -314,3 +345,41 @@ def arrival_map(scene: Any, receiver: int, seed: int = 0) -> NDArray[np.float64]
     finally:
         sensor.scene = None  # or it would keep the scene alive
     return mean_of_colours(image)
+
+
+# Shapes named in a picture, and the least share of its power that each sends.
+_MOST_NAMED, _LEAST_NAMED = 5, 0.01
+
+
+def shapes_in(
+    scene: Any, receiver: int, picture: NDArray[np.float64]
+) -> dict[str, tuple[float, float]]:
+    """Direction cosines of the middle of each shape that sends much of :func:`arrival_map`."""
+    own = receivers_of(scene)[receiver][1]
+    place = placed_receiver(own, receiver)
+    axis = (np.arange(len(picture)) + 0.5) * 2 / len(picture) - 1
+    x, y = (part.ravel() for part in np.meshgrid(axis, axis))
+    power = np.where(x * x + y * y < 1, picture.ravel(), 0.0).clip(min=0)
+    lit = np.flatnonzero(power)
+    x, y, power = x[lit], y[lit], power[lit]
+    ways = place.pose[:3, :3] @ [x, y, np.sqrt(1 - x * x - y * y)]
+    with unseen(scene):
+        numbers = _first_shapes(scene, place.pose[:3, 3] / place.scene_unit, ways)
+    found = []
+    for shape in scene.shapes():
+        shares = np.where(numbers == np.ravel(number_of("Shape", shape))[0], power, 0.0)
+        sent = shares.sum()
+        if shape.id() and sent > _LEAST_NAMED * power.sum():
+            found.append((sent, shape.id(), (shares @ x / sent, shares @ y / sent)))
+    return {name: at for _, name, at in sorted(found, reverse=True)[:_MOST_NAMED]}
+
+
+def _first_shapes(scene: Any, origin: NDArray[np.float64], ways: NDArray[np.float64]) -> Any:
+    """Numbers (n,) of the shapes that rays of the directions (3, n) meet first."""
+    start = mi.Point3f(*origin.tolist())
+    if dr.is_jit_v(mi.Float):
+        found = scene.ray_intersect_preliminary(mi.Ray3f(start, mi.Vector3f(ways)))
+        return np.array(number_of("Shape", found.shape))
+    rays = [mi.Ray3f(start, mi.Vector3f(*way)) for way in ways.T.tolist()]
+    hits = [scene.ray_intersect_preliminary(ray) for ray in rays]
+    return np.array([number_of("Shape", hit.shape if hit.is_valid() else None) for hit in hits])

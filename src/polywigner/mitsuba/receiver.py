@@ -29,14 +29,18 @@ import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.errors import SceneError
+from polywigner.errors import ArgumentError, SceneError
+from polywigner.execution import without_collection
 from polywigner.geometry import Aperture
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import irradiance_factor
+from polywigner.mitsuba.diffraction import cast_shadows
+from polywigner.mitsuba.exact import ExactEstimator
 from polywigner.mitsuba.parameters import ESTIMATORS, read_receiver, rigid_pose, values_of
 from polywigner.mitsuba.placement import Frame, matrix_of
 from polywigner.mitsuba.plugins import add_plugin
-from polywigner.mitsuba.sampling import Tabulated, opaque, spectrum
+from polywigner.mitsuba.polarisation import Polariser, check_polarised
+from polywigner.mitsuba.sampling import Tabulated, opaque
 from polywigner.mitsuba.sources import SourceSpec, emissions
 from polywigner.mitsuba.wigner import WignerRadiance
 from polywigner.transforms import fourier
@@ -106,22 +110,23 @@ _GRAZING = 1e-9
 
 def directions_of(
     m: Any,
-    source: Aperture | Array,
+    fields: list[Aperture | Array],
     wavelength: float,
     obliquity: str,
     coherence_width: float = math.inf,
 ) -> Tabulated:
     """A sampler of (alpha, psi) where the far pattern g |F|^2 is, and with a share everywhere.
 
-    Of a partly coherent source it is about as wide as the pattern is.
+    ``fields``: of one source, whose patterns add up. Of a partly coherent source it is about as
+    wide as the pattern is.
     """
-    low, high = np.reshape(source.bounds, (2, 2))
+    low, high = np.reshape(fields[0].bounds, (2, 2))
     lobes = _IN_LOBE * (high - low) / wavelength
     # powers of two: as a literal, every new size would compile the render kernel again
     wanted = 2.0 ** np.ceil(np.log2(lobes * [2.0, math.pi]))
     counts = np.clip(wanted, _FEWEST, _MOST).astype(int)
     within = int(np.clip(np.ceil((wanted / counts).max()), 1, _MOST_WITHIN))
-    pattern = _mean_pattern(source, wavelength, obliquity, counts, within)
+    pattern = _mean_pattern(fields, wavelength, obliquity, counts, within)
     spread = wavelength / (2 * math.pi * coherence_width)
     if spread > 0:
         pattern = _blurred(pattern, spread * counts / np.array([2.0, math.pi]))
@@ -131,13 +136,13 @@ def directions_of(
 
 
 def _mean_pattern(
-    source: Any, wavelength: float, obliquity: str, counts: Any, within: int
+    sources: list[Any], wavelength: float, obliquity: str, counts: Any, within: int
 ) -> npt.NDArray[np.float64]:
     """g |F|^2 at the points of a grid, the mean over so many places a side around each."""
     steps = np.array([2.0, math.pi]) / counts
     shifts = (np.arange(within) + 0.5) / within - 0.5
     total: Any = 0.0
-    fields = emissions(source, wavelength, obliquity)
+    fields = [field for source in sources for field in emissions(source, wavelength, obliquity)]
     for shift_x in shifts:
         for shift_y in shifts:
             axes = [
@@ -198,6 +203,8 @@ RECEIVER_NAME = "wigner_receiver"
 
 # To a point that stands for a direction: reaches squared over wavelengths, or reaches.
 _FAR = 1e4
+# Surfaces behind which rays of a receiver with diffraction look, at most: each halves the rays.
+_MOST_PASSED = 4
 
 
 @cache
@@ -222,9 +229,11 @@ def receiver_class(variant: str) -> Any:
             self._place()
             source, wavelength = spec.centred.at_origin, spec.wavelength
             width = spec.mixture.coherence_width
-            self.directions = directions_of(m, source, wavelength, spec.obliquity, width)
+            fields = [field for field, _ in spec.fields(source)]
+            self.directions = directions_of(m, fields, wavelength, spec.obliquity, width)
+            self._polariser = Polariser(m, spec.polarisation)
             own = WignerRadiance(m, spec, wavelength)
-            self._estimator = ESTIMATORS[spec.estimator](m, spec, wavelength, own)
+            self.estimator = ESTIMATORS[spec.estimator](m, spec, wavelength, own)
             reach = float(np.hypot(*np.abs(np.reshape(source.bounds, (2, 2))).max(axis=0)))
             far = _FAR * reach * max(reach / wavelength, 1.0)
             self._far = opaque(m, far / spec.scene_unit)
@@ -257,13 +266,18 @@ def receiver_class(variant: str) -> Any:
         ) -> Any:
             angles, solid_angle = self._looks(sample2)
             ray, weight, share = self.look_along(angles, time, sample1, sample3, active)
-            return ray, share * spectrum(m, weight * solid_angle, active)
+            return ray, self.weigh(share, weight * solid_angle, angles, active)
 
         def sample_ray(
             self, time: Any, sample1: Any, sample2: Any, sample3: Any, active: Any = True
         ) -> Any:
             ray, weight = self.sample_ray_differential(time, sample1, sample2, sample3, active)
             return m.Ray3f(ray), weight
+
+        def weigh(self, colours: Any, weight: Any, angles: Any, active: Any = True) -> Any:
+            """The weight of a ray as a spectrum, in the receiver's polarisation if it has one."""
+            direction = direction_of(m, angles)
+            return colours * self._polariser.taken(weight, direction, self._frame, active)
 
         def look_along(
             self, angles: Any, time: Any, sample1: Any, sample3: Any, active: Any = True
@@ -274,13 +288,20 @@ def receiver_class(variant: str) -> Any:
             ray.time = time
             ray.d = self._frame.to_scene(direction)
             ray.maxt = m.Float(float(np.finfo(np.float32).max))
-            x, per_area = self._estimator.draw(sample3)
+            coins = 0.0
+            if self.spec.diffraction:
+                sample3, coins = m.Point2f(sample3), sample3.y * (1 << _MOST_PASSED)
+                sample3.y = coins - dr.floor(coins)
+            x, per_area = self.estimator.draw(sample3)
             ray.o = self._frame.point(x) + self.lift
-            met = self._met(ray, x, direction, active) if self._estimator.needs_distance else ()
-            weight = self._estimator.received(x, direction, per_area, *met)
+            share: Any = 1.0
+            if self.spec.diffraction:
+                share = self._pass_surfaces(ray, m.UInt32(coins), active)
+            met = self._met(ray, x, direction, active) if self.estimator.needs_distance else ()
+            weight = share * self.estimator.received(x, direction, per_area, *met)
             zero = dr.zeros(m.SurfaceInteraction3f)
-            ray.wavelengths, share = self.sample_wavelengths(zero, sample1, active)
-            return ray, weight, share
+            ray.wavelengths, colours = self.sample_wavelengths(zero, sample1, active)
+            return ray, weight, colours
 
         def _looks(self, sample: Any) -> tuple[Any, Any]:
             """Angles of a direction for a place on the film, and the solid angle it stands for.
@@ -305,8 +326,27 @@ def receiver_class(variant: str) -> Any:
             """From a place on the receiver to where its ray starts."""
             return self._frame.axes[2] * self._lift
 
-        def _met(self, ray: Any, x: Any, direction: Any, active: Any) -> tuple[Any, Any]:
-            """The place of the surface that a ray meets, or one far out, and its distance."""
+        def _pass_surfaces(self, ray: Any, coins: Any, active: Any) -> Any:
+            """Start a ray behind some of the surfaces on its way: their light comes over edges.
+
+            Half of the rays go on at each, as the next of ``coins`` says. Returns their weight.
+            """
+            scene, going, weight = self._told(), m.Bool(active), m.Float(1.0)
+            for number in range(_MOST_PASSED + 1):
+                distance = distance_to_surface(m, scene, ray, self._lift, self._far, going)
+                is_met = going & (distance < self._far)
+                if number:  # behind the last surface is no light that others do not see
+                    weight = dr.select(going & (is_met ^ m.Bool(True)), 0.0, weight)
+                if number == _MOST_PASSED:
+                    break
+                passes = is_met & ((coins & m.UInt32(1 << number)) != m.UInt32(0))
+                weight = dr.select(is_met, 2.0 * weight, weight)
+                ahead = ray.d * (distance + self._lift)
+                ray.o = m.Point3f(dr.select(passes, ray.o + ahead, ray.o))
+                going = passes
+            return weight
+
+        def _told(self) -> Any:
             if self.scene is None:
                 raise SceneError(
                     "expected the scene of the wigner_receiver for its estimator "
@@ -314,7 +354,15 @@ def receiver_class(variant: str) -> Any:
                     "polywigner.mitsuba.render, or within `with "
                     'polywigner.mitsuba.receiving(scene)`, or use the estimator "wigner"'
                 )
-            distance = distance_to_surface(m, self.scene, ray, self._lift, self._far, active)
+            return self.scene
+
+        def _met(self, ray: Any, x: Any, direction: Any, active: Any) -> tuple[Any, Any]:
+            """The place of the surface that a ray meets, or one far out, and its distance."""
+            scene = self._told()
+            distance = distance_to_surface(m, scene, ray, self._lift, self._far, active)
+            if self.spec.diffraction:  # rays may start behind surfaces
+                place = m.Point3f(self._frame.to_own(ray.o + ray.d * distance - self._frame.origin))
+                return place, dr.norm(place - m.Point3f(x.x, x.y, 0.0))
             along = direction * distance
             point = m.Point3f(x.x + along.x, x.y + along.y, self._lift + along.z)
             return point, distance
@@ -340,15 +388,36 @@ def is_receiver(sensor: Any) -> bool:
     return getattr(type(sensor), "is_wigner_receiver", False)
 
 
+def receivers_of(scene: Any) -> list[tuple[int, Any]]:
+    """The receivers of a scene with their numbers among its sensors; SceneError for none."""
+    if not hasattr(scene, "sensors"):
+        raise ArgumentError(
+            f"expected a mi.Scene, got {type(scene).__name__}; make one with "
+            "polywigner.mitsuba.load_scene or mi.load_dict"
+        )
+    found = [(k, sensor) for k, sensor in enumerate(scene.sensors()) if is_receiver(sensor)]
+    if not found:
+        raise SceneError(
+            "expected a scene with a receiver, got one without; add a <sensor "
+            'type="wigner_receiver">, or polywigner.mitsuba.receiver(...)'
+        )
+    return found
+
+
 @contextmanager
 def receiving(scene: Any) -> Iterator[None]:
-    """Tell the receivers the scene, for their estimator ``exact``, within the block.
+    """Tell receivers the scene, for their estimator ``exact``; and all whose light diffracts.
 
     :func:`polywigner.mitsuba.render` does it by itself; for ``mi.render`` and other renderers.
     Mitsuba tells cameras written in Python nothing of their scene, and one that held it would keep
     it alive for ever.
     """
+    cast_shadows(scene)
     with ExitStack() as stack:
+        # a scene that is freed while Dr.Jit records a kernel ends the process
+        stack.enter_context(without_collection())
+        stack.callback(setattr, ExactEstimator, "tells", ExactEstimator.tells)
+        ExactEstimator.tells = True
         for sensor in filter(is_receiver, scene.sensors()):
             stack.callback(setattr, sensor, "scene", sensor.scene)
             sensor.scene = scene
@@ -409,6 +478,7 @@ def _build(variant: str, props: Any) -> Any:
     """The sensor for the parameters of one ``wigner_receiver`` element."""
     values = values_of(props)
     spec = read_receiver(values)
+    check_polarised(variant, spec, "wigner_receiver sensor")
     _check_nested(values)
     _check_film(values)
     inner = mi.Properties(RECEIVER_NAME)

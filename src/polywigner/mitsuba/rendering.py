@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import warnings
 from collections.abc import Callable
@@ -13,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from polywigner.errors import ArgumentError, SceneError
+from polywigner.execution.progress import slow_bar
 from polywigner.geometry.arguments import (
     checked_callable,
     checked_count,
@@ -113,6 +115,8 @@ def render(
     scene: a ``mi.Scene``; its sensor brings film and sampler.
     integrator: plugin name or ``mi.Integrator``; default: the scene's own, else
         ``path``, or ``volpath`` where a source's surface stands in the light of another.
+        ``stokes``: the same, or a plugin as in ``stokes volpath``, with the Stokes numbers of
+        polarised light as further channels: :func:`polywigner.mitsuba.stokes_of`.
     spp: samples per pixel; default: the sampler's own. Samplers may round it up.
     seed: of the random numbers, zero or more; every strip and pass derives its own from it.
     sensor: index of the scene's sensor.
@@ -132,9 +136,10 @@ def render(
     """
     exposure = exposed(scene, integrator, spp, seed, sensor)
     checked_callable(progress, "progress")
-    if progress is None:
-        return exposure.picture(lambda: None)
     done, steps = count(1), exposure.cut.steps
+    if progress is None:
+        with slow_bar("render", steps) as advance:
+            return exposure.picture(advance)
     return exposure.picture(lambda: progress(next(done), steps))
 
 
@@ -153,9 +158,13 @@ def exposed(
     camera = _camera(scene, sensor)
     total = check_spp(camera.sampler().sample_count() if spp is None else spp)
     entropy = check_seed(seed)
-    method = _integrator(scene, integrator)
+    name = _without_stokes(integrator)
+    method = inner = _integrator(scene, name)
+    if name is not integrator:
+        method = _with_stokes(inner)
+        _warn_of_level_view(camera)
     if warn:
-        _warn_of_limits(scene, method)
+        _warn_of_limits(scene, inner)
         _warn_of_fog(scene, camera)
     return Exposure(scene, camera, method, tiling_of(camera, total), entropy)
 
@@ -219,6 +228,49 @@ def _integrator(scene: Any, integrator: Any) -> Any:
         return mi.load_dict(entry)
     except RuntimeError as error:
         raise translate_error(error) from None
+
+
+_STOKES = "stokes"
+
+
+def _without_stokes(integrator: Any) -> Any:
+    """The name of the integrator inside of ``stokes`` or ``stokes path``; others as they are."""
+    if isinstance(integrator, str) and integrator.split()[:1] == [_STOKES]:
+        return integrator.strip()[len(_STOKES) :].strip() or None
+    return integrator
+
+
+def _with_stokes(inner: Any) -> Any:
+    """An integrator with the Stokes numbers of its light as further channels of the picture."""
+    if not mi.is_polarized:
+        raise SceneError(
+            f"expected a polarised variant for the integrator {_STOKES}, got {mi.variant()}; set "
+            "polywigner.mitsuba.choose_variant(polarised=True)"
+        )
+    if inner.class_name() == "StokesIntegrator":
+        return inner
+    try:
+        return mi.load_dict({"type": _STOKES, "nested": inner})
+    except RuntimeError as error:
+        raise translate_error(error) from None
+
+
+def _warn_of_level_view(camera: Any) -> None:
+    """Warn where all rays are horizontal, where Mitsuba's axes of polarisation jump."""
+    if camera.class_name() != "OrthographicCamera":
+        return
+    x, y, z = np.array(matrix_of(camera.world_transform()))[:3, 2].tolist()
+    if abs(z) < _LEVEL * math.hypot(x, y) and min(abs(x), abs(y)) > _LEVEL:
+        warnings.warn(
+            "all rays of the camera are horizontal, along neither x nor y, where Mitsuba's axes of "
+            "polarisation jump: Stokes numbers may be of other slants; tilt the camera by 0.001",
+            RuntimeWarning,
+            stacklevel=5,
+        )
+
+
+# Cosine below which rounding decides on which side of the horizon a ray is.
+_LEVEL = 1e-6
 
 
 def _warn_of_limits(scene: Any, integrator: Any) -> None:

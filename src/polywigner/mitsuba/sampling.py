@@ -23,6 +23,7 @@ from polywigner.errors import SceneError
 from polywigner.execution import ops_for
 from polywigner.geometry.convex import Trapezoids, point_in_trapezoid, trapezoids
 from polywigner.illumination import Array
+from polywigner.illumination.polarisation import Stokes
 from polywigner.mitsuba.sources import CentredSource, SourceSpec
 from polywigner.transforms import position_marginal
 from polywigner.transforms.sampling import in_phase
@@ -41,6 +42,14 @@ _EVERYWHERE = 0.02
 def opaque(m: Any, value: float) -> Any:
     """A number of the variant ``m``: as a literal, each new value would compile a new kernel."""
     return dr.opaque(m.Float, value) if dr.is_jit_v(m.Float) else value
+
+
+def single(number: Any, name: str) -> float:
+    """One finite number, or SceneError."""
+    values = np.asarray(dr.detach(number), dtype=np.float64).ravel()
+    if values.size != 1 or not np.isfinite(values).all():
+        raise SceneError(f"expected one finite number as {name}, got {values.tolist()}")
+    return float(values[0])
 
 
 def check_sampling(name: str) -> str:
@@ -185,6 +194,11 @@ def spectrum(m: Any, value: Any, active: Any) -> Any:
     return m.depolarizer(m.UnpolarizedSpectrum(dr.select(active, value, 0.0)))
 
 
+def four(m: Any, stokes: Stokes | None, value: Any) -> Any:
+    """A field's value times its four Stokes numbers; the value where there are none."""
+    return value if stokes is None else m.Vector4f(*stokes) * value
+
+
 class Estimator(Protocol):
     """Weights of light samples at points of a scene, and of the rays of a receiver.
 
@@ -225,8 +239,8 @@ class Estimator(Protocol):
 def sampled_emitter_class(variant: str) -> Any:
     """The base of the emitter's class for one variant, which has no radiance yet.
 
-    What it is built on has its ``frame``, ``_own`` radiance, ``_estimator``, ``wave``, ``radiance``
-    and ``intensity``.
+    What it is built on has its ``frame``, ``_own`` radiance, ``estimator``, ``polariser``,
+    ``wave``, ``radiance`` and ``intensity``.
     """
     m = getattr(mi, variant)
     jit = dr.is_jit_v(m.Float)
@@ -239,25 +253,30 @@ def sampled_emitter_class(variant: str) -> Any:
         # ---- sampling for receivers ----------------------------------------------------------
 
         def sample_direction(self, it: Any, sample: Any, active: Any = True) -> Any:
-            x, per_area = self._estimator.draw(sample)
+            x, per_area = self.estimator.draw(sample)
             direction, distance = self.seen_from(it, x)
             ds = m.DirectionSample3f()
             self._place(ds, x, it.time)
             ds.d = -self.frame.to_scene(direction)
             ds.dist = distance
             ds.pdf = self._density(direction.z, distance, per_area)
+            if self.spec.diffraction:  # what is in the way is in the weight
+                away = (1.0 + dr.max(dr.abs(it.p))) * (2.0 * m.math.RayEpsilon)
+                ds.p = it.p + ds.d * away
             ds.emitter = m.EmitterPtr(self) if jit else self
-            return ds, spectrum(m, self._estimator.lit(self, it, x, per_area), active)
+            found = self.estimator.lit(self, it, x, per_area)
+            return ds, self.polariser.sent(found, direction, self.frame, active)
 
         def pdf_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
             cosine = -dr.dot(ds.d, self.frame.axes[2])
-            return self._density(cosine, ds.dist, self._estimator.density(ds.uv))
+            return self._density(cosine, ds.dist, self.estimator.density(ds.uv))
 
         def eval_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
             direction, distance = self.seen_from(it, ds.uv)
-            per_area = self._estimator.density(ds.uv)
+            per_area = self.estimator.density(ds.uv)
             density = self._density(direction.z, distance, per_area)
-            return spectrum(m, self._estimator.lit(self, it, ds.uv, per_area) * density, active)
+            found = self.estimator.lit(self, it, ds.uv, per_area) * density
+            return self.polariser.sent(found, direction, self.frame, active)
 
         def _density(self, cosine: Any, distance: Any, per_area: Any) -> Any:
             """Per solid angle; overwhelming where no light comes by rays that meet the source.
@@ -309,7 +328,7 @@ def sampled_emitter_class(variant: str) -> Any:
             si = m.SurfaceInteraction3f(ps, wavelengths)
             si.time = time
             found = self.radiance(ps.uv, direction, self.wave(ps.uv, direction))
-            weight = spectrum(m, found * share * dr.pi, active)
+            weight = self.polariser.sent(found * share * dr.pi, direction, self.frame, active)
             return si.spawn_ray(self.frame.to_scene(direction)), weight * density
 
         def sample_wavelengths(self, si: Any, sample: Any, active: Any = True) -> Any:
@@ -317,7 +336,9 @@ def sampled_emitter_class(variant: str) -> Any:
             wavelengths, density = _optical_wavelengths(m, sample)
             direction = self.frame.to_own(si.wi)
             radiance = self.radiance(si.uv, direction, self.wave(si.uv, direction))
-            return wavelengths, spectrum(m, radiance, active) * density
+            return wavelengths, self.polariser.sent(
+                radiance, direction, self.frame, active
+            ) * density
 
     return SampledEmitter
 

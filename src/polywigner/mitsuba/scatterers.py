@@ -13,16 +13,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, SceneError
-from polywigner.geometry.arguments import checked_count
+from polywigner.geometry.arguments import checked_count, real_numbers
 from polywigner.illumination import Array
 from polywigner.mitsuba.placement import placed_emitter
 from polywigner.mitsuba.plugins import one_at_a_time
 from polywigner.mitsuba.received import described, receive_options
-from polywigner.mitsuba.received_power import chosen, matched, receivers_of
-from polywigner.mitsuba.receiver import receiving
+from polywigner.mitsuba.received_power import chosen, matched
+from polywigner.mitsuba.receiver import receivers_of, receiving
 from polywigner.mitsuba.rendering import depths_of
 from polywigner.mitsuba.scattered import unseen, wigner_emitters
 from polywigner.mitsuba.scattering_steps import Events, Motion, Paths, events_of, number_of
+from polywigner.mitsuba.targets import aimed
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.transforms.xarray_arguments import labelled_array
 
@@ -139,6 +140,8 @@ def _paths(sensor: Any, draws: Floats) -> tuple[Any, Floats, Floats]:
 def _looking(sensor: Any, draws: Any) -> tuple[Any, Any, Any]:
     angles, density = sensor.directions.sample(mi.Point2f(draws[0], draws[1]))
     ray, watts, share = sensor.look_along(angles, 0.0, draws[4], mi.Point2f(draws[2], draws[3]))
+    if sensor.spec.polarisation is not None:
+        share = sensor.weigh(share, 1.0, angles)
     return Paths.along(mi.Ray3f(ray), share, 0.0 * density), watts, density
 
 
@@ -247,18 +250,24 @@ def scatterers(
         launched = checked_count(rays, "rays", 1, _MOST_RAYS)
     depth = max_depth
     if depth is not None:  # -1: no limit
-        depth = _NO_LIMIT if depth == -1 else checked_count(depth, "max_depth", 1, _NO_LIMIT)
+        is_endless = isinstance(depth, int) and depth == -1
+        depth = _NO_LIMIT if is_endless else checked_count(depth, "max_depth", 1, _NO_LIMIT)
     options = receive_options(None, seed, None, 0, 1e-6, None, None, None)
     rng = np.random.default_rng(options.seed)
     found = receivers_of(scene)
     number = chosen(found, receiver)
     sensor = found[number][1]
     (place,) = matched(scene, [number], options).places
+    if sensor.spec.has_several:
+        raise SceneError(
+            "expected one polarisation of all elements of a receiver for scatterers, got several; "
+            "give it one"
+        )
     _check_air(scene, sensor)
     names = _Names.of(scene, place.name)
     motion = None if velocities is None else names.motion(velocities, place.scene_unit)
     depth = _longest_path(scene.integrator()) if depth is None else depth
-    with unseen(scene), receiving(scene):
+    with unseen(scene), aimed(scene), receiving(scene):
         cloud = cloud_of(scene, sensor, launched, depth, rng, motion)
     cloud = cloud.thinned(size, rng, isinstance(place.source, Array))
     about = {
@@ -329,7 +338,7 @@ def _number(kind: str, thing: Any) -> int:
 
 def _velocity(name: str, value: ArrayLike) -> Floats:
     try:
-        found = np.asarray(value, np.float64)
+        found = real_numbers(value)
     except (TypeError, ValueError):
         found = np.empty(0)
     if found.shape != (3,) or not np.isfinite(found).all():

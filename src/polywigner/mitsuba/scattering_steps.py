@@ -123,7 +123,11 @@ class Steps:
         value, density = bsdf.eval_pdf(self._context, si, towards, active)
         value = si.to_world_mueller(value, -towards, si.wi)
         share = dr.select(seen.delta, 1.0, seen.pdf / (seen.pdf + density))
-        share = share * share_unobstructed(self._scene, si, seen.p)
+        passed = share_unobstructed(self._scene, si, seen.p)
+        if mi.is_polarized:
+            weight = passed * weight
+        else:
+            share = share * passed
         light = seen.emitter
         return {
             "sampled": dr.select(

@@ -14,6 +14,7 @@ import warnings
 import zlib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 from xml.parsers import expat
@@ -22,12 +23,14 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
+from polywigner.apart import ChildError, run_apart
 from polywigner.errors import FileFormatError, SceneError
 from polywigner.geometry.io.limits import (
     LARGEST_SCENE,
     MOST_NESTED,
     MOST_SCENE_ELEMENTS,
     bytes_of,
+    check_bytes,
     check_regular,
 )
 
@@ -40,6 +43,8 @@ _MOST_NESTED_OBJECTS, _DEEPEST_REFS, _MOST_REFERRED = 16, 64, 1 << 24
 _MOST_DEFAULTS, _LONGEST_VALUE = 1000, 1 << 14
 _PLUGIN = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _LIBRARIES = (".so", ".dylib", ".dll")
+# Takes addresses in the memory of the process from the scene.
+_BY_ADDRESS = "blender"
 _OWN_PLUGINS = Path(mi.__file__).parent / "plugins"
 
 
@@ -97,7 +102,9 @@ class _SceneCheck:
         self.files: set[Path] = set()
         self.named: dict[Path, set[str]] = {}
         """Files that are named, and kinds of objects that do."""
-        self.elements = self.included = 0
+        self.known: set[str | tuple[str, str]] = set()
+        """Types, and texts with kinds of objects, that are checked: the disk is asked once."""
+        self.elements = self.included = self.size = 0
         self.objects: list[tuple[str, str] | None] = []
         """Type and id of the elements around, None of others than objects."""
         self.held: dict[str, list[str]] = {}
@@ -108,6 +115,8 @@ class _SceneCheck:
         self.included += 1
         _check("scenes included, repetitions counted", self.included, _MOST_INCLUDED)
         self.files.add(file.resolve())
+        content = bytes_of(file, LARGEST_SCENE)
+        self._grow(len(content))
 
         def start(tag: str, attributes: dict[str, str]) -> None:
             filled = {name: self._filled(text) for name, text in attributes.items()}
@@ -124,7 +133,7 @@ class _SceneCheck:
         parser.StartElementHandler, parser.EndElementHandler = start, end
         parser.StartDoctypeDeclHandler = _refuse_declarations
         try:
-            parser.Parse(bytes_of(file, LARGEST_SCENE), True)
+            parser.Parse(content, True)
         except expat.ExpatError as error:
             raise FileFormatError(
                 f"expected a Mitsuba scene, got text that is not XML in line {error.lineno}, "
@@ -185,8 +194,13 @@ class _SceneCheck:
             value = self.values[name]
             length = len(text) + text.count(f"${name}") * len(value)
             _check("characters in a value, $parameters filled in", length, _LONGEST_VALUE)
+            self._grow(length - len(text))
             text = text.replace(f"${name}", value)
         return text
+
+    def _grow(self, size: int) -> None:
+        self.size += max(0, size)
+        check_bytes(self.size, LARGEST_SCENE, "scenes, with includes and $parameters filled in")
 
     def _define(self, name: str, value: str) -> None:
         self.values.setdefault(name, value)
@@ -194,26 +208,39 @@ class _SceneCheck:
 
     def _check_type(self, name: str) -> None:
         """Refuse types that make Mitsuba load a library from anywhere but its own folder."""
+        if name in self.known:
+            return
         found = [self.resolve(f"plugins/{name}{suffix}") for suffix in _LIBRARIES]
         foreign = [p for p in found if p.exists() and p.resolve().parent != _OWN_PLUGINS.resolve()]
+        if name == _BY_ADDRESS:
+            raise FileFormatError(f"expected meshes of files, got one of type {name}; use PLY")
         if foreign or not _PLUGIN.fullmatch(name):
             raise FileFormatError(
                 f"expected types that Mitsuba or polywigner bring, got {name[:60]!r}; a scene must "
                 "not bring libraries of its own"
             )
+        self.known.add(name)
 
     def _note_file(self, text: str | None, kind: str) -> None:
         """Check the file that a text of an object of some kind names, if it does.
 
         Of texts that are no names of files, the system may refuse some: too long, for one.
         """
+        if not text or (text, kind) in self.known:
+            return
+        self.known.add((text, kind))
         path = None
         with suppress(OSError, ValueError, RuntimeError):
-            found = self.resolve(text) if text else None
-            path = found if found is not None and found.exists() and not found.is_dir() else None
+            found = self.resolve(text)
+            path = found if found.exists() and not found.is_dir() else None
         if path is not None and kind not in self.named.setdefault(path.resolve(), set()):
             check_regular(path)
-            _check_content(path, kind)
+            try:
+                _check_content(path, kind)
+            except OSError as error:
+                raise FileFormatError(
+                    f"expected a readable file, got {path.name}: {error.strerror or error}"
+                ) from None
             self.named[path.resolve()].add(kind)
 
 
@@ -232,6 +259,7 @@ def _refuse_declarations(name: str, system: Any, public: Any, has_declarations: 
 _MOST_PIXELS = 1 << 26  # a gigabyte as four floats each
 _LARGEST_MESH, _MOST_CORNERS, _MOST_MESHES = 1 << 30, 1 << 28, 1000
 _LONGEST_HEADER = 1 << 20
+_EXR = b"\x76\x2f\x31\x01"
 _PLY_NUMBERS = {
     "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4",
     "float": "f4", "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2",
@@ -256,6 +284,7 @@ def _check_content(path: Path, kind: str) -> None:
             raise FileFormatError(
                 f"expected a picture of at most {_MOST_PIXELS} pixels, got {pixels} in {path.name}"
             )
+        _check_decodes(path)
 
 
 _CORNERS = ("vertex_indices", "vertex_index")
@@ -279,6 +308,7 @@ def _ply(content: bytes) -> tuple[NDArray[Any], int]:
         elif line[:1] == ["property"] and elements:
             elements[-1][2].append(line[1:])
     count = next((n for name, n, _ in elements if name == "vertex"), 0)
+    _check_announced(body, form, elements)
     number = next((k for k, (name, _, _) in enumerate(elements) if name == "face"), None)
     if number is None or not elements[number][1]:
         return np.empty(0, np.int64), count
@@ -292,8 +322,21 @@ def _ply(content: bytes) -> tuple[NDArray[Any], int]:
         order = {"binary_little_endian": "<", "binary_big_endian": ">"}[form]
         sizes = (n * sum(_number(own[0]).itemsize for own in others) for _, n, others in before)
         return _of_bytes(body[sum(sizes) :], order, properties, total), count
-    except (ValueError, KeyError, IndexError):
+    except (ValueError, KeyError, IndexError, OverflowError):
         raise FileFormatError("expected a whole PLY mesh, got one that ends early") from None
+
+
+def _check_announced(
+    body: bytes, form: str, elements: list[tuple[str, int, list[Property]]]
+) -> None:
+    """Refuse more vertices, faces and the like than the file holds: room is made for all first."""
+    if form == "ascii":
+        least = 2 * sum(n for _, n, _ in elements)  # a digit and the end of the line
+    else:
+        own = {"list": 1, **{name: np.dtype(kind).itemsize for name, kind in _PLY_NUMBERS.items()}}
+        least = sum(n * sum(own.get(p[0], 1) for p in others) for _, n, others in elements)
+    if least > len(body) + 1:
+        raise FileFormatError("expected a whole PLY mesh, got one that ends early")
 
 
 def _number(name: str, order: str = "<") -> np.dtype[Any]:
@@ -386,6 +429,38 @@ def _one_serialized(content: bytes, version: int) -> tuple[NDArray[Any], int]:
     return np.frombuffer(body, "<u4", 3 * faces, start), count  # fewer than 2^32 vertices
 
 
+# Of the processor, and of address space: 2^26 pixels of four floats take a gigabyte twice.
+_DECODING, _DECODED = 20.0, 6 << 30
+
+
+def _check_decodes(path: Path) -> None:
+    """Refuse an OpenEXR picture that ends a process in which Mitsuba decodes it."""
+    with path.open("rb") as file:
+        if file.read(4) != _EXR:
+            return
+    try:
+        found = path.stat()
+        _decoded_apart(str(path.resolve()), found.st_mtime_ns, found.st_size)
+    except ChildError:
+        raise FileFormatError(
+            f"expected a whole OpenEXR picture, got a damaged one in {path.name}"
+        ) from None
+
+
+@lru_cache(maxsize=256)
+def _decoded_apart(path: str, changed: int, size: int) -> None:
+    """Decode a picture in a process of its own; `changed` and `size` tell it from later ones."""
+    run_apart(partial(_decode, path), _DECODING, _DECODED)
+
+
+def _decode(path: str) -> None:
+    from polywigner.mitsuba.films import threads_for_openexr
+
+    mi.set_variant("scalar_rgb")
+    with threads_for_openexr():
+        mi.Bitmap(path)
+
+
 def _pixels(path: Path) -> int:
     """The pixels that a picture announces; 0 for other files."""
     from PIL import Image
@@ -394,12 +469,12 @@ def _pixels(path: Path) -> int:
         head = file.read(1 << 12)
     if head[:8] == b"\x89PNG\r\n\x1a\n":
         return math.prod(struct.unpack_from(">2I", head.ljust(24, b"\0"), 16))
-    if head[:4] == b"\x76\x2f\x31\x01":
+    if head[:4] == _EXR:
         return _pixels_of_exr(path)
     if sizes := re.match(rb"P[Ff]\s+(\d{1,12})\s+(\d{1,12})\s|VOL", head):
         if sizes[1] is not None:
             return int(sizes[1]) * int(sizes[2])
-        return math.prod(struct.unpack_from("<3I", head.ljust(20, b"\0"), 8))
+        return math.prod(struct.unpack_from("<4I", head.ljust(24, b"\0"), 8))  # with channels
     if sizes := re.search(rb"\A#\?.*?\n[-+]Y (\d{1,12}) [-+]X (\d{1,12})\n", head, re.DOTALL):
         return int(sizes[1]) * int(sizes[2])
     try:

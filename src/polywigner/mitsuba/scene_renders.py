@@ -19,6 +19,7 @@ import numpy.typing as npt
 
 from polywigner.errors import ArgumentError, SceneError, StoreError
 from polywigner.execution import MOST_THREADS, kernel_threads
+from polywigner.execution.progress import progress_bar
 from polywigner.geometry.arguments import (
     checked_count,
     checked_path,
@@ -28,11 +29,13 @@ from polywigner.mitsuba.parameters import is_key, register_source, registered_so
 from polywigner.mitsuba.plugins import one_at_a_time
 from polywigner.mitsuba.range_profile import checked_ranges, profile_of, ranged
 from polywigner.mitsuba.received import ReceivedPower, ReceiveOptions
-from polywigner.mitsuba.received_power import matched, received, receivers_of, scattered_here
+from polywigner.mitsuba.received_power import matched, received, scattered_here
+from polywigner.mitsuba.receiver import receivers_of
 from polywigner.mitsuba.rendering import exposed
 from polywigner.mitsuba.scattered import BATCHES, Scattering, batches_of, lights_of, unseen
 from polywigner.mitsuba.scene_files import digest_of_file, digests_of
-from polywigner.mitsuba.scenes import choose_variant, load_scene
+from polywigner.mitsuba.scenes import choose_variant, load_file
+from polywigner.mitsuba.targets import aimed
 from polywigner.propagation.stores import one_run, write_dataset
 from polywigner.propagation.stores_checks import (
     Index,
@@ -41,7 +44,6 @@ from polywigner.propagation.stores_checks import (
     source_settings,
     with_digest,
 )
-from polywigner.radiometry.progress import progress_bar
 from polywigner.transforms.xarray_arguments import labelled_array
 
 if TYPE_CHECKING:
@@ -67,10 +69,13 @@ class SceneFile:
     variant: str
     sampler: str | None = None
     parameters: Mapping[str, Any] = field(default_factory=dict)
+    diffraction: bool = False
 
     def load(self) -> Any:
         """Load the ``mi.Scene``; raises as :func:`load_scene` does."""
-        return load_scene(self.path, self.variant, self.sampler, **self.parameters)
+        return load_file(
+            self.path, self.variant, self.sampler, True, self.diffraction, self.parameters
+        )
 
 
 Compute = Callable[[Any, Index], npt.NDArray[np.float64]]
@@ -138,6 +143,7 @@ class SceneJob:
             "mitsuba": self.mitsuba,
             "variant": self.file.variant,
             "sampler": self.file.sampler,
+            **({"diffraction": True} if self.file.diffraction else {}),
             "parameters": {name: str(value) for name, value in self.file.parameters.items()},
             **{f"file {name}": digest for name, digest in files.items()},
             **{f"source {k}": source["source_sha256"] for k, source in enumerate(sources)},
@@ -202,9 +208,11 @@ def render_file(
         raise ArgumentError("expected a store with a scheduler, got none; say where to keep parts")
     if store is not None:
         require_stores(scheduler)
-    file = SceneFile(
-        checked_path(path), choose_variant(variant or mi.variant()), sampler, parameters or {}
-    )
+    given = parameters if parameters is not None else {}
+    if not isinstance(given, Mapping) or not all(isinstance(name, str) for name in given):
+        raise ArgumentError(f"expected parameters as values by their names, got {parameters!r}")
+    chosen = choose_variant(mi.variant() if variant is None else variant)
+    file = SceneFile(checked_path(path), chosen, sampler, given)
     keeping: dict[str, Any] = {"store": store, "scheduler": scheduler}
     keeping |= {"threads": threads, "progress": progress}
     return render_parts(file, file.load(), integrator, spp, seed, sensor, **keeping)
@@ -342,5 +350,5 @@ def _sampled(
 def _batch(plans: Sequence[Scattering], scene: Any, origin: Index) -> npt.NDArray[np.float64]:
     """W (1, 1, lights, ...) that one batch of one receiver finds."""
     receiver, batch, *_ = origin
-    with unseen(scene):
+    with unseen(scene), aimed(scene):
         return plans[receiver].batch(scene, batch)[None, None]

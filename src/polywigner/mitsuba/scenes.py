@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import warnings
 from collections.abc import Mapping
@@ -25,39 +26,46 @@ from polywigner.mitsuba.plugins import (
     original_error,
     register,
 )
+from polywigner.mitsuba.polarisation import is_polarised
 from polywigner.mitsuba.scene_files import check_scene_file, resolving
 from polywigner.toolchain import llvm
 
-_FAST_VARIANT = "llvm_ad_mono"
-_GPU_VARIANT = "cuda_ad_mono"
-_PLAIN_VARIANT = "scalar_rgb"
+# Of unpolarised light, and of polarised: compiled, on a GPU, and without a compiler.
+_VARIANTS = {
+    False: ("llvm_ad_mono", "cuda_ad_mono", "scalar_rgb"),
+    True: ("llvm_ad_mono_polarized", "cuda_ad_mono_polarized", "scalar_spectral_polarized"),
+}
+_COHERENT = ("wigner", "wigner_receiver")
 # More make a sampler of Mitsuba round up without an end.
 _MOST_SAMPLES = 1 << 24
+_LONGEST_MESSAGE = 600
 
 
-def choose_variant(prefer: str | None = None) -> str:
+def choose_variant(prefer: str | None = None, polarised: bool = False) -> str:
     """The Mitsuba variant to render with; it is not set.
 
     ``prefer`` if given; else ``llvm_ad_mono`` (one channel, compiled) where a usable LLVM library
     exists, else ``cuda_ad_mono`` where there is a GPU, else ``scalar_rgb`` with one warning.
+    ``polarised``: one of polarised light, ``llvm_ad_mono_polarized`` first.
 
     Raises
     ------
-    EngineError when the preferred variant is unknown to this Mitsuba or cannot run here.
+    EngineError when the preferred variant is unknown to this Mitsuba or cannot run here, or is not
+    polarised where it must be.
     """
     status = llvm.prepare()
+    fast, on_gpu, plain = _VARIANTS[checked_flag(polarised, "polarised")]
     if prefer is None:
         if status.usable:
-            return _FAST_VARIANT
+            return fast
         if dr.has_backend(dr.JitBackend.CUDA):
-            return _GPU_VARIANT
+            return on_gpu
         warnings.warn(
-            f"{status.problem} Rendering with {_PLAIN_VARIANT}, hundreds of times slower. "
-            f"{status.remedy}",
+            f"{status.problem} Rendering with {plain}, hundreds of times slower. {status.remedy}",
             RuntimeWarning,
             stacklevel=2,
         )
-        return _PLAIN_VARIANT
+        return plain
     if not isinstance(prefer, str) or prefer not in mi.variants():
         raise EngineError(
             f"expected a variant of the installed Mitsuba, got {prefer!r}; use one of "
@@ -66,19 +74,21 @@ def choose_variant(prefer: str | None = None) -> str:
     if prefer.startswith("cuda_") and not dr.has_backend(dr.JitBackend.CUDA):
         raise EngineError(
             f"{prefer} needs an NVIDIA GPU and its driver, and Dr.Jit finds none; use "
-            f"{_FAST_VARIANT if status.usable else _PLAIN_VARIANT}"
+            f"{fast if status.usable else plain}"
         )
     if prefer.startswith("llvm_") and not status.usable:
         raise EngineError(f"{prefer} needs LLVM. {status.problem} {status.remedy}")
+    if polarised and not is_polarised(prefer):
+        raise EngineError(f"expected a variant of polarised light, got {prefer!r}; use {fast}")
     return prefer
 
 
-@one_at_a_time
 def load_scene(
     path: str | Path,
     variant: str | None = None,
     sampler: str | None = None,
     merge: bool = True,
+    diffraction: bool = False,
     **parameters: Any,
 ) -> Any:
     """A Mitsuba scene from its XML file, ready to render.
@@ -89,6 +99,8 @@ def load_scene(
     variant: set first, if given; default: the variant that is set, or :func:`choose_variant`.
     sampler: plugin such as ``multijitter``, in place of the one of every sensor.
     merge: make one mesh of all that have one BSDF; it has no id then.
+    diffraction: let all its sources and receivers have the estimator ``exact`` and shadows that
+        diffract (docs/shadows.md); False: as the file says.
     parameters: values of the file's ``$parameters``.
 
     Returns the ``mi.Scene``; its folder serves to find the files it names.
@@ -98,11 +110,27 @@ def load_scene(
     EngineError for a variant that cannot run; SceneError, or the package's own error behind it,
     for a scene that does not load.
     """
+    return load_file(path, variant, sampler, merge, diffraction, parameters)
+
+
+@one_at_a_time
+def load_file(
+    path: str | Path,
+    variant: str | None,
+    sampler: str | None,
+    merge: bool,
+    diffraction: bool,
+    parameters: Mapping[str, Any],
+) -> Any:
+    """The scene of a file, see :func:`load_scene`; its parameters may have any names."""
     file = checked_path(path)
-    for name, value in (("sampler", sampler), *parameters.items()):
+    if not isinstance(sampler, str | None):
+        raise ArgumentError(f"expected sampler as the name of a plugin, got {sampler!r}")
+    for name, value in parameters.items():
         if value is not None and not isinstance(value, (str, int, float)):
             raise ArgumentError(f"expected {name} as a text or a number, got {value!r}")
     checked_flag(merge, "merge")
+    checked_flag(diffraction, "diffraction")
     if not file.is_file():
         raise SceneError(f"expected a Mitsuba scene file, got {str(path)!r}, which is not a file")
     if variant is not None or mi.variant() is None:
@@ -111,7 +139,7 @@ def load_scene(
     try:
         with resolving(file) as resolve, threads_for_openexr():
             check_scene_file(file, parameters, resolve)
-            scene = _instantiate(file, sampler, merge, parameters)
+            scene = _instantiate(file, sampler, merge, diffraction, parameters)
     except (RuntimeError, ValueError) as error:
         raise translate_error(error) from None
     if not isinstance(scene, mi.Scene):
@@ -147,15 +175,25 @@ def translate_error(error: Exception) -> PolywignerError:
     place = re.match(r"(?:At|While loading) (.*?(?:\(line \d+, col \d+\)|node \"[^\"]*\")):", text)
     own = original_error(error)
     if own is not None:
-        return type(own)(f"{place[1]}: {own}" if place else str(own))
+        return type(own)(_printable(f"{place[1]}: {own}" if place else str(own)))
     head, _, traceback = text.partition("Traceback (most recent call last)")
     cause = traceback.strip().splitlines()[-1:]  # what a plugin written in Python has raised
-    line = " ".join(" ".join([head, *cause]).split())
+    line = _printable(" ".join(" ".join([head, *cause]).split()))
     return SceneError(f"expected a scene that Mitsuba can load: {line}")
 
 
+def _printable(text: str) -> str:
+    """A text of some lines at most, without characters that a terminal would obey."""
+    short = text[:_LONGEST_MESSAGE] + ("..." if text[_LONGEST_MESSAGE:] else "")
+    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in short)
+
+
 def _instantiate(
-    file: Path, sampler: str | None, merge: bool, parameters: Mapping[str, Any]
+    file: Path,
+    sampler: str | None,
+    merge: bool,
+    diffraction: bool,
+    parameters: Mapping[str, Any],
 ) -> Any:
     """``mi.load_file``, with a look at the parsed scene before it is built."""
     config = mi.parser.ParserConfig(mi.variant())
@@ -164,9 +202,14 @@ def _instantiate(
     mi.parser.transform_upgrade(config, state)
     mi.parser.transform_resolve(config, state)
     _check_samplers(state)
-    _check_reflectances(state)
+    _check_numbers(state)
     if sampler is not None:
         _replace_samplers(state, sampler)
+    if diffraction:
+        for node in state.nodes:
+            if node.props.plugin_name() in _COHERENT:
+                node.props["estimator"] = "exact"
+                node.props["diffraction"] = True
     mi.parser.transform_merge_equivalent(config, state)
     if merge:
         mi.parser.transform_merge_meshes(config, state)
@@ -185,24 +228,30 @@ def _check_samplers(state: Any) -> None:
                 )
 
 
-def _check_reflectances(state: Any) -> None:
-    """SceneError for shares of light that are not finite, or not from 0 to 1."""
+def _check_numbers(state: Any) -> None:
+    """SceneError for a number that is none, and for shares of light that are not from 0 to 1."""
     for node in state.nodes:
-        for name in node.props.keys() if node.type == mi.ObjectType.BSDF else ():
-            if name.endswith(("reflectance", "transmittance", "albedo")):
-                values = _numbers_in(node.props[name])
-                if not all(0.0 <= value <= 1.0 for value in values):
-                    raise SceneError(
-                        f"expected the {name} of a {node.props.plugin_name()} from 0 to 1, got "
-                        f"{', '.join(f'{value:g}' for value in values[:3])}"
-                    )
+        props = mi.Properties(node.props)  # a copy: Mitsuba tells of properties that nobody reads
+        for name in props.keys():  # noqa: SIM118 (not a dict)
+            values = _numbers_in(props[name])
+            is_share = name.endswith(("reflectance", "transmittance", "albedo"))
+            if node.type == mi.ObjectType.BSDF and is_share:
+                wanted, is_right = "from 0 to 1", all(0.0 <= value <= 1.0 for value in values)
+            else:
+                wanted, is_right = "in numbers", not any(map(math.isnan, values))
+            if not is_right:
+                raise SceneError(
+                    f"expected the {name} of a {props.plugin_name()} {wanted}, got "
+                    f"{', '.join(f'{value:g}' for value in values[:3])}"
+                )
 
 
 def _numbers_in(value: Any) -> list[float]:
-    """The numbers of a property; none of references to textures."""
-    if isinstance(value, mi.Properties.ResolvedReference):
+    """The numbers of a property, of a pose too; none of texts and references to textures."""
+    if isinstance(value, (str, mi.Properties.ResolvedReference)):
         return []
     value = getattr(value, "values", value)  # of a spectrum
+    value = value if hasattr(value, "shape") else getattr(value, "matrix", value)
     try:
         return [float(number) for number in np.ravel(np.array(value, np.float64))]
     except (TypeError, ValueError):

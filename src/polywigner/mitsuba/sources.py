@@ -23,6 +23,7 @@ from polywigner.illumination.obliquities import (
     irradiance_factor,
     weighted_sources,
 )
+from polywigner.illumination.polarisation import Stokes, stokes_fields
 from polywigner.illumination.support import moved_source, mutual_support
 from polywigner.plans import shifts_samples
 from polywigner.propagation.far_fields import check_slopes, powers_of
@@ -412,6 +413,8 @@ class SourceSpec:
     """Power that ``norm`` stands for: one of `NORMALISATIONS`."""
     power: float = 1.0
     """Radiated power in W; 1 for a receiver, whose power comes from the scene."""
+    diffraction: bool = False
+    """Whether shadows of the scene's surfaces diffract."""
     antithetic: bool = False
     control_variate: bool = False
     sampling_weight: float = 1.0
@@ -419,8 +422,36 @@ class SourceSpec:
     """Whether rays meet its surface."""
     noise: Mapping[str, float | None] = field(default_factory=dict)
     """Noise of a receiver, by the names of ``NOISE_PARSERS``."""
+    polarisation: Complexes | None = None
+    """Unit Jones vector (2,) in the source's x and y, or (n, 2) of elements; None: unpolarised."""
 
     @property
     def source(self) -> Aperture | Array:
         """The source that the scene asked for, in coherent light."""
         return self.centred.source
+
+    @property
+    def has_several(self) -> bool:
+        """Whether elements have different polarisations."""
+        return self.polarisation is not None and self.polarisation.ndim == 2
+
+    def fields(self, source: Any) -> list[tuple[Any, Stokes | None]]:
+        """Return scalar sources, and Stokes numbers by which their light makes up the polarised.
+
+        ``source``: the scene's, moved or not. Itself and None where all of it has one polarisation.
+        """
+        if self.polarisation is None or self.polarisation.ndim == 1:
+            return [(source, None)]
+        return list(stokes_fields(source, self.polarisation))
+
+    def norm_at(self, wavelength: float, normalise: str | None = None) -> float:
+        """Power in W of the source's field at a wavelength, as ``normalise`` counts it.
+
+        Raises as :func:`norm_of` does.
+        """
+        counted = normalise or self.normalise
+        return math.fsum(
+            norm_of(field, wavelength, self.obliquity, self.mixture, counted)
+            for field, stokes in self.fields(self.source)
+            if stokes is None or stokes[0] > 0
+        )

@@ -18,7 +18,7 @@ from polywigner.execution import Traced, kernel_with_derivatives, ops_for
 from polywigner.geometry import Wavefront
 from polywigner.illumination.obliquities import OBLIQUITIES, emission_factor
 from polywigner.kernels import kernel_for
-from polywigner.mitsuba.sampling import opaque, positions_of
+from polywigner.mitsuba.sampling import four, opaque, positions_of
 from polywigner.mitsuba.sources import Mixture, SourceSpec, depends_on_wavelength, emissions
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.transforms import fourier
@@ -102,12 +102,16 @@ class WignerRadiance:
         self.waves = DrawnWaves(m, spec.mixture)
         self._terms = []
         # (source, forms of h) as well, for the integral over positions
-        self._fields = emissions(source, wavelength, spec.obliquity)
-        for field, forms in self._fields:
+        self._fields = [
+            (field, forms, stokes)
+            for part, stokes in spec.fields(source)
+            for field, forms in emissions(part, wavelength, spec.obliquity)
+        ]
+        for field, forms, stokes in self._fields:
             flat = flat_of(field)
             kernel = kernel_for("wigner", flat)
             kernel = kernel.in_one_frame or kernel  # with derivatives
-            self._terms.append((kernel, kernel.tables(flat, self._ops.double), forms))
+            self._terms.append((kernel, kernel.tables(flat, self._ops.double), forms, stokes))
         self._wave = source if isinstance(source, Wavefront) else None
 
     @property
@@ -118,18 +122,19 @@ class WignerRadiance:
     def at(self, x: Any, direction: Any, wave: Wave, own: Callable[..., Any] | None) -> Any:
         """The sum at positions (2D) and directions (3D unit vectors) of the source's frame.
 
-        In m^2 for fields of unit 1; zero behind. ``own``: W in the place of that of the fields, of
-        operations and four coordinates.
+        In m^2 for fields of unit 1; zero behind. Four Stokes numbers of a source of several
+        polarisations. ``own``: W in the place of that of the fields, of operations and four
+        coordinates.
         """
         front = direction.z > 0.0
         cosine = dr.select(front, direction.z, 1.0)
         place = (x.x * self._unit, x.y * self._unit)
         frequency = self._sheared(*_frequency(direction, wave), place)
         density = 0.0
-        for kernel, tables, forms in self._terms:
+        for kernel, tables, forms, stokes in self._terms:
             point = (*place, *frequency)
             wigner = own(self._ops, *point) if own else self._wigner(kernel, tables, point)
-            density = density + wigner * emission_factor(forms, cosine)
+            density = density + four(self._m, stokes, wigner * emission_factor(forms, cosine))
         return dr.select(front, density, 0.0)
 
     def _sheared(self, x: Any, y: Any, place: Values) -> Values:
@@ -151,9 +156,9 @@ class WignerRadiance:
         cosine = dr.select(front, direction.z, 1.0)
         frequency = self._m.Vector2f(*_frequency(direction, wave))
         total = 0.0
-        for field, forms in self._fields:
+        for field, forms, stokes in self._fields:
             square = own(self._ops, *frequency) if own else self._square(field, frequency)
-            total = total + square * emission_factor(forms, cosine)
+            total = total + four(self._m, stokes, square * emission_factor(forms, cosine))
         return dr.select(front, total, 0.0)
 
     def _square(self, field: Any, frequency: Any) -> Any:

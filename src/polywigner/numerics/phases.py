@@ -46,6 +46,9 @@ def sin_turns(ops: Any, turns: Any) -> Any:
 
 def cos_sin_turns(ops: Any, turns: Any) -> tuple[Any, Any]:
     """cos(2 pi turns) and sin(2 pi turns)."""
+    if hasattr(ops, "cos_sin_turns"):  # of numbers with slopes: each is the other's derivative
+        cosine, sine = ops.cos_sin_turns(turns)
+        return cosine, sine
     r = turns - ops.round(turns)
     return _sine_of_reduced(ops, 0.25 - abs(r)), _sine_of_reduced(ops, r)
 

@@ -64,6 +64,8 @@ def checked_vectors(name: str, value: Any) -> Matrix:
 # Of each element of a matrix as it is given, and of each product.
 _ULP = 2.0**-52
 _ONE = np.eye(2)
+# Of smaller numbers the inverse is infinite.
+_LEAST = 2.0**-1023
 
 
 @final
@@ -163,7 +165,7 @@ class FirstOrder:
         """
         expected = "expected m as a magnification other than 0, or a pair (m_x, m_y) of them"
         scales = checked_pair(m, expected)
-        if not (np.isfinite(scales) & (scales != 0)).all():
+        if not (np.isfinite(scales) & (np.abs(scales) >= _LEAST)).all():
             raise ArgumentError(f"{expected}, got {m!r}")
         zero = 0.0 * _ONE
         return cls(np.block([[np.diag(scales), zero], [zero, np.diag(1.0 / scales)]]))

@@ -12,10 +12,13 @@ module               what is in it
 ``arrangement``      cells where the Wigner function is smooth, and Gauss rules on them
 ``amplitudes``       the complex field at points, by boundary integrals and in the far field
 ``boundary``         sums along edges to a tolerance; ``panels`` pieces of edges with their waves
+``vector_fields``    electric fields of polarised sources, near by and far away
 ``screens``          opaque plates and openings lit by point sources and plane waves
 ``collins``          fields behind first-order systems; ``spread`` the light of a point in an image
 ``builders``         lines, planes, hemispheres and volumes: ``grids`` of points and ``datasets``
-``patterns``         radiation patterns and their cuts; ``pattern_files`` writes them
+``patterns``         radiation patterns and their cuts; ``pattern_files`` writes and reads them
+``array_patterns``   arrays with errors, and radars of two arrays
+``element_patterns`` far fields known at angles: between these, and as those of apertures
 ``beams``            numbers of data sheets: gain, beamwidths, sidelobes
 ``stores``           arrays larger than memory, by chunks; ``stores_checks`` stores and their damage
 ``exports``          datasets to NetCDF and VTK files
@@ -28,18 +31,21 @@ from __future__ import annotations
 
 from polywigner.propagation import horns
 from polywigner.propagation.amplitudes import amplitude
+from polywigner.propagation.array_patterns import array_tolerance, two_way_pattern
 from polywigner.propagation.beams import BeamMetrics, CutMetrics, beam_metrics
 from polywigner.propagation.builders import hemisphere, line, plane, volume
+from polywigner.propagation.element_patterns import FittedPattern, fit_pattern
 from polywigner.propagation.exports import write_netcdf, write_vti
 from polywigner.propagation.far_fields import radiated_power
 from polywigner.propagation.irradiances import irradiance
-from polywigner.propagation.pattern_files import write_pattern
+from polywigner.propagation.pattern_files import read_pattern, write_pattern
 from polywigner.propagation.patterns import radiation_pattern
 from polywigner.propagation.places import METHODS
 from polywigner.propagation.screens import PlaneWave, PointSource, Screen
 from polywigner.propagation.spread import psf
 from polywigner.propagation.stores_checks import verify_store
 from polywigner.propagation.suggestions import AxisSampling, Sampling, suggest_sampling
+from polywigner.propagation.vector_fields import field
 from polywigner.propagation.wigner_tables import ambiguity_table, wigner_table
 
 __all__ = [
@@ -47,13 +53,17 @@ __all__ = [
     "AxisSampling",
     "BeamMetrics",
     "CutMetrics",
+    "FittedPattern",
     "PlaneWave",
     "PointSource",
     "Sampling",
     "Screen",
     "ambiguity_table",
     "amplitude",
+    "array_tolerance",
     "beam_metrics",
+    "field",
+    "fit_pattern",
     "hemisphere",
     "horns",
     "irradiance",
@@ -62,7 +72,9 @@ __all__ = [
     "psf",
     "radiated_power",
     "radiation_pattern",
+    "read_pattern",
     "suggest_sampling",
+    "two_way_pattern",
     "verify_store",
     "volume",
     "wigner_table",

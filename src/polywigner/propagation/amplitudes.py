@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache, partial
 from typing import Any
 
@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 from polywigner import execution
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, Precision
+from polywigner.execution.progress import told
 from polywigner.geometry import Aperture, Polyhedron, Wavefront
 from polywigner.geometry.aperture import PlacedAperture, triangulate
 from polywigner.geometry.arguments import Points, checked_flag, checked_wavelength, takes_frequency
+from polywigner.geometry.silhouettes import obstacles_of
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import (
     CONDITIONS,
@@ -33,7 +35,7 @@ from polywigner.propagation.boundary import boundary_field
 from polywigner.propagation.collins import field_behind
 from polywigner.propagation.far_fields import check_slopes, far_field
 from polywigner.propagation.field_slopes import has_derivatives, traced_field
-from polywigner.propagation.panels import Radiator, radiator_of
+from polywigner.propagation.panels import radiator_of
 from polywigner.propagation.places import (
     METHODS,
     Method,
@@ -76,12 +78,7 @@ def curved_field(
     """The field at points (n, 3), and a bound on the rounding of it."""
     if method == "fresnel":
         return _fresnel(wave, points, wavelength)
-    values, errors = np.empty(len(points), np.complex128), np.empty(len(points))
-    radiator = radiator_of(wave.source)
-    for start in range(0, len(points), _POINTS):
-        mine = slice(start, start + _POINTS)
-        values[mine], errors[mine] = _exact(wave, radiator, points[mine], wavelength, method)
-    return values, errors
+    return summed_over_cells(wave, points, wavelength, partial(_terms, wave, method=method))
 
 
 def _fresnel(wave: Wavefront, points: Floats, wavelength: float) -> tuple[Complex, Floats]:
@@ -108,19 +105,36 @@ class _Part:
         self.triangles = corners[numbers] + shift
 
 
-def _exact(
-    wave: Wavefront, radiator: Radiator, points: Floats, wavelength: float, method: str
+def summed_over_cells(
+    wave: Wavefront,
+    points: Floats,
+    wavelength: float,
+    terms: Callable[[_Part, Floats, Floats, float], Complex],
+    components: tuple[int, ...] = (),
 ) -> tuple[Complex, Floats]:
-    """The sum over cells so small that one rule does for all, and the moduli of its terms."""
-    values, sizes = np.zeros(len(points), np.complex128), np.zeros(len(points))
-    for element in radiator.elements:
-        for shift, weight in zip(element.shifts, element.weights.tolist(), strict=True):
-            part = _Part(element, shift, weight)
-            for owners, cells in _cells(wave, part, points, wavelength):
-                terms = _terms(wave, part, cells, points[owners], wavelength, method)
-                np.add.at(values, owners, terms.sum(axis=1))
-                np.add.at(sizes, owners, np.abs(terms).sum(axis=1))
+    """Sums over a source at points (n, 3), (n, *components), and bounds on their rounding (n,).
+
+    ``terms(part, cells, points, wavelength)``: (k, nodes, *components) of cells (k, 3, 2) and
+    points (k, 3). Cells are so small that one rule does for all.
+    """
+    values, sizes = np.zeros((len(points), *components), np.complex128), np.zeros(len(points))
+    with told("points", range(0, len(points), _POINTS)) as starts:
+        for start in starts:
+            some = points[start : start + _POINTS]
+            for part in _parts(wave):
+                for owners, cells in _cells(wave, part, some, wavelength):
+                    found = terms(part, cells, some[owners], wavelength)
+                    np.add.at(values, owners + start, found.sum(axis=1))
+                    np.add.at(
+                        sizes, owners + start, np.abs(found).reshape(len(cells), -1).sum(axis=1)
+                    )
     return values, _ROUNDING * sizes
+
+
+def _parts(wave: Wavefront) -> Iterator[_Part]:
+    for element in radiator_of(wave.source).elements:
+        for shift, weight in zip(element.shifts, element.weights.tolist(), strict=True):
+            yield _Part(element, shift, weight)
 
 
 def _cells(
@@ -171,10 +185,13 @@ def _quartered(cells: Floats) -> Floats:
     return np.stack([np.stack(q, axis=1) for q in quarters], axis=1).reshape(-1, 3, 2)
 
 
-def _terms(
-    wave: Wavefront, part: _Part, cells: Floats, points: Floats, wavelength: float, method: str
-) -> Complex:
-    """Values times weights (k, nodes) of the integrand of (Q7)."""
+def lit_nodes(
+    wave: Wavefront, part: _Part, cells: Floats, wavelength: float, with_slopes: bool = False
+) -> tuple[Floats, Complex, Complex]:
+    """Nodes (k, n, 2) of cells, with the field (k, n) and its normal slope over ik, times weights.
+
+    The slope is zero unless ``with_slopes``.
+    """
     shares, weights = _rule()
     nodes = np.einsum("nc,kcd->knd", shares, cells)
     first, second = cells[:, 1] - cells[:, 0], cells[:, 2] - cells[:, 0]
@@ -182,21 +199,32 @@ def _terms(
     inner = nodes - wave.centre
     slope = inner @ wave.curvature
     turns = ((inner * slope).sum(axis=2)) / 2
-    height = points[:, 2, None]
-    reach = np.sqrt(((nodes - points[:, None, :2]) ** 2).sum(axis=2) + height**2)
     shifted = nodes - part.shift
     field, slopes = np.zeros(turns.shape, np.complex128), np.zeros(turns.shape, np.complex128)
-    condition = CONDITIONS[method]
     for amplitude, kappa in zip(part.amplitudes.tolist(), part.frequencies, strict=True):
         here = amplitude * np.exp(2j * math.pi * (turns + shifted @ kappa))
         field += here
-        if condition.takes_slopes:
+        if with_slopes:
             slopes += here * direction_cosines(slope + kappa, wavelength)
+    share = area[:, None] * weights
+    field *= share
+    slopes *= share
+    return np.asarray(nodes), field, slopes
+
+
+def _terms(
+    wave: Wavefront, part: _Part, cells: Floats, points: Floats, wavelength: float, method: str
+) -> Complex:
+    """Values times weights (k, nodes) of the integrand of (Q7)."""
+    condition = CONDITIONS[method]
+    nodes, field, slopes = lit_nodes(wave, part, cells, wavelength, condition.takes_slopes)
+    height = points[:, 2, None]
+    reach = np.sqrt(((nodes - points[:, None, :2]) ** 2).sum(axis=2) + height**2)
     k = 2 * math.pi / wavelength
     value = condition.slope * slopes
     value += condition.field * field * (height / reach) * (1 + 1j / (k * reach))
     way = np.exp(2j * math.pi * (reach / wavelength)) / (1j * wavelength * reach)
-    return np.asarray(value * way * (area[:, None] * weights))
+    return np.asarray(value * way)
 
 
 @lru_cache(maxsize=1)
@@ -227,7 +255,7 @@ def amplitude(
     wavelength: float,
     method: Method = DEFAULT,
     *,
-    through: FirstOrder | None = None,
+    through: FirstOrder | Sequence[FirstOrder | Aperture | Array] | None = None,
     obstacles: Obstacle | Sequence[Obstacle] | None = None,
     tolerance: float | None = None,
     obliquity: BoundaryCondition | None = None,
@@ -261,12 +289,13 @@ def amplitude(
     through : a :class:`FirstOrder` from the source's plane to that of ``points``. There the field
         is Collins' integral (O4), instead of a ``method``, without exp(ikL) of the path L along the
         axis. An image (B = 0) is u itself. Behind systems of other curvatures along one axis than
-        along the other, NumPy sums it up. No derivatives.
+        along the other, NumPy sums it up. No derivatives. Or a sequence, in the order of the light,
+        of these and of stops: Apertures and Arrays, whose field is their transmission (O8).
     obstacles : bodies in the way, as :class:`Polyhedron`, and plates, as apertures in a pose
         (:meth:`Aperture.placed`), alone or in a sequence. They are opaque and black. Light passes
         one edge of theirs (docs/shadows.md, (SB1)): the field is smooth across the boundaries of
-        shadows, and zero in bodies. Not with ``through``, "fresnel" and "fraunhofer", nor with
-        derivatives.
+        shadows, and zero in bodies. Not with ``through``, "fresnel" and "fraunhofer".
+        Derivatives are in points alone, with the silhouettes held (SB4).
     tolerance : error allowed, as a fraction of the incident amplitude or, where that is less, of
         |u| area/(wavelength distance), which is what the field would be if all of the source were
         in phase (within a wavelength with the static field, |u| area/(2 pi distance^2)). Default
@@ -304,12 +333,14 @@ def amplitude(
     """
     checked_flag(return_error, "return_error")
     if obstacles is not None:
-        _check_shadowed(source, points, wavelength, method, through, obliquity)
+        _check_shadowed(source, method, through, obliquity)
+    is_traced = has_derivatives(source, points, wavelength)
+    if obstacles is not None and not is_traced and not execution.is_drjit(points):
         return _behind_obstacles(
             source, points, wavelength, method, obstacles, tolerance,
             return_error=return_error, precision=precision, engine=engine,
         )  # fmt: skip
-    if isinstance(source, PointSource):
+    if isinstance(source, PointSource) and obstacles is None:
         raise ArgumentError("expected a PointSource with obstacles, or on a Screen, got it alone")
     if through is not None:
         others: dict[str, object] = {"obliquity": obliquity}
@@ -318,7 +349,7 @@ def amplitude(
             source, points, wavelength, through, tolerance, others,
             return_error=return_error, precision=precision, engine=engine,
         )  # fmt: skip
-    if has_derivatives(source, points, wavelength):
+    if is_traced:
         if return_error or obliquity is not None:
             raise ArgumentError(
                 "expected no return_error and no obliquity with derivatives; pass "
@@ -333,6 +364,7 @@ def amplitude(
             tolerance,
             precision=precision,
             engine=engine,
+            obstacles=obstacles,
         ).amplitude()
     assert not isinstance(source, Differentiable)
     if execution.is_drjit(points):
@@ -344,10 +376,12 @@ def amplitude(
             tolerance=tolerance,
             obliquity=obliquity,
             return_error=return_error,
+            obstacles=obstacles,
         )
         return execution.evaluate_hosted(
             compute, "points", points, 3, precision=precision, engine=engine
         )
+    assert not isinstance(source, PointSource)
     if isinstance(method, str) and method == "wigner":
         raise ArgumentError(
             f'expected method to be one of {", ".join(METHODS)}, got "wigner", whose rays have no '
@@ -363,7 +397,7 @@ def amplitude(
     radiator = radiator_of(source.outline if isinstance(source, Screen) else flat_of(source))
     check_reach(places, float((radiator.high - radiator.low).max()), length, rays=False)
     if name == "fraunhofer" and not isinstance(source, Screen):
-        kind = checked_method(obliquity or DEFAULT, CONDITIONS)
+        kind = checked_method(DEFAULT if obliquity is None else obliquity, CONDITIONS)
         check_slopes(source, kind)
         warn_of_slopes(flat_of(source), length, kind)
         x, y = radiator.centre.tolist()
@@ -388,30 +422,23 @@ def amplitude(
         warn_of_slopes(source, length, name)
         found = boundary_field(radiator, flat, length, name, allowed, double, engine)
         values, errors = found[:2]
-        warn_of_missed(*found[1:], "points", stacklevel=3)
+        warn_of_missed(*found[1:], "points")
     shape = places.shape[:-1]
     result = values.reshape(shape).astype(np.complex128 if double else np.complex64)[()]
     return (result, errors.reshape(shape)[()]) if return_error else result
 
 
-def _check_shadowed(
-    source: Any, points: Any, wavelength: Any, method: Any, through: Any, obliquity: Any
-) -> None:
+def _check_shadowed(source: Any, method: Any, through: Any, obliquity: Any) -> None:
     """Raise ArgumentError for options that fields behind obstacles do not have."""
     if through is not None or obliquity is not None or method in ("fresnel", "fraunhofer"):
         raise ArgumentError(
             f"expected obstacles with one of the methods {', '.join(CONDITIONS)} alone, got them "
             "with a system, an obliquity or another method; leave one out"
         )
-    if has_derivatives(source, points, wavelength) or execution.is_drjit(points):
+    if isinstance(source, Screen):
         raise ArgumentError(
-            "expected NumPy points with obstacles, got Dr.Jit arrays, whose derivatives shadows do "
-            "not have yet; pass numpy.array(points)"
-        )
-    if isinstance(source, (Screen, Differentiable)):
-        raise ArgumentError(
-            f"expected a source without a screen before obstacles, got {type(source).__name__}; "
-            "pass the screen's plate as an obstacle and its PointSource as the source"
+            "expected a source without a screen before obstacles, got a Screen; pass the screen's "
+            "plate as an obstacle and its PointSource as the source"
         )
 
 
@@ -437,8 +464,9 @@ def _behind_obstacles(
         off = np.zeros(len(flat))
     else:
         free, off = amplitude(source, flat, wavelength, method, **how)
+    bodies = obstacles_of(obstacles, length)
     change, inside, missed = shadows.shadow_of(
-        source, obstacles, flat, length, method, allowed, engine, return_error
+        source, bodies, flat, length, method, allowed, engine, return_error
     )
     values = np.where(inside, 0.0, free + change).reshape(places.shape[:-1])
     values = values.astype(np.complex64 if precision == "single" else np.complex128)[()]

@@ -30,6 +30,8 @@ _DARK = -400.0
 _STEEP = 10.0
 # A cut so far below the beam, in dB, holds nothing but rounding.
 _NOTHING = 150.0
+# Ratios of polarisations beyond are rounding, in dB.
+_LINEAR = 200
 # A beam so far above all cuts, in dB, is not on them: more than a data sheet's last digit.
 _MISSED = 0.1
 # With fewer samples within half power, a beamwidth is off by percents.
@@ -89,9 +91,15 @@ class BeamMetrics:
     """Equivalent isotropically radiated power in W: radiated power times directivity; None without
     a power."""
     front_share: float
-    """Radiated power over int |u|^2: the part that propagates, as the obliquity counts it."""
+    """Radiated power over int |u|^2: the part that propagates, as the obliquity counts it.
+
+    NaN for a pattern of a file, or of elements with one."""
     cuts: tuple[CutMetrics, ...]
     """One for each meridian of the pattern."""
+    axial_ratio: float | None = None
+    """Axial ratio of the beam in dB, infinite for a linear one; None for a scalar pattern."""
+    cross_polar_discrimination: float | None = None
+    """Co- over cross-polar part of the beam in dB; None for a scalar pattern."""
 
     def __str__(self) -> str:
         rows = [
@@ -104,8 +112,17 @@ class BeamMetrics:
             rows.append(("EIRP", f"{decibels_milliwatt(self.eirp):.2f} dBm ({self.eirp:.4g} W)"))
         rows += [
             ("radiated power", f"{self.radiated_power:.4g} W{of_field}"),
-            ("front share", f"{100 * self.front_share:.1f} % of int |u|^2"),
             ("beam direction", f"theta {_degrees(self.theta)}, phi {_degrees(self.phi)}"),
+        ]
+        if not math.isnan(self.front_share):
+            rows.insert(-1, ("front share", f"{100 * self.front_share:.1f} % of int |u|^2"))
+        rows += [
+            (name, f"{level:.2f} dB" if level < _LINEAR else f"over {_LINEAR} dB")
+            for name, level in (
+                ("axial ratio", self.axial_ratio),
+                ("co/cross ratio", self.cross_polar_discrimination),
+            )
+            if level is not None
         ]
         for cut in self.principal_cuts:
             lobes = ", ".join(
@@ -131,6 +148,16 @@ class BeamMetrics:
         return tuple(dict.fromkeys(near))
 
 
+def is_off_planes(metrics: BeamMetrics) -> bool:
+    """Whether a cut goes through the beam, and neither of those next to the x and y axes does."""
+    principal = [
+        min(metrics.cuts, key=lambda cut: angle_between(cut.phi, angle)).directivity
+        for angle in (0.0, math.pi / 2)
+    ]
+    best = max(cut.directivity for cut in metrics.cuts)
+    return max(principal) < metrics.directivity - _MISSED <= best
+
+
 def decibels_milliwatt(power: float) -> float:
     """A power in W as dBm; minus infinity for 0."""
     return 10 * math.log10(power) + 30 if power > 0 else -math.inf
@@ -142,11 +169,11 @@ def beam_metrics(
     """Directivity, gain, EIRP, beam direction, half-power beamwidths and first sidelobes.
 
     Directivity, gain, EIRP and direction are those of the beam, wherever it points: the pattern's
-    attributes know it. Beamwidths and sidelobes are those of cuts along meridians: columns of the
-    pattern where theta has both signs, else those of phi and phi + pi joined. Between samples the
-    peak of a cut is that of a parabola in dB, and half of it is where an inverse parabola crosses:
-    beamwidths are right to 3e-3 of themselves for ten samples in them. Cuts end at the horizon, for
-    nothing goes backwards.
+    attributes know it, and of polarised sources its axial ratio. Beamwidths and sidelobes are those
+    of cuts along meridians: columns of the pattern where theta has both signs, else those of phi
+    and phi + pi joined. Between samples the peak of a cut is that of a parabola in dB, and half of
+    it is where an inverse parabola crosses: beamwidths are right to 3e-3 of themselves for ten
+    samples in them. Cuts end at the horizon, for nothing goes backwards.
 
     Parameters
     ----------
@@ -198,6 +225,8 @@ def beam_metrics(
         eirp=None if power is None else radiated * 10 ** (directivity / 10),
         front_share=about["radiated_power"] / about["aperture_power"],
         cuts=cuts,
+        axial_ratio=pattern.attrs.get("peak_axial_ratio"),
+        cross_polar_discrimination=pattern.attrs.get("peak_cross_polar_discrimination"),
     )
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from polywigner import execution
 from polywigner.errors import ArgumentError
 from polywigner.execution.choice import resolved
+from polywigner.execution.progress import told
 from polywigner.illumination.obliquities import OBLIQUITIES
 from polywigner.kernels.boundary import integrals
 from polywigner.kernels.boundary.integrals import fresnel_edge_sum
@@ -150,7 +151,8 @@ def _paraxial_strata(
     steepest = wavelength * radiator.highest_frequency
     aside = np.maximum(points[:, :2] - radiator.low, radiator.high - points[:, :2])
     slope = np.linalg.norm(aside, axis=1) / points[:, 2] + steepest
-    longest = np.minimum(2 * _FRESNEL_TURNS / slope, _STRATA[-1][1])
+    with np.errstate(divide="ignore"):  # seen straight
+        longest = np.minimum(2 * _FRESNEL_TURNS / slope, _STRATA[-1][1])
     step = np.ceil(-np.log2(longest / _STRATA[-1][1])).astype(np.intp)
     if radiator.perimeter / (wavelength * float(longest.min(initial=1.0))) > _MOST_ROWS:
         worst = int(longest.argmin())
@@ -193,17 +195,19 @@ def _once(
     for rows, amplitudes, evanescent in blocks:
         panels = _Panels(rows, amplitudes, evanescent, (x, y), task.wavelength)
         step = max(_FEWEST_POINTS, _MOST_PAIRS // len(rows))
-        for some in (slice(low, low + step) for low in range(0, len(points), step)):
-            real, imag, error = execution.evaluate(
-                task.kernel,
-                panels,
-                [*points[some].T, np.asarray(digits)],
-                double=task.double,
-                engine=task.engine,
-                outputs=3,
-            )
-            values[some] += real + 1j * imag
-            errors[some] += error
+        parts = [slice(low, low + step) for low in range(0, len(points), step)]
+        with told("points", parts) as each:
+            for some in each:
+                real, imag, error = execution.evaluate(
+                    task.kernel,
+                    panels,
+                    [*points[some].T, np.asarray(digits)],
+                    double=task.double,
+                    engine=task.engine,
+                    outputs=3,
+                )
+                values[some] += real + 1j * imag
+                errors[some] += error
     return values, errors
 
 

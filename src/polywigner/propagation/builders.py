@@ -113,6 +113,8 @@ def plane(
         its "phase" in rad, which "wigner" does not have.
     obliquity, order : of "wigner", as :func:`irradiance` takes them; obliquity of "fraunhofer" too.
     tolerance : as :func:`irradiance` and :func:`amplitude` take it; None: their own.
+    obstacles : bodies and plates in the way, as :func:`amplitude` takes them, whose shadows
+        diffract (docs/shadows.md); with an exact method, of light of one wavelength.
     dtype : "float64" (default) or "float32" to store values as (amplitudes as complex numbers).
     precision, engine : see :func:`fourier`.
     progress : whether to draw a bar; None: on a terminal.
@@ -267,7 +269,7 @@ def volume(
 def _stored_chunks(chunks: Any, shape: tuple[int, ...]) -> tuple[int, ...]:
     if chunks is None or chunks == "auto":
         return chunks_within(shape, _CHUNK)
-    sizes = (chunks,) * len(shape) if isinstance(chunks, int) else tuple(chunks)
+    sizes = tuple(chunks) if isinstance(chunks, Sequence) else (chunks,) * len(shape)
     if len(sizes) != len(shape) or not all(isinstance(n, int) and n > 0 for n in sizes):
         raise ArgumentError(f"expected chunks of {len(shape)} whole numbers, got {chunks!r}")
     return tuple(min(n, most) for n, most in zip(sizes, shape, strict=True))

@@ -1,29 +1,32 @@
-"""Fields behind first-order systems: Collins' integral, by the rank of B. Source: (O4) to (O7)."""
+"""Fields behind first-order systems and stops: Collins' integral. Source: (O4) to (O8)."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from polywigner import execution
 from polywigner.errors import ArgumentError
-from polywigner.geometry import Aperture, Wavefront
+from polywigner.execution.progress import told
+from polywigner.geometry import Aperture, Wavefront, triangulate
 from polywigner.geometry.arguments import checked_wavelength, real_numbers
 from polywigner.illumination import Array
 from polywigner.illumination.array import tilted_source
 from polywigner.numerics.chirps import chirp_integral, waves_of_turns
 from polywigner.optics import FirstOrder
+from polywigner.propagation.arrangement import gauss_rule, node_count
 from polywigner.propagation.boundary import boundary_field
 from polywigner.propagation.field_slopes import has_derivatives
 from polywigner.propagation.panels import Radiator, radiator_of
 from polywigner.propagation.places import checked_amplitude_tolerance, warn_of_missed
 from polywigner.transforms import autocorrelation, fourier
-from polywigner.transforms.calls import checked_system
 from polywigner.transforms.wavefronts import checked_wavefront, chirp_transform
 
 Floats = NDArray[np.float64]
@@ -84,6 +87,16 @@ _CLOSED = {True: 1e-13, False: 2e-6}
 _ULP = 2.0**-52
 # Most turns of phase along an outline whose Fresnel field is summed up.
 _MOST_TURNS = 1e6
+_NOTHING = FirstOrder.magnifier(1.0)
+# Nodes of the rules on a stop along a line without waves: that of the error, and that of the field.
+_EXTRA = (8.0, 12.0)
+# Least tolerance of fields on a stop.
+_FINEST = 1e-13
+# Most waves from a node to a point, of which a minute sees some 1e9; a node is worth 1000 of them.
+_MOST_WORK, _FEW = 2e10, 1000
+# Products of two waves that cost as much as one; and a grid's places for each point that is on it.
+_PRODUCTS, _SPARSE = 50, 4
+_BLOCK = 1 << 21
 
 
 def collins_field(
@@ -102,15 +115,13 @@ def collins_field(
     what could come from all of the source.
     """
     left, scale, right = np.linalg.svd(system.B)
-    none = scale <= np.linalg.norm(system.rounding[:2, 2:])
+    none = _without_spread(system)
     if none.all():
-        return _image(radiator, source, points, wavelength, system, double)
+        return _image(partial(_field_at, source), radiator.amplitude, points, wavelength, system,
+                      double)  # fmt: skip
     if none[1]:
         return _line_image(radiator, points, wavelength, system, left, float(scale[0]), right)
-    inverse = np.linalg.inv(system.B)
-    bend, slopes = inverse @ system.A, points @ inverse.T
-    front = _front(system.B) / (wavelength * math.sqrt(abs(np.linalg.det(system.B))))
-    out = waves_of_turns(_turns(system.D @ inverse, points, wavelength)) * front
+    bend, slopes, out = _waves_of(system, points, wavelength)
     if not (abs(system.A) > system.rounding[:2, :2]).any():
         how: dict[str, Any] = {"precision": None if double else "single", "engine": engine}
         values = np.asarray(fourier(source, slopes / wavelength, **how))
@@ -133,8 +144,24 @@ def collins_field(
                 source, chirp.curvature / wavelength, axes, np.zeros(2), slopes / wavelength
             )
             errors = _rounding(radiator, chirp, slopes)
-    size = abs(front)
+    size = abs(out)
     return out * values, size * errors, size * allowed
+
+
+def _without_spread(system: FirstOrder) -> NDArray[np.bool_]:
+    """(2,) whether B is zero along the axis that it spreads light along most, and least."""
+    scale = np.linalg.svd(system.B, compute_uv=False)
+    return np.asarray(scale <= np.linalg.norm(system.rounding[:2, 2:]))
+
+
+def _waves_of(
+    system: FirstOrder, points: Floats, wavelength: float
+) -> tuple[Floats, Floats, Complex]:
+    """M (2, 2), q (n, 2), c (n,) of Collins' integral c int u exp(i pi/lambda x.(M x - 2 q))."""
+    inverse = np.linalg.inv(system.B)
+    front = _front(system.B) / (wavelength * math.sqrt(abs(np.linalg.det(system.B))))
+    out = waves_of_turns(_turns(system.D @ inverse, points, wavelength)) * front
+    return inverse @ system.A, points @ inverse.T, out
 
 
 def _turns(form: Floats, points: Floats, wavelength: float) -> Floats:
@@ -216,16 +243,16 @@ def _check_turns(radiator: Radiator, places: Floats, unit: float) -> None:
 
 
 def _image(
-    radiator: Radiator, source: Any, points: Floats, wavelength: float, system: FirstOrder,
-    double: bool,
+    field: Callable[[Floats], Complex], largest: float, points: Floats, wavelength: float,
+    system: FirstOrder, double: bool,
 ) -> Found:  # fmt: skip
-    """B = 0: the field of the source, magnified, with the phase of a lens."""
+    """B = 0: a field of x (n, 2), magnified, with the phase of a lens."""
     inverse = np.linalg.inv(system.A)
     front = 1j * _front(system.A) if np.linalg.det(system.A) > 0 else -1j
     front = front / math.sqrt(abs(np.linalg.det(system.A)))
-    values = _field_at(source, points @ inverse.T)
+    values = field(points @ inverse.T)
     values = values * waves_of_turns(_turns(system.C @ inverse, points, wavelength)) * front
-    errors = np.full(len(points), abs(front) * _CLOSED[double] * radiator.amplitude)
+    errors = np.full(len(points), abs(front) * _CLOSED[double] * largest)
     return values, errors, np.full(len(points), math.inf)
 
 
@@ -296,10 +323,10 @@ def field_behind(
             "expected no derivatives with through=; pass drjit.detach(...) of the arguments, or "
             "differentiate polywigner.wigner, which takes through= as well"
         )
-    system = checked_system(through)
+    systems, stops = _parts_of(through)
     if execution.is_drjit(points):
         compute = partial(
-            field_behind, source, wavelength=wavelength, through=system, tolerance=tolerance,
+            field_behind, source, wavelength=wavelength, through=through, tolerance=tolerance,
             others={}, squared=squared, return_error=return_error,
         )  # fmt: skip
         return execution.evaluate_hosted(
@@ -314,12 +341,12 @@ def field_behind(
     phase: complex = 1.0
     if isinstance(source, Wavefront):
         source, lens, phase = as_lens(source, length)
-        system = system @ lens
-    field, error, bounds = collins_field(
-        source, radiator_of(source), flat, length, system, allowed, double, engine
-    )
+        systems[0] = systems[0] @ lens
+    source, systems, stops = _folded(source, systems, stops)
+    how = {"tolerance": allowed, "double": double, "engine": engine}
+    field, error, bounds = _behind(source, systems, stops, flat, length, **how)
     field = field * phase
-    warn_of_missed(error, bounds, "points", stacklevel=4)
+    warn_of_missed(error, bounds, "points")
     if squared:
         field, error = squared_field(field, error)
     elif not double:
@@ -327,6 +354,173 @@ def field_behind(
     shape = places.shape[:-1]
     values = field.reshape(shape)[()]
     return (values, error.reshape(shape)[()]) if return_error else values
+
+
+def _parts_of(through: Any) -> tuple[list[FirstOrder], list[Any]]:
+    """Systems, and the stops between them, one fewer; ArgumentError for other things."""
+    systems, stops = [_NOTHING], []
+    for part in through if isinstance(through, list | tuple) else [through]:
+        if isinstance(part, Aperture) or (isinstance(part, Array) and part.dimension == 2):
+            stops.append(part)
+            systems.append(_NOTHING)
+        elif isinstance(part, FirstOrder):
+            systems[-1] = part @ systems[-1]
+        else:
+            raise ArgumentError(
+                "expected through as a polywigner.FirstOrder, or a list of these and of stops "
+                f"(Aperture or Array) in the order of the light, got {type(part).__name__}"
+            )
+    return systems, stops
+
+
+def _folded(
+    source: Any, systems: list[FirstOrder], stops: list[Any]
+) -> tuple[Any, list[FirstOrder], list[Any]]:
+    """Cut outlines where a stop lies in an image of the source, or of the stop before.
+
+    Raises ArgumentError for images along one axis, and for stops in an image whose field is not 1.
+    """
+    planes, ways = [source], systems[:1]
+    for stop, system in zip(stops, systems[1:], strict=True):
+        image = _without_spread(ways[-1])
+        if not image.any():
+            planes.append(stop)
+            ways.append(system)
+            continue
+        if not image.all() or not isinstance(stop, Aperture) or stop.illumination is not None:
+            raise ArgumentError(
+                "expected an Aperture without a field for a stop in an image of the source or of "
+                "the stop before, got another, or an image along one axis; move the stop"
+            )
+        back = np.linalg.inv(ways[-1].A)
+        outline = Aperture(shapely.transform(stop.polygons, lambda x, m=back: x @ m.T))
+        planes[-1] = _cut(planes[-1], outline)
+        ways[-1] = system @ ways[-1]
+    image = _without_spread(ways[-1])
+    if len(planes) > 1 and image.any() and not image.all():
+        raise ArgumentError(
+            "expected points that are not in an image of a stop along one axis, got an astigmatic "
+            "system behind it; move the points"
+        )
+    return planes[0], ways, planes[1:]
+
+
+def _cut(plane: Any, outline: Aperture) -> Any:
+    """A source or stop cut by an outline in its plane."""
+    parts = [(plane, 1.0)]
+    if isinstance(plane, Array):
+        parts = list(zip(plane.elements_in_plane, plane.weights.tolist(), strict=True))
+    met = [(e & outline, w) for e, w in parts if (e.polygons & outline.polygons).area > 0]
+    if not met:
+        raise ArgumentError(
+            "expected a stop that lets light through, got one whose opening has no part in common "
+            "with the image before it; move it, or leave its field out: it is zero"
+        )
+    if isinstance(plane, Array):
+        return Array([element for element, _ in met], [weight for _, weight in met])
+    return met[0][0]
+
+
+def _behind(
+    source: Any, systems: list[FirstOrder], stops: list[Any], points: Floats, wavelength: float,
+    **how: Any,
+) -> Found:  # fmt: skip
+    """Field at points (n, 2) behind all systems and stops, as :func:`collins_field` gives it.
+
+    (O8): the field on the last stop is one of the parts before it, and the integral over the stop
+    is a Gauss rule, as fine as light from all of the plane before can oscillate there.
+    """
+    *before, system = systems
+    if not stops:
+        return collins_field(source, radiator_of(source), points, wavelength, system, **how)
+    *others, stop = stops
+    # errors on the stop add up, in phase at the worst
+    finer = {**how, "tolerance": max(0.1 * how["tolerance"], _FINEST), "double": True}
+    inner = partial(_behind, source, before, others, wavelength=wavelength, **finer)
+    if _without_spread(system).all():
+        image = _image(lambda x: inner(points=x)[0] * _field_at(stop, x), 0.0, points, wavelength,
+                       system, how["double"])  # fmt: skip
+        found = inner(points=points @ np.linalg.inv(system.A).T)
+        scale = math.sqrt(abs(np.linalg.det(system.A)))
+        return image[0], found[1] / scale, found[2] / scale
+    radiator = radiator_of(stop)
+    bend, slopes, out = _waves_of(system, points, wavelength)
+    rate = _rate(radiator, others[-1] if others else source, before[-1], bend, slopes, wavelength)
+    sums, lattice = [], _Lattice(slopes / wavelength)
+    for extra in _EXTRA:
+        nodes, weights = _rule(stop, rate, extra, lattice)
+        there, error, _ = inner(points=nodes)
+        waves = weights * there * waves_of_turns(_turns(bend, nodes, wavelength))
+        sums.append(lattice.summed(nodes, waves))
+    size, passed = np.abs(out), np.abs(weights)
+    off: Floats = (
+        np.abs(sums[1] - sums[0]) + passed @ error + _CLOSED[how["double"]] * np.abs(sums[1])
+    )
+    most = float(passed.sum() * abs(there).max())  # all of the stop, in its brightest field
+    return out * sums[1], size * off, size * (how["tolerance"] * most)
+
+
+def _rate(
+    stop: Radiator, before: Any, way: FirstOrder, bend: Floats, slopes: Floats, wavelength: float
+) -> float:
+    """Most turns in a metre of the light on a stop times the waves to all points."""
+    inverse = np.linalg.inv(way.B)
+    origin = radiator_of(before)
+    middle = (way.D @ inverse + bend) @ stop.centre - inverse.T @ origin.centre
+    aside = slopes - middle
+    most = float(np.linalg.norm(aside, axis=1).max(initial=0.0))
+    for form, radiator in ((way.D @ inverse + bend, stop), (inverse.T, origin)):
+        most += float(np.linalg.norm(form, 2) * np.linalg.norm(radiator.high - radiator.low)) / 2
+    return most / wavelength + stop.highest_frequency
+
+
+def _rule(stop: Any, rate: float, extra: float, lattice: _Lattice) -> tuple[Floats, Complex]:
+    """Nodes (m, 2) on a stop, and weights (m,) times the field that it lets through."""
+    elements = [(stop, 1.0)]
+    if isinstance(stop, Array):
+        elements = list(zip(stop.elements_in_plane, stop.weights.tolist(), strict=True))
+    triangles = [(v[t], e, w) for e, w in elements for v, t in [triangulate(e)]]
+    work = sum(node_count(found, rate, extra) for found, _, _ in triangles) * lattice.work
+    if not work <= _MOST_WORK:
+        raise ArgumentError(
+            f"expected at most {_MOST_WORK:.0e} waves from places on a stop to points, got "
+            f"{work:.1e}; take fewer points, on a grid along x and y, or a smaller source or stop"
+        )
+    rules = [(gauss_rule(found, rate, extra), e, w) for found, e, w in triangles]
+    nodes = np.concatenate([x for (x, _), _, _ in rules])
+    fields = [w * a * (1.0 if e.illumination is None else e.illumination(x))
+              for (x, a), e, w in rules]  # fmt: skip
+    return nodes, np.concatenate(fields).astype(np.complex128)
+
+
+class _Lattice:
+    """Frequencies (n, 2), with the few numbers along each axis that points on a grid have."""
+
+    def __init__(self, nu: Floats) -> None:
+        found = [np.unique(nu[:, k], return_inverse=True) for k in (0, 1)]
+        self.axes = [axis for axis, _ in found]
+        self.places: Any = tuple(at for _, at in found)
+        size = math.prod(map(len, self.axes))
+        if size > _SPARSE * len(nu):
+            self.axes, self.places, size = [*nu.T], None, len(nu) * _PRODUCTS
+        self.work = _FEW + sum(map(len, self.axes)) + size / _PRODUCTS
+
+    def summed(self, nodes: Floats, waves: Complex) -> Complex:
+        """Sums (n,) of waves (m,) at nodes (m, 2) times exp(-2 pi i nu.x)."""
+        total: Any = 0.0
+        rows = max(1, _BLOCK // max(1, sum(map(len, self.axes))))
+        with told("waves", range(0, len(nodes), rows)) as starts:
+            for start in starts:
+                some = slice(start, start + rows)
+                first, second = (
+                    waves_of_turns(-np.outer(axis, x))
+                    for axis, x in zip(self.axes, nodes[some].T, strict=True)
+                )
+                if self.places is None:
+                    total = total + (first * second) @ waves[some]
+                else:
+                    total = total + (first * waves[some]) @ second.T
+        return np.asarray(total if self.places is None else total[self.places])
 
 
 def as_lens(wave: Wavefront, wavelength: float) -> tuple[Any, FirstOrder, complex]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import pickle
 import re
@@ -23,33 +24,38 @@ from polywigner.execution import (
     checked_precision,
     kernel_threads,
 )
-from polywigner.geometry import Wavefront
-from polywigner.geometry.arguments import checked_wavelength
-from polywigner.illumination.obliquities import DEFAULT, checked_obliquity
-from polywigner.propagation.amplitudes import amplitude
+from polywigner.execution.progress import progress_bar
+from polywigner.geometry import Polyhedron, Wavefront
+from polywigner.geometry.arguments import checked_choice, checked_wavelength
+from polywigner.geometry.silhouettes import listed_bodies
+from polywigner.illumination.obliquities import CONDITIONS, DEFAULT, checked_obliquity
+from polywigner.illumination.source_files import table_of
+from polywigner.propagation.amplitudes import Obstacle, amplitude
 from polywigner.propagation.grids import Grid, shape_of_grid
 from polywigner.propagation.irradiances import checked_order, checked_tolerance, irradiance
 from polywigner.propagation.places import (
     METHODS,
     checked_amplitude_tolerance,
     checked_method,
-    checked_name,
 )
+from polywigner.propagation.shadows import checked_shadow_tolerance
 from polywigner.propagation.stores_checks import (
     Index,
     chunks_within,
+    digest_of,
     required,
     source_attrs,
     source_coords,
 )
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.radiometry.directions import PlaneSource, checked_bandwidth, checked_radiator
-from polywigner.radiometry.progress import progress_bar
 
 Quantity = Literal["irradiance", "amplitude", "phase"]
 
 # The others have the obliquity of their own boundary condition.
 WITH_OBLIQUITY = ("wigner", "fraunhofer")
+# Characters of a line that names obstacles.
+_LONGEST_NAMES = 150
 
 
 class FieldOptions(TypedDict, total=False):
@@ -65,6 +71,8 @@ class FieldOptions(TypedDict, total=False):
     """Order in the lag of "wigner": 1 or 3."""
     bandwidth: float | None
     """Bandwidth of the light in Hz; None: one wavelength. See :func:`irradiance`."""
+    obstacles: Obstacle | Sequence[Obstacle] | None
+    """Bodies and plates in the way, whose shadows diffract: see :func:`amplitude`."""
     tolerance: float | None
     """Relative error; None: the default of :func:`irradiance` and :func:`amplitude`."""
     dtype: str
@@ -90,6 +98,7 @@ class FieldSettings:
     precision: str | None
     engine: str
     bandwidth: float | None = None
+    obstacles: tuple[Obstacle, ...] = ()
 
     @property
     def stored(self) -> np.dtype[Any]:
@@ -108,7 +117,25 @@ class FieldSettings:
             settings |= {"tolerance": self.tolerance}
         if self.bandwidth is not None:
             settings |= {"bandwidth": self.bandwidth}
+        if self.obstacles:
+            settings |= _settings_of(self.obstacles)
         return settings
+
+
+def _settings_of(obstacles: Sequence[Obstacle]) -> dict[str, str]:
+    """Bodies as settings: one line for readers, and the digest of their places and outlines."""
+    names, tables = [], []
+    for body in obstacles:
+        if isinstance(body, Polyhedron):
+            names.append(repr(body))
+            tables.append([body.vertices.tolist(), body.faces])
+        else:
+            names.append(f"plate {body.aperture!r}")
+            tables.append([table_of(body.aperture), body.pose.tolist()])
+    text = "; ".join(names)
+    if len(text) > _LONGEST_NAMES:
+        text = f"{len(names)} obstacles: {text[:_LONGEST_NAMES]}..."
+    return {"obstacles": text, "obstacles_sha256": digest_of(json.dumps(tables))}
 
 
 def checked_settings(
@@ -122,18 +149,21 @@ def checked_settings(
     unknown = [name for name in options if name not in known]
     if unknown:
         raise ArgumentError(f"expected options among {', '.join(known)}, got {unknown[0]!r}")
-    quantity = checked_name("quantity", options.get("quantity", "irradiance"), get_args(Quantity))
-    stored = checked_name("dtype", options.get("dtype", dtype), ("float32", "float64"))
+    quantity = checked_choice(options.get("quantity", "irradiance"), "quantity", get_args(Quantity))
+    stored = checked_choice(options.get("dtype", dtype), "dtype", ("float32", "float64"))
     order, tolerance = checked_order(options.get("order", 1)), options.get("tolerance")
     obliquity = options.get("obliquity")
     methods = _checked_methods(options.get("method", "wigner"), quantity)
     precision = checked_precision(options.get("precision"))
+    length, bandwidth = checked_wavelength(wavelength), options.get("bandwidth")
+    bodies = _checked_obstacles(options, methods, bandwidth)
     if tolerance is not None:
         tolerance = checked_tolerance(tolerance)
-        if methods != ("wigner",):  # now, rather than when the first method is done
+        if bodies and quantity != "irradiance":
+            checked_shadow_tolerance(tolerance)
+        elif methods != ("wigner",):  # now, rather than when the first method is done
             most = tolerance if quantity != "irradiance" else min(tolerance, 0.1)
             checked_amplitude_tolerance(most, precision != "single")
-    length, bandwidth = checked_wavelength(wavelength), options.get("bandwidth")
     if bandwidth is not None:
         bandwidth = checked_bandwidth(bandwidth, length)
         if quantity != "irradiance":
@@ -152,7 +182,30 @@ def checked_settings(
         precision,
         checked_engine(options.get("engine", "auto")),
         bandwidth,
+        bodies,
     )
+
+
+def _checked_obstacles(
+    options: FieldOptions, methods: Sequence[str], bandwidth: Any
+) -> tuple[Obstacle, ...]:
+    """The bodies of the options; ArgumentError for options that fields behind bodies lack."""
+    obstacles = options.get("obstacles")
+    if obstacles is None:
+        return ()
+    bodies = listed_bodies(obstacles)
+    for name in methods:
+        if name not in CONDITIONS:
+            raise ArgumentError(
+                f"expected obstacles with one of the methods {', '.join(CONDITIONS)}, got "
+                f'{name!r}; use "{DEFAULT}"'
+            )
+    if bandwidth is not None:
+        raise ArgumentError(
+            f"expected light of one wavelength with obstacles, got a bandwidth of {bandwidth!r} "
+            "Hz; average over wavelengths yourself"
+        )
+    return bodies
 
 
 def _checked_methods(method: Any, quantity: str) -> tuple[str, ...]:
@@ -194,6 +247,8 @@ def field_on(
         how["tolerance"] = settings.tolerance
     if method in WITH_OBLIQUITY:
         how["obliquity"] = settings.obliquity
+    if settings.obstacles:
+        how["obstacles"] = settings.obstacles
     if settings.quantity != "irradiance":
         field = amplitude(source, points, settings.wavelength, **how)
         return np.asarray(field if settings.quantity == "amplitude" else np.angle(field))
@@ -327,7 +382,9 @@ def _lazy(block: FieldBlock, chunks: Any) -> Any:
     shape, dtype = shape_of_grid(block.grid), block.settings.stored
     try:
         sizes = core.normalize_chunks(chunks, shape, dtype=dtype)
-    except (TypeError, ValueError) as error:
+        if not all(n > 0 for axis in sizes for n in axis):  # a number that is none is not, either
+            raise ValueError("chunks of no samples")
+    except (TypeError, ValueError, ArithmeticError) as error:
         raise ArgumentError(
             f"expected chunks as dask takes them, a number, a tuple of {len(shape)}, or 'auto', "
             f"got {chunks!r}: {error}"

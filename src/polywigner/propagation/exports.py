@@ -160,12 +160,13 @@ def in_place(path: Path, dataset: Stored | None = None) -> Iterator[Path]:
         raise
     except OSError as error:
         raise _not_written(path, error) from error
-    except ValueError as error:
+    except Exception as error:  # a store's codecs raise of many kinds
         if not _is_store(dataset) and "checksum do not match" not in str(error):  # zarr's words
             raise
+        place = dataset if _is_store(dataset) else f"the dataset for {path}"
         raise StoreError(
-            f"expected whole chunks for {path}, got a damaged one; verify_store names it, and the "
-            "run that wrote the store, once more, computes it anew"
+            f"expected whole chunks in {place}, got a damaged one; verify_store names it, and "
+            "the run that wrote the store, once more, computes it anew"
         ) from error
 
 
@@ -190,7 +191,11 @@ def _opened(dataset: Any) -> Any:
         if not (path / METADATA).is_file():
             raise ValueError("no metadata of zarr, format 3")
         check_store(path)
-        return xarray.open_zarr(path, zarr_format=3)
+        with warnings.catch_warnings():
+            # of files in the folder that are none of the store's
+            warnings.simplefilter("ignore")
+            # not by a consolidated copy of the metadata, at which nobody has looked
+            return xarray.open_zarr(path, zarr_format=3, consolidated=False)
     except StoreError:
         raise
     except Exception as error:  # zarr and its codecs raise of many kinds

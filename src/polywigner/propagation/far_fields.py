@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
@@ -10,38 +9,24 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.execution import Engine, Precision
-from polywigner.geometry import Aperture, Wavefront
-from polywigner.geometry.arguments import checked_wavelength, takes_frequency
-from polywigner.illumination import Array
+from polywigner.geometry import Wavefront
+from polywigner.geometry.arguments import checked_choice, checked_wavelength, takes_frequency
 from polywigner.illumination.obliquities import (
     DEFAULT,
     OBLIQUITIES,
     ObliquityName,
-    direction_cosines,
     times_direction_cosine,
     warn_of_slopes,
 )
-from polywigner.illumination.tapers import uniform
-from polywigner.propagation.places import checked_name
 from polywigner.radiometry.directions import PlaneSource, checked_radiator
 from polywigner.radiometry.flux import radiant_intensity
-from polywigner.radiometry.hemisphere import directions_and_weights, largest_lag
+from polywigner.radiometry.hemisphere import directions_and_weights, largest_lag, power_by_lags
 from polywigner.transforms import fourier
 from polywigner.transforms.phase_space import energy_of
 from polywigner.transforms.wavefronts import flat_of, is_partly_coherent
 
 # Rounding leaves 1e-13 of the energy; a directivity relative to less than this has no digits.
 _DARK = 1e-12
-
-# Wider sources take the closed form (RP3), which is off by 1e-5 of int |u|^2 from here on; the
-# integral over directions takes seconds here, and minutes at ten times the width.
-_WIDE = 600.0
-# Area over perimeter, in wavelengths, of outlines without parts as narrow as a wavelength.
-_BROAD = 100.0
-# Cosine of waves nearer to grazing, of which (RP3) is not sure.
-_STEEP = 0.3
-# Nodes along an edge, and more for each cycle that |u|^2 has along it.
-_NODES, _PER_CYCLE = 8, 4
 
 
 def far_field(
@@ -97,9 +82,9 @@ def radiated_power(
 
     Returns
     -------
-    In W, to 1e-12 of int |u|^2; of flat sources wider than 600 wavelengths whose elements are broad
-    to 1e-5 of it (1e-3 where elements touch), by (RP3) of docs/patterns.md. Cost else: F in some
-    15 (diameter/wavelength)^2 + 1000 directions.
+    In W, to 1e-12 of int |u|^2. Cost: F in some 15 (diameter/wavelength)^2 + 1000 directions.
+    Beyond 600 wavelengths by lags as :func:`power`, to 1e-8, or 1e-5 for obliquities that take
+    slopes.
 
     Raises
     ------
@@ -111,7 +96,7 @@ def radiated_power(
     >>> round(pw.radiated_power(patch, 3.9e-3) / patch.area, 3)
     0.135
     """
-    name = checked_name("obliquity", obliquity, OBLIQUITIES)
+    name = checked_choice(obliquity, "obliquity", OBLIQUITIES)
     radiator, length = checked_radiator(source, partly=True), checked_wavelength(wavelength)
     check_slopes(radiator, name)
     warn_of_slopes(flat_of(radiator), length, name)
@@ -138,12 +123,10 @@ def powers_of(
 
     Raises IlluminationError for a source that radiates nothing.
     """
-    if largest_lag(source) > _WIDE * wavelength:
-        wide = _wide_powers(source, wavelength, obliquity)
-        if wide is not None:
-            return wide
-    blocks = directions_and_weights(largest_lag(source), wavelength)
-    power = float(sum(w @ _intensity(source, s, wavelength, obliquity) for s, w in blocks))
+    power = power_by_lags(source, wavelength, obliquity)
+    if power is None:
+        blocks = directions_and_weights(largest_lag(source), wavelength)
+        power = float(sum(w @ _intensity(source, s, wavelength, obliquity) for s, w in blocks))
     energy = energy_of(source)
     if not power > _DARK * max(0.0, energy):
         raise IlluminationError(
@@ -152,60 +135,6 @@ def powers_of(
             "graze the aperture or cancel"
         )
     return power, energy
-
-
-def _wide_powers(
-    source: PlaneSource | Wavefront, wavelength: float, obliquity: str
-) -> tuple[float, float] | None:
-    """Radiated power and int |u|^2 in W by (RP3), or None for a source that it is not for."""
-    if isinstance(source, Wavefront):
-        return None
-    weights = source.weights if isinstance(source, Array) else np.ones(1)
-    power = energy = 0.0
-    for element, weight in zip(source.elements_in_plane, np.abs(weights) ** 2, strict=True):
-        found = _broad_powers(element, wavelength, obliquity)
-        if found is None:
-            return None
-        power, energy = power + weight * found[0], energy + weight * found[1]
-    # what overlaps is not a sum of powers
-    whole = energy_of(source)
-    return (power, whole) if abs(energy - whole) < _DARK**0.5 * whole else None
-
-
-def _broad_powers(
-    element: Aperture, wavelength: float, obliquity: str
-) -> tuple[float, float] | None:
-    """Radiated power and int |u|^2 of an aperture in W: (RP3), waves by their cosines."""
-    outline = element.with_illumination(None)
-    field: Any = element.illumination
-    if not outline.area > _BROAD * outline.polygons.length * wavelength:
-        return None
-    field = uniform() if field is None else field
-    c, kappa = field.amplitudes, field.frequencies
-    p = direction_cosines(kappa, wavelength)
-    if not (p.real > _STEEP).all():
-        return None
-    condition = OBLIQUITIES[obliquity]
-    cosine = direction_cosines((kappa[:, None] + kappa) / 2, wavelength).real
-    inside = condition.of_pairs(cosine, p[:, None].real, p.real)
-    products = c[:, None] * c.conj() * fourier(outline, kappa - kappa[:, None])
-    power = float((products * (inside / cosine)).sum().real)
-
-    strength = np.abs(c) ** 2 / (np.abs(c) ** 2).sum()
-    middle, at = strength @ kappa, float(strength @ p.real)
-    for ring in outline.rings:
-        edges = np.roll(ring, -1, axis=0) - ring
-        cycles = np.abs((kappa - middle) @ edges.T).max()
-        node, weight = np.polynomial.legendre.leggauss(_NODES + math.ceil(_PER_CYCLE * cycles))
-        places = ring[:, None] + edges[:, None] * ((node + 1) / 2)[:, None]
-        length = np.hypot(*edges.T)
-        around = length * (np.square(np.abs(field(places))) @ weight) / 2
-        # sine of half the disc of directions along the edge's normal
-        across = np.sqrt(1 - np.square(wavelength * (edges @ middle) / length))
-        lost = math.pi * condition.field**2 + 4 * condition.field * condition.slope * across / at
-        lost = lost if condition.is_boundary_condition else 2 * across / at**2
-        power -= float(around @ np.broadcast_to(lost, around.shape)) * wavelength / (4 * math.pi**2)
-    return power, float(products.sum().real)
 
 
 def _intensity(

@@ -14,8 +14,10 @@ from numpy.typing import NDArray
 from polywigner import execution
 from polywigner.errors import ArgumentError
 from polywigner.execution.choice import resolved
+from polywigner.execution.points import Parameters
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import checked_wavelength
+from polywigner.geometry.silhouettes import Obstacles, obstacles_of
 from polywigner.illumination import Array, Illumination
 from polywigner.illumination.obliquities import OBLIQUITIES
 from polywigner.kernels.boundary.integrals import (
@@ -26,6 +28,7 @@ from polywigner.kernels.boundary.integrals import (
     point_in_wavelengths,
 )
 from polywigner.numerics import phases
+from polywigner.propagation import shadows
 from polywigner.propagation.boundary import boundary_field, strata_of
 from polywigner.propagation.panels import (
     Radiator,
@@ -36,7 +39,7 @@ from polywigner.propagation.panels import (
     starts,
 )
 from polywigner.propagation.places import checked_method
-from polywigner.propagation.screens import Screen
+from polywigner.propagation.screens import PointSource, Screen, incident_of_point
 from polywigner.radiometry.directions import checked_source
 from polywigner.transforms import Differentiable
 from polywigner.transforms.traced_sources import parameters_of
@@ -79,6 +82,26 @@ class _Strips:
     def normal(self) -> Floats:
         """Outward, (m, 2)."""
         return np.stack([self.along[:, 1], -self.along[:, 0]], axis=1)
+
+
+@dataclass(frozen=True)
+class EdgeSums:
+    """Integrals of u times functions of R along panels (m,), seen from points (n,): (n, m) each.
+
+    Lengths in wavelengths, G = exp(2 pi i R)/R.
+    """
+
+    where: NDArray[np.intp]
+    """Numbers of the points (n,)."""
+    places: Floats
+    """These points (n, 3), from the centre of the source."""
+    strips: _Strips
+    wave: Complex
+    """Integrals of u G; ``wave_by_length``: of t u G, t the length from the panel's beginning."""
+    wave_by_length: Complex
+    rise: Complex
+    """Integrals of h = u (1/R - 2 pi i) G/R, zero for Fresnel; ``rise_by_length``: of t h."""
+    rise_by_length: Complex
 
 
 @dataclass(frozen=True)
@@ -193,6 +216,10 @@ class FieldSlopes:
 
     def _sums(self, points: Floats) -> Iterator[_Sums]:
         """Blocks of points and all panels."""
+        return map(self._combined, self.edge_sums(points))
+
+    def edge_sums(self, points: Floats) -> Iterator[EdgeSums]:
+        """Integrals along all panels, for blocks of points (n, 3) in m."""
         digits = -math.log(max(self.tolerance * _SHARE, 1e-14))
         x, y = self._radiator.centre.tolist()
         entered = point_in_wavelengths(_OPS, (x, y), self.wavelength, *points.T)
@@ -215,7 +242,7 @@ class FieldSlopes:
         where: NDArray[np.intp],
         strips: _Strips,
         digits: float,
-    ) -> _Sums:
+    ) -> EdgeSums:
         along = (strips.plane * strips.along).sum(axis=1)
         rows = [column[:, None] for column in places.T]
         columns = (*strips.begin.T, *strips.along.T, strips.length, along, strips.start)
@@ -232,26 +259,29 @@ class FieldSlopes:
             (a + 1j * b) * strips.amplitude * waves
             for a, b in zip(sums[::2], sums[1::2], strict=True)
         ]
-        return _Sums(where, strips, *self._combined(found, places, strips))
+        found += [np.zeros_like(found[0])] * (4 - len(found))
+        return EdgeSums(where, places, strips, *found)
 
-    def _combined(
-        self, found: list[Complex], places: Floats, strips: _Strips
-    ) -> tuple[Complex, Complex, Complex]:
-        """Integrals of :class:`_Sums` from integrals with u G and u (1/R - 2 pi i) G/R."""
+    def _combined(self, sums: EdgeSums) -> _Sums:
+        """Integrals of the field's kernel from integrals with u G and u (1/R - 2 pi i) G/R."""
+        strips, places = sums.strips, sums.places
         left = -strips.normal
         away = (strips.begin * left).sum(axis=1) - places[:, :2] @ left.T
         across = (strips.plane * left).sum(axis=1)
         z = places[:, 2:]
         if self._paraxial:
-            kernel, by_length = (value / (1j * z) for value in found)
-            return kernel, by_length, -0.5 * (across - away / z) * kernel
+            kernel, by_length = (value / (1j * z) for value in (sums.wave, sums.wave_by_length))
+            height = -0.5 * (across - away / z) * kernel
+            return _Sums(sums.where, strips, kernel, by_length, height)
         condition = OBLIQUITIES[self.method]
         of_field = condition.field / (2 * math.pi)
         first, second = of_field * z, -1j * condition.slope * strips.cosine
-        height = away * found[2] + 2j * math.pi * across * found[0]
-        return (
-            first * found[2] + second * found[0],
-            first * found[3] + second * found[1],
+        height = away * sums.rise + 2j * math.pi * across * sums.wave
+        return _Sums(
+            sums.where,
+            strips,
+            first * sums.rise + second * sums.wave,
+            first * sums.rise_by_length + second * sums.wave_by_length,
             of_field * height,
         )
 
@@ -313,6 +343,40 @@ def _next_vertices(element: Aperture) -> NDArray[np.intp]:
     return np.concatenate(found)
 
 
+@dataclass(frozen=True, eq=False)
+class ShadowSlopes:
+    """Derivatives of the field behind obstacles, in points alone."""
+
+    source: Any
+    bodies: Obstacles
+    wavelength: float
+    method: str
+    tolerance: float
+
+    def of_points(self, points: Floats) -> Complex:
+        """dU/d(x, y, z) at points (n, 3), (n, 3): (SB4)."""
+        change, inside = shadows.slopes_of_shadow(
+            self.source, self.bodies, points, self.wavelength, self.method, self.tolerance
+        )
+        return np.where(inside[:, None], 0.0, self._free(points) + change)
+
+    def reverse(
+        self, points: Floats, cotangent: Complex, of_points: bool, of_vertices: bool
+    ) -> tuple[Complex, Floats]:
+        """See :meth:`FieldSlopes.reverse`."""
+        return self.of_points(points), np.zeros((0, 2))
+
+    def _free(self, points: Floats) -> Complex:
+        if not isinstance(self.source, PointSource):
+            free = FieldSlopes(self.source, self.wavelength, self.method, _TOLERANCE, False)
+            return free.of_points(points)
+        ahead = points - np.array(self.source.position)
+        distance = np.linalg.norm(ahead, axis=1)
+        wave = incident_of_point(self.source.position, points, self.wavelength)
+        rate = self.source.amplitude * wave * (2j * math.pi / self.wavelength - 1.0 / distance)
+        return np.asarray(rate[:, None] * ahead / distance[:, None])
+
+
 # Default tolerance of derivatives, which are sums of float64.
 _TOLERANCE = 1e-9
 
@@ -334,10 +398,12 @@ def traced_field(
     *,
     precision: str | None,
     engine: str,
+    obstacles: Any = None,
 ) -> execution.TracedField:
     """The field of a source, by ``compute(plain source, points, wavelength, method, ...)``.
 
-    Raises ArgumentError for a wavelength that is an array, for Fraunhofer's field, and for screens.
+    Raises ArgumentError for a wavelength that is an array, for Fraunhofer's field, for screens, and
+    for numbers of a source that has obstacles before it.
     """
     if isinstance(source, Screen):
         raise ArgumentError(
@@ -355,6 +421,10 @@ def traced_field(
             'expected a wavelength without derivatives, which only method="wigner" has, got a '
             f"{type(wavelength).__name__}; pass a float"
         )
+    how: dict[str, Any] = {"precision": execution.checked_precision(precision)}
+    how["engine"] = execution.checked_engine(engine)
+    if obstacles is not None:
+        return _traced_behind(compute, source, points, wavelength, name, tolerance, obstacles, how)
     traced = source if isinstance(source, Differentiable) else Differentiable(source)
     checked_source(traced.source)
     length = checked_wavelength(wavelength)
@@ -366,6 +436,25 @@ def traced_field(
         slopes,
         points,
         parameters_of(traced),
-        precision=execution.checked_precision(precision),
-        engine=execution.checked_engine(engine),
+        **how,
     )
+
+
+def _traced_behind(
+    compute: Any, source: Any, points: Any, wavelength: Any, method: str, tolerance: Any,
+    obstacles: Any, how: dict[str, Any],
+) -> execution.TracedField:  # fmt: skip
+    """A field behind obstacles, with derivatives in points."""
+    if isinstance(source, Differentiable):
+        raise ArgumentError(
+            "expected a plain source with obstacles, got a differentiable one; derivatives behind "
+            "obstacles are in points alone: move points and obstacles instead of the source"
+        )
+    if not isinstance(source, PointSource):
+        checked_source(source)
+    length = checked_wavelength(wavelength)
+    options = {"wavelength": length, "method": method, "obstacles": obstacles}
+    allowed = shadows.checked_shadow_tolerance(tolerance)
+    slopes = ShadowSlopes(source, obstacles_of(obstacles, length), length, method, allowed)
+    field = partial(compute, source, tolerance=tolerance, **options)
+    return execution.hosted_field(field, slopes, points, Parameters(None, None), **how)

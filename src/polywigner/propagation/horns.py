@@ -133,5 +133,5 @@ def directivity(source: Any, wavelength: float) -> float:
 def _above_zero(value: Any) -> bool:
     try:
         return float(value) > 0
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         return False

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -13,21 +13,37 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, Precision, checked_engine, checked_precision
 from polywigner.geometry import Wavefront
-from polywigner.geometry.arguments import checked_wavelength, takes_frequency
+from polywigner.geometry.arguments import (
+    checked_choice,
+    checked_wavelength,
+    takes_frequency,
+    warn_caller,
+)
+from polywigner.illumination import Array
 from polywigner.illumination.obliquities import (
-    DEFAULT,
-    OBLIQUITIES,
     ObliquityName,
+    checked_obliquity,
     fields_of,
     warn_of_slopes,
 )
+from polywigner.illumination.polarisation import MODELS, CurrentModel, checked_polarisation
 from polywigner.numerics.peaks import climbed, largest
+from polywigner.propagation.element_patterns import element_pattern_of
 from polywigner.propagation.far_fields import check_slopes, far_field, powers_of
-from polywigner.propagation.places import checked_name, checked_phi, checked_theta, unit_vectors
+from polywigner.propagation.places import checked_phi, checked_theta, unit_vectors
 from polywigner.propagation.stores_checks import source_attrs, source_coords
+from polywigner.propagation.vector_fields import (
+    axial_ratios,
+    co_and_cross,
+    far_vectors,
+    ludwig_components,
+    parts_of,
+    vector_powers,
+)
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.radiometry.directions import PlaneSource, checked_radiator
 from polywigner.radiometry.hemisphere import check_width, largest_lag
+from polywigner.transforms import array_factor
 from polywigner.transforms.wavefronts import flat_of
 from polywigner.transforms.xarray_arguments import labelled_array, labelled_arrays
 
@@ -124,7 +140,10 @@ def radiation_pattern(
     theta: ArrayLike,
     phi: ArrayLike,
     *,
-    obliquity: ObliquityName = DEFAULT,
+    obliquity: ObliquityName | None = None,
+    polarisation: str | ArrayLike | None = None,
+    method: CurrentModel | None = None,
+    element: xarray.Dataset | None = None,
     precision: Precision = None,
     engine: Engine = "auto",
 ) -> xarray.Dataset:
@@ -132,8 +151,11 @@ def radiation_pattern(
 
     E = sum over the field's waves of sqrt(g) F/(i lambda), F from :func:`fourier`, without any
     interpolation; the directivity is 4 pi |E|^2/P, with P the integral of |E|^2 over the hemisphere
-    to rounding (docs/patterns.md). |E|^2 is in W/sr for |u|^2 in W/m^2. The field is scalar; what
-    polarisation it stands for is told to :func:`write_pattern`. Nothing goes backwards.
+    to rounding (docs/patterns.md). |E|^2 is in W/sr for |u|^2 in W/m^2. Nothing goes backwards.
+
+    With a ``polarisation`` E is the electric field (docs/theory/polarisation.md, (VP2)): the
+    directivity counts all of it, over the power that all of it radiates, and the field is split
+    into a co- and a cross-polar part by Ludwig's third definition, (VP3).
 
     Parameters
     ----------
@@ -145,7 +167,16 @@ def radiation_pattern(
     phi : (m,) angles from the x axis in rad; or one.
     obliquity : g, a boundary condition: cos^2 ("rayleigh-sommerfeld-1"), ((1 + cos)/2)^2
         ("kirchhoff"), 1 ("rayleigh-sommerfeld-2"), or cos ("paper"); for tapers and steering wave
-        by wave (docs/theory.md, (D2), (D3)).
+        by wave (docs/theory.md, (D2), (D3)); None: "rayleigh-sommerfeld-1". Not with a
+        polarisation.
+    polarisation : of the source, as of :func:`polywigner.field`; None: the field is scalar.
+    method : of a polarised source: "huygens" (default), "magnetic" or "electric", the currents that
+        stand for it.
+    element : far field of each element of a :func:`phased_array`, in place of its aperture, field
+        and obliquity: of :func:`read_pattern`, or of this function with a polarisation. Its origin
+        is at the positions; the field is that times the array factor, and the power counts
+        directions behind the plane where it has some; the aperture power is NaN. ``polarisation``
+        is then only what co-polar refers to; None: the polarisation of the beam.
     precision, engine : see :func:`fourier`.
 
     Returns
@@ -156,6 +187,13 @@ def radiation_pattern(
     wavelength, frequency, obliquity, radiated power, aperture power int |u|^2, the largest
     directivity on these angles, and that of the beam in all directions, ``peak_directivity`` in
     dBi, at ``peak_theta`` and ``peak_phi``.
+
+    Of a polarised source ``field`` is the co-polar part, and besides there are ``cross_field``,
+    complex, ``cross_polar_discrimination`` (co- over cross-polar) and ``axial_ratio``, both (n, m)
+    in dB. Attributes have method in place of obliquity, ``polarisation``, the Jones vector that
+    co-polar refers to (real and imaginary part along x, then y; of elements of several
+    polarisations that of the beam), and ``peak_axial_ratio`` and
+    ``peak_cross_polar_discrimination`` of the beam.
 
     Raises
     ------
@@ -175,35 +213,197 @@ def radiation_pattern(
     """
     checked_precision(precision)
     checked_engine(engine)
-    name = checked_name("obliquity", obliquity, OBLIQUITIES)
+    how: dict[str, Any] = {"precision": precision, "engine": engine}
+    if element is not None and not (obliquity is None and method is None):
+        raise ArgumentError(
+            f"expected an element's pattern without obliquity and method, got {obliquity!r} and "
+            f"{method!r}; leave them out"
+        )
+    if polarisation is not None and obliquity is not None:
+        raise ArgumentError(
+            f"expected an obliquity or a polarisation, got {obliquity!r} and {polarisation!r}; a "
+            "polarised field has a method instead"
+        )
+    if polarisation is None and method is not None:
+        raise ArgumentError(f"expected a polarisation with method={method!r}, got none; give one")
     radiator, length = checked_radiator(source), checked_wavelength(wavelength)
     polar, azimuth = checked_theta(theta), checked_phi(phi)
+    check_width(largest_lag(radiator), length)
+    axes = {"theta": (polar, "angle from z"), "phi": (azimuth, "angle from x")}
+    directions = unit_vectors(polar, azimuth)
+    if element is not None:
+        return _of_elements(radiator, length, axes, element, polarisation, how)
+    if polarisation is not None:
+        model = checked_choice("huygens" if method is None else method, "method", MODELS)
+        return _polarised(radiator, length, axes, directions, polarisation, model, how)
+    name = checked_obliquity(obliquity)
     check_slopes(radiator, name)
     warn_of_slopes(flat_of(radiator), length, name)
-    check_width(largest_lag(radiator), length)
-    power, energy = powers_of(radiator, length, name)
-    directions = unit_vectors(polar, azimuth)
-    field = far_field(radiator, directions, length, name, precision=precision, engine=engine)
+    powers = powers_of(radiator, length, name)
+    field = far_field(radiator, directions, length, name, **how)
+    levels = _decibels(np.square(np.abs(field)), powers)
+    beam = _beam(
+        radiator, length, lambda s: np.square(np.abs(far_field(radiator, s, length, name)))
+    )
+    about = {"obliquity": name, **_numbers(length, powers, levels, beam)}
+    variables = {"directivity": levels, "field": field}
+    return _described(radiator, axes, variables, about)
+
+
+def _polarised(
+    source: PlaneSource | Wavefront,
+    wavelength: float,
+    axes: dict[str, tuple[Values, str]],
+    directions: Values,
+    polarisation: Any,
+    model: str,
+    how: dict[str, Any],
+) -> xarray.Dataset:
+    """The pattern of a polarised source."""
+    parts = parts_of(source, polarisation)
+
+    def far(s: Values) -> Values:
+        return far_vectors(parts, s, wavelength, model)
+
+    powers = vector_powers(parts, wavelength, model)
+    there = far_vectors(parts, directions, wavelength, model, **how)
+    jones = checked_polarisation(polarisation, source)
+    about = {"method": model}
+    return _of_vectors(source, wavelength, axes, there, far, powers, jones, about)
+
+
+# Another frequency, in parts of it, than that of an element's pattern.
+_OTHER_FREQUENCY = 0.01
+
+
+def _of_elements(
+    source: PlaneSource | Wavefront,
+    wavelength: float,
+    axes: dict[str, tuple[Values, str]],
+    pattern: Any,
+    polarisation: Any,
+    how: dict[str, Any],
+) -> xarray.Dataset:
+    """The pattern of an array of elements with a pattern of their own."""
+    if not isinstance(source, Array) or source.repeated is None:
+        raise ArgumentError(
+            "expected a phased_array with an element's pattern, got "
+            f"{type(source).__name__}; make one by phased_array(element, positions, weights)"
+        )
+    element = element_pattern_of(pattern)
+    frequency = float(pattern.attrs.get("frequency", math.nan))
+    if abs(frequency * wavelength / SPEED_OF_LIGHT - 1) > _OTHER_FREQUENCY:
+        warn_caller(
+            f"got an element's pattern at {frequency:.6g} Hz for an array at "
+            f"{SPEED_OF_LIGHT / wavelength:.6g} Hz: it is taken as it is"
+        )
+    _, positions = source.repeated
+    weights = source.weights
+
+    def factor(s: Values, **how: Any) -> Values:
+        return np.asarray(array_factor(positions, weights, s[..., :2] / wavelength, **how))
+
+    def far(s: Values) -> Values:
+        return element.vectors(s) * factor(s)[..., None]
+
+    extent = float(np.linalg.norm(np.ptp(positions, axis=0)))
+    power = element.power(2 * math.pi * extent / wavelength, factor)
+    theta, phi = (values for values, _ in axes.values())
+    there = element.grid(theta, phi) * factor(unit_vectors(theta, phi), **how)[..., None]
+    jones = None if polarisation is None else checked_polarisation(polarisation)
+    about = {"method": "pattern of the elements"}
+    return _of_vectors(source, wavelength, axes, there, far, (power, math.nan), jones, about)
+
+
+def _of_vectors(
+    source: PlaneSource | Wavefront,
+    wavelength: float,
+    axes: dict[str, tuple[Values, str]],
+    there: Values,
+    far: Callable[[Values], Values],
+    powers: tuple[float, float],
+    jones: Values | None,
+    about: dict[str, Any],
+) -> xarray.Dataset:
+    """The pattern of far fields (n, m, 3) over the axes, and as a function of directions."""
+    levels = _decibels(np.square(np.abs(there)).sum(axis=-1), powers)
+    beam = _beam(source, wavelength, lambda s: np.asarray(np.square(np.abs(far(s))).sum(axis=-1)))
+    ahead = unit_vectors(np.array([beam[1]]), np.array([beam[2]]))[0, 0]
+    of_beam = ludwig_components(far(ahead), ahead)
+    if jones is None or jones.ndim > 1:
+        jones = jones_of(of_beam)
+    directions = unit_vectors(*(values for values, _ in axes.values()))
+    about = about | {
+        **_numbers(wavelength, powers, levels, beam),
+        "peak_axial_ratio": float(axial_ratios(of_beam)),
+        "peak_cross_polar_discrimination": float(_discrimination(*co_and_cross(of_beam, jones))),
+    }
+    return vector_dataset(axes, levels, ludwig_components(there, directions), jones, about, source)
+
+
+def jones_of(components: tuple[Values, Values]) -> Values:
+    """The Jones vector of a field with components along x and y, its larger one real."""
+    larger = components[int(abs(components[1]) > abs(components[0]))]
+    return checked_polarisation(np.stack(components) / larger)
+
+
+def vector_dataset(
+    axes: dict[str, tuple[Values, str]],
+    levels: Values,
+    along: tuple[Values, Values],
+    jones: Values,
+    about: dict[str, Any],
+    source: Any = None,
+) -> xarray.Dataset:
+    """Directivity (n, m) in dBi and components along x and y, as the pattern of a polarised source.
+
+    Co-polar refers to the Jones vector (2,).
+    """
+    co, cross = co_and_cross(along, jones)
+    variables = {
+        "directivity": levels,
+        "field": co,
+        "cross_field": cross,
+        "cross_polar_discrimination": _discrimination(co, cross),
+        "axial_ratio": axial_ratios(along),
+    }
+    about = {"polarisation": jones.view(np.float64).tolist(), **about}
+    return _described(source, axes, variables, about)
+
+
+def _decibels(intensity: Values, powers: tuple[float, float]) -> Values:
     with np.errstate(divide="ignore"):
-        directivity = 10 * np.log10(4 * math.pi / power * np.square(np.abs(field)))
-    intensity, peak_theta, peak_phi = _beam(radiator, length, name)
-    axes = {"theta": (polar, "angle from z"), "phi": (azimuth, "angle from x")}
-    about = {
-        "wavelength": length,
-        "frequency": SPEED_OF_LIGHT / length,
-        "obliquity": name,
+        return np.asarray(10 * np.log10(4 * math.pi / powers[0] * intensity))
+
+
+def _discrimination(co: Values, cross: Values) -> Values:
+    """Co- over cross-polar in dB; infinite without a cross-polar part, NaN without both."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(20 * np.log10(np.abs(co) / np.abs(cross)))
+
+
+def _numbers(
+    wavelength: float,
+    powers: tuple[float, float],
+    levels: Values,
+    beam: tuple[float, float, float],
+) -> dict[str, float]:
+    """The attributes of a pattern that are numbers."""
+    power, energy = powers
+    return {
+        "wavelength": wavelength,
+        "frequency": SPEED_OF_LIGHT / wavelength,
         "radiated_power": power,
         "aperture_power": energy,
-        "largest_directivity": float(directivity.max()),
-        "peak_directivity": 10 * math.log10(4 * math.pi / power * intensity),
-        "peak_theta": peak_theta,
-        "peak_phi": peak_phi,
+        "largest_directivity": float(levels.max()),
+        "peak_directivity": 10 * math.log10(4 * math.pi / power * beam[0]),
+        "peak_theta": beam[1],
+        "peak_phi": beam[2],
     }
-    return _described(radiator, axes, field, directivity, about)
 
 
 def _beam(
-    source: PlaneSource | Wavefront, wavelength: float, obliquity: str
+    source: PlaneSource | Wavefront, wavelength: float, intensity: Callable[[Values], Values]
 ) -> tuple[float, float, float]:
     """Return the largest |E|^2 of all directions in front, in W/sr, and its theta and phi.
 
@@ -214,7 +414,7 @@ def _beam(
     windows = [(np.zeros(2), steps // 2)]
     if steps.prod() > _MOST:
         windows = _windows(source, wavelength, 2 / steps)
-    evaluate = partial(_intensity, source, wavelength, obliquity)
+    evaluate = partial(_intensity, intensity)
     found = []
     for middle, counts in windows:
         across, along = (
@@ -253,43 +453,46 @@ def _windows(
     return [(middle, counts) for middle in middles if np.linalg.norm(middle) <= 1.0]
 
 
-def _intensity(
-    source: PlaneSource | Wavefront, wavelength: float, obliquity: str, places: Values
-) -> tuple[Values, Values]:
+def _intensity(intensity: Callable[[Values], Values], places: Values) -> tuple[Values, Values]:
     """Return direction cosines (..., 2), moved into the unit disc, and |E|^2 (...) there."""
     places = places / np.maximum(1, np.linalg.norm(places, axis=-1, keepdims=True))
     cosine = np.sqrt(np.maximum(0, 1 - np.square(places).sum(axis=-1, keepdims=True)))
     directions = np.concatenate([places, cosine], axis=-1).reshape(-1, 3)
-    field = far_field(source, directions, wavelength, obliquity)
-    return places, np.square(np.abs(field)).reshape(places.shape[:-1])
+    return places, intensity(directions).reshape(places.shape[:-1])
+
+
+_VARIABLES = {
+    "directivity": {"units": "dBi", "long_name": "directivity"},
+    "field": {"units": "W0.5 sr-0.5", "long_name": "far field r exp(-ikr) U"},
+    "cross_field": {"units": "W0.5 sr-0.5", "long_name": "cross-polar far field"},
+    "cross_polar_discrimination": {"units": "dB", "long_name": "co- over cross-polar"},
+    "axial_ratio": {"units": "dB", "long_name": "axial ratio"},
+}
 
 
 def _described(
-    source: PlaneSource | Wavefront,
+    source: PlaneSource | Wavefront | None,
     axes: dict[str, tuple[Values, str]],
-    field: Values,
-    directivity: Values,
+    variables: dict[str, Values],
     about: dict[str, Any],
 ) -> xarray.Dataset:
     from polywigner import __version__
 
-    dims = tuple(axes)
-    names = {"units": "dBi", "long_name": "directivity"}
-    far = {
-        "units": "W0.5 sr-0.5",
-        "long_name": "far field r exp(-ikr) U",
+    convention = {
         "convention": "waves exp(+ikr)/r, time exp(-i omega t)",
         "polywigner_version": __version__,
     }
     return labelled_arrays(
         {
-            "directivity": labelled_array(directivity, dims, names),
-            "field": labelled_array(field, dims, far),
+            name: labelled_array(
+                values, tuple(axes), _VARIABLES[name] | (convention if "field" in name else {})
+            )
+            for name, values in variables.items()
         },
         {
             name: labelled_array(values, (name,), {"units": "rad", "long_name": meaning})
             for name, (values, meaning) in axes.items()
         }
-        | source_coords(source),
-        about | source_attrs(source),
+        | ({} if source is None else source_coords(source)),
+        about | ({} if source is None else source_attrs(source)),
     )

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Collection
 from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.errors import ArgumentError, PolywignerWarning
+from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import (
+    checked_choice,
     checked_number,
     checked_row,
     real_numbers,
     shape_of,
+    warn_caller,
     warn_of_degrees,
 )
 from polywigner.illumination.obliquities import BoundaryCondition
@@ -138,27 +139,15 @@ def checked_amplitude_tolerance(tolerance: float | None, double: bool) -> float:
 
 def checked_method(method: Any, allowed: Collection[str] = METHODS) -> str:
     """The name of a method; ArgumentError with all names that are allowed for any other."""
-    return checked_name("method", method, allowed)
+    return checked_choice(method, "method", allowed)
 
 
-def checked_name(argument: str, name: Any, allowed: Collection[str]) -> str:
-    """One of the names allowed for an argument; ArgumentError that lists them for any other."""
-    if not isinstance(name, str) or name not in allowed:
-        names = ", ".join(f'"{each}"' for each in allowed)
-        raise ArgumentError(f"expected {argument} to be one of {names}, got {name!r}")
-    return name
-
-
-def warn_of_missed(
-    errors: NDArray[np.float64], allowed: NDArray[np.float64], what: str, stacklevel: int
-) -> None:
+def warn_of_missed(errors: NDArray[np.float64], allowed: NDArray[np.float64], what: str) -> None:
     """Warn of results, by their name, whose errors are larger than allowed."""
     missed = ~(errors <= allowed)
     if missed.any():
         worst = float((errors[missed] / allowed[missed]).max())
-        warnings.warn(
+        warn_caller(
             f"{int(missed.sum())} of {len(errors)} {what} miss the tolerance, the worst by a "
-            f"factor of {worst:.3g}; see return_error=True, or allow a larger tolerance",
-            PolywignerWarning,
-            stacklevel=stacklevel,
+            f"factor of {worst:.3g}; see return_error=True, or allow a larger tolerance"
         )

@@ -13,13 +13,13 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner import execution
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture
-from polywigner.geometry.arguments import real_numbers
+from polywigner.geometry.arguments import checked_choice, real_numbers
 from polywigner.illumination import Illumination
 from polywigner.illumination.obliquities import CONDITIONS
 from polywigner.kernels.boundary.edge_waves import spherical_edge
 from polywigner.propagation.boundary import boundary_field
 from polywigner.propagation.panels import radiator_of
-from polywigner.propagation.places import LARGEST, checked_name, warn_of_missed
+from polywigner.propagation.places import LARGEST, warn_of_missed
 
 Floats = NDArray[np.float64]
 Place = tuple[float, float, float]
@@ -250,7 +250,7 @@ class Screen:
             raise ArgumentError(
                 f"expected lit_by as a PointSource or a PlaneWave, got {type(self.lit_by).__name__}"
             )
-        checked_name("kind", self.kind, ("plate", "opening"))
+        checked_choice(self.kind, "kind", ("plate", "opening"))
 
 
 def field_of_screen(
@@ -282,7 +282,7 @@ def field_of_screen(
         found = boundary_field(radiator, points, wavelength, method, tolerance, True, engine)
         through = light.amplitude * found[0]
         errors, allowed = (abs(light.amplitude) * e for e in found[1:])
-    warn_of_missed(errors, allowed, "points", stacklevel=4)
+    warn_of_missed(errors, allowed, "points")
     return (incident - through if screen.kind == "plate" else through), errors
 
 

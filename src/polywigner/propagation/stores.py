@@ -38,6 +38,7 @@ from polywigner.errors import (
     StoreError,
 )
 from polywigner.execution import MOST_THREADS
+from polywigner.execution.progress import progress_bar
 from polywigner.geometry.arguments import checked_count, checked_path
 from polywigner.interruption import cleaned_up_by
 from polywigner.propagation.stores_checks import (
@@ -59,7 +60,6 @@ from polywigner.propagation.stores_checks import (
     stored_array,
     with_digest,
 )
-from polywigner.radiometry.progress import progress_bar
 from polywigner.transforms.xarray_arguments import labelled_arrays
 
 if TYPE_CHECKING:

@@ -11,6 +11,7 @@ import hashlib
 import json
 import math
 import os
+import stat
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -26,10 +27,10 @@ from polywigner.errors import (
     StoreError,
     require,
 )
+from polywigner.execution.progress import progress_bar
 from polywigner.geometry.arguments import checked_path
 from polywigner.geometry.io.limits import bytes_of
 from polywigner.illumination.source_files import SOURCE_COORDINATE, json_of, table_of
-from polywigner.radiometry.progress import progress_bar
 from polywigner.transforms.xarray_arguments import labelled_array
 
 if TYPE_CHECKING:
@@ -182,8 +183,8 @@ def recorded(path: Path) -> dict[str, Any] | None:
     Raises StoreError for a store whose metadata are damaged.
     """
     try:
-        content = (path / METADATA).read_bytes()
-    except OSError:
+        content = bytes_of(path / METADATA, _LARGEST_METADATA)
+    except FileFormatError:
         return None
     try:
         table = json.loads(content)
@@ -194,7 +195,7 @@ def recorded(path: Path) -> dict[str, Any] | None:
         if not is_older and attrs.get(CHECKSUM) != checksum_of(table):
             raise ValueError("its checksum is that of other content")
         for name, copy in table["consolidated_metadata"]["metadata"].items():
-            if json.loads((path / name / METADATA).read_bytes()) != copy:
+            if json.loads(bytes_of(path / name / METADATA, _LARGEST_METADATA)) != copy:
                 raise ValueError(f"{name}/{METADATA} is not what it was")
         return with_digest(json.loads(attrs[SETTINGS]))  # older stores have the text there
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
@@ -208,6 +209,7 @@ def stored_array(path: Path, settings: dict[str, Any]) -> Any:
     """
     part = "metadata"
     try:
+        check_store(path)
         array = open_array(path, settings["variable"])
         for axis in array.metadata.dimension_names:
             part = f"coordinate {axis}"
@@ -241,6 +243,8 @@ _CODECS = {
     "vlen-bytes",
 }  # fmt: skip
 _MOST_CHUNKS, _LARGEST_METADATA = 10**8, 1 << 22
+# Of a chunk, which is in memory as a whole, and bytes of its file: four gigabytes.
+_MOST_SAMPLES, _LARGEST_CHUNK = 1 << 28, (1 << 32) + (1 << 20)
 
 
 def check_metadata(path: Path) -> None:
@@ -255,6 +259,8 @@ def check_metadata(path: Path) -> None:
             raise ValueError(f"codecs {', '.join(codecs)[:200]}")
         if not 0 <= count <= _MOST_CHUNKS:
             raise ValueError(f"{count} chunks")
+        if math.prod(chunks) > _MOST_SAMPLES:
+            raise ValueError(f"chunks of {math.prod(chunks):g} samples")
     except (FileFormatError, ValueError, KeyError, TypeError, ZeroDivisionError) as error:
         raise StoreError(
             f"expected an array of zarr, format 3, with its own codecs and at most "
@@ -269,7 +275,23 @@ def _inner(codec: Any) -> list[Any]:
 
 
 def check_store(path: Path) -> None:
-    """Check the metadata of all arrays in a folder before anything of it is decoded."""
+    """Check the files and metadata of all arrays in a folder before anything of it is decoded.
+
+    Raises StoreError for pipes, devices, links to folders and files of no sensible size too.
+    """
+    for folder, below, names in os.walk(path):
+        for name in below:
+            if os.path.islink(os.path.join(folder, name)):  # noqa: PTH114, PTH118 (ten times faster)
+                raise StoreError(f"expected a store in one place, got a link at {folder}/{name}")
+        for name in names:
+            try:
+                found = os.stat(os.path.join(folder, name))  # noqa: PTH116, PTH118
+            except FileNotFoundError:  # half a chunk of a run that goes on, renamed meanwhile
+                continue
+            if not stat.S_ISREG(found.st_mode) or found.st_size > _LARGEST_CHUNK:
+                raise StoreError(
+                    f"expected files of a store of up to 4 GiB, got another one at {folder}/{name}"
+                )
     for entry in sorted(path.iterdir()):
         if (entry / METADATA).is_file():
             check_metadata(entry)

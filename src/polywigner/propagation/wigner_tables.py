@@ -241,10 +241,11 @@ def _layout(
 
 
 def _chunks(axes: Mapping[str, xarray.Variable], wanted: Mapping[str, int] | None) -> Index:
-    asked = dict(wanted or {})
-    for name in asked:
-        if name not in axes:
-            raise ArgumentError(f"expected chunks along {', '.join(axes)}, got {name!r}")
+    asked = wanted if wanted is not None else {}
+    if not isinstance(asked, Mapping) or not asked.keys() <= axes.keys():
+        raise ArgumentError(
+            f"expected chunks as samples along some of {', '.join(axes)} by name, got {wanted!r}"
+        )
     lengths = {name: axis.shape[0] for name, axis in axes.items()}
     fixed = {name: checked_count(n, f"chunks along {name}", 1) for name, n in asked.items()}
     fixed = {name: min(n, lengths[name]) for name, n in fixed.items()}

@@ -8,7 +8,6 @@ module               what is in it
 ===================  ==========================================================================
 ``directions``       checked sources and directions; directions to spatial frequencies
 ``hemisphere``       a quadrature over all directions that is exact to rounding
-``progress``         a bar on a terminal for work that takes long
 ``flux``             radiance, radiant intensity, flux and power in SI units; the evanescent share
 ===================  ==========================================================================
 """

@@ -5,6 +5,8 @@ source's diameter D. As functions of direction they are sums of waves exp(i k rh
 cos(phi - phi0)) with rho <= D. Gauss-Legendre points in theta and equidistant ones in phi integrate
 these to rounding as soon as there are some more of them than such a wave has half periods, and
 nothing is gained by fewer: the error falls faster than any exponential.
+
+Of wide sources the power is an integral over the lags of some wavelengths, see (E5).
 """
 
 from __future__ import annotations
@@ -19,9 +21,11 @@ import shapely
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
+from polywigner.execution.progress import progress_bar
 from polywigner.geometry import Aperture, Wavefront
+from polywigner.illumination.obliquities import Forms, fields_of, weighted_sources
 from polywigner.radiometry.directions import PlaneSource
-from polywigner.radiometry.progress import progress_bar
+from polywigner.transforms import lag_marginal
 from polywigner.transforms.wavefronts import flat_of
 
 Array = NDArray[np.float64]
@@ -32,6 +36,14 @@ _MOST_WAVELENGTHS = 1e5
 _BLOCK = 1 << 17
 # Values of F or W, a few seconds' work, from which on a terminal shows how far it is.
 _LONG = 1 << 25
+# Width in wavelengths from which lags are taken: below, directions take seconds at most. Share of
+# the power by which two ends of the lags may differ, and of a grazing wave's frequency.
+_WIDE, _SAME, _STEEP = 600.0, 1e-6, 0.8
+# The end of the lags: its softness for waves along the normal, which leaves exp(-32) of the rim of
+# the hemisphere, and how many times that it is off, twice; beyond, 1e-14 is left.
+_SOFT, _ENDS, _BEYOND = 1.8, (4.5, 6.5), 5.5
+# Most directions of edges with panels of their own between them; nodes of panels and of a period.
+_MOST_KINKS, _ON_PANEL, _ON_PERIOD = 48, 8, 12
 # Largest phase of a wave on one panel of theta: points of long panels cost their cube to find.
 _PANEL = 400.0
 
@@ -126,3 +138,78 @@ def _polar(phase: float) -> tuple[Array, Array]:
     starts = width * np.arange(panels)
     theta = (starts[:, None] + width * (node + 1) / 2).ravel()
     return theta, np.tile(width * weight / 2, panels)
+
+
+def power_by_lags(
+    source: PlaneSource | Wavefront, wavelength: float, obliquity: str
+) -> float | None:
+    """Power that a wide source radiates, in W: (E5). None where directions are to be summed.
+
+    The factor of a direction is smooth but at the horizon. So lags beyond some wavelengths count by
+    the far sides that are parallel, as (wavelength/width)^(5/2) of the power, and to the power of
+    3/2 by obliquities that take slopes; a soft end leaves them out.
+    """
+    steepest = _steepest(source, wavelength)
+    soft = _SOFT / (1.0 - min(steepest, _STEEP))
+    reach = (_ENDS[-1] + _BEYOND) * soft
+    width = largest_lag(source) / wavelength
+    if width < _WIDE or steepest > _STEEP or 4.0 * reach > width:
+        return None
+    phi, around = _lag_angles(source, 2.0 * math.pi * steepest * reach)
+    node, weight = np.polynomial.legendre.leggauss(_ON_PERIOD)
+    count = math.ceil(reach)
+    rho = ((np.arange(count)[:, None] + (node + 1) / 2) * (reach / count)).ravel()
+    ring = np.tile(weight * (reach / count / 2), count) * rho
+    ends = [[0.5 * math.erfc((r - off * soft) / soft) for r in rho.tolist()] for off in _ENDS]
+    lags = wavelength * rho[:, None, None] * np.stack([np.cos(phi), np.sin(phi)], axis=-1)
+    found = np.zeros(len(_ENDS))
+    for one, forms in weighted_sources(flat_of(source), obliquity, wavelength):
+        whole = source.on(one) if isinstance(source, Wavefront) else one
+        mean = np.real(lag_marginal(whole, lags)) @ around
+        found += np.array(ends) @ (ring * mean * _factor_of_lags(forms, 2.0 * math.pi * rho))
+    return float(found[1]) if abs(found[1] - found[0]) <= _SAME * abs(found[1]) else None
+
+
+def _factor_of_lags(forms: Forms, q: Array) -> Array:
+    """The transform over the hemisphere's disc of h = g/cos, at lags of q/(2 pi) wavelengths."""
+    first, mixed, both, _ = forms
+    total = first * (np.sin(q) / q - np.cos(q)) / q**2 + both * np.sin(q) / q
+    if mixed:
+        # Bessel's integral: equidistant angles, more than q, are exact to rounding
+        angle = (np.arange(math.ceil(q.max()) + 40) + 0.5) * (math.pi / (math.ceil(q.max()) + 40))
+        total = total + mixed * np.cos(angle - q[:, None] * np.sin(angle)).mean(axis=1) / q
+    return np.asarray(2.0 * math.pi * total)
+
+
+def _steepest(source: PlaneSource | Wavefront, wavelength: float) -> float:
+    """Largest spatial frequency of the field of a source, times the wavelength."""
+    flat: Any = flat_of(source)
+    fields = [field.frequencies for field in fields_of(flat) if field is not None]
+    found = max((np.linalg.norm(waves, axis=1).max() for waves in fields), default=0.0)
+    if isinstance(source, Wavefront):
+        box = np.array(flat.bounds).reshape(2, 2)
+        corners = np.array([(x, y) for x in box[:, 0] for y in box[:, 1]]) - source.centre
+        found += float(np.linalg.norm(corners @ source.curvature, axis=1).max())
+    return float(wavelength * found)
+
+
+def _lag_angles(source: PlaneSource | Wavefront, turns: float) -> tuple[Array, Array]:
+    """Directions (n,) of lags over half a circle, and weights for all of it.
+
+    R_xi has kinks where lags are along edges. ``turns``: largest change of its phase, by angle.
+    """
+    flat: Any = flat_of(source)
+    rings = [ring for element in getattr(flat, "distinct", (flat,)) for ring in element.rings]
+    along = np.concatenate([np.roll(ring, -1, axis=0) - ring for ring in rings])
+    kinks = np.unique(np.round(np.arctan2(along[:, 1], along[:, 0]) % math.pi, 12) % math.pi)
+    if len(kinks) > _MOST_KINKS:
+        width = math.pi / math.ceil(128 + turns)
+        middles = np.arange(0.5 * width, math.pi, width)
+        return middles, np.full_like(middles, 2.0 * width)
+    widths = np.diff(kinks, append=kinks[0] + math.pi)
+    nodes, weights = [], []
+    for start, width in zip(kinks.tolist(), widths.tolist(), strict=True):
+        node, weight = np.polynomial.legendre.leggauss(_ON_PANEL + math.ceil(turns * width))
+        nodes.append(start + width * (node + 1) / 2)
+        weights.append(width * weight)
+    return np.concatenate(nodes), np.concatenate(weights)

@@ -155,7 +155,8 @@ def _values(name: str, values: Any, shape: tuple[int, ...]) -> Values:
     if found.shape != shape:
         raise ArgumentError(f"expected {name} of shape {shape}, got {shape_of(values)}")
     if name == "direction":
-        wrong = np.abs(np.linalg.norm(found, axis=1) - 1) > _UNIT  # false for lost rays
+        with np.errstate(over="ignore"):
+            wrong = np.abs(np.linalg.norm(found, axis=1) - 1) > _UNIT  # false for lost rays
         if wrong.any():
             raise ArgumentError(
                 f"expected direction as unit vectors, got {found[wrong][0].tolist()}; divide by "
@@ -288,7 +289,8 @@ def _pixels(
     index = np.zeros(len(position), np.intp)
     for k, axis in reversed([*enumerate(edges)]):  # rows of x
         n = len(axis) - 1
-        step = (place[:, k] - axis[0]) / (axis[-1] - axis[0]) * n
+        with np.errstate(invalid="ignore", over="ignore"):  # those beyond do not meet it
+            step = (place[:, k] - axis[0]) / (axis[-1] - axis[0]) * n
         meets &= (step >= 0) & (step < n)
         index = index * n + np.where(meets, step, 0).astype(np.intp)
     is_lost = ~(np.isfinite(position).all(axis=1) & np.isfinite(direction).all(axis=1))

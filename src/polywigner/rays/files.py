@@ -10,21 +10,23 @@ import tokenize
 import warnings
 import zipfile
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from polywigner.apart import ChildError, run_apart
 from polywigner.errors import ArgumentError, FileFormatError
 from polywigner.geometry.arguments import (
     checked_flag,
     checked_path,
     warn_caller,
 )
-from polywigner.geometry.io.limits import check_regular
+from polywigner.geometry.io.limits import LONGEST_LINE, check_regular
 from polywigner.interruption import atomic_path
 from polywigner.propagation.exports import write_netcdf
 from polywigner.propagation.stores_checks import required
@@ -118,7 +120,9 @@ def read_source_file(path: Path) -> tuple[Values, dict[str, Any]]:
         size = path.stat().st_size - _HEADER.itemsize
         if size != 4 * n * columns:
             raise _wrong(path, f"{size} bytes for {n} rays")
-        rays = np.fromfile(file, "<f4", n * columns).reshape(n, columns).astype(np.float64)
+        rays = np.fromfile(file, "<f4", n * columns).reshape(n, columns)
+        with np.errstate(invalid="ignore"):  # of a NaN that asks for it
+            rays = rays.astype(np.float64)
     wavelength = float(header["Wavelength"])
     if columns > 7:
         different = np.unique(rays[:, 7])
@@ -165,6 +169,10 @@ _HINT = "write it by rays.save"
 # Packed rays are hardly smaller than others: numbers that are drawn do not repeat.
 _LEAST_UNPACKED, _MOST_PACKED = 1 << 26, 20
 _MOST_COUNTED = 1 << 53
+# Of a table: attributes, and the names of columns.
+_LONGEST_HEAD = 1 << 22
+# Of a library's message, which may quote the file.
+_LONGEST = 200
 _DAMAGED = (
     OSError, ValueError, KeyError, TypeError, AttributeError, EOFError, MemoryError, OverflowError,
     RuntimeError, SyntaxError, zipfile.BadZipFile, zlib.error, lzma.LZMAError, tokenize.TokenError,
@@ -332,7 +340,7 @@ def load(path: str | os.PathLike[str]) -> xarray.Dataset:
     except FileFormatError:
         raise
     except _DAMAGED as error:
-        said = str(error).splitlines()[0] if str(error) else type(error).__name__
+        said = str(error).splitlines()[0][:_LONGEST] if str(error) else type(error).__name__
         raise FileFormatError(f"expected rays in {file.name}, got {said}; {_HINT}") from None
     return found
 
@@ -368,26 +376,52 @@ def _read_npz(file: Path) -> Any:
 
 def _read_csv(file: Path) -> Any:
     with file.open(encoding="utf-8") as lines:
-        first, second = lines.readline(), lines.readline().strip().split(",")
+        first, second = lines.readline(_LONGEST_HEAD), lines.readline(_LONGEST_HEAD)
+        names = second.strip().split(",")
         attrs = _attrs(first.removeprefix("#"))
-        if tuple(second[:7]) != _COLUMNS or second[7:] not in ([], ["batch"]):
-            raise ValueError(f"columns {second}")
+        if tuple(names[:7]) != _COLUMNS or names[7:] not in ([], ["batch"]):
+            raise ValueError(f"columns {second[:200].strip()!r}")
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of no rays at all
-            table = np.loadtxt(lines, delimiter=",", ndmin=2)
-        table = table if table.size else np.empty((0, len(second)))
-    if table.shape[1] != len(second):
+            table = np.loadtxt(_short_lines(lines), delimiter=",", ndmin=2)
+        table = table if table.size else np.empty((0, len(names)))
+    if table.shape[1] != len(names):
         raise ValueError(f"{table.shape[1]} columns")
-    batch = table[:, 7].astype(np.int32) if len(second) > 7 else None
+    batch = table[:, 7].astype(np.int32) if len(names) > 7 else None
     return bundle(table[:, :3], table[:, 3:6], table[:, 6], batch, attrs)
+
+
+def _short_lines(file: Any) -> Iterator[str]:
+    """The lines of a table; one that goes on and on would be in memory as its columns."""
+    while line := file.readline(LONGEST_LINE + 1):
+        if len(line) > LONGEST_LINE:
+            raise ValueError(f"a line of over {LONGEST_LINE} characters")
+        yield line
 
 
 def _read_netcdf(file: Path) -> Any:
     required("h5netcdf")
-    file.stat()
+    size = file.stat().st_size
+    try:
+        return run_apart(partial(_netcdf_of, file), 5.0 + size / 5e7, (2 << 30) + 8 * size)
+    except ChildError as error:  # HDF5 hangs, or ends its process, at some damaged files
+        raise ValueError(str(error).partition(", got ")[2]) from None
+
+
+def _netcdf_of(file: Path) -> Any:
     import xarray
 
-    with xarray.open_dataset(file, engine="h5netcdf") as stored:
+    h5py = required("h5py")
+    with h5py.File(file, "r") as content:
+        for name in content:
+            if not isinstance(content.get(name, getlink=True), h5py.HardLink):
+                raise FileFormatError(f"expected rays in {file.name}, got a link to another place")
+            found = content[name]
+            if isinstance(found, h5py.Dataset) and (found.is_virtual or found.external):
+                raise FileFormatError(f"expected rays in {file.name}, got values in other files")
+    with warnings.catch_warnings(), ExitStack() as stack:
+        warnings.simplefilter("ignore")  # of dimensions without names
+        stored = stack.enter_context(xarray.open_dataset(file, engine="h5netcdf"))
         _check_unpacked(file, stored.nbytes)
         return stored.load()
 

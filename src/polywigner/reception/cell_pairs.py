@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.illumination.obliquities import Obliquity
+from polywigner.illumination.polarisation import Currents
 from polywigner.reception.cells import Cells
 
 Floats = NDArray[np.float64]
@@ -71,6 +72,40 @@ def link_kernel(
     real *= cosine
     imag -= real
     return first, imag
+
+
+def polarised_kernel(
+    currents: Currents, sight: _Sight, normal: Floats, sent: Complex, taken: Complex
+) -> Complex:
+    """K (n, i, j) of currents along q (3,) and q' (n, 3), in the transmitter's axes: (RX9).
+
+    ``normal`` (n, 3): the receiver's.
+    """
+    m, e = currents
+    inverse = 1.0 / sight.distance
+    a = 0.5j / math.pi * inverse
+    r = sight.r
+
+    def along(v: Complex) -> Complex:
+        v = np.broadcast_to(v, taken.shape)
+        return np.asarray(sum(v[:, k, None, None] * r[k] for k in range(3)) * inverse)
+
+    def dyad(first: Complex, second: Complex) -> Complex:
+        both = np.broadcast_to(first * second, taken.shape).sum(axis=1)[:, None, None]
+        first_term = (1 + a * (1 + a)) * both
+        return np.asarray(first_term - (1 + 3 * a * (1 + a)) * along(first) * along(second))
+
+    turned, turned_there = np.cross([0.0, 0.0, 1.0], sent), np.cross(normal, taken)
+    total: Any = 0.0
+    if e:
+        total = e * e * dyad(sent, taken)
+    if m:
+        total = total - m * m * dyad(turned, turned_there)
+    if e and m:
+        mixed = np.cross(taken, turned) - np.cross(sent, turned_there)
+        total = total + e * m * (1 + a) * along(mixed)
+    wave = sight.wave[0] + 1j * sight.wave[1]
+    return np.asarray(total * wave * inverse / 1j)
 
 
 def link_slopes(
@@ -187,6 +222,12 @@ class Links:
     condition: Obliquity
     extra: float
     """Nodes along a side of a cell, added to the count that waves and polynomials need."""
+    currents: Currents | None = None
+    """Currents of polarised sources, in place of the condition; None: fields are scalar."""
+    sent: Complex | None = None
+    """Unit vector along the transmitter's field, in its axes."""
+    taken: Complex | None = None
+    """Unit vector along the receiver's field, in its axes."""
 
     def sizes(self, pairs: Pairs) -> tuple[Floats, Floats, Floats]:
         """Half the diagonals of both cells of pairs, and their distance, (n,) each."""
@@ -214,14 +255,23 @@ class Links:
         """
         found, size = np.zeros(len(pairs), np.complex128), np.zeros(len(pairs))
         for mine, here, there, sight in self._blocks(pairs, order):
-            real, imag = link_kernel(
-                self.condition, *sight.wave, sight.distance, sight.rise, sight.away, sight.lean
-            )
+            real, imag = self._kernel(sight, pairs.pose[mine])
             found[mine] += _contracted(here, real, imag, there)
             some = np.s_[:, :: order + 1, :: order + 1]
             largest = np.hypot(real[some], imag[some]).max(axis=(1, 2))
             size[mine] += largest * np.abs(here).sum(axis=1) * np.abs(there).sum(axis=1)
         return found, size
+
+    def _kernel(self, sight: _Sight, pose: Indices) -> tuple[Floats, Floats]:
+        if self.currents is None or self.sent is None or self.taken is None:
+            return link_kernel(
+                self.condition, *sight.wave, sight.distance, sight.rise, sight.away, sight.lean
+            )
+        rotation = self.rotation[pose]
+        found = polarised_kernel(
+            self.currents, sight, rotation[:, :, 2], self.sent, rotation @ self.taken
+        )
+        return found.real, found.imag
 
     def slopes(self, pairs: Pairs, order: int) -> Complex:
         """Derivatives of :meth:`sums` in the first three rows of ``to_transmitter``, (n, 3, 4).

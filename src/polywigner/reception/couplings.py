@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
+from itertools import product
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -12,9 +14,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner import execution
 from polywigner.errors import ArgumentError
+from polywigner.execution.progress import told
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.geometry.arguments import (
     DrJitArray,
+    checked_flag,
     checked_number,
     checked_wavelength,
     takes_frequency,
@@ -22,6 +26,7 @@ from polywigner.geometry.arguments import (
 )
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import CONDITIONS, DEFAULT, BoundaryCondition, fields_of
+from polywigner.illumination.polarisation import MODELS, CurrentModel, checked_pair
 from polywigner.illumination.support import moved_source
 from polywigner.kernels.boundary.integrals import distance_of, point_in_wavelengths
 from polywigner.numerics.phases import reduced
@@ -33,11 +38,17 @@ from polywigner.propagation.arrangement import (
 )
 from polywigner.propagation.far_fields import far_field
 from polywigner.propagation.places import checked_method, warn_of_missed
+from polywigner.propagation.vector_fields import parts_of
 from polywigner.radiometry.directions import checked_radiator
 from polywigner.reception.cell_pairs import Links
 from polywigner.reception.cells import Cells, cells_of
 from polywigner.reception.link_sums import link_slopes_of, link_sums
-from polywigner.reception.norms import checked_normalise, root_of_norm, slopes_of_fields
+from polywigner.reception.norms import (
+    checked_normalise,
+    root_of_norm,
+    root_of_vector_norm,
+    slopes_of_fields,
+)
 from polywigner.reception.poses import check_facing, checked_poses
 from polywigner.transforms import Differentiable, wigner
 from polywigner.transforms.phase_space import energy_of
@@ -145,7 +156,7 @@ def _summed(
     return total
 
 
-LinkMethod = Literal[BoundaryCondition, "fraunhofer", "wigner"]
+LinkMethod = Literal[BoundaryCondition, "fraunhofer", "wigner", CurrentModel]
 
 Complex = NDArray[np.complex128]
 
@@ -169,9 +180,10 @@ def coupling(
     receiver: Aperture | Array | Wavefront | Differentiable,
     to_transmitter: ArrayLike | DrJitArray,
     wavelength: float,
-    method: LinkMethod = DEFAULT,
+    method: LinkMethod | None = None,
     tolerance: float = 1e-6,
     *,
+    polarisation: str | Sequence[str | ArrayLike] | None = None,
     return_error: bool = False,
     normalise: Literal["radiated", "aperture"] = "radiated",
 ) -> Any:
@@ -198,13 +210,18 @@ def coupling(
         transmitter's; or a Dr.Jit tensor of them, for a tensor with derivatives in the pose
         (closed forms; of rigid motions: a pose is taken as the nearest rigid one).
     wavelength : in m; or ``frequency=`` in Hz.
-    method : "rayleigh-sommerfeld-1", "rayleigh-sommerfeld-2", "kirchhoff"; or "fraunhofer", Friis'
-        formula with the phase, of the Rayleigh-Sommerfeld I patterns; or "wigner", the overlap of
-        both Wigner functions along rays, which is |b|^2 of Fresnel's approximation: for parallel
-        planes alone, and not for large tables, since each pair of places counts.
+    method : "rayleigh-sommerfeld-1" (None), "rayleigh-sommerfeld-2", "kirchhoff"; or "fraunhofer",
+        Friis' formula with the phase, of the Rayleigh-Sommerfeld I patterns; or "wigner", the
+        overlap of both Wigner functions along rays, which is |b|^2 of Fresnel's approximation: for
+        parallel planes alone, and not for large tables, since each pair of places counts.
+        Of polarised sources "huygens" (None), "magnetic" or "electric", as of
+        :func:`polywigner.field`, with the kernel (RX9).
     tolerance : error allowed, from 1e-12 to 0.1, relative to |b| ("wigner": to |b|^2) or, where b
         is less, to a thousandth of the largest that sources of these areas can have at that
         distance, min(1, sqrt(A_t A_r)/(wavelength R)). Not for "fraunhofer".
+    polarisation : a pair, the transmitter's and the receiver's, each as of
+        :func:`polywigner.field` along the axes of its own frame, and as if it transmitted; or one
+        for both; None: fields are scalar.
     return_error : also return the estimated error of each value, |.|; "fraunhofer": rounding only.
     normalise : "radiated": N as above, of the boundary condition ("fraunhofer" and "wigner": of
         Rayleigh-Sommerfeld I); "aperture": N = int |u|^2, of which small sources radiate little.
@@ -241,11 +258,14 @@ def coupling(
     >>> round(20 * np.log10(abs(b)), 6)
     np.float64(-29.16531)
     """
-    name = checked_method(method, get_args(LinkMethod))
+    name = _checked_method(method, polarisation is not None)
     traced = tuple(_checked_source(source) for source in (transmitter, receiver))
     length, allowed = checked_wavelength(wavelength), checked_tolerance(tolerance)
     counted = checked_normalise(normalise)
+    checked_flag(return_error, "return_error")
     find = partial(_found, traced, length, name, allowed, counted)
+    if polarisation is not None:
+        find = partial(_polarised, traced, polarisation, length, name, allowed, counted)
     fields = [source.weights or source.amplitudes for source in traced]
     if execution.is_drjit(to_transmitter) or any(fields):
         if return_error:
@@ -298,16 +318,17 @@ def _found(
         values, errors = np.zeros(len(flat), np.complex128), np.zeros(len(flat))
         limits = np.full(len(flat), np.inf)
     slopes = np.zeros((len(flat), 12), np.complex128) if wanted[0] else None
-    for start in range(0, 0 if method == "wigner" else len(flat), _BLOCK):
-        some = slice(start, start + _BLOCK)
-        if method == "fraunhofer":
-            values[some] = _far(sources, cells, flat[some], wavelength)
-            errors[some] = _ROUNDING * np.abs(values[some])
-            continue
-        found = _near(sources, cells, flat[some], wavelength, method, tolerance, wanted[0])
-        values[some], errors[some], limits[some] = found[:3]
-        if slopes is not None:
-            slopes[some] = found[3].reshape(-1, 12)
+    with told("links", range(0, 0 if method == "wigner" else len(flat), _BLOCK)) as starts:
+        for start in starts:
+            some = slice(start, start + _BLOCK)
+            if method == "fraunhofer":
+                values[some] = _far(sources, cells, flat[some], wavelength)
+                errors[some] = _ROUNDING * np.abs(values[some])
+                continue
+            found = _near(sources, cells, flat[some], wavelength, method, tolerance, wanted[0])
+            values[some], errors[some], limits[some] = found[:3]
+            if slopes is not None:
+                slopes[some] = found[3].reshape(-1, 12)
     # after the sums, which are refused where they would take too long
     scale = math.prod(
         root_of_norm(source, wavelength, method, "aperture")
@@ -318,7 +339,7 @@ def _found(
     values, errors, limits = values * counts, errors * counts, limits * counts
     if slopes is not None:
         slopes *= scale
-    warn_of_missed(errors, limits, "couplings", stacklevel=5)
+    warn_of_missed(errors, limits, "couplings")
     found_slopes = [slopes, None, None]
     for own in (0, 1):
         if wanted[1 + own]:
@@ -336,6 +357,71 @@ def _found(
     return values.reshape(shape), errors.reshape(shape), found_slopes
 
 
+def _polarised(
+    traced: tuple[Differentiable, ...],
+    polarisation: Any,
+    wavelength: float,
+    method: str,
+    tolerance: float,
+    normalise: str,
+    to_transmitter: Any,
+    wanted: Sequence[bool],
+) -> tuple[NDArray[Any], Floats, list[Complex | None]]:
+    """Couplings (...) of polarised sources, and their errors; there are no derivatives."""
+    sources = tuple(source.source for source in traced)
+    both = checked_pair(polarisation, *sources)
+    if any(wanted):
+        raise ArgumentError(
+            "expected no polarisation with derivatives; pass drjit.detach(...) of what needs none"
+        )
+    poses = checked_poses(to_transmitter)
+    flat = poses.reshape(-1, 4, 4)
+    corners = [cells_of(source, wavelength).corners for source in sources]
+    check_facing(flat, *corners)
+    warn_of_distance(sources, flat[:, :3, 3], wavelength)
+    scale = math.prod(
+        root_of_vector_norm(source, (jones.tobytes(), jones.shape), wavelength, method, normalise)
+        / wavelength
+        for source, jones in zip(sources, both, strict=True)
+    )
+    values, errors, limits = np.zeros(len(flat), np.complex128), *np.zeros((2, len(flat)))
+    parts = [parts_of(source, jones) for source, jones in zip(sources, both, strict=True)]
+    for (sender, sent), (taker, taken) in product(*parts):
+        cells = [cells_of(sender, wavelength), cells_of(taker, wavelength)]
+        offset = _offset(cells, flat)
+        links = Links(
+            cells[0], cells[1], flat[:, :3, :3], offset / wavelength, CONDITIONS[DEFAULT],
+            _extra(tolerance), MODELS[method], sent, taken,
+        )  # fmt: skip
+        floor = scale * _FLOOR * _largest((sender, taker), wavelength, offset)
+        with told("links", range(0, len(flat), _BLOCK)) as starts:
+            for start in starts:
+                some = slice(start, start + _BLOCK)
+                mine = replace(links, rotation=links.rotation[some], offset=links.offset[some])
+                sums = link_sums(mine, tolerance, floor[some])
+                turn = np.exp(2j * np.pi * _turns(offset[some], wavelength))
+                values[some] += sums.values * turn / scale
+                errors[some] += sums.errors / scale
+                limits[some] += sums.allowed / scale
+    warn_of_missed(errors, limits, "couplings")
+    shape = poses.shape[:-2]
+    return values.reshape(shape), errors.reshape(shape), [None] * 3
+
+
+def _checked_method(method: Any, is_polarised: bool) -> str:
+    allowed = [name for name in get_args(LinkMethod) if (name in MODELS) == is_polarised]
+    if method is None:
+        return "huygens" if is_polarised else DEFAULT
+    if not is_polarised and isinstance(method, str) and method in MODELS:
+        raise ArgumentError(f"expected a polarisation with method={method!r}, got none; give one")
+    return checked_method(method, allowed)
+
+
+def _extra(tolerance: float) -> float:
+    """Nodes along a side of a cell, added to the count that waves and polynomials need."""
+    return _NODES + _NODES_PER_DIGIT * max(0.0, -math.log10(tolerance) - 6)
+
+
 def _near(
     sources: tuple[Any, ...],
     cells: list[Cells],
@@ -347,9 +433,8 @@ def _near(
 ) -> tuple[Any, ...]:
     """Couplings (n,), their errors, allowed errors, and derivatives (n, 3, 4) or None."""
     offset = _offset(cells, poses)
-    extra = _NODES + _NODES_PER_DIGIT * max(0.0, -math.log10(tolerance) - 6)
     rotation, condition = poses[:, :3, :3], CONDITIONS[method]
-    links = Links(cells[0], cells[1], rotation, offset / wavelength, condition, extra)
+    links = Links(cells[0], cells[1], rotation, offset / wavelength, condition, _extra(tolerance))
     norm = math.prod(
         root_of_norm(source, wavelength, method, "aperture") / wavelength for source in sources
     )

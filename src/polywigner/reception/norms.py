@@ -18,6 +18,8 @@ from polywigner.illumination.obliquities import CONDITIONS, DEFAULT, Obliquity
 from polywigner.illumination.obliquities import fields_of as fields_on
 from polywigner.propagation.far_fields import powers_of
 from polywigner.propagation.field_slopes import parts_of
+from polywigner.propagation.vector_fields import parts_of as parts_of_polarised
+from polywigner.propagation.vector_fields import vector_powers
 from polywigner.radiometry.hemisphere import directions_and_weights, largest_lag
 from polywigner.transforms import Differentiable, fourier
 from polywigner.transforms.phase_space import energy_of
@@ -61,6 +63,18 @@ def root_of_norm(source: Any, wavelength: float, method: str, normalise: str) ->
         return math.sqrt(powers_of(source, wavelength, condition.name)[0])
     alone = radiated_overlaps([source], np.ones(1, np.complex128), source, wavelength, condition)
     return math.sqrt(alone[0].real)
+
+
+@lru_cache(maxsize=64)
+def root_of_vector_norm(
+    source: Any, jones: tuple[bytes, tuple[int, ...]], wavelength: float, model: str, normalise: str
+) -> float:
+    """:func:`root_of_norm` of a polarised source; ``jones``: bytes and shape of its vectors."""
+    vectors = np.frombuffer(jones[0], np.complex128).reshape(jones[1])
+    parts = parts_of_polarised(source, vectors)
+    if normalise == "aperture":
+        return math.sqrt(sum(energy_of(part) for part, _ in parts))
+    return math.sqrt(vector_powers(parts, wavelength, model)[0])
 
 
 def _check_field(source: Any) -> None:

@@ -14,10 +14,11 @@ from polywigner.errors import ArgumentError, GeometryError
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import real_numbers, shape_of
 from polywigner.illumination import Array
-from polywigner.propagation import amplitude
+from polywigner.illumination.obliquities import DEFAULT, BoundaryCondition
+from polywigner.propagation import amplitude, field
 from polywigner.propagation.field_slopes import FieldSlopes
 from polywigner.propagation.panels import radiator_of
-from polywigner.reception.norms import root_of_norm
+from polywigner.reception.norms import root_of_norm, root_of_vector_norm
 from polywigner.reception.poses import checked_poses
 from polywigner.scattering.facets import Facets
 
@@ -25,7 +26,7 @@ Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 Channel = Literal["vv", "hh", "vh", "hv"]
-Polarisation = Channel | Sequence[ArrayLike]
+Polarisation = Channel | str | Sequence[Any]
 
 _EXPECTED = "expected polarisation as None, or one of 'vv', 'hh', 'vh', 'hv' (receiver first)"
 
@@ -142,8 +143,8 @@ def _across(name: str, vectors: Complex, towards: Floats) -> Complex:
 
 Source = Aperture | Array
 
-# Boundary condition of the fields of antennas.
-_CONDITION = "rayleigh-sommerfeld-1"
+# Currents of those of polarised antennas.
+_MODEL = "huygens"
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,6 +159,10 @@ class Antenna:
     """Power by which fields are divided: "radiated", or "aperture"."""
     tolerance: float
     """Error of fields, relative to a field whose parts all arrive in phase."""
+    jones: Complex | None = None
+    """Jones vector (2,) in the source's axes, or (k, 2) of its elements; None: scalar fields."""
+    condition: BoundaryCondition = DEFAULT
+    """Boundary condition of scalar fields."""
 
     @cached_property
     def extent(self) -> float:
@@ -179,7 +184,10 @@ class Antenna:
     @cached_property
     def root_of_power(self) -> float:
         """Root of the power in W for |u|^2 in W/m^2."""
-        return root_of_norm(self.source, self.wavelength, _CONDITION, self.normalise)
+        if self.jones is not None:
+            key = self.jones.tobytes(), self.jones.shape
+            return root_of_vector_norm(self.source, key, self.wavelength, _MODEL, self.normalise)
+        return root_of_norm(self.source, self.wavelength, self.condition, self.normalise)
 
     def inside(self, places: Floats) -> Floats:
         """Places (n, 3) of the body's frame in the source's frame."""
@@ -187,23 +195,39 @@ class Antenna:
 
     def field(self, places: Floats) -> Complex:
         """The field per square root of watts, (n,)."""
-        found = amplitude(
-            self.source, self.inside(places), self.wavelength, tolerance=self.tolerance
-        )
+        found = amplitude(self.source, self.inside(places), self.wavelength, **self._how)
         return np.asarray(found / self.root_of_power)
+
+    @property
+    def _how(self) -> dict[str, Any]:
+        return {"method": self.condition, "tolerance": self.tolerance}
+
+    def vectors(self, places: Floats) -> tuple[Complex, Complex]:
+        """E, and H times the impedance of free space, (n, 3) per root of watts, at (n, 3)."""
+        assert self.jones is not None
+        # H of currents is E of the dual ones, and Huygens' are their own
+        turned = np.stack([-self.jones[..., 1], self.jones[..., 0]], axis=-1)
+        electric, magnetic = (
+            field(self.source, self.inside(places), self.wavelength, p, tolerance=self.tolerance)
+            for p in (self.jones, turned)
+        )
+        scale = self.frame / self.root_of_power
+        return electric @ scale, magnetic @ scale
 
     def power_at_middle(self) -> float:
         """|U|^2 at the body's middle over watts; 0 in a null, where no more than its error is."""
+        if self.jones is not None:
+            return float(np.square(np.abs(self.vectors(np.zeros(3))[0])).sum())
         place = self.inside(np.zeros(3))
         found, error = amplitude(
-            self.source, place, self.wavelength, tolerance=self.tolerance, return_error=True
+            self.source, place, self.wavelength, **self._how, return_error=True
         )
         return float(abs(found) / self.root_of_power) ** 2 if abs(found) > error else 0.0
 
     def gradient(self, places: Floats) -> Complex:
         """Gradient of the field over ik, (n, 3) in the body's frame: of a wave, it times k."""
         slopes = FieldSlopes(
-            self.source, self.wavelength, _CONDITION, self.tolerance, by_waves=False
+            self.source, self.wavelength, self.condition, self.tolerance, by_waves=False
         )
         found = slopes.of_points(self.inside(places)) @ self.pose[:3, :3].astype(np.complex128)
         return found * (self.wavelength / (2j * np.pi * self.root_of_power))

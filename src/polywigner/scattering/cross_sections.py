@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -12,7 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner import execution
 from polywigner.errors import ArgumentError
+from polywigner.execution.progress import progress_bar
 from polywigner.geometry.arguments import (
+    checked_count,
     checked_flag,
     checked_wavelength,
     takes_frequency,
@@ -20,7 +22,6 @@ from polywigner.geometry.arguments import (
 )
 from polywigner.propagation.places import checked_angles
 from polywigner.quantities import SPEED_OF_LIGHT
-from polywigner.radiometry.progress import progress_bar
 from polywigner.scattering.antennas import (
     Channel,
     Polarisation,
@@ -29,12 +30,11 @@ from polywigner.scattering.antennas import (
     checked_polarisations,
     checked_unit_vectors,
     checked_wavelengths,
-    spherical_axes,
 )
+from polywigner.scattering.beams import sums_of_beams
 from polywigner.scattering.facets import Body, Facets, facets_of, warn_of_corners
 from polywigner.scattering.near_fields import near_sections
-from polywigner.scattering.surface_sums import Pieces, surface_slopes, surface_sums
-from polywigner.scattering.visibility import facing, less_hidden, lit_pieces, seen_along
+from polywigner.scattering.slopes import section_slopes
 from polywigner.transforms.xarray_arguments import labelled_array, labelled_arrays
 
 if TYPE_CHECKING:
@@ -44,158 +44,11 @@ Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 
-def lit_sums(
-    facets: Facets,
-    k: Floats,
-    s: Floats,
-    nu: Floats,
-    monostatic: bool,
-    total: Callable[..., Complex] = surface_sums,
-) -> Complex:
-    """N(nu) (m, 3) of surfaces lit along k and seen from s, (m, 3) each.
-
-    ``total``: with `surface_slopes`, dN_i/dnu_a (m, 3, 3) of the lit surfaces, which stay.
-    """
-    whole = Pieces(facets.corner, facets.first, facets.second, facets.vector)
-    if not facets.casts_shadows:
-        return total(whole, nu, lambda some, part: facing(facets, k[some], part))
-    result = total(whole.taken(slice(0)), nu)
-    for rows, pieces in _lit(facets, k, s, monostatic):
-        result[rows] = total(pieces, nu[rows])
-    return result
-
-
-def _lit(
-    facets: Facets, k: Floats, s: Floats, monostatic: bool
-) -> Iterator[tuple[NDArray[np.intp], Pieces]]:
-    """Lit surfaces of each pair of directions, and the numbers of its samples."""
-    ways, owner = np.unique(np.concatenate([k, s], axis=1), axis=0, return_inverse=True)
-    order = np.argsort(owner.ravel(), kind="stable")
-    ends = np.searchsorted(owner.ravel()[order], np.arange(1, len(ways)))
-    last, lit = None, None
-    groups = np.split(order, ends) if len(ways) else []
-    for way, rows in zip(ways, groups, strict=True):
-        if lit is None or (way[:3] != last).any():  # ways of one transmitter follow each other
-            last, lit = way[:3], seen_along(facets, way[:3])
-        seen = lit
-        if not monostatic:
-            seen = less_hidden(lit, seen_along(facets, -way[3:]), facing(facets, -way[3:]))
-        yield rows, lit_pieces(facets, seen)
-
-
-# In rad: parts of faces in shadows are good to 1e-12 of their amplitude, and the square is left of
-# the edges' motion in turns of phase.
-_STEP = 1e-5
-
-
-def section_slopes(
-    facets: Facets,
-    s: Floats,
-    t: Floats,
-    lengths: Floats,
-    polarisations: list[Complex],
-    channel: str | None,
-    monostatic: bool,
-) -> tuple[Floats, ...]:
-    """Derivatives (n, 3) in s, towards the receiver, and in t, towards the transmitter (n, 3).
-
-    Across these, which stay of length 1; of ``monostatic`` in both, which are one.
-    ``polarisations``: of both (n, 3), or none; ``channel``: the name of those that turn with the
-    directions.
-    """
-    k = -t
-    nu = (s + t) / lengths[:, None]
-    n = lit_sums(facets, k, s, nu, monostatic)
-    by_nu = lit_sums(facets, k, s, nu, monostatic, surface_slopes) / lengths[:, None, None]
-    if not polarisations:
-        of_n, of_s, of_k = _total(n, s, k)
-    else:
-        q, p = polarisations
-        of_n, of_s, of_k = _polarised(n, s, k, q, p, channel)
-
-    def whole(explicit: Floats, moved: Complex | float, direction: Floats) -> Floats:
-        slopes = explicit + np.einsum("ni,nia->na", of_n, by_nu + moved).real
-        along = (slopes * direction).sum(axis=1, keepdims=True)
-        return np.asarray(4 * np.pi / lengths[:, None] ** 2 * (slopes - along * direction))
-
-    def moved(of_s: bool, of_t: bool) -> Complex | float:
-        return _moved(facets, s, t, nu, of_s, of_t, monostatic) if facets.casts_shadows else 0.0
-
-    if monostatic:
-        return (whole(of_s, moved(True, True), s) + whole(-of_k, 0.0, t),)
-    return whole(of_s, moved(True, False), s), whole(-of_k, moved(False, True), t)
-
-
-def _moved(
-    facets: Facets,
-    s: Floats,
-    t: Floats,
-    nu: Floats,
-    of_s: bool,
-    of_t: bool,
-    monostatic: bool,
-) -> Complex:
-    """dN_i/ds_a or dt_a (n, 3, 3) by edges of shadows that move, at the same nu.
-
-    By differences of the lit polygons, which are exact: where edges move over faces in lines.
-    """
-    turned = s if of_s else t
-    least = np.eye(3)[np.abs(turned).argmin(axis=1)]
-    one = np.cross(turned, least)
-    one /= np.linalg.norm(one, axis=1, keepdims=True)
-    result = np.zeros((len(nu), 3, 3), np.complex128)
-    for axis in (one, np.cross(turned, one)):
-        ends = []
-        for step in (_STEP, -_STEP):
-            there = turned * math.cos(step) + axis * math.sin(step)
-            own, other = there if of_s else s, there if of_t else t
-            ends.append(lit_sums(facets, -other, own, nu, monostatic))
-        result += ((ends[0] - ends[1]) / (2 * _STEP))[:, :, None] * axis[:, None, :]
-    return result
-
-
-def _total(n: Complex, s: Floats, k: Floats) -> tuple[Complex, Floats, Floats]:
-    """Slopes of (|k.N|^2 + |s.N|^2 + |N.(k x s)|^2)/2 in N (n, 3), in s and in k."""
-    normal = np.cross(k, s)
-    along_k, along_s, through = (_dot(n, v).conj() for v in (k, s, normal))
-    of_n = along_k * k + along_s * s + through * normal
-    of_s = along_s * n + through * np.cross(n, k)
-    of_k = along_k * n + through * np.cross(s, n)
-    return of_n, of_s.real, of_k.real
-
-
-def _polarised(
-    n: Complex, s: Floats, k: Floats, q: Complex, p: Complex, channel: str | None
-) -> tuple[Complex, Floats, Floats]:
-    """Slopes of |q.(N x (k x p))|^2 in N, s and k."""
-    h = np.cross(k, p)
-    twice = 2 * _dot(q, np.cross(n, h)).conj()
-    w = np.cross(q, n)
-    of_n, of_k = twice * np.cross(h, q), twice * np.cross(p, w)
-    of_s = np.zeros_like(of_k)
-    if channel is not None:
-        of_s = np.einsum("ni,nia->na", twice * np.cross(n, h), _turning(s)[channel[0]])
-        of_k = of_k - np.einsum("ni,nia->na", twice * np.cross(w, k), _turning(-k)[channel[1]])
-    return of_n, of_s.real, of_k.real
-
-
-def _turning(towards: Floats) -> dict[str, Floats]:
-    """Derivatives (n, 3, 3) of v and h in their direction; NaN along z."""
-    axes = spherical_axes(towards)
-    v, h = axes["v"], axes["h"]
-    across = np.hypot(towards[:, 0], towards[:, 1])[:, None]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        rate = h / np.where(across > 0, across, np.nan)  # of the azimuth
-    outwards = np.cross(h, (0.0, 0.0, 1.0))
-    return {
-        "v": towards[:, 2, None, None] * h[:, :, None] * rate[:, None]
-        - towards[:, :, None] * v[:, None],
-        "h": -outwards[:, :, None] * rate[:, None],
-    }
-
-
-def _dot(a: Complex, b: Complex | Floats) -> Complex:
-    return np.asarray((a * b).sum(axis=1, keepdims=True))
+# Three mirrors at right angles send a wave back; each reflection more multiplies the beams.
+_REFLECTIONS = {1: "one reflection", 2: "two reflections", 3: "three reflections"}
+MOST_BOUNCES = max(_REFLECTIONS)
+# Directions of a pattern in one call.
+_TOGETHER = 200
 
 
 @takes_frequency
@@ -211,6 +64,7 @@ def rcs(
     tolerance: float = 1e-3,
     return_power: bool = False,
     normalise: Literal["radiated", "aperture"] = "radiated",
+    bounces: int = 1,
 ) -> Any:
     """Radar cross section of a perfect conductor, by physical optics (docs/rcs.md, (SC1)).
 
@@ -218,7 +72,7 @@ def rcs(
     is its Fourier transform in closed form. Faces are lit where nothing stands before them: the
     visible parts are found as exact polygons, for the transmitter and for the receiver. Valid for
     faces of some wavelengths or more, or fine meshes of smooth bodies, near specular directions;
-    one reflection, no waves of edges: a corner reflector is out of reach (docs/rcs.md).
+    no waves of edges. One reflection, unless ``bounces`` says more, as corner reflectors need.
 
     Parameters
     ----------
@@ -235,6 +89,9 @@ def rcs(
         frame, h along the azimuth, at each one's own direction (along z at azimuth 0).
         Or a pair of unit vectors (..., 3), receiver first, across each one's direction; complex
         ones for circular polarisations, which the receiver's antenna would radiate.
+        With ``source`` also the antennas' own: "x", "45 deg", "right" or a Jones vector, as of
+        :func:`polywigner.field` along the axes of the source, for both, or a pair of these,
+        receiver first. Then their vector fields count, of Huygens' currents.
     source : the radar's antenna, an Aperture or Array in the plane z = 0 of its own frame, for a
         body near it: its exact field (:func:`amplitude`) lights the body, and its field receives,
         as in :func:`coupling` (docs/rcs.md, (SC3)). ``to_radar`` and ``to_transmitter`` then say
@@ -247,6 +104,10 @@ def rcs(
         fronts, relative to the amplitude of all lit parts in phase, from 1e-6 to 0.1.
     return_power : with ``source``: also return the received over the transmitted power.
     normalise : how these powers count, as in :func:`coupling`: "radiated", or "aperture".
+    bounces : reflections that count, 1, 2 or 3. A plane wave stays one at each flat face, so the
+        lit polygon goes on as a beam, whose polygons on the faces beyond are exact (docs/rcs.md,
+        (SC6)). Later ones count where the receiver sees them. Not with ``source``, nor for Dr.Jit
+        arrays.
 
     All broadcast against each other.
 
@@ -260,19 +121,20 @@ def rcs(
     counts as dark.
 
     Time is linear in the triangles that faces are split into, times directions and wavelengths.
-    Bodies that are not convex cost set operations besides, once a direction (docs/rcs.md).
+    Bodies that are not convex cost set operations besides, once a direction; each further
+    reflection of 500 triangles takes some 0.1 s a direction (docs/rcs.md).
 
     Warns
     -----
     PolywignerWarning, once for a line of your code, where a face is smaller than a square
     wavelength, of which physical optics says little. Facets that join smoothly are one face. And
-    once where faces light each other across a concave edge, as in corner reflectors: what comes
-    back by two or three reflections is left out.
+    once with ``bounces=1`` where faces light each other across a concave edge, as in corner
+    reflectors: what comes back by two or three reflections is left out.
 
     Raises
     ------
     ArgumentError for anything but bodies and uniform plates, unit vectors, wavelengths and
-    polarisations across the directions.
+    polarisations across the directions; and for more beams than minutes can follow.
     GeometryError for poses that are not rigid, and bodies behind the plane of an antenna.
 
     Source: E. F. Knott, "Radar cross section", ch. 14 of M. I. Skolnik (ed.), "Radar Handbook", 3rd
@@ -284,13 +146,30 @@ def rcs(
     >>> sigma = pw.rcs(pw.shapes.square(5.0), (0.0, 0.0, 1.0), frequency=1e9)
     >>> round(10 * np.log10(sigma), 3)  # 4 pi A^2 / wavelength^2
     np.float64(49.414)
+
+    Two plates of 1 m at right angles, a dihedral: 8 pi a^4 / wavelength^2 by two reflections.
+
+    >>> upright = np.array([[0, 0, 1, 0], [1, 0, 0, 0], [0, 1, 0, 0.5], [0, 0, 0, 1.0]])
+    >>> floor = pw.shapes.square(1.0).placed(
+    ...     [[1, 0, 0, 0.5], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+    ... )
+    >>> pair = [floor, pw.shapes.square(1.0).placed(upright)]
+    >>> sigma = pw.rcs(pair, np.array([1, 0, 1]) / np.sqrt(2), 0.03, bounces=2)
+    >>> round(float(sigma * 0.03**2 / (8 * np.pi)), 2)
+    1.0
     """
     facets = facets_of(body)
     lengths = checked_wavelengths(wavelength)
     if lengths.size:
         _warn_of_small(facets, float(lengths.min()))
     checked_flag(return_power, "return_power")
+    reflections = checked_count(bounces, "bounces", 1, MOST_BOUNCES)
     if source is not None:
+        if reflections > 1:
+            raise ArgumentError(
+                "expected bounces=1 with a source, whose waves are not plane, got "
+                f"{reflections}; leave the source out for antennas far away"
+            )
         found = near_sections(
             facets,
             source,
@@ -305,8 +184,13 @@ def rcs(
         return (found[0][()], found[1][()]) if return_power else found[0][()]
     if receiver is not None or return_power:
         raise ArgumentError("expected a source with receiver and return_power, got none; give it")
-    find = partial(_sections, facets, lengths, polarisation)
+    find = partial(_sections, facets, lengths, polarisation, reflections)
     if execution.is_drjit(to_radar) or execution.is_drjit(to_transmitter):
+        if reflections > 1:
+            raise ArgumentError(
+                "expected bounces=1 with Dr.Jit arrays, since beams have no derivatives, got "
+                f"{reflections}; pass NumPy's"
+            )
         points = [("to_radar", to_radar), ("to_transmitter", to_transmitter)]
         if to_transmitter is None:
             points.pop()
@@ -318,6 +202,7 @@ def _sections(
     facets: Facets,
     lengths: Floats,
     polarisation: Polarisation | None,
+    bounces: int,
     directions: Sequence[Any],
     wanted: Sequence[bool] = (False, False),
 ) -> tuple[Floats, list[Floats | None]]:
@@ -335,10 +220,11 @@ def _sections(
         np.broadcast_to(vectors, (*shape, 3)).reshape(-1, 3)
         for vectors in (receiver, transmitter, *polarisations)
     )
-    warn_of_corners(facets, -t)
+    if bounces == 1:
+        warn_of_corners(facets, -t)
     flat = np.broadcast_to(lengths, shape).ravel()
-    sums = lit_sums(facets, -t, s, (s + t) / flat[:, None], to_transmitter is None)
-    areas = 4 * np.pi / flat**2 * _power(sums, -t, s, both)
+    sums, later = sums_of_beams(facets, -t, s, flat, to_transmitter is None, bounces)
+    areas = 4 * np.pi / flat**2 * _power(sums, later, -t, s, both)
     slopes: list[Floats | None] = [None] * len(directions)
     if any(wanted):
         channel = polarisation if isinstance(polarisation, str) else None
@@ -369,20 +255,26 @@ def _shape(lengths: Floats, *vectors: Any) -> tuple[int, ...]:
         ) from None
 
 
-def _power(sums: Complex, k: Floats, s: Floats, polarisations: list[Complex]) -> Floats:
-    """|q.(N x (k x p))|^2 (m,) of receiver q and transmitter p; None of them: see :func:`rcs`."""
+def _power(
+    sums: Complex, later: Complex | None, k: Floats, s: Floats, polarisations: list[Complex]
+) -> Floats:
+    """|q.(N x h + M h)|^2 (m,) of receiver q and h = k x p; None of them: see :func:`rcs`."""
+
+    def field(h: Floats | Complex) -> Complex:
+        found: Complex = np.cross(sums, h)
+        return found if later is None else found + np.einsum("mij,mj->mi", later, h)
+
     if polarisations:
         q, p = polarisations
-        amplitude: Complex = (q * np.cross(sums, np.cross(k, p))).sum(axis=1)
-        return np.asarray(np.abs(amplitude) ** 2)
+        return np.asarray(np.abs((q * field(np.cross(k, p))).sum(axis=1)) ** 2)
     least = np.eye(3)[np.abs(k).argmin(axis=1)]
     one = np.cross(k, least)
     one /= np.linalg.norm(one, axis=1, keepdims=True)
     total = np.zeros(len(k))
     for h in (one, np.cross(k, one)):
-        field = np.cross(sums, h)
-        field -= s * (s * field).sum(axis=1, keepdims=True)
-        total += (np.abs(field) ** 2).sum(axis=1)
+        there = field(h)
+        there -= s * (s * there).sum(axis=1, keepdims=True)
+        total += (np.abs(there) ** 2).sum(axis=1)
     return total / 2
 
 
@@ -395,6 +287,7 @@ def rcs_pattern(
     *,
     to_transmitter: ArrayLike | None = None,
     polarisation: Channel | None = None,
+    bounces: int = 1,
     progress: bool | None = None,
 ) -> xarray.Dataset:
     """Radar cross section of a body over azimuth and elevation of the radar, as a dataset.
@@ -409,13 +302,14 @@ def rcs_pattern(
     elevation : (m,) angles in rad above the plane z = 0, from -pi/2 to pi/2; or one.
     to_transmitter : unit vector (3,) towards a transmitter that stays; None: it is with the radar.
     polarisation : None, "vv", "hh", "vh" or "hv", as for :func:`rcs`.
+    bounces : reflections that count, 1, 2 or 3, as for :func:`rcs`.
     progress : a bar on a terminal; None: if stderr is one.
 
     Returns
     -------
     xarray.Dataset with
-    ``rcs`` (azimuth, elevation) in m^2. Attributes: wavelength, frequency, polarisation, number of
-    triangles, largest cross section, and the transmitter where it stays.
+    ``rcs`` (azimuth, elevation) in m^2. Attributes: wavelength, frequency, polarisation, bounces,
+    number of triangles, largest cross section, and the transmitter where it stays.
 
     Raises
     ------
@@ -441,16 +335,21 @@ def rcs_pattern(
                 "polywigner.rcs for several"
             )
     facets = facets_of(body)
+    bounces = checked_count(bounces, "bounces", 1, MOST_BOUNCES)
     values = np.empty((len(around), len(above)))
     with progress_bar("radar cross sections", len(around), show=progress) as advance:
-        for row, angle in enumerate(around):
-            to_radar = _towards(float(angle), above)
-            values[row] = rcs(body, to_radar, length, transmitter, channel)
-            advance()
+        # beams of several directions are followed together
+        rows = 1 if bounces == 1 else max(1, _TOGETHER // len(above))
+        for start in range(0, len(around), rows):
+            some = slice(start, start + rows)
+            to_radar = np.stack([_towards(float(angle), above) for angle in around[some]])
+            values[some] = rcs(body, to_radar, length, transmitter, channel, bounces=bounces)
+            advance(len(to_radar))
     about: dict[str, Any] = {
         "wavelength": length,
         "frequency": SPEED_OF_LIGHT / length,
         "polarisation": channel or "all, mean over incident ones",
+        "bounces": bounces,
         "triangles": len(facets.corner),
         "largest_rcs": float(values.max()),
     }
@@ -461,7 +360,7 @@ def rcs_pattern(
     of_values = {
         "units": "m2",
         "long_name": "radar cross section",
-        "method": "physical optics: one reflection, no waves of edges",
+        "method": f"physical optics: {_REFLECTIONS[bounces]}, no waves of edges",
         "polywigner_version": __version__,
     }
     axes = {"azimuth": (around, "angle about z from x"), "elevation": (above, "angle above z = 0")}

@@ -33,12 +33,12 @@ def least_area(body: Polyhedron) -> float:
     shared = keys[order][1:] == keys[order][:-1]
     one, other = order[:-1][shared] // 3, order[1:][shared] // 3
     smooth = (normals[one] * normals[other]).sum(axis=1) > _SMOOTH
-    labels = _connected(len(areas), one[smooth], other[smooth])
+    labels = connected(len(areas), one[smooth], other[smooth])
     sums = np.bincount(labels, areas / 2)
     return float(sums[np.bincount(labels) > 0].min())
 
 
-def _connected(count: int, one: NDArray[np.intp], other: NDArray[np.intp]) -> NDArray[np.intp]:
+def connected(count: int, one: NDArray[np.intp], other: NDArray[np.intp]) -> NDArray[np.intp]:
     """Numbers (count,) that those have in common who are joined, directly or by others."""
     labels = np.arange(count)
     while True:
@@ -57,6 +57,9 @@ Indices = NDArray[np.intp]
 # Sine of the angle by which faces in one plane may bend the wrong way after rounding. A dent this
 # shallow shadows no more than this fraction of a body.
 _FLAT = 1e-9
+# Grid of normals and of heights over the body's size: planes on one point of it are one plane.
+# Their waves lose step by some of this many turns for each wavelength of the body's size.
+_ONE_PLANE = 1e-12
 # A part touches another within this fraction of the size of both: vertices of STL files are rounded
 # to 1e-7. Triangles of parts are compared each with each, up to so many.
 _TOUCHING = 1e-6
@@ -260,6 +263,13 @@ class Facets:
         )
 
     @cached_property
+    def plane(self) -> Indices:
+        """(n,) numbers of planes, the same for triangles in one, after rounding."""
+        height = (self.normal * self.corner).sum(axis=1, keepdims=True) / self.size
+        rows = np.round(np.concatenate([self.normal, height], axis=1) / _ONE_PLANE)
+        return np.asarray(np.unique(rows + 0.0, axis=0, return_inverse=True)[1].ravel())
+
+    @cached_property
     def size(self) -> float:
         """Diagonal of the box around all triangles."""
         points = self.corners.reshape(-1, 3)
@@ -279,7 +289,8 @@ def warn_of_corners(facets: Facets, travelling: Floats) -> None:
     if lit_corners(facets.inner_corners, travelling):
         warn_caller(
             "got faces that light each other across a concave edge: what comes back by two or three"
-            " reflections is left out, which is most of it in corner reflectors (docs/rcs.md)"
+            " reflections is left out, which is most of it in corner reflectors; give bounces=3 "
+            "(docs/rcs.md)"
         )
 
 

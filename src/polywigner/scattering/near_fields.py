@@ -7,6 +7,7 @@ Physical optics with the field of the transmitter and, by reciprocity, that of t
 from __future__ import annotations
 
 import math
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,10 +15,12 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner import execution
 from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import checked_number, warn_caller
+from polywigner.illumination.polarisation import checked_pair, is_pair
 from polywigner.radiometry.directions import checked_source
 from polywigner.reception.norms import checked_normalise
 from polywigner.scattering.antennas import (
     Antenna,
+    Channel,
     Polarisation,
     Source,
     checked_places,
@@ -25,6 +28,7 @@ from polywigner.scattering.antennas import (
     directions_of,
     spherical_axes,
 )
+from polywigner.scattering.beams import sums_of_beams
 from polywigner.scattering.facets import Facets, warn_of_corners
 from polywigner.scattering.surface_sums import Pieces, transforms
 from polywigner.scattering.visibility import (
@@ -67,6 +71,34 @@ def near_sums(
     return np.asarray((4 * sums[1] - sums[0]) / 3)
 
 
+def echo(
+    facets: Facets,
+    transmitter: Antenna,
+    receiver: Antenna,
+    polarisations: tuple[Complex, Complex],
+    tolerance: float,
+    bounces: int,
+) -> complex:
+    """Received over transmitted amplitude by a body, with the phase of :func:`coupling`.
+
+    ``polarisations`` (3,) as of :func:`near_sums`, of scalar antennas. The second and later ones of
+    ``bounces`` reflections are those of the plane waves at the body's middle, (SC6).
+    """
+    total = near_sums(facets, transmitter, receiver, polarisations, tolerance)
+    if bounces > 1:
+        ahead, back = (one.place / -np.linalg.norm(one.place) for one in (transmitter, receiver))
+        lengths = np.array([transmitter.wavelength])
+        _, later = sums_of_beams(facets, ahead[None], -back[None], lengths, False, bounces)
+        if later is not None:
+            q, p = (
+                _across(vector, way[None])[0]
+                for vector, way in zip(polarisations, (back, ahead), strict=True)
+            )
+            there = transmitter.field(np.zeros(3)) * receiver.field(np.zeros(3))
+            total = total + there * (q @ later[0] @ np.cross(ahead, p))
+    return -complex(total)
+
+
 def _summed(
     pieces: Pieces,
     split: bool,
@@ -81,19 +113,55 @@ def _summed(
         some = pieces.taken(slice(start, start + _BLOCK))
         some = _quartered(some) if split else some
         centre = some.corner + (some.first + some.second) / 3
-        sent, wave = transmitter.field(centre), transmitter.gradient(centre)
-        back, back_wave = sent, wave
-        if receiver is not None:
-            back, back_wave = receiver.field(centre), receiver.gradient(centre)
-        nu = -(_direction(sent, wave) + _direction(back, back_wave)) / transmitter.wavelength
+        if transmitter.jones is not None:
+            ahead, parts = _of_vectors(centre, some.vector, transmitter, receiver)
+        else:
+            ahead, parts = _of_waves(centre, some.vector, transmitter, receiver, polarisations)
+        nu = -ahead / transmitter.wavelength
         phases = [(nu * part).sum(axis=1) for part in (some.first, some.second)]
-        weights = transforms(-(phases[0] + phases[1]) / 3, *phases) * back
-        q_there = _across(q, centre - (receiver or transmitter).place)
-        p_there = _across(p, centre - transmitter.place)
-        of_wave = (q_there * wave).sum(axis=-1) * (p_there * some.vector).sum(axis=-1)
-        of_pair = (q_there * p_there).sum(axis=-1) * (wave * some.vector).sum(axis=-1)
-        total += ((of_wave - of_pair) * weights).sum(axis=-1)
+        weights = transforms(-(phases[0] + phases[1]) / 3, *phases)
+        total += (parts * weights).sum(axis=-1)
     return total
+
+
+def _of_waves(
+    centre: Floats,
+    vector: Floats,
+    transmitter: Antenna,
+    receiver: Antenna | None,
+    polarisations: tuple[Complex, Complex],
+) -> tuple[Floats, Complex]:
+    """Directions (n, 3) of scalar fields on pieces, added up, and values (..., n) of (SC3)."""
+    q, p = polarisations
+    sent, wave = transmitter.field(centre), transmitter.gradient(centre)
+    back, back_wave = sent, wave
+    if receiver is not None:
+        back, back_wave = receiver.field(centre), receiver.gradient(centre)
+    q_there = _across(q, centre - (receiver or transmitter).place)
+    p_there = _across(p, centre - transmitter.place)
+    of_wave = (q_there * wave).sum(axis=-1) * (p_there * vector).sum(axis=-1)
+    of_pair = (q_there * p_there).sum(axis=-1) * (wave * vector).sum(axis=-1)
+    return _direction(sent, wave) + _direction(back, back_wave), (of_wave - of_pair) * back
+
+
+def _of_vectors(
+    centre: Floats, vector: Floats, transmitter: Antenna, receiver: Antenna | None
+) -> tuple[Floats, Complex]:
+    """:func:`_of_waves` of polarised antennas: E of the receiver in currents n x H, (SC3)."""
+    electric, magnetic = transmitter.vectors(centre)
+    ahead, back = _flow(electric, magnetic), electric
+    directions = 2 * ahead
+    if receiver is not None:
+        back, back_magnetic = receiver.vectors(centre)
+        directions = ahead + _flow(back, back_magnetic)
+    return directions, np.asarray((back * np.cross(vector, magnetic)).sum(axis=-1))
+
+
+def _flow(electric: Complex, magnetic: Complex) -> Floats:
+    """Direction of a wave by Poynting's vector, (n, 3); shorter where waves cross."""
+    strength = np.square(np.abs(electric)).sum(axis=1, keepdims=True)
+    flow = np.cross(electric, magnetic.conj()).real / np.maximum(strength, np.finfo(float).tiny)
+    return np.asarray(flow / np.maximum(np.linalg.norm(flow, axis=1, keepdims=True), 1.0))
 
 
 def _lit(facets: Facets, transmitter: Antenna, receiver: Antenna | None) -> Pieces:
@@ -214,7 +282,11 @@ def near_sections(
         there = checked_places("to_transmitter", to_transmitter, facets.middle)
     to_sender = directions_of(there)
     warn_of_corners(facets, -to_sender.reshape(-1, 3))
-    q, p = _polarisations(polarisation, directions_of(here), to_sender)
+    jones = _jones_vectors(polarisation, receiver or source, source)
+    named = None if jones[0] is not None else polarisation
+    q, p = _polarisations(named, directions_of(here), to_sender)
+    if jones[0] is not None:  # one way, whatever the directions
+        q, p = q[..., :1, :], p[..., :1, :]
     try:
         shape = np.broadcast_shapes(
             wavelengths.shape, here.shape[:-2], there.shape[:-2], q.shape[:-2], p.shape[:-2]
@@ -228,11 +300,12 @@ def near_sections(
     own, others = (np.broadcast_to(poses, (*shape, 4, 4)) for poses in (here, there))
     q, p = (np.broadcast_to(v, (*shape, *v.shape[-2:])) for v in (q, p))
     sections, powers = np.empty(shape), np.empty(shape)
-    alone = receiver is None and to_transmitter is None
+    same = jones[0] is jones[1] or np.array_equal(*jones)
+    alone = receiver is None and to_transmitter is None and same
     for k in np.ndindex(*shape):
         how = float(lengths[k]), counted, _OF_FIELD * allowed
-        transmitter = Antenna(source, others[k], *how)
-        back = Antenna(source if receiver is None else receiver, own[k], *how)
+        transmitter = Antenna(source, others[k], *how, jones[1])
+        back = Antenna(source if receiver is None else receiver, own[k], *how, jones[0])
         transmitter.check_in_front(facets, "source")
         back.check_in_front(facets, "receiver")
         sums = near_sums(
@@ -253,6 +326,26 @@ def near_sections(
             "nothing; take the power, with return_power=True"
         )
     return sections, powers
+
+
+def _jones_vectors(
+    polarisation: Any, receiver: Source, transmitter: Source
+) -> tuple[Complex, Complex] | tuple[None, None]:
+    """Jones vectors of both antennas in their own axes; None of channels and vectors (..., 3)."""
+    is_named = isinstance(polarisation, str) and polarisation in get_args(Channel)
+    if polarisation is None or is_named:
+        return None, None
+    if is_pair(polarisation) and any(_components(one) == 3 for one in polarisation):
+        return None, None
+    return checked_pair(polarisation, receiver, transmitter)
+
+
+def _components(vectors: Any) -> int:
+    """Length of the last axis; 0 without one."""
+    try:
+        return int((0, *np.shape(vectors))[-1])
+    except ValueError:  # lists of unequal lengths
+        return 0
 
 
 def _polarisations(

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from polywigner import execution
+from polywigner.execution.progress import told
 from polywigner.numerics.divided_differences import simplex_plane_wave
 from polywigner.numerics.phases import rotated
 
@@ -18,6 +20,7 @@ Complex = NDArray[np.complex128]
 Signs = Callable[[slice, slice], NDArray[np.int8]]
 
 _OPS = execution.NumpyOperations(double=True)
+_TITLE = "radar cross sections"
 # Triangles times directions at a time: their arrays, some twenty, stay in the cache.
 _BLOCK = 1 << 14
 
@@ -47,31 +50,33 @@ def surface_sums(pieces: Pieces, nu: Floats, signs: Signs | None = None) -> Comp
     ``signs``: those (i, j) of some nu and some triangles; None: all 1.
     """
     result = np.zeros((len(nu), 3), np.complex128)
-    for some, part in _blocks(len(nu), len(pieces)):
-        lit = None if signs is None else signs(some, part)
-        result[some] += _block(pieces.taken(part), lit, nu[some])
+    with told(_TITLE, _blocks(len(nu), len(pieces))) as blocks:
+        for some, part in blocks:
+            lit = None if signs is None else signs(some, part)
+            result[some] += _block(pieces.taken(part), lit, nu[some])
     return result
 
 
 def surface_slopes(pieces: Pieces, nu: Floats, signs: Signs | None = None) -> Complex:
     """dN_i/dnu_a (m, 3, 3) at (m, 3), as :func:`surface_sums`: the first moments, (SC5)."""
     result = np.zeros((len(nu), 3, 3), np.complex128)
-    for some, part in _blocks(len(nu), len(pieces)):
-        own = pieces.taken(part)
-        lit: NDArray[np.int8] | float = 1.0 if signs is None else signs(some, part)
-        moments = _first_moments(own, nu[some])
-        for axis, values in enumerate(moments):
-            result[some, :, axis] += (values * lit) @ own.vector
+    with told(_TITLE, _blocks(len(nu), len(pieces))) as blocks:
+        for some, part in blocks:
+            own = pieces.taken(part)
+            lit: NDArray[np.int8] | float = 1.0 if signs is None else signs(some, part)
+            moments = _first_moments(own, nu[some])
+            for axis, values in enumerate(moments):
+                result[some, :, axis] += (values * lit) @ own.vector
     return result
 
 
-def _blocks(directions: int, triangles: int) -> Iterator[tuple[slice, slice]]:
+def _blocks(directions: int, triangles: int) -> list[tuple[slice, slice]]:
     """Slices of directions and of triangles that are summed at a time."""
     columns = max(1, min(triangles, _BLOCK))
     rows = _BLOCK // columns
-    for start in range(0, directions, rows):
-        for begin in range(0, triangles, columns):
-            yield slice(start, start + rows), slice(begin, begin + columns)
+    of_directions = [slice(k, k + rows) for k in range(0, directions, rows)]
+    of_triangles = [slice(k, k + columns) for k in range(0, triangles, columns)]
+    return list(product(of_directions, of_triangles))
 
 
 def _first_moments(pieces: Pieces, nu: Floats) -> Iterator[Complex]:

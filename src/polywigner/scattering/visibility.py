@@ -68,16 +68,17 @@ class Projected:
 
 
 def occluders(
-    seen: Projected, polygons: NDArray[np.object_]
+    seen: Projected, polygons: NDArray[np.object_], boxes: NDArray[np.object_] | None = None
 ) -> tuple[Indices, NDArray[np.object_]]:
     """Numbers of hidden triangles (m,), and polygons (m,) that stand before each of them.
 
     A polygon is the part of a triangle that is nearer than the plane of the hidden one.
     ``polygons``: the triangles as such. Where two coincide, the first one hides the other.
+    ``boxes``: around the triangles, those of several pictures apart; None: of one picture.
 
     Raises ArgumentError for more pairs that overlap than fit in memory.
     """
-    pairs = _overlapping(seen, polygons)
+    pairs = _overlapping(seen, polygons if boxes is None else boxes)
     one, other = (np.concatenate(numbers) for numbers in zip(*pairs, strict=True))
     hidden, before = np.concatenate([one, other]), np.concatenate([other, one])
     if float((np.bincount(hidden).astype(np.float64) ** 2).sum()) > _MOST_CROSSINGS:
@@ -93,7 +94,10 @@ def _too_many(triangles: int) -> ArgumentError:
 
 
 def _overlapping(seen: Projected, polygons: NDArray[np.object_]) -> list[tuple[Indices, Indices]]:
-    """Pairs of numbers of triangles that overlap, each once, by blocks."""
+    """Pairs of numbers of triangles that overlap, each once, by blocks.
+
+    ``polygons``: the triangles or boxes around them; only those whose boxes meet are compared.
+    """
     tree, found, total = shapely.STRtree(polygons), [], 0
     none = np.empty(0, np.intp)
     for start in range(0, len(polygons), _BLOCK):
@@ -165,7 +169,7 @@ Shapes = NDArray[np.object_]
 # Cosine below which a face is seen edge-on and counts as dark.
 _EDGE_ON = 1e-12
 # Of unions, as a fraction of the picture: above rounding, far below what is cut.
-_GRID = 1e-14
+GRID = 1e-14
 _TRIANGLE = shapely.Polygon([(0, 0), (1, 0), (0, 1)])
 
 
@@ -201,10 +205,15 @@ def _sides(cosine: Floats, is_plate: NDArray[np.bool_]) -> NDArray[np.int8]:
     return sides
 
 
+def axes_across(direction: Floats) -> Floats:
+    """Axes (2, 3) of the picture of an observer who looks along a direction (3,)."""
+    _, _, axes = np.linalg.svd(direction[None])
+    return axes[1:] * np.array([[1.0], [-np.sign(np.linalg.det([*axes[1:], direction]))]])
+
+
 def seen_along(facets: Facets, direction: Floats) -> Seen:
     """Return the visible parts for an observer far away who looks along a direction (3,)."""
-    _, _, axes = np.linalg.svd(direction[None])
-    across = axes[1:] * np.array([[1.0], [-np.sign(np.linalg.det([*axes[1:], direction]))]])
+    across = axes_across(direction)
 
     def projected(corners: Floats) -> Projected:
         depth = corners @ direction
@@ -245,22 +254,43 @@ def _seen(facets: Facets, signs: NDArray[np.int8], project: Callable[[Floats], P
     wide = projected.has_width  # what has none shadows nothing, and is too thin to be cut
     rows, projected = rows[wide], projected.taken(wide)
     polygons = np.asarray(shapely.polygons(projected.points), dtype=object)
-    hidden, before = occluders(projected, polygons)
-    if not len(hidden):
+    touched, left = less_shadows(projected, polygons, polygons)
+    if not len(touched):
         return Seen(signs, parts)
-    order = np.argsort(hidden, kind="stable")
-    touched, numbers = np.unique(hidden[order], return_inverse=True)
-    shadows = _unions(before[order], numbers, max(facets.size, float(abs(projected.points).max())))
-    left = shapely.difference(polygons[touched], shadows)
     areas, least = shapely.area(left), NOTHING * facets.size * shapely.length(polygons[touched])
     signs[rows[touched[areas <= least]]] = 0
     is_cut = (areas > least) & (shapely.area(polygons[touched]) - areas > least)
     owners = rows[touched[is_cut]]
-    parts[owners] = _in_triangles(left[is_cut], projected, touched[is_cut], signs[owners])
+    points, ranges = projected.points[touched[is_cut]], projected.ranges[touched[is_cut]]
+    for corners in (points, ranges):
+        corners[signs[owners] < 0] = corners[signs[owners] < 0][:, ::-1]
+    parts[owners] = in_triangles(left[is_cut], points, ranges)
     return Seen(signs, parts)
 
 
-def _unions(polygons: Shapes, numbers: NDArray[np.intp], whole: float) -> Shapes:
+def less_shadows(
+    seen: Projected,
+    polygons: Shapes,
+    lit: Shapes,
+    boxes: Shapes | None = None,
+    grid: float | None = None,
+) -> tuple[Indices, Shapes]:
+    """Return numbers of triangles behind others (m,), and their lit parts less the shadows.
+
+    ``polygons``, ``boxes``: as for :func:`occluders`; ``lit``: the part of each triangle;
+    ``grid``: of corners, where edges of lit parts may be those of shadows but for rounding.
+    """
+    hidden, before = occluders(seen, polygons, boxes)
+    if not len(hidden):
+        return hidden, before
+    order = np.argsort(hidden, kind="stable")
+    touched, numbers = np.unique(hidden[order], return_inverse=True)
+    shadows = unions(before[order], numbers, max(seen.size, float(abs(seen.points).max())))
+    left = shapely.difference(lit[touched], shadows, grid_size=grid)
+    return touched, np.asarray(left, dtype=object)
+
+
+def unions(polygons: Shapes, numbers: NDArray[np.intp], whole: float) -> Shapes:
     """The union of the polygons (m,) of each number, which rise; ``whole``: a size of the picture.
 
     Of two polygons whose common edges differ by rounding GEOS may lose one. It does not on a grid,
@@ -270,17 +300,12 @@ def _unions(polygons: Shapes, numbers: NDArray[np.intp], whole: float) -> Shapes
     unions = shapely.union_all(groups, axis=1)  # along an axis of length one: of each group
     missing = np.bincount(numbers, shapely.area(polygons)) - shapely.area(unions)
     some = missing > NOTHING * whole**2  # overlaps, or lost
-    unions[some] = shapely.union_all(groups[some], grid_size=_GRID * whole, axis=1)
+    unions[some] = shapely.union_all(groups[some], grid_size=GRID * whole, axis=1)
     return np.asarray(unions, dtype=object)
 
 
-def _in_triangles(
-    shapes: Shapes, projected: Projected, rows: NDArray[np.intp], sides: NDArray[np.int8]
-) -> Shapes:
-    """Shapes (m,) of the picture in coordinates of their triangles."""
-    points, ranges = projected.points[rows], projected.ranges[rows]
-    for corners in (points, ranges):
-        corners[sides < 0] = corners[sides < 0][:, ::-1]
+def in_triangles(shapes: Shapes, points: Floats, ranges: Floats) -> Shapes:
+    """Shapes (m,) of the picture in coordinates of triangles (m, 3, 2), as :class:`Projected`."""
     inverse = np.linalg.inv(np.stack([points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]], 2))
     places, owner = shapely.get_coordinates(shapes, return_index=True)
     inside = np.einsum("nij,nj->ni", inverse[owner], places - points[owner, 0])
@@ -289,7 +314,7 @@ def _in_triangles(
     return np.asarray(shapely.set_coordinates(shapes.copy(), inside), dtype=object)
 
 
-def _mended(shapes: Shapes) -> Shapes:
+def mended(shapes: Shapes) -> Shapes:
     """Shapes made valid: without spikes turned inside out or holes over the edge by rounding."""
     bent = ~shapely.is_valid(shapes)
     mended = shapes.copy()
@@ -309,30 +334,42 @@ def less_hidden(lit: Seen, seen: Seen, faces: NDArray[np.int8]) -> Seen:
     (cut,) = np.nonzero(turned & (seen.signs != 0) & ~shapely.is_missing(seen.parts))
     one = parts[cut]
     one[shapely.is_missing(one)] = _TRIANGLE
-    parts[cut] = shapely.intersection(_mended(one), _mended(seen.parts[cut]))
+    parts[cut] = shapely.intersection(mended(one), mended(seen.parts[cut]))
     return Seen(signs, parts)
 
 
 def lit_pieces(facets: Facets, seen: Seen) -> Pieces:
-    """Visible parts as triangles: whole ones, and fans of the boundaries of parts."""
-    (whole,) = np.nonzero((seen.signs != 0) & shapely.is_missing(seen.parts))
-    (cut,) = np.nonzero((seen.signs != 0) & ~shapely.is_missing(seen.parts))
-    owner, begin, end = _edges(seen.parts[cut])
+    """Visible parts as triangles."""
+    (rows,) = np.nonzero(seen.signs)
+    return pieces_of(facets, rows, seen.signs[rows], seen.parts[rows])[0]
+
+
+def pieces_of(
+    facets: Facets, numbers: Indices, signs: NDArray[np.int8], parts: Shapes
+) -> tuple[Pieces, Indices]:
+    """Parts (m,) of some triangles as triangles (n,), and the number (n,) of the part of each.
+
+    Whole ones, and fans of the boundaries of parts.
+    """
+    (whole,) = np.nonzero(shapely.is_missing(parts))
+    (cut,) = np.nonzero(~shapely.is_missing(parts))
+    owner, begin, end = _edges(parts[cut])
     owner = cut[owner]
-    first, second = facets.first[owner], facets.second[owner]
+    first, second = facets.first[numbers[owner]], facets.second[numbers[owner]]
     share = begin[:, 0] * end[:, 1] - begin[:, 1] * end[:, 0]
-    weights = np.concatenate([seen.signs[whole], seen.signs[owner] * share])
+    weights = np.concatenate([signs[whole], signs[owner] * share])
 
     def at(place: Floats) -> Floats:
         return place[:, :1] * first + place[:, 1:] * second
 
     every = np.concatenate([whole, owner])
-    return Pieces(
-        facets.corner[every],
-        np.concatenate([facets.first[whole], at(begin)]),
-        np.concatenate([facets.second[whole], at(end)]),
-        facets.vector[every] * weights[:, None],
+    pieces = Pieces(
+        facets.corner[numbers[every]],
+        np.concatenate([facets.first[numbers[whole]], at(begin)]),
+        np.concatenate([facets.second[numbers[whole]], at(end)]),
+        facets.vector[numbers[every]] * weights[:, None],
     )
+    return pieces, every
 
 
 def _edges(shapes: Shapes) -> tuple[NDArray[np.intp], Floats, Floats]:

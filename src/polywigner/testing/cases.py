@@ -216,7 +216,9 @@ def case_of(
     kept = TOLERANCE[checked_precision(precision) or "double"]
     if tolerance is None:
         tolerance = kept * max(1.0, thinness_of(source) / 10)
-    tolerance = checked_number(tolerance, "tolerance", "a number")
+    tolerance = checked_number(tolerance, "tolerance", "a number up to 1")
+    if not 0.0 <= tolerance <= 1.0:
+        raise ArgumentError(f"expected tolerance as a number from 0 to 1, got {tolerance:g}")
     return Case(
         source,
         x=corner + unit @ sides,

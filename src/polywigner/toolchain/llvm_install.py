@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from polywigner.errors import EngineError
-from polywigner.interruption import temporary_folder
+from polywigner.interruption import is_running, temporary_folder
 from polywigner.toolchain import debian
 from polywigner.toolchain.llvm import LLVMStatus, prepare
 from polywigner.toolchain.llvm_discovery import (
@@ -154,8 +154,7 @@ def _unpack_into_environment(wanted: Sequence[list[str]], say: Callable[[str], N
 def _sweep(folder: Path) -> None:
     """Remove files of killed runs, but not of runs that go on."""
     for path in folder.glob(f"{_PARTIAL}*"):
-        owner = path.name.removeprefix(_PARTIAL).partition("-")[0]
-        if not (owner.isdecimal() and Path(f"/proc/{owner}").exists()):
+        if not is_running(path.name.removeprefix(_PARTIAL).partition("-")[0]):
             shutil.rmtree(path, ignore_errors=True)
 
 

@@ -16,6 +16,10 @@ to 6e-7 diameter perimeter in float32 where that is more (docs/accuracy.md, "Lim
 
 from polywigner.transforms.arguments import PhaseSpaceSource, Source
 from polywigner.transforms.calls import explain
+from polywigner.transforms.imaging import (
+    partially_coherent_image,
+    transmission_cross_coefficient,
+)
 from polywigner.transforms.phase_space import (
     ambiguity,
     autocorrelation,
@@ -44,8 +48,10 @@ __all__ = [
     "lag_marginal",
     "mtf",
     "otf",
+    "partially_coherent_image",
     "position_marginal",
     "projections",
     "sample_automean",
+    "transmission_cross_coefficient",
     "wigner",
 ]

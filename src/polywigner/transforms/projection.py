@@ -157,7 +157,7 @@ def _chosen(available: Mapping[str, Tile], names: Iterable[str] | None) -> list[
 
 def _known(names: Iterable[Any], known: Iterable[str], what: str) -> None:
     for name in names:
-        if name not in known:
+        if not isinstance(name, str) or name not in known:
             raise ArgumentError(f"expected {what} among {', '.join(known)}, got {name!r}")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,13 @@ from polywigner import execution, kernels
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.execution import Engine, Precision
 from polywigner.geometry import Aperture, Slits
-from polywigner.geometry.arguments import checked_length, checked_number, checked_row, warn_of_lens
+from polywigner.geometry.arguments import (
+    checked_length,
+    checked_number,
+    checked_row,
+    checked_wavelength,
+    warn_of_lens,
+)
 from polywigner.illumination import Array
 from polywigner.transforms.arguments import PhaseSpaceSource, checked_points
 from polywigner.transforms.phase_space import ambiguity, energy_of, lag_marginal
@@ -98,6 +105,7 @@ def mtf(
     pupil_radius: float | None = None,
     *,
     weights: ArrayLike | None = None,
+    pixel: float | ArrayLike = 0.0,
     precision: Precision = None,
     engine: Engine = "auto",
 ) -> Any:
@@ -117,6 +125,8 @@ def mtf(
         aberration in m is that of all wavelengths.
     pupil_radius : see :func:`otf`.
     weights : (k,) of the wavelengths, zero or more; None: all the same.
+    pixel : side in m of a detector's square pixels, or one along each axis: sin(pi f p)/(pi f p) of
+        them multiplies the lens.
     precision, engine : see :func:`fourier`.
 
     Returns
@@ -135,19 +145,27 @@ def mtf(
     """
     lengths = checked_row(wavelength, "expected a wavelength in m or (k,) of them")
     for length in lengths.tolist():
-        checked_length(length, "wavelength")
+        checked_wavelength(length)
     distance = checked_length(focal_length, "focal_length")
     share = shares_of(weights, lengths.size)
     warn_of_lens(source, float(lengths.max()), distance)
     dimension = kernels.kernel_for("ambiguity", flat_of(_checked_pupil(source))).dimension
     cycles = checked_points("frequency", frequency, dimension, complex_allowed=False)
+    sides = checked_row(pixel, "expected pixel in m")
+    if sides.size not in (1, dimension) or not (np.isfinite(sides) & (sides >= 0)).all():
+        raise ArgumentError(f"expected pixel as lengths of zero or more in m, got {pixel!r}")
     how: dict[str, Any] = {"precision": precision, "engine": engine}
     aberration = checked_waves(defocus) * float(share @ lengths)
     total: Any = 0.0
     for part, length in zip(share, lengths.tolist(), strict=True):
-        lags = np.asarray(cycles) * (_PER_MM * length * distance)
+        scale = _PER_MM * length * distance
+        if not math.isfinite(scale):
+            raise ArgumentError(f"expected focal_length in m, got {distance:g}; check its unit")
+        with np.errstate(over="ignore"):  # beyond all light
+            lags = np.asarray(cycles) * scale
         total = total + part * otf(source, lags, aberration / length, pupil_radius, **how)
-    return np.abs(total).astype(np.float64)[()]
+    seen = np.sinc(_PER_MM * np.asarray(cycles) * sides).prod(axis=-1)
+    return np.abs(total * seen).astype(np.float64)[()]
 
 
 def _checked_pupil(source: Any) -> Any:
@@ -177,8 +195,13 @@ def shares_of(weights: Any, count: int) -> NDArray[np.float64]:
     return np.asarray(shares / shares.sum())
 
 
+# Fewer waves change no digit, and make lengths that are no floats.
+_LEAST_WAVES = 1e-30
+
+
 def checked_waves(defocus: Any) -> float:
-    return checked_number(defocus, "defocus", "a finite defocus in waves")
+    waves = checked_number(defocus, "defocus", "a finite defocus in waves")
+    return waves if abs(waves) > _LEAST_WAVES else 0.0
 
 
 def checked_pupil_radius(source: PhaseSpaceSource, given: Any) -> float:

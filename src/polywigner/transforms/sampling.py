@@ -11,7 +11,12 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, NumpyOperations
 from polywigner.geometry import Aperture, Slits, automean
-from polywigner.geometry.arguments import checked_choice, checked_generator, real_numbers
+from polywigner.geometry.arguments import (
+    checked_choice,
+    checked_count,
+    checked_generator,
+    real_numbers,
+)
 from polywigner.geometry.convex import point_in_trapezoid, trapezoids
 from polywigner.illumination import Array
 from polywigner.kernels import kernel_for
@@ -100,12 +105,15 @@ def in_phase(source: Any) -> Any:
     return Array(elements, abs(source.weights) * largest)
 
 
+# More numbers fill any memory.
+_MOST_SAMPLES = 1 << 28
+
+
 def _numbers(samples: Any, columns: int, seed: Any) -> Values:
     """(n, columns) numbers in [0, 1), those given or random ones."""
     if isinstance(samples, int | np.integer) and not isinstance(samples, bool):
-        if samples < 1:
-            raise ArgumentError(f"expected at least one sample, got {samples}")
-        return checked_generator(seed).random((int(samples), columns))
+        count = checked_count(samples, "samples", 1, _MOST_SAMPLES)
+        return checked_generator(seed).random((count, columns))
     expected = f"expected samples as a count or as numbers of shape (n, {columns}) in [0, 1)"
     try:
         array = real_numbers(samples)

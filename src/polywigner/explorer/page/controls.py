@@ -91,13 +91,16 @@ class Controls:
                 TableColumn(field="y", title="y", editor=NumberEditor(), width=100),
             ],
         )  # fmt: skip
-        self.wave = TextInput(title="Frequency or wavelength", name="wave", **_WIDE)
+        self.wave = TextInput(title="Frequency or λ", name="wave", **_WIDE)
         self.taper = TextInput(title="Taper", placeholder="taylor 30 dB", name="taper", **_WIDE)
         self.array = TextInput(title="Array", placeholder="4 x 4, 12 mm", name="array", **_WIDE)
         self.window = TextInput(title="Window of the array", placeholder="taylor 25 dB",
                                 name="window", **_WIDE)  # fmt: skip
         self.steering = TextInput(title="Steering θ, φ", placeholder="20 deg, 90 deg",
                                   name="steering", **_WIDE)  # fmt: skip
+        self.polarisation = TextInput(title="Polarisation (far field)",
+                                      placeholder="x, 45 deg, right", name="polarisation",
+                                      **_WIDE)  # fmt: skip
         self.reach = NumericInput(title="Largest sin θ (0: auto)", mode="float", low=0, high=1,
                                   name="reach", **_WIDE)  # fmt: skip
         self.x, self.y, self.nu_x, self.nu_y = (
@@ -145,8 +148,9 @@ class Controls:
                 "outline", "Outline", 213, self.shape, self.upload, _row(self.unit, self.snap),
                 _row(self.draw, self.finish), _row(self.insert, self.delete),
             ),
-            Group("light", "Light", 155, _row(self.wave, self.steering),
-                  _row(self.taper, self.array), _row(self.window, self.reach)),
+            Group("light", "Light", 207, _row(self.wave, self.steering),
+                  _row(self.taper, self.array), _row(self.window, self.reach),
+                  self.polarisation),
             Group("views", "Views", 262, self.views, self.part, self.coherence, self.defocus,
                   self.distance, self.order, self.note),
             Group("vertices", "Vertices", 165, self.table),

@@ -19,6 +19,7 @@ _HANDLES = ((60, 10), (150, 7), (math.inf, 4))  # vertices, and the pixels of ea
 _MOST_HANDLES = 200  # a page with more to paint and to look through answers a hand late
 _TITLE = "Aperture (full), support of W (pale)"
 _SPAN = 40.0  # dB, of the polar plot
+_LINEAR = 100.0  # dB, of the axial ratio: the rest is rounding
 
 
 def _multi(polygons: list[list[Any]], scale: float) -> dict[str, list[Any]]:
@@ -160,18 +161,19 @@ class PolarFigure:
         made.axis.visible = False
         self.rings = ColumnDataSource({"xs": [], "ys": []})
         self.labels = ColumnDataSource({"x": [], "y": [], "text": []})
-        self.cuts = [ColumnDataSource({"x": [], "y": []}) for _ in range(2)]
+        self.cuts = [ColumnDataSource({"x": [], "y": []}) for _ in range(4)]
         made.multi_line("xs", "ys", source=self.rings, color="#8a939c", alpha=0.5)
         made.text("x", "y", "text", source=self.labels, text_font_size="8pt", text_align="center",
                   text_color="#55616c")  # fmt: skip
-        for source, name, dash, colour in zip(
-            self.cuts, ("φ = 0°", "φ = 90°"), ("solid", "dashed"), (_INK, _ACCENT), strict=True
-        ):
-            made.line("x", "y", source=source, legend_label=name, line_dash=dash, color=colour,
-                      line_width=1.5)  # fmt: skip
-        self._phi = (0.0, np.pi / 2)
+        names = ("φ = 0°", "φ = 90°", "cross, φ = 0°", "cross, φ = 90°")
+        for k, source in enumerate(self.cuts):
+            line = made.line("x", "y", source=source, legend_label=names[k], line_width=1.5,
+                             line_dash=("solid", "dashed", "dotted", "dashdot")[k],
+                             color=(_INK, _ACCENT)[k % 2])  # fmt: skip
+            line.visible = k < 2
+        self._names: tuple[str, ...] = names[:2]
         made.legend.location = "bottom_center"
-        made.legend.orientation = "horizontal"
+        made.legend.ncols = 2
         made.legend.border_line_color = made.legend.background_fill_color = None
         self.reset()
 
@@ -206,12 +208,18 @@ class PolarFigure:
             "y": [-0.26, *(1.1 * np.cos(angles[1:-1])), -0.26, -0.13, -0.13, -0.13],
             "text": text,
         }
-        if cuts.phi != self._phi:
-            self._phi = cuts.phi
-            for item, phi in zip(self.figure.legend.items, cuts.phi, strict=True):
-                item.label = value(f"φ = {np.degrees(phi):.4g}°")
-        for source, levels in zip(self.cuts, cuts.directivity.T, strict=True):
+        names = tuple(name for name, _ in cuts.lines)
+        if names != self._names:
+            self._names = names
+            for k, item in enumerate(self.figure.legend.items):
+                item.visible = item.renderers[0].visible = k < len(names)
+                item.label = value(names[k] if k < len(names) else "")
+        for source, (_, levels) in zip(self.cuts, cuts.lines, strict=False):
             radius = np.clip(1 + (levels - top) / _SPAN, 0, 1)
             angle = stretch * cuts.theta
             source.data = {"x": radius * np.sin(angle), "y": radius * np.cos(angle)}
-        self.figure.title.text = f"Directivity in dBi, at most {cuts.largest:.2f}"
+        title = f"Directivity in dBi, at most {cuts.largest:.2f}"
+        if cuts.cross is not None:
+            ratio = f"{cuts.axial_ratio:.1f} dB" if cuts.axial_ratio < _LINEAR else "∞"
+            title = f"At most {cuts.largest:.2f} dBi; axial ratio {ratio}"
+        self.figure.title.text = title

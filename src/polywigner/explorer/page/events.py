@@ -238,7 +238,7 @@ def _connect_fields(session: Session) -> None:
     def looked(name: str, value: Any) -> None:
         session.edit(step=False, edges=False, **{name: value or 0.0})
 
-    for name in ("unit", "wave", "taper", "array", "window", "steering"):
+    for name in ("unit", "wave", "taper", "array", "window", "steering", "polarisation"):
         on_change(session, getattr(controls, name), "value", partial(entered, name))
     for name in ("snap", "reach", "coherence", "defocus", "distance"):
         on_change(session, getattr(controls, name), "value", partial(looked, name))

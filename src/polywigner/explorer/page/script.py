@@ -74,8 +74,8 @@ window.polywigner_address = setTimeout(() => {
 # are closed at first, the last ones before the others.
 ARRANGE = """
 const room = () => {
-  const {clientWidth, clientHeight} = Bokeh.index.find_one(main).el
-  return [clientWidth - 10, clientHeight - 4]
+  const {offsetWidth, clientHeight} = Bokeh.index.find_one(main).el
+  return [offsetWidth - 10, clientHeight - 4]
 }
 const best = (count) => {
   const [width, height] = room()
@@ -84,7 +84,8 @@ const best = (count) => {
     const across = Math.floor(width / columns) - 64 - 8
     const down = Math.floor(height / Math.ceil(count / columns)) - 106 - 4
     if (Math.min(across, down) > seen[0]) { seen = [Math.min(across, down), columns] }
-    if (across >= 240 || columns === 1) { wide = [across, columns] }
+    const beside = across - Math.ceil(15 / columns)  // a bar to scroll stands at the right
+    if (beside >= 240 || columns === 1) { wide = [beside, columns] }
   }
   return seen[0] >= 240 ? seen : wide
 }

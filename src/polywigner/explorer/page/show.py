@@ -161,7 +161,8 @@ _PARTS_NEAR = ("rays", "exact", "difference")
 def fill(controls: Controls, history: History) -> None:
     """The widgets as the state has them."""
     state = history.present
-    for name in ("unit", "wave", "taper", "array", "window", "steering", "snap", "reach"):
+    texts = ("unit", "wave", "taper", "array", "window", "steering", "polarisation")
+    for name in (*texts, "snap", "reach"):
         getattr(controls, name).value = getattr(state, name)
     controls.x.value, controls.y.value = state.x
     controls.nu_x.value, controls.nu_y.value = state.nu

@@ -67,8 +67,10 @@ MESSAGE = f"""
 :host {{ display: grid !important; align-content: safe center; }}
 @media (max-width: {NARROW}px) {{ :host {{ order: 2; flex: 1 0 100% !important; height: 18px; }} }}
 """
+# As wide as the figures of its column, which it must not widen.
 POINT = """
-:host { width: auto !important; margin: 4px 8px; align-self: start; box-sizing: border-box; }
+:host { width: 0 !important; min-width: calc(100% - 16px); margin: 4px 8px; align-self: start;
+  box-sizing: border-box; }
 """
 
 WIDGETS = """

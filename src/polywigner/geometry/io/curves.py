@@ -65,11 +65,6 @@ class Bezier:
 Curve = Points | Arc | Bezier
 
 
-def count_of(curve: Curve) -> int:
-    """Number of lines or curves in it."""
-    return len(curve) - 1 if isinstance(curve, np.ndarray) else 1
-
-
 def ends(curve: Curve) -> Points:
     """First and last point, shape (2, d)."""
     if isinstance(curve, Arc):

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import logging
 import shlex
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import shapely
 
-from polywigner.errors import ArgumentError, require
+from polywigner.errors import ArgumentError, missing_extra
 from polywigner.geometry.exact import Ring
-from polywigner.geometry.io.limits import LARGEST_FILE
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,24 +52,19 @@ class Format:
     read: Callable[[File], Drawing]
     start: bytes = rb"(?!)"
     """Pattern of the first bytes, for files of another suffix."""
-    largest: int = LARGEST_FILE
-    """In bytes."""
-    library: str = ""
-    """Module of the extra `formats` without which it is not read."""
+    libraries: tuple[str, ...] = ()
+    """Modules of the extra `formats` without which it is not read."""
     has_layers: bool = False
 
 
-def required(library: str, kind: str) -> Any:
-    """Import a library that the extra `formats` brings.
-
-    Raises MissingExtraError where it is not installed.
-    """
-    module = require(library, "formats", f"reads {kind} files")
-    # Messages of a library about a damaged file go to a user's handlers, not to the terminal.
-    logger = logging.getLogger(library.partition(".")[0])
-    if not logger.handlers:
-        logger.addHandler(logging.NullHandler())
-    return module
+def check_installed(library: str, kind: str) -> None:
+    """Raise MissingExtraError where a library that the extra `formats` brings is not installed."""
+    try:
+        found = find_spec(library)
+    except (ImportError, ValueError):
+        found = None
+    if found is None:
+        raise missing_extra(library, "formats", f"reads {kind} files")
 
 
 _MOST_NAMED = 12

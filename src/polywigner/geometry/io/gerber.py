@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from functools import partial
 from itertools import groupby
 from typing import Any
 
@@ -16,81 +15,38 @@ from polywigner.errors import FileFormatError
 from polywigner.geometry.io.curves import Arc, Curve, flattened, turned
 from polywigner.geometry.io.drawing import Drawing, File, Format
 from polywigner.geometry.io.gerber_statements import checked_statements, objects_of
-from polywigner.geometry.io.limits import (
-    LARGEST_NUMBER,
-    check_coordinates,
-    check_vertices,
-    in_process,
-    text_of,
-)
-from polywigner.geometry.io.outlines import Work, filled
-from polywigner.geometry.parts import combined_on_grid, groups_apart, polygons_in, union_on_grid
+from polywigner.geometry.io.limits import LARGEST_NUMBER, check_coordinates, text_of
+from polywigner.geometry.io.outlines import filled
+from polywigner.geometry.parts import combined_on_grid, polygons_in, union_on_grid
 from polywigner.geometry.rings import rings_of_polygon
-
-# Vertices of shapes that touch and are joined in some tenths of a second; those are not counted.
-_QUICK = 20_000
-
-# Vertices that the large unions and all cuts of a file handle together, some 10 s.
-_MOST_COMBINED = 400_000
 
 Layers = list[tuple[bool, BaseGeometry]]
 """Shapes one upon the other, each dark (adds) or clear (cuts)."""
 
 
-def composed(layers: Iterable[tuple[bool, BaseGeometry]], work: Work) -> BaseGeometry:
-    """Region left when dark shapes add and clear ones cut, in their order.
-
-    `work` is that of the file.     Raises FileFormatError where that takes too long.
-    """
+def composed(layers: Iterable[tuple[bool, BaseGeometry]]) -> BaseGeometry:
+    """Region left when dark shapes add and clear ones cut, in their order."""
     copper = np.array([], dtype=object)
-    left = _MOST_COMBINED
     for dark, run in groupby(layers, key=lambda layer: layer[0]):
         shapes = [shape for _, shape in run if not shape.is_empty]
         if not shapes:
             continue
         if len(shapes) > 1:
-            left -= _vertices_of_unions(shapes)
-            _check_combined(left)
-            work.check_edges(_outlines(shapes))
             shapes = [union_on_grid(shapes)]
         # The polygons apart from these shapes stay as they are.
         near = shapely.intersects(copper, shapely.box(*shapely.total_bounds(shapes)))
         if near.any():
-            left -= int(shapely.get_num_coordinates(copper[near]).sum())
-            _check_combined(left - int(shapely.get_num_coordinates(shapes[0])))
-            found = _combined(dark, copper[near], shapes[0], work)
+            found = _combined(dark, copper[near], shapes[0])
         else:
             found = shapes[0] if dark else shapely.MultiPolygon()
         copper = np.concatenate([copper[~near], np.array(polygons_in(found), dtype=object)])
     return copper[0] if len(copper) == 1 else shapely.MultiPolygon(list(copper))
 
 
-def _vertices_of_unions(shapes: Sequence[BaseGeometry]) -> int:
-    """Vertices in the groups of shapes whose union takes long."""
-    counts = shapely.get_num_coordinates(shapes)
-    sums = [int(counts[group].sum()) for group in groups_apart(shapes, 0.0)]
-    return sum(count for count in sums if count > _QUICK)
-
-
-def _check_combined(left: int) -> None:
-    if left < 0:
-        raise FileFormatError(
-            f"expected shapes that touch, and dark and clear ones, of at most {_MOST_COMBINED} "
-            "vertices together, each counted for every change of polarity around it, got more; "
-            "export a smaller part"
-        )
-
-
-def _combined(dark: bool, polygons: Any, shape: BaseGeometry, work: Work) -> BaseGeometry:
-    work.check_edges(_outlines([*polygons, shape]))
+def _combined(dark: bool, polygons: Any, shape: BaseGeometry) -> BaseGeometry:
     if dark:
         return union_on_grid([*polygons, shape])
     return combined_on_grid(shapely.difference, shapely.MultiPolygon(list(polygons)), shape)
-
-
-def _outlines(shapes: Sequence[BaseGeometry]) -> list[Any]:
-    polygons = shapely.get_parts(np.array(shapes, dtype=object))
-    return [shapely.get_coordinates(ring)[:-1] for ring in shapely.get_rings(polygons)]
 
 
 # By which the two radii of an arc may differ, whose ends and centre are whole numbers.
@@ -163,29 +119,22 @@ def _between(start: Any, end: Any, told: Sequence[Any]) -> Arc:
 class Shapes:
     """Polygons of objects; curves stay within `tolerance` (in the file's unit, or None)."""
 
-    def __init__(
-        self, apertures: Sequence[Sequence[Any]], tolerance: float | None, work: Work
-    ) -> None:
+    def __init__(self, apertures: Sequence[Sequence[Any]], tolerance: float | None) -> None:
         self._apertures = apertures
         self._tolerance = tolerance
-        self._work = work
         self._flashes: dict[int, BaseGeometry] = {}
-        self._vertices = 0
 
     def of(self, told: Sequence[Any]) -> Layers:
         """The polygons of one object of the file."""
         kind, dark, *rest = told
-        shapes = getattr(self, f"_{kind.lower()}")(*rest)
-        self._vertices += int(shapely.get_num_coordinates(shapes).sum())
-        check_vertices(self._vertices)
-        return [(dark, shape) for shape in shapes]
+        return [(dark, shape) for shape in getattr(self, f"_{kind.lower()}")(*rest)]
 
     def _annulus(self, outer: Arc, inner: Arc) -> BaseGeometry:
         around, within = flattened([[outer], [inner]], self._tolerance)
         found = shapely.Polygon(around, [within])
         if shapely.is_valid(found):
             return found
-        return composed([(True, self._wound(around)), (False, self._wound(within))], self._work)
+        return composed([(True, self._wound(around)), (False, self._wound(within))])
 
     def _convex(self, outline: Sequence[Curve]) -> BaseGeometry:
         """The polygon of an outline that is convex, quicker than by winding."""
@@ -197,7 +146,7 @@ class Shapes:
         return self._wound(flattened([outline], self._tolerance)[0])
 
     def _wound(self, ring: Any) -> BaseGeometry:
-        polygons = [shapely.Polygon(p[0], p[1:]) for p in filled([ring], "nonzero", self._work)]
+        polygons = [shapely.Polygon(p[0], p[1:]) for p in filled([ring], "nonzero")]
         return polygons[0] if len(polygons) == 1 else shapely.MultiPolygon(polygons)
 
     def _region(self, points: Sequence[Any], arcs: Sequence[Any]) -> list[BaseGeometry]:
@@ -217,7 +166,7 @@ class Shapes:
         if number not in self._flashes:
             kind, *values = self._apertures[number]
             layers = self._macro(*values) if kind == "macro" else self._standard(kind, values)
-            self._flashes[number] = composed(layers, self._work)
+            self._flashes[number] = composed(layers)
         place = np.array([x, y])
         check_coordinates(place)
         return [shapely.transform(self._flashes[number], lambda points: points + place)]
@@ -306,27 +255,16 @@ class Shapes:
         return [self._polygon(sector), *map(self._convex, discs)]
 
 
-# Characters that gerbonara, which is written in Python, reads in tenths of a second at most: sooner
-# than a process starts. The statements that would repeat others have been refused.
-_SMALL = 2**14
-
 _METRES = {"MM": 1e-3, "IN": 25.4e-3}
 
 
 def read_gerber(file: File) -> Drawing:
     """Read the copper after all objects: dark ones add, clear ones cut, in the file's order."""
     text, unit = checked_statements(text_of(file.content))
-    read = partial(objects_of, text)
-    if len(text) <= _SMALL:
-        objects, apertures = read()
-    else:
-        objects, apertures = in_process(
-            read, "Gerber", "gerbonara", "export a smaller part", "export it anew, or as DXF"
-        )
+    objects, apertures = objects_of(text)
     metres = _METRES.get(unit, 1e-3)
-    work = Work()
-    shapes = Shapes(apertures, file.tolerance and file.tolerance / metres, work)
-    copper = composed([layer for told in objects for layer in shapes.of(told)], work)
+    shapes = Shapes(apertures, file.tolerance and file.tolerance / metres)
+    copper = composed([layer for told in objects for layer in shapes.of(told)])
     polygons = [rings_of_polygon(polygon) for polygon in polygons_in(copper)]
     if not polygons:
         raise FileFormatError(
@@ -336,10 +274,9 @@ def read_gerber(file: File) -> Drawing:
     return Drawing(polygons, metres)
 
 
-# gerbonara reads in Python; 4 MiB hold some 200 000 strokes.
 FORMATS = (
     Format(
         "Gerber", (".gbr", ".ger", ".gtl", ".gbl", ".art"), read_gerber,
-        rb"G0?4|%(?:FS|MO|T[FA]|AM|AD|IN|LN|IP|AS|SF)|G7[015]\*", 4 * 2**20, "gerbonara.rs274x",
+        rb"G0?4|%(?:FS|MO|T[FA]|AM|AD|IN|LN|IP|AS|SF)|G7[015]\*", ("gerbonara.rs274x",),
     ),
 )  # fmt: skip

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.io.limits import MOST_CURVES, check_curves, token
+from polywigner.geometry.io.limits import token
 
 _PIECE = re.compile(r"\s*(?:(G0?4[^*]*)\*|%([^%]*)%|([^%*]*)\*)")
 # A word of codes and numbers, which messages quote; of any other text they tell the length.
@@ -78,7 +78,6 @@ class _State:
     is_placed: bool = False
     in_region: bool = False
     quadrants: str = ""
-    drawn: int = 0
     defined: set[str] = field(default_factory=set)
     is_ended: bool = False
 
@@ -180,8 +179,6 @@ def _operation(state: _State, found: re.Match[str]) -> None:
     if found["centre"]:
         _check(state.quadrants == "G75", "arcs after G75 (of up to a full turn)", word)
     state.is_placed = True
-    state.drawn += code != "2"
-    check_curves(state.drawn)
 
 
 def _extended(state: _State, words: str) -> None:
@@ -275,7 +272,6 @@ class _Apertures:
     def __init__(self) -> None:
         self.told: list[list[Any]] = []
         self._numbers: dict[int, int] = {}
-        self._left = MOST_CURVES
 
     def number(self, aperture: Any) -> int:
         if aperture is None:
@@ -292,11 +288,7 @@ class _Apertures:
         if kind in _FIELDS:
             return [kind, *(getattr(aperture, name) for name in _FIELDS[kind])]
         bound = dict(enumerate(aperture.parameters, start=1))
-        primitives = aperture.macro.primitives
-        self._left -= sum(len(getattr(p, "coords", "_")) for p in primitives)
-        if self._left < 0:
-            raise FileFormatError("expected fewer primitives in macros, got more; use regions")
-        return ["macro", [_primitive(p, bound, aperture.unit) for p in primitives]]
+        return ["macro", [_primitive(p, bound, aperture.unit) for p in aperture.macro.primitives]]
 
 
 def _told(thing: Any, apertures: _Apertures) -> list[Any]:
@@ -315,7 +307,7 @@ def _told(thing: Any, apertures: _Apertures) -> list[Any]:
 def objects_of(text: str) -> tuple[list[list[Any]], list[list[Any]]]:
     """Objects in the order of the file and the apertures that they use, in the file's unit.
 
-    Run in a process of its own. Raises FileFormatError for what gerbonara refuses, or warns about.
+    Raises FileFormatError for what gerbonara refuses, or warns about.
     """
     library: Any = importlib.import_module("gerbonara.rs274x")
     try:

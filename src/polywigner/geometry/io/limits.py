@@ -1,11 +1,11 @@
-"""Limits of files from elsewhere: size, counts, nesting, time and memory; one error for each."""
+"""Limits of files from elsewhere: size, time, memory, and numbers of parts."""
 
 from __future__ import annotations
 
 import os
 import re
 import stat
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -23,9 +23,6 @@ LARGEST_FILE = 64 * 2**20
 LARGEST_TOML = 8 * 2**20
 LARGEST_SCENE = 8 * 2**20
 
-# Characters in a line of a table: a line is in memory as its columns.
-LONGEST_LINE = 2**16
-
 # Commas in JSON: three for each of a million positions, and as much again for properties.
 MOST_JSON_VALUES = 6_000_000
 
@@ -36,8 +33,8 @@ MOST_RINGS = 10_000
 # Coordinates beyond it are refused before anything is computed from them.
 LARGEST_NUMBER = 1e100
 
-# Lines and curves of a drawing, those of repeated parts counted each time.
-MOST_CURVES = 100_000
+# Characters in a line of a table: a line is in memory as its columns.
+LONGEST_LINE = 2**16
 
 # Triangles of a body; checking so many takes about 10 s.
 MOST_FACES = 200_000
@@ -78,11 +75,6 @@ def check_vertices(count: int) -> None:
 def check_rings(count: int) -> None:
     """Raise where a file has more outlines than are read."""
     check_most(count, MOST_RINGS, "outlines", "use fewer, such as one element of an array")
-
-
-def check_curves(count: int) -> None:
-    """Raise where a drawing has more lines and curves than are followed."""
-    check_most(count, MOST_CURVES, "lines and curves (repetitions included)")
 
 
 def check_bytes(size: int, largest: int, kind: str = "") -> None:
@@ -140,6 +132,10 @@ def _check_mode(mode: int) -> None:
         raise FileFormatError("expected a regular file, got a device or pipe")
 
 
+# Bytes of a file that says a size of zero.
+_OF_NO_SIZE = 1 << 20
+
+
 def bytes_of(path: Path, largest: int = LARGEST_FILE) -> bytes:
     """The content of a regular file of sensible size.
 
@@ -154,7 +150,8 @@ def bytes_of(path: Path, largest: int = LARGEST_FILE) -> bytes:
             found = os.fstat(file.fileno())
             _check_mode(found.st_mode)
             check_bytes(found.st_size, largest)
-            content = file.read(largest + 1)  # files of the system say a size of zero
+            # files of the system say a size of zero; room is made for as much as is asked for
+            content = file.read(min(max(found.st_size, _OF_NO_SIZE), largest) + 1)
     except (OSError, ValueError) as error:
         if isinstance(error, FileFormatError):
             raise
@@ -178,27 +175,28 @@ def text_of(content: bytes) -> str:
     return text
 
 
-# Of the processor; a machine that does other work may take as many times as long.
-_SECONDS = 10
+SMALL = 2**14
+"""Bytes of plain text that are read where the caller is: in milliseconds."""
+
+# Of the processor; a machine that does other work may take six times as long.
+_SECONDS = 20
 _MEMORY = 1 << 30
 
 
-def in_process(
-    read: Callable[[], Result], kind: str, library: str, slow: str, damaged: str
-) -> Result:
-    """Return ``read()``, called in a process of its own, which a damaged file may end.
+def within_limits(read: Callable[[], Result], modules: Sequence[str], kind: str) -> Result:
+    """Return ``read()``, called in a process apart, which a damaged file may end.
 
-    `slow` and `damaged` end the messages about a file that takes too long, and about one that
-    `library` does not read.
+    Raises FileFormatError where it takes more time or memory than a file may, or fails.
     """
     try:
-        return run_apart(read, _SECONDS, _MEMORY)
+        return run_apart(read, _SECONDS, _MEMORY, modules=modules)
     except ChildError as error:
-        if error.failure == "time":
+        if error.failure in ("time", "memory"):
             raise FileFormatError(
-                f"expected {kind} that {library} reads within {_SECONDS} s, got a larger layout; "
-                f"{slow}"
+                f"expected {kind} that is read within {_SECONDS} s and {_MEMORY >> 30} GiB, got a "
+                f"file that takes more {error.failure}; simplify it, or save a part of it"
             ) from None
         raise FileFormatError(
-            f"expected {kind}, got a file that {library} does not read; {damaged}"
+            f"expected {kind}, got a file at which its library fails; it may be damaged, or take "
+            f"more than {_MEMORY >> 30} GiB: export it anew, or a part of it"
         ) from None

@@ -8,15 +8,16 @@ them.
 from __future__ import annotations
 
 import importlib
-import math
 import os
 import pkgutil
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from polywigner.errors import (
     ArgumentError,
@@ -26,13 +27,18 @@ from polywigner.errors import (
     PolywignerError,
 )
 from polywigner.geometry import io
-from polywigner.geometry.aperture import Aperture
-from polywigner.geometry.arguments import checked_flag
+from polywigner.geometry.aperture import Aperture, PlacedAperture
+from polywigner.geometry.arguments import checked_flag, checked_length
 from polywigner.geometry.exact import Ring
-from polywigner.geometry.io.drawing import Drawing, File, Format, required
-from polywigner.geometry.io.limits import bytes_of, check_bytes
-from polywigner.geometry.io.mesh import MESH_SUFFIXES, read_mesh
-from polywigner.geometry.io.outlines import check_polygons
+from polywigner.geometry.io.drawing import Drawing, File, Format, check_installed
+from polywigner.geometry.io.limits import (
+    SMALL,
+    bytes_of,
+    check_rings,
+    check_vertices,
+    within_limits,
+)
+from polywigner.geometry.io.mesh import MESH_SUFFIXES, plates_of, read_mesh
 from polywigner.geometry.io.svg_shapes import PIXEL
 from polywigner.geometry.parts import merge_parts, part_of_rings, union_parts
 from polywigner.geometry.polyhedron import Polyhedron
@@ -71,17 +77,31 @@ def _format_of(path: Path, content: bytes) -> Format:
     return next(by_suffix, None) or next(by_start, None) or next(csv)
 
 
-def _drawing(file: File) -> Drawing:
+def _read(file: File) -> Aperture:
+    """The aperture in a file, read in a process apart unless it is small and plain."""
     found = _format_of(file.path, file.content)
     if file.layers and not found.has_layers:
         raise ArgumentError(
             "expected a layer of a drawing (SVG, DXF, GDSII) only, got one of a file that has "
             "no layers; leave it out"
         )
-    check_bytes(len(file.content), found.largest, found.name)
-    if found.library:
-        required(found.library, found.name)
-    return found.read(file)
+    read = partial(_aperture_in, file, found.name)
+    if not found.libraries and len(file.content) <= SMALL:
+        return read()
+    return _apart(read, found.libraries, found.name)
+
+
+def _aperture_in(file: File, name: str) -> Aperture:
+    found = next(known for known in _FORMATS if known.name == name)
+    # Numbers beyond the range of float64 are reported where they arrive, with a place.
+    with np.errstate(all="ignore"):
+        return _aperture(found.read(file), file.union)
+
+
+def _apart(read: Callable[[], Any], libraries: Sequence[str], name: str) -> Any:
+    for library in libraries:
+        check_installed(library, name)
+    return within_limits(read, (__name__, "numpy.ma", *libraries), name)
 
 
 def _scaled(points: Any, metres: float) -> Ring:
@@ -93,7 +113,9 @@ def _scaled(points: Any, metres: float) -> Ring:
 
 def _aperture(drawing: Drawing, union: bool) -> Aperture:
     polygons = drawing.polygons
-    vertices = check_polygons(polygons)
+    check_rings(sum(map(len, polygons)))
+    vertices = sum(len(ring) for rings in polygons for ring in rings)
+    check_vertices(vertices)
     single = len(polygons) == 1
     names = ["the polygon" if single else f"polygon {number}" for number in range(len(polygons))]
 
@@ -121,12 +143,7 @@ def _checked_tolerance(tolerance: Any) -> float | None:
     """A length in metres above zero, or None; ArgumentError for any other."""
     if tolerance is None:
         return None
-    number = isinstance(tolerance, (int, float, np.number)) and not isinstance(tolerance, bool)
-    if not number or not 0 < tolerance < math.inf:
-        raise ArgumentError(
-            f"expected a tolerance in metres above zero, got {tolerance!r}; give one such as 1e-5"
-        )
-    return float(tolerance)
+    return checked_length(tolerance, "tolerance", meaning="metres above zero, such as 1e-5")
 
 
 def _checked_layers(layer: Any) -> tuple[str, ...]:
@@ -209,10 +226,8 @@ def read_aperture(
     metres, reach, source = _metres(unit), _checked_tolerance(tolerance), _path(path)
     layers, joins = _checked_layers(layer), checked_flag(union, "union")
     try:
-        file = File(source, bytes_of(source), metres, reach, layers, joins)
-        # Numbers beyond the range of float64 are reported where they arrive, with a place.
-        with np.errstate(all="ignore"):
-            return _aperture(_drawing(file), joins)
+        content = bytes_of(source)
+        return _read(File(source.absolute(), content, metres, reach, layers, joins))
     except (FileFormatError, GeometryError, MissingExtraError, ArgumentError) as error:
         raise _about(source, error) from None
 
@@ -252,18 +267,74 @@ def read_polyhedron(path: str | os.PathLike[str], unit: str | float = "mm") -> P
     >>> round(pw.read_polyhedron(path, unit="m").volume, 6)
     0.166667
     """
+    body: Polyhedron = _body(path, unit, Polyhedron)
+    return body
+
+
+def read_sheets(path: str | os.PathLike[str], unit: str | float = "mm") -> list[PlacedAperture]:
+    """Read a mesh file (``.stl``, ``.ply``, ``.obj``), open or closed, as thin plates in metres.
+
+    Each plate has two sides; triangles in one plane are one plate. :func:`rcs` takes the list as a
+    body, and :func:`amplitude` as obstacles. Needs the extra `formats`.
+
+    Parameters
+    ----------
+    path, unit
+        As for :func:`read_polyhedron`, which closed bodies are better read with: their insides are
+        then dark, and their facets may join smoothly.
+
+    Raises
+    ------
+    FileFormatError, QuantityError, ArgumentError, MissingExtraError
+        As for :func:`read_polyhedron`.
+    GeometryError
+        No triangle has an area.
+
+    >>> import polywigner as pw
+    >>> import pathlib, tempfile
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "corner.obj"
+    >>> faces = "f 1 2 3\\nf 1 3 4\\nf 1 4 2\\n"
+    >>> _ = path.write_text("v 0 0 0\\nv 1 0 0\\nv 0 1 0\\nv 0 0 1\\n" + faces)
+    >>> [round(plate.aperture.area, 6) for plate in pw.read_sheets(path, unit="m")]
+    [0.5, 0.5, 0.5]
+    """
+    plates: list[PlacedAperture] = _body(path, unit, plates_of)
+    return plates
+
+
+def read_triangles(path: Any, unit: str | float) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+    """Vertices (n, 3) in metres and triangles (m, 3) of a mesh file.
+
+    Raises FileFormatError and the like as :func:`read_polyhedron`.
+    """
+    found: tuple[NDArray[np.float64], NDArray[np.intp]] = _body(path, unit, _as_they_are)
+    return found
+
+
+def _as_they_are(*parts: Any) -> Any:
+    return parts
+
+
+def _body(path: Any, unit: str | float, build: Callable[[Ring, NDArray[np.intp]], Any]) -> Any:
+    """``build(vertices, faces)`` of a mesh file, in metres, called in a process apart."""
     metres, source = _metres(unit), _path(path)
     try:
-        if source.suffix.lower() not in MESH_SUFFIXES:
+        kind = source.suffix.lower()
+        if kind not in MESH_SUFFIXES:
             raise FileFormatError(
                 f"expected a mesh with the suffix {', '.join(MESH_SUFFIXES)}, got "
                 f"{source.suffix or 'no suffix'!r}; outlines are read by polywigner.read_aperture"
             )
-        with np.errstate(all="ignore"):
-            vertices, faces = read_mesh(bytes_of(source), source.suffix.lower())
-            return Polyhedron(_scaled(vertices, metres), faces)
+        read = partial(_built, bytes_of(source), kind, metres, build)
+        return _apart(read, ("trimesh",), kind.removeprefix(".").upper())
     except (FileFormatError, GeometryError, MissingExtraError) as error:
         raise _about(source, error) from None
+
+
+def _built(content: bytes, kind: str, metres: float, build: Callable[..., Any]) -> Any:
+    with np.errstate(all="ignore"):
+        vertices, faces = read_mesh(content, kind)
+        return build(_scaled(vertices, metres), faces)
 
 
 def _path(path: Any) -> Path:

@@ -6,14 +6,14 @@ import math
 import re
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
+from importlib import import_module
 from typing import Any
 
 import numpy as np
 
 from polywigner.errors import FileFormatError
 from polywigner.geometry.io.curves import Arc, Bezier, Curve, Points, ends, transformed, turned
-from polywigner.geometry.io.drawing import required
-from polywigner.geometry.io.limits import LARGEST_NUMBER, check_curves, check_most
+from polywigner.geometry.io.limits import LARGEST_NUMBER
 
 # Possessive (++) and atomic (?>) throughout, so that no text takes longer than its length.
 _NUMBER = r"(?>[+-]?(?:[0-9]++\.?[0-9]*+|\.[0-9]++)(?:[eE][+-]?[0-9]++)?)"
@@ -40,9 +40,6 @@ PHYSICAL = {
     "in": Fraction(254, 10_000), "pt": Fraction(254, 720_000), "pc": Fraction(254, 60_000),
 }  # fmt: skip
 """The metres of the units that state a size."""
-
-_LONGEST_SHEET = 2**20
-_MOST_RULES = 1000
 
 # Fraction("1e999999999") fills memory.
 _LONGEST_NUMBER = 40
@@ -97,7 +94,6 @@ def numbers_of(text: str, name: str) -> list[float]:
     """The numbers of a list such as "0,0 10,5"."""
     if not _LIST.fullmatch(text):
         raise _refuse(f"{name} as numbers", text)
-    check_curves(_count(text) // 2)
     return [float(number) for number in _NUMBERS.findall(text)]
 
 
@@ -139,7 +135,7 @@ def _function(name: str, values: list[float]) -> tuple[Points, Points]:
 def subpaths_of(data: str) -> list[list[Curve]]:
     """The subpaths of path data, each closed by a line where it is open, as a fill closes it."""
     expected = _checked_segments(data)
-    library = required("svgelements", "SVG")
+    library: Any = import_module("svgelements")
     try:
         path = library.Path(data)
     except Exception:  # of the kinds it may raise, none is documented
@@ -199,7 +195,6 @@ def _checked_segments(data: str) -> int:
                 f"expected the numbers of a path's {letter}, got {_shown(arguments)}; correct it"
             )
         segments += count
-        check_curves(segments)
     return segments
 
 
@@ -224,8 +219,6 @@ def rules_of(text: str) -> list[tuple[str, dict[str, str]]]:
 
     Statements such as @import are passed over. Raises FileFormatError for blocks such as @media.
     """
-    if len(text) > _LONGEST_SHEET:
-        raise FileFormatError("expected style sheets of at most 1 MiB, got more; simplify them")
     rules = []
     for block in _without_comments(text).split("}"):
         selectors, brace, declarations = block.partition("{")
@@ -421,7 +414,6 @@ class Styles:
             for selector, declarations in rules_of(sheet)
             if (relevant := _relevant(declarations))
         ]
-        check_most(len(self.rules), _MOST_RULES, "rules of style sheets", "save as plain SVG")
         for selector, _ in self.rules:
             element, _, name = selector.removeprefix("#").partition(".")
             if selector != "*" and not set(element + name) <= _SIMPLE:
@@ -433,7 +425,7 @@ class Styles:
     def of(self, element: Any, tag: str, parent: Style) -> Style:
         """The element's style: attributes, then style sheets, then its own style attribute."""
         found = _relevant(dict(element.attrib))
-        names = element.get("class", "").split()[:_MOST_RULES]
+        names = element.get("class", "").split()
         known = {"*", tag, f"#{element.get('id')}"}
         known |= {f".{name}" for name in names} | {f"{tag}.{name}" for name in names}
         for selector, declarations in self.rules:

@@ -17,13 +17,18 @@ of which the last term is integrated in closed form (B4).
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
+
+import numpy as np
 
 from polywigner.numerics.complex_pairs import Pair, decaying_sinh, select
 from polywigner.numerics.phases import cos_sin_turns, sinc
 
 Values = tuple[Any, ...]
+Point = tuple[Any, ...]
+"""Coordinates, of numbers or arrays."""
 
 # Where two waves differ by less, in turns, their difference is taken as a product.
 _CLOSE = 0.5
@@ -234,37 +239,180 @@ def spherical_edge(
     return real, imag, path.detour
 
 
-def silhouette_edge(
-    ops: Any, source: tuple[Any, ...], point: tuple[Any, ...], row: tuple[Any, ...],
-    aside: tuple[Any, ...] | None,
-) -> tuple[Any, Any]:  # fmt: skip
-    """(real, imaginary) term of (SB1) of a node of a silhouette, times 2 pi. Lengths in waves.
-
-    ``row``: the node and its step along the edge; then the middle and the ends of its panel, 1
-    where the panel counts its angle, else 0, and the plane behind which the edge has no part.
-    ``aside``: None where all edges part the points from light: the sum of their angles and waves.
-    Otherwise a place beside the point, whose angles are taken in closed form: the sum of the waves.
-    """
-    path = _Path(ops, source, point, row[:3], row[3:6])
-    real, imag = path.smooth(ops)
-    if aside is None:
-        return real, imag
-    axis, middle, first, last = (
-        tuple(a - b for a, b in zip(place, source, strict=True))
-        for place in (aside, row[6:9], row[9:12], row[12:15])
-    )
+def angle_about(ops: Any, source: Point, point: Point, start: Point, end: Point) -> Any:
+    """The angle by which a straight edge turns about the axis from a source to a point."""
+    axis, first, last = (_minus(place, source) for place in (point, start, end))
     length = ops.sqrt(_dot(axis, axis))
-    turned, over = _dot(axis, _cross(first, last)), _dot(axis, first) * _dot(axis, last)
-    angle = row[15] * ops.atan2(turned, _dot(first, last) * length - over / length)
-    # behind the point the axis may meet edges that throw no shadow on it: their waves are smooth
-    is_shadowed = _dot(middle, tuple(a - b for a, b in zip(axis, middle, strict=True))) > 0.0
-    wave = path.boundary_wave(ops)
-    ahead = _dot(row[16:19], point) + row[19]
-    counts = ahead >= 0.0
-    return (
-        ops.select(counts, ops.select(is_shadowed, real - angle, -wave[0]), 0.0),
-        ops.select(counts, ops.select(is_shadowed, imag, -wave[1]), 0.0),
+    over = _dot(axis, first) * _dot(axis, last)
+    return ops.atan2(_dot(axis, _cross(first, last)), _dot(first, last) * length - over / length)
+
+
+@dataclass(frozen=True)
+class EdgeRule:
+    """Nodes that sum the boundary wave of a straight edge."""
+
+    turns: float
+    """Detour up to which it is summed along the edge, beyond the least, in wavelengths."""
+    nodes: tuple[tuple[float, float], ...]
+    """Places from -1 to 1 there, with weights (Gauss and Legendre)."""
+    tails: tuple[tuple[float, float], ...]
+    """Places beyond, into the complex plane, with weights (Gauss and Laguerre)."""
+
+    @classmethod
+    def of(cls, turns: float, nodes: int, tails: int) -> EdgeRule:
+        """The rule of so many nodes."""
+        along, beyond = np.polynomial.legendre.leggauss(nodes), np.polynomial.laguerre.laggauss
+        places, weights = beyond(tails)
+        decay = 1.0 / (2.0 * math.pi)
+        return cls(
+            turns,
+            tuple(zip(*(part.tolist() for part in along), strict=True)),
+            tuple(zip((places * decay).tolist(), (weights * decay).tolist(), strict=True)),
+        )
+
+
+def _always(_: Any, compute: Callable[..., tuple[Any, Any]], *arguments: Any) -> tuple[Any, Any]:
+    return compute(*arguments)
+
+
+def edge_wave(
+    ops: Any, rule: EdgeRule, source: Point, point: Point, start: Point, end: Point,
+    aside: Point | None = None, when: Callable[..., tuple[Any, Any]] = _always,
+) -> tuple[Any, Any]:  # fmt: skip
+    """(real, imaginary) boundary wave of a straight edge over the free one, times 2 pi. (SB3).
+
+    The integral of a point source's wave along a directed edge of a silhouette, in waves. With v
+    the root of the detour beyond the least it is one of exp(2 pi i v^2) times a smooth even
+    function, whose poles at the shadow's boundary are taken out in closed form. Beyond
+    ``rule.turns`` the path of integration turns into the complex plane, where the wave decays.
+
+    ``aside``: a place beside the point, which says on which side of the shadow's boundary it is.
+    ``when``: (condition, compute, arguments) -> computed numbers; zeros where there is no need.
+    """
+    along = _minus(end, start)
+    length = ops.sqrt(_dot(along, along))
+    along = tuple(a / length for a in along)
+    from_source, to_point = _minus(start, source), _minus(point, start)
+    s_first, s_last = -_dot(from_source, along), _dot(to_point, along)
+    first = tuple(-q - s_first * t for q, t in zip(from_source, along, strict=True))
+    last = tuple(r - s_last * t for r, t in zip(to_point, along, strict=True))
+    least = 1e-12 if ops.double else 1e-6
+    h_first, h_last = (ops.maximum(ops.sqrt(_dot(v, v)), least) for v in (first, last))
+    over, under = 1.0 / h_first, 1.0 / h_last
+    both = h_first * h_last
+    # 1 + cos and 1 - cos of the angle at the edge, from pi at the boundary of the shadow
+    near = tuple(a * over + b * under for a, b in zip(first, last, strict=True))
+    away = tuple(a * over - b * under for a, b in zip(first, last, strict=True))
+    opening, closing = 0.5 * _dot(near, near), 0.5 * _dot(away, away)
+    normal = _cross(from_source, along)
+    turn = _dot(normal, to_point)
+    side = turn if aside is None else _dot(normal, _minus(aside, start))
+    axis = _minus(point, source)
+    distance = ops.sqrt(_dot(axis, axis))
+    gap, height = s_last - s_first, h_first + h_last
+    shortest = ops.sqrt(gap * gap + height * height)
+    whole = shortest + distance
+    detour = 2.0 * both * opening / whole
+    slant = 0.5 / shortest
+    # from here on the place along the edge is v, its detour is detour + v^2
+    foot = 4.0 * both * slant
+
+    def place(s: Any) -> Any:
+        a, b = s - s_first, s - s_last
+        rho, radius = ops.sqrt(a * a + h_first * h_first), ops.sqrt(b * b + h_last * h_last)
+        lean = a * radius + b * rho
+        size = ops.sqrt(both * both + lean * lean) + both
+        return lean * ops.sqrt(2.0 / (size * (rho + radius + shortest)))
+
+    def density(q: Any) -> Any:
+        stretched = 1.0 + slant * q
+        return slant / ((whole + q) * ops.sqrt(stretched * (q * stretched + foot)))
+
+    limit = math.sqrt(rule.turns)
+    ends = place(0.0 * length), place(length)
+    low, high = (ops.maximum(ops.minimum(v, limit), -limit) for v in ends)
+    pole = density(ops.select(detour < 0.5 * foot, -detour, 0.0))
+    tiny = 1e-300 if ops.double else 1e-37
+
+    def near_foot(low: Any, high: Any) -> tuple[Any, Any]:
+        """The sum of the wave less its pole."""
+        scale = ops.sqrt(ops.minimum(foot, 4.0 * rule.turns))
+        first, last = (_asinh(ops, v / scale) for v in (low, high))
+        middle, half = 0.5 * (first + last), 0.5 * (last - first)
+        real, imag = 0.0, 0.0
+        for at, weight in rule.nodes:
+            grown = ops.exp(middle + half * at)
+            shrunk = 1.0 / grown
+            v = 0.5 * scale * (grown - shrunk)
+            q = v * v
+            c, s = cos_sin_turns(ops, detour + q)
+            share = weight * (grown + shrunk) / ops.maximum(detour + q, tiny)
+            value = density(q)
+            real, imag = real + share * (c * value - pole), imag + share * s * value
+        size = 2.0 * turn * distance * scale * half
+        return size * real, size * imag
+
+    def beyond(v: Any) -> tuple[Any, Any]:
+        """The sum from v on, where the wave decays if v turns into the complex plane."""
+        q = v * v
+        total = Pair(0.0, 0.0)
+        for y, weight in rule.tails:
+            stretched = Pair(1.0 + slant * q, slant * y)
+            z = Pair(q, y)
+            risen = z * stretched
+            rooted = _root(ops, z * stretched * Pair(risen.real + foot, risen.imag))
+            below = Pair(detour + q, y) * Pair(whole + q, y) * rooted
+            norm = weight / (below.real * below.real + below.imag * below.imag)
+            total = total + Pair(below.real * norm, -below.imag * norm)
+        wave = Pair(*cos_sin_turns(ops, detour + q)) * total
+        return -wave.imag, wave.real
+
+    def outside(start: Any, end: Any) -> tuple[Any, Any]:
+        """Sums beyond the limit, as far as the ends of the edge."""
+        rim = beyond(0.0 * start + limit)
+        real, imag = 0.0, 0.0
+        for sign, v in ((-1.0, start), (1.0, end)):
+            off = beyond(ops.maximum(abs(v), limit))
+            size = ops.select(v < 0.0, -sign, sign) * (2.0 * turn * distance * slant)
+            real, imag = real + size * (rim[0] - off[0]), imag + size * (rim[1] - off[1])
+        return real, imag
+
+    real, imag = when(low < high, near_foot, low, high)
+    farther = when((low > ends[0]) | (high < ends[1]) | (low == high), outside, *ends)
+    root = ops.sqrt(detour)
+    angle = ops.atan2((high - low) * root, detour + low * high)
+    jump = 4.0 * distance * pole * ops.sqrt(0.5 * both * whole * closing) * angle
+    return real + ops.select(side < 0.0, -jump, jump) + farther[0], imag + farther[1]
+
+
+def least_detour(ops: Any, source: Point, point: Point, start: Point, end: Point) -> Any:
+    """The shortest way from a source over a straight edge to a point, less the straight way."""
+    along = _minus(end, start)
+    length = ops.sqrt(_dot(along, along))
+    inverse = 1.0 / length
+    from_source, to_point = _minus(start, source), _minus(point, start)
+    s, t = -_dot(from_source, along) * inverse, _dot(to_point, along) * inverse
+    h, g = (
+        ops.sqrt(ops.maximum(_dot(v, v) - at * at, 0.0))
+        for v, at in ((from_source, s), (to_point, t))
     )
+    foot = (s * g + t * h) / ops.maximum(h + g, 1e-6)
+    foot = ops.maximum(ops.minimum(foot, length), 0.0)
+    axis = _minus(point, source)
+    way = ops.sqrt((foot - s) * (foot - s) + h * h) + ops.sqrt((foot - t) * (foot - t) + g * g)
+    return way - ops.sqrt(_dot(axis, axis))
+
+
+def _asinh(ops: Any, x: Any) -> Any:
+    size = abs(x)
+    grown = ops.log(size + ops.sqrt(size * size + 1.0))
+    return ops.select(x < 0.0, -grown, grown)
+
+
+def _root(ops: Any, z: Pair) -> Pair:
+    """Root of a number right of the imaginary axis."""
+    real = ops.sqrt(0.5 * (ops.sqrt(z.real * z.real + z.imag * z.imag) + z.real))
+    return Pair(real, 0.5 * z.imag / real)
 
 
 class _Path:
@@ -301,17 +449,14 @@ class _Path:
             self.turn * (boundary * s - slope * c2),
         )
 
-    def boundary_wave(self, ops: Any) -> tuple[Any, Any]:
-        """The boundary wave alone, as smooth as the way: for places that the axis misses."""
-        c, s = cos_sin_turns(ops, self.detour)
-        # exp(ik detour) (1 - eta^2)/(xi^2 - eta^2) of (B9), over h^2
-        size = 0.5 * self.turn / (self.outer * self.product)
-        return size * c, size * s
+
+def _minus(a: Point, b: Point) -> Point:
+    return tuple(x - y for x, y in zip(a, b, strict=True))
 
 
-def _dot(a: tuple[Any, ...], b: tuple[Any, ...]) -> Any:
+def _dot(a: Point, b: Point) -> Any:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-def _cross(a: tuple[Any, ...], b: tuple[Any, ...]) -> tuple[Any, ...]:
+def _cross(a: Point, b: Point) -> Point:
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])

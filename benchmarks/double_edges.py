@@ -1,0 +1,129 @@
+"""Question: where do waves over two edges, one behind the other, matter?
+
+Run ``python benchmarks/double_edges.py FOLDER``; takes some minutes, and writes double_edges.png. A
+plane wave passes two half planes, which reach down from their edges. Shadows by silhouettes, one
+edge at a time, are compared with two screens of Kirchhoff in a row: the field in the plane of the
+second one, behind the first, is integrated over what the second leaves open. Lengths are in
+wavelengths; angles of points are seen from the second edge, down from the wave's direction.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+from scipy.special import hankel1
+
+import polywigner as pw
+
+Array = np.ndarray
+
+SEPARATIONS = np.geomspace(0.5, 1000.0, 34)
+GRAZING = 0.03  # root of the separation times this: height of the second edge, up or down
+TILTS = np.linspace(-19.5, 19.5, 40)  # degrees, of the line from the first edge to the second
+ANGLES = np.linspace(-20.0, 45.0, 66)  # degrees into the shadow of the second edge
+APART = 30.0  # the edges', where the tilt varies
+BEHIND = 100.0  # of points from the second edge
+FLOOR = -36.0  # dB of the free field: darker points are left out
+DISTANCE = 1e5  # of the source that stands for a plane wave: probes beside edges are 1e-7 of it off
+REACH = 1500.0  # of the half planes
+WINDOW, TAPER, NODES = 150.0, 75.0, 4.0  # of the integral: length, its soft end, nodes per length
+
+
+def half_plane(top: float, z: float) -> Any:
+    """Opaque below x = top: a plate like an M, of which only the upper edge is nearest to points.
+
+    An edge sends most from its place nearest to a point. That of the other edges are corners, whose
+    waves are weaker by the root of the distance.
+    """
+    pose = np.eye(4)
+    pose[0, 3], pose[2, 3] = top, z
+    corners = [(0.0, -1.0), (0.0, 1.0), (-0.6, 1.2), (-0.4, 0.0), (-0.6, -1.2)]
+    return pw.Aperture([(REACH * x, REACH * y) for x, y in corners]).placed(pose)
+
+
+def behind(obstacles: Any, x: Array, z: Array | float) -> Array:
+    """u at (x, 0, z), 1 without obstacles; the wave comes from far down the z axis."""
+    points = np.stack(np.broadcast_arrays(x, 0.0, z), axis=-1)
+    source = pw.PointSource((0.0, 0.0, -DISTANCE), DISTANCE)
+    # as a wave that is 1 at z = 0, in which half wavelengths of its long way are not lost
+    found = pw.amplitude(source, points, 1.0, "kirchhoff", obstacles=obstacles, tolerance=1e-4)
+    return np.asarray(found * np.exp(-2j * np.pi * (DISTANCE % 1.0)))
+
+
+def cascade(top: float, separation: float, x: Array, z: Array) -> Array:
+    """u at points (x, 0, z) behind both half planes, by Kirchhoff's integral over the second one.
+
+    What the first one lets through, less what falls onto the second: with G the outgoing wave of a
+    line, the integral of u dG/dz - G du/dz over the blocked part of the plane.
+    """
+    count = round((WINDOW + TAPER) * NODES)
+    step = (WINDOW + TAPER) / count
+    nodes = top - step * (np.arange(count) + 0.5)
+    depth = np.clip((top - nodes - WINDOW) / TAPER, 0.0, 1.0)
+    weights = step * np.cos(np.pi / 2 * depth) ** 2
+    first, small = half_plane(0.0, 0.0), 0.02
+    ahead, here, back = (behind(first, nodes, separation + n * small) for n in (1, 0, -1))
+    slope = (ahead - back) / (2 * small)
+    k = 2 * np.pi
+    down = z[:, None] - separation
+    away = np.hypot(x[:, None] - nodes, down)
+    wave, wave_slope = 0.25j * hankel1(0, k * away), 0.25j * k * hankel1(1, k * away) * down / away
+    return behind(first, x, z) - (weights * (here * wave_slope - slope * wave)).sum(axis=1)
+
+
+def compared(top: float, separation: float) -> tuple[Array, Array]:
+    """|u| at all angles: by silhouettes, and by two screens in a row."""
+    angles = np.radians(ANGLES)
+    x, z = top - BEHIND * np.sin(angles), separation + BEHIND * np.cos(angles)
+    both = [half_plane(0.0, 0.0), half_plane(top, separation)]
+    return np.abs(behind(both, x, z)), np.abs(cascade(top, separation, x, z))
+
+
+def differences(found: list[tuple[Array, Array]]) -> Any:
+    """Levels of silhouettes above those of the cascade in dB (angle, place), where it is bright."""
+    single, double = (np.maximum(np.array(part).T, 1e-6) for part in zip(*found, strict=True))
+    off = 20 * np.log10(single / double)
+    return np.ma.masked_where(20 * np.log10(double) < FLOOR, off)
+
+
+def draw(lit: Any, hidden: Any, tilted: Any) -> Any:
+    figure, axes = plt.subplots(1, 3, figsize=(12.5, 4.4), sharey=True, layout="constrained")
+    style: dict[str, Any] = {"cmap": "RdBu_r", "vmin": -12, "vmax": 12, "shading": "nearest"}
+    for panel, places, off in zip(
+        axes, (SEPARATIONS, SEPARATIONS, TILTS), (lit, hidden, tilted), strict=True
+    ):
+        shown = panel.pcolormesh(places, ANGLES, off, **style)
+        lines = panel.contour(
+            places, ANGLES, np.ma.filled(np.abs(off), np.nan), [1.0], colors="black", linewidths=0.8
+        )
+        panel.clabel(lines, fmt="1 dB", fontsize=7)
+        panel.axhline(0.0, color="0.4", lw=0.7, ls=":")
+        panel.set_facecolor("0.75")
+    for panel, place in zip(axes, ("light", "shadow"), strict=False):
+        title = f"second edge just in the {place} of the first"
+        panel.set(xscale="log", xlabel="separation of the edges (wavelengths)")
+        panel.set_title(title, fontsize=10)
+    axes[0].set_ylabel("point, degrees into the second edge's shadow")
+    axes[2].set_title(f"edges {APART:g} wavelengths apart", fontsize=10)
+    axes[2].set_xlabel("second edge, degrees above the shadow boundary")
+    label = "one edge at a time, dB above two screens in a row"
+    figure.colorbar(shown, ax=axes, label=label, extend="both")
+    return figure
+
+
+def main(folder: Path) -> None:
+    """Draw both pictures."""
+    level = [[compared(side * GRAZING * n**0.5, n) for n in SEPARATIONS] for side in (1, -1)]
+    tilted = [compared(APART * np.tan(np.radians(tilt)), APART) for tilt in TILTS]
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / "double_edges.png"
+    draw(*map(differences, [*level, tilted])).savefig(path, dpi=150)
+    print(f"wrote {path}")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path())

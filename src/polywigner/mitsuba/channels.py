@@ -1,0 +1,569 @@
+"""Paths that interfere: complex amplitudes of direct ways and ways by flat mirrors.
+
+The amplitude of a way is the coupling b of the emitter's image with the receiver (docs/links.md,
+(RX1)), times three factors: e_r . E, the field that mirrors leave of a unit vector E at the emitter
+as the receiver's own unit vector takes it, along the middle of the way; the mean over rays of the
+root of the power that obstacles, masks and fog let through; or, with diffraction, b/b_0 over the
+edges of obstacles.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, partial
+from itertools import product
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from polywigner.errors import ArgumentError, PolywignerError, SceneError
+from polywigner.execution.progress import told
+from polywigner.geometry.arguments import checked_callable, checked_count
+from polywigner.illumination.polarisation import checked_polarisation, components, ludwig_axes
+from polywigner.mitsuba.bodies import OF_ECHO, Body, Echo, checked_bodies, echoes_of
+from polywigner.mitsuba.diffraction import meshes_in
+from polywigner.mitsuba.direct_light import (
+    BLOCKED,
+    UNSEEN,
+    DirectLight,
+    FacingParts,
+    arrival,
+    check_obliquity,
+    facing_parts,
+    mirrors_in,
+    narrow,
+    ways_of,
+)
+from polywigner.mitsuba.mirrors import Mirror, reflected, surface_of
+from polywigner.mitsuba.passing import (
+    RAYS,
+    Mesh,
+    corners,
+    diffracted_ratio,
+    meeting_rays,
+    passing_rays,
+)
+from polywigner.mitsuba.placement import PlacedSource, check_unit, placed_emitter, placed_receiver
+from polywigner.mitsuba.plugins import one_at_a_time
+from polywigner.mitsuba.received import MOST_REFLECTIONS, DirectPath, described
+from polywigner.mitsuba.receiver import receivers_of
+from polywigner.mitsuba.scattered import unseen, wigner_emitters
+from polywigner.mitsuba.sources import norm_of
+from polywigner.quantities import SPEED_OF_LIGHT, parse_frequency, wavelength_of
+from polywigner.reception import coupling
+from polywigner.reception.couplings import checked_tolerance
+from polywigner.scattering.near_fields import echo
+
+if TYPE_CHECKING:
+    import xarray
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
+Chain = tuple[Mirror, ...]
+Way = Chain | Echo
+
+DEFAULT_POLARISATION = "y"
+"""Polarisation of sources without one: along their own y axis."""
+
+# Chebyshev's nodes of a band, rule after rule, each with the nodes of the one before; beyond the
+# last each frequency is computed by itself.
+_RULES = (5, 9, 17, 33, 65)
+_MOST_FREQUENCIES = 1 << 16
+
+
+@one_at_a_time
+def channel(
+    scene: Any,
+    frequencies: ArrayLike | None = None,
+    reflections: int = 2,
+    *,
+    polarisation: Any = None,
+    bodies: Mapping[str, Any] | None = None,
+    tolerance: float = 1e-6,
+    progress: Callable[[int, int], None] | None = None,
+) -> xarray.Dataset:
+    """Complex amplitudes h between all emitters and receivers of a scene, with phase and delay.
+
+    The sum of the direct way and of ways by flat mirrors, near fields exact by the poses of images
+    (docs/channel.md). \\|h\\|^2 is received over transmitted power, both as ``normalise`` of the
+    plugins counts them: by default radiated powers, so that far away Friis' formula holds with
+    directivities. Waves go as exp(i k r - i omega t). Scattered light is left out.
+
+    Parameters
+    ----------
+    scene : a ``mi.Scene`` with ``wigner`` shapes and ``wigner_receiver`` sensors.
+    frequencies : (n,) in Hz, or a number; None: those of the emitters. Sources keep their
+        apertures, fields and weights, and mirrors their refractive indices.
+    reflections : most flat mirrors on a way, 0 to 3.
+    polarisation : of sources without one of their own, as of
+        :func:`polywigner.mitsuba.aperture`: "x", "y", "45 deg", "right", ... or a Jones vector in
+        each source's own x and y. Default: "y".
+    bodies : perfect conductors of :func:`polywigner.rcs` by their names, in the scene's frame, in
+        m, each alone or as a pair (body, reflections on it, 1 to 3): ``{"corner": (plates, 3)}``.
+        Their echoes are ways like those by mirrors (docs/channel.md); leave them out of the scene
+        itself.
+    tolerance : of couplings, as in :func:`polywigner.coupling`.
+    progress : called after each pair of ends with the number of those done, and of all.
+
+    Returns
+    -------
+    xarray.Dataset
+        ``h`` (frequency, receiver, emitter) complex; for each ``way`` its ``amplitude`` (frequency,
+        receiver, emitter, way) complex, zero where it brings nothing, ``delay`` (receiver, emitter,
+        way) in s between the middles of both ends, not a number there, and ``mirrors`` (way): names
+        of shapes and bodies in the light's order, joined by ", ". ``attrs["notes"]``: effects left
+        out.
+
+    Raises
+    ------
+    SceneError : no emitter or receiver, several scene units or obliquities, a mixture of light, a
+        mirror whose reflection has no phase, links or chains of mirrors that are too much work.
+        ArgumentError, QuantityError : other arguments out of range.
+    """
+    asked = None if frequencies is None else checked_frequencies(frequencies)
+    count = checked_count(reflections, "reflections", 0, MOST_REFLECTIONS)
+    allowed = checked_tolerance(tolerance)
+    jones = None if polarisation is None else checked_polarisation(polarisation)
+    conductors = checked_bodies(bodies)
+    receivers = [placed_receiver(s, n) for n, (_, s) in enumerate(receivers_of(scene))]
+    emitters = [placed_emitter(e, n) for n, e in enumerate(wigner_emitters(scene))]
+    if not emitters:
+        raise SceneError("expected a scene with a wigner emitter, got one without; add one")
+    if asked is None:
+        asked = np.unique([SPEED_OF_LIGHT / emitter.wavelength for emitter in emitters])
+    mirrors, notes = mirrors_in(scene, receivers[0].scene_unit, count)
+    ways: list[Way] = [*ways_of(mirrors, count), *echoes_of(conductors, mirrors, count)]
+    pairs = list(product(receivers, emitters))
+    found = []
+    with unseen(scene), told("links", pairs) as each:
+        for number, (receiver, emitter) in enumerate(each, 1):
+            shortest = SPEED_OF_LIGHT / asked.max()
+            paths, own = paths_between(scene, emitter, receiver, ways, jones, shortest)
+            found.append((paths, amplitudes_of(paths, asked, allowed)))
+            notes = own + notes
+            if progress is not None:
+                checked_callable(progress, "progress")(number, len(pairs))
+    return _dataset(asked, receivers, emitters, ways, found, notes)
+
+
+def checked_frequencies(frequencies: Any) -> Floats:
+    """Frequencies (n,) in Hz from numbers or texts; ArgumentError or QuantityError for others."""
+    single = isinstance(frequencies, str | int | float)
+    listed = [frequencies] if single else frequencies
+    if isinstance(listed, list | tuple) and any(isinstance(each, str) for each in listed):
+        listed = [parse_frequency(each) for each in listed]
+    expected = f"expected frequencies as 1 to {_MOST_FREQUENCIES} numbers above 0 in Hz"
+    try:
+        given = np.asarray(listed)
+        is_real = np.isrealobj(given) and not np.ma.is_masked(listed)
+        with np.errstate(all="ignore"):
+            found = np.array(given.real, np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise ArgumentError(f"{expected}, got {frequencies!r:.100}") from None
+    if single:
+        found = found.reshape(-1)
+    if found.ndim != 1 or not 1 <= found.size <= _MOST_FREQUENCIES or not is_real:
+        raise ArgumentError(f"{expected}, got an array of shape {found.shape}")
+    for value in found[~(np.isfinite(found) & (found > 0.0))][:1]:
+        raise ArgumentError(f"{expected}, got {value:g}")
+    for value in found:
+        wavelength_of(float(value))
+    return found
+
+
+def names_of(way: Way) -> tuple[str, ...]:
+    """Names of mirrors and bodies in the order of light."""
+    return way.names if isinstance(way, Echo) else tuple(mirror.name for mirror in way)
+
+
+@dataclass(frozen=True, eq=False)
+class CoherentPath:
+    """A way between two ends with all of its amplitude but the couplings."""
+
+    way: Way
+    distance: float
+    """m, between the middles of both ends along the way."""
+    passing: float
+    """Mean over rays of the root of the power that passes."""
+    links: tuple[tuple[complex, FacingParts], ...]
+    """Image and receiver, with e_r . E, of each pair of polarised components of both ends."""
+    ends: tuple[Counted, Counted]
+    edges: Callable[[float], complex] | None = None
+    """b/b_0 over the edges of obstacles at a wavelength in m; None: by rays alone."""
+    echo: Callable[[float], complex] | None = None
+    """b by a body at a wavelength in m, in place of links."""
+
+
+@dataclass(frozen=True, eq=False)
+class Counted:
+    """A placed source, whose power links count, as the parts that its polarisations make."""
+
+    whole: PlacedSource
+    parts: tuple[tuple[PlacedSource, Complexes], ...]
+
+    def root(self, part: PlacedSource, is_whole: bool, wavelength: float) -> float:
+        """Root of the power that a part radiates over the power that counts."""
+        if is_whole and len(self.parts) == 1 and self.whole.normalise == "radiated":
+            return 1.0
+        count = partial(norm_of, wavelength=wavelength, obliquity=self.whole.obliquity)
+        all_of_it = math.fsum(
+            count(own.source, normalise=self.whole.normalise) for own, _ in self.parts
+        )
+        return math.sqrt(count(part.source) / all_of_it)
+
+
+def _counted(placed: PlacedSource, polarisation: Any) -> Counted:
+    if not placed.mixture.is_plain:
+        raise SceneError(
+            f"expected coherent light of one wavelength at {placed.name!r} where ways interfere, "
+            f"got {placed.mixture}; leave coherence and bandwidth of light out"
+        )
+    own = placed.polarisation
+    own = own if own is not None else polarisation
+    jones = checked_polarisation(DEFAULT_POLARISATION if own is None else own, placed.source)
+    parts = [(replace(placed, source=s), p) for s, p in components(placed.source, jones)]
+    return Counted(placed, tuple(parts))
+
+
+def paths_between(
+    scene: Any,
+    emitter: PlacedSource,
+    receiver: PlacedSource,
+    ways: Sequence[Way],
+    polarisation: Any,
+    shortest: float,
+) -> tuple[list[CoherentPath], list[str]]:
+    """Ways that bring something, in a scene whose sources are unseen; and notes on the rest.
+
+    ``polarisation``: of ends without one; ``shortest``: wavelength in m, for meshes of obstacles.
+    """
+    link = f"from {emitter.name!r} to {receiver.name!r}"
+    check_unit(emitter, receiver)
+    check_obliquity(f"the link {link}", emitter.obliquity, receiver.obliquity)
+    ends = _counted(emitter, polarisation), _counted(receiver, polarisation)
+    meshes = None
+    if emitter.diffraction or receiver.diffraction:
+        unit = receiver.scene_unit
+        meshes = [(p * unit, f) for p, f in meshes_in(scene, shortest / unit)]
+    paths, notes = [], []
+    leg_to = cache(partial(_leg_to, scene, receiver))  # those of one side serve several ways
+    for way in ways:
+        if isinstance(way, Echo):
+            found, reasons = _echo_path(ends, way, leg_to)
+        else:
+            found, reasons = _path(scene, ends, way, meshes)
+        if found is not None:
+            paths.append(found)
+        # most chains of mirrors lead nowhere
+        if reasons and (found is not None or len(names_of(way)) == isinstance(way, Echo)):
+            by = link + "".join(f" by {name!r}" for name in names_of(way))
+            notes.append(f"{by}: {' and '.join(reasons)}")
+    return paths, notes
+
+
+def _path(
+    scene: Any, ends: tuple[Counted, Counted], chain: Chain, meshes: list[Mesh] | None
+) -> tuple[CoherentPath | None, list[str]]:
+    emitter, receiver = (end.whole for end in ends)
+    parts = facing_parts(emitter.image(chain), receiver)
+    if parts is None:
+        return None, [UNSEEN]
+    facing, taking = parts.emitter.image(chain[::-1]), parts.receiver
+    send = passing_rays if meshes is None else meeting_rays
+    rays, shares = send(scene, facing, taking, chain, bare=True)
+    # rays that a corner of mirrors splits among orders of its mirrors add up to all of them
+    passing = float(np.sqrt(shares[:, 0, 0]).sum() / RAYS)
+    if passing == 0.0:
+        return None, [BLOCKED]
+    way = _middle_way(facing, taking, chain, rays)
+    links = []
+    for (sent, p), (taken, q) in product(*(end.parts for end in ends)):
+        both = facing_parts(sent.image(chain), taken)
+        if both is not None:
+            links.append((_turned(p, q, ends, chain, way), both))
+    edges = None if meshes is None else cache(partial(_edges, meshes, facing, taking, chain))
+    distance = float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum())
+    notes = ["a part lies behind the plane of the other source and is left out"]
+    notes = notes if parts.share < 1 else []
+    if passing < 1 and not chain and meshes is None:
+        notes.append(f"{passing:.1%} of the amplitude passes obstacles, by rays")
+    notes += narrow(chain, parts.emitter, taking)
+    return CoherentPath(chain, distance, passing, tuple(links), ends, edges), notes
+
+
+def _middle_way(
+    facing: PlacedSource, taking: PlacedSource, chain: Chain, rays: list[Floats]
+) -> Floats:
+    """Places (n, 3) from the emitter's middle to the receiver's; else the places of a ray."""
+    start, end = facing.middle, taking.middle
+    found = corners(start[None], end[None], chain)
+    if found is None:
+        return np.array([place[0] for place in reversed(rays)])
+    return np.array([start, *(place[0] for place in reversed(found)), end])
+
+
+def _turned(
+    sent: Complexes, taken: Complexes, ends: tuple[Counted, Counted], chain: Chain, way: Floats
+) -> complex:
+    """e_r . E: Jones vectors of both ends by the mirrors of a way, no conjugate."""
+    out, back = (end.whole.pose[:3, :3] for end in ends)
+    return complex(_arriving(sent, out, chain, way) @ _arriving(taken, back, (), way[:-3:-1]))
+
+
+def _arriving(jones: Complexes, axes: Floats, chain: Chain, way: Floats) -> Complexes:
+    """E (3,) at the end of a way of the unit vector that a source with a Jones vector sends."""
+    legs = np.diff(way, axis=0)
+    legs /= np.linalg.norm(legs, axis=1)[:, None]
+    field = axes @ (jones @ np.array(ludwig_axes(*(legs[0] @ axes))))
+    for mirror, leg in zip(chain, legs, strict=False):
+        surface = surface_of(mirror, bool(leg @ mirror.normal < 0))
+        field = reflected(field, leg, mirror.normal, surface)
+    return np.asarray(field)
+
+
+def _edges(
+    meshes: list[Mesh], facing: PlacedSource, taking: PlacedSource, chain: Chain, wavelength: float
+) -> complex:
+    sent, taken = (replace(end, wavelength=wavelength) for end in (facing, taking))
+    return diffracted_ratio(meshes, sent, taken, chain)
+
+
+# ---- bodies -------------------------------------------------------------------------------------
+
+
+def _leg_to(
+    scene: Any, like: PlacedSource, body: Body, end: PlacedSource, chain: Chain
+) -> tuple[Floats, float]:
+    """Places (n, 3) from an end to a body's middle by mirrors; mean root of the power that passes.
+
+    NaN for a body of which a part is behind the end's plane.
+    """
+    image = end.image(chain)
+    if not body.is_in_front(image):
+        return np.empty((0, 3)), math.nan
+    place = body.standing_in(image, like)
+    rays, shares = passing_rays(scene, end, place, chain, bare=True)
+    passing = float(np.sqrt(shares[:, 0, 0]).sum() / RAYS)
+    way = _middle_way(end, place, chain, rays) if passing else np.empty((0, 3))
+    return way, passing
+
+
+def _echo_path(
+    ends: tuple[Counted, Counted], way: Echo, leg_to: Callable[..., tuple[Floats, float]]
+) -> tuple[CoherentPath | None, list[str]]:
+    """A way by a body. Both ends send towards it, by reciprocity."""
+    chains = way.before, way.after[::-1]
+    found = [leg_to(way.body, end.whole, chain) for end, chain in zip(ends, chains, strict=True)]
+    legs, passing = [leg for leg, _ in found], math.prod(share for _, share in found)
+    if math.isnan(passing):
+        return None, ["no echo; a part of the body lies in the plane of a source, or behind it"]
+    if passing == 0.0:
+        return None, [BLOCKED]
+    notes = way.body.doubts(ends[1].whole.wavelength, legs)
+    if passing < 1:
+        notes.append(f"{passing:.1%} of the amplitude passes obstacles, by rays")
+    distance = math.fsum(np.linalg.norm(np.diff(leg, axis=0), axis=1).sum() for leg in legs)
+    echo = cache(partial(_echo, ends, way, chains, legs))
+    return CoherentPath(way, distance, passing, (), ends, echo=echo), notes
+
+
+def _echo(
+    ends: tuple[Counted, Counted], way: Echo, chains: tuple[Chain, Chain], legs: list[Floats],
+    wavelength: float,
+) -> complex:  # fmt: skip
+    """b by a body, of all polarised components of both ends."""
+    sides = []
+    for end, chain, leg in zip(ends, chains, legs, strict=True):
+        side = []
+        for part, jones in end.parts:
+            field = _arriving(jones, end.whole.pose[:3, :3], chain, leg)
+            strength = float(np.linalg.norm(field)) * end.root(part, True, wavelength)
+            side.append((way.body.antenna(part.image(chain), wavelength), field, strength))
+        sides.append(side)
+    total = 0j
+    for (sent, p, one), (taken, q, other) in product(*sides):
+        facets, bounces = way.body.facets, way.body.bounces
+        try:
+            total += one * other * echo(facets, sent, taken, (q, p), OF_ECHO, bounces)
+        except PolywignerError as error:
+            raise SceneError(f"the echo of {way.body.name!r}: {error}") from None
+    return total
+
+
+# ---- amplitudes at frequencies ------------------------------------------------------------------
+
+
+def amplitudes_of(
+    paths: Sequence[CoherentPath], frequencies: Floats, tolerance: float
+) -> Complexes:
+    """Amplitudes (n, paths) at frequencies (n,) in Hz."""
+    if not paths:
+        return np.zeros((len(frequencies), 0), np.complex128)
+    turns = np.array([path.distance for path in paths]) / SPEED_OF_LIGHT
+    slow = np.empty((len(frequencies), len(paths)), np.complex128)
+    by_body = [path.echo is not None for path in paths]
+    for is_echo, allowed in ((False, tolerance), (True, max(tolerance, 3 * OF_ECHO))):
+        own = [k for k, is_one in enumerate(by_body) if is_one == is_echo]
+        if own:
+            find = partial(_slow, [paths[k] for k in own], turns[own], allowed)
+            slow[:, own] = in_band(find, frequencies, allowed)
+    result: Complexes = slow * np.exp(2j * math.pi * frequencies[:, None] * turns)
+    return result
+
+
+def _slow(
+    paths: Sequence[CoherentPath], turns: Floats, tolerance: float, frequency: float
+) -> Complexes:
+    """Amplitudes (paths,) at a frequency, without the phase of their distances."""
+    wavelength = SPEED_OF_LIGHT / frequency
+    links = [parts for path in paths for _, parts in path.links]
+    couplings = iter(_couplings(links, wavelength, tolerance))
+    found = np.zeros(len(paths), np.complex128)
+    for k, path in enumerate(paths):
+        for turned, parts in path.links:
+            counted = (
+                end.root(part, parts.share == 1, wavelength)
+                for end, part in zip(path.ends, (parts.emitter, parts.receiver), strict=True)
+            )
+            found[k] += turned * next(couplings) * math.prod(counted)
+        if path.echo is not None:
+            found[k] = path.echo(wavelength)
+        found[k] *= path.passing * (1.0 if path.edges is None else path.edges(wavelength))
+    return found * np.exp(-2j * math.pi * frequency * turns)
+
+
+def _couplings(links: list[FacingParts], wavelength: float, tolerance: float) -> Complexes:
+    """b (links,), all of one pair of sources in one call."""
+    groups: dict[Any, list[int]] = {}
+    for k, parts in enumerate(links):
+        key = parts.emitter.source, parts.receiver.source, parts.emitter.obliquity
+        groups.setdefault(key, []).append(k)
+    found = np.zeros(len(links), np.complex128)
+    for (sent, taken, obliquity), numbers in groups.items():
+        ends = [(links[k].emitter, links[k].receiver) for k in numbers]
+        poses = np.array([emitter.pose_of(receiver) for emitter, receiver in ends])
+        try:
+            found[numbers] = coupling(sent, taken, poses, wavelength, obliquity, tolerance)
+        except PolywignerError as error:
+            emitter, receiver = ends[0]
+            link = f"the link from emitter {emitter.name!r} to receiver {receiver.name!r}"
+            raise SceneError(f"{link}: {error}") from None
+    return found
+
+
+def in_band(
+    compute: Callable[[float], Complexes], frequencies: Floats, tolerance: float
+) -> Complexes:
+    """Smooth values (n, k) at frequencies (n,), by a polynomial where that takes fewer of them.
+
+    Rules of Chebyshev's nodes grow until one foretells the next within ``tolerance`` of the largest
+    value of its column: it costs as many nodes as the phase turns over the band, and some.
+    """
+    low, high = float(frequencies.min()), float(frequencies.max())
+    steps = _RULES[-1] - 1
+    places = (low + high) / 2 - (high - low) / 2 * np.cos(np.pi * np.arange(steps + 1) / steps)
+    known: dict[int, Complexes] = {}
+    nodes, values = np.empty(0), np.empty((0, 0), np.complex128)
+    for count in _RULES:
+        if count >= len(frequencies):
+            break
+        own = range(0, steps + 1, steps // (count - 1))
+        known |= {k: compute(float(places[k])) for k in own if k not in known}
+        foretold = _interpolated(nodes, values, places[own]) if len(nodes) else None
+        nodes, values = places[own], np.array([known[k] for k in own])
+        if foretold is not None:
+            errors = np.abs(foretold - values).max(axis=0)
+            if (errors <= tolerance * np.abs(values).max(axis=0)).all():
+                return _interpolated(nodes, values, frequencies)
+    return np.array([compute(float(frequency)) for frequency in frequencies])
+
+
+def _interpolated(nodes: Floats, values: Complexes, places: Floats) -> Complexes:
+    """Values (n, k) at places (n,) of the polynomial through Chebyshev's nodes, ends included.
+
+    Source: J.-P. Berrut and L. N. Trefethen, "Barycentric Lagrange interpolation", SIAM Rev. 46,
+    501 (2004), (5.4).
+    """
+    weights = np.where(np.arange(len(nodes)) % 2, -1.0, 1.0)
+    weights[[0, -1]] /= 2
+    apart = places[:, None] - nodes
+    is_node = apart == 0
+    shares = weights / np.where(is_node, 1.0, apart)
+    shares = np.where(is_node.any(axis=1)[:, None], is_node, shares)
+    result: Complexes = (shares @ values) / shares.sum(axis=1)[:, None]
+    return result
+
+
+# ---- results ------------------------------------------------------------------------------------
+
+
+def coherent_light(
+    scene: Any,
+    emitter: PlacedSource,
+    receiver: PlacedSource,
+    ways: Sequence[Way],
+    tolerance: float,
+    polarisation: Any = None,
+) -> DirectLight:
+    """Direct light of an emitter whose ways interfere, in a scene whose sources are unseen."""
+    wavelength = emitter.wavelength
+    paths, notes = paths_between(scene, emitter, receiver, ways, polarisation, wavelength)
+    frequency = np.array([SPEED_OF_LIGHT / wavelength])
+    found = []
+    for path, amplitude in zip(paths, amplitudes_of(paths, frequency, tolerance)[0], strict=True):
+        passing = path.passing * (1.0 if path.edges is None else abs(path.edges(wavelength)))
+        way = path.way
+        place = way.place if isinstance(way, Echo) else emitter.image(way).middle
+        found.append(
+            DirectPath(
+                names_of(path.way),
+                emitter.power * abs(amplitude) ** 2,
+                (abs(amplitude) / passing) ** 2 if passing else 0.0,
+                passing**2,
+                arrival(place, receiver),
+                amplitude=complex(amplitude),
+            )
+        )
+    power = emitter.power * abs(sum(path.amplitude or 0.0 for path in found)) ** 2
+    return DirectLight(tuple(found), tuple(notes), power)
+
+
+def _dataset(
+    frequencies: Floats,
+    receivers: list[PlacedSource],
+    emitters: list[PlacedSource],
+    ways: Sequence[Way],
+    found: list[tuple[list[CoherentPath], Complexes]],
+    notes: list[str],
+) -> Any:
+    there = {path.way for paths, _ in found for path in paths}
+    kept = [way for way in ways if way in there]
+    number = {way: k for k, way in enumerate(kept)}
+    shape = len(receivers), len(emitters), len(kept)
+    delays = np.full((len(found), len(kept)), np.nan)
+    values = np.zeros((len(frequencies), len(found), len(kept)), np.complex128)
+    for pair, (paths, own) in enumerate(found):
+        for path, value in zip(paths, own.T, strict=True):
+            delays[pair, number[path.way]] = path.distance / SPEED_OF_LIGHT
+            values[:, pair, number[path.way]] = value
+    names = np.array([", ".join(names_of(way)) for way in kept], dtype=np.str_)
+    amplitudes = values.reshape(len(frequencies), *shape)
+    dims = "receiver", "emitter", "way"
+    wave = "exp(i k r - i omega t); |.|^2 is received over transmitted power"
+    return described(
+        {
+            "h": (amplitudes.sum(axis=-1), ("frequency", *dims[:2]), "1", f"channel, {wave}"),
+            "amplitude": (amplitudes, ("frequency", *dims), "1", f"amplitude of a way, {wave}"),
+            "delay": (delays.reshape(shape), dims, "s", "delay between the middles of both ends"),
+            "mirrors": (names, ("way",), "", "mirrors in the order of light; none: direct"),
+        },
+        {
+            "frequency": ("frequency", frequencies, {"units": "Hz"}),
+            "receiver": ("receiver", [placed.name for placed in receivers]),
+            "emitter": ("emitter", [placed.name for placed in emitters]),
+        },
+        {"notes": list(dict.fromkeys(notes))},
+    )

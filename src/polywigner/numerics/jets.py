@@ -1,0 +1,136 @@
+"""Numbers that carry their derivatives in x, y and z through formulas written over ``ops``."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Any
+
+from polywigner.numerics.phases import cos_sin_turns
+
+# Below this, roots and squares have no derivative.
+_LEAST = 1e-150
+
+Slopes = tuple[Any, ...]
+
+
+class Jet:
+    """A number and its derivatives in x, y and z, of arrays of any engine; () of a constant.
+
+    All arrays of a formula are jets, for Dr.Jit's arrays know no others.
+    """
+
+    def __init__(self, ops: Any, value: Any, slopes: Slopes = ()) -> None:
+        self.ops, self.value, self.slopes = ops, value, slopes
+
+    def through(self, value: Any, rate: Any) -> Jet:
+        """A function of this number, by its value and its derivative."""
+        return Jet(self.ops, value, tuple(rate * slope for slope in self.slopes))
+
+    def __add__(self, other: Any) -> Jet:
+        if not isinstance(other, Jet):
+            return Jet(self.ops, self.value + other, self.slopes)
+        return Jet(self.ops, self.value + other.value, _added(self.slopes, other.slopes))
+
+    def __mul__(self, other: Any) -> Jet:
+        if not isinstance(other, Jet):
+            return self.through(self.value * other, other)
+        mine, its = self.through(0.0, other.value), other.through(0.0, self.value)
+        return Jet(self.ops, self.value * other.value, _added(mine.slopes, its.slopes))
+
+    def __truediv__(self, other: Any) -> Jet:
+        return self * (1.0 / other)
+
+    def __rtruediv__(self, other: Any) -> Jet:
+        inverse = 1.0 / self.value
+        return self.through(other * inverse, -other * inverse * inverse)
+
+    def __neg__(self) -> Jet:
+        return self.through(-self.value, -1.0)
+
+    def __sub__(self, other: Any) -> Jet:
+        return self + -other
+
+    def __rsub__(self, other: Any) -> Jet:
+        return -self + other
+
+    def __abs__(self) -> Jet:
+        return self * self.ops.select(self.value < 0.0, -1.0, 1.0)
+
+    def __lt__(self, other: Any) -> Any:
+        return self.value < _value(other)
+
+    def __gt__(self, other: Any) -> Any:
+        return self.value > _value(other)
+
+    def __ge__(self, other: Any) -> Any:
+        return self.value >= _value(other)
+
+    __radd__, __rmul__ = __add__, __mul__
+
+
+def _added(a: Slopes, b: Slopes) -> Slopes:
+    return tuple(p + q for p, q in zip(a, b, strict=True)) if a and b else a or b
+
+
+def _value(number: Any) -> Any:
+    return number.value if isinstance(number, Jet) else number
+
+
+class JetOperations:
+    """Operations of an engine for jets and Python's floats."""
+
+    def __init__(self, ops: Any) -> None:
+        self._ops, self.double = ops, ops.double
+
+    def coordinates(self, point: Iterable[Any]) -> tuple[Jet, ...]:
+        """The x, y and z of a point, each with its derivatives."""
+        rows = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+        pairs = zip(point, rows, strict=True)
+        return tuple(
+            Jet(self._ops, value, tuple(0.0 * value + slope for slope in row))
+            for value, row in pairs
+        )
+
+    def constants(self, values: Iterable[Any]) -> tuple[Jet, ...]:
+        """Numbers that do not depend on the point."""
+        return tuple(Jet(self._ops, value) for value in values)
+
+    def select(self, condition: Any, a: Any, b: Any) -> Jet:
+        first, second = (number.slopes if isinstance(number, Jet) else () for number in (a, b))
+        if first or second:
+            pairs = zip(first or (0.0,) * 3, second or (0.0,) * 3, strict=True)
+            first = tuple(self._ops.select(condition, p, q) for p, q in pairs)
+        return Jet(self._ops, self._ops.select(condition, _value(a), _value(b)), first)
+
+    def maximum(self, a: Any, b: Any) -> Jet:
+        return self.select(a > b, a, b)
+
+    def minimum(self, a: Any, b: Any) -> Jet:
+        return self.select(a < b, a, b)
+
+    def sqrt(self, a: Jet) -> Jet:
+        root = self._ops.sqrt(a.value)
+        return a.through(root, 0.5 / self._ops.maximum(root, _LEAST))
+
+    def cos_sin_turns(self, a: Jet) -> tuple[Jet, Jet]:
+        cosine, sine = cos_sin_turns(self._ops, a.value)
+        rate = 2.0 * math.pi
+        return a.through(cosine, -rate * sine), a.through(sine, rate * cosine)
+
+    def exp(self, a: Jet) -> Jet:
+        value = self._ops.exp(a.value)
+        return a.through(value, value)
+
+    def log(self, a: Jet) -> Jet:
+        return a.through(self._ops.log(a.value), 1.0 / a.value)
+
+    def atan2(self, y: Jet, x: Jet) -> Jet:
+        inverse = 1.0 / self._ops.maximum(y.value * y.value + x.value * x.value, _LEAST)
+        slopes = y.through(0.0, x.value * inverse).slopes, x.through(0.0, -y.value * inverse).slopes
+        return Jet(self._ops, self._ops.atan2(y.value, x.value), _added(*slopes))
+
+
+def slopes_of(real: Jet, imag: Jet) -> Slopes:
+    """Real and imaginary part of the derivative of a complex number in x, in y and in z."""
+    return tuple(part for both in zip(real.slopes, imag.slopes, strict=True) for part in both)

@@ -1,0 +1,400 @@
+"""Electric fields of polarised sources, by three models of equivalent currents. Source: (VP1).
+
+A field u p in the plane z = 0, p = (p_x, p_y), stands for magnetic currents alone (an opening in a
+metal screen), for electric ones alone, or for half of both (Huygens). With q = (p_x, p_y, 0) and
+Phi = int u exp(ikR)/(i lambda R) dx
+
+    magnetic E = (q d/dz - z q.grad) Phi/(ik),   electric E = q Phi + grad (q.grad Phi)/k^2
+
+Phi is Rayleigh and Sommerfeld's second integral of waves over their p_z, its derivative d/dz/(ik)
+the first. Derivatives along the plane are carried by the waves; at edges they leave line integrals.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from dataclasses import field as part_of
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from polywigner import execution
+from polywigner.errors import ArgumentError, IlluminationError
+from polywigner.execution import Engine, Precision
+from polywigner.geometry import Aperture, Wavefront
+from polywigner.geometry.arguments import Points, checked_wavelength, takes_frequency
+from polywigner.illumination import Array
+from polywigner.illumination.polarisation import (
+    MODELS,
+    CurrentModel,
+    Currents,
+    checked_polarisation,
+    components,
+    ludwig_axes,
+)
+from polywigner.propagation.amplitudes import lit_nodes, summed_over_cells
+from polywigner.propagation.boundary import boundary_field
+from polywigner.propagation.field_slopes import FieldSlopes
+from polywigner.propagation.panels import Radiator, cosines_of, radiator_of
+from polywigner.propagation.places import (
+    check_reach,
+    checked_amplitude_tolerance,
+    checked_method,
+    checked_points,
+    warn_of_missed,
+)
+from polywigner.radiometry.directions import PlaneSource, checked_radiator
+from polywigner.radiometry.hemisphere import directions_and_weights, largest_lag
+from polywigner.transforms import fourier
+from polywigner.transforms.phase_space import energy_of
+from polywigner.transforms.wavefronts import flat_of
+from polywigner.transforms.xarray_arguments import takes_xarray
+
+Floats = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+FIRST, SECOND = "rayleigh-sommerfeld-1", "rayleigh-sommerfeld-2"
+# Phi is the second integral of a wave over its p_z. One with a smaller |p_z| is the mean of waves
+# beside it: the field is analytic in their frequencies, and its fourth derivative is left, 1e-11
+# where they lose step by so many radians across half of the source.
+_ASIDE = 3e-3
+_MEANS = ((-2.0, -1 / 6), (-1.0, 4 / 6), (1.0, 4 / 6), (2.0, -1 / 6))
+# Least tolerance of parts of a field: rounding of theirs.
+_LEAST = 1e-13
+# Rounding leaves 1e-13 of the energy; a directivity relative to less than this has no digits.
+_DARK = 1e-12
+
+
+def parts_of(source: Any, polarisation: Any) -> list[tuple[Any, Complex]]:
+    """Scalar sources and unit vectors q (3,) whose products add up to the polarised source.
+
+    ``source``: checked; ``polarisation``: as of :func:`field`.
+    """
+    jones = checked_polarisation(polarisation, source)
+    return [(part, np.append(p, 0.0)) for part, p in components(source, jones)]
+
+
+@takes_frequency
+@takes_xarray(
+    "points",
+    units="W0.5 m-1",
+    long_name="electric field E",
+    components={"component": ("x", "y", "z")},
+)
+def field(
+    source: Aperture | Array | Wavefront,
+    points: Points,
+    wavelength: float,
+    polarisation: str | ArrayLike,
+    method: CurrentModel = "huygens",
+    *,
+    tolerance: float | None = None,
+) -> Any:
+    """Electric field E(x, y, z) of a polarised source of the plane z = 0, near by and far away.
+
+    The field u p on the source is replaced by currents in its plane (docs/theory/polarisation.md,
+    (VP1)). |E|^2 is in the unit of |u|^2, W/m^2: E is the electric field over the root of twice the
+    impedance of free space.
+
+    Parameters
+    ----------
+    source : an Aperture, or an Array of apertures in the plane z = 0, with any illuminations; or
+        one with a curved wave.
+    points : (..., 3) in m, z > 0.
+    wavelength : in m.
+    polarisation : "x", "y", a slant from x towards y such as "45 deg", "right" or "left" (IEEE,
+        waves exp(-i omega t)); or a Jones vector (2,), complex, of any length. Of an Array of n
+        elements also (n, 2), or a list of n names.
+    method : "magnetic", of magnetic currents: an opening in a metal screen, where u p is the
+        tangential field; "electric", of electric currents: u z x p is the tangential magnetic
+        field; "huygens", half of both: black surroundings, horns and mouths in free space.
+    tolerance : error allowed of each component, as a fraction of the incident amplitude or, where
+        that is less, of |u| area/(wavelength distance), as of :func:`amplitude`; default 1e-9, at
+        least 1e-13. Within a wavelength of an edge the electric model's field grows as the inverse
+        distance, and its error with it.
+
+    Returns
+    -------
+    (..., 3) complex128, in the unit of the source's field. Of an ``xarray.DataArray`` one, as
+    :func:`fourier` returns.
+
+    Warns
+    -----
+    PolywignerWarning if the estimated error exceeds the tolerance at some point.
+
+    Raises
+    ------
+    ArgumentError for arguments of the wrong type, shape or range, Dr.Jit arrays, points behind the
+    source; IlluminationError for partly coherent light; GeometryError for arrays in other planes.
+
+    Source: C. A. Balanis, "Antenna theory", 3rd ed. (2005), ch. 12; the near fields are derived in
+    docs/theory/polarisation.md.
+
+    >>> import polywigner as pw
+    >>> square = pw.shapes.square(10e-3)
+    >>> abs(pw.field(square, (0.0, 0.05, 0.1), 3.2e-3, "y", "magnetic")).round(4)
+    array([0.    , 0.0545, 0.0269])
+    """
+    name = checked_method(method, MODELS)
+    if execution.is_drjit(points):
+        raise ArgumentError(
+            "expected points as a NumPy array, got a Dr.Jit array, of which there are no vector "
+            "fields; pass points.numpy()"
+        )
+    places, length = checked_points(points), checked_wavelength(wavelength)
+    allowed = checked_amplitude_tolerance(tolerance, True)
+    radiator = checked_radiator(source)
+    parts = parts_of(radiator, polarisation)
+    whole = radiator_of(flat_of(radiator))
+    check_reach(places, float((whole.high - whole.low).max()), length, rays=False)
+    flat = places.reshape(-1, 3)
+    total, errors = np.zeros((len(flat), 3), np.complex128), np.zeros(len(flat))
+    limits = np.zeros(len(flat))
+    for part, q in parts:
+        if isinstance(part, Wavefront):
+            found = _of_curved(part, q, MODELS[name], flat, length)
+        else:
+            near = _NearField(part, length, allowed, flat)
+            found = near.of_currents(q, MODELS[name]), near.errors
+            limits += near.limits
+        total += found[0]
+        errors += found[1]
+    if not isinstance(radiator, Wavefront):
+        warn_of_missed(errors, limits, "points")
+    return total.reshape(places.shape)
+
+
+def _of_curved(
+    wave: Wavefront, q: Complex, currents: Currents, points: Floats, wavelength: float
+) -> tuple[Complex, Floats]:
+    """Fields (n, 3) by a sum over places in the opening, as of :func:`amplitude`, and rounding."""
+    terms = partial(_dipole_terms, wave, q, currents)
+    return summed_over_cells(wave, points, wavelength, terms, (3,))
+
+
+def _dipole_terms(
+    wave: Wavefront, q: Complex, currents: Currents,
+    part: Any, cells: Floats, points: Floats, wavelength: float,
+) -> Complex:  # fmt: skip
+    """Fields (k, nodes, 3) of the currents at the nodes of cells, weights included."""
+    nodes, weights, _ = lit_nodes(wave, part, cells, wavelength)
+    ahead = np.empty((*nodes.shape[:2], 3))
+    ahead[..., :2] = points[:, None, :2] - nodes
+    ahead[..., 2] = points[:, None, 2]
+    return dipole_fields(ahead / wavelength, q, currents) * (weights / wavelength**2)[..., None]
+
+
+def dipole_fields(ahead: Floats, q: Complex, currents: Currents) -> Complex:
+    """Field (..., 3) at ``ahead`` (..., 3) of currents of one square wavelength, in wavelengths."""
+    distance = np.linalg.norm(ahead, axis=-1, keepdims=True)
+    s, a = ahead / distance, 0.5j / (math.pi * distance)
+    wave = np.exp(2j * math.pi * (distance - np.round(distance))) / (1j * distance)
+    along = s @ q[:, None]
+    found = np.zeros(ahead.shape, np.complex128)
+    if currents.magnetic:
+        crossed = s[..., 2:] * q - along * np.array([0.0, 0.0, 1.0])
+        found += currents.magnetic * (1 + a) * crossed
+    if currents.electric:
+        radial = (1 + 3 * a * (1 + a)) * along * s
+        found += currents.electric * ((1 + a * (1 + a)) * q - radial)
+    return wave * found
+
+
+@dataclass(eq=False)
+class _NearField:
+    """Derivatives of Phi of one scalar source at points (n, 3). Inside, lengths in wavelengths."""
+
+    source: PlaneSource
+    wavelength: float
+    tolerance: float
+    points: Floats
+    errors: Floats = part_of(init=False)
+    """Estimates added up so far (n,)."""
+    limits: Floats = part_of(init=False)
+    """Errors allowed (n,)."""
+
+    def __post_init__(self) -> None:
+        self._radiator = radiator_of(self.source)
+        self._beside = _not_grazing(self._radiator, self.wavelength)
+        self.errors, self.limits = np.zeros(len(self.points)), np.zeros(len(self.points))
+
+    def of_currents(self, q: Complex, currents: Currents) -> Complex:
+        """E (n, 3) of currents along q (3,)."""
+        found = np.zeros((len(self.points), 3), np.complex128)
+        m, e = currents
+
+        def along(plane: Floats) -> Complex:
+            return np.asarray(plane @ q[:2])
+
+        if m:
+            first = self._first(np.ones_like)
+            found[:, :2] += m * first[:, None] * q[:2]
+            found[:, 2] -= m * self._second(along)
+        if e:
+            for a in range(2):
+                found[:, a] += e * self._second(lambda p, a=a: q[a] - p[:, a] * along(p))
+            found[:, 2] -= e * self._first(along)
+        self._add_edges(found, q, currents)
+        return found
+
+    def _add_edges(self, found: Complex, q: Complex, currents: Currents) -> None:
+        """Line integrals that derivatives along the plane leave at edges, (VP4)."""
+        slopes = FieldSlopes(self.source, self.wavelength, FIRST, self.tolerance, by_waves=False)
+        m, e = currents
+        for sums in slopes.edge_sums(self.points):
+            strips, where = sums.strips, sums.where
+            n = strips.normal @ q[:2]
+            if m:
+                found[where, 2] -= m / (2 * math.pi) * (sums.wave @ n)
+            if not e:
+                continue
+            share = -1j * e / (4 * math.pi**2)
+            # - (1/i) of the gradient of u G, (P - Q) times minus the rise, and of the waves' part
+            weighted, grown = sums.rise * n, sums.rise_by_length * n
+            whole = weighted.sum(axis=1)
+            for a in range(2):
+                begin = weighted @ strips.begin[:, a] + grown @ strips.along[:, a]
+                gradient = begin - sums.places[:, a] * whole
+                carried = strips.normal[:, a] * (strips.plane @ q[:2])
+                carried = 2j * math.pi * (sums.wave @ carried)
+                found[where, a] -= share * (gradient + carried)
+            found[where, 2] += share * sums.places[:, 2] * whole
+
+    def _first(self, factor: Any) -> Complex:
+        """dPhi/dz/(ik) (n,) of waves times ``factor`` of their direction cosines (m, 2)."""
+        return self._integral(self._radiator, factor, FIRST)
+
+    def _second(self, factor: Any) -> Complex:
+        """Phi (n,) of waves times ``factor`` of their direction cosines (m, 2)."""
+        return self._integral(self._beside, factor, SECOND)
+
+    def _integral(self, radiator: Radiator, factor: Any, method: str) -> Complex:
+        elements = []
+        for element in radiator.elements:
+            plane = element.frequencies * self.wavelength
+            factors = factor(plane)
+            factors = factors[:, 0] if factors.ndim > 1 else factors
+            if method == SECOND:
+                factors = factors / cosines_of(element.frequencies, self.wavelength, False)
+            elements.append(replace(element, amplitudes=element.amplitudes * factors))
+        if not any(element.amplitudes.any() for element in elements):
+            return np.zeros(len(self.points), np.complex128)
+        scaled = replace(radiator, elements=tuple(elements))
+        wanted = max(_LEAST, min(1.0, self._radiator.amplitude / scaled.amplitude) * self.tolerance)
+        values, errors, limits = boundary_field(
+            scaled, self.points, self.wavelength, method, wanted, True, "auto"
+        )
+        self.errors += errors
+        self.limits += limits
+        return values
+
+
+def _not_grazing(radiator: Radiator, wavelength: float) -> Radiator:
+    """Replace waves whose p_z is lost in rounding by means of waves beside them."""
+    half = max(1.0, float(np.linalg.norm(radiator.high - radiator.low)) / (2 * wavelength))
+    step = _ASIDE / (2 * math.pi * half)
+    elements = []
+    for element in radiator.elements:
+        sine = np.linalg.norm(element.frequencies, axis=1) * wavelength
+        grazing = np.abs(sine - 1.0) < 0.1 * step
+        if not grazing.any():
+            elements.append(element)
+            continue
+        west, south, east, north = element.outline.bounds
+        middle = np.array([west + east, south + north]) / 2
+        amplitudes, frequencies = [element.amplitudes[~grazing]], [element.frequencies[~grazing]]
+        for far, share in _MEANS:
+            beside = element.frequencies[grazing] * (1.0 + far * step)
+            turns = (element.frequencies[grazing] - beside) @ middle
+            amplitudes.append(share * element.amplitudes[grazing] * np.exp(2j * math.pi * turns))
+            frequencies.append(beside)
+        elements.append(
+            replace(
+                element,
+                amplitudes=np.concatenate(amplitudes),
+                frequencies=np.concatenate(frequencies),
+            )
+        )
+    return replace(radiator, elements=tuple(elements))
+
+
+def far_vectors(
+    parts: list[tuple[Any, Complex]],
+    directions: Floats,
+    wavelength: float,
+    model: str,
+    *,
+    precision: Precision = None,
+    engine: Engine = "auto",
+) -> Complex:
+    """lim r exp(-ikr) E(r s) (..., 3) at unit vectors s (..., 3), of :func:`parts_of`: (VP2).
+
+    In m times the unit of u; zero where z < 0.
+    """
+    nu = directions[..., :2] / wavelength
+    total = np.zeros(directions.shape, np.complex128)
+    for part, q in parts:
+        far = fourier(part, nu, precision=precision, engine=engine) / (1j * wavelength)
+        total += far[..., None] * of_currents(q, directions, model)
+    return np.where(directions[..., 2:] < 0, 0.0, total)
+
+
+def of_currents(q: Complex, directions: Floats, model: str) -> Complex:
+    """Far fields (..., 3) over the scalar F/(i lambda), of a unit vector q (3,): (VP2)."""
+    m, e = MODELS[model]
+    up, along = np.array([0.0, 0.0, 1.0]), directions @ q[:, None]
+    found: Complex = m * (directions[..., 2:] * q - along * up) + e * (q - along * directions)
+    return found
+
+
+def ludwig_components(far: Complex, directions: Floats) -> tuple[Complex, Complex]:
+    """Components (...) of far fields (..., 3) along x and along y by Ludwig's third definition."""
+    x, y, z = np.moveaxis(directions, -1, 0)
+    axes = ludwig_axes(x, y, np.maximum(z, -1.0 + np.finfo(np.float64).epsneg))
+    along_x, along_y = ((far * np.stack(axis, axis=-1)).sum(axis=-1) for axis in axes)
+    return along_x, along_y
+
+
+def co_and_cross(components: tuple[Complex, Complex], jones: Complex) -> tuple[Complex, Complex]:
+    """Co- and cross-polar parts of components along x and y, for a Jones vector (2,): (VP3)."""
+    (x, y), (p, q) = components, jones
+    return p.conjugate() * x + q.conjugate() * y, p * y - q * x
+
+
+def of_co_and_cross(co: Complex, cross: Complex, jones: Complex) -> tuple[Complex, Complex]:
+    """Components along x and y of co- and cross-polar parts."""
+    p, q = jones
+    return p * co - q.conjugate() * cross, q * co + p.conjugate() * cross
+
+
+def axial_ratios(components: tuple[Complex, Complex]) -> Floats:
+    """Axis over axis of the ellipses that fields draw, in dB; infinite for linear ones."""
+    x, y = components
+    right, left = np.abs(x - 1j * y), np.abs(x + 1j * y)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(20 * np.log10((right + left) / np.abs(right - left)))
+
+
+def vector_powers(
+    parts: list[tuple[Any, Complex]], wavelength: float, model: str
+) -> tuple[float, float]:
+    """Radiated power int |E|^2 dOmega of the hemisphere in front, and int |u|^2, in W.
+
+    Raises IlluminationError for a source that radiates nothing.
+    """
+    lag = max(largest_lag(part) for part, _ in parts)
+    power = 0.0
+    for directions, solid_angle in directions_and_weights(lag, wavelength):
+        far = far_vectors(parts, directions, wavelength, model)
+        power += float(solid_angle @ np.square(np.abs(far)).sum(axis=1))
+    energy = float(sum(energy_of(part) * np.square(np.abs(q)).sum() for part, q in parts))
+    if not power > _DARK * max(0.0, energy):
+        raise IlluminationError(
+            f"expected a source that radiates at a wavelength of {wavelength:g} m, got one whose "
+            f"far field carries {power:.3g} W; check the unit of the wavelength, and whether its "
+            "elements cancel"
+        )
+    return power, energy

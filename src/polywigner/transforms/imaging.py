@@ -1,0 +1,383 @@
+"""Images in partly coherent light, by the transmission cross coefficient of polygons.
+
+An extended source in a condenser's pupil lights an object by plane waves, one for each place x in
+the pupil (Koehler). An object's frequency f arrives there at x + xi, xi = wavelength distance f, so
+that pairs of frequencies are imaged as S(x) P(x + xi_1) conj P(x + xi_2), integrated over x (IM1):
+the area of the intersection of three polygons, or its Fourier transform where a defocus or tilts
+are linear in x.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import shapely
+from numpy.typing import ArrayLike, NDArray
+
+from polywigner.errors import ArgumentError
+from polywigner.execution import NumpyOperations
+from polywigner.execution.progress import told
+from polywigner.geometry import Aperture
+from polywigner.geometry.arguments import (
+    checked_array,
+    checked_length,
+    checked_wavelength,
+    real_numbers,
+    takes_frequency,
+)
+from polywigner.illumination import Array
+from polywigner.numerics.divided_differences import simplex_plane_wave
+from polywigner.transforms.pupil import checked_energy, checked_pupil_radius, checked_waves
+from polywigner.transforms.spectrum import fourier
+
+Floats = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Indices = NDArray[np.intp]
+
+# Intersections of polygons: some minutes' work, and 2 GB.
+_MOST = 1 << 20
+# Values of waves at a time: 64 MB.
+_BLOCK = 1 << 22
+# Pairs of orders at a time.
+_PAIRS = 1 << 15
+# Share of the largest eigenvalue below which parts of an image are rounding.
+_ROUNDING = 1e-15
+# Squares of it are finite.
+_MOST_AMPLITUDE = 1e100
+
+
+class _Term(NamedTuple):
+    """A polygon with one plane wave: weight exp(2 pi i kappa.x) on it."""
+
+    polygon: Any
+    weight: complex
+    kappa: Floats
+
+
+def transmission_cross_coefficient(
+    pupil: Aperture | Array,
+    condenser: Aperture | Array,
+    xi_1: ArrayLike,
+    xi_2: ArrayLike,
+    defocus: float = 0.0,
+    pupil_radius: float | None = None,
+) -> Any:
+    """Transmission cross coefficient of an imaging system, T(xi_1, xi_2).
+
+    ``T = int S(x) P(x + xi_1) conj P(x + xi_2) dx / int S dx``, with P the field in the pupil and S
+    = |u|^2 of the condenser as the pupil has its image: in closed form, as areas of intersections
+    of polygons, in or out of focus (docs/imaging.md, (IM1)). Source: H. H. Hopkins, Proc. R. Soc. A
+    217, 408 (1953).
+
+    Parameters
+    ----------
+    pupil : Aperture, or an Array of apertures in the plane z = 0 with amplitudes and waves of its
+        parts, such as pistons and tilts of segments; the axis passes through the origin.
+    condenser : the same; light of its elements does not interfere.
+    xi_1, xi_2 : (..., 2) lags in the pupil in m, wavelength times distance times the object's
+        frequency; they broadcast.
+    defocus : w, the wavefront aberration W20 at ``pupil_radius``, in waves, as of :func:`otf`.
+    pupil_radius : in m; default: the largest distance of a vertex of the pupil from the origin.
+
+    Returns
+    -------
+    (...) complex: the share of the light for xi_1 = xi_2. A point as condenser makes it P conj P,
+    a condenser much wider than the pupil :func:`otf` times the ratio of their areas.
+
+    Raises
+    ------
+    ArgumentError for arguments of the wrong type, shape or range, and for too many of them;
+    GeometryError for arrays with elements elsewhere; IlluminationError for fields that cancel.
+
+    >>> import polywigner as pw
+    >>> pupil, condenser = pw.shapes.square(2.0), pw.shapes.square(1.0)
+    >>> complex(pw.transmission_cross_coefficient(pupil, condenser, (0.75, 0.0), (-0.75, 0.0)))
+    (0.5+0j)
+    """
+    system = _System.of(pupil, condenser, defocus, pupil_radius)
+    first, second = (_lags(name, xi) for name, xi in (("xi_1", xi_1), ("xi_2", xi_2)))
+    try:
+        shape = np.broadcast_shapes(first.shape, second.shape)
+    except ValueError:
+        raise ArgumentError(
+            f"expected xi_1 and xi_2 that broadcast, got {first.shape} and {second.shape}"
+        ) from None
+    pairs = [np.broadcast_to(xi, shape).reshape(-1, 2) for xi in (first, second)]
+    _check_work(len(pairs[0]) * system.size)
+    lags, number = np.unique(np.concatenate(pairs), axis=0, return_inverse=True)
+    found = system.coefficients(lags, *number.reshape(2, -1))
+    return found.reshape(shape[:-1])[()]
+
+
+@takes_frequency
+def partially_coherent_image(
+    mask: Aperture | Array,
+    period: ArrayLike,
+    pupil: Aperture | Array,
+    condenser: Aperture | Array,
+    points: ArrayLike,
+    wavelength: float,
+    distance: float,
+    defocus: float = 0.0,
+    pupil_radius: float | None = None,
+    *,
+    transmission: complex = 1.0,
+    background: complex = 0.0,
+) -> Any:
+    """Image of a periodic mask of polygons in light of a condenser, as a share of clear light.
+
+    The mask's orders are its Fourier transform at the lattice's frequencies, in closed form; each
+    pair of them is imaged by :func:`transmission_cross_coefficient` (docs/imaging.md, (IM2)). A
+    period much longer than the resolution stands for a mask alone.
+
+    Parameters
+    ----------
+    mask : Aperture, or an Array of apertures that do not overlap: the weights of the elements are
+        amplitudes that they transmit.
+    period : (2,) along x and y in m, or (2, 2) vectors of the lattice as rows.
+    pupil, condenser, defocus, pupil_radius : as of :func:`transmission_cross_coefficient`; a
+        condenser of half the pupil's size has the coherence factor 0.5.
+    points : (..., 2) in the image in m, at the scale of the object.
+    wavelength : in m.
+    distance : of the object from the pupil, or the focal length in front of it, in m: the frequency
+        f is at wavelength distance f in the pupil.
+    transmission : amplitude that the elements transmit, times their weights: 0 is opaque.
+    background : amplitude that the mask transmits beside the elements: 1 is clear, as around opaque
+        lines, and -0.245 a phase-shifting film of 6 %.
+
+    Returns
+    -------
+    (...) float64, at least 0: the irradiance over that of all the condenser's light.
+
+    Raises
+    ------
+    ArgumentError for arguments of the wrong type, shape or range, and for too many orders;
+    GeometryError for arrays with elements elsewhere; IlluminationError for fields that cancel.
+
+    >>> import polywigner as pw
+    >>> lines = pw.shapes.rectangle(1e-6, 2e-6)  # of 1 um, every 2 um
+    >>> pupil, condenser = pw.shapes.square(10e-3), pw.shapes.square(5e-3)
+    >>> light = pw.partially_coherent_image(
+    ...     lines, (2e-6, 2e-6), pupil, condenser, [(0, 0), (1e-6, 0)], 0.5e-6, 10e-3
+    ... )
+    >>> light.round(3)
+    array([1.292, 0.019])
+    """
+    system = _System.of(pupil, condenser, defocus, pupil_radius)
+    scale = checked_wavelength(wavelength) * checked_length(distance, "distance")
+    lattice = _checked_lattice(period)
+    orders = _orders(system, lattice, scale)
+    cell = abs(np.linalg.det(lattice))
+    amplitudes = _amplitudes(mask, orders, cell, transmission, background)
+    kept = np.abs(amplitudes) > 0.0
+    orders, amplitudes = orders[kept], amplitudes[kept]
+    places = _lags("points", points)
+    if not len(orders):
+        return np.zeros(places.shape[:-1])[()]
+    matrix = amplitudes[:, None] * amplitudes.conj() * system.matrix(scale * orders)
+    parts, vectors = np.linalg.eigh(matrix)
+    some = parts > _ROUNDING * parts[-1]
+    modes = vectors[:, some] * np.sqrt(parts[some])
+    flat = places.reshape(-1, 2)
+    found = np.empty(len(flat))
+    step = max(1, _BLOCK // len(orders))
+    for start in range(0, len(flat), step):
+        waves = np.exp(2j * np.pi * (flat[start : start + step] @ orders.T))
+        found[start : start + step] = np.square(np.abs(waves @ modes)).sum(axis=1)
+    return found.reshape(places.shape[:-1])[()]
+
+
+@dataclass(frozen=True, eq=False)
+class _System:
+    """A pupil and a condenser as polygons with waves."""
+
+    pupil: list[_Term]
+    condenser: list[_Term]
+    slope: float
+    """w/a^2 of the defocus, in 1/m^2."""
+    power: float
+    """int S."""
+
+    @classmethod
+    def of(cls, pupil: Any, condenser: Any, defocus: Any, pupil_radius: Any) -> _System:
+        for name, source in (("pupil", pupil), ("condenser", condenser)):
+            if not isinstance(source, Aperture | Array) or getattr(source, "dimension", 2) == 1:
+                raise ArgumentError(
+                    f"expected {name} as an Aperture, or an Array of apertures, got "
+                    f"{type(source).__name__}"
+                )
+        radius = checked_pupil_radius(pupil, pupil_radius)
+        checked_energy(pupil)
+        light = [
+            _Term(a.polygon, a.weight * b.weight.conjugate(), a.kappa - b.kappa)
+            for element in _elements(condenser)
+            for a in element
+            for b in element
+        ]
+        power = sum(_transforms([t.polygon], [-t.kappa])[0] * t.weight for t in light).real
+        if not power > 0.0:
+            raise ArgumentError("expected a condenser with light in it, got weights of zero")
+        waves = [term for element in _elements(pupil) for term in element]
+        return cls(waves, light, checked_waves(defocus) / radius / radius, float(power))
+
+    @property
+    def size(self) -> int:
+        """Intersections for each pair of lags."""
+        return len(self.condenser) * len(self.pupil) ** 2
+
+    def coefficients(self, lags: Floats, first: Indices, second: Indices) -> Complex:
+        """T (m,) of pairs of lags, by their numbers (m,) among all lags (n, 2)."""
+        found = np.zeros(len(first), np.complex128)
+        nu = 2.0 * self.slope * (lags[second] - lags[first])
+        for light in self.condenser:
+            lit = [_overlap(light.polygon, term.polygon, lags) for term in self.pupil]
+            for a, one in zip(self.pupil, lit, strict=True):
+                for b, other in zip(self.pupil, lit, strict=True):
+                    both = shapely.intersection(one[first], other[second])
+                    waves = np.exp(2j * np.pi * (lags[first] @ a.kappa - lags[second] @ b.kappa))
+                    weight = light.weight * a.weight * b.weight.conjugate()
+                    kappa = a.kappa - b.kappa + light.kappa
+                    found += weight * waves * _transforms(both, nu - kappa)
+        bent = np.exp(2j * np.pi * self.slope * np.square(lags).sum(axis=1))
+        return found * bent[first] * bent[second].conj() / self.power
+
+    def matrix(self, lags: Floats) -> Complex:
+        """T (n, n) of all pairs of lags (n, 2)."""
+        first, second = np.triu_indices(len(lags))
+        _check_work(len(first) * self.size)
+        above = np.zeros((len(lags), len(lags)), np.complex128)
+        blocks = [slice(k, k + _PAIRS) for k in range(0, len(first), _PAIRS)]
+        with told("pairs of orders", blocks) as each:
+            for some in each:
+                pairs = first[some], second[some]
+                above[pairs] = self.coefficients(lags, *pairs)
+        return above + np.triu(above, 1).conj().T
+
+
+def _elements(source: Aperture | Array) -> list[list[_Term]]:
+    """The plane waves on each element, with the weight of the element."""
+    weights = source.weights if isinstance(source, Array) else np.ones(1)
+    found = []
+    for element, weight in zip(source.elements_in_plane, weights.tolist(), strict=True):
+        field: Any = element.illumination
+        waves: list[tuple[Any, Any]] = [(1.0, np.zeros(2))]
+        if field is not None:
+            waves = list(zip(field.amplitudes.tolist(), field.frequencies, strict=True))
+        polygon = element.polygons
+        found.append([_Term(polygon, complex(weight * c), kappa) for c, kappa in waves])
+    return found
+
+
+def _overlap(light: Any, pupil: Any, lags: Floats) -> Any:
+    """Polygons (n,) of the places of a condenser whose light passes a pupil, at lags (n, 2)."""
+    shifted = np.full(len(lags), pupil, object)
+    corners, owner = shapely.get_coordinates(shifted, return_index=True)
+    return shapely.intersection(shapely.set_coordinates(shifted, corners - lags[owner]), light)
+
+
+def _transforms(polygons: Any, frequencies: Any) -> Complex:
+    """Fourier transforms (n,) of polygons (n,), each at its own frequency (n, 2): sums of (F2)."""
+    nu = np.asarray(frequencies, np.float64)
+    parts, owner = shapely.get_parts(np.asarray(polygons, object), return_index=True)
+    is_area = shapely.get_dimensions(parts) == 2
+    parts, owner = shapely.orient_polygons(parts[is_area]), owner[is_area]
+    rings, part = shapely.get_rings(parts, return_index=True)
+    corners, ring = shapely.get_coordinates(rings, return_index=True)
+    edge = np.flatnonzero(ring[1:] == ring[:-1])
+    of_part = part[ring[edge]]
+    # triangles from a corner of each part: a part may be far smaller than its distance from x = 0
+    origin = corners[np.searchsorted(part[ring], of_part)]
+    of, begin, end = owner[of_part], corners[edge] - origin, corners[edge + 1] - origin
+    phases = [np.einsum("ij,ij->i", nu[of], corner) for corner in (begin, end, origin)]
+    cosine, sine = simplex_plane_wave(NumpyOperations(double=True), *phases[:2])
+    cross = begin[:, 0] * end[:, 1] - begin[:, 1] * end[:, 0]
+    terms = cross * (cosine - 1j * sine) * np.exp(-2j * np.pi * phases[2])
+    real, imag = (np.bincount(of, values, len(nu)) for values in (terms.real, terms.imag))
+    return real + 1j * imag
+
+
+def _orders(system: _System, lattice: Floats, scale: float) -> Floats:
+    """Frequencies (n, 2) of a lattice that pass from some place of the condenser."""
+    reciprocal = np.linalg.inv(lattice).T
+    pupil, light = (
+        np.array(shapely.total_bounds([t.polygon for t in terms])).reshape(2, 2)
+        for terms in (system.pupil, system.condenser)
+    )
+    low, high = (pupil[0] - light[1]) / scale, (pupil[1] - light[0]) / scale
+    corners = np.array([(x, y) for x in (low[0], high[0]) for y in (low[1], high[1])])
+    numbers = corners @ lattice.T
+    first, last = np.floor(numbers.min(axis=0)), np.ceil(numbers.max(axis=0))
+    _check_work(math.prod((last - first + 1).tolist()))
+    grid = np.meshgrid(*(np.arange(a, b + 1) for a, b in zip(first, last, strict=True)))
+    orders = np.stack([g.ravel() for g in grid], axis=-1) @ reciprocal
+    passes = np.zeros(len(orders), bool)
+    for s in system.condenser:
+        for p in system.pupil:
+            passes |= shapely.area(_overlap(s.polygon, p.polygon, scale * orders)) > 0.0
+    return orders[passes]
+
+
+def _amplitudes(
+    mask: Any, orders: Floats, cell: float, transmission: Any, background: Any
+) -> Complex:
+    """Amplitudes (n,) of a mask's orders."""
+    if not isinstance(mask, Aperture | Array):
+        raise ArgumentError(
+            f"expected mask as an Aperture, or an Array of apertures, got {type(mask).__name__}"
+        )
+    within = _checked_amplitude("transmission", transmission)
+    around = _checked_amplitude("background", background)
+    weights = mask.weights if isinstance(mask, Array) else np.ones(1)
+    found = np.zeros(len(orders), np.complex128)
+    for element, weight in zip(mask.elements_in_plane, weights.tolist(), strict=True):
+        found += within * weight * fourier(element, orders)
+        if around:
+            found -= around * fourier(element.with_illumination(None), orders)
+    found /= cell
+    found[(orders == 0.0).all(axis=1)] += around
+    return found
+
+
+def _checked_amplitude(name: str, value: Any) -> complex:
+    try:
+        found = complex(value)
+    except (TypeError, ValueError, OverflowError):
+        found = complex("nan")
+    if isinstance(value, str) or not abs(found) <= _MOST_AMPLITUDE:
+        raise ArgumentError(
+            f"expected {name} as a number of size {_MOST_AMPLITUDE:g} or less, got {value!r:.100}"
+        )
+    return found
+
+
+def _lags(name: str, values: Any) -> Floats:
+    try:
+        found = real_numbers(values)
+    except ValueError as error:
+        raise ArgumentError(f"expected {name} as real numbers (..., 2), got {error}") from None
+    if found.ndim == 0 or found.shape[-1] != 2 or not np.isfinite(found).all():
+        raise ArgumentError(f"expected finite {name} (..., 2) in m, got shape {found.shape}")
+    return found
+
+
+def _checked_lattice(period: Any) -> Floats:
+    sizes = np.atleast_1d(checked_array(period, "period", np.ndim(period) or 1))
+    lattice = np.diag(sizes) if sizes.shape == (2,) else sizes
+    flat = lattice.shape != (2, 2) or not np.isfinite(lattice).all()
+    if flat or not abs(np.linalg.det(lattice)) > 1e-9 * np.square(lattice).sum():
+        raise ArgumentError(
+            "expected period as two lengths in m above zero, or two vectors that span the plane, "
+            f"got {period!r}"
+        )
+    return np.asarray(lattice, np.float64)
+
+
+def _check_work(count: float) -> None:
+    if not count <= _MOST:
+        raise ArgumentError(
+            f"expected at most {_MOST:.1e} intersections of polygons, got {count:.1e}; take fewer "
+            "lags, a shorter period, or fewer waves"
+        )

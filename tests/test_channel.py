@@ -1,0 +1,705 @@
+"""Paths that interfere against couplings by hand, Fresnel's formulas, images and exchange."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from polywigner.errors import ArgumentError, PolywignerError, SceneError
+
+pytestmark = pytest.mark.drjit
+pm = pytest.importorskip("polywigner.mitsuba")
+import mitsuba as mi  # noqa: E402 (after the package, which chooses the LLVM library)
+
+FREQUENCY = 94e9
+WAVELENGTH = pw.SPEED_OF_LIGHT / FREQUENCY
+SQUARE = pw.shapes.square(10e-3)
+# Neither it nor its field looks like itself in a mirror.
+HANDED = pw.Aperture([(0, 0), (9e-3, 0), (9e-3, 2e-3), (2e-3, 2e-3), (2e-3, 6e-3), (0, 6e-3)])
+HANDED = HANDED.with_illumination(pw.Illumination([1.0, 0.4j], [(40.0, 15.0), (-20.0, 0.0)]))
+# A hundredth of a wavelength: with "rayleigh-sommerfeld-2" the same to all sides in front.
+DOT = pw.shapes.square(0.01 * WAVELENGTH)
+ALL_SIDES: dict[str, Any] = {"obliquity": "rayleigh-sommerfeld-2"}
+
+# Rounding of double precision in phases of 1e5 turns; what the task of two rays asks is 1e-6.
+ROUNDING = 1e-9
+# Transmission and reflectances of Mitsuba are in single precision.
+SINGLE = 1e-6
+# Phase, in rad, of poses in single precision that no such numbers meet, at 2 m.
+PLACES = 3e-4
+# 4096 places that fill the apertures evenly, not on the edge of a shadow.
+RAYS = 0.01
+# Of the tolerance of couplings, by which bands are foretold as well.
+BAND = 3e-6
+
+SLOW = pytest.mark.slow
+METAL = {"type": "twosided", "bsdf": {"type": "conductor", "material": "none"}}
+BLACK = {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": 0.0}}
+
+
+@pytest.fixture(params=["scalar_rgb", pytest.param("llvm_ad_mono", marks=pytest.mark.llvm)])
+def variant(request: pytest.FixtureRequest) -> str:
+    mi.set_variant(request.param)
+    return request.param
+
+
+# The same in compiled kernels, whose way through a scene other tests show.
+compiled_slowly = pytest.mark.parametrize(
+    "variant",
+    ["scalar_rgb", pytest.param("llvm_ad_mono", marks=[pytest.mark.llvm, SLOW])],
+    indirect=True,
+)
+
+
+@pytest.fixture
+def plain() -> None:
+    mi.set_variant("scalar_rgb")
+
+
+@pytest.fixture
+def stokes() -> None:
+    mi.set_variant("scalar_spectral_polarized")
+
+
+def looking(place: Any, towards: Any, up: Any = (0.0, 0.0, 1.0)) -> np.ndarray:
+    """At a place, looking along a direction, with y as near to up as it can be."""
+    pose = np.eye(4)
+    z = np.asarray(towards, float) / np.linalg.norm(towards)
+    x = np.cross(up, z)
+    x /= np.linalg.norm(x)
+    pose[:3, :4] = np.stack([x, np.cross(z, x), z, np.asarray(place, float)], axis=-1)
+    return pose
+
+
+def emitter(source: Any = SQUARE, pose: Any = None, **options: Any) -> dict[str, Any]:
+    return pm.aperture(source, WAVELENGTH, to_world=pose, power=1.0, **options)
+
+
+def receiver(source: Any = SQUARE, pose: Any = None, **options: Any) -> dict[str, Any]:
+    return pm.receiver(source, WAVELENGTH, to_world=pose, **options)
+
+
+def floor(size: float = 10.0, **bsdf: Any) -> dict[str, Any]:
+    """A square in z = 0 with its normal upwards."""
+    to_world = mi.ScalarTransform4f().scale([size, size, 1.0])
+    return {"type": "rectangle", "to_world": to_world, "bsdf": bsdf or METAL}
+
+
+def scene_of(**parts: Any) -> Any:
+    return mi.load_dict({"type": "scene", **parts})
+
+
+def coupled(one: Any, pose: np.ndarray, other: Any, other_pose: np.ndarray, **how: Any) -> complex:
+    """b of sources in space."""
+    return complex(pw.coupling(one, other, np.linalg.inv(pose) @ other_pose, WAVELENGTH, **how))
+
+
+def flipped(source: Any = HANDED) -> Any:
+    """u(x, -y)."""
+    field = source.illumination
+    outline = pw.Aperture([ring * [1, -1] for ring in source.rings])
+    waves = pw.Illumination(field.amplitudes, field.frequencies * [1, -1])
+    return outline.with_illumination(waves)
+
+
+def below(pose: np.ndarray) -> np.ndarray:
+    """The pose of the flipped source in the mirror z = 0."""
+    return np.diag([1.0, 1.0, -1.0, 1.0]) @ pose @ np.diag([1.0, -1.0, 1.0, 1.0])
+
+
+def way(found: Any, *mirrors: str) -> complex:
+    """The amplitude of one way of the first pair, zero without it."""
+    here = found["mirrors"].values == ", ".join(mirrors)
+    return complex(found["amplitude"].values[0, 0, 0, here].sum())
+
+
+ONE, OTHER = looking((0, 0, 0.5), (1, 0, 0)), looking((2, 0, 0.5), (-1, 0, 0))
+
+
+# ---- two rays -----------------------------------------------------------------------------------
+
+
+@compiled_slowly
+@pytest.mark.parametrize(
+    "distance", [1.0, pytest.param(10.0, marks=SLOW), pytest.param(100.0, marks=SLOW)]
+)
+@pytest.mark.parametrize(("polarisation", "metal"), [("y", 1.0), ("x", -1.0)])
+def test_two_rays_over_metal_are_two_couplings(
+    variant: str, distance: float, polarisation: str, metal: float
+) -> None:
+    """E along the plane of incidence keeps its sign, across it E turns; x of both ends differ."""
+    one, other = looking((0, 0, 0.75), (1, 0, 0)), looking((distance, 0, 0.5), (-1, 0, 0))
+    scene = scene_of(tx=emitter(HANDED, one), rx=receiver(SQUARE, other), floor=floor(2 * distance))
+    found = pm.channel(scene, polarisation=polarisation)
+    direct = coupled(HANDED, one, SQUARE, other)
+    image = coupled(flipped(), below(one), SQUARE, other)
+    facing = {"x": -1.0, "y": 1.0}[polarisation]
+    assert complex(found.h[0, 0, 0]) == pytest.approx(
+        facing * (direct + metal * image), rel=ROUNDING
+    )
+    lengths = np.hypot(distance, [0.25, 1.25])
+    middles = found.delay.values[0, 0] * pw.SPEED_OF_LIGHT
+    assert middles == pytest.approx(lengths, abs=2 * HANDED.diameter)
+
+
+def test_far_rays_to_all_sides_are_the_closed_form_of_two_rays(plain: None) -> None:
+    """lambda/(4 pi) |2 exp(ikr)/r + 2 exp(ikr')/r'|: both ends radiate into half of all sides."""
+    one = looking((0, 0, 0.5), (1, 0, 0))
+    for distance in (3.0, 41.0):
+        other = looking((distance, 0, 0.3), (-1, 0, 0))
+        scene = scene_of(
+            tx=emitter(DOT, one, **ALL_SIDES),
+            rx=receiver(DOT, other, **ALL_SIDES),
+            floor=floor(100.0),
+        )
+        found = pm.channel(scene).h.values[0, 0, 0]
+        r = np.hypot(distance, [0.2, 0.8])
+        waves = 2 * np.exp(2j * np.pi * r / WAVELENGTH) / r
+        expected = WAVELENGTH / (4 * np.pi) * waves.sum()
+        assert abs(20 * np.log10(abs(found) / abs(expected))) < 0.05
+        # a square of one phase has b = exp(ikr) times a half turn of i: exp(ikr)/(i lambda r)
+        assert found / expected == pytest.approx(-1j * abs(found / expected), rel=0.01)
+
+
+BREWSTER = math.atan(1.5)
+CONDUCTOR = {"type": "conductor", "eta": 2.25, "k": 0.75}
+
+
+@pytest.mark.parametrize(
+    ("bsdf", "permittivity", "share", "angle"),
+    [
+        pytest.param(
+            {"type": "dielectric", "int_ior": 1.5, "ext_ior": 1.0}, 2.25, 1.0, BREWSTER, marks=SLOW
+        ),
+        pytest.param(
+            {"type": "plastic", "int_ior": 1.5, "ext_ior": 1.0}, 2.25, 1.0, 1.4, marks=SLOW
+        ),
+        (CONDUCTOR, (2.25 + 0.75j) ** 2, 1.0, 1.4),
+        pytest.param(CONDUCTOR, (2.25 + 0.75j) ** 2, 1.0, 0.3, marks=SLOW),
+        pytest.param(
+            {**CONDUCTOR, "specular_reflectance": 0.25},
+            (2.25 + 0.75j) ** 2,
+            0.5,
+            1.0,
+            marks=SLOW,
+        ),
+    ],
+)
+def test_a_floor_reflects_both_polarisations_as_fresnel_says(
+    plain: None, bsdf: dict[str, Any], permittivity: complex, share: float, angle: float
+) -> None:
+    """Both ends look at the place of the reflection, a metre away."""
+    cosine, sine = np.cos(angle), np.sin(angle)
+    one = looking((-sine, 0, cosine), (sine, 0, -cosine))
+    other = looking((sine, 0, cosine), (-sine, 0, -cosine))
+    straight = coupled(SQUARE, ONE, SQUARE, OTHER)  # two metres apart
+    root = np.sqrt(permittivity - sine**2)
+    across = (cosine - root) / (cosine + root)
+    along = (permittivity * cosine - root) / (permittivity * cosine + root)
+    scene = scene_of(tx=emitter(pose=one), rx=receiver(pose=other), floor=floor(**bsdf))
+    for polarisation, expected in (("x", -across), ("y", along)):  # x of both ends differ
+        found = way(pm.channel(scene, polarisation=polarisation), "floor")
+        assert abs(found / straight) == pytest.approx(abs(share * expected), abs=SINGLE)
+        assert found / straight == pytest.approx(share * expected, abs=PLACES)
+
+
+@SLOW
+def test_a_thin_pane_reflects_what_its_two_faces_send_in_power(plain: None) -> None:
+    pane = {"type": "thindielectric", "int_ior": 1.5, "ext_ior": 1.0}
+    one, other = (
+        looking((0, -0.1, 1), (0, 0, -1), (1, 0, 0)),
+        looking((0, 0.1, 1), (0, 0, -1), (1, 0, 0)),
+    )
+    scene = scene_of(tx=emitter(pose=one), rx=receiver(pose=other), floor=floor(**pane))
+    metal = scene_of(tx=emitter(pose=one), rx=receiver(pose=other), floor=floor())
+    ratio = way(pm.channel(scene), "floor") / way(pm.channel(metal), "floor")
+    face = 0.04
+    assert ratio == pytest.approx(math.sqrt(2 * face / (1 + face)), rel=0.01)  # 6 degrees off
+
+
+def test_metal_turns_a_right_handed_wave_into_a_left_handed_one(stokes: None) -> None:
+    """Who sends right-handed waves at a plate hears none of its own kind, and all of the other."""
+    up = (1, 0, 0)
+    one, other = looking((0, -0.05, 2), (0, 0, -1), up), looking((0, 0.05, 2), (0, 0, -1), up)
+    facing = looking((0, -0.05, 0.5), (0, 0, 1), up)
+    found = {}
+    for taken in ("right", "left"):
+        scene = scene_of(
+            tx=emitter(pose=one),
+            a=receiver(pose=other, polarisation=taken),
+            b=receiver(pose=facing, polarisation=taken),
+            floor=floor(),
+        )
+        own = pm.channel(scene, polarisation="right").squeeze(drop=False)
+        found[taken] = {
+            name: np.abs(own.amplitude.sel(receiver=name).values).max() for name in ("a", "b")
+        }
+    assert found["right"]["a"] < 0.01 * found["left"]["a"]  # 3 degrees off the normal
+    assert found["left"]["b"] < 1e-9 * found["right"]["b"]
+
+
+# ---- images of images, exchange -----------------------------------------------------------------
+
+
+def corner(**bsdf: Any) -> dict[str, Any]:
+    """Three walls in the planes of the axes, with normals to the positive sides."""
+    turn = mi.ScalarTransform4f()
+    scaled = mi.ScalarTransform4f().scale(5.0)
+    walls = {
+        "x": turn.rotate([0, 1, 0], 90) @ scaled,
+        "y": turn.rotate([1, 0, 0], -90) @ scaled,
+        "z": scaled,
+    }
+    bsdf = bsdf or METAL
+    return {k: {"type": "rectangle", "to_world": t, "bsdf": bsdf} for k, t in walls.items()}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("polarisation", ["x", "right"])
+def test_a_corner_of_three_mirrors_returns_the_source_turned_inside_out(
+    variant: str, polarisation: str
+) -> None:
+    """Three reflections at right angles leave E as it is; the image is that in the corner."""
+    place = np.array([1.1, 0.9, 1.3])
+    one = looking(place, -place)
+    other = looking(np.add(place, (0.02, -0.03, 0.01)), -place)
+    scene = scene_of(tx=emitter(HANDED, one), rx=receiver(SQUARE, other), **corner())
+    found = pm.channel(scene, reflections=3, polarisation=polarisation)
+    thrice = [k for k, names in enumerate(found["mirrors"].values) if names.count(",") == 2]
+    total = complex(found.amplitude.values[0, 0, 0, thrice].sum())
+    image = np.diag([-1.0, -1.0, -1.0, 1.0]) @ one @ np.diag([1.0, -1.0, 1.0, 1.0])
+    b = coupled(flipped(), image, SQUARE, other)
+    vectors = {"x": (1, 0), "right": np.array([1, 1j]) / math.sqrt(2)}[polarisation]
+    # both look alike, to the corner: e.e, without a conjugate
+    expected = b * complex(np.sum(np.square(vectors)))
+    assert total == pytest.approx(expected, rel=0.01, abs=0.01 * abs(b))
+
+
+ELLIPTIC = np.array([1.0, 0.3 - 0.8j])
+
+
+def between_glass_and_metal(is_back: bool = False, polarisation: Any = None) -> Any:
+    """Handed sources in any pose, over a floor of glass and beside a wall of metal."""
+    one = HANDED, looking((0.1, 0.2, 0.5), (1, 0.1, -0.2), (0.2, 0, 1))
+    other = SQUARE, looking((1.5, 0.4, 0.7), (-1, 0.2, -0.1), (0, 0.3, 1))
+    sent, taken = (other, one) if is_back else (one, other)
+    to_wall = mi.ScalarTransform4f().translate([0.8, -0.5, 0.0]).rotate([1, 0, 0], -90).scale(5.0)
+    return scene_of(
+        tx=emitter(*sent, polarisation=polarisation),
+        rx=receiver(*taken, polarisation=polarisation),
+        floor=floor(type="dielectric", int_ior=2.0),
+        wall={
+            "type": "rectangle",
+            "to_world": to_wall,
+            "bsdf": {"type": "twosided", "b": CONDUCTOR},
+        },
+    )
+
+
+@SLOW
+def test_exchange_of_both_ends_changes_nothing(plain: None) -> None:
+    scenes = between_glass_and_metal(), between_glass_and_metal(is_back=True)
+    found = [pm.channel(scene, [FREQUENCY], polarisation=ELLIPTIC) for scene in scenes]
+    assert len(found[0]["way"]) == 4
+    assert complex(found[0].h[0, 0, 0]) == pytest.approx(complex(found[1].h[0, 0, 0]), rel=1e-6)
+    for names in found[0]["mirrors"].values:
+        chain = names.split(", ") if names else []
+        assert way(found[0], *chain) == pytest.approx(way(found[1], *chain[::-1]), rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "scalar_spectral_polarized",
+        pytest.param("llvm_ad_mono_polarized", marks=pytest.mark.llvm),
+    ],
+)
+@SLOW
+def test_sources_in_polarised_variants_have_the_channel_of_the_others(
+    plain: None, name: str
+) -> None:
+    """By two mirrors as well, whose Mueller matrices do not multiply number by number."""
+    expected = pm.channel(between_glass_and_metal(), [FREQUENCY], polarisation=ELLIPTIC)
+    mi.set_variant(name)
+    found = pm.channel(between_glass_and_metal(polarisation=ELLIPTIC), [FREQUENCY])
+    assert len(found["way"]) == 4
+    for names in found["mirrors"].values:
+        chain = names.split(", ") if names else []
+        assert way(found, *chain) == pytest.approx(way(expected, *chain), rel=SINGLE)
+
+
+# ---- what stands in the way ---------------------------------------------------------------------
+
+
+def screen(x: float, low: float, high: float, **bsdf: Any) -> dict[str, Any]:
+    """Across the way, from one height to another."""
+    to_world = (
+        mi.ScalarTransform4f()
+        .translate([x, 0, (low + high) / 2])
+        .rotate([0, 1, 0], 90)
+        .scale([(high - low) / 2, 5.0, 1.0])
+    )
+    return {"type": "rectangle", "to_world": to_world, "bsdf": bsdf or BLACK}
+
+
+@compiled_slowly
+def test_a_wall_before_the_direct_way_leaves_the_way_by_the_floor(variant: str) -> None:
+    scene = scene_of(
+        tx=emitter(pose=ONE), rx=receiver(pose=OTHER), floor=floor(), wall=screen(1.0, 0.3, 2.0)
+    )
+    found = pm.channel(scene)
+    assert found["mirrors"].values.tolist() == ["floor"]
+    assert complex(found.h[0, 0, 0]) == way(found, "floor") != 0
+    assert any("obstacles block it" in note for note in found.attrs["notes"])
+
+
+def test_half_of_an_aperture_behind_a_plate_sends_half_of_the_amplitude(plain: None) -> None:
+    """A quarter of the power: not the half that rays of power count."""
+    scene = scene_of(tx=emitter(pose=ONE), rx=receiver(pose=OTHER), plate=screen(4e-3, 0.0, 0.5))
+    half = SQUARE & pw.shapes.rectangle(20e-3, 10e-3).moved((0.0, 5e-3))
+    share = pw.radiated_power(half, WAVELENGTH) / pw.radiated_power(SQUARE, WAVELENGTH)
+    expected = coupled(half, ONE, SQUARE, OTHER) * math.sqrt(share)
+    assert complex(pm.channel(scene).h[0, 0, 0]) == pytest.approx(expected, rel=RAYS)
+
+
+@SLOW
+def test_fog_and_veils_take_the_root_of_their_share(plain: None) -> None:
+    slab = {
+        "type": "cube",
+        "to_world": mi.ScalarTransform4f().translate([1.0, 0, 0.5]).scale([0.2, 1, 1]),
+        "bsdf": {"type": "null"},
+        "interior": {"type": "homogeneous", "sigma_t": 2.0, "albedo": 0.5},
+    }
+    veil = screen(0.5, 0.0, 1.0, type="mask", opacity=0.36, b=BLACK)
+    scene = scene_of(tx=emitter(pose=ONE), rx=receiver(pose=OTHER), slab=slab, veil=veil)
+    whole = coupled(SQUARE, ONE, SQUARE, OTHER)
+    expected = whole * math.exp(-0.5 * 2.0 * 0.4) * 0.8
+    assert complex(pm.channel(scene).h[0, 0, 0]) == pytest.approx(expected, rel=1e-3)
+
+
+@SLOW
+def test_a_mirror_that_is_a_mask_reflects_the_root_of_its_opacity(variant: str) -> None:
+    masked = {"type": "mask", "opacity": 0.49, "b": METAL}
+    found = [
+        pm.channel(scene_of(tx=emitter(pose=ONE), rx=receiver(pose=OTHER), floor=floor(**bsdf)))
+        for bsdf in (masked, METAL)
+    ]
+    assert way(found[0], "floor") == pytest.approx(0.7 * way(found[1], "floor"), rel=1e-4)
+
+
+def test_over_a_knife_edge_half_of_the_amplitude_arrives_with_its_phase(plain: None) -> None:
+    scene = scene_of(
+        tx=emitter(DOT, ONE, **ALL_SIDES, estimator="exact", diffraction=True),
+        rx=receiver(DOT, OTHER, **ALL_SIDES),
+        knife=screen(1.0, -4.5, 0.5),
+    )
+    whole = coupled(DOT, ONE, DOT, OTHER, method=ALL_SIDES["obliquity"])
+    found = complex(pm.channel(scene).h[0, 0, 0])
+    # the other edges of the screen, 5 m off, add some per cent
+    assert found == pytest.approx(whole / 2, rel=0.05)
+
+
+# ---- frequencies, powers, elements --------------------------------------------------------------
+
+
+def test_in_a_band_each_frequency_is_a_channel_of_its_own(plain: None) -> None:
+    scene = scene_of(tx=emitter(HANDED, ONE), rx=receiver(pose=OTHER), floor=floor())
+    band = np.linspace(90e9, 98e9, 101)
+    found = pm.channel(scene, band)
+    assert found.h.dims == ("frequency", "receiver", "emitter")
+    some = [0, 33, 77]
+    alone = pm.channel(scene, band[some])  # too few for a polynomial
+    assert found.h.values[some] == pytest.approx(alone.h.values, rel=BAND)
+    for number in range(2):
+        delay = found.delay.values[0, 0, number]
+        rest = found.amplitude.values[:, 0, 0, number] * np.exp(-2j * np.pi * band * delay)
+        turns = np.unwrap(np.angle(rest)) / (2 * np.pi)
+        late = (turns[-1] - turns[0]) / (band[-1] - band[0]) * pw.SPEED_OF_LIGHT
+        assert abs(late) < HANDED.diameter
+
+
+def test_texts_and_numbers_name_the_same_frequencies(plain: None) -> None:
+    scene = scene_of(tx=emitter(pose=ONE), rx=receiver(pose=OTHER))
+    found = pm.channel(scene, ["93 GHz", 94e9])
+    assert found.frequency.values.tolist() == [93e9, 94e9]
+    assert pm.channel(scene, "93 GHz").h.values[0] == pytest.approx(found.h.values[0], rel=BAND)
+    assert pm.channel(scene).frequency.values == pytest.approx([FREQUENCY])
+
+
+# A bright fringe at 2 m, and the next dark one, by the closed form.
+HEIGHTS = (0.49986, 0.50343)
+
+
+@SLOW
+def test_ways_that_interfere_make_fringes_in_received_power(variant: str) -> None:
+    powers, alone = [], []
+    for height in HEIGHTS:
+        other = looking((2, 0, height), (-1, 0, 0))
+        scene = scene_of(tx=emitter(DOT, ONE), rx=receiver(DOT, other), floor=floor())
+        found = pm.received_power(scene, spp=16, coherent=True)
+        expected = abs(complex(pm.channel(scene).h[0, 0, 0])) ** 2
+        assert found.direct == pytest.approx(expected, rel=SINGLE)
+        paths = found.contributions[0].paths
+        assert abs(sum(path.amplitude for path in paths)) ** 2 == pytest.approx(expected)
+        assert all(
+            abs(path.amplitude) ** 2 == pytest.approx(path.coupling * path.passing)
+            for path in paths
+        )
+        powers.append(found.direct)
+        alone.append(pm.received_power(scene, spp=16).direct)
+    assert max(powers) > 10 * min(powers)
+    assert max(alone) < 1.1 * min(alone)
+
+
+def test_elements_of_two_polarisations_reach_a_receiver_by_its_own(stokes: None) -> None:
+    pair = pw.Array([SQUARE.moved((-6e-3, 0)), SQUARE.moved((6e-3, 0))], [1.0, 1.0j])
+    scene = scene_of(tx=emitter(pair, ONE, polarisation=["x", "y"]), rx=receiver(pose=OTHER))
+    found = complex(pm.channel(scene).h[0, 0, 0])
+    expected = 1.0j * coupled(pair.elements[1], ONE, SQUARE, OTHER) / math.sqrt(2)
+    # each end sees the other 0.2 degrees off its axis
+    assert found == pytest.approx(expected, rel=1e-4)
+
+
+def test_a_receiver_may_count_aperture_power(plain: None) -> None:
+    found = [
+        pm.channel(scene_of(tx=emitter(pose=ONE), rx=receiver(pose=OTHER, normalise=count)))
+        for count in ("radiated", "aperture")
+    ]
+    share = pw.radiated_power(SQUARE, WAVELENGTH) / SQUARE.area
+    ratio = abs(complex(found[1].h[0, 0, 0] / found[0].h[0, 0, 0])) ** 2
+    assert ratio == pytest.approx(share, rel=SINGLE)
+
+
+@SLOW
+def test_a_scene_in_millimetres_with_several_ends_has_a_row_and_a_column_for_each(
+    plain: None,
+) -> None:
+    def in_mm(place: Any, towards: Any) -> np.ndarray:
+        return looking(1e3 * np.array(place), towards)
+
+    scene = scene_of(
+        a=emitter(pose=in_mm((0, 0, 0.5), (1, 0, 0)), scene_unit=1e-3),
+        b=emitter(pose=in_mm((0, 0, 0.6), (1, 0, 0)), scene_unit=1e-3),
+        rx=receiver(pose=in_mm((2, 0, 0.5), (-1, 0, 0)), scene_unit=1e-3),
+        back=receiver(pose=in_mm((2, 0, 0.5), (1, 0, 0)), scene_unit=1e-3),
+        floor=floor(1e4),
+    )
+    done = []
+    found = pm.channel(scene, progress=lambda *numbers: done.append(numbers))
+    assert done == [(k, 4) for k in (1, 2, 3, 4)]
+    assert found.h.shape == (1, 2, 2)
+    assert found.h.sel(receiver="back").values.tolist() == [[0, 0]]
+    assert np.isnan(found.delay.sel(receiver="back").values).all()
+    metres = scene_of(tx=emitter(pose=ONE), rx=receiver(pose=OTHER), floor=floor())
+    expected = complex(pm.channel(metres).h[0, 0, 0])
+    assert complex(found.h.sel(receiver="rx", emitter="a")[0]) == pytest.approx(expected, rel=1e-6)
+
+
+# ---- bad input ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"frequencies": []},
+        {"frequencies": [0.0]},
+        {"frequencies": [np.nan]},
+        {"frequencies": [1j]},
+        {"frequencies": [[94e9]]},
+        {"frequencies": "fast"},
+        {"frequencies": [1e-320]},
+        {"frequencies": print},
+        {"frequencies": True},
+        {"reflections": 4},
+        {"polarisation": "z"},
+        {"polarisation": [1.0, 0.0, 0.0]},
+        {"tolerance": 0.0},
+        {"progress": 1},
+    ],
+    ids=str,
+)
+def test_an_argument_out_of_range_is_refused(plain: None, wrong: dict[str, Any]) -> None:
+    scene = scene_of(tx=emitter(pose=ONE), rx=receiver(pose=OTHER))
+    with pytest.raises(PolywignerError, match="expected") as raised:
+        pm.channel(scene, **wrong)
+    assert "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"rx": None}, "a receiver, got one without"),
+        ({"tx": None}, "a wigner emitter"),
+        ({"rx": {"obliquity": "kirchhoff"}}, "one obliquity"),
+        ({"rx": {"scene_unit": 1e-3}}, "one scene_unit"),
+        ({"tx": {"bandwidth": 1e9}}, "coherent light"),
+        ({"floor": {"type": "blendbsdf", "weight": 0.5, "a": METAL, "b": BLACK}}, "has a phase"),
+    ],
+    ids=lambda value: str(value)[:40],
+)
+def test_a_scene_without_a_channel_is_refused(
+    plain: None, change: dict[str, Any], message: str
+) -> None:
+    parts = {
+        name: make(pose=pose, **(change.get(name) or {}))
+        for name, make, pose in (("tx", emitter, ONE), ("rx", receiver, OTHER))
+        if change.get(name, {}) is not None
+    }
+    if "floor" in change:
+        parts["floor"] = floor(**change["floor"])
+    with pytest.raises(SceneError, match=message) as raised:
+        pm.channel(scene_of(**parts))
+    assert "\n" not in str(raised.value)
+
+
+def test_a_polarisation_needs_ways_that_interfere(plain: None) -> None:
+    scene = scene_of(tx=emitter(pose=ONE), rx=receiver(pose=OTHER))
+    with pytest.raises(PolywignerError, match="coherent"):
+        pm.received_power(scene, spp=16, polarisation="x")
+    with pytest.raises(PolywignerError, match="coherent"):
+        pm.received_power(scene, spp=16, coherent="yes")
+
+
+# ---- conducting bodies --------------------------------------------------------------------------
+
+# Of fields on pieces of a body, and of edges in physical optics.
+PIECES = 3e-3
+# An aperture at each side, which looks at the origin.
+ASKANCE = looking((-0.5, 0, 0.6), (0.5, 0, -0.6)), looking((0.5, 0, 0.6), (-0.5, 0, -0.6))
+
+
+def plate(side: float, pose: np.ndarray | None = None) -> Any:
+    return pw.shapes.square(side).placed(np.eye(4) if pose is None else pose)
+
+
+def trihedral(side: float) -> list[Any]:
+    """Three triangles with a right angle in the origin, open to all positive sides."""
+    face = pw.Aperture([(0, 0), (side, 0), (0, side)])
+    poses = [np.eye(4) for _ in range(3)]
+    for k, pose in enumerate(poses):
+        pose[:3, :3] = np.roll(np.eye(3), k, axis=1)
+    return [face.placed(pose) for pose in poses]
+
+
+def between(one: np.ndarray, other: np.ndarray, **parts: Any) -> Any:
+    return scene_of(tx=emitter(SQUARE, one), rx=receiver(SQUARE, other), **parts)
+
+
+@compiled_slowly
+@pytest.mark.parametrize("polarisation", [pytest.param("x", marks=SLOW), "y"])
+def test_a_wide_plate_is_a_mirror_with_its_phase(variant: str, polarisation: str) -> None:
+    echo = pm.channel(between(*ASKANCE), polarisation=polarisation, bodies={"plate": plate(0.6)})
+    mirror = pm.channel(between(*ASKANCE, floor=floor()), polarisation=polarisation)
+    assert way(echo, "plate") == pytest.approx(way(mirror, "floor"), rel=PIECES)
+    assert echo.delay.values == pytest.approx(mirror.delay.values)
+
+
+@pytest.mark.parametrize(
+    ("side", "shift"), [(0.1, 0.0), (0.3, 0.14), pytest.param(0.05, 0.01, marks=SLOW)]
+)
+def test_the_echo_of_a_body_in_the_way_is_its_shadow(
+    plain: None, side: float, shift: float
+) -> None:
+    """Both ways together are the field behind the edges of an obstacle."""
+    pose = looking((1.0, shift, 0.5), (1, 0, 0))
+    found = pm.channel(between(ONE, OTHER), bodies={"plate": plate(side, pose)})
+    turn = mi.ScalarTransform4f().translate(pose[:3, 3].tolist()).rotate([0, 1, 0], 90)
+    shade = {"type": "rectangle", "to_world": turn.scale(side / 2), "bsdf": BLACK}
+    sent = emitter(SQUARE, ONE, estimator="exact", diffraction=True)
+    edges = pm.channel(scene_of(tx=sent, rx=receiver(SQUARE, OTHER), shade=shade))
+    difference = complex(found.h[0, 0, 0] - edges.h[0, 0, 0])
+    assert abs(difference) < PIECES * abs(way(found))
+
+
+def test_a_corner_reflector_far_away_obeys_the_radar_equation(plain: None) -> None:
+    """Within 0.02 dB, with a note for those that are near or count one reflection alone."""
+    body, towards = trihedral(10 * WAVELENGTH), np.ones(3) / math.sqrt(3)
+    pose = looking(20.0 * towards, -towards)
+    found = pm.channel(between(pose, pose), bodies={"corner": (body, 3)})
+    sigma = pw.rcs(body, towards, WAVELENGTH, bounces=3)
+    pattern = pw.radiation_pattern(SQUARE, WAVELENGTH, [0.0, 0.1], [0.0])
+    gain = 10 ** (pattern.attrs["peak_directivity"] / 10)
+    distance = 20.0 - math.sqrt(3) * 5 * WAVELENGTH
+    expected = gain**2 * WAVELENGTH**2 * sigma / ((4 * math.pi) ** 3 * distance**4)
+    assert 20 * math.log10(abs(way(found, "corner"))) == pytest.approx(
+        10 * math.log10(expected), abs=0.02
+    )
+    assert "corner" not in "".join(found.attrs["notes"])
+    near = looking(0.3 * towards, -towards)
+    notes = pm.channel(between(near, near), bodies={"corner": (body, 3)}).attrs["notes"]
+    assert any("'corner' is nearer than 2 D^2/lambda" in note for note in notes)
+    notes = pm.channel(between(pose, pose), bodies={"corner": body}).attrs["notes"]
+    assert any("later reflections are left out" in note for note in notes)
+
+
+def test_echoes_by_the_floor_are_those_of_images(plain: None) -> None:
+    body = {"plate": plate(0.02, looking((2.0, 0.05, 0.4), (-1, 0, 0)))}
+    one, other = ONE, looking((0, 0.3, 0.7), (1, 0, 0))
+    found = pm.channel(
+        scene_of(tx=emitter(HANDED, one), rx=receiver(SQUARE, other), floor=floor()), bodies=body
+    )
+    image = scene_of(tx=emitter(flipped(), below(one)), rx=receiver(SQUARE, other))
+    assert way(found, "floor", "plate") == pytest.approx(
+        way(pm.channel(image, bodies=body), "plate"), rel=ROUNDING
+    )
+    image = scene_of(tx=emitter(HANDED, one), rx=receiver(SQUARE, below(other)))
+    assert way(found, "plate", "floor") == pytest.approx(
+        way(pm.channel(image, bodies=body), "plate"), rel=ROUNDING
+    )
+    assert way(found, "floor", "plate", "floor") != 0
+    single = pm.channel(between(one, other, floor=floor()), reflections=1, bodies=body)
+    assert "floor, plate, floor" not in single["mirrors"].values
+
+
+def test_echoes_over_a_band_are_those_of_each_frequency(plain: None) -> None:
+    body = {"plate": plate(0.03, looking((3.0, 0.1, 0.5), (-1, 0, 0)))}
+    band = np.linspace(93e9, 95e9, 41)
+    found = pm.channel(between(ONE, ONE), band, bodies=body).h[:, 0, 0].values
+    each = [pm.channel(between(ONE, ONE), f, bodies=body).h.values.item() for f in band[::8]]
+    assert np.abs(found[::8] - each).max() < PIECES * np.abs(each).max()
+    power = pm.received_power(between(ONE, ONE), 16, coherent=True, bodies=body)  # of 1 W
+    assert float(power) == pytest.approx(abs(found[20]) ** 2, rel=2 * PIECES)
+    (path,) = power.contributions[0].paths
+    assert path.mirrors == ("plate",) and path.arrives_from == pytest.approx((0.1 / 3, 0), rel=1e-2)
+
+
+def test_what_stands_before_a_body_takes_its_share(plain: None) -> None:
+    body = {"plate": plate(0.05, looking((2.0, 0.0, 0.5), (-1, 0, 0)))}
+    turn = mi.ScalarTransform4f().translate([1.0, 0.5, 0.5]).rotate([0, 1, 0], 90)
+    screen = {"type": "rectangle", "to_world": turn.scale(0.5), "bsdf": BLACK}
+    free = pm.channel(between(ONE, ONE), bodies=body)
+    half = pm.channel(between(ONE, ONE, screen=screen), bodies=body)
+    assert abs(way(half, "plate") / way(free, "plate")) == pytest.approx(0.25, abs=RAYS)
+    assert any("25.0%" in note for note in half.attrs["notes"])
+    screen["to_world"] = screen["to_world"] @ mi.ScalarTransform4f().scale(9.0)
+    none = pm.channel(between(ONE, ONE, screen=screen), bodies=body)
+    assert len(none["way"]) == 0 and any("'plate'" in note for note in none.attrs["notes"])
+    behind = pm.channel(between(ONE, ONE), bodies={"plate": plate(0.05)})
+    assert any("or behind it" in note for note in behind.attrs["notes"])
+
+
+def test_a_body_has_another_name_than_a_mirror(plain: None) -> None:
+    with pytest.raises(SceneError, match="expected bodies with other names than mirrors, got 'fl"):
+        pm.channel(between(ONE, OTHER, floor=floor()), bodies={"floor": plate(0.1)})
+
+
+@pytest.mark.parametrize(
+    ("bodies", "message"),
+    [
+        ([plate(0.1)], "expected bodies as a dict"),
+        ({1: plate(0.1)}, "expected bodies as a dict"),
+        ({" ": plate(0.1)}, "expected names of bodies with letters"),
+        ({"a": 3}, "the body 'a'"),
+        ({"a": (plate(0.1), 4)}, "the body 'a'.*reflections"),
+        ({"a": (plate(0.1), True)}, "the body 'a'.*reflections"),
+    ],
+)
+def test_other_bodies_are_refused(plain: None, bodies: Any, message: str) -> None:
+    with pytest.raises(ArgumentError, match=message):
+        pm.channel(between(ONE, OTHER), bodies=bodies)
+    with pytest.raises(ArgumentError, match="expected bodies with coherent=True"):
+        pm.received_power(between(ONE, OTHER), bodies=bodies)

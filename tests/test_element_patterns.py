@@ -1,0 +1,332 @@
+"""Far fields of simulators, read from files, as elements of arrays."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from polywigner.errors import ArgumentError, FileFormatError, GeometryError, PolywignerWarning
+
+WAVELENGTH = 299792458 / 77e9
+ELEMENT = pw.shapes.rectangle(0.9 * WAVELENGTH, 0.6 * WAVELENGTH).moved((0.1 * WAVELENGTH, 0))
+PLACES = pw.arrays.grid_positions(6, 5, 0.95 * WAVELENGTH, 0.7 * WAVELENGTH)
+WEIGHTS = pw.arrays.steering_weights(PLACES, (0.3, 0.2), WAVELENGTH)
+ARRAY = pw.phased_array(ELEMENT, PLACES, WEIGHTS)
+GRID = np.radians(np.arange(0, 91, 2)), np.radians(np.arange(0, 360, 5))
+FINE = np.radians(np.arange(0, 360, 0.2))
+# Between all samples, both signs, and behind.
+PLACES_BETWEEN = np.radians(np.linspace(-89.3, 95.1, 63)), np.radians([0.0, 33.3, 90.0, 201.7])
+
+
+def _pattern(source: Any = ELEMENT, angles: Any = GRID, **how: Any) -> Any:
+    return pw.radiation_pattern(source, WAVELENGTH, *angles, **how)
+
+
+def _file(folder: Path, suffix: str = ".csv", angles: Any = GRID, **how: Any) -> Path:
+    path = folder / f"element{suffix}"
+    pw.write_pattern(_pattern(angles=angles, **{"polarisation": "right", **how}), path)
+    return path
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".txt", ".ffd"])
+@pytest.mark.parametrize("how", [("x", "magnetic"), ("right", "huygens")])
+def test_an_array_of_a_written_pattern_is_the_array_it_was_made_from(
+    tmp_path: Path, suffix: str, how: tuple[str, Any]
+) -> None:
+    """Files have nine digits, or six decimals of dB and degrees."""
+    jones, method = how
+    element = pw.read_pattern(_file(tmp_path, suffix, polarisation=jones, method=method))
+    exact = _pattern(ARRAY, PLACES_BETWEEN, polarisation=jones, method=method)
+    found = _pattern(ARRAY, PLACES_BETWEEN, polarisation=jones, element=element)
+    size = np.abs(exact["field"].values).max()
+    factor = 1.0
+    if suffix == ".txt":  # it has directivities, of a power of 1 W
+        own = _pattern(polarisation=jones, method=method)
+        factor = math.sqrt(own.attrs["radiated_power"])
+        phase = found["field"].values.ravel()[20] / exact["field"].values.ravel()[20]
+        assert abs(phase / abs(phase) - 1) < 1e-6
+    for name in ("field", "cross_field"):
+        error = np.abs(factor * found[name].values - exact[name].values).max()
+        assert error < 1e-6 * size
+    for name in ("peak_directivity", "peak_theta", "peak_phi"):
+        assert found.attrs[name] == pytest.approx(exact.attrs[name], abs=1e-5)
+
+
+def _spherical(theta: Any, phi: Any) -> tuple[Any, Any]:
+    """E_theta and E_phi of a crossed pair of electric and magnetic dipoles, and a quadrupole."""
+    polar = np.cos(theta) * np.cos(phi) + 0.5j * np.sin(phi) + 0.3 * np.sin(2 * theta)
+    azimuthal = -np.sin(phi) + 0.5j * np.cos(theta) * np.cos(phi) + 0.2 * np.sin(theta)
+    return polar, azimuthal
+
+
+def _sphere_file(path: Path, thetas: Any, phis: Any) -> Path:
+    lines = ["Phi[deg],Theta[deg],re(rETheta)[V],im(rETheta)[V],re(rEPhi)[V],im(rEPhi)[V]"]
+    for phi in phis:
+        for theta in thetas:
+            a, b = _spherical(math.radians(theta), math.radians(phi))
+            values = (phi, theta, a.real, a.imag, b.real, b.imag)
+            lines.append(",".join(f"{value:.15g}" for value in values))
+    path.write_text("\n".join(lines), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("steps", [(7, 9), (19, 12)])
+def test_a_band_limited_sphere_is_exact_between_its_samples(
+    tmp_path: Path, steps: tuple[int, int]
+) -> None:
+    """Of second degree: steps of 30 degrees hold it, and its power counts both halves."""
+    phis = np.arange(steps[1]) * 360 / steps[1]
+    path = _sphere_file(tmp_path / "sphere.csv", np.linspace(0, 180, steps[0]), [*phis, 360.0])
+    element = pw.read_pattern(path)
+    alone = pw.phased_array(pw.shapes.square(1e-3), [[0.0, 0.0]])
+    angles = np.linspace(0.01, 3.1, 23), np.linspace(0, 6.2, 17)
+    found = pw.radiation_pattern(alone, WAVELENGTH, *angles, element=element)
+    intensity = np.abs(found["field"].values) ** 2 + np.abs(found["cross_field"].values) ** 2
+    squares = sum(np.abs(part) ** 2 for part in _spherical(angles[0][:, None], angles[1]))
+    assert intensity == pytest.approx(squares / (2 * 376.730313412), rel=1e-11, abs=1e-14)
+    node, weight = np.polynomial.legendre.leggauss(24)
+    phi = 2 * np.pi * np.arange(24) / 24
+    parts = _spherical(np.arccos(node)[:, None], phi)
+    power = 2 * np.pi * weight @ sum(np.abs(part) ** 2 for part in parts).mean(axis=1)
+    assert found.attrs["radiated_power"] == pytest.approx(power / (2 * 376.730313412), rel=1e-11)
+
+
+def test_samples_come_back_however_coarse_they_are(tmp_path: Path) -> None:
+    """Waves of the highest order along phi included, of which samples know the cosine alone."""
+    random = np.random.default_rng(5)
+    lines = ["Theta,Phi,re(rETheta),im(rETheta),re(rEPhi),im(rEPhi)"]
+    angles, squares = (np.arange(0, 91, 15), np.arange(0, 360, 60)), []
+    for theta in angles[0]:
+        for phi in angles[1]:
+            values = random.normal(size=4)
+            squares.append(np.square(values).sum() / (2 * 376.730313412))
+            lines.append(",".join(f"{value:.17g}" for value in (theta, phi, *values)))
+    path = tmp_path / "random.csv"
+    path.write_text("\n".join(lines))
+    alone = pw.phased_array(pw.shapes.square(1e-3), [[0.0, 0.0]])
+    radians = np.radians(angles[0]), np.radians(angles[1])
+    element = pw.read_pattern(path)
+    found = pw.radiation_pattern(alone, WAVELENGTH, *radians, element=element)
+    intensity = np.abs(found["field"].values) ** 2 + np.abs(found["cross_field"].values) ** 2
+    assert intensity.ravel() == pytest.approx(np.array(squares), rel=1e-9)
+
+
+def test_a_pattern_read_is_the_pattern_written(tmp_path: Path) -> None:
+    written = _pattern(polarisation="right")
+    found = pw.read_pattern(_file(tmp_path, ".ffd"))
+    front = written["directivity"].values > -30
+    assert found["directivity"].values[front] == pytest.approx(
+        written["directivity"].values[front], abs=1e-6
+    )
+    assert found.attrs["frequency"] == pytest.approx(77e9)
+    assert found.attrs["radiated_power"] == pytest.approx(written.attrs["radiated_power"], rel=1e-8)
+    again = tmp_path / "again.ffd"
+    pw.write_pattern(found, again)
+    assert pw.read_pattern(again)["field"].values == pytest.approx(found["field"].values, abs=1e-12)
+
+
+DAMAGES: dict[str, tuple[Any, str]] = {
+    "empty": (lambda t: "", "empty"),
+    "another": (lambda t: "hello\nworld\n", "columns"),
+    "a text": (lambda t: t.replace("\n0,2,", "\n0,two,", 1), "line 3"),
+    "not finite": (
+        lambda t: t.replace("\n0,2,", "\n0,2,nan,nan,0,0,0\n", 1),
+        "numbers|finite|once",
+    ),
+    "a row less": (lambda t: t[: t.rstrip().rfind("\n")], "once"),
+    "a row twice": (lambda t: t + t.splitlines()[-1], "once"),
+    "zeros": (
+        lambda t: "\n".join(
+            line if k == 0 else ",".join([*line.split(",")[:3], "0", "0", "0", "0"])
+            for k, line in enumerate(t.splitlines())
+        ),
+        "zero",
+    ),
+    "a cut": (
+        lambda t: "\n".join(t.splitlines()[: 1 + len(GRID[0])]),
+        "whole turn",
+    ),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_files_that_are_no_far_field_are_refused_in_a_sentence(tmp_path: Path, damage: str) -> None:
+    path = _file(tmp_path)
+    change, words = DAMAGES[damage]
+    path.write_text(change(path.read_text()))
+    with pytest.raises(FileFormatError, match=words):
+        pw.read_pattern(path)
+
+
+def test_other_files_and_elements_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(FileFormatError, match="suffix"):
+        pw.read_pattern(tmp_path / "a.cut")
+    with pytest.raises(FileFormatError, match="exist"):
+        pw.read_pattern(tmp_path / "a.csv")
+    short = _file(tmp_path, angles=(GRID[0][:30], GRID[1]))
+    with pytest.raises(FileFormatError, match="90"):
+        pw.read_pattern(short)
+    element = _pattern(polarisation="x")
+    for wrong, words in (
+        ({"source": ELEMENT}, "phased_array"),
+        ({"element": _pattern()}, "polarisation"),
+        ({"element": 3}, "pattern"),
+        ({"element": _pattern(angles=(GRID[0], FINE), polarisation="x")}, "at most"),
+        ({"method": "magnetic"}, "method"),
+        ({"obliquity": "paper"}, "obliquity"),
+    ):
+        with pytest.raises(ArgumentError, match=words):
+            _pattern(**{"source": ARRAY, "element": element, **wrong})
+
+
+def test_an_element_of_another_frequency_is_told() -> None:
+    with pytest.warns(PolywignerWarning, match="Hz"):
+        pw.radiation_pattern(ARRAY, 1.1 * WAVELENGTH, 0.0, 0.0, element=_pattern(polarisation="x"))
+
+
+def test_the_command_line_takes_a_file_as_the_element(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from polywigner.cli import main
+
+    element = _file(tmp_path, ".ffd")
+    pw.write_source(ARRAY, tmp_path / "array.toml")
+    call = ["pattern", str(tmp_path / "array.toml"), "--frequency", "77 GHz", "--step", "3 deg"]
+    call += ["--out", f"{tmp_path}/", "--element", str(element)]
+    assert main(call) == 0
+    said = capsys.readouterr().out
+    exact = _pattern(ARRAY, (0.0, 0.0), polarisation="right")
+    assert f"directivity       {exact.attrs['peak_directivity']:.2f} dBi" in said
+    assert "axial ratio       0.00 dB" in said and "front share" not in said
+    for more in (["--method", "magnetic"], ["--obliquity", "paper"]):
+        assert main([*call, *more]) == 2
+    assert main([*call[:-1], str(tmp_path / "array.toml")]) == 2
+    assert "suffix" in capsys.readouterr().err
+
+
+# ---- apertures with the far field of a pattern --------------------------------------------------
+
+HORN = pw.shapes.rectangle(1.6 * WAVELENGTH, 1.1 * WAVELENGTH).moved((0.4 * WAVELENGTH, 0.0))
+OUTLINE, HORN = (
+    HORN,
+    HORN.with_illumination(
+        pw.te_mode(1.6 * WAVELENGTH, 1.1 * WAVELENGTH).moved((0.4 * WAVELENGTH, 0.0))
+    ),
+)
+
+
+@pytest.mark.parametrize(
+    ("jones", "method", "allowed"),
+    [("x", "huygens", 2e-3), ("right", "magnetic", 2e-3), ("45 deg", "electric", 2e-3)],
+)
+def test_the_residual_is_how_far_both_far_fields_are_apart(
+    jones: str, method: Any, allowed: float
+) -> None:
+    """Between the samples as well, in all components, of an outline beside the origin."""
+    table = _pattern(HORN, polarisation=jones, method=method)
+    fit = pw.fit_pattern(table, OUTLINE, method=method)
+    node, weight = np.polynomial.legendre.leggauss(24)
+    angles = np.arccos((node + 1) / 2), np.radians(np.arange(1.3, 360, 5))
+    off, size = 0.0, 0.0
+    for name in ("field", "cross_field"):
+        sent, wanted = (
+            _pattern(source, angles, polarisation=jones, method=method)[name].values
+            for source in (fit.aperture, HORN)
+        )
+        off += weight @ np.square(np.abs(sent - wanted)).sum(axis=1)
+        size += weight @ np.square(np.abs(wanted)).sum(axis=1)
+    assert math.sqrt(off / size) == pytest.approx(fit.residual, rel=1e-3)
+    assert fit.residual < allowed
+    power = _pattern(fit.aperture, polarisation=jones, method=method).attrs
+    assert fit.stored == pytest.approx(power["aperture_power"] / power["radiated_power"])
+
+
+def test_a_fitted_element_has_the_links_and_arrays_of_its_pattern(tmp_path: Path) -> None:
+    """Far away Friis' formula with the directivities of the file, to the residual."""
+    element = pw.read_pattern(_file(tmp_path, ".ffd", source=HORN, polarisation="x"))
+    fit = pw.fit_pattern(element, OUTLINE)
+    facing = np.diag([-1.0, 1.0, -1.0, 1.0])
+    facing[2, 3] = 5.0
+    b = pw.coupling(fit.aperture, fit.aperture, facing, WAVELENGTH, polarisation="x")
+    gain = 10 ** (float(element["directivity"].values[0, 0]) / 10)
+    assert abs(b) == pytest.approx(gain * WAVELENGTH / (4 * math.pi * 5.0), rel=2 * fit.residual)
+    places = pw.arrays.grid_positions(4, 3, 1.8 * WAVELENGTH, 1.4 * WAVELENGTH)
+    exact = _pattern(pw.phased_array(OUTLINE, places), element=element, polarisation="x")
+    found = _pattern(pw.phased_array(fit.aperture, places), polarisation="x")["field"].values
+    apart = np.abs(found - exact["field"].values).max()
+    assert apart < 5 * fit.residual * np.abs(found).max()
+
+
+@pytest.mark.drjit
+def test_scenes_take_a_fitted_element_at_both_ends() -> None:
+    """Friis' formula off the axis within 0.05 dB, which the cosines of single waves take."""
+    pm = pytest.importorskip("polywigner.mitsuba")
+    import mitsuba as mi
+
+    mi.set_variant("scalar_rgb")
+    square = pw.shapes.square(WAVELENGTH / 2)
+    fit = pw.fit_pattern(_pattern(square, polarisation="y"), square)
+    pose = np.diag([-1.0, 1.0, -1.0, 1.0])
+    pose[:3, 3] = 0.0, 0.8, 2.0
+    how = {"wavelength": WAVELENGTH, "obliquity": "kirchhoff"}
+    scene = mi.load_dict(
+        {
+            "type": "scene",
+            "tx": pm.aperture(fit.aperture, **how),
+            "rx": pm.receiver(fit.aperture, to_world=pose, **how),
+        }
+    )
+    level = 20 * math.log10(abs(pm.channel(scene)["h"].values.item()))
+    angle = math.atan(0.4)
+    gain = _pattern(square, ([0.0, angle], [math.pi / 2]), polarisation="y")["directivity"].values
+    expected = 2 * gain[1, 0] + 20 * math.log10(WAVELENGTH / (4 * math.pi * math.hypot(0.8, 2.0)))
+    assert level == pytest.approx(expected, abs=0.05)
+
+
+def test_scalar_sources_take_the_pattern_of_the_first_boundary_condition() -> None:
+    """Of a pattern cos(theta) F with axes of Ludwig's third definition: right to 1e-6 if asked."""
+    table = _pattern(HORN, polarisation="y")
+    scalar = _pattern(HORN, obliquity="rayleigh-sommerfeld-1")
+    table["field"], table["cross_field"] = scalar["field"], 0.0 * table["cross_field"]
+    fit = pw.fit_pattern(table, OUTLINE, method="rayleigh-sommerfeld-1", cut_off=1e-8)
+    found = _pattern(fit.aperture, obliquity="rayleigh-sommerfeld-1")["field"].values
+    apart = np.abs(found - scalar["field"].values).max() / np.abs(found).max()
+    assert fit.residual < 2e-6 and apart < 2e-5
+    rough = pw.fit_pattern(table, OUTLINE, method="rayleigh-sommerfeld-1", cut_off=0.1)
+    assert rough.residual > 1e3 * fit.residual
+    with pytest.warns(PolywignerWarning, match="differs from the pattern by 0.71 of it"):
+        other = pw.fit_pattern(
+            table, OUTLINE, polarisation="45 deg", method="rayleigh-sommerfeld-1"
+        )
+    assert other.residual == pytest.approx(math.sqrt(0.5), rel=1e-2)  # half is polarised otherwise
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"pattern": 3}, "expected pattern as a pattern with a polarisation"),
+        ({"aperture": HORN}, "expected an Aperture without a field"),
+        ({"aperture": ARRAY}, "expected an Aperture without a field"),
+        ({"aperture": pw.shapes.square(0.1)}, "at most some 12 wavelengths"),
+        ({"wavelength": -1.0}, "wavelength"),
+        ({"method": "kirchhoff"}, "expected method"),
+        ({"polarisation": "z"}, "expected polarisation"),
+        ({"polarisation": "y"}, "expected a pattern of the aperture's polarisation"),
+        ({"cut_off": 2.0}, "expected cut_off from"),
+    ],
+)
+def test_what_no_field_can_be_fitted_to_is_refused(change: Any, message: str) -> None:
+    table = _pattern(polarisation="x", method="huygens")
+    table["cross_field"] = 0.0 * table["cross_field"]
+    given = {"pattern": table, "aperture": OUTLINE, **change}
+    with pytest.raises((ArgumentError, GeometryError), match=message):
+        pw.fit_pattern(given.pop("pattern"), given.pop("aperture"), **given)
+    if not change.keys() - {"wavelength"}:
+        table.attrs["wavelength"] = math.nan
+        with pytest.raises(ArgumentError, match="expected a wavelength, since the pattern has"):
+            pw.fit_pattern(table, OUTLINE)

@@ -1,0 +1,319 @@
+"""Images in partly coherent light: overlaps of polygons, limits, and sums over the source."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+
+import polywigner as pw
+from polywigner.errors import ArgumentError, PolywignerError
+
+EXACT = 1e-10
+WAVELENGTH, DISTANCE = 0.5e-6, 10e-3
+SCALE = WAVELENGTH * DISTANCE
+
+
+def rectangle(low: Any, high: Any) -> pw.Aperture:
+    (a, b), (c, d) = low, high
+    return pw.Aperture([(a, b), (c, b), (c, d), (a, d)])
+
+
+def segment(low: float, high: float, nu: float) -> complex:
+    """int exp(-2 pi i nu x) over an interval."""
+    size = max(0.0, high - low)
+    return size * np.sinc(nu * size) * np.exp(-1j * np.pi * nu * (low + high))
+
+
+def drawn_lags(count: int, reach: float) -> Any:
+    rng = np.random.default_rng(7)
+    return rng.uniform(-reach, reach, (2, count, 2))
+
+
+@pytest.mark.parametrize("defocus", [0.0, 0.8])
+def test_rectangles_have_the_overlaps_of_their_sides(defocus: float) -> None:
+    pupil, light = ((-2.0, -1.5), (2.5, 1.0)), ((-0.7, -0.4), (1.1, 0.9))
+    first, second = drawn_lags(50, 3.0)
+    radius, total = 3.0, 1.8 * 1.3
+    found = pw.transmission_cross_coefficient(
+        rectangle(*pupil), rectangle(*light), first, second, defocus, radius
+    )
+    slope = defocus / radius**2
+    expected = np.ones(50, np.complex128)
+    for axis in range(2):
+        a, b = first[:, axis], second[:, axis]
+        ends = np.stack([pupil[0][axis] - a, pupil[0][axis] - b, np.full(50, light[0][axis])])
+        low = ends.max(axis=0)
+        ends = np.stack([pupil[1][axis] - a, pupil[1][axis] - b, np.full(50, light[1][axis])])
+        high, nu = ends.min(axis=0), -2 * slope * (a - b)
+        parts = [segment(*each) for each in zip(low, high, nu, strict=True)]
+        expected *= np.array(parts) * np.exp(2j * np.pi * slope * (a * a - b * b))
+    assert np.abs(found - expected / total).max() < EXACT
+    assert (np.abs(expected) > 0.1).sum() > 5
+
+
+TRIANGLE = pw.Aperture([(-1.0, -0.8), (1.2, -0.5), (0.1, 1.3)])
+
+
+def sampled(places: Any, lags: Any, defocus: float) -> Any:
+    """P of a pair of segments with piston and tilt at places + lags."""
+    x = places + lags
+    field = np.zeros(x.shape[:-1], np.complex128)
+    for sign, weight, kappa in ((-1, 1.0, (0.0, 0.0)), (1, 0.6j, (0.3, -0.2))):
+        inside = (sign * x[..., 0] > 0) & (abs(x[..., 0]) < 3) & (abs(x[..., 1]) < 2)
+        field += np.where(inside, weight * np.exp(2j * np.pi * (x @ np.array(kappa))), 0)
+    return field * np.exp(2j * np.pi * defocus / 9 * np.square(x).sum(axis=-1))
+
+
+def segmented() -> pw.Array:
+    left, right = rectangle((-3, -2), (0, 2)), rectangle((0, -2), (3, 2))
+    tilted = right.with_illumination(pw.Illumination([1.0], [(0.3, -0.2)]))
+    return pw.Array([left, tilted], [1.0, 0.6j])
+
+
+def test_segments_with_pistons_and_tilts_are_sampled() -> None:
+    rng = np.random.default_rng(3)
+    u, v = rng.random((2, 400_000))
+    u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
+    a, b, c = TRIANGLE.rings[0]
+    places = a + u[:, None] * (b - a) + v[:, None] * (c - a)
+    for first, second in zip(*drawn_lags(4, 2.5), strict=True):
+        found = pw.transmission_cross_coefficient(segmented(), TRIANGLE, first, second, 0.5, 3.0)
+        p, q = sampled(places, first, 0.5), sampled(places, second, 0.5)
+        assert abs(found - (p * q.conj()).mean()) < 6e-3
+
+
+def test_exchange_of_lags_conjugates_and_equal_lags_are_shares() -> None:
+    first, second = drawn_lags(20, 3.0)
+    how: Any = (0.4, 3.0)
+    one = pw.transmission_cross_coefficient(segmented(), TRIANGLE, first, second, *how)
+    other = pw.transmission_cross_coefficient(segmented(), TRIANGLE, second, first, *how)
+    assert one == pytest.approx(other.conj(), abs=EXACT)
+    same = pw.transmission_cross_coefficient(segmented(), TRIANGLE, first, first, *how)
+    assert np.abs(same.imag).max() < EXACT
+    assert same.real.min() > -EXACT and same.real.max() < 1 + EXACT
+
+
+def test_small_condensers_are_coherent_and_large_ones_incoherent() -> None:
+    pupil = pw.shapes.regular_polygon(7, 1.0)
+    first, second = drawn_lags(30, 0.6)
+    point = pw.shapes.square(1e-7)
+    coherent = pw.transmission_cross_coefficient(pupil, point, first, second, 0.3, 1.0)
+    phase = 0.3 * (np.square(first).sum(1) - np.square(second).sum(1))
+    assert coherent == pytest.approx(np.exp(2j * np.pi * phase), abs=1e-5)
+    wide = pw.shapes.square(10.0)
+    incoherent = pw.transmission_cross_coefficient(pupil, wide, first, second, 0.3, 1.0)
+    shift = pw.otf(pupil, first - second, 0.3, 1.0) * pupil.area / wide.area
+    # the origin of the pupil is in the middle between both copies
+    assert np.abs(incoherent) == pytest.approx(np.abs(shift), abs=EXACT)
+
+
+PUPIL = pw.shapes.regular_polygon(9, 3e-3)
+CONDENSER = pw.shapes.regular_polygon(5, 1.4e-3)
+MASK = pw.Aperture(np.array([[-2, -2], [2, -2], [2, -1], [-1, -1], [-1, 2], [-2, 2]]) * 1e-6)
+PERIOD = np.array([[6.0, 0.0], [2.0, 7.0]]) * 1e-6
+
+
+def abbe(mask: Any, points: Any, source: Any, defocus: float, background: float = 0.0) -> Any:
+    """Image as a sum of coherent images, one for each place of the source."""
+    reciprocal = np.linalg.inv(PERIOD).T
+    numbers = np.stack(np.meshgrid(*2 * [np.arange(-14, 15)]), axis=-1).reshape(-1, 2)
+    orders = numbers @ reciprocal
+    sign = -1.0 if background else 1.0
+    amplitudes = sign * pw.fourier(mask, orders) / abs(np.linalg.det(PERIOD))
+    amplitudes[(numbers == 0).all(axis=1)] += background
+    waves = np.exp(2j * np.pi * points @ orders.T)
+    total = 0.0
+    for place in source:
+        x = place + SCALE * orders
+        passes = shapely.contains_xy(PUPIL.polygons, x[:, 0], x[:, 1])
+        phase = np.exp(2j * np.pi * defocus / 9e-6 * np.square(x).sum(axis=1))
+        total = total + np.abs(waves @ (amplitudes * passes * phase)) ** 2 / len(source)
+    return total
+
+
+@pytest.mark.parametrize("defocus", [0.0, 0.7])
+def test_image_is_abbes_sum_over_the_source(defocus: float) -> None:
+    points = np.random.default_rng(1).uniform(-5e-6, 5e-6, (20, 2))
+    g = (np.arange(400) + 0.5) / 400 * 2.8e-3 - 1.4e-3
+    grid = np.stack(np.meshgrid(g, g), axis=-1).reshape(-1, 2)
+    inside = shapely.contains_xy(CONDENSER.polygons, grid[:, 0], grid[:, 1])
+    source = grid[inside][::61]
+    found = pw.partially_coherent_image(
+        MASK, PERIOD, PUPIL, CONDENSER, points, WAVELENGTH, DISTANCE, defocus, 3e-3
+    )
+    assert found == pytest.approx(abbe(MASK, points, source, defocus), abs=4e-3)
+    assert found.max() > 0.2
+
+
+def test_image_by_a_point_of_light_is_that_of_its_orders() -> None:
+    points = np.random.default_rng(2).uniform(-5e-6, 5e-6, (30, 2))
+    place = np.array([0.21e-3, -0.13e-3])
+    point = pw.shapes.square(1e-10).moved(place)
+    found = pw.partially_coherent_image(
+        MASK, PERIOD, PUPIL, point, points, WAVELENGTH, DISTANCE, 0.7, 3e-3
+    )
+    assert found == pytest.approx(abbe(MASK, points, [place], 0.7), abs=1e-6)
+
+
+def test_opaque_masks_in_clear_light_are_babinets() -> None:
+    points = np.random.default_rng(4).uniform(-5e-6, 5e-6, (10, 2))
+    place = np.array([0.21e-3, -0.13e-3])
+    how: Any = (PERIOD, PUPIL, pw.shapes.square(1e-10).moved(place), points, WAVELENGTH, DISTANCE)
+    dark = pw.partially_coherent_image(MASK, *how, 0.2, 3e-3, transmission=0.0, background=1.0)
+    assert dark == pytest.approx(abbe(MASK, points, [place], 0.2, background=1.0), abs=1e-6)
+    nothing = pw.partially_coherent_image(MASK, *how, transmission=0.5j, background=0.5j)
+    assert nothing == pytest.approx(0.25, abs=1e-12)
+
+
+def test_clear_light_is_one_and_a_fine_grating_is_grey() -> None:
+    cell = pw.shapes.square(1e-6)
+    how: Any = (PUPIL, CONDENSER, [(0.0, 0.0), (3e-7, 1e-7)], WAVELENGTH, DISTANCE)
+    clear = pw.partially_coherent_image(cell, (1e-6, 1e-6), *how)
+    assert clear == pytest.approx(1.0, abs=1e-12)
+    half = pw.shapes.rectangle(0.25e-6, 0.5e-6)  # orders beyond the pupil
+    grey = pw.partially_coherent_image(half, (0.5e-6, 0.5e-6), *how)
+    assert grey == pytest.approx(0.25, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"period": (1e-6, 0.0)}, "period"),
+        ({"period": "1 um"}, "period"),
+        ({"pupil": pw.Slits([(0.0, 1.0)])}, "pupil"),
+        ({"condenser": None}, "condenser"),
+        ({"mask": "mask.svg"}, "mask"),
+        ({"points": [1.0, 2.0, 3.0]}, "points"),
+        ({"background": "grey"}, "background"),
+        ({"distance": -1.0}, "distance"),
+        ({"period": (1.0, 1.0)}, "intersections"),
+    ],
+)
+def test_what_makes_no_image_is_refused(change: dict[str, Any], words: str) -> None:
+    how: dict[str, Any] = {
+        "mask": MASK,
+        "period": PERIOD,
+        "pupil": PUPIL,
+        "condenser": CONDENSER,
+        "points": [(0.0, 0.0)],
+        "wavelength": WAVELENGTH,
+        "distance": DISTANCE,
+    }
+    with pytest.raises(PolywignerError, match=words):
+        pw.partially_coherent_image(**how | change)
+    if "pupil" in change:
+        with pytest.raises(ArgumentError, match="xi_1 and xi_2"):
+            pw.transmission_cross_coefficient(PUPIL, CONDENSER, np.ones((2, 2)), np.ones((3, 2)))
+
+
+def test_coherence_factor_of_a_cutoff() -> None:
+    # orders beyond (1 + sigma) pupil radii pass from nowhere
+    pupil, condenser = pw.shapes.square(2.0), pw.shapes.square(1.0)
+    lags = [(1.5 - 1e-9, 0.0), (1.5 + 1e-9, 0.0)]
+    inside, outside = pw.transmission_cross_coefficient(pupil, condenser, lags, lags)
+    assert inside.real == pytest.approx(1e-9, rel=1e-5)
+    assert outside == 0.0
+
+
+def test_pixels_multiply_the_lens_by_their_own_transfer_function() -> None:
+    pupil, frequency = pw.shapes.square(10e-3), np.array([(30.0, 0.0), (0.0, 80.0), (40.0, -70.0)])
+    lens = pw.mtf(pupil, frequency, 0.5e-6, 0.1)
+    with_pixels = pw.mtf(pupil, frequency, 0.5e-6, 0.1, pixel=(4e-6, 6e-6))
+    own = np.sinc(frequency[:, 0] * 4e-3) * np.sinc(frequency[:, 1] * 6e-3)
+    assert with_pixels == pytest.approx(lens * own, abs=EXACT)
+    for pixel in (-1e-6, "4 um", (1e-6, 1e-6, 1e-6)):
+        with pytest.raises(ArgumentError, match="pixel"):
+            pw.mtf(pupil, frequency, 0.5e-6, 0.1, pixel=pixel)
+
+
+MIRROR = pw.shapes.hexagonal_segments(1.0, 0.02, rings=1)
+
+
+def test_tilts_of_all_segments_move_the_spot_and_pistons_do_not() -> None:
+    length, focus = 1e-3, 20.0
+    x = np.random.default_rng(5).uniform(-0.02, 0.02, (20, 2))
+    slope = np.array([4e-4, -2e-4])
+    centres = np.array([part.centroid.coords[0] for part in MIRROR.polygons.geoms])
+    # one plane wave over all is a tilt of each segment, and its step at their middles
+    tilted = pw.segmented_pupil(MIRROR, length, centres @ slope + 3e-5, slope)
+    plain = pw.psf(MIRROR, x, length, focus)
+    assert pw.psf(tilted, x + focus * slope, length, focus) == pytest.approx(plain, rel=1e-9)
+    assert pw.psf(tilted, x, length, focus) != pytest.approx(plain, rel=1e-2)
+
+
+def test_segments_keep_their_fields_and_odd_ones_are_refused() -> None:
+    tapered = pw.shapes.square(1.0).with_illumination(pw.cosine_taper(1.0))
+    pair = pw.segmented_pupil([tapered, tapered.moved((2.0, 0.0))], 1e-3, [0.0, 0.5e-3])
+    assert abs(pw.fourier(pair, (0.0, 0.0))) < 1e-12
+    assert abs(pw.fourier(pair, (0.25, 0.0))) == pytest.approx(
+        2 * abs(pw.fourier(tapered, (0.25, 0.0)))
+    )
+    for pupil, piston in ((MIRROR, [1.0, 2.0]), (MIRROR, "flat"), ("mirror", 0.0), ([], 0.0)):
+        with pytest.raises(ArgumentError):
+            pw.segmented_pupil(pupil, 1e-3, piston)
+
+
+@pytest.fixture
+def pupil_file(tmp_path: Any) -> Any:
+    path = tmp_path / "pupil.wkt"
+    path.write_text("POLYGON((-5 -5, 5 -5, 5 5, -5 5, -5 -5))")
+    return path
+
+
+def test_commands_write_spots_and_transfer_functions(tmp_path: Any, pupil_file: Any) -> None:
+    import xarray as xr
+
+    from polywigner.cli import main
+
+    lens = ["--focal-length", "100 mm", "--defocus", "0, 0.5", "--samples", "33", "--out"]
+    waves = ["--wavelengths", "500 nm, 600 nm"]
+    assert (
+        main(["psf", str(pupil_file), *waves, "--width", "40 um", *lens, str(tmp_path) + "/"]) == 0
+    )
+    with xr.open_dataset(tmp_path / "pupil_psf.nc") as found:
+        x, spots = found["x"].values, found["psf"].values
+    points = np.stack(np.meshgrid(x, x), axis=-1)
+    square = pw.shapes.square(10e-3)
+    expected = pw.psf(square, points, [500e-9, 600e-9], 0.1, 0.5)
+    assert spots.shape == (2, 33, 33)
+    assert spots[1] == pytest.approx(expected, rel=1e-12)
+    assert (
+        main(["mtf", str(pupil_file), *waves, "--pixel", "3 um", *lens, str(tmp_path) + "/"]) == 0
+    )
+    rows = np.genfromtxt(tmp_path / "pupil_mtf.csv", delimiter=",", names=True)
+    assert rows["frequency_per_mm"][-1] == pytest.approx(200.0)  # along both axes
+    at = np.column_stack([rows["frequency_per_mm"], np.zeros(33)])
+    assert rows["mtf_x_defocus_0"] == pytest.approx(
+        pw.mtf(square, at, [500e-9, 600e-9], 0.1, pixel=3e-6)
+    )
+    for kind in ("psf", "mtf"):
+        assert (tmp_path / f"pupil_{kind}.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ["--defocus", "much"],
+        ["--samples", "1"],
+        ["--focal-length", "-1 m"],
+        ["--wavelengths", "500 nm", "--wavelength", "500 nm"],
+        ["--wavelengths", "blue"],
+        ["--pupil-radius", "0 m"],
+    ],
+    ids=" ".join,
+)
+@pytest.mark.parametrize("command", ["psf", "mtf"])
+def test_odd_options_of_lenses_are_refused(
+    tmp_path: Any, pupil_file: Any, command: str, options: list[str], capfd: Any
+) -> None:
+    from polywigner.cli import main
+
+    usual = ["--focal-length", "100 mm", "--out", str(tmp_path / "out")]
+    waves = [] if "--wavelengths" in options else ["--wavelength", "500 nm"]
+    assert main([command, str(pupil_file), *usual, *waves, *options]) == 2
+    err = capfd.readouterr().err
+    assert "expected" in err and err.count("\n") == 1
+    assert not list(tmp_path.glob("out*"))

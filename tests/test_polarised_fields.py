@@ -1,0 +1,246 @@
+"""Electric fields of polarised sources: Maxwell's equations, dense sums of dipoles, far limits.
+
+Lengths are in wavelengths throughout.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from oracles.quadrature import triangle_nodes
+from oracles.surface_integrals import _triangles
+from polywigner.errors import ArgumentError, IlluminationError, PolywignerError
+
+MODELS: tuple[Any, ...] = ("huygens", "magnetic", "electric")
+models = pytest.mark.parametrize("model", MODELS)
+SHARES = {"huygens": (0.5, 0.5), "magnetic": (1.0, 0.0), "electric": (0.0, 1.0)}
+DUAL: dict[Any, Any] = {"huygens": "huygens", "magnetic": "electric", "electric": "magnetic"}
+K = 2 * math.pi
+
+EXACT = 1e-9
+"""Relative; asked for are 1e-12, and the dense sums reach 1e-12 away from the edges."""
+DIFFERENCES = 3e-7
+"""Of the fourth order: (k step)^4/30, and rounding of some 1e-13 over the step's square."""
+STEP = 2e-2
+
+ELL = pw.Aperture([[-1.5, -1.5], [1.5, -1.5], [1.5, -0.5], [-0.4, -0.5], [-0.4, 1.5], [-1.5, 1.5]])
+SLANT = pw.shapes.triangle(1.6, 1.1)
+SOURCES: dict[str, Any] = {
+    "L": ELL,
+    "steered taper": ELL.with_illumination(
+        pw.steering((0.5, -0.3, math.sqrt(0.66)), 1.0) * pw.cosine_taper(3.2)
+    ),
+    "evanescent": SLANT.with_illumination(pw.Illumination([1.0, 0.5], [(0.9, 0.8), (0.0, 0.2)])),
+    "grazing": SLANT.with_illumination(pw.Illumination([1.0], [(0.6, 0.8)])),
+    "nearly grazing": SLANT.with_illumination(pw.Illumination([1.0], [(0.999, 0.01)])),
+}
+JONES = np.array([0.6, 0.8j])
+POINTS = np.array(
+    [(0.1, -0.9, 0.05), (-1.49, 0.3, 0.02), (0.8, 0.7, 0.4), (3.0, -2.0, 1.5), (-4.0, 6.0, 20.0)]
+)
+
+
+def dipole(way: np.ndarray, q: np.ndarray, model: str) -> np.ndarray:
+    """Fields (n, 3) at vectors ``way`` (n, 3), as textbooks print those of short dipoles."""
+    r = np.linalg.norm(way, axis=1, keepdims=True)
+    s = way / r
+    wave = np.exp(1j * K * r) / (1j * r)
+    m = np.cross([0.0, 0.0, 1.0], q)
+    of_magnetic = (1 + 1j / (K * r)) * np.cross(m, s)
+    across = np.cross(np.cross(s, q), s)  # of an electric dipole, with its near terms
+    near = (3 * s * (s @ q)[:, None] - q) * (1 / (K * r) ** 2 - 1j / (K * r))
+    share = SHARES[model]
+    return wave * (share[0] * of_magnetic + share[1] * (across + near))
+
+
+def dense(source: Any, point: np.ndarray, jones: np.ndarray, model: str) -> np.ndarray:
+    """A sum of dipoles over the opening, on triangles graded towards the point."""
+    q = np.append(jones, 0.0)
+    field = source.illumination or pw.Illumination([1.0], [(0.0, 0.0)])
+    nodes, weights = triangle_nodes(_triangles(source, point, 0.6), 18)
+    total = np.zeros(3, np.complex128)
+    for some in np.array_split(np.arange(len(nodes)), 1 + len(nodes) // 50000):
+        way = np.column_stack([point[:2] - nodes[some], np.full(len(some), point[2])])
+        total += (weights[some] * field(nodes[some])) @ dipole(way, q, model)
+    return total
+
+
+# "huygens" has both terms: others need no more than one source.
+cases = pytest.mark.parametrize(
+    ("name", "model"), [("L", m) for m in MODELS] + [(n, "huygens") for n in SOURCES if n != "L"]
+)
+
+
+@cases
+def test_a_near_field_is_the_sum_of_its_dipoles(name: str, model: Any) -> None:
+    found = pw.field(SOURCES[name], POINTS, 1.0, JONES, model, tolerance=1e-12)
+    for point, value in zip(POINTS, found, strict=True):
+        expected = dense(SOURCES[name], point, JONES, model)
+        assert value == pytest.approx(expected, abs=EXACT * np.abs(expected).max())
+
+
+def differences(compute: Any, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Jacobian dE_i/dx_j and Laplacians (3,) of a field, by differences of the fourth order."""
+    offsets = np.array([-2, -1, 0, 1, 2]) * STEP
+    places = point + offsets[:, None, None] * np.eye(3)
+    values = compute(places)  # (5, axis, component)
+    first = np.array([1, -8, 0, 8, -1]) / (12 * STEP)
+    second = np.array([-1, 16, -30, 16, -1]) / (12 * STEP**2)
+    return np.einsum("s,sjc->cj", first, values), np.einsum("s,sjc->c", second, values)
+
+
+@cases
+def test_a_field_in_free_space_obeys_maxwell(name: str, model: Any) -> None:
+    """div E = 0, (Lap + k^2) E = 0; and curl E/(ik) is the field H of the dual currents."""
+    source, turned = SOURCES[name], np.array([-JONES[1], JONES[0]])
+    point = np.array([0.3, -0.7, 0.6])
+
+    def electric(places: Any) -> np.ndarray:
+        return np.asarray(pw.field(source, places, 1.0, JONES, model, tolerance=1e-13))
+
+    here = electric(point)
+    jacobian, laplacian = differences(electric, point)
+    size = K * np.abs(here).max()
+    coarse = 40 * (K * STEP) ** 4 / 30 * size  # evanescent waves and edges change faster than k
+    assert abs(np.trace(jacobian)) < coarse
+    assert laplacian + K**2 * here == pytest.approx(np.zeros(3), abs=K * coarse)
+    curl = np.array([jacobian[(k + 2) % 3, (k + 1) % 3] - jacobian[(k + 1) % 3, (k + 2) % 3]
+                     for k in range(3)])  # fmt: skip
+    magnetic = pw.field(source, point, 1.0, turned, DUAL[model], tolerance=1e-13)
+    assert curl / (1j * K) == pytest.approx(magnetic, abs=coarse / K)
+
+
+@pytest.mark.parametrize("model", ["magnetic", "electric"])
+def test_power_through_a_near_hemisphere_is_the_radiated_power(model: Any) -> None:
+    """Poynting's vector of the exact near fields, one wavelength off, against the pattern's.
+
+    Of Huygens' currents some leaves through the plane beside the source, which is no wall.
+    """
+    patch = pw.shapes.rectangle(0.5, 0.3)
+    node, weight = np.polynomial.legendre.leggauss(24)
+    polar, azimuth = np.meshgrid((node + 1) / 2, np.arange(16) * math.pi / 8, indexing="ij")
+    sine = np.sqrt(1 - polar**2)
+    s = np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), polar], axis=-1)
+    electric = pw.field(patch, s, 1.0, JONES, model)
+    magnetic = pw.field(patch, s, 1.0, (-JONES[1], JONES[0]), DUAL[model])
+    flux = (np.cross(electric, magnetic.conj()).real * s).sum(axis=-1).mean(axis=1)
+    found = math.pi * (weight @ flux)
+    pattern = pw.radiation_pattern(patch, 1.0, 0.0, 0.0, polarisation=JONES, method=model)
+    assert found == pytest.approx(pattern.attrs["radiated_power"], rel=1e-5)
+
+
+@models
+@pytest.mark.parametrize("jones", [(1, 0), (0, 1), (1, 1j)])
+def test_far_fields_are_those_of_the_three_current_models(model: Any, jones: Any) -> None:
+    """The closed forms of antenna textbooks, times F/(i lambda r)."""
+    s = np.array([0.48, -0.6, 0.64])
+    p = np.array(jones, np.complex128) / np.linalg.norm(jones)
+    q, z, c = np.append(p, 0.0), np.array([0.0, 0.0, 1.0]), s[2]
+    shapes = {
+        "huygens": (1 + c) / 2 * (q - (q @ s) * (z + s) / (1 + c)),
+        "magnetic": c * q - (q @ s) * z,
+        "electric": q - (q @ s) * s,
+    }
+    distance = 1e8
+    expected = shapes[model] * pw.fourier(ELL, s[:2]) * np.exp(2j * math.pi * distance) / 1j
+    found = distance * pw.field(ELL, distance * s, 1.0, jones, model)
+    assert found == pytest.approx(expected, abs=1e-6 * np.abs(expected).max())
+
+
+def test_the_magnetic_model_has_the_field_of_the_opening_along_the_plane() -> None:
+    """Its tangential part is Rayleigh-Sommerfeld I times p: u p in the opening, else zero."""
+    source = SOURCES["steered taper"]
+    found = pw.field(source, POINTS, 1.0, JONES, "magnetic", tolerance=1e-12)
+    scalar = pw.amplitude(source, POINTS, 1.0, tolerance=1e-12)
+    assert found[:, :2] == pytest.approx(scalar[:, None] * JONES, abs=1e-12)
+    inside, beside = pw.field(source, [(-1.0, 0.2, 1e-6), (0.5, 0.5, 1e-6)], 1.0, "x", "magnetic")
+    assert inside[0] == pytest.approx(source.illumination((-1.0, 0.2)), abs=1e-5)
+    assert beside[:2] == pytest.approx([0, 0], abs=1e-5)
+
+
+def test_huygens_is_the_mean_of_both_and_its_axis_is_that_of_kirchhoff() -> None:
+    fields = {m: pw.field(ELL, POINTS, 1.0, JONES, m, tolerance=1e-12) for m in MODELS}
+    mean = (fields["magnetic"] + fields["electric"]) / 2
+    size = np.abs(mean).max()
+    assert fields["huygens"] == pytest.approx(mean, abs=1e-12 * size)
+
+
+def test_a_tiny_patch_of_electric_currents_is_a_short_dipole() -> None:
+    speck = pw.shapes.square(1e-3)
+    way = np.array([(0.05, 0.1, 0.07), (0.0, 0.0, 0.2), (2.0, -1.0, 0.3)])
+    for model in MODELS:
+        found = pw.field(speck, way, 1.0, "x", model)
+        expected = 1e-6 * dipole(way, np.array([1.0, 0.0, 0.0]), model)
+        # the patch's quadrupole: (side/distance)^2
+        assert found == pytest.approx(expected, rel=3e-4, abs=3e-4 * np.abs(expected).max())
+
+
+@models
+def test_a_curved_wave_of_large_radius_is_a_flat_one(model: Any) -> None:
+    """The curved wave's field is a sum over places, the flat one's along the edges."""
+    curved = ELL.curved(1e12, 1.0)
+    flat = pw.field(ELL, POINTS, 1.0, "30 deg", model, tolerance=1e-12)
+    found = pw.field(curved, POINTS, 1.0, "30 deg", model)
+    assert found == pytest.approx(flat, abs=EXACT * np.abs(flat).max())
+
+
+def test_elements_may_have_polarisations_of_their_own() -> None:
+    """A sequentially turned array of dipoles is circular along its axis."""
+    speck = pw.shapes.square(0.3)
+    places = [(-0.4, -0.4), (0.4, -0.4), (0.4, 0.4), (-0.4, 0.4)]
+    slants = ["0 deg", "90 deg", "180 deg", "270 deg"]
+    array = pw.phased_array(speck, places, [1, 1j, -1, -1j])
+    whole = pw.field(array, POINTS, 1.0, slants)
+    angles = np.radians([0, 90, 180, 270])
+    parts = [
+        w * pw.field(speck.moved(place), POINTS, 1.0, (math.cos(a), math.sin(a)))
+        for w, place, a in zip(array.weights, places, angles, strict=True)
+    ]
+    assert whole == pytest.approx(sum(parts), abs=1e-8)
+    ahead = pw.field(array, (0.0, 0.0, 1e6), 1.0, slants)
+    assert ahead[1] == pytest.approx(1j * ahead[0], rel=1e-6)  # right-handed
+    mixed = pw.Array([speck, speck.moved((1.0, 0.0))], [1.0, 0.5])
+    both = pw.field(mixed, POINTS, 1.0, [(1, 0), (1, 1j)])
+    moved = pw.field(speck.moved((1.0, 0.0)), POINTS, 1.0, "right")
+    assert both == pytest.approx(pw.field(speck, POINTS, 1.0, "x") + 0.5 * moved, abs=1e-8)
+
+
+def test_handedness_is_that_of_the_ieee() -> None:
+    """Seen with the wave coming, E of exp(-i omega t) turns against the clock for "right"."""
+    field = pw.field(pw.shapes.square(1.0), (0.0, 0.0, 1e4), 1.0, "right")
+    angles = [np.angle(complex(*(field * np.exp(-1j * t)).real[:2])) for t in (0.0, 0.1)]
+    assert (angles[1] - angles[0]) % (2 * math.pi) == pytest.approx(0.1)
+
+
+def test_the_frequency_and_labels_do() -> None:
+    xarray = pytest.importorskip("xarray")
+    square = pw.shapes.square(10e-3)
+    points = xarray.DataArray([[0.0, 0.01, 0.1]], dims=("place", "axis"))
+    found = pw.field(square, points, polarisation="y", frequency=94e9)
+    assert found.dims == ("place", "component")
+    plain = pw.field(square, points.values, pw.SPEED_OF_LIGHT / 94e9, "y")
+    assert found.sel(component="z").values == pytest.approx(plain[:, 2])
+
+
+PARTLY = pw.shapes.square(1.0).partially_coherent(0.5)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "words"),
+    [
+        ((ELL, (0, 0, 1), 1.0, "up"), ArgumentError, "45 deg"),
+        ((ELL, (0, 0, 1), 1.0, [1, 2, 3]), ArgumentError, "Jones"),
+        ((ELL, (0, 0, 1), 1.0, "x", "kirchhoff"), ArgumentError, "magnetic"),
+        ((ELL, (0, 0, -1), 1.0, "x"), ArgumentError, "in front"),
+        ((PARTLY, (0, 0, 1), 1.0, "x"), IlluminationError, "coherent"),
+        ((pw.Slits([[0, 1]]), (0, 0, 1), 1.0, "x"), PolywignerError, "Aperture"),
+    ],
+)
+def test_what_is_no_polarised_source_is_refused(arguments: Any, error: Any, words: str) -> None:
+    with pytest.raises(error, match=words):
+        pw.field(*arguments)

@@ -1,0 +1,228 @@
+"""Patterns of polarised sources against textbooks, closed forms and readers of their files."""
+
+from __future__ import annotations
+
+import csv
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from polywigner.errors import ArgumentError
+
+MODELS: tuple[Any, ...] = ("huygens", "magnetic", "electric")
+models = pytest.mark.parametrize("model", MODELS)
+THETA = np.radians(np.arange(-80, 81, 2.0))
+PRINCIPAL = np.array([0.0, math.pi / 2])
+SMALL = 1e-3
+"""Width of what textbooks take as thin, in wavelengths."""
+TEXTBOOK = 0.01
+"""dB."""
+HORN = pw.shapes.rectangle(3.0, 2.0).with_illumination(pw.te_mode(3.0, 2.0, 1, 0))
+
+
+def pattern(source: Any, theta: Any = THETA, phi: Any = PRINCIPAL, **how: Any) -> Any:
+    return pw.radiation_pattern(source, 1.0, theta, phi, **how)
+
+
+def relative(found: Any) -> np.ndarray:
+    """Cuts in dB of the broadside."""
+    levels = found["directivity"].values
+    return levels - levels[len(levels) // 2]
+
+
+def decibels(field: Any) -> np.ndarray:
+    return np.asarray(20 * np.log10(np.abs(field)))
+
+
+def test_a_half_wave_dipole_and_slot_have_their_textbook_patterns() -> None:
+    """cos(pi/2 cos psi)/sin psi, psi from the dipole; its directivity 2.151 dBi in the whole space
+    is 3.010 dB more into half of it."""
+    thin = pw.shapes.rectangle(0.5, SMALL).with_illumination(pw.cosine_taper(0.5))
+    along = decibels(np.cos(math.pi / 2 * np.sin(THETA)) / np.cos(THETA))
+    for jones, method, planes in (("x", "electric", (0, 1)), ("y", "magnetic", (0, 1))):
+        found = pattern(thin, polarisation=jones, method=method)
+        dipole, across = (relative(found)[:, plane] for plane in planes)
+        assert dipole == pytest.approx(along, abs=TEXTBOOK)
+        assert across == pytest.approx(np.zeros(len(THETA)), abs=TEXTBOOK)
+        assert found.attrs["peak_directivity"] == pytest.approx(2.151 + 3.010, abs=TEXTBOOK)
+
+
+def test_a_horn_has_its_textbook_cuts() -> None:
+    """Balanis, aperture of a TE10 mode in free space: E-plane y, H-plane x."""
+    found = relative(pattern(HORN, polarisation="y", method="huygens"))
+    s, lean = np.sin(THETA), (1 + np.cos(THETA)) / 2
+    h_plane = np.cos(math.pi * 3.0 * s) / (1 - (2 * 3.0 * s) ** 2) * lean
+    e_plane = np.sinc(2.0 * s) * lean
+    for plane, expected in enumerate((h_plane, e_plane)):
+        lit = np.abs(expected) > 1e-3
+        assert found[lit, plane] == pytest.approx(decibels(expected[lit]), abs=TEXTBOOK)
+
+
+def test_a_patch_has_its_textbook_cuts() -> None:
+    """Two radiating slots of magnetic current on a ground plane (Balanis, sec. 14.2)."""
+    width, length, height = 0.4, 0.33, 0.02
+    slot = pw.shapes.rectangle(height, width)
+    slots = pw.phased_array(slot, [(-length / 2, 0), (length / 2, 0)])
+    found = relative(pattern(slots, polarisation="x", method="magnetic"))
+    s = np.sin(THETA)
+    e_plane = np.sinc(height * s) * np.cos(math.pi * length * s)
+    h_plane = np.cos(THETA) * np.sinc(width * s)
+    for plane, expected in enumerate((e_plane, h_plane)):
+        assert found[:, plane] == pytest.approx(decibels(expected), abs=TEXTBOOK)
+
+
+def test_the_scalar_conditions_are_cuts_of_the_vector_patterns() -> None:
+    """RS-II and RS-I are the E- and H-plane of the magnetic model, H and E of the electric one;
+    Kirchhoff is Huygens' everywhere."""
+    source = pw.shapes.rectangle(1.3, 0.8)
+    scalar = {
+        n: pattern(source, obliquity=f"rayleigh-sommerfeld-{n}")["field"].values for n in (1, 2)
+    }
+    for method, (first, second) in {"magnetic": (2, 1), "electric": (1, 2)}.items():
+        vector = pattern(source, polarisation="x", method=method)["field"].values
+        assert vector[:, 0] == pytest.approx(scalar[first][:, 0], abs=1e-12)
+        assert vector[:, 1] == pytest.approx(scalar[second][:, 1], abs=1e-12)
+    around = np.linspace(0, 6, 7)
+    kirchhoff = pattern(source, phi=around, obliquity="kirchhoff")
+    huygens = pattern(source, phi=around, polarisation="right")
+    assert huygens["field"].values == pytest.approx(kirchhoff["field"].values, abs=1e-12)
+    assert huygens["directivity"].values == pytest.approx(kirchhoff["directivity"].values, abs=1e-9)
+
+
+def test_a_linear_polarisation_crosses_between_the_principal_planes() -> None:
+    """Magnetic currents: E_theta is as cos(phi), E_phi as cos(theta) sin(phi). On the diagonal
+    co- over cross-polar is (1 + cos)/(1 - cos); Huygens' sources have no cross-polar part."""
+    theta, diagonal = np.radians([10.0, 35.0, 70.0]), math.pi / 4
+    c = np.cos(theta)
+    for method in ("magnetic", "electric"):
+        found = pattern(HORN, theta, diagonal, polarisation="x", method=method)
+        ratio = found["cross_polar_discrimination"].values[:, 0]
+        assert ratio == pytest.approx(decibels((1 + c) / (1 - c)), abs=1e-9)
+        assert (found["axial_ratio"].values > 200).all()
+    huygens = pattern(HORN, theta, np.linspace(0, 6, 5), polarisation="20 deg")
+    assert np.abs(huygens["cross_field"]).max() < 1e-14 * np.abs(huygens["field"]).max()
+
+
+def test_circular_waves_are_ellipses_of_the_cosine_beside_the_axis() -> None:
+    theta = np.radians([0.0, 20.0, 50.0])
+    found = pattern(HORN, theta, 0.3, polarisation="left", method="magnetic")
+    assert found["axial_ratio"].values[:, 0] == pytest.approx(-decibels(np.cos(theta)), abs=1e-9)
+    metrics = pw.beam_metrics(pattern(HORN, polarisation="left", method="magnetic"))
+    assert metrics.axial_ratio == pytest.approx(0.0, abs=1e-9)
+    assert metrics.cross_polar_discrimination is not None
+    assert metrics.cross_polar_discrimination > 200
+    assert "axial ratio       0.00 dB" in str(metrics)
+    assert pw.beam_metrics(pattern(HORN)).axial_ratio is None
+
+
+@models
+def test_directivity_counts_all_of_the_field(model: Any) -> None:
+    """Its mean over all directions is 1, by another rule than the library's."""
+    source = pw.shapes.triangle(1.1, 0.9).with_illumination(pw.steering((0.6, 0, 0.8), 1.0))
+    node, weight = np.polynomial.legendre.leggauss(40)
+    phi = 2 * np.pi * np.arange(60) / 60
+    found = pattern(source, np.arccos((node + 1) / 2), phi, polarisation=(1, 0.5j), method=model)
+    gain = 10 ** (found["directivity"].values / 10)
+    assert (gain.mean(axis=1) @ weight) / 4 == pytest.approx(1.0, abs=1e-9)
+    parts = np.abs(found["field"].values) ** 2 + np.abs(found["cross_field"].values) ** 2
+    expected = 4 * math.pi * parts / found.attrs["radiated_power"]
+    assert gain == pytest.approx(expected, rel=1e-9)
+    assert found.attrs["aperture_power"] == pytest.approx(source.area)  # |u p|^2 = 1
+
+
+def test_a_far_point_has_the_field_of_the_pattern() -> None:
+    """Of a steered array with a polarisation for each element, split about the beam's."""
+    row = pw.phased_array(
+        pw.shapes.square(0.4), [(0.5 * k, 0.0) for k in range(4)], np.exp(-1j * np.arange(4))
+    )
+    theta, phi, distance = 0.4, 0.7, 1e7
+    found = pattern(row, theta, phi, polarisation=["x", "y", "x", "right"], method="magnetic")
+    s = np.array([math.sin(theta) * math.cos(phi), math.sin(theta) * math.sin(phi),
+                  math.cos(theta)])  # fmt: skip
+    far = pw.field(row, distance * s, 1.0, ["x", "y", "x", "right"], "magnetic")
+    power = np.square(np.abs(found["field"].item())) + np.square(
+        np.abs(found["cross_field"].item())
+    )
+    assert distance**2 * np.square(np.abs(far)).sum() == pytest.approx(power, rel=1e-5)
+    beam = found.attrs["peak_theta"], found.attrs["peak_phi"]
+    there = pattern(row, *beam, polarisation=["x", "y", "x", "right"], method="magnetic")
+    assert there["cross_field"].item() == pytest.approx(0.0, abs=1e-6)
+    assert there.attrs["peak_cross_polar_discrimination"] > 200
+
+
+@models
+def test_a_curved_wave_has_a_vector_pattern_as_well(model: Any) -> None:
+    """Of one along x, which is a product: the flat horn's pattern where the radius is infinite."""
+    flat = pattern(HORN, polarisation="y", method=model)
+    curved = pattern(HORN.curved(1e9, 1.0), polarisation="y", method=model)
+    assert curved["field"].values == pytest.approx(flat["field"].values, abs=1e-6)
+    bent = pattern(HORN.curved(4.0, 1.0), polarisation="y", method=model)
+    assert bent.attrs["peak_directivity"] < flat.attrs["peak_directivity"] - 0.5
+
+
+def test_files_hold_both_parts_of_the_field(tmp_path: Path) -> None:
+    """E_theta and E_phi of a file are the far field's, with the time convention of such files."""
+    theta, phi = np.radians([0.0, 30.0, 60.0, 90.0]), np.radians([0.0, 40.0, 200.0])
+    jones = np.array([0.6, 0.8j])
+    found = pattern(HORN, theta, phi, polarisation=jones, method="magnetic")
+    pw.write_pattern(found, tmp_path / "horn.csv")
+    with (tmp_path / "horn.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    for row in rows:
+        t, p = (math.radians(float(row[f"{name} [deg]"])) for name in ("Theta", "Phi"))
+        s = np.array([math.sin(t) * math.cos(p), math.sin(t) * math.sin(p), math.cos(t)])
+        polar = np.array([math.cos(t) * math.cos(p), math.cos(t) * math.sin(p), -math.sin(t)])
+        azimuthal = np.array([-math.sin(p), math.cos(p), 0.0])
+        q = np.append(jones, 0.0)
+        far = (s[2] * q - (q @ s) * np.eye(3)[2]) * pw.fourier(HORN, s[:2]) / 1j
+        for name, axis in (("Theta", polar), ("Phi", azimuthal)):
+            value = complex(*(float(row[f"{part}(rE{name}) [V]"]) for part in ("re", "im")))
+            expected = math.sqrt(2 * 376.730313412) * np.conj(far @ axis)
+            assert value == pytest.approx(expected, abs=1e-6)
+    pw.write_pattern(found, tmp_path / "horn.txt")
+    line = (tmp_path / "horn.txt").read_text().splitlines()[3].split()  # theta = 30, phi = 0
+    assert float(line[7]) == pytest.approx(found["axial_ratio"].values[1, 0], abs=1e-5)
+    with pytest.raises(ArgumentError, match="its own"):
+        pw.write_pattern(found, tmp_path / "horn.csv", polarisation="x")
+    with pytest.raises(ArgumentError, match="scalar pattern"):
+        pw.write_pattern(pattern(HORN), tmp_path / "horn.csv", polarisation="right")  # type: ignore
+
+
+@pytest.mark.parametrize(
+    ("how", "words"),
+    [
+        ({"polarisation": "x", "obliquity": "kirchhoff"}, "obliquity or a polarisation"),
+        ({"method": "magnetic"}, "expected a polarisation"),
+        ({"polarisation": "x", "method": "kirchhoff"}, "huygens"),
+        ({"polarisation": ["x", "y"]}, "Jones"),
+    ],
+)
+def test_what_does_not_belong_together_is_refused(how: Any, words: str) -> None:
+    with pytest.raises(ArgumentError, match=words):
+        pattern(HORN, **how)
+
+
+@pytest.mark.slow
+def test_the_command_line_takes_the_polarisation_of_the_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from polywigner.cli import main
+
+    pw.write_source(pw.shapes.square(10e-3), tmp_path / "antenna.toml", polarisation="right")
+    base = ["pattern", str(tmp_path / "antenna.toml"), "--frequency", "94 GHz", "--step", "2 deg"]
+    base += ["--out", f"{tmp_path}/"]
+    shown = {}
+    for name, more in {
+        "file": [],
+        "slant": ["--polarisation", "45 deg", "--method", "magnetic"],
+        "scalar": ["--obliquity", "kirchhoff", "--polarisation", "x"],
+    }.items():
+        assert main([*base, *more]) == 0
+        shown[name] = capsys.readouterr().out
+    assert "axial ratio       0.00 dB" in shown["file"]
+    assert "axial ratio       over 200 dB" in shown["slant"]
+    assert "axial ratio" not in shown["scalar"]

@@ -1,0 +1,464 @@
+"""Polarised light in scenes: Stokes numbers, Malus, Fresnel, handedness, receivers and links."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from mitsuba_scenes import SQUARE, WAVELENGTH, use
+from polywigner.cli import main
+from polywigner.errors import ArgumentError, EngineError, SceneError
+from polywigner.figures import draw_polarisation, draw_stokes
+
+pytestmark = pytest.mark.drjit
+
+LLVM = pytest.param("llvm_ad_mono_polarized", marks=pytest.mark.llvm)
+POLARISED = ["scalar_spectral_polarized", LLVM]
+# Rounding of single precision in direct views; noise is the same for all numbers of a pixel.
+ERROR = 1e-3
+ROOT = np.sqrt(0.5)
+JONES = {"x": (1, 0), "y": (0, 1), "45 deg": (ROOT, ROOT), "right": (ROOT, 1j * ROOT)}
+JONES["left"] = (ROOT, -1j * ROOT)
+# S3 > 0 is left: what turns clockwise with the wave towards the reader, as in Mitsuba.
+STOKES = {"x": (1, 0, 0), "y": (-1, 0, 0), "45 deg": (0, 1, 0), "right": (0, 0, -1)}
+STOKES["left"] = (0, 0, 1)
+PAIR = pw.Array([pw.shapes.square(5e-3).moved((s * 4e-3, 0)) for s in (-1, 1)], [1, 0.5j])
+
+
+def value(number: float) -> dict[str, Any]:
+    return {"type": "spectrum", "value": number}
+
+
+METAL = {"type": "conductor", "eta": value(3000.0), "k": value(3000.0)}
+BLACK = {"type": "diffuse", "reflectance": value(0.0)}
+
+
+def looking(origin: Any, target: Any, up: Any = (0, 1, 0)) -> Any:
+    import mitsuba as mi
+
+    return mi.ScalarTransform4f().look_at(*(list(map(float, v)) for v in (origin, target, up)))
+
+
+def plane(pose: Any, bsdf: dict[str, Any], half: float = 0.2) -> dict[str, Any]:
+    return {"type": "rectangle", "to_world": pose.scale(half), "bsdf": bsdf}
+
+
+def seen(
+    polarisation: Any,
+    others: dict[str, Any] | None = None,
+    camera: Any = ((0, 0, 1), (0, 0, 0)),
+    source: Any = SQUARE,
+    half: float = 5e-4,
+    size: int = 2,
+    spp: int = 4,
+    inner: str = "path",
+    **more: Any,
+) -> np.ndarray:
+    """The mean Stokes numbers of a camera that looks at a source, or past other surfaces."""
+    import mitsuba as mi
+
+    import polywigner.mitsuba as pwm
+
+    film = {"type": "hdrfilm", "width": size, "height": size, "rfilter": {"type": "box"}}
+    sensor = {"type": "orthographic", "near_clip": 1e-4, "film": film}
+    sensor |= {
+        "to_world": looking(*camera).scale([half, half, 1]),
+        "sampler": {"type": "multijitter"},
+    }
+    entry = pwm.aperture(source, WAVELENGTH, bsdf=BLACK, polarisation=polarisation, **more)
+    scene = {"type": "scene", "integrator": {"type": inner}, "sensor": sensor, "a": entry}
+    image = pwm.render(mi.load_dict(scene | (others or {})), "stokes", spp=spp)
+    return pwm.stokes_of(image).mean(axis=(1, 2))
+
+
+@pytest.mark.parametrize("variant", POLARISED)
+@pytest.mark.parametrize("name", STOKES)
+def test_a_source_seen_straight_has_the_stokes_numbers_of_its_name(name: str, variant: str) -> None:
+    use(variant)
+    found = seen(name)
+    assert found[1:] / found[0] == pytest.approx(STOKES[name], abs=ERROR)
+    by_numbers = seen(3.0 * np.array(JONES[name]))
+    assert by_numbers == pytest.approx(found, rel=ERROR, abs=ERROR * found[0])
+
+
+@pytest.mark.parametrize("variant", POLARISED)
+def test_a_source_without_a_polarisation_sends_unpolarised_light_of_the_same_radiance(
+    variant: str,
+) -> None:
+    use(variant)
+    plain = seen(None)
+    assert not plain[1:].any()
+    assert seen("right")[0] == pytest.approx(plain[0], rel=1e-6)
+
+
+@pytest.mark.llvm
+@pytest.mark.parametrize("name", ["x", "45 deg", "right"])
+@pytest.mark.parametrize("aside", [(0.5, 0.3, 1.0), (-0.4, 0.8, 0.6), (0.05, -0.9, 0.3)])
+def test_beside_the_axis_the_field_turns_the_shortest_way(name: str, aside: Any) -> None:
+    """Ludwig's third definition, along the camera's right and up."""
+    use("llvm_ad_mono_polarized")
+    s, up = np.array(aside) / np.linalg.norm(aside), np.array([0.1, 1.0, 0.2])
+    z, p = np.array([0.0, 0.0, 1.0]), np.array([*JONES[name], 0.0])
+    field = p - (p @ s) * (z + s) / (1 + s[2])
+    right = np.cross(-s, up) / np.linalg.norm(np.cross(-s, up))
+    a, b = field @ right, field @ np.cross(s, right)
+    both = 2 * a * np.conj(b)
+    expected = abs(a) ** 2 - abs(b) ** 2, both.real, both.imag
+    found = seen(name, camera=(s, (0, 0, 0), up))
+    assert found[1:] / found[0] == pytest.approx(expected, abs=ERROR)
+
+
+@pytest.mark.llvm
+def test_a_turned_polariser_passes_the_square_of_the_cosine() -> None:
+    """Malus."""
+    use("llvm_ad_mono_polarized")
+    plate = {"type": "polarizer"}
+    free = seen("x", inner="volpath")[0]
+    for angle in (0, 30, 90):
+        pose = looking((0, 0, 0.5), (0, 0, 1)).rotate([0, 0, 1], angle)
+        found = seen("x", {"p": plane(pose, plate)}, inner="volpath")[0]
+        assert found / free == pytest.approx(np.cos(np.radians(angle)) ** 2, abs=ERROR)
+
+
+@pytest.mark.llvm
+def test_the_right_of_engineers_is_the_left_of_the_plugin_circular() -> None:
+    use("llvm_ad_mono_polarized")
+    free = seen("x", inner="volpath")[0]
+    for left_handed, name in ((True, "right"), (False, "left")):
+        filters = {"type": "circular", "left_handed": left_handed}
+        through = {"p": plane(looking((0, 0, 0.5), (0, 0, 1)), filters)}
+        assert seen(name, through, inner="volpath")[0] / free == pytest.approx(1.0, abs=ERROR)
+        other = {"right": "left", "left": "right"}[name]
+        assert seen(other, through, inner="volpath")[0] / free == pytest.approx(0.0, abs=ERROR)
+
+
+def by_mirror(polarisation: Any, bsdf: dict[str, Any], angle: float, **more: Any) -> np.ndarray:
+    """A source that a camera sees by a plane, at an angle of incidence, in the x-z plane."""
+    back = np.array([np.sin(2 * angle), 0, -np.cos(2 * angle)])
+    middle = np.array([0, 0, 0.5])
+    mirror = plane(looking(middle, middle + back - [0, 0, 1]), bsdf)
+    return seen(polarisation, {"m": mirror}, (middle + back, middle), **more)
+
+
+@pytest.mark.llvm
+def test_a_metal_mirror_turns_handedness_over() -> None:
+    use("llvm_ad_mono_polarized")
+    for name, expected in (("right", (0, 0, 1)), ("left", (0, 0, -1)), ("y", (-1, 0, 0))):
+        found = by_mirror(name, METAL, np.pi / 4)
+        assert found[1:] / found[0] == pytest.approx(expected, abs=ERROR)
+
+
+@pytest.mark.llvm
+@pytest.mark.parametrize("name", ["45 deg", "right"])
+def test_a_metal_of_finite_index_turns_slants_into_the_ellipse_of_fresnel(name: str) -> None:
+    """The sign of S3 is physics: that of a phase between two reflections."""
+    use("llvm_ad_mono_polarized")
+    angle, index = np.radians(60), 0.2 + 3.0j
+    cosine, root = np.cos(angle), np.sqrt(index**2 - np.sin(angle) ** 2)
+    along = (index**2 * cosine - root) / (index**2 * cosine + root)  # of H, and so of E by d x H
+    across = (cosine - root) / (cosine + root)
+    x, y = JONES[name]
+    # E in the plane of incidence: z x y = -x before, and right of the camera, -d' x y, behind
+    a, b = along * x, across * y
+    both = 2 * a * np.conj(b)
+    size = abs(a) ** 2 + abs(b) ** 2
+    expected = np.array([abs(a) ** 2 - abs(b) ** 2, both.real, both.imag]) / size
+    metal = {"type": "conductor", "eta": value(0.2), "k": value(3.0)}
+    found = by_mirror(name, metal, angle)
+    assert found[1:] / found[0] == pytest.approx(expected, abs=ERROR)
+
+
+@pytest.mark.llvm
+def test_glass_reflects_nothing_of_one_polarisation_at_brewsters_angle() -> None:
+    use("llvm_ad_mono_polarized")
+    glass = {"type": "dielectric", "int_ior": 2.0, "ext_ior": 1.0}
+    # the plugin draws between reflection and transmission
+    lying, standing = (by_mirror(name, glass, np.arctan(2.0), spp=256)[0] for name in "xy")
+    assert abs(lying) < 1e-5 * standing
+
+
+@pytest.mark.llvm
+@pytest.mark.parametrize("estimator", ["exact", "wigner"])
+def test_an_unpolarised_sky_gives_half_to_a_polarised_receiver(estimator: str) -> None:
+    """A sky of 2 k T/lambda^2 in both polarisations gives k T in a bandwidth of 1 Hz."""
+    mi = use("llvm_ad_mono_polarized")
+    import polywigner.mitsuba as pwm
+
+    sky = {"type": "constant", "radiance": value(2.0 / WAVELENGTH**2)}
+    found = []
+    for polarisation in (None, "x", "left"):
+        receiver = pwm.receiver(
+            SQUARE, WAVELENGTH, polarisation=polarisation, estimator=estimator, film=None
+        )
+        scene = {"type": "scene", "integrator": {"type": "path"}, "r": receiver, "sky": sky}
+        found.append(float(pwm.render(mi.load_dict(scene), spp=2**14).mean()))
+    assert found[1] == pytest.approx(found[0] / 2, rel=1e-6)
+    assert found[2] == pytest.approx(found[0] / 2, rel=1e-6)
+    assert found[1] == pytest.approx(1.0, rel=0.01 if estimator == "exact" else 0.2)
+
+
+def linked(sent: Any, taken: Any, others: Any = None, roll: float = 0.0, **more: Any) -> Any:
+    """What a receiver gets of a source that it faces, both with x horizontal."""
+    import mitsuba as mi
+
+    import polywigner.mitsuba as pwm
+
+    here, there = (0.0, 0.0, 0.0), (0.1, 0.4, 0.2)
+    source = more.get("source", SQUARE)
+    emitter = pwm.aperture(
+        source, WAVELENGTH, looking(here, there, (0, 0, 1)), power=1.0, polarisation=sent
+    )
+    pose = looking(there, here, (0, 0, 1)).rotate([0, 0, 1], roll)
+    receiver = pwm.receiver(SQUARE, WAVELENGTH, pose, polarisation=taken)
+    scene = mi.load_dict({"type": "scene", "e": emitter, "r": receiver, **(others or {})})
+    return pwm.received_power(scene, spp=32)
+
+
+@pytest.mark.llvm
+def test_links_keep_the_share_of_power_in_the_receivers_polarisation() -> None:
+    use("llvm_ad_mono_polarized")
+    whole = linked(None, None).power
+    table = [
+        ("x", "x", 30, 0.75), ("x", "y", 0, 0.0), (None, "left", 0, 0.5),
+        ("45 deg", "45 deg", 0, 0.0), ("right", "right", 37, 1.0), ("right", "left", 0, 0.0),
+    ]  # fmt: skip
+    for sent, taken, roll, share in table:
+        assert linked(sent, taken, roll=roll).power / whole == pytest.approx(share, abs=1e-5)
+
+
+@pytest.mark.slow
+@pytest.mark.llvm
+def test_a_link_by_a_metal_mirror_changes_hands() -> None:
+    use("llvm_ad_mono_polarized")
+    floor = {"m": plane(looking((0, 0, -0.1), (0, 0, 1), (0, 1, 0)), METAL, 2.0)}
+    found = {}
+    for taken in ("right", "left"):
+        straight, mirrored = linked("right", taken, floor).contributions[0].paths
+        assert mirrored.mirrors == ("m",)
+        found[taken] = straight.polarisation, mirrored.polarisation
+    assert found["right"] == pytest.approx((1.0, 0.0), abs=0.01)
+    assert found["left"] == pytest.approx((0.0, 1.0), abs=0.01)
+
+
+@pytest.mark.slow
+@pytest.mark.llvm
+def test_the_link_of_an_array_of_two_polarisations_is_that_of_the_sum_of_fields() -> None:
+    use("llvm_ad_mono_polarized")
+    vectors = np.array([JONES["x"], JONES["right"]])
+    here, there = (0.0, 0.0, 0.0), (0.1, 0.4, 0.2)
+    poses = [np.array(looking(a, b, (0, 0, 1)).matrix) for a, b in ((here, there), (there, here))]
+    pose = np.linalg.inv(poses[0]) @ poses[1]
+    each = [
+        pw.coupling(element, SQUARE, pose, WAVELENGTH, normalise="aperture") * np.sqrt(element.area)
+        for element in PAIR.elements
+    ]
+    fields = np.array(each) * PAIR.weights
+    # along the emitter's x and y; the receiver, which faces it, has its x the other way
+    along = {"x": (-1, 0), "45 deg": (-ROOT, ROOT), "left": np.multiply(JONES["left"], (-1, 1))}
+    expected = {name: abs(fields @ vectors @ np.array(q)) ** 2 for name, q in along.items()}
+    total = sum(abs(fields @ vectors[:, k]) ** 2 for k in (0, 1))
+    whole = linked(["x", "right"], None, source=PAIR).power
+    for name, power in expected.items():
+        found = linked(["x", "right"], name, source=PAIR).power / whole
+        assert found == pytest.approx(power / total, abs=1e-4)
+
+
+@pytest.mark.slow
+@pytest.mark.llvm
+def test_an_array_of_two_polarisations_has_the_pattern_of_the_sum_of_fields() -> None:
+    """The radiance times area of a direction: |F|^2, and the products of its two components."""
+    use("llvm_ad_mono_polarized")
+    s = np.array([0.25, 0.0, np.sqrt(1 - 0.25**2)])
+    each = [pw.fourier(element, s[:2] / WAVELENGTH) for element in PAIR.elements]
+    x, y = (np.array(each) * PAIR.weights) @ np.array([JONES["x"], JONES["right"]])
+    both = 2 * x * np.conj(y)
+    size = abs(x) ** 2 + abs(y) ** 2
+    expected = np.array([abs(x) ** 2 - abs(y) ** 2, both.real, both.imag]) / size
+    camera = (s, (0, 0, 0))
+    found = seen(["x", "right"], None, camera, PAIR, half=8e-3, size=64, spp=64)
+    # in the x-z plane the field along x is the camera's right, and along y its up
+    assert found[1:] / found[0] == pytest.approx(expected, abs=5e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.llvm
+@pytest.mark.parametrize("polarisation", ["right", ["x", "right"]])
+@pytest.mark.parametrize(
+    "floor",
+    [
+        {"type": "roughconductor", "alpha": 0.2, "eta": value(0.2), "k": value(3.0)},
+        {"type": "pplastic", "alpha": 0.2, "diffuse_reflectance": value(0.3)},
+    ],
+    ids=["metal", "plastic"],
+)
+def test_both_estimators_light_a_street_alike(floor: Any, polarisation: Any) -> None:
+    use("llvm_ad_mono_polarized")
+    source = SQUARE if polarisation == "right" else PAIR
+    pose = looking((0, -0.5, 0.3), (0, 0, 0), (0, 0, 1))
+    found = [
+        seen(
+            polarisation, {"f": plane(looking((0, 0, 0), (0, 0, 1)), floor, 0.3)},
+            ((0, 0.5, 0.3), (0, 0, 0), (0, 0, 1)), source, 0.1, 8, 2048,
+            to_world=pose, estimator=estimator,
+        )
+        for estimator in ("wigner", "exact")
+    ]  # fmt: skip
+    assert found[0] == pytest.approx(found[1], abs=0.02 * found[1][0])  # noise of W
+    assert np.linalg.norm(found[1][1:]) > 0.1 * found[1][0]
+
+
+def monostatic(polarisations: tuple[Any, Any], bsdf: Any) -> Any:
+    import mitsuba as mi
+
+    import polywigner.mitsuba as pwm
+
+    poses = [looking((x, 0, 0.3), (0, 0, 0)) for x in (-0.1, 0.1)]
+    sent, taken = polarisations
+    return mi.load_dict(
+        {
+            "type": "scene",
+            "e": pwm.aperture(SQUARE, WAVELENGTH, poses[0], power=1.0, polarisation=sent),
+            "r": pwm.receiver(SQUARE, WAVELENGTH, poses[1], polarisation=taken),
+            "f": plane(looking((0, 0, 0), (0, 0, 1)), bsdf, 0.5),
+        }
+    )
+
+
+ROUGH_METAL = {"type": "roughconductor", "alpha": 0.3, "eta": value(3000.0), "k": value(3000.0)}
+
+
+@pytest.mark.slow
+@pytest.mark.llvm
+def test_rough_metal_keeps_polarisations_and_a_diffuse_floor_none() -> None:
+    use("llvm_ad_mono_polarized")
+    import polywigner.mitsuba as pwm
+
+    def power(sent: Any, taken: Any, bsdf: Any) -> float:
+        scene = monostatic((sent, taken), bsdf)
+        return pwm.received_power(scene, spp=2**15, seed=1).scattered
+
+    whole = power(None, None, ROUGH_METAL)
+    assert power("right", "left", ROUGH_METAL) == pytest.approx(whole, rel=0.01)
+    assert power("right", "right", ROUGH_METAL) < 1e-3 * whole
+    assert power("x", "y", ROUGH_METAL) < 0.01 * whole
+    white = {"type": "diffuse", "reflectance": value(0.5)}
+    half = power(None, None, white) / 2
+    assert power("x", "x", white) == pytest.approx(half, rel=1e-4)
+    assert power("x", "y", white) == pytest.approx(half, rel=1e-4)
+
+
+@pytest.mark.slow
+@pytest.mark.llvm
+@pytest.mark.parametrize("taken", ["x", "45 deg", "y"])
+def test_ranges_and_scatterers_add_up_to_the_polarised_power(taken: str) -> None:
+    """Three ways to one number; the smallest is crossed and due to the slant of rays."""
+    pytest.importorskip("mitsuba")
+    use("llvm_ad_mono_polarized")
+    pytest.importorskip("mitransient")
+    import polywigner.mitsuba as pwm
+
+    scene = monostatic(("x", taken), ROUGH_METAL)
+    expected = pwm.received_power(scene, spp=2**15, seed=1)
+    by_range = pwm.range_profile(scene, np.linspace(0.2, 0.6, 9), spp=2**15, seed=1)
+    assert float(by_range.scattered) == pytest.approx(expected.scattered, rel=0.01)
+    cloud = pwm.scatterers(scene, 10_000, seed=1)
+    assert float(cloud.power.sum()) == pytest.approx(expected.scattered, rel=0.05)
+
+
+@pytest.mark.llvm
+def test_scene_files_and_entries_have_the_same_polarisations(tmp_path: Path) -> None:
+    mi = use("llvm_ad_mono_polarized")
+    import polywigner.mitsuba as pwm
+
+    (tmp_path / "square.wkt").write_text("POLYGON((-5 -5, 5 -5, 5 5, -5 5, -5 -5))")
+    source = '<string name="aperture" value="square.wkt"/><string name="frequency" value="94 GHz"/>'
+    (tmp_path / "scene.xml").write_text(
+        f'<scene version="3.0.0"><shape type="wigner">{source}'
+        '<string name="polarisation" value="$p"/></shape></scene>'
+    )
+    texts = {"y": "y", "-30 deg": "-30 deg", "1, 1j": (1, 1j), "0.5+0.5j, 2": (0.5 + 0.5j, 2)}
+    for text, given in texts.items():
+        scene = pwm.load_scene(tmp_path / "scene.xml", p=text)
+        entry = mi.load_dict(
+            {"type": "scene", "a": pwm.aperture(SQUARE, WAVELENGTH, polarisation=given)}
+        )
+        (one,), (other,) = scene.emitters(), entry.emitters()
+        assert one.spec.polarisation == pytest.approx(other.spec.polarisation, abs=1e-15)
+
+
+def test_polarisations_that_are_none_are_refused() -> None:
+    import polywigner.mitsuba as pwm
+
+    for bad in ("z", (0, 0), (1, 2, 3), ["x", "y"], np.eye(2), 3.0, (np.nan, 1)):
+        with pytest.raises(ArgumentError, match="expected polarisation as"):
+            pwm.aperture(SQUARE, WAVELENGTH, polarisation=bad)
+        with pytest.raises(ArgumentError, match="expected polarisation as"):
+            pwm.receiver(SQUARE, WAVELENGTH, polarisation=bad)
+    with pytest.raises(SceneError, match="one polarisation of all elements with diffraction"):
+        pwm.aperture(PAIR, WAVELENGTH, estimator="exact", diffraction=True, polarisation=["x", "y"])
+
+
+def test_a_polarisation_asks_for_a_polarised_variant() -> None:
+    mi = use("scalar_rgb")
+    import polywigner.mitsuba as pwm
+
+    for entry in (
+        pwm.aperture(SQUARE, WAVELENGTH, polarisation="x"),
+        pwm.receiver(SQUARE, WAVELENGTH, polarisation="x"),
+    ):
+        with pytest.raises(RuntimeError, match="expected a polarised variant of Mitsuba"):
+            mi.load_dict({"type": "scene", "it": entry})
+    assert pwm.choose_variant(polarised=True).endswith("_polarized")
+    with pytest.raises(EngineError, match="expected a variant of polarised light"):
+        pwm.choose_variant("scalar_rgb", polarised=True)
+    scene = mi.load_dict(
+        {
+            "type": "scene",
+            "a": pwm.aperture(SQUARE, WAVELENGTH),
+            "s": {"type": "orthographic", "film": {"type": "hdrfilm", "width": 2, "height": 2}},
+        }
+    )
+    with pytest.raises(SceneError, match="expected a polarised variant for the integrator"):
+        pwm.render(scene, "stokes", spp=1)
+
+
+def test_pictures_of_polarisation_take_four_stokes_numbers() -> None:
+    numbers = np.zeros((4, 5, 6))
+    numbers[0], numbers[1, 2:] = 1.0, -0.5
+    assert len(draw_stokes(numbers, "a title").axes) == 5
+    degree, angle = (axes.images[0].get_array() for axes in draw_polarisation(numbers).axes[:2])
+    assert degree[3, 3] == pytest.approx(0.5) and degree[0, 0] == 0.0
+    assert abs(angle[3, 3]) == pytest.approx(90.0)
+    assert np.ma.getmaskarray(np.ma.masked_invalid(angle))[0, 0]  # no angle without polarisation
+    for draw in (draw_stokes, draw_polarisation):
+        with pytest.raises(ArgumentError, match="expected stokes"):
+            draw(np.zeros((3, 5, 6)))
+
+
+@pytest.mark.slow
+def test_the_command_writes_stokes_numbers_and_their_pictures(tmp_path: Path) -> None:
+    pytest.importorskip("mitsuba")
+    street = Path(__file__).parents[1] / "examples" / "wet_street"
+    text = (street / "street.xml").read_text(encoding="utf-8")
+    for size in ("480", "320"):
+        text = text.replace(f'value="{size}"', 'value="16"')
+    (tmp_path / "street.xml").write_text(text, encoding="utf-8")
+    (tmp_path / "antenna.wkt").write_bytes((street / "antenna.wkt").read_bytes())
+    out = tmp_path / "out" / "wet"
+    options = ["--polarised", "--spp", "16", "--out", str(out)]
+    assert main(["render", str(tmp_path / "street.xml"), *options]) == 0
+    for name in ("wet.png", "wet_stokes.png", "wet_polarisation.png"):
+        assert (out.parent / name).read_bytes().startswith(b"\x89PNG")
+    with np.load(out.parent / "wet_stokes.npz") as kept:
+        stokes = kept["stokes"]
+    assert stokes.shape == (4, 16, 16)
+    assert np.linalg.norm(stokes[1:], axis=0).max() <= stokes[0].max() * (1 + 1e-5)
+    record = json.loads(out.with_suffix(".json").read_text())
+    assert record["used"]["variant"].endswith("_polarized")
+    assert record["radiance"]["largest"] == pytest.approx(stokes[0].max(), rel=1e-5)
+    assert main(["render", str(tmp_path / "street.xml"), "--out", str(out)]) == 2

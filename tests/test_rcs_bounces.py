@@ -1,0 +1,316 @@
+"""Cross sections by two and three reflections, against closed forms, rays and laws."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+
+import polywigner as pw
+from oracles.bounces import scattered_field, triangles_of
+from oracles.meshes import extruded, sphere
+from oracles.references import read_json
+from polywigner.errors import ArgumentError, PolywignerWarning
+
+# Of the largest amplitude of a body; references were found by another sum over the same polygons.
+REFERENCE = 1e-9
+# Of float64, in amplitudes of a plate of the body's size; parts in shadows are good to 1e-12.
+ROUNDING = 1e-11
+# Of rays, 250 across a body, in amplitudes of a plate of the body's shadow.
+RAYS = 1e-3
+# Of the amplitude of a plate times the wavelengths across it: what the edges of faces add where a
+# beam is sent back, which physical optics does not do the same both ways.
+RECIPROCAL = 0.4
+
+SQUARE = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=float)
+TRIANGLE = SQUARE[[0, 1, 3]]
+INWARDS = np.ones(3) / math.sqrt(3)
+STEPS = extruded([(0, 0), (3, 0), (3, 1), (2, 1), (2, 2), (1, 2), (1, 3), (0, 3)], 2.0)
+L_BODY = extruded([(0, 0), (3, 0), (3, 1), (1, 1), (1, 3), (0, 3)], 1.5)
+BOX = extruded([(0, 0), (2, 0), (2, 1), (0, 1)], 0.5)
+
+
+def facing_out(corners: Any) -> Any:
+    """The plate with these corners (n, 3), which lie in a plane."""
+    points = np.asarray(corners, dtype=float)
+    x, other = points[1] - points[0], points[2] - points[0]
+    z = np.cross(x, other)
+    pose = np.eye(4)
+    pose[:3, 0], pose[:3, 2] = x / np.linalg.norm(x), z / np.linalg.norm(z)
+    pose[:3, 1], pose[:3, 3] = np.cross(pose[:3, 2], pose[:3, 0]), points[0]
+    return pw.Aperture((points - points[0]) @ pose[:3, :2]).placed(pose)
+
+
+def trihedral(shape: np.ndarray, size: float = 1.0) -> list[Any]:
+    """Three plates that meet at the origin at right angles, open towards (1, 1, 1)."""
+    flat = np.column_stack([shape, np.zeros(len(shape))]) * size
+    return [facing_out(np.roll(flat, k, axis=1)) for k in range(3)]
+
+
+def dihedral(degrees: float, size: float = 1.0) -> list[Any]:
+    """Squares that meet along the x axis; the first lies in z = 0, y > 0."""
+    a = math.radians(degrees)
+    flat = np.column_stack([SQUARE, np.zeros(4)]) * size
+    turn = np.array([[1, 0, 0], [0, math.cos(a), math.sin(a)], [0, 0, 0]])
+    return [facing_out(flat), facing_out(flat @ turn)]
+
+
+def towards(polar: float, azimuth: float) -> np.ndarray:
+    """Unit vector, from degrees."""
+    a, b = math.radians(polar), math.radians(azimuth)
+    return np.array([math.sin(a) * math.cos(b), math.sin(a) * math.sin(b), math.cos(a)])
+
+
+def at(x: float, y: float, z: float) -> np.ndarray:
+    pose = np.eye(4)
+    pose[:3, 3] = x, y, z
+    return pose
+
+
+def rectangle(x: tuple[float, float], y: tuple[float, float], z: float) -> Any:
+    return facing_out([(x[0], y[0], z), (x[1], y[0], z), (x[1], y[1], z), (x[0], y[1], z)])
+
+
+def plate(area: float, wavelength: float) -> float:
+    """Square root of the cross section of a plate seen at right angles."""
+    return math.sqrt(4 * math.pi) * area / wavelength
+
+
+def across(direction: np.ndarray) -> np.ndarray:
+    vector = np.cross(direction, (0.0, 0.6, 0.8))
+    return np.asarray(vector / np.linalg.norm(vector))
+
+
+@pytest.mark.parametrize("name", ["square trihedral", "triangular trihedral", "dihedral"])
+def test_corners_have_the_reference_values_on_and_off_their_axes(name: str) -> None:
+    cases = [case for case in read_json("corner") if case["body"] == name]
+    largest = math.sqrt(max(case["rcs"] for case in cases))
+    body = [facing_out(face) for face in cases[0]["faces"]]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PolywignerWarning)  # one reflection alone
+        for case in cases:
+            found = pw.rcs(
+                body,
+                case["to_radar"],
+                case["wavelength"],
+                polarisation=case["polarisation"],
+                bounces=case["bounces"],
+            )
+            error = abs(math.sqrt(found) - math.sqrt(case["rcs"]))
+            assert error <= REFERENCE * largest, case
+
+
+@pytest.mark.parametrize(
+    ("body", "direction", "section", "decibels"),
+    [
+        (trihedral(SQUARE), INWARDS, 12 * math.pi, (0.01, 0.002, 0.001)),
+        (trihedral(TRIANGLE), INWARDS, 4 * math.pi / 3, (0.121, 0.1, 0.1)),
+        (dihedral(90.0), towards(45, 90), 8 * math.pi, (0.08, 0.05, 0.02)),
+    ],
+    ids=["square trihedral", "triangular trihedral", "dihedral"],
+)
+def test_corners_have_the_closed_forms_on_their_axes(
+    body: Any, direction: np.ndarray, section: float, decibels: tuple[float, ...]
+) -> None:
+    # the faces themselves send back some more, less so the larger they are
+    for size, limit in zip((10, 20, 30), decibels, strict=True):
+        for channel in ("vv", "hh"):
+            found = pw.rcs(body, direction, 1 / size, polarisation=channel, bounces=3)
+            assert abs(10 * math.log10(found / (section * size**2))) < limit
+        for channel in ("vh", "hv"):
+            crossed = pw.rcs(body, direction, 1 / size, polarisation=channel, bounces=3)
+            assert crossed < 1e-12 * section * size**2
+
+
+CORNER = pw.Polyhedron(  # a cube without an eighth of it
+    [
+        (0, 0, 0), (2, 0, 0), (2, 2, 0), (0, 2, 0), (0, 0, 2), (2, 0, 2), (0, 2, 2),
+        (2, 1, 1), (1, 1, 1), (1, 2, 1), (2, 2, 1), (2, 1, 2), (1, 1, 2), (1, 2, 2),
+    ],
+    [
+        (0, 3, 2, 1), (0, 1, 5, 4), (0, 4, 6, 3), (1, 2, 10, 7, 11, 5), (3, 6, 13, 9, 10, 2),
+        (4, 5, 11, 12, 13, 6), (7, 10, 9, 8), (7, 8, 12, 11), (8, 9, 13, 12),
+    ],
+)  # fmt: skip
+GROUND = pw.shapes.square(8.0)
+FRAME = pw.Aperture(shapely.Polygon([(0, 0), (4, 0), (4, 3), (0, 2)], [[(1, 1), (2, 1), (2, 2)]]))
+TILTED = np.eye(4)
+TILTED[:3, :3] = np.array([[0.8, 0, 0.6], [0, 1, 0], [-0.6, 0, 0.8]])
+TILTED[:3, 3] = 0.5, 0.0, 1.5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("body", "s", "t"),
+    [
+        (trihedral(SQUARE), towards(50, 40), None),
+        (trihedral(SQUARE), towards(60, 30), towards(40, 60)),
+        (trihedral(SQUARE), towards(120, 60), towards(40, 60)),  # received behind it
+        (trihedral(TRIANGLE), towards(40, 70), None),
+        (dihedral(60), towards(55, 85), None),
+        (dihedral(40), towards(60, 80), None),
+        (dihedral(60), towards(20, 80), towards(70, 85)),
+        (CORNER, towards(50, 40), None),
+        (STEPS, towards(60, 80), towards(70, 15)),
+        ([GROUND, BOX], towards(45, 160), towards(55, 20)),
+        ([rectangle((-2, 2), (-1, 2), -0.5), *trihedral(SQUARE)], towards(40, 20), None),
+        ([GROUND.placed(at(1, 1, 0)), FRAME.placed(TILTED)], towards(30, 20), towards(40, 200)),
+    ],
+    ids=[
+        "trihedral", "two directions", "behind", "triangles", "60 degrees", "40 degrees",
+        "60 degrees, two directions", "closed", "stairs", "box on the ground",
+        "plates before plates", "a hole",
+    ],
+)  # fmt: skip
+def test_beams_are_the_rays_of_all_reflections(body: Any, s: Any, t: Any) -> None:
+    wavelength, transmitter = 0.9, s if t is None else t
+    p = across(transmitter)
+    triangles = triangles_of(body if isinstance(body, list) else [body])
+    for bounces in (2, 3):
+        field, area = scattered_field(triangles, s, transmitter, p, wavelength, bounces, across=250)
+        for axis in np.eye(3):
+            q = axis - s * (axis @ s)
+            q /= np.linalg.norm(q)
+            found = math.sqrt(pw.rcs(body, s, wavelength, t, (q, p), bounces=bounces))
+            expected = math.sqrt(4 * math.pi) / wavelength * abs(q @ field)
+            assert found == pytest.approx(expected, abs=RAYS * plate(area, wavelength))
+
+
+def test_a_few_rays_agree_with_the_beams_of_an_acute_corner() -> None:
+    body, s, wavelength = dihedral(60), towards(55, 85), 0.9
+    p = across(s)
+    field, area = scattered_field(triangles_of(body), s, s, p, wavelength, bounces=3, across=60)
+    found = math.sqrt(pw.rcs(body, s, wavelength, polarisation=(p, p), bounces=3))
+    expected = math.sqrt(4 * math.pi) / wavelength * abs(p @ field)
+    assert found == pytest.approx(expected, abs=5 * RAYS * plate(area, wavelength))
+    assert found > 2 * math.sqrt(pw.rcs(body, s, wavelength, polarisation=(p, p), bounces=1))
+
+
+@pytest.mark.parametrize("degrees", [80.0, 90.0, 100.0])
+def test_a_beam_sent_back_is_the_same_both_ways(degrees: float) -> None:
+    body, t = dihedral(degrees), towards(45, 80)
+    a = math.radians(degrees)
+    k, normals = -t, ((0, 0, 1), (0, math.sin(a), -math.cos(a)))
+    for normal in np.array(normals):
+        k = k - 2 * (k @ normal) * normal
+    for wavelength in (0.03, 0.01, 0.003):
+        scale = plate(1.0, wavelength)
+        for q, p in ((across(k), across(t)), (np.cross(k, across(k)), across(t))):
+            there = math.sqrt(pw.rcs(body, k, wavelength, t, (q, p), bounces=2))
+            back = math.sqrt(pw.rcs(body, t, wavelength, k, (p, q), bounces=2))
+            assert there == pytest.approx(back, abs=RECIPROCAL * wavelength * scale)
+        assert pw.rcs(body, k, wavelength, t, bounces=2) > 0.1 * scale**2
+
+
+DIRECTIONS = np.array([towards(a, b) for a, b in ((20, 10), (55, 130), (80, 250), (140, 300))])
+
+
+@pytest.mark.parametrize(
+    "body",
+    [BOX, GROUND, sphere(1), [BOX, extruded([(5, 5), (6, 5), (6, 6), (5, 6)], 0.5)]],
+    ids=["box", "plate", "sphere", "two boxes"],
+)
+def test_bodies_whose_faces_do_not_light_each_other_reflect_once(body: Any) -> None:
+    directions = DIRECTIONS[:2] if isinstance(body, list) else DIRECTIONS
+    for t in (None, DIRECTIONS[1]):
+        once = pw.rcs(body, directions, 0.3, t)
+        np.testing.assert_array_equal(pw.rcs(body, directions, 0.3, t, bounces=3), once)
+
+
+def test_a_corner_turned_with_its_radar_is_the_same() -> None:
+    axes, _ = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = axes * np.linalg.det(axes), (10, -3, 2)
+    s, t = towards(50, 40), towards(35, 60)
+    body = trihedral(TRIANGLE)
+    turned = [part.aperture.placed(pose @ part.pose) for part in body]
+    for transmitter, other in ((None, None), (t, pose[:3, :3] @ t)):
+        expected = pw.rcs(body, s, 0.1, transmitter, bounces=3)
+        found = pw.rcs(turned, pose[:3, :3] @ s, 0.1, other, bounces=3)
+        scale = plate(0.5, 0.1)
+        assert math.sqrt(found) == pytest.approx(math.sqrt(expected), abs=ROUNDING * scale)
+
+
+def test_a_plate_with_a_hole_reflects_as_its_parts_do() -> None:
+    window = pw.Aperture(
+        shapely.Polygon([(0, 0), (3, 0), (3, 3), (0, 3)], [[(1, 1), (2, 1), (2, 2), (1, 2)]])
+    )
+    parts = [
+        rectangle((0, 3), (0, 1), 0), rectangle((0, 3), (2, 3), 0), rectangle((0, 1), (1, 2), 0),
+        rectangle((2, 3), (1, 2), 0),
+    ]  # fmt: skip
+    others = [
+        facing_out([(0, 0, 0), (0, 3, 0), (0, 3, 3), (0, 0, 3)]),  # a wall beside it
+        rectangle((-1, 3), (-1, 3), -0.8),  # lit through the hole
+    ]
+    for s, t in ((towards(40, 2), None), (towards(50, 10), towards(30, 10))):
+        whole = pw.rcs([window, *others], s, 0.3, t, "vv", bounces=3)
+        split = pw.rcs([*parts, *others], s, 0.3, t, "vv", bounces=3)
+        scale = plate(16.0, 0.3)
+        assert math.sqrt(whole) == pytest.approx(math.sqrt(split), abs=ROUNDING * scale)
+        filled = pw.rcs([rectangle((0, 3), (0, 3), 0), *others], s, 0.3, t, "vv", bounces=3)
+        assert abs(math.sqrt(whole) - math.sqrt(filled)) > 1e-3 * scale
+
+
+def test_wavelengths_and_directions_broadcast() -> None:
+    lengths, t = np.array([0.1, 0.13]), DIRECTIONS[:2, None]
+    s = np.stack([towards(50, a) for a in (30, 45, 60)])[:, None, None]
+    body = trihedral(SQUARE)
+    table = pw.rcs(body, s, lengths, t, "vh", bounces=3)
+    single = [
+        [[pw.rcs(body, a[0, 0], x, b[0], "vh", bounces=3) for x in lengths] for b in t] for a in s
+    ]
+    np.testing.assert_allclose(table, single, rtol=1e-9)
+    assert pw.rcs(body, np.zeros((0, 3)), 0.1, bounces=3).shape == (0,)
+
+
+def test_a_pattern_counts_reflections() -> None:
+    body, azimuth, elevation = trihedral(SQUARE), np.radians([-30.0, 30.0, 45.0]), np.radians(30)
+    found = pw.rcs_pattern(body, 0.1, azimuth, elevation, polarisation="hh", bounces=3)
+    for value, angle in zip(found["rcs"].values[:, 0], (-30, 30, 45), strict=True):
+        expected = pw.rcs(body, towards(60, angle), 0.1, polarisation="hh", bounces=3)
+        assert value == pytest.approx(expected, rel=1e-9)
+    assert found.attrs["bounces"] == 3
+    assert "three reflections" in found["rcs"].attrs["method"]
+
+
+def test_the_warning_of_corners_says_what_to_give() -> None:
+    body = dihedral(90.0)
+    with pytest.warns(PolywignerWarning, match="give bounces=3"):
+        pw.rcs(body, towards(45, 90), 0.05)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        pw.rcs(body, towards(45, 90), 0.05, bounces=2)
+
+
+@pytest.mark.parametrize("bounces", [0, 4, 1.5, "2", None, True])
+def test_other_numbers_of_reflections_are_refused(bounces: Any) -> None:
+    with pytest.raises(ArgumentError, match="expected bounces as a whole number from 1 to 3"):
+        pw.rcs(BOX, INWARDS, 0.1, bounces=bounces)
+    with pytest.raises(ArgumentError, match="expected bounces as a whole number from 1 to 3"):
+        pw.rcs_pattern(BOX, 0.1, 0.0, 0.0, bounces=bounces)
+
+
+def test_antennas_near_by_and_derivatives_know_one_reflection() -> None:
+    with pytest.raises(ArgumentError, match="bounces=1 with a source"):
+        pw.rcs(BOX, 9 * INWARDS, 0.1, source=pw.shapes.square(0.1), bounces=2)
+
+
+@pytest.mark.llvm
+def test_arrays_of_drjit_know_one_reflection() -> None:
+    from drjit.llvm.ad import TensorXf64
+
+    with pytest.raises(ArgumentError, match=r"bounces=1 with Dr\.Jit arrays"):
+        pw.rcs(BOX, TensorXf64(INWARDS[None]), 0.1, bounces=2)
+
+
+@pytest.mark.slow
+def test_too_many_beams_are_refused_in_one_sentence() -> None:
+    ball = sphere(5)
+    other = pw.Polyhedron(ball.vertices + np.array([0.0, 3.0, 0.0]), ball.faces)
+    with pytest.raises(ArgumentError, match="take bounces=1, or simplify the mesh"):
+        pw.rcs([ball, other], (0.0, 0.0, 1.0), 0.05, bounces=3)

@@ -1,0 +1,450 @@
+"""Shadows that diffract in scenes: pictures, links and receivers against fields at points."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import drjit as dr
+import numpy as np
+import pytest
+from scipy.special import fresnel
+
+import polywigner as pw
+import polywigner.mitsuba as pm
+from mitsuba_scenes import MONO, use
+from polywigner.cli import main
+from polywigner.errors import SceneError
+
+mi = use("scalar_rgb")
+pytestmark = pytest.mark.drjit
+
+WAVELENGTH = 299792458.0 / 94e9
+HALF = 0.005 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+SQUARE, SMALL = pw.Aperture(HALF), pw.Aperture(0.6 * HALF)
+FLOOR, SIDE = 0.3, 0.1
+BLACK = {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": 0.0}}
+CORNERS = [(x, y, z) for x in (-0.03, 0.03) for y in (-0.02, 0.02) for z in (0.08, 0.12)]
+FACES = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+BOX = pw.Polyhedron(CORNERS, FACES)
+PLATE = pw.Aperture([[-0.03, -0.02], [0.03, -0.02], [0.03, 0.02], [-0.03, 0.02]])
+
+
+def transform() -> Any:
+    return mi.ScalarTransform4f()
+
+
+def box(**more: Any) -> dict[str, Any]:
+    pose = transform().translate([0, 0, 0.1]).scale([0.03, 0.02, 0.02])
+    return {"type": "cube", "to_world": pose, "bsdf": BLACK, **more}
+
+
+def scene(count: int, obstacles: dict[str, Any], source: Any = SQUARE, **options: Any) -> Any:
+    options = {"estimator": "exact", "diffraction": True, "power": 1.0} | options
+    film = {"type": "hdrfilm", "width": count, "height": count, "rfilter": {"type": "box"}}
+    return mi.load_dict(
+        {
+            "type": "scene",
+            "source": pm.aperture(source, WAVELENGTH, **options),
+            "floor": {
+                "type": "rectangle",
+                "to_world": transform().translate([0, 0, FLOOR]).rotate([1, 0, 0], 180),
+                "bsdf": {"type": "diffuse", "reflectance": 0.5},
+            },
+            "camera": {
+                "type": "orthographic",
+                "to_world": transform()
+                .look_at(origin=[0, 0, FLOOR - 0.01], target=[0, 0, FLOOR], up=[0, 1, 0])
+                .scale([SIDE, SIDE, 1]),
+                "film": film,
+                "sampler": {"type": "stratified"},
+            },
+            **obstacles,
+        }
+    )
+
+
+def rendered(made: Any, spp: int) -> Any:
+    return pm.render(made, "direct", spp=spp)[..., 0]
+
+
+def on_floor(count: int, fine: int, obstacles: Any = None, source: Any = SQUARE) -> Any:
+    """Radiance of the floor's pixels, the mean over places in each, by fields at points."""
+    x = SIDE * (1 - (2 * np.arange(count * fine) + 1) / (count * fine))
+    places = np.stack([*np.meshgrid(x, x), np.full((x.size, x.size), FLOOR)], axis=-1)
+    field = pw.amplitude(source, places, WAVELENGTH, obstacles=obstacles, tolerance=1e-4)
+    cosine = FLOOR / np.linalg.norm(places, axis=-1)
+    power = pw.radiated_power(source, WAVELENGTH)
+    radiance = 0.5 / math.pi * np.abs(field) ** 2 * cosine / power
+    return radiance.reshape(count, fine, count, fine).mean(axis=(1, 3))
+
+
+@pytest.mark.llvm
+@pytest.mark.parametrize("count", [16, pytest.param(100, marks=pytest.mark.slow)])
+def test_picture_is_the_field_behind_a_box(count: int) -> None:
+    use("llvm_ad_mono")
+    found = rendered(scene(count, {"box": box()}), 256 if count < 100 else 64)
+    expected = on_floor(count, 8 if count < 100 else 3, BOX)
+    assert np.abs(found - expected).max() < 1e-3 * on_floor(count, 1).max()
+    # and the shadow is not the rays' shadow
+    assert expected[count // 2, count // 2] > 1e-3 * on_floor(count, 1).max()
+
+
+@pytest.mark.llvm
+def test_variants_agree() -> None:
+    found = []
+    for variant in ("scalar_rgb", "llvm_ad_mono"):
+        use(variant)
+        made = scene(3, {"box": box()})
+        weights = []
+        for x in (-0.08, -0.03, 0.0, 0.021, 0.06):
+            it = dr.zeros(mi.SurfaceInteraction3f)
+            it.p, it.n = mi.Point3f(x, 0.5 * x + 0.01, FLOOR), mi.Normal3f(0, 0, -1)
+            with pm.receiving(made):
+                _, weight = made.sample_emitter_direction(it, mi.Point2f(0.3, 0.6))
+                weights.append(float(np.ravel(np.array(weight))[0]))
+        found.append(weights)
+    assert found[0] == pytest.approx(found[1], rel=1e-3)
+
+
+def group() -> dict[str, Any]:
+    inner = {"type": "shapegroup", "id": "g", "cube": box()}
+    moved = transform().translate([0.01, 0, 0])
+    return {
+        "group": inner,
+        "one": {"type": "instance", "to_world": moved, "shape": {"type": "ref", "id": "g"}},
+    }
+
+
+def disk_of(radius: float, z: float) -> Any:
+    angles = np.linspace(0, 2 * math.pi, 200, endpoint=False)
+    outline = pw.Aperture(radius * np.stack([np.cos(angles), np.sin(angles)], axis=-1))
+    pose = np.eye(4)
+    pose[2, 3] = z
+    return outline.placed(pose)
+
+
+SHAPES: dict[str, tuple[Callable[[], dict[str, Any]], Any]] = {
+    "instance": (group, pw.Polyhedron([(x + 0.01, y, z) for x, y, z in CORNERS], FACES)),
+    "disk": (
+        lambda: {
+            "disk": {
+                "type": "disk",
+                "to_world": transform().translate([0, 0, 0.1]).scale(0.025),
+                "bsdf": BLACK,
+            }
+        },
+        disk_of(0.025, 0.1),
+    ),
+    # its rim is seen where the tangents from the source touch
+    "sphere": (
+        lambda: {"ball": {"type": "sphere", "center": [0, 0, 0.1], "radius": 0.02, "bsdf": BLACK}},
+        disk_of(0.02 * math.sqrt(1 - 0.04), 0.1 - 0.02 * 0.2),
+    ),
+    # of a tube seen along its axis the nearer rim throws the shadow
+    "cylinder": (
+        lambda: {
+            "tube": {
+                "type": "cylinder", "p0": [0, 0, 0.1], "p1": [0, 0, 0.1001], "radius": 0.02,
+                "bsdf": BLACK,
+            },
+            "lid": {
+                "type": "disk",
+                "to_world": transform().translate([0, 0, 0.1]).scale(0.02),
+                "bsdf": BLACK,
+            },
+        },
+        disk_of(0.02, 0.1),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.llvm
+@pytest.mark.parametrize(
+    "name",
+    [
+        n if n not in ("disk", "cylinder", "sphere") else pytest.param(n, marks=pytest.mark.slow)
+        for n in SHAPES
+    ],
+)
+def test_shapes_of_mitsuba_throw_shadows(name: str) -> None:
+    use("llvm_ad_mono")
+    shapes, obstacle = SHAPES[name]
+    point = pw.Aperture(0.05 * HALF)  # a point, to which the rim of a ball is a circle
+    found = rendered(scene(12, shapes(), source=point), 144)
+    expected = on_floor(12, 12, obstacle, point)
+    within = 2e-2 if name in ("sphere", "cylinder") else 3e-3
+    assert np.abs(found - expected).max() < within * on_floor(12, 1, None, point).max()
+
+
+@pytest.mark.llvm
+def test_an_instance_is_found_by_any_name_of_its_group() -> None:
+    use("scalar_rgb")
+    cube = {key: value for key, value in box().items() if key != "bsdf"}
+    group = {"type": "shapegroup", "cube": {**cube, "bsdf": BLACK}}
+    instance = {"type": "instance", "group": {"type": "ref", "id": 'a"b'}}
+    found = rendered(scene(2, {'a"b': group, "instance": instance}), 1)
+    assert found == pytest.approx(rendered(scene(2, {"box": box()}), 1), rel=1e-5)
+
+
+def test_null_surfaces_let_pass_and_moved_ones_are_found_again() -> None:
+    use("llvm_ad_mono")
+    free = rendered(scene(8, {}), 64)
+    clear = rendered(scene(8, {"box": box(bsdf={"type": "null"})}), 64)
+    assert np.abs(clear - free).max() < 1e-3 * free.max()
+    made = scene(8, {"box": box()})
+    shaded = rendered(made, 64)
+    assert np.abs(shaded - free).max() > 0.1 * free.max()
+    params = mi.traverse(made)
+    places = np.array(params["box.vertex_positions"]).reshape(-1, 3) + np.array([0.5, 0, 0])
+    params["box.vertex_positions"] = places.ravel().tolist()
+    params.update()
+    assert np.abs(rendered(made, 64) - free).max() < 2e-2 * free.max()
+
+
+@pytest.mark.llvm
+def test_a_body_around_the_source_hides_it() -> None:
+    use("llvm_ad_mono")
+    around = {"type": "cube", "to_world": transform().scale(0.02), "bsdf": BLACK}
+    dark, free = (rendered(scene(2, bodies), 4) for bodies in ({"around": around}, {}))
+    assert dark.max() < 1e-6 * free.max()
+
+
+def edge_at(x: float, z: float) -> dict[str, Any]:
+    """Half a plane that covers all places left of x."""
+    pose = transform().translate([x - 2, 0, z]).scale([2, 4, 1])
+    return {"edge": {"type": "rectangle", "to_world": pose, "bsdf": BLACK}}
+
+
+def received(obstacles: dict[str, Any], first: Any, last: Any, diffraction: bool) -> Any:
+    up = transform().translate([0, 0, 1.0]).rotate([1, 0, 0], 180)
+    made = mi.load_dict(
+        {
+            "type": "scene",
+            "source": pm.aperture(
+                first, WAVELENGTH, power=1.0, estimator="exact", diffraction=diffraction,
+                visible=False,
+            ),
+            "receiver": pm.receiver(last, WAVELENGTH, to_world=up, diffraction=diffraction),
+            **obstacles,
+        }
+    )  # fmt: skip
+    return pm.received_power(made, spp=16)
+
+
+@pytest.mark.parametrize("variant", ["scalar_rgb", MONO])
+def test_link_over_an_edge(variant: str) -> None:
+    use(variant)
+    small = pw.Aperture(0.1 * HALF)
+    free = received({}, small, small, False).direct
+    for x in (-0.03, 0.0, 0.02):
+        found = received(edge_at(x, 0.4), small, small, True).direct / free
+        v = x * math.sqrt(2 / WAVELENGTH * (1 / 0.4 + 1 / 0.6))
+        s, c = fresnel(v)
+        knife = abs(0.5 - c - 1j * (0.5 - s)) ** 2 / 2
+        # the integral is paraxial, and patterns fall towards the edge
+        assert 10 * abs(math.log10(found / knife)) < (0.02 if x <= 0 else 0.05)
+    assert received(edge_at(0.02, 0.4), small, small, False).direct == 0
+
+
+@pytest.mark.llvm
+def test_both_ends_of_a_link_over_an_edge_are_exchanged() -> None:
+    use("llvm_ad_mono")
+    one = received(edge_at(0.02, 0.4), SQUARE, SMALL, True).direct
+    other = received(edge_at(0.02, 0.6), SMALL, SQUARE, True).direct
+    assert one == pytest.approx(other, rel=1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.llvm
+def test_bodies_on_mirrored_ways() -> None:
+    """What stands before a mirror is in the way twice: as it is, and as its image."""
+    use("llvm_ad_mono")
+    centre = [0.3, 0, 0.5]
+    mirror = {
+        "type": "rectangle",
+        "to_world": transform().translate(centre).rotate([0, 1, 0], -90).scale(2),
+        "bsdf": {"type": "conductor"},
+    }
+
+    def mirrored(z: float) -> float:
+        turn = 31.0 if z < 0.5 else -31.0
+        pose = transform().translate([0.15, 0, z]).rotate([0, 1, 0], turn).scale(0.02)
+        plate = {"type": "rectangle", "to_world": pose, "bsdf": BLACK}
+        ends = [transform().look_at(origin=[0, 0, z], target=centre, up=[0, 1, 0]) for z in (0, 1)]
+        made = mi.load_dict(
+            {
+                "type": "scene",
+                "source": pm.aperture(
+                    SQUARE, WAVELENGTH, to_world=ends[0], estimator="exact", diffraction=True,
+                    visible=False,
+                ),
+                "receiver": pm.receiver(SQUARE, WAVELENGTH, to_world=ends[1], diffraction=True),
+                "mirror": mirror,
+                **({} if z == 0.5 else {"plate": plate}),
+            }
+        )  # fmt: skip
+        found = pm.received_power(made, spp=16)
+        return next(p.passing for p in found.contributions[0].paths if p.mirrors)
+
+    assert mirrored(0.5) == pytest.approx(1.0, abs=1e-3)
+    before, behind = mirrored(0.25), mirrored(0.75)
+    assert before < 0.7
+    # all but alike: single edges of a plate and of its image do not exchange quite
+    assert before == pytest.approx(behind, rel=1e-2)
+
+
+@pytest.mark.slow
+@pytest.mark.llvm
+def test_receiver_takes_light_over_edges() -> None:
+    """Of a floor that a plate hides from the receiver, by the fields of both on the floor."""
+    use("llvm_ad_mono")
+    height, side, apart = 0.4, 0.3, 0.1
+    places = [np.eye(4), np.eye(4)]
+    places[0][0, 3], places[1][0, 3] = -apart, apart
+    pose = transform().translate([apart, 0, 0.2]).scale([0.07, 0.05, 1])
+    made = mi.load_dict(
+        {
+            "type": "scene",
+            "source": pm.aperture(
+                SQUARE, WAVELENGTH, power=1.0, to_world=places[0], estimator="exact",
+                diffraction=True, visible=False,
+            ),
+            "receiver": pm.receiver(SQUARE, WAVELENGTH, to_world=places[1], diffraction=True),
+            "integrator": {"type": "path", "max_depth": 2},
+            "floor": {
+                "type": "rectangle",
+                "to_world": transform()
+                .translate([0, 0, height]).rotate([1, 0, 0], 180).scale(side),
+                "bsdf": {"type": "diffuse", "reflectance": 0.8},
+            },
+            "plate": {"type": "rectangle", "to_world": pose, "bsdf": BLACK},
+        }
+    )  # fmt: skip
+    found = pm.received_power(made, spp=1 << 17)
+    x = side * (2 * np.arange(120) + 1 - 120) / 120
+    floor = np.stack([*np.meshgrid(x, x), np.full((120, 120), height)], axis=-1)
+    pose_of_plate = np.eye(4)
+    pose_of_plate[:3, 3] = apart, 0, 0.2
+    outline = pw.Aperture(np.array([0.07, 0.05]) * np.sign(HALF))
+    seen = []
+    for place in places:
+        own = pose_of_plate.copy()
+        own[:3, 3] -= place[:3, 3]
+        points = floor - place[:3, 3]
+        plate = outline.placed(own)
+        field = pw.amplitude(SQUARE, points, WAVELENGTH, obstacles=plate, tolerance=1e-3)
+        seen.append(np.abs(field) ** 2 * height / np.linalg.norm(points, axis=-1))
+    norm = pw.radiated_power(SQUARE, WAVELENGTH)
+    each = 0.8 / math.pi * seen[0] * seen[1] * (WAVELENGTH / norm) ** 2
+    expected = each.sum() * (2 * side / 120) ** 2
+    assert found.scattered == pytest.approx(expected, abs=4 * found.standard_error)
+    assert found.standard_error < 0.05 * expected
+
+
+def mesh(places: Any, faces: Any) -> Any:
+    found = mi.Mesh("mesh", len(places), len(faces))
+    params = mi.traverse(found)
+    params["vertex_positions"], params["faces"] = np.ravel(places), np.ravel(faces)
+    params.update()
+    return found
+
+
+def fan(count: int) -> Any:
+    """Triangles in each other's way around a corner that they share."""
+    ends = np.random.default_rng(1).uniform([-0.03, -0.03, 0.05], [0.03, 0.03, 0.2], (2 * count, 3))
+    faces = np.column_stack(
+        [np.zeros(count), np.arange(1, 2 * count, 2), np.arange(2, 2 * count + 1, 2)]
+    )
+    return mesh(np.concatenate([[[0.0, 0.0, 0.1]], ends]), faces.astype(np.uint32))
+
+
+def many_faces() -> dict[str, Any]:
+    """Seventeen instances of 131,072 triangles."""
+    many = mesh(np.eye(3), np.tile([0, 1, 2], (1 << 17, 1)).astype(np.uint32))
+    instances = {
+        f"i{k}": {"type": "instance", "group": {"type": "ref", "id": "group"}} for k in range(17)
+    }
+    return {"group": {"type": "shapegroup", "many": many}, **instances}
+
+
+def test_what_diffraction_cannot_do_is_said() -> None:
+    use("llvm_ad_mono")
+    with pytest.raises(SceneError, match='estimator "exact" with diffraction'):
+        pm.aperture(SQUARE, WAVELENGTH, diffraction=True)
+    partly = SQUARE.partially_coherent(0.005)
+    with pytest.raises(SceneError, match="coherent light"):
+        pm.aperture(partly, WAVELENGTH, estimator="exact", diffraction=True)
+    with pytest.raises(SceneError, match="make it a mesh"):
+        values = np.linspace(-1, 1, 8, dtype=np.float32).reshape(2, 2, 2, 1)
+        points = {"type": "sdfgrid", "grid": mi.TensorXf(values)}
+        rendered(scene(2, {"grid": points}), 1)
+    fog = {"type": "homogeneous", "albedo": 0.5, "sigma_t": 1.0}
+    with pytest.raises(SceneError, match="no fog"):
+        rendered(scene(2, {"cube": box(interior=fog)}), 1)
+    with pytest.raises(SceneError, match="at most 2097152 faces"):
+        rendered(scene(2, many_faces()), 1)
+    with pytest.raises(SceneError, match="pairs of an edge and a surface"):
+        rendered(scene(2, {"fan": fan(20_000)}), 1)
+    large = pw.Aperture(100 * HALF)
+    with pytest.raises(SceneError, match="1024 points"):
+        rendered(scene(2, {"box": box()}, source=large), 1)
+
+
+def test_renders_without_the_scene_are_refused() -> None:
+    use("scalar_rgb")
+    made = scene(2, {"box": box()})
+    with pytest.raises((SceneError, RuntimeError), match=r"polywigner\.mitsuba\.receiving"):
+        mi.render(made, spp=1, integrator=mi.load_dict({"type": "direct"}))
+    with pm.receiving(made):
+        assert (
+            np.array(mi.render(made, spp=1, integrator=mi.load_dict({"type": "direct"}))).max() > 0
+        )
+
+
+SCENE = """<scene version="3.0.0">
+    <integrator type="direct"/>
+    <sensor type="orthographic">
+        <transform name="to_world">
+            <scale x="0.1" y="0.1"/>
+            <lookat origin="0, 0, 0.29" target="0, 0, 0.3" up="0, 1, 0"/>
+        </transform>
+        <sampler type="independent"><integer name="sample_count" value="16"/></sampler>
+        <film type="hdrfilm">
+            <integer name="width" value="8"/><integer name="height" value="8"/>
+            <string name="pixel_format" value="luminance"/><rfilter type="box"/>
+        </film>
+    </sensor>
+    <shape type="wigner">
+        <string name="aperture" value="square.wkt"/>
+        <string name="frequency" value="94 GHz"/>
+        {options}
+    </shape>
+    <shape type="cube"><transform name="to_world">
+        <scale x="0.03" y="0.02" z="0.02"/><translate z="0.1"/>
+    </transform></shape>
+    <shape type="rectangle"><transform name="to_world">
+        <rotate x="1" angle="180"/><translate z="0.3"/>
+    </transform></shape>
+</scene>
+"""
+OPTIONS = """<string name="estimator" value="exact"/><boolean name="diffraction" value="true"/>"""
+
+
+@pytest.mark.llvm
+def test_command_and_scene_file_ask_for_diffraction(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("square.wkt").write_text("POLYGON ((-5 -5, 5 -5, 5 5, -5 5, -5 -5))")
+    Path("plain.xml").write_text(SCENE.format(options=""))
+    Path("own.xml").write_text(SCENE.format(options=OPTIONS))
+    for name, options in (("own", []), ("plain", ["--diffraction"])):
+        assert main(["render", f"{name}.xml", "--out", name, *options]) == 0
+    pictures = [np.array(mi.Bitmap(f"{name}.exr")) for name in ("own", "plain")]
+    assert pictures[0].max() > 0
+    assert pictures[0] == pytest.approx(pictures[1], rel=1e-3)
+    plain = pm.render(pm.load_scene("plain.xml", "llvm_ad_mono"), spp=16)
+    assert pictures[0][4, 4] > 100 * plain[4, 4]

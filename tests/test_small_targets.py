@@ -1,0 +1,152 @@
+"""Small and hidden things in scenes, as receivers find them, against quadratures of fields."""
+
+from __future__ import annotations
+
+import importlib.util
+from typing import Any
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+
+pytestmark = pytest.mark.drjit
+pm = pytest.importorskip("polywigner.mitsuba")
+import mitsuba as mi  # noqa: E402 (after the package, which chooses the LLVM library)
+
+WAVELENGTH = 3.9e-3
+HORN, PATCH = pw.shapes.square(20e-3), pw.shapes.square(2e-3)
+TX, RX = np.array([-0.02, 0.0, 0.0]), np.array([0.02, 0.0, 0.0])
+
+# Standard errors of 16 batches, passed once in 100 fair tests; seeds are fixed.
+ERRORS = 3.0
+# Exact light is good to 1e-4 of its peak, at both ends; rays meet plates that are not quite even.
+BIAS = 1e-3
+# Of a plate of 0.1 m at 10 m: without looking for it, 2^14 samples have an error of 90 %.
+SAMPLES, NOISE = 1 << 14, 2e-2
+
+
+def at(place: np.ndarray) -> np.ndarray:
+    pose = np.eye(4)
+    pose[:3, 3] = place
+    return pose
+
+
+def plate(place: Any, half: float, turn: float = 180.0) -> dict[str, Any]:
+    """White, looking along z before it is turned about x by degrees."""
+    white = {"type": "diffuse", "reflectance": {"type": "spectrum", "value": 1.0}}
+    pose = mi.ScalarTransform4f().translate(list(place)).rotate([1, 0, 0], turn).scale(half)
+    return {"type": "rectangle", "to_world": pose, "bsdf": white}
+
+
+def scene_of(estimator: str = "exact", **things: Any) -> Any:
+    entries = {
+        "type": "scene",
+        "integrator": {"type": "path", "max_depth": 2},
+        "tx": pm.aperture(HORN, WAVELENGTH, at(TX), power=1.0, estimator="exact", visible=False),
+        "rx": pm.receiver(PATCH, WAVELENGTH, to_world=at(RX), estimator=estimator),
+    }
+    return mi.load_dict(entries | things)
+
+
+def quadrature(place: Any, half: float, turn: float = 180.0, count: int = 40) -> float:
+    """Power by way of such a plate: lambda^2 int |U_t|^2 |U_r|^2 cos cos dA/pi."""
+    node, weight = np.polynomial.legendre.leggauss(count)
+    u, v = (axis.ravel() for axis in np.meshgrid(half * node, half * node))
+    cosine, sine = np.cos(np.radians(turn)), np.sin(np.radians(turn))
+    points = np.asarray(place) + np.stack([u, cosine * v, sine * v], axis=-1)
+    normal = np.array([0.0, -sine, cosine])
+    product = WAVELENGTH**2 / np.pi * half**2 * np.outer(weight, weight).ravel()
+    for source, start in ((HORN, TX), (PATCH, RX)):
+        way = points - start
+        radiated = pw.radiated_power(source, WAVELENGTH)
+        density = pw.irradiance(source, way, WAVELENGTH, method="rayleigh-sommerfeld-1")
+        product = product * density / radiated * -(way @ normal) / np.linalg.norm(way, axis=1)
+    return float(product.sum())
+
+
+SMALL, BEHIND = ((0.0, 0.0, 10.0), 0.05), ((0.0, 0.0, 12.0), 0.05)
+ABOVE, FLOOR = ((1.0, 0.8, 9.0), 0.05), ((0.0, -1.0, 8.0), 4.0, -90.0)
+
+
+@pytest.fixture
+def compiled() -> None:
+    mi.set_variant("llvm_ad_mono")
+
+
+def check(power: float, error: float, expected: float, noise: float = NOISE) -> None:
+    assert abs(power - expected) < ERRORS * error + BIAS * expected
+    assert error < noise * expected
+
+
+@pytest.mark.llvm
+@pytest.mark.parametrize(
+    ("things", "seen"),
+    [
+        pytest.param([SMALL], [SMALL], id="one", marks=pytest.mark.slow),
+        pytest.param([SMALL, BEHIND], [SMALL], id="hidden"),
+        pytest.param([ABOVE], [ABOVE], id="off the beam", marks=pytest.mark.slow),
+        pytest.param([ABOVE, FLOOR], [ABOVE, FLOOR], id="floor", marks=pytest.mark.slow),
+    ],
+)
+def test_small_plates_send_what_quadrature_finds(
+    compiled: None, things: list[Any], seen: list[Any]
+) -> None:
+    scene = scene_of(**{f"plate {k}": plate(*thing) for k, thing in enumerate(things)})
+    found = pm.received_power(scene, spp=SAMPLES)
+    expected = sum(quadrature(*thing) for thing in seen)
+    check(found.scattered, found.standard_error, expected)
+
+
+@pytest.mark.parametrize(
+    "variant",
+    ["scalar_rgb", pytest.param("llvm_ad_mono", marks=[pytest.mark.llvm, pytest.mark.slow])],
+)
+def test_rays_of_the_wigner_function_find_a_small_plate_too(variant: str) -> None:
+    mi.set_variant(variant)
+    samples = 1 << (8 if variant == "scalar_rgb" else 14)
+    found = pm.received_power(scene_of("wigner", plate=plate(*SMALL)), spp=samples)
+    check(found.scattered, found.standard_error, quadrature(*SMALL), 0.2)
+
+
+@pytest.mark.llvm
+@pytest.mark.slow
+def test_ranges_and_scatterers_find_a_small_plate(compiled: None) -> None:
+    scene, expected = scene_of(plate=plate(*SMALL)), quadrature(*SMALL)
+    cloud = pm.scatterers(scene, 2000, rays=SAMPLES)
+    check(float(cloud.power.sum()), cloud.attrs["standard_error"], expected, 0.02)
+    if importlib.util.find_spec("mitransient") is not None:
+        profile = pm.range_profile(scene, [0.0, 9.9, 10.1, 20.0], spp=SAMPLES)
+        power, error = (profile[name].values for name in ("power", "standard_error"))
+        check(power[1], error[1], expected)
+        assert power[0] == power[2] == 0.0
+
+
+@pytest.mark.llvm
+@pytest.mark.slow
+def test_things_far_apart_in_one_mesh_are_found_each(compiled: None) -> None:
+    """Mitsuba merges meshes of one BSDF."""
+
+    def cube(x: float) -> dict[str, Any]:
+        place = mi.ScalarTransform4f().translate([x, 0.5, 10.0]).scale(0.03)
+        return {"type": "cube", "to_world": place, "bsdf": {"type": "ref", "id": "white"}}
+
+    white = {"type": "diffuse", "id": "white"}
+    errors = []
+    for places in ([-2.0], [2.0], [-2.0, 2.0]):
+        scene = scene_of(white=white, **{f"cube {k}": cube(x) for k, x in enumerate(places)})
+        assert sum(shape.is_mesh() and not shape.is_emitter() for shape in scene.shapes()) == 1
+        errors.append(pm.received_power(scene, spp=SAMPLES))
+    one, other, both = errors
+    noise = np.sqrt(sum(each.standard_error**2 for each in errors))
+    assert abs(both.scattered - one.scattered - other.scattered) < ERRORS * noise
+    assert both.standard_error < 0.03 * both.scattered
+
+
+def test_the_receiver_looks_as_before_afterwards() -> None:
+    mi.set_variant("scalar_rgb")
+    scene = scene_of("wigner", plate=plate(*SMALL))
+    (sensor,) = scene.sensors()
+    before = sensor.directions
+    pm.received_power(scene, spp=16)
+    assert sensor.directions is before
