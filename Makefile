@@ -26,7 +26,7 @@ SETUP = $(RUNNER) tools/bootstrap $(if $(PYTHON),--python "$(PYTHON)")
 RENDER = $(BIN)/polywigner render
 TRANSFORM = $(BIN)/polywigner transform
 PROPAGATE = $(BIN)/polywigner propagate
-PYTEST = $(BIN)/python -m pytest -n auto --maxprocesses 4 --max-worker-restart 0 --dist loadfile --no-loadscope-reorder
+PYTEST = $(BIN)/python -m pytest -n auto --maxprocesses 4 --max-worker-restart 2 --dist loadfile --no-loadscope-reorder
 
 .DEFAULT_GOAL := help
 .PHONY: help demo pictures test test-all fuzz kill lint format typecheck hooks bench docs dist constraints ci clean
