@@ -173,10 +173,10 @@ def test_shapes_of_mitsuba_throw_shadows(name: str) -> None:
     use("llvm_ad_mono")
     shapes, obstacle = SHAPES[name]
     point = pw.Aperture(0.05 * HALF)  # a point, to which the rim of a ball is a circle
-    found = rendered(scene(12, shapes(), source=point), 144)
-    expected = on_floor(12, 12, obstacle, point)
+    found = rendered(scene(8, shapes(), source=point), 324)
+    expected = on_floor(8, 12, obstacle, point)
     within = 2e-2 if name in ("sphere", "cylinder") else 3e-3
-    assert np.abs(found - expected).max() < within * on_floor(12, 1, None, point).max()
+    assert np.abs(found - expected).max() < within * on_floor(8, 1, None, point).max()
 
 
 @pytest.mark.llvm
