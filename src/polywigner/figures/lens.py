@@ -53,9 +53,8 @@ def draw_psf(found: Any, floor_db: float = -40.0, title: str = "", *, figure: An
     count = spots.sizes["defocus"]
     with mpl.rc_context(TYPOGRAPHY):
         figure = figure_on(figure, 2.4 + 2.6 * count, 3.5)
-        panels = np.atleast_1d(figure.subplots(1, count, sharey=True, squeeze=True))
-        places = (found[name].values / unit.metres for name in ("x", "y"))
-        across, up = places
+        panels = figure.subplots(1, count, sharey=True, squeeze=False)[0]
+        across, up = (found[name].values / unit.metres for name in ("x", "y"))
         for axes, spot in zip(panels, spots, strict=True):
             levels = level_db(spot.values, peak, floor_db)
             shown = draw_levels(axes, levels, across, up, low=floor_db)
