@@ -101,7 +101,7 @@ class Echo:
         """The body's middle as the receiver sees it, (3,)."""
         place = self.body.facets.middle
         for mirror in self.after:
-            place = place - 2 * (place @ mirror.normal - mirror.offset) * mirror.normal
+            place = mirror.image_of(place)
         return place
 
 

@@ -43,6 +43,12 @@ class Mirror:
     normal: Floats
     offset: float
 
+    def image_of(self, points: Floats) -> Floats:
+        """Images (..., 3) of points behind the plane, in m."""
+        height = points @ self.normal - self.offset
+        result: Floats = points - 2 * height[..., None] * self.normal
+        return result
+
 
 def mirrors_of(scene: Any, unit: float) -> tuple[list[Mirror], list[str]]:
     """Flat mirrors of a scene in units of ``unit`` metres, and the names of other smooth shapes."""

@@ -192,10 +192,7 @@ def _unfolded(
                     _in_front(*mesh, side * chain[k].normal, side * chain[k].offset) for mesh in own
                 ]
         for mirror in chain[leg:]:
-            own = [
-                (p - 2 * (p @ mirror.normal - mirror.offset)[:, None] * mirror.normal, f[:, ::-1])
-                for p, f in own
-            ]
+            own = [(mirror.image_of(p), f[:, ::-1]) for p, f in own]
         found += [(p, f) for p, f in own if len(f)]
     return found
 
@@ -252,8 +249,7 @@ def corners(start: Floats, end: Floats, chain: Sequence[Mirror]) -> list[Floats]
     """
     images = [start]
     for mirror in chain:
-        height = images[-1] @ mirror.normal - mirror.offset
-        images.append(images[-1] - 2 * height[:, None] * mirror.normal)
+        images.append(mirror.image_of(images[-1]))
     found, place = [], end
     for mirror, image in zip(reversed(chain), reversed(images[1:]), strict=True):
         here, there = (point @ mirror.normal - mirror.offset for point in (place, image))
