@@ -23,16 +23,14 @@ def explore(
     union: Union = False,
     frequency: Frequency = None,
     wavelength: Wavelength = None,
-    port: Annotated[int, typer.Option(help="Port to serve at; 0: any that is free.")] = 5006,
+    port: Annotated[int, "Port to serve at; 0: any that is free."] = 5006,
     address: Annotated[
-        str,
-        typer.Option(help="Address to listen at; any other than this one lets other machines in."),
+        str, "Address to listen at; any other than this one lets other machines in."
     ] = "127.0.0.1",
     allow_host: Annotated[
-        list[str] | None,
-        typer.Option(help="Another name that the page is opened by; several times for more."),
+        list[str] | None, "Another name that the page is opened by; several times for more."
     ] = None,
-    browser: Annotated[bool, typer.Option(help="Whether to open a browser.")] = True,
+    browser: Annotated[bool, "Whether to open a browser."] = True,
 ) -> None:
     """Open a page to draw an aperture in, and see its transforms and fields (extra: explorer).
 

@@ -26,10 +26,8 @@ def figures(
             "compar, error, emitters, sampling, appendix (default: all).",
         ),
     ] = None,
-    quality: Annotated[
-        str, typer.Option(help="draft, or print: more samples and pixels, several minutes.")
-    ] = "draft",
-    out: Annotated[str | None, typer.Option(help="Folder to write to (default: figures).")] = None,
+    quality: Annotated[str, "draft, or print: more samples and pixels, several minutes."] = "draft",
+    out: Annotated[str | None, "Folder to write to (default: figures)."] = None,
 ) -> None:
     """Regenerate the figures of the paper.
 

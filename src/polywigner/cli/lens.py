@@ -6,8 +6,6 @@ import csv
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
-
 from polywigner.cli.options import DbFloor, Out
 from polywigner.cli.output import files_to_write, writing
 from polywigner.cli.sources import SourceOptions, check_is_coherent, short_name
@@ -17,27 +15,20 @@ from polywigner.quantities import parse_length
 _MOST_SAMPLES = 2001
 _MOST_DEFOCUS = 12
 
-FocalLength = Annotated[
-    str, typer.Option(help="Focal length, or distance of the image, such as '100 mm'.")
-]
+FocalLength = Annotated[str, "Focal length, or distance of the image, such as '100 mm'."]
 Wavelengths = Annotated[
     str | None,
-    typer.Option(
-        help="Several wavelengths instead of one, all the same, such as '450 nm, 550 nm, 650 nm'."
-    ),
+    "Several wavelengths instead of one, all the same, such as '450 nm, 550 nm, 650 nm'.",
 ]
 Defocus = Annotated[
     str,
-    typer.Option(
-        help="Defocus W20 in waves at the edge of the pupil, one or a series through focus: "
-        "'-1, -0.5, 0, 0.5, 1'."
-    ),
+    "Defocus W20 in waves at the edge of the pupil, one or a series through focus: "
+    "'-1, -0.5, 0, 0.5, 1'.",
 ]
 PupilRadius = Annotated[
-    str | None,
-    typer.Option(help="Radius of the edge of the pupil (default: that of its farthest vertex)."),
+    str | None, "Radius of the edge of the pupil (default: that of its farthest vertex)."
 ]
-Samples = Annotated[int, typer.Option(help="Samples along each axis.")]
+Samples = Annotated[int, "Samples along each axis."]
 
 
 def psf(
@@ -47,8 +38,7 @@ def psf(
     defocus: Defocus = "0",
     pupil_radius: PupilRadius = None,
     width: Annotated[
-        str | None,
-        typer.Option(help="Side of the picture, such as '50 um' (default: some 12 spots)."),
+        str | None, "Side of the picture, such as '50 um' (default: some 12 spots)."
     ] = None,
     samples: Samples = 201,
     floor_db: DbFloor = -40.0,
@@ -96,12 +86,9 @@ def mtf(
     wavelengths: Wavelengths = None,
     defocus: Defocus = "0",
     pupil_radius: PupilRadius = None,
-    pixel: Annotated[
-        str, typer.Option(help="Side of the detector's square pixels, such as '4 um'.")
-    ] = "0 m",
+    pixel: Annotated[str, "Side of the detector's square pixels, such as '4 um'."] = "0 m",
     highest: Annotated[
-        float | None,
-        typer.Option(help="Highest frequency in cycles/mm (default: where the lens ends)."),
+        float | None, "Highest frequency in cycles/mm (default: where the lens ends)."
     ] = None,
     samples: Samples = 201,
     out: Out = None,

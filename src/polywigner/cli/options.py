@@ -7,56 +7,37 @@ from collections.abc import Callable
 from dataclasses import MISSING, fields, is_dataclass
 from functools import wraps
 from inspect import Parameter, Signature, signature
-from typing import Annotated, Any, get_type_hints
+from typing import Annotated, Any, get_args, get_type_hints
 
 import typer
 
 from polywigner.errors import ArgumentError
 from polywigner.quantities import parse_angle
 
-Unit = Annotated[
-    str | None,
-    typer.Option(help="Unit of an aperture file, where it does not say (default: mm)."),
-]
+Unit = Annotated[str | None, "Unit of an aperture file, where it does not say (default: mm)."]
 Tolerance = Annotated[
-    str | None,
-    typer.Option(help="Largest distance of chords from curves (SVG, DXF), such as '1 um'."),
+    str | None, "Largest distance of chords from curves (SVG, DXF), such as '1 um'."
 ]
 Layer = Annotated[
-    list[str] | None,
-    typer.Option(help="Layer or group of a drawing to read alone; several times for more."),
+    list[str] | None, "Layer or group of a drawing to read alone; several times for more."
 ]
-Union = Annotated[
-    bool, typer.Option("--union", help="Join shapes of an aperture file that overlap.")
-]
-Bandwidth = Annotated[
-    str | None,
-    typer.Option(help="Width of a flat band of light to average over, such as '4 GHz'."),
-]
-Frequency = Annotated[str | None, typer.Option(help="Frequency, such as '94 GHz'.")]
-Wavelength = Annotated[
-    str | None, typer.Option(help="Wavelength, such as '3.19 mm', instead of --frequency.")
-]
+Union = Annotated[bool, "Join shapes of an aperture file that overlap."]
+Bandwidth = Annotated[str | None, "Width of a flat band of light to average over, such as '4 GHz'."]
+Frequency = Annotated[str | None, "Frequency, such as '94 GHz'."]
+Wavelength = Annotated[str | None, "Wavelength, such as '3.19 mm', instead of --frequency."]
 DbFloor = Annotated[
     float, typer.Option("--db-floor", help="Lowest level of the picture, dB below its peak.")
 ]
-Out = Annotated[
-    str | None,
-    typer.Option(help="Folder, or path without suffix, of the files written (default: here)."),
-]
+Out = Annotated[str | None, "Folder, or path without suffix, of the files written (default: here)."]
 
-Seed = Annotated[int, typer.Option(help="Seed of the random numbers.")]
+Seed = Annotated[int, "Seed of the random numbers."]
 Variant = Annotated[
-    str | None,
-    typer.Option(help="Mitsuba variant (default: the fastest monochromatic one that works)."),
+    str | None, "Mitsuba variant (default: the fastest monochromatic one that works)."
 ]
 Diffraction = Annotated[
     bool,
-    typer.Option(
-        "--diffraction",
-        help="Let shadows of opaque surfaces diffract: all sources and receivers with the "
-        "estimator 'exact' (docs/shadows.md).",
-    ),
+    "Let shadows of opaque surfaces diffract: all sources and receivers with the "
+    "estimator 'exact' (docs/shadows.md).",
 ]
 Define = Annotated[
     list[str] | None,
@@ -64,53 +45,35 @@ Define = Annotated[
         "--define", help="NAME=VALUE of a $parameter of the scene; several times for more."
     ),
 ]
-Order = Annotated[int, typer.Option(help="Order of wigner rays: 1, or 3 for cubic lags as well.")]
+Order = Annotated[int, "Order of wigner rays: 1, or 3 for cubic lags as well."]
 Obliquity = Annotated[
     str | None,
-    typer.Option(
-        help="Boundary condition of wigner rays: rayleigh-sommerfeld-1 (default), "
-        "rayleigh-sommerfeld-2, kirchhoff, or paper."
-    ),
+    "Boundary condition of wigner rays: rayleigh-sommerfeld-1 (default), "
+    "rayleigh-sommerfeld-2, kirchhoff, or paper.",
 ]
 BoundaryCondition = Annotated[
-    str,
-    typer.Option(
-        help="Boundary condition: rayleigh-sommerfeld-1, rayleigh-sommerfeld-2, kirchhoff, or "
-        "paper."
-    ),
+    str, "Boundary condition: rayleigh-sommerfeld-1, rayleigh-sommerfeld-2, kirchhoff, or paper."
 ]
-Accuracy = Annotated[
-    float | None,
-    typer.Option(help="Relative error allowed, such as 1e-3 (default: each method's)."),
-]
+Accuracy = Annotated[float | None, "Relative error allowed, such as 1e-3 (default: each method's)."]
 Against = Annotated[
-    str | None,
-    typer.Option(help="Method that the others are compared with (default: the last exact one)."),
+    str | None, "Method that the others are compared with (default: the last exact one)."
 ]
 EngineName = Annotated[str, typer.Option("--engine", help="auto, numpy, llvm or cuda.")]
-Precision = Annotated[str | None, typer.Option(help="double (default) or single.")]
+Precision = Annotated[str | None, "double (default) or single."]
 Formats = Annotated[
     list[str] | None,
     typer.Option(
         "--format", help="Format of the values: nc, zarr, vti; several times for several of them."
     ),
 ]
-Threads = Annotated[
-    int | None, typer.Option(help="Threads of this machine (default: all), or of each worker.")
-]
+Threads = Annotated[int | None, "Threads of this machine (default: all), or of each worker."]
 Resumable = Annotated[
     bool,
-    typer.Option(
-        "--resumable",
-        help="Keep finished parts in NAME.parts.zarr until the result is done, so that the "
-        "same command goes on after an end before its time (extra: volume).",
-    ),
+    "Keep finished parts in NAME.parts.zarr until the result is done, so that the "
+    "same command goes on after an end before its time (extra: volume).",
 ]
 Scheduler = Annotated[
-    str | None,
-    typer.Option(
-        help="Address of a dask.distributed scheduler that you trust, such as tcp://host:8786."
-    ),
+    str | None, "Address of a dask.distributed scheduler that you trust, such as tcp://host:8786."
 ]
 
 
@@ -166,6 +129,11 @@ def with_options(function: Callable[..., Any]) -> Callable[..., None]:
 
 
 def _option(name: str, default: Any, kind: Any) -> Parameter:
+    """An option; a text beside its type is its help, and what is False by default is a flag."""
+    match get_args(kind):
+        case (plain, str(text)):
+            flag = [f"--{name.replace('_', '-')}"] if default is False else []
+            kind = Annotated[plain, typer.Option(*flag, help=text)]
     missing = default is MISSING or default is Parameter.empty
     default = Parameter.empty if missing else default
     return Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=kind)

@@ -35,54 +35,37 @@ def pattern(
     *,
     obliquity: Annotated[
         str | None,
-        typer.Option(
-            help="Boundary condition of a scalar field: rayleigh-sommerfeld-1 (default without a "
-            "polarisation), rayleigh-sommerfeld-2, kirchhoff, or paper."
-        ),
+        "Boundary condition of a scalar field: rayleigh-sommerfeld-1 (default without a "
+        "polarisation), rayleigh-sommerfeld-2, kirchhoff, or paper.",
     ] = None,
     power: Annotated[
         str | None,
-        typer.Option(
-            help="Power that the antenna accepts, such as '10 dBm' or '10 mW'; without it, no EIRP."
-        ),
+        "Power that the antenna accepts, such as '10 dBm' or '10 mW'; without it, no EIRP.",
     ] = None,
-    efficiency: Annotated[
-        float, typer.Option(help="Radiated over accepted power, up to 1 for no losses.")
-    ] = 1.0,
+    efficiency: Annotated[float, "Radiated over accepted power, up to 1 for no losses."] = 1.0,
     polarisation: Annotated[
         str | None,
-        typer.Option(
-            help="Polarisation of the field on the aperture: x, y, right, left, or a slant such as "
-            "'45 deg' (default: the source file's; without one the field is scalar). With "
-            "--obliquity x or y, for the files alone."
-        ),
+        "Polarisation of the field on the aperture: x, y, right, left, or a slant such as "
+        "'45 deg' (default: the source file's; without one the field is scalar). With "
+        "--obliquity x or y, for the files alone.",
     ] = None,
     method: Annotated[
         str | None,
-        typer.Option(
-            help="Currents that stand for a polarised field: huygens (default), magnetic (an "
-            "opening in a metal screen) or electric."
-        ),
+        "Currents that stand for a polarised field: huygens (default), magnetic (an "
+        "opening in a metal screen) or electric.",
     ] = None,
     step: Annotated[
-        str | None,
-        typer.Option(
-            help="Step of the angles, such as '0.5 deg' (default: fine enough for the lobes)."
-        ),
+        str | None, "Step of the angles, such as '0.5 deg' (default: fine enough for the lobes)."
     ] = None,
     element: Annotated[
         str | None,
-        typer.Option(
-            help="Far field of each element of a phased array, in place of its aperture: a .csv, "
-            ".txt (CST) or .ffd (HFSS) file."
-        ),
+        "Far field of each element of a phased array, in place of its aperture: a .csv, "
+        ".txt (CST) or .ffd (HFSS) file.",
     ] = None,
     cuts: Annotated[
         str | None,
-        typer.Option(
-            help="Cuts that are drawn: beam or principal (default: through a beam that is off the "
-            "principal planes, else the principal planes)."
-        ),
+        "Cuts that are drawn: beam or principal (default: through a beam that is off the "
+        "principal planes, else the principal planes).",
     ] = None,
     source: SourceOptions,
     floor_db: DbFloor = -40.0,

@@ -7,8 +7,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
-import typer
-
 from polywigner.cli.fields import (
     MethodText,
     Place,
@@ -56,42 +54,28 @@ _BEHIND_OBSTACLES = ("rayleigh-sommerfeld-1",)
 
 def propagate(
     *,
-    line: Annotated[
-        str | None,
-        typer.Option(help="Two points: '0 mm, 0 mm, 2 mm to 0 mm, 0 mm, 150 mm'."),
-    ] = None,
+    line: Annotated[str | None, "Two points: '0 mm, 0 mm, 2 mm to 0 mm, 0 mm, 150 mm'."] = None,
     arc: Annotated[
         str | None,
-        typer.Option(
-            help="A cut at one distance: '50 mm', or '50 mm, 45 deg, 80 deg' with the angle of "
-            "the cut from x, and the largest from the axis."
-        ),
+        "A cut at one distance: '50 mm', or '50 mm, 45 deg, 80 deg' with the angle of "
+        "the cut from x, and the largest from the axis.",
     ] = None,
     plane: Annotated[
-        str | None,
-        typer.Option(help="Ranges of two coordinates: '-30 mm to 30 mm, -30 mm to 30 mm, 90 mm'."),
+        str | None, "Ranges of two coordinates: '-30 mm to 30 mm, -30 mm to 30 mm, 90 mm'."
     ] = None,
-    hemisphere: Annotated[
-        str | None, typer.Option(help="Radius of a hemisphere, such as '50 mm'.")
-    ] = None,
+    hemisphere: Annotated[str | None, "Radius of a hemisphere, such as '50 mm'."] = None,
     samples: Annotated[
-        str | None,
-        typer.Option(help="'201' on lines and arcs, '101 x 81' elsewhere (default: enough)."),
+        str | None, "'201' on lines and arcs, '101 x 81' elsewhere (default: enough)."
     ] = None,
     method: Annotated[
         list[str] | None,
-        typer.Option(
-            help="wigner, rayleigh-sommerfeld-1, rayleigh-sommerfeld-2, kirchhoff, fresnel or "
-            "fraunhofer; several times to compare them (default: the first two; behind "
-            "obstacles the second). wigner with its own obliquity and order: 'wigner "
-            "paper', 'wigner kirchhoff 3'."
-        ),
+        "wigner, rayleigh-sommerfeld-1, rayleigh-sommerfeld-2, kirchhoff, fresnel or fraunhofer; "
+        "several times to compare them (default: the first two; behind obstacles the second). "
+        "wigner with its own obliquity and order: 'wigner paper', 'wigner kirchhoff 3'.",
     ] = None,
     order: Order = 1,
     obliquity: Obliquity = None,
-    amplitude: Annotated[
-        bool, typer.Option("--amplitude", help="Complex fields, with phases; not by wigner.")
-    ] = False,
+    amplitude: Annotated[bool, "Complex fields, with phases; not by wigner."] = False,
     against: Against = None,
     accuracy: Accuracy = None,
     source: MixedSourceOptions,

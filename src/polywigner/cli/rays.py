@@ -23,25 +23,20 @@ _FORMATS = ("npz", "csv", "nc", "dat")
 
 def rays(
     *,
-    count: Annotated[int, typer.Option(help="Number of rays.")] = 100_000,
+    count: Annotated[int, "Number of rays."] = 100_000,
     seed: Seed = 0,
     sampling: Annotated[
-        str, typer.Option(help="Distribution of positions: uniform, marginal or quasi-random.")
+        str, "Distribution of positions: uniform, marginal or quasi-random."
     ] = "uniform",
     directions: Annotated[
-        str,
-        typer.Option(help="beam (most of them near the normal, or along the wave), or uniform."),
+        str, "beam (most of them near the normal, or along the wave), or uniform."
     ] = "beam",
     cone: Annotated[
-        str | None,
-        typer.Option(help="Half angle about the normal, such as '2 deg' (default: hemisphere)."),
+        str | None, "Half angle about the normal, such as '2 deg' (default: hemisphere)."
     ] = None,
     obliquity: BoundaryCondition = "rayleigh-sommerfeld-1",
     power: Annotated[
-        str | None,
-        typer.Option(
-            help="Power radiated in all directions, such as '1 mW' (default: the field's own)."
-        ),
+        str | None, "Power radiated in all directions, such as '1 mW' (default: the field's own)."
     ] = None,
     source: MixedSourceOptions,
     formats: Annotated[
@@ -53,10 +48,7 @@ def rays(
         ),
     ] = None,
     split: Annotated[
-        bool,
-        typer.Option(
-            "--split", help="With dat: positive and negative rays, by modulus, in a file each."
-        ),
+        bool, "With dat: positive and negative rays, by modulus, in a file each."
     ] = False,
     out: Out = None,
 ) -> None:

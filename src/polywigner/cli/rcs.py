@@ -64,38 +64,26 @@ def rcs(
     frequency: Frequency = None,
     wavelength: Wavelength = None,
     polarisation: Annotated[
-        str | None,
-        typer.Option(help="vv, hh, vh or hv, receiver first (default: all that returns)."),
+        str | None, "vv, hh, vh or hv, receiver first (default: all that returns)."
     ] = None,
     step: Annotated[
-        str | None,
-        typer.Option(help="Step of the angles, such as '2 deg' (default: the finest in a minute)."),
+        str | None, "Step of the angles, such as '2 deg' (default: the finest in a minute)."
     ] = None,
     bounces: Annotated[
         int, typer.Option(min=1, max=3, help="Reflections that count (corner reflectors: 3).")
     ] = 1,
     cut_step: Annotated[
         str | None,
-        typer.Option(
-            help="Step of both cuts, such as '0.05 deg' (default: a fourth of a lobe, or the "
-            "finest in a minute)."
-        ),
+        "Step of both cuts, such as '0.05 deg' (default: a fourth of a lobe, or the "
+        "finest in a minute).",
     ] = None,
-    cut_elevation: Annotated[
-        str, typer.Option(help="Elevation of the cut over azimuth, such as '35 deg'.")
-    ] = "0 deg",
-    cut_azimuth: Annotated[
-        str, typer.Option(help="Azimuth of the cut over elevation, such as '45 deg'.")
-    ] = "0 deg",
+    cut_elevation: Annotated[str, "Elevation of the cut over azimuth, such as '35 deg'."] = "0 deg",
+    cut_azimuth: Annotated[str, "Azimuth of the cut over elevation, such as '45 deg'."] = "0 deg",
     smooth: Annotated[
-        str | None,
-        typer.Option(help="Width of a running median, drawn over the cuts, such as '2 deg'."),
+        str | None, "Width of a running median, drawn over the cuts, such as '2 deg'."
     ] = None,
     open_mesh: Annotated[
-        bool,
-        typer.Option(
-            "--open-mesh", help="Take a mesh as thin plates with two sides; it may be open."
-        ),
+        bool, "Take a mesh as thin plates with two sides; it may be open."
     ] = False,
     unit: Unit = None,
     tolerance: Tolerance = None,

@@ -62,26 +62,20 @@ class ReceiveSettings:
         typer.Argument(help="Mitsuba XML file with a <sensor type='wigner_receiver'> in it."),
     ]
     spp: Annotated[
-        int | None,
-        typer.Option(help="Samples of the scattered light of each emitter (default: the scene's)."),
+        int | None, "Samples of the scattered light of each emitter (default: the scene's)."
     ] = None
     seed: Seed = 0
     variant: Variant = None
-    reflections: Annotated[int, typer.Option(help="Most flat mirrors on a direct way, 0 to 3.")] = 2
-    accuracy: Annotated[
-        float, typer.Option(help="Relative error allowed of the fields of direct light.")
-    ] = 1e-6
+    reflections: Annotated[int, "Most flat mirrors on a direct way, 0 to 3."] = 2
+    accuracy: Annotated[float, "Relative error allowed of the fields of direct light."] = 1e-6
     bandwidth: Annotated[
-        str | None,
-        typer.Option(help="Bandwidth of the noise, such as '1 GHz' (default: the receiver's own)."),
+        str | None, "Bandwidth of the noise, such as '1 GHz' (default: the receiver's own)."
     ] = None
     temperature: Annotated[
-        str | None,
-        typer.Option(help="Noise temperature, such as '290 K' (default: the receiver's own)."),
+        str | None, "Noise temperature, such as '290 K' (default: the receiver's own)."
     ] = None
     noise_figure: Annotated[
-        str | None,
-        typer.Option(help="Noise figure, such as '3 dB' (default: the receiver's own, else 0 dB)."),
+        str | None, "Noise figure, such as '3 dB' (default: the receiver's own, else 0 dB)."
     ] = None
     range_text: Annotated[
         str | None,
@@ -90,28 +84,19 @@ class ReceiveSettings:
             help="Sort what is scattered by range as well, such as '0 m to 60 m' (docs/range.md).",
         ),
     ] = None
-    bins: Annotated[
-        int | None, typer.Option(help="Number of bins of the range (default: 256).")
-    ] = None
-    coherent: Annotated[
-        bool,
-        typer.Option(
-            "--coherent", help="Add direct ways as amplitudes, with fringes (docs/channel.md)."
-        ),
-    ] = False
+    bins: Annotated[int | None, "Number of bins of the range (default: 256)."] = None
+    coherent: Annotated[bool, "Add direct ways as amplitudes, with fringes (docs/channel.md)."] = (
+        False
+    )
     frequencies: Annotated[
         str | None,
-        typer.Option(
-            help="Write the complex channel at these frequencies as well, such as '76 GHz to 78 "
-            "GHz, 201' or '76 GHz, 77 GHz'."
-        ),
+        "Write the complex channel at these frequencies as well, such as '76 GHz to 78 "
+        "GHz, 201' or '76 GHz, 77 GHz'.",
     ] = None
     polarisation: Annotated[
         str | None,
-        typer.Option(
-            help="Polarisation, with --coherent or --frequencies, of sources without one: x, y "
-            "(default), right, left or a slant such as '45 deg'."
-        ),
+        "Polarisation, with --coherent or --frequencies, of sources without one: x, y "
+        "(default), right, left or a slant such as '45 deg'.",
     ] = None
     diffraction: Diffraction = False
     defined: Define = None

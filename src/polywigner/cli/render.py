@@ -64,30 +64,19 @@ class RenderSettings:
     scene: Annotated[
         str, typer.Argument(help="Mitsuba XML file with a <shape type='wigner'> in it.")
     ]
-    spp: Annotated[int | None, typer.Option(help="Samples per pixel (default: the scene's).")] = (
-        None
-    )
+    spp: Annotated[int | None, "Samples per pixel (default: the scene's)."] = None
     error_db: Annotated[
         float | None,
-        typer.Option(
-            help="In place of --spp: rms error in dB of what lies 20 dB below the peak, as far as "
-            "the source makes it (docs/sampling.md)."
-        ),
+        "In place of --spp: rms error in dB of what lies 20 dB below the peak, as far as "
+        "the source makes it (docs/sampling.md).",
     ] = None
     variant: Variant = None
-    integrator: Annotated[
-        str | None, typer.Option(help="path, direct, volpath, ... (default: the scene's).")
-    ] = None
-    sampler: Annotated[
-        str | None, typer.Option(help="multijitter, independent, ... (default: the scene's).")
-    ] = None
+    integrator: Annotated[str | None, "path, direct, volpath, ... (default: the scene's)."] = None
+    sampler: Annotated[str | None, "multijitter, independent, ... (default: the scene's)."] = None
     diffraction: Diffraction = False
-    polarised: Annotated[
-        bool,
-        typer.Option(
-            "--polarised", help="Pictures of the light's polarisation too (docs/polarised.md)."
-        ),
-    ] = False
+    polarised: Annotated[bool, "Pictures of the light's polarisation too (docs/polarised.md)."] = (
+        False
+    )
     seed: Seed = 0
     range_text: Annotated[
         str | None,
@@ -96,9 +85,7 @@ class RenderSettings:
             help="A frame for each bin of range as well, such as '0 m to 30 m' (docs/range.md).",
         ),
     ] = None
-    bins: Annotated[int | None, typer.Option(help="Number of bins of the range (default: 64).")] = (
-        None
-    )
+    bins: Annotated[int | None, "Number of bins of the range (default: 64)."] = None
     resumable: Resumable = False
     threads: Threads = None
     scheduler: Scheduler = None

@@ -21,31 +21,20 @@ def scatterers(
         str,
         typer.Argument(help="Mitsuba XML file with a <sensor type='wigner_receiver'> in it."),
     ],
-    count: Annotated[int, typer.Option(help="Scatterers wanted.")] = 20_000,
+    count: Annotated[int, "Scatterers wanted."] = 20_000,
     seed: Seed = 0,
-    receiver: Annotated[
-        str | None, typer.Option(help="Id of the receiver (default: the only one).")
-    ] = None,
+    receiver: Annotated[str | None, "Id of the receiver (default: the only one)."] = None,
     max_depth: Annotated[
-        int | None,
-        typer.Option(help="Longest path: 2 is one reflection, -1 no limit (default: the scene's)."),
+        int | None, "Longest path: 2 is one reflection, -1 no limit (default: the scene's)."
     ] = None,
-    rays: Annotated[
-        int | None, typer.Option(help="Rays from the receiver (default: four times --count).")
-    ] = None,
+    rays: Annotated[int | None, "Rays from the receiver (default: four times --count)."] = None,
     velocity: Annotated[
         list[str] | None,
-        typer.Option(
-            help="ID=VX,VY,VZ in m/s of a shape, an emitter or the receiver; several times for "
-            "more."
-        ),
+        "ID=VX,VY,VZ in m/s of a shape, an emitter or the receiver; several times for more.",
     ] = None,
     variant: Variant = None,
     define: Define = None,
-    out: Annotated[
-        str | None,
-        typer.Option(help="File or folder; .csv (default), .vtp for ParaView, or .nc."),
-    ] = None,
+    out: Annotated[str | None, "File or folder; .csv (default), .vtp for ParaView, or .nc."] = None,
 ) -> None:
     """Write a receiver's light from a scene as a cloud of scatterers, for radar signal chains.
 

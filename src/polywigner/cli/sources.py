@@ -120,36 +120,21 @@ class SourceOptions:
     tolerance: Tolerance = None
     layer: Layer = None
     union: Union = False
-    allow_outside: Annotated[
-        bool,
-        typer.Option(
-            "--allow-outside", help="Read files that a source file names outside of its folder."
-        ),
-    ] = False
+    allow_outside: Annotated[bool, "Read files that a source file names outside of its folder."] = (
+        False
+    )
     taper: Annotated[
-        str | None,
-        typer.Option(
-            help="Taper of the aperture: 'cosine', 'cosine 2 x', 'te10', 'taylor 30 dB 4'."
-        ),
+        str | None, "Taper of the aperture: 'cosine', 'cosine 2 x', 'te10', 'taylor 30 dB 4'."
     ] = None
-    array: Annotated[
-        str | None, typer.Option(help="Copies of the aperture, such as '12 x 16, 2 mm'.")
-    ] = None
+    array: Annotated[str | None, "Copies of the aperture, such as '12 x 16, 2 mm'."] = None
     window: Annotated[
-        str | None,
-        typer.Option(help="Window of the array: 'taylor 25 dB', 'chebyshev 30 dB', 'hamming'."),
+        str | None, "Window of the array: 'taylor 25 dB', 'chebyshev 30 dB', 'hamming'."
     ] = None
-    steering: Annotated[
-        str | None, typer.Option(help="A beam towards theta, phi, such as '20 deg, 90 deg'.")
-    ] = None
-    focus: Annotated[
-        str | None, typer.Option(help="Focal point of the array, such as '0 mm, 0 mm, 80 mm'.")
-    ] = None
+    steering: Annotated[str | None, "A beam towards theta, phi, such as '20 deg, 90 deg'."] = None
+    focus: Annotated[str | None, "Focal point of the array, such as '0 mm, 0 mm, 80 mm'."] = None
     curved: Annotated[
         str | None,
-        typer.Option(
-            help="Radius of a curved wave, or one along x and one along y: '60 mm', '60 mm, inf'."
-        ),
+        "Radius of a curved wave, or one along x and one along y: '60 mm', '60 mm, inf'.",
     ] = None
 
     def check(self) -> None:
@@ -207,8 +192,7 @@ class MixedSourceOptions(SourceOptions):
     """Options of a source whose light may be partly coherent."""
 
     coherence: Annotated[
-        str | None,
-        typer.Option(help="Width over which the source is coherent, such as '0.5 mm'."),
+        str | None, "Width over which the source is coherent, such as '0.5 mm'."
     ] = None
 
 
@@ -357,16 +341,13 @@ class ObstacleOptions:
 
     obstacle: Annotated[
         list[str] | None,
-        typer.Option(
-            help="Body or plate in the way, whose shadow diffracts: a mesh (STL, PLY, OBJ) or an "
-            "aperture file, and its place: 'box.stl', 'plate.svg at 0 mm, 10 mm, 150 mm', "
-            "'plate.svg at 0 mm, 0 mm, 150 mm towards 30 deg, 90 deg' with theta and phi of the "
-            "direction into which its z axis is turned; several times for more."
-        ),
+        "Body or plate in the way, whose shadow diffracts: a mesh (STL, PLY, OBJ) or an "
+        "aperture file, and its place: 'box.stl', 'plate.svg at 0 mm, 10 mm, 150 mm', "
+        "'plate.svg at 0 mm, 0 mm, 150 mm towards 30 deg, 90 deg' with theta and phi of the "
+        "direction into which its z axis is turned; several times for more.",
     ] = None
     obstacle_unit: Annotated[
-        str | None,
-        typer.Option(help="Unit of the files of obstacles, where they do not say (default: mm)."),
+        str | None, "Unit of the files of obstacles, where they do not say (default: mm)."
     ] = None
 
     @property

@@ -102,23 +102,18 @@ _AHEAD = 0.1  # of the area that radiates in phase: cosine tapers have 0.66
 def transform(
     source: SourceOptions,
     x: Annotated[
-        str | None,
-        typer.Option(help="Position of the Wigner slice, such as '0 mm,2 mm' (default: centre)."),
+        str | None, "Position of the Wigner slice, such as '0 mm,2 mm' (default: centre)."
     ] = None,
     xi: Annotated[
-        str | None,
-        typer.Option(help="Lag of the ambiguity slice (default: one with a good overlap)."),
+        str | None, "Lag of the ambiguity slice (default: one with a good overlap)."
     ] = None,
     through: Annotated[
         str | None,
-        typer.Option(
-            help="Lenses behind it, such as 'space 50 mm, lens 50 mm, space 50 mm', in the order "
-            "of the light: shows W and the light behind them."
-        ),
+        "Lenses behind it, such as 'space 50 mm, lens 50 mm, space 50 mm', in the order "
+        "of the light: shows W and the light behind them.",
     ] = None,
     samples: Annotated[
-        int | None,
-        typer.Option(help="Samples along each frequency axis (default: 257, or up to 513)."),
+        int | None, "Samples along each frequency axis (default: 257, or up to 513)."
     ] = None,
     floor_db: DbFloor = -40.0,
     out: Out = None,

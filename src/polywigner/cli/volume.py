@@ -59,24 +59,16 @@ def _verify(context: typer.Context, store: str | None) -> None:
 
 def volume(
     *,
-    box: Annotated[
-        str,
-        typer.Option(help="Three ranges: '-30 mm to 30 mm, -30 mm to 30 mm, 2 mm to 120 mm'."),
-    ],
+    box: Annotated[str, "Three ranges: '-30 mm to 30 mm, -30 mm to 30 mm, 2 mm to 120 mm'."],
     shape: Annotated[
         str | None,
-        typer.Option(
-            help="Samples along x, y and z, such as '64 x 64 x 96' (default: enough, from 64 to "
-            "101 along each)."
-        ),
+        "Samples along x, y and z, such as '64 x 64 x 96' (default: enough, from 64 to "
+        "101 along each).",
     ] = None,
     method: Annotated[
         list[str] | None,
-        typer.Option(
-            help="wigner (default), rayleigh-sommerfeld-1 (behind obstacles), "
-            "rayleigh-sommerfeld-2, kirchhoff, fresnel or fraunhofer; several times "
-            "to compare them."
-        ),
+        "wigner (default), rayleigh-sommerfeld-1 (behind obstacles), rayleigh-sommerfeld-2, "
+        "kirchhoff, fresnel or fraunhofer; several times to compare them.",
     ] = None,
     order: Order = 1,
     obliquity: Obliquity = None,
@@ -85,23 +77,16 @@ def volume(
     source: MixedSourceOptions,
     obstacles: ObstacleOptions,
     bandwidth: Bandwidth = None,
-    chunks: Annotated[
-        str | None, typer.Option(help="Samples of a chunk, such as '32 x 32 x 32'.")
-    ] = None,
+    chunks: Annotated[str | None, "Samples of a chunk, such as '32 x 32 x 32'."] = None,
     threads: Threads = None,
     scheduler: Scheduler = None,
     engine: EngineName = "auto",
     precision: Precision = None,
     surfaces: Annotated[
-        str | None,
-        typer.Option(help="Levels of the isosurfaces, dB, such as '-6, -12, -18' (default: four)."),
+        str | None, "Levels of the isosurfaces, dB, such as '-6, -12, -18' (default: four)."
     ] = None,
-    projection: Annotated[
-        str, typer.Option(help="Projection on the walls: maximum, or mean.")
-    ] = "maximum",
-    renderer: Annotated[
-        str, typer.Option(help="Renderer of the isosurfaces: auto, pyvista or matplotlib.")
-    ] = "auto",
+    projection: Annotated[str, "Projection on the walls: maximum, or mean."] = "maximum",
+    renderer: Annotated[str, "Renderer of the isosurfaces: auto, pyvista or matplotlib."] = "auto",
     floor_db: DbFloor = -40.0,
     formats: Formats = None,
     out: Out = None,
