@@ -28,17 +28,7 @@ class Finding:
 
 
 def run_doctor(install_llvm_first: bool, is_agreed: bool = False) -> int:
-    """Print the findings; 0 when the transforms work at all, else 1.
-
-    Parameters
-    ----------
-    install_llvm_first : bring an LLVM library into the environment before looking.
-    is_agreed : as root, install it into the system without asking.
-
-    Raises
-    ------
-    EngineError when a library was asked for and could not be brought.
-    """
+    """Print the findings; 0 when the transforms work at all, else 1."""
     if install_llvm_first:
         install_llvm(agreed=None if is_agreed else _ask)
     transforms = _transforms()

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from polywigner.cli.options import Frequency, Layer, Union, Unit, Wavelength
+from polywigner.cli import options
 from polywigner.cli.sources import Reading, check_source_file, wavelength_from
 
 
@@ -18,11 +18,11 @@ def explore(
             help="Aperture file to begin with: GeoJSON, WKT, CSV, SVG, DXF (default: a square)."
         ),
     ] = None,
-    unit: Unit = None,
-    layer: Layer = None,
-    union: Union = False,
-    frequency: Frequency = None,
-    wavelength: Wavelength = None,
+    unit: options.Unit = None,
+    layer: options.Layer = None,
+    union: options.Union = False,
+    frequency: options.Frequency = None,
+    wavelength: options.Wavelength = None,
     port: Annotated[int, "Port to serve at; 0: any that is free."] = 5006,
     address: Annotated[
         str, "Address to listen at; any other than this one lets other machines in."

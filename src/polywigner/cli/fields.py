@@ -26,12 +26,7 @@ _FORMATS = ("nc", "zarr", "vti")
 
 
 def format_suffixes(formats: Sequence[str], known: Sequence[str] = _FORMATS) -> tuple[str, ...]:
-    """Suffixes of the files of values, each once; by default those of fields.
-
-    Raises
-    ------
-    ArgumentError for a format that there is not.
-    """
+    """Suffixes of the files of values, each once; by default those of fields."""
     for name in formats:
         if name not in known:
             raise ArgumentError(f"--format: expected one of {', '.join(known)}, got {name!r}")
@@ -46,12 +41,7 @@ def check_files(files: Sequence[Path]) -> None:
     """Fail before the long work rather than after it: where one of the files cannot be written.
 
     A store of an earlier run is replaced, as a file is; one that `polywigner volume` fills chunk by
-    chunk is not, for it may have taken hours.
-
-    Raises
-    ------
-    ArgumentError : as of ``check_writable``, and for a .zarr that is something else.
-    """
+    chunk is not, for it may have taken hours."""
     check_writable([path for path in files if not (path.suffix == ".zarr" and path.is_dir())])
     for path in files:
         if path.suffix == ".zarr" and os.path.lexists(path) and not _is_written_whole(path):
@@ -72,17 +62,7 @@ def _is_written_whole(store: Path) -> bool:
 
 
 def write_field(found: Any, figure: Figure, files: Sequence[Path]) -> None:
-    """All of the files, or none.
-
-    Parameters
-    ----------
-    found : xarray.Dataset, in memory or on disk.
-    files : of the picture, and of the values, whose format their suffix tells.
-
-    Raises
-    ------
-    ArgumentError where the operating system refuses; MissingExtraError without what a format needs.
-    """
+    """All of the files, or none."""
     from polywigner.propagation.exports import write_netcdf, write_vti, write_zarr
 
     write = {".nc": write_netcdf, ".vti": write_vti, ".zarr": write_zarr}
@@ -179,17 +159,7 @@ class MethodText(NamedTuple):
 def parse_methods(
     texts: Sequence[str], obliquity: str | None, order: int
 ) -> tuple[MethodText, ...]:
-    """Methods, of wigner rays perhaps with an obliquity and an order: ``"wigner kirchhoff 3"``.
-
-    Parameters
-    ----------
-    texts : one or several.
-    obliquity, order : of rays where a text says none.
-
-    Raises
-    ------
-    ArgumentError for other names, and for one method twice.
-    """
+    """Methods, of wigner rays perhaps with an obliquity and an order: ``"wigner kirchhoff 3"``."""
     from polywigner.illumination.obliquities import OBLIQUITIES
     from polywigner.propagation import METHODS
 
@@ -223,12 +193,7 @@ def _method(
 
 
 def compared_with(wanted: Sequence[MethodText], against: str | None) -> str:
-    """The name of the method that the others are compared with: by default the last exact one.
-
-    Raises
-    ------
-    ArgumentError for one that is not among them.
-    """
+    """The name of the method that the others are compared with: by default the last exact one."""
     names = [method.name for method in wanted]
     if against is not None:
         name = "-".join(against.split())
@@ -310,13 +275,7 @@ def place_text(place: Place) -> str:
 
 
 def parse_place(texts: Mapping[str, str | None], samples: str | None) -> Place:
-    """The one place among the texts of ``line``, ``arc``, ``plane`` and ``hemisphere``.
-
-    Raises
-    ------
-    ArgumentError without one, for several, and for numbers of samples that are none; QuantityError
-    for a text that says no such place. The message begins with the option.
-    """
+    """The one place among the texts of ``line``, ``arc``, ``plane`` and ``hemisphere``."""
     given = {name: text for name, text in texts.items() if text is not None}
     if len(given) != 1:
         got = " and ".join(f"--{name}" for name in given) or "none"
@@ -388,12 +347,7 @@ _PARSERS = {"line": _line, "arc": _arc, "plane": _plane, "hemisphere": _hemisphe
 
 
 def parse_box(text: str) -> tuple[Point, Point]:
-    """The lowest and the highest corner of a box given by three ranges.
-
-    Raises
-    ------
-    QuantityError for anything else.
-    """
+    """The lowest and the highest corner of a box given by three ranges."""
     try:
         low, high, ranges = _ranges(text)
         if ranges != 3:
@@ -425,12 +379,7 @@ def _ranges(text: str) -> tuple[Point, Point, int]:
 
 
 def parse_shape(option: str, text: str, dimensions: int) -> tuple[int, ...]:
-    """Whole numbers above zero, as many as dimensions: ``"64 x 64 x 96"``.
-
-    Raises
-    ------
-    ArgumentError for anything else.
-    """
+    """Whole numbers above zero, as many as dimensions: ``"64 x 64 x 96"``."""
     parts = _split(text, "[x×]")
     if len(parts) != dimensions or not all(re.fullmatch(r"0*[1-9][0-9]{0,8}", p) for p in parts):
         example = " x ".join(("64", "64", "96")[:dimensions])
@@ -439,12 +388,7 @@ def parse_shape(option: str, text: str, dimensions: int) -> tuple[int, ...]:
 
 
 def parse_levels(option: str, text: str) -> tuple[float, ...]:
-    """Numbers of decibels, separated by commas, with or without "dB".
-
-    Raises
-    ------
-    QuantityError for anything else.
-    """
+    """Numbers of decibels, separated by commas, with or without "dB"."""
     levels = []
     for part in _split(text, ","):
         match = re.fullmatch(r"([+-]?[0-9]{1,4}(?:\.[0-9]{0,6})?)(?:\s*dB)?", part)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from polywigner.cli.output import check_text, check_writable, write_arrays, writing
+from polywigner.cli import output
 from polywigner.errors import ArgumentError
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ def figures(
     chosen = check_figures(list(names or []), quality)
     folder = _folder(out)
     files = {name: _files(folder, name) for name in chosen}
-    check_writable([path for paths in files.values() for path in paths])
+    output.check_writable([path for paths in files.values() for path in paths])
     level: Quality = "draft" if quality == "draft" else "print"
     with progress_bar("figures", len(chosen)) as advance:
         for name in chosen:
@@ -54,7 +54,7 @@ def _folder(out: str | None) -> Path:
         raise ArgumentError(
             "expected --out to name a folder, got nothing; leave it out to write to figures/"
         )
-    check_text("--out", out)
+    output.check_text("--out", out)
     folder = Path(out)
     if folder.exists() and not folder.is_dir():
         raise ArgumentError(f"expected --out to name a folder, got the file {out}; name another")
@@ -75,11 +75,11 @@ def _write(files: tuple[Path, ...], made: Made, quality: Quality) -> None:
 
     resolution = _RESOLUTION[quality]
     # The same input makes the same file; letters stay text that can be searched.
-    with mpl.rc_context({"pdf.fonttype": 42}), writing(files) as partial:
+    with mpl.rc_context({"pdf.fonttype": 42}), output.writing(files) as partial:
         for k, figure in enumerate(made.figures.values()):
             figure.savefig(partial[2 * k], format="png", dpi=resolution)
             figure.set_layout_engine("none")  # panels stay where they are, in half the time
             figure.savefig(
                 partial[2 * k + 1], format="pdf", dpi=resolution, metadata={"CreationDate": None}
             )
-        write_arrays(partial[-1], made.values, {"about": dict(made.about)})
+        output.write_arrays(partial[-1], made.values, {"about": dict(made.about)})

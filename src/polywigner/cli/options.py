@@ -78,16 +78,7 @@ Scheduler = Annotated[
 
 
 def parse_step(text: str, largest: float, most: int) -> float:
-    """Degrees of a step of angles, from a text: up to ``largest``, and not too fine.
-
-    Parameters
-    ----------
-    most : directions, of a grid over half of all.
-
-    Raises
-    ------
-    ArgumentError, QuantityError for other texts.
-    """
+    """Degrees of a step of angles, from a text: up to ``largest``, and not too fine."""
     step = math.degrees(parse_angle(text))
     if not 0 < step <= largest:
         raise ArgumentError(

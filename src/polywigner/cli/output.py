@@ -20,12 +20,7 @@ _KNOWN_SUFFIXES = (
 
 
 def check_text(name: str, path: str) -> None:
-    """Refuse a path that is not text: figures and Mitsuba cannot be told of it.
-
-    Raises
-    ------
-    ArgumentError : the path, or the folder it is relative to, has bytes that are not UTF-8.
-    """
+    """Refuse a path that is not text: figures and Mitsuba cannot be told of it."""
     whole = os.path.abspath(path)  # noqa: PTH100 (a pathlib path would not drop the "..")
     try:
         whole.encode()
@@ -36,19 +31,7 @@ def check_text(name: str, path: str) -> None:
 
 
 def output_stem(out: str | None, name: str) -> Path:
-    """The path, without suffix, of the files a command writes.
-
-    Parameters
-    ----------
-    out : what ``--out`` said. An existing folder, or a text that ends with a slash, is a folder
-        and the files in it are called ``name``; anything else is the stem itself, of which a
-        suffix such as ``.png`` is taken off. None: ``name`` in the current folder.
-    name : the files' name when ``out`` gives none.
-
-    Raises
-    ------
-    ArgumentError : ``out`` is empty, a suffix alone, or not text.
-    """
+    """The path, without suffix, of the files a command writes."""
     if out is None:
         return Path(name)
     if not out.strip():
@@ -80,13 +63,7 @@ def files_to_write(out: str | None, name: str, suffixes: Sequence[str]) -> tuple
 
 
 def check_writable(paths: Sequence[Path]) -> None:
-    """Fail before the long work rather than after it.
-
-    Raises
-    ------
-    ArgumentError : a target is a folder, its name is too long, or its folder can neither be
-    written to nor created.
-    """
+    """Fail before the long work rather than after it."""
     for path in paths:
         # In os.path a name that is too long is no folder; in pathlib it raises.
         if os.path.isdir(path):  # noqa: PTH112
@@ -130,12 +107,7 @@ def writing(paths: Sequence[Path]) -> Iterator[tuple[Path, ...]]:
 
     Folders are created, and named on stderr. A target may be a folder itself, as stores are. A
     block that raises leaves neither targets nor scratch files; targets of an earlier run stay as
-    they were. The targets are printed at last.
-
-    Raises
-    ------
-    ArgumentError : the operating system refused to write (no permission, disk full, ...).
-    """
+    they were. The targets are printed at last."""
     try:
         new = missing_folders(paths)
         for folder in new:

@@ -12,11 +12,7 @@ import typer
 from polywigner.cli.fields import format_suffixes
 from polywigner.cli.options import DbFloor, Out, parse_step
 from polywigner.cli.output import files_to_write, writing
-from polywigner.cli.sources import (
-    SourceOptions,
-    check_is_coherent,
-    field_title,
-)
+from polywigner.cli.sources import SourceOptions, check_is_coherent, field_title
 from polywigner.errors import ArgumentError
 from polywigner.quantities import parse_power
 

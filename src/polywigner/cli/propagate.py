@@ -7,37 +7,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
-from polywigner.cli.fields import (
-    MethodText,
-    Place,
-    check_files,
-    compared_with,
-    format_suffixes,
-    parse_methods,
-    parse_place,
-    place_text,
-    print_differences,
-    samples_of_place,
-    write_field,
-)
-from polywigner.cli.options import (
-    Accuracy,
-    Against,
-    Bandwidth,
-    DbFloor,
-    EngineName,
-    Formats,
-    Obliquity,
-    Order,
-    Out,
-    Precision,
-)
+from polywigner.cli import fields, options
+from polywigner.cli.fields import Place
 from polywigner.cli.output import output_stem, targets
-from polywigner.cli.sources import (
-    MixedSourceOptions,
-    ObstacleOptions,
-    field_title,
-)
+from polywigner.cli.sources import MixedSourceOptions, ObstacleOptions, field_title
 from polywigner.errors import ArgumentError
 from polywigner.quantities import parse_frequency
 
@@ -73,19 +46,19 @@ def propagate(
         "several times to compare them (default: the first two; behind obstacles the second). "
         "wigner with its own obliquity and order: 'wigner paper', 'wigner kirchhoff 3'.",
     ] = None,
-    order: Order = 1,
-    obliquity: Obliquity = None,
+    order: options.Order = 1,
+    obliquity: options.Obliquity = None,
     amplitude: Annotated[bool, "Complex fields, with phases; not by wigner."] = False,
-    against: Against = None,
-    accuracy: Accuracy = None,
+    against: options.Against = None,
+    accuracy: options.Accuracy = None,
     source: MixedSourceOptions,
     obstacles: ObstacleOptions,
-    bandwidth: Bandwidth = None,
-    engine: EngineName = "auto",
-    precision: Precision = None,
-    floor_db: DbFloor = -40.0,
-    formats: Formats = None,
-    out: Out = None,
+    bandwidth: options.Bandwidth = None,
+    engine: options.EngineName = "auto",
+    precision: options.Precision = None,
+    floor_db: options.DbFloor = -40.0,
+    formats: options.Formats = None,
+    out: options.Out = None,
 ) -> None:
     """Compute the field of a source in front of it, by several methods side by side.
 
@@ -96,15 +69,15 @@ def propagate(
     source.check()
     obstacles.check()
     where = {"line": line, "arc": arc, "plane": plane, "hemisphere": hemisphere}
-    place = parse_place(where, samples)
-    suffixes = format_suffixes(formats or ["nc"])
+    place = fields.parse_place(where, samples)
+    suffixes = fields.format_suffixes(formats or ["nc"])
     if ".vti" in suffixes and place.kind != "plane":
         raise ArgumentError(
             f"--format: expected vti, an image, with --plane, got it with --{place.kind}; use nc "
             "or zarr"
         )
     files = targets(output_stem(out, Path(source.source).stem), (".png", *suffixes))
-    check_files(files)
+    fields.check_files(files)
 
     # Everything cheap has been checked: only now the libraries that take a second to import.
     from polywigner.figures.levels import check_floor
@@ -112,14 +85,14 @@ def propagate(
 
     check_floor(floor_db)
     default = _BEHIND_OBSTACLES if obstacles.obstacle else _DEFAULT
-    wanted = parse_methods(method or default, obliquity, order)
-    reference = compared_with(wanted, against)
+    wanted = fields.parse_methods(method or default, obliquity, order)
+    reference = fields.compared_with(wanted, against)
     for suffix, module in ((".nc", "h5netcdf"), (".zarr", "zarr")):
         if suffix in suffixes:
             required(module)  # now rather than after the work
     radiator, length = source.read_with_wavelength()
     bodies = obstacles.read()
-    place = place._replace(shape=samples_of_place(radiator, place, length, amplitude))
+    place = place._replace(shape=fields.samples_of_place(radiator, place, length, amplitude))
     how = {
         "quantity": "amplitude" if amplitude else "irradiance",
         "bandwidth": None if bandwidth is None else parse_frequency(bandwidth),
@@ -134,18 +107,18 @@ def propagate(
         place,
         reference,
         floor_db,
-        f"{field_title(source.source, length)}\n{place_text(place)}",
+        f"{field_title(source.source, length)}\n{fields.place_text(place)}",
         bodies,
     )
     if len(wanted) > 1:
-        print_differences(found.data_vars, reference)
-    write_field(found, figure, files)
+        fields.print_differences(found.data_vars, reference)
+    fields.write_field(found, figure, files)
 
 
 def _fields(
     source: Aperture | ApertureArray,
     place: Place,
-    wanted: Sequence[MethodText],
+    wanted: Sequence[fields.MethodText],
     wavelength: float,
     how: Mapping[str, Any],
 ) -> Any:
@@ -163,7 +136,7 @@ def _fields(
 
 
 def _field(
-    source: Aperture | ApertureArray, place: Place, wavelength: float, options: dict[str, Any]
+    source: Aperture | ApertureArray, place: Place, wavelength: float, how: dict[str, Any]
 ) -> Any:
     import numpy as np
 
@@ -171,20 +144,25 @@ def _field(
 
     first, *more = place.shape
     if place.kind == "line":
-        return pw.line(source, place.points, first, wavelength, **options)
+        return pw.line(source, place.points, first, wavelength, **how)
     if place.kind == "plane":
-        return pw.plane(source, place.points, (first, more[0]), wavelength, **options)
+        return pw.plane(source, place.points, (first, more[0]), wavelength, **how)
     if place.kind == "arc":
         theta = np.linspace(-place.reach, place.reach, first)
         phi = np.array([place.phi])
     else:
         theta = np.linspace(0.0, place.reach, first)
         phi = np.arange(more[0]) * (2 * math.pi / more[0])
-    return pw.hemisphere(source, place.radius, theta, phi, wavelength, **options)
+    return pw.hemisphere(source, place.radius, theta, phi, wavelength, **how)
 
 
 def _figure(
-    found: Any, place: Place, reference: str, floor_db: float, title: str, bodies: Sequence[Any]
+    found: Any,
+    place: Place,
+    reference: str,
+    floor_db: float,
+    title: str,
+    bodies: Sequence[Any],
 ) -> Figure:
     from polywigner.figures import draw_hemispheres, draw_lines, draw_planes
 

@@ -12,9 +12,7 @@ import typer
 from polywigner.cli.fields import format_suffixes
 from polywigner.cli.options import BoundaryCondition, Out, Seed
 from polywigner.cli.output import files_to_write, writing
-from polywigner.cli.sources import (
-    MixedSourceOptions,
-)
+from polywigner.cli.sources import MixedSourceOptions
 from polywigner.errors import ArgumentError
 from polywigner.quantities import parse_angle, parse_power
 

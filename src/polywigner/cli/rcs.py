@@ -13,18 +13,8 @@ from typing import Annotated, Any
 
 import typer
 
+from polywigner.cli import options
 from polywigner.cli.fields import format_suffixes
-from polywigner.cli.options import (
-    DbFloor,
-    Frequency,
-    Layer,
-    Out,
-    Tolerance,
-    Union,
-    Unit,
-    Wavelength,
-    parse_step,
-)
 from polywigner.cli.output import files_to_write, writing
 from polywigner.cli.sources import (
     Reading,
@@ -61,8 +51,8 @@ def rcs(
             "in the plane z = 0."
         ),
     ],
-    frequency: Frequency = None,
-    wavelength: Wavelength = None,
+    frequency: options.Frequency = None,
+    wavelength: options.Wavelength = None,
     polarisation: Annotated[
         str | None, "vv, hh, vh or hv, receiver first (default: all that returns)."
     ] = None,
@@ -85,11 +75,11 @@ def rcs(
     open_mesh: Annotated[
         bool, "Take a mesh as thin plates with two sides; it may be open."
     ] = False,
-    unit: Unit = None,
-    tolerance: Tolerance = None,
-    layer: Layer = None,
-    union: Union = False,
-    floor_db: DbFloor = -60.0,
+    unit: options.Unit = None,
+    tolerance: options.Tolerance = None,
+    layer: options.Layer = None,
+    union: options.Union = False,
+    floor_db: options.DbFloor = -60.0,
     formats: Annotated[
         list[str] | None,
         typer.Option(
@@ -97,7 +87,7 @@ def rcs(
             help="Format of the values: csv (default), json, nc; several times for more.",
         ),
     ] = None,
-    out: Out = None,
+    out: options.Out = None,
 ) -> None:
     """Compute the radar cross section of a metal body or plate, by physical optics.
 
@@ -108,8 +98,8 @@ def rcs(
     reading = Reading(unit, tolerance, layer, union)
     check_source_file(body, reading)
     length = required_wavelength(wavelength_from(frequency, wavelength))
-    asked = None if step is None else parse_step(step, 30.0, _MOST // 2)
-    asked_of_cuts = None if cut_step is None else parse_step(cut_step, 30.0, _MOST_OF_CUTS)
+    asked = None if step is None else options.parse_step(step, 30.0, _MOST // 2)
+    asked_of_cuts = None if cut_step is None else options.parse_step(cut_step, 30.0, _MOST_OF_CUTS)
     places = parse_angle(cut_azimuth), parse_angle(cut_elevation)
     width = None if smooth is None else parse_angle(smooth)
     suffixes = format_suffixes(formats or ["csv"], _FORMATS)

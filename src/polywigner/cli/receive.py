@@ -10,41 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
-from polywigner.cli.options import (
-    DbFloor,
-    Define,
-    Diffraction,
-    Out,
-    Resumable,
-    Scheduler,
-    Seed,
-    Threads,
-    Variant,
-)
-from polywigner.cli.output import (
-    check_writable,
-    missing_folders,
-    output_stem,
-    say_made,
-    targets,
-    write_record,
-    writing,
-)
-from polywigner.cli.scenes import (
-    check_samples,
-    check_scene_file,
-    check_threads,
-    counted_bar,
-    draw_ranges,
-    messages_as_warnings,
-    parse_ranges,
-    prepare_ranges,
-    ranges_record,
-    ranges_text,
-    scene_definition,
-    store_of_parts,
-    versions_of,
-)
+from polywigner.cli import options, output, scenes
 from polywigner.cli.sources import frequency_text, short_name
 from polywigner.errors import ArgumentError
 from polywigner.quantities import parse_frequency, parse_noise
@@ -64,8 +30,8 @@ class ReceiveSettings:
     spp: Annotated[
         int | None, "Samples of the scattered light of each emitter (default: the scene's)."
     ] = None
-    seed: Seed = 0
-    variant: Variant = None
+    seed: options.Seed = 0
+    variant: options.Variant = None
     reflections: Annotated[int, "Most flat mirrors on a direct way, 0 to 3."] = 2
     accuracy: Annotated[float, "Relative error allowed of the fields of direct light."] = 1e-6
     bandwidth: Annotated[
@@ -98,15 +64,15 @@ class ReceiveSettings:
         "Polarisation, with --coherent or --frequencies, of sources without one: x, y "
         "(default), right, left or a slant such as '45 deg'.",
     ] = None
-    diffraction: Diffraction = False
-    defined: Define = None
-    resumable: Resumable = False
-    threads: Threads = None
-    scheduler: Scheduler = None
-    floor_db: DbFloor = -40.0
+    diffraction: options.Diffraction = False
+    defined: options.Define = None
+    resumable: options.Resumable = False
+    threads: options.Threads = None
+    scheduler: options.Scheduler = None
+    floor_db: options.DbFloor = -40.0
 
 
-def receive(settings: ReceiveSettings, out: Out = None) -> None:
+def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
     """Say what power the receivers of a scene get, straight, by mirrors and scattered.
 
     Prints a table, writes all of it NAME.json, and a picture of where scattered power comes from
@@ -115,14 +81,14 @@ def receive(settings: ReceiveSettings, out: Out = None) -> None:
     NAME_channel.csv and NAME_channel.png. With --scheduler, the workers of a cluster share the
     batches of samples, and the run is resumable.
     """
-    defined = dict(scene_definition(text) for text in settings.defined or [])
+    defined = dict(scenes.scene_definition(text) for text in settings.defined or [])
     scene, seed = settings.scene, settings.seed
-    check_scene_file(scene)
-    check_samples(settings.spp, seed)
-    check_threads(settings.threads)
+    scenes.check_scene_file(scene)
+    scenes.check_samples(settings.spp, seed)
+    scenes.check_threads(settings.threads)
     noise = parse_noise(settings.bandwidth, settings.temperature, settings.noise_figure)
-    stem = output_stem(out, Path(scene).stem + "_received")
-    edges = parse_ranges(settings.range_text, settings.bins, "receive")
+    stem = output.output_stem(out, Path(scene).stem + "_received")
+    edges = scenes.parse_ranges(settings.range_text, settings.bins, "receive")
     by_range = ("_range.nc", "_range.png") if edges is not None else ()
     band = parse_band(settings.frequencies)
     of_channel = ("_channel.nc", "_channel.csv", "_channel.png") if band else ()
@@ -130,9 +96,9 @@ def receive(settings: ReceiveSettings, out: Out = None) -> None:
         raise ArgumentError(
             "expected --polarisation with --coherent or --frequencies, got it alone; add one"
         )
-    files = targets(stem, (".json", ".png", *by_range, *of_channel))
-    check_writable(files)
-    new = missing_folders(files)
+    files = output.targets(stem, (".json", ".png", *by_range, *of_channel))
+    output.check_writable(files)
+    new = output.missing_folders(files)
 
     from polywigner.figures import draw_channel
     from polywigner.figures.levels import check_floor
@@ -149,16 +115,16 @@ def receive(settings: ReceiveSettings, out: Out = None) -> None:
     from polywigner.propagation.exports import write_netcdf
     from polywigner.propagation.stores_checks import required
 
-    store = store_of_parts(stem, settings.resumable, settings.scheduler)
+    store = scenes.store_of_parts(stem, settings.resumable, settings.scheduler)
     check_floor(settings.floor_db)
     for module in ("h5netcdf", "dask") if band else ():
         required(module)
     start = time.perf_counter()
     chosen = choose_variant(settings.variant)
     profile = None
-    with messages_as_warnings():
+    with scenes.messages_as_warnings():
         if edges is not None:
-            prepare_ranges(chosen)
+            scenes.prepare_ranges(chosen)
         file = SceneFile(Path(scene), chosen, None, defined, settings.diffraction)
         loaded = file.load()
         receivers_of(loaded)
@@ -174,7 +140,7 @@ def receive(settings: ReceiveSettings, out: Out = None) -> None:
             settings.coherent,
             settings.polarisation if settings.coherent else None,
         )
-        with counted_bar("receiving") as progress:
+        with scenes.counted_bar("receiving") as progress:
             how: dict[str, Any] = {
                 "store": store,
                 "scheduler": settings.scheduler,
@@ -186,7 +152,7 @@ def receive(settings: ReceiveSettings, out: Out = None) -> None:
             else:
                 found, profile = receive_ranges(file, loaded, asked, edges, **how)
         if band:
-            with counted_bar("channels") as progress:
+            with scenes.counted_bar("channels") as progress:
                 found_channel = channel(
                     loaded,
                     band,
@@ -201,18 +167,18 @@ def receive(settings: ReceiveSettings, out: Out = None) -> None:
         "settings": asdict(settings) | {"defined": defined},
         "used": {"variant": chosen},
         "receivers": [each.to_dict() for each in found],
-        "versions": versions_of(chosen),
+        "versions": scenes.versions_of(chosen),
         "seconds": round(time.perf_counter() - start, 3),
     }
     figure = _figure(scene, found, maps, names, settings.floor_db)
     if profile is not None:
-        record["ranges"] = ranges_record(profile, len(found))
-        ranges_figure = draw_ranges(scene, profile, found, settings.floor_db)
+        record["ranges"] = scenes.ranges_record(profile, len(found))
+        ranges_figure = scenes.draw_ranges(scene, profile, found, settings.floor_db)
     if band:
         title = f"{short_name(scene)}, {len(band)} frequencies"
         channel_figure = draw_channel(found_channel, floor_db=settings.floor_db, title=title)
-    with writing(files) as (text, png, *others):
-        write_record(text, record)
+    with output.writing(files) as (text, png, *others):
+        output.write_record(text, record)
         figure.savefig(png, format="png")
         if profile is not None:
             write_netcdf(profile, others[0])
@@ -223,10 +189,10 @@ def receive(settings: ReceiveSettings, out: Out = None) -> None:
             channel_figure.savefig(others[-1], format="png")
         print("\n\n".join(map(str, found)))
         if profile is not None:
-            print(ranges_text(profile, found))
+            print(scenes.ranges_text(profile, found))
     if store is not None:
         remove_store(store)
-        say_made(new)
+        output.say_made(new)
 
 
 _MOST_FREQUENCIES = 1 << 16

@@ -11,35 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from polywigner.cli.options import (
-    DbFloor,
-    Diffraction,
-    Out,
-    Resumable,
-    Scheduler,
-    Seed,
-    Threads,
-    Variant,
-)
-from polywigner.cli.output import (
-    check_writable,
-    missing_folders,
-    output_stem,
-    say_made,
-    targets,
-    write_record,
-    writing,
-)
-from polywigner.cli.scenes import (
-    check_samples,
-    check_scene_file,
-    check_threads,
-    messages_as_warnings,
-    parse_ranges,
-    prepare_ranges,
-    store_of_parts,
-    versions_of,
-)
+from polywigner.cli import options, output, scenes
 from polywigner.cli.sources import check_wavelength, frequency_text, short_name
 from polywigner.errors import ArgumentError, SceneError
 
@@ -70,14 +42,14 @@ class RenderSettings:
         "In place of --spp: rms error in dB of what lies 20 dB below the peak, as far as "
         "the source makes it (docs/sampling.md).",
     ] = None
-    variant: Variant = None
+    variant: options.Variant = None
     integrator: Annotated[str | None, "path, direct, volpath, ... (default: the scene's)."] = None
     sampler: Annotated[str | None, "multijitter, independent, ... (default: the scene's)."] = None
-    diffraction: Diffraction = False
+    diffraction: options.Diffraction = False
     polarised: Annotated[bool, "Pictures of the light's polarisation too (docs/polarised.md)."] = (
         False
     )
-    seed: Seed = 0
+    seed: options.Seed = 0
     range_text: Annotated[
         str | None,
         typer.Option(
@@ -86,13 +58,13 @@ class RenderSettings:
         ),
     ] = None
     bins: Annotated[int | None, "Number of bins of the range (default: 64)."] = None
-    resumable: Resumable = False
-    threads: Threads = None
-    scheduler: Scheduler = None
-    floor_db: DbFloor = -40.0
+    resumable: options.Resumable = False
+    threads: options.Threads = None
+    scheduler: options.Scheduler = None
+    floor_db: options.DbFloor = -40.0
 
 
-def render(settings: RenderSettings, out: Out = None) -> None:
+def render(settings: RenderSettings, out: options.Out = None) -> None:
     """Render a Mitsuba scene lit by a coherent aperture.
 
     Writes the signed radiance NAME.exr, a picture in dB NAME.png, and a record NAME.json; with
@@ -103,13 +75,13 @@ def render(settings: RenderSettings, out: Out = None) -> None:
     """
     _check(settings)
     scene, seed = settings.scene, settings.seed
-    stem = output_stem(out, Path(scene).stem)
-    edges = parse_ranges(settings.range_text, settings.bins, "render")
+    stem = output.output_stem(out, Path(scene).stem)
+    edges = scenes.parse_ranges(settings.range_text, settings.bins, "render")
     by_range = ("_range.nc", "_range.gif") if edges is not None else ()
     polarised = _POLARISED if settings.polarised else ()
-    files = targets(stem, (".exr", ".png", ".json", *polarised, *by_range))
-    check_writable(files)
-    new = missing_folders(files)
+    files = output.targets(stem, (".exr", ".png", ".json", *polarised, *by_range))
+    output.check_writable(files)
+    new = output.missing_folders(files)
 
     import numpy as np
 
@@ -132,7 +104,7 @@ def render(settings: RenderSettings, out: Out = None) -> None:
     from polywigner.propagation.exports import write_netcdf
 
     frames = None
-    store = store_of_parts(stem, settings.resumable, settings.scheduler)
+    store = scenes.store_of_parts(stem, settings.resumable, settings.scheduler)
     check_floor(settings.floor_db)
     if settings.spp is not None:
         check_spp(settings.spp)
@@ -141,9 +113,9 @@ def render(settings: RenderSettings, out: Out = None) -> None:
     integrator = settings.integrator
     if settings.polarised:
         integrator = f"stokes {integrator or ''}"
-    with messages_as_warnings():
+    with scenes.messages_as_warnings():
         if edges is not None:
-            prepare_ranges(chosen)
+            scenes.prepare_ranges(chosen)
         file = SceneFile(Path(scene), chosen, settings.sampler, diffraction=settings.diffraction)
         loaded = file.load()
         _check_scene(loaded, scene)
@@ -183,7 +155,7 @@ def render(settings: RenderSettings, out: Out = None) -> None:
     reference = picture_peak(radiance)
     record = _record(settings, loaded, radiance, reference)
     record["used"] |= {"variant": chosen, "spp": samples}
-    record["versions"] = versions_of(chosen)
+    record["versions"] = scenes.versions_of(chosen)
     record["seconds"] = {"load": round(ready - start, 3), "render": round(done - ready, 3)}
     _warn_of_darkness(radiance)
     title = _title(loaded, scene, chosen, samples)
@@ -191,10 +163,10 @@ def render(settings: RenderSettings, out: Out = None) -> None:
         figure = draw_arrivals(radiance, (), settings.floor_db, title)
     else:
         figure = draw_scene(radiance, reference, settings.floor_db, title=title)
-    with writing(files) as (exr, png, text, *others):
+    with output.writing(files) as (exr, png, text, *others):
         write_exr(exr, image)
         figure.savefig(png, format="png")
-        write_record(text, record)
+        output.write_record(text, record)
         if settings.polarised:
             npz, signed, angles, *others = others
             with npz.open("wb") as binary:
@@ -207,18 +179,18 @@ def render(settings: RenderSettings, out: Out = None) -> None:
             write_range_animation(frames, others[1], floor_db=settings.floor_db, title=title)
     if store is not None:
         remove_store(store)
-        say_made(new)
+        output.say_made(new)
 
 
 def _check(settings: RenderSettings) -> None:
     """All that can be known to be wrong before Mitsuba takes its second to load."""
-    check_scene_file(settings.scene)
-    check_samples(settings.spp, settings.seed)
+    scenes.check_scene_file(settings.scene)
+    scenes.check_samples(settings.spp, settings.seed)
     if settings.spp is not None and settings.error_db is not None:
         raise ArgumentError("expected --spp or --error-db, got both; drop one of them")
     if settings.error_db is not None and not 0 < settings.error_db < math.inf:
         raise ArgumentError(f"expected --error-db above zero, got {settings.error_db:g}")
-    check_threads(settings.threads)
+    scenes.check_threads(settings.threads)
     _check_name("--integrator", settings.integrator, _INTEGRATORS)
     _check_name("--sampler", settings.sampler, _SAMPLERS)
 

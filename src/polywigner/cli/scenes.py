@@ -54,12 +54,7 @@ def messages_as_warnings() -> Iterator[None]:
 
 
 def store_of_parts(stem: Path, resumable: bool, scheduler: str | None) -> Path | None:
-    """The store for finished parts of a run that goes on after its end; None of other runs.
-
-    Raises
-    ------
-    MissingExtraError without the libraries that it takes.
-    """
+    """The store for finished parts of a run that goes on after its end; None of other runs."""
     if not resumable and scheduler is None:
         return None
     from polywigner.propagation.stores_checks import require_stores
@@ -136,12 +131,7 @@ _MOST_BINS = {"receive": 2**16, "render": 2**10}
 def parse_ranges(text: str | None, bins: int | None, command: str) -> NDArray[np.float64] | None:
     """Edges in m of bins of one width, of a text such as "0 m to 60 m"; None without one.
 
-    ``command``: "receive" or "render", which have other numbers of bins by default.
-
-    Raises
-    ------
-    ArgumentError, QuantityError : another text, too few or too many bins, bins without a range.
-    """
+    ``command``: "receive" or "render", which have other numbers of bins by default."""
     import numpy as np
 
     if text is None:
@@ -166,12 +156,7 @@ def parse_ranges(text: str | None, bins: int | None, command: str) -> NDArray[np
 
 
 def prepare_ranges(variant: str) -> None:
-    """Set the variant and load the library for ranges, before scenes that name its integrators.
-
-    Raises
-    ------
-    MissingExtraError without it; EngineError for a variant that has no ranges.
-    """
+    """Set the variant and load the library for ranges, before scenes that name its integrators."""
     from polywigner.mitsuba.range_film import require_transients
     from polywigner.propagation.stores_checks import required
 

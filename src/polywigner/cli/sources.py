@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
-from polywigner.cli.options import Frequency, Layer, Tolerance, Union, Unit, Wavelength
+from polywigner.cli import options
 from polywigner.cli.output import check_text
 from polywigner.errors import (
     ArgumentError,
@@ -72,17 +72,7 @@ _ABSURD = 1e12
 
 
 def check_wavelength(wavelength: float, diameter: float) -> None:
-    """Warn of a wavelength that hardly belongs to an aperture, as functions in Python do.
-
-    Parameters
-    ----------
-    wavelength : m, above zero.
-    diameter : of the aperture, m, above zero.
-
-    Raises
-    ------
-    ArgumentError : the two differ by more than twelve orders of magnitude.
-    """
+    """Warn of a wavelength that hardly belongs to an aperture, as functions in Python do."""
     from polywigner.geometry.arguments import doubt_of_wavelength
 
     doubt = doubt_of_wavelength(wavelength, diameter)
@@ -114,12 +104,12 @@ class SourceOptions:
             "file: TOML or JSON."
         ),
     ]
-    frequency: Frequency = None
-    wavelength: Wavelength = None
-    unit: Unit = None
-    tolerance: Tolerance = None
-    layer: Layer = None
-    union: Union = False
+    frequency: options.Frequency = None
+    wavelength: options.Wavelength = None
+    unit: options.Unit = None
+    tolerance: options.Tolerance = None
+    layer: options.Layer = None
+    union: options.Union = False
     allow_outside: Annotated[bool, "Read files that a source file names outside of its folder."] = (
         False
     )
@@ -157,12 +147,7 @@ class SourceOptions:
         return {name: text for name, text in texts if text is not None}
 
     def read(self) -> tuple[Any, float | None]:
-        """The source, and the wavelength in m, None where neither options nor file say one.
-
-        Raises
-        ------
-        PolywignerError for files and texts that cannot be used.
-        """
+        """The source, and the wavelength in m, None where neither options nor file say one."""
         from polywigner.figures import outline_of
 
         source, wavelength = _read_fed(self.source, self.reading, self.feeding, self._wavelength())
@@ -197,13 +182,7 @@ class MixedSourceOptions(SourceOptions):
 
 
 def check_source_file(path: str, reading: Reading) -> None:
-    """That it can be a file at all, before anything heavy is imported to read it.
-
-    Raises
-    ------
-    ArgumentError for a name that is not text, FileFormatError where there is no such file,
-    QuantityError for a tolerance that is no length.
-    """
+    """That it can be a file at all, before anything heavy is imported to read it."""
     reading.of_aperture()
     check_text("the aperture file", path)
     if not os.path.isfile(path):  # noqa: PTH113 (pathlib raises for a name too long)
@@ -213,12 +192,7 @@ def check_source_file(path: str, reading: Reading) -> None:
 
 
 def wavelength_from(frequency: str | None, wavelength: str | None) -> float | None:
-    """In metres, from the text of either option; None without both.
-
-    Raises
-    ------
-    QuantityError for a text that is none, ArgumentError for both.
-    """
+    """In metres, from the text of either option; None without both."""
     if frequency is not None and wavelength is not None:
         raise ArgumentError("expected --frequency or --wavelength, got both; drop one of them")
     if frequency is not None:
@@ -365,12 +339,7 @@ class ObstacleOptions:
                 raise ArgumentError("expected --obstacle-unit with --obstacle, got it alone")
 
     def read(self) -> list[Any]:
-        """The bodies and placed plates.
-
-        Raises
-        ------
-        PolywignerError for files and texts that cannot be used.
-        """
+        """The bodies and placed plates."""
         return [_placed(*_placed_file(text), self._reading) for text in self.obstacle or ()]
 
 

@@ -10,12 +10,7 @@ import typer
 
 from polywigner.cli.options import DbFloor, Out
 from polywigner.cli.output import files_to_write, write_arrays, writing
-from polywigner.cli.sources import (
-    SourceOptions,
-    check_is_coherent,
-    frequency_text,
-    short_name,
-)
+from polywigner.cli.sources import SourceOptions, check_is_coherent, frequency_text, short_name
 from polywigner.errors import QuantityError
 from polywigner.quantities import parse_angle, parse_coordinate, parse_point
 
@@ -132,11 +127,7 @@ def transform(
     files = files_to_write(out, Path(source.source).stem, (".png", ".npz"))
 
     # Everything cheap has been checked: only now the libraries that take a second to import.
-    from polywigner.figures import (
-        draw_transforms,
-        system_slices,
-        transform_slices,
-    )
+    from polywigner.figures import draw_transforms, system_slices, transform_slices
     from polywigner.figures.levels import check_floor
 
     check_floor(floor_db)

@@ -7,38 +7,8 @@ from typing import Annotated, Any, cast
 
 import typer
 
-from polywigner.cli.fields import (
-    compared_with,
-    format_suffixes,
-    parse_box,
-    parse_levels,
-    parse_methods,
-    parse_shape,
-    print_differences,
-    samples_of_box,
-    shown,
-    write_field,
-)
-from polywigner.cli.options import (
-    Accuracy,
-    Against,
-    Bandwidth,
-    DbFloor,
-    EngineName,
-    Formats,
-    Obliquity,
-    Order,
-    Out,
-    Precision,
-    Scheduler,
-    Threads,
-)
-from polywigner.cli.output import check_writable, missing_folders, output_stem, say_made, targets
-from polywigner.cli.sources import (
-    MixedSourceOptions,
-    ObstacleOptions,
-    field_title,
-)
+from polywigner.cli import fields, options, output
+from polywigner.cli.sources import MixedSourceOptions, ObstacleOptions, field_title
 from polywigner.errors import ArgumentError
 from polywigner.quantities import parse_frequency
 
@@ -70,26 +40,26 @@ def volume(
         "wigner (default), rayleigh-sommerfeld-1 (behind obstacles), rayleigh-sommerfeld-2, "
         "kirchhoff, fresnel or fraunhofer; several times to compare them.",
     ] = None,
-    order: Order = 1,
-    obliquity: Obliquity = None,
-    against: Against = None,
-    accuracy: Accuracy = None,
+    order: options.Order = 1,
+    obliquity: options.Obliquity = None,
+    against: options.Against = None,
+    accuracy: options.Accuracy = None,
     source: MixedSourceOptions,
     obstacles: ObstacleOptions,
-    bandwidth: Bandwidth = None,
+    bandwidth: options.Bandwidth = None,
     chunks: Annotated[str | None, "Samples of a chunk, such as '32 x 32 x 32'."] = None,
-    threads: Threads = None,
-    scheduler: Scheduler = None,
-    engine: EngineName = "auto",
-    precision: Precision = None,
+    threads: options.Threads = None,
+    scheduler: options.Scheduler = None,
+    engine: options.EngineName = "auto",
+    precision: options.Precision = None,
     surfaces: Annotated[
         str | None, "Levels of the isosurfaces, dB, such as '-6, -12, -18' (default: four)."
     ] = None,
     projection: Annotated[str, "Projection on the walls: maximum, or mean."] = "maximum",
     renderer: Annotated[str, "Renderer of the isosurfaces: auto, pyvista or matplotlib."] = "auto",
-    floor_db: DbFloor = -40.0,
-    formats: Formats = None,
-    out: Out = None,
+    floor_db: options.DbFloor = -40.0,
+    formats: options.Formats = None,
+    out: options.Out = None,
     verify: Annotated[
         str | None,
         typer.Option(
@@ -110,20 +80,22 @@ def volume(
     """
     source.check()
     obstacles.check()
-    corners = parse_box(box)
-    count = None if shape is None else parse_shape("--shape", shape, 3)
+    corners = fields.parse_box(box)
+    count = None if shape is None else fields.parse_shape("--shape", shape, 3)
     if count is not None and min(count) < 2:
         raise ArgumentError(
-            f"--shape: expected two or more samples along each axis, got {shown(str(shape))}; draw "
-            "one layer by `polywigner propagate --plane`"
+            f"--shape: expected two or more samples along each axis, got "
+            f"{fields.shown(str(shape))}; draw one layer by `polywigner propagate --plane`"
         )
-    sizes = None if chunks is None else parse_shape("--chunks", chunks, 3)
-    levels = None if surfaces is None else parse_levels("--surfaces", surfaces)
+    sizes = None if chunks is None else fields.parse_shape("--chunks", chunks, 3)
+    levels = None if surfaces is None else fields.parse_levels("--surfaces", surfaces)
     band = None if bandwidth is None else parse_frequency(bandwidth)
-    stem = output_stem(out, Path(source.source).stem)
+    stem = output.output_stem(out, Path(source.source).stem)
     # the store is written in any case
-    suffixes = tuple(suffix for suffix in format_suffixes(formats or []) if suffix != ".zarr")
-    check_writable(targets(stem, (".png", *suffixes)))
+    suffixes = tuple(
+        suffix for suffix in fields.format_suffixes(formats or []) if suffix != ".zarr"
+    )
+    output.check_writable(output.targets(stem, (".png", *suffixes)))
 
     # Everything cheap has been checked: only now the libraries that take a second to import.
     import polywigner as pw
@@ -140,21 +112,20 @@ def volume(
     }
     check_volume_options(**drawn)
     default = _BEHIND_OBSTACLES if obstacles.obstacle else _DEFAULT
-    wanted = parse_methods(method or default, obliquity, order)
-    reference = compared_with(wanted, against)
+    wanted = fields.parse_methods(method or default, obliquity, order)
+    reference = fields.compared_with(wanted, against)
     radiator, length = source.read_with_wavelength()
     bodies = obstacles.read() or None
+    how: dict[str, Any] = {"engine": engine, "precision": precision, "tolerance": accuracy}
+    how |= {"bandwidth": band, "obstacles": bodies}
     for one in wanted:  # before the first is computed
-        how: dict[str, Any] = {"engine": engine, "precision": precision, "tolerance": accuracy}
-        how |= {"bandwidth": band, "obstacles": bodies}
         checked_settings(length, cast(FieldOptions, how | one.options))
-    nx, ny, nz = count or samples_of_box(radiator, corners, length)
-    fields = {}
-    new = missing_folders([stem])
+    nx, ny, nz = count or fields.samples_of_box(radiator, corners, length)
+    by_method = {}
+    new = output.missing_folders([stem])
     for one in wanted:
         name = stem if len(wanted) == 1 else stem.with_name(f"{stem.name}-{one.name}")
-        store, *files = targets(name, (".zarr", ".png", *suffixes))
-        options: dict[str, Any] = {"engine": engine, "precision": precision, **one.options}
+        store, *files = output.targets(name, (".zarr", ".png", *suffixes))
         found = pw.volume(
             radiator,
             corners,
@@ -164,17 +135,15 @@ def volume(
             out=store,
             threads=threads,
             scheduler=scheduler,
-            tolerance=accuracy,
-            bandwidth=band,
-            obstacles=bodies,
-            **options,
+            **how,
+            **one.options,
         )
-        fields[one.name] = found[one.method]
+        by_method[one.name] = found[one.method]
         title = f"{label_of(found[one.method], one.method)}: {field_title(source.source, length)}"
         print(store)
-        write_field(
+        fields.write_field(
             found, draw_volume(found, radiator, title=title, obstacles=bodies or (), **drawn), files
         )
     if len(wanted) > 1:
-        print_differences(fields, reference)
-    say_made(new)
+        fields.print_differences(by_method, reference)
+    output.say_made(new)

@@ -67,13 +67,7 @@ class Comparison:
 
     @staticmethod
     def of(found: Any, against: str | None) -> Comparison:
-        """Read the variables of a dataset; 0 dB is the peak of ``against``, by default the last.
-
-        Raises
-        ------
-        ArgumentError : no variables, or of different axes or quantities; no such method; a
-        reference that is nowhere above zero.
-        """
+        """Read the variables of a dataset; 0 dB is the peak of ``against``, by default the last."""
         arrays = {
             str(name): array.squeeze()
             for name, array in checked_dataset(found, "found").data_vars.items()

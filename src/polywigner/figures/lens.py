@@ -7,18 +7,8 @@ from typing import Any
 import numpy as np
 
 from polywigner.errors import ArgumentError
+from polywigner.figures import style
 from polywigner.figures.levels import check_floor, checked_dataset, level_db
-from polywigner.figures.style import (
-    BLUE,
-    RED,
-    TYPOGRAPHY,
-    colour_bar,
-    draw_levels,
-    figure_on,
-    floor_text,
-    length_axes,
-    write_title,
-)
 from polywigner.geometry.display import length_unit
 
 _DASHES = ("-", "--", "-.", ":")
@@ -26,6 +16,7 @@ _DASHES = ("-", "--", "-.", ":")
 _ALIKE = 2e-3
 
 
+@style.typeset
 def draw_psf(found: Any, floor_db: float = -40.0, title: str = "", *, figure: Any = None) -> Any:
     """Draw point spread functions, a panel for each defocus.
 
@@ -34,39 +25,33 @@ def draw_psf(found: Any, floor_db: float = -40.0, title: str = "", *, figure: An
     found : xarray.Dataset with ``psf`` (defocus, y, x) in 1/m^2, x and y in m.
     floor_db : lowest level, dB below the largest value of all panels.
     title : above the panels.
-    figure : matplotlib Figure or SubFigure to draw on; None: a new figure.
-
-    Returns
-    -------
-    The figure or subfigure.
+    figure : matplotlib Figure or SubFigure to draw on, which is returned; None: a new figure.
 
     Raises
     ------
     ArgumentError : a floor that is not below zero, what is no figure, and no dataset.
     """
-    import matplotlib as mpl
-
     check_floor(floor_db)
     spots = _checked(found, "psf", ("defocus", "y", "x"))
     unit = length_unit(float(np.ptp(found["x"].values)))
     peak = float(spots.max())
     count = spots.sizes["defocus"]
-    with mpl.rc_context(TYPOGRAPHY):
-        figure = figure_on(figure, 2.4 + 2.6 * count, 3.5)
-        panels = figure.subplots(1, count, sharey=True, squeeze=False)[0]
-        across, up = (found[name].values / unit.metres for name in ("x", "y"))
-        for axes, spot in zip(panels, spots, strict=True):
-            levels = level_db(spot.values, peak, floor_db)
-            shown = draw_levels(axes, levels, across, up, low=floor_db)
-            axes.set_title(_of_focus(spot))
-            length_axes(axes, "x", unit)
-            axes.set_adjustable("box")
-            axes.label_outer()
-        colour_bar(panels, shown, f"dB relative to {peak:.3g} /m², {floor_text(floor_db)}")
-        write_title(figure, title)
+    figure = style.figure_on(figure, 2.4 + 2.6 * count, 3.5)
+    panels = figure.subplots(1, count, sharey=True, squeeze=False)[0]
+    across, up = (found[name].values / unit.metres for name in ("x", "y"))
+    for axes, spot in zip(panels, spots, strict=True):
+        levels = level_db(spot.values, peak, floor_db)
+        shown = style.draw_levels(axes, levels, across, up, low=floor_db)
+        axes.set_title(_of_focus(spot))
+        style.length_axes(axes, "x", unit)
+        axes.set_adjustable("box")
+        axes.label_outer()
+    style.colour_bar(panels, shown, f"dB relative to {peak:.3g} /m², {style.floor_text(floor_db)}")
+    style.write_title(figure, title)
     return figure
 
 
+@style.typeset
 def draw_mtf(found: Any, title: str = "", *, figure: Any = None) -> Any:
     """Draw modulation transfer functions along x and y, a style of lines for each defocus.
 
@@ -74,39 +59,32 @@ def draw_mtf(found: Any, title: str = "", *, figure: Any = None) -> Any:
     ----------
     found : xarray.Dataset with ``mtf`` (defocus, direction, frequency), frequency in cycles/mm.
     title : above the panel.
-    figure : matplotlib Figure or SubFigure to draw on; None: a new figure.
-
-    Returns
-    -------
-    The figure or subfigure.
+    figure : matplotlib Figure or SubFigure to draw on, which is returned; None: a new figure.
 
     Raises
     ------
     ArgumentError : what is no figure, and no dataset.
     """
-    import matplotlib as mpl
-
     curves = _checked(found, "mtf", ("defocus", "direction", "frequency"))
-    with mpl.rc_context(TYPOGRAPHY):
-        figure = figure_on(figure, 6.4, 3.8)
-        axes = figure.subplots()
-        for k, part in enumerate(curves):
-            lines = dict(zip(("along x", "along y"), part.values, strict=True))
-            if np.ptp(part.values, axis=0).max() <= _ALIKE:
-                lines = {"along x and y": part.values[0]}
-            state = _of_focus(part)
-            for (name, line), colour in zip(lines.items(), (RED, BLUE), strict=False):
-                axes.plot(
-                    found["frequency"].values, line, color=colour, ls=_DASHES[k % len(_DASHES)],
-                    label=f"{name}, {state}" if len(curves) > 1 or float(part["defocus"]) else name,
-                )  # fmt: skip
-        axes.set_xlim(0.0, float(found["frequency"].max()))
-        axes.set_ylim(0.0, 1.05)
-        axes.set_xlabel("frequency (cycles/mm)")
-        axes.set_ylabel("modulation transfer function")
-        axes.grid(alpha=0.3, lw=0.5)
-        axes.legend(frameon=False)
-        write_title(figure, title)
+    figure = style.figure_on(figure, 6.4, 3.8)
+    axes = figure.subplots()
+    for k, part in enumerate(curves):
+        lines = dict(zip(("along x", "along y"), part.values, strict=True))
+        if np.ptp(part.values, axis=0).max() <= _ALIKE:
+            lines = {"along x and y": part.values[0]}
+        state = _of_focus(part)
+        for (name, line), colour in zip(lines.items(), (style.RED, style.BLUE), strict=False):
+            axes.plot(
+                found["frequency"].values, line, color=colour, ls=_DASHES[k % len(_DASHES)],
+                label=f"{name}, {state}" if len(curves) > 1 or float(part["defocus"]) else name,
+            )  # fmt: skip
+    axes.set_xlim(0.0, float(found["frequency"].max()))
+    axes.set_ylim(0.0, 1.05)
+    axes.set_xlabel("frequency (cycles/mm)")
+    axes.set_ylabel("modulation transfer function")
+    axes.grid(alpha=0.3, lw=0.5)
+    axes.legend(frameon=False)
+    style.write_title(figure, title)
     return figure
 
 

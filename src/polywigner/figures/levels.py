@@ -20,12 +20,7 @@ _LOWEST_DB = -300.0
 
 
 def check_floor(floor_db: float) -> float:
-    """The floor itself, once it is known to be a level below the peak.
-
-    Raises
-    ------
-    ArgumentError : not a number below 0 dB and down to -300 dB.
-    """
+    """The floor itself, once it is known to be a level below the peak."""
     number = isinstance(floor_db, Real) and not isinstance(floor_db, bool)
     if not number or not _LOWEST_DB <= floor_db < 0:
         raise ArgumentError(
@@ -119,18 +114,7 @@ def difference_db(
     above_db: float = COMPARED_DB,
     peak: float | None = None,
 ) -> NDArray[np.float64]:
-    """Differences of levels to a reference in dB; nan where they are not compared.
-
-    Parameters
-    ----------
-    values, reference : of one shape and unit.
-    above_db : lowest level of the reference that counts, dB below its own largest value.
-    peak : that value; None: the largest that is given.
-
-    Raises
-    ------
-    ArgumentError for different shapes.
-    """
+    """Differences of levels to a reference in dB; nan where they are not compared."""
     found, true = (np.asarray(v, dtype=np.float64) for v in (values, reference))
     if found.shape != true.shape:
         raise ArgumentError(f"expected fields at the same points, got {found.shape}, {true.shape}")
@@ -149,15 +133,7 @@ def _counts(reference: NDArray[np.float64], above_db: float, peak: float) -> NDA
 
 
 def summary(values: Any, reference: Any, above_db: float = COMPARED_DB) -> Difference:
-    """The largest and the rms of :func:`difference_db`.
-
-    Parameters
-    ----------
-    values, reference : arrays, NumPy's or xarray's, of one shape and unit, complex ones to be
-        squared. Arrays that are read when asked, in chunks, are read in slabs along the first axis,
-        a chunk thick.
-    above_db : as for :func:`difference_db`.
-    """
+    """The largest and the rms of :func:`difference_db`."""
     chunks = getattr(reference, "chunks", None)
     step = max(1, chunks[0][0] if chunks else len(reference))
     slabs = [slice(k, k + step) for k in range(0, len(reference), step)]

@@ -8,19 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
+from polywigner.figures import style
 from polywigner.figures.fields import Comparison
 from polywigner.figures.levels import COMPARED_DB, check_floor, difference_db
-from polywigner.figures.style import (
-    BLUE,
-    GREEN,
-    ORANGE,
-    RED,
-    TYPOGRAPHY,
-    VIOLET,
-    figure_on,
-    number_text,
-    write_title,
-)
 from polywigner.geometry.arguments import checked_choice
 from polywigner.geometry.display import length_unit
 
@@ -31,7 +21,16 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-_COLOURS = (RED, BLUE, ORANGE, GREEN, VIOLET, "#8c510a", "#e377c2", "#666666")
+_COLOURS = (
+    style.RED,
+    style.BLUE,
+    style.ORANGE,
+    style.GREEN,
+    style.VIOLET,
+    "#8c510a",
+    "#e377c2",
+    "#666666",
+)
 _DASHES = ("-", "--", "-.", (0, (1, 1.2)), (0, (5, 1, 1, 1, 1, 1)))
 
 _DECADES = 20.0
@@ -51,6 +50,7 @@ class _Curves(NamedTuple):
     is_logarithmic: bool
 
 
+@style.typeset
 def draw_lines(
     found: Any,
     *,
@@ -75,19 +75,13 @@ def draw_lines(
         are not above zero.
     compared_db : lowest level of that method at which differences are shown.
     title : above the panels.
-    figure : matplotlib Figure or SubFigure to draw on; None: a new figure.
-
-    Returns
-    -------
-    The figure or subfigure.
+    figure : matplotlib Figure or SubFigure to draw on, which is returned; None: a new figure.
 
     Raises
     ------
     ArgumentError : no such quantity, method or coordinate; values over more than one axis; what is
     no figure.
     """
-    import matplotlib as mpl
-
     check_floor(floor_db)
     columns = dict(found) if isinstance(found, dict) and found else {"": found}
     fields = [Comparison.of(one, against) for one in columns.values()]
@@ -96,31 +90,30 @@ def draw_lines(
         for one, each in zip(columns.values(), fields, strict=True)
     ]
     rows = 2 if len(fields[0].powers) > 1 else 1
-    with mpl.rc_context(TYPOGRAPHY):
-        side_by_side = len(curves) > 1
-        width = 1.0 + 3.0 * len(curves) if side_by_side else 6.4
-        size = width, (5.6 if rows == 2 else 3.7) + 0.3 * side_by_side
-        figure = figure_on(figure, *size, spacing=0.03)
-        ratios = (3, 2) if rows == 2 else (1,)
-        panels = figure.subplots(
-            rows, len(curves), sharex="col", sharey="row", squeeze=False, height_ratios=ratios
-        )
-        for column, one, name in zip(panels.T, curves, columns, strict=True):
-            _draw_levels(column[0], one, name)
-            if rows == 2:
-                _draw_differences(column[1], one, compared_db)
-            _draw_places(column, one)
-        panels[0, 0].set_ylim(*_range(fields, floor_db))
-        panels[0, 0].set_ylabel(f"{fields[0].quantity} (dB)")
+    side_by_side = len(curves) > 1
+    width = 1.0 + 3.0 * len(curves) if side_by_side else 6.4
+    size = width, (5.6 if rows == 2 else 3.7) + 0.3 * side_by_side
+    figure = style.figure_on(figure, *size, spacing=0.03)
+    ratios = (3, 2) if rows == 2 else (1,)
+    panels = figure.subplots(
+        rows, len(curves), sharex="col", sharey="row", squeeze=False, height_ratios=ratios
+    )
+    for column, one, name in zip(panels.T, curves, columns, strict=True):
+        _draw_levels(column[0], one, name)
         if rows == 2:
-            _difference_axis(panels[1], fields[0], compared_db)
-            how: dict[str, Any] = {"frameon": False, "fontsize": 7.5, "handlelength": 2.6}
-            if side_by_side:
-                handles = panels[0, 0].get_legend_handles_labels()
-                figure.legend(*handles, loc="outside lower center", ncols=len(handles[0]), **how)
-            else:
-                panels[0, 0].legend(**how)
-        write_title(figure, title)
+            _draw_differences(column[1], one, compared_db)
+        _draw_places(column, one)
+    panels[0, 0].set_ylim(*_range(fields, floor_db))
+    panels[0, 0].set_ylabel(f"{fields[0].quantity} (dB)")
+    if rows == 2:
+        _difference_axis(panels[1], fields[0], compared_db)
+        how: dict[str, Any] = {"frameon": False, "fontsize": 7.5, "handlelength": 2.6}
+        if side_by_side:
+            handles = panels[0, 0].get_legend_handles_labels()
+            figure.legend(*handles, loc="outside lower center", ncols=len(handles[0]), **how)
+        else:
+            panels[0, 0].legend(**how)
+    style.write_title(figure, title)
     return figure
 
 
@@ -225,13 +218,13 @@ def _difference_axis(panels: Any, fields: Comparison, compared_db: float) -> Non
     decades = [10.0**k for k in range(-2, 2) if 10.0**k <= bound]
     called = fields.labels[fields.against]
     panels[0].set_ylabel("difference (dB)")
-    text = f"minus {called}, where above {number_text(compared_db)} dB of its peak"
+    text = f"minus {called}, where above {style.number_text(compared_db)} dB of its peak"
     panels[0].set_title(text, loc="left", fontsize=8)
     for axes in panels:
         axes.set_yscale("symlog", linthresh=_LINEAR_DB, linscale=0.6)
         axes.set_ylim(-bound, bound)
         axes.yaxis.set_major_locator(FixedLocator([-d for d in decades[::-1]] + [0.0, *decades]))
-        axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: number_text(value)))
+        axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: style.number_text(value)))
         axes.yaxis.set_minor_locator(FixedLocator([]))
         axes.axhline(0, color="0.5", lw=0.6)
 

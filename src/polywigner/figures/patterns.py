@@ -10,21 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
+from polywigner.figures import style
 from polywigner.figures.levels import check_floor
-from polywigner.figures.style import (
-    BLUE,
-    GREEN,
-    ORANGE,
-    RED,
-    TYPOGRAPHY,
-    colour_bar,
-    draw_disc,
-    draw_levels,
-    figure_on,
-    floor_text,
-    number_text,
-    write_title,
-)
 from polywigner.geometry.arguments import checked_choice, checked_length
 from polywigner.propagation.beams import BeamMetrics, beam_metrics, is_off_planes
 from polywigner.propagation.patterns import angle_between, checked_pattern, cuts_of, front_of
@@ -51,7 +38,7 @@ class Cut(NamedTuple):
 PatternPanel = Literal["cuts", "polar", "uv", "table"]
 PatternCuts = Literal["beam", "principal"]
 
-_COLOURS = (BLUE, RED, GREEN, ORANGE)
+_COLOURS = (style.BLUE, style.RED, style.GREEN, style.ORANGE)
 _DASHES = ("-", "--", "-.", ":")
 _PANELS: dict[str, tuple[float, float]] = {
     "cuts": (4.6, 3.4), "polar": (3.6, 3.4), "uv": (3.8, 3.4), "table": (4.4, 3.4),
@@ -60,6 +47,7 @@ _PANELS: dict[str, tuple[float, float]] = {
 _LEAST_MERIDIANS = 8
 
 
+@style.typeset
 def draw_pattern(
     pattern: Any,
     *,
@@ -86,18 +74,12 @@ def draw_pattern(
     metrics : the numbers of the table; None: those of :func:`polywigner.beam_metrics`.
     floor_db : lowest level, dB below the largest directivity.
     title : above all panels.
-    figure : matplotlib Figure or SubFigure to draw on; None: a new figure.
-
-    Returns
-    -------
-    The figure or subfigure.
+    figure : matplotlib Figure or SubFigure to draw on, which is returned; None: a new figure.
 
     Raises
     ------
     ArgumentError : no pattern, an unknown panel, too few angles; what is no figure.
     """
-    import matplotlib as mpl
-
     check_floor(floor_db)
     if metrics is not None and not isinstance(metrics, BeamMetrics):
         raise ArgumentError(f"expected metrics of beam_metrics, got {type(metrics).__name__}")
@@ -107,23 +89,22 @@ def draw_pattern(
     heading, lines, beside = _drawn_cuts(pattern, cuts, found)
     theta, levels = front_of(theta, levels)
     low, high = found.directivity + floor_db, found.directivity
-    with mpl.rc_context(TYPOGRAPHY):
-        columns = 3 if len(chosen) == 3 else min(2, len(chosen))
-        rows = -(-len(chosen) // columns)
-        width = sum(max(_PANELS[name][0] for name in chosen[k::columns]) for k in range(columns))
-        figure = figure_on(figure, width, 3.4 * rows + 0.3, spacing=0.05)
-        for place, name in enumerate(chosen, start=1):
-            projection = "polar" if name == "polar" else None
-            axes = figure.add_subplot(rows, columns, place, projection=projection)
-            if name == "cuts":
-                _draw_cuts(axes, heading, lines, low, high, beside)
-            elif name == "polar":
-                _draw_polar(axes, [line for line in lines if not line.is_cone], low, high)
-            elif name == "uv":
-                _draw_map(axes, theta, phi, levels, low, high)
-            else:
-                _write_table(axes, found)
-        write_title(figure, title)
+    columns = 3 if len(chosen) == 3 else min(2, len(chosen))
+    rows = -(-len(chosen) // columns)
+    width = sum(max(_PANELS[name][0] for name in chosen[k::columns]) for k in range(columns))
+    figure = style.figure_on(figure, width, 3.4 * rows + 0.3, spacing=0.05)
+    for place, name in enumerate(chosen, start=1):
+        projection = "polar" if name == "polar" else None
+        axes = figure.add_subplot(rows, columns, place, projection=projection)
+        if name == "cuts":
+            _draw_cuts(axes, heading, lines, low, high, beside)
+        elif name == "polar":
+            _draw_polar(axes, [line for line in lines if not line.is_cone], low, high)
+        elif name == "uv":
+            _draw_map(axes, theta, phi, levels, low, high)
+        else:
+            _write_table(axes, found)
+    style.write_title(figure, title)
     return figure
 
 
@@ -218,7 +199,7 @@ def _cone(theta: float, phi: Floats, levels: Floats, metrics: BeamMetrics) -> Cu
 
 
 def _degrees(angle: float) -> str:
-    return f"{number_text(round(math.degrees(angle), 2))}°"
+    return f"{style.number_text(round(math.degrees(angle), 2))}°"
 
 
 def _draw_cuts(
@@ -228,23 +209,17 @@ def _draw_cuts(
 
     reach = 0.0
     for number, cut in enumerate(cuts):
-        style: dict[str, Any] = {
-            "color": _COLOURS[number % 4],
-            "ls": _DASHES[number % 4],
-            "lw": 1.2,
-        }
-        axes.plot(
-            np.degrees(cut.angles), np.maximum(cut.levels, low - 100), label=cut.label, **style
-        )
+        how: dict[str, Any] = {"color": _COLOURS[number % 4], "ls": _DASHES[number % 4], "lw": 1.2}
+        axes.plot(np.degrees(cut.angles), np.maximum(cut.levels, low - 100), label=cut.label, **how)
         reach = max(reach, min(90.0, float(np.degrees(np.abs(cut.angles).max()))))
     for number, cut in enumerate(crossed):
         if cut.levels.max() > low:
-            style = {"color": _COLOURS[number % 4], "ls": ":", "lw": 1.2}
+            how = {"color": _COLOURS[number % 4], "ls": ":", "lw": 1.2}
             axes.plot(
                 np.degrees(cut.angles),
                 np.maximum(cut.levels, low - 100),
                 label="its cross-polar part" if len(cuts) > 1 else "cross-polar part",
-                **style,
+                **how,
             )
     axes.axhline(high - 10 * math.log10(2), color="0.6", lw=0.6, ls=":")
     axes.set_xlim(-reach, reach)
@@ -258,19 +233,15 @@ def _draw_cuts(
         else "angle from the normal $\\theta$ (degrees)"
     )
     axes.set_ylabel("directivity (dBi)")
-    axes.set_title(f"{heading}\ndotted: half the peak; {floor_text(low - high)}", fontsize=8)
+    axes.set_title(f"{heading}\ndotted: half the peak; {style.floor_text(low - high)}", fontsize=8)
     axes.grid(alpha=0.3, lw=0.5)
     axes.legend(frameon=False, fontsize=7, ncols=2, loc="upper center")
 
 
 def _draw_polar(axes: Any, cuts: Sequence[Cut], low: float, high: float) -> None:
     for number, cut in enumerate(cuts):
-        style: dict[str, Any] = {
-            "color": _COLOURS[number % 4],
-            "ls": _DASHES[number % 4],
-            "lw": 1.2,
-        }
-        axes.plot(cut.angles, np.maximum(cut.levels, low), **style)
+        how: dict[str, Any] = {"color": _COLOURS[number % 4], "ls": _DASHES[number % 4], "lw": 1.2}
+        axes.plot(cut.angles, np.maximum(cut.levels, low), **how)
     axes.set_theta_zero_location("N")
     axes.set_theta_direction(-1)
     axes.set_thetamin(-90)
@@ -288,10 +259,10 @@ def _draw_polar(axes: Any, cuts: Sequence[Cut], low: float, high: float) -> None
 def _draw_map(
     axes: Axes, theta: Floats, phi: Floats, levels: Floats, low: float, high: float
 ) -> None:
-    shown = draw_disc(axes, theta, phi, np.maximum(levels, low), low, high)
+    shown = style.draw_disc(axes, theta, phi, np.maximum(levels, low), low, high)
     axes.set_xlabel("$u = \\sin\\theta\\,\\cos\\phi$")
     axes.set_ylabel("$v = \\sin\\theta\\,\\sin\\phi$")
-    colour_bar(axes, shown, f"directivity (dBi), {floor_text(round(low, 1), 'dBi')}")
+    style.colour_bar(axes, shown, f"directivity (dBi), {style.floor_text(round(low, 1), 'dBi')}")
 
 
 def _write_table(axes: Axes, metrics: BeamMetrics) -> None:
@@ -308,6 +279,7 @@ def _write_table(axes: Axes, metrics: BeamMetrics) -> None:
 _MOST_CUTS = 4
 
 
+@style.typeset
 def draw_tolerance(
     tolerance: Any,
     *,
@@ -323,19 +295,13 @@ def draw_tolerance(
         four meridians; those half a turn apart are one cut.
     floor_db : lowest level, dB below the largest directivity without errors.
     title : above all panels.
-    figure : matplotlib Figure or SubFigure to draw on; None: a new figure.
-
-    Returns
-    -------
-    The figure or subfigure.
+    figure : matplotlib Figure or SubFigure to draw on, which is returned; None: a new figure.
 
     Raises
     ------
     ArgumentError : no tolerance run, too many meridians or fewer than two angles theta; what is no
         figure.
     """
-    import matplotlib as mpl
-
     check_floor(floor_db)
     try:
         theta, phi = (np.asarray(tolerance[name].values, np.float64) for name in ("theta", "phi"))
@@ -356,26 +322,25 @@ def draw_tolerance(
             f"over {len(theta)}; give array_tolerance fewer angles phi"
         )
     high = float(levels["nominal"].max())
-    with mpl.rc_context(TYPOGRAPHY):
-        drawn = figure_on(figure, 5.4 * len(places), 3.9, spacing=0.05)
-        for k, (angle, where, nominal) in enumerate(places):
-            axes = drawn.add_subplot(1, len(places), k + 1)
-            degrees = np.degrees(where)
-            low, upper, mean = (cuts[name][k][2] for name in ("low", "high", "expected"))
-            axes.fill_between(
-                degrees, low, upper, color=ORANGE, alpha=0.4, lw=0,
-                label=f"5 to 95 % of {count} samples",
-            )  # fmt: skip
-            axes.plot(degrees, mean, color=RED, lw=1.2, ls="--", label="mean, closed form")
-            axes.plot(degrees, nominal, color=BLUE, lw=0.9, label="without errors")
-            axes.set_xlim(degrees.min(), degrees.max())
-            axes.set_ylim(high + floor_db, high + 3)
-            axes.set_xlabel("angle from the normal $\\theta$ (degrees)")
-            axes.set_ylabel("directivity (dBi)")
-            axes.set_title(f"$\\phi$ = {_degrees(angle)}; {floor_text(floor_db)}", fontsize=8)
-            axes.grid(alpha=0.3, lw=0.5)
-            axes.legend(frameon=False, fontsize=8)
-        write_title(drawn, title)
+    drawn = style.figure_on(figure, 5.4 * len(places), 3.9, spacing=0.05)
+    for k, (angle, where, nominal) in enumerate(places):
+        axes = drawn.add_subplot(1, len(places), k + 1)
+        degrees = np.degrees(where)
+        low, upper, mean = (cuts[name][k][2] for name in ("low", "high", "expected"))
+        axes.fill_between(
+            degrees, low, upper, color=style.ORANGE, alpha=0.4, lw=0,
+            label=f"5 to 95 % of {count} samples",
+        )  # fmt: skip
+        axes.plot(degrees, mean, color=style.RED, lw=1.2, ls="--", label="mean, closed form")
+        axes.plot(degrees, nominal, color=style.BLUE, lw=0.9, label="without errors")
+        axes.set_xlim(degrees.min(), degrees.max())
+        axes.set_ylim(high + floor_db, high + 3)
+        axes.set_xlabel("angle from the normal $\\theta$ (degrees)")
+        axes.set_ylabel("directivity (dBi)")
+        axes.set_title(f"$\\phi$ = {_degrees(angle)}; {style.floor_text(floor_db)}", fontsize=8)
+        axes.grid(alpha=0.3, lw=0.5)
+        axes.legend(frameon=False, fontsize=8)
+    style.write_title(drawn, title)
     return drawn
 
 
@@ -385,6 +350,7 @@ def _front(theta: Floats, phi: Floats, levels: Floats) -> tuple[Floats, Floats, 
     return theta, phi, levels
 
 
+@style.typeset
 def draw_rcs(
     pattern: Any,
     *,
@@ -405,18 +371,12 @@ def draw_rcs(
     smooth : width in rad of a running median, drawn over the cuts; None: no such line.
     floor_db : lowest level, dB below the largest cross section.
     title : above all panels.
-    figure : matplotlib Figure or SubFigure to draw on; None: a new figure.
-
-    Returns
-    -------
-    The figure or subfigure.
+    figure : matplotlib Figure or SubFigure to draw on, which is returned; None: a new figure.
 
     Raises
     ------
     ArgumentError : no pattern, too few angles, a body that scatters nothing; what is no figure.
     """
-    import matplotlib as mpl
-
     check_floor(floor_db)
     if smooth is not None:
         smooth = checked_length(smooth, "smooth", meaning="an angle in rad above zero")
@@ -429,32 +389,33 @@ def draw_rcs(
             "expected a body that scatters something on these angles, got zero everywhere"
         )
     low = high + floor_db
-    label = f"RCS (dBsm), {floor_text(round(low, 1), 'dBsm')}"
-    with mpl.rc_context(TYPOGRAPHY):
-        drawn = figure_on(figure, 11.6, 3.9, spacing=0.05)
-        for place, (name, angles, cut) in enumerate(shown_cuts, start=1):
-            polar = drawn.add_subplot(1, 3, place, projection="polar")
-            _draw_rcs_cut(polar, angles, np.maximum(cut, low), smooth)
-            polar.set_ylim(low, high)
-            polar.set_title(name, fontsize=8)
-        axes = drawn.add_subplot(1, 3, 3)
-        places = np.degrees(azimuth), np.degrees(elevation)
-        drawn_levels = np.maximum(levels, low).T
-        shown = draw_levels(axes, drawn_levels, *places, low=low, high=high, shading="nearest")
-        axes.set_xlabel("azimuth (degrees)")
-        axes.set_ylabel("elevation (degrees)")
-        colour_bar(axes, shown, label)
-        write_title(drawn, title)
+    label = f"RCS (dBsm), {style.floor_text(round(low, 1), 'dBsm')}"
+    drawn = style.figure_on(figure, 11.6, 3.9, spacing=0.05)
+    for place, (name, angles, cut) in enumerate(shown_cuts, start=1):
+        polar = drawn.add_subplot(1, 3, place, projection="polar")
+        _draw_rcs_cut(polar, angles, np.maximum(cut, low), smooth)
+        polar.set_ylim(low, high)
+        polar.set_title(name, fontsize=8)
+    axes = drawn.add_subplot(1, 3, 3)
+    places = np.degrees(azimuth), np.degrees(elevation)
+    drawn_levels = np.maximum(levels, low).T
+    shown = style.draw_levels(axes, drawn_levels, *places, low=low, high=high, shading="nearest")
+    axes.set_xlabel("azimuth (degrees)")
+    axes.set_ylabel("elevation (degrees)")
+    style.colour_bar(axes, shown, label)
+    style.write_title(drawn, title)
     return drawn
 
 
 def _draw_rcs_cut(polar: Any, angles: Floats, levels: Floats, smooth: float | None) -> None:
     fine = smooth is not None or len(angles) > 1000
-    polar.plot(angles, levels, color=BLUE, lw=0.5 if fine else 1.2, alpha=0.5 if smooth else 1.0)
+    polar.plot(
+        angles, levels, color=style.BLUE, lw=0.5 if fine else 1.2, alpha=0.5 if smooth else 1.0
+    )
     if smooth is not None:
-        polar.plot(angles, _running_median(angles, levels, smooth), color=RED, lw=1.2)
-        text = f"running median over {number_text(round(math.degrees(smooth), 2))}°"
-        polar.set_xlabel(text, fontsize=7, color=RED)
+        polar.plot(angles, _running_median(angles, levels, smooth), color=style.RED, lw=1.2)
+        text = f"running median over {style.number_text(round(math.degrees(smooth), 2))}°"
+        polar.set_xlabel(text, fontsize=7, color=style.RED)
     polar.tick_params(labelsize=7)
     polar.grid(alpha=0.4, lw=0.5)
 
@@ -515,7 +476,7 @@ def _rcs_cuts(
 def _cut_of_azimuth(
     azimuth: Floats, elevation: Floats, levels: Floats, at: int
 ) -> tuple[str, Floats, Floats]:
-    angle = number_text(round(math.degrees(elevation[at]), 2))
+    angle = style.number_text(round(math.degrees(elevation[at]), 2))
     return f"over azimuth, at elevation {angle}°", azimuth, levels[:, at]
 
 
@@ -523,7 +484,7 @@ def _cut_of_elevation(
     azimuth: Floats, elevation: Floats, levels: Floats, front: int, back: int
 ) -> tuple[str, Floats, Floats]:
     """Up over one azimuth, and down over that half a turn further."""
-    angle = number_text(round(math.degrees(azimuth[front]), 2))
+    angle = style.number_text(round(math.degrees(azimuth[front]), 2))
     upright = np.concatenate([elevation, math.pi - elevation[::-1]])
     across = np.concatenate([levels[front], levels[back][::-1]])
     return f"over elevation, at azimuth {angle}° and behind", upright, across

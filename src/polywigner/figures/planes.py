@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
+from polywigner.figures import style
 from polywigner.figures.fields import Comparison, even_axis
 from polywigner.figures.levels import (
     COMPARED_DB,
@@ -15,19 +16,6 @@ from polywigner.figures.levels import (
     checked_dataset,
     difference_db,
     level_db,
-)
-from polywigner.figures.style import (
-    PHASE_MAP,
-    TYPOGRAPHY,
-    axis_label,
-    colour_bar,
-    draw_disc,
-    draw_levels,
-    draw_map,
-    draw_signed,
-    figure_on,
-    number_text,
-    write_title,
 )
 from polywigner.geometry.display import length_unit
 from polywigner.geometry.silhouettes import bodies_if_any, obstacle_of
@@ -46,6 +34,7 @@ _MOST_DB = 3.0
 """Largest difference with a colour of its own."""
 
 
+@style.typeset
 def draw_planes(
     found: Any,
     *,
@@ -70,47 +59,40 @@ def draw_planes(
     obstacles : bodies and plates, as :func:`polywigner.plane` takes them: the lines in which the
         plane cuts them are drawn.
     title : above the panels.
-    figure : matplotlib Figure or SubFigure to draw on; None: a new figure.
-
-    Returns
-    -------
-    The figure or subfigure.
+    figure : matplotlib Figure or SubFigure to draw on, which is returned; None: a new figure.
 
     Raises
     ------
     ArgumentError : no such quantity or method; other axes; what is no figure.
     """
-    import matplotlib as mpl
-
     check_floor(floor_db)
     fields = Comparison.of(found, against)
     across, up = _axes(found, fields.dims)
     cuts = _cuts(found, fields.dims, obstacles)
     extents = [np.ptp(places) + places[1] - places[0] for _, places in (across, up)]
     rows = 2 if fields.is_field or len(fields.powers) > 1 else 1
-    with mpl.rc_context(TYPOGRAPHY):
-        ratio = float(np.clip(extents[1] / extents[0], 0.4, 2.0))
-        columns = len(fields.powers)
-        inches = _INCHES if rows * columns > 1 else _ALONE
-        size = (inches * columns + 1.4, (inches * ratio + 0.45) * rows + 0.3)
-        figure = figure_on(figure, *size, is_compressed=True)
-        panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
-        for axes, (method, power) in zip(panels[0], fields.powers.items(), strict=True):
-            levels = _upright(level_db(power, fields.zero, floor_db), fields)
-            shown = draw_levels(axes, levels, across[1], up[1], low=floor_db)
-            axes.set_title(fields.labels[method])
-        colour_bar(panels[0], shown, fields.level_text(floor_db))
-        if fields.is_field:
-            _draw_phases(panels[1], fields, floor_db, across[1], up[1])
-        elif rows == 2:
-            _draw_differences(panels[1], fields, compared_db, across[1], up[1])
-        for axes in panels.flat:
-            _draw_cuts(axes, cuts)
-        for axes in panels[-1]:
-            axes.set_xlabel(across[0])
-        for axes in panels[:, 0]:
-            axes.set_ylabel(up[0])
-        write_title(figure, title)
+    ratio = float(np.clip(extents[1] / extents[0], 0.4, 2.0))
+    columns = len(fields.powers)
+    inches = _INCHES if rows * columns > 1 else _ALONE
+    size = (inches * columns + 1.4, (inches * ratio + 0.45) * rows + 0.3)
+    figure = style.figure_on(figure, *size, is_compressed=True)
+    panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
+    for axes, (method, power) in zip(panels[0], fields.powers.items(), strict=True):
+        levels = _upright(level_db(power, fields.zero, floor_db), fields)
+        shown = style.draw_levels(axes, levels, across[1], up[1], low=floor_db)
+        axes.set_title(fields.labels[method])
+    style.colour_bar(panels[0], shown, fields.level_text(floor_db))
+    if fields.is_field:
+        _draw_phases(panels[1], fields, floor_db, across[1], up[1])
+    elif rows == 2:
+        _draw_differences(panels[1], fields, compared_db, across[1], up[1])
+    for axes in panels.flat:
+        _draw_cuts(axes, cuts)
+    for axes in panels[-1]:
+        axes.set_xlabel(across[0])
+    for axes in panels[:, 0]:
+        axes.set_ylabel(up[0])
+    style.write_title(figure, title)
     return figure
 
 
@@ -120,7 +102,7 @@ def _axes(found: Any, dims: tuple[str, ...]) -> tuple[Axis, Axis]:
         raise ArgumentError(f"expected fields over two axes, got them over {', '.join(dims)}")
     places = {d: even_axis(d, np.asarray(found[d].values, dtype=np.float64)) for d in dims}
     unit = length_unit(max(float(np.ptp(p)) for p in places.values()))
-    first, second = ((axis_label(d, unit), p / unit.metres) for d, p in places.items())
+    first, second = ((style.axis_label(d, unit), p / unit.metres) for d, p in places.items())
     return (second, first) if dims[1] == "z" else (first, second)
 
 
@@ -172,10 +154,12 @@ def _draw_phases(
         # Noise around nulls has a phase as well: it fades with the level.
         strength = 1 - level_db(fields.powers[method], fields.zero, floor_db) / floor_db
         phases = _upright(np.degrees(np.angle(field)), fields)
-        shown = draw_map(axes, phases, across, up, cmap=PHASE_MAP, vmin=-180, vmax=180)
+        shown = style.draw_map(axes, phases, across, up, cmap=style.PHASE_MAP, vmin=-180, vmax=180)
         shown.set_alpha(_upright(np.clip(3 * strength, 0, 1), fields))
     # The pictures themselves are partly transparent.
-    bar = colour_bar(panels, ScalarMappable(Normalize(-180, 180), PHASE_MAP), "phase (degrees)")
+    bar = style.colour_bar(
+        panels, ScalarMappable(Normalize(-180, 180), style.PHASE_MAP), "phase (degrees)"
+    )
     bar.set_ticks([-180, -90, 0, 90, 180])
 
 
@@ -195,13 +179,14 @@ def _draw_differences(
             axes.set_visible(False)
             continue
         difference = _upright(differences[method], fields)
-        shown = draw_signed(axes, difference, across, up, bound=bound)
+        shown = style.draw_signed(axes, difference, across, up, bound=bound)
         axes.set_facecolor("0.85")
         axes.set_title(f"minus {fields.labels[fields.against]}", fontsize=8)
-    text = f"difference (dB)\ngrey: below {number_text(compared_db)} dB"
-    colour_bar(panels, shown, text, "both" if largest > bound else "neither")
+    text = f"difference (dB)\ngrey: below {style.number_text(compared_db)} dB"
+    style.colour_bar(panels, shown, text, "both" if largest > bound else "neither")
 
 
+@style.typeset
 def draw_hemispheres(
     found: Any,
     *,
@@ -220,18 +205,12 @@ def draw_hemispheres(
     against : the variable whose peak is 0 dB; None: the last one.
     floor_db : lowest level, dB; all that is less has its colour.
     title : above the panels.
-    figure : matplotlib Figure or SubFigure to draw on; None: a new figure.
-
-    Returns
-    -------
-    The figure or subfigure.
+    figure : matplotlib Figure or SubFigure to draw on, which is returned; None: a new figure.
 
     Raises
     ------
     ArgumentError : no such quantity or method; other axes; what is no figure.
     """
-    import matplotlib as mpl
-
     check_floor(floor_db)
     if "directivity" in checked_dataset(found, "found"):
         raise ArgumentError(
@@ -244,18 +223,15 @@ def draw_hemispheres(
             f"expected fields over theta and phi, got them over {', '.join(fields.dims)}"
         )
     theta, phi = (np.asarray(found[d].values, dtype=np.float64) for d in ("theta", "phi"))
-    with mpl.rc_context(TYPOGRAPHY):
-        size = _DISC * len(fields.powers) + 1.2, _DISC + 0.6
-        figure = figure_on(figure, *size, is_compressed=True)
-        panels = figure.subplots(1, len(fields.powers), squeeze=False, sharey=True)[0]
-        for axes, (method, power) in zip(panels, fields.powers.items(), strict=True):
-            levels = level_db(
-                power if fields.dims[0] == "theta" else power.T, fields.zero, floor_db
-            )
-            shown = draw_disc(axes, theta, phi, levels, floor_db, 0.0)
-            axes.set_xlabel("$s_x$")
-            axes.set_title(fields.labels[method])
-        panels[0].set_ylabel("$s_y$")
-        colour_bar(panels, shown, fields.level_text(floor_db))
-        write_title(figure, title)
+    size = _DISC * len(fields.powers) + 1.2, _DISC + 0.6
+    figure = style.figure_on(figure, *size, is_compressed=True)
+    panels = figure.subplots(1, len(fields.powers), squeeze=False, sharey=True)[0]
+    for axes, (method, power) in zip(panels, fields.powers.items(), strict=True):
+        levels = level_db(power if fields.dims[0] == "theta" else power.T, fields.zero, floor_db)
+        shown = style.draw_disc(axes, theta, phi, levels, floor_db, 0.0)
+        axes.set_xlabel("$s_x$")
+        axes.set_title(fields.labels[method])
+    panels[0].set_ylabel("$s_y$")
+    style.colour_bar(panels, shown, fields.level_text(floor_db))
+    style.write_title(figure, title)
     return figure

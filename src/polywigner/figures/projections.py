@@ -9,23 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
-from polywigner.figures.levels import (
-    check_floor,
-    checked_dataset,
-    level_db,
-)
-from polywigner.figures.style import (
-    TYPOGRAPHY,
-    axis_label,
-    colour_bar,
-    draw_levels,
-    draw_signed,
-    figure_on,
-    is_spectral,
-    latex,
-    signed_bar,
-    write_title,
-)
+from polywigner.figures import style
+from polywigner.figures.levels import check_floor, checked_dataset, level_db
 from polywigner.geometry.arguments import checked_choice
 from polywigner.geometry.display import LengthUnit, length_unit
 
@@ -59,6 +44,7 @@ _NEGATIVE = 1e-9
 _INCHES = 3.3  # a panel with its colour bar
 
 
+@style.typeset
 def draw_projections(
     found: xarray.Dataset,
     layout: Layout = "paper",
@@ -80,44 +66,37 @@ def draw_projections(
         a column share the axis below it, those in a row the axis to the left. Slits have one tile.
     floor_db : lowest level of power spectra, dB relative to their largest value.
     title : above the panels.
-    figure : matplotlib Figure or SubFigure to draw on; None: a new figure.
-
-    Returns
-    -------
-    The figure or subfigure.
+    figure : matplotlib Figure or SubFigure to draw on, which is returned; None: a new figure.
 
     Raises
     ------
     ArgumentError for another layout, tiles that are missing, fewer than two samples on an axis, and
     what is no figure.
     """
-    import matplotlib as mpl
-
     check_floor(floor_db)
     cells = _cells(found, layout)
     axes_of_tiles = {d for _, *pair in cells.values() for d in pair}
     for name in axes_of_tiles:
         if len(found[name].values) < 2:
             raise ArgumentError(f"expected at least two samples along {name} to draw, got one")
-    lengths = [d for d in axes_of_tiles if not is_spectral(d)]
+    lengths = [d for d in axes_of_tiles if not style.is_spectral(d)]
     unit = length_unit(max(float(np.ptp(found[d].values)) for d in lengths))
     rows, columns = (max(cell[k] for cell in cells) + 1 for k in (0, 1))
-    with mpl.rc_context(TYPOGRAPHY):
-        size = _INCHES * columns + 0.5, _INCHES * rows * 0.92 + 0.4
-        figure = figure_on(figure, *size, spacing=0.03)
-        panels = figure.subplots(rows, columns, squeeze=False, sharex="col", sharey="row")
-        for row, column in product(range(rows), range(columns)):
-            axes = panels[row, column]
-            if (row, column) not in cells:
-                axes.set_axis_off()
-                continue
-            name, across, up = cells[row, column]
-            _draw(axes, found, name, across, up, unit, floor_db)
-            axes.tick_params(labelbottom=True)
-            axes.set_xlabel(axis_label(across, unit))
-            if column == 0:
-                axes.set_ylabel(axis_label(up, unit))
-        write_title(figure, title)
+    size = _INCHES * columns + 0.5, _INCHES * rows * 0.92 + 0.4
+    figure = style.figure_on(figure, *size, spacing=0.03)
+    panels = figure.subplots(rows, columns, squeeze=False, sharex="col", sharey="row")
+    for row, column in product(range(rows), range(columns)):
+        axes = panels[row, column]
+        if (row, column) not in cells:
+            axes.set_axis_off()
+            continue
+        name, across, up = cells[row, column]
+        _draw(axes, found, name, across, up, unit, floor_db)
+        axes.tick_params(labelbottom=True)
+        axes.set_xlabel(style.axis_label(across, unit))
+        if column == 0:
+            axes.set_ylabel(style.axis_label(up, unit))
+    style.write_title(figure, title)
     return figure
 
 
@@ -160,22 +139,22 @@ def _draw(
     size = _size(peak, tile.attrs["units"], unit)
     places = [_printed(found, name, unit) for name in (across, up)]
     if values.min() < -_NEGATIVE * peak:
-        shown = draw_signed(axes, values / peak, *places, shading="nearest")
-        signed_bar(axes, shown, f"relative to {size}")
-    elif is_spectral(across) or is_spectral(up):
+        shown = style.draw_signed(axes, values / peak, *places, shading="nearest")
+        style.signed_bar(axes, shown, f"relative to {size}")
+    elif style.is_spectral(across) or style.is_spectral(up):
         levels = level_db(values, peak, floor_db)
-        shown = draw_levels(axes, levels, *places, low=floor_db, shading="nearest")
-        colour_bar(axes, shown, f"dB relative to {size}")
+        shown = style.draw_levels(axes, levels, *places, low=floor_db, shading="nearest")
+        style.colour_bar(axes, shown, f"dB relative to {size}")
     else:
         printed = values / _measure(tile.attrs["units"], unit)
-        shown = draw_levels(axes, printed, *places, low=0.0, high=None, shading="nearest")
-        colour_bar(axes, shown, _unit_text(tile.attrs["units"], unit))
+        shown = style.draw_levels(axes, printed, *places, low=0.0, high=None, shading="nearest")
+        style.colour_bar(axes, shown, _unit_text(tile.attrs["units"], unit))
     axes.set_title(_integral(found.attrs["kind"], tile.dims, np.iscomplexobj(tile.values)))
 
 
 def _printed(found: xarray.Dataset, name: str, unit: LengthUnit) -> NDArray[np.float64]:
     values = np.asarray(found[name].values)
-    return values * unit.metres if is_spectral(name) else values / unit.metres
+    return values * unit.metres if style.is_spectral(name) else values / unit.metres
 
 
 def _measure(units: str, unit: LengthUnit) -> float:
@@ -201,6 +180,6 @@ def _integral(kind: str, kept: tuple[str, ...], is_complex: bool) -> str:
     real = r"\mathrm{Re}\," if is_complex else ""
     if len(left_out) != 2:
         return f"${real}{letter}$"
-    measure = r"\,".join(rf"\mathrm{{d}}{latex(n)}" for n in left_out)
+    measure = r"\,".join(rf"\mathrm{{d}}{style.latex(n)}" for n in left_out)
     known = _KNOWN.get((kind, kept[0], kept[1]))
     return rf"$\iint {real}{letter}\;{measure}{f' = {real}{known}' if known else ''}$"

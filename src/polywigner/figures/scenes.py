@@ -11,26 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError
+from polywigner.figures import style
 from polywigner.figures.levels import check_floor, level_db, picture_peak
-from polywigner.figures.style import (
-    LEVEL_MAP,
-    PHASE_MAP,
-    TYPOGRAPHY,
-    axes_on,
-    checked_title,
-    colour_bar,
-    draw_circles,
-    draw_levels,
-    draw_map,
-    draw_signed,
-    figure_on,
-    floor_text,
-    new_figure,
-    number_text,
-    quantity_text,
-    signed_bar,
-    write_title,
-)
 from polywigner.geometry.arguments import checked_array, checked_count, checked_path
 from polywigner.propagation.exports import in_place
 
@@ -38,6 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
+@style.typeset
 def draw_scene(
     radiance: ArrayLike,
     reference: float | None,
@@ -58,30 +41,24 @@ def draw_scene(
         colour.
     unit : unit of ``radiance``, for the label.
     title : above the picture.
-    ax : matplotlib axes to draw on, whose figure gets the colour bar; None: a new figure.
-
-    Returns
-    -------
-    The axes that were given, or the new figure.
+    ax : matplotlib axes to draw on, whose figure gets the colour bar; None: a new figure. What is
+        drawn on is returned.
 
     Raises
     ------
     ArgumentError : what are no axes.
     """
-    import matplotlib as mpl
-
     picture = checked_array(radiance, "radiance", 2)
     height, width = picture.shape
     levels = level_db(picture, reference, floor_db)
     reference = None if reference is None else float(reference)
-    with mpl.rc_context(TYPOGRAPHY):
-        axes, drawn = axes_on(ax, *_size(width, height))
-        shown = draw_levels(axes, levels, low=floor_db)
-        axes.set_xticks([])
-        axes.set_yticks([])
-        extend = "max" if np.any(levels > 0) else "neither"
-        axes.set_title(title, fontsize=8)
-        colour_bar(axes, shown, _label(reference, floor_db, unit), extend)
+    axes, drawn = style.axes_on(ax, *_size(width, height))
+    shown = style.draw_levels(axes, levels, low=floor_db)
+    axes.set_xticks([])
+    axes.set_yticks([])
+    extend = "max" if np.any(levels > 0) else "neither"
+    axes.set_title(title, fontsize=8)
+    style.colour_bar(axes, shown, _label(reference, floor_db, unit), extend)
     return drawn
 
 
@@ -92,13 +69,14 @@ def _size(width: int, height: int) -> tuple[float, float]:
 
 
 def _label(reference: float | None, floor_db: float, unit: str) -> str:
-    zero = "nothing positive" if reference is None else quantity_text(reference, unit)
-    return f"radiance, dB relative to {zero}; {floor_text(floor_db)}"
+    zero = "nothing positive" if reference is None else style.quantity_text(reference, unit)
+    return f"radiance, dB relative to {zero}; {style.floor_text(floor_db)}"
 
 
 _STOKES = ("S₀", "S₁: horizontal − vertical", "S₂: 45° − (−45°)", "S₃: left − right (IEEE)")
 
 
+@style.typeset
 def draw_stokes(stokes: ArrayLike, title: str = "") -> Any:
     """Draw the four Stokes numbers of a rendered picture, signed, relative to its peak.
 
@@ -113,17 +91,14 @@ def draw_stokes(stokes: ArrayLike, title: str = "") -> Any:
     ------
     ArgumentError : numbers of another shape; a title that is no text.
     """
-    import matplotlib as mpl
-
     numbers = _checked_stokes(stokes)
     peak = picture_peak(numbers[0])
-    with mpl.rc_context(TYPOGRAPHY):
-        figure, panels = _panels(numbers, 2, title)
-        for axes, name, values in zip(panels, _STOKES, numbers, strict=True):
-            shown = draw_signed(axes, values / (peak or 1.0))
-            axes.set_title(name, fontsize=8)
-        unit = quantity_text(peak, "W/(m² sr)") if peak else "nothing"
-        signed_bar(panels, shown, f"relative to {unit}, the peak of S₀")
+    figure, panels = _panels(numbers, 2, title)
+    for axes, name, values in zip(panels, _STOKES, numbers, strict=True):
+        shown = style.draw_signed(axes, values / (peak or 1.0))
+        axes.set_title(name, fontsize=8)
+    unit = style.quantity_text(peak, "W/(m² sr)") if peak else "nothing"
+    style.signed_bar(panels, shown, f"relative to {unit}, the peak of S₀")
     return figure
 
 
@@ -131,6 +106,7 @@ def draw_stokes(stokes: ArrayLike, title: str = "") -> Any:
 _LEAST_LINEAR = 0.05
 
 
+@style.typeset
 def draw_polarisation(stokes: ArrayLike, floor_db: float = -40.0, title: str = "") -> Any:
     """Draw the degree of polarisation and the angle of its linear part, of a rendered picture.
 
@@ -148,8 +124,6 @@ def draw_polarisation(stokes: ArrayLike, floor_db: float = -40.0, title: str = "
     ArgumentError : numbers of another shape; a floor that is not below 0 dB; a title that is no
         text.
     """
-    import matplotlib as mpl
-
     numbers = _checked_stokes(stokes)
     check_floor(floor_db)
     peak = picture_peak(numbers[0])
@@ -158,17 +132,16 @@ def draw_polarisation(stokes: ArrayLike, floor_db: float = -40.0, title: str = "
     linear = np.hypot(numbers[1], numbers[2]) / whole
     degree = np.minimum(np.hypot(linear, numbers[3] / whole), 1.0)
     angle = np.degrees(np.arctan2(numbers[2], numbers[1])) / 2
-    with mpl.rc_context(TYPOGRAPHY):
-        figure, panels = _panels(numbers, 1, title)
-        shown = draw_map(
-            panels[0], np.where(lit, degree, np.nan), None, None, cmap="viridis", vmin=0, vmax=1
-        )
-        colour_bar(panels[0], shown, "degree of polarisation")
-        angle = np.where(lit & (linear > _LEAST_LINEAR), angle, np.nan)
-        shown = draw_map(panels[1], angle, None, None, cmap=PHASE_MAP, vmin=-90, vmax=90)
-        colour_bar(panels[1], shown, "angle from the right upwards, degrees")
-        for axes in panels:
-            axes.set_facecolor("0.6")
+    figure, panels = _panels(numbers, 1, title)
+    shown = style.draw_map(
+        panels[0], np.where(lit, degree, np.nan), None, None, cmap="viridis", vmin=0, vmax=1
+    )
+    style.colour_bar(panels[0], shown, "degree of polarisation")
+    angle = np.where(lit & (linear > _LEAST_LINEAR), angle, np.nan)
+    shown = style.draw_map(panels[1], angle, None, None, cmap=style.PHASE_MAP, vmin=-90, vmax=90)
+    style.colour_bar(panels[1], shown, "angle from the right upwards, degrees")
+    for axes in panels:
+        axes.set_facecolor("0.6")
     return figure
 
 
@@ -187,12 +160,12 @@ def _panels(numbers: NDArray[np.float64], rows: int, title: str) -> tuple[Any, A
     height, width = numbers.shape[1:]
     scale = 4.0 / max(height, width)
     size = 2 * width * scale + 1.6, max(rows * (height * scale + 0.3), 2.6) + 0.4
-    figure = new_figure(*size, is_compressed=True)
+    figure = style.new_figure(*size, is_compressed=True)
     panels = figure.subplots(rows, 2).ravel()
     for axes in panels:
         axes.set_xticks([])
         axes.set_yticks([])
-    write_title(figure, title)
+    style.write_title(figure, title)
     return figure, panels
 
 
@@ -230,7 +203,7 @@ def write_range_animation(
     check_floor(floor_db)
     edges, radiance = _checked_frames(frames)
     checked_count(milliseconds, "milliseconds", 10, 60_000)
-    checked_title(title)
+    style.checked_title(title)
     path = checked_path(path)
     peaks = [picture_peak(frame) or 0.0 for frame in radiance]
     peak = max(peaks) or None
@@ -239,7 +212,7 @@ def write_range_animation(
     palette, images = _palette(), []
     for number, frame in enumerate(radiance):
         axes.images[0].set_data(level_db(frame, peak, floor_db))
-        first, last = (number_text(float(f"{edges[number + k]:.4g}")) for k in (0, 1))
+        first, last = (style.number_text(float(f"{edges[number + k]:.4g}")) for k in (0, 1))
         lines = [title, f"range {first} to {last} m"]
         axes.set_title("\n".join(line for line in lines if line), fontsize=8)
         figure.canvas.draw()
@@ -276,7 +249,7 @@ def _palette() -> Any:
     import matplotlib as mpl
     from PIL import Image
 
-    colours = mpl.colormaps[LEVEL_MAP](np.linspace(0, 1, _LEVELS))[:, :3]
+    colours = mpl.colormaps[style.LEVEL_MAP](np.linspace(0, 1, _LEVELS))[:, :3]
     greys = np.repeat(np.linspace(0, 1, _GREYS)[:, None], 3, axis=1)
     palette = Image.new("P", (1, 1))
     table = (255 * np.concatenate([colours, greys])).round().astype(int)
@@ -291,6 +264,7 @@ _MILLIWATT = 1e-3
 _ROOM = 5.0
 
 
+@style.typeset
 def draw_range_profile(
     profile: Any,
     receiver: int = 0,
@@ -308,19 +282,13 @@ def draw_range_profile(
     floor_db : lowest level, dB below the largest bin, or 5 dB below the noise if that is lower;
         what is less, or not positive, has no line.
     title : above the picture.
-    ax : matplotlib axes to draw on; None: a new figure.
-
-    Returns
-    -------
-    The axes that were given, or the new figure.
+    ax : matplotlib axes to draw on, which are returned; None: a new figure, which is.
 
     Raises
     ------
     ArgumentError : no profile, or not that receiver; what are no axes; a floor that is not below
         0 dB.
     """
-    import matplotlib as mpl
-
     check_floor(floor_db)
     edges, power, error, noise = _checked_profile(profile, receiver)
     peak = float(power.max())
@@ -329,25 +297,24 @@ def draw_range_profile(
     noise_level = 10 * math.log10(noise / _MILLIWATT) if noise > 0 else None
     if noise_level is not None:
         low, top = min(low, noise_level - _ROOM), max(top, noise_level)
-    with mpl.rc_context(TYPOGRAPHY):
-        axes, drawn = axes_on(ax, 6.4, 3.6)
-        band = [_dbm(power + sign * error, low) for sign in (-1, 1)]
-        axes.stairs(band[1], edges, baseline=band[0], fill=True, color="C0", alpha=0.3, lw=0)
-        axes.stairs(_dbm(power, low), edges, baseline=None, color="C0", lw=1.0)
-        if noise_level is not None:
-            label = f"noise kTBF, {number_text(round(noise_level, 1))} dBm"
-            axes.axhline(noise_level, color="C3", ls="--", lw=1.0, label=label)
-            axes.legend(frameon=False, fontsize=7, loc="upper right")
-        axes.set_xlim(edges[0], edges[-1])
-        axes.set_ylim(low, top + _ROOM)
-        width = np.diff(edges)
-        bins = f"{number_text(float(f'{width.max():.4g}'))} m"
-        if width.max() > width.min() * (1 + 1e-6):
-            bins = f"up to {bins}"
-        axes.set_xlabel("range, half the length of the path (m)")
-        axes.set_ylabel(f"scattered power of a bin of {bins} (dBm)\n± its standard error")
-        axes.grid(alpha=0.4, lw=0.5)
-        axes.set_title(title, fontsize=8)
+    axes, drawn = style.axes_on(ax, 6.4, 3.6)
+    band = [_dbm(power + sign * error, low) for sign in (-1, 1)]
+    axes.stairs(band[1], edges, baseline=band[0], fill=True, color="C0", alpha=0.3, lw=0)
+    axes.stairs(_dbm(power, low), edges, baseline=None, color="C0", lw=1.0)
+    if noise_level is not None:
+        label = f"noise kTBF, {style.number_text(round(noise_level, 1))} dBm"
+        axes.axhline(noise_level, color="C3", ls="--", lw=1.0, label=label)
+        axes.legend(frameon=False, fontsize=7, loc="upper right")
+    axes.set_xlim(edges[0], edges[-1])
+    axes.set_ylim(low, top + _ROOM)
+    width = np.diff(edges)
+    bins = f"{style.number_text(float(f'{width.max():.4g}'))} m"
+    if width.max() > width.min() * (1 + 1e-6):
+        bins = f"up to {bins}"
+    axes.set_xlabel("range, half the length of the path (m)")
+    axes.set_ylabel(f"scattered power of a bin of {bins} (dBm)\n± its standard error")
+    axes.grid(alpha=0.4, lw=0.5)
+    axes.set_title(title, fontsize=8)
     return drawn
 
 
@@ -388,6 +355,7 @@ class DirectArrival(NamedTuple):
     name: str
 
 
+@style.typeset
 def draw_arrivals(
     power: ArrayLike,
     direct: Sequence[DirectArrival] = (),
@@ -409,17 +377,13 @@ def draw_arrivals(
         the largest pixel); all that is less, negative values included, has its colour.
     title : above the picture.
     names : texts to write at direction cosines, such as those of shapes.
-    ax : matplotlib axes to draw on, whose figure gets the colour bar; None: a new figure.
-
-    Returns
-    -------
-    The axes that were given, or the new figure.
+    ax : matplotlib axes to draw on, whose figure gets the colour bar; None: a new figure. What is
+        drawn on is returned.
 
     Raises
     ------
     ArgumentError : what are no axes; a floor that is not below 0 dB.
     """
-    import matplotlib as mpl
     from matplotlib.patches import Circle
     from matplotlib.patheffects import withStroke
 
@@ -429,27 +393,26 @@ def draw_arrivals(
         peak = float(np.max(values, initial=0.0, where=np.isfinite(values))) or None
     levels = level_db(values, peak, floor_db)
     top = 0.0 if peak is None else 10 * math.log10(peak / _MILLIWATT)
-    with mpl.rc_context(TYPOGRAPHY):
-        axes, drawn = axes_on(ax, 5.2, 4.6)
-        shown = draw_levels(
-            axes, levels + top, low=top + floor_db, high=top,
-            origin="lower", extent=(-1, 1, -1, 1), interpolation="nearest",
-        )  # fmt: skip
-        shown.set_clip_path(Circle((0, 0), 1.0, transform=axes.transData))
-        draw_circles(axes, above=False)
-        _mark(axes, direct)
-        for name, place in _checked_names(names).items():
-            text = axes.annotate(
-                name, place, ha="center", va="center", color="w", fontsize=7, parse_math=False
-            )
-            text.set_path_effects([withStroke(linewidth=1.5, foreground="k")])
-        axes.set_xlim(1.02, -1.02)
-        axes.set_ylim(-1.02, 1.02)
-        axes.set_xlabel(r"$s_x$")
-        axes.set_ylabel(r"$s_y$")
-        axes.set_title(title, fontsize=8)
-        extend = "max" if np.any(levels > 0) else "neither"
-        colour_bar(axes, shown, _map_label(peak is not None, floor_db, values.shape), extend)
+    axes, drawn = style.axes_on(ax, 5.2, 4.6)
+    shown = style.draw_levels(
+        axes, levels + top, low=top + floor_db, high=top,
+        origin="lower", extent=(-1, 1, -1, 1), interpolation="nearest",
+    )  # fmt: skip
+    shown.set_clip_path(Circle((0, 0), 1.0, transform=axes.transData))
+    style.draw_circles(axes, above=False)
+    _mark(axes, direct)
+    for name, place in _checked_names(names).items():
+        text = axes.annotate(
+            name, place, ha="center", va="center", color="w", fontsize=7, parse_math=False
+        )
+        text.set_path_effects([withStroke(linewidth=1.5, foreground="k")])
+    axes.set_xlim(1.02, -1.02)
+    axes.set_ylim(-1.02, 1.02)
+    axes.set_xlabel(r"$s_x$")
+    axes.set_ylabel(r"$s_y$")
+    axes.set_title(title, fontsize=8)
+    extend = "max" if np.any(levels > 0) else "neither"
+    style.colour_bar(axes, shown, _map_label(peak is not None, floor_db, values.shape), extend)
     return drawn
 
 
@@ -486,7 +449,7 @@ def _mark(axes: Any, direct: Sequence[DirectArrival]) -> None:
 
 def _map_label(lit: bool, floor_db: float, shape: tuple[int, ...]) -> str:
     pixels = f"scattered power of a pixel ({shape[1]} x {shape[0]}), dBm"
-    return f"{pixels}; {floor_text(floor_db)}{'' if lit else '; nothing positive'}"
+    return f"{pixels}; {style.floor_text(floor_db)}{'' if lit else '; nothing positive'}"
 
 
 # Pairs of ends in one picture; delays at which impulse responses are drawn, and inverse bandwidths
@@ -495,6 +458,7 @@ _MOST_PAIRS, _DELAYS, _BEYOND = 6, 2001, 6.0
 _HERTZ = ((1e12, "THz"), (1e9, "GHz"), (1e6, "MHz"), (0.0, "Hz"))
 
 
+@style.typeset
 def draw_channel(
     channel: Any, *, floor_db: float = -60.0, title: str = "", figure: Any = None
 ) -> Any:
@@ -518,28 +482,25 @@ def draw_channel(
     ------
     ArgumentError : no channel; what is no figure; a floor that is not below 0 dB.
     """
-    import matplotlib as mpl
-
     check_floor(floor_db)
     pairs = _checked_channel(channel)[:_MOST_PAIRS]
     frequencies = channel["frequency"].values
     scale, unit = next(each for each in _HERTZ if frequencies.max() >= each[0])
-    with mpl.rc_context(TYPOGRAPHY):
-        drawn = figure_on(figure, 9.6, 0.5 + 2.7 * len(pairs), spacing=0.05)
-        panels = drawn.subplots(len(pairs), 2, squeeze=False)
-        for (left, right), pair in zip(panels, pairs, strict=True):
-            left.plot(frequencies / (scale or 1.0), pair.levels(pair.h), pair.line, lw=1.0)
-            left.set_xlabel(f"frequency ({unit})")
-            left.set_ylabel("|h|², received over sent (dB)")
-            left.set_title(f"{pair.receiver} from {pair.emitter}", fontsize=8)
-            _draw_response(right, frequencies, pair)
-            for axes, values in ((left, pair.h), (right, pair.amplitude)):
-                top = float(pair.levels(np.abs(values).max(initial=0.0)))
-                low = float(pair.levels(values).min()) - _ROOM if axes is left else -math.inf
-                axes.set_ylim(max(low, top + floor_db), top + _ROOM)
-                axes.grid(alpha=0.4, lw=0.5)
-        if checked_title(title):
-            drawn.suptitle(title, fontsize=8)
+    drawn = style.figure_on(figure, 9.6, 0.5 + 2.7 * len(pairs), spacing=0.05)
+    panels = drawn.subplots(len(pairs), 2, squeeze=False)
+    for (left, right), pair in zip(panels, pairs, strict=True):
+        left.plot(frequencies / (scale or 1.0), pair.levels(pair.h), pair.line, lw=1.0)
+        left.set_xlabel(f"frequency ({unit})")
+        left.set_ylabel("|h|², received over sent (dB)")
+        left.set_title(f"{pair.receiver} from {pair.emitter}", fontsize=8)
+        _draw_response(right, frequencies, pair)
+        for axes, values in ((left, pair.h), (right, pair.amplitude)):
+            top = float(pair.levels(np.abs(values).max(initial=0.0)))
+            low = float(pair.levels(values).min()) - _ROOM if axes is left else -math.inf
+            axes.set_ylim(max(low, top + floor_db), top + _ROOM)
+            axes.grid(alpha=0.4, lw=0.5)
+    if style.checked_title(title):
+        drawn.suptitle(title, fontsize=8)
     return drawn
 
 

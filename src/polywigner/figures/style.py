@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from functools import wraps
 from string import ascii_lowercase
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +36,23 @@ TYPOGRAPHY: dict[Any, Any] = {
     "xtick.major.width": 0.6,
     "ytick.major.width": 0.6,
 }
+
+Given = ParamSpec("Given")
+Drawn = TypeVar("Drawn")
+
+
+def typeset(draw: Callable[Given, Drawn]) -> Callable[Given, Drawn]:
+    """Return the function, to draw with this typography; that of the caller stays."""
+
+    @wraps(draw)
+    def drawn(*values: Given.args, **options: Given.kwargs) -> Drawn:
+        import matplotlib as mpl
+
+        with mpl.rc_context(TYPOGRAPHY):
+            return draw(*values, **options)
+
+    return drawn
+
 
 _LINEAR = 0.01
 """Signed maps are linear within this part of their peak and logarithmic beyond it."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,26 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 import polywigner as pw
 from polywigner.errors import ArgumentError
+from polywigner.figures import style
 from polywigner.figures.levels import check_floor, level_db
-from polywigner.figures.style import (
-    ACCENT,
-    INK,
-    TINT,
-    TYPOGRAPHY,
-    checked_title,
-    colour_bar,
-    draw_levels,
-    draw_polygons,
-    draw_signed,
-    figure_on,
-    floor_text,
-    label_axes,
-    length_axes,
-    letter_panels,
-    mark_evanescent,
-    signed_bar,
-    write_title,
-)
 from polywigner.geometry.arguments import (
     checked_count,
     checked_flag,
@@ -118,11 +101,21 @@ def transform_slices(
         position,
         lag,
         wavelength,
-        _frozen(frequency),
-        _frozen(pw.fourier(_in_plane(source), grid)),
-        _frozen(pw.wigner(source, position, grid)),
-        _frozen(pw.ambiguity(source, grid, lag)),
+        *_frozen(
+            frequency,
+            pw.fourier(_in_plane(source), grid),
+            pw.wigner(source, position, grid),
+            pw.ambiguity(source, grid, lag),
+        ),
     )
+
+
+def _frozen(*values: Any) -> list[Any]:
+    """Read-only copies."""
+    arrays = [np.array(each) for each in values]
+    for array in arrays:
+        array.setflags(write=False)
+    return arrays
 
 
 def outline_of(source: pw.Aperture | pw.Array | pw.Wavefront) -> pw.Aperture:
@@ -160,9 +153,7 @@ def samples_needed(aperture: pw.Aperture, wavelength: float | None) -> int:
 
 
 def _half_width(aperture: pw.Aperture, wavelength: float | None) -> float:
-    if wavelength is None:
-        return _LOBES / aperture.diameter
-    return 1.0 / checked_wavelength(wavelength)
+    return _LOBES / aperture.diameter if wavelength is None else 1 / checked_wavelength(wavelength)
 
 
 def _point(value: ArrayLike) -> tuple[float, float]:
@@ -173,12 +164,6 @@ def _point(value: ArrayLike) -> tuple[float, float]:
     if point.shape != (2,) or not np.all(np.isfinite(point)):
         raise ArgumentError(f"expected two finite coordinates, got {value!r}")
     return float(point[0]), float(point[1])
-
-
-def _frozen(values: Any) -> NDArray[Any]:
-    array = np.array(values)
-    array.setflags(write=False)
-    return array
 
 
 def default_position(support: pw.Aperture, middle: NDArray[np.float64]) -> tuple[float, float]:
@@ -281,7 +266,7 @@ def system_slices(
     grid = np.meshgrid(x, nu)
     before = pw.wigner(source, _pairs(grid[0], middle[1]), _pairs(grid[1], 0.0))
     # the corners of that section, as rays
-    ends = np.array([(a, b) for a in sides for b in nu[[0, -1]]])
+    ends = np.array(list(product(sides, nu[[0, -1]])))
     corners = system.rays(_pairs(ends[:, 0], middle[1]), wavelength * _pairs(ends[:, 1], 0.0))
     y_out, s_out = system.rays(middle, np.zeros(2))
     x_out = _axis(corners[0][:, 0], samples)
@@ -294,23 +279,19 @@ def system_slices(
         through=system,
         wavelength=wavelength,
     )
-    bright = [
-        system.rays(
-            (a, b), (c * wavelength * _BRIGHT / width[0], d * wavelength * _BRIGHT / width[1])
-        )[0]
-        for a in sides
-        for b in (ymin, ymax)
-        for c in (-1, 1)
-        for d in (-1, 1)
-    ]
-    across, up = (_axis(np.array(bright)[:, k], samples) for k in range(2))
+    slope = wavelength * _BRIGHT / width
+    bright = np.array(
+        [
+            system.rays((a, b), (c * slope[0], d * slope[1]))[0]
+            for a, b, c, d in product(sides, (ymin, ymax), (-1, 1), (-1, 1))
+        ]
+    )
+    across, up = (_axis(values, samples) for values in bright.T)
     light = pw.irradiance(
         source, np.stack(np.meshgrid(across, up), axis=-1), wavelength, through=system,
         tolerance=1e-6,
     )  # fmt: skip
-    found = (x, nu, before, x_out, nu_out, behind, across, up, light)
-    for array in found:
-        array.setflags(write=False)
+    found = _frozen(x, nu, before, x_out, nu_out, behind, across, up, light)
     return SystemSlices(source, aperture, system, wavelength, *found)
 
 
@@ -319,10 +300,10 @@ def _pairs(first: Any, second: float) -> NDArray[np.float64]:
 
 
 def _axis(values: NDArray[np.float64], samples: int) -> NDArray[np.float64]:
-    low, high = float(values.min()), float(values.max())
-    return np.linspace(low, high, samples)
+    return np.linspace(values.min(), values.max(), samples)
 
 
+@style.typeset
 def draw_transforms(
     slices: TransformSlices | SystemSlices,
     floor_db: float,
@@ -342,64 +323,58 @@ def draw_transforms(
         transform of a uniform aperture has; of other sources, and of the light behind a system, to
         the largest value shown.
     title : above the panels, before the wavelength.
-    figure : matplotlib Figure or SubFigure to draw on; None: a new figure.
-
-    Returns
-    -------
-    The figure or subfigure.
+    figure : matplotlib Figure or SubFigure to draw on, which is returned; None: a new figure.
 
     Raises
     ------
     ArgumentError : a floor that is not below zero; what is no figure.
     """
-    import matplotlib as mpl
-
     check_floor(floor_db)
-    checked_title(title)
+    style.checked_title(title)
     if not isinstance(slices, (SystemSlices, TransformSlices)):
         raise ArgumentError(
             f"expected slices as transform_slices returns them, got {type(slices).__name__}"
         )
     if isinstance(slices, SystemSlices):
-        with mpl.rc_context(TYPOGRAPHY):
-            figure = figure_on(figure, 9.4, 7.2, spacing=0.04)
-            _draw_system_panels(figure.subplots(2, 2), slices, floor_db)
-            write_title(figure, _heading(title, slices.wavelength, ""))
+        figure = style.figure_on(figure, 9.4, 7.2, spacing=0.04)
+        _draw_system_panels(figure.subplots(2, 2), slices, floor_db)
+        style.write_title(figure, _heading(title, slices.wavelength, ""))
         return figure
     unit = length_unit(slices.aperture.diameter)
-    with mpl.rc_context(TYPOGRAPHY):
-        figure = figure_on(figure, 11.6, 6.9, spacing=0.04)
-        panels = figure.subplots(2, 3).ravel()
-        _draw_supports(panels[0], slices, unit)
-        _draw_power(panels[1], slices, unit, floor_db)
-        _draw_real(panels[2], slices, slices.fourier.real, unit, "Re F(ν)", "nu")
-        _draw_lag_slice(panels[3], slices, unit)
-        _draw_real(panels[4], slices, slices.wigner, unit, "W(x, ν)", "nu")
-        _draw_real(panels[5], slices, slices.ambiguity.real, unit, "Re A(υ, ξ)", "upsilon")
-        letter_panels(panels)
-        zoomed = slices.frequency[-1] * (slices.wavelength or 0.0) < 0.5
-        note = "" if zoomed else ", dotted circle: |ν| = 1/λ"
-        write_title(figure, _heading(title, slices.wavelength, note))
+    figure = style.figure_on(figure, 11.6, 6.9, spacing=0.04)
+    panels = figure.subplots(2, 3).ravel()
+    _draw_supports(panels[0], slices, unit)
+    _draw_power(panels[1], slices, unit, floor_db)
+    _draw_real(panels[2], slices, slices.fourier.real, unit, "Re F(ν)", "nu")
+    _draw_lag_slice(panels[3], slices, unit)
+    _draw_real(panels[4], slices, slices.wigner, unit, "W(x, ν)", "nu")
+    _draw_real(panels[5], slices, slices.ambiguity.real, unit, "Re A(υ, ξ)", "upsilon")
+    style.letter_panels(panels)
+    zoomed = slices.frequency[-1] * (slices.wavelength or 0.0) < 0.5
+    note = "" if zoomed else ", dotted circle: |ν| = 1/λ"
+    style.write_title(figure, _heading(title, slices.wavelength, note))
     return figure
 
 
 def _draw_system_panels(axes: Any, slices: SystemSlices, floor_db: float) -> None:
     """The aperture, W before, the light behind, and W behind, on (2, 2) axes."""
     unit = length_unit(slices.aperture.diameter)
-    draw_polygons(axes[0, 0], slices.aperture.polygons, unit, facecolor=INK, edgecolor="none")
+    style.draw_polygons(
+        axes[0, 0], slices.aperture.polygons, unit, facecolor=style.INK, edgecolor="none"
+    )
     axes[0, 0].set_title("aperture")
-    length_axes(axes[0, 0], "x", unit)
+    style.length_axes(axes[0, 0], "x", unit)
     _draw_section(axes[0, 1], slices, slices.x, slices.nu, slices.before, "W(x, ν) before")
     wide = length_unit(float(np.ptp(slices.across)))
     peak = float(slices.light.max())
     places = slices.across / wide.metres, slices.up / wide.metres
     levels = level_db(slices.light, peak, floor_db)
-    shown = draw_levels(axes[1, 0], levels, *places, low=floor_db, interpolation=None)
-    colour_bar(axes[1, 0], shown, f"dB relative to {peak:.3g}, {floor_text(floor_db)}")
+    shown = style.draw_levels(axes[1, 0], levels, *places, low=floor_db, interpolation=None)
+    style.colour_bar(axes[1, 0], shown, f"dB relative to {peak:.3g}, {style.floor_text(floor_db)}")
     axes[1, 0].set_title("|U|² behind")
-    label_axes(axes[1, 0], "x", wide)
+    style.label_axes(axes[1, 0], "x", wide)
     _draw_section(axes[1, 1], slices, slices.x_out, slices.nu_out, slices.behind, "W(x, ν) behind")
-    letter_panels(axes.ravel())
+    style.letter_panels(axes.ravel())
 
 
 def _draw_section(
@@ -409,8 +384,8 @@ def _draw_section(
     unit = length_unit(float(np.ptp(x)))
     peak = float(np.abs(slices.before).max())
     directions = nu * slices.wavelength * 1e3
-    shown = draw_signed(axes, values / peak, x / unit.metres, directions, aspect="auto")
-    signed_bar(axes, shown, "W / peak before")
+    shown = style.draw_signed(axes, values / peak, x / unit.metres, directions, aspect="auto")
+    style.signed_bar(axes, shown, "W / peak before")
     axes.set_title(title)
     axes.set_xlabel(f"$x$ ({unit.name})")
     axes.set_ylabel(r"$\lambda\nu_x$ (mrad)")
@@ -421,41 +396,40 @@ def _draw_supports(axes: Axes, slices: TransformSlices, unit: LengthUnit) -> Non
     support, aperture = ("W is 0 outside", "elements") if array else ("automean", "aperture")
     overlap = pw.position_slice(slices.aperture, slices.xi)
     for shape, face, edge, label in (
-        (slices.support.polygons, TINT, "none", support),
-        (slices.aperture.polygons, INK, "none", aperture),
-        (overlap, "none", ACCENT, "position slice at ξ"),
+        (slices.support.polygons, style.TINT, "none", support),
+        (slices.aperture.polygons, style.INK, "none", aperture),
+        (overlap, "none", style.ACCENT, "position slice at ξ"),
     ):
-        draw_polygons(axes, shape, unit, facecolor=face, edgecolor=edge, label=label)
+        style.draw_polygons(axes, shape, unit, facecolor=face, edgecolor=edge, label=label)
     x = np.asarray(slices.x) / unit.metres
-    axes.plot(*x, "+", color=ACCENT, markersize=8, markeredgewidth=1.4, label="x")
+    axes.plot(*x, "+", color=style.ACCENT, markersize=8, markeredgewidth=1.4, label="x")
     _write_legend(axes, 4)
     axes.set_title(f"{aperture}; ξ = {_point_text(slices.xi, unit)}")
-    length_axes(axes, "x", unit)
+    style.length_axes(axes, "x", unit)
 
 
 def _draw_lag_slice(axes: Axes, slices: TransformSlices, unit: LengthUnit) -> None:
     from shapely.affinity import affine_transform
 
     x, y = slices.x
-    for sign, style, label in ((2, "-", "2(Γ − x)"), (-2, "--", "2(x − Γ)")):
+    for sign, dash, label in ((2, "-", "2(Γ − x)"), (-2, "--", "2(x − Γ)")):
         copy = affine_transform(slices.aperture.polygons, (sign, 0, 0, sign, -sign * x, -sign * y))
-        draw_polygons(
-            axes, copy, unit, facecolor="none", edgecolor=INK, linestyle=style, label=label
+        style.draw_polygons(
+            axes, copy, unit, facecolor="none", edgecolor=style.INK, linestyle=dash, label=label
         )
     lags = pw.lag_slice(slices.aperture, slices.x)
-    draw_polygons(
-        axes, lags, unit, facecolor=ACCENT, edgecolor="none", alpha=0.35, label="lag slice"
+    style.draw_polygons(
+        axes, lags, unit, facecolor=style.ACCENT, edgecolor="none", alpha=0.35, label="lag slice"
     )
     _write_legend(axes, 3)
     axes.set_title(f"lag slice at x = {_point_text(slices.x, unit)}")
-    length_axes(axes, "xi", unit)
+    style.length_axes(axes, "xi", unit)
 
 
 def _write_legend(axes: Axes, columns: int) -> None:
-    how = {"handlelength": 1.2, "handletextpad": 0.5, "columnspacing": 1.0}
     axes.legend(
         loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=columns, frameon=False,
-        fontsize=7.5, **how,
+        fontsize=7.5, handlelength=1.2, handletextpad=0.5, columnspacing=1.0,
     )  # fmt: skip
 
 
@@ -465,9 +439,9 @@ def _draw_power(axes: Axes, slices: TransformSlices, unit: LengthUnit, floor_db:
     reference = slices.aperture.area**2 if uniform else float(power.max())
     places = slices.frequency * unit.metres
     levels = level_db(power, reference, floor_db)
-    shown = draw_levels(axes, levels, places, places, low=floor_db)
+    shown = style.draw_levels(axes, levels, places, places, low=floor_db)
     zero = "|F(0)|²" if uniform else "the peak shown"
-    colour_bar(axes, shown, f"dB relative to {zero}, {floor_text(floor_db)}")
+    style.colour_bar(axes, shown, f"dB relative to {zero}, {style.floor_text(floor_db)}")
     axes.set_title("|F(ν)|²")
     _frequency_axes(axes, "nu", unit, slices.wavelength, "white")
 
@@ -477,8 +451,8 @@ def _draw_real(
 ) -> None:
     peak = float(np.max(np.abs(values)))
     places = slices.frequency * unit.metres
-    shown = draw_signed(axes, values / peak, places, places)
-    signed_bar(axes, shown, f"{name} / ({peak / unit.metres**2:.4g} {unit.name}²)")
+    shown = style.draw_signed(axes, values / peak, places, places)
+    style.signed_bar(axes, shown, f"{name} / ({peak / unit.metres**2:.4g} {unit.name}²)")
     axes.set_title(name)
     _frequency_axes(axes, symbol, unit, slices.wavelength, "0.35")
 
@@ -488,8 +462,8 @@ def _frequency_axes(
 ) -> None:
     # beyond the picture it would be drawn as millions of dots
     if wavelength is not None and unit.metres / wavelength < 2 * max(axes.get_xlim()):
-        mark_evanescent(axes, wavelength, unit, ink)
-    label_axes(axes, symbol, unit)
+        style.mark_evanescent(axes, wavelength, unit, ink)
+    style.label_axes(axes, symbol, unit)
 
 
 def _point_text(point: tuple[float, float], unit: LengthUnit) -> str:

@@ -10,19 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, EngineError, MissingExtraError
+from polywigner.figures import style
 from polywigner.figures.fields import even_axis, peak_of, printed_unit, quantity_of
-from polywigner.figures.levels import (
-    check_floor,
-    checked_dataset,
-    level_db,
-)
-from polywigner.figures.style import (
-    TYPOGRAPHY,
-    checked_axes,
-    floor_text,
-    new_figure,
-    quantity_text,
-)
+from polywigner.figures.levels import check_floor, checked_dataset, level_db
 from polywigner.figures.volumes_layers import (
     Layers,
     View,
@@ -70,6 +60,7 @@ _SURFACE_COLOURS = ("#2f6be0", "#0fb5a6", "#ffb000", "#e01a10")
 _WALL_COLOURS = ("#ffffff", "#c9ced6", "#6a7686")  # quiet: surfaces stand before them
 
 
+@style.typeset
 def draw_volume(
     found: Any,
     source: Aperture | Array | None = None,
@@ -104,65 +95,54 @@ def draw_volume(
         needs no graphics library; "auto", pyvista where it is installed and works, else the other.
         The rest of the picture is the same.
     title : above the picture.
-    ax : matplotlib axes to draw on, whose figure gets the colour bar; None: a new figure.
-
-    Returns
-    -------
-    The axes that were given, or the new figure.
+    ax : matplotlib axes to draw on, whose figure gets the colour bar; None: a new figure. What is
+        drawn on is returned.
 
     Raises
     ------
     ArgumentError : no such volume, levels that are none, or what are no axes.
     MissingExtraError, EngineError : pyvista was asked for, and is missing or does not work here.
     """
-    import matplotlib as mpl
-
     shells = check_volume_options(surfaces, floor_db, projection, renderer)
-    ax = None if ax is None else checked_axes(ax)
+    ax = None if ax is None else style.checked_axes(ax)
     volume = field_samples(found, name, ("x", "y", "z"), _MOST)
     zero = volume.zero_db(reference)
     lower, upper = volume.corners
     front = np.array([*lower[:2], min(lower[2], 0.0)])
     view = View.of(front, upper, _TOWARDS)
     layers = _layers(volume, zero, shells, view, renderer)
-    with mpl.rc_context(TYPOGRAPHY):
-        if ax is None:
-            figure, axes, beside = _page(view, front, upper)
-            place: dict[str, Any] = {"cax": beside}
-        else:
-            axes = ax
-            place = {"ax": axes, "fraction": 0.03, "pad": 0.04}
-        colours = _colours(len(shells))
-        for axis in range(3):
-            wall = level_db(_projected(volume.values, axis, projection), zero, floor_db)
-            shown = draw_wall(
-                axes, view, axis, wall, (lower, upper), shells, colours,
-                cmap=_map(_WALL_COLOURS), vmin=floor_db, vmax=0.0,
-            )  # fmt: skip
-        draw_box(axes, view, front, upper, length_unit(float((upper - front).max())))
-        _draw_layers(axes, layers, colours, view)
-        if source is not None:
-            draw_outline(axes, view, source)
-        for body in bodies_if_any(obstacles):
-            _draw_body(axes, view, obstacle_of(body))
-        extend = "max" if np.max(volume.values) > zero else "neither"
-        bar = axes.figure.colorbar(shown, extend=extend, **place)
-        bar.outline.set_linewidth(0.6)
-        bar.ax.hlines(shells, 0, 1, colors=[tuple(c) for c in colours], linewidth=3)
-        bar.set_label(_label(volume, zero, floor_db, projection))
-        axes.set_title(title)
+    if ax is None:
+        figure, axes, beside = _page(view, front, upper)
+        place: dict[str, Any] = {"cax": beside}
+    else:
+        axes = ax
+        place = {"ax": axes, "fraction": 0.03, "pad": 0.04}
+    colours = _colours(len(shells))
+    for axis in range(3):
+        wall = level_db(_projected(volume.values, axis, projection), zero, floor_db)
+        shown = draw_wall(
+            axes, view, axis, wall, (lower, upper), shells, colours,
+            cmap=_map(_WALL_COLOURS), vmin=floor_db, vmax=0.0,
+        )  # fmt: skip
+    draw_box(axes, view, front, upper, length_unit(float((upper - front).max())))
+    _draw_layers(axes, layers, colours, view)
+    if source is not None:
+        draw_outline(axes, view, source)
+    for body in bodies_if_any(obstacles):
+        _draw_body(axes, view, obstacle_of(body))
+    extend = "max" if np.max(volume.values) > zero else "neither"
+    bar = axes.figure.colorbar(shown, extend=extend, **place)
+    bar.outline.set_linewidth(0.6)
+    bar.ax.hlines(shells, 0, 1, colors=[tuple(c) for c in colours], linewidth=3)
+    bar.set_label(_label(volume, zero, floor_db, projection))
+    axes.set_title(title)
     return figure if ax is None else axes
 
 
 def check_volume_options(
     surfaces: tuple[float, ...] | None, floor_db: float, projection: str, renderer: str
 ) -> tuple[float, ...]:
-    """The levels of the isosurfaces, dB, from the lowest to the highest.
-
-    Raises
-    ------
-    ArgumentError : options that :func:`draw_volume` does not have.
-    """
+    """The levels of the isosurfaces, dB, from the lowest to the highest."""
     check_floor(floor_db)
     _check_name("projection", projection, Projection)
     _check_name("renderer", renderer, Renderer)
@@ -213,20 +193,7 @@ class Samples:
 def field_samples(
     found: Any, name: str | None, dims: tuple[str, ...], most: int | None = None
 ) -> Samples:
-    """The real samples of ``found[name]`` over the axes ``dims``, in this order.
-
-    Parameters
-    ----------
-    found : xarray.Dataset with evenly spaced coordinates in metres.
-    name : None: the only variable.
-    most : along an axis; of longer ones every second, third, ... sample. Arrays that are read when
-        asked are asked for these samples only. None: all.
-
-    Raises
-    ------
-    ArgumentError : no such quantity or axes, fewer than two samples along an axis, uneven ones,
-    samples that are nan (a file that has not been finished).
-    """
+    """The real samples of ``found[name]`` over the axes ``dims``, in this order."""
     checked_dataset(found, "found")
     if name is None and len(found.data_vars) == 1:
         (name,) = found.data_vars
@@ -307,7 +274,7 @@ def _page(view: View, lower: Floats, upper: Floats) -> tuple[Figure, Axes, Axes]
     page = view.corners(lower, upper)
     width, height = _INCHES * np.ptp(page, axis=0) / np.ptp(page, axis=0).max()
     size = np.array([_LEFT + width + _RIGHT, _BELOW + height + _ABOVE])
-    figure = new_figure(*size)
+    figure = style.new_figure(*size)
     figure.set_layout_engine("none")  # it would make room for what is drawn outside of its box
 
     def axes_at(left: float, below: float, across: float, up: float) -> Axes:
@@ -343,5 +310,7 @@ def _draw_body(axes: Axes, view: View, body: Obstacle) -> None:
 
 
 def _label(volume: Samples, zero: float, floor_db: float, projection: Projection) -> str:
-    size = quantity_text(zero, volume.unit)
-    return f"{volume.name}, dB relative to {size}; walls: {projection}, {floor_text(floor_db)}"
+    size = style.quantity_text(zero, volume.unit)
+    return (
+        f"{volume.name}, dB relative to {size}; walls: {projection}, {style.floor_text(floor_db)}"
+    )

@@ -304,17 +304,7 @@ class Layers:
 def closed(
     levels: NDArray[np.floating], lowest: float, view: View
 ) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-    """dB values with one more layer of low ones on the three faces turned to the viewer.
-
-    Parameters
-    ----------
-    levels : (nx, ny, nz) dB; minus infinity and nan count as low.
-    lowest : of the isosurfaces, dB.
-
-    Returns
-    -------
-    The values, none lower than is of use, and (3,) how many were put before the first of each axis.
-    """
+    """dB values with one more layer of low ones on the three faces turned to the viewer."""
     bottom = lowest - _BELOW
     kept = np.maximum(np.where(np.isnan(levels), bottom, levels), bottom)
     before = (view.towards < 0).astype(np.int64)
@@ -333,15 +323,7 @@ def cast_layers(
     """First crossings of rays with isosurfaces, plane by plane from the viewer's side.
 
     All rays are parallel, so that each plane of the volume is met on a raster that is only shifted
-    against those of the planes before: interpolation in it is a product along its two axes.
-
-    Parameters
-    ----------
-    levels : (nx, ny, nz) dB, evenly spaced, low on faces turned to the viewer (:func:`closed`).
-    lower, spacing : (3,) m: place of ``levels[0, 0, 0]``, distances of neighbours.
-    surfaces : levels of the surfaces, dB.
-    pixel : size of a pixel, page coordinates.
-    """
+    against those of the planes before: interpolation in it is a product along its two axes."""
     deep = int(np.argmax(np.abs(view.towards)))
     flat = tuple(a for a in range(3) if a != deep)
     step = spacing * view.stretch
@@ -437,13 +419,7 @@ def _interpolated(values: NDArray[np.float32], places: list[Floats]) -> NDArray[
 
 
 def shaded(layers: Layers, colours: Floats, opacities: Floats, view: View) -> Floats:
-    """One picture (rows, columns, 4), RGBA from 0 to 1, of all layers over each other.
-
-    Parameters
-    ----------
-    layers : from the lowest level, the outermost surface, to the highest.
-    colours, opacities : (n, 3) and (n,), from 0 to 1, of the layers.
-    """
+    """One picture (rows, columns, 4), RGBA from 0 to 1, of all layers over each other."""
     light = view.towards + 0.9 * view.up - 0.6 * view.right
     light = light / np.linalg.norm(light)
     half = (light + view.towards) / np.linalg.norm(light + view.towards)

@@ -32,13 +32,7 @@ def pyvista_layers(
     view: View,
     pixel: float,
 ) -> Layers:
-    """The layers of :func:`polywigner.figures.volumes_layers.cast_layers`, from contoured meshes.
-
-    Raises
-    ------
-    MissingExtraError : pyvista is not installed.
-    EngineError : it is, but cannot draw on this machine.
-    """
+    """The layers of :func:`.volumes_layers.cast_layers`, from contoured meshes."""
     if importlib.util.find_spec("pyvista") is None:
         raise missing_extra("pyvista", "volume", "draws isosurfaces")
     upper = lower + spacing * (np.array(levels.shape) - 1)

@@ -49,13 +49,7 @@ FIGURES = {
 
 
 def check_figures(names: list[str], quality: str) -> list[str]:
-    """The names without repetitions, all of them if there is none.
-
-    Raises
-    ------
-    ArgumentError : no such figure, or no such quality; MissingExtraError : a library that one of
-    the figures needs is missing.
-    """
+    """The names without repetitions, all of them if there is none."""
     for name in names:
         if name not in FIGURES:
             known = ", ".join(FIGURES)
@@ -67,17 +61,7 @@ def check_figures(names: list[str], quality: str) -> list[str]:
 
 
 def make_figure(name: str, quality: Quality = "draft") -> Made:
-    """One figure of the paper with the numbers behind it.
-
-    Parameters
-    ----------
-    name : a key of ``FIGURES``.
-    quality : "draft" takes seconds; "print" has more samples.
-
-    Raises
-    ------
-    ArgumentError : no such figure or quality; MissingExtraError without a library it needs.
-    """
+    """One figure of the paper with the numbers behind it."""
     check_figures([name], quality)
     module = importlib.import_module(f"{__name__}.{FIGURES[name].module}")
     made: Made = getattr(module, f"draw_{name}")(quality)

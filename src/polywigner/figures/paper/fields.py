@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import polywigner as pw
+from polywigner.figures import style
 from polywigner.figures.levels import COMPARED_DB, summary
 from polywigner.figures.lines import draw_lines
 from polywigner.figures.paper.sources import (
@@ -25,18 +26,6 @@ from polywigner.figures.paper.sources import (
     square,
 )
 from polywigner.figures.planes import draw_planes
-from polywigner.figures.style import (
-    BLUE,
-    GREEN,
-    ORANGE,
-    RED,
-    TYPOGRAPHY,
-    VIOLET,
-    letter_panels,
-    new_figure,
-    number_panels,
-    number_text,
-)
 from polywigner.figures.volumes import draw_volume
 
 
@@ -50,7 +39,7 @@ def draw_compar(quality: Quality) -> Made:
         "b": draw_planes(cut, title=f"(b) plane through the axis and along two sides, {found}"),
     }
     for letter, figure in figures.items():
-        number_panels(figure, letter)
+        style.number_panels(figure, letter)
     values: dict[str, NDArray[Any]] = {"boresight_z": axis["z"].values}
     about = {"boresight_z": "m"}
     for name in ("x", "z"):
@@ -84,18 +73,17 @@ _METHODS: dict[str, dict[str, Any]] = {
     "Fraunhofer": {"method": "fraunhofer", "obliquity": "kirchhoff"},
 }
 _STYLES = (
-    (RED, "-"),
-    (BLUE, "--"),
-    (ORANGE, "-."),
-    (GREEN, ":"),
-    (VIOLET, (0, (5, 1, 1, 1))),
+    (style.RED, "-"),
+    (style.BLUE, "--"),
+    (style.ORANGE, "-."),
+    (style.GREEN, ":"),
+    (style.VIOLET, (0, (5, 1, 1, 1))),
 )
 
 
+@style.typeset
 def draw_error(quality: Quality) -> Made:
     """Differences from Kirchhoff's exact field, in dB, from one wavelength to a hundred."""
-    import matplotlib as mpl
-
     near = np.geomspace(1, 100, number_samples(quality, 61, 401))
     radii = np.geomspace(1, 100, number_samples(quality, 13, 41))
     angles = np.linspace(-LARGEST_ANGLE, LARGEST_ANGLE, number_samples(quality, 61, 241))
@@ -111,22 +99,21 @@ def draw_error(quality: Quality) -> Made:
             for v in over_arcs.values()
         ]
     )
-    with mpl.rc_context(TYPOGRAPHY):
-        figure = new_figure(8.4, 4.0, spacing=0.04)
-        panels = figure.subplots(1, 2, sharey=True)
-        _draw(panels[0], near, np.abs(errors), "distance on boresight / λ", "on boresight")
-        degrees = f"{np.degrees(LARGEST_ANGLE):.0f}°"
-        _draw(panels[1], radii, rms, "radius / λ", f"rms over a cut, −{degrees} to {degrees}")
-        panels[0].set_ylabel("difference from Kirchhoff (dB)")
-        panels[1].text(
-            0.98, 0.93, f"where above {number_text(COMPARED_DB)} dB of the peak",
-            transform=panels[1].transAxes, ha="right", fontsize=7.5,
-        )  # fmt: skip
-        figure.legend(
-            *panels[0].get_legend_handles_labels(),
-            loc="outside lower center", ncols=5, frameon=False, fontsize=8,
-        )  # fmt: skip
-        letter_panels(panels)
+    figure = style.new_figure(8.4, 4.0, spacing=0.04)
+    panels = figure.subplots(1, 2, sharey=True)
+    _draw(panels[0], near, np.abs(errors), "distance on boresight / λ", "on boresight")
+    degrees = f"{np.degrees(LARGEST_ANGLE):.0f}°"
+    _draw(panels[1], radii, rms, "radius / λ", f"rms over a cut, −{degrees} to {degrees}")
+    panels[0].set_ylabel("difference from Kirchhoff (dB)")
+    panels[1].text(
+        0.98, 0.93, f"where above {style.number_text(COMPARED_DB)} dB of the peak",
+        transform=panels[1].transAxes, ha="right", fontsize=7.5,
+    )  # fmt: skip
+    figure.legend(
+        *panels[0].get_legend_handles_labels(),
+        loc="outside lower center", ncols=5, frameon=False, fontsize=8,
+    )  # fmt: skip
+    style.letter_panels(panels)
     methods = ", ".join(on_axis)
     return Made(
         {"": figure},

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import polywigner as pw
+from polywigner.figures import style
 from polywigner.figures.paper.sources import (
     WAVELENGTH,
     Made,
@@ -16,7 +17,6 @@ from polywigner.figures.paper.sources import (
     number_samples,
     square,
 )
-from polywigner.figures.style import BLUE, RED, TYPOGRAPHY, letter_panels, new_figure
 
 POSITION = (0.5e-3, 0.8e-3)
 """Place of the slice that is summed on grids, in m: no symmetry of the chevrons helps there."""
@@ -25,34 +25,14 @@ _BYTES = 8
 
 
 def dense_samples(width: float, wavelength: float, dimension: int) -> int:
-    """The paper's count for a dense grid over W's 2d coordinates: (2 ceil(width/wavelength))^(2d).
-
-    Parameters
-    ----------
-    width : of the aperture along each of its axes, metres.
-    wavelength : metres: frequencies reach from -1/(2 wavelength) to 1/(2 wavelength), so that the
-        product of both ranges is width/wavelength.
-    dimension : d, of the aperture.
-    """
+    """The paper's count for a dense grid over W's 2d coordinates: (2 ceil(width/wavelength))^2d."""
     return int((2 * np.ceil(width / wavelength)) ** (2 * dimension))
 
 
 def grid_wigner(
     source: pw.Aperture, x: tuple[float, float], frequency: NDArray[np.float64], count: int
 ) -> NDArray[np.float64]:
-    """W(x, nu) as a sum over count x count lags, as a (zero padded) FFT computes it.
-
-    Parameters
-    ----------
-    source : uniformly lit, metres.
-    x : (2,) m.
-    frequency : (m,) 1/m, along both axes.
-    count : cells of the grid along each axis of the box around all lags.
-
-    Returns
-    -------
-    (m, m) m^2, the second component along the first axis.
-    """
+    """W(x, nu) as a sum over count x count lags, as a (zero padded) FFT computes it."""
     xmin, ymin, xmax, ymax = source.bounds
     sides = 2 * np.array([xmax - xmin, ymax - ymin])
     middles = (np.arange(count) + 0.5) / count - 0.5
@@ -64,10 +44,9 @@ def grid_wigner(
     return np.asarray((waves[1] @ inside @ waves[0].T).real * cell)
 
 
+@style.typeset
 def draw_sampling(quality: Quality) -> Made:
     """(a) Samples of dense grids against the aperture's size; (b) the error of a grid."""
-    import matplotlib as mpl
-
     sizes = np.geomspace(1, 100, 400)
     counts = np.array([[dense_samples(size, 1.0, d) for size in sizes] for d in (1, 2)])
     # Not powers of two alone: how edges fall between cells would go on from one to the next.
@@ -79,12 +58,11 @@ def draw_sampling(quality: Quality) -> Made:
     errors = np.array(
         [_rms(grid_wigner(source, POSITION, frequency, int(n)) - exact) for n in cells]
     ) / _rms(exact)
-    with mpl.rc_context(TYPOGRAPHY):
-        figure = new_figure(8.4, 3.6, spacing=0.05)
-        left, right = figure.subplots(1, 2)
-        _draw_counts(left, sizes, counts)
-        _draw_errors(right, cells, errors, source)
-        letter_panels((left, right))
+    figure = style.new_figure(8.4, 3.6, spacing=0.05)
+    left, right = figure.subplots(1, 2)
+    _draw_counts(left, sizes, counts)
+    _draw_errors(right, cells, errors, source)
+    style.letter_panels((left, right))
     return Made(
         {"": figure},
         {
@@ -109,8 +87,8 @@ def _rms(values: NDArray[np.float64]) -> float:
 
 
 def _draw_counts(axes: Any, sizes: NDArray[np.float64], counts: NDArray[np.int64]) -> None:
-    axes.loglog(sizes, counts[0], color=BLUE, label="slits: 2 coordinates", lw=1.3)
-    axes.loglog(sizes, counts[1], color=RED, label="plane: 4 coordinates", lw=1.3)
+    axes.loglog(sizes, counts[0], color=style.BLUE, label="slits: 2 coordinates", lw=1.3)
+    axes.loglog(sizes, counts[1], color=style.RED, label="plane: 4 coordinates", lw=1.3)
     axes.axhline(1, color="0.35", ls="--", lw=1.1, label="closed form, for one ray")
     width = np.sqrt(square().area)
     marked = dense_samples(width, WAVELENGTH, 2)
@@ -136,7 +114,7 @@ def _draw_counts(axes: Any, sizes: NDArray[np.float64], counts: NDArray[np.int64
 def _draw_errors(
     axes: Any, cells: NDArray[np.int64], errors: NDArray[np.float64], source: pw.Aperture
 ) -> None:
-    axes.loglog(cells, errors, "o-", color=RED, ms=4, lw=1.3, label="sum over a grid (FFT)")
+    axes.loglog(cells, errors, "o-", color=style.RED, ms=4, lw=1.3, label="sum over a grid (FFT)")
     fine = len(cells) // 2
     # Above all: where an edge along an axis falls between two rows of cells is a matter of luck.
     guide = np.max((errors * cells)[fine:]) / cells

@@ -11,17 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 import polywigner as pw
+from polywigner.figures import style
 from polywigner.figures.levels import level_db, picture_peak
 from polywigner.figures.paper.sources import WAVELENGTH, Made, Quality, square
 from polywigner.figures.scenes import draw_scene
-from polywigner.figures.style import (
-    TYPOGRAPHY,
-    draw_levels,
-    floor_text,
-    letter_panels,
-    new_figure,
-    quantity_text,
-)
 from polywigner.interruption import temporary_folder
 
 POSE = '<lookat origin="0, -0.45, 0.16" target="0, -0.05, 0.02" up="0, 0, 1"/>'
@@ -45,14 +38,7 @@ class Film(NamedTuple):
 def render_room(
     source: str, film: Film, images: Mapping[str, NDArray[np.float32]] | None = None
 ) -> NDArray[np.float64]:
-    """Radiance (height, width) in W m^-2 sr^-1 of the room with a source in it.
-
-    Parameters
-    ----------
-    source : as XML of Mitsuba.
-    film : what to take the picture with.
-    images : by the names of the EXR files to which ``source`` refers.
-    """
+    """Radiance (height, width) in W m^-2 sr^-1 of the room with a source in it."""
     from polywigner.mitsuba import load_scene, render
     from polywigner.mitsuba.films import mean_of_colours, write_exr
 
@@ -103,16 +89,7 @@ def cosine_source(power: float) -> str:
 
 
 def intensity_by_fft(directions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Radiant intensity |F|^2 cos(theta) / wavelength^2 of the square by an FFT of its raster.
-
-    Parameters
-    ----------
-    directions : (..., 3) unit vectors in the square's frame.
-
-    Returns
-    -------
-    (...) W/sr, between the frequencies of the FFT by bilinear interpolation.
-    """
+    """Radiant intensity |F|^2 cos(theta) / wavelength^2 of the square by an FFT of its raster."""
     cell = WAVELENGTH / _CELLS_PER_WAVELENGTH
     middles = (np.arange(_PADDED) - _PADDED // 2) * cell
     points = np.stack(np.meshgrid(middles, middles), axis=-1)
@@ -172,10 +149,9 @@ _OTHERS = {"draft": 16, "print": 100}  # samples of sources that leave hardly an
 _UNIT = "W/(m² sr)"
 
 
+@style.typeset
 def draw_emitters(quality: Quality) -> Made:
     """One scene with four sources of equal power; 0 dB is the peak of the Wigner source's."""
-    import matplotlib as mpl
-
     power = pw.power(square(), WAVELENGTH)
     film = _FILMS_OF_SOURCES[quality]
     quiet = film._replace(samples=_OTHERS[quality])
@@ -189,18 +165,17 @@ def draw_emitters(quality: Quality) -> Made:
     titles = ("Wigner, coherent aperture", "far field by FFT, from a point",
               "uniform, from a point", "cosine, incoherent surface")  # fmt: skip
     zero = picture_peak(pictures["wigner"])
-    with mpl.rc_context(TYPOGRAPHY):
-        figure = new_figure(8.4, 6.6, is_compressed=True)
-        panels = figure.subplots(2, 2).ravel()
-        for axes, picture, title in zip(panels, pictures.values(), titles, strict=True):
-            levels = level_db(picture, zero, _FLOOR_DB)
-            shown = draw_levels(axes, levels, low=_FLOOR_DB)
-            axes.set(xticks=[], yticks=[])
-            axes.set_title(title)
-        bar = figure.colorbar(shown, ax=panels, shrink=0.7, pad=0.02, extend="max")
-        against = "nothing lit" if zero is None else quantity_text(zero, _UNIT)
-        bar.set_label(f"radiance, dB relative to {against}; {floor_text(_FLOOR_DB)}")
-        letter_panels(panels)
+    figure = style.new_figure(8.4, 6.6, is_compressed=True)
+    panels = figure.subplots(2, 2).ravel()
+    for axes, picture, title in zip(panels, pictures.values(), titles, strict=True):
+        levels = level_db(picture, zero, _FLOOR_DB)
+        shown = style.draw_levels(axes, levels, low=_FLOOR_DB)
+        axes.set(xticks=[], yticks=[])
+        axes.set_title(title)
+    bar = figure.colorbar(shown, ax=panels, shrink=0.7, pad=0.02, extend="max")
+    against = "nothing lit" if zero is None else style.quantity_text(zero, _UNIT)
+    bar.set_label(f"radiance, dB relative to {against}; {style.floor_text(_FLOOR_DB)}")
+    style.letter_panels(panels)
     about = "W m^-2 sr^-1; rows from the top; signed"
     return Made(
         {"": figure},

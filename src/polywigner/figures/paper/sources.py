@@ -113,14 +113,7 @@ RAYS: Mapping[str, Mapping[str, Any]] = {
 
 
 def compared(place: Callable[..., Any], rays: tuple[str, ...], *others: str) -> Any:
-    """Fields at a place by some of ``RAYS``, by other methods, and last by Kirchhoff's integral.
-
-    Parameters
-    ----------
-    place : :func:`polywigner.line` and the like, with all but the method and the bar given.
-    rays : names in ``RAYS``.
-    others : methods.
-    """
+    """Fields at a place by some of ``RAYS``, by other methods, and last by Kirchhoff's integral."""
     with limits_known():
         found = place(method=(*others, "kirchhoff"), progress=False)
         for name in rays:

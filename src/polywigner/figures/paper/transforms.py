@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import polywigner as pw
+from polywigner.figures import style
 from polywigner.figures.levels import level_db
 from polywigner.figures.paper.sources import (
     WAVELENGTH,
@@ -21,23 +22,6 @@ from polywigner.figures.paper.sources import (
     triangles,
 )
 from polywigner.figures.projections import draw_projections
-from polywigner.figures.style import (
-    ACCENT,
-    INK,
-    TYPOGRAPHY,
-    colour_bar,
-    draw_levels,
-    draw_polygons,
-    draw_signed,
-    floor_text,
-    label_axes,
-    length_axes,
-    letter_panels,
-    mark_evanescent,
-    new_figure,
-    number_panels,
-    number_text,
-)
 from polywigner.geometry.display import length_unit
 from polywigner.transforms.projection import PhaseSpaceFunction
 
@@ -45,53 +29,44 @@ _FLOOR_DB = -40.0
 
 
 def signed_db(values: NDArray[np.float64], peak: float, floor_db: float) -> NDArray[np.float64]:
-    """Decades above a floor with the sign of the values: 0 at the floor, +-1 at the peak.
-
-    Parameters
-    ----------
-    values : field-like, of any shape; 20 dB are a factor of ten.
-    peak : the modulus that is 0 dB.
-    floor_db : moduli at or below this level, dB, are 0.
-    """
+    """Decades above a floor with the sign of the values: 0 at the floor, +-1 at the peak."""
     levels = level_db(np.square(values), peak**2, floor_db)
     signed: NDArray[np.float64] = np.sign(values) * (1 - levels / floor_db)
     return signed
 
 
+@style.typeset
 def draw_amp_spec(quality: Quality) -> Made:
     """F(nu) on the square |nu_x|, |nu_y| <= 1/wavelength; drawn on a symmetric scale in dB."""
-    import matplotlib as mpl
-
     source = chevrons()
     frequency = np.linspace(-1, 1, number_samples(quality, 257, 1025)) / WAVELENGTH
     nu = np.stack(np.meshgrid(frequency, frequency), axis=-1)
     transform = pw.fourier(source, nu)
     unit = length_unit(WAVELENGTH)
     places = frequency * unit.metres
-    with mpl.rc_context(TYPOGRAPHY):
-        figure = new_figure(5.8, 4.4)
-        axes = figure.add_subplot()
-        levels = signed_db(transform.real, source.area, _FLOOR_DB)
-        shown = draw_signed(axes, levels, places, places, bound=1.0)
-        area = source.area / unit.metres**2
-        # Above zero levels rise to the peak; below it those of negative values fall away from it.
-        marked = np.array([0, -10, -20, -30])
-        ticks = 1 - marked / _FLOOR_DB
-        bar = colour_bar(
-            axes, shown, f"Re F > 0 (red), Re F < 0 (blue)\ndB relative to F(0) = {area:.3g} mm²"
-        )
-        names = [number_text(level) for level in marked]
-        bar.set_ticks([*-ticks, 0.0, *ticks])
-        bar.set_ticklabels([*names, f"≤ {number_text(_FLOOR_DB)}", *names])
-        mark_evanescent(axes, WAVELENGTH, unit, "0.35")
-        label_axes(axes, "nu", unit)
-        axes.set_title(f"Re F(ν) of two chevrons; dotted: |ν| = 1/λ, λ = {WAVELENGTH * 1e3:.3g} mm")
-        inset = axes.inset_axes((0.01, 0.01, 0.19, 0.12))
-        draw_polygons(inset, source.polygons, unit, facecolor="0.2", edgecolor="none")
-        inset.set_aspect("equal")
-        inset.margins(0.1)
-        inset.autoscale_view()
-        inset.set(xticks=[], yticks=[])
+    figure = style.new_figure(5.8, 4.4)
+    axes = figure.add_subplot()
+    levels = signed_db(transform.real, source.area, _FLOOR_DB)
+    shown = style.draw_signed(axes, levels, places, places, bound=1.0)
+    area = source.area / unit.metres**2
+    # Above zero levels rise to the peak; below it those of negative values fall away from it.
+    marked = np.array([0, -10, -20, -30])
+    ticks = 1 - marked / _FLOOR_DB
+    bar = style.colour_bar(
+        axes, shown, f"Re F > 0 (red), Re F < 0 (blue)\ndB relative to F(0) = {area:.3g} mm²"
+    )
+    names = [style.number_text(level) for level in marked]
+    bar.set_ticks([*-ticks, 0.0, *ticks])
+    bar.set_ticklabels([*names, f"≤ {style.number_text(_FLOOR_DB)}", *names])
+    style.mark_evanescent(axes, WAVELENGTH, unit, "0.35")
+    style.label_axes(axes, "nu", unit)
+    axes.set_title(f"Re F(ν) of two chevrons; dotted: |ν| = 1/λ, λ = {WAVELENGTH * 1e3:.3g} mm")
+    inset = axes.inset_axes((0.01, 0.01, 0.19, 0.12))
+    style.draw_polygons(inset, source.polygons, unit, facecolor="0.2", edgecolor="none")
+    inset.set_aspect("equal")
+    inset.margins(0.1)
+    inset.autoscale_view()
+    inset.set(xticks=[], yticks=[])
     return Made(
         {"": figure},
         {"frequency": frequency, "fourier": transform, "aperture": geojson(source.polygons)},
@@ -103,35 +78,33 @@ def draw_amp_spec(quality: Quality) -> Made:
     )
 
 
+@style.typeset
 def draw_appendix(quality: Quality) -> Made:
     """|F|^2 relative to its peak for all |nu_x|, |nu_y| <= 1/wavelength, with the outlines."""
-    import matplotlib as mpl
-
     along = np.linspace(-1, 1, number_samples(quality, 401, 1601)) / WAVELENGTH
     across = np.linspace(-1, 1, number_samples(quality, 161, 641)) / WAVELENGTH
     grid = np.stack(np.meshgrid(across, across), axis=-1)
     values: dict[str, NDArray[Any]] = {"nu": along, "nu_x": across}
     about = {"nu": "1/m, of slits", "nu_x": "1/m, along both axes of all others"}
-    with mpl.rc_context(TYPOGRAPHY):
-        figure = new_figure(8.4, 8.6, is_compressed=True)
-        panels = figure.subplots(3, 3).ravel()
-        for axes, (name, source) in zip(panels, catalogue().items(), strict=True):
-            slits = isinstance(source, pw.Slits)
-            field = pw.fourier(source, along[:, None] if slits else grid)
-            peak = source.length if isinstance(source, pw.Slits) else source.area
-            levels = level_db(np.abs(field) ** 2, peak**2, _FLOOR_DB)
-            if slits:
-                _draw_line(axes, along, levels)
-            else:
-                shown = _draw_map(axes, across, levels)
-            _draw_outline(axes, source)
-            axes.set_title(name)
-            key = name.replace(",", "").replace("-", "_").replace(" ", "_")
-            values[key] = field
-            about[key] = "m, at nu" if slits else "m^2; [j, i] at (nu_x[i], nu_x[j])"
-        bar = figure.colorbar(shown, ax=panels, location="bottom", shrink=0.5, aspect=40, pad=0.02)
-        bar.set_label(f"|F(ν)|², dB relative to |F(0)|², {floor_text(_FLOOR_DB)}")
-        letter_panels(panels)
+    figure = style.new_figure(8.4, 8.6, is_compressed=True)
+    panels = figure.subplots(3, 3).ravel()
+    for axes, (name, source) in zip(panels, catalogue().items(), strict=True):
+        slits = isinstance(source, pw.Slits)
+        field = pw.fourier(source, along[:, None] if slits else grid)
+        peak = source.length if isinstance(source, pw.Slits) else source.area
+        levels = level_db(np.abs(field) ** 2, peak**2, _FLOOR_DB)
+        if slits:
+            _draw_line(axes, along, levels)
+        else:
+            shown = _draw_map(axes, across, levels)
+        _draw_outline(axes, source)
+        axes.set_title(name)
+        key = name.replace(",", "").replace("-", "_").replace(" ", "_")
+        values[key] = field
+        about[key] = "m, at nu" if slits else "m^2; [j, i] at (nu_x[i], nu_x[j])"
+    bar = figure.colorbar(shown, ax=panels, location="bottom", shrink=0.5, aspect=40, pad=0.02)
+    bar.set_label(f"|F(ν)|², dB relative to |F(0)|², {style.floor_text(_FLOOR_DB)}")
+    style.letter_panels(panels)
     return Made({"": figure}, values, about)
 
 
@@ -139,7 +112,7 @@ _INVERSE_UNIT = length_unit(WAVELENGTH)
 
 
 def _draw_line(axes: Any, nu: NDArray[np.float64], levels: NDArray[np.float64]) -> None:
-    axes.plot(nu * _INVERSE_UNIT.metres, levels, color=INK, lw=1.0)
+    axes.plot(nu * _INVERSE_UNIT.metres, levels, color=style.INK, lw=1.0)
     axes.set_ylim(_FLOOR_DB, 1.5)
     axes.set_box_aspect(1)
     axes.margins(x=0)
@@ -150,8 +123,8 @@ def _draw_line(axes: Any, nu: NDArray[np.float64], levels: NDArray[np.float64]) 
 
 def _draw_map(axes: Any, nu: NDArray[np.float64], levels: NDArray[np.float64]) -> Any:
     places = nu * _INVERSE_UNIT.metres
-    shown = draw_levels(axes, levels, places, places, low=_FLOOR_DB)
-    label_axes(axes, "nu", _INVERSE_UNIT)
+    shown = style.draw_levels(axes, levels, places, places, low=_FLOOR_DB)
+    style.label_axes(axes, "nu", _INVERSE_UNIT)
     axes.yaxis.labelpad = 0
     return shown
 
@@ -162,10 +135,12 @@ def _draw_outline(axes: Any, source: pw.Slits | pw.Aperture) -> None:
     half = 10e-3 / _INVERSE_UNIT.metres
     if isinstance(source, pw.Slits):
         for start, end in source.intervals / _INVERSE_UNIT.metres:
-            inset.plot([start, end], [0, 0], color=INK, lw=3, solid_capstyle="butt")
+            inset.plot([start, end], [0, 0], color=style.INK, lw=3, solid_capstyle="butt")
         inset.patch.set_visible(False)
     else:
-        draw_polygons(inset, source.polygons, _INVERSE_UNIT, facecolor="white", edgecolor="none")
+        style.draw_polygons(
+            inset, source.polygons, _INVERSE_UNIT, facecolor="white", edgecolor="none"
+        )
         inset.set_facecolor((0, 0, 0, 0.6))  # lobes may be as bright as the outline
     inset.set(xlim=(-half, half), ylim=(-half, half), aspect="equal", xticks=[], yticks=[])
     inset.spines[:].set_visible(False)
@@ -174,35 +149,33 @@ def _draw_outline(axes: Any, source: pw.Slits | pw.Aperture) -> None:
 _ELEMENTS, _SUPPORT, _HULL = "#c8372d", "#9dbfe0", "0.45"  # red and blue, as in the paper
 
 
+@style.typeset
 def draw_indmk(quality: Quality) -> Made:
     """Elements (red), automean (red and blue) and its convex hull, with their areas."""
-    import matplotlib as mpl
-
     source = triangles()
     support = pw.automean(source)
     hull = source.polygons.convex_hull
     unit = length_unit(source.diameter)
     mm2 = unit.metres**2
-    with mpl.rc_context(TYPOGRAPHY):
-        figure = new_figure(6.2, 3.3)  # as wide as the legend
-        axes = figure.add_subplot()
-        parts = (
-            (hull, "none", _HULL, f"convex hull, {hull.area / mm2:.0f} mm²"),
-            (
-                support.polygons,
-                _SUPPORT,
-                "none",
-                f"automean (blue and red), {support.area / mm2:.0f} mm²",
-            ),
-            (source.polygons, _ELEMENTS, "none", f"elements, {source.area / mm2:.0f} mm²"),
+    figure = style.new_figure(6.2, 3.3)  # as wide as the legend
+    axes = figure.add_subplot()
+    parts = (
+        (hull, "none", _HULL, f"convex hull, {hull.area / mm2:.0f} mm²"),
+        (
+            support.polygons,
+            _SUPPORT,
+            "none",
+            f"automean (blue and red), {support.area / mm2:.0f} mm²",
+        ),
+        (source.polygons, _ELEMENTS, "none", f"elements, {source.area / mm2:.0f} mm²"),
+    )
+    for shape, face, edge, label in parts:
+        dashed = "--" if face == "none" else "-"
+        style.draw_polygons(
+            axes, shape, unit, facecolor=face, edgecolor=edge, ls=dashed, lw=0.9, label=label
         )
-        for shape, face, edge, label in parts:
-            dashed = "--" if face == "none" else "-"
-            draw_polygons(
-                axes, shape, unit, facecolor=face, edgecolor=edge, ls=dashed, lw=0.9, label=label
-            )
-        length_axes(axes, "x", unit)
-        figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize=8)
+    style.length_axes(axes, "x", unit)
+    figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize=8)
     shapes = {"elements": source.polygons, "automean": support.polygons, "hull": hull}
     areas = np.array([shape.area for shape in shapes.values()])
     return Made(
@@ -215,10 +188,9 @@ def draw_indmk(quality: Quality) -> Made:
 _MARGIN = 0.5e-3  # so that outlines do not lie on the frame
 
 
+@style.typeset
 def draw_marginals(quality: Quality) -> Made:
     """R_x(x) with the automean's outline, and R_xi(xi): both areas of overlaps."""
-    import matplotlib as mpl
-
     source = triangles()
     count = number_samples(quality, 241, 721)
     support = pw.automean(source)
@@ -230,25 +202,24 @@ def draw_marginals(quality: Quality) -> Made:
     of_position = pw.position_marginal(source, np.stack(np.meshgrid(x, y), axis=-1))
     of_lag = pw.lag_marginal(source, np.stack(np.meshgrid(xi_x, xi_y), axis=-1))
     unit = length_unit(source.diameter)
-    with mpl.rc_context(TYPOGRAPHY):
-        figure = new_figure(5.6, 4.2, is_compressed=True)
-        panels = figure.subplots(2, 1)
-        for axes, across, up, values, symbol, name in (
-            (panels[0], x, y, of_position, "x", r"$R_x$, area of the lag slice at $x$"),
-            (
-                panels[1],
-                xi_x,
-                xi_y,
-                of_lag,
-                "xi",
-                r"$R_\xi$, area of the position slice at $\xi$",
-            ),
-        ):
-            _draw_marginal(axes, across, up, values, symbol, unit)
-            axes.set_title(name)
-        for shape, ink in ((support.polygons, "0.75"), (source.polygons, "#5ec8ff")):
-            draw_polygons(panels[0], shape, unit, facecolor="none", edgecolor=ink, lw=0.8)
-        letter_panels(panels)
+    figure = style.new_figure(5.6, 4.2, is_compressed=True)
+    panels = figure.subplots(2, 1)
+    for axes, across, up, values, symbol, name in (
+        (panels[0], x, y, of_position, "x", r"$R_x$, area of the lag slice at $x$"),
+        (
+            panels[1],
+            xi_x,
+            xi_y,
+            of_lag,
+            "xi",
+            r"$R_\xi$, area of the position slice at $\xi$",
+        ),
+    ):
+        _draw_marginal(axes, across, up, values, symbol, unit)
+        axes.set_title(name)
+    for shape, ink in ((support.polygons, "0.75"), (source.polygons, "#5ec8ff")):
+        style.draw_polygons(panels[0], shape, unit, facecolor="none", edgecolor=ink, lw=0.8)
+    style.letter_panels(panels)
     return Made(
         {"": figure},
         {
@@ -272,9 +243,9 @@ def draw_marginals(quality: Quality) -> Made:
 def _draw_marginal(axes: Any, across: Any, up: Any, values: Any, symbol: str, unit: Any) -> None:
     places = across / unit.metres, up / unit.metres
     areas = values / unit.metres**2
-    shown = draw_levels(axes, areas, *places, low=0.0, high=None, shading="nearest")
-    colour_bar(axes, shown, f"{unit.name}²")
-    length_axes(axes, symbol, unit)
+    shown = style.draw_levels(axes, areas, *places, low=0.0, high=None, shading="nearest")
+    style.colour_bar(axes, shown, f"{unit.name}²")
+    style.length_axes(axes, symbol, unit)
     axes.set_aspect("equal", adjustable="box")
     axes.margins(0)
 
@@ -291,7 +262,7 @@ def draw_projs(quality: Quality) -> Made:
         found = pw.projections(chevrons(), kind, samples=number_samples(quality, 97, 513))
         title = f"({letter}) projected {_called(kind)}, two chevrons"
         figures[letter] = draw_projections(found, title=title)
-        number_panels(figures[letter], letter)
+        style.number_panels(figures[letter], letter)
         for name in (*found.coords, *found.data_vars):
             key = str(name) if name in found.coords else f"{kind}_{name}"
             values[key] = np.asarray(found[name].values)
@@ -308,12 +279,12 @@ def _called(kind: PhaseSpaceFunction) -> str:
 POSITION = (1.2e-3, -0.6e-3)
 LAG = (4e-3, 2.5e-3)
 
-_ELEMENT, _FIRST, _SECOND, _SLICE = "0.82", INK, "#8a5a00", ACCENT
+_ELEMENT, _FIRST, _SECOND, _SLICE = "0.82", style.INK, "#8a5a00", style.ACCENT
 
 
+@style.typeset
 def draw_xforms(quality: Quality) -> Made:
     """(a) 2(G - x) & 2(x - G), over lags; (b) (G - xi/2) & (G + xi/2), over positions."""
-    import matplotlib as mpl
     from shapely.affinity import affine_transform, translate
 
     source = triangle()
@@ -328,27 +299,26 @@ def draw_xforms(quality: Quality) -> Made:
         "ahead": translate(outline, across / 2, up / 2),
         "position_slice": pw.position_slice(source, LAG),
     }
-    with mpl.rc_context(TYPOGRAPHY):
-        figure = new_figure(8.2, 4.2, spacing=0.04)
-        left, right = figure.subplots(1, 2)
-        _draw_overlap(left, shapes, ("doubled", "2(Γ − x)"), ("mirrored", "2(x − Γ)"), "lag_slice")
-        _draw_overlap(right, shapes, ("behind", "Γ − ξ/2"), ("ahead", "Γ + ξ/2"), "position_slice")
-        left.plot(x * 1e3, y * 1e3, "o", color="black", ms=4, label="x", zorder=5)
-        arrow = {"arrowstyle": "-|>", "color": "black", "shrinkA": 0, "shrinkB": 0}
-        tip = np.array(LAG) * 1e3
-        right.annotate("", tip, (0, 0), arrowprops=arrow, zorder=5)
-        right.annotate("ξ", tip, xytext=(4, 2), textcoords="offset points")
-        right.plot(*np.outer(tip, (-0.5, 0.5)), "o", color="black", ms=4, label="±ξ/2", zorder=5)
-        left.set_title(f"lag slice at x = {_pair(POSITION)} mm")
-        right.set_title(f"position slice at ξ = {_pair(LAG)} mm")
-        unit = length_unit(source.diameter)
-        length_axes(left, "xi", unit)
-        length_axes(right, "x", unit)
-        for axes in (left, right):
-            axes.legend(
-                loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=3, frameon=False, fontsize=8
-            )
-        letter_panels((left, right))
+    figure = style.new_figure(8.2, 4.2, spacing=0.04)
+    left, right = figure.subplots(1, 2)
+    _draw_overlap(left, shapes, ("doubled", "2(Γ − x)"), ("mirrored", "2(x − Γ)"), "lag_slice")
+    _draw_overlap(right, shapes, ("behind", "Γ − ξ/2"), ("ahead", "Γ + ξ/2"), "position_slice")
+    left.plot(x * 1e3, y * 1e3, "o", color="black", ms=4, label="x", zorder=5)
+    arrow = {"arrowstyle": "-|>", "color": "black", "shrinkA": 0, "shrinkB": 0}
+    tip = np.array(LAG) * 1e3
+    right.annotate("", tip, (0, 0), arrowprops=arrow, zorder=5)
+    right.annotate("ξ", tip, xytext=(4, 2), textcoords="offset points")
+    right.plot(*np.outer(tip, (-0.5, 0.5)), "o", color="black", ms=4, label="±ξ/2", zorder=5)
+    left.set_title(f"lag slice at x = {_pair(POSITION)} mm")
+    right.set_title(f"position slice at ξ = {_pair(LAG)} mm")
+    unit = length_unit(source.diameter)
+    style.length_axes(left, "xi", unit)
+    style.length_axes(right, "x", unit)
+    for axes in (left, right):
+        axes.legend(
+            loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=3, frameon=False, fontsize=8
+        )
+    style.letter_panels((left, right))
     return Made(
         {"": figure},
         {
@@ -361,17 +331,17 @@ def draw_xforms(quality: Quality) -> Made:
 
 
 def _pair(metres: tuple[float, float]) -> str:
-    return "({}, {})".format(*(number_text(value * 1e3) for value in metres))
+    return "({}, {})".format(*(style.number_text(value * 1e3) for value in metres))
 
 
 def _draw_overlap(
     axes: Any, shapes: Any, first: tuple[str, str], second: tuple[str, str], slice_name: str
 ) -> None:
     unit = length_unit(1e-2)
-    draw_polygons(
+    style.draw_polygons(
         axes, shapes["element"], unit, facecolor=_ELEMENT, edgecolor="none", label="element Γ"
     )
-    draw_polygons(
+    style.draw_polygons(
         axes,
         shapes[slice_name],
         unit,
@@ -381,7 +351,7 @@ def _draw_overlap(
         label="slice Γ′",
     )
     for (name, label), ink, dash in ((first, _FIRST, "-"), (second, _SECOND, "--")):
-        draw_polygons(
+        style.draw_polygons(
             axes, shapes[name], unit, facecolor="none", edgecolor=ink, ls=dash, lw=1.2, label=label
         )
     axes.axhline(0, color="0.6", lw=0.5, zorder=0)
