@@ -26,8 +26,8 @@ from contextlib import contextmanager, suppress
 from typing import Any
 
 from polywigner.explorer import views
-from polywigner.explorer.shown import shown
 from polywigner.explorer.state import State
+from polywigner.explorer.views import shown
 
 SECONDS = 30.0
 SHOWN = ("fourier", "wigner_nu", "wigner_x", "otf")  # with the far field, what a page opens with

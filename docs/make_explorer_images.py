@@ -15,7 +15,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from polywigner.explorer.editing import rings_of_aperture
+from polywigner.explorer.outlines import rings_of_aperture
 from polywigner.explorer.state import CATALOGUE, State, to_query
 
 IMAGES = Path(__file__).parent / "images"

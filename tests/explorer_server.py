@@ -37,7 +37,7 @@ class Answer(NamedTuple):
 
 
 @contextmanager
-def running(address: str, *allow_host: str) -> Iterator[str]:
+def running(address: str, *allow_host: str, patience: float = 15.0) -> Iterator[str]:
     """The address of a server of the page that listens there."""
     from polywigner.explorer.server import new_server
 
@@ -46,7 +46,7 @@ def running(address: str, *allow_host: str) -> Iterator[str]:
 
     def run() -> None:
         asyncio.set_event_loop(asyncio.new_event_loop())
-        server.append(new_server(State(), port=0, address=address, allow_host=allow_host))
+        server.append(new_server(State(), 0, address, allow_host, patience))
         server[0].start()
         started.set()
         server[0].io_loop.start()

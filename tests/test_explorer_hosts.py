@@ -169,7 +169,7 @@ def test_pages_are_limited_in_number_and_those_that_nobody_is_at_more_so(
     from tornado.httputil import HTTPHeaders, HTTPServerRequest, RequestStartLine
     from tornado.web import Application, RequestHandler
 
-    from polywigner.explorer.guard import guard
+    from polywigner.explorer.visits import guard
 
     sessions = [Session(1)] * connected + [Session(0)] * unconnected
     application = Application([(".*", RequestHandler)])

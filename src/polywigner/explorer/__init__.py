@@ -3,10 +3,10 @@
 Three layers, each knowing only those above it:
 
 - :mod:`~polywigner.explorer.state`, what is shown, as one frozen value, and as the text of a
-  link; ``editing`` makes new states of old;
+  link; ``outlines`` makes new states of old;
 - :mod:`~polywigner.explorer.views`, from a state to arrays with units; ``snippets`` and
   ``exports`` write down the same as Python code and files;
-- ``page`` and ``server``: widgets, figures and sessions, the only modules that import Bokeh.
+- ``page``, ``visits`` and ``server``: widgets, figures and sessions, which alone import Bokeh.
 """
 
 from __future__ import annotations
@@ -36,11 +36,13 @@ def start_state(
     ------
     PolywignerError for a file that cannot be read, or has more vertices than the page edits.
     """
-    from polywigner.explorer.sources import state_of_file
-
     chosen: dict[str, Any] = {} if wave is None else {"wave": wave}
     same = {"um": "µm"}.get(unit, unit)
-    if same in UNITS:
-        chosen["unit"] = same
-    state = State(**chosen)
-    return state if path is None else state_of_file(path, unit, state, layer, union)
+    state = State(**chosen, unit=same) if same in UNITS else State(**chosen)
+    if path is None:
+        return state
+    import polywigner as pw
+    from polywigner.explorer.outlines import rings_of_aperture
+
+    aperture = pw.read_aperture(path, unit=unit, layer=layer, union=union)
+    return state.moved(rings=rings_of_aperture(aperture, state.per_metre))

@@ -7,11 +7,11 @@ import json
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import shapely
 
 from polywigner.explorer import views
-from polywigner.explorer.results import final_samples
-from polywigner.explorer.shown import FLOOR_DB, Shown, shown
-from polywigner.explorer.sources import aperture_of, feeding_of
+from polywigner.explorer.computing import final_samples
+from polywigner.explorer.outlines import aperture_of, feeding_of
 from polywigner.explorer.state import UNITS, State, to_query
 
 if TYPE_CHECKING:
@@ -26,30 +26,16 @@ def geojson(state: State) -> str:
     ------
     PolywignerError for what is no polygon, here as in all of this module.
     """
-    scale = UNITS["mm"]
-    polygons = [
-        [[[*_exact(x, scale), *_exact(y, scale)] for x, y in ring.coords] for ring in rings]
-        for rings in _parts(state)
-    ]
-    geometry: dict[str, Any] = {"type": "MultiPolygon", "coordinates": polygons}
-    if len(polygons) == 1:
-        geometry = {"type": "Polygon", "coordinates": polygons[0]}
+    polygons = aperture_of(state.rings, state.per_metre).polygons
+    # 15 digits give back the number that was typed
+    typed = np.vectorize(lambda metres: float(f"{metres * UNITS['mm']:.15g}"))
+    drawn = polygons if len(polygons.geoms) > 1 else polygons.geoms[0]
     feature = {
         "type": "Feature",
         "properties": {"unit": "mm", "wave": state.wave},
-        "geometry": geometry,
+        "geometry": shapely.geometry.mapping(shapely.transform(drawn, typed)),
     }
     return json.dumps(feature, indent=1) + "\n"
-
-
-def _exact(metres: float, scale: int) -> tuple[float]:
-    # 15 digits give back the number that was typed
-    return (float(f"{metres * scale:.15g}"),)
-
-
-def _parts(state: State) -> list[list[Any]]:
-    polygons = aperture_of(state.rings, state.per_metre).polygons.geoms
-    return [[polygon.exterior, *polygon.interiors] for polygon in polygons]
 
 
 def svg(state: State) -> str:
@@ -61,8 +47,8 @@ def svg(state: State) -> str:
     xmin, ymin, xmax, ymax = (1e3 * v for v in aperture.bounds)
     paths = "".join(
         "M" + " L".join(f"{1e3 * x:.15g},{-1e3 * y:.15g}" for x, y in ring.coords[:-1]) + "Z"
-        for rings in _parts(state)
-        for ring in rings
+        for polygon in aperture.polygons.geoms
+        for ring in (polygon.exterior, *polygon.interiors)
     )
     width, height = xmax - xmin, ymax - ymin
     return (
@@ -75,22 +61,20 @@ def svg(state: State) -> str:
 
 def values_file(state: State, name: str) -> bytes:
     """The arrays of a view with their axes and the link of the state, as ``.npz``."""
-    buffer = io.BytesIO()
+    arrays: dict[str, Any] = {}
     if name == "far":
         cuts = views.far_field(state)
-        arrays: dict[str, Any] = {} if cuts.cross is None else {"cross_polar_dbi": cuts.cross}
-        np.savez(
-            buffer, theta_rad=cuts.theta, phi_rad=cuts.phi, directivity_dbi=cuts.directivity,
-            link=to_query(state), **arrays,
-        )  # fmt: skip
-        return buffer.getvalue()
-    picture = views.PICTURES[name](state, final_samples(state, name))
-    axis = np.linspace(-picture.half, picture.half, picture.samples)
-    arrays = dict(picture.arrays)
-    np.savez(
-        buffer, first=picture.centre[0] + axis, second=picture.centre[1] + axis,
-        axis_unit=picture.axis_unit, unit=picture.unit, link=to_query(state), **arrays,
-    )  # fmt: skip
+        arrays = {"theta_rad": cuts.theta, "phi_rad": cuts.phi, "directivity_dbi": cuts.directivity}
+        if cuts.cross is not None:
+            arrays["cross_polar_dbi"] = cuts.cross
+    else:
+        picture = views.PICTURES[name](state, final_samples(state, name))
+        axis = np.linspace(-picture.half, picture.half, picture.samples)
+        first, second = (middle + axis for middle in picture.centre)
+        units = {"axis_unit": picture.axis_unit, "unit": picture.unit}
+        arrays = {"first": first, "second": second, **units, **picture.arrays}
+    buffer = io.BytesIO()
+    np.savez(buffer, **arrays, link=to_query(state))
     return buffer.getvalue()
 
 
@@ -119,7 +103,7 @@ def draw_view(state: State, name: str) -> Figure:
             figure = new_figure(0.4 + 4.4 * len(picture.arrays), 4.2)
             panels = figure.subplots(1, len(picture.arrays), squeeze=False)[0]
             for axes, key in zip(panels, picture.arrays, strict=True):
-                _draw(axes, picture, shown(picture, key, state.part, state.unit), state)
+                _draw(axes, picture, views.shown(picture, key, state.part, state.unit), state)
         lit = [state.wave, *(f"{key} {text}" for key, text in feeding_of(state))]
         if state.coherence and name in ("wigner_nu", "wigner_x"):
             lit.append(f"coherent over {state.coherence:g} {state.unit}")
@@ -128,44 +112,40 @@ def draw_view(state: State, name: str) -> Figure:
 
 
 def _chosen(state: State, name: str) -> str:
-    x, y = state.x
-    if name == "wigner_nu":
-        return f"x = ({x:g}, {y:g}) {state.unit}"
-    if name == "wigner_x":
-        return f"ν = ({state.nu[0]:g}, {state.nu[1]:g}) / {state.unit}"
-    if name == "otf":
-        return f"defocus {state.defocus:g} waves"
-    if name == "near":
-        return f"z = {state.distance:g} {state.unit}, rays of order {state.order}"
-    if name == "far" and state.polarisation.strip():
-        return f"polarisation {state.polarisation.strip()}: co- and cross-polar"
-    return "directivity" if name == "far" else "Fourier transform"
+    (x, y), nu, polarisation = state.x, state.nu, state.polarisation.strip()
+    co_and_cross = f"polarisation {polarisation}: co- and cross-polar"
+    return {
+        "fourier": "Fourier transform",
+        "wigner_nu": f"x = ({x:g}, {y:g}) {state.unit}",
+        "wigner_x": f"ν = ({nu[0]:g}, {nu[1]:g}) / {state.unit}",
+        "otf": f"defocus {state.defocus:g} waves",
+        "near": f"z = {state.distance:g} {state.unit}, rays of order {state.order}",
+        "far": co_and_cross if polarisation else "directivity",
+    }[name]
 
 
-def _draw(axes: Axes, picture: views.Picture, what: Shown, state: State) -> None:
+def _draw(axes: Axes, picture: views.Picture, what: views.Shown, state: State) -> None:
     from polywigner.figures import style
 
-    scale = 1 / state.per_metre if picture.axis_unit == "1/m" else state.per_metre
+    scale, unit = picture.axis_in(state.unit)
     along = np.linspace(-picture.half, picture.half, picture.samples)
     x, y = (scale * (middle + along) for middle in picture.centre)
     if what.scale == "signed":
         style.signed_bar(axes, style.draw_signed(axes, what.values, x, y), what.bar)
     else:
-        maps = {"level": style.LEVEL_MAP, "unit": style.LEVEL_MAP, "phase": style.PHASE_MAP}
-        how = {"cmap": maps.get(what.scale, style.SIGNED_MAP), "vmin": what.low, "vmax": what.high}
+        how = {"cmap": views.COLOUR_MAPS[what.scale], "vmin": what.low, "vmax": what.high}
         image = style.draw_map(axes, what.values, x, y, **how)
         style.colour_bar(axes, image, what.bar)
     if what.scale == "difference":
         axes.set_facecolor("0.85")  # not compared
     axes.set_title(what.title)
     symbol = {"1/m": r"\nu"}.get(picture.axis_unit, r"\xi" if picture.name == "otf" else "")
-    unit = f"1/{state.unit}" if picture.axis_unit == "1/m" else state.unit
     for label, component in ((axes.set_xlabel, "x"), (axes.set_ylabel, "y")):
         label(f"${symbol}_{component}$ ({unit})" if symbol else f"${component}$ ({unit})")
 
 
 def _draw_cuts(axes: Any, cuts: views.Cuts) -> None:
-    floor = cuts.largest + FLOOR_DB
+    floor = cuts.largest + views.FLOOR_DB
     axes.set_theta_zero_location("N")
     axes.set_theta_direction(-1)
     for k, (name, levels) in enumerate(cuts.lines):

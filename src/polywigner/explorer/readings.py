@@ -19,9 +19,8 @@ from typing import Any
 
 import polywigner
 from polywigner.errors import FileFormatError, PolywignerError
-from polywigner.explorer import reading_process
-from polywigner.explorer.sources import check_upload, without_advice
-from polywigner.explorer.state import UNITS, Ring, Unit
+from polywigner.explorer.outlines import Rings, check_upload, rings_of_aperture, without_advice
+from polywigner.explorer.state import UNITS, State, Unit
 from polywigner.geometry.io import library_process
 
 _SECONDS = 10
@@ -31,8 +30,6 @@ _TOO_MUCH = (
     f"expected a file that is read within {_SECONDS} s and {_MEMORY >> 30} GiB, got one that needs "
     "more; simplify it"
 )
-
-Rings = tuple[Ring, ...]
 
 
 class Readings:
@@ -61,22 +58,16 @@ class Readings:
         self.forget(visitor)
 
         async def work() -> None:
-            outcome: Rings | PolywignerError
             try:
-                outcome = await self.rings(name, content, unit)
+                then(await self.rings(name, content, unit))
             except PolywignerError as error:
-                outcome = error
-            except asyncio.CancelledError:
-                outcome = FileFormatError("The file was not read: the connection was lost.")
-            if self._tasks.get(visitor) is asyncio.current_task():  # the newest
-                del self._tasks[visitor]
-                then(outcome)
+                then(error)
 
         self._tasks[visitor] = asyncio.get_running_loop().create_task(work())
 
     def forget(self, visitor: Hashable) -> None:
         """End the reading for a visitor who has left."""
-        task = self._tasks.get(visitor)
+        task = self._tasks.pop(visitor, None)
         if task is not None:
             task.cancel()
 
@@ -106,19 +97,14 @@ class Readings:
         return tuple(tuple((x, y) for x, y in ring) for ring in found["rings"])
 
     async def _answer(self, path: str, unit: Unit) -> dict[str, Any]:
-        asked = {
-            "program": reading_process.__file__,
-            "package": str(Path(polywigner.__file__).parent.parent),
-            "memory": self._memory,
-            "seconds": self._seconds,
-            "path": path,
-            "unit": unit,
-            "per_metre": UNITS[unit],
-        }
+        limits = {"memory": self._memory, "seconds": self._seconds}
+        asked = {"program": __file__, "path": path, "unit": unit, **limits}
+        package = str(Path(polywigner.__file__).parent.parent)  # where the server found it
+        folders = os.pathsep.join(filter(None, [os.environ.get("PYTHONPATH"), package]))
+        variables = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "PYTHONPATH": folders}
         process = await asyncio.create_subprocess_exec(
-            sys.executable, "-P", library_process.__file__,
+            sys.executable, "-P", library_process.__file__, env={**os.environ, **variables},
             stdin=PIPE, stdout=PIPE, stderr=DEVNULL, start_new_session=True,
-            env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
         )  # fmt: skip
         self.processes.add(process)
         try:
@@ -142,3 +128,13 @@ def _kill(process: Process) -> None:
                 os.killpg(process.pid, signal.SIGKILL)
             else:
                 process.kill()
+
+
+def answer(asked: dict[str, Any]) -> dict[str, Any]:
+    """Return outlines in units, or the error of the file: called in the other process."""
+    try:
+        aperture = polywigner.read_aperture(asked["path"], unit=asked["unit"])
+        rings = rings_of_aperture(aperture, UNITS[asked["unit"]])
+        return {"rings": State(rings=rings).rings}  # its limits
+    except PolywignerError as error:
+        return {"error": str(error)}

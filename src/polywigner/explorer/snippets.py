@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from polywigner.explorer import views, windows
-from polywigner.explorer.results import final_samples
-from polywigner.explorer.sources import feeding_of, polygons_of
+from polywigner.explorer import views
+from polywigner.explorer.computing import final_samples
+from polywigner.explorer.outlines import feeding_of, polygons_of
 from polywigner.explorer.state import State
 
 SNIPPETS = ("fourier", "wigner_nu", "wigner_x", "otf", "near", "far")
@@ -67,16 +67,16 @@ def _view_lines(state: State, name: str, samples: int | None) -> list[str]:
     engine = f'engine="{views.ENGINE}"'
     x, y = (state.metres(v) for v in state.x)
     nu = tuple(v * state.per_metre for v in state.nu)
-    centre = windows.position_window(state)
+    centre = views.position_window(state)
     light = "light" if state.coherence else "source"
     if name == "fourier":
         return [
-            *_axis_lines(windows.frequency_half(state), count),
+            *_axis_lines(views.frequency_half(state), count),
             f"values = pw.fourier(source, grid, {engine})  # m^2",
         ]
     if name == "wigner_nu":
         return [
-            *_axis_lines(windows.frequency_half(state), count),
+            *_axis_lines(views.frequency_half(state), count),
             f"values = pw.wigner({light}, ({x!r}, {y!r}), grid, {engine})  # m^2",
         ]
     if name == "wigner_x":
@@ -86,12 +86,12 @@ def _view_lines(state: State, name: str, samples: int | None) -> list[str]:
         ]
     if name == "otf":
         return [
-            *_axis_lines(windows.lag_half(state), count),
+            *_axis_lines(views.lag_half(state), count),
             f"values = pw.otf(source, grid, {state.defocus!r}, {engine})",
         ]
     if name == "near":
         return [
-            *_axis_lines(windows.plane_half(state), count, *centre[:2]),
+            *_axis_lines(views.plane_half(state), count, *centre[:2]),
             f"z = np.full((*grid.shape[:2], 1), {state.metres(state.distance)!r})",
             "points = np.concatenate([grid, z], axis=-1)",
             f"parts = np.array_split(points, {views.near_strips(state, count)})",
@@ -108,24 +108,26 @@ def _view_lines(state: State, name: str, samples: int | None) -> list[str]:
             '    [pw.irradiance(source, part, wavelength, "kirchhoff") for part in parts]',
             ")",
         ]
-    theta = windows.angles(state)
-    if state.polarisation.strip():
+    theta = views.angles(state)
+    lines = [
+        f"theta = np.linspace({float(theta[0])!r}, {float(theta[-1])!r}, {len(theta)})",
+        f"phi = {views.azimuths(state)!r}",
+    ]
+    if not state.polarisation.strip():
         return [
-            f"theta = np.linspace({float(theta[0])!r}, {float(theta[-1])!r}, {len(theta)})",
-            f"phi = {windows.azimuths(state)!r}",
-            "pattern = pw.radiation_pattern(",
-            f"    source, wavelength, theta, phi, {engine}, polarisation={state.polarisation!r}",
-            ")",
-            'power = pattern.attrs["radiated_power"]',
-            'with np.errstate(divide="ignore"):',
-            "    values, cross = (  # dBi, co- and cross-polar",
-            "        10 * np.log10(4 * np.pi / power * np.abs(pattern[part].values) ** 2)",
-            '        for part in ("field", "cross_field")',
-            "    )",
+            *lines,
+            f"pattern = pw.radiation_pattern(source, wavelength, theta, phi, {engine})",
+            'values = np.asarray(pattern["directivity"].values)  # dBi',
         ]
     return [
-        f"theta = np.linspace({float(theta[0])!r}, {float(theta[-1])!r}, {len(theta)})",
-        f"phi = {windows.azimuths(state)!r}",
-        f"pattern = pw.radiation_pattern(source, wavelength, theta, phi, {engine})",
-        'values = np.asarray(pattern["directivity"].values)  # dBi',
+        *lines,
+        "pattern = pw.radiation_pattern(",
+        f"    source, wavelength, theta, phi, {engine}, polarisation={state.polarisation!r}",
+        ")",
+        'power = pattern.attrs["radiated_power"]',
+        'with np.errstate(divide="ignore"):',
+        "    values, cross = (  # dBi, co- and cross-polar",
+        "        10 * np.log10(4 * np.pi / power * np.abs(pattern[part].values) ** 2)",
+        '        for part in ("field", "cross_field")',
+        "    )",
     ]

@@ -44,8 +44,6 @@ Ring = tuple[Point, ...]
 MOST_VERTICES = 1000
 """Most vertices with handles to drag; a transform of a thousand edges takes seconds."""
 MOST_RINGS = 100
-LARGEST_QUERY = 48 * 1024
-"""Bytes of a link: of a thousand vertices with all their digits."""
 
 _LONGEST_TEXT = 100
 _FROM_ZERO = ("coherence", "distance", "reach", "snap")
@@ -143,7 +141,7 @@ class State:
         return replace(self, **changes)
 
 
-def _checked_number(name: str, value: Any, low: float) -> float:
+def _checked_number(name: str, value: Any, low: float = -_LARGEST) -> float:
     try:
         number = float(value)
     except (TypeError, ValueError):
@@ -158,10 +156,7 @@ def _checked_point(name: str, value: Any) -> Point:
         first, second = value
     except (TypeError, ValueError):
         raise ArgumentError(f"{name}: expected two numbers, got {value!r}") from None
-    return (
-        _checked_number(name, first, -_LARGEST),
-        _checked_number(name, second, -_LARGEST),
-    )
+    return _checked_number(name, first), _checked_number(name, second)
 
 
 def _checked_rings(rings: Any) -> tuple[Ring, ...]:
@@ -184,7 +179,7 @@ def to_query(state: State) -> str:
         if field.name != "rings" and getattr(state, field.name) != getattr(plain, field.name)
     }
     outline = ";".join(" ".join(map(_text, ring)) for ring in state.rings)
-    return urlencode({"rings": outline, **texts}, quote_via=quote, safe=",; ".strip(" "))
+    return urlencode({"rings": outline, **texts}, quote_via=quote, safe=",;")
 
 
 def _text(value: Any) -> str:
@@ -200,35 +195,24 @@ def from_query(query: str) -> State:
 
     Raises
     ------
-    ArgumentError for a link that is too long, damaged, or of values that cannot be shown.
+    ArgumentError for a link that is damaged, or of values that cannot be shown.
     """
-    if len(query) > LARGEST_QUERY:
-        raise ArgumentError(f"expected a link of at most {LARGEST_QUERY} characters, got more")
     known = {field.name: type(field.default) for field in fields(State)}
     values: dict[str, Any] = {}
     for name, text in parse_qsl(query.removeprefix("?"), keep_blank_values=True):
         if name not in known:
             raise ArgumentError(f"expected the link of an explorer, got one with {name[:20]!r}")
-        values[name] = _value(name, text, known[name])
+        kind = known[name]
+        try:
+            if name == "rings":
+                values[name] = [[p.split(",") for p in r.split()] for r in text.split(";") if r]
+            else:
+                values[name] = text.split(",") if kind is tuple else kind(text)
+        except ValueError:
+            raise ArgumentError(
+                f"expected a number for {name}, got {text[:40]!r}; the link is damaged"
+            ) from None
     return State(**values)
-
-
-def _value(name: str, text: str, kind: type) -> Any:
-    try:
-        if name == "rings":
-            return tuple(
-                tuple(_pair(point) for point in ring.split()) for ring in text.split(";") if ring
-            )
-        return _pair(text) if kind is tuple else kind(text)
-    except ValueError:
-        raise ArgumentError(
-            f"expected numbers for {name}, got {text[:40]!r}; the link is damaged"
-        ) from None
-
-
-def _pair(text: str) -> Point:
-    first, second = text.split(",")
-    return float(first), float(second)
 
 
 _LONGEST = 200
@@ -236,7 +220,7 @@ _LONGEST = 200
 
 @dataclass(frozen=True)
 class History:
-    """Immutable; each step gives a new one. Only the last 200 states are kept."""
+    """States before and after the present one; only the last 200 are kept."""
 
     present: State = field(default_factory=State)
     past: tuple[State, ...] = ()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import logging
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
@@ -10,30 +11,19 @@ from html import escape
 from typing import Any
 from urllib.parse import urlencode
 
-from bokeh.models import ColumnDataSource
+from bokeh.events import DocumentReady
+from bokeh.models import ColumnDataSource, CustomJS
 from tornado.ioloop import IOLoop
 
 from polywigner.errors import PolywignerError
-from polywigner.explorer.editing import without_vertex
-from polywigner.explorer.logs import log_fault
-from polywigner.explorer.page.access import connect_access
+from polywigner.explorer.computing import Result, Scheduler, queue, results
+from polywigner.explorer.outlines import LARGEST_UPLOAD, without_vertex
+from polywigner.explorer.page import browser
 from polywigner.explorer.page.controls import VIEWS, Controls
-from polywigner.explorer.page.events import connect
-from polywigner.explorer.page.guards import guarded
-from polywigner.explorer.page.show import (
-    Figures,
-    Status,
-    arranged,
-    connect_layout,
-    fill,
-    show_code,
-    together,
-)
+from polywigner.explorer.page.events import connect, guarded
+from polywigner.explorer.page.figures import Figures, emptied
 from polywigner.explorer.readings import Readings
-from polywigner.explorer.results import Result, queue, results
-from polywigner.explorer.scheduler import Scheduler
-from polywigner.explorer.state import History, State, from_query, needed, to_query
-from polywigner.explorer.views import edges_of
+from polywigner.explorer.state import History, State, from_query, needed
 
 Arrived = tuple[Result, list[tuple[str, int]]]  # with what is still to be computed after it
 
@@ -58,11 +48,6 @@ def open_page(doc: Any, start: State, scheduler: Scheduler, readings: Readings) 
     return session
 
 
-def _collect() -> Iterator[None]:
-    gc.collect()
-    yield
-
-
 class Session:
     """The state of a visitor with its past, its widgets and its figures."""
 
@@ -70,7 +55,6 @@ class Session:
         self.doc, self.scheduler, self.readings = doc, scheduler, readings
         self.history = History(start)
         self.controls, self.figures = Controls(), Figures()
-        self.status = Status(self.controls.busy)
         self.signals = ColumnDataSource({"busy": [0]}, name="signals")
         self.downloads = ColumnDataSource({"name": [], "kind": [], "content": []})
         self.keys = ColumnDataSource({"key": [], "figure": [], "shift": [], "time": []})
@@ -88,11 +72,8 @@ class Session:
         doc.title = "polywigner explore"
         connect(self)
         self.fill()
-        controls, figures = self.controls, self.figures.all
-        self.page = arranged(controls.head(), controls.side(), figures, controls.point())
-        connect_layout(doc, self.page, figures, controls.drawer, controls.groups)
-        connect_access(self)
-        self.status.show_on(doc, self.figures.all)
+        self.page = self.controls.arranged(self.figures.all)
+        self._connect_browser()
         doc.add_root(self.page)  # last: a document looks through its models after each change
 
     @property
@@ -105,6 +86,49 @@ class Session:
         """The views that are computed."""
         names = list(VIEWS)
         return (*(names[k] for k in self.controls.views.active), "values")
+
+    def _connect_browser(self) -> None:
+        """Give the browser its scripts, and the models that they see."""
+        controls, aperture = self.controls, self.figures.aperture
+        headings = [group.heading for group in controls.groups]
+        known: dict[str, Any] = {
+            "page": self.page, "side": self.page.children[1], "main": self.page.children[2],
+            "figures": self.figures.all, "outline": aperture.outline,
+            "vertices": aperture.vertices, "signals": self.signals, "files": self.downloads,
+            "keys": self.keys, "pointed": self.pointed, "refused": self.refused,
+            "link": controls.link, "stale": controls.stale, "table": controls.table,
+            "rows": controls.rows, "upload": controls.upload, "busy": controls.busy,
+            "message": controls.message, "drawer": controls.drawer, "headings": headings,
+            "heights": [group.height for group in controls.groups], "narrow": browser.NARROW,
+            "largest": LARGEST_UPLOAD, "with_keys": browser.WITH_KEYS,
+            "texts": [controls.busy, controls.message, controls.values, controls.note],
+            "live": [
+                (controls.message, "assertive", "Messages"),
+                (controls.busy, "polite", "State of the computation"),
+                (controls.values, "polite", "Values at the chosen point"),
+                (controls.note, "polite", "About the near field"),
+                (controls.tour_text, "polite", "Tour"),
+            ],
+            "sliders": [controls.coherence, controls.defocus, controls.distance],
+            "radios": [(controls.part, "Part of F"), (controls.order, "Order of rays")],
+            "toggles": [
+                (controls.draw, "aria-pressed"),
+                *((made, "aria-expanded") for made in (controls.drawer, *headings)),
+            ],
+        }  # fmt: skip
+        for code in browser.READY:
+            self.doc.js_on_event(DocumentReady, CustomJS(args=known, code=code))
+        for model, code in (
+            (aperture.vertices, browser.REBUILD),
+            (self.downloads, browser.DOWNLOAD),
+            (self.pointed, browser.SCROLL),
+            (controls.rows, browser.REPAINT),
+            (controls.stale, browser.STALE),
+        ):
+            model.js_on_change("data", CustomJS(args=known, code=code))
+        controls.link.js_on_change("value", CustomJS(args=known, code=browser.ADDRESS))
+        aperture.figure.js_on_event("pan", CustomJS(args=known, code=browser.DRAG))
+        self.doc.js_on_event("connection_lost", CustomJS(args=known, code=browser.LOST))
 
     def edit(self, step: bool = True, edges: bool = True, **changes: Any) -> None:
         """A new state, computed and shown; one that cannot be is refused with a message.
@@ -119,6 +143,10 @@ class Session:
             self.fill()
             return
         self.go(self.history.then(state) if step else self.history.instead(state), edges)
+
+    def look(self, **changes: Any) -> None:
+        """Another place, direction or view of the same source: no step of undo."""
+        self.edit(step=False, edges=False, **changes)
 
     def delete(self, vertex: int) -> str:
         """Take a vertex away, and name all that goes with it."""
@@ -143,7 +171,7 @@ class Session:
         """Changes of widgets and figures that go out together, without their telling them back."""
         before, self.filling = self.filling, True
         try:
-            with together(self.doc):
+            with _together(self.doc):
                 yield
         finally:
             self.filling = before
@@ -151,13 +179,11 @@ class Session:
     def fill(self, edges: bool = True) -> None:
         """Put the state into widgets and handles."""
         with self.filled():
-            fill(self.controls, self.history)
-            self.controls.link.value = to_query(self.state)
+            self.controls.fill(self.history)
             if not self.state.rings:
                 self.figures.aperture.clear()
-            if edges:
+            if edges:  # not under a vertex that is being dragged
                 self.figures.aperture.show_edges(self.state)
-                self.figures.frame(self.state)  # not under a vertex that is being dragged
             self.figures.mark(self.state)
 
     def say(self, text: str, hint: bool = False) -> None:
@@ -210,8 +236,7 @@ class Session:
         self.arrived: set[str] = set()  # views of which there is something of this request
         names = tuple(n for n in self.visible if self.shown.get(n) != needed(self.state, n))
         self.signals.data = {"busy": [1]}
-        self.status.request = self.wanted
-        self.status.computing(names, (), (*names, "lags"))
+        self.controls.say_computing(self.wanted, names, (), (*names, "lags"))
         self.scheduler.submit(id(self), partial(self._compute, self.state, names, self.wanted))
 
     def _compute(self, state: State, names: tuple[str, ...], number: int) -> Iterator[None]:
@@ -225,8 +250,7 @@ class Session:
         for result in results(state, names):
             if result is not None:
                 if result.name == "source":
-                    partly = state.coherence > 0
-                    todo = [] if result.error else queue(names, edges_of(state), partly)
+                    todo = [] if result.error else queue(state, names)
                 else:
                     todo = todo[1:]
                 found.append((result, todo))
@@ -282,35 +306,49 @@ class Session:
                 self._show_one(state, result)
                 self.arrived.add(result.name)
             if is_last:
-                self.status.ready(self.visible, self.is_outdated, not state.rings)
+                self.controls.say_done(self.visible, self.is_outdated, not state.rings)
                 self.signals.data = {"busy": [0]}
             else:
                 stale = [name for name in names if name not in self.arrived]
-                self.status.computing(names, todo, stale)
+                self.controls.say_computing(number, names, todo, stale)
 
     def _show_one(self, state: State, result: Result) -> None:
-        self.shown.pop(result.name, None)
-        if result.name == "source":
+        name = result.name
+        self.shown.pop(name, None)
+        if name == "source":
             self.trouble, self.is_outdated = result.error, bool(result.error)
             if not state.rings:
                 self.shown.clear()
-                self.figures.clear_all(self.controls)
+                self.figures.lags.clear()
+                for view in (*VIEWS, "values"):
+                    self._clear(view)
             elif result.error:
                 self.trouble += ". What is shown is the last that could be computed."
             self._show_message()
-            show_code(self.controls, state)
+            self.controls.show_code(state)
         elif result.error:
-            self.trouble = f"{VIEWS.get(result.name, result.name)}: {result.error}"
-            self.figures.clear(result.name, self.controls)
+            self.trouble = f"{VIEWS.get(name, name)}: {result.error}"
+            self._clear(name)
             self._show_message()
-        if not result.error:
-            if result.name != "source" and result.is_final(state):
-                self.shown[result.name] = needed(state, result.name)
-            try:
-                self.figures.show(state, result, self.controls)
-            except Exception:  # no traceback reaches the page
-                log_fault("a view could not be shown")
-                self.say(f"{result.name} could not be shown; this is a fault of polywigner")
+        if result.error:
+            return
+        if name != "source" and result.is_final(state):
+            self.shown[name] = needed(state, name)
+        try:
+            if name == "values":
+                self.controls.show_values(result.value, state)
+            else:
+                self.figures.show(state, name, result.value)
+            if name == "near":
+                self.controls.note.text = result.value.note
+        except Exception:  # no traceback reaches the page
+            logging.getLogger("polywigner.explorer").exception("a view could not be shown")
+            self.say(f"{name} could not be shown; this is a fault of polywigner")
+
+    def _clear(self, view: str) -> None:
+        self.controls.clear(view)
+        if view != "values":
+            self.figures.clear(view)
 
     def leave(self) -> None:
         """The visitor has left: nothing is computed any more, and the memory comes back."""
@@ -319,6 +357,47 @@ class Session:
         self.scheduler.forget((id(self), "file"))
         self.readings.forget(id(self.doc))
         for image in self.figures.images.values():
-            image.source.data = {name: [] for name in image.source.data}
+            emptied(image.source)
         # pages are cycles of references: Python alone would wait for hundreds of them
         self.scheduler.submit("garbage", _collect)
+
+
+def _collect() -> Iterator[None]:
+    gc.collect()
+    yield
+
+
+@contextmanager
+def _together(doc: Any) -> Iterator[None]:
+    """Changes of a document that go to the browser as one message.
+
+    Bokeh sends each change by itself: half a millisecond for the list of all models that it makes
+    for each, and a figure painted several times over. Callbacks on what is changed here are not
+    called, as while widgets are filled.
+    """
+    if doc.callbacks.hold_value is not None:  # part of a larger whole
+        yield
+        return
+    doc.hold("combine")
+    try:
+        yield
+    finally:
+        _send(doc)
+
+
+def _send(doc: Any) -> None:
+    session: Any = getattr(doc.session_context, "session", None)
+    try:
+        # of Bokeh's own, for which there is no public name
+        events, writes = doc.callbacks._held_events, session._pending_writes
+        connections = [(c.protocol, c._socket) for c in session._subscribed_connections]
+    except AttributeError:  # another version, or no session yet
+        doc.unhold()
+        return
+    if writes is None or not all(getattr(e, "setter", session) is None for e in events):
+        doc.unhold()  # also of what is no change of a model, or comes from the browser
+        return
+    doc.callbacks._held_events = []
+    doc.unhold()
+    for protocol, socket in connections if events else ():
+        writes.append(socket.send_message(protocol.create("PATCH-DOC", events)))
