@@ -209,6 +209,21 @@ def test_forward_and_reverse_mode_are_adjoint(name, make):
     _adjoint(value, arrays, rng)
 
 
+INTERVALS = np.array([[-1.0, -0.3], [0.2, 0.9], [1.1, 1.6]])
+SLITS = pw.Slits(INTERVALS).with_illumination(pw.Illumination([1.0, 0.4j], [[0.3], [-1.1]]))
+
+
+@pytest.mark.parametrize("name", ["fourier", "wigner", "ambiguity"])
+def test_forward_and_reverse_mode_in_ends_of_slits_are_adjoint(name):
+    rng = np.random.default_rng(2)
+
+    def value(ends, *points):
+        return _power_of(name, pw.differentiable(SLITS, intervals=ends), points[0], points[-1])
+
+    points = [rng.uniform(-0.8, 1.2, 7), rng.uniform(-3, 3, 7)][name == "fourier" :]
+    _adjoint(value, [_points(INTERVALS), *map(_backend().Float64, points)], rng)
+
+
 def _gradient(source, vertices, *points):
     """Of W summed over samples: in vertices, x and nu."""
     import drjit as dr
@@ -292,6 +307,16 @@ def test_a_precision_is_kept_and_numpy_points_become_tensors():
         lambda: pw.differentiable(pw.Aperture(CHEVRON)),
         lambda: pw.differentiable(_collection()),
         lambda: pw.differentiable(pw.Slits([[0, 1]]), vertices=_points(CHEVRON)),
+        lambda: pw.differentiable(pw.shapes.square(1.0), intervals=_points(INTERVALS)),
+        lambda: pw.differentiable(pw.Slits([0, 1]), weights=_points(INTERVALS)),
+        lambda: pw.differentiable(pw.Slits(INTERVALS[:2]), intervals=_points(INTERVALS)),
+        lambda: pw.differentiable(pw.Slits(INTERVALS), intervals=INTERVALS),
+        lambda: pw.amplitude(
+            pw.differentiable(intervals=_points(INTERVALS)), np.array([[0.0, 0.0, 1.0]]), 0.1
+        ),
+        lambda: pw.irradiance(
+            pw.differentiable(intervals=_points(INTERVALS)), np.array([[0.0, 0.0, 1.0]]), 0.1
+        ),
         lambda: pw.differentiable(vertices=CHEVRON),
         lambda: pw.differentiable(pw.shapes.square(1.0), vertices=_points(CHEVRON)),
         lambda: pw.differentiable(pw.Aperture(CHEVRON), weights=_numbers(np.ones(1) + 0j)),
@@ -324,6 +349,12 @@ def test_what_is_no_differentiable_source_is_refused(make):
 def test_vertices_that_make_no_outline_are_refused(ring):
     with pytest.raises(GeometryError, match="expected"):
         pw.differentiable(vertices=_points(np.array(ring, float)))
+
+
+@pytest.mark.parametrize("order", [[1, 0, 2], [0, 0, 2]])
+def test_intervals_that_do_not_ascend_are_refused(order):
+    with pytest.raises(GeometryError, match="expected"):
+        pw.differentiable(intervals=_points(INTERVALS[order]))
 
 
 def test_a_part_that_is_turned_over_is_refused():

@@ -24,19 +24,6 @@ try:  # ten times faster; used when the reference data are made, never required
 except ImportError:
     mpq = Fraction
 
-__all__ = [
-    "Region",
-    "ambiguity",
-    "area",
-    "fourier",
-    "lag_region",
-    "oriented",
-    "plain_region",
-    "position_region",
-    "rational",
-    "transform",
-    "wigner",
-]
 
 Rings = Sequence[Any]  # oriented (n, 2) rings: outer boundaries CCW, holes CW
 

@@ -19,8 +19,6 @@ import numpy as np
 
 import polywigner as pw
 
-__all__ = ["Simplices", "exact_arithmetic", "fourier", "number", "simplices_of"]
-
 DIGITS = 60
 # Bits between the leading one of the largest product nu V and the last one of the smallest.
 EXACT_DIGITS = 500

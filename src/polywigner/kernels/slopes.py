@@ -22,11 +22,11 @@ from typing import Any
 
 from polywigner.geometry import Slits
 from polywigner.kernels.cut.clipping import AHEAD, Clipper, RowClipper, View
+from polywigner.kernels.cut.slice_sums import Views, difference_pairings, mean_pairings
 from polywigner.kernels.cut.winding import clipper_for
 from polywigner.kernels.functions import plane
 from polywigner.kernels.functions.edge_terms import moved_off_zero
 from polywigner.kernels.functions.fourier import OutlineTables
-from polywigner.kernels.functions.slices import Views, difference_pairings, mean_pairings
 from polywigner.kernels.kernel import Kernel
 from polywigner.kernels.outline.tables import Edge, Piece, Tables
 from polywigner.kernels.outline.waves import (
