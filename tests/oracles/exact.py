@@ -187,9 +187,9 @@ def position_region(rings: Rings, xi: Sequence[float], other: Rings | None = Non
     return _region(behind, ahead)
 
 
-def _triangles(shape: Region) -> list[tuple[Any, tuple[tuple[Any, Any], ...]]]:
+def _triangles(shape: Region) -> list[tuple[Any, tuple[Node, ...]]]:
     """Triangles as (twice the signed area, corners)."""
-    triangles = []
+    triangles: list[tuple[Any, tuple[Node, ...]]] = []
     for y0, y1, l0, r0, l1, r1, weight in shape.trapezoids:
         height = weight * (y1 - y0)
         if r0 != l0:

@@ -138,8 +138,8 @@ def kernel_for(transform: str, source: Any, double: bool = True) -> Kernel:
         if (transform, kind) in _KERNELS and holds(source, double):
             fields = f"{transform} of fields"
             plain = isinstance(source, Aperture) and source.illumination is None
-            found = not plain and (fields, kind) in _KERNELS
-            return _KERNELS[fields if found else transform, kind]
+            has_fields = not plain and (fields, kind) in _KERNELS
+            return _KERNELS[fields if has_fields else transform, kind]
     elements, name = (source,), transform
     if isinstance(source, Array):
         elements = source.elements_in_plane

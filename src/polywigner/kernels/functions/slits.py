@@ -174,7 +174,8 @@ def _pair_tables(source: Slits | Array, double: bool, of_lags: bool) -> PairTabl
     def paired(items: Iterable[Any]) -> Iterable[tuple[Any, Any]]:
         return combinations_with_replacement(items, 2) if of_lags else product(items, repeat=2)
 
-    tables, rows = _slit_tables(source), []
+    tables = _slit_tables(source)
+    rows: list[tuple[Any, ...]] = []
     for (k, one), (m, other) in paired(enumerate(tables.edges)):
         total, apart = one.middle + other.middle, one.middle - other.middle
         gap, mean, scale = (2 * total, apart, 2) if of_lags else (apart, total / 2, 1)
