@@ -25,7 +25,7 @@ import polywigner as pw
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
-from oracles import convex
+from oracles import exact
 
 SAMPLES = 264  # beyond what NumPy takes as rows of a table, ...
 MOST_VERTICES = 40  # ... which takes seconds for more of them
@@ -75,12 +75,15 @@ def outline_errors(seed: int, engines: list[str]) -> Iterator[tuple[tuple[str, .
     x = centre + offsets
     direction = rng.normal(size=2)
     nu = np.outer(CYCLES, direction / np.hypot(*direction)) / source.diameter
-    slices = [convex.lag_slice(rings, place) for place in x]
-    means = [convex.position_slice(rings, lag) for lag in xi]
+    oriented = [ring[:: (-1) ** k] for k, ring in enumerate(rings)]
+    slices = [exact.lag_region(oriented, place) for place in x]
+    means = [exact.position_region(oriented, lag) for lag in xi]
     expected = {
-        "W": np.array([convex.transform(s, k).real for s, k in zip(slices, nu, strict=True)]),
-        "R": np.array([float(convex.area(s)) for s in slices]),
-        "A": np.array([convex.transform(s, k) for s, k in zip(means, nu, strict=True)]),
+        "W": np.array(
+            [complex(exact.transform(s, k)).real for s, k in zip(slices, nu, strict=True)]
+        ),
+        "R": np.array([float(s.area) for s in slices]),
+        "A": np.array([complex(exact.transform(s, k)) for s, k in zip(means, nu, strict=True)]),
     }
     every = np.arange(SAMPLES) % len(x)
     for engine in engines:

@@ -22,17 +22,6 @@ import shapely
 import polywigner as pw
 from oracles import exact, kinds
 
-__all__ = [
-    "SOURCES",
-    "Element",
-    "Points",
-    "elements_of",
-    "exact_values",
-    "field_of",
-    "hard_points",
-    "scale_of",
-]
-
 Values = Any
 Element = tuple[Any, list[tuple[complex, Values]]]
 """An outline (Aperture or Slits), and the waves (amplitude, frequency) on it."""

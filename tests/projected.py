@@ -10,8 +10,6 @@ import shapely
 
 import polywigner as pw
 
-__all__ = ["ARRAY", "KINDS", "LIT", "SHAPES", "TILES", "bounds_of", "box_of", "shapes", "tile"]
-
 SHAPES = {
     "square": pw.shapes.square(1.0),
     "chevrons": pw.Aperture(
@@ -32,6 +30,7 @@ ARRAY = pw.Array(
     [1.0, 0.7j, 0.6 - 0.8j],
 )
 LIT = SHAPES["triangle"].with_illumination(pw.Illumination([0.7, 0.4j], [[0.3, -0.2], [-0.4, 0.6]]))
+SQUARE = SHAPES["square"]
 shapes = pytest.mark.parametrize("source", SHAPES.values(), ids=SHAPES)
 
 KINDS = ("autocorrelation", "wigner", "ambiguity")

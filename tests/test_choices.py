@@ -30,7 +30,7 @@ LISTED = {
     MEMORY: """
         execution/frozen.py _MOST; kernels/arrays/array_factor.py _CROSSINGS_PER_SITE;
         kernels/arrays/element_pairs.py _MOST_PAIRS _MOST_WAVE_PAIRS;
-        kernels/arrays/weight_tables.py _MOST_BYTES; kernels/cut/pair_grid.py _ACROSS _MOST_ROWS;
+        kernels/arrays/factors.py _MOST_BYTES; kernels/cut/pair_grid.py _ACROSS _MOST_ROWS;
         kernels/cut/winding.py _MOST_BYTES; kernels/functions/fourier.py _MOST_EDGES;
         mitsuba/parameters.py CAPACITY; transforms/arguments.py _BLOCK; transforms/wavefronts.py
         _BLOCK
@@ -43,7 +43,7 @@ LISTED = {
         kernels/cut/slice_sums.py _MARGIN; kernels/functions/fourier.py _EQUAL _MOST_SLENDER _NEAR;
         kernels/functions/gauss_schell.py _FAR _LONG _SMALL _STEEP _TINY;
         kernels/functions/separable.py _PRODUCT; kernels/functions/simplices.py _MOST_CANCELLING;
-        kernels/functions/solids.py NEEDLE_ASPECT; kernels/outline/frame.py NEEDLE_ASPECT;
+        kernels/functions/simplices.py NEEDLE_ASPECT; kernels/outline/frame.py NEEDLE_ASPECT;
         kernels/outline/lines.py NEARLY_PARALLEL _PARALLEL _SAME_OFFSET _SEPARATE;
         mitsuba/diffraction.py _LONGEST; mitsuba/passing.py _IN_PLANE; mitsuba/rendering.py _LEVEL;
         mitsuba/emitter.py _APART; mitsuba/exact.py AWAY _REAL _ROUNDING; mitsuba/mirrors.py _ALONG

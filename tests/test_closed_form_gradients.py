@@ -209,11 +209,26 @@ def test_forward_and_reverse_mode_are_adjoint(name, make):
     _adjoint(value, arrays, rng)
 
 
-def _gradient(source, vertices, *points):
+INTERVALS = np.array([[-1.0, -0.3], [0.2, 0.9], [1.1, 1.6]])
+SLITS = pw.Slits(INTERVALS).with_illumination(pw.Illumination([1.0, 0.4j], [[0.3], [-1.1]]))
+
+
+@pytest.mark.parametrize("name", ["fourier", "wigner", "ambiguity"])
+def test_forward_and_reverse_mode_in_ends_of_slits_are_adjoint(name):
+    rng = np.random.default_rng(2)
+
+    def value(ends, *points):
+        return _power_of(name, pw.differentiable(SLITS, intervals=ends), points[0], points[-1])
+
+    points = [rng.uniform(-0.8, 1.2, 7), rng.uniform(-3, 3, 7)][name == "fourier" :]
+    _adjoint(value, [_points(INTERVALS), *map(_backend().Float64, points)], rng)
+
+
+def _gradient(source, vertices, *points, double=True):
     """Of W summed over samples: in vertices, x and nu."""
     import drjit as dr
 
-    arrays = [_points(vertices), *map(_points, points)]
+    arrays = [_points(np.asarray(v, float), double) for v in (vertices, *points)]
     dr.enable_grad(arrays)
     dr.backward(pw.wigner(pw.differentiable(source, vertices=arrays[0]), *arrays[1:]))
     return [_read(dr.grad(a)) for a in arrays]
@@ -292,6 +307,16 @@ def test_a_precision_is_kept_and_numpy_points_become_tensors():
         lambda: pw.differentiable(pw.Aperture(CHEVRON)),
         lambda: pw.differentiable(_collection()),
         lambda: pw.differentiable(pw.Slits([[0, 1]]), vertices=_points(CHEVRON)),
+        lambda: pw.differentiable(pw.shapes.square(1.0), intervals=_points(INTERVALS)),
+        lambda: pw.differentiable(pw.Slits([0, 1]), weights=_points(INTERVALS)),
+        lambda: pw.differentiable(pw.Slits(INTERVALS[:2]), intervals=_points(INTERVALS)),
+        lambda: pw.differentiable(pw.Slits(INTERVALS), intervals=INTERVALS),
+        lambda: pw.amplitude(
+            pw.differentiable(intervals=_points(INTERVALS)), np.array([[0.0, 0.0, 1.0]]), 0.1
+        ),
+        lambda: pw.irradiance(
+            pw.differentiable(intervals=_points(INTERVALS)), np.array([[0.0, 0.0, 1.0]]), 0.1
+        ),
         lambda: pw.differentiable(vertices=CHEVRON),
         lambda: pw.differentiable(pw.shapes.square(1.0), vertices=_points(CHEVRON)),
         lambda: pw.differentiable(pw.Aperture(CHEVRON), weights=_numbers(np.ones(1) + 0j)),
@@ -326,6 +351,12 @@ def test_vertices_that_make_no_outline_are_refused(ring):
         pw.differentiable(vertices=_points(np.array(ring, float)))
 
 
+@pytest.mark.parametrize("order", [[1, 0, 2], [0, 0, 2]])
+def test_intervals_that_do_not_ascend_are_refused(order):
+    with pytest.raises(GeometryError, match="expected"):
+        pw.differentiable(intervals=_points(INTERVALS[order]))
+
+
 def test_a_part_that_is_turned_over_is_refused():
     flipped = pw.shapes.square(1.0).rings[0] * [1, -1]
     with pytest.raises(GeometryError, match="turned over"):
@@ -353,3 +384,50 @@ def test_points_of_numpy_beside_arrays_of_the_engine_are_checked_as_others_are(p
             pw.fourier(source, points)
     with pytest.raises(ArgumentError, match="expected x as real numbers"):
         pw.wigner(source, points, nu)
+
+
+# --- where derivatives of either side differ, and close to such places
+
+AT = np.array([[0.3125, -0.1875]])
+# To the right of every direction of an edge, which lie between 0 and 180 degrees.
+RIGHT = np.array([1.0, -0.3125])
+# Gradients change by their own derivatives, of about 2 pi nu D, on the way; D is 4 at most.
+ACROSS, CHANGE = 2.0**-36, 1e-7
+# Of the area, which is about the largest component of the gradient; how far from the kink: a few
+# thousand ulps and more.
+CLOSE = {"double": (1e-14, 2.0**-10, 2.0**-34), "single": (2e-6, 2.0**-6, 2.0**-14)}
+
+
+def test_where_a_corner_crosses_an_edge_derivatives_are_continuous():
+    """A quadrilateral without parallel sides; at the middle of a diagonal only corners meet."""
+    ring = np.array([[0, 0], [2, 0.25], [1.75, 1.5], [0.25, 1.0]])
+    for k in (0, 1):
+        middle = (ring[k] + ring[k + 2]) / 2
+        one, other = (
+            np.concatenate(_gradient(None, ring, [middle + side * ACROSS * RIGHT], AT))
+            for side in (1, -1)
+        )
+        assert np.abs(one).max() > 0.1
+        assert np.abs(one - other).max() < CHANGE
+
+
+@pytest.mark.parametrize("precision", CLOSE)
+@pytest.mark.parametrize(
+    "ring", [CHEVRON, [[0, 0], [2, 0], [2, 1], [1, 1], [1, 2], [0, 2]]], ids=["chevron", "L"]
+)
+def test_close_to_kinks_derivatives_err_as_elsewhere(ring, precision):
+    double, (error, *distances) = precision == "double", CLOSE[precision]
+    ring, move = np.asarray(ring, float), np.array([0.25, 0.125])  # not across an edge
+    # where corners of the two copies meet, and edges if any are parallel
+    for place in np.unique([(p + q) / 2 for p in ring for q in ring], axis=0)[5::6]:
+        for distance in distances:
+            x = (place + distance * RIGHT).astype(np.float64 if double else np.float32)
+            values = [
+                _exact_value("wigner", [ring], x.astype(float) + h * distance * move, AT[0])
+                for h in (1 / 4, -1 / 4, 1 / 8, -1 / 8)
+            ]
+            wide, narrow = values[0] - values[1], values[2] - values[3]
+            expected = float((8 * narrow - wide) / (6 * exact.mpmath.mpf(distance / 4)))
+            got = _gradient(None, ring, [x], AT, double=double)[1][0] @ move
+            # the differences err by (h 2 pi nu D)^4, which counts at the larger distances
+            assert abs(got - expected) < (error + 10 * distance**4) * pw.Aperture(ring).area

@@ -74,16 +74,8 @@ def test_arguments_are_left_as_they_were(engine):
     assert np.array_equal(nu, before)
 
 
-def test_lists_of_unequal_lengths_are_refused_with_the_shape_that_is_expected():
-    with pytest.raises(PolywignerError, match=r"numbers of shape \(\.\.\., 2\)"):
-        pw.fourier(CHEVRON, [[1.0, 2.0], [3.0]])
-
-
-def test_masked_points_are_refused_rather_than_taken_without_their_mask():
-    nu = np.ma.masked_array([[1.0, 0.0], [2.0, 0.0]], mask=[[0, 0], [1, 1]])
-    with pytest.raises(PolywignerError, match="masked"):
-        pw.fourier(CHEVRON, nu)
-    assert pw.fourier(CHEVRON, np.ma.masked_array(nu.data)).shape == (2,)
+def test_masks_without_masked_points_are_passed_over():
+    assert pw.fourier(CHEVRON, np.ma.masked_array([[1.0, 0.0], [2.0, 0.0]])).shape == (2,)
 
 
 @transforms
@@ -98,36 +90,32 @@ def test_points_with_the_wrong_number_of_components_are_refused(transform, argum
                 transform(CHEVRON, *points)
 
 
-def test_points_that_do_not_broadcast_are_refused():
-    with pytest.raises(PolywignerError, match=r"expected .*got"):
-        pw.wigner(CHEVRON, _points(3), _points(4))
+PLACE, NU, COMPLEX = [0.9, 0.6], [0.0, 0.0], np.array([0.5 + 0.1j, 0.2])
 
 
-@pytest.mark.parametrize("bad", ["0.1 0.2", [None, None], [[0.1, 0.2], [0.3]], object()])
-def test_what_is_not_numbers_is_refused(bad):
-    with pytest.raises(PolywignerError, match=r"expected .*got"):
-        pw.wigner(CHEVRON, bad, [0.0, 0.0])
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: pw.wigner(CHEVRON, _points(3), _points(4)), r"expected .*got"),
+        (lambda: pw.wigner(CHEVRON, "0.1 0.2", NU), r"expected .*got"),
+        (lambda: pw.wigner(CHEVRON, [None, None], NU), r"expected .*got"),
+        (lambda: pw.wigner(CHEVRON, object(), NU), r"expected .*got"),
+        (lambda: pw.fourier(CHEVRON, [[1.0, 2.0], [3.0]]), r"numbers of shape \(\.\.\., 2\)"),
+        (lambda: pw.fourier(CHEVRON, np.ma.masked_array([[1.0, 0.0]], [[0, 1]])), "masked"),
+        (lambda: pw.wigner(CHEVRON, PLACE, COMPLEX), r"expected .*real.*got"),
+        (lambda: pw.ambiguity(CHEVRON, COMPLEX, PLACE), r"expected .*real.*got"),
+        (lambda: pw.wigner(CHEVRON, PLACE, NU, engine="abacus"), "abacus"),
+        (lambda: pw.wigner(CHEVRON, PLACE, NU, precision="quadruple"), "quadruple"),
+        (lambda: pw.wigner([[0, 0], [1, 0], [0, 1]], PLACE, NU), r"expected .*got"),
+    ],
+)
+def test_what_is_no_source_point_engine_or_precision_is_refused(call, message):
+    with pytest.raises(PolywignerError, match=message):
+        call()
 
 
-def test_complex_frequencies_are_for_the_fourier_transform_only():
-    nu = np.array([0.5 + 0.1j, 0.2])
-    assert isinstance(pw.fourier(CHEVRON, nu), np.complex128)
-    with pytest.raises(PolywignerError, match=r"expected .*real.*got"):
-        pw.wigner(CHEVRON, [0.9, 0.6], nu)
-    with pytest.raises(PolywignerError, match=r"expected .*real.*got"):
-        pw.ambiguity(CHEVRON, nu, [0.1, 0.1])
-
-
-def test_unknown_engines_and_precisions_are_refused_by_name():
-    with pytest.raises(PolywignerError, match="abacus"):
-        pw.wigner(CHEVRON, [0.9, 0.6], [0, 0], engine="abacus")
-    with pytest.raises(PolywignerError, match="quadruple"):
-        pw.wigner(CHEVRON, [0.9, 0.6], [0, 0], precision="quadruple")
-
-
-def test_what_is_not_an_aperture_is_refused():
-    with pytest.raises(PolywignerError, match=r"expected .*got"):
-        pw.wigner([[0, 0], [1, 0], [0, 1]], [0.1, 0.1], [0, 0])
+def test_complex_frequencies_have_a_fourier_transform():
+    assert isinstance(pw.fourier(CHEVRON, COMPLEX), np.complex128)
 
 
 @pytest.mark.llvm
@@ -151,20 +139,13 @@ def test_of_drjit_arrays_no_points_give_no_values_and_unequal_numbers_are_refuse
 
 
 @pytest.mark.llvm
-def test_a_precision_that_contradicts_a_drjit_array_is_refused():
+def test_what_contradicts_a_drjit_array_is_refused():
     import drjit.llvm as backend
 
-    point = backend.Array2f([0.9], [0.6])
+    point, double = backend.Array2f([0.9], [0.6]), backend.Array2f64([0.9], [0.6])
     with pytest.raises(PolywignerError, match=r"double.*single|single.*double|float32|float64"):
         pw.wigner(CHEVRON, point, point, precision="double")
     with pytest.raises(PolywignerError):
-        pw.wigner(CHEVRON, point, backend.Array2f64([0.9], [0.6]))
-
-
-@pytest.mark.llvm
-def test_an_engine_that_contradicts_a_drjit_array_is_refused():
-    import drjit.llvm as backend
-
-    point = backend.Array2f([0.9], [0.6])
+        pw.wigner(CHEVRON, point, double)
     with pytest.raises(PolywignerError):
         pw.wigner(CHEVRON, point, point, engine="cuda")

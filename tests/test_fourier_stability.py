@@ -158,10 +158,13 @@ def test_a_thin_wall_costs_as_many_digits_as_its_surface_exceeds_its_volume():
         assert error < 2e-16 * 3**0.5 * 12 / body.volume
 
 
+SOME = (slice(None, None, 8),) * 2
+
+
 def _grid(size, source):
-    """9 x 9 frequencies up to ``size`` over the diameter, zero among them."""
+    """65 x 65 frequencies up to ``size`` over the diameter, zero among them."""
     points = points_of(source)
-    axis = np.linspace(-1, 1, 9) * size / np.linalg.norm(np.ptp(points, axis=0))
+    axis = np.linspace(-1, 1, 65) * size / np.linalg.norm(np.ptp(points, axis=0))
     return np.stack(np.meshgrid(axis, 0.7 * axis), axis=-1)
 
 
@@ -180,8 +183,8 @@ def test_grids_are_as_accurate_as_points(kind, name, size):
     """They go another way, by the axes, and near the origin back to this one."""
     source = SOURCES[kind][name]
     grid, tiling = _grid(size, source), simplices.simplices_of(source)
-    exact = [complex(simplices.fourier(tiling, row)) for row in grid.reshape(-1, 2)]
-    got = pw.fourier(source, grid, engine="numpy").ravel()
+    exact = [complex(simplices.fourier(tiling, row)) for row in grid[SOME].reshape(-1, 2)]
+    got = pw.fourier(source, grid, engine="numpy")[SOME].ravel()
     assert np.abs(got - exact).max() < ERROR["double"] * content(source)
 
 
@@ -197,13 +200,13 @@ def test_collections_are_as_accurate_as_their_elements(size):
     tilings = [simplices.simplices_of(element) for element in elements]
     exact = np.array(
         [
-            [complex(simplices.fourier(tiling, row)) for row in grid.reshape(-1, 2)]
+            [complex(simplices.fourier(tiling, row)) for row in grid[SOME].reshape(-1, 2)]
             for tiling in tilings
         ]
     )
     array, allowed = pw.Array(elements, weights), ERROR["double"] * sum(e.area for e in elements)
-    for nu in (grid.reshape(-1, 2), grid):  # as points, and as a grid
-        got = pw.fourier(array, nu, engine="numpy").ravel()
+    points = pw.fourier(array, grid[SOME].reshape(-1, 2), engine="numpy")
+    for got in (points, pw.fourier(array, grid, engine="numpy")[SOME].ravel()):
         assert np.abs(got - weights @ exact).max() < allowed
 
 

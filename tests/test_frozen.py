@@ -105,34 +105,25 @@ def test_what_is_yet_to_be_computed_is_computed_together_with_the_kernel():
     assert pw.wigner(CHEVRON, x, nu).state == dr.VarState.Evaluated
 
 
-def test_a_process_that_remembers_kernels_ends_in_silence():
-    code = (
-        "import polywigner as pw, numpy as np\n"
-        "x = np.full((100, 2), 0.1)\n"
-        "for source in (pw.shapes.square(1.0), pw.shapes.regular_polygon(40, 1.0)):\n"
-        "    pw.wigner(source, x, x, engine='llvm')\n"
-        "    pw.wigner(source, x, x, engine='llvm')\n"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
-
-
-def test_points_of_numpy_in_a_function_that_a_caller_records_do_not_end_the_process():
-    code = (
-        "import numpy as np, polywigner as pw\n"
-        "from polywigner.toolchain.llvm import prepare\n"
-        "prepare()\n"
-        "import drjit, drjit.llvm as backend\n"
-        "nu = np.array([0.3, 0.2])\n"
-        "value = drjit.freeze(lambda x: pw.wigner(pw.shapes.square(1.0), x, nu))\n"
-        "x = backend.Array2f64([0.1, 0.2, 0.3], [0.0, 0.1, 0.2])\n"
-        "assert np.array_equal(value(x), value(x))\n"
-        "assert np.allclose(value(x), pw.wigner(pw.shapes.square(1.0), x, nu))\n"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert (done.returncode, done.stderr) == (0, "")
-
-
+REMEMBERED = """
+import polywigner as pw, numpy as np
+x = np.full((100, 2), 0.1)
+for source in (pw.shapes.square(1.0), pw.shapes.regular_polygon(40, 1.0)):
+    pw.wigner(source, x, x, engine='llvm')
+    pw.wigner(source, x, x, engine='llvm')
+"""
+RECORDED_BY_A_CALLER = """
+import numpy as np, polywigner as pw
+from polywigner.toolchain.llvm import prepare
+prepare()
+import drjit, drjit.llvm as backend
+nu = np.array([0.3, 0.2])
+value = drjit.freeze(lambda x: pw.wigner(pw.shapes.square(1.0), x, nu))
+x = backend.Array2f64([0.1, 0.2, 0.3], [0.0, 0.1, 0.2])
+assert np.array_equal(value(x), value(x))
+assert np.allclose(value(x), pw.wigner(pw.shapes.square(1.0), x, nu))
+"""
+# Garbage that holds memory of NumPy is not to be collected while a kernel is recorded.
 GARBAGE = """
 import gc
 import sys
@@ -159,6 +150,7 @@ assert gc.isenabled()
 """
 
 
-def test_garbage_that_holds_memory_of_numpy_is_not_collected_while_a_kernel_is_recorded():
-    done = subprocess.run([sys.executable, "-c", GARBAGE], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
+@pytest.mark.parametrize("code", [REMEMBERED, RECORDED_BY_A_CALLER, GARBAGE])
+def test_a_process_with_recorded_kernels_ends_in_silence(code):
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")

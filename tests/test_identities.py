@@ -123,22 +123,14 @@ def _frequencies(cases):
 
 @engines
 @precisions
-def test_the_wigner_function_has_its_reference_values(engine, precision):
-    for polygons, cases in _grouped("wigner", "W"):
-        source = aperture(polygons)
-        x, nu = _column(cases, "x"), _column(cases, "nu")
-        value = pw.wigner(source, x, nu, precision=precision, engine=engine)
-        error = np.abs(value - _values(cases).real).max() / source.area
-        assert error < TOLERANCE[precision]
-
-
-@engines
-@precisions
-def test_the_ambiguity_function_has_its_reference_values(engine, precision):
-    for polygons, cases in _grouped("wigner", "A"):
-        source = aperture(polygons)
-        upsilon, xi = _column(cases, "upsilon"), _column(cases, "xi")
-        value = pw.ambiguity(source, upsilon, xi, precision=precision, engine=engine)
+@pytest.mark.parametrize(
+    ("kind", "transform", "first", "second"),
+    [("W", pw.wigner, "x", "nu"), ("A", pw.ambiguity, "upsilon", "xi")],
+)
+def test_w_and_a_have_their_reference_values(kind, transform, first, second, engine, precision):
+    for polygons, cases in _grouped("wigner", kind):
+        source, points = aperture(polygons), (_column(cases, first), _column(cases, second))
+        value = transform(source, *points, precision=precision, engine=engine)
         assert np.abs(value - _values(cases)).max() / source.area < TOLERANCE[precision]
 
 

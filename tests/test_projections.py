@@ -1,16 +1,16 @@
-"""Projections of R, W and A: brute integration, neighbours on shared axes, exact arithmetic."""
+"""Projections of R, W and A: brute integration, products, exact arithmetic, covariance, labels."""
 
 import numpy as np
 import pytest
 import shapely
 
 import polywigner as pw
-from projected import ARRAY, KINDS, LIT, SHAPES, TILES, bounds_of, box_of, tile
+from oracles import exact
+from oracles.references import awkward
+from polywigner.errors import ArgumentError, GeometryError
+from projected import ARRAY, KINDS, LIT, SHAPES, SQUARE, TILES, bounds_of, box_of, shapes, tile
 
 ROUNDING = 1e-13
-
-
-# --- closed forms
 
 
 # --- brute integration of the four-dimensional functions
@@ -91,20 +91,6 @@ def test_each_tile_is_its_function_integrated_over_the_other_coordinates(kind, n
     assert abs(value - _brute(source, kind, kept)) < tolerance * peak
 
 
-# --- quadrature over sections
-
-
-# --- neighbours agree on the axis that they share
-
-
-def test_values_along_an_axis_are_as_few_as_samples_may_be():
-    square = pw.shapes.square(1.0)
-    with pytest.raises(
-        pw.errors.ArgumentError, match="expected up to 4096 values of x, got 100000"
-    ):
-        pw.projections(square, tiles=["x_y"], coordinates={"x": np.arange(100_000)})
-
-
 def test_projections_of_tapered_sources_are_their_marginals():
     """Summed over the other coordinate, tiles that share an axis agree; and with the field."""
     horn = pw.shapes.rectangle(1.0, 0.7).with_illumination(
@@ -178,3 +164,270 @@ def test_tiles_of_a_product_are_products_of_the_functions_of_slits(name):
     spectra = pw.fourier(own, upsilon / 2) * pw.fourier(own, -upsilon / 2).conj()
     crossed = spectra * pw.autocorrelation(other, zero, lag)
     check("ambiguity", f"upsilon_{name}_xi_{across}", nu, lag, crossed)
+
+
+# Coordinates of a thousand sizes lose three digits.
+FAR = 1e-11
+
+# --- rounding, against rational arithmetic
+
+
+def _mirrored_overlap(source, x):
+    """{2 (a_x - x), y} and its mirror image in xi_x = 0, exactly."""
+    at = exact.rational(x)
+    copy = [[(2 * (a - at), b) for a, b in ring] for ring in exact._exact_rings(source.rings)]
+    return exact._region(copy, [[(-a, b) for a, b in ring[::-1]] for ring in copy])
+
+
+def _flipped_overlap(source, xi):
+    half = exact.rational(xi) / 2
+    rings = exact._exact_rings(source.rings)
+    return exact._region(
+        [[(a - half, b) for a, b in ring] for ring in rings],
+        [[(a + half, -b) for a, b in ring[::-1]] for ring in rings],
+    )
+
+
+def _lifted_overlap(source, x, xi):
+    twice, half = 2 * exact.rational(x), exact.rational(xi) / 2
+    rings = exact._exact_rings(source.rings)
+    return exact._region(
+        [[(a, b - half) for a, b in ring] for ring in rings],
+        [[(twice - a, b + half) for a, b in ring[::-1]] for ring in rings],
+    )
+
+
+def _assert_rounding_is_as_stated(source):
+    width, height = box_of(source)
+    x = source.bounds[0] + np.array([0.31, 0.5, 0.5 + 1e-13]) * width
+    nu = np.array([0.0, 0.3, 7.7, 1e3]) / source.diameter
+    axes = {"x": x, "nu_x": nu, "xi_y": np.array([0.0, 0.1, 1e-14]) * height}
+    axes |= {"upsilon_x": nu, "xi_x": np.array([0.0, 0.2, 1e-14]) * width}
+
+    def check(source, kind, name, expected):
+        found = pw.projections(source, kind, tiles=[name], coordinates=_only(axes, kind))[name]
+        assert np.abs(found.values - expected).max() < found.attrs["error"]
+
+    check(source, "wigner", "x_nu_x", [_waves(_mirrored_overlap(source, at), nu).real for at in x])
+    lifted = [[2 * float(_lifted_overlap(source, at, xi).area) for xi in axes["xi_y"]] for at in x]
+    check(source, "autocorrelation", "x_xi_y", lifted)
+    # A looks at opposite points: the others are empty
+    centred = pw.Aperture(shapely.transform(source.polygons, lambda v: v - source.centre))
+    flipped = [2 * _waves(_flipped_overlap(centred, xi), nu) for xi in axes["xi_x"]]
+    check(centred, "ambiguity", "upsilon_x_xi_x", np.transpose(flipped))
+
+    columns = [_column(source, at) for at in x]
+    power = [[abs(_interval_wave(column, n)) ** 2 for n in nu] for column in columns]
+    found = pw.projections(source, tiles=["x_nu_y"], coordinates={"x": x, "nu_y": nu})["x_nu_y"]
+    assert np.abs(found.values - power).max() < found.attrs["error"]
+    shadow = [float(sum(high - low for low, high in column)) ** 2 for column in columns]
+    found = pw.projections(
+        source, "autocorrelation", tiles=["x_xi_x"], coordinates={"x": x, "xi_x": [0.0]}
+    )["x_xi_x"]
+    assert np.abs(found.values[:, 0] - shadow).max() < found.attrs["error"]
+
+
+def _column(source, x):
+    """The section at x in rational numbers, relative to its middle."""
+    at, heights = exact.rational(x), []
+    for ring in exact._exact_rings(source.rings):
+        for (ax, ay), (bx, by) in zip(ring, ring[1:] + ring[:1], strict=True):
+            if min(ax, bx) <= at < max(ax, bx):
+                heights.append(ay + (by - ay) * (at - ax) / (bx - ax))
+    heights.sort()
+    middle = (heights[0] + heights[-1]) / 2 if heights else 0
+    return [(a - middle, b - middle) for a, b in zip(heights[::2], heights[1::2], strict=True)]
+
+
+def _interval_wave(column, nu):
+    return sum(
+        float(b - a) * np.sinc(nu * float(b - a)) * np.exp(-1j * np.pi * nu * float(a + b))
+        for a, b in column
+    )
+
+
+def _waves(region, nu):
+    return np.array([complex(exact.transform(region, (n, 0.0))) for n in nu])
+
+
+def _only(axes, kind):
+    names = {name for tile in TILES[kind] for name in axes if name in tile}
+    keep = {
+        "wigner": {"x", "nu_x"},
+        "ambiguity": {"upsilon_x", "xi_x"},
+        "autocorrelation": {"x", "xi_y"},
+    }
+    return {name: axes[name] for name in names & keep[kind]}
+
+
+AWKWARD = [
+    *("plus, rotated", "holes aligned with edges", "hexagonal segments without gap", "star"),
+    *("needle 1e-6", "nearly parallel edges", "nearly collinear corners"),
+    "corners collinear to 1e-9",
+]
+
+
+@pytest.mark.parametrize("name", AWKWARD)
+def test_rounding_errors_of_awkward_shapes_are_below_those_stated(name):
+    _assert_rounding_is_as_stated(awkward(name).aperture)
+
+
+# --- covariance and labels
+
+
+@shapes
+@pytest.mark.parametrize("kind", KINDS)
+def test_exchanging_x_and_y_exchanges_the_tiles(kind, source):
+    turned = pw.Aperture(shapely.transform(source.polygons, lambda v: v[:, ::-1]))
+    exchange = str.maketrans("xy", "yx")
+
+    def swap(name):
+        return "".join("xi" if p == "xi" else p.translate(exchange) for p in _split(name))
+
+    first, second = (pw.projections(s, kind, samples=12) for s in (source, turned))
+    for name in TILES[kind]:
+        values, dims = first[name].values, [swap(d) for d in first[name].dims]
+        found = next(a for n in second.data_vars if set((a := second[n]).dims) == set(dims))
+        other = found.values if list(found.dims) == dims else found.values.T
+        assert np.abs(values - other).max() <= 2 * first[name].attrs["error"]
+
+
+def _split(name):
+    """Pieces of a coordinate name: "xi_x" -> "xi", "_", "x"."""
+    head, _, tail = name.partition("_")
+    return [head, "_", tail] if tail else [head]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_fields_off_phase_show_in_every_tile(kind):
+    """R, W and A are bilinear: a phase common to all elements is lost, one between them is not."""
+    ring = SHAPES["triangle"].rings[0] - SHAPES["triangle"].centre
+    pieces = [pw.Aperture(ring + sign * np.array([0.2, 0.5])) for sign in (1, -1)]
+    plain, turned, opposed = (
+        pw.projections(pw.Array(pieces, weights), kind, samples=33)
+        for weights in ([1, 1], [1j, 1j], [1, 1j])
+    )
+    for name in TILES[kind]:
+        peak = np.abs(plain[name].values).max()
+        assert np.abs(plain[name].values - turned[name].values).max() < ROUNDING * peak
+        if (kind, name) != ("wigner", "x_y"):  # |u|^2 of pieces that do not overlap
+            assert np.abs(plain[name].values - opposed[name].values).max() > 0.02 * peak
+
+
+def test_the_error_stated_for_arrays_follows_what_can_overlap():
+    patch = pw.shapes.square(0.5)
+    places = [(x, y) for x in range(3) for y in range(3)]
+    apart = pw.Array([pw.Aperture(patch.rings[0] + np.array(p)) for p in places], [0.5j] * 9)
+    stacked = pw.Array([patch] * 9, [0.5j] * 9)
+
+    def error(source):
+        found = pw.projections(source, tiles=["x_nu_x"], samples=3)["x_nu_x"]
+        return found.attrs["error"] / np.prod(box_of(source))
+
+    assert error(stacked) == pytest.approx(81 * error(apart))
+    assert np.abs(pw.projections(stacked, samples=9)["x_y"].values).max() == pytest.approx(4.5**2)
+
+
+def test_elements_of_several_planes_are_refused():
+    leaning = np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
+    with pytest.raises(GeometryError, match="one plane"):
+        pw.projections(pw.Array([SQUARE, SQUARE.placed(leaning)]))
+
+
+def test_a_shift_moves_the_tiles_and_turns_those_of_the_ambiguity_function():
+    source, shift = SHAPES["triangle"], np.array([1000.0, -2000.0])
+    moved = pw.Aperture(source.rings[0] + shift)
+    x, nu = np.linspace(-0.5, 0.5, 7), np.linspace(-4, 4, 5)
+    for name in ("x_nu_x", "x_nu_y"):
+        found = tile(moved, "wigner", name, x + shift[0], nu)
+        assert np.abs(found - tile(source, "wigner", name, x, nu)).max() < FAR
+    lags = np.array([1e-9, 0.3, 0.5])
+    found = tile(moved, "autocorrelation", "x_xi_y", x + shift[0], lags)
+    assert np.abs(found - tile(source, "autocorrelation", "x_xi_y", x, lags)).max() < FAR
+    # A looks at opposite points: only a shift along x leaves its rows facing each other
+    aside = pw.Aperture(source.rings[0] + [1000.0, 0.0])
+    turn = np.exp(-2j * np.pi * nu * 1000.0)[:, None]
+    for name in ("upsilon_x_xi_x", "upsilon_x_xi_y"):
+        expected = turn * tile(source, "ambiguity", name, nu, lags)
+        assert np.abs(tile(aside, "ambiguity", name, nu, lags) - expected).max() < FAR
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_tiles_carry_their_coordinates_units_and_errors(kind):
+    source = SHAPES["holed"]
+    found = pw.projections(source, kind, samples=9)
+    assert list(found.data_vars) == TILES[kind]
+    for name in TILES[kind]:
+        one = found[name]
+        assert "_".join(one.dims) == name and one.values.shape == (9, 9)
+        assert one.attrs["exact"] and "closed form (P" in one.attrs["method"]
+        assert one.attrs["error"] >= 0.0 and one.attrs["units"] in ("1", "m2", "m4")
+        for axis in one.dims:
+            assert found[axis].values.shape == (9,)
+            assert found[axis].attrs["units"] == ("1/m" if axis[0] in "nu" else "m")
+        left_out = one.attrs["long_name"].split("over ")[1].split(", ")
+        assert not set(left_out) & set(one.dims) and len({*left_out, *one.dims}) == 4
+
+
+def test_units_follow_the_scale_of_the_source():
+    small = SHAPES["triangle"]
+    large = pw.Aperture(1000 * small.rings[0])
+    for kind in KINDS:
+        first, second = (pw.projections(s, kind, samples=8) for s in (small, large))
+        for name in TILES[kind]:
+            power = {"1": 0, "m2": 2, "m4": 4}[first[name].attrs["units"]]
+            scaled = first[name].values * 1000.0**power
+            assert np.abs(second[name].values - scaled).max() <= 2 * second[name].attrs["error"]
+
+
+def test_the_functions_of_slits_are_their_own_projection():
+    source = pw.shapes.slit_pair((0.2, 0.5), (-0.6, 0.4))
+    x, nu = np.array([-0.6, 0.0, 0.4]), np.array([0.0, 1.3])
+    found = pw.projections(source, "wigner", coordinates={"x": x, "nu": nu})["x_nu"]
+    assert (found.values == pw.wigner(source, x[:, None, None], nu[:, None])).all()
+    assert found.dims == ("x", "nu") and found.attrs["units"] == "m"
+    found = pw.projections(source, "autocorrelation", coordinates={"x": x, "xi": nu})["x_xi"]
+    assert (found.values == pw.autocorrelation(source, x[:, None, None], nu[:, None])).all()
+    found = pw.projections(source, "ambiguity", coordinates={"upsilon": x, "xi": nu})
+    expected = pw.ambiguity(source, x[:, None, None], nu[:, None])
+    assert (found["upsilon_xi"].values == expected).all()
+
+
+def test_extents_samples_and_coordinates_are_taken():
+    found = pw.projections(
+        SHAPES["square"], samples={"x": 5}, extent={"nu_x": (-3.0, 4.0)}, coordinates={"y": [0.1]}
+    )
+    assert found["x"].values.shape == (5,) and found["nu_x"].values[[0, -1]].tolist() == [-3, 4]
+    assert found["y_nu_y"].values.shape == (1, 129)
+    only = pw.projections(SHAPES["square"], tiles=["x_nu_y"], samples=3)
+    assert list(only.data_vars) == ["x_nu_y"] and set(only.coords) == {"x", "nu_y"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"kind": "husimi"}, 'expected kind to be one of "autocorrelation"'),
+        ({"samples": 1}, "from 2 to 4096 samples along x, got 1"),
+        ({"samples": 2.5}, "from 2 to 4096"),
+        ({"samples": {"z": 5}}, "among x, y, nu_x, nu_y, got 'z'"),
+        ({"extent": {"xi_x": (0, 1)}}, "among x, y, nu_x, nu_y, got 'xi_x'"),
+        ({"extent": {"x": (1, 0)}}, r"\(lowest, highest\)"),
+        ({"extent": {"x": 3}}, "finite numbers"),
+        ({"coordinates": {"x": [0, np.nan]}}, "finite numbers"),
+        ({"coordinates": {"x": "all"}}, "finite numbers"),
+        ({"coordinates": [0.0, 1.0]}, "a mapping from the names of coordinates, got list"),
+        ({"extent": [0.0, 1.0]}, "extent as a mapping"),
+        ({"tiles": 3}, "names of tiles, got int"),
+        ({"tiles": ["x_z"]}, "expected tiles among x_y"),
+        ({"engine": "abacus"}, "expected engine"),
+        ({"coordinates": {"x": np.arange(5000)}}, "up to 4096 values of x, got 5000"),
+    ],
+)
+def test_unusable_arguments_are_refused(arguments, message):
+    with pytest.raises(ArgumentError, match=message):
+        pw.projections(SQUARE, **arguments)
+
+
+def test_sources_without_a_phase_space_are_refused():
+    with pytest.raises(ArgumentError, match="expected a source for wigner"):
+        pw.projections(SQUARE.placed(np.eye(4)))

@@ -11,8 +11,8 @@ import pytest
 import shapely
 
 import polywigner as pw
+from oracles.bounces import lit_sum
 from oracles.meshes import extruded, sphere, torus
-from oracles.rays import lit_sum
 from oracles.references import read_json
 from polywigner.errors import ArgumentError, PolywignerWarning
 

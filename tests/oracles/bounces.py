@@ -1,4 +1,4 @@
-"""Physical optics of several reflections by rays: each carries its field, path and cell of area."""
+"""Physical optics by rays of a raster, each with its field, path and area, reflected or not."""
 
 from __future__ import annotations
 
@@ -31,14 +31,7 @@ def scattered_field(
     meet = meet or partial(first_met, corners)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    # off the directions of edges, along which all rays would miss by the same
-    turn = np.array([[0.8, 0.6], [-0.6, 0.8]])
-    axes = turn @ np.linalg.svd(np.asarray(t)[None])[2][1:]
-    flat = corners.reshape(-1, 3) @ axes.T
-    low, high = flat.min(axis=0), flat.max(axis=0)
-    u, v = (low[k] + (np.arange(across) + 0.5) / across * (high - low)[k] for k in (0, 1))
-    cell = float(np.prod(high - low)) / across**2
-    start = np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1).reshape(-1, 2) @ axes + 100 * t
+    start, cell = _raster(corners.reshape(-1, 3), t, across)
     k, field = np.tile(-t, (len(start), 1)), np.tile(np.asarray(p, complex), (len(start), 1))
     path, last = np.full(len(start), -100.0), np.full(len(start), -1)
     total, area = np.zeros(3, complex), 0.0
@@ -59,6 +52,42 @@ def scattered_field(
         field = 2 * n * (n * field).sum(axis=1, keepdims=True) - field
         k = k - 2 * slope[:, None] * n
     return total, area
+
+
+def lit_sum(
+    body: pw.Polyhedron, s: Any, t: Any, wavelength: float, across: int
+) -> tuple[np.ndarray, float]:
+    """Sum of n exp(-2 pi i nu.x) dA over what is lit, (3,), and the area that the body covers.
+
+    Lit from t, less what faces s and is not seen from there; nu = (s + t)/wavelength. Fans of all
+    faces must cover them once.
+    """
+    corners = body.vertices[body.triangles]
+    start, cell = _raster(body.vertices, t, across)
+    nowhere = np.full(len(start), -1)
+    number, distance = first_met(corners, start, np.broadcast_to(-t, start.shape), nowhere)
+    met = number >= 0
+    points, number = start[met] - distance[met, None] * t, number[met]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = (normals / np.linalg.norm(normals, axis=1, keepdims=True))[number]
+    outwards = np.sign((normals * t).sum(axis=1))[:, None] * normals
+    weight = cell / (outwards @ t) * np.exp(-2j * np.pi * points @ (s + t) / wavelength)
+    if not np.array_equal(s, t):
+        hidden = first_met(corners, points, np.broadcast_to(s, points.shape), number)[0] >= 0
+        weight = weight * ~(hidden & (outwards @ s > 0))
+    return (outwards * weight[:, None]).sum(axis=0), cell * len(points)
+
+
+def _raster(points: np.ndarray, t: Any, across: int) -> tuple[np.ndarray, float]:
+    """Starts (n, 3) of rays across the direction t around points, and the area of each."""
+    # off the directions of edges, along which all rays would miss by the same
+    turn = np.array([[0.8, 0.6], [-0.6, 0.8]])
+    axes = turn @ np.linalg.svd(np.asarray(t)[None])[2][1:]
+    flat = points @ axes.T
+    low, high = flat.min(axis=0), flat.max(axis=0)
+    u, v = (low[k] + (np.arange(across) + 0.5) / across * (high - low)[k] for k in (0, 1))
+    places = np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1).reshape(-1, 2) @ axes
+    return places + 100 * t, float(np.prod(high - low)) / across**2
 
 
 def first_met(corners: np.ndarray, start: np.ndarray, along: np.ndarray, last: Any) -> Any:

@@ -15,8 +15,6 @@ import shapely
 import polywigner as pw
 from polywigner.errors import GeometryError
 
-__all__ = ["outlines"]
-
 Rings = list[np.ndarray]
 GRID = 2.0**-40
 

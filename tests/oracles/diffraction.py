@@ -10,8 +10,6 @@ import polywigner as pw
 from oracles.quadrature import triangle_nodes
 from polywigner.geometry.aperture import triangulate
 
-__all__ = ["field_by_quadrature", "irradiance_by_quadrature"]
-
 _PER_WAVELENGTH = 5.0  # nodes along a side, of a phase of up to 2 cycles per wavelength
 _BEYOND = 16
 

@@ -16,8 +16,6 @@ import numpy as np
 
 import polywigner as pw
 
-__all__ = ["QUANTITIES", "Quantity", "errors", "lens", "orders"]
-
 ANGLES = 0.15 + 2 * np.pi * np.arange(5) / 5
 CYCLES = (0.2, 0.7, 1.9)  # |nu| R, and |upsilon| R
 OFFSETS = (0.2, 0.5, 0.8)  # |x|/R, and |xi|/(2 R)

@@ -10,8 +10,6 @@ import numpy as np
 import polywigner as pw
 from oracles.exact import mpmath
 
-__all__ = ["distant_fields"]
-
 _DIGITS = 40
 # Nodes along a side; openings have up to about two wavelengths.
 _NODES = 12

@@ -17,8 +17,6 @@ from hypothesis import strategies as st
 
 from oracles.shapes import Polygons
 
-__all__ = ["polygons"]
-
 LEAST_CLEARANCE = 1e-2  # far more than the shaking: a ring may not touch itself
 
 _angles = st.floats(0, 2 * math.pi)

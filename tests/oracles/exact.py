@@ -13,7 +13,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
-from itertools import pairwise
+from itertools import combinations, pairwise
 from typing import Any
 
 import mpmath
@@ -24,20 +24,8 @@ try:  # ten times faster; used when the reference data are made, never required
 except ImportError:
     mpq = Fraction
 
-__all__ = [
-    "Region",
-    "ambiguity",
-    "area",
-    "fourier",
-    "lag_region",
-    "oriented",
-    "plain_region",
-    "position_region",
-    "rational",
-    "transform",
-    "wigner",
-]
 
+Node = tuple[Any, Any]
 Rings = Sequence[Any]  # oriented (n, 2) rings: outer boundaries CCW, holes CW
 
 DIGITS = 50
@@ -199,9 +187,9 @@ def position_region(rings: Rings, xi: Sequence[float], other: Rings | None = Non
     return _region(behind, ahead)
 
 
-def _triangles(shape: Region) -> list[tuple[Any, tuple[tuple[Any, Any], ...]]]:
+def _triangles(shape: Region) -> list[tuple[Any, tuple[Node, ...]]]:
     """Triangles as (twice the signed area, corners)."""
-    triangles = []
+    triangles: list[tuple[Any, tuple[Node, ...]]] = []
     for y0, y1, l0, r0, l1, r1, weight in shape.trapezoids:
         height = weight * (y1 - y0)
         if r0 != l0:
@@ -215,40 +203,45 @@ def _to_mpf(value: Any) -> Any:
     return mpmath.mpf(int(value.numerator)) / int(value.denominator)
 
 
-def _parts(component: complex) -> tuple[Any, Any]:
-    value = complex(component)
-    return rational(value.real), rational(value.imag)
+def nodes_at(nu: Sequence[complex], corners: Iterable[Sequence[Any]]) -> tuple[Node, ...]:
+    """nu.corner in turns, (Re, Im), as exact rational numbers."""
+    parts = [(rational(complex(c).real), rational(complex(c).imag)) for c in nu]
+    return tuple(
+        (
+            sum((p * x for (p, _), x in zip(parts, corner, strict=True)), rational(0.0)),
+            sum((q * x for (_, q), x in zip(parts, corner, strict=True)), rational(0.0)),
+        )
+        for corner in corners
+    )
 
 
-class _Exponentials:
-    """exp(-2 pi i q) and its divided differences for exactly known q = (Re q, Im q)."""
+class _Exponential:
+    """Divided differences of q -> exp(-2 pi i q) for exactly known q = (Re q, Im q)."""
 
     def __init__(self) -> None:
-        self._values: dict[Any, Any] = {}
+        self._known: dict[Node, Any] = {}
         self._slope = mpmath.mpc(0, -2 * mpmath.pi)
 
-    def exponent(self, q: tuple[Any, Any]) -> Any:
-        return self._slope * mpmath.mpc(_to_mpf(q[0]), _to_mpf(q[1]))
+    def _exponent(self, re: Any, im: Any) -> Any:
+        return self._slope * mpmath.mpc(_to_mpf(re), _to_mpf(im))
 
-    def at(self, q: tuple[Any, Any]) -> Any:
-        if q not in self._values:
-            self._values[q] = mpmath.exp(self.exponent(q))
-        return self._values[q]
+    def __call__(self, nodes: tuple[Node, ...]) -> Any:
+        """Divides by the largest of all differences."""
+        order = len(nodes) - 1
+        if not order:
+            if nodes[0] not in self._known:
+                self._known[nodes[0]] = mpmath.exp(self._exponent(*nodes[0]))
+            return self._known[nodes[0]]
+        i, j = max(combinations(range(order + 1), 2), key=lambda p: _gap(nodes, *p))
+        if nodes[i] == nodes[j]:
+            return self(nodes[i : i + 1]) / math.factorial(order)
+        without_i, without_j = nodes[:i] + nodes[i + 1 :], nodes[:j] + nodes[j + 1 :]
+        apart = (b - a for a, b in zip(nodes[i], nodes[j], strict=True))
+        return (self(without_i) - self(without_j)) / self._exponent(*apart)
 
-    def first(self, p: tuple[Any, Any], q: tuple[Any, Any]) -> Any:
-        if p == q:
-            return self.at(p)
-        return (self.at(p) - self.at(q)) / self.exponent((p[0] - q[0], p[1] - q[1]))
 
-    def second(self, phases: list[tuple[Any, Any]]) -> Any:
-        """exp[z1, z2, z3]; divides by the largest of the three differences."""
-        a, b, c = max(
-            (phases, phases[1:] + phases[:1], phases[2:] + phases[:2]),
-            key=lambda p: abs(p[0][0] - p[2][0]) + abs(p[0][1] - p[2][1]),
-        )
-        if a == c:
-            return self.at(a) / 2
-        return (self.first(a, b) - self.first(b, c)) / self.exponent((a[0] - c[0], a[1] - c[1]))
+def _gap(nodes: Sequence[Node], i: int, j: int) -> Any:
+    return abs(nodes[j][0] - nodes[i][0]) + abs(nodes[j][1] - nodes[i][1])
 
 
 def _log10(value: Any) -> float:
@@ -257,30 +250,25 @@ def _log10(value: Any) -> float:
     return bits * math.log10(2)
 
 
-def _digits_lost(triangles: list[tuple[Any, list[tuple[Any, Any]]]]) -> int:
-    """A second divided difference loses two digits per decade of its smallest difference."""
-    smallest = 0.0
-    for _, q in triangles:
-        for k in range(3):
-            size = abs(q[k][0] - q[k - 1][0]) + abs(q[k][1] - q[k - 1][1])
-            if size:
-                smallest = min(smallest, _log10(size))
-    return int(-2 * smallest) + 2
+def sum_over_simplices(terms: Sequence[tuple[Any, tuple[Node, ...]]], digits: int) -> Any:
+    """The sum of weights times divided differences, as an mpmath number of so many digits.
+
+    A difference of order d loses up to d digits per decade of its smallest distance.
+    """
+    smallest, order = 0.0, 1
+    for _, nodes in terms:
+        order = len(nodes) - 1
+        gaps = (_gap(nodes, i, j) for i, j in combinations(range(order + 1), 2))
+        smallest = min([smallest, *(_log10(gap) for gap in gaps if gap)])
+    with mpmath.workdps(digits + int(-order * smallest) + 2):
+        wave = _Exponential()
+        return mpmath.fsum(_to_mpf(weight) * wave(nodes) for weight, nodes in terms)
 
 
 def transform(shape: Region, nu: Sequence[complex], digits: int = DIGITS) -> Any:
     """Integral of exp(-2 pi i nu.r) over a region, as an mpmath complex number."""
-    (pr, pi), (qr, qi) = map(_parts, nu)
-    phased = [
-        (twice, [(pr * x + qr * y, pi * x + qi * y) for x, y in corners])
-        for twice, corners in _triangles(shape)
-    ]
-    with mpmath.workdps(digits + _digits_lost(phased)):
-        exponentials = _Exponentials()
-        total = mpmath.mpc(0)
-        for twice, phases in phased:
-            total += _to_mpf(twice) * exponentials.second(phases)
-        return +total
+    terms = [(twice, nodes_at(nu, corners)) for twice, corners in _triangles(shape)]
+    return mpmath.mpc(sum_over_simplices(terms, digits))
 
 
 @lru_cache(maxsize=64)

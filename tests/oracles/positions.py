@@ -12,8 +12,6 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["Outline", "frequencies", "lags", "outline", "positions"]
-
 PARALLEL = 2e-2  # sine below which two edges count as (nearly) parallel here
 ULPS = 4
 OFFSETS = (1e-15, 1e-14, 1e-13, 1e-12, 1e-11, 1e-10, 1e-9)  # of the diameter

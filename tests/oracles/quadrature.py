@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-__all__ = ["triangle_nodes"]
-
 
 def triangle_nodes(triangles: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray]:
     """Nodes (n, 2) and weights (n,) on triangles (m, 3, 2), by collapsing the square."""

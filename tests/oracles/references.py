@@ -17,17 +17,6 @@ import polywigner as pw
 from oracles import exact
 from oracles.shapes import Polygons
 
-__all__ = [
-    "ENGINES",
-    "FEW",
-    "Reference",
-    "aperture",
-    "awkward",
-    "awkward_names",
-    "numpy_and_few",
-    "read_json",
-]
-
 DATA = Path(__file__).parents[1] / "data"
 
 ENGINES = [

@@ -7,8 +7,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-__all__ = ["Polygons", "awkward_shapes"]
-
 Polygons = list[tuple[np.ndarray, list[np.ndarray]]]
 
 GOLDEN = (1 + math.sqrt(5)) / 2

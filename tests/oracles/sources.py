@@ -14,17 +14,6 @@ import shapely
 
 import polywigner as pw
 
-__all__ = [
-    "DECADES",
-    "SOURCES",
-    "box_bound",
-    "content",
-    "cube",
-    "frequencies",
-    "points_of",
-    "prism",
-]
-
 DECADES = tuple(range(-15, 4))
 # Angles off an edge or a face, in radians.
 TILTS = (0.0, 1e-16, 1e-15, 1e-14, 1e-13, 1e-12, 1e-8, 1e-4)

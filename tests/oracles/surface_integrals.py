@@ -16,8 +16,6 @@ import shapely
 import polywigner as pw
 from oracles.quadrature import triangle_nodes
 
-__all__ = ["surface_fields"]
-
 _ORDER = 18
 # Nodes at a time.
 _MANY = 2000

@@ -16,16 +16,13 @@ from polywigner.execution.on_drjit_data import with_frame_as_data
 from polywigner.execution.points import Traced
 from polywigner.kernels import Kernel
 from polywigner.kernels.outline.tables import Tables
-from polywigner.kernels.slopes.slopes import Wanted
-from polywigner.kernels.slopes.slopes_of_slices import slope_kernel_of
+from polywigner.kernels.slopes import Wanted, slope_kernel_of
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.plans import cut_for
 
 
 class _Accumulator:
     """Sums up slopes in vertices and fields, times these."""
-
-    values = 2
 
     def __init__(self, ops: DrjitOperations, traced: Traced) -> None:
         import drjit as dr
@@ -42,17 +39,16 @@ class _Accumulator:
         )
         self.known: dict[tuple[int, int], tuple[Any, Any]] = {}
 
-    def edge(self, begin: Any, end: Any, normal: tuple[Any, Any], at: tuple[Pair, Pair]) -> Any:
+    def edge(self, begin: Any, end: Any, normal: tuple[Any, Any], at: tuple[Pair, Pair]) -> Pair:
         total = Pair(0.0, 0.0)
         for number, slope in zip((begin, end), at, strict=True):
             x, y = self._looked_up(self.vertices, number)
             total = total + slope.scaled(normal[0] * x + normal[1] * y)
-        return total.real, total.imag
+        return total
 
-    def field(self, number: Any, slope: Pair, of_conjugate: Pair) -> Any:
+    def field(self, number: Any, slope: Pair, of_conjugate: Pair) -> Pair:
         x, y = self._looked_up(self.fields, number)
-        total = slope * Pair(x, y) + of_conjugate * Pair(x, -y)
-        return total.real, total.imag
+        return slope * Pair(x, y) + of_conjugate * Pair(x, -y)
 
     def _looked_up(self, pair: Any, number: Any) -> tuple[Any, Any]:
         import drjit as dr
@@ -107,7 +103,7 @@ def kernel_with_derivatives(
     # Derivatives depend on the last arguments.
     summed = map(real, fixed[-slopes.arguments :])
     found = slopes.slopes(ops, tables, _Accumulator(ops, traced), *summed)
-    total = Pair(*found.shared)
+    total = found.shared
     entered = slopes.entered(ops, tables.frame, [real(value) for value in components])
     for slope, change in zip((*found.frequency, *found.place), entered, strict=False):
         total = total + slope.scaled(change)

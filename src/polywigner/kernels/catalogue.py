@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -14,103 +15,64 @@ from polywigner.illumination.lattices import Sites
 from polywigner.kernels.arrays import lattice_arrays, pair_sums
 from polywigner.kernels.arrays.array_factor import array_factor_kernel
 from polywigner.kernels.arrays.element_pairs import distant_parts, is_scattered
-from polywigner.kernels.functions import partly_coherent, plane, separable, simplices, solids
+from polywigner.kernels.functions import partly_coherent, plane, separable, simplices
 from polywigner.kernels.functions import slits as line
 from polywigner.kernels.functions.moments import LAG_MOMENTS, LAG_MOMENTS_ALONG
 from polywigner.kernels.functions.separable import is_separable
 from polywigner.kernels.kernel import Kernel
 
-_KERNELS: dict[tuple[str, type], Kernel] = {
+_TRANSFORMS = ("autocorrelation", "wigner", "ambiguity", "position_marginal", "lag_marginal")
+_OF_FIELDS = ("lag_marginal of fields", "lag_marginal of waves", "position_marginal of waves")
+
+# By transform and kind of source, a type or a name of `_SPECIAL`.
+_KERNELS: dict[tuple[str, Any], Kernel] = {
+    (name, kind): getattr(home, name.replace(" ", "_").upper())
+    for kind, home, names in (
+        (Slits, line, (*_TRANSFORMS, *_OF_FIELDS)),
+        (Aperture, plane, (*_TRANSFORMS, *_OF_FIELDS)),
+        ("product", separable, _TRANSFORMS),
+        ("lattice", lattice_arrays, _TRANSFORMS[1:]),
+        ("scattered", pair_sums, _TRANSFORMS),
+    )
+    for name in names
+} | {
     ("fourier", Slits): simplices.SLITS,
     ("fourier", Aperture): plane.FOURIER,
     ("fourier", PlacedAperture): plane.FOURIER_PLACED,
-    ("fourier", Polyhedron): solids.FOURIER,
+    ("fourier", Polyhedron): simplices.BODY,
+    ("fourier", "thin"): simplices.TILED,
+    ("fourier", "thin, placed"): simplices.TILED_PLACED,
+    ("fourier of waves", "product"): separable.FOURIER,
     ("complex fourier", Slits): simplices.SLITS_COMPLEX,
     ("complex fourier", Aperture): plane.FOURIER_COMPLEX,
     ("complex fourier", PlacedAperture): plane.FOURIER_PLACED_COMPLEX,
-    ("complex fourier", Polyhedron): solids.FOURIER_COMPLEX,
-    ("autocorrelation", Slits): line.AUTOCORRELATION,
-    ("autocorrelation", Aperture): plane.AUTOCORRELATION,
-    ("wigner", Slits): line.WIGNER,
-    ("wigner", Aperture): plane.WIGNER,
+    ("complex fourier", Polyhedron): simplices.BODY_COMPLEX,
+    ("complex fourier", "thin"): simplices.TILED_COMPLEX,
+    ("complex fourier", "thin, placed"): simplices.TILED_PLACED_COMPLEX,
     ("lag moments", Aperture): LAG_MOMENTS,
     ("lag moments along", Aperture): LAG_MOMENTS_ALONG,
-    ("ambiguity", Slits): line.AMBIGUITY,
-    ("ambiguity", Aperture): plane.AMBIGUITY,
-    ("position_marginal", Slits): line.POSITION_MARGINAL,
-    ("position_marginal", Aperture): plane.POSITION_MARGINAL,
-    ("lag_marginal", Slits): line.LAG_MARGINAL,
-    ("lag_marginal", Aperture): plane.LAG_MARGINAL,
-    ("lag_marginal of weights", Slits): line.LAG_MARGINAL_OF_FIELDS,
-    ("lag_marginal of weights", Aperture): plane.LAG_MARGINAL_OF_FIELDS,
-    ("lag_marginal of waves", Slits): line.LAG_MARGINAL_OF_WAVES,
-    ("lag_marginal of waves", Aperture): plane.LAG_MARGINAL_OF_WAVES,
-    ("position_marginal of waves", Slits): line.POSITION_MARGINAL_OF_WAVES,
-    ("position_marginal of waves", Aperture): plane.POSITION_MARGINAL_OF_WAVES,
+    ("autocorrelation", "lattice"): pair_sums.AUTOCORRELATION,
+    ("wigner", "distant"): pair_sums.WIGNER_OF_PARTS,
+    ("ambiguity", "distant"): pair_sums.AMBIGUITY_OF_PARTS,
+    ("position_marginal", "distant"): pair_sums.POSITION_MARGINAL_OF_PARTS,
+    ("lag_marginal", "distant"): pair_sums.LAG_MARGINAL_OF_PARTS,
+    ("lag_marginal of fields", "distant"): pair_sums.LAG_MARGINAL_OF_FIELDS,
 }
 
-_TILED: dict[tuple[str, type], Kernel] = {
-    ("fourier", Aperture): simplices.TILED,
-    ("fourier", PlacedAperture): simplices.TILED_PLACED,
-    ("complex fourier", Aperture): simplices.TILED_COMPLEX,
-    ("complex fourier", PlacedAperture): simplices.TILED_PLACED_COMPLEX,
+# Kinds with kernels of their own, in this order: (source, double) -> whether it is one. Thin
+# apertures lose digits by the usual kernels, parts that are far from each other as well.
+_SPECIAL: dict[str, Callable[[Any, bool], bool]] = {
+    "product": lambda source, _: isinstance(source, Aperture) and is_separable(source),
+    "lattice": lambda source, _: isinstance(source, Array) and lattice_arrays.is_on_lattice(source),
+    "scattered": lambda source, _: isinstance(source, Array) and is_scattered(source),
+    "distant": lambda source, double: (
+        isinstance(source, Aperture | Array) and distant_parts(source, double) is not None
+    ),
+    "thin": lambda source, _: isinstance(source, Aperture) and simplices.fan_cancels(source),
+    "thin, placed": lambda source, _: (
+        isinstance(source, PlacedAperture) and simplices.fan_cancels(source.aperture)
+    ),
 }
-
-
-def _tiled(transform: str, source: Any) -> Kernel | None:
-    """The kernel of apertures so thin that the usual one loses digits, if this is one."""
-    kernel = _TILED.get((transform, type(source)))
-    if kernel is None:
-        return None
-    aperture = source.aperture if isinstance(source, PlacedAperture) else source
-    return kernel if simplices.fan_cancels(aperture) else None
-
-
-_ON_LATTICE: dict[str, Kernel] = {
-    "autocorrelation": pair_sums.AUTOCORRELATION,
-    "wigner": lattice_arrays.WIGNER,
-    "ambiguity": lattice_arrays.AMBIGUITY,
-    "position_marginal": lattice_arrays.POSITION_MARGINAL,
-    "lag_marginal": lattice_arrays.LAG_MARGINAL,
-}
-
-
-_PRODUCTS: dict[str, Kernel] = {
-    "autocorrelation": separable.AUTOCORRELATION,
-    "wigner": separable.WIGNER,
-    "ambiguity": separable.AMBIGUITY,
-    "fourier of waves": separable.FOURIER,
-    "position_marginal": separable.POSITION_MARGINAL,
-    "lag_marginal": separable.LAG_MARGINAL,
-}
-
-
-_SCATTERED: dict[str, Kernel] = {
-    "autocorrelation": pair_sums.AUTOCORRELATION,
-    "wigner": pair_sums.WIGNER,
-    "ambiguity": pair_sums.AMBIGUITY,
-    "position_marginal": pair_sums.POSITION_MARGINAL,
-    "lag_marginal": pair_sums.LAG_MARGINAL,
-}
-
-
-_DISTANT: dict[str, Kernel] = {
-    "wigner": pair_sums.WIGNER_OF_PARTS,
-    "ambiguity": pair_sums.AMBIGUITY_OF_PARTS,
-    "position_marginal": pair_sums.POSITION_MARGINAL_OF_PARTS,
-    "lag_marginal": pair_sums.LAG_MARGINAL_OF_PARTS,
-    "lag_marginal of fields": pair_sums.LAG_MARGINAL_OF_FIELDS,
-}
-
-
-def _distant(transform: str, source: Any, double: bool) -> Kernel | None:
-    """The kernel of sources that are small parts far from each other, if this is one."""
-    if transform not in _DISTANT or distant_parts(source, double) is None:
-        return None
-    whole = isinstance(source, Array) or source.illumination is not None
-    fields = transform == "lag_marginal" and whole
-    return _DISTANT[f"{transform} of fields" if fields else transform]
-
 
 _PARTLY_COHERENT: dict[Kernel, Kernel] = {
     plane.WIGNER: partly_coherent.WIGNER,
@@ -153,10 +115,6 @@ def partly_coherent_kernel(source: Wavefront, double: bool = True) -> Kernel | N
     return partly_coherent.WIGNER if source.dimension == 2 else partly_coherent.WIGNER_OF_SLITS
 
 
-def _is_illuminated(source: Any) -> bool:
-    return getattr(source, "illumination", None) is not None
-
-
 def kernel_for(transform: str, source: Any, double: bool = True) -> Kernel:
     """The kernel of a transform of a source, for results in double precision or in single.
 
@@ -176,28 +134,25 @@ def kernel_for(transform: str, source: Any, double: bool = True) -> Kernel:
         return found
     if isinstance(source, Sites) and transform.removeprefix("complex ") == "array factor":
         return array_factor_kernel(source.dimension, transform.startswith("complex"))
-    if isinstance(source, Aperture) and transform in _PRODUCTS and is_separable(source):
-        return _PRODUCTS[transform]
-    kind = type(source)
-    elements: tuple[Any, ...] = (source,)
-    name = transform
+    for kind, holds in _SPECIAL.items():
+        if (transform, kind) in _KERNELS and holds(source, double):
+            fields = f"{transform} of fields"
+            plain = isinstance(source, Aperture) and source.illumination is None
+            has_fields = not plain and (fields, kind) in _KERNELS
+            return _KERNELS[fields if has_fields else transform, kind]
+    elements, name = (source,), transform
     if isinstance(source, Array):
-        if transform in _ON_LATTICE and lattice_arrays.is_on_lattice(source):
-            return _ON_LATTICE[transform]
-        if transform in _SCATTERED and is_scattered(source):
-            return _SCATTERED[transform]
         elements = source.elements_in_plane
-        kind = type(elements[0])
-        name = "lag_marginal of weights" if transform == "lag_marginal" else transform
-    distant = _distant(transform, source, double) if kind is Aperture else None
-    if distant is not None:
-        return distant
-    if "marginal" in transform and any(_is_illuminated(element) for element in elements):
+        name = "lag_marginal of fields" if transform == "lag_marginal" else transform
+    if "marginal" in transform and any(
+        getattr(element, "illumination", None) is not None for element in elements
+    ):
         name = f"{transform} of waves"
-    kernel = _tiled(transform, source) or _KERNELS.get((name, kind))
+    kernel = _KERNELS.get((name, type(elements[0])))
     if kernel is not None:
         return kernel
-    accepted = ", ".join(kind.__name__ for name, kind in _KERNELS if name == transform)
+    kinds = [kind for name, kind in _KERNELS if name == transform and isinstance(kind, type)]
+    accepted = ", ".join(kind.__name__ for kind in kinds)
     hint = "make one with polywigner.Aperture(vertices)"
     if isinstance(source, PlacedAperture):
         hint = "use its .aperture, with x and nu in the aperture's own plane"

@@ -36,7 +36,10 @@ class Pair:
         )
 
     def __truediv__(self, other: Pair) -> Pair:
-        return (self * Pair(other.real, -other.imag)).scaled(1.0 / other.norm())
+        return (self * other.conjugate()).scaled(1.0 / other.norm())
+
+    def conjugate(self) -> Pair:
+        return Pair(self.real, -self.imag)
 
     def scaled(self, factor: Any) -> Pair:
         return Pair(self.real * factor, self.imag * factor)
@@ -54,10 +57,15 @@ def select(ops: Any, condition: Any, a: Pair, b: Pair) -> Pair:
     return Pair(ops.select(condition, a.real, b.real), ops.select(condition, a.imag, b.imag))
 
 
+def unit_wave(ops: Any, turns: Any) -> Pair:
+    """exp(2 pi i turns) for real turns."""
+    return Pair(*cos_sin_turns(ops, turns))
+
+
 def plane_wave(ops: Any, turns: Pair, level: Any = 0.0) -> Pair:
     """exp(-2 pi i turns) exp(-2 pi level)."""
-    cosine, sine = cos_sin_turns(ops, turns.real)
-    return Pair(cosine, -sine).scaled(ops.exp(2 * math.pi * (turns.imag - level)))
+    wave = unit_wave(ops, turns.real).conjugate()
+    return wave.scaled(ops.exp(2 * math.pi * (turns.imag - level)))
 
 
 def mean_wave(ops: Any, start: Pair, end: Pair, level: Any = 0.0) -> Pair:

@@ -8,7 +8,6 @@ products are exact here, and one ulp accurate in the kernels (``ops.cross``).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
@@ -18,37 +17,18 @@ import numpy.typing as npt
 # Veltkamp's splitting constants, 2^ceil(p/2) + 1 for p = 53 and 24 bits
 SPLIT_DOUBLE, SPLIT_SINGLE = 134217729.0, 4097.0
 
+# By double precision or not. In the frame, vertices lie within 1/2 of the origin and offsets 2x, xi
+# within 1: the largest combination of an offset and two vertices is below 2, 53 (24) bits of this.
+GRID = {True: 2.0**-52, False: 2.0**-23}
 
 Floats = npt.NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class RoundingGrid:
-    """Multiples of ``step``.
-
-    In the frame, vertices lie within 1/2 of the origin and offsets 2x, xi within 1: the largest
-    combination of an offset and two vertices is below 2: 53 (24) bits of this step.
-    """
-
-    step: float
-
-    @classmethod
-    def for_precision(cls, double: bool) -> RoundingGrid:
-        return cls(2.0**-52 if double else 2.0**-23)
-
-    def rounded(self, polygon: Floats) -> Floats:
-        """Vertices (n, 2) on the grid, without repeats."""
-        return self._snapped(polygon)[self.is_kept(polygon)]
-
-    def is_kept(self, polygon: Floats) -> npt.NDArray[np.bool_]:
-        """Mask (n,) of vertices (n, 2) that do not repeat the one before, on the grid."""
-        points = self._snapped(polygon)
-        kept: npt.NDArray[np.bool_] = (points != np.roll(points, 1, axis=0)).any(axis=1)
-        return kept
-
-    def _snapped(self, polygon: Floats) -> Floats:
-        snapped: Floats = np.round(polygon / self.step) * self.step + 0.0
-        return snapped
+def rounded(polygon: Floats, step: float) -> tuple[Floats, npt.NDArray[np.bool_]]:
+    """Vertices as multiples of ``step``, without repeats, and which of the given ones are kept."""
+    points = np.round(polygon / step) * step + 0.0
+    kept = (points != np.roll(points, 1, axis=0)).any(axis=1)
+    return points[kept], kept
 
 
 # Pairs of a side and a vertex at a time: their temporaries stay in the cache of one core.
@@ -96,16 +76,12 @@ def _is_convex(polygon: Floats) -> bool:
     return bool(np.arctan2(turns, ahead).sum() < 3 * np.pi)  # 2 pi, or more rounds
 
 
-def with_vertices_on_sides(pieces: Sequence[Floats], vertices: Floats) -> list[Floats]:
-    """The pieces with every vertex that lies exactly on a side put into it.
+def with_vertices_on_sides(piece: Floats, vertices: Floats) -> Floats:
+    """The piece with every vertex that lies exactly on a side put into it.
 
     Sides then meet sides of neighbours, and edges, end to end, and go on doing so when all vertices
     are moved.
     """
-    return [_with_vertices(piece, vertices) for piece in pieces]
-
-
-def _with_vertices(piece: Floats, vertices: Floats) -> Floats:
     ends = np.roll(piece, -1, axis=0)
     # far wider than rounding; what is left is looked at exactly
     size = 1e-12 * float(np.abs(vertices).max())

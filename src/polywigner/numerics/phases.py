@@ -8,6 +8,7 @@ A number may be a ``Doubled``, the unrounded sum of two floats; so may a spatial
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from fractions import Fraction
 from typing import Any
 
@@ -24,14 +25,20 @@ _SINE_SINGLE = (
 )  # fmt: skip
 
 
+def polynomial(ops: Any, coefficients: Sequence[float], x: Any) -> Any:
+    """The sum of c_k x^k, by Horner's rule."""
+    *others, before, last = coefficients
+    total = ops.fma(x, last, before)
+    for c in others[::-1]:
+        total = ops.fma(total, x, c)
+    return total
+
+
 def _sine_over_reduced(ops: Any, r: Any) -> Any:
     """sin(2 pi r)/r for |r| <= 1/2, 2 pi at r = 0."""
     coefficients = _SINE_DOUBLE if ops.double else _SINE_SINGLE
     square = r * r
-    q = ops.fma(square, coefficients[-1], coefficients[-2])
-    for c in coefficients[-3::-1]:
-        q = ops.fma(q, square, c)
-    return q * (0.25 - square)
+    return polynomial(ops, coefficients, square) * (0.25 - square)
 
 
 def _sine_of_reduced(ops: Any, r: Any) -> Any:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.numerics.phases import cos_sin_over_turns
+from polywigner.numerics.phases import cos_sin_over_turns, polynomial
 
 Polynomial = Sequence[Any]
 """Coefficients of 1, t, t^2, ..."""
@@ -104,10 +104,7 @@ def _over_power(ops: Any, n: int, square: Any, terms: int) -> Any:
     coefficients = [1 / math.prod(range(1, 2 * n + 2, 2))]
     for k in range(1, terms + 1):
         coefficients.append(coefficients[-1] * -0.5 / (k * (2 * n + 2 * k + 1)))
-    total: Any = coefficients[-1]
-    for coefficient in coefficients[-2::-1]:
-        total = ops.fma(total, square, coefficient)
-    return total
+    return polynomial(ops, coefficients, square)
 
 
 RATE = 2.5
@@ -137,7 +134,7 @@ class Interpolation:
         square = s * s
         first, last = [], []
         for row in self.coefficients[: (self.width + 1) // 2]:
-            even, odd = (_polynomial(ops, part.tolist(), square) for part in (row[0::2], row[1::2]))
+            even, odd = (polynomial(ops, part.tolist(), square) for part in (row[0::2], row[1::2]))
             first.append(ops.fma(s, odd, even))
             last.append(ops.fma(-s, odd, even))
         return first + last[: self.width // 2][::-1]
@@ -166,13 +163,6 @@ class Interpolation:
         exact = (waves * (values * (weight / 2))).sum(axis=(-2, -1))
         found = np.polynomial.chebyshev.chebfit(u, exact, _TERMS - 1)
         return np.asarray(found, dtype=np.float64)
-
-
-def _polynomial(ops: Any, coefficients: list[float], x: Any) -> Any:
-    total: Any = coefficients[-1]
-    for coefficient in coefficients[-2::-1]:
-        total = ops.fma(total, x, coefficient)
-    return total
 
 
 @lru_cache(maxsize=2)

@@ -17,9 +17,8 @@ from polywigner.geometry import Aperture, Wavefront
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import Forms, irradiance_factor
 from polywigner.kernels import Kernel, kernel_for, tables_of
-from polywigner.kernels.cut.slice_parts import PART_COLUMNS, slice_parts
-from polywigner.kernels.cut.slice_sums import SliceSum
-from polywigner.kernels.functions.part_kernels import (
+from polywigner.kernels.cut.slice_sums import PART_COLUMNS, SliceSum, slice_parts
+from polywigner.kernels.functions.moments import (
     PART_MOMENTS,
     PART_MOMENTS_ALONG,
     PART_PARTLY_COHERENT,

@@ -18,7 +18,7 @@ from polywigner.geometry.arguments import DrJitArray
 from polywigner.geometry.exact import signed_area
 from polywigner.illumination import Array, Illumination
 from polywigner.kernels.outline.waves import waves_in_frame
-from polywigner.kernels.slopes.slopes import slopes_in_ends
+from polywigner.kernels.slopes import slopes_in_ends
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.transforms.arguments import in_plane, transform
 

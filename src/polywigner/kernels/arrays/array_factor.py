@@ -21,7 +21,6 @@ from polywigner.kernels.arrays.factors import ProfileFactor, profile_factor
 from polywigner.kernels.kernel import Kernel, Values, leave_parts, leave_wave
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair, plane_wave
-from polywigner.numerics.phases import cos_sin_turns
 from polywigner.plans import has_own_factor
 
 # Sites that miss a lattice by more, of its extent D, are not taken for it: the phase errs by 6e3
@@ -143,8 +142,7 @@ def _sum_over_sites(ops: Any, rows: tuple[Row, ...], *nu: Any) -> Pair:
     def term(*row: Any) -> Values:
         *both, real, imag = row
         place = tuple(zip(both[0::2], both[1::2], strict=True))
-        cosine, sine = cos_sin_turns(ops, phases.reduced(ops, phases.dot(ops, nu, place)))
-        return real * cosine + imag * sine, imag * cosine - real * sine
+        return phases.rotated(ops, phases.reduced(ops, phases.dot(ops, nu, place)), real, -imag)
 
     return Pair(*ops.sum_over(rows, term, 2, like=nu[0]))
 

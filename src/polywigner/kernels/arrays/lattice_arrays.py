@@ -32,8 +32,7 @@ from polywigner.kernels.cut.clipping import AHEAD, BEHIND, MIRRORED
 from polywigner.kernels.kernel import Kernel, Values, at_zero_frequency, leave_real, leave_wave
 from polywigner.kernels.outline.frame import Frame
 from polywigner.numerics import phases
-from polywigner.numerics.complex_pairs import Pair
-from polywigner.numerics.phases import cos_sin_turns
+from polywigner.numerics.complex_pairs import unit_wave
 from polywigner.plans import sums_over_lattice
 
 # A place within this of the edge of a region contributes less than rounding.
@@ -263,10 +262,9 @@ def _ambiguity_sum(ops: Any, tables: ArrayTables, turns: Any, *inner: Any) -> Va
         i, j = first + k, second + m
         factor = factor_of((k, m), (i + lowest[0], j + lowest[1]), True)
         if any(slope):
-            factor = factor * Pair(*cos_sin_turns(ops, i * slope[0] + j * slope[1]))
-        cosine, sine = element_ambiguity(ops, element, upsilon_x, upsilon_y, x - dx, y - dy)
-        part_here = factor * Pair(cosine, -sine)
-        return part_here.real, -part_here.imag
+            factor = factor * unit_wave(ops, i * slope[0] + j * slope[1])
+        found = factor * element_ambiguity(ops, element, upsilon_x, upsilon_y, x - dx, y - dy)
+        return found.real, -found.imag
 
     total: Values = ops.sum_large_terms(frame.differences.rows(frame), term, 4 * element.clips)
     return total

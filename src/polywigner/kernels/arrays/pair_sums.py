@@ -41,8 +41,7 @@ from polywigner.kernels.kernel import Kernel, Values, at_zero_frequency, leave_r
 from polywigner.kernels.outline.frame import Frame
 from polywigner.kernels.outline.waves import WavePair, difference_pairs, mean_pairs
 from polywigner.numerics import phases
-from polywigner.numerics.complex_pairs import Pair
-from polywigner.numerics.phases import cos_sin_turns
+from polywigner.numerics.complex_pairs import Pair, unit_wave
 
 Point = tuple[phases.Doubled, phases.Doubled]
 
@@ -114,8 +113,8 @@ def _turns(ops: Any, one: Sequence[Any], other: Sequence[Any]) -> Any:
 
 def _mutual(ops: Any, record: Sequence[Any], nu: Point) -> Pair:
     """The mutual weight of a pair, times exp(-2 pi i nu.(its difference or midpoint))."""
-    cosine, sine = cos_sin_turns(ops, _turns(ops, nu, _point(record[4:8])))
-    return Pair(record[8], record[9]) * Pair(cosine, -sine)
+    wave = unit_wave(ops, _turns(ops, nu, _point(record[4:8]))).conjugate()
+    return Pair(record[8], record[9]) * wave
 
 
 def _is_near(record: Sequence[Any], samples: Sequence[Any]) -> Any:
@@ -132,8 +131,7 @@ def _of_element(
     factor, own = _mutual(ops, record, nu), [total + rest for total, rest in nu]
     if view is MIRRORED:
         return factor.scaled(element_wigner(ops, element, *offset, *own))
-    cosine, sine = element_ambiguity(ops, element, *own, *offset)
-    return factor * Pair(cosine, -sine)
+    return factor * element_ambiguity(ops, element, *own, *offset)
 
 
 def _field_of(
@@ -157,7 +155,7 @@ def _of_parts(
     ]
     first, end, *others = map(ops.truncated, record[12:16])
     end = ops.select_number(_is_near(record, samples), end, first)
-    t = [ops.snapped(_side(view) * scale * value, parts.step) for value in _offset(record, samples)]
+    t = [ops.snapped(view.side * scale * value, parts.step) for value in _offset(record, samples)]
     found = ops.sum_over_range(
         first,
         end,
@@ -169,11 +167,6 @@ def _of_parts(
         factor = _mutual(ops, record, frequency) * _amplitude(ops, pair, place)
         total = total + Pair(*terms[k].total(found[2 * k : 2 * k + 2])) * factor
     return total
-
-
-def _side(view: View) -> float:
-    """The sign of the offset as seen from the edges' copy, and of its displacement at ties."""
-    return -1.0 if view is AHEAD else 1.0
 
 
 def _shifted(ops: Any, nu: Point, pair: WavePair) -> Point:
@@ -189,7 +182,7 @@ def _amplitude(ops: Any, pair: WavePair, place: Point) -> Pair:
     for amplitude, rate in pair.terms:
         term = Pair(complex(amplitude).real, complex(amplitude).imag)
         if any(rate):
-            term = term * Pair(*cos_sin_turns(ops, _turns(ops, place, rate)))
+            term = term * unit_wave(ops, _turns(ops, place, rate))
         total = total + term
     return Pair(total.real, 0.0) if pair.is_real else total
 
@@ -204,7 +197,7 @@ def _of_edge(
     others: Sequence[Any],
 ) -> Values:
     """The sums of each wave over the parts of an edge inside the other copy, {T - p}."""
-    table, side, (tx, ty) = parts.edges.in_memory(ops), _side(view), t
+    table, side, (tx, ty) = parts.edges.in_memory(ops), view.side, t
     scale, turned = (2.0, 1.0) if view is MIRRORED else (1.0, -1.0)
     edge = ops.gather(table, row)
     ax, ay, bx, by = edge[:4]

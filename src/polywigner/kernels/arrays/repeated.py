@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 
 from polywigner.geometry import Aperture
 from polywigner.kernels.cut.clipping import View
-from polywigner.kernels.functions import membership, separable
+from polywigner.kernels.functions import plane, separable
 from polywigner.kernels.functions.plane import tables_of
 from polywigner.kernels.functions.separable import SeparableTables, separable_tables
 from polywigner.kernels.functions.slices import AMBIGUITY_SUM, WIGNER_SUM
 from polywigner.kernels.kernel import Values
 from polywigner.kernels.outline.tables import Tables
+from polywigner.numerics.complex_pairs import Pair
 
 ElementTables = Tables | SeparableTables
 
@@ -32,19 +33,20 @@ def element_wigner(ops: Any, tables: ElementTables, x: Any, y: Any, nu_x: Any, n
     return WIGNER_SUM(ops, tables, x, y, nu_x, nu_y)[0]
 
 
-def element_ambiguity(ops: Any, tables: ElementTables, *arguments: Any) -> tuple[Any, Any]:
-    """A(upsilon, xi) in the element's frame as (cosine part, sine part)."""
+def element_ambiguity(ops: Any, tables: ElementTables, *arguments: Any) -> Pair:
+    """A(upsilon, xi) in the element's frame."""
     if isinstance(tables, SeparableTables):
-        return separable.ambiguity(ops, tables, *arguments)
-    cosine, sine = AMBIGUITY_SUM(ops, tables, 0.0, *arguments)
-    return cosine, sine
+        cosine, sine = separable.ambiguity(ops, tables, *arguments)
+    else:
+        cosine, sine = AMBIGUITY_SUM(ops, tables, 0.0, *arguments)
+    return Pair(cosine, -sine)
 
 
 def element_field(ops: Any, tables: ElementTables, x: Any, y: Any) -> tuple[Any, Any]:
     """(real, imaginary) part of u at a point of the element's frame, less the carrier's phase."""
     if isinstance(tables, SeparableTables):
         return separable.field(ops, tables, x, y)
-    return membership.field(ops, tables, x, y)
+    return plane.field(ops, tables, x, y)
 
 
 Element = TypeVar("Element")

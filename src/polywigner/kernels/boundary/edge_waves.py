@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from polywigner.numerics.complex_pairs import Pair, decaying_sinh, select
+from polywigner.numerics.complex_pairs import Pair, decaying_sinh, select, unit_wave
 from polywigner.numerics.phases import cos_sin_turns, sinc
 
 Values = tuple[Any, ...]
@@ -78,8 +78,7 @@ class _Travelling:
         tilt = ops.minimum(pz + z / ops.maximum(view.radius_first, view.radius_last), 1.0)
         is_grazing = (z < _LOW) & (tilt < _GRAZING)
         turn = 2.0 * (pz * z)
-        c, d = cos_sin_turns(ops, turn)
-        mirrored = free * Pair(c, -d)
+        mirrored = free * unit_wave(ops, turn).conjugate()
         grazing = ops.select(is_grazing, 1.0, 0.0)
         data = (free.real, free.imag, mirrored.real, mirrored.imag, grazing, *moment)
         return data, ops.select(is_grazing, _NONE, tilt), None
@@ -177,7 +176,7 @@ class _Evanescent:
             second = select(ops, grazing > 0.5, smooth.scaled(rest), second)
         else:
             second = second.scaled(1.0 - grazing)
-        return factor * first.scaled(0.5) - Pair(factor.real, -factor.imag) * second
+        return factor * first.scaled(0.5) - factor.conjugate() * second
 
 
 EdgeWave = _Travelling | _Evanescent
@@ -364,7 +363,7 @@ def edge_wave(
             below = Pair(detour + q, y) * Pair(whole + q, y) * rooted
             norm = weight / (below.real * below.real + below.imag * below.imag)
             total = total + Pair(below.real * norm, -below.imag * norm)
-        wave = Pair(*cos_sin_turns(ops, detour + q)) * total
+        wave = unit_wave(ops, detour + q) * total
         return -wave.imag, wave.real
 
     def outside(start: Any, end: Any) -> tuple[Any, Any]:

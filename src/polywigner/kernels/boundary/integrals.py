@@ -24,7 +24,7 @@ from polywigner.kernels.boundary.edge_waves import (
 )
 from polywigner.kernels.kernel import Kernel, Values
 from polywigner.numerics import phases
-from polywigner.numerics.complex_pairs import Pair
+from polywigner.numerics.complex_pairs import Pair, unit_wave
 from polywigner.numerics.nodes import (
     SUMS,
     Rules,
@@ -342,7 +342,7 @@ def edge_wave(
 ) -> Pair:  # fmt: skip
     """The wave at t along the panel, its phase relative to the distance's."""
     turns = (constant + t * (slope + t)) / (radius + distance) + along * t + start
-    return Pair(*cos_sin_turns(ops, turns))
+    return unit_wave(ops, turns)
 
 
 # Beyond the largest of the ellipses that rules are chosen by.
@@ -399,7 +399,7 @@ def _node(ops: Any) -> Any:
         s = first + t
         distance2 = s * s + b * b
         turns = (constant + t * (slope + t)) * inverse + (along * t + start)
-        edge = Pair(*cos_sin_turns(ops, turns))
+        edge = unit_wave(ops, turns)
         value = wave_difference(ops, edge, Pair(free_r, free_i), distance2 * inverse)
         factor = half * b / ops.maximum(distance2, tiny)
         return node_sums(factor * value.real, factor * value.imag, w, v1, v2)

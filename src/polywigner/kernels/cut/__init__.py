@@ -4,10 +4,8 @@
 module            what is in it
 ================  ==========================================================================
 ``clipping``      the parts of edges inside a mirrored or shifted copy; coincident edges
-``outer_bounds``  what lies too far off to have a slice
 ``pair_grid``     which edges of two copies can meet, by cells of the offset between them
 ``winding``       the parts of edges inside the other copy by winding numbers, from these lists
-``slice_sums``    sums over the cut edges, by whichever clipper
-``slice_parts``   parts of edges that bound slices, listed once for each position or lag
+``slice_sums``    sums over the cut edges by whichever clipper; the parts that bound slices, listed
 ================  ==========================================================================
 """

@@ -42,6 +42,11 @@ class View:
     offset: int
     point: int
 
+    @property
+    def side(self) -> float:
+        """The sign of T as seen from the edges' copy, and of its displacement at ties."""
+        return float(-self.offset * self.point)
+
 
 MIRRORED = View(offset=+1, point=-1)
 BEHIND = View(offset=-1, point=+1)
@@ -80,7 +85,9 @@ class Clipper:
         return tuple(totals)
 
     def shared(self, edge: Edge, compute: Callable[[], Any], *what: Hashable) -> Any:
-        """Return ``compute()``, called once for all edges of one direction."""
+        """Return ``compute()``, called once for all edges of one direction that are constants."""
+        if type(self) is not Clipper:
+            return compute()
         key = (edge.ux, edge.uy, *what)
         if key not in self._shared:
             self._shared[key] = compute()
@@ -211,9 +218,6 @@ class RowClipper(Clipper):
     def _sum_over(self, rows: Any, term: Callable[..., tuple[Any, ...]], values: int) -> Any:
         self._levels.clear()  # what one traced loop has computed does not exist in the next
         return self.ops.sum_over(rows, term, values, like=self.tx)
-
-    def shared(self, edge: Edge, compute: Callable[[], Any], *what: Hashable) -> Any:
-        return compute()
 
     def _interval(
         self, edge: Edge, view: View, piece: Piece, cuts: dict[int, Any]

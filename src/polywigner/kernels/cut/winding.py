@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Hashable, Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,6 @@ from polywigner.kernels.cut.pair_grid import (
     LEAD,
     START,
     WHOLE,
-    Outline,
     PairGrid,
     cells_across,
     crossing,
@@ -59,9 +59,11 @@ def clipper_for(
 
 def pairs_of(tables: Tables, key: Pass, double: bool, samples: int = 0) -> PairGrid:
     """The lists of pairs of edges for so many samples; the latest of all sources are kept."""
-    first, second = _outlines(tables, key, double)
+    view, group, other = key
+    first, second = (outline_of(tables, number, double) for number in (group, other))
+    second = second if view is MIRRORED else second.turned()
     across = cells_across(first, second, samples or _MANY)
-    name = (*_same(key), double, across)
+    name = view.point, group, other, double, across  # AHEAD has the lists of BEHIND
     found: PairGrid | None = tables.pairs.get(name)
     if found is None:
         found = tables.pairs.setdefault(name, pair_grid(first, second, across))
@@ -84,17 +86,6 @@ def held_pairs(ops: Any, tables: Tables, key: Pass, samples: int = 0) -> PairGri
     return grid.copies[ops.key]
 
 
-def _same(key: Pass) -> tuple[Hashable, ...]:
-    view, group, other = key
-    return view.point, group, other  # AHEAD has the lists of BEHIND
-
-
-def _outlines(tables: Tables, key: Pass, double: bool) -> tuple[Outline, Outline]:
-    view, group, other = key
-    first, second = (outline_of(tables, number, double) for number in (group, other))
-    return first, second if view is MIRRORED else second.turned()
-
-
 def cell_of(ops: Any, pair: PairGrid, tx: Any, ty: Any) -> Any:
     """The number of the cell of an offset on the grid; an empty one's outside of all cells."""
     x0, y0, x1, y1, per_unit, across, empty, _ = ops.gather(pair.numbers, ops.truncated(0.0))
@@ -110,11 +101,6 @@ def _snapped(ops: Any, pair: PairGrid, *offset: Any) -> tuple[Any, ...]:
     """An offset on the grid of the vertices."""
     *_, step = ops.gather(pair.numbers, ops.truncated(0.0))
     return tuple(ops.snapped(t, step) for t in offset)
-
-
-def _side(view: View) -> float:
-    """The sign of the offset between the copies as seen so, and of its displacement at ties."""
-    return -1.0 if view is AHEAD else 1.0
 
 
 class PairClipper(Clipper):
@@ -155,9 +141,6 @@ class PairClipper(Clipper):
         self._now = None
         return tuple(totals)
 
-    def shared(self, edge: Edge, compute: Callable[[], Any], *what: Hashable) -> Any:
-        return compute()
-
     def intervals(self, edge: Edge, view: View, group: int = 0) -> Iterator[Interval]:
         if self._now is not None and self._now[0] is view:
             yield self._now[1]
@@ -168,32 +151,37 @@ class PairClipper(Clipper):
 
     def cell(self, key: Pass) -> Any:
         """The cells of samples, which are best taken in their order."""
-        side = _side(key[0])
+        side = key[0].side
         return cell_of(self.ops, self._pair(key), side * self.tx, side * self.ty)
 
 
+@dataclass(frozen=True, eq=False)
 class _Pass:
     """The sums over the edges of one copy."""
 
-    def __init__(
-        self,
-        clipper: PairClipper,
-        view: View,
-        pair: PairGrid,
-        term: Callable[[Edge], Level],
-        values: int,
-    ) -> None:
-        self.clipper, self.view, self.pair, self.term, self.values = (
-            clipper, view, pair, term, values,
-        )  # fmt: skip
-        self.ops, self.tables = clipper.ops, clipper.tables
-        self.side = _side(view)
-        self.tx, self.ty = self.side * clipper.tx, self.side * clipper.ty
+    clipper: PairClipper
+    view: View
+    pair: PairGrid
+    term: Callable[[Edge], Level]
+    values: int
+
+    @property
+    def ops(self) -> Any:
+        return self.clipper.ops
+
+    @property
+    def tables(self) -> Tables:
+        return self.clipper.tables
+
+    @property
+    def offset(self) -> tuple[Any, Any]:
+        """T as seen from the edges' copy."""
+        return self.view.side * self.clipper.tx, self.view.side * self.clipper.ty
 
     def sums(self) -> Iterator[list[Any]]:
         """Over whole edges, over pairs that cross in any case, and along the other rows."""
         ops, pair = self.ops, self.pair
-        cell = cell_of(ops, pair, self.tx, self.ty)
+        cell = cell_of(ops, pair, *self.offset)
         run, run_end, first, end, row, row_end, _, _ = ops.gather(pair.cells, cell)
         yield ops.sum_over_runs(run, run_end, pair.runs, self._whole, self.values)
         yield ops.sum_over_range(first, end, self._crossed, self.values)
@@ -213,14 +201,14 @@ class _Pass:
         ops, pair = self.ops, self.pair
         number, other, jump, _ = ops.gather(pair.crossings, row)
         edge = ops.gather(pair.first, number)
-        start, end = levels(ops, edge, ops.gather(pair.second, other), self.tx, self.ty)
+        start, end = levels(ops, edge, ops.gather(pair.second, other), *self.offset)
         return self._last_part(number, edge, end / (end - start), self._level(jump))
 
     def _visited(self, row: Any) -> tuple[Any, Level, Level, Callable[[Level], Level]]:
         ops, pair = self.ops, self.pair
         number, other, how, level = ops.gather(pair.rows, row)
         edge, against = ops.gather(pair.first, number), ops.gather(pair.second, other)
-        meets, enters, start, end = crossing(ops, edge, against, self.tx, self.ty, self.side)
+        meets, enters, start, end = crossing(ops, edge, against, *self.offset, self.view.side)
         sign = ops.select(meets, ops.select(enters, 1.0, -1.0), 0.0)
         jump = (sign,)
         if not self.tables.uniform:
@@ -261,7 +249,7 @@ class ListedParts:
         """Find the parts of one pass, for offsets (n,) of NumPy."""
         # from the same lists for any number of samples, so that they round in the same way
         pair, self.key = held_pairs(ops, tables, key, _SOME), key
-        side = _side(key[0])
+        side = key[0].side
         tx, ty = (side * t for t in _snapped(ops, pair, tx, ty))
         spans = ops.gather(pair.cells, cell_of(ops, pair, tx, ty))
         parts = [
@@ -352,19 +340,7 @@ class ListedClipper(Clipper):
         pair = held_pairs(ops, tables, keys[0], _SOME)
         self.tx, self.ty = (t[self.owner] for t in _snapped(ops, pair, tx, ty))
         columns = zip(*(numbers_of(parts.edge) for parts in self.listed), strict=True)
-        self.edge = Edge(
-            *(
-                np.concatenate(
-                    [
-                        np.broadcast_to(c, len(p.owner))
-                        for c, p in zip(column, self.listed, strict=True)
-                    ]
-                )
-                if np.ndim(column[0])
-                else column[0]
-                for column in columns
-            )
-        )
+        self.edge = Edge(*(np.concatenate(c) if np.ndim(c[0]) else c[0] for c in columns))
         self._pair = 0, 0
 
     def sum_over_edges(
@@ -376,14 +352,10 @@ class ListedClipper(Clipper):
         sums = (np.bincount(self.owner, value).astype(self.ops.dtype) for value in found)
         return tuple(total[self.owner] for total in sums)
 
-    def shared(self, edge: Edge, compute: Callable[[], Any], *what: Hashable) -> Any:
-        return compute()
-
     def intervals(self, edge: Edge, view: View, group: int = 0) -> Iterator[Interval]:
         part, real, imag = (np.zeros(len(self.owner), self.ops.dtype) for _ in range(3))
         for parts, place in zip(self.listed, self.places, strict=True):
             if parts.key == (view, *self._pair):
                 part[place] = parts.part
                 real[place], imag[place] = parts.weight
-        sign = -1.0 if view is AHEAD else 1.0
-        yield 2.0 - part, part, real, sign * imag if self.tables.phased else 0.0
+        yield 2.0 - part, part, real, view.side * imag if self.tables.phased else 0.0

@@ -1,11 +1,9 @@
 """Terms of W and A: contributions of parts of edges, however they were cut.
 
-W and A are sums over the parts of edges that bound a slice (docs/theory.md, (W1), (W2), (A1)). A
-part is a vector d with its middle m, as a lag or as a position; nu.d and nu.m, in turns, and
-cross(nu, d) are all that its term depends on. `EvenTerms` is (W1), for real weights: the other
-copy's edges are mirror images, and only sines are left, in which nothing cancels as nu goes to 0.
-`WaveTerms` is (W2) and (A1), for all weights: cosines appear. They sum to zero at nu = 0, so that
-cos - 1 stands for cos.
+A part is a vector d with its middle m, as a lag or as a position; nu.d and nu.m, in turns, and
+cross(nu, d) are all that its term depends on. `EvenTerms` is (W1) of docs/theory.md, for real
+weights: only sines are left, in which nothing cancels as nu goes to 0. `WaveTerms` is (W2) and
+(A1), for all weights: cosines sum to zero at nu = 0, so that cos - 1 stands for cos.
 
 Whoever cuts edges makes the terms of a frequency, asks `along` once per direction of edges, adds
 parts with `added`, multiplies by what an edge's parts share with `of_edge`, and ends with `total`.

@@ -1,23 +1,9 @@
 """Gaussian waves over polygons and intervals: the closed form of W in partly coherent light.
 
-In units of the width of coherence, with beta = 2 pi nu, the integrand of W is the Gaussian wave
-g(xi) = exp(-xi^2/2 - i beta.xi) = exp(-beta^2/2 - Z), Z = (xi + i beta)^2/2: the divergence of
-
-    (xi + i beta) f(xi)/2,   f = (exp(-beta^2/2) - g)/Z,
-
-which has no singularity, so that its integral over a polygon is the sum over edges of
-``(d + i beta_n)/2 int f ds`` (docs/theory.md, (I5)): s runs along the edge, d is the distance
-of its line from the origin, beta_n the frequency across the edge, beta_s the one along it.
-
-f is analytic in s, and the nodes lie on paths in the complex plane where it does not oscillate:
-
-- Gauss-Legendre nodes of an arc that s = c x/(1 - x^2), c = 10 or d, spreads over edges of any
-  length, and that is lifted by up to beta_s towards the saddle point of the wave;
-- where beta_s >= 8, so that the saddle point adds less than exp(-32), Gauss-Laguerre nodes of the
-  descents from both ends, s = s_end + t/(s_end + i beta_s), on which g falls as exp(-t).
-
-Both miss less than 1e-12 of the square of the largest lag, with 10 to 36 nodes. Rounding costs (the
-width over the largest lag) ulps where weights are complex, and nothing where they are real.
+The sum over edges of ``(d + i beta_n)/2 int f ds`` in units of the width of coherence, with the
+paths in the complex plane along which it is integrated: docs/theory.md, (I5). They miss less than
+1e-12 of the square of the largest lag, with 10 to 36 nodes. Rounding costs (the width over the
+largest lag) ulps where weights are complex, and nothing where they are real.
 """
 
 from __future__ import annotations

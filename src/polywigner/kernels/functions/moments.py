@@ -1,37 +1,32 @@
-"""Moments of the lag slice: the Wigner function together with its derivatives in frequency.
+"""Moments of the lag slice, the derivatives of W in frequency; W and moments by listed parts.
 
-With E[f] the integral of ``u(x + xi/2) u*(x - xi/2) exp(-2 pi i nu.xi) f(xi)`` over the lag, and
-tau = nu.xi the lag along the ray in turns, the six real numbers
-
-    E[1],  i E[tau],  E[tau^2],  E[|xi|^2],  i E[tau |xi|^2],  i E[tau^3]                   (T1)
-
-are what the field at a point needs up to third order in the lag (docs/theory.md, (T2)). Like W they
-are sums over the edges of one copy, cut by the pieces of the other: in the frame, with coordinates
-p along nu and q across, Green's theorem gives for f and its integral Q over q
-
-    E[f] = - sum over cut edges  dp exp(-2 pi i nu.m) sum_n Q_n e_n(2 pi nu.d)              (T3)
-
-d the part of the edge, m its middle, Q_n the coefficients of Q along it, and e_n the integral of
-t^n exp(-i w t) from -1/2 to 1/2. Nothing is divided by nu. The other copy's edges, mirror images,
-give the conjugate for even f and its negative for odd f.
+The six moments (T1) are sums over the edges of one copy, cut by the pieces of the other, as W is:
+docs/theory/rays.md, (T3). In the frame, with coordinates p along nu and q across, d is a part of an
+edge, m its middle, Q_n the coefficients along it of the integral over q of the function whose
+moment is wanted, and e_n the integral of t^n exp(-i w t) from -1/2 to 1/2. Nothing is divided by
+nu. The other copy's edges, mirror images, give the conjugate for even functions and its negative
+for odd ones.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any, ClassVar
 
+from polywigner.geometry import Wavefront
 from polywigner.kernels.cut.clipping import MIRRORED, Clipper
-from polywigner.kernels.cut.slice_sums import SliceSum
-from polywigner.kernels.functions.edge_terms import moved_off_zero
+from polywigner.kernels.cut.slice_sums import PART_COLUMNS, SliceSum, mean_pairings
+from polywigner.kernels.functions.edge_terms import moved_off_zero, term_of_part, wigner_terms
+from polywigner.kernels.functions.partly_coherent import coherence_of, term_of_lags
 from polywigner.kernels.functions.plane import WIGNER, tables_of
-from polywigner.kernels.functions.slices import doubled_position, mean_pairings, sum_over_waves
-from polywigner.kernels.kernel import Kernel, Values
-from polywigner.kernels.outline.frame import Frame
+from polywigner.kernels.functions.slices import doubled_position, sum_over_waves
+from polywigner.kernels.kernel import Kernel, Values, leave_real
+from polywigner.kernels.outline.frame import Frame, Matrix
 from polywigner.kernels.outline.tables import Edge
-from polywigner.kernels.outline.waves import WavePair, WavePairRow
+from polywigner.kernels.outline.waves import WavePair
 from polywigner.numerics.phases import cos_sin_turns
 from polywigner.numerics.polynomials import Polynomial, added, multiplied, scaled, segment_moments
 
@@ -50,7 +45,7 @@ def _lag_moments(clipper: Clipper, x: Any, y: Any, *frequencies: Any) -> Values:
     in the frame.
     """
 
-    def sum_of(pair: WavePair | WavePairRow, is_even: bool) -> _Moments:
+    def sum_of(pair: WavePair, is_even: bool) -> _Moments:
         return _Moments(clipper, pair, frequencies[:2], frequencies[2:])
 
     return tuple(sum_over_waves(clipper, mean_pairings, sum_of, (x, y), _COUNT))
@@ -142,15 +137,14 @@ class _Moments:
     def __init__(
         self,
         clipper: Clipper,
-        wave_pair: WavePair | WavePairRow,
+        wave_pair: WavePair,
         nu: Sequence[Any],
         ray: Sequence[Any],
     ) -> None:
         self.ops, self.wave_pair = clipper.ops, wave_pair
         self.offset = clipper.tx, clipper.ty
         frame = clipper.tables.frame
-        is_one = not ray and isinstance(wave_pair, WavePair)
-        is_aligned = is_one and not any(wave_pair.detuned((0.0, 0.0)))
+        is_aligned = not ray and wave_pair.is_still
         self.axes = RayFrame(self.ops, frame, wave_pair.detuned(nu), ray or nu, is_aligned)
 
     def terms(self, edge: Edge, sides: Sequence[tuple[float, Cuts]]) -> tuple[Any, ...]:
@@ -227,3 +221,73 @@ _OVER_SLICE = SliceSum((MIRRORED,), doubled_position, _lag_moments, serves_all=F
 LAG_MOMENTS = Kernel("lag moments", 2, tables_of, _enter, _OVER_SLICE, _leave)
 # Along a ray whose frequency is not that of the moments, as that of a curved wave.
 LAG_MOMENTS_ALONG = replace(LAG_MOMENTS, name="lag moments along rays apart")
+
+
+# ---- sums over listed parts --------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class PartTables:
+    """Properties of a source for sums over parts, a part for each sample of a kernel."""
+
+    frame: Frame
+    is_aligned: bool
+    is_real: bool
+    coherence: Matrix | None = None
+    terms: ClassVar[int] = 1
+
+
+@lru_cache(maxsize=256)
+def _part_tables(source: Any, double: bool) -> PartTables:
+    """Tables of a source, or of a Wavefront of partly coherent light."""
+    tables = tables_of(source.source if isinstance(source, Wavefront) else source, True)
+    still = all(not any(wave.frequency) for group in tables.groups for wave in group)
+    is_real = len(tables.groups) == 1 and not tables.phased
+    light = None
+    if isinstance(source, Wavefront):
+        light = coherence_of(tables.frame, source.coherence_width)
+    return PartTables(tables.frame, still and not any(tables.frame.carrier), is_real, light)
+
+
+def _enter_part(ops: Any, frame: Frame, *arguments: Any) -> Values:
+    """(part, detuned frequency of its waves, whole frequency, and of the ray if it is another)."""
+    part, shifts, nu = arguments[:6], arguments[6:PART_COLUMNS], arguments[PART_COLUMNS:]
+    detuned = frame.detuned(ops, *nu[:2])
+    shifted = (n - s for n, s in zip(detuned, shifts, strict=True))
+    whole = (frame.frequency(ops, *nu[k : k + 2]) for k in range(0, len(nu), 2))
+    return (*part, *shifted, *(component for one in whole for component in one))
+
+
+def _part_wigner(ops: Any, tables: PartTables, *inner: Any) -> Values:
+    """A part's term of (W1) or (W2)."""
+    terms = wigner_terms(ops, inner[6:8], tables.is_real, True)
+    weight = (inner[4], 0.0 if tables.is_real else inner[5])
+    return terms.total(term_of_part(ops, terms, (*inner[:4], *weight)))
+
+
+def _partly_coherent(ops: Any, tables: PartTables, *inner: Any) -> Values:
+    """Term of (I5) of a part and of its mirror image."""
+    assert tables.coherence is not None
+    x, y, dx, dy, real, imag = inner[:6]
+    found = term_of_lags(ops, tables.coherence, inner[6:8], (x, y), (dx, dy))
+    if tables.is_real:
+        return (2.0 * real * found[0],)
+    return (2.0 * (real * found[0] - imag * found[1]),)
+
+
+def _part_moments(ops: Any, tables: PartTables, *inner: Any) -> Values:
+    """A part's term of (T3)."""
+    x, y, dx, dy, real, imag = inner[:6]
+    is_aligned = tables.is_aligned and len(inner) == 10
+    axes = RayFrame(ops, tables.frame, inner[6:8], inner[-2:], is_aligned)
+    (p, q), (dp, dq) = axes.turned(x, y), axes.turned(dx, dy)
+    found = axes.of_part([p, dp], [q, dq], axes.turns(x, y), axes.turns(dx, dy))
+    return tuple(weighted_moments((real, imag), *found))
+
+
+PART_WIGNER = Kernel("wigner by parts", 0, _part_tables, _enter_part, _part_wigner, leave_real)
+PART_PARTLY_COHERENT = replace(
+    PART_WIGNER, name="wigner by parts of partly coherent light", edge_sum=_partly_coherent
+)
+PART_MOMENTS = Kernel("lag moments by parts", 0, _part_tables, _enter_part, _part_moments, _leave)
+PART_MOMENTS_ALONG = replace(PART_MOMENTS, name="lag moments by parts, apart")

@@ -15,16 +15,16 @@ from typing import Any
 
 from polywigner.geometry import Wavefront
 from polywigner.kernels.cut.clipping import MIRRORED, Clipper
-from polywigner.kernels.cut.slice_sums import SliceSum
+from polywigner.kernels.cut.slice_sums import SliceSum, mean_pairings
 from polywigner.kernels.functions import plane, separable, slits
 from polywigner.kernels.functions.gauss_schell import wave_over_edge
 from polywigner.kernels.functions.separable import SeparableTables, separable_tables
-from polywigner.kernels.functions.slices import doubled_position, mean_pairings, sum_over_waves
+from polywigner.kernels.functions.slices import doubled_position, sum_over_waves
 from polywigner.kernels.functions.slits import PairTables
 from polywigner.kernels.kernel import Values
 from polywigner.kernels.outline.frame import Frame, Matrix, determinant
 from polywigner.kernels.outline.tables import Edge, Tables
-from polywigner.kernels.outline.waves import WavePair, WavePairRow
+from polywigner.kernels.outline.waves import WavePair
 from polywigner.numerics.complex_pairs import Pair
 
 
@@ -72,7 +72,7 @@ class _PairSum:
 
     values = 2
 
-    def __init__(self, clipper: Clipper, pair: WavePair | WavePairRow, nu: Values) -> None:
+    def __init__(self, clipper: Clipper, pair: WavePair, nu: Values) -> None:
         self.clipper, self.ops, self.pair = clipper, clipper.ops, pair
         self.nu = pair.detuned(nu)
 

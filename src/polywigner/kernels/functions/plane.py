@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from fractions import Fraction
 from functools import lru_cache
@@ -21,7 +22,6 @@ from polywigner.kernels.functions.fourier import (
     grid_tables,
     outline_tables,
 )
-from polywigner.kernels.functions.membership import field
 from polywigner.kernels.functions.slices import (
     AMBIGUITY_SUM,
     LAG_SLICE_AREA,
@@ -39,6 +39,7 @@ from polywigner.kernels.kernel import (
 )
 from polywigner.kernels.outline.frame import Frame, frame_of
 from polywigner.kernels.outline.tables import Element, Tables, build_tables
+from polywigner.kernels.outline.waves import field_of
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair
 
@@ -156,10 +157,47 @@ def enter_both_ends(ops: Any, frame: Any, *arguments: Any) -> Values:
 
 def product_of_both(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
     """Real and imaginary part of u(x + xi/2) conj(u(x - xi/2)), from both fields."""
-    product = Pair(*sums[:2]) * Pair(sums[2], -sums[3])
+    product = Pair(*sums[:2]) * Pair(*sums[2:]).conjugate()
     if not any(frame.carrier):
         return product.real, product.imag
     return phases.rotated(ops, inner[0], product.real, -product.imag)
+
+
+def field(ops: Any, tables: Tables, x: Any, y: Any) -> tuple[Any, Any]:
+    """(real, imaginary) part of u at a point of the frame, less the carrier's phase.
+
+    The weights of the elements around the point, times their waves.
+
+    Every edge that crosses the horizontal line through the point to its right counts, up with its
+    element's weight and down with the negative. Lower ends belong to an edge and upper ends do not,
+    so that of two polygons that share an edge exactly one has each of its points.
+    """
+
+    def term(ax: Any, ay: Any, bx: Any, by: Any, real: Any, imag: Any) -> tuple[Any, Any]:
+        left = ops.cross(bx - ax, by - ay, x - ax, y - ay)
+        up = (ay <= y) & (by > y) & (left > 0.0)
+        down = (ay > y) & (by <= y) & (left < 0.0)
+        winding = ops.select(up, 1.0, 0.0) - ops.select(down, 1.0, 0.0)
+        return real * winding, imag * winding
+
+    total = Pair(0.0, 0.0)
+    for group, waves in enumerate(tables.groups):
+        edges = [edge for edge in tables.edges if edge.group == group]
+        if edges:
+            rows = [(e.ax, e.ay, e.bx, e.by, e.real, e.imag) for e in edges]
+            weight = Pair(*ops.sum_over(rows, term, 2, like=x))
+            total = total + (weight * Pair(*field_of(ops, waves, (x, y))))
+    # what is no number is so in the result: all comparisons with it are false, as outside
+    undefined = (x - x) + (y - y)
+    return total.real + undefined, total.imag + undefined
+
+
+def at_both_ends(field: Any) -> Callable[..., Values]:
+    """The sum of an autocorrelation's kernel: a field, (ops, tables, x, y), at both ends of xi."""
+    return lambda ops, tables, turns, *ends: (
+        *field(ops, tables, *ends[:2]),
+        *field(ops, tables, *ends[2:]),
+    )
 
 
 AUTOCORRELATION = Kernel(
@@ -167,10 +205,7 @@ AUTOCORRELATION = Kernel(
     2,
     tables_of,
     enter_both_ends,
-    lambda ops, tables, turns, px, py, mx, my: (
-        *field(ops, tables, px, py),
-        *field(ops, tables, mx, my),
-    ),
+    at_both_ends(field),
     product_of_both,
 )
 WIGNER = Kernel("wigner", 2, tables_of, _enter_wigner, WIGNER_SUM, leave_real)
@@ -184,12 +219,17 @@ POSITION_MARGINAL = Kernel(
 )
 
 
-def fourier_kernels(name: str, dimension: int, tables: Any) -> tuple[Kernel, Kernel]:
-    """The kernels of a fan's sum for real and for complex frequencies."""
-    complex_name, enter = f"{name}, complex nu", _enter_complex_frequency
+def fourier_kernels(
+    name: str,
+    dimension: int,
+    tables: Any,
+    enter: tuple[Any, Any] = (enter_frequency, _enter_complex_frequency),
+    sums: tuple[Any, Any] = (fan_sum, complex_fan_sum),
+) -> tuple[Kernel, Kernel]:
+    """The kernels for real and for complex frequencies."""
     return (
-        Kernel(name, dimension, tables, enter_frequency, fan_sum, leave_wave),
-        Kernel(complex_name, dimension, tables, enter, complex_fan_sum, leave_complex),
+        Kernel(name, dimension, tables, enter[0], sums[0], leave_wave),
+        Kernel(f"{name}, complex nu", dimension, tables, enter[1], sums[1], leave_complex),
     )
 
 

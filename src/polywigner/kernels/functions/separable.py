@@ -276,10 +276,6 @@ def _parts(value: Pair) -> tuple[Any, Any]:
     return value.real, -value.imag
 
 
-def _both_ends(ops: Any, tables: Any, turns: Any, px: Any, py: Any, mx: Any, my: Any) -> Any:
-    return (*field(ops, tables, px, py), *field(ops, tables, mx, my))
-
-
 WIGNER = replace(
     plane.WIGNER,
     name="wigner of a product",
@@ -304,7 +300,7 @@ AUTOCORRELATION = replace(
     plane.AUTOCORRELATION,
     name="autocorrelation of a product",
     tables=separable_tables,
-    edge_sum=_both_ends,
+    edge_sum=plane.at_both_ends(field),
 )
 POSITION_MARGINAL = at_zero_frequency(WIGNER, "position marginal of a product", leads=False)
 LAG_MARGINAL = at_zero_frequency(AMBIGUITY, "lag marginal of a product", leads=True)

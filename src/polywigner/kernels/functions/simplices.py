@@ -5,6 +5,10 @@ digits. The terms of a tiling are all positive at nu = 0; each has its own corne
 is an error-free product, and its own vectors from there. So nothing is lost however thin, long or
 scattered the source is: slits always, and apertures whose fan would cancel, go this way
 (docs/theory.md, (F5), (S1)).
+
+A body is the signed sum of the tetrahedra (origin, a, b, c) over the triangles of its faces' fans.
+Each contributes ``det(a, b, c) exp[0, z_a, z_b, z_c]`` with z = -2 pi i nu.p: no division by nu, no
+face normals, and non-convex faces need no triangulation (docs/theory.md, (F3)).
 """
 
 from __future__ import annotations
@@ -16,16 +20,27 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from polywigner.geometry import Aperture, PlacedAperture, Slits, triangulate
+from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits, triangulate
+from polywigner.geometry.exact import whole_numbers
 from polywigner.kernels.functions.fourier import LinearFrame
-from polywigner.kernels.functions.plane import placed_frame
-from polywigner.kernels.kernel import Kernel, Values, leave_complex, leave_wave
-from polywigner.kernels.outline.frame import determinant, frame_of, power_of_two, times_doubled
+from polywigner.kernels.functions.plane import fourier_kernels, placed_frame
+from polywigner.kernels.kernel import Values
+from polywigner.kernels.outline.frame import (
+    NEEDLE_ASPECT,
+    Matrix,
+    determinant,
+    frame_of,
+    power_of_two,
+    reach_of,
+    times_doubled,
+    vertices_for,
+)
 from polywigner.numerics import phases
-from polywigner.numerics.complex_pairs import Pair
+from polywigner.numerics.complex_pairs import Pair, unit_wave
 from polywigner.numerics.divided_differences import simplex_complex_wave, simplex_plane_wave
-from polywigner.numerics.phases import Doubled, cos_sin_turns, doubled
+from polywigner.numerics.phases import Doubled, doubled
 
 # A fan's terms are rounded to ulps of (perimeter times half the diameter) and not of the area: up
 # to here that costs 3e-14 of the area (2e-16 each, measured), and a fan has fewer terms.
@@ -149,10 +164,9 @@ def _complex_sum(ops: Any, tables: SimplexTables, turns: Any, growth: Any, *nu: 
     def term(*row: Any) -> Values:
         corner, *vectors = _vectors(row, len(real))
         phase = phases.reduced(ops, phases.dot(ops, real, corner))
-        cosine, sine = cos_sin_turns(ops, phase)
         turns = (Pair(_dot(ops, real, vector), _dot(ops, imag, vector)) for vector in vectors)
         wave = simplex_complex_wave(ops, *turns, level=highest - _dot(ops, imag, corner))
-        total = (Pair(cosine, -sine) * wave).scaled(row[-1])
+        total = (unit_wave(ops, phase).conjugate() * wave).scaled(row[-1])
         return total.real, total.imag
 
     found: Values = ops.sum_over(tables.edges, term, 2, like=nu[0])
@@ -165,16 +179,74 @@ def _vectors(row: Values, dimension: int) -> list[tuple[Doubled, ...]]:
     return [_pairs(row[k : k + size]) for k in range(0, size * (dimension + 1), size)]
 
 
-def _kernels(name: str, dimension: int, tables: Any) -> tuple[Kernel, Kernel]:
-    """The kernels for real and for complex frequencies."""
-    return (
-        Kernel(name, dimension, tables, _enter, _sum, leave_wave),
-        Kernel(
-            f"{name}, complex nu", dimension, tables, _enter_complex, _complex_sum, leave_complex
-        ),
-    )
+_STEPS = (_enter, _enter_complex), (_sum, _complex_sum)
+SLITS, SLITS_COMPLEX = fourier_kernels("fourier of slits", 1, _interval_tables, *_STEPS)
+TILED, TILED_COMPLEX = fourier_kernels("fourier, tiled", 2, _triangle_tables, *_STEPS)
+TILED_PLACED, TILED_PLACED_COMPLEX = fourier_kernels(
+    "fourier in space, tiled", 3, _placed_tables, *_STEPS
+)
 
 
-SLITS, SLITS_COMPLEX = _kernels("fourier of slits", 1, _interval_tables)
-TILED, TILED_COMPLEX = _kernels("fourier, tiled", 2, _triangle_tables)
-TILED_PLACED, TILED_PLACED_COMPLEX = _kernels("fourier in space, tiled", 3, _placed_tables)
+# ---- polyhedra -------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class SolidTables:
+    """The body in its frame; sums run over ``edges``.
+
+    Each is a tetrahedron: ax, ay, az, bx, ..., cz, and det(a, b, c), six times its signed volume.
+    """
+
+    frame: LinearFrame
+    edges: tuple[tuple[float, ...], ...]
+
+    @property
+    def terms(self) -> int:
+        """Terms of the sum, as plans count them: a tetrahedron takes as long as eight edges."""
+        return 8 * len(self.edges)
+
+
+@lru_cache(maxsize=64)
+def solid_tables(body: Polyhedron, double: bool) -> SolidTables:
+    """The tables of a polyhedron; the same for either precision."""
+    centre, rows = _axes(body)
+    inner = vertices_for(rows, centre, body.vertices)
+    corners = inner[body.triangles]
+    tetrahedra = np.column_stack([corners.reshape(-1, 9), _volumes(corners)]).tolist()
+    content = abs(float(determinant([[Fraction(m) for m in row] for row in rows])))
+    frame = LinearFrame(centre, rows, content, reach_of(inner))
+    return SolidTables(frame, tuple(tuple(row) for row in tetrahedra if row[-1]))
+
+
+def _axes(body: Polyhedron) -> tuple[tuple[float, float, float], Matrix]:
+    """The centre of the body's box, and its axes as rows times the power of two of its extents.
+
+    World axes and one scale for all, unless the body is a needle or a plate. The box is that along
+    these axes: the centre of another one would lie far outside a plate, in units of its thickness.
+    """
+    middle = body.vertices.mean(axis=0)
+    # Without full_matrices=False it makes a matrix of vertices times vertices.
+    _, _, own = np.linalg.svd(body.vertices - middle, full_matrices=False)
+    own = own * np.sign(np.linalg.det(own))  # right-handed, so that volumes keep their sign
+    axes = min(np.eye(3), own, key=lambda rows: np.ptp(body.vertices @ rows.T, axis=0).prod())
+    along = body.vertices @ axes.T
+    low, extents = along.min(axis=0), np.ptp(along, axis=0)
+    scales = [power_of_two(extent) for extent in extents.tolist()]
+    if not extents.max() > NEEDLE_ASPECT * extents.min() > 0.0:
+        axes = np.eye(3)
+        low, extents = body.vertices.min(axis=0), np.ptp(body.vertices, axis=0)
+        scales = [power_of_two(float(np.linalg.norm(extents)))] * 3
+    x, y, z = (axes.T @ (low + extents / 2)).tolist()
+    rows = (axes * np.array(scales)[:, None]).tolist()
+    return (x, y, z), tuple(tuple(row) for row in rows)
+
+
+def _volumes(corners: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """det(a, b, c) of each row of corners (n, 3, 3), correctly rounded."""
+    whole, exponent = whole_numbers(corners)
+    exact: Any = determinant(list(np.moveaxis(whole, 0, 2)))
+    scale = 1 << abs(3 * exponent)
+    return np.asarray(exact / scale if exponent < 0 else exact * scale, dtype=np.float64)
+
+
+BODY, BODY_COMPLEX = fourier_kernels("fourier of a body", 3, solid_tables)

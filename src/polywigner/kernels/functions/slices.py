@@ -1,29 +1,16 @@
 """W and A as sums over the edges of slices (Stokes' theorem), and the areas of slices.
 
-``W = 1/(pi^2 |nu|^2) sum_e (c/q) sum_pieces sin(2 pi dt q) sin(2 pi [nu.(2a - 2x) + (t0 + t1) q])``
-with q = nu.e, c = cross(nu, e), and [t0, t1] the part of edge e inside the mirrored polygon. The
-two copies are mirror images, so the edges of one, doubled, are the whole boundary; only the real
-part is left, in which nothing cancels as nu goes to 0. In a collection each cut edge carries the
-weight of its element times the conjugate of the other's, and cosines appear: (W2). Several waves on
-the elements are several frequencies: (I2).
-
-``A = i/(2 pi |v|^2) sum c [sinc(q) exp(-2 pi i v.m) - 1]`` over the cut edges of both copies,
-v = upsilon, q = v.e, c = cross(v, e), m the middle: the edge sum of the paper with the sum of c,
-which vanishes, taken out, so that nothing is lost as v goes to 0. (Cheaper than triangles, and cut
-edges are many; the frame has no slivers that would make it less accurate.) Source: docs/theory.md,
-(A1), (I3).
-
-W, A and the moments of the lag slice of a source with several waves are sums over pairs of waves:
-for each pair the sum over a uniform source at a shifted frequency, times an amplitude that depends
-on position or lag alone (I2), (I3). Each edge is cut once for all pairs.
-
-At one place for many frequencies the slice is cut once: its boundary, which `cut.slice_parts`
-lists, is summed for each.
+The sums are (W1), (W2) and (A1) of docs/theory.md, over the cut edges of one copy for W, whose
+mirror images are the others, and of both copies for A. Fields of several waves, and elements with
+fields of their own, are sums over pairs of waves: for each pair the sum over a uniform source at a
+shifted frequency, times an amplitude that depends on position or lag alone, (I2), (I3). Each edge
+is cut once for all pairs. At one place for many frequencies the slice is cut once, and its listed
+boundary is summed for each.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -40,8 +27,16 @@ from polywigner.kernels.cut.clipping import (
     times,
     total_extent,
 )
-from polywigner.kernels.cut.slice_parts import position_slice_parts, slice_parts
-from polywigner.kernels.cut.slice_sums import SliceSum
+from polywigner.kernels.cut.slice_sums import (
+    COPIES,
+    Pairings,
+    SliceSum,
+    Views,
+    difference_pairings,
+    mean_pairings,
+    position_slice_parts,
+    slice_parts,
+)
 from polywigner.kernels.functions.edge_terms import (
     EdgeTerms,
     ambiguity_terms,
@@ -51,9 +46,7 @@ from polywigner.kernels.functions.edge_terms import (
 from polywigner.kernels.outline.tables import Edge, Tables
 from polywigner.kernels.outline.waves import (
     WavePair,
-    WavePairRow,
-    difference_pairs,
-    mean_pairs,
+    pair_of_row,
     rows_of,
 )
 from polywigner.numerics.complex_pairs import Pair
@@ -62,39 +55,10 @@ Values = tuple[Any, ...]
 Listed = tuple[NDArray[np.intp], NDArray[np.float64]]
 
 
-Views = tuple[tuple[View, float], ...]
-"""Views, and which copy of the edges each is of: its points are p + side T."""
-Pairings = Callable[[int, Tables], Iterator[tuple[int, Views, Sequence[WavePair]]]]
-"""(group of edges, tables) -> for each group of pieces the views that it cuts the edges in, and the
-pairs of waves there."""
-
-MIRROR: Views = ((MIRRORED, -0.5),)
-COPIES: Views = ((BEHIND, -0.5), (AHEAD, +0.5))
-
-
-def mean_pairings(group: int, tables: Tables) -> Iterator[tuple[int, Views, Sequence[WavePair]]]:
-    """Pairs of waves for W and the moments of the lag slice."""
-    for other, waves in enumerate(tables.groups):
-        yield other, MIRROR, mean_pairs(tables.groups[group], waves)
-
-
-def difference_pairings(
-    group: int, tables: Tables
-) -> Iterator[tuple[int, Views, Sequence[WavePair]]]:
-    """Pairs of waves for A: the edges' field is the first factor BEHIND, the second AHEAD."""
-    own = tables.groups[group]
-    for other, waves in enumerate(tables.groups):
-        if other == group:
-            yield other, COPIES, difference_pairs(own, own)
-        else:
-            yield other, COPIES[:1], difference_pairs(own, waves)
-            yield other, COPIES[1:], difference_pairs(waves, own)
-
-
 def sum_over_waves(
     clipper: Clipper,
     pairings: Pairings,
-    sum_of: Callable[[WavePair | WavePairRow, bool], Any],
+    sum_of: Callable[[WavePair, bool], Any],
     place: Values,
     count: int,
 ) -> list[Any]:
@@ -162,7 +126,7 @@ def _sums_of_rows(
             views: Views = views,
             real: bool = pairs[0].is_real,
         ) -> Values:
-            run = sum_of(WavePairRow(real, *row), False)
+            run = sum_of(pair_of_row(real, *row), False)
             cuts = [(side, list(clipper.intervals(edge, view, other))) for view, side in views]
             return tuple(run.value(run.terms(edge, cuts), place)[:count])
 
@@ -172,9 +136,7 @@ def _sums_of_rows(
 class TermSum:
     """The sum for a pair of waves of `EdgeTerms`: W or A."""
 
-    def __init__(
-        self, clipper: Clipper, terms: EdgeTerms, pair: WavePair | WavePairRow, scale: float
-    ) -> None:
+    def __init__(self, clipper: Clipper, terms: EdgeTerms, pair: WavePair, scale: float) -> None:
         """A point of an edge lies in the slice at ``scale (p + side T)``."""
         self.clipper, self.ops, self.function, self.pair = clipper, clipper.ops, terms, pair
         self.scale, self.values = scale, terms.values
@@ -279,7 +241,7 @@ def doubled_position(x: Any, y: Any, *frequency: Any) -> tuple[Any, Any]:
 def _wigner(clipper: Clipper, x: Any, y: Any, *nu: Any) -> Values:
     """W(x, nu) in the units of the frame, for arguments in it: docs/theory.md, (W1), (W2), (I2)."""
 
-    def sum_of(pair: WavePair | WavePairRow, is_even: bool) -> TermSum:
+    def sum_of(pair: WavePair, is_even: bool) -> TermSum:
         terms = wigner_terms(clipper.ops, pair.detuned(nu), is_even, pair.is_real)
         return TermSum(clipper, terms, pair, 2.0)
 
@@ -320,7 +282,7 @@ def _lag(*inner: Any) -> tuple[Any, Any]:
 def _ambiguity(clipper: Clipper, turns: Any, v_x: Any, v_y: Any, *xi: Any) -> Values:
     """A(upsilon, xi) in the frame, as (cosine part, sine part) with A = cosine - i sine."""
 
-    def sum_of(pair: WavePair | WavePairRow, is_even: bool) -> TermSum:
+    def sum_of(pair: WavePair, is_even: bool) -> TermSum:
         terms = ambiguity_terms(clipper.ops, pair.detuned((v_x, v_y)))
         return TermSum(clipper, terms, pair, 1.0)
 

@@ -42,8 +42,8 @@ from polywigner.kernels.outline.waves import (
     waves_in_frame,
 )
 from polywigner.numerics import phases
-from polywigner.numerics.complex_pairs import Pair
-from polywigner.numerics.phases import Doubled, cos_sin_turns, doubled, sinc
+from polywigner.numerics.complex_pairs import Pair, unit_wave
+from polywigner.numerics.phases import Doubled, doubled, sinc
 
 
 @dataclass(frozen=True)
@@ -161,52 +161,36 @@ def lag_pairs(source: Slits | Array, double: bool) -> PairTables:
 
     The pair (l, k) gives the mirror image with the conjugate field, and is counted with (k, l).
     """
-    tables = _slit_tables(source)
-    rows = []
-    for (k, one), (m, other) in combinations_with_replacement(enumerate(tables.edges), 2):
-        gap, mean = 2 * (one.middle + other.middle), one.middle - other.middle
-        row = _row(gap, 2 * one.half, 2 * other.half, mean, double)
-        pairs: Iterable[tuple[Wave, Wave]] = product(one.waves, other.waves)
-        if k == m:  # waves (v, w) and (w, v) are conjugate as well
-            pairs = combinations_with_replacement(one.waves, 2)
-        for v, w in pairs:
-            twice = 1.0 if k == m and v is w else 2.0
-            mutual = v.amplitude * complex(w.amplitude).conjugate() * twice
-            middle, rate = _mean_and_difference(v, w)
-            rows.append((*row, mutual.real, mutual.imag, middle, rate / 4))
-    return PairTables(tables.frame, _without_still_waves(rows))
+    return _pair_tables(source, double, of_lags=True)
 
 
 @lru_cache(maxsize=256)
 def position_pairs(source: Slits | Array, double: bool) -> PairTables:
     """Pairs of slits and their shares in the position slice: (I_k - xi/2) & (I_l + xi/2)."""
+    return _pair_tables(source, double, of_lags=False)
+
+
+def _pair_tables(source: Slits | Array, double: bool, of_lags: bool) -> PairTables:
+    def paired(items: Iterable[Any]) -> Iterable[tuple[Any, Any]]:
+        return combinations_with_replacement(items, 2) if of_lags else product(items, repeat=2)
+
     tables = _slit_tables(source)
-    rows = []
-    for one, other in product(tables.edges, repeat=2):
-        gap, mean = one.middle - other.middle, (one.middle + other.middle) / 2
-        row = _row(gap, one.half, other.half, mean, double)
-        for v, w in product(one.waves, other.waves):
-            mutual = v.amplitude * complex(w.amplitude).conjugate()
-            middle, rate = _mean_and_difference(v, w)
-            rows.append((*row, mutual.real, mutual.imag, rate, middle))
-    return PairTables(tables.frame, _without_still_waves(rows))
-
-
-def _row(
-    gap: Fraction, half: Fraction, other: Fraction, mean: Fraction, double: bool
-) -> tuple[float, ...]:
-    return (*doubled(gap, double), float(half), float(other), *doubled(mean, double))
-
-
-def _mean_and_difference(one: Wave, other: Wave) -> tuple[float, float]:
-    """Mean and difference of the frequencies of two waves."""
-    (a,), (b,) = one.frequency, other.frequency
-    return (a + b) / 2, a - b
-
-
-def _without_still_waves(rows: list[tuple[float, ...]]) -> tuple[tuple[float, ...], ...]:
-    """Rows without the last two numbers if these are zero in all of them."""
-    return tuple(rows) if any(any(row[-2:]) for row in rows) else tuple(row[:-2] for row in rows)
+    rows: list[tuple[Any, ...]] = []
+    for (k, one), (m, other) in paired(enumerate(tables.edges)):
+        total, apart = one.middle + other.middle, one.middle - other.middle
+        gap, mean, scale = (2 * total, apart, 2) if of_lags else (apart, total / 2, 1)
+        halves = float(scale * one.half), float(scale * other.half)
+        row = (*doubled(gap, double), *halves, *doubled(mean, double))
+        # of lags, waves (v, w) and (w, v) of one slit are conjugate as well
+        for v, w in paired(one.waves) if k == m else product(one.waves, other.waves):
+            twice = 2.0 if of_lags and not (k == m and v is w) else 1.0
+            mutual = v.amplitude * complex(w.amplitude).conjugate() * twice
+            (a,), (b,) = v.frequency, w.frequency
+            wave = ((a + b) / 2, (a - b) / 4) if of_lags else (a - b, (a + b) / 2)
+            rows.append((*row, mutual.real, mutual.imag, *wave))
+    if not any(any(row[-2:]) for row in rows):
+        rows = [row[:-2] for row in rows]
+    return PairTables(tables.frame, tuple(rows))
 
 
 def _overlap(
@@ -236,25 +220,22 @@ def _sum(ops: Any, tables: PairTables, shift: Doubled, nu: Doubled | None = None
         length, aside = _overlap(ops, shift, gap, rest, half, other)
         if nu is None:
             return length * real, length * imag
-        own = nu
+        own, mutual, width = nu, Pair(real, imag), tables.coherence_width
         if wave:
             detuning, rate = wave
             own = (nu[0], nu[1] - detuning)
-            cosine, sine = cos_sin_turns(ops, rate * (shift[0] + shift[1]))
-            real, imag = real * cosine - imag * sine, real * sine + imag * cosine
+            mutual = mutual * unit_wave(ops, rate * (shift[0] + shift[1]))
         whole = own[0] + own[1]
-        width = tables.coherence_width
         if width < math.inf:
             scale = 1.0 / width
             middle, reach = (mean + (low + aside)) * scale, length * (0.5 * scale)
             ends = middle - reach, middle + reach
             found = Pair(*wave_over_interval(ops, *ends, whole * width)).scaled(width)
-            found = found * Pair(real, imag)
-            return found.real, found.imag
-        turns = phases.reduced(ops, phases.dot(ops, (own,), ((mean, low),))) + whole * aside
-        cosine, sine = cos_sin_turns(ops, turns)
-        size = sinc(ops, whole * length) * length
-        return size * (cosine * real + sine * imag), size * (cosine * imag - sine * real)
+        else:
+            turns = phases.reduced(ops, phases.dot(ops, (own,), ((mean, low),))) + whole * aside
+            found = unit_wave(ops, -turns).scaled(sinc(ops, whole * length) * length)
+        found = found * mutual
+        return found.real, found.imag
 
     found: Values = ops.sum_over(tables.edges, term, 2, like=shift[0])
     return found
@@ -317,9 +298,9 @@ def _over_pairs(
     def wave(rate: float) -> Pair:
         number = round(abs(rate) / tolerance)
         if number not in waves:
-            waves[number] = Pair(*cos_sin_turns(ops, abs(rate) * place))
+            waves[number] = unit_wave(ops, abs(rate) * place)
         found = waves[number]
-        return found if rate >= 0.0 else Pair(found.real, -found.imag)
+        return found if rate >= 0.0 else found.conjugate()
 
     total = Pair(0.0, 0.0)
     for pair in pairs:

@@ -1,16 +1,10 @@
-"""The supporting lines of segments, in clusters of direction.
+"""The supporting lines of segments, in clusters of direction: docs/theory/edges.md.
 
 What makes coincident edges come out right, under rounding, is that both copies are cut with the
-same numbers. Lines fall into clusters of direction, more than ``NEARLY_PARALLEL`` apart:
-
-- In a cluster of *parallel* lines all share one direction, and whether an edge lies to the left
-  of a line is one comparison of one float (the offset of the copies) with a sum or difference
-  of two others. The two copies see the identical comparison.
-- In a cluster of nearly parallel lines the vertices are rounded to a grid so coarse that their
-  sums and differences are exact; every cut of two lines at less than ``NEARLY_PARALLEL`` is then
-  the quotient of an exactly known number and of a cross product with an error of one ulp, as if
-  computed in exact arithmetic.
-- Lines of different clusters meet at a well-conditioned point; rounding moves it by a few ulps.
+same numbers. In a cluster of *parallel* lines all share one direction, and both copies compare the
+same three floats. In a cluster of nearly parallel lines vertices are rounded to a grid so coarse
+that every cut is as if computed in exact arithmetic. Lines of different clusters are more than
+``NEARLY_PARALLEL`` apart, and meet at a well-conditioned point.
 
 Neighbours at a small angle are in one cluster as well. Where an edge runs along a line of the
 other copy, to within rounding, its neighbours decide where it ends. An edge in a cluster of

@@ -29,8 +29,9 @@ from polywigner.kernels.outline.waves import (
     waves_in_frame,
 )
 from polywigner.numerics.exact import (
-    RoundingGrid,
+    GRID,
     exact_cross,
+    rounded,
     signed_convex_pieces,
     with_vertices_on_sides,
 )
@@ -199,13 +200,13 @@ def build_tables(
     """
     if frame is None:
         frame = frame_of(np.concatenate([ring for element in elements for ring in element.rings]))
-    grid = RoundingGrid.for_precision(double)
     frame = replace(frame, carrier=carrier_of((e.illumination for e in elements), 2))
     groups, members = grouped(elements, frame)
     plain = [_in_frame(element, frame) for element in elements]
     linked = linking_angle([ring for outline in plain for ring in outline.rings], double)
     gridded = LineBook(*_segments_of_all(plain), linked, double).has_exact_lines
-    outlines = [_on_grid(element, frame, grid) for element in elements] if gridded else plain
+    step = GRID[double] if gridded else None
+    outlines = plain if step is None else [_on_grid(e, frame, step) for e in elements]
     book = LineBook(*_segments_of_all(outlines), linked, double)
     edges: list[Edge] = []
     pieces: list[Piece] = []
@@ -228,7 +229,7 @@ def build_tables(
         tuple(edges),
         tuple(book.lines),
         tuple(pieces),
-        grid.step if gridded else None,
+        step,
         uniform=all(weight == 1 for weight in weights),
         phased=any(weight.imag for weight in weights),
         groups=groups,
@@ -272,14 +273,14 @@ def _numbered(rings: Sequence[npt.NDArray[np.float64]]) -> list[npt.NDArray[np.i
     return [np.arange(end - len(ring), end) for end, ring in zip(ends, rings, strict=True)]
 
 
-def _on_grid(element: Element, frame: Frame, grid: RoundingGrid) -> _Outline:
-    points = [frame.vertices(ring) for ring in element.rings]
-    rings = [grid.rounded(ring) for ring in points]
-    numbers = [own[grid.is_kept(ring)] for own, ring in zip(_numbered(points), points, strict=True)]
-    joined = with_vertices_on_sides(element.convex_cover, np.concatenate(list(element.rings)))
-    pieces = signed_convex_pieces([grid.rounded(frame.vertices(piece)) for piece in joined])
-    kept = [k for k, ring in enumerate(rings) if len(ring) > 2]
-    return _Outline([rings[k] for k in kept], pieces, [numbers[k] for k in kept])
+def _on_grid(element: Element, frame: Frame, step: float) -> _Outline:
+    points = [rounded(frame.vertices(ring), step) for ring in element.rings]
+    vertices = np.concatenate(list(element.rings))
+    joined = (with_vertices_on_sides(piece, vertices) for piece in element.convex_cover)
+    pieces = signed_convex_pieces([rounded(frame.vertices(piece), step)[0] for piece in joined])
+    numbers = zip(_numbered(element.rings), points, strict=True)
+    rings = [(ring, own[kept]) for own, (ring, kept) in numbers if len(ring) > 2]
+    return _Outline([ring for ring, _ in rings], pieces, [own for _, own in rings])
 
 
 def _segments_of_all(

@@ -16,13 +16,14 @@ from typing import Any
 
 import numpy as np
 
+from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.phases import cos_sin_turns
 
 # Frequencies this close, in cycles per size of the frame and relative to the largest, are one:
 # sums of the same terms in another order.
 _EQUAL = 1e-14
 
-Vector = tuple[float, ...]
+Vector = tuple[Any, ...]
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,7 @@ class WavePair:
 
     shift: Vector
     """The shift to subtract from the frequency."""
-    terms: tuple[tuple[complex, Vector], ...]
+    terms: tuple[tuple[Any, Vector], ...]
     """Amplitudes, and frequencies along position (W) or lag (A)."""
     is_real: bool
     """Whether the conjugates of all pairs are among them: only the real part is wanted."""
@@ -99,36 +100,17 @@ class WavePair:
         return result
 
     def detuned(self, frequency: Sequence[Any]) -> tuple[Any, ...]:
-        return tuple(f - s if s else f for f, s in zip(frequency, self.shift, strict=True))
-
-
-@dataclass(frozen=True)
-class WavePairRow:
-    """One pair of waves as a row of an engine's table; see :class:`WavePair`."""
-
-    is_real: bool
-    real: Any
-    imag: Any
-    shift_x: Any
-    shift_y: Any
-    rate_x: Any
-    rate_y: Any
+        pairs = zip(frequency, self.shift, strict=True)
+        return tuple(f if _is_zero(s) else f - s for f, s in pairs)
 
     @property
-    def shift(self) -> tuple[Any, Any]:
-        return self.shift_x, self.shift_y
-
-    def amplitude(self, ops: Any, point: Sequence[Any]) -> tuple[Any, Any]:
-        cosine, sine = cos_sin_turns(ops, self.rate_x * point[0] + self.rate_y * point[1])
-        real = cosine * self.real - sine * self.imag
-        return real, 0.0 if self.is_real else cosine * self.imag + sine * self.real
-
-    def detuned(self, frequency: Sequence[Any]) -> tuple[Any, ...]:
-        return frequency[0] - self.shift_x, frequency[1] - self.shift_y
+    def is_still(self) -> bool:
+        """Whether the frequency that it sees is the one that is asked for."""
+        return all(map(_is_zero, self.shift))
 
 
 def rows_of(wave_pairs: Sequence[WavePair]) -> list[tuple[float, ...]]:
-    """Every two waves by themselves, as arguments of :class:`WavePairRow`."""
+    """Every two waves by themselves, as rows of an engine's table for `pair_of_row`."""
     return [
         (complex(amplitude).real, complex(amplitude).imag, *wave_pair.shift, *rate)
         for wave_pair in wave_pairs
@@ -136,9 +118,18 @@ def rows_of(wave_pairs: Sequence[WavePair]) -> list[tuple[float, ...]]:
     ]
 
 
+def pair_of_row(is_real: bool, real: Any, imag: Any, *vectors: Any) -> WavePair:
+    """The pair of a row whose numbers are an engine's."""
+    return WavePair(vectors[:2], ((Pair(real, imag), vectors[2:]),), is_real)
+
+
+def _is_zero(number: Any) -> bool:
+    return isinstance(number, float) and number == 0.0  # an engine's number may be any
+
+
 def _summed(
     ops: Any,
-    terms: tuple[tuple[complex, Vector], ...],
+    terms: tuple[tuple[Any, Vector], ...],
     point: Sequence[Any],
     imaginary: bool = True,
 ) -> tuple[Any, Any]:
@@ -146,7 +137,7 @@ def _summed(
     real: Any = 0.0
     imag: Any = 0.0
     for amplitude, frequency in terms:
-        if not any(frequency):
+        if all(map(_is_zero, frequency)):
             real, imag = real + amplitude.real, imag + amplitude.imag
             continue
         turns = sum(f * p for f, p in zip(frequency, point, strict=True))
