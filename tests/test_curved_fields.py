@@ -115,7 +115,7 @@ def textbook_h(width, height, radius):
 
 
 # Phase errors at the edge, height^2/(8 radius), in wavelengths.
-PHASE_ERRORS = [1 / 64, 1 / 8, 1 / 4, 3 / 8, 1.0]
+PHASE_ERRORS = [1 / 64, 3 / 8]
 
 
 @pytest.mark.parametrize("s", PHASE_ERRORS)

@@ -34,6 +34,7 @@ from polywigner.propagation.amplitudes import amplitude
 from polywigner.propagation.array_patterns import array_tolerance, two_way_pattern
 from polywigner.propagation.beams import BeamMetrics, CutMetrics, beam_metrics
 from polywigner.propagation.builders import hemisphere, line, plane, volume
+from polywigner.propagation.collins import psf
 from polywigner.propagation.element_patterns import FittedPattern, fit_pattern
 from polywigner.propagation.exports import write_netcdf, write_vti
 from polywigner.propagation.far_fields import radiated_power
@@ -42,7 +43,6 @@ from polywigner.propagation.pattern_files import read_pattern, write_pattern
 from polywigner.propagation.patterns import radiation_pattern
 from polywigner.propagation.places import METHODS
 from polywigner.propagation.screens import PlaneWave, PointSource, Screen
-from polywigner.propagation.spread import psf
 from polywigner.propagation.stores_checks import verify_store
 from polywigner.propagation.suggestions import AxisSampling, Sampling, suggest_sampling
 from polywigner.propagation.vector_fields import field

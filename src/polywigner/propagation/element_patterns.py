@@ -338,7 +338,9 @@ def fit_pattern(
     wanted, unit = known.vectors(s), _unit_far_fields(jones, s, model)
     strength = np.linalg.norm(unit, axis=1)
     along = (unit.conj() * wanted).sum(axis=1) / strength
-    size, there = (float(weights @ np.square(np.abs(v))) for v in (_length(wanted), along))
+    size, there = (
+        float(weights @ np.square(np.abs(v))) for v in (np.linalg.norm(wanted, axis=1), along)
+    )
     if not there > _NOTHING * size:
         raise ArgumentError("expected a pattern of the aperture's polarisation, got none of it")
     centre = np.reshape(aperture.bounds, (2, 2)).mean(axis=0)
@@ -361,10 +363,6 @@ def fit_pattern(
     return FittedPattern(aperture.with_illumination(field), residual, stored)
 
 
-def _length(vectors: Complex) -> Floats:
-    return np.asarray(np.linalg.norm(vectors, axis=-1))
-
-
 def _unit_far_fields(jones: Complex, s: Floats, model: str) -> Complex:
     """Far fields (n, 3) of a point with a Jones vector (2,), over its scalar F/(i lambda)."""
     if model == FIRST:
@@ -373,10 +371,7 @@ def _unit_far_fields(jones: Complex, s: Floats, model: str) -> Complex:
 
 
 def _waves_on(aperture: Aperture, wavelength: float) -> Floats:
-    """Frequencies (m, 2) of periods in extents, up to a beam's width above 1/wavelength.
-
-    Raises GeometryError for too many of them.
-    """
+    """Frequencies (m, 2) of periods in extents, up to a beam's width above 1/wavelength."""
     x0, y0, x1, y1 = aperture.bounds
     extents = np.array([x1 - x0, y1 - y0])
     limits = 1 / wavelength + 1 / extents

@@ -104,10 +104,7 @@ def radiated_power(
 
 
 def check_slopes(source: PlaneSource | Wavefront, name: str) -> None:
-    """Raise ArgumentError for an obliquity that takes the slopes of a curved wave, or of tilts.
-
-    They are those of waves in all directions at once, of which there is no closed form.
-    """
+    """Raise ArgumentError for an obliquity that takes the slopes of a curved wave, or of tilts."""
     if isinstance(source, Wavefront) and OBLIQUITIES[name].takes_slopes:
         raise ArgumentError(
             'expected obliquity "rayleigh-sommerfeld-1" or "paper" for a curved wave or partly '
@@ -119,15 +116,16 @@ def check_slopes(source: PlaneSource | Wavefront, name: str) -> None:
 def powers_of(
     source: PlaneSource | Wavefront, wavelength: float, obliquity: str
 ) -> tuple[float, float]:
-    """The radiated power and int |u|^2, in W.
-
-    Raises IlluminationError for a source that radiates nothing.
-    """
+    """The radiated power and int |u|^2, in W."""
     power = power_by_lags(source, wavelength, obliquity)
     if power is None:
         blocks = directions_and_weights(largest_lag(source), wavelength)
         power = float(sum(w @ _intensity(source, s, wavelength, obliquity) for s, w in blocks))
-    energy = energy_of(source)
+    return checked_powers(power, energy_of(source), wavelength)
+
+
+def checked_powers(power: float, energy: float, wavelength: float) -> tuple[float, float]:
+    """The radiated power and int |u|^2; IlluminationError for a source that radiates nothing."""
     if not power > _DARK * max(0.0, energy):
         raise IlluminationError(
             f"expected a source that radiates at a wavelength of {wavelength:g} m, got one whose "

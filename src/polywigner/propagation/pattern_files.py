@@ -27,6 +27,7 @@ from polywigner.illumination.polarisation import checked_polarisation
 from polywigner.propagation.beams import checked_efficiency
 from polywigner.propagation.element_patterns import ElementPattern
 from polywigner.propagation.patterns import checked_pattern, cuts_of, jones_of, vector_dataset
+from polywigner.propagation.places import angle_axes
 from polywigner.propagation.vector_fields import axial_ratios, of_co_and_cross
 from polywigner.quantities import SPEED_OF_LIGHT
 
@@ -51,22 +52,16 @@ Lines = Iterator[str]
 
 @dataclass(frozen=True)
 class _Pattern:
-    """The values written, in the units of the files."""
+    """The values written: angles in degrees, levels in dBi, fields in V, Hz and W."""
 
     theta: Table
-    """(n,) degrees."""
     phi: Table
-    """(m,) degrees."""
     directivity: Table
-    """(n, m) dBi, finite."""
     components: tuple[NDArray[np.complex128], NDArray[np.complex128]]
-    """E_theta and E_phi (n, m) in V, with their phases."""
+    """E_theta and E_phi (n, m), with their phases."""
     frequency: float
-    """Hz."""
     radiated_power: float
-    """W."""
     peak: float
-    """Directivity of the beam in dBi."""
     efficiency: float
 
 
@@ -163,23 +158,21 @@ def _jones(pattern: Any, polarisation: Any) -> NDArray[np.complex128]:
 
 def _checked(pattern: Any, polarisation: Any, efficiency: float) -> _Pattern:
     theta, phi, directivity, about = checked_pattern(pattern)
+    ascending = np.ix_(np.argsort(theta, kind="stable"), np.argsort(phi, kind="stable"))
     try:
-        dims = tuple(pattern["field"].dims)
-        field = np.asarray(pattern["field"].values, np.complex128)
-        cross = np.zeros_like(field)
-        if "cross_field" in pattern:
-            cross = np.asarray(pattern["cross_field"].values, np.complex128)
+        co, cross = (
+            np.asarray(pattern[name].transpose("theta", "phi").values, np.complex128)[ascending]
+            for name in ("field", "cross_field" if "cross_field" in pattern else "field")
+        )
     except (TypeError, KeyError, AttributeError, ValueError):
-        dims = ()
-    if sorted(dims) != ["phi", "theta"]:
         raise ArgumentError(
             "expected a pattern with directivity and field over theta and phi, got one without a "
             "field; use what polywigner.radiation_pattern returned"
-        )
-    ascending = np.ix_(np.argsort(theta, kind="stable"), np.argsort(phi, kind="stable"))
-    parts = [(part if dims[0] == "theta" else part.T)[ascending] for part in (field, cross)]
+        ) from None
+    if "cross_field" not in pattern:
+        cross = np.zeros_like(co)
     theta, phi, directivity = np.sort(theta), np.sort(phi), directivity[ascending]
-    x, y = of_co_and_cross(parts[0], parts[1], _jones(pattern, polarisation))
+    x, y = of_co_and_cross(co, cross, _jones(pattern, polarisation))
     scale, sine, cosine = math.sqrt(2 * _FREE_SPACE), np.sin(phi), np.cos(phi)
     return _Pattern(
         np.degrees(theta),
@@ -491,6 +484,6 @@ def _dataset(theta: Table, phi: Table, fields: Any, frequency: float) -> xarray.
         "peak_theta": float(theta[peak[0]]),
         "peak_phi": float(phi[peak[1]]),
     }
-    axes = {"theta": (theta, "angle from z"), "phi": (phi, "angle from x")}
+    axes = angle_axes(theta, phi)
     jones = jones_of((along[0][peak], along[1][peak]))
     return vector_dataset(axes, levels, along, jones, about)

@@ -17,8 +17,7 @@ from polywigner.geometry.arguments import checked_choice, real_numbers
 from polywigner.illumination import Illumination
 from polywigner.illumination.obliquities import CONDITIONS
 from polywigner.kernels.boundary.edge_waves import spherical_edge
-from polywigner.propagation.boundary import boundary_field
-from polywigner.propagation.panels import radiator_of
+from polywigner.propagation.boundary import boundary_field, radiator_of
 from polywigner.propagation.places import LARGEST, warn_of_missed
 
 Floats = NDArray[np.float64]
@@ -58,10 +57,7 @@ def waves_through(
     mirrored: float,
     tolerance: float,
 ) -> tuple[NDArray[np.complex128], Floats]:
-    """The field behind an opening over the incident one at points (n, 3), z > 0, and its error.
-
-    Kirchhoff's at a point, and ``mirrored`` times that at its mirror image.
-    """
+    """The field behind an opening over the incident one at points (n, 3), z > 0, and its error."""
     edges = np.concatenate([np.hstack([ring, np.roll(ring, -1, axis=0)]) for ring in opening.rings])
     edges = edges / wavelength
     around = float(np.hypot(*(edges[:, 2:] - edges[:, :2]).T).sum())
