@@ -233,7 +233,6 @@ def test_one_point_gives_a_number_and_no_points_an_empty_array():
         ((SQUARE, (0, 0, 1), 1.0), {"tolerance": 1e-9, "precision": "single"}, "double"),
         ((SQUARE, (0, 0, 1), 1.0), {"obliquity": "kirchhoff"}, "fraunhofer"),
         ((SQUARE, (0, 0, 1), 1.0, "fraunhofer"), {"obliquity": "paper"}, "kirchhoff"),
-        ((SQUARE, (0, 0, 1), 1.0), {"engine": "gpu"}, "engine"),
     ],
 )
 def test_bad_arguments_are_refused_in_words(arguments, options, says):
@@ -256,14 +255,6 @@ def test_the_field_of_a_source_far_below_a_wavelength_is_as_good_as_promised(met
     far_below = 1e-6  # corrections are (wide/away)^2; rounding of sums along edges that cancel
     assert abs(value - expected) < far_below * abs(expected)
     assert error < far_below * abs(expected)
-
-
-@pytest.mark.filterwarnings("error")
-def test_on_an_edge_there_is_half_of_the_field_and_on_a_corner_a_quarter():
-    edge, corner, height = (1.5, 0.0), (1.5, 1.5), 1e-70
-    opening = pw.shapes.square(3.0)
-    assert pw.amplitude(opening, (*edge, height), 1.0) == pytest.approx(0.5, abs=1e-9)
-    assert pw.amplitude(opening, (*corner, height), 1.0) == pytest.approx(0.25, abs=1e-9)
 
 
 @pytest.mark.filterwarnings("error")

@@ -201,9 +201,7 @@ PARTLY = pw.shapes.square(1.0).partially_coherent(0.5)
     ("arguments", "error", "words"),
     [
         ((ELL, (0, 0, 1), 1.0, "up"), ArgumentError, "45 deg"),
-        ((ELL, (0, 0, 1), 1.0, [1, 2, 3]), ArgumentError, "Jones"),
         ((ELL, (0, 0, 1), 1.0, "x", "kirchhoff"), ArgumentError, "magnetic"),
-        ((ELL, (0, 0, -1), 1.0, "x"), ArgumentError, "in front"),
         ((PARTLY, (0, 0, 1), 1.0, "x"), IlluminationError, "coherent"),
         ((pw.Slits([[0, 1]]), (0, 0, 1), 1.0, "x"), PolywignerError, "Aperture"),
     ],

@@ -256,21 +256,18 @@ def amplitude(
 ) -> Any:
     """Field U(x, y, z) of a source of the plane z = 0, with its phase, where a wave is exp(+ikR)/R.
 
-    The Rayleigh-Sommerfeld and Kirchhoff integrals over the aperture are reduced to integrals
-    along its edges (docs/theory.md, (B1) to (B5)), without approximation, for every wave of an
-    illumination, evanescent ones included. They are as good at z = 1e-6 wavelengths as far away,
-    and smooth across the boundary of the geometric shadow. So is Fresnel's (B6). These are summed
-    by Gauss's rules with as many nodes as each edge and point need, and an estimate of what is
-    missing decides whether a point is done again with more. Fraunhofer's (B7) is a closed form.
+    The Rayleigh-Sommerfeld and Kirchhoff integrals are reduced to integrals along the edges
+    (docs/theory.md, (B1) to (B5)), without approximation, evanescent waves included. They are as
+    good at z = 1e-6 wavelengths as far away, and smooth across the boundary of the geometric
+    shadow. So is Fresnel's (B6). Fraunhofer's (B7) is a closed form.
 
     Parameters
     ----------
     source : an Aperture, or an Array of apertures in the plane z = 0, with any illuminations; or a
         :func:`differentiable` one; one with a curved wave, whose exact field is a sum over places
-        in the opening rather than along its edges (docs/curved.md, (Q7)); or a :class:`Screen`
-        that something lights from behind; or a :class:`PointSource`, with obstacles.
-    points : (..., 3) in m, z > 0, or (..., 2) with ``through``; or a Dr.Jit array for results as
-        those of :func:`fourier` are.
+        in the opening (docs/curved.md, (Q7)); or a :class:`Screen` that something lights from
+        behind; or a :class:`PointSource`, with obstacles.
+    points : (..., 3) in m, z > 0, or (..., 2) with ``through``; or a Dr.Jit array.
         Derivatives in them, and in the numbers of a differentiable source, are as accurate as the
         field (docs/gradients.md, (G5) to (G7)); "fraunhofer" has none.
     wavelength : in m.
@@ -279,9 +276,8 @@ def amplitude(
         points near the axis), "fraunhofer" (the far field, about the source's centre).
     through : a :class:`FirstOrder` from the source's plane to that of ``points``. There the field
         is Collins' integral (O4), instead of a ``method``, without exp(ikL) of the path L along the
-        axis. An image (B = 0) is u itself. Behind systems of other curvatures along one axis than
-        along the other, NumPy sums it up. No derivatives. Or a sequence, in the order of the light,
-        of these and of stops: Apertures and Arrays, whose field is their transmission (O8).
+        axis. An image (B = 0) is u itself. No derivatives. Or a sequence, in the light's order, of
+        these and of stops: Apertures and Arrays, whose field is their transmission (O8).
     obstacles : bodies in the way, as :class:`Polyhedron`, and plates, as apertures in a pose
         (:meth:`Aperture.placed`), alone or in a sequence. They are opaque and black. Light passes
         one edge of theirs (docs/shadows.md, (SB1)): the field is smooth across the boundaries of
@@ -303,13 +299,13 @@ def amplitude(
     -------
     (...) complex, in the unit of the source's field; with ``return_error`` a pair of that and (...)
     of floats. complex64 for single precision.
-    An ``xarray.DataArray`` gives one, as in :func:`fourier`.
+    An ``xarray.DataArray`` gives one.
 
     Warns
     -----
-    PolywignerWarning if the estimate for some point exceeds the tolerance, as it may for one near
-    rounding; and for "kirchhoff" and "rayleigh-sommerfeld-2" of a :func:`fit_illumination` with
-    evanescent waves, whose slopes the fit does not know.
+    PolywignerWarning if the estimate for some point exceeds the tolerance; and for "kirchhoff" and
+    "rayleigh-sommerfeld-2" of a :func:`fit_illumination` with evanescent waves, whose slopes the
+    fit does not know.
 
     Raises
     ------

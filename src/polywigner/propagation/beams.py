@@ -87,12 +87,9 @@ class BeamMetrics:
     radiated_power: float
     """In W, through the hemisphere in front."""
     eirp: float | None
-    """Equivalent isotropically radiated power in W: radiated power times directivity; None without
-    a power."""
+    """Radiated power times directivity in W; None without a power."""
     front_share: float
-    """Radiated power over int |u|^2: the part that propagates, as the obliquity counts it.
-
-    NaN for a pattern of a file, or of elements with one."""
+    """Radiated power over int |u|^2; NaN for a pattern of a file, or of elements with one."""
     cuts: tuple[CutMetrics, ...]
     """One for each meridian of the pattern."""
     axial_ratio: float | None = None
@@ -163,12 +160,10 @@ def beam_metrics(
 ) -> BeamMetrics:
     """Directivity, gain, EIRP, beam direction, half-power beamwidths and first sidelobes.
 
-    Directivity, gain, EIRP and direction are those of the beam, wherever it points: the pattern's
-    attributes know it, and of polarised sources its axial ratio. Beamwidths and sidelobes are those
-    of cuts along meridians: columns of the pattern where theta has both signs, else those of phi
-    and phi + pi joined. Between samples the peak of a cut is that of a parabola in dB, and half of
-    it is where an inverse parabola crosses: beamwidths are right to 3e-3 of themselves for ten
-    samples in them. Cuts end at the horizon, for nothing goes backwards.
+    Directivity, gain, EIRP and direction are those of the beam, wherever it points. Beamwidths and
+    sidelobes are those of cuts along meridians: columns of the pattern where theta has both signs,
+    else those of phi and phi + pi joined, up to the horizon. Between samples of a cut they follow
+    parabolas: beamwidths are right to 3e-3 of themselves for ten samples in them.
 
     Parameters
     ----------

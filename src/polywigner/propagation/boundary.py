@@ -310,15 +310,21 @@ def boundary_field(
     phase of its distance.
     """
     paraxial = method in _PARAXIAL
+    # of the second boundary term (B3), which Fresnel fields do not have
+    share = OBLIQUITIES[method].field if method in OBLIQUITIES else 0.0
     # phases of Fresnel's parabolas far off the axis are worth float64 in any case
     edges = sum(e.edges for e in radiator.elements)
     engine = resolved(engine, len(points), _TERMS * edges)
-    task = _Task(radiator, wavelength, _kernel(method), paraxial, double or paraxial, engine)
+    task = _Task(radiator, wavelength, _kernel(method, share), paraxial, double or paraxial, engine)
     values = np.zeros(len(points), np.complex128)
     errors = np.full(len(points), np.inf)
-    allowed = tolerance * _size(radiator, points, wavelength, _share_of_field(method))
-    if not paraxial:
-        _check_panels(radiator, wavelength)
+    allowed = tolerance * _size(radiator, points, wavelength, share)
+    around, most = radiator.perimeter / wavelength, _MOST_PANELS * _STRATA[-1][1]
+    if not (paraxial or around <= most):
+        raise ArgumentError(
+            f"expected edges of at most {most:.3g} wavelengths in all, got {around:.3g}, whose "
+            "field cannot be summed up; check the unit of the wavelength"
+        )
     for todo, longest in strata_of(radiator, points, wavelength, paraxial):
         digits = math.log(1 / tolerance) + _MARGIN
         for _ in range(_ROUNDS):
@@ -341,16 +347,6 @@ def _size(radiator: Radiator, points: Floats, wavelength: float, share: float) -
     distance = radiator.distance_of_centre(points)
     whole = radiator.content / distance * (1 / wavelength + share / (2 * math.pi * distance))
     return np.minimum(radiator.amplitude, whole)
-
-
-def _check_panels(radiator: Radiator, wavelength: float) -> None:
-    around = radiator.perimeter / wavelength
-    if not around <= _MOST_PANELS * _STRATA[-1][1]:
-        raise ArgumentError(
-            f"expected edges of at most {_MOST_PANELS * _STRATA[-1][1]:.3g} wavelengths in all, "
-            f"got {around:.3g}, of which a field is more than can be summed up; check the unit "
-            "of the wavelength"
-        )
 
 
 def strata_of(
@@ -390,21 +386,14 @@ def _paraxial_strata(
         yield np.flatnonzero(step == number), _STRATA[-1][1] / 2.0 ** int(number)
 
 
-def _share_of_field(method: str) -> float:
-    """The share of the second boundary term (B3); Fresnel fields have none."""
-    return OBLIQUITIES[method].field if method in OBLIQUITIES else 0.0
-
-
-def _kernel(method: str) -> Kernel:
-    share = _share_of_field(method)
+def _kernel(method: str, share: float) -> Kernel:
     paraxial = method in _PARAXIAL
-    edge_sum = fresnel_edge_sum if paraxial else integrals.edge_sum
     return Kernel(
         name=f"boundary integral, {method}",
         dimension=3,
         tables=lambda panels, double: _tables(panels, double, share, paraxial),
         enter=integrals.enter,
-        edge_sum=edge_sum,
+        edge_sum=fresnel_edge_sum if paraxial else integrals.edge_sum,
         leave=integrals.leave_phase if method == "collins" else integrals.leave,
     )
 

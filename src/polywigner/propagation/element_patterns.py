@@ -252,8 +252,7 @@ class FittedPattern(NamedTuple):
     residual: float
     """Root of the power of the error of the far field over the power of the pattern in front."""
     stored: float
-    """Power int |u|^2 on the aperture over the radiated one: 1 to 3 of common apertures; far above,
-    the field is superdirective, with strong near fields that cancel far away."""
+    """Power int |u|^2 on the aperture over the radiated one: far above 3, it is superdirective."""
 
 
 # A residual above which the field has little to do with the pattern.
@@ -275,10 +274,9 @@ def fit_pattern(
 ) -> FittedPattern:
     """Field on an aperture whose far field comes nearest to a pattern: least squares of waves.
 
-    With it, links, emitters, receivers and near fields take an element that is known by its
-    pattern. Minimises the power of the difference over the hemisphere, by a singular value
-    decomposition without the values below ``cut_off``. Waves have periods of 1.25 times the
-    outline's extents, and frequencies up to a beam's width above 1/wavelength.
+    Minimises the power of the difference over the hemisphere, by a singular value decomposition
+    without the values below ``cut_off``. Waves have periods of 1.25 times the outline's extents,
+    and frequencies up to a beam's width above 1/wavelength.
 
     Parameters
     ----------

@@ -159,30 +159,22 @@ class FieldSlopes:
     ) -> tuple[Complex, Floats]:
         """:meth:`of_points`, and sum_j Re(cotangent_j* dU_j/d vertex), (v, 2); those wanted."""
         slopes = np.zeros((len(points), 3), np.complex128)
-        vertices = np.zeros(
-            (sum(len(r) for e in self.source.elements_in_plane for r in e.rings), 2)
-        )
-        if of_points:
-            for axis in range(3):
-                slopes[:, axis] = self._carried(points, axis)
+        vertices = np.zeros((sum(len(_next_vertices(e)) for e in self.source.elements_in_plane), 2))
+        for axis in range(3) if of_points else ():
+            slopes[:, axis] = self._carried(points, axis)
         wanted = self.edge_sums(points) if of_points or of_vertices else ()
         for sums in map(self._combined, wanted):
             if of_points:
                 edges = sums.kernel @ sums.strips.normal
                 slopes[sums.where, :2] -= edges / self.wavelength
                 slopes[sums.where, 2] += sums.height.sum(axis=1) / self.wavelength
-            if of_vertices:
-                self._push(vertices, sums, cotangent[sums.where].conj() / self.wavelength)
+            if of_vertices:  # at both ends of the edges of panels
+                strips, weight = sums.strips, cotangent[sums.where].conj() / self.wavelength
+                whole, by_length = (weight @ sums.kernel).real, (weight @ sums.by_length).real
+                at_end = strips.share * whole + strips.rate * by_length
+                for number, value in ((strips.first, whole - at_end), (strips.last, at_end)):
+                    np.add.at(vertices, number, value[:, None] * strips.normal)
         return slopes, vertices
-
-    @staticmethod
-    def _push(vertices: Floats, sums: _Sums, weight: Complex) -> None:
-        """Add derivatives of panels to the vertices at both ends of their edges."""
-        strips = sums.strips
-        whole, by_length = (weight @ sums.kernel).real, (weight @ sums.by_length).real
-        at_end = strips.share * whole + strips.rate * by_length
-        for number, value in ((strips.first, whole - at_end), (strips.last, at_end)):
-            np.add.at(vertices, number, value[:, None] * strips.normal)
 
     def of_fields(self, points: Floats) -> Complex:
         """The fields of single elements or waves, (n, k)."""
@@ -289,8 +281,7 @@ class FieldSlopes:
         for element, weight in zip(elements, weights.tolist(), strict=True):
             found += self._strips_of(element, weight, count, longest)
             count += sum(map(len, element.rings))
-        columns = zip(*found, strict=True)
-        return _Strips(*(np.concatenate(column) for column in columns))
+        return _Strips(*map(np.concatenate, zip(*found, strict=True)))
 
     def _strips_of(
         self, element: Aperture, weight: complex, count: int, longest: float

@@ -90,16 +90,14 @@ def write_pattern(
              degrees with theta from -90 to 90 degrees, or their halves.
     =======  =====================================================================================
 
-    Of a polarised source both parts of the field are written. A scalar field becomes the co-polar
-    component by Ludwig's third definition, E_theta = E cos(phi), E_phi = -E sin(phi) for an
-    aperture polarised along x, E sin(phi) and E cos(phi) along y. Phases are those of these
-    programs, exp(+j omega t - j k r): the conjugates of ours. rE is in V, with |rE|^2/(2 Z0) in
-    W/sr. Directions without radiation have -300 dBi.
+    A scalar field becomes the co-polar component by Ludwig's third definition, E_theta = E
+    cos(phi), E_phi = -E sin(phi) for an aperture polarised along x, E sin(phi) and E cos(phi) along
+    y. Phases are conjugates, exp(+j omega t - j k r). rE is in V, with |rE|^2/(2 Z0) in W/sr.
+    Directions without radiation have -300 dBi.
 
     Parameters
     ----------
-    pattern : what :func:`radiation_pattern` returned, or a part of it, angles in any order: files
-        have them in ascending order.
+    pattern : of :func:`radiation_pattern`, or a part of it; files have angles in ascending order.
     path : the suffix chooses the format. The file appears whole or not at all.
     polarisation : of a scalar pattern "x" or "y" (None: "y"), the direction of the electric field
         on the aperture; None for a pattern that has a polarisation.
@@ -310,11 +308,10 @@ def read_pattern(path: str | os.PathLike[str]) -> xarray.Dataset:
 
     Returns
     -------
-    xarray.Dataset as :func:`radiation_pattern` returns of a polarised source, with conjugate phases
-    for its sign of time, as an element for it. The radiated power is the integral of the field over
-    all directions, and the beam the largest sample. Of files in dBi fields are those of a radiated
-    power near 1 W. The aperture power is NaN, as are frequency and wavelength where the file has
-    none (.csv and .txt).
+    xarray.Dataset as :func:`radiation_pattern` returns of a polarised source, with its sign of
+    time. The radiated power is the integral of the field over all directions, and the beam the
+    largest sample. Of files in dBi fields are those of a radiated power near 1 W. The aperture
+    power is NaN, as are frequency and wavelength where the file has none (.csv and .txt).
 
     Raises
     ------

@@ -143,13 +143,11 @@ def radiation_pattern(
 ) -> xarray.Dataset:
     """Far field and directivity of a source over angles from its normal.
 
-    E = sum over the field's waves of sqrt(g) F/(i lambda), F from :func:`fourier`, without any
-    interpolation; the directivity is 4 pi |E|^2/P, with P the integral of |E|^2 over the hemisphere
-    to rounding (docs/patterns.md). |E|^2 is in W/sr for |u|^2 in W/m^2. Nothing goes backwards.
-
-    With a ``polarisation`` E is the electric field (docs/theory/polarisation.md, (VP2)): the
-    directivity counts all of it, over the power that all of it radiates, and the field is split
-    into a co- and a cross-polar part by Ludwig's third definition, (VP3).
+    E = sum over the field's waves of sqrt(g) F/(i lambda), F from :func:`fourier`; the directivity
+    is 4 pi |E|^2/P, with P the integral of |E|^2 over the hemisphere to rounding
+    (docs/patterns.md). |E|^2 is in W/sr for |u|^2 in W/m^2. Nothing goes backwards. With a
+    ``polarisation`` E is the electric field (VP2), of which the directivity counts all, split into
+    a co- and a cross-polar part by Ludwig's third definition, (VP3).
 
     Parameters
     ----------
@@ -159,18 +157,16 @@ def radiation_pattern(
     theta : (n,) angles from the normal in rad, from -pi to pi; negative ones, for cuts, lie at the
         opposite phi.
     phi : (m,) angles from the x axis in rad; or one.
-    obliquity : g, a boundary condition: cos^2 ("rayleigh-sommerfeld-1"), ((1 + cos)/2)^2
+    obliquity : g, a boundary condition: cos^2 ("rayleigh-sommerfeld-1", or None), ((1 + cos)/2)^2
         ("kirchhoff"), 1 ("rayleigh-sommerfeld-2"), or cos ("paper"); for tapers and steering wave
-        by wave (docs/theory.md, (D2), (D3)); None: "rayleigh-sommerfeld-1". Not with a
-        polarisation.
+        by wave (docs/theory.md, (D2), (D3)). Not with a polarisation.
     polarisation : of the source, as of :func:`polywigner.field`; None: the field is scalar.
     method : of a polarised source: "huygens" (default), "magnetic" or "electric", the currents that
         stand for it.
     element : far field of each element of a :func:`phased_array`, in place of its aperture, field
         and obliquity: of :func:`read_pattern`, or of this function with a polarisation. Its origin
-        is at the positions; the field is that times the array factor, and the power counts
-        directions behind the plane where it has some; the aperture power is NaN. ``polarisation``
-        is then only what co-polar refers to; None: the polarisation of the beam.
+        is at the positions; the power counts directions behind the plane where it has some; the
+        aperture power is NaN. Co-polar refers to ``polarisation``; None: that of the beam.
     precision, engine : see :func:`fourier`.
 
     Returns
@@ -182,12 +178,11 @@ def radiation_pattern(
     directivity on these angles, and that of the beam in all directions, ``peak_directivity`` in
     dBi, at ``peak_theta`` and ``peak_phi``.
 
-    Of a polarised source ``field`` is the co-polar part, and besides there are ``cross_field``,
-    complex, ``cross_polar_discrimination`` (co- over cross-polar) and ``axial_ratio``, both (n, m)
-    in dB. Attributes have method in place of obliquity, ``polarisation``, the Jones vector that
-    co-polar refers to (real and imaginary part along x, then y; of elements of several
-    polarisations that of the beam), and ``peak_axial_ratio`` and
-    ``peak_cross_polar_discrimination`` of the beam.
+    Of a polarised source ``field`` is the co-polar part, and there are ``cross_field``, complex,
+    ``cross_polar_discrimination`` (co- over cross-polar) and ``axial_ratio``, (n, m) in dB.
+    Attributes have method in place of obliquity, ``polarisation``, the Jones vector that co-polar
+    refers to (real and imaginary part along x, then y; of elements of several polarisations that of
+    the beam), and ``peak_axial_ratio`` and ``peak_cross_polar_discrimination`` of the beam.
 
     Raises
     ------

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Literal
@@ -75,7 +75,10 @@ def by_gauss(
 ) -> Estimate:
     """Irradiance at points (n, 3) to ``tolerance`` of itself, or of ``floor`` (n,) if larger."""
     result = Estimate(np.zeros(len(points)), np.full(len(points), np.inf))
-    for rate, group in _by_rate(source, rays, points):
+    steps = np.ceil(phase_rates(source, rays.wavelength, points, rays.curved) * rays.wavelength
+                    / _RATE_STEP)  # fmt: skip
+    for step in np.unique(steps):
+        rate, group = float(step) * _RATE_STEP / rays.wavelength, np.flatnonzero(steps == step)
         cells = _cells(source, rays, points[group], tolerance, floor[group], rate)
         part = _raised(cells, rays, rate, points[group], tolerance, floor[group])
         result.values[group], result.errors[group] = part.values, part.errors
@@ -167,16 +170,6 @@ def phase_rates(
     return result + bent
 
 
-def _by_rate(
-    source: Aperture | Array, rays: Rays, points: Values
-) -> Iterator[tuple[float, NDArray[np.intp]]]:
-    wavelength = rays.wavelength
-    rates = phase_rates(source, wavelength, points, rays.curved)
-    steps = np.ceil(rates * wavelength / _RATE_STEP)
-    for step in np.unique(steps):
-        yield float(step) * _RATE_STEP / wavelength, np.flatnonzero(steps == step)
-
-
 def _cells(
     source: Aperture | Array,
     rays: Rays,
@@ -197,9 +190,10 @@ def _cells(
     chosen = np.unique(np.linspace(0, len(points) - 1, _PROBES).astype(int))
     probes, allowed = points[chosen], tolerance * floor[chosen]
     while len(cells) < _MOST_CELLS:
-        errors = _errors_of_cells(cells, rays, rate, probes)
-        enough = np.maximum(allowed, tolerance * np.abs(errors[1]))
-        shares = (errors[0] / enough).max(axis=1)
+        # the first and the third rule that `_raised` takes
+        coarse, fine = (_on_cells(cells, rays, rate, probes, _LEVELS[k]) for k in (0, 2))
+        enough = np.maximum(allowed, tolerance * np.abs(fine.sum(axis=0)))
+        shares = (np.abs(fine - coarse) / enough).max(axis=1)
         if float(shares.sum()) <= 1.0:
             break
         order = np.argsort(-shares)
@@ -208,14 +202,6 @@ def _cells(
         divided[order[:needed]] = True
         cells = np.concatenate([cells[~divided], quartered(cells[divided])])
     return cells
-
-
-def _errors_of_cells(
-    cells: Triangles, rays: Rays, rate: float, points: Values
-) -> tuple[Values, Values]:
-    """Difference of two rules on cells at points (cells, points), and the whole (points,)."""
-    coarse, fine = (_on_cells(cells, rays, rate, points, _LEVELS[k]) for k in (0, 2))
-    return np.abs(fine - coarse), fine.sum(axis=0)
 
 
 def _on_cells(cells: Triangles, rays: Rays, rate: float, points: Values, extra: float) -> Values:
@@ -261,7 +247,10 @@ def by_samples(
     """
     fixed = samples is not None
     count = checked_count(samples, "samples", _BATCHES) if fixed else _FIRST_SAMPLES
-    draws, size, drawn = _draws(sampling, seed), -(-count // _BATCHES), 0
+    generator, size, drawn = checked_generator(seed), -(-count // _BATCHES), 0
+    draws: list[Draw] = [lambda size: generator.random((size, 2))] * _BATCHES
+    if sampling == "sobol":
+        draws = [_sobol_draw(2, generator) for _ in range(_BATCHES)]
     sums = np.zeros((_BATCHES, len(points)))
     result = Estimate(np.zeros(len(points)), np.full(len(points), np.inf))
     open_ = np.arange(len(points))
@@ -292,35 +281,17 @@ def gaps(source: Aperture | Array, points: Values) -> Values:
     return result
 
 
-def _draws(sampling: str, seed: Any) -> list[Draw]:
-    """Numbers drawn for each batch. Those of Sobol are rounded up to a power of two."""
-    generator = checked_generator(seed)
-    if sampling != "sobol":
-        return [lambda size: generator.random((size, 2))] * _BATCHES
-    sobol = _sobol()
-    return [_sobol_draw(sobol(2, scramble=True, seed=generator)) for _ in range(_BATCHES)]
-
-
-def _sobol_draw(sequence: Any) -> Draw:
-    def draw(size: int) -> Values:
-        return _below_one(sequence.random_base2(math.ceil(math.log2(size))))
-
-    return draw
+def _sobol_draw(columns: int, generator: np.random.Generator) -> Draw:
+    """Draw numbers (n, columns) in [0, 1) of a Sobol sequence, n rounded up to a power of two."""
+    library = require("scipy.stats.qmc", "arrays", "has quasi-random numbers (Sobol)")
+    sequence = library.Sobol(columns, scramble=True, seed=generator)
+    # The largest of the numbers that scrambling makes may round to 1.
+    return lambda size: np.minimum(sequence.random_base2(math.ceil(math.log2(size))), 1 - 2.0**-53)
 
 
 def sobol_numbers(size: int, columns: int, generator: np.random.Generator) -> Values:
     """The first numbers (size, columns) in [0, 1) of a Sobol sequence, scrambled anew."""
-    sequence = _sobol()(columns, scramble=True, seed=generator)
-    return _below_one(sequence.random_base2(math.ceil(math.log2(size)))[:size])
-
-
-def _below_one(numbers: Values) -> Values:
-    # The largest of the numbers that scrambling makes may round to 1.
-    return np.minimum(numbers, 1 - 2.0**-53)
-
-
-def _sobol() -> Any:
-    return require("scipy.stats.qmc", "arrays", "has quasi-random numbers (Sobol)").Sobol
+    return _sobol_draw(columns, generator)(size)[:size]
 
 
 # Nodes beyond those that the phase needs, rule after rule, of sums that Dr.Jit differentiates. They

@@ -209,9 +209,8 @@ class Screen:
     """An opaque screen in the plane z = 0, lit from z < 0, whose field :func:`amplitude` gives.
 
     Behind a plate the field is the incident one less that which an opening of its outline lets
-    through (Babinet). "Opaque" means what the ``method`` of :func:`amplitude` says: Kirchhoff's
-    screen is black; Rayleigh and Sommerfeld's first has the field 0 on its back, the second no
-    normal derivative. The differences show at angles far from the boundary of the shadow.
+    through (Babinet). Kirchhoff's screen is black; Rayleigh and Sommerfeld's first has the field 0
+    on its back, the second no normal derivative, by the ``method`` of :func:`amplitude`.
 
     Parameters
     ----------
@@ -236,11 +235,9 @@ class Screen:
 
     def __post_init__(self) -> None:
         if not isinstance(self.outline, Aperture) or self.outline.illumination is not None:
-            got = type(self.outline).__name__
-            if isinstance(self.outline, Aperture):
-                got = "one with an illumination"
             raise ArgumentError(
-                f"expected the outline of a screen as an Aperture without illumination, got {got}"
+                "expected the outline of a screen as an Aperture without illumination, got "
+                f"{self.outline!r:.80}"
             )
         if not isinstance(self.lit_by, (PointSource, PlaneWave)):
             raise ArgumentError(

@@ -313,9 +313,9 @@ def suggest_sampling(
     "render"      none                     samples per pixel
     ============  =======================  =========================================================
 
-    K is the largest frequency of the waves on the source (0 of uniform ones), w the width of its
-    narrowest part, 2 area/perimeter. Local frequencies are direction cosines of the rays from the
-    source's box, over the wavelength. Source: docs/sampling.md, (N1) to (N7).
+    K is the largest frequency of the waves on the source, w the width of its narrowest part, 2
+    area/perimeter. Local frequencies are direction cosines of the rays from the source's box, over
+    the wavelength. Source: docs/sampling.md, (N1) to (N7).
 
     Parameters
     ----------

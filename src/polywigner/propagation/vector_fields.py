@@ -90,9 +90,8 @@ def field(
 ) -> Any:
     """Electric field E(x, y, z) of a polarised source of the plane z = 0, near by and far away.
 
-    The field u p on the source is replaced by currents in its plane (docs/theory/polarisation.md,
-    (VP1)). |E|^2 is in the unit of |u|^2, W/m^2: E is the electric field over the root of twice the
-    impedance of free space.
+    The field u p on the source is replaced by currents in its plane (VP1). |E|^2 is in the unit of
+    |u|^2, W/m^2: E is the electric field over the root of twice the impedance of free space.
 
     Parameters
     ----------
@@ -106,15 +105,13 @@ def field(
     method : "magnetic", of magnetic currents: an opening in a metal screen, where u p is the
         tangential field; "electric", of electric currents: u z x p is the tangential magnetic
         field; "huygens", half of both: black surroundings, horns and mouths in free space.
-    tolerance : error allowed of each component, as a fraction of the incident amplitude or, where
-        that is less, of |u| area/(wavelength distance), as of :func:`amplitude`; default 1e-9, at
-        least 1e-13. Within a wavelength of an edge the electric model's field grows as the inverse
+    tolerance : error allowed of each component, as of :func:`amplitude`; default 1e-9, at least
+        1e-13. Within a wavelength of an edge the electric model's field grows as the inverse
         distance, and its error with it.
 
     Returns
     -------
-    (..., 3) complex128, in the unit of the source's field. Of an ``xarray.DataArray`` one, as
-    :func:`fourier` returns.
+    (..., 3) complex128, in the unit of the source's field. Of an ``xarray.DataArray`` one.
 
     Warns
     -----
@@ -149,8 +146,9 @@ def field(
     total, errors = np.zeros((len(flat), 3), np.complex128), np.zeros(len(flat))
     limits = np.zeros(len(flat))
     for part, q in parts:
-        if isinstance(part, Wavefront):
-            found = _of_curved(part, q, MODELS[name], flat, length)
+        if isinstance(part, Wavefront):  # a sum over places in the opening
+            terms = partial(_dipole_terms, part, q, MODELS[name])
+            found = summed_over_cells(part, flat, length, terms, (3,))
         else:
             near = _NearField(part, length, allowed, flat)
             found = near.of_currents(q, MODELS[name]), near.errors
@@ -160,14 +158,6 @@ def field(
     if not isinstance(radiator, Wavefront):
         warn_of_missed(errors, limits, "points")
     return total.reshape(places.shape)
-
-
-def _of_curved(
-    wave: Wavefront, q: Complex, currents: Currents, points: Floats, wavelength: float
-) -> tuple[Complex, Floats]:
-    """Fields (n, 3) by a sum over places in the opening, as of :func:`amplitude`, and rounding."""
-    terms = partial(_dipole_terms, wave, q, currents)
-    return summed_over_cells(wave, points, wavelength, terms, (3,))
 
 
 def _dipole_terms(
