@@ -285,20 +285,21 @@ def two_way_pattern(
         radiation_pattern(one, wavelength, theta, phi, obliquity=obliquity)
         for one in (transmitter, receiver)
     )
-    levels = {"transmit": there["directivity"], "receive": back["directivity"]}
     about = {name: there.attrs[name] for name in ("wavelength", "frequency", "obliquity")}
     axes = {name: there[name] for name in ("theta", "phi")}
-    meanings = {"two_way": ("dB", "two-way directivity"), "field": ("W sr-1", "product of fields")}
-    values = {
-        "two_way": sum(level.values for level in levels.values()),
-        "field": there["field"].values * back["field"].values,
+    level = there["directivity"].values + back["directivity"].values
+    field = there["field"].values * back["field"].values
+    variables = {
+        "transmit": there["directivity"].variable,
+        "receive": back["directivity"].variable,
+        "two_way": labelled_array(
+            level, tuple(axes), {"units": "dB", "long_name": "two-way directivity"}
+        ),
+        "field": labelled_array(
+            field, tuple(axes), {"units": "W sr-1", "long_name": "product of fields"}
+        ),
     }
-    products = {
-        name: labelled_array(values[name], tuple(axes), {"units": unit, "long_name": meaning})
-        for name, (unit, meaning) in meanings.items()
-    }
-    directivities = {name: level.variable for name, level in levels.items()}
-    return labelled_arrays(directivities | products, axes, about)
+    return labelled_arrays(variables, axes, about)
 
 
 def _decibels(values: Reals) -> Reals:

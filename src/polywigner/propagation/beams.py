@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.errors import ArgumentError, PolywignerWarning
-from polywigner.geometry.arguments import checked_number
+from polywigner.errors import ArgumentError
+from polywigner.geometry.arguments import checked_number, warn_caller
 from polywigner.propagation.patterns import (
     angle_between,
     checked_pattern,
@@ -206,21 +205,17 @@ def beam_metrics(
     directivity = about["peak_directivity"]
     step = float(np.diff(np.unique(theta)).max(initial=0.0))
     if best.half_power_beamwidth < _LEAST_SAMPLES * step:
-        warnings.warn(
+        warn_caller(
             f"steps of {_degrees(step)} are coarse for a half-power width of "
             f"{_degrees(best.half_power_beamwidth)}: the numbers may be off by percents; give "
-            "radiation_pattern more angles theta",
-            PolywignerWarning,
-            stacklevel=2,
+            "radiation_pattern more angles theta"
         )
     if directivity > best.directivity + _MISSED:
-        warnings.warn(
+        warn_caller(
             f"the cuts of the pattern miss the beam of {directivity:.2f} dBi at theta "
             f"{_degrees(about['peak_theta'])}, phi {_degrees(about['peak_phi'])}: the largest on "
             f"them is {best.directivity:.2f} dBi; give radiation_pattern more angles, that phi "
-            "among them",
-            PolywignerWarning,
-            stacklevel=2,
+            "among them"
         )
     return BeamMetrics(
         theta=about["peak_theta"],

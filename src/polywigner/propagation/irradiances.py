@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Any, get_args
@@ -12,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner import kernels
-from polywigner.errors import ArgumentError, PolywignerWarning
+from polywigner.errors import ArgumentError
 from polywigner.execution import (
     Engine,
     Precision,
@@ -448,25 +447,18 @@ def _summed(
             return tolerance * np.maximum(np.abs(values), floor[which])
 
         found = by_samples(source, rays, points, sampling, samples, seed, allowed)
-        _warn_of(found, "more samples, or sampling='gauss', would bring it")
-        return found
-    if samples is not None:
+        advice = "more samples, or sampling='gauss', would bring it"
+    elif samples is not None:
         raise ArgumentError(
             f"expected samples with sampling='sobol' or 'monte-carlo' only, got {samples!r}; "
             "Gauss rules follow the tolerance"
         )
-    found = by_gauss(source, rays, points, tolerance, floor)
-    _warn_of(found, "return_error=True tells where, and method='auto' gives the exact field")
-    return found
-
-
-def _warn_of(found: Estimate, advice: str) -> None:
+    else:
+        found = by_gauss(source, rays, points, tolerance, floor)
+        advice = "return_error=True tells where, and method='auto' gives the exact field"
     if not found.is_met:
-        warnings.warn(
-            f"the tolerance asked for is not met at all points; {advice}",
-            PolywignerWarning,
-            stacklevel=4,
-        )
+        warn_caller(f"the tolerance asked for is not met at all points; {advice}")
+    return found
 
 
 def checked_order(order: Any) -> int:
@@ -508,19 +500,15 @@ def _warn_where_invalid(
     source: Aperture | Array, points: Values, wavelength: float, order: int
 ) -> None:
     if (gaps(source, points) < _NEAREST * wavelength).any():
-        warnings.warn(
+        warn_caller(
             f"Wigner rays are a rough picture nearer than {_NEAREST:g} wavelengths to the source, "
-            "where some of the points are; boundary integrals are exact there",
-            PolywignerWarning,
-            stacklevel=3,
+            "where some of the points are; boundary integrals are exact there"
         )
     if order != 3:
         return
     limit = _THIRD_ORDER_FROM * math.sqrt(max(_sides(source)) ** 3 / wavelength)
     if (_distances(source, points) < limit).any():
-        warnings.warn(
+        warn_caller(
             f"the third order of Wigner rays holds from {limit:.3g} m on for this source, and some "
-            "of the points are nearer; there order=1 may be closer to the truth",
-            PolywignerWarning,
-            stacklevel=3,
+            "of the points are nearer; there order=1 may be closer to the truth"
         )

@@ -476,8 +476,7 @@ def _dataset(theta: Table, phi: Table, fields: Any, frequency: float) -> xarray.
         "frequency": frequency,
         "radiated_power": power,
         "aperture_power": math.nan,
-        "largest_directivity": float(levels.max()),
-        "peak_directivity": float(levels.max()),
+        **dict.fromkeys(("largest_directivity", "peak_directivity"), float(levels.max())),
         "peak_theta": float(theta[peak[0]]),
         "peak_phi": float(phi[peak[1]]),
     }

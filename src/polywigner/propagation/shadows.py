@@ -9,7 +9,6 @@ of the shadow. Waves over two edges, and those that creep around a body, are lef
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -20,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner import execution
-from polywigner.errors import ArgumentError, IlluminationError, PolywignerWarning
+from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.execution import NumpyOperations
-from polywigner.geometry.arguments import checked_number
+from polywigner.geometry.arguments import checked_number, warn_caller
 from polywigner.geometry.silhouettes import Obstacles, Silhouette
 from polywigner.illumination.obliquities import CONDITIONS, Obliquity, times_direction_cosine
 from polywigner.kernels.boundary.edge_waves import EdgeRule, Point, angle_about, edge_wave
@@ -398,9 +397,7 @@ def _check_clearance(bodies: Obstacles, sources: Sequence[RadiatingPoint]) -> No
         raise ArgumentError("expected obstacles away from the source, got a body around it")
     nearest = min(float(body.distance(places).min()) for body in bodies.bodies)
     if nearest < _NEAR and len(sources) > 1:
-        warnings.warn(
+        warn_caller(
             f"an obstacle is {nearest:.2g} wavelengths from the source: waves that fade within a "
-            "wavelength are left out of its shadow",
-            PolywignerWarning,
-            stacklevel=5,
+            "wavelength are left out of its shadow"
         )

@@ -34,12 +34,11 @@ from polywigner.errors import (
     ArgumentError,
     EngineError,
     PolywignerError,
-    PolywignerWarning,
     StoreError,
 )  # fmt: skip
 from polywigner.execution import MOST_THREADS
 from polywigner.execution.progress import progress_bar
-from polywigner.geometry.arguments import checked_count, checked_path
+from polywigner.geometry.arguments import checked_count, checked_path, warn_caller
 from polywigner.interruption import cleaned_up_by
 from polywigner.propagation.stores_checks import (
     CHECKSUM,
@@ -475,10 +474,8 @@ def _to_compute(array: Any, progress: bool | None) -> list[Index]:
     _sweep(path)
     missing, damaged = chunk_faults(array, progress)
     if damaged:
-        warnings.warn(
+        warn_caller(
             f"{len(damaged)} of the {array.nchunks} chunks of {path.parent} were damaged, and are "
-            "computed anew; look after the disk if no power failed",
-            PolywignerWarning,
-            stacklevel=3,
+            "computed anew; look after the disk if no power failed"
         )
     return sorted(missing + damaged)

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, Precision, checked_engine, checked_precision
 from polywigner.execution.choice import resolved
-from polywigner.geometry.arguments import checked_count, real_numbers
+from polywigner.geometry.arguments import checked_count, checked_row
 from polywigner.kernels import kernel_for
 from polywigner.propagation.stores import write_dataset
 from polywigner.propagation.stores_checks import (
@@ -225,11 +225,8 @@ def _chunks(axes: Mapping[str, xarray.Variable], wanted: Mapping[str, int] | Non
 
 def _checked_axis(name: str, values: ArrayLike) -> xarray.Variable:
     expected = f"expected {name} as finite numbers of shape (n,)"
-    try:
-        array = real_numbers(values)
-    except ValueError as error:
-        raise ArgumentError(f"{expected}, got {error}") from None
-    if array.ndim != 1 or not len(array) or not np.isfinite(array).all():
+    array = checked_row(values, expected)
+    if not np.isfinite(array).all():
         raise ArgumentError(f"{expected}, got {values!r}")
     units = "1/m" if name.startswith(("nu", "upsilon")) else "m"
     return labelled_array(array, (name,), {"units": units})
