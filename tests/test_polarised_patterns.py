@@ -154,9 +154,9 @@ def test_a_far_point_has_the_field_of_the_pattern() -> None:
     assert there.attrs["peak_cross_polar_discrimination"] > 200
 
 
-@models
-def test_a_curved_wave_has_a_vector_pattern_as_well(model: Any) -> None:
+def test_a_curved_wave_has_a_vector_pattern_as_well() -> None:
     """Of one along x, which is a product: the flat horn's pattern where the radius is infinite."""
+    model = "huygens"
     flat = pattern(HORN, polarisation="y", method=model)
     curved = pattern(HORN.curved(1e9, 1.0), polarisation="y", method=model)
     assert curved["field"].values == pytest.approx(flat["field"].values, abs=1e-6)

@@ -50,7 +50,7 @@ def test_shadow_of_a_black_ball_is_between_those_of_a_soft_and_a_hard_one(radius
 def test_spot_of_arago_fades_behind_a_soft_sphere_as_waves_creep() -> None:
     """12 dB for each theta (pi D/(2 lambda))^(1/3); a hard one's is at most 3 dB brighter."""
     for radius in shadow_spheres.RADII:
-        for distance in radius * np.array([4.0, 10.0, 40.0]):
+        for distance in radius * np.array([4.0, 40.0]):
             axis = np.array([[0.0, 0.0, distance]])
             soft, black, hard = (
                 20 * np.log10(np.abs(field))[0]

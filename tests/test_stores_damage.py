@@ -80,17 +80,7 @@ def first(content):
 CHUNK = Path("ramp", "c", "0", "1")
 
 
-def test_every_reader_notices_a_flipped_bit_in_a_chunk(store):
-    changed(store / CHUNK, lambda content: flipped(content, 17))
-    with pytest.raises(ValueError, match="checksum"):
-        zarr.open_array(store / "ramp", mode="r")[:3, 3:]
-    found = xarray.open_zarr(store)["ramp"]
-    with pytest.raises(ValueError, match="checksum"):
-        found.load()
-    assert np.array_equal(found[3:], VALUES[3:])
-
-
-@pytest.mark.parametrize("change", [first, lambda content: content[:-3], lambda content: b""])
+@pytest.mark.parametrize("change", [first, lambda content: content[:-3]])
 def test_a_run_computes_damaged_chunks_anew_and_says_so(store, pristine, change):
     changed(store / CHUNK, change)
     kept = {file: file.stat().st_mtime_ns for file in store.rglob("*/c/*/*") if file.is_file()}
@@ -161,16 +151,12 @@ FILES = (
     "source_json/c",
     "ramp/c/1/0",
 )
-# Of a file of n bytes.
 CHANGES: dict[str, Callable[[bytes], bytes]] = {
-    "empty": lambda content: b"",
     "half": lambda content: content[: len(content) // 2],
-    "binary": lambda content: bytes(range(256)),
     "another type": lambda content: b"[]",
     "nested": lambda content: b"[" * 100_000,
     "nothing in it": lambda content: b"{}",
-    "a bit of the middle": lambda content: flipped(content, len(content) // 2),
-    "a bit of a quarter": lambda content: flipped(content, len(content) // 4),
+    "a bit": lambda content: flipped(content, len(content) // 3),
     "longer": lambda content: content + b"}",
     "another shape": lambda content: content.replace(b"\n    6", b"\n    7") + b"\n\n}",
 }
@@ -200,34 +186,24 @@ def check_all_doors(store, pristine):
             assert pw.verify_store(store) == LAYOUT.count
 
 
-@pytest.mark.parametrize("file", FILES)
-def test_whatever_file_is_changed_nobody_gets_wrong_numbers_or_another_error(
+@pytest.mark.parametrize("file", [*FILES, "x/c", "ramp/c", "ramp", "source_json"])
+def test_whatever_is_changed_lost_or_moved_nobody_gets_wrong_numbers_or_another_error(
     tmp_path, pristine, file
 ):
-    for change in CHANGES.values():
+    def exchange(path):
+        other = path.parents[len(Path(file).parts) - 1] / FILES[FILES.index(file) - 1]
+        content = path.read_bytes()
+        path.write_bytes(other.read_bytes())
+        other.write_bytes(content)
+
+    faults = [lambda path, change=change: changed(path, change) for change in CHANGES.values()]
+    faults += [Path.unlink, exchange]
+    for fault in faults if file in FILES else [shutil.rmtree]:
         store = tmp_path / "ramp.zarr"
         shutil.copytree(pristine, store)
-        changed(store / file, change)
+        fault(store / file)
         check_all_doors(store, pristine)
         shutil.rmtree(store)
-
-
-@pytest.mark.parametrize("file", [*FILES, "x/c", "ramp/c", "ramp", "source_json"])
-def test_whatever_is_lost_is_told_or_computed(store, pristine, file):
-    if (store / file).is_dir():
-        shutil.rmtree(store / file)
-    else:
-        (store / file).unlink()
-    check_all_doors(store, pristine)
-
-
-@pytest.mark.parametrize("file", FILES)
-def test_files_that_have_changed_places_are_told(store, pristine, file):
-    one, other = store / file, store / FILES[FILES.index(file) - 1]
-    content = one.read_bytes()
-    one.write_bytes(other.read_bytes())
-    other.write_bytes(content)
-    check_all_doors(store, pristine)
 
 
 def test_a_damaged_coordinate_is_named_in_one_line(store, capfd):
@@ -325,20 +301,18 @@ def _with_codec(table):
     table["codecs"].append({"name": "numcodecs.pickle", "configuration": {}})
 
 
-def _with_many_chunks(table):
-    table["shape"] = [10**9, 10**9]
-
-
 def _with_endless_chunks(table):
     table["shape"] = table["chunk_grid"]["configuration"]["chunk_shape"] = [10**5, 10**5]
 
 
-def _of_format_2(table):
-    table["zarr_format"] = 2
-
-
 @pytest.mark.parametrize(
-    "change", [_with_codec, _with_many_chunks, _with_endless_chunks, _of_format_2]
+    "change",
+    [
+        _with_codec,
+        _with_endless_chunks,
+        lambda table: table.update(shape=[10**9, 10**9]),
+        lambda table: table.update(zarr_format=2),
+    ],
 )
 def test_arrays_from_elsewhere_are_looked_at_before_they_are_decoded(tmp_path, change):
     folder = tmp_path / "x.zarr"
@@ -355,8 +329,9 @@ def test_arrays_from_elsewhere_are_looked_at_before_they_are_decoded(tmp_path, c
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
-@pytest.mark.parametrize("name", ["zarr.json", "u/zarr.json", "u/c/0/0", "x/c/0"])
-@pytest.mark.parametrize("kind", ["pipe", "device"])
+@pytest.mark.parametrize(
+    ("name", "kind"), [("zarr.json", "pipe"), ("u/zarr.json", "device"), ("u/c/0/0", "pipe")]
+)
 def test_pipes_and_devices_in_a_store_are_refused(tmp_path, name, kind):
     folder = tmp_path / "x.zarr"
     held = xarray.Dataset({"u": (("x", "y"), np.ones((3, 4)))}, {"x": np.arange(3.0)})
@@ -366,12 +341,10 @@ def test_pipes_and_devices_in_a_store_are_refused(tmp_path, name, kind):
         os.mkfifo(folder / name)
     else:
         (folder / name).symlink_to("/dev/zero")
-    for call in (
-        lambda: pw.write_netcdf(folder, tmp_path / "x.nc"),
-        lambda: pw.verify_store(folder),
-    ):
-        with pytest.raises(PolywignerError, match="expected"):
-            call()
+    with pytest.raises(PolywignerError, match="expected"):
+        pw.write_netcdf(folder, tmp_path / "x.nc")
+    with pytest.raises(PolywignerError, match="expected"):
+        pw.verify_store(folder)
 
 
 def test_a_copy_of_metadata_that_nobody_looked_at_is_not_read(tmp_path):
@@ -390,13 +363,6 @@ def test_a_damaged_chunk_of_another_program_is_told(tmp_path):
     (folder / "u" / "c" / "0" / "0").write_bytes(b"none of zstd")
     with pytest.raises(StoreError, match=r"x\.zarr, got a damaged one"):
         pw.write_netcdf(folder, tmp_path / "x.nc")
-
-
-def test_a_store_of_format_2_is_refused(tmp_path):
-    folder = tmp_path / "old.zarr"
-    xarray.Dataset({"u": (("x",), np.ones(3))}).to_zarr(folder, zarr_format=2)
-    with pytest.raises(PolywignerError, match="format 3"):
-        pw.write_netcdf(folder, tmp_path / "bad.nc")
 
 
 @pytest.mark.filterwarnings("error")

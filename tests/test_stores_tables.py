@@ -1,7 +1,6 @@
 """Tables of W and A over four coordinates: in memory, on disk, on a cluster, killed, taken up."""
 
 import pickle
-from typing import Any
 
 import numpy as np
 import pytest
@@ -19,24 +18,6 @@ CHEVRON = pw.shapes.chevron(20e-3, 12e-3, 4e-3)
 SINGLE = 5e-6 * CHEVRON.area
 
 
-# What runs in a process of its own, to be killed: 256 chunks of 1296 samples.
-RUN = """
-import sys
-import numpy as np
-import polywigner as pw
-
-def run(out, **keywords):
-    x, nu = np.linspace(-0.01, 0.01, 24), np.linspace(-500.0, 500.0, 24)
-    chevron = pw.shapes.chevron(20e-3, 12e-3, 4e-3)
-    chunks = dict.fromkeys(("x", "y", "nu_x", "nu_y"), 6)
-    return pw.wigner_table(
-        chevron, x, x, nu, nu, out, chunks=chunks, engine="numpy", precision="double", **keywords
-    )
-"""
-_namespace: dict[str, Any] = {}
-exec(RUN, _namespace)
-
-
 def test_a_table_holds_the_function_at_every_point_of_its_grid(tmp_path):
     x, nu = np.linspace(-0.01, 0.01, 7), np.linspace(-300.0, 500.0, 6)
     table = pw.wigner_table(CHEVRON, x, x[:5] / 2, nu, nu[1:], tmp_path / "w.zarr", engine="numpy")
@@ -52,18 +33,12 @@ def test_a_table_holds_the_function_at_every_point_of_its_grid(tmp_path):
         place = {name: float(table[name][i]) for name, i in zip(table.dims, index, strict=True)}
         exact = pw.wigner(CHEVRON, (place["x"], place["y"]), (place["nu_x"], place["nu_y"]))
         assert abs(float(table["W"][index]) - exact) < SINGLE
-
-
-def test_an_ambiguity_table_is_the_transform_of_a_wigner_table_at_every_point(tmp_path):
-    upsilon, xi = np.linspace(-200.0, 300.0, 5), np.linspace(-0.012, 0.01, 6)
     source = CHEVRON.with_illumination(pw.steering((0.48, 0.36, 0.8), 3.2e-3))
-    table = pw.ambiguity_table(
-        source, upsilon, upsilon[1:], xi, xi[2:], tmp_path / "a.zarr", engine="numpy"
-    )
+    table = pw.ambiguity_table(source, nu, nu[1:], x, x[2:], tmp_path / "a.zarr", engine="numpy")
     assert table["A"].dims == ("upsilon_x", "upsilon_y", "xi_x", "xi_y")
     assert table["A"].dtype == np.complex64
     for i in ((0, 0, 0, 0), (1, 3, 2, 0), (4, 2, 1, 1), (3, 1, 4, 3)):
-        exact = pw.ambiguity(source, (upsilon[i[0]], upsilon[1 + i[1]]), (xi[i[2]], xi[2 + i[3]]))
+        exact = pw.ambiguity(source, (nu[i[0]], nu[1 + i[1]]), (x[i[2]], x[2 + i[3]]))
         assert abs(complex(table["A"][i]) - exact) < SINGLE
 
 
@@ -77,23 +52,17 @@ def test_a_table_on_disk_is_that_in_memory_bit_by_bit(tmp_path, llvm):
     assert stored["W"].attrs == held["W"].attrs
 
 
-@pytest.mark.parametrize("threads", [1, 3])
-def test_how_many_threads_compute_makes_no_difference(tmp_path, llvm, threads):
+def test_how_many_threads_compute_makes_no_difference(tmp_path, llvm):
     import drjit
 
-    before = drjit.thread_count()
+    before, found = drjit.thread_count(), []
     x, nu = np.linspace(-0.01, 0.01, 8), np.linspace(-500.0, 500.0, 9)
-    found = [
-        hashes_of_table(tmp_path / f"{threads}.zarr", x, nu, "llvm", threads),
-        hashes_of_table(tmp_path / "all.zarr", x, nu, "llvm", None),
-    ]
+    for threads in (1, None):
+        out, how = tmp_path / f"{threads}.zarr", {"threads": threads, "chunks": {"x": 3}}
+        pw.wigner_table(CHEVRON, x, x, nu, nu, out, engine="llvm", **how)
+        found.append(hashes(out))
     assert found[0] == found[1]
     assert drjit.thread_count() == before
-
-
-def hashes_of_table(out, x, nu, engine, threads):
-    pw.wigner_table(CHEVRON, x, x, nu, nu, out, engine=engine, threads=threads, chunks={"x": 3})
-    return hashes(out)
 
 
 @pytest.mark.parametrize(
@@ -134,13 +103,10 @@ X = np.linspace(-0.01, 0.01, 5)
     ("arguments", "keywords", "expected"),
     [
         ((CHEVRON, X, X, X, [[0.0]]), {}, r"expected nu_y as finite numbers of shape \(n,\)"),
-        ((CHEVRON, X, [], X, X), {}, "expected y as finite"),
         ((CHEVRON, X, X, [np.nan], X), {}, "expected nu_x as finite"),
-        ((CHEVRON, "abc", X, X, X), {}, "expected x as finite"),
         ((pw.Slits([(0, 1)]), X, X, X, X), {}, "two coordinates only"),
         ((CHEVRON, X, X, X, X), {"scheduler": "tcp://a:1"}, "expected out with scheduler"),
         ((CHEVRON, X, X, X, X), {"chunks": {"x": 2}}, "expected out with chunks"),
-        ((CHEVRON, X, X, X, X), {"engine": "abacus"}, "expected engine"),
         ((CHEVRON, X, X, X, X), {"precision": "half"}, "expected precision"),
         (
             (CHEVRON, X, X, X, X, "w"),
@@ -148,7 +114,6 @@ X = np.linspace(-0.01, 0.01, 5)
             "expected chunks as samples along some of x, y, nu_x",
         ),
         ((CHEVRON, X, X, X, X, "w"), {"chunks": {"x": 0}}, "expected chunks along x as a whole"),
-        ((CHEVRON, X, X, X, X, "w"), {"threads": 0}, "expected threads"),
     ],
 )
 def test_what_is_no_table_is_refused(tmp_path, monkeypatch, arguments, keywords, expected):

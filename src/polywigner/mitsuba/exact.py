@@ -40,9 +40,8 @@ from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.phases import cos_sin_turns
 from polywigner.plans.cuts import sums_over_points
-from polywigner.propagation.boundary import boundary_tables, panels_in
-from polywigner.propagation.equivalent import EquivalentGrid, equivalent_grid
-from polywigner.propagation.panels import Radiator, radiator_of
+from polywigner.propagation.boundary import Radiator, boundary_tables, panels_in, radiator_of
+from polywigner.propagation.shadows import EquivalentGrid, equivalent_grid
 from polywigner.transforms import fourier
 
 Floats = NDArray[np.float64]

@@ -11,10 +11,12 @@ module               what is in it
 ``rays``             sums of Wigner rays; ``rays_adaptive`` rules refined to a tolerance
 ``arrangement``      cells where the Wigner function is smooth, and Gauss rules on them
 ``amplitudes``       the complex field at points, by boundary integrals and in the far field
-``boundary``         sums along edges to a tolerance; ``panels`` pieces of edges with their waves
+``boundary``         sums along edges, cut into panels with their waves, to a tolerance
 ``vector_fields``    electric fields of polarised sources, near by and far away
 ``screens``          opaque plates and openings lit by point sources and plane waves
-``collins``          fields behind first-order systems; ``spread`` the light of a point in an image
+``shadows``          fields behind opaque bodies
+``collins``          fields behind first-order systems
+``far_fields``       the far field and its power; the image of a point
 ``builders``         lines, planes, hemispheres and volumes: ``grids`` of points and ``datasets``
 ``patterns``         radiation patterns and their cuts; ``pattern_files`` writes and reads them
 ``array_patterns``   arrays with errors, and radars of two arrays
@@ -22,7 +24,7 @@ module               what is in it
 ``beams``            numbers of data sheets: gain, beamwidths, sidelobes
 ``stores``           arrays larger than memory, by chunks; ``stores_checks`` stores and their damage
 ``exports``          datasets to NetCDF and VTK files
-``suggestions``      how many samples a grid needs: ``suggestions_fields`` bands of fields
+``suggestions``      how many samples a grid needs
 ``wigner_tables``    W and A on grids of four coordinates
 ===================  ==========================================================================
 """
@@ -36,13 +38,12 @@ from polywigner.propagation.beams import BeamMetrics, CutMetrics, beam_metrics
 from polywigner.propagation.builders import hemisphere, line, plane, volume
 from polywigner.propagation.element_patterns import FittedPattern, fit_pattern
 from polywigner.propagation.exports import write_netcdf, write_vti
-from polywigner.propagation.far_fields import radiated_power
+from polywigner.propagation.far_fields import psf, radiated_power
 from polywigner.propagation.irradiances import irradiance
 from polywigner.propagation.pattern_files import read_pattern, write_pattern
 from polywigner.propagation.patterns import radiation_pattern
 from polywigner.propagation.places import METHODS
 from polywigner.propagation.screens import PlaneWave, PointSource, Screen
-from polywigner.propagation.spread import psf
 from polywigner.propagation.stores_checks import verify_store
 from polywigner.propagation.suggestions import AxisSampling, Sampling, suggest_sampling
 from polywigner.propagation.vector_fields import field

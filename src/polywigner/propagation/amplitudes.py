@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache, partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,11 +31,11 @@ from polywigner.kernels.boundary.integrals import distance_of, point_in_waveleng
 from polywigner.numerics.phases import reduced
 from polywigner.optics import FirstOrder
 from polywigner.propagation import shadows
-from polywigner.propagation.boundary import boundary_field
+from polywigner.propagation.arrangement import quartered
+from polywigner.propagation.boundary import boundary_field, radiator_of
 from polywigner.propagation.collins import field_behind
 from polywigner.propagation.far_fields import check_slopes, far_field
 from polywigner.propagation.field_slopes import has_derivatives, traced_field
-from polywigner.propagation.panels import radiator_of
 from polywigner.propagation.places import (
     METHODS,
     Method,
@@ -94,15 +94,13 @@ def _fresnel(wave: Wavefront, points: Floats, wavelength: float) -> tuple[Comple
     return values, _ROUNDING * scale * radiator_of(wave.source).content
 
 
-class _Part:
-    """A copy of an element: its triangles where it is, its waves, and its wave's centre."""
+class _Part(NamedTuple):
+    """A copy of an element: its triangles where it is, its place, and its waves."""
 
-    def __init__(self, element: Any, shift: Floats, weight: complex) -> None:
-        self.shift = shift
-        self.amplitudes = weight * element.amplitudes
-        self.frequencies = element.frequencies
-        corners, numbers = triangulate(element.outline)
-        self.triangles = corners[numbers] + shift
+    triangles: Floats
+    shift: Floats
+    amplitudes: Complex
+    frequencies: Floats
 
 
 def summed_over_cells(
@@ -133,8 +131,10 @@ def summed_over_cells(
 
 def _parts(wave: Wavefront) -> Iterator[_Part]:
     for element in radiator_of(wave.source).elements:
+        corners, numbers = triangulate(element.outline)
         for shift, weight in zip(element.shifts, element.weights.tolist(), strict=True):
-            yield _Part(element, shift, weight)
+            amplitudes = weight * element.amplitudes
+            yield _Part(corners[numbers] + shift, shift, amplitudes, element.frequencies)
 
 
 def _cells(
@@ -149,7 +149,7 @@ def _cells(
         ready, done = owners[small], cells[small]
         for start in range(0, len(ready), _READY):
             yield ready[start : start + _READY], done[start : start + _READY]
-        owners, cells = np.repeat(owners[~small], 4), _quartered(cells[~small])
+        owners, cells = np.repeat(owners[~small], 4), quartered(cells[~small])
         if len(owners) > _MOST_PAIRS:
             raise ArgumentError(
                 "expected points farther from a source with a curved wave, or a smaller source: "
@@ -176,13 +176,6 @@ def _are_small(
         highest = np.maximum(highest, own)
     rate = highest + np.minimum(size / near, 1.0) / wavelength
     return np.asarray((rate * size <= _TURNS) & (size <= 2 * near))
-
-
-def _quartered(cells: Floats) -> Floats:
-    a, b, c = cells[:, 0], cells[:, 1], cells[:, 2]
-    ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
-    quarters = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
-    return np.stack([np.stack(q, axis=1) for q in quarters], axis=1).reshape(-1, 3, 2)
 
 
 def lit_nodes(
@@ -239,8 +232,6 @@ def _rule() -> tuple[Floats, Floats]:
 
 Obstacle = Polyhedron | PlacedAperture
 
-# Points at a time: temporary arrays stay in the cache of one core.
-_BLOCK = 1 << 12
 _OPS = execution.NumpyOperations(double=True)
 
 # Error of the Fourier transform, relative to the content.
@@ -265,21 +256,18 @@ def amplitude(
 ) -> Any:
     """Field U(x, y, z) of a source of the plane z = 0, with its phase, where a wave is exp(+ikR)/R.
 
-    The Rayleigh-Sommerfeld and Kirchhoff integrals over the aperture are reduced to integrals
-    along its edges (docs/theory.md, (B1) to (B5)), without approximation, for every wave of an
-    illumination, evanescent ones included. They are as good at z = 1e-6 wavelengths as far away,
-    and smooth across the boundary of the geometric shadow. So is Fresnel's (B6). These are summed
-    by Gauss's rules with as many nodes as each edge and point need, and an estimate of what is
-    missing decides whether a point is done again with more. Fraunhofer's (B7) is a closed form.
+    The Rayleigh-Sommerfeld and Kirchhoff integrals are reduced to integrals along the edges
+    (docs/theory.md, (B1) to (B5)), without approximation, evanescent waves included. They are as
+    good at z = 1e-6 wavelengths as far away, and smooth across the boundary of the geometric
+    shadow. So is Fresnel's (B6). Fraunhofer's (B7) is a closed form.
 
     Parameters
     ----------
     source : an Aperture, or an Array of apertures in the plane z = 0, with any illuminations; or a
         :func:`differentiable` one; one with a curved wave, whose exact field is a sum over places
-        in the opening rather than along its edges (docs/curved.md, (Q7)); or a :class:`Screen`
-        that something lights from behind; or a :class:`PointSource`, with obstacles.
-    points : (..., 3) in m, z > 0, or (..., 2) with ``through``; or a Dr.Jit array for results as
-        those of :func:`fourier` are.
+        in the opening (docs/curved.md, (Q7)); or a :class:`Screen` that something lights from
+        behind; or a :class:`PointSource`, with obstacles.
+    points : (..., 3) in m, z > 0, or (..., 2) with ``through``; or a Dr.Jit array.
         Derivatives in them, and in the numbers of a differentiable source, are as accurate as the
         field (docs/gradients.md, (G5) to (G7)); "fraunhofer" has none.
     wavelength : in m.
@@ -288,9 +276,8 @@ def amplitude(
         points near the axis), "fraunhofer" (the far field, about the source's centre).
     through : a :class:`FirstOrder` from the source's plane to that of ``points``. There the field
         is Collins' integral (O4), instead of a ``method``, without exp(ikL) of the path L along the
-        axis. An image (B = 0) is u itself. Behind systems of other curvatures along one axis than
-        along the other, NumPy sums it up. No derivatives. Or a sequence, in the order of the light,
-        of these and of stops: Apertures and Arrays, whose field is their transmission (O8).
+        axis. An image (B = 0) is u itself. No derivatives. Or a sequence, in the light's order, of
+        these and of stops: Apertures and Arrays, whose field is their transmission (O8).
     obstacles : bodies in the way, as :class:`Polyhedron`, and plates, as apertures in a pose
         (:meth:`Aperture.placed`), alone or in a sequence. They are opaque and black. Light passes
         one edge of theirs (docs/shadows.md, (SB1)): the field is smooth across the boundaries of
@@ -312,13 +299,13 @@ def amplitude(
     -------
     (...) complex, in the unit of the source's field; with ``return_error`` a pair of that and (...)
     of floats. complex64 for single precision.
-    An ``xarray.DataArray`` gives one, as in :func:`fourier`.
+    An ``xarray.DataArray`` gives one.
 
     Warns
     -----
-    PolywignerWarning if the estimate for some point exceeds the tolerance, as it may for one near
-    rounding; and for "kirchhoff" and "rayleigh-sommerfeld-2" of a :func:`fit_illumination` with
-    evanescent waves, whose slopes the fit does not know.
+    PolywignerWarning if the estimate for some point exceeds the tolerance; and for "kirchhoff" and
+    "rayleigh-sommerfeld-2" of a :func:`fit_illumination` with evanescent waves, whose slopes the
+    fit does not know.
 
     Raises
     ------
@@ -335,20 +322,19 @@ def amplitude(
     if obstacles is not None:
         _check_shadowed(source, method, through, obliquity)
     is_traced = has_derivatives(source, points, wavelength)
+    how: dict[str, Any] = {"precision": precision, "engine": engine}
     if obstacles is not None and not is_traced and not execution.is_drjit(points):
         return _behind_obstacles(
-            source, points, wavelength, method, obstacles, tolerance,
-            return_error=return_error, precision=precision, engine=engine,
-        )  # fmt: skip
+            source, points, wavelength, method, obstacles, tolerance, return_error, how
+        )
     if isinstance(source, PointSource) and obstacles is None:
         raise ArgumentError("expected a PointSource with obstacles, or on a Screen, got it alone")
     if through is not None:
         others: dict[str, object] = {"obliquity": obliquity}
         others["method"] = None if method in (DEFAULT, "fresnel") else method
         return field_behind(
-            source, points, wavelength, through, tolerance, others,
-            return_error=return_error, precision=precision, engine=engine,
-        )  # fmt: skip
+            source, points, wavelength, through, tolerance, others, return_error=return_error, **how
+        )
     if is_traced:
         if return_error or obliquity is not None:
             raise ArgumentError(
@@ -356,15 +342,7 @@ def amplitude(
                 "drjit.detach(...) of what needs none"
             )
         return traced_field(
-            amplitude,
-            source,
-            points,
-            wavelength,
-            method,
-            tolerance,
-            precision=precision,
-            engine=engine,
-            obstacles=obstacles,
+            amplitude, source, points, wavelength, method, tolerance, obstacles=obstacles, **how
         ).amplitude()
     assert not isinstance(source, Differentiable)
     if execution.is_drjit(points):
@@ -378,9 +356,7 @@ def amplitude(
             return_error=return_error,
             obstacles=obstacles,
         )
-        return execution.evaluate_hosted(
-            compute, "points", points, 3, precision=precision, engine=engine
-        )
+        return execution.evaluate_hosted(compute, "points", points, 3, **how)
     assert not isinstance(source, PointSource)
     if isinstance(method, str) and method == "wigner":
         raise ArgumentError(
@@ -400,13 +376,12 @@ def amplitude(
         kind = checked_method(DEFAULT if obliquity is None else obliquity, CONDITIONS)
         check_slopes(source, kind)
         warn_of_slopes(flat_of(source), length, kind)
-        x, y = radiator.centre.tolist()
-        directions, distance, turns = _seen_from_centre((x, y), length, flat)
+        directions, distance, turns = _seen_from(radiator.centre, length, flat)
         flat_field = moved_source(flat_of(source), -radiator.centre)
         centred = (
             source.on(flat_field, -radiator.centre) if isinstance(source, Wavefront) else flat_field
         )
-        pattern = far_field(centred, directions, length, kind, precision=precision, engine=engine)
+        pattern = far_field(centred, directions, length, kind, **how)
         values = pattern * np.exp(2j * math.pi * turns) / (distance * length)  # (B7)
         errors = _FOURIER_ERROR[double] * radiator.content / length**2 / distance
     elif obliquity is not None:
@@ -423,9 +398,8 @@ def amplitude(
         found = boundary_field(radiator, flat, length, name, allowed, double, engine)
         values, errors = found[:2]
         warn_of_missed(*found[1:], "points")
-    shape = places.shape[:-1]
-    result = values.reshape(shape).astype(np.complex128 if double else np.complex64)[()]
-    return (result, errors.reshape(shape)[()]) if return_error else result
+    values = values.astype(np.complex128 if double else np.complex64)
+    return shaped(values, errors, places, return_error)
 
 
 def _check_shadowed(source: Any, method: Any, through: Any, obliquity: Any) -> None:
@@ -449,41 +423,37 @@ def _behind_obstacles(
     method: str,
     obstacles: Any,
     tolerance: float | None,
-    *,
     return_error: bool,
-    precision: Precision,
-    engine: Engine,
+    how: dict[str, Any],
 ) -> Any:
-    """The free field and the change that obstacles make, (SB1)."""
+    """The free field and the change that obstacles make, (SB1); ``how``: precision and engine."""
     allowed = shadows.checked_shadow_tolerance(tolerance)
-    how: dict[str, Any] = {"return_error": True, "precision": precision, "engine": engine}
     places, length = checked_points(points), checked_wavelength(wavelength)
     flat = places.reshape(-1, 3)
     if isinstance(source, PointSource):
         free = source.amplitude * incident_of_point(source.position, flat, length)
         off = np.zeros(len(flat))
     else:
-        free, off = amplitude(source, flat, wavelength, method, **how)
+        free, off = amplitude(source, flat, wavelength, method, return_error=True, **how)
     bodies = obstacles_of(obstacles, length)
     change, inside, missed = shadows.shadow_of(
-        source, bodies, flat, length, method, allowed, engine, return_error
+        source, bodies, flat, length, method, allowed, how["engine"], return_error
     )
-    values = np.where(inside, 0.0, free + change).reshape(places.shape[:-1])
-    values = values.astype(np.complex64 if precision == "single" else np.complex128)[()]
-    errors = np.where(inside, 0.0, off + missed).reshape(places.shape[:-1])[()]
-    return (values, errors) if return_error else values
+    values, errors = np.where(inside, 0.0, free + change), np.where(inside, 0.0, off + missed)
+    values = values.astype(np.complex64 if how["precision"] == "single" else np.complex128)
+    return shaped(values, errors, places, return_error)
 
 
-def _seen_from_centre(
-    centre: tuple[float, float], wavelength: float, points: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], ...]:
+def shaped(values: Any, errors: Any, places: Any, return_error: bool) -> Any:
+    """Values, and with ``return_error`` errors, (n,) of all places (..., d) in their shape."""
+    found = tuple(a.reshape(places.shape[:-1])[()] for a in (values, errors))
+    return found if return_error else found[0]
+
+
+def _seen_from(centre: Floats, wavelength: float, points: Floats) -> tuple[Floats, ...]:
     """Directions (n, 3) of points, their distances in wavelengths, and the turns of these."""
-    found = np.empty((len(points), 5))
-    for start in range(0, len(points), _BLOCK):
-        mine = slice(start, start + _BLOCK)
-        place = point_in_wavelengths(_OPS, centre, wavelength, *points[mine].T)
-        distance = distance_of(_OPS, place)
-        for column, (high, _) in enumerate(place):
-            found[mine, column] = high / distance[0]
-        found[mine, 3], found[mine, 4] = distance[0], reduced(_OPS, distance)
-    return found[:, :3], found[:, 3], found[:, 4]
+    x, y = centre.tolist()
+    place = point_in_wavelengths(_OPS, (x, y), wavelength, *points.T)
+    distance = distance_of(_OPS, place)
+    directions = np.stack([high / distance[0] for high, _ in place], axis=1)
+    return directions, distance[0], reduced(_OPS, distance)

@@ -19,10 +19,7 @@ Triangles = NDArray[np.float64]
 
 
 def kinks(source: Aperture | Array) -> NDArray[np.float64]:
-    """The segments (T5), each once: (m, 2, 2), ends in the plane of the source.
-
-    Of copies of one element they are the element's own around all midpoints of two copies.
-    """
+    """The segments (T5), each once: (m, 2, 2), ends in the plane of the source."""
     phased = source.phased if isinstance(source, Array) else None
     if phased is None or phased.repeated is None:
         return _distinct(_own_kinks(source), _grid(source))
@@ -89,10 +86,7 @@ _LOOKED_AT = 256
 
 @lru_cache(maxsize=64)
 def has_few_kinks(source: Aperture | Array) -> bool:
-    """Whether the arrangement can be had: up to 65,536 segments that meet some million times.
-
-    A regular polygon of 256 vertices is the last one; 40 squares at random have 48,000 cells.
-    """
+    """Whether the arrangement can be had: up to 65,536 segments that meet some million times."""
     if kink_count(source) > _MOST_KINKS:
         return False
     segments = kinks(source)
@@ -115,6 +109,14 @@ def smooth_triangles(source: Aperture | Array) -> Triangles:
     shapely.prepare(support)
     inside = shapely.contains_properly(support, shapely.point_on_surface(cells))
     return triangulated(cells[inside])
+
+
+def quartered(triangles: Triangles) -> Triangles:
+    """Each triangle as four halves of its size, one after another."""
+    a, b, c = triangles.transpose(1, 0, 2)
+    ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
+    quarters = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+    return np.stack([np.stack(q, axis=1) for q in quarters], axis=1).reshape(-1, 3, 2)
 
 
 def triangulated(polygons: Sequence[shapely.Polygon] | NDArray[np.object_]) -> Triangles:

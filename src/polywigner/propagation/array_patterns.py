@@ -22,7 +22,7 @@ from polywigner.illumination import Array
 from polywigner.illumination.obliquities import ObliquityName, checked_obliquity, warn_of_slopes
 from polywigner.propagation.far_fields import far_field, powers_of
 from polywigner.propagation.patterns import radiation_pattern
-from polywigner.propagation.places import checked_phi, checked_theta, unit_vectors
+from polywigner.propagation.places import angle_axes, checked_phi, checked_theta, unit_vectors
 from polywigner.propagation.stores_checks import source_attrs, source_coords
 from polywigner.radiometry.directions import PlaneSource, checked_source
 from polywigner.transforms.xarray_arguments import labelled_array, labelled_arrays
@@ -60,13 +60,11 @@ def array_tolerance(
 
     Each sample has weights w_k f_k with independent factors
     f_k = d_k 10^(a_k/20) exp(i p_k - i k s.x_k), a_k, p_k and x_k of normal distributions, d_k = 0
-    for dead elements and else 1. With m = <f_k> and v = <|f_k|^2> - |m|^2, equal for all
-    directions, the mean of all samples that there could be is (docs/patterns.md, (RP4)):
+    for dead elements and else 1. With m = <f_k> and v = <|f_k|^2> - |m|^2 the mean is (RP4)
 
         <|E|^2> = |m|^2 |E_0|^2 + v sum_k |w_k E_k|^2
 
-    J. Ruze, Nuovo Cimento 9, Suppl. (1952) 364-380; for the arrays of polywigner E_k is the far
-    field of element k in closed form.
+    J. Ruze, Nuovo Cimento 9, Suppl. (1952) 364-380; E_k is the far field of element k.
 
     Parameters
     ----------
@@ -142,33 +140,24 @@ def array_tolerance(
         "low": "level of 5 % of the samples",
         "high": "level of 95 % of the samples",
     }
-    return labelled_arrays(
-        {
-            key: labelled_array(
-                decibels[key], ("theta", "phi"), {"units": "dBi", "long_name": meaning}
-            )
-            for key, meaning in meanings.items()
-        },
-        {
-            "theta": labelled_array(
-                polar, ("theta",), {"units": "rad", "long_name": "angle from z"}
-            ),
-            "phi": labelled_array(azimuth, ("phi",), {"units": "rad", "long_name": "angle from x"}),
-        }
-        | source_coords(source),
-        about | source_attrs(source),
-    )
+    axes = angle_axes(polar, azimuth)
+    variables = {
+        key: labelled_array(decibels[key], tuple(axes), {"units": "dBi", "long_name": meaning})
+        for key, meaning in meanings.items()
+    }
+    return labelled_arrays(variables, axes | source_coords(source), about | source_attrs(source))
 
 
 def _checked_errors(amplitude: Any, phase: Any, dead: Any, position: Any) -> dict[str, float]:
     """The errors by name; ArgumentError for negative ones, dead arrays, and none at all."""
     meaning = "an rms error of zero or more"
     errors = {
-        "amplitude": checked_length(amplitude, "amplitude", zero=True, meaning=f"{meaning}, in dB"),
-        "phase": checked_length(phase, "phase", zero=True, meaning=f"{meaning}, in rad"),
-        "dead": checked_number(dead, "dead", "a share from 0 to below 1"),
-        "position": checked_length(position, "position", zero=True, meaning=f"{meaning}, in m"),
-    }
+        name: checked_length(value, name, zero=True, meaning=f"{meaning}, in {unit}")
+        for name, value, unit in (
+            ("amplitude", amplitude, "dB"), ("phase", phase, "rad"), ("position", position, "m")
+        )
+    }  # fmt: skip
+    errors["dead"] = checked_number(dead, "dead", "a share from 0 to below 1")
     if not 0 <= errors["dead"] < 1:
         raise ArgumentError(f"expected dead as a share from 0 to below 1, got {dead!r}")
     if errors["amplitude"] > 40 or errors["phase"] > 2 * math.pi:
@@ -267,10 +256,7 @@ def two_way_pattern(
     """Return the pattern of a radar that transmits with one source and receives with another.
 
     Its field is the product E_t E_r, its level the sum of both directivities in dBi: a target of
-    cross section c at the distance r returns G_t G_r c lambda^2/((4 pi)^3 r^4) of the power. Of
-    arrays with equal elements the pattern is that of
-    :func:`~polywigner.illumination.arrays.virtual_array` times the product of both elements'
-    fields.
+    cross section c at the distance r returns G_t G_r c lambda^2/((4 pi)^3 r^4) of the power.
 
     Parameters
     ----------
@@ -299,20 +285,21 @@ def two_way_pattern(
         radiation_pattern(one, wavelength, theta, phi, obliquity=obliquity)
         for one in (transmitter, receiver)
     )
-    levels = {"transmit": there["directivity"], "receive": back["directivity"]}
     about = {name: there.attrs[name] for name in ("wavelength", "frequency", "obliquity")}
     axes = {name: there[name] for name in ("theta", "phi")}
-    meanings = {"two_way": ("dB", "two-way directivity"), "field": ("W sr-1", "product of fields")}
-    values = {
-        "two_way": sum(level.values for level in levels.values()),
-        "field": there["field"].values * back["field"].values,
+    level = there["directivity"].values + back["directivity"].values
+    field = there["field"].values * back["field"].values
+    variables = {
+        "transmit": there["directivity"].variable,
+        "receive": back["directivity"].variable,
+        "two_way": labelled_array(
+            level, tuple(axes), {"units": "dB", "long_name": "two-way directivity"}
+        ),
+        "field": labelled_array(
+            field, tuple(axes), {"units": "W sr-1", "long_name": "product of fields"}
+        ),
     }
-    products = {
-        name: labelled_array(values[name], tuple(axes), {"units": unit, "long_name": meaning})
-        for name, (unit, meaning) in meanings.items()
-    }
-    directivities = {name: level.variable for name, level in levels.items()}
-    return labelled_arrays(directivities | products, axes, about)
+    return labelled_arrays(variables, axes, about)
 
 
 def _decibels(values: Reals) -> Reals:

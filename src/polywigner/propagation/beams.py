@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.errors import ArgumentError, PolywignerWarning
-from polywigner.geometry.arguments import checked_number
+from polywigner.errors import ArgumentError
+from polywigner.geometry.arguments import checked_number, warn_caller
 from polywigner.propagation.patterns import (
     angle_between,
     checked_pattern,
@@ -61,8 +60,7 @@ class CutMetrics:
     half_power_beamwidth: float
     """In rad, between the directions of half the cut's peak; NaN where the cut ends before."""
     sidelobe_levels: tuple[float, float]
-    """The first maximum beyond half power towards smaller and larger theta, in dB relative to the
-    cut's peak; NaN where the cut ends before."""
+    """First maxima beyond half power towards smaller and larger theta, in dB of the cut's peak."""
     sidelobe_angles: tuple[float, float]
     """Their theta, in rad."""
 
@@ -88,12 +86,9 @@ class BeamMetrics:
     radiated_power: float
     """In W, through the hemisphere in front."""
     eirp: float | None
-    """Equivalent isotropically radiated power in W: radiated power times directivity; None without
-    a power."""
+    """Radiated power times directivity in W; None without a power."""
     front_share: float
-    """Radiated power over int |u|^2: the part that propagates, as the obliquity counts it.
-
-    NaN for a pattern of a file, or of elements with one."""
+    """Radiated power over int |u|^2; NaN for a pattern of a file, or of elements with one."""
     cuts: tuple[CutMetrics, ...]
     """One for each meridian of the pattern."""
     axial_ratio: float | None = None
@@ -102,13 +97,9 @@ class BeamMetrics:
     """Co- over cross-polar part of the beam in dB; None for a scalar pattern."""
 
     def __str__(self) -> str:
-        rows = [
-            ("directivity", f"{self.directivity:.2f} dBi"),
-            ("gain", f"{self.gain:.2f} dBi"),
-        ]
-        of_field = ", of the field as it is"
+        rows = [("directivity", f"{self.directivity:.2f} dBi"), ("gain", f"{self.gain:.2f} dBi")]
+        of_field = ", of the field as it is" if self.eirp is None else ""
         if self.eirp is not None:
-            of_field = ""
             rows.append(("EIRP", f"{decibels_milliwatt(self.eirp):.2f} dBm ({self.eirp:.4g} W)"))
         rows += [
             ("radiated power", f"{self.radiated_power:.4g} W{of_field}"),
@@ -144,16 +135,16 @@ class BeamMetrics:
     def principal_cuts(self) -> tuple[CutMetrics, ...]:
         """The cuts next to the x axis, to the y axis and to the beam, each once."""
         wanted = (0.0, math.pi / 2, *((self.phi,) if abs(self.theta) > _SAME_ANGLE else ()))
-        near = [min(self.cuts, key=lambda cut: angle_between(cut.phi, angle)) for angle in wanted]
-        return tuple(dict.fromkeys(near))
+        return tuple(dict.fromkeys(_nearest_cut(self, angle) for angle in wanted))
+
+
+def _nearest_cut(metrics: BeamMetrics, phi: float) -> CutMetrics:
+    return min(metrics.cuts, key=lambda cut: angle_between(cut.phi, phi))
 
 
 def is_off_planes(metrics: BeamMetrics) -> bool:
     """Whether a cut goes through the beam, and neither of those next to the x and y axes does."""
-    principal = [
-        min(metrics.cuts, key=lambda cut: angle_between(cut.phi, angle)).directivity
-        for angle in (0.0, math.pi / 2)
-    ]
+    principal = [_nearest_cut(metrics, angle).directivity for angle in (0.0, math.pi / 2)]
     best = max(cut.directivity for cut in metrics.cuts)
     return max(principal) < metrics.directivity - _MISSED <= best
 
@@ -168,12 +159,10 @@ def beam_metrics(
 ) -> BeamMetrics:
     """Directivity, gain, EIRP, beam direction, half-power beamwidths and first sidelobes.
 
-    Directivity, gain, EIRP and direction are those of the beam, wherever it points: the pattern's
-    attributes know it, and of polarised sources its axial ratio. Beamwidths and sidelobes are those
-    of cuts along meridians: columns of the pattern where theta has both signs, else those of phi
-    and phi + pi joined. Between samples the peak of a cut is that of a parabola in dB, and half of
-    it is where an inverse parabola crosses: beamwidths are right to 3e-3 of themselves for ten
-    samples in them. Cuts end at the horizon, for nothing goes backwards.
+    Directivity, gain, EIRP and direction are those of the beam, wherever it points. Beamwidths and
+    sidelobes are those of cuts along meridians: columns of the pattern where theta has both signs,
+    else those of phi and phi + pi joined, up to the horizon. Between samples of a cut they follow
+    parabolas: beamwidths are right to 3e-3 of themselves for ten samples in them.
 
     Parameters
     ----------
@@ -213,9 +202,21 @@ def beam_metrics(
         for angle, places, values in cuts_of(theta, phi, levels)
     )
     best = max(cuts, key=lambda cut: cut.directivity)
-    _warn_of_few_samples(theta, best)
-    _warn_of_missed_beam(about, best)
     directivity = about["peak_directivity"]
+    step = float(np.diff(np.unique(theta)).max(initial=0.0))
+    if best.half_power_beamwidth < _LEAST_SAMPLES * step:
+        warn_caller(
+            f"steps of {_degrees(step)} are coarse for a half-power width of "
+            f"{_degrees(best.half_power_beamwidth)}: the numbers may be off by percents; give "
+            "radiation_pattern more angles theta"
+        )
+    if directivity > best.directivity + _MISSED:
+        warn_caller(
+            f"the cuts of the pattern miss the beam of {directivity:.2f} dBi at theta "
+            f"{_degrees(about['peak_theta'])}, phi {_degrees(about['peak_phi'])}: the largest on "
+            f"them is {best.directivity:.2f} dBi; give radiation_pattern more angles, that phi "
+            "among them"
+        )
     return BeamMetrics(
         theta=about["peak_theta"],
         phi=about["peak_phi"],
@@ -228,31 +229,6 @@ def beam_metrics(
         axial_ratio=pattern.attrs.get("peak_axial_ratio"),
         cross_polar_discrimination=pattern.attrs.get("peak_cross_polar_discrimination"),
     )
-
-
-def _warn_of_few_samples(theta: Levels, beam: CutMetrics) -> None:
-    width = beam.half_power_beamwidth
-    step = float(np.diff(np.unique(theta)).max(initial=0.0))
-    if width < _LEAST_SAMPLES * step:
-        warnings.warn(
-            f"steps of {_degrees(step)} are coarse for a half-power width of {_degrees(width)}: "
-            "the numbers may be off by percents; give radiation_pattern more angles theta",
-            PolywignerWarning,
-            stacklevel=3,
-        )
-
-
-def _warn_of_missed_beam(about: dict[str, float], best: CutMetrics) -> None:
-    beam, phi = about["peak_directivity"], about["peak_phi"]
-    if beam > best.directivity + _MISSED:
-        warnings.warn(
-            f"the cuts of the pattern miss the beam of {beam:.2f} dBi at theta "
-            f"{_degrees(about['peak_theta'])}, phi {_degrees(phi)}: the largest on them is "
-            f"{best.directivity:.2f} dBi; give radiation_pattern more angles, phi = "
-            f"{_degrees(phi)} among them",
-            PolywignerWarning,
-            stacklevel=3,
-        )
 
 
 def _metrics(phi: float, theta: Levels, levels: Levels, beam: float) -> CutMetrics:
@@ -276,8 +252,7 @@ def _side(
     theta: Levels, levels: Levels, peak: int, step: int, level: float
 ) -> tuple[float, float, float]:
     """(theta of half power, level and theta of the first sidelobe) on one side of a peak."""
-    along = levels[peak::step] if step > 0 else levels[peak::-1]
-    places = theta[peak::step] if step > 0 else theta[peak::-1]
+    along, places = levels[peak::step], theta[peak::step]
     below = np.flatnonzero(along < level - _HALF)
     if not below.size:
         return math.nan, math.nan, math.nan
@@ -296,19 +271,16 @@ def _side(
 
 def _vertex(places: Levels, levels: Levels, peak: int) -> tuple[float, float]:
     """The top of the parabola through a largest sample and its neighbours."""
-    if not 0 < peak < len(levels) - 1:
-        return float(places[peak]), float(levels[peak])
-    x, y = places[peak - 1 : peak + 2] - places[peak], levels[peak - 1 : peak + 2] - levels[peak]
-    if y.min() < -_STEEP or not (x[0] and x[2]):
-        return float(places[peak]), float(levels[peak])
+    place, level = float(places[peak]), float(levels[peak])
+    x, y = places[max(0, peak - 1) : peak + 2] - place, levels[max(0, peak - 1) : peak + 2] - level
+    if len(x) < 3 or y.min() < -_STEEP or not (x[0] and x[2]):
+        return place, level
     left, right = y[0] / x[0], y[2] / x[2]
     curvature = (right - left) / (x[2] - x[0])
     if not curvature < 0:
-        return float(places[peak]), float(levels[peak])
+        return place, level
     slope = left - curvature * x[0]
-    return float(places[peak] - slope / (2 * curvature)), float(
-        levels[peak] - slope**2 / (4 * curvature)
-    )
+    return float(place - slope / (2 * curvature)), float(level - slope**2 / (4 * curvature))
 
 
 def _crossing(levels: Levels, places: Levels, k: int, wanted: float) -> float:

@@ -31,6 +31,7 @@ from polywigner.propagation.grids import (
 from polywigner.propagation.stores import write_dataset
 from polywigner.propagation.stores_checks import (
     Layout,
+    check_memory,
     chunks_within,
     source_attrs,
     source_settings,
@@ -43,8 +44,6 @@ if TYPE_CHECKING:
 
 # Samples of a stored chunk: 4 MB of float32, a file that disks and clusters like.
 _CHUNK = 1 << 20
-# Most values that are computed at once: 16 GiB of float32.
-_MOST_IN_MEMORY = 1 << 32
 Chunks: TypeAlias = int | str | Sequence[int | str | Sequence[int] | None] | Mapping[int, Any]
 """Sizes of chunks as dask takes them."""
 
@@ -64,20 +63,13 @@ def line(
 
     Parameters
     ----------
-    source : Aperture or Array of apertures in the plane z = 0, with any fields; or one with a
-        curved wave.
+    source, wavelength, options : as of :func:`plane`, as are errors.
     ends : two points (2, 3) in m, z > 0.
     samples : how many points.
-    wavelength : in m.
-    options : as of :func:`plane`.
 
     Returns
     -------
     As of :func:`plane`, with the dimension ``distance``, and x, y and z along it.
-
-    Raises
-    ------
-    As :func:`plane`.
 
     >>> import polywigner as pw
     >>> square, ends = pw.shapes.square(10e-3), [(0, 0, 0.05), (0, 0, 0.2)]
@@ -155,22 +147,15 @@ def hemisphere(
 
     Parameters
     ----------
-    source : Aperture or Array of apertures in the plane z = 0, with any fields; or one with a
-        curved wave.
+    source, wavelength, options : as of :func:`plane`, as are errors.
     radius : distance from ``centre`` in m.
     theta : (n,) angles from the z axis in rad; negative ones, for cuts, lie at the opposite phi.
     phi : (m,) angles from the x axis in rad; or one.
-    wavelength : in m.
-    centre : (3,) in m.
-    options : as of :func:`plane`.
+    centre : (3,) in m; all points have z > 0, |theta| < pi/2 about the origin.
 
     Returns
     -------
     As of :func:`plane`, with the dimensions ``theta`` and ``phi``, and x, y and z over them.
-
-    Raises
-    ------
-    As :func:`plane`; points must have z > 0, that is |theta| < pi/2 about the origin.
 
     >>> import polywigner as pw
     >>> square, theta = pw.shapes.square(10e-3), [0.0, 0.5]
@@ -204,16 +189,13 @@ def volume(
 
     Parameters
     ----------
-    source : Aperture or Array of apertures in the plane z = 0, with any fields; or one with a
-        curved wave.
+    source, wavelength, options : as of :func:`plane`, but ``dtype`` is "float32" by default.
     box : ((x0, y0, z0), (x1, y1, z1)) in m, z > 0.
     shape : how many points along x, y and z, faces included.
-    wavelength : in m.
     chunks : None; or as dask takes them, a number, one for each axis, or "auto".
     out : folder of a zarr store, as of :func:`wigner_table`; one ``method``, and ``chunks`` None, a
         number, or one for each axis.
     scheduler, threads : with ``out``, as of :func:`wigner_table`.
-    options : as of :func:`plane`, except that ``dtype`` is "float32" by default.
 
     Returns
     -------
@@ -236,12 +218,8 @@ def volume(
             raise ArgumentError(
                 "expected out with scheduler or threads, got none; say where to write"
             )
-        samples = math.prod(shape_of_grid(grid))
-        if chunks is None and samples > _MOST_IN_MEMORY:
-            raise ArgumentError(
-                f"expected at most {_MOST_IN_MEMORY} points in memory, got {samples:.3g}; use "
-                "chunks, or write them to disk with out"
-            )
+        if chunks is None:
+            check_memory(shape_of_grid(grid))
         return dataset(source, grid, settings, options.get("progress"), chunks)
     if len(settings.methods) != 1:
         raise ArgumentError(f"expected one method for a store, got {settings.methods}")

@@ -1,4 +1,4 @@
-"""Fields behind first-order systems and stops: Collins' integral. Source: (O4) to (O8)."""
+"""Fields behind first-order systems and stops, and in images of points. Source: (O4) to (O8)."""
 
 from __future__ import annotations
 
@@ -16,16 +16,21 @@ from polywigner import execution
 from polywigner.errors import ArgumentError
 from polywigner.execution.progress import told
 from polywigner.geometry import Aperture, Wavefront, triangulate
-from polywigner.geometry.arguments import checked_wavelength, real_numbers
+from polywigner.geometry.arguments import (
+    checked_wavelength,
+)
 from polywigner.illumination import Array
 from polywigner.illumination.array import tilted_source
 from polywigner.numerics.chirps import chirp_integral, waves_of_turns
 from polywigner.optics import FirstOrder
 from polywigner.propagation.arrangement import gauss_rule, node_count
-from polywigner.propagation.boundary import boundary_field
+from polywigner.propagation.boundary import Radiator, boundary_field, radiator_of
 from polywigner.propagation.field_slopes import has_derivatives
-from polywigner.propagation.panels import Radiator, radiator_of
-from polywigner.propagation.places import checked_amplitude_tolerance, warn_of_missed
+from polywigner.propagation.places import (
+    checked_amplitude_tolerance,
+    checked_coordinates,
+    warn_of_missed,
+)
 from polywigner.transforms import autocorrelation, fourier
 from polywigner.transforms.wavefronts import checked_wavefront, chirp_transform
 
@@ -332,7 +337,8 @@ def field_behind(
         return execution.evaluate_hosted(
             compute, "points", points, 2, precision=precision, engine=engine
         )
-    places = _checked_plane(points)
+    expected = "expected points as real numbers of shape (..., 2) with through=; z is the system's"
+    places = checked_coordinates(points, expected, 2)
     length = checked_wavelength(wavelength)
     double = execution.checked_precision(precision) != "single"
     execution.checked_engine(engine)
@@ -351,9 +357,8 @@ def field_behind(
         field, error = squared_field(field, error)
     elif not double:
         field = field.astype(np.complex64)
-    shape = places.shape[:-1]
-    values = field.reshape(shape)[()]
-    return (values, error.reshape(shape)[()]) if return_error else values
+    found = tuple(a.reshape(places.shape[:-1])[()] for a in (field, error))
+    return found if return_error else found[0]
 
 
 def _parts_of(through: Any) -> tuple[list[FirstOrder], list[Any]]:
@@ -376,10 +381,7 @@ def _parts_of(through: Any) -> tuple[list[FirstOrder], list[Any]]:
 def _folded(
     source: Any, systems: list[FirstOrder], stops: list[Any]
 ) -> tuple[Any, list[FirstOrder], list[Any]]:
-    """Cut outlines where a stop lies in an image of the source, or of the stop before.
-
-    Raises ArgumentError for images along one axis, and for stops in an image whose field is not 1.
-    """
+    """Cut outlines where a stop lies in an image of the source, or of the stop before."""
     planes, ways = [source], systems[:1]
     for stop, system in zip(stops, systems[1:], strict=True):
         image = _without_spread(ways[-1])
@@ -540,18 +542,3 @@ def squared_field(field: Any, error: Any) -> tuple[Any, Any]:
     """|U|^2, and its error."""
     modulus = np.abs(field).astype(np.float64)
     return np.square(modulus), (2 * modulus + error) * error
-
-
-def _checked_plane(points: Any) -> NDArray[np.float64]:
-    """Points (..., 2) of the plane behind a system."""
-    expected = "expected points as real numbers of shape (..., 2) with through="
-    try:
-        array = real_numbers(points)
-    except ValueError as error:
-        raise ArgumentError(f"{expected}, in metres, got {error}") from None
-    if array.ndim == 0 or array.shape[-1] != 2:
-        hint = "; z is the system's" if array.ndim and array.shape[-1] == 3 else ""
-        raise ArgumentError(f"{expected}, x and y in the plane behind it, got {array.shape}{hint}")
-    if not np.isfinite(array).all():
-        raise ArgumentError("expected finite points, got inf or nan; leave such points out")
-    return array

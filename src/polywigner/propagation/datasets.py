@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import json
-import math
 import pickle
 import re
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
-from itertools import product
 from typing import Any, Literal, TypedDict, get_args
 
 import numpy as np
@@ -33,14 +31,11 @@ from polywigner.illumination.source_files import table_of
 from polywigner.propagation.amplitudes import Obstacle, amplitude
 from polywigner.propagation.grids import Grid, shape_of_grid
 from polywigner.propagation.irradiances import checked_order, checked_tolerance, irradiance
-from polywigner.propagation.places import (
-    METHODS,
-    checked_amplitude_tolerance,
-    checked_method,
-)
+from polywigner.propagation.places import METHODS, checked_amplitude_tolerance, checked_method
 from polywigner.propagation.shadows import checked_shadow_tolerance
 from polywigner.propagation.stores_checks import (
     Index,
+    Layout,
     chunks_within,
     digest_of,
     required,
@@ -59,29 +54,20 @@ _LONGEST_NAMES = 150
 
 
 class FieldOptions(TypedDict, total=False):
-    """Options of :func:`plane` and its like beside source, place and wavelength."""
+    """Options of :func:`plane` and its like, which says more of them."""
 
     method: str | Sequence[str]
-    """"wigner" (default), or one of the methods of :func:`amplitude`, or several of them."""
     quantity: Quantity
-    """"irradiance" (default); "amplitude" or "phase", which "wigner" does not have."""
     obliquity: str | None
-    """Boundary condition of "wigner" and "fraunhofer": see :func:`irradiance`."""
     order: int
-    """Order in the lag of "wigner": 1 or 3."""
     bandwidth: float | None
     """Bandwidth of the light in Hz; None: one wavelength. See :func:`irradiance`."""
     obstacles: Obstacle | Sequence[Obstacle] | None
-    """Bodies and plates in the way, whose shadows diffract: see :func:`amplitude`."""
     tolerance: float | None
-    """Relative error; None: the default of :func:`irradiance` and :func:`amplitude`."""
     dtype: str
-    """"float64" or "float32" to store values as; for amplitudes complex numbers of these."""
     precision: Precision
-    """To compute with: see :func:`fourier`."""
     engine: Engine
     progress: bool | None
-    """Whether to draw a bar; None: on a terminal."""
 
 
 @dataclass(frozen=True)
@@ -141,10 +127,7 @@ def _settings_of(obstacles: Sequence[Obstacle]) -> dict[str, str]:
 def checked_settings(
     wavelength: Any, options: FieldOptions, dtype: str = "float64"
 ) -> FieldSettings:
-    """Check options, and fill in defaults.
-
-    Raises ArgumentError for names and numbers that there are not.
-    """
+    """Check options, and fill in defaults."""
     known = FieldOptions.__annotations__
     unknown = [name for name in options if name not in known]
     if unknown:
@@ -209,8 +192,7 @@ def _checked_obstacles(
 
 
 def _checked_methods(method: Any, quantity: str) -> tuple[str, ...]:
-    one = isinstance(method, str) or not isinstance(method, Sequence)
-    methods = (method,) if one else tuple(method)
+    methods = tuple(method) if isinstance(method, list | tuple) else (method,)
     if not methods or len(set(map(str, methods))) < len(methods):
         raise ArgumentError(f"expected one method, or several different ones, got {method!r}")
     for name in methods:
@@ -313,14 +295,10 @@ def dataset(
             _filled(block, progress) if chunks is None else _lazy(block, chunks) for block in blocks
         ]
     dims = tuple(grid.coords)
-    named = grid.coords | source_coords(radiator)
-    coords = {name: (axis.dims, axis.values, axis.attrs) for name, axis in named.items()}
+    found = zip(blocks, arrays, strict=True)
     return xarray.Dataset(
-        {
-            block.method: (dims, array, block.attrs)
-            for block, array in zip(blocks, arrays, strict=True)
-        },
-        coords=coords | _places(grid),
+        {block.method: (dims, array, block.attrs) for block, array in found},
+        coords=grid.coords | source_coords(radiator) | _places(grid),
         attrs=described(settings) | source_attrs(radiator),
     )
 
@@ -352,13 +330,11 @@ def _filled(block: FieldBlock, progress: bool | None) -> Values:
     shape = shape_of_grid(block.grid)
     values = np.empty(shape, block.settings.stored)
     size = chunks_within(shape, _BLOCK)
-    starts = [range(0, n, step) for n, step in zip(shape, size, strict=True)]
-    count = math.prod(map(len, starts))
-    with progress_bar(block.method, count, show=progress) as advance:
-        for origin in product(*starts):
-            ends = [min(o + n, most) for o, n, most in zip(origin, size, shape, strict=True)]
-            part = tuple(slice(o, end) for o, end in zip(origin, ends, strict=True))
-            extent = tuple(end - o for o, end in zip(origin, ends, strict=True))
+    parts = Layout(block.method, values.dtype, block.grid.coords, size)
+    with progress_bar(block.method, parts.count, show=progress) as advance:
+        for index in np.ndindex(parts.grid):
+            origin, extent = parts.extent(index)
+            part = tuple(slice(o, o + n) for o, n in zip(origin, extent, strict=True))
             values[part] = block(origin, extent)
             advance()
     return values

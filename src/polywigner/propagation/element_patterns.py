@@ -24,6 +24,7 @@ from polywigner.illumination.polarisation import (
     ludwig_axes,
 )
 from polywigner.illumination.waves import Illumination
+from polywigner.propagation.places import unit_vectors
 from polywigner.propagation.vector_fields import FIRST, of_co_and_cross, of_currents
 from polywigner.radiometry.hemisphere import directions_and_weights
 from polywigner.transforms import fourier
@@ -95,12 +96,10 @@ class ElementPattern:
         orders = np.fft.fftfreq(count, 1 / count)
         waves = np.fft.fft(values, axis=2) / count * np.exp(-1j * orders * phi[0])
         if count % 2 == 0:  # the highest wave as a cosine
-            half = waves[:, :, count // 2 : count // 2 + 1] / 2
+            waves[:, :, count // 2] /= 2
             # its other half turns the other way about the first angle
-            other = half * np.exp(-1j * count * phi[0])
-            waves = np.concatenate([waves, other], axis=2)
-            waves[:, :, count // 2] = half[:, :, 0]
-            orders = np.append(orders, count / 2)
+            other = waves[:, :, count // 2, None] * np.exp(-1j * count * phi[0])
+            waves, orders = np.concatenate([waves, other], axis=2), np.append(orders, count / 2)
         used = np.abs(waves).max(axis=(0, 1)) > 1e-15 * largest
         self._orders, waves = orders[used], waves[:, :, used]
         beyond = -waves * (-1.0) ** np.abs(self._orders)  # at -theta
@@ -152,10 +151,7 @@ class ElementPattern:
             theta = np.arccos(node[k : k + rows])
             squares = np.square(np.abs(self.components(theta, phi))).sum(axis=0)
             if factor is not None:
-                sine = np.sin(theta)[:, None]
-                x, y = sine * np.cos(phi), sine * np.sin(phi)
-                z = np.broadcast_to(np.cos(theta)[:, None], x.shape)
-                squares = squares * np.square(np.abs(factor(np.stack([x, y, z], axis=-1))))
+                squares = squares * np.square(np.abs(factor(unit_vectors(theta, phi))))
             total += float(weight[k : k + rows] @ squares.mean(axis=1))
         return 2 * math.pi * total
 
@@ -206,10 +202,7 @@ def _vector(theta: Floats, phi: Floats, polar: Complex, azimuthal: Complex) -> C
 
 def _check_angles(theta: Floats, phi: Floats) -> None:
     """Raise ArgumentError unless theta (n,) and phi (m,) cover the front in even steps."""
-    even = all(
-        np.ptp(np.diff(angles), axis=0) < _EVEN * 10 if len(angles) > 2 else True
-        for angles in (theta, phi)
-    )
+    even = all(np.ptp(np.diff(angles)) < 10 * _EVEN for angles in (theta, phi) if len(angles) > 2)
     around = len(phi) > 1 and abs((phi[1] - phi[0]) * len(phi) - 2 * math.pi) < 1e-4
     if not even or not around or abs(theta[0]) > _EVEN or theta[-1] < math.pi / 2 - _EVEN:
         raise ArgumentError(
@@ -252,8 +245,7 @@ class FittedPattern(NamedTuple):
     residual: float
     """Root of the power of the error of the far field over the power of the pattern in front."""
     stored: float
-    """Power int |u|^2 on the aperture over the radiated one: 1 to 3 of common apertures; far above,
-    the field is superdirective, with strong near fields that cancel far away."""
+    """Power int |u|^2 on the aperture over the radiated one: far above 3, it is superdirective."""
 
 
 # A residual above which the field has little to do with the pattern.
@@ -275,10 +267,9 @@ def fit_pattern(
 ) -> FittedPattern:
     """Field on an aperture whose far field comes nearest to a pattern: least squares of waves.
 
-    With it, links, emitters, receivers and near fields take an element that is known by its
-    pattern. Minimises the power of the difference over the hemisphere, by a singular value
-    decomposition without the values below ``cut_off``. Waves have periods of 1.25 times the
-    outline's extents, and frequencies up to a beam's width above 1/wavelength.
+    Minimises the power of the difference over the hemisphere, by a singular value decomposition
+    without the values below ``cut_off``. Waves have periods of 1.25 times the outline's extents,
+    and frequencies up to a beam's width above 1/wavelength.
 
     Parameters
     ----------
@@ -338,7 +329,9 @@ def fit_pattern(
     wanted, unit = known.vectors(s), _unit_far_fields(jones, s, model)
     strength = np.linalg.norm(unit, axis=1)
     along = (unit.conj() * wanted).sum(axis=1) / strength
-    size, there = (float(weights @ np.square(np.abs(v))) for v in (_length(wanted), along))
+    size, there = (
+        float(weights @ np.square(np.abs(v))) for v in (np.linalg.norm(wanted, axis=1), along)
+    )
     if not there > _NOTHING * size:
         raise ArgumentError("expected a pattern of the aperture's polarisation, got none of it")
     centre = np.reshape(aperture.bounds, (2, 2)).mean(axis=0)
@@ -361,10 +354,6 @@ def fit_pattern(
     return FittedPattern(aperture.with_illumination(field), residual, stored)
 
 
-def _length(vectors: Complex) -> Floats:
-    return np.asarray(np.linalg.norm(vectors, axis=-1))
-
-
 def _unit_far_fields(jones: Complex, s: Floats, model: str) -> Complex:
     """Far fields (n, 3) of a point with a Jones vector (2,), over its scalar F/(i lambda)."""
     if model == FIRST:
@@ -373,10 +362,7 @@ def _unit_far_fields(jones: Complex, s: Floats, model: str) -> Complex:
 
 
 def _waves_on(aperture: Aperture, wavelength: float) -> Floats:
-    """Frequencies (m, 2) of periods in extents, up to a beam's width above 1/wavelength.
-
-    Raises GeometryError for too many of them.
-    """
+    """Frequencies (m, 2) of periods in extents, up to a beam's width above 1/wavelength."""
     x0, y0, x1, y1 = aperture.bounds
     extents = np.array([x1 - x0, y1 - y0])
     limits = 1 / wavelength + 1 / extents

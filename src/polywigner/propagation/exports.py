@@ -12,7 +12,6 @@ import os
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, TypeAlias
 from xml.sax.saxutils import quoteattr
@@ -59,7 +58,7 @@ def write_netcdf(dataset: Stored, path: str | os.PathLike[str]) -> None:
     Raises
     ------
     ArgumentError for anything but a dataset, and a place that cannot be written to; StoreError for
-    a store with damaged parts; MissingExtraError without xarray and h5netcdf.
+    a store with damaged parts; MissingExtraError without h5netcdf.
 
     >>> import polywigner as pw
     >>> import pathlib, tempfile
@@ -80,20 +79,7 @@ def write_netcdf(dataset: Stored, path: str | os.PathLike[str]) -> None:
 
 
 def write_zarr(dataset: Any, path: str | os.PathLike[str]) -> None:
-    """Write a dataset to a zarr store (format 3), a folder, which has complex numbers.
-
-    For values that are there; :func:`write_dataset` fills stores chunk by chunk.
-
-    Parameters
-    ----------
-    dataset : xarray.Dataset, in memory or lazy.
-    path : the folder, which must not be there.
-
-    Raises
-    ------
-    ArgumentError for anything but a dataset, and a place that cannot be written to;
-    MissingExtraError without xarray and zarr.
-    """
+    """Write a dataset to a zarr store (format 3), a folder, which has complex numbers."""
     required("zarr")
     found = _opened(dataset)
     try:
@@ -114,14 +100,12 @@ def write_vti(dataset: Stored, path: str | os.PathLike[str]) -> None:
 
     Parameters
     ----------
-    dataset : xarray.Dataset, in memory or lazy; or the path of a store on disk.
-    path : the file; one that is there is replaced.
+    dataset, path : as of :func:`write_netcdf`.
 
     Raises
     ------
     ArgumentError for anything but a dataset, for more axes, for axes that are not evenly spaced,
-    and for a place that cannot be written to; StoreError for a store with damaged parts;
-    MissingExtraError without xarray.
+    and for a place that cannot be written to; StoreError for a store with damaged parts.
 
     >>> import polywigner as pw
     >>> import pathlib, tempfile
@@ -134,11 +118,11 @@ def write_vti(dataset: Stored, path: str | os.PathLike[str]) -> None:
     """
     # Our own forty lines: VTK's writer, a package of 600 MB, wants all of an image in memory.
     found = _real_parts(_opened(dataset))
-    image = _image_of(found)
+    header = _header(found)
     with in_place(checked_path(path), dataset) as scratch, scratch.open("wb") as file:
-        file.write(_header(found, image).encode())
+        file.write(header.encode())
         for name in found.data_vars:
-            _append(file, found[name], image)
+            _append(file, found[name])
         file.write(b"\n</AppendedData>\n</VTKFile>\n")
 
 
@@ -148,10 +132,7 @@ def _is_store(dataset: Stored) -> bool:
 
 @contextmanager
 def in_place(path: Path, dataset: Stored | None = None) -> Iterator[Path]:
-    """A scratch file, put in place once the block is done.
-
-    Raises ArgumentError on OSError, StoreError for damaged chunks of what the block reads.
-    """
+    """A scratch file, put in place once the block is done."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with atomic_path(path) as scratch:
@@ -208,12 +189,11 @@ def _real_parts(dataset: Any) -> Any:
     """Complex variables as two real ones, and attributes as texts and numbers."""
     variables = {}
     for name, array in dataset.data_vars.items():
+        parts = {name: array}
         if array.dtype.kind == "c":
-            variables[f"{name}_real"], variables[f"{name}_imag"] = array.real, array.imag
-            for part in ("real", "imag"):
-                variables[f"{name}_{part}"].attrs = dict(array.attrs)
-        else:
-            variables[name] = array.copy(deep=False)
+            parts = {f"{name}_real": array.real, f"{name}_imag": array.imag}
+        variables |= {name: part.copy(deep=False).assign_attrs(array.attrs)
+                      for name, part in parts.items()}  # fmt: skip
     found = dataset.drop_vars(list(dataset.data_vars)).assign(variables)
     found.attrs = {name: _plain(value) for name, value in dataset.attrs.items()}
     for array in variables.values():
@@ -229,17 +209,8 @@ def _plain(value: Any) -> Any:
     return json.dumps(value)
 
 
-@dataclass(frozen=True)
-class _Image:
-    """Axes x, y and z of an image; axes that a dataset lacks have one sample."""
-
-    dims: tuple[str, ...]
-    shape: tuple[int, ...]
-    origin: tuple[float, ...]
-    spacing: tuple[float, ...]
-
-
-def _image_of(dataset: Any) -> _Image:
+def _header(dataset: Any) -> str:
+    """The file up to its values, over axes x, y and z; an axis that is missing has one sample."""
     shapes = {name: array.dims for name, array in dataset.data_vars.items()}
     dims = next(iter(shapes.values()), ())
     if not 1 <= len(dims) <= 3 or any(other != dims for other in shapes.values()):
@@ -252,48 +223,13 @@ def _image_of(dataset: Any) -> _Image:
             raise ArgumentError(f"expected {name} as floats, got {array.dtype}")
     in_space = tuple(sorted(dims)) == dims and set(dims) <= set("xyz")
     axes = tuple("xyz") if in_space else (*dims, None, None)[:3]
-    even = [_even(name, dataset[name].values) if name in dims else None for name in axes]
-    return _Image(
-        dims,
-        tuple(dataset.sizes[name] if name in dims else 1 for name in axes),
-        tuple(
-            _place(dataset, name) if found is None else found[0]
-            for found, name in zip(even, axes, strict=True)
-        ),
-        tuple(1.0 if found is None else found[1] for found in even),
-    )
-
-
-def _place(dataset: Any, name: str | None) -> float:
-    """Coordinate of the values along an axis that they do not have; 0 where it is not known."""
-    known = name in dataset.coords and dataset[name].ndim == 0
-    return float(dataset[name]) if known else 0.0
-
-
-def _even(name: str, values: Any) -> tuple[float, float]:
-    """(first value, step)."""
-    points = np.asarray(values, np.float64)
-    if len(points) == 1:
-        return float(points[0]), 1.0
-    step = (points[-1] - points[0]) / (len(points) - 1)
-    if not step > 0 or np.abs(np.diff(points) - step).max() > _EVEN * step:
-        raise ArgumentError(
-            f"expected evenly spaced ascending values of {name} for VTK image data, got others; "
-            "write NetCDF"
-        )
-    return float(points[0]), float(step)
-
-
-def _header(dataset: Any, image: _Image) -> str:
-    extent = " ".join(f"0 {n - 1}" for n in image.shape)
-    place = (
-        f'Origin="{" ".join(map(repr, image.origin))}" '
-        f'Spacing="{" ".join(map(repr, image.spacing))}"'
-    )
+    even = [_even(dataset, name) for name in axes]
+    extent = " ".join(f"0 {dataset.sizes.get(name, 1) - 1}" for name in axes)
+    origin, spacing = (" ".join(map(repr, numbers)) for numbers in zip(*even, strict=True))
     lines = [
         '<?xml version="1.0"?>',
         '<VTKFile type="ImageData" version="1.0" byte_order="LittleEndian" header_type="UInt64">',
-        f'<ImageData WholeExtent="{extent}" {place}>',
+        f'<ImageData WholeExtent="{extent}" Origin="{origin}" Spacing="{spacing}">',
         f'<Piece Extent="{extent}">',
         "<PointData>",
     ]
@@ -309,7 +245,21 @@ def _header(dataset: Any, image: _Image) -> str:
     return "\n".join(lines)
 
 
-def _append(file: BinaryIO, array: Any, image: _Image) -> None:
+def _even(dataset: Any, name: str | None) -> tuple[float, float]:
+    """First value and step of an axis; of one that values do not have 0 where it is not known."""
+    points = np.atleast_1d(np.asarray(dataset.coords.get(name, 0.0), np.float64))
+    if len(points) == 1:
+        return float(points[0]), 1.0
+    step = (points[-1] - points[0]) / (len(points) - 1)
+    if not step > 0 or np.abs(np.diff(points) - step).max() > _EVEN * step:
+        raise ArgumentError(
+            f"expected evenly spaced ascending values of {name} for VTK image data, got others; "
+            "write NetCDF"
+        )
+    return float(points[0]), float(step)
+
+
+def _append(file: BinaryIO, array: Any) -> None:
     """One variable, x running fastest, from slabs along the last axis."""
     file.write(np.uint64(array.nbytes).astype("<u8").tobytes())
     last = array.dims[-1]

@@ -29,14 +29,15 @@ from polywigner.kernels.boundary.integrals import (
 )
 from polywigner.numerics import phases
 from polywigner.propagation import shadows
-from polywigner.propagation.boundary import boundary_field, strata_of
-from polywigner.propagation.panels import (
+from polywigner.propagation.boundary import (
     Radiator,
+    boundary_field,
     cosines_of,
     pieces_of,
     radiator_of,
     reaches,
     starts,
+    strata_of,
 )
 from polywigner.propagation.places import checked_method
 from polywigner.propagation.screens import PointSource, Screen, incident_of_point
@@ -143,7 +144,7 @@ class FieldSlopes:
     def forward(self, points: Floats, change: Floats) -> Complex:
         """Along a change (v, 2) of the vertices, (n,): (G5)."""
         found = np.zeros(len(points), np.complex128)
-        for sums in self._sums(points):
+        for sums in map(self._combined, self.edge_sums(points)):
             strips = sums.strips
             begin, end = (
                 (strips.normal * change[k]).sum(axis=1) for k in (strips.first, strips.last)
@@ -158,29 +159,22 @@ class FieldSlopes:
     ) -> tuple[Complex, Floats]:
         """:meth:`of_points`, and sum_j Re(cotangent_j* dU_j/d vertex), (v, 2); those wanted."""
         slopes = np.zeros((len(points), 3), np.complex128)
-        vertices = np.zeros(
-            (sum(len(r) for e in self.source.elements_in_plane for r in e.rings), 2)
-        )
-        if of_points:
-            for axis in range(3):
-                slopes[:, axis] = self._carried(points, axis)
-        for sums in self._sums(points) if of_points or of_vertices else ():
+        vertices = np.zeros((sum(len(_next_vertices(e)) for e in self.source.elements_in_plane), 2))
+        for axis in range(3) if of_points else ():
+            slopes[:, axis] = self._carried(points, axis)
+        wanted = self.edge_sums(points) if of_points or of_vertices else ()
+        for sums in map(self._combined, wanted):
             if of_points:
                 edges = sums.kernel @ sums.strips.normal
                 slopes[sums.where, :2] -= edges / self.wavelength
                 slopes[sums.where, 2] += sums.height.sum(axis=1) / self.wavelength
-            if of_vertices:
-                self._push(vertices, sums, cotangent[sums.where].conj() / self.wavelength)
+            if of_vertices:  # at both ends of the edges of panels
+                strips, weight = sums.strips, cotangent[sums.where].conj() / self.wavelength
+                whole, by_length = (weight @ sums.kernel).real, (weight @ sums.by_length).real
+                at_end = strips.share * whole + strips.rate * by_length
+                for number, value in ((strips.first, whole - at_end), (strips.last, at_end)):
+                    np.add.at(vertices, number, value[:, None] * strips.normal)
         return slopes, vertices
-
-    @staticmethod
-    def _push(vertices: Floats, sums: _Sums, weight: Complex) -> None:
-        """Add derivatives of panels to the vertices at both ends of their edges."""
-        strips = sums.strips
-        whole, by_length = (weight @ sums.kernel).real, (weight @ sums.by_length).real
-        at_end = strips.share * whole + strips.rate * by_length
-        for number, value in ((strips.first, whole - at_end), (strips.last, at_end)):
-            np.add.at(vertices, number, value[:, None] * strips.normal)
 
     def of_fields(self, points: Floats) -> Complex:
         """The fields of single elements or waves, (n, k)."""
@@ -191,10 +185,8 @@ class FieldSlopes:
 
     def _field(self, radiator: Radiator, points: Floats, method: str | None = None) -> Complex:
         name = method or self.method
-        values, _, _ = boundary_field(
-            radiator, points, self.wavelength, name, self.tolerance, True, "auto"
-        )
-        return values
+        how = (self.wavelength, name, self.tolerance, True, "auto")
+        return boundary_field(radiator, points, *how)[0]
 
     def _carried(self, points: Floats, axis: int) -> Complex | float:
         """The field of waves that are each multiplied by 2 pi i times their rate along an axis."""
@@ -213,10 +205,6 @@ class FieldSlopes:
         other = {"rayleigh-sommerfeld-1": "rayleigh-sommerfeld-2"}
         other |= {second: first for first, second in other.items()}
         return self._field(radiator, points, other.get(self.method) if axis == 2 else None)
-
-    def _sums(self, points: Floats) -> Iterator[_Sums]:
-        """Blocks of points and all panels."""
-        return map(self._combined, self.edge_sums(points))
 
     def edge_sums(self, points: Floats) -> Iterator[EdgeSums]:
         """Integrals along all panels, for blocks of points (n, 3) in m."""
@@ -293,8 +281,7 @@ class FieldSlopes:
         for element, weight in zip(elements, weights.tolist(), strict=True):
             found += self._strips_of(element, weight, count, longest)
             count += sum(map(len, element.rings))
-        columns = zip(*found, strict=True)
-        return _Strips(*(np.concatenate(column) for column in columns))
+        return _Strips(*map(np.concatenate, zip(*found, strict=True)))
 
     def _strips_of(
         self, element: Aperture, weight: complex, count: int, longest: float
@@ -423,38 +410,23 @@ def traced_field(
         )
     how: dict[str, Any] = {"precision": execution.checked_precision(precision)}
     how["engine"] = execution.checked_engine(engine)
-    if obstacles is not None:
-        return _traced_behind(compute, source, points, wavelength, name, tolerance, obstacles, how)
-    traced = source if isinstance(source, Differentiable) else Differentiable(source)
-    checked_source(traced.source)
+    plain = source.source if isinstance(source, Differentiable) else source
+    if not isinstance(plain, PointSource):
+        checked_source(plain)
     length = checked_wavelength(wavelength)
-    by_waves = traced.amplitudes is not None
-    own = _TOLERANCE if tolerance is None else tolerance
-    slopes = FieldSlopes(traced.source, length, name, own, by_waves)
-    return execution.hosted_field(
-        partial(compute, traced.source, wavelength=length, method=name, tolerance=tolerance),
-        slopes,
-        points,
-        parameters_of(traced),
-        **how,
-    )
-
-
-def _traced_behind(
-    compute: Any, source: Any, points: Any, wavelength: Any, method: str, tolerance: Any,
-    obstacles: Any, how: dict[str, Any],
-) -> execution.TracedField:  # fmt: skip
-    """A field behind obstacles, with derivatives in points."""
-    if isinstance(source, Differentiable):
+    field = partial(compute, plain, wavelength=length, method=name, tolerance=tolerance)
+    slopes: FieldSlopes | ShadowSlopes
+    if obstacles is None:
+        traced = source if plain is not source else Differentiable(source)
+        own = _TOLERANCE if tolerance is None else tolerance
+        slopes = FieldSlopes(traced.source, length, name, own, traced.amplitudes is not None)
+        return execution.hosted_field(field, slopes, points, parameters_of(traced), **how)
+    if plain is not source:
         raise ArgumentError(
             "expected a plain source with obstacles, got a differentiable one; derivatives behind "
             "obstacles are in points alone: move points and obstacles instead of the source"
         )
-    if not isinstance(source, PointSource):
-        checked_source(source)
-    length = checked_wavelength(wavelength)
-    options = {"wavelength": length, "method": method, "obstacles": obstacles}
-    allowed = shadows.checked_shadow_tolerance(tolerance)
-    slopes = ShadowSlopes(source, obstacles_of(obstacles, length), length, method, allowed)
-    field = partial(compute, source, tolerance=tolerance, **options)
+    own = shadows.checked_shadow_tolerance(tolerance)
+    slopes = ShadowSlopes(source, obstacles_of(obstacles, length), length, name, own)
+    field = partial(field, obstacles=obstacles)
     return execution.hosted_field(field, slopes, points, Parameters(None, None), **how)

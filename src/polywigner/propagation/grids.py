@@ -10,9 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
-from polywigner.geometry.arguments import checked_count, checked_length, real_numbers, shape_of
+from polywigner.geometry.arguments import checked_count, checked_length
 from polywigner.propagation.places import (
     LARGEST,
+    angle_axes,
+    checked_coordinates,
     checked_phi,
     checked_points,
     checked_theta,
@@ -43,15 +45,10 @@ class StraightGrid:
 
     def points(self, first: Index, shape: Index) -> Values:
         """(*shape, 3) in m: those from the numbers ``first`` on."""
-        found = np.broadcast_to(self.origin, (*shape, 3)).copy()
-        for k, (axis, start, count) in enumerate(
-            zip(self.coords.values(), first, shape, strict=True)
-        ):
-            along = axis.values[start : start + count]
-            found += np.multiply.outer(along, self.directions[k]).reshape(
-                *(count if n == k else 1 for n in range(len(shape))), 3
-            )
-        return found
+        axes = zip(self.coords.values(), first, shape, strict=True)
+        along = np.ix_(*(axis.values[start : start + count] for axis, start, count in axes))
+        steps = (a[..., None] * e for a, e in zip(along, self.directions, strict=True))
+        return np.asarray(sum(steps, self.origin))
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,28 +74,24 @@ Grid = StraightGrid | Hemisphere
 
 def box_grid(box: Any, shape: Any) -> StraightGrid:
     """A volume: ``shape`` points along x, y and z, both faces of the box included."""
-    low, high = _corners("box", box, ("lowest", "highest"))
+    low, high = _corners("box", box, "lowest and the highest")
     if (high < low).any():
         raise ArgumentError(
             f"expected a box from its lowest to its highest corner, got {low.tolist()} and "
             f"{high.tolist()}"
         )
     counts = _counts(shape, 3)
-    return _straight_grid(
-        {name: (low[k], high[k], counts[k]) for k, name in enumerate(_AXES)}, np.zeros(3), np.eye(3)
-    )
+    spans = dict(zip(_AXES, zip(low, high, counts, strict=True), strict=True))
+    return _straight_grid(spans, np.zeros(3), np.eye(3))
 
 
 def plane_grid(where: Any, shape: Any) -> StraightGrid:
     """A plane: a box without thickness along one axis, or three corners of a rectangle."""
     expected = "expected a plane as a box (2, 3) of no thickness, or as three corners (3, 3)"
-    try:
-        corners = real_numbers(where)
-    except ValueError as error:
-        raise ArgumentError(f"{expected}, in m, got {error}") from None
+    corners = _checked(where, expected, 3)
     counts = _counts(shape, 2)
     if corners.shape == (2, 3):
-        low, high = _corners("plane", where, ("lowest", "highest"))
+        low, high = corners
         flat = np.flatnonzero(low == high)
         if len(flat) != 1 or (high < low).any():
             raise ArgumentError(
@@ -110,8 +103,7 @@ def plane_grid(where: Any, shape: Any) -> StraightGrid:
         origin = np.where(np.arange(3) == flat[0], low, 0.0)
         return _straight_grid(spans, origin, np.eye(3)[sides])
     if corners.shape != (3, 3):
-        raise ArgumentError(f"{expected}, in m, got shape {shape_of(where)}")
-    _check_size(f"{expected}, in m", corners)
+        raise ArgumentError(f"{expected}, in m, got shape {corners.shape}")
     along = corners[1:] - corners[0]
     lengths = np.linalg.norm(along, axis=1)
     if not lengths.all() or abs(along[0] @ along[1]) > 1e-9 * lengths.prod():
@@ -125,7 +117,7 @@ def plane_grid(where: Any, shape: Any) -> StraightGrid:
 
 def line_grid(ends: Any, samples: Any) -> StraightGrid:
     """A line, both ends included, by the distance from its first end."""
-    start, end = _corners("line", ends, ("first", "last"))
+    start, end = _corners("line", ends, "first and the last")
     length = float(np.linalg.norm(end - start))
     if length == 0:
         raise ArgumentError(f"expected a line between two points, got {start.tolist()} twice")
@@ -136,22 +128,13 @@ def line_grid(ends: Any, samples: Any) -> StraightGrid:
 def hemisphere_grid(radius: Any, theta: Any, phi: Any, centre: Any) -> Hemisphere:
     """Points at angles theta from the z axis and phi from the x axis about a centre."""
     length = checked_length(radius, "radius")
-    try:
-        middle = real_numbers(centre)
-    except ValueError as error:
-        raise ArgumentError(f"expected a centre (3,) in m, got {error}") from None
-    if middle.shape != (3,):
-        raise ArgumentError(f"expected a centre (3,) in m, got shape {shape_of(centre)}")
-    _check_size("expected a centre and a radius", np.append(middle, length))
-    axes = {
-        "theta": labelled_array(
-            checked_theta(theta), ("theta",), {"units": "rad", "long_name": "angle from z"}
-        ),
-        "phi": labelled_array(
-            checked_phi(phi), ("phi",), {"units": "rad", "long_name": "angle from x"}
-        ),
-    }
-    grid = Hemisphere(axes, middle, length)
+    middle = _checked(centre, "expected a centre (3,) in m", 3)
+    if middle.ndim != 1 or length > LARGEST:
+        raise ArgumentError(
+            f"expected a centre (3,), and a radius of at most {LARGEST:g} m, got {centre!r} and "
+            f"{radius!r}"
+        )
+    grid = Hemisphere(angle_axes(checked_theta(theta), checked_phi(phi)), middle, length)
     checked_points(grid.points((0, 0), shape_of_grid(grid)))
     return grid
 
@@ -179,27 +162,19 @@ def _span(low: float, high: float, count: int) -> Values:
     return np.linspace(low, high, count) if count > 1 else np.array([low / 2 + high / 2])
 
 
-def _corners(name: str, corners: Any, which: tuple[str, str]) -> Values:
-    expected = f"expected a {name} as two points (2, 3) in m, the {which[0]} and the {which[1]}"
-    try:
-        array = real_numbers(corners)
-    except ValueError as error:
-        raise ArgumentError(f"{expected}, got {error}") from None
-    if array.shape != (2, 3):
-        raise ArgumentError(f"{expected}, got shape {shape_of(corners)}")
-    _check_size(expected, array)
+def _corners(name: str, corners: Any, which: str) -> Values:
+    return _checked(corners, f"expected a {name} as two points (2, 3), the {which}", 2, 3)
+
+
+def _checked(values: Any, expected: str, *shape: int) -> Values:
+    array = checked_coordinates(values, expected, *shape)
+    if array.ndim > 2 or not (np.abs(array) <= LARGEST).all():
+        raise ArgumentError(f"{expected}, at most {LARGEST:g} m, got {array.tolist()}")
     return array
-
-
-def _check_size(expected: str, values: Values) -> None:
-    if not (np.abs(values) <= LARGEST).all():
-        raise ArgumentError(f"{expected}, finite, at most {LARGEST:g} m, got {values.tolist()}")
 
 
 def _counts(shape: Any, dimensions: int) -> Index:
     is_row = isinstance(shape, Sequence) or np.ndim(shape) == 1
-    if not is_row or isinstance(shape, (str, bytes)):
-        raise ArgumentError(f"expected a shape of {dimensions} whole numbers, got {shape!r}")
-    if len(shape) != dimensions:
+    if not is_row or isinstance(shape, (str, bytes)) or len(shape) != dimensions:
         raise ArgumentError(f"expected a shape of {dimensions} whole numbers, got {shape!r}")
     return tuple(checked_count(n, "shape", 1) for n in shape)

@@ -15,9 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from polywigner.errors import ArgumentError
 from polywigner.geometry import Wavefront, shapes
-from polywigner.geometry.arguments import checked_wavelength, takes_frequency
+from polywigner.geometry.arguments import checked_length, checked_wavelength, takes_frequency
 from polywigner.illumination import te_mode
 from polywigner.radiometry.directions import checked_radiator
 from polywigner.transforms import fourier, lag_marginal
@@ -56,8 +55,8 @@ def pyramidal(
     18.83
     """
     for name, radius in (("radius_x", radius_x), ("radius_y", radius_y)):
-        if not _above_zero(radius):
-            raise ArgumentError(f"expected {name} of a horn in m, above zero, got {radius!r}")
+        if radius != math.inf:
+            checked_length(radius, f"{name} of a horn")
     mouth = shapes.rectangle(width, height).with_illumination(te_mode(width, height))
     return mouth.curved((radius_x, radius_y), wavelength)
 
@@ -66,14 +65,7 @@ def pyramidal(
 def e_plane(width: float, height: float, radius: float, wavelength: float) -> Wavefront:
     """The mouth of a sectoral horn that opens along y, the E plane; see :func:`pyramidal`.
 
-    Parameters
-    ----------
-    width : of the guide along x, in m.
-    height : of the mouth along y, in m.
-    radius : distance in m from the mouth to where its walls meet.
-    wavelength : in m.
-
-    Raises ArgumentError for lengths that are not above zero.
+    ``width`` is that of the guide, and ``radius`` is along y, all in m.
 
     >>> import polywigner as pw
     >>> horn = pw.horns.e_plane(0.5, 2.75, 6.0, 1.0)
@@ -87,14 +79,7 @@ def e_plane(width: float, height: float, radius: float, wavelength: float) -> Wa
 def h_plane(width: float, height: float, radius: float, wavelength: float) -> Wavefront:
     """The mouth of a sectoral horn that opens along x, the H plane; see :func:`pyramidal`.
 
-    Parameters
-    ----------
-    width : of the mouth along x, in m.
-    height : of the guide along y, in m.
-    radius : distance in m from the mouth to where its walls meet.
-    wavelength : in m.
-
-    Raises ArgumentError for lengths that are not above zero.
+    ``height`` is that of the guide, and ``radius`` is along x, all in m.
 
     >>> import polywigner as pw
     >>> horn = pw.horns.h_plane(5.5, 0.25, 6.0, 1.0)
@@ -128,10 +113,3 @@ def directivity(source: Any, wavelength: float) -> float:
     length = checked_wavelength(wavelength)
     energy = float(np.real(lag_marginal(radiator, (0.0, 0.0))))
     return 4 * math.pi * float(abs(fourier(radiator, (0.0, 0.0))) / length) ** 2 / energy
-
-
-def _above_zero(value: Any) -> bool:
-    try:
-        return float(value) > 0
-    except (TypeError, ValueError, OverflowError):
-        return False

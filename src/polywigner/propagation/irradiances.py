@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Any, get_args
@@ -12,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner import kernels
-from polywigner.errors import ArgumentError, PolywignerWarning
+from polywigner.errors import ArgumentError
 from polywigner.execution import (
     Engine,
     Precision,
@@ -41,7 +40,7 @@ from polywigner.illumination.obliquities import (
     weighted_sources,
 )
 from polywigner.optics import FirstOrder
-from polywigner.propagation.amplitudes import Obstacle, amplitude
+from polywigner.propagation.amplitudes import Obstacle, amplitude, shaped
 from polywigner.propagation.collins import field_behind, squared_field
 from polywigner.propagation.far_fields import check_slopes
 from polywigner.propagation.field_slopes import has_derivatives, traced_field
@@ -53,8 +52,14 @@ from polywigner.propagation.places import (
     checked_points,
 )
 from polywigner.propagation.rays import Rays
-from polywigner.propagation.rays_adaptive import Estimate, Sampling, by_gauss, by_samples
-from polywigner.propagation.rays_traced import traced_irradiance
+from polywigner.propagation.rays_adaptive import (
+    Estimate,
+    Sampling,
+    by_gauss,
+    by_samples,
+    gaps,
+    traced_irradiance,
+)
 from polywigner.propagation.screens import Screen
 from polywigner.propagation.shadows import LEAST_TOLERANCE
 from polywigner.radiometry.directions import (
@@ -70,10 +75,7 @@ from polywigner.transforms.xarray_arguments import takes_xarray
 
 
 def is_mixture(source: Any, bandwidth: Any, by_lags: bool = False) -> bool:
-    """Whether light is a mixture: of a band of wavelengths, or of tilts.
-
-    ``by_lags``: partly coherent light is none, but lags with a weight.
-    """
+    """Whether light is a mixture: of a band of wavelengths, or of tilts."""
     return bandwidth is not None or (is_partly_coherent(source) and not by_lags)
 
 
@@ -169,18 +171,16 @@ def irradiance(
     """Irradiance |U|^2 at points in front of a source, by Wigner rays or one of the other methods.
 
     By rays, each place on the automean sends one to each point, with the radiance W that it has in
-    that direction: (T2) of docs/theory.md. To leading order that is the paper's method; with
-    ``order=3`` lags count up to their third power, and the error falls with the fourth power of the
-    distance, instead of the second. It is |U|^2, not the flux through a receiver that is tilted.
-    All other methods are the square of :func:`amplitude`.
+    that direction (T2), to leading order the paper's method; with ``order=3`` the error falls with
+    the fourth power of the distance, instead of the second. It is not the flux through a receiver
+    that is tilted. All other methods are the square of :func:`amplitude`.
 
     Parameters
     ----------
     source : an Aperture, or an Array of apertures in the plane z = 0, uniform or with
         illuminations; one with a curved wave; or a :class:`Screen`, by the methods of
         :func:`amplitude`.
-    points : (..., 3) in m, z > 0, or (..., 2) with ``through``; or a Dr.Jit array for values in
-        one.
+    points : (..., 3) in m, z > 0, or (..., 2) with ``through``; or a Dr.Jit array.
     wavelength : in m. By rays with derivatives in it (a Dr.Jit ``Float``), in ``points``, and in
         the numbers of a :func:`differentiable` source, but for vertices with order 3; by the other
         methods in points and numbers alone, and by "fraunhofer" in none.
@@ -188,9 +188,8 @@ def irradiance(
         "fresnel" or "fraunhofer"; or "auto", the exact field of the boundary condition that
         ``obliquity`` names. Rays are for study: behind an outline of many edges the exact field is
         a hundred times as fast (300 vertices, 50 points: 0.19 s instead of 19.7 s).
-    through : a :class:`FirstOrder` from the source's plane to that of ``points``. There the
-        integral of W over all frequencies is the square of Collins' integral, exactly, and that is
-        what is computed, with stops if there are any, see :func:`amplitude`.
+    through : as of :func:`amplitude`: the square of Collins' integral, which is exactly the
+        integral of W over all frequencies.
     obstacles : bodies and plates in the way, whose shadows diffract, as in :func:`amplitude`; with
         "auto" or a method of :func:`amplitude`, for light of one wavelength.
     obliquity : the boundary condition that the rays are matched to: "rayleigh-sommerfeld-1" (the
@@ -210,7 +209,7 @@ def irradiance(
         until the estimate of each point's error is within the tolerance, up to 2^18.
     bandwidth : in Hz; the mean over light of all frequencies that are at most half of it from that
         of the wavelength (docs/coherence.md, (PC6)). None: light of the one wavelength.
-    precision, engine : see :func:`polywigner.fourier`.
+    precision, engine : see :func:`fourier`.
 
     Returns
     -------
@@ -218,7 +217,7 @@ def irradiance(
     ``return_error`` a pair, the second the estimated errors of the sum: the difference between the
     last two rules, or the standard deviation of drawn sums; infinite at points so near to the
     source that their rays pass between the places of every rule.
-    An ``xarray.DataArray`` gives one, as in :func:`fourier`.
+    An ``xarray.DataArray`` gives one.
 
     Raises
     ------
@@ -238,15 +237,18 @@ def irradiance(
     >>> round(float(pw.irradiance(pw.shapes.square(10e-3), (0.0, 0.0, 0.1), 3.2e-3, "auto")), 4)
     0.0963
     """
-    how: dict[str, Any]
+    run: dict[str, Any] = {"precision": precision, "engine": engine}
+    how: dict[str, Any] = {"obliquity": obliquity, "order": order, "tolerance": tolerance}
+    how |= {"samples": samples, "sampling": sampling, "seed": seed, "return_error": return_error}
     checked_method(method, ("wigner", *METHODS, "auto"))
     checked_flag(return_error, "return_error")
     checked_choice(sampling, "sampling", get_args(Sampling))
     if obstacles is not None:
+        others: dict[str, Any] = {"through": through, "samples": samples, "seed": seed}
+        others |= {"order": None if order == 1 else order}
         return _behind_obstacles(
-            source, points, wavelength, method, obstacles, tolerance, return_error,
-            through=through, obliquity=obliquity, order=order, samples=samples, seed=seed,
-            bandwidth=bandwidth, precision=precision, engine=engine,
+            source, points, wavelength, method, obstacles, tolerance, return_error, obliquity,
+            bandwidth, others, run,
         )  # fmt: skip
     by_lags = through is None and method == "wigner" and _is_by_lags(source, obliquity, order)
     if is_mixture(source, bandwidth) and has_derivatives(source, points, wavelength):
@@ -255,27 +257,22 @@ def irradiance(
             "drjit.detach(...) of what needs none"
         )
     if is_mixture(source, bandwidth, by_lags) and not is_drjit(points):
-        how = {"obliquity": obliquity, "order": order, "tolerance": tolerance}
-        how |= {"samples": samples, "sampling": sampling, "seed": seed, "through": through}
-        how |= {"precision": precision, "engine": engine, "return_error": return_error}
 
         def compute(one: Any, length: float) -> Any:
-            return irradiance(one, points, length, method, **how)
+            return irradiance(one, points, length, method, through=through, **how, **run)
 
         error = checked_tolerance(tolerance) if method == "wigner" else _SINGLE
         return mean_over_mixture(
             compute, source, wavelength, bandwidth, _OF_MIXTURE * error, return_error, by_lags
         )
     if through is not None:
-        others: dict[str, object] = {
-            "method": None if method in ("wigner", "auto", "fresnel") else method
-        }
+        others = {"method": None if method in ("wigner", "auto", "fresnel") else method}
         others |= {"obliquity": obliquity, "samples": samples, "seed": seed}
         others |= {"order": None if checked_order(order) == 1 else order}
         asked = checked_tolerance(tolerance)
         return field_behind(
             source, points, wavelength, through, None if asked == _TOLERANCE else asked, others,
-            squared=True, return_error=return_error, precision=precision, engine=engine,
+            squared=True, return_error=return_error, **run,
         )  # fmt: skip
     if method == "auto":
         method = checked_obliquity(obliquity, checked_order(order))
@@ -293,30 +290,21 @@ def irradiance(
         _check_rays_only(method, order=order != 1, obliquity=obliquity, samples=samples)
         finer = allowed if allowed < DEFAULT_TOLERANCE[True] else None
         return traced_field(
-            amplitude,
-            source,
-            points,
-            wavelength,
-            method,
-            finer,
-            precision=precision,
-            engine=engine,
+            amplitude, source, points, wavelength, method, finer, **run
         ).irradiance()
     if is_drjit(points):
-        how = {"obliquity": obliquity, "order": order, "tolerance": tolerance, "samples": samples}
-        how |= {"return_error": return_error, "sampling": sampling, "seed": seed}
-        how |= {"bandwidth": bandwidth}
-        compute = partial(irradiance, source, wavelength=wavelength, method=method, **how)
-        return evaluate_hosted(compute, "points", points, 3, precision=precision, engine=engine)
+        how |= {"wavelength": wavelength, "method": method, "bandwidth": bandwidth}
+        how["obliquity"] = obliquity
+        return evaluate_hosted(partial(irradiance, source, **how), "points", points, 3, **run)
     radiator = source if isinstance(source, Screen) else checked_radiator(source, partly=by_lags)
     places = checked_points(points)
     length = checked_wavelength(wavelength)
     if method != "wigner":
         _check_rays_only(method, order=order != 1, sampling=sampling != "gauss", samples=samples)
-        how = {"precision": precision, "engine": engine, "obliquity": obliquity}
+        run["obliquity"] = obliquity
         if checked_tolerance(tolerance) < DEFAULT_TOLERANCE[precision != "single"]:
-            how["tolerance"] = tolerance
-        return _squared(radiator, places, length, method, return_error, how)
+            run["tolerance"] = tolerance
+        return _squared(radiator, places, length, method, return_error, run)
     if isinstance(radiator, Screen):
         raise ArgumentError(
             'expected another method than "wigner" behind a Screen, whose field has no rays of '
@@ -333,8 +321,7 @@ def irradiance(
     fields = weighted_sources(flat_source, name, length, order)
     width = radiator.coherence_width if isinstance(radiator, Wavefront) else math.inf
     rays = Rays(fields, length, order, engine, double, curved, width)
-    xmin, ymin, xmax, ymax = flat_source.bounds
-    check_reach(places, max(xmax - xmin, ymax - ymin), length, rays=True)
+    check_reach(places, max(_sides(flat_source)), length, rays=True)
     flat = places.reshape(-1, 3)
     _warn_where_invalid(flat_source, flat, length, order)
     edges = sum(len(ring) for e in flat_source.elements_in_plane for ring in e.rings)
@@ -344,8 +331,7 @@ def irradiance(
             "some hundred times as fast"
         )
     found = _summed(flat_source, rays, flat, allowed, sampling, samples, seed)
-    values = found.values.reshape(places.shape[:-1])[()]
-    return (values, found.errors.reshape(places.shape[:-1])[()]) if return_error else values
+    return shaped(found.values, found.errors, places, return_error)
 
 
 def _behind_obstacles(
@@ -356,22 +342,21 @@ def _behind_obstacles(
     obstacles: Any,
     tolerance: float,
     return_error: bool,
-    *,
     obliquity: Any,
-    precision: Precision,
-    engine: Engine,
-    **others: Any,
+    bandwidth: Any,
+    others: dict[str, Any],
+    run: dict[str, Any],
 ) -> Any:
     """|U|^2 behind bodies: the square of the amplitude, or the mean of such over tilts."""
-    if method == "wigner" or others["bandwidth"] is not None:
+    if method == "wigner" or bandwidth is not None:
         raise ArgumentError(
             "expected light of one wavelength and another method than rays with obstacles, got "
-            f'method={method!r} and bandwidth={others["bandwidth"]!r}; use method="auto"'
+            f'method={method!r} and bandwidth={bandwidth!r}; use method="auto"'
         )
     if method == "auto":
         method, obliquity = checked_obliquity(obliquity, 1), None
-    _check_rays_only(method, **{name: value for name, value in others.items() if value != 1})
-    options: Any = {"obstacles": obstacles, "precision": precision, "engine": engine}
+    _check_rays_only(method, **others)
+    options: Any = {"obstacles": obstacles, **run}
     allowed = 0.1 * checked_tolerance(tolerance)
     options["tolerance"] = max(allowed, LEAST_TOLERANCE)
     if has_derivatives(source, points, wavelength):
@@ -385,8 +370,7 @@ def _behind_obstacles(
     if is_drjit(points):
         how: dict[str, Any] = {"obstacles": obstacles, "tolerance": tolerance}
         how |= {"wavelength": wavelength, "method": method, "return_error": return_error}
-        compute = partial(irradiance, source, **how)
-        return evaluate_hosted(compute, "points", points, 3, precision=precision, engine=engine)
+        return evaluate_hosted(partial(irradiance, source, **how), "points", points, 3, **run)
     if is_partly_coherent(source):
 
         def squared(one: Any, length: float) -> Any:
@@ -463,25 +447,18 @@ def _summed(
             return tolerance * np.maximum(np.abs(values), floor[which])
 
         found = by_samples(source, rays, points, sampling, samples, seed, allowed)
-        _warn_of(found, "more samples, or sampling='gauss', would bring it")
-        return found
-    if samples is not None:
+        advice = "more samples, or sampling='gauss', would bring it"
+    elif samples is not None:
         raise ArgumentError(
             f"expected samples with sampling='sobol' or 'monte-carlo' only, got {samples!r}; "
             "Gauss rules follow the tolerance"
         )
-    found = by_gauss(source, rays, points, tolerance, floor)
-    _warn_of(found, "return_error=True tells where, and method='auto' gives the exact field")
-    return found
-
-
-def _warn_of(found: Estimate, advice: str) -> None:
+    else:
+        found = by_gauss(source, rays, points, tolerance, floor)
+        advice = "return_error=True tells where, and method='auto' gives the exact field"
     if not found.is_met:
-        warnings.warn(
-            f"the tolerance asked for is not met at all points; {advice}",
-            PolywignerWarning,
-            stacklevel=4,
-        )
+        warn_caller(f"the tolerance asked for is not met at all points; {advice}")
+    return found
 
 
 def checked_order(order: Any) -> int:
@@ -502,43 +479,36 @@ def checked_tolerance(tolerance: Any) -> float:
 
 
 def _largest(source: Aperture | Array, points: Values, wavelength: float) -> Values:
-    """(T6): the largest irradiance that a source of this power and area can make there, (n,).
-
-    By Cauchy and Schwarz |F|^2 is at most area int |u|^2; near the source it is that on it.
-    """
+    """(T6): the largest irradiance that a source of this power and area can make there, (n,)."""
     area = sum(element.area for element in source.elements_in_plane)
     mean = energy_of(source) / area
-    distance = np.linalg.norm(points - [*_centre(source), 0.0], axis=-1)
+    distance = _distances(source, points)
     return mean * np.minimum(1.0, (area / (wavelength * distance)) ** 2)
 
 
-def _centre(source: Aperture | Array) -> Values:
+def _distances(source: Aperture | Array, points: Values) -> Values:
+    """Distances of points (n, 3) from the middle of a source's bounds, (n,)."""
     xmin, ymin, xmax, ymax = source.bounds
-    return np.array([xmin / 2 + xmax / 2, ymin / 2 + ymax / 2])
+    return np.linalg.norm(points - [xmin / 2 + xmax / 2, ymin / 2 + ymax / 2, 0.0], axis=-1)
+
+
+def _sides(source: Aperture | Array) -> Values:
+    return np.ptp(np.reshape(source.bounds, (2, 2)), axis=0)
 
 
 def _warn_where_invalid(
     source: Aperture | Array, points: Values, wavelength: float, order: int
 ) -> None:
-    xmin, ymin, xmax, ymax = source.bounds
-    outside = points[:, :2] - np.clip(points[:, :2], (xmin, ymin), (xmax, ymax))
-    gap = np.sqrt((outside**2).sum(axis=-1) + points[:, 2] ** 2)
-    if (gap < _NEAREST * wavelength).any():
-        warnings.warn(
+    if (gaps(source, points) < _NEAREST * wavelength).any():
+        warn_caller(
             f"Wigner rays are a rough picture nearer than {_NEAREST:g} wavelengths to the source, "
-            "where some of the points are; boundary integrals are exact there",
-            PolywignerWarning,
-            stacklevel=3,
+            "where some of the points are; boundary integrals are exact there"
         )
     if order != 3:
         return
-    side = max(xmax - xmin, ymax - ymin)
-    limit = _THIRD_ORDER_FROM * math.sqrt(side**3 / wavelength)
-    distance = np.linalg.norm(points - [*_centre(source), 0.0], axis=-1)
-    if (distance < limit).any():
-        warnings.warn(
+    limit = _THIRD_ORDER_FROM * math.sqrt(max(_sides(source)) ** 3 / wavelength)
+    if (_distances(source, points) < limit).any():
+        warn_caller(
             f"the third order of Wigner rays holds from {limit:.3g} m on for this source, and some "
-            "of the points are nearer; there order=1 may be closer to the truth",
-            PolywignerWarning,
-            stacklevel=3,
+            "of the points are nearer; there order=1 may be closer to the truth"
         )

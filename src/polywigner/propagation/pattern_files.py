@@ -27,6 +27,7 @@ from polywigner.illumination.polarisation import checked_polarisation
 from polywigner.propagation.beams import checked_efficiency
 from polywigner.propagation.element_patterns import ElementPattern
 from polywigner.propagation.patterns import checked_pattern, cuts_of, jones_of, vector_dataset
+from polywigner.propagation.places import angle_axes
 from polywigner.propagation.vector_fields import axial_ratios, of_co_and_cross
 from polywigner.quantities import SPEED_OF_LIGHT
 
@@ -51,22 +52,16 @@ Lines = Iterator[str]
 
 @dataclass(frozen=True)
 class _Pattern:
-    """The values written, in the units of the files."""
+    """The values written: angles in degrees, levels in dBi, fields in V, Hz and W."""
 
     theta: Table
-    """(n,) degrees."""
     phi: Table
-    """(m,) degrees."""
     directivity: Table
-    """(n, m) dBi, finite."""
     components: tuple[NDArray[np.complex128], NDArray[np.complex128]]
-    """E_theta and E_phi (n, m) in V, with their phases."""
+    """E_theta and E_phi (n, m), with their phases."""
     frequency: float
-    """Hz."""
     radiated_power: float
-    """W."""
     peak: float
-    """Directivity of the beam in dBi."""
     efficiency: float
 
 
@@ -95,16 +90,14 @@ def write_pattern(
              degrees with theta from -90 to 90 degrees, or their halves.
     =======  =====================================================================================
 
-    Of a polarised source both parts of the field are written. A scalar field becomes the co-polar
-    component by Ludwig's third definition, E_theta = E cos(phi), E_phi = -E sin(phi) for an
-    aperture polarised along x, E sin(phi) and E cos(phi) along y. Phases are those of these
-    programs, exp(+j omega t - j k r): the conjugates of ours. rE is in V, with |rE|^2/(2 Z0) in
-    W/sr. Directions without radiation have -300 dBi.
+    A scalar field becomes the co-polar component by Ludwig's third definition, E_theta = E
+    cos(phi), E_phi = -E sin(phi) for an aperture polarised along x, E sin(phi) and E cos(phi) along
+    y. Phases are conjugates, exp(+j omega t - j k r). rE is in V, with |rE|^2/(2 Z0) in W/sr.
+    Directions without radiation have -300 dBi.
 
     Parameters
     ----------
-    pattern : what :func:`radiation_pattern` returned, or a part of it, angles in any order: files
-        have them in ascending order.
+    pattern : of :func:`radiation_pattern`, or a part of it; files have angles in ascending order.
     path : the suffix chooses the format. The file appears whole or not at all.
     polarisation : of a scalar pattern "x" or "y" (None: "y"), the direction of the electric field
         on the aperture; None for a pattern that has a polarisation.
@@ -163,23 +156,21 @@ def _jones(pattern: Any, polarisation: Any) -> NDArray[np.complex128]:
 
 def _checked(pattern: Any, polarisation: Any, efficiency: float) -> _Pattern:
     theta, phi, directivity, about = checked_pattern(pattern)
+    ascending = np.ix_(np.argsort(theta, kind="stable"), np.argsort(phi, kind="stable"))
     try:
-        dims = tuple(pattern["field"].dims)
-        field = np.asarray(pattern["field"].values, np.complex128)
-        cross = np.zeros_like(field)
-        if "cross_field" in pattern:
-            cross = np.asarray(pattern["cross_field"].values, np.complex128)
+        co, cross = (
+            np.asarray(pattern[name].transpose("theta", "phi").values, np.complex128)[ascending]
+            for name in ("field", "cross_field" if "cross_field" in pattern else "field")
+        )
     except (TypeError, KeyError, AttributeError, ValueError):
-        dims = ()
-    if sorted(dims) != ["phi", "theta"]:
         raise ArgumentError(
             "expected a pattern with directivity and field over theta and phi, got one without a "
             "field; use what polywigner.radiation_pattern returned"
-        )
-    ascending = np.ix_(np.argsort(theta, kind="stable"), np.argsort(phi, kind="stable"))
-    parts = [(part if dims[0] == "theta" else part.T)[ascending] for part in (field, cross)]
+        ) from None
+    if "cross_field" not in pattern:
+        cross = np.zeros_like(co)
     theta, phi, directivity = np.sort(theta), np.sort(phi), directivity[ascending]
-    x, y = of_co_and_cross(parts[0], parts[1], _jones(pattern, polarisation))
+    x, y = of_co_and_cross(co, cross, _jones(pattern, polarisation))
     scale, sine, cosine = math.sqrt(2 * _FREE_SPACE), np.sin(phi), np.cos(phi)
     return _Pattern(
         np.degrees(theta),
@@ -317,11 +308,10 @@ def read_pattern(path: str | os.PathLike[str]) -> xarray.Dataset:
 
     Returns
     -------
-    xarray.Dataset as :func:`radiation_pattern` returns of a polarised source, with conjugate phases
-    for its sign of time, as an element for it. The radiated power is the integral of the field over
-    all directions, and the beam the largest sample. Of files in dBi fields are those of a radiated
-    power near 1 W. The aperture power is NaN, as are frequency and wavelength where the file has
-    none (.csv and .txt).
+    xarray.Dataset as :func:`radiation_pattern` returns of a polarised source, with its sign of
+    time. The radiated power is the integral of the field over all directions, and the beam the
+    largest sample. Of files in dBi fields are those of a radiated power near 1 W. The aperture
+    power is NaN, as are frequency and wavelength where the file has none (.csv and .txt).
 
     Raises
     ------
@@ -486,11 +476,10 @@ def _dataset(theta: Table, phi: Table, fields: Any, frequency: float) -> xarray.
         "frequency": frequency,
         "radiated_power": power,
         "aperture_power": math.nan,
-        "largest_directivity": float(levels.max()),
-        "peak_directivity": float(levels.max()),
+        **dict.fromkeys(("largest_directivity", "peak_directivity"), float(levels.max())),
         "peak_theta": float(theta[peak[0]]),
         "peak_phi": float(phi[peak[1]]),
     }
-    axes = {"theta": (theta, "angle from z"), "phi": (phi, "angle from x")}
+    axes = angle_axes(theta, phi)
     jones = jones_of((along[0][peak], along[1][peak]))
     return vector_dataset(axes, levels, along, jones, about)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -30,7 +31,7 @@ from polywigner.illumination.polarisation import MODELS, CurrentModel, checked_p
 from polywigner.numerics.peaks import climbed, largest
 from polywigner.propagation.element_patterns import element_pattern_of
 from polywigner.propagation.far_fields import check_slopes, far_field, powers_of
-from polywigner.propagation.places import checked_phi, checked_theta, unit_vectors
+from polywigner.propagation.places import angle_axes, checked_phi, checked_theta, unit_vectors
 from polywigner.propagation.stores_checks import source_attrs, source_coords
 from polywigner.propagation.vector_fields import (
     axial_ratios,
@@ -63,23 +64,16 @@ Levels = NDArray[np.float64]
 
 
 def checked_pattern(pattern: Any) -> tuple[Levels, Levels, Levels, dict[str, float]]:
-    """Theta (n,), phi (m,), directivity (n, m) in dBi, and the numbers among the attributes.
-
-    Raises ArgumentError for anything but a pattern, one without angles, and what is no number.
-    """
+    """Theta (n,), phi (m,), directivity (n, m) in dBi, and the numbers among the attributes."""
     try:
-        dims = tuple(pattern["directivity"].dims)
         theta, phi = (np.asarray(pattern[name].values, np.float64) for name in ("theta", "phi"))
-        levels = np.asarray(pattern["directivity"].values, np.float64)
+        levels = np.asarray(pattern["directivity"].transpose("theta", "phi").values, np.float64)
         about = {name: float(pattern.attrs[name]) for name in _ATTRIBUTES}
     except (TypeError, KeyError, IndexError, AttributeError, ValueError):
-        dims = ()
-    if sorted(dims) != ["phi", "theta"]:
         raise ArgumentError(
             "expected a pattern with directivity over theta and phi, got "
             f"{type(pattern).__name__} without; use what polywigner.radiation_pattern returned"
-        )
-    levels = levels if dims[0] == "theta" else levels.T
+        ) from None
     if not levels.size or np.isnan(levels).any():
         what = "angles that are not a number" if levels.size else "no angles"
         raise ArgumentError(f"expected a pattern with numbers at its angles, got {what}")
@@ -149,13 +143,11 @@ def radiation_pattern(
 ) -> xarray.Dataset:
     """Far field and directivity of a source over angles from its normal.
 
-    E = sum over the field's waves of sqrt(g) F/(i lambda), F from :func:`fourier`, without any
-    interpolation; the directivity is 4 pi |E|^2/P, with P the integral of |E|^2 over the hemisphere
-    to rounding (docs/patterns.md). |E|^2 is in W/sr for |u|^2 in W/m^2. Nothing goes backwards.
-
-    With a ``polarisation`` E is the electric field (docs/theory/polarisation.md, (VP2)): the
-    directivity counts all of it, over the power that all of it radiates, and the field is split
-    into a co- and a cross-polar part by Ludwig's third definition, (VP3).
+    E = sum over the field's waves of sqrt(g) F/(i lambda), F from :func:`fourier`; the directivity
+    is 4 pi |E|^2/P, with P the integral of |E|^2 over the hemisphere to rounding
+    (docs/patterns.md). |E|^2 is in W/sr for |u|^2 in W/m^2. Nothing goes backwards. With a
+    ``polarisation`` E is the electric field (VP2), of which the directivity counts all, split into
+    a co- and a cross-polar part by Ludwig's third definition, (VP3).
 
     Parameters
     ----------
@@ -165,18 +157,16 @@ def radiation_pattern(
     theta : (n,) angles from the normal in rad, from -pi to pi; negative ones, for cuts, lie at the
         opposite phi.
     phi : (m,) angles from the x axis in rad; or one.
-    obliquity : g, a boundary condition: cos^2 ("rayleigh-sommerfeld-1"), ((1 + cos)/2)^2
+    obliquity : g, a boundary condition: cos^2 ("rayleigh-sommerfeld-1", or None), ((1 + cos)/2)^2
         ("kirchhoff"), 1 ("rayleigh-sommerfeld-2"), or cos ("paper"); for tapers and steering wave
-        by wave (docs/theory.md, (D2), (D3)); None: "rayleigh-sommerfeld-1". Not with a
-        polarisation.
+        by wave (docs/theory.md, (D2), (D3)). Not with a polarisation.
     polarisation : of the source, as of :func:`polywigner.field`; None: the field is scalar.
     method : of a polarised source: "huygens" (default), "magnetic" or "electric", the currents that
         stand for it.
     element : far field of each element of a :func:`phased_array`, in place of its aperture, field
         and obliquity: of :func:`read_pattern`, or of this function with a polarisation. Its origin
-        is at the positions; the field is that times the array factor, and the power counts
-        directions behind the plane where it has some; the aperture power is NaN. ``polarisation``
-        is then only what co-polar refers to; None: the polarisation of the beam.
+        is at the positions; the power counts directions behind the plane where it has some; the
+        aperture power is NaN. Co-polar refers to ``polarisation``; None: that of the beam.
     precision, engine : see :func:`fourier`.
 
     Returns
@@ -188,12 +178,11 @@ def radiation_pattern(
     directivity on these angles, and that of the beam in all directions, ``peak_directivity`` in
     dBi, at ``peak_theta`` and ``peak_phi``.
 
-    Of a polarised source ``field`` is the co-polar part, and besides there are ``cross_field``,
-    complex, ``cross_polar_discrimination`` (co- over cross-polar) and ``axial_ratio``, both (n, m)
-    in dB. Attributes have method in place of obliquity, ``polarisation``, the Jones vector that
-    co-polar refers to (real and imaginary part along x, then y; of elements of several
-    polarisations that of the beam), and ``peak_axial_ratio`` and
-    ``peak_cross_polar_discrimination`` of the beam.
+    Of a polarised source ``field`` is the co-polar part, and there are ``cross_field``, complex,
+    ``cross_polar_discrimination`` (co- over cross-polar) and ``axial_ratio``, (n, m) in dB.
+    Attributes have method in place of obliquity, ``polarisation``, the Jones vector that co-polar
+    refers to (real and imaginary part along x, then y; of elements of several polarisations that of
+    the beam), and ``peak_axial_ratio`` and ``peak_cross_polar_discrimination`` of the beam.
 
     Raises
     ------
@@ -229,47 +218,45 @@ def radiation_pattern(
     radiator, length = checked_radiator(source), checked_wavelength(wavelength)
     polar, azimuth = checked_theta(theta), checked_phi(phi)
     check_width(largest_lag(radiator), length)
-    axes = {"theta": (polar, "angle from z"), "phi": (azimuth, "angle from x")}
-    directions = unit_vectors(polar, azimuth)
+    view = _View(radiator, length, polar, azimuth)
     if element is not None:
-        return _of_elements(radiator, length, axes, element, polarisation, how)
+        return _of_elements(view, element, polarisation, how)
     if polarisation is not None:
         model = checked_choice("huygens" if method is None else method, "method", MODELS)
-        return _polarised(radiator, length, axes, directions, polarisation, model, how)
+        return _polarised(view, polarisation, model, how)
     name = checked_obliquity(obliquity)
     check_slopes(radiator, name)
     warn_of_slopes(flat_of(radiator), length, name)
     powers = powers_of(radiator, length, name)
-    field = far_field(radiator, directions, length, name, **how)
+    field = far_field(radiator, view.directions, length, name, **how)
     levels = _decibels(np.square(np.abs(field)), powers)
-    beam = _beam(
-        radiator, length, lambda s: np.square(np.abs(far_field(radiator, s, length, name)))
-    )
+    beam = _beam(view, lambda s: np.square(np.abs(far_field(radiator, s, length, name))))
     about = {"obliquity": name, **_numbers(length, powers, levels, beam)}
     variables = {"directivity": levels, "field": field}
-    return _described(radiator, axes, variables, about)
+    return _described(radiator, angle_axes(polar, azimuth), variables, about)
 
 
-def _polarised(
-    source: PlaneSource | Wavefront,
-    wavelength: float,
-    axes: dict[str, tuple[Values, str]],
-    directions: Values,
-    polarisation: Any,
-    model: str,
-    how: dict[str, Any],
-) -> xarray.Dataset:
+@dataclass(frozen=True, eq=False)
+class _View:
+    """A source at a wavelength, seen from angles."""
+
+    source: PlaneSource | Wavefront
+    wavelength: float
+    theta: Values
+    phi: Values
+
+    @property
+    def directions(self) -> Values:
+        return unit_vectors(self.theta, self.phi)
+
+
+def _polarised(view: _View, polarisation: Any, model: str, how: dict[str, Any]) -> xarray.Dataset:
     """The pattern of a polarised source."""
-    parts = parts_of(source, polarisation)
-
-    def far(s: Values) -> Values:
-        return far_vectors(parts, s, wavelength, model)
-
-    powers = vector_powers(parts, wavelength, model)
-    there = far_vectors(parts, directions, wavelength, model, **how)
-    jones = checked_polarisation(polarisation, source)
-    about = {"method": model}
-    return _of_vectors(source, wavelength, axes, there, far, powers, jones, about)
+    parts = parts_of(view.source, polarisation)
+    far = partial(far_vectors, parts, wavelength=view.wavelength, model=model)
+    powers = vector_powers(parts, view.wavelength, model)
+    jones = checked_polarisation(polarisation, view.source)
+    return _of_vectors(view, far(view.directions, **how), far, powers, jones, {"method": model})
 
 
 # Another frequency, in parts of it, than that of an element's pattern.
@@ -277,14 +264,10 @@ _OTHER_FREQUENCY = 0.01
 
 
 def _of_elements(
-    source: PlaneSource | Wavefront,
-    wavelength: float,
-    axes: dict[str, tuple[Values, str]],
-    pattern: Any,
-    polarisation: Any,
-    how: dict[str, Any],
+    view: _View, pattern: Any, polarisation: Any, how: dict[str, Any]
 ) -> xarray.Dataset:
     """The pattern of an array of elements with a pattern of their own."""
+    source, wavelength = view.source, view.wavelength
     if not isinstance(source, Array) or source.repeated is None:
         raise ArgumentError(
             "expected a phased_array with an element's pattern, got "
@@ -308,37 +291,34 @@ def _of_elements(
 
     extent = float(np.linalg.norm(np.ptp(positions, axis=0)))
     power = element.power(2 * math.pi * extent / wavelength, factor)
-    theta, phi = (values for values, _ in axes.values())
-    there = element.grid(theta, phi) * factor(unit_vectors(theta, phi), **how)[..., None]
+    there = element.grid(view.theta, view.phi) * factor(view.directions, **how)[..., None]
     jones = None if polarisation is None else checked_polarisation(polarisation)
     about = {"method": "pattern of the elements"}
-    return _of_vectors(source, wavelength, axes, there, far, (power, math.nan), jones, about)
+    return _of_vectors(view, there, far, (power, math.nan), jones, about)
 
 
 def _of_vectors(
-    source: PlaneSource | Wavefront,
-    wavelength: float,
-    axes: dict[str, tuple[Values, str]],
+    view: _View,
     there: Values,
     far: Callable[[Values], Values],
     powers: tuple[float, float],
     jones: Values | None,
     about: dict[str, Any],
 ) -> xarray.Dataset:
-    """The pattern of far fields (n, m, 3) over the axes, and as a function of directions."""
+    """The pattern of far fields (n, m, 3) over the angles, and as a function of directions."""
     levels = _decibels(np.square(np.abs(there)).sum(axis=-1), powers)
-    beam = _beam(source, wavelength, lambda s: np.asarray(np.square(np.abs(far(s))).sum(axis=-1)))
+    beam = _beam(view, lambda s: np.asarray(np.square(np.abs(far(s))).sum(axis=-1)))
     ahead = unit_vectors(np.array([beam[1]]), np.array([beam[2]]))[0, 0]
     of_beam = ludwig_components(far(ahead), ahead)
     if jones is None or jones.ndim > 1:
         jones = jones_of(of_beam)
-    directions = unit_vectors(*(values for values, _ in axes.values()))
     about = about | {
-        **_numbers(wavelength, powers, levels, beam),
+        **_numbers(view.wavelength, powers, levels, beam),
         "peak_axial_ratio": float(axial_ratios(of_beam)),
         "peak_cross_polar_discrimination": float(_discrimination(*co_and_cross(of_beam, jones))),
     }
-    return vector_dataset(axes, levels, ludwig_components(there, directions), jones, about, source)
+    along, axes = ludwig_components(there, view.directions), angle_axes(view.theta, view.phi)
+    return vector_dataset(axes, levels, along, jones, about, view.source)
 
 
 def jones_of(components: tuple[Values, Values]) -> Values:
@@ -348,17 +328,14 @@ def jones_of(components: tuple[Values, Values]) -> Values:
 
 
 def vector_dataset(
-    axes: dict[str, tuple[Values, str]],
+    axes: dict[str, xarray.Variable],
     levels: Values,
     along: tuple[Values, Values],
     jones: Values,
     about: dict[str, Any],
     source: Any = None,
 ) -> xarray.Dataset:
-    """Directivity (n, m) in dBi and components along x and y, as the pattern of a polarised source.
-
-    Co-polar refers to the Jones vector (2,).
-    """
+    """The pattern of a polarised source: directivity (n, m) in dBi, components along x and y."""
     co, cross = co_and_cross(along, jones)
     variables = {
         "directivity": levels,
@@ -402,18 +379,16 @@ def _numbers(
     }
 
 
-def _beam(
-    source: PlaneSource | Wavefront, wavelength: float, intensity: Callable[[Values], Values]
-) -> tuple[float, float, float]:
+def _beam(view: _View, intensity: Callable[[Values], Values]) -> tuple[float, float, float]:
     """Return the largest |E|^2 of all directions in front, in W/sr, and its theta and phi.
 
     Of several equal ones, that of the smallest theta, and then phi.
     """
-    width = np.ptp(np.reshape(flat_of(source).bounds, (2, 2)), axis=0) / wavelength
+    width = np.ptp(np.reshape(flat_of(view.source).bounds, (2, 2)), axis=0) / view.wavelength
     steps = np.maximum(2 * np.ceil(2 * width), _LEAST_STEPS).astype(int)
     windows = [(np.zeros(2), steps // 2)]
     if steps.prod() > _MOST:
-        windows = _windows(source, wavelength, 2 / steps)
+        windows = _windows(view, 2 / steps)
     evaluate = partial(_intensity, intensity)
     found = []
     for middle, counts in windows:
@@ -434,13 +409,9 @@ def _beam(
     return float(values.max()), float(theta[first]), float(phi[first])
 
 
-def _windows(
-    source: PlaneSource | Wavefront, wavelength: float, step: Values
-) -> list[tuple[Values, NDArray[np.intp]]]:
-    """Middles of windows of direction cosines that hold the beam of a wide source; half counts.
-
-    Elements radiate within some lobes about their waves, whatever their weights add up to.
-    """
+def _windows(view: _View, step: Values) -> list[tuple[Values, NDArray[np.intp]]]:
+    """Middles of windows of direction cosines that hold the beam of a wide source; half counts."""
+    source, wavelength = view.source, view.wavelength
     flat = flat_of(source)
     sides = [np.ptp(np.reshape(e.bounds, (2, 2)), axis=0) for e in flat.elements_in_plane]
     reach = _LOBES * wavelength / np.min(sides, axis=0)
@@ -472,7 +443,7 @@ _VARIABLES = {
 
 def _described(
     source: PlaneSource | Wavefront | None,
-    axes: dict[str, tuple[Values, str]],
+    axes: dict[str, xarray.Variable],
     variables: dict[str, Values],
     about: dict[str, Any],
 ) -> xarray.Dataset:
@@ -482,17 +453,10 @@ def _described(
         "convention": "waves exp(+ikr)/r, time exp(-i omega t)",
         "polywigner_version": __version__,
     }
-    return labelled_arrays(
-        {
-            name: labelled_array(
-                values, tuple(axes), _VARIABLES[name] | (convention if "field" in name else {})
-            )
-            for name, values in variables.items()
-        },
-        {
-            name: labelled_array(values, (name,), {"units": "rad", "long_name": meaning})
-            for name, (values, meaning) in axes.items()
-        }
-        | ({} if source is None else source_coords(source)),
-        about | ({} if source is None else source_attrs(source)),
-    )
+    labelled = {}
+    for name, values in variables.items():
+        attrs = _VARIABLES[name] | (convention if "field" in name else {})
+        labelled[name] = labelled_array(values, tuple(axes), attrs)
+    if source is not None:
+        axes, about = axes | source_coords(source), about | source_attrs(source)
+    return labelled_arrays(labelled, axes, about)

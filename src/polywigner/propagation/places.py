@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
-from typing import Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,10 @@ from polywigner.geometry.arguments import (
     warn_of_degrees,
 )
 from polywigner.illumination.obliquities import BoundaryCondition
+from polywigner.transforms.xarray_arguments import labelled_array
+
+if TYPE_CHECKING:
+    import xarray
 
 Angles = NDArray[np.float64]
 
@@ -32,6 +36,15 @@ def checked_theta(values: Any) -> Angles:
 def checked_phi(values: Any) -> Angles:
     """Angles from the x axis (n,) in rad; ArgumentError for anything else."""
     return checked_angles(values, "phi", math.inf)
+
+
+def angle_axes(theta: Angles, phi: Angles) -> dict[str, xarray.Variable]:
+    """Coordinates theta and phi in rad of a dataset."""
+    axes = {"theta": (theta, "angle from z"), "phi": (phi, "angle from x")}
+    return {
+        name: labelled_array(values, (name,), {"units": "rad", "long_name": meaning})
+        for name, (values, meaning) in axes.items()
+    }
 
 
 def unit_vectors(theta: Angles, phi: Angles) -> NDArray[np.float64]:
@@ -68,24 +81,26 @@ DEFAULT_TOLERANCE = {True: 1e-9, False: 1e-5}
 _LEAST = {True: 1e-13, False: 1e-6}
 
 
-def checked_points(points: Any) -> NDArray[np.float64]:
-    """Points (..., 3) in metres as float64.
-
-    Raises ArgumentError for anything but finite real numbers (..., 3), and for points that are not
-    in front of the source, at z > 0.
-    """
-    expected = "expected points as real numbers of shape (..., 3)"
+def checked_coordinates(points: Any, expected: str, *shape: int) -> NDArray[np.float64]:
+    """Finite coordinates in metres, of axes ``shape`` at the end; ArgumentError for others."""
     try:
         array = real_numbers(points)
     except ValueError as error:
         raise ArgumentError(f"{expected}, in metres, got {error}") from None
-    if array.ndim == 0 or array.shape[-1] != 3:
-        raise ArgumentError(f"{expected}, components x, y, z last, got shape {shape_of(points)}")
+    if array.shape[-len(shape) :] != shape:
+        raise ArgumentError(f"{expected}, in metres, got shape {shape_of(points)}")
     if not np.isfinite(array).all():
         bad = ~np.isfinite(array).all(axis=-1)
         raise ArgumentError(
             f"expected finite points, got {array[bad][0].tolist()}; leave such points out"
         )
+    return array
+
+
+def checked_points(points: Any) -> NDArray[np.float64]:
+    """Points (..., 3) in metres in front of the source, at z > 0; ArgumentError for others."""
+    expected = "expected points as real numbers of shape (..., 3), components x, y, z last"
+    array = checked_coordinates(points, expected, 3)
     behind = array[..., 2] <= 0
     if behind.any():
         raise ArgumentError(
@@ -103,10 +118,7 @@ _REACH_OF_RAYS = 1e30
 
 
 def check_reach(points: NDArray[np.float64], size: float, wavelength: float, rays: bool) -> None:
-    """Raises ArgumentError for lengths whose powers floats cannot be.
-
-    ``points``: (..., 3) that :func:`checked_points` has passed; ``size``: of the source, in m.
-    """
+    """Raises ArgumentError for lengths whose powers floats cannot be, of a source's size in m."""
     reach = _REACH_OF_RAYS if rays else LARGEST
     farthest = float(np.abs(points).max(initial=wavelength))
     nearest = float(points[..., 2].min(initial=wavelength))

@@ -43,10 +43,7 @@ def ray_kernel(source: Any, order: int, curved: bool = False) -> Kernel:
 
 
 def part_kernel(order: int, curved: bool = False, partly: bool = False) -> Kernel:
-    """The integrand of a part of the lag slice at a place: ``x, y``, its columns, the rest.
-
-    ``partly``: in partly coherent light, to leading order.
-    """
+    """The integrand of a part of the lag slice at a place: ``x, y``, its columns, the rest."""
     moments = PART_MOMENTS_ALONG if curved else PART_MOMENTS
     whole = PART_PARTLY_COHERENT if partly else PART_WIGNER
     return _composed(whole if order == 1 else moments, order, PART_COLUMNS)
@@ -55,7 +52,7 @@ def part_kernel(order: int, curved: bool = False, partly: bool = False) -> Kerne
 @lru_cache(maxsize=64)
 def _composed(base: Kernel, order: int, columns: int = 0) -> Kernel:
     """``columns``: arguments of the base besides place and frequency, between the two."""
-    factors = ray_factors(order)
+    factors = FACTORS[order]
     count = 1 if order == 1 else 6
 
     def enter(ops: Any, frame: Any, x: Any, y: Any, *rest: Any) -> Values:
@@ -93,11 +90,6 @@ def _composed(base: Kernel, order: int, columns: int = 0) -> Kernel:
     )
 
 
-def ray_factors(order: int) -> Callable[[Any, Any, Any, Values], Values]:
-    """(cosine, 1/|r|, wavelength, forms) -> the factors of W, or of the moments (T1)."""
-    return _leading if order == 1 else _third_order
-
-
 def _leading(c: Any, inverse: Any, wavelength: Any, forms: Values) -> Values:
     """The factor of W: g/(wavelength |r|)^2, for 1/|r| ``inverse``."""
     density = inverse / wavelength
@@ -126,6 +118,9 @@ def _third_order(c: Any, inverse: Any, wavelength: Any, forms: Values) -> Values
         s3 * -(wavelength * wavelength),
     )
 
+
+FACTORS: dict[int, Callable[[Any, Any, Any, Values], Values]] = {1: _leading, 3: _third_order}
+"""(cosine, 1/|r|, wavelength, forms) -> the factors of W, to third order of the moments (T1)."""
 
 Floats = NDArray[np.float64]
 
@@ -200,10 +195,7 @@ class Rays:
             )
 
     def _is_by_parts(self, source: Aperture | Array, places: int) -> bool:
-        """Whether W is a sum over the edges of all elements, not one of an array's short cuts.
-
-        And there are not so many edges that finding those which matter is most of the work.
-        """
+        """Whether W is a sum over the edges of all elements, not one of an array's short cuts."""
         by_edges = self.order == 3 or kernel_for("wigner", source).slices is not None
         return by_edges and tables_of(source, True).clips * places <= _MOST_CUTS
 

@@ -1,36 +1,43 @@
-"""Irradiance by Wigner rays to a tolerance: rules refined until they agree, and drawn places."""
+"""Irradiance by Wigner rays: rules refined to a tolerance, drawn places, and derivatives."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from polywigner import execution
 from polywigner.errors import (
     ArgumentError,
     require,
 )
 from polywigner.geometry import Aperture
-from polywigner.geometry.arguments import checked_count, checked_generator
+from polywigner.geometry.arguments import checked_count, checked_generator, checked_wavelength
 from polywigner.illumination import Array
-from polywigner.illumination.obliquities import fields_of
+from polywigner.illumination.obliquities import checked_obliquity, fields_of, weighted_sources
 from polywigner.illumination.support import mutual_support
+from polywigner.kernels import kernel_for
 from polywigner.propagation.arrangement import (
+    Rule,
     Triangles,
     gauss_rule,
     has_few_kinks,
     node_count,
+    quartered,
     rule_by_triangles,
     smooth_triangles,
     spacings,
     triangulated,
 )
-from polywigner.propagation.rays import Rays
-from polywigner.transforms import sample_automean
+from polywigner.propagation.places import checked_points
+from polywigner.propagation.rays import FACTORS, Rays
+from polywigner.radiometry.directions import checked_source
+from polywigner.transforms import Differentiable, sample_automean, traced_sources, wigner
 
 Values = NDArray[np.float64]
 
@@ -66,15 +73,12 @@ class Estimate:
 def by_gauss(
     source: Aperture | Array, rays: Rays, points: Values, tolerance: float, floor: Values
 ) -> Estimate:
-    """Irradiance at points (n, 3) to ``tolerance`` of itself, or of ``floor`` (n,) if larger.
-
-    The estimate of the error is the difference between the last two rules.
-
-    Raises ArgumentError where the phase turns so often across the source that the first rule is too
-    large to be summed up.
-    """
+    """Irradiance at points (n, 3) to ``tolerance`` of itself, or of ``floor`` (n,) if larger."""
     result = Estimate(np.zeros(len(points)), np.full(len(points), np.inf))
-    for rate, group in _by_rate(source, rays, points):
+    steps = np.ceil(phase_rates(source, rays.wavelength, points, rays.curved) * rays.wavelength
+                    / _RATE_STEP)  # fmt: skip
+    for step in np.unique(steps):
+        rate, group = float(step) * _RATE_STEP / rays.wavelength, np.flatnonzero(steps == step)
         cells = _cells(source, rays, points[group], tolerance, floor[group], rate)
         part = _raised(cells, rays, rate, points[group], tolerance, floor[group])
         result.values[group], result.errors[group] = part.values, part.errors
@@ -147,10 +151,7 @@ def _check_nodes(cells: Triangles, rate: float, wavelength: float) -> None:
 def phase_rates(
     source: Aperture | Array, wavelength: float, points: Values, curved: Sequence[float] = ()
 ) -> Values:
-    """Largest |nu - kappa| of the rays to each point, in cycles per metre, kappa of any wave.
-
-    The bounds' corners have the largest. That of a curved wave is another one at each place.
-    """
+    """Largest |nu - kappa| of the rays to each point, in cycles per metre, kappa of any wave."""
     xmin, ymin, xmax, ymax = source.bounds
     corners = np.array([(x, y) for x in (xmin, xmax) for y in (ymin, ymax)])
     rays = points[:, None, :2] - corners
@@ -167,16 +168,6 @@ def phase_rates(
     for kappa in np.unique(np.concatenate(waves), axis=0):
         result = np.maximum(result, np.linalg.norm(nu - kappa, axis=-1).max(axis=1))
     return result + bent
-
-
-def _by_rate(
-    source: Aperture | Array, rays: Rays, points: Values
-) -> Iterator[tuple[float, NDArray[np.intp]]]:
-    wavelength = rays.wavelength
-    rates = phase_rates(source, wavelength, points, rays.curved)
-    steps = np.ceil(rates * wavelength / _RATE_STEP)
-    for step in np.unique(steps):
-        yield float(step) * _RATE_STEP / wavelength, np.flatnonzero(steps == step)
 
 
 def _cells(
@@ -199,28 +190,18 @@ def _cells(
     chosen = np.unique(np.linspace(0, len(points) - 1, _PROBES).astype(int))
     probes, allowed = points[chosen], tolerance * floor[chosen]
     while len(cells) < _MOST_CELLS:
-        errors = _errors_of_cells(cells, rays, rate, probes)
-        enough = np.maximum(allowed, tolerance * np.abs(errors[1]))
-        shares = (errors[0] / enough).max(axis=1)
+        # the first and the third rule that `_raised` takes
+        coarse, fine = (_on_cells(cells, rays, rate, probes, _LEVELS[k]) for k in (0, 2))
+        enough = np.maximum(allowed, tolerance * np.abs(fine.sum(axis=0)))
+        shares = (np.abs(fine - coarse) / enough).max(axis=1)
         if float(shares.sum()) <= 1.0:
             break
         order = np.argsort(-shares)
         needed = np.searchsorted(np.cumsum(shares[order]), _SHARE * shares.sum()) + 1
         divided = np.zeros(len(cells), dtype=bool)
         divided[order[:needed]] = True
-        cells = np.concatenate([cells[~divided], _quartered(cells[divided])])
+        cells = np.concatenate([cells[~divided], quartered(cells[divided])])
     return cells
-
-
-def _errors_of_cells(
-    cells: Triangles, rays: Rays, rate: float, points: Values
-) -> tuple[Values, Values]:
-    """Difference of two rules on each cell at each point (cells, points), and the whole (points,).
-
-    The rules are the first and the third that :func:`_raised` takes.
-    """
-    coarse, fine = (_on_cells(cells, rays, rate, points, _LEVELS[k]) for k in (0, 2))
-    return np.abs(fine - coarse), fine.sum(axis=0)
 
 
 def _on_cells(cells: Triangles, rays: Rays, rate: float, points: Values, extra: float) -> Values:
@@ -235,14 +216,6 @@ def _on_cells(cells: Triangles, rays: Rays, rate: float, points: Values, extra: 
         np.add.at(sums, owners, values.T)
         parts.append(sums)
     return np.concatenate(parts)
-
-
-def _quartered(cells: Triangles) -> Triangles:
-    """Each triangle as four halves of its size."""
-    a, b, c = cells[:, 0], cells[:, 1], cells[:, 2]
-    ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
-    quarters = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
-    return np.concatenate([np.stack(corners, axis=1) for corners in quarters])
 
 
 Sampling = Literal["gauss", "sobol", "monte-carlo"]
@@ -274,7 +247,10 @@ def by_samples(
     """
     fixed = samples is not None
     count = checked_count(samples, "samples", _BATCHES) if fixed else _FIRST_SAMPLES
-    draws, size, drawn = _draws(sampling, seed), -(-count // _BATCHES), 0
+    generator, size, drawn = checked_generator(seed), -(-count // _BATCHES), 0
+    draws: list[Draw] = [lambda size: generator.random((size, 2))] * _BATCHES
+    if sampling == "sobol":
+        draws = [_sobol_draw(2, generator) for _ in range(_BATCHES)]
     sums = np.zeros((_BATCHES, len(points)))
     result = Estimate(np.zeros(len(points)), np.full(len(points), np.inf))
     open_ = np.arange(len(points))
@@ -288,7 +264,7 @@ def by_samples(
         result.errors[open_] = np.std(means, axis=0, ddof=1) / math.sqrt(_BATCHES)
         # As of rules, see rays_adaptive: places are drawn one to this square, on the average.
         spacing = math.sqrt(float(np.mean(1.0 / density)) / (drawn * _BATCHES))
-        unseen = _gaps(source, points[open_]) < spacing / (2 * math.pi)
+        unseen = gaps(source, points[open_]) < spacing / (2 * math.pi)
         result.errors[open_[unseen]] = np.inf
         missed = result.errors[open_] > allowed(result.values[open_], open_)
         result.is_met = not (unseen if fixed else missed).any()
@@ -297,7 +273,7 @@ def by_samples(
         open_, size = open_[missed], drawn
 
 
-def _gaps(source: Aperture | Array, points: Values) -> Values:
+def gaps(source: Aperture | Array, points: Values) -> Values:
     """Distances of points (n, 3) from the source's bounds, (n,)."""
     xmin, ymin, xmax, ymax = source.bounds
     aside = points[:, :2] - np.clip(points[:, :2], (xmin, ymin), (xmax, ymax))
@@ -305,35 +281,115 @@ def _gaps(source: Aperture | Array, points: Values) -> Values:
     return result
 
 
-def _draws(sampling: str, seed: Any) -> list[Draw]:
-    """Numbers drawn for each batch. Those of Sobol are rounded up to a power of two."""
-    generator = checked_generator(seed)
-    if sampling != "sobol":
-        return [lambda size: generator.random((size, 2))] * _BATCHES
-    sobol = _sobol()
-    return [_sobol_draw(sobol(2, scramble=True, seed=generator)) for _ in range(_BATCHES)]
-
-
-def _sobol_draw(sequence: Any) -> Draw:
-    def draw(size: int) -> Values:
-        return _below_one(sequence.random_base2(math.ceil(math.log2(size))))
-
-    return draw
+def _sobol_draw(columns: int, generator: np.random.Generator) -> Draw:
+    """Draw numbers (n, columns) in [0, 1) of a Sobol sequence, n rounded up to a power of two."""
+    library = require("scipy.stats.qmc", "arrays", "has quasi-random numbers (Sobol)")
+    sequence = library.Sobol(columns, scramble=True, seed=generator)
+    # The largest of the numbers that scrambling makes may round to 1.
+    return lambda size: np.minimum(sequence.random_base2(math.ceil(math.log2(size))), 1 - 2.0**-53)
 
 
 def sobol_numbers(size: int, columns: int, generator: np.random.Generator) -> Values:
-    """The first numbers (size, columns) in [0, 1) of a Sobol sequence, scrambled anew.
+    """The first numbers (size, columns) in [0, 1) of a Sobol sequence, scrambled anew."""
+    return _sobol_draw(columns, generator)(size)[:size]
 
-    Raises MissingExtraError without scipy.
+
+# Nodes beyond those that the phase needs, rule after rule, of sums that Dr.Jit differentiates. They
+# have no derivatives: W vanishes on the rim of the region in which they lie, and is continuous.
+_TRACED_LEVELS = (4.0, 8.0, 15.0, 28.0)
+# 400 MiB for each array of float64.
+_MOST_RAYS = 50_000_000
+
+
+def traced_irradiance(
+    source: Any, points: Any, wavelength: Any, obliquity: Any, tolerance: float, order: int
+) -> Any:
+    """As :func:`polywigner.irradiance` by rays, by Dr.Jit.
+
+    To third order Dr.Jit differentiates the moments (T1), along frequencies alone, in which they
+    are smooth. Raises ArgumentError for fields whose waves leave at different angles with an
+    obliquity that tells, for vertices then, and for more rays than fit into memory.
     """
-    sequence = _sobol()(columns, scramble=True, seed=generator)
-    return _below_one(sequence.random_base2(math.ceil(math.log2(size)))[:size])
+    traced = source if isinstance(source, Differentiable) else Differentiable(source)
+    checked_source(traced.source)
+    if order == 3 and traced.vertices is not None:
+        raise ArgumentError(
+            "expected order=1 with differentiable vertices, got order=3, whose rays have "
+            "derivatives in points, wavelength, weights and amplitudes; leave vertices out"
+        )
+    name = checked_obliquity(obliquity, order)
+    parameters = [(name, getattr(traced, name)) for name in ("vertices", "weights", "amplitudes")]
+    float_type = execution.float_of(
+        ("points", points),
+        ("wavelength", wavelength),
+        *((name, parameter.first) for name, parameter in parameters if parameter is not None),
+    )
+    places = checked_points(execution.values_of(points, 3)).reshape(-1, 3)
+    length = execution.values_of(wavelength, 1)
+    if isinstance(length, np.ndarray):
+        if length.size != 1:
+            raise ArgumentError(f"expected one wavelength, got {length.size}")
+        length = length.item()
+    length = checked_wavelength(length)
+    terms = weighted_sources(traced.source, name, length, order)
+    if len(terms) > 1 or terms[0][0] is not traced.source:
+        raise ArgumentError(
+            f"expected a field whose waves leave at one angle for obliquity={name!r} with "
+            'derivatives; use "rayleigh-sommerfeld-1"'
+        )
+    forms = terms[0][1]
+    rays = Rays(terms, length, order, "auto", True)
+    rule = _rule(rays, traced.source, places, tolerance)
+    if len(rule[1]) * len(places) > _MOST_RAYS:
+        raise ArgumentError(
+            f"expected at most {_MOST_RAYS} rays at a time, got {len(rule[1])} from each of "
+            f"{len(places)} points; take fewer points"
+        )
+
+    def functions(x: Any, nu: Any) -> tuple[Any, ...]:
+        if order == 1:
+            return (wigner(traced, x, nu),)
+        return execution.traced_sums(kernel_for("lag moments", traced.source), traced.source, x, nu)
+
+    factors = partial(FACTORS[order], forms=forms)
+
+    values = execution.ray_sum(functions, rule, points, wavelength, factors, float_type)
+    fields = traced.weights or traced.amplitudes
+    if order == 1 or fields is None:
+        return values
+    return execution.with_slopes(
+        values, (fields.first, fields.second), lambda: _field_slopes(rays, traced, rule, places)
+    )
 
 
-def _below_one(numbers: Values) -> Values:
-    # The largest of the numbers that scrambling makes may round to 1.
-    return np.minimum(numbers, 1 - 2.0**-53)
+def _field_slopes(rays: Rays, traced: Differentiable, rule: Rule, points: Values) -> Any:
+    """Derivatives in real and imaginary parts of all weights or amplitudes, (n, k) each."""
+    numbers = traced_sources.fields_of(traced)
+    step = float(np.abs(numbers).max()) or 1.0
+    (_, forms), *_ = rays.sources
+
+    def along(change: Any) -> Values:
+        ends = (
+            replace(rays, sources=[(traced_sources.with_fields(traced, numbers + c), forms)])
+            for c in (change, -change)
+        )
+        above, below = (own.irradiance(rule, points) for own in ends)
+        return (above - below) / (2 * step)
+
+    units = step * np.eye(len(numbers))
+    return tuple(np.stack([along(f * unit) for unit in units], axis=1) for f in (1.0, 1j))
 
 
-def _sobol() -> Any:
-    return require("scipy.stats.qmc", "arrays", "has quasi-random numbers (Sobol)").Sobol
+def _rule(rays: Rays, source: Any, points: Any, tolerance: float) -> Rule:
+    """Return a rule whose irradiance differs from the previous one's within the tolerance."""
+    cells = smooth_triangles(source)
+    if not len(points):
+        return gauss_rule(cells, 0.0, _TRACED_LEVELS[0])
+    rate = float(phase_rates(source, rays.wavelength, points).max())
+    before = rays.irradiance(gauss_rule(cells, rate, _TRACED_LEVELS[0]), points)
+    for level in _TRACED_LEVELS[1:]:
+        values = rays.irradiance(gauss_rule(cells, rate, level), points)
+        if (np.abs(values - before) <= tolerance * np.abs(values).max()).all():
+            return gauss_rule(cells, rate, level)
+        before = values
+    return gauss_rule(cells, rate, _TRACED_LEVELS[-1])

@@ -17,8 +17,7 @@ from polywigner.geometry.arguments import checked_choice, real_numbers
 from polywigner.illumination import Illumination
 from polywigner.illumination.obliquities import CONDITIONS
 from polywigner.kernels.boundary.edge_waves import spherical_edge
-from polywigner.propagation.boundary import boundary_field
-from polywigner.propagation.panels import radiator_of
+from polywigner.propagation.boundary import boundary_field, radiator_of
 from polywigner.propagation.places import LARGEST, warn_of_missed
 
 Floats = NDArray[np.float64]
@@ -58,10 +57,7 @@ def waves_through(
     mirrored: float,
     tolerance: float,
 ) -> tuple[NDArray[np.complex128], Floats]:
-    """The field behind an opening over the incident one at points (n, 3), z > 0, and its error.
-
-    Kirchhoff's at a point, and ``mirrored`` times that at its mirror image.
-    """
+    """The field behind an opening over the incident one at points (n, 3), z > 0, and its error."""
     edges = np.concatenate([np.hstack([ring, np.roll(ring, -1, axis=0)]) for ring in opening.rings])
     edges = edges / wavelength
     around = float(np.hypot(*(edges[:, 2:] - edges[:, :2]).T).sum())
@@ -213,9 +209,8 @@ class Screen:
     """An opaque screen in the plane z = 0, lit from z < 0, whose field :func:`amplitude` gives.
 
     Behind a plate the field is the incident one less that which an opening of its outline lets
-    through (Babinet). "Opaque" means what the ``method`` of :func:`amplitude` says: Kirchhoff's
-    screen is black; Rayleigh and Sommerfeld's first has the field 0 on its back, the second no
-    normal derivative. The differences show at angles far from the boundary of the shadow.
+    through (Babinet). Kirchhoff's screen is black; Rayleigh and Sommerfeld's first has the field 0
+    on its back, the second no normal derivative, by the ``method`` of :func:`amplitude`.
 
     Parameters
     ----------
@@ -240,11 +235,9 @@ class Screen:
 
     def __post_init__(self) -> None:
         if not isinstance(self.outline, Aperture) or self.outline.illumination is not None:
-            got = type(self.outline).__name__
-            if isinstance(self.outline, Aperture):
-                got = "one with an illumination"
             raise ArgumentError(
-                f"expected the outline of a screen as an Aperture without illumination, got {got}"
+                "expected the outline of a screen as an Aperture without illumination, got "
+                f"{self.outline!r:.80}"
             )
         if not isinstance(self.lit_by, (PointSource, PlaneWave)):
             raise ArgumentError(

@@ -24,7 +24,7 @@ from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,12 +34,11 @@ from polywigner.errors import (
     ArgumentError,
     EngineError,
     PolywignerError,
-    PolywignerWarning,
     StoreError,
-)
+)  # fmt: skip
 from polywigner.execution import MOST_THREADS
 from polywigner.execution.progress import progress_bar
-from polywigner.geometry.arguments import checked_count, checked_path
+from polywigner.geometry.arguments import checked_count, checked_path, warn_caller
 from polywigner.interruption import cleaned_up_by
 from polywigner.propagation.stores_checks import (
     CHECKSUM,
@@ -62,22 +61,18 @@ from polywigner.propagation.stores_checks import (
 )
 from polywigner.transforms.xarray_arguments import labelled_arrays
 
-if TYPE_CHECKING:
-    pass
-
 # Number of the format: it changes with the files' content and layout.
 _FORMAT = 1
 # Libraries on whose rounding a value may depend.
 _LIBRARIES = ("numpy", "drjit")
 # Seconds to wait for a scheduler's answer, and for its first worker.
 _PATIENCE = 10.0
+# What a lock holds: nothing yet, or the process and its machine.
+_OWNER = r"|\d+ on [^\n]*"
 
 Block = Callable[[Index, Index], NDArray[Any]]
-"""(origin, shape), in samples -> the values there.
-
-One that has a method ``check`` raises there, on every worker and before any chunk is begun, what
-keeps it from computing: files that are not there, for one.
-"""
+"""(origin, shape), in samples -> the values there. A method ``check``, if there is one, raises on
+every worker, before any chunk is begun, what keeps it from computing: lost files, for one."""
 
 
 def versions() -> dict[str, str]:
@@ -90,7 +85,6 @@ def versions() -> dict[str, str]:
 
 def _run_of(layout: Layout, settings: Mapping[str, Any]) -> dict[str, Any]:
     """All that the numbers of a run depend on, as JSON keeps it."""
-    axes = {name: digest_of(axis.values) for name, axis in layout.coords.items()}
     whole = {
         "format": _FORMAT,
         **versions(),
@@ -98,7 +92,7 @@ def _run_of(layout: Layout, settings: Mapping[str, Any]) -> dict[str, Any]:
         "dtype": np.dtype(layout.dtype).name,
         "shape": layout.shape,
         "chunks": layout.chunks,
-        **{f"coordinate {name}": digest for name, digest in axes.items()},
+        **{f"coordinate {name}": digest_of(a.values) for name, a in layout.coords.items()},
         **with_digest(settings),
     }
     run: dict[str, Any] = json.loads(json.dumps(whole, allow_nan=False))
@@ -109,54 +103,52 @@ def _run_of(layout: Layout, settings: Mapping[str, Any]) -> dict[str, Any]:
 def one_run(path: Path) -> Iterator[None]:
     """Hold the place of a store for this run. Raises StoreError while another run holds it.
 
-    The system's lock on the file NAME.lock beside the store ends with its process, whatever ends
-    that. The next run takes over the file that a killed run leaves, and removes it. Workers of a
-    cluster take no lock: theirs is the run of the process that started it.
-
-    Nothing is locked on Windows, on file systems without such locks, and in folders that cannot be
-    written to.
+    The system's lock on the file NAME.lock beside the store ends with its process; the next run
+    takes over the file of a killed one, and removes it. Workers of a cluster take no lock. Nothing
+    is locked on Windows, on file systems without locks, and in folders that are read-only.
     """
-    file, held = path.with_name(f"{path.name}.lock"), None
+    file, owner = path.with_name(f"{path.name}.lock"), ""
     with ExitStack() as stack:
         try:
             import fcntl  # not on Windows
 
             file.parent.mkdir(parents=True, exist_ok=True)
-            held = stack.enter_context(_opened_lock(file))
+            careful = os.O_NOFOLLOW | os.O_NONBLOCK  # a link, a pipe
+            number = os.open(file, os.O_RDWR | os.O_CREAT | careful, 0o666)
+            held = stack.enter_context(os.fdopen(number, "r+", encoding="utf-8", errors="replace"))
+            status, owner = os.fstat(number), held.read(300)
+            if not stat.S_ISREG(status.st_mode) or not re.fullmatch(_OWNER, owner):
+                raise OSError(errno.ELOOP, "another file")
             fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            if not os.fstat(held.fileno()).st_nlink:  # of a run that is ending, and removed it
+            if not os.fstat(number).st_nlink:  # of a run that is ending, and removed it
                 raise BlockingIOError
-            held.truncate(0)
+            stack.callback(file.unlink, missing_ok=True)  # while it is locked
+            held.seek(0)
+            held.truncate()
             held.write(f"{os.getpid()} on {platform.node()}")
             held.flush()
         except BlockingIOError:
-            assert held is not None
-            held.seek(0)
             raise StoreError(
-                f"expected no other run to write to {path}, got one that does (process "
-                f"{held.read(300)}); wait for its end, or choose another name"
+                f"expected no other run to write to {path}, got one that does (process {owner}); "
+                "wait for its end, or choose another name"
             ) from None
-        except StoreError:
-            raise
-        except (ImportError, OSError):
-            pass  # if it cannot be written there, writing says why
-        if held is not None:
-            stack.callback(file.unlink, missing_ok=True)  # while it is locked
+        except (ImportError, OSError) as error:
+            # if it cannot be written there, writing says why
+            if isinstance(error, OSError) and error.errno == errno.ELOOP:
+                raise StoreError(
+                    f"expected {file} as the lock of a run, got a link or another file; remove it"
+                ) from None
         yield
 
 
-def _to_disk(*files: Path) -> None:
-    """Wait until the content of files is on the disk."""
-    for file in files:
-        with file.open("rb+") as content:
-            os.fsync(content.fileno())
+def _to_disk(file: Path) -> None:
+    """Wait until the content of a file is on the disk."""
+    with file.open("rb+") as content:
+        os.fsync(content.fileno())
 
 
 def _create(path: Path, layout: Layout, run: dict[str, Any], source: str | None) -> None:
-    """Make a store without chunks, whole or not at all.
-
-    Raises StoreError where it cannot be written.
-    """
+    """Make a store without chunks, whole or not at all; StoreError where it cannot be written."""
     zarr, checksum = required("zarr"), [required("zarr.codecs").Crc32cCodec()]
     scratch = path.with_name(f"{path.name}.partial")  # one name: swept by the next run
     dtype = np.dtype(layout.dtype)
@@ -194,7 +186,8 @@ def _create(path: Path, layout: Layout, run: dict[str, Any], source: str | None)
         table = json.loads(file.read_bytes())
         table["attributes"][CHECKSUM] = checksum_of(table)
         file.write_text(json.dumps(table, indent=2), encoding="utf-8")
-        _to_disk(*(entry for entry in scratch.rglob("*") if entry.is_file()))
+        for entry in filter(Path.is_file, scratch.rglob("*")):
+            _to_disk(entry)
         scratch.rename(path)
 
 
@@ -261,11 +254,9 @@ Advance = Callable[[], None]
 def _on_this_machine(
     writer: ChunkWriter, indices: Sequence[Index], threads: int | None, advance: Advance
 ) -> None:
-    """Compute all chunks by threads of this process. Raises the first failure.
-
-    Of a block that has a pool of threads of its own, one is computed while another is written.
-    """
+    """Compute all chunks by threads of this process. Raises the first failure."""
     stop = threading.Event()
+    # of a block that has all cores, one is computed while another is written
     count = 2 if writer.exclusive else threads or os.cpu_count()
     stops = execution.stop_this_thread_when
     with ThreadPoolExecutor(count, initializer=stops, initargs=(stop,)) as pool:
@@ -291,11 +282,10 @@ def connected(scheduler: str) -> Iterator[Any]:
         )
     try:
         client = distributed.Client(scheduler, timeout=_PATIENCE, set_as_default=False)
-    except Exception as error:  # of many kinds where something else answers, or it is no address
+    except Exception as error:  # of many kinds where something else answers
         raise EngineError(
             f"expected a dask scheduler at {scheduler!r}, got none that answers "
-            f"({type(error).__name__}: {error}); start one by `dask scheduler`, or leave "
-            "the address out"
+            f"({type(error).__name__}: {error}); start one by `dask scheduler`"
         ) from error
     with client:
         try:
@@ -311,11 +301,10 @@ def connected(scheduler: str) -> Iterator[Any]:
 def _on_cluster(
     writer: ChunkWriter, indices: Sequence[Index], client: Any, advance: Advance
 ) -> None:
-    """All chunks, by the workers of a client's scheduler.
+    """Compute all chunks by the workers of a scheduler; others do the work of one that dies.
 
-    A worker that dies has its chunks computed by others. Raises, before any chunk is begun,
-    StoreError if a worker does not see the store and EngineError if one lacks polywigner; else what
-    the first chunk to fail raises.
+    Raises StoreError or EngineError, before any chunk is begun, for a worker that does not see the
+    store or lacks polywigner; else what the first chunk to fail raises.
     """
     distributed, dask = required("distributed"), required("dask")
     for worker, answer in client.run(writer.check, on_error="return").items():
@@ -364,26 +353,19 @@ def write_dataset(
     threads: int | None = None,
     progress: bool | None = None,
 ) -> Any:
-    """Fill a zarr store (format 3) with the values of a block function, chunk by chunk.
+    """Fill a zarr store (format 3) with the values of a block; an xarray.Dataset, read lazily.
 
-    If the store is there already, its chunks are read, and those that are missing or damaged are
-    computed, the latter with a warning. A run that fails before a chunk is finished leaves no store
-    behind. One run at a time writes to a store.
+    Of a store that is there already, chunks that are missing or damaged are computed, the latter
+    with a warning. A run that fails before a chunk is finished leaves no store behind.
 
     Parameters
     ----------
-    path : the folder to make, or to go on with.
-    layout : axes, chunks and attributes. Memory: a few chunks, and what ``block`` needs.
+    path, scheduler, threads, progress : as of :func:`wigner_table`, of ``out`` the first.
     block : can be pickled if there is a ``scheduler``, and then keeps no caches when it is.
-    settings : all that the values depend on beside the layout, as texts, numbers and lists: a
-        store of other settings is not gone on with. ``source`` is the text of a source file.
+    settings : all that the values depend on beside the layout, as texts, numbers and lists.
+        ``source`` is the text of a source file.
     exclusive : the block uses all cores by itself, as the engines "llvm" and "cuda" do; else
         (NumPy) as many blocks are computed at a time as there are threads.
-    scheduler, threads, progress : as of :func:`wigner_table`.
-
-    Returns
-    -------
-    xarray.Dataset, read lazily in the same chunks.
 
     Raises
     ------
@@ -420,7 +402,7 @@ def write_dataset(
         if is_new:  # only now, when whoever computes has answered
             stack.enter_context(one_run(folder))
             _create(folder, layout, run, settings.get("source"))
-            stack.enter_context(_removed_if_empty(folder, folder / layout.name / "c"))
+            stack.enter_context(_removed_if_empty(folder, layout.name))
         bar = stack.enter_context(
             progress_bar(folder.name, layout.count, layout.count - len(indices), progress)
         )
@@ -438,37 +420,13 @@ def _sweep(array: Path) -> None:
         file.unlink(missing_ok=True)
 
 
-def _opened_lock(file: Path) -> Any:
-    """The file of a lock, made if there is none; StoreError for a link, or a file of others."""
-    try:
-        careful = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)  # not on Windows
-        number = os.open(file, os.O_RDWR | os.O_CREAT | careful, 0o666)
-    except OSError as error:
-        if error.errno != errno.ELOOP:
-            raise
-        raise StoreError(f"expected {file} as the lock of a run, got a link; remove it") from None
-    held = os.fdopen(number, "r+", encoding="utf-8", errors="replace")
-    if not stat.S_ISREG(os.fstat(number).st_mode) or not _LOCK.fullmatch(held.read(300)):
-        held.close()
-        raise StoreError(f"expected {file} as the lock of a run, got another file; remove it")
-    held.seek(0)
-    return held
-
-
-# What a lock holds: nothing yet, or the process and its machine.
-_LOCK = re.compile(r"|\d+ on [^\n]*")
-
-
 @contextmanager
-def _removed_if_empty(path: Path, chunks: Path) -> Iterator[None]:
-    """Within, a failure before the first chunk removes the store.
-
-    Nobody is writing then: threads have been waited for, and workers begin only when all of them
-    see the store.
-    """
+def _removed_if_empty(path: Path, name: str) -> Iterator[None]:
+    """Within, a failure before the first chunk removes the store, to which nobody writes then."""
 
     def remove() -> None:
-        if all(entry.is_dir() or entry.suffix == ".partial" for entry in chunks.rglob("*")):
+        entries = (path / name / "c").rglob("*")
+        if all(entry.is_dir() or entry.suffix == ".partial" for entry in entries):
             shutil.rmtree(path, ignore_errors=True)
 
     with cleaned_up_by(remove):
@@ -490,18 +448,13 @@ def _array_of_run(path: Path, run: dict[str, Any]) -> Any:
     differ = sorted(name for name in {*found, *run} if found.get(name) != run.get(name))
     if differ:
         told = ", ".join(
-            f"{name} {_short(run.get(name))} (there: {_short(found.get(name))})" for name in differ
+            f"{name} {run.get(name)!r:.60} (there: {found.get(name)!r:.60})" for name in differ
         )
         raise StoreError(
             f"expected {path} to be a store of the same settings, got one that differs in {told}; "
             "choose another name, or delete that store"
         )
     return stored_array(path, found)
-
-
-def _short(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def _check_space(path: Path, needed: int) -> None:
@@ -521,10 +474,8 @@ def _to_compute(array: Any, progress: bool | None) -> list[Index]:
     _sweep(path)
     missing, damaged = chunk_faults(array, progress)
     if damaged:
-        warnings.warn(
+        warn_caller(
             f"{len(damaged)} of the {array.nchunks} chunks of {path.parent} were damaged, and are "
-            "computed anew; look after the disk if no power failed",
-            PolywignerWarning,
-            stacklevel=3,
+            "computed anew; look after the disk if no power failed"
         )
     return sorted(missing + damaged)

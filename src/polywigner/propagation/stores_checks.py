@@ -15,18 +15,14 @@ import stat
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from polywigner.errors import (
-    FileFormatError,
-    MissingExtraError,
-    StoreError,
-    require,
-)
+from polywigner.errors import ArgumentError, FileFormatError, MissingExtraError, StoreError, require
 from polywigner.execution.progress import progress_bar
 from polywigner.geometry.arguments import checked_path
 from polywigner.geometry.io.limits import bytes_of
@@ -65,20 +61,16 @@ def require_stores(scheduler: str | None = None) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """An array of one variable on labelled axes, cut into chunks."""
+    """An array of one variable on labelled axes, cut into chunks; attributes as JSON keeps them."""
 
     name: str
-    """Name of the variable."""
     dtype: DTypeLike
-    """float32, float64, complex64 or complex128."""
     coords: Mapping[str, xarray.Variable]
     """Dimension -> its values (n,), with a unit; in the order of the array's axes."""
     chunks: Index
     """Samples of a chunk along each axis; chunks at the end may be cut short."""
     attrs: Mapping[str, Any] = field(default_factory=dict)
-    """Attributes of the variable, its ``units`` among them: texts and numbers."""
     dataset_attrs: Mapping[str, Any] = field(default_factory=dict)
-    """Attributes of the whole dataset: texts and numbers."""
 
     @property
     def shape(self) -> Index:
@@ -102,16 +94,25 @@ class Layout:
 
 
 def chunks_within(shape: Sequence[int], samples: int) -> Index:
-    """Chunks of at most ``samples`` samples: the longest axis is halved, the first among equals.
-
-    Chunks are then about as long along every axis, and so a slice through the array in any
-    direction reads about the same number of them.
-    """
+    """Chunks of at most ``samples`` samples: the longest axis is halved, the first among equals."""
     chunks = list(shape)
     while math.prod(chunks) > samples:
         longest = chunks.index(max(chunks))
         chunks[longest] = -(-chunks[longest] // 2)
     return tuple(chunks)
+
+
+# Most samples in memory: 16 GiB of float32.
+_MOST_IN_MEMORY = 1 << 32
+
+
+def check_memory(shape: Sequence[int]) -> None:
+    """Raise ArgumentError for arrays too large to be computed in memory."""
+    if math.prod(shape) > _MOST_IN_MEMORY:
+        raise ArgumentError(
+            f"expected at most {_MOST_IN_MEMORY} samples in memory, got {math.prod(shape):.3g}; "
+            "write them to disk with out, in chunks"
+        )
 
 
 @contextmanager
@@ -145,10 +146,7 @@ def with_digest(settings: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def source_settings(source: Any) -> dict[str, Any]:
-    """A source as a setting: the text of its source file, or the digest of a long one.
-
-    Raises ArgumentError for anything but a source.
-    """
+    """A source as a setting: the text of its source file, or the digest of a long one."""
     text = json_of(table_of(source))
     if len(text) <= _LONGEST_SOURCE:
         return {"source": text}
@@ -164,7 +162,7 @@ def source_attrs(source: Any) -> dict[str, str]:
 
 
 def source_coords(source: Any) -> dict[str, xarray.Variable]:
-    """The coordinate of a dataset that holds the whole source; none for a long one."""
+    """The coordinate of a dataset that holds the source; none for a long one."""
     return source_coordinate(source_settings(source).get("source"))
 
 
@@ -178,10 +176,7 @@ def source_coordinate(text: str | None) -> dict[str, xarray.Variable]:
 
 
 def recorded(path: Path) -> dict[str, Any] | None:
-    """Return the settings of the run that wrote a store; None for anything else at the path.
-
-    Raises StoreError for a store whose metadata are damaged.
-    """
+    """Return the settings of the run that wrote a store; None for anything else at the path."""
     try:
         content = bytes_of(path / METADATA, _LARGEST_METADATA)
     except FileFormatError:
@@ -203,30 +198,24 @@ def recorded(path: Path) -> dict[str, Any] | None:
 
 
 def stored_array(path: Path, settings: dict[str, Any]) -> Any:
-    """Open the array of a store whose coordinates and source match their digests.
-
-    Raises StoreError where they are damaged.
-    """
+    """Open the array of a store whose coordinates and source match their digests."""
     part = "metadata"
     try:
         check_store(path)
         array = open_array(path, settings["variable"])
-        for axis in array.metadata.dimension_names:
-            part = f"coordinate {axis}"
-            _compare(open_array(path, axis)[...], settings[part])
+        digests = {axis: settings[f"coordinate {axis}"] for axis in array.metadata.dimension_names}
         if (path / SOURCE_COORDINATE).exists():  # long sources are not kept
-            part = f"coordinate {SOURCE_COORDINATE}"
-            _compare(str(open_array(path, SOURCE_COORDINATE)[...]), settings["source_sha256"])
+            digests[SOURCE_COORDINATE] = settings["source_sha256"]
+        for name, digest in digests.items():
+            part = f"coordinate {name}"
+            content = open_array(path, name)[...]
+            if digest_of(str(content) if name == SOURCE_COORDINATE else content) != digest:
+                raise ValueError("its digest is that of another content")
         return array
     except (MissingExtraError, StoreError):
         raise
     except Exception as error:  # zarr, its codecs and NumPy raise of many kinds
         raise _broken(path, part, error) from error
-
-
-def _compare(content: NDArray[Any] | str, digest: str) -> None:
-    if digest_of(content) != digest:
-        raise ValueError("its digest is that of another content")
 
 
 def _broken(path: Path, part: str, error: Exception) -> StoreError:
@@ -251,8 +240,9 @@ def check_metadata(path: Path) -> None:
     """Raise StoreError for an array of another format, of strange codecs or of endless chunks."""
     try:
         table = json.loads(bytes_of(path / METADATA, _LARGEST_METADATA))
-        codecs = [codec["name"] for codec in table["codecs"]]
-        codecs += [own["name"] for codec in table["codecs"] for own in _inner(codec)]
+        inner = [codec.get("configuration") or {} for codec in table["codecs"]]  # of shards
+        parts = [own.get(kind, ()) for own in inner for kind in ("codecs", "index_codecs")]
+        codecs = [codec["name"] for codec in chain(table["codecs"], *parts)]
         chunks = table["chunk_grid"]["configuration"]["chunk_shape"]
         count = math.prod(-(-n // c) for n, c in zip(table["shape"], chunks, strict=True))
         if table["zarr_format"] != 3 or not set(codecs) <= _CODECS:
@@ -261,24 +251,17 @@ def check_metadata(path: Path) -> None:
             raise ValueError(f"{count} chunks")
         if math.prod(chunks) > _MOST_SAMPLES:
             raise ValueError(f"chunks of {math.prod(chunks):g} samples")
-    except (FileFormatError, ValueError, KeyError, TypeError, ZeroDivisionError) as error:
+    except (
+        FileFormatError, ValueError, KeyError, TypeError, AttributeError, ZeroDivisionError
+    ) as error:  # fmt: skip
         raise StoreError(
             f"expected an array of zarr, format 3, with its own codecs and at most "
             f"{_MOST_CHUNKS:g} chunks in {path}, got {error}"
         ) from None
 
 
-def _inner(codec: Any) -> list[Any]:
-    """The codecs inside shards."""
-    own = codec.get("configuration") or {}
-    return [*own.get("codecs", ()), *own.get("index_codecs", ())]
-
-
 def check_store(path: Path) -> None:
-    """Check the files and metadata of all arrays in a folder before anything of it is decoded.
-
-    Raises StoreError for pipes, devices, links to folders and files of no sensible size too.
-    """
+    """Check the files and metadata of all arrays in a folder before anything of it is decoded."""
     for folder, below, names in os.walk(path):
         for name in below:
             if os.path.islink(os.path.join(folder, name)):  # noqa: PTH114, PTH118 (ten times faster)
@@ -299,7 +282,6 @@ def check_store(path: Path) -> None:
 
 def open_array(path: Path, name: str) -> Any:
     """Open an array of a store whose metadata are whole."""
-    check_metadata(path / name)
     array = required("zarr").open_array(path / name, mode="r+", zarr_format=3)
     # A chunk of nothing but NaN is finished as well. (zarr.open_array ignores ``config``.)
     return array.with_config({"write_empty_chunks": True})
@@ -317,18 +299,13 @@ def chunk_faults(array: Any, progress: bool | None) -> tuple[list[Index], list[I
         for index in np.ndindex(array.cdata_shape):
             if not chunk_file(array, index).is_file():
                 missing.append(index)
-            elif not _is_whole(array, index):
-                damaged.append(index)
+            else:
+                try:
+                    array.blocks[index]
+                except ValueError:  # by the codec
+                    damaged.append(index)
             advance()
     return missing, damaged
-
-
-def _is_whole(array: Any, index: Index) -> bool:
-    try:
-        array.blocks[index]
-    except ValueError:  # by the codec
-        return False
-    return True
 
 
 def verify_store(path: str | os.PathLike[str], *, progress: bool | None = None) -> int:
@@ -369,8 +346,12 @@ def verify_store(path: str | os.PathLike[str], *, progress: bool | None = None) 
     array = stored_array(folder, settings)
     with as_store_error(f"to read {folder}", "check its permissions"):
         missing, damaged = chunk_faults(array, progress)
-    kinds = (("missing", missing), ("damaged", damaged))
-    faults = [_listed(kind, array, indices) for kind, indices in kinds if indices]
+    faults = []
+    for kind, indices in (("missing", missing), ("damaged", damaged)):
+        files = [chunk_file(array, index).relative_to(array.store.root.parent) for index in indices]
+        named = ", ".join(file.as_posix() for file in files[:_NAMED])
+        more = f" and {len(files) - _NAMED} more" if len(files) > _NAMED else ""
+        faults += [f"{len(files)} {kind}: {named}{more}"] if files else []
     if faults:
         raise StoreError(
             f"expected {array.nchunks} whole chunks in {folder}, got {'; '.join(faults)}; start "
@@ -382,9 +363,3 @@ def verify_store(path: str | os.PathLike[str], *, progress: bool | None = None) 
             f"{array.nchunks} chunks are all there and of the right size, and no more can be told"
         )
     return int(array.nchunks)
-
-
-def _listed(kind: str, array: Any, indices: list[Index]) -> str:
-    files = [chunk_file(array, index).relative_to(array.store.root.parent) for index in indices]
-    more = f" and {len(files) - _NAMED} more" if len(files) > _NAMED else ""
-    return f"{len(files)} {kind}: {', '.join(file.as_posix() for file in files[:_NAMED])}{more}"

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from functools import partial
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,21 +13,117 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, Slits, Wavefront
 from polywigner.geometry.arguments import (
+    checked_choice,
     checked_length,
     checked_number,
     checked_wavelength,
     takes_frequency,
-)
+)  # fmt: skip
 from polywigner.illumination import Array
 from polywigner.illumination.support import mutual_support
-from polywigner.propagation.suggestions_fields import (
-    Band,
-    bands_in_box,
-    bands_on_line,
-    bands_on_sphere,
-)
+from polywigner.propagation.grids import box_grid, line_grid
+from polywigner.propagation.places import unit_vectors
 from polywigner.radiometry.directions import PlaneSource, checked_source
 from polywigner.transforms import PhaseSpaceSource, fourier, sample_automean, wigner
+
+GRAZING = math.radians(89.5)
+"""Where hemispheres end: fields are not asked for in the plane z = 0."""
+
+# Places at which local frequencies are looked at, along each axis: they vary slowly.
+_PLACES = 17
+_THETA, _PHI = 31, 24
+
+Values = NDArray[np.float64]
+
+
+class Band(NamedTuple):
+    """An axis with the largest step at which it may be sampled."""
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    nyquist: float
+    band_limited: bool
+
+
+def bands_in_box(
+    bounds: tuple[float, ...], wavelength: float, box: Any, coherent: bool
+) -> list[Band]:
+    """Bands along x, y and z of a box ((x0, y0, z0), (x1, y1, z1)); `bounds` of the source."""
+    axes = [np.unique(axis.values) for axis in box_grid(box, 3 * (_PLACES,)).coords.values()]
+    low, high = zip(*((axis[0], axis[-1]) for axis in axes), strict=True)
+    # Straight in front of the source most rays cross: those places must be among them.
+    for k in (0, 1):
+        middle = (bounds[k] + bounds[k + 2]) / 2
+        axes[k] = np.unique(np.append(axes[k], np.clip(middle, low[k], high[k])))
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    steps = [
+        _nyquist(points, np.broadcast_to(tangent, points.shape), bounds, wavelength, coherent)
+        for tangent in np.eye(3)
+    ]
+    return [
+        Band(name, "m", float(low[k]), float(high[k]), steps[k], False)
+        for k, name in enumerate("xyz")
+    ]
+
+
+def bands_on_line(
+    bounds: tuple[float, ...], wavelength: float, line: Any, coherent: bool
+) -> list[Band]:
+    """Along the distance from the first to the second of two points ((x, y, z), (x, y, z))."""
+    # Where it passes by the source, closely perhaps, directions change most.
+    grid = line_grid(line, _PLACES**2)
+    points = grid.points((0,), (_PLACES**2,))
+    tangents = np.broadcast_to(grid.directions, points.shape)
+    step = _nyquist(points, tangents, bounds, wavelength, coherent)
+    return [Band("distance", "m", 0.0, float(grid.coords["distance"].values[-1]), step, False)]
+
+
+def bands_on_sphere(
+    bounds: tuple[float, ...], wavelength: float, radius: float, coherent: bool
+) -> list[Band]:
+    """Along theta and phi of a hemisphere around the origin, as far as it is in front."""
+    radius = checked_length(radius, "radius")
+    theta = np.linspace(0.0, GRAZING, _THETA)
+    phi = 2 * math.pi * np.arange(_PHI) / _PHI
+    points = radius * unit_vectors(theta, phi).reshape(-1, 3)
+    down = unit_vectors(theta + math.pi / 2, phi).reshape(-1, 3)
+    around = unit_vectors(np.full(1, math.pi / 2), phi + math.pi / 2)
+    along = np.broadcast_to(around, (_THETA, _PHI, 3)) * np.sin(theta)[:, None, None]
+    axes = (("theta", GRAZING, down), ("phi", 2 * math.pi, along.reshape(-1, 3)))
+    step = partial(_nyquist, points, bounds=bounds, wavelength=wavelength, coherent=coherent)
+    return [Band(name, "rad", 0.0, end, step(t) / radius, False) for name, end, t in axes]
+
+
+def _nyquist(
+    points: Values,
+    tangents: Values,
+    bounds: tuple[float, ...],
+    wavelength: float,
+    coherent: bool,
+) -> float:
+    """The largest step along tangents (n, 3) at points (n, 3), in m."""
+    cosines = np.einsum("nqc,nc->nq", _rays(points, bounds), tangents)
+    if coherent:
+        largest = float(np.abs(cosines).max())
+    else:
+        largest = float((cosines.max(axis=1) - cosines.min(axis=1)).max())
+    return wavelength / (2 * largest) if largest > 0 else math.inf
+
+
+def _rays(points: Values, bounds: tuple[float, ...]) -> Values:
+    """Unit vectors (n, 9, 3) to points (n, 3) from nine points of the source's box."""
+    x, y = (
+        np.stack(np.broadcast_arrays(low, np.clip(points[:, k], low, high), high), axis=-1)
+        for k, (low, high) in enumerate(zip(bounds[:2], bounds[2:], strict=True))
+    )
+    x, y = np.broadcast_arrays(x[:, :, None], y[:, None, :])
+    from_source = np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(len(points), 9, 3)
+    rays = points[:, None, :] - from_source
+    rays /= np.abs(rays).max(axis=-1, keepdims=True)  # squares of what is left are floats
+    return np.asarray(rays / np.linalg.norm(rays, axis=-1, keepdims=True))
+
 
 _SEED = 20220202  # any: the same call gives the same number
 
@@ -38,8 +135,6 @@ _NEAR = 10**0.15
 _LEAST_ERROR, _LOWEST = 1e-4, -150.0
 # Nulls within the band of levels are rare and need any number of samples.
 _QUANTILE = 0.9
-
-Values = NDArray[np.float64]
 
 
 def checked_decibels(error_db: Any, level_db: Any) -> tuple[float, float]:
@@ -218,9 +313,9 @@ def suggest_sampling(
     "render"      none                     samples per pixel
     ============  =======================  =========================================================
 
-    K is the largest frequency of the waves on the source (0 of uniform ones), w the width of its
-    narrowest part, 2 area/perimeter. Local frequencies are direction cosines of the rays from the
-    source's box, over the wavelength. Source: docs/sampling.md, (N1) to (N7).
+    K is the largest frequency of the waves on the source, w the width of its narrowest part, 2
+    area/perimeter. Local frequencies are direction cosines of the rays from the source's box, over
+    the wavelength. Source: docs/sampling.md, (N1) to (N7).
 
     Parameters
     ----------
@@ -254,9 +349,7 @@ def suggest_sampling(
     >>> [axis.count for axis in axes]
     [27, 27]
     """
-    if not isinstance(quantity, str) or quantity not in get_args(SampledQuantity):
-        names = ", ".join(f'"{name}"' for name in get_args(SampledQuantity))
-        raise ArgumentError(f"expected quantity to be one of {names}, got {quantity!r}")
+    checked_choice(quantity, "quantity", get_args(SampledQuantity))
     finer = checked_number(oversampling, "oversampling", "a number of at least 1")
     if not finer >= 1:
         raise ArgumentError(f"expected oversampling as a number of at least 1, got {oversampling}")
@@ -270,7 +363,8 @@ def suggest_sampling(
             )
         source = source.source
     if quantity in _PHASE_SPACE:
-        return _of(quantity, _phase_space_axes(source, wavelength, quantity, reach, finer))
+        axes = _phase_space_axes(source, wavelength, quantity, reach, finer)
+        return Sampling(quantity, axes, math.prod(axis.count for axis in axes))
     plane = checked_source(source)
     length = checked_wavelength(wavelength)
     if quantity == "render":
@@ -278,54 +372,36 @@ def suggest_sampling(
     bounds = plane.bounds
     if quantity == "pattern":
         step = length / (2 * math.hypot(*np.subtract(bounds[2:], bounds[:2])))
-        bands = [
-            Band("theta", "rad", 0.0, math.pi / 2, step, True),
-            Band("phi", "rad", 0.0, 2 * math.pi, step, True),
-        ]
+        ends = (("theta", math.pi / 2), ("phi", 2 * math.pi))
+        bands = [Band(name, "rad", 0.0, end, step, True) for name, end in ends]
     else:
         places = {"box": box, "line": line, "radius": radius}
-        bands = _field_bands(bounds, length, places, coherent=quantity == "amplitude")
-    return _of(quantity, [_axis(band, finer) for band in bands])
+        given = [name for name, place in places.items() if place is not None]
+        if len(given) != 1:
+            raise ArgumentError(
+                f"expected one of {', '.join(places)}, got {' and '.join(given) or 'none'}; say "
+                "where the field is wanted"
+            )
+        of_place: Any = {"box": bands_in_box, "line": bands_on_line, "radius": bands_on_sphere}
+        bands = of_place[given[0]](bounds, length, places[given[0]], quantity == "amplitude")
+    axes = tuple(_axis(band, finer) for band in bands)
+    return Sampling(quantity, axes, math.prod(axis.count for axis in axes))
 
 
 def _check_used(quantity: str, given: dict[str, Any]) -> None:
     """Refuses options that do not belong to a quantity, rather than pass them over."""
-    used: tuple[str, ...] = ("reach",) if quantity in _PHASE_SPACE else ()
-    used = ("box", "line", "radius") if quantity in _AT_PLACES else used
     for name, value in given.items():
-        if value is not None and name not in used:
-            kinds = _PHASE_SPACE if name == "reach" else _AT_PLACES
+        kinds = _PHASE_SPACE if name == "reach" else _AT_PLACES
+        if value is not None and quantity not in kinds:
             raise ArgumentError(
                 f'expected no {name} for "{quantity}", got {value!r}; give quantity as one of '
                 + ", ".join(f'"{kind}"' for kind in kinds)
             )
 
 
-def _of(quantity: SampledQuantity, axes: list[AxisSampling]) -> Sampling:
-    total = math.prod(axis.count for axis in axes)
-    return Sampling(quantity, tuple(axes), total)
-
-
-def _field_bands(
-    bounds: tuple[float, ...], wavelength: float, places: dict[str, Any], coherent: bool
-) -> list[Band]:
-    given = [name for name, place in places.items() if place is not None]
-    if len(given) != 1:
-        raise ArgumentError(
-            f"expected one of {', '.join(places)}, got {' and '.join(given) or 'none'}; say where "
-            "the field is wanted"
-        )
-    if given == ["box"]:
-        return bands_in_box(bounds, wavelength, places["box"], coherent)
-    if given == ["line"]:
-        return bands_on_line(bounds, wavelength, places["line"], coherent)
-    radius = checked_length(places["radius"], "radius")
-    return bands_on_sphere(bounds, wavelength, radius, coherent)
-
-
 def _phase_space_axes(
     source: Any, wavelength: Any, quantity: str, reach: Any, oversampling: float
-) -> list[AxisSampling]:
+) -> tuple[AxisSampling, ...]:
     if not isinstance(source, Aperture | Slits | Array):
         raise ArgumentError(
             "expected an Aperture, Slits, or an Array of either in one plane, got "
@@ -352,7 +428,7 @@ def _phase_space_axes(
         }[quantity]
     kinds = len(bands) // half
     ordered = [bands[k * kinds + kind] for kind in range(kinds) for k in range(half)]
-    return [_axis(band, oversampling) for band in ordered]
+    return tuple(_axis(band, oversampling) for band in ordered)
 
 
 def _largest_frequency(wavelength: Any, reach: Any) -> float:

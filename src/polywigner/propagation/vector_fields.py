@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner import execution
-from polywigner.errors import ArgumentError, IlluminationError
+from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, Precision
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.geometry.arguments import Points, checked_wavelength, takes_frequency
@@ -36,9 +36,9 @@ from polywigner.illumination.polarisation import (
     ludwig_axes,
 )
 from polywigner.propagation.amplitudes import lit_nodes, summed_over_cells
-from polywigner.propagation.boundary import boundary_field
+from polywigner.propagation.boundary import Radiator, boundary_field, cosines_of, radiator_of
+from polywigner.propagation.far_fields import checked_powers
 from polywigner.propagation.field_slopes import FieldSlopes
-from polywigner.propagation.panels import Radiator, cosines_of, radiator_of
 from polywigner.propagation.places import (
     check_reach,
     checked_amplitude_tolerance,
@@ -64,15 +64,10 @@ _ASIDE = 3e-3
 _MEANS = ((-2.0, -1 / 6), (-1.0, 4 / 6), (1.0, 4 / 6), (2.0, -1 / 6))
 # Least tolerance of parts of a field: rounding of theirs.
 _LEAST = 1e-13
-# Rounding leaves 1e-13 of the energy; a directivity relative to less than this has no digits.
-_DARK = 1e-12
 
 
 def parts_of(source: Any, polarisation: Any) -> list[tuple[Any, Complex]]:
-    """Scalar sources and unit vectors q (3,) whose products add up to the polarised source.
-
-    ``source``: checked; ``polarisation``: as of :func:`field`.
-    """
+    """Scalar sources and unit vectors q (3,) whose products add up to the polarised source."""
     jones = checked_polarisation(polarisation, source)
     return [(part, np.append(p, 0.0)) for part, p in components(source, jones)]
 
@@ -95,9 +90,8 @@ def field(
 ) -> Any:
     """Electric field E(x, y, z) of a polarised source of the plane z = 0, near by and far away.
 
-    The field u p on the source is replaced by currents in its plane (docs/theory/polarisation.md,
-    (VP1)). |E|^2 is in the unit of |u|^2, W/m^2: E is the electric field over the root of twice the
-    impedance of free space.
+    The field u p on the source is replaced by currents in its plane (VP1). |E|^2 is in the unit of
+    |u|^2, W/m^2: E is the electric field over the root of twice the impedance of free space.
 
     Parameters
     ----------
@@ -111,15 +105,13 @@ def field(
     method : "magnetic", of magnetic currents: an opening in a metal screen, where u p is the
         tangential field; "electric", of electric currents: u z x p is the tangential magnetic
         field; "huygens", half of both: black surroundings, horns and mouths in free space.
-    tolerance : error allowed of each component, as a fraction of the incident amplitude or, where
-        that is less, of |u| area/(wavelength distance), as of :func:`amplitude`; default 1e-9, at
-        least 1e-13. Within a wavelength of an edge the electric model's field grows as the inverse
+    tolerance : error allowed of each component, as of :func:`amplitude`; default 1e-9, at least
+        1e-13. Within a wavelength of an edge the electric model's field grows as the inverse
         distance, and its error with it.
 
     Returns
     -------
-    (..., 3) complex128, in the unit of the source's field. Of an ``xarray.DataArray`` one, as
-    :func:`fourier` returns.
+    (..., 3) complex128, in the unit of the source's field. Of an ``xarray.DataArray`` one.
 
     Warns
     -----
@@ -154,8 +146,9 @@ def field(
     total, errors = np.zeros((len(flat), 3), np.complex128), np.zeros(len(flat))
     limits = np.zeros(len(flat))
     for part, q in parts:
-        if isinstance(part, Wavefront):
-            found = _of_curved(part, q, MODELS[name], flat, length)
+        if isinstance(part, Wavefront):  # a sum over places in the opening
+            terms = partial(_dipole_terms, part, q, MODELS[name])
+            found = summed_over_cells(part, flat, length, terms, (3,))
         else:
             near = _NearField(part, length, allowed, flat)
             found = near.of_currents(q, MODELS[name]), near.errors
@@ -165,14 +158,6 @@ def field(
     if not isinstance(radiator, Wavefront):
         warn_of_missed(errors, limits, "points")
     return total.reshape(places.shape)
-
-
-def _of_curved(
-    wave: Wavefront, q: Complex, currents: Currents, points: Floats, wavelength: float
-) -> tuple[Complex, Floats]:
-    """Fields (n, 3) by a sum over places in the opening, as of :func:`amplitude`, and rounding."""
-    terms = partial(_dipole_terms, wave, q, currents)
-    return summed_over_cells(wave, points, wavelength, terms, (3,))
 
 
 def _dipole_terms(
@@ -219,24 +204,21 @@ class _NearField:
     def __post_init__(self) -> None:
         self._radiator = radiator_of(self.source)
         self._beside = _not_grazing(self._radiator, self.wavelength)
-        self.errors, self.limits = np.zeros(len(self.points)), np.zeros(len(self.points))
+        self.errors, self.limits = np.zeros((2, len(self.points)))
 
     def of_currents(self, q: Complex, currents: Currents) -> Complex:
         """E (n, 3) of currents along q (3,)."""
         found = np.zeros((len(self.points), 3), np.complex128)
         m, e = currents
 
-        def along(plane: Floats) -> Complex:
-            return np.asarray(plane @ q[:2])
-
+        first, second = partial(self._integral, FIRST), partial(self._integral, SECOND)
         if m:
-            first = self._first(np.ones_like)
-            found[:, :2] += m * first[:, None] * q[:2]
-            found[:, 2] -= m * self._second(along)
+            found[:, :2] += m * first(lambda p: 1.0 + 0.0 * p[:, 0])[:, None] * q[:2]
+            found[:, 2] -= m * second(lambda p: p @ q[:2])
         if e:
             for a in range(2):
-                found[:, a] += e * self._second(lambda p, a=a: q[a] - p[:, a] * along(p))
-            found[:, 2] -= e * self._first(along)
+                found[:, a] += e * second(lambda p, a=a: q[a] - p[:, a] * (p @ q[:2]))
+            found[:, 2] -= e * first(lambda p: p @ q[:2])
         self._add_edges(found, q, currents)
         return found
 
@@ -263,20 +245,11 @@ class _NearField:
                 found[where, a] -= share * (gradient + carried)
             found[where, 2] += share * sums.places[:, 2] * whole
 
-    def _first(self, factor: Any) -> Complex:
-        """dPhi/dz/(ik) (n,) of waves times ``factor`` of their direction cosines (m, 2)."""
-        return self._integral(self._radiator, factor, FIRST)
-
-    def _second(self, factor: Any) -> Complex:
-        """Phi (n,) of waves times ``factor`` of their direction cosines (m, 2)."""
-        return self._integral(self._beside, factor, SECOND)
-
-    def _integral(self, radiator: Radiator, factor: Any, method: str) -> Complex:
-        elements = []
+    def _integral(self, method: str, factor: Any) -> Complex:
+        """Phi, or dPhi/dz/(ik), (n,), of waves times ``factor`` of their cosines (m, 2)."""
+        radiator, elements = self._beside if method == SECOND else self._radiator, []
         for element in radiator.elements:
-            plane = element.frequencies * self.wavelength
-            factors = factor(plane)
-            factors = factors[:, 0] if factors.ndim > 1 else factors
+            factors = factor(element.frequencies * self.wavelength)
             if method == SECOND:
                 factors = factors / cosines_of(element.frequencies, self.wavelength, False)
             elements.append(replace(element, amplitudes=element.amplitudes * factors))
@@ -381,20 +354,11 @@ def axial_ratios(components: tuple[Complex, Complex]) -> Floats:
 def vector_powers(
     parts: list[tuple[Any, Complex]], wavelength: float, model: str
 ) -> tuple[float, float]:
-    """Radiated power int |E|^2 dOmega of the hemisphere in front, and int |u|^2, in W.
-
-    Raises IlluminationError for a source that radiates nothing.
-    """
+    """Radiated power int |E|^2 dOmega of the hemisphere in front, and int |u|^2, in W."""
     lag = max(largest_lag(part) for part, _ in parts)
     power = 0.0
     for directions, solid_angle in directions_and_weights(lag, wavelength):
         far = far_vectors(parts, directions, wavelength, model)
         power += float(solid_angle @ np.square(np.abs(far)).sum(axis=1))
     energy = float(sum(energy_of(part) * np.square(np.abs(q)).sum() for part, q in parts))
-    if not power > _DARK * max(0.0, energy):
-        raise IlluminationError(
-            f"expected a source that radiates at a wavelength of {wavelength:g} m, got one whose "
-            f"far field carries {power:.3g} W; check the unit of the wavelength, and whether its "
-            "elements cancel"
-        )
-    return power, energy
+    return checked_powers(power, energy, wavelength)

@@ -14,12 +14,13 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, Precision, checked_engine, checked_precision
 from polywigner.execution.choice import resolved
-from polywigner.geometry.arguments import checked_count, real_numbers
+from polywigner.geometry.arguments import checked_count, checked_row
 from polywigner.kernels import kernel_for
 from polywigner.propagation.stores import write_dataset
 from polywigner.propagation.stores_checks import (
     Index,
     Layout,
+    check_memory,
     chunks_within,
     source_attrs,
     source_coords,
@@ -38,8 +39,6 @@ Kind = Literal["wigner", "ambiguity"]
 # Samples of a chunk: enough for the kernels to run at full speed, and 16 MiB (float32) to 64 MiB
 # (complex double) large.
 _CHUNK_SAMPLES = 1 << 22
-# Most samples in memory: 16 GiB of float32.
-_MOST_IN_MEMORY = 1 << 32
 
 
 def wigner_table(
@@ -80,15 +79,14 @@ def wigner_table(
 
     Returns
     -------
-    xarray.Dataset with the variable W (x, y, nu_x, nu_y), in m^2, real; from disk lazily. In memory
-    and without xarray: a xarray.Dataset, as from :func:`projections`.
+    xarray.Dataset with the variable W (x, y, nu_x, nu_y), in m^2, real; from disk lazily.
 
     Raises
     ------
     ArgumentError for arguments of the wrong type, shape or range; GeometryError for an Array whose
     elements do not lie in the plane z = 0; EngineError without the engine, or the scheduler;
-    StoreError for a place that cannot be written to or has too little space, and for other data
-    there, be they of another run; MissingExtraError without the extra.
+    StoreError for a place without space, or with data of another run; MissingExtraError without the
+    extra.
 
     >>> import polywigner as pw
     >>> table = pw.wigner_table(pw.shapes.square(1.0), [0.0], [0.0], [0.0, 0.5], [0.0])
@@ -96,8 +94,8 @@ def wigner_table(
     (1, 1, 2, 1)
     """
     axes = {"x": x, "y": y, "nu_x": nu_x, "nu_y": nu_y}
-    running = _Running(out, chunks, precision, engine, scheduler, threads, progress)
-    return _table("wigner", source, axes, running)
+    how: Any = {"scheduler": scheduler, "threads": threads, "progress": progress}
+    return _table("wigner", source, axes, out, chunks, precision, engine, how)
 
 
 def ambiguity_table(
@@ -126,21 +124,8 @@ def ambiguity_table(
     (2, 1, 1, 1)
     """
     axes = {"upsilon_x": upsilon_x, "upsilon_y": upsilon_y, "xi_x": xi_x, "xi_y": xi_y}
-    running = _Running(out, chunks, precision, engine, scheduler, threads, progress)
-    return _table("ambiguity", source, axes, running)
-
-
-@dataclass(frozen=True)
-class _Running:
-    """Where a table goes, and who computes it how."""
-
-    out: str | os.PathLike[str] | None
-    chunks: Mapping[str, int] | None
-    precision: Precision
-    engine: Engine
-    scheduler: str | None
-    threads: int | None
-    progress: bool | None
+    how: Any = {"scheduler": scheduler, "threads": threads, "progress": progress}
+    return _table("ambiguity", source, axes, out, chunks, precision, engine, how)
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,77 +156,60 @@ def _grid(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np
 
 
 def _table(
-    kind: Kind, source: PhaseSpaceSource, given: Mapping[str, ArrayLike], running: _Running
+    kind: Kind,
+    source: PhaseSpaceSource,
+    given: Mapping[str, ArrayLike],
+    out: str | os.PathLike[str] | None,
+    chunks: Mapping[str, int] | None,
+    precision: Precision,
+    asked: Engine,
+    how: dict[str, Any],
 ) -> Any:
+    """The table; ``how``: scheduler, threads and progress of a run that writes to disk."""
     if kernel_for(kind, flat_of(source)).dimension != 2:
         raise ArgumentError(
             f"expected a source of the plane, got {type(source).__name__}; the table of slits has "
             f"two coordinates only: use polywigner.{kind}"
         )
-    checked_engine(running.engine)
-    checked_precision(running.precision)
+    checked_engine(asked)
+    is_double = checked_precision(precision) != "single"
     axes = {name: _checked_axis(name, values) for name, values in given.items()}
-    layout = _layout(kind, axes, running, source_attrs(source))
-    # Every chunk by the same engine, wherever it is computed.
-    engine: Any = resolved(running.engine, math.prod(layout.chunks))
-    arrays = tuple(axis.values for axis in axes.values())
-    block = _Block(kind, source, arrays, running.precision, engine)
-    if running.out is None:
-        return _in_memory(layout, block, running)
-    return write_dataset(
-        running.out,
-        layout,
-        block,
-        {"engine": engine, **source_settings(source)},
-        exclusive=engine != "numpy",
-        scheduler=running.scheduler,
-        threads=running.threads,
-        progress=running.progress,
-    )
-
-
-def _in_memory(layout: Layout, block: _Block, running: _Running) -> Any:
-    for name in ("chunks", "scheduler", "threads"):
-        if getattr(running, name) is not None:
-            raise ArgumentError(f"expected out with {name}, got none; say where to write")
-    samples = math.prod(layout.shape)
-    if samples > _MOST_IN_MEMORY:
-        raise ArgumentError(
-            f"expected at most {_MOST_IN_MEMORY} samples in memory, got {samples:.3g}; write them "
-            "to disk with out"
-        )
-    values = block((0,) * len(layout.shape), layout.shape)
-    variable = labelled_array(values, tuple(layout.coords), dict(layout.attrs))
-    coords = {**layout.coords, **source_coords(block.source)}
-    return labelled_arrays({layout.name: variable}, coords, {**layout.dataset_attrs})
-
-
-def _layout(
-    kind: Kind, axes: Mapping[str, xarray.Variable], running: _Running, about: Mapping[str, str]
-) -> Layout:
-    double = running.precision != "single"
-    name, label, kernel = {
+    symbol, label, convention = {
         "wigner": ("W", "Wigner function", "exp(-2 pi i nu.xi)"),
         "ambiguity": ("A", "ambiguity function", "exp(-2 pi i upsilon.x)"),
     }[kind]
-    real = np.dtype(np.float64 if double else np.float32)
-    return Layout(
-        name,
-        real if kind == "wigner" else np.result_type(real, np.complex64),
+    dtype = np.dtype(np.float64 if is_double else np.float32)
+    layout = Layout(
+        symbol,
+        dtype if kind == "wigner" else np.result_type(dtype, np.complex64),
         axes,
-        _chunks(axes, running.chunks),
+        _chunks(axes, chunks),
         {"units": "m2", "long_name": label},
         {
             "kind": kind,
-            "convention": kernel,
-            "precision": "double" if double else "single",
-            **about,
+            "convention": convention,
+            "precision": "double" if is_double else "single",
+            **source_attrs(source),
         },
     )
+    # Every chunk by the same engine, wherever it is computed.
+    engine: Any = resolved(asked, math.prod(layout.chunks))
+    block = _Block(kind, source, tuple(a.values for a in axes.values()), precision, engine)
+    if out is not None:
+        settings = {"engine": engine, **source_settings(source)}
+        return write_dataset(out, layout, block, settings, exclusive=engine != "numpy", **how)
+    for name, value in {"chunks": chunks, **how}.items():
+        if value is not None and name != "progress":
+            raise ArgumentError(f"expected out with {name}, got none; say where to write")
+    check_memory(layout.shape)
+    values = block((0,) * len(layout.shape), layout.shape)
+    variable = labelled_array(values, tuple(layout.coords), dict(layout.attrs))
+    coords = {**layout.coords, **source_coords(source)}
+    return labelled_arrays({layout.name: variable}, coords, {**layout.dataset_attrs})
 
 
 def _chunks(axes: Mapping[str, xarray.Variable], wanted: Mapping[str, int] | None) -> Index:
-    asked = wanted if wanted is not None else {}
+    asked = {} if wanted is None else wanted
     if not isinstance(asked, Mapping) or not asked.keys() <= axes.keys():
         raise ArgumentError(
             f"expected chunks as samples along some of {', '.join(axes)} by name, got {wanted!r}"
@@ -257,11 +225,8 @@ def _chunks(axes: Mapping[str, xarray.Variable], wanted: Mapping[str, int] | Non
 
 def _checked_axis(name: str, values: ArrayLike) -> xarray.Variable:
     expected = f"expected {name} as finite numbers of shape (n,)"
-    try:
-        array = real_numbers(values)
-    except ValueError as error:
-        raise ArgumentError(f"{expected}, got {error}") from None
-    if array.ndim != 1 or not len(array) or not np.isfinite(array).all():
+    array = checked_row(values, expected)
+    if not np.isfinite(array).all():
         raise ArgumentError(f"{expected}, got {values!r}")
     units = "1/m" if name.startswith(("nu", "upsilon")) else "m"
     return labelled_array(array, (name,), {"units": units})

@@ -16,8 +16,8 @@ from polywigner.geometry.arguments import real_numbers, shape_of
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import DEFAULT, BoundaryCondition
 from polywigner.propagation import amplitude, field
+from polywigner.propagation.boundary import radiator_of
 from polywigner.propagation.field_slopes import FieldSlopes
-from polywigner.propagation.panels import radiator_of
 from polywigner.reception.norms import root_of_norm, root_of_vector_norm
 from polywigner.reception.poses import checked_poses
 from polywigner.scattering.facets import Facets
