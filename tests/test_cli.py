@@ -45,11 +45,6 @@ def test_a_cold_start_takes_no_time_to_speak_of(command, seconds):
     assert spent - before.children_user - before.children_system < seconds
 
 
-def test_the_version_is_the_packages(capsys):
-    assert main(["--version"]) == 0
-    assert capsys.readouterr().out == f"polywigner {pw.__version__}\n"
-
-
 def test_no_command_shows_the_help_and_fails(capsys):
     assert main([]) == 2
     assert "Usage: polywigner" in capsys.readouterr().out
@@ -62,25 +57,13 @@ def _raising(monkeypatch, error):
     monkeypatch.setattr("polywigner.cli.sources.SourceOptions.check", check)
 
 
-@pytest.mark.parametrize(
-    ("shell", "line"),
-    [
-        ("bash", "complete -o default -F _polywigner_completion polywigner"),
-        ("zsh", "#compdef polywigner"),
-        ("fish", "complete --command polywigner"),
-    ],
-)
-def test_each_shell_gets_its_completion_script(shell, line, monkeypatch, capsys):
-    monkeypatch.setenv("_POLYWIGNER_COMPLETE", f"source_{shell}")
+def test_commands_and_options_are_completed_by_the_script_of_a_shell(monkeypatch, capsys):
+    monkeypatch.setenv("_POLYWIGNER_COMPLETE", "source_bash")
     with pytest.raises(SystemExit) as end:
         main([])
     script, errors = capsys.readouterr()
     assert (end.value.code, errors) == (0, "")
-    assert any(text.startswith(line) for text in script.splitlines())
-    assert f"_POLYWIGNER_COMPLETE=complete_{shell}" in script
-
-
-def test_commands_and_options_are_completed(monkeypatch, capsys):
+    assert "complete -o default -F _polywigner_completion polywigner" in script
     monkeypatch.setenv("_POLYWIGNER_COMPLETE", "complete_bash")
     for words, expected in (("polywigner pro", "propagate"), ("polywigner volume --la", "--layer")):
         monkeypatch.setenv("COMP_WORDS", words)
@@ -111,21 +94,14 @@ def test_an_unforeseen_error_says_how_to_report_it_and_shows_its_traceback_only_
     assert "Traceback" in capsys.readouterr().err
 
 
-def test_dots_in_a_name_are_kept():
-    assert targets(Path("a/at_2.5"), (".png", ".npz")) == (
-        Path("a/at_2.5.png"),
-        Path("a/at_2.5.npz"),
-    )
-
-
 def test_files_appear_together_and_only_once_they_are_whole(tmp_path):
-    paths = targets(tmp_path / "new" / "a", (".x", ".y"))
+    paths = targets(tmp_path / "new" / "at_2.5", (".x", ".y"))
     with writing(paths) as partials:
         for partial in partials:
             partial.write_text("whole")
         assert not any(path.exists() for path in paths)
         assert all(".partial." in partial.name for partial in partials)
-    assert sorted((tmp_path / "new").iterdir()) == list(paths)
+    assert [path.name for path in sorted((tmp_path / "new").iterdir())] == ["at_2.5.x", "at_2.5.y"]
 
 
 def test_a_failure_keeps_the_old_files_and_leaves_no_scratch(tmp_path):
@@ -147,14 +123,6 @@ def test_a_place_that_cannot_be_written_to_is_found_before_the_work(tmp_path):
         check_writable([tmp_path / "folder.png"])
     check_writable([tmp_path / "new" / "a.png"])
     assert not (tmp_path / "new").exists()
-
-
-@pytest.mark.skipif(os.name == "nt", reason="Windows has no permission bits of this kind")
-@pytest.mark.skipif(hasattr(os, "geteuid") and os.geteuid() == 0, reason="root may write anywhere")
-def test_a_folder_without_write_permission_is_refused(tmp_path):
-    (tmp_path / "locked").mkdir(mode=0o500)
-    with pytest.raises(ArgumentError, match="can be written to"):
-        check_writable([tmp_path / "locked" / "a.png"])
 
 
 @pytest.mark.parametrize("module", ["polywigner", "polywigner.cli"])

@@ -9,75 +9,54 @@ from pathlib import Path
 
 import pytest
 
+import cli_scenes
+from cli_scenes import receiver, source
 from polywigner.cli import main
 
 Captured = pytest.CaptureFixture[str]
 
 GEOJSON = '{{"type": "Polygon", "coordinates": [[{0}]]}}'
-WIGNER = """<shape type="wigner" id="tx">
-    <string name="aperture" value="square.wkt"/>
-    <string name="frequency" value="94 GHz"/>
-</shape>"""
 CAMERA = """<sensor type="orthographic">
     <film type="hdrfilm">
         <integer name="width" value="4"/><integer name="height" value="4"/>
     </film>
     <sampler type="independent"><integer name="sample_count" value="1"/></sampler>
 </sensor>"""
-RECEIVER = """<sensor type="wigner_receiver" id="rx">
-    <string name="aperture" value="square.wkt"/><string name="frequency" value="94 GHz"/>
-    <film type="hdrfilm">
-        <integer name="width" value="1"/><integer name="height" value="1"/>
-        <rfilter type="box"/>
-    </film>
-    <transform name="to_world"><lookat origin="0, 0, 1" target="0, 0, 0" up="0, 1, 0"/></transform>
-</sensor>"""
-FLOOR = """<shape type="rectangle" id="floor">
-    <transform name="to_world"><translate z="2"/></transform>
-</shape>"""
+FLOOR = cli_scenes.rectangle('<translate z="2"/>')
 WHITE = '<emitter type="constant"><rgb name="radiance" value="3e38"/></emitter>'
 
 
 def scene(*parts: str) -> str:
-    return f'<scene version="3.0.0"><integrator type="path"/>{"".join(parts)}</scene>'
+    return cli_scenes.scene('<integrator type="path"/>', *parts)
 
 
 def lit(old: str, new: str) -> str:
     """A scene whose Wigner source is not as it should be."""
-    assert old in WIGNER
-    return scene(CAMERA, WIGNER.replace(old, new), FLOOR)
+    assert old in source()
+    return scene(CAMERA, source().replace(old, new), FLOOR)
 
 
 def with_parameter(text: str) -> str:
-    return lit("</shape>", f"{text}</shape>")
+    return scene(CAMERA, source(text), FLOOR)
 
 
 FILES: dict[str, str | bytes] = {
     "square.wkt": "POLYGON ((-5 -5, 5 -5, 5 5, -5 5, -5 -5))",
     "empty.geojson": "",
     "empty.csv": "",
-    "blank.wkt": " \n\n",
     "cut.geojson": '{"type": "Polygon", "coord',
     "cut.wkt": "POLYGON ((0 0, 1 0, 1",
     "words.csv": "x,y\n0,0\n1,zero\n1,1\n",
     "noise.geojson": b"\x89PNG\r\n\x1a\n\x00\xff\xfe",
     "aperture.docx": "PK some words",
     "point.geojson": '{"type": "Point", "coordinates": [0, 0]}',
-    "line.wkt": "LINESTRING (0 0, 1 0, 1 1)",
-    "list.geojson": "[1, 2, 3]",
     "nan.csv": "0,0\nnan,0\n1,1\n",
-    "inf.csv": "0,0\ninf,0\n1,1\n",
     "huge.geojson": GEOJSON.format("[0,0],[1e999,0],[1,1],[0,0]"),
-    "nan.geojson": GEOJSON.format("[0,0],[NaN,0],[1,1],[0,0]"),
     "two.csv": "0,0\n1,0\n",
-    "two.geojson": GEOJSON.format("[0,0],[1,0],[0,0]"),
     "flat.csv": "0,0\n1,1\n2,2\n",
     "bow.csv": "0,0\n2,2\n2,0\n0,2\n",
     "cut.svg": "<svg><path d=",
     "laughs.svg": '<!DOCTYPE svg [<!ENTITY a "ha"><!ENTITY b "&a;&a;">]><svg>&b;</svg>',
-    "strokes.svg": '<svg><path d="M0 0h1v1" fill="none"/></svg>',
-    "noise.svg": bytes(range(256)),
-    "notes.dxf": "0\nhello\n",
     "gap.dxf": "0\nSECTION\n2\nENTITIES\n0\nLINE\n10\n0\n20\n0\n11\n1\n21\n1\n0\nENDSEC\n0\nEOF\n",
     "none.dxf": "0\nSECTION\n2\nENTITIES\n0\nENDSEC\n0\nEOF\n",
     "box.stl": "solid box\nendsolid box\n",
@@ -89,29 +68,24 @@ FILES: dict[str, str | bytes] = {
     "layered.svg": '<svg><g id="board"><rect width="9" height="9"/></g>'
     '<g id="pad"><rect x="1" y="1" width="2" height="1"/></g>'
     '<g id="feed"><rect x="2" y="1" width="3" height="1"/></g></svg>',
-    "lit.xml": scene(CAMERA, WIGNER, FLOOR),
-    "link.xml": scene(RECEIVER, WIGNER, FLOOR),
-    "two_colours.xml": scene(RECEIVER, WIGNER.replace("94", "77"), FLOOR),
+    "lit.xml": scene(CAMERA, source(), FLOOR),
+    "link.xml": scene(receiver(), source(), FLOOR),
+    "two_colours.xml": scene(receiver(), source().replace("94", "77"), FLOOR),
     "empty.xml": "",
-    "cut.xml": "<scene version='3.0.0'><shape",
     "text.xml": "this is no XML",
     "shape.xml": "<shape type='sphere' version='3.0.0'/>",
     "dark.xml": scene(CAMERA, FLOOR),
-    "constant.xml": scene(CAMERA, WHITE, FLOOR),
     "unknown.xml": with_parameter('<float name="colour" value="1"/>'),
     "absent_file.xml": lit("square.wkt", "absent.wkt"),
     "crossing.xml": lit("square.wkt", "bow.csv"),
     "unit.xml": with_parameter('<string name="unit" value="parsec"/>'),
-    "zero.xml": lit("94 GHz", "0 GHz"),
-    "negative.xml": lit("94 GHz", "-94 GHz"),
     "none.xml": lit('<string name="frequency" value="94 GHz"/>', ""),
-    "both.xml": with_parameter('<string name="wavelength" value="3 mm"/>'),
     "obliquity.xml": with_parameter('<string name="obliquity" value="fraunhofer"/>'),
     "scaled.xml": with_parameter('<transform name="to_world"><scale value="2"/></transform>'),
     "winger.xml": lit("wigner", "winger"),
-    "blind.xml": scene(WIGNER, FLOOR),
-    "no_pixels.xml": scene(CAMERA.replace('"width" value="4"', '"width" value="0"'), WIGNER),
-    "bright.xml": scene(CAMERA, WHITE, WIGNER, FLOOR),
+    "blind.xml": scene(source(), FLOOR),
+    "no_pixels.xml": scene(CAMERA.replace('"width" value="4"', '"width" value="0"'), source()),
+    "bright.xml": scene(CAMERA, WHITE, source(), FLOOR),
     "hertz.xml": lit("94 GHz", "94 Hz"),
 }  # fmt: skip
 
@@ -125,29 +99,18 @@ BAD: dict[str, str] = {
         absent.geojson => absent.geojson
         folder.wkt => folder.wkt
         empty.geojson => empty.geojson
-        empty.csv => empty.csv
-        blank.wkt => blank.wkt
         cut.geojson => cut.geojson
         cut.wkt => cut.wkt
-        words.csv => words.csv
         noise.geojson => noise.geojson
         aperture.docx => aperture.docx
         point.geojson => Point
-        line.wkt => LineString
-        list.geojson => list.geojson
         nan.csv => 'nan' | line 2
-        inf.csv => 'inf' | line 2
         huge.geojson =>
-        nan.geojson =>
         two.csv => vert
-        two.geojson => vert
         flat.csv => area
         bow.csv => cross | 1
         cut.svg => cut.svg | XML
         laughs.svg => laughs.svg | entities
-        strokes.svg => fill
-        noise.svg => noise.svg
-        notes.dxf => notes.dxf | DXF
         gap.dxf => gap.dxf | meets no other
         box.stl => box.stl | read_polyhedron
         kind.toml => kind.toml | kind
@@ -161,14 +124,12 @@ BAD: dict[str, str] = {
         layered.svg => --layer feed --layer pad
         layered.svg --layer pad --layer feed => (--union)
         "" => file
-        . => file
         / => file
         {long} => file
     """,
     "transform square.wkt": """
         --unit parsec => unit | parsec | mm
         --unit "-1 mm" => unit | -1 mm
-        --tolerance "0 mm" => above zero | 0 mm
         --tolerance coarse => length | coarse
         --taper gauss => taper: expected a taper | gauss
         --array "12 by 16" => array: expected an array | 12 by 16
@@ -179,8 +140,6 @@ BAD: dict[str, str] = {
         --focus "0, 0, 1" --frequency "94 GHz" => focus: expected an array
         --frequency "94 GHy" => 94 GHy | GHz
         --frequency "0 GHz" => above zero | 0 GHz
-        --frequency "-94 GHz" => above zero | -94 GHz
-        --frequency nan => frequency | nan
         --wavelength "0 mm" => above zero | 0 mm
         --frequency "94 GHz" --wavelength "3 mm" => both
         --x "1 mm" => two lengths | 1 mm
@@ -188,34 +147,25 @@ BAD: dict[str, str] = {
         --x 5,0 => inside the automean | unit
         --xi "20 mm,0 mm" => overlaps
         --samples 1 => from 2 to 4096
-        --samples -3 => from 2 to 4096
-        --samples 100000 => to 4096 | 100000
         --db-floor 0 => below 0 dB
-        --db-floor nan => below 0 dB
         --db-floor -1e308 => down to -300 dB | -1e+308
         --frequency "1e-299 Hz" => wavelength | GHz | aperture
-        --frequency 1e-320 => finite frequency above 1e-300 Hz
         --wavelength "1e-299 m" => wavelength | mm | aperture
         --through "lens 5 cm" => --frequency or --wavelength
         --through "lens 5 cm" --frequency "94 GHz" --x "0 mm, 1 mm" => --through
         --through mirror --frequency "94 GHz" => space, lens | mirror
         --through "" --frequency "94 GHz" => expected a system
-        --through space --frequency "94 GHz" => expected
         --through "lens 3 Hz" --frequency "94 GHz" => 3 Hz
         --through "magnifier big" --frequency "94 GHz" => magnification | big
-        --through "space 5 mm," --frequency "94 GHz" => expected a system
         second.wkt => second.wkt
         --out "" => got nothing
         --out out/.PNG => suffix alone
         --out out/{long} => too long
-        --out out/{long}/a => too long
-        --out {deep} => too long
         --out square.wkt/a => square.wkt
     """,
     f'propagate square.wkt --frequency "94 GHz" {LINE}': """
         --arc "50 mm" => --line and --arc
         --samples many => --samples | many
-        --samples 0 => --samples | '0'
         --samples 1 => --samples | two or more | '1'
         --samples "3 x 3" => --samples | 3 x 3
         --method fdtd => --method | fdtd | kirchhoff
@@ -227,8 +177,6 @@ BAD: dict[str, str] = {
         --against kirchhoff => --against | kirchhoff
         --amplitude => phase | wigner
         --accuracy 1e-15 => tolerance | 1e-13
-        --accuracy 0 => tolerance
-        --engine abacus => engine | abacus
         --precision half => precision | half
         --db-floor 3 => below 0 dB
         --taper gauss => taper | gauss
@@ -286,6 +234,10 @@ BAD: dict[str, str] = {
         --frequency "3 GHz" --step "31 deg" => up to 30 deg
         --frequency "3 GHz" --format vti => --format
         --frequency "3 GHz" --step "30 deg" --polarisation rr => polarisation
+        --frequency "3 GHz" --bounces 4 => bounces
+        --frequency "3 GHz" --open-mesh => --open-mesh with a mesh
+        --frequency "3 GHz" --cut-step "0 deg" => angle above 0
+        --frequency "3 GHz" --smooth wide => angle
     """,
     'pattern square.wkt --frequency "94 GHz"': """
         --step "0 deg" => --step
@@ -300,14 +252,11 @@ BAD: dict[str, str] = {
     'rays square.wkt --wavelength "3.2 mm"': """
         --count 0 => count
         --count 200 --sampling sobol => sampling
-        --count 200 --directions all => directions
         --count 200 --cone "100 deg" => cone
         --count 200 --cone wide => angle
         --count 200 --power much => power
         --count 200 --format txt => --format
         --count 200 --split => --split
-        --count 200 --obliquity lambert => obliquity
-        --count 200 --seed -1 => seed
     """,
     "render": """
         absent.xml => absent.xml
@@ -315,26 +264,19 @@ BAD: dict[str, str] = {
         {long} => file
         words.csv => which is an aperture | polywigner transform words.csv
         cut.toml => which is a source | polywigner transform cut.toml
-        lit.xml --out "" => got nothing
         lit.xml --out out/.PNG => suffix alone
-        lit.xml --out out/{long} => too long
         lit.xml --out square.wkt/a => square.wkt
     """,
     "render --variant scalar_rgb": """
         empty.xml => empty.xml
-        cut.xml => scene
         text.xml => scene
         shape.xml => <scene>
         dark.xml => wigner | without
-        constant.xml => wigner | without
         unknown.xml => colour
         absent_file.xml => absent.wkt
         crossing.xml => cross
         unit.xml => parsec
-        zero.xml => above zero
-        negative.xml => above zero
         none.xml => frequency | neither
-        both.xml => both
         obliquity.xml => obliquity | fraunhofer | kirchhoff
         scaled.xml => to_world | scale
         winger.xml => winger
@@ -346,7 +288,6 @@ BAD: dict[str, str] = {
     "render lit.xml": """
         --spp 0 => at least 1 | 0
         --spp 99999999999999999999 => whole number from 1 | 99999999999999999999
-        --spp -4 => at least 1 | -4
         --spp 4 --error-db 6 => both
         --error-db 0 => above zero
         --seed -1 => --seed | -1
@@ -362,6 +303,12 @@ BAD: dict[str, str] = {
         link.xml --temperature "-3 K" => temperature
         link.xml --noise-figure "3 m" => noise figure
         link.xml --define distance => NAME=VALUE
+        link.xml --frequencies fast => frequency
+        link.xml --frequencies "93 GHz to 92 GHz, 3" => a lower and a higher one
+        link.xml --frequencies "93 GHz to 95 GHz" => a lower and a higher one
+        link.xml --frequencies "93 GHz to 95 GHz, 1000000" => from 2 to 65536
+        link.xml --polarisation x => --coherent
+        link.xml --coherent --polarisation z => polarisation
         link.xml --reflections 9 => reflections
         link.xml --db-floor 3 => floor
         link.xml --variant no_such => variant
@@ -390,7 +337,6 @@ BAD: dict[str, str] = {
         render => Missing argument
         render scene.xml --ssp 3 => --ssp
         render scene.xml --spp many => --spp
-        render scene.xml --spp => --spp
         cite raytracing => rendering
     """,
 }
@@ -435,7 +381,7 @@ def refusal(command: list[str], folder: Path, captured: Captured) -> str:
 def test_what_cannot_be_used_is_refused_in_one_line_before_anything_is_written(
     command: str, words: str, folder: Path, capfd: Captured
 ) -> None:
-    text = command.format(long="a" * 300, deep="a/" * 4000 + "b", many="0 mm, " * 1000)
+    text = command.format(long="a" * 300, many="0 mm, " * 1000)
     given = shlex.split(text)
     if "--out" not in given and given[0] != "cite":
         given += ["--out", "out/new/"]

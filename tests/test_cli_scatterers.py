@@ -5,43 +5,19 @@ import csv
 import numpy as np
 import pytest
 
+from cli_scenes import PATH, WIGNER, receiver, rectangle, scene, source, written
 from polywigner.cli import main
 
 pytestmark = pytest.mark.drjit
 pytest.importorskip("mitsuba")
 
-SCENE = """<scene version="3.0.0">
-    <default name="height" value="1"/>
-    <integrator type="path"><integer name="max_depth" value="2"/></integrator>
-    <shape type="wigner" id="tx">
-        <string name="aperture" value="square.wkt"/>
-        <string name="frequency" value="94 GHz"/>
-    </shape>
-    <sensor type="wigner_receiver" id="rx">
-        <string name="aperture" value="square.wkt"/>
-        <string name="frequency" value="94 GHz"/>
-        <string name="estimator" value="wigner"/>
-        <transform name="to_world"><translate x="0.1"/></transform>
-        <film type="hdrfilm">
-            <integer name="width" value="1"/><integer name="height" value="1"/>
-            <rfilter type="box"/>
-        </film>
-    </sensor>
-    <shape type="rectangle" id="floor">
-        <transform name="to_world">
-            <rotate x="1" angle="180"/><scale value="2"/><translate z="$height"/>
-        </transform>
-    </shape>
-</scene>
-"""
 
-
-@pytest.fixture
-def scene(tmp_path):
-    (tmp_path / "square.wkt").write_text("POLYGON ((-1 -1, 1 -1, 1 1, -1 1, -1 -1))")
-    path = tmp_path / "street.xml"
-    path.write_text(SCENE)
-    return path
+@pytest.fixture(name="scene")
+def street(tmp_path):
+    floor = rectangle('<rotate x="1" angle="180"/><scale value="2"/><translate z="$height"/>')
+    beside = receiver(WIGNER, pose='<translate x="0.1"/>')
+    height = '<default name="height" value="1"/>'
+    return written(tmp_path, scene(height, PATH.format(2), source(), beside, floor), half=1)
 
 
 def run(scene, *options):
@@ -63,4 +39,4 @@ def test_a_cloud_is_written_and_summed_up(scene, capfd):
     assert run(scene, "--out", str(scene.with_name("cloud.vtp"))) == 0
     assert scene.with_name("cloud.vtp").read_bytes().startswith(b'<?xml version="1.0"?>\n<VTKFile')
     assert run(scene, "--out", f"{scene.parent}/folder/") == 0
-    assert (scene.parent / "folder" / "street_scatterers.csv").is_file()
+    assert (scene.parent / "folder" / "scene_scatterers.csv").is_file()

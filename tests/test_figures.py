@@ -22,18 +22,14 @@ ROUNDING = 1e-12  # relative to the area; the kernel's own bound
 
 
 def test_ten_times_less_radiance_is_ten_decibels_less():
-    levels = level_db([5.0, 0.5, 0.05], reference=5.0, floor_db=-40)
-    np.testing.assert_allclose(levels, [0.0, -10.0, -20.0], atol=ROUNDING_DB)
+    levels = level_db([500.0, 5.0, 0.5, 0.05], reference=5.0, floor_db=-40)
+    np.testing.assert_allclose(levels, [20.0, 0.0, -10.0, -20.0], atol=ROUNDING_DB)
 
 
 def test_what_is_negative_or_zero_or_faint_lies_exactly_on_the_floor():
     with np.errstate(all="raise"):  # a logarithm of any of these would raise
         levels = level_db([-3.0, 0.0, 1e-9, -0.0, 5e-324], reference=1.0, floor_db=-40)
     assert (levels == -40.0).all()
-
-
-def test_what_exceeds_the_reference_keeps_its_level():
-    np.testing.assert_allclose(level_db([100.0], 1.0, -40), [20.0], atol=ROUNDING_DB)
 
 
 @pytest.mark.parametrize("floor", [0.0, 3.0, np.nan, -np.inf, -1e3])
@@ -62,23 +58,16 @@ def test_a_picture_without_positive_pixels_has_no_peak_and_lies_on_the_floor():
     assert (level_db(dark, None, -30) == -30).all()
 
 
-def test_a_picture_one_pixel_high_has_a_peak():
-    assert picture_peak(np.ones((1, 4))) == 1.0
-
-
 def test_the_scene_picture_states_reference_unit_and_floor():
     figure = draw_scene(np.ones((4, 6)), reference=2.5e-3, floor_db=-35)
+    figure.savefig(io.BytesIO(), format="png")
     label = figure.axes[1].get_ylabel()
     for part in ("dB", "0.0025 W/(m² sr)", "floor −35 dB"):
         assert part in label
     assert "\n" not in label
-    assert figure.axes[0].images[0].get_clim() == (-35.0, 0.0)
-
-
-def test_the_scene_picture_is_as_wide_as_the_film():
-    axes = draw_scene(np.ones((4, 6)), 1.0, -40).axes[0]
-    assert axes.images[0].get_array().shape == (4, 6)
-    assert axes.get_aspect() == 1.0
+    (picture,) = figure.axes[0].images
+    assert picture.get_clim() == (-35.0, 0.0)
+    assert picture.get_array().shape == (4, 6) and figure.axes[0].get_aspect() == 1.0
 
 
 def test_slices_agree_with_the_transforms_at_single_points():
@@ -93,12 +82,6 @@ def test_slices_agree_with_the_transforms_at_single_points():
     )
     got = (slices.fourier[j, i], slices.wigner[j, i], slices.ambiguity[j, i])
     np.testing.assert_allclose(got, expected, rtol=0, atol=ROUNDING * chevron.area)
-
-
-def test_a_wavelength_sets_the_axes_to_the_horizon():
-    slices = transform_slices(pw.shapes.square(10e-3), wavelength=3e-3, samples=5)
-    assert slices.frequency[0] == -1 / 3e-3
-    assert slices.frequency[-1] == 1 / 3e-3
 
 
 def test_the_default_position_and_lag_lie_where_w_and_a_do_not_vanish():
@@ -125,14 +108,10 @@ def test_slices_that_would_be_empty_are_refused(arguments, message):
         transform_slices(pw.shapes.square(10e-3), **arguments)
 
 
-def test_the_values_of_slices_cannot_be_changed():
-    slices = transform_slices(pw.shapes.square(1.0), samples=3)
-    with pytest.raises(ValueError, match="read-only"):
-        slices.wigner[0, 0] = 1.0
-
-
 def test_every_axis_and_colour_bar_of_the_transforms_is_labelled_with_its_unit():
     slices = transform_slices(pw.shapes.triangle(10e-3, 8e-3), wavelength=3e-3, samples=5)
+    assert slices.frequency[-1] == -slices.frequency[0] == 1 / 3e-3
+    assert not slices.wigner.flags.writeable
     figure = draw_transforms(slices, floor_db=-30, title="triangle")
     panels = [axes for axes in figure.axes if axes.get_xlabel()]
     bars = [axes for axes in figure.axes if not axes.get_xlabel()]
@@ -144,13 +123,6 @@ def test_every_axis_and_colour_bar_of_the_transforms_is_labelled_with_its_unit()
     assert "floor −30 dB" in labels
     assert labels.count("mm²") == 3
     assert "λ = 3 mm" in figure.get_suptitle()
-
-
-def test_figures_can_be_drawn_without_a_display(monkeypatch):
-    monkeypatch.delenv("DISPLAY", raising=False)
-    stream = io.BytesIO()
-    draw_scene(np.ones((3, 3)), 1.0, -40).savefig(stream, format="png")
-    assert stream.getvalue().startswith(b"\x89PNG")
 
 
 WAVELENGTH = 3.19e-3
@@ -192,8 +164,3 @@ def test_it_is_drawn_as_four_panels():
     titles = [axes.get_title() for axes in drawn.axes if axes.get_title()]
     assert titles == ["aperture", "W(x, ν) before", "|U|² behind", "W(x, ν) behind"]
     assert "an L" in drawn.get_suptitle() and "dotted" not in drawn.get_suptitle()
-
-
-def test_too_few_samples_are_refused():
-    with pytest.raises(ArgumentError, match="from 2 to"):
-        system_slices(TEE, SYSTEM, WAVELENGTH, samples=1)

@@ -43,9 +43,7 @@ def places(layers):
     return layers.origin + rows[..., None] * layers.down + columns[..., None] * layers.along
 
 
-@pytest.mark.parametrize(
-    "towards", [TOWARDS, (0.3, 0.2, 0.9), (-0.2, 0.95, -0.3), (0.9, -0.1, 0.2)], ids=str
-)
+@pytest.mark.parametrize("towards", [TOWARDS, (-0.2, 0.95, -0.3), (0.9, -0.1, 0.2)], ids=str)
 def test_rays_meet_a_ball_where_it_is(towards):
     """From any side: its outline is a circle, its normals are its radii."""
     layers, view = ball(1.5e-3, towards)
@@ -109,7 +107,8 @@ def test_walls_show_the_projections_of_the_values():
     found = beam()
     values = found["wigner"].values
     for projection, reduced in (("maximum", np.max), ("mean", np.mean)):
-        figure = draw_volume(found, projection=projection, renderer="matplotlib", floor_db=-25)
+        given = found.transpose("z", "x", "y")
+        figure = draw_volume(given, projection=projection, renderer="matplotlib", floor_db=-25)
         walls = [
             image.get_array() for image in figure.axes[0].images if image.get_array().ndim == 2
         ]

@@ -251,6 +251,7 @@ def test_the_numbers_behind_a_figure_are_those_of_the_public_functions(
         save(figure, file, **how)
 
     monkeypatch.setattr(Figure, "savefig", noted)
+    monkeypatch.setattr("polywigner.figures.volumes._PIXELS", 150)  # no number depends on them
     assert main(["figures", name, "--out", str(tmp_path / "new")]) == 0
     written = [Path(line) for line in capfd.readouterr().out.splitlines()]
     assert sorted((tmp_path / "new").iterdir()) == sorted(written)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from typing import Annotated
 
 import typer
 
-from polywigner.cli.explore import explore
+from polywigner.cli import options
 from polywigner.cli.figures import figures
 from polywigner.cli.lens import mtf, psf
-from polywigner.cli.options import with_options
 from polywigner.cli.pattern import pattern
 from polywigner.cli.propagate import propagate
 from polywigner.cli.rays import rays
@@ -17,6 +17,7 @@ from polywigner.cli.rcs import rcs
 from polywigner.cli.receive import receive
 from polywigner.cli.render import render
 from polywigner.cli.scatterers import scatterers
+from polywigner.cli.sources import Reading, wavelength_from
 from polywigner.cli.transform import transform
 from polywigner.cli.volume import volume
 
@@ -47,25 +48,6 @@ def _polywigner(
     """Coherent radiation of polygonal apertures: transforms in closed form, and rendering."""
 
 
-for command in (
-    render,
-    receive,
-    scatterers,
-    transform,
-    pattern,
-    rcs,
-    propagate,
-    volume,
-    psf,
-    mtf,
-    rays,
-    figures,
-    explore,
-):
-    app.command()(with_options(command))
-
-
-@app.command()
 def cite(
     methods: Annotated[
         list[str] | None,
@@ -82,18 +64,11 @@ def cite(
     typer.echo(citations(*methods or []), nl=False)
 
 
-@app.command()
 def doctor(
     install_llvm: Annotated[
-        bool,
-        typer.Option(
-            "--install-llvm",
-            help="Bring a good LLVM library into this environment; as root into the system.",
-        ),
+        bool, "Bring a good LLVM library into this environment; as root into the system."
     ] = False,
-    yes: Annotated[
-        bool, typer.Option("--yes", help="With --install-llvm, as root: do not ask.")
-    ] = False,
+    yes: Annotated[bool, "With --install-llvm, as root: do not ask."] = False,
 ) -> None:
     """Say which parts work here, and how to get the others.
 
@@ -102,3 +77,51 @@ def doctor(
     from polywigner.cli.doctor import run_doctor
 
     raise typer.Exit(run_doctor(install_llvm, yes))
+
+
+def explore(
+    aperture: Annotated[
+        str | None,
+        typer.Argument(
+            help="Aperture file to begin with: GeoJSON, WKT, CSV, SVG, DXF (default: a square)."
+        ),
+    ] = None,
+    unit: options.Unit = None,
+    layer: options.Layer = None,
+    union: options.Union = False,
+    frequency: options.Frequency = None,
+    wavelength: options.Wavelength = None,
+    port: Annotated[int, "Port to serve at; 0: any that is free."] = 5006,
+    address: Annotated[
+        str, "Address to listen at; any other than this one lets other machines in."
+    ] = "127.0.0.1",
+    allow_host: Annotated[
+        list[str] | None, "Another name that the page is opened by; several times for more."
+    ] = None,
+    browser: Annotated[bool, "Whether to open a browser."] = True,
+) -> None:
+    """Open a page to draw an aperture in, and see its transforms and fields (extra: explorer).
+
+    Prints the address of the page and serves it until Ctrl-C.
+    """
+    if aperture is not None:
+        Reading(unit, None, layer, union).check(aperture)
+    wavelength_from(frequency, wavelength)  # its error
+    from polywigner.explorer import check_installed, serve, start_state
+
+    check_installed()
+    state = start_state(aperture, unit or "mm", frequency or wavelength, layer, union)
+    hosts = allow_host or []
+    if not serve(state, port=port, address=address, browser=browser, say=_say, allow_host=hosts):
+        os._exit(0)  # not after the seconds or minutes of a computation nobody waits for
+
+
+def _say(text: str) -> None:
+    print(text, flush=True)
+
+
+for command in (
+    *(render, receive, scatterers, transform, pattern, rcs, propagate, volume, psf, mtf, rays),
+    *(figures, explore, cite, doctor),
+):
+    app.command()(options.with_options(command))

@@ -11,13 +11,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from polywigner.cli.output import check_writable, writing
+from polywigner.cli.output import check_writable
 from polywigner.errors import ArgumentError, QuantityError
 from polywigner.quantities import parse_angle, parse_coordinate, parse_length
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from polywigner import Aperture
     from polywigner import Array as ApertureArray
 
@@ -61,17 +59,6 @@ def _is_written_whole(store: Path) -> bool:
         return False
 
 
-def write_field(found: Any, figure: Figure, files: Sequence[Path]) -> None:
-    """All of the files, or none."""
-    from polywigner.propagation.exports import write_netcdf, write_vti, write_zarr
-
-    write = {".nc": write_netcdf, ".vti": write_vti, ".zarr": write_zarr}
-    with writing(files) as (picture, *values):
-        figure.savefig(picture, format="png")
-        for partial in values:
-            write[partial.suffix](found, partial)
-
-
 # Fewest samples, for a smooth picture, and most, for a short wait: a factor of four in time.
 _FEWEST = {"line": (401,), "arc": (321,), "plane": (129, 129), "hemisphere": (61, 120)}
 _MOST = {"line": (1601,), "arc": (1281,), "plane": (257, 257), "hemisphere": (121, 240)}
@@ -85,10 +72,23 @@ def samples_of_place(
 
     A warning says where the bounds are too narrow.
     """
+    import polywigner as pw
+
     if place.shape:
         return place.shape
-    quantity = "amplitude" if amplitude else "irradiance"
-    needed = _needed(source, place, wavelength, quantity)
+    where = {"line": {"line": place.points}, "plane": {"box": place.points}}
+    region: Any = where.get(place.kind, {"radius": place.radius})
+    quantity: Any = "amplitude" if amplitude else "irradiance"
+    axes = pw.suggest_sampling(source, wavelength, quantity, **region).axes
+    if place.kind in where:
+        needed = [axis.count for axis in axes if axis.high > axis.low]
+    else:
+        theta, phi = axes
+        steps = place.reach / theta.high * (theta.count - 1)
+        if place.kind == "arc":
+            needed = [math.ceil(2 * steps) + 1]
+        else:
+            needed = [math.ceil(steps) + 1, phi.count - 1]
     return _within("--samples", needed, _FEWEST[place.kind], _MOST[place.kind])
 
 
@@ -100,24 +100,6 @@ def samples_of_box(
 
     axes = pw.suggest_sampling(source, wavelength, "irradiance", box=corners).axes
     return _within("--shape", [axis.count for axis in axes], _FEWEST_OF_BOX, _MOST_OF_BOX)
-
-
-def _needed(source: Any, place: Place, wavelength: float, quantity: Any) -> list[int]:
-    import polywigner as pw
-
-    if place.kind == "line":
-        return [
-            axis.count
-            for axis in pw.suggest_sampling(source, wavelength, quantity, line=place.points).axes
-        ]
-    if place.kind == "plane":
-        axes = pw.suggest_sampling(source, wavelength, quantity, box=place.points).axes
-        return [axis.count for axis in axes if axis.high > axis.low]
-    theta, phi = pw.suggest_sampling(source, wavelength, quantity, radius=place.radius).axes
-    share = place.reach / theta.high
-    if place.kind == "arc":
-        return [math.ceil(2 * share * (theta.count - 1)) + 1]
-    return [math.ceil(share * (theta.count - 1)) + 1, phi.count - 1]
 
 
 def _within(
@@ -160,11 +142,7 @@ def parse_methods(
     texts: Sequence[str], obliquity: str | None, order: int
 ) -> tuple[MethodText, ...]:
     """Methods, of wigner rays perhaps with an obliquity and an order: ``"wigner kirchhoff 3"``."""
-    from polywigner.illumination.obliquities import OBLIQUITIES
-    from polywigner.propagation import METHODS
-
-    known = ("wigner", *METHODS)
-    methods = tuple(_method(text, known, tuple(OBLIQUITIES), obliquity, order) for text in texts)
+    methods = tuple(_method(text, obliquity, order) for text in texts)
     names = [method.name for method in methods]
     twice = [name for name in names if names.count(name) > 1]
     if twice:
@@ -172,10 +150,11 @@ def parse_methods(
     return methods
 
 
-def _method(
-    text: str, methods: Sequence[str], obliquities: Sequence[str], obliquity: str | None, order: int
-) -> MethodText:
-    words = text.split()
+def _method(text: str, obliquity: str | None, order: int) -> MethodText:
+    from polywigner.illumination.obliquities import OBLIQUITIES
+    from polywigner.propagation import METHODS
+
+    methods, obliquities, words = ("wigner", *METHODS), tuple(OBLIQUITIES), text.split()
     method = words[0] if words else ""
     if method not in methods:
         raise ArgumentError(f"--method: expected one of {', '.join(methods)}, got {shown(text)}")
@@ -216,15 +195,11 @@ def print_differences(fields: Mapping[str, Any], reference: str) -> None:
     print(f"Differences from {reference}, where it is above {COMPARED_DB:g} dB of its peak, in dB:")
     width = max(len(name) for name in fields)
     print(f"  {'method':{width}}  largest      rms  points")
-    for name, field in fields.items():
-        if name == reference:
-            continue
-        apart = summary(field, fields[reference])
+    for name in (name for name in fields if name != reference):
+        apart = summary(fields[name], fields[reference])
         left = f", {apart.negative} not above zero left out" if apart.negative else ""
-        print(
-            f"  {name:{width}}  {apart.largest:+7.3f}  {apart.rms:7.4f}  "
-            f"{apart.points} of {field.size}{left}"
-        )
+        numbers = f"{apart.largest:+7.3f}  {apart.rms:7.4f}  {apart.points} of {fields[name].size}"
+        print(f"  {name:{width}}  {numbers}{left}")
 
 
 Point = tuple[float, float, float]

@@ -82,4 +82,6 @@ def _write(files: tuple[Path, ...], made: Made, quality: Quality) -> None:
             figure.savefig(
                 partial[2 * k + 1], format="pdf", dpi=resolution, metadata={"CreationDate": None}
             )
-        output.write_arrays(partial[-1], made.values, {"about": dict(made.about)})
+        arrays = {name: values for name, (values, _) in made.values.items()}
+        about = {name: text for name, (_, text) in made.values.items()}
+        output.write_arrays(partial[-1], arrays, {"about": about})

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import csv
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
 from polywigner.cli.options import DbFloor, Out
-from polywigner.cli.output import files_to_write, writing
+from polywigner.cli.output import files_to_write, write
 from polywigner.cli.sources import SourceOptions, check_is_coherent, short_name
 from polywigner.errors import ArgumentError, QuantityError
 from polywigner.quantities import parse_length
@@ -15,28 +17,72 @@ from polywigner.quantities import parse_length
 _MOST_SAMPLES = 2001
 _MOST_DEFOCUS = 12
 
-FocalLength = Annotated[str, "Focal length, or distance of the image, such as '100 mm'."]
-Wavelengths = Annotated[
-    str | None,
-    "Several wavelengths instead of one, all the same, such as '450 nm, 550 nm, 650 nm'.",
-]
-Defocus = Annotated[
-    str,
-    "Defocus W20 in waves at the edge of the pupil, one or a series through focus: "
-    "'-1, -0.5, 0, 0.5, 1'.",
-]
-PupilRadius = Annotated[
-    str | None, "Radius of the edge of the pupil (default: that of its farthest vertex)."
-]
 Samples = Annotated[int, "Samples along each axis."]
 
 
+@dataclass(frozen=True, kw_only=True)
+class LensOptions(SourceOptions):
+    """Options of a lens and of the source in its pupil."""
+
+    focal_length: Annotated[str, "Focal length, or distance of the image, such as '100 mm'."]
+    wavelengths: Annotated[
+        str | None,
+        "Several wavelengths instead of one, all the same, such as '450 nm, 550 nm, 650 nm'.",
+    ] = None
+    defocus: Annotated[
+        str,
+        "Defocus W20 in waves at the edge of the pupil, one or a series through focus: "
+        "'-1, -0.5, 0, 0.5, 1'.",
+    ] = "0"
+    pupil_radius: Annotated[
+        str | None, "Radius of the edge of the pupil (default: that of its farthest vertex)."
+    ] = None
+
+    def series(self) -> list[float]:
+        """Waves of defocus."""
+        try:
+            found = [float(part) for part in self.defocus.split(",")]
+        except ValueError:
+            found = []
+        if not 1 <= len(found) <= _MOST_DEFOCUS or not all(abs(waves) < 1e6 for waves in found):
+            raise QuantityError(
+                f"expected --defocus as up to {_MOST_DEFOCUS} numbers of waves, such as "
+                f"'-1, 0, 1', got {self.defocus[:40]!r}"
+            )
+        return found
+
+    def read_lens(self, command: str) -> tuple[Any, list[float], float, float | None]:
+        """The pupil; wavelengths, focal length and the radius of the pupil's edge in m."""
+        if self.wavelengths is None:
+            pupil, length = self.read_with_wavelength()
+            lengths = [length]
+        else:
+            if self.wavelength is not None or self.frequency is not None:
+                raise ArgumentError(
+                    "expected --wavelengths or one of --wavelength and --frequency, got both"
+                )
+            lengths = [parse_length(part) for part in self.wavelengths.split(",")]
+            pupil, _ = self.read()
+        check_is_coherent(pupil, command)
+        radius = None if self.pupil_radius is None else parse_length(self.pupil_radius)
+        return pupil, lengths, parse_length(self.focal_length), radius
+
+    def settings(self, lengths: list[float], distance: float) -> dict[str, Any]:
+        name = Path(self.source).name
+        return {"source": name, "wavelengths": lengths, "focal_length": distance}
+
+    def title(self, lengths: list[float], distance: float) -> str:
+        from polywigner.geometry.display import length_text, length_unit
+
+        unit = length_unit(max(lengths))
+        waves = ", ".join(f"{length / unit.metres:.4g}" for length in lengths)
+        about = f"{waves} {unit.name}, focal length {length_text(distance)}"
+        return f"{short_name(self.source)}, {about}"
+
+
 def psf(
-    source: SourceOptions,
-    focal_length: FocalLength,
-    wavelengths: Wavelengths = None,
-    defocus: Defocus = "0",
-    pupil_radius: PupilRadius = None,
+    *,
+    options: LensOptions,
     width: Annotated[
         str | None, "Side of the picture, such as '50 um' (default: some 12 spots)."
     ] = None,
@@ -48,11 +94,11 @@ def psf(
 
     Writes a figure NAME_psf.png and the values NAME_psf.nc, in 1/m^2 of an integral of one.
     """
-    source.check()
-    series = _series(defocus)
+    options.check()
+    series = options.series()
     _check_samples(samples)
     side = None if width is None else parse_length(width)
-    files = files_to_write(out, Path(source.source).stem + "_psf", (".png", ".nc"))
+    files = files_to_write(out, Path(options.source).stem + "_psf", (".png", ".nc"))
 
     import numpy as np
     import xarray as xr
@@ -62,8 +108,7 @@ def psf(
     from polywigner.figures.levels import check_floor
 
     check_floor(floor_db)
-    pupil, lengths = _read(source, wavelengths, "psf")
-    distance, radius = parse_length(focal_length), _radius(pupil_radius)
+    pupil, lengths, distance, radius = options.read_lens("psf")
     if side is None:
         side = 12.0 * max(lengths) * distance / outline_of(pupil).diameter
     x = np.linspace(-side / 2, side / 2, samples)
@@ -72,20 +117,14 @@ def psf(
     found = xr.Dataset(
         {"psf": (("defocus", "y", "x"), np.array(spots), {"units": "m-2"})},
         {"defocus": series, "y": ("y", x, {"units": "m"}), "x": ("x", x, {"units": "m"})},
-        _settings(source, lengths, distance),
+        options.settings(lengths, distance),
     )
-    figure = draw_psf(found, floor_db, _title(source, lengths, distance))
-    with writing(files) as (picture, values):
-        figure.savefig(picture, format="png")
-        pw.write_netcdf(found, values)
+    write(files, [draw_psf(found, floor_db, options.title(lengths, distance)), found])
 
 
 def mtf(
-    source: SourceOptions,
-    focal_length: FocalLength,
-    wavelengths: Wavelengths = None,
-    defocus: Defocus = "0",
-    pupil_radius: PupilRadius = None,
+    *,
+    options: LensOptions,
     pixel: Annotated[str, "Side of the detector's square pixels, such as '4 um'."] = "0 m",
     highest: Annotated[
         float | None, "Highest frequency in cycles/mm (default: where the lens ends)."
@@ -97,13 +136,13 @@ def mtf(
 
     Writes a figure NAME_mtf.png and a table NAME_mtf.csv, frequencies in cycles/mm.
     """
-    source.check()
-    series = _series(defocus)
+    options.check()
+    series = options.series()
     _check_samples(samples)
     if highest is not None and not 0.0 < highest < 1e9:
         raise ArgumentError(f"expected --highest above zero, in cycles/mm, got {highest:g}")
     side = 0.0 if pixel.split()[:1] == ["0"] else parse_length(pixel)
-    files = files_to_write(out, Path(source.source).stem + "_mtf", (".png", ".csv"))
+    files = files_to_write(out, Path(options.source).stem + "_mtf", (".png", ".csv"))
 
     import numpy as np
     import xarray as xr
@@ -112,11 +151,9 @@ def mtf(
     from polywigner.figures import draw_mtf, outline_of
     from polywigner.geometry.display import length_text
 
-    pupil, lengths = _read(source, wavelengths, "mtf")
-    distance, radius = parse_length(focal_length), _radius(pupil_radius)
+    pupil, lengths, distance, radius = options.read_lens("mtf")
     west, south, east, north = outline_of(pupil).bounds
-    reach = max(east - west, north - south)
-    end = highest or reach / (min(lengths) * distance) * 1e-3
+    end = highest or max(east - west, north - south) / (min(lengths) * distance) * 1e-3
     frequency = np.linspace(0.0, end, samples)
     lines = frequency[:, None] * np.eye(2)[:, None]
     curves = [
@@ -125,75 +162,20 @@ def mtf(
     found = xr.Dataset(
         {"mtf": (("defocus", "direction", "frequency"), np.array(curves))},
         {"defocus": series, "direction": ["x", "y"], "frequency": frequency},
-        {**_settings(source, lengths, distance), "pixel": side},
+        {**options.settings(lengths, distance), "pixel": side},
     )
     detector = f", pixels of {length_text(side)}" if side else ""
-    figure = draw_mtf(found, _title(source, lengths, distance) + detector)
-    with writing(files) as (picture, values):
-        figure.savefig(picture, format="png")
-        with Path(values).open("w", newline="", encoding="utf-8") as file:
-            rows = csv.writer(file)
-            rows.writerow(
-                ["frequency_per_mm"]
-                + [f"mtf_{axis}_defocus_{waves:g}" for waves in series for axis in "xy"]
-            )
-            rows.writerows(
-                np.column_stack([frequency, np.reshape(curves, (-1, samples)).T]).tolist()
-            )
+    names = [f"mtf_{axis}_defocus_{waves:g}" for waves in series for axis in "xy"]
+    columns = np.column_stack([frequency, np.reshape(curves, (-1, samples)).T])
+    table = partial(_write_table, ["frequency_per_mm", *names], columns.tolist())
+    write(files, [draw_mtf(found, options.title(lengths, distance) + detector), table])
 
 
-def _series(text: str) -> list[float]:
-    try:
-        found = [float(part) for part in text.split(",")]
-    except ValueError:
-        found = []
-    if not 1 <= len(found) <= _MOST_DEFOCUS or not all(abs(waves) < 1e6 for waves in found):
-        raise QuantityError(
-            f"expected --defocus as up to {_MOST_DEFOCUS} numbers of waves, such as '-1, 0, 1', "
-            f"got {text[:40]!r}"
-        )
-    return found
+def _write_table(names: list[str], rows: list[list[float]], path: Path) -> None:
+    with path.open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file).writerows([names, *rows])
 
 
 def _check_samples(samples: int) -> None:
     if not 2 <= samples <= _MOST_SAMPLES:
         raise ArgumentError(f"expected --samples from 2 to {_MOST_SAMPLES}, got {samples}")
-
-
-def _radius(text: str | None) -> float | None:
-    return None if text is None else parse_length(text)
-
-
-def _read(source: SourceOptions, wavelengths: str | None, command: str) -> tuple[Any, list[float]]:
-    """The pupil, and wavelengths in m."""
-    if wavelengths is None:
-        pupil, length = source.read_with_wavelength()
-        lengths = [length]
-    else:
-        if source.wavelength is not None or source.frequency is not None:
-            raise ArgumentError(
-                "expected --wavelengths or one of --wavelength and --frequency, got both"
-            )
-        lengths = [parse_length(part) for part in wavelengths.split(",")]
-        pupil, _ = source.read()
-    check_is_coherent(pupil, command)
-    return pupil, lengths
-
-
-def _settings(source: SourceOptions, lengths: list[float], distance: float) -> dict[str, Any]:
-    return {
-        "source": Path(source.source).name,
-        "wavelengths": lengths,
-        "focal_length": distance,
-    }
-
-
-def _title(source: SourceOptions, lengths: list[float], distance: float) -> str:
-    from polywigner.geometry.display import length_unit
-
-    unit, far = length_unit(max(lengths)), length_unit(distance)
-    waves = ", ".join(f"{length / unit.metres:.4g}" for length in lengths)
-    return (
-        f"{short_name(source.source)}, {waves} {unit.name}, focal length "
-        f"{distance / far.metres:.4g} {far.name}"
-    )

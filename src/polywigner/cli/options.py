@@ -120,7 +120,7 @@ def with_options(function: Callable[..., Any]) -> Callable[..., None]:
 
 
 def _option(name: str, default: Any, kind: Any) -> Parameter:
-    """An option; a text beside its type is its help, and what is False by default is a flag."""
+    """Return an option: a text beside its type is its help, and False by default makes a flag."""
     match get_args(kind):
         case (plain, str(text)):
             flag = [f"--{name.replace('_', '-')}"] if default is False else []

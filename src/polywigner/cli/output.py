@@ -126,6 +126,30 @@ def writing(paths: Sequence[Path]) -> Iterator[tuple[Path, ...]]:
         ) from error
 
 
+def write(paths: Sequence[Path], contents: Sequence[Any], said: str = "") -> None:
+    """Write all of the files, or none, and print ``said`` before their names.
+
+    A content is a figure, a dataset (in memory or on disk), a record for JSON, or a function that
+    takes the path.
+    """
+    with writing(paths) as partials:
+        for partial, content in zip(partials, contents, strict=True):
+            if callable(content):
+                content(partial)
+            elif hasattr(content, "savefig"):
+                content.savefig(partial, format="png")
+            elif hasattr(content, "data_vars"):
+                from polywigner.propagation import exports
+
+                writers = {".nc": exports.write_netcdf, ".vti": exports.write_vti}
+                writers.get(partial.suffix, exports.write_zarr)(content, partial)
+            else:
+                text = json.dumps(content, indent=2, allow_nan=False) + "\n"
+                partial.write_text(text, encoding="utf-8")
+        if said:
+            print(said)
+
+
 def write_arrays(path: Path, arrays: Mapping[str, Any], metadata: Mapping[str, Any]) -> None:
     """Write arrays as .npz under their names, and a JSON text ``metadata`` with their units."""
     import numpy as np
@@ -135,8 +159,3 @@ def write_arrays(path: Path, arrays: Mapping[str, Any], metadata: Mapping[str, A
     about = json.dumps({**metadata, "polywigner": pw.__version__})
     with path.open("wb") as file:
         np.savez_compressed(file, **dict(arrays), metadata=np.asarray(about))
-
-
-def write_record(path: Path, record: Mapping[str, Any]) -> None:
-    """Write a record as JSON."""
-    path.write_text(json.dumps(record, indent=2, allow_nan=False) + "\n", encoding="utf-8")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, cast
 
@@ -11,8 +12,8 @@ import typer
 
 from polywigner.cli.fields import format_suffixes
 from polywigner.cli.options import DbFloor, Out, parse_step
-from polywigner.cli.output import files_to_write, writing
-from polywigner.cli.sources import SourceOptions, check_is_coherent, field_title
+from polywigner.cli.output import files_to_write, write
+from polywigner.cli.sources import SourceOptions, field_title
 from polywigner.errors import ArgumentError
 from polywigner.quantities import parse_power
 
@@ -103,8 +104,7 @@ def pattern(
     if cuts is not None:
         checked_choice(cuts, "--cuts", ("beam", "principal"))
     check_floor(floor_db)
-    radiator, length = source.read_with_wavelength()
-    check_is_coherent(radiator, "pattern")
+    radiator, length = source.read_with_wavelength("pattern")
     wavelengths = outline_of(radiator).diameter / length
     degrees = asked or _degrees(wavelengths)
     quarter = round(90.0 / degrees)
@@ -136,12 +136,9 @@ def pattern(
         floor_db=floor_db,
         title=field_title(source.source, length),
     )
-    with writing(files) as (picture, *values):
-        figure.savefig(picture, format="png")
-        for partial in values:
-            in_files = None if obliquity is None else cast(Any, polarisation)
-            pw.write_pattern(found, partial, polarisation=in_files, efficiency=efficiency)
-        print(metrics)
+    in_files = None if obliquity is None else cast(Any, polarisation)
+    values = partial(pw.write_pattern, found, polarisation=in_files, efficiency=efficiency)
+    write(files, [figure, *(values for _ in suffixes)], str(metrics))
 
 
 def _fine(wavelengths: float) -> Any:

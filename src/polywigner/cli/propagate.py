@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 from polywigner.cli import fields, options
 from polywigner.cli.fields import Place
-from polywigner.cli.output import output_stem, targets
+from polywigner.cli.output import output_stem, targets, write
 from polywigner.cli.sources import MixedSourceOptions, ObstacleOptions, field_title
 from polywigner.errors import ArgumentError
 from polywigner.quantities import parse_frequency
@@ -112,7 +112,7 @@ def propagate(
     )
     if len(wanted) > 1:
         fields.print_differences(found.data_vars, reference)
-    fields.write_field(found, figure, files)
+    write(files, [figure, *(found for _ in suffixes)])
 
 
 def _fields(

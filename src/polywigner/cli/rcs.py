@@ -15,12 +15,10 @@ import typer
 
 from polywigner.cli import options
 from polywigner.cli.fields import format_suffixes
-from polywigner.cli.output import files_to_write, writing
+from polywigner.cli.output import files_to_write, write
 from polywigner.cli.sources import (
     Reading,
-    check_source_file,
     field_title,
-    read_body,
     required_wavelength,
     wavelength_from,
 )
@@ -44,6 +42,7 @@ _FINEST, _MOST_OF_CUTS = 1e-3, 33_000_000_000
 
 
 def rcs(
+    *,
     body: Annotated[
         str,
         typer.Argument(
@@ -75,10 +74,7 @@ def rcs(
     open_mesh: Annotated[
         bool, "Take a mesh as thin plates with two sides; it may be open."
     ] = False,
-    unit: options.Unit = None,
-    tolerance: options.Tolerance = None,
-    layer: options.Layer = None,
-    union: options.Union = False,
+    reading: Reading,
     floor_db: options.DbFloor = -60.0,
     formats: Annotated[
         list[str] | None,
@@ -95,8 +91,7 @@ def rcs(
     NAME_rcs.png (cuts over azimuth and over elevation, and a map of both, in dBsm), the values of
     the map, and those of the cuts in NAME_rcs_cuts.csv.
     """
-    reading = Reading(unit, tolerance, layer, union)
-    check_source_file(body, reading)
+    reading.check(body)
     length = required_wavelength(wavelength_from(frequency, wavelength))
     asked = None if step is None else options.parse_step(step, 30.0, _MOST // 2)
     asked_of_cuts = None if cut_step is None else options.parse_step(cut_step, 30.0, _MOST_OF_CUTS)
@@ -116,7 +111,7 @@ def rcs(
 
     check_floor(floor_db)
     channel = None if polarisation is None else checked_channel(polarisation)
-    metal = read_body(body, reading, open_mesh)
+    metal = reading.read_body(body, open_mesh)
     facets = facets_of(metal)
     seconds = _seconds(len(facets.corner), facets.casts_shadows, bounces)
     degrees = _enough(seconds) if asked is None else asked
@@ -139,12 +134,9 @@ def rcs(
     pattern = find(azimuth, elevation)
     title = field_title(body, length)
     figure = draw_rcs(pattern, cuts=cuts, smooth=width, floor_db=floor_db, title=title)
-    with writing(files) as (picture, of_cuts, *values):
-        figure.savefig(picture, format="png")
-        _write_rows(cuts, of_cuts)
-        for partial_file in values:
-            _write(pattern, partial_file)
-        print(_summary([pattern, *cuts], floor_db))
+    values = [pattern if name == ".nc" else partial(_write, pattern) for name in suffixes]
+    contents = [figure, partial(_write_rows, cuts), *values]
+    write(files, contents, _summary([pattern, *cuts], floor_db))
 
 
 def _say_time(seconds: float, step: float, fine: float) -> None:
@@ -179,11 +171,6 @@ def _write_rows(patterns: Sequence[Any], path: Path) -> None:
 def _write(pattern: Any, path: Path) -> None:
     import numpy as np
 
-    if path.suffix == ".nc":
-        import polywigner as pw
-
-        pw.write_netcdf(pattern, path)
-        return
     azimuth, elevation, values = (pattern[n].values for n in ("azimuth", "elevation", "rcs"))
     if path.suffix == ".json":
         content = {

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import time
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -112,7 +113,6 @@ def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
         receive_ranges,
         remove_store,
     )
-    from polywigner.propagation.exports import write_netcdf
     from polywigner.propagation.stores_checks import required
 
     store = scenes.store_of_parts(stem, settings.resumable, settings.scheduler)
@@ -129,24 +129,13 @@ def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
         loaded = file.load()
         receivers_of(loaded)
         asked = receive_options(
-            settings.spp,
-            seed,
-            None,
-            settings.reflections,
-            settings.accuracy,
-            noise["bandwidth"],
-            noise["temperature"],
-            noise["noise_figure"],
-            settings.coherent,
-            settings.polarisation if settings.coherent else None,
-        )
+            settings.spp, seed, None, settings.reflections, settings.accuracy,
+            noise["bandwidth"], noise["temperature"], noise["noise_figure"],
+            settings.coherent, settings.polarisation if settings.coherent else None,
+        )  # fmt: skip
         with scenes.counted_bar("receiving") as progress:
-            how: dict[str, Any] = {
-                "store": store,
-                "scheduler": settings.scheduler,
-                "threads": settings.threads,
-                "progress": progress,
-            }
+            how: dict[str, Any] = {"store": store, "progress": progress}
+            how |= {"scheduler": settings.scheduler, "threads": settings.threads}
             if edges is None:
                 found = receive_parts(file, loaded, asked, **how)
             else:
@@ -170,26 +159,17 @@ def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
         "versions": scenes.versions_of(chosen),
         "seconds": round(time.perf_counter() - start, 3),
     }
-    figure = _figure(scene, found, maps, names, settings.floor_db)
+    floor, said = settings.floor_db, "\n\n".join(map(str, found))
+    contents = [record, _figure(scene, found, maps, names, floor)]
     if profile is not None:
         record["ranges"] = scenes.ranges_record(profile, len(found))
-        ranges_figure = scenes.draw_ranges(scene, profile, found, settings.floor_db)
+        contents += [profile, scenes.draw_ranges(scene, profile, found, floor)]
+        said += f"\n{scenes.ranges_text(profile, found)}"
     if band:
         title = f"{short_name(scene)}, {len(band)} frequencies"
-        channel_figure = draw_channel(found_channel, floor_db=settings.floor_db, title=title)
-    with output.writing(files) as (text, png, *others):
-        output.write_record(text, record)
-        figure.savefig(png, format="png")
-        if profile is not None:
-            write_netcdf(profile, others[0])
-            ranges_figure.savefig(others[1], format="png")
-        if band:
-            write_netcdf(found_channel, others[-3])
-            _write_ways(found_channel, others[-2])
-            channel_figure.savefig(others[-1], format="png")
-        print("\n\n".join(map(str, found)))
-        if profile is not None:
-            print(scenes.ranges_text(profile, found))
+        picture = draw_channel(found_channel, floor_db=floor, title=title)
+        contents += [found_channel, partial(_write_ways, found_channel), picture]
+    output.write(files, contents, said)
     if store is not None:
         remove_store(store)
         output.say_made(new)

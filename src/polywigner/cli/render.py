@@ -6,6 +6,7 @@ import math
 import time
 import warnings
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -77,7 +78,7 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
     scene, seed = settings.scene, settings.seed
     stem = output.output_stem(out, Path(scene).stem)
     edges = scenes.parse_ranges(settings.range_text, settings.bins, "render")
-    by_range = ("_range.nc", "_range.gif") if edges is not None else ()
+    by_range = () if edges is None else ("_range.nc", "_range.gif")
     polarised = _POLARISED if settings.polarised else ()
     files = output.targets(stem, (".exr", ".png", ".json", *polarised, *by_range))
     output.check_writable(files)
@@ -101,7 +102,6 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
     from polywigner.mitsuba.receiver import is_receiver
     from polywigner.mitsuba.rendering import check_spp, default_spp
     from polywigner.mitsuba.scene_renders import SceneFile, remove_store, render_parts
-    from polywigner.propagation.exports import write_netcdf
 
     frames = None
     store = scenes.store_of_parts(stem, settings.resumable, settings.scheduler)
@@ -110,15 +110,12 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
         check_spp(settings.spp)
     start = time.perf_counter()
     chosen = choose_variant(settings.variant, settings.polarised)
-    integrator = settings.integrator
-    if settings.polarised:
-        integrator = f"stokes {integrator or ''}"
     with scenes.messages_as_warnings():
         if edges is not None:
             scenes.prepare_ranges(chosen)
         file = SceneFile(Path(scene), chosen, settings.sampler, diffraction=settings.diffraction)
         loaded = file.load()
-        _check_scene(loaded, scene)
+        specs = _checked_specs(loaded, scene)
         if settings.polarised and is_receiver(loaded.sensors()[0]):
             raise SceneError(
                 f"expected a camera in {scene} with --polarised, got a wigner_receiver, which has "
@@ -127,16 +124,17 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
         samples = settings.spp or default_spp(loaded)
         if settings.error_db is not None:
             used = settings.sampler or _plugin(loaded.sensors()[0].sampler(), "Sampler")
-            samples = check_spp(_enough(loaded, settings.error_db, used))
+            samples = check_spp(_enough(specs, settings.error_db, used) or samples)
         if edges is not None:  # what cannot be sorted by range is told before the picture
             by_range_of = prepared_frames(
                 loaded, edges, spp=samples, seed=seed, sensor=0, integrator=settings.integrator
             )
         ready = time.perf_counter()
+        own = settings.integrator
         image = render_parts(
             file,
             loaded,
-            integrator,
+            f"stokes {own or ''}" if settings.polarised else own,
             samples,
             seed,
             store=store,
@@ -158,25 +156,19 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
     record["versions"] = scenes.versions_of(chosen)
     record["seconds"] = {"load": round(ready - start, 3), "render": round(done - ready, 3)}
     _warn_of_darkness(radiance)
-    title = _title(loaded, scene, chosen, samples)
+    title, floor = _title(specs, scene, chosen, samples), settings.floor_db
     if is_receiver(loaded.sensors()[0]):
-        figure = draw_arrivals(radiance, (), settings.floor_db, title)
+        figure = draw_arrivals(radiance, (), floor, title)
     else:
-        figure = draw_scene(radiance, reference, settings.floor_db, title=title)
-    with output.writing(files) as (exr, png, text, *others):
-        write_exr(exr, image)
-        figure.savefig(png, format="png")
-        output.write_record(text, record)
-        if settings.polarised:
-            npz, signed, angles, *others = others
-            with npz.open("wb") as binary:
-                np.savez_compressed(binary, stokes=stokes.astype(np.float32))
-            draw_stokes(stokes, title).savefig(signed, format="png")
-            found = draw_polarisation(stokes, settings.floor_db, title)
-            found.savefig(angles, format="png")
-        if frames is not None:
-            write_netcdf(frames, others[0])
-            write_range_animation(frames, others[1], floor_db=settings.floor_db, title=title)
+        figure = draw_scene(radiance, reference, floor, title=title)
+    contents = [partial(write_exr, image=image), figure, record]
+    if settings.polarised:
+        contents.append(partial(np.savez_compressed, stokes=stokes.astype(np.float32)))
+        contents += [draw_stokes(stokes, title), draw_polarisation(stokes, floor, title)]
+    if frames is not None:
+        animated = partial(write_range_animation, frames, floor_db=floor, title=title)
+        contents += [frames, animated]
+    output.write(files, contents)
     if store is not None:
         remove_store(store)
         output.say_made(new)
@@ -195,8 +187,8 @@ def _check(settings: RenderSettings) -> None:
     _check_name("--sampler", settings.sampler, _SAMPLERS)
 
 
-def _check_scene(scene: Any, name: str) -> None:
-    """That a Wigner emitter lights it, with a wavelength that belongs to its aperture."""
+def _checked_specs(scene: Any, name: str) -> list[Any]:
+    """Specifications of its Wigner emitters, whose wavelengths belong to their apertures."""
     specs = [emitter.spec for emitter in scene.emitters() if hasattr(emitter, "spec")]
     if not specs:
         raise SceneError(
@@ -205,25 +197,22 @@ def _check_scene(scene: Any, name: str) -> None:
         )
     for spec in specs:
         check_wavelength(spec.wavelength, spec.centred.support.diameter)
+    return specs
 
 
-def _enough(scene: Any, error_db: float, sampler: str) -> int:
+def _enough(specs: list[Any], error_db: float, sampler: str) -> int:
     """Samples per pixel for an error at 20 dB below the peak, of the source that needs most.
 
-    Exact light has no error that samples lower: the scene's own number then.
+    Zero for exact light, which has no error that samples lower.
     """
     import polywigner as pw
-    from polywigner.mitsuba.rendering import default_spp
 
-    specs = [emitter.spec for emitter in scene.emitters() if hasattr(emitter, "spec")]
-    noisy = [spec for spec in specs if spec.estimator != "exact"]
-    if not noisy:
-        return int(default_spp(scene))
-    independent = max(
+    independent = [
         pw.suggest_sampling(spec.source, spec.wavelength, "render", error_db=error_db).samples
-        for spec in noisy
-    )
-    return math.ceil(independent / _GAINS.get(sampler, 1))
+        for spec in specs
+        if spec.estimator != "exact"
+    ]
+    return math.ceil(max(independent, default=0) / _GAINS.get(sampler, 1))
 
 
 def _check_name(option: str, name: str | None, known: tuple[str, ...]) -> None:
@@ -245,9 +234,8 @@ def _warn_of_darkness(radiance: npt.NDArray[Any]) -> None:
         )
 
 
-def _title(scene: Any, name: str, variant: str, samples: int) -> str:
+def _title(specs: list[Any], name: str, variant: str, samples: int) -> str:
     """Title of the picture: scene, frequency, variant and samples."""
-    specs = [emitter.spec for emitter in scene.emitters() if hasattr(emitter, "spec")]
     found = list(dict.fromkeys(frequency_text(spec.wavelength) for spec in specs))
     listed = ", ".join(found[:3]) + (", ..." if len(found) > 3 else "")
     return (

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from polywigner.cli.options import Define, Seed, Variant
-from polywigner.cli.output import files_to_write, writing
+from polywigner.cli.output import files_to_write, write
 from polywigner.cli.scenes import check_scene_file, messages_as_warnings, scene_definition
 from polywigner.errors import ArgumentError
 
@@ -62,9 +63,7 @@ def scatterers(
             rays=rays,
             velocities=speeds or None,
         )
-    with writing(files) as (partial,):
-        pm.write_scatterers(cloud, partial)
-        print(_summary(cloud))
+    write(files, [partial(pm.write_scatterers, cloud)], _summary(cloud))
 
 
 def _suffix(out: str | None) -> str:

@@ -8,6 +8,7 @@ import shlex
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -99,14 +100,8 @@ def counted_bar(title: str) -> Iterator[Callable[[int, int], None]]:
     from polywigner.execution.progress import progress_bar
 
     with ExitStack() as stack:
-        bars: list[Callable[..., None]] = []
-
-        def tell(done: int, total: int) -> None:
-            if not bars:
-                bars.append(stack.enter_context(progress_bar(title, total)))
-            bars[0]()
-
-        yield tell
+        started = cache(lambda total: stack.enter_context(progress_bar(title, total)))
+        yield lambda done, total: started(total)()
 
 
 def versions_of(variant: str) -> dict[str, str | None]:
@@ -123,9 +118,8 @@ def versions_of(variant: str) -> dict[str, str | None]:
     return found
 
 
-_BINS = {"receive": 256, "render": 64}
-# Of frames, what write_range_animation draws.
-_MOST_BINS = {"receive": 2**16, "render": 2**10}
+# By default, and at most; of frames, as many as write_range_animation draws.
+_BINS = {"receive": (256, 2**16), "render": (64, 2**10)}
 
 
 def parse_ranges(text: str | None, bins: int | None, command: str) -> NDArray[np.float64] | None:
@@ -138,9 +132,10 @@ def parse_ranges(text: str | None, bins: int | None, command: str) -> NDArray[np
         if bins is not None:
             raise ArgumentError("expected --bins with --range, got it alone; add a --range")
         return None
-    count = _BINS[command] if bins is None else bins
-    if not 1 <= count <= _MOST_BINS[command]:
-        raise ArgumentError(f"expected --bins from 1 to {_MOST_BINS[command]}, got {count}")
+    usual, most = _BINS[command]
+    count = usual if bins is None else bins
+    if not 1 <= count <= most:
+        raise ArgumentError(f"expected --bins from 1 to {most}, got {count}")
     ends = text.split(" to ")
     if len(ends) != 2:
         raise ArgumentError(
@@ -165,20 +160,22 @@ def prepare_ranges(variant: str) -> None:
     require_transients(variant)
 
 
-def _of(profile: Any, name: str, receiver: int, count: int) -> Any:
-    """Values of one receiver."""
-    values = profile[name].values
-    return values if count == 1 else values[receiver]
+def _by_receiver(profile: Any, count: int) -> list[dict[str, Any]]:
+    """Powers in W of each receiver, by name."""
+    names = ("power", "standard_error", "before", "after")
+    values = {name: profile[name].values for name in names}
+    if count == 1:
+        return [values]
+    return [{name: each[k] for name, each in values.items()} for k in range(count)]
 
 
 def ranges_record(profile: Any, count: int) -> dict[str, Any]:
     """All of a profile but its powers by emitter, for JSON."""
-    names = ("power", "standard_error", "before", "after")
     return {
         "edges_m": profile["range_edge"].values.tolist(),
         "receivers": [
-            {f"{name}_w": _of(profile, name, k, count).tolist() for name in names}
-            for k in range(count)
+            {f"{name}_w": values.tolist() for name, values in one.items()}
+            for one in _by_receiver(profile, count)
         ],
     }
 
@@ -191,11 +188,8 @@ def ranges_text(profile: Any, found: list[Any]) -> str:
 
     edges = profile["range_edge"].values
     lines = []
-    for number, each in enumerate(found):
-        power, error, before, after = (
-            _of(profile, name, number, len(found))
-            for name in ("power", "standard_error", "before", "after")
-        )
+    for each, values in zip(found, _by_receiver(profile, len(found)), strict=True):
+        power, error, before, after = values.values()
         k = int(np.argmax(power))
         lines.append(
             f"receiver {each.receiver}: most from {edges[k]:.6g} m to {edges[k + 1]:.6g} m, "

@@ -1,4 +1,4 @@
-"""Sources and wavelengths as commands are given them."""
+"""Sources, bodies in the way and wavelengths as commands are given them."""
 
 from __future__ import annotations
 
@@ -6,10 +6,9 @@ import json
 import math
 import os
 import warnings
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 import typer
 
@@ -32,65 +31,60 @@ from polywigner.quantities import (
     wavelength_of,
 )
 
-if TYPE_CHECKING:
-    from polywigner import Aperture
-    from polywigner import Array as ApertureArray
-
-
 _FREQUENCIES = (("THz", 1e12), ("GHz", 1e9), ("MHz", 1e6), ("kHz", 1e3), ("Hz", 1.0))
 _LONGEST_NAME = 32
+_MESHES = (".stl", ".ply", ".obj")
 
 # A frequency and the wavelength typed for it, with a few digits.
 _SAME_WAVELENGTH = 1e-3
-
-
-class Reading(NamedTuple):
-    """Options for reading an aperture file, as texts."""
-
-    unit: str | None
-    tolerance: str | None
-    layer: Sequence[str] | None
-    union: bool
-    allow_outside: bool = False
-    """Whether a source file may name files outside of its folder."""
-
-    def of_aperture(self) -> dict[str, Any]:
-        """The arguments of :func:`polywigner.read_aperture`."""
-        from polywigner.quantities import parse_length
-
-        reach = None if self.tolerance is None else parse_length(self.tolerance)
-        return {
-            "unit": self.unit or "mm",
-            "tolerance": reach,
-            "layer": self.layer,
-            "union": self.union,
-        }
-
-
-# Nothing but a slip; and pictures cannot have axes of 1e-300.
+# Wavelengths to a diameter: nothing but a slip; and pictures cannot have axes of 1e-300.
 _ABSURD = 1e12
 
 
-def check_wavelength(wavelength: float, diameter: float) -> None:
-    """Warn of a wavelength that hardly belongs to an aperture, as functions in Python do."""
-    from polywigner.geometry.arguments import doubt_of_wavelength
+@dataclass(frozen=True)
+class Reading:
+    """Options for reading an aperture file."""
 
-    doubt = doubt_of_wavelength(wavelength, diameter)
-    if doubt is None:
-        return
-    if not 1 / _ABSURD <= wavelength / diameter <= _ABSURD:
-        raise ArgumentError(f"expected a wavelength that belongs to the aperture, got {doubt}")
-    warnings.warn(f"got {doubt}", RuntimeWarning, stacklevel=2)
+    unit: options.Unit = None
+    tolerance: options.Tolerance = None
+    layer: options.Layer = None
+    union: options.Union = False
 
+    def check(self, path: str) -> None:
+        """Raise the errors of a path and a tolerance before anything heavy is imported."""
+        self._arguments()
+        check_text("the aperture file", path)
+        if not os.path.isfile(path):  # noqa: PTH113 (pathlib raises for a name too long)
+            raise FileFormatError(
+                f"expected an aperture file, got {path!r}, which is not a file; check its path"
+            )
 
-def check_is_coherent(source: Any, command: str) -> None:
-    """Raise IlluminationError for a partly coherent source, where a command cannot draw one."""
-    width = getattr(source, "coherence_width", math.inf)
-    if width < math.inf:
-        raise IlluminationError(
-            f"expected a coherent source for {command}, got one that is coherent over {width:g} m; "
-            "propagate, volume and rays take it"
-        )
+    def read(self, path: str) -> Any:
+        """The source of an aperture file."""
+        import polywigner as pw
+
+        return pw.read_aperture(path, **self._arguments())
+
+    def read_body(self, path: str, as_plates: bool = False) -> Any:
+        """The body of a mesh, or its faces as plates; or the outline of an aperture file."""
+        import polywigner as pw
+
+        if Path(path).suffix.lower() not in _MESHES:
+            if as_plates:
+                raise ArgumentError(
+                    "expected --open-mesh with a mesh (STL, PLY, OBJ), got a drawing"
+                )
+            return self.read(path)
+        for name in ("tolerance", "layer", "union"):
+            if getattr(self, name):
+                raise ArgumentError(f"expected no --{name} with a mesh; it is for drawings")
+        read = pw.read_sheets if as_plates else pw.read_polyhedron
+        return read(path, unit=self.unit or "mm")
+
+    def _arguments(self) -> dict[str, Any]:
+        tolerance = None if self.tolerance is None else parse_length(self.tolerance)
+        unit = self.unit or "mm"
+        return {"unit": unit, "tolerance": tolerance, "layer": self.layer, "union": self.union}
 
 
 @dataclass(frozen=True)
@@ -129,47 +123,71 @@ class SourceOptions:
 
     def check(self) -> None:
         """Raise the errors that can be known before anything heavy is imported."""
-        check_source_file(self.source, self.reading)
-        self._wavelength()
-
-    def _wavelength(self) -> float | None:
-        return wavelength_from(self.frequency, self.wavelength)
+        self._reading.check(self.source)
+        wavelength_from(self.frequency, self.wavelength)
 
     @property
-    def reading(self) -> Reading:
-        return Reading(self.unit, self.tolerance, self.layer, self.union, self.allow_outside)
-
-    @property
-    def feeding(self) -> dict[str, str]:
-        """Texts by their option, of :data:`polywigner.illumination.texts.FEEDING`."""
-        names = (*_FEEDING, "coherence")
-        texts = ((name, getattr(self, name, None)) for name in names)
-        return {name: text for name, text in texts if text is not None}
+    def _reading(self) -> Reading:
+        return Reading(self.unit, self.tolerance, self.layer, self.union)
 
     def read(self) -> tuple[Any, float | None]:
         """The source, and the wavelength in m, None where neither options nor file say one."""
         from polywigner.figures import outline_of
+        from polywigner.illumination.texts import fed
 
-        source, wavelength = _read_fed(self.source, self.reading, self.feeding, self._wavelength())
+        wavelength = wavelength_from(self.frequency, self.wavelength)
+        if _is_source_file(self.source):
+            for name, given in vars(self._reading).items():
+                if given:
+                    raise ArgumentError(
+                        f"expected no --{name} with a source file, got {given!r}; the file says "
+                        "its own"
+                    )
+            source, wavelength = self._read_source_file(wavelength)
+        else:
+            source = self._reading.read(self.source)
+        names = ("taper", "array", "window", "steering", "focus", "curved", "coherence")
+        texts = ((name, getattr(self, name, None)) for name in names)
+        feeding = {name: text for name, text in texts if text is not None}
+        source = fed(source, feeding, wavelength)
         if wavelength is not None:
             check_wavelength(wavelength, outline_of(source).diameter)
+        return source, wavelength
+
+    def _read_source_file(self, wavelength: float | None) -> tuple[Any, float | None]:
+        """The source, and the wavelength that was asked for, or else its own."""
+        from polywigner.illumination.source_files import read_content
+
+        source, own, _ = read_content(self.source, self.allow_outside)
+        if wavelength is None or own is None:
+            return source, own if wavelength is None else wavelength
+        if abs(wavelength - own) > _SAME_WAVELENGTH * own:
+            warnings.warn(
+                f"the phases in {Path(self.source).name} are set for its own wavelength of "
+                f"{own:.6g} m, and its beam is shown at {wavelength:.6g} m, where it squints; "
+                "leave --frequency and --wavelength out to see it at its own",
+                RuntimeWarning,
+                stacklevel=2,
+            )
         return source, wavelength
 
     def polarisation(self) -> Any:
         """Jones vectors that a source file says; None without."""
         from polywigner import read_polarisation
 
-        if not _is_source_file(self.source):
-            return None
-        return read_polarisation(self.source, self.allow_outside)
+        is_said = _is_source_file(self.source)
+        return read_polarisation(self.source, self.allow_outside) if is_said else None
 
-    def read_with_wavelength(self) -> tuple[Any, float]:
-        """Read the source and its wavelength; ArgumentError without one."""
+    def read_with_wavelength(self, coherent_for: str | None = None) -> tuple[Any, float]:
+        """The source and its wavelength in m, ArgumentError without one.
+
+        ``coherent_for`` names a command that cannot draw partly coherent sources.
+        """
         source, wavelength = self.read()
-        return source, required_wavelength(wavelength)
-
-
-_FEEDING = ("taper", "array", "window", "steering", "focus", "curved")
+        wavelength = required_wavelength(wavelength)
+        if coherent_for is not None:
+            check_is_coherent(source, coherent_for)
+        return source, wavelength
 
 
 @dataclass(frozen=True)
@@ -181,18 +199,30 @@ class MixedSourceOptions(SourceOptions):
     ] = None
 
 
-def check_source_file(path: str, reading: Reading) -> None:
-    """That it can be a file at all, before anything heavy is imported to read it."""
-    reading.of_aperture()
-    check_text("the aperture file", path)
-    if not os.path.isfile(path):  # noqa: PTH113 (pathlib raises for a name too long)
-        raise FileFormatError(
-            f"expected an aperture file, got {path!r}, which is not a file; check its path"
+def check_wavelength(wavelength: float, diameter: float) -> None:
+    """Warn of a wavelength (m) that hardly belongs to an aperture; refuse an absurd one."""
+    from polywigner.geometry.arguments import doubt_of_wavelength
+
+    doubt = doubt_of_wavelength(wavelength, diameter)
+    if doubt is None:
+        return
+    if not 1 / _ABSURD <= wavelength / diameter <= _ABSURD:
+        raise ArgumentError(f"expected a wavelength that belongs to the aperture, got {doubt}")
+    warnings.warn(f"got {doubt}", RuntimeWarning, stacklevel=2)
+
+
+def check_is_coherent(source: Any, command: str) -> None:
+    """Raise IlluminationError for a partly coherent source, where a command cannot draw one."""
+    width = getattr(source, "coherence_width", math.inf)
+    if width < math.inf:
+        raise IlluminationError(
+            f"expected a coherent source for {command}, got one that is coherent over {width:g} m; "
+            "propagate, volume and rays take it"
         )
 
 
 def wavelength_from(frequency: str | None, wavelength: str | None) -> float | None:
-    """In metres, from the text of either option; None without both."""
+    """Metres, from the text of either option; None without both."""
     if frequency is not None and wavelength is not None:
         raise ArgumentError("expected --frequency or --wavelength, got both; drop one of them")
     if frequency is not None:
@@ -211,11 +241,10 @@ def required_wavelength(wavelength: float | None) -> float:
 
 
 def field_title(path: str, wavelength: float) -> str:
-    """Above the figure of a field: the source's file, frequency and wavelength."""
-    from polywigner.geometry.display import length_unit
+    """Title of the figure of a field: the source's file, frequency and wavelength."""
+    from polywigner.geometry.display import length_text
 
-    unit = length_unit(wavelength)
-    printed = f"{wavelength / unit.metres:.4g} {unit.name}"
+    printed = length_text(wavelength)
     return f"{short_name(path)}, {frequency_text(wavelength)} (wavelength {printed})"
 
 
@@ -235,46 +264,6 @@ def frequency_text(wavelength: float) -> str:
     return f"{frequency / size:.4g} {name}"
 
 
-def _read_fed(
-    path: str, reading: Reading, feeding: Mapping[str, str], wavelength: float | None
-) -> tuple[Aperture | ApertureArray, float | None]:
-    """The source of an aperture or source file, with its tapers, copies and steering."""
-    import polywigner as pw
-    from polywigner.illumination.texts import fed
-
-    source: Aperture | ApertureArray
-    if _is_source_file(path):
-        for name, given in reading._asdict().items():
-            if given and name != "allow_outside":
-                raise ArgumentError(
-                    f"expected no --{name} with a source file, got {given!r}; the file says its own"
-                )
-        source, wavelength = _read_source(path, wavelength, reading.allow_outside)
-    else:
-        source = pw.read_aperture(path, **reading.of_aperture())
-    return fed(source, feeding, wavelength), wavelength
-
-
-def _read_source(
-    path: str, wavelength: float | None, allow_outside: bool
-) -> tuple[Any, float | None]:
-    """The source, and the wavelength that was asked for, or else its own."""
-    from polywigner.illumination.source_files import read_content
-
-    source, own, _ = read_content(path, allow_outside)
-    if wavelength is None or own is None:
-        return source, own if wavelength is None else wavelength
-    if abs(wavelength - own) > _SAME_WAVELENGTH * own:
-        warnings.warn(
-            f"the phases in {Path(path).name} are set for its own wavelength of {own:.6g} m, and "
-            f"its beam is shown at {wavelength:.6g} m, where it squints; leave --frequency and "
-            "--wavelength out to see it at its own",
-            RuntimeWarning,
-            stacklevel=2,
-        )
-    return source, wavelength
-
-
 def _is_source_file(path: str) -> bool:
     """TOML; or JSON whose outermost table has a kind, which GeoJSON has not."""
     from polywigner.geometry.io.limits import bytes_of, check_values, text_of
@@ -289,24 +278,6 @@ def _is_source_file(path: str) -> bool:
     except (ValueError, RecursionError, OSError):
         return False  # the reader of apertures says what is wrong with it
     return isinstance(content, dict) and "kind" in content and "type" not in content
-
-
-_MESHES = (".stl", ".ply", ".obj")
-
-
-def read_body(path: str, reading: Reading, as_plates: bool = False) -> Any:
-    """The body of a mesh, or its faces as plates; or the outline of an aperture file."""
-    import polywigner as pw
-
-    if Path(path).suffix.lower() not in _MESHES:
-        if as_plates:
-            raise ArgumentError("expected --open-mesh with a mesh (STL, PLY, OBJ), got a drawing")
-        return pw.read_aperture(path, **reading.of_aperture())
-    for name in ("tolerance", "layer", "union"):
-        if getattr(reading, name):
-            raise ArgumentError(f"expected no --{name} with a mesh; it is for drawings")
-    read = pw.read_sheets if as_plates else pw.read_polyhedron
-    return read(path, unit=reading.unit or "mm")
 
 
 @dataclass(frozen=True)
@@ -324,15 +295,11 @@ class ObstacleOptions:
         str | None, "Unit of the files of obstacles, where they do not say (default: mm)."
     ] = None
 
-    @property
-    def _reading(self) -> Reading:
-        return Reading(self.obstacle_unit, None, None, False)
-
     def check(self) -> None:
         """Raise the errors that can be known before anything heavy is imported."""
         for text in self.obstacle or ():
             path, _, _ = _placed_file(text)
-            check_source_file(path, self._reading)
+            Reading(self.obstacle_unit).check(path)
         if self.obstacle_unit is not None:
             parse_unit(self.obstacle_unit)
             if not self.obstacle:
@@ -340,12 +307,31 @@ class ObstacleOptions:
 
     def read(self) -> list[Any]:
         """The bodies and placed plates."""
-        return [_placed(*_placed_file(text), self._reading) for text in self.obstacle or ()]
+        return [self._placed(*_placed_file(text)) for text in self.obstacle or ()]
+
+    def _placed(self, path: str, place: tuple[float, ...], angles: tuple[float, ...]) -> Any:
+        """A body whose z axis is turned the shortest way into a direction, and its origin moved."""
+        import numpy as np
+
+        from polywigner import Polyhedron
+
+        theta, phi = angles
+        axis = np.array([-math.sin(phi), math.cos(phi), 0.0])
+        cross = np.cross(np.eye(3), -axis)
+        pose = np.eye(4)
+        pose[:3, :3] += math.sin(theta) * cross + (1.0 - math.cos(theta)) * cross @ cross
+        pose[:3, 3] = place
+        try:
+            body = Reading(self.obstacle_unit).read_body(path)
+            if isinstance(body, Polyhedron):
+                return Polyhedron(body.vertices @ pose[:3, :3].T + pose[:3, 3], body.faces)
+            return body.placed(pose)
+        except PolywignerError as error:
+            raise type(error)(f"--obstacle: {error}") from None
 
 
-def _placed_file(text: str) -> tuple[str, tuple[float, ...], tuple[float, float]]:
+def _placed_file(text: str) -> tuple[str, tuple[float, ...], tuple[float, ...]]:
     """The file, the place of its origin in m, and theta and phi of its z axis in rad."""
-    example = '"plate.svg at 0 mm, 0 mm, 150 mm towards 30 deg, 90 deg"'
     check_text("--obstacle", text)
     path, at, where = text.rpartition(" at ")
     if not at:
@@ -358,30 +344,7 @@ def _placed_file(text: str) -> tuple[str, tuple[float, ...], tuple[float, float]
         raise QuantityError(f"--obstacle: {error}") from None
     if len(point) != 3 or len(angles) != 2:
         raise ArgumentError(
-            f"--obstacle: expected a file, a point and perhaps a direction, such as {example}, got "
-            f"{text!r}"
+            "--obstacle: expected a file, a point and perhaps a direction, such as "
+            f'"plate.svg at 0 mm, 0 mm, 150 mm towards 30 deg, 90 deg", got {text!r}'
         )
-    return path.strip(), point, (float(angles[0]), float(angles[1]))
-
-
-def _placed(
-    path: str, place: tuple[float, ...], angles: tuple[float, float], reading: Reading
-) -> Any:
-    """A body whose z axis is turned the shortest way into a direction, and its origin moved."""
-    import numpy as np
-
-    from polywigner import Polyhedron
-
-    theta, phi = angles
-    axis = np.array([-math.sin(phi), math.cos(phi), 0.0])
-    cross = np.cross(np.eye(3), -axis)
-    pose = np.eye(4)
-    pose[:3, :3] += math.sin(theta) * cross + (1.0 - math.cos(theta)) * cross @ cross
-    pose[:3, 3] = place
-    try:
-        body = read_body(path, reading)
-        if isinstance(body, Polyhedron):
-            return Polyhedron(body.vertices @ pose[:3, :3].T + pose[:3, 3], body.faces)
-        return body.placed(pose)
-    except PolywignerError as error:
-        raise type(error)(f"--obstacle: {error}") from None
+    return path.strip(), point, angles

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import math
+import re
 import warnings
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from polywigner.cli.options import DbFloor, Out
-from polywigner.cli.output import files_to_write, write_arrays, writing
+from polywigner.cli.output import files_to_write, write, write_arrays
 from polywigner.cli.sources import SourceOptions, check_is_coherent, frequency_text, short_name
 from polywigner.errors import QuantityError
 from polywigner.quantities import parse_angle, parse_coordinate, parse_point
 
 if TYPE_CHECKING:
-    from polywigner import FirstOrder
+    from polywigner import Aperture, FirstOrder
+    from polywigner.figures import SystemSlices, TransformSlices
 
 
 _EXAMPLE = '"space 50 mm, lens 50 mm, space 50 mm"'
@@ -40,39 +44,26 @@ def _part(text: str) -> FirstOrder:
 
     kind, _, rest = text.strip().partition(" ")
     rest = rest.strip()
-    if kind == "space":
-        return FirstOrder.free_space(parse_coordinate(rest))
-    if kind == "lens":
-        focal = tuple(map(_focal_length, _quantities(rest)))
-        return FirstOrder.lens(focal[0] if len(focal) == 1 else focal)  # type: ignore[arg-type]
-    if kind == "magnifier":
-        return FirstOrder.magnifier(_number(rest, "magnification"))
-    if kind == "fourier":
-        return FirstOrder.fourier(parse_coordinate(rest))
-    if kind == "fractional":
-        order, _, scale = rest.partition(" ")
-        return FirstOrder.fractional(_number(order, "order"), parse_coordinate(scale))
-    if kind == "turn":
-        return FirstOrder.rotation(parse_angle(rest))
+    match kind:
+        case "space":
+            return FirstOrder.free_space(parse_coordinate(rest))
+        case "lens":
+            parts = re.split(r"\s+(?=[-+.\d]|inf)", rest)
+            focal = tuple(math.inf if part == "inf" else parse_coordinate(part) for part in parts)
+            return FirstOrder.lens(focal[0] if len(focal) == 1 else focal)  # type: ignore[arg-type]
+        case "magnifier":
+            return FirstOrder.magnifier(_number(rest, "magnification"))
+        case "fourier":
+            return FirstOrder.fourier(parse_coordinate(rest))
+        case "fractional":
+            order, _, scale = rest.partition(" ")
+            return FirstOrder.fractional(_number(order, "order"), parse_coordinate(scale))
+        case "turn":
+            return FirstOrder.rotation(parse_angle(rest))
     raise QuantityError(
         f"expected a system such as {_EXAMPLE}, of space, lens, magnifier, fourier, fractional and "
         f"turn, got {text.strip()[:40]!r}"
     )
-
-
-def _quantities(text: str) -> list[str]:
-    """Numbers with the units behind them."""
-    found: list[str] = []
-    for word in text.split():
-        if found and word[0].isalpha() and word != "inf":
-            found[-1] += f" {word}"
-        else:
-            found.append(word)
-    return found or [text]
-
-
-def _focal_length(text: str) -> float:
-    return float("inf") if text == "inf" else parse_coordinate(text)
 
 
 def _number(text: str, what: str) -> float:
@@ -82,11 +73,6 @@ def _number(text: str, what: str) -> float:
         raise QuantityError(
             f"expected the {what} as a number, as in a system {_EXAMPLE}, got {text[:40]!r}"
         ) from None
-
-
-if TYPE_CHECKING:
-    from polywigner import Aperture
-    from polywigner.figures import SystemSlices, TransformSlices
 
 
 _FEWEST = 257
@@ -144,9 +130,8 @@ def transform(
         slices = system_slices(radiator, system, length, samples or _FEWEST)
     title = name if length is None else f"{name}, {frequency_text(length)}"
     figure = draw_transforms(slices, floor_db, title=title)
-    with writing(files) as (picture, values):
-        figure.savefig(picture, format="png")
-        write_arrays(values, *_values_of(slices))
+    arrays, metadata = _values_of(slices)
+    write(files, [figure, partial(write_arrays, arrays=arrays, metadata=metadata)])
 
 
 def _samples(given: int | None, source: Any, wavelength: float | None) -> tuple[int, bool]:
@@ -198,41 +183,30 @@ def _values_of(slices: TransformSlices | SystemSlices) -> tuple[dict[str, Any], 
 
     from polywigner.figures import TransformSlices
 
-    wavelength = np.asarray(np.nan if slices.wavelength is None else slices.wavelength)
-    arrays = {"wavelength": wavelength, "aperture_geojson": _geojson(slices.aperture)}
-    in_metres: tuple[str, ...]
-    inverse: tuple[str, ...]
-    areas: tuple[str, ...]
-    if not isinstance(slices, TransformSlices):
-        in_metres, inverse, areas = (
-            ("x", "x_out", "across", "up"),
-            ("nu", "nu_out"),
-            ("before", "behind"),
-        )
-        arrays["matrix"] = slices.system.matrix
-        metadata: dict[str, Any] = {
-            "axes": "before[j, i] at (x[i], nu[j]), behind[j, i] at (x_out[i], nu_out[j]): W; "
-            "light[j, i] at (across[i], up[j]): |U|^2 behind"
-        }
-        arrays["light"] = slices.light
-    else:
-        in_metres, inverse = ("x", "xi"), ("frequency",)
-        areas = ("fourier", "wigner", "ambiguity")
-        arrays["automean_geojson"] = _geojson(slices.support)
-        metadata = {
+    if isinstance(slices, TransformSlices):
+        units = dict.fromkeys(("x", "xi"), "m") | {"frequency": "1/m"}
+        units |= dict.fromkeys(("fourier", "wigner", "ambiguity"), "m^2")
+        others = {"automean_geojson": _geojson(slices.support)}
+        about = {
             "axes": "fourier[j, i] and wigner[j, i] at nu = (frequency[i], frequency[j]); "
             "ambiguity[j, i] at upsilon = (frequency[i], frequency[j])",
             "convention": "F(nu) = int u exp(-2 pi i nu.x) dx",
         }
-    arrays |= {name: np.asarray(getattr(slices, name)) for name in (*in_metres, *inverse, *areas)}
-    metadata["units"] = {
-        **dict.fromkeys(in_metres, "m"),
-        **dict.fromkeys(inverse, "1/m"),
-        **dict.fromkeys(areas, "m^2"),
-        "wavelength": "m (nan: not given)",
-        **{name: "m" for name in arrays if name.endswith("geojson")},
-    }
-    return arrays, metadata
+    else:
+        units = dict.fromkeys(("x", "x_out", "across", "up"), "m")
+        units |= dict.fromkeys(("nu", "nu_out"), "1/m")
+        units |= dict.fromkeys(("before", "behind"), "m^2")
+        others = {"matrix": slices.system.matrix, "light": slices.light}
+        about = {
+            "axes": "before[j, i] at (x[i], nu[j]), behind[j, i] at (x_out[i], nu_out[j]): W; "
+            "light[j, i] at (across[i], up[j]): |U|^2 behind"
+        }
+    others["wavelength"] = np.asarray(np.nan if slices.wavelength is None else slices.wavelength)
+    others["aperture_geojson"] = _geojson(slices.aperture)
+    arrays = others | {name: np.asarray(getattr(slices, name)) for name in units}
+    units |= {"wavelength": "m (nan: not given)"}
+    units |= {name: "m" for name in arrays if name.endswith("geojson")}
+    return arrays, {**about, "units": units}
 
 
 def _geojson(aperture: Any) -> Any:

@@ -141,9 +141,8 @@ def volume(
         by_method[one.name] = found[one.method]
         title = f"{label_of(found[one.method], one.method)}: {field_title(source.source, length)}"
         print(store)
-        fields.write_field(
-            found, draw_volume(found, radiator, title=title, obstacles=bodies or (), **drawn), files
-        )
+        figure = draw_volume(found, radiator, title=title, obstacles=bodies or (), **drawn)
+        output.write(files, [figure, *(found for _ in suffixes)])
     if len(wanted) > 1:
         fields.print_differences(by_method, reference)
     output.say_made(new)

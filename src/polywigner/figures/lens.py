@@ -78,10 +78,12 @@ def draw_mtf(found: Any, title: str = "", *, figure: Any = None) -> Any:
                 found["frequency"].values, line, color=colour, ls=_DASHES[k % len(_DASHES)],
                 label=f"{name}, {state}" if len(curves) > 1 or float(part["defocus"]) else name,
             )  # fmt: skip
-    axes.set_xlim(0.0, float(found["frequency"].max()))
-    axes.set_ylim(0.0, 1.05)
-    axes.set_xlabel("frequency (cycles/mm)")
-    axes.set_ylabel("modulation transfer function")
+    axes.set(
+        xlim=(0.0, float(found["frequency"].max())),
+        ylim=(0.0, 1.05),
+        xlabel="frequency (cycles/mm)",
+        ylabel="modulation transfer function",
+    )
     axes.grid(alpha=0.3, lw=0.5)
     axes.legend(frameon=False)
     style.write_title(figure, title)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from numbers import Real
 from typing import Any, NamedTuple
 
@@ -90,6 +91,14 @@ def checked_dataset(found: Any, name: str) -> Any:
     if not isinstance(found, xarray.Dataset):
         raise ArgumentError(f"expected {name} as an xarray.Dataset, got {type(found).__name__}")
     return found
+
+
+def arrays_of(found: Any, names: Sequence[str], maker: str) -> list[NDArray[Any]]:
+    """Arrays of a dataset of the function ``maker``; ArgumentError without one of them."""
+    try:
+        return [np.asarray(found[name].values) for name in names]
+    except (TypeError, KeyError, IndexError, AttributeError):
+        raise ArgumentError(f"expected what {maker} returns, got {type(found).__name__}") from None
 
 
 COMPARED_DB = -30.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import cycle
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -15,7 +16,6 @@ from polywigner.geometry.arguments import checked_choice
 from polywigner.geometry.display import length_unit
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
 
 
@@ -89,23 +89,20 @@ def draw_lines(
         _Curves(each, *_axis(one, each.dims, along))
         for one, each in zip(columns.values(), fields, strict=True)
     ]
-    rows = 2 if len(fields[0].powers) > 1 else 1
-    side_by_side = len(curves) > 1
+    is_compared, side_by_side = len(fields[0].powers) > 1, len(curves) > 1
     width = 1.0 + 3.0 * len(curves) if side_by_side else 6.4
-    size = width, (5.6 if rows == 2 else 3.7) + 0.3 * side_by_side
+    size = width, (5.6 if is_compared else 3.7) + 0.3 * side_by_side
     figure = style.figure_on(figure, *size, spacing=0.03)
-    ratios = (3, 2) if rows == 2 else (1,)
+    ratios = (3, 2) if is_compared else (1,)
+    shape = len(ratios), len(curves)
     panels = figure.subplots(
-        rows, len(curves), sharex="col", sharey="row", squeeze=False, height_ratios=ratios
+        *shape, sharex="col", sharey="row", squeeze=False, height_ratios=ratios
     )
     for column, one, name in zip(panels.T, curves, columns, strict=True):
-        _draw_levels(column[0], one, name)
-        if rows == 2:
-            _draw_differences(column[1], one, compared_db)
-        _draw_places(column, one)
+        _draw_column(column, one, name, compared_db)
     panels[0, 0].set_ylim(*_range(fields, floor_db))
     panels[0, 0].set_ylabel(f"{fields[0].quantity} (dB)")
-    if rows == 2:
+    if is_compared:
         _difference_axis(panels[1], fields[0], compared_db)
         how: dict[str, Any] = {"frameon": False, "fontsize": 7.5, "handlelength": 2.6}
         if side_by_side:
@@ -117,31 +114,23 @@ def draw_lines(
     return figure
 
 
-def _draw_levels(axes: Axes, curves: _Curves, name: str) -> None:
+def _draw_column(column: Any, curves: _Curves, name: str, compared_db: float) -> None:
+    """Draw levels, and below them differences where there are any."""
     fields = curves.fields
     styles = _styles(list(fields.powers), fields.against)
     for method, values in fields.powers.items():
         levels = np.full(values.shape, np.nan)
         levels[values > 0] = 10 * np.log10(values[values > 0] / fields.zero)
-        axes.plot(curves.places, levels, label=fields.labels[method], **styles[method])
+        column[0].plot(curves.places, levels, label=fields.labels[method], **styles[method])
+        if method != fields.against:
+            difference = difference_db(values, fields.powers[fields.against], compared_db)
+            column[1].plot(curves.places, difference, **styles[method])
     text = f"0 dB: {fields.zero_text}"
     if name:
         text = f"{name}; {text}"
     elif len(styles) > 1:
         text += f", the peak of {fields.labels[fields.against]}"
-    axes.set_title(text, loc="left", fontsize=8)
-
-
-def _draw_differences(axes: Axes, curves: _Curves, compared_db: float) -> None:
-    fields = curves.fields
-    styles = _styles(list(fields.powers), fields.against)
-    for method, values in fields.powers.items():
-        if method != fields.against:
-            difference = difference_db(values, fields.powers[fields.against], compared_db)
-            axes.plot(curves.places, difference, **styles[method])
-
-
-def _draw_places(column: Any, curves: _Curves) -> None:
+    column[0].set_title(text, loc="left", fontsize=8)
     for axes in column:
         axes.grid(alpha=0.3, lw=0.5)
         axes.margins(x=0)
@@ -149,7 +138,12 @@ def _draw_places(column: Any, curves: _Curves) -> None:
             axes.set_xscale("log")
     column[-1].set_xlabel(curves.along)
     if curves.is_logarithmic:
-        _plain_ticks(column[-1])
+        from matplotlib.ticker import LogFormatter, LogLocator
+
+        axis = column[-1].xaxis
+        axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axis.set_major_formatter(LogFormatter(labelOnlyBase=False, minor_thresholds=(9, 9)))
+        axis.set_minor_formatter(lambda *_: "")
 
 
 def _axis(found: Any, dims: tuple[str, ...], along: str | None) -> tuple[Floats, str, bool]:
@@ -181,16 +175,17 @@ def _parallel(found: Any, dim: str) -> str:
 
 def _styles(methods: list[str], against: str) -> dict[str, dict[str, Any]]:
     """Line styles: the reference is a broad grey band, on which other lines are still seen."""
-    others = [method for method in methods if method != against]
+    if len(methods) == 1:
+        return {against: {"color": _COLOURS[1], "lw": 1.2}}
+    dressed = zip(cycle(_COLOURS), cycle(_DASHES), strict=False)
     styles: dict[str, dict[str, Any]] = {
-        against: {"color": "0.72", "lw": 4.0, "zorder": 1.5, "solid_capstyle": "butt"}
+        method: {"color": colour, "lw": 1.2, "ls": dash}
+        for method, (colour, dash) in zip(
+            (method for method in methods if method != against), dressed, strict=False
+        )
     }
-    if not others:
-        styles[against] = {"color": _COLOURS[1], "lw": 1.2}
-    for k, method in enumerate(others):
-        dash = _DASHES[k % len(_DASHES)]
-        styles[method] = {"color": _COLOURS[k % len(_COLOURS)], "lw": 1.2, "ls": dash}
-    return styles
+    broad = {"color": "0.72", "lw": 4.0, "zorder": 1.5, "solid_capstyle": "butt"}
+    return styles | {against: broad}
 
 
 def _range(columns: list[Comparison], floor_db: float) -> tuple[float, float]:
@@ -199,9 +194,8 @@ def _range(columns: list[Comparison], floor_db: float) -> tuple[float, float]:
     levels = np.concatenate(
         [v[v > 0] / fields.zero for fields in columns for v in fields.powers.values()]
     )
-    low, high = 10 * np.log10(levels.min()), 10 * np.log10(levels.max())
-    top = min(high, -floor_db / 4)
-    bottom = max(low, floor_db)
+    low, high = 10 * np.log10([levels.min(), levels.max()])
+    top, bottom = min(high, -floor_db / 4), max(low, floor_db)
     margin = 0.04 * (top - bottom) + 0.1
     return float(bottom if low < floor_db else bottom - margin), float(top + margin)
 
@@ -227,11 +221,3 @@ def _difference_axis(panels: Any, fields: Comparison, compared_db: float) -> Non
         axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: style.number_text(value)))
         axes.yaxis.set_minor_locator(FixedLocator([]))
         axes.axhline(0, color="0.5", lw=0.6)
-
-
-def _plain_ticks(axes: Axes) -> None:
-    from matplotlib.ticker import LogFormatter, LogLocator
-
-    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    axes.xaxis.set_major_formatter(LogFormatter(labelOnlyBase=False, minor_thresholds=(9, 9)))
-    axes.xaxis.set_minor_formatter(lambda *_: "")

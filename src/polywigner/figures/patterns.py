@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.figures import style
-from polywigner.figures.levels import check_floor
+from polywigner.figures.levels import arrays_of, check_floor
 from polywigner.geometry.arguments import checked_choice, checked_length
 from polywigner.propagation.beams import BeamMetrics, beam_metrics, is_off_planes
 from polywigner.propagation.patterns import angle_between, checked_pattern, cuts_of, front_of
@@ -114,11 +114,6 @@ def _chosen(panels: Sequence[str] | None, meridians: int) -> list[str]:
     if isinstance(panels, str) or not isinstance(panels, Sequence):
         panels = [panels]
     names = [checked_choice(panel, "panels", get_args(PatternPanel)) for panel in panels]
-    for name in names:
-        if name not in get_args(PatternPanel):
-            raise ArgumentError(
-                f"expected panels of {', '.join(get_args(PatternPanel))}, got {name!r}"
-            )
     if not names:
         raise ArgumentError("expected one panel or more, got none")
     if "uv" in names and meridians < _LEAST_MERIDIANS:
@@ -133,8 +128,7 @@ def _cross_polar(pattern: Any, theta: Floats, levels: Floats) -> Floats | None:
     """Directivity (n, m) of the cross-polar part in dBi; None for a scalar pattern."""
     if "cross_field" not in pattern:
         return None
-    ratio = pattern["cross_polar_discrimination"]
-    ratio = np.asarray(ratio.transpose("theta", "phi").values)
+    ratio = pattern["cross_polar_discrimination"].transpose("theta", "phi").values
     with np.errstate(invalid="ignore"):
         part = np.nan_to_num(-10 * np.log10(1 + 10 ** (ratio / 10)), nan=0.0)
     return levels + part
@@ -207,49 +201,49 @@ def _draw_cuts(
 ) -> None:
     from matplotlib.ticker import MultipleLocator
 
-    reach = 0.0
     for number, cut in enumerate(cuts):
-        how: dict[str, Any] = {"color": _COLOURS[number % 4], "ls": _DASHES[number % 4], "lw": 1.2}
-        axes.plot(np.degrees(cut.angles), np.maximum(cut.levels, low - 100), label=cut.label, **how)
-        reach = max(reach, min(90.0, float(np.degrees(np.abs(cut.angles).max()))))
+        _plot(axes, number, np.degrees(cut.angles), cut.levels, low - 100, label=cut.label)
+    part = "its cross-polar part" if len(cuts) > 1 else "cross-polar part"
     for number, cut in enumerate(crossed):
         if cut.levels.max() > low:
-            how = {"color": _COLOURS[number % 4], "ls": ":", "lw": 1.2}
-            axes.plot(
-                np.degrees(cut.angles),
-                np.maximum(cut.levels, low - 100),
-                label="its cross-polar part" if len(cuts) > 1 else "cross-polar part",
-                **how,
-            )
+            places = np.degrees(cut.angles)
+            _plot(axes, number, places, cut.levels, low - 100, label=part, ls=":")
+    reach = min(90.0, max(float(np.degrees(np.abs(cut.angles).max())) for cut in cuts))
     axes.axhline(high - 10 * math.log10(2), color="0.6", lw=0.6, ls=":")
     axes.set_xlim(-reach, reach)
     entries = len(axes.get_legend_handles_labels()[0])
     axes.set_ylim(low, high + (0.05 + 0.08 * -(-entries // 2)) * (high - low))
     axes.xaxis.set_major_locator(MultipleLocator(30 if reach > 45 else 10))
     has_cone = any(cut.is_cone for cut in cuts)
-    axes.set_xlabel(
-        "$\\theta$, or $\\phi$ from the beam (degrees)"
+    axes.set(
+        xlabel="$\\theta$, or $\\phi$ from the beam (degrees)"
         if has_cone
-        else "angle from the normal $\\theta$ (degrees)"
+        else "angle from the normal $\\theta$ (degrees)",
+        ylabel="directivity (dBi)",
     )
-    axes.set_ylabel("directivity (dBi)")
     axes.set_title(f"{heading}\ndotted: half the peak; {style.floor_text(low - high)}", fontsize=8)
     axes.grid(alpha=0.3, lw=0.5)
     axes.legend(frameon=False, fontsize=7, ncols=2, loc="upper center")
 
 
+def _plot(axes: Axes, number: int, places: Floats, levels: Floats, low: float, **how: Any) -> None:
+    dress: dict[str, Any] = {"color": _COLOURS[number % 4], "ls": _DASHES[number % 4], "lw": 1.2}
+    axes.plot(places, np.maximum(levels, low), **(dress | how))
+
+
 def _draw_polar(axes: Any, cuts: Sequence[Cut], low: float, high: float) -> None:
     for number, cut in enumerate(cuts):
-        how: dict[str, Any] = {"color": _COLOURS[number % 4], "ls": _DASHES[number % 4], "lw": 1.2}
-        axes.plot(cut.angles, np.maximum(cut.levels, low), **how)
+        _plot(axes, number, cut.angles, cut.levels, low)
     axes.set_theta_zero_location("N")
     axes.set_theta_direction(-1)
     axes.set_thetamin(-90)
     axes.set_thetamax(90)
     axes.set_ylim(low, math.ceil(high))
     step = 10.0 if high - low > 25 else 5.0
-    axes.set_yticks(np.arange(math.ceil(low / step) * step, high + 1e-9, step))
-    axes.set_xticks(np.radians(np.arange(-90, 91, 30)))
+    axes.set(
+        yticks=np.arange(math.ceil(low / step) * step, high + 1e-9, step),
+        xticks=np.radians(np.arange(-90, 91, 30)),
+    )
     axes.tick_params(labelsize=7)
     axes.grid(alpha=0.4, lw=0.5)
     planes = ", ".join(cut.label for cut in cuts)
@@ -260,8 +254,7 @@ def _draw_map(
     axes: Axes, theta: Floats, phi: Floats, levels: Floats, low: float, high: float
 ) -> None:
     shown = style.draw_disc(axes, theta, phi, np.maximum(levels, low), low, high)
-    axes.set_xlabel("$u = \\sin\\theta\\,\\cos\\phi$")
-    axes.set_ylabel("$v = \\sin\\theta\\,\\sin\\phi$")
+    axes.set(xlabel="$u = \\sin\\theta\\,\\cos\\phi$", ylabel="$v = \\sin\\theta\\,\\sin\\phi$")
     style.colour_bar(axes, shown, f"directivity (dBi), {style.floor_text(round(low, 1), 'dBi')}")
 
 
@@ -303,51 +296,40 @@ def draw_tolerance(
         figure.
     """
     check_floor(floor_db)
-    try:
-        theta, phi = (np.asarray(tolerance[name].values, np.float64) for name in ("theta", "phi"))
-        levels = {
-            name: np.asarray(tolerance[name].transpose("theta", "phi").values, np.float64)
-            for name in ("nominal", "expected", "low", "high")
-        }
-        count = int(tolerance.attrs["count"])
-    except (TypeError, KeyError, IndexError, AttributeError, ValueError):
-        raise ArgumentError(
-            f"expected a dataset of polywigner.array_tolerance, got {type(tolerance).__name__}"
-        ) from None
-    cuts = {name: list(cuts_of(*_front(theta, phi, part))) for name, part in levels.items()}
-    places = cuts["nominal"]
+    names = ("theta", "phi", "nominal", "expected", "low", "high")
+    theta, phi, *levels = arrays_of(tolerance, names, "polywigner.array_tolerance")
+    if tolerance["nominal"].dims != ("theta", "phi"):
+        levels = [part.T for part in levels]
+    parts = (front_of(theta, part) for part in levels)
+    places, *others = (list(cuts_of(front, phi, part)) for front, part in parts)
     if len(theta) < 2 or not 1 <= len(places) <= _MOST_CUTS:
         raise ArgumentError(
             f"expected one to {_MOST_CUTS} cuts over two angles theta or more, got {len(places)} "
             f"over {len(theta)}; give array_tolerance fewer angles phi"
         )
-    high = float(levels["nominal"].max())
+    high = float(levels[0].max())
     drawn = style.figure_on(figure, 5.4 * len(places), 3.9, spacing=0.05)
     for k, (angle, where, nominal) in enumerate(places):
         axes = drawn.add_subplot(1, len(places), k + 1)
         degrees = np.degrees(where)
-        low, upper, mean = (cuts[name][k][2] for name in ("low", "high", "expected"))
+        mean, low, upper = (cuts[k][2] for cuts in others)
         axes.fill_between(
             degrees, low, upper, color=style.ORANGE, alpha=0.4, lw=0,
-            label=f"5 to 95 % of {count} samples",
+            label=f"5 to 95 % of {tolerance.attrs['count']} samples",
         )  # fmt: skip
         axes.plot(degrees, mean, color=style.RED, lw=1.2, ls="--", label="mean, closed form")
         axes.plot(degrees, nominal, color=style.BLUE, lw=0.9, label="without errors")
-        axes.set_xlim(degrees.min(), degrees.max())
-        axes.set_ylim(high + floor_db, high + 3)
-        axes.set_xlabel("angle from the normal $\\theta$ (degrees)")
-        axes.set_ylabel("directivity (dBi)")
+        axes.set(
+            xlim=(degrees.min(), degrees.max()),
+            ylim=(high + floor_db, high + 3),
+            xlabel="angle from the normal $\\theta$ (degrees)",
+            ylabel="directivity (dBi)",
+        )
         axes.set_title(f"$\\phi$ = {_degrees(angle)}; {style.floor_text(floor_db)}", fontsize=8)
         axes.grid(alpha=0.3, lw=0.5)
         axes.legend(frameon=False, fontsize=8)
     style.write_title(drawn, title)
     return drawn
-
-
-def _front(theta: Floats, phi: Floats, levels: Floats) -> tuple[Floats, Floats, Floats]:
-    """Theta in front of the plane, phi, and levels there."""
-    theta, levels = front_of(theta, levels)
-    return theta, phi, levels
 
 
 @style.typeset
@@ -382,7 +364,7 @@ def draw_rcs(
         smooth = checked_length(smooth, "smooth", meaning="an angle in rad above zero")
         smooth = min(smooth, 2 * math.pi)
     azimuth, elevation, levels = _checked_rcs(pattern)
-    shown_cuts = _rcs_cuts(azimuth, elevation, levels) if cuts is None else _finer_cuts(cuts)
+    shown_cuts = _rcs_cuts((azimuth, elevation, levels), cuts)
     high = max(float(part.max()) for part in (levels, *(cut for _, _, cut in shown_cuts)))
     if high == -math.inf:
         raise ArgumentError(
@@ -400,8 +382,7 @@ def draw_rcs(
     places = np.degrees(azimuth), np.degrees(elevation)
     drawn_levels = np.maximum(levels, low).T
     shown = style.draw_levels(axes, drawn_levels, *places, low=low, high=high, shading="nearest")
-    axes.set_xlabel("azimuth (degrees)")
-    axes.set_ylabel("elevation (degrees)")
+    axes.set(xlabel="azimuth (degrees)", ylabel="elevation (degrees)")
     style.colour_bar(axes, shown, label)
     style.write_title(drawn, title)
     return drawn
@@ -430,14 +411,8 @@ def _running_median(angles: Floats, levels: Floats, width: float) -> Floats:
 
 def _checked_rcs(pattern: Any, least: tuple[int, int] = (2, 2)) -> tuple[Floats, Floats, Floats]:
     """Azimuth (n,), elevation (m,), and levels (n, m) in dBsm, minus infinity for nothing."""
-    try:
-        azimuth, elevation, values = (
-            np.asarray(pattern[name].values) for name in ("azimuth", "elevation", "rcs")
-        )
-    except (TypeError, KeyError, IndexError, AttributeError):
-        raise ArgumentError(
-            f"expected a pattern of polywigner.rcs_pattern, got {type(pattern).__name__}"
-        ) from None
+    names = ("azimuth", "elevation", "rcs")
+    azimuth, elevation, values = arrays_of(pattern, names, "polywigner.rcs_pattern")
     if values.ndim != 2 or values.shape[0] < least[0] or values.shape[1] < least[1]:
         raise ArgumentError(
             f"expected a pattern of {least[0]} x {least[1]} angles or more, two angles each for a "
@@ -447,44 +422,30 @@ def _checked_rcs(pattern: Any, least: tuple[int, int] = (2, 2)) -> tuple[Floats,
         return azimuth, elevation, 10 * np.log10(values)
 
 
-def _finer_cuts(cuts: Sequence[Any]) -> list[tuple[str, Floats, Floats]]:
-    """Both cuts of their own patterns."""
-    if isinstance(cuts, str) or not isinstance(cuts, Sequence) or len(cuts) != 2:
+def _rcs_cuts(
+    pattern: tuple[Floats, Floats, Floats], cuts: Sequence[Any] | None
+) -> list[tuple[str, Floats, Floats]]:
+    """Title, angles and levels over azimuth, and over one azimuth and that half a turn further.
+
+    Without ``cuts`` those of the pattern nearest to the planes z = 0 and x-z.
+    """
+    if cuts is None:
+        flat = upright = pattern
+        at = int(np.abs(pattern[1]).argmin())
+        turns = np.abs(np.exp(1j * pattern[0])[:, None] - np.array([1.0, -1.0])).argmin(axis=0)
+        front, back = (int(turn) for turn in turns)
+    elif isinstance(cuts, str) or not isinstance(cuts, Sequence) or len(cuts) != 2:
         raise ArgumentError(
             "expected cuts as two patterns, over azimuth and over elevation, got "
             f"{type(cuts).__name__}"
         )
-    return [
-        _cut_of_azimuth(*_checked_rcs(cuts[0], (2, 1)), 0),
-        _cut_of_elevation(*_checked_rcs(cuts[1], (2, 2)), 0, 1),
-    ]
-
-
-def _rcs_cuts(
-    azimuth: Floats, elevation: Floats, levels: Floats
-) -> list[tuple[str, Floats, Floats]]:
-    """The cut nearest to the plane z = 0, over azimuth, and that nearest to x-z, over elevation."""
-    flat = int(np.abs(elevation).argmin())
-    turns = np.abs(np.exp(1j * azimuth)[:, None] - np.array([1.0, -1.0])).argmin(axis=0)
-    front, back = (int(turn) for turn in turns)
-    return [
-        _cut_of_azimuth(azimuth, elevation, levels, flat),
-        _cut_of_elevation(azimuth, elevation, levels, front, back),
-    ]
-
-
-def _cut_of_azimuth(
-    azimuth: Floats, elevation: Floats, levels: Floats, at: int
-) -> tuple[str, Floats, Floats]:
-    angle = style.number_text(round(math.degrees(elevation[at]), 2))
-    return f"over azimuth, at elevation {angle}°", azimuth, levels[:, at]
-
-
-def _cut_of_elevation(
-    azimuth: Floats, elevation: Floats, levels: Floats, front: int, back: int
-) -> tuple[str, Floats, Floats]:
-    """Up over one azimuth, and down over that half a turn further."""
-    angle = style.number_text(round(math.degrees(azimuth[front]), 2))
-    upright = np.concatenate([elevation, math.pi - elevation[::-1]])
-    across = np.concatenate([levels[front], levels[back][::-1]])
-    return f"over elevation, at azimuth {angle}° and behind", upright, across
+    else:
+        flat, upright = _checked_rcs(cuts[0], (2, 1)), _checked_rcs(cuts[1])
+        at, front, back = 0, 0, 1
+    azimuth, elevation, levels = flat
+    title = f"over azimuth, at elevation {_degrees(elevation[at])}"
+    found = [(title, azimuth, levels[:, at])]
+    azimuth, elevation, levels = upright
+    title = f"over elevation, at azimuth {_degrees(azimuth[front])} and behind"
+    around = np.concatenate([elevation, math.pi - elevation[::-1]])
+    return [*found, (title, around, np.concatenate([levels[front], levels[back][::-1]]))]

@@ -87,7 +87,8 @@ def draw_planes(
     elif rows == 2:
         _draw_differences(panels[1], fields, compared_db, across[1], up[1])
     for axes in panels.flat:
-        _draw_cuts(axes, cuts)
+        for lines in cuts:
+            style.draw_cut(axes, lines, "kw")
     for axes in panels[-1]:
         axes.set_xlabel(across[0])
     for axes in panels[:, 0]:
@@ -125,18 +126,6 @@ def _cuts(found: Any, dims: tuple[str, ...], obstacles: Any) -> list[Floats]:
     metres = length_unit(max(float(np.ptp(p)) for p in places)).metres
     lines = [obstacle_of(body).cut(origin, along) / metres for body in bodies]
     return [line[..., ::-1] if dims[1] == "z" else line for line in lines]
-
-
-def _draw_cuts(axes: Any, cuts: list[Floats]) -> None:
-    """Draw lines dark on light, so that they are seen on every colour; limits stay."""
-    from matplotlib.collections import LineCollection
-
-    for lines in cuts:
-        for colour, width in (("k", 2.2), ("w", 1.0)):
-            axes.add_collection(
-                LineCollection(list(lines), colors=colour, linewidths=width, capstyle="round"),
-                autolim=False,
-            )
 
 
 def _upright(values: NDArray[Any], fields: Comparison) -> NDArray[Any]:
@@ -229,8 +218,7 @@ def draw_hemispheres(
     for axes, (method, power) in zip(panels, fields.powers.items(), strict=True):
         levels = level_db(power if fields.dims[0] == "theta" else power.T, fields.zero, floor_db)
         shown = style.draw_disc(axes, theta, phi, levels, floor_db, 0.0)
-        axes.set_xlabel("$s_x$")
-        axes.set_title(fields.labels[method])
+        axes.set(xlabel="$s_x$", title=fields.labels[method])
     panels[0].set_ylabel("$s_y$")
     style.colour_bar(panels, shown, fields.level_text(floor_db))
     style.write_title(figure, title)

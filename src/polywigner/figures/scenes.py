@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.figures import style
-from polywigner.figures.levels import check_floor, level_db, picture_peak
+from polywigner.figures.levels import arrays_of, check_floor, level_db, picture_peak
 from polywigner.geometry.arguments import checked_array, checked_count, checked_path
 from polywigner.propagation.exports import in_place
 
@@ -52,25 +52,16 @@ def draw_scene(
     height, width = picture.shape
     levels = level_db(picture, reference, floor_db)
     reference = None if reference is None else float(reference)
-    axes, drawn = style.axes_on(ax, *_size(width, height))
-    shown = style.draw_levels(axes, levels, low=floor_db)
-    axes.set_xticks([])
-    axes.set_yticks([])
-    extend = "max" if np.any(levels > 0) else "neither"
-    axes.set_title(title, fontsize=8)
-    style.colour_bar(axes, shown, _label(reference, floor_db, unit), extend)
-    return drawn
-
-
-def _size(width: int, height: int) -> tuple[float, float]:
-    """Inches: the longer side of the picture is 5, with room for a colour bar and its label."""
+    # Inches: the longer side of the picture is 5, with room for a colour bar and its label.
     scale = 5.0 / max(width, height)
-    return width * scale + 1.2, max(height * scale, 3.4)
-
-
-def _label(reference: float | None, floor_db: float, unit: str) -> str:
+    axes, drawn = style.axes_on(ax, width * scale + 1.2, max(height * scale, 3.4))
+    shown = style.draw_levels(axes, levels, low=floor_db)
+    axes.set(xticks=[], yticks=[])
+    axes.set_title(title, fontsize=8)
     zero = "nothing positive" if reference is None else style.quantity_text(reference, unit)
-    return f"radiance, dB relative to {zero}; {style.floor_text(floor_db)}"
+    label = f"radiance, dB relative to {zero}; {style.floor_text(floor_db)}"
+    style.colour_bar(axes, shown, label, "max" if np.any(levels > 0) else "neither")
+    return drawn
 
 
 _STOKES = ("S₀", "S₁: horizontal − vertical", "S₂: 45° − (−45°)", "S₃: left − right (IEEE)")
@@ -91,9 +82,8 @@ def draw_stokes(stokes: ArrayLike, title: str = "") -> Any:
     ------
     ArgumentError : numbers of another shape; a title that is no text.
     """
-    numbers = _checked_stokes(stokes)
+    numbers, figure, panels = _stokes_panels(stokes, 2, title)
     peak = picture_peak(numbers[0])
-    figure, panels = _panels(numbers, 2, title)
     for axes, name, values in zip(panels, _STOKES, numbers, strict=True):
         shown = style.draw_signed(axes, values / (peak or 1.0))
         axes.set_title(name, fontsize=8)
@@ -124,15 +114,14 @@ def draw_polarisation(stokes: ArrayLike, floor_db: float = -40.0, title: str = "
     ArgumentError : numbers of another shape; a floor that is not below 0 dB; a title that is no
         text.
     """
-    numbers = _checked_stokes(stokes)
     check_floor(floor_db)
+    numbers, figure, panels = _stokes_panels(stokes, 1, title)
     peak = picture_peak(numbers[0])
     lit = numbers[0] > (peak or math.inf) * 10 ** (floor_db / 10)
     whole = np.where(lit, numbers[0], 1.0)
     linear = np.hypot(numbers[1], numbers[2]) / whole
     degree = np.minimum(np.hypot(linear, numbers[3] / whole), 1.0)
     angle = np.degrees(np.arctan2(numbers[2], numbers[1])) / 2
-    figure, panels = _panels(numbers, 1, title)
     shown = style.draw_map(
         panels[0], np.where(lit, degree, np.nan), None, None, cmap="viridis", vmin=0, vmax=1
     )
@@ -145,28 +134,23 @@ def draw_polarisation(stokes: ArrayLike, floor_db: float = -40.0, title: str = "
     return figure
 
 
-def _checked_stokes(stokes: ArrayLike) -> NDArray[np.float64]:
+def _stokes_panels(stokes: ArrayLike, rows: int, title: str) -> tuple[Any, Any, Any]:
+    """The numbers, and a figure with two columns of panels of their picture's shape."""
     numbers = checked_array(stokes, "stokes", 3)
     if len(numbers) != 4:
         raise ArgumentError(
             f"expected stokes (4, height, width), got shape {numbers.shape}; see "
             "polywigner.mitsuba.stokes_of"
         )
-    return numbers
-
-
-def _panels(numbers: NDArray[np.float64], rows: int, title: str) -> tuple[Any, Any]:
-    """A figure with two columns of panels of a picture's shape."""
     height, width = numbers.shape[1:]
     scale = 4.0 / max(height, width)
     size = 2 * width * scale + 1.6, max(rows * (height * scale + 0.3), 2.6) + 0.4
     figure = style.new_figure(*size, is_compressed=True)
     panels = figure.subplots(rows, 2).ravel()
     for axes in panels:
-        axes.set_xticks([])
-        axes.set_yticks([])
+        axes.set(xticks=[], yticks=[])
     style.write_title(figure, title)
-    return figure, panels
+    return numbers, figure, panels
 
 
 # Colours of the picture and of text: one palette for all frames.
@@ -201,7 +185,12 @@ def write_range_animation(
     from PIL import Image
 
     check_floor(floor_db)
-    edges, radiance = _checked_frames(frames)
+    names = ("range_edge", "radiance")
+    edges, radiance = arrays_of(frames, names, "polywigner.mitsuba.range_frames")
+    if radiance.ndim != 3 or not 1 <= len(radiance) <= _MOST_FRAMES:
+        raise ArgumentError(
+            f"expected from 1 to {_MOST_FRAMES} frames, got {len(radiance)}; use fewer, wider bins"
+        )
     checked_count(milliseconds, "milliseconds", 10, 60_000)
     style.checked_title(title)
     path = checked_path(path)
@@ -218,31 +207,9 @@ def write_range_animation(
         figure.canvas.draw()
         drawn = Image.fromarray(np.asarray(figure.canvas.buffer_rgba())[..., :3].copy())
         images.append(drawn.quantize(palette=palette, dither=Image.Dither.NONE))
+    how = {"duration": milliseconds, "loop": 0, "optimize": False}
     with in_place(path) as scratch:
-        images[0].save(
-            scratch,
-            format="GIF",
-            save_all=True,
-            append_images=images[1:],
-            duration=milliseconds,
-            loop=0,
-            optimize=False,
-        )
-
-
-def _checked_frames(frames: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Edges (n + 1,) and radiances (n, rows, columns)."""
-    try:
-        edges, radiance = (np.asarray(frames[name].values) for name in ("range_edge", "radiance"))
-    except (TypeError, KeyError, AttributeError, IndexError):
-        raise ArgumentError(
-            f"expected frames of polywigner.mitsuba.range_frames, got {type(frames).__name__}"
-        ) from None
-    if radiance.ndim != 3 or not 1 <= len(radiance) <= _MOST_FRAMES:
-        raise ArgumentError(
-            f"expected from 1 to {_MOST_FRAMES} frames, got {len(radiance)}; use fewer, wider bins"
-        )
-    return edges, radiance
+        images[0].save(scratch, format="GIF", save_all=True, append_images=images[1:], **how)
 
 
 def _palette() -> Any:
@@ -305,14 +272,15 @@ def draw_range_profile(
         label = f"noise kTBF, {style.number_text(round(noise_level, 1))} dBm"
         axes.axhline(noise_level, color="C3", ls="--", lw=1.0, label=label)
         axes.legend(frameon=False, fontsize=7, loc="upper right")
-    axes.set_xlim(edges[0], edges[-1])
-    axes.set_ylim(low, top + _ROOM)
+    axes.set(xlim=(edges[0], edges[-1]), ylim=(low, top + _ROOM))
     width = np.diff(edges)
     bins = f"{style.number_text(float(f'{width.max():.4g}'))} m"
     if width.max() > width.min() * (1 + 1e-6):
         bins = f"up to {bins}"
-    axes.set_xlabel("range, half the length of the path (m)")
-    axes.set_ylabel(f"scattered power of a bin of {bins} (dBm)\n± its standard error")
+    axes.set(
+        xlabel="range, half the length of the path (m)",
+        ylabel=f"scattered power of a bin of {bins} (dBm)\n± its standard error",
+    )
     axes.grid(alpha=0.4, lw=0.5)
     axes.set_title(title, fontsize=8)
     return drawn
@@ -320,20 +288,17 @@ def draw_range_profile(
 
 def _checked_profile(profile: Any, receiver: int) -> tuple[Floats, Floats, Floats, float]:
     """Edges, powers, errors, and the noise or zero, of one receiver."""
+    names = ("range_edge", "power", "standard_error", "noise_power")
+    edges, *values = arrays_of(profile, names, "polywigner.mitsuba.range_profile")
+    if values[0].ndim == 1:
+        values = [each[None] for each in values]
     try:
-        edges = np.asarray(profile["range_edge"].values)
-        power, error, noise = (
-            np.asarray(profile[name].values) for name in ("power", "standard_error", "noise_power")
-        )
-        if power.ndim == 1:
-            power, error, noise = power[None], error[None], noise[None]
-        own = power[receiver], error[receiver], float(np.nan_to_num(noise[receiver]))
-    except (TypeError, KeyError, IndexError, AttributeError, ValueError):
+        power, error, noise = (each[receiver] for each in values)
+    except (TypeError, IndexError):
         raise ArgumentError(
-            "expected a profile of polywigner.mitsuba.range_profile and the number of one of its "
-            f"receivers, got {type(profile).__name__} and {receiver!r}"
+            f"expected the number of one of {len(values[0])} receivers, got {receiver!r}"
         ) from None
-    return edges, *own
+    return edges, power, error, float(np.nan_to_num(noise))
 
 
 def _dbm(power: Floats, low: float) -> Floats:
@@ -406,13 +371,11 @@ def draw_arrivals(
             name, place, ha="center", va="center", color="w", fontsize=7, parse_math=False
         )
         text.set_path_effects([withStroke(linewidth=1.5, foreground="k")])
-    axes.set_xlim(1.02, -1.02)
-    axes.set_ylim(-1.02, 1.02)
-    axes.set_xlabel(r"$s_x$")
-    axes.set_ylabel(r"$s_y$")
+    axes.set(xlim=(1.02, -1.02), ylim=(-1.02, 1.02), xlabel=r"$s_x$", ylabel=r"$s_y$")
     axes.set_title(title, fontsize=8)
-    extend = "max" if np.any(levels > 0) else "neither"
-    style.colour_bar(axes, shown, _map_label(peak is not None, floor_db, values.shape), extend)
+    pixels = f"scattered power of a pixel ({values.shape[1]} x {values.shape[0]}), dBm"
+    label = f"{pixels}; {style.floor_text(floor_db)}{'; nothing positive' if peak is None else ''}"
+    style.colour_bar(axes, shown, label, "max" if np.any(levels > 0) else "neither")
     return drawn
 
 
@@ -435,21 +398,10 @@ def _mark(axes: Any, direct: Sequence[DirectArrival]) -> None:
         # into the picture: places of s_x > 0 are at the left
         side, above = (1 if arrival.place[0] > 0 else -1), (1 if number % 2 == 0 else -1)
         axes.annotate(
-            f"{arrival.name}\n{level}",
-            arrival.place,
-            xytext=(2 * side, 7 * above),
-            textcoords="offset points",
-            color=_MARK,
-            fontsize=7,
-            ha="left" if side > 0 else "right",
-            va="bottom" if above > 0 else "top",
-            parse_math=False,
-        )
-
-
-def _map_label(lit: bool, floor_db: float, shape: tuple[int, ...]) -> str:
-    pixels = f"scattered power of a pixel ({shape[1]} x {shape[0]}), dBm"
-    return f"{pixels}; {style.floor_text(floor_db)}{'' if lit else '; nothing positive'}"
+            f"{arrival.name}\n{level}", arrival.place, (2 * side, 7 * above),
+            textcoords="offset points", color=_MARK, fontsize=7, parse_math=False,
+            ha="left" if side > 0 else "right", va="bottom" if above > 0 else "top",
+        )  # fmt: skip
 
 
 # Pairs of ends in one picture; delays at which impulse responses are drawn, and inverse bandwidths
@@ -472,11 +424,7 @@ def draw_channel(
     channel : as :func:`polywigner.mitsuba.channel` returns; the first 6 pairs are drawn.
     floor_db : lowest level, dB below the largest of a panel.
     title : above the picture.
-    figure : matplotlib figure or subfigure to draw on; None: a new one.
-
-    Returns
-    -------
-    The figure that was given, or the new one.
+    figure : matplotlib Figure or SubFigure to draw on, which is returned; None: a new figure.
 
     Raises
     ------
@@ -488,10 +436,10 @@ def draw_channel(
     scale, unit = next(each for each in _HERTZ if frequencies.max() >= each[0])
     drawn = style.figure_on(figure, 9.6, 0.5 + 2.7 * len(pairs), spacing=0.05)
     panels = drawn.subplots(len(pairs), 2, squeeze=False)
+    line = "-" if len(frequencies) > 1 else "o"
     for (left, right), pair in zip(panels, pairs, strict=True):
-        left.plot(frequencies / (scale or 1.0), pair.levels(pair.h), pair.line, lw=1.0)
-        left.set_xlabel(f"frequency ({unit})")
-        left.set_ylabel("|h|², received over sent (dB)")
+        left.plot(frequencies / (scale or 1.0), pair.levels(pair.h), line, lw=1.0)
+        left.set(xlabel=f"frequency ({unit})", ylabel="|h|², received over sent (dB)")
         left.set_title(f"{pair.receiver} from {pair.emitter}", fontsize=8)
         _draw_response(right, frequencies, pair)
         for axes, values in ((left, pair.h), (right, pair.amplitude)):
@@ -514,10 +462,6 @@ class _Pair(NamedTuple):
     """(n, ways)."""
     delays: Floats
     ways: list[str]
-
-    @property
-    def line(self) -> str:
-        return "-" if len(self.h) > 1 else "o"
 
     @staticmethod
     def levels(values: Any) -> Floats:
@@ -544,22 +488,17 @@ def _draw_response(axes: Axes, frequencies: Floats, pair: _Pair) -> None:
         label = pair.ways[number] or "direct"
         axes.plot(delay, level, "o", ms=4, color=f"C{number + 1}", label=f"{label}")
         axes.vlines(delay, level - 1e3, level, color=f"C{number + 1}", lw=1.0)
-    axes.set_xlabel("delay (ns)")
-    axes.set_ylabel("level (dB)")
+    axes.set(xlabel="delay (ns)", ylabel="level (dB)")
     if there.any():
         axes.legend(frameon=False, fontsize=7, loc="upper right")
 
 
 def _checked_channel(channel: Any) -> list[_Pair]:
-    try:
-        h, amplitude, delay = (channel[name].values for name in ("h", "amplitude", "delay"))
-        ways = [str(name) for name in channel["mirrors"].values]
-        return [
-            _Pair(receiver, emitter, h[:, k, j], amplitude[:, k, j], delay[k, j], ways)
-            for k, receiver in enumerate(channel["receiver"].values.tolist())
-            for j, emitter in enumerate(channel["emitter"].values.tolist())
-        ]
-    except (TypeError, KeyError, IndexError, AttributeError, ValueError):
-        raise ArgumentError(
-            f"expected a channel of polywigner.mitsuba.channel, got {type(channel).__name__}"
-        ) from None
+    names = ("h", "amplitude", "delay", "mirrors", "receiver", "emitter")
+    h, amplitude, delay, mirrors, *ends = arrays_of(channel, names, "polywigner.mitsuba.channel")
+    ways = [str(name) for name in mirrors]
+    return [
+        _Pair(receiver, emitter, h[:, k, j], amplitude[:, k, j], delay[k, j], ways)
+        for k, receiver in enumerate(ends[0].tolist())
+        for j, emitter in enumerate(ends[1].tolist())
+    ]

@@ -42,7 +42,7 @@ Drawn = TypeVar("Drawn")
 
 
 def typeset(draw: Callable[Given, Drawn]) -> Callable[Given, Drawn]:
-    """Return the function, to draw with this typography; that of the caller stays."""
+    """Return the function, to draw with this typography and leave the caller's as it is."""
 
     @wraps(draw)
     def drawn(*values: Given.args, **options: Given.kwargs) -> Drawn:
@@ -168,10 +168,10 @@ def figure_on(
 
 
 def checked_axes(axes: Any) -> Any:
-    """The axes of a caller; ArgumentError for anything else."""
+    """The axes of a caller, or None; ArgumentError for anything else."""
     from matplotlib.axes import Axes
 
-    if not isinstance(axes, Axes):
+    if not isinstance(axes, Axes | None):
         raise ArgumentError(
             f"expected ax as matplotlib Axes, got {type(axes).__name__}; make them by "
             "matplotlib.pyplot.subplots()"
@@ -181,8 +181,8 @@ def checked_axes(axes: Any) -> Any:
 
 def axes_on(ax: Any, width: float, height: float) -> tuple[Any, Any]:
     """The axes to draw on, and the caller's result: the axes, or for None the new figure."""
-    if ax is not None:
-        return checked_axes(ax), ax
+    if checked_axes(ax) is not None:
+        return ax, ax
     figure = new_figure(width, height)
     return figure.add_subplot(), figure
 
@@ -230,6 +230,16 @@ def draw_polygons(axes: Axes, shape: Any, unit: LengthUnit, **how: Any) -> None:
         draw_rings(axes, [np.asarray(ring.coords) for ring in rings], unit.metres, **how)
 
 
+def draw_cut(axes: Axes, lines: Any, inks: str, zorder: float = 2) -> None:
+    """Draw lines (k, n, 2) in two inks, broad and thin, seen on every colour; limits stay."""
+    from matplotlib.collections import LineCollection
+
+    for ink, width in zip(inks, (2.2, 1.0), strict=True):
+        drawn = LineCollection(list(lines), colors=ink, linewidths=width, capstyle="round")
+        axes.add_collection(drawn, autolim=False)
+        drawn.set_zorder(zorder)
+
+
 def draw_disc(axes: Axes, theta: Any, phi: Any, levels: Any, low: float, high: float) -> Any:
     """Levels (n, m) over theta and phi, in the plane of the direction cosines, with its circles."""
     phi, levels = _once_around(phi, levels)
@@ -237,9 +247,7 @@ def draw_disc(axes: Axes, theta: Any, phi: Any, levels: Any, low: float, high: f
     x, y = sine * np.cos(phi), sine * np.sin(phi)
     shown = draw_levels(axes, levels, x, y, low=low, high=high, shading="gouraud")
     draw_circles(axes, above=True)
-    axes.set_aspect("equal")
-    axes.set_xlim(-1.02, 1.02)
-    axes.set_ylim(-1.02, 1.02)
+    axes.set(aspect="equal", xlim=(-1.02, 1.02), ylim=(-1.02, 1.02))
     return shown
 
 
@@ -297,8 +305,7 @@ def axis_label(name: str, unit: LengthUnit) -> str:
 def label_axes(axes: Axes, symbol: str, unit: LengthUnit) -> None:
     """Label both axes with the components of ``symbol``: (x, y), (xi_x, xi_y), (nu_x, nu_y), ..."""
     across, up = ("x", "y") if symbol == "x" else (f"{symbol}_x", f"{symbol}_y")
-    axes.set_xlabel(axis_label(across, unit))
-    axes.set_ylabel(axis_label(up, unit))
+    axes.set(xlabel=axis_label(across, unit), ylabel=axis_label(up, unit))
 
 
 def length_axes(axes: Axes, symbol: str, unit: LengthUnit) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import product
 from typing import TYPE_CHECKING, Any
@@ -94,6 +95,9 @@ def transform_slices(
     half = _half_width(aperture, None if checked_flag(zoomed, "zoomed") else wavelength)
     frequency = np.linspace(-half, half, samples)
     grid = np.stack(np.meshgrid(frequency, frequency), axis=-1)
+    in_plane: Any = source  # whose Fourier transform takes two components of nu
+    if isinstance(source, pw.Array) and source.dimension == 3:
+        in_plane = pw.Array(source.elements_in_plane, source.weights)
     return TransformSlices(
         source,
         aperture,
@@ -103,7 +107,7 @@ def transform_slices(
         wavelength,
         *_frozen(
             frequency,
-            pw.fourier(_in_plane(source), grid),
+            pw.fourier(in_plane, grid),
             pw.wigner(source, position, grid),
             pw.ambiguity(source, grid, lag),
         ),
@@ -132,13 +136,6 @@ def outline_of(source: pw.Aperture | pw.Array | pw.Wavefront) -> pw.Aperture:
     return source.support
 
 
-def _in_plane(source: Any) -> Any:
-    """A source whose Fourier transform takes two-component nu."""
-    if isinstance(source, pw.Array) and source.dimension == 3:
-        return pw.Array(source.elements_in_plane, source.weights)
-    return source
-
-
 def samples_needed(aperture: pw.Aperture, wavelength: float | None) -> int:
     """Samples along each axis that show all of |F|^2, W and A between them.
 
@@ -148,8 +145,8 @@ def samples_needed(aperture: pw.Aperture, wavelength: float | None) -> int:
     wavelength : as for :func:`transform_slices`.
     """
     aperture = outline_of(aperture)
-    reach = _half_width(aperture, wavelength)
-    return max(axis.count for axis in pw.suggest_sampling(aperture, reach=reach).axes)
+    found = pw.suggest_sampling(aperture, reach=_half_width(aperture, wavelength))
+    return max(axis.count for axis in found.axes)
 
 
 def _half_width(aperture: pw.Aperture, wavelength: float | None) -> float:
@@ -157,13 +154,11 @@ def _half_width(aperture: pw.Aperture, wavelength: float | None) -> float:
 
 
 def _point(value: ArrayLike) -> tuple[float, float]:
-    try:
+    with suppress(ValueError):
         point = real_numbers(value)
-    except ValueError:
-        point = np.empty(0)
-    if point.shape != (2,) or not np.all(np.isfinite(point)):
-        raise ArgumentError(f"expected two finite coordinates, got {value!r}")
-    return float(point[0]), float(point[1])
+        if point.shape == (2,) and np.isfinite(point).all():
+            return float(point[0]), float(point[1])
+    raise ArgumentError(f"expected two finite coordinates, got {value!r}")
 
 
 def default_position(support: pw.Aperture, middle: NDArray[np.float64]) -> tuple[float, float]:
@@ -386,9 +381,7 @@ def _draw_section(
     directions = nu * slices.wavelength * 1e3
     shown = style.draw_signed(axes, values / peak, x / unit.metres, directions, aspect="auto")
     style.signed_bar(axes, shown, "W / peak before")
-    axes.set_title(title)
-    axes.set_xlabel(f"$x$ ({unit.name})")
-    axes.set_ylabel(r"$\lambda\nu_x$ (mrad)")
+    axes.set(title=title, xlabel=f"$x$ ({unit.name})", ylabel=r"$\lambda\nu_x$ (mrad)")
 
 
 def _draw_supports(axes: Axes, slices: TransformSlices, unit: LengthUnit) -> None:

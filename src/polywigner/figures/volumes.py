@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,12 +22,12 @@ from polywigner.figures.volumes_layers import (
     draw_outline,
     draw_picture,
     draw_wall,
+    pyvista_layers,
     shaded,
 )
-from polywigner.figures.volumes_pyvista import pyvista_layers
-from polywigner.geometry.arguments import checked_length, checked_row
+from polywigner.geometry.arguments import checked_choice, checked_length, checked_row
 from polywigner.geometry.display import length_unit
-from polywigner.geometry.silhouettes import Obstacle, bodies_if_any, obstacle_of
+from polywigner.geometry.silhouettes import bodies_if_any, obstacle_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -104,7 +104,7 @@ def draw_volume(
     MissingExtraError, EngineError : pyvista was asked for, and is missing or does not work here.
     """
     shells = check_volume_options(surfaces, floor_db, projection, renderer)
-    ax = None if ax is None else style.checked_axes(ax)
+    style.checked_axes(ax)
     volume = field_samples(found, name, ("x", "y", "z"), _MOST)
     zero = volume.zero_db(reference)
     lower, upper = volume.corners
@@ -118,18 +118,22 @@ def draw_volume(
         axes = ax
         place = {"ax": axes, "fraction": 0.03, "pad": 0.04}
     colours = _colours(len(shells))
+    projected = np.max if projection == "maximum" else np.mean
     for axis in range(3):
-        wall = level_db(_projected(volume.values, axis, projection), zero, floor_db)
+        wall = level_db(projected(volume.values, axis=axis), zero, floor_db)
         shown = draw_wall(
             axes, view, axis, wall, (lower, upper), shells, colours,
             cmap=_map(_WALL_COLOURS), vmin=floor_db, vmax=0.0,
         )  # fmt: skip
     draw_box(axes, view, front, upper, length_unit(float((upper - front).max())))
-    _draw_layers(axes, layers, colours, view)
+    opacities = np.geomspace(_FAINTEST, _DENSEST, len(colours))
+    drawn = shaded(layers, colours, opacities, view), layers.origin, layers.along, layers.down
+    draw_picture(axes, *drawn, interpolation="antialiased", zorder=3)
     if source is not None:
         draw_outline(axes, view, source)
-    for body in bodies_if_any(obstacles):
-        _draw_body(axes, view, obstacle_of(body))
+    for body in bodies_if_any(obstacles):  # seen through all that is before it
+        lines = view.on_page(obstacle_of(body).outline(view.towards / view.stretch))
+        style.draw_cut(axes, lines, "wk", zorder=4)
     extend = "max" if np.max(volume.values) > zero else "neither"
     bar = axes.figure.colorbar(shown, extend=extend, **place)
     bar.outline.set_linewidth(0.6)
@@ -144,19 +148,12 @@ def check_volume_options(
 ) -> tuple[float, ...]:
     """The levels of the isosurfaces, dB, from the lowest to the highest."""
     check_floor(floor_db)
-    _check_name("projection", projection, Projection)
-    _check_name("renderer", renderer, Renderer)
+    checked_choice(projection, "projection", get_args(Projection))
+    checked_choice(renderer, "renderer", get_args(Renderer))
     if surfaces is None:
         return tuple(sorted(floor_db * part for part in _SURFACES))
-    levels = tuple(
-        sorted(
-            set(
-                checked_row(
-                    surfaces, "expected surfaces at levels from the floor to below 0 dB"
-                ).tolist()
-            )
-        )
-    )
+    known = checked_row(surfaces, "expected surfaces at levels from the floor to below 0 dB")
+    levels = tuple(sorted(set(known.tolist())))
     if not levels or not all(floor_db <= level < 0 for level in levels):
         raise ArgumentError(
             f"expected surfaces at levels from the floor, {floor_db:g} dB, to below 0 dB, got "
@@ -223,19 +220,6 @@ def field_samples(
     return Samples(quantity_of(array), printed_unit(array), values, (ends[:, 0], ends[:, 1]))
 
 
-def _check_name(what: str, name: str, known: Any) -> None:
-    from typing import get_args
-
-    if not isinstance(name, str) or name not in get_args(known):
-        raise ArgumentError(
-            f"expected {what} to be one of {', '.join(get_args(known))}, got {name!r}"
-        )
-
-
-def _projected(values: Floats, axis: int, projection: Projection) -> Floats:
-    return values.max(axis=axis) if projection == "maximum" else values.mean(axis=axis)
-
-
 def _layers(
     volume: Samples, zero: float, shells: tuple[float, ...], view: View, renderer: Renderer
 ) -> Layers:
@@ -283,30 +267,6 @@ def _page(view: View, lower: Floats, upper: Floats) -> tuple[Figure, Axes, Axes]
     box = axes_at(_LEFT, _BELOW, width, height)
     bar = axes_at(_LEFT + width + 0.35, _BELOW + 0.05 * height, 0.16, 0.9 * height)
     return figure, box, bar
-
-
-def _draw_layers(axes: Axes, layers: Layers, colours: Floats, view: View) -> None:
-    opacities = np.geomspace(_FAINTEST, _DENSEST, len(colours))
-    draw_picture(
-        axes,
-        shaded(layers, colours, opacities, view),
-        layers.origin,
-        layers.along,
-        layers.down,
-        interpolation="antialiased",
-        zorder=3,
-    )
-
-
-def _draw_body(axes: Axes, view: View, body: Obstacle) -> None:
-    """Draw the outline of a body, seen through all that is before it."""
-    from matplotlib.collections import LineCollection
-
-    lines = view.on_page(body.outline(view.towards / view.stretch))
-    for colour, width in (("w", 2.2), ("k", 1.0)):
-        drawn = LineCollection(list(lines), colors=colour, linewidths=width, capstyle="round")
-        axes.add_collection(drawn, autolim=False)
-        drawn.set_zorder(4)
 
 
 def _label(volume: Samples, zero: float, floor_db: float, projection: Projection) -> str:

@@ -1,4 +1,4 @@
-"""Isosurfaces as layers of normals on a raster, by casting rays in NumPy, and their shading.
+"""Isosurfaces as layers of normals on a raster, by casting rays or by pyvista, and their shading.
 
 A layer holds, for each pixel, the outward normal of one isosurface where the ray of that pixel
 first meets it. What is above a level is taken to end at the faces of the box that are turned to the
@@ -8,13 +8,18 @@ layers can be laid over each other in their order.
 
 from __future__ import annotations
 
+import importlib.util
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from itertools import product
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from polywigner.apart import ChildError, run_apart
+from polywigner.errors import EngineError, missing_extra
 from polywigner.figures.style import LengthUnit, number_text
 from polywigner.figures.transforms import outline_of
 
@@ -62,64 +67,8 @@ class View:
         return self.on_page(ends)
 
 
-def back_wall(view: View, axis: int, lower: Floats, upper: Floats) -> float:
-    """The coordinate along ``axis`` of the face that the viewer sees from inside the box."""
-    return float(lower[axis] if view.towards[axis] > 0 else upper[axis])
-
-
-class Edge(NamedTuple):
-    """An edge of a box along ``axis``, from ``start`` to ``end`` (3,), and its outward side.
-
-    ``outward`` (2,), a unit vector on the page, points away from the middle of the box.
-    """
-
-    axis: int
-    start: Floats
-    end: Floats
-    outward: Floats
-
-
-def _edges(view: View, axis: int, lower: Floats, upper: Floats) -> list[tuple[Edge, int]]:
-    """The four edges along an axis, each with the number of its two faces that show their front."""
-    others = [a for a in range(3) if a != axis]
-    middle = view.on_page((lower + upper) / 2)
-    found = []
-    for at_upper in product((False, True), repeat=2):
-        start, end = lower.copy(), upper.copy()
-        for other, is_upper in zip(others, at_upper, strict=True):
-            start[other] = end[other] = (upper if is_upper else lower)[other]
-        fronts = sum(
-            (view.towards[other] > 0) == is_upper
-            for other, is_upper in zip(others, at_upper, strict=True)
-        )
-        first, last = view.on_page(start), view.on_page(end)
-        along = (last - first) / np.linalg.norm(last - first)
-        across = np.array([-along[1], along[0]])
-        outward = across * np.sign(across @ ((first + last) / 2 - middle) or 1.0)
-        found.append((Edge(axis, start, end, outward), fronts))
-    return found
-
-
-def label_edge(view: View, axis: int, lower: Floats, upper: Floats) -> Edge:
-    """The edge that carries the ticks of an axis: on the outline, low, for y at the left."""
-    outline = [edge for edge, fronts in _edges(view, axis, lower, upper) if fronts == 1]
-
-    def height(edge: Edge) -> float:
-        return float((view.on_page(edge.start) + view.on_page(edge.end))[0 if axis == 1 else 1])
-
-    return min(outline, key=height)
-
-
-def back_edges(view: View, lower: Floats, upper: Floats) -> list[Edge]:
-    """The nine edges of the back walls: all but the three nearest to the viewer."""
-    return [
-        edge for axis in range(3) for edge, fronts in _edges(view, axis, lower, upper) if fronts < 2
-    ]
-
-
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.transforms import Affine2D
 
     from polywigner import Aperture, Array
 
@@ -133,13 +82,35 @@ _APART = 0.055
 _MANY = 20  # outlines, as of arrays, which lines of the usual width would fill
 
 
-def _affine(origin: Floats, along: Floats, down: Floats) -> Affine2D:
-    """Takes (column, row) of a raster to the page; each argument (2,)."""
-    from matplotlib.transforms import Affine2D
+class Edge(NamedTuple):
+    """An edge of a box along ``axis``, from ``start`` to ``end`` (3,), and its outward side.
 
-    return Affine2D(
-        np.array([[along[0], down[0], origin[0]], [along[1], down[1], origin[1]], [0, 0, 1]])
-    )
+    ``outward`` (2,), a unit vector on the page, points away from the middle of the box; ``fronts``
+    of the two faces that meet here show their front.
+    """
+
+    axis: int
+    start: Floats
+    end: Floats
+    outward: Floats
+    fronts: int
+
+
+def _edges(view: View, lower: Floats, upper: Floats) -> Iterator[Edge]:
+    """The twelve edges of a box."""
+    middle = view.on_page((lower + upper) / 2)
+    for axis, corner in product(range(3), product((False, True), repeat=3)):
+        if corner[axis]:
+            continue
+        start = np.where(corner, upper, lower)
+        end = start.copy()
+        end[axis] = upper[axis]
+        fronts = sum((view.towards[a] > 0) == corner[a] for a in range(3) if a != axis)
+        first, last = view.on_page(start), view.on_page(end)
+        along = (last - first) / np.linalg.norm(last - first)
+        across = np.array([-along[1], along[0]])
+        outward = across * np.sign(across @ ((first + last) / 2 - middle) or 1.0)
+        yield Edge(axis, start, end, outward, fronts)
 
 
 def draw_picture(
@@ -147,12 +118,14 @@ def draw_picture(
 ) -> Any:
     """A raster of values or RGBA, pixel (row, column) centred at origin + column*along + row*down
     on the page."""
+    from matplotlib.transforms import Affine2D
+
     rows, columns = picture.shape[:2]
     return axes.imshow(
         picture,
         origin="lower",
         extent=(-0.5, columns - 0.5, -0.5, rows - 0.5),
-        transform=_affine(origin, along, down) + axes.transData,
+        transform=Affine2D.from_values(*along, *down, *origin) + axes.transData,
         clip_on=False,
         **how,
     )
@@ -173,19 +146,19 @@ def draw_wall(
     The samples reach from edge to edge along the two other axes, in their order; contours are drawn
     at some of their values, in ``colours`` (k, 3); ``how`` is for the picture of all others.
     """
+    from matplotlib.patches import Polygon
+
     lower, upper = corners
     corner = lower.copy()
-    corner[axis] = back_wall(view, axis, lower, upper)
-    first, second = (a for a in range(3) if a != axis)
-    steps = []
-    for a, count in zip((first, second), wall.shape, strict=True):
-        step = np.zeros(3)
-        step[a] = (upper[a] - lower[a]) / (count - 1)
-        steps.append(view.on_page(step))
+    corner[axis] = (lower if view.towards[axis] > 0 else upper)[axis]
+    sides = [np.where(np.arange(3) == a, upper - lower, 0.0) for a in range(3) if a != axis]
+    steps = [view.on_page(s / (n - 1)) for s, n in zip(sides, wall.shape, strict=True)]
     origin = view.on_page(corner)
     shown = draw_picture(axes, wall, origin, steps[1], steps[0], interpolation="bilinear", **how)
     # Samples lie on the faces' borders, so that half of each outer pixel stands over.
-    shown.set_clip_path(_face(axes, view, axis, lower, upper))
+    around = np.array([0 * corner, sides[0], sides[0] + sides[1], sides[1]])
+    face = Polygon(view.on_page(corner + around), fill=False, lw=0, transform=axes.transData)
+    shown.set_clip_path(axes.add_patch(face))
     shown.set_clip_on(True)
     rows, columns = np.indices(wall.shape)
     x, y = (rows * steps[0][k] + columns * steps[1][k] + origin[k] for k in range(2))
@@ -194,34 +167,24 @@ def draw_wall(
     return shown
 
 
-def _face(axes: Axes, view: View, axis: int, lower: Floats, upper: Floats) -> Any:
-    from matplotlib.patches import Polygon
-
-    corners = []
-    first, second = (a for a in range(3) if a != axis)
-    for ends in ((lower, lower), (upper, lower), (upper, upper), (lower, upper)):
-        corner = lower.copy()
-        corner[axis] = back_wall(view, axis, lower, upper)
-        corner[first], corner[second] = ends[0][first], ends[1][second]
-        corners.append(view.on_page(corner))
-    patch = Polygon(np.array(corners), closed=True, fill=False, lw=0, transform=axes.transData)
-    axes.add_patch(patch)
-    return patch
-
-
 def draw_box(axes: Axes, view: View, lower: Floats, upper: Floats, unit: LengthUnit) -> None:
     """The edges of the back walls, and ticks and names of the three axes at the outline."""
     axes.set_aspect("equal")
     axes.set_axis_off()
     page = view.corners(lower, upper)
     (left, below), (right, above) = page.min(axis=0), page.max(axis=0)
-    axes.set_xlim(left, right)
-    axes.set_ylim(below, above)
-    for edge in back_edges(view, lower, upper):
-        axes.plot(*view.on_page([edge.start, edge.end]).T, color=_INK, lw=0.7, zorder=2)
-    size = float(np.ptp(view.corners(lower, upper), axis=0).max())
+    axes.set(xlim=(left, right), ylim=(below, above))
+    edges = list(_edges(view, lower, upper))
+    for edge in edges:
+        if edge.fronts < 2:
+            axes.plot(*view.on_page([edge.start, edge.end]).T, color=_INK, lw=0.7, zorder=2)
+    size = float(np.ptp(page, axis=0).max())
     for axis in (2, 1, 0):
-        _label(axes, view, label_edge(view, axis, lower, upper), "xyz"[axis], size, unit)
+        # On the outline, low, for y at the left.
+        height = 0 if axis == 1 else 1
+        outline = (edge for edge in edges if edge.axis == axis and edge.fronts == 1)
+        ticked = min(outline, key=lambda edge: view.on_page(edge.start + edge.end)[height])
+        _label(axes, view, ticked, "xyz"[axis], size, unit)
 
 
 def _label(axes: Axes, view: View, edge: Edge, name: str, size: float, unit: LengthUnit) -> None:
@@ -239,7 +202,8 @@ def _label(axes: Axes, view: View, edge: Edge, name: str, size: float, unit: Len
         axes.plot(*np.stack([place, end]).T, color=_INK, lw=0.7, zorder=2)
         x, y = place + _LABEL * size * edge.outward
         # Two axes may end at one corner of the outline, each with a number.
-        if all(np.hypot(x - a, y - b) > _APART * size for a, b in _places_of_texts(axes)):
+        others = [text.get_position() for text in axes.texts]
+        if all(np.hypot(x - a, y - b) > _APART * size for a, b in others):
             axes.text(x, y, number_text(value), ha="center", va="center", fontsize=8)
     middle = (first + last) / 2 + _NAME * size * edge.outward
     along = last - first if last[0] >= first[0] else first - last
@@ -250,10 +214,6 @@ def _label(axes: Axes, view: View, edge: Edge, name: str, size: float, unit: Len
     )  # fmt: skip
 
 
-def _places_of_texts(axes: Axes) -> list[tuple[float, float]]:
-    return [text.get_position() for text in axes.texts]
-
-
 def draw_outline(axes: Axes, view: View, source: Aperture | Array) -> None:
     """The outline of a source in the plane z = 0, holes cut out."""
     from matplotlib.patches import PathPatch
@@ -262,16 +222,10 @@ def draw_outline(axes: Axes, view: View, source: Aperture | Array) -> None:
     shape = outline_of(source).polygons
     rings = [ring for p in shape.geoms for ring in (p.exterior, *p.interiors)]
     width = 1.0 if len(rings) <= _MANY else 0.3
-    path = Path.make_compound_path(
-        *(Path(_on_aperture(view, np.asarray(ring.coords)), closed=True) for ring in rings)
-    )
+    corners = (np.pad(np.asarray(ring.coords)[:, :2], ((0, 0), (0, 1))) for ring in rings)
+    path = Path.make_compound_path(*(Path(view.on_page(c), closed=True) for c in corners))
     axes.add_patch(PathPatch(path, facecolor=_APERTURE, alpha=0.35, edgecolor="none", zorder=4))
     axes.add_patch(PathPatch(path, fill=False, edgecolor=_APERTURE, lw=width, zorder=4))
-
-
-def _on_aperture(view: View, points: ArrayLike) -> Floats:
-    flat = np.asarray(points, dtype=np.float64)[:, :2]
-    return view.on_page(np.column_stack([flat, np.zeros(len(flat))]))
 
 
 _BELOW = 20.0
@@ -416,6 +370,93 @@ def _interpolated(values: NDArray[np.float32], places: list[Floats]) -> NDArray[
         index = tuple(whole + bit for (whole, _), bit in zip(parts, bits, strict=True))
         total += weight[:, None] * values[index]
     return total
+
+
+# VTK ends the process where it finds no OpenGL that works (no libEGL, a broken driver): only a
+# child can find out. The parent gets normals and nothing else, so that surfaces look the same
+# whoever finds them. Seconds of the processor that a child may take; a first start of Mesa takes
+# some.
+_PATIENCE = 100.0
+
+
+def pyvista_layers(
+    levels: NDArray[np.float32],
+    lower: Floats,
+    spacing: Floats,
+    surfaces: tuple[float, ...],
+    view: View,
+    pixel: float,
+) -> Layers:
+    """The layers of :func:`cast_layers`, from contoured meshes."""
+    if importlib.util.find_spec("pyvista") is None:
+        raise missing_extra("pyvista", "volume", "draws isosurfaces")
+    upper = lower + spacing * (np.array(levels.shape) - 1)
+    page = view.corners(lower, upper)
+    middle = (page.min(axis=0) + page.max(axis=0)) / 2
+    columns, rows = np.ceil(np.ptp(page, axis=0) / pixel).astype(int) + 2
+    settings = {
+        "levels": levels,
+        "origin": lower * view.stretch,
+        "spacing": spacing * view.stretch,
+        "surfaces": surfaces,
+        "towards": view.towards,
+        "up": view.up,
+        "middle": middle[0] * view.right + middle[1] * view.up,
+        "size": (int(columns), int(rows)),
+        "height": rows * pixel,
+        "far": float(np.linalg.norm((upper - lower) * view.stretch)),
+    }
+    try:
+        normals = run_apart(partial(_drawn, settings), _PATIENCE, None)
+    except ChildError as error:
+        raise EngineError(
+            f"expected pyvista to draw, {str(error).partition(', ')[2]}; install the system's "
+            "libEGL (Debian, Ubuntu: libegl1), or use the renderer matplotlib"
+        ) from None
+    origin = middle + pixel * np.array([-(columns - 1) / 2, (rows - 1) / 2])
+    return Layers(normals, origin, np.array([0.0, -pixel]), np.array([pixel, 0.0]))
+
+
+def _drawn(settings: dict[str, Any]) -> NDArray[np.float32]:
+    """The normals of each surface (n, rows, columns, 3)."""
+    import pyvista
+
+    levels = settings["levels"]
+    grid = pyvista.ImageData(
+        dimensions=levels.shape, spacing=settings["spacing"], origin=settings["origin"]
+    )
+    grid["level"] = levels.ravel(order="F")
+    plotter = pyvista.Plotter(off_screen=True, window_size=settings["size"], lighting="none")
+    plotter.enable_parallel_projection()
+    camera = plotter.camera
+    camera.focal_point = settings["middle"]
+    camera.position = settings["middle"] + 4 * settings["far"] * settings["towards"]
+    camera.up = settings["up"]
+    layers = []
+    for surface in settings["surfaces"]:
+        mesh = grid.contour([surface], "level", compute_normals=True)
+        layers.append(_normals_of(plotter, mesh, settings))
+    return np.stack(layers)
+
+
+def _normals_of(plotter: Any, mesh: Any, settings: dict[str, Any]) -> NDArray[np.float32]:
+    """The normals of a mesh as the plotter's camera sees them: drawn as unlit colours."""
+    normals = np.zeros((*settings["size"][::-1], 3), dtype=np.float32)
+    if mesh.n_points == 0:
+        return normals
+    # VTK's normals of contours follow the gradient downwards: out of what is enclosed.
+    out = np.asarray(mesh.point_data["Normals"])
+    colours = np.round((out + 1) * 127.5).astype(np.uint8)
+    actor = plotter.add_mesh(mesh, scalars=colours, rgb=True, lighting=False, reset_camera=False)
+    camera = plotter.camera
+    camera.parallel_scale = settings["height"] / 2
+    camera.clipping_range = (settings["far"], 8 * settings["far"])
+    picture = plotter.screenshot(None, return_img=True, transparent_background=True)
+    plotter.remove_actor(actor)
+    seen = picture[..., 3] == 255
+    found = picture[seen][:, :3].astype(np.float32) / 127.5 - 1
+    normals[seen] = found / np.linalg.norm(found, axis=-1, keepdims=True)
+    return normals
 
 
 def shaded(layers: Layers, colours: Floats, opacities: Floats, view: View) -> Floats:

@@ -40,16 +40,13 @@ def draw_compar(quality: Quality) -> Made:
     }
     for letter, figure in figures.items():
         style.number_panels(figure, letter)
-    values: dict[str, NDArray[Any]] = {"boresight_z": axis["z"].values}
-    about = {"boresight_z": "m"}
-    for name in ("x", "z"):
-        values[f"plane_{name}"], about[f"plane_{name}"] = cut[name].values, "m"
+    values = {"boresight_z": (axis["z"].values, "m")}
+    values |= {f"plane_{name}": (cut[name].values, "m") for name in "xz"}
     for place, fields, dims in (("boresight", axis, "boresight_z"), ("plane", cut, "plane_x, _z")):
         for method in fields.data_vars:
             key = f"{place}_{str(method).replace(' ', '_').replace('-', '_')}"
-            values[key] = np.asarray(fields[method].values)
-            about[key] = f"W/m^2 for |u|^2 = 1 W/m^2, over {dims}"
-    return Made(figures, values, about)
+            values[key] = fields[method].values, f"W/m^2 for |u|^2 = 1 W/m^2, over {dims}"
+    return Made(figures, values)
 
 
 def _boresight(samples: int) -> Any:
@@ -117,12 +114,14 @@ def draw_error(quality: Quality) -> Made:
     methods = ", ".join(on_axis)
     return Made(
         {"": figure},
-        {"distance": near, "boresight_error": errors, "radius": radii, "arc_rms": rms},
         {
-            "distance": "wavelengths",
-            "boresight_error": f"dB, signed; by {methods}, over distance; nan where below zero",
-            "radius": "wavelengths",
-            "arc_rms": f"dB; by {methods}, over radius",
+            "distance": (near, "wavelengths"),
+            "boresight_error": (
+                errors,
+                f"dB, signed; by {methods}, over distance; nan where below zero",
+            ),
+            "radius": (radii, "wavelengths"),
+            "arc_rms": (rms, f"dB; by {methods}, over radius"),
         },
     )
 
@@ -150,8 +149,7 @@ def _draw(axes: Any, places: Any, errors: Any, label: str, title: str) -> None:
         axes.loglog(places, error, color=colour, ls=dash, lw=1.3, label=name)
     axes.set_ylim(1e-4, 30)
     axes.margins(x=0)
-    axes.set_xlabel(label)
-    axes.set_title(title)
+    axes.set(xlabel=label, title=title)
     axes.grid(alpha=0.3, lw=0.5)
 
 
@@ -175,19 +173,10 @@ def draw_volrender(quality: Quality) -> Made:
         progress=False,
     )
     figure = draw_volume(found, source, title="two chevrons, 94 GHz")
-    return Made(
-        {"": figure},
-        {
-            **{name: np.asarray(found[name].values) for name in "xyz"},
-            "irradiance": np.asarray(found[_METHOD].values),
-            "aperture": geojson(source.polygons),
-        },
-        {
-            **dict.fromkeys("xyz", "m"),
-            "irradiance": f"W/m^2 for |u|^2 = 1 W/m^2, over x, y, z; {_METHOD}",
-            "aperture": "GeoJSON, m",
-        },
-    )
+    about = f"W/m^2 for |u|^2 = 1 W/m^2, over x, y, z; {_METHOD}"
+    values = {name: (found[name].values, "m") for name in "xyz"}
+    values |= {"irradiance": (found[_METHOD].values, about), "aperture": geojson(source.polygons)}
+    return Made({"": figure}, values)
 
 
 _NEAREST = 2.0  # wavelengths: nearer, rays are no picture of the field
@@ -222,16 +211,13 @@ def draw_volrender_fdtd(quality: Quality) -> Made:
         found = xr.Dataset(labelled, {k: (k, v, {"units": "m"}) for k, v in axes.items()})
         title = f"10 mm square, 94 GHz: {titles[name]}"
         figures[letter] = draw_volume(found, square(), title=title, reference=values["fdtd"].max())
-    about = "W/m^2 for |u|^2 = 1 W/m^2, over x, y, z; "
-    return Made(
-        figures,
-        {**axes, **values},
-        {
-            **dict.fromkeys("xyz", "m"),
-            "fdtd": about + "finite differences, black screen, 12 cells a wavelength",
-            "rays": about + "Wigner rays, Kirchhoff's obliquity",
-        },
-    )
+    about = {
+        "fdtd": "finite differences, black screen, 12 cells a wavelength",
+        "rays": "Wigner rays, Kirchhoff's obliquity",
+    }
+    unit = "W/m^2 for |u|^2 = 1 W/m^2, over x, y, z; "
+    behind = {name: (field, unit + about[name]) for name, field in values.items()}
+    return Made(figures, {name: (places, "m") for name, places in axes.items()} | behind)
 
 
 def _whole(quarter: NDArray[Any]) -> NDArray[np.float64]:

@@ -66,18 +66,11 @@ def draw_sampling(quality: Quality) -> Made:
     return Made(
         {"": figure},
         {
-            "size": sizes,
-            "samples": counts,
-            "cells": cells,
-            "error": errors,
-            "x": np.array(POSITION),
-        },
-        {
-            "size": "D/wavelength",
-            "samples": "1; of one-dimensional apertures, and of two-dimensional ones",
-            "cells": "1, along each axis of the box around all lags at x",
-            "error": "1, rms of the error of W(x, nu) over rms of W(x, nu)",
-            "x": "m",
+            "size": (sizes, "D/wavelength"),
+            "samples": (counts, "1; of one-dimensional apertures, and of two-dimensional ones"),
+            "cells": (cells, "1, along each axis of the box around all lags at x"),
+            "error": (errors, "1, rms of the error of W(x, nu) over rms of W(x, nu)"),
+            "x": (np.array(POSITION), "m"),
         },
     )
 
@@ -101,9 +94,11 @@ def _draw_counts(axes: Any, sizes: NDArray[np.float64], counts: NDArray[np.int64
         fontsize=8,
         arrowprops={"arrowstyle": "-", "lw": 0.6},
     )
-    axes.set_xlabel("width of the aperture / wavelength")
-    axes.set_ylabel("samples of a dense grid")
-    axes.set_title("growth at the paper's Nyquist rate")
+    axes.set(
+        xlabel="width of the aperture / wavelength",
+        ylabel="samples of a dense grid",
+        title="growth at the paper's Nyquist rate",
+    )
     axes.set(xlim=(sizes[0], sizes[-1]), ylim=(0.5, 1e10))
     axes.legend(frameon=False, fontsize=8)
     axes.grid(alpha=0.3, lw=0.5)
@@ -122,8 +117,10 @@ def _draw_errors(
     xmin, _, xmax, _ = source.bounds
     nyquist = 2 * np.ceil(2 * (xmax - xmin) / WAVELENGTH)
     axes.axvline(nyquist, color="0.35", ls="--", lw=1.1, label="Nyquist for |ν| ≤ 1/λ")
-    axes.set_xlabel("cells along each axis of the box of lags")
-    axes.set_ylabel("rms error / rms of W")
-    axes.set_title("W(x, ν) of two chevrons, error of grids")
+    axes.set(
+        xlabel="cells along each axis of the box of lags",
+        ylabel="rms error / rms of W",
+        title="W(x, ν) of two chevrons, error of grids",
+    )
     axes.legend(frameon=False, fontsize=8)
     axes.grid(alpha=0.3, lw=0.5)

@@ -137,11 +137,8 @@ def draw_render(quality: Quality) -> Made:
     """The 10 mm square at 94 GHz, looking down at a floor, as Mitsuba renders it."""
     radiance = render_room(wigner_source(), _FILMS[quality])
     figure = draw_scene(radiance, picture_peak(radiance), _FLOOR_DB)
-    return Made(
-        {"": figure},
-        {"radiance": radiance},
-        {"radiance": "W m^-2 sr^-1 for |u|^2 = 1 W/m^2; rows from the top; signed"},
-    )
+    about = "W m^-2 sr^-1 for |u|^2 = 1 W/m^2; rows from the top; signed"
+    return Made({"": figure}, {"radiance": (radiance, about)})
 
 
 _FILMS_OF_SOURCES = {"draft": Film(270, 225, 36), "print": Film(480, 400, 784)}
@@ -177,8 +174,5 @@ def draw_emitters(quality: Quality) -> Made:
     bar.set_label(f"radiance, dB relative to {against}; {style.floor_text(_FLOOR_DB)}")
     style.letter_panels(panels)
     about = "W m^-2 sr^-1; rows from the top; signed"
-    return Made(
-        {"": figure},
-        {**pictures, "power": np.asarray(power)},
-        {**dict.fromkeys(pictures, about), "power": "W, of each source"},
-    )
+    values = {name: (picture, about) for name, picture in pictures.items()}
+    return Made({"": figure}, {**values, "power": (np.asarray(power), "W, of each source")})

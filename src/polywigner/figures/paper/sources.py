@@ -28,14 +28,16 @@ Quality = Literal["draft", "print"]
 QUALITIES: tuple[str, ...] = get_args(Quality)
 
 
+Value = tuple[NDArray[Any], str]
+
+
 @dataclass(frozen=True, eq=False)
 class Made:
-    """The pictures of a figure by their letters ("" of a single one), the arrays behind them by
-    name, and for each of these its unit and axes in words."""
+    """The pictures of a figure by their letters ("" of a single one), and the arrays behind them
+    by name, each with its unit and axes in words."""
 
     figures: Mapping[str, Figure]
-    values: Mapping[str, NDArray[Any]]
-    about: Mapping[str, str]
+    values: Mapping[str, Value]
 
 
 def number_samples(quality: Quality, draft: int, final: int) -> int:
@@ -43,11 +45,11 @@ def number_samples(quality: Quality, draft: int, final: int) -> int:
     return draft if quality == "draft" else final
 
 
-def geojson(shape: Any) -> NDArray[Any]:
+def geojson(shape: Any) -> Value:
     """A shapely geometry as a text in an array, with all its digits."""
     import shapely
 
-    return np.asarray(shapely.to_geojson(shape))
+    return np.asarray(shapely.to_geojson(shape)), "GeoJSON, m"
 
 
 WAVELENGTH = wavelength_of(94e9)

@@ -69,11 +69,10 @@ def draw_amp_spec(quality: Quality) -> Made:
     inset.set(xticks=[], yticks=[])
     return Made(
         {"": figure},
-        {"frequency": frequency, "fourier": transform, "aperture": geojson(source.polygons)},
         {
-            "frequency": "1/m, along both axes",
-            "fourier": "m^2; fourier[j, i] at nu = (frequency[i], frequency[j])",
-            "aperture": "GeoJSON, m",
+            "frequency": (frequency, "1/m, along both axes"),
+            "fourier": (transform, "m^2; fourier[j, i] at nu = (frequency[i], frequency[j])"),
+            "aperture": geojson(source.polygons),
         },
     )
 
@@ -84,8 +83,10 @@ def draw_appendix(quality: Quality) -> Made:
     along = np.linspace(-1, 1, number_samples(quality, 401, 1601)) / WAVELENGTH
     across = np.linspace(-1, 1, number_samples(quality, 161, 641)) / WAVELENGTH
     grid = np.stack(np.meshgrid(across, across), axis=-1)
-    values: dict[str, NDArray[Any]] = {"nu": along, "nu_x": across}
-    about = {"nu": "1/m, of slits", "nu_x": "1/m, along both axes of all others"}
+    values = {
+        "nu": (along, "1/m, of slits"),
+        "nu_x": (across, "1/m, along both axes of all others"),
+    }
     figure = style.new_figure(8.4, 8.6, is_compressed=True)
     panels = figure.subplots(3, 3).ravel()
     for axes, (name, source) in zip(panels, catalogue().items(), strict=True):
@@ -100,12 +101,11 @@ def draw_appendix(quality: Quality) -> Made:
         _draw_outline(axes, source)
         axes.set_title(name)
         key = name.replace(",", "").replace("-", "_").replace(" ", "_")
-        values[key] = field
-        about[key] = "m, at nu" if slits else "m^2; [j, i] at (nu_x[i], nu_x[j])"
+        values[key] = field, "m, at nu" if slits else "m^2; [j, i] at (nu_x[i], nu_x[j])"
     bar = figure.colorbar(shown, ax=panels, location="bottom", shrink=0.5, aspect=40, pad=0.02)
     bar.set_label(f"|F(ν)|², dB relative to |F(0)|², {style.floor_text(_FLOOR_DB)}")
     style.letter_panels(panels)
-    return Made({"": figure}, values, about)
+    return Made({"": figure}, values)
 
 
 _INVERSE_UNIT = length_unit(WAVELENGTH)
@@ -178,11 +178,8 @@ def draw_indmk(quality: Quality) -> Made:
     figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize=8)
     shapes = {"elements": source.polygons, "automean": support.polygons, "hull": hull}
     areas = np.array([shape.area for shape in shapes.values()])
-    return Made(
-        {"": figure},
-        {**{name: geojson(shape) for name, shape in shapes.items()}, "areas": areas},
-        {**dict.fromkeys(shapes, "GeoJSON, m"), "areas": "m^2, of elements, automean and hull"},
-    )
+    values = {name: geojson(shape) for name, shape in shapes.items()}
+    return Made({"": figure}, values | {"areas": (areas, "m^2, of elements, automean and hull")})
 
 
 _MARGIN = 0.5e-3  # so that outlines do not lie on the frame
@@ -204,38 +201,23 @@ def draw_marginals(quality: Quality) -> Made:
     unit = length_unit(source.diameter)
     figure = style.new_figure(5.6, 4.2, is_compressed=True)
     panels = figure.subplots(2, 1)
-    for axes, across, up, values, symbol, name in (
-        (panels[0], x, y, of_position, "x", r"$R_x$, area of the lag slice at $x$"),
-        (
-            panels[1],
-            xi_x,
-            xi_y,
-            of_lag,
-            "xi",
-            r"$R_\xi$, area of the position slice at $\xi$",
-        ),
-    ):
-        _draw_marginal(axes, across, up, values, symbol, unit)
-        axes.set_title(name)
+    _draw_marginal(panels[0], x, y, of_position, "x", unit)
+    panels[0].set_title(r"$R_x$, area of the lag slice at $x$")
+    _draw_marginal(panels[1], xi_x, xi_y, of_lag, "xi", unit)
+    panels[1].set_title(r"$R_\xi$, area of the position slice at $\xi$")
     for shape, ink in ((support.polygons, "0.75"), (source.polygons, "#5ec8ff")):
         style.draw_polygons(panels[0], shape, unit, facecolor="none", edgecolor=ink, lw=0.8)
     style.letter_panels(panels)
     return Made(
         {"": figure},
         {
-            "x": x,
-            "y": y,
-            "position_marginal": of_position,
-            "xi_x": xi_x,
-            "xi_y": xi_y,
-            "lag_marginal": of_lag,
+            "x": (x, "m"),
+            "y": (y, "m"),
+            "position_marginal": (of_position, "m^2, [j, i] at (x[i], y[j])"),
+            "xi_x": (xi_x, "m"),
+            "xi_y": (xi_y, "m"),
+            "lag_marginal": (of_lag, "m^2, [j, i] at (xi_x[i], xi_y[j])"),
             "aperture": geojson(source.polygons),
-        },
-        {
-            **dict.fromkeys(("x", "y", "xi_x", "xi_y"), "m"),
-            "position_marginal": "m^2, [j, i] at (x[i], y[j])",
-            "lag_marginal": "m^2, [j, i] at (xi_x[i], xi_y[j])",
-            "aperture": "GeoJSON, m",
         },
     )
 
@@ -256,8 +238,7 @@ KINDS: dict[str, PhaseSpaceFunction] = {"a": "autocorrelation", "b": "wigner", "
 def draw_projs(quality: Quality) -> Made:
     """The four tiles of each grid of the paper, for two chevrons; the numbers have all six."""
     figures = {}
-    values: dict[str, NDArray[Any]] = {}
-    about: dict[str, str] = {}
+    values = {}
     for letter, kind in KINDS.items():
         found = pw.projections(chevrons(), kind, samples=number_samples(quality, 97, 513))
         title = f"({letter}) projected {_called(kind)}, two chevrons"
@@ -265,11 +246,11 @@ def draw_projs(quality: Quality) -> Made:
         style.number_panels(figures[letter], letter)
         for name in (*found.coords, *found.data_vars):
             key = str(name) if name in found.coords else f"{kind}_{name}"
-            values[key] = np.asarray(found[name].values)
             units = found[name].attrs["units"]
             dims = ", ".join(map(str, found[name].dims))
-            about[key] = units if name in found.coords else f"{units}, over {dims}"
-    return Made(figures, values, about)
+            about = units if name in found.coords else f"{units}, over {dims}"
+            values[key] = np.asarray(found[name].values), about
+    return Made(figures, values)
 
 
 def _called(kind: PhaseSpaceFunction) -> str:
@@ -319,15 +300,9 @@ def draw_xforms(quality: Quality) -> Made:
             loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=3, frameon=False, fontsize=8
         )
     style.letter_panels((left, right))
-    return Made(
-        {"": figure},
-        {
-            **{name: geojson(shape) for name, shape in shapes.items()},
-            "x": np.array(POSITION),
-            "xi": np.array(LAG),
-        },
-        {**dict.fromkeys(shapes, "GeoJSON, m"), "x": "m", "xi": "m"},
-    )
+    values = {name: geojson(shape) for name, shape in shapes.items()}
+    points = {"x": (np.array(POSITION), "m"), "xi": (np.array(LAG), "m")}
+    return Made({"": figure}, values | points)
 
 
 def _pair(metres: tuple[float, float]) -> str:

@@ -1,0 +1,48 @@
+"""XML of the small scenes that commands read in tests."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+OF_THE_SQUARE = """
+    <string name="aperture" value="square.wkt"/>
+    <string name="frequency" value="94 GHz"/>"""
+WIGNER = '<string name="estimator" value="wigner"/>'
+LOOKING_DOWN = '<lookat origin="0, 0, 1" target="0, 0, 0" up="0, 1, 0"/>'
+PATH = '<integrator type="path"><integer name="max_depth" value="{0}"/></integrator>'
+
+
+def scene(*parts: str) -> str:
+    return f'<scene version="3.0.0">{"".join(parts)}</scene>'
+
+
+def source(*more: str) -> str:
+    """The square as a Wigner source at 94 GHz, with further parameters."""
+    return f'<shape type="wigner" id="tx">{OF_THE_SQUARE}{"".join(more)}</shape>'
+
+
+def receiver(*more: str, pose: str = LOOKING_DOWN, name: str = "rx", pixels: int = 1) -> str:
+    """The square as a receiver, with further parameters."""
+    return f"""<sensor type="wigner_receiver" id="{name}">{OF_THE_SQUARE}{"".join(more)}
+    <transform name="to_world">{pose}</transform>
+    <film type="hdrfilm">
+        <integer name="width" value="{pixels}"/><integer name="height" value="{pixels}"/>
+        <rfilter type="box"/>
+    </film>
+</sensor>"""
+
+
+def rectangle(pose: str, more: str = "", name: str = "floor") -> str:
+    return f"""<shape type="rectangle" id="{name}">
+    <transform name="to_world">{pose}</transform>{more}
+</shape>"""
+
+
+def written(folder: Path, text: str, half: float = 5) -> Path:
+    """The file of a scene, beside that of its square, 2 x ``half`` mm wide."""
+    corners = ((-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1))
+    ring = ", ".join(f"{half * x} {half * y}" for x, y in corners)
+    (folder / "square.wkt").write_text(f"POLYGON (({ring}))")
+    path = folder / "scene.xml"
+    path.write_text(text)
+    return path
