@@ -398,19 +398,6 @@ def test_an_edit_is_answered_in_few_messages_and_lays_nothing_out_anew(page: Pag
     assert watched["layouts"] <= 2  # where labels of an axis have become wider
 
 
-def test_two_visitors_have_states_of_their_own(browser: Any, address: str, page: Page) -> None:
-    first = browser.current_window_handle
-    page.set("steering", "value", "10 deg")
-    page.wait_until(lambda: page.state().steering == "10 deg")
-    browser.switch_to.new_window("tab")
-    try:
-        assert Page(browser, address).state() == State()
-    finally:
-        browser.close()
-        browser.switch_to.window(first)
-    assert page.state().steering == "10 deg"
-
-
 def test_a_port_in_use_is_told_in_one_line(
     address: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

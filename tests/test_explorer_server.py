@@ -6,6 +6,7 @@ import asyncio
 import json
 import logging
 import os
+import re
 import socket
 import time
 from collections.abc import Callable, Iterator
@@ -179,6 +180,28 @@ def page(address: str) -> tuple[str, str]:
 
 def test_a_page_is_made_of_its_link_when_its_browser_connects(page: tuple[str, str]) -> None:
     assert "77 GHz" in page[1]
+
+
+def test_an_edit_of_a_browser_comes_back_with_its_numbers(address: str) -> None:
+    async def visit() -> str:
+        made = await connected(address, token_of(address))
+        for frame in frames("PULL-DOC-REQ", {}):
+            await made.write_message(frame)
+        texts = [""]
+        while "<td>80 mm²</td>" not in texts[-1]:
+            header, content = await received(made) or ({"msgtype": "the end"}, {})
+            texts.append(json.dumps(content, ensure_ascii=False))
+            if header["msgtype"] == "PULL-DOC-REPLY":
+                (x,) = re.findall(r'"id": "(p\d+)", "attributes": {"name": "x"', texts[-1])
+                # W(x, 0) of 10 mm is four times (10 - 8) mm by 10 mm
+                change = {"kind": "ModelChanged", "model": {"id": x}, "attr": "value", "new": 4.0}
+                for frame in patch(change):
+                    await made.write_message(frame)
+            assert header["msgtype"] != "the end"
+        made.close()
+        return texts[-1]
+
+    assert "W(x, 0)" in asyncio.run(asyncio.wait_for(visit(), 3 * SECONDS))
 
 
 @pytest.mark.parametrize("damage", ["none", "e30", "e30.e30", "", "cut", "bomb"])

@@ -22,9 +22,7 @@ if TYPE_CHECKING:
 def geojson(state: State) -> str:
     """The outline of the element as a GeoJSON Feature, in mm, as it is read without a unit.
 
-    Raises
-    ------
-    PolywignerError for what is no polygon, here as in all of this module.
+    Raises PolywignerError for what is no polygon, here as in all of this module.
     """
     polygons = aperture_of(state.rings, state.per_metre).polygons
     # 15 digits give back the number that was typed

@@ -50,9 +50,7 @@ def rings_of_aperture(aperture: Aperture, per_metre: float = 1) -> Rings:
 def check_upload(name: str, size: int) -> tuple[str, str]:
     """The name of a file that a visitor sends, as it is shown, and its suffix.
 
-    Raises
-    ------
-    FileFormatError for more than 1 MiB, and for a suffix that the page does not read.
+    Raises FileFormatError for more than 1 MiB, and for a suffix that the page does not read.
     """
     shown = "".join(c if c.isprintable() else "?" for c in name[-60:]) or "the file"
     if size > LARGEST_UPLOAD:
@@ -161,12 +159,8 @@ def without_vertex(rings: Rings, row: int) -> tuple[Rings, str]:
 def without_lost(rings: Rings, left: Mapping[int, Ring]) -> tuple[Rings, str]:
     """Outlines with three vertices left, and a sentence about the others, if there are any.
 
+    ``left`` of the outlines before, by their numbers from 0, none where one is gone altogether.
     What lies in an outline that goes would change from a hole to an aperture, or back: it goes too.
-
-    Parameters
-    ----------
-    rings : outlines before.
-    left : what is left of each, by its number from 0; none of those that are gone altogether.
     """
     short = {k for k in range(len(rings)) if len(left.get(k, ())) < 3}
     gone = set(short)
@@ -201,9 +195,7 @@ def _named(numbers: set[int]) -> str:
 def polygons_of(rings: Rings, per_metre: int) -> list[list[np.ndarray]]:
     """Polygons in metres, exteriors first, of outlines in units: those inside others are holes.
 
-    Raises
-    ------
-    GeometryError for outlines that cross themselves or each other, with the place in units.
+    Raises GeometryError for outlines that cross themselves or each other, with the place in units.
     """
     if not rings:
         raise GeometryError("expected an outline, got a blank sheet; draw one")
@@ -240,9 +232,7 @@ def _source(
 def source_of(state: State) -> Source:
     """The aperture with its field, or the array of it.
 
-    Raises
-    ------
-    PolywignerError for what is no polygon, or cannot be fed so.
+    Raises PolywignerError for what is no polygon, or cannot be fed so.
     """
     return _source(state.rings, state.per_metre, feeding_of(state), state.wavelength)
 
@@ -250,9 +240,7 @@ def source_of(state: State) -> Source:
 def light_of(state: State) -> Source | pw.Wavefront:
     """The source, coherent over the chosen width.
 
-    Raises
-    ------
-    ArgumentError for a width so small that a picture of W takes seconds.
+    Raises ArgumentError for a width so small that a picture of W takes seconds.
     """
     source = source_of(state)
     if state.coherence == 0:

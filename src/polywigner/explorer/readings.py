@@ -81,9 +81,7 @@ class Readings:
 
         The name is used for its suffix and in messages only.
 
-        Raises
-        ------
-        FileFormatError for what cannot be read, takes too long, or has too many vertices.
+        Raises FileFormatError for what cannot be read, takes too long, or has too many vertices.
         """
         shown, suffix = check_upload(name, len(content))
         async with self._turns:

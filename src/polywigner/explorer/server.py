@@ -39,20 +39,11 @@ def new_server(
     allow_host: Sequence[str] = (),
     patience: float = PATIENCE,
 ) -> Any:
-    """A Bokeh server of the page, not yet started; ``.port`` says which it has.
+    """A Bokeh server of the page, not yet started; ``.port`` says which it has (0: any free one).
 
-    Parameters
-    ----------
-    state : what visitors begin with who come without a link.
-    port : 0 for any that is free.
-    address : to listen at.
-    allow_host : names, with a port or without, that it answers to beside its own.
-    patience : as :data:`PATIENCE`.
-
-    Raises
-    ------
-    MissingExtraError without Bokeh; ArgumentError for an address or a port that cannot be had, and
-    for a host that is no name.
+    Visitors without a link begin with ``state``. The server answers to the names ``allow_host``
+    beside its own, each with a port or without. Raises MissingExtraError without Bokeh,
+    ArgumentError for an address or a port that cannot be had, and for a host that is no name.
     """
     check_installed()
     if not 0 <= port < 65536:
@@ -115,15 +106,14 @@ def new_server(
 
 
 def _refusal(error: Exception, address: str, port: int) -> str:
-    number = getattr(error, "errno", None)
-    if number == errno.EADDRINUSE:
-        return (
-            f"expected a free port, got {port}, which is in use (by another `polywigner explore`?)"
-            "; choose another with --port (0: any that is free)"
-        )
-    if number == errno.EACCES:
-        return f"expected a port that you may serve at, got {port}; choose one above 1023"
-    return f"expected an address of this machine, got {address}; choose another with --address"
+    in_use = "in use (by another `polywigner explore`?); choose another with --port (0: any free)"
+    return {
+        errno.EADDRINUSE: f"expected a free port, got {port}, which is {in_use}",
+        errno.EACCES: f"expected a port that you may serve at, got {port}; choose one above 1023",
+    }.get(
+        getattr(error, "errno", None) or 0,
+        f"expected an address of this machine, got {address}; choose another with --address",
+    )
 
 
 def serve(
@@ -134,15 +124,11 @@ def serve(
     say: Callable[[str], None] = print,
     allow_host: Sequence[str] = (),
 ) -> bool:
-    """Serve the page until Ctrl-C, or SIGTERM.
+    """Serve the page until Ctrl-C, or SIGTERM; raises as :func:`new_server`.
 
     Returns
     -------
     Whether nothing is left behind: a computation may go on for a while in a thread of its own.
-
-    Raises
-    ------
-    As :func:`new_server`.
     """
     server = new_server(state, port, address, allow_host)
     shown = "127.0.0.1" if address in ("0.0.0.0", "::") else address

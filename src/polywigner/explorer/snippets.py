@@ -14,15 +14,8 @@ SNIPPETS = ("fourier", "wigner_nu", "wigner_x", "otf", "near", "far")
 def snippet(state: State, name: str, samples: int | None = None) -> str:
     """Script that computes the view's arrays as ``values`` (for "near" ``rays`` and ``exact``).
 
-    Parameters
-    ----------
-    state : as shown.
-    name : one of :data:`SNIPPETS`.
-    samples : along each axis; None: as the page shows in the end.
-
-    Raises
-    ------
-    PolywignerError for a state without a source.
+    ``name`` is one of :data:`SNIPPETS`; ``samples`` along each axis, None: as the page shows in
+    the end. Raises PolywignerError for a state without a source.
     """
     lines = ["import numpy as np", "import shapely", "", "import polywigner as pw", ""]
     lines += _source_lines(state)

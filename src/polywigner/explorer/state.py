@@ -193,9 +193,7 @@ def _text(value: Any) -> str:
 def from_query(query: str) -> State:
     """The state of a link.
 
-    Raises
-    ------
-    ArgumentError for a link that is damaged, or of values that cannot be shown.
+    Raises ArgumentError for a link that is damaged, or of values that cannot be shown.
     """
     known = {field.name: type(field.default) for field in fields(State)}
     values: dict[str, Any] = {}

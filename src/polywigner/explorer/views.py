@@ -182,9 +182,7 @@ class Cuts:
 def outlines(state: State) -> Outlines:
     """The outline of the source, the support of W, and the lag slice at the chosen position.
 
-    Raises
-    ------
-    PolywignerError for what is no polygon or cannot be fed so, here as in all views.
+    Raises PolywignerError for what is no polygon or cannot be fed so, here as in all views.
     """
     support = mutual_support(source_of(state))
     outline = _outline(state)
@@ -276,9 +274,7 @@ def near_field(state: State, samples: int = 128) -> Picture:
     "rays" and "exact" (Kirchhoff, both) in the unit of |u|^2; "difference" in dB, nan where the
     exact field is more than 30 dB below its peak.
 
-    Raises
-    ------
-    ArgumentError for sources of more than 36 edges, of which sums of rays take minutes.
+    Raises ArgumentError for sources of more than 36 edges, of which sums of rays take minutes.
     """
     *_, picture = near_field_in_steps(state, samples)
     assert picture is not None

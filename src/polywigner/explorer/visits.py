@@ -67,15 +67,8 @@ _SAFE_HEADERS = {
 def served_hosts(address: str, port: int, allowed: Iterable[str] = ()) -> frozenset[str]:
     """Values of the Host header by which the server is known, whichever way it is reached.
 
-    Parameters
-    ----------
-    address : that the server listens at; of 0.0.0.0 and :: the name of the machine is taken.
-    port : that the server listens at.
-    allowed : further names, each with a port or without.
-
-    Raises
-    ------
-    ArgumentError for a name that is none, such as a wildcard.
+    Of 0.0.0.0 and :: the name of the machine is taken; ``allowed`` are further names, each with a
+    port or without. Raises ArgumentError for a name that is none, such as a wildcard.
     """
     names = {*_LOOPBACK, socket.gethostname() if address in _EVERYWHERE else address}
     hosts = {host for name in names for host in _with_port(name, port)}

@@ -386,20 +386,14 @@ for (const slider of sliders) {
   name()
   slider.properties.title.change.connect(name)
 }
-for (const [group, label] of radios) {
-  const view = view_of(group)
-  named(view.shadow_el.firstElementChild, "group", label)
-  const press = () => view.shadow_el.querySelectorAll("button").forEach((button, k) => {
-    button.setAttribute("aria-pressed", k === group.active)
+for (const [model, attribute, label] of pressed) {
+  const {shadow_el} = view_of(model)
+  if (label) { named(shadow_el.firstElementChild, "group", label) }
+  const press = () => shadow_el.querySelectorAll("button").forEach((button, k) => {
+    button.setAttribute(attribute, model.active === true || model.active === k)
   })
   press()
-  group.properties.active.change.connect(press)
-}
-for (const [toggle, attribute] of toggles) {
-  const press = () => view_of(toggle)?.shadow_el.querySelector("button")
-    .setAttribute(attribute, toggle.active)
-  press()
-  toggle.properties.active.change.connect(press)
+  model.properties.active.change.connect(press)
 }
 for (const [text, how, label] of live) {
   const {el} = view_of(text)

@@ -264,14 +264,9 @@ class Controls:
         todo: Sequence[tuple[str, int]],
         stale: Collection[str],
     ) -> None:
-        """Show which of the requested views are being computed.
+        """Show which of the requested views are being computed: the first to do, and samples.
 
-        Parameters
-        ----------
-        request : its number; the page itself counts its seconds.
-        asked : names of views.
-        todo : what is still to be computed: names and samples along an axis, the first one now.
-        stale : the views of which nothing has come yet.
+        Nothing has come yet of ``stale`` ones. The page itself counts the seconds of a request.
         """
         pictures = [name for name in asked if name in VIEWS]
         done = len(set(pictures) - {name for name, _ in todo})

@@ -110,10 +110,11 @@ class Session:
                 (controls.tour_text, "polite", "Tour"),
             ],
             "sliders": [controls.coherence, controls.defocus, controls.distance],
-            "radios": [(controls.part, "Part of F"), (controls.order, "Order of rays")],
-            "toggles": [
-                (controls.draw, "aria-pressed"),
-                *((made, "aria-expanded") for made in (controls.drawer, *headings)),
+            "pressed": [
+                (controls.part, "aria-pressed", "Part of F"),
+                (controls.order, "aria-pressed", "Order of rays"),
+                (controls.draw, "aria-pressed", ""),
+                *((made, "aria-expanded", "") for made in (controls.drawer, *headings)),
             ],
         }  # fmt: skip
         for code in browser.READY:
@@ -382,22 +383,20 @@ def _together(doc: Any) -> Iterator[None]:
     try:
         yield
     finally:
-        _send(doc)
+        with suppress(AttributeError):  # another version, or no session yet
+            _send(doc)
+        doc.unhold()
 
 
 def _send(doc: Any) -> None:
-    session: Any = getattr(doc.session_context, "session", None)
-    try:
-        # of Bokeh's own, for which there is no public name
-        events, writes = doc.callbacks._held_events, session._pending_writes
-        connections = [(c.protocol, c._socket) for c in session._subscribed_connections]
-    except AttributeError:  # another version, or no session yet
-        doc.unhold()
-        return
-    if writes is None or not all(getattr(e, "setter", session) is None for e in events):
-        doc.unhold()  # also of what is no change of a model, or comes from the browser
-        return
-    doc.callbacks._held_events = []
-    doc.unhold()
-    for protocol, socket in connections if events else ():
-        writes.append(socket.send_message(protocol.create("PATCH-DOC", events)))
+    """Send held changes at once, by names of Bokeh's own: there are no public ones."""
+    session, events = doc.session_context.session, doc.callbacks._held_events
+    sockets = [(c.protocol, c._socket) for c in session._subscribed_connections]
+    # not those that are no change of a model, or come from the browser
+    is_ours = all(getattr(event, "setter", session) is None for event in events)
+    if session._pending_writes is not None and events and is_ours:
+        doc.callbacks._held_events = []
+        for protocol, socket in sockets:
+            session._pending_writes.append(
+                socket.send_message(protocol.create("PATCH-DOC", events))
+            )
