@@ -5,7 +5,7 @@ import pytest
 import shapely
 
 import polywigner as pw
-from oracles.diffraction import field_by_quadrature
+from oracles.surface_integrals import field_by_quadrature
 from polywigner.errors import ArgumentError
 
 pytestmark = pytest.mark.llvm

@@ -158,14 +158,8 @@ def layouts(places, listed, sides):
 # coherent light.
 LAYOUTS = [
     *("chevron", "30-gon", "holes", "nearly parallel", "distant parts", "collection"),
-    *(
-        "overlapping",
-        "lattice",
-        "steered",
-        "scattered",
-        "lattice of any weights",
-        "row of any weights",
-    ),
+    *("overlapping", "fields of their own", "lattice", "steered", "scattered"),
+    *("lattice of any weights", "row of any weights"),
     *("tapered lattice", "lattice of products", "three waves", "small parts with waves"),
     *("product, turned and moved", "slits", "tapered slits", "row of slits, any weights"),
     *("curved", "curved lattice", "partly coherent", "partly coherent slits"),

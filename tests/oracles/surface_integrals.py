@@ -60,3 +60,10 @@ def surface_fields(source: Any, point: Any, wavelength: float) -> np.ndarray:
             dirichlet += (u @ slope) / (2 * math.pi)
             neumann -= 1j * k * p * u.sum() / (2 * math.pi)
     return np.array([dirichlet, neumann, (dirichlet + neumann) / 2])
+
+
+def field_by_quadrature(source: Any, points: Any, wavelength: float, condition: str) -> np.ndarray:
+    """U at points (n, 3) by one boundary condition."""
+    number = ("rayleigh-sommerfeld-1", "rayleigh-sommerfeld-2", "kirchhoff").index(condition)
+    rows = np.reshape(points, (-1, 3))
+    return np.array([surface_fields(source, row, wavelength)[number] for row in rows])
