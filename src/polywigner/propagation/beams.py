@@ -100,7 +100,8 @@ class BeamMetrics:
         rows = [("directivity", f"{self.directivity:.2f} dBi"), ("gain", f"{self.gain:.2f} dBi")]
         of_field = ", of the field as it is" if self.eirp is None else ""
         if self.eirp is not None:
-            rows.append(("EIRP", f"{decibels_milliwatt(self.eirp):.2f} dBm ({self.eirp:.4g} W)"))
+            level = 10 * math.log10(self.eirp) + 30 if self.eirp > 0 else -math.inf
+            rows.append(("EIRP", f"{level:.2f} dBm ({self.eirp:.4g} W)"))
         rows += [
             ("radiated power", f"{self.radiated_power:.4g} W{of_field}"),
             ("beam direction", f"theta {_degrees(self.theta)}, phi {_degrees(self.phi)}"),
@@ -149,11 +150,6 @@ def is_off_planes(metrics: BeamMetrics) -> bool:
     return max(principal) < metrics.directivity - _MISSED <= best
 
 
-def decibels_milliwatt(power: float) -> float:
-    """A power in W as dBm; minus infinity for 0."""
-    return 10 * math.log10(power) + 30 if power > 0 else -math.inf
-
-
 def beam_metrics(
     pattern: xarray.Dataset, *, power: float | None = None, efficiency: float = 1.0
 ) -> BeamMetrics:
@@ -193,7 +189,14 @@ def beam_metrics(
     >>> round(float(np.degrees(pw.beam_metrics(pattern).cuts[0].half_power_beamwidth)), 1)
     16.1
     """
-    theta, phi, levels, about = _checked(pattern)
+    theta, phi, levels, about = checked_pattern(pattern)
+    theta, levels = front_of(theta, levels)
+    if len(theta) < 3:
+        raise ArgumentError(
+            "expected three or more angles theta in front for a beamwidth, got "
+            f"{len(theta)}; use some ten within the main beam"
+        )
+    levels = np.maximum(levels, _DARK)
     share = checked_efficiency(efficiency)
     radiated = about["radiated_power"] if power is None else share * _positive("power", power)
     peak = float(levels.max())
@@ -295,17 +298,6 @@ def _crossing(levels: Levels, places: Levels, k: int, wanted: float) -> float:
         if min(places[k - 1], places[k]) <= total <= max(places[k - 1], places[k]):
             return float(total)
     return float(np.interp(-wanted, -levels[k - 1 : k + 1], places[k - 1 : k + 1]))
-
-
-def _checked(pattern: Any) -> tuple[Levels, Levels, Levels, dict[str, float]]:
-    theta, phi, levels, about = checked_pattern(pattern)
-    theta, levels = front_of(theta, levels)
-    if len(theta) < 3:
-        raise ArgumentError(
-            "expected three or more angles theta in front for a beamwidth, got "
-            f"{len(theta)}; use some ten within the main beam"
-        )
-    return theta, phi, np.maximum(levels, _DARK), about
 
 
 def checked_efficiency(value: Any) -> float:

@@ -14,14 +14,9 @@ from typing import Any, Literal, TypedDict, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from polywigner import execution
 from polywigner.errors import ArgumentError
-from polywigner.execution import (
-    Engine,
-    Precision,
-    checked_engine,
-    checked_precision,
-    kernel_threads,
-)
+from polywigner.execution import Engine, Precision
 from polywigner.execution.progress import progress_bar
 from polywigner.geometry import Polyhedron, Wavefront
 from polywigner.geometry.arguments import checked_choice, checked_wavelength
@@ -137,7 +132,7 @@ def checked_settings(
     order, tolerance = checked_order(options.get("order", 1)), options.get("tolerance")
     obliquity = options.get("obliquity")
     methods = _checked_methods(options.get("method", "wigner"), quantity)
-    precision = checked_precision(options.get("precision"))
+    precision = execution.checked_precision(options.get("precision"))
     length, bandwidth = checked_wavelength(wavelength), options.get("bandwidth")
     bodies = _checked_obstacles(options, methods, bandwidth)
     if tolerance is not None:
@@ -163,7 +158,7 @@ def checked_settings(
         tolerance,
         stored,
         precision,
-        checked_engine(options.get("engine", "auto")),
+        execution.checked_engine(options.get("engine", "auto")),
         bandwidth,
         bodies,
     )
@@ -378,5 +373,5 @@ def _lazy(block: FieldBlock, chunks: Any) -> Any:
 
 def _part(block: FieldBlock, block_info: Any = None) -> Values:
     place = block_info[None]["array-location"]
-    with nullcontext() if block.settings.engine == "numpy" else kernel_threads():
+    with nullcontext() if block.settings.engine == "numpy" else execution.kernel_threads():
         return block(tuple(a for a, _ in place), tuple(b - a for a, b in place))

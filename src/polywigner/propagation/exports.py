@@ -187,7 +187,7 @@ def _opened(dataset: Any) -> Any:
 
 def _real_parts(dataset: Any) -> Any:
     """Complex variables as two real ones, and attributes as texts and numbers."""
-    variables = {}
+    variables: dict[str, Any] = {}
     for name, array in dataset.data_vars.items():
         parts = {name: array}
         if array.dtype.kind == "c":

@@ -33,14 +33,8 @@ from polywigner.propagation.places import LARGEST
 from polywigner.radiometry.directions import PlaneSource, checked_radiator
 from polywigner.radiometry.flux import radiant_intensity
 from polywigner.radiometry.hemisphere import directions_and_weights, largest_lag, power_by_lags
-from polywigner.transforms import fourier
+from polywigner.transforms import fourier, pupil
 from polywigner.transforms.phase_space import energy_of
-from polywigner.transforms.pupil import (
-    checked_energy,
-    checked_pupil_radius,
-    checked_waves,
-    shares_of,
-)
 from polywigner.transforms.wavefronts import flat_of, is_partly_coherent
 from polywigner.transforms.xarray_arguments import takes_xarray
 
@@ -224,10 +218,10 @@ def psf(
         raise ArgumentError(f"expected focal_length of at most {LARGEST:g} m, got {distance:g}")
     warn_of_lens(source, float(lengths.max()), distance)
     system = FirstOrder.fourier(distance)
-    share = shares_of(weights, lengths.size)
-    radius = checked_pupil_radius(source, pupil_radius)
+    share = pupil.shares_of(weights, lengths.size)
+    radius = pupil.checked_pupil_radius(source, pupil_radius)
     # exp(2 pi i w |x|^2/a^2) is a lens of power -2 w lambda/a^2, the same for all wavelengths
-    bend = 2.0 * checked_waves(defocus) * float(share @ lengths) / radius / radius
+    bend = 2.0 * pupil.checked_waves(defocus) * float(share @ lengths) / radius / radius
     if not np.isfinite(bend):
         raise ArgumentError(
             f"expected a defocus of fewer waves, got {defocus!r} at a pupil_radius of {radius:g}"
@@ -240,4 +234,4 @@ def psf(
             source, points, length, system, None, {},
             squared=True, precision=precision, engine=engine,
         )  # fmt: skip
-    return total / checked_energy(source)
+    return total / pupil.checked_energy(source)

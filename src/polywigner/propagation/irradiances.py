@@ -10,16 +10,9 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner import kernels
+from polywigner import execution, kernels
 from polywigner.errors import ArgumentError
-from polywigner.execution import (
-    Engine,
-    Precision,
-    checked_engine,
-    checked_precision,
-    evaluate_hosted,
-    is_drjit,
-)
+from polywigner.execution import Engine, Precision
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.geometry.arguments import (
     DrJitArray,
@@ -256,7 +249,7 @@ def irradiance(
             "expected coherent light of one wavelength with derivatives, got a mixture; pass "
             "drjit.detach(...) of what needs none"
         )
-    if is_mixture(source, bandwidth, by_lags) and not is_drjit(points):
+    if is_mixture(source, bandwidth, by_lags) and not execution.is_drjit(points):
 
         def compute(one: Any, length: float) -> Any:
             return irradiance(one, points, length, method, through=through, **how, **run)
@@ -292,10 +285,12 @@ def irradiance(
         return traced_field(
             amplitude, source, points, wavelength, method, finer, **run
         ).irradiance()
-    if is_drjit(points):
+    if execution.is_drjit(points):
         how |= {"wavelength": wavelength, "method": method, "bandwidth": bandwidth}
         how["obliquity"] = obliquity
-        return evaluate_hosted(partial(irradiance, source, **how), "points", points, 3, **run)
+        return execution.evaluate_hosted(
+            partial(irradiance, source, **how), "points", points, 3, **run
+        )
     radiator = source if isinstance(source, Screen) else checked_radiator(source, partly=by_lags)
     places = checked_points(points)
     length = checked_wavelength(wavelength)
@@ -316,8 +311,8 @@ def irradiance(
         check_slopes(radiator, checked_obliquity(obliquity, order))
     name = checked_obliquity(obliquity, checked_order(order))
     allowed = checked_tolerance(tolerance)
-    checked_engine(engine)
-    double = checked_precision(precision) != "single"
+    execution.checked_engine(engine)
+    double = execution.checked_precision(precision) != "single"
     fields = weighted_sources(flat_source, name, length, order)
     width = radiator.coherence_width if isinstance(radiator, Wavefront) else math.inf
     rays = Rays(fields, length, order, engine, double, curved, width)
@@ -367,10 +362,12 @@ def _behind_obstacles(
             )
         found = traced_field(amplitude, source, points, wavelength, method, **options)
         return found.irradiance()
-    if is_drjit(points):
+    if execution.is_drjit(points):
         how: dict[str, Any] = {"obstacles": obstacles, "tolerance": tolerance}
         how |= {"wavelength": wavelength, "method": method, "return_error": return_error}
-        return evaluate_hosted(partial(irradiance, source, **how), "points", points, 3, **run)
+        return execution.evaluate_hosted(
+            partial(irradiance, source, **how), "points", points, 3, **run
+        )
     if is_partly_coherent(source):
 
         def squared(one: Any, length: float) -> Any:

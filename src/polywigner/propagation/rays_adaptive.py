@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -22,18 +21,8 @@ from polywigner.illumination import Array
 from polywigner.illumination.obliquities import checked_obliquity, fields_of, weighted_sources
 from polywigner.illumination.support import mutual_support
 from polywigner.kernels import kernel_for
-from polywigner.propagation.arrangement import (
-    Rule,
-    Triangles,
-    gauss_rule,
-    has_few_kinks,
-    node_count,
-    quartered,
-    rule_by_triangles,
-    smooth_triangles,
-    spacings,
-    triangulated,
-)
+from polywigner.propagation import arrangement
+from polywigner.propagation.arrangement import Rule, Triangles
 from polywigner.propagation.places import checked_points
 from polywigner.propagation.rays import FACTORS, Rays
 from polywigner.radiometry.directions import checked_source
@@ -95,9 +84,9 @@ def _raised(
     before: Values | None = None
     _check_nodes(cells, rate, rays.wavelength)
     for extra in (1.0, *_LEVELS) if len(cells) > _MANY_CELLS else _LEVELS:
-        if before is not None and node_count(cells, rate, extra) > _MOST_NODES:
+        if before is not None and arrangement.node_count(cells, rate, extra) > _MOST_NODES:
             break
-        rule = gauss_rule(cells, rate, extra)
+        rule = arrangement.gauss_rule(cells, rate, extra)
         values = rays.irradiance(rule, points[open_])
         result.values[open_] = values
         if before is None:
@@ -122,7 +111,7 @@ def _are_unseen(cells: Triangles, rate: float, extra: float, points: Values) -> 
     the source: at a distance d, nodes h apart err by a share of exp(-2 pi d/h). Where that is more
     than 1/e, two rules may agree because neither of them sees anything.
     """
-    nearest = spacings(cells, rate, extra) / (2 * np.pi)
+    nearest = arrangement.spacings(cells, rate, extra) / (2 * np.pi)
     low, high = cells.min(axis=1), cells.max(axis=1)
     unseen = points[:, 2] < nearest.max()
     candidates = np.flatnonzero(unseen)
@@ -137,7 +126,7 @@ def _are_unseen(cells: Triangles, rate: float, extra: float, points: Values) -> 
 
 
 def _check_nodes(cells: Triangles, rate: float, wavelength: float) -> None:
-    count = node_count(cells, rate, _LEVELS[0])
+    count = arrangement.node_count(cells, rate, _LEVELS[0])
     if not count <= _MOST_NODES:
         across = float(np.ptp(cells.reshape(-1, 2), axis=0).max()) / wavelength
         raise ArgumentError(
@@ -183,9 +172,9 @@ def _cells(
     W has a continuous gradient across most kinks, so that what a cell with one in it errs by falls
     as the fourth power of its size.
     """
-    if has_few_kinks(source):
-        return smooth_triangles(source)
-    cells = triangulated(list(mutual_support(source).polygons.geoms))
+    if arrangement.has_few_kinks(source):
+        return arrangement.smooth_triangles(source)
+    cells = arrangement.triangulated(list(mutual_support(source).polygons.geoms))
     _check_nodes(cells, rate, rays.wavelength)
     chosen = np.unique(np.linspace(0, len(points) - 1, _PROBES).astype(int))
     probes, allowed = points[chosen], tolerance * floor[chosen]
@@ -200,7 +189,7 @@ def _cells(
         needed = np.searchsorted(np.cumsum(shares[order]), _SHARE * shares.sum()) + 1
         divided = np.zeros(len(cells), dtype=bool)
         divided[order[:needed]] = True
-        cells = np.concatenate([cells[~divided], quartered(cells[divided])])
+        cells = np.concatenate([cells[~divided], arrangement.quartered(cells[divided])])
     return cells
 
 
@@ -210,7 +199,9 @@ def _on_cells(cells: Triangles, rays: Rays, rate: float, points: Values, extra: 
     sizes = np.linalg.norm(cells - np.roll(cells, 1, axis=1), axis=-1).max(axis=1)
     step = max(1, int(2**21 / (len(points) * (extra + 3.5 * rate * sizes.max()) ** 2)))
     for start in range(0, len(cells), step):
-        nodes, weights, owners = rule_by_triangles(cells[start : start + step], rate, extra)
+        nodes, weights, owners = arrangement.rule_by_triangles(
+            cells[start : start + step], rate, extra
+        )
         values = rays.integrand(nodes, points) * weights
         sums = np.zeros((min(step, len(cells) - start), len(points)))
         np.add.at(sums, owners, values.T)
@@ -351,7 +342,8 @@ def traced_irradiance(
             return (wigner(traced, x, nu),)
         return execution.traced_sums(kernel_for("lag moments", traced.source), traced.source, x, nu)
 
-    factors = partial(FACTORS[order], forms=forms)
+    def factors(c: Any, inverse: Any, length: Any) -> tuple[Any, ...]:
+        return FACTORS[order](c, inverse, length, forms)
 
     values = execution.ray_sum(functions, rule, points, wavelength, factors, float_type)
     fields = traced.weights or traced.amplitudes
@@ -382,14 +374,14 @@ def _field_slopes(rays: Rays, traced: Differentiable, rule: Rule, points: Values
 
 def _rule(rays: Rays, source: Any, points: Any, tolerance: float) -> Rule:
     """Return a rule whose irradiance differs from the previous one's within the tolerance."""
-    cells = smooth_triangles(source)
+    cells = arrangement.smooth_triangles(source)
     if not len(points):
-        return gauss_rule(cells, 0.0, _TRACED_LEVELS[0])
+        return arrangement.gauss_rule(cells, 0.0, _TRACED_LEVELS[0])
     rate = float(phase_rates(source, rays.wavelength, points).max())
-    before = rays.irradiance(gauss_rule(cells, rate, _TRACED_LEVELS[0]), points)
+    before = rays.irradiance(arrangement.gauss_rule(cells, rate, _TRACED_LEVELS[0]), points)
     for level in _TRACED_LEVELS[1:]:
-        values = rays.irradiance(gauss_rule(cells, rate, level), points)
+        values = rays.irradiance(arrangement.gauss_rule(cells, rate, level), points)
         if (np.abs(values - before) <= tolerance * np.abs(values).max()).all():
-            return gauss_rule(cells, rate, level)
+            return arrangement.gauss_rule(cells, rate, level)
         before = values
-    return gauss_rule(cells, rate, _TRACED_LEVELS[-1])
+    return arrangement.gauss_rule(cells, rate, _TRACED_LEVELS[-1])
