@@ -22,13 +22,8 @@ MESH_SUFFIXES = (".stl", ".ply", ".obj")
 def read_mesh(content: bytes, suffix: str) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
     """Vertices (n, 3) in the file's unit and triangles (m, 3) of vertex numbers.
 
-    Faces with more than three vertices become fans of triangles. Vertices with the very same
-    coordinates are merged (an STL file repeats them for each triangle), and triangles that use a
-    vertex twice afterwards are dropped.
-
-    Raises
-    ------
-    FileFormatError, MissingExtraError.
+    Faces of more vertices become fans; vertices with the very same coordinates are merged (STL
+    repeats them for each triangle), and triangles that then use one twice are dropped.
     """
     kind = suffix.removeprefix(".")
     trimesh: Any = import_module("trimesh")
@@ -109,10 +104,7 @@ _LOST = 1e-9
 
 
 def plates_of(vertices: NDArray[np.float64], faces: NDArray[np.intp]) -> list[PlacedAperture]:
-    """Return triangles (m, 3) of vertices (n, 3) as plates, one plate for each plane.
-
-    Raises GeometryError where no triangle has an area.
-    """
+    """Return triangles (m, 3) of vertices (n, 3) as plates, one plate for each plane."""
     corners = vertices[faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     lengths = np.linalg.norm(normals, axis=1)

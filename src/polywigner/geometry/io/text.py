@@ -81,8 +81,7 @@ def _polygon(coordinates: Any) -> list[list[Vertex]]:
 def rings_of_geojson(text: str) -> list[list[list[Vertex]]]:
     """All polygons of the text in order, each a list of rings with the exterior first.
 
-    Features and collections are opened; a geometry that is null is passed over. Raises
-    FileFormatError for anything else than polygons.
+    Features and collections are opened; a geometry that is null is passed over.
     """
     polygons: list[list[list[Vertex]]] = []
     waiting = [_loaded(text)]
@@ -114,10 +113,7 @@ _NO_NUMBERS = ("nan", "NaN", "inf", "-inf", "Infinity", "-Infinity")
 
 
 def rings_of_wkt(text: str) -> list[list[Ring]]:
-    """The rings of each polygon of a WKT Polygon or MultiPolygon.
-
-    Raises FileFormatError for anything else.
-    """
+    """The rings of each polygon of a WKT Polygon or MultiPolygon."""
     try:
         with np.errstate(invalid="ignore"):  # a NaN is reported below, with its vertex
             geometry = shapely.from_wkt(text.strip())
@@ -136,7 +132,7 @@ def rings_of_wkt(text: str) -> list[list[Ring]]:
 def fields_of(line: str) -> list[str]:
     """The columns of a line: split at semicolons, else commas, else blanks.
 
-    Where semicolons separate, a comma is a decimal sign, as spreadsheets write in many countries.
+    Where semicolons separate, a comma is a decimal sign.
     """
     if ";" in line:
         fields = line.replace(",", ".").split(";")
@@ -151,10 +147,7 @@ def fields_of(line: str) -> list[str]:
 
 
 def rings_of_csv(text: str) -> list[list[Ring]]:
-    """The one ring of a table with a vertex per line; header line and # comments allowed.
-
-    Raises FileFormatError for a line that is not two numbers.
-    """
+    """The one ring of a table with a vertex per line; header line and # comments allowed."""
     vertices: list[tuple[float, float]] = []
     header_allowed = True
     for number, line in enumerate(text.splitlines(), start=1):
@@ -164,17 +157,14 @@ def rings_of_csv(text: str) -> list[list[Ring]]:
         fields = fields_of(line.split("#", 1)[0])
         if not fields:
             continue
-        if header_allowed and not any(NUMBER.match(field) for field in fields):
-            header_allowed = False
-            continue
+        is_header = header_allowed and not any(NUMBER.match(field) for field in fields)
         header_allowed = False
+        if is_header:
+            continue
         if len(fields) != 2 or not all(NUMBER.fullmatch(field) for field in fields):
-            got = (
-                " and ".join(token(field, _NO_NUMBERS) for field in fields)
-                if len(fields) == 2
-                else ""
-            )
-            got = got or f"{len(fields)} column{'s' * (len(fields) > 1)}"
+            got = f"{len(fields)} column{'s' * (len(fields) > 1)}"
+            if len(fields) == 2:
+                got = " and ".join(token(field, _NO_NUMBERS) for field in fields)
             raise FileFormatError(
                 f'expected two numbers such as "1.5, -2", got {got} in line {number}'
             )
