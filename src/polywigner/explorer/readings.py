@@ -19,10 +19,9 @@ from typing import Any
 
 import polywigner
 from polywigner.errors import FileFormatError, PolywignerError
-from polywigner.explorer import reading_process
+from polywigner.explorer import library_process, reading_process
 from polywigner.explorer.sources import check_upload, without_advice
 from polywigner.explorer.state import UNITS, Ring, Unit
-from polywigner.geometry.io import library_process
 
 _SECONDS = 10
 _MEMORY = 1 << 30

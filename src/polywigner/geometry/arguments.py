@@ -47,8 +47,8 @@ Outline: TypeAlias = (
 def real_numbers(values: Any) -> NDArray[np.float64]:
     """A float64 copy.
 
-    Raises ValueError for what NumPy would convert, but not without loss or guessing: complex
-    numbers, texts, and arrays with masked elements; and for what it does not convert.
+    ValueError for complex numbers, texts, and arrays with masked elements, which NumPy would
+    convert.
     """
     if np.ma.is_masked(values):
         raise ValueError("masked elements; leave them out")
@@ -59,6 +59,14 @@ def real_numbers(values: Any) -> NDArray[np.float64]:
         return np.array(raw, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         raise ValueError(type(values).__name__) from None
+
+
+def numbers_or_nan(values: Any) -> NDArray[np.float64]:
+    """Real numbers, or one NaN for anything else, which checks of values then refuse."""
+    try:
+        return real_numbers(values)
+    except ValueError:
+        return np.array(np.nan)
 
 
 def shape_of(value: Any) -> str:

@@ -1,7 +1,6 @@
 """Exact predicates on float64 coordinates: orientation, convexity and area without rounding.
 
-A float64 is a rational number, so the sign of a cross product and the area of a ring have exact
-values. The filter settles nearly every case in floating point; rational arithmetic does the rest.
+A filter settles nearly every case in floating point; whole numbers do the rest.
 """
 
 from __future__ import annotations

@@ -69,8 +69,7 @@ def _without_repeats(ring: Ring) -> Ring:
 def without_straight_vertices(ring: Ring) -> Ring:
     """Drop vertices that lie exactly on the segment between their neighbours.
 
-    The region stays exactly the same. The tips of spikes (out and straight back) are kept, so
-    that validation can find and name them.
+    The tips of spikes (out and straight back) are kept, so that validation finds them.
     """
     before, after = np.roll(ring, 1, axis=0), np.roll(ring, -1, axis=0)
     onward = np.sum((ring - before) * (after - ring), axis=1) > 0
@@ -90,8 +89,8 @@ def _certainly_within(points: Ring, start: Ring, end: Ring, reach: float) -> NDA
 def without_slight_bends(ring: Ring, reach: float) -> Ring:
     """Drop vertices within `reach` of the segment between the kept vertices next to them.
 
-    Runs of such vertices go as a whole or stay as a whole, so that a second pass changes nothing
-    and it does not matter where the ring starts. A closing repeat is dropped.
+    Runs of such vertices go or stay as a whole, so that a second pass changes nothing and it does
+    not matter where the ring starts. A closing repeat is dropped.
     """
     ring = _without_repeats(ring)
     slight = _certainly_within(ring, np.roll(ring, 1, axis=0), np.roll(ring, -1, axis=0), reach)
@@ -116,10 +115,9 @@ def different_vertices(ring: Ring) -> int:
 
 
 def clean_ring(vertices: Any, name: str = "a ring") -> Ring:
-    """Check one ring and return it as float64 without repeats and straight vertices.
+    """Return one ring as float64 without repeats and straight vertices, in its own orientation.
 
-    The orientation is left as given. Raises GeometryError for anything but at least three
-    different, finite vertices that span an area.
+    GeometryError for anything but at least three different, finite vertices.
     """
     ring = _as_array(vertices, name)
     if not np.isfinite(ring).all():

@@ -70,10 +70,7 @@ class FileContent(NamedTuple):
 
 
 def content_of(table: Any, folder: Path, allow_outside: bool = False) -> FileContent:
-    """The source that a file's whole table describes, and the numbers at its top.
-
-    Its aperture files are in `folder` or below, unless they are allowed to be outside.
-    """
+    """The source that a file's whole table describes, and the numbers at its top."""
     if not isinstance(table, dict):
         raise FileFormatError(f"expected a table with the key 'kind', got {shown(table)}")
     kinds = _ELEMENTS | _ARRAYS
@@ -278,8 +275,7 @@ def aperture_of_polygons(polygons: list[list[Any]]) -> Aperture:
 def _aperture_as_it_is(polygons: list[list[Any]]) -> Aperture:
     """Outlines exactly as they were written, without a vertex dropped or moved.
 
-    Apertures that were shifted far, say, have vertices that rounding has put on a line, which the
-    constructor would drop.
+    Apertures that were shifted far have vertices on a line, which the constructor would drop.
     """
     parts: list[Part] = []
     for rings in polygons:

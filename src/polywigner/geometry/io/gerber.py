@@ -239,7 +239,7 @@ _HARMLESS = ".*(Arc is missing|D01 interpolation with a zero-size)"
 
 
 def _objects_of(text: str) -> list[Any]:
-    """Objects of gerbonara in the order of the file; it raises also for what it warns about."""
+    """Objects of gerbonara in the order of the file; its warnings are errors, too."""
     library: Any = importlib.import_module("gerbonara.rs274x")
     try:
         with warnings.catch_warnings():

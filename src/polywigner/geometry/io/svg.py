@@ -1,9 +1,4 @@
-"""Filled shapes of an SVG file.
-
-The picture is kept as it looks: SVG's y axis points down, so (x, y) of the file's coordinates
-becomes (x, -y), about the file's own origin. What counts is where something is painted, in whatever
-colour; strokes have no part in it.
-"""
+"""Filled shapes of an SVG file as the picture looks: (x, y) becomes (x, -y), without strokes."""
 
 from __future__ import annotations
 

@@ -203,10 +203,7 @@ def style_of(text: str) -> dict[str, str]:
 
 
 def rules_of(text: str) -> list[tuple[str, dict[str, str]]]:
-    """The (selector, declarations) of a style sheet, weakest first.
-
-    Statements such as @import are passed over. Raises FileFormatError for blocks such as @media.
-    """
+    """The (selector, declarations) of a style sheet, weakest first; statements are passed over."""
     rules = []
     for block in _without_comments(text).split("}"):
         selectors, brace, declarations = block.partition("{")
