@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import polywigner as pw
-from polywigner.errors import ArgumentError, FileFormatError
+from polywigner.errors import FileFormatError
 
 # Sums of some hundred vertices, scaled from mm to metres.
 ROUNDING = 1e-12
@@ -195,12 +195,3 @@ def test_damaged_files_are_refused(read, tmp_path: Path) -> None:
         path.write_bytes(content)
         with pytest.raises(FileFormatError, match=rf"junk\.gtl: expected .*{words}"):
             pw.read_aperture(path)
-
-
-def test_large_files_are_read_in_a_process_of_its_own(read) -> None:
-    strokes = "%ADD10R,1X1*%D10*X0Y0D02*" + "".join(f"X{500 * k}D01*\n" for k in range(1, 1501))
-    assert read(strokes).area == pytest.approx(751e-6, rel=ROUNDING, abs=0.0)
-    with pytest.raises(FileFormatError, match=r"board\.gbr: expected .*inside region"):
-        read(strokes + "G36*X0Y0D02*D03*G37*")
-    with pytest.raises(ArgumentError, match="no layers"):
-        read(PATCH, layer="top")

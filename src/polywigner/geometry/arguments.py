@@ -12,7 +12,7 @@ import warnings
 from collections.abc import Callable, Collection, Iterable, Sequence
 from numbers import Real
 from pathlib import Path
-from typing import Any, ParamSpec, Protocol, TypeAlias, TypeVar, cast, overload
+from typing import Any, NoReturn, ParamSpec, Protocol, TypeAlias, TypeVar, cast, overload
 
 import numpy as np
 import shapely
@@ -75,6 +75,11 @@ def shape_of(value: Any) -> str:
         return str(np.shape(value))
     except ValueError:
         return "of lists of different lengths"
+
+
+def unchangeable(self: Any, name: str, value: object = None) -> NoReturn:
+    """Refuse to set or delete an attribute of a value."""
+    raise AttributeError(f"{type(self).__name__} cannot be changed ({name}); build a new one")
 
 
 # Most vertices, as of a file; a slip of a few zeros would fill the memory.

@@ -7,14 +7,14 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from fractions import Fraction
 from functools import cached_property
-from typing import Any, NoReturn, SupportsIndex, final
+from typing import Any, SupportsIndex, final
 
 import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import GeometryError
-from polywigner.geometry.arguments import real_numbers
+from polywigner.geometry.arguments import real_numbers, unchangeable
 from polywigner.geometry.display import length_text, shown_as_html
 from polywigner.geometry.exact import whole_numbers
 from polywigner.geometry.rings import LARGEST_COORDINATE, SMALLEST_EXTENT
@@ -106,11 +106,7 @@ class Polyhedron:
     def __hash__(self) -> int:
         return hash(self._key)
 
-    def __setattr__(self, name: str, value: object) -> NoReturn:
-        raise AttributeError(f"a Polyhedron cannot be changed ({name}); build a new one")
-
-    def __delattr__(self, name: str) -> NoReturn:
-        raise AttributeError(f"a Polyhedron cannot be changed ({name}); build a new one")
+    __setattr__ = __delattr__ = unchangeable
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _restored, (self.vertices, self.faces)

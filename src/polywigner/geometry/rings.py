@@ -9,6 +9,7 @@ import shapely
 from numpy.typing import NDArray
 
 from polywigner.errors import GeometryError
+from polywigner.geometry.arguments import real_numbers
 from polywigner.geometry.exact import (
     Ring,
     area_and_error,
@@ -42,19 +43,11 @@ def extent(points: Ring) -> float:
 
 
 def _as_array(vertices: Any, name: str) -> NDArray[np.float64]:
-    expected = f"expected {name} as an (n, 2) array of numbers"
-    if np.ma.is_masked(vertices):
-        raise GeometryError(f"{expected}, got masked elements; leave those vertices out")
+    expected = f"expected {name} as an (n, 2) array of real numbers"
     try:
-        raw = np.asarray(vertices)
-    except (ValueError, TypeError) as error:
-        raise GeometryError(f"{expected}, got {type(vertices).__name__} ({error})") from None
-    if raw.dtype.kind not in "iufO":
-        raise GeometryError(f"{expected}, got values of type {raw.dtype}; give real numbers")
-    try:
-        array = np.array(raw, dtype=np.float64)
-    except (ValueError, TypeError, OverflowError):
-        raise GeometryError(f"{expected}, got values that are not real numbers") from None
+        array = real_numbers(vertices)
+    except ValueError as error:
+        raise GeometryError(f"{expected}, got {error}") from None
     if array.ndim != 2 or array.shape[1] != 2:
         hint = "; drop the z column" if array.ndim == 2 and array.shape[1] == 3 else ""
         raise GeometryError(f"{expected}, got shape {array.shape}{hint}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any, NoReturn, Protocol, final, runtime_checkable
+from typing import Any, Protocol, final, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +16,7 @@ from polywigner.geometry.arguments import (
     checked_number,
     checked_wavelength,
     numbers_or_nan,
+    unchangeable,
     warn_of_degrees,
 )
 from polywigner.geometry.display import length_text, shown_as_html
@@ -95,10 +96,7 @@ class TakesWaves:
     def __hash__(self) -> int:
         return hash(self._key)
 
-    def __setattr__(self, name: str, value: object = None) -> NoReturn:
-        raise AttributeError(f"{type(self).__name__} cannot be changed ({name}); build a new one")
-
-    __delattr__ = __setattr__
+    __setattr__ = __delattr__ = unchangeable
 
     def curved(
         self,

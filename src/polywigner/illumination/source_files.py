@@ -24,6 +24,7 @@ from polywigner.geometry.io.limits import (
     LARGEST_TOML,
     SMALL,
     bytes_of,
+    check_bytes,
     check_values,
     place_of,
     text_of,
@@ -174,7 +175,9 @@ def _parsed(text: str, suffix: str) -> Any:
     """The tables of a text in TOML or JSON, which the suffix tells."""
     try:
         if suffix.lower() == ".toml":
-            _check_toml(text)
+            check_bytes(len(text), LARGEST_TOML, "TOML")
+            if _LONG_KEY.search(text):
+                raise FileFormatError("expected keys of a few names, got one of many, with dots")
             return tomllib.loads(text)
         if suffix.lower() == ".json":
             check_values(text)
@@ -191,17 +194,6 @@ def _parsed(text: str, suffix: str) -> Any:
         f"expected a source file with the suffix .toml or .json, got {suffix or 'none'!r}; "
         "outlines alone are read by polywigner.read_aperture"
     )
-
-
-def _check_toml(text: str) -> None:
-    """Raise for TOML on which Python's parser, written in Python, spends long."""
-    if len(text) > LARGEST_TOML:
-        raise FileFormatError(
-            f"expected at most {LARGEST_TOML >> 20} MiB of TOML, got {len(text) / 2**20:.0f} MiB; "
-            "use JSON"
-        )
-    if _LONG_KEY.search(text):
-        raise FileFormatError("expected keys of a few names, got one of many, joined by dots")
 
 
 def _refused(name: str) -> NoReturn:

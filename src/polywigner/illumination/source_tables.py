@@ -144,8 +144,7 @@ def _polyhedron(values: dict[str, Any], around: Around) -> Polyhedron:
             return body
     check_keys(table, ("kind", "vertices", "faces"))
     faces = values["faces"]
-    if len(faces) > limits.MOST_FACES:
-        raise FileFormatError(f"expected at most {limits.MOST_FACES} faces, got {len(faces)}")
+    limits.check_most(len(faces), limits.MOST_FACES, "faces")
     around.count(rings=1, vertices=len(faces))
     return Polyhedron(values["vertices"], faces)
 
@@ -340,11 +339,8 @@ def _with_wave(source: Any, table: Any, wavelength: float | None) -> Wavefront:
 
 def _array(values: dict[str, Any], around: Around) -> Array:
     given = values["elements"]
-    if len(given) > limits.MOST_LISTED:
-        raise FileFormatError(
-            f"elements: expected at most {limits.MOST_LISTED} elements, got {len(given)}; equal "
-            'ones are one array of kind "phased-array"'
-        )
+    advice = 'equal ones are one array of kind "phased-array"'
+    limits.check_most(len(given), limits.MOST_LISTED, "elements", advice)
     elements = []
     for k, element in enumerate(given):
         with at(f"element {k}"):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from fractions import Fraction
 from functools import cached_property
 from numbers import Complex
-from typing import Any, NamedTuple, NoReturn, final
+from typing import Any, NamedTuple, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +18,7 @@ from polywigner.geometry.arguments import (
     numbers_or_nan,
     real_numbers,
     shape_of,
+    unchangeable,
 )
 from polywigner.geometry.display import shown_as_html
 from polywigner.geometry.wavefront import checked_shift, turned_points
@@ -159,11 +160,7 @@ class Illumination:
     def __hash__(self) -> int:
         return hash(self._key)
 
-    def __setattr__(self, name: str, value: object) -> NoReturn:
-        raise AttributeError(f"an Illumination cannot be changed ({name}); build a new one")
-
-    def __delattr__(self, name: str) -> NoReturn:
-        raise AttributeError(f"an Illumination cannot be changed ({name}); build a new one")
+    __setattr__ = __delattr__ = unchangeable
 
     def __reduce__(self) -> tuple[Any, ...]:
         return restored, (self.amplitudes, self.frequencies, self.is_fit)

@@ -60,11 +60,7 @@ def check_most(count: int, most: int, things: str, remedy: str = "simplify the d
 
 def check_values(text: str) -> None:
     """Raise for JSON of more values than are read."""
-    count = text.count(",")
-    if count > MOST_JSON_VALUES:
-        raise FileFormatError(
-            f"expected JSON of at most {MOST_JSON_VALUES} values, got {count}; simplify it"
-        )
+    check_most(text.count(","), MOST_JSON_VALUES, "values of JSON", "simplify it")
 
 
 def check_vertices(count: int) -> None:
