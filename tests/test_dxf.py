@@ -12,6 +12,7 @@ import pytest
 import shapely
 
 import polywigner as pw
+from outlines import difference
 from polywigner.errors import ArgumentError, FileFormatError, GeometryError
 
 ezdxf = pytest.importorskip("ezdxf")
@@ -39,11 +40,6 @@ def read(tmp_path: Path) -> Read:
         return pw.read_aperture(path, **options)
 
     return read_drawing
-
-
-def difference(a: pw.Aperture, b: pw.Aperture) -> float:
-    """Area of the symmetric difference, relative to that of b."""
-    return float(shapely.symmetric_difference(a.polygons, b.polygons).area) / b.area
 
 
 def square(space: Any) -> None:

@@ -8,16 +8,7 @@ from hypothesis import strategies as st
 
 from oracles import exact
 from oracles.exact import rational
-from outlines import (
-    CHEVRON,
-    apertures,
-    cells,
-    inside_rings,
-    poses,
-    relaxed,
-    sample,
-    square_at,
-)
+from outlines import CHEVRON, apertures, cells, inside_rings, poses, relaxed, sample, square_at
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, automean, lag_slice, position_slice, shapes, triangulate
 
@@ -128,10 +119,7 @@ def test_slices_are_symmetric_about_their_origin(aperture):
 
 def test_slices_that_only_touch_are_empty():
     square = shapes.square(1.0)
-    for empty in (
-        lag_slice(square, (0.5, 0)),
-        position_slice(square, (1, 1)),
-    ):
+    for empty in (lag_slice(square, (0.5, 0)), position_slice(square, (1, 1))):
         assert empty.is_empty and empty.area == 0
         assert empty.geom_type in ("Polygon", "MultiPolygon")
 

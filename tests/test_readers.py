@@ -88,8 +88,7 @@ def test_every_format_reads_as_the_same_aperture_in_metres(tmp_path, name):
 
 
 @pytest.mark.parametrize(
-    ("unit", "metres"),
-    [("m", 1.0), ("um", 1e-6), ("in", 0.0254), ("0.1 mm", 1e-4), (0.5, 0.5)],
+    ("unit", "metres"), [("m", 1.0), ("um", 1e-6), ("in", 0.0254), ("0.1 mm", 1e-4), (0.5, 0.5)]
 )
 def test_the_unit_says_what_one_stands_for(tmp_path, unit, metres):
     path = tmp_path / "square.csv"

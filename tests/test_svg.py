@@ -11,6 +11,7 @@ import pytest
 import shapely
 
 import polywigner as pw
+from outlines import difference
 from polywigner.errors import ArgumentError, FileFormatError, GeometryError
 from polywigner.geometry.io.curves import DEFAULT_TOLERANCE
 
@@ -41,11 +42,6 @@ def read(tmp_path: Path) -> Read:
 def rectangle(x0: float, y0: float, x1: float, y1: float) -> pw.Aperture:
     """In millimetres of the file, y down."""
     return pw.Aperture(np.array([[x0, -y1], [x1, -y1], [x1, -y0], [x0, -y0]]) / 1000)
-
-
-def difference(a: pw.Aperture, b: pw.Aperture) -> float:
-    """Area of the symmetric difference, relative to that of b."""
-    return float(shapely.symmetric_difference(a.polygons, b.polygons).area) / b.area
 
 
 @pytest.mark.parametrize(

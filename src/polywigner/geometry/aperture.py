@@ -15,7 +15,7 @@ from polywigner.errors import ArgumentError, GeometryError, IlluminationError
 from polywigner.geometry.arguments import Outline, checked_number, rigid_pose
 from polywigner.geometry.convex import convex_pieces, triangulate_part
 from polywigner.geometry.display import length_text, plot_rings, shown_as_html
-from polywigner.geometry.exact import Ring, orientations, total_area
+from polywigner.geometry.exact import Ring, orientations, shoelace
 from polywigner.geometry.parts import combined_on_grid, merge_parts, parts_from, split_ring
 from polywigner.geometry.rings import Part, polygon_of_part
 from polywigner.geometry.wavefront import (
@@ -208,7 +208,7 @@ class Aperture(TakesWaves):
     @cached_property
     def area(self) -> float:
         """Area, rounded once from its exact value."""
-        return total_area(self.rings)
+        return float(shoelace(self.rings))
 
     @cached_property
     def bounds(self) -> tuple[float, float, float, float]:

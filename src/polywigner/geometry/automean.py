@@ -98,6 +98,5 @@ def position_slice(aperture: Aperture, xi: ArrayLike) -> shapely.Polygon | shape
     half = checked_shift(xi, 2, "a lag xi") / 2
     shape = aperture.polygons
     return _overlap(
-        shapely.transform(shape, lambda v: v - half),
-        shapely.transform(shape, lambda v: v + half),
+        shapely.transform(shape, lambda v: v - half), shapely.transform(shape, lambda v: v + half)
     )

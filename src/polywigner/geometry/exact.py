@@ -106,8 +106,3 @@ def estimated_area(ring: Ring) -> float:
     """Signed area of one ring, with the exact sign; for large rings less exact than rounding."""
     area, error = area_and_error(ring)
     return area if abs(area) > error else signed_area(ring)
-
-
-def total_area(rings: Iterable[Ring]) -> float:
-    """Sum of the signed areas of rings, rounded once."""
-    return float(shoelace(rings))

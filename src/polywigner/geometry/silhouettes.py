@@ -39,8 +39,8 @@ _WIDER = 1e-6
 # Pairs of a ray and a triangle at a time: some 50 MB.
 _PAIRS = 1 << 20
 # Pairs of an edge and one that may hide it, and of a piece and a triangle, at 0.3 us each: ten
-# minutes. A pair of an edge and a whole body takes a sixteenth of that, and a piece 300 bytes.
-_MOST_PAIRS, _BODIES, _PIECES = 1 << 31, 16, 512
+# minutes. A piece takes 300 bytes.
+_MOST_PAIRS, _PIECES = 1 << 31, 512
 
 
 @dataclass(frozen=True)
@@ -67,22 +67,21 @@ class Obstacle:
         blocks = [points[low : low + step] for low in range(0, len(points), step)]
         return np.concatenate([_from_triangles(corners, block).min(axis=1) for block in blocks])
 
+    def _facing(self, source: Floats) -> Floats:
+        """1 for triangles that a source sees from their front, -1 for the back of a plate."""
+        first = self.vertices[self.triangles[:, 0]]
+        facing = np.sign(np.einsum("tk,tk->t", self.normals[self.owner], source - first))
+        return np.maximum(facing, 0.0) if self.is_solid else facing
+
     def borders(self, source: Floats) -> Indices:
         """Vertices (m, 2) of all edges of faces that a source sees from their front."""
-        first = self.vertices[self.triangles[:, 0]]
-        front = np.einsum("tk,tk->t", self.normals[self.owner], source - first) != 0.0
-        if self.is_solid:
-            front = np.einsum("tk,tk->t", self.normals[self.owner], source - first) > 0.0
-        some = self.triangles[front]
+        some = self.triangles[self._facing(source) != 0.0]
         pairs = np.concatenate([some, np.roll(some, -1, axis=1)], axis=0).reshape(2, -1).T
         return np.unique(np.sort(pairs, axis=1), axis=0)
 
     def silhouette(self, source: Floats) -> tuple[Indices, Indices]:
         """Vertices (m, 2) of the directed edges of the silhouette, and a face (m,) of each."""
-        first = self.vertices[self.triangles[:, 0]]
-        facing = np.sign(np.einsum("tk,tk->t", self.normals[self.owner], source - first))
-        if self.is_solid:
-            facing = np.maximum(facing, 0.0)
+        facing = self._facing(source)
         start, end = self.triangles.T.ravel(), np.roll(self.triangles, -1, axis=1).T.ravel()
         sign = np.where(start < end, 1.0, -1.0) * np.tile(facing, 3)
         keys, which = np.unique(
@@ -397,21 +396,19 @@ def _pieces(
     axes, angles = np.array([axis for axis, _ in cones]), np.array([angle for _, angle in cones])
     columns = [(some[:, 0], some[:, 1], np.cross(some[:, 0], some[:, 1])) for some in lines]
     counts = np.array([len(some) for some in lines])
-    _check_pairs(len(edges) * len(lines) // _BODIES)
     nearby, pairs, pieces = [], 0, 0
-    for edge in edges:
+    for edge in edges:  # counted before any is cut
         axis, angle = _cone(edge)
         apart = np.arccos(np.clip(axes @ axis, -1.0, 1.0))
-        nearby.append(np.flatnonzero(apart <= angle + angles + _WIDER))
+        nearby.append(np.flatnonzero(apart <= angle + angles + _WIDER).tolist())
         pairs += int(counts[nearby[-1]].sum())
         _check_pairs(pairs)
     for k, (a, b) in enumerate(edges):
         normal = np.cross(a, b)
         if not normal.any():  # seen end on: no angle, and no wave
             continue
-        near = nearby[k].tolist()
         c, d, planes = (
-            np.concatenate(part) for part in zip(*(columns[n] for n in near), strict=True)
+            np.concatenate(part) for part in zip(*(columns[n] for n in nearby[k]), strict=True)
         )
         cuts = _cuts(a, b, normal, c, d, planes)
         places = np.unique(np.concatenate([[0.0, 1.0], cuts]))

@@ -99,10 +99,7 @@ class TakesWaves:
     __setattr__ = __delattr__ = unchangeable
 
     def curved(
-        self,
-        radius: float | Sequence[float],
-        wavelength: float,
-        centre: ArrayLike | None = None,
+        self, radius: float | Sequence[float], wavelength: float, centre: ArrayLike | None = None
     ) -> Wavefront:
         """This source with a curved wave: its field times exp(i pi |x - c|^2 / (wavelength R)).
 

@@ -375,9 +375,7 @@ def phased_array(
 
 
 def phased_array(
-    element: Aperture | Slits | Wavefront,
-    positions: ArrayLike,
-    weights: ArrayLike | None = None,
+    element: Aperture | Slits | Wavefront, positions: ArrayLike, weights: ArrayLike | None = None
 ) -> Array | Wavefront:
     """One element many times: copies of it, its field included, shifted to the positions.
 

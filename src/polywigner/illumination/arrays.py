@@ -10,10 +10,7 @@ from typing import Any, Literal, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import (
-    ArgumentError,
-    require,
-)
+from polywigner.errors import ArgumentError, require
 from polywigner.geometry.arguments import (
     checked_count,
     checked_flag,
@@ -348,10 +345,7 @@ def _phases(turns: Callable[[float], NDArray[np.float64]], wavelength: Any) -> A
 
 
 def window_weights(
-    shape: int | Sequence[int],
-    window: str | Sequence[str],
-    sll: float = 30.0,
-    nbar: int = 4,
+    shape: int | Sequence[int], window: str | Sequence[str], sll: float = 30.0, nbar: int = 4
 ) -> NDArray[np.float64]:
     """Amplitudes of a taper over a row or a grid of elements, real, the largest in size 1.
 

@@ -174,8 +174,7 @@ def _warn_of_overlaps(array: Array) -> None:
             break
     if not pairs:
         return
-    area, one, other = max(pairs)
-    more = len(pairs) - 1
+    (area, one, other), more = max(pairs), len(pairs) - 1
     others = f", and {more} other pair{'s' * (more > 1)}" if more else ""
     warnings.warn(
         f"elements {one} and {other} overlap by {area:.4g} m^2{others}"

@@ -16,10 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, FileFormatError, GeometryError, PolywignerError
 from polywigner.geometry import Aperture, PlacedAperture, Slits, Wavefront
-from polywigner.geometry.arguments import (
-    checked_path,
-    write_lines,
-)
+from polywigner.geometry.arguments import checked_path, write_lines
 from polywigner.geometry.io.limits import (
     LARGEST_TOML,
     SMALL,

@@ -20,12 +20,13 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.io.curves import Arc, Curve, flattened, turned
+from polywigner.geometry.io.curves import Arc, Curve, flattened
 from polywigner.geometry.io.drawing import Drawing, File, Format
 from polywigner.geometry.io.limits import LARGEST_NUMBER, check_coordinates, text_of, token
 from polywigner.geometry.io.outlines import filled
 from polywigner.geometry.parts import combined_on_grid, polygons_in, union_on_grid
 from polywigner.geometry.rings import rings_of_polygon
+from polywigner.geometry.wavefront import turned_points
 
 _PIECE = re.compile(r"\s*(?:(G0?4[^*]*)\*|%([^%]*)%|([^%*]*)\*)")
 # A word of codes and numbers, which messages quote; of any other text they tell the length.
@@ -444,7 +445,8 @@ class Shapes:
         def values(*names: str) -> list[float]:
             return [value(getattr(primitive, name)) for name in names]
 
-        exposure, turn = values("exposure", "rotation")
+        exposure, degrees = values("exposure", "rotation")
+        turn = math.radians(degrees)
         if exposure not in (0, 1):
             raise FileFormatError(
                 f"expected macros with exposure 0 or 1, got {exposure:g}; export it as a region"
@@ -452,7 +454,7 @@ class Shapes:
         points: Any
         if primitive.code == 1:
             diameter, x, y = values("diameter", "x", "y")
-            circle = _circle(turned((x, y), turn), diameter / 2)
+            circle = _circle(turned_points(np.array([[x, y]]), turn)[0], diameter / 2)
             return bool(exposure), self._polygon([circle])
         if primitive.code == 4:
             points = [[value(x), value(y)] for x, y in primitive.points]
@@ -466,7 +468,7 @@ class Shapes:
             length = max(float(np.hypot(*(end - start))), np.finfo(float).tiny)
             side = width / 2 * np.array([start[1] - end[1], end[0] - start[0]]) / length
             points = [start - side, end - side, end + side, start + side]
-        return bool(exposure), self._polygon(_closed(turned(points, turn)))
+        return bool(exposure), self._polygon(_closed(turned_points(np.array(points), turn)))
 
     def _pen(self, aperture: Any) -> list[float]:
         """Diameter of a round aperture, or width and height; any other draws no strokes."""

@@ -12,13 +12,7 @@ import numpy as np
 
 from polywigner.errors import FileFormatError
 from polywigner.geometry.io.curves import Points, flattened
-from polywigner.geometry.io.drawing import (
-    Drawing,
-    File,
-    Format,
-    check_known,
-    overlap_remedy,
-)
+from polywigner.geometry.io.drawing import Drawing, File, Format, check_known, overlap_remedy
 from polywigner.geometry.io.limits import MOST_NESTED
 from polywigner.geometry.io.outlines import filled
 from polywigner.geometry.io.svg_shapes import (
