@@ -17,6 +17,7 @@ __all__ = [
     "CHEVRON",
     "apertures",
     "cells",
+    "difference",
     "inside_rings",
     "poses",
     "relaxed",
@@ -41,6 +42,11 @@ def square_at(x: float, y: float, side: float = 1.0) -> np.ndarray:
 def rotated(points: np.ndarray, angle: float) -> np.ndarray:
     c, s = math.cos(angle), math.sin(angle)
     return np.asarray(points) @ np.array([[c, s], [-s, c]])
+
+
+def difference(a: Aperture, b: Aperture) -> float:
+    """Area of the symmetric difference, relative to that of b."""
+    return float(shapely.symmetric_difference(a.polygons, b.polygons).area) / b.area
 
 
 @st.composite

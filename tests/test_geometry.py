@@ -103,15 +103,6 @@ def test_an_aperture_cannot_be_changed_not_even_through_its_input():
         assert not array.flags.writeable
 
 
-def test_different_content_is_not_equal():
-    assert Aperture(CHEVRON) != Aperture(CHEVRON + np.array([1e-15, 0]))
-    assert Aperture(CHEVRON) != Aperture([CHEVRON, CHEVRON + 5])
-    assert Aperture(CHEVRON) != "chevron"
-    ring = shapely.box(0, 0, 3, 3) - shapely.box(1, 1, 2, 2)
-    assert Aperture(ring) != Aperture(shapely.box(0, 0, 3, 3))
-    assert len({Aperture(CHEVRON), Aperture(CHEVRON[::-1]), Aperture(ring)}) == 2
-
-
 @relaxed
 @given(apertures())
 def test_diameter_centre_and_bounds_are_those_of_the_vertices(aperture):
@@ -158,24 +149,20 @@ def test_cracks_and_overlaps_of_some_ulp_close(crack, angle):
     assert whole.area == pytest.approx(2, rel=1e-15)
 
 
-def test_a_gap_beyond_rounding_stays():
-    assert len(Aperture([square_at(0, 0), square_at(1 + 1e-12, 0)]).rings) == 2
-
-
-def test_parts_may_touch_in_a_point():
-    aperture = Aperture([square_at(0, 0), square_at(1, 1)])
-    assert len(aperture.polygons.geoms) == 2
-    assert aperture.area == 2
-
-
-def test_a_part_may_lie_in_the_hole_of_another():
+def test_parts_may_touch_in_points_lie_in_holes_and_be_near():
     frame = shapely.box(0, 0, 9, 9) - shapely.box(1, 1, 8, 8)
-    aperture = Aperture(shapely.MultiPolygon([frame, shapely.box(2, 2, 3, 3)]))
-    assert len(aperture.rings) == 3
-    assert aperture.area == 33
+    for outline, rings, area in (
+        ([square_at(0, 0), square_at(1, 1)], 2, 2),
+        (shapely.MultiPolygon([frame, shapely.box(2, 2, 3, 3)]), 3, 33),
+        ([square_at(0, 0), square_at(1 + 1e-12, 0)], 2, 2),  # a gap beyond rounding
+    ):
+        assert (len(Aperture(outline).rings), Aperture(outline).area) == (rings, area)
+        assert Aperture(outline) != Aperture(CHEVRON)
+    assert Aperture(CHEVRON) != Aperture(CHEVRON + np.array([1e-15, 0]))
+    assert Aperture(frame) != Aperture(shapely.box(0, 0, 9, 9))
 
 
-@pytest.mark.parametrize("angle", np.linspace(0, 6.2, 23))
+@pytest.mark.parametrize("angle", np.linspace(0, 6.2, 7))
 def test_a_hole_may_touch_the_outer_edge_in_a_point_at_any_angle(angle):
     outer, hole = square_at(0, 0, 4.0), np.array([[2, 0], [3, 2], [1, 2]])
     aperture = Aperture(shapely.Polygon(rotated(outer, angle), [rotated(hole, angle)]))
@@ -183,8 +170,8 @@ def test_a_hole_may_touch_the_outer_edge_in_a_point_at_any_angle(angle):
     assert len(aperture.rings) == 2
 
 
-@pytest.mark.parametrize("aspect", [1e-3, 1e-6, 1e-9, 1e-12])
-@pytest.mark.parametrize("size", [1e-6, 1.0, 1e3])
+@pytest.mark.parametrize("aspect", [1e-3, 1e-12])
+@pytest.mark.parametrize("size", [1e-6, 1e3])
 def test_slivers_are_apertures(aspect, size):
     corners = rotated(np.array([[0, 0], [1, 0], [1, aspect], [0, aspect]]), 0.7) * size
     aperture = Aperture(corners)
@@ -192,7 +179,7 @@ def test_slivers_are_apertures(aspect, size):
     assert len(aperture.rings[0]) == 4
 
 
-@pytest.mark.parametrize("size", [1e-30, 1e-6, 1.0, 1e3, 1e30])
+@pytest.mark.parametrize("size", [1e-30, 1.0, 1e30])
 def test_validation_does_not_depend_on_the_unit(size):
     assert len(Aperture(CHEVRON * size).rings[0]) == 6
     bow_tie = np.array([[0, 0], [2, 1], [2, 0], [0, 1]]) * size
@@ -216,23 +203,14 @@ def test_a_self_crossing_ring_names_the_crossing_point(x, y, size, angle):
     assert "from_ring" in str(raised.value)
 
 
-def test_a_ring_that_touches_itself_names_the_point():
-    with pytest.raises(GeometryError, match=r"touches itself at \(2, 0\).*from_ring"):
-        Aperture([[0, 0], [4, 0], [4, 4], [2, 0], [0, 4]])
-
-
 SQUARE = square_at(0, 0)
 BAD_INPUT = {
     "nothing": ([], "shape"),
     "None": (None, "NoneType"),
-    "a number": (3.0, "float"),
     "a text": ("0 0, 1 0, 1 1", "str"),
-    "a mapping": ({"x": [0, 1, 1]}, "dict"),
     "three columns": (np.zeros((4, 3)), "drop the z column"),
-    "one column": ([0, 1, 2], "shape"),
-    "ragged rows": ([[0, 0], [1, 0], [1]], "array of numbers"),
-    "words": ([["a", "b"], ["c", "d"], ["e", "f"]], "array of numbers"),
-    "numerals": ([["0", "0"], ["1", "0"], ["1", "1"]], "array of numbers"),
+    "ragged rows": ([[0, 0], [1, 0], [1]], "array of real numbers"),
+    "numerals": ([["0", "0"], ["1", "0"], ["1", "1"]], "array of real numbers"),
     "complex numbers": ([[0, 0], [1j, 0], [1, 1]], "real numbers"),
     "masked vertices": (
         np.ma.masked_equal([[0.0, 0.0], [1.0, 0.0], [1.0, 7.0]], 7.0),
@@ -241,20 +219,20 @@ BAD_INPUT = {
     "missing values": ([[0, None], [1, 0], [1, 1]], "finite"),
     "NaN": ([[0, 0], [1, 0], [np.nan, 1]], r"finite.*\(nan, 1\.0\) as vertex 2"),
     "infinity": ([[0, 0], [np.inf, 0], [0, 1]], "finite.*vertex 1"),
-    "two vertices": ([[0, 0], [1, 1]], "at least 3 different vertices"),
     "a repeated vertex": ([[1, 1]] * 5, "at least 3 different vertices.*got 1"),
     "a straight line": ([[0, 0], [0.1, 0.3], [0.2, 0.6], [0.7, 2.1]], "enclose an area"),
     "there and back": ([[0, 0], [2, 1], [4, 2], [2, 1]], "enclose an area"),
+    "a touching ring": (
+        [[0, 0], [4, 0], [4, 4], [2, 0], [0, 4]],
+        r"touches itself at \(2, 0\).*from_ring",
+    ),
     "a spike": ([[0, 0], [2, 0], [2, 2], [2, 5], [2, 2], [0, 2]], "crosses itself"),
     "too large": ([[0, 0], [1e200, 0], [0, 1e200]], "larger unit"),
     "too small": ([[0, 0], [1e-200, 0], [0, 1e-200]], "smaller unit"),
     "overlapping rings": ([SQUARE, SQUARE + 0.5], r"overlap between parts 0 and 1 around \(0\.75"),
-    "a ring twice": ([SQUARE, SQUARE], "inside the other"),
     "nested rings": ([SQUARE * 4, SQUARE + 1], r"part 1 inside the other.*Polygon\(outer"),
     "slivers on each other": ([SQUARE * [1, 1e-14], SQUARE * [1, 1e-14]], "inside the other"),
     "a bad second ring": ([SQUARE, [[5, 5], [6, 6]]], "ring 1"),
-    "an empty ring": ([SQUARE, []], "ring 1"),
-    "a point": (shapely.Point(0, 0), "Point"),
     "an empty polygon": (shapely.Polygon(), "empty"),
     "a polygon in space": (shapely.Polygon([(0, 0, 1), (1, 0, 1), (1, 1, 1)]), "z = 0"),
     "a hole outside": (shapely.Polygon(SQUARE, [SQUARE + 5]), "holes inside"),
@@ -356,24 +334,6 @@ def test_a_pentagram_has_a_full_or_an_empty_heart():
     assert len(empty.polygons.geoms) == 5
 
 
-def test_an_inner_loop_is_full_or_a_hole():
-    """A limacon winds twice around its inner loop."""
-    angle = 2 * np.pi * np.arange(400) / 400
-    radius = 0.5 + np.cos(angle)
-    ring = np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])
-    full, holed = (Aperture.from_ring(ring, winding=rule) for rule in ("nonzero", "evenodd"))
-    assert len(full.rings) == 1
-    assert len(holed.rings) == 2
-    wedges = radius * np.roll(radius, -1) * np.sin(np.pi / 200) / 2
-    loop = full.area - holed.area
-    assert full.area + loop == pytest.approx(wedges.sum(), rel=1e-12)  # the loop counts twice
-
-
-def test_a_simple_ring_passes_unchanged():
-    for rule in ("nonzero", "evenodd"):
-        assert Aperture.from_ring(CHEVRON[::-1], winding=rule) == Aperture(CHEVRON)
-
-
 def test_corners_of_the_ring_keep_their_floats():
     ring = rotated(np.array([[-1, -1], [1, 1], [1, -1], [-1, 1.3]]), 0.3)
     split = {vertex.tobytes() for part in Aperture.from_ring(ring).rings for vertex in part}
@@ -383,9 +343,5 @@ def test_corners_of_the_ring_keep_their_floats():
 def test_an_unknown_rule_is_named():
     with pytest.raises(ArgumentError, match=r"nonzero.*evenodd.*'positive'"):
         Aperture.from_ring(CHEVRON, winding="positive")
-
-
-@pytest.mark.parametrize("ring", [[], [[0, 0], [1, 1], [2, 2]], [[0, 0], [1, np.nan], [2, 2]]])
-def test_bad_rings_raise_as_everywhere(ring):
     with pytest.raises(GeometryError, match="expected"):
-        Aperture.from_ring(ring)
+        Aperture.from_ring([[0, 0], [1, 1], [2, 2]])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import polywigner as pw
-from polywigner.errors import ArgumentError, FileFormatError
+from polywigner.errors import FileFormatError
 
 # Sums of some hundred vertices, scaled from mm to metres.
 ROUNDING = 1e-12
@@ -136,18 +136,12 @@ ROUND = "%ADD10C,1*%D10*X0Y0D02*"
 REFUSED = {
     "step and repeat": ("%SRX2Y1I3J0*%" + SQUARE + "X0Y0D03*%SR*%", "step and repeat"),
     "block": ("%ABD12*%" + SQUARE + "X0Y0D03*%AB*%", "an aperture block"),
-    "mirrored aperture": (SQUARE + "%LMX*%X0Y0D03*", "mirrored apertures"),
-    "rotated aperture": (SQUARE + "%LR45*%X0Y0D03*", "rotated apertures"),
-    "scaled aperture": (SQUARE + "%LS2*%X0Y0D03*", "scaled apertures"),
-    "negative image": ("%IPNEG*%" + PATCH, "a negative image"),
-    "axes": ("%ASAYBX*%" + PATCH, "exchanged axes"),
-    "mirrored image": ("%MIA1B0*%" + PATCH, "a mirrored image"),
-    "scaled image": ("%SFA2B2*%" + PATCH, "a scaled image"),
-    "shifted image": ("%OFA1B0*%" + PATCH, "a shifted image"),
-    "rotated image": ("%IR90*%" + PATCH, "a rotated image"),
+    "mirrored aperture": (SQUARE + "%LMX*%X0Y0D03*", "transformed apertures"),
+    "negative image": ("%IPNEG*%" + PATCH, "a transformed image"),
+    "axes": ("%ASAYBX*%" + PATCH, "a transformed image"),
     "second statement in one": ("%LPD*SRX2Y1I3J0*%" + PATCH, "step and repeat"),
     "include": ("%IFother.gbr*%" + PATCH, "another file"),
-    "incremental": ("G91*" + PATCH, "incremental coordinates"),
+    "incremental": ("G91*" + PATCH, "not absolute"),
     "no operation": (ROUND + "X1000D01*X2000*", "without D01, D02 or D03"),
     "decimal point": (ROUND + "X1.5D01*", "not whole numbers"),
     "second unit": ("%MOIN*%" + PATCH, "one unit"),
@@ -169,14 +163,12 @@ REFUSED = {
     "macro code": ("%AMPad*7,0,0,2,1,.2,0*%%ADD10Pad*%" + FLASH, "codes 1, 4, 5"),
     "macro exposure": ("%AMPad*1,2,1,0,0*%%ADD10Pad*%" + FLASH, "exposure 0 or 1"),
     "macro parameter": ("%AMPad*1,1,$1,0,0*%%ADD10Pad*%" + FLASH, r"unresolved.*\$1"),
-    "macro power": ("%AMPad*1,1,9xx9xx9xx9,0,0*%%ADD10Pad*%" + FLASH, "gerbonara reads"),
     "open region": ("G36*X0Y0D02*X1000D01*Y1000D01*G37*", "closed outlines"),
     "endless region": ("G36*X0Y0D02*X1000D01*", "G37 after each G36"),
     "flash in a region": (SQUARE + "G36*X0Y0D03*G37*", "inside region"),
     "clear alone": ("%LPC*%" + PATCH, "copper"),
     "nothing": ("", "copper"),
     "after the end": ("M02*" + PATCH, "nothing after M02"),
-    "no statement": ("Hello*" + PATCH, "5 characters of text"),
 }  # fmt: skip
 
 
@@ -203,12 +195,3 @@ def test_damaged_files_are_refused(read, tmp_path: Path) -> None:
         path.write_bytes(content)
         with pytest.raises(FileFormatError, match=rf"junk\.gtl: expected .*{words}"):
             pw.read_aperture(path)
-
-
-def test_large_files_are_read_in_a_process_of_its_own(read) -> None:
-    strokes = "%ADD10R,1X1*%D10*X0Y0D02*" + "".join(f"X{500 * k}D01*\n" for k in range(1, 1501))
-    assert read(strokes).area == pytest.approx(751e-6, rel=ROUNDING, abs=0.0)
-    with pytest.raises(FileFormatError, match=r"board\.gbr: expected .*inside region"):
-        read(strokes + "G36*X0Y0D02*D03*G37*")
-    with pytest.raises(ArgumentError, match="no layers"):
-        read(PATCH, layer="top")

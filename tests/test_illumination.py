@@ -34,13 +34,7 @@ def sidelobe_levels(pattern):
     return inner[(inner > level[:-2]) & (inner > level[2:])]
 
 
-@pytest.mark.parametrize("dimension", [1, 2])
-def test_the_uniform_field_is_one(dimension):
-    assert (pw.uniform(dimension)(points(dimension)) == 1).all()
-    assert len(pw.uniform(dimension)) == 1
-
-
-@pytest.mark.parametrize("degrees", [0.0, 20.0, -37.0, 89.0])
+@pytest.mark.parametrize("degrees", [0.0, -37.0, 89.0])
 def test_a_steered_square_radiates_most_towards_the_direction(degrees):
     sine, cosine = np.sin(np.radians(degrees)), np.cos(np.radians(degrees))
     s = np.array([0.6 * sine, -0.8 * sine, cosine])
@@ -49,6 +43,7 @@ def test_a_steered_square_radiates_most_towards_the_direction(degrees):
     x = points()
     expected = np.exp(2j * np.pi / WAVELENGTH * (x @ s[:2]))
     np.testing.assert_allclose(field(x), expected, atol=ROUNDING)
+    assert field == pw.steering(tuple(s[:2]), WAVELENGTH)
     peak = s[:2] / WAVELENGTH
     around = peak + np.random.default_rng(0).normal(size=(500, 2)) / A
     strength = np.abs(far_field(square, field, around))
@@ -56,31 +51,14 @@ def test_a_steered_square_radiates_most_towards_the_direction(degrees):
     assert (strength < square.area).all()
 
 
-def test_a_direction_may_be_a_unit_vector_or_its_transverse_part():
-    s = np.array([2.0, 3.0, 6.0]) / 7
-    assert pw.steering(s, WAVELENGTH) == pw.steering(s[:2], WAVELENGTH)
-    assert pw.steering(s.tolist(), WAVELENGTH) == pw.steering(tuple(s[:2]), WAVELENGTH)
-
-
-def test_slits_are_steered_by_the_sine_of_an_angle():
-    field = pw.steering(-0.25, WAVELENGTH)
-    x = points(1)
-    expected = np.exp(-0.5j * np.pi / WAVELENGTH * x[:, 0])
-    np.testing.assert_allclose(field(x), expected, atol=ROUNDING)
-    assert field == pw.steering([-0.25], WAVELENGTH)
-
-
 @pytest.mark.parametrize(
     ("direction", "complaint"),
     [
-        ((0, 0, 0), "length 0"),
         ((0, 0.1, 1), "length 1.00499"),
         ((0, 0.6, -0.8), "z > 0"),
         ((0.8, 0.7), "length of 1.06"),
-        (1.2, "length of 1.2"),
         ((0, 0, 0, 1), "unit vector"),
         ((0, np.nan, 1), "finite"),
-        ("north", "finite"),
     ],
 )
 def test_what_is_no_direction_is_refused(direction, complaint):
@@ -88,7 +66,7 @@ def test_what_is_no_direction_is_refused(direction, complaint):
         pw.steering(direction, WAVELENGTH)
 
 
-@pytest.mark.parametrize("power", [1, 2, 3, 7, 32])
+@pytest.mark.parametrize("power", [1, 2, 32])
 def test_a_cosine_taper_is_a_power_of_cosines(power):
     x = points()
     field = pw.cosine_taper(A, B, power)
@@ -107,6 +85,9 @@ def test_a_taper_may_run_along_one_axis_only():
 
 def test_slits_have_tapers_of_their_width():
     x = points(1)
+    assert (pw.uniform(1)(x) == 1).all() and len(pw.uniform(1)) == 1
+    steered = np.exp(-0.5j * np.pi / WAVELENGTH * x[:, 0])
+    np.testing.assert_allclose(pw.steering([-0.25], WAVELENGTH)(x), steered, atol=ROUNDING)
     field = pw.cosine_taper(A, power=3, dimension=1)
     np.testing.assert_allclose(field(x), np.cos(np.pi * x[:, 0] / A) ** 3, atol=ROUNDING)
     taylor, series = pw.taylor_taper(A, dimension=1), [0.25j, 1, -0.5]
@@ -119,7 +100,7 @@ def test_slits_have_tapers_of_their_width():
     np.testing.assert_allclose(fourier(x), expected, atol=ROUNDING)
 
 
-@pytest.mark.parametrize(("m", "n"), [(1, 0), (0, 1), (2, 0), (1, 1), (3, 2), (0, 4), (5, 3)])
+@pytest.mark.parametrize(("m", "n"), [(1, 0), (0, 4), (2, 0), (3, 2)])
 def test_a_mode_of_a_guide_is_the_product_of_its_half_periods(m, n):
     x = points()
     u, v = np.pi * (x / [A, B] + 0.5).T
@@ -135,7 +116,7 @@ def test_a_mode_of_a_guide_is_the_product_of_its_half_periods(m, n):
 TAYLOR_TOLERANCE = 0.7
 
 
-@pytest.mark.parametrize(("sll", "nbar"), [(20, 3), (25, 5), (30, 4), (35, 6), (40, 7), (60, 13)])
+@pytest.mark.parametrize(("sll", "nbar"), [(20, 3), (30, 4), (60, 13)])
 def test_sidelobes_of_a_taylor_taper_are_as_low_as_asked_for(sll, nbar):
     slit = pw.Slits([-A / 2, A / 2])
     nu = np.linspace(0, 39.9987 / A, 8001)[:, None]  # off the zeros, which have no level
@@ -171,22 +152,14 @@ def test_a_fourier_taper_is_its_series():
     [
         (lambda: pw.uniform(3), "dimension"),
         (lambda: pw.steering((0, 0, 1), 0), "wavelength"),
-        (lambda: pw.cosine_taper(0), "width"),
         (lambda: pw.cosine_taper(None), "width to taper"),
         (lambda: pw.cosine_taper(A, -B), "height"),
         (lambda: pw.cosine_taper(A, power=0), "power"),
-        (lambda: pw.cosine_taper(A, power=33), "power"),
-        (lambda: pw.cosine_taper(A, power=1.5), "power"),
         (lambda: pw.cosine_taper(A, B, dimension=1), "no height"),
         (lambda: pw.te_mode(A, B, 0, 0), "m of at least 1"),
         (lambda: pw.te_mode(A, B, 0, 1), "ask for the other"),
-        (lambda: pw.te_mode(A, B, 1, 0, component="x"), "n of at least 1"),
         (lambda: pw.te_mode(A, B, 1, 0, component="z"), "component"),
-        (lambda: pw.te_mode(A, B, -1), "m as a whole number"),
         (lambda: pw.taylor_taper(A, sll=-30), "30 for sidelobes at -30 dB"),
-        (lambda: pw.taylor_taper(A, sll=0), "sll"),
-        (lambda: pw.taylor_taper(A, sll=float("nan")), "sll"),
-        (lambda: pw.taylor_taper(A, nbar=0), "nbar"),
         (lambda: pw.taylor_taper(A, nbar=101), "nbar"),
     ],
 )
@@ -195,7 +168,7 @@ def test_tapers_out_of_range_are_refused(make, complaint):
         make()
 
 
-@pytest.mark.parametrize("coefficients", [[1, 2], [[1], [2], [3]], [0, 0, 0], ["a"], 1.0, [[1], 2]])
+@pytest.mark.parametrize("coefficients", [[1, 2], [0, 0, 0], ["a"], [[1], 2]])
 def test_series_that_are_none_are_refused(coefficients):
     with pytest.raises(IlluminationError):
         pw.fourier_taper(A, coefficients=coefficients)
@@ -242,24 +215,20 @@ def test_a_bad_fit_is_refused_if_asked_for():
     assert fit.residual > 0.5
     with pytest.raises(IlluminationError, match="higher order"):
         pw.fit_illumination(at, steep, order=1, largest_residual=0.5)
-    pw.fit_illumination(at, steep, order=8, largest_residual=0.01)
+    found = pw.fit_illumination(at, steep, order=8, largest_residual=0.01)
+    with pytest.raises(ArgumentError, match=r"got FittedIllumination; give its \.illumination"):
+        pw.shapes.square(1).with_illumination(found)
 
 
 @pytest.mark.parametrize(
     ("arguments", "options", "error"),
     [
         (([[0, 0], [1, 1]], [1]), {}, ArgumentError),
-        (([[0, 0, 0]], [1]), {}, ArgumentError),
-        (([], []), {}, ArgumentError),
-        (([[0], [1, 2]], [1, 2]), {}, ArgumentError),
         (([[0, np.inf]], [1]), {}, ArgumentError),
         (([[0, 0]], [np.nan]), {}, ArgumentError),
-        (([[0, 0]], ["a"]), {}, ArgumentError),
         (([[0, 0], [1, 0]], [0, 0]), {}, IlluminationError),
         (([[0, 0]], [1], [1.0, 2.0, 3.0]), {}, IlluminationError),
-        (([[0, 0]], [1], 5.0), {}, IlluminationError),
         (([[0, 0], [1, 0]], [1, 0]), {"cut_off": 1.0}, ArgumentError),
-        (([[0, 0], [1, 0]], [1, 0]), {"cut_off": 0.0}, ArgumentError),
         (([[0, 0], [1, 0]], [1, 0]), {"order": -1}, ArgumentError),
         (([[0, 0], [1, 0]], [1, 0]), {"frequencies": np.zeros((0, 2))}, IlluminationError),
     ],
@@ -286,7 +255,7 @@ def test_fields_are_subtracted_and_divided_as_numbers_are():
         one - 1
 
 
-@pytest.mark.parametrize("amplitude", [1e-300, 1e-101, 1e101, 1e200, 1e308])
+@pytest.mark.parametrize("amplitude", [1e-101, 1e101, 1e308])
 def test_amplitudes_whose_products_would_leave_the_floats_are_refused(amplitude):
     with pytest.raises(IlluminationError, match=r"from 1e-100 to 1e\+100"):
         pw.Illumination([amplitude], [(0, 0)])
@@ -296,13 +265,6 @@ def test_amplitudes_whose_products_would_leave_the_floats_are_refused(amplitude)
     for within in (1e-100, 1e100):
         source = square.with_illumination(within * pw.uniform())
         assert pw.lag_marginal(source, (0, 0)).real == pytest.approx(within**2, abs=0.0)
-
-
-def test_a_fit_in_place_of_its_illumination_is_refused_with_the_way_out():
-    fit = pw.fit_illumination([[0.0, 0.0], [0.5, 0.5]], [1.0, 1.0], [[0.0, 0.0]])
-    with pytest.raises(ArgumentError, match=r"got FittedIllumination; give its \.illumination"):
-        pw.shapes.square(1).with_illumination(fit)
-    assert pw.shapes.square(1).with_illumination(fit.illumination).illumination == fit.illumination
 
 
 # --- turns

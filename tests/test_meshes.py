@@ -93,6 +93,8 @@ def test_the_unit_says_what_one_stands_for(tmp_path: Path) -> None:
         )
     with pytest.raises(QuantityError):
         pw.read_polyhedron(path, "parsec")
+    with pytest.raises(FileFormatError, match=r"polywigner\.read_polyhedron"):
+        pw.read_aperture(path)
 
 
 def test_polygons_become_triangles_and_texture_seams_close(tmp_path: Path) -> None:
@@ -131,7 +133,6 @@ PLY = (
 TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\n"
 
 BAD = {
-    "empty.stl": (b"", FileFormatError, "empty file"),
     "noise.stl": (bytes(range(256)) * 3, FileFormatError, "84 \\+ 50 n bytes"),
     "cut.stl": (_stl(BOX)[:-7], FileFormatError, "announce 12 triangles"),
     "claims.stl": (_stl(BOX, 10**9), FileFormatError, "announce 1000000000 triangles"),
@@ -147,8 +148,6 @@ BAD = {
     "words.stl": (
         b"solid a\nfacet\nvertex 0 zero 0\nendsolid a\n", FileFormatError, "does not read",
     ),
-    "svg.stl": (b"<svg/>", FileFormatError, "got none"),
-    "empty.ply": (b" ", FileFormatError, "empty file"),
     "ascii claims.ply": (
         (PLY.format("ascii", 10**9, 1) + "0 0 0\n").encode(), FileFormatError, "1000000001 rows",
     ),
@@ -160,18 +159,13 @@ BAD = {
         (PLY.format("ascii", 3, 1) + "0 0 0\n1 0 0\n0 1 0\n3 0 1 9\n").encode(), FileFormatError,
         "vertex numbers up to 3",
     ),
-    "other.ply": (b"<svg/>", FileFormatError, "not read"),
-    "empty.obj": (b"\n", FileFormatError, "empty file"),
     "points.obj": (b"v 0 0 0\nv 1 0 0\n", FileFormatError, "none"),
     "zeros.obj": (b"v 0 0 0\0\n", FileFormatError, "OBJ as text, got zeros"),
-    "short.ply": (PLY.format("ascii", 9, 9).encode() + b"0 0 0\n", FileFormatError, "."),
     "many.obj": (b"v 0 0 0\n" + b"f 1 1 1\n" * 200_001, FileFormatError, "200000 triangles"),
-    "open.obj": (TETRAHEDRON.encode(), GeometryError, "closed surface"),
     "huge.obj": ((TETRAHEDRON + "f 1 4 3\n").replace("v 1 0", "v 1e200 0").encode(),
                  FileFormatError, "below 1e\\+100"),
     "number.obj": ((TETRAHEDRON + "f 1 4 33\n").encode(), FileFormatError, "OBJ"),
     "aperture.svg": (b"<svg/>", FileFormatError, "polywigner.read_aperture"),
-    "no suffix": (b"solid", FileFormatError, "polywigner.read_aperture"),
 }  # fmt: skip
 
 
@@ -189,12 +183,6 @@ def test_what_is_no_body_raises_one_error(
     assert capfd.readouterr() == ("", "")
 
 
-def test_a_mesh_is_no_aperture(tmp_path: Path) -> None:
-    path = written(tmp_path, trimesh.creation.box(SIDES), "stl")
-    with pytest.raises(FileFormatError, match=r"polywigner\.read_polyhedron"):
-        pw.read_aperture(path)
-
-
 def test_open_meshes_are_plates_of_what_lies_in_one_plane(tmp_path: Path) -> None:
     path = tmp_path / "open.obj"  # a box without its lid, all sides of two triangles, but one
     corners = [(x, y, z) for x in (0, 3) for y in (0, 2) for z in (0, 1)]
@@ -204,6 +192,9 @@ def test_open_meshes_are_plates_of_what_lies_in_one_plane(tmp_path: Path) -> Non
     with pytest.raises(GeometryError, match="read_sheets"):
         pw.read_polyhedron(path, "m")
     plates = pw.read_sheets(path, "m")
+    turned = path.read_text().replace("f 5 7 8 6", "f 5 7 8\nf 6 8 5")  # a facet's other side
+    path.write_text(turned)
+    assert len(pw.read_sheets(path, "m")) == len(plates)
     assert sorted(round(plate.area, 9) for plate in plates) == [2, 2, 3, 3, 6]
     for plate in plates:
         ring = np.column_stack([plate.aperture.rings[0], np.zeros(4), np.ones(4)])

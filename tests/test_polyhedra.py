@@ -159,25 +159,15 @@ def test_faces_that_all_run_inwards_are_turned_round():
         (CUBE_CORNERS, [[0, 1], *CUBE_FACES], "three or more"),
         (CUBE_CORNERS[:, :2], CUBE_FACES, r"\(n, 3\)"),
         (CUBE_CORNERS * np.nan, CUBE_FACES, "finite"),
-        ("cube", CUBE_FACES, r"\(n, 3\)"),
         (CUBE_CORNERS, 7, "lists of vertex numbers"),
         (CUBE_CORNERS, np.array(CUBE_FACES) + 0.5, "whole"),
-        (CUBE_CORNERS + 0j, CUBE_FACES, "array of numbers"),
         (np.ma.masked_equal(CUBE_CORNERS, 1.0), CUBE_FACES, "masked"),
-        (np.zeros((0, 3)), [], r"\(n, 3\)"),
         (CUBE_CORNERS * 1e150, CUBE_FACES, "larger unit"),
-        (CUBE_CORNERS * 1e-150, CUBE_FACES, "smaller unit"),
     ],
 )
 def test_unusable_polyhedra_are_refused(vertices, faces, message):
     with pytest.raises(GeometryError, match=message):
         pw.Polyhedron(vertices, faces)
-
-
-def test_polyhedra_have_no_wigner_function():
-    body = pw.Polyhedron(CUBE_CORNERS, CUBE_FACES)
-    with pytest.raises(ArgumentError, match="Fourier transform only"):
-        pw.wigner(body, [0, 0, 0], [0, 0, 0])
 
 
 # ---- apertures in a pose -------------------------------------------------------------------------
@@ -244,8 +234,6 @@ def test_third_components_of_drjit_points_are_ignored_too():
         (np.diag([2.0, 2.0, 2.0, 1.0]), "scales by"),
         (np.diag([-1.0, 1.0, 1.0, 1.0]), "mirror"),
         (np.eye(3), "shape"),
-        (np.full((4, 4), np.nan), "finite"),
-        ("north", r"\(4, 4\)"),
         (np.eye(4) + 0j, r"\(4, 4\)"),
     ],
 )
@@ -254,9 +242,16 @@ def test_poses_that_are_not_rigid_are_refused(pose, message):
         CHEVRON.placed(pose)
 
 
-def test_a_placed_aperture_has_no_wigner_function_of_its_own():
-    with pytest.raises(ArgumentError, match=r"use its \.aperture"):
-        pw.wigner(CHEVRON.placed(np.eye(4)), [0, 0], [0, 0])
+@pytest.mark.parametrize(
+    ("source", "message"),
+    [
+        (pw.Polyhedron(CUBE_CORNERS, CUBE_FACES), "Fourier transform only"),
+        (CHEVRON.placed(np.eye(4)), r"use its \.aperture"),
+    ],
+)
+def test_sources_in_space_have_no_wigner_function_of_their_own(source, message):
+    with pytest.raises(ArgumentError, match=message):
+        pw.wigner(source, [0, 0, 0], [0, 0, 0])
 
 
 def test_copies_of_a_placed_aperture_are_equal_and_cannot_be_written_to():

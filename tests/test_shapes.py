@@ -58,15 +58,8 @@ def test_bounds_are_centred_at_the_origin(name):
 @given(_length, _length, _part)
 def test_the_chevron_is_the_reference_one_scaled(width, height, part):
     thickness = height * part
-    x, y = width / 2, height / 2
-    expected = [
-        (-x, -y),
-        (0, y - thickness),
-        (x, -y),
-        (x, thickness - y),
-        (0, y),
-        (-x, thickness - y),
-    ]
+    x, y, t = width / 2, height / 2, thickness
+    expected = [(-x, -y), (0, y - t), (x, -y), (x, t - y), (0, y), (-x, t - y)]
     assert shapes.chevron(width, height, thickness) == Aperture(expected)
     reference = Aperture(CHEVRON - [1, 0.55])
     found = shapes.chevron(2, 1.1, 0.6)
@@ -102,17 +95,16 @@ def test_honeycombs_have_their_number_of_segments(rings, centre):
     assert len(together.polygons.geoms) == 1
     assert len(together.rings) == (1 if centre else 2)
     assert together.area == pytest.approx(count * math.sqrt(3) / 2, rel=ROUNDING)
+    first, *others = apart.polygons.geoms
+    assert min(map(first.distance, others)) == pytest.approx(0.1, rel=1e-12)
 
 
-def test_facing_sides_of_segments_are_a_gap_apart():
-    segments = list(shapes.hexagonal_segments(1.0, 0.05).polygons.geoms)
-    gaps = [a.distance(b) for a in segments for b in segments if a is not b]
-    assert min(gaps) == pytest.approx(0.05, rel=1e-12)
-
-
-def test_patches_without_space_between_them_are_one_strip():
+def test_what_touches_is_one():
     assert shapes.patch_row(8, 1, 0.5, 0.5) == shapes.rectangle(1, 4)
     assert len(shapes.patch_row(8, 1, 0.5, 0.6).polygons.geoms) == 8
+    assert shapes.grating(4, 0.5, 0.5) == shapes.slit(2)
+    assert shapes.slit_pair(1, (0, 1)) == shapes.slit(2, 0.5)
+    assert shapes.slit_pair((0.1, 0.3), (-1, 0.5)).bounds == pytest.approx((-1.05, 0.65))
 
 
 def test_slits_and_stations_stay_where_they_are_put():
@@ -136,45 +128,26 @@ def test_two_chevrons_stand_one_behind_the_other():
     assert len(touching.rings) == 1
 
 
-def test_slits_that_touch_are_one():
-    assert shapes.grating(4, 0.5, 0.5) == shapes.slit(2)
-    assert shapes.slit_pair(1, (0, 1)) == shapes.slit(2, 0.5)
-    assert shapes.slit_pair((0.1, 0.3), (-1, 0.5)).bounds == pytest.approx((-1.05, 0.65))
-
-
 BAD = {
     "too many slits": lambda: shapes.grating(10**10, 1, 2),
     "too many vertices": lambda: shapes.disc(1, 10**10),
-    "zero 1D slit": lambda: shapes.slit(0),
     "1D slit at infinity": lambda: shapes.slit(1, math.inf),
     "three 1D slits": lambda: shapes.slit_pair(1, (0, 2, 4)),
-    "negative 1D slit": lambda: shapes.slit_pair((1, -1), (0, 4)),
-    "no grating": lambda: shapes.grating(0, 1, 2),
     "slits on slits": lambda: shapes.grating(3, 1, 0.5),
     "zero": lambda: shapes.square(0),
-    "negative": lambda: shapes.rectangle(1, -1),
     "NaN": lambda: shapes.rectangle(math.nan, 1),
-    "infinite": lambda: shapes.disc(math.inf),
     "text": lambda: shapes.square("10 mm"),
-    "None": lambda: shapes.triangle(None, 1),
-    "an array": lambda: shapes.square([1, 2]),
     "two sides": lambda: shapes.regular_polygon(2, 1),
-    "half a side": lambda: shapes.disc(1, 6.5),
     "true sides": lambda: shapes.disc(1, True),
     "inner above outer": lambda: shapes.ring(1, 2),
-    "inner equals outer": lambda: shapes.star(5, 1, 1),
-    "one tip": lambda: shapes.star(1, 1, 0.5),
     "thick chevron": lambda: shapes.chevron(2, 1, 1),
     "thick V": lambda: shapes.vee(1, 1, 0.5),
     "thick U": lambda: shapes.u_shape(1, 1, 0.5),
     "wide gap": lambda: shapes.bow_tie(1, 1, gap=1),
     "negative gap": lambda: shapes.hexagonal_segments(1, -0.1),
-    "no segment": lambda: shapes.hexagonal_segments(1, rings=0),
     "three slits": lambda: shapes.double_slit(1, 1, (0, 2, 4)),
-    "zero slit": lambda: shapes.double_slit((1, 0), 1, (0, 2)),
     "no patch": lambda: shapes.patch_row(0, 1, 1, 1),
     "patches on patches": lambda: shapes.patch_row(3, 1, 1, 0.5),
-    "no station": lambda: shapes.interferometer([], 1),
     "stations on a line": lambda: shapes.interferometer([0, 1, 2], 1),
     "offset in space": lambda: shapes.chevron_pair(2, 1.1, 0.6, offset=(0, 0, 1)),
 }

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import re
 import sys
 from pathlib import Path
@@ -95,18 +94,12 @@ def test_a_source_that_was_written_comes_back_equal(name: str, suffix: str, tmp_
     assert type(again) is type(SOURCES[name])
     assert [path.name for path in tmp_path.iterdir()] == [file.name]
     # and what is written the second time is the same text
-    pw.write_source(again, tmp_path / f"again{suffix}")
-    assert (tmp_path / f"again{suffix}").read_bytes() == file.read_bytes()
-
-
-def test_only_such_sources_are_marked_in_their_file(tmp_path: Path) -> None:
-    marked = set()
-    for name, source in SOURCES.items():
-        pw.write_source(source, tmp_path / "source.toml")
-        if "verbatim" in (tmp_path / "source.toml").read_text():
-            marked.add(name)
+    written = file.read_text()
+    pw.write_source(again, file)
+    assert file.read_text() == written
     # the parts of the last one touch, and would come back in another order
-    assert marked == {"aperture far away", "slits far away", "triangles of a bow-tie"}
+    marked = ("aperture far away", "slits far away", "triangles of a bow-tie")
+    assert ("verbatim" in written) == (name in marked)
 
 
 PATCH = """
@@ -251,44 +244,6 @@ def test_layouts_may_be_named(table: Any, expected: np.ndarray, tmp_path: Path) 
     assert source == pw.phased_array(pw.shapes.square(1e-4), expected, focused)
 
 
-def test_levels_may_be_texts(tmp_path: Path) -> None:
-    def table(sll: Any) -> dict[str, Any]:
-        return {
-            "kind": "phased-array",
-            "element": {
-                "kind": "aperture",
-                "shape": {"name": "square", "a": 1e-3},
-                "illumination": {"kind": "taylor_taper", "width": 1e-3, "sll": sll},
-            },
-            "positions": {"kind": "grid", "nx": 4, "ny": 3, "pitch_x": 2e-3},
-            "weights": {"kind": "window", "window": "chebyshev", "sll": sll},
-        }
-
-    assert read_table(table("25 dB"), tmp_path) == read_table(table(25), tmp_path)
-    with pytest.raises(QuantityError, match=r"sll: expected a level .* got '25 mm'"):
-        read_table(table("25 mm"), tmp_path)
-
-
-def test_a_row_of_slits_has_a_window_and_is_steered(tmp_path: Path) -> None:
-    source = read_table(
-        {
-            "kind": "phased-array",
-            "wavelength": "4 mm",
-            "element": {"kind": "slits", "intervals": [[-1e-3, 1e-3]]},
-            "positions": {"kind": "row", "count": 8, "pitch": "3 mm"},
-            "weights": [
-                {"kind": "window", "window": "hamming"},
-                {"kind": "steering", "theta": 0.2},
-            ],
-        },
-        tmp_path,
-    )
-    row = arrays.grid_positions(8, 1, 3e-3)[:, 0]
-    weights = np.hamming(8) / np.hamming(8).max()
-    steered = weights * arrays.steering_weights(row, np.sin(0.2), 4e-3)
-    assert source == pw.phased_array(pw.Slits([-1e-3, 1e-3]), row, steered)
-
-
 def test_outlines_may_be_in_other_files_and_placed(tmp_path: Path) -> None:
     (tmp_path / "outlines").mkdir()
     (tmp_path / "outlines" / "patch.wkt").write_text("POLYGON ((0 0, 3 0, 3 2, 0 0))")
@@ -301,6 +256,34 @@ def test_outlines_may_be_in_other_files_and_placed(tmp_path: Path) -> None:
     assert placed == triangle.placed(expected)
     both = read_table({"kind": "array", "elements": [outline, outline]}, tmp_path)
     assert both == pw.Array([triangle, triangle])
+    corners = "v 0 0 0\nv 1 0 0\nv 0 2 0\nv 0 0 3\n"
+    (tmp_path / "body.obj").write_text(corners + "f 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n")
+    body = read_table({"kind": "polyhedron", "file": "body.obj", "unit": "cm"}, tmp_path)
+    assert isinstance(body, pw.Polyhedron)
+    assert body.volume == pytest.approx(1e-6, rel=1e-12, abs=0.0)
+    tiles = [[[[0, 0], [1, 0], [1, 1], [0, 1]]], [[[1, 1], [1, 0], [2, 0], [2, 1]]]]
+    merged = read_table({"kind": "aperture", "polygons": tiles}, tmp_path)
+    assert merged == pw.Aperture([[0, 0], [2, 0], [2, 1], [0, 1]])
+
+
+def test_a_row_of_slits_has_a_window_and_is_steered(tmp_path: Path) -> None:
+    row = {
+        "kind": "phased-array",
+        "wavelength": "4 mm",
+        "element": {"kind": "slits", "intervals": [[-1e-3, 1e-3]]},
+        "positions": {"kind": "row", "count": 8, "pitch": "3 mm"},
+        "weights": [
+            {"kind": "window", "window": "chebyshev", "sll": "25 dB"},
+            {"kind": "steering", "theta": 0.2},
+        ],
+    }
+    places = arrays.grid_positions(8, 1, 3e-3)[:, 0]
+    weights = arrays.window_weights(8, "chebyshev", sll=25)
+    steered = weights * arrays.steering_weights(places, np.sin(0.2), 4e-3)
+    assert read_table(row, tmp_path) == pw.phased_array(pw.Slits([-1e-3, 1e-3]), places, steered)
+    row["weights"] = {"kind": "window", "window": "chebyshev", "sll": "25 mm"}
+    with pytest.raises(QuantityError, match=r"sll: expected a level .* got '25 mm'"):
+        read_table(row, tmp_path)
 
 
 def test_a_drawing_is_read_by_its_layers_and_joined_as_the_table_says(tmp_path: Path) -> None:
@@ -321,22 +304,6 @@ def test_a_drawing_is_read_by_its_layers_and_joined_as_the_table_says(tmp_path: 
         read_table(drawn | {"layer": "board"}, tmp_path)
 
 
-def test_bodies_may_be_in_other_files(tmp_path: Path) -> None:
-    corners = "".join(
-        f"v {x} {y} {z}\n" for x, y, z in [(0, 0, 0), (1, 0, 0), (0, 2, 0), (0, 0, 3)]
-    )
-    (tmp_path / "body.obj").write_text(corners + "f 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n")
-    body = read_table({"kind": "polyhedron", "file": "body.obj", "unit": "cm"}, tmp_path)
-    assert isinstance(body, pw.Polyhedron)
-    assert body.volume == pytest.approx(1e-6, rel=1e-12, abs=0.0)
-
-
-def test_tiles_written_by_hand_are_merged_as_in_an_aperture(tmp_path: Path) -> None:
-    tiles = [[[[0, 0], [1, 0], [1, 1], [0, 1]]], [[[1, 1], [1, 0], [2, 0], [2, 1]]]]
-    source = read_table({"kind": "aperture", "polygons": tiles}, tmp_path)
-    assert source == pw.Aperture([[0, 0], [2, 0], [2, 1], [0, 1]])
-
-
 APERTURE = {"kind": "aperture", "shape": {"name": "square", "a": 1.0}}
 SLIT = {"kind": "slits", "intervals": [[0, 1]]}
 PHASED = {"kind": "phased-array", "element": APERTURE, "positions": [[0, 0], [2, 0]]}
@@ -350,36 +317,24 @@ def lit(**field: Any) -> dict[str, Any]:
 
 BAD = [
     ([], "table"),
-    ({}, "without a kind"),
     ({"kind": "horn"}, "aperture, slits, polyhedron, array, phased-array, got 'horn'"),
-    ({"kind": ["aperture"]}, "kind"),
     ({**APERTURE, "version": 2}, "version: expected 1, got 2"),
-    ({**APERTURE, "version": "1"}, "version: expected a whole number"),
     ({**APERTURE, "taper": 1}, "expected the keys kind, file, polygons, shape.*got 'taper'"),
     ({"kind": "aperture"}, "one of the keys file, polygons, shape, got none"),
     ({**APERTURE, "file": "a.wkt"}, "got file and shape"),
     ({**APERTURE, "unit": "mm"}, "'unit' with 'file' only"),
-    ({**APERTURE, "layer": "pads"}, "'layer' with 'file' only"),
-    ({**APERTURE, "union": True}, "'union' with 'file' only"),
     ({**APERTURE, "verbatim": True}, "'verbatim' with 'polygons' only"),
     ({**APERTURE, "frequency": 1, "wavelength": 1}, "got both"),
     ({**APERTURE, "frequency": "77 mm"}, "frequency: .*GHz"),
-    ({**APERTURE, "frequency": True}, "frequency: expected a finite number, got True"),
     ({"kind": "aperture", "file": "none.wkt"}, "none.wkt: expected"),
-    ({"kind": "aperture", "file": 3}, "file: expected a text"),
-    ({"kind": "aperture", "shape": "square"}, "without a name"),
     ({"kind": "aperture", "shape": {"name": "circlet"}}, "name of a shape out of bow_tie"),
-    ({"kind": "aperture", "shape": {"name": "_circle"}}, "name of a shape"),
     ({"kind": "aperture", "shape": {"name": "square"}}, "expected the key 'a'"),
     ({"kind": "aperture", "shape": {"name": "square", "b": 1, "a": 1}}, "name, a, got 'b'"),
-    ({"kind": "aperture", "shape": {"name": "square", "a": "1 GHz"}}, "a: .*length"),
     ({"kind": "aperture", "shape": {"name": "square", "a": [1]}}, "square: expected a"),
     ({"kind": "aperture", "shape": {"name": "disc", "radius": 1, "n": 10**9}}, "at most 4096"),
     ({"kind": "aperture", "shape": {"name": "disc", "radius": 1, "n": 8.0}}, "n: .*whole"),
     ({"kind": "aperture", "polygons": [[0, 0], [1, 0], [1, 1]]}, "list of polygons"),
-    ({"kind": "aperture", "polygons": []}, "list of polygons"),
     ({"kind": "aperture", "polygons": [[[[[0]]]]]}, "nested too deeply"),
-    ({"kind": "aperture", "polygons": [[[[0, 0], [1, 0], [1]]]]}, "polygons: "),
     ({"kind": "aperture", "polygons": [[[[0, 0], [1, 1], [1, 0], [0, 1]]]]}, "crosses itself"),
     ({"kind": "aperture", "polygons": [[[[0, 0], [1, 0], [1, True]]]]}, "got True"),
     ({"kind": "aperture", "polygons": CLOCKWISE, "verbatim": True}, "counter-clockwise"),
@@ -391,19 +346,14 @@ BAD = [
     ({**SLIT, "to_world": UNIT}, "expected the keys kind, intervals, shape"),
     ({"kind": "slits", "intervals": [[0, 1], [0.5, 2]]}, "intervals: .*overlap"),
     ({"kind": "slits", "intervals": [[0, 1], [0.5, 2]], "verbatim": True}, "ascending"),
-    ({"kind": "slits", "intervals": [[0], [0.5, 2]], "verbatim": True}, "ascending"),
     ({"kind": "slits", "shape": {"name": "square", "a": 1.0}}, "a shape that is an? Slits"),
     ({"kind": "polyhedron", "file": "a.obj", "faces": []}, "kind, file, unit, got 'faces'"),
     ({"kind": "polyhedron", "vertices": [[0, 0, 0]], "faces": 1}, "faces: expected a list, got 1"),
     ({"kind": "polyhedron", "vertices": [[0, 0, 0]], "faces": [[0.0]]}, "faces: .*whole"),
-    ({"kind": "polyhedron", "vertices": [[0, 0]], "faces": [[0, 1, 2]]}, r"\(n, 3\)"),
     ({"kind": "array", "elements": APERTURE}, "elements: expected a list, got a table"),
-    ({"kind": "array", "elements": []}, "got none"),
     ({"kind": "array", "elements": [APERTURE, 3]}, "element 1: .*without a kind"),
     ({"kind": "array", "elements": [APERTURE, PHASED]}, "element 1: .*'phased-array'"),
-    ({"kind": "array", "elements": [APERTURE], "weights": [1, 2]}, "one weight for each"),
     ({"kind": "array", "elements": [APERTURE], "weights": [[1, 2, 3]]}, r"\[real, imaginary\]"),
-    ({"kind": "array", "elements": [APERTURE], "weights": [{"kind": "window"}]}, "number"),
     ({"kind": "array", "elements": [APERTURE, SLIT]}, "one space"),
     ({**PHASED, "element": {**APERTURE, "to_world": UNIT}}, "without a pose"),
     ({**PHASED, "positions": [[0, 0, 0]]}, r"positions: .*\(n, 2\)"),
@@ -418,32 +368,18 @@ BAD = [
     ({**PHASED, "weights": [1, {"kind": "steering"}]}, "number 0: .*window, steering, focusing"),
     ({**PHASED, "weights": {"kind": "focusing", "point": [0, 0, -1], "wavelength": 1}},
      "above zero"),
-    ({**PHASED, "weights": "uniform"}, "weights: .*window, steering, focusing"),
-    (lit(), "illumination: .*without a kind"),
     (lit(kind="gaussian"), "uniform, steering, cosine_taper.*got 'gaussian'"),
     (lit(kind="cosine_taper", widht=1), "cosine_taper: expected the keys.*got 'widht'"),
     (lit(kind="cosine_taper"), "width to taper"),
     (lit(kind="cosine_taper", width="1 GHz"), "cosine_taper: width: .*length"),
     (lit(kind="te_mode", width=1), "expected the key 'height'"),
     (lit(kind="steering"), "direction or the angle theta, got neither"),
-    (lit(kind="steering", theta=0.1, direction=[0, 0, 1], wavelength=1), "got both"),
     (lit(kind="steering", phi=0.1, direction=[0, 0, 1], wavelength=1), "phi with theta only"),
-    (lit(kind="steering", direction=[0, 0, 2], wavelength=1), "length 1"),
-    (lit(kind="steering", theta="91 deg", wavelength=1), "z > 0"),
-    (lit(kind="waves", amplitudes=[1], frequencies=[[1]]), "components"),
-    (lit(kind="waves", amplitudes=1, frequencies=[[1, 2]]), "expected a list, got 1"),
     (lit(kind="waves", amplitudes=[1, 2], frequencies=[[1], [1, 2]]), "complex amplitudes"),
     (lit(kind="fourier_taper", width=1, height=1, coefficients=[[1], [1, 2]]), "different lengths"),
-    (lit(kind="cosine_taper", width=[1] * 99999), "width: "),
     ({**APERTURE, "a\nb\x1b[31m": 1}, r"got 'a\\nb\\x1b"),
     ({"kind": "aperture", "file": "a\nb\x1b.wkt"}, "a\N{REPLACEMENT CHARACTER}b"),
-    ({**PHASED, "positions": [[0, 0], [0]]}, "different lengths"),
     ({**PHASED, "positions": {"kind": "rings", "radii": [[1], [1, 2]], "counts": [1, 1]}}, "radii"),
-    ({**PHASED, "positions": {"kind": "rings", "radii": [1], "counts": [[1]]}}, "counts"),
-    ({**PHASED, "weights": {"kind": "focusing", "point": [[0], [1, 2]], "wavelength": 1}},
-     "point"),
-    (lit(kind="waves", amplitudes=[0], frequencies=[[1, 2]]), "other than zero"),
-    ({**APERTURE, "illumination": []}, "empty list"),
     ({**APERTURE, "illumination": 2 * [{"kind": "taylor_taper", "width": 1, "height": 1,
       "nbar": 100}]}, "at most 1000000 plane waves"),
     ({**SLIT, "illumination": {"kind": "te_mode", "width": 1, "height": 1}}, "got slits"),
@@ -468,21 +404,17 @@ def test_what_is_not_understood_is_refused_with_its_place(
     ("name", "content", "complaint"),
     [
         ("a.toml", b"", "empty"),
-        ("a.toml", b" \n", "empty"),
-        ("a.json", b"\xff\xfe", "binary"),
         ("a.toml", b"kind = 'aperture", "expected TOML"),
         ("a.toml", b"kind = 1\nkind = 2", "expected TOML"),
         ("a.json", b"{'kind': 1}", "expected JSON"),
         ("a.json", b'{"kind": 1, "kind": 2}', "'kind' twice"),
         ("a.json", b'{"kind": NaN}', "got NaN"),
         ("a.json", b'{"kind": "slits", "intervals": [0, 1e999]}', "finite number, got inf"),
-        ("a.toml", b'kind = "slits"\nintervals = [0, nan]', "finite number, got nan"),
         ("a.toml", b'kind = "slits"\nintervals = [0, 1979-05-27]', "finite number"),
         ("a.json", b'{"kind": "slits", "intervals": [0, 1' + b"0" * 400 + b"]}", "finite number"),
         ("a.json", b"[" * 100_000, "nested too deeply"),
         ("a.toml", b"a = " + b"[" * 100_000, "nested too deeply|expected TOML"),
         ("a.yaml", b"kind: aperture", ".toml or .json, got '.yaml'"),
-        ("a", b"kind: aperture", "got 'none'"),
     ],
 )
 def test_text_that_is_no_source_is_refused(
@@ -493,20 +425,13 @@ def test_text_that_is_no_source_is_refused(
         pw.read_source(tmp_path / name)
 
 
-def test_what_is_no_file_of_sensible_size_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "folder.toml").mkdir()
-    os.mkfifo(tmp_path / "pipe.toml")
+def test_paths_that_are_none_and_large_files_are_refused(tmp_path: Path) -> None:
     with (tmp_path / "large.toml").open("wb") as file:
         file.truncate(65 * 2**20)
-    for name, complaint in (
-        ("none.toml", "does not exist"),
-        ("folder.toml", "directory"),
-        ("pipe.toml", "pipe"),
-        ("large.toml", "64 MiB, got 65 MiB"),
-    ):
+    for name, complaint in (("none.toml", "does not exist"), ("large.toml", "MiB, got 65 MiB")):
         with pytest.raises(FileFormatError, match=complaint):
             pw.read_source(tmp_path / name)
-    for path in (tmp_path / "null\0.toml", None, 3, SQUARE):
+    for path in (tmp_path / "null\0.toml", None, SQUARE):
         with pytest.raises(ArgumentError, match="expected a path"):
             pw.read_source(path)  # type: ignore[arg-type]
 
@@ -520,20 +445,17 @@ def test_the_error_of_a_missing_library_names_the_extra(
         pw.read_source(tmp_path / "array.toml")
 
 
-def test_nothing_is_left_of_a_file_that_could_not_be_written(tmp_path: Path) -> None:
-    with pytest.raises(ArgumentError, match="expected to write"):
-        pw.write_source(SQUARE, tmp_path / "no folder" / "a.toml")
+def test_a_file_is_replaced_as_a_whole_or_not_written_at_all(tmp_path: Path) -> None:
     (tmp_path / "taken.json").mkdir()
-    with pytest.raises(ArgumentError, match="expected to write"):
-        pw.write_source(SQUARE, tmp_path / "taken.json")
-    with pytest.raises(FileFormatError, match=r"\.toml or \.json"):
-        pw.write_source(SQUARE, tmp_path / "a.txt")
-    with pytest.raises(ArgumentError, match="got int"):
-        pw.write_source(3, tmp_path / "a.toml")  # type: ignore[arg-type]
+    for source, name, error, words in (
+        (SQUARE, "no folder/a.toml", ArgumentError, "expected to write"),
+        (SQUARE, "taken.json", ArgumentError, "expected to write"),
+        (SQUARE, "a.txt", FileFormatError, r"\.toml or \.json"),
+        (3, "a.toml", ArgumentError, "got int"),
+    ):
+        with pytest.raises(error, match=words):
+            pw.write_source(source, tmp_path / name)  # type: ignore[arg-type]
     assert [path.name for path in tmp_path.iterdir()] == ["taken.json"]
-
-
-def test_a_file_is_replaced_as_a_whole(tmp_path: Path) -> None:
     file = tmp_path / "a.toml"
     pw.write_source(SOURCES["phased array"], file)
     # all its vertices on one line

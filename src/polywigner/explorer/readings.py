@@ -19,9 +19,9 @@ from typing import Any
 
 import polywigner
 from polywigner.errors import FileFormatError, PolywignerError
+from polywigner.explorer import library_process
 from polywigner.explorer.outlines import Rings, check_upload, rings_of_aperture, without_advice
 from polywigner.explorer.state import UNITS, State, Unit
-from polywigner.geometry.io import library_process
 
 _SECONDS = 10
 _MEMORY = 1 << 30

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NoReturn, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 import shapely
@@ -15,14 +15,8 @@ from polywigner.errors import ArgumentError, GeometryError, IlluminationError
 from polywigner.geometry.arguments import Outline, checked_number, rigid_pose
 from polywigner.geometry.convex import convex_pieces, triangulate_part
 from polywigner.geometry.display import length_text, plot_rings, shown_as_html
-from polywigner.geometry.exact import Ring, orientations, total_area
-from polywigner.geometry.parts import (
-    combined_on_grid,
-    merge_parts,
-    parts_from,
-    split_ring,
-    union_on_grid,
-)
+from polywigner.geometry.exact import Ring, orientations, shoelace
+from polywigner.geometry.parts import combined_on_grid, merge_parts, parts_from, split_ring
 from polywigner.geometry.rings import Part, polygon_of_part
 from polywigner.geometry.wavefront import (
     Field,
@@ -52,22 +46,17 @@ class Aperture(TakesWaves):
 
     Parameters
     ----------
-    vertices
-        One ring, shape (n, 2); or a list of rings, each a part of its own; or a shapely Polygon
-        or MultiPolygon, which may have holes. In metres (any one consistent unit works).
+    vertices : one ring, shape (n, 2); or a list of rings, each a part of its own; or a shapely
+        Polygon or MultiPolygon, which may have holes. In metres (any one consistent unit works).
 
-    Orientation and starting vertex do not matter. A repeated closing vertex, repeated neighbours
-    and vertices on the line between their neighbours are dropped; "on the line" means within
-    2^-48 area/diameter, so that the area changes by less than 1e-14 of itself. Parts may touch,
-    and are then merged; where they miss each other by rounding only (64 ulp of the largest
-    coordinate), they are made to agree first.
+    Orientation and starting vertex do not matter. Repeated vertices and those on the line between
+    their neighbours, to within 2^-48 area/diameter, are dropped: the area changes by less than
+    1e-14 of itself. Parts that touch are merged, also where they miss each other by rounding (64
+    ulp of the largest coordinate).
 
-    Raises
-    ------
-    GeometryError
-        For values that are not finite numbers, fewer than three vertices, zero area, a ring that
-        crosses or touches itself (the message tells where; see :meth:`from_ring`), holes outside
-        their polygon, and parts that overlap.
+    Raises GeometryError for values that are not finite numbers, fewer than three vertices, zero
+    area, a ring that crosses or touches itself (the message tells where; see :meth:`from_ring`),
+    holes outside their polygon, and parts that overlap.
 
     >>> import polywigner as pw
     >>> frame = pw.Aperture([[(0, 0), (3, 0), (3, 2), (0, 2)], [(5, 0), (6, 0), (6, 1)]])
@@ -101,13 +90,8 @@ class Aperture(TakesWaves):
         `winding`: "nonzero" keeps what the ring runs around at all, "evenodd" what it runs around
         an odd number of times. A bow-tie becomes two triangles that touch in a point.
 
-        Raises
-        ------
-        GeometryError
-            For values that are not finite numbers, fewer than three vertices, and a ring that
-            encloses no area.
-        ArgumentError
-            For any other `winding`.
+        Raises GeometryError for values that are not finite numbers, fewer than three vertices, and
+        a ring that encloses no area; ArgumentError for any other `winding`.
         """
         return cls._of_parts(split_ring(ring, winding))
 
@@ -123,9 +107,7 @@ class Aperture(TakesWaves):
         return aperture
 
     def moved(self, shift: ArrayLike) -> Aperture:
-        """The aperture and the field on it shifted by (2,).
-
-        Vertices are rounded, so that a copy far away differs from this one in their last digits.
+        """The aperture and the field on it shifted by (2,); vertices are rounded.
 
         Raises ArgumentError for a shift that is not two finite numbers, GeometryError for one so
         far that rounding leaves a ring without an area.
@@ -141,12 +123,10 @@ class Aperture(TakesWaves):
         return copy if field is None else copy.with_illumination(field.moved(offset))
 
     def turned(self, angle: float) -> Aperture:
-        """The aperture and the field on it turned about the origin by an angle in radians.
+        """The aperture and the field on it turned counter-clockwise about the origin, in radians.
 
-        Counter-clockwise. Vertices and frequencies are rounded, except by quarter turns.
-
-        Raises ArgumentError for an angle that is not a finite number, GeometryError where rounding
-        leaves little of so slender an outline.
+        Quarter turns are exact. Raises ArgumentError for an angle that is not a finite number,
+        GeometryError where rounding leaves little of so slender an outline.
         """
         parts = [tuple(turned_points(ring, angle) for ring in part) for part in self._parts]
         copy, field = Aperture._of_parts(parts), self.illumination
@@ -177,20 +157,32 @@ class Aperture(TakesWaves):
 
     def __or__(self, other: Aperture) -> Aperture:
         """The union; both have one field, or none."""
-        return self._combined(union, other)
+        return self._combined(shapely.union, other)
 
     def __and__(self, other: Aperture) -> Aperture:
         """The part that lies in the other aperture as well, with this one's field."""
-        return self._combined(intersection, other)
+        return self._combined(shapely.intersection, other)
 
     def __sub__(self, other: Aperture) -> Aperture:
         """The part that does not lie in the other aperture, with this one's field."""
-        return self._combined(difference, other)
+        return self._combined(shapely.difference, other)
 
     def _combined(self, operation: Callable[..., Any], other: object) -> Aperture:
         if not isinstance(other, Aperture):
             return NotImplemented
-        return Aperture(operation(self, other)).with_illumination(self.illumination)
+        is_outline = other.illumination is None and operation is not shapely.union
+        if not is_outline and other.illumination != self.illumination:
+            raise IlluminationError(
+                "expected apertures with one field, or a second one without, which cuts the first, "
+                "got two that differ; take it off by with_illumination(None)"
+            )
+        found = combined_on_grid(operation, self.polygons, other.polygons)
+        if found.is_empty:
+            raise GeometryError(
+                "expected apertures that overlap in part, got two of which nothing is left: one "
+                "covers the other, or they are without any area in common"
+            )
+        return Aperture(found).with_illumination(self.illumination)
 
     def placed(self, to_world: ArrayLike) -> PlacedAperture:
         """This aperture in a rigid pose (4, 4), for transforms with three-component nu.
@@ -216,7 +208,7 @@ class Aperture(TakesWaves):
     @cached_property
     def area(self) -> float:
         """Area, rounded once from its exact value."""
-        return total_area(self.rings)
+        return float(shoelace(self.rings))
 
     @cached_property
     def bounds(self) -> tuple[float, float, float, float]:
@@ -246,29 +238,14 @@ class Aperture(TakesWaves):
         return tuple(_frozen(piece) for part in self._parts for piece in convex_pieces(part))
 
     @cached_property
-    def _key(self) -> tuple[tuple[tuple[int, bytes], ...], ...]:
+    def _key(self) -> tuple[Any, ...]:
         """Content regardless of the order of parts and of each ring's first vertex."""
 
         def content(ring: Ring) -> tuple[int, bytes]:
             return len(ring), _rotated_to_smallest(ring).tobytes()
 
-        return tuple(
-            sorted((content(part[0]), *sorted(map(content, part[1:]))) for part in self._parts)
-        )
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Aperture):
-            return NotImplemented
-        return self._key == other._key and self.illumination == other.illumination
-
-    def __hash__(self) -> int:
-        return hash((self._key, self.illumination))
-
-    def __setattr__(self, name: str, value: object) -> NoReturn:
-        raise AttributeError(f"an Aperture cannot be changed ({name}); build a new one")
-
-    def __delattr__(self, name: str) -> NoReturn:
-        raise AttributeError(f"an Aperture cannot be changed ({name}); build a new one")
+        parts = [(content(part[0]), *sorted(map(content, part[1:]))) for part in self._parts]
+        return self.illumination, *sorted(parts)
 
     def __copy__(self) -> Aperture:
         return self
@@ -280,20 +257,14 @@ class Aperture(TakesWaves):
         return _restored, (self._parts, self.illumination)
 
     def plot(self, ax: Axes | None = None, unit: str = "mm") -> Axes:
-        """The outline, filled, on axes of matplotlib.
+        """The outline, filled, on axes of matplotlib, which are returned.
 
         Parameters
         ----------
         ax : axes to draw on; None: new ones of pyplot.
         unit : of the axes, such as "mm" or "um"; the aperture's own is the metre.
 
-        Returns
-        -------
-        The axes.
-
-        Raises
-        ------
-        ArgumentError for what are no axes, QuantityError for an unknown unit.
+        Raises ArgumentError for what are no axes, QuantityError for an unknown unit.
         """
         return plot_rings(self.rings, ax, unit)
 
@@ -341,52 +312,6 @@ def triangulate(aperture: Aperture) -> tuple[Ring, NDArray[np.intp]]:
         triangles.append(indices[orientations(a, b, c) > 0] + count)
         count += len(points)
     return np.concatenate(vertices), np.concatenate(triangles)
-
-
-if TYPE_CHECKING:
-    from shapely.geometry.base import BaseGeometry
-
-
-def union(one: Aperture, other: Aperture) -> BaseGeometry:
-    """Return the union. Raises IlluminationError where the fields differ."""
-    if one.illumination != other.illumination:
-        raise IlluminationError(
-            "expected one field on both apertures of a union, got two that differ; join outlines "
-            "without a field, and give the union its own by with_illumination"
-        )
-    return union_on_grid([one.polygons, other.polygons])
-
-
-def intersection(one: Aperture, other: Aperture) -> BaseGeometry:
-    """Return the intersection. Raises as :func:`_checked` does, GeometryError if it is empty."""
-    found = combined_on_grid(shapely.intersection, one.polygons, _checked(one, other).polygons)
-    return _not_empty(found, "apertures that overlap", "two without any area in common")
-
-
-def difference(one: Aperture, other: Aperture) -> BaseGeometry:
-    """Return the first without the second. Raises as :func:`_checked`, GeometryError if empty."""
-    found = combined_on_grid(shapely.difference, one.polygons, _checked(one, other).polygons)
-    return _not_empty(found, "one that the other does not cover", "one of which nothing is left")
-
-
-def _checked(one: Aperture, other: Aperture) -> Aperture:
-    """The second aperture, an outline; IlluminationError where it has a field of its own."""
-    if other.illumination is not None and other.illumination != one.illumination:
-        raise IlluminationError(
-            "expected a second aperture without a field, which cuts the first, got one with "
-            "another field; take it off by with_illumination(None)"
-        )
-    return other
-
-
-def _not_empty(found: BaseGeometry, expected: str, got: str) -> BaseGeometry:
-    if found.is_empty:
-        raise GeometryError(f"expected {expected}, got {got}")
-    return found
-
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 
 @final

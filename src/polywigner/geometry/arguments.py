@@ -12,7 +12,7 @@ import warnings
 from collections.abc import Callable, Collection, Iterable, Sequence
 from numbers import Real
 from pathlib import Path
-from typing import Any, ParamSpec, Protocol, TypeAlias, TypeVar, cast, overload
+from typing import Any, NoReturn, ParamSpec, Protocol, TypeAlias, TypeVar, cast, overload
 
 import numpy as np
 import shapely
@@ -47,8 +47,8 @@ Outline: TypeAlias = (
 def real_numbers(values: Any) -> NDArray[np.float64]:
     """A float64 copy.
 
-    Raises ValueError for what NumPy would convert, but not without loss or guessing: complex
-    numbers, texts, and arrays with masked elements; and for what it does not convert.
+    ValueError for complex numbers, texts, and arrays with masked elements, which NumPy would
+    convert.
     """
     if np.ma.is_masked(values):
         raise ValueError("masked elements; leave them out")
@@ -61,12 +61,25 @@ def real_numbers(values: Any) -> NDArray[np.float64]:
         raise ValueError(type(values).__name__) from None
 
 
+def numbers_or_nan(values: Any) -> NDArray[np.float64]:
+    """Real numbers, or one NaN for anything else, which checks of values then refuse."""
+    try:
+        return real_numbers(values)
+    except ValueError:
+        return np.array(np.nan)
+
+
 def shape_of(value: Any) -> str:
     """The shape of an array or of nested lists, for messages."""
     try:
         return str(np.shape(value))
     except ValueError:
         return "of lists of different lengths"
+
+
+def unchangeable(self: Any, name: str, value: object = None) -> NoReturn:
+    """Refuse to set or delete an attribute of a value."""
+    raise AttributeError(f"{type(self).__name__} cannot be changed ({name}); build a new one")
 
 
 # Most vertices, as of a file; a slip of a few zeros would fill the memory.

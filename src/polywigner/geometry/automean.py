@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from itertools import combinations_with_replacement
 
-import numpy as np
 import shapely
 from numpy.typing import ArrayLike
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry.aperture import Aperture
-from polywigner.geometry.arguments import real_numbers
 from polywigner.geometry.exact import Ring
 from polywigner.geometry.parts import polygons_in, union_on_grid
+from polywigner.geometry.wavefront import checked_shift
 
 
 def _require_aperture(aperture: Aperture) -> None:
@@ -31,19 +30,12 @@ def _means(first: Ring, second: Ring) -> Ring:
 def automean(aperture: Aperture) -> Aperture:
     """The mutual support {(a + b)/2 : a, b in the aperture} of u(x + xi/2) and u(x - xi/2).
 
-    A set, whatever the illumination.
+    A set, whatever the illumination: W(x, nu) vanishes for x outside of it. A convex aperture is
+    its own automean; any other has one larger than itself, inside its convex hull.
 
-    The Wigner function W(x, nu) vanishes for x outside of it. A convex aperture is its own
-    automean; any other has one larger than itself, inside its convex hull.
-
-    Built from the convex pieces: the union of the convex hulls of the pairwise midpoints of their
-    vertices. Midpoints keep their floats; vertices where outlines cross are rounded to 2^-44 of
-    the size, which closes hairline cracks. Cost: pieces^2/2 hulls and their union.
-
-    Raises
-    ------
-    ArgumentError
-        For anything but an Aperture.
+    The union of the convex hulls of the midpoints of all pairs of convex pieces. Midpoints keep
+    their floats; vertices where outlines cross are rounded to 2^-44 of the size. Cost: pieces^2/2
+    hulls and their union. Raises ArgumentError for anything but an Aperture.
 
     >>> import polywigner as pw
     >>> notch = pw.shapes.chevron(20e-3, 12e-3, 4e-3)
@@ -60,16 +52,6 @@ def automean(aperture: Aperture) -> Aperture:
     return Aperture(union)
 
 
-def _point(point: ArrayLike, name: str) -> Ring:
-    try:
-        array = real_numbers(point)
-    except ValueError:
-        raise ArgumentError(f"expected {name} as two numbers, got {point!r}") from None
-    if array.shape != (2,) or not np.isfinite(array).all():
-        raise ArgumentError(f"expected {name} as two finite numbers, got {point!r}")
-    return array
-
-
 def _overlap(
     first: shapely.MultiPolygon, second: shapely.MultiPolygon
 ) -> shapely.Polygon | shapely.MultiPolygon:
@@ -83,17 +65,15 @@ def lag_slice(aperture: Aperture, x: ArrayLike) -> shapely.Polygon | shapely.Mul
     `x`: a position, shape (2,), in the aperture's unit. An empty MultiPolygon if there is none.
     Differs from the paper, whose matrices translate by x: it must be 2x.
 
-    Raises
-    ------
-    ArgumentError
-        For anything but an Aperture, and for an `x` that is not two finite numbers.
+    Raises ArgumentError for anything but an Aperture, and for an `x` that is not two finite
+    numbers.
 
     >>> import polywigner as pw
     >>> pw.lag_slice(pw.shapes.square(2.0), (0.5, 0.0)).area
     8.0
     """
     _require_aperture(aperture)
-    position = _point(x, "a position x")
+    position = checked_shift(x, 2, "a position x")
     shape = aperture.polygons
     return _overlap(
         shapely.transform(shape, lambda v: 2 * (v - position)),
@@ -107,19 +87,16 @@ def position_slice(aperture: Aperture, xi: ArrayLike) -> shapely.Polygon | shape
     `xi`: a lag, shape (2,), in the aperture's unit. An empty MultiPolygon if there is none.
     Differs from the paper, which shifts one copy only and so gets a wrong phase.
 
-    Raises
-    ------
-    ArgumentError
-        For anything but an Aperture, and for a `xi` that is not two finite numbers.
+    Raises ArgumentError for anything but an Aperture, and for a `xi` that is not two finite
+    numbers.
 
     >>> import polywigner as pw
     >>> pw.position_slice(pw.shapes.square(2.0), (0.5, 0.0)).area
     3.0
     """
     _require_aperture(aperture)
-    half = _point(xi, "a lag xi") / 2
+    half = checked_shift(xi, 2, "a lag xi") / 2
     shape = aperture.polygons
     return _overlap(
-        shapely.transform(shape, lambda v: v - half),
-        shapely.transform(shape, lambda v: v + half),
+        shapely.transform(shape, lambda v: v - half), shapely.transform(shape, lambda v: v + half)
     )

@@ -1,9 +1,7 @@
 """Outlines as tiles: triangles, few convex pieces, and trapezoids to draw points from.
 
-A point of the unit square is mapped to a trapezoid: the first coordinate picks the trapezoid and
-the abscissa, the second the ordinate. For a rectangle this is an affine map and for any convex
-polygon the abscissa is monotone in the first coordinate, so stratified samples stay stratified; a
-triangle mesh, with its fold along every diagonal, would lose that.
+The map from the unit square picks a trapezoid and the abscissa by its first coordinate, so that
+stratified samples stay stratified; a triangle mesh, with its folds, would lose that.
 """
 
 from __future__ import annotations
@@ -31,17 +29,11 @@ _DENT = 2.0**-48
 # Larger dented pieces stay cut, because testing them is quadratic.
 _LARGEST_DENTED = 512
 
-# Greedy merging depends on the order of the diagonals: random orders are tried until so many in a
-# row found nothing better, or until that many merges in all.
-_PATIENCE = 16
-_MOST_MERGES = 20_000
-
 
 def triangulate_part(part: Part) -> tuple[Ring, Indices]:
     """Constrained Delaunay triangles: vertices (n, 2) and counter-clockwise indices (m, 3).
 
-    Zero-area triangles (of vertices on one line) may be among them: they keep neighbours
-    connected. Raises GeometryError if the triangles do not tile the part exactly.
+    Zero-area triangles may be among them. GeometryError if they do not tile the part exactly.
     """
     vertices = np.unique(np.concatenate(part), axis=0)
     index = {vertex.tobytes(): number for number, vertex in enumerate(vertices)}
@@ -62,10 +54,7 @@ def triangulate_part(part: Part) -> tuple[Ring, Indices]:
 
 
 def _is_convex(ring: Ring, dent: float) -> bool:
-    """Whether every vertex lies left of every edge's line, or right of it by at most `dent`.
-
-    Edges times vertices in cost: refused for rings beyond _LARGEST_DENTED.
-    """
+    """Whether every vertex lies left of every edge's line, or right of it by at most `dent`."""
     if len(ring) > _LARGEST_DENTED:
         return False
     start, end = ring, np.roll(ring, -1, axis=0)
@@ -134,42 +123,23 @@ class _Merger:
         return [piece for piece in self.pieces if piece]
 
 
-def _fewest_pieces(vertices: Ring, triangles: Indices, dent: float, enough: int) -> list[list[int]]:
-    """The best of several orders of merging; `enough` pieces cannot be improved on."""
+def _fewest_pieces(vertices: Ring, triangles: Indices, dent: float) -> list[list[int]]:
+    """The better of two orders of merging: the longest diagonals first, or the shortest."""
     diagonals = _Merger(vertices, triangles, dent).diagonals()
-
-    def merged(order: Sequence[int] | Indices) -> list[list[int]]:
-        return _Merger(vertices, triangles, dent).run([diagonals[k] for k in order])
-
     ends = vertices[np.array(diagonals, dtype=np.intp).reshape(-1, 2)]
     longest_first = np.argsort(-np.hypot(*(ends[:, 1] - ends[:, 0]).T), kind="stable")
-    best = min(merged(longest_first), merged(longest_first[::-1]), key=len)
-    shuffle = np.random.default_rng(0).permutation
-    idle = 0
-    for _ in range(_MOST_MERGES // (len(diagonals) + 1)):
-        if len(best) <= enough or idle == _PATIENCE:
-            break
-        cover = merged(shuffle(len(diagonals)))
-        idle = 0 if len(cover) < len(best) else idle + 1
-        best = min(best, cover, key=len)
-    return best
-
-
-def _fewest_possible(part: Part) -> int:
-    """Each dent needs a diagonal, one serves at most two, and one per hole makes no new piece."""
-    dents = 0
-    for ring in part:
-        turns = orientations(np.roll(ring, 1, axis=0), ring, np.roll(ring, -1, axis=0))
-        dents += int(np.count_nonzero(turns < 0))
-    return max(1, (dents + 1) // 2 + 2 - len(part))
+    covers = [
+        _Merger(vertices, triangles, dent).run([diagonals[k] for k in order])
+        for order in (longest_first, longest_first[::-1])
+    ]
+    return min(covers, key=len)
 
 
 def convex_pieces(part: Part) -> list[Ring]:
     """Convex counter-clockwise polygons that tile the part, with its own vertices only.
 
-    A convex part is its own single piece. Otherwise constrained Delaunay triangles are merged
-    greedily while convex (Hertel and Mehlhorn 1983: at most four times the fewest possible),
-    over several orders of merging.
+    Constrained Delaunay triangles are merged greedily while convex (Hertel and Mehlhorn 1983: at
+    most four times the fewest possible), in two orders.
     """
     area = float(shoelace(part))
     dent = _DENT * area / extent(part[0])
@@ -179,8 +149,7 @@ def convex_pieces(part: Part) -> list[Ring]:
         if np.all(turns >= 0) or _is_convex(ring, dent):
             return [ring]
     vertices, triangles = triangulate_part(part)
-    enough = _fewest_possible(part)
-    pieces = [vertices[piece] for piece in _fewest_pieces(vertices, triangles, dent, enough)]
+    pieces = [vertices[piece] for piece in _fewest_pieces(vertices, triangles, dent)]
     return [piece for piece in pieces if shoelace([piece]) > 0]
 
 
@@ -237,10 +206,7 @@ class Trapezoids:
 
     @property
     def columns(self) -> tuple[NDArray[np.float64], ...]:
-        """The constants of :func:`point_in_trapezoid`, each (n,).
-
-        Heights are differences of coordinates: formed here, in double precision.
-        """
+        """The constants of :func:`point_in_trapezoid`, each (n,)."""
         return (
             self.left,
             self.width,
@@ -252,10 +218,7 @@ class Trapezoids:
 
 
 def trapezoids(rings: Sequence[NDArray[np.float64]]) -> Trapezoids:
-    """The trapezoids between the boundary rings (n, 2) of an aperture, from left to right.
-
-    Cost: number of vertices times number of edges.
-    """
+    """The trapezoids between the boundary rings (n, 2) of an aperture, from left to right."""
     start = np.concatenate(rings)
     end = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
     rightwards = start[:, :1] <= end[:, :1]
@@ -291,7 +254,7 @@ def _slab(
 def point_in_trapezoid(ops: Any, row: Sequence[Any], u: Any, v: Any) -> tuple[Any, Any]:
     """The point of a trapezoid, uniform by area, for (u, v) uniform in the unit square.
 
-    ``row``: what :attr:`Trapezoids.columns` holds for it; ``ops``: the namespace of their type.
+    ``row``: of :attr:`Trapezoids.columns`; ``ops``: the namespace of its type.
     """
     left, width, height_left, height_right, low_left, low_right = row
     # Solves (h0 t + (h1 - h0) t^2 / 2) = u (h0 + h1) / 2 without cancellation.

@@ -1,7 +1,6 @@
 """Exact predicates on float64 coordinates: orientation, convexity and area without rounding.
 
-A float64 is a rational number, so the sign of a cross product and the area of a ring have exact
-values. The filter settles nearly every case in floating point; rational arithmetic does the rest.
+A filter settles nearly every case in floating point; whole numbers do the rest.
 """
 
 from __future__ import annotations
@@ -107,8 +106,3 @@ def estimated_area(ring: Ring) -> float:
     """Signed area of one ring, with the exact sign; for large rings less exact than rounding."""
     area, error = area_and_error(ring)
     return area if abs(area) > error else signed_area(ring)
-
-
-def total_area(rings: Iterable[Ring]) -> float:
-    """Sum of the signed areas of rings, rounded once."""
-    return float(shoelace(rings))

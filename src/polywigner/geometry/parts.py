@@ -1,8 +1,7 @@
 """From clean rings to a valid set of parts: simple, apart from each other, merged where they touch.
 
-Validity is decided with exact predicates (GEOS), so it does not depend on the size or place of the
-aperture. Where it fails, coordinates may differ by rounding only (tiles that were rotated, corners
-of one part on an edge of another): such places are welded, by at most 64 ulp, and tried again.
+Exact predicates (GEOS) decide on validity. Where coordinates differ by rounding only (tiles that
+were rotated), places are welded, by at most 64 ulp, and tried again.
 """
 
 from __future__ import annotations
@@ -128,9 +127,9 @@ def _union(geometries: Sequence[BaseGeometry], grid: float) -> BaseGeometry:
 def union_on_grid(
     geometries: Sequence[BaseGeometry], originals: Ring | None = None
 ) -> BaseGeometry:
-    """Union of polygons with hairline gaps and overlaps closed and original vertices kept.
+    """Union of polygons with hairline gaps and overlaps closed.
 
-    `originals` (n, 2): the vertices to keep exactly; None means those of `geometries`.
+    The vertices `originals` (n, 2) are kept exactly; None means those of `geometries`.
     """
     points = shapely.get_coordinates(list(geometries)) if originals is None else originals
     grid = grid_size(points)
@@ -140,10 +139,7 @@ def union_on_grid(
 def combined_on_grid(
     operation: Callable[..., BaseGeometry], one: BaseGeometry, other: BaseGeometry
 ) -> BaseGeometry:
-    """``shapely.intersection`` or ``shapely.difference`` of two, cleaned as unions are.
-
-    An empty collection where no area is left.
-    """
+    """``shapely.intersection`` or ``shapely.difference`` of two, cleaned as unions are."""
     points = shapely.get_coordinates([one, other])
     grid = grid_size(points)
     found = operation(one, other, grid_size=grid)
@@ -194,8 +190,8 @@ def _with_vertices_on_edges(ring: Ring, tree: shapely.STRtree, points: Ring, rea
 def weld(parts: Sequence[Part]) -> list[Part]:
     """Parts with nearly equal vertices made equal, and vertices put into the edges they touch.
 
-    Nothing moves by more than 64 ulp of the largest coordinate. Afterwards, parts that touch
-    along an edge share the very same chain of vertices there.
+    Nothing moves by more than 64 ulp of the largest coordinate; parts that touch along an edge then
+    share the very same chain of vertices.
     """
     rings = [ring for part in parts for ring in part]
     reach = max(rounding_tolerance(ring) for ring in rings)
@@ -244,11 +240,7 @@ def part_of_ring(vertices: object, name: str = "the ring") -> Part:
 
 
 def _straightened(part: Part) -> Part:
-    """Drop vertices on straight lines up to rounding, as densely sampled outlines have them.
-
-    Without them others may be seen to lie on one: until none does, so that it is the same aperture
-    however often its outline is taken out and in.
-    """
+    """Drop vertices on straight lines up to rounding, until none is left on one."""
     while True:
         polygon = polygon_of_part(part)
         simple = straightened(polygon, _STRAIGHT * polygon.area / extent(part[0]))
@@ -262,10 +254,7 @@ def part_of_rings(
     name: str = "the polygon",
     remedy: str = "repair it with shapely.make_valid or shapely.difference",
 ) -> Part:
-    """An exterior and its holes as a part; raises where one crosses itself or another.
-
-    `remedy` ends the message about holes.
-    """
+    """An exterior and its holes as a part; raises where one crosses itself or another."""
     outer, *holes = (
         part_of_ring(ring, f"hole {number} of {name}" if number else f"the exterior of {name}")[0]
         for number, ring in enumerate(rings)
@@ -287,7 +276,7 @@ def _check_overlaps(
 ) -> bool:
     """Raise where two parts overlap by more than rounding; tell whether any two touch.
 
-    Goes through the parts in blocks, since a thousand parts upon each other make a million pairs.
+    In blocks: a thousand parts upon each other make a million pairs.
     """
     # Parts a rounding error apart are meant to touch, too.
     shift = max(rounding_tolerance(part[0]) for part in parts)
@@ -350,10 +339,7 @@ def _clean_union(parts: Sequence[Part]) -> list[Part] | None:
 
 
 def merge_parts(parts: Sequence[Part], remedy: str = _MERGE) -> list[Part]:
-    """Parts whose union has no inner edges; touching ones are joined, overlapping ones raise.
-
-    `remedy` ends the message about overlaps.
-    """
+    """Parts whose union has no inner edges; touching ones are joined, overlapping ones raise."""
     polygons = [polygon_of_part(part) for part in parts]
     if len(parts) == 1 or not _check_overlaps(parts, polygons, remedy):
         return list(parts)
@@ -388,8 +374,8 @@ _RULES = ("nonzero", "evenodd")
 def _turns(start: Ring, end: Ring, points: Ring) -> NDArray[np.int64]:
     """Winding numbers (m,) of closed rings given by their edges, start and end (n, 2).
 
-    Counts signed crossings of the ray towards +x, with exact orientations; points on a ring get the
-    value of one of its sides.
+    Counts signed crossings of the ray towards +x; points on a ring get the value of one of its
+    sides.
     """
     tree = shapely.STRtree(shapely.linestrings(np.stack([start, end], axis=1)))
     farthest = np.column_stack([np.full(len(points), start[:, 0].max()), points[:, 1]])
@@ -409,13 +395,7 @@ def _turns(start: Ring, end: Ring, points: Ring) -> NDArray[np.int64]:
 
 
 def split_ring(vertices: Any, winding: str) -> list[Part]:
-    """The parts of the region where the ring's winding number is not zero, or is odd.
-
-    Raises
-    ------
-    ArgumentError for an unknown `winding`; GeometryError for vertices that do not make a ring, or
-    one that encloses no area.
-    """
+    """The parts of the region where the ring's winding number is not zero, or is odd."""
     if not isinstance(winding, str) or winding not in _RULES:
         raise ArgumentError(f"expected winding to be one of {_RULES}, got {winding!r}")
     ring = clean_ring(vertices, "the ring")
@@ -430,10 +410,9 @@ def split_ring(vertices: Any, winding: str) -> list[Part]:
 
 
 def enclosed(rings: Sequence[Ring], winding: str) -> list[shapely.Polygon]:
-    """The region that the rings (n, 2) together run around: not zero times, or an odd number.
+    """The region that the rings (n, 2), which may cross, together run around by a winding rule.
 
-    The rings may cross themselves and each other. Polygons that are apart or touch in points;
-    none where no area is enclosed.
+    Polygons that are apart or touch in points; none where no area is enclosed.
     """
     # Faces of the arrangement of the rings' edges, noded on a grid: passes that differ by rounding
     # only, as in a curve run through twice, then leave no hairline faces between them.
@@ -464,10 +443,7 @@ def _part_of_polygon(polygon: shapely.Polygon, name: str) -> Part:
 
 
 def parts_from(vertices: Any) -> list[Part]:
-    """The parts of one ring (n, 2), of a list of rings, or of shapely polygons.
-
-    Raises GeometryError for anything else.
-    """
+    """The parts of one ring (n, 2), of a list of rings, or of shapely polygons."""
     if isinstance(vertices, (shapely.Polygon, shapely.MultiPolygon)):
         polygons = polygons_in(vertices)
         if not polygons:

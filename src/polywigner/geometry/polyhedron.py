@@ -7,21 +7,20 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from fractions import Fraction
 from functools import cached_property
-from typing import Any, NoReturn, SupportsIndex, final
+from typing import Any, SupportsIndex, final
 
 import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import GeometryError
-from polywigner.geometry.arguments import real_numbers
+from polywigner.geometry.arguments import real_numbers, unchangeable
 from polywigner.geometry.display import length_text, shown_as_html
 from polywigner.geometry.exact import whole_numbers
 from polywigner.geometry.rings import LARGEST_COORDINATE, SMALLEST_EXTENT
 
 # How far a vertex of a face may lie off the face's plane, as a fraction of the body's diameter:
-# coordinates printed with ten digits pass, a warped face does not. The transform of a face bent by
-# this much is that of a body whose volume differs by less than 1e-9 of diameter^3.
+# coordinates printed with ten digits pass; the volume differs by less than 1e-9 of diameter^3.
 _PLANAR = 1e-9
 
 # Rounding of radii and distances, sums of a few terms; rows of distances at a time: 80 MB at
@@ -41,17 +40,12 @@ class Polyhedron:
 
     Parameters
     ----------
-    vertices
-        (n, 3) in metres (any one consistent unit works).
-    faces
-        One list of vertex numbers per face, three or more, counter-clockwise seen from outside.
-        Faces and body need not be convex. A body whose faces all run the other way round is
-        turned inside out. Several closed surfaces may share one list (separate bodies, which may
-        touch, and cavities).
+    vertices : (n, 3) in metres (any one consistent unit works).
+    faces : one list of vertex numbers per face, three or more, counter-clockwise seen from outside;
+        convex or not. A body whose faces all run the other way round is turned inside out. Several
+        closed surfaces may share one list (separate bodies, which may touch, and cavities).
 
-    Raises
-    ------
-    GeometryError for values that are not finite numbers, faces that are not planar or cross
+    Raises GeometryError for values that are not finite numbers, faces that are not planar or cross
     themselves, a surface that is not closed or not consistently oriented, and zero volume.
 
     >>> import polywigner as pw
@@ -112,11 +106,7 @@ class Polyhedron:
     def __hash__(self) -> int:
         return hash(self._key)
 
-    def __setattr__(self, name: str, value: object) -> NoReturn:
-        raise AttributeError(f"a Polyhedron cannot be changed ({name}); build a new one")
-
-    def __delattr__(self, name: str) -> NoReturn:
-        raise AttributeError(f"a Polyhedron cannot be changed ({name}); build a new one")
+    __setattr__ = __delattr__ = unchangeable
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _restored, (self.vertices, self.faces)
@@ -213,10 +203,7 @@ def _checked_faces(faces: Any, count: int) -> tuple[tuple[int, ...], ...]:
 
 
 def _check_closed(faces: Sequence[tuple[int, ...]]) -> None:
-    """Every directed edge must occur as often as its reverse.
-
-    Once each, but where bodies touch along an edge: there they occur twice, which is as good.
-    """
+    """Every directed edge must occur as often as its reverse: twice where bodies touch along it."""
     starts = [face.index(min(face)) for face in faces]
     turned = Counter(f[k:] + f[:k] for f, k in zip(faces, starts, strict=True))
     repeated, times = next(iter(turned.most_common(1)), ((), 0))

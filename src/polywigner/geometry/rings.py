@@ -9,6 +9,7 @@ import shapely
 from numpy.typing import NDArray
 
 from polywigner.errors import GeometryError
+from polywigner.geometry.arguments import real_numbers
 from polywigner.geometry.exact import (
     Ring,
     area_and_error,
@@ -42,19 +43,11 @@ def extent(points: Ring) -> float:
 
 
 def _as_array(vertices: Any, name: str) -> NDArray[np.float64]:
-    expected = f"expected {name} as an (n, 2) array of numbers"
-    if np.ma.is_masked(vertices):
-        raise GeometryError(f"{expected}, got masked elements; leave those vertices out")
+    expected = f"expected {name} as an (n, 2) array of real numbers"
     try:
-        raw = np.asarray(vertices)
-    except (ValueError, TypeError) as error:
-        raise GeometryError(f"{expected}, got {type(vertices).__name__} ({error})") from None
-    if raw.dtype.kind not in "iufO":
-        raise GeometryError(f"{expected}, got values of type {raw.dtype}; give real numbers")
-    try:
-        array = np.array(raw, dtype=np.float64)
-    except (ValueError, TypeError, OverflowError):
-        raise GeometryError(f"{expected}, got values that are not real numbers") from None
+        array = real_numbers(vertices)
+    except ValueError as error:
+        raise GeometryError(f"{expected}, got {error}") from None
     if array.ndim != 2 or array.shape[1] != 2:
         hint = "; drop the z column" if array.ndim == 2 and array.shape[1] == 3 else ""
         raise GeometryError(f"{expected}, got shape {array.shape}{hint}")
@@ -69,8 +62,7 @@ def _without_repeats(ring: Ring) -> Ring:
 def without_straight_vertices(ring: Ring) -> Ring:
     """Drop vertices that lie exactly on the segment between their neighbours.
 
-    The region stays exactly the same. The tips of spikes (out and straight back) are kept, so
-    that validation can find and name them.
+    The tips of spikes (out and straight back) are kept, so that validation finds them.
     """
     before, after = np.roll(ring, 1, axis=0), np.roll(ring, -1, axis=0)
     onward = np.sum((ring - before) * (after - ring), axis=1) > 0
@@ -90,8 +82,8 @@ def _certainly_within(points: Ring, start: Ring, end: Ring, reach: float) -> NDA
 def without_slight_bends(ring: Ring, reach: float) -> Ring:
     """Drop vertices within `reach` of the segment between the kept vertices next to them.
 
-    Runs of such vertices go as a whole or stay as a whole, so that a second pass changes nothing
-    and it does not matter where the ring starts. A closing repeat is dropped.
+    Runs of such vertices go or stay as a whole, so that a second pass changes nothing and it does
+    not matter where the ring starts. A closing repeat is dropped.
     """
     ring = _without_repeats(ring)
     slight = _certainly_within(ring, np.roll(ring, 1, axis=0), np.roll(ring, -1, axis=0), reach)
@@ -116,10 +108,9 @@ def different_vertices(ring: Ring) -> int:
 
 
 def clean_ring(vertices: Any, name: str = "a ring") -> Ring:
-    """Check one ring and return it as float64 without repeats and straight vertices.
+    """Return one ring as float64 without repeats and straight vertices, in its own orientation.
 
-    The orientation is left as given. Raises GeometryError for anything but at least three
-    different, finite vertices that span an area.
+    GeometryError for anything but at least three different, finite vertices.
     """
     ring = _as_array(vertices, name)
     if not np.isfinite(ring).all():

@@ -1,10 +1,9 @@
 """Catalogue of apertures, in the plane and on a line.
 
-Lengths are in metres (any one consistent unit works). Unless a docstring says otherwise, the
-centre of the bounds is the origin. ``slit``, ``slit_pair`` and ``grating`` are one-dimensional
-(:class:`polywigner.Slits`), all others plane (:class:`polywigner.Aperture`). All raise
-ArgumentError for lengths that are not finite and above zero, and for sizes that do not fit
-together.
+Lengths are in metres (any one consistent unit works); the centre of the bounds is the origin where
+nothing else is said. ``slit``, ``slit_pair`` and ``grating`` make :class:`polywigner.Slits`, all
+others a :class:`polywigner.Aperture`. All raise ArgumentError for lengths that are not finite and
+above zero, and for sizes that do not fit together.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from numpy.typing import ArrayLike
 from polywigner.errors import ArgumentError
 from polywigner.geometry.aperture import Aperture
 from polywigner.geometry.arguments import checked_count as _count
-from polywigner.geometry.arguments import checked_flag, real_numbers
+from polywigner.geometry.arguments import checked_flag, numbers_or_nan
 from polywigner.geometry.arguments import checked_length as _length
 from polywigner.geometry.arguments import checked_number as _number
 from polywigner.geometry.exact import Ring
@@ -51,10 +50,7 @@ __all__ = [
 
 def _numbers(values: Any, name: str, meaning: str, dimensions: int) -> Ring:
     """Pairs of finite numbers: one, shape (2,), or several, shape (m, 2)."""
-    try:
-        array = real_numbers(values)
-    except ValueError:
-        array = np.empty(0)
+    array = numbers_or_nan(values)
     fits = array.ndim == dimensions and array.shape[-1] == 2 and array.size > 0
     if not fits or not np.isfinite(array).all():
         raise ArgumentError(f"expected {name} as {meaning} of finite numbers, got {values!r}")
@@ -258,8 +254,7 @@ def hexagonal_segments(
     """Segmented mirror: hexagons in rings around a centre cell, which is left out by default.
 
     `flat_to_flat` is the height of one hexagon (flat sides towards +y and -y), `gap` the distance
-    between facing sides. Two rings make 18 segments. With gap 0 they share their vertices exactly
-    and merge into one outline.
+    between facing sides; with gap 0 they merge into one outline. Two rings make 18 segments.
     """
     flat, space = _length(flat_to_flat, "flat_to_flat"), _length(gap, "gap", zero=True)
     whole = checked_flag(centre, "centre")

@@ -1,8 +1,8 @@
 """Silhouettes of opaque bodies and plates, seen from a point: the edges of the shadow they throw.
 
 A silhouette is the set of directed edges between a face towards the source and one away from it,
-or of a plate all edges, as far as the source sees them. An edge in front of another surface throws
-its shadow on that surface: behind it the edge has no part in the light (docs/theory/shadows.md).
+or of a plate all edges. Behind a surface in its shadow an edge has no part in the light
+(docs/theory/shadows.md).
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ _WIDER = 1e-6
 # Pairs of a ray and a triangle at a time: some 50 MB.
 _PAIRS = 1 << 20
 # Pairs of an edge and one that may hide it, and of a piece and a triangle, at 0.3 us each: ten
-# minutes. A pair of an edge and a whole body takes a sixteenth of that, and a piece 300 bytes.
-_MOST_PAIRS, _BODIES, _PIECES = 1 << 31, 16, 512
+# minutes. A piece takes 300 bytes.
+_MOST_PAIRS, _PIECES = 1 << 31, 512
 
 
 @dataclass(frozen=True)
@@ -67,22 +67,21 @@ class Obstacle:
         blocks = [points[low : low + step] for low in range(0, len(points), step)]
         return np.concatenate([_from_triangles(corners, block).min(axis=1) for block in blocks])
 
+    def _facing(self, source: Floats) -> Floats:
+        """1 for triangles that a source sees from their front, -1 for the back of a plate."""
+        first = self.vertices[self.triangles[:, 0]]
+        facing = np.sign(np.einsum("tk,tk->t", self.normals[self.owner], source - first))
+        return np.maximum(facing, 0.0) if self.is_solid else facing
+
     def borders(self, source: Floats) -> Indices:
         """Vertices (m, 2) of all edges of faces that a source sees from their front."""
-        first = self.vertices[self.triangles[:, 0]]
-        front = np.einsum("tk,tk->t", self.normals[self.owner], source - first) != 0.0
-        if self.is_solid:
-            front = np.einsum("tk,tk->t", self.normals[self.owner], source - first) > 0.0
-        some = self.triangles[front]
+        some = self.triangles[self._facing(source) != 0.0]
         pairs = np.concatenate([some, np.roll(some, -1, axis=1)], axis=0).reshape(2, -1).T
         return np.unique(np.sort(pairs, axis=1), axis=0)
 
     def silhouette(self, source: Floats) -> tuple[Indices, Indices]:
         """Vertices (m, 2) of the directed edges of the silhouette, and a face (m,) of each."""
-        first = self.vertices[self.triangles[:, 0]]
-        facing = np.sign(np.einsum("tk,tk->t", self.normals[self.owner], source - first))
-        if self.is_solid:
-            facing = np.maximum(facing, 0.0)
+        facing = self._facing(source)
         start, end = self.triangles.T.ravel(), np.roll(self.triangles, -1, axis=1).T.ravel()
         sign = np.where(start < end, 1.0, -1.0) * np.tile(facing, 3)
         keys, which = np.unique(
@@ -104,10 +103,7 @@ class Obstacle:
         return self.vertices[ends]
 
     def cut(self, origin: Floats, along: Floats) -> Floats:
-        """Lines (k, 2, 2) in which a plane with the axes ``along`` (2, 3) meets the surface.
-
-        Of a plate in that plane its border.
-        """
+        """Lines (k, 2, 2) in which a plane with the axes ``along`` (2, 3) meets the surface."""
         normal = np.cross(*along)
         height = (self.vertices - origin) @ normal
         if np.abs(height).max() <= _ON * np.ptp(self.vertices, axis=0).max():
@@ -186,11 +182,7 @@ def bodies_if_any(bodies: Any) -> tuple[Polyhedron | PlacedAperture, ...]:
 
 
 def listed_bodies(bodies: Any) -> tuple[Polyhedron | PlacedAperture, ...]:
-    """One or several obstacles as a tuple.
-
-    Raises ArgumentError for anything but a Polyhedron, an aperture in a pose
-    (:meth:`Aperture.placed`), or a sequence of these.
-    """
+    """One or several obstacles, Polyhedra or apertures in a pose, as a tuple."""
     listed = tuple(bodies) if isinstance(bodies, (list, tuple)) else (bodies,)
     if not listed:
         raise ArgumentError("expected at least one obstacle, got none; leave obstacles out")
@@ -209,10 +201,7 @@ def listed_bodies(bodies: Any) -> tuple[Polyhedron | PlacedAperture, ...]:
 
 
 def obstacles_of(bodies: Any, unit: float) -> Obstacles:
-    """The obstacles that a user lists, in units of ``unit`` metres.
-
-    Raises ArgumentError as :func:`listed_bodies` does, and for bodies beyond all numbers.
-    """
+    """The obstacles that a user lists, in units of ``unit`` metres."""
     found = [obstacle_of(body) for body in listed_bodies(bodies)]
     found = [replace(body, vertices=body.vertices / unit) for body in found]
     if not all((np.abs(body.vertices) < _FARTHEST).all() for body in found):
@@ -235,19 +224,13 @@ class Obstacles:
         )
 
     def silhouettes(self, sources: Sequence[Floats]) -> list[Silhouette]:
-        """Return a silhouette for each of the places (3,) of one source.
-
-        Where the mesh is large they share one, seen from their middle.
-        """
+        """Return silhouettes for places (k, 3) of one source; of a large mesh one for all."""
         if len(sources) * sum(len(body.triangles) for body in self.bodies) > _MOST_FACES:
             return [self.silhouette(np.mean(sources, axis=0))] * len(sources)
         return [self.silhouette(place) for place in sources]
 
     def silhouette(self, source: Floats) -> Silhouette:
-        """Return the edges of the shadows that all bodies throw, seen from a source (3,).
-
-        Raises ArgumentError for bodies that hide each other in too many ways to find out.
-        """
+        """Return the edges of the shadows that all bodies throw, seen from a source (3,)."""
         places, numbers, faces = [], [], []
         for number, body in enumerate(self.bodies):
             ends, face = body.silhouette(source)
@@ -356,10 +339,7 @@ def _cone(places: Floats) -> tuple[Floats, float]:
 
 
 def _hits(body: Obstacle, source: Floats, rays: Floats) -> Any:
-    """(slice of rays, (k, t) where they meet the triangles of a body, as a share of their length).
-
-    Infinite where they miss.
-    """
+    """(slice of rays, (k, t) where they meet triangles, in shares of their length, or infinite)."""
     a, b, c = np.moveaxis(body.vertices[body.triangles] - source, 1, 0)
     sides = [np.cross(b, c), np.cross(c, a), np.cross(a, b)]
     volume = np.einsum("tk,tk->t", a, sides[0])
@@ -410,28 +390,25 @@ def _pieces(
 ) -> tuple[Floats, Floats, Indices]:
     """Cut edges (m, 2, 3), seen from the origin, where lines (n, 2, 3) of bodies cross them.
 
-    ``cones`` around the bodies. Returns starts and ends (k, 3) of the pieces, and the number (k,)
-    of their edge.
+    Returns starts and ends (k, 3) of the pieces, and the number (k,) of their edge.
     """
     starts, ends, owner = [], [], []
     axes, angles = np.array([axis for axis, _ in cones]), np.array([angle for _, angle in cones])
     columns = [(some[:, 0], some[:, 1], np.cross(some[:, 0], some[:, 1])) for some in lines]
     counts = np.array([len(some) for some in lines])
-    _check_pairs(len(edges) * len(lines) // _BODIES)
     nearby, pairs, pieces = [], 0, 0
-    for edge in edges:
+    for edge in edges:  # counted before any is cut
         axis, angle = _cone(edge)
         apart = np.arccos(np.clip(axes @ axis, -1.0, 1.0))
-        nearby.append(np.flatnonzero(apart <= angle + angles + _WIDER))
+        nearby.append(np.flatnonzero(apart <= angle + angles + _WIDER).tolist())
         pairs += int(counts[nearby[-1]].sum())
         _check_pairs(pairs)
     for k, (a, b) in enumerate(edges):
         normal = np.cross(a, b)
         if not normal.any():  # seen end on: no angle, and no wave
             continue
-        near = nearby[k].tolist()
         c, d, planes = (
-            np.concatenate(part) for part in zip(*(columns[n] for n in near), strict=True)
+            np.concatenate(part) for part in zip(*(columns[n] for n in nearby[k]), strict=True)
         )
         cuts = _cuts(a, b, normal, c, d, planes)
         places = np.unique(np.concatenate([[0.0, 1.0], cuts]))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any, NoReturn, final
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,13 +23,10 @@ class Slits(TakesWaves):
 
     Parameters
     ----------
-    intervals
-        (m, 2) begin and end of every slit, in metres (any one consistent unit works), in any
-        order. A single slit may be given as (2,). Slits may touch, and are then merged.
+    intervals : (m, 2) begin and end of every slit, or (2,) of one, in metres (any one consistent
+        unit works), in any order. Slits that touch are merged.
 
-    Raises
-    ------
-    GeometryError for values that are not finite numbers, slits of zero width, and slits that
+    Raises GeometryError for values that are not finite numbers, slits of zero width, and slits that
     overlap.
 
     >>> import polywigner as pw
@@ -94,20 +91,9 @@ class Slits(TakesWaves):
         """Distance from the begin of the first slit to the end of the last."""
         return self.bounds[1] - self.bounds[0]
 
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Slits):
-            return NotImplemented
-        same = np.array_equal(self.intervals, other.intervals)
-        return same and self.illumination == other.illumination
-
-    def __hash__(self) -> int:
-        return hash((self.intervals.tobytes(), self.illumination))
-
-    def __setattr__(self, name: str, value: object) -> NoReturn:
-        raise AttributeError(f"Slits cannot be changed ({name}); build new ones")
-
-    def __delattr__(self, name: str) -> NoReturn:
-        raise AttributeError(f"Slits cannot be changed ({name}); build new ones")
+    @cached_property
+    def _key(self) -> tuple[bytes, Field | None]:
+        return (self.intervals + 0.0).tobytes(), self.illumination
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _restored, (self.intervals, self.illumination)

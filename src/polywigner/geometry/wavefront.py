@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NoReturn, Protocol, final, runtime_checkable
+from functools import cached_property
+from typing import Any, Protocol, final, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,7 +15,8 @@ from polywigner.geometry.arguments import (
     checked_length,
     checked_number,
     checked_wavelength,
-    real_numbers,
+    numbers_or_nan,
+    unchangeable,
     warn_of_degrees,
 )
 from polywigner.geometry.display import length_text, shown_as_html
@@ -22,10 +24,7 @@ from polywigner.geometry.display import length_text, shown_as_html
 
 @runtime_checkable
 class Field(Protocol):
-    """The part of :class:`polywigner.Illumination` that travels with a source.
-
-    Fields are made in the room above this one.
-    """
+    """The part of :class:`polywigner.Illumination` that travels with a source."""
 
     amplitudes: Any
     frequencies: Any
@@ -41,11 +40,7 @@ class Field(Protocol):
 
 
 def checked_field(field: Any, dimension: int) -> Field:
-    """The field of a source in ``dimension`` dimensions.
-
-    Raises ArgumentError for what is not an Illumination, IlluminationError for one of another
-    dimension.
-    """
+    """The field of a source in ``dimension`` dimensions, or ArgumentError or IlluminationError."""
     if not isinstance(field, Field):
         advice = (
             "give its .illumination"
@@ -64,11 +59,8 @@ def checked_field(field: Any, dimension: int) -> Field:
 
 def checked_shift(shift: Any, dimension: int, name: str = "a shift") -> NDArray[np.float64]:
     """A shift as (dimension,) finite numbers; ArgumentError if it is none."""
-    try:
-        offset = real_numbers(shift)
-        offset = np.atleast_1d(offset) if dimension == 1 else offset
-    except ValueError:
-        offset = np.empty(0)
+    offset = numbers_or_nan(shift)
+    offset = np.atleast_1d(offset) if dimension == 1 else offset
     if offset.shape != (dimension,) or not np.isfinite(offset).all():
         raise ArgumentError(f"expected {name} of {dimension} finite numbers, got {shift!r}")
     return offset
@@ -77,7 +69,7 @@ def checked_shift(shift: Any, dimension: int, name: str = "a shift") -> NDArray[
 def turned_points(points: NDArray[np.float64], angle: Any) -> NDArray[np.float64]:
     """Points (n, 2) turned counter-clockwise about the origin by an angle in radians.
 
-    Quarter turns are exact. Raises ArgumentError for an angle that is not a finite number.
+    Quarter turns are exact.
     """
     turn = checked_number(angle, "angle", "an angle in radians")
     if (2.0 * turn).is_integer():  # turns that add up may go on and on
@@ -90,18 +82,24 @@ def turned_points(points: NDArray[np.float64], angle: Any) -> NDArray[np.float64
     return np.column_stack([c * x - s * y, s * x + c * y]) + 0.0  # no negative zeros
 
 
-if TYPE_CHECKING:
-    pass
-
-
 class TakesWaves:
-    """Methods of all sources: a curved wave, and partly coherent light."""
+    """Methods of all sources, which are immutable values: a curved wave, partly coherent light."""
+
+    _key: Any
+    """Content that equal sources share."""
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, TakesWaves) or type(other) is not type(self):
+            return NotImplemented
+        return bool(self._key == other._key)
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+    __setattr__ = __delattr__ = unchangeable
 
     def curved(
-        self,
-        radius: float | Sequence[float],
-        wavelength: float,
-        centre: ArrayLike | None = None,
+        self, radius: float | Sequence[float], wavelength: float, centre: ArrayLike | None = None
     ) -> Wavefront:
         """This source with a curved wave: its field times exp(i pi |x - c|^2 / (wavelength R)).
 
@@ -113,8 +111,8 @@ class TakesWaves:
         radius : R in m, or one for each axis; R > 0 diverges, as from a point R behind the
             aperture, R < 0 converges, inf is flat.
         wavelength : in m; the phase belongs to it.
-        centre : c in m, where the wave touches the plane; default: that of the curved
-            wave that is there, else the origin.
+        centre : c in m, where the wave touches the plane; default: that of the curved wave that is
+            there, else the origin.
 
         Raises ArgumentError for a radius that is zero or no number, or a wavelength that is none.
 
@@ -134,11 +132,8 @@ class TakesWaves:
     def partially_coherent(self, width: float) -> Wavefront:
         """This source with a Gaussian degree of coherence exp(-xi^2 / (2 width^2)), Gauss-Schell.
 
-        Source: Mandel and Wolf, "Optical Coherence and Quantum Optics", section 5.2.
-
-        Parameters
-        ----------
-        width : in m, the lag at which the degree of coherence is exp(-1/2); inf is coherent.
+        Source: Mandel and Wolf, "Optical Coherence and Quantum Optics", section 5.2. `width`: in m,
+        the lag at which the degree of coherence is exp(-1/2); inf is coherent.
 
         Raises ArgumentError for what is not a length above zero.
 
@@ -160,8 +155,7 @@ class Wavefront(TakesWaves):
     """A source with a curved or partly coherent wave; made by ``curved``, ``partially_coherent``.
 
     Its field is that of ``source`` times exp(i pi (x - c)^T Q (x - c)), its mutual coherence
-    that of ``source`` times exp(-xi^2 / (2 width^2)), xi the distance of two points. Both are
-    linear maps or blurs in phase space of what the flat, coherent source has in closed form.
+    that of ``source`` times exp(-xi^2 / (2 width^2)), xi the distance of two points.
 
     Parameters
     ----------
@@ -170,10 +164,8 @@ class Wavefront(TakesWaves):
     centre : c (d,) in m; None: the origin.
     coherence_width : in m; infinite: coherent.
 
-    Raises
-    ------
-    ArgumentError for another source, a centre that is not d finite numbers, and a width that is not
-    above zero; IlluminationError for what is no symmetric matrix of finite numbers.
+    Raises ArgumentError for another source, a centre that is not d finite numbers, and a width that
+    is not above zero; IlluminationError for what is no symmetric matrix of finite numbers.
 
     >>> import polywigner as pw
     >>> wave = pw.shapes.square(10e-3).curved((0.05, float("inf")), 3.2e-3)
@@ -203,10 +195,7 @@ class Wavefront(TakesWaves):
                 "partially_coherent are methods of these, and of a Wavefront"
             )
         d = len(source.bounds) // 2
-        try:
-            q = np.zeros((d, d)) if curvature is None else real_numbers(curvature).copy()
-        except ValueError:
-            q = np.zeros(0)
+        q = np.zeros((d, d)) if curvature is None else numbers_or_nan(curvature)
         c = np.zeros(d) if centre is None else checked_shift(centre, d, "a centre")
         if q.shape != (d, d) or not np.isfinite(q).all() or not np.array_equal(q, q.T):
             raise IlluminationError(
@@ -307,15 +296,10 @@ class Wavefront(TakesWaves):
             coherence_width=self.coherence_width * size,
         )
 
+    @cached_property
     def _key(self) -> tuple[Any, ...]:
         q, c = self.curvature + 0.0, self.centre + 0.0
         return self.source, q.tobytes(), c.tobytes(), self.coherence_width
-
-    def __eq__(self, other: object) -> bool:
-        return self._key() == other._key() if isinstance(other, Wavefront) else NotImplemented
-
-    def __hash__(self) -> int:
-        return hash(self._key())
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Wavefront, (self.source, self.curvature, self.centre, self.coherence_width)
@@ -329,9 +313,6 @@ class Wavefront(TakesWaves):
             rows.append(("coherent over", length_text(self.coherence_width)))
         return shown_as_html("Wavefront", rows, getattr(self.source, "rings", ()))
 
-    def __setattr__(self, name: str, value: object) -> NoReturn:
-        raise AttributeError(f"a Wavefront cannot be changed ({name}); build a new one")
-
     def __repr__(self) -> str:
         how = [] if self.is_flat else [f"curvature {self.curvature.tolist()} /m^2"]
         how += [] if self.is_coherent else [f"coherent over {self.coherence_width:g} m"]
@@ -343,10 +324,10 @@ def _curvature_of(
 ) -> NDArray[np.float64]:
     """The matrix Q (d, d) in 1/m^2 of a wave of this radius, or of one radius for each axis."""
     length = checked_wavelength(wavelength)
-    try:
-        radii = np.broadcast_to(real_numbers(radius), (dimension,))
-    except ValueError:
-        radii = np.zeros(dimension)
+    radii = numbers_or_nan(radius)
+    radii = np.broadcast_to(
+        radii if radii.shape in ((), (1,), (dimension,)) else np.nan, (dimension,)
+    )
     if np.isnan(radii).any() or (radii == 0).any():
         axes = "a number" if dimension == 1 else "a number or two (radius_x, radius_y)"
         raise ArgumentError(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable, Sequence
 from functools import cached_property
-from typing import Any, NoReturn, final, overload
+from typing import Any, final, overload
 
 import numpy as np
 import shapely
@@ -102,10 +102,7 @@ _COPIES, _COPIED_FIELDS = 1e-15, 1e-13
 def _shifted_copies(
     elements: Sequence[Aperture] | Sequence[Slits],
 ) -> tuple[Aperture, NDArray[np.float64], NDArray[np.complex128]] | None:
-    """One element, shifts (n, 2) and factors (n,) of its field that give all; None if they do not.
-
-    For apertures only.
-    """
+    """One aperture, shifts (n, 2) and factors (n,) of its field that give all; None if none do."""
     first = elements[0]
     if not isinstance(first, Aperture):
         return None
@@ -143,10 +140,7 @@ _SAME = 1e-12
 
 
 def _array_of_waves(elements: Sequence[Any], weights: Any) -> Wavefront:
-    """The array of elements whose waves have one curvature, as one curved wave on an array.
-
-    Raises IlluminationError where curvatures differ.
-    """
+    """The array of elements whose waves have one curvature, as one curved wave on an array."""
     waves = [e if isinstance(e, Wavefront) else Wavefront(e) for e in elements]
     first = waves[0]
     curvatures = np.array([wave.curvature for wave in waves])
@@ -201,23 +195,17 @@ class Array(TakesWaves):
 
     Parameters
     ----------
-    elements
-        Sources of one space: Slits alone, or any mix of apertures, placed apertures and polyhedra.
-        Apertures without a pose lie in the plane z = 0. Of elements with curved waves of one
-        curvature, in a list, it is a :class:`Wavefront` on the array of all.
-    weights
-        (n,) complex amplitude of each element; default: all 1.
+    elements : sources of one space: Slits alone, or any mix of apertures (in the plane z = 0),
+        placed apertures and polyhedra. Of elements with curved waves of one curvature, in a list,
+        it is a :class:`Wavefront` on the array of all.
+    weights : (n,) complex amplitude of each element; default: all 1.
 
-    The Fourier transform is there for all of these. Wigner and ambiguity functions are functions of
-    position and frequency in the plane of the elements (or on the line of slits), and exist for
-    elements that all lie in the plane z = 0. Elements in several planes have no such plane in
-    common: a phase-space function of the whole would have six dimensions.
+    The Fourier transform is there for all of these, Wigner and ambiguity functions for slits and
+    for elements that all lie in the plane z = 0.
 
-    Raises
-    ------
-    ArgumentError for anything but elements, none of them, and slits mixed with others.
-    IlluminationError for weights that are not n finite complex numbers, for weights all zero, and
-    where the largest modulus is not from 1e-100 to 1e100.
+    Raises ArgumentError for anything but elements, none of them, and slits mixed with others;
+    IlluminationError for weights that are not n finite complex numbers, or all zero, and where the
+    largest modulus is not from 1e-100 to 1e100.
 
     >>> import polywigner as pw
     >>> pair = pw.Array([pw.shapes.square(1.0), pw.shapes.square(1.0).moved((3, 0))], [1, -1])
@@ -255,10 +243,7 @@ class Array(TakesWaves):
 
     @cached_property
     def phased(self) -> Array | None:
-        """The array as a `phased_array`: itself, or its apertures if they are copies of one.
-
-        None for other arrays, and for few copies, where it is not worth it.
-        """
+        """The array as a `phased_array`: itself, or its apertures if many are copies of one."""
         if self.repeated is not None:
             return self
         if len(self) < _LEAST_COPIES:
@@ -347,18 +332,6 @@ class Array(TakesWaves):
         element, positions = self.repeated
         return element, positions.tobytes(), self.weights.tobytes()
 
-    def __eq__(self, other: object) -> bool:
-        return self._key == other._key if isinstance(other, Array) else NotImplemented
-
-    def __hash__(self) -> int:
-        return hash(self._key)
-
-    def __setattr__(self, name: str, value: object) -> NoReturn:
-        raise AttributeError(f"an Array cannot be changed ({name}); build a new one")
-
-    def __delattr__(self, name: str) -> NoReturn:
-        raise AttributeError(f"an Array cannot be changed ({name}); build a new one")
-
     def __reduce__(self) -> tuple[Any, ...]:
         if self.repeated is not None:
             return phased_array, (*self.repeated, self.weights)
@@ -402,25 +375,21 @@ def phased_array(
 
 
 def phased_array(
-    element: Aperture | Slits | Wavefront,
-    positions: ArrayLike,
-    weights: ArrayLike | None = None,
+    element: Aperture | Slits | Wavefront, positions: ArrayLike, weights: ArrayLike | None = None
 ) -> Array | Wavefront:
     """One element many times: copies of it, its field included, shifted to the positions.
 
     The same field as `Array([element.moved(p) for p in positions], weights)`, at a fraction of the
-    cost: the transforms make use of the copies being equal.
+    cost.
 
     Parameters
     ----------
     element : an Aperture, or Slits, with its own illumination; or one with a curved wave, of which
-        each copy has its own, tilted one: an array of any elements behind one curved wave.
+        each copy has its own, tilted one.
     positions : (n, d) shifts in m, d = 2 for an aperture; for slits (n, 1) or (n,).
     weights : (n,) complex; default: all 1.
 
-    Raises
-    ------
-    ArgumentError for other elements, and positions that are not (n, d) finite numbers;
+    Raises ArgumentError for other elements, and positions that are not (n, d) finite numbers;
     IlluminationError for weights as :class:`Array` does.
 
     >>> import polywigner as pw
@@ -461,13 +430,8 @@ def segmented_pupil(
         mirror's is twice its step.
     tilt : (n, 2) slopes of the wavefront along x and y on each segment, without unit.
 
-    Returns
-    -------
-    The :class:`Array` of segments, for :func:`psf`, :func:`mtf`, :func:`otf` and others.
-
-    Raises
-    ------
-    ArgumentError for other pupils, and for pistons and tilts that are not n finite numbers.
+    Returns the :class:`Array` of segments, for :func:`psf`, :func:`mtf`, :func:`otf` and others.
+    Raises ArgumentError for other pupils, and for pistons and tilts that are not n finite numbers.
 
     >>> import polywigner as pw
     >>> mirror = pw.shapes.hexagonal_segments(1.32, 0.01, rings=1)

@@ -1,11 +1,4 @@
-"""Layouts and weights of arrays of equal elements, for :func:`polywigner.phased_array`.
-
-- where: ``grid_positions``, ``triangular_positions``, ``ring_positions``, ``thinned``
-- how strong: ``window_weights``
-- in which phase: ``steering_weights``, ``focusing_weights``
-- of a radar: ``virtual_array``
-- all of it from a table: ``read_elements``
-"""
+"""Layouts and weights of arrays of equal elements, for :func:`polywigner.phased_array`."""
 
 from __future__ import annotations
 
@@ -17,15 +10,13 @@ from typing import Any, Literal, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import (
-    ArgumentError,
-    require,
-)
+from polywigner.errors import ArgumentError, require
 from polywigner.geometry.arguments import (
     checked_count,
     checked_flag,
     checked_length,
     checked_number,
+    numbers_or_nan,
     real_numbers,
     takes_frequency,
 )
@@ -60,14 +51,10 @@ def grid_positions(nx: int, ny: int, pitch_x: float, pitch_y: float | None = Non
 
     Parameters
     ----------
-    nx, ny
-        Elements along x and y.
-    pitch_x, pitch_y
-        Distances in metres; pitch_y None: the same.
+    nx, ny : elements along x and y.
+    pitch_x, pitch_y : distances in metres; pitch_y None: the same.
 
-    Raises
-    ------
-    ArgumentError for counts below 1, more than 2^20 elements, and pitches that are not above zero.
+    Raises ArgumentError for counts below 1, more than 2^20 elements, and pitches not above zero.
     """
     return _rows(nx, ny, pitch_x, pitch_y, 1.0, False)
 
@@ -82,15 +69,11 @@ def triangular_positions(
 
     Parameters
     ----------
-    nx, ny
-        Elements of a row, and rows.
-    pitch_x, pitch_y
-        Distance in a row, and between rows, in metres. pitch_y None: sqrt(3)/2 pitch_x, which
-        makes the triangles equilateral.
+    nx, ny : elements of a row, and rows.
+    pitch_x, pitch_y : distance in a row, and between rows, in metres. pitch_y None: sqrt(3)/2
+        pitch_x, for equilateral triangles.
 
-    Raises
-    ------
-    ArgumentError for counts below 1, more than 2^20 elements, and pitches that are not above zero.
+    Raises ArgumentError as :func:`grid_positions` does.
     """
     return _rows(nx, ny, pitch_x, pitch_y, math.sqrt(0.75), True)
 
@@ -112,13 +95,11 @@ def _rows(
 def ring_positions(radii: ArrayLike, counts: ArrayLike) -> Positions:
     """Concentric rings: counts[k] elements at equal angles on the circle of radius radii[k].
 
-    (sum of counts, 2), ring after ring, each counter-clockwise from the x axis. A radius of 0 with
+    (sum of counts, 2), ring after ring, each counter-clockwise from the x axis; a radius of 0 with
     a count of 1 is an element at the centre.
 
-    Raises
-    ------
-    ArgumentError for radii below zero, counts below 1, several elements at the centre, another
-    number of counts than of radii, and more than 2^20 elements.
+    Raises ArgumentError for radii below zero, counts below 1, several elements at the centre,
+    another number of counts than of radii, and more than 2^20 elements.
     """
     sizes = [checked_length(r, "each of the radii", zero=True) for r in _listed(radii)]
     numbers = [checked_count(n, "each of the counts", 1, MOST_ELEMENTS) for n in _listed(counts)]
@@ -165,8 +146,8 @@ def thinned(
     """Positions drawn at random from a full layout: statistical thinning.
 
     Each element is kept, independently of the others, with a probability p_k proportional to the
-    taper, and on average fill times n are. With weights of 1 the mean pattern is then that of the
-    tapered full array, plus a floor:
+    taper, on average fill times n in all. With weights of 1 the mean pattern is that of the tapered
+    full array, plus a floor:
 
         <|AF|^2> = |sum_k p_k exp(-2 pi i nu.x_k)|^2 + sum_k p_k (1 - p_k)
 
@@ -174,26 +155,19 @@ def thinned(
 
     Parameters
     ----------
-    positions
-        (n, 2) in metres; for slits (n,) or (n, 1); in space (n, 3).
-    fill
-        The fraction kept on average, above 0 and up to 1, or up to mean/peak of the taper.
-    seed
-        Of NumPy's default generator: equal seeds draw equal elements.
-    taper
-        (n,) real weights of the full array, of zero or more; None: all equal.
-    return_index
-        See below.
+    positions : (n, 2) in metres; for slits (n,) or (n, 1); in space (n, 3).
+    fill : fraction kept on average, above 0 and up to 1, or up to mean/peak of the taper.
+    seed : of NumPy's default generator: equal seeds draw equal elements.
+    taper : (n,) real weights of the full array, of zero or more; None: all equal.
+    return_index : whether to return their numbers (m,) in the full layout as well, for
+        `window_weights(...)[index]`.
 
     Returns
     -------
-    (m, d), in the order given, the very same floats. With `return_index` also their numbers (m,)
-    in the full layout, for weights of it: `window_weights(...)[index]`.
+    (m, d), in the order given, the very same floats.
 
-    Raises
-    ------
-    ArgumentError for positions, tapers, fills and seeds out of shape or range, and if no element
-    was drawn.
+    Raises ArgumentError for positions, tapers, fills and seeds out of shape or range, and if no
+    element was drawn.
     """
     places = checked_positions(positions, (1, 2, 3))
     share = checked_number(fill, "fill", "a fraction above 0 and up to 1")
@@ -249,24 +223,20 @@ def virtual_array(
     """Return positions and weights of the virtual array of a transmitter and a receiver.
 
     A radar far from its target sees the path of transmitting element j and receiving element k as
-    that of one element at x_j + y_k with the weight v_j w_k: the array factor of the virtual array
-    is the product of both, its layout their convolution. Elements in one place become one, with the
-    sum of their weights.
+    that of one element at x_j + y_k with the weight v_j w_k: the array factor is the product of
+    both. Elements in one place become one, with the sum of their weights.
 
     Parameters
     ----------
-    transmit, receive
-        Positions (n, d) and (m, d) in metres, d = 2; for slits (n,) or (n, 1); in space (n, 3).
-    transmit_weights, receive_weights
-        (n,) and (m,) complex; None: all 1.
+    transmit, receive : positions (n, d) and (m, d) in metres, d = 2; for slits (n,) or (n, 1); in
+        space (n, 3).
+    transmit_weights, receive_weights : (n,) and (m,) complex; None: all 1.
 
     Returns
     -------
     Positions (p, d) with p up to n m, by ascending x, then y, then z, and weights (p,).
 
-    Raises
-    ------
-    ArgumentError for positions out of shape, of two dimensions, and more than 2^20 products;
+    Raises ArgumentError for positions out of shape, of two dimensions, and more than 2^20 products;
     IlluminationError for weights that are not n finite complex numbers, or all zero.
 
     >>> import polywigner as pw
@@ -306,24 +276,19 @@ def steering_weights(
 ) -> NDArray[np.complex128]:
     """Weights (n,) that steer an array: w_k = exp(2 pi i s.x_k/wavelength).
 
-    The array factor, and what the array radiates, peaks towards `direction`. The elements' own
-    fields stay as they are: for those see :func:`polywigner.steering`.
+    The array factor peaks towards `direction`; the elements' own fields stay as they are, see
+    :func:`polywigner.steering` for those.
 
     Parameters
     ----------
-    positions
-        (n, 2) in metres; for slits (n,) or (n, 1); (n, 3) for elements anywhere in space, which
-        need a direction (3,).
-    direction
-        A unit vector (3,) with a positive z; or its components (2,) along the array; or for slits
-        one number, the sine of the angle.
-    wavelength
-        In metres.
+    positions : (n, 2) in metres; for slits (n,) or (n, 1); (n, 3) anywhere in space, which need a
+        direction (3,).
+    direction : unit vector (3,) with a positive z; or its components (2,) along the array; or for
+        slits the sine of the angle.
+    wavelength : in metres.
 
-    Raises
-    ------
-    ArgumentError for positions out of shape, directions that do not fit them or are of no unit
-    vector (see :func:`polywigner.steering`), and wavelengths that are not above zero.
+    Raises ArgumentError for positions out of shape, directions that do not fit them or are of no
+    unit vector, and wavelengths that are not above zero.
     """
     places = checked_positions(positions, (1, 2, 3))
     towards = unit_vector(direction) if places.shape[1] == 3 else transverse(direction)
@@ -341,29 +306,21 @@ def focusing_weights(
 ) -> NDArray[np.complex128]:
     """Weights (n,) that focus an array: w_k = exp(-2 pi i (R_k - R)/wavelength).
 
-    R_k is the distance from element k to the point, R that from the origin: the waves
-    exp(2 pi i R_k/wavelength)/R_k of all elements arrive in phase. They only turn phases. Far away
-    they are the :func:`steering_weights` towards the point.
+    R_k is the distance from element k to the point, R from the origin: the waves
+    exp(2 pi i R_k/wavelength)/R_k of all elements arrive in phase. Far away they are the
+    :func:`steering_weights` towards the point.
 
     Parameters
     ----------
-    positions
-        (n, 2) in metres, in the plane z = 0.
-    point
-        (x, y, z) in metres, z > 0.
-    wavelength
-        In metres.
+    positions : (n, 2) in metres, in the plane z = 0.
+    point : (x, y, z) in metres, z > 0.
+    wavelength : in metres.
 
-    Raises
-    ------
-    ArgumentError for positions or points out of shape, a point not in front of the array, and
-    wavelengths that are not above zero.
+    Raises ArgumentError for positions or points out of shape, a point not in front of the array,
+    and wavelengths that are not above zero.
     """
     places = checked_positions(positions, (2,))
-    try:
-        focus = real_numbers(point)
-    except ValueError:
-        focus = np.empty(0)
+    focus = numbers_or_nan(point)
     if focus.shape != (3,) or not np.isfinite(focus).all() or not focus[2] > 0:
         raise ArgumentError(f"expected a point (x, y, z) with z above zero, got {point!r}")
     apart = np.column_stack([focus[:2] - places, np.full(len(places), focus[2])])
@@ -388,32 +345,24 @@ def _phases(turns: Callable[[float], NDArray[np.float64]], wavelength: Any) -> A
 
 
 def window_weights(
-    shape: int | Sequence[int],
-    window: str | Sequence[str],
-    sll: float = 30.0,
-    nbar: int = 4,
+    shape: int | Sequence[int], window: str | Sequence[str], sll: float = 30.0, nbar: int = 4
 ) -> NDArray[np.float64]:
     """Amplitudes of a taper over a row or a grid of elements, real, the largest in size 1.
 
     Parameters
     ----------
-    shape
-        n elements in a row, or (nx, ny) in a grid.
-    window
-        "uniform", "taylor", "chebyshev" (Dolph) or "hamming"; or one for each axis. Taylor and
+    shape : n elements in a row, or (nx, ny) in a grid.
+    window : "uniform", "taylor", "chebyshev" (Dolph) or "hamming"; or one for each axis. Taylor and
         Chebyshev are scipy's and need the extra `arrays`.
-    sll
-        Of "taylor" and "chebyshev": sidelobe suppression in dB, above 0 and up to 200.
-    nbar
-        Of "taylor": number of sidelobes at about this level, plus one.
+    sll : of "taylor" and "chebyshev": sidelobe suppression in dB, above 0 and up to 200.
+    nbar : of "taylor": number of sidelobes at about this level, plus one.
 
     Returns
     -------
     (n,), or (nx ny,) with y running fastest, as :func:`grid_positions` has the elements.
 
-    Raises
-    ------
-    ArgumentError for shapes, windows and options out of range; MissingExtraError without scipy.
+    Raises ArgumentError for shapes, windows and options out of range; MissingExtraError without
+    scipy.
     """
     sizes = tuple(shape) if isinstance(shape, Sequence) else (shape,)
     if len(sizes) not in (1, 2):

@@ -45,9 +45,8 @@ def read_elements(
     The first line names the columns, in any order: ``x`` and ``y``; the weight as ``amplitude``
     (linear) and ``phase`` in degrees, or as ``re`` and ``im``; and ``angle`` in degrees,
     counter-clockwise, by which the element with its field is turned about its origin. Missing
-    columns are 1 for amplitudes and 0 for the rest. Columns are separated by semicolons, commas or
-    blanks; lines that begin with # are comments. Without a first line of names the columns are x
-    and y.
+    columns are 1 for amplitudes and 0 for the rest; without names the columns are x and y.
+    Semicolons, commas or blanks separate them; lines that begin with # are comments.
 
     Parameters
     ----------
@@ -59,16 +58,10 @@ def read_elements(
     -------
     An :class:`polywigner.Array`: a :func:`polywigner.phased_array` where all angles are equal.
 
-    Raises
-    ------
-    FileFormatError for a file that is missing, over 64 MiB, no table of finite numbers with these
-    columns, of more than 2^20 elements, or of more than 10,000 with different angles; ArgumentError
-    for an element that is no Aperture; IlluminationError for weights all zero; QuantityError for a
-    unit that does not parse.
-
-    Warns
-    -----
-    PolywignerWarning where elements overlap, with the pair that overlaps most: their fields add up.
+    Raises FileFormatError for a file that is missing, over 64 MiB, no table of finite numbers with
+    these columns, of more than 2^20 elements, or of more than 10,000 with different angles;
+    ArgumentError for an element that is no Aperture; IlluminationError for weights all zero;
+    QuantityError for a unit that does not parse. Warns (PolywignerWarning) where elements overlap.
 
     >>> import polywigner as pw
     >>> import pathlib, tempfile
@@ -181,8 +174,7 @@ def _warn_of_overlaps(array: Array) -> None:
             break
     if not pairs:
         return
-    area, one, other = max(pairs)
-    more = len(pairs) - 1
+    (area, one, other), more = max(pairs), len(pairs) - 1
     others = f", and {more} other pair{'s' * (more > 1)}" if more else ""
     warnings.warn(
         f"elements {one} and {other} overlap by {area:.4g} m^2{others}"

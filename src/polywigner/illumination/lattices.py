@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, IlluminationError
-from polywigner.geometry.arguments import real_numbers, shape_of
+from polywigner.geometry.arguments import numbers_or_nan, shape_of
 
 # Positions count as those of a lattice if they miss it by less than this fraction of the extent of
 # the array: what rounding does to multiples of a pitch.
@@ -41,10 +41,7 @@ class Lattice:
 
 
 def lattice_of(positions: NDArray[np.float64], weights: NDArray[np.complex128]) -> Lattice | None:
-    """The lattice of positions (n, 2), or None if they are on none (or hardly fill it).
-
-    Elements in one place count as one with the sum of their weights.
-    """
+    """The lattice of positions (n, 2), or None if they are on none (or hardly fill it)."""
     extent = float(np.ptp(positions, axis=0).max())
     if extent == 0.0:
         return None
@@ -79,10 +76,7 @@ def lattice_of(positions: NDArray[np.float64], weights: NDArray[np.complex128]) 
 
 
 def _basis(positions: NDArray[np.float64], extent: float) -> NDArray[np.float64] | None:
-    """Two short differences that are not parallel, as rows; any second one for a row of elements.
-
-    Measured over the whole array, so that their rounding does not add up over it.
-    """
+    """Two short differences that are not parallel, as rows; any second one for a row."""
     first = _shortest(positions, extent, None)
     if first is None:
         return None
@@ -185,10 +179,7 @@ def _profile(values: NDArray[np.complex128]) -> Profile:
 
 
 def _even_phase(values: NDArray[np.complex128], lit: NDArray[np.intp]) -> float:
-    """Turns by which the phase grows from one element to the next, up to changes of sign.
-
-    Squares have no sign. First from neighbours, then from the slope of what is left.
-    """
+    """Turns by which the phase grows from one element to the next, up to changes of sign."""
     neighbours = lit[:-1][np.diff(lit) == 1]
     if not len(neighbours):
         return 0.0
@@ -201,9 +192,6 @@ def _even_phase(values: NDArray[np.complex128], lit: NDArray[np.intp]) -> float:
     )
     slope = float(np.polyfit(lit - lit.mean(), left, 1)[0]) if len(lit) > 2 else 0.0
     turns += slope
-    steady = values[lit] * np.exp(-2j * np.pi * turns * lit)
-    if abs((steady * (-1.0) ** lit).sum()) > abs(steady.sum()):  # signs that alternate
-        turns += 0.5
     return 0.0 if abs(turns) < 1e-15 else turns
 
 
@@ -237,14 +225,8 @@ class Sites:
 
 
 def checked_positions(positions: Any, components: tuple[int, ...]) -> NDArray[np.float64]:
-    """Finite positions (n, d) with a d out of `components`, (n,) standing for (n, 1).
-
-    Raises ArgumentError for anything else.
-    """
-    try:
-        places = real_numbers(positions)
-    except ValueError:
-        places = np.empty(0)
+    """Finite positions (n, d) with a d out of `components`, (n,) standing for (n, 1)."""
+    places = numbers_or_nan(positions)
     if places.ndim == 1 and 1 in components:
         places = places[:, None]
     fits = places.ndim == 2 and places.shape[1] in components and len(places)
@@ -259,20 +241,14 @@ def checked_positions(positions: Any, components: tuple[int, ...]) -> NDArray[np
 def checked_sites(
     positions: Any, weights: Any, dimension: int | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
-    """Positions (n, d) and weights (n,), read-only; of one dimension, or of any up to three.
-
-    Raises ArgumentError and IlluminationError as :func:`polywigner.phased_array` does.
-    """
+    """Positions (n, d) and weights (n,), read-only; of one dimension, or of any up to three."""
     places = checked_positions(positions, (1, 2, 3) if dimension is None else (dimension,)) + 0.0
     places.setflags(write=False)
     return places, checked_weights(weights, len(places))
 
 
 def checked_weights(weights: Any, count: int) -> NDArray[np.complex128]:
-    """Weights (n,) of n elements, read-only; None for all 1.
-
-    Raises IlluminationError as :class:`polywigner.Array` does.
-    """
+    """Weights (n,) of n elements, read-only; None for all 1."""
     array = np.ones(count, np.complex128) if weights is None else _numbers(weights, count)
     if array.shape != (count,):
         raise IlluminationError(

@@ -38,8 +38,8 @@ def direction_cosines(
     """p = sqrt(1 - (wavelength |kappa|)^2) of waves with frequencies (..., d), complex (...).
 
     (D1): the cosine of the angle between a wave's direction and the normal of the plane; i times a
-    number above zero for evanescent waves, |kappa| > 1/wavelength, which decay away from the plane.
-    Accurate to a few roundings of kappa, near grazing too. The wavelength in metres.
+    number above zero for evanescent waves, |kappa| > 1/wavelength. The wavelength in metres.
+    Accurate to a few roundings of kappa, near grazing too.
     """
     sine = np.linalg.norm(np.asarray(frequencies, dtype=np.float64) * wavelength, axis=-1)
     # As a product of two roots, which loses nothing to the square of a sine near 1, and does not
@@ -57,10 +57,8 @@ def times_direction_cosine(source: Any, wavelength: float, constant: complex = 0
     """The source with amplitudes (p_m + constant) c_m in place of c_m, p_m as in (D1).
 
     An element without a field is a wave at normal incidence, p = 1. Weights of arrays belong to
-    elements, not to directions, and stay as they are; equal elements of a `phased_array` stay that.
-
-    Raises ArgumentError for polyhedra and other things, and for wavelengths that are not above
-    zero; IlluminationError if all waves graze the plane, |kappa| = 1/wavelength.
+    elements, and stay as they are; equal elements of a `phased_array` stay that. ArgumentError for
+    polyhedra; IlluminationError if all waves graze the plane, |kappa| = 1/wavelength.
     """
     length = checked_length(wavelength, "wavelength")
     elements = source.distinct if isinstance(source, Array) else (source,)
@@ -80,8 +78,8 @@ def times_direction_cosine(source: Any, wavelength: float, constant: complex = 0
 def _scaled(element: object, wavelength: float, constant: complex) -> tuple[_Element, complex]:
     """(an element, a number): their product is the element wanted.
 
-    The number is there so that elements without a field stay so, whose kernels are faster; and it
-    is 0 for an element of grazing waves alone.
+    The number keeps elements without a field so, whose kernels are faster; it is 0 for grazing
+    waves.
     """
     if not isinstance(element, Aperture | PlacedAperture | Slits):
         raise ArgumentError(
@@ -224,9 +222,6 @@ def weighted_sources(
 
     One source where all waves leave at one angle, as those of a steered aperture, of a TE10 mode
     and of elements without a field; else up to three, and to third order up to four: (D2), (D3).
-
-    Warns of fits whose slopes an obliquity takes: :func:`warn_of_slopes`.
-    Raises IlluminationError where waves leave at different angles that all graze the aperture.
     """
     warn_of_slopes(source, wavelength, obliquity)
     chosen = OBLIQUITIES[obliquity]

@@ -60,16 +60,10 @@ def checked_polarisation(polarisation: Any, source: Any = None) -> Complexes:
     polarisation
         "x", "y", "right", "left", a slant from x towards y such as "45 deg"; or a Jones vector
         (2,), complex, of any length; for an `Array` of n elements also vectors (n, 2), or a list of
-        n names. Vectors are normalised: amplitudes belong to the source.
+        n names. ArgumentError for anything else.
     source
         The source that has it; None: one vector alone is allowed.
 
-    Raises
-    ------
-    ArgumentError for anything else.
-
-    Examples
-    --------
     >>> checked_polarisation("right").round(3)
     array([0.707+0.j   , 0.   +0.707j])
     """
@@ -186,10 +180,9 @@ def stokes_vector(polarisation: Complexes) -> Stokes:
 def stokes_fields(source: Any, polarisation: Complexes) -> list[tuple[Any, Stokes]]:
     """Scalar sources and the Stokes vectors by which their irradiances add up to the field's.
 
-    The source itself where all of it has one polarisation, (2,). Of one for each element (n, 2)
-    the fields u_x, u_y, u_x + u_y and u_x + i u_y, of which four real numbers of each kind
-    (irradiances, functions W) make the complex one of u_x and u_y*. Those that are dark are left
-    out.
+    The source itself where all of it has one polarisation, (2,). Of one for each element (n, 2) the
+    fields u_x, u_y, u_x + u_y and u_x + i u_y, but dark ones, whose real irradiances (or functions
+    W) make the complex one of u_x and u_y*.
     """
     if polarisation.ndim == 1:
         return [(source, stokes_vector(polarisation))]
@@ -208,9 +201,9 @@ def stokes_fields(source: Any, polarisation: Complexes) -> list[tuple[Any, Stoke
 def ludwig_axes(x: Any, y: Any, z: Any) -> tuple[tuple[Any, Any, Any], tuple[Any, Any, Any]]:
     """Return the unit vectors that fields along x and y have in the direction (x, y, z), z >= 0.
 
-    Floats or arrays of any engine. q - (q.s)(z + s)/(1 + z.s) for q = x and q = y: Ludwig's third
-    definition, in which the plane's axes turn as z turns into s the shortest way. Times a scalar
-    far field it has the scalar's irradiance; of Kirchhoff's condition it is Huygens' source.
+    Floats or arrays of any engine. q - (q.s)(z + s)/(1 + z.s) for q = x and q = y: the plane's axes
+    turn as z turns into s the shortest way. Times a scalar far field it has the scalar's
+    irradiance; of Kirchhoff's condition it is Huygens' source.
 
     Source: A. C. Ludwig, "The definition of cross polarization", IEEE Trans. Antennas Propag. 21,
     116 (1973).
@@ -231,8 +224,6 @@ def polarisation_text(polarisation: Complexes) -> str:
 
 def polarisation_of_text(text: str, source: Any) -> Complexes:
     """Return the Jones vectors of a scene's text: names, slants or "1, 0.5j", one or many by ";".
-
-    Raises ArgumentError as :func:`checked_polarisation` does.
 
     >>> polarisation_of_text("1, 1j", None).round(3)
     array([0.707+0.j   , 0.   +0.707j])

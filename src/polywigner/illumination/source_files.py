@@ -16,14 +16,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, FileFormatError, GeometryError, PolywignerError
 from polywigner.geometry import Aperture, PlacedAperture, Slits, Wavefront
-from polywigner.geometry.arguments import (
-    checked_path,
-    write_lines,
-)
+from polywigner.geometry.arguments import checked_path, write_lines
 from polywigner.geometry.io.limits import (
     LARGEST_TOML,
     SMALL,
     bytes_of,
+    check_bytes,
     check_values,
     place_of,
     text_of,
@@ -63,18 +61,16 @@ class Dataset(Protocol):
 def read_source(path: str | os.PathLike[str] | Dataset, allow_outside: bool = False) -> Source:
     """Read an aperture with its field, slits, a body, or an array from a TOML or JSON file.
 
-    The format is described in docs/illumination.md. Whatever :func:`write_source` wrote comes back
-    equal to what it was. In files written by hand, lengths, angles and frequencies may be texts
-    ("10 mm", "20 deg", "77 GHz"; plain numbers are metres, radians and hertz), fields, layouts and
-    weights may be named, and outlines may be taken from other files, relative to this one.
+    docs/illumination.md describes the format. Whatever :func:`write_source` wrote comes back equal.
+    In files written by hand, lengths, angles and frequencies may be texts ("10 mm", "20 deg", "77
+    GHz"; plain numbers are metres, radians and hertz), fields, layouts and weights may be named,
+    and outlines may stand in other files, relative to this one.
 
     Parameters
     ----------
-    path
-        The file; or a dataset that polywigner computed, which holds its source.
-    allow_outside
-        Whether the file may name others that are not in its own folder or below, once links are
-        followed. Leave it out for files of strangers, which might name any file of yours.
+    path : the file; or a dataset that polywigner computed, which holds its source.
+    allow_outside : whether the file may name others that are not in its own folder or below, once
+        links are followed. Leave it out for files of strangers.
 
     Returns
     -------
@@ -83,10 +79,9 @@ def read_source(path: str | os.PathLike[str] | Dataset, allow_outside: bool = Fa
     Raises
     ------
     FileFormatError
-        The file is missing, empty, too large (64 MiB; of TOML 8 MiB), not of its format, describes
-        more than docs/files.md allows, names a file elsewhere, or has a key or a value that is not
-        understood; the message says where, and what is. A dataset has no source, or
-        one so long (64 KiB) that its digest alone is kept.
+        The file is missing, empty, too large (64 MiB), not of its format, describes more than
+        docs/files.md allows, names a file elsewhere, or has a key or a value that is not
+        understood. A dataset has no source, or one so long (64 KiB) that its digest alone is kept.
     GeometryError, IlluminationError, ArgumentError, QuantityError
         What it describes is no source: see the functions and classes it names.
     MissingExtraError
@@ -109,22 +104,18 @@ def read_polarisation(
 ) -> NDArray[np.complex128] | None:
     """Read the polarisation at the top of a source file, None where there is none.
 
-    A source is a scalar field; what polarises it is a second value, which functions take beside the
-    source.
+    A source is a scalar field; functions take its polarisation beside it.
 
     Parameters
     ----------
-    path, allow_outside
-        As of :func:`read_source`, which reads the source itself.
+    path, allow_outside : as of :func:`read_source`, which reads the source itself.
 
     Returns
     -------
     The Jones vector (2,) along the source's x and y, complex; of an array whose elements have one
     each (n, 2).
 
-    Raises
-    ------
-    As :func:`read_source`; ArgumentError for a polarisation that is none.
+    Raises as :func:`read_source`; ArgumentError for a polarisation that is none.
 
     >>> import polywigner as pw
     >>> import pathlib, tempfile
@@ -157,10 +148,7 @@ def _text_in(found: Any) -> str:
 
 
 def read_content(path: str | os.PathLike[str], allow_outside: bool = False) -> FileContent:
-    """The source of a file, and the numbers that stand at its top, if any.
-
-    Raises as :func:`read_source` does.
-    """
+    """The source of a file, and the numbers that stand at its top, if any."""
     file = checked_path(path)
     read = partial(_read, file.absolute(), allow_outside)
     try:
@@ -184,7 +172,9 @@ def _parsed(text: str, suffix: str) -> Any:
     """The tables of a text in TOML or JSON, which the suffix tells."""
     try:
         if suffix.lower() == ".toml":
-            _check_toml(text)
+            check_bytes(len(text), LARGEST_TOML, "TOML")
+            if _LONG_KEY.search(text):
+                raise FileFormatError("expected keys of a few names, got one of many, with dots")
             return tomllib.loads(text)
         if suffix.lower() == ".json":
             check_values(text)
@@ -201,17 +191,6 @@ def _parsed(text: str, suffix: str) -> Any:
         f"expected a source file with the suffix .toml or .json, got {suffix or 'none'!r}; "
         "outlines alone are read by polywigner.read_aperture"
     )
-
-
-def _check_toml(text: str) -> None:
-    """Raise for TOML on which Python's parser, written in Python, spends long."""
-    if len(text) > LARGEST_TOML:
-        raise FileFormatError(
-            f"expected at most {LARGEST_TOML >> 20} MiB of TOML, got {len(text) / 2**20:.0f} MiB; "
-            "use JSON"
-        )
-    if _LONG_KEY.search(text):
-        raise FileFormatError("expected keys of a few names, got one of many, joined by dots")
 
 
 def _refused(name: str) -> NoReturn:
@@ -231,10 +210,7 @@ _LINE = 88
 
 
 def table_of(source: Source) -> dict[str, Any]:
-    """All that makes up a source, as tables, lists, texts and numbers.
-
-    Raises ArgumentError for anything but a source.
-    """
+    """All that makes up a source, as tables, lists, texts and numbers."""
     if isinstance(source, Wavefront):
         return {**table_of(source.source), "wavefront": _wave(source)}
     if isinstance(source, Array):
@@ -358,28 +334,19 @@ def write_source(
 ) -> None:
     """Write a source to a ``.toml`` or ``.json`` file, from which :func:`read_source` has it back.
 
-    All floats come back as they are, so that the source that is read equals the one written. The
-    file appears whole or not at all; one that is there already is replaced.
+    All floats come back as they are. The file appears whole or not at all; one that is there
+    already is replaced.
 
     Parameters
     ----------
-    source
-        Aperture, placed aperture, Slits, Polyhedron or Array, with fields and weights.
-    path
-        The suffix chooses the format.
-    polarisation
-        As of :func:`polywigner.field`, from which :func:`read_polarisation` has its Jones vector
-        back; None: none is written.
+    source : Aperture, placed aperture, Slits, Polyhedron or Array, with fields and weights.
+    path : the suffix chooses the format.
+    polarisation : as of :func:`polywigner.field`, for :func:`read_polarisation`; None: none is
+        written.
 
-    Raises
-    ------
-    ArgumentError
-        Anything but a source or a polarisation, and a place that cannot be written to.
-    FileFormatError
-        Another suffix.
-    GeometryError
-        A source whose outline rounding has made invalid, as by a shift by more than 10^15 times
-        its size.
+    Raises ArgumentError for anything but a source or a polarisation, and a place that cannot be
+    written to; FileFormatError for another suffix; GeometryError for an outline that rounding has
+    made invalid, as by a shift by more than 10^15 times its size.
 
     >>> import polywigner as pw
     >>> import pathlib, tempfile

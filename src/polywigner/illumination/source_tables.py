@@ -70,10 +70,7 @@ class FileContent(NamedTuple):
 
 
 def content_of(table: Any, folder: Path, allow_outside: bool = False) -> FileContent:
-    """The source that a file's whole table describes, and the numbers at its top.
-
-    Its aperture files are in `folder` or below, unless they are allowed to be outside.
-    """
+    """The source that a file's whole table describes, and the numbers at its top."""
     if not isinstance(table, dict):
         raise FileFormatError(f"expected a table with the key 'kind', got {shown(table)}")
     kinds = _ELEMENTS | _ARRAYS
@@ -147,8 +144,7 @@ def _polyhedron(values: dict[str, Any], around: Around) -> Polyhedron:
             return body
     check_keys(table, ("kind", "vertices", "faces"))
     faces = values["faces"]
-    if len(faces) > limits.MOST_FACES:
-        raise FileFormatError(f"expected at most {limits.MOST_FACES} faces, got {len(faces)}")
+    limits.check_most(len(faces), limits.MOST_FACES, "faces")
     around.count(rings=1, vertices=len(faces))
     return Polyhedron(values["vertices"], faces)
 
@@ -278,8 +274,7 @@ def aperture_of_polygons(polygons: list[list[Any]]) -> Aperture:
 def _aperture_as_it_is(polygons: list[list[Any]]) -> Aperture:
     """Outlines exactly as they were written, without a vertex dropped or moved.
 
-    Apertures that were shifted far, say, have vertices that rounding has put on a line, which the
-    constructor would drop.
+    Apertures that were shifted far have vertices on a line, which the constructor would drop.
     """
     parts: list[Part] = []
     for rings in polygons:
@@ -344,11 +339,8 @@ def _with_wave(source: Any, table: Any, wavelength: float | None) -> Wavefront:
 
 def _array(values: dict[str, Any], around: Around) -> Array:
     given = values["elements"]
-    if len(given) > limits.MOST_LISTED:
-        raise FileFormatError(
-            f"elements: expected at most {limits.MOST_LISTED} elements, got {len(given)}; equal "
-            'ones are one array of kind "phased-array"'
-        )
+    advice = 'equal ones are one array of kind "phased-array"'
+    limits.check_most(len(given), limits.MOST_LISTED, "elements", advice)
     elements = []
     for k, element in enumerate(given):
         with at(f"element {k}"):

@@ -25,6 +25,8 @@ from polywigner.geometry import Aperture, Polyhedron
 from polywigner.geometry.io.limits import (
     LARGEST_FILE,
     MOST_WAVES,
+    check_bytes,
+    check_most,
     check_rings,
     check_vertices,
 )
@@ -279,16 +281,8 @@ class Around:
         self.counted.update(more)
         check_rings(self.counted["rings"])
         check_vertices(self.counted["vertices"])
-        if self.counted["waves"] > MOST_WAVES:
-            raise FileFormatError(
-                f"expected fields of at most {MOST_WAVES} plane waves in a file, got more; use "
-                "fewer or lower tapers"
-            )
-        if self.counted["bytes"] > LARGEST_FILE:
-            raise FileFormatError(
-                f"expected to read at most {LARGEST_FILE >> 20} MiB of other files, got more; "
-                "simplify them"
-            )
+        check_most(self.counted["waves"], MOST_WAVES, "plane waves", "use fewer or lower tapers")
+        check_bytes(self.counted["bytes"], LARGEST_FILE, "other files")
 
 
 @dataclass(frozen=True)

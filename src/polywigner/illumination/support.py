@@ -26,15 +26,13 @@ _MIRROR = np.array([-1.0, 1.0])
 def mutual_support(source: Aperture | Array) -> Aperture:
     """Region beyond which W(x, nu) of a source is zero, whatever the weights and fields.
 
-    Of an aperture its automean. Of an array the automean of its support, {(a + b)/2}, as long as
-    it has up to 500 pairs of convex pieces; or, of equal elements on a lattice, as long as the
-    copies of the element's automean at the midpoints of all pairs of sites have up to 4096 vertices
-    in all. Beyond, and for apertures of more pairs alike, the convex hull, which any automean lies
-    in: a few vertices at once, in place of tens of thousands in seconds or minutes.
+    Of an aperture its automean, of an array the automean of its support, {(a + b)/2}, for up to 500
+    pairs of convex pieces; of equal elements on a lattice as long as the copies of the element's
+    automean at the midpoints of all pairs of sites have up to 4096 vertices. Beyond these the
+    convex hull, which any automean lies in.
 
-    Raises
-    ------
-    GeometryError for arrays whose elements do not lie in the plane z = 0, and those of slits.
+    Raises GeometryError for arrays whose elements do not lie in the plane z = 0, and those of
+    slits.
     """
     if isinstance(source, Aperture):
         return _of_aperture(source)

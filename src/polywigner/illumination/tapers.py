@@ -1,9 +1,7 @@
 """Fields that antennas and pupils have: steering, tapers, modes of guides.
 
-All are sums of few plane waves, exactly the fields that their docstrings promise, inside the
-rectangle (or interval) they are made for, which is centred at the origin. Outside of it the sums
-go on periodically; `field.moved(shift)` shifts one, `field * other` multiplies two, and
-`0.3 * uniform() + 0.7 * cosine_taper(...)` is a cosine on a pedestal.
+All are sums of few plane waves, exact inside the rectangle (or interval) they are made for, which
+is centred at the origin; outside of it they go on periodically.
 """
 
 from __future__ import annotations
@@ -20,7 +18,7 @@ from polywigner.geometry.arguments import (
     checked_count,
     checked_length,
     checked_number,
-    real_numbers,
+    numbers_or_nan,
     shape_of,
     takes_frequency,
 )
@@ -58,8 +56,7 @@ def direction_of(theta: float, phi: float = 0.0) -> NDArray[np.float64]:
 def transverse(direction: Any) -> NDArray[np.float64]:
     """The components of a direction along the aperture: (2,), or (1,) for slits.
 
-    From a unit vector (3,), from these components (2,), or from the sine of an angle, a number or
-    (1,). Raises ArgumentError for anything else, and for components longer than 1 together.
+    From a unit vector (3,), these components (2,), or the sine of an angle, a number or (1,).
     """
     given = np.atleast_1d(_numbers(direction))
     if given.shape == (3,):
@@ -79,10 +76,7 @@ def transverse(direction: Any) -> NDArray[np.float64]:
 
 
 def _numbers(direction: Any) -> NDArray[np.float64]:
-    try:
-        vector = real_numbers(direction)
-    except ValueError:
-        vector = np.array(np.nan)
+    vector = numbers_or_nan(direction)
     if not np.isfinite(vector).all():
         raise ArgumentError(f"expected a direction of finite numbers, got {direction!r}")
     return vector
@@ -104,8 +98,6 @@ _Waves = tuple[NDArray[Any], NDArray[Any]]
 def uniform(dimension: int = 2) -> Illumination:
     """The field 1: one plane wave of frequency 0. `dimension`: 2, or 1 for slits.
 
-    Raises ArgumentError for other dimensions.
-
     >>> import polywigner as pw
     >>> float(pw.uniform()((0.0, 0.0)).real)
     1.0
@@ -117,21 +109,16 @@ def uniform(dimension: int = 2) -> Illumination:
 def steering(direction: ArrayLike, wavelength: float) -> Illumination:
     """The phase that turns a beam: u(x) = exp(2 pi i s.x/wavelength), s the transverse direction.
 
-    The Fourier transform of the aperture with this field peaks at nu = s/wavelength, which is the
-    radiation towards `direction`.
+    The Fourier transform of the aperture with this field peaks at nu = s/wavelength.
 
     Parameters
     ----------
-    direction
-        A unit vector (3,) with a positive z; or its components (2,) along the aperture; or for
-        slits one number, the sine of the angle. To 1e-6, a component along the aperture as given.
-    wavelength
-        In metres.
+    direction : unit vector (3,) with a positive z, of length 1 to 1e-6; or its components (2,)
+        along the aperture; or for slits the sine of the angle.
+    wavelength : in metres.
 
-    Raises
-    ------
-    ArgumentError for a vector that is not of unit length or points behind the aperture, components
-    along the aperture that are longer than 1 together, and wavelengths that are not above zero.
+    Raises ArgumentError for a vector that is not of unit length or points behind the aperture,
+    components that are longer than 1 together, and wavelengths that are not above zero.
 
     >>> import polywigner as pw
     >>> beam = pw.steering((0.5, 0.0, 3**0.5 / 2), 10e-3)
@@ -152,16 +139,11 @@ def cosine_taper(
 
     Parameters
     ----------
-    width, height
-        In metres. None: no taper along this axis.
-    power
-        1 for a cosine, 2 for a squared cosine, up to 32.
-    dimension
-        2; or 1 for slits, whose taper has a width alone.
+    width, height : in metres. None: no taper along this axis.
+    power : 1 for a cosine, 2 for a squared cosine, up to 32.
+    dimension : 2; or 1 for slits, whose taper has a width alone.
 
-    Raises
-    ------
-    ArgumentError for lengths that are not above zero, both None, a power out of range, and a
+    Raises ArgumentError for lengths that are not above zero, both None, a power out of range, and a
     height for slits.
 
     >>> import polywigner as pw
@@ -180,31 +162,23 @@ def te_mode(
 ) -> Illumination:
     """Transverse electric field of the mode TE_mn of a rectangular guide, as a horn's mouth has it.
 
-    With x' = x + width/2 and y' = y + height/2, counted from a corner of the guide, and the peak
-    of each component 1,
+    With x' = x + width/2 and y' = y + height/2, from a corner of the guide, and peaks of 1,
 
         E_y = sin(m pi x'/width) cos(n pi y'/height)
         E_x = cos(m pi x'/width) sin(n pi y'/height)
 
-    so that E_y of TE10 is cos(pi x/width). Together they are E = (-n/height E_x, m/width E_y) times
-    a factor common to both. Two waves for each axis with a number other than 0.
-
-    Kirchhoff and Rayleigh-Sommerfeld II take the slopes of these waves in free space, which are
-    not those of the mode in its guide; the field on the mouth fixes neither.
+    so that E_y of TE10 is cos(pi x/width). Together E = (-n/height E_x, m/width E_y) times a common
+    factor. Kirchhoff and Rayleigh-Sommerfeld II take the slopes of these waves in free space, not
+    those of the mode in its guide.
 
     Parameters
     ----------
-    width, height
-        Inner lengths of the guide along x and y in metres.
-    m, n
-        Half periods along x and along y, from 0, not both 0.
-    component
-        "y" (needs m of 1 or more), or "x" (needs n of 1 or more).
+    width, height : inner lengths of the guide along x and y in metres.
+    m, n : half periods along x and along y, from 0, not both 0.
+    component : "y" (needs m of 1 or more), or "x" (needs n of 1 or more).
 
-    Raises
-    ------
-    ArgumentError for lengths that are not above zero, numbers out of range, a component that the
-    mode does not have, and any other component.
+    Raises ArgumentError for lengths that are not above zero, numbers out of range, and a component
+    that the mode does not have.
 
     >>> import polywigner as pw
     >>> mode = pw.te_mode(10e-3, 5e-3)
@@ -237,33 +211,27 @@ def taylor_taper(
 ) -> Illumination:
     """Taylor's n-bar taper of a line source, along x and along y: sidelobes at -sll dB.
 
-    Along each axis u = [1 + 2 sum_{m < nbar} F_m cos(2 pi m x/width)]/u_0, with u_0 so that u is 1
-    at the centre and, with A = arccosh(10^(sll/20))/pi and s^2 = nbar^2/(A^2 + (nbar - 1/2)^2),
+    Along each axis u = [1 + 2 sum_{m < nbar} F_m cos(2 pi m x/width)]/u_0, with u(0) = 1 and, with
+    A = arccosh(10^(sll/20))/pi and s^2 = nbar^2/(A^2 + (nbar - 1/2)^2),
 
         F_m = (-1)^(m+1)/2 prod_{i < nbar} [1 - m^2/(s^2 (A^2 + (i - 1/2)^2))]
                          / prod_{i < nbar, i != m} [1 - m^2/i^2]
 
-    2 nbar - 1 waves for each axis. The transform has its zeros at
+    2 nbar - 1 waves for each axis. The zeros of the transform are at
     |nu| width = s sqrt(A^2 + (i - 1/2)^2) for i < nbar, then at nbar, nbar + 1, ...; the first
     sidelobe lies at -sll dB, or less than 0.7 dB below it, the others are lower and fall as
     1/|nu| from nbar on. T. T. Taylor, IRE Trans. Antennas Propag. AP-3 (1955) 16-28.
 
     Parameters
     ----------
-    width, height
-        In metres. None: no taper along this axis.
-    sll
-        Sidelobe suppression in dB, above 0 and up to 200: 30 for sidelobes at -30 dB.
-    nbar
-        How many zeros are moved, plus one; up to 100. Taylor's choice is at least 2 A^2 + 1/2 (4
-        for 30 dB, 7 for 40 dB); with fewer, sidelobes may be higher than asked for.
-    dimension
-        2; or 1 for slits, whose taper has a width alone.
+    width, height : in metres. None: no taper along this axis.
+    sll : sidelobe suppression in dB, above 0 and up to 200: 30 for sidelobes at -30 dB.
+    nbar : number of zeros moved, plus one; up to 100. Taylor's choice is at least 2 A^2 + 1/2 (4
+        for 30 dB, 7 for 40 dB); with fewer, sidelobes may be higher.
+    dimension : 2; or 1 for slits, whose taper has a width alone.
 
-    Raises
-    ------
-    ArgumentError for lengths that are not above zero, both None, sll and nbar out of range, and a
-    height for slits.
+    Raises ArgumentError for lengths that are not above zero, both None, sll and nbar out of range,
+    and a height for slits.
 
     >>> import polywigner as pw
     >>> taper = pw.taylor_taper(10e-3, sll=25.0)
@@ -285,19 +253,15 @@ def fourier_taper(
 
     Parameters
     ----------
-    width, height
-        The periods along x and y in metres. Without a height, the field does not depend on y.
-    coefficients
-        Complex, of odd length, the middle one being a_0: (2K + 1,) for k = -K..K; with a height
-        (2K + 1, 2L + 1) for exp(2 pi i (k x/width + l y/height)). The series of cosines
-        b_0 + b_1 cos(2 pi x/width) has the coefficients [b_1/2, b_0, b_1/2].
-    dimension
-        2; or 1 for slits.
+    width, height : periods along x and y in metres. Without a height, the field does not depend on
+        y.
+    coefficients : complex, of odd length, a_0 in the middle: (2K + 1,) for k = -K..K; with a height
+        (2K + 1, 2L + 1) for exp(2 pi i (k x/width + l y/height)). Cosines b_0 + b_1 cos(2 pi
+        x/width) have [b_1/2, b_0, b_1/2].
+    dimension : 2; or 1 for slits.
 
-    Raises
-    ------
-    ArgumentError for lengths that are not above zero, and a height for slits; IlluminationError for
-    coefficients that are not finite numbers of such a shape, or all zero.
+    Raises ArgumentError for lengths that are not above zero, and a height for slits;
+    IlluminationError for coefficients that are not finite numbers of such a shape, or all zero.
 
     >>> import polywigner as pw
     >>> taper = pw.fourier_taper(2.0, coefficients=[0.25, 0.5, 0.25])  # (1 + cos(pi x))/2
@@ -367,10 +331,7 @@ def _product(along_x: _Waves, along_y: _Waves) -> Illumination:
 
 
 def _half_periods(number: int, size: float, sine: bool) -> _Waves:
-    """sin or cos of number pi (x/size + 1/2), as waves whose amplitudes are exact.
-
-    The half turns are powers of i.
-    """
+    """sin or cos of number pi (x/size + 1/2), as waves with exact amplitudes: powers of i."""
     if number == 0:
         return _CONSTANT  # a cosine: sines of 0 are refused before
     quarter = (1, 1j, -1, -1j)[number % 4]

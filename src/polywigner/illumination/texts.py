@@ -1,9 +1,4 @@
-"""Tapers, steering and layouts as scenes and the command line write them: in a few words.
-
-What a source file says in tables, for the commonest cases: ``taper = "taylor 30 dB"``,
-``array = "12 x 16, 2 mm"``, ``window = "taylor 25 dB"``, ``steering = "20 deg, 90 deg"`` and
-``focus = "0 mm, 0 mm, 80 mm"``.
-"""
+"""Tapers, steering and layouts as scenes and the command line write them: in a few words."""
 
 from __future__ import annotations
 
@@ -41,7 +36,8 @@ _WINDOW = re.compile(rf"(?P<name>[a-z]+){_DECIBELS}", re.IGNORECASE)
 def fed(source: Any, texts: Mapping[str, str], wavelength: float | None) -> Any:
     """A source with the field, the copies and the weights that texts describe.
 
-    Lengths without a unit are in metres, angles without one in radians.
+    Lengths without a unit are in metres, angles without one in radians. Errors begin with the key:
+    QuantityError for a text that is none of these, ArgumentError where it does not fit the source.
 
     Parameters
     ----------
@@ -64,12 +60,6 @@ def fed(source: Any, texts: Mapping[str, str], wavelength: float | None) -> Any:
         - `coherence`: the width over which the source is coherent: "0.5 mm"
     wavelength
         In metres, for steering, focus and curved waves.
-
-    Raises
-    ------
-    QuantityError for a text that does not say such a thing; ArgumentError where the source is none
-    for it, and for numbers out of range; MissingExtraError for a window without scipy. The message
-    begins with the key.
     """
     aperture_only = [name for name in ("taper", "array") if name in texts]
     if aperture_only and not isinstance(source, Aperture):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from fractions import Fraction
 from functools import cached_property
 from numbers import Complex
-from typing import Any, NamedTuple, NoReturn, final
+from typing import Any, NamedTuple, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,8 +15,10 @@ from polywigner.geometry.arguments import (
     checked_count,
     checked_length,
     checked_number,
+    numbers_or_nan,
     real_numbers,
     shape_of,
+    unchangeable,
 )
 from polywigner.geometry.display import shown_as_html
 from polywigner.geometry.wavefront import checked_shift, turned_points
@@ -29,23 +31,16 @@ LARGEST_AMPLITUDE = 1e100
 class Illumination:
     """A field u(x) = sum_m c_m exp(2 pi i kappa_m.x) on an aperture (d = 2) or on slits (d = 1).
 
-    Steering, cosine and Taylor tapers and modes of waveguides are such sums of a few waves, for
-    which all transforms stay closed forms. `a * b` multiplies two fields, `2j * a` and `a / 2`
-    scale one, and `a + b` and `a - b` superpose them.
+    All transforms stay closed forms. `a * b` multiplies two fields, `2j * a` and `a / 2` scale one,
+    and `a + b` and `a - b` superpose them. Waves of one frequency are merged.
 
     Parameters
     ----------
-    amplitudes
-        (m,) complex c_m, in the unit of the field.
-    frequencies
-        (m, d) real kappa_m in cycles per metre; for d = 1 also (m,).
+    amplitudes : (m,) complex c_m, in the unit of the field.
+    frequencies : (m, d) real kappa_m in cycles per metre; for d = 1 also (m,).
 
-    Waves of one frequency are merged, and those of amplitude zero dropped.
-
-    Raises
-    ------
-    IlluminationError for values that are not finite numbers, shapes that do not match, a field that
-    is zero everywhere, and where the largest modulus of an amplitude is not from 1e-100 to 1e100.
+    Raises IlluminationError for values that are not finite numbers, shapes that do not match, a
+    field that is zero everywhere, and where the largest modulus is not from 1e-100 to 1e100.
 
     >>> import polywigner as pw
     >>> tilt = pw.Illumination([1.0], [(100.0, 0.0)])  # towards s_x = 100 m^-1 times lambda
@@ -58,10 +53,7 @@ class Illumination:
     frequencies: NDArray[np.float64]
     """(m, d), read-only, in lexicographic order."""
     is_fit: bool
-    """Whether waves come from :func:`polywigner.fit_illumination`: others have the same values.
-
-    Products, sums and moved copies of a fit are fits. Equality leaves it out, and so do files.
-    """
+    """Whether waves come from :func:`polywigner.fit_illumination`; equality and files ignore it."""
 
     def __init__(self, amplitudes: ArrayLike, frequencies: ArrayLike) -> None:
         waves = _merged(*_checked(amplitudes, frequencies))
@@ -98,11 +90,7 @@ class Illumination:
     def turned(self, angle: float) -> Illumination:
         """The field carried along by a turn about the origin, by an angle in radians.
 
-        Counter-clockwise; quarter turns are exact. Of a field in two dimensions; to turn an
-        aperture with the field on it, see :meth:`polywigner.Aperture.turned`.
-
-        Raises ArgumentError for an angle that is not a finite number, IlluminationError for a field
-        of slits.
+        Counter-clockwise; quarter turns are exact. Raises IlluminationError for a field of slits.
         """
         if self.dimension != 2:
             raise IlluminationError("expected a field in two dimensions to turn, got one of slits")
@@ -172,11 +160,7 @@ class Illumination:
     def __hash__(self) -> int:
         return hash(self._key)
 
-    def __setattr__(self, name: str, value: object) -> NoReturn:
-        raise AttributeError(f"an Illumination cannot be changed ({name}); build a new one")
-
-    def __delattr__(self, name: str) -> NoReturn:
-        raise AttributeError(f"an Illumination cannot be changed ({name}); build a new one")
+    __setattr__ = __delattr__ = unchangeable
 
     def __reduce__(self) -> tuple[Any, ...]:
         return restored, (self.amplitudes, self.frequencies, self.is_fit)
@@ -234,9 +218,9 @@ def _checked(
 def _merged(
     amplitudes: NDArray[np.complex128], frequencies: NDArray[np.float64]
 ) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
-    """One wave for each frequency, in lexicographic order; no negative zeros, none of amplitude 0.
+    """One wave for each frequency, in lexicographic order; no negative zeros.
 
-    What is left by cancellation, below rounding of the terms that cancelled, counts as 0.
+    Amplitudes left by cancellation, below rounding of the terms that cancelled, count as 0.
     """
     found, number = np.unique(frequencies + 0.0, axis=0, return_inverse=True)
     total, size = np.zeros(len(found), np.complex128), np.zeros(len(found))
@@ -254,9 +238,8 @@ def _merged(
     return total[kept] + 0.0, found[kept]
 
 
-# Singular values below this fraction of the largest are left out. Waves of twice the period are
-# nearly dependent on the samples' extent; what is left out here could not change the fit by more
-# than about this fraction, but would have amplitudes up to its inverse that cancel.
+# Waves of twice the period are nearly dependent on the samples' extent: singular values below this
+# fraction change the fit by about as much, with amplitudes up to its inverse that cancel.
 _CUT_OFF = 1e-6
 
 # The default periods, in extents of the samples: with twice the extent a field need not be
@@ -292,42 +275,32 @@ def fit_illumination(
 ) -> FittedIllumination:
     """Plane waves whose sum comes nearest to a sampled field: least squares on given frequencies.
 
-    Minimises sum_j |u(x_j) - values_j|^2 over the amplitudes, by a singular value decomposition
-    without the values below `cut_off`. Memory is bounded by the square of the number of waves.
+    Minimises sum_j |u(x_j) - values_j|^2 by a singular value decomposition without the values below
+    `cut_off`. Memory is bounded by the square of the number of waves.
 
-    The samples do not fix how the field changes away from the plane. Transforms and
-    Rayleigh-Sommerfeld I do not ask for that. Kirchhoff and Rayleigh-Sommerfeld II take it from the
-    waves found, and another fit has others, above all where some are evanescent,
-    |kappa| > 1/wavelength: two fits of one field on a square of one wavelength, with residuals of
-    1e-9 and less, were 0.12 dB apart by Rayleigh-Sommerfeld II, and 1e-4 dB by I. Using such a fit
-    with them is met with a PolywignerWarning.
+    The samples do not fix how the field changes away from the plane. Kirchhoff and
+    Rayleigh-Sommerfeld II take that from the waves found, above all from evanescent ones, |kappa| >
+    1/wavelength, and warn: two fits of one field on a square of one wavelength, with residuals of
+    1e-9 and less, were 0.12 dB apart by Rayleigh-Sommerfeld II, and 1e-4 dB by I.
 
     Parameters
     ----------
-    points
-        (n, 2) positions in m; for slits (n, 1) or (n,). They need not lie on a grid. Outside of
-        their bounds the fit means nothing: sample up to the edges of the aperture.
-    values
-        (n,) complex field at these points.
-    frequencies
-        (m, d) in cycles per metre. None: the lattice of waves whose period is twice the extent of
-        the points, -order..order periods along each axis ((2 order + 1)^2 waves in the plane). A
-        field with a phase that turns by q over the aperture needs an order of about 2 q + 4.
-    order
-        Of the default lattice; lowered where there are fewer samples than waves.
-    cut_off
-        Fraction of the largest singular value, from 1e-15 up to below 1. Larger for noisy samples.
-    largest_residual
-        Refuse fits that are worse; None: the caller looks at the residual.
+    points : (n, 2) positions in m; for slits (n, 1) or (n,); on a grid or not. Outside of their
+        bounds the fit means nothing: sample up to the edges of the aperture.
+    values : (n,) complex field at these points.
+    frequencies : (m, d) in cycles per metre. None: waves whose period is twice the extent of the
+        points, -order..order periods along each axis.
+    order : of these waves, fewer where there are fewer samples. A phase that turns by q over the
+        aperture needs about 2 q + 4.
+    cut_off : fraction of the largest singular value, from 1e-15 up to below 1; larger for noise.
+    largest_residual : refuse fits that are worse; None: the caller looks at the residual.
 
     Returns
     -------
     FittedIllumination : (illumination, residual, rank, cancellation).
 
-    Raises
-    ------
-    ArgumentError for points, values or options of other shapes or ranges; IlluminationError for
-    values all zero, frequencies that do not fit, and a residual above `largest_residual`.
+    Raises ArgumentError for points, values or options of other shapes or ranges; IlluminationError
+    for values all zero, frequencies that do not fit, and a residual above `largest_residual`.
 
     >>> import polywigner as pw
     >>> import numpy as np
@@ -367,11 +340,11 @@ def fit_illumination(
 
 
 def _samples(points: Any, values: Any) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
+    places = numbers_or_nan(points)
     try:
-        places = real_numbers(points)
         field = np.array(values, dtype=np.complex128)
     except (TypeError, ValueError, OverflowError):
-        places, field = np.empty(0), np.empty(0, np.complex128)
+        field = np.empty(0, np.complex128)
     if places.ndim == 1:
         places = places[:, None]
     shapes = places.ndim == 2 and places.shape[1] in (1, 2) and field.shape == places.shape[:1]
@@ -399,10 +372,7 @@ def _given(frequencies: Any, dimension: int) -> NDArray[np.float64]:
 
 
 def _lattice(extent: NDArray[np.float64], order: int, samples: int) -> NDArray[np.float64]:
-    """Frequencies (m, d): whole numbers of periods in twice the extent, along axes that have one.
-
-    No more waves than samples.
-    """
+    """Frequencies (m, d): whole numbers of periods in twice the extent; no more than samples."""
     axes = int(np.count_nonzero(extent))
     highest = order
     while highest and (2 * highest + 1) ** axes > samples:
@@ -420,8 +390,8 @@ def _least_squares(
 ) -> tuple[NDArray[np.complex128], float, int]:
     """Amplitudes, norm of the rest of the field, and rank.
 
-    The triangle of a QR decomposition is built up from blocks of rows (with the field as the last
-    column), so that any number of samples fits into memory.
+    The triangle of a QR decomposition grows by blocks of rows (the field as the last column), so
+    that any number of samples fits into memory.
     """
     waves = len(kappa)
     triangle: NDArray[np.complex128] = np.empty((0, waves + 1), np.complex128)

@@ -1,8 +1,9 @@
 """File formats of apertures and bodies.
 
-- ``readers``: files to apertures and bodies; ``drawing``: formats, options and polygons
+- ``readers``: files to apertures and bodies (STL, PLY and OBJ); ``drawing``: formats, options and
+polygons
 - ``limits``: a file's bytes or text within bounds; ``outlines``: rings to polygons with holes
 - ``text``: GeoJSON, WKT, CSV; ``svg`` with ``svg_shapes``, ``dxf``: filled shapes of drawings
-- ``gds``, ``gerber`` with ``gerber_statements``: layouts and boards; ``mesh``: STL, PLY and OBJ
+- ``gds``, ``gerber``: layouts and boards
 - ``curves``: curves flattened to a tolerance
 """

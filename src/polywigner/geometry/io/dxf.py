@@ -49,10 +49,7 @@ CurvePath = list[Curve]
 
 
 def paths_of(entity: Any) -> list[CurvePath]:
-    """The paths of one entity, (n, 3); open ones are to be joined with others.
-
-    Raises FileFormatError for entities that are no plane curves.
-    """
+    """The paths of one entity, (n, 3); open ones are to be joined with others."""
     reader = _READERS.get(entity.dxftype())
     if reader is None:
         raise FileFormatError(
@@ -87,17 +84,12 @@ def _circular(centre: Points, radius: float, start: float, end: float) -> Arc:
     return Arc(centre, u, v, math.radians(start), math.radians(sweep))
 
 
-def _circle(entity: Any) -> list[CurvePath]:
-    circle = _circular(_vector(entity.dxf.center), float(entity.dxf.radius), 0.0, 360.0)
-    return _to_world(entity, [[circle]])
-
-
-def _arc(entity: Any) -> list[CurvePath]:
-    dxf = entity.dxf
-    arc = _circular(
-        _vector(dxf.center), float(dxf.radius), float(dxf.start_angle), float(dxf.end_angle)
-    )
-    return _to_world(entity, [[arc]])
+def _round(entity: Any) -> list[CurvePath]:
+    """A circle, or an arc."""
+    dxf, angles = entity.dxf, (0.0, 360.0)
+    if entity.dxftype() == "ARC":
+        angles = float(dxf.start_angle), float(dxf.end_angle)
+    return _to_world(entity, [[_circular(_vector(dxf.center), float(dxf.radius), *angles)]])
 
 
 def _elliptic(centre: Points, major: Points, minor: Points, start: float, end: float) -> Arc:
@@ -135,15 +127,16 @@ def _bulging(points: Points, bulges: Points, is_closed: bool) -> CurvePath:
     return path
 
 
-def _flat(pairs: Iterable[Any]) -> Points:
-    rows = [[float(x), float(y), 0.0] for x, y in pairs]
-    return np.array(rows).reshape(-1, 3)
+def _flat(rows: Any, is_closed: bool) -> list[CurvePath]:
+    """The path of vertices (x, y, bulge) in its own plane, if there is one."""
+    points = np.array(rows, dtype=np.float64).reshape(-1, 3)
+    path = _bulging(points * (1.0, 1.0, 0.0), points[:, 2], is_closed)
+    return [path] if path else []
 
 
 def _light_polyline(entity: Any) -> list[CurvePath]:
-    rows = np.array(entity.get_points("xyb"), dtype=np.float64).reshape(-1, 3)
-    path = _bulging(_flat(rows[:, :2]), rows[:, 2], bool(entity.closed))
-    return _to_world(entity, [path] if path else [], float(entity.dxf.elevation))
+    paths = _flat(entity.get_points("xyb"), bool(entity.closed))
+    return _to_world(entity, paths, float(entity.dxf.elevation))
 
 
 def _polyline(entity: Any) -> list[CurvePath]:
@@ -152,12 +145,11 @@ def _polyline(entity: Any) -> list[CurvePath]:
     # Bit 16 marks the frame points of a spline that the other vertices follow.
     vertices = [v for v in entity.vertices if not v.dxf.get("flags", 0) & 16]
     points = np.array([_vector(v.dxf.location) for v in vertices]).reshape(-1, 3)
-    bulges = np.array([float(v.dxf.get("bulge", 0.0)) for v in vertices])
-    if entity.is_3d_polyline:
-        path = _bulging(points, np.zeros(len(points)), bool(entity.is_closed))
-        return [path] if path else []
+    is_plane = not entity.is_3d_polyline
+    bulges = np.array([float(v.dxf.get("bulge", 0.0)) * is_plane for v in vertices])
     path = _bulging(points, bulges, bool(entity.is_closed))
-    return _to_world(entity, [path] if path else [])
+    paths = [path] if path else []
+    return _to_world(entity, paths) if is_plane else paths
 
 
 def _spline_curves(tool: Any) -> CurvePath:
@@ -212,9 +204,7 @@ def _hatch(entity: Any) -> list[CurvePath]:
     paths: list[CurvePath] = []
     for boundary in entity.paths:
         if hasattr(boundary, "vertices"):
-            rows = np.array(boundary.vertices, dtype=np.float64).reshape(-1, 3)
-            path = _bulging(_flat(rows[:, :2]), rows[:, 2], True)
-            paths += [path] if path else []
+            paths += _flat(boundary.vertices, True)
         else:
             paths += _joined([_edge(edge) for edge in boundary.edges])
     return _to_world(entity, paths, _vector(entity.dxf.elevation)[2])
@@ -232,7 +222,7 @@ def _joined(edges: list[CurvePath]) -> list[CurvePath]:
 
 
 _READERS = {
-    "LINE": _line, "ARC": _arc, "CIRCLE": _circle, "ELLIPSE": _ellipse, "SPLINE": _spline,
+    "LINE": _line, "ARC": _round, "CIRCLE": _round, "ELLIPSE": _ellipse, "SPLINE": _spline,
     "LWPOLYLINE": _light_polyline, "POLYLINE": _polyline, "HATCH": _hatch, "SOLID": _solid,
     "TRACE": _solid,
 }  # fmt: skip
@@ -261,20 +251,13 @@ def read_dxf(file: File) -> Drawing:
         document = ezdxf.readfile(file.path)
         metres = _metres(document, file)
         paths = _Blocks(document, file.layers).drawn()
-    except PolywignerError:
-        raise
-    except MemoryError:
+    except (PolywignerError, MemoryError):
         raise
     except Exception as error:  # a damaged file can fail anywhere in ezdxf, with any exception
-        raise FileFormatError(
-            f"expected DXF, got a file that ezdxf does not read: {_shown(error)}"
-        ) from None
+        why = f"{type(error).__name__}{place_of(error)}"
+        raise FileFormatError(f"expected DXF, got a file that ezdxf does not read: {why}") from None
     rings, remedy = _rings(paths, file.tolerance and file.tolerance / metres)
     return Drawing(nested(rings, file.union, remedy), metres, remedy)
-
-
-def _shown(error: Exception) -> str:
-    return f"{type(error).__name__}{place_of(error)}"
 
 
 def _metres(document: Any, file: File) -> float:
@@ -331,12 +314,10 @@ class _Blocks:
             layer = _layer_of(entity)
             if kind in IGNORED or layer.lower() in self.hidden or entity.dxf.get("invisible", 0):
                 continue
-            # Layer 0 of a block stands for the layer that the block is inserted on.
-            if kind != "INSERT" and not (self._is_asked(layer) or (depth and layer == "0")):
-                continue
             if kind == "INSERT":
                 yield from self._inserted(entity, layer, depth)
-            else:
+            # Layer 0 of a block stands for the layer that the block is inserted on.
+            elif self._is_asked(layer) or (depth and layer == "0"):
                 yield from ((path, layer) for path in paths_of(entity))
 
     def _inserted(self, insert: Any, layer: str, depth: int) -> Iterator[_Drawn]:

@@ -1,9 +1,17 @@
-"""Copper of one layer of a board in Gerber (RS-274X): objects that gerbonara reads, as polygons."""
+"""Copper of one layer of a board in Gerber (RS-274X): objects that gerbonara reads, as polygons.
+
+gerbonara passes over or mistakes statements that it does not know (step and repeat, blocks,
+transformed apertures): they are refused first. Its places and parameters are used, not its drawing.
+"""
 
 from __future__ import annotations
 
+import importlib
 import math
-from collections.abc import Iterable, Sequence
+import re
+import warnings
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
 from itertools import groupby
 from typing import Any
 
@@ -12,13 +20,244 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.io.curves import Arc, Curve, flattened, turned
+from polywigner.geometry.io.curves import Arc, Curve, flattened
 from polywigner.geometry.io.drawing import Drawing, File, Format
-from polywigner.geometry.io.gerber_statements import checked_statements, objects_of
-from polywigner.geometry.io.limits import LARGEST_NUMBER, check_coordinates, text_of
+from polywigner.geometry.io.limits import LARGEST_NUMBER, check_coordinates, text_of, token
 from polywigner.geometry.io.outlines import filled
 from polywigner.geometry.parts import combined_on_grid, polygons_in, union_on_grid
 from polywigner.geometry.rings import rings_of_polygon
+from polywigner.geometry.wavefront import turned_points
+
+_PIECE = re.compile(r"\s*(?:(G0?4[^*]*)\*|%([^%]*)%|([^%*]*)\*)")
+# A word of codes and numbers, which messages quote; of any other text they tell the length.
+_PLAIN = re.compile(r"(?:[GDMXYIJ][-+.\d]{1,12}){1,6}", re.ASCII)
+_NUMBER = r"[+-]?\d+"
+_LENGTH = r"\+?(?:\d+\.?\d*|\.\d+)"
+_NAME = r"[A-Za-z_.$][\w.$-]*"
+
+_OPERATION = re.compile(
+    rf"(?P<mode>G0?[123])?(?:X{_NUMBER})?(?:Y{_NUMBER})?"
+    rf"(?P<centre>I{_NUMBER}(?:J{_NUMBER})?|J{_NUMBER})?D0?(?P<code>[123])"
+)
+_FORMAT = re.compile(r"FS[LT]A(X[1-7][1-7])Y(?P<same>[1-7][1-7])")
+_SHAPE = re.compile(
+    rf"ADD0*(?P<number>[1-9]\d{{1,8}})(?:[CRO],{_LENGTH}(?:X{_LENGTH})*|"
+    rf"(?P<polygon>P),{_LENGTH}X\d+(?:X(?P<turn>[+-]?{_LENGTH}))?(?:X{_LENGTH})?|"
+    rf"{_NAME}(?:,[+-]?{_LENGTH}(?:X[+-]?{_LENGTH})*)?)"
+)
+_MACRO = re.compile(rf"AM(?P<name>{_NAME})\*(?P<body>.*)", re.DOTALL)
+_MACRO_BLOCK = re.compile(r"(?:\$[1-9]\d*=|(?P<code>\d+),)[-+0-9.$xX/(),]+")
+_MACRO_CODES = (1, 4, 5, 20, 21)
+
+# Statements that change nothing: attributes, names, and transformations that are none.
+_ZERO = r"[+-]?0*\.?0*"
+_ONE = r"\+?0*1(?:\.0*)?"
+_NEUTRAL = re.compile(
+    r"T[FAOD].*|[IL]N.*|IPPOS|ASAXBY|MI(?:A0)?(?:B0)?|LMN|IR0+|SR|"
+    rf"OF(?:A{_ZERO})?(?:B{_ZERO})?|SF(?:A{_ONE})?(?:B{_ONE})?|LR{_ZERO}|LS{_ONE}|"
+    rf"SRX0*1Y0*1(?:I{_ZERO})?(?:J{_ZERO})?",
+    re.DOTALL,
+)
+# What is refused, by how it begins, and what to do about it.
+_REFUSED = {
+    ("SR",): "step and repeat; export the board without panelling",
+    ("AB", "LM", "LR", "LS"): "an aperture block or transformed apertures; export plain apertures",
+    ("IP", "AS", "MI", "IR", "OF", "SF"): "a transformed image; export without transformations",
+    ("IF",): "another file to include; export a single file",
+    ("FS", "G91"): "coordinates that are not absolute, or not alike in x and y; export with %FSLA",
+    ("X", "Y"): "coordinates without D01, D02 or D03, or not whole numbers; export it as RS-274X",
+    ("",): "which is not read; export it anew as RS-274X",
+}
+
+
+@dataclass(eq=False)
+class _State:
+    """State of a Gerber file after the statements so far."""
+
+    kept: list[str] = field(default_factory=list)
+    unit: str = ""
+    has_format: bool = False
+    is_placed: bool = False
+    in_region: bool = False
+    quadrants: str = ""
+    defined: set[str] = field(default_factory=set)
+    is_ended: bool = False
+
+
+def _checked_statements(text: str) -> tuple[str, str]:
+    """Return the statements of a Gerber file that matter, and its unit "MM" or "IN"."""
+    state = _State()
+    for statement, is_extended in _statements(text):
+        if state.is_ended:
+            raise FileFormatError(
+                f"expected nothing after M02, which ends a Gerber file, got {_shown(statement)}; "
+                "give one layer in one file"
+            )
+        (_extended if is_extended else _word)(state, statement)
+    if not state.is_ended:
+        raise FileFormatError(
+            "expected Gerber that ends with M02, got a file without; it may be cut short: "
+            "export it anew"
+        )
+    if state.in_region:
+        raise FileFormatError("expected G37 after each G36, got none; export it anew")
+    return "\n".join(state.kept), state.unit
+
+
+def _statements(text: str) -> Iterator[tuple[str, bool]]:
+    """Each statement without its asterisk, and whether it stands between percent signs."""
+    place = 0
+    while found := _PIECE.match(text, place):
+        place = found.end()
+        comment, extended, word = found.groups()
+        if extended is not None:
+            whole = extended.strip()
+            if not whole.endswith("*"):
+                raise _unknown(whole)
+            macro = whole.startswith("AM")
+            for part in [whole] if macro else whole[:-1].split("*"):
+                yield part.strip(), True
+        elif comment is None and word.strip():
+            yield re.sub(r"\s", "", word), False
+    if text[place:].strip():
+        raise FileFormatError(
+            "expected Gerber statements that end with an asterisk, got text without one; "
+            "the file may be cut short, or none of Gerber: export it anew"
+        )
+
+
+def _shown(statement: str) -> str:
+    words = statement.strip()
+    return repr(words) if _PLAIN.fullmatch(words) else token(words)
+
+
+def _unknown(statement: str) -> FileFormatError:
+    words = statement.strip()
+    reason = next(why for starts, why in _REFUSED.items() if words.startswith(starts))
+    return FileFormatError(f"expected one layer of plain Gerber, got {_shown(words)}: {reason}")
+
+
+def _check(condition: bool, expected: str, statement: str) -> None:
+    if not condition:
+        raise FileFormatError(
+            f"expected {expected}, got {_shown(statement)}; export it anew as RS-274X"
+        )
+
+
+def _word(state: _State, word: str) -> None:
+    if found := _OPERATION.fullmatch(word):
+        _operation(state, found)
+    elif word in ("G36", "G37"):
+        _check(state.in_region == (word == "G37"), "G36 and G37 by turns", word)
+        state.in_region = word == "G36"
+    elif word in ("G74", "G75"):
+        state.quadrants = word
+    elif word in ("G70", "G71"):
+        agrees = state.unit == ("IN" if word == "G70" else "MM")
+        _check(agrees, "one unit, by %MOMM*% or %MOIN*% first", word)
+        return
+    elif word == "G90":
+        return
+    elif re.fullmatch(r"M0?[02]", word):
+        state.is_ended = True
+    elif re.fullmatch(r"(?:G5[45])?D0*[1-9]\d{1,8}", word):
+        number = word.partition("D")[2].lstrip("0")
+        _check(number in state.defined, "an aperture that is defined", word)
+    elif not re.fullmatch(r"G0?[123]", word):
+        raise _unknown(word)
+    state.kept.append(re.sub(r"^G(?=[123]\b|[123][XYIJD])", "G0", word) + "*")
+
+
+def _operation(state: _State, found: re.Match[str]) -> None:
+    word, code = found[0], found["code"]
+    _check(bool(state.unit) and state.has_format, "%FS and %MO before coordinates", word)
+    _check(code == "2" or state.is_placed or code == "3", "D02 before the first D01", word)
+    _check(found["centre"] is None or code == "1", "I and J with D01 alone", word)
+    if found["centre"]:
+        _check(state.quadrants == "G75", "arcs after G75 (of up to a full turn)", word)
+    state.is_placed = True
+
+
+def _extended(state: _State, words: str) -> None:
+    if words.startswith("AM"):
+        words = _macro(state, words)
+    elif found := _SHAPE.fullmatch(words):
+        _define(state, found["number"], words)
+        if found["turn"] and float(found["turn"]):
+            raise FileFormatError(
+                f"expected regular polygons with a corner on the right, got {_shown(words)}, which "
+                "is rotated; export it as a region"
+            )
+    elif found := _FORMAT.fullmatch(words):
+        _check(not state.has_format, "one %FS", words)
+        if found[1][1:] != found["same"]:
+            raise _unknown(words)
+        state.has_format = True
+    elif words in ("MOMM", "MOIN"):
+        _check(state.unit in ("", words[2:]), "one unit", words)
+        if state.unit:
+            return
+        state.unit = words[2:]
+    elif words in ("LPD", "LPC"):
+        _check(not state.in_region, "no change of polarity between G36 and G37", words)
+    elif _NEUTRAL.fullmatch(words):
+        return
+    else:
+        raise _unknown(words)
+    state.kept.append(f"%{words}*%")
+
+
+def _define(state: _State, name: str, words: str) -> None:
+    _check(bool(state.unit), "%MO before apertures", words)
+    _check(name not in state.defined, "each aperture defined once", words)
+    state.defined.add(name)
+
+
+def _macro(state: _State, words: str) -> str:
+    """The macro without comments and blanks, of primitives that are read alone."""
+    found = _MACRO.fullmatch(words)
+    if not found:
+        raise _unknown(words)
+    _define(state, found["name"], words)
+    blocks = []
+    for text in found["body"].split("*"):
+        block = text.strip()
+        if not block or re.match(r"0(?![\d,.])", block):
+            continue
+        block = re.sub(r"\s", "", block)
+        plain = _MACRO_BLOCK.fullmatch(block)
+        if not plain or (plain["code"] and int(plain["code"]) not in _MACRO_CODES):
+            raise FileFormatError(
+                "expected macros of circles, outlines, polygons and lines "
+                f"(codes 1, 4, 5, 20, 21), got {_shown(block)}; export it as a region"
+            )
+        blocks.append(block)
+    return f"AM{found['name']}*" + "*".join(blocks)
+
+
+# What gerbonara warns about and yet reads as Gerber says.
+_HARMLESS = ".*(Arc is missing|D01 interpolation with a zero-size)"
+
+
+def _objects_of(text: str) -> list[Any]:
+    """Objects of gerbonara in the order of the file; its warnings are errors, too."""
+    library: Any = importlib.import_module("gerbonara.rs274x")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            warnings.filterwarnings("ignore", message=_HARMLESS)
+            return list(library.GerberFile.from_string(text).objects)
+    except Exception as error:
+        raise _unreadable(error) from None
+
+
+def _unreadable(error: Exception) -> FileFormatError:
+    # Numbers of lines are those of the checked text, not of the file.
+    why = re.sub(r"^<unknown>:\d+ ", "", str(error.__cause__ or error).partition("\n")[0])
+    return FileFormatError(
+        f"expected Gerber that gerbonara reads, got: {why[:200].rstrip('.')}; export it anew"
+    )
+
 
 Layers = list[tuple[bool, BaseGeometry]]
 """Shapes one upon the other, each dark (adds) or clear (cuts)."""
@@ -94,10 +333,10 @@ def _capsule(start: Any, end: Any, width: float) -> list[Curve]:
     ]  # fmt: skip
 
 
-def _between(start: Any, end: Any, told: Sequence[Any]) -> Arc:
+def _between(start: Any, end: Any, clockwise: bool, middle: Any) -> Arc:
     """The arc from `start` to `end` about a centre, which is moved to be as far from both."""
     one, other = np.asarray(start, float), np.asarray(end, float)
-    clockwise, centre = told[0], np.array(told[1:], float)
+    centre = np.array(middle, float)
     first, last = float(np.hypot(*(one - centre))), float(np.hypot(*(other - centre)))
     if not 0 < first < LARGEST_NUMBER or abs(first - last) > _RADII * first:
         raise FileFormatError(
@@ -119,15 +358,18 @@ def _between(start: Any, end: Any, told: Sequence[Any]) -> Arc:
 class Shapes:
     """Polygons of objects; curves stay within `tolerance` (in the file's unit, or None)."""
 
-    def __init__(self, apertures: Sequence[Sequence[Any]], tolerance: float | None) -> None:
-        self._apertures = apertures
+    def __init__(self, tolerance: float | None) -> None:
         self._tolerance = tolerance
         self._flashes: dict[int, BaseGeometry] = {}
 
-    def of(self, told: Sequence[Any]) -> Layers:
-        """The polygons of one object of the file."""
-        kind, dark, *rest = told
-        return [(dark, shape) for shape in getattr(self, f"_{kind.lower()}")(*rest)]
+    def of(self, thing: Any) -> Layers:
+        """The polygons of one object of gerbonara."""
+        kind = type(thing).__name__.lower()
+        if kind != "region" and thing.aperture is None:
+            raise FileFormatError(
+                "expected an aperture before D01 and D03, got none; export it anew"
+            )
+        return [(bool(thing.polarity_dark), shape) for shape in getattr(self, f"_{kind}")(thing)]
 
     def _annulus(self, outer: Arc, inner: Arc) -> BaseGeometry:
         around, within = flattened([[outer], [inner]], self._tolerance)
@@ -149,7 +391,8 @@ class Shapes:
         polygons = [shapely.Polygon(p[0], p[1:]) for p in filled([ring], "nonzero")]
         return polygons[0] if len(polygons) == 1 else shapely.MultiPolygon(polygons)
 
-    def _region(self, points: Sequence[Any], arcs: Sequence[Any]) -> list[BaseGeometry]:
+    def _region(self, region: Any) -> list[BaseGeometry]:
+        points = [tuple(point) for point in region.outline]
         if points[0] != points[-1]:
             x, y = points[0]
             raise FileFormatError(
@@ -157,85 +400,102 @@ class Shapes:
                 "return; export it anew"
             )
         outline: list[Curve] = [
-            np.array([start, end], dtype=float) if arc is None else _between(start, end, arc)
-            for start, end, arc in zip(points[:-1], points[1:], arcs, strict=True)
+            _between(start, end, *arc) if arc else np.array([start, end], dtype=float)
+            for start, end, arc in zip(points[:-1], points[1:], region.arc_centers, strict=True)
         ]
         return [self._polygon(outline)]
 
-    def _flash(self, number: int, x: float, y: float) -> list[BaseGeometry]:
+    def _flash(self, flash: Any) -> list[BaseGeometry]:
+        number = id(flash.aperture)
         if number not in self._flashes:
-            kind, *values = self._apertures[number]
-            layers = self._macro(*values) if kind == "macro" else self._standard(kind, values)
+            is_macro = hasattr(flash.aperture, "macro")
+            layers = (self._macro if is_macro else self._standard)(flash.aperture)
             self._flashes[number] = composed(layers)
-        place = np.array([x, y])
+        place = np.array([flash.x, flash.y])
         check_coordinates(place)
         return [shapely.transform(self._flashes[number], lambda points: points + place)]
 
-    def _standard(self, kind: str, values: Sequence[Any]) -> Layers:
-        *sizes, hole = values
+    def _standard(self, aperture: Any) -> Layers:
+        kind, hole = type(aperture).__name__, aperture.hole_dia
         if kind == "CircleAperture":
-            outline: list[Curve] = [_circle((0, 0), sizes[0] / 2)]
+            outline: list[Curve] = [_circle((0, 0), aperture.diameter / 2)]
         elif kind == "PolygonAperture":
-            outline = _closed(_regular(sizes[1], sizes[0]))
+            outline = _closed(_regular(aperture.n_vertices, aperture.diameter))
         elif kind == "RectangleAperture":
-            outline = _closed(_rectangle(*sizes))
+            outline = _closed(_rectangle(aperture.w, aperture.h))
         else:
-            width = min(sizes)
-            end = np.maximum(np.array(sizes) - width, 0) / 2
+            width = min(aperture.w, aperture.h)
+            end = np.maximum(np.array([aperture.w, aperture.h]) - width, 0) / 2
             outline = _capsule(-end, end, width)
         layers = [(True, self._polygon(outline))]
         return [*layers, (False, self._polygon([_circle((0, 0), hole / 2)]))] if hole else layers
 
-    def _macro(self, primitives: Sequence[Sequence[Any]]) -> Layers:
-        return [self._primitive(*primitive) for primitive in primitives]
+    def _macro(self, aperture: Any) -> Layers:
+        bound = dict(enumerate(aperture.parameters, start=1))
 
-    def _primitive(self, code: int, exposure: float, *values: Any) -> tuple[bool, BaseGeometry]:
+        def value(expression: Any) -> float:
+            try:
+                return float(expression.calculate(bound, aperture.unit))
+            except Exception as error:  # of an expression, gerbonara may raise any
+                raise _unreadable(error) from None
+
+        return [self._primitive(primitive, value) for primitive in aperture.macro.primitives]
+
+    def _primitive(self, primitive: Any, value: Any) -> tuple[bool, BaseGeometry]:
+        def values(*names: str) -> list[float]:
+            return [value(getattr(primitive, name)) for name in names]
+
+        exposure, degrees = values("exposure", "rotation")
+        turn = math.radians(degrees)
         if exposure not in (0, 1):
             raise FileFormatError(
                 f"expected macros with exposure 0 or 1, got {exposure:g}; export it as a region"
             )
-        *sizes, turn = values
-        if code == 1:
-            circle = _circle(turned(sizes[1:], turn), sizes[0] / 2)
+        points: Any
+        if primitive.code == 1:
+            diameter, x, y = values("diameter", "x", "y")
+            circle = _circle(turned_points(np.array([[x, y]]), turn)[0], diameter / 2)
             return bool(exposure), self._polygon([circle])
-        if code == 4:
-            points = sizes[0]
-        elif code == 5:
-            points = _regular(sizes[0], sizes[3]) + sizes[1:3]
-        elif code == 21:
-            points = _rectangle(*sizes[:2]) + sizes[2:]
+        if primitive.code == 4:
+            points = [[value(x), value(y)] for x, y in primitive.points]
+        elif primitive.code == 5:
+            points = _regular(*values("n_vertices", "diameter")) + values("x", "y")
+        elif primitive.code == 21:
+            points = _rectangle(*values("width", "height")) + values("x", "y")
         else:
-            start, end = np.array(sizes[1:3]), np.array(sizes[3:])
+            start, end = np.reshape(values("start_x", "start_y", "end_x", "end_y"), (2, 2))
+            (width,) = values("width")
             length = max(float(np.hypot(*(end - start))), np.finfo(float).tiny)
-            side = sizes[0] / 2 * np.array([start[1] - end[1], end[0] - start[0]]) / length
+            side = width / 2 * np.array([start[1] - end[1], end[0] - start[0]]) / length
             points = [start - side, end - side, end + side, start + side]
-        return bool(exposure), self._polygon(_closed(turned(points, turn)))
+        return bool(exposure), self._polygon(_closed(turned_points(np.array(points), turn)))
 
-    def _pen(self, number: int) -> list[float]:
+    def _pen(self, aperture: Any) -> list[float]:
         """Diameter of a round aperture, or width and height; any other draws no strokes."""
-        kind, *values = self._apertures[number]
-        if kind not in ("CircleAperture", "RectangleAperture") or values[-1]:
+        sizes = {"CircleAperture": ("diameter",), "RectangleAperture": ("w", "h")}
+        names = sizes.get(type(aperture).__name__)
+        if names is None or aperture.hole_dia:
             raise FileFormatError(
                 "expected strokes of round or rectangular apertures without a hole, got another; "
                 "export it as a region"
             )
-        return values[:-1]
+        return [getattr(aperture, name) for name in names]
 
-    def _line(self, number: int, start: Any, end: Any) -> list[BaseGeometry]:
-        pen = self._pen(number)
+    def _line(self, line: Any) -> list[BaseGeometry]:
+        pen, start, end = self._pen(line.aperture), line.p1, line.p2
         if len(pen) == 1:
             return [self._convex(_capsule(start, end, pen[0]))]
         corners = [_rectangle(*pen) + point for point in (start, end)]
         return [shapely.convex_hull(shapely.MultiPoint(np.concatenate(corners)))]
 
-    def _arc(self, number: int, start: Any, end: Any, told: Any) -> list[BaseGeometry]:
+    def _arc(self, arc: Any) -> list[BaseGeometry]:
         """A sector between two radii, and a disc at either end."""
-        pen = self._pen(number)
+        pen, start, end = self._pen(arc.aperture), arc.p1, arc.p2
         if len(pen) != 1:
             raise FileFormatError(
                 "expected arcs of round apertures, got a rectangular one; export it as a region"
             )
-        path, half = _between(start, end, told), pen[0] / 2
+        path, half = _between(start, end, arc.clockwise, arc.center), pen[0] / 2
         if half == 0:
             return []
         radius = float(path.u[0])
@@ -260,11 +520,10 @@ _METRES = {"MM": 1e-3, "IN": 25.4e-3}
 
 def read_gerber(file: File) -> Drawing:
     """Read the copper after all objects: dark ones add, clear ones cut, in the file's order."""
-    text, unit = checked_statements(text_of(file.content))
-    objects, apertures = objects_of(text)
+    text, unit = _checked_statements(text_of(file.content))
     metres = _METRES.get(unit, 1e-3)
-    shapes = Shapes(apertures, file.tolerance and file.tolerance / metres)
-    copper = composed([layer for told in objects for layer in shapes.of(told)])
+    shapes = Shapes(file.tolerance and file.tolerance / metres)
+    copper = composed([layer for thing in _objects_of(text) for layer in shapes.of(thing)])
     polygons = [rings_of_polygon(polygon) for polygon in polygons_in(copper)]
     if not polygons:
         raise FileFormatError(

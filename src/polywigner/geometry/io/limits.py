@@ -60,11 +60,7 @@ def check_most(count: int, most: int, things: str, remedy: str = "simplify the d
 
 def check_values(text: str) -> None:
     """Raise for JSON of more values than are read."""
-    count = text.count(",")
-    if count > MOST_JSON_VALUES:
-        raise FileFormatError(
-            f"expected JSON of at most {MOST_JSON_VALUES} values, got {count}; simplify it"
-        )
+    check_most(text.count(","), MOST_JSON_VALUES, "values of JSON", "simplify it")
 
 
 def check_vertices(count: int) -> None:
@@ -137,11 +133,7 @@ _OF_NO_SIZE = 1 << 20
 
 
 def bytes_of(path: Path, largest: int = LARGEST_FILE) -> bytes:
-    """The content of a regular file of sensible size.
-
-    Raises FileFormatError for a missing, empty, unreadable or oversized file, a directory, a
-    device and a pipe.
-    """
+    """The content of a regular file, not empty, of at most so many bytes."""
     check_regular(path)
     try:
         # Should a pipe have taken the file's place meanwhile, opening it must not wait.
@@ -186,17 +178,15 @@ _MEMORY = 1 << 30
 def within_limits(read: Callable[[], Result], modules: Sequence[str], kind: str) -> Result:
     """Return ``read()``, called in a process apart, which a damaged file may end.
 
-    Raises FileFormatError where it takes more time or memory than a file may, or fails.
+    FileFormatError where it takes more time or memory than a file may, or fails.
     """
     try:
         return run_apart(read, _SECONDS, _MEMORY, modules=modules)
     except ChildError as error:
-        if error.failure in ("time", "memory"):
-            raise FileFormatError(
-                f"expected {kind} that is read within {_SECONDS} s and {_MEMORY >> 30} GiB, got a "
-                f"file that takes more {error.failure}; simplify it, or save a part of it"
-            ) from None
+        got = f"takes more {error.failure}; simplify it, or save a part of it"
+        if error.failure not in ("time", "memory"):
+            got = "its library does not read; it may be damaged, or take more: export it anew"
         raise FileFormatError(
-            f"expected {kind}, got a file at which its library fails; it may be damaged, or take "
-            f"more than {_MEMORY >> 30} GiB: export it anew, or a part of it"
+            f"expected {kind} that is read within {_SECONDS} s and {_MEMORY >> 30} GiB, got a file "
+            f"that {got}"
         ) from None

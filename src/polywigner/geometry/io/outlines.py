@@ -27,8 +27,7 @@ Polygon = list[Ring]
 def filled(rings: Sequence[Ring], rule: str) -> list[Polygon]:
     """The region that a path of several rings fills by the rule "nonzero" or "evenodd".
 
-    Rings that enclose no area are passed over; where none crosses or touches another, those that
-    bound the region are returned as they are.
+    Rings that enclose no area are passed over; rings that meet no other stay as they are.
     """
     kept = [ring for ring in rings if _encloses(ring)]
     if not kept:
@@ -46,8 +45,8 @@ def nested(
 ) -> list[Polygon]:
     """Polygons whose holes are the rings inside them, islands in holes and so on.
 
-    `union` joins rings that overlap or touch first. Raises GeometryError, which ends with
-    `remedy`, for rings that overlap otherwise; they may touch. A ring that crosses itself raises.
+    `union` joins rings that overlap or touch first; else GeometryError with `remedy` where they
+    overlap.
     """
     is_simple = shapely.is_valid([shapely.Polygon(ring) for ring in rings])
     clean = [  # simple ones are cleaned with the aperture

@@ -1,22 +1,24 @@
 """Files of apertures and bodies: GeoJSON, WKT, CSV, SVG, DXF, GDSII, Gerber; STL, PLY and OBJ.
 
-A format is a module of this folder with its ``FORMATS``; it makes polygons, each a list of rings
-with the exterior first, in the file's own unit. :class:`Aperture` and :class:`Polyhedron` check
-them.
+A format is a module of this folder with its ``FORMATS``; it makes polygons in the file's own unit,
+which :class:`Aperture` and :class:`Polyhedron` check.
 """
 
 from __future__ import annotations
 
 import importlib
+import io
 import os
 import pkgutil
 import re
+import warnings
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from polywigner.errors import (
@@ -26,32 +28,36 @@ from polywigner.errors import (
     MissingExtraError,
     PolywignerError,
 )
-from polywigner.geometry import io
+from polywigner.geometry import io as formats
 from polywigner.geometry.aperture import Aperture, PlacedAperture
 from polywigner.geometry.arguments import checked_flag, checked_length
 from polywigner.geometry.exact import Ring
 from polywigner.geometry.io.drawing import Drawing, File, Format, check_installed
 from polywigner.geometry.io.limits import (
+    MOST_FACES,
     SMALL,
     bytes_of,
+    check_coordinates,
+    check_most,
     check_rings,
     check_vertices,
     within_limits,
 )
-from polywigner.geometry.io.mesh import MESH_SUFFIXES, plates_of, read_mesh
 from polywigner.geometry.io.svg_shapes import PIXEL
 from polywigner.geometry.parts import merge_parts, part_of_rings, union_parts
 from polywigner.geometry.polyhedron import Polyhedron
 from polywigner.quantities import parse_unit
+
+MESH_SUFFIXES = (".stl", ".ply", ".obj")
 
 # Finding out what is wrong with a large outline takes seconds, which are not spent twice.
 _MOST_REPEATED = 50_000
 
 _FORMATS: list[Format] = [
     found
-    for name in sorted(module.name for module in pkgutil.iter_modules(io.__path__))
-    if name not in ("readers", "library_process")
-    for found in getattr(importlib.import_module(f"{io.__name__}.{name}"), "FORMATS", ())
+    for name in sorted(module.name for module in pkgutil.iter_modules(formats.__path__))
+    if name != "readers"
+    for found in getattr(importlib.import_module(f"{formats.__name__}.{name}"), "FORMATS", ())
 ]
 _NOT_READ = (".shp", ".dwg", ".svgz", ".pdf", ".eps", ".step", ".stp", ".iges", ".igs")
 
@@ -177,27 +183,25 @@ def read_aperture(
     ----------
     path
         ``.geojson`` or ``.json``: Polygon, MultiPolygon, or Features and collections of them;
-        ``.wkt``: Polygon or MultiPolygon; ``.csv``: one vertex of a single ring per line,
-        with comma, semicolon or blanks between x and y, an optional header line and ``#``
-        comments (with semicolons, a decimal comma is understood); ``.svg``: filled shapes, turned
-        so that y points up; ``.dxf``: closed outlines in the model space, those inside others
-        being holes; ``.gds``: polygons and paths of a cell; ``.gbr``, ``.ger``, ``.gtl``, ``.gbl``
-        or ``.art``: the copper of a Gerber layer. Any other suffix: by content. SVG, DXF, GDSII
-        and Gerber need the extra `formats`.
+        ``.wkt``: Polygon or MultiPolygon; ``.csv``: one vertex of a single ring per line, with
+        comma, semicolon (a comma is then a decimal sign) or blanks between x and y, an optional
+        header line and ``#`` comments; ``.svg``: filled shapes, turned so that y points up;
+        ``.dxf``: closed outlines in the model space, those inside others being holes; ``.gds``:
+        polygons and paths of a cell; ``.gbr``, ``.ger``, ``.gtl``, ``.gbl`` or ``.art``: the copper
+        of a Gerber layer. Any other suffix: by content. SVG, DXF, GDSII and Gerber need the extra
+        `formats`.
     unit
-        What 1 stands for in the file: a unit's name ("mm", "um", "in") or a length ("0.1 mm");
-        "px" is 1/96 inch. An SVG file whose width or height is in mm, cm, Q, in, pt or pc, and a
-        DXF file with $INSUNITS, state it themselves, as GDSII and Gerber do; then `unit` has no
-        effect.
+        What 1 stands for in the file: a unit's name ("mm", "um", "in") or a length ("0.1 mm"); "px"
+        is 1/96 inch. SVG with a width or height in mm, cm, Q, in, pt or pc, DXF with $INSUNITS,
+        GDSII and Gerber state it themselves; then `unit` has no effect.
     tolerance
         Largest distance in metres between a curve (SVG, DXF, Gerber) and the chords that replace
         it. None: 1/2000 of the diagonal of each outline. Whole circles and ellipses keep their
         area.
     layer
-        Of a drawing, the layers to read alone: a name, or several. DXF: layers, in capitals or not;
-        SVG: groups or shapes by id or by the name that Inkscape shows. Those that are named are
-        read even where they are hidden. GDSII: layers as "1" or "1/0", and a cell by its name.
-        None: all that is visible.
+        Layers of a drawing to read alone, hidden or not: a name, or several. DXF: layers, in
+        capitals or not; SVG: groups or shapes by id or by the name that Inkscape shows; GDSII:
+        layers as "1" or "1/0", and a cell by its name. None: all that is visible.
     union
         Whether to join shapes that overlap, such as a pad and its feed, rather than to refuse them.
         Those of a Gerber file are always joined.
@@ -209,10 +213,9 @@ def read_aperture(
         something that is no outline; docs/files.md lists what is read and the limits.
     GeometryError
         The outline is not a polygon: see :class:`Aperture`. Places are in the file's unit.
-    QuantityError
-        The unit does not parse.
-    ArgumentError
-        The tolerance is not a length above zero, or the path is none, or there is no such layer.
+    QuantityError, ArgumentError
+        The unit does not parse; the tolerance is not a length above zero, the path is none, or
+        there is no such layer.
     MissingExtraError
         The format needs a library that is not installed.
 
@@ -240,24 +243,13 @@ def read_polyhedron(path: str | os.PathLike[str], unit: str | float = "mm") -> P
 
     Parameters
     ----------
-    path
-        The file, in text or binary form where the format has both.
-    unit
-        What 1 stands for in the file, as for :func:`read_aperture`; none of these formats says.
+    path : the file, in text or binary form where the format has both.
+    unit : what 1 stands for in the file, as for :func:`read_aperture`; none of these formats says.
 
-    Raises
-    ------
-    FileFormatError
-        The file is missing, empty, too large (64 MiB, 200 000 triangles), damaged, or not of its
-        format.
-    GeometryError
-        The surface is not closed, not consistently oriented, or encloses no volume.
-    QuantityError
-        The unit does not parse.
-    ArgumentError
-        The path is none.
-    MissingExtraError
-        trimesh is not installed.
+    Raises FileFormatError for a file that is missing, empty, too large (64 MiB, 200 000 triangles),
+    damaged, or not of its format; GeometryError for a surface that is not closed, not consistently
+    oriented, or encloses no volume; QuantityError for the unit, ArgumentError for the path, and
+    MissingExtraError without trimesh.
 
     >>> import polywigner as pw
     >>> import pathlib, tempfile
@@ -275,20 +267,14 @@ def read_sheets(path: str | os.PathLike[str], unit: str | float = "mm") -> list[
     """Read a mesh file (``.stl``, ``.ply``, ``.obj``), open or closed, as thin plates in metres.
 
     Each plate has two sides; triangles in one plane are one plate. :func:`rcs` takes the list as a
-    body, and :func:`amplitude` as obstacles. Needs the extra `formats`.
+    body, and :func:`amplitude` as obstacles. Closed bodies are better read with
+    :func:`read_polyhedron`: their insides are then dark, and their facets may join smoothly.
 
     Parameters
     ----------
-    path, unit
-        As for :func:`read_polyhedron`, which closed bodies are better read with: their insides are
-        then dark, and their facets may join smoothly.
+    path, unit : as for :func:`read_polyhedron`.
 
-    Raises
-    ------
-    FileFormatError, QuantityError, ArgumentError, MissingExtraError
-        As for :func:`read_polyhedron`.
-    GeometryError
-        No triangle has an area.
+    Raises errors as :func:`read_polyhedron`; GeometryError where no triangle has an area.
 
     >>> import polywigner as pw
     >>> import pathlib, tempfile
@@ -298,15 +284,12 @@ def read_sheets(path: str | os.PathLike[str], unit: str | float = "mm") -> list[
     >>> [round(plate.aperture.area, 6) for plate in pw.read_sheets(path, unit="m")]
     [0.5, 0.5, 0.5]
     """
-    plates: list[PlacedAperture] = _body(path, unit, plates_of)
+    plates: list[PlacedAperture] = _body(path, unit, _plates_of)
     return plates
 
 
 def read_triangles(path: Any, unit: str | float) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    """Vertices (n, 3) in metres and triangles (m, 3) of a mesh file.
-
-    Raises FileFormatError and the like as :func:`read_polyhedron`.
-    """
+    """Vertices (n, 3) in metres and triangles (m, 3) of a mesh file."""
     found: tuple[NDArray[np.float64], NDArray[np.intp]] = _body(path, unit, _as_they_are)
     return found
 
@@ -333,7 +316,7 @@ def _body(path: Any, unit: str | float, build: Callable[[Ring, NDArray[np.intp]]
 
 def _built(content: bytes, kind: str, metres: float, build: Callable[..., Any]) -> Any:
     with np.errstate(all="ignore"):
-        vertices, faces = read_mesh(content, kind)
+        vertices, faces = _mesh(content, kind)
         return build(_scaled(vertices, metres), faces)
 
 
@@ -342,3 +325,123 @@ def _path(path: Any) -> Path:
         return Path(os.fsdecode(path))
     except TypeError:
         raise ArgumentError(f"expected the path of a file, got {type(path).__name__}") from None
+
+
+def _mesh(content: bytes, suffix: str) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+    """Vertices (n, 3) in the file's unit and triangles (m, 3) of vertex numbers.
+
+    Faces of more vertices become fans; vertices with the very same coordinates are merged (STL
+    repeats them for each triangle), and triangles that then use one twice are dropped.
+    """
+    kind = suffix.removeprefix(".")
+    trimesh: Any = importlib.import_module("trimesh")
+    content = _checked(content, kind)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # NumPy warns of numbers that are none, and goes on
+            mesh = trimesh.load_mesh(
+                io.BytesIO(content), file_type=kind, process=False, skip_materials=True
+            )
+        vertices = np.array(mesh.vertices, dtype=np.float64).reshape(-1, 3)
+        faces = np.array(mesh.faces, dtype=np.int64).reshape(-1, 3)
+    except MemoryError:
+        raise
+    except Exception as error:  # a damaged file can fail anywhere in trimesh, with any exception
+        raise FileFormatError(
+            f"expected {kind.upper()}, got a file that trimesh does not read "
+            f"({type(error).__name__}); export the body again"
+        ) from None
+    _check(vertices, faces)
+    vertices, places = np.unique(vertices + 0.0, axis=0, return_inverse=True)
+    faces = places.reshape(-1)[faces]
+    a, b, c = faces.T
+    return vertices, faces[(a != b) & (b != c) & (c != a)]
+
+
+def _checked(content: bytes, kind: str) -> bytes:
+    """The content, made UTF-8 where it is text; raises where trimesh would not see a cut."""
+    if kind == "ply":
+        _check_rows(content)
+        return content
+    count = int.from_bytes(content[80:84], "little") if kind == "stl" else 0
+    if kind == "stl" and len(content) == 84 + 50 * count:
+        return content
+    if b"\0" in content:
+        raise FileFormatError(
+            f"expected binary STL of 84 + 50 n bytes, got {len(content)} that announce {count} "
+            "triangles; export the body again"
+            if kind == "stl"
+            else "expected OBJ as text, got zeros; export the body again"
+        )
+    return content.decode("utf-8", "replace").encode()
+
+
+_ELEMENT = re.compile(rb"^element[ \t]+\w+[ \t]+(\d{1,19})", re.MULTILINE)
+
+
+def _check_rows(content: bytes) -> None:
+    """Raise for PLY as text of less, or more, rows than its header announces."""
+    header, _, body = content.partition(b"end_header")
+    if b"format ascii" not in header:
+        return  # trimesh compares bytes
+    announced = sum(map(int, _ELEMENT.findall(header)))
+    rows = sum(1 for line in body.partition(b"\n")[2].splitlines() if line.strip())
+    if rows != announced:
+        raise FileFormatError(
+            f"expected {announced} rows after the header, which announces them, got {rows}; the "
+            "file may be cut short: export it again"
+        )
+
+
+def _check(vertices: NDArray[Any], faces: NDArray[Any]) -> None:
+    if not len(faces):
+        raise FileFormatError("expected triangles, got none; export the body as a mesh")
+    check_most(len(faces), MOST_FACES, "triangles", "simplify the mesh")
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        raise FileFormatError(
+            f"expected vertex numbers up to {len(vertices)}, got a face with another; correct it"
+        )
+    check_coordinates(vertices)
+
+
+# Grid of normals and of heights over the size of a mesh: triangles on one point of it are one
+# plate.
+_ONE_PLANE = 1e-12
+# Share of the area that rounding may take from a union.
+_LOST = 1e-9
+
+
+def _plates_of(vertices: NDArray[np.float64], faces: NDArray[np.intp]) -> list[PlacedAperture]:
+    """Return triangles (m, 3) of vertices (n, 3) as plates, one plate for each plane."""
+    corners = vertices[faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    lengths = np.linalg.norm(normals, axis=1)
+    longest = np.ptp(corners, axis=1).max(axis=1)
+    wide = lengths > _ONE_PLANE * longest**2
+    if not wide.any():
+        raise GeometryError("expected triangles with an area, got none; export the mesh again")
+    corners, normals = corners[wide], normals[wide] / lengths[wide, None]
+    # both sides are the same: the largest component of a normal is positive
+    largest = np.take_along_axis(normals, np.abs(normals).argmax(axis=1)[:, None], axis=1)
+    normals = normals * np.sign(largest)
+    heights = (normals * corners[:, 0]).sum(axis=1, keepdims=True) / np.ptp(vertices, axis=0).max()
+    rows = np.round(np.concatenate([normals, heights], axis=1) / _ONE_PLANE) + 0.0
+    number = np.unique(rows, axis=0, return_inverse=True)[1].ravel()
+    order = np.argsort(number, kind="stable")
+    groups = np.split(corners[order], np.flatnonzero(np.diff(number[order])) + 1)
+    return [plate for group in groups for plate in _plates(group)]
+
+
+def _plates(corners: NDArray[np.float64]) -> list[PlacedAperture]:
+    """One plate of triangles (n, 3, 3) of a plane; or one of each, where GEOS loses some."""
+    origin, sides = corners[0, 0], corners[0, 1:] - corners[0, 0]
+    x = sides[0] / np.linalg.norm(sides[0])
+    z = np.cross(*sides)
+    z /= np.linalg.norm(z)
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = np.stack([x, np.cross(z, x), z], axis=1), origin
+    triangles = shapely.polygons((corners - origin) @ pose[:3, :2])
+    whole = shapely.union_all(triangles)
+    lost = shapely.area(triangles).sum() - whole.area > _LOST * whole.area
+    outlines = triangles if lost and len(corners) > 1 else [whole]
+    return [Aperture(outline).placed(pose) for outline in outlines]

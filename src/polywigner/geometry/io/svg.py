@@ -1,9 +1,4 @@
-"""Filled shapes of an SVG file.
-
-The picture is kept as it looks: SVG's y axis points down, so (x, y) of the file's coordinates
-becomes (x, -y), about the file's own origin. What counts is where something is painted, in whatever
-colour; strokes have no part in it.
-"""
+"""Filled shapes of an SVG file as the picture looks: (x, y) becomes (x, -y), without strokes."""
 
 from __future__ import annotations
 
@@ -17,13 +12,7 @@ import numpy as np
 
 from polywigner.errors import FileFormatError
 from polywigner.geometry.io.curves import Points, flattened
-from polywigner.geometry.io.drawing import (
-    Drawing,
-    File,
-    Format,
-    check_known,
-    overlap_remedy,
-)
+from polywigner.geometry.io.drawing import Drawing, File, Format, check_known, overlap_remedy
 from polywigner.geometry.io.limits import MOST_NESTED
 from polywigner.geometry.io.outlines import filled
 from polywigner.geometry.io.svg_shapes import (

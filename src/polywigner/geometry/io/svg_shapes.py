@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.io.curves import Arc, Bezier, Curve, Points, ends, transformed, turned
+from polywigner.geometry.io.curves import Arc, Bezier, Curve, Points, ends, transformed
 from polywigner.geometry.io.limits import LARGEST_NUMBER
 
 # Possessive (++) and atomic (?>) throughout, so that no text takes longer than its length.
@@ -103,45 +103,33 @@ def _count(text: str) -> int:
 
 def matrix_of(text: str) -> tuple[Points, Points]:
     """A transform list as the matrix (2, 2) and offset (2,) of p -> p @ matrix + offset."""
-    place, matrix, offset = 0, np.eye(2), np.zeros(2)
-    text = text.rstrip()
+    place, text = 0, text.rstrip()
     while place < len(text):
         match = _FUNCTION.match(text, place)
         place = match.end() if match else place
-        values = numbers_of(match[2], "arguments") if match else []
-        if match is None or len(values) not in _ARGUMENTS.get(match[1], ()):
+        if match is None or _count(match[2]) not in _ARGUMENTS.get(match[1], ()):
             raise _refuse("a transform such as translate(10 5) rotate(45)", text)
-        own, shift = _function(match[1], values)
-        matrix, offset = own @ matrix, shift @ matrix + offset
-    return matrix, offset
+    found = _library().Matrix(text)
+    return np.array([(found.a, found.b), (found.c, found.d)]), np.array([found.e, found.f])
 
 
-def _function(name: str, values: list[float]) -> tuple[Points, Points]:
-    if name == "matrix":
-        return np.array([values[0:2], values[2:4]]), np.array(values[4:6])
-    if name == "translate":
-        return np.eye(2), np.array([*values, 0.0][:2])
-    if name == "scale":
-        return np.diag([values[0], values[-1]]), np.zeros(2)
-    if name == "rotate":
-        turn = turned(np.eye(2), values[0])
-        centre = np.array([*values[1:], 0.0, 0.0][:2])
-        return turn, centre - centre @ turn
-    slope = math.tan(math.radians(math.fmod(values[0], 180.0)))
-    skew = [[1.0, 0.0], [slope, 1.0]] if name == "skewX" else [[1.0, slope], [0.0, 1.0]]
-    return np.array(skew), np.zeros(2)
+def _library() -> Any:
+    return import_module("svgelements")
 
 
 def subpaths_of(data: str) -> list[list[Curve]]:
     """The subpaths of path data, each closed by a line where it is open, as a fill closes it."""
     expected = _checked_segments(data)
-    library: Any = import_module("svgelements")
     try:
-        path = library.Path(data)
+        path = _library().Path(data)
     except Exception:  # of the kinds it may raise, none is documented
         path = ()
     if len(path) != expected:
         raise _refuse("path data as SVG 2 writes it", data)
+    return _closed_curves(path)
+
+
+def _closed_curves(path: Any) -> list[list[Curve]]:
     subpaths: list[list[Curve]] = []
     for segment in path:
         kind = type(segment).__name__
@@ -215,10 +203,7 @@ def style_of(text: str) -> dict[str, str]:
 
 
 def rules_of(text: str) -> list[tuple[str, dict[str, str]]]:
-    """The (selector, declarations) of a style sheet, weakest first.
-
-    Statements such as @import are passed over. Raises FileFormatError for blocks such as @media.
-    """
+    """The (selector, declarations) of a style sheet, weakest first; statements are passed over."""
     rules = []
     for block in _without_comments(text).split("}"):
         selectors, brace, declarations = block.partition("{")
@@ -344,45 +329,31 @@ def _size(element: Any, name: str, place: Place, axis: int | None) -> float:
 
 def _ellipse(element: Any, tag: str, place: Place) -> list[list[Curve]]:
     centre = np.array([_length(element, name, place, k) for k, name in enumerate(("cx", "cy"))])
-    if tag == "circle":
-        radii = [_size(element, "r", place, None)] * 2
-    else:
-        rx, ry = (_radius(element, name, place, k) for k, name in enumerate(("rx", "ry")))
-        radii = [rx if rx is not None else ry or 0.0, ry if ry is not None else rx or 0.0]
-    if not all(radii):
-        return []
+    radii = (_size(element, "r", place, None),) * 2 if tag == "circle" else _radii(element, place)
     u, v = np.diag(radii)
-    return [[Arc(centre, u, v, 0.0, 2 * math.pi)]]
+    return [[Arc(centre, u, v, 0.0, 2 * math.pi)]] if all(radii) else []
 
 
-def _radius(element: Any, name: str, place: Place, axis: int) -> float | None:
-    """A radius that may be missing or "auto"."""
-    missing = (_attribute(element, name, place) or "auto").strip() == "auto"
-    return None if missing else _size(element, name, place, axis)
+def _radii(element: Any, place: Place) -> tuple[float, float]:
+    """Radii along x and y; one that is missing or "auto" is as the other."""
+    given = [
+        None
+        if (_attribute(element, name, place) or "auto").strip() == "auto"
+        else _size(element, name, place, k)
+        for k, name in enumerate(("rx", "ry"))
+    ]
+    x, y = (given[k] if given[k] is not None else given[1 - k] for k in (0, 1))
+    return x or 0.0, y or 0.0
 
 
 def _rectangle(element: Any, place: Place) -> list[list[Curve]]:
-    x, y = corner(element, place)
+    x, y = corner(element, place).tolist()
     width, height = _size(element, "width", place, 0), _size(element, "height", place, 1)
-    if not width or not height:
-        return []
-    rx, ry = (_radius(element, name, place, k) for k, name in enumerate(("rx", "ry")))
-    rx, ry = (rx if rx is not None else ry or 0.0), (ry if ry is not None else rx or 0.0)
-    rx, ry = min(rx, width / 2), min(ry, height / 2)
-    corners = np.array([[x, y], [x + width, y], [x + width, y + height], [x, y + height]])
-    if not rx or not ry:
-        return [closed([corners])]
-    outline: list[Curve] = []
-    inward = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * (rx, ry)
-    for k, centre in enumerate(corners + inward):
-        arc = Arc(
-            centre, np.array([rx, 0.0]), np.array([0.0, ry]), (k - 2) * math.pi / 2, math.pi / 2
-        )
-        start = arc.at(np.array([arc.start]))[0]
-        if outline:
-            outline.append(np.array([ends(outline[-1])[1], start]))
-        outline.append(arc)
-    return [closed(outline)]
+    library, radii = _library(), _radii(element, place)
+    if not width or not height or not math.isfinite(x + y + width + height):
+        corners = np.array([[x, y], [x + width, y + height]])
+        return [[corners]] if width and height else []  # refused with all numbers beyond
+    return _closed_curves(library.Path(library.Rect(x, y, width, height, *radii)))
 
 
 _INHERITED = ("fill", "fill-rule", "fill-opacity", "visibility")
