@@ -19,6 +19,9 @@ WAVELENGTH = wavelength_of(94e9)
 SQUARE = pw.shapes.square(0.01)
 CHEVRON = pw.shapes.chevron(0.01, 0.01, 0.004)
 MILLIMETRE = 1e-3
+# Neither it nor its field looks like itself in a mirror.
+HANDED = pw.Aperture([(0, 0), (9e-3, 0), (9e-3, 2e-3), (2e-3, 2e-3), (2e-3, 6e-3), (0, 6e-3)])
+HANDED = HANDED.with_illumination(pw.Illumination([1.0, 0.4j], [(40.0, 15.0), (-20.0, 0.0)]))
 
 MONO = pytest.param("llvm_ad_mono", marks=pytest.mark.llvm)
 RGB = pytest.param("llvm_ad_rgb", marks=pytest.mark.llvm)
@@ -32,6 +35,9 @@ RADIANCE_ERROR = 2e-5
 KEPT: list[Any] = []
 
 VARIANTS = ["scalar_rgb", MONO, RGB, SPECTRAL, CUDA]
+# The same in compiled kernels, whose way through a scene the tests of all variants show.
+SLOWLY = pytest.param("llvm_ad_mono", marks=[pytest.mark.llvm, pytest.mark.slow])
+compiled_slowly = pytest.mark.parametrize("variant", ["scalar_rgb", SLOWLY], indirect=True)
 
 
 def use(variant: str) -> Any:
@@ -54,6 +60,17 @@ def pose(translation: Any = (0.0, 0.0, 0.0), about_x: float = 0.0) -> np.ndarray
     return result
 
 
+def scene_of(**parts: Any) -> Any:
+    import mitsuba as mi
+
+    return mi.load_dict({"type": "scene", **parts})
+
+
+def coupled(one: Any, pose: Any, other: Any, other_pose: Any, wavelength: float, **how: Any) -> Any:
+    """b of sources in space."""
+    return complex(pw.coupling(one, other, np.linalg.inv(pose) @ other_pose, wavelength, **how))
+
+
 def floor_scene(
     lights: dict[str, Any],
     integrator: Any = None,
@@ -68,32 +85,29 @@ def floor_scene(
     transform = mi.ScalarTransform4f
     half = 2 * distance
     look = transform().look_at([0, 0, distance / 2], [0, 0, distance], [0, 1, 0])
-    return mi.load_dict(
-        {
-            "type": "scene",
-            "integrator": integrator or {"type": "path", "max_depth": 3},
-            "sensor": {
-                "type": "orthographic",
-                "near_clip": 1e-3 * distance,
-                "to_world": look.scale([half, half, 1]),
-                "film": {
-                    "type": "hdrfilm",
-                    "width": columns,
-                    "height": rows or columns,
-                    "rfilter": {"type": "box"},
-                },
-                "sampler": {"type": sampler},
+    return scene_of(
+        integrator=integrator or {"type": "path", "max_depth": 3},
+        sensor={
+            "type": "orthographic",
+            "near_clip": 1e-3 * distance,
+            "to_world": look.scale([half, half, 1]),
+            "film": {
+                "type": "hdrfilm",
+                "width": columns,
+                "height": rows or columns,
+                "rfilter": {"type": "box"},
             },
-            "floor": {
-                "type": "rectangle",
-                "to_world": transform()
-                .translate([0, 0, distance])
-                .rotate([1, 0, 0], 180)
-                .scale(2 * half),
-                "bsdf": {"type": "diffuse", "reflectance": {"type": "spectrum", "value": 1.0}},
-            },
-            **lights,
-        }
+            "sampler": {"type": sampler},
+        },
+        floor={
+            "type": "rectangle",
+            "to_world": transform()
+            .translate([0, 0, distance])
+            .rotate([1, 0, 0], 180)
+            .scale(2 * half),
+            "bsdf": {"type": "diffuse", "reflectance": {"type": "spectrum", "value": 1.0}},
+        },
+        **lights,
     )
 
 
@@ -108,9 +122,8 @@ def light(
 
 def emitter_of(entry: dict[str, Any]) -> Any:
     """The emitter inside one aperture, loaded alone; its scene lives as long as the test."""
-    import mitsuba as mi
 
-    scene = mi.load_dict({"type": "scene", "aperture": entry})
+    scene = scene_of(aperture=entry)
     KEPT.append(scene)
     return scene.emitters()[0]
 

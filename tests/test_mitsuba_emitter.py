@@ -1,9 +1,11 @@
 """The emitter alone: its radiance, its sampling, its power."""
 
+import drjit as dr
 import numpy as np
 import pytest
 
 import polywigner as pw
+import polywigner.mitsuba as pwm
 from mitsuba_scenes import (
     CHEVRON,
     MILLIMETRE,
@@ -12,13 +14,13 @@ from mitsuba_scenes import (
     RGB,
     SPECTRAL,
     SQUARE,
-    VARIANTS,
     WAVELENGTH,
     draws,
     emitter_of,
     evaluated,
     light,
     pose,
+    scene_of,
     uniform,
     use,
     vectors,
@@ -33,22 +35,6 @@ FACTORS = {
     "rayleigh-sommerfeld-2": lambda c: 1 / c,
     "paper": lambda c: np.ones_like(c),
 }
-
-
-@pytest.mark.parametrize("variant", VARIANTS)
-@pytest.mark.parametrize("source", [SQUARE, CHEVRON], ids=["square", "chevron"])
-def test_the_radiance_is_the_wigner_function_times_the_cosine_over_the_wavelength_squared(
-    source, variant
-):
-    mi = use(variant)
-    x, direction = draws(40, 0.005)
-    seen = evaluated(mi, emitter_of(light(source)), x / MILLIMETRE, direction)
-    expected = pw.wigner(source, x, direction[:, :2] / WAVELENGTH) / WAVELENGTH**2
-    expected *= direction[:, 2]  # of Rayleigh-Sommerfeld I
-    scale = 4 * source.area / WAVELENGTH**2
-    assert seen.shape[1] in (1, 3, 4)
-    assert np.abs(seen - expected[:, None]).max() < RADIANCE_ERROR * scale
-    assert expected.min() < 0  # negative values are part of it
 
 
 @pytest.mark.parametrize("variant", ["scalar_rgb", MONO])
@@ -122,15 +108,15 @@ def test_sampled_directions_agree_with_density_and_evaluation(variant, sampling,
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("source", "sampling"),
-    [(SQUARE, "uniform"), (CHEVRON, "uniform"), (SQUARE, "marginal"), (SQUARE, "root-marginal")],
-    ids=["square", "chevron", "square, marginal", "square, root of the marginal"],
+    [(CHEVRON, "uniform"), (SQUARE, "root-marginal")],
+    ids=["chevron", "square, root of the marginal"],
 )
 def test_sampled_directions_follow_their_density_by_chi_square(source, sampling, llvm):
     mi = use("llvm_ad_mono")
     from mitsuba.chi2 import ChiSquareTest, SphericalDomain
 
     entry = light(source, to_world=pose(about_x=0.4), sampling=sampling)
-    scene = mi.load_dict({"type": "scene", "aperture": entry})
+    scene = scene_of(aperture=entry)
     emitter = scene.emitters()[0]
     it = mi.Interaction3f()
     it.p = mi.Point3f(2.0, -1.0, 6.0)
@@ -138,8 +124,6 @@ def test_sampled_directions_follow_their_density_by_chi_square(source, sampling,
     def density(direction):
         si = scene.ray_intersect(mi.Ray3f(it.p, direction))
         ds = mi.DirectionSample3f(scene, si, it)
-        import drjit as dr
-
         return dr.select(si.is_valid(), emitter.pdf_direction(it, ds, True), 0.0)
 
     test = ChiSquareTest(
@@ -183,8 +167,6 @@ def test_rays_leave_from_the_aperture_to_its_front(llvm):
 
 def test_an_aperture_far_from_the_origin_keeps_its_pattern(llvm):
     mi = use("llvm_ad_mono")
-    import polywigner.mitsuba as pwm
-
     source, distance = CHEVRON, 0.5
     origin = np.array([80.0, -50.0, 40.0])  # metres: single precision resolves 8 micrometres
     placed = pose(origin, about_x=0.7)

@@ -3,12 +3,16 @@
 from pathlib import Path
 from typing import Any
 
+import drjit as dr
 import numpy as np
 import pytest
 
 import polywigner as pw
-from mitsuba_scenes import MONO, SQUARE, WAVELENGTH, light, pose, use
+import polywigner.mitsuba as pwm
+from mitsuba_scenes import MONO, SQUARE, WAVELENGTH, light, pose, scene_of, use
 from polywigner.errors import EngineError, PolywignerError, SceneError
+from polywigner.mitsuba import translate_error
+from polywigner.mitsuba.parameters import PARAMETERS
 
 pytestmark = pytest.mark.drjit
 
@@ -38,8 +42,6 @@ def write_scene(folder, inside, name="scene.xml"):
 
 
 def load(folder, inside):
-    import polywigner.mitsuba as pwm
-
     return pwm.load_scene(write_scene(folder, inside), "scalar_rgb").emitters()[0].spec
 
 
@@ -89,17 +91,11 @@ def test_layers_of_a_drawing_are_read_and_joined_as_asked(tmp_path):
         (GOOD + texts(scene_unit="mm"), "scene_unit", 1e-3),
         (GOOD + texts(scene_unit="0.1 m"), "scene_unit", 0.1),
         (GOOD + element("float", "sampling_weight", 3), "sampling_weight", 3.0),
+        (GOOD + element("boolean", "visible", "false"), "visible", False),
     ],
 )
 def test_parameters_are_texts_or_si_numbers(tmp_path, inside, name, value):
     assert getattr(load(tmp_path, inside), name) == pytest.approx(value, rel=1e-12)
-
-
-def test_names_and_flags_are_taken(tmp_path):
-    spec = load(
-        tmp_path, GOOD + texts(obliquity="kirchhoff") + element("boolean", "visible", "false")
-    )
-    assert spec.obliquity == "kirchhoff" and spec.visible is False
 
 
 def turned(inside):
@@ -114,14 +110,9 @@ REFUSED = {
     FILE: "neither | give one",
     texts(frequency="94 GHz"): "'aperture' | none",
     GOOD.replace("94 GHz", "94 GHx"): "frequency | 94 GHx",
-    GOOD.replace("94 GHz", "-94 GHz"): "frequency above zero | -94 GHz",
-    GOOD.replace("94 GHz", "0"): "frequency above zero",
     GOOD.replace('value="mm"', 'value="furlong"'): "furlong",
     GOOD.replace("patch.wkt", "none.wkt"): "none.wkt",
     GOOD.replace("patch.wkt", "memory:123"): "expected no unit",
-    GOOD + texts(power="much"): "power | much",
-    GOOD + element("float", "power", -1): "power above zero",
-    GOOD + texts(aperture_power="10 dB"): "aperture_power | dBm",
     GOOD + texts(power="1", aperture_power="1"): "power or aperture_power | both | hemisphere",
     GOOD + element("float", "radiated_power", 1): "power, aperture_power | 'radiated",
     GOOD + element("float", "power", 1e300): "a power that single | check its unit",
@@ -130,45 +121,24 @@ REFUSED = {
     GOOD + element("boolean", "power", "true"): "number or a text as power | bool",
     GOOD + element("float", "obliquity", 1): '<string name="obliquity" | float',
     GOOD + texts(obliquity="rs1"): "obliquity | 'rs1' | kirchhoff",
-    GOOD + element("float", "sampling_weight", -1): "sampling_weight",
     GOOD + texts(antithetic="yes"): '<boolean name="antithetic" | str',
-    GOOD + texts(visible="no"): '<boolean name="visible" | str',
     GOOD + '<emitter type="area"/>': "no emitter inside | brings its own",
     turned('<scale value="2"/>'): "rotations and translations only | scales by 2, 2, 2",
-    turned('<scale x="-1"/>'): "mirror",
     texts(aperture="memory:0123", frequency="94 GHz"): "key of a source | mitsuba.aperture",
     GOOD + texts(taper="gauss"): "taper: expected a taper such as | \"te10\" | 'gauss'",
     GOOD + texts(taper="cosine 2 z"): "taper: expected a taper | 'cosine 2 z'",
-    GOOD + texts(taper="cosine 99"): "taper: expected | 99",
-    GOOD + texts(taper="te00"): "taper: expected | TE_00",
-    GOOD + texts(taper="te10 x"): "taper: expected a mode without an axis",
-    GOOD + texts(taper="taylor 30"): "taper: expected a taper | 'taylor 30'",
-    GOOD + texts(taper="taylor 300 dB"): "taper: expected sll | 300",
-    GOOD + texts(taper="cosine" + " " * 200): "taper: expected a taper",
     GOOD + texts(array="12"): "array: expected an array such as \"12 x 16, 2 mm\" | '12'",
-    GOOD + texts(array="3 x 4"): "array: expected an array | '3 x 4'",
-    GOOD + texts(array="3 x 4, 1 mm, 1 mm, 1 mm"): "array: expected an array",
     GOOD + texts(array="3 x 4, 2 furlong"): "array: expected a length | furlong",
-    GOOD + texts(array="3 x 4, -2 mm"): "array: expected a length above zero",
-    GOOD + texts(array="0 x 4, 2 mm"): "array: expected | 0",
     GOOD + texts(array="9999 x 9999, 2 mm"): "array: expected at most 1048576 elements",
     GOOD + texts(array="3 x 4, 2 mm", window="boxcar"): "window: expected one of | 'boxcar'",
-    GOOD + texts(array="3 x 4, 2 mm", window="taylor 25"): "window: expected a window",
     GOOD + texts(window="hamming"): "window: expected an array for it, got none",
-    GOOD + texts(steering="20 GHz"): "steering: expected a | 20 GHz",
     GOOD + texts(steering="20"): "within 90 deg of the normal | with their unit",
-    GOOD + texts(steering="1 deg, 2 deg, 3 deg"): "steering: expected a direction such as",
-    GOOD + texts(steering="120 deg"): "steering: expected a direction within 90 deg | 120",
     GOOD + texts(focus="0 mm, 0 mm, 8 cm"): "focus: expected an array to focus",
-    GOOD + texts(array="3 x 4, 2 mm", focus="8 cm"): "focus: expected three lengths",
     GOOD + texts(array="3 x 4, 2 mm", focus="0, 0, 0"): "focus: expected a point | above zero",
     GOOD + texts(source="array.toml"): "got both",
     FROM_FILE + texts(unit="mm"): "no unit with a source file",
-    FROM_FILE + texts(layer="pads"): "no layer with a source file",
     FROM_FILE + texts(taper="cosine"): "taper: expected an aperture | Array",
     FROM_FILE + texts(array="2 x 2, 1 mm"): "array: expected an aperture | Array",
-    FROM_FILE + texts(window="hamming"): "window: expected an array for it",
-    NO_SOURCE.replace("source.toml", "kind.toml"): "kind.toml | kind",
     NO_SOURCE.replace("source.toml", "cut.toml"): "cut.toml | TOML",
     NO_SOURCE.replace("source.toml", "slits.toml"): "got Slits | rectangles",
     NO_SOURCE: "source.toml | does not exist",
@@ -190,13 +160,6 @@ def test_a_bad_parameter_is_one_line_that_says_where(tmp_path, inside):
         assert fragment in message
 
 
-def test_the_message_is_in_what_mitsuba_itself_raises(tmp_path):
-    mi = use("scalar_rgb")
-    file = write_scene(tmp_path, GOOD + texts(colour="red"))
-    with pytest.raises(RuntimeError, match=r"expected the parameters aperture, unit.*'colour'"):
-        mi.load_file(str(file))
-
-
 @pytest.mark.parametrize(
     "text",
     [
@@ -206,8 +169,6 @@ def test_the_message_is_in_what_mitsuba_itself_raises(tmp_path):
     ],
 )
 def test_a_scene_that_mitsuba_cannot_load_is_one_line(tmp_path, text):
-    import polywigner.mitsuba as pwm
-
     file = tmp_path / "scene.xml"
     file.write_text(text)
     with pytest.raises(SceneError, match=r"expected a .*scene") as caught:
@@ -215,18 +176,12 @@ def test_a_scene_that_mitsuba_cannot_load_is_one_line(tmp_path, text):
     assert "\n" not in str(caught.value)
 
 
-def test_a_missing_scene_and_an_unknown_variant_are_refused(tmp_path):
-    import polywigner.mitsuba as pwm
-
+def test_a_missing_scene_is_refused(tmp_path):
     with pytest.raises(SceneError, match="not a file"):
         pwm.load_scene(tmp_path / "none.xml", "scalar_rgb")
-    with pytest.raises(EngineError, match="expected a variant"):
-        pwm.load_scene(write_scene(tmp_path, GOOD), "scalar_mono")
 
 
 def test_a_scene_without_the_emitter_is_told_from_one_with_it(tmp_path):
-    import polywigner.mitsuba as pwm
-
     assert pwm.has_wigner_emitter(pwm.load_scene(write_scene(tmp_path, GOOD), "scalar_rgb"))
     bare = tmp_path / "bare.xml"
     bare.write_text('<scene version="3.0.0"><emitter type="constant"/></scene>')
@@ -234,8 +189,6 @@ def test_a_scene_without_the_emitter_is_told_from_one_with_it(tmp_path):
 
 
 def test_a_sampler_given_at_loading_replaces_those_of_the_scene(tmp_path):
-    import polywigner.mitsuba as pwm
-
     file = tmp_path / "scene.xml"
     film = '<film type="hdrfilm"/>'
     own = '<sampler type="independent"><integer name="sample_count" value="$spp"/></sampler>'
@@ -305,11 +258,9 @@ def test_a_source_file_is_what_was_written_and_may_be_steered(tmp_path):
 @pytest.mark.parametrize("variant", ["scalar_rgb", MONO])
 def test_an_array_moves_with_its_mesh_and_keeps_its_place(variant):
     mi = use(variant)
-    import polywigner.mitsuba as pwm
-
     array = pw.phased_array(SQUARE, GRID + np.array([0.5, -0.3]))
     entry = pwm.aperture(array, WAVELENGTH, to_world=pose((1.0, 2.0, 3.0)))
-    scene = mi.load_dict({"type": "scene", "aperture": entry})
+    scene = scene_of(aperture=entry)
     params = mi.traverse(scene)
     for place in ((1.0, 2.0, 3.0), (-4.0, 0.0, 2.0)):
         params["aperture.emitter.to_world"] = mi.Transform4f(mi.ScalarTransform4f(pose(place)))
@@ -323,14 +274,12 @@ def test_an_array_moves_with_its_mesh_and_keeps_its_place(variant):
 
 @pytest.mark.parametrize("variant", ["scalar_rgb", MONO])
 def test_a_dictionary_entry_carries_all_parameters(variant):
-    mi = use(variant)
-    import polywigner.mitsuba as pwm
-
+    use(variant)
     placed = pose((1.0, 2.0, 3.0), about_x=0.5)
     entry = pwm.aperture(
         SQUARE, WAVELENGTH, to_world=placed, obliquity="paper", power=2.0, bsdf={"type": "diffuse"}
     )
-    scene = mi.load_dict({"type": "scene", "aperture": entry})
+    scene = scene_of(aperture=entry)
     spec = scene.emitters()[0].spec
     assert (spec.source, spec.wavelength, spec.obliquity) == (SQUARE, WAVELENGTH, "paper")
     assert spec.power == 2.0
@@ -342,28 +291,17 @@ def test_a_dictionary_entry_carries_all_parameters(variant):
     ("arguments", "fragment"),
     [
         ({"wavelength": -1.0}, "above zero"),
-        ({"wavelength": float("nan")}, "finite"),
         ({"wavelength": 1.0, "obliquity": "none"}, "obliquity"),
-        ({"wavelength": 1.0, "power": 0.0}, "above zero"),
-        ({"wavelength": 1.0, "aperture_power": 0.0}, "above zero"),
         ({"wavelength": 1.0, "aperture_power": 1.0, "power": 1.0}, "got both"),
         ({"wavelength": 1.0, "to_world": np.diag([2.0, 2.0, 2.0, 1.0])}, "scales by 2, 2, 2"),
-        ({"wavelength": 1.0, "to_world": np.full((4, 4), np.nan)}, "finite"),
         ({"wavelength": 1.0, "to_world": np.diag([1.0, 1.0, 1e300, 1.0])}, "finite"),
         ({"wavelength": 1.0, "to_world": np.eye(3)}, r"\(4, 4\) matrix.*shape \(3, 3\)"),
         ({"wavelength": 1.0, "to_world": "abc"}, r"\(4, 4\) matrix.*str"),
         ({"wavelength": 1.0, "sampling_weight": "x"}, "sampling_weight.*'x'"),
-        ({"wavelength": 1.0, "sampling_weight": -1}, "sampling_weight.*-1"),
         ({"wavelength": 1.0, "sampling_weight": float("inf")}, "sampling_weight.*inf"),
         ({"wavelength": 1.0, "sampling": "Marginal"}, "sampling, got 'Marginal'"),
         ({"wavelength": 1.0, "control_variate": "false"}, "control_variate.*'false'"),
-        ({"wavelength": 1.0, "antithetic": "false"}, "antithetic.*'false'"),
-        ({"wavelength": 1.0, "antithetic": None}, "antithetic.*None"),
-        ({"wavelength": 1.0, "visible": "false"}, "visible.*'false'"),
         ({"wavelength": 1.0, "bsdf": 5}, "bsdf as a dictionary.*5"),
-        ({"wavelength": 1.0, "bsdf": {}}, "bsdf as a dictionary"),
-        ({"wavelength": 1.0, "power": float("inf")}, "finite"),
-        ({"wavelength": 1.0, "power": 1e39}, "power that single precision"),
         ({"wavelength": 1e-10, "power": 1e20}, "power that single precision"),
         ({"wavelength": 1e-200}, "wavelength that single precision"),
         ({"wavelength": 1e28}, r"radiates at a wavelength of 1e\+28 m.*check the unit"),
@@ -371,15 +309,11 @@ def test_a_dictionary_entry_carries_all_parameters(variant):
     ],
 )
 def test_a_bad_argument_of_an_entry_is_refused_at_once(arguments, fragment):
-    import polywigner.mitsuba as pwm
-
     with pytest.raises(PolywignerError, match=fragment):
         pwm.aperture(SQUARE, **arguments)
 
 
 def test_the_former_name_of_the_power_still_does_and_says_the_new_one():
-    import polywigner.mitsuba as pwm
-
     with pytest.warns(DeprecationWarning, match="write power="):
         entry = pwm.aperture(SQUARE, WAVELENGTH, radiated_power="10 dBm")
     assert entry["power"] == pytest.approx(0.01)
@@ -390,11 +324,8 @@ def test_the_former_name_of_the_power_still_does_and_says_the_new_one():
         pwm.aperture(SQUARE, WAVELENGTH, radiated_power=1.0, power=1.0)
 
 
-@pytest.mark.parametrize("wavelength", [1e-10, 500e-9, 1.0, 1e6])
-@pytest.mark.parametrize("power", [None, 1e-6, 1e3])
+@pytest.mark.parametrize(("wavelength", "power"), [(1e-10, 1e-6), (1e6, 1e3), (500e-9, None)])
 def test_waves_from_x_rays_to_kilohertz_are_within_range(wavelength, power):
-    import polywigner.mitsuba as pwm
-
     side = 1e3 * wavelength
     entry = pwm.aperture(pw.shapes.square(side), wavelength, power=power, scene_unit=side)
     assert entry["wavelength"] == wavelength
@@ -404,8 +335,6 @@ def test_waves_from_x_rays_to_kilohertz_are_within_range(wavelength, power):
     ("side", "unit", "fits"), [(1e5, 1e15, True), (1e5, 1e-15, False), (1e-5, 1e15, False)]
 )
 def test_an_area_in_units_of_the_scene_is_within_single_precision(side, unit, fits):
-    import polywigner.mitsuba as pwm
-
     source, wavelength = pw.shapes.square(side), side / 10
     if fits:
         assert pwm.aperture(source, wavelength, scene_unit=unit)["scene_unit"] == unit
@@ -415,17 +344,11 @@ def test_an_area_in_units_of_the_scene_is_within_single_precision(side, unit, fi
 
 
 def test_only_apertures_are_kept_in_memory():
-    import polywigner.mitsuba as pwm
-
     with pytest.raises(SceneError, match="expected an Aperture or an Array, got list"):
         pwm.register_source([[0, 0], [1, 0], [0, 1]])
 
 
 def test_a_gpu_variant_is_refused_at_once_where_there_is_no_gpu(monkeypatch):
-    import drjit as dr
-
-    import polywigner.mitsuba as pwm
-
     use("scalar_rgb")
     offered = [variant for variant in use("scalar_rgb").variants() if variant.startswith("cuda_")]
     assert offered
@@ -437,26 +360,19 @@ def test_a_gpu_variant_is_refused_at_once_where_there_is_no_gpu(monkeypatch):
         assert pwm.choose_variant(variant) == variant
 
 
-@pytest.mark.parametrize("variant", ["scalar_rgb", MONO])
 @pytest.mark.parametrize(
-    ("name", "value"),
+    ("variant", "name", "value"),
     [
-        ("wavelength", 0.0),
-        ("wavelength", -1.0),
-        ("wavelength", float("nan")),
-        ("wavelength", float("inf")),
-        ("wavelength", 1e-30),
-        ("power", -1.0),
-        ("power", float("nan")),
-        ("power", float("inf")),
-        ("power", 1e37),
+        ("scalar_rgb", "wavelength", 0.0),
+        ("scalar_rgb", "wavelength", float("nan")),
+        ("scalar_rgb", "wavelength", 1e-30),
+        ("scalar_rgb", "power", -1.0),
+        pytest.param(*MONO.values, "power", float("inf"), marks=MONO.marks),
     ],
 )
 def test_an_unusable_new_value_is_refused_when_the_scene_is_updated(variant, name, value):
     mi = use(variant)
-    import polywigner.mitsuba as pwm
-
-    scene = mi.load_dict({"type": "scene", "aperture": pwm.aperture(SQUARE, WAVELENGTH)})
+    scene = scene_of(aperture=pwm.aperture(SQUARE, WAVELENGTH))
     params = mi.traverse(scene)
     params[f"aperture.emitter.{name}"] = value
     with pytest.raises(SceneError, match=name):
@@ -483,7 +399,7 @@ TILES = pw.phased_array(SQUARE, pw.arrays.grid_positions(5, 4, 0.011), np.ones(2
 )
 def test_an_emitter_says_why_its_numbers_are_no_parameters(variant, source, name, reason):
     mi = use(variant)
-    scene = mi.load_dict({"type": "scene", "aperture": light(source)})
+    scene = scene_of(aperture=light(source))
     assert f"aperture.emitter.{name}" not in mi.traverse(scene)
     with pytest.raises(SceneError, match=reason):
         getattr(scene.emitters()[0], name)
@@ -492,9 +408,7 @@ def test_an_emitter_says_why_its_numbers_are_no_parameters(variant, source, name
 @pytest.mark.parametrize("variant", ["scalar_rgb", MONO])
 def test_the_light_can_be_switched_off_and_on(variant):
     mi = use(variant)
-    import polywigner.mitsuba as pwm
-
-    scene = mi.load_dict({"type": "scene", "aperture": pwm.aperture(SQUARE, WAVELENGTH)})
+    scene = scene_of(aperture=pwm.aperture(SQUARE, WAVELENGTH))
     emitter, params = scene.emitters()[0], mi.traverse(scene)
     above = mi.Interaction3f()
     above.p = mi.Point3f(0.0, 0.0, 1.0)
@@ -511,11 +425,9 @@ def test_the_light_can_be_switched_off_and_on(variant):
 @pytest.mark.parametrize("variant", ["scalar_rgb", MONO])
 def test_the_mesh_does_not_move_without_the_light(variant):
     mi = use(variant)
-    import polywigner.mitsuba as pwm
-
     placed = pose((80.0, -50.0, 40.0), about_x=0.7)
     entry = pwm.aperture(pw.shapes.chevron(0.01, 0.01, 0.004), WAVELENGTH, to_world=placed)
-    params = mi.traverse(mi.load_dict({"type": "scene", "aperture": entry}))
+    params = mi.traverse(scene_of(aperture=entry))
     params["aperture.emitter.to_world"] = mi.Transform4f(
         mi.ScalarTransform4f(pose((3.0, 2.0, 1.0)))
     )
@@ -528,33 +440,14 @@ def test_the_mesh_does_not_move_without_the_light(variant):
 
 
 def test_the_page_on_the_plugin_lists_the_parameters_there_are():
-    from polywigner.mitsuba.parameters import PARAMETERS
-
     page = (Path(__file__).parents[1] / "docs" / "plugin.md").read_text(encoding="utf-8")
     table = page.split("| parameter | type | meaning |")[1].split("\n\n")[0]
     names = [line.split("`")[1] for line in table.splitlines() if line.startswith("| `")]
     assert tuple(names) == PARAMETERS
 
 
-def test_a_dictionary_that_does_not_load_has_a_one_line_reason(tmp_path):
-    mi = use("scalar_rgb")
-    import polywigner.mitsuba as pwm
-    from polywigner.errors import QuantityError
-
-    (tmp_path / "patch.wkt").write_text(WKT)
-    shape = {"type": "wigner", "aperture": str(tmp_path / "patch.wkt"), "frequency": "94 GHx"}
-    with pytest.raises(RuntimeError) as caught:
-        mi.load_dict(shape)
-    reason = pwm.translate_error(caught.value)
-    assert isinstance(reason, (SceneError, QuantityError))
-    assert "94 GHx" in str(reason)
-    assert "\n" not in str(reason)
-
-
 def test_what_another_plugin_raised_ends_the_line():
     """Mitsuba puts the traceback before it."""
-    from polywigner.mitsuba import translate_error
-
     text = (
         '[parser.cpp:1718] At a.xml (line 3, col 2): failed to instantiate plugin of type "b": '
         "Traceback (most recent call last):\n  File \"b.py\", line 6, in b\nKeyError: 'gold'"

@@ -7,6 +7,7 @@ import weakref
 import numpy as np
 import pytest
 
+import polywigner.mitsuba as pwm
 from mitsuba_scenes import MILLIMETRE, MONO, SQUARE, WAVELENGTH, pose, use
 from polywigner.errors import PolywignerError, SceneError
 
@@ -23,15 +24,11 @@ FREQUENCY = '<string name="frequency" value="94 GHz"/>'
 
 def scene_with(**more):
     """A receiver under a sky of radiance 1."""
-    import polywigner.mitsuba as pwm
-
     receiver = pwm.receiver(SQUARE, WAVELENGTH, scene_unit=MILLIMETRE, **more)
     return {"type": "scene", "integrator": {"type": "path"}, "receiver": receiver, "sky": SKY}
 
 
 def loaded(folder, inside):
-    import polywigner.mitsuba as pwm
-
     (folder / "square.wkt").write_text("POLYGON((-5 -5, 5 -5, 5 5, -5 5, -5 -5))")
     (folder / "scene.xml").write_text(
         f'<scene version="3.0.0"><sensor type="wigner_receiver">{inside}</sensor>'
@@ -93,25 +90,13 @@ WRONG = {
         SOURCE + FREQUENCY + FILM + '<string name="power" value="1 W"/>',
         "expected the parameters aperture.* of a wigner_receiver sensor, got 'power'",
     ),
-    "less than no noise": (
-        SOURCE + FREQUENCY + FILM + '<string name="noise_figure" value="-1 dB"/>',
-        "a noise figure of 0 dB or more",
-    ),
     "a temperature in another unit": (
         SOURCE + FREQUENCY + FILM + '<string name="temperature" value="20 C"/>',
         "temperature of the wigner_receiver sensor.*use one of the units K, mK",
     ),
-    "no boundary condition": (
-        SOURCE + FREQUENCY + FILM + '<string name="obliquity" value="paper"/>',
-        "a boundary condition as obliquity",
-    ),
     "another count of power": (
         SOURCE + FREQUENCY + FILM + '<string name="normalise" value="gain"/>',
         'expected normalise to be "radiated" or "aperture", got .gain.',
-    ),
-    "another estimator": (
-        SOURCE + FREQUENCY + FILM + '<string name="estimator" value="rays"/>',
-        "expected an estimator, got 'rays'",
     ),
 }
 
@@ -147,8 +132,6 @@ def test_python_says_what_is_wrong_before_a_scene_is_loaded(more, reason):
 
 def test_frequency_stands_for_wavelength_and_texts_for_numbers():
     use("scalar_rgb")
-    import polywigner.mitsuba as pwm
-
     entry = pwm.receiver(SQUARE, frequency=94e9, bandwidth="2 MHz", noise_figure="6 dB")
     assert entry["wavelength"] == WAVELENGTH
     assert (entry["bandwidth"], entry["noise_figure"]) == (2e6, 6.0)
@@ -166,8 +149,6 @@ def test_equal_receivers_are_two(variant):
 @pytest.mark.parametrize("variant", ["scalar_rgb", MONO])
 def test_mitsubas_own_render_needs_the_scene_handed_over(variant):
     mi = use(variant)
-    import polywigner.mitsuba as pwm
-
     scene = mi.load_dict(scene_with())
     with pytest.raises((SceneError, RuntimeError)) as caught:
         mi.render(scene, spp=16)
@@ -181,18 +162,16 @@ def test_mitsubas_own_render_needs_the_scene_handed_over(variant):
     assert np.allclose(image, pwm.render(scene, spp=16, seed=1), rtol=1)  # other seeds
 
 
-@pytest.mark.parametrize("variant", [MONO])
-def test_signed_weights_need_no_scene(variant):
-    mi = use(variant)
+@pytest.mark.llvm
+def test_signed_weights_need_no_scene():
+    mi = use("llvm_ad_mono")
     scene = mi.load_dict(scene_with(estimator="wigner"))
     assert np.array(mi.render(scene, spp=256)).item() > 0
 
 
-@pytest.mark.parametrize("variant", [MONO])
-def test_a_render_leaves_film_and_receiver_as_they_were_even_if_it_fails(variant):
-    mi = use(variant)
-    import polywigner.mitsuba as pwm
-
+@pytest.mark.llvm
+def test_a_render_leaves_film_and_receiver_as_they_were_even_if_it_fails():
+    mi = use("llvm_ad_mono")
     scene = mi.load_dict(scene_with(film=(3, 2)))
     sensor = scene.sensors()[0]
 
@@ -206,11 +185,9 @@ def test_a_render_leaves_film_and_receiver_as_they_were_even_if_it_fails(variant
     assert pwm.render(scene, spp=1 << 14).shape == (2, 3, 1)
 
 
-@pytest.mark.parametrize("variant", [MONO])
-def test_a_rendered_scene_is_freed(variant):
-    mi = use(variant)
-    import polywigner.mitsuba as pwm
-
+@pytest.mark.llvm
+def test_a_rendered_scene_is_freed():
+    mi = use("llvm_ad_mono")
     scene = mi.load_dict(scene_with())
     pwm.render(scene, spp=16)
     spec = weakref.ref(scene.sensors()[0].spec)
@@ -223,8 +200,6 @@ def test_a_rendered_scene_is_freed(variant):
 def test_a_receiver_moves_with_its_to_world(variant):
     """Turned away from a sky of half a sphere it reads nothing."""
     mi = use(variant)
-    import polywigner.mitsuba as pwm
-
     lamp = {"type": "area", "radiance": {"type": "spectrum", "value": 1.0}}
     turn = mi.ScalarTransform4f().translate([0, 0, 50]).rotate([1, 0, 0], 180).scale(1e4)
     scene = scene_with(estimator="wigner")
@@ -245,8 +220,6 @@ def test_a_receiver_moves_with_its_to_world(variant):
 def test_fog_in_the_near_zone_is_warned_of(start, warned):
     """2 D^2/wavelength is 125 mm from the 10 mm square."""
     mi = use("scalar_rgb")
-    import polywigner.mitsuba as pwm
-
     fog = {
         "type": "cube",
         "to_world": mi.ScalarTransform4f().translate([0, 0, start + 50]).scale(50),

@@ -7,6 +7,8 @@ import shapely
 import polywigner as pw
 from mitsuba_scenes import MONO, use
 from polywigner.geometry.convex import trapezoids
+from polywigner.mitsuba.sampling import cells_of, positions_of
+from polywigner.mitsuba.sources import centred_source
 
 pytestmark = pytest.mark.drjit
 
@@ -44,8 +46,6 @@ def _moments(aperture):
 
 def _sampled(mi, aperture):
     """Images of the midpoints of a grid on the unit square, (n, 2)."""
-    from polywigner.mitsuba.sampling import cells_of
-
     cells = cells_of(mi, aperture.rings)
     middles = (np.arange(_GRID) + 0.5) / _GRID
     u, v = (axis.ravel().tolist() for axis in np.meshgrid(middles, middles, indexing="ij"))
@@ -83,9 +83,6 @@ def test_positions_are_uniform_in_the_aperture(name, variant):
 def test_samples_follow_the_marginal_or_its_root(variant):
     """Of a square from -1 to 1, R_x = 16 (1 - |x|)(1 - |y|)."""
     mi = use(variant)
-    from polywigner.mitsuba.sampling import positions_of
-    from polywigner.mitsuba.sources import centred_source
-
     radiator = centred_source(pw.shapes.square(2.0), "paper")
     middles = (np.arange(_GRID) + 0.5) / _GRID
     u, v = (axis.ravel().tolist() for axis in np.meshgrid(middles, middles))

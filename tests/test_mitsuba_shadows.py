@@ -4,22 +4,25 @@ import warnings
 from functools import cache
 from typing import Any
 
+import drjit as dr
+import mitsuba as mi
 import numpy as np
 import pytest
 
 import polywigner as pw
+import polywigner.mitsuba as pwm
 from mitsuba_scenes import (
     MILLIMETRE,
     MONO,
     SQUARE,
     WAVELENGTH,
-    emitter_of,
     light,
     pose,
+    scene_of,
     use,
-    vectors,
 )
 from polywigner.errors import SceneError
+from polywigner.mitsuba.rendering import default_integrator
 
 pytestmark = pytest.mark.drjit
 
@@ -33,25 +36,20 @@ LARGEST_MEAN_SQUARE = 3.2
 
 def floor(lights):
     """A floor at z = HEIGHT (mm) in the light of sources at z <= 0, and a camera beside them."""
-    import mitsuba as mi
-
     transform = mi.ScalarTransform4f
-    return mi.load_dict(
-        {
-            "type": "scene",
-            "sensor": {
-                "type": "perspective",
-                "fov": 40,
-                "to_world": transform().look_at([30, 0, 0], [0, 0, HEIGHT], [0, 1, 0]),
-                "film": {"type": "hdrfilm", "width": 4, "height": 4, "rfilter": {"type": "box"}},
-                "sampler": {"type": "independent"},
-            },
-            "floor": {
-                "type": "rectangle",
-                "to_world": transform().translate([0, 0, HEIGHT]).rotate([1, 0, 0], 180).scale(60),
-            },
-            **lights,
-        }
+    return scene_of(
+        sensor={
+            "type": "perspective",
+            "fov": 40,
+            "to_world": transform().look_at([30, 0, 0], [0, 0, HEIGHT], [0, 1, 0]),
+            "film": {"type": "hdrfilm", "width": 4, "height": 4, "rfilter": {"type": "box"}},
+            "sampler": {"type": "independent"},
+        },
+        floor={
+            "type": "rectangle",
+            "to_world": transform().translate([0, 0, HEIGHT]).rotate([1, 0, 0], 180).scale(60),
+        },
+        **lights,
     )
 
 
@@ -67,8 +65,6 @@ def front(**more):
 
 def mean_and_variance(scene, integrator, seed=0):
     """Of the pixels' means over SEEDS runs."""
-    import polywigner.mitsuba as pwm
-
     runs = [pwm.render(scene, integrator, SAMPLES, seed + k) for k in range(SEEDS)]
     return np.mean(runs, axis=0), np.var(runs, axis=0, ddof=1) / SEEDS
 
@@ -108,8 +104,6 @@ def test_sources_without_a_surface_light_a_floor_as_each_alone(name, depth, llvm
 @pytest.mark.parametrize(("name", "depth"), INTEGRATORS)
 def test_surfaces_cast_shadows_on_each_other_s_light_and_a_warning_says_so(name, depth, llvm):
     mi = use("llvm_ad_mono")
-    import polywigner.mitsuba as pwm
-
     integrator = mi.load_dict({"type": name} | ({} if depth is None else {"max_depth": depth}))
     dark = front(power=1e-15)
     with pytest.warns(RuntimeWarning, match="cast shadows.*'volpath'.*visible=False"):
@@ -122,8 +116,6 @@ def test_surfaces_cast_shadows_on_each_other_s_light_and_a_warning_says_so(name,
 @pytest.mark.parametrize("variant", ["scalar_rgb", MONO])
 def test_a_scene_that_names_no_integrator_gets_one_that_makes_no_shadows(variant):
     mi = use(variant)
-    from polywigner.mitsuba.rendering import default_integrator
-
     beside = {"front": light(to_world=pose((12.0, 0.0, -10.0)))}
     behind = {"front": light(to_world=pose((0.0, 0.0, -20.0), about_x=np.pi))}
     lamp = {"lamp": {"type": "point", "position": [0.0, 0.0, -20.0]}}
@@ -146,8 +138,6 @@ def test_a_scene_that_names_no_integrator_gets_one_that_makes_no_shadows(variant
 @pytest.mark.parametrize("variant", ["scalar_rgb", MONO])
 def test_a_source_without_a_surface_is_met_by_no_ray_and_moves(variant):
     mi = use(variant)
-    import drjit as dr
-
     scene = mi.load_dict({"type": "scene", **rear(visible=False)})
     ray = mi.Ray3f(mi.Point3f(0.1, 0.2, 0.0), mi.Vector3f(0.0, 0.0, -1.0))
     params = mi.traverse(scene)
@@ -163,24 +153,8 @@ def test_a_source_without_a_surface_is_met_by_no_ray_and_moves(variant):
         assert np.array(weight).ravel()[0] != 0
 
 
-@pytest.mark.parametrize("variant", ["scalar_rgb", MONO])
-def test_a_source_without_a_surface_has_the_samples_of_one_with_it(variant):
-    mi = use(variant)
-    it = mi.Interaction3f()
-    it.p, it.n = mi.Point3f(3.0, 2.0, 25.0), mi.Normal3f(0.0, 0.0, -1.0)
-    for sample in np.random.default_rng(2).uniform(size=(4, 2)):
-        point = vectors(mi, "Point", sample)
-        seen, value = emitter_of(light()).sample_direction(it, point, True)
-        unseen, other = emitter_of(light(visible=False)).sample_direction(it, point, True)
-        assert np.array_equal(np.array(value), np.array(other))
-        # Weighed against samples of the surface that is lit, it counts in full: none finds it.
-        assert np.all(np.array(unseen.pdf) > 1e6 * np.array(seen.pdf))
-
-
 def test_no_tracer_of_particles_shows_a_source_without_a_surface():
     mi = use("scalar_rgb")
-    import polywigner.mitsuba as pwm
-
     camera = {
         "type": "perspective",
         "fov": 40,
@@ -189,14 +163,12 @@ def test_no_tracer_of_particles_shows_a_source_without_a_surface():
     }
     tracer = mi.load_dict({"type": "ptracer", "max_depth": 2, "rr_depth": 100})
     for visible in (True, False):
-        scene = mi.load_dict({"type": "scene", "sensor": camera, "a": light(visible=visible)})
+        scene = scene_of(sensor=camera, a=light(visible=visible))
         assert np.any(pwm.render(scene, tracer, 4)) == visible
 
 
 def test_nothing_is_nested_in_a_source_without_a_surface(tmp_path):
     use("scalar_rgb")
-    import polywigner.mitsuba as pwm
-
     words = "nested in a wigner shape that is not visible"
     with pytest.raises(SceneError, match=f"{words}, got 'bsdf'"):
         pwm.aperture(SQUARE, WAVELENGTH, bsdf={"type": "diffuse"}, visible=False)

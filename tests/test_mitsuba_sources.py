@@ -1,14 +1,19 @@
 """Tapered, steered and arrayed sources in scenes: radiance, power, and the floor they light."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 import shapely
 
 import polywigner as pw
+import polywigner.mitsuba as pwm
 from mitsuba_scenes import (
+    CHEVRON,
     MILLIMETRE,
     MONO,
     RADIANCE_ERROR,
+    VARIANTS,
     WAVELENGTH,
     draws,
     emitter_of,
@@ -20,6 +25,7 @@ from mitsuba_scenes import (
     vectors,
 )
 from polywigner.errors import SceneError
+from polywigner.mitsuba.sources import centred_source
 
 pytestmark = pytest.mark.drjit
 
@@ -64,11 +70,22 @@ SOURCES = {
         ),
     ),
     "any elements": any_elements(),
+    "chevron": CHEVRON,
+    "curved": pw.shapes.rectangle(12e-3, 8e-3)
+    .with_illumination(pw.te_mode(12e-3, 8e-3))
+    .curved((0.03, 0.05), WAVELENGTH, (1e-3, 0.0))
+    .moved((2e-3, 1e-3)),
 }
 
 
-@pytest.mark.parametrize("variant", ["scalar_rgb", MONO])
-@pytest.mark.parametrize("name", SOURCES)
+@pytest.mark.parametrize(
+    ("name", "variant"),
+    [
+        *((name, "scalar_rgb") for name in SOURCES),
+        *(pytest.param(name, "llvm_ad_mono", marks=pytest.mark.llvm) for name in SOURCES),
+        *(pytest.param("chevron", *each.values, marks=each.marks) for each in VARIANTS[2:]),
+    ],
+)
 def test_the_radiance_is_that_of_the_wigner_function_with_complex_fields(name, variant):
     mi = use(variant)
     source = SOURCES[name]
@@ -155,6 +172,13 @@ def test_another_wavelength_turns_the_waves_whose_obliquity_counts(variant):
     assert np.abs(found - expected).max() < 10 * RADIANCE_ERROR * np.abs(expected).max()
 
 
+def test_obliquities_that_take_slopes_are_refused_for_curved_waves():
+    entries: list[Any] = [pwm.aperture, pwm.receiver]
+    for entry in entries:
+        with pytest.raises(SceneError, match="for a curved wave"):
+            entry(SOURCES["curved"], WAVELENGTH, estimator="wigner", obliquity="kirchhoff")
+
+
 def test_waves_that_graze_the_aperture_light_nothing_and_say_so():
     use("scalar_rgb")
     grazing = PATCH.with_illumination(pw.Illumination([1], [(1 / WAVELENGTH, 0)]))
@@ -173,8 +197,6 @@ def test_waves_that_graze_the_aperture_light_nothing_and_say_so():
     ],
 )
 def test_a_source_that_cannot_radiate_in_a_scene_is_refused(source, words):
-    import polywigner.mitsuba as pwm
-
     with pytest.raises(SceneError, match=words):
         pwm.aperture(source, WAVELENGTH)
 
@@ -210,8 +232,6 @@ def test_antithetic_samples_see_what_plain_ones_see_with_far_less_noise(llvm):
 
 
 def test_short_rows_and_other_sources_have_no_antithetic_samples():
-    from polywigner.mitsuba.sources import centred_source
-
     for source, expected in (
         (steered(10.0), 9),
         (steered(10.0, columns=3), 3),

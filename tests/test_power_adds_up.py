@@ -7,10 +7,12 @@ passes as much from one aperture to another as back.
 
 from typing import Any
 
+import drjit as dr
 import numpy as np
 import pytest
 
 import polywigner as pw
+import polywigner.mitsuba as pwm
 from mitsuba_scenes import KEPT, WAVELENGTH, emitter_of, use
 
 pytestmark = [pytest.mark.drjit, pytest.mark.llvm]
@@ -84,8 +86,6 @@ def detectors(shape, half, count):
 
 def collected(entry, shape, half, samples):
     """Power in W that detectors all around an emitter receive, and its standard error."""
-    import drjit as dr
-
     mi = use(VARIANT)
     emitter = emitter_of(entry)
     places, normals, areas = detectors(shape, half, 48)
@@ -104,15 +104,12 @@ def collected(entry, shape, half, samples):
     return float(np.mean(totals)), float(np.std(totals, ddof=1) / np.sqrt(RENDERS))
 
 
-@pytest.mark.parametrize("shape", [pytest.param("box", marks=pytest.mark.slow), "sphere"])
 @pytest.mark.parametrize(("name", "obliquity", "estimator"), cases("exact", "wigner"))
-def test_detectors_all_around_an_emitter_receive_its_power(shape, name, obliquity, estimator):
-    import polywigner.mitsuba as pwm
-
+def test_detectors_all_around_an_emitter_receive_its_power(name, obliquity, estimator):
     entry = pwm.aperture(
         SOURCES[name], WAVELENGTH, obliquity=obliquity, estimator=estimator, power=2.5
     )
-    half = 300 * WAVELENGTH
+    half, shape = 300 * WAVELENGTH, "box" if name == "3 wavelengths" else "sphere"
     found, error = collected(entry, shape, half, 2 if estimator == "exact" else 40)
     assert abs(found / 2.5 - 1) < ERRORS * error / 2.5 + BIAS[estimator]
     assert error / 2.5 < NOISE[estimator]
@@ -120,8 +117,6 @@ def test_detectors_all_around_an_emitter_receive_its_power(shape, name, obliquit
 
 def received(scene, samples):
     """Mean power in W of some renders of the first sensor, and its standard error."""
-    import polywigner.mitsuba as pwm
-
     mi = use(VARIANT)
     loaded = mi.load_dict(scene)
     KEPT.append(loaded)
@@ -133,8 +128,6 @@ def received(scene, samples):
 def test_a_furnace_gives_a_wavelength_squared_of_its_radiance_to_any_receiver(
     name, obliquity, estimator
 ):
-    import polywigner.mitsuba as pwm
-
     use(VARIANT)
     sky = {"type": "constant", "radiance": {"type": "spectrum", "value": 3.0}}
     receiver = pwm.receiver(SOURCES[name], WAVELENGTH, obliquity=obliquity, estimator=estimator)
@@ -188,8 +181,6 @@ def cloud(mi):
 
 def passed(target, degrees, obliquity, estimator, back, samples):
     """Power that the second end receives of 1 W of the first by way of a target; or ``back``."""
-    import polywigner.mitsuba as pwm
-
     mi = use(VARIANT)
     ends = [
         (source, towards(place, turn))
@@ -243,8 +234,9 @@ def test_a_diffuse_plate_passes_as_much_there_as_back(obliquity, estimator, degr
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("degrees", [0.0, 30.0, 60.0])
-@pytest.mark.parametrize("obliquity", OBLIQUITIES[:3])
+@pytest.mark.parametrize(
+    ("obliquity", "degrees"), zip(OBLIQUITIES[:3], (60.0, 0.0, 30.0), strict=True)
+)
 def test_an_isotropic_scatterer_passes_as_much_there_as_back(obliquity, degrees):
     there, back = (
         passed(cloud, degrees, obliquity, "wigner", back, 1 << 21) for back in (False, True)

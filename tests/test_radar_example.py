@@ -81,19 +81,3 @@ def test_the_mean_of_draws_is_the_range_profile(radar, scene, cloud, responses):
     assert off.std() < 1.5  # neighbouring bins share draws
     # all bins together: of hundreds of independent ones
     assert mean.sum() == pytest.approx(float(profile["scattered"].values), rel=0.03)
-
-
-def test_a_cloud_in_bins_is_the_range_profile(scene, cloud):
-    pytest.importorskip("mitransient")
-    edges = np.arange(0.0, 46.0, 0.5)
-    profile = pm.range_profile(scene, edges, spp=1 << 18)
-    half, power = cloud["path_length"].values / 2, cloud["power"].values
-    binned, _ = np.histogram(half, edges, weights=power)
-    squares, _ = np.histogram(half, edges, weights=power**2)
-    counts, _ = np.histogram(half, edges)
-    error = np.hypot(np.sqrt(squares), profile["standard_error"].values)[counts > 30]
-    off = (binned - profile["power"].values)[counts > 30] / error
-    assert len(off) > 30 and np.abs(off).max() < SIGMAS and off.std() < 1.3
-    total = float(profile["scattered"].values)
-    error = np.hypot(cloud.attrs["standard_error"], float(profile["scattered_error"].values))
-    assert abs(power.sum() - total) < SIGMAS * error

@@ -56,11 +56,11 @@ def same(found, whole):
 
 
 def received(path, seed=0, **options):
-    from polywigner.mitsuba.received import receive_options
+    from polywigner.mitsuba.received import ReceiveOptions
     from polywigner.mitsuba.scene_renders import SceneFile, receive_parts
 
     file = SceneFile(path, "scalar_rgb")
-    asked = receive_options(None, seed, None, 0, 1e-6, None, None, None)
+    asked = ReceiveOptions(seed=seed)
     found = receive_parts(file, file.load(), asked, threads=1, **options)
     return [[part.scattered for part in each.contributions] for each in found]
 

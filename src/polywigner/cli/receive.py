@@ -104,7 +104,7 @@ def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
     from polywigner.figures import draw_channel
     from polywigner.figures.levels import check_floor
     from polywigner.mitsuba import channel, choose_variant
-    from polywigner.mitsuba.received import receive_options
+    from polywigner.mitsuba.received import ReceiveOptions, interference_of
     from polywigner.mitsuba.received_power import arrival_map, shapes_in
     from polywigner.mitsuba.receiver import receivers_of
     from polywigner.mitsuba.scene_renders import (
@@ -128,11 +128,10 @@ def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
         file = SceneFile(Path(scene), chosen, None, defined, settings.diffraction)
         loaded = file.load()
         receivers_of(loaded)
-        asked = receive_options(
-            settings.spp, seed, None, settings.reflections, settings.accuracy,
-            noise["bandwidth"], noise["temperature"], noise["noise_figure"],
-            settings.coherent, settings.polarisation if settings.coherent else None,
-        )  # fmt: skip
+        jones = settings.polarisation if settings.coherent else None
+        waves = interference_of(settings.coherent, jones, None)
+        how_many = settings.spp, seed, None, settings.reflections, settings.accuracy
+        asked = ReceiveOptions(*how_many, noise, waves)
         with scenes.counted_bar("receiving") as progress:
             how: dict[str, Any] = {"store": store, "progress": progress}
             how |= {"scheduler": settings.scheduler, "threads": settings.threads}

@@ -106,10 +106,7 @@ class Echo:
 
 
 def checked_bodies(bodies: Any) -> tuple[Body, ...]:
-    """Bodies by their names, each alone or with the number of its reflections.
-
-    Raises ArgumentError for anything else.
-    """
+    """Bodies by their names, each alone or with the number of its reflections."""
     if bodies is None:
         return ()
     if not isinstance(bodies, Mapping) or not all(isinstance(name, str) for name in bodies):
@@ -134,10 +131,7 @@ def _body(name: str, given: Any) -> Body:
 
 
 def echoes_of(bodies: Sequence[Body], mirrors: Sequence[Mirror], reflections: int) -> list[Echo]:
-    """Ways by one body, with at most one of the mirrors before it and one after it.
-
-    Raises SceneError for too many of them, and for a body with the name of a mirror.
-    """
+    """Ways by one body, with at most one of the mirrors before it and one after it."""
     for name in {body.name for body in bodies} & {mirror.name for mirror in mirrors}:
         raise SceneError(
             f"expected bodies with other names than mirrors, got {name!r} for both; rename the body"

@@ -17,11 +17,12 @@ from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, PolywignerError, SceneError
 from polywigner.execution.progress import told
-from polywigner.geometry.arguments import checked_callable, checked_count
+from polywigner.geometry.arguments import checked_callable, checked_count, checked_row
 from polywigner.illumination.polarisation import checked_polarisation, components, ludwig_axes
 from polywigner.mitsuba.bodies import OF_ECHO, Body, Echo, checked_bodies, echoes_of
 from polywigner.mitsuba.diffraction import meshes_in
@@ -151,24 +152,13 @@ def channel(
 
 def checked_frequencies(frequencies: Any) -> Floats:
     """Frequencies (n,) in Hz from numbers or texts; ArgumentError or QuantityError for others."""
-    single = isinstance(frequencies, str | int | float)
-    listed = [frequencies] if single else frequencies
-    if isinstance(listed, list | tuple) and any(isinstance(each, str) for each in listed):
-        listed = [parse_frequency(each) for each in listed]
+    given = [frequencies] if isinstance(frequencies, str) else frequencies
+    if isinstance(given, list | tuple):
+        given = [parse_frequency(each) if isinstance(each, str) else each for each in given]
     expected = f"expected frequencies as 1 to {_MOST_FREQUENCIES} numbers above 0 in Hz"
-    try:
-        given = np.asarray(listed)
-        is_real = np.isrealobj(given) and not np.ma.is_masked(listed)
-        with np.errstate(all="ignore"):
-            found = np.array(given.real, np.float64)
-    except (TypeError, ValueError, OverflowError):
-        raise ArgumentError(f"{expected}, got {frequencies!r:.100}") from None
-    if single:
-        found = found.reshape(-1)
-    if found.ndim != 1 or not 1 <= found.size <= _MOST_FREQUENCIES or not is_real:
-        raise ArgumentError(f"{expected}, got an array of shape {found.shape}")
-    for value in found[~(np.isfinite(found) & (found > 0.0))][:1]:
-        raise ArgumentError(f"{expected}, got {value:g}")
+    found = checked_row(given, expected)
+    if found.size > _MOST_FREQUENCIES or not (np.isfinite(found) & (found > 0.0)).all():
+        raise ArgumentError(f"{expected}, got {frequencies!r:.100}")
     for value in found:
         wavelength_of(float(value))
     return found
@@ -236,10 +226,7 @@ def paths_between(
     polarisation: Any,
     shortest: float,
 ) -> tuple[list[CoherentPath], list[str]]:
-    """Ways that bring something, in a scene whose sources are unseen; and notes on the rest.
-
-    ``polarisation``: of ends without one; ``shortest``: wavelength in m, for meshes of obstacles.
-    """
+    """Ways that bring something, in a scene whose sources are unseen; and notes on the rest."""
     link = f"from {emitter.name!r} to {receiver.name!r}"
     check_unit(emitter, receiver)
     check_obliquity(f"the link {link}", emitter.obliquity, receiver.obliquity)
@@ -337,10 +324,7 @@ def _edges(
 def _leg_to(
     scene: Any, like: PlacedSource, body: Body, end: PlacedSource, chain: Chain
 ) -> tuple[Floats, float]:
-    """Places (n, 3) from an end to a body's middle by mirrors; mean root of the power that passes.
-
-    NaN for a body of which a part is behind the end's plane.
-    """
+    """Places (n, 3) from an end to a body's middle by mirrors; mean root of the power."""
     image = end.image(chain)
     if not body.is_in_front(image):
         return np.empty((0, 3)), math.nan
@@ -457,11 +441,7 @@ def _couplings(links: list[FacingParts], wavelength: float, tolerance: float) ->
 def in_band(
     compute: Callable[[float], Complexes], frequencies: Floats, tolerance: float
 ) -> Complexes:
-    """Smooth values (n, k) at frequencies (n,), by a polynomial where that takes fewer of them.
-
-    Rules of Chebyshev's nodes grow until one foretells the next within ``tolerance`` of the largest
-    value of its column: it costs as many nodes as the phase turns over the band, and some.
-    """
+    """Smooth values (n, k) at frequencies (n,), by a polynomial where that takes fewer of them."""
     low, high = float(frequencies.min()), float(frequencies.max())
     steps = _RULES[-1] - 1
     places = (low + high) / 2 - (high - low) / 2 * np.cos(np.pi * np.arange(steps + 1) / steps)
@@ -482,19 +462,11 @@ def in_band(
 
 
 def _interpolated(nodes: Floats, values: Complexes, places: Floats) -> Complexes:
-    """Values (n, k) at places (n,) of the polynomial through Chebyshev's nodes, ends included.
-
-    Source: J.-P. Berrut and L. N. Trefethen, "Barycentric Lagrange interpolation", SIAM Rev. 46,
-    501 (2004), (5.4).
-    """
-    weights = np.where(np.arange(len(nodes)) % 2, -1.0, 1.0)
-    weights[[0, -1]] /= 2
-    apart = places[:, None] - nodes
-    is_node = apart == 0
-    shares = weights / np.where(is_node, 1.0, apart)
-    shares = np.where(is_node.any(axis=1)[:, None], is_node, shares)
-    result: Complexes = (shares @ values) / shares.sum(axis=1)[:, None]
-    return result
+    """Values (n, k) at places (n,) of the polynomial through Chebyshev's nodes, ends included."""
+    low, high = nodes[[0, -1]]
+    own, wanted = ((2 * x - low - high) / (high - low) for x in (nodes, places))
+    found = chebyshev.chebfit(own, values, len(nodes) - 1)
+    return np.asarray(chebyshev.chebval(wanted, found).T, np.complex128)
 
 
 # ---- results ------------------------------------------------------------------------------------

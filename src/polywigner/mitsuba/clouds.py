@@ -5,16 +5,18 @@ from __future__ import annotations
 import csv
 import math
 import os
+from base64 import b64encode
 from collections.abc import Sequence
+from itertools import starmap
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import ArgumentError
+from polywigner.errors import ArgumentError, GeometryError
 from polywigner.geometry import Aperture
-from polywigner.geometry.arguments import checked_path, checked_row, real_numbers
+from polywigner.geometry.arguments import checked_path, checked_row, rigid_pose
 from polywigner.illumination import Array
 from polywigner.mitsuba.sources import centred_source, norm_of
 from polywigner.propagation.amplitudes import amplitude
@@ -174,15 +176,11 @@ def _sources(elements: Any) -> list[Aperture]:
 
 
 def _pose(value: Any) -> NDArray[np.float64]:
+    given = np.reshape(value, (4, 4)) if np.shape(value) == (16,) else value
     try:
-        found = real_numbers(value)
-        found = found.reshape(4, 4) if found.shape == (16,) else found
-    except ValueError:
-        found = np.empty(0)
-    turn = found[:3, :3] if found.shape == (4, 4) else np.zeros((3, 3))
-    if not (np.isfinite(found).all() and np.allclose(turn @ turn.T, np.eye(3), atol=1e-5)):
-        raise ArgumentError(f"expected to_world as a rigid (4, 4) pose in m, got {value!r}")
-    return found
+        return rigid_pose(given)
+    except GeometryError as error:
+        raise ArgumentError(str(error)) from None
 
 
 def _edges(ranges: Any) -> NDArray[np.float64]:
@@ -194,8 +192,6 @@ def _edges(ranges: Any) -> NDArray[np.float64]:
 
 
 SUFFIXES = (".vtp", ".csv", ".nc")
-
-_KINDS = {"float64": "Float64", "int64": "Int64"}
 
 
 def write_scatterers(cloud: Any, path: str | os.PathLike[str]) -> None:
@@ -264,59 +260,30 @@ def _write_points(columns: dict[str, NDArray[Any]], path: Path) -> None:
     for name, values in texts.items():
         names[name], numbers = np.unique(values.astype(str), return_inverse=True)
         of_points[name] = numbers.reshape(-1)
-    file = _Points()
-    file.add("<FieldData>")
+    lines = ["<FieldData>"]
     for name, known in names.items():
         # VTK's texts: bytes that end with zero
-        text = "".join(f"{word}\0" for word in known.tolist()).encode()
-        codes = " ".join(str(byte) for byte in text)
-        file.add(
-            f'<DataArray type="String" Name="{name}_names" NumberOfTuples="{len(known)}" '
-            f'format="ascii">{codes}</DataArray>'
-        )
-    file.add("</FieldData>")
-    file.add(
-        f'<Piece NumberOfPoints="{count}" NumberOfVerts="{count}" NumberOfLines="0" '
-        'NumberOfStrips="0" NumberOfPolys="0">'
+        codes = " ".join(map(str, "".join(f"{word}\0" for word in known.tolist()).encode()))
+        about = f'Name="{name}_names" type="String" NumberOfTuples="{len(known)}" format="ascii"'
+        lines.append(f"<DataArray {about}>{codes}</DataArray>")
+    lines += ["</FieldData>", f'<Piece NumberOfPoints="{count}" NumberOfVerts="{count}">']
+    lines += ['<PointData Scalars="power" Normals="normal">', *starmap(_numbers, of_points.items())]
+    lines += ["</PointData><Points>", _numbers("position", columns["position"])]
+    lines += ["</Points><Verts>", _numbers("connectivity", np.arange(count))]
+    lines += [_numbers("offsets", np.arange(1, count + 1)), "</Verts></Piece>"]
+    text = "\n".join(lines)
+    path.write_text(
+        '<?xml version="1.0"?>\n<VTKFile type="PolyData" version="1.0" byte_order="LittleEndian" '
+        'header_type="UInt64">\n'
+        f"<PolyData>\n{text}\n</PolyData>\n</VTKFile>\n"
     )
-    file.add('<PointData Scalars="power" Normals="normal">')
-    for name, values in of_points.items():
-        file.array(name, values)
-    file.add("</PointData><Points>")
-    file.array("position", columns["position"])
-    file.add("</Points><Verts>")
-    file.array("connectivity", np.arange(count))
-    file.array("offsets", np.arange(1, count + 1))
-    file.add("</Verts></Piece>")
-    path.write_bytes(file.content())
 
 
-class _Points:
-    """VTK's XML of points, with its arrays behind it."""
-
-    def __init__(self) -> None:
-        self._lines = [
-            '<?xml version="1.0"?>',
-            '<VTKFile type="PolyData" version="1.0" byte_order="LittleEndian" '
-            'header_type="UInt64">',
-            "<PolyData>",
-        ]
-        self._data = bytearray()
-
-    def add(self, line: str) -> None:
-        self._lines.append(line)
-
-    def array(self, name: str, values: NDArray[Any]) -> None:
-        """An array, (n,) or (n, 3)."""
-        wide = np.asarray(values, np.float64 if values.dtype.kind == "f" else np.int64)
-        parts = 1 if wide.ndim == 1 else wide.shape[1]
-        self.add(
-            f'<DataArray type="{_KINDS[wide.dtype.name]}" Name="{name}" '
-            f'NumberOfComponents="{parts}" format="appended" offset="{len(self._data)}"/>'
-        )
-        self._data += np.uint64(wide.nbytes).astype("<u8").tobytes()
-        self._data += wide.astype(wide.dtype.newbyteorder("<")).tobytes()
-
-    def content(self) -> bytes:
-        head = "\n".join([*self._lines, "</PolyData>", '<AppendedData encoding="raw">', "_"])
-        return head.encode() + bytes(self._data) + b"\n</AppendedData>\n</VTKFile>\n"
+def _numbers(name: str, values: NDArray[Any]) -> str:
+    """An array, (n,) or (n, 3), of VTK's XML: its number of bytes, and these, in base64."""
+    kind, dtype = ("Float64", "<f8") if values.dtype.kind == "f" else ("Int64", "<i8")
+    parts = 1 if values.ndim == 1 else values.shape[1]
+    content = values.astype(dtype).tobytes()
+    text = b64encode(np.array(len(content), "<u8").tobytes() + content).decode()
+    about = f'type="{kind}" NumberOfComponents="{parts}" format="binary"'
+    return f'<DataArray Name="{name}" {about}>{text}</DataArray>'

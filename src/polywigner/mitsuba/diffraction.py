@@ -1,12 +1,7 @@
 """Shadows that diffract in scenes: the estimator ``exact`` with ``diffraction``. Source: (SB3).
 
-Light that would reach a point straight is the sum over points in place of the source, as if nothing
-were in the way; of each, what obstacles block is left out, and the boundary waves of the edges of
-their shadows are added. Edges come from the meshes of the scene, once, on the host; they are data
-of one loop of the render kernel. Which point of the source is hidden is asked of a scene of
-obstacles alone.
-
-Lengths are in wavelengths, in the frame of the source, from its middle.
+Each point in place of the source adds its light where obstacles let it pass, and boundary waves of
+their edges, which are data of one loop. Lengths are in wavelengths, in the source's frame.
 """
 
 from __future__ import annotations
@@ -16,7 +11,7 @@ import logging
 import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import drjit as dr
@@ -34,6 +29,7 @@ from polywigner.mitsuba.sampling import opaque, single
 from polywigner.mitsuba.sources import SourceSpec
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.propagation.shadows import RadiatingPoint, radiating_points, wave_ahead
+from polywigner.scattering.facets import connected
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -50,8 +46,8 @@ _FAINT = 2e-3
 _LONGEST = 1.0 / (8.0 * math.pi**2 * _FAINT**2)
 # Of a way, left out at both its ends, where it begins and ends on surfaces; in single precision.
 _ENDS = 1e-5
-# Chords of curved shapes leave out so much of a wavelength; most points of a rim, and halvings.
-_SAGITTA, _MOST_CHORDS, _MOST_HALVINGS = 0.01, 1024, 6
+# Chords of curved shapes leave out so much of a wavelength; most points of a rim, of a meridian.
+_SAGITTA, _MOST_CHORDS, _MOST_PARALLELS = 0.01, 1024, 256
 # Faces in the way of light: they take a gigabyte.
 _MOST_FACES = 1 << 21
 # Nearer to the plane of a source than this, in wavelengths, edges are no obstacles to its light.
@@ -75,10 +71,7 @@ def _children(node: Any) -> list[Any]:
 
 
 def meshes_in(scene: Any, wavelength: float) -> Iterator[tuple[Floats, Indices]]:
-    """Corners and triangles of all opaque shapes of a scene, in its units; ``wavelength`` too.
-
-    Raises SceneError for a shape that no mesh stands for, and for too many faces.
-    """
+    """Corners and triangles of all opaque shapes of a scene, in its units; ``wavelength`` too."""
     groups = {
         shape.id(): _children(shape)
         for shape in _children(scene)
@@ -132,60 +125,31 @@ def _rectangle(_: float) -> tuple[Floats, Indices]:
     return corners, np.array([[0, 1, 2], [0, 2, 3]])
 
 
-def _rim(radius: float) -> Floats:
-    count = math.pi * math.sqrt(0.5 * radius / _SAGITTA)
-    angles = np.linspace(0.0, 2.0 * math.pi, int(np.clip(count, 32, _MOST_CHORDS)), endpoint=False)
-    return np.column_stack([np.cos(angles), np.sin(angles), np.zeros(len(angles))])
-
-
-def _disk(radius: float) -> tuple[Floats, Indices]:
-    rim = _rim(radius)
-    k = np.arange(1, len(rim) - 1)
-    return rim, np.column_stack([np.zeros_like(k), k, k + 1])
-
-
-def _cylinder(radius: float) -> tuple[Floats, Indices]:
-    rim = _rim(radius)
-    k = np.arange(len(rim))
-    following, above = np.roll(k, -1), len(rim)
-    first = np.column_stack([k, following, following + above])
-    second = np.column_stack([k, following + above, k + above])
-    return np.concatenate([rim, rim + np.array([0.0, 0.0, 1.0])]), np.concatenate([first, second])
+def _revolved(profile: Any, radius: float) -> tuple[Floats, Indices]:
+    """The surface of a profile (n, 2) of radii and heights about the z axis."""
+    count = int(np.clip(math.pi * math.sqrt(0.5 * radius / _SAGITTA), 32, _MOST_CHORDS))
+    angles = np.linspace(0.0, 2.0 * math.pi, count, endpoint=False)
+    rim = np.column_stack([np.cos(angles), np.sin(angles), np.ones(count)])
+    points = np.concatenate([rim * [size, size, height] for size, height in profile])
+    k = np.arange((len(profile) - 1) * count)
+    following = k - k % count + (k + 1) % count
+    lower = np.column_stack([k, following, following + count])
+    return points, np.concatenate([lower, np.column_stack([k, following + count, k + count])])
 
 
 def _sphere(radius: float) -> tuple[Floats, Indices]:
-    """An icosahedron, its triangles halved along each side until chords are near the sphere."""
-    g = (1.0 + math.sqrt(5.0)) / 2.0
-    base = [(0.0, a, b * g) for a in (-1.0, 1.0) for b in (-1.0, 1.0)]
-    points = np.array([np.roll(place, k) for k in range(3) for place in base])
-    points /= np.linalg.norm(points[0])
-    apart = np.linalg.norm(points[:, None] - points, axis=2)
-    near = (apart > 0.0) & (apart < 1.1)
-    faces = np.array(
-        [
-            (a, b, c) if np.linalg.det(points[[a, b, c]]) > 0.0 else (a, c, b)
-            for a in range(12)
-            for b in range(a + 1, 12)
-            for c in range(b + 1, 12)
-            if near[a, b] and near[b, c] and near[a, c]
-        ]
-    )
-    wanted = 0.5 * math.log2(max(1.0, 0.15 * radius / _SAGITTA))
-    for _ in range(min(_MOST_HALVINGS, max(2, math.ceil(wanted)))):
-        pairs = np.sort(np.concatenate([faces, np.roll(faces, -1, axis=1)]).reshape(2, -1).T)
-        edges, which = np.unique(pairs, axis=0, return_inverse=True)
-        middles = points[edges].mean(axis=1)
-        middles /= np.linalg.norm(middles, axis=1)[:, None]
-        ab, bc, ca = (which.reshape(-1, 3) + len(points)).T
-        a, b, c = faces.T
-        points = np.concatenate([points, middles])
-        faces = np.concatenate(
-            [np.column_stack(t) for t in ((a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca))]
-        )
-    return points, faces
+    count = int(np.clip(math.pi * math.sqrt(0.5 * radius / _SAGITTA), 32, _MOST_PARALLELS)) // 2
+    angles = np.linspace(0.0, math.pi, count + 1)
+    sizes = np.append(np.sin(angles[:-1]), 0.0)  # the poles are points
+    return _revolved(np.column_stack([sizes, -np.cos(angles)]), radius)
 
 
-_SHAPES = {"Rectangle": _rectangle, "Disk": _disk, "Cylinder": _cylinder, "Sphere": _sphere}
+_SHAPES: dict[str, Callable[[float], tuple[Floats, Indices]]] = {
+    "Rectangle": _rectangle,
+    "Disk": partial(_revolved, [(1.0, 0.0), (0.0, 0.0)]),
+    "Cylinder": partial(_revolved, [(1.0, 0.0), (1.0, 1.0)]),
+    "Sphere": _sphere,
+}
 
 
 def _bodies(points: Floats, faces: Indices) -> list[Obstacle]:
@@ -196,7 +160,8 @@ def _bodies(points: Floats, faces: Indices) -> list[Obstacle]:
     normals = np.cross(b - a, c - a)
     kept = np.linalg.norm(normals, axis=1) > 0.0
     faces, normals = faces[kept], normals[kept]
-    part = _parts(faces, len(points))[faces[:, 0]]
+    a, b, c = faces.T
+    part = connected(len(points), np.append(a, a), np.append(b, c))[a]
     found = []
     order = np.argsort(part, kind="stable")
     for some in np.split(order, np.flatnonzero(np.diff(part[order])) + 1) if len(part) else ():
@@ -208,18 +173,6 @@ def _bodies(points: Floats, faces: Indices) -> list[Obstacle]:
 def bodies_of(meshes: Iterable[tuple[Floats, Indices]]) -> list[Obstacle]:
     """Bodies and sheets of meshes, given by corners and triangles."""
     return [body for mesh in meshes for body in _bodies(*mesh)]
-
-
-def _parts(faces: Indices, count: int) -> Indices:
-    """The least number of a corner that each corner is connected with."""
-    label = np.arange(count)
-    while True:
-        least = label[faces].min(axis=1)
-        before = label.copy()
-        np.minimum.at(label, faces, least[:, None])
-        label = label[label]
-        if np.array_equal(label, before):
-            return label
 
 
 def _body(points: Floats, faces: Indices, normals: Floats) -> Obstacle:
@@ -246,11 +199,7 @@ def _body(points: Floats, faces: Indices, normals: Floats) -> Obstacle:
 
 
 class Shadows:
-    """The field of a source behind obstacles, for one variant's arrays.
-
-    ``bodies`` and ``pose`` (4, 4) of the frame of the source from its middle, in units of the
-    scene.
-    """
+    """The field of a source behind obstacles, for one variant's arrays."""
 
     def __init__(
         self, m: Any, spec: SourceSpec, wavelength: float, bodies: list[Obstacle], pose: Floats
@@ -440,13 +389,7 @@ def before_plane(seen: Silhouette) -> Silhouette:
 
 
 def cast_shadows(scene: Any) -> None:
-    """Tell the sources and receivers with diffraction of a scene the surfaces in their way.
-
-    Nothing is computed anew of a scene that is as it was.
-
-    Raises SceneError for a shape that no mesh stands for, and for a source that takes too many
-    points, and for fog, which rays meet and shadows do not.
-    """
+    """Tell the sources and receivers with diffraction of a scene the surfaces in their way."""
     plugins = [p for p in (*scene.emitters(), *scene.sensors()) if hasattr(p, "estimator")]
     plugins = [plugin for plugin in plugins if plugin.spec.diffraction]
     if plugins and any(shape.is_medium_transition() for shape in scene.shapes()):

@@ -58,13 +58,7 @@ def facing_parts(emitter: PlacedSource, receiver: PlacedSource) -> FacingParts |
 
 
 def coupled_share(parts: FacingParts, tolerance: float) -> float:
-    """Received over radiated power with nothing in between, as the receiver counts it.
-
-    Of partly coherent sources and of a band of frequencies its mean.
-
-    Raises SceneError where the link is too much work, or too near, and where it has no boundary
-    condition at both ends.
-    """
+    """Received over radiated power with nothing in between, as the receiver counts it."""
     emitter, receiver = parts.emitter, parts.receiver
     link = f"the link from emitter {emitter.name!r} to receiver {receiver.name!r}"
     check_obliquity(link, emitter.obliquity, receiver.obliquity)
@@ -102,10 +96,7 @@ def check_obliquity(link: str, one: str, other: str) -> None:
 
 
 def _part_in_front(source: Any, normal: Floats, place: Floats, rounding: float) -> Any:
-    """The part of a source in z = 0 in front of the plane through ``place``; itself if that is all.
-
-    ``rounding``: heights of no account, in m.
-    """
+    """The part of a source in z = 0 before of the plane through ``place``."""
     if isinstance(source, Wavefront):
         flat = _part_in_front(source.source, normal, place, rounding)
         if flat is None or flat is source.source:
@@ -171,10 +162,7 @@ def direct_light(
     ways: list[Way],
     tolerance: float,
 ) -> DirectLight:
-    """Paths that bring power, in a scene whose sources are unseen.
-
-    Raises SceneError for links that are too much work.
-    """
+    """Paths that bring power, in a scene whose sources are unseen."""
     paths, notes = [], []
     share: Callable[..., Floats] = passing_share
     if emitter.diffraction or receiver.diffraction:
@@ -228,10 +216,7 @@ def _path(
 def _coupled(
     image: PlacedSource, receiver: PlacedSource, passing: Floats, tolerance: float
 ) -> tuple[float, float]:
-    """|b|^2 with nothing in between whatever the polarisation; the share of it that is received.
-
-    ``passing``: the mean Mueller matrix of the way.
-    """
+    """|b|^2 with nothing in between whatever the polarisation; the share of it that is received."""
     size = len(passing)
     terms = []
     for sent, leaves in image.fields:

@@ -36,7 +36,7 @@ from polywigner.kernels import FOURIER, WIGNER, new_outline_of, new_tables_of
 from polywigner.mitsuba.parameters import ESTIMATORS, check_range, rigid_pose
 from polywigner.mitsuba.placement import Frame, check_place, cover, matrix_of, move
 from polywigner.mitsuba.polarisation import Polariser
-from polywigner.mitsuba.sampling import opaque, sampled_emitter_class, single, spectrum
+from polywigner.mitsuba.sampling import opaque, single, spectrum
 from polywigner.mitsuba.sources import (
     CentredSource,
     SourceSpec,
@@ -52,15 +52,12 @@ from polywigner.transforms import differentiable as differentiable_source
 
 # What overlaps by less than this fraction of an area does so by rounding.
 _APART = 1e-9
+# Stands for a density without bound; its square, and products with radiances, fit into float32.
+_OVERWHELMING = 1e12
 
 
 class TracedSource:
-    """The numbers of one emitter's source that a scene's parameters expose.
-
-    ``vertices``: x and y of each in metres, of a uniform aperture, or of an array of uniform
-    apertures that do not overlap. ``weights``: real and imaginary part of each, of such an array.
-    None where they are not exposed; ``why_not`` says why.
-    """
+    """The numbers of one emitter's source that a scene's parameters expose."""
 
     def __init__(self, m: Any, centred: CentredSource, has_several: bool) -> None:
         self._m, self._source = m, centred
@@ -92,10 +89,7 @@ class TracedSource:
         return any(v is not None and dr.grad_enabled(v) for v in (self.vertices, self.weights))
 
     def changed(self) -> Aperture | Array | None:
-        """Return the source with the present values, or None if nothing changed.
-
-        Raises the errors of :func:`polywigner.differentiable`; SceneError for another number.
-        """
+        """Return the source with the present values, or None if nothing changed."""
         if self.vertices is None:
             return None
         source: Any = self._source.source
@@ -196,7 +190,7 @@ def emitter_class(variant: str) -> Any:
     m = getattr(mi, variant)
     jit = dr.is_jit_v(m.Float)
 
-    base: Any = sampled_emitter_class(variant)
+    base: Any = m.Emitter
 
     class WignerEmitter(base):
         """Built by the ``wigner`` shape; not a plugin of its own."""
@@ -348,10 +342,7 @@ def emitter_class(variant: str) -> Any:
             return self._own.waves.wave(1.0 / _value(self.wavelength, jit), x, place)
 
         def radiance(self, x: Any, direction: Any, wave: Wave) -> Any:
-            """L at positions x (2D) and directions (3D unit vectors) of the aperture's frame.
-
-            Positions are in scene units, as everything that Mitsuba sees.
-            """
+            """L at positions x (2D) and directions (3D unit vectors) of the aperture's frame."""
             own = self._traced.wigner if self._follows() else None
             return self._scale(wave.inverse) * self._own.at(x, direction, wave, own)
 
@@ -380,6 +371,96 @@ def emitter_class(variant: str) -> Any:
             found = self.radiance(si.uv, direction, self.wave(si.uv, direction))
             return self.polariser.sent(found, direction, self.frame, active, along)
 
+        # ---- sampling for receivers ----------------------------------------------------------
+
+        def sample_direction(self, it: Any, sample: Any, active: Any = True) -> Any:
+            x, per_area = self.estimator.draw(sample)
+            direction, distance = self.seen_from(it, x)
+            ds = m.DirectionSample3f()
+            self._place(ds, x, it.time)
+            ds.d = -self.frame.to_scene(direction)
+            ds.dist = distance
+            ds.pdf = self._density(direction.z, distance, per_area)
+            if self.spec.diffraction:  # what is in the way is in the weight
+                away = (1.0 + dr.max(dr.abs(it.p))) * (2.0 * m.math.RayEpsilon)
+                ds.p = it.p + ds.d * away
+            ds.emitter = m.EmitterPtr(self) if jit else self
+            found = self.estimator.lit(self, it, x, per_area)
+            return ds, self.polariser.sent(found, direction, self.frame, active)
+
+        def pdf_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
+            cosine = -dr.dot(ds.d, self.frame.axes[2])
+            return self._density(cosine, ds.dist, self.estimator.density(ds.uv))
+
+        def eval_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
+            direction, distance = self.seen_from(it, ds.uv)
+            per_area = self.estimator.density(ds.uv)
+            density = self._density(direction.z, distance, per_area)
+            found = self.estimator.lit(self, it, ds.uv, per_area) * density
+            return self.polariser.sent(found, direction, self.frame, active)
+
+        def _density(self, cosine: Any, distance: Any, per_area: Any) -> Any:
+            """Per solid angle; overwhelming where no light comes by rays that meet the source.
+
+            Integrators weigh samples of a light against such rays by the squares of densities. A
+            light that has no surface is met by none. Exact light must not be counted twice; mirrors
+            take no samples of lights, and show the radiance. As a `delta` light, for which there is
+            no weighing, it would be too bright in ``direct`` with several samples of lights.
+            """
+            front = cosine > 0.0
+            density = m.Float(_OVERWHELMING)
+            if per_area is not None and self.spec.visible:
+                density = per_area * (distance * distance) / dr.select(front, cosine, 1.0)
+            return dr.select(front, density, 0.0)
+
+        def seen_from(self, it: Any, x: Any) -> tuple[Any, Any]:
+            """Unit vector, in the frame, from x to the point ``it``; and the distance."""
+            r = self.frame.to_own(it.p - self.frame.origin) - m.Vector3f(x.x, x.y, 0.0)
+            distance = dr.norm(r)
+            return r / distance, distance
+
+        def _place(self, sample: Any, x: Any, time: Any) -> None:
+            """Fill in the numbers that all samples of the position x share."""
+            sample.p = self.frame.point(x)
+            sample.n = m.Normal3f(self.frame.axes[2])
+            sample.uv = x
+            sample.time = m.Float(time)
+            sample.delta = m.Bool(False)
+
+        # ---- sampling of the emitted field ---------------------------------------------------
+
+        def sample_position(self, time: Any, sample: Any, active: Any = True) -> Any:
+            ps = m.PositionSample3f()
+            x, per_area = self._own.positions.sample(sample)
+            self._place(ps, x, time)
+            ps.pdf = m.Float(per_area)
+            return ps, dr.select(active, m.Float(1.0 / per_area), 0.0)
+
+        def pdf_position(self, ps: Any, active: Any = True) -> Any:
+            return dr.select(active, m.Float(self._own.positions.density(ps.uv)), 0.0)
+
+        def sample_ray(
+            self, time: Any, sample1: Any, sample2: Any, sample3: Any, active: Any = True
+        ) -> Any:
+            """Position as for receivers, direction by cosine: the weight's mean is the power."""
+            ps, share = self.sample_position(time, sample2, active)
+            direction = m.warp.square_to_cosine_hemisphere(sample3)
+            wavelengths, density = _optical_wavelengths(m, sample1)
+            si = m.SurfaceInteraction3f(ps, wavelengths)
+            si.time = time
+            found = self.radiance(ps.uv, direction, self.wave(ps.uv, direction))
+            weight = self.polariser.sent(found * share * dr.pi, direction, self.frame, active)
+            return si.spawn_ray(self.frame.to_scene(direction)), weight * density
+
+        def sample_wavelengths(self, si: Any, sample: Any, active: Any = True) -> Any:
+            """For the particle tracer alone, which passes the direction in scene coordinates."""
+            wavelengths, density = _optical_wavelengths(m, sample)
+            direction = self.frame.to_own(si.wi)
+            radiance = self.radiance(si.uv, direction, self.wave(si.uv, direction))
+            return wavelengths, self.polariser.sent(
+                radiance, direction, self.frame, active
+            ) * density
+
         def bbox(self) -> Any:
             return self.get_shape().bbox()
 
@@ -402,3 +483,16 @@ def _adjustable(m: Any, value: float) -> Any:
 
 def _value(number: Any, jit: bool) -> Any:
     return number if jit else number[0]
+
+
+def _optical_wavelengths(m: Any, sample: Any) -> tuple[Any, Any]:
+    """Wavelengths of the renderer's own colour spectrum and their inverse density.
+
+    Only spectral variants have any. They stand for colours, not for the wave of the aperture,
+    whose radiance is the same at each.
+    """
+    zero = dr.zeros(m.Ray3f).wavelengths
+    if dr.size_v(type(zero)) == 0:
+        return zero, 1.0
+    shifts = [sample + i / len(zero) for i in range(len(zero))]
+    return m.sample_uniform_spectrum(type(zero)(*(shift - dr.floor(shift) for shift in shifts)))

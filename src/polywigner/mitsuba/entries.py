@@ -68,32 +68,29 @@ def aperture(
         ``rayleigh-sommerfeld-1``, ``kirchhoff``, ``rayleigh-sommerfeld-2``; or ``paper``, the
         paper's radiance W/lambda^2.
     power: watts or a text such as "10 dBm", radiated through the hemisphere in front, as
-        :func:`polywigner.radiated_power` counts it for this obliquity. Default: the power that the
-        field radiates as it is, with |u|^2 in W/m^2.
-    bsdf: entry of the surface that radiates. Default: ``null``, which light passes through, though
-        ``direct``, ``path`` and ``prb`` do not know it when they sample a light behind:
-        docs/plugin.md.
-    scene_unit: metres in one unit of the scene, which is that of ``to_world``'s translation. Use
-        1e-3 and a scene in millimetres when receivers stand within centimetres of the aperture.
+        :func:`polywigner.radiated_power` counts it. Default: what the field radiates as it is,
+        with |u|^2 in W/m^2.
+    bsdf: entry of the surface that radiates. Default: ``null``, which light passes through, but
+        not with ``direct``, ``path`` and ``prb`` when they sample a light behind: docs/plugin.md.
+    scene_unit: metres in one unit of the scene and of ``to_world``'s translation. Use 1e-3 and
+        millimetres when receivers stand within centimetres of the aperture.
     sampling_weight: relative number of samples spent on this source.
     antithetic: a sample of an array on a lattice stands for nine midpoints of elements, which
         cancel off its beams; clears noise beside steered beams, docs/plugin.md.
     sampling: density of samples in the region that radiates: ``uniform``; ``marginal``, in
         proportion to the position marginal; or ``root-marginal``, to its root. Unbiased all.
-    control_variate: of each sample, take off the radiance in the direction from the middle of the
-        source, and put its exact mean back: far less noise on diffuse surfaces that see all of the
-        source, bias where they see a part of it or gloss: docs/plugin.md.
-    visible: False leaves the surface out. It lights the scene as before and stands in no other
-        light, but is not seen: by no camera, in no mirror, by no irradiance meter.
+    control_variate: less noise on diffuse surfaces that see all of the source, bias where they see
+        a part of it or gloss: docs/plugin.md.
+    visible: False leaves the surface out: it lights the scene as before and stands in no other
+        light, but no camera, mirror or irradiance meter sees it.
     aperture_power: in place of power, watts or a text: the integral of |u|^2 over the source, of
         which small sources radiate little; the rest is evanescent.
     radiated_power: the former name of power; deprecated.
-    estimator: how a point of the scene is lit. ``wigner``: by signed radiance from a random place
-        of the source. ``exact``: by the exact irradiance |U|^2 of the point, to 1e-4 of its peak at
-        any distance, with no noise where all of the source is seen; docs/plugin.md.
-    bandwidth: of the light, in Hz or a text such as "4 GHz", around the frequency of the
-        wavelength. Each sample is light of one frequency of this band, docs/coherence.md; it is no
-        bandwidth of noise. Default: one wavelength.
+    estimator: ``wigner``: points are lit by signed radiance from a random place of the source.
+        ``exact``: by their exact irradiance |U|^2, to 1e-4 of its peak at any distance, with no
+        noise where all of the source is seen; docs/plugin.md.
+    bandwidth: of the light about its frequency, not of noise, in Hz or a text such as "4 GHz"; each
+        sample is of one frequency of the band, docs/coherence.md. Default: one wavelength.
     diffraction: with the estimator ``exact``: shadows of the scene's opaque surfaces diffract, one
         edge at a time, as of black bodies; docs/shadows.md.
     polarisation: of the field, in Mitsuba's polarised variants: "x", "y", "right", "left", a slant
@@ -107,22 +104,10 @@ def aperture(
     ------
     ArgumentError, GeometryError, QuantityError, SceneError for an unusable argument.
     """
-    entry: dict[str, Any] = {
-        "type": PLUGIN_NAME,
-        "source": register_source(as_source(source)),
-        "wavelength": parse_length(wavelength),
-        "obliquity": obliquity,
-        "estimator": estimator,
-        "diffraction": diffraction,
-        "antithetic": antithetic,
-        "sampling": sampling,
-        "control_variate": control_variate,
-        "scene_unit": parse_length(scene_unit),
-        "sampling_weight": sampling_weight,
-        "visible": visible,
-        **_polarisation_entry(source, polarisation),
-        **pose_entry(to_world),
-    }
+    entry = _entry(PLUGIN_NAME, source, wavelength, to_world, scene_unit, polarisation)
+    entry |= {"obliquity": obliquity, "estimator": estimator, "sampling": sampling}
+    entry |= {"diffraction": diffraction, "antithetic": antithetic, "visible": visible}
+    entry |= {"control_variate": control_variate, "sampling_weight": sampling_weight}
     if radiated_power is not None:
         warnings.warn(
             "radiated_power is deprecated: power is the radiated power now; write power=",
@@ -198,33 +183,31 @@ def receiver(
     ------
     ArgumentError, GeometryError, QuantityError, SceneError for an unusable argument.
     """
-    entry: dict[str, Any] = {
-        "type": RECEIVER_NAME,
-        "source": register_source(as_source(source)),
-        "wavelength": parse_length(wavelength),
-        "obliquity": obliquity,
-        "estimator": estimator,
-        "diffraction": diffraction,
-        "sampling": sampling,
-        "scene_unit": parse_length(scene_unit),
-        "normalise": normalise,
-        "film": _film(film),
-        "sampler": {"type": "multijitter"},
-        **_polarisation_entry(source, polarisation),
-        **pose_entry(to_world),
-    }
+    entry = _entry(RECEIVER_NAME, source, wavelength, to_world, scene_unit, polarisation)
+    entry |= {"obliquity": obliquity, "estimator": estimator, "sampling": sampling}
+    entry |= {"diffraction": diffraction, "normalise": normalise}
+    entry |= {"film": _film(film), "sampler": {"type": "multijitter"}}
     noise = parse_noise(bandwidth, temperature, noise_figure)
     entry |= {name: value for name, value in noise.items() if value is not None}
     read_receiver(entry)
     return entry
 
 
-def _polarisation_entry(source: Any, polarisation: Any) -> dict[str, str]:
-    """The key ``polarisation``, as text of Jones vectors; nothing for None."""
-    if polarisation is None:
-        return {}
-    vectors = checked_polarisation(polarisation, as_source(source))
-    return {"polarisation": polarisation_text(vectors)}
+def _entry(
+    kind: str, source: Any, wavelength: Any, to_world: Any, scene_unit: Any, polarisation: Any
+) -> dict[str, Any]:
+    """Parameters of a source that are not given as they are."""
+    own = as_source(source)
+    entry = {
+        "type": kind,
+        "source": register_source(own),
+        "wavelength": parse_length(wavelength),
+        "scene_unit": parse_length(scene_unit),
+        **pose_entry(to_world),
+    }
+    if polarisation is not None:
+        entry["polarisation"] = polarisation_text(checked_polarisation(polarisation, own))
+    return entry
 
 
 def _film(film: Any) -> dict[str, Any]:

@@ -1,13 +1,10 @@
-"""Films: images on disk and without noise in logs, and pictures cut into parts.
-
-A picture's parts know nothing of each other: strips of rows, and sets of passes.
-"""
+"""Films: images on disk and without noise in logs, and pictures cut into parts."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import reduce
 from pathlib import Path
@@ -31,13 +28,6 @@ _DATE = len("2000-01-01 00:00:00 ")
 
 
 @contextmanager
-def silent() -> Iterator[None]:
-    """Nothing is logged within, and no progress bar drawn."""
-    with _appending():
-        yield
-
-
-@contextmanager
 def to_list() -> Iterator[list[str]]:
     """Collect Mitsuba's messages of the block in a list."""
     messages: list[str] = []
@@ -47,7 +37,7 @@ def to_list() -> Iterator[list[str]]:
         path = Path(folder) / "mitsuba.log"
         appender = mi.StreamAppender(str(path))
         try:
-            with _appending(appender):
+            with silent(appender):
                 yield messages
         finally:
             del appender  # closes the file
@@ -57,7 +47,8 @@ def to_list() -> Iterator[list[str]]:
 
 
 @contextmanager
-def _appending(*appenders: mi.Appender) -> Iterator[None]:
+def silent(*appenders: mi.Appender) -> Iterator[None]:
+    """Within, nothing is logged but to these, and no progress bar drawn."""
     logger = mi.logger()
     before = [logger.appender(index) for index in range(logger.appender_count())]
     logger.clear_appenders()
@@ -73,10 +64,9 @@ def _appending(*appenders: mi.Appender) -> Iterator[None]:
 
 @contextmanager
 def threads_for_openexr() -> Iterator[None]:
-    """Within, Dr.Jit's pool has a thread beside the caller's.
+    """Within, Dr.Jit's pool has a thread beside the caller's, without which OpenEXR waits for ever.
 
-    Mitsuba's OpenEXR, which reads textures too, hands work to the pool and waits without doing any:
-    on one processor, or with ``drjit.set_thread_count(1)``, it would wait for ever.
+    Mitsuba's OpenEXR, which reads textures too, hands work to the pool and does none itself.
     """
     before = dr.thread_count()
     if before < 2:
@@ -89,27 +79,13 @@ def threads_for_openexr() -> Iterator[None]:
 
 
 def mean_of_colours(image: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
-    """(height, width) from a film of one channel, or of colours (their mean) and others.
-
-    Scalar variants have three colours for one channel.
-    """
+    """(height, width) from a film of one channel, or of colours (their mean) and others."""
     colours = 3 if image.shape[-1] >= 3 else 1
     return np.asarray(image[..., :colours].mean(axis=-1, dtype=np.float64))
 
 
 def write_exr(path: Path, image: npt.ArrayLike) -> None:
-    """Write an image as OpenEXR with 32-bit floats; negative values keep their sign.
-
-    Parameters
-    ----------
-    path: any name, whatever its suffix; written in place.
-    image: (height, width, channels), the channels being Y, YA, RGB, RGBA by their number, or
-        numbered where there are more.
-
-    Raises
-    ------
-    ArgumentError for a path that cannot be written to, or a full disk.
-    """
+    """Write an image as OpenEXR with 32-bit floats; negative values keep their sign."""
     # Mitsuba's own default for an array of floats is to leave it linear, which radiance is.
     bitmap = mi.Bitmap(np.ascontiguousarray(image, dtype=np.float32))
     # Through memory: writing to a file itself, Mitsuba does not notice that a disk is full.
@@ -140,19 +116,17 @@ def fineness(camera: Any, samples: int) -> int:
 @contextmanager
 def refined(camera: Any, factor: int) -> Iterator[None]:
     """A film of so many times the pixels along each side, which the receiver takes for the same."""
-    if factor == 1:
-        yield
-        return
     film = camera.film()
-    before = [film.size(), film.crop_size(), film.crop_offset()]
-    finer = [(int(pair[0]) * factor, int(pair[1]) * factor) for pair in before]
-    camera.fineness = factor
-    _set(camera, *finer)
+    sizes = (film.size(), film.crop_size(), film.crop_offset())
+    finer = [[int(pair[0]) * factor, int(pair[1]) * factor] for pair in sizes]
+    if factor > 1:
+        camera.fineness = factor
     try:
-        yield
+        with _film_of_size(camera, *finer):
+            yield
     finally:
-        camera.fineness = 1
-        _set(camera, *before)
+        if factor > 1:
+            camera.fineness = 1
 
 
 def film_of(width: int, height: int) -> dict[str, Any]:
@@ -178,24 +152,27 @@ def coarse(image: npt.NDArray[Any], factor: int) -> npt.NDArray[Any]:
 def cropped(camera: Any, top: int, rows: int, columns: int | None = None) -> Iterator[None]:
     """A narrower crop window, put back afterwards."""
     film = camera.film()
-    size, offset = film.crop_size(), film.crop_offset()
-    wanted = (size[0] if columns is None else columns, rows)
-    if wanted == (size[0], size[1]):
+    (width, _), (x, y) = film.crop_size(), film.crop_offset()
+    window = [width if columns is None else columns, rows]
+    with _film_of_size(camera, film.size(), window, [x, y + top]):
+        yield
+
+
+@contextmanager
+def _film_of_size(camera: Any, *sizes: Any) -> Iterator[None]:
+    """Within, the size of the film, and size and offset of its crop window, are these."""
+    film = camera.film()
+    before = (film.size(), film.crop_size(), film.crop_offset())
+    states = [[[int(n) for n in pair] for pair in state] for state in (sizes, before)]
+    if states[0] == states[1]:
         yield
         return
-    _set(camera, film.size(), wanted, (offset[0], offset[1] + top))
+    names = ("film.size", "film.crop_size", "film.crop_offset")
     try:
+        mi.traverse(camera).update(dict(zip(names, states[0], strict=True)))
         yield
     finally:
-        _set(camera, film.size(), size, offset)
-
-
-def _set(camera: Any, size: Any, crop_size: Any, crop_offset: Any) -> None:
-    parameters = mi.traverse(camera)
-    parameters["film.size"] = size
-    parameters["film.crop_size"] = crop_size
-    parameters["film.crop_offset"] = crop_offset
-    parameters.update()
+        mi.traverse(camera).update(dict(zip(names, states[1], strict=True)))
 
 
 # Samples in flight at once in the compiled variants: Mitsuba keeps some 100 bytes of each.
@@ -277,10 +254,7 @@ class Exposure:
     def image(
         self, strip: int, number: int, done: Callable[[], None] = lambda: None
     ) -> npt.NDArray[np.float64]:
-        """One set of a strip's passes, weighted so that the sum of all sets is the radiance.
-
-        ``done`` is called after each pass. Raises SceneError for values that are not finite.
-        """
+        """One set of a strip's passes, weighted so that the sum of all sets is the radiance."""
         cut = self.cut
         top = strip * cut.rows
         rows = min(cut.rows, cut.height - top)
@@ -289,7 +263,7 @@ class Exposure:
             # Of almost equal length, rather than a last one that is short and badly stratified.
             samples = cut.samples // cut.passes + (index < cut.samples % cut.passes)
             seed = seed_of(self.seed, strip * cut.passes + index)
-            with cropped(self.camera, top, rows), _without_complaints():
+            with cropped(self.camera, top, rows), _quietly():
                 rendered = _rendered(self, samples, seed)
             image = image + samples / cut.samples * rendered
             done()
@@ -306,7 +280,7 @@ class Exposure:
     def channels(self) -> int:
         """Number of channels of the image, from one pixel: integrators add to the film's."""
         one = 1 if self.camera.class_name() in CAMERAS else self.cut.height
-        with cropped(self.camera, 0, one, one), _without_complaints():
+        with cropped(self.camera, 0, one, one), _quietly():
             return int(_rendered(self, 1, 0).shape[-1])
 
 
@@ -316,10 +290,7 @@ def seed_of(seed: int, *part: int) -> int:
 
 
 def check_is_whole(integrator: Any) -> None:
-    """Raise StoreError for a render that ended before its time.
-
-    Mitsuba answers Ctrl-C itself, by giving back what it has.
-    """
+    """Raise StoreError for a render that ended before its time."""
     if integrator.should_stop():
         raise StoreError(
             "expected a part that is rendered to its end, got one that Ctrl-C or a timeout of "
@@ -334,16 +305,19 @@ def _rendered(exposure: Exposure, spp: int, seed: int) -> npt.NDArray[np.float64
     finer = math.ceil(spp / factor**2)
     if mi.is_polarized:  # zeros of matrices are literals, which loops of a single sample fold
         finer = max(finer, 2)
+    with rendering_errors(integrator.class_name()), receiving(scene), refined(camera, factor):
+        image = mi.render(scene, sensor=camera, integrator=integrator, spp=finer, seed=seed)
+        return coarse(np.array(image, dtype=np.float64), factor)
+
+
+@contextmanager
+def rendering_errors(integrator: str) -> Iterator[None]:
+    """Turn errors of a render into a SceneError; Dr.Jit says why in the cause."""
     try:
-        with receiving(scene), refined(camera, factor):
-            image = mi.render(scene, sensor=camera, integrator=integrator, spp=finer, seed=seed)
-            return coarse(np.array(image, dtype=np.float64), factor)
+        yield
     except (RuntimeError, AssertionError) as error:
-        # Dr.Jit says only that something failed; what failed is the cause.
         cause = error.__cause__ or error
-        raise SceneError(
-            f"expected a scene that {integrator.class_name()} can render: {cause}"
-        ) from error
+        raise SceneError(f"expected a scene that {integrator} can render: {cause}") from error
 
 
 def _finite(image: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
@@ -356,11 +330,6 @@ def _finite(image: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     return image
 
 
-@contextmanager
-def _without_complaints() -> Iterator[None]:
+def _quietly() -> AbstractContextManager[None]:
     """The scalar variants log each negative sample that a film takes, and draw a progress bar."""
-    if dr.is_jit_v(mi.Float):
-        yield
-        return
-    with silent():
-        yield
+    return nullcontext() if dr.is_jit_v(mi.Float) else silent()

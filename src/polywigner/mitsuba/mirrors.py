@@ -1,9 +1,4 @@
-"""Flat mirrors of a scene, and the images of sources in them.
-
-A mirror is a plane face of a shape whose BSDF has a smooth lobe of reflection: rectangles, disks
-and the faces of meshes. Light that comes by a chain of them comes straight from the image of the
-image.
-"""
+"""Flat mirrors of a scene, and the images of sources in them."""
 
 from __future__ import annotations
 
@@ -69,10 +64,7 @@ def mirrors_of(scene: Any, unit: float) -> tuple[list[Mirror], list[str]]:
 
 
 def chains_of(mirrors: list[Mirror], most: int) -> Iterator[tuple[Mirror, ...]]:
-    """All sequences of one to ``most`` mirrors, none twice in succession, in the light's order.
-
-    Raises SceneError for more than some thousand.
-    """
+    """All sequences of one to ``most`` mirrors, none twice in succession, in the light's order."""
     count = len(mirrors)
     total = sum(count * (count - 1) ** k for k in range(most)) if count else 0
     if total > _MOST_CHAINS:
@@ -168,11 +160,9 @@ def trace_way(
 ) -> tuple[Any, Any, Any]:
     """The share of power that passes from the last to the first of the points, and directions.
 
-    If ``polarised``, a Mueller matrix between Mitsuba's axes. Directions of the way, seen from
-    the first point: there, and at the last one.
-
-    ``medium``: fog at the first, or None. ``normal``: of its surface. ``planes``: of the mirrors at
-    the points between, which are met within ``rounding``.
+    A Mueller matrix between Mitsuba's axes if ``polarised``; directions at the first and last point
+    as seen from the first. ``medium``: fog at the first. ``normal``: of its surface. ``planes``: of
+    mirrors at the points between, which are met within ``rounding``.
     """
     it = dr.zeros(mi.SurfaceInteraction3f)
     it.p, it.n = points[0], normal
@@ -186,7 +176,8 @@ def trace_way(
         ray = it.spawn_ray(it.spawn_ray_to(point).d)  # ends behind the mirror
         first = first or ray
         it, passed, medium = _first_surface(scene, ray, medium, polarised, plane, rounding)
-        met = _is_shape(it, plane.shape) & (_is_apart(it.p, plane, rounding) == mi.Bool(False))
+        shape = plane.shape if not dr.is_jit_v(mi.Float) else mi.ShapePtr(plane.shape)
+        met = (it.shape == shape) & (_is_apart(it.p, plane, rounding) == mi.Bool(False))
         if not dr.any(met):
             return 0.0 * share, ray.d, ray.d
         share = share * dr.select(met, passed * _reflectance(it, met, plane, polarised), 0.0)
@@ -310,10 +301,6 @@ def _mean(spectrum: Any, polarised: bool) -> Any:
     return matrix
 
 
-def _is_shape(si: Any, shape: Any) -> Any:
-    return si.shape == mi.ShapePtr(shape) if dr.is_jit_v(mi.Float) else si.shape is shape
-
-
 # ---- waves, with their phase and their polarisation ---------------------------------------------
 
 _MASK, _TWO_SIDED = "MaskBSDF", "TwoSidedBRDF"
@@ -340,8 +327,8 @@ class Surface:
     def coefficients(self, cosine: Any) -> tuple[Any, Any]:
         """Fresnel's coefficients of E across the plane of incidence and of E in it.
 
-        ``cosine``: of the angle of incidence. Waves go as exp(-i omega t); both vectors in the
-        plane are s x k, so that a perfect conductor has -1 and +1 at any angle.
+        Waves go as exp(-i omega t); both vectors in the plane are s x k, so that a perfect
+        conductor has -1 and +1 at any angle.
         """
         if self.index is None:
             return -np.ones_like(cosine, complex), np.ones_like(cosine, complex)
@@ -365,10 +352,7 @@ class Surface:
 
 
 def surface_of(mirror: Mirror, is_before: bool) -> Surface:
-    """The surface that a wave meets from where the normal points, or from behind.
-
-    Raises SceneError for a BSDF whose reflection has no known phase.
-    """
+    """The surface that a wave meets from where the normal points, or from behind."""
     nodes = _nested(mirror.shape.bsdf())
     smooth = [node for node in nodes if node.class_name() in _SURFACES]
     kinds = {node.class_name() for node in nodes}

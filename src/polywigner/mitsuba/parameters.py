@@ -1,8 +1,4 @@
-"""Parameters of the ``wigner`` shape and the ``wigner_receiver`` sensor, read and checked once.
-
-Scene files and entries made in Python are read by the same functions. What single precision, in
-which Mitsuba computes, cannot hold is refused here: the picture would be black or not a number.
-"""
+"""Parameters of the ``wigner`` shape and the ``wigner_receiver`` sensor, read and checked once."""
 
 from __future__ import annotations
 
@@ -32,19 +28,20 @@ from polywigner.geometry import (
 )
 from polywigner.geometry.arguments import real_numbers
 from polywigner.illumination import Array, read_source
-from polywigner.illumination.obliquities import DEFAULT
+from polywigner.illumination.obliquities import DEFAULT, OBLIQUITIES
 from polywigner.illumination.polarisation import polarisation_of_text
 from polywigner.illumination.source_files import json_of, table_of
 from polywigner.illumination.texts import FEEDING, fed
 from polywigner.mitsuba.exact import ExactEstimator
-from polywigner.mitsuba.sampling import SAMPLINGS, Estimator, check_sampling
+from polywigner.mitsuba.sampling import SAMPLINGS
 from polywigner.mitsuba.sources import (
     CentredSource,
     Complexes,
     SourceSpec,
     centred_source,
-    check_obliquity,
+    checked_name,
     mixture_of,
+    unfit_source,
 )
 from polywigner.mitsuba.wigner import WignerEstimator
 from polywigner.quantities import (
@@ -77,12 +74,7 @@ def register_source(source: Aperture | Array | Wavefront) -> str:
     SceneError for anything but an Aperture or an Array.
     """
     if not isinstance(source, Aperture | Array | Wavefront):
-        advice = "make one with polywigner.Aperture(vertices)"
-        if isinstance(source, PlacedAperture):
-            advice = "leave its pose out, and give it as the to_world of the shape"
-        elif isinstance(source, Slits):
-            advice = "make rectangles of slits"
-        raise SceneError(f"expected an Aperture or an Array, got {type(source).__name__}; {advice}")
+        raise unfit_source(source)
     content = json_of(table_of(source))  # all that makes it up, to the last digit
     key = KEY_PREFIX + hashlib.sha256(content.encode()).hexdigest()[:24]
     with _lock:
@@ -153,7 +145,10 @@ RECEIVER_PARAMETERS = (
 )
 """Names of the ``wigner_receiver`` sensor's parameters; ``docs/receivers.md`` explains them."""
 
-ESTIMATORS: dict[str, type[Estimator]] = {"wigner": WignerEstimator, "exact": ExactEstimator}
+ESTIMATORS: dict[str, type[WignerEstimator | ExactEstimator]] = {
+    "wigner": WignerEstimator,
+    "exact": ExactEstimator,
+}
 RECEIVER_ESTIMATOR = "exact"
 
 # Decimal exponents of the normal numbers of single precision.
@@ -167,14 +162,7 @@ _BOTH_POWERS = (
 
 
 def read_emitter(values: Mapping[str, Any]) -> SourceSpec:
-    """The checked parameters of a ``wigner`` shape, from Mitsuba or from an entry in Python.
-
-    Raises
-    ------
-    SceneError for an unknown, missing, doubled or unusable parameter; the errors of
-    :func:`polywigner.read_aperture` and :func:`polywigner.read_source` for a file, and those of
-    tapers, steering and layouts for their texts.
-    """
+    """The checked parameters of a ``wigner`` shape, from Mitsuba or from an entry in Python."""
     given = SceneParameters(values, "wigner shape")
     given.check_names(PARAMETERS)
     given.check_nested_shape()
@@ -206,12 +194,9 @@ def read_receiver(values: Mapping[str, Any]) -> SourceSpec:
 
 def _spec(given: SceneParameters, estimator: str, bandwidth: float | None) -> SourceSpec:
     """The parameters that emitters and receivers share."""
-    obliquity = check_obliquity(given.text("obliquity", DEFAULT))
-    estimator = given.text("estimator", estimator)
-    if estimator not in ESTIMATORS:
-        names = ", ".join(ESTIMATORS)
-        raise SceneError(f"expected an estimator, got {estimator!r}; use one of {names}")
-    sampling = check_sampling(given.text("sampling", SAMPLINGS[0]))
+    obliquity = checked_name("an obliquity", given.text("obliquity", DEFAULT), OBLIQUITIES)
+    estimator = checked_name("an estimator", given.text("estimator", estimator), ESTIMATORS)
+    sampling = checked_name("a sampling", given.text("sampling", SAMPLINGS[0]), SAMPLINGS)
     normalise = checked_normalise(given.text("normalise", NORMALISATIONS[0]), SceneError)
     antithetic = given.flag("antithetic", False)
     diffraction = given.flag("diffraction", False)
@@ -221,18 +206,16 @@ def _spec(given: SceneParameters, estimator: str, bandwidth: float | None) -> So
             "of edges in the way"
         )
     wavelength = given.wavelength()
-    scene_unit = given.scene_unit()
     source, mixture = mixture_of(given.source(wavelength), wavelength, bandwidth)
-    centred = centred_source(source, obliquity, antithetic)
     spec = SourceSpec(
-        centred=centred,
+        centred=centred_source(source, obliquity, antithetic),
         wavelength=wavelength,
         norm=math.nan,
         pose=given.pose(),
         obliquity=obliquity,
         estimator=estimator,
         sampling=sampling,
-        scene_unit=scene_unit,
+        scene_unit=given.scene_unit(),
         mixture=mixture,
         normalise=normalise,
         diffraction=diffraction,
@@ -255,10 +238,7 @@ def values_of(props: Any) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class SceneParameters:
-    """The parameters of one element of a scene.
-
-    Its methods raise SceneError for a missing, doubled or unusable parameter.
-    """
+    """The parameters of one element of a scene."""
 
     values: Mapping[str, Any]
     element: str
@@ -347,9 +327,7 @@ class SceneParameters:
         value = self.values.get("scene_unit", 1.0)
         if isinstance(value, str) and value.strip()[:1].isalpha():
             value = f"1 {value}"
-        return SceneParameters({"scene_unit": value}, self.element).number(
-            "scene_unit", parse_length
-        )
+        return replace(self, values={"scene_unit": value}).number("scene_unit", parse_length)
 
     def pose(self) -> npt.NDArray[np.float64]:
         """A read-only (4, 4) matrix."""
@@ -400,10 +378,7 @@ class SceneParameters:
 def check_range(
     centred: CentredSource, wavelength: float, power: float, norm: float, scene_unit: float = 1.0
 ) -> None:
-    """Raise SceneError where single precision cannot hold the emitter's numbers.
-
-    `wavelength` and `scene_unit` in metres, `power` and `norm` in watts; none below zero.
-    """
+    """Raise SceneError where single precision cannot hold the emitter's numbers."""
     # Logarithms, because the numbers themselves may leave double precision as well.
     energy, inverse_square = _exponent(norm), -2 * _exponent(wavelength)
     area_in_scene = _exponent(centred.support.area) - 2 * _exponent(scene_unit)
@@ -440,11 +415,7 @@ def _fits(name: str, shown: str, *exponents: float) -> None:
 
 
 def rigid_pose(matrix: Any) -> npt.NDArray[np.float64]:
-    """A read-only (4, 4) pose from a matrix or from one of Mitsuba's, of any variant.
-
-    Raises SceneError for anything but rotations and translations, and for what single precision
-    cannot hold.
-    """
+    """A read-only (4, 4) pose from a matrix or from one of Mitsuba's, of any variant."""
     try:
         given = real_numbers(matrix)
     except (ValueError, RuntimeError):
@@ -470,10 +441,7 @@ def as_source(given: Any) -> Any:
 
 
 def pose_entry(to_world: Any) -> dict[str, Any]:
-    """The key ``to_world`` for a matrix or a transform of any variant; nothing for None.
-
-    Raises SceneError for a pose that is not rigid.
-    """
+    """The key ``to_world`` for a matrix or a transform of any variant; nothing for None."""
     if to_world is None:
         return {}
     pose = rigid_pose(getattr(to_world, "matrix", to_world))

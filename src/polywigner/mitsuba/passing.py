@@ -34,11 +34,7 @@ _IN_PLANE = 1e-4
 def passing_share(
     scene: Any, emitter: PlacedSource, receiver: PlacedSource, chain: Sequence[Mirror] = ()
 ) -> Floats:
-    """The mean share of power that arrives by these mirrors, of 4096 rays: (1, 1).
-
-    In polarised variants a Mueller matrix (4, 4), between the axes x and y of both ends.
-    ``emitter`` itself, not its image.
-    """
+    """The mean share of power that arrives by these mirrors, of 4096 rays: (1, 1)."""
     share: Floats = passing_rays(scene, emitter, receiver, chain)[1].sum(axis=0) / RAYS
     return share
 
@@ -50,11 +46,11 @@ def passing_rays(
     chain: Sequence[Mirror] = (),
     bare: bool = False,
 ) -> tuple[list[Floats], Floats]:
-    """Rays that leave, meet all mirrors' planes and arrive, and the share of power of each.
+    """Rays that leave, meet all mirrors' planes and arrive, and the share of power (n, k, k).
 
-    Shares (n, k, k), as of :func:`passing_share`. Of 4096 rays; their places (n, 3), in m, on the
-    receiver, on mirrors from the last to the first, and on ``emitter``, itself, not its image.
-    ``bare``: Fresnel's reflectances and polarisations are left out.
+    Of 4096 rays their places (n, 3), in m, on the receiver, on mirrors from the last to the first,
+    and on ``emitter``, itself, not its image. k is 4 in polarised variants: Mueller matrix between
+    the axes x and y of both ends. ``bare``: without Fresnel's reflectances and polarisations.
     """
     way = _way(emitter, receiver, chain)
     if way is None:
@@ -79,10 +75,7 @@ def _none() -> Floats:
 def _way(
     emitter: PlacedSource, receiver: PlacedSource, chain: Sequence[Mirror]
 ) -> list[Floats] | None:
-    """Places (4096, 3) on the receiver, on mirrors from the last to the first, on the emitter.
-
-    None where no way meets all mirrors.
-    """
+    """Places (4096, 3) on the receiver, on mirrors from the last to the first, on the emitter."""
     draws = _draws(RAYS)
     start = emitter.points(_places(emitter, draws[:, :2]))
     end = receiver.points(_places(receiver, draws[:, 2:]))
@@ -111,11 +104,7 @@ def diffracted_share(
 def diffracted_ratio(
     meshes: list[Mesh], emitter: PlacedSource, receiver: PlacedSource, chain: Sequence[Mirror]
 ) -> complex:
-    """b/b_0 of the links with obstacles and without, by points in place of both ends.
-
-    Behind a mirror stand the images of what is in front of it. ``meshes``: of the scene's opaque
-    shapes, in m.
-    """
+    """b/b_0 of the links with obstacles and without, by points in place of both ends."""
     wavelength = receiver.wavelength
     image = emitter.image(chain)
     if chain:
@@ -243,10 +232,7 @@ def _places(source: PlacedSource, draws: Floats) -> Floats:
 
 
 def corners(start: Floats, end: Floats, chain: Sequence[Mirror]) -> list[Floats] | None:
-    """Where the ways meet the mirrors, from the last to the first; nan where one does not.
-
-    None where no way meets all of them.
-    """
+    """Where the ways meet the mirrors, from the last to the first; nan where one does not."""
     images = [start]
     for mirror in chain:
         images.append(mirror.image_of(images[-1]))
@@ -294,19 +280,15 @@ def _passed(
         )
         if polarised:
             share = turned(mi, share, (frames[0], first), (frames[1], -last))
-        return _matrices(share, len(way[0]) if is_jit else 1, polarised)
+        size, colours = (4, dr.size_v(mi.UnpolarizedSpectrum)) if polarised else (1, 1)
+        values = np.array(share, np.float64).reshape(size, size, colours, -1)[:, :, 0]
+        count = len(way[0]) if is_jit else 1
+        return np.broadcast_to(np.moveaxis(values, -1, 0), (count, size, size))
 
     if is_jit:
         return trace([mi.Point3f(*(mi.Float(c.tolist()) for c in place.T)) for place in way])
     rays = zip(*(place.tolist() for place in way), strict=True)
     return np.concatenate([trace([mi.Point3f(*point) for point in ray]) for ray in rays])
-
-
-def _matrices(share: Any, count: int, polarised: bool) -> Floats:
-    """(count, k, k): shares of rays, which are the same in all colours."""
-    size, colours = (4, dr.size_v(mi.UnpolarizedSpectrum)) if polarised else (1, 1)
-    values = np.array(share, np.float64).reshape(size, size, colours, -1)[:, :, 0]
-    return np.broadcast_to(np.moveaxis(values, -1, 0), (count, size, size))
 
 
 def _rows(points: Any) -> Floats:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import drjit as dr
@@ -165,10 +165,7 @@ class PlacedSource:
         return stokes_fields(self.source, self.polarisation)
 
     def mirrored(self, normal: Floats, offset: float) -> PlacedSource:
-        """Its image behind the plane of the points p with ``normal`` . p = ``offset``, in m.
-
-        A pose is a rotation: what the mirror turns inside out is the outline, and the field on it.
-        """
+        """Its image behind the plane of the points p with ``normal`` . p = ``offset``, in m."""
         reflection = np.eye(4)
         reflection[:3, :3] -= 2 * np.outer(normal, normal)
         reflection[:3, 3] = 2 * offset * normal
@@ -227,10 +224,7 @@ def placed_receiver(sensor: Any, number: int) -> PlacedSource:
 def check_match(
     emitter: PlacedSource, receiver: PlacedSource, bandwidth: float | None = None
 ) -> None:
-    """Raise SceneError for an emitter that the receiver cannot receive, or in other units.
-
-    ``bandwidth``: full width in Hz about the receiver's frequency; None: none.
-    """
+    """Raise SceneError for an emitter that the receiver cannot receive, or in other units."""
     both = f"of emitter {emitter.name!r} and receiver {receiver.name!r}"
     frequencies = [SPEED_OF_LIGHT / each.wavelength for each in (emitter, receiver)]
     apart = abs(frequencies[0] - frequencies[1])
@@ -262,19 +256,9 @@ def _placed(plugin: Any, name: str) -> PlacedSource:
     pose = np.array(spec.pose if same else rigid_pose(matrix))
     pose[:3, 3] *= spec.scene_unit
     wavelength = _single(getattr(plugin, "wavelength", spec.wavelength), spec.wavelength)
-    return PlacedSource(
-        name,
-        spec.source,
-        pose,
-        wavelength,
-        spec.obliquity,
-        spec.scene_unit,
-        spec.norm,
-        mixture=spec.mixture,
-        diffraction=spec.diffraction,
-        polarisation=spec.polarisation,
-        normalise=spec.normalise,
-    )
+    shared = (f.name for f in fields(PlacedSource) if hasattr(spec, f.name))
+    own = {field: getattr(spec, field) for field in shared}
+    return PlacedSource(**own | {"name": name, "pose": pose, "wavelength": wavelength})
 
 
 def _single(value: Any, known: float) -> float:

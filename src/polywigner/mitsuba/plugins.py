@@ -62,10 +62,7 @@ def one_at_a_time(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def add_plugin(kind: str, name: str, build: Callable[[str, Any], Any]) -> None:
-    """A plugin for :func:`register`: ``build(variant, properties)`` makes one.
-
-    ``kind``: such as "shape", whose function in Mitsuba is ``register_shape``.
-    """
+    """A plugin for :func:`register`: ``build(variant, properties)`` makes one."""
     _plugins[kind, name] = build
 
 
@@ -101,6 +98,15 @@ def _built(build: Callable[[str, Any], Any], variant: str, props: Any) -> Any:
         raise error.with_traceback(None) from None
 
 
+def nested_properties(name: str, props: Any) -> Any:
+    """Properties of a plugin with the id and the nested objects of others."""
+    inner = mi.Properties(name)
+    inner.set_id(props.id())
+    for key, value in dict(props.objects()).items():
+        inner[key] = value
+    return inner
+
+
 PLUGIN_NAME = "wigner"
 
 
@@ -110,12 +116,8 @@ def _build(variant: str, props: Any) -> Any:
     check_polarised(variant, spec, "wigner shape")
     m = getattr(mi, variant)
     vertices, triangles = triangulate(spec.centred.support)
-    inner = mi.Properties(PLUGIN_NAME)
-    inner.set_id(props.id())
-    nested = dict(props.objects())
-    for name, value in nested.items():
-        inner[name] = value
-    if not any(isinstance(value, m.BSDF) for value in nested.values()):
+    inner = nested_properties(PLUGIN_NAME, props)
+    if not any(isinstance(value, m.BSDF) for _, value in props.objects()):
         inner["bsdf"] = mi.load_dict({"type": "null"})
     inner["emitter"] = emitter_class(variant)(spec, id=f"{props.id()}_emitter")
     mesh = m.Mesh(
@@ -139,10 +141,7 @@ STL_NAME = "stl"
 
 
 def _build_stl(variant: str, props: Any) -> Any:
-    """The mesh of an STL file, whose numbers are units of the scene, with its faces flat.
-
-    FileFormatError as of :func:`polywigner.read_polyhedron`; SceneError for other parameters.
-    """
+    """The mesh of an STL file, whose numbers are units of the scene, with its faces flat."""
     given = SceneParameters(values_of(props), f"{STL_NAME} shape")
     given.check_names(("filename", "to_world"))
     path = str(mi.file_resolver().resolve(given.text("filename", None)))
@@ -155,10 +154,7 @@ def _build_stl(variant: str, props: Any) -> Any:
         raise SceneError(f"expected finite triangles of {path}, got none or others; export it anew")
     if np.linalg.det(matrix[:3, :3]) < 0:  # outsides stay outsides in mirror images
         triangles = triangles[:, ::-1]
-    inner = mi.Properties(STL_NAME)
-    inner.set_id(props.id())
-    for name, value in dict(props.objects()).items():
-        inner[name] = value
+    inner = nested_properties(STL_NAME, props)
     mesh = getattr(mi, variant).Mesh(
         props.id() or STL_NAME, len(vertices), len(triangles), props=inner
     )

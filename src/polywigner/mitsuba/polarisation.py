@@ -74,11 +74,7 @@ def stokes_of(image: npt.ArrayLike) -> Floats:
 
 
 class Polariser:
-    """Turns weights of one source, or of one receiver, into spectra of one variant.
-
-    Weights are numbers of a source of one polarisation, and vectors of four Stokes numbers of an
-    array of several: see :attr:`SourceSpec.fields`.
-    """
+    """Turns weights of one source, or of one receiver, into spectra of one variant."""
 
     def __init__(self, m: Any, polarisation: NDArray[np.complex128] | None) -> None:
         self._m, self._is_plain = m, polarisation is None
@@ -87,10 +83,7 @@ class Polariser:
             self._own = [opaque(m, number) for number in stokes_vector(polarisation)]
 
     def sent(self, value: Any, direction: Any, frame: Any, active: Any, along: Any = None) -> Any:
-        """Light that leaves a source in a direction of its frame: a column.
-
-        ``along``: the same in the scene, where it is known.
-        """
+        """Light that leaves a source in a direction of its frame: a column."""
         if self._is_plain:
             return spectrum(self._m, value, active)
         s0, s1, s2, s3 = self._stokes(value, active)
@@ -101,11 +94,7 @@ class Polariser:
         return self._filled({(k, 0): value for k, value in enumerate(turned)})
 
     def taken(self, value: Any, direction: Any, frame: Any, active: Any) -> Any:
-        """Weight of light that arrives from a direction of a receiver's frame: half a row.
-
-        Half of unpolarised light, all of its own polarisation, nothing of the crossed one. The
-        receiver has the handedness that it would send with.
-        """
+        """Weight of light that arrives from a direction of a receiver's frame: half a row."""
         if self._is_plain:
             return spectrum(self._m, value, active)
         s0, s1, s2, s3 = (0.5 * number for number in self._stokes(value, active))
@@ -127,11 +116,7 @@ class Polariser:
 
 
 def turned(m: Any, share: Any, arrives: tuple[Any, Any], leaves: tuple[Any, Any]) -> Any:
-    """A Mueller matrix of Mitsuba's axes, between Ludwig's axes of a source and of a receiver.
-
-    ``arrives``: frame of the receiver, and the direction in which it looks; ``leaves``: frame of
-    the source, and the direction in which it sends; directions in the scene.
-    """
+    """A Mueller matrix of Mitsuba's axes, between Ludwig's axes of a source and of a receiver."""
     ends = []
     for (frame, direction), sign in ((arrives, -1.0), (leaves, 1.0)):
         c, s = turn(m, frame.to_own(direction), frame, sign * direction)
@@ -147,11 +132,7 @@ def turned(m: Any, share: Any, arrives: tuple[Any, Any], leaves: tuple[Any, Any]
 
 
 def turn(m: Any, direction: Any, frame: Any, along: Any) -> tuple[Any, Any]:
-    """Cosine and sine of twice the angle from Ludwig's x to Mitsuba's axis, about a direction.
-
-    ``direction``: of the source's frame. ``along``: how light travels in the scene, the same way or
-    against it.
-    """
+    """Cosine and sine of twice the angle from Ludwig's x to Mitsuba's axis, about a direction."""
     axes = ludwig_axes(direction.x, direction.y, dr.abs(direction.z))
     basis = m.mueller.stokes_basis(along)
     x, y = (dr.dot(basis, frame.to_scene(m.Vector3f(*axis))) for axis in axes)

@@ -1,8 +1,4 @@
-"""A film that sorts light by the length of its path, and a sensor that looks as another.
-
-The integrators of mitransient hand over each contribution with the length of its path; its own film
-has bins of one width, adds them in single precision and drops what lies outside.
-"""
+"""A film that sorts light by the length of its path, and a sensor that looks as another."""
 
 from __future__ import annotations
 
@@ -24,7 +20,7 @@ from polywigner.errors import (
     SceneError,
     require,
 )
-from polywigner.mitsuba.films import CAMERAS, WAVEFRONT, fineness, seed_of
+from polywigner.mitsuba.films import CAMERAS, WAVEFRONT, fineness, rendering_errors, seed_of
 from polywigner.mitsuba.receiver import is_receiver, receiving
 from polywigner.mitsuba.rendering import depths_of
 from polywigner.mitsuba.scenes import (
@@ -55,14 +51,7 @@ _DEPTH_OF_DIRECT = 2
 
 
 def require_transients(variant: str | None = None) -> Any:
-    """mitransient for the variant that is set, its plugins registered.
-
-    ``variant``: set first, if given.
-
-    Raises
-    ------
-    MissingExtraError without it; EngineError for a scalar variant, which it has no integrators for.
-    """
+    """mitransient for the variant that is set, its plugins registered."""
     if variant is not None:
         mi.set_variant(variant)
     variant = mi.variant()
@@ -97,16 +86,7 @@ def is_transient(integrator: Any) -> bool:
 
 
 def transient_integrator(integrator: Any, scene: Any, sensor: Any) -> Any:
-    """The integrator that follows the same paths as this one and tells their lengths.
-
-    ``integrator``: of Mitsuba, whose depths are taken over; or one of mitransient, as it is.
-
-    Raises
-    ------
-    What :func:`require_transients` does; SceneError for a scene of another variant, an integrator
-    without path lengths, lights that are infinitely far, and fog that mitransient cannot measure
-    paths in.
-    """
+    """The integrator that follows the same paths as this one and tells their lengths."""
     require_transients()
     checked_scene(scene)
     _check_lights(scene)
@@ -127,10 +107,7 @@ def _check_lights(scene: Any) -> None:
 
 
 def _check_fog(scene: Any, sensor: Any) -> None:
-    """SceneError for fog around the sensor, which mitransient leaves out, and for uneven fog.
-
-    It adds no length where it passes an imagined particle of uneven fog.
-    """
+    """SceneError for fog around the sensor, which mitransient leaves out, and for uneven fog."""
     if sensor.get_medium() is not None:
         raise SceneError(
             "expected a sensor outside of fog for ranges, got one with a medium; take the medium "
@@ -198,9 +175,8 @@ def sorted_by_range(
 ) -> Floats:
     """Render a sensor by lengths of paths: (height, width, bins + 2), in its own unit.
 
-    ``edges``: of bins, in units of the scene. The first number is of all shorter paths, the last of
-    longer ones. Films of receivers are summed up to one pixel; other films keep size and crop, with
-    a box filter.
+    ``edges``: of bins, in units of the scene; the first number is of shorter, the last of longer
+    paths. Films of receivers are summed up to one pixel.
     """
     width, height = sensor.film().crop_size()
     passes = math.ceil(spp / max(1, WAVEFRONT // (int(width) * int(height))))
@@ -225,14 +201,9 @@ def _rendered(
     factor = fineness(sensor, spp)
     ranged = _ranged(sensor, edges, factor)
     try:
-        with receiving(scene):
+        with rendering_errors(type(integrator).__name__), receiving(scene):
             integrator.render(scene, ranged, seed=seed, spp=math.ceil(spp / factor**2))
-        found = ranged.film().found()
-    except RuntimeError as error:
-        cause = error.__cause__ or error
-        raise SceneError(
-            f"expected a scene that {type(integrator).__name__} can render: {cause}"
-        ) from error
+            found = ranged.film().found()
     finally:
         ranged.release()
     if is_receiver(sensor):
@@ -355,10 +326,7 @@ def _sensor_class(variant: str) -> Any:
             return ray, weight
 
         def _turned_back(self, d: Any) -> Any:
-            """The inverse of the turn into the sensor's axes with which mitransient starts paths.
-
-            A receiver weighs light along Mitsuba's axes of the ray.
-            """
+            """Inverse of the turn into the sensor's axes with which mitransient starts paths."""
             upright = m.Vector3f(self.world_transform() @ m.Vector3f(0.0, 1.0, 0.0))
             axes = dr.cross(d, upright), m.mueller.stokes_basis(-d)
             return m.Spectrum(m.mueller.rotate_stokes_basis(-d, *axes))

@@ -23,7 +23,7 @@ from polywigner.mitsuba.range_film import (
     sorted_by_range,
     transient_integrator,
 )
-from polywigner.mitsuba.received import OTHER_LIGHTS, described, noise_power_of, receive_options
+from polywigner.mitsuba.received import OTHER_LIGHTS, ReceiveOptions, described, noise_power_of
 from polywigner.mitsuba.received_power import (
     Parties,
     chosen,
@@ -44,7 +44,7 @@ from polywigner.mitsuba.scattered import (
     wigner_emitters,
 )
 from polywigner.mitsuba.targets import aimed
-from polywigner.quantities import SPEED_OF_LIGHT
+from polywigner.quantities import SPEED_OF_LIGHT, parse_noise
 from polywigner.transforms.xarray_arguments import labelled_array
 
 if TYPE_CHECKING:
@@ -114,7 +114,8 @@ def range_profile(
     """
     edges = checked_ranges(ranges)
     require_transients()
-    options = receive_options(spp, seed, integrator, 0, 1e-6, bandwidth, temperature, noise_figure)
+    noise = parse_noise(bandwidth, temperature, noise_figure)
+    options = ReceiveOptions(spp, seed, integrator, noise=noise)
     found = receivers_of(scene)
     numbers = list(range(len(found))) if receiver is None else [chosen(found, receiver)]
     parties = matched(scene, numbers, options)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from polywigner.geometry.arguments import checked_count, checked_flag
 from polywigner.illumination.polarisation import checked_polarisation
 from polywigner.mitsuba.bodies import Body, checked_bodies
 from polywigner.mitsuba.rendering import check_seed, check_spp
-from polywigner.quantities import NOISE_PARSERS, SPEED_OF_LIGHT, parse_noise
+from polywigner.quantities import NOISE_PARSERS, SPEED_OF_LIGHT
 from polywigner.reception.couplings import checked_tolerance
 from polywigner.transforms.xarray_arguments import labelled_array, labelled_arrays
 
@@ -181,14 +181,11 @@ class ReceivedPower:
         lines.append(
             f"{_watts(self.power)} +- {_watts(self.standard_error)} at {frequency:.6g} GHz"
         )
-        if self.noise_power is not None:
-            lines.append(self._noise_text(self.noise_power))
+        if (noise := self.noise_power) is not None:
+            ratio = self.power / noise
+            shown = f"{10 * math.log10(ratio):.2f} dB" if ratio > 0 else "below zero"
+            lines.append(f"noise {_watts(noise)} ({dbm_text(noise)}), signal to noise {shown}")
         return "\n".join([*lines, *(f"note: {note}" for note in self.notes)])
-
-    def _noise_text(self, noise: float) -> str:
-        ratio = self.power / noise
-        shown = f"{10 * math.log10(ratio):.2f} dB" if ratio > 0 else "below zero"
-        return f"noise {_watts(noise)} ({dbm_text(noise)}), signal to noise {shown}"
 
 
 def noise_power_of(
@@ -235,25 +232,50 @@ MOST_REFLECTIONS = 3
 
 
 @dataclass(frozen=True)
-class ReceiveOptions:
-    """Checked arguments of :func:`polywigner.mitsuba.received_power`; None: as the scene says."""
+class Interference:
+    """Options of ways that interfere: Jones vector of plain sources, and conducting bodies."""
 
-    spp: int | None
-    seed: int
-    integrator: Any
-    reflections: int
-    tolerance: float
-    bandwidth: float | None
-    temperature: float | None
-    noise_figure: float | None
-    coherent: bool = False
     polarisation: Any = None
     bodies: tuple[Body, ...] = ()
 
+
+def interference_of(coherent: Any, polarisation: Any, bodies: Any) -> Interference | None:
+    """Checked arguments of :func:`polywigner.mitsuba.received_power`; None: powers add."""
+    if not checked_flag(coherent, "coherent"):
+        for name, value in (("polarisation", polarisation), ("bodies", bodies)):
+            if value is not None:
+                raise ArgumentError(f"expected {name} with coherent=True, got it alone; give both")
+        return None
+    jones = None if polarisation is None else checked_polarisation(polarisation)
+    return Interference(jones, checked_bodies(bodies))
+
+
+@dataclass(frozen=True)
+class ReceiveOptions:
+    """Checked arguments of :func:`polywigner.mitsuba.received_power`."""
+
+    spp: int | None = None
+    """None: as the scene says, as in ``noise``."""
+    seed: int = 0
+    integrator: Any = None
+    reflections: int = 0
+    tolerance: float = 1e-6
+    noise: Mapping[str, float | None] = field(default_factory=lambda: dict.fromkeys(NOISE_PARSERS))
+    interference: Interference | None = None
+
+    def __post_init__(self) -> None:
+        checked = {
+            "spp": None if self.spp is None else check_spp(self.spp),
+            "seed": check_seed(self.seed),
+            "reflections": checked_count(self.reflections, "reflections", 0, MOST_REFLECTIONS),
+            "tolerance": checked_tolerance(self.tolerance),
+        }
+        for name, value in checked.items():
+            object.__setattr__(self, name, value)
+
     def noise_of(self, spec: Any) -> dict[str, Any]:
         """Noise of a receiver: the caller's numbers, else its own."""
-        own = {name: getattr(self, name) for name in NOISE_PARSERS}
-        noise = {n: spec.noise[n] if value is None else value for n, value in own.items()}
+        noise = {n: spec.noise[n] if value is None else value for n, value in self.noise.items()}
         power = noise_power_of(**noise)
         if power is not None and not 0 < power < math.inf:
             raise ArgumentError(
@@ -261,41 +283,6 @@ class ReceiveOptions:
                 "the units of bandwidth (Hz) and temperature (K)"
             )
         return noise
-
-
-def receive_options(
-    spp: Any,
-    seed: Any,
-    integrator: Any,
-    reflections: Any,
-    tolerance: Any,
-    bandwidth: Any,
-    temperature: Any,
-    noise_figure: Any,
-    coherent: Any = False,
-    polarisation: Any = None,
-    bodies: Any = None,
-) -> ReceiveOptions:
-    """The arguments; ArgumentError, QuantityError for one out of range."""
-    checked_flag(coherent, "coherent")
-    if polarisation is not None and not coherent:
-        raise ArgumentError("expected polarisation with coherent=True, got it alone; give both")
-    if bodies is not None and not coherent:
-        raise ArgumentError(
-            "expected bodies with coherent=True, since the shadow of one is the difference of two "
-            "waves, got them alone; give both"
-        )
-    return ReceiveOptions(
-        None if spp is None else check_spp(spp),
-        check_seed(seed),
-        integrator,
-        checked_count(reflections, "reflections", 0, MOST_REFLECTIONS),
-        checked_tolerance(tolerance),
-        **parse_noise(bandwidth, temperature, noise_figure),
-        coherent=bool(coherent),
-        polarisation=None if polarisation is None else checked_polarisation(polarisation),
-        bodies=checked_bodies(bodies),
-    )
 
 
 def described(

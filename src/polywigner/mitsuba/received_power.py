@@ -32,7 +32,7 @@ from polywigner.mitsuba.received import (
     Contribution,
     ReceivedPower,
     ReceiveOptions,
-    receive_options,
+    interference_of,
 )
 from polywigner.mitsuba.receiver import RECEIVER_NAME, receiver_class, receivers_of
 from polywigner.mitsuba.rendering import default_integrator, default_spp, exposed
@@ -48,6 +48,7 @@ from polywigner.mitsuba.scattered import (
 )
 from polywigner.mitsuba.scattering_steps import number_of
 from polywigner.mitsuba.targets import aimed
+from polywigner.quantities import parse_noise
 
 __all__ = []
 
@@ -115,19 +116,9 @@ def received_power(
         refuses. ArgumentError : no scene, several receivers and none named, other arguments out of
         range; QuantityError : a quantity that is none.
     """
-    options = receive_options(
-        spp,
-        seed,
-        integrator,
-        reflections,
-        tolerance,
-        bandwidth,
-        temperature,
-        noise_figure,
-        coherent,
-        polarisation,
-        bodies,
-    )
+    noise = parse_noise(bandwidth, temperature, noise_figure)
+    waves = interference_of(coherent, polarisation, bodies)
+    options = ReceiveOptions(spp, seed, integrator, reflections, tolerance, noise, waves)
     number = chosen(receivers_of(scene), receiver)
     return received(scene, [number], options, partial(scattered_here, scene, progress))[0]
 
@@ -150,19 +141,9 @@ def received_powers(
     progress: Progress | None = None,
 ) -> list[ReceivedPower]:
     """The power of each receiver of a scene, in its order: :func:`received_power`."""
-    options = receive_options(
-        spp,
-        seed,
-        integrator,
-        reflections,
-        tolerance,
-        bandwidth,
-        temperature,
-        noise_figure,
-        coherent,
-        polarisation,
-        bodies,
-    )
+    noise = parse_noise(bandwidth, temperature, noise_figure)
+    waves = interference_of(coherent, polarisation, bodies)
+    options = ReceiveOptions(spp, seed, integrator, reflections, tolerance, noise, waves)
     numbers = list(range(len(receivers_of(scene))))
     return received(scene, numbers, options, partial(scattered_here, scene, progress))
 
@@ -187,11 +168,7 @@ def chosen(found: list[tuple[int, Any]], receiver: int | str | None) -> int:
 def received(
     scene: Any, numbers: list[int], options: ReceiveOptions, scattered: Scattered
 ) -> list[Any]:
-    """The :class:`ReceivedPower` of receivers by their numbers; see :func:`received_power`.
-
-    ``scattered``: (how to sample for each receiver) -> W found (receivers, batches, lights), called
-    while the scene's sources are unseen.
-    """
+    """The :class:`ReceivedPower` of receivers by their numbers; see :func:`received_power`."""
     parties = matched(scene, numbers, options)
     with unseen(scene), aimed(scene):
         lit = [_direct(scene, place, parties.emitters, options) for place in parties.places]
@@ -228,19 +205,14 @@ def matched(scene: Any, numbers: list[int], options: ReceiveOptions) -> Parties:
 
 def scattering(scene: Any, sensor: int, options: ReceiveOptions) -> Scattering:
     """Sampling of the light that is scattered to a sensor, by its number."""
-    _check_integrator(exposed(scene, options.integrator, 1, 0, sensor, warn=False).integrator)
-    spp = default_spp(scene, sensor) if options.spp is None else options.spp
-    return Scattering(sensor, options.integrator, spp, options.seed)
-
-
-def _check_integrator(integrator: Any) -> None:
-    """SceneError for one that finds no radiance, or shoots its rays from the lights."""
-    name = integrator.class_name()
+    name = exposed(scene, options.integrator, 1, 0, sensor, warn=False).integrator.class_name()
     if name in _NO_RADIANCE:
         raise SceneError(
             f"expected an integrator that finds the radiance along rays from the receiver, got "
             f'{name}; use "path" or, with fog, "volpath"'
         )
+    spp = default_spp(scene, sensor) if options.spp is None else options.spp
+    return Scattering(sensor, options.integrator, spp, options.seed)
 
 
 def scattered_here(
@@ -266,15 +238,11 @@ def _direct(
     """Light that comes straight or by mirrors from each emitter; and notes on omissions."""
     mirrors, notes = mirrors_in(scene, receiver.scene_unit, options.reflections)
     ways = ways_of(mirrors, options.reflections)
-    if options.coherent:
-        echoes = echoes_of(options.bodies, mirrors, options.reflections)
-        every: list[Way] = [*ways, *echoes]
-        jones = options.polarisation
-        links = [
-            coherent_light(scene, e, receiver, every, options.tolerance, jones) for e in emitters
-        ]
-    else:
-        links = [direct_light(scene, e, receiver, ways, options.tolerance) for e in emitters]
+    how: tuple[Any, ...] = direct_light, ways, options.tolerance
+    if own := options.interference:
+        every: list[Way] = [*ways, *echoes_of(own.bodies, mirrors, options.reflections)]
+        how = coherent_light, every, options.tolerance, own.polarisation
+    links = [how[0](scene, emitter, receiver, *how[1:]) for emitter in emitters]
     return links, [note for link in links for note in link.notes] + notes
 
 
@@ -322,11 +290,7 @@ _FINE, _COARSE = (64, 64), (24, 4)
 
 
 def arrival_map(scene: Any, receiver: int, seed: int = 0) -> NDArray[np.float64]:
-    """W (n, n) that surfaces, fog and incoherent lights send from each direction, sources unseen.
-
-    Over direction cosines of the receiver's frame, from -1 to 1: columns along x, rows along y. For
-    a receiver by its number among those of the scene; its own film stays as it is.
-    """
+    """W (n, n) that surfaces, fog and incoherent lights send from each direction."""
     _, own = receivers_of(scene)[receiver]
     size, spp = _FINE if dr.is_jit_v(mi.Float) else _COARSE
     props = mi.Properties(RECEIVER_NAME)

@@ -38,7 +38,7 @@ from polywigner.mitsuba.diffraction import cast_shadows
 from polywigner.mitsuba.exact import ExactEstimator
 from polywigner.mitsuba.parameters import ESTIMATORS, read_receiver, rigid_pose, values_of
 from polywigner.mitsuba.placement import Frame, matrix_of
-from polywigner.mitsuba.plugins import add_plugin
+from polywigner.mitsuba.plugins import add_plugin, nested_properties
 from polywigner.mitsuba.polarisation import Polariser, check_polarised
 from polywigner.mitsuba.sampling import Tabulated, opaque
 from polywigner.mitsuba.sources import SourceSpec, emissions
@@ -47,37 +47,20 @@ from polywigner.transforms import fourier
 
 
 def distance_to_surface(m: Any, scene: Any, ray: Any, step: Any, far: Any, active: Any) -> Any:
-    """The distance along a ray to the first surface that is not ``null``; ``far`` if there is none.
-
-    Light passes null surfaces, those of sources and the bounds of fog, without a change. ``step``:
-    how far behind one of them the ray goes on.
-    """
-    start, direction = m.Point3f(ray.o), m.Vector3f(ray.d)
-    if not dr.is_jit_v(m.Float):
-        return _plain_distance(m, scene, start, direction, step, far)
-    zero = m.Float(0.0)
-    state = (start, zero, m.Bool(active))
-
-    def cond(place: Any, distance: Any, going: Any) -> Any:
-        return going
+    """The distance along a ray to the first surface that is not ``null``; ``far`` if none."""
+    direction = m.Vector3f(ray.d)
+    state = (m.Point3f(ray.o), m.Float(0.0), m.Bool(active))
 
     def body(place: Any, distance: Any, going: Any) -> Any:
         found, is_null = _next(m, scene, m.Ray3f(place, direction), far, going)
         found = dr.select(is_null, found + step, found)
         return m.Point3f(place + direction * found), distance + found, going & is_null
 
-    _, distance, _ = dr.while_loop(state, cond, body, mode="symbolic")
-    return distance
-
-
-def _plain_distance(m: Any, scene: Any, start: Any, direction: Any, step: Any, far: Any) -> Any:
-    distance = 0.0
-    while True:
-        found, is_null = _next(m, scene, m.Ray3f(start, direction), far, True)
-        if not is_null:
-            return distance + found
-        distance += found + step
-        start = start + direction * (found + step)
+    if dr.is_jit_v(m.Float):
+        return dr.while_loop(state, lambda *state: state[2], body, mode="symbolic")[1]
+    while state[2]:
+        state = body(*state)
+    return state[1]
 
 
 def _next(m: Any, scene: Any, ray: Any, far: Any, active: Any) -> tuple[Any, Any]:
@@ -88,12 +71,8 @@ def _next(m: Any, scene: Any, ray: Any, far: Any, active: Any) -> tuple[Any, Any
     bsdf = surface.shape.bsdf() if dr.is_jit_v(m.Float) or is_hit else None
     if bsdf is None:
         return found, False
-    return found, is_hit & _is_null(bsdf.flags())
-
-
-def _is_null(flags: Any) -> Any:
-    """Whether a BSDF only lets light through; one with an opacity does not."""
-    return (flags & int(mi.BSDFFlags.All)) == int(mi.BSDFFlags.Null)
+    kind = bsdf.flags() & int(mi.BSDFFlags.All)  # one with an opacity does not only let pass
+    return found, is_hit & (kind == int(mi.BSDFFlags.Null))
 
 
 # Places of the table in a lobe, which is wavelength/size wide in direction cosines.
@@ -115,11 +94,7 @@ def directions_of(
     obliquity: str,
     coherence_width: float = math.inf,
 ) -> Tabulated:
-    """A sampler of (alpha, psi) where the far pattern g |F|^2 is, and with a share everywhere.
-
-    ``fields``: of one source, whose patterns add up. Of a partly coherent source it is about as
-    wide as the pattern is.
-    """
+    """A sampler of (alpha, psi) where the far pattern g |F|^2 is, and with a share everywhere."""
     low, high = np.reshape(fields[0].bounds, (2, 2))
     lobes = _IN_LOBE * (high - low) / wavelength
     # powers of two: as a literal, every new size would compile the render kernel again
@@ -178,11 +153,7 @@ def direction_of(m: Any, angles: Any) -> Any:
 
 
 def in_pixel(m: Any, place: Any, size: tuple[int, int]) -> tuple[Any, Any]:
-    """(alpha, psi) uniform in the directions of a pixel, and their solid angle.
-
-    ``place``: on a film of so many pixels, in pixels; columns run along alpha, rows along the
-    cosine to y, from -1 to 1 each.
-    """
+    """(alpha, psi) uniform in the directions of a pixel, and their solid angle."""
     width, height = size
     alpha = place.x * (2.0 / width) - 1.0
     row = dr.floor(place.y)
@@ -304,10 +275,7 @@ def receiver_class(variant: str) -> Any:
             return ray, weight, colours
 
         def _looks(self, sample: Any) -> tuple[Any, Any]:
-            """Angles of a direction for a place on the film, and the solid angle it stands for.
-
-            One pixel looks where the far pattern is, the pixels of a map each in its directions.
-            """
+            """Angles of a direction for a place on the film, and the solid angle it stands for."""
             film = self.film()
             fine = self.fineness
             width, height = (int(n) // fine for n in film.size())
@@ -327,10 +295,7 @@ def receiver_class(variant: str) -> Any:
             return self._frame.axes[2] * self._lift
 
         def _pass_surfaces(self, ray: Any, coins: Any, active: Any) -> Any:
-            """Start a ray behind some of the surfaces on its way: their light comes over edges.
-
-            Half of the rays go on at each, as the next of ``coins`` says. Returns their weight.
-            """
+            """Start a ray behind some of the surfaces on its way: their light comes over edges."""
             scene, going, weight = self._told(), m.Bool(active), m.Float(1.0)
             for number in range(_MOST_PASSED + 1):
                 distance = distance_to_surface(m, scene, ray, self._lift, self._far, going)
@@ -388,14 +353,19 @@ def is_receiver(sensor: Any) -> bool:
     return getattr(type(sensor), "is_wigner_receiver", False)
 
 
-def receivers_of(scene: Any) -> list[tuple[int, Any]]:
-    """The receivers of a scene with their numbers among its sensors; SceneError for none."""
+def sensors_of(scene: Any) -> list[Any]:
+    """The sensors of a scene; ArgumentError for anything else."""
     if not hasattr(scene, "sensors"):
         raise ArgumentError(
             f"expected a mi.Scene, got {type(scene).__name__}; make one with "
             "polywigner.mitsuba.load_scene or mi.load_dict"
         )
-    found = [(k, sensor) for k, sensor in enumerate(scene.sensors()) if is_receiver(sensor)]
+    return list(scene.sensors())
+
+
+def receivers_of(scene: Any) -> list[tuple[int, Any]]:
+    """The receivers of a scene with their numbers among its sensors; SceneError for none."""
+    found = [(k, sensor) for k, sensor in enumerate(sensors_of(scene)) if is_receiver(sensor)]
     if not found:
         raise SceneError(
             "expected a scene with a receiver, got one without; add a <sensor "
@@ -428,11 +398,9 @@ _NESTED = ("Film", "Sampler", "Medium")
 
 
 def _check_film(values: dict[str, Any]) -> None:
-    """SceneError without a film, in whose place Mitsuba takes one of 768 x 576 pixels.
-
-    And for a film whose pixels share samples, which adds to a pixel what came from elsewhere.
-    """
-    films = [value for value in values.values() if isinstance(value, mi.Object) and _is_film(value)]
+    """SceneError without a film, in whose place Mitsuba takes one of 768 x 576 pixels."""
+    objects = (value for value in values.values() if isinstance(value, mi.Object))
+    films = [each for each in objects if hasattr(each, "rfilter") and hasattr(each, "crop_size")]
     if not films:
         raise SceneError(
             "expected a film in the wigner_receiver sensor, got none; give it one of 1 x 1 pixel, "
@@ -445,12 +413,8 @@ def _check_film(values: dict[str, Any]) -> None:
             f"expected a film with a box filter in the wigner_receiver sensor, got {name}; give "
             'the film <rfilter type="box"/>: other filters share samples among pixels'
         )
-    _check_whole(films[0])
-
-
-def _check_whole(film: Any) -> None:
-    """SceneError for a film that is cropped: its pixels add up to a part of the power."""
-    size, part = (tuple(int(n) for n in pair) for pair in (film.size(), film.crop_size()))
+    sizes = films[0].size(), films[0].crop_size()  # pixels of a part add up to a part of the power
+    size, part = (tuple(int(n) for n in pair) for pair in sizes)
     if size != part:
         raise SceneError(
             f"expected the whole film of the wigner_receiver sensor, got {part[0]} x {part[1]} of "
@@ -470,10 +434,6 @@ def _check_nested(values: dict[str, Any]) -> None:
             )
 
 
-def _is_film(value: Any) -> bool:
-    return hasattr(value, "rfilter") and hasattr(value, "crop_size")
-
-
 def _build(variant: str, props: Any) -> Any:
     """The sensor for the parameters of one ``wigner_receiver`` element."""
     values = values_of(props)
@@ -481,11 +441,7 @@ def _build(variant: str, props: Any) -> Any:
     check_polarised(variant, spec, "wigner_receiver sensor")
     _check_nested(values)
     _check_film(values)
-    inner = mi.Properties(RECEIVER_NAME)
-    inner.set_id(props.id())
-    for name, value in dict(props.objects()).items():
-        inner[name] = value
-    return receiver_class(variant)(spec, inner)
+    return receiver_class(variant)(spec, nested_properties(RECEIVER_NAME, props))
 
 
 add_plugin("sensor", RECEIVER_NAME, _build)

@@ -6,6 +6,7 @@ import math
 import re
 import warnings
 from collections.abc import Callable
+from functools import partial
 from itertools import count
 from typing import Any
 
@@ -22,7 +23,7 @@ from polywigner.geometry.arguments import (
 from polywigner.mitsuba.films import Exposure, tiling_of
 from polywigner.mitsuba.placement import PLACE_ERROR, matrix_of
 from polywigner.mitsuba.plugins import one_at_a_time
-from polywigner.mitsuba.receiver import is_receiver
+from polywigner.mitsuba.receiver import is_receiver, sensors_of
 from polywigner.mitsuba.scenes import has_wigner_emitter, translate_error
 
 
@@ -44,22 +45,18 @@ def is_fog_near(scene: Any, sensor: Any) -> bool:
 _TRANSPARENT = ("Volumetric", "Volpath", "ParticleTracer")
 
 
-def looks_through(integrator: Any) -> bool:
-    """Whether light passes null surfaces on its way to surfaces that this integrator shades."""
-    # Integrators written in Python share a class name in Mitsuba.
-    names = integrator.class_name() + type(integrator).__name__
-    return any(name in names for name in _TRANSPARENT)
-
-
 def may_shadow(scene: Any) -> bool:
-    """Whether the null surface of a source stands where another light shines.
+    """Whether the null surface of a source stands where another light but a sky shines.
 
     A source shines before its plane: sources side by side in one plane do not meet each other's
-    light. The light of an environment is left out: it is often faint, and there for the background.
+    light.
     """
     lights = [emitter for emitter in scene.emitters() if not emitter.is_environment()]
     for number, source in enumerate(lights):
-        if _is_source(source) and _has_null_surface(source):
+        if not _is_source(source):
+            continue
+        bsdf = source.get_shape().bsdf()
+        if source.spec.visible and mi.has_flag(bsdf.flags(), mi.BSDFFlags.Null):
             corners = _corners(source.get_shape())
             others = lights[:number] + lights[number + 1 :]
             if any(_shines_on(other, corners) for other in others):
@@ -69,11 +66,6 @@ def may_shadow(scene: Any) -> bool:
 
 def _is_source(emitter: Any) -> bool:
     return getattr(type(emitter), "is_wigner", False)
-
-
-def _has_null_surface(source: Any) -> bool:
-    bsdf = source.get_shape().bsdf()
-    return source.spec.visible and mi.has_flag(bsdf.flags(), mi.BSDFFlags.Null)
 
 
 def _corners(shape: Any) -> npt.NDArray[np.float64]:
@@ -151,10 +143,7 @@ def exposed(
     sensor: int = 0,
     warn: bool = True,
 ) -> Exposure:
-    """Check the arguments of :func:`render`, without its radiance.
-
-    ``warn``: of an integrator's known limits.
-    """
+    """Check the arguments of :func:`render`, without its radiance."""
     camera = _camera(scene, sensor)
     total = check_spp(camera.sampler().sample_count() if spp is None else spp)
     entropy = check_seed(seed)
@@ -164,8 +153,7 @@ def exposed(
         method = _with_stokes(inner)
         _warn_of_level_view(camera)
     if warn:
-        _warn_of_limits(scene, inner)
-        _warn_of_fog(scene, camera)
+        _warn_of_limits(scene, inner, camera)
     return Exposure(scene, camera, method, tiling_of(camera, total), entropy)
 
 
@@ -180,12 +168,7 @@ def default_spp(scene: Any, sensor: int = 0) -> int:
 
 
 def _camera(scene: Any, number: int) -> Any:
-    if not hasattr(scene, "sensors"):
-        raise ArgumentError(
-            f"expected a mi.Scene, got {type(scene).__name__}; make one with "
-            "polywigner.mitsuba.load_scene or mi.load_dict"
-        )
-    sensors = scene.sensors()
+    sensors = sensors_of(scene)
     if not sensors:
         raise SceneError(
             "expected a scene with a <sensor>, got one without; add a sensor with a film"
@@ -273,35 +256,29 @@ def _warn_of_level_view(camera: Any) -> None:
 _LEVEL = 1e-6
 
 
-def _warn_of_limits(scene: Any, integrator: Any) -> None:
+def _warn_of_limits(scene: Any, integrator: Any, camera: Any) -> None:
+    warn = partial(warnings.warn, category=RuntimeWarning, stacklevel=4)
+    if is_fog_near(scene, camera):
+        warn(
+            'fog reaches into the near zone of a receiver with the estimator "exact", which weighs '
+            "what it scatters by the surface behind it: what is scattered within 2 D^2/wavelength "
+            'is not right; use the estimator "wigner"'
+        )
     if not has_wigner_emitter(scene):
         return
-    if not looks_through(integrator) and may_shadow(scene):
-        warnings.warn(
+    # integrators written in Python share a class name in Mitsuba
+    names = integrator.class_name() + type(integrator).__name__
+    if may_shadow(scene) and not any(name in names for name in _TRANSPARENT):
+        warn(
             "the surface of a source stands in the light of another, and this integrator lets it "
             "cast shadows, although its BSDF is null: 'direct' loses that light; 'path' and 'prb' "
             "lose it at the last bounce, and find it with noise before; use 'volpath', or "
-            "visible=False for a source that nobody looks at",
-            RuntimeWarning,
-            stacklevel=4,
+            "visible=False for a source that nobody looks at"
         )
     if integrator.class_name() == "ParticleTracerIntegrator" and _plays_roulette(integrator):
-        warnings.warn(
+        warn(
             "Russian roulette in 'ptracer' ends the paths of negative radiance, which biases the "
-            "image: set its rr_depth above its max_depth, or use 'path'",
-            RuntimeWarning,
-            stacklevel=4,
-        )
-
-
-def _warn_of_fog(scene: Any, camera: Any) -> None:
-    if is_fog_near(scene, camera):
-        warnings.warn(
-            'fog reaches into the near zone of a receiver with the estimator "exact", which weighs '
-            "what it scatters by the surface behind it: what is scattered within 2 D^2/wavelength "
-            'is not right; use the estimator "wigner"',
-            RuntimeWarning,
-            stacklevel=4,
+            "image: set its rr_depth above its max_depth, or use 'path'"
         )
 
 

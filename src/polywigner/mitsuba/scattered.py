@@ -23,6 +23,8 @@ from polywigner.mitsuba.films import Exposure, check_is_whole, mean_of_colours, 
 from polywigner.mitsuba.range_film import sorted_by_range, transient_integrator
 from polywigner.mitsuba.rendering import check_spp, exposed
 
+Floats = NDArray[np.float64]
+
 # Of the size of a surface: its share of rays is the square, and those that meet it read zero.
 _SHRUNK = 1e-3
 
@@ -34,19 +36,19 @@ def wigner_emitters(scene: Any) -> list[Any]:
 
 @contextmanager
 def unseen(scene: Any) -> Iterator[None]:
-    """Within, coherent sources light the scene but rays that meet them read nothing.
-
-    Those with a null BSDF are no obstacles either. All is put back at the end, whatever ends it;
-    render kernels are compiled once for each of both states.
-    """
+    """Within, coherent sources light the scene but rays that meet them read nothing."""
     sources = wigner_emitters(scene)
     specs = [source.spec for source in sources]
-    shapes = [source.get_shape() for source in sources if _is_transparent(source)]
+    null = mi.BSDFFlags.Null
+    visible = [source.get_shape() for source in sources if source.spec.visible]
+    shapes = [shape for shape in visible if mi.has_flag(shape.bsdf().flags(), null)]
     places = [_positions(shape) for shape in shapes]
+    middles = [(place.min(axis=0) + place.max(axis=0)) / 2 for place in places]
+    shrunk = [m + _SHRUNK * (place - m) for m, place in zip(middles, places, strict=True)]
     try:
         for source, spec in zip(sources, specs, strict=True):
             source.spec = replace(spec, visible=False)
-        _move(scene, shapes, [_shrunk(place) for place in places])
+        _move(scene, shapes, shrunk)
         yield
     finally:
         # while nothing is visible: a mesh elsewhere than its emitter would be refused
@@ -62,47 +64,27 @@ def lit_by(sources: Sequence[Any], lit: Any) -> Iterator[None]:
     powers = [source.power for source in dark]
     try:
         for source in dark:
-            source.power = _zero_like(source.power)
+            source.power = type(source.power)(0.0)
+            if dr.is_jit_v(source.power):
+                dr.make_opaque(source.power)  # as a literal, it would compile the kernel again
         yield
     finally:
         for source, power in zip(dark, powers, strict=True):
             source.power = power
 
 
-def _is_transparent(source: Any) -> bool:
-    flags = source.get_shape().bsdf().flags()
-    return source.spec.visible and mi.has_flag(flags, mi.BSDFFlags.Null)
-
-
-def _zero_like(power: Any) -> Any:
-    zero = type(power)(0.0)
-    if dr.is_jit_v(zero):
-        dr.make_opaque(zero)  # as a literal, it would compile the render kernel again
-    return zero
-
-
-def _positions(shape: Any) -> list[float]:
+def _positions(shape: Any) -> Floats:
     positions = dr.detach(mi.traverse(shape)["vertex_positions"])
-    result: list[float] = np.asarray(positions, dtype=np.float64).ravel().tolist()
-    return result
+    return np.array(positions, np.float64).reshape(-1, 3)
 
 
-def _shrunk(positions: list[float]) -> list[float]:
-    points = np.reshape(positions, (-1, 3))
-    middle = (points.min(axis=0) + points.max(axis=0)) / 2
-    result: list[float] = (middle + _SHRUNK * (points - middle)).ravel().tolist()
-    return result
-
-
-def _move(scene: Any, shapes: list[Any], places: list[list[float]]) -> None:
+def _move(scene: Any, shapes: list[Any], places: list[Floats]) -> None:
     for shape, place in zip(shapes, places, strict=True):
         params = mi.traverse(shape)
-        params["vertex_positions"] = place
+        params["vertex_positions"] = place.ravel().tolist()
         params.update()
     scene.parameters_changed([])  # rays are traced among surfaces where they are now
 
-
-Floats = NDArray[np.float64]
 
 # Their spread tells the standard error to 18 %.
 BATCHES = 16
@@ -134,22 +116,17 @@ class Scattering:
     def batch(
         self, scene: Any, number: int, done: Callable[[], None] = lambda: None
     ) -> NDArray[np.float64]:
-        """W (lights, values) that one batch finds of each of :func:`lights_of`.
-
-        ``done`` is called after each. Raises what :func:`polywigner.mitsuba.render` and
-        :func:`polywigner.mitsuba.range_profile` do.
-        """
+        """W (lights, values) that one batch finds of each of :func:`lights_of`."""
         own, samples = seed_of(self.seed, number), batches_of(self.spp)
         exposure = exposed(
             scene, self.integrator, samples, own, self.sensor, self.edges is None or number == 0
         )
-        if self.edges is None:
-            power = partial(_power, exposure)
-        else:
+        power: Callable[[], Any] = partial(_power, exposure)
+        if self.edges is not None:
             integrator = transient_integrator(exposure.integrator, scene, exposure.camera)
             edges = np.array(self.edges)
             ranged = scene, exposure.camera, integrator, edges, samples, own
-            power = partial(_power_by_range, ranged)
+            power = lambda: sorted_by_range(*ranged).sum(axis=(0, 1))  # noqa: E731
         sources, found = wigner_emitters(scene), []
         for light in lights_of(scene):
             with lit_by(sources, light):
@@ -164,24 +141,14 @@ def _power(exposure: Exposure) -> Any:
     return mean_of_colours(image).sum()
 
 
-def _power_by_range(ranged: tuple[Any, ...]) -> Any:
-    return sorted_by_range(*ranged).sum(axis=(0, 1))
-
-
 def lights_of(scene: Any) -> list[Any]:
-    """Lights that shine in turns: None for all incoherent ones, then each coherent source.
-
-    Other lights shine all the time.
-    """
+    """Lights that shine in turns: None for all incoherent ones, then each coherent source."""
     sources = wigner_emitters(scene)
     return ([None] if len(sources) < len(scene.emitters()) else []) + sources
 
 
 def shares_of(scene: Any, found: NDArray[np.float64]) -> tuple[Floats, Floats]:
-    """W of each coherent source (emitters, batches), and of other lights (batches,).
-
-    ``found`` : of all batches (batches, lights); more axes behind these stay.
-    """
+    """W of each coherent source (emitters, batches), and of other lights (batches,)."""
     if len(lights_of(scene)) == len(wigner_emitters(scene)):
         return np.moveaxis(found, 1, 0), np.zeros_like(found[:, 0])
     return np.moveaxis(found[:, 1:] - found[:, :1], 1, 0), found[:, 0]

@@ -17,7 +17,7 @@ from polywigner.geometry.arguments import checked_count, real_numbers
 from polywigner.illumination import Array
 from polywigner.mitsuba.placement import placed_emitter
 from polywigner.mitsuba.plugins import one_at_a_time
-from polywigner.mitsuba.received import described, receive_options
+from polywigner.mitsuba.received import ReceiveOptions, described
 from polywigner.mitsuba.received_power import chosen, matched
 from polywigner.mitsuba.receiver import receivers_of, receiving
 from polywigner.mitsuba.rendering import depths_of
@@ -252,7 +252,7 @@ def scatterers(
     if depth is not None:  # -1: no limit
         is_endless = isinstance(depth, int) and depth == -1
         depth = _NO_LIMIT if is_endless else checked_count(depth, "max_depth", 1, _NO_LIMIT)
-    options = receive_options(None, seed, None, 0, 1e-6, None, None, None)
+    options = ReceiveOptions(seed=seed)
     rng = np.random.default_rng(options.seed)
     found = receivers_of(scene)
     number = chosen(found, receiver)
@@ -263,7 +263,11 @@ def scatterers(
             "expected one polarisation of all elements of a receiver for scatterers, got several; "
             "give it one"
         )
-    _check_air(scene, sensor)
+    if sensor.get_medium() is not None or any(s.is_medium_transition() for s in scene.shapes()):
+        raise SceneError(
+            "expected a scene without fog, whose drops are no scatterers here, got one with a "
+            "medium; leave it out, or use received_power"
+        )
     names = _Names.of(scene, place.name)
     motion = None if velocities is None else names.motion(velocities, place.scene_unit)
     depth = _longest_path(scene.integrator()) if depth is None else depth
@@ -356,14 +360,6 @@ def _longest_path(integrator: Any) -> int:
         return 2
     depth = depths_of(integrator)["max_depth"]
     return depth if 0 < depth < _NO_LIMIT else _NO_LIMIT
-
-
-def _check_air(scene: Any, sensor: Any) -> None:
-    if sensor.get_medium() is not None or any(s.is_medium_transition() for s in scene.shapes()):
-        raise SceneError(
-            "expected a scene without fog, whose drops are no scatterers here, got one with a "
-            "medium; leave it out, or use received_power"
-        )
 
 
 def _described(

@@ -1,9 +1,4 @@
-"""One step of paths that leave a receiver: to the next surface, to a light, and on from there.
-
-Lights are sampled at each surface, as by Mitsuba's integrator ``path``. Light that a ray meets by
-itself counts as well, where there are lights but coherent sources; both ways share it by their
-densities. Null surfaces let paths pass, and are no bounce.
-"""
+"""One step of paths that leave a receiver: to the next surface, to a light, and on from there."""
 
 from __future__ import annotations
 
@@ -236,10 +231,9 @@ def events_of(
     meets_lights: bool,
     motion: Motion | None,
 ) -> Iterator[Events]:
-    """The events of paths, step by step.
+    """The events of paths, all in one, or a list of single ones in a scalar variant, step by step.
 
-    ``paths`` : all in one, or a list of single ones in a scalar variant. ``first`` : (n, 2)
-    uniform numbers for the lights at the first surface.
+    ``first`` : (n, 2) uniform numbers for the lights at the first surface.
     """
     state = _start(len(first))  # what the next event of each ray will say
     speeds = np.tile(np.zeros(3) if motion is None else motion.receiver, (len(first), 1))

@@ -277,11 +277,7 @@ def tile(
 def receive_parts(
     file: SceneFile, scene: Any, options: ReceiveOptions, **keeping: Any
 ) -> list[ReceivedPower]:
-    """:func:`received_powers` of a scene that was loaded from a file.
-
-    ``keeping``: ``store``, ``scheduler`` and ``threads`` as of :func:`render_file`, where a part is
-    a batch of one receiver; and ``progress``, which is told without a store, which has its own bar.
-    """
+    """:func:`received_powers` of a scene that was loaded from a file."""
     numbers = list(range(len(receivers_of(scene))))
     return received(scene, numbers, options, partial(_sampled, file, scene, **keeping))
 
@@ -293,10 +289,7 @@ def receive_ranges(
     edges: npt.NDArray[np.float64],
     **keeping: Any,
 ) -> tuple[list[ReceivedPower], xarray.Dataset]:
-    """:func:`receive_parts`, and the same samples by range as of :func:`range_profile`.
-
-    ``edges``: of bins, in m.
-    """
+    """:func:`receive_parts`, and the same samples by range as of :func:`range_profile`."""
     edges = checked_ranges(edges)
     numbers = list(range(len(receivers_of(scene))))
     parties = matched(scene, numbers, options)

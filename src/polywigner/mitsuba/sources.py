@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any
@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from polywigner.errors import PolywignerError, SceneError
-from polywigner.geometry import Aperture, PlacedAperture, Wavefront
+from polywigner.geometry import Aperture, PlacedAperture, Slits, Wavefront
 from polywigner.geometry.parts import union_on_grid
 from polywigner.illumination import Array, Illumination
 from polywigner.illumination.obliquities import (
@@ -43,12 +43,10 @@ Floats = npt.NDArray[np.float64]
 Complexes = npt.NDArray[np.complex128]
 
 
-def check_obliquity(name: str) -> str:
-    """Return ``name``, or raise a SceneError that lists the known names."""
-    if name not in OBLIQUITIES:
-        raise SceneError(
-            f"expected an obliquity, got {name!r}; use one of {', '.join(OBLIQUITIES)}"
-        )
+def checked_name(kind: str, name: str, known: Iterable[str]) -> str:
+    """Return ``name``, or raise a SceneError that lists the known names; ``kind``: "a sampling"."""
+    if name not in known:
+        raise SceneError(f"expected {kind}, got {name!r}; use one of {', '.join(known)}")
     return name
 
 
@@ -59,12 +57,8 @@ def depends_on_wavelength(source: Any, name: str) -> bool:
 
 
 def emissions(source: Any, wavelength: float, name: str) -> list[tuple[Any, Forms]]:
-    """Sources whose W, each times h of its forms, add up to the radiance times wavelength^2.
-
-    Raises IlluminationError where nothing radiates, because all waves graze the aperture, and
-    ArgumentError for an obliquity that takes the slopes of a curved wave.
-    """
-    check_slopes(source, check_obliquity(name))
+    """Sources whose W, each times h of its forms, add up to the radiance times wavelength^2."""
+    check_slopes(source, checked_name("an obliquity", name, OBLIQUITIES))
     found = weighted_sources(flat_of(source), name, wavelength)
     if not any(any(forms) for _, forms in found):
         raise grazing_error(wavelength)
@@ -115,10 +109,9 @@ class Mixture:
         return parts_of(wave, wavelength, self.bandwidth, error)
 
     def nodes(self, source: Any, wavelength: float) -> Floats:
-        """Waves (n, 4) of the coherent ``source`` in m whose mean power is the mixture's.
+        """Waves (n, 4) of the coherent ``source`` whose mean power is the mixture's.
 
-        By how much the inverse of their wavelength differs, tilts along x and y, both in 1/m, and
-        weights.
+        Difference of the inverse wavelength, tilts along x and y, all in 1/m, and weights.
         """
         tilts, shares = np.zeros((1, 2)), np.ones(1)
         if self.coherence_width < math.inf:
@@ -161,10 +154,7 @@ PLAIN = Mixture()
 def mixture_of(
     source: Any, wavelength: float, bandwidth: float | None = None
 ) -> tuple[Any, Mixture]:
-    """The source in coherent light, and the mixture that its light is; ``bandwidth`` in Hz.
-
-    Raises SceneError for a bandwidth out of range.
-    """
+    """The source in coherent light, and the mixture that its light is; ``bandwidth`` in Hz."""
     try:
         if bandwidth is not None:
             bandwidth = checked_bandwidth(bandwidth, wavelength)
@@ -186,10 +176,7 @@ _MOST_WAVES = 64
 
 @lru_cache(maxsize=16)
 def plane_waves_of(source: Any) -> Any:
-    """The source with its curved wave as a sum of plane waves on each of its elements.
-
-    A flat source is its own. Raises SceneError for a wave that turns too often across an element.
-    """
+    """The source with its curved wave as a sum of plane waves on each of its elements."""
     if not isinstance(source, Wavefront):
         return source
     flat, weights = source.source, getattr(source.source, "weights", [1.0])
@@ -276,30 +263,27 @@ class CentredSource:
 
     @property
     def at_origin(self) -> Any:
-        """The source relative to the centre.
-
-        Single precision resolves positions by 6e-8 of their distance from the origin, which should
-        not be more than the size of the source.
-        """
+        """The source relative to the centre, for single precision resolves 6e-8 of a position."""
         if isinstance(self.source, Wavefront):
             return self.source.on(moved_source(self.source.source, -self.centre), -self.centre)
         return moved_source(self.source, -self.centre)
 
 
+def unfit_source(source: Any) -> SceneError:
+    """The error for a source that cannot radiate in a scene."""
+    advice = "make one with polywigner.Aperture(vertices)"
+    if isinstance(source, PlacedAperture):
+        advice = "leave its pose out, and give it as the to_world of the shape"
+    elif isinstance(source, Slits):
+        advice = "make rectangles of slits"
+    return SceneError(f"expected an Aperture or an Array, got {type(source).__name__}; {advice}")
+
+
 def centred_source(source: Any, obliquity: str, antithetic: bool = False) -> CentredSource:
-    """An aperture, or an array of apertures in the plane z = 0, prepared for an emitter.
-
-    ``antithetic``: samples of arrays on a lattice stand for a few midpoints of elements at a time.
-
-    Raises SceneError for other sources, for those whose field is zero, and for an obliquity that is
-    not known.
-    """
+    """An aperture, or an array of apertures in the plane z = 0, prepared for an emitter."""
     if not isinstance(flat_of(source), Aperture | Array):
-        raise SceneError(
-            "expected an aperture, or an array of apertures in one plane, to radiate in a scene, "
-            f"got {type(source).__name__}; {_advice(source)}"
-        )
-    check_obliquity(obliquity)
+        raise unfit_source(source)
+    checked_name("an obliquity", obliquity, OBLIQUITIES)
     try:
         check_slopes(source, obliquity)
         if isinstance(source, Wavefront):
@@ -374,12 +358,6 @@ def _half_pitches(source: Aperture | Array) -> Floats:
     return found
 
 
-def _advice(source: Any) -> str:
-    if isinstance(source, PlacedAperture):
-        return "leave its pose out, and give it as the to_world of the shape"
-    return "make rectangles of slits" if type(source).__name__ == "Slits" else "use an aperture"
-
-
 def _energy(source: Aperture | Array | Wavefront) -> float:
     source = flat_of(source)
     if isinstance(source, Aperture) and source.illumination is None:
@@ -436,19 +414,13 @@ class SourceSpec:
         return self.polarisation is not None and self.polarisation.ndim == 2
 
     def fields(self, source: Any) -> list[tuple[Any, Stokes | None]]:
-        """Return scalar sources, and Stokes numbers by which their light makes up the polarised.
-
-        ``source``: the scene's, moved or not. Itself and None where all of it has one polarisation.
-        """
+        """Return scalar sources, and Stokes numbers by which their light makes up the polarised."""
         if self.polarisation is None or self.polarisation.ndim == 1:
             return [(source, None)]
         return list(stokes_fields(source, self.polarisation))
 
     def norm_at(self, wavelength: float, normalise: str | None = None) -> float:
-        """Power in W of the source's field at a wavelength, as ``normalise`` counts it.
-
-        Raises as :func:`norm_of` does.
-        """
+        """Power in W of the source's field at a wavelength, as ``normalise`` counts it."""
         counted = normalise or self.normalise
         return math.fsum(
             norm_of(field, wavelength, self.obliquity, self.mixture, counted)

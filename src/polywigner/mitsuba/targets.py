@@ -45,11 +45,7 @@ _LOOKS = 5
 
 @contextmanager
 def aimed(scene: Any) -> Iterator[None]:
-    """Within, receivers of one pixel look towards small shapes more often, with smaller weights.
-
-    Boxes are found once, on the host, of shapes where they are now. Without any, receivers look as
-    before.
-    """
+    """Within, receivers of one pixel look towards small shapes more often, with smaller weights."""
     sources = [e.get_shape() for e in scene.emitters() if getattr(type(e), "is_wigner", False)]
     shapes = [shape for shape in scene.shapes() if shape not in sources]
     boxes = [box for shape in shapes for box in _boxes(shape)]
@@ -63,10 +59,7 @@ def aimed(scene: Any) -> Iterator[None]:
 
 
 def _boxes(shape: Any) -> list[Floats]:
-    """Least and largest corners (2, 3) of a shape, or of the pieces of a mesh.
-
-    Mitsuba merges meshes of one BSDF: things far apart may be one shape.
-    """
+    """Least and largest corners (2, 3) of a shape, or of the pieces of a mesh."""
     box = shape.bbox()
     whole = [np.array([box.min, box.max], np.float64).reshape(2, 3)]
     if not shape.is_mesh() or not 1 < shape.face_count() <= _MOST_FACES:

@@ -1,8 +1,4 @@
-"""The estimator ``wigner``: the Wigner function of a source, traced into render kernels.
-
-W with the factors of its obliquity. The emitter's radiance is proportional to it, and so is the
-power that a receiver takes of one.
-"""
+"""The estimator ``wigner``: the Wigner function of a source, traced into render kernels."""
 
 from __future__ import annotations
 
@@ -47,10 +43,7 @@ class DrawnWaves:
         self._tilt = opaque(m, 1 / (2 * math.pi * mixture.coherence_width))
 
     def wave(self, inverse: Any, x: Any, place: Any) -> Wave:
-        """The wave of the sample that a position x (2D) and a point or direction (3D) belong to.
-
-        ``inverse``: of the wavelength in the middle of the band.
-        """
+        """The wave of the sample that a position x (2D) and a point or direction (3D) belong to."""
         if self._mixture.is_plain:
             return Wave(inverse, None)
         key = self._key(x.x, x.y), self._key(place.x, place.y, place.z)
@@ -70,13 +63,12 @@ class DrawnWaves:
         """32 bits of some floats."""
         key: Any = 0
         for value, factor in zip(values, _FACTORS, strict=False):
-            key = key + self._bits(value) * factor
+            if self._jit:
+                bits = dr.reinterpret_array(self._m.UInt32, dr.detach(self._m.Float(value)))
+            else:
+                bits = int(np.float32(value).view(np.uint32))
+            key = key + bits * factor
         return key if self._jit else key & _WORD
-
-    def _bits(self, value: Any) -> Any:
-        if self._jit:
-            return dr.reinterpret_array(self._m.UInt32, dr.detach(self._m.Float(value)))
-        return int(np.float32(value).view(np.uint32))
 
 
 def _uniform(word: Any) -> Any:
@@ -88,11 +80,7 @@ Values = tuple[Any, Any]
 
 
 class WignerRadiance:
-    """The sum of h W over the fields of a source (:func:`emissions`), for one variant's arrays.
-
-    With the waves of its light, and ``positions`` to draw from, relative to the middle of the
-    region that radiates.
-    """
+    """The sum of h W over the fields of a source (:func:`emissions`), for one variant's arrays."""
 
     def __init__(self, m: Any, spec: SourceSpec, wavelength: float) -> None:
         self._m, self._jit, self._unit = m, dr.is_jit_v(m.Float), spec.scene_unit
@@ -120,11 +108,10 @@ class WignerRadiance:
         return len(self._terms) == 1
 
     def at(self, x: Any, direction: Any, wave: Wave, own: Callable[..., Any] | None) -> Any:
-        """The sum at positions (2D) and directions (3D unit vectors) of the source's frame.
+        """The sum at positions (2D) and directions (3D) of the source's frame, in m^2, zero behind.
 
-        In m^2 for fields of unit 1; zero behind. Four Stokes numbers of a source of several
-        polarisations. ``own``: W in the place of that of the fields, of operations and four
-        coordinates.
+        Four Stokes numbers of a source of several polarisations. ``own``: W in the place of that of
+        the fields, of operations and four coordinates.
         """
         front = direction.z > 0.0
         cosine = dr.select(front, direction.z, 1.0)
@@ -220,8 +207,8 @@ class WignerEstimator:
     def lit(self, light: Any, it: Any, x: Any, per_area: Any) -> Any:
         """L cos/r^2 over the density at the point ``it``, the mean over the places of a sample.
 
-        With a control variate: less what the direction from the middle would give at these
-        places, plus the integral of that, dealt out in proportion to the density of samples.
+        A control variate takes off what the direction from the middle would give at these places,
+        and adds the integral of that, in proportion to the density of samples.
         """
         total, wave = 0.0, light.wave(x, it.p)
         varies = self._spec.control_variate
@@ -240,10 +227,7 @@ class WignerEstimator:
         return total / per_area
 
     def _cosines(self, light: Any, it: Any, x: Any, middle: Any) -> Any:
-        """The receiver's cosine towards the middle over that towards x, by which it multiplies.
-
-        1 where there is no surface (fog has no normal), or only one of the two is in front.
-        """
+        """The receiver's cosine towards the middle over that towards x, by which it multiplies."""
         normal = light.frame.to_own(it.n)
         own, other = dr.dot(normal, light.seen_from(it, x)[0]), dr.dot(normal, middle)
         same_side = own * other > 0.0
