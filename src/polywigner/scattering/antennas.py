@@ -18,7 +18,7 @@ from polywigner.illumination.obliquities import DEFAULT, BoundaryCondition
 from polywigner.propagation import amplitude, field
 from polywigner.propagation.field_slopes import FieldSlopes
 from polywigner.propagation.panels import radiator_of
-from polywigner.reception.norms import root_of_norm, root_of_vector_norm
+from polywigner.reception.norms import root_of_norm
 from polywigner.reception.poses import checked_poses
 from polywigner.scattering.facets import Facets
 
@@ -184,10 +184,8 @@ class Antenna:
     @cached_property
     def root_of_power(self) -> float:
         """Root of the power in W for |u|^2 in W/m^2."""
-        if self.jones is not None:
-            key = self.jones.tobytes(), self.jones.shape
-            return root_of_vector_norm(self.source, key, self.wavelength, _MODEL, self.normalise)
-        return root_of_norm(self.source, self.wavelength, self.condition, self.normalise)
+        method = self.condition if self.jones is None else _MODEL
+        return root_of_norm(self.source, self.wavelength, method, self.normalise, self.jones)
 
     def inside(self, places: Floats) -> Floats:
         """Places (n, 3) of the body's frame in the source's frame."""
