@@ -186,8 +186,8 @@ def test_a_dark_source_has_no_power_and_no_shares() -> None:
 
 REFUSED: dict[str, tuple[Any, str]] = {
     "a direction behind": (lambda: pw.radiance(SQUARE, (0, 0), (0, 0, -1), 1.0), "z >= 0"),
-    "a long direction": (lambda: pw.radiant_intensity(SQUARE, (0, 0, 2), 1.0), "length 1"),
-    "no number": (lambda: pw.radiant_intensity(SQUARE, (math.nan, 0, 1), 1.0), "length 1"),
+    "a long direction": (lambda: pw.radiant_intensity(SQUARE, (0, 0, 2), 1.0), "of length 2"),
+    "no number": (lambda: pw.radiant_intensity(SQUARE, (math.nan, 0, 1), 1.0), "of length nan"),
     "two components": (lambda: pw.radiant_intensity(SQUARE, (0, 1), 1.0), r"\(\.\.\., 3\)"),
     "a text": (lambda: pw.radiant_intensity(SQUARE, "up", 1.0), "unit vectors"),
     "three for x": (lambda: pw.flux_vector(SQUARE, (0, 0, 0), 1.0), r"\(\.\.\., 2\)"),
