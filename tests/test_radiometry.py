@@ -65,12 +65,12 @@ def test_radiance_of_a_square_at_its_centre_is_the_closed_form() -> None:
 def test_radiance_over_the_source_is_the_radiant_intensity(source: Any) -> None:
     """int L cos(theta) dx = cos(theta) |F|^2/lambda^2, by the midpoint rule."""
     direction = _direction(0.3, 2.0)
-    axis = np.linspace(-20e-3, 25e-3, 1001)
+    axis = np.linspace(-20e-3, 25e-3, 501)
     x = np.stack(np.meshgrid(axis, axis), axis=-1)
     total = pw.radiance(source, x, direction, WAVELENGTH).sum() * (axis[1] - axis[0]) ** 2
     found = pw.radiant_intensity(source, direction, WAVELENGTH)
     energy = pw.energy_budget(source, WAVELENGTH).total
-    rule = 2e-4  # of the largest intensity: W has kinks, the rule cells of 45 um
+    rule = 6e-4  # of the largest intensity: W has kinks, the rule cells of 90 um
     assert abs(direction[2] * total - found) < rule * energy**2 / WAVELENGTH**2
 
 
@@ -259,36 +259,24 @@ def test_wide_sources_lose_what_their_edges_keep(obliquity: Any, scale: int) -> 
         assert pw.energy_budget(source, wavelength).evanescent == pytest.approx(lost, rel=1e-9)
 
 
-def waves_across(name: str) -> Any:
-    """A triangle of 1 m with a wave."""
-    triangle = pw.Aperture(np.array([[0, 0], [1, 0.1], [0.3, 0.8]]))
-    return {
-        "steered": triangle.with_illumination(pw.steering((0.5, 0.2, 0.71**0.5), 1 / 600)),
-        "tapered": triangle.with_illumination(
-            pw.Illumination([1.0, 0.4 - 0.2j], [(40.0, -30.0), (0.0, 90.0)])
-        ),
-    }[name]
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["steered", "tapered"])
-def test_power_of_wide_sources_goes_on_where_directions_end(name: str) -> None:
-    source, obliquity = waves_across(name), "kirchhoff"
-    diameter = math.hypot(1.0, 0.1)
-    powers = [
-        pw.radiated_power(source, diameter / wavelengths, obliquity)
-        for wavelengths in (590, 599, 601, 610)
-    ]
-    # the powers vary smoothly, across the change of ways too
-    around = (powers[3] - powers[0]) / 10
-    assert powers[2] - powers[1] == pytest.approx(around, abs=1e-6 * source.area)
+def test_power_of_wide_sources_goes_on_where_directions_end() -> None:
+    """At 600 wavelengths, from sums over directions to lags, of waves of several cosines."""
+    triangle = pw.Aperture(np.array([[0, 0], [1, 0.1], [0.3, 0.8]]))
+    waves = pw.Illumination([1.0, 0.4 - 0.2j], [(300.0, -120.0), (0.0, 90.0)])
+    source, diameter = triangle.with_illumination(waves), math.hypot(1.0, 0.1)
+    below, *beyond = (
+        pw.radiated_power(source, diameter / (600 + above), "kirchhoff") for above in (-1, 1, 4, 7)
+    )
+    smooth = np.polynomial.Polynomial.fit((1, 4, 7), beyond, 2)
+    assert below == pytest.approx(smooth(-1), abs=1e-6 * source.area)
 
 
 def test_rays_of_a_wide_curved_wave_carry_its_power_but_for_its_edges() -> None:
     places, weights = triangle_nodes(WIDE.rings[0][None], 20)
     cosines = np.sqrt(1 - np.square(places / 5e-3).sum(axis=1))
     shares = []
-    for wavelength in (550e-9, 137.5e-9):
+    for wavelength in (1100e-9, 550e-9):
         power = pw.radiated_power(WIDE.curved(5e-3, wavelength), wavelength)
         shares.append((cosines @ weights - power) / (WIDE.polygons.length * wavelength))
     assert shares[0] == pytest.approx(EDGES["rayleigh-sommerfeld-1"], rel=0.1)
@@ -310,7 +298,7 @@ def test_elements_that_touch_radiate_as_one() -> None:
 def test_power_of_partly_coherent_wide_light_is_the_mean_over_tilts() -> None:
     wavelength, width = 1e-3, 20e-3
     square = pw.shapes.square(0.8)
-    node, weight = np.polynomial.hermite_e.hermegauss(9)
+    node, weight = np.polynomial.hermite_e.hermegauss(5)
     tilts = node / (2 * math.pi * width) * wavelength
     mean = sum(
         a

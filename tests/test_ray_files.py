@@ -233,7 +233,7 @@ def test_the_command_line_writes_the_same_rays(rays, square, capsys):
 
 
 def _packed_zeros(path):
-    zeros = np.zeros((1 << 22, 3))
+    zeros = np.zeros((1_300_000, 3))
     np.savez_compressed(path, position=zeros, direction=zeros, weight=zeros[:, 0], attrs="{}")
 
 

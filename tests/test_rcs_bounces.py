@@ -126,16 +126,6 @@ def test_corners_have_the_closed_forms_on_their_axes(
             assert crossed < 1e-12 * section * size**2
 
 
-CORNER = pw.Polyhedron(  # a cube without an eighth of it
-    [
-        (0, 0, 0), (2, 0, 0), (2, 2, 0), (0, 2, 0), (0, 0, 2), (2, 0, 2), (0, 2, 2),
-        (2, 1, 1), (1, 1, 1), (1, 2, 1), (2, 2, 1), (2, 1, 2), (1, 1, 2), (1, 2, 2),
-    ],
-    [
-        (0, 3, 2, 1), (0, 1, 5, 4), (0, 4, 6, 3), (1, 2, 10, 7, 11, 5), (3, 6, 13, 9, 10, 2),
-        (4, 5, 11, 12, 13, 6), (7, 10, 9, 8), (7, 8, 12, 11), (8, 9, 13, 12),
-    ],
-)  # fmt: skip
 GROUND = pw.shapes.square(8.0)
 FRAME = pw.Aperture(shapely.Polygon([(0, 0), (4, 0), (4, 3), (0, 2)], [[(1, 1), (2, 1), (2, 2)]]))
 TILTED = np.eye(4)
@@ -147,37 +137,27 @@ TILTED[:3, 3] = 0.5, 0.0, 1.5
 @pytest.mark.parametrize(
     ("body", "s", "t"),
     [
-        (trihedral(SQUARE), towards(50, 40), None),
-        (trihedral(SQUARE), towards(60, 30), towards(40, 60)),
         (trihedral(SQUARE), towards(120, 60), towards(40, 60)),  # received behind it
-        (trihedral(TRIANGLE), towards(40, 70), None),
-        (dihedral(60), towards(55, 85), None),
         (dihedral(40), towards(60, 80), None),
         (dihedral(60), towards(20, 80), towards(70, 85)),
-        (CORNER, towards(50, 40), None),
         (STEPS, towards(60, 80), towards(70, 15)),
         ([GROUND, BOX], towards(45, 160), towards(55, 20)),
         ([rectangle((-2, 2), (-1, 2), -0.5), *trihedral(SQUARE)], towards(40, 20), None),
         ([GROUND.placed(at(1, 1, 0)), FRAME.placed(TILTED)], towards(30, 20), towards(40, 200)),
     ],
-    ids=[
-        "trihedral", "two directions", "behind", "triangles", "60 degrees", "40 degrees",
-        "60 degrees, two directions", "closed", "stairs", "box on the ground",
-        "plates before plates", "a hole",
-    ],
-)  # fmt: skip
+    ids=["behind", "40 degrees", "60 degrees", "stairs", "box", "plates before plates", "a hole"],
+)
 def test_beams_are_the_rays_of_all_reflections(body: Any, s: Any, t: Any) -> None:
     wavelength, transmitter = 0.9, s if t is None else t
     p = across(transmitter)
     triangles = triangles_of(body if isinstance(body, list) else [body])
-    for bounces in (2, 3):
-        field, area = scattered_field(triangles, s, transmitter, p, wavelength, bounces, across=250)
-        for axis in np.eye(3):
-            q = axis - s * (axis @ s)
-            q /= np.linalg.norm(q)
-            found = math.sqrt(pw.rcs(body, s, wavelength, t, (q, p), bounces=bounces))
-            expected = math.sqrt(4 * math.pi) / wavelength * abs(q @ field)
-            assert found == pytest.approx(expected, abs=RAYS * plate(area, wavelength))
+    field, area = scattered_field(triangles, s, transmitter, p, wavelength, 3, across=250)
+    for axis in np.eye(3):
+        q = axis - s * (axis @ s)
+        q /= np.linalg.norm(q)
+        found = math.sqrt(pw.rcs(body, s, wavelength, t, (q, p), bounces=3))
+        expected = math.sqrt(4 * math.pi) / wavelength * abs(q @ field)
+        assert found == pytest.approx(expected, abs=RAYS * plate(area, wavelength))
 
 
 def test_a_few_rays_agree_with_the_beams_of_an_acute_corner() -> None:
