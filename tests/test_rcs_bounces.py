@@ -12,7 +12,17 @@ import shapely
 
 import polywigner as pw
 from oracles.bounces import scattered_field, triangles_of
-from oracles.meshes import extruded, sphere
+from oracles.meshes import (
+    BOX,
+    DIRECTIONS,
+    STEPS,
+    across,
+    at,
+    extruded,
+    sphere,
+    towards,
+)
+from oracles.meshes import section_root as plate
 from oracles.references import read_json
 from polywigner.errors import ArgumentError, PolywignerWarning
 
@@ -29,9 +39,6 @@ RECIPROCAL = 0.4
 SQUARE = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=float)
 TRIANGLE = SQUARE[[0, 1, 3]]
 INWARDS = np.ones(3) / math.sqrt(3)
-STEPS = extruded([(0, 0), (3, 0), (3, 1), (2, 1), (2, 2), (1, 2), (1, 3), (0, 3)], 2.0)
-L_BODY = extruded([(0, 0), (3, 0), (3, 1), (1, 1), (1, 3), (0, 3)], 1.5)
-BOX = extruded([(0, 0), (2, 0), (2, 1), (0, 1)], 0.5)
 
 
 def facing_out(corners: Any) -> Any:
@@ -59,30 +66,8 @@ def dihedral(degrees: float, size: float = 1.0) -> list[Any]:
     return [facing_out(flat), facing_out(flat @ turn)]
 
 
-def towards(polar: float, azimuth: float) -> np.ndarray:
-    """Unit vector, from degrees."""
-    a, b = math.radians(polar), math.radians(azimuth)
-    return np.array([math.sin(a) * math.cos(b), math.sin(a) * math.sin(b), math.cos(a)])
-
-
-def at(x: float, y: float, z: float) -> np.ndarray:
-    pose = np.eye(4)
-    pose[:3, 3] = x, y, z
-    return pose
-
-
 def rectangle(x: tuple[float, float], y: tuple[float, float], z: float) -> Any:
     return facing_out([(x[0], y[0], z), (x[1], y[0], z), (x[1], y[1], z), (x[0], y[1], z)])
-
-
-def plate(area: float, wavelength: float) -> float:
-    """Square root of the cross section of a plate seen at right angles."""
-    return math.sqrt(4 * math.pi) * area / wavelength
-
-
-def across(direction: np.ndarray) -> np.ndarray:
-    vector = np.cross(direction, (0.0, 0.6, 0.8))
-    return np.asarray(vector / np.linalg.norm(vector))
 
 
 @pytest.mark.parametrize("name", ["square trihedral", "triangular trihedral", "dihedral"])
@@ -186,9 +171,6 @@ def test_a_beam_sent_back_is_the_same_both_ways(degrees: float) -> None:
         assert pw.rcs(body, k, wavelength, t, bounces=2) > 0.1 * scale**2
 
 
-DIRECTIONS = np.array([towards(a, b) for a, b in ((20, 10), (55, 130), (80, 250), (140, 300))])
-
-
 @pytest.mark.parametrize(
     "body",
     [BOX, GROUND, sphere(1), [BOX, extruded([(5, 5), (6, 5), (6, 6), (5, 6)], 0.5)]],
@@ -267,15 +249,17 @@ def test_the_warning_of_corners_says_what_to_give() -> None:
         pw.rcs(body, towards(45, 90), 0.05, bounces=2)
 
 
-@pytest.mark.parametrize("bounces", [0, 4, 1.5, "2", None, True])
+@pytest.mark.parametrize("bounces", [0, 4, 1.5, "2", True])
 def test_other_numbers_of_reflections_are_refused(bounces: Any) -> None:
-    with pytest.raises(ArgumentError, match="expected bounces as a whole number from 1 to 3"):
-        pw.rcs(BOX, INWARDS, 0.1, bounces=bounces)
-    with pytest.raises(ArgumentError, match="expected bounces as a whole number from 1 to 3"):
-        pw.rcs_pattern(BOX, 0.1, 0.0, 0.0, bounces=bounces)
+    for call in (
+        lambda: pw.rcs(BOX, INWARDS, 0.1, bounces=bounces),
+        lambda: pw.rcs_pattern(BOX, 0.1, 0.0, 0.0, bounces=bounces),
+    ):
+        with pytest.raises(ArgumentError, match="expected bounces as a whole number from 1 to 3"):
+            call()
 
 
-def test_antennas_near_by_and_derivatives_know_one_reflection() -> None:
+def test_antennas_near_by_know_one_reflection() -> None:
     with pytest.raises(ArgumentError, match="bounces=1 with a source"):
         pw.rcs(BOX, 9 * INWARDS, 0.1, source=pw.shapes.square(0.1), bounces=2)
 
