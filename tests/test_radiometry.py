@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from scipy.special import j1
 
 import polywigner as pw
 from oracles.quadrature import triangle_nodes
-from polywigner.errors import ArgumentError, GeometryError, PolywignerError
+from polywigner.errors import ArgumentError, GeometryError
 
 WAVELENGTH = 299792458 / 94e9
 K = 2 * math.pi / WAVELENGTH
@@ -97,14 +98,13 @@ def test_a_source_much_smaller_than_the_wavelength_is_lambertian() -> None:
 
 def test_single_precision_stays_single() -> None:
     s = _direction(0.4)[None].repeat(3, axis=0)
-    for function, double in (
-        (lambda **how: pw.radiance(SQUARE, (0, 0), s, WAVELENGTH, **how), np.float64),
-        (lambda **how: pw.radiant_intensity(SQUARE, s, WAVELENGTH, **how), np.float64),
+    for call in (
+        lambda **how: pw.radiance(SQUARE, (0, 0), s, WAVELENGTH, **how),
+        lambda **how: pw.radiant_intensity(SQUARE, s, WAVELENGTH, **how),
     ):
-        assert function().dtype == double
-        single = function(precision="single")
-        assert single.dtype == np.float32
-        assert single == pytest.approx(function(), rel=1e-4)
+        single = call(precision="single")
+        assert (single.dtype, call().dtype) == (np.float32, np.float64)
+        assert single == pytest.approx(call(), rel=1e-4)
 
 
 def _power_by_lags(width: float, wavelength: float) -> float:
@@ -180,8 +180,7 @@ def test_a_wave_beyond_grazing_stays_at_the_aperture() -> None:
 
 def test_a_dark_source_has_no_power_and_no_shares() -> None:
     budget = pw.energy_budget(pw.Array([SQUARE, SQUARE], [1, -1]), WAVELENGTH)
-    assert budget.total == pytest.approx(0.0, abs=1e-18)
-    assert budget.propagating == pytest.approx(0.0, abs=1e-18)
+    assert max(abs(budget.total), abs(budget.propagating)) < 1e-18
 
 
 REFUSED: dict[str, tuple[Any, str]] = {
@@ -207,10 +206,8 @@ REFUSED: dict[str, tuple[Any, str]] = {
 @pytest.mark.parametrize("name", REFUSED)
 def test_what_radiates_to_nowhere_is_refused_in_words(name: str) -> None:
     call, words = REFUSED[name]
-    with pytest.raises(ArgumentError, match=words) as caught:
+    with pytest.raises(ArgumentError, match=f"expected.*({words}.*got|got.*{words})"):
         call()
-    assert isinstance(caught.value, PolywignerError)
-    assert "expected" in str(caught.value) and "got" in str(caught.value)
 
 
 def test_elements_off_the_plane_are_refused() -> None:
@@ -231,12 +228,13 @@ def test_drjit_arrays_are_sent_to_the_transforms() -> None:
 @pytest.mark.parametrize("wavelength", [1e-9, 1e-30])
 def test_integrals_over_directions_of_too_many_wavelengths_are_refused(wavelength: float) -> None:
     slanted = SQUARE.with_illumination(pw.steering((0.9, 0.0, math.sqrt(0.19)), wavelength))
-    with pytest.raises(ArgumentError, match="wavelengths across"):
-        pw.power(slanted, wavelength)
-    with pytest.raises(ArgumentError, match="wavelengths across"):
-        pw.flux_vector(SQUARE, (0.0, 0.0), wavelength)
-    with pytest.raises(ArgumentError, match="wavelengths across"):
-        pw.radiation_pattern(SQUARE, wavelength, [0.0], [0.0])
+    for call in (
+        lambda: pw.power(slanted, wavelength),
+        lambda: pw.flux_vector(SQUARE, (0.0, 0.0), wavelength),
+        lambda: pw.radiation_pattern(SQUARE, wavelength, [0.0], [0.0]),
+    ):
+        with pytest.raises(ArgumentError, match="wavelengths across"):
+            call()
 
 
 WIDE = pw.Aperture(np.array([[0, 0], [3.0, 0.2], [0.8, 2.4]]) * 1e-3)
@@ -300,15 +298,9 @@ def test_power_of_partly_coherent_wide_light_is_the_mean_over_tilts() -> None:
     square = pw.shapes.square(0.8)
     node, weight = np.polynomial.hermite_e.hermegauss(5)
     tilts = node / (2 * math.pi * width) * wavelength
-    mean = sum(
-        a
-        * b
-        * pw.power(
-            square.with_illumination(pw.steering((x, y, math.sqrt(1 - x * x - y * y)), wavelength)),
-            wavelength,
-        )
-        for x, a in zip(tilts, weight / weight.sum(), strict=True)
-        for y, b in zip(tilts, weight / weight.sum(), strict=True)
-    )
+    mean = 0.0
+    for (x, a), (y, b) in product(zip(tilts, weight / weight.sum(), strict=True), repeat=2):
+        tilt = pw.steering((x, y, math.sqrt(1 - x * x - y * y)), wavelength)
+        mean += a * b * pw.power(square.with_illumination(tilt), wavelength)
     found = pw.power(square.partially_coherent(width), wavelength)
     assert found == pytest.approx(mean, rel=1e-8)
