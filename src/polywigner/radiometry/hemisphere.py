@@ -139,13 +139,13 @@ def power_by_lags(
     the far sides that are parallel, as (wavelength/width)^(5/2) of the power, and to the power of
     3/2 by obliquities that take slopes; a soft end leaves them out.
     """
-    steepest = _steepest(source, wavelength)
-    soft = _SOFT / (1.0 - min(steepest, _STEEP))
+    slope = steepest(source, wavelength)
+    soft = _SOFT / (1.0 - min(slope, _STEEP))
     reach = (_ENDS[-1] + _BEYOND) * soft
     width = largest_lag(source) / wavelength
-    if width < _WIDE or steepest > _STEEP or 4.0 * reach > width:
+    if width < _WIDE or slope > _STEEP or 4.0 * reach > width:
         return None
-    phi, around = _lag_angles(source, 2.0 * math.pi * steepest * reach)
+    phi, around = _lag_angles(source, 2.0 * math.pi * slope * reach)
     node, weight = np.polynomial.legendre.leggauss(_ON_PERIOD)
     count = math.ceil(reach)
     rho = ((np.arange(count)[:, None] + (node + 1) / 2) * (reach / count)).ravel()
@@ -171,7 +171,7 @@ def _factor_of_lags(forms: Forms, q: Array) -> Array:
     return np.asarray(2.0 * math.pi * total)
 
 
-def _steepest(source: PlaneSource | Wavefront, wavelength: float) -> float:
+def steepest(source: PlaneSource | Wavefront, wavelength: float) -> float:
     """Largest spatial frequency of the field of a source, times the wavelength."""
     flat: Any = flat_of(source)
     fields = [field.frequencies for field in fields_of(flat) if field is not None]

@@ -176,9 +176,8 @@ def rebuild(
 ) -> xarray.Dataset:
     """Irradiance on a plane that rays meet: the sum of their weights in each pixel over its area.
 
-    The mean over a pixel, without bias, of the power per area that rays bring: |U|^2 of Wigner rays
-    times the cosine between ray and normal of the plane (docs/signed_rays.md, (Y2)). Rays go on in
-    straight lines.
+    Without bias the mean over a pixel of |U|^2 of Wigner rays times the cosine between ray and
+    normal of the plane (docs/signed_rays.md, (Y2)). Rays go on in straight lines.
 
     Parameters
     ----------
@@ -192,10 +191,9 @@ def rebuild(
     Returns
     -------
     xarray.Dataset with ``irradiance`` (y, x) and its ``standard_error`` (y, x) in W/m^2, over y and
-    x of the pixels' middles in m: a picture whose rows are along x, the first at the bottom, as
-    ``plt.imshow(found.irradiance, origin="lower")`` shows it. Of independent rays the error follows
-    from the squares of their weights, of quasi-random ones from the scatter of 16 batches: it is
-    then known to a fifth. Attributes: ``power`` and ``power_error``, the sum in the grid in W;
+    x of the pixels' middles in m: rows are along x, the first at the bottom (``origin="lower"``).
+    Of independent rays the error follows from their weights, of quasi-random ones from the scatter
+    of 16 batches, to a fifth. Attributes: ``power`` and ``power_error``, the sum in the grid in W;
     ``lost``, how many rays have NaN; ``missed``, how many do not meet the grid.
 
     Raises

@@ -249,17 +249,15 @@ def sample_rays(
     wavelength : in m.
     count : how many rays, up to 100 million.
     seed : of the numbers, or a NumPy Generator.
-    sampling : positions uniform in the automean ("uniform"), or in proportion to the position
-        marginal ("marginal"), see :func:`sample_automean`; both from independent random numbers.
-        "quasi-random" is uniform from the numbers of Sobol sequences, which leave about half the
-        noise (needs scipy, of the extra ``arrays``): 16 independent sets, told apart by the
-        coordinate ``batch``.
+    sampling : positions "uniform" in the automean, or in proportion to the position "marginal",
+        see :func:`sample_automean`, from independent random numbers; or "quasi-random", uniform
+        from Sobol sequences, with about half the noise (needs scipy, of the extra ``arrays``): 16
+        independent sets, told apart by the coordinate ``batch``.
     cone : half angle in rad of the directions that rays are drawn in; None: the hemisphere.
     axis : unit vector (3,), the middle of the cone in the frame of the source; that of the beam,
         where the source is steered.
-    directions : "beam" draws most of them within wavelength/diameter of the axis, of a curved or
-        partly coherent wave as far from it as the wave is inclined there, ever fewer outside;
-        "uniform" is uniform in projected solid angle.
+    directions : "beam" draws most of them within wavelength/diameter of the axis, or of the wave
+        where it is curved or partly coherent; "uniform" is uniform in projected solid angle.
     to_world : (4, 4) rigid pose of the source; None: its own, or none. Units of m.
     obliquity : as of :func:`irradiance`: None is "rayleigh-sommerfeld-1", h = cos; "paper" is
         h = 1. Curved and partly coherent waves have these two.

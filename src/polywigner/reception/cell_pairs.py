@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from polywigner.geometry import Wavefront
 from polywigner.geometry.parts import polygons_in
-from polywigner.illumination.obliquities import Obliquity, fields_of
+from polywigner.illumination.obliquities import Obliquity
 from polywigner.illumination.polarisation import Currents
 from polywigner.propagation.arrangement import (
     NODES_PER_CYCLE,
@@ -33,6 +33,7 @@ from polywigner.propagation.arrangement import (
     rule_by_triangles,
     triangulated,
 )
+from polywigner.radiometry.hemisphere import steepest
 from polywigner.transforms.wavefronts import flat_of
 
 Floats = NDArray[np.float64]
@@ -65,14 +66,8 @@ class Cells:
         self.wavelength = wavelength
         self._elements = source.elements_in_plane
         self._weights = np.asarray(getattr(source, "weights", [1.0]), np.complex128)
-        waves = [np.zeros((1, 2)) if f is None else f.frequencies for f in fields_of(source)]
-        frequencies = np.linalg.norm(np.concatenate(waves), axis=1)
-        self.highest_frequency = float(frequencies.max()) * wavelength
+        self.highest_frequency = steepest(self._wave or source, wavelength)
         """Highest frequency of the field's waves, in cycles per wavelength."""
-        if self._wave is not None:
-            corners = np.array([(x, y) for x in (xmin, xmax) for y in (ymin, ymax)])
-            slopes = (corners - self._wave.centre) @ self._wave.curvature
-            self.highest_frequency += float(np.linalg.norm(slopes, axis=1).max()) * wavelength
         self.low, self.high = np.empty((0, 2)), np.empty((0, 2))
         self._parts: list[tuple[NDArray[np.object_], NDArray[np.intp]]] = []
         self._children: dict[int, list[int]] = {}
@@ -85,10 +80,7 @@ class Cells:
         self._add(whole, np.arange(len(whole)))
 
     def halved(self, cells: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Numbers of the halves of cells (n,), and for each the place of its cell in (n,).
-
-        Halves, or quarters of those that are about as wide as long.
-        """
+        """Numbers of halves of cells (n,), quarters of square ones, and of their cells in (n,)."""
         different, place = np.unique(cells, return_inverse=True)
         halves = [self._halves(int(cell)) for cell in different]
         counts = np.array([len(pair) for pair in halves], dtype=np.intp)[place]
@@ -429,10 +421,7 @@ class Links:
         return found
 
     def _blocks(self, pairs: Pairs, order: int) -> Iterator[tuple[slice, Complex, Complex, _Sight]]:
-        """Blocks of pairs, and of the transmitter's nodes, with their moments.
-
-        And the geometry between these nodes and all of the receiver's.
-        """
+        """Blocks of pairs, moments at nodes of both cells, and the geometry between these."""
         count = order * order
         most = max(1, _MOMENTS // count)
         step = max(1, _BLOCK // count**2)
@@ -528,10 +517,7 @@ def _groups(own: Indices, ordered: Indices) -> Iterator[tuple[int, Indices]]:
 
 @lru_cache(maxsize=32)
 def _rule(order: int) -> tuple[Floats, Floats]:
-    """Gauss's nodes (q^2, 2) of the square [-1, 1]^2, and Legendre's series from values there.
-
-    The latter is of one coordinate: coefficients = matrix (q, q) times values.
-    """
+    """Gauss's nodes (q^2, 2) of the square [-1, 1]^2, and (q, q) Legendre's series from values."""
     nodes, weights = np.polynomial.legendre.leggauss(order)
     x, y = np.meshgrid(nodes, nodes, indexing="ij")
     series = np.polynomial.legendre.legvander(nodes, order - 1).T * weights
@@ -540,9 +526,6 @@ def _rule(order: int) -> tuple[Floats, Floats]:
 
 
 def _basis(places: Floats, order: int) -> Floats:
-    """Polynomials that are 1 at one node and 0 at all others, of x and y of places (n, 2).
-
-    Arrays (n, q) of both.
-    """
+    """Polynomials (n, q) of x and of y (n, 2) that are 1 at one node and 0 at all others."""
     result: Floats = np.polynomial.legendre.legvander(places.T, order - 1) @ _rule(order)[1]
     return result

@@ -196,8 +196,7 @@ def coupling(
 
     with exp(ikR)/(i wavelength R) for K ("rayleigh-sommerfeld-2"), or this with the cosines at both
     ends ("rayleigh-sommerfeld-1"), or the mean of both at each end ("kirchhoff"), near terms
-    included. It is a sum over pairs of parts of both sources, whose number grows as they come
-    nearer: of links far away there is one, however large the sources are.
+    included: a sum over pairs of parts, whose number grows as the sources come nearer.
 
     Parameters
     ----------
@@ -237,16 +236,12 @@ def coupling(
 
     Raises
     ------
-    ArgumentError for arguments of the wrong type or range, sources with derivatives in vertices,
-    derivatives of "fraunhofer" and "wigner", planes that are not parallel with "wigner", and links
-    of more than some minutes' work. GeometryError for poses that are not rigid, for sources of
-    which a part lies behind the plane of the other, or in it, and for an Array with elements
-    outside its plane.
-    IlluminationError for a source that cancels itself.
+    ArgumentError for arguments of the wrong type or range, derivatives that there are not, planes
+    that are not parallel with "wigner", and links of more than some minutes' work. GeometryError
+    for poses that are not rigid, sources that are not in front of each other's plane, and an Array
+    with elements outside its plane. IlluminationError for a source that cancels itself.
 
-    Source: J. H. Richmond, "A reaction theorem and its application to antenna impedance
-    calculations", IRE Trans. Antennas Propag. 9, 515 (1961); the kernels are derived in
-    docs/links.md. The paper has no links.
+    Source: J. H. Richmond, IRE Trans. Antennas Propag. 9, 515 (1961). The paper has no links.
 
     >>> import numpy as np
     >>> import polywigner as pw

@@ -72,11 +72,10 @@ def rcs(
 ) -> Any:
     """Radar cross section of a perfect conductor, by physical optics (docs/rcs.md, (SC1)).
 
-    The currents of every lit face are those of an infinite plane, 2 n x H; the field of each face
-    is its Fourier transform in closed form. Faces are lit where nothing stands before them: the
-    visible parts are found as exact polygons, for the transmitter and for the receiver. Valid for
-    faces of some wavelengths or more, or fine meshes of smooth bodies, near specular directions;
-    no waves of edges. One reflection, unless ``bounces`` says more, as corner reflectors need.
+    Currents of lit faces are those of an infinite plane, 2 n x H; the field of each face is its
+    Fourier transform in closed form. The parts that transmitter and receiver see are exact
+    polygons. Valid for faces of some wavelengths or more, or fine meshes of smooth bodies, near
+    specular directions; no waves of edges.
 
     Parameters
     ----------
@@ -108,10 +107,9 @@ def rcs(
         fronts, relative to the amplitude of all lit parts in phase, from 1e-6 to 0.1.
     return_power : with ``source``: also return the received over the transmitted power.
     normalise : how these powers count, as in :func:`coupling`: "radiated", or "aperture".
-    bounces : reflections that count, 1, 2 or 3. A plane wave stays one at each flat face, so the
-        lit polygon goes on as a beam, whose polygons on the faces beyond are exact (docs/rcs.md,
-        (SC6)). Later ones count where the receiver sees them. Not with ``source``, nor for Dr.Jit
-        arrays.
+    bounces : reflections that count, 1, 2 or 3, as corner reflectors need: lit polygons go on as
+        beams, whose polygons on the faces beyond are exact (docs/rcs.md, (SC6)). Not with
+        ``source``, nor for Dr.Jit arrays.
 
     All broadcast against each other.
 
@@ -131,9 +129,8 @@ def rcs(
     Warns
     -----
     PolywignerWarning, once for a line of your code, where a face is smaller than a square
-    wavelength, of which physical optics says little. Facets that join smoothly are one face. And
-    once with ``bounces=1`` where faces light each other across a concave edge, as in corner
-    reflectors: what comes back by two or three reflections is left out.
+    wavelength (facets that join smoothly are one face), and with ``bounces=1`` where faces light
+    each other across a concave edge, as in corner reflectors.
 
     Raises
     ------
@@ -142,8 +139,7 @@ def rcs(
     GeometryError for poses that are not rigid, and bodies behind the plane of an antenna.
 
     Source: E. F. Knott, "Radar cross section", ch. 14 of M. I. Skolnik (ed.), "Radar Handbook", 3rd
-    ed. (2008); W. B. Gordon, "Far-field approximations to the Kirchhoff-Helmholtz representations
-    of scattered fields", IEEE Trans. Antennas Propag. 23, 590 (1975). The paper has no scattering.
+    ed. (2008); W. B. Gordon, IEEE Trans. Antennas Propag. 23, 590 (1975). The paper has none.
 
     >>> import numpy as np
     >>> import polywigner as pw

@@ -208,7 +208,7 @@ def seen_from(facets: Facets, place: Floats, frame: Floats) -> Seen:
     """Return the visible parts for an observer at a place (3,) with all triangles in front.
 
     ``frame``: rows x, y, z of the observer, who looks along z. A projective map makes lines
-    through the place parallel, and keeps planes plane: the picture is that of an observer far away.
+    through the place parallel, and keeps planes plane.
     """
     distance = float(((facets.corners - place) @ frame[2]).mean())
 
@@ -222,10 +222,9 @@ def seen_from(facets: Facets, place: Floats, frame: Floats) -> Seen:
 
 
 def _seen(facets: Facets, signs: NDArray[np.int8], project: Callable[[Floats], Projected]) -> Seen:
-    """Visible parts of facing sides; ``project``: corners (m, 3, 3) in the picture.
+    """Visible parts of facing sides, which hide all that those facing away do.
 
-    What faces away hides nothing that what faces the observer does not: rays leave a body through
-    faces that do. So only these are compared.
+    ``project``: corners (m, 3, 3) in the picture.
     """
     parts: Shapes = np.full(len(signs), None)
     (rows,) = np.nonzero(signs)
@@ -315,8 +314,7 @@ def mended(shapes: Shapes) -> Shapes:
 def less_hidden(lit: Seen, seen: Seen, faces: NDArray[np.int8]) -> Seen:
     """Lit parts without the parts hidden from an observer, whom sides ``faces`` (n,) face.
 
-    Only where the lit side faces the observer. What is turned away from there adds to the field
-    behind the body, and nothing of the body stands before that.
+    What is turned away from there adds to the field behind the body: nothing stands before that.
     """
     signs, parts = lit.signs.copy(), lit.parts.copy()
     turned = (signs != 0) & (signs == faces)
