@@ -349,11 +349,11 @@ class _Link:
         if self.jones is not None:
             parts = list(map(parts_of_polarised, self.sources, self.jones))
         floor = 0.0 if self.method == "fraunhofer" else _FLOOR * self.norm("aperture")
-        for ends in product(*parts):
+        for sender, taker in product(*parts):
             with told("links", range(0, len(poses), _BLOCK)) as starts:
                 for start in starts:
                     some = slice(start, start + _BLOCK)
-                    found = self._between(*ends, poses[some], floor, with_slopes)
+                    found = self._between(sender, taker, poses[some], floor, with_slopes)
                     values[some] += found[0]
                     errors[some] += found[1]
                     limits[some] += found[2]
@@ -383,7 +383,8 @@ class _Link:
             values = turn * self._far(sources, cells, poses, offset)
             return values, _ROUNDING * np.abs(values), np.inf
         links = Links(
-            *cells,
+            cells[0],
+            cells[1],
             poses[:, :3, :3],
             offset / self.wavelength,
             CONDITIONS[DEFAULT if self.jones else self.method],

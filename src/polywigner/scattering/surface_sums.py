@@ -68,10 +68,10 @@ def surface_sums(
             terms = [transforms(*turns)]
             if slopes:
                 # by the wave's exponent at a corner: the divided difference with this corner twice
-                terms += [transforms(*turns, twice) for twice in turns[1:]]
+                terms += [transforms(turns[0], turns[1], turns[2], twice) for twice in turns[1:]]
                 moments = zip(terms, vectors, strict=True)
-                terms = list(sum(term[:, None] * v[lit[1]] for term, v in moments).T)
-                terms = [-2j * np.pi * term for term in terms]
+                whole = np.sum([term[:, None] * v[lit[1]] for term, v in moments], axis=0)
+                terms = list(-2j * np.pi * whole.T)
             values = np.zeros(sides.shape, np.complex128)
             for axis, term in enumerate(terms):
                 values[lit] = term * sides[lit]
