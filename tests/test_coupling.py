@@ -216,10 +216,47 @@ def test_poses_broadcast_and_a_pose_gives_a_number():
     assert pw.coupling(SQUARE, SQUARE, poses[0, :1], WAVELENGTH, "wigner", 1e-2).shape == (1,)
 
 
-@pytest.mark.llvm
-@pytest.mark.parametrize("method", ["kirchhoff"])
-def test_derivatives_in_the_pose_are_differences(method):
+def difference(value, step=1e-3):
+    """The slope of a function at 0."""
+    return (8 * (value(step) - value(-step)) - value(2 * step) + value(-2 * step)) / (12 * step)
+
+
+def parts(value):
+    """Real arrays: of a complex one both parts."""
+    return [value] if hasattr(value, "shape") and len(value.shape) > 2 else list(value)
+
+
+def check_slopes(call, starts, changes, expected, kind):
+    """Forward and reverse derivatives along changes of inputs; the latter of the sum of |b|^2.
+
+    ``kind`` makes a Dr.Jit array of an input; ``expected`` are the slopes of b.
+    """
     import drjit as dr
+
+    inputs = [kind(start) for start in starts]
+    dr.enable_grad(inputs)
+    found = call(*inputs)
+    for own, change in zip(inputs, changes, strict=True):
+        dr.set_grad(own, kind(change))
+    dr.enqueue(dr.ADMode.Forward, inputs)
+    dr.traverse(dr.ADMode.Forward)
+    forward = np.array(dr.grad(found).numpy()) @ [1, 1j]
+    assert np.abs(forward - expected).max() < DIFFERENCES * np.abs(expected).max()
+    inputs = [kind(start) for start in starts]
+    dr.enable_grad(inputs)
+    found = call(*inputs)
+    dr.backward(dr.sum(found.array * found.array))
+    reverse = sum(
+        (np.array(slope) * np.array(way)).sum()
+        for own, change in zip(inputs, changes, strict=True)
+        for slope, way in zip(parts(dr.grad(own)), parts(kind(change)), strict=True)
+    )
+    power = 2 * ((found.numpy() @ [1, 1j]).conj() * expected).real.sum()
+    assert reverse == pytest.approx(power, rel=DIFFERENCES)
+
+
+@pytest.mark.llvm
+def test_derivatives_in_the_pose_are_differences():
     from drjit.llvm.ad import TensorXf64
 
     starts = np.array([pose(5e-3, -2e-3, 24e-3, 0.3, 0.7), pose(-3e-3, 0, 0.5, -0.2)])
@@ -233,43 +270,32 @@ def test_derivatives_in_the_pose_are_differences(method):
         moved[:, :3, 3] += np.array([2e-3, -3e-3, 1e-3]) * t
         return moved
 
-    def value(t):
-        return pw.coupling(*pair, moves(t), WAVELENGTH, method, 1e-11)
+    def value(poses, tolerance=1e-10):
+        return pw.coupling(*pair, poses, WAVELENGTH, "kirchhoff", tolerance)
 
-    step = 1e-3
+    expected = difference(lambda t: value(moves(t), 1e-11))
     change = (moves(1e-5) - moves(-1e-5)) / 2e-5
-    expected = (8 * (value(step) - value(-step)) - value(2 * step) + value(-2 * step)) / (12 * step)
-    poses = TensorXf64(starts)
-    dr.enable_grad(poses)
-    found = pw.coupling(*pair, poses, WAVELENGTH, method, 1e-10)
-    assert found.shape == (2, 2)
-    dr.set_grad(poses, TensorXf64(change))
-    dr.enqueue(dr.ADMode.Forward, poses)
-    dr.traverse(dr.ADMode.Forward)
-    forward = np.array(dr.grad(found).numpy()) @ [1, 1j]
-    assert np.abs(forward - expected).max() < DIFFERENCES * np.abs(expected).max()
-    poses = TensorXf64(starts)
-    dr.enable_grad(poses)
-    found = pw.coupling(*pair, poses, WAVELENGTH, method, 1e-10)
-    dr.backward(dr.sum(found.array * found.array))  # |b|^2 of both
-    reverse = (np.array(dr.grad(poses).numpy()) * change).sum(axis=(1, 2))
-    power = 2 * (value(0.0).conj() * expected).real
-    assert np.abs(reverse - power).max() < DIFFERENCES * np.abs(power).max()
+    check_slopes(value, [starts], [change], expected, TensorXf64)
 
 
 @pytest.mark.llvm
 def test_derivatives_that_there_are_not_are_refused():
     import drjit as dr
-    from drjit.llvm.ad import TensorXf64
+    from drjit.llvm.ad import Array2f64, TensorXf64
 
     poses = TensorXf64(pose(0, 0, 0.1))
     dr.enable_grad(poses)
-    with pytest.raises(ArgumentError, match='with derivatives, got "fraunhofer"'):
-        pw.coupling(SQUARE, SQUARE, poses, WAVELENGTH, "fraunhofer")
-    with pytest.raises(ArgumentError, match="return_error"):
-        pw.coupling(SQUARE, SQUARE, poses, WAVELENGTH, return_error=True)
-    with pytest.raises(ArgumentError, match=r"tensor \(..., 4, 4\)"):
-        pw.coupling(SQUARE, SQUARE, TensorXf64([0.0, 1.0]), WAVELENGTH)
+    source = pw.differentiable(vertices=Array2f64(np.ascontiguousarray(SQUARE.rings[0].T)))
+    for sender, place, how, message in (
+        (SQUARE, poses, {"method": "fraunhofer"}, 'with derivatives, got "fraunhofer"'),
+        (SQUARE, poses, {"method": "wigner"}, 'with derivatives, got "wigner"'),
+        (SQUARE, poses, {"polarisation": "x"}, "with derivatives"),
+        (SQUARE, poses, {"return_error": True}, "return_error"),
+        (SQUARE, TensorXf64([0.0, 1.0]), {}, r"tensor \(..., 4, 4\)"),
+        (source, pose(0, 0, 0.1), {}, "without derivatives in vertices"),
+    ):
+        with pytest.raises(ArgumentError, match=message):
+            pw.coupling(sender, SQUARE, place, WAVELENGTH, **how)
 
 
 def _changed(**entries):
@@ -287,10 +313,11 @@ def _changed(**entries):
         (pose(0, 0, 0.1, math.pi), "looks away from it"),
         (pose(0.1, 0, 2e-3, 0.7), "got its point .* move it forwards"),
         (pose(10e-3, 0, 9e-3, -0.6), "all of the transmitter in front of the receiver's plane"),
-        (_changed(m00=-2.0), "departs from a rotation"),
-        (_changed(m00=1.0), "mirror image"),
-        (_changed(m23=math.nan), "not finite"),
-        (_changed(m30=1.0), "last row"),
+        ([pose(0, 0, 1), pose(0, 0, -1)], "in pose 1"),
+        *[
+            (_changed(**entries), "without scale or mirror image.* last row")
+            for entries in ({"m00": -2.0}, {"m00": 1.0}, {"m23": math.nan}, {"m30": 1.0})
+        ],
         (np.eye(3), r"shape \(3, 3\)"),
         ("somewhere", "rigid poses"),
     ],
@@ -300,11 +327,6 @@ def test_poses_that_make_no_link_are_refused(place, message):
         pw.coupling(SQUARE, SQUARE, place, WAVELENGTH)
 
 
-def test_a_pose_among_many_is_named():
-    with pytest.raises(GeometryError, match="in pose 1"):
-        pw.coupling(SQUARE, SQUARE, [pose(0, 0, 1), pose(0, 0, -1)], WAVELENGTH)
-
-
 @pytest.mark.parametrize(
     ("change", "error", "message"),
     [
@@ -312,32 +334,18 @@ def test_a_pose_among_many_is_named():
         ({"receiver": SQUARE.placed(np.eye(4))}, ArgumentError, "use its .aperture"),
         ({"receiver": pw.Array([SQUARE, SQUARE], [1, -1])}, IlluminationError, "cancel"),
         ({"wavelength": 0.0}, ArgumentError, "wavelength"),
-        ({"wavelength": math.nan}, ArgumentError, "wavelength"),
         ({"method": "fresnel"}, ArgumentError, "expected method to be one of"),
         ({"tolerance": 1e-14}, ArgumentError, "tolerance"),
-        ({"tolerance": math.nan}, ArgumentError, "tolerance"),
         ({"normalise": "gain"}, ArgumentError, 'expected normalise to be "radiated" or'),
         ({"wavelength": 1e-9, "to_transmitter": pose(0, 0, 1e-5)}, ArgumentError, "fewer"),
+        ({"to_transmitter": pose(0, 0, 0.1, 0.1), "method": "wigner"}, ArgumentError, "parallel"),
+        ({"receiver": SQUARE.curved(1.0, WAVELENGTH), "method": "wigner"}, ArgumentError, "flat"),
     ],
 )
 def test_other_arguments_are_refused(change, error, message):
     arguments = {"transmitter": SQUARE, "receiver": SQUARE, "to_transmitter": pose(0, 0, 0.1)}
     with pytest.raises(error, match=message):
         pw.coupling(**{**arguments, "wavelength": WAVELENGTH, **change})
-
-
-def test_tilted_planes_have_no_overlap_along_rays():
-    with pytest.raises(ArgumentError, match="parallel planes"):
-        pw.coupling(SQUARE, SQUARE, pose(0, 0, 0.1, 0.1), WAVELENGTH, "wigner")
-
-
-@pytest.mark.llvm
-def test_vertices_have_no_derivatives_in_a_coupling():
-    from drjit.llvm.ad import Array2f64
-
-    source = pw.differentiable(vertices=Array2f64(np.ascontiguousarray(SQUARE.rings[0].T)))
-    with pytest.raises(ArgumentError, match="without derivatives in vertices"):
-        pw.coupling(source, SQUARE, pose(0, 0, 0.1), WAVELENGTH)
 
 
 # Elements that overlap, of which one weighs nothing and one has a field of its own.
@@ -360,56 +368,28 @@ def replaced(source, numbers):
     ("method", "normalise"), [("rayleigh-sommerfeld-2", "radiated"), ("kirchhoff", "aperture")]
 )
 def test_derivatives_in_weights_and_amplitudes_are_differences(method, normalise):
-    import drjit as dr
-    from drjit.llvm.ad import Complex2f64, Float64, TensorXf64
+    from drjit.llvm.ad import Complex2f64, Float64
 
     places = np.array([pose(5e-3, -2e-3, 64e-3, 0.3, 0.7), pose(-3e-3, 0, 0.5, -0.2)])
     start = [CLUSTER.weights, WAVES.illumination.amplitudes]
     rng = np.random.default_rng(1)
     change = [rng.normal(size=(len(own), 2)) @ [1, 1j] for own in start]
 
+    def link(*pair, tolerance=1e-9):
+        return pw.coupling(*pair, places, WAVELENGTH, method, tolerance, normalise=normalise)
+
     def value(t):
-        pair = (
-            replaced(source, own + t * other)
-            for source, own, other in zip((CLUSTER, WAVES), start, change, strict=True)
-        )
-        return pw.coupling(*pair, places, WAVELENGTH, method, 1e-10, normalise=normalise)
+        moved = [own + t * other for own, other in zip(start, change, strict=True)]
+        return link(*map(replaced, (CLUSTER, WAVES), moved), tolerance=1e-10)
 
-    step = 1e-3
-    expected = (8 * (value(step) - value(-step)) - value(2 * step) + value(-2 * step)) / (12 * step)
+    def traced(weights, amplitudes):
+        first = pw.differentiable(CLUSTER, weights=weights)
+        return link(first, pw.differentiable(WAVES, amplitudes=amplitudes))
 
-    def traced(numbers):
-        pair = (
-            pw.differentiable(CLUSTER, weights=numbers[0]),
-            pw.differentiable(WAVES, amplitudes=numbers[1]),
-        )
-        return pw.coupling(*pair, places, WAVELENGTH, method, 1e-9, normalise=normalise)
+    def kind(numbers):
+        return Complex2f64(Float64(numbers.real), Float64(numbers.imag))
 
-    def numbers_with_gradients():
-        numbers = [Complex2f64(Float64(own.real), Float64(own.imag)) for own in start]
-        dr.enable_grad(numbers)
-        return numbers
-
-    numbers = numbers_with_gradients()
-    found = traced(numbers)
-    assert isinstance(found, TensorXf64)
-    assert np.allclose(found.numpy() @ [1, 1j], value(0.0), rtol=2e-9)
-    for own, other in zip(numbers, change, strict=True):
-        dr.set_grad(own, Complex2f64(Float64(other.real), Float64(other.imag)))
-    dr.enqueue(dr.ADMode.Forward, numbers)
-    dr.traverse(dr.ADMode.Forward)
-    forward = np.array(dr.grad(found).numpy()) @ [1, 1j]
-    assert (np.abs(forward - expected) < DIFFERENCES * np.abs(expected)).all()
-    numbers = numbers_with_gradients()
-    found = traced(numbers)
-    dr.backward(dr.sum(found.array * found.array))  # |b|^2 of both
-    reverse = sum(
-        float(np.dot(np.array(part), along))
-        for own, other in zip(numbers, change, strict=True)
-        for part, along in zip(dr.grad(own), (other.real, other.imag), strict=True)
-    )
-    power = 2 * (value(0.0).conj() * expected).real.sum()
-    assert reverse == pytest.approx(power, rel=DIFFERENCES)
+    check_slopes(traced, start, change, difference(value), kind)
 
 
 @pytest.mark.llvm
@@ -428,5 +408,3 @@ def test_couplings_of_differentiable_sources_have_the_kind_of_their_weights():
     assert pw.coupling(SQUARE, source, poses[:0], WAVELENGTH).shape == (0, 3, 2)
     with pytest.raises(ArgumentError, match="one backend and precision"):
         pw.coupling(SQUARE, source, TensorXf64(place), WAVELENGTH)
-    with pytest.raises(ArgumentError, match='with derivatives, got "fraunhofer"'):
-        pw.coupling(SQUARE, source, place, WAVELENGTH, "fraunhofer")

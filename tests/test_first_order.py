@@ -54,6 +54,16 @@ def test_the_inverse_undoes_a_system(system):
     assert system.inverse.inverse == system
 
 
+@pytest.mark.parametrize(
+    ("system", "slope"), [(pw.FirstOrder.rotation(0.3), 0.0), (CROSSED, -1 / 0.04)]
+)
+def test_angles_count_from_x_to_y(system, slope):
+    """A turn takes the x axis, and a lens deflects along its own one, to this angle."""
+    along = np.array([math.cos(0.3), math.sin(0.3)])
+    x, s = system.rays((1.0, 0.0) if slope == 0 else along, (0.0, 0.0))
+    assert x == pytest.approx(along) and s == pytest.approx(slope * along)
+
+
 def test_the_right_system_acts_first():
     x, s = np.array([0.01, -0.02]), np.array([0.03, 0.0])
     at_lens = x + 0.07 * s
@@ -70,19 +80,14 @@ def test_a_lens_between_two_focal_lengths_is_a_fourier_transformer_and_two_are_a
 
 
 def test_an_image_made_of_lenses_and_distances_is_one_in_spite_of_rounding():
-    rng = np.random.default_rng(4)
+    rng, space = np.random.default_rng(4), pw.FirstOrder.free_space
     for focus, near, beyond in rng.uniform(0.03, 0.7, (50, 3)):
         far = 1 / (1 / focus - 1 / (focus + near))
-        image = (
-            pw.FirstOrder.free_space(far)
-            @ pw.FirstOrder.lens(focus)
-            @ pw.FirstOrder.free_space(focus + near)
-        )
+        image = space(far) @ pw.FirstOrder.lens(focus) @ space(focus + near)
         assert not image.B.any() and image.A[0, 0] == pytest.approx(-focus / near, rel=1e-12)
-        away = pw.FirstOrder.free_space(beyond)
-        relay = away.inverse @ away @ image @ image
+        relay = space(beyond).inverse @ space(beyond) @ image @ image
         assert not relay.B.any()
-        assert (pw.FirstOrder.free_space(1e-9 * far) @ image).B.any()
+        assert (space(1e-9 * far) @ image).B.any()
 
 
 def test_a_matrix_of_two_rows_is_that_of_both_axes():
@@ -97,7 +102,7 @@ def test_a_system_is_a_value():
     assert len({CROSSED, pw.FirstOrder.lens((0.04, -0.11), angle=0.3), LENS}) == 2
     assert eval(repr(CROSSED), {"FirstOrder": pw.FirstOrder}) == CROSSED
     assert LENS != "lens"
-    with pytest.raises(AttributeError, match="cannot be changed"):
+    with pytest.raises(AttributeError):
         LENS.matrix = np.eye(4)
     with pytest.raises(ValueError, match="read-only"):
         LENS.matrix[0, 0] = 2.0
@@ -111,11 +116,11 @@ def test_a_system_is_a_value():
         (lambda: pw.FirstOrder(np.eye(4) + np.eye(4, k=3)), r"B\^T D - D\^T B = 0"),
         (lambda: pw.FirstOrder(np.eye(3)), r"\(4, 4\), or \(2, 2\), got \(3, 3\)"),
         (lambda: pw.FirstOrder([[math.nan, 0], [0, 1]]), "finite"),
-        (lambda: pw.FirstOrder("abcd"), "real numbers, got str"),
+        (lambda: pw.FirstOrder("abcd"), "got str"),
         (lambda: pw.FirstOrder.lens(0.0), "other than 0"),
         (lambda: pw.FirstOrder.lens((0.1, 0.2, 0.3)), r"\(f_x, f_y\)"),
         (lambda: pw.FirstOrder.lens("50 mm"), "f as a focal length in m"),
-        (lambda: pw.FirstOrder.lens(1e-310), "overflows"),
+        (lambda: pw.FirstOrder.lens(1e-310), "other than 0"),
         (lambda: pw.FirstOrder.magnifier(0.0), "other than 0"),
         (lambda: pw.FirstOrder.magnifier(math.inf), "magnification"),
         (lambda: pw.FirstOrder.free_space(math.inf), "distance in m"),
@@ -129,27 +134,22 @@ def test_what_is_no_system_is_refused_in_one_sentence(make, message):
         make()
 
 
-@pytest.mark.parametrize("source", SOURCES.values(), ids=SOURCES)
-@pytest.mark.parametrize("system", SYSTEMS.values(), ids=SYSTEMS)
-def test_the_wigner_function_is_constant_along_rays(source, system):
-    x, nu = points(60, 4e-3, 2), points(60, 200.0, 3)
-    places, directions = system.rays(x, WAVELENGTH * nu)
-    found = pw.wigner(
-        source, places, directions / WAVELENGTH, through=system, wavelength=WAVELENGTH
-    )
+CASES = [("waves", name) for name in SYSTEMS] + [("outline", "all of them"), ("array", "lens")]
+
+
+@pytest.mark.parametrize(("source", "system"), CASES)
+def test_wigner_and_ambiguity_functions_are_constant_along_rays(source, system):
+    """Lags and frequency shifts go as places and directions do."""
+    source, system = SOURCES[source], SYSTEMS[system]
+    first, second = points(60, 4e-3, 2), points(60, 200.0, 3)
+    places, slopes = system.rays(first, WAVELENGTH * second)
+    how = {"through": system, "wavelength": WAVELENGTH}
+    found = pw.wigner(source, places, slopes / WAVELENGTH, **how)
     assert np.count_nonzero(found) > 8
-    assert found == pytest.approx(pw.wigner(source, x, nu), abs=MAPPED * TEE.area)
-
-
-@pytest.mark.parametrize("source", SOURCES.values(), ids=SOURCES)
-@pytest.mark.parametrize("system", SYSTEMS.values(), ids=SYSTEMS)
-def test_lags_and_frequency_shifts_go_as_rays_do(source, system):
-    xi, upsilon = points(40, 6e-3, 4), points(40, 200.0, 5)
-    lags, slopes = system.rays(xi, WAVELENGTH * upsilon)
-    found = pw.ambiguity(source, slopes / WAVELENGTH, lags, through=system, wavelength=WAVELENGTH)
-    expected = pw.ambiguity(source, upsilon, xi)
+    assert found == pytest.approx(pw.wigner(source, first, second), abs=MAPPED * TEE.area)
+    found = pw.ambiguity(source, slopes / WAVELENGTH, places, **how)
     assert np.count_nonzero(found) > 10
-    assert abs(found - expected).max() < MAPPED * TEE.area
+    assert abs(found - pw.ambiguity(source, second, first)).max() < MAPPED * TEE.area
 
 
 def test_the_ambiguity_function_behind_a_system_is_the_transform_of_the_wigner_function():
@@ -197,12 +197,16 @@ def test_a_system_and_a_wavelength_belong_together(how, message):
             function(TEE, (0.0, 0.0), (0.0, 0.0), **how)
 
 
-def test_points_of_the_wrong_shape_are_named():
-    how = {"through": SPACE, "wavelength": WAVELENGTH}
-    with pytest.raises(ArgumentError, match=r"expected nu of shape \(\.\.\., 2\)"):
-        pw.wigner(TEE, (0.0, 0.0), (0.0, 0.0, 0.0), **how)
-    with pytest.raises(ArgumentError, match="shapes that broadcast"):
-        pw.wigner(TEE, np.zeros((3, 2)), np.zeros((4, 2)), **how)
+@pytest.mark.parametrize(
+    ("x", "nu", "message"),
+    [
+        ((0.0, 0.0), (0.0, 0.0, 0.0), r"expected nu of shape \(\.\.\., 2\)"),
+        (np.zeros((3, 2)), np.zeros((4, 2)), "shapes that broadcast"),
+    ],
+)
+def test_points_of_the_wrong_shape_are_named(x, nu, message):
+    with pytest.raises(ArgumentError, match=message):
+        pw.wigner(TEE, x, nu, through=SPACE, wavelength=WAVELENGTH)
 
 
 def test_labelled_points_keep_their_labels_through_a_system():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from scipy.special import j1
 
 import polywigner as pw
 from oracles.quadrature import triangle_nodes
-from polywigner.errors import ArgumentError, GeometryError, PolywignerError
+from polywigner.errors import ArgumentError, GeometryError
 
 WAVELENGTH = 299792458 / 94e9
 K = 2 * math.pi / WAVELENGTH
@@ -65,12 +66,12 @@ def test_radiance_of_a_square_at_its_centre_is_the_closed_form() -> None:
 def test_radiance_over_the_source_is_the_radiant_intensity(source: Any) -> None:
     """int L cos(theta) dx = cos(theta) |F|^2/lambda^2, by the midpoint rule."""
     direction = _direction(0.3, 2.0)
-    axis = np.linspace(-20e-3, 25e-3, 1001)
+    axis = np.linspace(-20e-3, 25e-3, 501)
     x = np.stack(np.meshgrid(axis, axis), axis=-1)
     total = pw.radiance(source, x, direction, WAVELENGTH).sum() * (axis[1] - axis[0]) ** 2
     found = pw.radiant_intensity(source, direction, WAVELENGTH)
     energy = pw.energy_budget(source, WAVELENGTH).total
-    rule = 2e-4  # of the largest intensity: W has kinks, the rule cells of 45 um
+    rule = 6e-4  # of the largest intensity: W has kinks, the rule cells of 90 um
     assert abs(direction[2] * total - found) < rule * energy**2 / WAVELENGTH**2
 
 
@@ -97,14 +98,13 @@ def test_a_source_much_smaller_than_the_wavelength_is_lambertian() -> None:
 
 def test_single_precision_stays_single() -> None:
     s = _direction(0.4)[None].repeat(3, axis=0)
-    for function, double in (
-        (lambda **how: pw.radiance(SQUARE, (0, 0), s, WAVELENGTH, **how), np.float64),
-        (lambda **how: pw.radiant_intensity(SQUARE, s, WAVELENGTH, **how), np.float64),
+    for call in (
+        lambda **how: pw.radiance(SQUARE, (0, 0), s, WAVELENGTH, **how),
+        lambda **how: pw.radiant_intensity(SQUARE, s, WAVELENGTH, **how),
     ):
-        assert function().dtype == double
-        single = function(precision="single")
-        assert single.dtype == np.float32
-        assert single == pytest.approx(function(), rel=1e-4)
+        single = call(precision="single")
+        assert (single.dtype, call().dtype) == (np.float32, np.float64)
+        assert single == pytest.approx(call(), rel=1e-4)
 
 
 def _power_by_lags(width: float, wavelength: float) -> float:
@@ -180,14 +180,13 @@ def test_a_wave_beyond_grazing_stays_at_the_aperture() -> None:
 
 def test_a_dark_source_has_no_power_and_no_shares() -> None:
     budget = pw.energy_budget(pw.Array([SQUARE, SQUARE], [1, -1]), WAVELENGTH)
-    assert budget.total == pytest.approx(0.0, abs=1e-18)
-    assert budget.propagating == pytest.approx(0.0, abs=1e-18)
+    assert max(abs(budget.total), abs(budget.propagating)) < 1e-18
 
 
 REFUSED: dict[str, tuple[Any, str]] = {
     "a direction behind": (lambda: pw.radiance(SQUARE, (0, 0), (0, 0, -1), 1.0), "z >= 0"),
-    "a long direction": (lambda: pw.radiant_intensity(SQUARE, (0, 0, 2), 1.0), "length 1"),
-    "no number": (lambda: pw.radiant_intensity(SQUARE, (math.nan, 0, 1), 1.0), "length 1"),
+    "a long direction": (lambda: pw.radiant_intensity(SQUARE, (0, 0, 2), 1.0), "of length 2"),
+    "no number": (lambda: pw.radiant_intensity(SQUARE, (math.nan, 0, 1), 1.0), "of length nan"),
     "two components": (lambda: pw.radiant_intensity(SQUARE, (0, 1), 1.0), r"\(\.\.\., 3\)"),
     "a text": (lambda: pw.radiant_intensity(SQUARE, "up", 1.0), "unit vectors"),
     "three for x": (lambda: pw.flux_vector(SQUARE, (0, 0, 0), 1.0), r"\(\.\.\., 2\)"),
@@ -207,10 +206,8 @@ REFUSED: dict[str, tuple[Any, str]] = {
 @pytest.mark.parametrize("name", REFUSED)
 def test_what_radiates_to_nowhere_is_refused_in_words(name: str) -> None:
     call, words = REFUSED[name]
-    with pytest.raises(ArgumentError, match=words) as caught:
+    with pytest.raises(ArgumentError, match=f"expected.*({words}.*got|got.*{words})"):
         call()
-    assert isinstance(caught.value, PolywignerError)
-    assert "expected" in str(caught.value) and "got" in str(caught.value)
 
 
 def test_elements_off_the_plane_are_refused() -> None:
@@ -231,12 +228,13 @@ def test_drjit_arrays_are_sent_to_the_transforms() -> None:
 @pytest.mark.parametrize("wavelength", [1e-9, 1e-30])
 def test_integrals_over_directions_of_too_many_wavelengths_are_refused(wavelength: float) -> None:
     slanted = SQUARE.with_illumination(pw.steering((0.9, 0.0, math.sqrt(0.19)), wavelength))
-    with pytest.raises(ArgumentError, match="wavelengths across"):
-        pw.power(slanted, wavelength)
-    with pytest.raises(ArgumentError, match="wavelengths across"):
-        pw.flux_vector(SQUARE, (0.0, 0.0), wavelength)
-    with pytest.raises(ArgumentError, match="wavelengths across"):
-        pw.radiation_pattern(SQUARE, wavelength, [0.0], [0.0])
+    for call in (
+        lambda: pw.power(slanted, wavelength),
+        lambda: pw.flux_vector(SQUARE, (0.0, 0.0), wavelength),
+        lambda: pw.radiation_pattern(SQUARE, wavelength, [0.0], [0.0]),
+    ):
+        with pytest.raises(ArgumentError, match="wavelengths across"):
+            call()
 
 
 WIDE = pw.Aperture(np.array([[0, 0], [3.0, 0.2], [0.8, 2.4]]) * 1e-3)
@@ -259,36 +257,24 @@ def test_wide_sources_lose_what_their_edges_keep(obliquity: Any, scale: int) -> 
         assert pw.energy_budget(source, wavelength).evanescent == pytest.approx(lost, rel=1e-9)
 
 
-def waves_across(name: str) -> Any:
-    """A triangle of 1 m with a wave."""
-    triangle = pw.Aperture(np.array([[0, 0], [1, 0.1], [0.3, 0.8]]))
-    return {
-        "steered": triangle.with_illumination(pw.steering((0.5, 0.2, 0.71**0.5), 1 / 600)),
-        "tapered": triangle.with_illumination(
-            pw.Illumination([1.0, 0.4 - 0.2j], [(40.0, -30.0), (0.0, 90.0)])
-        ),
-    }[name]
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["steered", "tapered"])
-def test_power_of_wide_sources_goes_on_where_directions_end(name: str) -> None:
-    source, obliquity = waves_across(name), "kirchhoff"
-    diameter = math.hypot(1.0, 0.1)
-    powers = [
-        pw.radiated_power(source, diameter / wavelengths, obliquity)
-        for wavelengths in (590, 599, 601, 610)
-    ]
-    # the powers vary smoothly, across the change of ways too
-    around = (powers[3] - powers[0]) / 10
-    assert powers[2] - powers[1] == pytest.approx(around, abs=1e-6 * source.area)
+def test_power_of_wide_sources_goes_on_where_directions_end() -> None:
+    """At 600 wavelengths, from sums over directions to lags, of waves of several cosines."""
+    triangle = pw.Aperture(np.array([[0, 0], [1, 0.1], [0.3, 0.8]]))
+    waves = pw.Illumination([1.0, 0.4 - 0.2j], [(300.0, -120.0), (0.0, 90.0)])
+    source, diameter = triangle.with_illumination(waves), math.hypot(1.0, 0.1)
+    below, *beyond = (
+        pw.radiated_power(source, diameter / (600 + above), "kirchhoff") for above in (-1, 1, 4, 7)
+    )
+    smooth = np.polynomial.Polynomial.fit((1, 4, 7), beyond, 2)
+    assert below == pytest.approx(smooth(-1), abs=1e-6 * source.area)
 
 
 def test_rays_of_a_wide_curved_wave_carry_its_power_but_for_its_edges() -> None:
     places, weights = triangle_nodes(WIDE.rings[0][None], 20)
     cosines = np.sqrt(1 - np.square(places / 5e-3).sum(axis=1))
     shares = []
-    for wavelength in (550e-9, 137.5e-9):
+    for wavelength in (1100e-9, 550e-9):
         power = pw.radiated_power(WIDE.curved(5e-3, wavelength), wavelength)
         shares.append((cosines @ weights - power) / (WIDE.polygons.length * wavelength))
     assert shares[0] == pytest.approx(EDGES["rayleigh-sommerfeld-1"], rel=0.1)
@@ -310,17 +296,11 @@ def test_elements_that_touch_radiate_as_one() -> None:
 def test_power_of_partly_coherent_wide_light_is_the_mean_over_tilts() -> None:
     wavelength, width = 1e-3, 20e-3
     square = pw.shapes.square(0.8)
-    node, weight = np.polynomial.hermite_e.hermegauss(9)
+    node, weight = np.polynomial.hermite_e.hermegauss(5)
     tilts = node / (2 * math.pi * width) * wavelength
-    mean = sum(
-        a
-        * b
-        * pw.power(
-            square.with_illumination(pw.steering((x, y, math.sqrt(1 - x * x - y * y)), wavelength)),
-            wavelength,
-        )
-        for x, a in zip(tilts, weight / weight.sum(), strict=True)
-        for y, b in zip(tilts, weight / weight.sum(), strict=True)
-    )
+    mean = 0.0
+    for (x, a), (y, b) in product(zip(tilts, weight / weight.sum(), strict=True), repeat=2):
+        tilt = pw.steering((x, y, math.sqrt(1 - x * x - y * y)), wavelength)
+        mean += a * b * pw.power(square.with_illumination(tilt), wavelength)
     found = pw.power(square.partially_coherent(width), wavelength)
     assert found == pytest.approx(mean, rel=1e-8)

@@ -16,22 +16,16 @@ CONDITIONS = ("rayleigh-sommerfeld-1", "kirchhoff", "rayleigh-sommerfeld-2")
 # In wavelengths: 10 mm at 94 GHz
 SIDE = 10e-3 / (299792458 / 94e9)
 SQUARE = pw.shapes.square(SIDE)
-CHEVRON = pw.shapes.chevron(2.0, 1.2, 0.4)
 
 WAVES = pw.Illumination([1, 0.6j, 0.4], [(0.3, 0.1), (-0.25, 0.4), (0.1, -0.6)])
 TWO_WAVES = pw.Illumination([1, 0.6j], [(0.3, 0.1), (-0.25, 0.4)])
 EVANESCENT = pw.Illumination([1, 0.6j], [(0.3, 0.1), (-0.25, 1.2)])
 SOURCES: dict[str, Any] = {
     "square": SQUARE,
-    "TE10": SQUARE.with_illumination(pw.te_mode(SIDE, SIDE)),
     "steered": SQUARE.with_illumination(pw.Illumination([1], [(0.5, 0.1)])),
     "three waves": SQUARE.with_illumination(WAVES),
     "evanescent wave": SQUARE.with_illumination(EVANESCENT),
-    "chevrons": pw.Aperture([*CHEVRON.rings, *CHEVRON.moved((2.2, 0.1)).rings]),
     "two triangles": pw.Aperture([[(0, 0), (2, 0), (1, 1.5)], [(2.2, 0.3), (3.5, 1), (2.4, 2)]]),
-    "array": pw.phased_array(
-        pw.shapes.square(1.0), [(1.3 * i, 0.0) for i in range(3)], [1, 0.7j, -0.5]
-    ),
     "array with waves": pw.Array(
         [
             pw.shapes.square(1.0).with_illumination(TWO_WAVES),
@@ -51,19 +45,11 @@ POWERS, NEARLY = {1: 2, 3: 4}, 0.1
 UNSYMMETRIC = ("array with waves", "kirchhoff")
 
 
-def on_axis(*distances):
-    return np.array([(0.0, 0.0, z) for z in distances])
-
-
 def on_arc(distance, degrees, azimuth=0.0):
     theta, phi = np.radians(degrees), np.radians(azimuth)
     rho = np.sin(theta)
     unit = np.stack([rho * np.cos(phi), rho * np.sin(phi), np.cos(theta)], axis=-1)
     return distance * unit
-
-
-def decibels(ratio):
-    return 10 * np.log10(ratio)
 
 
 @pytest.mark.parametrize(
@@ -80,15 +66,15 @@ def test_rays_have_their_reference_values(name, obliquity):
     assert found == pytest.approx(VALUES[name], rel=ACCURATE)
 
 
-CASES = [("square", condition) for condition in CONDITIONS]
-CASES += [(name, "rayleigh-sommerfeld-1") for name in ("TE10", "steered", "array")]
+# Each condition with one wave and with several; parts and arrays are sums of the same terms.
+CASES = [("square", "kirchhoff"), ("steered", "rayleigh-sommerfeld-1")]
 CASES += [("evanescent wave", "kirchhoff"), ("three waves", "rayleigh-sommerfeld-2")]
-CASES += [("two triangles", "kirchhoff"), ("array with waves", "kirchhoff")]
+CASES = [(*case, order) for case in CASES for order in (1, 3)]
+CASES += [("two triangles", "rayleigh-sommerfeld-1", 3), (*UNSYMMETRIC, 1)]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("order", [1, 3])
-@pytest.mark.parametrize(("name", "condition"), CASES)
+@pytest.mark.parametrize(("name", "condition", "order"), CASES)
 def test_the_error_of_rays_falls_with_the_power_of_the_distance_that_theory_has(
     name, condition, order
 ):
@@ -107,13 +93,13 @@ def test_the_error_of_rays_falls_with_the_power_of_the_distance_that_theory_has(
 
 
 def test_third_order_is_right_on_axis_from_three_wavelengths_on():
-    points = on_axis(3, 3.5, 4, 5, 7, 10, 20, 50)
-    for condition, limit in (("kirchhoff", 0.025), ("rayleigh-sommerfeld-1", 0.025)):
+    points = np.array([(0.0, 0.0, z) for z in (3, 3.5, 4, 5, 7, 10, 20, 50)])
+    for condition in ("kirchhoff", "rayleigh-sommerfeld-1"):
         expected = np.abs(field_by_quadrature(SQUARE, points, 1.0, condition)) ** 2
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", PolywignerWarning)
             found = pw.irradiance(SQUARE, points, 1.0, obliquity=condition, order=3, tolerance=1e-5)
-        assert abs(decibels(found / expected)).max() < limit
+        assert abs(10 * np.log10(found / expected)).max() < 0.025
 
 
 @pytest.mark.slow
@@ -129,8 +115,7 @@ def test_drawn_places_give_the_same_within_their_error(sampling):
     assert (again == found).all()
 
 
-@pytest.mark.parametrize("sampling", ["gauss", "monte-carlo"])
-@pytest.mark.parametrize("height", [1e-9, 1e-8, 1e-7])
+@pytest.mark.parametrize(("sampling", "height"), [("gauss", 1e-9), ("monte-carlo", 1e-7)])
 def test_points_on_the_source_whose_rays_pass_between_all_places_have_no_error_estimate(
     sampling, height
 ):

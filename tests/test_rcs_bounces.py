@@ -12,7 +12,17 @@ import shapely
 
 import polywigner as pw
 from oracles.bounces import scattered_field, triangles_of
-from oracles.meshes import extruded, sphere
+from oracles.meshes import (
+    BOX,
+    DIRECTIONS,
+    STEPS,
+    across,
+    at,
+    extruded,
+    sphere,
+    towards,
+)
+from oracles.meshes import section_root as plate
 from oracles.references import read_json
 from polywigner.errors import ArgumentError, PolywignerWarning
 
@@ -29,9 +39,6 @@ RECIPROCAL = 0.4
 SQUARE = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=float)
 TRIANGLE = SQUARE[[0, 1, 3]]
 INWARDS = np.ones(3) / math.sqrt(3)
-STEPS = extruded([(0, 0), (3, 0), (3, 1), (2, 1), (2, 2), (1, 2), (1, 3), (0, 3)], 2.0)
-L_BODY = extruded([(0, 0), (3, 0), (3, 1), (1, 1), (1, 3), (0, 3)], 1.5)
-BOX = extruded([(0, 0), (2, 0), (2, 1), (0, 1)], 0.5)
 
 
 def facing_out(corners: Any) -> Any:
@@ -59,30 +66,8 @@ def dihedral(degrees: float, size: float = 1.0) -> list[Any]:
     return [facing_out(flat), facing_out(flat @ turn)]
 
 
-def towards(polar: float, azimuth: float) -> np.ndarray:
-    """Unit vector, from degrees."""
-    a, b = math.radians(polar), math.radians(azimuth)
-    return np.array([math.sin(a) * math.cos(b), math.sin(a) * math.sin(b), math.cos(a)])
-
-
-def at(x: float, y: float, z: float) -> np.ndarray:
-    pose = np.eye(4)
-    pose[:3, 3] = x, y, z
-    return pose
-
-
 def rectangle(x: tuple[float, float], y: tuple[float, float], z: float) -> Any:
     return facing_out([(x[0], y[0], z), (x[1], y[0], z), (x[1], y[1], z), (x[0], y[1], z)])
-
-
-def plate(area: float, wavelength: float) -> float:
-    """Square root of the cross section of a plate seen at right angles."""
-    return math.sqrt(4 * math.pi) * area / wavelength
-
-
-def across(direction: np.ndarray) -> np.ndarray:
-    vector = np.cross(direction, (0.0, 0.6, 0.8))
-    return np.asarray(vector / np.linalg.norm(vector))
 
 
 @pytest.mark.parametrize("name", ["square trihedral", "triangular trihedral", "dihedral"])
@@ -126,16 +111,6 @@ def test_corners_have_the_closed_forms_on_their_axes(
             assert crossed < 1e-12 * section * size**2
 
 
-CORNER = pw.Polyhedron(  # a cube without an eighth of it
-    [
-        (0, 0, 0), (2, 0, 0), (2, 2, 0), (0, 2, 0), (0, 0, 2), (2, 0, 2), (0, 2, 2),
-        (2, 1, 1), (1, 1, 1), (1, 2, 1), (2, 2, 1), (2, 1, 2), (1, 1, 2), (1, 2, 2),
-    ],
-    [
-        (0, 3, 2, 1), (0, 1, 5, 4), (0, 4, 6, 3), (1, 2, 10, 7, 11, 5), (3, 6, 13, 9, 10, 2),
-        (4, 5, 11, 12, 13, 6), (7, 10, 9, 8), (7, 8, 12, 11), (8, 9, 13, 12),
-    ],
-)  # fmt: skip
 GROUND = pw.shapes.square(8.0)
 FRAME = pw.Aperture(shapely.Polygon([(0, 0), (4, 0), (4, 3), (0, 2)], [[(1, 1), (2, 1), (2, 2)]]))
 TILTED = np.eye(4)
@@ -147,37 +122,27 @@ TILTED[:3, 3] = 0.5, 0.0, 1.5
 @pytest.mark.parametrize(
     ("body", "s", "t"),
     [
-        (trihedral(SQUARE), towards(50, 40), None),
-        (trihedral(SQUARE), towards(60, 30), towards(40, 60)),
         (trihedral(SQUARE), towards(120, 60), towards(40, 60)),  # received behind it
-        (trihedral(TRIANGLE), towards(40, 70), None),
-        (dihedral(60), towards(55, 85), None),
         (dihedral(40), towards(60, 80), None),
         (dihedral(60), towards(20, 80), towards(70, 85)),
-        (CORNER, towards(50, 40), None),
         (STEPS, towards(60, 80), towards(70, 15)),
         ([GROUND, BOX], towards(45, 160), towards(55, 20)),
         ([rectangle((-2, 2), (-1, 2), -0.5), *trihedral(SQUARE)], towards(40, 20), None),
         ([GROUND.placed(at(1, 1, 0)), FRAME.placed(TILTED)], towards(30, 20), towards(40, 200)),
     ],
-    ids=[
-        "trihedral", "two directions", "behind", "triangles", "60 degrees", "40 degrees",
-        "60 degrees, two directions", "closed", "stairs", "box on the ground",
-        "plates before plates", "a hole",
-    ],
-)  # fmt: skip
+    ids=["behind", "40 degrees", "60 degrees", "stairs", "box", "plates before plates", "a hole"],
+)
 def test_beams_are_the_rays_of_all_reflections(body: Any, s: Any, t: Any) -> None:
     wavelength, transmitter = 0.9, s if t is None else t
     p = across(transmitter)
     triangles = triangles_of(body if isinstance(body, list) else [body])
-    for bounces in (2, 3):
-        field, area = scattered_field(triangles, s, transmitter, p, wavelength, bounces, across=250)
-        for axis in np.eye(3):
-            q = axis - s * (axis @ s)
-            q /= np.linalg.norm(q)
-            found = math.sqrt(pw.rcs(body, s, wavelength, t, (q, p), bounces=bounces))
-            expected = math.sqrt(4 * math.pi) / wavelength * abs(q @ field)
-            assert found == pytest.approx(expected, abs=RAYS * plate(area, wavelength))
+    field, area = scattered_field(triangles, s, transmitter, p, wavelength, 3, across=250)
+    for axis in np.eye(3):
+        q = axis - s * (axis @ s)
+        q /= np.linalg.norm(q)
+        found = math.sqrt(pw.rcs(body, s, wavelength, t, (q, p), bounces=3))
+        expected = math.sqrt(4 * math.pi) / wavelength * abs(q @ field)
+        assert found == pytest.approx(expected, abs=RAYS * plate(area, wavelength))
 
 
 def test_a_few_rays_agree_with_the_beams_of_an_acute_corner() -> None:
@@ -204,9 +169,6 @@ def test_a_beam_sent_back_is_the_same_both_ways(degrees: float) -> None:
             back = math.sqrt(pw.rcs(body, t, wavelength, k, (p, q), bounces=2))
             assert there == pytest.approx(back, abs=RECIPROCAL * wavelength * scale)
         assert pw.rcs(body, k, wavelength, t, bounces=2) > 0.1 * scale**2
-
-
-DIRECTIONS = np.array([towards(a, b) for a, b in ((20, 10), (55, 130), (80, 250), (140, 300))])
 
 
 @pytest.mark.parametrize(
@@ -287,15 +249,17 @@ def test_the_warning_of_corners_says_what_to_give() -> None:
         pw.rcs(body, towards(45, 90), 0.05, bounces=2)
 
 
-@pytest.mark.parametrize("bounces", [0, 4, 1.5, "2", None, True])
+@pytest.mark.parametrize("bounces", [0, 4, 1.5, "2", True])
 def test_other_numbers_of_reflections_are_refused(bounces: Any) -> None:
-    with pytest.raises(ArgumentError, match="expected bounces as a whole number from 1 to 3"):
-        pw.rcs(BOX, INWARDS, 0.1, bounces=bounces)
-    with pytest.raises(ArgumentError, match="expected bounces as a whole number from 1 to 3"):
-        pw.rcs_pattern(BOX, 0.1, 0.0, 0.0, bounces=bounces)
+    for call in (
+        lambda: pw.rcs(BOX, INWARDS, 0.1, bounces=bounces),
+        lambda: pw.rcs_pattern(BOX, 0.1, 0.0, 0.0, bounces=bounces),
+    ):
+        with pytest.raises(ArgumentError, match="expected bounces as a whole number from 1 to 3"):
+            call()
 
 
-def test_antennas_near_by_and_derivatives_know_one_reflection() -> None:
+def test_antennas_near_by_know_one_reflection() -> None:
     with pytest.raises(ArgumentError, match="bounces=1 with a source"):
         pw.rcs(BOX, 9 * INWARDS, 0.1, source=pw.shapes.square(0.1), bounces=2)
 

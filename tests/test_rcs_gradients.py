@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import polywigner as pw
-from oracles.meshes import extruded
+from oracles.meshes import BOX, L_BODY
 from polywigner.errors import ArgumentError
 
 pytestmark = pytest.mark.llvm
@@ -16,8 +16,6 @@ pytestmark = pytest.mark.llvm
 # Central differences of steps h of functions that vary over 1/(4 pi 3 m/0.3 m) rad: (h 120)^2/6,
 # and 1e-16/h of rounding.
 STEP, DIFFERENCES = 1e-5, 1e-6
-BOX = extruded([(0, 0), (2, 0), (2, 1), (0, 1)], 0.5)
-L_BODY = extruded([(0, 0), (3, 0), (3, 1), (1, 1), (1, 3), (0, 3)], 1.5)
 PLATE = pw.Aperture([(0, 0), (2, 0.3), (1.4, 1.6), (0.2, 1.1)])
 # no face of any body is seen edge-on, where bistatic sections jump
 S = np.array([[0.36, 0.48, 0.8], [-0.64, 0.48, 0.6], [0.28, -0.94, 0.2]])

@@ -205,13 +205,13 @@ def test_wrong_arguments_are_refused(
         pw.rcs(PLATE, *arguments, **keywords)
 
 
-@pytest.mark.parametrize("pair", [("x", "x"), ("30 deg", "right"), ((1, 0.2j), "y")])
+@pytest.mark.parametrize("pair", [("30 deg", "right"), ((1, 0.2j), "y")])
 def test_polarised_antennas_weigh_currents_in_vector_fields(pair: Any) -> None:
     """b = int E_r . (n x H_t) over a tilted plate, by a sum over Gauss nodes."""
     pose = looking(1.0 * unit(0.3, -0.2, 1.0))
     points, areas = grid(0.2, 0.2, 36)
     at, turn = points @ pose[:3, :3].T + pose[:3, 3], pose[:3, :3]
-    jones = {"x": (1, 0), "y": (0, 1), "30 deg": (math.cos(math.pi / 6), 0.5), "right": (1, 1j)}
+    jones = {"y": (0, 1), "30 deg": (math.cos(math.pi / 6), 0.5), "right": (1, 1j)}
     received, sent = (np.array(jones.get(p, p) if isinstance(p, str) else p) for p in pair)
     electric = pw.field(FEED, at, WAVELENGTH, received) @ turn
     magnetic = pw.field(FEED, at, WAVELENGTH, (-sent[1], sent[0])) @ turn
@@ -222,14 +222,14 @@ def test_polarised_antennas_weigh_currents_in_vector_fields(pair: Any) -> None:
 
 
 def test_a_plate_turns_the_hand_of_a_circular_wave() -> None:
-    at = (0.0, 0.0, 1.0)
+    at, plate = (0.0, 0.0, 1.0), pw.shapes.square(0.1)
     same, other, linear, crossed = (
-        pw.rcs(PLATE, at, WAVELENGTH, polarisation=p, source=FEED)
+        pw.rcs(plate, at, WAVELENGTH, polarisation=p, source=FEED)
         for p in ("right", ("left", "right"), "x", ("y", "x"))
     )
     assert other == pytest.approx(linear, rel=1e-2)
     assert max(same, crossed) < 1e-4 * linear
-    named = pw.rcs(PLATE, at, WAVELENGTH, polarisation="hh", source=FEED)
+    named = pw.rcs(plate, at, WAVELENGTH, polarisation="hh", source=FEED)
     assert linear == pytest.approx(named, rel=2e-2)  # both look along the axis
 
 

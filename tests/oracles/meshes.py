@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -80,3 +81,33 @@ def torus(count: int, around: int) -> pw.Polyhedron:
     return pw.Polyhedron(
         points, np.concatenate([np.stack([p, q, r], axis=1), np.stack([p, r, s], axis=1)])
     )
+
+
+def towards(polar: float, azimuth: float) -> np.ndarray:
+    """Unit vector, from degrees."""
+    a, b = math.radians(polar), math.radians(azimuth)
+    return np.array([math.sin(a) * math.cos(b), math.sin(a) * math.sin(b), math.cos(a)])
+
+
+def across(direction: np.ndarray) -> np.ndarray:
+    """A unit vector across a direction."""
+    vector = np.cross(direction, (0.0, 0.6, 0.8))
+    return np.asarray(vector / np.linalg.norm(vector))
+
+
+def at(x: float, y: float, z: float) -> np.ndarray:
+    """The pose that moves a body."""
+    pose = np.eye(4)
+    pose[:3, 3] = x, y, z
+    return pose
+
+
+def section_root(area: float, wavelength: float) -> float:
+    """Square root of the cross section of a plate seen at right angles."""
+    return math.sqrt(4 * math.pi) * area / wavelength
+
+
+L_BODY = extruded([(0, 0), (3, 0), (3, 1), (1, 1), (1, 3), (0, 3)], 1.5)
+STEPS = extruded([(0, 0), (3, 0), (3, 1), (2, 1), (2, 2), (1, 2), (1, 3), (0, 3)], 2.0)
+BOX = extruded([(0, 0), (2, 0), (2, 1), (0, 1)], 0.5)
+DIRECTIONS = np.array([towards(a, b) for a, b in ((20, 10), (55, 130), (80, 250), (140, 300))])

@@ -125,6 +125,19 @@ def checked_row(values: Any, expected: str) -> NDArray[np.float64]:
     return numbers
 
 
+def checked_vectors(
+    values: Any, expected: str, last: tuple[int, ...], error: type[PolywignerError] = ArgumentError
+) -> NDArray[np.float64]:
+    """Real numbers whose last axes are ``last``; an error that begins with ``expected``."""
+    try:
+        numbers = real_numbers(values)
+    except ValueError as reason:
+        raise error(f"{expected}, got {reason}") from None
+    if numbers.shape[numbers.ndim - len(last) :] != last or numbers.ndim < len(last):
+        raise error(f"{expected}, got shape {shape_of(values)}")
+    return numbers
+
+
 def checked_array(values: Any, name: str, dimension: int) -> NDArray[np.float64]:
     """Real numbers with so many axes, none of them empty, or ArgumentError."""
     try:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NoReturn, final
+from dataclasses import dataclass
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError
-from polywigner.geometry.arguments import checked_number, real_numbers
+from polywigner.geometry.arguments import checked_number, checked_vectors
 from polywigner.geometry.display import shown_as_html
 from polywigner.geometry.wavefront import turned_points
 
@@ -18,6 +19,11 @@ Matrix = NDArray[np.float64]
 # Relative to the products that conditions are sums of: a matrix typed to ten digits passes, one
 # with a wrong sign or a forgotten element does not.
 _SYMPLECTIC = 1e-9
+# Of each element of a matrix as it is given, and of each product.
+_ULP = 2.0**-52
+_ONE = np.eye(2)
+# Of smaller numbers the inverse is infinite.
+_LEAST = 2.0**-1023
 
 
 def check_symplectic(matrix: Matrix) -> None:
@@ -41,34 +47,15 @@ def check_symplectic(matrix: Matrix) -> None:
 
 
 def checked_pair(value: Any, expected: str) -> Matrix:
-    """One number or two, as two; infinite ones are let through."""
-    try:
-        numbers = real_numbers(value)
-    except ValueError as error:
-        raise ArgumentError(f"{expected}, got {error}") from None
-    if numbers.shape not in ((), (2,)) or np.isnan(numbers).any():
+    """One number or two, as two, none of them zero or NaN."""
+    numbers = checked_vectors(value, expected, ())
+    if numbers.shape not in ((), (2,)) or not (np.abs(numbers) >= _LEAST).all():
         raise ArgumentError(f"{expected}, got {value!r}")
     return np.broadcast_to(numbers, 2)
 
 
-def checked_vectors(name: str, value: Any) -> Matrix:
-    try:
-        array = real_numbers(value)
-    except ValueError as error:
-        raise ArgumentError(f"expected {name} as real numbers (..., 2), got {error}") from None
-    if array.ndim == 0 or array.shape[-1] != 2:
-        raise ArgumentError(f"expected {name} of shape (..., 2), got {array.shape}")
-    return array
-
-
-# Of each element of a matrix as it is given, and of each product.
-_ULP = 2.0**-52
-_ONE = np.eye(2)
-# Of smaller numbers the inverse is infinite.
-_LEAST = 2.0**-1023
-
-
 @final
+@dataclass(frozen=True, init=False, eq=False, repr=False)
 class FirstOrder:
     """A first-order optical system: its ray matrix [[A, B], [C, D]], symplectic.
 
@@ -98,16 +85,10 @@ class FirstOrder:
     bounds become zero, so that an image composed of lenses and distances stays an image."""
 
     def __init__(self, matrix: ArrayLike) -> None:
-        try:
-            given = real_numbers(matrix)
-        except ValueError as error:
-            raise ArgumentError(f"expected a ray matrix of real numbers, got {error}") from None
-        if given.shape not in ((2, 2), (4, 4)):
-            raise ArgumentError(
-                f"expected a ray matrix of shape (4, 4), or (2, 2), got {given.shape}"
-            )
-        if not np.isfinite(given).all():
-            raise ArgumentError("expected a ray matrix of finite numbers, got inf or nan")
+        expected = "expected a ray matrix of finite real numbers, (4, 4), or (2, 2)"
+        given = checked_vectors(matrix, expected, ())
+        if given.shape not in ((2, 2), (4, 4)) or not np.isfinite(given).all():
+            raise ArgumentError(f"{expected}, got {given.shape} of {given.tolist()}")
         check_symplectic(given)
         full = np.asarray(np.kron(given, _ONE), np.float64) if len(given) == 2 else given
         _set(self, full, _ULP * abs(full))
@@ -128,26 +109,18 @@ class FirstOrder:
 
         Parameters
         ----------
-        f : focal length in m, negative of a diverging lens; or (f_x, f_y), ``inf`` for an axis
-            along which it is flat.
+        f : focal length in m, not 0, negative of a diverging lens; or (f_x, f_y), ``inf`` for an
+            axis along which it is flat.
         angle : of the lens's x axis to that of the plane, in radians, counter-clockwise.
 
-        Raises
-        ------
-        ArgumentError for a focal length of zero and for what is no number.
+        Raises ArgumentError for other focal lengths and angles.
 
         >>> import polywigner as pw
         >>> pw.FirstOrder.lens((0.5, float("inf"))).C.tolist()
         [[-2.0, 0.0], [0.0, 0.0]]
         """
         expected = "expected f as a focal length in m other than 0, or a pair (f_x, f_y) of them"
-        lengths = checked_pair(f, f"{expected}, inf for none")
-        if not lengths.all():
-            raise ArgumentError(f"{expected}, inf for none, got {f!r}")
-        with np.errstate(over="ignore"):
-            powers = -1.0 / lengths + 0.0
-        if not np.isfinite(powers).all():
-            raise ArgumentError(f"{expected}, inf for none, got {f!r}, whose inverse overflows")
+        powers = -1.0 / checked_pair(f, f"{expected}, inf for none") + 0.0
         axes = turned_points(_ONE, angle)  # rows: the axes of the lens
         if powers[0] == powers[1]:
             return cls([[1.0, 0.0], [powers[0], 1.0]])
@@ -165,7 +138,7 @@ class FirstOrder:
         """
         expected = "expected m as a magnification other than 0, or a pair (m_x, m_y) of them"
         scales = checked_pair(m, expected)
-        if not (np.isfinite(scales) & (np.abs(scales) >= _LEAST)).all():
+        if not np.isfinite(scales).all():
             raise ArgumentError(f"{expected}, got {m!r}")
         zero = 0.0 * _ONE
         return cls(np.block([[np.diag(scales), zero], [zero, np.diag(1.0 / scales)]]))
@@ -174,13 +147,7 @@ class FirstOrder:
     def fourier(cls, f: float) -> FirstOrder:
         """From the front to the back focal plane of a lens: the field there is F(x/(lambda f)).
 
-        Parameters
-        ----------
-        f : focal length in m, other than 0.
-
-        Raises
-        ------
-        ArgumentError for what is no such number.
+        Raises ArgumentError for a focal length f in m that is 0, or no number.
 
         >>> import polywigner as pw
         >>> pw.FirstOrder.fourier(0.5)
@@ -200,9 +167,7 @@ class FirstOrder:
         order : a, of an angle a pi/2 between (x, f s) and (x', f s').
         f : the scale in m, other than 0: the focal length of the transformer of order 1.
 
-        Raises
-        ------
-        ArgumentError for what are no such numbers.
+        Raises ArgumentError for what are no such numbers.
 
         >>> import polywigner as pw
         >>> half = pw.FirstOrder.fractional(0.5, 0.3)
@@ -222,13 +187,7 @@ class FirstOrder:
     def rotation(cls, angle: float) -> FirstOrder:
         """A turn of the plane about its axis, such as a prism's; counter-clockwise.
 
-        Parameters
-        ----------
-        angle : in radians.
-
-        Raises
-        ------
-        ArgumentError for what is no number.
+        Raises ArgumentError for an angle, in radians, that is no number.
 
         >>> import math
         >>> import polywigner as pw
@@ -280,28 +239,24 @@ class FirstOrder:
         x : (..., 2) positions in m.
         s : (..., 2) direction cosines lambda nu; broadcasts against ``x``.
 
-        Returns
-        -------
-        (..., 2) positions and (..., 2) direction cosines.
-
-        Raises
-        ------
-        ArgumentError for other than real numbers of these shapes.
+        Returns (..., 2) positions and (..., 2) direction cosines. Raises ArgumentError for other
+        than real numbers of these shapes.
 
         >>> import polywigner as pw
         >>> x, s = pw.FirstOrder.lens(0.5).rays((0.01, 0.0), (0.0, 0.0))
         >>> s.tolist()
         [-0.02, 0.0]
         """
-        places, directions = checked_vectors("x", x), checked_vectors("s", s)
+        places = checked_vectors(x, "expected x of shape (..., 2)", (2,))
+        directions = checked_vectors(s, "expected s of shape (..., 2)", (2,))
         try:
-            places, directions = np.broadcast_arrays(places, directions)
+            both = np.concatenate(np.broadcast_arrays(places, directions), axis=-1)
         except ValueError:
             raise ArgumentError(
                 f"expected x and s of shapes that broadcast, got {places.shape} and "
                 f"{directions.shape}"
             ) from None
-        found = np.concatenate([places, directions], axis=-1) @ self.matrix.T
+        found = both @ self.matrix.T
         return found[..., :2], found[..., 2:]
 
     def __matmul__(self, other: FirstOrder) -> FirstOrder:
@@ -335,12 +290,6 @@ class FirstOrder:
 
     def __reduce__(self) -> tuple[Any, ...]:
         return restored, (np.array(self.matrix), np.array(self.rounding))
-
-    def __setattr__(self, name: str, value: object) -> NoReturn:
-        raise AttributeError(f"a FirstOrder cannot be changed ({name}); build a new one")
-
-    def __delattr__(self, name: str) -> NoReturn:
-        raise AttributeError(f"a FirstOrder cannot be changed ({name}); build a new one")
 
 
 def restored(matrix: Matrix, rounding: Matrix) -> FirstOrder:

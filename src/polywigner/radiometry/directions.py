@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from polywigner import execution
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, Slits, Wavefront
-from polywigner.geometry.arguments import checked_number, real_numbers, shape_of
+from polywigner.geometry.arguments import checked_number, checked_vectors
 from polywigner.illumination import Array
 from polywigner.numerics.nodes import flat_rule
 from polywigner.quantities import SPEED_OF_LIGHT
@@ -45,15 +45,14 @@ def wavelengths_of_band(
             f"source of {lag:.4g} m, got {bandwidth:g}, of which some {spread:.3g} wavelengths "
             "would be summed up; check its unit, or compute parts of the band"
         )
-    reach = math.pi * spread
-    nodes, weights = flat_rule(reach, error)
+    nodes, weights = flat_rule(math.pi * spread, error)
     frequencies = SPEED_OF_LIGHT / wavelength + bandwidth / 2 * nodes
     return list(zip((SPEED_OF_LIGHT / frequencies).tolist(), weights.tolist(), strict=True))
 
 
 PlaneSource = Aperture | Array
 
-# As in illumination.directions: directions that passed through single precision pass.
+# Directions that passed through single precision pass.
 _UNIT = 1e-6
 
 
@@ -75,40 +74,28 @@ def checked_source(source: Any) -> PlaneSource:
     """
     if isinstance(source, Aperture):
         return source
-    if not isinstance(source, Array):
+    flat: Any = source
+    if isinstance(source, Array):
+        flat = source.repeated[0] if source.repeated is not None else source.elements_in_plane[0]
+    if not isinstance(source, Array) or isinstance(flat, Slits):
         advice = {
-            "Slits": "; make rectangles of slits, power needs an area",
-            "PlacedAperture": "; use its .aperture, and directions relative to it",
-            "Polyhedron": "; a body has a Fourier transform only",
-            "Wavefront": "; use its .source, whose wave is flat and coherent",
-        }.get(type(source).__name__, "; make one by Aperture(...) of a ring or of shapely polygons")
+            "Slits": "make rectangles of slits, power needs an area",
+            "PlacedAperture": "use its .aperture, and directions relative to it",
+            "Polyhedron": "a body has a Fourier transform only",
+            "Wavefront": "use its .source, whose wave is flat and coherent",
+        }.get(type(flat).__name__, "make one by Aperture(...) of a ring or of shapely polygons")
         raise ArgumentError(
             "expected an Aperture, or an Array of apertures in the plane z = 0, got "
-            f"{type(source).__name__}{advice}"
-        )
-    flat = source.repeated[0] if source.repeated is not None else source.elements_in_plane[0]
-    if isinstance(flat, Slits):
-        raise ArgumentError(
-            "expected an Array of apertures, got one of Slits; make rectangles of slits, power "
-            "needs an area"
+            f"{type(flat).__name__}; {advice}"
         )
     # poses within the plane applied: spatial frequencies then have two components
     return source if source.dimension == 2 else Array(source.elements_in_plane, source.weights)
 
 
 def checked_directions(directions: Any) -> NDArray[np.float64]:
-    """Unit vectors (..., 3) into z >= 0, as given.
-
-    Raises ArgumentError for other shapes, lengths other than 1 by more than 1e-6, and z < 0.
-    """
-    array = _real("direction", "unit vectors of shape (..., 3)", directions, 3)
-    length = np.linalg.norm(array, axis=-1)
-    wrong = ~(np.abs(length - 1) <= _UNIT)
-    if wrong.any():
-        raise ArgumentError(
-            f"expected a direction of length 1, got {array[wrong][0].tolist()}, of length "
-            f"{length[wrong][0]:.6g}; divide it by its length"
-        )
+    """Unit vectors (..., 3) into z >= 0, as given; ArgumentError for others."""
+    _check_numpy("direction", directions)
+    array = checked_unit_vectors("direction", directions)
     back = array[..., 2] < 0
     if back.any():
         raise ArgumentError(
@@ -120,22 +107,30 @@ def checked_directions(directions: Any) -> NDArray[np.float64]:
 
 def checked_positions(x: Any) -> NDArray[np.float64]:
     """Positions (..., 2) on the aperture, in metres; ArgumentError for anything else."""
-    array = _real("x", "positions on the aperture of shape (..., 2)", x, 2)
+    _check_numpy("x", x)
+    array = checked_vectors(x, "expected finite positions x of shape (..., 2)", (2,))
     if not np.isfinite(array).all():
         raise ArgumentError("expected finite positions x, got inf or nan; leave them out")
     return array
 
 
-def _real(name: str, meaning: str, values: Any, components: int) -> NDArray[np.float64]:
+def checked_unit_vectors(name: str, vectors: Any) -> NDArray[np.float64]:
+    """Vectors (..., 3) of length 1 after rounding, as given; ArgumentError for others."""
+    expected = f"expected {name} as unit vectors of shape (..., 3)"
+    array = checked_vectors(vectors, expected, (3,))
+    length = np.linalg.norm(array, axis=-1)
+    wrong = ~(np.abs(length - 1) <= _UNIT)
+    if wrong.any():
+        raise ArgumentError(
+            f"{expected}, got {array[wrong][0].tolist()}, of length {length[wrong][0]:.6g}; "
+            "divide it by its length"
+        )
+    return array
+
+
+def _check_numpy(name: str, values: Any) -> None:
     if execution.is_drjit(values):
         raise ArgumentError(
             f"expected {name} as a NumPy array, got a Dr.Jit array; use {name}.numpy(), or "
             "polywigner.wigner and polywigner.fourier, which take both"
         )
-    try:
-        array = real_numbers(values)
-    except ValueError as error:
-        raise ArgumentError(f"expected {name} as {meaning}, got {error}") from None
-    if array.ndim == 0 or array.shape[-1] != components:
-        raise ArgumentError(f"expected {name} as {meaning}, got shape {shape_of(values)}")
-    return array

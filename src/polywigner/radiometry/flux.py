@@ -10,10 +10,9 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, Precision, checked_precision
 from polywigner.geometry import Aperture, Wavefront
-from polywigner.geometry.arguments import checked_wavelength, takes_frequency
+from polywigner.geometry.arguments import checked_choice, checked_wavelength, takes_frequency
 from polywigner.radiometry.directions import (
     PlaneSource,
     checked_bandwidth,
@@ -84,8 +83,7 @@ def radiance(
     """
     radiator = checked_radiator(source, partly=True)
     length = checked_wavelength(wavelength)
-    if not isinstance(normalisation, str) or normalisation not in get_args(Normalisation):
-        raise ArgumentError(f'expected normalisation to be "si" or "paper", got {normalisation!r}')
+    checked_choice(normalisation, "normalisation", get_args(Normalisation))
     nu = checked_directions(direction)[..., :2] / length
     found = wigner(radiator, checked_positions(x), nu, precision=precision, engine=engine)
     scale = 1.0
@@ -113,22 +111,17 @@ def radiant_intensity(
 
     Parameters
     ----------
-    source : Aperture or Array of apertures in the plane z = 0, |u|^2 on it in W/m^2; or one with a
-        curved or partly coherent wave.
+    source, wavelength, precision, engine : as of :func:`radiance`.
     direction : (..., 3) unit vectors with z >= 0.
-    wavelength : in m.
     bandwidth : in Hz; the mean over light of all frequencies that are at most half of it from that
         of the wavelength (docs/coherence.md, (PC6)). None: light of the one wavelength.
-    precision, engine : see :func:`fourier`.
 
     Returns
     -------
     (...) real, not negative, in W/sr.
     An ``xarray.DataArray`` gives one, as in :func:`fourier`.
 
-    Raises
-    ------
-    As :func:`radiance` does.
+    Raises as :func:`radiance` does.
 
     >>> import polywigner as pw
     >>> round(float(pw.radiant_intensity(pw.shapes.square(10e-3), (0, 0, 1), 3.2e-3)), 6)  # W/sr
@@ -142,20 +135,19 @@ def radiant_intensity(
         parts = wavelengths_of_band(length, band, largest_lag(radiator), _BAND_ERROR)
         how: dict[str, Any] = {"precision": precision, "engine": engine}
         return sum(w * radiant_intensity(radiator, directions, one, **how) for one, w in parts)
-    compute: Any = partial(_per_frequency, length, precision=precision, engine=engine)
+
+    def per_frequency(source: Any, nu: Any) -> Any:
+        """|F|^2/lambda^2."""
+        return np.square(np.abs(fourier(source, nu, precision=precision, engine=engine)) / length)
+
     nu = directions[..., :2] / length
     if isinstance(radiator, Wavefront) and not radiator.is_coherent:
         double = checked_precision(precision) != "single"
-        of_coherent = partial(compute, radiator.coherent)
+        of_coherent: Any = partial(per_frequency, radiator.coherent)
         found = mean_over_tilts(of_coherent, radiator, nu, double=double)
     else:
-        found = compute(radiator, nu)
+        found = per_frequency(radiator, nu)
     return (directions[..., 2] * found).astype(found.dtype, copy=False)[()]
-
-
-def _per_frequency(wavelength: float, source: Any, nu: Any, **how: Any) -> Any:
-    """|F|^2/lambda^2."""
-    return np.square(np.abs(fourier(source, nu, **how)) / wavelength)
 
 
 # Values of the radiance at a time: 32 MB.
@@ -178,11 +170,8 @@ def flux_vector(
 
     Parameters
     ----------
-    source : Aperture or Array of apertures in the plane z = 0, |u|^2 on it in W/m^2; or one with a
-        curved or partly coherent wave.
+    source, wavelength, engine : as of :func:`radiance`.
     x : (..., 2) positions in m.
-    wavelength : in m.
-    engine : see :func:`fourier`.
 
     Returns
     -------
@@ -191,9 +180,7 @@ def flux_vector(
     shows a bar where that takes more than seconds.
     An ``xarray.DataArray`` gives one, as in :func:`fourier`, J along ``flux_component``.
 
-    Raises
-    ------
-    As :func:`radiance` does.
+    Raises as :func:`radiance` does.
 
     >>> import polywigner as pw
     >>> round(float(pw.flux_vector(pw.shapes.square(10e-3), (0, 0), 3.2e-3)[2]), 2)  # W/m^2
@@ -210,10 +197,9 @@ def flux_vector(
         weighted = directions * solid_angle[:, None]
         size = max(1, _BLOCK // len(directions))
         for first in range(0, len(places), size):
-            part = slice(first, first + size)
-            total[part] += radiance(radiator, places[part], directions, length, engine=engine) @ (
-                weighted
-            )
+            some = slice(first, first + size)
+            found = radiance(radiator, places[some], directions, length, engine=engine)
+            total[some] += found @ weighted
     return total.reshape(*positions.shape[:-1], 3)
 
 
@@ -226,10 +212,7 @@ def power(source: PlaneSource | Wavefront, wavelength: float, *, engine: Engine 
 
     Parameters
     ----------
-    source : Aperture or Array of apertures in the plane z = 0, |u|^2 on it in W/m^2; or one with a
-        curved or partly coherent wave.
-    wavelength : in m.
-    engine : see :func:`fourier`.
+    source, wavelength, engine : as of :func:`radiance`.
 
     Returns
     -------
@@ -238,9 +221,7 @@ def power(source: PlaneSource | Wavefront, wavelength: float, *, engine: Engine 
     within a second, where small parts, many elements or steep waves do not forbid it; a terminal
     shows a bar where it takes more than seconds.
 
-    Raises
-    ------
-    As :func:`radiance` does.
+    Raises as :func:`radiance` does.
 
     >>> import polywigner as pw
     >>> round(pw.power(pw.shapes.square(10e-3), frequency=94e9) * 1e6, 2)  # uW
@@ -294,18 +275,13 @@ def energy_budget(
 
     Parameters
     ----------
-    source : Aperture or Array of apertures in the plane z = 0, |u|^2 on it in W/m^2; or one with a
-        curved or partly coherent wave.
-    wavelength : in m.
-    engine : see :func:`fourier`.
+    source, wavelength, engine : as of :func:`radiance`.
 
     Returns
     -------
     :class:`EnergyBudget`, in W; accurate to 1e-12 of the total. Cost as of :func:`power`.
 
-    Raises
-    ------
-    As :func:`radiance` does.
+    Raises as :func:`radiance` does.
 
     >>> import polywigner as pw
     >>> budget = pw.energy_budget(pw.shapes.square(10e-3), 3.2e-3)

@@ -1,12 +1,8 @@
 """Integrals over the far hemisphere of functions that are band-limited in the direction.
 
-W(x, nu) and |F(nu)|^2 are Fourier transforms over lags xi, none of which is longer than the
-source's diameter D. As functions of direction they are sums of waves exp(i k rho sin(theta)
-cos(phi - phi0)) with rho <= D. Gauss-Legendre points in theta and equidistant ones in phi integrate
-these to rounding as soon as there are some more of them than such a wave has half periods, and
-nothing is gained by fewer: the error falls faster than any exponential.
-
-Of wide sources the power is an integral over the lags of some wavelengths, see (E5).
+W(x, nu) and |F(nu)|^2 are sums of waves exp(i k rho sin(theta) cos(phi - phi0)) with rho up to the
+source's diameter. Gauss-Legendre points in theta and equidistant ones in phi integrate these to
+rounding as soon as there are some more of them than such a wave has half periods.
 """
 
 from __future__ import annotations
@@ -54,16 +50,13 @@ def largest_lag(source: PlaneSource | Wavefront) -> float:
     if isinstance(flat, Aperture):
         return flat.diameter
     if flat.repeated is not None and isinstance(flat.repeated[0], Aperture):
-        element, sites = flat.repeated
-        return element.diameter + _diameter(sites)
-    corners = [np.concatenate(element.rings) for element in flat.elements_in_plane]
-    return _diameter(np.concatenate(corners))
-
-
-def _diameter(points: Array) -> float:
-    """Largest distance of two of a set of points (n, 2)."""
+        element, points = flat.repeated
+        own = element.diameter
+    else:
+        points = np.concatenate([ring for e in flat.elements_in_plane for ring in e.rings])
+        own = 0.0
     hull = shapely.get_coordinates(shapely.MultiPoint(points).convex_hull)
-    return max(float(np.hypot(*(hull - point).T).max()) for point in hull)
+    return own + max(float(np.hypot(*(hull - point).T).max()) for point in hull)
 
 
 def check_width(lag: float, wavelength: float) -> None:
@@ -81,13 +74,10 @@ def directions_and_weights(
 ) -> Iterator[tuple[Array, Array]]:
     """Unit vectors (n, 3) of z > 0 and solid angles (n,), in blocks.
 
-    Draws a bar on a terminal if there is much to do in all ``places`` that a block is for.
-
-    Integrals over the hemisphere of functions that are band-limited as above by ``lag``, times
-    polynomials of the direction's components, come out with an error of 1e-14 of the largest
-    value. Some 15 (lag/wavelength)^2 points, and a hundred at least.
-
-    Raises ArgumentError for a lag of so many wavelengths that nobody would wait for the sum.
+    Functions band-limited as above by ``lag``, times polynomials of the direction's components,
+    are integrated to 1e-14 of the largest value. Some 15 (lag/wavelength)^2 points, and a hundred
+    at least. Draws a bar on a terminal if there is much to do in all ``places`` that a block is
+    for. Raises ArgumentError for a lag of so many wavelengths that nobody would wait for the sum.
     """
     check_width(lag, wavelength)
     phase = 2 * math.pi * lag / wavelength
@@ -149,13 +139,13 @@ def power_by_lags(
     the far sides that are parallel, as (wavelength/width)^(5/2) of the power, and to the power of
     3/2 by obliquities that take slopes; a soft end leaves them out.
     """
-    steepest = _steepest(source, wavelength)
-    soft = _SOFT / (1.0 - min(steepest, _STEEP))
+    slope = steepest(source, wavelength)
+    soft = _SOFT / (1.0 - min(slope, _STEEP))
     reach = (_ENDS[-1] + _BEYOND) * soft
     width = largest_lag(source) / wavelength
-    if width < _WIDE or steepest > _STEEP or 4.0 * reach > width:
+    if width < _WIDE or slope > _STEEP or 4.0 * reach > width:
         return None
-    phi, around = _lag_angles(source, 2.0 * math.pi * steepest * reach)
+    phi, around = _lag_angles(source, 2.0 * math.pi * slope * reach)
     node, weight = np.polynomial.legendre.leggauss(_ON_PERIOD)
     count = math.ceil(reach)
     rho = ((np.arange(count)[:, None] + (node + 1) / 2) * (reach / count)).ravel()
@@ -181,7 +171,7 @@ def _factor_of_lags(forms: Forms, q: Array) -> Array:
     return np.asarray(2.0 * math.pi * total)
 
 
-def _steepest(source: PlaneSource | Wavefront, wavelength: float) -> float:
+def steepest(source: PlaneSource | Wavefront, wavelength: float) -> float:
     """Largest spatial frequency of the field of a source, times the wavelength."""
     flat: Any = flat_of(source)
     fields = [field.frequencies for field in fields_of(flat) if field is not None]

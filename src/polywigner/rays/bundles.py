@@ -13,7 +13,8 @@ from polywigner.geometry.arguments import (
     checked_count,
     checked_flag,
     checked_number,
-    real_numbers,
+    checked_row,
+    checked_vectors,
     rigid_pose,
     shape_of,
 )
@@ -24,11 +25,11 @@ if TYPE_CHECKING:
 
 Values = NDArray[np.float64]
 
-_UNITS = {"position": "m", "direction": "1", "weight": "W"}
-_LONG_NAMES = {
-    "position": "a point of the ray",
-    "direction": "unit vector along the ray",
-    "weight": "power of the ray, signed",
+# Units and meanings.
+_VARIABLES = {
+    "position": ("m", "a point of the ray"),
+    "direction": ("1", "unit vector along the ray"),
+    "weight": ("W", "power of the ray, signed"),
 }
 # Of directions from ray traces in single precision.
 _UNIT = 1e-4
@@ -46,10 +47,11 @@ def bundle(
     """The dataset of rays (n, 3), (n, 3), (n,); ``batch``: which independent set each is of."""
     import xarray
 
-    found = {"position": position, "direction": direction, "weight": weight}
     dataset = xarray.Dataset(coords={"component": list("xyz")}, attrs=attrs)
-    for name, values in found.items():
-        about = {"units": _UNITS[name], "long_name": _LONG_NAMES[name]}
+    for (name, (units, meaning)), values in zip(
+        _VARIABLES.items(), (position, direction, weight), strict=True
+    ):
+        about = {"units": units, "long_name": meaning}
         dataset[name] = ("ray", "component")[: values.ndim], values, about
     if batch is not None:
         about = {"long_name": "independent set of quasi-random numbers"}
@@ -63,10 +65,9 @@ def traced(
     direction: ArrayLike,
     weight: ArrayLike | None = None,
 ) -> xarray.Dataset:
-    """Rays after ray optics of your own: positions, directions and powers.
+    """Rays after ray optics of your own, for :func:`rebuild`: positions, directions and powers.
 
-    For :func:`rebuild`. Keep the order of the rays; one that is lost on the way has NaN for its
-    position, or a weight of zero.
+    Keep their order; a ray that is lost on the way has NaN for its position, or a weight of zero.
 
     Parameters
     ----------
@@ -79,9 +80,7 @@ def traced(
     -------
     xarray.Dataset, as that of :func:`polywigner.sample_rays`.
 
-    Raises
-    ------
-    ArgumentError for anything but rays, and for arrays of other shapes.
+    Raises ArgumentError for anything but rays, and for arrays of other shapes.
 
     >>> import numpy as np
     >>> import polywigner as pw
@@ -93,12 +92,8 @@ def traced(
     True
     """
     _, _, weights, batch = checked_bundle(rays)
-    n = len(weights)
-    found = (
-        _values("position", position, (n, 3)),
-        _values("direction", direction, (n, 3)),
-        weights if weight is None else _values("weight", weight, (n,)),
-    )
+    given = position, direction, weights if weight is None else weight
+    found = _columns(len(weights), given)
     return bundle(*found, batch, {**rays.attrs, "count": count_of(rays)})
 
 
@@ -110,23 +105,20 @@ def checked_bundle(rays: Any) -> tuple[Values, Values, Values, NDArray[Any] | No
     """
     import xarray
 
-    if not isinstance(rays, xarray.Dataset) or not set(_UNITS) <= set(rays.variables):
+    if not isinstance(rays, xarray.Dataset) or not set(_VARIABLES) <= set(rays.variables):
         raise ArgumentError(
             "expected rays as a dataset with position, direction and weight, got "
             f"{type(rays).__name__}; draw them by sample_rays, or read them by rays.load"
         )
-    order = {name: ("ray", "component")[: rays[name].ndim] for name in _UNITS}
+    axes, given = ("ray", "component"), [rays[name] for name in _VARIABLES]
     try:
-        arrays = {name: rays[name].transpose(*order[name]).values for name in _UNITS}
+        arrays = [own.transpose(*axes[: own.ndim]).values for own in given]
     except ValueError as error:
         raise ArgumentError(
             f"expected position and direction over ray and component, weight over ray: {error}"
         ) from None
-    n = len(arrays["weight"])
-    position = _values("position", arrays["position"], (n, 3))
-    direction = _values("direction", arrays["direction"], (n, 3))
-    weight = _values("weight", arrays["weight"], (n,))
-    return position, direction, weight, _batch(rays) if "batch" in rays.coords else None
+    found = _columns(len(arrays[2]), tuple(arrays))
+    return *found, _batch(rays) if "batch" in rays.coords else None
 
 
 def _batch(rays: Any) -> NDArray[Any]:
@@ -147,22 +139,21 @@ def count_of(rays: xarray.Dataset) -> int:
     return max(int(told) if isinstance(told, (int, np.integer)) else 0, rays.sizes["ray"])
 
 
-def _values(name: str, values: Any, shape: tuple[int, ...]) -> Values:
-    try:
-        found = real_numbers(values)
-    except ValueError as error:
-        raise ArgumentError(f"expected {name} of shape {shape}, got {error}") from None
-    if found.shape != shape:
-        raise ArgumentError(f"expected {name} of shape {shape}, got {shape_of(values)}")
-    if name == "direction":
-        with np.errstate(over="ignore"):
-            wrong = np.abs(np.linalg.norm(found, axis=1) - 1) > _UNIT  # false for lost rays
-        if wrong.any():
-            raise ArgumentError(
-                f"expected direction as unit vectors, got {found[wrong][0].tolist()}; divide by "
-                "their lengths"
-            )
-    return found
+def _columns(count: int, values: tuple[Any, ...]) -> tuple[Values, Values, Values]:
+    """Positions, directions and weights of so many rays, checked."""
+    found = []
+    for name, own, shape in zip(_VARIABLES, values, [(count, 3)] * 2 + [(count,)], strict=True):
+        found.append(checked_vectors(own, f"expected {name} of shape {shape}", ()))
+        if found[-1].shape != shape:
+            raise ArgumentError(f"expected {name} of shape {shape}, got {found[-1].shape}")
+    with np.errstate(over="ignore"):
+        wrong = np.abs(np.linalg.norm(found[1], axis=1) - 1) > _UNIT  # false for lost rays
+    if wrong.any():
+        raise ArgumentError(
+            f"expected direction as unit vectors, got {found[1][wrong][0].tolist()}; divide by "
+            "their lengths"
+        )
+    return found[0], found[1], found[2]
 
 
 # Most pixels along an axis, and in all; most sums, those of 16 batches: 1 GB.
@@ -185,9 +176,8 @@ def rebuild(
 ) -> xarray.Dataset:
     """Irradiance on a plane that rays meet: the sum of their weights in each pixel over its area.
 
-    The mean over a pixel, without bias, of the power per area that rays bring: |U|^2 of Wigner rays
-    times the cosine between ray and normal of the plane (docs/signed_rays.md, (Y2)). Rays go on in
-    straight lines.
+    Without bias the mean over a pixel of |U|^2 of Wigner rays times the cosine between ray and
+    normal of the plane (docs/signed_rays.md, (Y2)). Rays go on in straight lines.
 
     Parameters
     ----------
@@ -201,10 +191,9 @@ def rebuild(
     Returns
     -------
     xarray.Dataset with ``irradiance`` (y, x) and its ``standard_error`` (y, x) in W/m^2, over y and
-    x of the pixels' middles in m: a picture whose rows are along x, the first at the bottom, as
-    ``plt.imshow(found.irradiance, origin="lower")`` shows it. Of independent rays the error follows
-    from the squares of their weights, of quasi-random ones from the scatter of 16 batches: it is
-    then known to a fifth. Attributes: ``power`` and ``power_error``, the sum in the grid in W;
+    x of the pixels' middles in m: rows are along x, the first at the bottom (``origin="lower"``).
+    Of independent rays the error follows from their weights, of quasi-random ones from the scatter
+    of 16 batches, to a fifth. Attributes: ``power`` and ``power_error``, the sum in the grid in W;
     ``lost``, how many rays have NaN; ``missed``, how many do not meet the grid.
 
     Raises
@@ -222,10 +211,10 @@ def rebuild(
     pose = _pose(plane)
     checked_flag(virtual, "virtual")
     edges = _edges(bounds, shape)
-    size = len(edges[0]) - 1, len(edges[1]) - 1
-    batches, number = _batches(batch, size[0] * size[1])
-    sums = np.zeros((batches, size[0] * size[1] + 1))
-    squares = np.zeros(size[0] * size[1] + 1)
+    pixels = math.prod(len(axis) - 1 for axis in edges)
+    batches, number = _batches(batch, pixels)
+    # and one place for the sum over all pixels
+    sums, squares = np.zeros((batches, pixels + 1)), np.zeros(pixels + 1)
     lost = missed = 0
     for start in range(0, len(weight), _BLOCK):
         some = slice(start, start + _BLOCK)
@@ -243,7 +232,7 @@ def rebuild(
     sums[:, -1] = sums[:, :-1].sum(axis=1)
     squares[-1] = squares[:-1].sum()
     found, error = _errors(sums, squares, count_of(rays))
-    area = math.prod(float(axis[-1] - axis[0]) for axis in edges) / math.prod(size)
+    area = math.prod(float(axis[-1] - axis[0]) for axis in edges) / pixels
     about = {"power": found[-1], "power_error": error[-1], "lost": lost, "missed": missed}
     return _dataset(edges, found[:-1] / area, error[:-1] / area, {**rays.attrs, **about})
 
@@ -308,10 +297,7 @@ def _pose(plane: Any) -> Values:
 def _edges(bounds: Any, shape: Any) -> tuple[Values, Values]:
     """The edges of the pixels along x and y."""
     expected = "expected bounds as (xmin, ymin, xmax, ymax) in m"
-    try:
-        found = real_numbers(bounds)
-    except ValueError as error:
-        raise ArgumentError(f"{expected}, got {error}") from None
+    found = checked_row(bounds, expected)
     if found.shape != (4,) or not np.isfinite(found).all() or not (found[2:] > found[:2]).all():
         raise ArgumentError(f"{expected}, got {np.asarray(bounds).tolist()}")
     if not isinstance(shape, (tuple, list)) or len(shape) != 2:

@@ -14,23 +14,22 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, cast
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.apart import ChildError, run_apart
 from polywigner.errors import ArgumentError, FileFormatError
-from polywigner.geometry.arguments import (
-    checked_flag,
-    checked_path,
-    warn_caller,
-)
+from polywigner.geometry.arguments import checked_choice, checked_flag, checked_path, warn_caller
 from polywigner.geometry.io.limits import LONGEST_LINE, check_regular
 from polywigner.interruption import atomic_path
 from polywigner.propagation.exports import write_netcdf
 from polywigner.propagation.stores_checks import required
 from polywigner.rays.bundles import bundle, checked_bundle, count_of
+
+if TYPE_CHECKING:
+    import xarray
 
 Values = NDArray[np.float64]
 
@@ -39,26 +38,12 @@ METRES = {"m": 1.0, "in": 0.0254, "cm": 0.01, "ft": 0.3048, "mm": 0.001}
 
 _IDENTIFIERS = 1010, 8675309  # the second in files of old versions
 _HEADER = np.dtype(
-    [
-        ("Identifier", "<i4"),
-        ("NbrRays", "<u4"),
-        ("Description", "S100"),
-        ("SourceFlux", "<f4"),
-        ("RaySetFlux", "<f4"),
-        ("Wavelength", "<f4"),
-        ("InclinationBeg", "<f4"),
-        ("InclinationEnd", "<f4"),
-        ("AzimuthBeg", "<f4"),
-        ("AzimuthEnd", "<f4"),
-        ("DimensionUnits", "<i4"),
-        ("Loc", "<f4", 3),
-        ("Rot", "<f4", 3),
-        ("Scale", "<f4", 3),
-        ("unused", "<f4", 4),
-        ("ray_format_type", "<i4"),
-        ("flux_type", "<i4"),
-        ("reserved", "<i4", 2),
-    ]
+    [("Identifier", "<i4"), ("NbrRays", "<u4"), ("Description", "S100")]
+    + [(name, "<f4") for name in ("SourceFlux", "RaySetFlux", "Wavelength")]
+    + [(f"{angle}{end}", "<f4") for angle in ("Inclination", "Azimuth") for end in ("Beg", "End")]
+    + [("DimensionUnits", "<i4"), ("Loc", "<f4", 3), ("Rot", "<f4", 3), ("Scale", "<f4", 3)]
+    + [("unused", "<f4", 4), ("ray_format_type", "<i4"), ("flux_type", "<i4")]
+    + [("reserved", "<i4", 2)]
 )
 _NUMBERS = {0: 7, 2: 8}
 # Rays at a time.
@@ -96,11 +81,10 @@ def write_source_file(
                 file.write((columns[start : start + _BLOCK] * scale).astype("<f4").tobytes())
 
 
-def read_source_file(path: Path) -> tuple[Values, dict[str, Any]]:
-    """Read rays (n, 7), lengths in m and watts, and the header's attributes.
+def read_source_file(path: Path) -> Any:
+    """Read rays of OpticStudio's files, of other programs too, in watts and of one wavelength.
 
-    Files of other programs too, in watts and with one wavelength. Raises FileFormatError for
-    others, OSError for those that cannot be read.
+    Raises FileFormatError for others, OSError for those that cannot be read.
     """
     with path.open("rb") as file:
         start = file.read(_HEADER.itemsize)
@@ -144,17 +128,13 @@ def read_source_file(path: Path) -> tuple[Values, dict[str, Any]]:
         attrs["count"] = int(ours[1])
         if ours[2] == "negative":
             rays[:, 6] *= -1
-    return rays, attrs
+    return bundle(rays[:, :3], rays[:, 3:6], rays[:, 6], None, attrs)
 
 
 def _wrong(path: Path, got: str) -> FileFormatError:
     return FileFormatError(
         f"expected {path.name} as a binary source file of OpticStudio, got {got}; export it anew"
     )
-
-
-if TYPE_CHECKING:
-    import xarray
 
 
 SUFFIXES = (".npz", ".csv", ".nc", ".dat")
@@ -164,8 +144,6 @@ LengthUnit = Literal["m", "in", "cm", "ft", "mm"]
 _COLUMNS = ("x", "y", "z", "l", "m", "n", "weight")
 _PARTS = {"_positive": 2, "_negative": -2}
 _HINT = "write it by rays.save"
-# What zipfile, NumPy and HDF5 raise for damaged files; RuntimeError: also of HDF5, and of archives
-# whose damaged bytes ask for a password or an unknown compression.
 # Packed rays are hardly smaller than others: numbers that are drawn do not repeat.
 _LEAST_UNPACKED, _MOST_PACKED = 1 << 26, 20
 _MOST_COUNTED = 1 << 53
@@ -173,6 +151,7 @@ _MOST_COUNTED = 1 << 53
 _LONGEST_HEAD = 1 << 22
 # Of a library's message, which may quote the file.
 _LONGEST = 200
+# What zipfile, NumPy and HDF5 raise for damaged files.
 _DAMAGED = (
     OSError, ValueError, KeyError, TypeError, AttributeError, EOFError, MemoryError, OverflowError,
     RuntimeError, SyntaxError, zipfile.BadZipFile, zlib.error, lzma.LZMAError, tokenize.TokenError,
@@ -200,11 +179,10 @@ def save(
             power of each ray in single precision. Batches are not in it.
     ======  ======================================================================================
 
-    Programs expect the power of a ray in a ``.dat`` file to be positive: no standard knows others.
-    A program may clip, ignore or reject negative ones: there is a warning with their share.
-    ``split`` writes two files, NAME_positive
-    and NAME_negative, with positive powers both: trace each, and subtract the second picture from
-    the first.
+    Programs expect positive powers in a ``.dat`` file, and may clip, ignore or reject negative
+    ones: there is a warning with their share. ``split`` writes two files, NAME_positive and
+    NAME_negative, with positive powers both: trace each, and subtract the second picture from the
+    first.
 
     Parameters
     ----------
@@ -224,15 +202,14 @@ def save(
 
     >>> import pathlib, tempfile
     >>> import polywigner as pw
-    >>> rays = pw.sample_rays(pw.shapes.square(10e-3), 3.2e-3, 100, sampling="uniform")
+    >>> rays = pw.sample_rays(pw.shapes.square(10e-3), 3.2e-3, 100)
     >>> folder = pathlib.Path(tempfile.mkdtemp())
     >>> [path.name for path in pw.rays.save(rays, folder / "square.dat", split=True)]
     ['square_positive.dat', 'square_negative.dat']
     >>> pw.rays.save(rays, folder / "square.npz")[0].stat().st_size > 0
     True
     """
-    if not isinstance(unit, str) or unit not in METRES:
-        raise ArgumentError(f"expected unit to be one of {', '.join(METRES)}, got {unit!r}")
+    checked_choice(unit, "unit", METRES)
     paths = names_of(checked_path(path), checked_flag(split, "split"))
     try:
         paths[0].parent.mkdir(parents=True, exist_ok=True)
@@ -268,17 +245,17 @@ def write_to(rays: Any, scratch: Sequence[Path], paths: Sequence[Path], unit: st
     if suffix == ".nc":
         write_netcdf(rays, scratch[0])
     elif suffix == ".npz":
-        found = {"position": position, "direction": direction, "weight": weight}
+        found: dict[str, Any] = {"position": position, "direction": direction, "weight": weight}
         if batch is not None:
             found["batch"] = batch
         with scratch[0].open("wb") as file:
-            np.savez(file, **cast(Any, found), attrs=np.array(json.dumps(_plain(rays.attrs))))
+            np.savez(file, **found, attrs=np.array(_text_of(rays.attrs)))
     elif suffix == ".csv":
         names, digits = list(_COLUMNS), ["%.17g"] * 7
         if batch is not None:
             columns = np.column_stack([columns, batch])
             names, digits = [*names, "batch"], [*digits, "%d"]
-        head = f"# {json.dumps(_plain(rays.attrs))}\n{','.join(names)}"
+        head = f"# {_text_of(rays.attrs)}\n{','.join(names)}"
         np.savetxt(scratch[0], columns, digits, ",", header=head, comments="", encoding="utf-8")
     else:
         parts = list(_PARTS.values())
@@ -332,7 +309,7 @@ def load(path: str | os.PathLike[str]) -> xarray.Dataset:
     names_of(file, False)
     if not file.exists():
         raise FileFormatError(f"expected a file of rays, got {path}, which is none")
-    read = {".npz": _read_npz, ".csv": _read_csv, ".nc": _read_netcdf, ".dat": _read_dat}
+    read = {".npz": _read_npz, ".csv": _read_csv, ".nc": _read_netcdf, ".dat": read_source_file}
     try:
         check_regular(file)
         found = read[file.suffix.lower()](file)
@@ -426,11 +403,6 @@ def _netcdf_of(file: Path) -> Any:
         return stored.load()
 
 
-def _read_dat(file: Path) -> Any:
-    columns, attrs = read_source_file(file)
-    return bundle(columns[:, :3], columns[:, 3:6], columns[:, 6], None, attrs)
-
-
 def _attrs(text: str) -> dict[str, Any]:
     found = json.loads(text)
     if not isinstance(found, dict):
@@ -438,12 +410,10 @@ def _attrs(text: str) -> dict[str, Any]:
     return found
 
 
-def _plain(attrs: Any) -> dict[str, Any]:
-    """Attributes as JSON has them: NumPy's numbers as Python's, others as texts."""
-    named = {str(name): value for name, value in attrs.items()}
-    plain: dict[str, Any] = json.loads(json.dumps(named, default=_plain_value))
-    return plain
+def _text_of(attrs: Any) -> str:
+    """Attributes in JSON: NumPy's numbers as Python's, others as texts."""
 
+    def plain(value: Any) -> Any:
+        return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else str(value)
 
-def _plain_value(value: Any) -> Any:
-    return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else str(value)
+    return json.dumps({str(name): value for name, value in attrs.items()}, default=plain)

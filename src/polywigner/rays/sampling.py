@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import ArgumentError, IlluminationError
+from polywigner.errors import ArgumentError
 from polywigner.execution import Engine
 from polywigner.geometry import PlacedAperture, Wavefront
 from polywigner.geometry.arguments import (
@@ -19,7 +19,6 @@ from polywigner.geometry.arguments import (
     checked_generator,
     checked_number,
     checked_wavelength,
-    real_numbers,
     rigid_pose,
     takes_frequency,
 )
@@ -33,13 +32,20 @@ from polywigner.propagation.far_fields import check_slopes, radiated_power
 from polywigner.propagation.rays_adaptive import sobol_numbers
 from polywigner.propagation.stores_checks import source_attrs
 from polywigner.quantities import SPEED_OF_LIGHT
-from polywigner.radiometry.directions import PlaneSource, checked_radiator
+from polywigner.radiometry.directions import (
+    PlaneSource,
+    checked_radiator,
+    checked_unit_vectors,
+)
 from polywigner.radiometry.hemisphere import largest_lag
 from polywigner.rays.bundles import bundle
+from polywigner.reception.norms import root_of_norm
 from polywigner.transforms import sample_automean, wigner
-from polywigner.transforms.phase_space import energy_of
 from polywigner.transforms.sampling import Weights
 from polywigner.transforms.wavefronts import flat_of, is_partly_coherent
+
+if TYPE_CHECKING:
+    import xarray
 
 RaySampling = Literal["uniform", "marginal", "quasi-random"]
 
@@ -47,16 +53,10 @@ Values = NDArray[np.float64]
 
 # Independent sets of quasi-random numbers, from whose scatter the error follows, to a fifth.
 BATCHES = 16
-# Directions as unit vectors that have passed through single precision.
+# Cones whose axes passed through single precision may reach so far behind the source, in pi/2.
 _UNIT = 1e-6
 # Of the hemisphere a radius may round to one: factors such as 1/cos^2 stay finite.
 _LEAST_COSINE = 1e-8
-
-
-def positions_by(sampling: Any) -> Weights:
-    """The density of positions of a sampling; ArgumentError for one that is not known."""
-    checked_choice(sampling, "sampling", get_args(RaySampling))
-    return "marginal" if sampling == "marginal" else "uniform"
 
 
 def numbers_of(
@@ -108,9 +108,8 @@ class Cone:
     def directions(self, numbers: Values, slope: Values | None = None) -> tuple[Values, Values]:
         """Unit vectors (n, 3) for numbers (n, 2), and the inverse of their density.
 
-        Per solid angle projected along z: the mean over directions is that of the cone.
-        ``slope`` (n, 2): by which direction cosines the beam of each ray is off the axis. Rays
-        are densest there, or where the rim of the cone is nearest.
+        Per solid angle projected along z. ``slope`` (n, 2): by which direction cosines the beam of
+        each ray is off the axis. Rays are densest there, or where the rim of the cone is nearest.
         """
         middle = None if slope is None or math.isinf(self.width) else self._middle(slope)
         ratio = self.width / self.radius
@@ -137,19 +136,13 @@ def cone_of(half_angle: Any, axis: Any, width: float) -> Cone:
 
     Raises ArgumentError for other arguments, and for cones that reach behind the source.
     """
-    angle = math.pi / 2
-    if half_angle is not None:
-        angle = checked_number(half_angle, "cone", "a half angle in rad, above 0 and up to pi/2")
+    meaning = "a half angle in rad, above 0 and up to pi/2"
+    angle = math.pi / 2 if half_angle is None else checked_number(half_angle, "cone", meaning)
     if not 0 < angle <= math.pi / 2:
-        raise ArgumentError(
-            f"expected cone as a half angle in rad, above 0 and up to pi/2, got {half_angle!r}"
-        )
-    try:
-        middle = real_numbers(axis)
-    except ValueError as error:
-        raise ArgumentError(f"expected axis as a unit vector (3,), got {error}") from None
-    if middle.shape != (3,) or not abs(float(np.linalg.norm(middle)) - 1) <= _UNIT:
-        raise ArgumentError(f"expected axis as a unit vector (3,), got {middle.tolist()}")
+        raise ArgumentError(f"expected cone as {meaning}, got {half_angle!r}")
+    middle = checked_unit_vectors("axis", axis)
+    if middle.ndim > 1:
+        raise ArgumentError(f"expected axis as one unit vector (3,), got {middle.shape}")
     middle = middle / np.linalg.norm(middle)
     tilt = math.atan2(math.hypot(*middle[:2]), middle[2])
     if tilt + angle > math.pi / 2 * (1 + _UNIT):
@@ -214,17 +207,14 @@ def _disc(numbers: Values) -> Values:
     return np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])
 
 
-if TYPE_CHECKING:
-    import xarray
-
-
 Directions = Literal["beam", "uniform"]
-
 
 # 12 GB of rays; of more draw several sets.
 _MOST = 100_000_000
 # Rays at a time: some 200 MB.
 _BLOCK = 1 << 20
+# The squares of powers in W are summed for the error.
+_MOST_WATTS = 1e100
 
 
 @takes_frequency
@@ -247,11 +237,9 @@ def sample_rays(
     """Rays of a source, weighted by its Wigner function: positions, directions and watts.
 
     Each of n rays carries ``W(x, s_par/lambda) h/(lambda^2 p n)``, h = g/cos, p the density of rays
-    per area and projected solid angle: the sum over rays is the power in their cone, without bias,
-    and with no ``cone`` it is :func:`radiated_power`. Weights are negative where W is. Source:
-    docs/signed_rays.md, (Y1).
-
-    Trace them through ray optics, then :func:`polywigner.rays.rebuild` the irradiance.
+    per area and projected solid angle: their sum is the power in the cone, without bias, and with
+    no ``cone`` :func:`radiated_power`. Source: docs/signed_rays.md, (Y1). Trace them through ray
+    optics, then :func:`polywigner.rays.rebuild` the irradiance.
 
     Parameters
     ----------
@@ -261,17 +249,15 @@ def sample_rays(
     wavelength : in m.
     count : how many rays, up to 100 million.
     seed : of the numbers, or a NumPy Generator.
-    sampling : positions uniform in the automean ("uniform"), or in proportion to the position
-        marginal ("marginal"), see :func:`sample_automean`; both from independent random numbers.
-        "quasi-random" is uniform from the numbers of Sobol sequences, which leave about half the
-        noise (needs scipy, of the extra ``arrays``): 16 independent sets, told apart by the
-        coordinate ``batch``.
+    sampling : positions "uniform" in the automean, or in proportion to the position "marginal",
+        see :func:`sample_automean`, from independent random numbers; or "quasi-random", uniform
+        from Sobol sequences, with about half the noise (needs scipy, of the extra ``arrays``): 16
+        independent sets, told apart by the coordinate ``batch``.
     cone : half angle in rad of the directions that rays are drawn in; None: the hemisphere.
     axis : unit vector (3,), the middle of the cone in the frame of the source; that of the beam,
         where the source is steered.
-    directions : "beam" draws most of them within wavelength/diameter of the axis, of a curved or
-        partly coherent wave as far from it as the wave is inclined there, ever fewer outside;
-        "uniform" is uniform in projected solid angle.
+    directions : "beam" draws most of them within wavelength/diameter of the axis, or of the wave
+        where it is curved or partly coherent; "uniform" is uniform in projected solid angle.
     to_world : (4, 4) rigid pose of the source; None: its own, or none. Units of m.
     obliquity : as of :func:`irradiance`: None is "rayleigh-sommerfeld-1", h = cos; "paper" is
         h = 1. Curved and partly coherent waves have these two.
@@ -300,10 +286,14 @@ def sample_rays(
     """
     radiator, pose = _placed(source, to_world)
     length = checked_wavelength(wavelength)
-    density = positions_by(sampling)
+    checked_choice(sampling, "sampling", get_args(RaySampling))
+    density: Weights = "marginal" if sampling == "marginal" else "uniform"
     least = 2 * BATCHES if sampling == "quasi-random" else 1
     n = checked_count(count, "count", least, _MOST)
-    where = cone_of(cone, axis, _width(directions, radiator, length))
+    checked_choice(directions, "directions", get_args(Directions))
+    # the sine of the angle up to which rays are densest
+    width = math.inf if directions == "uniform" else length / largest_lag(radiator)
+    where = cone_of(cone, axis, width)
     name = checked_obliquity(obliquity)
     check_slopes(radiator, name)
     flat = flat_of(radiator)
@@ -364,14 +354,6 @@ def _placed(source: Any, to_world: Any) -> tuple[PlaneSource | Wavefront, Values
     return source.aperture, source.pose
 
 
-def _width(directions: Any, source: PlaneSource | Wavefront, wavelength: float) -> float:
-    """The sine of the angle up to which rays are densest."""
-    checked_choice(directions, "directions", get_args(Directions))
-    if directions == "uniform":
-        return math.inf
-    return wavelength / largest_lag(source)
-
-
 def _scale(
     source: Any, wavelength: float, obliquity: str, power: Any, aperture_power: Any
 ) -> float:
@@ -381,34 +363,18 @@ def _scale(
             "expected power or aperture_power, got both; power leaves through the hemisphere in "
             "front, aperture_power is the integral of |u|^2 over the aperture: give one"
         )
-    if aperture_power is not None:
-        return _watts("aperture_power", aperture_power) / _energy(flat_of(source))
-    if power is None:
+    if power is None and aperture_power is None:
         return 1.0
-    return _watts("power", power) / radiated_power(source, wavelength, obliquity)  # type: ignore
-
-
-# Their squares are summed for the error.
-_MOST_WATTS = 1e100
-
-
-def _watts(name: str, power: Any) -> float:
+    name, value = "power", power
+    if power is None:
+        name, value = "aperture_power", aperture_power
     meaning = f"a number in W above zero and below {_MOST_WATTS:g}"
-    watts = checked_number(power, name, meaning)
+    watts = checked_number(value, name, meaning)
     if not 0 < watts < _MOST_WATTS:
-        raise ArgumentError(f"expected {name} as {meaning}, got {power!r}")
-    return watts
-
-
-def _energy(source: PlaneSource) -> float:
-    """int |u|^2 in W."""
-    energy = energy_of(source)
-    if not energy > 0:
-        raise IlluminationError(
-            "expected a source with a field to give power to, got elements that cancel each other "
-            "everywhere"
-        )
-    return energy
+        raise ArgumentError(f"expected {name} as {meaning}, got {value!r}")
+    if power is None:
+        return watts / root_of_norm(source, wavelength, obliquity, "aperture") ** 2
+    return watts / radiated_power(source, wavelength, obliquity)  # type: ignore
 
 
 def _radiance(

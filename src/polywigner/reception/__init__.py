@@ -5,10 +5,9 @@ module               what is in it
 ===================  ==========================================================================
 ``couplings``        the coupling of a transmitter and a receiver in any pose, by fields or W
 ``poses``            poses, checked: rigid, and both sources in front of each other
-``cells``            a source in boxes that are cut as needed, with nodes in them
-``cell_pairs``       sums over pairs of boxes, their kernel interpolated between them
+``cell_pairs``       sources in boxes, and sums over pairs of these by an interpolated kernel
 ``link_sums``        which pairs, and of which order, for a tolerance
-``norms``            the power of a source, and its derivatives in weights
+``norms``            the power of a source, and the shares of its parts in it
 ===================  ==========================================================================
 """
 

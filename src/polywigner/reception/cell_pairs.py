@@ -1,4 +1,4 @@
-"""The share of one cell of a transmitter and one of a receiver in a link, for many such pairs.
+"""Sources in cells, and the share of a cell of a transmitter and one of a receiver in a link.
 
 Between cells that are small compared with their distance the kernel is, but for two plane waves
 along the line s of their centres, a slowly varying function of both places. It is interpolated at
@@ -16,17 +16,155 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise, product
 from typing import Any, TypeAlias
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
+from polywigner.geometry import Wavefront
+from polywigner.geometry.parts import polygons_in
 from polywigner.illumination.obliquities import Obliquity
 from polywigner.illumination.polarisation import Currents
-from polywigner.reception.cells import Cells
+from polywigner.propagation.arrangement import (
+    NODES_PER_CYCLE,
+    areas,
+    rule_by_triangles,
+    triangulated,
+)
+from polywigner.radiometry.hemisphere import steepest
+from polywigner.transforms.wavefronts import flat_of
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
+Indices = NDArray[np.intp]
+
+# What rounding of a cut leaves of a polygon, as a fraction of the cell's area.
+_SLIVER = 1e-14
+# Sides of at least this fraction of the longest are halved with it: in a box that is longer one way
+# the nodes along the other are too many.
+_SQUARE = 0.7
+# Nodes for a cycle of a wave, as a fraction of those of rays: 2.5, where Gauss needs pi/2. With 4
+# nodes more, moments of triangles err by 1e-11 of the area.
+_SHARE = 0.7
+# Rules kept for other poses and orders, of some hundred kB at most.
+_MOST_KEPT = 256
+
+
+class Cells:
+    """A tree of boxes around parts of a source, cut as needed; cell 0 is all of it.
+
+    Lengths are in wavelengths, relative to the centre of the source's bounds.
+    """
+
+    def __init__(self, source: Any, wavelength: float) -> None:
+        self._wave = source if isinstance(source, Wavefront) else None
+        source = flat_of(source)
+        xmin, ymin, xmax, ymax = source.bounds
+        self.centre = np.array([xmin / 2 + xmax / 2, ymin / 2 + ymax / 2])
+        self.wavelength = wavelength
+        self._elements = source.elements_in_plane
+        self._weights = np.asarray(getattr(source, "weights", [1.0]), np.complex128)
+        self.highest_frequency = steepest(self._wave or source, wavelength)
+        """Highest frequency of the field's waves, in cycles per wavelength."""
+        self.low, self.high = np.empty((0, 2)), np.empty((0, 2))
+        self._parts: list[tuple[NDArray[np.object_], NDArray[np.intp]]] = []
+        self._children: dict[int, list[int]] = {}
+        self._nodes: dict[tuple[int, float, int, float], tuple[Floats, Complex]] = {}
+        self._triangles: dict[int, tuple[Floats, NDArray[np.intp]]] = {}
+        whole = np.array([element.polygons for element in self._elements], dtype=object)
+        hull = shapely.GeometryCollection(whole.tolist()).convex_hull
+        self.corners = shapely.get_coordinates(hull)[:-1]
+        """Vertices of the convex hull (n, 2), in metres."""
+        self._add(whole, np.arange(len(whole)))
+
+    def halved(self, cells: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Numbers of halves of cells (n,), quarters of square ones, and of their cells in (n,)."""
+        different, place = np.unique(cells, return_inverse=True)
+        halves = [self._halves(int(cell)) for cell in different]
+        counts = np.array([len(pair) for pair in halves], dtype=np.intp)[place]
+        found = np.array([half for cell in place for half in halves[cell]], dtype=np.intp)
+        return found, np.repeat(np.arange(len(cells)), counts)
+
+    def nodes(self, cell: int, rate: float, order: int, extra: float) -> tuple[Floats, Complex]:
+        """Places (n, 2) in a cell, and weights (n,) times the field, in square wavelengths.
+
+        For integrands of ``rate`` cycles per wavelength times a polynomial of an ``order`` over all
+        of the cell; ``extra``: nodes along a side beyond those.
+        """
+        key = cell, rate, order, extra
+        if key not in self._nodes:
+            if len(self._nodes) >= _MOST_KEPT:
+                self._nodes.clear()
+            longest = float((self.high[cell] - self.low[cell]).max())
+            # so that the longest side has as many nodes more as the order is
+            waving = _SHARE * (rate + self.highest_frequency) + order / (NODES_PER_CYCLE * longest)
+            self._nodes[key] = self._rule(cell, waving, extra)
+        return self._nodes[key]
+
+    def _rule(self, cell: int, rate: float, extra: float) -> tuple[Floats, Complex]:
+        triangles, owners = self._triangles_of(cell)
+        nodes, shares, numbers = rule_by_triangles(triangles, rate / self.wavelength, extra)
+        owners = owners[numbers]
+        values = self._weights[owners] * (shares / self.wavelength**2)
+        for owner in np.unique(owners):
+            field = self._elements[owner].illumination
+            if field is not None:
+                mine = owners == owner
+                values[mine] *= field(nodes[mine])
+        if self._wave is not None:
+            inner = nodes - self._wave.centre
+            turns = ((inner @ self._wave.curvature) * inner).sum(axis=1) / 2
+            values = values * np.exp(2j * np.pi * turns)
+        return (nodes - self.centre) / self.wavelength, values.astype(np.complex128)
+
+    def _triangles_of(self, cell: int) -> tuple[Floats, NDArray[np.intp]]:
+        """Triangles (n, 3, 2) of a cell in metres, and the elements that they belong to."""
+        if cell not in self._triangles:
+            polygons, numbers = self._parts[cell]
+            found = [triangulated([polygon]) for polygon in polygons]
+            owners = np.repeat(numbers, [len(triangles) for triangles in found])
+            triangles = np.concatenate(found)
+            wide = areas(triangles) > 0
+            self._triangles[cell] = triangles[wide], owners[wide]
+        return self._triangles[cell]
+
+    def _halves(self, cell: int) -> list[int]:
+        if cell not in self._children:
+            low, high = self.low[cell], self.high[cell]
+            middle = low / 2 + high / 2
+            is_long = high - low > _SQUARE * (high - low).max()
+            every = np.stack([low, middle, high], axis=1)
+            stops = [row if long else row[::2] for row, long in zip(every, is_long, strict=True)]
+            self._children[cell] = []
+            for x, y in product(*map(pairwise, stops)):
+                outline = np.transpose([x, y]) * self.wavelength + self.centre
+                self._cut(cell, shapely.box(*outline.ravel()))
+        return self._children[cell]
+
+    def _cut(self, cell: int, box: shapely.Polygon) -> None:
+        """Adds the part of a cell that lies in a box, if there is one."""
+        polygons, numbers = self._parts[cell]
+        found = shapely.intersection(polygons, box)
+        kept = shapely.area(found) > _SLIVER * box.area
+        if kept.any():
+            flat = [shapely.MultiPolygon(polygons_in(part)) for part in found[kept]]
+            self._children[cell].append(len(self._parts))
+            self._add(np.array(flat, dtype=object), numbers[kept])
+
+    def _add(self, polygons: NDArray[np.object_], numbers: NDArray[np.intp]) -> None:
+        self._parts.append((polygons, numbers))
+        bounds = (shapely.total_bounds(polygons).reshape(2, 2) - self.centre) / self.wavelength
+        self.low = np.vstack([self.low, bounds[0]])
+        self.high = np.vstack([self.high, bounds[1]])
+
+
+@lru_cache(maxsize=16)
+def cells_of(source: Any, wavelength: float) -> Cells:
+    """The cells of a source at a wavelength in m; equal sources share theirs."""
+    return Cells(source, wavelength)
+
 
 _IK = 2j * math.pi
 
@@ -116,7 +254,15 @@ def link_slopes(
     cross, square = a * b / _IK, (a / (2 * math.pi)) ** 2
     green = wave / (1j * distance)
     away = sum(m[j] * r[j] for j in range(3))
-    _, first, second, third = (green * part for part in _ladder(distance, 3))
+    # G_j/G, each the derivative of the one before over r
+    inverse = 1.0 / distance
+    twice = inverse * inverse
+    first = green * ((_IK - inverse) * inverse)
+    second = green * ((_IK * _IK - 3 * _IK * inverse + 3 * twice) * twice)
+    third = green * (
+        (_IK**3 - 6 * _IK**2 * inverse + 15 * _IK * twice - 15 * twice * inverse)
+        * (twice * inverse)
+    )
     along = b * b * first + cross * second * (r[2] - away)
     along += square * (m[2] * second + r[2] * away * third)
     of_place, of_normal = [], []
@@ -127,23 +273,6 @@ def link_slopes(
         of_normal.append((square * second * r[2] - cross * first) * r[j] + square * up * first)
     return of_place, of_normal
 
-
-def _ladder(distance: Floats, most: int) -> list[Any]:
-    """G_j/G for j up to ``most``."""
-    found: list[Any] = [1.0]
-    if most:
-        inverse = 1.0 / distance
-        found.append((_IK - inverse) * inverse)
-    if most > 1:
-        square = inverse * inverse
-        found.append((_IK * _IK - 3 * _IK * inverse + 3 * square) * square)
-    if most > 2:
-        cubes = _IK**3 - 6 * _IK**2 * inverse + 15 * _IK * square - 15 * square * inverse
-        found.append(cubes * (square * inverse))
-    return found
-
-
-Indices = NDArray[np.intp]
 
 # Values of the kernel, or of fields at nodes, at a time: their arrays stay in the cache.
 _BLOCK = 1 << 14
@@ -157,8 +286,6 @@ _RATE_STEP = 0.125
 
 # Pairs of cells: fields pose, transmitter and receiver, the numbers of a pose and of both cells.
 Pairs: TypeAlias = Any
-
-
 table: Any = np.rec.fromarrays  # NumPy's types ask for formats, which columns have
 
 
@@ -294,10 +421,7 @@ class Links:
         return found
 
     def _blocks(self, pairs: Pairs, order: int) -> Iterator[tuple[slice, Complex, Complex, _Sight]]:
-        """Blocks of pairs, and of the transmitter's nodes, with their moments.
-
-        And the geometry between these nodes and all of the receiver's.
-        """
+        """Blocks of pairs, moments at nodes of both cells, and the geometry between these."""
         count = order * order
         most = max(1, _MOMENTS // count)
         step = max(1, _BLOCK // count**2)
@@ -393,10 +517,7 @@ def _groups(own: Indices, ordered: Indices) -> Iterator[tuple[int, Indices]]:
 
 @lru_cache(maxsize=32)
 def _rule(order: int) -> tuple[Floats, Floats]:
-    """Gauss's nodes (q^2, 2) of the square [-1, 1]^2, and Legendre's series from values there.
-
-    The latter is of one coordinate: coefficients = matrix (q, q) times values.
-    """
+    """Gauss's nodes (q^2, 2) of the square [-1, 1]^2, and (q, q) Legendre's series from values."""
     nodes, weights = np.polynomial.legendre.leggauss(order)
     x, y = np.meshgrid(nodes, nodes, indexing="ij")
     series = np.polynomial.legendre.legvander(nodes, order - 1).T * weights
@@ -405,9 +526,6 @@ def _rule(order: int) -> tuple[Floats, Floats]:
 
 
 def _basis(places: Floats, order: int) -> Floats:
-    """Polynomials that are 1 at one node and 0 at all others, of x and y of places (n, 2).
-
-    Arrays (n, q) of both.
-    """
+    """Polynomials (n, q) of x and of y (n, 2) that are 1 at one node and 0 at all others."""
     result: Floats = np.polynomial.legendre.legvander(places.T, order - 1) @ _rule(order)[1]
     return result

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any, Literal, get_args
 
@@ -37,21 +36,21 @@ from polywigner.propagation.arrangement import (
     smooth_triangles,
 )
 from polywigner.propagation.far_fields import far_field
+from polywigner.propagation.field_slopes import parts_of
 from polywigner.propagation.places import checked_method, warn_of_missed
-from polywigner.propagation.vector_fields import parts_of
+from polywigner.propagation.vector_fields import parts_of as parts_of_polarised
 from polywigner.radiometry.directions import checked_radiator
-from polywigner.reception.cell_pairs import Links
-from polywigner.reception.cells import Cells, cells_of
+from polywigner.reception.cell_pairs import Cells, Links, cells_of
 from polywigner.reception.link_sums import link_slopes_of, link_sums
 from polywigner.reception.norms import (
     checked_normalise,
+    overlaps_of,
     root_of_norm,
-    root_of_vector_norm,
-    slopes_of_fields,
 )
 from polywigner.reception.poses import check_facing, checked_poses
 from polywigner.transforms import Differentiable, wigner
 from polywigner.transforms.phase_space import energy_of
+from polywigner.transforms.traced_sources import fields_of as fields_of_traced
 from polywigner.transforms.wavefronts import flat_of
 
 Floats = NDArray[np.float64]
@@ -197,8 +196,7 @@ def coupling(
 
     with exp(ikR)/(i wavelength R) for K ("rayleigh-sommerfeld-2"), or this with the cosines at both
     ends ("rayleigh-sommerfeld-1"), or the mean of both at each end ("kirchhoff"), near terms
-    included. It is a sum over pairs of parts of both sources, whose number grows as they come
-    nearer: of links far away there is one, however large the sources are.
+    included: a sum over pairs of parts, whose number grows as the sources come nearer.
 
     Parameters
     ----------
@@ -238,16 +236,12 @@ def coupling(
 
     Raises
     ------
-    ArgumentError for arguments of the wrong type or range, sources with derivatives in vertices,
-    derivatives of "fraunhofer" and "wigner", planes that are not parallel with "wigner", and links
-    of more than some minutes' work. GeometryError for poses that are not rigid, for sources of
-    which a part lies behind the plane of the other, or in it, and for an Array with elements
-    outside its plane.
-    IlluminationError for a source that cancels itself.
+    ArgumentError for arguments of the wrong type or range, derivatives that there are not, planes
+    that are not parallel with "wigner", and links of more than some minutes' work. GeometryError
+    for poses that are not rigid, sources that are not in front of each other's plane, and an Array
+    with elements outside its plane. IlluminationError for a source that cancels itself.
 
-    Source: J. H. Richmond, "A reaction theorem and its application to antenna impedance
-    calculations", IRE Trans. Antennas Propag. 9, 515 (1961); the kernels are derived in
-    docs/links.md. The paper has no links.
+    Source: J. H. Richmond, IRE Trans. Antennas Propag. 9, 515 (1961). The paper has no links.
 
     >>> import numpy as np
     >>> import polywigner as pw
@@ -263,9 +257,9 @@ def coupling(
     length, allowed = checked_wavelength(wavelength), checked_tolerance(tolerance)
     counted = checked_normalise(normalise)
     checked_flag(return_error, "return_error")
-    find = partial(_found, traced, length, name, allowed, counted)
-    if polarisation is not None:
-        find = partial(_polarised, traced, polarisation, length, name, allowed, counted)
+    sources = tuple(source.source for source in traced)
+    jones = None if polarisation is None else checked_pair(polarisation, *sources)
+    link = _Link(traced, length, name, allowed, counted, jones)
     fields = [source.weights or source.amplitudes for source in traced]
     if execution.is_drjit(to_transmitter) or any(fields):
         if return_error:
@@ -274,138 +268,181 @@ def coupling(
             )
 
         def compute(poses: Any, wanted: Sequence[bool]) -> tuple[NDArray[Any], list[Any]]:
-            values, _, slopes = find(poses, wanted)
+            values, _, slopes = link.couplings(poses, wanted)
             return values, slopes
 
         return execution.hosted_poses(compute, "to_transmitter", to_transmitter, fields)
-    values, errors, _ = find(to_transmitter, (False,) * 3)
+    values, errors, _ = link.couplings(to_transmitter)
     return (values[()], errors[()]) if return_error else values[()]
 
 
-def _found(
-    traced: tuple[Differentiable, ...],
-    wavelength: float,
-    method: str,
-    tolerance: float,
-    normalise: str,
-    to_transmitter: Any,
-    wanted: Sequence[bool],
-) -> tuple[NDArray[Any], Floats, list[Complex | None]]:
-    """Couplings (...), their errors and, where wanted, derivatives.
+@dataclass(frozen=True, eq=False)
+class _Link:
+    """Two sources, and how they are coupled."""
 
-    (n, 12) in the poses, (n, 2 k) in the fields of both sources, real and imaginary.
-    """
-    if any(wanted) and method not in CONDITIONS:
-        raise ArgumentError(
-            f'expected one of {", ".join(CONDITIONS)} with derivatives, got "{method}"; '
-            "pass drjit.detach(...) of what needs none"
+    traced: tuple[Differentiable, ...]
+    wavelength: float
+    method: str
+    tolerance: float
+    normalise: str
+    jones: tuple[Complex, Complex] | None
+    """Jones vectors of both; None: fields are scalar."""
+
+    @property
+    def sources(self) -> tuple[Any, ...]:
+        return tuple(source.source for source in self.traced)
+
+    def norm(self, normalise: str) -> float:
+        """Root of the product of both powers."""
+        jones = self.jones or (None, None)
+        return math.prod(
+            root_of_norm(source, self.wavelength, self.method, normalise, own)
+            for source, own in zip(self.sources, jones, strict=True)
         )
-    sources = tuple(source.source for source in traced)
-    poses = checked_poses(to_transmitter)
-    shape = poses.shape[:-2]
-    flat = poses.reshape(-1, 4, 4)
-    cells = [cells_of(source, wavelength) for source in sources]
-    check_facing(flat, cells[0].corners, cells[1].corners)
-    warn_of_distance(sources, flat[:, :3, 3], wavelength)
-    if method == "wigner" and any(isinstance(source, Wavefront) for source in sources):
-        raise ArgumentError(
-            'expected a flat wave with method="wigner", got a curved one; use '
-            '"rayleigh-sommerfeld-1", whose sum over places takes both'
-        )
-    if method == "wigner":
-        values, errors, limits = overlap(sources, flat, wavelength, tolerance, _FLOOR)
-    else:
-        values, errors = np.zeros(len(flat), np.complex128), np.zeros(len(flat))
-        limits = np.full(len(flat), np.inf)
-    slopes = np.zeros((len(flat), 12), np.complex128) if wanted[0] else None
-    with told("links", range(0, 0 if method == "wigner" else len(flat), _BLOCK)) as starts:
-        for start in starts:
-            some = slice(start, start + _BLOCK)
-            if method == "fraunhofer":
-                values[some] = _far(sources, cells, flat[some], wavelength)
-                errors[some] = _ROUNDING * np.abs(values[some])
-                continue
-            found = _near(sources, cells, flat[some], wavelength, method, tolerance, wanted[0])
-            values[some], errors[some], limits[some] = found[:3]
-            if slopes is not None:
-                slopes[some] = found[3].reshape(-1, 12)
-    # after the sums, which are refused where they would take too long
-    scale = math.prod(
-        root_of_norm(source, wavelength, method, "aperture")
-        / root_of_norm(source, wavelength, method, normalise)
-        for source in sources
-    )
-    counts = scale**2 if method == "wigner" else scale
-    values, errors, limits = values * counts, errors * counts, limits * counts
-    if slopes is not None:
-        slopes *= scale
-    warn_of_missed(errors, limits, "couplings")
-    found_slopes = [slopes, None, None]
-    for own in (0, 1):
-        if wanted[1 + own]:
-            counted = wavelength, method, normalise
-            call = partial(
-                _found,
-                wavelength=wavelength,
-                method=method,
-                tolerance=tolerance,
-                normalise=normalise,
+
+    def couplings(
+        self, to_transmitter: Any, wanted: Sequence[bool] = (False,) * 3
+    ) -> tuple[NDArray[Any], Floats, list[Complex | None]]:
+        """Couplings (...), their errors and, where wanted, derivatives.
+
+        (n, 12) in the poses, (n, 2 k) in the fields of both sources, real and imaginary.
+        """
+        if any(wanted) and self.method not in CONDITIONS:
+            raise ArgumentError(
+                f'expected one of {", ".join(CONDITIONS)} with derivatives, got "{self.method}"; '
+                "pass drjit.detach(...) of what needs none"
             )
-            found_slopes[1 + own] = slopes_of_fields(
-                call, traced, own, flat, values.astype(np.complex128), counted
+        poses = checked_poses(to_transmitter)
+        flat = poses.reshape(-1, 4, 4)
+        check_facing(flat, *(cells_of(one, self.wavelength).corners for one in self.sources))
+        warn_of_distance(self.sources, flat[:, :3, 3], self.wavelength)
+        slopes: list[Complex | None] = [None] * 3
+        if self.method == "wigner":
+            values, errors, limits = self._overlap(flat)
+        else:
+            values, errors, limits, slopes[0] = self._summed(flat, wanted[0])
+        warn_of_missed(errors, limits, "couplings")
+        for own in (0, 1):
+            if wanted[1 + own]:
+                slopes[1 + own] = self._field_slopes(own, flat, values.astype(np.complex128))
+        return values.reshape(poses.shape[:-2]), errors.reshape(poses.shape[:-2]), slopes
+
+    def _overlap(self, poses: Floats) -> tuple[Floats, Floats, Floats]:
+        if any(isinstance(source, Wavefront) for source in self.sources):
+            raise ArgumentError(
+                'expected a flat wave with method="wigner", got a curved one; use '
+                '"rayleigh-sommerfeld-1", whose sum over places takes both'
             )
-    return values.reshape(shape), errors.reshape(shape), found_slopes
+        found = overlap(self.sources, poses, self.wavelength, self.tolerance, _FLOOR)
+        counts = (self.norm("aperture") / self.norm(self.normalise)) ** 2
+        values, errors, limits = (counts * part for part in found)
+        return values, errors, limits
 
+    def _summed(self, poses: Floats, with_slopes: bool) -> tuple[Any, ...]:
+        """Couplings (n,), errors, allowed errors, and derivatives (n, 12) or None: sums of parts.
 
-def _polarised(
-    traced: tuple[Differentiable, ...],
-    polarisation: Any,
-    wavelength: float,
-    method: str,
-    tolerance: float,
-    normalise: str,
-    to_transmitter: Any,
-    wanted: Sequence[bool],
-) -> tuple[NDArray[Any], Floats, list[Complex | None]]:
-    """Couplings (...) of polarised sources, and their errors; there are no derivatives."""
-    sources = tuple(source.source for source in traced)
-    both = checked_pair(polarisation, *sources)
-    if any(wanted):
-        raise ArgumentError(
-            "expected no polarisation with derivatives; pass drjit.detach(...) of what needs none"
+        Parts are the sources, or their elements of one polarisation each.
+        """
+        values, errors, limits = np.zeros(len(poses), np.complex128), *np.zeros((2, len(poses)))
+        slopes = np.zeros((len(poses), 12), np.complex128) if with_slopes else None
+        parts: list[Any] = [[(source, None)] for source in self.sources]
+        if self.jones is not None:
+            parts = list(map(parts_of_polarised, self.sources, self.jones))
+        floor = 0.0 if self.method == "fraunhofer" else _FLOOR * self.norm("aperture")
+        for sender, taker in product(*parts):
+            with told("links", range(0, len(poses), _BLOCK)) as starts:
+                for start in starts:
+                    some = slice(start, start + _BLOCK)
+                    found = self._between(sender, taker, poses[some], floor, with_slopes)
+                    values[some] += found[0]
+                    errors[some] += found[1]
+                    limits[some] += found[2]
+                    if slopes is not None:
+                        slopes[some] += found[3]
+        # after the sums, which are refused where they would take too long
+        norm = self.norm(self.normalise)
+        return (
+            values / norm,
+            errors / norm,
+            limits / norm,
+            slopes if slopes is None else slopes / norm,
         )
-    poses = checked_poses(to_transmitter)
-    flat = poses.reshape(-1, 4, 4)
-    corners = [cells_of(source, wavelength).corners for source in sources]
-    check_facing(flat, *corners)
-    warn_of_distance(sources, flat[:, :3, 3], wavelength)
-    scale = math.prod(
-        root_of_vector_norm(source, (jones.tobytes(), jones.shape), wavelength, method, normalise)
-        / wavelength
-        for source, jones in zip(sources, both, strict=True)
-    )
-    values, errors, limits = np.zeros(len(flat), np.complex128), *np.zeros((2, len(flat)))
-    parts = [parts_of(source, jones) for source, jones in zip(sources, both, strict=True)]
-    for (sender, sent), (taker, taken) in product(*parts):
-        cells = [cells_of(sender, wavelength), cells_of(taker, wavelength)]
-        offset = _offset(cells, flat)
+
+    def _between(
+        self, sender: Any, taker: Any, poses: Floats, floor: float, with_slopes: bool
+    ) -> tuple[Any, ...]:
+        """:meth:`_summed` of two sources, each with its polarisation, before both norms."""
+        sources = sender[0], taker[0]
+        cells = [cells_of(source, self.wavelength) for source in sources]
+        # from the transmitter's centre to the receiver's
+        offset = poses[:, :3, 3] + poses[:, :3, :2] @ cells[1].centre
+        offset[:, :2] -= cells[0].centre
+        point = point_in_wavelengths(_OPS, (0.0, 0.0), self.wavelength, *offset.T)
+        turn = np.exp(2j * np.pi * reduced(_OPS, distance_of(_OPS, point)))
+        if self.method == "fraunhofer":
+            values = turn * self._far(sources, cells, poses, offset)
+            return values, _ROUNDING * np.abs(values), np.inf
         links = Links(
-            cells[0], cells[1], flat[:, :3, :3], offset / wavelength, CONDITIONS[DEFAULT],
-            _extra(tolerance), MODELS[method], sent, taken,
-        )  # fmt: skip
-        floor = scale * _FLOOR * _largest((sender, taker), wavelength, offset)
-        with told("links", range(0, len(flat), _BLOCK)) as starts:
-            for start in starts:
-                some = slice(start, start + _BLOCK)
-                mine = replace(links, rotation=links.rotation[some], offset=links.offset[some])
-                sums = link_sums(mine, tolerance, floor[some])
-                turn = np.exp(2j * np.pi * _turns(offset[some], wavelength))
-                values[some] += sums.values * turn / scale
-                errors[some] += sums.errors / scale
-                limits[some] += sums.allowed / scale
-    warn_of_missed(errors, limits, "couplings")
-    shape = poses.shape[:-2]
-    return values.reshape(shape), errors.reshape(shape), [None] * 3
+            cells[0],
+            cells[1],
+            poses[:, :3, :3],
+            offset / self.wavelength,
+            CONDITIONS[DEFAULT if self.jones else self.method],
+            _NODES + _NODES_PER_DIGIT * max(0.0, -math.log10(self.tolerance) - 6),
+            MODELS.get(self.method),
+            sender[1],
+            taker[1],
+        )
+        scale = self.wavelength**2
+        sums = link_sums(links, self.tolerance, floor * self._largest(sources, offset) / scale)
+        slopes = None
+        if with_slopes:
+            slopes = link_slopes_of(links, sums) * (scale * turn)[:, None, None]
+            slopes[..., 3] /= self.wavelength
+            slopes = slopes.reshape(-1, 12)
+        return scale * turn * sums.values, scale * sums.errors, scale * sums.allowed, slopes
+
+    def _far(
+        self, sources: tuple[Any, ...], cells: list[Cells], poses: Floats, offset: Floats
+    ) -> Complex:
+        """Friis' formula (RX4), without the phase of the distance of the centres."""
+        distance = np.linalg.norm(offset, axis=1)
+        towards = offset / distance[:, None]
+        back = -np.einsum("nji,nj->ni", poses[:, :3, :3], towards)
+        result = 1j * self.wavelength / distance
+        for source, own, directions in zip(sources, cells, (towards, back), strict=True):
+            curved = isinstance(source, Wavefront)
+            centred = source.moved(-own.centre) if curved else moved_source(source, -own.centre)
+            result = result * far_field(centred, directions, self.wavelength, DEFAULT)
+        return result
+
+    def _largest(self, sources: tuple[Any, ...], offset: Floats) -> Floats:
+        """The largest coupling that sources of these areas can have there, (n,)."""
+        areas = [sum(e.area for e in flat_of(source).elements_in_plane) for source in sources]
+        size = math.sqrt(areas[0]) * math.sqrt(areas[1]) / self.wavelength
+        return np.minimum(1.0, size / np.linalg.norm(offset, axis=1))
+
+    def _field_slopes(self, own: int, poses: Floats, values: Complex) -> Complex:
+        """Derivatives (n, 2 k) of couplings (n,) in weights of elements, or of waves, (RX6).
+
+        In the real parts of all weights of the source ``own``, then in the imaginary ones.
+        """
+        traced = self.traced[own]
+        parts = list(parts_of(traced.source, traced.amplitudes is not None))
+        counted = self.wavelength, self.method, self.normalise
+        whole = root_of_norm(traced.source, *counted)
+        alone = np.empty((len(parts), len(values)), np.complex128)
+        for k, part in enumerate(parts):
+            pair = list(self.traced)
+            pair[own] = Differentiable(part)
+            found, _, _ = replace(self, traced=tuple(pair)).couplings(poses)
+            alone[k] = found * (root_of_norm(part, *counted) / whole)
+        overlaps = overlaps_of(parts, fields_of_traced(traced), traced.source, *counted) / whole**2
+        slopes = [
+            turn * alone - share[:, None] * values
+            for turn, share in ((1, overlaps.real), (1j, overlaps.imag))
+        ]
+        return np.concatenate(slopes).T
 
 
 def _checked_method(method: Any, is_polarised: bool) -> str:
@@ -415,74 +452,6 @@ def _checked_method(method: Any, is_polarised: bool) -> str:
     if not is_polarised and isinstance(method, str) and method in MODELS:
         raise ArgumentError(f"expected a polarisation with method={method!r}, got none; give one")
     return checked_method(method, allowed)
-
-
-def _extra(tolerance: float) -> float:
-    """Nodes along a side of a cell, added to the count that waves and polynomials need."""
-    return _NODES + _NODES_PER_DIGIT * max(0.0, -math.log10(tolerance) - 6)
-
-
-def _near(
-    sources: tuple[Any, ...],
-    cells: list[Cells],
-    poses: Floats,
-    wavelength: float,
-    method: str,
-    tolerance: float,
-    with_slopes: bool,
-) -> tuple[Any, ...]:
-    """Couplings (n,), their errors, allowed errors, and derivatives (n, 3, 4) or None."""
-    offset = _offset(cells, poses)
-    rotation, condition = poses[:, :3, :3], CONDITIONS[method]
-    links = Links(cells[0], cells[1], rotation, offset / wavelength, condition, _extra(tolerance))
-    norm = math.prod(
-        root_of_norm(source, wavelength, method, "aperture") / wavelength for source in sources
-    )
-    largest = _largest(sources, wavelength, offset)
-    sums = link_sums(links, tolerance, norm * _FLOOR * largest)
-    turn = np.exp(2j * np.pi * _turns(offset, wavelength)) / norm
-    slopes = None
-    if with_slopes:
-        slopes = link_slopes_of(links, sums) * turn[:, None, None]
-        slopes[..., 3] /= wavelength
-    return sums.values * turn, sums.errors / norm, sums.allowed / norm, slopes
-
-
-def _far(sources: tuple[Any, ...], cells: list[Cells], poses: Floats, wavelength: float) -> Complex:
-    """Friis' formula (RX4), with the phase of the distance of the centres."""
-    offset = _offset(cells, poses)
-    distance = np.linalg.norm(offset, axis=1)
-    towards = offset / distance[:, None]
-    back = -np.einsum("nji,nj->ni", poses[:, :3, :3], towards)
-    result: Complex = 1j * wavelength / distance * np.exp(2j * np.pi * _turns(offset, wavelength))
-    for source, own, directions in zip(sources, cells, (towards, back), strict=True):
-        curved = isinstance(source, Wavefront)
-        centred = source.moved(-own.centre) if curved else moved_source(source, -own.centre)
-        pattern = far_field(centred, directions, wavelength, DEFAULT)
-        result *= pattern / root_of_norm(source, wavelength, "fraunhofer", "aperture")
-    return result
-
-
-def _offset(cells: list[Cells], poses: Floats) -> Floats:
-    """Vectors (n, 3) in m from the transmitter's centre to the receiver's."""
-    offset: Floats = poses[:, :3, 3] + poses[:, :3, :2] @ cells[1].centre
-    offset[:, :2] -= cells[0].centre
-    return offset
-
-
-def _turns(offset: Floats, wavelength: float) -> Floats:
-    """Turns of phase over distances, less whole ones."""
-    point = point_in_wavelengths(_OPS, (0.0, 0.0), wavelength, *offset.T)
-    turns: Floats = reduced(_OPS, distance_of(_OPS, point))
-    return turns
-
-
-def _largest(sources: tuple[Any, ...], wavelength: float, offset: Floats) -> Floats:
-    """The largest coupling that sources of these areas can have there, (n,)."""
-    areas = [sum(e.area for e in flat_of(source).elements_in_plane) for source in sources]
-    size = math.sqrt(areas[0]) * math.sqrt(areas[1]) / wavelength
-    result: Floats = np.minimum(1.0, size / np.linalg.norm(offset, axis=1))
-    return result
 
 
 def _checked_source(source: Any) -> Differentiable:

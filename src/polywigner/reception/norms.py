@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -17,13 +17,11 @@ from polywigner.illumination import Array
 from polywigner.illumination.obliquities import CONDITIONS, DEFAULT, Obliquity
 from polywigner.illumination.obliquities import fields_of as fields_on
 from polywigner.propagation.far_fields import powers_of
-from polywigner.propagation.field_slopes import parts_of
 from polywigner.propagation.vector_fields import parts_of as parts_of_polarised
 from polywigner.propagation.vector_fields import vector_powers
 from polywigner.radiometry.hemisphere import directions_and_weights, largest_lag
-from polywigner.transforms import Differentiable, fourier
+from polywigner.transforms import fourier
 from polywigner.transforms.phase_space import energy_of
-from polywigner.transforms.traced_sources import fields_of
 from polywigner.transforms.wavefronts import flat_of
 
 Complex = NDArray[np.complex128]
@@ -45,15 +43,28 @@ def checked_normalise(name: Any, error: type[PolywignerError] = ArgumentError) -
     return str(name)
 
 
-@lru_cache(maxsize=64)
-def root_of_norm(source: Any, wavelength: float, method: str, normalise: str) -> float:
+def root_of_norm(
+    source: Any, wavelength: float, method: str, normalise: str, jones: Complex | None = None
+) -> float:
     """Root of a source's power in W for |u|^2 in W/m^2, by which couplings are divided.
 
     ``radiated``: the power that leaves by the boundary condition of the method, which takes u for
-    what it needs, as (RX1) does. ``aperture``: int |u|^2.
+    what it needs, as (RX1) does; with Jones vectors (2,) or (k, 2) that of its currents.
+    ``aperture``: int |u|^2.
 
     Raises IlluminationError for a source that cancels itself, or radiates nothing.
     """
+    key = None if jones is None else (jones.tobytes(), jones.shape)  # arrays have no hash
+    return _root_of_norm(source, wavelength, method, normalise, key)
+
+
+@lru_cache(maxsize=128)
+def _root_of_norm(source: Any, wavelength: float, method: str, normalise: str, jones: Any) -> float:
+    if jones is not None:
+        parts = parts_of_polarised(source, np.frombuffer(jones[0], complex).reshape(jones[1]))
+        if normalise == "aperture":
+            return math.sqrt(sum(energy_of(part) for part, _ in parts))
+        return math.sqrt(vector_powers(parts, wavelength, method)[0])
     _check_field(source)
     if normalise == "aperture":
         return math.sqrt(energy_of(source))
@@ -63,18 +74,6 @@ def root_of_norm(source: Any, wavelength: float, method: str, normalise: str) ->
         return math.sqrt(powers_of(source, wavelength, condition.name)[0])
     alone = radiated_overlaps([source], np.ones(1, np.complex128), source, wavelength, condition)
     return math.sqrt(alone[0].real)
-
-
-@lru_cache(maxsize=64)
-def root_of_vector_norm(
-    source: Any, jones: tuple[bytes, tuple[int, ...]], wavelength: float, model: str, normalise: str
-) -> float:
-    """:func:`root_of_norm` of a polarised source; ``jones``: bytes and shape of its vectors."""
-    vectors = np.frombuffer(jones[0], np.complex128).reshape(jones[1])
-    parts = parts_of_polarised(source, vectors)
-    if normalise == "aperture":
-        return math.sqrt(sum(energy_of(part) for part, _ in parts))
-    return math.sqrt(vector_powers(parts, wavelength, model)[0])
 
 
 def _check_field(source: Any) -> None:
@@ -112,40 +111,18 @@ def radiated_overlaps(
     return found
 
 
-def slopes_of_fields(
-    find: Callable[..., Any],
-    traced: tuple[Differentiable, ...],
-    own: int,
-    poses: NDArray[np.float64],
-    values: Complex,
-    counted: tuple[float, str, str],
+def overlaps_of(
+    parts: Sequence[Any],
+    weights: Complex,
+    source: Any,
+    wavelength: float,
+    method: str,
+    normalise: str,
 ) -> Complex:
-    """Derivatives (n, 2 k) of couplings (n,) in weights of elements, or of waves, (RX6).
-
-    In the real parts of all weights of the source ``own``, then in the imaginary ones.
-    ``find(pair of sources, to_transmitter=, wanted=)`` has the couplings of others; ``counted``:
-    wavelength, method and normalisation.
-    """
-    source = traced[own].source
-    parts = list(parts_of(source, traced[own].amplitudes is not None))
-    whole = root_of_norm(source, *counted)
-    found = np.empty((2, len(parts), len(values)), np.complex128)
-    for k, part in enumerate(parts):
-        pair = list(traced)
-        pair[own] = Differentiable(part)
-        alone, _, _ = find(tuple(pair), to_transmitter=poses, wanted=(False,) * 3)
-        found[0, k] = alone * (root_of_norm(part, *counted) / whole)
-    found[1] = 1j * found[0]
-    weights = fields_of(traced[own])
-    wavelength, method, normalise = counted
+    """Overlaps of the parts of a source with their sum, (k,) in W, as :func:`root_of_norm`."""
     if normalise == "aperture":
-        overlaps = _overlaps(parts, weights) / whole**2
-    else:
-        condition = CONDITIONS[method]
-        overlaps = radiated_overlaps(parts, weights, source, wavelength, condition) / whole**2
-    for place, part_of in enumerate((overlaps.real, overlaps.imag)):
-        found[place] -= part_of[:, None] * values
-    return found.reshape(2 * len(parts), len(values)).T
+        return _overlaps(parts, weights)
+    return radiated_overlaps(parts, weights, source, wavelength, CONDITIONS[method])
 
 
 def _overlaps(parts: Sequence[Aperture], weights: Complex) -> Complex:

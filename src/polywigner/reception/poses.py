@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import GeometryError
-from polywigner.geometry.arguments import RIGID_TOLERANCE, real_numbers, shape_of
+from polywigner.geometry.arguments import RIGID_TOLERANCE, checked_vectors
 
 Floats = NDArray[np.float64]
 
@@ -22,35 +22,19 @@ def checked_poses(to_transmitter: Any, name: str = "to_transmitter") -> Floats:
     Raises GeometryError for anything else.
     """
     expected = f"expected {name} as rigid poses (..., 4, 4)"
-    try:
-        poses = real_numbers(to_transmitter)
-    except ValueError as error:
-        raise GeometryError(f"{expected}, got {error}") from None
-    if poses.shape[-2:] != (4, 4):
-        raise GeometryError(f"{expected}, got shape {shape_of(to_transmitter)}")
-    if not np.isfinite(poses).all():
-        bad = poses[~np.isfinite(poses).all(axis=(-2, -1))][0]
-        raise GeometryError(f"{expected}, got one that is not finite, {bad.tolist()}")
-    farthest = float(np.abs(poses[..., :3, 3]).max(initial=0.0))
-    if farthest > _FARTHEST:
-        raise GeometryError(
-            f"{expected}, got one {farthest:.3g} m away, whose square is no number; check its units"
-        )
-    if not np.allclose(poses[..., 3, :], (0.0, 0.0, 0.0, 1.0)):
-        raise GeometryError(
-            f"{expected}, got a last row other than (0, 0, 0, 1); the translation is the last "
-            "column, and a pose is not multiplied by a scale"
-        )
+    poses = checked_vectors(to_transmitter, expected, (4, 4), GeometryError)
     rotation = poses[..., :3, :3]
-    gram = np.swapaxes(rotation, -1, -2) @ rotation
-    off = np.abs(gram - np.eye(3)).max(axis=(-2, -1))
-    if (off > RIGID_TOLERANCE).any():
+    with np.errstate(all="ignore"):
+        gram = np.swapaxes(rotation, -1, -2) @ rotation
+        good = (np.abs(gram - np.eye(3)) <= RIGID_TOLERANCE).all(axis=(-2, -1))
+        good &= (np.abs(poses[..., :3, 3]) <= _FARTHEST).all(axis=-1)
+        good &= np.isclose(poses[..., 3, :], (0.0, 0.0, 0.0, 1.0)).all(axis=-1)
+        good &= np.linalg.det(rotation) > 0
+    if not good.all():
         raise GeometryError(
-            f"{expected}, got one whose matrix departs from a rotation by {off.max():.3g}; scale "
-            "the source itself"
+            f"{expected}, each a rotation without scale or mirror image, a translation in m, and a "
+            f"last row (0, 0, 0, 1), got {poses[~good][0].tolist()}"
         )
-    if (np.linalg.det(rotation) < 0).any():
-        raise GeometryError(f"{expected}, got a mirror image; mirror the source itself")
     left, _, right = np.linalg.svd(rotation)
     poses[..., :3, :3] = left @ right
     return poses

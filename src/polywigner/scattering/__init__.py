@@ -3,10 +3,9 @@
 ====================  =========================================================================
 module                what is in it
 ====================  =========================================================================
-``cross_sections``    the radar cross section by physical optics, and its patterns
+``cross_sections``    the radar cross section by physical optics, its derivatives and patterns
 ``beams``             sums over lit surfaces, and over beams of polygons after two or three
                       reflections
-``slopes``            derivatives of cross sections in the directions
 ``facets``            bodies and plates as triangles: which join smoothly, which shadow others
 ``near_fields``       the cross section near the antennas of a radar, over pieces of plane waves
 ``antennas``          antennas at their places, their fields and polarisations

@@ -12,13 +12,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, GeometryError
 from polywigner.geometry import Aperture
-from polywigner.geometry.arguments import real_numbers, shape_of
+from polywigner.geometry.arguments import checked_vectors
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import DEFAULT, BoundaryCondition
 from polywigner.propagation import amplitude, field
 from polywigner.propagation.boundary import radiator_of
 from polywigner.propagation.field_slopes import FieldSlopes
-from polywigner.reception.norms import root_of_norm, root_of_vector_norm
+from polywigner.radiometry.directions import checked_unit_vectors as unit_vectors_as_given
+from polywigner.reception.norms import root_of_norm
 from polywigner.reception.poses import checked_poses
 from polywigner.scattering.facets import Facets
 
@@ -30,41 +31,36 @@ Polarisation = Channel | str | Sequence[Any]
 
 _EXPECTED = "expected polarisation as None, or one of 'vv', 'hh', 'vh', 'hv' (receiver first)"
 
-# As in illumination.directions: vectors that passed through single precision pass.
+# Vectors that passed through single precision pass.
 _UNIT = 1e-6
 
 
 def checked_unit_vectors(name: str, vectors: Any) -> Floats:
     """Unit vectors (..., 3), of length 1 after rounding; ArgumentError for anything else."""
-    expected = f"expected {name} as unit vectors of shape (..., 3)"
-    try:
-        array = real_numbers(vectors)
-    except ValueError as error:
-        raise ArgumentError(f"{expected}, got {error}") from None
-    if array.ndim == 0 or array.shape[-1] != 3:
-        raise ArgumentError(f"{expected}, got shape {shape_of(vectors)}")
-    lengths = np.linalg.norm(array, axis=-1, keepdims=True)
-    wrong = ~(np.abs(lengths[..., 0] - 1) <= _UNIT)
-    if wrong.any():
-        raise ArgumentError(
-            f"{expected}, got {array[wrong][0].tolist()}, of length "
-            f"{lengths[wrong][0, 0]:.6g}; divide it by its length"
-        )
-    return np.asarray(array / lengths)
+    array = unit_vectors_as_given(name, vectors)
+    return np.asarray(array / np.linalg.norm(array, axis=-1, keepdims=True))
 
 
 def checked_wavelengths(wavelength: Any) -> Floats:
     """Wavelengths (...) in m; ArgumentError for anything but finite numbers above zero."""
     expected = "expected wavelengths as numbers above zero, in m"
-    try:
-        array = real_numbers(wavelength)
-    except ValueError as error:
-        raise ArgumentError(f"{expected}, got {error}") from None
+    array = checked_vectors(wavelength, expected, ())
     with np.errstate(over="ignore", under="ignore", divide="ignore"):
         usable = (array > 0) & np.isfinite(array**2) & np.isfinite(1 / array**2)
     if not usable.all():
         raise ArgumentError(f"{expected}, got {array[~usable].flat[0]:g}; check its unit")
     return array
+
+
+def broadcast_shape(*shapes: tuple[int, ...]) -> tuple[int, ...]:
+    """The shape of results; ArgumentError for shapes of arguments that do not broadcast."""
+    try:
+        return np.broadcast_shapes(*shapes)
+    except ValueError:
+        raise ArgumentError(
+            "expected wavelengths, directions and polarisations that broadcast, got shapes "
+            f"{', '.join(map(str, shapes))}; add axes of length 1"
+        ) from None
 
 
 def checked_channel(polarisation: Any) -> Channel:
@@ -81,24 +77,32 @@ def checked_polarisations(
 
     Raises ArgumentError for anything but names of channels and such vectors.
     """
+    ends = to_radar, to_transmitter
     if isinstance(polarisation, str):
-        receiver, transmitter = (
-            spherical_axes(towards)[letter]
-            for letter, towards in zip(
-                checked_channel(polarisation), (to_radar, to_transmitter), strict=True
-            )
-        )
-        return receiver.astype(np.complex128), transmitter.astype(np.complex128)
+        names = zip(checked_channel(polarisation), ends, strict=True)
+        q, p = (spherical_axes(towards)[name].astype(np.complex128) for name, towards in names)
+        return q, p
+    expected = f"{_EXPECTED}, or a pair of unit vectors (..., 3) across each one's direction"
     try:
-        given, sent = (np.array(p, np.complex128) for p in polarisation)
+        q, p = (np.array(vectors, np.complex128) for vectors in polarisation)
+        if q.shape[-1:] != (3,) or p.shape[-1:] != (3,):
+            raise ValueError
+        along = [
+            (vectors * towards).sum(axis=-1) for vectors, towards in zip((q, p), ends, strict=True)
+        ]
     except (TypeError, ValueError):
-        raise ArgumentError(
-            f"{_EXPECTED}, or a pair of vectors (receiver, transmitter), got {polarisation!r}"
-        ) from None
-    return (
-        _across("the receiver's polarisation", given, to_radar),
-        _across("the transmitter's polarisation", sent, to_transmitter),
-    )
+        raise ArgumentError(f"{expected}, got {polarisation!r}") from None
+    for name, vectors, part in zip(("receiver", "transmitter"), (q, p), along, strict=True):
+        lengths, lean = np.linalg.norm(vectors, axis=-1), np.abs(part).max(initial=0.0)
+        wrong = ~(np.abs(lengths - 1) <= _UNIT)
+        if wrong.any():
+            got = f"of length {lengths[wrong][0]:.6g}"
+        elif lean > _UNIT:
+            got = f"that leans by {np.degrees(np.arcsin(min(1, lean))):.3g} degrees towards it"
+        else:
+            continue
+        raise ArgumentError(f"{expected}, got one of the {name} {got}")
+    return q, p
 
 
 def spherical_axes(towards: Floats) -> dict[str, Floats]:
@@ -115,30 +119,6 @@ def spherical_axes(towards: Floats) -> dict[str, Floats]:
         "v": np.stack([z * cosine, z * sine, -across], axis=-1),
         "h": np.stack([-sine, cosine, np.zeros_like(z)], axis=-1),
     }
-
-
-def _across(name: str, vectors: Complex, towards: Floats) -> Complex:
-    expected = f"expected {name} as unit vectors (..., 3) across the direction"
-    if vectors.ndim == 0 or vectors.shape[-1] != 3:
-        raise ArgumentError(f"{expected}, got shape {vectors.shape}")
-    lengths = np.linalg.norm(vectors, axis=-1)
-    wrong = ~(np.abs(lengths - 1) <= _UNIT)
-    if wrong.any():
-        raise ArgumentError(
-            f"{expected}, got one of length {lengths[wrong][0]:.6g}; divide it by its length"
-        )
-    try:
-        along = np.abs((vectors * towards).sum(axis=-1))
-    except ValueError:
-        raise ArgumentError(
-            f"{expected}, got shape {vectors.shape} for directions {towards.shape}"
-        ) from None
-    if (along > _UNIT).any():
-        raise ArgumentError(
-            f"{expected}, got one that leans by {np.degrees(np.arcsin(min(1, along.max()))):.3g} "
-            "degrees towards it; take that part off"
-        )
-    return vectors
 
 
 Source = Aperture | Array
@@ -184,14 +164,12 @@ class Antenna:
     @cached_property
     def root_of_power(self) -> float:
         """Root of the power in W for |u|^2 in W/m^2."""
-        if self.jones is not None:
-            key = self.jones.tobytes(), self.jones.shape
-            return root_of_vector_norm(self.source, key, self.wavelength, _MODEL, self.normalise)
-        return root_of_norm(self.source, self.wavelength, self.condition, self.normalise)
+        method = self.condition if self.jones is None else _MODEL
+        return root_of_norm(self.source, self.wavelength, method, self.normalise, self.jones)
 
     def inside(self, places: Floats) -> Floats:
         """Places (n, 3) of the body's frame in the source's frame."""
-        return np.asarray(places @ self.pose[:3, :3].T + self.pose[:3, 3])
+        return np.asarray(places @ self.frame.T + self.pose[:3, 3])
 
     def field(self, places: Floats) -> Complex:
         """The field per square root of watts, (n,)."""
@@ -202,8 +180,23 @@ class Antenna:
     def _how(self) -> dict[str, Any]:
         return {"method": self.condition, "tolerance": self.tolerance}
 
-    def vectors(self, places: Floats) -> tuple[Complex, Complex]:
-        """E, and H times the impedance of free space, (n, 3) per root of watts, at (n, 3)."""
+    def wave(self, places: Floats) -> tuple[Complex, Complex, Floats]:
+        """Field, slope and direction of the wave per root of watts at places (n, 3).
+
+        Of scalar antennas the field (n,) and its gradient over ik (n, 3); else E, and H times the
+        impedance of free space, (n, 3). The direction (n, 3) is 1 long, or shorter near nulls and
+        where waves cross.
+        """
+        if self.jones is None:
+            field, slope = self.field(places), self._gradient(places)
+            strength, flow = np.abs(field) ** 2, field.conj()[:, None] * slope
+        else:
+            field, slope = self._vectors(places)
+            strength, flow = np.square(np.abs(field)).sum(axis=1), np.cross(field, slope.conj())
+        rate = flow.real / np.maximum(strength, np.finfo(float).tiny)[:, None]
+        return field, slope, rate / np.maximum(np.linalg.norm(rate, axis=1, keepdims=True), 1.0)
+
+    def _vectors(self, places: Floats) -> tuple[Complex, Complex]:
         assert self.jones is not None
         # H of currents is E of the dual ones, and Huygens' are their own
         turned = np.stack([-self.jones[..., 1], self.jones[..., 0]], axis=-1)
@@ -214,23 +207,22 @@ class Antenna:
         scale = self.frame / self.root_of_power
         return electric @ scale, magnetic @ scale
 
+    def _gradient(self, places: Floats) -> Complex:
+        slopes = FieldSlopes(
+            self.source, self.wavelength, self.condition, self.tolerance, by_waves=False
+        )
+        found = slopes.of_points(self.inside(places)) @ self.frame.astype(np.complex128)
+        return found * (self.wavelength / (2j * np.pi * self.root_of_power))
+
     def power_at_middle(self) -> float:
         """|U|^2 at the body's middle over watts; 0 in a null, where no more than its error is."""
         if self.jones is not None:
-            return float(np.square(np.abs(self.vectors(np.zeros(3))[0])).sum())
+            return float(np.square(np.abs(self._vectors(np.zeros(3))[0])).sum())
         place = self.inside(np.zeros(3))
         found, error = amplitude(
             self.source, place, self.wavelength, **self._how, return_error=True
         )
         return float(abs(found) / self.root_of_power) ** 2 if abs(found) > error else 0.0
-
-    def gradient(self, places: Floats) -> Complex:
-        """Gradient of the field over ik, (n, 3) in the body's frame: of a wave, it times k."""
-        slopes = FieldSlopes(
-            self.source, self.wavelength, self.condition, self.tolerance, by_waves=False
-        )
-        found = slopes.of_points(self.inside(places)) @ self.pose[:3, :3].astype(np.complex128)
-        return found * (self.wavelength / (2j * np.pi * self.root_of_power))
 
     def check_in_front(self, facets: Facets, name: str) -> None:
         """Raises GeometryError unless all of a body lies in front of the source's plane."""
@@ -254,16 +246,12 @@ def checked_places(name: str, given: ArrayLike, middle: Floats) -> Floats:
         f"expected {name} with a source as vectors (..., 3) in m from the body's middle to the "
         "source, or poses (..., 4, 4) that map the body's frame into the source's"
     )
-    try:
-        array = real_numbers(given)
-    except ValueError as error:
-        raise ArgumentError(f"{expected}, got {error}") from None
+    array = checked_vectors(given, expected, ())
     if array.shape[-2:] == (4, 4):
         poses = checked_poses(array, name)
         poses[..., :3, 3] += poses[..., :3, :3] @ middle
         return poses
-    if array.ndim == 0 or array.shape[-1] != 3:
-        raise ArgumentError(f"{expected}, got shape {shape_of(given)}")
+    array = checked_vectors(array, expected, (3,))
     with np.errstate(over="ignore"):
         distance = np.linalg.norm(array, axis=-1, keepdims=True)
     if not (np.isfinite(distance) & (distance > 0)).all():

@@ -7,7 +7,7 @@ direction, and its polygon in that picture only loses parts (docs/rcs.md, (SC6))
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from typing import NamedTuple
@@ -58,18 +58,18 @@ def lit_sums(
     s: Floats,
     nu: Floats,
     monostatic: bool,
-    total: Callable[..., Complex] = surface_sums,
+    slopes: bool = False,
 ) -> Complex:
     """N(nu) (m, 3) of surfaces lit along k and seen from s, (m, 3) each.
 
-    ``total``: with `surface_slopes`, dN_i/dnu_a (m, 3, 3) of the lit surfaces, which stay.
+    ``slopes``: dN_i/dnu_a (m, 3, 3) of the lit surfaces, which stay.
     """
     whole = Pieces(facets.corner, facets.first, facets.second, facets.vector)
     if not facets.casts_shadows:
-        return total(whole, nu, lambda some, part: facing(facets, k[some], part))
-    result = total(whole.taken(slice(0)), nu)
+        return surface_sums(whole, nu, lambda some, part: facing(facets, k[some], part), slopes)
+    result = surface_sums(whole.taken(slice(0)), nu, slopes=slopes)
     for view in _views(facets, k, s, monostatic):
-        result[view.rows] = total(view.pieces, nu[view.rows])
+        result[view.rows] = surface_sums(view.pieces, nu[view.rows], slopes=slopes)
     return result
 
 

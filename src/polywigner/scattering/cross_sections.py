@@ -26,15 +26,16 @@ from polywigner.scattering.antennas import (
     Channel,
     Polarisation,
     Source,
+    broadcast_shape,
     checked_channel,
     checked_polarisations,
     checked_unit_vectors,
     checked_wavelengths,
+    spherical_axes,
 )
-from polywigner.scattering.beams import sums_of_beams
+from polywigner.scattering.beams import lit_sums, sums_of_beams
 from polywigner.scattering.facets import Body, Facets, facets_of, warn_of_corners
 from polywigner.scattering.near_fields import near_sections
-from polywigner.scattering.slopes import section_slopes
 from polywigner.transforms.xarray_arguments import labelled_array, labelled_arrays
 
 if TYPE_CHECKING:
@@ -49,6 +50,9 @@ _REFLECTIONS = {1: "one reflection", 2: "two reflections", 3: "three reflections
 MOST_BOUNCES = max(_REFLECTIONS)
 # Directions of a pattern in one call.
 _TOGETHER = 200
+# In rad: parts of faces in shadows are good to 1e-12 of their amplitude, and the square is left of
+# the edges' motion in turns of phase.
+_STEP = 1e-5
 
 
 @takes_frequency
@@ -68,11 +72,10 @@ def rcs(
 ) -> Any:
     """Radar cross section of a perfect conductor, by physical optics (docs/rcs.md, (SC1)).
 
-    The currents of every lit face are those of an infinite plane, 2 n x H; the field of each face
-    is its Fourier transform in closed form. Faces are lit where nothing stands before them: the
-    visible parts are found as exact polygons, for the transmitter and for the receiver. Valid for
-    faces of some wavelengths or more, or fine meshes of smooth bodies, near specular directions;
-    no waves of edges. One reflection, unless ``bounces`` says more, as corner reflectors need.
+    Currents of lit faces are those of an infinite plane, 2 n x H; the field of each face is its
+    Fourier transform in closed form. The parts that transmitter and receiver see are exact
+    polygons. Valid for faces of some wavelengths or more, or fine meshes of smooth bodies, near
+    specular directions; no waves of edges.
 
     Parameters
     ----------
@@ -104,10 +107,9 @@ def rcs(
         fronts, relative to the amplitude of all lit parts in phase, from 1e-6 to 0.1.
     return_power : with ``source``: also return the received over the transmitted power.
     normalise : how these powers count, as in :func:`coupling`: "radiated", or "aperture".
-    bounces : reflections that count, 1, 2 or 3. A plane wave stays one at each flat face, so the
-        lit polygon goes on as a beam, whose polygons on the faces beyond are exact (docs/rcs.md,
-        (SC6)). Later ones count where the receiver sees them. Not with ``source``, nor for Dr.Jit
-        arrays.
+    bounces : reflections that count, 1, 2 or 3, as corner reflectors need: lit polygons go on as
+        beams, whose polygons on the faces beyond are exact (docs/rcs.md, (SC6)). Not with
+        ``source``, nor for Dr.Jit arrays.
 
     All broadcast against each other.
 
@@ -127,9 +129,8 @@ def rcs(
     Warns
     -----
     PolywignerWarning, once for a line of your code, where a face is smaller than a square
-    wavelength, of which physical optics says little. Facets that join smoothly are one face. And
-    once with ``bounces=1`` where faces light each other across a concave edge, as in corner
-    reflectors: what comes back by two or three reflections is left out.
+    wavelength (facets that join smoothly are one face), and with ``bounces=1`` where faces light
+    each other across a concave edge, as in corner reflectors.
 
     Raises
     ------
@@ -138,8 +139,7 @@ def rcs(
     GeometryError for poses that are not rigid, and bodies behind the plane of an antenna.
 
     Source: E. F. Knott, "Radar cross section", ch. 14 of M. I. Skolnik (ed.), "Radar Handbook", 3rd
-    ed. (2008); W. B. Gordon, "Far-field approximations to the Kirchhoff-Helmholtz representations
-    of scattered fields", IEEE Trans. Antennas Propag. 23, 590 (1975). The paper has no scattering.
+    ed. (2008); W. B. Gordon, IEEE Trans. Antennas Propag. 23, 590 (1975). The paper has none.
 
     >>> import numpy as np
     >>> import polywigner as pw
@@ -170,17 +170,8 @@ def rcs(
                 "expected bounces=1 with a source, whose waves are not plane, got "
                 f"{reflections}; leave the source out for antennas far away"
             )
-        found = near_sections(
-            facets,
-            source,
-            receiver,
-            to_radar,
-            to_transmitter,
-            lengths,
-            polarisation,
-            tolerance,
-            normalise,
-        )
+        radar = source, receiver, polarisation, tolerance, normalise
+        found = near_sections(facets, to_radar, to_transmitter, lengths, *radar)
         return (found[0][()], found[1][()]) if return_power else found[0][()]
     if receiver is not None or return_power:
         raise ArgumentError("expected a source with receiver and return_power, got none; give it")
@@ -215,7 +206,8 @@ def _sections(
     polarisations: tuple[Complex, ...] = ()
     if polarisation is not None:
         polarisations = checked_polarisations(polarisation, receiver, transmitter)
-    shape = _shape(lengths, receiver, transmitter, *polarisations)
+    vectors = receiver, transmitter, *polarisations
+    shape = broadcast_shape(lengths.shape, *(v.shape[:-1] for v in vectors))
     s, t, *both = (
         np.broadcast_to(vectors, (*shape, 3)).reshape(-1, 3)
         for vectors in (receiver, transmitter, *polarisations)
@@ -228,7 +220,7 @@ def _sections(
     slopes: list[Floats | None] = [None] * len(directions)
     if any(wanted):
         channel = polarisation if isinstance(polarisation, str) else None
-        every = section_slopes(facets, s, t, flat, both, channel, to_transmitter is None)
+        every = _slopes(facets, s, t, flat, both, channel, to_transmitter is None)
         slopes = [
             own.reshape(*shape, 3) if is_wanted else None
             for own, is_wanted in zip(every, wanted, strict=False)
@@ -244,17 +236,6 @@ def _warn_of_small(facets: Facets, wavelength: float) -> None:
         )
 
 
-def _shape(lengths: Floats, *vectors: Any) -> tuple[int, ...]:
-    try:
-        return np.broadcast_shapes(lengths.shape, *(v.shape[:-1] for v in vectors))
-    except ValueError:
-        shapes = ", ".join(str(v.shape) for v in vectors)
-        raise ArgumentError(
-            f"expected directions and wavelengths that broadcast, got {shapes} and wavelengths "
-            f"{lengths.shape}; add axes of length 1"
-        ) from None
-
-
 def _power(
     sums: Complex, later: Complex | None, k: Floats, s: Floats, polarisations: list[Complex]
 ) -> Floats:
@@ -267,15 +248,126 @@ def _power(
     if polarisations:
         q, p = polarisations
         return np.asarray(np.abs((q * field(np.cross(k, p))).sum(axis=1)) ** 2)
-    least = np.eye(3)[np.abs(k).argmin(axis=1)]
-    one = np.cross(k, least)
-    one /= np.linalg.norm(one, axis=1, keepdims=True)
     total = np.zeros(len(k))
-    for h in (one, np.cross(k, one)):
+    for h in _across(k):
         there = field(h)
         there -= s * (s * there).sum(axis=1, keepdims=True)
         total += (np.abs(there) ** 2).sum(axis=1)
     return total / 2
+
+
+def _across(directions: Floats) -> tuple[Floats, Floats]:
+    """Two unit vectors (n, 3) across each direction (n, 3), and across each other."""
+    one = np.cross(directions, np.eye(3)[np.abs(directions).argmin(axis=1)])
+    one /= np.linalg.norm(one, axis=1, keepdims=True)
+    return one, np.cross(directions, one)
+
+
+def _slopes(
+    facets: Facets,
+    s: Floats,
+    t: Floats,
+    lengths: Floats,
+    polarisations: list[Complex],
+    channel: str | None,
+    monostatic: bool,
+) -> tuple[Floats, ...]:
+    """Derivatives (n, 3) in s, towards the receiver, and in t, towards the transmitter (n, 3).
+
+    Across these, which stay of length 1; of ``monostatic`` in both, which are one.
+    ``polarisations``: of both (n, 3), or none; ``channel``: the name of those that turn with the
+    directions.
+    """
+    k = -t
+    nu = (s + t) / lengths[:, None]
+    n = lit_sums(facets, k, s, nu, monostatic)
+    by_nu = lit_sums(facets, k, s, nu, monostatic, True) / lengths[:, None, None]
+    if not polarisations:
+        of_n, of_s, of_k = _total(n, s, k)
+    else:
+        q, p = polarisations
+        of_n, of_s, of_k = _polarised(n, s, k, q, p, channel)
+
+    def whole(explicit: Floats, moved: Complex | float, direction: Floats) -> Floats:
+        slopes = explicit + np.einsum("ni,nia->na", of_n, by_nu + moved).real
+        along = (slopes * direction).sum(axis=1, keepdims=True)
+        return np.asarray(4 * np.pi / lengths[:, None] ** 2 * (slopes - along * direction))
+
+    def moved(of_s: bool, of_t: bool) -> Complex | float:
+        return _moved(facets, s, t, nu, of_s, of_t, monostatic) if facets.casts_shadows else 0.0
+
+    if monostatic:
+        return (whole(of_s, moved(True, True), s) + whole(-of_k, 0.0, t),)
+    return whole(of_s, moved(True, False), s), whole(-of_k, moved(False, True), t)
+
+
+def _moved(
+    facets: Facets,
+    s: Floats,
+    t: Floats,
+    nu: Floats,
+    of_s: bool,
+    of_t: bool,
+    monostatic: bool,
+) -> Complex:
+    """dN_i/ds_a or dt_a (n, 3, 3) by edges of shadows that move, at the same nu.
+
+    By differences of the lit polygons, which are exact: where edges move over faces in lines.
+    """
+    turned = s if of_s else t
+    result = np.zeros((len(nu), 3, 3), np.complex128)
+    for axis in _across(turned):
+        ends = []
+        for step in (_STEP, -_STEP):
+            there = turned * math.cos(step) + axis * math.sin(step)
+            own, other = there if of_s else s, there if of_t else t
+            ends.append(lit_sums(facets, -other, own, nu, monostatic))
+        result += ((ends[0] - ends[1]) / (2 * _STEP))[:, :, None] * axis[:, None, :]
+    return result
+
+
+def _total(n: Complex, s: Floats, k: Floats) -> tuple[Complex, Floats, Floats]:
+    """Slopes of (|k.N|^2 + |s.N|^2 + |N.(k x s)|^2)/2 in N (n, 3), in s and in k."""
+    normal = np.cross(k, s)
+    along_k, along_s, through = (_dot(n, v).conj() for v in (k, s, normal))
+    of_n = along_k * k + along_s * s + through * normal
+    of_s = along_s * n + through * np.cross(n, k)
+    of_k = along_k * n + through * np.cross(s, n)
+    return of_n, of_s.real, of_k.real
+
+
+def _polarised(
+    n: Complex, s: Floats, k: Floats, q: Complex, p: Complex, channel: str | None
+) -> tuple[Complex, Floats, Floats]:
+    """Slopes of |q.(N x (k x p))|^2 in N, s and k."""
+    h = np.cross(k, p)
+    twice = 2 * _dot(q, np.cross(n, h)).conj()
+    w = np.cross(q, n)
+    of_n, of_k = twice * np.cross(h, q), twice * np.cross(p, w)
+    of_s = np.zeros_like(of_k)
+    if channel is not None:
+        of_s = np.einsum("ni,nia->na", twice * np.cross(n, h), _turning(s)[channel[0]])
+        of_k = of_k - np.einsum("ni,nia->na", twice * np.cross(w, k), _turning(-k)[channel[1]])
+    return of_n, of_s.real, of_k.real
+
+
+def _turning(towards: Floats) -> dict[str, Floats]:
+    """Derivatives (n, 3, 3) of v and h in their direction; NaN along z."""
+    axes = spherical_axes(towards)
+    v, h = axes["v"], axes["h"]
+    across = np.hypot(towards[:, 0], towards[:, 1])[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        rate = h / np.where(across > 0, across, np.nan)  # of the azimuth
+    outwards = np.cross(h, (0.0, 0.0, 1.0))
+    return {
+        "v": towards[:, 2, None, None] * h[:, :, None] * rate[:, None]
+        - towards[:, :, None] * v[:, None],
+        "h": -outwards[:, :, None] * rate[:, None],
+    }
+
+
+def _dot(a: Complex, b: Complex | Floats) -> Complex:
+    return np.asarray((a * b).sum(axis=1, keepdims=True))
 
 
 @takes_frequency
@@ -321,18 +413,15 @@ def rcs_pattern(
     87266
     """
     length = checked_wavelength(wavelength)
-    around, above = (
-        checked_angles(azimuth, "azimuth", math.inf),
-        checked_angles(elevation, "elevation", math.pi / 2),
-    )
+    around = checked_angles(azimuth, "azimuth", math.inf)
+    above = checked_angles(elevation, "elevation", math.pi / 2)
     channel = None if polarisation is None else checked_channel(polarisation)
     transmitter = None
     if to_transmitter is not None:
         transmitter = checked_unit_vectors("to_transmitter", to_transmitter)
-        if transmitter.shape != (3,):
+        if transmitter.ndim > 1:
             raise ArgumentError(
-                f"expected to_transmitter as one unit vector (3,), got {transmitter.shape}; use "
-                "polywigner.rcs for several"
+                f"expected to_transmitter as one unit vector (3,), got {transmitter.shape}"
             )
     facets = facets_of(body)
     bounces = checked_count(bounces, "bounces", 1, MOST_BOUNCES)
@@ -342,7 +431,7 @@ def rcs_pattern(
         rows = 1 if bounces == 1 else max(1, _TOGETHER // len(above))
         for start in range(0, len(around), rows):
             some = slice(start, start + rows)
-            to_radar = np.stack([_towards(float(angle), above) for angle in around[some]])
+            to_radar = _towards(around[some, None], above)
             values[some] = rcs(body, to_radar, length, transmitter, channel, bounces=bounces)
             advance(len(to_radar))
     about: dict[str, Any] = {
@@ -364,20 +453,17 @@ def rcs_pattern(
         "polywigner_version": __version__,
     }
     axes = {"azimuth": (around, "angle about z from x"), "elevation": (above, "angle above z = 0")}
-    return labelled_arrays(
-        {"rcs": labelled_array(values, tuple(axes), of_values)},
-        {
-            name: labelled_array(angles, (name,), {"units": "rad", "long_name": meaning})
-            for name, (angles, meaning) in axes.items()
-        },
-        about,
-    )
+    angles = {
+        name: labelled_array(own, (name,), {"units": "rad", "long_name": meaning})
+        for name, (own, meaning) in axes.items()
+    }
+    return labelled_arrays({"rcs": labelled_array(values, tuple(axes), of_values)}, angles, about)
 
 
-def _towards(azimuth: float, elevation: Floats) -> Floats:
-    """Unit vectors (m, 3)."""
+def _towards(azimuth: Floats, elevation: Floats) -> Floats:
+    """Unit vectors (n, m, 3) of angles (n, 1) and (m,)."""
     across = np.cos(elevation)
     # cos(pi/2) is 6e-17: what stands upright is seen edge-on from above
     across = np.where(np.abs(across) < 1e-15, 0.0, across)
-    x, y = across * math.cos(azimuth), across * math.sin(azimuth)
-    return np.stack([x, y, np.sin(elevation)], axis=1)
+    x, y = across * np.cos(azimuth), across * np.sin(azimuth)
+    return np.stack([x, y, np.broadcast_to(np.sin(elevation), x.shape)], axis=-1)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -16,26 +17,11 @@ from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, triangulat
 from polywigner.geometry.arguments import warn_caller
 from polywigner.illumination import Array
 
+Floats = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
 # Facets that meet at less than this are of one bent face, as in meshes of smooth bodies.
 _SMOOTH = math.cos(math.radians(30))
-
-
-def least_area(body: Polyhedron) -> float:
-    """The area of the smallest face in m^2."""
-    corners = body.vertices[body.triangles]
-    vectors = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    areas = np.linalg.norm(vectors, axis=1)
-    normals = vectors / np.maximum(areas, np.finfo(float).tiny)[:, None]
-    begin, end = body.triangles.ravel(), np.roll(body.triangles, -1, axis=1).ravel()
-    count = len(body.vertices)
-    keys = np.minimum(begin, end) * count + np.maximum(begin, end)
-    order = np.argsort(keys, kind="stable")
-    shared = keys[order][1:] == keys[order][:-1]
-    one, other = order[:-1][shared] // 3, order[1:][shared] // 3
-    smooth = (normals[one] * normals[other]).sum(axis=1) > _SMOOTH
-    labels = connected(len(areas), one[smooth], other[smooth])
-    sums = np.bincount(labels, areas / 2)
-    return float(sums[np.bincount(labels) > 0].min())
 
 
 def connected(count: int, one: NDArray[np.intp], other: NDArray[np.intp]) -> NDArray[np.intp]:
@@ -51,9 +37,6 @@ def connected(count: int, one: NDArray[np.intp], other: NDArray[np.intp]) -> NDA
             return labels
 
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.intp]
-
 # Sine of the angle by which faces in one plane may bend the wrong way after rounding. A dent this
 # shallow shadows no more than this fraction of a body.
 _FLAT = 1e-9
@@ -68,32 +51,75 @@ _MOST_TOUCHING = 1500
 _BLOCK = 1 << 14
 
 
-def is_convex(body: Polyhedron) -> bool:
-    """Whether no face can stand before another; False where rounding leaves it open."""
-    found = _edges(body)
-    if found is None:
-        return False
-    normals, _, _, height = found
-    if (height > _FLAT).any():
-        return False
-    points = body.vertices
-    centre = points.mean(axis=0)
-    first = np.array([face[0] for face in body.faces])
-    depth = ((points[first] - centre) * normals).sum(axis=1)
-    return bool((depth > 0).all()) and _is_met_once(body, centre)
+@dataclass(frozen=True, eq=False)
+class _Faces:
+    """Faces (n,) of a body, and pairs (m,) of them that meet at edges, each in both orders."""
+
+    body: Polyhedron
+    normals: Floats
+    """(n, 3), NaN where a face has no area."""
+    areas: Floats
+    one: Indices
+    other: Indices
+    height: Floats
+    """(m,) sine of the angle by which the other face rises above the one: concave edges."""
+    is_simple: bool
+    """Whether all faces have areas, and no more than two of them meet at each edge."""
+
+    def least_area(self) -> float:
+        """The area of the smallest face in m^2; faces that join smoothly are one."""
+        smooth = (self.normals[self.one] * self.normals[self.other]).sum(axis=1) > _SMOOTH
+        labels = connected(len(self.areas), self.one[smooth], self.other[smooth])
+        sums = np.bincount(labels, self.areas)
+        return float(sums[np.bincount(labels) > 0].min())
+
+    def is_convex(self) -> bool:
+        """Whether no face can stand before another; False where rounding leaves it open."""
+        if not self.is_simple or (self.height > _FLAT).any():
+            return False
+        points = self.body.vertices
+        centre = points.mean(axis=0)
+        first = np.array([face[0] for face in self.body.faces])
+        depth = ((points[first] - centre) * self.normals).sum(axis=1)
+        # a ray through the middle of the first triangle meets it alone: it passes between three
+        # planes through the centre, in front of it
+        corners = points[self.body.triangles] - centre
+        ray = corners[0].mean(axis=0)
+        sides = [np.cross(corners[:, k], corners[:, (k + 1) % 3]) @ ray >= 0 for k in range(3)]
+        return bool((depth > 0).all()) and int(np.all(sides, axis=0).sum()) == 1
+
+    def corners(self) -> Floats:
+        """Outward normals (k, 2, 3) of both faces at concave edges, where these bend by 30 degrees.
+
+        None of a body with faces that have no area, or edges at which it touches itself.
+        """
+        concave = self.height > _FLAT if self.is_simple else np.zeros(0, np.intp)
+        both = [self.normals[side[concave]] for side in (self.one, self.other)]
+        return _bent(np.stack(both, axis=1))
 
 
-def corners_of_body(body: Polyhedron) -> Floats:
-    """Outward normals (n, 2, 3) of both faces at concave edges, where these bend by 30 degrees.
-
-    None of a body with faces that have no area, or edges at which it touches itself.
-    """
-    found = _edges(body)
-    if found is None:
-        return np.empty((0, 2, 3))
-    normals, one, other, height = found
-    both = np.stack([normals[one[height > _FLAT]], normals[other[height > _FLAT]]], axis=1)
-    return _bent(both)
+def _faces_of(body: Polyhedron) -> _Faces:
+    faces, points = body.faces, body.vertices
+    counts = np.array([len(face) for face in faces])
+    owner = np.repeat(np.arange(len(faces)), counts)
+    begin = np.array([vertex for face in faces for vertex in face])
+    last = np.cumsum(counts) - 1
+    end = np.append(begin[1:], 0)
+    end[last] = begin[last - counts + 1]
+    origin = points[begin[last - counts + 1]][owner]
+    crosses = np.cross(points[begin] - origin, points[end] - origin)
+    sums = np.stack([np.bincount(owner, crosses[:, k], len(faces)) for k in range(3)], axis=1)
+    areas, along = np.linalg.norm(sums, axis=1), points[end] - points[begin]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        normals = sums / areas[:, None]
+        along = along / np.linalg.norm(along, axis=1, keepdims=True)
+    keys, reverse = begin * len(points) + end, end * len(points) + begin
+    here, there = np.argsort(keys, kind="stable"), np.argsort(reverse, kind="stable")
+    # from an edge into the face beyond it: above the plane of this one, where it is concave
+    inwards = np.cross(normals[owner[there]], along[there])
+    height = (normals[owner[here]] * inwards).sum(axis=1)
+    is_simple = bool((np.diff(keys[here]) != 0).all() and np.isfinite(normals).all())
+    return _Faces(body, normals, areas / 2, owner[here], owner[there], height, is_simple)
 
 
 def corners_where_parts_touch(
@@ -133,15 +159,14 @@ def corners_where_parts_touch(
     touches = length * np.linalg.norm(along, axis=1) > 4 * small
     face, ending = face[touches], ending[touches]
     corners = []
-    for one in (1.0, -1.0):
-        for other in (1.0, -1.0):
-            # outer sides, on which the other face has a corner
-            seen = (one * heights[face, ending] > small).any(axis=1)
-            seen &= (other * heights[ending, face] > small).any(axis=1)
-            seen &= is_plate[face] if one < 0 else True
-            seen &= is_plate[ending] if other < 0 else True
-            both = [one * normals[face[seen]], other * normals[ending[seen]]]
-            corners.append(np.stack(both, axis=1))
+    for one, other in product((1.0, -1.0), repeat=2):
+        # outer sides, on which the other face has a corner
+        seen = (one * heights[face, ending] > small).any(axis=1)
+        seen &= (other * heights[ending, face] > small).any(axis=1)
+        seen &= is_plate[face] if one < 0 else True
+        seen &= is_plate[ending] if other < 0 else True
+        both = [one * normals[face[seen]], other * normals[ending[seen]]]
+        corners.append(np.stack(both, axis=1))
     return _bent(np.concatenate(corners))
 
 
@@ -166,57 +191,6 @@ def _bent(corners: Floats) -> Floats:
     """Corners (n, 2, 3) that are no smooth face, each once."""
     bent = corners[(corners[:, 0] * corners[:, 1]).sum(axis=1) < _SMOOTH]
     return np.unique(bent.round(6), axis=0)
-
-
-def _edges(body: Polyhedron) -> tuple[Floats, Indices, Indices, Floats] | None:
-    """Normals of faces; of each edge its face, the face beyond it and how far that rises above.
-
-    None where a face has no area, or bodies share an edge.
-    """
-    faces, points = body.faces, body.vertices
-    counts = np.array([len(face) for face in faces])
-    owner = np.repeat(np.arange(len(faces)), counts)
-    begin = np.array([vertex for face in faces for vertex in face])
-    last = np.cumsum(counts) - 1
-    end = np.append(begin[1:], 0)
-    end[last] = begin[last - counts + 1]
-    normals = _normals(points, begin, end, owner, len(faces))
-    here, there = _neighbours(begin, end, len(points))
-    if here is None or there is None or not np.isfinite(normals).all():
-        return None
-    along = points[end] - points[begin]
-    along = along / np.linalg.norm(along, axis=1, keepdims=True)
-    # From an edge into the face beyond it: above the plane of this one, where it is concave.
-    inwards = np.cross(normals[owner[there]], along[there])
-    height = (normals[owner[here]] * inwards).sum(axis=1)
-    return normals, owner[here], owner[there], height
-
-
-def _normals(points: Floats, begin: Indices, end: Indices, owner: Indices, count: int) -> Floats:
-    """Unit normals (count, 3), NaN where a face has no area."""
-    origin = points[begin[np.searchsorted(owner, np.arange(count))]][owner]
-    crosses = np.cross(points[begin] - origin, points[end] - origin)
-    sums = np.stack([np.bincount(owner, crosses[:, k], count) for k in range(3)], axis=1)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.asarray(sums / np.linalg.norm(sums, axis=1, keepdims=True))
-
-
-def _neighbours(begin: Indices, end: Indices, count: int) -> tuple[Indices | None, Indices | None]:
-    """Numbers of edges and of their opposites; None where bodies share an edge."""
-    keys, reverse = begin * count + end, end * count + begin
-    order, other = np.argsort(keys), np.argsort(reverse)
-    if (np.diff(keys[order]) == 0).any():
-        return None, None
-    return order, other
-
-
-def _is_met_once(body: Polyhedron, centre: Floats) -> bool:
-    """Whether the ray from the centre through the middle of the first triangle meets it alone."""
-    corners = body.vertices[body.triangles] - centre
-    ray = corners[0].mean(axis=0)
-    # The ray passes between three planes through the centre, in front of it.
-    sides = np.stack([np.cross(corners[:, k], corners[:, (k + 1) % 3]) @ ray for k in range(3)])
-    return int((sides >= 0).all(axis=0).sum()) == 1
 
 
 Body = Aperture | PlacedAperture | Polyhedron | Array | Sequence[Any]
@@ -302,27 +276,18 @@ def _parts(body: Any) -> tuple[Any, ...]:
                 "weight, so leave the weights out"
             )
         body = body.elements
-    if isinstance(body, (Aperture, PlacedAperture, Polyhedron)):
-        return (_checked(body),)
-    try:
-        parts = tuple(body)
-    except TypeError:
-        raise ArgumentError(f"{_EXPECTED}, got {type(body).__name__}") from None
+    parts = tuple(body) if isinstance(body, Iterable) else (body,)
     if not parts:
         raise ArgumentError(f"{_EXPECTED}, got an empty list")
-    return tuple(_checked(part) for part in parts)
-
-
-def _checked(part: Any) -> Any:
-    if not isinstance(part, (Aperture, PlacedAperture, Polyhedron)):
-        raise ArgumentError(f"{_EXPECTED}, got {type(part).__name__}")
-    outline = part.aperture if isinstance(part, PlacedAperture) else part
-    if isinstance(outline, Aperture) and outline.illumination is not None:
-        raise ArgumentError(
-            "expected a plate without an illumination, got one with; the radar lights it, so take "
-            "it off by with_illumination(None)"
-        )
-    return part
+    for part in parts:
+        if not isinstance(part, (Aperture, PlacedAperture, Polyhedron)):
+            raise ArgumentError(f"{_EXPECTED}, got {type(part).__name__}")
+        if not isinstance(part, Polyhedron) and _outline(part).illumination is not None:
+            raise ArgumentError(
+                "expected a plate without an illumination, got one with; the radar lights it, so "
+                "take it off by with_illumination(None)"
+            )
+    return parts
 
 
 # Hashes of bodies read all of their vertices, some ms for a million; building triangles takes more.
@@ -339,19 +304,26 @@ def _facets(parts: tuple[Any, ...]) -> Facets:
     low, high = every.min(axis=(0, 1)), every.max(axis=(0, 1))
     middle = low + (high - low) / 2
     every = every - middle
-    alone = len(parts) == 1
-    plane_or_convex = alone and (plates[0].all() or is_convex(parts[0]))
-    first, second = every[:, 1] - every[:, 0], every[:, 2] - every[:, 0]
     is_plate = np.concatenate(plates)
-    least = min(least_area(p) if isinstance(p, Polyhedron) else _outline(p).area for p in parts)
-    shadows = not plane_or_convex
+    bodies = [_faces_of(part) for part in parts if isinstance(part, Polyhedron)]
+    areas = [_outline(part).area for part in parts if not isinstance(part, Polyhedron)]
+    least = min(*areas, *(body.least_area() for body in bodies), math.inf)
+    shadows = len(parts) > 1 or not (is_plate.all() or bodies[0].is_convex())
     inner = np.empty((0, 2, 3))
     if shadows:
         owner = np.repeat(np.arange(len(parts)), [len(found) for found in corners])
-        own = [corners_of_body(part) for part in parts if isinstance(part, Polyhedron)]
+        own = [body.corners() for body in bodies]
         inner = np.concatenate([corners_where_parts_touch(every, is_plate, owner), *own])
-    root = math.sqrt(least)
-    return Facets(every[:, 0], first, second, is_plate, shadows, middle, root, inner)
+    return Facets(
+        every[:, 0],
+        every[:, 1] - every[:, 0],
+        every[:, 2] - every[:, 0],
+        is_plate,
+        shadows,
+        middle,
+        math.sqrt(least),
+        inner,
+    )
 
 
 def _outline(plate: Aperture | PlacedAperture) -> Aperture:
@@ -376,22 +348,15 @@ def _of_body(body: Polyhedron) -> Floats:
 
 def _split(points: Floats) -> Floats:
     """The triangles (n - 2, 3, 3) of a plane polygon (n, 3), which need not be convex."""
+    fan = np.arange(1, len(points) - 1)
+    triangles = points[np.column_stack([np.zeros_like(fan), fan, fan + 1])]
+    vectors = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    normal = vectors.sum(axis=0)
+    if (vectors @ normal >= 0).all():
+        return triangles
     middle = points.mean(axis=0)
-    relative = points - middle
-    normal = np.cross(relative, np.roll(relative, -1, axis=0)).sum(axis=0)
-    _, _, axes = np.linalg.svd(relative, full_matrices=False)
-    across = np.cross(normal / np.linalg.norm(normal), axes[0])
-    flat = np.column_stack([relative @ axes[0], relative @ across])
-    if _turns_left(flat):
-        fan = np.arange(1, len(points) - 1)
-        return points[np.column_stack([np.zeros_like(fan), fan, fan + 1])]
-    kept, triangles = triangulate(Aperture(flat))
-    lifted: Floats = middle + kept @ np.stack([axes[0], across])
-    return lifted[triangles]
-
-
-def _turns_left(ring: Floats) -> bool:
-    edges = np.roll(ring, -1, axis=0) - ring
-    after = np.roll(edges, -1, axis=0)
-    turns = edges[:, 0] * after[:, 1] - edges[:, 1] * after[:, 0]
-    return bool((turns >= 0).all())
+    _, _, axes = np.linalg.svd(points - middle, full_matrices=False)
+    axes[1] = np.cross(normal / np.linalg.norm(normal), axes[0])
+    kept, numbers = triangulate(Aperture((points - middle) @ axes[:2].T))
+    lifted: Floats = middle + kept @ axes[:2]
+    return lifted[numbers]

@@ -23,6 +23,7 @@ from polywigner.scattering.antennas import (
     Channel,
     Polarisation,
     Source,
+    broadcast_shape,
     checked_places,
     checked_polarisations,
     directions_of,
@@ -113,55 +114,21 @@ def _summed(
         some = pieces.taken(slice(start, start + _BLOCK))
         some = _quartered(some) if split else some
         centre = some.corner + (some.first + some.second) / 3
-        if transmitter.jones is not None:
-            ahead, parts = _of_vectors(centre, some.vector, transmitter, receiver)
+        sent, slope, ahead = transmitter.wave(centre)
+        back, _, behind = (sent, slope, ahead) if receiver is None else receiver.wave(centre)
+        if transmitter.jones is not None:  # E of the receiver in currents n x H
+            parts = (back * np.cross(some.vector, slope)).sum(axis=-1)
         else:
-            ahead, parts = _of_waves(centre, some.vector, transmitter, receiver, polarisations)
-        nu = -ahead / transmitter.wavelength
+            q_there = _across(q, centre - (receiver or transmitter).place)
+            p_there = _across(p, centre - transmitter.place)
+            parts = (q_there * slope).sum(axis=-1) * (p_there * some.vector).sum(axis=-1)
+            parts -= (q_there * p_there).sum(axis=-1) * (slope * some.vector).sum(axis=-1)
+            parts = parts * back
+        nu = -(ahead + behind) / transmitter.wavelength
         phases = [(nu * part).sum(axis=1) for part in (some.first, some.second)]
         weights = transforms(-(phases[0] + phases[1]) / 3, *phases)
         total += (parts * weights).sum(axis=-1)
     return total
-
-
-def _of_waves(
-    centre: Floats,
-    vector: Floats,
-    transmitter: Antenna,
-    receiver: Antenna | None,
-    polarisations: tuple[Complex, Complex],
-) -> tuple[Floats, Complex]:
-    """Directions (n, 3) of scalar fields on pieces, added up, and values (..., n) of (SC3)."""
-    q, p = polarisations
-    sent, wave = transmitter.field(centre), transmitter.gradient(centre)
-    back, back_wave = sent, wave
-    if receiver is not None:
-        back, back_wave = receiver.field(centre), receiver.gradient(centre)
-    q_there = _across(q, centre - (receiver or transmitter).place)
-    p_there = _across(p, centre - transmitter.place)
-    of_wave = (q_there * wave).sum(axis=-1) * (p_there * vector).sum(axis=-1)
-    of_pair = (q_there * p_there).sum(axis=-1) * (wave * vector).sum(axis=-1)
-    return _direction(sent, wave) + _direction(back, back_wave), (of_wave - of_pair) * back
-
-
-def _of_vectors(
-    centre: Floats, vector: Floats, transmitter: Antenna, receiver: Antenna | None
-) -> tuple[Floats, Complex]:
-    """:func:`_of_waves` of polarised antennas: E of the receiver in currents n x H, (SC3)."""
-    electric, magnetic = transmitter.vectors(centre)
-    ahead, back = _flow(electric, magnetic), electric
-    directions = 2 * ahead
-    if receiver is not None:
-        back, back_magnetic = receiver.vectors(centre)
-        directions = ahead + _flow(back, back_magnetic)
-    return directions, np.asarray((back * np.cross(vector, magnetic)).sum(axis=-1))
-
-
-def _flow(electric: Complex, magnetic: Complex) -> Floats:
-    """Direction of a wave by Poynting's vector, (n, 3); shorter where waves cross."""
-    strength = np.square(np.abs(electric)).sum(axis=1, keepdims=True)
-    flow = np.cross(electric, magnetic.conj()).real / np.maximum(strength, np.finfo(float).tiny)
-    return np.asarray(flow / np.maximum(np.linalg.norm(flow, axis=1, keepdims=True), 1.0))
 
 
 def _lit(facets: Facets, transmitter: Antenna, receiver: Antenna | None) -> Pieces:
@@ -192,10 +159,9 @@ def _fine(
                 "raise the tolerance, or move the source away from the body"
             )
         pieces = _quartered(pieces)
-    return Pieces(*(np.concatenate([getattr(d, name) for d in done]) for name in _NAMES))
-
-
-_NAMES = ("corner", "first", "second", "vector")
+    return Pieces(
+        *(np.concatenate(own) for own in zip(*(vars(one).values() for one in done), strict=True))
+    )
 
 
 def _departure(pieces: Pieces, transmitter: Antenna, receiver: Antenna) -> Floats:
@@ -231,13 +197,6 @@ def _quartered(pieces: Pieces) -> Pieces:
     )
 
 
-def _direction(field: Complex, wave: Complex) -> Floats:
-    """Direction of a wave times how fast its phase runs, (n, 3); at most 1, as near nulls."""
-    strength = np.maximum(np.abs(field) ** 2, np.finfo(float).tiny)
-    rate = (field.conj()[:, None] * wave).real / strength[:, None]
-    return np.asarray(rate / np.maximum(np.linalg.norm(rate, axis=1, keepdims=True), 1.0))
-
-
 def _across(polarisation: Complex, ray: Floats) -> Complex:
     """Unit vectors (..., n, 3) of fields across rays (n, 3)."""
     along = ray / np.linalg.norm(ray, axis=1, keepdims=True)
@@ -253,11 +212,11 @@ _OF_FIELD = 1e-2
 
 def near_sections(
     facets: Facets,
-    source: Source,
-    receiver: Source | None,
     to_radar: ArrayLike,
     to_transmitter: ArrayLike | None,
     wavelengths: Floats,
+    source: Source,
+    receiver: Source | None,
     polarisation: Polarisation | None,
     tolerance: float,
     normalise: str,
@@ -287,15 +246,9 @@ def near_sections(
     q, p = _polarisations(named, directions_of(here), to_sender)
     if jones[0] is not None:  # one way, whatever the directions
         q, p = q[..., :1, :], p[..., :1, :]
-    try:
-        shape = np.broadcast_shapes(
-            wavelengths.shape, here.shape[:-2], there.shape[:-2], q.shape[:-2], p.shape[:-2]
-        )
-    except ValueError:
-        raise ArgumentError(
-            "expected places, wavelengths and polarisations that broadcast, got "
-            f"{here.shape[:-2]}, {there.shape[:-2]} and {wavelengths.shape}; add axes of length 1"
-        ) from None
+    shape = broadcast_shape(
+        wavelengths.shape, here.shape[:-2], there.shape[:-2], q.shape[:-2], p.shape[:-2]
+    )
     lengths = np.broadcast_to(wavelengths, shape)
     own, others = (np.broadcast_to(poses, (*shape, 4, 4)) for poses in (here, there))
     q, p = (np.broadcast_to(v, (*shape, *v.shape[-2:])) for v in (q, p))
@@ -308,13 +261,8 @@ def near_sections(
         back = Antenna(source if receiver is None else receiver, own[k], *how, jones[0])
         transmitter.check_in_front(facets, "source")
         back.check_in_front(facets, "receiver")
-        sums = near_sums(
-            facets,
-            transmitter,
-            None if alone else back,
-            (q[k][:, None], p[k][None]),
-            allowed,
-        )
+        ends = transmitter, None if alone else back
+        sums = near_sums(facets, *ends, (q[k][:, None], p[k][None]), allowed)
         # of all that is received, mean over what is sent
         powers[k] = (np.abs(sums) ** 2).sum() / sums.shape[1]
         there_and_back = transmitter.power_at_middle() * back.power_at_middle()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
 
@@ -44,88 +44,45 @@ class Pieces:
         return len(self.corner)
 
 
-def surface_sums(pieces: Pieces, nu: Floats, signs: Signs | None = None) -> Complex:
+def surface_sums(
+    pieces: Pieces, nu: Floats, signs: Signs | None = None, slopes: bool = False
+) -> Complex:
     """N(nu) (m, 3) at (m, 3), of triangles (n,) that count with a sign each, 0 where they are dark.
 
-    ``signs``: those (i, j) of some nu and some triangles; None: all 1.
+    ``signs``: those (i, j) of some nu and some triangles; None: all 1. ``slopes``: dN_i/dnu_a
+    (m, 3, 3) in place of it, by the first moments, (SC5).
     """
-    result = np.zeros((len(nu), 3), np.complex128)
-    with told(_TITLE, _blocks(len(nu), len(pieces))) as blocks:
-        for some, part in blocks:
-            lit = None if signs is None else signs(some, part)
-            result[some] += _block(pieces.taken(part), lit, nu[some])
-    return result
-
-
-def surface_slopes(pieces: Pieces, nu: Floats, signs: Signs | None = None) -> Complex:
-    """dN_i/dnu_a (m, 3, 3) at (m, 3), as :func:`surface_sums`: the first moments, (SC5)."""
-    result = np.zeros((len(nu), 3, 3), np.complex128)
-    with told(_TITLE, _blocks(len(nu), len(pieces))) as blocks:
+    result = np.zeros((len(nu), 3, 3 if slopes else 1), np.complex128)
+    columns = max(1, min(len(pieces), _BLOCK))
+    rows = _BLOCK // columns
+    of_directions = [slice(k, k + rows) for k in range(0, len(nu), rows)]
+    of_triangles = [slice(k, k + columns) for k in range(0, len(pieces), columns)]
+    with told(_TITLE, list(product(of_directions, of_triangles))) as blocks:
         for some, part in blocks:
             own = pieces.taken(part)
-            lit: NDArray[np.int8] | float = 1.0 if signs is None else signs(some, part)
-            moments = _first_moments(own, nu[some])
-            for axis, values in enumerate(moments):
-                result[some, :, axis] += (values * lit) @ own.vector
-    return result
+            vectors = own.corner, own.first, own.second
+            shape = len(nu[some]), len(own)
+            sides = np.ones(shape, np.int8) if signs is None else signs(some, part)
+            lit = np.nonzero(sides)
+            turns = [(nu[some] @ vector.T)[lit] for vector in vectors]
+            terms = [transforms(*turns)]
+            if slopes:
+                # by the wave's exponent at a corner: the divided difference with this corner twice
+                terms += [transforms(turns[0], turns[1], turns[2], twice) for twice in turns[1:]]
+                moments = zip(terms, vectors, strict=True)
+                whole = np.sum([term[:, None] * v[lit[1]] for term, v in moments], axis=0)
+                terms = list(-2j * np.pi * whole.T)
+            values = np.zeros(sides.shape, np.complex128)
+            for axis, term in enumerate(terms):
+                values[lit] = term * sides[lit]
+                result[some, :, axis] += values @ own.vector
+    return result if slopes else result[..., 0]
 
 
-def _blocks(directions: int, triangles: int) -> list[tuple[slice, slice]]:
-    """Slices of directions and of triangles that are summed at a time."""
-    columns = max(1, min(triangles, _BLOCK))
-    rows = _BLOCK // columns
-    of_directions = [slice(k, k + rows) for k in range(0, directions, rows)]
-    of_triangles = [slice(k, k + columns) for k in range(0, triangles, columns)]
-    return list(product(of_directions, of_triangles))
-
-
-def _first_moments(pieces: Pieces, nu: Floats) -> Iterator[Complex]:
-    """Derivatives in x, y and z of nu (m, n) of :func:`transforms`.
-
-    That in the wave's exponent at a corner is the divided difference with this corner twice.
-    """
-    corner, first, second = (nu @ part.T for part in _vectors(pieces))
-    whole = transforms(corner, first, second)
-    at_first, at_second = (
-        _complex(rotated(_OPS, corner, *simplex_plane_wave(_OPS, first, second, twice)))
-        for twice in (first, second)
-    )
-    for axis in range(3):
-        yield (
-            -2j
-            * np.pi
-            * (
-                whole * pieces.corner[:, axis]
-                + at_first * pieces.first[:, axis]
-                + at_second * pieces.second[:, axis]
-            )
-        )
-
-
-def _block(pieces: Pieces, signs: NDArray[np.int8] | None, nu: Floats) -> Complex:
-    if signs is None:
-        values = transforms(*(nu @ part.T for part in _vectors(pieces)))
-    elif len(nu) == 1:
-        (rows,) = np.nonzero(signs[0])
-        pieces = pieces.taken(rows)
-        values = transforms(*(nu @ part.T for part in _vectors(pieces))) * signs[:, rows]
-    else:
-        lit = np.nonzero(signs)
-        values = np.zeros(signs.shape, np.complex128)
-        values[lit] = transforms(*((nu @ part.T)[lit] for part in _vectors(pieces)))
-        values *= signs
-    result: Complex = values @ pieces.vector
-    return result
-
-
-def _vectors(pieces: Pieces) -> tuple[Floats, Floats, Floats]:
-    return pieces.corner, pieces.first, pieces.second
-
-
-def transforms(corner: Floats, first: Floats, second: Floats) -> Complex:
+def transforms(
+    corner: Floats, first: Floats, second: Floats, twice: Floats | None = None
+) -> Complex:
     """F over twice the area of triangles, from nu.p of corner and both vectors. Source: (F5)."""
-    return _complex(rotated(_OPS, corner, *simplex_plane_wave(_OPS, first, second)))
-
-
-def _complex(parts: tuple[Floats, Floats]) -> Complex:
-    return parts[0] + 1j * parts[1]
+    extra = () if twice is None else (twice,)
+    real, imag = rotated(_OPS, corner, *simplex_plane_wave(_OPS, first, second, *extra))
+    return np.asarray(real + 1j * imag)

@@ -67,25 +67,6 @@ class Projected:
         return Projected(self.points[rows], self.depth[rows], self.size, self.ranges[rows])
 
 
-def occluders(
-    seen: Projected, polygons: NDArray[np.object_], boxes: NDArray[np.object_] | None = None
-) -> tuple[Indices, NDArray[np.object_]]:
-    """Numbers of hidden triangles (m,), and polygons (m,) that stand before each of them.
-
-    A polygon is the part of a triangle that is nearer than the plane of the hidden one.
-    ``polygons``: the triangles as such. Where two coincide, the first one hides the other.
-    ``boxes``: around the triangles, those of several pictures apart; None: of one picture.
-
-    Raises ArgumentError for more pairs that overlap than fit in memory.
-    """
-    pairs = _overlapping(seen, polygons if boxes is None else boxes)
-    one, other = (np.concatenate(numbers) for numbers in zip(*pairs, strict=True))
-    hidden, before = np.concatenate([one, other]), np.concatenate([other, one])
-    if float((np.bincount(hidden).astype(np.float64) ** 2).sum()) > _MOST_CROSSINGS:
-        raise _too_many(len(polygons))
-    return _nearer_parts(seen, hidden, before)
-
-
 def _too_many(triangles: int) -> ArgumentError:
     return ArgumentError(
         f"expected a body whose triangles hardly overlap as they are seen, got {triangles} of "
@@ -93,23 +74,23 @@ def _too_many(triangles: int) -> ArgumentError:
     )
 
 
-def _overlapping(seen: Projected, polygons: NDArray[np.object_]) -> list[tuple[Indices, Indices]]:
-    """Pairs of numbers of triangles that overlap, each once, by blocks.
+def _overlapping(seen: Projected, polygons: NDArray[np.object_]) -> tuple[Indices, Indices]:
+    """Numbers of both triangles (m,) of pairs that overlap, each once.
 
     ``polygons``: the triangles or boxes around them; only those whose boxes meet are compared.
     """
-    tree, found, total = shapely.STRtree(polygons), [], 0
-    none = np.empty(0, np.intp)
+    tree, found, total = shapely.STRtree(polygons), [np.empty((2, 0), np.intp)], 0
     for start in range(0, len(polygons), _BLOCK):
         one, other = tree.query(polygons[start : start + _BLOCK])
         once = one + start < other
         one, other = one[once] + start, other[once]
         apart = _apart(seen, one, other) | _apart(seen, other, one)
-        found.append((one[~apart], other[~apart]))
-        total += len(found[-1][0])
+        found.append(np.stack([one[~apart], other[~apart]]))
+        total += found[-1].shape[1]
         if total > _MOST_PAIRS:
             raise _too_many(len(polygons))
-    return found or [(none, none)]
+    one, other = np.concatenate(found, axis=1)
+    return one, other
 
 
 def _apart(seen: Projected, one: Indices, other: Indices) -> NDArray[np.bool_]:
@@ -129,6 +110,7 @@ def _apart(seen: Projected, one: Indices, other: Indices) -> NDArray[np.bool_]:
 def _nearer_parts(
     seen: Projected, hidden: Indices, before: Indices
 ) -> tuple[Indices, NDArray[np.object_]]:
+    """Numbers of hidden triangles, and the parts of others nearer than the planes of these."""
     slopes = seen.slopes
     place = seen.points[before] - seen.points[hidden, :1]
     plane = seen.depth[hidden, :1] + (place * slopes[hidden, None]).sum(axis=2)
@@ -226,7 +208,7 @@ def seen_from(facets: Facets, place: Floats, frame: Floats) -> Seen:
     """Return the visible parts for an observer at a place (3,) with all triangles in front.
 
     ``frame``: rows x, y, z of the observer, who looks along z. A projective map makes lines
-    through the place parallel, and keeps planes plane: the picture is that of an observer far away.
+    through the place parallel, and keeps planes plane.
     """
     distance = float(((facets.corners - place) @ frame[2]).mean())
 
@@ -240,10 +222,9 @@ def seen_from(facets: Facets, place: Floats, frame: Floats) -> Seen:
 
 
 def _seen(facets: Facets, signs: NDArray[np.int8], project: Callable[[Floats], Projected]) -> Seen:
-    """Visible parts of facing sides; ``project``: corners (m, 3, 3) in the picture.
+    """Visible parts of facing sides, which hide all that those facing away do.
 
-    What faces away hides nothing that what faces the observer does not: rays leave a body through
-    faces that do. So only these are compared.
+    ``project``: corners (m, 3, 3) in the picture.
     """
     parts: Shapes = np.full(len(signs), None)
     (rows,) = np.nonzero(signs)
@@ -277,15 +258,23 @@ def less_shadows(
 ) -> tuple[Indices, Shapes]:
     """Return numbers of triangles behind others (m,), and their lit parts less the shadows.
 
-    ``polygons``, ``boxes``: as for :func:`occluders`; ``lit``: the part of each triangle;
-    ``grid``: of corners, where edges of lit parts may be those of shadows but for rounding.
+    ``polygons``: the triangles as such; ``lit``: the part of each triangle; ``boxes``: around the
+    triangles, those of several pictures apart; None: of one picture; ``grid``: of corners, where
+    edges of lit parts may be those of shadows but for rounding.
+    Of two triangles that coincide the first one hides the other.
+
+    Raises ArgumentError for more pairs that overlap than fit in memory.
     """
-    hidden, before = occluders(seen, polygons, boxes)
+    one, other = _overlapping(seen, polygons if boxes is None else boxes)
+    hidden, before = np.concatenate([one, other]), np.concatenate([other, one])
+    if float((np.bincount(hidden).astype(np.float64) ** 2).sum()) > _MOST_CROSSINGS:
+        raise _too_many(len(polygons))
+    hidden, shadows = _nearer_parts(seen, hidden, before)
     if not len(hidden):
-        return hidden, before
+        return hidden, shadows
     order = np.argsort(hidden, kind="stable")
     touched, numbers = np.unique(hidden[order], return_inverse=True)
-    shadows = unions(before[order], numbers, max(seen.size, float(abs(seen.points).max())))
+    shadows = unions(shadows[order], numbers, max(seen.size, float(abs(seen.points).max())))
     left = shapely.difference(lit[touched], shadows, grid_size=grid)
     return touched, np.asarray(left, dtype=object)
 
@@ -325,8 +314,7 @@ def mended(shapes: Shapes) -> Shapes:
 def less_hidden(lit: Seen, seen: Seen, faces: NDArray[np.int8]) -> Seen:
     """Lit parts without the parts hidden from an observer, whom sides ``faces`` (n,) face.
 
-    Only where the lit side faces the observer. What is turned away from there adds to the field
-    behind the body, and nothing of the body stands before that.
+    What is turned away from there adds to the field behind the body: nothing stands before that.
     """
     signs, parts = lit.signs.copy(), lit.parts.copy()
     turned = (signs != 0) & (signs == faces)
