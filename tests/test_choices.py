@@ -28,7 +28,7 @@ TOLD = "when a bar is drawn, or a shape named"
 # A reason, and below it files and the names that they compare with.
 LISTED = {
     MEMORY: """
-        execution/frozen.py _MOST; kernels/arrays/array_factor.py _CROSSINGS_PER_SITE;
+        execution/on_drjit.py _MOST; kernels/arrays/array_factor.py _CROSSINGS_PER_SITE;
         kernels/arrays/element_pairs.py _MOST_PAIRS _MOST_WAVE_PAIRS;
         kernels/arrays/weight_tables.py _MOST_BYTES; kernels/cut/pair_grid.py _ACROSS _MOST_ROWS;
         kernels/cut/winding.py _MOST_BYTES; kernels/functions/fourier.py _MOST_EDGES;
@@ -36,7 +36,7 @@ LISTED = {
         _BLOCK
     """,
     DIGITS: """
-        execution/grids.py _LARGEST; kernels/arrays/array_factor.py _MISFIT;
+        execution/on_numpy.py _LARGEST; kernels/arrays/array_factor.py _MISFIT;
         kernels/arrays/element_pairs.py _LEAST_RATIO _LEAST_SPREAD; kernels/boundary/edge_waves.py
         _CLOSE _GRAZING _LOST _LOW; kernels/boundary/integrals.py _FARTHEST; kernels/cut/clipping.py
         NEARLY_PARALLEL; kernels/cut/pair_grid.py _MARGIN _NO_WEIGHT _ROUNDED;
@@ -64,11 +64,11 @@ LISTED = {
         transforms/projection.py LARGEST_SAMPLES; transforms/wavefronts.py MOST_WIDTHS
     """,
     LAYOUT: """
-        execution/evaluation.py _LEAST_COLUMNS; execution/grids.py _LEAST_SIDE _MOST_BELOW
+        execution/evaluation.py _LEAST_COLUMNS; execution/on_numpy.py _LEAST_SIDE _MOST_BELOW
     """,
     TOLD: "execution/progress.py _INTERVAL _PATIENCE; mitsuba/received_power.py _LEAST_NAMED",
     SPARED: """
-        execution/on_drjit_data.py _LEAST_EDGES_SORTED _LEAST_SAMPLES_SORTED; execution/on_numpy.py
+        execution/on_drjit.py _LEAST_EDGES_SORTED _LEAST_SAMPLES_SORTED; execution/on_numpy.py
         _LEAST_MASKED; execution/operations.py _FEW_SAMPLES; mitsuba/scattering_steps.py _ROULETTE;
         mitsuba/targets.py _MOST_FACES _MOST_PIECES _OFTEN _SHARE
     """,
