@@ -12,10 +12,8 @@ from pathlib import Path
 import pytest
 
 from polywigner.toolchain import llvm as llvm_module
-from polywigner.toolchain import llvm_discovery as discovery
 from polywigner.toolchain import trials as verdicts
-from polywigner.toolchain.llvm_discovery import Candidate, version_of_name
-from polywigner.toolchain.trials import Verdict, judge
+from polywigner.toolchain.trials import Candidate, Verdict, judge, version_of_name
 
 # Stands in for a library that compiles a minimum into nothing: what LLVM 15 and 16 print and do.
 ABORTING_KERNELS = """
@@ -36,7 +34,7 @@ def own_cache(tmp_path, monkeypatch):
 def python(code, **variables):
     """What a fresh Python process prints last, as JSON; it must end well."""
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    environment.pop(discovery.OFF_VARIABLE, None)  # a whole run may have it set
+    environment.pop(verdicts.OFF_VARIABLE, None)  # a whole run may have it set
     environment.update(variables)
     done = subprocess.run(
         [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=300
@@ -64,11 +62,11 @@ def trials(tmp_path, monkeypatch):
 @pytest.fixture
 def bare_system(tmp_path, monkeypatch):
     """A system folder and an environment of the test's own, both empty, and nothing named."""
-    monkeypatch.delenv(discovery.LIBRARY_VARIABLE, raising=False)
+    monkeypatch.delenv(verdicts.LIBRARY_VARIABLE, raising=False)
     monkeypatch.setattr(sys, "prefix", str(tmp_path / "environment"))
     monkeypatch.setattr(sys, "platform", "linux")
-    monkeypatch.setattr(discovery, "_LINUX_FOLDERS", (str(tmp_path / "system" / "*"),))
-    monkeypatch.setattr(discovery, "_linker_cache", list)
+    monkeypatch.setattr(verdicts, "_LINUX_FOLDERS", (str(tmp_path / "system" / "*"),))
+    monkeypatch.setattr(verdicts, "_linker_cache", list)
     return tmp_path / "system" / "x86_64-linux-gnu"
 
 
@@ -112,8 +110,8 @@ def test_the_variable_comes_first_then_the_environment_then_the_newest_of_the_sy
     middle = library(bare_system, "libLLVM-18.so.1")
     own = library(tmp_path / "environment" / "lib" / "polywigner" / "native", "libLLVM.so.17")
     named = library(tmp_path / "elsewhere", "anything.so")
-    monkeypatch.setenv(discovery.LIBRARY_VARIABLE, named)
-    assert [c.path for c in discovery.candidates()] == [named, own, new, middle, old]
+    monkeypatch.setenv(verdicts.LIBRARY_VARIABLE, named)
+    assert [c.path for c in verdicts.candidates()] == [named, own, new, middle, old]
 
 
 @pytest.mark.parametrize(
@@ -123,15 +121,15 @@ def test_the_variable_comes_first_then_the_environment_then_the_newest_of_the_sy
         ("win32", (), "winget install"),
         ("linux", ("apt-get",), "polywigner doctor --install-llvm"),
         ("linux", ("dnf",), "dnf install llvm-libs"),
-        ("linux", (), discovery.LIBRARY_VARIABLE),
+        ("linux", (), verdicts.LIBRARY_VARIABLE),
     ],
 )
 def test_the_remedy_is_one_sentence_with_this_systems_command(
     platform, tools, command, monkeypatch
 ):
     monkeypatch.setattr(sys, "platform", platform)
-    monkeypatch.setattr(discovery.shutil, "which", lambda tool: tool if tool in tools else None)
-    text = discovery.remedy()
+    monkeypatch.setattr(verdicts.shutil, "which", lambda tool: tool if tool in tools else None)
+    text = verdicts.remedy()
     assert command in text
     assert text.endswith(".") and text.count(". ") == 0
 
@@ -317,7 +315,7 @@ def test_without_llvm_dr_jit_is_imported_without_a_word_on_stderr():
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     done = subprocess.run(
         [sys.executable, "-c", code],
-        env={**environment, discovery.OFF_VARIABLE: "1"},
+        env={**environment, verdicts.OFF_VARIABLE: "1"},
         capture_output=True,
         text=True,
         timeout=300,
