@@ -205,7 +205,7 @@ def test_what_makes_no_image_is_refused(change: dict[str, Any], words: str) -> N
     with pytest.raises(PolywignerError, match=words):
         pw.partially_coherent_image(**how | change)
     if "pupil" in change:
-        with pytest.raises(ArgumentError, match="xi_1 and xi_2"):
+        with pytest.raises(ArgumentError, match="broadcast"):
             pw.transmission_cross_coefficient(PUPIL, CONDENSER, np.ones((2, 2)), np.ones((3, 2)))
 
 
