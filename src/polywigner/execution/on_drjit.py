@@ -273,7 +273,6 @@ _LEAST_SAMPLES_SORTED, _LEAST_EDGES_SORTED = 1 << 13, 5
 # other way round. Sizes are multiples of the first number here, plus a different one of the second.
 _SIZES, _APART = 256, 8
 
-Array = npt.NDArray[Any]
 
 Hold = Callable[[Array], tuple[int, Any]]
 """Table of numbers -> its width, and the same numbers in an engine's memory."""

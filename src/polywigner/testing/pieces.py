@@ -12,22 +12,13 @@ from numpy.typing import NDArray
 from polywigner import transforms
 from polywigner.geometry import Aperture, Slits, triangulate
 from polywigner.illumination import Array as Elements
-from polywigner.testing.cases import ArrayCase, Case, waves_of
+from polywigner.testing.cases import Case, waves_of
 
 Array = NDArray[Any]
 
 
-def lag_slices_of_pairs(sources: Sequence[Any], x: Array) -> list[tuple[int, int, list[Any]]]:
-    """2(G_j - x) & 2(x - G_k) for all pairs (j, k) for which there is one, x (d,)."""
-    return _pairs(sources, lambda points: 2 * (points - x), lambda points: 2 * (x - points))
-
-
-def position_slices_of_pairs(sources: Sequence[Any], xi: Array) -> list[tuple[int, int, list[Any]]]:
-    """(G_j - xi/2) & (G_k + xi/2) for all pairs (j, k) for which there is one, xi (d,)."""
-    return _pairs(sources, lambda points: points - xi / 2, lambda points: points + xi / 2)
-
-
-def _pairs(sources: Sequence[Any], to_first: Any, to_second: Any) -> Any:
+def _slices(sources: Sequence[Any], to_first: Any, to_second: Any) -> Any:
+    """(j, k, intersection of one map of element j and another of k), where there is one."""
     if isinstance(sources[0], Slits):
         first = [to_first(source.intervals) for source in sources]
         second = [np.sort(to_second(source.intervals), axis=1) for source in sources]
@@ -51,20 +42,26 @@ def _overlaps(first: Array, second: Array) -> list[Any]:
     return [Slits([a, b]) for a, b in zip(low, high, strict=True) if a < b]
 
 
-def wigner_by_pairs(case: Case | ArrayCase, x: Array, nu: Array) -> Any:
-    """The sum of w_j w_k* c_m c_n* exp(2 pi i (k_m - k_n).x) F(nu - (k_m + k_n)/2) of slices."""
+def wigner_by_pairs(case: Case, x: Array, nu: Array) -> Any:
+    """The sum of w_j w_k* c_m c_n* exp(2 pi i (k_m - k_n).x) F(nu - (k_m + k_n)/2) of slices.
+
+    Those at x (d,): 2(G_j - x) & 2(x - G_k).
+    """
     return _summed(
         (parts, factor * _turn((one - other) @ x), nu - (one + other) / 2)
-        for j, k, parts in lag_slices_of_pairs(case.elements, x)
+        for j, k, parts in _slices(case.elements, lambda p: 2 * (p - x), lambda p: 2 * (x - p))
         for factor, one, other in _waves_of_pair(case, j, k)
     ).real
 
 
-def ambiguity_by_pairs(case: Case | ArrayCase, upsilon: Array, xi: Array) -> complex:
-    """The sum of w_j w_k* c_m c_n* exp(pi i (k_m + k_n).xi) F(upsilon - k_m + k_n) of slices."""
+def ambiguity_by_pairs(case: Case, upsilon: Array, xi: Array) -> complex:
+    """The sum of w_j w_k* c_m c_n* exp(pi i (k_m + k_n).xi) F(upsilon - k_m + k_n) of slices.
+
+    Those at xi (d,): (G_j - xi/2) & (G_k + xi/2).
+    """
     return _summed(
         (parts, factor * _turn((one + other) @ xi / 2), upsilon - one + other)
-        for j, k, parts in position_slices_of_pairs(case.elements, xi)
+        for j, k, parts in _slices(case.elements, lambda p: p - xi / 2, lambda p: p + xi / 2)
         for factor, one, other in _waves_of_pair(case, j, k)
     )
 
@@ -73,9 +70,7 @@ def _turn(turns: Any) -> complex:
     return complex(np.exp(2j * np.pi * turns))
 
 
-def _waves_of_pair(
-    case: Case | ArrayCase, j: int, k: int
-) -> Iterator[tuple[complex, Array, Array]]:
+def _waves_of_pair(case: Case, j: int, k: int) -> Iterator[tuple[complex, Array, Array]]:
     """(w_j w_k* c_m c_n*, k_m, k_n) for the waves of elements j and k."""
     one, other = waves_of(case.elements[j]), waves_of(case.elements[k])
     factor = complex(case.weights[j] * case.weights[k].conjugate())

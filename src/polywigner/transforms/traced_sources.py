@@ -233,7 +233,7 @@ def _of_rings(parts: list[list[NDArray[np.float64]]], illumination: Any) -> Aper
     return result.with_illumination(illumination)
 
 
-def _with_weights(source: Aperture | Array, weights: NDArray[np.complex128]) -> Array:
+def _with_weights(source: Aperture | Array | None, weights: NDArray[np.complex128]) -> Array:
     if not isinstance(source, Array):
         raise ArgumentError("expected weights for an Array only, got some for an Aperture")
     if source.repeated is not None:
@@ -243,7 +243,9 @@ def _with_weights(source: Aperture | Array, weights: NDArray[np.complex128]) -> 
     return Array(source.elements, weights)
 
 
-def _with_amplitudes(source: Aperture | Array, amplitudes: NDArray[np.complex128]) -> Aperture:
+def _with_amplitudes(
+    source: Aperture | Array | None, amplitudes: NDArray[np.complex128]
+) -> Aperture:
     field = source.illumination if isinstance(source, Aperture) else None
     if not isinstance(source, Aperture) or field is None:
         raise ArgumentError("expected amplitudes for an Aperture with an illumination only")
