@@ -31,6 +31,7 @@ from polywigner.illumination import Array
 from polywigner.numerics.divided_differences import simplex_plane_wave
 from polywigner.transforms.arguments import broadcast_shape, checked_points
 from polywigner.transforms.pupil import checked_energy, checked_pupil_radius, checked_waves
+from polywigner.transforms.sections import edges_of
 from polywigner.transforms.spectrum import fourier
 
 Floats = NDArray[np.float64]
@@ -276,16 +277,9 @@ def _overlap(light: Any, pupil: Any, lags: Floats) -> Any:
 def _transforms(polygons: Any, frequencies: Any) -> Complex:
     """Fourier transforms (n,) of polygons (n,), each at its own frequency (n, 2): sums of (F2)."""
     nu = np.asarray(frequencies, np.float64)
-    parts, owner = shapely.get_parts(np.asarray(polygons, object), return_index=True)
-    is_area = shapely.get_dimensions(parts) == 2
-    parts, owner = shapely.orient_polygons(parts[is_area]), owner[is_area]
-    rings, part = shapely.get_rings(parts, return_index=True)
-    corners, ring = shapely.get_coordinates(rings, return_index=True)
-    edge = np.flatnonzero(ring[1:] == ring[:-1])
-    of_part = part[ring[edge]]
-    # triangles from a corner of each part: a part may be far smaller than its distance from x = 0
-    origin = corners[np.searchsorted(part[ring], of_part)]
-    of, begin, end = owner[of_part], corners[edge] - origin, corners[edge + 1] - origin
+    begin, end, of, origin = edges_of(np.asarray(polygons, object))
+    # triangles from a corner of each ring: it may be far smaller than its distance from x = 0
+    begin, end = begin - origin, end - origin
     phases = [np.einsum("ij,ij->i", nu[of], corner) for corner in (begin, end, origin)]
     cosine, sine = simplex_plane_wave(NumpyOperations(double=True), *phases[:2])
     cross = begin[:, 0] * end[:, 1] - begin[:, 1] * end[:, 0]
