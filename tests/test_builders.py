@@ -42,7 +42,7 @@ def _builders(**options):
     }
 
 
-@pytest.mark.parametrize("name", _builders())
+@pytest.mark.parametrize("name", ["line", "hemisphere", "volume"])
 def test_values_are_those_of_irradiance_and_amplitude_at_the_points(name):
     """Side by side: each variable is named after its method."""
     methods = ("wigner", "kirchhoff", "fraunhofer")

@@ -119,7 +119,7 @@ PERIOD = np.array([[6.0, 0.0], [2.0, 7.0]]) * 1e-6
 def abbe(mask: Any, points: Any, source: Any, defocus: float, background: float = 0.0) -> Any:
     """Image as a sum of coherent images, one for each place of the source."""
     reciprocal = np.linalg.inv(PERIOD).T
-    numbers = np.stack(np.meshgrid(*2 * [np.arange(-14, 15)]), axis=-1).reshape(-1, 2)
+    numbers = np.stack(np.meshgrid(*2 * [np.arange(-8, 9)]), axis=-1).reshape(-1, 2)
     orders = numbers @ reciprocal
     sign = -1.0 if background else 1.0
     amplitudes = sign * pw.fourier(mask, orders) / abs(np.linalg.det(PERIOD))
@@ -134,17 +134,16 @@ def abbe(mask: Any, points: Any, source: Any, defocus: float, background: float 
     return total
 
 
-@pytest.mark.parametrize("defocus", [0.0, 0.7])
-def test_image_is_abbes_sum_over_the_source(defocus: float) -> None:
+def test_image_is_abbes_sum_over_the_source() -> None:
     points = np.random.default_rng(1).uniform(-5e-6, 5e-6, (20, 2))
     g = (np.arange(400) + 0.5) / 400 * 2.8e-3 - 1.4e-3
     grid = np.stack(np.meshgrid(g, g), axis=-1).reshape(-1, 2)
     inside = shapely.contains_xy(CONDENSER.polygons, grid[:, 0], grid[:, 1])
     source = grid[inside][::61]
     found = pw.partially_coherent_image(
-        MASK, PERIOD, PUPIL, CONDENSER, points, WAVELENGTH, DISTANCE, defocus, 3e-3
+        MASK, PERIOD, PUPIL, CONDENSER, points, WAVELENGTH, DISTANCE, 0.7, 3e-3
     )
-    assert found == pytest.approx(abbe(MASK, points, source, defocus), abs=4e-3)
+    assert found == pytest.approx(abbe(MASK, points, source, 0.7), abs=4e-3)
     assert found.max() > 0.2
 
 

@@ -14,17 +14,17 @@ from numpy.typing import NDArray
 
 from polywigner import transforms
 from polywigner.errors import ArgumentError, GeometryError
+from polywigner.execution import Precision
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
 from polywigner.geometry.arguments import checked_count, checked_generator
 from polywigner.testing.cases import (
-    Precision,
     content_of,
     corners_of,
     require,
+    split_in_three,
     tolerance_of,
     waves_of,
 )
-from polywigner.testing.pieces import split_in_three
 
 # Errors that the package promises, relative to the content.
 _TOLERANCE = {"double": 1e-13, "single": 2e-6}

@@ -9,20 +9,23 @@ import numpy as np
 import shapely
 
 from polywigner import transforms
+from polywigner.execution import Precision
 from polywigner.geometry import Aperture, Slits
 from polywigner.illumination import Array as Elements
 from polywigner.illumination import phased_array
 from polywigner.testing.cases import (
     Case,
-    Precision,
+    ambiguity_by_pairs,
     array_case_of,
     box_of,
     case_of,
     content_of,
     corners_of,
+    moved,
     require,
+    split_in_three,
+    wigner_by_pairs,
 )
-from polywigner.testing.pieces import ambiguity_by_pairs, moved, split_in_three, wigner_by_pairs
 
 # Rank-1 lattice sums of continuous functions with kinks, at 10^4 points, relative to content^2:
 # at most 1e-4 on triangles, stars, rings and combs.

@@ -168,16 +168,13 @@ def _extract(archive: Path, folder: Path, name: str) -> None:
     with tarfile.open(archive) as members:
         for member in members:
             target = top / member.name
-            parts = Path(member.name).parts
-            if not parts:  # the folder itself
+            if target == top:
                 continue
             size += member.size
-            if member.name.startswith("/") or ".." in parts or size > _MOST_BYTES:
+            if member.name.startswith("/") or size > _MOST_BYTES:
                 raise PackageError(f"{name} has {member.name!r}, out of place or too large")
             if not target.parent.resolve().is_relative_to(top):
-                raise PackageError(
-                    f"{name} has {member.name!r}, behind a link that leads elsewhere"
-                )
+                raise PackageError(f"{name} has {member.name!r}, which leads elsewhere")
             if member.isdir():
                 target.mkdir(parents=True, exist_ok=True)
                 continue
