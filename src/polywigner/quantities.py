@@ -14,23 +14,6 @@ from fractions import Fraction
 
 from polywigner.errors import QuantityError
 
-__all__ = [
-    "NOISE_PARSERS",
-    "SPEED_OF_LIGHT",
-    "parse_angle",
-    "parse_coordinate",
-    "parse_decibels",
-    "parse_frequency",
-    "parse_length",
-    "parse_noise",
-    "parse_noise_figure",
-    "parse_point",
-    "parse_power",
-    "parse_temperature",
-    "parse_unit",
-    "wavelength_of",
-]
-
 SPEED_OF_LIGHT = 299_792_458.0
 """Speed of light in vacuum, m/s (exact, SI)."""
 

@@ -18,6 +18,7 @@ from polywigner.geometry import Aperture, Polyhedron, Slits, triangulate
 from polywigner.geometry.arguments import checked_count, checked_generator, checked_number
 from polywigner.illumination import Array as Elements
 from polywigner.illumination import Illumination
+from polywigner.transforms.extremes import corners_of
 
 Array = NDArray[Any]
 
@@ -82,18 +83,6 @@ def waves_of(source: Aperture | Slits) -> Waves:
     if field is None:
         return Waves(np.ones(1, complex), np.zeros((1, 1 if isinstance(source, Slits) else 2)))
     return Waves(field.amplitudes, field.frequencies)
-
-
-def corners_of(source: Any) -> Array:
-    """Vertices (n, d) in the space of nu, as floats."""
-    if isinstance(source, Slits):
-        return source.intervals.reshape(-1, 1)
-    if isinstance(source, Polyhedron):
-        return source.vertices
-    if isinstance(source, Aperture):
-        return np.concatenate(source.rings)
-    flat = np.concatenate(source.aperture.rings)
-    return flat @ source.pose[:3, :2].T + source.pose[:3, 3]
 
 
 # Relative to the content: what the package promises. Shapely's clipping may move a corner by an

@@ -19,12 +19,12 @@ from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
 from polywigner.geometry.arguments import checked_count, checked_generator
 from polywigner.testing.cases import (
     content_of,
-    corners_of,
     require,
     split_in_three,
     tolerance_of,
     waves_of,
 )
+from polywigner.transforms.extremes import corners_of
 
 # Errors that the package promises, relative to the content.
 _TOLERANCE = {"double": 1e-13, "single": 2e-6}

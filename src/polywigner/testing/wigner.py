@@ -20,12 +20,12 @@ from polywigner.testing.cases import (
     box_of,
     case_of,
     content_of,
-    corners_of,
     moved,
     require,
     split_in_three,
     wigner_by_pairs,
 )
+from polywigner.transforms.extremes import corners_of
 
 # Rank-1 lattice sums of continuous functions with kinks, at 10^4 points, relative to content^2:
 # at most 1e-4 on triangles, stars, rings and combs.
