@@ -182,15 +182,9 @@ def test_clear_light_is_one_and_a_fine_grating_is_grey() -> None:
     ],
 )
 def test_what_makes_no_image_is_refused(change: dict[str, Any], words: str) -> None:
-    how: dict[str, Any] = {
-        "mask": MASK,
-        "period": PERIOD,
-        "pupil": PUPIL,
-        "condenser": CONDENSER,
-        "points": [(0.0, 0.0)],
-        "wavelength": WAVELENGTH,
-        "distance": DISTANCE,
-    }
+    names = ("mask", "period", "pupil", "condenser", "points", "wavelength", "distance")
+    usual = (MASK, PERIOD, PUPIL, CONDENSER, [(0.0, 0.0)], WAVELENGTH, DISTANCE)
+    how: dict[str, Any] = dict(zip(names, usual, strict=True))
     with pytest.raises(PolywignerError, match=words):
         pw.partially_coherent_image(**how | change)
     if "pupil" in change:

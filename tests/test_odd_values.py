@@ -1,8 +1,6 @@
 """Values that no function can use: each is told, or is not a number in the result as well."""
 
-import sys
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,7 +10,6 @@ import polywigner as pw
 from polywigner import figures
 from polywigner.errors import ArgumentError, PolywignerError
 
-TOOLS = Path(__file__).parents[1] / "tools"
 SQUARE = pw.shapes.square(1.0)
 HUGE = 10**400
 
@@ -146,22 +143,3 @@ def test_a_file_name_is_text_in_a_title_and_no_formula():
     title = figure.suptitle(short_name("drawings/a$b_{$.csv"))
     figure.draw_without_rendering()
     assert title.get_text() == r"a\$b_{\$.csv"
-
-
-def test_the_tool_of_odd_calls_has_a_value_for_every_argument_of_the_api():
-    """Of each public function: what has no default needs a plain value to be called at all."""
-    sys.path.insert(0, str(TOOLS))
-    try:
-        import odd_calls
-    finally:
-        sys.path.remove(str(TOOLS))
-    known = {*odd_calls.PLAIN, *odd_calls.MADE}
-    missing = [
-        f"{name}({p.name})"
-        for name in odd_calls.callables()
-        for p in odd_calls.parameters(name)
-        if p.default is p.empty
-        and p.kind is not p.VAR_POSITIONAL
-        and p.name not in known | set(odd_calls.SPECIAL.get(name, {}))
-    ]
-    assert missing == []

@@ -83,11 +83,6 @@ def test_labels_stay():
     ],
 )
 def test_wrong_arguments_are_named(call, message):
-    given = {
-        "source": SQUARE,
-        "points": (0.0, 0.0),
-        "wavelength": WAVELENGTH,
-        "focal_length": FOCUS,
-    }
+    given = {"source": SQUARE, "points": (0, 0), "wavelength": WAVELENGTH, "focal_length": FOCUS}
     with pytest.raises(ArgumentError, match=message):
         pw.psf(**(given | call))
