@@ -37,8 +37,8 @@ from polywigner.plans import unrolls_terms
 # What is remembered: of so many sources and kinds of arrays, and of each so many configurations
 # (arguments that are one number, and others).
 _MOST, _MOST_RECORDINGS = 64, 8
-# Samples at a time: launching costs little against computing, and arguments take some MB.
-_CHUNK = 1 << 17
+# Samples at a time: launching costs little against computing, and arguments take some 10 MB.
+_CHUNK, _CHUNK_OF_DATA = 1 << 18, 1 << 17
 
 Array = npt.NDArray[Any]
 Values = tuple[Any, ...]
@@ -298,7 +298,7 @@ class OnDrjitData:
 
     def points(self, components: Sequence[Array], results: Sequence[Array]) -> Launched:
         """Results for components that broadcast to their shape, chunk by chunk."""
-        for arguments, targets in parts_of_results(components, results, _CHUNK):
+        for arguments, targets in parts_of_results(components, results, _CHUNK_OF_DATA):
             yield targets, *self._begun(arguments)
 
     def of_arrays(self, components: Sequence[Any]) -> Values:
