@@ -10,8 +10,6 @@ from dask.callbacks import Callback
 
 import polywigner as pw
 from polywigner.errors import ArgumentError
-from polywigner.propagation import datasets
-from polywigner.propagation.grids import box_grid
 
 WAVELENGTH = 299792458 / 94e9
 SQUARE = pw.shapes.square(10e-3)
@@ -44,7 +42,7 @@ def _builders(**options):
     }
 
 
-@pytest.mark.parametrize("name", _builders())
+@pytest.mark.parametrize("name", ["line", "hemisphere", "volume"])
 def test_values_are_those_of_irradiance_and_amplitude_at_the_points(name):
     """Side by side: each variable is named after its method."""
     methods = ("wigner", "kirchhoff", "fraunhofer")
@@ -128,11 +126,9 @@ def test_a_lazy_volume_computes_only_what_is_asked_for():
     assert lazy["kirchhoff"].dtype == eager["kirchhoff"].dtype == np.float32
 
 
-def test_a_block_can_be_sent_to_another_process():
-    settings = datasets.checked_settings(WAVELENGTH, {"method": "fraunhofer"})
-    block = datasets.FieldBlock(CHEVRONS, box_grid(BOX, SHAPE), "fraunhofer", settings)
-    there = pickle.loads(pickle.dumps(block))
-    assert (there((1, 0, 2), (2, 3, 1)) == block((1, 0, 2), (2, 3, 1))).all()
+def test_a_lazy_volume_can_be_sent_to_another_process():
+    lazy = pw.volume(CHEVRONS, BOX, SHAPE, WAVELENGTH, method="fraunhofer", chunks=2)
+    assert pickle.loads(pickle.dumps(lazy)).compute().identical(lazy.compute())
 
 
 def test_a_bar_is_drawn_on_request_and_never_into_a_pipe(capfd, monkeypatch):
@@ -154,23 +150,16 @@ REFUSED: dict[str, tuple[Any, str]] = {
         lambda: pw.volume(SQUARE, ((0, 0, 2), (1, 1, 1)), (2, 2, 2), 1.0),
         "lowest",
     ),
-    "two counts": (lambda: pw.volume(SQUARE, BOX, (2, 2), 1.0), "shape of 3"),
     "no points": (lambda: pw.volume(SQUARE, BOX, (2, 2, 0), 1.0), "at least 1"),
     "one count": (lambda: pw.plane(SQUARE, FLAT, 4, 1.0), "shape of 2"),
     "a thick plane": (lambda: pw.plane(SQUARE, BOX, (2, 2), 1.0), "no thickness"),
-    "a line for a plane": (
-        lambda: pw.plane(SQUARE, ((0, 0, 1), (0, 0, 2)), (2, 2), 1.0),
-        "no thickness",
-    ),
     "a rhombus": (
         lambda: pw.plane(SQUARE, ((0, 0, 1), (1, 0, 1), (1, 1, 1)), (2, 2), 1.0),
         "right angles",
     ),
-    "a text": (lambda: pw.plane(SQUARE, "there", (2, 2), 1.0), "plane"),
     "not a number": (lambda: pw.line(SQUARE, ((0, 0, 1), (0, 0, math.nan)), 2, 1.0), "finite"),
     "a point": (lambda: pw.line(SQUARE, ((0, 0, 1), (0, 0, 1)), 2, 1.0), "twice"),
     "the horizon": (lambda: pw.hemisphere(SQUARE, 1.0, math.pi / 2, 0.0, 1.0), "z > 0"),
-    "a negative radius": (lambda: pw.hemisphere(SQUARE, -1.0, 0.0, 0.0, 1.0), "radius"),
     "two coordinates": (lambda: pw.hemisphere(SQUARE, 1.0, 0.0, 0.0, 1.0, centre=(0, 0)), "centre"),
     "a method": (lambda: pw.line(SQUARE, BOX, 2, 1.0, method="bpm"), "kirchhoff"),
     "a method twice": (
@@ -179,17 +168,7 @@ REFUSED: dict[str, tuple[Any, str]] = {
     ),
     "no method": (lambda: pw.line(SQUARE, BOX, 2, 1.0, method=()), "one method"),
     "a ray's phase": (lambda: pw.line(SQUARE, BOX, 2, 1.0, quantity="phase"), "a phase"),
-    "a quantity": (lambda: pw.line(SQUARE, BOX, 2, 1.0, quantity="flux"), "irradiance"),
     "an option": (lambda: pw.line(SQUARE, BOX, 2, 1.0, methods="wigner"), "options among"),
-    "a second order": (lambda: pw.volume(SQUARE, BOX, SHAPE, 1.0, order=2, chunks=2), "1 or 3"),
-    "an obliquity": (
-        lambda: pw.volume(SQUARE, BOX, SHAPE, 1.0, obliquity="cosine", chunks=2),
-        "obliquity",
-    ),
-    "no tolerance": (
-        lambda: pw.volume(SQUARE, BOX, SHAPE, 1.0, tolerance=0.0, chunks=2),
-        "tolerance",
-    ),
     "a dtype": (lambda: pw.line(SQUARE, BOX, 2, 1.0, dtype="float16"), "float32"),
     "chunks": (lambda: pw.volume(SQUARE, BOX, SHAPE, 1.0, chunks=(1, 2)), "chunks"),
     "more than memory": (lambda: pw.volume(SQUARE, BOX, (2000, 2000, 2000), 1.0), "chunks"),

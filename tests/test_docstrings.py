@@ -17,26 +17,27 @@ CONVERTED = runpy.run_path(str(EXTENSION))["converted"]
 FUNCTIONS = [name for name in pw.__all__ if inspect.isfunction(getattr(pw, name))]
 
 
-def test_a_parameters_sentence_is_not_cut_where_its_line_ends():
-    text = "Law.\n\nParameters\n----------\nx, y : (..., 2) in m, or\n    a pair: both.\n"
-    body = ":Parameters:\n    ``x, y``\n        (..., 2) in m, or\n        a pair: both."
-    assert CONVERTED(text) == f"Law.\n\n{body}\n"
+BLOCK = "So::\n\n    a * b | c\n\n===  ===\na*b  c|d\n===  ==="
 
 
-def test_prose_after_the_parameters_keeps_its_colons():
-    text = "Parameters\n----------\nx : in m\n\nThere is one in\ncommon: the first.\n"
-    assert "\n    There is one in\n    common: the first." in CONVERTED(text)
-
-
-def test_formulas_are_no_markup_but_literals_and_roles_are():
-    assert CONVERTED("u* |u|^2 ``|u|*`` :func:`fourier`").splitlines() == [
-        r"u\* \|u\|^2 ``|u|*`` :func:`fourier`"
-    ]
-
-
-def test_a_literal_block_and_a_table_stay_as_they_are():
-    block = "So::\n\n    a * b | c\n\n===  ===\na*b  c|d\n===  ==="
-    assert CONVERTED(block).rstrip() == block
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        (
+            "Law.\n\nParameters\n----------\nx, y : (..., 2) in m, or\n    a pair: both.\n",
+            ":Parameters:\n    ``x, y``\n        (..., 2) in m, or\n        a pair: both.\n",
+        ),
+        (
+            "Parameters\n----------\nx : in m\n\nThere is one in\ncommon: the first.\n",
+            "\n    There is one in\n    common: the first.",
+        ),
+        ("u* |u|^2 ``|u|*`` :func:`fourier`", r"u\* \|u\|^2 ``|u|*`` :func:`fourier`"),
+        (BLOCK, BLOCK),
+    ],
+    ids=["no line is cut", "colons of prose", "formulas are no markup", "blocks and tables"],
+)
+def test_docstrings_are_converted(text, shown):
+    assert shown in CONVERTED(text)
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
@@ -97,11 +98,6 @@ def _first_lines():
         for text in _docstrings(ast.parse(path.read_text(encoding="utf-8")))
         if text
     ]
-
-
-def test_docstrings_of_names_are_read():
-    source = 'x = 1\n"""A."""\nclass C:\n    y: int\n    """B."""\n'
-    assert list(filter(None, _docstrings(ast.parse(source)))) == ["A.", "B."]
 
 
 def test_first_lines_of_docstrings_are_no_riddles():

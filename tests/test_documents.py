@@ -30,14 +30,6 @@ def test_the_tables_of_documents_are_those_that_benchmarks_have_printed():
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-def test_a_table_that_somebody_has_touched_is_found(tmp_path):
-    tool = runpy.run_path(str(FILL))
-    text = (ROOT / "docs" / "accuracy.md").read_text(encoding="utf-8")
-    touched = text.replace("| convex, double | 6e-16", "| convex, double | 6e-17", 1)
-    assert touched != text
-    assert tool["filled"](text) == text == tool["filled"](touched)
-
-
 def worst(file, number, row):
     """The largest error of the rows of a recorded table, less the classes under limits."""
     leave_out = "cavity" if number == 1 else "thin,"
@@ -48,16 +40,10 @@ def worst(file, number, row):
     return max(float(value) for cells in chosen for value in cells[1:] if value.strip())
 
 
+@pytest.mark.parametrize("row", ["double", "single"])
 @pytest.mark.parametrize(
-    ("file", "number", "row"),
-    [
-        ("fourier_accuracy.md", 1, "double"),
-        ("fourier_accuracy_llvm.md", 1, "double"),
-        ("fourier_accuracy.md", 1, "single"),
-        ("fourier_accuracy_llvm.md", 1, "single"),
-        ("fourier_accuracy.md", 2, "double"),
-        ("fourier_accuracy.md", 2, "single"),
-    ],
+    ("file", "number"),
+    [("fourier_accuracy.md", 1), ("fourier_accuracy_llvm.md", 1), ("fourier_accuracy.md", 2)],
 )
 def test_what_has_been_recorded_is_within_what_is_promised(file, number, row):
     """Of all classes but those that the page lists under limits."""

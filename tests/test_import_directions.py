@@ -51,7 +51,6 @@ EXCEPTIONS: dict[tuple[str, str], str] = {}
 # Files that run before anything is installed, or before Dr.Jit's library is chosen.
 STANDARD_LIBRARY_ONLY = {
     "toolchain/debian.py": (),
-    "toolchain/llvm_discovery.py": (),
     "toolchain/trials.py": ("polywigner.toolchain", "polywigner.interruption", "polywigner.apart"),
     # drjit: by require_drjit() only, when the library has been chosen
     "toolchain/llvm.py": ("polywigner.toolchain", "polywigner.errors", "drjit"),

@@ -16,8 +16,7 @@ import polywigner as pw
 from polywigner.interruption import atomic_path, postponed_interrupts
 from polywigner.propagation.stores import write_dataset
 from polywigner.propagation.stores_checks import Layout
-from polywigner.toolchain.llvm_discovery import Candidate
-from polywigner.toolchain.trials import judge
+from polywigner.toolchain.trials import Candidate, judge
 from polywigner.transforms.xarray_arguments import labelled_array
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals of Unix")

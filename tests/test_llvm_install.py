@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from polywigner.toolchain.llvm_discovery import LIBRARY_VARIABLE, native_folders
+from polywigner.toolchain.trials import LIBRARY_VARIABLE, native_folders
 
 pytestmark = pytest.mark.slow  # each installs into a system of its own, and tries the library
 
@@ -69,12 +69,12 @@ import json, os, sys
 from dataclasses import asdict
 from pathlib import Path
 sys.prefix = os.environ["ENVIRONMENT"]
-from polywigner.toolchain import debian, llvm_discovery
+from polywigner.toolchain import debian, trials
 from polywigner.toolchain.llvm_install import install_llvm
 from polywigner.errors import EngineError
 system = os.environ["SYSTEM"]
-llvm_discovery._LINUX_FOLDERS = (f"{system}/usr*",)
-llvm_discovery._linker_cache = list
+trials._LINUX_FOLDERS = (f"{system}/usr*",)
+trials._linker_cache = list
 debian.is_root = lambda: bool(os.environ["ROOT"])
 if os.environ["LIBATOMIC"] == "missing":
     from polywigner.toolchain import llvm
@@ -174,9 +174,9 @@ def test_without_root_nothing_of_the_system_is_touched(machine):
 IMPORT_DRJIT_FIRST = """
 import json, os, site, sys
 sys.prefix = os.environ["ENVIRONMENT"]
-from polywigner.toolchain import llvm_discovery
-llvm_discovery._LINUX_FOLDERS = ()
-llvm_discovery._linker_cache = list
+from polywigner.toolchain import trials
+trials._LINUX_FOLDERS = ()
+trials._linker_cache = list
 site.addsitedir(os.environ["PACKAGES"])
 import drjit as dr
 from drjit.llvm import Float

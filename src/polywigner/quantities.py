@@ -14,23 +14,6 @@ from fractions import Fraction
 
 from polywigner.errors import QuantityError
 
-__all__ = [
-    "NOISE_PARSERS",
-    "SPEED_OF_LIGHT",
-    "parse_angle",
-    "parse_coordinate",
-    "parse_decibels",
-    "parse_frequency",
-    "parse_length",
-    "parse_noise",
-    "parse_noise_figure",
-    "parse_point",
-    "parse_power",
-    "parse_temperature",
-    "parse_unit",
-    "wavelength_of",
-]
-
 SPEED_OF_LIGHT = 299_792_458.0
 """Speed of light in vacuum, m/s (exact, SI)."""
 
@@ -81,7 +64,13 @@ def _number(value: Fraction) -> float:
         return math.inf
 
 
-def _parse(text: str | float, units: Mapping[str, Fraction], kind: str, example: str) -> float:
+def _parse(
+    text: str | float,
+    units: Mapping[str, Fraction],
+    kind: str,
+    example: str,
+    positive: bool = False,
+) -> float:
     article = "an" if kind[0] in "aeiou" else "a"
     expected = f'expected {article} {kind} such as "{example}", got {_shown(text)}'
     if isinstance(text, (int, float)) and not isinstance(text, bool):
@@ -99,21 +88,14 @@ def _parse(text: str | float, units: Mapping[str, Fraction], kind: str, example:
         value = _number(Fraction(number) * (units[unit] if unit else 1))
     if not math.isfinite(value):
         raise QuantityError(f"{expected}; it must be finite")
-    return value
-
-
-def _positive(value: float, text: str | float, kind: str, example: str) -> float:
-    if not value > 0:
-        raise QuantityError(
-            f'expected a {kind} above zero, got {_shown(text)}; write one such as "{example}"'
-        )
+    if positive and not value > 0:
+        raise QuantityError(f"{expected}; it must be above zero")
     return value
 
 
 def parse_length(text: str | float) -> float:
     """A length in metres, above zero; a bare number is in metres."""
-    example = "10 mm"
-    return _positive(_parse(text, _LENGTHS, "length", example), text, "length", example)
+    return _parse(text, _LENGTHS, "length", "10 mm", positive=True)
 
 
 def parse_coordinate(text: str | float) -> float:
@@ -140,24 +122,22 @@ def parse_unit(text: str | float) -> float:
     """The metres per unit of a file: a unit's name ("mm") or a length ("0.1 mm"), above zero."""
     if isinstance(text, str) and text.strip() in _LENGTHS:
         return _number(_LENGTHS[text.strip()])
-    example = 'mm" or "0.1 mm'
-    metres = _parse(text, _LENGTHS, "unit of length", example)
-    # a length in a unit so small is no float
-    return _positive(metres if metres > _LEAST_UNIT else 0.0, text, "unit", example)
+    metres = _parse(text, _LENGTHS, "unit of length", 'mm" or "0.1 mm', positive=True)
+    if metres < _LEAST_UNIT:  # a length in it is no float
+        raise QuantityError(f"expected a unit of {_LEAST_UNIT:g} m or more, got {_shown(text)}")
+    return metres
 
 
 def parse_frequency(text: str | float) -> float:
     """A frequency in hertz, above zero; a bare number is in hertz."""
-    example = "94 GHz"
     if isinstance(text, str):
         if text.rstrip().endswith("mHz"):
             raise QuantityError(
-                f'expected a frequency such as "{example}", got {_shown(text)}, in millihertz; '
+                f'expected a frequency such as "94 GHz", got {_shown(text)}, in millihertz; '
                 'write "MHz" for megahertz'
             )
         text = re.sub("[a-zA-Z]{2,}", lambda unit: _SPELLING.get(unit[0].lower(), unit[0]), text)
-    value = _parse(text, _FREQUENCIES, "frequency", example)
-    return _positive(value, text, "frequency", example)
+    return _parse(text, _FREQUENCIES, "frequency", "94 GHz", positive=True)
 
 
 def parse_angle(text: str | float) -> float:
@@ -173,23 +153,16 @@ def parse_decibels(text: str | float) -> float:
 def parse_noise_figure(text: str | float) -> float:
     """A noise figure in decibels, zero or more; a bare number is in decibels."""
     level = _parse(text, _DECIBELS, "noise figure", "3 dB")
-    if not level >= 0:
+    if not 0 <= level <= _HIGHEST_LEVEL:
         raise QuantityError(
-            f"expected a noise figure of 0 dB or more, got {_shown(text)}; no receiver takes noise "
-            "away"
-        )
-    if level > _HIGHEST_LEVEL:
-        raise QuantityError(
-            f"expected a noise figure of at most {_HIGHEST_LEVEL:g} dB, got {_shown(text)}"
+            f"expected a noise figure of 0 dB or more, up to {_HIGHEST_LEVEL:g}, got {_shown(text)}"
         )
     return level
 
 
 def parse_temperature(text: str | float) -> float:
     """A temperature in kelvins, above zero; a bare number is in kelvins."""
-    example = "290 K"
-    value = _parse(text, _TEMPERATURES, "temperature", example)
-    return _positive(value, text, "temperature", example)
+    return _parse(text, _TEMPERATURES, "temperature", "290 K", positive=True)
 
 
 NOISE_PARSERS = {
@@ -215,18 +188,13 @@ def parse_noise(
 
 def parse_power(text: str | float) -> float:
     """A power in watts, above zero; a bare number is in watts, and dBm and dBW are levels."""
-    example = "10 mW"
-    if isinstance(text, str):
-        for unit, reference in _POWER_LEVELS.items():
-            if text.rstrip().endswith(unit):
-                level = _parse(text, {unit: Fraction(1)}, "power", "10 dBm")
-                power = reference * 10 ** (level / 10) if level < _HIGHEST_LEVEL else math.inf
-                if power == math.inf:
-                    raise QuantityError(
-                        f'expected a power such as "10 dBm", got {_shown(text)}; it must be finite'
-                    )
-                return _positive(power, text, "power", example)
-    return _positive(_parse(text, _POWERS, "power", example), text, "power", example)
+    for unit, reference in _POWER_LEVELS.items():
+        if isinstance(text, str) and text.rstrip().endswith(unit):
+            level = _parse(text, {unit: Fraction(1)}, "power", "10 dBm")
+            if abs(level) > _HIGHEST_LEVEL:
+                raise QuantityError(f'expected a power such as "10 dBm", got {_shown(text)}')
+            return reference * float(10 ** (level / 10))
+    return _parse(text, _POWERS, "power", "10 mW", positive=True)
 
 
 # The wavelength of a lower one is beyond floats.

@@ -9,14 +9,12 @@ module               what is in it
 ``evaluation``       NumPy arrays in and out, in chunks, on any engine; sums over places
 ``chunks``           samples chunk by chunk, threads, and NumPy memory as Dr.Jit takes it
 ``progress``         bars on a terminal for work that takes long
-``on_numpy``         a kernel on NumPy arrays; ``on_drjit`` a compiled one; ``on_drjit_data`` one
-                     for all outlines, which are data
-``frozen``           kernels traced once
-``grids``            frequencies on a grid, from its axes
+``on_numpy``         a kernel on NumPy arrays; F on a grid of frequencies, from its axes
+``on_drjit``         a compiled kernel, traced once: of one outline, or of all, which are data
 ``points``           Dr.Jit arrays of any kind: points, numbers of sources, and results
-``traced``           Dr.Jit arrays in and out, traced and differentiable; sums over sites and rays
+``traced``           Dr.Jit arrays in and out, traced, with derivatives in closed form; sums over
+                     sites and rays
 ``hosted``           Dr.Jit arrays in and out of functions that the host computes
-``gradients``        kernels with derivatives in closed form
 ===================  ==========================================================================
 """
 
@@ -36,9 +34,6 @@ from polywigner.execution.chunks import (
 )
 from polywigner.execution.drjit_operations import DrjitOperations, UnrolledOperations, ops_for
 from polywigner.execution.evaluation import Shear, evaluate, evaluate_rows, evaluate_sums, explained
-from polywigner.execution.frozen import without_collection
-from polywigner.execution.gradients import kernel_with_derivatives
-from polywigner.execution.grids import evaluate_on_grid
 from polywigner.execution.hosted import (
     TracedField,
     evaluate_hosted,
@@ -47,6 +42,8 @@ from polywigner.execution.hosted import (
     hosted_values,
     with_slopes,
 )
+from polywigner.execution.on_drjit import without_collection
+from polywigner.execution.on_numpy import evaluate_on_grid
 from polywigner.execution.operations import NumpyOperations, ScalarOperations
 from polywigner.execution.points import (
     Parameter,
@@ -70,6 +67,7 @@ from polywigner.execution.points import (
 )
 from polywigner.execution.traced import (
     evaluate_traced,
+    kernel_with_derivatives,
     ray_sum,
     site_sum,
     traced_sums,

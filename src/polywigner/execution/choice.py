@@ -9,7 +9,8 @@ from contextvars import ContextVar
 from dataclasses import replace
 from typing import Any, Literal, get_args
 
-from polywigner.errors import ArgumentError, EngineError
+from polywigner.errors import EngineError
+from polywigner.geometry.arguments import checked_choice
 from polywigner.interruption import postponed_interrupts
 from polywigner.kernels import Kernel
 from polywigner.kernels.arrays.repeated import ElementSum, RepeatedTables
@@ -22,6 +23,7 @@ from polywigner.toolchain import llvm
 
 Engine = Literal["auto", "numpy", "llvm", "cuda"]
 Precision = Literal["double", "single"] | None
+_PRECISIONS = ("double", "single")
 
 
 _is_uncompiled: ContextVar[bool] = ContextVar("_is_uncompiled", default=False)
@@ -29,21 +31,12 @@ _is_uncompiled: ContextVar[bool] = ContextVar("_is_uncompiled", default=False)
 
 def checked_engine(engine: str) -> str:
     """``engine`` if it is a known name. Raises ArgumentError otherwise."""
-    if not isinstance(engine, str) or engine not in get_args(Engine):
-        names = ", ".join(f'"{name}"' for name in get_args(Engine))
-        raise ArgumentError(f"expected engine to be one of {names}, got {engine!r}")
-    return engine
+    return checked_choice(engine, "engine", get_args(Engine))
 
 
 def checked_precision(precision: str | None) -> str | None:
     """``precision`` if it is a known name or None. Raises ArgumentError otherwise."""
-    if precision is not None and (
-        not isinstance(precision, str) or precision not in ("double", "single")
-    ):
-        raise ArgumentError(
-            f'expected precision to be "double", "single" or None, got {precision!r}'
-        )
-    return precision
+    return None if precision is None else checked_choice(precision, "precision", _PRECISIONS)
 
 
 def resolved(engine: str, samples: int, terms: int = 1) -> str:

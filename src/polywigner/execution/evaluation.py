@@ -15,10 +15,8 @@ import numpy.typing as npt
 
 from polywigner.execution.choice import planned, request_for, resolved
 from polywigner.execution.chunks import Launched, store
-from polywigner.execution.grids import plan_for_grid
-from polywigner.execution.on_drjit import OnDrjit, row_sums
-from polywigner.execution.on_drjit_data import OnDrjitData
-from polywigner.execution.on_numpy import OnNumpy
+from polywigner.execution.on_drjit import OnDrjit, OnDrjitData, row_sums
+from polywigner.execution.on_numpy import OnNumpy, entered, plan_for_grid
 from polywigner.execution.operations import NumpyOperations
 from polywigner.kernels import Kernel, SharedSlice
 from polywigner.kernels.outline.tables import Tables
@@ -211,7 +209,8 @@ def _by_parts(
     assert shared is not None
     size = compute.shared_block if pairs.rows > 1 else _ROW_BLOCK
     for block, arguments in pairs.blocks(size):
-        inner = compute.entered(arguments if shear is None else shear(arguments))
+        sheared = arguments if shear is None else shear(arguments)
+        inner = entered(compute.kernel, compute.tables.frame, sheared)
         count = len(range(*block[0].indices(pairs.rows)))
         place = (np.broadcast_to(np.ravel(p), count) for p in inner[shared.place])
         with np.errstate(invalid="ignore", over="ignore"):  # of places far beyond the source

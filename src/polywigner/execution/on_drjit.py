@@ -1,28 +1,152 @@
-"""A kernel of a source compiled by Dr.Jit, on NumPy arrays."""
+"""Kernels compiled by Dr.Jit, on NumPy arrays: with an outline as code, or one kernel for all.
+
+A kernel with an outline as code takes a tenth of a second to compile, and some hundred kilobytes
+of the process for good. The one whose outlines are data is a third to half as fast.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+import gc
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.execution.choice import drjit_float
-from polywigner.execution.chunks import Fetch, Launched, array_of, parts_of_results
+from polywigner.execution.choice import drjit_float, is_uniform
+from polywigner.execution.chunks import Fetch, Launched, array_of, parts_of_results, store
 from polywigner.execution.drjit_operations import DrjitOperations
-from polywigner.execution.frozen import frozen, is_code, is_recording
+from polywigner.execution.on_numpy import entered
 from polywigner.execution.operations import NumpyOperations
 from polywigner.kernels import Kernel, SharedSlice
 from polywigner.kernels.arrays.repeated import RepeatedTables
+from polywigner.kernels.cut.pair_grid import PairGrid
+from polywigner.kernels.cut.winding import pairs_of
+from polywigner.kernels.functions.fourier import OutlineTables
+from polywigner.kernels.outline.frame import Frame
 from polywigner.kernels.outline.tables import Tables, cut_of
+from polywigner.numerics import phases
+from polywigner.plans import unrolls_terms
 
-# Samples at a time: launching costs little against computing, and the arguments of a chunk
-# take some 10 MB.
-_CHUNK = 1 << 18
+# What is remembered: of so many sources and kinds of arrays, and of each so many configurations
+# (arguments that are one number, and others).
+_MOST, _MOST_RECORDINGS = 64, 8
+# Samples at a time: launching costs little against computing, and arguments take some 10 MB.
+_CHUNK, _CHUNK_OF_DATA = 1 << 18, 1 << 17
 
 Array = npt.NDArray[Any]
+Values = tuple[Any, ...]
+Function = Callable[..., Values]
+
+
+class _Frozen:
+    """A function that is recorded when it is first called."""
+
+    def __init__(self, function: Function, owners: Sequence[Any]) -> None:
+        import drjit
+
+        # Dr.Jit goes through all that a function refers to in each call, but not through an object.
+        held = SimpleNamespace(function=function)
+
+        def replayed(*arguments: Any) -> Any:
+            return held.function(*arguments)
+
+        self.replayed = drjit.freeze(replayed, limit=_MOST_RECORDINGS, warn_after=1 << 30)
+        self.owners = owners
+        # Dr.Jit ends the process when two threads record one function at the same time.
+        self.lock = threading.Lock()
+
+    def __call__(self, *arguments: Any) -> Values:
+        with self.lock, without_collection():
+            try:
+                found: Values = self.replayed(*arguments)
+            except RuntimeError as error:
+                # Dr.Jit's own, in place of what stopped the function: an interrupt, for one
+                raise error.__cause__ or error from None
+            return found
+
+
+_paused: list[bool] = []
+"""For each recording that goes on: whether garbage was collected before it."""
+
+
+@contextmanager
+def without_collection() -> Iterator[None]:
+    """No garbage is collected meanwhile.
+
+    Dr.Jit ends the process when an array that holds memory of NumPy's is freed in a thread that is
+    recording, and whatever a collection frees would be freed there.
+    """
+    with _lock:
+        _paused.append(gc.isenabled())
+        gc.disable()
+    try:
+        yield
+    finally:
+        with _lock:
+            was_enabled = _paused.pop()
+            if _paused:
+                _paused[0] |= was_enabled
+            elif was_enabled:
+                gc.enable()
+
+
+_known: OrderedDict[Hashable, _Frozen] = OrderedDict()
+_lock = threading.Lock()
+
+
+def frozen(function: Function, owners: Sequence[Any], *kind: Hashable) -> Function:
+    """A function of Dr.Jit arrays, or one that is known from an earlier call.
+
+    It must not depend on the number of samples, nor bring memory of its own into being.
+
+    ``owners``: the objects on which it depends, as such and not by their values; ``kind``: what
+    else it depends on.
+    """
+    key = (*map(id, owners), *kind)
+    with _lock:
+        if key not in _known:
+            _known[key] = _Frozen(function, owners)  # keeps the owners, and with them their ids
+            while len(_known) > _MOST:
+                _known.popitem(last=False)
+        _known.move_to_end(key)
+        return _known[key]
+
+
+def is_code(kernel: Kernel, ops: DrjitOperations, tables: Any) -> bool:
+    """Whether all that a kernel is told of a source is constants of its code, not memory."""
+    if not isinstance(tables, (Tables, OutlineTables)):
+        return False
+    if isinstance(tables, Tables) and tables.coherence is not None:
+        return False  # nodes of rules are memory
+    if kernel.slices is not None and isinstance(tables, Tables):
+        return cut_of(ops.target, tables) == "code"
+    return unrolls_terms(len(tables.edges))
+
+
+def is_recording(kind: Any) -> bool:
+    """Whether Dr.Jit records the computation, or the type belongs to another backend than LLVM."""
+    import drjit
+
+    scopes = (drjit.JitFlag.SymbolicScope, drjit.JitFlag.FreezingScope)
+    return drjit.backend_v(kind) != drjit.JitBackend.LLVM or any(map(drjit.flag, scopes))
+
+
+def is_known(components: Sequence[Any]) -> bool:
+    """Whether arrays are evaluated, without derivatives, and nothing is being recorded."""
+    import drjit
+
+    if is_recording(components[0]):
+        return False
+    # what is yet to be computed is so together with the kernel
+    known = (drjit.VarState.Evaluated, drjit.VarState.Literal)
+    return all(c.state in known and not drjit.grad_enabled(c) for c in components)
 
 
 class OnDrjit:
@@ -57,11 +181,6 @@ class OnDrjit:
             inner = tuple(self.ops.float_type(a) for a in inner)
         sums = self.kernel.edge_sum(self.ops, self.tables, *inner)
         return self.kernel.leave(self.ops, self.tables.frame, inner, sums)
-
-    def entered(self, arguments: Sequence[Array]) -> tuple[Any, ...]:
-        """The arguments in the frame, in the shapes that they have."""
-        with np.errstate(invalid="ignore", over="ignore"):
-            return self.kernel.enter(NumpyOperations(double=True), self.tables.frame, *arguments)
 
     def of_parts(
         self, shared: SharedSlice, inner: tuple[Any, ...], ends: Array, table: Array, is_real: bool
@@ -146,3 +265,201 @@ def row_sums(
     end = dr.opaque(dr.uint32_array_t(kind), len(table))
     start = (dr.zeros(kind, columns.shape[1]),) * outputs
     return tuple(np.array(part) for part in ops.fold(0, end, start, step))
+
+
+# Of fewer samples, or edges, to sort them takes longer than it saves (benchmarks/call_rates.py).
+_LEAST_SAMPLES_SORTED, _LEAST_EDGES_SORTED = 1 << 13, 5
+# Dr.Jit records a function anew where arrays of different sizes have come to be of one size, or the
+# other way round. Sizes are multiples of the first number here, plus a different one of the second.
+_SIZES, _APART = 256, 8
+
+
+Hold = Callable[[Array], tuple[int, Any]]
+"""Table of numbers -> its width, and the same numbers in an engine's memory."""
+
+
+class OnDrjitData:
+    """A kernel of a source, on NumPy arrays."""
+
+    def __init__(
+        self, kernel: Kernel, tables: Any, double: bool, engine: str, samples: int, outputs: int
+    ) -> None:
+        self.outputs = outputs
+        self.kernel, self.frame = kernel, tables.frame
+        self.ops = DrjitOperations(drjit_float(engine, double))
+        self.out = NumpyOperations(double)
+        self.dtype = self.out.dtype
+        self.source: _Slices | _Edges
+        if isinstance(tables, Tables):
+            self.source = _Slices(kernel, tables, double, samples)
+        else:
+            self.source = _Edges(kernel, tables)
+        self.state = [self._sent(k, table) for k, table in enumerate(self.source.numbers)]
+
+    def points(self, components: Sequence[Array], results: Sequence[Array]) -> Launched:
+        """Results for components that broadcast to their shape, chunk by chunk."""
+        for arguments, targets in parts_of_results(components, results, _CHUNK_OF_DATA):
+            yield targets, *self._begun(arguments)
+
+    def of_arrays(self, components: Sequence[Any]) -> Values:
+        """Results as Dr.Jit arrays, for arrays of one width or the other 1 that are evaluated."""
+        host = np.broadcast_arrays(*(np.asarray(c.numpy(), np.float64) for c in components))
+        results = [np.empty(host[0].shape, self.dtype) for _ in range(self.outputs)]
+        store(self.points(host, results), results[0].size)
+        return tuple(array_of(self.ops.float_type, values) for values in results)
+
+    def _begun(self, arguments: Sequence[Array]) -> tuple[Any, Fetch]:
+        """Begins to compute the results of a chunk; waits for them when they are fetched."""
+        import drjit
+
+        ops, kind, source = self.ops, self.ops.float_type, self.source
+        with np.errstate(invalid="ignore", over="ignore"):
+            found = entered(self.kernel, self.frame, arguments)
+            inner = [np.asarray(a, self.dtype) for a in found]
+            order = source.order(inner)
+        inner = [a if a.ndim == 0 else a[order] for a in inner]
+
+        def summed(*arrays: Any) -> Values:
+            tables = iter(arrays[: len(source.numbers)])
+            values = arrays[len(source.numbers) :]
+            return source.summed(ops, lambda table: (table.shape[1], next(tables)), *values)
+
+        run: Any = summed
+        if source.is_recorded:
+            run = frozen(summed, source.owners, kind)
+        sums = run(*self.state, *(array_of(kind, a) for a in inner))
+        drjit.eval(sums)
+
+        def fetch() -> tuple[Array, ...]:
+            found = tuple(np.asarray(value.numpy()) for value in sums)
+            with np.errstate(invalid="ignore", over="ignore"):
+                return self.kernel.leave(self.out, self.frame, tuple(inner), found)
+
+        return order, fetch
+
+    def _sent(self, number: int, table: Array) -> Any:
+        width = -(-table.size // _SIZES) * _SIZES + _APART * (number + 1)
+        padded = np.zeros(width, table.dtype)
+        padded[: table.size] = table.ravel()
+        return self.ops.held(padded[:, None])[1]
+
+
+class _Slices:
+    """Outlines that are cut: lists of the pairs of edges that can meet.
+
+    ``numbers``: the source as tables; ``owners``: on which objects a kernel depends beside them;
+    ``is_recorded``: whether it needs no other memory.
+    """
+
+    def __init__(self, kernel: Kernel, tables: Tables, double: bool, samples: int) -> None:
+        assert kernel.slices is not None
+        self.slices, self.tables = kernel.slices, tables
+        self.host, self.sorts = NumpyOperations(double), len(tables.edges) >= _LEAST_EDGES_SORTED
+        self.pairs = {
+            key: pairs_of(tables, key, double, samples) for key in self.slices.passes(tables)
+        }
+        self.numbers = [
+            getattr(grid, part.name) for grid in self.pairs.values() for part in fields(grid)
+        ]
+        self.owners = (kernel,) if is_uniform(kernel, tables) else (kernel, tables)
+        # of partly coherent light the nodes of rules are memory of their own
+        self.is_recorded = tables.coherence is None
+
+    def order(self, inner: Sequence[Array]) -> Any:
+        """The order in which samples are best taken."""
+        if not self.sorts or inner[-1].size < _LEAST_SAMPLES_SORTED:
+            return ...
+        cell = self.slices.cell(self.host, self.tables, self._held, *inner)
+        # there are fewer than 2^16 cells: NumPy sorts such numbers in linear time
+        return np.argsort(cell.astype(np.uint16), kind="stable")
+
+    @cached_property
+    def _held(self) -> dict[Any, PairGrid]:
+        return {key: grid.held(self.host.held) for key, grid in self.pairs.items()}
+
+    def summed(self, ops: DrjitOperations, hold: Hold, *inner: Any) -> Values:
+        """The kernel's sums, from tables of another source of this kind."""
+        pairs = {key: grid.held(hold) for key, grid in self.pairs.items()}
+        return self.slices.by_pairs(ops, self.tables, pairs, *inner)
+
+
+class _Edges:
+    """An outline whose edges are summed up."""
+
+    is_recorded = True
+
+    def __init__(self, kernel: Kernel, tables: OutlineTables) -> None:
+        self.kernel, self.tables, self.owners = kernel, tables, (kernel,)
+        rows = np.zeros((len(tables.edges), 8))
+        rows[:, :5] = tables.edges
+        self.numbers: list[Array] = [rows, np.array([[len(rows)]], np.uint32)]
+
+    def order(self, inner: Sequence[Array]) -> Any:
+        return ...
+
+    def summed(self, ops: DrjitOperations, hold: Hold, *inner: Any) -> Values:
+        rows, count = (hold(table) for table in self.numbers)
+        (end,) = ops.gather(count, ops.truncated(0.0))
+        found: Values = self.kernel.edge_sum(_OverRows(ops, rows, end), self.tables, *inner)
+        return found
+
+
+class _OverRows(DrjitOperations):
+    """Sums are over the rows of a table in memory."""
+
+    def __init__(self, ops: DrjitOperations, rows: tuple[int, Any], end: Any) -> None:
+        super().__init__(ops.float_type)
+        self.rows, self.end = rows, end
+
+    def sum_over(self, rows: Any, term: Any, values: int, like: Any, *, unroll: bool = True) -> Any:
+        columns = len(rows[0])
+        return self.plain_sum(
+            0, self.end, lambda row: term(*self.gather(self.rows, row)[:columns]), values
+        )
+
+
+# ---- outlines whose numbers are data of a traced kernel ------------------------------------------
+
+
+@dataclass(frozen=True)
+class _DataFrame(Frame):
+    """A frame whose centre is in memory, as pairs of floats."""
+
+    def position(self, ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
+        pairs: Any = self.centre
+        nearest: Any = tuple(high for high, _ in pairs)
+        return Frame.position(replace(self, centre=nearest), ops, x, y)
+
+
+def with_frame_as_data(ops: DrjitOperations, tables: Any) -> Any:
+    """Tables with the centre of their frame in memory; their lists are so in any case."""
+    pairs = [phases.doubled(c, ops.double) for c in tables.frame.centre]
+    numbers = iter(_looked_up(ops, [number for pair in pairs for number in pair]))
+    own = {field.name: getattr(tables.frame, field.name) for field in fields(Frame)}
+    own["centre"] = tuple((next(numbers), next(numbers)) for _ in pairs)
+    return replace(tables, frame=_DataFrame(**own))
+
+
+def as_data(ops: DrjitOperations, tables: Any) -> Any:
+    """Tables of an aperture or an array with arrays of one entry in place of numbers."""
+    found = with_frame_as_data(ops, tables)
+    if isinstance(tables, OutlineTables):
+        return found
+    names = ("dx", "dy", "offset", "px", "py")
+    values = [getattr(line, name) for line in tables.lines for name in names]
+    weights = [part for piece in tables.pieces for part in (piece.real, piece.imag)]
+    numbers = iter(_looked_up(ops, values + weights))
+    lines = tuple(replace(line, **{n: next(numbers) for n in names}) for line in tables.lines)
+    pieces = tables.pieces
+    if not tables.uniform:
+        pieces = tuple(replace(p, real=next(numbers), imag=next(numbers)) for p in pieces)
+    return replace(found, lines=lines, pieces=pieces)
+
+
+def _looked_up(ops: DrjitOperations, values: Sequence[float]) -> list[Any]:
+    """Numbers of one array, each an array of one entry."""
+    import drjit
+
+    kind = ops.float_type
+    memory, index = array_of(kind, values), drjit.uint32_array_t(kind)
+    return [drjit.gather(kind, memory, index(k)) for k in range(len(values))]

@@ -1,27 +1,37 @@
-"""A kernel of a source on NumPy arrays, chunk by chunk."""
+"""Kernels on NumPy arrays: chunk by chunk, and F on grids of frequencies from their axes."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from polywigner.execution.choice import planned, request_for
 from polywigner.execution.chunks import Fetch, Launched, parts_of_results, ready
 from polywigner.execution.operations import NumpyOperations
-from polywigner.kernels import Kernel, PartSum, SharedSlice
+from polywigner.kernels import GridTables, Kernel, OutlineSum, PartSum, SharedSlice, fourier_on_grid
 from polywigner.kernels.outline.tables import cut_of
+from polywigner.plans.plan import GRID
 
 CHUNK = 3 << 12
 """Samples at a time: a temporary array stays in the cache of one core, and below 128 KiB, from
 which on the C library maps memory anew: page faults cost more than what is computed."""
+_HOST = NumpyOperations(double=True)
 # Of fewer samples it is not worth finding those for which there is nothing to do.
 _LEAST_MASKED = 256
 # Where slices are cut once for many samples: rows enough to cut at a time.
 _SHARED_CHUNK = 1 << 18
 
 Array = npt.NDArray[Any]
+
+
+def entered(kernel: Kernel, frame: Any, arguments: Sequence[Array]) -> tuple[Any, ...]:
+    """Arguments in a frame, in double precision and the shapes that they have."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        return kernel.enter(_HOST, frame, *arguments)
 
 
 class OnNumpy:
@@ -31,7 +41,6 @@ class OnNumpy:
 
     def __init__(self, kernel: Kernel, tables: Any, double: bool) -> None:
         self.kernel, self.tables = kernel, tables
-        self.host = NumpyOperations(double=True)
         self.ops = NumpyOperations(double)
 
     def points(self, components: Sequence[Array], results: Sequence[Array]) -> Launched:
@@ -51,7 +60,7 @@ class OnNumpy:
         slices, tables = self.kernel.slices, self.tables
         if slices is None or count < _LEAST_MASKED or cut_of("numpy", tables, count) == "pairs":
             return ...
-        inner = self.entered(arguments)
+        inner = entered(self.kernel, tables.frame, arguments)
         with np.errstate(invalid="ignore", over="ignore"):
             mask = slices.support_mask(tables, *inner)
         for argument in inner:  # 0 times what is not finite is not 0
@@ -64,16 +73,11 @@ class OnNumpy:
         ops, frame = self.ops, self.tables.frame
         # what lies at infinity or is not a number is so in the result; no need to warn
         with np.errstate(invalid="ignore", over="ignore"):
-            inner = self.kernel.enter(self.host, frame, *arguments)
+            inner = entered(self.kernel, frame, arguments)
             if not ops.double:
                 inner = tuple(a.astype(np.float32) for a in inner)
             sums = self.kernel.edge_sum(ops, self.tables, *inner)
             return self.kernel.leave(ops, frame, inner, sums)
-
-    def entered(self, arguments: Sequence[Array]) -> tuple[Any, ...]:
-        """The arguments in the frame, in the shapes that they have."""
-        with np.errstate(invalid="ignore", over="ignore"):
-            return self.kernel.enter(self.host, self.tables.frame, *arguments)
 
     def of_parts(
         self, shared: SharedSlice, inner: tuple[Any, ...], ends: Array, table: Array, is_real: bool
@@ -126,3 +130,142 @@ def _sum_parts(
             terms = run_of(rows[some]).term(*np.moveaxis(parts, -1, 0)[..., None])
             for total, found in zip(sums, terms, strict=True):
                 total[rows[some]] = found.sum(axis=0)
+
+
+# Shorter sides are not worth the axes' tables.
+_LEAST_SIDE = 8
+# Longer ones are tiled: the tables of a tile's axes fit into memory.
+_TILE = 512
+# What lies too near the origin is computed point by point, at 20 times the cost.
+_MOST_BELOW = 1 / 8
+# Beyond this |nu| in the frame squares overflow.
+_LARGEST = {True: 1e150, False: 1e18}
+
+PointByPoint = Callable[[Sequence[Array]], Sequence[Array]]
+"""(nu_x, nu_y) of some points -> real and imaginary part there."""
+
+
+@dataclass(frozen=True)
+class _Grid:
+    """Points (x[i], y[j]); the given arrays are indexed [i, j], or [j, i] if ``transposed``."""
+
+    x: Array
+    y: Array
+    transposed: bool
+
+
+def _grid_of(x: Array, y: Array) -> _Grid | None:
+    if x.ndim != 2 or x.shape != y.shape or min(x.shape) < _LEAST_SIDE:
+        return None
+    if _is_grid(x, y):
+        return _Grid(_axis(x[:, 0]), _axis(y[0]), transposed=False)
+    if _is_grid(x.T, y.T):
+        return _Grid(_axis(x[0]), _axis(y[:, 0]), transposed=True)
+    return None
+
+
+def _axis(values: Array) -> Array:
+    """An axis by itself, in the precision in which arguments enter a frame."""
+    return np.array(values, np.float64)
+
+
+def _is_grid(x: Array, y: Array) -> bool:
+    """Whether x does not change along the second axis nor y along the first; not so for NaN."""
+    if x[0, 0] != x[0, -1] or y[0, 0] != y[-1, 0]:  # most arrays are done with here
+        return False
+    return bool((x == x[:, :1]).all() and (y == y[:1]).all())
+
+
+@dataclass(frozen=True)
+class GridPlan:
+    """A Fourier transform on a grid, to be computed from its axes."""
+
+    tables: GridTables
+    grid: _Grid
+    double: bool
+
+    @property
+    def families(self) -> int:
+        """Families of edges that are equal up to a translation; all along the axes are one."""
+        return len(self.tables.oblique) + bool(self.tables.straight)
+
+    def keeps_digits(self) -> bool:
+        """Whether most points lie far enough from the origin, and none too far."""
+        below = 1.0
+        for scale, nu in zip(self.tables.scales, (self.grid.x, self.grid.y), strict=True):
+            if not np.abs(nu).max() * scale < _LARGEST[self.double]:
+                return False
+            below *= float(np.mean(np.abs(nu * scale) < self.tables.floor(self.double)))
+        return below < _MOST_BELOW
+
+    def fill(self, results: Sequence[Array], point_by_point: PointByPoint) -> None:
+        """Write real and imaginary part to two arrays.
+
+        The few points near the origin that the grid's formula is not for go to ``point_by_point``.
+        """
+        targets = [result.T if self.grid.transposed else result for result in results]
+        for i in range(0, len(self.grid.x), _TILE):
+            for j in range(0, len(self.grid.y), _TILE):
+                nu = self.grid.x[i : i + _TILE], self.grid.y[j : j + _TILE]
+                for target, part in zip(targets, self._tile(nu, point_by_point), strict=True):
+                    target[i : i + _TILE, j : j + _TILE] = part
+
+    def _tile(self, nu: tuple[Array, Array], point_by_point: PointByPoint) -> tuple[Array, ...]:
+        ops = NumpyOperations(double=True)
+        with np.errstate(invalid="ignore", divide="ignore"):  # of points that are then replaced
+            *parts, below = fourier_on_grid(ops, self.tables, *nu, self.double)
+        if below.any():
+            i, j = np.nonzero(below)
+            for part, values in zip(parts, point_by_point((nu[0][i], nu[1][j])), strict=True):
+                part[i, j] = values
+        return tuple(parts)
+
+
+def plan_for_grid(
+    kernel: Kernel, source: Any, components: Sequence[Array], double: bool
+) -> GridPlan | None:
+    """Plan to compute a kernel from the axes of a grid; None where that cannot be done."""
+    if not isinstance(kernel.edge_sum, OutlineSum):
+        return None
+    grid = _grid_of(*components)
+    tables = None if grid is None else kernel.edge_sum.on_grid(source)
+    if grid is None or tables is None:
+        return None
+    plan = GridPlan(tables, grid, double)
+    return plan if plan.keeps_digits() else None
+
+
+def evaluate_on_grid(
+    kernel: Kernel,
+    source: Any,
+    components: Sequence[Array],
+    point_by_point: PointByPoint,
+    *,
+    double: bool,
+    engine: str,
+    into: Sequence[Array] | None = None,
+) -> tuple[Array, ...] | None:
+    """The results on a grid, or None where that is no grid, or not the best way.
+
+    ``into``: arrays for them.
+    """
+    if engine not in ("auto", "numpy"):
+        return None
+    plan = plan_for_grid(kernel, source, components, double)
+    if plan is None:
+        return None
+    request = request_for(
+        kernel,
+        plan.tables,
+        components[-1].size,
+        double=double,
+        engine=engine,
+        families=plan.families,
+    )
+    if planned(request).way.name != GRID:
+        return None
+    dtype = np.float64 if double else np.float32
+    shape = components[-1].shape
+    results = tuple(into or (np.empty(shape, dtype) for _ in range(2)))
+    plan.fill(results, point_by_point)
+    return results

@@ -35,9 +35,7 @@ def is_drjit(value: Any) -> bool:
 
 
 def is_tensor(value: Any) -> bool:
-    import drjit
-
-    return is_drjit(value) and drjit.is_tensor_v(value)
+    return is_drjit(value) and bool(sys.modules["drjit"].is_tensor_v(value))
 
 
 def has_gradient(value: Any) -> bool:
@@ -469,30 +467,26 @@ def complex_numbers(name: str, value: Any) -> Parameter:
 
 
 def _parameter(value: Any, expected: str, is_complex: bool) -> Parameter:
-    if not is_drjit(value) or not sys.modules["drjit"].is_jit_v(value):
-        raise ArgumentError(
-            f"{expected}, of the LLVM or CUDA backend, got {type(value).__name__}; for plain "
-            "numbers build the source from them"
-        )
     import drjit
 
-    if not drjit.is_float_v(value) or drjit.itemsize_v(drjit.leaf_t(value)) < 4:
-        raise ArgumentError(f"{expected} of 32 or 64 bit floats, got {type(value).__name__}")
-    if is_tensor(value) and is_complex and value.ndim == 1:
-        value = value.array
-    if is_tensor(value):
-        if value.ndim != 2 or value.shape[1] != 2:
-            raise ArgumentError(f"{expected}, got a tensor of shape {tuple(value.shape)}")
-        return Parameter(*_parts(value))
-    if is_complex and drjit.depth_v(value) == 1:
-        return Parameter(value, drjit.zeros(type(value), drjit.width(value)))
-    if (
-        drjit.depth_v(value) != 2
-        or len(value) != 2
-        or bool(drjit.is_complex_v(value)) != is_complex
-    ):
-        raise ArgumentError(f"{expected}, got {type(value).__name__}")
-    return Parameter(*widened((value[0], value[1])))
+    got = type(value).__name__
+    if is_drjit(value) and drjit.is_jit_v(value) and drjit.is_float_v(value):
+        if is_tensor(value) and is_complex and value.ndim == 1:
+            value = value.array
+        if drjit.itemsize_v(drjit.leaf_t(value)) < 4:
+            got += " of 16 bit"
+        elif is_tensor(value):
+            got = f"a tensor of shape {tuple(value.shape)}"
+            if value.ndim == 2 and value.shape[1] == 2:
+                return Parameter(*_parts(value))
+        elif is_complex and drjit.depth_v(value) == 1:
+            return Parameter(value, drjit.zeros(type(value), drjit.width(value)))
+        elif drjit.depth_v(value) == len(value) == 2 and drjit.is_complex_v(value) == is_complex:
+            return Parameter(*widened((value[0], value[1])))
+    raise ArgumentError(
+        f"{expected}, floats of the LLVM or CUDA backend, got {got}; build sources from plain "
+        "numbers, or convert them"
+    )
 
 
 def widened(arrays: Sequence[Any]) -> tuple[Any, ...]:

@@ -39,7 +39,7 @@ from polywigner.mitsuba.sources import SourceSpec, plane_waves_of
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.phases import cos_sin_turns
-from polywigner.plans.cuts import sums_over_points
+from polywigner.plans import sums_over_points
 from polywigner.propagation.boundary import Radiator, boundary_tables, panels_in, radiator_of
 from polywigner.propagation.shadows import equivalent_grid
 from polywigner.transforms import fourier

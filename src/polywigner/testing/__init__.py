@@ -19,9 +19,9 @@ nothing. They need nothing but the package itself and take about a second (more 
         polywigner.testing.assert_wigner_identities(polywigner.read_aperture("antenna.geojson"))
 """
 
-from polywigner.testing.arrays import assert_array_identities
 from polywigner.testing.stability import assert_fourier_stable
 from polywigner.testing.wigner import (
+    assert_array_identities,
     assert_marginals,
     assert_otf_properties,
     assert_wigner_identities,

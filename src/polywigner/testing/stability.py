@@ -14,15 +14,17 @@ from numpy.typing import NDArray
 
 from polywigner import transforms
 from polywigner.errors import ArgumentError, GeometryError
-from polywigner.execution import checked_precision
+from polywigner.execution import Precision
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
-from polywigner.geometry.arguments import (
-    checked_count,
-    checked_generator,
-    checked_number,
+from polywigner.geometry.arguments import checked_count, checked_generator
+from polywigner.testing.cases import (
+    content_of,
+    require,
+    split_in_three,
+    tolerance_of,
+    waves_of,
 )
-from polywigner.testing.cases import Precision, corners_of, require, waves_of
-from polywigner.testing.pieces import split_in_three
+from polywigner.transforms.extremes import corners_of
 
 # Errors that the package promises, relative to the content.
 _TOLERANCE = {"double": 1e-13, "single": 2e-6}
@@ -60,7 +62,7 @@ class _Case:
 
     @property
     def content(self) -> float:
-        return _content(self.source)
+        return content_of(self.source)
 
     @property
     def allowed(self) -> float:
@@ -113,12 +115,8 @@ def assert_fourier_stable(
     simplices = _simplices_of(outline)
     count = checked_count(points, "points", 1)
     nu, decade = _frequencies(corners_of(source), count, checked_generator(seed))
-    kept = _TOLERANCE[checked_precision(precision) or "double"]
-    if tolerance is None:
-        tolerance = kept
-        if isinstance(source, Polyhedron):
-            tolerance *= max(1.0, _cancellation(simplices) / 10)
-    tolerance = checked_number(tolerance, "tolerance", "a number")
+    factor = _cancellation(simplices) / 10 if isinstance(source, Polyhedron) else 1.0
+    tolerance = tolerance_of(tolerance, _TOLERANCE, precision, factor)
     case = _Case(outline, nu, decade, {"precision": precision, "engine": engine}, tolerance)
     _is_bounded_and_hermitian(case)
     _has_its_limit_at_small_frequencies(case, simplices)
@@ -151,12 +149,6 @@ def _is_the_sum_over_waves(case: _Case, source: Any) -> None:
         allowed = waves.strength * (case.allowed + 8 * np.pi * turns * case.content)
         got = transforms.fourier(source, nu, **case.keywords)
         require("F is the sum over waves", got, shifted @ waves.amplitudes, allowed, {"nu": nu})
-
-
-def _content(source: Any) -> float:
-    if isinstance(source, Slits):
-        return source.length
-    return float(source.volume if isinstance(source, Polyhedron) else source.area)
 
 
 def _cancellation(simplices: list[_Simplex]) -> float:
@@ -249,7 +241,7 @@ def _is_the_sum_over_parts(case: _Case, simplices: list[_Simplex]) -> None:
         parts, left_out = [(1.0, piece) for piece in _pieces(case.source)], 0.0
     numpy = {**case.keywords, "engine": "numpy"}
     total = sum(sign * transforms.fourier(part, case.nu, **numpy) for sign, part in parts)
-    covered = sum(_content(part) for _, part in parts) / case.content
+    covered = sum(content_of(part) for _, part in parts) / case.content
     allowed = case.allowed * max(1.0, covered) + left_out
     require("F is the sum over parts", case.transform(), total, allowed, {"nu": case.nu})
 
@@ -288,7 +280,7 @@ def _has_only_another_phase_far_away(case: _Case) -> None:
     phase = np.array([_phase_of(nu, shift.tolist()) for nu in case.nu.tolist()])
     expected = phase * transforms.fourier(near, case.nu, **case.keywords)
     got = transforms.fourier(far, case.nu, **case.keywords)
-    allowed = case.tolerance * max(_content(near), case.content)
+    allowed = case.tolerance * max(content_of(near), case.content)
     law = "F of the source a thousand diameters away"
     require(law, got, expected, allowed, {"nu": case.nu, "shift": shift})
 

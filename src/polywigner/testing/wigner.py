@@ -1,30 +1,31 @@
-"""Laws of phase space and of imaging: W, A, F, the marginals and the OTF of any field."""
+"""Laws of phase space and of imaging: W, A, F, the marginals and the OTF of fields and arrays."""
 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import shapely
 
 from polywigner import transforms
+from polywigner.execution import Precision
 from polywigner.geometry import Aperture, Slits
+from polywigner.illumination import Array as Elements
+from polywigner.illumination import phased_array
 from polywigner.testing.cases import (
     Case,
-    Precision,
-    ambiguity_is_hermitian_and_bounded,
+    ambiguity_by_pairs,
+    array_case_of,
     box_of,
     case_of,
-    require,
-    values_at_zero,
-    wigner_is_real_and_bounded,
-)
-from polywigner.testing.pieces import (
-    ambiguity_by_pairs,
+    content_of,
     moved,
+    require,
     split_in_three,
     wigner_by_pairs,
 )
+from polywigner.transforms.extremes import corners_of
 
 # Rank-1 lattice sums of continuous functions with kinks, at 10^4 points, relative to content^2:
 # at most 1e-4 on triangles, stars, rings and combs.
@@ -103,9 +104,42 @@ def assert_marginals(
         check(case)
 
 
-def _wigner_is_real_bounded_and_mirrored(case: Case) -> None:
+def _wigner_is_real_and_bounded(case: Case) -> Any:
+    """Check W, and return it at the case's places."""
+    value = case.evaluate("wigner", case.x, case.nu)
+    if np.iscomplexobj(value):
+        raise AssertionError(f"W is real: expected a real array, got {value.dtype}")
+    bound = 2**case.dimension * case.energy
+    allowed = case.allowed * (2**case.dimension if case.is_array else 1)
+    law = f"|W| <= {2**case.dimension} times int |u|^2"
     here = {"x": case.x, "nu": case.nu}
-    value = wigner_is_real_and_bounded(case, case.allowed)
+    require(law, value, np.clip(value, -bound, bound), allowed, here)
+    return value
+
+
+def _ambiguity_is_hermitian_and_bounded(case: Case) -> None:
+    here = {"upsilon": case.upsilon, "xi": case.xi}
+    value = case.evaluate("ambiguity", case.upsilon, case.xi)
+    mirrored = case.evaluate("ambiguity", -case.upsilon, -case.xi)
+    require("A(-upsilon, -xi) = conj A(upsilon, xi)", mirrored, value.conj(), case.allowed, here)
+    size = np.abs(value)
+    require("|A| <= A(0, 0)", size, np.minimum(size, case.energy), case.allowed, here)
+
+
+def _values_at_zero_are_marginals(case: Case) -> None:
+    zero = np.zeros(case.dimension)
+    by_position = case.evaluate("position_marginal", case.x)
+    at_zero = case.evaluate("wigner", case.x, zero)
+    allowed = case.allowed * (4 if case.is_array else 1)
+    require("W(x, 0) = R_x(x)", at_zero, by_position, allowed, {"x": case.x})
+    by_lag = case.evaluate("lag_marginal", case.xi)
+    at_zero = case.evaluate("ambiguity", zero, case.xi)
+    require("A(0, xi) = R_xi(xi)", at_zero, by_lag, case.allowed, {"xi": case.xi})
+
+
+def _wigner_is_mirrored(case: Case) -> None:
+    here = {"x": case.x, "nu": case.nu}
+    value = _wigner_is_real_and_bounded(case)
     conjugate = case.source
     law = "W(x, -nu) = W(x, nu) for a real field"
     if not case.waves.uniform:
@@ -115,8 +149,7 @@ def _wigner_is_real_bounded_and_mirrored(case: Case) -> None:
     require(law, mirrored, value, case.allowed, here)
 
 
-def _ambiguity_is_hermitian_and_bounded(case: Case) -> None:
-    ambiguity_is_hermitian_and_bounded(case)
+def _ambiguity_at_zero_is_the_energy(case: Case) -> None:
     zero = np.zeros((1, case.dimension))
     at_zero = case.evaluate("ambiguity", zero, zero)
     places = {"upsilon": zero, "xi": zero}
@@ -133,8 +166,7 @@ def _fourier_is_the_sum_over_waves(case: Case) -> None:
     require(law, case.evaluate("fourier", case.nu), by_wave, allowed, {"nu": case.nu})
 
 
-def _marginals_are_the_values_at_zero(case: Case) -> None:
-    values_at_zero(case, case.allowed)
+def _ambiguity_without_lag_is_the_spectrum_of_the_intensity(case: Case) -> None:
     at_zero = case.evaluate("ambiguity", case.upsilon, np.zeros(case.dimension))
     transform = case.intensity_spectrum(case.upsilon)
     law = "A(upsilon, 0) = F(upsilon)" + ("" if case.waves.uniform else " of |u|^2")
@@ -222,16 +254,19 @@ def _wigner_integrates_over_frequencies_to_the_intensity(case: Case) -> None:
 
 
 def _slices_found_otherwise_have_the_same_transforms(case: Case) -> None:
-    """By pairs of waves on the slices of the outline, cut one by one."""
-    x, xi = case.x[:_SLICES], case.xi[:_SLICES]
-    nu, upsilon = case.nu[:_SLICES], case.upsilon[:_SLICES]
-    allowed = case.allowed + 4 * case.rounding * case.waves.strength**2 + case.turned
+    """By pairs of elements, and of their waves, on slices that are cut one by one."""
+    allowed = 8 * case.allowed
+    if not case.is_array:
+        allowed = case.allowed + 4 * case.rounding * case.waves.strength**2 + case.turned
+    x, nu = case.x[: case.few], case.nu[: case.few]
     by_lag = [wigner_by_pairs(case, *place) for place in zip(x, nu, strict=True)]
     got = case.evaluate("wigner", x, nu)
-    require("W(x, nu) = F(nu) of the lag slice", got, by_lag, allowed, {"x": x, "nu": nu})
+    law = "W(x, nu) = F(nu) of the lag slice, by pairs"
+    require(law, got, by_lag, allowed, {"x": x, "nu": nu})
+    upsilon, xi = case.upsilon[: case.few], case.xi[: case.few]
     by_position = [ambiguity_by_pairs(case, *place) for place in zip(upsilon, xi, strict=True)]
     got = case.evaluate("ambiguity", upsilon, xi)
-    law = "A(upsilon, xi) = F(upsilon) of the position slice"
+    law = "A(upsilon, xi) = F(upsilon) of the position slice, by pairs"
     require(law, got, by_position, allowed, {"upsilon": upsilon, "xi": xi})
 
 
@@ -283,12 +318,14 @@ def _cutting_into_pieces_changes_nothing(case: Case) -> None:
 
 
 _POINTWISE = (
-    _wigner_is_real_bounded_and_mirrored,
+    _wigner_is_mirrored,
     _ambiguity_is_hermitian_and_bounded,
+    _ambiguity_at_zero_is_the_energy,
     _fourier_is_the_sum_over_waves,
 )
 _MARGINALS = (
-    _marginals_are_the_values_at_zero,
+    _values_at_zero_are_marginals,
+    _ambiguity_without_lag_is_the_spectrum_of_the_intensity,
     _integrals_are_the_other_marginals,
     _wigner_integrates_over_frequencies_to_the_intensity,
 )
@@ -355,3 +392,109 @@ def assert_otf_properties(
         beyond = xi * (1.001 * source.diameter / np.linalg.norm(xi, axis=1, keepdims=True))
         value = transforms.otf(source, beyond, waves, **case.keywords)
         require(f"{name}: zero beyond the cut-off", value, 0.0, allowed, {"xi": beyond})
+
+
+def assert_array_identities(
+    array: Elements,
+    *,
+    points: int = 200,
+    seed: int = 0,
+    precision: Precision = None,
+    engine: str = "auto",
+    tolerance: float | None = None,
+) -> None:
+    """Raise an AssertionError unless the transforms of an array obey the laws they must obey.
+
+    F is the weighted sum over elements. W is real and bounded by 2^d int |u|^2, A Hermitian and
+    bounded by A(0, 0) = int |u|^2; W(x, 0) and A(0, xi) are the marginals. W and A are quadratic
+    forms in the field: of two halves of the array, drawn at random, those of the sum and of the
+    difference add up to twice those of the halves; and they are the sums over pairs of elements and
+    of their waves, on slices that are cut pair by pair. A common phase of all weights, and moving
+    the whole, change nothing but coordinates.
+
+    Parameters
+    ----------
+    array: of Slits, or of apertures in the plane z = 0, each with a field of its own or none.
+    points: number of random places, at which some pair of elements is seen.
+    seed: of the random places.
+    precision, engine: as for the transforms.
+    tolerance: relative to what int |u|^2 would be if all fields were in phase; by default 1e-12 in
+        double and 5e-6 in single precision, and more for elements that are slivers, as for
+        :func:`assert_wigner_identities`, and for those so far from the origin, in their own sizes
+        or in wavelengths, that rounding of their positions is felt.
+
+    Raises
+    ------
+    AssertionError: names the first law that does not hold, where, and the two values.
+    ArgumentError: for anything but an Array; GeometryError for elements that are not in the plane.
+    """
+    case = array_case_of(array, points, seed, precision, engine, tolerance)
+    for check in _ARRAY_LAWS:
+        check(case)
+
+
+def _fourier_is_the_weighted_sum(case: Case) -> None:
+    terms = [transforms.fourier(element, case.nu, **case.otherwise) for element in case.elements]
+    bound = float(
+        sum(s * content_of(e) for s, e in zip(case.strengths, case.elements, strict=True))
+    )
+    allowed = case.tolerance * bound + case.allowed / float(case.strengths.max())
+    got = case.evaluate("fourier", case.nu)
+    law = "F is the weighted sum over elements"
+    require(law, got, case.weights @ np.stack(terms), allowed, {"nu": case.nu})
+
+
+def _halves_obey_the_parallelogram_law(case: Case) -> None:
+    """Weights of halves drawn at random are no product and no lattice: another way to sum."""
+    if len(case.source) < 2:
+        return
+    rng = np.random.default_rng(len(case.source))
+    first = rng.permutation(len(case.source)) < len(case.source) // 2
+    elements, weights = case.elements, case.weights
+
+    def half(chosen: np.ndarray) -> Elements | None:
+        kept = [e for e, keep in zip(elements, chosen.tolist(), strict=True) if keep]
+        return Elements(kept, weights[chosen]) if weights[chosen].any() else None
+
+    halves = [found for found in (half(first), half(~first)) if found is not None]
+    difference = Elements(elements, np.where(first, weights, -weights))
+    for name, transform, places in (
+        ("W", transforms.wigner, {"x": case.x, "nu": case.nu}),
+        ("A", transforms.ambiguity, {"upsilon": case.upsilon, "xi": case.xi}),
+    ):
+        few = {key: values[: case.few] for key, values in places.items()}
+        both = case.evaluate(transform.__name__, *few.values())
+        both = both + transform(difference, *few.values(), **case.otherwise)
+        parts = sum(2 * transform(part, *few.values(), **case.otherwise) for part in halves)
+        law = f"{name} of the sum and that of the difference of halves: twice those of both"
+        require(law, both, parts, 16 * case.allowed, few)
+
+
+def _common_phases_and_shifts_only_change_coordinates(case: Case) -> None:
+    corners = np.concatenate([corners_of(element) for element in case.elements])
+    shift = np.array([0.37, -0.19])[: case.dimension] * float(np.ptp(corners, axis=0).max())
+    if case.source.repeated is None:
+        moved = Elements([e.moved(shift) for e in case.elements], 1j * case.weights)
+    else:
+        element, positions = case.source.repeated
+        moved = phased_array(element, positions + shift, 1j * case.weights)
+    got = transforms.wigner(moved, case.x + shift, case.nu, **case.keywords)
+    law = "W of the array shifted, all of it in another phase"
+    places = {"x": case.x, "nu": case.nu}
+    require(law, got, case.evaluate("wigner", case.x, case.nu), 16 * case.allowed, places)
+    got = transforms.ambiguity(moved, case.upsilon, case.xi, **case.keywords)
+    turned = np.exp(-2j * np.pi * case.upsilon @ shift)
+    expected = turned * case.evaluate("ambiguity", case.upsilon, case.xi)
+    law = "A of the array shifted, all of it in another phase"
+    require(law, got, expected, 4 * case.allowed, {"upsilon": case.upsilon, "xi": case.xi})
+
+
+_ARRAY_LAWS = (
+    _fourier_is_the_weighted_sum,
+    _wigner_is_real_and_bounded,
+    _ambiguity_is_hermitian_and_bounded,
+    _values_at_zero_are_marginals,
+    _halves_obey_the_parallelogram_law,
+    _common_phases_and_shifts_only_change_coordinates,
+    _slices_found_otherwise_have_the_same_transforms,
+)

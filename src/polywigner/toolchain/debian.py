@@ -71,14 +71,17 @@ def install(wanted: Sequence[Sequence[str]]) -> list[str]:
     PackageError when a thing cannot be had.
     """
     options = ["-o", "DPkg::Lock::Timeout=300"]  # another apt-get may be at work
-    try:
+
+    def by_present_lists() -> list[str]:
         names = _choose(wanted, ())
         _run("apt-get", [*options, "install", "-y", "--no-install-recommends", *names])
+        return names
+
+    try:
+        return by_present_lists()
     except PackageError:  # the lists are empty, or so old that their packages are gone
         _run("apt-get", [*options, "update"])
-        names = _choose(wanted, ())
-        _run("apt-get", [*options, "install", "-y", "--no-install-recommends", *names])
-    return names
+        return by_present_lists()
 
 
 def unpack(wanted: Sequence[Sequence[str]], folder: Path) -> list[str]:
@@ -165,16 +168,13 @@ def _extract(archive: Path, folder: Path, name: str) -> None:
     with tarfile.open(archive) as members:
         for member in members:
             target = top / member.name
-            parts = Path(member.name).parts
-            if not parts:  # the folder itself
+            if target == top:
                 continue
             size += member.size
-            if member.name.startswith("/") or ".." in parts or size > _MOST_BYTES:
+            if member.name.startswith("/") or size > _MOST_BYTES:
                 raise PackageError(f"{name} has {member.name!r}, out of place or too large")
             if not target.parent.resolve().is_relative_to(top):
-                raise PackageError(
-                    f"{name} has {member.name!r}, behind a link that leads elsewhere"
-                )
+                raise PackageError(f"{name} has {member.name!r}, which leads elsewhere")
             if member.isdir():
                 target.mkdir(parents=True, exist_ok=True)
                 continue
@@ -231,11 +231,8 @@ def _run(
     except (OSError, subprocess.TimeoutExpired) as error:
         raise PackageError(f"`{tool}` could not be run ({error})") from None
     if check and done.returncode != 0:
-        words = [
-            word
-            for word in arguments
-            if word in ("install", "update", "download", "--fsys-tarfile")
-        ]
+        known = ("install", "update", "download", "--fsys-tarfile")
+        words = [word for word in arguments if word in known]
         complaints = re.findall(r"^E: (.*)$", done.stderr, flags=re.MULTILINE)
         told = complaints[-1] if complaints else (done.stderr.strip().splitlines() or ["?"])[-1]
         raise PackageError(f"`{' '.join([tool, *words])}` failed: {told}")

@@ -18,19 +18,22 @@ from pathlib import Path
 from typing import Any
 
 from polywigner.errors import EngineError
-from polywigner.toolchain.llvm_discovery import (
+from polywigner.toolchain.trials import (
     LIBATOMIC,
     LIBRARY_VARIABLE,
     NONE_USABLE,
     OFF_VARIABLE,
     OPENING_ORDER,
     Candidate,
+    Verdict,
     candidates,
+    drjit_imports,
+    drjit_release,
+    judge,
     native_folders,
     native_libatomic,
     remedy,
 )
-from polywigner.toolchain.trials import Verdict, drjit_imports, drjit_release, judge
 
 
 @dataclass(frozen=True)
@@ -157,7 +160,7 @@ def _find() -> LLVMStatus:
         return LLVMStatus(
             False,
             problem=f"Dr.Jit cannot be imported: {complaint}.",
-            remedy=_libatomic_remedy(),
+            remedy="Run `polywigner doctor --install-llvm` (it brings libatomic1 too).",
             drjit_imports=False,
         )
     if _switched_off():
@@ -252,10 +255,6 @@ def _open_libatomic() -> str | None:
     _open_all(native_libatomic())
     # Wheels for other processors may do without it, so only a failing import counts.
     return None if _opens(LIBATOMIC) else drjit_imports()
-
-
-def _libatomic_remedy() -> str:
-    return "Run `polywigner doctor --install-llvm` (it brings libatomic1 too)."
 
 
 def _opens(library: str) -> bool:

@@ -17,15 +17,15 @@ from polywigner.errors import EngineError
 from polywigner.interruption import is_running, temporary_folder
 from polywigner.toolchain import debian
 from polywigner.toolchain.llvm import LLVMStatus, prepare
-from polywigner.toolchain.llvm_discovery import (
+from polywigner.toolchain.trials import (
     OFF_VARIABLE,
     OPENING_ORDER,
     Candidate,
+    judge,
     native_folders,
     remedy,
     version_of_name,
 )
-from polywigner.toolchain.trials import judge
 
 _LIBATOMIC = ["libatomic1"]
 # 19 first: the one the tests are run with. Ubuntu renamed some for its 64-bit time.

@@ -1,21 +1,25 @@
-"""LLVM libraries and GPUs are tried out in child processes: is this one usable?
+"""LLVM libraries and GPUs: where they are, how to get one, and whether it is usable.
 
-A bad library, or driver, does not raise: it ends the process. So nothing is believed of it until a
-child process has compiled and run a few kernels. The verdict on a library is kept in the user's
-cache folder under a key that changes with the library, with Dr.Jit and with the machine.
+Dr.Jit brings no LLVM of its own: it opens a shared library of the system at import. A bad library,
+or driver, does not raise: it ends the process. So nothing is believed of it until a child process
+has compiled and run a few kernels. The verdict on a library is kept in the user's cache folder
+under a key that changes with the library, with Dr.Jit and with the machine.
 """
 
 from __future__ import annotations
 
 import contextlib
 import ctypes
+import glob
 import hashlib
 import importlib.util
 import json
 import os
 import platform
+import re
 import shutil
 import signal
+import site
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -25,12 +29,162 @@ from typing import Any
 
 from polywigner.apart import ChildError, run_apart
 from polywigner.interruption import atomic_path, temporary_folder
-from polywigner.toolchain.llvm_discovery import (
-    LIBRARY_VARIABLE,
-    OLDEST_VERSION,
-    Candidate,
-    native_libatomic,
+
+LIBRARY_VARIABLE = "DRJIT_LIBLLVM_PATH"
+"""The variable in which Dr.Jit looks for the library's path, once, when it is first imported."""
+
+OFF_VARIABLE = "POLYWIGNER_NO_LLVM"
+"""Set to 1, this makes polywigner act as on a machine without LLVM."""
+
+NONE_USABLE = "/no usable LLVM library; see `polywigner doctor`"
+"""Given to Dr.Jit as the path when no library is usable.
+
+Left to itself Dr.Jit would open whatever libLLVM lies in the system's folders, a bad one too, and
+its first kernel would end the process. It prints this text when it cannot open the "file".
+"""
+
+OLDEST_VERSION = (17,)
+"""Older libraries are refused by name: 15.0.6 and 16.0.6 end the process when they compile a
+minimum or a maximum ("Cannot select: fminimum"), and 14 lacks opaque pointers."""
+
+LIBATOMIC = "libatomic.so.1"
+"""Dr.Jit's Linux wheels need it, and bare Debian lacks it: then ``import drjit`` dies with a
+``NameError`` that names neither."""
+
+OPENING_ORDER = "order.txt"
+"""A file in a native folder that lists an unpacked LLVM's dependencies, one name per line."""
+
+_LINUX_FOLDERS = (
+    "/usr/lib/*-linux-gnu*",  # Debian's multiarch folders
+    "/usr/lib/llvm-*/lib",
+    "/usr/lib64",
+    "/usr/lib64/llvm*/lib*",
+    "/usr/lib",
+    "/usr/local/lib",
 )
+_MACOS_FOLDERS = (
+    "/opt/homebrew/opt/llvm*/lib",
+    "/usr/local/opt/llvm*/lib",
+    "/opt/local/libexec/llvm-*/lib",  # MacPorts
+)
+_WINDOWS_FOLDERS = (r"C:\Program Files\LLVM\bin", r"C:\Program Files (x86)\LLVM\bin")
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A file that may be a usable LLVM library."""
+
+    path: str
+    origin: str
+    """``"variable"`` (named by DRJIT_LIBLLVM_PATH), ``"environment"`` or ``"system"``."""
+    version: tuple[int, ...] | None
+    """As far as the file's name tells."""
+
+
+def candidates() -> list[Candidate]:
+    """Every candidate, best first: the variable's, the environment's, the system's newest first."""
+    found: dict[str, Candidate] = {}
+    named = os.environ.get(LIBRARY_VARIABLE, "")
+    if named and named != NONE_USABLE:
+        # a link to a system library perhaps: one candidate per file
+        own = Candidate(named, "variable", version_of_name(named))
+        found[os.path.realpath(named)] = own
+    library_folder = r"Library\bin" if sys.platform == "win32" else "lib"
+    environment = [*native_folders(), Path(sys.prefix) / library_folder]
+    for origin, paths in (
+        ("environment", [p for folder in environment for p in _libraries_in(str(folder))]),
+        ("system", _system_libraries()),
+    ):
+        group = [Candidate(path, origin, version_of_name(path)) for path in paths]
+        for candidate in sorted(group, key=lambda c: c.version or (), reverse=True):
+            found.setdefault(os.path.realpath(candidate.path), candidate)
+    return list(found.values())
+
+
+def native_folders() -> list[Path]:
+    """The folders that ``polywigner doctor --install-llvm`` fills, the environment's first."""
+    folders = [Path(sys.prefix) / "lib" / "polywigner" / "native"]
+    if sys.prefix == sys.base_prefix:  # outside a virtual environment: the user's own folder
+        base = getattr(site, "getuserbase", lambda: None)()
+        folders += [Path(base) / "lib" / "polywigner" / "native"] if base else []
+    return folders
+
+
+def native_libatomic() -> list[str]:
+    """The unpacked libatomic, if there is one."""
+    files = (folder / LIBATOMIC for folder in native_folders())
+    return [str(file) for file in files if file.is_file()][:1]
+
+
+def version_of_name(path: str) -> tuple[int, ...] | None:
+    """The version that a library's file name, its link's target or its folder states.
+
+    ``libLLVM-15.so.1`` is version 15 (the last figure counts ABI revisions), ``libLLVM.so.19.1``
+    is 19.1, ``/usr/lib/llvm-18/lib/libLLVM.so.1`` is 18 (the file name tells nothing).
+    """
+    real = Path(os.path.realpath(path))
+    for name in (real.name, Path(path).name):
+        match = re.match(r"libLLVM-(\d+(?:\.\d+)*)", name) or re.match(
+            r"libLLVM\.(?:so\.)?(\d\d+(?:\.\d+)*)", name
+        )
+        if match:
+            return tuple(int(figure) for figure in match.group(1).split("."))
+    folder = re.search(r"llvm[-@](\d+)", f"{real.parent} {Path(path).parent}")
+    return (int(folder.group(1)),) if folder else None
+
+
+def remedy() -> str:
+    """One sentence: the command that brings a usable LLVM library to this machine."""
+    if sys.platform == "darwin":
+        return "Run `brew install llvm` to install one."
+    if sys.platform == "win32":
+        return f"Run `winget install LLVM.LLVM`, or set {LIBRARY_VARIABLE} to an LLVM-C.dll."
+    if shutil.which("apt-get"):
+        return "Run `polywigner doctor --install-llvm` to install one."
+    oldest = OLDEST_VERSION[0]
+    for tool, command in (
+        ("dnf", "sudo dnf install llvm-libs"),
+        ("pacman", "sudo pacman -S llvm-libs"),
+        ("zypper", "sudo zypper install libLLVM19"),
+        ("apk", "sudo apk add llvm19-libs"),
+        ("conda", "conda install -c conda-forge libllvm19"),
+    ):
+        if shutil.which(tool):
+            return f"Run `{command}` to install one, or set {LIBRARY_VARIABLE} to a libLLVM.so."
+    return f"Install LLVM {oldest} or newer, or set {LIBRARY_VARIABLE} to its shared library."
+
+
+def _libraries_in(folder: str) -> list[str]:
+    patterns = {"darwin": ["libLLVM*.dylib"], "win32": ["LLVM-C.dll"]}
+    names = patterns.get(sys.platform, ["libLLVM*.so", "libLLVM*.so.*"])
+    # The folder may itself be a pattern; an environment's path is taken literally.
+    base = folder if folder.startswith(_patterned_folders()) else glob.escape(folder)
+    return sorted(path for name in names for path in glob.glob(os.path.join(base, name)))  # noqa: PTH118, PTH207
+
+
+def _patterned_folders() -> tuple[str, ...]:
+    return {"darwin": _MACOS_FOLDERS, "win32": _WINDOWS_FOLDERS}.get(sys.platform, _LINUX_FOLDERS)
+
+
+def _system_libraries() -> list[str]:
+    paths = [path for folder in _patterned_folders() for path in _libraries_in(folder)]
+    if sys.platform == "win32":
+        search = os.environ.get("PATH", "").split(os.pathsep)
+        return paths + [path for folder in search if folder for path in _libraries_in(folder)]
+    return paths + _linker_cache() if sys.platform == "linux" else paths
+
+
+def _linker_cache() -> list[str]:
+    """libLLVM files that the dynamic linker knows, as from /etc/ld.so.conf.d."""
+    import subprocess  # slow to import, and not needed where a variable names the library
+
+    tool = shutil.which("ldconfig") or "/sbin/ldconfig"
+    try:
+        listing = subprocess.run([tool, "-p"], capture_output=True, text=True, timeout=10).stdout
+    except (OSError, subprocess.SubprocessError, UnicodeDecodeError):
+        return []
+    return re.findall(r"^\s*libLLVM\S*\s.*=>\s*(/.*)$", listing, flags=re.MULTILINE)
+
 
 _SECONDS = 20.0
 """Processor seconds of a trial; wall time may be six times as long: Dr.Jit's first import from a
@@ -111,12 +265,16 @@ def judge(candidate: Candidate, preload: Sequence[str] = ()) -> Verdict:
     if os.path.isabs(candidate.path) and not os.path.exists(candidate.path):  # noqa: PTH110, PTH117
         return Verdict(False, None, "there is no such file")
     store = _store_of(candidate.path, preload)
-    known = _recall(store)
-    if known is not None:
-        return known
+    if store is not None:
+        with contextlib.suppress(OSError, ValueError, TypeError):
+            return Verdict(**json.loads(store.read_bytes()))
     verdict, lasting = _try_out(candidate.path, preload)
-    if lasting:
-        _remember(store, verdict)
+    if lasting and store is not None:
+        # A cache that cannot be written costs a second next time, nothing else.
+        with contextlib.suppress(OSError):
+            store.parent.mkdir(parents=True, exist_ok=True)
+            with atomic_path(store) as scratch:  # another process sees all of it or nothing
+                scratch.write_text(json.dumps(asdict(verdict)))
     return verdict
 
 
@@ -163,25 +321,6 @@ def _store_of(path: str, preload: Sequence[str]) -> Path | None:
     facts += [sys.implementation.cache_tag, platform.machine(), platform.node(), *preload, _KERNELS]
     digest = hashlib.sha256(json.dumps(facts).encode()).hexdigest()[:32]
     return cache_folder() / "llvm" / f"{digest}.json"
-
-
-def _recall(store: Path | None) -> Verdict | None:
-    if store is None:
-        return None
-    try:
-        return Verdict(**json.loads(store.read_bytes()))
-    except (OSError, ValueError, TypeError):
-        return None
-
-
-def _remember(store: Path | None, verdict: Verdict) -> None:
-    """Keep a verdict. A cache that cannot be written costs a second next time, nothing else."""
-    if store is None:
-        return
-    with contextlib.suppress(OSError):
-        store.parent.mkdir(parents=True, exist_ok=True)
-        with atomic_path(store) as scratch:  # another process sees all of it or nothing
-            scratch.write_text(json.dumps(asdict(verdict)))
 
 
 def _try_out(path: str, preload: Sequence[str]) -> tuple[Verdict, bool]:

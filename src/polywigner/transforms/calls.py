@@ -31,6 +31,7 @@ from polywigner.optics import FirstOrder
 from polywigner.plans import Plan
 from polywigner.transforms.arguments import (
     PhaseSpaceSource,
+    broadcast_shape,
     checked_call,
     checked_points,
     in_plane,
@@ -183,10 +184,9 @@ def explain(
             "expected one element for fourier, got an Array, of which F is a sum of several calls; "
             "explain that of an element"
         )
-    if function == "fourier":
-        arguments = (in_plane(arguments[0]),) if isinstance(source, Aperture) else arguments
-        if isinstance(source, Aperture) and is_separable(source):
-            name = "fourier of waves"
+    if function == "fourier" and isinstance(source, Aperture):
+        arguments = (in_plane(arguments[0]),)
+        name = "fourier of waves" if is_separable(source) else name
     points: Mapping[str, Any] = dict(zip(names, arguments, strict=True))
     if isinstance(source, Wavefront):
         source, name, points = _as_flat(source, function, points, precision != "single")
@@ -283,26 +283,13 @@ def _combined(dimension: int, *terms: tuple[Values, tuple[str, Any]]) -> Any:
         found, kind = execution.components_of_all([point for _, point in present], dimension)
         whole = np.concatenate([matrix for matrix, _ in present], axis=1)
         return kind.points(execution.matrix_times(whole, [c for row in found for c in row]))
-    total: Any = None
-    for matrix, (name, value) in present:
-        points = checked_points(name, value, dimension, complex_allowed=False)
-        part = _product(matrix, points)
-        try:
-            total = part if total is None else total + part
-        except ValueError:
-            raise ArgumentError(
-                "expected shapes that broadcast before the last axis, got "
-                f"{' and '.join(str(np.shape(v)) for _, (_, v) in present)}; insert axes of "
-                "length 1, as in x[:, None, :]"
-            ) from None
-    return total
-
-
-def _product(matrix: Values, points: Values) -> Values:
-    """Without the elements that are zero: grids stay grids, and infinite points are no nan."""
-    if not (matrix - np.diag(np.diag(matrix))).any():
-        return points * np.diag(matrix)
-    return points @ matrix.T
+    arrays = [checked_points(*point, dimension, complex_allowed=False) for _, point in present]
+    broadcast_shape(arrays)
+    # without the elements that are zero: grids stay grids, and infinite points are no nan
+    return sum(
+        array @ matrix.T if (matrix - np.diag(np.diag(matrix))).any() else array * np.diag(matrix)
+        for array, (matrix, _) in zip(arrays, present, strict=True)
+    )
 
 
 # --- partly coherent light

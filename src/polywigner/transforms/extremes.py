@@ -95,26 +95,26 @@ def within_reach(
 
 
 def _size(source: Any) -> float:
-    return float(np.abs(_corners_of(source)).max())
+    return float(np.abs(corners_of(source)).max())
 
 
-def _corners_of(source: Any) -> Floats:
+def corners_of(source: Any) -> Floats:
     """All vertices (n, d) of a source, ends of slits, or vertices of an Array's elements."""
     if isinstance(source, Slits):
         return source.intervals.reshape(-1, 1)
     if isinstance(source, Polyhedron):
         return source.vertices
     if isinstance(source, PlacedAperture):
-        return _corners_of(source.aperture) @ source.pose[:3, :2].T + source.pose[:3, 3]
+        return corners_of(source.aperture) @ source.pose[:3, :2].T + source.pose[:3, 3]
     if isinstance(source, Wavefront):
-        return _corners_of(source.source)
+        return corners_of(source.source)
     if isinstance(source, Aperture):
         return np.concatenate(source.rings)
     if source.repeated is not None:
         element, positions = source.repeated
-        own = _corners_of(element)
+        own = corners_of(element)
         return np.asarray(positions[:, None] + own).reshape(-1, own.shape[1])
-    corners = [_corners_of(element) for element in source.elements]
+    corners = [corners_of(element) for element in source.elements]
     widest = max(c.shape[1] for c in corners)
     return np.concatenate([np.pad(c, ((0, 0), (0, widest - c.shape[1]))) for c in corners])
 
@@ -135,7 +135,7 @@ def largest_wave_apart(source: Any, nu: Complex, evaluate: Callable[[Any, Any], 
     infinite, with the signs of its parts, where a float cannot hold the product. `evaluate`:
     (source, nu) -> F.
     """
-    corners = _corners_of(source)
+    corners = corners_of(source)
     values = np.empty(len(nu), np.complex128)
     size = np.maximum(np.abs(nu.real), np.abs(nu.imag)).max(axis=-1)
     largest = np.argmax((nu.imag / size[:, None]) @ corners.T, axis=-1)
@@ -181,10 +181,10 @@ def _moved(source: Any, corner: int) -> Any:
     """The source with one of its corners, by its number, at the origin."""
     if isinstance(source, Array) and source.repeated is not None:
         element, positions = source.repeated
-        own = _corners_of(element)
+        own = corners_of(element)
         k, m = divmod(corner, len(own))
         return phased_array(element.moved(-own[m]), positions - positions[k], source.weights)
-    origin = _corners_of(source)[corner]
+    origin = corners_of(source)[corner]
     return moved_source(source, -origin)
 
 

@@ -25,12 +25,13 @@ from polywigner.geometry.arguments import (
     checked_array,
     checked_length,
     checked_wavelength,
-    real_numbers,
     takes_frequency,
 )
 from polywigner.illumination import Array
 from polywigner.numerics.divided_differences import simplex_plane_wave
+from polywigner.transforms.arguments import broadcast_shape, checked_points
 from polywigner.transforms.pupil import checked_energy, checked_pupil_radius, checked_waves
+from polywigner.transforms.sections import edges_of
 from polywigner.transforms.spectrum import fourier
 
 Floats = NDArray[np.float64]
@@ -98,18 +99,13 @@ def transmission_cross_coefficient(
     (0.5+0j)
     """
     system = _System.of(pupil, condenser, defocus, pupil_radius)
-    first, second = (_lags(name, xi) for name, xi in (("xi_1", xi_1), ("xi_2", xi_2)))
-    try:
-        shape = np.broadcast_shapes(first.shape, second.shape)
-    except ValueError:
-        raise ArgumentError(
-            f"expected xi_1 and xi_2 that broadcast, got {first.shape} and {second.shape}"
-        ) from None
-    pairs = [np.broadcast_to(xi, shape).reshape(-1, 2) for xi in (first, second)]
+    both = [_lags(name, xi) for name, xi in (("xi_1", xi_1), ("xi_2", xi_2))]
+    shape = broadcast_shape(both)
+    pairs = [np.broadcast_to(xi, (*shape, 2)).reshape(-1, 2) for xi in both]
     _check_work(len(pairs[0]) * system.size)
     lags, number = np.unique(np.concatenate(pairs), axis=0, return_inverse=True)
     found = system.coefficients(lags, *number.reshape(2, -1))
-    return found.reshape(shape[:-1])[()]
+    return found.reshape(shape)[()]
 
 
 @takes_frequency
@@ -281,16 +277,9 @@ def _overlap(light: Any, pupil: Any, lags: Floats) -> Any:
 def _transforms(polygons: Any, frequencies: Any) -> Complex:
     """Fourier transforms (n,) of polygons (n,), each at its own frequency (n, 2): sums of (F2)."""
     nu = np.asarray(frequencies, np.float64)
-    parts, owner = shapely.get_parts(np.asarray(polygons, object), return_index=True)
-    is_area = shapely.get_dimensions(parts) == 2
-    parts, owner = shapely.orient_polygons(parts[is_area]), owner[is_area]
-    rings, part = shapely.get_rings(parts, return_index=True)
-    corners, ring = shapely.get_coordinates(rings, return_index=True)
-    edge = np.flatnonzero(ring[1:] == ring[:-1])
-    of_part = part[ring[edge]]
-    # triangles from a corner of each part: a part may be far smaller than its distance from x = 0
-    origin = corners[np.searchsorted(part[ring], of_part)]
-    of, begin, end = owner[of_part], corners[edge] - origin, corners[edge + 1] - origin
+    begin, end, of, origin = edges_of(np.asarray(polygons, object))
+    # triangles from a corner of each ring: it may be far smaller than its distance from x = 0
+    begin, end = begin - origin, end - origin
     phases = [np.einsum("ij,ij->i", nu[of], corner) for corner in (begin, end, origin)]
     cosine, sine = simplex_plane_wave(NumpyOperations(double=True), *phases[:2])
     cross = begin[:, 0] * end[:, 1] - begin[:, 1] * end[:, 0]
@@ -354,17 +343,14 @@ def _checked_amplitude(name: str, value: Any) -> complex:
 
 
 def _lags(name: str, values: Any) -> Floats:
-    try:
-        found = real_numbers(values)
-    except ValueError as error:
-        raise ArgumentError(f"expected {name} as real numbers (..., 2), got {error}") from None
-    if found.ndim == 0 or found.shape[-1] != 2 or not np.isfinite(found).all():
-        raise ArgumentError(f"expected finite {name} (..., 2) in m, got shape {found.shape}")
+    found: Floats = checked_points(name, values, 2, complex_allowed=False)
+    if not np.isfinite(found).all():
+        raise ArgumentError(f"expected finite {name} (..., 2) in m, got inf or nan")
     return found
 
 
 def _checked_lattice(period: Any) -> Floats:
-    sizes = np.atleast_1d(checked_array(period, "period", np.ndim(period) or 1))
+    sizes = checked_array(period, "period", np.ndim(period) or 1)
     lattice = np.diag(sizes) if sizes.shape == (2,) else sizes
     flat = lattice.shape != (2, 2) or not np.isfinite(lattice).all()
     if flat or not abs(np.linalg.det(lattice)) > 1e-9 * np.square(lattice).sum():

@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner import execution, kernels
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.execution import Engine, Precision
-from polywigner.geometry import Aperture, Slits
 from polywigner.geometry.arguments import (
     checked_length,
     checked_number,
@@ -21,6 +20,7 @@ from polywigner.geometry.arguments import (
 )
 from polywigner.illumination import Array
 from polywigner.transforms.arguments import PhaseSpaceSource, checked_points
+from polywigner.transforms.extremes import corners_of
 from polywigner.transforms.phase_space import ambiguity, energy_of, lag_marginal
 from polywigner.transforms.wavefronts import flat_of, is_partly_coherent
 from polywigner.transforms.xarray_arguments import takes_xarray
@@ -206,16 +206,9 @@ def checked_waves(defocus: Any) -> float:
 
 def checked_pupil_radius(source: PhaseSpaceSource, given: Any) -> float:
     """The radius given, else the largest distance of a vertex from the origin."""
-    return _pupil_radius(source) if given is None else checked_length(given, "pupil_radius")
-
-
-def _pupil_radius(source: PhaseSpaceSource) -> float:
-    flat: Any = flat_of(source)
-    if isinstance(flat, Slits):
-        return float(np.abs(flat.intervals).max())
-    if isinstance(flat, Aperture):
-        return float(np.hypot(*np.concatenate(flat.rings).T).max())
-    return max(_pupil_radius(element) for element in flat.elements_in_plane)
+    if given is None:
+        return float(np.abs(np.hypot.reduce(corners_of(source), axis=1)).max())
+    return checked_length(given, "pupil_radius")
 
 
 def checked_energy(source: PhaseSpaceSource) -> float:

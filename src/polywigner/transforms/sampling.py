@@ -129,11 +129,8 @@ def _numbers(samples: Any, columns: int, seed: Any) -> Values:
 
 def _elements(source: Any) -> list[tuple[Element, float]]:
     """Slits or apertures, and the modulus of the field on each."""
-    if isinstance(source, Array):
-        moduli: list[float] = abs(source.weights).tolist()
-        pairs = zip(source.elements_in_plane, moduli, strict=True)
-        return [(element, modulus) for element, modulus in pairs if modulus > 0]
-    return [(source, 1.0)]
+    moduli: list[float] = abs(source.weights).tolist() if isinstance(source, Array) else [1.0]
+    return [pair for pair in zip(source.elements_in_plane, moduli, strict=True) if pair[1] > 0]
 
 
 def _support(source: Any) -> Element:

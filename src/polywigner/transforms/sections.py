@@ -14,7 +14,7 @@ together.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -253,9 +253,6 @@ class Overlaps:
     """Elements ``first`` and ``second`` whose common region it is."""
 
 
-_OF_EDGES = ("row", "begin", "end", "weight", "first", "second")
-
-
 Copies = Callable[[float], Callable[[Floats], Floats]]
 """From a value to the map of points (m, 2) to one of the two images of the field."""
 
@@ -270,11 +267,7 @@ def overlaps(field: PlaneField, at: Floats, ahead: Copies, behind: Copies) -> Ov
     row, first, second = _meeting(shapely.bounds(one), shapely.bounds(other))
     pieces = shapely.intersection(one[row, first], other[row, second])
     weight = field.weights[first] * np.conj(field.weights[second])
-    rings, piece = _outlines(pieces)
-    points, ring = shapely.get_coordinates(rings, return_index=True)
-    same = ring[:-1] == ring[1:]
-    owner = piece[ring[:-1][same]]
-    begin, end = points[:-1][same], points[1:][same]
+    begin, end, owner, _ = edges_of(pieces)
     return Overlaps(len(at), row[owner], begin, end, weight[owner], first[owner], second[owner])
 
 
@@ -299,14 +292,20 @@ def _pairs(one: Floats, other: Floats) -> tuple[Indices, Indices]:
     return first, second
 
 
-def _outlines(geometries: NDArray[Any]) -> tuple[NDArray[Any], Indices]:
-    """All rings of the polygons among geometries, outer ones counter-clockwise, and whose."""
+def edges_of(geometries: Any) -> tuple[Floats, Floats, Indices, Floats]:
+    """Edges of the polygons among geometries, counter-clockwise but for holes.
+
+    Begins and ends (n, 2), numbers (n,) of the geometries, and first corners (n, 2) of the rings.
+    """
     parts, index = shapely.get_parts(geometries, return_index=True)
     inner, outer = shapely.get_parts(parts, return_index=True)
     plane = shapely.get_type_id(inner) == shapely.GeometryType.POLYGON
     polygons, owner = shapely.orient_polygons(inner[plane]), index[outer[plane]]
     rings, polygon = shapely.get_rings(polygons, return_index=True)
-    return rings, owner[polygon]
+    points, ring = shapely.get_coordinates(rings, return_index=True)
+    edge = np.flatnonzero(ring[1:] == ring[:-1])
+    own = ring[edge]
+    return points[edge], points[edge + 1], owner[polygon[own]], points[np.searchsorted(ring, own)]
 
 
 def overlap_spectra(found: Overlaps, nu: Floats, nu_y: float = 0.0) -> Complex:
@@ -419,8 +418,8 @@ def _by_pair(found: Overlaps, elements: int) -> Iterator[tuple[Overlaps, int, in
     for number in np.unique(pair).tolist():
         own = np.flatnonzero(pair == number)
         first, second = divmod(number, elements)
-        parts = {name: getattr(found, name)[own] for name in _OF_EDGES}
-        yield replace(found, **parts), first, second
+        edges = {f.name: getattr(found, f.name)[own] for f in fields(found) if f.name != "count"}
+        yield replace(found, **edges), first, second
 
 
 def _groups(shifts: Floats) -> Iterator[tuple[list[float], NDArray[np.intp]]]:

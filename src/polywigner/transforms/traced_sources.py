@@ -89,33 +89,29 @@ def differentiable(
     """
     if intervals is not None or isinstance(source, Slits):
         others = {"vertices": vertices, "weights": weights, "amplitudes": amplitudes}
-        return _of_slits(source, intervals, others)
+        return _of_slits(source, intervals, {**others, "intervals": intervals})
     if source is None and vertices is None:
         raise ArgumentError("expected a source or the vertices of a ring, got neither")
-    if source is not None and not isinstance(source, Aperture | Array):
+    is_plane = isinstance(source, Aperture | Array) and all(
+        isinstance(element, Aperture) for element in source.elements_in_plane
+    )
+    if source is not None and not is_plane:
         raise ArgumentError(
             f"expected an Aperture, an Array of apertures, or None, got {type(source).__name__}"
         )
-    if isinstance(source, Array) and not all(
-        isinstance(e, Aperture) for e in source.elements_in_plane
-    ):
-        raise ArgumentError("expected an Array of apertures, got one of Slits")
-    if isinstance(source, Array) and vertices is None and weights is None:
-        raise ArgumentError("expected vertices or weights as Dr.Jit arrays, got neither")
-    if source is not None and vertices is weights is amplitudes is None:
-        raise ArgumentError("expected vertices or amplitudes as Dr.Jit arrays, got neither")
-    corners = None if vertices is None else execution.plane_points("vertices", vertices)
-    if corners is not None:
-        source, corners = _with_vertices(source, corners)
-    assert source is not None
-    found: dict[str, Any] = {}
-    if weights is not None:
-        found["weights"] = execution.complex_numbers("weights", weights)
-        source = _with_weights(source, _complex(found["weights"]))
-    if amplitudes is not None:
-        found["amplitudes"] = execution.complex_numbers("amplitudes", amplitudes)
-        source = _with_amplitudes(source, _complex(found["amplitudes"]))
-    return Differentiable(source, corners, **found)
+    if vertices is weights is amplitudes is None:
+        raise ArgumentError("expected vertices, weights or amplitudes as Dr.Jit arrays, got none")
+    found: dict[str, Parameter] = {}
+    if vertices is not None:
+        source, found["vertices"] = _with_vertices(
+            source, execution.plane_points("vertices", vertices)
+        )
+    for name, numbers in (("weights", weights), ("amplitudes", amplitudes)):
+        if numbers is not None:
+            found[name] = execution.complex_numbers(name, numbers)
+            change = _with_weights if name == "weights" else _with_amplitudes
+            source = change(source, _complex(found[name]))
+    return Differentiable(source, **found)
 
 
 def parameters_of(source: Differentiable) -> Parameters:
@@ -127,11 +123,9 @@ def parameters_of(source: Differentiable) -> Parameters:
 
 
 def _of_slits(source: Any, intervals: Any, others: dict[str, Any]) -> Differentiable:
-    wrong = [name for name, value in others.items() if value is not None]
-    if wrong or intervals is None or not (source is None or isinstance(source, Slits)):
-        got = f"{type(source).__name__} with {' and '.join([*wrong, 'intervals'])}"
-        if intervals is None:
-            got = f"Slits with {' and '.join(wrong) or 'nothing'}"
+    given = [name for name, value in others.items() if value is not None]
+    if given != ["intervals"] or not (source is None or isinstance(source, Slits)):
+        got = f"{type(source).__name__} with {' and '.join(given) or 'nothing'}"
         raise ArgumentError(f"expected Slits with intervals as a Dr.Jit array alone, got {got}")
     ends = execution.plane_points("intervals", intervals)
     values = ends.values
@@ -222,15 +216,13 @@ def _of_rings(parts: list[list[NDArray[np.float64]]], illumination: Any) -> Aper
         raise GeometryError("expected finite vertices, got inf or nan")
     for part in parts:
         for number, ring in enumerate(part):
-            if len(ring) < 3:
-                raise GeometryError(f"expected three vertices or more, got {len(ring)}")
+            if len(ring) < 3 or signed_area(ring) == 0:
+                raise GeometryError("expected vertices around an area, got a ring without one")
             if (ring == np.roll(ring, 1, axis=0)).all(axis=1).any():
                 raise GeometryError(
                     "expected vertices that differ from their neighbours, got a repeated one; "
                     "leave it out"
                 )
-            if signed_area(ring) == 0:
-                raise GeometryError("expected vertices around an area, got a ring without one")
             if (signed_area(ring) > 0) == bool(number):
                 raise GeometryError(
                     "expected vertices that leave the outline's orientation as it is, got a ring "
@@ -241,7 +233,7 @@ def _of_rings(parts: list[list[NDArray[np.float64]]], illumination: Any) -> Aper
     return result.with_illumination(illumination)
 
 
-def _with_weights(source: Aperture | Array, weights: NDArray[np.complex128]) -> Array:
+def _with_weights(source: Aperture | Array | None, weights: NDArray[np.complex128]) -> Array:
     if not isinstance(source, Array):
         raise ArgumentError("expected weights for an Array only, got some for an Aperture")
     if source.repeated is not None:
@@ -251,7 +243,9 @@ def _with_weights(source: Aperture | Array, weights: NDArray[np.complex128]) -> 
     return Array(source.elements, weights)
 
 
-def _with_amplitudes(source: Aperture | Array, amplitudes: NDArray[np.complex128]) -> Aperture:
+def _with_amplitudes(
+    source: Aperture | Array | None, amplitudes: NDArray[np.complex128]
+) -> Aperture:
     field = source.illumination if isinstance(source, Aperture) else None
     if not isinstance(source, Aperture) or field is None:
         raise ArgumentError("expected amplitudes for an Aperture with an illumination only")

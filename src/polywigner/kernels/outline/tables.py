@@ -118,7 +118,7 @@ class Tables:
     groups: tuple[Waves, ...] = (UNIFORM,)  # the different fields on the elements, less weights
     factors: tuple[complex, ...] = (1.0,)  # of each element: its weight here over the user's
     cut: str | None = None
-    """Cut of edges, by `polywigner.plans.cuts`; None where nothing has been planned."""
+    """Cut of edges, by `polywigner.plans`; None where nothing has been planned."""
     coherence: Any = None
     """The degree of coherence of light that is partly coherent, by lags of the frame."""
     variants: dict[str, Tables] = field(default_factory=dict, repr=False)
