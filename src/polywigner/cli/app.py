@@ -1,4 +1,4 @@
-"""The commands of ``polywigner``; each imports the heavy libraries when it is called."""
+"""The commands of ``polywigner``; each checks what is cheap, then imports the heavy libraries."""
 
 from __future__ import annotations
 

@@ -92,7 +92,6 @@ def pattern(
     suffixes = format_suffixes(formats or ["csv"], _FORMATS)
     files = files_to_write(out, Path(source.source).stem + "_pattern", (".png", *suffixes))
 
-    # Everything cheap has been checked: only now the libraries that take a second to import.
     import numpy as np
 
     import polywigner as pw

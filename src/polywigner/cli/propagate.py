@@ -79,7 +79,6 @@ def propagate(
     files = targets(output_stem(out, Path(source.source).stem), (".png", *suffixes))
     fields.check_files(files)
 
-    # Everything cheap has been checked: only now the libraries that take a second to import.
     from polywigner.figures.levels import check_floor
     from polywigner.propagation.stores_checks import required
 
@@ -157,12 +156,7 @@ def _field(
 
 
 def _figure(
-    found: Any,
-    place: Place,
-    reference: str,
-    floor_db: float,
-    title: str,
-    bodies: Sequence[Any],
+    found: Any, place: Place, reference: str, floor_db: float, title: str, bodies: Sequence[Any]
 ) -> Figure:
     from polywigner.figures import draw_hemispheres, draw_lines, draw_planes
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, cast
+from typing import Annotated, Any
 
 import typer
 
@@ -69,7 +69,6 @@ def rays(
     suffixes = parts if split else [f".{kind}" for kind in kinds]
     files = files_to_write(out, Path(source.source).stem + "_rays", suffixes)
 
-    # Everything cheap has been checked: only now the libraries that take a second to import.
     import polywigner as pw
     from polywigner.propagation.stores_checks import required
     from polywigner.rays.files import write_to
@@ -77,17 +76,9 @@ def rays(
     if "nc" in kinds:
         required("h5netcdf")  # now rather than after the work
     radiator, length = source.read_with_wavelength()
-    drawn = pw.sample_rays(
-        radiator,
-        length,
-        count,
-        seed,
-        cone=angle,
-        power=watts,
-        sampling=cast(Any, sampling),
-        directions=cast(Any, directions),
-        obliquity=cast(Any, obliquity),
-    )
+    how: dict[str, Any] = {"cone": angle, "power": watts, "sampling": sampling}
+    how |= {"directions": directions, "obliquity": obliquity}
+    drawn = pw.sample_rays(radiator, length, count, seed, **how)
     with writing(files) as partials:
         if split:
             write_to(drawn, partials, files)

@@ -16,12 +16,7 @@ import typer
 from polywigner.cli import options
 from polywigner.cli.fields import format_suffixes
 from polywigner.cli.output import files_to_write, write
-from polywigner.cli.sources import (
-    Reading,
-    field_title,
-    required_wavelength,
-    wavelength_from,
-)
+from polywigner.cli.sources import Reading, field_title, required_wavelength, wavelength_from
 from polywigner.quantities import parse_angle
 
 _FORMATS = ("csv", "json", "nc")
@@ -100,7 +95,6 @@ def rcs(
     suffixes = format_suffixes(formats or ["csv"], _FORMATS)
     files = files_to_write(out, Path(body).stem + "_rcs", (".png", "_cuts.csv", *suffixes))
 
-    # Everything cheap has been checked: only now the libraries that take a second to import.
     import numpy as np
 
     import polywigner as pw

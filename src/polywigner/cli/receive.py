@@ -25,8 +25,7 @@ class ReceiveSettings:
     """Options of one run, as they are recorded; None: the scene's own."""
 
     scene: Annotated[
-        str,
-        typer.Argument(help="Mitsuba XML file with a <sensor type='wigner_receiver'> in it."),
+        str, typer.Argument(help="Mitsuba XML file with a <sensor type='wigner_receiver'> in it.")
     ]
     spp: Annotated[
         int | None, "Samples of the scattered light of each emitter (default: the scene's)."

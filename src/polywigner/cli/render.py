@@ -244,10 +244,7 @@ def _title(specs: list[Any], name: str, variant: str, samples: int) -> str:
 
 
 def _record(
-    settings: RenderSettings,
-    scene: Any,
-    radiance: npt.NDArray[Any],
-    reference: float | None,
+    settings: RenderSettings, scene: Any, radiance: npt.NDArray[Any], reference: float | None
 ) -> dict[str, Any]:
     """The content of NAME.json: the settings and figures of the picture."""
     import numpy as np
@@ -270,11 +267,7 @@ def _record(
             "smallest": float(radiance.min()),
             "fraction_not_positive": float(np.mean(~(radiance > 0))),
         },
-        "picture": {
-            "zero_db": reference,
-            "zero_db_rule": PEAK_RULE,
-            "floor_db": settings.floor_db,
-        },
+        "picture": {"zero_db": reference, "zero_db_rule": PEAK_RULE, "floor_db": settings.floor_db},
     }
 
 

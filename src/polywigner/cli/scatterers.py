@@ -19,8 +19,7 @@ _SUFFIXES = (".csv", ".vtp", ".nc")
 
 def scatterers(
     scene: Annotated[
-        str,
-        typer.Argument(help="Mitsuba XML file with a <sensor type='wigner_receiver'> in it."),
+        str, typer.Argument(help="Mitsuba XML file with a <sensor type='wigner_receiver'> in it.")
     ],
     count: Annotated[int, "Scatterers wanted."] = 20_000,
     seed: Seed = 0,

@@ -112,7 +112,6 @@ def transform(
         raise QuantityError("expected no --x and no --xi with --through; leave them out")
     files = files_to_write(out, Path(source.source).stem, (".png", ".npz"))
 
-    # Everything cheap has been checked: only now the libraries that take a second to import.
     from polywigner.figures import draw_transforms, system_slices, transform_slices
     from polywigner.figures.levels import check_floor
 

@@ -97,7 +97,6 @@ def volume(
     )
     output.check_writable(output.targets(stem, (".png", *suffixes)))
 
-    # Everything cheap has been checked: only now the libraries that take a second to import.
     import polywigner as pw
     from polywigner.figures import draw_volume
     from polywigner.figures.fields import label_of

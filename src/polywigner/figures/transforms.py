@@ -182,10 +182,7 @@ def _default_lag(aperture: pw.Aperture) -> tuple[float, float]:
 
 
 def _check_supports(
-    aperture: pw.Aperture,
-    support: pw.Aperture,
-    x: tuple[float, float],
-    xi: tuple[float, float],
+    aperture: pw.Aperture, support: pw.Aperture, x: tuple[float, float], xi: tuple[float, float]
 ) -> None:
     if not pw.lag_slice(aperture, x).area > 0:
         bounds = ", ".join(f"{b:.4g}" for b in support.bounds)
@@ -229,10 +226,7 @@ class SystemSlices:
 
 
 def system_slices(
-    source: pw.Aperture | pw.Array,
-    system: pw.FirstOrder,
-    wavelength: float,
-    samples: int = 257,
+    source: pw.Aperture | pw.Array, system: pw.FirstOrder, wavelength: float, samples: int = 257
 ) -> SystemSlices:
     """W of a source over x and nu_x before and behind a system, and the irradiance behind it.
 

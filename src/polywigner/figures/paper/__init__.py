@@ -33,9 +33,7 @@ FIGURES = {
     "projs": Subject("transforms", "projections of R, W and A", ("a", "b", "c")),
     "volrender": Subject("fields", "isosurfaces of the field of two chevrons"),
     "volrender_fdtd": Subject(
-        "fields",
-        "isosurfaces of the field of a square by FDTD and by rays",
-        ("a", "b"),
+        "fields", "isosurfaces of the field of a square by FDTD and by rays", ("a", "b")
     ),
     "compar": Subject(
         "fields", "Wigner rays beside Kirchhoff and Fraunhofer diffraction", ("a", "b")
