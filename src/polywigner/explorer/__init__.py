@@ -38,7 +38,9 @@ def start_state(
     """
     chosen: dict[str, Any] = {} if wave is None else {"wave": wave}
     same = {"um": "µm"}.get(unit, unit)
-    state = State(**chosen, unit=same) if same in UNITS else State(**chosen)
+    if same in UNITS:
+        chosen["unit"] = same
+    state = State(**chosen)
     if path is None:
         return state
     import polywigner as pw

@@ -217,7 +217,7 @@ class Rarely(logging.Filter):
             record.exc_info, record.exc_text = None, None
         else:
             text = record.getMessage()
-            text = text if len(text) <= _LONGEST else f"{text[:_LONGEST]} …"
+        text = text if len(text) <= _LONGEST else f"{text[:_LONGEST]} …"
         record.msg = f"{text} (and {left_out} more)" if left_out else text
         record.args = ()
         return True

@@ -195,7 +195,7 @@ def from_query(query: str) -> State:
 
     Raises ArgumentError for a link that is damaged, or of values that cannot be shown.
     """
-    known = {field.name: type(field.default) for field in fields(State)}
+    known: dict[str, Any] = {field.name: type(field.default) for field in fields(State)}
     values: dict[str, Any] = {}
     for name, text in parse_qsl(query.removeprefix("?"), keep_blank_values=True):
         if name not in known:

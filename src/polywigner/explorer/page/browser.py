@@ -387,7 +387,8 @@ for (const slider of sliders) {
   slider.properties.title.change.connect(name)
 }
 for (const [model, attribute, label] of pressed) {
-  const {shadow_el} = view_of(model)
+  const shadow_el = view_of(model)?.shadow_el
+  if (!shadow_el) { continue }
   if (label) { named(shadow_el.firstElementChild, "group", label) }
   const press = () => shadow_el.querySelectorAll("button").forEach((button, k) => {
     button.setAttribute(attribute, model.active === true || model.active === k)
