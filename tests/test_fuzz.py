@@ -40,7 +40,7 @@ def test_a_case_is_the_same_file_each_time():
 @pytest.mark.skipif(sys.platform == "win32", reason="limits of time and memory are Unix's")
 def test_damaged_files_are_read_or_refused_but_break_nothing(tmp_path):
     command = [sys.executable, str(FUZZ), "--count", str(COUNT), "--keep", str(tmp_path)]
-    command += ["--hostile", "toml"]
+    command += ["--hostile", "toml long key"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stdout + done.stderr
     assert f"\n{COUNT} files in " in done.stdout

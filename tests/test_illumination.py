@@ -244,6 +244,8 @@ def test_fields_are_subtracted_and_divided_as_numbers_are():
     assert (one - other)(x) == pytest.approx(one(x) - other(x))
     assert (-other)(x) == pytest.approx(-other(x))
     assert (other / 2j)(x) == pytest.approx(other(x) / 2j)
+    steered, shift = pw.steering((0.3, -0.2), WAVELENGTH), (0.3e-3, 0.5e-3)
+    assert steered.moved(shift)(x + shift) == pytest.approx(steered(x))
     assert (other / np.float64(4)) == 0.25 * other
     with pytest.raises(IlluminationError, match="other than zero"):
         other / 0
