@@ -432,7 +432,7 @@ def slopes_in_ends(ops: Any, name: str, source: Slits, *points: Any) -> list[tup
 
 
 class _Field:
-    """The field on slits, and what transforms change by where one ends."""
+    """The field on slits, and derivatives of its transforms in the ends of a slit."""
 
     def __init__(self, ops: Any, source: Slits) -> None:
         self.ops, self.rows = ops, [tuple(row) for row in source.intervals.tolist()]
