@@ -104,18 +104,6 @@ def test_importance_and_control_variate_shift_no_mean_and_save_three_of_four_sam
     assert np.std(runs - expected) < np.std(many - expected)
 
 
-@pytest.mark.parametrize(("distance", "rms_db"), [(2, 0.7), (20, 0.08)])
-def test_that_integral_without_the_cosine_is_the_rayleigh_sommerfeld_field(distance, rms_db):
-    import render_reference as reference
-
-    z = distance * WAVELENGTH
-    points = reference.pixel_points(COLUMNS, 2 * z, z, per_side=1)[:, 0, 0]
-    leading = reference.wigner_intensity(SQUARE, points, WAVELENGTH)
-    exact = reference.rayleigh_sommerfeld(SQUARE, points, WAVELENGTH)
-    lit = exact > 0.01 * exact.max()
-    assert np.sqrt(np.mean((10 * np.log10(leading[lit] / exact[lit])) ** 2)) < rms_db
-
-
 @pytest.fixture(scope="module")
 def path_traced():
     """Mean and error of the floor under a chevron, seen with so many columns by path tracing."""

@@ -7,7 +7,7 @@ import shapely
 import polywigner as pw
 from mitsuba_scenes import MONO, use
 from polywigner.geometry.convex import trapezoids
-from polywigner.mitsuba.sampling import cells_of, positions_of
+from polywigner.mitsuba.sampling import Positions, positions_of
 from polywigner.mitsuba.sources import centred_source
 
 pytestmark = pytest.mark.drjit
@@ -46,13 +46,13 @@ def _moments(aperture):
 
 def _sampled(mi, aperture):
     """Images of the midpoints of a grid on the unit square, (n, 2)."""
-    cells = cells_of(mi, aperture.rings)
+    positions = Positions(mi, aperture.rings)
     middles = (np.arange(_GRID) + 0.5) / _GRID
     u, v = (axis.ravel().tolist() for axis in np.meshgrid(middles, middles, indexing="ij"))
     if mi.variant().startswith("scalar"):
-        points = [cells.sample(mi.Point2f(*pair)) for pair in zip(u, v, strict=True)]
+        points = [positions.sample(mi.Point2f(*pair))[0] for pair in zip(u, v, strict=True)]
         return np.array(points, dtype=float).reshape(-1, 2)
-    return np.array(cells.sample(mi.Point2f(mi.Float(u), mi.Float(v))), dtype=float).T
+    return np.array(positions.sample(mi.Point2f(mi.Float(u), mi.Float(v)))[0], dtype=float).T
 
 
 @pytest.mark.parametrize("name", APERTURES)

@@ -250,34 +250,6 @@ def scene_with_floor(swapped=False, **more):
     )
 
 
-@pytest.mark.parametrize(
-    "obliquity", [pytest.param("rayleigh-sommerfeld-1", marks=pytest.mark.slow), "kirchhoff"]
-)
-def test_a_receiver_that_counts_aperture_power_gets_the_share_that_it_radiates(plain, obliquity):
-    """Straight and scattered, of the same samples; and an emitter of 1 W over its aperture."""
-    more = {"obliquity": obliquity}
-    floor = plate(0, -FLOOR, 0.25, [1, 0, 0], -90)
-
-    def found(options, **of):
-        tx = pm.aperture(SQUARE, WAVELENGTH, **of, **more)
-        rx = receiver(HANDED, facing(0.5), estimator="wigner", **more, **options)
-        return power_of(tx=tx, rx=rx, floor=floor)
-
-    plain_one = found({}, power=1.0)
-    energy = pw.lag_marginal(HANDED, (0.0, 0.0)).real
-    shares = [
-        pw.radiated_power(source, WAVELENGTH, obliquity) / own
-        for source, own in ((HANDED, energy), (SQUARE, SQUARE.area))
-    ]
-    assert max(shares) < 0.95
-    for other, share in (
-        (found({"normalise": "aperture"}, power=1.0), shares[0]),
-        (found({}, aperture_power=1.0), shares[1]),
-    ):
-        assert other.direct == pytest.approx(share * plain_one.direct, rel=SINGLE)
-        assert other.scattered == pytest.approx(share * plain_one.scattered, rel=SINGLE)
-
-
 @pytest.mark.slow
 def test_the_stated_error_is_that_of_repetitions(plain):
     """40 seeds: their variance over the mean of the stated ones is 1 but for chi squared's own."""

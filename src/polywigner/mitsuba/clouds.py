@@ -23,8 +23,6 @@ from polywigner.propagation.amplitudes import amplitude
 from polywigner.propagation.exports import in_place, write_netcdf
 from polywigner.reception.norms import NORMALISATIONS
 
-__all__ = []
-
 Complexes = NDArray[np.complex128]
 
 # Places at a time: the responses of all elements to them take some tens of megabytes.

@@ -224,9 +224,8 @@ class ExactEstimator:
             raise SceneError(str(error)) from None
         if not count <= _MOST_PANELS:
             raise SceneError(
-                f"expected at most {_MOST_PANELS} pieces of edges, once for each wave, with the "
-                f'estimator "exact", got {count:.0f} or more, of which each sample is a sum; use '
-                'the estimator "wigner"'
+                f"expected at most {_MOST_PANELS} pieces of edges, once for each wave, in a sample "
+                f'with the estimator "exact", got {count:.0f} or more; use the estimator "wigner"'
             )
 
     def draw(self, sample: Any) -> tuple[Any, Any]:

@@ -20,8 +20,6 @@ from polywigner.execution import kernel_threads
 from polywigner.interruption import temporary_folder
 from polywigner.mitsuba.receiver import is_receiver, receiving
 
-__all__ = []
-
 # A colour film in a variant of one channel: as intended, and so no news to anybody.
 _EXPECTED = ("Monochrome mode enabled",)
 _DATE = len("2000-01-01 00:00:00 ")

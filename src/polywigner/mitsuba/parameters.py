@@ -364,8 +364,7 @@ class SceneParameters:
         if value is None and name not in self.values:
             raise SceneError(
                 f"expected the parameter {name!r} of a {self.element}, got none; give the file of "
-                "an aperture (GeoJSON, WKT, CSV, SVG or DXF), or a source file (TOML or JSON) as "
-                "source"
+                "an aperture, such as GeoJSON or DXF, or a source file (TOML or JSON) as source"
             )
         if not isinstance(value, str):
             raise SceneError(

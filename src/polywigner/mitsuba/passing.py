@@ -144,9 +144,8 @@ def meeting_rays(
         return passing_rays(mi.load_dict({"type": "scene"}), emitter, plain, bare=bare)
     if mi.is_polarized and not bare:
         raise SceneError(
-            "expected no flat mirrors with diffraction in light with a polarisation, got "
-            f"{chain[0].name!r}; leave diffraction out, use a variant without polarisation, or "
-            "let ways interfere"
+            f"expected no flat mirrors with diffraction in polarised light, got {chain[0].name!r}; "
+            "leave diffraction out, use a variant without polarisation, or let ways interfere"
         )
     way = _way(emitter, receiver, chain)
     if way is None:

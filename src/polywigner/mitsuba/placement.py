@@ -231,9 +231,8 @@ def check_match(
     if apart > max((bandwidth or 0.0) / 2, _ROUNDING * frequencies[1]):
         band = "" if bandwidth is None else f", {bandwidth:.6g} Hz wide"
         raise SceneError(
-            f"expected one wavelength {both}{band}, got {emitter.wavelength:.6g} m and "
-            f"{receiver.wavelength:.6g} m, {apart:.6g} Hz apart; give both one frequency, or the "
-            "receiver a bandwidth of twice that"
+            f"expected one wavelength {both}{band}, got {emitter.wavelength:.6g} m, {apart:.6g} Hz "
+            "off the receiver's; give both one frequency, or the receiver a bandwidth of twice that"
         )
     check_unit(emitter, receiver)
 

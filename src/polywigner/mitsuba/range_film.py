@@ -133,9 +133,8 @@ def _counterpart(integrator: Any) -> Any:
     name = known if known in _COUNTERPARTS else type(integrator).__name__
     if name not in _COUNTERPARTS:
         raise SceneError(
-            "expected an integrator whose paths have lengths, got "
-            f"{name}; use path, direct, prb, volpath, volpathmis, prbvolpath or "
-            f"{' or '.join(TRANSIENT_INTEGRATORS)}"
+            f"expected an integrator whose paths have lengths, got {name}; use path, direct, prb, "
+            f"volpath, volpathmis, prbvolpath or {' or '.join(TRANSIENT_INTEGRATORS)}"
         )
     entry = {"type": _COUNTERPARTS[name], "hide_emitters": bool(integrator.hide_emitters)}
     if name == "DirectIntegrator":

@@ -74,10 +74,9 @@ def range_profile(
     """The power that a scene scatters to its receivers by range, with its standard error.
 
     Range is half the length of the way from a place on the source over all bounces to a place on
-    the receiver, in m; in glass the length counts times the index of refraction. What goes straight
-    from a source to the receiver, or by flat mirrors alone, is not in it: that is ``direct`` of
-    :func:`polywigner.mitsuba.received_power`. Paths come from mitransient (extra ``radar``).
-    docs/range.md.
+    the receiver, in m; in glass the length counts times the index of refraction. Light straight
+    from a source, or by flat mirrors alone, is left out: that is ``direct`` of
+    :func:`polywigner.mitsuba.received_power`. Needs mitransient (extra ``radar``). docs/range.md.
 
     Parameters
     ----------
@@ -108,9 +107,8 @@ def range_profile(
     ------
     MissingExtraError : no mitransient. EngineError : a scalar variant. ArgumentError : edges that
         do not rise, other arguments out of range. SceneError : as of
-        :func:`polywigner.mitsuba.received_power`; an integrator without path lengths; lights that
-        are infinitely far; a receiver in fog, or uneven fog, in which mitransient measures paths
-        too short.
+        :func:`polywigner.mitsuba.received_power`; an integrator without path lengths; lights
+        infinitely far; a receiver in fog, or uneven fog, which mitransient measures too short.
     """
     edges = checked_ranges(ranges)
     require_transients()
@@ -143,9 +141,8 @@ def checked_ranges(ranges: npt.ArrayLike) -> Floats:
         single = edges.astype(np.float32)
     if not np.isfinite(single).all() or edges[0] < 0 or not np.all(np.diff(single) > 0):
         raise ArgumentError(
-            "expected ranges as finite edges in m that rise from zero or more, each another number "
-            f"in single precision, got {edges[0]:g} to {edges[-1]:g} in {len(edges) - 1} steps; "
-            "give such as np.linspace(0, 60, 513)"
+            "expected ranges as finite edges in m that rise from zero or more, also in single "
+            f"precision, got {edges[0]:g} to {edges[-1]:g} in {len(edges) - 1} steps"
         )
     return edges
 

@@ -50,8 +50,6 @@ from polywigner.mitsuba.scattering_steps import number_of
 from polywigner.mitsuba.targets import aimed
 from polywigner.quantities import parse_noise
 
-__all__ = []
-
 _NO_RADIANCE = ("AOVIntegrator", "DepthIntegrator", "MomentIntegrator", "ParticleTracerIntegrator")
 
 Progress = Callable[[int, int], None]
@@ -78,11 +76,10 @@ def received_power(
 ) -> ReceivedPower:
     """The power that a receiver of a scene gets, in W, with its standard error.
 
-    The sum of what comes straight from each emitter, exact by :func:`polywigner.coupling` in the
-    poses of both, times the share of rays that pass obstacles; of what comes by flat mirrors, the
-    same from the images of emitters in them; and of what surfaces and fog scatter, by samples of
-    the ``wigner_receiver`` sensor. Powers add without interference, unless ``coherent`` is true.
-    docs/received_power.md.
+    The sum of direct light of each emitter, straight and by flat mirrors, exact by
+    :func:`polywigner.coupling` in the poses of both or of images, times the share of rays that pass
+    obstacles; and of what surfaces and fog scatter, by samples of the ``wigner_receiver`` sensor.
+    Powers add without interference, unless ``coherent`` is true. docs/received_power.md.
 
     Parameters
     ----------

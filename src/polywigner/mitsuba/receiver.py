@@ -403,9 +403,8 @@ def _check_film(values: dict[str, Any]) -> None:
     films = [each for each in objects if hasattr(each, "rfilter") and hasattr(each, "crop_size")]
     if not films:
         raise SceneError(
-            "expected a film in the wigner_receiver sensor, got none; give it one of 1 x 1 pixel, "
-            'which reads the received power: <film type="hdrfilm"> with width 1, height 1 and '
-            '<rfilter type="box"/>'
+            "expected a film in the wigner_receiver sensor, got none; give it one of 1 x 1 pixel: "
+            '<film type="hdrfilm"> with width 1, height 1 and <rfilter type="box"/>'
         )
     name = films[0].rfilter().class_name()
     if name != "BoxFilter":

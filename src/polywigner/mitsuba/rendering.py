@@ -24,7 +24,7 @@ from polywigner.mitsuba.films import Exposure, tiling_of
 from polywigner.mitsuba.placement import PLACE_ERROR, matrix_of
 from polywigner.mitsuba.plugins import one_at_a_time
 from polywigner.mitsuba.receiver import is_receiver, sensors_of
-from polywigner.mitsuba.scenes import has_wigner_emitter, translate_error
+from polywigner.mitsuba.scenes import has_wigner_emitter, is_source, translate_error
 
 
 def is_fog_near(scene: Any, sensor: Any) -> bool:
@@ -53,7 +53,7 @@ def may_shadow(scene: Any) -> bool:
     """
     lights = [emitter for emitter in scene.emitters() if not emitter.is_environment()]
     for number, source in enumerate(lights):
-        if not _is_source(source):
+        if not is_source(source):
             continue
         bsdf = source.get_shape().bsdf()
         if source.spec.visible and mi.has_flag(bsdf.flags(), mi.BSDFFlags.Null):
@@ -64,16 +64,12 @@ def may_shadow(scene: Any) -> bool:
     return False
 
 
-def _is_source(emitter: Any) -> bool:
-    return getattr(type(emitter), "is_wigner", False)
-
-
 def _corners(shape: Any) -> npt.NDArray[np.float64]:
     return np.asarray(mi.traverse(shape)["vertex_positions"], dtype=np.float64).reshape(-1, 3)
 
 
 def _shines_on(light: Any, points: npt.NDArray[np.float64]) -> bool:
-    if not _is_source(light):
+    if not is_source(light):
         return True
     pose = np.array(matrix_of(light.to_world))
     heights = (points - pose[:3, 3]) @ pose[:3, 2]
@@ -114,11 +110,10 @@ def render(
     sensor: index of the scene's sensor.
     progress: called after each part with the number of parts done, and of all parts.
 
-    The film is rendered in strips of whole rows, each with all its samples: cutting the samples
-    into passes instead would cost a stratified sampler most of its advantage (four passes of 64
-    against one of 256: 5 dB more noise in the median). Passes are left to sensors that cannot be
-    cropped, and averaged. Noise can make pixels negative, and so can the Wigner radiance itself
-    where the aperture is seen directly.
+    The film is rendered in strips of whole rows, each with all its samples, which keeps a
+    stratified sampler's advantage (four passes of 64 samples have 5 dB more noise than one of 256).
+    Sensors that cannot be cropped have passes, which are averaged. Noise can make pixels negative,
+    and so can the Wigner radiance where the aperture is seen directly.
 
     Raises
     ------

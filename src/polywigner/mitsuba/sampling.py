@@ -43,11 +43,6 @@ def single(number: Any, name: str) -> float:
     return float(values[0])
 
 
-def cells_of(m: Any, rings: Sequence[npt.NDArray[np.float64]]) -> TrapezoidSampler:
-    """The sampler of positions inside boundary rings, for the variant ``m``."""
-    return TrapezoidSampler(m, trapezoids(rings))
-
-
 def cells_with_field(m: Any, source: Any, unit: float) -> TrapezoidSampler:
     """The sampler of positions in a source in proportion to |u|^2, in units of ``unit`` metres."""
     source = flat_of(source)  # a curved wave has the same modulus

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from polywigner.mitsuba.films import Exposure, check_is_whole, mean_of_colours, seed_of
 from polywigner.mitsuba.range_film import sorted_by_range, transient_integrator
 from polywigner.mitsuba.rendering import check_spp, exposed
+from polywigner.mitsuba.scenes import is_source
 
 Floats = NDArray[np.float64]
 
@@ -31,7 +32,7 @@ _SHRUNK = 1e-3
 
 def wigner_emitters(scene: Any) -> list[Any]:
     """The coherent sources of a scene, in its order."""
-    return [emitter for emitter in scene.emitters() if getattr(type(emitter), "is_wigner", False)]
+    return list(filter(is_source, scene.emitters()))
 
 
 @contextmanager

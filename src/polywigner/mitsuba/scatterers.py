@@ -23,6 +23,7 @@ from polywigner.mitsuba.receiver import receivers_of, receiving
 from polywigner.mitsuba.rendering import depths_of
 from polywigner.mitsuba.scattered import unseen, wigner_emitters
 from polywigner.mitsuba.scattering_steps import Events, Motion, Paths, events_of, number_of
+from polywigner.mitsuba.scenes import is_source
 from polywigner.mitsuba.targets import aimed
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.transforms.xarray_arguments import labelled_array
@@ -199,12 +200,11 @@ def scatterers(
 ) -> xarray.Dataset:
     """A lit scene as its receiver gets it: a cloud of points with power, path length and velocity.
 
-    Rays leave the receiver as those of the ``wigner_receiver`` sensor do and are scattered from
-    surface to surface; at each of them a light is sampled. Each light found is a scatterer: it
-    stands at the first surface that the receiver sees, and its path is the whole one. Of these,
-    ``count`` are kept by chance, strong ones rather than weak ones, with powers that make up for
-    the others: the sum over the cloud is an unbiased estimate of ``received_power(...).scattered``.
-    What comes straight from a coherent source is not in it. docs/scatterers.md.
+    Rays leave the receiver and are scattered from surface to surface; at each a light is sampled.
+    Each light found is a scatterer: it stands at the first surface that the receiver sees, and its
+    path is the whole one. Of these, ``count`` are kept by chance, strong rather than weak ones: the
+    sum over the cloud is an unbiased estimate of ``received_power(...).scattered``, without what
+    comes straight from a coherent source. docs/scatterers.md.
 
     Parameters
     ----------
@@ -306,7 +306,7 @@ class _Names:
         lights, coherent = {}, 0
         for k, light in enumerate(scene.emitters()):
             name = light.id() or f"light {k}"
-            if getattr(type(light), "is_wigner", False):
+            if is_source(light):
                 name = placed_emitter(light, coherent).name
                 coherent += 1
             elif light.get_shape() is not None:

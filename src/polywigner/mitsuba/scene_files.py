@@ -289,11 +289,20 @@ def _load(path: str, kind: str) -> None:
     """Load an OpenEXR picture, or all meshes of a file of a kind."""
     from polywigner.mitsuba.films import threads_for_openexr
 
+    variant = mi.variant()
     mi.set_variant("scalar_rgb")
-    if not kind:
-        with threads_for_openexr():
-            mi.Bitmap(path)
-        return
+    try:
+        if kind:
+            _load_meshes(path, kind)
+        else:
+            with threads_for_openexr():
+                mi.Bitmap(path)
+    finally:  # in processes that are limited themselves it is called where it is
+        if variant is not None:
+            mi.set_variant(variant)
+
+
+def _load_meshes(path: str, kind: str) -> None:
     shapes: list[dict[str, int]] = [{}]
     if kind == "serialized":  # of several meshes, whose number is at the end
         (count,) = struct.unpack("<I", Path(path).read_bytes()[-4:])

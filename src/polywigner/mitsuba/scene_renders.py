@@ -49,17 +49,6 @@ from polywigner.transforms.xarray_arguments import labelled_array
 if TYPE_CHECKING:
     import xarray
 
-__all__ = [
-    "SceneFile",
-    "SceneJob",
-    "receive_parts",
-    "receive_ranges",
-    "remove_store",
-    "render_file",
-    "render_parts",
-    "tile",
-]
-
 
 @dataclass(frozen=True)
 class SceneFile:
@@ -120,8 +109,7 @@ class SceneJob:
             if found != digest:
                 raise StoreError(
                     f"expected every worker to see the scene's file {path}, got "
-                    f"{'none' if found is None else 'another one'} on {where}; put the scene's "
-                    "folder on a file system that all workers share"
+                    f"{'none' if found is None else 'another one'} on {where}; share the folder"
                 )
 
     def write(

@@ -159,8 +159,12 @@ def checked_scene(scene: Any) -> Any:
 
 def has_wigner_emitter(scene: Any) -> bool:
     """Whether a ``wigner`` shape lights this scene."""
-    emitters = checked_scene(scene).emitters()
-    return any(getattr(type(emitter), "is_wigner", False) for emitter in emitters)
+    return any(map(is_source, checked_scene(scene).emitters()))
+
+
+def is_source(emitter: Any) -> bool:
+    """Whether an emitter is one of a ``wigner`` shape."""
+    return getattr(type(emitter), "is_wigner", False)
 
 
 def translate_error(error: Exception) -> PolywignerError:

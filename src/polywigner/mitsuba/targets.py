@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.mitsuba.receiver import is_receiver
+from polywigner.mitsuba.scenes import is_source
 from polywigner.scattering.facets import connected
 
 Floats = NDArray[np.float64]
@@ -46,7 +47,7 @@ _LOOKS = 5
 @contextmanager
 def aimed(scene: Any) -> Iterator[None]:
     """Within, receivers of one pixel look towards small shapes more often, with smaller weights."""
-    sources = [e.get_shape() for e in scene.emitters() if getattr(type(e), "is_wigner", False)]
+    sources = [emitter.get_shape() for emitter in filter(is_source, scene.emitters())]
     shapes = [shape for shape in scene.shapes() if shape not in sources]
     boxes = [box for shape in shapes for box in _boxes(shape)]
     with ExitStack() as stack:
