@@ -182,7 +182,7 @@ NAMED = _named(X, "place", "component")
         (lambda: pw.fourier(SQUARE, NAMED.astype(str)), "expected nu as numbers"),
         (
             lambda: pw.radiance(SQUARE, NAMED.chunk(), (0, 0, 2.0), 3e-3).compute(),
-            "direction of length 1",
+            "direction as unit vectors",
         ),
     ],
 )
