@@ -201,17 +201,6 @@ def test_coherence_factor_of_a_cutoff() -> None:
     assert outside == 0.0
 
 
-def test_pixels_multiply_the_lens_by_their_own_transfer_function() -> None:
-    pupil, frequency = pw.shapes.square(10e-3), np.array([(30.0, 0.0), (0.0, 80.0), (40.0, -70.0)])
-    lens = pw.mtf(pupil, frequency, 0.5e-6, 0.1)
-    with_pixels = pw.mtf(pupil, frequency, 0.5e-6, 0.1, pixel=(4e-6, 6e-6))
-    own = np.sinc(frequency[:, 0] * 4e-3) * np.sinc(frequency[:, 1] * 6e-3)
-    assert with_pixels == pytest.approx(lens * own, abs=EXACT)
-    for pixel in (-1e-6, "4 um", (1e-6, 1e-6, 1e-6)):
-        with pytest.raises(ArgumentError, match="pixel"):
-            pw.mtf(pupil, frequency, 0.5e-6, 0.1, pixel=pixel)
-
-
 MIRROR = pw.shapes.hexagonal_segments(1.0, 0.02, rings=1)
 
 
@@ -237,63 +226,3 @@ def test_segments_keep_their_fields_and_odd_ones_are_refused() -> None:
     for pupil, piston in ((MIRROR, [1.0, 2.0]), (MIRROR, "flat"), ("mirror", 0.0), ([], 0.0)):
         with pytest.raises(ArgumentError):
             pw.segmented_pupil(pupil, 1e-3, piston)
-
-
-@pytest.fixture
-def pupil_file(tmp_path: Any) -> Any:
-    path = tmp_path / "pupil.wkt"
-    path.write_text("POLYGON((-5 -5, 5 -5, 5 5, -5 5, -5 -5))")
-    return path
-
-
-def test_commands_write_spots_and_transfer_functions(tmp_path: Any, pupil_file: Any) -> None:
-    import xarray as xr
-
-    from polywigner.cli import main
-
-    lens = ["--focal-length", "100 mm", "--defocus", "0, 0.5", "--samples", "33", "--out"]
-    waves = ["--wavelengths", "500 nm, 600 nm"]
-    assert (
-        main(["psf", str(pupil_file), *waves, "--width", "40 um", *lens, str(tmp_path) + "/"]) == 0
-    )
-    with xr.open_dataset(tmp_path / "pupil_psf.nc") as found:
-        x, spots = found["x"].values, found["psf"].values
-    points = np.stack(np.meshgrid(x, x), axis=-1)
-    square = pw.shapes.square(10e-3)
-    expected = pw.psf(square, points, [500e-9, 600e-9], 0.1, 0.5)
-    assert spots.shape == (2, 33, 33)
-    assert spots[1] == pytest.approx(expected, rel=1e-12)
-    assert (
-        main(["mtf", str(pupil_file), *waves, "--pixel", "3 um", *lens, str(tmp_path) + "/"]) == 0
-    )
-    rows = np.genfromtxt(tmp_path / "pupil_mtf.csv", delimiter=",", names=True)
-    assert rows["frequency_per_mm"][-1] == pytest.approx(200.0)  # along both axes
-    at = np.column_stack([rows["frequency_per_mm"], np.zeros(33)])
-    assert rows["mtf_x_defocus_0"] == pytest.approx(
-        pw.mtf(square, at, [500e-9, 600e-9], 0.1, pixel=3e-6)
-    )
-    for kind in ("psf", "mtf"):
-        assert (tmp_path / f"pupil_{kind}.png").read_bytes().startswith(b"\x89PNG")
-
-
-@pytest.mark.parametrize(
-    ("command", "options"),
-    [
-        ("psf", ["--defocus", "much"]),
-        ("mtf", ["--samples", "1"]),
-        ("psf", ["--wavelengths", "500 nm", "--wavelength", "500 nm"]),
-        ("mtf", ["--wavelengths", "blue"]),
-        ("mtf", ["--pupil-radius", "0 m"]),
-    ],
-)
-def test_odd_options_of_lenses_are_refused(
-    tmp_path: Any, pupil_file: Any, command: str, options: list[str], capfd: Any
-) -> None:
-    from polywigner.cli import main
-
-    usual = ["--focal-length", "100 mm", "--out", str(tmp_path / "out")]
-    waves = [] if "--wavelengths" in options else ["--wavelength", "500 nm"]
-    assert main([command, str(pupil_file), *usual, *waves, *options]) == 2
-    err = capfd.readouterr().err
-    assert "expected" in err and err.count("\n") == 1
-    assert not list(tmp_path.glob("out*"))

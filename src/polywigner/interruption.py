@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
     from types import FrameType
-    from typing import Any, NoReturn
+    from typing import NoReturn
 
 
 INTERRUPTED = 130
@@ -217,12 +217,8 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
     import threading
 
     _interrupted = True
-    sys.unraisablehook = threading.excepthook = _say_nothing
+    sys.unraisablehook = threading.excepthook = lambda *_: None
     raise KeyboardInterrupt
-
-
-def _say_nothing(*_: Any) -> None:
-    pass
 
 
 def _is_importing(frame: FrameType | None) -> bool:

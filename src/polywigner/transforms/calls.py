@@ -227,15 +227,6 @@ def _as_flat(wave: Wavefront, name: str, points: Points, double: bool) -> tuple[
 # --- optical systems: points of phase space behind them, as points before them
 
 
-def checked_system(through: Any) -> FirstOrder:
-    """The system itself; ArgumentError for anything else."""
-    if not isinstance(through, FirstOrder):
-        raise ArgumentError(
-            f"expected through as a polywigner.FirstOrder, got {type(through).__name__}"
-        )
-    return through
-
-
 def _before(name: str, source: Any, points: Points, through: Any, wavelength: Any) -> Points:
     """A position and a frequency, or a lag and a frequency shift, as they were in the first plane.
 
@@ -247,13 +238,16 @@ def _before(name: str, source: Any, points: Points, through: Any, wavelength: An
             f"expected wavelength with through= only, got {wavelength!r}; leave it out, or pass a "
             "FirstOrder"
         )
-    system = checked_system(through)
+    if not isinstance(through, FirstOrder):
+        raise ArgumentError(
+            f"expected through as a polywigner.FirstOrder, got {type(through).__name__}"
+        )
     if wavelength is None:
         raise ArgumentError("expected a wavelength with through=, got none; pass wavelength=...")
     length = checked_wavelength(wavelength)
     plain = source.source if isinstance(source, Differentiable | Wavefront) else source
     dimension = kernels.kernel_for(name, plain).dimension
-    a, b, c, d = _blocks_for(system, dimension)
+    a, b, c, d = _blocks_for(through, dimension)
     place, frequency = TRANSFORMS[name].plane
     x, nu = (place, points[place]), (frequency, points[frequency])
     mapped = {

@@ -1,0 +1,200 @@
+"""Lenses: point spread functions and transfer functions, by closed forms and by each other."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from polywigner.cli import main
+from polywigner.errors import ArgumentError
+
+WAVELENGTH, FOCUS = 0.5e-6, 0.1
+PUPIL = pw.shapes.disc(5e-3, n=6)
+SQUARE = pw.shapes.square(10e-3)
+# A unit of length in the image: the width of a square's main lobe is two of them.
+UNIT = WAVELENGTH * FOCUS / 10e-3
+ROUNDING = 1e-12
+
+
+def points(count):
+    return np.random.default_rng(3).uniform(-2, 2, (count, 2)) * UNIT
+
+
+def test_in_focus_it_is_the_square_of_the_transform_with_unit_power():
+    y = points(20)
+    scale = WAVELENGTH * FOCUS
+    expected = abs(pw.fourier(PUPIL, y / scale)) ** 2 / scale**2 / PUPIL.area
+    assert pw.psf(PUPIL, y, WAVELENGTH, FOCUS) == pytest.approx(expected, rel=1e-10)
+
+
+@pytest.mark.parametrize("defocus", [0.0, 0.7])
+def test_its_fourier_transform_is_the_transfer_function(defocus):
+    """The OTF of a small pupil lies within 10 mm of lag: by the sampling theorem sums are exact.
+
+    They leave out the light outside of the lattice, which falls off with the third power of its
+    size for a pupil that vanishes at its edges.
+    """
+    pupil = pw.shapes.square(4e-3)
+    # cos x + 0.4 sin 2x, times cos y: brighter on one side, which tells defocus from its opposite
+    waves = [(s * (1 + n), t) for n in (0, 1) for s in (-1, 1) for t in (-1, 1)]
+    field = [0.25] * 4 + [-0.1j * s for s in (-1, -1, 1, 1)]
+    pupil = pupil.with_illumination(pw.Illumination(field, 125.0 * np.array(waves)))
+    step = WAVELENGTH * FOCUS / 10e-3
+    axis = step * np.arange(-40, 41)
+    y = np.stack(np.meshgrid(axis, axis), axis=-1)
+    light = pw.psf(pupil, y, WAVELENGTH, FOCUS, defocus, 2e-3)
+    xi = np.array([(0.0, 0.0), (1e-3, 0.5e-3), (-2e-3, 1e-3), (0.3e-3, 3e-3)])
+    waves = np.exp(2j * np.pi * (y @ xi.T) / (WAVELENGTH * FOCUS))
+    found = np.tensordot(light, waves, 2) * step**2
+    assert found == pytest.approx(pw.otf(pupil, xi, defocus, 2e-3), abs=2e-4)
+
+
+def test_a_square_out_of_focus_has_the_strehl_ratio_of_fresnels_integral():
+    """(int exp(2 pi i w t^2) dt/2)^4 over t from -1 to 1, w at the middle of a side."""
+    at, weights = np.polynomial.legendre.leggauss(40)
+    for waves in (0.1, 0.5, -1.3):
+        expected = abs(np.exp(2j * np.pi * waves * at**2) @ weights / 2) ** 4
+        focused, blurred = (
+            pw.psf(SQUARE, (0.0, 0.0), WAVELENGTH, FOCUS, w, 5e-3) for w in (0.0, waves)
+        )
+        assert blurred / focused == pytest.approx(expected, rel=1e-9)
+
+
+def test_light_of_several_colours_is_their_mean():
+    y, colours = points(5), (0.45e-6, 0.6e-6)
+    found = pw.psf(PUPIL, y, colours, FOCUS, weights=(1.0, 3.0))
+    single = [pw.psf(PUPIL, y, colour, FOCUS) for colour in colours]
+    assert found == pytest.approx(0.25 * single[0] + 0.75 * single[1])
+
+
+def test_labels_stay():
+    xarray = pytest.importorskip("xarray")
+    y = points(4)
+    found = pw.psf(PUPIL, xarray.DataArray(y, dims=("star", "xy")), WAVELENGTH, FOCUS)
+    assert found.dims == ("star",) and found.attrs["units"] == "m-2"
+    assert found.values == pytest.approx(pw.psf(PUPIL, y, WAVELENGTH, FOCUS))
+
+
+def test_a_square_pupil_has_the_triangle_of_its_overlap():
+    """1 - lambda f nu/D along its sides, 0 from 200 cycles/mm on."""
+    nu = np.array([0.0, 50.0, 120.0, 200.0, 350.0])
+    frequency = np.stack([nu, 0 * nu], axis=-1)
+    found = pw.mtf(SQUARE, frequency, 0.5e-6, 0.1)
+    assert found == pytest.approx(np.maximum(0, 1 - nu / 200), abs=ROUNDING)
+
+
+def test_defocus_is_that_of_the_otf():
+    frequency = np.random.default_rng(2).uniform(-150, 150, (20, 2))
+    expected = np.abs(pw.otf(SQUARE, frequency * 1e3 * 0.5e-6 * 0.1, 0.7))
+    assert pw.mtf(SQUARE, frequency, 0.5e-6, 0.1, 0.7) == pytest.approx(expected, abs=ROUNDING)
+
+
+def test_white_light_is_the_modulus_of_the_mean_otf():
+    """The aberration in metres is one: in waves, it is larger at shorter wavelengths."""
+    frequency, lengths, weights = np.array([60.0, 20.0]), np.array([0.4e-6, 0.7e-6]), [1.0, 3.0]
+    mean = (0.4e-6 + 3 * 0.7e-6) / 4
+    parts = [
+        w / 4 * pw.otf(SQUARE, frequency * 1e3 * length * 0.1, 0.6 * mean / length)
+        for w, length in zip(weights, lengths, strict=True)
+    ]
+    found = pw.mtf(SQUARE, frequency, lengths, 0.1, 0.6, weights=weights)
+    assert found == pytest.approx(abs(sum(parts)), abs=ROUNDING)
+
+
+def test_weights_of_any_size_are_shares():
+    found = pw.mtf(SQUARE, (50.0, 0.0), [0.5e-6] * 2, 0.1, weights=[1e308] * 2)
+    assert found == pytest.approx(0.75, abs=ROUNDING)
+
+
+def test_pixels_multiply_the_lens_by_their_own_transfer_function() -> None:
+    pupil, frequency = pw.shapes.square(10e-3), np.array([(30.0, 0.0), (0.0, 80.0), (40.0, -70.0)])
+    lens = pw.mtf(pupil, frequency, 0.5e-6, 0.1)
+    with_pixels = pw.mtf(pupil, frequency, 0.5e-6, 0.1, pixel=(4e-6, 6e-6))
+    own = np.sinc(frequency[:, 0] * 4e-3) * np.sinc(frequency[:, 1] * 6e-3)
+    assert with_pixels == pytest.approx(lens * own, abs=ROUNDING)
+
+
+USUAL = {"source": SQUARE, "wavelength": WAVELENGTH, "focal_length": FOCUS}
+
+
+@pytest.mark.parametrize(
+    ("function", "name", "value"),
+    [
+        (pw.psf, "source", pw.Slits([(0.0, 1e-3)])),
+        (pw.psf, "points", (0.0, 0.0, 0.1)),
+        (pw.psf, "focal_length", 0.0),
+        (pw.psf, "pupil_radius", -1.0),
+        (pw.psf, "weights", (1.0, 2.0)),
+        (pw.mtf, "wavelength", [[1e-6]]),
+        (pw.mtf, "wavelength", -1e-6),
+        (pw.mtf, "focal_length", 0.0),
+        (pw.mtf, "weights", "a"),
+        (pw.mtf, "weights", [1.0, 2.0]),
+        (pw.mtf, "weights", [-1.0]),
+        (pw.mtf, "frequency", (1.0, 2.0, 3.0)),
+        (pw.mtf, "defocus", float("nan")),
+        (pw.mtf, "pixel", -1e-6),
+        (pw.mtf, "pixel", (1e-6, 1e-6, 1e-6)),
+    ],
+)
+def test_wrong_arguments_are_named(function, name, value):
+    places = {"points" if function is pw.psf else "frequency": (1.0, 0.0)}
+    with pytest.raises(ArgumentError, match=f"{name}|Slits"):
+        function(**{**USUAL, **places, name: value})
+
+
+@pytest.fixture
+def pupil_file(tmp_path: Any) -> Any:
+    path = tmp_path / "pupil.wkt"
+    path.write_text("POLYGON((-5 -5, 5 -5, 5 5, -5 5, -5 -5))")
+    return path
+
+
+def test_commands_write_spots_and_transfer_functions(tmp_path: Any, pupil_file: Any) -> None:
+    import xarray as xr
+
+    lens = ["--focal-length", "100 mm", "--defocus", "0, 0.5", "--samples", "33", "--out"]
+    waves = ["--wavelengths", "500 nm, 600 nm"]
+    assert (
+        main(["psf", str(pupil_file), *waves, "--width", "40 um", *lens, str(tmp_path) + "/"]) == 0
+    )
+    with xr.open_dataset(tmp_path / "pupil_psf.nc") as found:
+        x, spots = found["x"].values, found["psf"].values
+    points = np.stack(np.meshgrid(x, x), axis=-1)
+    square = pw.shapes.square(10e-3)
+    expected = pw.psf(square, points, [500e-9, 600e-9], 0.1, 0.5)
+    assert spots.shape == (2, 33, 33)
+    assert spots[1] == pytest.approx(expected, rel=1e-12)
+    assert (
+        main(["mtf", str(pupil_file), *waves, "--pixel", "3 um", *lens, str(tmp_path) + "/"]) == 0
+    )
+    rows = np.genfromtxt(tmp_path / "pupil_mtf.csv", delimiter=",", names=True)
+    assert rows["frequency_per_mm"][-1] == pytest.approx(200.0)  # along both axes
+    at = np.column_stack([rows["frequency_per_mm"], np.zeros(33)])
+    assert rows["mtf_x_defocus_0"] == pytest.approx(
+        pw.mtf(square, at, [500e-9, 600e-9], 0.1, pixel=3e-6)
+    )
+    for kind in ("psf", "mtf"):
+        assert (tmp_path / f"pupil_{kind}.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    ("command", "options"),
+    [
+        ("psf", ["--defocus", "much"]),
+        ("mtf", ["--samples", "1"]),
+        ("psf", ["--wavelengths", "500 nm", "--wavelength", "500 nm"]),
+        ("mtf", ["--wavelengths", "blue"]),
+        ("mtf", ["--pupil-radius", "0 m"]),
+    ],
+)
+def test_odd_options_of_lenses_are_refused(
+    tmp_path: Any, pupil_file: Any, command: str, options: list[str], capfd: Any
+) -> None:
+    usual = ["--focal-length", "100 mm", "--out", str(tmp_path / "out")]
+    waves = [] if "--wavelengths" in options else ["--wavelength", "500 nm"]
+    assert main([command, str(pupil_file), *usual, *waves, *options]) == 2
+    err = capfd.readouterr().err
+    assert "expected" in err and err.count("\n") == 1
+    assert not list(tmp_path.glob("out*"))
