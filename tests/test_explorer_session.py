@@ -214,7 +214,9 @@ def test_many_vertices_have_fewer_handles_and_all_can_be_reached(page: Visitor) 
     ring = tuple((round(5 * np.cos(t), 6), round(5 * np.sin(t), 6)) for t in turns)
     page.start(rings=(ring,))
     assert "120 handles, 240 vertices" in page.model("aperture").title.text
-    moved = page.press("n", "n", "ArrowUp").rings[0]  # the second has no handle
+    page.press("n", "n")  # the second has no handle
+    assert page.model("vertices").data["handle"][:4] == ["yes", "yes", "yes", ""]
+    moved = page.press("ArrowUp").rings[0]
     assert [k for k in range(240) if moved[k] != ring[k]] == [1]
 
 
