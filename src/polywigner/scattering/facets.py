@@ -348,12 +348,11 @@ def _of_body(body: Polyhedron) -> Floats:
 
 def _split(points: Floats) -> Floats:
     """The triangles (n - 2, 3, 3) of a plane polygon (n, 3), which need not be convex."""
-    fan = np.arange(1, len(points) - 1)
-    triangles = points[np.column_stack([np.zeros_like(fan), fan, fan + 1])]
-    vectors = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    normal = vectors.sum(axis=0)
-    if (vectors @ normal >= 0).all():
-        return triangles
+    sides = np.roll(points, -1, axis=0) - points
+    normal = np.cross(points - points[0], sides).sum(axis=0)
+    if (np.cross(sides, np.roll(sides, -1, axis=0)) @ normal >= 0).all():
+        fan = np.arange(1, len(points) - 1)
+        return points[np.column_stack([np.zeros_like(fan), fan, fan + 1])]
     middle = points.mean(axis=0)
     _, _, axes = np.linalg.svd(points - middle, full_matrices=False)
     axes[1] = np.cross(normal / np.linalg.norm(normal), axes[0])
