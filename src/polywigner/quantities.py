@@ -89,7 +89,10 @@ def _parse(
     if not math.isfinite(value):
         raise QuantityError(f"{expected}; it must be finite")
     if positive and not value > 0:
-        raise QuantityError(f"{expected}; it must be above zero")
+        raise QuantityError(
+            f"expected {article} {kind} above zero, got {_shown(text)}; write one such as "
+            f'"{example}"'
+        )
     return value
 
 
