@@ -217,7 +217,8 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
     import threading
 
     _interrupted = True
-    sys.unraisablehook = threading.excepthook = lambda *_: None
+    sys.unraisablehook = lambda _: None
+    threading.excepthook = lambda _: None
     raise KeyboardInterrupt
 
 
