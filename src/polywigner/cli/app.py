@@ -1,4 +1,4 @@
-"""The commands of ``polywigner``; each checks what is cheap, then imports the heavy libraries."""
+"""Commands of ``polywigner``: each makes its cheap checks before it imports the heavy libraries."""
 
 from __future__ import annotations
 

@@ -317,7 +317,7 @@ class ObstacleOptions:
 
         theta, phi = angles
         axis = np.array([-math.sin(phi), math.cos(phi), 0.0])
-        cross = np.cross(np.eye(3), -axis)
+        cross = np.cross(np.eye(3), axis)  # of axis with v, as a matrix
         pose = np.eye(4)
         pose[:3, :3] += math.sin(theta) * cross + (1.0 - math.cos(theta)) * cross @ cross
         pose[:3, 3] = place
