@@ -401,6 +401,8 @@ HOSTILE = {
     "corner beyond, in bytes": (mesh("ply", "bytes.ply"), "whole mesh"),
     "half a mesh": (mesh("ply", "half.ply"), "whole mesh"),
     "corner beyond, serialized": (mesh("serialized", "a.serialized"), "whole mesh"),
+    "one of three meshes": (
+        "".join(mesh("ply", f"{name}.ply") for name in ("good", "bytes", "also")), "in bytes.ply"),
     "EXR cut short": (picture("cut.exr"), "whole OpenEXR picture"),
     "channels of a volume": (
         '<shape type="cube"><medium name="interior" type="heterogeneous"><volume type="gridvolume" '
@@ -480,6 +482,8 @@ def _write_hostile_files(folder: Path) -> None:
     face = b"\x03" + np.array([0, 1, 7], "<i4").tobytes()
     head = PLY.format("binary_little_endian").encode()
     (folder / "bytes.ply").write_bytes(head + vertices + face)
+    for name in ("good.ply", "also.ply"):
+        (folder / name).write_bytes(head + vertices + face[:-4] + bytes([2, 0, 0, 0]))
     none = head.replace(b"vertex 3", b"vertex 999999999").replace(b"face 1", b"face 0")
     (folder / "many.ply").write_bytes(none + vertices)
     (folder / "half.ply").write_bytes(head + vertices + face[:6])

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from xml.parsers import expat
 
 import mitsuba as mi
@@ -75,6 +75,7 @@ def check_scene_file(
     try:
         seen.look_through(file, 0)
         seen.check_references()
+        _check_loads(tuple(seen.loaded))
     except FileFormatError as error:
         raise SceneError(f"{file}: {error}") from None
     return seen.files | seen.named.keys()
@@ -89,6 +90,8 @@ class _SceneCheck:
         self.files: set[Path] = set()
         self.named: dict[Path, set[str]] = {}
         """Files that are named, and kinds of objects that do."""
+        self.loaded: list[_Loaded] = []
+        """Meshes and OpenEXR pictures among them, which have to be loaded to be known."""
         self.known: set[str | tuple[str, str]] = set()
         """Types, and texts with kinds of objects, that are checked: the disk is asked once."""
         self.elements = self.included = self.size = 0
@@ -220,7 +223,7 @@ class _SceneCheck:
         if path is not None and kind not in self.named.setdefault(path.resolve(), set()):
             check_regular(path)
             try:
-                _check_content(path, kind)
+                self.loaded += _check_content(path, kind)
             except OSError as error:
                 raise FileFormatError(
                     f"expected a readable file, got {path.name}: {error.strerror or error}"
@@ -250,13 +253,18 @@ _EXR = b"\x76\x2f\x31\x01"
 _DECODING, _DECODED = 20.0, 6 << 30
 
 
-def _check_content(path: Path, kind: str) -> None:
-    """Refuse large pictures, and meshes and OpenEXR pictures that end a process that loads them.
+class _Loaded(NamedTuple):
+    """A mesh of a kind, or a picture with none; size and time tell it from later ones."""
 
-    Mitsuba itself does not look whether faces of meshes have corners among their vertices.
-    """
+    path: str
+    kind: str
+    changed: int
+    size: int
+
+
+def _check_content(path: Path, kind: str) -> list[_Loaded]:
+    """Refuse large pictures and meshes by their sizes; return what has to be loaded as well."""
     is_mesh = kind in ("ply", "serialized")
-    wanted = "mesh whose faces have corners among its vertices" if is_mesh else "OpenEXR picture"
     found = path.stat()
     if is_mesh:
         check_bytes(found.st_size, _LARGEST_MESH, f"the mesh {path.name}")
@@ -265,13 +273,9 @@ def _check_content(path: Path, kind: str) -> None:
             f"expected a picture of at most {_MOST_PIXELS} pixels, got {pixels} in {path.name}"
         )
     elif not _is_exr(path):
-        return
-    try:
-        _loaded_apart(
-            str(path.resolve()), kind if is_mesh else "", found.st_mtime_ns, found.st_size
-        )
-    except ChildError:
-        raise FileFormatError(f"expected a whole {wanted}, got a bad one in {path.name}") from None
+        return []
+    kind = kind if is_mesh else ""
+    return [_Loaded(str(path.resolve()), kind, found.st_mtime_ns, found.st_size)]
 
 
 def _is_exr(path: Path) -> bool:
@@ -279,24 +283,46 @@ def _is_exr(path: Path) -> bool:
         return file.read(4) == _EXR
 
 
-@lru_cache(maxsize=1024)
-def _loaded_apart(path: str, kind: str, changed: int, size: int) -> None:
-    """Load a file in a process of its own; `changed` and `size` tell it from later ones."""
-    run_apart(partial(_load, path, kind), _DECODING + size / 1e7, _DECODED, modules=[__name__])
+def _check_loads(files: tuple[_Loaded, ...]) -> None:
+    """Refuse meshes and OpenEXR pictures that end a process that loads them.
+
+    Mitsuba itself does not look whether faces of meshes have corners among their vertices.
+    """
+    try:
+        if files:
+            _loaded_apart(files)
+    except ChildError:
+        if len(files) > 1:  # which one?
+            half = len(files) // 2
+            _check_loads(files[:half])
+            _check_loads(files[half:])
+            return
+        path, kind, *_ = files[0]
+        wanted = "mesh whose faces have corners among its vertices" if kind else "OpenEXR picture"
+        raise FileFormatError(
+            f"expected a whole {wanted}, got a bad one in {Path(path).name}"
+        ) from None
 
 
-def _load(path: str, kind: str) -> None:
-    """Load an OpenEXR picture, or all meshes of a file of a kind."""
+@lru_cache(maxsize=256)
+def _loaded_apart(files: tuple[_Loaded, ...]) -> None:
+    """Load files in a process of its own."""
+    seconds = _DECODING + sum(file.size for file in files) / 1e7
+    run_apart(partial(_load, files), seconds, _DECODED, modules=[__name__])
+
+
+def _load(files: tuple[_Loaded, ...]) -> None:
     from polywigner.mitsuba.films import threads_for_openexr
 
     variant = mi.variant()
     mi.set_variant("scalar_rgb")
     try:
-        if kind:
-            _load_meshes(path, kind)
-        else:
-            with threads_for_openexr():
-                mi.Bitmap(path)
+        for file in files:
+            if file.kind:
+                _load_meshes(file.path, file.kind)
+            else:
+                with threads_for_openexr():
+                    mi.Bitmap(file.path)
     finally:  # in processes that are limited themselves it is called where it is
         if variant is not None:
             mi.set_variant(variant)
