@@ -71,7 +71,7 @@ def _parse(
     example: str,
     positive: bool = False,
 ) -> float:
-    article = "an" if kind[0] in "aeiou" else "a"
+    article = "an" if kind[0] in "aeio" else "a"  # a unit
     expected = f'expected {article} {kind} such as "{example}", got {_shown(text)}'
     if isinstance(text, (int, float)) and not isinstance(text, bool):
         value = float(text) if isinstance(text, float) else _number(Fraction(text))
@@ -195,7 +195,10 @@ def parse_power(text: str | float) -> float:
         if isinstance(text, str) and text.rstrip().endswith(unit):
             level = _parse(text, {unit: Fraction(1)}, "power", "10 dBm")
             if abs(level) > _HIGHEST_LEVEL:
-                raise QuantityError(f'expected a power such as "10 dBm", got {_shown(text)}')
+                raise QuantityError(
+                    f'expected a power such as "10 dBm", within {_HIGHEST_LEVEL:g} {unit} of 0 '
+                    f"{unit}, got {_shown(text)}"
+                )
             return reference * float(10 ** (level / 10))
     return _parse(text, _POWERS, "power", "10 mW", positive=True)
 

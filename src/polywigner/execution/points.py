@@ -467,22 +467,24 @@ def complex_numbers(name: str, value: Any) -> Parameter:
 
 
 def _parameter(value: Any, expected: str, is_complex: bool) -> Parameter:
-    import drjit
-
     got = type(value).__name__
-    if is_drjit(value) and drjit.is_jit_v(value) and drjit.is_float_v(value):
-        if is_tensor(value) and is_complex and value.ndim == 1:
-            value = value.array
-        if drjit.itemsize_v(drjit.leaf_t(value)) < 4:
+    if is_drjit(value):  # else its import could come before a library of LLVM is chosen
+        import drjit
+
+        if not drjit.is_jit_v(value) or not drjit.is_float_v(value):
+            pass
+        elif drjit.itemsize_v(drjit.leaf_t(value)) < 4:
             got += " of 16 bit"
-        elif is_tensor(value):
+        elif is_tensor(value) and not (is_complex and value.ndim == 1):
             got = f"a tensor of shape {tuple(value.shape)}"
             if value.ndim == 2 and value.shape[1] == 2:
                 return Parameter(*_parts(value))
-        elif is_complex and drjit.depth_v(value) == 1:
-            return Parameter(value, drjit.zeros(type(value), drjit.width(value)))
-        elif drjit.depth_v(value) == len(value) == 2 and drjit.is_complex_v(value) == is_complex:
-            return Parameter(*widened((value[0], value[1])))
+        else:
+            value = value.array if is_tensor(value) else value
+            if is_complex and drjit.depth_v(value) == 1:
+                return Parameter(value, drjit.zeros(type(value), drjit.width(value)))
+            if drjit.depth_v(value) == len(value) == 2 and drjit.is_complex_v(value) == is_complex:
+                return Parameter(*widened((value[0], value[1])))
     raise ArgumentError(
         f"{expected}, floats of the LLVM or CUDA backend, got {got}; build sources from plain "
         "numbers, or convert them"

@@ -87,8 +87,10 @@ class FirstOrder:
     def __init__(self, matrix: ArrayLike) -> None:
         expected = "expected a ray matrix of finite real numbers, (4, 4), or (2, 2)"
         given = checked_vectors(matrix, expected, ())
-        if given.shape not in ((2, 2), (4, 4)) or not np.isfinite(given).all():
-            raise ArgumentError(f"{expected}, got {given.shape} of {given.tolist()}")
+        if given.shape not in ((2, 2), (4, 4)):
+            raise ArgumentError(f"{expected}, got shape {given.shape}")
+        if not np.isfinite(given).all():
+            raise ArgumentError(f"{expected}, got {given.tolist()}")
         check_symplectic(given)
         full = np.asarray(np.kron(given, _ONE), np.float64) if len(given) == 2 else given
         _set(self, full, _ULP * abs(full))

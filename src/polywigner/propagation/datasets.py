@@ -187,7 +187,8 @@ def _checked_obstacles(
 
 
 def _checked_methods(method: Any, quantity: str) -> tuple[str, ...]:
-    methods = tuple(method) if isinstance(method, list | tuple) else (method,)
+    one = isinstance(method, str) or not isinstance(method, Sequence)
+    methods = (method,) if one else tuple(method)
     if not methods or len(set(map(str, methods))) < len(methods):
         raise ArgumentError(f"expected one method, or several different ones, got {method!r}")
     for name in methods:

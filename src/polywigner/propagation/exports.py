@@ -223,8 +223,8 @@ def _header(dataset: Any) -> str:
             raise ArgumentError(f"expected {name} as floats, got {array.dtype}")
     in_space = tuple(sorted(dims)) == dims and set(dims) <= set("xyz")
     axes = tuple("xyz") if in_space else (*dims, None, None)[:3]
-    even = [_even(dataset, name) for name in axes]
-    extent = " ".join(f"0 {dataset.sizes.get(name, 1) - 1}" for name in axes)
+    even = [(_even if name in dims else _place)(dataset, name) for name in axes]
+    extent = " ".join(f"0 {dataset.sizes[name] - 1 if name in dims else 0}" for name in axes)
     origin, spacing = (" ".join(map(repr, numbers)) for numbers in zip(*even, strict=True))
     lines = [
         '<?xml version="1.0"?>',
@@ -245,9 +245,15 @@ def _header(dataset: Any) -> str:
     return "\n".join(lines)
 
 
-def _even(dataset: Any, name: str | None) -> tuple[float, float]:
-    """First value and step of an axis; of one that values do not have 0 where it is not known."""
-    points = np.atleast_1d(np.asarray(dataset.coords.get(name, 0.0), np.float64))
+def _place(dataset: Any, name: str | None) -> tuple[float, float]:
+    """Coordinate and step of an axis that values do not have; 0 where it is not known."""
+    known = name in dataset.coords and dataset[name].ndim == 0
+    return (float(dataset[name]) if known else 0.0), 1.0
+
+
+def _even(dataset: Any, name: str) -> tuple[float, float]:
+    """First value and step of an axis."""
+    points = np.asarray(dataset[name], np.float64)
     if len(points) == 1:
         return float(points[0]), 1.0
     step = (points[-1] - points[0]) / (len(points) - 1)

@@ -128,12 +128,11 @@ def line_grid(ends: Any, samples: Any) -> StraightGrid:
 def hemisphere_grid(radius: Any, theta: Any, phi: Any, centre: Any) -> Hemisphere:
     """Points at angles theta from the z axis and phi from the x axis about a centre."""
     length = checked_length(radius, "radius")
-    middle = _checked(centre, "expected a centre (3,) in m", 3)
-    if middle.ndim != 1 or length > LARGEST:
-        raise ArgumentError(
-            f"expected a centre (3,), and a radius of at most {LARGEST:g} m, got {centre!r} and "
-            f"{radius!r}"
-        )
+    middle = _checked(centre, "expected a centre (3,)", 3)
+    if middle.ndim != 1:
+        raise ArgumentError(f"expected a centre (3,), in metres, got shape {middle.shape}")
+    if length > LARGEST:
+        raise ArgumentError(f"expected a radius of at most {LARGEST:g} m, got {radius!r}")
     grid = Hemisphere(angle_axes(checked_theta(theta), checked_phi(phi)), middle, length)
     checked_points(grid.points((0, 0), shape_of_grid(grid)))
     return grid
@@ -168,7 +167,9 @@ def _corners(name: str, corners: Any, which: str) -> Values:
 
 def _checked(values: Any, expected: str, *shape: int) -> Values:
     array = checked_coordinates(values, expected, *shape)
-    if array.ndim > 2 or not (np.abs(array) <= LARGEST).all():
+    if array.ndim > 2 or array.size > 9:
+        raise ArgumentError(f"{expected}, in metres, got shape {array.shape}")
+    if not (np.abs(array) <= LARGEST).all():
         raise ArgumentError(f"{expected}, at most {LARGEST:g} m, got {array.tolist()}")
     return array
 

@@ -55,7 +55,7 @@ def pyramidal(
     18.83
     """
     for name, radius in (("radius_x", radius_x), ("radius_y", radius_y)):
-        if radius != math.inf:
+        if not isinstance(radius, float) or radius != math.inf:
             checked_length(radius, f"{name} of a horn")
     mouth = shapes.rectangle(width, height).with_illumination(te_mode(width, height))
     return mouth.curved((radius_x, radius_y), wavelength)

@@ -111,7 +111,7 @@ def check_memory(shape: Sequence[int]) -> None:
     if math.prod(shape) > _MOST_IN_MEMORY:
         raise ArgumentError(
             f"expected at most {_MOST_IN_MEMORY} samples in memory, got {math.prod(shape):.3g}; "
-            "write them to disk with out, in chunks"
+            "use chunks, or write them to disk with out"
         )
 
 

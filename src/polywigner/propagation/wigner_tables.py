@@ -226,7 +226,7 @@ def _chunks(axes: Mapping[str, xarray.Variable], wanted: Mapping[str, int] | Non
 def _checked_axis(name: str, values: ArrayLike) -> xarray.Variable:
     expected = f"expected {name} as finite numbers of shape (n,)"
     array = checked_row(values, expected)
-    if not np.isfinite(array).all():
-        raise ArgumentError(f"{expected}, got {values!r}")
+    if np.ndim(values) != 1 or not np.isfinite(array).all():
+        raise ArgumentError(f"{expected}, got {values!r:.200}")
     units = "1/m" if name.startswith(("nu", "upsilon")) else "m"
     return labelled_array(array, (name,), {"units": units})

@@ -26,15 +26,22 @@ def checked_poses(to_transmitter: Any, name: str = "to_transmitter") -> Floats:
     rotation = poses[..., :3, :3]
     with np.errstate(all="ignore"):
         gram = np.swapaxes(rotation, -1, -2) @ rotation
-        good = (np.abs(gram - np.eye(3)) <= RIGID_TOLERANCE).all(axis=(-2, -1))
-        good &= (np.abs(poses[..., :3, 3]) <= _FARTHEST).all(axis=-1)
-        good &= np.isclose(poses[..., 3, :], (0.0, 0.0, 0.0, 1.0)).all(axis=-1)
-        good &= np.linalg.det(rotation) > 0
-    if not good.all():
-        raise GeometryError(
-            f"{expected}, each a rotation without scale or mirror image, a translation in m, and a "
-            f"last row (0, 0, 0, 1), got {poses[~good][0].tolist()}"
-        )
+        faults = {
+            "numbers that are not finite": ~np.isfinite(poses).all(axis=(-2, -1)),
+            "a translation in m whose square is no number; check its units": (
+                np.abs(poses[..., :3, 3]) > _FARTHEST
+            ).any(axis=-1),
+            "a last row other than (0, 0, 0, 1); a pose is not multiplied by a scale": ~np.isclose(
+                poses[..., 3, :], (0.0, 0.0, 0.0, 1.0)
+            ).all(axis=-1),
+            "a matrix that is no rotation; scale the source itself": (
+                np.abs(gram - np.eye(3)) > RIGID_TOLERANCE
+            ).any(axis=(-2, -1)),
+            "a mirror image; mirror the source itself": np.linalg.det(rotation) < 0,
+        }
+    for fault, at in faults.items():
+        if at.any():
+            raise GeometryError(f"{expected}, got {fault}: {poses[at][0].tolist()}")
     left, _, right = np.linalg.svd(rotation)
     poses[..., :3, :3] = left @ right
     return poses

@@ -171,7 +171,8 @@ def _extract(archive: Path, folder: Path, name: str) -> None:
             if target == top:
                 continue
             size += member.size
-            if member.name.startswith("/") or size > _MOST_BYTES:
+            outside = member.name.startswith("/") or ".." in Path(member.name).parts
+            if outside or size > _MOST_BYTES:
                 raise PackageError(f"{name} has {member.name!r}, out of place or too large")
             if not target.parent.resolve().is_relative_to(top):
                 raise PackageError(f"{name} has {member.name!r}, which leads elsewhere")
