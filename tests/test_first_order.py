@@ -114,7 +114,7 @@ def test_a_system_is_a_value():
         (lambda: pw.FirstOrder([[1.0, 0.1], [0.2, 1.0]]), r"A\^T D - C\^T B = 1.*0\.02"),
         (lambda: pw.FirstOrder(np.diag([1.0, 2.0, 1.0, 1.0])), "symplectic"),
         (lambda: pw.FirstOrder(np.eye(4) + np.eye(4, k=3)), r"B\^T D - D\^T B = 0"),
-        (lambda: pw.FirstOrder(np.eye(3)), r"\(4, 4\), or \(2, 2\), got \(3, 3\)"),
+        (lambda: pw.FirstOrder(np.eye(3)), r"\(4, 4\), or \(2, 2\), got shape \(3, 3\)"),
         (lambda: pw.FirstOrder([[math.nan, 0], [0, 1]]), "finite"),
         (lambda: pw.FirstOrder("abcd"), "got str"),
         (lambda: pw.FirstOrder.lens(0.0), "other than 0"),

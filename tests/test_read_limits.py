@@ -379,14 +379,14 @@ HOSTILE = {
         f'<sensor type="perspective"><sampler type="ldsampler">{MANY_SAMPLES}</sampler></sensor>',
         "at most 16777216"),
     "mesh named before": ('<default name="f" value="beyond.ply"/>' + mesh("ply", "$f"),
-                          "whole mesh"),
-    "end in a comment": (mesh("ply", "comment.ply"), "whole mesh"),
-    "form feed": (mesh("ply", "feed.ply"), "whole mesh"),
-    "negative length": (mesh("ply", "negative.ply"), "whole mesh"),
-    "corners beyond 64 bits": (mesh("ply", "digits.ply"), "whole mesh"),
-    "corners of floats": (mesh("ply", "floats.ply"), "whole mesh"),
-    "header alone": (mesh("ply", "header.ply"), "whole mesh"),
-    "second mesh": (mesh("serialized", "two.serialized"), "whole mesh"),
+                          "number 200000000"),
+    "end in a comment": (mesh("ply", "comment.ply"), "number 200000000"),
+    "form feed": (mesh("ply", "feed.ply"), "number 200000000"),
+    "negative length": (mesh("ply", "negative.ply"), "ends early"),
+    "corners beyond 64 bits": (mesh("ply", "digits.ply"), "ends early"),
+    "corners of floats": (mesh("ply", "floats.ply"), "ends early"),
+    "header alone": (mesh("ply", "header.ply"), "without its header"),
+    "second mesh": (mesh("serialized", "two.serialized"), "number 200000000"),
     "EXR behind a text": (picture("text.exr"), "pixels"),
     "half an EXR": (picture("half.exr"), "with its size"),
     "objects in each other": (
@@ -397,12 +397,13 @@ HOSTILE = {
                            "pipe"),
     **{f"large {end}": (picture(f"large.{end.lower()}"), "pixels")
        for end in ("PNG", "EXR", "PFM", "HDR")},
-    "corner beyond": (mesh("ply", "beyond.ply"), "whole mesh"),
-    "corner beyond, in bytes": (mesh("ply", "bytes.ply"), "whole mesh"),
-    "half a mesh": (mesh("ply", "half.ply"), "whole mesh"),
-    "corner beyond, serialized": (mesh("serialized", "a.serialized"), "whole mesh"),
+    "corner beyond": (mesh("ply", "beyond.ply"), "number 200000000"),
+    "corner below": (mesh("ply", "below.ply"), "number -20000"),
+    "corner beyond, in bytes": (mesh("ply", "bytes.ply"), "number 7"),
+    "half a mesh": (mesh("ply", "half.ply"), "ends early"),
+    "corner beyond, serialized": (mesh("serialized", "a.serialized"), "number 200000000"),
     "one of three meshes": (
-        "".join(mesh("ply", f"{name}.ply") for name in ("good", "bytes", "also")), "in bytes.ply"),
+        "".join(mesh("ply", f"{name}.ply") for name in ("good", "bytes", "also")), "of bytes.ply"),
     "EXR cut short": (picture("cut.exr"), "whole OpenEXR picture"),
     "channels of a volume": (
         '<shape type="cube"><medium name="interior" type="heterogeneous"><volume type="gridvolume" '
@@ -413,7 +414,7 @@ HOSTILE = {
         r"^.{,900}\.\.\.$"),
     "letters that a terminal obeys": (
         '<shape type="sphere"><string name="&#x9b;31m" value="x"/></shape>', "\ufffd31m"),
-    "vertices without a face": (mesh("ply", "many.ply"), "whole mesh"),
+    "vertices without a face": (mesh("ply", "many.ply"), "ends early"),
     "addresses in memory": (
         '<shape type="blender"><integer name="verts" value="4096"/></shape>', "meshes of files"),
     "reflectance above 1": (
@@ -478,6 +479,7 @@ def _write_hostile_files(folder: Path) -> None:
     triangle = "0 0 0\n1 0 0\n0 1 0\n"
     head = PLY.format("ascii")
     (folder / "beyond.ply").write_text(f"{head}{triangle}3 0 1 200000000\n")
+    (folder / "below.ply").write_text(f"{head}{triangle}3 0 1 -20000\n")
     vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], "<f4").tobytes()
     face = b"\x03" + np.array([0, 1, 7], "<i4").tobytes()
     head = PLY.format("binary_little_endian").encode()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping
 from numbers import Real
 from typing import Any, NamedTuple
 
@@ -93,11 +93,17 @@ def checked_dataset(found: Any, name: str) -> Any:
     return found
 
 
-def arrays_of(found: Any, names: Sequence[str], maker: str) -> list[NDArray[Any]]:
-    """Arrays of a dataset of the function ``maker``; ArgumentError without one of them."""
+def arrays_of(found: Any, axes: Mapping[str, str], maker: str) -> list[NDArray[Any]]:
+    """Arrays of a dataset of the function ``maker``, over axes in order; "": as they are.
+
+    Raises ArgumentError without one of the arrays, and for other axes.
+    """
     try:
-        return [np.asarray(found[name].values) for name in names]
-    except (TypeError, KeyError, IndexError, AttributeError):
+        return [
+            np.asarray((found[name].transpose(*own.split()) if own else found[name]).values)
+            for name, own in axes.items()
+        ]
+    except (TypeError, KeyError, IndexError, AttributeError, ValueError):
         raise ArgumentError(f"expected what {maker} returns, got {type(found).__name__}") from None
 
 

@@ -296,10 +296,9 @@ def draw_tolerance(
         figure.
     """
     check_floor(floor_db)
-    names = ("theta", "phi", "nominal", "expected", "low", "high")
-    theta, phi, *levels = arrays_of(tolerance, names, "polywigner.array_tolerance")
-    if tolerance["nominal"].dims != ("theta", "phi"):
-        levels = [part.T for part in levels]
+    axes_of = {"theta": "theta", "phi": "phi"}
+    axes_of |= dict.fromkeys(("nominal", "expected", "low", "high"), "theta phi")
+    theta, phi, *levels = arrays_of(tolerance, axes_of, "polywigner.array_tolerance")
     parts = (front_of(theta, part) for part in levels)
     places, *others = (list(cuts_of(front, phi, part)) for front, part in parts)
     if len(theta) < 2 or not 1 <= len(places) <= _MOST_CUTS:
@@ -315,7 +314,7 @@ def draw_tolerance(
         mean, low, upper = (cuts[k][2] for cuts in others)
         axes.fill_between(
             degrees, low, upper, color=style.ORANGE, alpha=0.4, lw=0,
-            label=f"5 to 95 % of {tolerance.attrs['count']} samples",
+            label=f"5 to 95 % of {tolerance.attrs.get('count', '')} samples",
         )  # fmt: skip
         axes.plot(degrees, mean, color=style.RED, lw=1.2, ls="--", label="mean, closed form")
         axes.plot(degrees, nominal, color=style.BLUE, lw=0.9, label="without errors")
@@ -411,7 +410,7 @@ def _running_median(angles: Floats, levels: Floats, width: float) -> Floats:
 
 def _checked_rcs(pattern: Any, least: tuple[int, int] = (2, 2)) -> tuple[Floats, Floats, Floats]:
     """Azimuth (n,), elevation (m,), and levels (n, m) in dBsm, minus infinity for nothing."""
-    names = ("azimuth", "elevation", "rcs")
+    names = dict.fromkeys(("azimuth", "elevation", "rcs"), "")
     azimuth, elevation, values = arrays_of(pattern, names, "polywigner.rcs_pattern")
     if values.ndim != 2 or values.shape[0] < least[0] or values.shape[1] < least[1]:
         raise ArgumentError(

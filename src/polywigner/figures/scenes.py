@@ -185,7 +185,7 @@ def write_range_animation(
     from PIL import Image
 
     check_floor(floor_db)
-    names = ("range_edge", "radiance")
+    names = {"range_edge": "", "radiance": ""}
     edges, radiance = arrays_of(frames, names, "polywigner.mitsuba.range_frames")
     if radiance.ndim != 3 or not 1 <= len(radiance) <= _MOST_FRAMES:
         raise ArgumentError(
@@ -288,16 +288,17 @@ def draw_range_profile(
 
 def _checked_profile(profile: Any, receiver: int) -> tuple[Floats, Floats, Floats, float]:
     """Edges, powers, errors, and the noise or zero, of one receiver."""
-    names = ("range_edge", "power", "standard_error", "noise_power")
+    names = dict.fromkeys(("range_edge", "power", "standard_error", "noise_power"), "")
     edges, *values = arrays_of(profile, names, "polywigner.mitsuba.range_profile")
     if values[0].ndim == 1:
         values = [each[None] for each in values]
-    try:
-        power, error, noise = (each[receiver] for each in values)
-    except (TypeError, IndexError):
+    is_number = isinstance(receiver, (int, np.integer)) and not isinstance(receiver, bool)
+    if values[0].ndim != 2 or not is_number or not -len(values[0]) <= receiver < len(values[0]):
         raise ArgumentError(
-            f"expected the number of one of {len(values[0])} receivers, got {receiver!r}"
-        ) from None
+            "expected a profile over range and the number of one of its receivers, got powers of "
+            f"shape {values[0].shape} and {receiver!r}"
+        )
+    power, error, noise = (each[receiver] for each in values)
     return edges, power, error, float(np.nan_to_num(noise))
 
 
@@ -494,11 +495,15 @@ def _draw_response(axes: Axes, frequencies: Floats, pair: _Pair) -> None:
 
 
 def _checked_channel(channel: Any) -> list[_Pair]:
-    names = ("h", "amplitude", "delay", "mirrors", "receiver", "emitter")
-    h, amplitude, delay, mirrors, *ends = arrays_of(channel, names, "polywigner.mitsuba.channel")
+    ends = "receiver emitter"
+    names = {"h": f"frequency {ends}", "amplitude": f"frequency {ends} way", "delay": f"{ends} way"}
+    names |= {name: name for name in ends.split()} | {"mirrors": "way"}
+    h, amplitude, delay, receivers, emitters, mirrors = arrays_of(
+        channel, names, "polywigner.mitsuba.channel"
+    )
     ways = [str(name) for name in mirrors]
     return [
         _Pair(receiver, emitter, h[:, k, j], amplitude[:, k, j], delay[k, j], ways)
-        for k, receiver in enumerate(ends[0].tolist())
-        for j, emitter in enumerate(ends[1].tolist())
+        for k, receiver in enumerate(receivers.tolist())
+        for j, emitter in enumerate(emitters.tolist())
     ]

@@ -464,6 +464,8 @@ def in_band(
 def _interpolated(nodes: Floats, values: Complexes, places: Floats) -> Complexes:
     """Values (n, k) at places (n,) of the polynomial through Chebyshev's nodes, ends included."""
     low, high = nodes[[0, -1]]
+    if low == high:
+        return np.repeat(values[:1], len(places), axis=0)
     own, wanted = ((2 * x - low - high) / (high - low) for x in (nodes, places))
     found = chebyshev.chebfit(own, values, len(nodes) - 1)
     return np.asarray(chebyshev.chebval(wanted, found).T, np.complex128)

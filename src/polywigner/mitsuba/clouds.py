@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, GeometryError
 from polywigner.geometry import Aperture
-from polywigner.geometry.arguments import checked_path, checked_row, rigid_pose
+from polywigner.geometry.arguments import checked_path, checked_row, real_numbers, rigid_pose
 from polywigner.illumination import Array
 from polywigner.mitsuba.sources import centred_source, norm_of
 from polywigner.propagation.amplitudes import amplitude
@@ -174,11 +174,15 @@ def _sources(elements: Any) -> list[Aperture]:
 
 
 def _pose(value: Any) -> NDArray[np.float64]:
-    given = np.reshape(value, (4, 4)) if np.shape(value) == (16,) else value
     try:
-        return rigid_pose(given)
+        given = real_numbers(value)
+        return rigid_pose(given.reshape(4, 4) if given.shape == (16,) else given)
     except GeometryError as error:
         raise ArgumentError(str(error)) from None
+    except ValueError:
+        raise ArgumentError(
+            f"expected to_world as a rigid (4, 4) pose in m, got {value!r:.200}"
+        ) from None
 
 
 def _edges(ranges: Any) -> NDArray[np.float64]:

@@ -1,4 +1,8 @@
-"""Scene files looked through before Mitsuba reads them, since scenes may come from strangers."""
+"""Scene files looked through before Mitsuba reads them, since scenes may come from strangers.
+
+Mitsuba reads elements by recursion in C++, loads plugins from a folder beside the scene, opens the
+pipes and devices that a scene names, and decodes pictures of any size: docs/promises.md.
+"""
 
 from __future__ import annotations
 
@@ -7,15 +11,17 @@ import math
 import re
 import struct
 import warnings
+import zlib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 from xml.parsers import expat
 
 import mitsuba as mi
 import numpy as np
+from numpy.typing import NDArray
 
 from polywigner.apart import ChildError, run_apart
 from polywigner.errors import FileFormatError, SceneError
@@ -56,7 +62,10 @@ def resolving(file: Path) -> Iterator[Callable[[str], Path]]:
 
 
 def digests_of(file: Path, parameters: Mapping[str, Any]) -> dict[str, str]:
-    """SHA-256 of a scene file, of its includes, and of all files that it names."""
+    """SHA-256 of a scene file, of its includes, and of all files that it names.
+
+    By absolute path. Raises SceneError as :func:`check_scene_file` does.
+    """
     with resolving(file) as resolve:
         files = check_scene_file(file, parameters, resolve)
     return {str(path): digest_of_file(path) for path in sorted(files)}
@@ -70,12 +79,15 @@ def digest_of_file(path: Path) -> str:
 def check_scene_file(
     file: Path, parameters: Mapping[str, Any], resolve: Callable[[str], Path]
 ) -> set[Path]:
-    """Return the paths of a scene file, its includes and all files that it names, absolute."""
+    """Return the paths of a scene file, its includes and all files that it names, absolute.
+
+    Raises SceneError for a scene, or one that it includes, that must not reach Mitsuba.
+    `resolve` finds the files that it names; `parameters` are values of its ``$parameters``.
+    """
     seen = _SceneCheck({name: str(value) for name, value in parameters.items()}, resolve)
     try:
         seen.look_through(file, 0)
         seen.check_references()
-        _check_loads(tuple(seen.loaded))
     except FileFormatError as error:
         raise SceneError(f"{file}: {error}") from None
     return seen.files | seen.named.keys()
@@ -90,8 +102,6 @@ class _SceneCheck:
         self.files: set[Path] = set()
         self.named: dict[Path, set[str]] = {}
         """Files that are named, and kinds of objects that do."""
-        self.loaded: list[_Loaded] = []
-        """Meshes and OpenEXR pictures among them, which have to be loaded to be known."""
         self.known: set[str | tuple[str, str]] = set()
         """Types, and texts with kinds of objects, that are checked: the disk is asked once."""
         self.elements = self.included = self.size = 0
@@ -212,7 +222,10 @@ class _SceneCheck:
         self.known.add(name)
 
     def _note_file(self, text: str | None, kind: str) -> None:
-        """Check the file that a text of an object of some kind names, if it does."""
+        """Check the file that a text of an object of some kind names, if it does.
+
+        Of texts that are no names of files, the system may refuse some: too long, for one.
+        """
         if not text or (text, kind) in self.known:
             return
         self.known.add((text, kind))
@@ -223,7 +236,7 @@ class _SceneCheck:
         if path is not None and kind not in self.named.setdefault(path.resolve(), set()):
             check_regular(path)
             try:
-                self.loaded += _check_content(path, kind)
+                _check_content(path, kind)
             except OSError as error:
                 raise FileFormatError(
                     f"expected a readable file, got {path.name}: {error.strerror or error}"
@@ -244,100 +257,208 @@ def _refuse_declarations(name: str, system: Any, public: Any, has_declarations: 
 # ---- meshes and pictures: sizes and corners as they announce them --------------------------------
 
 _MOST_PIXELS = 1 << 26  # a gigabyte as four floats each
-_LARGEST_MESH = 1 << 30
+_LARGEST_MESH, _MOST_CORNERS, _MOST_MESHES = 1 << 30, 1 << 28, 1000
 _LONGEST_HEADER = 1 << 20
 _EXR = b"\x76\x2f\x31\x01"
+_PLY_NUMBERS = {
+    "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4",
+    "float": "f4", "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2",
+    "int32": "i4", "uint32": "u4", "float32": "f4", "float64": "f8",
+}  # fmt: skip
+
+
+def _check_content(path: Path, kind: str) -> None:
+    """Refuse pictures that are too large, and meshes whose faces have corners not among theirs."""
+    if kind in ("ply", "serialized"):
+        content = bytes_of(path, _LARGEST_MESH)
+        for corners, count in [_ply(content)] if kind == "ply" else _serialized(content):
+            least, most = (int(f(initial=0)) for f in (corners.min, corners.max))
+            if least < 0 or (corners.size and most >= count):
+                raise FileFormatError(
+                    f"expected corners of faces among the {count} vertices of {path.name}, got "
+                    f"number {least if least < 0 else most}"
+                )
+    else:
+        pixels = _pixels(path)
+        if pixels > _MOST_PIXELS:
+            raise FileFormatError(
+                f"expected a picture of at most {_MOST_PIXELS} pixels, got {pixels} in {path.name}"
+            )
+        _check_decodes(path)
+
+
+_CORNERS = ("vertex_indices", "vertex_index")
+Property = list[str]
+"""Type and name of a PLY element's property; or "list", types of length and entries, and name."""
+
+
+def _ply(content: bytes) -> tuple[NDArray[Any], int]:
+    """The numbers of all corners of faces, and the number of vertices."""
+    end = re.search(rb"(?:^|\n)end_header[ \t\r]*\n", content[:_LONGEST_HEADER])
+    head = content[: end.start() if end else 0].decode("ascii", "replace")
+    lines = [line.split() for line in head.split("\n")]
+    if end is None or lines[0] != ["ply"]:
+        raise FileFormatError("expected a PLY mesh, got a file without its header")
+    body = content[end.end() :]
+    form = next((line[1] for line in lines if line[:1] == ["format"] and len(line) > 1), "")
+    elements: list[tuple[str, int, list[Property]]] = []
+    for line in lines:
+        if line[:1] == ["element"] and len(line) == 3 and line[2].isdecimal():
+            elements.append((line[1], int(line[2]), []))
+        elif line[:1] == ["property"] and elements:
+            elements[-1][2].append(line[1:])
+    count = next((n for name, n, _ in elements if name == "vertex"), 0)
+    _check_announced(body, form, elements)
+    number = next((k for k, (name, _, _) in enumerate(elements) if name == "face"), None)
+    if number is None or not elements[number][1]:
+        return np.empty(0, np.int64), count
+    before, (_, total, properties) = elements[:number], elements[number]
+    if any(own[0] == "list" for _, _, others in before for own in others):
+        raise FileFormatError("expected a PLY mesh whose faces come before other lists")
+    try:
+        if form == "ascii":
+            rows = [line for line in body.splitlines() if line.strip()]
+            return _of_text(rows[sum(n for _, n, _ in before) :][:total], properties), count
+        order = {"binary_little_endian": "<", "binary_big_endian": ">"}[form]
+        sizes = (n * sum(_number(own[0]).itemsize for own in others) for _, n, others in before)
+        return _of_bytes(body[sum(sizes) :], order, properties, total), count
+    except (ValueError, KeyError, IndexError, OverflowError):
+        raise FileFormatError("expected a whole PLY mesh, got one that ends early") from None
+
+
+def _check_announced(
+    body: bytes, form: str, elements: list[tuple[str, int, list[Property]]]
+) -> None:
+    """Refuse more vertices, faces and the like than the file holds: room is made for all first."""
+    if form == "ascii":
+        least = 2 * sum(n for _, n, _ in elements)  # a digit and the end of the line
+    else:
+        own = {"list": 1, **{name: np.dtype(kind).itemsize for name, kind in _PLY_NUMBERS.items()}}
+        least = sum(n * sum(own.get(p[0], 1) for p in others) for _, n, others in elements)
+    if least > len(body) + 1:
+        raise FileFormatError("expected a whole PLY mesh, got one that ends early")
+
+
+def _number(name: str, order: str = "<") -> np.dtype[Any]:
+    return np.dtype(order + _PLY_NUMBERS[name])
+
+
+def _of_text(rows: list[bytes], properties: list[Property]) -> NDArray[Any]:
+    """Corners of faces from lines of text, one for each face."""
+    found = []
+    for row in rows:
+        words, place = row.split(), 0
+        for own in properties:
+            length = int(words[place]) if own[0] == "list" else 0
+            if own[-1] in _CORNERS:
+                found += [int(word) for word in words[place + 1 : place + 1 + length]]
+            place += 1 + length
+        if place > len(words):
+            raise ValueError
+    return np.array(found, dtype=np.int64)
+
+
+def _of_bytes(body: bytes, order: str, properties: list[Property], total: int) -> NDArray[Any]:
+    """Corners of faces from bytes: most meshes have triangles alone, or rectangles."""
+    others = [own for own in properties if own[0] == "list" and own[-1] not in _CORNERS]
+    for length in (3, 4) if not others else ():
+        fields: list[Any] = []
+        for k, own in enumerate(properties):
+            if own[0] == "list":
+                fields.append(("length", _number(own[1], order)))
+                fields.append(("corners", _number(own[2], order), (length,)))
+            else:
+                fields.append((f"other {k}", _number(own[0], order)))
+        row = np.dtype(fields)
+        if row.names and "corners" in row.names and row["corners"].base.kind == "f":
+            raise ValueError
+        if "corners" in (row.names or ()) and len(body) >= row.itemsize * total:
+            table = np.frombuffer(body, row, total)
+            if (table["length"] == length).all():
+                return np.asarray(table["corners"]).ravel()
+    if total > len(body):  # an entry takes a byte at least
+        raise ValueError
+    found, place = [np.empty(0, np.int64)], 0
+    for _ in range(total):
+        for own in properties:
+            if own[0] != "list":
+                place += _number(own[0]).itemsize
+                continue
+            counts, entries = (_number(name, order) for name in own[1:3])
+            length = int(np.frombuffer(body, counts, 1, place)[0])
+            place += counts.itemsize
+            if length < 0 or counts.kind == "f" or (own[-1] in _CORNERS and entries.kind == "f"):
+                raise ValueError
+            values = np.frombuffer(body, entries, length, place)
+            place += entries.itemsize * length
+            if own[-1] in _CORNERS:
+                found.append(values.astype(np.int64))
+    return np.concatenate(found)
+
+
+def _serialized(content: bytes) -> list[tuple[NDArray[Any], int]]:
+    """The corners of faces and the number of vertices of all meshes in Mitsuba's own format."""
+    refused = FileFormatError("expected a mesh in Mitsuba's format, got another file; use PLY")
+    try:
+        mark, version = struct.unpack_from("<HH", content)
+        (meshes,) = struct.unpack_from("<I", content, len(content) - 4)
+        if mark != 0x041C or version not in (3, 4) or not 0 < meshes <= _MOST_MESHES:
+            raise refused
+        kind, size = ("<Q", 8) if version == 4 else ("<I", 4)
+        end = len(content) - 4 - meshes * size
+        places = [struct.unpack_from(kind, content, end + k * size)[0] for k in range(meshes)]
+        return [_one_serialized(content[place:end], version) for place in places]
+    except (struct.error, ValueError, IndexError, zlib.error):
+        raise refused from None
+
+
+def _one_serialized(content: bytes, version: int) -> tuple[NDArray[Any], int]:
+    """Corners and vertices of one mesh, unpacked as far as it announces."""
+    stream = zlib.decompressobj()
+    body = stream.decompress(content[4:], _LONGEST_HEADER)
+    (flags,) = struct.unpack_from("<I", body)
+    place = 4 + (body.index(b"\0", 4) - 3 if version == 4 else 0)
+    count, faces = struct.unpack_from("<QQ", body, place)
+    numbers = 3 + 3 * bool(flags & 0x1) + 2 * bool(flags & 0x2) + 3 * bool(flags & 0x8)
+    start = place + 16 + count * numbers * (8 if flags & 0x2000 else 4)
+    needed = start + 12 * faces
+    if faces > _MOST_CORNERS or needed > _LARGEST_MESH:
+        raise ValueError
+    if needed > len(body):
+        body += stream.decompress(stream.unconsumed_tail, needed - len(body))
+    return np.frombuffer(body, "<u4", 3 * faces, start), count  # fewer than 2^32 vertices
 
 
 # Of the processor, and of address space: 2^26 pixels of four floats take a gigabyte twice.
 _DECODING, _DECODED = 20.0, 6 << 30
 
 
-class _Loaded(NamedTuple):
-    """A mesh of a kind, or a picture with none; size and time tell it from later ones."""
-
-    path: str
-    kind: str
-    changed: int
-    size: int
-
-
-def _check_content(path: Path, kind: str) -> list[_Loaded]:
-    """Refuse large pictures and meshes by their sizes; return what has to be loaded as well."""
-    is_mesh = kind in ("ply", "serialized")
-    found = path.stat()
-    if is_mesh:
-        check_bytes(found.st_size, _LARGEST_MESH, f"the mesh {path.name}")
-    elif (pixels := _pixels(path)) > _MOST_PIXELS:
-        raise FileFormatError(
-            f"expected a picture of at most {_MOST_PIXELS} pixels, got {pixels} in {path.name}"
-        )
-    elif not _is_exr(path):
-        return []
-    kind = kind if is_mesh else ""
-    return [_Loaded(str(path.resolve()), kind, found.st_mtime_ns, found.st_size)]
-
-
-def _is_exr(path: Path) -> bool:
+def _check_decodes(path: Path) -> None:
+    """Refuse an OpenEXR picture that ends a process in which Mitsuba decodes it."""
     with path.open("rb") as file:
-        return file.read(4) == _EXR
-
-
-def _check_loads(files: tuple[_Loaded, ...]) -> None:
-    """Refuse meshes and OpenEXR pictures that end a process that loads them.
-
-    Mitsuba itself does not look whether faces of meshes have corners among their vertices.
-    """
-    try:
-        if files:
-            _loaded_apart(files)
-    except ChildError:
-        if len(files) > 1:  # which one?
-            half = len(files) // 2
-            _check_loads(files[:half])
-            _check_loads(files[half:])
+        if file.read(4) != _EXR:
             return
-        path, kind, *_ = files[0]
-        wanted = "mesh whose faces have corners among its vertices" if kind else "OpenEXR picture"
+    try:
+        found = path.stat()
+        _decoded_apart(str(path.resolve()), found.st_mtime_ns, found.st_size)
+    except ChildError:
         raise FileFormatError(
-            f"expected a whole {wanted}, got a bad one in {Path(path).name}"
+            f"expected a whole OpenEXR picture, got a damaged one in {path.name}"
         ) from None
 
 
 @lru_cache(maxsize=256)
-def _loaded_apart(files: tuple[_Loaded, ...]) -> None:
-    """Load files in a process of its own."""
-    seconds = _DECODING + sum(file.size for file in files) / 1e7
-    run_apart(partial(_load, files), seconds, _DECODED, modules=[__name__])
+def _decoded_apart(path: str, changed: int, size: int) -> None:
+    """Decode a picture in a process of its own; `changed` and `size` tell it from later ones."""
+    run_apart(partial(_decode, path), _DECODING, _DECODED)
 
 
-def _load(files: tuple[_Loaded, ...]) -> None:
+def _decode(path: str) -> None:
     from polywigner.mitsuba.films import threads_for_openexr
 
-    variant = mi.variant()
     mi.set_variant("scalar_rgb")
-    try:
-        for file in files:
-            if file.kind:
-                _load_meshes(file.path, file.kind)
-            else:
-                with threads_for_openexr():
-                    mi.Bitmap(file.path)
-    finally:  # in processes that are limited themselves it is called where it is
-        if variant is not None:
-            mi.set_variant(variant)
-
-
-def _load_meshes(path: str, kind: str) -> None:
-    shapes: list[dict[str, int]] = [{}]
-    if kind == "serialized":  # of several meshes, whose number is at the end
-        (count,) = struct.unpack("<I", Path(path).read_bytes()[-4:])
-        shapes = [{"shape_index": k} for k in range(count)]
-    for shape in shapes:
-        mesh = mi.load_dict({"type": kind, "filename": path, "face_normals": True, **shape})
-        faces = np.array(mi.traverse(mesh)["faces"], np.int64)
-        if faces.max(initial=0) >= max(mesh.vertex_count(), 1):
-            raise ValueError
+    with threads_for_openexr():
+        mi.Bitmap(path)
 
 
 def _pixels(path: Path) -> int:

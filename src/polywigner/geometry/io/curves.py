@@ -1,7 +1,8 @@
 """Curves of drawings, and chords that stay within a stated distance of them.
 
 A curve is a run of straight lines ((n, d) vertices), an :class:`Arc` of an ellipse or a
-:class:`Bezier`. In an outline, a sequence of curves, each starts where the one before it ends.
+:class:`Bezier`, in two or three dimensions. An outline is a sequence of curves, each of which
+starts where the one before it ends; the last one ends where the first one starts.
 """
 
 from __future__ import annotations
@@ -23,7 +24,9 @@ from polywigner.geometry.io.limits import MOST_VERTICES, check_coordinates
 DEFAULT_TOLERANCE = 1 / 2000
 """Largest distance between a curve and its chords, in diagonals of the outline's bounds.
 
-A circle becomes 52 vertices. On an outline of ten wavelengths it is 1/200 of a wavelength."""
+A circle becomes 52 vertices; a quarter circle in a rounded corner, of a tenth of the outline's
+size, 8 chords. On an outline of ten wavelengths it is 1/200 of a wavelength.
+"""
 
 # A chord that spans more would leave a polygon of fewer than eight sides of a small circle.
 _LARGEST_STEP = math.pi / 4
@@ -90,10 +93,20 @@ def transformed(curve: Curve, matrix: Points, offset: Points) -> Curve:
     return curve @ matrix + offset
 
 
+def turned(points: Any, degrees: float) -> Points:
+    """Points (n, 2) turned counter-clockwise about the origin; quarter turns are exact."""
+    angle = math.fmod(degrees, 360.0) if math.isfinite(degrees) else math.nan
+    quarters = {0.0: (1.0, 0.0), 90.0: (0.0, 1.0), 180.0: (-1.0, 0.0), 270.0: (0.0, -1.0)}
+    radians = math.radians(angle)
+    c, s = quarters.get(angle % 360, (math.cos(radians), math.sin(radians)))
+    return np.asarray(points, dtype=float) @ np.array([(c, s), (-s, c)])
+
+
 def bezier_spans(control: Points, knots: Points, weights: Points | None) -> list[Bezier]:
     """The Bezier curves of a B-spline with control points (n, d) and n + p + 1 knots.
 
-    Control points of a span between knots a < b are the blossom at p - j times a and j times b.
+    The control points of the span between two knots a < b are the blossom's values at p - j
+    times a and j times b; weights are carried as a further coordinate.
     """
     degree = len(knots) - len(control) - 1
     if weights is not None:
@@ -137,8 +150,13 @@ def flattened(outlines: Sequence[Sequence[Curve]], tolerance: float | None) -> l
 
     `tolerance` in the units of the curves; None: 1/2000 of each outline's own size. A whole
     ellipse becomes a polygon of the same area; else all vertices lie on the curve.
+
+    Raises
+    ------
+    FileFormatError for numbers beyond 1e100 and for more than a million vertices.
     """
     rings: list[Ring] = []
+    left = MOST_VERTICES
     for outline in outlines:
         points = np.concatenate([rough_points(curve) for curve in outline])
         check_coordinates(points)
@@ -146,12 +164,16 @@ def flattened(outlines: Sequence[Sequence[Curve]], tolerance: float | None) -> l
         reach = DEFAULT_TOLERANCE * size if tolerance is None else tolerance
         # A point-like outline has no curves to follow; its ring is refused, or dropped, later.
         reach = max(reach, 1e-15 * float(np.abs(points).max()), np.finfo(float).tiny)
-        rings.append(np.concatenate([_chords(curve, reach)[:-1] for curve in outline]))
+        pieces = []
+        for curve in outline:
+            pieces.append(_chords(curve, reach, left)[:-1])
+            left -= len(pieces[-1])
+        rings.append(np.concatenate(pieces))
     return rings
 
 
-def _counted(steps: float) -> int:
-    if not steps <= MOST_VERTICES:
+def _counted(steps: float, left: int) -> int:
+    if not steps <= left:
         raise FileFormatError(
             f"expected at most {MOST_VERTICES} vertices, got more; simplify the outlines or give a "
             "larger tolerance for curves"
@@ -159,14 +181,15 @@ def _counted(steps: float) -> int:
     return max(1, math.ceil(steps))
 
 
-def _chords(curve: Curve, reach: float) -> Points:
+def _chords(curve: Curve, reach: float, left: int) -> Points:
     """Vertices (n, d) of chords along the curve, its ends included."""
     if isinstance(curve, Arc):
-        return _ellipse(curve, reach) if curve.is_closed else _arc(curve, reach)
+        return _ellipse(curve, reach, left) if curve.is_closed else _arc(curve, reach, left)
     if isinstance(curve, Bezier):
         if curve.weights is None or np.ptp(curve.weights) == 0:
-            return _polynomial(curve.points, reach)
-        return _rational(curve, reach)
+            return _polynomial(curve.points, reach, left)
+        return _rational(curve, reach, left)
+    _counted(len(curve) - 1, left)
     return curve
 
 
@@ -175,33 +198,33 @@ def _stretch(arc: Arc) -> float:
     return float(np.linalg.norm(np.stack([arc.u, arc.v]), 2))
 
 
-def _arc(arc: Arc, reach: float) -> Points:
+def _arc(arc: Arc, reach: float, left: int) -> Points:
     """A chord over the angle d stays within stretch (1 - cos(d/2)) of its arc."""
     half = math.acos(max(-1.0, 1 - reach / max(_stretch(arc), reach)))
-    steps = _counted(abs(arc.sweep) / min(2 * half, _LARGEST_STEP))
+    steps = _counted(abs(arc.sweep) / min(2 * half, _LARGEST_STEP), left)
     return arc.at(arc.start + arc.sweep * np.arange(steps + 1) / steps)
 
 
-def _ellipse(arc: Arc, reach: float) -> Points:
+def _ellipse(arc: Arc, reach: float, left: int) -> Points:
     """A polygon with 4 k vertices and the area of the ellipse: a^2 = x/sin(x), x = 2 pi/n.
 
     Its corners stand out by (a - 1) stretch < 1.0001 (pi/n)^2/3 stretch for n >= 48 (1.04 for
     n = 8), and its sides dip by half of that.
     """
     steps = 1.04 * math.pi * math.sqrt(_stretch(arc) / (3 * reach)) if reach else math.inf
-    n = 4 * max(2, _counted(steps / 4))
+    n = 4 * max(2, _counted(steps / 4, left // 4))
     x = 2 * math.pi / n
     grown = math.sqrt(x / math.sin(x))
     angles = arc.start + math.copysign(x, arc.sweep) * np.arange(n + 1)
     return Arc(arc.centre, grown * arc.u, grown * arc.v, 0, 0).at(angles)
 
 
-def _polynomial(points: Points, reach: float) -> Points:
+def _polynomial(points: Points, reach: float, left: int) -> Points:
     """Equal steps of the parameter: the second derivative bounds the distance to a chord."""
     degree = len(points) - 1
     first = points[1:] - points[:-1]  # np.diff takes several times as long for few points
     second = np.linalg.norm(first[1:] - first[:-1], axis=1).max(initial=0.0)
-    steps = _counted(math.sqrt(degree * (degree - 1) / 8 * float(second) / reach))
+    steps = _counted(math.sqrt(degree * (degree - 1) / 8 * float(second) / reach), left)
     t = np.arange(steps + 1)[:, None, None] / steps
     values = np.broadcast_to(points, (steps + 1, *points.shape))
     for _ in range(degree):  # de Casteljau
@@ -211,7 +234,7 @@ def _polynomial(points: Points, reach: float) -> Points:
     return values
 
 
-def _rational(curve: Bezier, reach: float) -> Points:
+def _rational(curve: Bezier, reach: float, left: int) -> Points:
     """Halved until no control point is farther from the chord; the curve lies in their hull."""
     assert curve.weights is not None
     pieces = np.column_stack([curve.points * curve.weights[:, None], curve.weights])[None]
@@ -219,7 +242,7 @@ def _rational(curve: Bezier, reach: float) -> Points:
     while not straight.all():
         straight[~straight] = _off_chord(pieces[~straight]) <= reach
         counts = np.where(straight, 1, 2)
-        _counted(int(counts.sum()))
+        _counted(int(counts.sum()), left)
         halves = _halved(pieces[~straight])
         pieces, straight = np.repeat(pieces, counts, axis=0), np.repeat(straight, counts)
         pieces[~straight] = halves
@@ -265,7 +288,10 @@ def is_closed(path: Path, gap: float) -> bool:
 
 
 def chained(paths: Sequence[Path], gap: float) -> list[Path]:
-    """Closed outlines from open paths whose ends meet in pairs within `gap`, in any direction."""
+    """Closed outlines from open paths whose ends meet in pairs within `gap`, in any direction.
+
+    Raises FileFormatError where an end is left over, or more than two meet.
+    """
     if not paths:
         return []
     tips = np.array([[ends(path[0])[0], ends(path[-1])[1]] for path in paths])
@@ -284,12 +310,15 @@ def chained(paths: Sequence[Path], gap: float) -> list[Path]:
         while end // 2 not in used:
             number, backwards = divmod(end, 2)
             used.add(number)
-            path = paths[number]
-            outline += [reversed_curve(curve) for curve in path[::-1]] if backwards else path
+            outline += _run(paths[number], bool(backwards))
             a, b = meeting[joints[end ^ 1]]  # ends 2 k and 2 k + 1 belong to path k
             end = b if a == end ^ 1 else a
         outlines.append(outline)
     return outlines
+
+
+def _run(path: Path, backwards: bool) -> Path:
+    return [reversed_curve(curve) for curve in reversed(path)] if backwards else path
 
 
 def _joints(points: Points, gap: float) -> list[int]:

@@ -146,7 +146,7 @@ def _polyline(entity: Any) -> list[CurvePath]:
     vertices = [v for v in entity.vertices if not v.dxf.get("flags", 0) & 16]
     points = np.array([_vector(v.dxf.location) for v in vertices]).reshape(-1, 3)
     is_plane = not entity.is_3d_polyline
-    bulges = np.array([float(v.dxf.get("bulge", 0.0)) * is_plane for v in vertices])
+    bulges = np.array([float(v.dxf.get("bulge", 0.0)) if is_plane else 0.0 for v in vertices])
     path = _bulging(points, bulges, bool(entity.is_closed))
     paths = [path] if path else []
     return _to_world(entity, paths) if is_plane else paths

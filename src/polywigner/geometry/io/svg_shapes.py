@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.io.curves import Arc, Bezier, Curve, Points, ends, transformed
+from polywigner.geometry.io.curves import Arc, Bezier, Curve, Points, ends, transformed, turned
 from polywigner.geometry.io.limits import LARGEST_NUMBER
 
 # Possessive (++) and atomic (?>) throughout, so that no text takes longer than its length.
@@ -103,14 +103,33 @@ def _count(text: str) -> int:
 
 def matrix_of(text: str) -> tuple[Points, Points]:
     """A transform list as the matrix (2, 2) and offset (2,) of p -> p @ matrix + offset."""
-    place, text = 0, text.rstrip()
+    place, matrix, offset = 0, np.eye(2), np.zeros(2)
+    text = text.rstrip()
     while place < len(text):
         match = _FUNCTION.match(text, place)
         place = match.end() if match else place
-        if match is None or _count(match[2]) not in _ARGUMENTS.get(match[1], ()):
+        values = numbers_of(match[2], "arguments") if match else []
+        if match is None or len(values) not in _ARGUMENTS.get(match[1], ()):
             raise _refuse("a transform such as translate(10 5) rotate(45)", text)
-    found = _library().Matrix(text)
-    return np.array([(found.a, found.b), (found.c, found.d)]), np.array([found.e, found.f])
+        own, shift = _function(match[1], values)
+        matrix, offset = own @ matrix, shift @ matrix + offset
+    return matrix, offset
+
+
+def _function(name: str, values: list[float]) -> tuple[Points, Points]:
+    if name == "matrix":
+        return np.array([values[0:2], values[2:4]]), np.array(values[4:6])
+    if name == "translate":
+        return np.eye(2), np.array([*values, 0.0][:2])
+    if name == "scale":
+        return np.diag([values[0], values[-1]]), np.zeros(2)
+    if name == "rotate":
+        turn = turned(np.eye(2), values[0])
+        centre = np.array([*values[1:], 0.0, 0.0][:2])
+        return turn, centre - centre @ turn
+    slope = math.tan(math.radians(math.fmod(values[0], 180.0)))
+    skew = [[1.0, 0.0], [slope, 1.0]] if name == "skewX" else [[1.0, slope], [0.0, 1.0]]
+    return np.array(skew), np.zeros(2)
 
 
 def _library() -> Any:

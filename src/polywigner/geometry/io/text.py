@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from collections.abc import Callable
 from typing import Any, NoReturn
@@ -13,9 +14,11 @@ import shapely
 from polywigner.errors import FileFormatError
 from polywigner.geometry.exact import Ring
 from polywigner.geometry.io.drawing import Drawing, File, Format
-from polywigner.geometry.io.limits import check_coordinates, place_of, text_of, token
+from polywigner.geometry.io.limits import place_of, text_of, token
 from polywigner.geometry.parts import polygons_in
 from polywigner.geometry.rings import rings_of_polygon
+
+Vertex = tuple[float, float]
 
 _OTHER_TYPES = ("Point", "MultiPoint", "LineString", "MultiLineString", "Topology")
 _KNOWN_TYPES = "Polygon, MultiPolygon, Feature, FeatureCollection or GeometryCollection"
@@ -40,46 +43,48 @@ def _loaded(text: str) -> Any:
 
 def _listed(value: Any, what: str) -> list[Any]:
     if not isinstance(value, list) or not value:
-        got = "an empty list" if value == [] else _kind(value)
-        raise FileFormatError(f"expected {what} as a list that is not empty, got {got}")
+        raise FileFormatError(f"expected {what} as a list that is not empty, got {_kind(value)}")
     return value
 
 
 def _kind(value: Any) -> str:
+    if value == []:
+        return "an empty list"
     names = {dict: "an object without a type", list: "a list", str: "a text", type(None): "nothing"}
     return names.get(type(value), "a number")
 
 
-def _ring(positions: Any) -> Ring:
-    listed = _listed(positions, "a ring")
+def _vertex(position: Any) -> Vertex:
+    numbers = isinstance(position, list) and all(
+        isinstance(v, (int, float)) and not isinstance(v, bool) for v in position
+    )
+    if not numbers or len(position) not in (2, 3):
+        raise FileFormatError(f"expected positions as [x, y], got {_kind(position)}")
+    if len(position) == 3 and position[2] != 0:
+        raise FileFormatError(
+            f"expected an outline in the plane z = 0, got a height of {position[2]}; drop it"
+        )
     try:
-        ring = np.array(listed)
-        if ring.dtype.kind not in "iufO" or ring.ndim != 2 or ring.shape[1] not in (2, 3):
-            raise ValueError
-        if any(isinstance(value, (bool, str, type(None))) for row in listed for value in row):
-            raise ValueError
-    except ValueError:
-        raise FileFormatError("expected positions as [x, y], got others") from None
-    if ring.shape[1] == 3 and (ring[:, 2] != 0).any():
-        raise FileFormatError("expected an outline in the plane z = 0, got a height; drop it")
-    try:
-        ring = np.array(ring[:, :2], dtype=np.float64)
+        x, y = float(position[0]), float(position[1])
     except OverflowError:
-        ring = np.array(np.inf)
-    check_coordinates(ring)
-    return ring
+        x = y = math.inf
+    if not (math.isfinite(x) and math.isfinite(y)):  # 1e999 is JSON, too
+        raise FileFormatError("expected finite coordinates, got one beyond the largest float")
+    return x, y
 
 
-def _polygon(coordinates: Any) -> list[Ring]:
-    return [_ring(ring) for ring in _listed(coordinates, "the coordinates of a Polygon")]
+def _polygon(coordinates: Any) -> list[list[Vertex]]:
+    rings = _listed(coordinates, "the coordinates of a Polygon")
+    return [[_vertex(position) for position in _listed(ring, "a ring")] for ring in rings]
 
 
-def rings_of_geojson(text: str) -> list[list[Ring]]:
+def rings_of_geojson(text: str) -> list[list[list[Vertex]]]:
     """All polygons of the text in order, each a list of rings with the exterior first.
 
-    Features and collections are opened; a geometry that is null is passed over.
+    Features and collections are opened; a geometry that is null is passed over. Raises
+    FileFormatError for anything else than polygons.
     """
-    polygons: list[list[Ring]] = []
+    polygons: list[list[list[Vertex]]] = []
     waiting = [_loaded(text)]
     while waiting:
         item = waiting.pop()
@@ -109,7 +114,10 @@ _NO_NUMBERS = ("nan", "NaN", "inf", "-inf", "Infinity", "-Infinity")
 
 
 def rings_of_wkt(text: str) -> list[list[Ring]]:
-    """The rings of each polygon of a WKT Polygon or MultiPolygon."""
+    """The rings of each polygon of a WKT Polygon or MultiPolygon.
+
+    Raises FileFormatError for anything else.
+    """
     try:
         with np.errstate(invalid="ignore"):  # a NaN is reported below, with its vertex
             geometry = shapely.from_wkt(text.strip())
@@ -128,7 +136,7 @@ def rings_of_wkt(text: str) -> list[list[Ring]]:
 def fields_of(line: str) -> list[str]:
     """The columns of a line: split at semicolons, else commas, else blanks.
 
-    Where semicolons separate, a comma is a decimal sign.
+    Where semicolons separate, a comma is a decimal sign, as spreadsheets write in many countries.
     """
     if ";" in line:
         fields = line.replace(",", ".").split(";")
@@ -143,7 +151,10 @@ def fields_of(line: str) -> list[str]:
 
 
 def rings_of_csv(text: str) -> list[list[Ring]]:
-    """The one ring of a table with a vertex per line; header line and # comments allowed."""
+    """The one ring of a table with a vertex per line; header line and # comments allowed.
+
+    Raises FileFormatError for a line that is not two numbers.
+    """
     vertices: list[tuple[float, float]] = []
     header_allowed = True
     for number, line in enumerate(text.splitlines(), start=1):
@@ -153,14 +164,17 @@ def rings_of_csv(text: str) -> list[list[Ring]]:
         fields = fields_of(line.split("#", 1)[0])
         if not fields:
             continue
-        is_header = header_allowed and not any(NUMBER.match(field) for field in fields)
-        header_allowed = False
-        if is_header:
+        if header_allowed and not any(NUMBER.match(field) for field in fields):
+            header_allowed = False
             continue
+        header_allowed = False
         if len(fields) != 2 or not all(NUMBER.fullmatch(field) for field in fields):
-            got = f"{len(fields)} column{'s' * (len(fields) > 1)}"
-            if len(fields) == 2:
-                got = " and ".join(token(field, _NO_NUMBERS) for field in fields)
+            got = (
+                " and ".join(token(field, _NO_NUMBERS) for field in fields)
+                if len(fields) == 2
+                else ""
+            )
+            got = got or f"{len(fields)} column{'s' * (len(fields) > 1)}"
             raise FileFormatError(
                 f'expected two numbers such as "1.5, -2", got {got} in line {number}'
             )
