@@ -212,6 +212,18 @@ def test_the_command_line_draws_the_cuts_that_are_named(tmp_path, capsys):
     assert "principal" in capsys.readouterr().err
 
 
+def test_modes_with_nulls_on_samples_have_numbers():
+    """A parabola beside a null would overshoot by tens of dB."""
+    theta, phi = np.radians(np.arange(0, 180.5, 0.5)), np.radians(np.arange(0, 360, 10))
+    mode = pw.te_mode(14e-3, 11e-3, 2, 0)
+    source = pw.shapes.rectangle(14e-3, 11e-3).with_illumination(mode)
+    pattern = pw.radiation_pattern(source, WAVELENGTH, theta, phi)
+    found = pw.beam_metrics(pattern)
+    assert found.directivity == pytest.approx(pattern.attrs["largest_directivity"], abs=0.05)
+    for cut in found.cuts:
+        assert all(math.isnan(level) or level < 0.1 for level in cut.sidelobe_levels)
+
+
 def test_a_lobe_that_runs_into_the_horizon_is_no_sidelobe():
     square = pw.shapes.square(1.4 * WAVELENGTH)
     theta = np.radians(np.arange(-180, 180.5, 0.5))

@@ -169,6 +169,11 @@ REFUSED: dict[str, tuple[Any, str]] = {
     "no method": (lambda: pw.line(SQUARE, BOX, 2, 1.0, method=()), "one method"),
     "a ray's phase": (lambda: pw.line(SQUARE, BOX, 2, 1.0, quantity="phase"), "a phase"),
     "an option": (lambda: pw.line(SQUARE, BOX, 2, 1.0, methods="wigner"), "options among"),
+    "a second order": (lambda: pw.volume(SQUARE, BOX, SHAPE, 1.0, order=2, chunks=2), "1 or 3"),
+    "no tolerance": (
+        lambda: pw.volume(SQUARE, BOX, SHAPE, 1.0, tolerance=0.0, chunks=2),
+        "tolerance",
+    ),
     "a dtype": (lambda: pw.line(SQUARE, BOX, 2, 1.0, dtype="float16"), "float32"),
     "chunks": (lambda: pw.volume(SQUARE, BOX, SHAPE, 1.0, chunks=(1, 2)), "chunks"),
     "more than memory": (lambda: pw.volume(SQUARE, BOX, (2000, 2000, 2000), 1.0), "chunks"),

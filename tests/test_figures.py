@@ -164,3 +164,8 @@ def test_it_is_drawn_as_four_panels():
     titles = [axes.get_title() for axes in drawn.axes if axes.get_title()]
     assert titles == ["aperture", "W(x, ν) before", "|U|² behind", "W(x, ν) behind"]
     assert "an L" in drawn.get_suptitle() and "dotted" not in drawn.get_suptitle()
+
+
+def test_too_few_samples_are_refused():
+    with pytest.raises(ArgumentError, match="from 2 to"):
+        system_slices(TEE, SYSTEM, WAVELENGTH, samples=1)

@@ -150,6 +150,24 @@ def test_an_image_is_the_source_magnified_with_the_phase_of_a_lens():
     assert set(np.round(pair, 12)) <= {0.0, 1.0 - 0.5j, 0.3}
 
 
+def test_fields_close_to_an_image_and_to_a_focus_pass_over_into_them():
+    image = pw.FirstOrder.rotation(0.4) @ pw.FirstOrder.magnifier(-1.5)
+    y = np.array([[-4e-3, -4.2e-3], [1e-3, -5e-3]]) @ image.A.T
+    at_image = pw.amplitude(TAPERED, y, WAVELENGTH, through=image)
+    near = pw.amplitude(TAPERED, y, WAVELENGTH, through=image @ pw.FirstOrder.free_space(2e-6))
+    # edges that are hundreds of Fresnel zones away make ripples of a few hundredths
+    assert near == pytest.approx(at_image, abs=0.05)
+    y = points(5, 1e-3)
+    focus = pw.amplitude(TAPERED, y, WAVELENGTH, through=SYMMETRIC["focus"])
+    for excess in (1e-16, 1e-14, -1e-12, 1e-10):
+        lens = pw.FirstOrder.lens(0.05 * (1 + excess))
+        near = pw.amplitude(TAPERED, y, WAVELENGTH, through=SPACE @ lens)
+        assert near == pytest.approx(focus, abs=1e-9 + 10 * abs(excess))
+        crossed = pw.FirstOrder.lens((0.05 * (1 + excess), 0.05 * (1 - 2e-9)))
+        near = pw.amplitude(TAPERED, y, WAVELENGTH, through=SPACE @ crossed)
+        assert near == pytest.approx(focus, abs=1e-7)
+
+
 @pytest.mark.parametrize("source", [TAPERED, HOLED, MIXED], ids=["waves", "hole", "two outlines"])
 def test_an_image_along_an_oblique_axis_is_a_sum_along_sections(source):
     """A lens, a turn, an image along y behind free space along x, a turn, and a lens again.

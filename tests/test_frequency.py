@@ -22,6 +22,7 @@ CALLS: dict[str, tuple[Any, tuple[Any, ...], tuple[Any, ...]]] = {
     "radiated_power": (pw.radiated_power, (SQUARE,), ()),
     "amplitude": (pw.amplitude, (SQUARE, POINT), ()),
     "irradiance": (pw.irradiance, (SQUARE, POINT), ()),
+    "field": (pw.field, (SQUARE, POINT), ("x",)),
     "steering_weights": (pw.arrays.steering_weights, ([(0, 0), (1e-3, 0)], NORMAL), ()),
     "focusing_weights": (pw.arrays.focusing_weights, ([(0, 0), (1e-3, 0)], POINT), ()),
 }

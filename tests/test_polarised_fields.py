@@ -194,6 +194,15 @@ def test_handedness_is_that_of_the_ieee() -> None:
     assert (angles[1] - angles[0]) % (2 * math.pi) == pytest.approx(0.1)
 
 
+def test_labels_of_points_stay() -> None:
+    xarray = pytest.importorskip("xarray")
+    points = xarray.DataArray(POINTS[2:], dims=("place", "axis"))
+    found = pw.field(ELL, points, 1.0, "y")
+    assert found.dims == ("place", "component")
+    plain = pw.field(ELL, POINTS[2:], 1.0, "y")
+    assert found.sel(component="z").values == pytest.approx(plain[:, 2])
+
+
 PARTLY = pw.shapes.square(1.0).partially_coherent(0.5)
 
 
@@ -202,6 +211,7 @@ PARTLY = pw.shapes.square(1.0).partially_coherent(0.5)
     [
         ((ELL, (0, 0, 1), 1.0, "up"), ArgumentError, "45 deg"),
         ((ELL, (0, 0, 1), 1.0, "x", "kirchhoff"), ArgumentError, "magnetic"),
+        ((ELL, (0, 0, -1), 1.0, "x"), ArgumentError, "in front"),
         ((PARTLY, (0, 0, 1), 1.0, "x"), IlluminationError, "coherent"),
         ((pw.Slits([[0, 1]]), (0, 0, 1), 1.0, "x"), PolywignerError, "Aperture"),
     ],

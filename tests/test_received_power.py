@@ -250,6 +250,28 @@ def scene_with_floor(swapped=False, **more):
     )
 
 
+def test_power_over_an_aperture_is_that_in_front_times_the_share_that_is_radiated(plain):
+    """Of receiver and emitter, straight and scattered, of the same samples."""
+    more = {"obliquity": "kirchhoff"}
+    floor = plate(0, -FLOOR, 0.25, [1, 0, 0], -90)
+
+    def found(options, **of):
+        tx = pm.aperture(SQUARE, WAVELENGTH, **of, **more)
+        rx = receiver(HANDED, facing(0.5), estimator="wigner", **more, **options)
+        return power_of(tx=tx, rx=rx, floor=floor)
+
+    front = found({}, power=1.0)
+    energy = pw.lag_marginal(HANDED, (0.0, 0.0)).real
+    for other, source, own in (
+        (found({"normalise": "aperture"}, power=1.0), HANDED, energy),
+        (found({}, aperture_power=1.0), SQUARE, SQUARE.area),
+    ):
+        share = pw.radiated_power(source, WAVELENGTH, "kirchhoff") / own
+        assert share < 0.95
+        assert other.direct == pytest.approx(share * front.direct, rel=SINGLE)
+        assert other.scattered == pytest.approx(share * front.scattered, rel=SINGLE)
+
+
 @pytest.mark.slow
 def test_the_stated_error_is_that_of_repetitions(plain):
     """40 seeds: their variance over the mean of the stated ones is 1 but for chi squared's own."""

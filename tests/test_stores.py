@@ -176,6 +176,12 @@ def test_other_data_at_the_place_stays(tmp_path, make):
     assert [path.name for path in tmp_path.iterdir()] == ["precious"]
 
 
+@pytest.mark.parametrize("path", ["", b"x.zarr"])
+def test_what_is_no_path_is_refused(path):
+    with pytest.raises(ArgumentError, match="expected a path"):
+        write_dataset(path, LAYOUT, Beam(), SETTINGS)
+
+
 def test_more_than_the_disk_has_is_refused_before_the_work(tmp_path):
     axis = labelled_array(np.arange(2.0**20), ("x",))
     vast = Layout("v", "float64", {"x": axis, "y": axis, "z": axis}, (2**20, 2**20, 2**20))
