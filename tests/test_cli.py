@@ -58,12 +58,17 @@ def _raising(monkeypatch, error):
 
 
 def test_commands_and_options_are_completed_by_the_script_of_a_shell(monkeypatch, capsys):
-    monkeypatch.setenv("_POLYWIGNER_COMPLETE", "source_bash")
-    with pytest.raises(SystemExit) as end:
-        main([])
-    script, errors = capsys.readouterr()
-    assert (end.value.code, errors) == (0, "")
-    assert "complete -o default -F _polywigner_completion polywigner" in script
+    for shell, line in (
+        ("bash", "complete -o default -F _polywigner_completion polywigner"),
+        ("zsh", "#compdef polywigner"),
+        ("fish", "complete --command polywigner"),
+    ):
+        monkeypatch.setenv("_POLYWIGNER_COMPLETE", f"source_{shell}")
+        with pytest.raises(SystemExit) as end:
+            main([])
+        script, errors = capsys.readouterr()
+        assert (end.value.code, errors) == (0, "")
+        assert line in script
     monkeypatch.setenv("_POLYWIGNER_COMPLETE", "complete_bash")
     for words, expected in (("polywigner pro", "propagate"), ("polywigner volume --la", "--layer")):
         monkeypatch.setenv("COMP_WORDS", words)

@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, suppress
+from inspect import signature
 from pathlib import Path
 from tempfile import gettempdir
 from typing import Any, NoReturn
@@ -22,7 +23,7 @@ import pytest
 from explorer_server import OK, SECONDS, UPGRADE, ask, need_bokeh, running
 from polywigner.errors import FileFormatError, PolywignerError
 from polywigner.explorer.readings import Readings
-from polywigner.explorer.server import Rarely, keep_short
+from polywigner.explorer.server import Rarely, keep_short, new_server
 
 SQUARE = b"POLYGON((0 0, 3 0, 3 2, 0 2, 0 0))"
 SCRIPT = "/static/js/bokeh.min.js"
@@ -337,6 +338,7 @@ def test_clients_that_ask_for_nothing_keep_nobody_out_but_open_pages_stay() -> N
 
 
 def test_half_a_request_and_a_silent_page_come_to_an_end() -> None:
+    assert signature(new_server).parameters["patience"].default == 15  # docs/explorer.md
     with running("127.0.0.1", patience=1.0) as quick:
         ended = ends_of_requests(quick)
     assert ended == dict.fromkeys(ended, True)

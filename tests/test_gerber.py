@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import polywigner as pw
-from polywigner.errors import FileFormatError
+from polywigner.errors import ArgumentError, FileFormatError
 
 # Sums of some hundred vertices, scaled from mm to metres.
 ROUNDING = 1e-12
@@ -137,8 +137,14 @@ REFUSED = {
     "step and repeat": ("%SRX2Y1I3J0*%" + SQUARE + "X0Y0D03*%SR*%", "step and repeat"),
     "block": ("%ABD12*%" + SQUARE + "X0Y0D03*%AB*%", "an aperture block"),
     "mirrored aperture": (SQUARE + "%LMX*%X0Y0D03*", "transformed apertures"),
+    "rotated aperture": (SQUARE + "%LR45*%X0Y0D03*", "transformed apertures"),
+    "scaled aperture": (SQUARE + "%LS2*%X0Y0D03*", "transformed apertures"),
     "negative image": ("%IPNEG*%" + PATCH, "a transformed image"),
     "axes": ("%ASAYBX*%" + PATCH, "a transformed image"),
+    "mirrored image": ("%MIA1B0*%" + PATCH, "a transformed image"),
+    "scaled image": ("%SFA2B2*%" + PATCH, "a transformed image"),
+    "shifted image": ("%OFA1B0*%" + PATCH, "a transformed image"),
+    "rotated image": ("%IR90*%" + PATCH, "a transformed image"),
     "second statement in one": ("%LPD*SRX2Y1I3J0*%" + PATCH, "step and repeat"),
     "include": ("%IFother.gbr*%" + PATCH, "another file"),
     "incremental": ("G91*" + PATCH, "not absolute"),
@@ -163,6 +169,7 @@ REFUSED = {
     "macro code": ("%AMPad*7,0,0,2,1,.2,0*%%ADD10Pad*%" + FLASH, "codes 1, 4, 5"),
     "macro exposure": ("%AMPad*1,2,1,0,0*%%ADD10Pad*%" + FLASH, "exposure 0 or 1"),
     "macro parameter": ("%AMPad*1,1,$1,0,0*%%ADD10Pad*%" + FLASH, r"unresolved.*\$1"),
+    "macro power": ("%AMPad*1,1,9xx9xx9xx9,0,0*%%ADD10Pad*%" + FLASH, "gerbonara reads"),
     "open region": ("G36*X0Y0D02*X1000D01*Y1000D01*G37*", "closed outlines"),
     "endless region": ("G36*X0Y0D02*X1000D01*", "G37 after each G36"),
     "flash in a region": (SQUARE + "G36*X0Y0D03*G37*", "inside region"),
@@ -177,6 +184,11 @@ def test_what_would_be_read_wrongly_is_refused(read, what: str) -> None:
     body, words = REFUSED[what]
     with pytest.raises(FileFormatError, match=rf"board\.gbr: expected .*{words}"):
         read(body)
+
+
+def test_a_file_has_no_layers_to_choose(read) -> None:
+    with pytest.raises(ArgumentError, match="no layers"):
+        read(PATCH, layer="top")
 
 
 def test_damaged_files_are_refused(read, tmp_path: Path) -> None:

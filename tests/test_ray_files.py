@@ -231,10 +231,10 @@ def npz_of(member, compression=zipfile.ZIP_STORED):
 
 
 def npz_with(flags, method):
-    """An archive that asks for a password, or for another compression."""
+    """Saved rays whose archive asks for a password, or for another compression."""
 
     def write(path):
-        npz_of(b"")(path)
+        pw.rays.save(pw.sample_rays(pw.shapes.square(10e-3), WAVELENGTH, 8, 7), path)
         content = bytearray(path.read_bytes())
         for mark, offset in ((b"PK\3\4", 6), (b"PK\1\2", 8)):
             struct.pack_into("<HH", content, content.index(mark) + offset, flags, method)
@@ -256,41 +256,42 @@ DAMAGED = {
     "lumens.dat": (written(foreign(flux=1)), "lumens"),
     "colours.dat": (written(foreign(kind=2, second=0.6)), "one wavelength"),
     "still.dat": (written(foreign(turned=0)), "no length"),
-    "no archive.npz": (written(b"PK\3\4 and so on"), "archive"),
-    "no rays.npz": (lambda path: np.savez(path, position=np.zeros((2, 3))), "direction"),
+    "no archive.npz": (written(b"PK\3\4 and so on"), "not a zip file"),
+    "no rays.npz": (lambda path: np.savez(path, position=np.zeros((2, 3))), "direction is not"),
     "objects.npz": (
         lambda path: np.savez(path, position=np.array([{}]), direction=0, weight=0, attrs="{}"),
-        "objects",
+        "Object arrays",
     ),
-    "header.npz": (npz_of(header(b"('")), "header"),
-    "long.npz": (npz_of(header(b"{}" + b"\0 " * 800)), "long"),
-    "lzma.npz": (npz_of(bytes(range(256)) * 40, zipfile.ZIP_LZMA), "lzma"),
-    "password.npz": (npz_with(1, 0), "password"),
-    "method.npz": (npz_with(0, 99), "method"),
+    "header.npz": (npz_of(header(b"('")), "EOF in multi-line"),
+    "long.npz": (npz_of(header(b"{}" + b"\0 " * 800)), "Cannot parse header"),
+    "lzma.npz": (npz_of(bytes(range(256)) * 40, zipfile.ZIP_LZMA), "Corrupt input"),
+    "password.npz": (npz_with(1, 0), "password required"),
+    "method.npz": (npz_with(0, 99), "method is not supported"),
     "zeros.npz": (packed_zeros, "packed into"),
-    "pipe.npz": (os.mkfifo, "pipe"),
-    "absent.npz": (lambda path: None, "absent"),
-    "device.csv": (lambda path: path.symlink_to("/dev/zero"), "device"),
-    "no table.csv": (written("# {}\nx,y\n1,2\n"), "columns"),
-    "words.csv": (csv_of("1,2,3,0,0,one,1,0"), "one"),
-    "no attributes.csv": (written("x,y,z,l,m,n,weight\n0,0,0,0,0,1,1\n"), "no attributes"),
+    "pipe.npz": (os.mkfifo, "got a device or pipe"),
+    "absent.npz": (lambda path: None, "which is none"),
+    "device.csv": (lambda path: path.symlink_to("/dev/zero"), "got a device or pipe"),
+    "no table.csv": (written("# {}\nx,y\n1,2\n"), "columns 'x,y'"),
+    "words.csv": (csv_of("1,2,3,0,0,one,1,0"), "string 'one'"),
+    "no attributes.csv": (written("x,y,z,l,m,n,weight\n0,0,0,0,0,1,1\n"), "Expecting value"),
     "no vectors.csv": (csv_of("0,0,0,0,0,2,1,0"), "unit vectors"),
     "power.csv": (csv_of("0,0,0,0,0,1,nan,0"), "no numbers"),
     "direction.csv": (csv_of("0,0,0,nan,0,1,1,0"), "no numbers"),
     "count.csv": (csv_of("0,0,0,0,0,1,1,0", '{"count": -7}'), "-7 rays"),
     "text.csv": (csv_of("0,0,0,0,0,1,1,0", '{"count": "many"}'), "many rays"),
-    "batch.csv": (csv_of("0,0,0,0,0,1,1,-3"), "batch"),
-    "no netcdf.nc": (written(b"CDF and so on"), "no netcdf"),
+    "batch.csv": (csv_of("0,0,0,0,0,1,1,-3"), "batch as whole numbers"),
+    "no netcdf.nc": (written(b"CDF and so on"), "signature not found"),
     "zeros.nc": (netcdf_of("packed"), "packed into"),
-    "others.nc": (netcdf_of("others"), "other files"),
-    "link.nc": (netcdf_of("link"), "link"),
+    "others.nc": (netcdf_of("others"), "values in other files"),
+    "link.nc": (netcdf_of("link"), "a link to another place"),
 }
 
 
 @pytest.mark.parametrize("name", DAMAGED)
 def test_files_that_are_no_rays_are_refused_at_once_in_a_sentence(name, tmp_path):
     write, said = DAMAGED[name]
-    write(tmp_path / name)
+    path = (tmp_path / name).with_stem("r")  # a name that says nothing
+    write(path)
     with pytest.raises(FileFormatError, match=f"expected.*{said}") as refused:
-        pw.rays.load(tmp_path / name)
+        pw.rays.load(path)
     assert "\n" not in str(refused.value) and len(str(refused.value)) < 700

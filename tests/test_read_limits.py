@@ -89,6 +89,10 @@ def test_a_dtd_that_declares_attributes_is_refused(tmp_path: Path) -> None:
     refusal(tmp_path / "a.svg", text, "without entities or other declarations")
 
 
+def test_a_drawing_has_20_s_and_1_gib() -> None:
+    assert (limits._SECONDS, limits._MEMORY) == (20, 1 << 30)
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="limits of memory are Unix's")
 @pytest.mark.parametrize(

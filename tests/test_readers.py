@@ -49,6 +49,7 @@ GERBER = f"%FSLAX36Y36*%%MOMM*%G01*G36*{CORNERS[0]}D02*{'D01*'.join(CORNERS[1:])
 SAME = {
     "polygon.geojson": json.dumps(POLYGON),
     "polygon.json": "\ufeff" + json.dumps(POLYGON, indent=1),
+    "POLYGON.GEOJSON": json.dumps(POLYGON),
     "open.geojson": json.dumps({"type": "Polygon", "coordinates": [MILLIMETRES.tolist()]}),
     "flat.geojson": json.dumps(
         {"type": "Polygon", "coordinates": [[[*v, 0] for v in _closed(MILLIMETRES)]]}
@@ -70,6 +71,8 @@ SAME = {
     "blanks.csv": "\n".join(ROWS).replace(",", "\t  "),
     "quotes.csv": "\n".join(f'"{x}","{y}",' for x, y in MILLIMETRES),
     "wkt.txt": WKT,
+    "rows.txt": "\n".join(ROWS),
+    "json.txt": json.dumps(FEATURE),
     "no_suffix": WKT,
     "path.svg": f'<svg viewBox="0 0 1 1"><path d="M{POINTS}z"/></svg>',
     "path.xml": f'<?xml version="1.0"?><svg><polygon points="{POINTS}"/></svg>',
