@@ -65,9 +65,10 @@ def traced(
     direction: ArrayLike,
     weight: ArrayLike | None = None,
 ) -> xarray.Dataset:
-    """Rays after ray optics of your own, for :func:`rebuild`: positions, directions and powers.
+    """Rays after ray optics of your own: positions, directions and powers.
 
-    Keep their order; a ray that is lost on the way has NaN for its position, or a weight of zero.
+    They are for :func:`rebuild`. Keep their order; a ray that is lost on the way has NaN for its
+    position, or a weight of zero.
 
     Parameters
     ----------
