@@ -1,7 +1,7 @@
-"""Run as a program of its own by ``processes``: a library reads a file, and JSON goes to stdout.
+"""Run as a program of its own by ``readings``: a visitor's file is read, JSON goes to stdout.
 
 A damaged file can end a library's process (segmentation faults, loops, memory without bound),
-which must not be the caller's. Nothing of this package is imported here.
+which must not be the server's. Limits are set before the program imports this package.
 """
 
 from __future__ import annotations
