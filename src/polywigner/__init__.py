@@ -13,6 +13,7 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
 
+    from polywigner import errors as errors
     from polywigner import rays as rays
     from polywigner.citations import cite as cite
     from polywigner.geometry import Aperture as Aperture
@@ -104,7 +105,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _NAMES = {
-    "polywigner": "rays",
+    "polywigner": "errors rays",
     "polywigner.citations": "cite",
     "polywigner.geometry": """
         Aperture Polyhedron Slits Wavefront automean lag_slice position_slice read_aperture

@@ -23,6 +23,19 @@ __all__ = [
 ]
 
 
+# Longest text of a value in a message.
+_LONGEST = 80
+
+
+def value_text(value: object) -> str:
+    """Return a value as text of at most one short line, for an error message."""
+    text = " ".join(repr(value).split())
+    shape = getattr(value, "shape", ())
+    if shape and len(text) > _LONGEST:
+        return f"{type(value).__name__} of shape {shape}"
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 3]}..."
+
+
 def install_command(extra: str = "") -> str:
     """The command that brings polywigner, with one of its extras; for messages.
 

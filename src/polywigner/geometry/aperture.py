@@ -11,7 +11,7 @@ import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import ArgumentError, GeometryError, IlluminationError
+from polywigner.errors import ArgumentError, GeometryError, IlluminationError, value_text
 from polywigner.geometry.arguments import Outline, checked_number, rigid_pose
 from polywigner.geometry.convex import convex_pieces, triangulate_part
 from polywigner.geometry.display import length_text, plot_rings, shown_as_html
@@ -150,7 +150,7 @@ class Aperture(TakesWaves):
         """
         size = checked_number(factor, "factor", "a number above zero")
         if not size > 0:
-            raise ArgumentError(f"expected factor as a number above zero, got {factor!r}")
+            raise ArgumentError(f"expected factor as a number above zero, got {value_text(factor)}")
         parts = [tuple(ring * size for ring in part) for part in self._parts]
         copy, field = Aperture([polygon_of_part(part) for part in parts]), self.illumination
         return copy if field is None else copy.with_illumination(field.scaled(size))

@@ -18,7 +18,13 @@ import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import ArgumentError, GeometryError, PolywignerError, PolywignerWarning
+from polywigner.errors import (
+    ArgumentError,
+    GeometryError,
+    PolywignerError,
+    PolywignerWarning,
+    value_text,
+)
 from polywigner.interruption import atomic_path
 from polywigner.quantities import SPEED_OF_LIGHT
 
@@ -95,7 +101,7 @@ def checked_number(value: Any, name: str, meaning: str) -> float:
     except (TypeError, ValueError, OverflowError):
         number = math.nan
     if not math.isfinite(number):
-        raise ArgumentError(f"expected {name} as {meaning}, got {value!r}")
+        raise ArgumentError(f"expected {name} as {meaning}, got {value_text(value)}")
     return number
 
 
@@ -103,14 +109,14 @@ def checked_choice(value: Any, name: str, choices: Collection[str]) -> str:
     """One of some names, or ArgumentError."""
     if not isinstance(value, str) or value not in choices:
         known = ", ".join(f'"{choice}"' for choice in choices)
-        raise ArgumentError(f"expected {name} to be one of {known}, got {value!r}")
+        raise ArgumentError(f"expected {name} to be one of {known}, got {value_text(value)}")
     return value
 
 
 def checked_flag(value: Any, name: str) -> bool:
     """True or False, or ArgumentError: arrays and texts have no truth to tell."""
     if not isinstance(value, (bool, np.bool_)):
-        raise ArgumentError(f"expected {name} to be True or False, got {value!r}")
+        raise ArgumentError(f"expected {name} to be True or False, got {value_text(value)}")
     return bool(value)
 
 
@@ -154,7 +160,7 @@ def checked_array(values: Any, name: str, dimension: int) -> NDArray[np.float64]
 def checked_callable(value: Any, name: str) -> Any:
     """A function or None, or ArgumentError."""
     if value is not None and not callable(value):
-        raise ArgumentError(f"expected {name} as a function or None, got {value!r}")
+        raise ArgumentError(f"expected {name} as a function or None, got {value_text(value)}")
     return value
 
 
@@ -164,7 +170,7 @@ def checked_length(value: Any, name: str, zero: bool = False, meaning: str = "")
     number = checked_number(value, name, meaning)
     if number < _LEAST_LENGTH and not (zero and number == 0):
         unit = "; check its unit" if number > 0 else ""
-        raise ArgumentError(f"expected {name} as {meaning}, got {value!r}{unit}")
+        raise ArgumentError(f"expected {name} as {meaning}, got {value_text(value)}{unit}")
     return number
 
 
@@ -181,7 +187,9 @@ def checked_wavelength(value: Any) -> float:
         )
     wavelength = checked_length(value, "wavelength")
     if not (0.0 < wavelength * wavelength < math.inf and 1.0 / wavelength**2 < math.inf):
-        raise ArgumentError(f"expected a wavelength in metres, got {wavelength!r}; check its unit")
+        raise ArgumentError(
+            f"expected a wavelength in metres, got {value_text(wavelength)}; check its unit"
+        )
     return wavelength
 
 
@@ -197,7 +205,8 @@ def checked_generator(seed: Any) -> np.random.Generator:
     whole = all(isinstance(k, (int, np.integer)) and not isinstance(k, bool) for k in entries)
     if not isinstance(seed, _RANDOM) and not (whole and min(entries) >= 0):
         raise ArgumentError(
-            f"expected seed as a whole number of at least zero or a Generator, got {seed!r}"
+            f"expected seed as a whole number of at least zero or a Generator, "
+            f"got {value_text(seed)}"
         )
     return np.random.default_rng(seed)
 
@@ -209,7 +218,7 @@ def checked_count(value: Any, name: str, least: int, most: int | None = None) ->
     whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
     if not whole or value < least or (most is not None and value > most):
         bounds = f"of at least {least}" if most is None else f"from {least} to {most}"
-        raise ArgumentError(f"expected {name} as a whole number {bounds}, got {value!r}")
+        raise ArgumentError(f"expected {name} as a whole number {bounds}, got {value_text(value)}")
     return int(value)
 
 
@@ -220,7 +229,7 @@ def checked_path(path: Any) -> Path:
     except TypeError:
         text = None
     if not isinstance(text, str) or not text or "\0" in text:
-        raise ArgumentError(f"expected a path of a file or folder, got {path!r}")
+        raise ArgumentError(f"expected a path of a file or folder, got {value_text(path)}")
     return Path(os.path.abspath(text))  # noqa: PTH100 (a pathlib path keeps the "..")
 
 
@@ -431,7 +440,9 @@ def takes_frequency(function: Callable[P, R]) -> _WithFrequency[P, R]:
 def _checked(frequency: Any) -> float:
     number = checked_number(frequency, "frequency", "a number in Hz above zero")
     if not number > 0:
-        raise ArgumentError(f"expected frequency as a number in Hz above zero, got {frequency!r}")
+        raise ArgumentError(
+            f"expected frequency as a number in Hz above zero, got {value_text(frequency)}"
+        )
     if number < _LEAST:
         raise ArgumentError(
             f"expected frequency in Hz, got {number:g}, a wavelength of "

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from polywigner.errors import ArgumentError
+from polywigner.errors import ArgumentError, value_text
 from polywigner.geometry.aperture import Aperture
 from polywigner.geometry.arguments import checked_count as _count
 from polywigner.geometry.arguments import checked_flag, numbers_or_nan
@@ -53,7 +53,9 @@ def _numbers(values: Any, name: str, meaning: str, dimensions: int) -> Ring:
     array = numbers_or_nan(values)
     fits = array.ndim == dimensions and array.shape[-1] == 2 and array.size > 0
     if not fits or not np.isfinite(array).all():
-        raise ArgumentError(f"expected {name} as {meaning} of finite numbers, got {values!r}")
+        raise ArgumentError(
+            f"expected {name} as {meaning} of finite numbers, got {value_text(values)}"
+        )
     return array
 
 

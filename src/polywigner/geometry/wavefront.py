@@ -10,7 +10,7 @@ from typing import Any, Protocol, final, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import ArgumentError, IlluminationError
+from polywigner.errors import ArgumentError, IlluminationError, value_text
 from polywigner.geometry.arguments import (
     checked_length,
     checked_number,
@@ -62,7 +62,9 @@ def checked_shift(shift: Any, dimension: int, name: str = "a shift") -> NDArray[
     offset = numbers_or_nan(shift)
     offset = np.atleast_1d(offset) if dimension == 1 else offset
     if offset.shape != (dimension,) or not np.isfinite(offset).all():
-        raise ArgumentError(f"expected {name} of {dimension} finite numbers, got {shift!r}")
+        raise ArgumentError(
+            f"expected {name} of {dimension} finite numbers, got {value_text(shift)}"
+        )
     return offset
 
 
@@ -199,7 +201,8 @@ class Wavefront(TakesWaves):
         c = np.zeros(d) if centre is None else checked_shift(centre, d, "a centre")
         if q.shape != (d, d) or not np.isfinite(q).all() or not np.array_equal(q, q.T):
             raise IlluminationError(
-                f"expected a curvature as a symmetric matrix {(d, d)} in 1/m^2, got {curvature!r}"
+                f"expected a curvature as a symmetric matrix {(d, d)} in 1/m^2, "
+                f"got {value_text(curvature)}"
             )
         c = c.copy() if q.any() else np.zeros(d)  # flat waves are the same about all points
         width = _checked_width(coherence_width, "coherence_width")
@@ -332,12 +335,14 @@ def _curvature_of(
         axes = "a number" if dimension == 1 else "a number or two (radius_x, radius_y)"
         raise ArgumentError(
             f"expected radius as {axes} in m, positive where the wave diverges and inf where it "
-            f"is flat, got {radius!r}"
+            f"is flat, got {value_text(radius)}"
         )
     with np.errstate(over="ignore"):
         q = np.diag(1.0 / (length * radii))
     if not np.isfinite(q).all():
-        raise ArgumentError(f"expected a radius in m that a float can divide by, got {radius!r}")
+        raise ArgumentError(
+            f"expected a radius in m that a float can divide by, got {value_text(radius)}"
+        )
     return q
 
 
@@ -347,5 +352,5 @@ def _checked_width(value: Any, name: str) -> float:
         return math.inf
     width = checked_number(value, name, "a length above zero")
     if width <= 0:
-        raise ArgumentError(f"expected {name} as a length above zero, got {value!r}")
+        raise ArgumentError(f"expected {name} as a length above zero, got {value_text(value)}")
     return width

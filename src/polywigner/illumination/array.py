@@ -11,7 +11,7 @@ import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import ArgumentError, GeometryError, IlluminationError
+from polywigner.errors import ArgumentError, GeometryError, IlluminationError, value_text
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
 from polywigner.geometry.arguments import (
     checked_wavelength,
@@ -469,5 +469,5 @@ def _for_segments(name: str, values: Any, shape: tuple[int, ...]) -> NDArray[np.
     except ValueError:
         found = np.full(shape, np.nan)
     if not np.isfinite(found).all():
-        raise ArgumentError(f"expected {name} as finite numbers {shape}, got {values!r}")
+        raise ArgumentError(f"expected {name} as finite numbers {shape}, got {value_text(values)}")
     return found

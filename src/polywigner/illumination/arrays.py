@@ -10,7 +10,7 @@ from typing import Any, Literal, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import ArgumentError, require
+from polywigner.errors import ArgumentError, require, value_text
 from polywigner.geometry.arguments import (
     checked_count,
     checked_flag,
@@ -186,7 +186,8 @@ def thinned(
     most = float(likely.mean() / likely.max())
     if not 0 < share <= most:
         raise ArgumentError(
-            f"expected fill above 0 and up to {most:.6g} (mean/peak of the taper), got {fill!r}"
+            f"expected fill above 0 and up to {most:.6g} (mean/peak of the taper), "
+            f"got {value_text(fill)}"
         )
     random = np.random.default_rng(checked_count(seed, "seed", 0))
     kept = random.random(len(places)) < likely * (share / float(likely.mean()))
@@ -322,7 +323,9 @@ def focusing_weights(
     places = checked_positions(positions, (2,))
     focus = numbers_or_nan(point)
     if focus.shape != (3,) or not np.isfinite(focus).all() or not focus[2] > 0:
-        raise ArgumentError(f"expected a point (x, y, z) with z above zero, got {point!r}")
+        raise ArgumentError(
+            f"expected a point (x, y, z) with z above zero, got {value_text(point)}"
+        )
     apart = np.column_stack([focus[:2] - places, np.full(len(places), focus[2])])
     with np.errstate(over="ignore", invalid="ignore"):  # refused below
         distance = np.linalg.norm(apart, axis=1) + np.linalg.norm(focus)
@@ -338,7 +341,8 @@ def _phases(turns: Callable[[float], NDArray[np.float64]], wavelength: Any) -> A
         found = turns(length)
     if not np.isfinite(found).all():
         raise ArgumentError(
-            f"expected a wavelength in metres for positions in metres, got {wavelength!r}, of "
+            f"expected a wavelength in metres for positions in metres, "
+            f"got {value_text(wavelength)}, of "
             "which there are too many between them for a float; check its unit"
         )
     return np.exp(2j * np.pi * found)
@@ -366,12 +370,12 @@ def window_weights(
     """
     sizes = tuple(shape) if isinstance(shape, Sequence) else (shape,)
     if len(sizes) not in (1, 2):
-        raise ArgumentError(f"expected a shape of n or (nx, ny), got {shape!r}")
+        raise ArgumentError(f"expected a shape of n or (nx, ny), got {value_text(shape)}")
     if not isinstance(window, (str, Sequence)):
-        raise ArgumentError(f"expected {len(sizes)} windows, got {window!r}")
+        raise ArgumentError(f"expected {len(sizes)} windows, got {value_text(window)}")
     names = (window,) * len(sizes) if isinstance(window, str) else tuple(window)
     if len(names) != len(sizes):
-        raise ArgumentError(f"expected {len(sizes)} windows, got {window!r}")
+        raise ArgumentError(f"expected {len(sizes)} windows, got {value_text(window)}")
     decibels, zeros = checked_sidelobes(sll, nbar)
     _check_number(math.prod(checked_count(n, "shape", 1) for n in sizes))
     along = [_window(n, name, decibels, zeros) for n, name in zip(sizes, names, strict=True)]

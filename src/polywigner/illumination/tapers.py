@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import ArgumentError, IlluminationError
+from polywigner.errors import ArgumentError, IlluminationError, value_text
 from polywigner.geometry.arguments import (
     checked_count,
     checked_length,
@@ -34,7 +34,9 @@ def unit_vector(direction: Any) -> NDArray[np.float64]:
     """A unit vector (3,) that points away from the aperture, as given; ArgumentError if not."""
     vector = _numbers(direction)
     if vector.shape != (3,):
-        raise ArgumentError(f"expected a direction as a unit vector (3,), got {direction!r}")
+        raise ArgumentError(
+            f"expected a direction as a unit vector (3,), got {value_text(direction)}"
+        )
     length = math.hypot(*vector)
     if abs(length - 1) > _UNIT:
         raise ArgumentError(
@@ -42,7 +44,8 @@ def unit_vector(direction: Any) -> NDArray[np.float64]:
         )
     if vector[2] < 0:
         raise ArgumentError(
-            f"expected a direction into z > 0, to which the aperture radiates, got {direction!r}"
+            f"expected a direction into z > 0, to which the aperture radiates, "
+            f"got {value_text(direction)}"
         )
     return vector
 
@@ -64,7 +67,7 @@ def transverse(direction: Any) -> NDArray[np.float64]:
     if given.shape not in ((1,), (2,)):
         raise ArgumentError(
             "expected a direction as a unit vector (3,), its components (2,) along the aperture, "
-            f"or the sine of an angle for slits, got {direction!r}"
+            f"or the sine of an angle for slits, got {value_text(direction)}"
         )
     length = math.hypot(*given)
     if length > 1 + _UNIT:
@@ -78,7 +81,7 @@ def transverse(direction: Any) -> NDArray[np.float64]:
 def _numbers(direction: Any) -> NDArray[np.float64]:
     vector = numbers_or_nan(direction)
     if not np.isfinite(vector).all():
-        raise ArgumentError(f"expected a direction of finite numbers, got {direction!r}")
+        raise ArgumentError(f"expected a direction of finite numbers, got {value_text(direction)}")
     return vector
 
 
@@ -291,7 +294,8 @@ def checked_sidelobes(sll: Any, nbar: Any) -> tuple[float, int]:
     decibels = checked_number(sll, "sll", "a sidelobe suppression in dB, such as 30")
     if not 0 < decibels <= _LOWEST_SIDELOBES:
         raise ArgumentError(
-            f"expected sll in dB above 0 and up to {_LOWEST_SIDELOBES:g}, got {sll!r}; give 30 for "
+            f"expected sll in dB above 0 and up to {_LOWEST_SIDELOBES:g}, "
+            f"got {value_text(sll)}; give 30 for "
             "sidelobes at -30 dB"
         )
     return decibels, checked_count(nbar, "nbar", 1, _HIGHEST_NBAR)

@@ -9,7 +9,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import ArgumentError
+from polywigner.errors import ArgumentError, value_text
 from polywigner.geometry.arguments import checked_number, checked_vectors
 from polywigner.geometry.display import shown_as_html
 from polywigner.geometry.wavefront import turned_points
@@ -50,7 +50,7 @@ def checked_pair(value: Any, expected: str) -> Matrix:
     """One number or two, as two, none of them zero or NaN."""
     numbers = checked_vectors(value, expected, ())
     if numbers.shape not in ((), (2,)) or not (np.abs(numbers) >= _LEAST).all():
-        raise ArgumentError(f"{expected}, got {value!r}")
+        raise ArgumentError(f"{expected}, got {value_text(value)}")
     return np.broadcast_to(numbers, 2)
 
 
@@ -141,7 +141,7 @@ class FirstOrder:
         expected = "expected m as a magnification other than 0, or a pair (m_x, m_y) of them"
         scales = checked_pair(m, expected)
         if not np.isfinite(scales).all():
-            raise ArgumentError(f"{expected}, got {m!r}")
+            raise ArgumentError(f"{expected}, got {value_text(m)}")
         zero = 0.0 * _ONE
         return cls(np.block([[np.diag(scales), zero], [zero, np.diag(1.0 / scales)]]))
 
@@ -179,7 +179,7 @@ class FirstOrder:
         meaning = "a length in m other than 0"
         scale = checked_number(f, "f", meaning)
         if scale == 0 or not math.isfinite(1.0 / scale):
-            raise ArgumentError(f"expected f as {meaning}, got {f!r}")
+            raise ArgumentError(f"expected f as {meaning}, got {value_text(f)}")
         quarters = checked_number(order, "order", "a number of quarter turns")
         turned = turned_points(np.array([[1.0, 0.0]]), math.remainder(quarters, 4.0) * math.pi / 2)
         cosine, sine = turned[0].tolist()

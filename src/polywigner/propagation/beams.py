@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.errors import ArgumentError
+from polywigner.errors import ArgumentError, value_text
 from polywigner.geometry.arguments import checked_number, warn_caller
 from polywigner.propagation.patterns import (
     angle_between,
@@ -304,14 +304,14 @@ def checked_efficiency(value: Any) -> float:
     """A number above 0 and up to 1; ArgumentError for anything else."""
     share = _positive("efficiency", value)
     if share > 1:
-        raise ArgumentError(f"expected an efficiency of at most 1, got {value!r}")
+        raise ArgumentError(f"expected an efficiency of at most 1, got {value_text(value)}")
     return share
 
 
 def _positive(name: str, value: Any) -> float:
     number = checked_number(value, name, "a finite number above 0")
     if not number > 0:
-        raise ArgumentError(f"expected {name} as a finite number above 0, got {value!r}")
+        raise ArgumentError(f"expected {name} as a finite number above 0, got {value_text(value)}")
     return number
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import ArgumentError, IlluminationError
+from polywigner.errors import ArgumentError, IlluminationError, value_text
 from polywigner.execution import Engine, Precision
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.geometry.arguments import (
@@ -224,7 +224,8 @@ def psf(
     bend = 2.0 * pupil.checked_waves(defocus) * float(share @ lengths) / radius / radius
     if not np.isfinite(bend):
         raise ArgumentError(
-            f"expected a defocus of fewer waves, got {defocus!r} at a pupil_radius of {radius:g}"
+            f"expected a defocus of fewer waves, "
+            f"got {value_text(defocus)} at a pupil_radius of {radius:g}"
         )
     if bend:
         system = system @ FirstOrder([[1.0, 0.0], [bend, 1.0]])

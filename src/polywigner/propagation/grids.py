@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.errors import ArgumentError
+from polywigner.errors import ArgumentError, value_text
 from polywigner.geometry.arguments import checked_count, checked_length
 from polywigner.propagation.places import (
     LARGEST,
@@ -132,7 +132,7 @@ def hemisphere_grid(radius: Any, theta: Any, phi: Any, centre: Any) -> Hemispher
     if middle.ndim != 1:
         raise ArgumentError(f"expected a centre (3,), in metres, got shape {middle.shape}")
     if length > LARGEST:
-        raise ArgumentError(f"expected a radius of at most {LARGEST:g} m, got {radius!r}")
+        raise ArgumentError(f"expected a radius of at most {LARGEST:g} m, got {value_text(radius)}")
     grid = Hemisphere(angle_axes(checked_theta(theta), checked_phi(phi)), middle, length)
     checked_points(grid.points((0, 0), shape_of_grid(grid)))
     return grid
@@ -177,5 +177,7 @@ def _checked(values: Any, expected: str, *shape: int) -> Values:
 def _counts(shape: Any, dimensions: int) -> Index:
     is_row = isinstance(shape, Sequence) or np.ndim(shape) == 1
     if not is_row or isinstance(shape, (str, bytes)) or len(shape) != dimensions:
-        raise ArgumentError(f"expected a shape of {dimensions} whole numbers, got {shape!r}")
+        raise ArgumentError(
+            f"expected a shape of {dimensions} whole numbers, got {value_text(shape)}"
+        )
     return tuple(checked_count(n, "shape", 1) for n in shape)

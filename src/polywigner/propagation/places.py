@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.errors import ArgumentError
+from polywigner.errors import ArgumentError, value_text
 from polywigner.geometry.arguments import (
     checked_choice,
     checked_number,
@@ -62,7 +62,8 @@ def checked_angles(values: Any, name: str, largest: float) -> Angles:
     angles = checked_row(values, expected)
     if not np.isfinite(angles).all() or np.abs(angles).max() > largest * (1 + 1e-12):
         raise ArgumentError(
-            f"{expected}, finite and from -{largest:.4g} to {largest:.4g}, got {values!r}; use "
+            f"{expected}, finite and from -{largest:.4g} to {largest:.4g}, "
+            f"got {value_text(values)}; use "
             "numpy.radians for degrees"
         )
     warn_of_degrees(name, angles)
@@ -145,7 +146,7 @@ def checked_amplitude_tolerance(tolerance: float | None, double: bool) -> float:
     number = checked_number(tolerance, "tolerance", meaning)
     if not least <= number <= 0.1:
         hint = "" if number > 0.1 or double else '; precision="double" has 1e-13'
-        raise ArgumentError(f"expected tolerance as {meaning}, got {tolerance!r}{hint}")
+        raise ArgumentError(f"expected tolerance as {meaning}, got {value_text(tolerance)}{hint}")
     return number
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner import execution
-from polywigner.errors import ArgumentError
+from polywigner.errors import ArgumentError, value_text
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import checked_choice, real_numbers
 from polywigner.illumination import Illumination
@@ -285,7 +285,9 @@ def _three(value: Any, name: str, meaning: str) -> tuple[float, float, float]:
     except ValueError:
         numbers = np.empty(0)
     if numbers.shape != (3,) or not np.isfinite(numbers).all():
-        raise ArgumentError(f"expected {name} as three finite numbers {meaning}, got {value!r}")
+        raise ArgumentError(
+            f"expected {name} as three finite numbers {meaning}, got {value_text(value)}"
+        )
     x, y, z = (numbers + 0.0).tolist()
     return x, y, z
 
@@ -298,5 +300,7 @@ def _checked_amplitude(value: Any) -> complex:
     except (TypeError, ValueError, OverflowError):
         number = complex(math.nan)
     if not (math.isfinite(number.real) and math.isfinite(number.imag)):
-        raise ArgumentError(f"expected amplitude as a finite complex number, got {value!r}")
+        raise ArgumentError(
+            f"expected amplitude as a finite complex number, got {value_text(value)}"
+        )
     return value if isinstance(value, float) else number

@@ -10,7 +10,7 @@ from typing import Any, Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import ArgumentError
+from polywigner.errors import ArgumentError, value_text
 from polywigner.geometry import Aperture, Slits, Wavefront
 from polywigner.geometry.arguments import (
     checked_choice,
@@ -144,11 +144,12 @@ def checked_decibels(error_db: Any, level_db: Any) -> tuple[float, float]:
     if not _LEAST_ERROR <= error <= -_LOWEST:
         raise ArgumentError(
             f"expected error_db as decibels above zero, from {_LEAST_ERROR:g} to {-_LOWEST:g}, got "
-            f"{error_db!r}"
+            f"{value_text(error_db)}"
         )
     if not _LOWEST <= level <= 0:
         raise ArgumentError(
-            f"expected level_db as decibels of at most zero, from {_LOWEST:g}, got {level_db!r}"
+            f"expected level_db as decibels of at most zero, from {_LOWEST:g}, "
+            f"got {value_text(level_db)}"
         )
     return error, level
 
@@ -394,7 +395,8 @@ def _check_used(quantity: str, given: dict[str, Any]) -> None:
         kinds = _PHASE_SPACE if name == "reach" else _AT_PLACES
         if value is not None and quantity not in kinds:
             raise ArgumentError(
-                f'expected no {name} for "{quantity}", got {value!r}; give quantity as one of '
+                f'expected no {name} for "{quantity}", '
+                f"got {value_text(value)}; give quantity as one of "
                 + ", ".join(f'"{kind}"' for kind in kinds)
             )
 

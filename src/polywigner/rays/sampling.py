@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import ArgumentError
+from polywigner.errors import ArgumentError, value_text
 from polywigner.execution import Engine
 from polywigner.geometry import PlacedAperture, Wavefront
 from polywigner.geometry.arguments import (
@@ -139,7 +139,7 @@ def cone_of(half_angle: Any, axis: Any, width: float) -> Cone:
     meaning = "a half angle in rad, above 0 and up to pi/2"
     angle = math.pi / 2 if half_angle is None else checked_number(half_angle, "cone", meaning)
     if not 0 < angle <= math.pi / 2:
-        raise ArgumentError(f"expected cone as {meaning}, got {half_angle!r}")
+        raise ArgumentError(f"expected cone as {meaning}, got {value_text(half_angle)}")
     middle = checked_unit_vectors("axis", axis)
     if middle.ndim > 1:
         raise ArgumentError(f"expected axis as one unit vector (3,), got {middle.shape}")
@@ -371,7 +371,7 @@ def _scale(
     meaning = f"a number in W above zero and below {_MOST_WATTS:g}"
     watts = checked_number(value, name, meaning)
     if not 0 < watts < _MOST_WATTS:
-        raise ArgumentError(f"expected {name} as {meaning}, got {value!r}")
+        raise ArgumentError(f"expected {name} as {meaning}, got {value_text(value)}")
     if power is None:
         return watts / root_of_norm(source, wavelength, obliquity, "aperture") ** 2
     return watts / radiated_power(source, wavelength, obliquity)  # type: ignore

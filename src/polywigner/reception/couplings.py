@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner import execution
-from polywigner.errors import ArgumentError
+from polywigner.errors import ArgumentError, value_text
 from polywigner.execution.progress import told
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.geometry.arguments import (
@@ -469,5 +469,5 @@ def checked_tolerance(tolerance: Any) -> float:
     meaning = f"a number from {_LEAST:g} to 0.1"
     number = checked_number(tolerance, "tolerance", meaning)
     if not _LEAST <= number <= 0.1:
-        raise ArgumentError(f"expected tolerance as {meaning}, got {tolerance!r}")
+        raise ArgumentError(f"expected tolerance as {meaning}, got {value_text(tolerance)}")
     return number

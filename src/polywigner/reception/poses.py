@@ -51,17 +51,21 @@ def check_facing(poses: Floats, transmitter: Floats, receiver: Floats) -> None:
     """That all of each source lies in front of the other's plane, from hulls (k, 2) of both.
 
     Then all lines between them leave the transmitter and reach the receiver on their front sides.
-    Raises GeometryError that names the pose and the place otherwise.
+    Raises GeometryError with the pose and the point otherwise.
     """
     turned = poses[:, :3, :3]
+    faces = turned[:, 2, 2] < 0.0
     there = np.einsum("nj,kj->nk", turned[:, 2, :2], receiver) + poses[:, 2, 3, None]
-    _check_heights(there, receiver, "receiver", "transmitter")
+    _check_heights(there, faces, receiver, "receiver", "transmitter")
     beside = np.einsum("nij,ni->nj", turned, poses[:, :3, 3])
     here = np.einsum("nj,kj->nk", turned[:, :2, 2], transmitter) - beside[:, 2, None]
-    _check_heights(here, transmitter, "transmitter", "receiver")
+    _check_heights(here, faces, transmitter, "transmitter", "receiver")
 
 
-def _check_heights(heights: Floats, corners: Floats, one: str, other: str) -> None:
+def _check_heights(
+    heights: Floats, faces: NDArray[np.bool_], corners: Floats, one: str, other: str
+) -> None:
+    """Check heights (n, k) of corners above the other's plane; ``faces``: axes are opposed."""
     behind = ~(heights > 0)
     if not behind.any():
         return
@@ -69,13 +73,17 @@ def _check_heights(heights: Floats, corners: Floats, one: str, other: str) -> No
     lowest = int(heights[pose].argmin())
     x, y = corners[lowest].tolist()
     z = float(heights[pose, lowest])
-    whole = bool(behind[pose].all())
-    advice = (
-        f"the {other} looks away from it: both radiate along their own +z, so turn one of them by "
-        "half a turn about x or y"
-        if whole
-        else "move it forwards, or cut off what lies behind"
-    )
+    if not behind[pose].all():
+        advice = "move it forwards, or cut off the part behind the plane"
+    elif not heights[pose].any() and faces[pose]:
+        advice = "both lie in one plane; add a distance along z to the pose"
+    elif faces[pose]:
+        advice = "the axes are opposed already; change the sign of the distance along z"
+    else:
+        advice = (
+            "both radiate along their own +z; rotate one of them by 180 degrees about its x or y "
+            "axis"
+        )
     number = f" in pose {pose}" if len(heights) > 1 else ""
     raise GeometryError(
         f"expected all of the {one} in front of the {other}'s plane, got its point ({x:.6g}, "

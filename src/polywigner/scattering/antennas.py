@@ -10,7 +10,7 @@ from typing import Any, Literal, cast, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import ArgumentError, GeometryError
+from polywigner.errors import ArgumentError, GeometryError, value_text
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import checked_vectors
 from polywigner.illumination import Array
@@ -66,7 +66,7 @@ def broadcast_shape(*shapes: tuple[int, ...]) -> tuple[int, ...]:
 def checked_channel(polarisation: Any) -> Channel:
     """The name of a channel; ArgumentError for anything else."""
     if not isinstance(polarisation, str) or polarisation not in get_args(Channel):
-        raise ArgumentError(f"{_EXPECTED}, got {polarisation!r}")
+        raise ArgumentError(f"{_EXPECTED}, got {value_text(polarisation)}")
     return cast(Channel, polarisation)
 
 
@@ -91,7 +91,7 @@ def checked_polarisations(
             (vectors * towards).sum(axis=-1) for vectors, towards in zip((q, p), ends, strict=True)
         ]
     except (TypeError, ValueError):
-        raise ArgumentError(f"{expected}, got {polarisation!r}") from None
+        raise ArgumentError(f"{expected}, got {value_text(polarisation)}") from None
     for name, vectors, part in zip(("receiver", "transmitter"), (q, p), along, strict=True):
         lengths, lean = np.linalg.norm(vectors, axis=-1), np.abs(part).max(initial=0.0)
         wrong = ~(np.abs(lengths - 1) <= _UNIT)

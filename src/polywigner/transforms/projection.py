@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import ArgumentError
+from polywigner.errors import ArgumentError, value_text
 from polywigner.execution import Engine, checked_engine
 from polywigner.geometry import Slits, Wavefront
 from polywigner.geometry.arguments import checked_choice, checked_count, real_numbers
@@ -219,7 +219,9 @@ def _given(name: str, values: Any) -> Values:
     except ValueError:
         array = np.empty(0)
     if array.ndim != 1 or not len(array) or not np.isfinite(array).all():
-        raise ArgumentError(f"expected {name} as finite numbers of shape (n,), got {values!r}")
+        raise ArgumentError(
+            f"expected {name} as finite numbers of shape (n,), got {value_text(values)}"
+        )
     if len(array) > LARGEST_SAMPLES:
         raise ArgumentError(
             f"expected up to {LARGEST_SAMPLES} values of {name}, got {len(array)}; make several "
@@ -231,7 +233,9 @@ def _given(name: str, values: Any) -> Values:
 def _range(name: str, values: Any) -> tuple[float, float]:
     array = _given(f"the extent of {name}", values)
     if len(array) != 2 or not array[0] < array[1]:
-        raise ArgumentError(f"expected the extent of {name} as (lowest, highest), got {values!r}")
+        raise ArgumentError(
+            f"expected the extent of {name} as (lowest, highest), got {value_text(values)}"
+        )
     return float(array[0]), float(array[1])
 
 

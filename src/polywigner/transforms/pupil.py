@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner import execution, kernels
-from polywigner.errors import ArgumentError, IlluminationError
+from polywigner.errors import ArgumentError, IlluminationError, value_text
 from polywigner.execution import Engine, Precision
 from polywigner.geometry.arguments import (
     checked_length,
@@ -153,7 +153,9 @@ def mtf(
     cycles = checked_points("frequency", frequency, dimension, complex_allowed=False)
     sides = checked_row(pixel, "expected pixel in m")
     if sides.size not in (1, dimension) or not (np.isfinite(sides) & (sides >= 0)).all():
-        raise ArgumentError(f"expected pixel as lengths of zero or more in m, got {pixel!r}")
+        raise ArgumentError(
+            f"expected pixel as lengths of zero or more in m, got {value_text(pixel)}"
+        )
     how: dict[str, Any] = {"precision": precision, "engine": engine}
     aberration = checked_waves(defocus) * float(share @ lengths)
     total: Any = 0.0
@@ -189,7 +191,7 @@ def shares_of(weights: Any, count: int) -> NDArray[np.float64]:
     if not finite or not given.any():
         raise ArgumentError(
             f"expected weights ({count},), one for each wavelength, of zero or more and not all "
-            f"zero, got {weights!r}"
+            f"zero, got {value_text(weights)}"
         )
     shares = given / given.max()  # so that the sum does not overflow
     return np.asarray(shares / shares.sum())
