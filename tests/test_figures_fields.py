@@ -94,7 +94,7 @@ def plane(quantity, units, **values):
 
 def test_a_plane_shows_levels_and_differences_at_their_places():
     true = np.add.outer(np.arange(7.0), 10 * np.arange(5.0)) + 1
-    figure = draw_planes(plane("irradiance", "W m-2", double=2 * true, exact=true))
+    figure = draw_planes(plane("irradiance", "W m-2", double=2 * true, exact=true), floor_db=-40)
     figure.savefig(io.BytesIO(), format="png")
     panels = {axes.get_title(): axes for axes in figure.axes if axes.get_title()}
     (image,) = panels["exact"].images

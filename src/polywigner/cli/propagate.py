@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
+import typer
+
 from polywigner.cli import fields, options
 from polywigner.cli.fields import Place
 from polywigner.cli.output import output_stem, targets, write
@@ -56,7 +58,15 @@ def propagate(
     bandwidth: options.Bandwidth = None,
     engine: options.EngineName = "auto",
     precision: options.Precision = None,
-    floor_db: options.DbFloor = -40.0,
+    floor_db: Annotated[
+        float | None,
+        typer.Option(
+            "--db-floor",
+            help="Lowest level of the figure, dB below its peak (default: -40; on planes, the "
+            "level below which 1 % of the power lies).",
+        ),
+    ] = None,
+    linear: Annotated[bool, "Linear scale instead of decibels; not on hemispheres."] = False,
     formats: options.Formats = None,
     out: options.Out = None,
 ) -> None:
@@ -70,6 +80,8 @@ def propagate(
     obstacles.check()
     where = {"line": line, "arc": arc, "plane": plane, "hemisphere": hemisphere}
     place = fields.parse_place(where, samples)
+    if linear and place.kind == "hemisphere":
+        raise ArgumentError("--linear: hemispheres are shown in decibels; leave it out")
     suffixes = fields.format_suffixes(formats or ["nc"])
     if ".vti" in suffixes and place.kind != "plane":
         raise ArgumentError(
@@ -82,7 +94,8 @@ def propagate(
     from polywigner.figures.levels import check_floor
     from polywigner.propagation.stores_checks import required
 
-    check_floor(floor_db)
+    if floor_db is not None:
+        check_floor(floor_db)
     default = _BEHIND_OBSTACLES if obstacles.obstacle else _DEFAULT
     wanted = fields.parse_methods(method or default, obliquity, order)
     reference = fields.compared_with(wanted, against)
@@ -105,7 +118,7 @@ def propagate(
         found,
         place,
         reference,
-        floor_db,
+        {"linear": linear} | ({} if floor_db is None else {"floor_db": floor_db}),
         f"{field_title(source.source, length)}\n{fields.place_text(place)}",
         bodies,
     )
@@ -156,14 +169,18 @@ def _field(
 
 
 def _figure(
-    found: Any, place: Place, reference: str, floor_db: float, title: str, bodies: Sequence[Any]
+    found: Any,
+    place: Place,
+    reference: str,
+    scale: dict[str, Any],
+    title: str,
+    bodies: Sequence[Any],
 ) -> Figure:
     from polywigner.figures import draw_hemispheres, draw_lines, draw_planes
 
     if place.kind == "plane":
-        return draw_planes(
-            found, against=reference, floor_db=floor_db, title=title, obstacles=bodies
-        )
+        return draw_planes(found, against=reference, title=title, obstacles=bodies, **scale)
     if place.kind == "hemisphere":
-        return draw_hemispheres(found, against=reference, floor_db=floor_db, title=title)
-    return draw_lines(found, against=reference, floor_db=floor_db, title=title)
+        scale = {name: value for name, value in scale.items() if name != "linear"}
+        return draw_hemispheres(found, against=reference, title=title, **scale)
+    return draw_lines(found, against=reference, title=title, **scale)

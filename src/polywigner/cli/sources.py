@@ -249,8 +249,12 @@ def field_title(path: str, wavelength: float) -> str:
 
 
 def short_name(path: str) -> str:
-    """A file's name as a picture's title shows it: as text, and the ends of a long one."""
-    name = Path(path).name
+    """Return the name of a file for a title, shortened if long.
+
+    A file named ``scene.xml`` is named after its folder.
+    """
+    file = Path(path)
+    name = file.resolve().parent.name if file.stem == "scene" else file.name
     if len(name) > _LONGEST_NAME:
         name = f"{name[:20]}…{name[-11:]}"
     return name.replace("$", r"\$")  # no formula of Matplotlib

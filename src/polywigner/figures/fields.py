@@ -21,6 +21,9 @@ _EVEN = 1e-3
 """By how much of a step places may differ from even ones: single precision leaves 1e-5 on a hundred
 wavelengths of a thousand samples, and a tenth of a pixel is not seen."""
 
+# Fraction of the power that lies below the default floor of a figure.
+_FAINT = 0.01
+
 # Units as printed; files write W m-2.
 _PRINTED = {"W m-2": "W/m²", "W0.5 m-1": "√W/m", "1": ""}
 
@@ -104,6 +107,21 @@ class Comparison:
     def level_text(self, floor_db: float) -> str:
         """Label of a bar of levels."""
         return f"{self.quantity}, dB relative to {self.zero_text}\n{floor_text(floor_db)}"
+
+    @property
+    def linear_text(self) -> str:
+        """Label of an axis of values relative to 0 dB."""
+        return f"{self.quantity} relative to {self.zero_text}"
+
+    def default_floor_db(self) -> float:
+        """Return the level in dB below which 1 % of the power lies, from -40 to -10.
+
+        It is a multiple of 5 dB. Fresnel fringes then fill the colour scale, and so do sidelobes.
+        """
+        power = np.sort(np.maximum(self.powers[self.against], 0.0), axis=None)
+        below = np.cumsum(power)
+        level = power[int(np.searchsorted(below, _FAINT * below[-1]))]
+        return float(np.clip(5.0 * math.floor(2.0 * math.log10(level / self.zero)), -40.0, -10.0))
 
 
 def printed_unit(array: Any) -> str:

@@ -12,7 +12,7 @@ from polywigner.errors import ArgumentError
 from polywigner.figures import style
 from polywigner.figures.fields import Comparison
 from polywigner.figures.levels import COMPARED_DB, check_floor, difference_db
-from polywigner.geometry.arguments import checked_choice
+from polywigner.geometry.arguments import checked_choice, checked_flag
 from polywigner.geometry.display import length_unit
 
 if TYPE_CHECKING:
@@ -57,6 +57,7 @@ def draw_lines(
     along: str | None = None,
     against: str | None = None,
     floor_db: float = -40.0,
+    linear: bool = False,
     compared_db: float = COMPARED_DB,
     title: str = "",
     figure: Figure | SubFigure | None = None,
@@ -73,6 +74,7 @@ def draw_lines(
     against : the variable that the others are compared with; None: the last one.
     floor_db : lowest level shown, dB below the peak of that method. Curves have gaps where values
         are not above zero.
+    linear : show values relative to that peak on a linear scale instead of levels in dB.
     compared_db : lowest level of that method at which differences are shown.
     title : above the panels.
     figure : matplotlib Figure or SubFigure to draw on, which is returned; None: a new figure.
@@ -83,6 +85,7 @@ def draw_lines(
     no figure.
     """
     check_floor(floor_db)
+    checked_flag(linear, "linear")
     columns = dict(found) if isinstance(found, dict) and found else {"": found}
     fields = [Comparison.of(one, against) for one in columns.values()]
     curves = [
@@ -99,9 +102,11 @@ def draw_lines(
         *shape, sharex="col", sharey="row", squeeze=False, height_ratios=ratios
     )
     for column, one, name in zip(panels.T, curves, columns, strict=True):
-        _draw_column(column, one, name, compared_db)
-    panels[0, 0].set_ylim(*_range(fields, floor_db))
-    panels[0, 0].set_ylabel(f"{fields[0].quantity} (dB)")
+        _draw_column(column, one, name, compared_db, linear)
+    if not linear:
+        panels[0, 0].set_ylim(*_range(fields, floor_db))
+    unit = "relative" if linear else "dB"
+    panels[0, 0].set_ylabel(f"{fields[0].quantity} ({unit})")
     if is_compared:
         _difference_axis(panels[1], fields[0], compared_db)
         how: dict[str, Any] = {"frameon": False, "fontsize": 7.5, "handlelength": 2.6}
@@ -114,18 +119,20 @@ def draw_lines(
     return figure
 
 
-def _draw_column(column: Any, curves: _Curves, name: str, compared_db: float) -> None:
+def _draw_column(column: Any, curves: _Curves, name: str, compared_db: float, linear: bool) -> None:
     """Draw levels, and below them differences where there are any."""
     fields = curves.fields
     styles = _styles(list(fields.powers), fields.against)
     for method, values in fields.powers.items():
-        levels = np.full(values.shape, np.nan)
-        levels[values > 0] = 10 * np.log10(values[values > 0] / fields.zero)
+        levels = values / fields.zero
+        if not linear:
+            levels[values <= 0] = np.nan
+            levels = 10 * np.log10(levels)
         column[0].plot(curves.places, levels, label=fields.labels[method], **styles[method])
         if method != fields.against:
             difference = difference_db(values, fields.powers[fields.against], compared_db)
             column[1].plot(curves.places, difference, **styles[method])
-    text = f"0 dB: {fields.zero_text}"
+    text = f"{'1' if linear else '0 dB'}: {fields.zero_text}"
     if name:
         text = f"{name}; {text}"
     elif len(styles) > 1:

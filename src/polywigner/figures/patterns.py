@@ -398,6 +398,17 @@ def _draw_rcs_cut(polar: Any, angles: Floats, levels: Floats, smooth: float | No
         polar.set_xlabel(text, fontsize=7, color=style.RED)
     polar.tick_params(labelsize=7)
     polar.grid(alpha=0.4, lw=0.5)
+    polar.set_rlabel_position(_clear_angle(angles, levels))
+    for label in polar.get_yticklabels():
+        label.set_bbox({"facecolor": "w", "edgecolor": "none", "alpha": 0.7, "pad": 0.5})
+
+
+def _clear_angle(angles: Floats, levels: Floats) -> float:
+    """Return the angle in degrees, between the labels of angles, where a cut is lowest."""
+    candidates = np.radians(np.arange(22.5, 360.0, 45.0))
+    apart = np.abs(np.angle(np.exp(1j * (angles - candidates[:, None]))))
+    near = np.where(apart < math.radians(10.0), levels, -np.inf).max(axis=1)
+    return float(np.degrees(candidates[near.argmin()]))
 
 
 def _running_median(angles: Floats, levels: Floats, width: float) -> Floats:

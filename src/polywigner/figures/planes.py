@@ -17,6 +17,7 @@ from polywigner.figures.levels import (
     difference_db,
     level_db,
 )
+from polywigner.geometry.arguments import checked_flag
 from polywigner.geometry.display import length_unit
 from polywigner.geometry.silhouettes import bodies_if_any, obstacle_of
 
@@ -39,34 +40,42 @@ def draw_planes(
     found: Any,
     *,
     against: str | None = None,
-    floor_db: float = -40.0,
+    floor_db: float | None = None,
+    linear: bool = False,
     compared_db: float = COMPARED_DB,
     obstacles: Any = (),
     title: str = "",
     figure: Figure | SubFigure | None = None,
 ) -> Any:
-    """Maps of a field on a plane in dB; below them its phases, or differences between methods.
+    """Draw maps of a field on a plane; below them its phases, or differences between methods.
 
     Parameters
     ----------
     found : xarray.Dataset with a variable for each method, as from :func:`polywigner.plane`, over
-        two axes in metres, evenly spaced; the second is drawn upwards, except z. Complex values
-        have their phases in the second row, paler where the field is weaker.
-    against : the variable that 0 dB is taken from and the others are compared with; None: the last.
-    floor_db : lowest level, dB below the peak of that method; all that is less, negative values
-        included, has its colour.
+        two evenly spaced axes in metres. The second axis is drawn upwards, unless it is z. The
+        second row shows the phases of complex values, paler where the field is weaker.
+    against : variable whose peak is 0 dB, with which the others are compared; None: the last.
+    floor_db : lowest level in dB below that peak. Lower and negative values get its colour.
+        None: the multiple of 5 dB below which 1 % of the power lies, from -40 to -10 dB.
+    linear : show values relative to the peak on a linear scale instead of levels in dB.
     compared_db : lowest level of that method at which differences are shown.
-    obstacles : bodies and plates, as :func:`polywigner.plane` takes them: the lines in which the
-        plane cuts them are drawn.
-    title : above the panels.
+    obstacles : bodies and plates, as :func:`polywigner.plane` takes them. Their intersections with
+        the plane are drawn.
+    title : title above the panels.
     figure : matplotlib Figure or SubFigure to draw on, which is returned; None: a new figure.
+
+    Returns
+    -------
+    The figure.
 
     Raises
     ------
-    ArgumentError : no such quantity or method; other axes; what is no figure.
+    ArgumentError : the quantity or method is missing, the axes are not even, or ``figure`` is not
+        a figure.
     """
-    check_floor(floor_db)
     fields = Comparison.of(found, against)
+    floor_db = fields.default_floor_db() if floor_db is None else check_floor(floor_db)
+    checked_flag(linear, "linear")
     across, up = _axes(found, fields.dims)
     cuts = _cuts(found, fields.dims, obstacles)
     extents = [np.ptp(places) + places[1] - places[0] for _, places in (across, up)]
@@ -78,10 +87,15 @@ def draw_planes(
     figure = style.figure_on(figure, *size, is_compressed=True)
     panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
     for axes, (method, power) in zip(panels[0], fields.powers.items(), strict=True):
-        levels = _upright(level_db(power, fields.zero, floor_db), fields)
-        shown = style.draw_levels(axes, levels, across[1], up[1], low=floor_db)
+        if linear:
+            values, low, high = power / fields.zero, 0.0, 1.0
+        else:
+            values, low, high = level_db(power, fields.zero, floor_db), floor_db, 0.0
+        values = _upright(values, fields)
+        shown = style.draw_levels(axes, values, across[1], up[1], low=low, high=high)
         axes.set_title(fields.labels[method])
-    style.colour_bar(panels[0], shown, fields.level_text(floor_db))
+    label = fields.linear_text if linear else fields.level_text(floor_db)
+    style.colour_bar(panels[0], shown, label)
     if fields.is_field:
         _draw_phases(panels[1], fields, floor_db, across[1], up[1])
     elif rows == 2:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import ArgumentError
+from polywigner.errors import ArgumentError, value_text
 from polywigner.figures import style
 from polywigner.figures.levels import arrays_of, check_floor, level_db, picture_peak
 from polywigner.geometry.arguments import checked_array, checked_count, checked_path
@@ -59,7 +59,7 @@ def draw_scene(
     axes.set(xticks=[], yticks=[])
     axes.set_title(title, fontsize=8)
     zero = "nothing positive" if reference is None else style.quantity_text(reference, unit)
-    label = f"radiance, dB relative to {zero}; {style.floor_text(floor_db)}"
+    label = f"radiance, dB relative to {zero}\n{style.floor_text(floor_db)}"
     style.colour_bar(axes, shown, label, "max" if np.any(levels > 0) else "neither")
     return drawn
 
@@ -331,32 +331,34 @@ def draw_arrivals(
     names: Mapping[str, tuple[float, float]] | None = None,
     ax: Axes | None = None,
 ) -> Any:
-    """A map of scattered power over direction cosines, in dBm, with marks for direct light.
+    """Draw scattered power over direction cosines in dBm, with marks for direct paths.
 
-    As the receiver sees it, along its +z with its +y upwards: its +x points to the left.
+    The view is the receiver's, along its +z axis with its +y axis upwards, so its +x axis points
+    to the left. The axes show the directions from which power above the floor arrives.
 
     Parameters
     ----------
-    power : (n, m) W of each pixel, columns along s_x, rows along s_y, from -1 to 1.
-    direct : light from single directions, which no map can show.
-    floor_db : lowest level, dB below the peak (the largest 3x3 median; of targets smaller than that
-        the largest pixel); all that is less, negative values included, has its colour.
-    title : above the picture.
-    names : texts to write at direction cosines, such as those of shapes.
-    ax : matplotlib axes to draw on, whose figure gets the colour bar; None: a new figure. What is
-        drawn on is returned.
+    power : (n, m) power of each pixel in W, columns along s_x, rows along s_y, from -1 to 1.
+    direct : paths from single directions, which are marked with their power.
+    floor_db : lowest level in dB below the strongest pixel. Weaker and negative pixels get the
+        colour of the floor.
+    title : title of the panel.
+    names : labels and the direction cosines at which they are written, such as names of shapes.
+    ax : matplotlib axes to draw on, whose figure gets the colour bar, or None for a new figure.
+
+    Returns
+    -------
+    The axes, or the new figure.
 
     Raises
     ------
-    ArgumentError : what are no axes; a floor that is not below 0 dB.
+    ArgumentError : ``ax`` is not axes, or the floor is not below 0 dB.
     """
     from matplotlib.patches import Circle
     from matplotlib.patheffects import withStroke
 
     values = checked_array(power, "power", 2)
-    peak = picture_peak(values)
-    if peak is None:  # a target of a few pixels
-        peak = float(np.max(values, initial=0.0, where=np.isfinite(values))) or None
+    peak = float(np.max(values, initial=0.0, where=np.isfinite(values))) or None
     levels = level_db(values, peak, floor_db)
     top = 0.0 if peak is None else 10 * math.log10(peak / _MILLIWATT)
     axes, drawn = style.axes_on(ax, 5.2, 4.6)
@@ -366,18 +368,50 @@ def draw_arrivals(
     )  # fmt: skip
     shown.set_clip_path(Circle((0, 0), 1.0, transform=axes.transData))
     style.draw_circles(axes, above=False)
-    _mark(axes, direct)
+    labels = _mark(axes, direct)
     for name, place in _checked_names(names).items():
-        text = axes.annotate(
-            name, place, ha="center", va="center", color="w", fontsize=7, parse_math=False
-        )
-        text.set_path_effects([withStroke(linewidth=1.5, foreground="k")])
-    axes.set(xlim=(1.02, -1.02), ylim=(-1.02, 1.02), xlabel=r"$s_x$", ylabel=r"$s_y$")
+        label = axes.annotate(
+            name, place, (0, 0), textcoords="offset points", ha="center", va="center", color="w",
+            fontsize=7, parse_math=False, annotation_clip=True,
+        )  # fmt: skip
+        label.set_path_effects([withStroke(linewidth=1.5, foreground="k")])
+        labels.append(label)
+    low, high = _view(levels > floor_db, [arrival.place for arrival in direct])
+    axes.set(xlim=(high[0], low[0]), ylim=(low[1], high[1]), xlabel=r"$s_x$", ylabel=r"$s_y$")
     axes.set_title(title, fontsize=8)
-    pixels = f"scattered power of a pixel ({values.shape[1]} x {values.shape[0]}), dBm"
-    label = f"{pixels}; {style.floor_text(floor_db)}{'; nothing positive' if peak is None else ''}"
-    style.colour_bar(axes, shown, label, "max" if np.any(levels > 0) else "neither")
+    rows, columns = values.shape
+    text = f"scattered power per pixel ({columns} × {rows} pixels), dBm\n"
+    text += (
+        "nothing positive" if peak is None else style.floor_text(round(top + floor_db, 1), "dBm")
+    )
+    style.colour_bar(axes, shown, text)
+    style.separate_labels(axes, labels)
     return drawn
+
+
+# Margin about the directions shown, and the smallest half width, in direction cosines.
+_MARGIN, _LEAST_HALF = 0.05, 0.1
+
+
+def _view(
+    bright: NDArray[np.bool_], places: Sequence[tuple[float, float]]
+) -> tuple[Floats, Floats]:
+    """Return the lower and upper corner of the square that contains pixels and directions."""
+    rows, columns = bright.shape
+    corners = [np.asarray(places, np.float64).reshape(-1, 2)]
+    for axis, count in ((1, columns), (0, rows)):
+        at = np.flatnonzero(bright.any(axis=1 - axis))
+        if len(at):
+            ends = np.full((2, 2), np.nan)
+            ends[:, 1 - axis] = np.array([at[0], at[-1] + 1]) * (2 / count) - 1
+            corners.append(ends)
+    points = np.concatenate(corners)
+    if not len(points):
+        return np.full(2, -1.02), np.full(2, 1.02)
+    low, high = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
+    half = min(max(float((high - low).max()) / 2 + _MARGIN, _LEAST_HALF), 1.02)
+    centre = np.clip((low + high) / 2, half - 1.02, 1.02 - half)
+    return centre - half, centre + half
 
 
 def _checked_names(names: Any) -> dict[str, Floats]:
@@ -390,19 +424,22 @@ def _checked_names(names: Any) -> dict[str, Floats]:
     return places
 
 
-def _mark(axes: Any, direct: Sequence[DirectArrival]) -> None:
+def _mark(axes: Any, direct: Sequence[DirectArrival]) -> list[Any]:
+    """Mark direct paths, and return their labels."""
     if not isinstance(direct, Sequence) or not all(isinstance(d, DirectArrival) for d in direct):
-        raise ArgumentError(f"expected direct as a sequence of DirectArrival, got {direct!r}")
-    for number, arrival in enumerate(direct):
+        raise ArgumentError(
+            f"expected direct as a sequence of DirectArrival, got {value_text(direct)}"
+        )
+    labels = []
+    for arrival in direct:
         axes.plot(*arrival.place, "o", mfc="none", mec=_MARK, ms=7, mew=1.2)
         level = f"{10 * math.log10(arrival.power / _MILLIWATT):.1f} dBm".replace("-", "−")
-        # into the picture: places of s_x > 0 are at the left
-        side, above = (1 if arrival.place[0] > 0 else -1), (1 if number % 2 == 0 else -1)
-        axes.annotate(
-            f"{arrival.name}\n{level}", arrival.place, (2 * side, 7 * above),
-            textcoords="offset points", color=_MARK, fontsize=7, parse_math=False,
-            ha="left" if side > 0 else "right", va="bottom" if above > 0 else "top",
+        label = axes.annotate(
+            f"{arrival.name}\n{level}", arrival.place, (0, 12), textcoords="offset points",
+            color=_MARK, fontsize=7, parse_math=False, ha="center", va="center",
         )  # fmt: skip
+        labels.append(label)
+    return labels
 
 
 # Pairs of ends in one picture; delays at which impulse responses are drawn, and inverse bandwidths

@@ -274,9 +274,39 @@ def draw_circles(axes: Axes, *, above: bool) -> None:
         place, side = radius * np.sqrt(0.5), 1 if above else -1
         axes.text(
             place, side * place, f"{degrees}°", color="white", fontsize=7,
-            ha="left" if above else "right", va="bottom" if above else "top",
+            ha="left" if above else "right", va="bottom" if above else "top", clip_on=True,
         )  # fmt: skip
     axes.add_patch(Circle((0, 0), 1.0, lw=0.6, edgecolor="0.4", fill=False))
+
+
+def separate_labels(axes: Axes, labels: Iterable[Any]) -> None:
+    """Move annotations about their points until none covers another one or leaves the axes."""
+    from matplotlib.transforms import Bbox
+
+    figure: Any = axes.get_figure(root=True)
+    figure.draw_without_rendering()  # sizes of texts are those of the final layout
+    frame = axes.get_window_extent()
+    taken: list[Bbox] = []
+    for label in labels:
+        first = label.get_position()
+        for offset in (first, *_around(first, label.get_window_extent(), figure.dpi)):
+            label.set_position(offset)
+            box = label.get_window_extent()
+            inside = frame.x0 <= box.x0 and box.x1 <= frame.x1
+            inside &= frame.y0 <= box.y0 and box.y1 <= frame.y1
+            if inside and not any(box.overlaps(other) for other in taken):
+                break
+        else:
+            label.set_position(first)
+        taken.append(label.get_window_extent())
+
+
+def _around(first: Any, box: Any, dpi: float) -> list[tuple[float, float]]:
+    """Return offsets in points on three rings about an anchor, the nearest ones first."""
+    gap = float(np.hypot(*first))
+    width, height = 72 / dpi * box.width / 2 + gap, 72 / dpi * box.height + gap
+    directions = [(0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, 1), (1, -1), (-1, -1)]
+    return [(x * ring * width, y * ring * height) for ring in (1, 2, 3) for x, y in directions]
 
 
 def mark_evanescent(axes: Axes, wavelength: float, unit: LengthUnit, ink: str) -> None:

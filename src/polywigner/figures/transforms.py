@@ -197,8 +197,12 @@ def _check_supports(
         )
 
 
-# 1/width of the source: four lobes of a square, and a lobe and a half.
-_SYSTEM_LOBES, _BRIGHT = 4.0, 1.5
+# Half range of frequencies, in lobes 1/width of the source.
+_SYSTEM_LOBES = 4.0
+# The spot is where the irradiance exceeds this fraction of its peak on so many coarse samples.
+_SPOT, _COARSE = 0.01, 65
+# Ratio of its sides from which a spot is a line.
+_LINE = 4.0
 
 
 @dataclass(frozen=True)
@@ -268,20 +272,36 @@ def system_slices(
         through=system,
         wavelength=wavelength,
     )
-    slope = wavelength * _BRIGHT / width
+    slope = wavelength * _SYSTEM_LOBES / width
     bright = np.array(
         [
             system.rays((a, b), (c * slope[0], d * slope[1]))[0]
             for a, b, c, d in product(sides, (ymin, ymax), (-1, 1), (-1, 1))
         ]
     )
-    across, up = (_axis(values, samples) for values in bright.T)
-    light = pw.irradiance(
-        source, np.stack(np.meshgrid(across, up), axis=-1), wavelength, through=system,
-        tolerance=1e-6,
-    )  # fmt: skip
+
+    def light_at(x: Any, y: Any, tolerance: float) -> Any:
+        points = np.stack(np.meshgrid(x, y), axis=-1)
+        return pw.irradiance(source, points, wavelength, through=system, tolerance=tolerance)
+
+    coarse = [_axis(values, _COARSE) for values in bright.T]
+    across, up = (_axis(ends, samples) for ends in _spot(*coarse, light_at(*coarse, 0.1 * _SPOT)))
+    light = light_at(across, up, 1e-6)
     found = _frozen(x, nu, before, x_out, nu_out, behind, across, up, light)
     return SystemSlices(source, aperture, system, wavelength, *found)
+
+
+def _spot(
+    across: NDArray[np.float64], up: NDArray[np.float64], light: NDArray[np.float64]
+) -> list[NDArray[np.float64]]:
+    """Return the ends of both axes of the part in which light (up, across) is bright."""
+    bright = light >= _SPOT * light.max()
+    ends = []
+    for places, rows in ((across, bright.any(axis=0)), (up, bright.any(axis=1))):
+        at = np.flatnonzero(rows)
+        first, last = max(at[0] - 2, 0), min(at[-1] + 2, len(places) - 1)
+        ends.append(places[[first, last]])
+    return ends
 
 
 def _pairs(first: Any, second: float) -> NDArray[np.float64]:
@@ -354,14 +374,21 @@ def _draw_system_panels(axes: Any, slices: SystemSlices, floor_db: float) -> Non
     axes[0, 0].set_title("aperture")
     style.length_axes(axes[0, 0], "x", unit)
     _draw_section(axes[0, 1], slices, slices.x, slices.nu, slices.before, "W(x, ν) before")
-    wide = length_unit(float(np.ptp(slices.across)))
+    widths = [float(np.ptp(points)) for points in (slices.across, slices.up)]
+    # a line focus fills its panel only with a scale of its own along each axis
+    is_line = max(widths) > _LINE * min(widths)
+    units = [length_unit(width if is_line else max(widths)) for width in widths]
     peak = float(slices.light.max())
-    places = slices.across / wide.metres, slices.up / wide.metres
+    points = slices.across / units[0].metres, slices.up / units[1].metres
     levels = level_db(slices.light, peak, floor_db)
-    shown = style.draw_levels(axes[1, 0], levels, *places, low=floor_db, interpolation=None)
+    shown = style.draw_levels(
+        axes[1, 0], levels, *points, low=floor_db, interpolation=None,
+        aspect="auto" if is_line else "equal",
+    )  # fmt: skip
     style.colour_bar(axes[1, 0], shown, f"dB relative to {peak:.3g}, {style.floor_text(floor_db)}")
     axes[1, 0].set_title("|U|² behind")
-    style.label_axes(axes[1, 0], "x", wide)
+    labels = (style.axis_label(name, unit) for name, unit in zip("xy", units, strict=True))
+    axes[1, 0].set(**dict(zip(("xlabel", "ylabel"), labels, strict=True)))
     _draw_section(axes[1, 1], slices, slices.x_out, slices.nu_out, slices.behind, "W(x, ν) behind")
     style.letter_panels(axes.ravel())
 

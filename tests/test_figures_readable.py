@@ -1,0 +1,150 @@
+"""Figures can be read: complete labels, useful scales and views of what is there."""
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from polywigner.cli.sources import short_name
+from polywigner.errors import ArgumentError, GeometryError, value_text
+from polywigner.figures import (
+    draw_lines,
+    draw_planes,
+    draw_rcs,
+    draw_scene,
+    draw_transforms,
+    system_slices,
+)
+from polywigner.figures.scenes import DirectArrival, draw_arrivals
+
+WAVELENGTH = 3.19e-3
+
+
+@pytest.mark.parametrize("shape", [(60, 600), (300, 400), (600, 60)])
+def test_the_label_of_the_colour_bar_lies_within_the_figure(shape):
+    figure = draw_scene(np.full(shape, 4.25e-8), 4.25e-8, -40.0, title="corridor, 77 GHz")
+    figure.draw_without_rendering()
+    frame, text = figure.bbox, figure.axes[-1].yaxis.label.get_window_extent()
+    assert frame.x0 <= text.x0 and text.x1 <= frame.x1
+    assert frame.y0 <= text.y0 and text.y1 <= frame.y1
+
+
+def test_a_file_of_the_name_scene_is_named_after_its_folder(tmp_path):
+    assert short_name(str(tmp_path / "street" / "scene.xml")) == "street"
+    assert short_name(str(tmp_path / "street" / "link.xml")) == "link.xml"
+
+
+def arrivals(power, direct=(), **options):
+    figure = draw_arrivals(power, direct, -40.0, **options)
+    figure.draw_without_rendering()
+    return figure.axes[0]
+
+
+def test_a_receive_map_shows_the_bright_directions_on_the_scale_of_the_strongest():
+    power = np.zeros((64, 64))
+    power[30:34, 20:24] = 1e-9
+    power[31, 22] = 5e-8  # a single pixel
+    axes = arrivals(power)
+    assert axes.images[0].get_clim()[1] == pytest.approx(10 * np.log10(5e-8 / 1e-3))
+    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+    assert left > right  # the receiver's +x points to the left
+    assert left - right == pytest.approx(high - low)
+    assert left - right < 0.3
+    assert right < 20 / 32 - 1 and left > 24 / 32 - 1
+    assert low < 30 / 32 - 1 and high > 34 / 32 - 1
+
+
+def test_a_receive_map_contains_the_direct_paths():
+    power = np.zeros((64, 64))
+    power[30:34, 20:24] = 1e-9
+    axes = arrivals(power, [DirectArrival((0.7, 0.2), 1e-6, "tx")])
+    assert axes.get_xlim()[0] > 0.7 and axes.get_ylim()[1] > 0.2
+
+
+def test_labels_of_a_receive_map_do_not_overlap():
+    power = np.zeros((64, 64))
+    power[20:44, 20:44] = 1e-9
+    marks = [DirectArrival((0.05 * k, 0.02 * k), 1e-6, f"tx {k} by wall") for k in range(4)]
+    axes = arrivals(power, marks, names={"car": (0.0, 0.0), "wall": (0.01, 0.01)})
+    boxes = [text.get_window_extent() for text in axes.texts if "°" not in text.get_text()]
+    assert len(boxes) == 6
+    assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
+
+
+def fresnel_plane():
+    side = 20 * WAVELENGTH
+    corners = [
+        (-0.6 * side, -0.6 * side, 60 * WAVELENGTH),
+        (0.6 * side, 0.6 * side, 60 * WAVELENGTH),
+    ]
+    return pw.plane(pw.shapes.square(side), corners, (41, 41), WAVELENGTH, method="fresnel")
+
+
+def test_the_default_floor_of_a_plane_leaves_out_one_percent_of_the_power():
+    found = fresnel_plane()
+    low, high = draw_planes(found).axes[0].images[0].get_clim()
+    power = found["fresnel"].values
+    share = [power[power < power.max() * 10 ** (level / 10)].sum() for level in (low, low + 5)]
+    assert high == 0.0 and -40 < low < -5 and low % 5 == 0
+    assert share[0] <= 0.01 * power.sum() < share[1]
+
+
+def test_a_linear_plane_shows_values_relative_to_their_peak():
+    found = fresnel_plane()
+    image = draw_planes(found, linear=True).axes[0].images[0]
+    power = found["fresnel"].values
+    np.testing.assert_allclose(image.get_array(), power.T / power.max(), rtol=1e-12)
+    assert image.get_clim() == (0.0, 1.0)
+
+
+def test_a_linear_line_shows_values_relative_to_their_peak():
+    ends = [(-0.05, 0, 0.1), (0.05, 0, 0.1)]
+    found = pw.line(pw.shapes.square(0.03), ends, 41, WAVELENGTH, method="fresnel")
+    (axes,) = draw_lines(found, linear=True).axes
+    power = found["fresnel"].values
+    np.testing.assert_allclose(axes.lines[0].get_ydata(), power / power.max(), rtol=1e-12)
+    assert axes.get_ylabel() == "irradiance (relative)"
+
+
+def test_a_line_focus_fills_its_panel():
+    length = 633e-9
+    lens = pw.FirstOrder.free_space(0.1) @ pw.FirstOrder.lens((0.1, float("inf")))
+    slices = system_slices(pw.shapes.square(10e-3), lens, length, 65)
+    lobe = length * 0.1 / 10e-3
+    # sidelobes above -20 dB are the first two on each side
+    assert 2 * lobe < np.ptp(slices.across) < 8 * lobe
+    assert 10e-3 < np.ptp(slices.up) < 11e-3
+    panel = draw_transforms(slices, -40.0).axes[2]
+    assert panel.get_aspect() == "auto"
+    assert (panel.get_xlabel(), panel.get_ylabel()) == ("$x$ (µm)", "$y$ (mm)")
+
+
+def test_labels_of_a_polar_cross_section_stand_where_the_curve_is_low():
+    angles = np.radians(np.arange(-180.0, 180.0, 1.0))
+    low = np.radians(112.5)
+    levels = np.where(np.abs(angles - low) < 0.3, 1e-4, 1.0)
+    pattern = pw.rcs_pattern(pw.shapes.square(0.1), 0.03, angles, np.zeros(1))
+    pattern = pattern.assign(rcs=(("azimuth", "elevation"), levels[:, None]))
+    other = pw.rcs_pattern(pw.shapes.square(0.1), 0.03, np.array([0.0, np.pi]), angles[90:271])
+    polar = draw_rcs(other, cuts=[pattern, other]).axes[0]
+    assert polar.get_rlabel_position() == pytest.approx(112.5)
+
+
+def test_the_errors_of_the_package_are_one_of_its_names():
+    assert pw.errors.GeometryError is GeometryError
+
+
+def test_a_message_contains_at_most_one_line_of_data():
+    angles = np.linspace(0.0, 3.0, 181)
+    assert value_text(angles) == "ndarray of shape (181,)"
+    assert len(value_text(angles.tolist())) == 80
+    with pytest.raises(ArgumentError) as error:
+        pw.radiation_pattern(pw.shapes.square(0.01), angles, [0.0], WAVELENGTH)
+    assert len(str(error.value)) < 200 and "\n" not in str(error.value)
+
+
+def test_coincident_planes_of_a_link_need_a_distance():
+    square = pw.shapes.square(10e-3)
+    with pytest.raises(GeometryError, match="add a distance along z"):
+        pw.coupling(square, square, np.diag([-1.0, 1.0, -1.0, 1.0]), WAVELENGTH)
