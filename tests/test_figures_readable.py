@@ -14,6 +14,7 @@ from polywigner.figures import (
     draw_rcs,
     draw_scene,
     draw_transforms,
+    draw_volume,
     system_slices,
 )
 from polywigner.figures.scenes import DirectArrival, draw_arrivals
@@ -148,3 +149,17 @@ def test_coincident_planes_of_a_link_need_a_distance():
     square = pw.shapes.square(10e-3)
     with pytest.raises(GeometryError, match="add a distance along z"):
         pw.coupling(square, square, np.diag([-1.0, 1.0, -1.0, 1.0]), WAVELENGTH)
+
+
+def test_a_volume_shows_the_outline_of_the_source_in_its_dataset():
+    square = pw.shapes.square(10e-3)
+    box = ((-0.02, -0.02, 0.01), (0.02, 0.02, 0.05))
+    found = pw.volume(square, box, (5, 5, 5), WAVELENGTH, method="fraunhofer")
+
+    def artists(*sources):
+        axes = draw_volume(found, *sources, renderer="matplotlib").axes[0]
+        return len(axes.get_children())
+
+    assert artists() == artists(square)
+    found = found.drop_vars("source_json")
+    assert artists() < artists(square)

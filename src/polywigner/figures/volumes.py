@@ -28,6 +28,7 @@ from polywigner.figures.volumes_layers import (
 from polywigner.geometry.arguments import checked_choice, checked_length, checked_row
 from polywigner.geometry.display import length_unit
 from polywigner.geometry.silhouettes import bodies_if_any, obstacle_of
+from polywigner.illumination.source_files import SOURCE_COORDINATE, read_source
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -84,7 +85,8 @@ def draw_volume(
     found : xarray.Dataset, as from :func:`polywigner.volume`: ``found[name]`` over x, y and z (in
         any order) in metres, each with at least two evenly spaced samples. Of axes with more than
         256 samples every second, third, ... one is read.
-    source : its outline is drawn where it is, in the plane z = 0.
+    source : source whose outline is drawn in the plane z = 0; None: the one that the dataset
+        contains.
     obstacles : bodies and plates, as :func:`polywigner.volume` takes them, drawn by their outlines.
     name : of the variable, which is like a power; None: the only one.
     surfaces : levels of the isosurfaces, dB, from the floor to below 0; None: four, evenly spaced.
@@ -129,6 +131,8 @@ def draw_volume(
     opacities = np.geomspace(_FAINTEST, _DENSEST, len(colours))
     drawn = shaded(layers, colours, opacities, view), layers.origin, layers.along, layers.down
     draw_picture(axes, *drawn, interpolation="antialiased", zorder=3)
+    if source is None and SOURCE_COORDINATE in found.coords:
+        source = read_source(found)
     if source is not None:
         draw_outline(axes, view, source)
     for body in bodies_if_any(obstacles):  # seen through all that is before it
