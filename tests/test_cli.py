@@ -140,7 +140,7 @@ def test_the_module_runs_as_a_script(module):
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no full device here")
 def test_a_full_disk_behind_the_output_is_told_in_one_line():
-    command = [sys.executable, "-m", "polywigner", "cite"]
+    command = [sys.executable, "-m", "polywigner", "--help"]
     with Path("/dev/full").open("w") as full:
         run = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60)
     assert run.returncode == 2
@@ -151,7 +151,7 @@ def test_a_full_disk_behind_the_output_is_told_in_one_line():
 
 def test_a_folder_that_is_made_is_named(tmp_path, capsys):
     (tmp_path / "square.csv").write_text("0,0\n1,0\n1,1\n0,1\n")
-    command = ["rays", str(tmp_path / "square.csv"), "--frequency", "94 GHz", "--count", "9"]
+    command = ["pattern", str(tmp_path / "square.csv"), "--frequency", "94 GHz"]
     for told in (True, False):  # the second time it is there
         assert main([*command, "--out", str(tmp_path / "deep" / "down") + "/"]) == 0
         said = f"made the folder {tmp_path / 'deep' / 'down'}" in capsys.readouterr().err

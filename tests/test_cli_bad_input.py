@@ -249,15 +249,6 @@ BAD: dict[str, str] = {
         --method kirchhoff => huygens
         --method electric --obliquity kirchhoff => --obliquity or --method
     """,
-    'rays square.wkt --wavelength "3.2 mm"': """
-        --count 0 => count
-        --count 200 --sampling sobol => sampling
-        --count 200 --cone "100 deg" => cone
-        --count 200 --cone wide => angle
-        --count 200 --power much => power
-        --count 200 --format txt => --format
-        --count 200 --split => --split
-    """,
     "render": """
         absent.xml => absent.xml
         "" => file
@@ -317,15 +308,6 @@ BAD: dict[str, str] = {
         absent.xml => not a file
         square.wkt => polywigner transform
     """,
-    "scatterers link.xml --variant scalar_rgb --rays 32": """
-        --count 0 => expected count as a whole number from 1
-        --velocity floor=fast => --velocity: expected ID=VX,VY,VZ
-        --velocity flor=1,2,3 => got one of 'flor'
-        --out cloud.png => --out: expected a file of .csv, .vtp, .nc
-        --define height => --define
-        --receiver nobody => receiver as one of
-        --max-depth 0 => max_depth as a whole number from 1
-    """,
     "figures amp_spec": """
         nosuch => got 'nosuch'
         --quality best => got 'best'
@@ -337,10 +319,9 @@ BAD: dict[str, str] = {
         render => Missing argument
         render scene.xml --ssp 3 => --ssp
         render scene.xml --spp many => --spp
-        cite raytracing => rendering
     """,
 }
-DRJIT = ("render --variant", "render lit.xml", "receive", "scatterers")
+DRJIT = ("render --variant", "render lit.xml", "receive")
 
 
 def cases() -> Iterator[object]:
@@ -383,7 +364,7 @@ def test_what_cannot_be_used_is_refused_in_one_line_before_anything_is_written(
 ) -> None:
     text = command.format(long="a" * 300, many="0 mm, " * 1000)
     given = shlex.split(text)
-    if "--out" not in given and given[0] != "cite":
+    if "--out" not in given:
         given += ["--out", "out/new/"]
     line = refusal(given, folder, capfd)
     assert len(line) < 9000
@@ -414,7 +395,6 @@ FIELD = ["propagate", "square.wkt", "--frequency", "94 GHz", *shlex.split(LINE)]
         ("h5netcdf", "volume", [*FIELD, "--format", "nc"]),
         ("zarr", "volume", [*FIELD, "--format", "zarr"]),
         ("zarr", "volume", ["volume", *FIELD[1:4], *shlex.split(SMALL)]),
-        ("h5netcdf", "volume", ["rays", *FIELD[1:4], "--format", "nc"]),
     ],
     ids=str,
 )

@@ -12,7 +12,6 @@ from PIL import Image
 
 import polywigner as pw
 from polywigner.citations import METHODS
-from polywigner.cli import main
 from polywigner.errors import ArgumentError
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -205,13 +204,9 @@ def test_the_version_cited_is_that_of_the_package():
     assert f"\nversion: {pw.__version__}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
 
 
-def test_the_command_prints_the_same_and_tells_the_known_methods_where_one_is_unknown(capfd):
+def test_an_unknown_method_is_refused_with_the_known_ones():
     with pytest.raises(ArgumentError, match="rendering"):
         pw.cite("raytracing")
-    assert main(["cite", "raytracing"]) == 2
-    assert "rendering" in capfd.readouterr().err
-    assert main(["cite", "otf"]) == 0
-    assert capfd.readouterr().out == pw.cite("otf")
 
 
 def test_the_citation_file_has_the_paper_of_the_bibliography():

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import polywigner as pw
-from polywigner.cli import main
 from polywigner.errors import ArgumentError, FileFormatError, PolywignerWarning
 
 xarray = pytest.importorskip("xarray")
@@ -145,39 +144,6 @@ def test_arguments_are_checked_and_nothing_is_written(rays, call, said, tmp_path
     with pytest.raises(ArgumentError, match=said):
         call(rays, tmp_path)
     assert not list(tmp_path.iterdir())
-
-
-@pytest.fixture
-def square(tmp_path):
-    path = tmp_path / "square.wkt"
-    path.write_text("POLYGON ((-5 -5, 5 -5, 5 5, -5 5, -5 -5))")
-    return path
-
-
-COMMAND = ("--wavelength", "3.2 mm", "--count", "200", "--seed", "7")
-
-
-def test_the_command_line_writes_the_same_rays(rays, square, capsys):
-    out = square.parent / "rays.csv"
-    assert main(["rays", str(square), *COMMAND, "--out", str(out)]) == 0
-    printed = capsys.readouterr().out
-    assert f"power         {float(rays.weight.sum()):.6g} W +- " in printed
-    assert printed.endswith(f"{out}\n")
-    found = pw.rays.load(out)
-    assert found.weight.values == pytest.approx(rays.weight.values, rel=1e-9)
-    with warnings.catch_warnings():
-        warnings.simplefilter("always")  # not once in a process
-        given = ("--format", "dat", "--format", "npz", "--out", str(square.parent / "both"))
-        assert main(["rays", str(square), *COMMAND, *given]) == 0
-    said = capsys.readouterr().err
-    assert said.count("may ignore or refuse") == 1
-    assert "--split" in said
-    options = ("--format", "dat", "--split", "--power", "1 mW", "--cone", "60 deg")
-    assert main(["rays", str(square), *COMMAND, *options, "--out", str(square.parent)]) == 0
-    assert not capsys.readouterr().err
-    (square.parent / "both.dat").unlink()
-    names = sorted(path.name for path in square.parent.glob("*.dat"))
-    assert names == ["square_rays_negative.dat", "square_rays_positive.dat"]
 
 
 def written(content):

@@ -12,11 +12,9 @@ from polywigner.cli.figures import figures
 from polywigner.cli.lens import mtf, psf
 from polywigner.cli.pattern import pattern
 from polywigner.cli.propagate import propagate
-from polywigner.cli.rays import rays
 from polywigner.cli.rcs import rcs
 from polywigner.cli.receive import receive
 from polywigner.cli.render import render
-from polywigner.cli.scatterers import scatterers
 from polywigner.cli.sources import Reading, wavelength_from
 from polywigner.cli.transform import transform
 from polywigner.cli.volume import volume
@@ -46,22 +44,6 @@ def _polywigner(
     ] = False,
 ) -> None:
     """Coherent radiation of polygonal apertures: transforms in closed form, and rendering."""
-
-
-def cite(
-    methods: Annotated[
-        list[str] | None,
-        typer.Argument(
-            metavar="METHOD",
-            help="fourier, wigner, ambiguity, otf, radiometry, propagation, rendering, range, "
-            "tapers, arrays (default: the paper and this software).",
-        ),
-    ] = None,
-) -> None:
-    """Print BibTeX of what to cite for work made with polywigner, the paper first."""
-    from polywigner.citations import cite as citations
-
-    typer.echo(citations(*methods or []), nl=False)
 
 
 def doctor(
@@ -121,7 +103,7 @@ def _say(text: str) -> None:
 
 
 for command in (
-    *(render, receive, scatterers, transform, pattern, rcs, propagate, volume, psf, mtf, rays),
-    *(figures, explore, cite, doctor),
+    *(render, receive, transform, pattern, rcs, propagate, volume, psf, mtf),
+    *(figures, explore, doctor),
 ):
     app.command()(options.with_options(command))
