@@ -8,6 +8,9 @@ DEMO_SPP ?=
 # TESTS='-k automean' make test  arguments for pytest
 TESTS ?=
 
+# FIGURES='projs' make paper-figures   arguments for the figures of the paper: names, --quality, --out
+FIGURES ?=
+
 # FUZZ='--seed 2' make fuzz      arguments for tools/fuzz
 FUZZ ?=
 # KILL='--kills 10' make kill       arguments for tools/kill_runs.py
@@ -29,7 +32,7 @@ PROPAGATE = $(BIN)/polywigner propagate
 PYTEST = $(BIN)/python -m pytest -n auto --maxprocesses 4 --max-worker-restart 2 --dist loadfile --no-loadscope-reorder
 
 .DEFAULT_GOAL := help
-.PHONY: help demo pictures test test-all fuzz kill lint format typecheck hooks bench docs dist constraints ci clean
+.PHONY: help demo pictures paper-figures test test-all fuzz kill lint format typecheck hooks bench docs dist constraints ci clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\): ## \(.*\)/  make \1	\2/p' Makefile | expand -t 20
@@ -38,6 +41,10 @@ demo: ## render the example scenes, transforms and near fields of the example ap
 	@$(SETUP) --group demo
 	@$(MAKE) --no-print-directory pictures \
 	  SAMPLES="$$(if [ -n '$(DEMO_SPP)' ]; then echo --spp $(DEMO_SPP); else $(BIN)/python tools/demo_samples.py; fi)"
+
+paper-figures: ## draw the figures of the paper into out/paper_figures; FIGURES='projs --quality print' chooses
+	@$(SETUP) --group demo
+	$(BIN)/python -m paper.figures $(FIGURES)
 
 pictures:
 	$(TRANSFORM) examples/two_chevrons/chevrons.geojson --frequency "94 GHz" --out out/two_chevrons_transforms

@@ -102,7 +102,7 @@ SCRIPTS = (
     "koehler_illumination",
 )
 """Examples that write NAME.png into a folder."""
-PAPER = ("render", "amp_spec", "error", "emitters")  # of `polywigner figures`, for docs/figures.md
+PAPER = ("render", "amp_spec", "error", "emitters")  # of `make paper-figures`, for docs/figures.md
 
 
 def main(names: list[str]) -> None:
@@ -151,8 +151,8 @@ def main(names: list[str]) -> None:
             elif name in paper:
                 figure = name.removeprefix("paper_")
                 made = Path(folder) / f"{figure}.png"
-                if polywigner(["figures", figure, "--quality", "print", "--out", folder]) != 0:
-                    sys.exit(f"{name} failed")
+                command = [sys.executable, "-m", "paper.figures", figure, "--quality", "print"]
+                subprocess.run([*command, "--out", folder], cwd=ROOT, check=True)
             else:
                 made = Path(folder) / f"{name}.png"
                 stem = name.removesuffix("_stokes").removesuffix("_polarisation")

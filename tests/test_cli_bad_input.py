@@ -308,12 +308,6 @@ BAD: dict[str, str] = {
         absent.xml => not a file
         square.wkt => polywigner transform
     """,
-    "figures amp_spec": """
-        nosuch => got 'nosuch'
-        --quality best => got 'best'
-        --out "" => got nothing
-        --out square.wkt => got the file square.wkt
-    """,
     "": """
         reder => reder
         render => Missing argument

@@ -1,7 +1,8 @@
-"""``polywigner figures``: the numbers behind figures are those of the public functions."""
+"""``make paper-figures``: the numbers behind figures are those of the public functions."""
 
 import json
 import re
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from string import ascii_lowercase
@@ -10,14 +11,16 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import shapely
-from matplotlib.figure import Figure
 
 import polywigner as pw
-from polywigner.cli import main
-from polywigner.figures.paper import FIGURES
-from polywigner.figures.paper.sampling import POSITION, dense_samples
-from polywigner.figures.paper.scenes import intensity_by_fft
-from polywigner.figures.paper.sources import WAVELENGTH, chevrons, square, triangle, triangles
+
+sys.path.append(str(Path(__file__).parents[1]))
+
+from paper.figures import FIGURES, make_figure
+from paper.figures.__main__ import write
+from paper.figures.sampling import POSITION, dense_samples
+from paper.figures.scenes import intensity_by_fft
+from paper.figures.sources import WAVELENGTH, chevrons, square, triangle, triangles
 
 Values = dict[str, np.ndarray]
 
@@ -223,11 +226,8 @@ CHECKS: dict[str, Callable[[Values], None]] = {
 }
 
 
-def test_every_figure_is_checked_and_named_by_the_help(capfd):
+def test_every_figure_is_checked():
     assert set(CHECKS) == set(FIGURES)
-    assert main(["figures", "--help"]) == 0
-    help_text = capfd.readouterr().out
-    assert all(name in help_text for name in FIGURES)
 
 
 RENDERED = {"render", "emitters"}  # minutes without LLVM
@@ -239,32 +239,22 @@ def marks(name):
 
 
 @pytest.mark.parametrize("name", [pytest.param(name, marks=marks(name)) for name in FIGURES])
-def test_the_numbers_behind_a_figure_are_those_of_the_public_functions(
-    name, tmp_path, monkeypatch, capfd
-):
-    drawn: list[Figure] = []
-    save = Figure.savefig
-
-    def noted(figure, file, **how):
-        if how["format"] == "png":
-            drawn.append(figure)
-        save(figure, file, **how)
-
-    monkeypatch.setattr(Figure, "savefig", noted)
+def test_the_numbers_behind_a_figure_are_those_of_the_public_functions(name, tmp_path, monkeypatch):
     monkeypatch.setattr("polywigner.figures.volumes._PIXELS", 150)  # no number depends on them
-    assert main(["figures", name, "--out", str(tmp_path / "new")]) == 0
-    written = [Path(line) for line in capfd.readouterr().out.splitlines()]
-    assert sorted((tmp_path / "new").iterdir()) == sorted(written)
-    assert {path.suffix for path in written} == {".png", ".pdf", ".npz"}
-    assert len(written) == 2 * len(FIGURES[name].parts) + 1
-    with np.load(written[-1]) as file:  # without pickle: plain arrays only
+    made = make_figure(name)
+    write(tmp_path, name, made, 150)
+    parts = FIGURES[name].parts
+    stems = [f"{name}_{part}" if part else name for part in parts]
+    pictures = [tmp_path / f"{stem}.png" for stem in stems]
+    expected = [*pictures, *(path.with_suffix(".pdf") for path in pictures)]
+    assert sorted(tmp_path.iterdir()) == sorted([*expected, tmp_path / f"{name}.npz"])
+    with np.load(tmp_path / f"{name}.npz") as file:  # without pickle: plain arrays only
         values = dict(file)
     metadata = json.loads(str(values.pop("metadata")))
     assert set(metadata["about"]) == set(values)
     CHECKS[name](values)
-    for picture in (path for path in written if path.suffix == ".png"):
+    for picture, part, figure in zip(pictures, parts, made.figures.values(), strict=True):
         check_nothing_is_cut_off(picture)
-    for part, figure in zip(FIGURES[name].parts, drawn, strict=True):
         check_panels_have_letters(figure, part)
 
 

@@ -8,7 +8,6 @@ from typing import Annotated
 import typer
 
 from polywigner.cli import options
-from polywigner.cli.figures import figures
 from polywigner.cli.lens import mtf, psf
 from polywigner.cli.pattern import pattern
 from polywigner.cli.propagate import propagate
@@ -104,6 +103,6 @@ def _say(text: str) -> None:
 
 for command in (
     *(render, receive, transform, pattern, rcs, propagate, volume, psf, mtf),
-    *(figures, explore, doctor),
+    *(explore, doctor),
 ):
     app.command()(options.with_options(command))

@@ -8,9 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import polywigner as pw
-from polywigner.figures import style
-from polywigner.figures.levels import level_db
-from polywigner.figures.paper.sources import (
+from paper.figures.sources import (
     WAVELENGTH,
     Made,
     Quality,
@@ -21,6 +19,8 @@ from polywigner.figures.paper.sources import (
     triangle,
     triangles,
 )
+from polywigner.figures import style
+from polywigner.figures.levels import level_db
 from polywigner.figures.projections import draw_projections
 from polywigner.geometry.display import length_unit
 from polywigner.transforms.projection import PhaseSpaceFunction

@@ -10,10 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import polywigner as pw
-from polywigner.figures import style
-from polywigner.figures.levels import COMPARED_DB, summary
-from polywigner.figures.lines import draw_lines
-from polywigner.figures.paper.sources import (
+from paper.figures.sources import (
     RAYS,
     WAVELENGTH,
     Made,
@@ -25,6 +22,9 @@ from polywigner.figures.paper.sources import (
     number_samples,
     square,
 )
+from polywigner.figures import style
+from polywigner.figures.levels import COMPARED_DB, summary
+from polywigner.figures.lines import draw_lines
 from polywigner.figures.planes import draw_planes
 from polywigner.figures.volumes import draw_volume
 

@@ -1,4 +1,4 @@
-"""The figures of the paper, regenerated from the public functions: ``polywigner figures``.
+"""The figures of the paper, computed with the public functions: ``make paper-figures``.
 
 A figure is a function ``draw_NAME(quality) -> Made`` in ``transforms``, ``fields``, ``scenes`` or
 ``sampling``; ``sources`` has the apertures and the wavelength that they share. docs/figures.md
@@ -10,10 +10,9 @@ from __future__ import annotations
 import importlib
 from typing import NamedTuple
 
-from polywigner.errors import ArgumentError
-from polywigner.figures.paper.sources import QUALITIES, Made, Quality
+from paper.figures.sources import QUALITIES, Made, Quality
 
-__all__ = ["FIGURES", "QUALITIES", "Made", "Quality", "Subject", "check_figures", "make_figure"]
+__all__ = ["FIGURES", "QUALITIES", "Made", "Quality", "Subject", "make_figure"]
 
 
 class Subject(NamedTuple):
@@ -46,21 +45,8 @@ FIGURES = {
 """By name, in the order of the paper."""
 
 
-def check_figures(names: list[str], quality: str) -> list[str]:
-    """The names without repetitions, all of them if there is none."""
-    for name in names:
-        if name not in FIGURES:
-            known = ", ".join(FIGURES)
-            raise ArgumentError(f"expected names of figures among {known}, got {name!r}")
-    if quality not in QUALITIES:
-        raise ArgumentError(f"expected quality to be draft or print, got {quality!r}")
-    chosen = list(dict.fromkeys(names)) or list(FIGURES)
-    return chosen
-
-
 def make_figure(name: str, quality: Quality = "draft") -> Made:
     """One figure of the paper with the numbers behind it."""
-    check_figures([name], quality)
     module = importlib.import_module(f"{__name__}.{FIGURES[name].module}")
     made: Made = getattr(module, f"draw_{name}")(quality)
     return made

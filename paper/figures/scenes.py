@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 import polywigner as pw
+from paper.figures.sources import WAVELENGTH, Made, Quality, square
 from polywigner.figures import style
 from polywigner.figures.levels import level_db, picture_peak
-from polywigner.figures.paper.sources import WAVELENGTH, Made, Quality, square
 from polywigner.figures.scenes import draw_scene
 from polywigner.interruption import temporary_folder
 

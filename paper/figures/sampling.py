@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import polywigner as pw
-from polywigner.figures import style
-from polywigner.figures.paper.sources import (
+from paper.figures.sources import (
     WAVELENGTH,
     Made,
     Quality,
@@ -17,6 +16,7 @@ from polywigner.figures.paper.sources import (
     number_samples,
     square,
 )
+from polywigner.figures import style
 
 POSITION = (0.5e-3, 0.8e-3)
 """Place of the slice that is summed on grids, in m: no symmetry of the chevrons helps there."""
