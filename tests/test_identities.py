@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import polywigner as pw
-import polywigner.testing
 from oracles import disc, exact
 from oracles.references import ENGINES, aperture, read_json
 

@@ -8,9 +8,9 @@ import shapely
 
 import laws
 import polywigner as pw
+from identities import assert_array_identities, assert_wigner_identities
 from oracles import kinds
 from oracles.references import numpy_and_few
-from polywigner.testing import assert_array_identities, assert_wigner_identities
 
 # Of a bound on the function, all waves and elements in phase: some roundings of sums of few terms;
 # in single precision of phases of some turns as well.
@@ -85,7 +85,7 @@ def test_transforms_are_those_of_exact_slices(name, precision, engine):
         assert np.abs(found - expected).max() <= allowed(name, function, precision), function
 
 
-# Of the sums and moves of `polywigner.testing`, one of each kind that takes a second at most; parts
+# Of the sums and moves of `identities`, one of each kind that takes a second at most; parts
 # 60 sizes apart are too far for its sums over positions.
 IDENTITIES = [
     "chevron",

@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 
 import polywigner as pw
-from oracles.references import awkward, numpy_and_few
-from oracles.sources import SOURCES, content, points_of
-from polywigner import transforms
-from polywigner.errors import ArgumentError, GeometryError
-from polywigner.testing import (
+from identities import (
     assert_array_identities,
     assert_fourier_stable,
     assert_marginals,
     assert_otf_properties,
     assert_wigner_identities,
 )
+from oracles.references import awkward, numpy_and_few
+from oracles.sources import SOURCES, content, points_of
+from polywigner import transforms
+from polywigner.errors import ArgumentError, GeometryError
 
 PAIR = pw.Slits([[-1.0, -0.4], [0.1, 0.9]])
 TRIANGLE = pw.Aperture([[0, 0], [1.3, 0.2], [0.4, 1.1]])

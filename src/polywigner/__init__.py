@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
     from polywigner import errors as errors
     from polywigner import rays as rays
+    from polywigner import testing as testing
     from polywigner.citations import cite as cite
     from polywigner.geometry import Aperture as Aperture
     from polywigner.geometry import Polyhedron as Polyhedron
@@ -105,7 +106,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _NAMES = {
-    "polywigner": "errors rays",
+    "polywigner": "errors rays testing",
     "polywigner.citations": "cite",
     "polywigner.geometry": """
         Aperture Polyhedron Slits Wavefront automean lag_slice position_slice read_aperture

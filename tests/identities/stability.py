@@ -12,18 +12,18 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from polywigner import transforms
-from polywigner.errors import ArgumentError, GeometryError
-from polywigner.execution import Precision
-from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
-from polywigner.geometry.arguments import checked_count, checked_generator
-from polywigner.testing.cases import (
+from identities.cases import (
     content_of,
     require,
     split_in_three,
     tolerance_of,
     waves_of,
 )
+from polywigner import transforms
+from polywigner.errors import ArgumentError, GeometryError
+from polywigner.execution import Precision
+from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
+from polywigner.geometry.arguments import checked_count, checked_generator
 from polywigner.transforms.extremes import corners_of
 
 # Errors that the package promises, relative to the content.

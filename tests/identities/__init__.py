@@ -1,4 +1,4 @@
-"""Assertions for users: do the transforms of this source obey the laws they must obey?
+"""Assertions of tests: do the transforms of a source obey the laws that they must obey?
 
 ===============================  ==================================================================
 assertion                        what it checks
@@ -13,14 +13,11 @@ assertion                        what it checks
 Each evaluates the public transforms at random places and compares them with each other, with the
 same source moved, turned, scaled and cut into pieces, and with values found another way. Each
 raises an :class:`AssertionError` that names the law, the place and the two values, and returns
-nothing. They need nothing but the package itself and take about a second (more for many edges)::
-
-    def test_my_antenna():
-        polywigner.testing.assert_wigner_identities(polywigner.read_aperture("antenna.geojson"))
+nothing. They take about a second, and more for many edges.
 """
 
-from polywigner.testing.stability import assert_fourier_stable
-from polywigner.testing.wigner import (
+from identities.stability import assert_fourier_stable
+from identities.wigner import (
     assert_array_identities,
     assert_marginals,
     assert_otf_properties,

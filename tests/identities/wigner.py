@@ -8,12 +8,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from polywigner import transforms
-from polywigner.execution import Precision
-from polywigner.geometry import Aperture, Slits
-from polywigner.illumination import Array as Elements
-from polywigner.illumination import phased_array
-from polywigner.testing.cases import (
+from identities.cases import (
     Case,
     ambiguity_by_pairs,
     array_case_of,
@@ -25,6 +20,11 @@ from polywigner.testing.cases import (
     split_in_three,
     wigner_by_pairs,
 )
+from polywigner import transforms
+from polywigner.execution import Precision
+from polywigner.geometry import Aperture, Slits
+from polywigner.illumination import Array as Elements
+from polywigner.illumination import phased_array
 from polywigner.transforms.extremes import corners_of
 
 # Rank-1 lattice sums of continuous functions with kinks, at 10^4 points, relative to content^2:

@@ -1,0 +1,177 @@
+"""A check for users: do the transforms of a source obey the laws of phase space?"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polywigner import transforms
+from polywigner.errors import ArgumentError
+from polywigner.geometry import Aperture, Slits
+from polywigner.geometry.arguments import checked_count
+from polywigner.illumination import Array
+
+__all__ = ["check"]
+
+Floats = NDArray[np.float64]
+# (law, left side, right side, allowed difference, arguments)
+Law = tuple[str, Any, Any, float, dict[str, Floats]]
+
+# Allowed difference relative to the bound of each transform. Rounding of the source's own
+# coordinates is added to it.
+_TOLERANCE = 1e-12
+# Points of the lattice that integrates W over x, and the error of such sums for |u|^2 with edges.
+_LATTICE, _STEP, _LATTICE_ERROR = 10946, 6765, 2e-3
+
+
+def check(source: Aperture | Slits | Array, points: int = 100, seed: int = 0) -> None:
+    """Raise an AssertionError unless the transforms of a source obey the laws of phase space.
+
+    The laws, in d dimensions: W is real and bounded by 2^d int |u|^2; A is Hermitian and bounded by
+    A(0, 0) = int |u|^2; W(x, 0) and A(0, xi) are the marginals; int W dx = |F(nu)|^2; translations
+    only change coordinates and phases; weights of an array act linearly on F and quadratically on
+    W; F(0) of a uniform source is its area. docs/theory/transforms.md derives them.
+
+    Parameters
+    ----------
+    source : Aperture, Slits or Array of either in the plane z = 0, uniform or with illuminations.
+    points : number of random arguments of each law.
+    seed : seed of these arguments.
+
+    Raises
+    ------
+    AssertionError : the first law that does not hold, with arguments and both values.
+    ArgumentError : another kind of source.
+
+    Examples
+    --------
+    >>> import polywigner as pw
+    >>> pw.testing.check(pw.shapes.u_shape(20e-3, 12e-3, 3e-3))
+    """
+    if not isinstance(source, (Aperture, Slits, Array)):
+        raise ArgumentError(
+            f"source must be an Aperture, Slits or an Array, got {type(source).__name__}"
+        )
+    checked_count(points, "points", 1)
+    for law, left, right, allowed, arguments in _laws(source, points, seed):
+        off = np.abs(np.asarray(left) - np.asarray(right))
+        if not np.all(off <= allowed):
+            at = np.unravel_index(np.argmax(np.where(np.isnan(off), np.inf, off)), off.shape)
+            where = ", ".join(
+                f"{name} = {values[at].tolist()}" for name, values in arguments.items()
+            )
+            left, right = (np.broadcast_to(side, off.shape)[at] for side in (left, right))
+            raise AssertionError(
+                f"{law} does not hold at {where or 'all points'}: {left} against {right}, allowed "
+                f"difference {allowed:.3g}"
+            )
+
+
+def _laws(source: Any, points: int, seed: int) -> Iterator[Law]:
+    """Yield both sides of each law at random arguments within the source and its spectrum."""
+    low, high = _bounds(source)
+    size = float(np.linalg.norm(high - low))
+    d = len(low)
+    random = np.random.default_rng(seed)
+    x = random.uniform(low, high, (points, d))
+    xi = random.uniform(low - high, high - low, (points, d))
+    nu, upsilon = random.uniform(-8.0 / size, 8.0 / size, (2, points, d))
+    zero = np.zeros(d)
+    energy = float(np.real(transforms.lag_marginal(source, zero)))
+    field = _largest_field(source)
+    bound = math.prod((high - low).tolist()) * field**2
+    far = 1.0 + float(np.abs([low, high]).max()) / size  # rounding of positions away from 0
+    allowed = _TOLERANCE * far * max(bound, energy)
+
+    w, a = transforms.wigner(source, x, nu), transforms.ambiguity(source, upsilon, xi)
+    at_x, at_xi = {"x": x, "nu": nu}, {"upsilon": upsilon, "xi": xi}
+    limit = 2**d * energy
+    yield "W is real", np.imag(w), 0.0, 0.0, at_x
+    yield f"|W| <= {2**d} int |u|^2", w, np.clip(w, -limit, limit), 2**d * allowed, at_x
+    mirrored = transforms.ambiguity(source, -upsilon, -xi)
+    yield "A(-upsilon, -xi) = conj A(upsilon, xi)", mirrored, np.conj(a), allowed, at_xi
+    excess = np.maximum(np.abs(a) - energy, 0.0)
+    yield "|A| <= A(0, 0)", excess, 0.0, allowed, at_xi
+
+    at_zero, marginal = transforms.wigner(source, x, zero), transforms.position_marginal(source, x)
+    yield "W(x, 0) = R_x(x)", at_zero, marginal, 2**d * allowed, {"x": x}
+    at_zero, marginal = transforms.ambiguity(source, zero, xi), transforms.lag_marginal(source, xi)
+    yield "A(0, xi) = R_xi(xi)", at_zero, marginal, allowed, {"xi": xi}
+
+    few = nu[: max(1, points // 25)] / 8.0  # frequencies that the lattice resolves
+    lattice, cell = _lattice(low, high)
+    integral = cell * transforms.wigner(source, lattice, few[:, None]).sum(axis=1)
+    power = np.abs(transforms.fourier(source, few)) ** 2
+    loss = _LATTICE_ERROR * (bound / field) ** 2
+    yield "int W dx = |F(nu)|^2", integral, power, loss, {"nu": few}
+
+    shift = np.linspace(0.37, -0.19, d) * size
+    moved = _moved(source, shift)
+    shifted = transforms.wigner(moved, x + shift, nu)
+    yield "W of the shifted source", shifted, w, 4 * 2**d * allowed, at_x
+    shifted, phase = transforms.ambiguity(moved, upsilon, xi), np.exp(-2j * np.pi * upsilon @ shift)
+    yield "A of the shifted source", shifted, phase * a, 4 * allowed, at_xi
+    f, shifted = transforms.fourier(source, nu), transforms.fourier(moved, nu)
+    phase = np.exp(-2j * np.pi * nu @ shift)
+    strength = 4 * allowed / field
+    yield "F of the shifted source", shifted, phase * f, strength, {"nu": nu}
+
+    if isinstance(source, Array):
+        weighted = Array(source.elements, 2j * np.asarray(source.weights))
+        twice = transforms.fourier(weighted, nu)
+        yield "F of the array with weights 2i", twice, 2j * f, 4 * strength, {"nu": nu}
+        twice = transforms.wigner(weighted, x, nu)
+        yield "W of the array with weights 2i", twice, 4 * w, 16 * 2**d * allowed, at_x
+        terms = [transforms.fourier(element, nu) for element in source.elements]
+        total = np.tensordot(np.asarray(source.weights), terms, 1)
+        yield "F is the weighted sum over elements", f, total, strength, {"nu": nu}
+    elif source.illumination is None:
+        content = source.area if isinstance(source, Aperture) else _length(source)
+        at_zero = transforms.fourier(source, zero)
+        yield "F(0) is the area", np.atleast_1d(at_zero), content, strength, {}
+
+
+def _elements(source: Any) -> list[Any]:
+    return list(source.elements) if isinstance(source, Array) else [source]
+
+
+def _bounds(source: Any) -> tuple[Floats, Floats]:
+    """Return the lower and upper corner of a box about all elements."""
+    boxes = [
+        np.array([[element.intervals.min()], [element.intervals.max()]])
+        if isinstance(element, Slits)
+        else np.reshape(element.bounds, (2, 2))
+        for element in _elements(source)
+    ]
+    return np.min(boxes, axis=0)[0], np.max(boxes, axis=0)[1]
+
+
+def _largest_field(source: Any) -> float:
+    """Return an upper bound of |u|."""
+    waves = [
+        1.0 if element.illumination is None else np.abs(element.illumination.amplitudes).sum()
+        for element in _elements(source)
+    ]
+    weights = np.abs(source.weights) if isinstance(source, Array) else np.ones(1)
+    return float(np.sum(weights * waves))
+
+
+def _lattice(low: Floats, high: Floats) -> tuple[Floats, float]:
+    """Return points of a rank-1 lattice in a box, and the area of each."""
+    k = np.arange(_LATTICE)
+    unit = np.column_stack([k + 0.5, (k * _STEP) % _LATTICE + 0.5])[:, : len(low)] / _LATTICE
+    return low + unit * (high - low), math.prod((high - low).tolist()) / _LATTICE
+
+
+def _moved(source: Any, shift: Floats) -> Any:
+    if isinstance(source, Array):
+        return Array([element.moved(shift) for element in _elements(source)], source.weights)
+    return source.moved(shift)
+
+
+def _length(source: Slits) -> float:
+    return float(np.diff(source.intervals, axis=1).sum())
