@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import SceneError
+from polywigner.mitsuba.scene_order import sorted_shapes
 
 Floats = NDArray[np.float64]
 
@@ -49,7 +50,7 @@ def mirrors_of(scene: Any, unit: float) -> tuple[list[Mirror], list[str]]:
     """Flat mirrors of a scene in units of ``unit`` metres, and the names of other smooth shapes."""
     mirrors: list[Mirror] = []
     others = []
-    for number, shape in enumerate(scene.shapes()):
+    for number, shape in enumerate(sorted_shapes(scene)):
         flags = shape.bsdf().flags() if shape.bsdf() is not None else 0
         if not flags & _SMOOTH:
             continue

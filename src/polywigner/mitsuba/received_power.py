@@ -47,6 +47,7 @@ from polywigner.mitsuba.scattered import (
     wigner_emitters,
 )
 from polywigner.mitsuba.scattering_steps import number_of
+from polywigner.mitsuba.scene_order import sorted_shapes
 from polywigner.mitsuba.targets import aimed
 from polywigner.quantities import parse_noise
 
@@ -327,7 +328,7 @@ def shapes_in(
     with unseen(scene):
         numbers = _first_shapes(scene, place.pose[:3, 3] / place.scene_unit, ways)
     found = []
-    for shape in scene.shapes():
+    for shape in sorted_shapes(scene):
         shares = np.where(numbers == np.ravel(number_of("Shape", shape))[0], power, 0.0)
         sent = shares.sum()
         if shape.id() and sent > _LEAST_NAMED * power.sum():

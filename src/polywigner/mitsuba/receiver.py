@@ -41,6 +41,7 @@ from polywigner.mitsuba.placement import Frame, matrix_of
 from polywigner.mitsuba.plugins import add_plugin, nested_properties
 from polywigner.mitsuba.polarisation import Polariser, check_polarised
 from polywigner.mitsuba.sampling import Tabulated, opaque
+from polywigner.mitsuba.scene_order import sorted_sensors
 from polywigner.mitsuba.sources import SourceSpec, emissions
 from polywigner.mitsuba.wigner import WignerRadiance
 from polywigner.transforms import fourier
@@ -364,8 +365,12 @@ def sensors_of(scene: Any) -> list[Any]:
 
 
 def receivers_of(scene: Any) -> list[tuple[int, Any]]:
-    """The receivers of a scene with their numbers among its sensors; SceneError for none."""
-    found = [(k, sensor) for k, sensor in enumerate(sensors_of(scene)) if is_receiver(sensor)]
+    """Return the receivers of a scene, sorted by id, with their Mitsuba indices among its sensors.
+
+    Raises SceneError for a scene without a receiver.
+    """
+    sensors_of(scene)
+    found = [(k, sensor) for k, sensor in sorted_sensors(scene) if is_receiver(sensor)]
     if not found:
         raise SceneError(
             "expected a scene with a receiver, got one without; add a <sensor "

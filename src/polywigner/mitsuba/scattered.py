@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from polywigner.mitsuba.films import Exposure, check_is_whole, mean_of_colours, seed_of
 from polywigner.mitsuba.range_film import sorted_by_range, transient_integrator
 from polywigner.mitsuba.rendering import check_spp, exposed
+from polywigner.mitsuba.scene_order import sorted_emitters
 from polywigner.mitsuba.scenes import is_source
 
 Floats = NDArray[np.float64]
@@ -31,8 +32,8 @@ _SHRUNK = 1e-3
 
 
 def wigner_emitters(scene: Any) -> list[Any]:
-    """The coherent sources of a scene, in its order."""
-    return list(filter(is_source, scene.emitters()))
+    """Return the coherent sources of a scene, sorted by the ids of their shapes."""
+    return list(filter(is_source, sorted_emitters(scene)))
 
 
 @contextmanager

@@ -23,6 +23,7 @@ from polywigner.mitsuba.receiver import receivers_of, receiving
 from polywigner.mitsuba.rendering import depths_of
 from polywigner.mitsuba.scattered import unseen, wigner_emitters
 from polywigner.mitsuba.scattering_steps import Events, Motion, Paths, events_of, number_of
+from polywigner.mitsuba.scene_order import sorted_emitters, sorted_shapes
 from polywigner.mitsuba.scenes import is_source
 from polywigner.mitsuba.targets import aimed
 from polywigner.quantities import SPEED_OF_LIGHT
@@ -301,10 +302,10 @@ class _Names:
     def of(cls, scene: Any, receiver: str) -> _Names:
         shapes = {
             _number("Shape", shape): shape.id() or f"shape {k}"
-            for k, shape in enumerate(scene.shapes())
+            for k, shape in enumerate(sorted_shapes(scene))
         }
         lights, coherent = {}, 0
-        for k, light in enumerate(scene.emitters()):
+        for k, light in enumerate(sorted_emitters(scene)):
             name = light.id() or f"light {k}"
             if is_source(light):
                 name = placed_emitter(light, coherent).name

@@ -63,7 +63,7 @@ class SceneFile:
     def load(self) -> Any:
         """Load the ``mi.Scene``; raises as :func:`load_scene` does."""
         return load_file(
-            self.path, self.variant, self.sampler, True, self.diffraction, self.parameters
+            self.path, self.variant, self.sampler, False, self.diffraction, self.parameters
         )
 
 
