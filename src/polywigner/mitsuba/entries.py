@@ -18,6 +18,7 @@ from polywigner.illumination.polarisation import checked_polarisation, polarisat
 from polywigner.mitsuba.films import film_of
 from polywigner.mitsuba.parameters import (
     RECEIVER_ESTIMATOR,
+    UNPOLARISED,
     as_source,
     pose_entry,
     read_emitter,
@@ -205,7 +206,9 @@ def _entry(
         "scene_unit": parse_length(scene_unit),
         **pose_entry(to_world),
     }
-    if polarisation is not None:
+    if isinstance(polarisation, str) and polarisation.strip().lower() == UNPOLARISED:
+        entry["polarisation"] = UNPOLARISED
+    elif polarisation is not None:
         entry["polarisation"] = polarisation_text(checked_polarisation(polarisation, own))
     return entry
 

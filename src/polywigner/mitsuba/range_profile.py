@@ -17,6 +17,7 @@ from polywigner.geometry.arguments import (
 )
 from polywigner.mitsuba.films import seed_of
 from polywigner.mitsuba.plugins import one_at_a_time
+from polywigner.mitsuba.polarisation import polarisation_summary
 from polywigner.mitsuba.range_film import (
     check_sums,
     require_transients,
@@ -213,6 +214,7 @@ def _described(
     about = {
         "receiver": receivers[0] if single else "several",
         "wavelength": parties.places[0].wavelength,
+        "polarisation": polarisation_summary([*parties.emitters, *parties.places], False),
         "samples": BATCHES * batches_of(plan.spp),
         "seed": plan.seed,
     }

@@ -26,6 +26,7 @@ from polywigner.mitsuba.placement import (
     placed_receiver,
 )
 from polywigner.mitsuba.plugins import one_at_a_time
+from polywigner.mitsuba.polarisation import polarisation_summary
 from polywigner.mitsuba.range_film import is_transient
 from polywigner.mitsuba.received import (
     OTHER_LIGHTS,
@@ -41,6 +42,7 @@ from polywigner.mitsuba.scattered import (
     Scattering,
     batches_of,
     lights_of,
+    polarised_by_default,
     shares_of,
     standard_error,
     unseen,
@@ -167,13 +169,22 @@ def received(
     scene: Any, numbers: list[int], options: ReceiveOptions, scattered: Scattered
 ) -> list[Any]:
     """The :class:`ReceivedPower` of receivers by their numbers; see :func:`received_power`."""
-    parties = matched(scene, numbers, options)
-    with unseen(scene), aimed(scene):
+    own = options.interference
+    jones = own.polarisation if own else None
+    with polarised_by_default(scene, jones), unseen(scene), aimed(scene):
+        parties = matched(scene, numbers, options)
         lit = [_direct(scene, place, parties.emitters, options) for place in parties.places]
         plans = [scattering(scene, index, options) for index in parties.sensors]
         found = scattered(plans)
         each = zip(parties.places, parties.noises, lit, plans, found, strict=True)
-        return [_result(scene, parties.emitters, *one) for one in each]
+        ends = [
+            polarisation_summary([*parties.emitters, place], own is not None, jones)
+            for place in parties.places
+        ]
+        return [
+            _result(scene, parties.emitters, *one, polarisation=text)
+            for one, text in zip(each, ends, strict=True)
+        ]
 
 
 class Parties(NamedTuple):
@@ -252,6 +263,7 @@ def _result(
     direct: tuple[list[DirectLight], list[str]],
     plan: Scattering,
     found: Any,
+    polarisation: str,
 ) -> ReceivedPower:
     links, notes = direct
     of_sources, others = shares_of(scene, found)
@@ -268,7 +280,8 @@ def _result(
         standard_error=float(standard_error(others + of_sources.sum(axis=0))),
         samples=BATCHES * batches_of(plan.spp),
         seed=plan.seed,
-        notes=tuple(notes),
+        notes=tuple(dict.fromkeys(notes)),
+        polarisation=polarisation,
         **noise,
     )
 

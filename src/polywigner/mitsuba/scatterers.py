@@ -17,6 +17,7 @@ from polywigner.geometry.arguments import checked_count, real_numbers
 from polywigner.illumination import Array
 from polywigner.mitsuba.placement import placed_emitter
 from polywigner.mitsuba.plugins import one_at_a_time
+from polywigner.mitsuba.polarisation import polarisation_summary
 from polywigner.mitsuba.received import ReceiveOptions, described
 from polywigner.mitsuba.received_power import chosen, matched
 from polywigner.mitsuba.receiver import receivers_of, receiving
@@ -258,7 +259,8 @@ def scatterers(
     found = receivers_of(scene)
     number = chosen(found, receiver)
     sensor = found[number][1]
-    (place,) = matched(scene, [number], options).places
+    parties = matched(scene, [number], options)
+    (place,) = parties.places
     if sensor.spec.has_several:
         raise SceneError(
             "expected one polarisation of all elements of a receiver for scatterers, got several; "
@@ -282,6 +284,7 @@ def scatterers(
         "to_world": place.pose.ravel().tolist(),
         "obliquity": place.obliquity,
         "normalise": sensor.spec.normalise,
+        "polarisation": polarisation_summary([*parties.emitters, place], False),
         "estimator": sensor.spec.estimator,
         "rays": -(-launched // BATCHES) * BATCHES,
         "seed": options.seed,

@@ -124,7 +124,7 @@ def load_scene(
             f"a scene dictionary takes no parameters, got {', '.join(parameters)}; put the values "
             "into the dictionary"
         )
-    return _load(None, dict(scene), variant, (sampler, merge, diffraction), {})
+    return _load(None, dict(scene), variant, (sampler, merge, diffraction, None), {})
 
 
 def load_file(
@@ -134,19 +134,23 @@ def load_file(
     merge: bool,
     diffraction: bool,
     parameters: Mapping[str, Any],
+    polarisation: str | None = None,
 ) -> Any:
-    """Load a scene file as :func:`load_scene` does; its parameters may have any names."""
+    """Load a scene file as :func:`load_scene` does; its parameters may have any names.
+
+    ``polarisation``: of sources and receivers for which the file specifies none.
+    """
     file = checked_path(path)
     for name, value in parameters.items():
         if value is not None and not isinstance(value, (str, int, float)):
             raise ArgumentError(f"expected {name} as a text or a number, got {value!r}")
     if not file.is_file():
         raise SceneError(f"expected a Mitsuba scene file, got {str(path)!r}, which is not a file")
-    return _load(file, {}, variant, (sampler, merge, diffraction), parameters)
+    return _load(file, {}, variant, (sampler, merge, diffraction, polarisation), parameters)
 
 
-_How = tuple[str | None, bool, bool]
-"""Arguments ``sampler``, ``merge`` and ``diffraction`` of :func:`load_scene`."""
+_How = tuple[str | None, bool, bool, str | None]
+"""Arguments ``sampler``, ``merge``, ``diffraction`` and ``polarisation`` of :func:`load_file`."""
 
 
 @one_at_a_time
@@ -158,7 +162,7 @@ def _load(
     parameters: Mapping[str, Any],
 ) -> Any:
     """Load the scene of a file, or of the entries of a dictionary if there is no file."""
-    sampler, merge, diffraction = how
+    sampler, merge, diffraction, _ = how
     if not isinstance(sampler, str | None):
         raise ArgumentError(f"expected sampler as the name of a plugin, got {sampler!r}")
     checked_flag(merge, "merge")
@@ -181,7 +185,9 @@ def _load(
         raise translate_error(error) from None
     if not isinstance(scene, mi.Scene):
         where, advice = (
-            ("the dictionary", 'add "type": "scene"') if file is None else (file, "wrap it in <scene>")
+            ("the dictionary", 'add "type": "scene"')
+            if file is None
+            else (file, "wrap it in <scene>")
         )
         raise SceneError(f"expected a <scene> in {where}, got something else; {advice}")
     return scene
@@ -234,18 +240,21 @@ def _printable(text: str) -> str:
 
 def _instantiate(config: Any, state: Any, how: _How) -> Any:
     """Check a parsed scene, change it as requested and build it."""
-    sampler, merge, diffraction = how
+    sampler, merge, diffraction, polarisation = how
     mi.parser.transform_upgrade(config, state)
     mi.parser.transform_resolve(config, state)
     _check_samplers(state)
     _check_numbers(state)
     if sampler is not None:
         _replace_samplers(state, sampler)
-    if diffraction:
-        for node in state.nodes:
-            if node.props.plugin_name() in _COHERENT:
-                node.props["estimator"] = "exact"
-                node.props["diffraction"] = True
+    for node in state.nodes:
+        if node.props.plugin_name() not in _COHERENT:
+            continue
+        if diffraction:
+            node.props["estimator"] = "exact"
+            node.props["diffraction"] = True
+        if polarisation is not None and "polarisation" not in node.props:
+            node.props["polarisation"] = polarisation
     mi.parser.transform_merge_equivalent(config, state)
     if merge:
         mi.parser.transform_merge_meshes(config, state)
