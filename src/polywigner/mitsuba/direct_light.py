@@ -279,7 +279,7 @@ def ways_of(mirrors: list[Mirror], reflections: int) -> list[Way]:
 
 
 def mirrors_in(scene: Any, unit: float, reflections: int) -> tuple[list[Mirror], list[str]]:
-    """Return the flat mirrors of a scene, and notes on what direct light leaves out."""
+    """Return the flat mirrors of a scene, and notes on the paths that are not included."""
     smooth = smooth_shapes(scene, unit)
     curved, refracting, unnamed = (
         ", ".join(map(repr, names)) for names in (smooth.curved, smooth.refracting, smooth.unnamed)

@@ -336,6 +336,8 @@ def shapes_in(
     x, y = (part.ravel() for part in np.meshgrid(axis, axis))
     power = np.where(x * x + y * y < 1, picture.ravel(), 0.0).clip(min=0)
     lit = np.flatnonzero(power)
+    if not len(lit):  # Dr.Jit ends the process for arrays without elements
+        return {}
     x, y, power = x[lit], y[lit], power[lit]
     ways = place.pose[:3, :3] @ [x, y, np.sqrt(1 - x * x - y * y)]
     with unseen(scene):
