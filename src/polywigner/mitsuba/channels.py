@@ -100,9 +100,9 @@ def channel(
     frequencies : (n,) in Hz, or a number; None: those of the emitters. Sources keep their
         apertures, fields and weights, and mirrors their refractive indices.
     reflections : most flat mirrors on a way, 0 to 3.
-    polarisation : of sources without one of their own, as of
-        :func:`polywigner.mitsuba.aperture`: "x", "y", "45 deg", "right", ... or a Jones vector in
-        each source's own x and y. Default: "y".
+    polarisation : of ends for which the scene specifies none: "x", "y", "45 deg", "right", ... or
+        a Jones vector in the x and y of each end. Default: "y"; in unpolarised variants the
+        line-of-sight path then counts as matched (docs/polarised.md).
     bodies : perfect conductors of :func:`polywigner.rcs` by their names, in the scene's frame, in
         m, each alone or as a pair (body, reflections on it, 1 to 3): ``{"corner": (plates, 3)}``.
         Their echoes are ways like those by mirrors (docs/channel.md); leave them out of the scene
@@ -116,8 +116,8 @@ def channel(
         ``h`` (frequency, receiver, emitter) complex; for each ``way`` its ``amplitude`` (frequency,
         receiver, emitter, way) complex, zero where it brings nothing, ``delay`` (receiver, emitter,
         way) in s between the middles of both ends, not a number there, and ``mirrors`` (way): names
-        of shapes and bodies in the light's order, joined by ", ". ``attrs["notes"]``: effects left
-        out.
+        of shapes and bodies in the light's order, joined by ", ". ``attrs["polarisation"]``:
+        polarisations of the ends; ``attrs["notes"]``: effects left out.
 
     Raises
     ------

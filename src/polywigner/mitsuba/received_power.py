@@ -90,7 +90,7 @@ def received_power(
     spp : samples of the scattered part, in 16 batches, for each emitter; rounded up to a multiple
         of 16. Default: the sensor's own.
     seed : of the random numbers, zero or more. What is direct has none.
-    receiver : id of the sensor, or its number among the receivers of the scene, from 0; None: the
+    receiver : id of the sensor, or its number among the sorted ids of receivers, from 0; None: the
         only one.
     integrator : of the scattered part, as in :func:`polywigner.mitsuba.render`.
     reflections : most flat mirrors on a direct way, 0 to 3.
@@ -100,7 +100,8 @@ def received_power(
         bandwidth also says which emitters the receiver takes.
     coherent : True: the direct ways of one emitter add as amplitudes, with fringes, as in
         :func:`polywigner.mitsuba.channel`; what is scattered, and several emitters, add as powers.
-    polarisation : with ``coherent``: of sources without one of their own, default "y", as there.
+    polarisation : with ``coherent``: of ends for which the scene specifies none, default "y", as
+        there; in polarised variants for scattered power as well.
     bodies : with ``coherent``: perfect conductors beside the scene by their names, as there.
     progress : called after each render with the number of those done, and of all.
 
@@ -140,7 +141,7 @@ def received_powers(
     bodies: Mapping[str, Any] | None = None,
     progress: Progress | None = None,
 ) -> list[ReceivedPower]:
-    """The power of each receiver of a scene, in its order: :func:`received_power`."""
+    """Return the power of each receiver of a scene, sorted by id: :func:`received_power`."""
     noise = parse_noise(bandwidth, temperature, noise_figure)
     waves = interference_of(coherent, polarisation, bodies)
     options = ReceiveOptions(spp, seed, integrator, reflections, tolerance, noise, waves)

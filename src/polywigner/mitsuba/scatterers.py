@@ -214,8 +214,8 @@ def scatterers(
     count : scatterers wanted; there are fewer where rays find fewer.
     seed : of the random numbers, zero or more.
     velocities : (3,) in m/s by the ids of shapes, emitters and the receiver; others stand still.
-        Mitsuba merges meshes of one BSDF, and their ids are lost, unless the scene is loaded by
-        ``load_scene(path, merge=False)`` or ``mi.load_dict(entries, optimize=False)``.
+        Load the scene with :func:`load_scene`, which keeps ids; ``mi.load_dict`` merges meshes of
+        equal BSDFs into one without an id.
     max_depth : longest path as Mitsuba's integrators count, 2 is one reflection; -1: no limit.
         Default: that of the scene's integrator.
     receiver : as for :func:`received_power`.
@@ -330,8 +330,8 @@ class _Names:
             if name not in known:
                 raise ArgumentError(
                     f"expected velocities of {', '.join(map(repr, sorted(known)))}, got one of "
-                    f"{name!r}; Mitsuba merges meshes of one BSDF: load the scene by "
-                    "load_scene(path, merge=False), or mi.load_dict(entries, optimize=False)"
+                    f"{name!r}; mi.load_dict merges meshes of equal BSDFs: load the scene with "
+                    "polywigner.mitsuba.load_scene, which keeps ids"
                 )
         return Motion(
             {number: found[name] for number, name in self.shapes.items() if name in found},
