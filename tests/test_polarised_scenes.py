@@ -83,11 +83,9 @@ def test_a_source_seen_straight_has_the_stokes_numbers_of_its_name(name: str, va
 
 
 @pytest.mark.parametrize("variant", POLARISED)
-def test_a_source_without_a_polarisation_sends_unpolarised_light_of_the_same_radiance(
-    variant: str,
-) -> None:
+def test_an_unpolarised_source_sends_light_of_the_same_radiance(variant: str) -> None:
     use(variant)
-    plain = seen(None)
+    plain = seen("unpolarised")
     assert not plain[1:].any()
     assert seen("right")[0] == pytest.approx(plain[0], rel=1e-6)
 
@@ -187,7 +185,7 @@ def test_an_unpolarised_sky_gives_half_to_a_polarised_receiver(estimator: str) -
     mi = use("llvm_ad_mono_polarized")
     sky = {"type": "constant", "radiance": value(2.0 / WAVELENGTH**2)}
     found = []
-    for polarisation in (None, "x", "left"):
+    for polarisation in ("unpolarised", "x", "left"):
         receiver = pwm.receiver(
             SQUARE, WAVELENGTH, polarisation=polarisation, estimator=estimator, film=None
         )
@@ -214,9 +212,9 @@ def linked(sent: Any, taken: Any, others: Any = None, roll: float = 0.0, **more:
 @pytest.mark.llvm
 def test_links_keep_the_share_of_power_in_the_receivers_polarisation() -> None:
     use("llvm_ad_mono_polarized")
-    whole = linked(None, None).power
+    whole = linked("unpolarised", "unpolarised").power
     table = [
-        ("x", "x", 30, 0.75), ("x", "y", 0, 0.0), (None, "left", 0, 0.5),
+        ("x", "x", 30, 0.75), ("x", "y", 0, 0.0), ("unpolarised", "left", 0, 0.5),
         ("45 deg", "45 deg", 0, 0.0), ("right", "right", 37, 1.0), ("right", "left", 0, 0.0),
     ]  # fmt: skip
     for sent, taken, roll, share in table:
@@ -254,7 +252,7 @@ def test_the_link_of_an_array_of_two_polarisations_is_that_of_the_sum_of_fields(
     along = {"x": (-1, 0), "45 deg": (-ROOT, ROOT), "left": np.multiply(JONES["left"], (-1, 1))}
     expected = {name: abs(fields @ vectors @ np.array(q)) ** 2 for name, q in along.items()}
     total = sum(abs(fields @ vectors[:, k]) ** 2 for k in (0, 1))
-    whole = linked(["x", "right"], None, source=PAIR).power
+    whole = linked(["x", "right"], "unpolarised", source=PAIR).power
     for name, power in expected.items():
         found = linked(["x", "right"], name, source=PAIR).power / whole
         assert found == pytest.approx(power / total, abs=1e-4)
@@ -325,12 +323,12 @@ def test_rough_metal_keeps_polarisations_and_a_diffuse_floor_none() -> None:
         scene = monostatic((sent, taken), bsdf)
         return pwm.received_power(scene, spp=2**15, seed=1).scattered
 
-    whole = power(None, None, ROUGH_METAL)
+    whole = power("unpolarised", "unpolarised", ROUGH_METAL)
     assert power("right", "left", ROUGH_METAL) == pytest.approx(whole, rel=0.01)
     assert power("right", "right", ROUGH_METAL) < 1e-3 * whole
     assert power("x", "y", ROUGH_METAL) < 0.01 * whole
     white = {"type": "diffuse", "reflectance": value(0.5)}
-    half = power(None, None, white) / 2
+    half = power("unpolarised", "unpolarised", white) / 2
     assert power("x", "x", white) == pytest.approx(half, rel=1e-4)
     assert power("x", "y", white) == pytest.approx(half, rel=1e-4)
 
@@ -432,5 +430,6 @@ def test_the_command_writes_stokes_numbers_and_their_pictures(tmp_path: Path) ->
     assert np.linalg.norm(stokes[1:], axis=0).max() <= stokes[0].max() * (1 + 1e-5)
     record = json.loads(out.with_suffix(".json").read_text())
     assert record["used"]["variant"].endswith("_polarized")
+    assert record["used"]["polarisation"].startswith("45 deg: ")
     assert record["radiance"]["largest"] == pytest.approx(stokes[0].max(), rel=1e-5)
     assert main(["render", str(tmp_path / "street.xml"), "--out", str(out)]) == 2

@@ -61,8 +61,8 @@ class ReceiveSettings:
     ] = None
     polarisation: Annotated[
         str | None,
-        "Polarisation, with --coherent or --frequencies, of sources without one: x, y "
-        "(default), right, left or a slant such as '45 deg'.",
+        "Polarisation of sources and receivers without one: x, y (default), right, left, "
+        "unpolarised or a slant such as '45 deg'; selects a polarised variant.",
     ] = None
     diffraction: options.Diffraction = False
     defined: options.Define = None
@@ -92,10 +92,6 @@ def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
     by_range = ("_range.nc", "_range.png") if edges is not None else ()
     band = parse_band(settings.frequencies)
     of_channel = ("_channel.nc", "_channel.csv", "_channel.png") if band else ()
-    if settings.polarisation is not None and not (settings.coherent or band):
-        raise ArgumentError(
-            "expected --polarisation with --coherent or --frequencies, got it alone; add one"
-        )
     files = output.targets(stem, (".json", ".png", *by_range, *of_channel))
     output.check_writable(files)
     new = output.missing_folders(files)
@@ -103,6 +99,7 @@ def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
     from polywigner.figures import draw_channel
     from polywigner.figures.levels import check_floor
     from polywigner.mitsuba import channel, choose_variant
+    from polywigner.mitsuba.polarisation import is_polarised
     from polywigner.mitsuba.received import ReceiveOptions, interference_of
     from polywigner.mitsuba.received_power import arrival_map, shapes_in
     from polywigner.mitsuba.receiver import receivers_of
@@ -119,16 +116,25 @@ def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
     for module in ("h5netcdf", "dask") if band else ():
         required(module)
     start = time.perf_counter()
-    chosen = choose_variant(settings.variant)
+    jones = settings.polarisation
+    chosen = choose_variant(settings.variant, jones is not None and settings.variant is None)
+    polarised = is_polarised(chosen)
+    if jones is not None and not (polarised or settings.coherent):
+        raise ArgumentError(
+            f"the unpolarised variant {chosen} counts --polarisation only with --coherent; add it, "
+            "or leave --variant out"
+        )
     profile = None
     with scenes.messages_as_warnings():
         if edges is not None:
             scenes.prepare_ranges(chosen)
-        file = SceneFile(Path(scene), chosen, None, defined, settings.diffraction)
+        file = SceneFile(
+            Path(scene), chosen, None, defined, settings.diffraction, jones if polarised else None
+        )
         loaded = file.load()
         receivers_of(loaded)
-        jones = settings.polarisation if settings.coherent else None
-        waves = interference_of(settings.coherent, jones, None)
+        by_argument = None if polarised else jones
+        waves = interference_of(settings.coherent, by_argument, None)
         how_many = settings.spp, seed, None, settings.reflections, settings.accuracy
         asked = ReceiveOptions(*how_many, noise, waves)
         with scenes.counted_bar("receiving") as progress:
@@ -144,7 +150,7 @@ def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
                     loaded,
                     band,
                     settings.reflections,
-                    polarisation=settings.polarisation,
+                    polarisation=by_argument,
                     tolerance=settings.accuracy,
                     progress=progress,
                 )

@@ -98,9 +98,12 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
     from polywigner.figures.levels import check_floor
     from polywigner.mitsuba import choose_variant, stokes_of
     from polywigner.mitsuba.films import mean_of_colours, write_exr
+    from polywigner.mitsuba.placement import placed_emitter
+    from polywigner.mitsuba.polarisation import is_polarised, polarisation_summary
     from polywigner.mitsuba.range_profile import prepared_frames
     from polywigner.mitsuba.receiver import is_receiver
     from polywigner.mitsuba.rendering import check_spp, default_spp
+    from polywigner.mitsuba.scattered import wigner_emitters
     from polywigner.mitsuba.scene_renders import SceneFile, remove_store, render_parts
 
     frames = None
@@ -153,6 +156,9 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
     reference = picture_peak(radiance)
     record = _record(settings, loaded, radiance, reference)
     record["used"] |= {"variant": chosen, "spp": samples}
+    if is_polarised(chosen):
+        sources = [placed_emitter(e, k) for k, e in enumerate(wigner_emitters(loaded))]
+        record["used"]["polarisation"] = polarisation_summary(sources, False)
     record["versions"] = scenes.versions_of(chosen)
     record["seconds"] = {"load": round(ready - start, 3), "render": round(done - ready, 3)}
     _warn_of_darkness(radiance)

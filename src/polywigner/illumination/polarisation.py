@@ -222,6 +222,23 @@ def polarisation_text(polarisation: Complexes) -> str:
     return "; ".join(", ".join(str(value) for value in row) for row in rows)
 
 
+def polarisation_name(polarisation: Complexes) -> str:
+    """Return a short text of Jones vectors (2,) or (n, 2) for people: "y", "45 deg", "right".
+
+    >>> polarisation_name(checked_polarisation("45 deg")), polarisation_name(np.array([0, 1]))
+    ('45 deg', 'y')
+    """
+    if polarisation.ndim == 2:
+        return "one per element"
+    for name, vector in _NAMED.items():
+        if np.abs(polarisation - vector).max() <= _ROUNDING:
+            return name
+    x, y = polarisation.tolist()
+    if not np.iscomplex(polarisation).any():
+        return f"{math.degrees(math.atan2(y.real, x.real)):.6g} deg"
+    return f"({x:.4g}, {y:.4g})"
+
+
 def polarisation_of_text(text: str, source: Any) -> Complexes:
     """Return the Jones vectors of a scene's text: names, slants or "1, 0.5j", one or many by ";".
 

@@ -12,7 +12,8 @@ to every Mitsuba variant. It never sets a variant.
   ``scattered`` light, with ``targets``; ``channels``: paths that interfere
 - ``scatterers``: lit scenes as ``clouds``, by ``scattering_steps``
 - ``range_profile``: by lengths of paths, with the integrators and the film of ``range_film``
-- ``scenes``: loading scenes (``scene_files``) and choosing variants; ``rendering``: their images
+- ``scenes``: loading scenes (``scene_files``) and choosing variants; ``scene_order``: their
+  emitters, sensors and shapes sorted by id; ``rendering``: their images
 - ``films``: parts of a picture, and pictures on disk; ``scene_renders``: scene files on this
   machine or a cluster
 """

@@ -27,6 +27,7 @@ from polywigner.illumination.polarisation import checked_polarisation, component
 from polywigner.mitsuba.bodies import OF_ECHO, Body, Echo, checked_bodies, echoes_of
 from polywigner.mitsuba.diffraction import meshes_in
 from polywigner.mitsuba.direct_light import (
+    BEHIND,
     BLOCKED,
     UNSEEN,
     DirectLight,
@@ -49,9 +50,10 @@ from polywigner.mitsuba.passing import (
 )
 from polywigner.mitsuba.placement import PlacedSource, check_unit, placed_emitter, placed_receiver
 from polywigner.mitsuba.plugins import one_at_a_time
+from polywigner.mitsuba.polarisation import DEFAULT_POLARISATION, polarisation_summary
 from polywigner.mitsuba.received import MOST_REFLECTIONS, DirectPath, described
 from polywigner.mitsuba.receiver import receivers_of
-from polywigner.mitsuba.scattered import unseen, wigner_emitters
+from polywigner.mitsuba.scattered import polarised_by_default, unseen, wigner_emitters
 from polywigner.mitsuba.sources import norm_of
 from polywigner.quantities import SPEED_OF_LIGHT, parse_frequency, wavelength_of
 from polywigner.reception import coupling
@@ -66,13 +68,12 @@ Complexes = NDArray[np.complex128]
 Chain = tuple[Mirror, ...]
 Way = Chain | Echo
 
-DEFAULT_POLARISATION = "y"
-"""Polarisation of sources without one: along their own y axis."""
-
 # Chebyshev's nodes of a band, rule after rule, each with the nodes of the one before; beyond the
 # last each frequency is computed by itself.
 _RULES = (5, 9, 17, 33, 65)
 _MOST_FREQUENCIES = 1 << 16
+# Match of both default polarisations, in power, below which a note reports it.
+_MATCHED = 0.99
 
 
 @one_at_a_time
@@ -99,9 +100,9 @@ def channel(
     frequencies : (n,) in Hz, or a number; None: those of the emitters. Sources keep their
         apertures, fields and weights, and mirrors their refractive indices.
     reflections : most flat mirrors on a way, 0 to 3.
-    polarisation : of sources without one of their own, as of
-        :func:`polywigner.mitsuba.aperture`: "x", "y", "45 deg", "right", ... or a Jones vector in
-        each source's own x and y. Default: "y".
+    polarisation : of ends for which the scene specifies none: "x", "y", "45 deg", "right", ... or
+        a Jones vector in the x and y of each end. Default: "y"; in unpolarised variants the
+        line-of-sight path then counts as matched (docs/polarised.md).
     bodies : perfect conductors of :func:`polywigner.rcs` by their names, in the scene's frame, in
         m, each alone or as a pair (body, reflections on it, 1 to 3): ``{"corner": (plates, 3)}``.
         Their echoes are ways like those by mirrors (docs/channel.md); leave them out of the scene
@@ -115,8 +116,8 @@ def channel(
         ``h`` (frequency, receiver, emitter) complex; for each ``way`` its ``amplitude`` (frequency,
         receiver, emitter, way) complex, zero where it brings nothing, ``delay`` (receiver, emitter,
         way) in s between the middles of both ends, not a number there, and ``mirrors`` (way): names
-        of shapes and bodies in the light's order, joined by ", ". ``attrs["notes"]``: effects left
-        out.
+        of shapes and bodies in the light's order, joined by ", ". ``attrs["polarisation"]``:
+        polarisations of the ends; ``attrs["notes"]``: effects left out.
 
     Raises
     ------
@@ -129,8 +130,9 @@ def channel(
     allowed = checked_tolerance(tolerance)
     jones = None if polarisation is None else checked_polarisation(polarisation)
     conductors = checked_bodies(bodies)
-    receivers = [placed_receiver(s, n) for n, (_, s) in enumerate(receivers_of(scene))]
-    emitters = [placed_emitter(e, n) for n, e in enumerate(wigner_emitters(scene))]
+    with polarised_by_default(scene, jones):
+        receivers = [placed_receiver(s, n) for n, (_, s) in enumerate(receivers_of(scene))]
+        emitters = [placed_emitter(e, n) for n, e in enumerate(wigner_emitters(scene))]
     if not emitters:
         raise SceneError("expected a scene with a wigner emitter, got one without; add one")
     if asked is None:
@@ -147,7 +149,8 @@ def channel(
             notes = own + notes
             if progress is not None:
                 checked_callable(progress, "progress")(number, len(pairs))
-    return _dataset(asked, receivers, emitters, ways, found, notes)
+    summary = polarisation_summary([*emitters, *receivers], True, jones)
+    return _dataset(asked, receivers, emitters, ways, found, notes, summary)
 
 
 def checked_frequencies(frequencies: Any) -> Floats:
@@ -193,6 +196,8 @@ class Counted:
 
     whole: PlacedSource
     parts: tuple[tuple[PlacedSource, Complexes], ...]
+    is_polarised: bool = True
+    """False: neither scene nor caller specifies a polarisation, in an unpolarised variant."""
 
     def root(self, part: PlacedSource, is_whole: bool, wavelength: float) -> float:
         """Root of the power that a part radiates over the power that counts."""
@@ -212,10 +217,15 @@ def _counted(placed: PlacedSource, polarisation: Any) -> Counted:
             f"got {placed.mixture}; leave coherence and bandwidth of light out"
         )
     own = placed.polarisation
+    if own is None and placed.states_polarisation:
+        raise SceneError(
+            f"paths interfere in one polarisation, but {placed.name!r} is unpolarised; give it a "
+            "polarisation, or add powers with received_power(scene)"
+        )
     own = own if own is not None else polarisation
     jones = checked_polarisation(DEFAULT_POLARISATION if own is None else own, placed.source)
     parts = [(replace(placed, source=s), p) for s, p in components(placed.source, jones)]
-    return Counted(placed, tuple(parts))
+    return Counted(placed, tuple(parts), own is not None)
 
 
 def paths_between(
@@ -248,6 +258,14 @@ def paths_between(
         if reasons and (found is not None or len(names_of(way)) == isinstance(way, Echo)):
             by = link + "".join(f" by {name!r}" for name in names_of(way))
             notes.append(f"{by}: {' and '.join(reasons)}")
+    if len(paths) > 1 and paths[0].way == () and not ends[0].is_polarised:
+        line = np.array([emitter.middle, receiver.middle])
+        match = abs(_turned(ends[0].parts[0][1], ends[1].parts[0][1], ends, (), line)) ** 2
+        if match < _MATCHED:
+            notes.append(
+                f"{link}: the y axes of both ends match by {match:.1%} in power; the line-of-sight "
+                "path counts as matched, other paths as polarised along y; specify polarisation"
+            )
     return paths, notes
 
 
@@ -266,17 +284,21 @@ def _path(
     if passing == 0.0:
         return None, [BLOCKED]
     way = _middle_way(facing, taking, chain, rays)
+    # without polarisations the line-of-sight path is the scalar link of `coupling`
+    is_scalar = not chain and not (ends[0].is_polarised or ends[1].is_polarised)
     links = []
     for (sent, p), (taken, q) in product(*(end.parts for end in ends)):
         both = facing_parts(sent.image(chain), taken)
         if both is not None:
-            links.append((_turned(p, q, ends, chain, way), both))
+            links.append((1.0 if is_scalar else _turned(p, q, ends, chain, way), both))
     edges = None if meshes is None else cache(partial(_edges, meshes, facing, taking, chain))
     distance = float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum())
-    notes = ["a part lies behind the plane of the other source and is left out"]
-    notes = notes if parts.share < 1 else []
+    notes = [BEHIND] if parts.share < 1 else []
     if passing < 1 and not chain and meshes is None:
-        notes.append(f"{passing:.1%} of the amplitude passes obstacles, by rays")
+        notes.append(
+            f"{passing:.1%} of the line-of-sight amplitude passes obstacles (ray test, without "
+            "diffraction)"
+        )
     notes += narrow(chain, parts.emitter, taking)
     return CoherentPath(chain, distance, passing, tuple(links), ends, edges), notes
 
@@ -343,12 +365,15 @@ def _echo_path(
     found = [leg_to(way.body, end.whole, chain) for end, chain in zip(ends, chains, strict=True)]
     legs, passing = [leg for leg, _ in found], math.prod(share for _, share in found)
     if math.isnan(passing):
-        return None, ["no echo; a part of the body lies in the plane of a source, or behind it"]
+        return None, ["no echo: part of the body lies in the plane of one end or behind it"]
     if passing == 0.0:
-        return None, [BLOCKED]
+        return None, ["obstacles block the echo (ray test, without diffraction)"]
     notes = way.body.doubts(ends[1].whole.wavelength, legs)
     if passing < 1:
-        notes.append(f"{passing:.1%} of the amplitude passes obstacles, by rays")
+        notes.append(
+            f"{passing:.1%} of the echo's amplitude passes obstacles (ray test, without "
+            "diffraction)"
+        )
     distance = math.fsum(np.linalg.norm(np.diff(leg, axis=0), axis=1).sum() for leg in legs)
     echo = cache(partial(_echo, ends, way, chains, legs))
     return CoherentPath(way, distance, passing, (), ends, echo=echo), notes
@@ -512,6 +537,7 @@ def _dataset(
     ways: Sequence[Way],
     found: list[tuple[list[CoherentPath], Complexes]],
     notes: list[str],
+    polarisation: str,
 ) -> Any:
     there = {path.way for paths, _ in found for path in paths}
     kept = [way for way in ways if way in there]
@@ -539,5 +565,5 @@ def _dataset(
             "receiver": ("receiver", [placed.name for placed in receivers]),
             "emitter": ("emitter", [placed.name for placed in emitters]),
         },
-        {"notes": list(dict.fromkeys(notes))},
+        {"polarisation": polarisation, "notes": list(dict.fromkeys(notes))},
     )

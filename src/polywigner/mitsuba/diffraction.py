@@ -26,6 +26,7 @@ from polywigner.kernels.boundary.edge_waves import EdgeRule, edge_wave, least_de
 from polywigner.mitsuba.exact import AWAY
 from polywigner.mitsuba.placement import matrix_of
 from polywigner.mitsuba.sampling import opaque, single
+from polywigner.mitsuba.scene_order import sorted_emitters, sorted_shapes
 from polywigner.mitsuba.sources import SourceSpec
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.propagation.shadows import RadiatingPoint, radiating_points, wave_ahead
@@ -78,7 +79,7 @@ def meshes_in(scene: Any, wavelength: float) -> Iterator[tuple[Floats, Indices]]
         if shape.class_name() == "ShapeGroupPlugin"
     }
     count = 0
-    for shape in scene.shapes():
+    for shape in sorted_shapes(scene):
         for points, faces in _triangles(shape, groups, wavelength):
             count += len(faces)
             if count > _MOST_FACES:
@@ -415,7 +416,7 @@ def before_plane(seen: Silhouette) -> Silhouette:
 
 def cast_shadows(scene: Any) -> None:
     """Tell the sources and receivers with diffraction of a scene the surfaces in their way."""
-    plugins = [p for p in (*scene.emitters(), *scene.sensors()) if hasattr(p, "estimator")]
+    plugins = [p for p in (*sorted_emitters(scene), *scene.sensors()) if hasattr(p, "estimator")]
     plugins = [plugin for plugin in plugins if plugin.spec.diffraction]
     if plugins and any(shape.is_medium_transition() for shape in scene.shapes()):
         raise SceneError(

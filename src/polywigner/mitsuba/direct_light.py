@@ -17,10 +17,11 @@ from polywigner.geometry import Aperture, Wavefront
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import CONDITIONS
 from polywigner.mitsuba.diffraction import meshes_in
-from polywigner.mitsuba.mirrors import Mirror, chains_of, mirrors_of
+from polywigner.mitsuba.mirrors import MOST_FACES, Mirror, chains_of, smooth_shapes
 from polywigner.mitsuba.passing import diffracted_share, passing_share
 from polywigner.mitsuba.placement import PLACE_ERROR, PlacedSource
 from polywigner.mitsuba.received import DirectPath
+from polywigner.mitsuba.scene_order import bounds_of
 from polywigner.mitsuba.sources import norm_of
 from polywigner.reception import coupling
 from polywigner.transforms.phase_space import energy_of
@@ -134,8 +135,9 @@ def _cut(element: Aperture, normal: Floats, least: float) -> Aperture | None:
 
 Way = tuple[Mirror, ...]
 
-UNSEEN = "no direct light; one lies in the plane of the other, or behind it"
-BLOCKED = "no light; obstacles block it, by rays, without diffraction"
+UNSEEN = "no line-of-sight path: one end lies in the plane of the other or behind it"
+BEHIND = "the part of one end behind the plane of the other is left out"
+BLOCKED = "no line-of-sight path: obstacles block it (ray test, without diffraction)"
 
 
 @dataclass(frozen=True)
@@ -178,6 +180,8 @@ def direct_light(
         # most chains of mirrors lead nowhere
         if reason and (found is not None or not chain):
             notes.append(f"{way}: {reason}")
+    if paths and paths[0].mirrors:
+        notes[0] += "; its direct power arrives by reflections"
     return DirectLight(tuple(paths), tuple(notes))
 
 
@@ -243,21 +247,22 @@ def arrival(place: Floats, receiver: PlacedSource) -> tuple[float, float]:
 def _doubts(facing: float, passing: float, chain: Way) -> list[str]:
     doubts = []
     if facing < 1:
-        doubts.append("a part lies behind the plane of the other source and is left out")
+        doubts.append(BEHIND)
     if passing < 1 and not chain:
         doubts.append(
-            f"{passing:.1%} of direct light passes obstacles, by rays, without diffraction"
+            f"{passing:.1%} of the line-of-sight power passes obstacles (ray test, without "
+            "diffraction)"
         )
     return doubts
 
 
 def narrow(chain: Way, image: PlacedSource, receiver: PlacedSource) -> list[str]:
-    """Note on mirrors so small that their edges diffract, which rays do not show."""
+    """Return notes on mirrors so narrow that diffraction at their edges matters."""
     zone = math.sqrt(receiver.wavelength * float(np.linalg.norm(image.middle - receiver.middle)))
     unit = receiver.scene_unit
     return [
-        f"{mirror.name!r} is narrower than a Fresnel zone of {zone:.3g} m: it sends less than "
-        "counted here by rays"
+        f"{mirror.name!r} is narrower than a Fresnel zone of {zone:.3g} m: diffraction at its "
+        "edges changes its reflection, which is that of rays here"
         for mirror in chain
         if _width(mirror) * unit < zone
     ]
@@ -265,8 +270,7 @@ def narrow(chain: Way, image: PlacedSource, receiver: PlacedSource) -> list[str]
 
 def _width(mirror: Mirror) -> float:
     """At most the side of a square of the mirror's diagonal, in scene units."""
-    box = mirror.shape.bbox()
-    return math.dist(box.min, box.max) / math.sqrt(2)
+    return math.dist(*bounds_of(mirror.shape)) / math.sqrt(2)
 
 
 def ways_of(mirrors: list[Mirror], reflections: int) -> list[Way]:
@@ -275,18 +279,28 @@ def ways_of(mirrors: list[Mirror], reflections: int) -> list[Way]:
 
 
 def mirrors_in(scene: Any, unit: float, reflections: int) -> tuple[list[Mirror], list[str]]:
-    """Return the flat mirrors of a scene, and notes on its smooth surfaces."""
-    mirrors, others = mirrors_of(scene, unit)
+    """Return the flat mirrors of a scene, and notes on the paths that are not included."""
+    smooth = smooth_shapes(scene, unit)
+    curved, refracting, unnamed = (
+        ", ".join(map(repr, names)) for names in (smooth.curved, smooth.refracting, smooth.unnamed)
+    )
     notes = []
-    if others:
+    if curved:
         notes.append(
-            f"light by {', '.join(others)}, smooth but no flat mirror, is left out of direct light"
+            f"not included: reflection from {curved}, curved or of more than {MOST_FACES} planes"
         )
-    if mirrors:
+    if refracting:
+        notes.append(f"not included: refracted transmission through {refracting}")
+    if smooth.mirrors:
         plural = "" if reflections == 1 else "s"
-        limit = f"more than {reflections} reflection{plural}" if reflections else "flat mirrors"
+        limit = f"paths with more than {reflections} reflection{plural}"
         notes.append(
-            f"left out: direct light by {limit}, light from mirrors to rough surfaces, and waves "
-            "from the edges of mirrors"
+            f"not included: {limit if reflections else 'reflections from flat mirrors'}, light "
+            "from mirrors to rough surfaces, and diffraction at the edges of mirrors"
         )
-    return mirrors, notes
+    if unnamed:
+        notes.append(
+            f"{unnamed} has no id, as after Mitsuba merges shapes with equal BSDFs; load the scene "
+            "with polywigner.mitsuba.load_scene to keep ids"
+        )
+    return smooth.mirrors, notes

@@ -18,6 +18,7 @@ from polywigner.illumination.polarisation import checked_polarisation, polarisat
 from polywigner.mitsuba.films import film_of
 from polywigner.mitsuba.parameters import (
     RECEIVER_ESTIMATOR,
+    UNPOLARISED,
     as_source,
     pose_entry,
     read_emitter,
@@ -95,7 +96,8 @@ def aperture(
         edge at a time, as of black bodies; docs/shadows.md.
     polarisation: of the field, in Mitsuba's polarised variants: "x", "y", "right", "left", a slant
         from x towards y such as "45 deg", or a Jones vector (2,) along the source's x and y; of an
-        array also one for each element, (n, 2) or a list. Default: unpolarised; docs/polarised.md.
+        array also one for each element, (n, 2) or a list; or "unpolarised". Default: "y";
+        docs/polarised.md.
 
     The entry holds a key, see :func:`register_source`: load it in the process that made it. With a
     polarisation, loading it in a variant that is not polarised raises a SceneError.
@@ -172,8 +174,8 @@ def receiver(
     diffraction: with the estimator ``exact``: light comes around the edges of the scene's opaque
         surfaces as well, by reciprocity; docs/shadows.md.
     polarisation: of the wave that it would send, as of :func:`polywigner.mitsuba.aperture`: it
-        takes all of a matched wave, nothing of the crossed one, half of unpolarised light. Default:
-        all light alike; docs/polarised.md.
+        takes all of a matched wave, nothing of the crossed one, half of unpolarised light.
+        "unpolarised": all waves alike. Default: "y"; docs/polarised.md.
 
     The entry holds a key, see :func:`register_source`: load it in the process that made it. Render
     it with :func:`polywigner.mitsuba.render`, which hands the scene over to the estimator
@@ -205,7 +207,9 @@ def _entry(
         "scene_unit": parse_length(scene_unit),
         **pose_entry(to_world),
     }
-    if polarisation is not None:
+    if isinstance(polarisation, str) and polarisation.strip().lower() == UNPOLARISED:
+        entry["polarisation"] = UNPOLARISED
+    elif polarisation is not None:
         entry["polarisation"] = polarisation_text(checked_polarisation(polarisation, own))
     return entry
 

@@ -300,12 +300,23 @@ def _rendered(exposure: Exposure, spp: int, seed: int) -> npt.NDArray[np.float64
     """An image that Mitsuba renders in one go."""
     scene, camera, integrator = exposure.scene, exposure.camera, exposure.integrator
     factor = fineness(camera, spp)
-    finer = math.ceil(spp / factor**2)
-    if mi.is_polarized:  # zeros of matrices are literals, which loops of a single sample fold
-        finer = max(finer, 2)
+    # zeros of matrices are literals, which loops of a single sample fold
+    fewest = 2 if mi.is_polarized else 1
+    finer = accepted_samples(camera.sampler(), max(fewest, math.ceil(spp / factor**2)))
     with rendering_errors(integrator.class_name()), receiving(scene), refined(camera, factor):
         image = mi.render(scene, sensor=camera, integrator=integrator, spp=finer, seed=seed)
         return coarse(np.array(image, dtype=np.float64), factor)
+
+
+def accepted_samples(sampler: Any, count: int) -> int:
+    """Return the number of samples per pixel that a sampler takes where ``count`` are requested.
+
+    Samplers round up, and would log a warning in each render of a number that they round.
+    """
+    probe = sampler.fork()
+    with silent():
+        probe.set_sample_count(count)
+    return int(probe.sample_count())
 
 
 @contextmanager

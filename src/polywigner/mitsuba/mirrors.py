@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import drjit as dr
@@ -12,11 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import SceneError
+from polywigner.mitsuba.scene_order import sorted_shapes
 
 Floats = NDArray[np.float64]
 
 # A body of more faces than this is taken for a curved one.
-_MOST_FACES = 32
+MOST_FACES = 32
 # Chains of mirrors that are tried: some milliseconds each.
 _MOST_CHAINS = 5000
 # Departure from a plane, relative to the coordinates: rounding of single precision.
@@ -45,22 +46,40 @@ class Mirror:
         return result
 
 
-def mirrors_of(scene: Any, unit: float) -> tuple[list[Mirror], list[str]]:
-    """Flat mirrors of a scene in units of ``unit`` metres, and the names of other smooth shapes."""
-    mirrors: list[Mirror] = []
-    others = []
-    for number, shape in enumerate(scene.shapes()):
+@dataclass
+class SmoothShapes:
+    """Flat mirrors of a scene, and names of shapes whose smooth lobes are ignored."""
+
+    mirrors: list[Mirror] = field(default_factory=list)
+    curved: list[str] = field(default_factory=list)
+    """Shapes that reflect but are curved, or have too many planes."""
+    refracting: list[str] = field(default_factory=list)
+    """Shapes that transmit and bend rays, flat ones included."""
+    unnamed: list[str] = field(default_factory=list)
+    """Stand-ins for the ids of mirrors without one."""
+
+
+def smooth_shapes(scene: Any, unit: float) -> SmoothShapes:
+    """Return the flat mirrors of a scene in units of ``unit`` metres, and other smooth shapes."""
+    result = SmoothShapes()
+    for number, shape in enumerate(sorted_shapes(scene)):
         flags = shape.bsdf().flags() if shape.bsdf() is not None else 0
         if not flags & _SMOOTH:
             continue
         name = shape.id() or f"shape {number}"
-        planes = _planes(shape) if mi.has_flag(flags, mi.BSDFFlags.DeltaReflection) else []
-        if not planes or mi.has_flag(flags, mi.BSDFFlags.DeltaTransmission):
-            others.append(name)
+        if mi.has_flag(flags, mi.BSDFFlags.DeltaTransmission):
+            result.refracting.append(name)
+        if not mi.has_flag(flags, mi.BSDFFlags.DeltaReflection):
+            continue
+        planes = _planes(shape)
+        if not planes:
+            result.curved.append(name)
+        elif not shape.id():
+            result.unnamed.append(name)
         for face, (normal, offset) in enumerate(planes):
             own = f"{name}[{face}]" if len(planes) > 1 else name
-            mirrors.append(Mirror(own, shape, normal, offset * unit))
-    return mirrors, others
+            result.mirrors.append(Mirror(own, shape, normal, offset * unit))
+    return result
 
 
 def chains_of(mirrors: list[Mirror], most: int) -> Iterator[tuple[Mirror, ...]]:
@@ -91,7 +110,7 @@ def _planes(shape: Any) -> list[tuple[Floats, float]]:
         normal, offset = normal / np.linalg.norm(normal), float(place @ normal)
         if not any(_is_same(plane, normal, offset, size) for plane in planes):
             planes.append((normal, offset))
-        if len(planes) > (_MOST_FACES if has_faces else 1):
+        if len(planes) > (MOST_FACES if has_faces else 1):
             return []
     return planes
 

@@ -55,6 +55,9 @@ from polywigner.reception.norms import NORMALISATIONS, checked_normalise
 
 KEY_PREFIX = "memory:"
 
+UNPOLARISED = "unpolarised"
+"""Value of ``polarisation`` for unpolarised light, and for receivers of all polarisations."""
+
 # Bounds what a long-lived process that makes a scene per aperture (an optimiser) keeps. A scene
 # needs its key only while it is being loaded.
 CAPACITY = 1024
@@ -221,6 +224,7 @@ def _spec(given: SceneParameters, estimator: str, bandwidth: float | None) -> So
         diffraction=diffraction,
         antithetic=antithetic,
         polarisation=given.polarisation(source),
+        states_polarisation="polarisation" in given.values,
     )
     return replace(spec, norm=spec.norm_at(wavelength))
 
@@ -314,11 +318,12 @@ class SceneParameters:
         return self.number("wavelength", parse_length)
 
     def polarisation(self, source: Any) -> Complexes | None:
-        """Unit Jones vector (2,), or (n, 2) of an array; None where there is none."""
-        if "polarisation" not in self.values:
+        """Return a unit Jones vector (2,), or (n, 2) of an array; None if there is none."""
+        text = self.text("polarisation", UNPOLARISED)
+        if text.strip().lower() == UNPOLARISED:
             return None
         try:
-            return polarisation_of_text(self.text("polarisation", None), source)
+            return polarisation_of_text(text, source)
         except ArgumentError as error:
             raise SceneError(str(error)) from None
 

@@ -272,11 +272,15 @@ def _passed(
         for end in (receiver, emitter)
     ]
     is_jit, polarised = dr.is_jit_v(mi.Float), mi.is_polarized and not bare
+    line = emitter.middle - receiver.middle
+    line /= np.linalg.norm(line)
 
     def trace(points: list[Any]) -> Floats:
         share, first, last = trace_way(
             scene, receiver.medium, normal, planes, rounding, points, polarised
         )
+        if polarised and not chain:  # along the line between the centres, as amplitudes count it
+            first = last = mi.Vector3f(*line.tolist())
         if polarised:
             share = turned(mi, share, (frames[0], first), (frames[1], -last))
         size, colours = (4, dr.size_v(mi.UnpolarizedSpectrum)) if polarised else (1, 1)

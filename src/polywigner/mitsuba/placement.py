@@ -154,6 +154,8 @@ class PlacedSource:
     """Fog that the source stands in, as the sensor says; None: none."""
     polarisation: Complexes | None = None
     """As of :class:`SourceSpec`."""
+    states_polarisation: bool = False
+    """As of :class:`SourceSpec`."""
     normalise: str = NORMALISATIONS[0]
     """Power that ``norm`` stands for."""
 

@@ -19,7 +19,7 @@ from polywigner.geometry.io.readers import read_triangles
 from polywigner.mitsuba.emitter import emitter_class
 from polywigner.mitsuba.parameters import SceneParameters, read_emitter, values_of
 from polywigner.mitsuba.placement import cover, hide
-from polywigner.mitsuba.polarisation import check_polarised
+from polywigner.mitsuba.polarisation import polarised_spec
 
 # Mitsuba wraps what a plugin raises into a RuntimeError with a traceback in its text. The errors
 # themselves wait here until the scene's loader asks for them; loaders may run in parallel.
@@ -113,7 +113,7 @@ PLUGIN_NAME = "wigner"
 def _build(variant: str, props: Any) -> Any:
     """The mesh for the parameters of one ``wigner`` element."""
     spec = read_emitter(values_of(props))
-    check_polarised(variant, spec, "wigner shape")
+    spec = polarised_spec(variant, spec, "wigner shape")
     m = getattr(mi, variant)
     vertices, triangles = triangulate(spec.centred.support)
     inner = nested_properties(PLUGIN_NAME, props)

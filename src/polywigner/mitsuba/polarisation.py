@@ -4,11 +4,14 @@ Mitsuba's light carries four Stokes numbers along the axes b = stokes_basis(d) a
 direction of travel d. A source sends the column of its own, a receiver weighs with a row. Both know
 them along the axes of Ludwig's third definition, which this module turns into Mitsuba's.
 
-Without a polarisation light has none, and receivers take all: :func:`spectrum` of `sampling`.
+An end without a polarisation has the default, along its y axis. Unpolarised sources send, and
+unpolarised receivers take, all polarisations alike: :func:`spectrum` of `sampling`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import drjit as dr
@@ -19,7 +22,13 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, SceneError
 from polywigner.geometry.arguments import checked_array
-from polywigner.illumination.polarisation import ludwig_axes, stokes_vector
+from polywigner.illumination.polarisation import (
+    checked_polarisation,
+    ludwig_axes,
+    polarisation_name,
+    stokes_vector,
+)
+from polywigner.mitsuba.parameters import UNPOLARISED
 from polywigner.mitsuba.sampling import opaque, spectrum
 from polywigner.mitsuba.sources import SourceSpec
 
@@ -27,20 +36,56 @@ Floats = NDArray[np.float64]
 
 _FULL = "_polarized"
 
+DEFAULT_POLARISATION = "y"
+"""Polarisation of ends without one: along their y axes."""
+
 
 def is_polarised(variant: str | None = None) -> bool:
     """Whether a variant, or the one that is set, has light with a polarisation."""
     return (variant or mi.variant() or "").endswith(_FULL)
 
 
-def check_polarised(variant: str, spec: SourceSpec, element: str) -> None:
-    """Raise SceneError for a polarisation in a variant whose light has none."""
-    if spec.polarisation is not None and not is_polarised(variant):
+def polarised_spec(variant: str, spec: SourceSpec, element: str) -> SourceSpec:
+    """Return a specification with the default polarisation where the scene specifies none.
+
+    Raises SceneError for a polarisation in a variant whose light has none.
+    """
+    if is_polarised(variant):
+        if spec.states_polarisation:
+            return spec
+        return replace(spec, polarisation=checked_polarisation(DEFAULT_POLARISATION))
+    if spec.polarisation is not None:
         raise SceneError(
             f"expected a polarised variant of Mitsuba for the polarisation of a {element}, got "
             f"{variant}; set polywigner.mitsuba.choose_variant(polarised=True), such as "
             f"llvm_ad_mono{_FULL}, or leave polarisation out"
         )
+    return spec
+
+
+def polarisation_summary(ends: Sequence[Any], interferes: bool, requested: Any = None) -> str:
+    """Return the polarisations that a result counts, as text.
+
+    Parameters
+    ----------
+    ends : emitters and receivers, each with ``name``, ``polarisation``, ``states_polarisation``.
+    interferes : whether amplitudes add.
+    requested : Jones vector (2,) for ends without a polarisation; None: the default.
+    """
+    if not is_polarised():
+        if requested is not None:
+            name = polarisation_name(requested)
+            return (
+                f"{name} at both ends of direct and reflected paths; scattered power: not counted"
+            )
+        default = f"; {DEFAULT_POLARISATION} at both ends of reflected paths" if interferes else ""
+        return f"not counted, both ends match (unpolarised variant){default}"
+    groups: dict[str, list[str]] = {}
+    for end in ends:
+        name = UNPOLARISED if end.polarisation is None else polarisation_name(end.polarisation)
+        name += "" if end.states_polarisation or requested is not None else " (default)"
+        groups.setdefault(name, []).append(end.name)
+    return "; ".join(f"{name}: {', '.join(names)}" for name, names in groups.items())
 
 
 # Of each of four numbers a colour: the last channels of an integrator without others of its own.

@@ -20,7 +20,14 @@ from polywigner.errors import (
     SceneError,
     require,
 )
-from polywigner.mitsuba.films import CAMERAS, WAVEFRONT, fineness, rendering_errors, seed_of
+from polywigner.mitsuba.films import (
+    CAMERAS,
+    WAVEFRONT,
+    accepted_samples,
+    fineness,
+    rendering_errors,
+    seed_of,
+)
 from polywigner.mitsuba.receiver import is_receiver, receiving
 from polywigner.mitsuba.rendering import depths_of
 from polywigner.mitsuba.scenes import (
@@ -201,7 +208,8 @@ def _rendered(
     ranged = _ranged(sensor, edges, factor)
     try:
         with rendering_errors(type(integrator).__name__), receiving(scene):
-            integrator.render(scene, ranged, seed=seed, spp=math.ceil(spp / factor**2))
+            samples = accepted_samples(ranged.sampler(), math.ceil(spp / factor**2))
+            integrator.render(scene, ranged, seed=seed, spp=samples)
             found = ranged.film().found()
     finally:
         ranged.release()

@@ -17,6 +17,7 @@ from polywigner.geometry.arguments import (
 )
 from polywigner.mitsuba.films import seed_of
 from polywigner.mitsuba.plugins import one_at_a_time
+from polywigner.mitsuba.polarisation import polarisation_summary
 from polywigner.mitsuba.range_film import (
     check_sums,
     require_transients,
@@ -85,7 +86,7 @@ def range_profile(
     spp : samples for each emitter, in 16 batches; rounded up to a multiple of 16. Default: the
         sensor's own.
     seed : of the random numbers, zero or more.
-    receiver : id of the sensor, or its number among the receivers of the scene, from 0; None: all.
+    receiver : id of the sensor, or its number among the sorted ids of receivers, from 0; None: all.
     integrator : ``transient_path`` (surfaces), ``transient_prbvolpath`` (fog too), or one of
         Mitsuba's that has the same paths: path, direct, prb; volpath, volpathmis, prbvolpath, whose
         depths are taken over; default: the scene's own, else that of
@@ -213,6 +214,7 @@ def _described(
     about = {
         "receiver": receivers[0] if single else "several",
         "wavelength": parties.places[0].wavelength,
+        "polarisation": polarisation_summary([*parties.emitters, *parties.places], False),
         "samples": BATCHES * batches_of(plan.spp),
         "seed": plan.seed,
     }

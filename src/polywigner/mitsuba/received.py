@@ -105,6 +105,8 @@ class ReceivedPower:
     """dB; None counts as 0."""
     notes: tuple[str, ...] = ()
     """Sentences about effects in this scene that the numbers leave out."""
+    polarisation: str = ""
+    """Polarisations that count, with the names of the ends that have them."""
 
     @property
     def direct(self) -> float:
@@ -159,6 +161,7 @@ class ReceivedPower:
             "noise_figure_db": self.noise_figure,
             "noise_power_w": self.noise_power,
             "snr": self.snr,
+            "polarisation": self.polarisation,
             "notes": list(self.notes),
         }
 
@@ -181,6 +184,8 @@ class ReceivedPower:
         lines.append(
             f"{_watts(self.power)} +- {_watts(self.standard_error)} at {frequency:.6g} GHz"
         )
+        if self.polarisation:
+            lines.append(f"polarisation: {self.polarisation}")
         if (noise := self.noise_power) is not None:
             ratio = self.power / noise
             shown = f"{10 * math.log10(ratio):.2f} dB" if ratio > 0 else "below zero"

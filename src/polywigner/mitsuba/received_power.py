@@ -26,6 +26,7 @@ from polywigner.mitsuba.placement import (
     placed_receiver,
 )
 from polywigner.mitsuba.plugins import one_at_a_time
+from polywigner.mitsuba.polarisation import polarisation_summary
 from polywigner.mitsuba.range_film import is_transient
 from polywigner.mitsuba.received import (
     OTHER_LIGHTS,
@@ -41,12 +42,14 @@ from polywigner.mitsuba.scattered import (
     Scattering,
     batches_of,
     lights_of,
+    polarised_by_default,
     shares_of,
     standard_error,
     unseen,
     wigner_emitters,
 )
 from polywigner.mitsuba.scattering_steps import number_of
+from polywigner.mitsuba.scene_order import sorted_shapes
 from polywigner.mitsuba.targets import aimed
 from polywigner.quantities import parse_noise
 
@@ -87,7 +90,7 @@ def received_power(
     spp : samples of the scattered part, in 16 batches, for each emitter; rounded up to a multiple
         of 16. Default: the sensor's own.
     seed : of the random numbers, zero or more. What is direct has none.
-    receiver : id of the sensor, or its number among the receivers of the scene, from 0; None: the
+    receiver : id of the sensor, or its number among the sorted ids of receivers, from 0; None: the
         only one.
     integrator : of the scattered part, as in :func:`polywigner.mitsuba.render`.
     reflections : most flat mirrors on a direct way, 0 to 3.
@@ -97,7 +100,8 @@ def received_power(
         bandwidth also says which emitters the receiver takes.
     coherent : True: the direct ways of one emitter add as amplitudes, with fringes, as in
         :func:`polywigner.mitsuba.channel`; what is scattered, and several emitters, add as powers.
-    polarisation : with ``coherent``: of sources without one of their own, default "y", as there.
+    polarisation : with ``coherent``: of ends for which the scene specifies none, default "y", as
+        there; in polarised variants for scattered power as well.
     bodies : with ``coherent``: perfect conductors beside the scene by their names, as there.
     progress : called after each render with the number of those done, and of all.
 
@@ -137,7 +141,7 @@ def received_powers(
     bodies: Mapping[str, Any] | None = None,
     progress: Progress | None = None,
 ) -> list[ReceivedPower]:
-    """The power of each receiver of a scene, in its order: :func:`received_power`."""
+    """Return the power of each receiver of a scene, sorted by id: :func:`received_power`."""
     noise = parse_noise(bandwidth, temperature, noise_figure)
     waves = interference_of(coherent, polarisation, bodies)
     options = ReceiveOptions(spp, seed, integrator, reflections, tolerance, noise, waves)
@@ -166,13 +170,22 @@ def received(
     scene: Any, numbers: list[int], options: ReceiveOptions, scattered: Scattered
 ) -> list[Any]:
     """The :class:`ReceivedPower` of receivers by their numbers; see :func:`received_power`."""
-    parties = matched(scene, numbers, options)
-    with unseen(scene), aimed(scene):
+    own = options.interference
+    jones = own.polarisation if own else None
+    with polarised_by_default(scene, jones), unseen(scene), aimed(scene):
+        parties = matched(scene, numbers, options)
         lit = [_direct(scene, place, parties.emitters, options) for place in parties.places]
         plans = [scattering(scene, index, options) for index in parties.sensors]
         found = scattered(plans)
         each = zip(parties.places, parties.noises, lit, plans, found, strict=True)
-        return [_result(scene, parties.emitters, *one) for one in each]
+        ends = [
+            polarisation_summary([*parties.emitters, place], own is not None, jones)
+            for place in parties.places
+        ]
+        return [
+            _result(scene, parties.emitters, *one, polarisation=text)
+            for one, text in zip(each, ends, strict=True)
+        ]
 
 
 class Parties(NamedTuple):
@@ -251,6 +264,7 @@ def _result(
     direct: tuple[list[DirectLight], list[str]],
     plan: Scattering,
     found: Any,
+    polarisation: str,
 ) -> ReceivedPower:
     links, notes = direct
     of_sources, others = shares_of(scene, found)
@@ -267,7 +281,8 @@ def _result(
         standard_error=float(standard_error(others + of_sources.sum(axis=0))),
         samples=BATCHES * batches_of(plan.spp),
         seed=plan.seed,
-        notes=tuple(notes),
+        notes=tuple(dict.fromkeys(notes)),
+        polarisation=polarisation,
         **noise,
     )
 
@@ -322,12 +337,14 @@ def shapes_in(
     x, y = (part.ravel() for part in np.meshgrid(axis, axis))
     power = np.where(x * x + y * y < 1, picture.ravel(), 0.0).clip(min=0)
     lit = np.flatnonzero(power)
+    if not len(lit):  # Dr.Jit ends the process for arrays without elements
+        return {}
     x, y, power = x[lit], y[lit], power[lit]
     ways = place.pose[:3, :3] @ [x, y, np.sqrt(1 - x * x - y * y)]
     with unseen(scene):
         numbers = _first_shapes(scene, place.pose[:3, 3] / place.scene_unit, ways)
     found = []
-    for shape in scene.shapes():
+    for shape in sorted_shapes(scene):
         shares = np.where(numbers == np.ravel(number_of("Shape", shape))[0], power, 0.0)
         sent = shares.sum()
         if shape.id() and sent > _LEAST_NAMED * power.sum():

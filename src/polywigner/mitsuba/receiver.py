@@ -39,8 +39,9 @@ from polywigner.mitsuba.exact import ExactEstimator
 from polywigner.mitsuba.parameters import ESTIMATORS, read_receiver, rigid_pose, values_of
 from polywigner.mitsuba.placement import Frame, matrix_of
 from polywigner.mitsuba.plugins import add_plugin, nested_properties
-from polywigner.mitsuba.polarisation import Polariser, check_polarised
+from polywigner.mitsuba.polarisation import Polariser, polarised_spec
 from polywigner.mitsuba.sampling import Tabulated, opaque
+from polywigner.mitsuba.scene_order import sorted_sensors
 from polywigner.mitsuba.sources import SourceSpec, emissions
 from polywigner.mitsuba.wigner import WignerRadiance
 from polywigner.transforms import fourier
@@ -202,7 +203,7 @@ def receiver_class(variant: str) -> Any:
             width = spec.mixture.coherence_width
             fields = [field for field, _ in spec.fields(source)]
             self.directions = directions_of(m, fields, wavelength, spec.obliquity, width)
-            self._polariser = Polariser(m, spec.polarisation)
+            self.polariser = Polariser(m, spec.polarisation)
             own = WignerRadiance(m, spec, wavelength)
             self.estimator = ESTIMATORS[spec.estimator](m, spec, wavelength, own)
             reach = float(np.hypot(*np.abs(np.reshape(source.bounds, (2, 2))).max(axis=0)))
@@ -248,7 +249,7 @@ def receiver_class(variant: str) -> Any:
         def weigh(self, colours: Any, weight: Any, angles: Any, active: Any = True) -> Any:
             """The weight of a ray as a spectrum, in the receiver's polarisation if it has one."""
             direction = direction_of(m, angles)
-            return colours * self._polariser.taken(weight, direction, self._frame, active)
+            return colours * self.polariser.taken(weight, direction, self._frame, active)
 
         def look_along(
             self, angles: Any, time: Any, sample1: Any, sample3: Any, active: Any = True
@@ -364,8 +365,12 @@ def sensors_of(scene: Any) -> list[Any]:
 
 
 def receivers_of(scene: Any) -> list[tuple[int, Any]]:
-    """The receivers of a scene with their numbers among its sensors; SceneError for none."""
-    found = [(k, sensor) for k, sensor in enumerate(sensors_of(scene)) if is_receiver(sensor)]
+    """Return the receivers of a scene, sorted by id, with their Mitsuba indices among its sensors.
+
+    Raises SceneError for a scene without a receiver.
+    """
+    sensors_of(scene)
+    found = [(k, sensor) for k, sensor in sorted_sensors(scene) if is_receiver(sensor)]
     if not found:
         raise SceneError(
             "expected a scene with a receiver, got one without; add a <sensor "
@@ -437,7 +442,7 @@ def _build(variant: str, props: Any) -> Any:
     """The sensor for the parameters of one ``wigner_receiver`` element."""
     values = values_of(props)
     spec = read_receiver(values)
-    check_polarised(variant, spec, "wigner_receiver sensor")
+    spec = polarised_spec(variant, spec, "wigner_receiver sensor")
     _check_nested(values)
     _check_film(values)
     return receiver_class(variant)(spec, nested_properties(RECEIVER_NAME, props))

@@ -20,19 +20,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.mitsuba.films import Exposure, check_is_whole, mean_of_colours, seed_of
+from polywigner.mitsuba.polarisation import Polariser
 from polywigner.mitsuba.range_film import sorted_by_range, transient_integrator
+from polywigner.mitsuba.receiver import receivers_of
 from polywigner.mitsuba.rendering import check_spp, exposed
+from polywigner.mitsuba.scene_order import sorted_emitters
 from polywigner.mitsuba.scenes import is_source
 
 Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
 
 # Of the size of a surface: its share of rays is the square, and those that meet it read zero.
 _SHRUNK = 1e-3
 
 
 def wigner_emitters(scene: Any) -> list[Any]:
-    """The coherent sources of a scene, in its order."""
-    return list(filter(is_source, scene.emitters()))
+    """Return the coherent sources of a scene, sorted by the ids of their shapes."""
+    return list(filter(is_source, sorted_emitters(scene)))
 
 
 @contextmanager
@@ -56,6 +60,24 @@ def unseen(scene: Any) -> Iterator[None]:
         _move(scene, shapes, places)
         for source, spec in zip(sources, specs, strict=True):
             source.spec = spec
+
+
+@contextmanager
+def polarised_by_default(scene: Any, polarisation: Complexes | None) -> Iterator[None]:
+    """Within, ends without a polarisation have this Jones vector (2,), in polarised variants."""
+    ends: list[Any] = []
+    if polarisation is not None and mi.is_polarized:
+        every = [*wigner_emitters(scene), *(sensor for _, sensor in receivers_of(scene))]
+        ends = [end for end in every if not end.spec.states_polarisation]
+    before = [(end, end.spec, end.polariser) for end in ends]
+    try:
+        for end in ends:
+            end.spec = replace(end.spec, polarisation=polarisation)
+            end.polariser = Polariser(mi, polarisation)
+        yield
+    finally:
+        for end, spec, polariser in before:
+            end.spec, end.polariser = spec, polariser
 
 
 @contextmanager

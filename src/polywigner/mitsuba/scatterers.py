@@ -17,12 +17,14 @@ from polywigner.geometry.arguments import checked_count, real_numbers
 from polywigner.illumination import Array
 from polywigner.mitsuba.placement import placed_emitter
 from polywigner.mitsuba.plugins import one_at_a_time
+from polywigner.mitsuba.polarisation import polarisation_summary
 from polywigner.mitsuba.received import ReceiveOptions, described
 from polywigner.mitsuba.received_power import chosen, matched
 from polywigner.mitsuba.receiver import receivers_of, receiving
 from polywigner.mitsuba.rendering import depths_of
 from polywigner.mitsuba.scattered import unseen, wigner_emitters
 from polywigner.mitsuba.scattering_steps import Events, Motion, Paths, events_of, number_of
+from polywigner.mitsuba.scene_order import sorted_emitters, sorted_shapes
 from polywigner.mitsuba.scenes import is_source
 from polywigner.mitsuba.targets import aimed
 from polywigner.quantities import SPEED_OF_LIGHT
@@ -212,8 +214,8 @@ def scatterers(
     count : scatterers wanted; there are fewer where rays find fewer.
     seed : of the random numbers, zero or more.
     velocities : (3,) in m/s by the ids of shapes, emitters and the receiver; others stand still.
-        Mitsuba merges meshes of one BSDF, and their ids are lost, unless the scene is loaded by
-        ``load_scene(path, merge=False)`` or ``mi.load_dict(entries, optimize=False)``.
+        Load the scene with :func:`load_scene`, which keeps ids; ``mi.load_dict`` merges meshes of
+        equal BSDFs into one without an id.
     max_depth : longest path as Mitsuba's integrators count, 2 is one reflection; -1: no limit.
         Default: that of the scene's integrator.
     receiver : as for :func:`received_power`.
@@ -257,7 +259,8 @@ def scatterers(
     found = receivers_of(scene)
     number = chosen(found, receiver)
     sensor = found[number][1]
-    (place,) = matched(scene, [number], options).places
+    parties = matched(scene, [number], options)
+    (place,) = parties.places
     if sensor.spec.has_several:
         raise SceneError(
             "expected one polarisation of all elements of a receiver for scatterers, got several; "
@@ -281,6 +284,7 @@ def scatterers(
         "to_world": place.pose.ravel().tolist(),
         "obliquity": place.obliquity,
         "normalise": sensor.spec.normalise,
+        "polarisation": polarisation_summary([*parties.emitters, place], False),
         "estimator": sensor.spec.estimator,
         "rays": -(-launched // BATCHES) * BATCHES,
         "seed": options.seed,
@@ -301,10 +305,10 @@ class _Names:
     def of(cls, scene: Any, receiver: str) -> _Names:
         shapes = {
             _number("Shape", shape): shape.id() or f"shape {k}"
-            for k, shape in enumerate(scene.shapes())
+            for k, shape in enumerate(sorted_shapes(scene))
         }
         lights, coherent = {}, 0
-        for k, light in enumerate(scene.emitters()):
+        for k, light in enumerate(sorted_emitters(scene)):
             name = light.id() or f"light {k}"
             if is_source(light):
                 name = placed_emitter(light, coherent).name
@@ -326,8 +330,8 @@ class _Names:
             if name not in known:
                 raise ArgumentError(
                     f"expected velocities of {', '.join(map(repr, sorted(known)))}, got one of "
-                    f"{name!r}; Mitsuba merges meshes of one BSDF: load the scene by "
-                    "load_scene(path, merge=False), or mi.load_dict(entries, optimize=False)"
+                    f"{name!r}; mi.load_dict merges meshes of equal BSDFs: load the scene with "
+                    "polywigner.mitsuba.load_scene, which keeps ids"
                 )
         return Motion(
             {number: found[name] for number, name in self.shapes.items() if name in found},

@@ -59,11 +59,19 @@ class SceneFile:
     sampler: str | None = None
     parameters: Mapping[str, Any] = field(default_factory=dict)
     diffraction: bool = False
+    polarisation: str | None = None
+    """Polarisation of ends for which the file specifies none; None: the default."""
 
     def load(self) -> Any:
         """Load the ``mi.Scene``; raises as :func:`load_scene` does."""
         return load_file(
-            self.path, self.variant, self.sampler, True, self.diffraction, self.parameters
+            self.path,
+            self.variant,
+            self.sampler,
+            False,
+            self.diffraction,
+            self.parameters,
+            self.polarisation,
         )
 
 
@@ -132,6 +140,7 @@ class SceneJob:
             "variant": self.file.variant,
             "sampler": self.file.sampler,
             **({"diffraction": True} if self.file.diffraction else {}),
+            **({"polarisation": p} if (p := self.file.polarisation) else {}),
             "parameters": {name: str(value) for name, value in self.file.parameters.items()},
             **{f"file {name}": digest for name, digest in files.items()},
             **{f"source {k}": source["source_sha256"] for k, source in enumerate(sources)},

@@ -84,36 +84,49 @@ def choose_variant(prefer: str | None = None, polarised: bool = False) -> str:
 
 
 def load_scene(
-    path: str | Path,
+    scene: str | Path | Mapping[str, Any],
     variant: str | None = None,
     sampler: str | None = None,
-    merge: bool = True,
+    merge: bool = False,
     diffraction: bool = False,
     **parameters: Any,
 ) -> Any:
-    """A Mitsuba scene from its XML file, ready to render.
+    """Load a Mitsuba scene from an XML file or a dictionary.
+
+    Shapes keep their ids and the order of the file or dictionary, so results name them and are
+    the same in each run. Mitsuba's own loaders merge meshes with equal BSDFs by default.
 
     Parameters
     ----------
-    path: Mitsuba XML.
-    variant: set first, if given; default: the variant that is set, or :func:`choose_variant`.
-    sampler: plugin such as ``multijitter``, in place of the one of every sensor.
-    merge: make one mesh of all that have one BSDF; it has no id then.
-    diffraction: let all its sources and receivers have the estimator ``exact`` and shadows that
-        diffract (docs/shadows.md); False: as the file says.
-    parameters: values of the file's ``$parameters``.
+    scene : path of a Mitsuba XML file, or a dictionary as for ``mi.load_dict``.
+    variant : Mitsuba variant to set first. Default: the variant that is set, else
+        :func:`choose_variant`.
+    sampler : plugin such as ``multijitter`` that replaces the sampler of every sensor.
+    merge : True: merge meshes with equal BSDFs into one mesh without an id, as Mitsuba does.
+    diffraction : True: all sources and receivers get the estimator ``exact`` and shadows that
+        diffract (docs/shadows.md). False: as the scene specifies.
+    parameters : values of the file's ``$parameters``; a dictionary takes none.
 
-    Returns the ``mi.Scene``; its folder serves to find the files it names.
+    Returns
+    -------
+    mi.Scene
+        The scene. Relative file names start at the folder of the XML file.
 
     Raises
     ------
-    EngineError for a variant that cannot run; SceneError, or the package's own error behind it,
-    for a scene that does not load.
+    EngineError for a variant that cannot run; SceneError, or the package's error behind it, for a
+    scene that does not load; ArgumentError for other arguments.
     """
-    return load_file(path, variant, sampler, merge, diffraction, parameters)
+    if not isinstance(scene, Mapping):
+        return load_file(scene, variant, sampler, merge, diffraction, parameters)
+    if parameters:
+        raise ArgumentError(
+            f"a scene dictionary takes no parameters, got {', '.join(parameters)}; put the values "
+            "into the dictionary"
+        )
+    return _load(None, dict(scene), variant, (sampler, merge, diffraction, None), {})
 
 
-@one_at_a_time
 def load_file(
     path: str | Path,
     variant: str | None,
@@ -121,29 +134,62 @@ def load_file(
     merge: bool,
     diffraction: bool,
     parameters: Mapping[str, Any],
+    polarisation: str | None = None,
 ) -> Any:
-    """The scene of a file, see :func:`load_scene`; its parameters may have any names."""
+    """Load a scene file as :func:`load_scene` does; its parameters may have any names.
+
+    ``polarisation``: of sources and receivers for which the file specifies none.
+    """
     file = checked_path(path)
-    if not isinstance(sampler, str | None):
-        raise ArgumentError(f"expected sampler as the name of a plugin, got {sampler!r}")
     for name, value in parameters.items():
         if value is not None and not isinstance(value, (str, int, float)):
             raise ArgumentError(f"expected {name} as a text or a number, got {value!r}")
-    checked_flag(merge, "merge")
-    checked_flag(diffraction, "diffraction")
     if not file.is_file():
         raise SceneError(f"expected a Mitsuba scene file, got {str(path)!r}, which is not a file")
+    return _load(file, {}, variant, (sampler, merge, diffraction, polarisation), parameters)
+
+
+_How = tuple[str | None, bool, bool, str | None]
+"""Arguments ``sampler``, ``merge``, ``diffraction`` and ``polarisation`` of :func:`load_file`."""
+
+
+@one_at_a_time
+def _load(
+    file: Path | None,
+    entries: dict[str, Any],
+    variant: str | None,
+    how: _How,
+    parameters: Mapping[str, Any],
+) -> Any:
+    """Load the scene of a file, or of the entries of a dictionary if there is no file."""
+    sampler, merge, diffraction, _ = how
+    if not isinstance(sampler, str | None):
+        raise ArgumentError(f"expected sampler as the name of a plugin, got {sampler!r}")
+    checked_flag(merge, "merge")
+    checked_flag(diffraction, "diffraction")
     if variant is not None or mi.variant() is None:
         mi.set_variant(choose_variant(variant))
     register()
+    config = mi.parser.ParserConfig(mi.variant())
     try:
-        with resolving(file) as resolve, threads_for_openexr():
-            check_scene_file(file, parameters, resolve)
-            scene = _instantiate(file, sampler, merge, diffraction, parameters)
-    except (RuntimeError, ValueError) as error:
+        with threads_for_openexr():
+            if file is None:
+                scene = _instantiate(config, mi.parser.parse_dict(config, entries), how)
+            else:
+                texts = {name: str(value) for name, value in parameters.items()}
+                with resolving(file) as resolve:
+                    check_scene_file(file, parameters, resolve)
+                    state = mi.parser.parse_file(config, str(file), **texts)
+                    scene = _instantiate(config, state, how)
+    except (RuntimeError, ValueError, TypeError) as error:
         raise translate_error(error) from None
     if not isinstance(scene, mi.Scene):
-        raise SceneError(f"expected a <scene> in {file}, got something else; wrap it in <scene>")
+        where, advice = (
+            ("the dictionary", 'add "type": "scene"')
+            if file is None
+            else (file, "wrap it in <scene>")
+        )
+        raise SceneError(f"expected a <scene> in {where}, got something else; {advice}")
     return scene
 
 
@@ -192,28 +238,23 @@ def _printable(text: str) -> str:
     return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in short)
 
 
-def _instantiate(
-    file: Path,
-    sampler: str | None,
-    merge: bool,
-    diffraction: bool,
-    parameters: Mapping[str, Any],
-) -> Any:
-    """``mi.load_file``, with a look at the parsed scene before it is built."""
-    config = mi.parser.ParserConfig(mi.variant())
-    texts = {name: str(value) for name, value in parameters.items()}
-    state = mi.parser.parse_file(config, str(file), **texts)
+def _instantiate(config: Any, state: Any, how: _How) -> Any:
+    """Check a parsed scene, change it as requested and build it."""
+    sampler, merge, diffraction, polarisation = how
     mi.parser.transform_upgrade(config, state)
     mi.parser.transform_resolve(config, state)
     _check_samplers(state)
     _check_numbers(state)
     if sampler is not None:
         _replace_samplers(state, sampler)
-    if diffraction:
-        for node in state.nodes:
-            if node.props.plugin_name() in _COHERENT:
-                node.props["estimator"] = "exact"
-                node.props["diffraction"] = True
+    for node in state.nodes:
+        if node.props.plugin_name() not in _COHERENT:
+            continue
+        if diffraction:
+            node.props["estimator"] = "exact"
+            node.props["diffraction"] = True
+        if polarisation is not None and "polarisation" not in node.props:
+            node.props["polarisation"] = polarisation
     mi.parser.transform_merge_equivalent(config, state)
     if merge:
         mi.parser.transform_merge_meshes(config, state)

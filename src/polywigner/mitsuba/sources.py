@@ -402,6 +402,8 @@ class SourceSpec:
     """Noise of a receiver, by the names of ``NOISE_PARSERS``."""
     polarisation: Complexes | None = None
     """Unit Jones vector (2,) in the source's x and y, or (n, 2) of elements; None: unpolarised."""
+    states_polarisation: bool = False
+    """Whether the scene specifies ``polarisation``, "unpolarised" included."""
 
     @property
     def source(self) -> Aperture | Array:

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.mitsuba.receiver import is_receiver
+from polywigner.mitsuba.scene_order import bounds_of, sorted_emitters, sorted_shapes
 from polywigner.mitsuba.scenes import is_source
 from polywigner.scattering.facets import connected
 
@@ -47,8 +48,8 @@ _LOOKS = 5
 @contextmanager
 def aimed(scene: Any) -> Iterator[None]:
     """Within, receivers of one pixel look towards small shapes more often, with smaller weights."""
-    sources = [emitter.get_shape() for emitter in filter(is_source, scene.emitters())]
-    shapes = [shape for shape in scene.shapes() if shape not in sources]
+    sources = [emitter.get_shape() for emitter in filter(is_source, sorted_emitters(scene))]
+    shapes = [shape for shape in sorted_shapes(scene) if shape not in sources]
     boxes = [box for shape in shapes for box in _boxes(shape)]
     with ExitStack() as stack:
         for sensor in filter(is_receiver, scene.sensors()):
@@ -61,8 +62,7 @@ def aimed(scene: Any) -> Iterator[None]:
 
 def _boxes(shape: Any) -> list[Floats]:
     """Least and largest corners (2, 3) of a shape, or of the pieces of a mesh."""
-    box = shape.bbox()
-    whole = [np.array([box.min, box.max], np.float64).reshape(2, 3)]
+    whole = [bounds_of(shape)]
     if not shape.is_mesh() or not 1 < shape.face_count() <= _MOST_FACES:
         return whole
     params = mi.traverse(shape)

@@ -1,0 +1,272 @@
+"""Ends without a polarisation count alike in tables, channels, ranges and renders."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from mitsuba_scenes import SQUARE, WAVELENGTH, coupled, use
+from polywigner.cli import main
+from polywigner.errors import SceneError
+
+pytestmark = pytest.mark.drjit
+pm = pytest.importorskip("polywigner.mitsuba")
+import mitsuba as mi  # noqa: E402 (after the package, which chooses the LLVM library)
+
+POLARISED = "llvm_ad_mono_polarized"
+LLVM = pytest.param("llvm_ad_mono", marks=pytest.mark.llvm)
+LLVM_POLARISED = pytest.param(POLARISED, marks=pytest.mark.llvm)
+SLOWLY = pytest.param("scalar_spectral_polarized", marks=pytest.mark.slow)
+# Relative, of powers: 1e-6 dB, a few times single precision.
+MICRO_DECIBEL = 2.3e-7
+WHITE = {"type": "diffuse", "reflectance": {"type": "spectrum", "value": 0.5}}
+
+
+def poses(roll: float, lean: float, distance: float = 0.5) -> tuple[np.ndarray, np.ndarray]:
+    """Two ends off each other's axes, in numbers that single precision holds."""
+    made = []
+    for place, ahead, own in (((0, 0, 0), 1, 0.0), ((0.125, -0.25, distance), -1, roll)):
+        z = np.array([0.3 * lean, -0.2 * lean, ahead])
+        z /= np.linalg.norm(z)
+        x = np.cross((0, 1, 0), z)
+        x /= np.linalg.norm(x)
+        y = np.cross(z, x)
+        c, s = math.cos(own), math.sin(own)
+        pose = np.eye(4)
+        pose[:3] = np.stack([c * x + s * y, c * y - s * x, z, np.array(place, float)], axis=-1)
+        made.append(pose.astype(np.float32).astype(float))
+    return made[0], made[1]
+
+
+def linked(
+    ends: tuple[Any, Any], sent: Any = None, taken: Any = None, others: Any = None, **how: Any
+) -> Any:
+    one, other = ends
+    return pm.load_scene(
+        {
+            "type": "scene",
+            "tx": pm.aperture(SQUARE, WAVELENGTH, one, power=1.0, polarisation=sent, **how),
+            "rx": pm.receiver(SQUARE, WAVELENGTH, other, polarisation=taken, **how),
+            **(others or {}),
+        }
+    )
+
+
+def routes(scene: Any) -> list[float]:
+    """The power of a link by each function that reports it, over the transmitted power."""
+    return [
+        pm.received_power(scene, spp=16).direct,
+        pm.received_power(scene, spp=16, coherent=True).direct,
+        abs(pm.channel(scene).h.item()) ** 2,
+    ]
+
+
+@pytest.mark.parametrize("variant", ["scalar_rgb", LLVM])
+@pytest.mark.parametrize(("roll", "lean"), [(0.0, 0.0), (0.7, 0.0), (math.pi / 2, 0.0), (0.4, 1.0)])
+def test_in_unpolarised_variants_all_routes_are_the_scalar_link(
+    variant: str, roll: float, lean: float
+) -> None:
+    """Friis' formula without a mismatch, however the ends are turned about their axes."""
+    use(variant)
+    one, other = poses(roll, lean)
+    expected = abs(coupled(SQUARE, one, SQUARE, other, WAVELENGTH)) ** 2
+    assert routes(linked((one, other))) == pytest.approx([expected] * 3, rel=MICRO_DECIBEL)
+
+
+@pytest.mark.parametrize("variant", [SLOWLY, LLVM_POLARISED])
+def test_in_polarised_variants_all_routes_count_the_y_axes_of_both_ends(variant: str) -> None:
+    """Ends in parallel planes see one field vector: Malus' cosine of the roll is exact."""
+    use(variant)
+    for roll, sent, taken, share in [
+        (0.0, None, None, 1.0),
+        (0.7, None, None, math.cos(0.7) ** 2),
+        (0.3, None, "x", math.sin(0.3) ** 2),
+        (0.0, None, "right", 0.5),
+        (0.0, "45 deg", None, 0.5),
+    ]:
+        one, other = poses(roll, 0.0)
+        scalar = abs(coupled(SQUARE, one, SQUARE, other, WAVELENGTH)) ** 2
+        found = routes(linked((one, other), sent, taken))
+        assert found == pytest.approx([share * scalar] * 3, rel=3 * MICRO_DECIBEL)
+
+
+@pytest.mark.llvm
+def test_the_default_is_the_link_of_huygens_sources_along_y() -> None:
+    """With Kirchhoff's condition, against `coupling` of vector fields, leaning and rolled."""
+    use(POLARISED)
+    one, other = poses(0.5, 1.0, 2.0)
+    expected = coupled(SQUARE, one, SQUARE, other, WAVELENGTH, polarisation="y", method="huygens")
+    found = routes(linked((one, other), obliquity="kirchhoff"))
+    assert found == pytest.approx([abs(expected) ** 2] * 3, rel=1e-3)  # near fields beside it
+    assert max(found) / min(found) - 1 < MICRO_DECIBEL
+
+
+@pytest.mark.llvm
+def test_exchange_of_an_end_with_and_an_end_without_a_polarisation_changes_nothing() -> None:
+    use(POLARISED)
+    one, other = poses(0.5, 1.0)
+    there, back = routes(linked((one, other), "left")), routes(linked((other, one), None, "left"))
+    assert there == pytest.approx(back, rel=MICRO_DECIBEL)
+
+
+@pytest.mark.llvm
+def test_a_source_without_a_polarisation_is_seen_polarised_along_its_y_axis() -> None:
+    use(POLARISED)
+    film = {"type": "hdrfilm", "width": 2, "height": 2, "rfilter": {"type": "box"}}
+    above = mi.ScalarTransform4f().look_at([0, 0, 1], [0, 0, 0], [0, 1, 0]).scale([1e-3, 1e-3, 1])
+    camera = {"type": "orthographic", "near_clip": 1e-4, "film": film, "to_world": above}
+    black = {"type": "diffuse", "reflectance": {"type": "spectrum", "value": 0.0}}
+    for given, first in ((None, -1.0), ("unpolarised", 0.0), ("x", 1.0)):
+        source = pm.aperture(SQUARE, WAVELENGTH, bsdf=black, polarisation=given)
+        entry = {"type": "scene", "integrator": {"type": "path"}, "camera": camera, "s": source}
+        s = pm.stokes_of(pm.render(pm.load_scene(entry), "stokes", spp=4)).mean(axis=(1, 2))
+        assert s[1:] / s[0] == pytest.approx([first, 0.0, 0.0], abs=1e-3)
+
+
+@pytest.mark.llvm
+def test_a_diffuse_floor_returns_half_to_the_default_and_ranges_and_scatterers_agree() -> None:
+    """A diffuse surface undoes polarisations: one mode takes half of what all take."""
+    pytest.importorskip("mitransient")
+    use(POLARISED)
+    side = np.eye(4)
+    side[0, 3] = 0.25
+    floor = mi.ScalarTransform4f().translate([0, 0, 2]).rotate([1, 0, 0], 180)
+    wall = {"floor": {"type": "rectangle", "bsdf": WHITE, "to_world": floor}}
+    scenes = {
+        kind: linked((np.eye(4), side), None, kind, wall, estimator="exact")
+        for kind in (None, "unpolarised")
+    }
+    power = {kind: pm.received_power(s, spp=4096).scattered for kind, s in scenes.items()}
+    assert power[None] == pytest.approx(power["unpolarised"] / 2, rel=1e-4)
+    profile = pm.range_profile(scenes[None], [0.0, 1.0, 3.0], spp=4096)
+    cloud = pm.scatterers(scenes[None], 20000, rays=20000)
+    assert float(profile["scattered"]) == pytest.approx(power[None], rel=1e-3)
+    assert float(cloud["power"].sum()) == pytest.approx(power[None], rel=0.02)
+    for each in (profile, cloud):
+        assert each.attrs["polarisation"] == "y (default): tx, rx"
+
+
+def test_results_state_the_polarisations_that_count() -> None:
+    use("scalar_spectral_polarized")
+    scene = linked(poses(0.0, 0.0), None, "left")
+    found = pm.received_power(scene, spp=16)
+    assert found.polarisation == "y (default): tx; left: rx"
+    assert "polarisation: y (default): tx; left: rx" in str(found)
+    assert found.to_dict()["polarisation"] == found.polarisation
+    assert pm.channel(scene).attrs["polarisation"] == found.polarisation
+    assert pm.channel(scene, polarisation="45 deg").attrs["polarisation"] == (
+        "45 deg: tx; left: rx"
+    )
+    use("scalar_rgb")
+    plain = linked(poses(0.0, 0.0))
+    assert "not counted" in pm.received_power(plain, spp=16).polarisation
+    assert "y at both ends of reflected paths" in pm.channel(plain).attrs["polarisation"]
+    assert pm.channel(plain, polarisation="x").attrs["polarisation"].startswith("x at both ends")
+
+
+@pytest.mark.llvm
+def test_a_requested_default_holds_for_direct_and_scattered_power_and_ends_with_the_call() -> None:
+    """Rough metal keeps polarisations: what crossed ends receive, either way, is little."""
+    use(POLARISED)
+    value = {"type": "spectrum", "value": 3000.0}
+    metal = {"type": "roughconductor", "alpha": 0.3, "eta": value, "k": value}
+    floor = mi.ScalarTransform4f().translate([0, 0, 1]).rotate([1, 0, 0], 180)
+    wall = {"floor": {"type": "rectangle", "bsdf": metal, "to_world": floor}}
+    side = np.eye(4)
+    side[0, 3] = 0.25
+    scene = linked((np.eye(4), side), None, "y", wall, estimator="exact")
+    before = pm.received_power(scene, spp=1024).scattered
+    crossed = pm.received_power(scene, spp=1024, coherent=True, polarisation="x").scattered
+    assert abs(crossed) < 0.02 * before
+    assert pm.received_power(scene, spp=1024).scattered == pytest.approx(before, rel=1e-6)
+
+
+def test_unpolarised_ends_have_no_amplitude() -> None:
+    use("scalar_spectral_polarized")
+    scene = linked(poses(0.0, 0.0), "unpolarised")
+    with pytest.raises(SceneError, match="'tx' is unpolarised"):
+        pm.channel(scene)
+    assert pm.received_power(scene, spp=16).direct > 0
+
+
+def test_rolled_ends_over_a_floor_are_pointed_out() -> None:
+    """Without polarisations the reflection counts along both y axes, the line of sight does not."""
+    use("scalar_rgb")
+    metal = {"type": "conductor", "material": "none"}
+    side = mi.ScalarTransform4f().translate([0, -1, 0.25]).rotate([1, 0, 0], -90)
+    floor = {"floor": {"type": "rectangle", "bsdf": metal, "to_world": side}}
+    for roll, is_noted in ((0.0, False), (0.7, True)):
+        scene = linked(poses(roll, 0.0), others=floor)
+        notes = pm.channel(scene, reflections=1).attrs["notes"]
+        assert any("specify polarisation" in note for note in notes) == is_noted
+        given = pm.channel(scene, reflections=1, polarisation="y").attrs["notes"]
+        assert not any("specify polarisation" in note for note in given)
+
+
+def scene_file(folder: Path, polarisation: str) -> Path:
+    (folder / "square.wkt").write_text(SQUARE.polygons.wkt, encoding="utf-8")
+    end = (
+        '<string name="aperture" value="square.wkt"/><string name="unit" value="m"/>'
+        '<string name="frequency" value="94 GHz"/>'
+    )
+    taken = f'<string name="polarisation" value="{polarisation}"/>' if polarisation else ""
+    path = folder / "scene.xml"
+    path.write_text(
+        f'<scene version="3.0.0"><shape type="wigner" id="tx">{end}'
+        '<string name="power" value="0 dBm"/></shape>'
+        f'<sensor type="wigner_receiver" id="rx">{end}{taken}<film type="hdrfilm">'
+        '<integer name="width" value="1"/><integer name="height" value="1"/>'
+        '<rfilter type="box"/></film><transform name="to_world"><rotate y="1" angle="180"/>'
+        '<translate z="1"/></transform></sensor></scene>',
+        encoding="utf-8",
+    )
+    return path
+
+
+@pytest.mark.parametrize(
+    ("taken", "options", "share", "variant"),
+    [
+        ("y", ("--variant", "scalar_spectral_polarized"), 1.0, "polarised"),
+        ("right", ("--variant", "scalar_spectral_polarized"), 0.5, "polarised"),
+        ("", ("--variant", "scalar_rgb"), 1.0, "plain"),
+        ("y", ("--polarisation", "60 deg"), 0.75, "polarised"),
+    ],
+)
+def test_one_command_reports_one_power_in_its_table_and_its_channel(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    taken: str,
+    options: tuple[str, ...],
+    share: float,
+    variant: str,
+) -> None:
+    xarray = pytest.importorskip("xarray")
+    out = tmp_path / "out"
+    words = ["receive", str(scene_file(tmp_path, taken)), "--spp", "16", "--out", str(out)]
+    assert main([*words, "--frequencies", "94 GHz", *options]) == 0
+    said = capsys.readouterr().out
+    assert ("polarisation: not counted" in said) == (variant == "plain")
+    table = json.loads(out.with_suffix(".json").read_text())["receivers"][0]
+    with xarray.open_dataset(tmp_path / "out_channel.nc") as channel:
+        h = complex(channel["h_real"].values.item(), channel["h_imag"].values.item())
+        stated = channel.attrs["polarisation"]
+    facing = np.diag([-1.0, 1.0, -1.0, 1.0])
+    facing[2, 3] = 1.0
+    expected = share * abs(pw.coupling(SQUARE, SQUARE, facing, WAVELENGTH)) ** 2
+    assert table["power_w"] / 1e-3 == pytest.approx(expected, rel=1e-6)
+    assert abs(h) ** 2 == pytest.approx(table["power_w"] / 1e-3, rel=3 * MICRO_DECIBEL)
+    assert variant == "plain" or stated == table["polarisation"]
+
+
+def test_a_polarisation_that_an_unpolarised_table_would_not_count_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["receive", str(scene_file(tmp_path, "")), "--variant", "scalar_rgb"]
+    assert main([*words, "--frequencies", "94 GHz", "--polarisation", "x"]) == 2
+    assert "only with --coherent" in capsys.readouterr().err

@@ -1,0 +1,275 @@
+"""Ids, order and messages of scenes: from files and dictionaries, merged by Mitsuba or not."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mitsuba_scenes import SQUARE, WAVELENGTH, scene_of, use
+from polywigner.cli import main
+from polywigner.errors import ArgumentError, SceneError
+
+pytestmark = [pytest.mark.drjit, pytest.mark.llvm]
+pm = pytest.importorskip("polywigner.mitsuba")
+import mitsuba as mi  # noqa: E402 (after the package, which chooses the LLVM library)
+
+METAL = {"type": "twosided", "bsdf": {"type": "conductor", "material": "none"}}
+WHITE = {"type": "diffuse", "reflectance": 0.5}
+IDS = ["zeta", "alpha", "mid"]
+
+
+@pytest.fixture(autouse=True)
+def compiled() -> None:
+    use("llvm_ad_mono")
+
+
+def moved(x: float, y: float, z: float) -> Any:
+    return mi.ScalarTransform4f().translate([x, y, z])
+
+
+def facing(x: float, z: float) -> np.ndarray:
+    """At (x, 0, z), looking along -z."""
+    pose = np.diag([-1.0, 1.0, -1.0, 1.0])
+    pose[:3, 3] = x, 0.0, z
+    return pose
+
+
+def entries(bsdf: Any = WHITE) -> dict[str, Any]:
+    """Sources, receivers and walls in no order of their ids; walls share one BSDF."""
+    made: dict[str, Any] = {"type": "scene"}
+    for k, name in enumerate(IDS):
+        made[name] = pm.aperture(SQUARE, WAVELENGTH, moved(0.02 * k, 0, 0), power=1.0 + k)
+        made[f"{name} rx"] = pm.receiver(SQUARE, WAVELENGTH, facing(0.02 * k, 1.0))
+        to_world = moved(5.0 + k, 0, 0.5).rotate([0, 1, 0], -90).scale(2.0)
+        made[f"{name} wall"] = {"type": "rectangle", "bsdf": bsdf, "to_world": to_world}
+    return made
+
+
+def test_results_follow_the_ids_however_mitsuba_orders_its_emitters() -> None:
+    """Mitsuba's own loader merges the walls, and then returns emitters in any order."""
+    scenes = [mi.load_dict(entries()) for _ in range(3)] + [pm.load_scene(entries())]
+    channel = pm.channel(scenes[0], reflections=0)
+    assert channel["emitter"].values.tolist() == sorted(IDS)
+    assert channel["receiver"].values.tolist() == sorted(f"{name} rx" for name in IDS)
+    powers = [pm.received_power(s, spp=16, receiver="mid rx", reflections=0) for s in scenes]
+    for one in powers:
+        assert [part.name for part in one.contributions] == sorted(IDS)
+        direct = [part.direct for part in one.contributions]
+        assert direct == [part.direct for part in powers[0].contributions]
+    h = channel["h"].values[0, sorted(IDS).index("mid")]
+    watts = [1.0 + IDS.index(name) for name in sorted(IDS)]
+    assert np.abs(h) ** 2 * watts == pytest.approx(direct, rel=1e-6)
+
+
+def test_a_receiver_is_numbered_by_its_id_and_rendered_by_its_place_in_the_scene() -> None:
+    scene = pm.load_scene(entries())
+    first = pm.received_power(scene, spp=16, receiver=0, reflections=0)
+    assert first.receiver == "alpha rx"
+    assert scene.sensors()[1].id() == "alpha rx"
+
+
+def test_loaded_scenes_repeat_their_random_numbers() -> None:
+    floor = {"floor": {"type": "rectangle", "bsdf": WHITE, "to_world": moved(0, 0, 2).scale(3)}}
+    floor["floor"]["to_world"] = floor["floor"]["to_world"].rotate([1, 0, 0], 180)
+    made = {k: v for k, v in entries().items() if not k.endswith(" rx")} | floor
+    made["rx"] = pm.receiver(SQUARE, WAVELENGTH, moved(0.3, 0, 0))
+    found = [pm.received_power(pm.load_scene(made), spp=16, seed=3).scattered for _ in range(3)]
+    assert found[0] > 0
+    assert found == [found[0]] * 3
+
+
+WALLS = (
+    ("north", "y", -90, 'x="0.3"'),
+    ("south", "y", 90, 'x="-0.3"'),
+    ("floor", "x", -90, 'y="-0.3"'),
+)
+
+
+def corridor() -> dict[str, Any]:
+    """The scene of `text_of_scene` as a dictionary."""
+    turn = mi.ScalarTransform4f
+    poses = {
+        "north": moved(0.3, 0, 0.5).rotate([0, 1, 0], -90),
+        "south": moved(-0.3, 0, 0.5).rotate([0, 1, 0], 90),
+        "floor": moved(0, -0.3, 0.5).rotate([1, 0, 0], -90),
+    }
+    metal = {"type": "conductor", "material": "none"}
+    walls = {
+        name: {"type": "rectangle", "bsdf": metal, "to_world": pose @ turn().scale(0.2)}
+        for name, pose in poses.items()
+    }
+    ends = {
+        "tx": pm.aperture(SQUARE, WAVELENGTH),
+        "rx": pm.receiver(SQUARE, WAVELENGTH, facing(0.0, 1.0)),
+    }
+    return {"type": "scene", **ends, **walls}
+
+
+def text_of_scene(folder: Path) -> Path:
+    """Three walls of equal BSDFs around a link, in XML."""
+    (folder / "square.wkt").write_text(SQUARE.polygons.wkt, encoding="utf-8")
+    end = (
+        '<string name="aperture" value="square.wkt"/><string name="unit" value="m"/>'
+        '<string name="frequency" value="94 GHz"/>'
+    )
+    film = (
+        '<film type="hdrfilm"><integer name="width" value="1"/><integer name="height" value="1"/>'
+        '<rfilter type="box"/></film>'
+    )
+    conductor = '<bsdf type="conductor"><string name="material" value="none"/></bsdf>'
+    walls = "".join(
+        f'<shape type="rectangle" id="{name}"><transform name="to_world"><scale value="0.2"/>'
+        f'<rotate {axis}="1" angle="{turn}"/><translate {towards} z="0.5"/></transform>'
+        f"{conductor}</shape>"
+        for name, axis, turn, towards in WALLS
+    )
+    text = (
+        f'<scene version="3.0.0"><integrator type="path"/><shape type="wigner" id="tx">{end}'
+        f'</shape><sensor type="wigner_receiver" id="rx">{end}{film}<transform name="to_world">'
+        '<rotate y="1" angle="180"/><translate z="1"/></transform></sensor>'
+        f"{walls}</scene>"
+    )
+    path = folder / "scene.xml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_mirrors_of_one_bsdf_keep_their_names_in_files_and_dictionaries(tmp_path: Path) -> None:
+    for given in (corridor(), text_of_scene(tmp_path)):
+        names = pm.channel(pm.load_scene(given), reflections=1)["mirrors"].values
+        assert names.tolist() == ["", "floor", "north", "south"]
+
+
+def test_the_command_names_the_walls_of_one_bsdf(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = text_of_scene(tmp_path)
+    options = ["--spp", "16", "--frequencies", "94 GHz"]
+    assert main(["receive", str(path), *options, "--out", str(tmp_path / "out")]) == 0
+    rows = (tmp_path / "out_channel.csv").read_text().splitlines()[1:]
+    ways = {row.split(",")[3] for row in rows} | {row.split('"')[1] for row in rows if '"' in row}
+    assert {"direct", "north", "south", "floor"} <= ways
+    assert not any("shape" in way for way in ways)
+    assert "shape" not in capsys.readouterr().out
+
+
+def test_merged_shapes_are_reported_with_the_loader_that_keeps_ids() -> None:
+    made = corridor()
+    for load, is_merged in ((mi.load_dict, True), (pm.load_scene, False)):
+        notes = pm.channel(load(made), reflections=1).attrs["notes"]
+        assert any("load_scene to keep ids" in note for note in notes) == is_merged
+    assert len(pm.load_scene(made, merge=True).shapes()) < len(pm.load_scene(made).shapes())
+
+
+def test_a_dictionary_is_checked_as_a_file_is() -> None:
+    with pytest.raises(ArgumentError, match="no parameters, got width"):
+        pm.load_scene({"type": "scene"}, width=3)
+    with pytest.raises(SceneError, match='add "type": "scene"'):
+        pm.load_scene({"type": "sphere"})
+    with pytest.raises(SceneError, match="expected the reflectance of a diffuse"):
+        pm.load_scene({"type": "scene", "s": {"type": "sphere", "b": WHITE | {"reflectance": 2.0}}})
+    with pytest.raises(SceneError, match="polarised variant"):
+        pm.load_scene({"type": "scene", "e": pm.aperture(SQUARE, WAVELENGTH, polarisation="x")})
+    changed = pm.load_scene(entries(), sampler="independent", diffraction=True)
+    assert all(sensor.spec.diffraction for sensor in changed.sensors())
+    assert "Independent" in changed.sensors()[0].sampler().class_name()
+
+
+# ---- notes and warnings -------------------------------------------------------------------------
+
+
+def notes_over(bsdf: Any, kind: str = "cube", **how: Any) -> Any:
+    """A link of a metre beside a body that reflects at half of the way."""
+    scene = scene_of(
+        tx=pm.aperture(SQUARE, WAVELENGTH, power=1.0),
+        rx=pm.receiver(SQUARE, WAVELENGTH, facing(0.0, 1.0)),
+        shell={"type": kind, "bsdf": bsdf, "to_world": moved(-0.25, 0, 0.5).scale(0.2)},
+    )
+    return pm.received_power(scene, spp=16, reflections=1, **how)
+
+
+GLASS = {"type": "dielectric", "int_ior": 1.5, "ext_ior": 1.0}
+
+
+@pytest.mark.parametrize("coherent", [False, True])
+def test_faces_of_a_glass_box_are_mirrors_and_the_note_names_transmission_alone(
+    coherent: bool,
+) -> None:
+    found = notes_over(GLASS, coherent=coherent)
+    reflected = found.contributions[0].paths[1]
+    metal = notes_over({"type": "conductor", "material": "none"}, coherent=coherent)
+    sine = 0.5 / np.hypot(0.5, 0.05)  # at the face 0.05 m beside the line
+    cosine, root = np.sqrt(1 - sine**2), np.sqrt(1.5**2 - sine**2)
+    s, p = (cosine - root) / (cosine + root), (2.25 * cosine - root) / (2.25 * cosine + root)
+    # the face is parallel to y: E is across the plane of incidence where amplitudes add
+    expected = s**2 if coherent else (s**2 + p**2) / 2
+    share = reflected.power / metal.contributions[0].paths[1].power
+    assert share == pytest.approx(expected, rel=5e-3)
+    assert reflected.mirrors[0].startswith("shell[")
+    assert "not included: refracted transmission through 'shell'" in found.notes
+    assert not any("curved" in note for note in found.notes)
+
+
+def test_a_smooth_ball_is_reported_as_curved() -> None:
+    (note,) = notes_over({"type": "conductor"}, "sphere").notes
+    assert note.startswith("not included: reflection from 'shell', curved")
+
+
+def test_direct_power_beside_a_missing_line_of_sight_is_explained_as_reflections() -> None:
+    """Side by side in one plane, both see each other in a mirror alone."""
+    scene = scene_of(
+        tx=pm.aperture(SQUARE, WAVELENGTH, power=1.0),
+        rx=pm.receiver(SQUARE, WAVELENGTH, moved(0.05, 0, 0)),
+        mirror={"type": "rectangle", "bsdf": METAL, "to_world": moved(0, 0, 0.5)},
+    )
+    seen = pm.received_power(scene, spp=16)
+    assert seen.direct > 0
+    assert "no line-of-sight path" in seen.notes[0]
+    assert "its direct power arrives by reflections" in seen.notes[0]
+    alone = pm.received_power(scene, spp=16, reflections=0)
+    assert alone.direct == 0
+    assert "no line-of-sight path" in alone.notes[0] and "arrives" not in alone.notes[0]
+
+
+def test_merged_walls_without_a_bounding_box_are_aimed_at_without_warnings() -> None:
+    small = {
+        f"plate {k}": {
+            "type": "rectangle",
+            "bsdf": WHITE,
+            "to_world": moved(k - 0.5, 0, 3.0).rotate([1, 0, 0], 180).scale(0.05),
+        }
+        for k in range(2)
+    }
+    ends = {
+        "tx": pm.aperture(SQUARE, WAVELENGTH, power=1.0, estimator="exact"),
+        "rx": pm.receiver(SQUARE, WAVELENGTH, moved(0.05, 0, 0)),
+    }
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        merged = pm.received_power(mi.load_dict({"type": "scene", **ends, **small}), spp=512)
+    apart = pm.received_power(pm.load_scene({"type": "scene", **ends, **small}), spp=512)
+    assert merged.standard_error < 0.2 * merged.scattered  # aimed at: else 16 batches of nothing
+    assert merged.scattered == pytest.approx(apart.scattered, rel=0.3)
+
+
+@pytest.mark.parametrize("spp", [100, 5000])
+def test_samples_that_a_sampler_rounds_up_are_no_warnings(spp: int, tmp_path: Path) -> None:
+    log = tmp_path / "mitsuba.log"
+    appender = mi.StreamAppender(str(log))
+    mi.set_log_level(mi.LogLevel.Warn)
+    mi.logger().add_appender(appender)
+    try:
+        scene = scene_of(
+            tx=pm.aperture(SQUARE, WAVELENGTH, power=1.0),
+            rx=pm.receiver(SQUARE, WAVELENGTH, moved(0.05, 0, 0)),
+            wall={"type": "rectangle", "bsdf": WHITE, "to_world": moved(0, 0, 1)},
+        )
+        pm.received_power(scene, spp=spp)
+    finally:
+        mi.logger().remove_appender(appender)
+        mi.set_log_level(mi.LogLevel.Error)
+    assert "rounded" not in log.read_text(encoding="utf-8")
