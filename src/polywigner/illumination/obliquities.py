@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError, IlluminationError, PolywignerWarning
 from polywigner.geometry import Aperture, PlacedAperture, Slits
 from polywigner.geometry.arguments import checked_length
-from polywigner.illumination.array import Array, phased_array
+from polywigner.illumination.array import Array, repeated_element
 from polywigner.illumination.waves import Illumination
 
 _Element = Aperture | PlacedAperture | Slits
@@ -57,7 +57,7 @@ def times_direction_cosine(source: Any, wavelength: float, constant: complex = 0
     """The source with amplitudes (p_m + constant) c_m in place of c_m, p_m as in (D1).
 
     An element without a field is a wave at normal incidence, p = 1. Weights of arrays belong to
-    elements, and stay as they are; equal elements of a `phased_array` stay that. ArgumentError for
+    elements, and stay as they are; equal elements of a `repeated_element` stay that. ArgumentError for
     polyhedra; IlluminationError if all waves graze the plane, |kappa| = 1/wavelength.
     """
     length = checked_length(wavelength, "wavelength")
@@ -71,7 +71,7 @@ def times_direction_cosine(source: Any, wavelength: float, constant: complex = 0
         still = np.zeros((1, 1 if isinstance(whole, Slits) else 2))
         return whole if factor == 1 else _with_field(whole, Illumination([factor], still))
     if source.repeated is not None:
-        return phased_array(scaled[0], source.repeated[1], weights)
+        return repeated_element(scaled[0], source.repeated[1], weights)
     return Array(scaled, weights)
 
 
