@@ -136,7 +136,7 @@ DAMAGES: dict[str, tuple[Any, str]] = {
     "a row less": (lambda t: t[: t.rstrip().rfind("\n")], "once"),
     "a row twice": (lambda t: t + t.splitlines()[-1], "once"),
     "zeros": (lambda t: re.sub(r"(?m)^(\d+,\d+,[^,]*),.*", r"\1,0,0,0,0", t), "zero"),
-    "a cut": (lambda t: "\n".join(t.splitlines()[: 1 + len(GRID[0])]), "whole turn"),
+    "a cut": (lambda t: "\n".join(t.splitlines()[: 1 + len(GRID[0])]), "full circle"),
 }
 
 
@@ -151,7 +151,7 @@ def test_files_that_are_no_far_field_are_refused_in_a_sentence(tmp_path: Path, d
 
 def test_other_files_and_elements_are_refused(tmp_path: Path) -> None:
     with pytest.raises(FileFormatError, match="suffix"):
-        pw.read_pattern(tmp_path / "a.cut")
+        pw.read_pattern(tmp_path / "a.ffs")
     with pytest.raises(FileFormatError, match="exist"):
         pw.read_pattern(tmp_path / "a.csv")
     short = _file(tmp_path, angles=(GRID[0][:30], GRID[1]))

@@ -57,7 +57,7 @@ def times_direction_cosine(source: Any, wavelength: float, constant: complex = 0
     """The source with amplitudes (p_m + constant) c_m in place of c_m, p_m as in (D1).
 
     An element without a field is a wave at normal incidence, p = 1. Weights of arrays belong to
-    elements, and stay as they are; equal elements of a `repeated_element` stay that. ArgumentError for
+    elements, and stay as they are; equal elements of a `phased_array` stay that. ArgumentError for
     polyhedra; IlluminationError if all waves graze the plane, |kappa| = 1/wavelength.
     """
     length = checked_length(wavelength, "wavelength")

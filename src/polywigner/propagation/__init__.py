@@ -18,7 +18,8 @@ module               what is in it
 ``collins``          fields behind first-order systems
 ``far_fields``       the far field and its power; the image of a point
 ``builders``         lines, planes, hemispheres and volumes: ``grids`` of points and ``datasets``
-``patterns``         radiation patterns and their cuts; ``pattern_files`` writes and reads them
+``patterns``         radiation patterns and their cuts; ``pattern_writers`` and
+                     ``pattern_readers`` for files, of ``far_field_files`` and ``far_field_columns``
 ``array_patterns``   arrays with errors, and radars of two arrays
 ``element_patterns`` far fields known at angles: between these, and as those of apertures
 ``beams``            numbers of data sheets: gain, beamwidths, sidelobes
@@ -40,7 +41,8 @@ from polywigner.propagation.element_patterns import FittedPattern, fit_pattern
 from polywigner.propagation.exports import write_netcdf, write_vti
 from polywigner.propagation.far_fields import psf, radiated_power
 from polywigner.propagation.irradiances import irradiance
-from polywigner.propagation.pattern_files import read_pattern, write_pattern
+from polywigner.propagation.pattern_readers import read_pattern
+from polywigner.propagation.pattern_writers import write_pattern
 from polywigner.propagation.patterns import radiation_pattern
 from polywigner.propagation.places import METHODS
 from polywigner.propagation.screens import PlaneWave, PointSource, Screen

@@ -233,7 +233,7 @@ def radiation_pattern(
     beam = _beam(view, lambda s: np.square(np.abs(far_field(radiator, s, length, name))))
     about = {"obliquity": name, **_numbers(length, powers, levels, beam)}
     variables = {"directivity": levels, "field": field}
-    return _described(radiator, angle_axes(polar, azimuth), variables, about)
+    return described(radiator, angle_axes(polar, azimuth), variables, about)
 
 
 @dataclass(frozen=True, eq=False)
@@ -345,7 +345,7 @@ def vector_dataset(
         "axial_ratio": axial_ratios(along),
     }
     about = {"polarisation": jones.view(np.float64).tolist(), **about}
-    return _described(source, axes, variables, about)
+    return described(source, axes, variables, about)
 
 
 def _decibels(intensity: Values, powers: tuple[float, float]) -> Values:
@@ -441,7 +441,7 @@ _VARIABLES = {
 }
 
 
-def _described(
+def described(
     source: PlaneSource | Wavefront | None,
     axes: dict[str, xarray.Variable],
     variables: dict[str, Values],
