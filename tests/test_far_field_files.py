@@ -389,9 +389,9 @@ def test_a_report_of_several_frequencies_needs_one(tmp_path: Path) -> None:
     both.write_text(one.read_text() + "\n" + "\n".join(other.read_text().splitlines()[1:]))
     _check(pw.read_pattern(both, frequency=77e9), POWER)
     _check(pw.read_pattern(both, frequency=80e9), POWER / 4)
-    with pytest.raises(FileFormatError, match="7.7e.10, 8e.10 Hz"):
+    with pytest.raises(FileFormatError, match=r"7.7e.10, 8e.10 Hz"):
         pw.read_pattern(both)
-    with pytest.raises(FileFormatError, match="expected a frequency of 7.8e.10 Hz"):
+    with pytest.raises(FileFormatError, match=r"expected a frequency of 7.8e.10 Hz"):
         pw.read_pattern(both, frequency=78e9)
 
 
@@ -434,9 +434,9 @@ def test_far_field_data_of_hfss_have_frequencies_and_signs_of_theta(
         found = pw.read_pattern(path, frequency=frequency)
         assert found.attrs["frequency"] == pytest.approx(frequency, rel=1e-3)
         _check_level(found, factor)
-    with pytest.raises(FileFormatError, match="frequency= as one of 1e.09, 2e.09, 3e.09 Hz"):
+    with pytest.raises(FileFormatError, match=r"frequency= as one of 1e.09, 2e.09, 3e.09 Hz"):
         pw.read_pattern(path)
-    with pytest.raises(FileFormatError, match="2.5e.09"):
+    with pytest.raises(FileFormatError, match=r"2.5e.09"):
         pw.read_pattern(path, frequency=2.5e9)
     path.write_text(path.read_text().replace("Frequencies 3", "Frequencies 2"))
     with pytest.raises(FileFormatError, match="Frequencies"):
@@ -607,7 +607,7 @@ def test_a_written_cut_is_read_back(tmp_path: Path) -> None:
 
 def test_a_written_planning_file_is_read_back(tmp_path: Path) -> None:
     """Attenuations have three decimals, and end at 99.9 dB."""
-    tilted = pw.steering((0.2, -0.1, math.sqrt(0.95)), 3.9e-3)
+    tilted = pw.steering((0.0, -0.1, math.sqrt(0.99)), 3.9e-3)
     source = pw.shapes.rectangle(9e-3, 14e-3).moved((1e-3, 2e-3)).with_illumination(tilted)
     theta, phi = np.radians(np.arange(-90, 91)), np.radians([0.0, 90.0])
     written = pw.radiation_pattern(source, 3.9e-3, theta, phi)
@@ -644,7 +644,7 @@ def test_the_gain_of_a_planning_file_has_a_unit(tmp_path: Path, gain: str, expec
     assert bool(caught) == ("dB" not in gain)
     assert "nan" not in str(pw.beam_metrics(found)).lower()
     for change, words in (
-        ((gain, "17 lbs"), "GAIN"),
+        ((f"GAIN {gain}", "GAIN 17 lbs"), "GAIN"),
         (("2140", "2140 furlongs"), "FREQUENCY"),
         (("HORIZONTAL 36", "HORIZONTAL 35"), "HORIZONTAL"),
         (("VERTICAL", "VERTIKAL"), "VERTICAL"),

@@ -192,6 +192,13 @@ def direction(text: str) -> NDArray[np.float64]:
     return tapers.direction_of(theta, phi)
 
 
+def direction_angles(text: str) -> tuple[float, float]:
+    """Theta and phi in rad of the :func:`direction` of a text, theta from 0."""
+    x, y, z = direction(text)
+    theta = math.atan2(math.hypot(x, y), z)
+    return theta, math.atan2(y, x) % (2 * math.pi) if theta > 0 else 0.0
+
+
 def _point(text: str) -> list[float]:
     lengths = _parts(text)
     if len(lengths) != 3:

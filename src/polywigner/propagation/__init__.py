@@ -22,6 +22,8 @@ module               what is in it
                      ``pattern_readers`` for files, of ``far_field_files`` and ``far_field_columns``
 ``array_patterns``   arrays with errors, and radars of two arrays
 ``element_patterns`` far fields known at angles: between these, and as those of apertures
+``radiators``        sources as functions of direction, and the search for the beam
+``beam_cuts``        two great circles through the beam
 ``beams``            numbers of data sheets: gain, beamwidths, sidelobes
 ``stores``           arrays larger than memory, by chunks; ``stores_checks`` stores and their damage
 ``exports``          datasets to NetCDF and VTK files
@@ -35,6 +37,7 @@ from __future__ import annotations
 from polywigner.propagation import horns
 from polywigner.propagation.amplitudes import amplitude
 from polywigner.propagation.array_patterns import array_tolerance, two_way_pattern
+from polywigner.propagation.beam_cuts import beam_cuts
 from polywigner.propagation.beams import BeamMetrics, CutMetrics, beam_metrics
 from polywigner.propagation.builders import hemisphere, line, plane, volume
 from polywigner.propagation.element_patterns import FittedPattern, fit_pattern
@@ -64,6 +67,7 @@ __all__ = [
     "ambiguity_table",
     "amplitude",
     "array_tolerance",
+    "beam_cuts",
     "beam_metrics",
     "field",
     "fit_pattern",

@@ -46,7 +46,7 @@ _LARGEST = 1e100
 # Directions at a time, each with a row of meridian samples and one of azimuth.
 _ROWS = 4096
 # Angles in steps of a quarter degree: 16 MB, and matrices of some 0.1 GB.
-_MOST_THETA, _MOST_PHI = 721, 1440
+MOST_THETA, MOST_PHI = 721, 1440
 # Nodes beyond the band of a quadrature: Bessel functions fall below rounding.
 _MARGIN = 40
 
@@ -61,9 +61,9 @@ class ElementPattern:
 
     def __init__(self, theta: Floats, phi: Floats, components: tuple[Complex, Complex]) -> None:
         """Components E_theta and E_phi (n, m), for theta from 0 to 90 or 180 degrees in rad."""
-        if len(theta) > _MOST_THETA or len(phi) > _MOST_PHI:
+        if len(theta) > MOST_THETA or len(phi) > MOST_PHI:
             raise ArgumentError(
-                f"expected at most {_MOST_THETA} angles theta and {_MOST_PHI} angles phi, got "
+                f"expected at most {MOST_THETA} angles theta and {MOST_PHI} angles phi, got "
                 f"{len(theta)} and {len(phi)}; take every second or third"
             )
         _check_angles(theta, phi)
