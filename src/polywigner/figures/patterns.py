@@ -32,7 +32,7 @@ PatternCuts = Literal["beam", "principal"]
 _COLOURS = (style.BLUE, style.RED, style.GREEN, style.ORANGE)
 _DASHES = ("-", "--", "-.", ":")
 _PANELS: dict[str, tuple[float, float]] = {
-    "cuts": (4.6, 3.4), "polar": (3.6, 3.4), "uv": (3.8, 3.4), "table": (4.4, 3.4),
+    "cuts": (4.6, 3.4), "polar": (3.6, 3.4), "uv": (3.8, 3.4), "table": (5.0, 3.4),
 }  # fmt: skip
 # A map needs meridians; a few are cuts.
 _LEAST_MERIDIANS = 8
@@ -215,7 +215,7 @@ def _draw_polar(axes: Any, cuts: Sequence[Cut], low: float, high: float) -> None
     for number, cut in enumerate(cuts):
         _plot(axes, number, cut.angles, cut.levels, low)
     reach = max(float(np.degrees(np.abs(cut.angles).max())) for cut in cuts)
-    edge = 90 if reach <= 90 + 1e-9 else 180
+    edge = min(180, max(90, 30 * math.ceil(reach / 30 - 1e-9)))
     axes.set_theta_zero_location("N")
     axes.set_theta_direction(-1)
     axes.set_thetamin(-edge)
