@@ -14,8 +14,8 @@ from polywigner.errors import ArgumentError
 from polywigner.figures import style
 from polywigner.figures.levels import arrays_of, check_floor
 from polywigner.geometry.arguments import checked_choice, checked_length
-from polywigner.propagation.beam_cuts import Cut, circles_through_beam, cuts_in
 from polywigner.propagation.beams import BeamMetrics, beam_metrics, cut_metrics
+from polywigner.propagation.great_circles import Cut, circles_through_beam, cuts_in
 from polywigner.propagation.patterns import angle_between, checked_pattern, cuts_of, front_of
 
 if TYPE_CHECKING:
@@ -118,7 +118,7 @@ def _chosen(panels: Sequence[str] | None, meridians: int) -> list[str]:
 def _drawn_cuts(
     pattern: Any, cuts: Any, metrics: BeamMetrics | None
 ) -> tuple[list[Cut], BeamMetrics]:
-    """Return the cuts to draw, and the numbers of the table, which are those of these cuts."""
+    """Return the cuts to draw, and the beam with their numbers for the table."""
     if not (cuts is None or isinstance(cuts, str)):
         if not isinstance(cuts, Sequence) or not cuts:
             raise ArgumentError(
@@ -152,7 +152,7 @@ def _drawn_cuts(
 
 
 def _of_lines(metrics: BeamMetrics, lines: Sequence[Cut]) -> BeamMetrics:
-    """The numbers of a beam with those of the cuts that are drawn."""
+    """The beam with the numbers of the cuts to draw."""
     highest = max(float(line.levels.max()) for line in lines)
     cuts = tuple(cut_metrics(line, highest) for line in lines)
     return replace(metrics, cuts=cuts, beam_cuts=() if lines[0].kind == "theta" else cuts)

@@ -23,7 +23,7 @@ module               what is in it
 ``array_patterns``   arrays with errors, and radars of two arrays
 ``element_patterns`` far fields known at angles: between these, and as those of apertures
 ``radiators``        sources as functions of direction, and the search for the beam
-``beam_cuts``        two great circles through the beam
+``great_circles``    two great circles through the beam
 ``beams``            numbers of data sheets: gain, beamwidths, sidelobes
 ``stores``           arrays larger than memory, by chunks; ``stores_checks`` stores and their damage
 ``exports``          datasets to NetCDF and VTK files
@@ -37,12 +37,12 @@ from __future__ import annotations
 from polywigner.propagation import horns
 from polywigner.propagation.amplitudes import amplitude
 from polywigner.propagation.array_patterns import array_tolerance, two_way_pattern
-from polywigner.propagation.beam_cuts import beam_cuts
 from polywigner.propagation.beams import BeamMetrics, CutMetrics, beam_metrics
 from polywigner.propagation.builders import hemisphere, line, plane, volume
 from polywigner.propagation.element_patterns import FittedPattern, fit_pattern
 from polywigner.propagation.exports import write_netcdf, write_vti
 from polywigner.propagation.far_fields import psf, radiated_power
+from polywigner.propagation.great_circles import beam_cuts
 from polywigner.propagation.irradiances import irradiance
 from polywigner.propagation.pattern_readers import read_pattern
 from polywigner.propagation.pattern_writers import write_pattern

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import checked_number, warn_caller
-from polywigner.propagation.beam_cuts import Cut, CutKind, circles_through_beam, cuts_in
+from polywigner.propagation.great_circles import Cut, CutKind, circles_through_beam, cuts_in
 from polywigner.propagation.patterns import angle_between
 from polywigner.propagation.places import unit_vectors
 
@@ -330,15 +330,15 @@ def _top(levels: Levels, angles: Levels) -> int:
 
 
 class _Side(NamedTuple):
-    """Angles in rad and levels in dBi on one side of a peak; NaN for what the cut lacks."""
+    """Angles in rad and levels in dBi on one side of a peak; NaN beyond the end of the cut."""
 
     half_power: float = math.nan
     null: float = math.nan
     level: float = math.nan
-    """Of the first sidelobe."""
+    """Level of the first sidelobe."""
     angle: float = math.nan
     peak_level: float = -math.inf
-    """The largest beyond the first null, the horizon included; minus infinity without a null."""
+    """Largest level beyond the first null, up to the horizon; minus infinity without a null."""
     peak_angle: float = math.nan
 
 

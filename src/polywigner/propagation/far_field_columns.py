@@ -97,7 +97,7 @@ _DEFAULTS = {
 
 
 class Column(NamedTuple):
-    """What a column of a table contains."""
+    """Content of a column of a table."""
 
     title: str
     quantity: Quantity
@@ -107,7 +107,7 @@ class Column(NamedTuple):
     unit: Unit
 
     def intensity(self, values: Floats) -> Floats:
-        """Return the radiant intensity in W/sr of sizes; of ratios that of 1 W radiated."""
+        """Return the radiant intensity in W/sr of sizes; ratios are taken for 1 W radiated."""
         squared = self.unit.kind == "field"
         if self.unit.is_db:
             if values.max() > _LARGEST_LEVEL:

@@ -6,7 +6,8 @@ import csv
 import math
 import re
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from dataclasses import field as dataclass_field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -44,7 +45,7 @@ class FarFieldTable:
     """E_theta and E_phi (2, n): rE in V, peak values."""
     frequency: float = math.nan
     """In Hz; NaN if the file has none."""
-    repeated: list[tuple[Column, Floats]] = field(default_factory=list)
+    repeated: list[tuple[Column, Floats]] = dataclass_field(default_factory=list)
     """Columns that repeat the result, as radiant intensities (n,) in W/sr."""
     has_unit_power: bool = False
     """Whether the format normalises the field to a radiated power of 1 W."""
@@ -181,7 +182,7 @@ def _hfss_far_field(lines: list[str]) -> Iterator[FarFieldTable]:
         table = _numbers(lines[start + 1 : stop], start + 2, 4)
         if len(theta) != len(table):
             raise FileFormatError(f"expected {len(theta)} directions, got {len(table)}")
-        fields = table[:, ::2].T + 1j * table[:, 1::2].T
+        fields = (table[:, ::2] + 1j * table[:, 1::2]).T
         yield FarFieldTable(theta, phi, fields, _frequency(lines[start].split(maxsplit=1)[-1]))
 
 
@@ -202,7 +203,8 @@ def _frequency(text: str) -> float:
 def _feko_far_field(lines: list[str]) -> Iterator[FarFieldTable]:
     """A far field of FEKO (.ffe): headers of lines with #, then a row for each direction."""
     columns: list[Column | None] = []
-    frequency, first, rows = math.nan, 0, []
+    rows: list[list[str]] = []
+    frequency, first = math.nan, 0
     for number, line in enumerate([*lines, "#Frequency: 1"], start=1):
         key, _, value = line.partition(":")
         key, value = key.strip().lower(), value.strip()
@@ -262,8 +264,9 @@ def _grasp_cuts(lines: list[str]) -> Iterator[FarFieldTable]:
     # |E|^2 is the directivity: 4 pi W are radiated
     scale = math.sqrt(2 * FREE_SPACE / (4 * math.pi))
     for frequency, parts in cuts.items():
-        theta, phi, fields = (np.concatenate(part, axis=-1) for part in zip(*parts, strict=True))
-        yield FarFieldTable(theta, phi, scale * fields, frequency or math.nan, has_unit_power=True)
+        theta, phi = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
+        field: Complex = scale * np.concatenate([part[2] for part in parts], axis=1)
+        yield FarFieldTable(theta, phi, field, frequency or math.nan, has_unit_power=True)
 
 
 def _of_ludwig(pair: Complex, phi: Floats) -> Complex:

@@ -218,7 +218,7 @@ def _check_once(theta: Floats, phi: Floats) -> None:
 
 
 def _folded(theta: Floats, phi: Floats, fields: Complex) -> tuple[Floats, Floats, Complex]:
-    """The same directions with theta from 0 to 180 and phi from 0 up to below 360 degrees.
+    """Directions with theta moved into 0 to 180 and phi into 0 up to below 360 degrees.
 
     The unit vectors change their signs from (-theta, phi) to (theta, phi + 180), and at the poles
     from phi to phi + 180. Rows are added there if the other half of the turn is missing.

@@ -62,7 +62,7 @@ class FarField:
     """The boundary condition, or the model of currents."""
     is_vector: bool = True
     jones: Values | None = None
-    """The polarisation that co-polar refers to; None: that of the beam."""
+    """The polarisation that co-polar refers to; None: the beam's."""
     goes_backwards: bool = False
     """Whether the source radiates behind its plane."""
 
@@ -282,7 +282,7 @@ def _of_weights(
 
 
 def _of_waves(illumination: Any, wavelength: float) -> Values | None:
-    """Direction cosines (2,) of the wave about which those of a field lie symmetrically."""
+    """Direction cosines (2,) of the wave at the centre of a symmetric set of waves."""
     if illumination is None:
         return np.zeros(2)
     waves, sizes = illumination.frequencies * wavelength, np.abs(illumination.amplitudes)
