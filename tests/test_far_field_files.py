@@ -241,6 +241,25 @@ def test_directivities_taken_for_amplitudes_are_refused(tmp_path: Path) -> None:
         pw.read_pattern(path)
 
 
+@pytest.mark.parametrize("half", [True, False])
+def test_linear_directivities_under_a_header_in_dbi_are_refused(tmp_path: Path, half: bool) -> None:
+    """All columns agree, but their directivity is not that of the integral."""
+    thetas = np.arange(0.0, 91 if half else 181, 5)
+    beam = pw.radiation_pattern(
+        pw.shapes.square(4e-3), 3.9e-3, np.radians(thetas), np.radians(PHI), polarisation="x"
+    )
+    pw.write_pattern(beam, tmp_path / "a.txt")
+    rows = [line.split() for line in (tmp_path / "a.txt").read_text().splitlines()]
+    for row in rows[2:]:
+        for k in (2, 3, 5):
+            row[k] = f"{10 ** (float(row[k]) / 10):.9g}"
+    heading = " ".join(rows[0])
+    lines = [heading, *(" ".join(row) for row in rows[1:])]
+    (tmp_path / "a.txt").write_text("\n".join(lines))
+    with pytest.raises(FileFormatError, match=r"integral|differs"):
+        pw.read_pattern(tmp_path / "a.txt")
+
+
 def test_a_directivity_that_the_integral_contradicts_is_warned_of(tmp_path: Path) -> None:
     """Half of the sphere is missing: the file's own directivity is kept."""
     half = np.arange(0.0, 91, 15)

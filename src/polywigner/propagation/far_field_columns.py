@@ -146,19 +146,19 @@ def column(
     known = unit_of(unit)
     kinds: tuple[Kind, ...] = ("angle",) if part == "phase" else _KINDS[quantity]
     if known is None or known.kind not in kinds or (known.is_db and part != "size"):
+        advice = ", or ".join(_ADVICE[kind] for kind in kinds)
         raise FileFormatError(
-            f"expected a unit of {' or '.join(kinds)} in column {label}, got "
-            f"{unit.strip()[:20]!r}; export it in {' or '.join(_ADVICE[kind] for kind in kinds)}"
+            f"the unit {unit.strip()[:20]!r} of column {label} is not supported; export {advice}"
         )
     return Column(label, quantity, component, part, known)
 
 
 _ADVICE: dict[Kind, str] = {
-    "angle": "deg or rad",
-    "frequency": "Hz",
-    "field": "V, V/m or dBV/m",
-    "intensity": "W/m2 or dBW/m2",
-    "ratio": "dBi or linear",
+    "angle": "angles in deg or rad",
+    "frequency": "frequencies in Hz",
+    "field": "fields in V, V/m or dBV/m",
+    "intensity": "power in W/m2 or dBW/m2",
+    "ratio": "directivities in dBi or linear",
 }
 
 # ---- names of columns ---------------------------------------------------------------------------

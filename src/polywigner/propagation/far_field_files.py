@@ -6,8 +6,7 @@ import csv
 import math
 import re
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from dataclasses import field as dataclass_field
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -45,7 +44,7 @@ class FarFieldTable:
     """E_theta and E_phi (2, n): rE in V, peak values."""
     frequency: float = math.nan
     """In Hz; NaN if the file has none."""
-    repeated: list[tuple[Column, Floats]] = dataclass_field(default_factory=list)
+    repeated: list[tuple[Column, Floats]] = field(default_factory=list)
     """Columns that repeat the result, as radiant intensities (n,) in W/sr."""
     has_unit_power: bool = False
     """Whether the format normalises the field to a radiated power of 1 W."""
@@ -265,8 +264,8 @@ def _grasp_cuts(lines: list[str]) -> Iterator[FarFieldTable]:
     scale = math.sqrt(2 * FREE_SPACE / (4 * math.pi))
     for frequency, parts in cuts.items():
         theta, phi = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
-        field: Complex = scale * np.concatenate([part[2] for part in parts], axis=1)
-        yield FarFieldTable(theta, phi, field, frequency or math.nan, has_unit_power=True)
+        fields = np.asarray(np.concatenate([part[2] for part in parts], axis=1), np.complex128)
+        yield FarFieldTable(theta, phi, scale * fields, frequency or math.nan, [], True)
 
 
 def _of_ludwig(pair: Complex, phi: Floats) -> Complex:

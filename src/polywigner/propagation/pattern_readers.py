@@ -31,8 +31,9 @@ if TYPE_CHECKING:
 
 # Relative difference between a requested frequency and that of a file.
 _SAME_FREQUENCY = 1e-3
-# Difference in dB between the directivity in a file and the integral over its directions.
-_SAME_LEVEL = 0.1
+# Differences in dB between the directivity in a file and the integral over its directions: one that
+# rounding explains, and one that missing directions or coarse steps hardly explain.
+_SAME_LEVEL, _CONTRADICTION = 0.1, 1.0
 # Relative difference of fields that a file has for one direction twice, such as phi = 0 and 360.
 _SAME_FIELD = 1e-3
 # Cuts with fewer meridians are not integrated over directions.
@@ -89,7 +90,8 @@ def read_pattern(path: str | os.PathLike[str], frequency: float | None = None) -
     Warns
     -----
     PolywignerWarning if the integral over the directions of the file differs by more than 0.1 dB
-    from its directivity, which is then returned; if a gain exceeds the directivity; and for a .msi
+    from its directivity, which is then returned (above 1 dB it is an error, unless directions are
+    missing); if a gain exceeds the directivity; and for a .msi
     file whose GAIN has no unit, which is taken in dBd.
 
     >>> import numpy as np, polywigner as pw
@@ -274,11 +276,18 @@ def _radiated_power(table: FarFieldTable, integral: float) -> float:
     if table.has_unit_power and table.theta.max() < 180 - 1e-6:
         power = 1.0
     level, stated = (10 * math.log10(4 * math.pi * strongest / one) for one in (integral, power))
+    # missing directions make the integral's level larger, not smaller
+    is_sphere = table.theta.max() > 180 - 1e-6
+    if (abs(level - stated) if is_sphere else stated - level) > _CONTRADICTION:
+        raise FileFormatError(
+            f"the file has a directivity of {stated:.2f} dBi, but the integral over its directions "
+            f"gives {level:.2f} dBi; check the units in the header, or export finer steps"
+        )
     if abs(level - stated) > _SAME_LEVEL:
         warn_caller(
             f"the file has a directivity of {stated:.2f} dBi, but the integral over its directions "
-            f"gives {level:.2f} dBi: directions are missing, steps are too coarse, or the values "
-            "are not directivities; the former is used"
+            f"gives {level:.2f} dBi: directions are missing, or steps are too coarse; the former "
+            "is used"
         )
     for column, sizes in table.repeated:
         if column.component == "total" and column.quantity == "gain" and sizes[peak] > 0:
