@@ -60,7 +60,7 @@ class CutMetrics:
     """
 
     phi: float
-    """The meridian of theta > 0, in rad. Of a great circle, the azimuth of its tangent."""
+    """Azimuth in rad of the meridian at theta > 0, or of the tangent of a great circle."""
     theta: float
     """Angle of the cut's peak in rad."""
     directivity: float
@@ -188,14 +188,14 @@ def beam_metrics(
 ) -> BeamMetrics:
     """Directivity, gain, EIRP, beam direction, half-power beamwidths, nulls and sidelobes.
 
-    Directivity, gain, EIRP and direction are those of the beam, wherever it points. Beamwidths,
-    first nulls and sidelobes are those of cuts up to the horizon:
+    Directivity, gain, EIRP and direction describe the beam, wherever it points. Beamwidths, first
+    nulls and sidelobes describe cuts up to the horizon:
 
-    - ``cuts`` : the meridians of the pattern, columns where theta has both signs, else those of phi
-      and phi + pi joined; or the great circles of :func:`beam_cuts`.
-    - ``beam_cuts`` : two great circles through the beam, in angles from it. Those of
-      :func:`beam_cuts` are exact. In a pattern over phi around the full circle, they are
-      interpolated between its angles. A pattern of single meridians has none.
+    - ``cuts`` : the meridians of the pattern, or the great circles of :func:`beam_cuts`. Columns
+      with theta of both signs are meridians; others are joined, phi with phi + pi.
+    - ``beam_cuts`` : two great circles through the beam, in angles from it. They are exact in the
+      result of :func:`beam_cuts`, and interpolated in a pattern over phi around the full circle. A
+      pattern of single meridians has none.
 
     Between samples of a cut they follow parabolas: beamwidths are right to 3e-3 of themselves for
     ten samples in them.
@@ -203,10 +203,9 @@ def beam_metrics(
     Parameters
     ----------
     pattern : what :func:`radiation_pattern`, :func:`beam_cuts` or :func:`read_pattern` returned.
-    power : accepted by the antenna, in W; None: the radiated power is that of the field as it is,
-        and there is no EIRP.
-    efficiency : radiated over accepted power, above 0 and up to 1: losses that the field does not
-        know.
+    power : accepted by the antenna, in W; None: the radiated power is the integral of |E|^2, and
+        there is no EIRP.
+    efficiency : radiated over accepted power, above 0 and up to 1, for losses outside the model.
 
     Returns
     -------

@@ -79,7 +79,7 @@ Quantity = Literal[
 ]
 Part = Literal["value", "real", "imaginary", "complex", "size", "phase"]
 
-# Kinds of units that a quantity may have, the first one being that of a column without a unit.
+# Kinds of units that a quantity may have.
 _KINDS: dict[str, tuple[Kind, ...]] = {
     "theta": ("angle",),
     "phi": ("angle",),
@@ -135,7 +135,8 @@ def column(
 ) -> Column:  # fmt: skip
     """Return a column with its unit checked; FileFormatError for one that does not fit.
 
-    ``unit`` is the text in brackets; a blank one is ``default``, or else that of the quantity.
+    ``unit`` is the text in brackets; a blank text stands for ``default``, or else for the
+    usual unit of the quantity.
     """
     label = repr(title)[1:-1][:40]
     if unit is None or not unit.strip():
@@ -218,7 +219,7 @@ def simulator_column(title: str, unit: str | None) -> Column | None:
 
 
 def cst_columns(header: str) -> list[Column | None]:
-    """Return the columns of a far-field table of CST; None for those with other names.
+    """Return the columns of a far-field table of CST; None for unknown names.
 
     The column Abs(Dir.), Abs(Gain), Abs(E) and the like names the quantity of Abs(Theta) and
     Abs(Phi) as well.

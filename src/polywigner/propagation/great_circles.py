@@ -86,8 +86,8 @@ def beam_cuts(
     """Far field and directivity of a source along two orthogonal great circles through its beam.
 
     The first circle contains the normal, so that it is the meridian of the beam; the second crosses
-    it at a right angle. If the directivity along the normal is within 0.1 dB of that of the beam,
-    the circles go along the axes, "x" and "y", instead. For :func:`beam_metrics` and
+    it at a right angle. If the directivity along the normal is within 0.1 dB of the beam, the
+    circles go along the axes, "x" and "y", instead. For :func:`beam_metrics` and
     :func:`polywigner.figures.draw_pattern`.
 
     Parameters

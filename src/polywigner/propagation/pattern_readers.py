@@ -29,7 +29,7 @@ from polywigner.quantities import SPEED_OF_LIGHT
 if TYPE_CHECKING:
     import xarray
 
-# Relative difference between a requested frequency and that of a file.
+# Relative difference between a requested frequency and the frequency of a file.
 _SAME_FREQUENCY = 1e-3
 # Differences in dB between the directivity in a file and the integral over its directions: one that
 # rounding explains, and one that missing directions or coarse steps hardly explain.

@@ -1,4 +1,4 @@
-"""Sources as functions of direction: their far field, its power, its beam, where it is steered."""
+"""Sources as functions of direction: far field, power, beam and steering."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ _BLOCK = 1 << 17
 # Directions of the full hemisphere, a tenth of a second. The beam of a wider source is searched
 # near its waves, within this number of lobes of an element.
 _MOST, _LOBES = 1 << 20, 4.0
-# Relative difference between the frequency of an element's pattern and that of the array.
+# Relative difference between the frequencies of an element's pattern and of the array.
 _OTHER_FREQUENCY = 0.01
 
 
@@ -188,7 +188,7 @@ def _polarised(
 def _of_elements(
     source: Any, wavelength: float, pattern: Any, polarisation: Any, how: dict[str, Any]
 ) -> FarField:
-    """The far field of an array whose elements have a pattern of their own."""
+    """The far field of an array of elements with a pattern from a file or a solver."""
     if not isinstance(source, Array) or source.repeated is None:
         raise ArgumentError(
             "expected a phased_array with an element's pattern, got "
@@ -223,8 +223,8 @@ def _of_elements(
 
 # ---- steering -----------------------------------------------------------------------------------
 
-# Phases of weights, in rad, and frequencies, in parts of 1/wavelength, that are those of a steered
-# source: rounded tables pass, quantised phases do not.
+# Deviations that steering allows: of the phases of weights from a plane, in rad, and of waves from
+# symmetry, in parts of 1/wavelength. Rounded tables pass, quantised phases do not.
 _LINEAR = 0.02
 _SYMMETRIC = 1e-6
 # Waves of a field that are compared with their opposites.
@@ -237,8 +237,7 @@ def steered_direction(
     """Return theta and phi to which a source is steered, in rad; None if it is not known.
 
     A phased array is steered if the phases of its weights rise linearly, up to sign. An aperture is
-    steered if its waves lie symmetrically about one wave, as those of a real taper times a plane
-    wave do.
+    steered if its waves lie symmetrically about one wave, such as a real taper times a plane wave.
 
     Parameters
     ----------
