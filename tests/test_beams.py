@@ -1,6 +1,7 @@
 """What data sheets say of a pattern: against closed forms, and against the pattern itself."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -170,44 +171,242 @@ def test_a_data_sheet_has_cuts_a_polar_plot_a_map_and_a_table(tmp_path):
     figure = draw_pattern(pattern, title="square")
     assert [axes.name for axes in figure.axes[:2]] == ["rectilinear", "polar"]
     shown = figure.axes[0].lines[0].get_xydata()
-    assert shown[:, 0].min() == -90.0 and shown[:, 0].max() == 90.0
+    assert shown[:, 0].min() == pytest.approx(-90.0) and shown[:, 0].max() == pytest.approx(90.0)
     assert np.nanmax(shown[:, 1]) == pytest.approx(pattern.attrs["largest_directivity"])
     texts = [text.get_text() for axes in figure.axes for text in axes.texts]
     assert any("directivity" in text for text in texts)
     figure.savefig(tmp_path / "sheet.png")
 
 
-def test_cuts_go_through_a_beam_off_the_principal_planes() -> None:
+# ---- great circles through the beam, against sums over elements ---------------------------------
+
+SIDE, PITCH = 0.49 * WAVELENGTH, WAVELENGTH / 2
+
+
+def _summed(places, weights, directions):
+    """|E|^2 of square elements with the obliquity cos^2, by a sum over the elements."""
+    s = directions / WAVELENGTH
+    factor = np.exp(-2j * np.pi * s[..., :2] @ places.T) @ weights
+    element = np.sinc(SIDE * s[..., 0]) * np.sinc(SIDE * s[..., 1]) * directions[..., 2]
+    return np.square(np.abs(factor * element))
+
+
+def _reference(places, weights, beam, tangent):
+    """Width, first nulls, first and peak sidelobes on both sides of a beam, on 8001 directions."""
+    angle = np.linspace(-np.pi, np.pi, 8001)
+    line = np.cos(angle)[:, None] * beam + np.sin(angle)[:, None] * tangent
+    ahead = line[:, 2] > 0
+    angle, line = angle[ahead], line[ahead]
+    level = 10 * np.log10(_summed(places, weights, line) + 1e-300)
+    peak = int(np.abs(angle).argmin())
+    level -= level[peak]
+    halves, nulls, lobes, peaks = [], [], [], []
+    for side in (slice(peak, None, -1), slice(peak, None)):
+        along, at = level[side], angle[side]
+        flank = int(np.flatnonzero(along < -10 * math.log10(2))[0])
+        null = flank + int(np.flatnonzero(np.diff(along[flank:]) > 0)[0])
+        first = null + int(np.flatnonzero(np.diff(along[null:]) < 0)[0])
+        largest = null + int(along[null:].argmax())
+        half = slice(flank, flank - 2, -1)
+        halves.append(np.interp(-10 * math.log10(2), along[half], at[half]))
+        nulls.append(at[null])
+        lobes.append((along[first], at[first]))
+        peaks.append((along[largest], at[largest]))
+    return halves[1] - halves[0], nulls, lobes, max(peaks)
+
+
+def _beam_of(places, weights, near):
+    """The direction of the largest |E|^2 next to another, by Nelder and Mead's simplex."""
+    from scipy.optimize import minimize
+
+    def loss(uv):
+        return -_summed(places, weights, np.array([*uv, math.sqrt(1 - uv @ uv)]))
+
+    u, v = minimize(loss, near[:2], method="Nelder-Mead", options={"xatol": 1e-9}).x
+    return np.array([u, v, math.sqrt(1 - u * u - v * v)])
+
+
+@pytest.mark.parametrize("azimuth", [0.0, 40.0, 90.0, 250.0])
+def test_the_cuts_of_a_steered_array_are_great_circles_through_its_beam(azimuth):
+    """12 x 10 elements, two of them dead: sidelobes that are highest far from the beam."""
+    places = pw.arrays.grid_positions(12, 10, PITCH)
+    theta, phi = math.radians(25), math.radians(azimuth)
+    towards = np.array(
+        [math.sin(theta) * math.cos(phi), math.sin(theta) * math.sin(phi), math.cos(theta)]
+    )
+    weights = pw.arrays.window_weights((12, 10), "taylor", sll=38)
+    weights = weights * pw.arrays.steering_weights(places, towards, WAVELENGTH)
+    weights[[40, 101]] = 0.0
+    array = pw.phased_array(pw.shapes.square(SIDE), places, weights)
+    beam = _beam_of(places, weights, towards)
+    polar = math.acos(beam[2])
+    outwards = np.array([*(beam[:2] * beam[2] / math.sin(polar)), -math.sin(polar)])
+    exact = pw.beam_cuts(array, WAVELENGTH)
+    angles = np.radians(np.arange(0, 90.5, 1)), np.radians(np.arange(0, 360, 2))
+    pattern = pw.radiation_pattern(array, WAVELENGTH, *angles)
+    for metrics, rough in ((pw.beam_metrics(exact), 1), (pw.beam_metrics(pattern), 4)):
+        assert metrics.theta == pytest.approx(polar, abs=1e-5)
+        assert metrics.theta < theta - math.radians(0.1)  # the obliquity pulls the beam inwards
+        assert [cut.kind for cut in metrics.beam_cuts] == ["meridian", "across"]
+        for cut, tangent in zip(
+            metrics.beam_cuts, (outwards, np.cross(beam, outwards)), strict=True
+        ):
+            width, nulls, lobes, peak = _reference(places, weights, beam, tangent)
+            assert cut.theta == pytest.approx(0.0, abs=1e-4)
+            assert cut.directivity == pytest.approx(metrics.directivity, abs=1e-3)
+            assert cut.half_power_beamwidth == pytest.approx(width, rel=3e-3)
+            assert cut.first_nulls == pytest.approx(nulls, abs=rough * 2e-3)
+            levels, places_of = zip(*lobes, strict=True)
+            assert cut.sidelobe_levels == pytest.approx(levels, abs=rough * 0.02)
+            assert cut.sidelobe_angles == pytest.approx(places_of, abs=rough * 1e-3)
+            assert cut.peak_sidelobe_level == pytest.approx(peak[0], abs=rough * 0.02)
+            assert cut.peak_sidelobe_level >= max(cut.sidelobe_levels) - 1e-9
+
+
+def test_the_direction_of_steering_is_told_when_the_beam_is_off_it():
+    """Phases of the weights, and of the wave on an aperture; a beam along the normal is on it."""
+    squint = {}
+    for azimuth in (0.0, 130.0):
+        source = _steered(math.radians(25), math.radians(azimuth))
+        metrics = pw.beam_metrics(pw.beam_cuts(source, WAVELENGTH))
+        assert metrics.steering == pytest.approx(
+            (math.radians(25), math.radians(azimuth)), abs=1e-9
+        )
+        squint[azimuth] = math.degrees(metrics.steering[0] - metrics.theta)
+        shown = f"steered to        theta 25.00°, phi {azimuth:.2f}°: {squint[azimuth]:.2f}° off"
+        assert shown in str(metrics)
+    assert squint[0.0] > 0.1
+    wave = pw.steering((math.sin(0.5), 0.0, math.cos(0.5)), WAVELENGTH)
+    square = pw.shapes.square(8 * WAVELENGTH)
+    for field in (wave, wave * pw.cosine_taper(8 * WAVELENGTH)):
+        metrics = pw.beam_metrics(pw.beam_cuts(square.with_illumination(field), WAVELENGTH))
+        assert metrics.steering == pytest.approx((0.5, 0.0), abs=1e-6)
+        assert "steered to" in str(metrics)
+    assert "steered to" not in str(pw.beam_metrics(pw.beam_cuts(square, WAVELENGTH)))
+    random = np.exp(2j * np.pi * np.random.default_rng(1).random(64))
+    places = pw.arrays.grid_positions(8, 8, PITCH)
+    pattern = pw.beam_cuts(pw.phased_array(pw.shapes.square(SIDE), places, random), WAVELENGTH)
+    assert pw.beam_metrics(pattern).steering is None
+
+
+def test_a_beam_next_to_the_normal_is_cut_along_the_axes():
+    """Tilted by 0.3 degrees towards phi = 37 degrees: no diagonal cut of a square."""
+    tilt, phi = math.radians(0.3), math.radians(37)
+    source = _steered(tilt, phi)
+    straight = pw.beam_metrics(pw.beam_cuts(_steered(0.0, 0.0), WAVELENGTH))
+    metrics = pw.beam_metrics(pw.beam_cuts(source, WAVELENGTH))
+    assert [cut.kind for cut in metrics.beam_cuts] == ["x", "y"]
+    for cut, other in zip(metrics.beam_cuts, straight.beam_cuts, strict=True):
+        assert cut.half_power_beamwidth == pytest.approx(other.half_power_beamwidth, rel=1e-3)
+        assert cut.peak_sidelobe_level == pytest.approx(other.peak_sidelobe_level, abs=0.5)
+
+
+def test_a_grating_lobe_on_the_horizon_is_the_peak_sidelobe():
+    """Elements of 0.95 wavelengths, steered to 10 degrees: a lobe of sin(theta) = 0.17 - 1/0.95."""
+    places = pw.arrays.grid_positions(12, 1, 0.95 * WAVELENGTH)
+    weights = pw.arrays.steering_weights(places, (math.sin(math.radians(10)), 0.0), WAVELENGTH)
+    array = pw.phased_array(pw.shapes.rectangle(0.2 * WAVELENGTH, WAVELENGTH), places, weights)
+    how = {"obliquity": "rayleigh-sommerfeld-2"}
+    cut = pw.beam_metrics(pw.beam_cuts(array, WAVELENGTH, **how)).beam_cuts[0]
+    lobe = math.asin(math.sin(math.radians(10)) - 1 / 0.95)
+    assert cut.peak_sidelobe_level > -2
+    assert cut.peak_sidelobe_angle == pytest.approx(lobe - math.radians(10), abs=0.03)
+
+
+def _drawn(figure):
+    """Peak and half-power width of each line, read from the picture."""
+    found = []
+    for line in figure.axes[0].lines[:2]:
+        angle, level = line.get_xydata().T
+        peak = int(level.argmax())
+        low, high = (
+            np.interp(10 * math.log10(2), level[peak] - level[side], angle[side])
+            for side in (slice(peak, max(peak - 200, 0), -1), slice(peak, peak + 200))
+        )
+        found.append((level[peak], high - low))
+    return found
+
+
+def test_the_table_has_the_numbers_of_the_lines_in_the_picture():
     source = _steered(0.6, math.radians(40))
     angles = np.radians(np.arange(0, 90.5, 1)), np.radians(np.arange(0, 360, 2))
     pattern = pw.radiation_pattern(source, WAVELENGTH, *angles)
-    beam, phi = pattern.attrs["peak_directivity"], pattern.attrs["peak_phi"]
     fine = np.radians(np.arange(-90, 90.25, 0.25))
-    along = pw.radiation_pattern(source, WAVELENGTH, fine, phi)
-    cone = pw.radiation_pattern(source, WAVELENGTH, pattern.attrs["peak_theta"], phi + fine)
-    for cuts in (None, "beam", [along, cone]):
-        axes = draw_pattern(pattern, panels="cuts", cuts=cuts).axes[0]
-        assert "through the beam" in axes.get_title() and "40" in axes.get_title()
-        meridian, across = (line.get_xydata() for line in axes.lines[:2])
-        assert meridian[:, 1].max() == pytest.approx(beam, abs=0.05)
-        assert meridian[meridian[:, 1].argmax(), 0] == pytest.approx(33.5, abs=1)
-        assert across[across[:, 1].argmax(), 0] == pytest.approx(0, abs=1)
-        assert across[:, 1].max() == pytest.approx(beam, abs=0.05)
-    axes = draw_pattern(pattern, panels="cuts", cuts="principal").axes[0]
-    assert "principal planes" in axes.get_title()
-    assert max(line.get_ydata().max() for line in axes.lines[:2]) < beam - 10
+    planes = pw.radiation_pattern(source, WAVELENGTH, fine, [0.0, math.pi / 2])
+    circles = pw.beam_cuts(source, WAVELENGTH)
+    for cuts, through in (
+        (None, True),
+        ("beam", True),
+        ([circles], True),
+        ("principal", False),
+        ([planes], False),
+    ):
+        figure = draw_pattern(pattern, panels=["cuts", "table"], cuts=cuts)
+        axes, table = figure.axes[0], figure.axes[1].texts[0].get_text()
+        assert ("through the beam" in axes.get_title()) == through
+        assert ("from the beam" in axes.get_xlabel()) == through
+        assert ("across it" in table) == through and ("phi 90.00°" in table) != through
+        widths = [float(w) for w in re.findall(r"half-power width ([\d.]+)°", table)]
+        peaks = [float(p) for p in re.findall(r"peak (-?[\d.]+) dBi", table.replace("\u2212", "-"))]
+        assert len(widths) == len(peaks) == 2
+        if through:
+            for (level, width), peak, shown in zip(_drawn(figure), peaks, widths, strict=True):
+                assert peak == pytest.approx(level, abs=0.02)
+                assert shown == pytest.approx(width, rel=1e-2)
+        else:
+            assert max(peaks) < pattern.attrs["peak_directivity"] - 10
+    with pytest.raises(ArgumentError, match="both"):
+        draw_pattern(pattern, cuts=[circles, planes])
+    with pytest.raises(ArgumentError, match="beam_cuts"):
+        draw_pattern(planes, cuts="beam")
 
 
-def test_the_command_line_draws_the_cuts_that_are_named(tmp_path, capsys):
-    """Through a steered beam unless it is told otherwise."""
+def test_cuts_of_a_polarised_source_have_a_cross_polar_part(tmp_path):
+    """A right-handed wave of Huygens' source, which is circular in the beam alone."""
+    source = _steered(0.6, math.radians(40))
+    cuts = pw.beam_cuts(source, WAVELENGTH, polarisation="right")
+    angles = np.radians(np.arange(0, 90.5, 1)), np.radians(np.arange(0, 360, 2))
+    pattern = pw.radiation_pattern(source, WAVELENGTH, *angles, polarisation="y")
+    for given in (None, [cuts]):
+        figure = draw_pattern(pattern, panels="cuts", cuts=given)
+        assert any("from the beam" in axes.get_xlabel() for axes in figure.axes)
+    metrics = pw.beam_metrics(cuts)
+    assert metrics.axial_ratio is not None and len(metrics.beam_cuts) == 2
+
+
+def test_a_dipole_in_a_file_is_cut_around_the_sphere(tmp_path):
+    """Of 1.5 = 1.761 dBi, with a half-power width of 90 degrees over both cuts of its beam."""
+    lines = ["Theta [deg],Phi [deg],re(rETheta) [V],im(rETheta) [V],re(rEPhi) [V],im(rEPhi) [V]"]
+    for phi in range(0, 360, 10):
+        for theta in range(0, 181, 5):
+            # along x
+            t, p = math.radians(theta), math.radians(phi)
+            lines.append(f"{theta},{phi},{math.cos(t) * math.cos(p):.9g},0,{-math.sin(p):.9g},0")
+    (tmp_path / "dipole.csv").write_text("\n".join(lines))
+    metrics = pw.beam_metrics(pw.read_pattern(tmp_path / "dipole.csv"))
+    assert metrics.directivity == pytest.approx(10 * math.log10(1.5), abs=1e-6)
+    along, across = metrics.beam_cuts
+    assert along.half_power_beamwidth == pytest.approx(math.pi / 2, rel=1e-3)
+    assert math.isnan(across.half_power_beamwidth)  # the same in all directions
+
+
+def test_the_command_line_prints_the_cuts_that_are_drawn(tmp_path, capsys):
+    """Through a steered beam unless principal planes are requested."""
     pw.write_source(_steered(0.6, math.radians(40)), tmp_path / "array.toml")
     call = ["pattern", str(tmp_path / "array.toml"), "--frequency", "94 GHz", "--step", "3 deg"]
     call += ["--out", f"{tmp_path}/"]
     pictures = []
-    for cuts in ([], ["--cuts", "principal"]):
+    for cuts, names in (
+        ([], ("cut phi 40.00°", "cut across it")),
+        (["--cuts", "beam"], ("cut phi 40.00°", "cut across it")),
+        (["--cuts", "principal"], ("cut phi 0.00°", "cut phi 90.00°")),
+    ):
         assert main([*call, *cuts]) == 0
         pictures.append((tmp_path / "array_pattern.png").read_bytes())
-    assert pictures[0] != pictures[1]
+        shown = capsys.readouterr().out
+        assert re.findall(r"^cut \S+ \S+", shown, re.MULTILINE) == list(names)
+        assert "steered to" in shown and "peak sidelobe" in shown
+    assert pictures[0] == pictures[1] != pictures[2]
     assert main([*call, "--cuts", "all"]) == 2
     assert "principal" in capsys.readouterr().err
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import pickle
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -58,6 +60,50 @@ def test_elements_that_overlap_are_told_with_their_area(tmp_path: Path) -> None:
     assert len(_read(tmp_path, "x,y\n0,0\n1,0\n0,1\n", square)) == 3  # they touch
     with pytest.warns(PolywignerWarning, match="or more"):
         _read(tmp_path, "x,y\n" + "0,0\n" * 2000, square)
+
+
+def _overlap_warnings(make: Any) -> list[str]:
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        make()
+    return [str(warning.message) for warning in caught]
+
+
+def test_phased_arrays_and_tables_warn_of_overlaps_in_the_same_words(tmp_path: Path) -> None:
+    """Squares of 2 mm every 1.5 mm: 4 x 3 elements, with 17 neighbours and 12 diagonal pairs."""
+    square, places = pw.shapes.square(2e-3), pw.arrays.grid_positions(4, 3, 1.5e-3)
+    table = "x,y\n" + "".join(f"{1e3 * x},{1e3 * y}\n" for x, y in places)
+    (of_array,) = _overlap_warnings(lambda: pw.phased_array(square, places))
+    (of_table,) = _overlap_warnings(lambda: _read(tmp_path, table, square))
+    assert of_array == of_table
+    assert "elements 0 and 1 overlap by 1e-06 m^2, and 28 other pairs" in of_array
+
+
+def test_overlaps_are_those_of_outlines_and_not_of_their_boxes() -> None:
+    """Copies of an L-shape, 3 mm long and 1 mm wide."""
+    corner = pw.Aperture([(0, 0), (3e-3, 0), (3e-3, 1e-3), (1e-3, 1e-3), (1e-3, 3e-3), (0, 3e-3)])
+    assert not _overlap_warnings(lambda: pw.phased_array(corner, [(0, 0), (1.5e-3, 1.5e-3)]))
+    (message,) = _overlap_warnings(lambda: pw.phased_array(corner, [(0, 0), (0.5e-3, 0)]))
+    assert "overlap by 3.5e-06 m^2" in message  # 2.5 x 1 mm of the foot and 0.5 x 2 mm of the leg
+
+
+def test_elements_that_touch_and_arrays_made_of_arrays_do_not_warn() -> None:
+    square = pw.shapes.square(1e-3 / 3)
+    assert not _overlap_warnings(lambda: pw.phased_array(square, [(k / 3e3, 0) for k in range(9)]))
+    with pytest.warns(PolywignerWarning, match="overlap"):
+        array = pw.phased_array(square, [(0, 0), (0.1e-3, 0)])
+    again = _overlap_warnings(
+        lambda: (pickle.loads(pickle.dumps(array)), pw.fourier(array, [0.0, 0.0]))
+    )
+    assert not again
+
+
+def test_slits_and_curved_waves_that_overlap_are_reported_as_well() -> None:
+    (message,) = _overlap_warnings(lambda: pw.phased_array(pw.Slits([0, 1e-3]), [0, 0.7e-3]))
+    assert "elements 0 and 1 overlap by 0.0003 m, counted" in message
+    horn = pw.shapes.square(1e-3).curved(20e-3, 4e-3)
+    (message,) = _overlap_warnings(lambda: pw.phased_array(horn, [(0, 0), (0.5e-3, 0)]))
+    assert "overlap by 5e-07 m^2" in message
 
 
 @pytest.mark.parametrize(

@@ -136,7 +136,7 @@ DAMAGES: dict[str, tuple[Any, str]] = {
     "a row less": (lambda t: t[: t.rstrip().rfind("\n")], "once"),
     "a row twice": (lambda t: t + t.splitlines()[-1], "once"),
     "zeros": (lambda t: re.sub(r"(?m)^(\d+,\d+,[^,]*),.*", r"\1,0,0,0,0", t), "zero"),
-    "a cut": (lambda t: "\n".join(t.splitlines()[: 1 + len(GRID[0])]), "whole turn"),
+    "a cut": (lambda t: "\n".join(t.splitlines()[: 1 + len(GRID[0])]), "full circle"),
 }
 
 
@@ -151,7 +151,7 @@ def test_files_that_are_no_far_field_are_refused_in_a_sentence(tmp_path: Path, d
 
 def test_other_files_and_elements_are_refused(tmp_path: Path) -> None:
     with pytest.raises(FileFormatError, match="suffix"):
-        pw.read_pattern(tmp_path / "a.cut")
+        pw.read_pattern(tmp_path / "a.ffs")
     with pytest.raises(FileFormatError, match="exist"):
         pw.read_pattern(tmp_path / "a.csv")
     short = _file(tmp_path, angles=(GRID[0][:30], GRID[1]))
@@ -192,6 +192,28 @@ def test_the_command_line_takes_a_file_as_the_element(
         assert main([*call, *more]) == 2
     assert main([*call[:-1], str(tmp_path / "array.toml")]) == 2
     assert "suffix" in capsys.readouterr().err
+
+
+def test_the_command_line_takes_the_nearest_frequency_of_the_element(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A file of 60 and 77 GHz, whose field at 60 GHz is that of another element."""
+    from polywigner.cli import main
+
+    element = _file(tmp_path, ".ffd")
+    lines = element.read_text().splitlines()
+    pw.write_pattern(_pattern(pw.shapes.square(0.3e-3), polarisation="x"), tmp_path / "other.ffd")
+    other = (tmp_path / "other.ffd").read_text().splitlines()
+    both = [*lines[:2], "Frequencies 2", "Frequency 60e9", *other[4:], *lines[3:]]
+    element.write_text("\n".join(both))
+    pw.write_source(ARRAY, tmp_path / "array.toml")
+    call = ["pattern", str(tmp_path / "array.toml"), "--frequency", "77.1 GHz", "--step", "3 deg"]
+    assert main([*call, "--out", f"{tmp_path}/", "--element", str(element)]) == 0
+    exact = pw.radiation_pattern(
+        ARRAY, 299792458 / 77.1e9, 0.0, 0.0, element=_pattern(polarisation="right")
+    )
+    level = exact.attrs["peak_directivity"]
+    assert f"directivity       {level:.2f} dBi" in capsys.readouterr().out
 
 
 # ---- apertures with the far field of a pattern --------------------------------------------------

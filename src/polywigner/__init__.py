@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     from polywigner.propagation import ambiguity_table as ambiguity_table
     from polywigner.propagation import amplitude as amplitude
     from polywigner.propagation import array_tolerance as array_tolerance
+    from polywigner.propagation import beam_cuts as beam_cuts
     from polywigner.propagation import beam_metrics as beam_metrics
     from polywigner.propagation import field as field
     from polywigner.propagation import fit_pattern as fit_pattern
@@ -120,8 +121,8 @@ _NAMES = {
     "polywigner.optics": "FirstOrder",
     "polywigner.propagation": """
         AxisSampling BeamMetrics CutMetrics PlaneWave PointSource Sampling Screen
-        ambiguity_table amplitude array_tolerance beam_metrics field fit_pattern hemisphere
-        horns irradiance line plane psf radiated_power radiation_pattern read_pattern
+        ambiguity_table amplitude array_tolerance beam_cuts beam_metrics field fit_pattern
+        hemisphere horns irradiance line plane psf radiated_power radiation_pattern read_pattern
         suggest_sampling two_way_pattern verify_store volume wigner_table write_netcdf
         write_pattern write_vti
     """,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, cast
@@ -57,12 +58,12 @@ def pattern(
     element: Annotated[
         str | None,
         "Far field of each element of a phased array, in place of its aperture: a .csv, "
-        ".txt (CST) or .ffd (HFSS) file.",
+        ".txt (CST), .ffd (HFSS), .ffe (FEKO) or .cut (GRASP) file.",
     ] = None,
     cuts: Annotated[
         str | None,
-        "Cuts that are drawn: beam or principal (default: through a beam that is off the "
-        "principal planes, else the principal planes).",
+        "Cuts of figure and table: beam, two great circles through the beam (default), or "
+        "principal, the planes phi = 0 and 90 degrees.",
     ] = None,
     source: SourceOptions,
     floor_db: DbFloor = -40.0,
@@ -78,7 +79,7 @@ def pattern(
 ) -> None:
     """Compute the radiation pattern of a source, and the numbers of its data sheet.
 
-    Prints directivity, gain, EIRP, beam direction, half-power widths and first sidelobes. Writes a
+    Prints directivity, gain, EIRP, beam direction, half-power widths, nulls and sidelobes. Writes a
     figure NAME_pattern.png (cuts, polar plot, u-v map, the numbers) and the values.
     """
     source.check()
@@ -98,7 +99,8 @@ def pattern(
     from polywigner.figures import draw_pattern, outline_of
     from polywigner.figures.levels import check_floor
     from polywigner.geometry.arguments import checked_choice
-    from polywigner.propagation.beams import is_off_planes
+    from polywigner.illumination.texts import direction_angles
+    from polywigner.propagation.pattern_readers import read_nearest_pattern
 
     if cuts is not None:
         checked_choice(cuts, "--cuts", ("beam", "principal"))
@@ -118,19 +120,19 @@ def pattern(
             jones = "y"
         how = {"polarisation": jones, "method": method}
     if element is not None:
-        how["element"] = pw.read_pattern(element)
+        how["element"] = read_nearest_pattern(element, pw.SPEED_OF_LIGHT / length)
     found = pw.radiation_pattern(radiator, length, theta, phi, **how)
-    metrics = pw.beam_metrics(found, power=watts, efficiency=efficiency)
-    through = is_off_planes(metrics) if cuts is None else cuts == "beam"
-    fine = _fine(wavelengths)
-    meridians = [metrics.phi] if through else [0.0, math.pi / 2]
-    along = [pw.radiation_pattern(radiator, length, fine, meridians, **how)]
-    if through:
-        cone = metrics.phi + fine
-        along.append(pw.radiation_pattern(radiator, length, metrics.theta, cone, **how))
+    along = (
+        pw.radiation_pattern(radiator, length, _fine(wavelengths), [0.0, math.pi / 2], **how)
+        if cuts == "principal"
+        else pw.beam_cuts(radiator, length, **how)
+    )
+    metrics = pw.beam_metrics(along, power=watts, efficiency=efficiency)
+    if source.steering is not None:  # it may point a grating lobe elsewhere
+        metrics = replace(metrics, steering=direction_angles(source.steering))
     figure = draw_pattern(
         found,
-        cuts=along,
+        cuts=[along],
         metrics=metrics,
         floor_db=floor_db,
         title=field_title(source.source, length),

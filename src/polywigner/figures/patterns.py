@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,8 @@ from polywigner.errors import ArgumentError
 from polywigner.figures import style
 from polywigner.figures.levels import arrays_of, check_floor
 from polywigner.geometry.arguments import checked_choice, checked_length
-from polywigner.propagation.beams import BeamMetrics, beam_metrics, is_off_planes
+from polywigner.propagation.beams import BeamMetrics, beam_metrics, cut_metrics
+from polywigner.propagation.great_circles import Cut, circles_through_beam, cuts_in
 from polywigner.propagation.patterns import angle_between, checked_pattern, cuts_of, front_of
 
 if TYPE_CHECKING:
@@ -24,24 +26,13 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 
-class Cut(NamedTuple):
-    """Levels along a line of directions."""
-
-    label: str
-    angles: Floats
-    """Theta in rad, or on a cone phi from the beam's."""
-    levels: Floats
-    """Directivity in dBi."""
-    is_cone: bool = False
-
-
 PatternPanel = Literal["cuts", "polar", "uv", "table"]
 PatternCuts = Literal["beam", "principal"]
 
 _COLOURS = (style.BLUE, style.RED, style.GREEN, style.ORANGE)
 _DASHES = ("-", "--", "-.", ":")
 _PANELS: dict[str, tuple[float, float]] = {
-    "cuts": (4.6, 3.4), "polar": (3.6, 3.4), "uv": (3.8, 3.4), "table": (4.4, 3.4),
+    "cuts": (4.6, 3.4), "polar": (3.6, 3.4), "uv": (3.8, 3.4), "table": (5.0, 3.4),
 }  # fmt: skip
 # A map needs meridians; a few are cuts.
 _LEAST_MERIDIANS = 8
@@ -60,17 +51,18 @@ def draw_pattern(
 ) -> Any:
     """The directivity of a pattern: cuts over theta, in polar coordinates, over u-v, and a table.
 
-    Cuts through the beam are the meridian of its phi, over theta, and the cone of its theta, over
-    phi up to 90 degrees from the beam's.
+    The table has the numbers of the cuts that are drawn.
 
     Parameters
     ----------
     pattern : xarray.Dataset or the like, as :func:`polywigner.radiation_pattern` returns.
     panels : of "cuts", "polar", "uv" (direction cosines; needs eight angles phi or more) and
         "table"; None: all that the pattern has enough angles for.
-    cuts : "beam", or "principal": the meridians next to the x and the y axis; or patterns in finer
-        steps, of which meridians are drawn, and of a pattern with one theta the cone; None: through
-        a beam that lies 0.1 dB or more above both principal planes, else the principal planes.
+    cuts : "beam": two orthogonal great circles through the beam, over the angle from it, as of
+        :func:`polywigner.beam_cuts`; "principal": the meridians next to the x and the y axis; or a
+        list of datasets, one of :func:`polywigner.beam_cuts`, or patterns whose meridians are
+        drawn. None: through the beam if the pattern has angles phi around the full circle, else the
+        principal planes.
     metrics : the numbers of the table; None: those of :func:`polywigner.beam_metrics`.
     floor_db : lowest level, dB below the largest directivity.
     title : above all panels.
@@ -84,9 +76,8 @@ def draw_pattern(
     if metrics is not None and not isinstance(metrics, BeamMetrics):
         raise ArgumentError(f"expected metrics of beam_metrics, got {type(metrics).__name__}")
     theta, phi, levels, _ = checked_pattern(pattern)
-    found = beam_metrics(pattern) if metrics is None else metrics
     chosen = _chosen(panels, len(phi))
-    heading, lines, beside = _drawn_cuts(pattern, cuts, found)
+    lines, found = _drawn_cuts(pattern, cuts, metrics)
     theta, levels = front_of(theta, levels)
     low, high = found.directivity + floor_db, found.directivity
     columns = 3 if len(chosen) == 3 else min(2, len(chosen))
@@ -97,9 +88,9 @@ def draw_pattern(
         projection = "polar" if name == "polar" else None
         axes = figure.add_subplot(rows, columns, place, projection=projection)
         if name == "cuts":
-            _draw_cuts(axes, heading, lines, low, high, beside)
+            _draw_cuts(axes, found, lines, low, high)
         elif name == "polar":
-            _draw_polar(axes, [line for line in lines if not line.is_cone], low, high)
+            _draw_polar(axes, lines, low, high)
         elif name == "uv":
             _draw_map(axes, theta, phi, levels, low, high)
         else:
@@ -124,72 +115,60 @@ def _chosen(panels: Sequence[str] | None, meridians: int) -> list[str]:
     return list(dict.fromkeys(names))
 
 
-def _cross_polar(pattern: Any, theta: Floats, levels: Floats) -> Floats | None:
-    """Directivity (n, m) of the cross-polar part in dBi; None for a scalar pattern."""
-    if "cross_field" not in pattern:
-        return None
-    ratio = pattern["cross_polar_discrimination"].transpose("theta", "phi").values
-    with np.errstate(invalid="ignore"):
-        part = np.nan_to_num(-10 * np.log10(1 + 10 ** (ratio / 10)), nan=0.0)
-    return levels + part
-
-
-def _drawn_cuts(pattern: Any, cuts: Any, metrics: BeamMetrics) -> tuple[str, list[Cut], list[Cut]]:
-    """Return a heading, the cuts to draw, and the same cuts of the cross-polar part."""
-    place = f"$\\theta$ = {_degrees(metrics.theta)}, $\\phi$ = {_degrees(metrics.phi)}"
-    if cuts is None:
-        cuts = "beam" if is_off_planes(metrics) else "principal"
-    if isinstance(cuts, str):
+def _drawn_cuts(
+    pattern: Any, cuts: Any, metrics: BeamMetrics | None
+) -> tuple[list[Cut], BeamMetrics]:
+    """Return the cuts to draw, and the beam with their numbers for the table."""
+    if not (cuts is None or isinstance(cuts, str)):
+        if not isinstance(cuts, Sequence) or not cuts:
+            raise ArgumentError(
+                'expected cuts as "beam", "principal" or a list of datasets, got '
+                f"{type(cuts).__name__}"
+            )
+        lines = [line for part in cuts for line in cuts_in(part)]
+        if len({line.kind == "theta" for line in lines}) > 1:
+            raise ArgumentError(
+                "expected great circles of beam_cuts or meridians of patterns, got both"
+            )
+        return lines, _of_lines(beam_metrics(cuts[0]) if metrics is None else metrics, lines)
+    if cuts is not None:
         checked_choice(cuts, "cuts", get_args(PatternCuts))
-    elif not isinstance(cuts, Sequence) or not cuts:
+    found = beam_metrics(pattern) if metrics is None else metrics
+    circles = [] if cuts == "principal" else circles_through_beam(pattern)
+    if circles:
+        return circles, _of_lines(found, circles)
+    if cuts == "beam":
         raise ArgumentError(
-            'expected cuts as "beam", "principal" or patterns in finer steps, got '
-            f"{type(cuts).__name__}"
+            "expected a pattern over phi around the full circle for cuts through the beam, got "
+            f"{pattern.sizes['phi']} angles phi; give cuts=[polywigner.beam_cuts(...)]"
         )
-    lists: tuple[list[Cut], list[Cut]] = ([], [])
-    for one in [pattern] if isinstance(cuts, str) else cuts:
-        theta, phi, levels, _ = checked_pattern(one)
-        for found, part in zip(lists, (levels, _cross_polar(one, theta, levels)), strict=True):
-            if part is not None:
-                where = (*front_of(theta, part), phi)
-                found += _lines(*where, metrics, cuts if isinstance(cuts, str) else "all")
-    if cuts == "beam" or any(cut.is_cone for cut in lists[0]):
-        return f"cuts through the beam at {place}", *lists
-    principal = {f"$\\phi$ = {_degrees(turn * math.pi / 2)}" for turn in range(4)}
-    named = {cut.label for cut in lists[0]} <= principal
-    return "principal planes" if named else "cuts along meridians", *lists
+    meridians = cuts_in(pattern)
+    near = (
+        min(range(len(meridians)), key=lambda k: angle_between(meridians[k].phi, angle))
+        for angle in (0.0, math.pi / 2)
+    )
+    lines = [meridians[k] for k in dict.fromkeys(near)]
+    return lines, _of_lines(found, lines)
 
 
-def _lines(
-    theta: Floats, levels: Floats, phi: Floats, metrics: BeamMetrics, which: str
-) -> list[Cut]:
-    """Cuts among levels (n, m): "all", the "principal" ones, or those through the "beam"."""
-    if len(theta) == 1:
-        return [_cone(float(theta[0]), phi, levels[0], metrics)]
-    meridians = list(cuts_of(theta, phi, levels))
-    wanted = (metrics.phi,) if which == "beam" else (0.0, math.pi / 2)
-    if which != "all":
-        near = [
-            min(range(len(meridians)), key=lambda k: angle_between(meridians[k][0], angle))
-            for angle in wanted
-        ]
-        meridians = [meridians[k] for k in dict.fromkeys(near)]
-    found = [
-        Cut(f"$\\phi$ = {_degrees(angle)}", places, values) for angle, places, values in meridians
-    ]
-    if which == "beam" and len(phi) >= _LEAST_MERIDIANS:
-        k = int(np.abs(theta - metrics.theta).argmin())
-        found.append(_cone(float(theta[k]), phi, levels[k], metrics))
-    return found
+def _of_lines(metrics: BeamMetrics, lines: Sequence[Cut]) -> BeamMetrics:
+    """The beam with the numbers of the cuts to draw."""
+    highest = max(float(line.levels.max()) for line in lines)
+    cuts = tuple(cut_metrics(line, highest) for line in lines)
+    return replace(metrics, cuts=cuts, beam_cuts=() if lines[0].kind == "theta" else cuts)
 
 
-def _cone(theta: float, phi: Floats, levels: Floats, metrics: BeamMetrics) -> Cut:
-    """Levels (m,) at one theta, over phi from the beam's."""
-    away = (phi - metrics.phi + math.pi) % (2 * math.pi) - math.pi
-    near = np.flatnonzero(np.abs(away) <= math.pi / 2 + 1e-9)
-    order = near[np.argsort(away[near])]
-    label = f"$\\theta$ = {_degrees(theta)}, over $\\phi$ \N{MINUS SIGN} {_degrees(metrics.phi)}"
-    return Cut(label, away[order], levels[order], is_cone=True)
+def _label(cut: Cut) -> str:
+    return "across it" if cut.kind == "across" else f"$\\phi$ = {_degrees(cut.phi)}"
+
+
+def _heading(metrics: BeamMetrics, cuts: Sequence[Cut]) -> str:
+    if cuts[0].kind == "theta":
+        principal = {f"$\\phi$ = {_degrees(turn * math.pi / 2)}" for turn in range(4)}
+        named = {_label(cut) for cut in cuts} <= principal
+        return "principal planes" if named else "cuts along meridians"
+    place = f"$\\theta$ = {_degrees(metrics.theta)}, $\\phi$ = {_degrees(metrics.phi)}"
+    return f"great circles through the beam at {place}"
 
 
 def _degrees(angle: float) -> str:
@@ -197,31 +176,32 @@ def _degrees(angle: float) -> str:
 
 
 def _draw_cuts(
-    axes: Axes, heading: str, cuts: Sequence[Cut], low: float, high: float, crossed: Sequence[Cut]
+    axes: Axes, metrics: BeamMetrics, cuts: Sequence[Cut], low: float, high: float
 ) -> None:
     from matplotlib.ticker import MultipleLocator
 
     for number, cut in enumerate(cuts):
-        _plot(axes, number, np.degrees(cut.angles), cut.levels, low - 100, label=cut.label)
+        _plot(axes, number, np.degrees(cut.angles), cut.levels, low - 100, label=_label(cut))
     part = "its cross-polar part" if len(cuts) > 1 else "cross-polar part"
-    for number, cut in enumerate(crossed):
-        if cut.levels.max() > low:
-            places = np.degrees(cut.angles)
-            _plot(axes, number, places, cut.levels, low - 100, label=part, ls=":")
-    reach = min(90.0, max(float(np.degrees(np.abs(cut.angles).max())) for cut in cuts))
+    for number, cut in enumerate(cuts):
+        if cut.cross_levels is not None and cut.cross_levels.max() > low:
+            angles = np.degrees(cut.angles)
+            _plot(axes, number, angles, cut.cross_levels, low - 100, label=part, ls=":")
+    reach = max(float(np.degrees(np.abs(cut.angles).max())) for cut in cuts)
     axes.axhline(high - 10 * math.log10(2), color="0.6", lw=0.6, ls=":")
     axes.set_xlim(-reach, reach)
     entries = len(axes.get_legend_handles_labels()[0])
     axes.set_ylim(low, high + (0.05 + 0.08 * -(-entries // 2)) * (high - low))
     axes.xaxis.set_major_locator(MultipleLocator(30 if reach > 45 else 10))
-    has_cone = any(cut.is_cone for cut in cuts)
+    is_circles = cuts[0].kind != "theta"
     axes.set(
-        xlabel="$\\theta$, or $\\phi$ from the beam (degrees)"
-        if has_cone
+        xlabel="angle from the beam (degrees)"
+        if is_circles
         else "angle from the normal $\\theta$ (degrees)",
         ylabel="directivity (dBi)",
     )
-    axes.set_title(f"{heading}\ndotted: half the peak; {style.floor_text(low - high)}", fontsize=8)
+    heading = f"{_heading(metrics, cuts)}\ndotted: half the peak; {style.floor_text(low - high)}"
+    axes.set_title(heading, fontsize=8)
     axes.grid(alpha=0.3, lw=0.5)
     axes.legend(frameon=False, fontsize=7, ncols=2, loc="upper center")
 
@@ -234,20 +214,23 @@ def _plot(axes: Axes, number: int, places: Floats, levels: Floats, low: float, *
 def _draw_polar(axes: Any, cuts: Sequence[Cut], low: float, high: float) -> None:
     for number, cut in enumerate(cuts):
         _plot(axes, number, cut.angles, cut.levels, low)
+    reach = max(float(np.degrees(np.abs(cut.angles).max())) for cut in cuts)
+    edge = min(180, max(90, 30 * math.ceil(reach / 30 - 1e-9)))
     axes.set_theta_zero_location("N")
     axes.set_theta_direction(-1)
-    axes.set_thetamin(-90)
-    axes.set_thetamax(90)
+    axes.set_thetamin(-edge)
+    axes.set_thetamax(edge)
     axes.set_ylim(low, math.ceil(high))
     step = 10.0 if high - low > 25 else 5.0
     axes.set(
         yticks=np.arange(math.ceil(low / step) * step, high + 1e-9, step),
-        xticks=np.radians(np.arange(-90, 91, 30)),
+        xticks=np.radians(np.arange(-edge + (edge == 180) * 30, edge + 1, 30)),
     )
     axes.tick_params(labelsize=7)
     axes.grid(alpha=0.4, lw=0.5)
-    planes = ", ".join(cut.label for cut in cuts)
-    axes.set_title(f"directivity (dBi) over $\\theta$, {planes}", fontsize=8)
+    over = "$\\theta$" if cuts[0].kind == "theta" else "the angle from the beam"
+    planes = ", ".join(_label(cut) for cut in cuts)
+    axes.set_title(f"directivity (dBi) over {over}, {planes}", fontsize=8)
 
 
 def _draw_map(

@@ -23,6 +23,7 @@ from polywigner.geometry.display import length_text, shown_as_html
 from polywigner.geometry.parts import union_on_grid
 from polywigner.geometry.wavefront import TakesWaves, Wavefront
 from polywigner.illumination.lattices import Sites, checked_sites, checked_weights
+from polywigner.illumination.overlaps import warn_of_overlaps
 from polywigner.illumination.waves import Illumination
 
 Element = Aperture | PlacedAperture | Polyhedron | Slits
@@ -178,7 +179,7 @@ def tilted_source(source: Any, kappa: NDArray[np.float64]) -> Any:
     element, positions = source.repeated
     turns = positions @ kappa
     tilted = tilted_source(element, kappa)
-    return phased_array(tilted, positions, source.weights * np.exp(2j * np.pi * turns))
+    return repeated_element(tilted, positions, source.weights * np.exp(2j * np.pi * turns))
 
 
 # Outlines that a notebook draws: a few hundred kB.
@@ -255,7 +256,7 @@ class Array(TakesWaves):
         if found is None:
             return None
         element, positions, factors = found
-        return phased_array(element, positions, self.weights * factors)
+        return repeated_element(element, positions, self.weights * factors)
 
     @cached_property
     def sites(self) -> Sites:
@@ -334,7 +335,7 @@ class Array(TakesWaves):
 
     def __reduce__(self) -> tuple[Any, ...]:
         if self.repeated is not None:
-            return phased_array, (*self.repeated, self.weights)
+            return repeated_element, (*self.repeated, self.weights)
         return Array, (self.elements, self.weights)
 
     def __len__(self) -> int:
@@ -390,7 +391,8 @@ def phased_array(
     weights : (n,) complex; default: all 1.
 
     Raises ArgumentError for other elements, and positions that are not (n, d) finite numbers;
-    IlluminationError for weights as :class:`Array` does.
+    IlluminationError for weights as :class:`Array` does. Warns (PolywignerWarning) if elements
+    overlap.
 
     >>> import polywigner as pw
     >>> places = pw.arrays.grid_positions(8, 8, 2e-3, 2e-3)
@@ -399,7 +401,21 @@ def phased_array(
     """
     if isinstance(element, Wavefront):
         places, amplitudes = checked_sites(positions, weights, element.dimension)
-        return _array_of_waves([element.moved(place) for place in places], amplitudes)
+        array: Any = _array_of_waves([element.moved(place) for place in places], amplitudes)
+        warn_of_overlaps(array.source)
+    else:
+        array = repeated_element(element, positions, weights)
+        warn_of_overlaps(array)
+    return array
+
+
+def repeated_element(
+    element: Aperture | Slits, positions: ArrayLike, weights: ArrayLike | None = None
+) -> Array:
+    """Return the :func:`phased_array` of an element with a flat wave, without a look for overlaps.
+
+    The package makes arrays from arrays with it.
+    """
     if not isinstance(element, Aperture | Slits):
         raise ArgumentError(
             f"expected an Aperture or Slits to repeat, got {type(element).__name__}; use "

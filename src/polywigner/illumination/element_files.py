@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import os
-import warnings
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
-from polywigner.errors import ArgumentError, FileFormatError, PolywignerError, PolywignerWarning
+from polywigner.errors import ArgumentError, FileFormatError, PolywignerError
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import checked_path
 from polywigner.geometry.io.limits import (
@@ -25,14 +21,12 @@ from polywigner.geometry.io.limits import (
     token,
 )
 from polywigner.geometry.io.text import NUMBER, fields_of
-from polywigner.illumination.array import Array, phased_array
+from polywigner.illumination.array import Array, repeated_element
+from polywigner.illumination.overlaps import warn_of_overlaps
 from polywigner.quantities import parse_unit
 
 _COLUMNS = ("x", "y", "amplitude", "phase", "re", "im", "angle")
 _MOST_ROWS = 2**20
-# Overlaps are looked for until so many pairs are found; smaller ones, as a part of an element, are
-# what rounding makes of elements that touch.
-_MOST_PAIRS, _TOUCHING = 1000, 1e-9
 
 Table = dict[str, NDArray[np.float64]]
 
@@ -80,7 +74,7 @@ def read_elements(
         array = _array_of(_table(file), element, metres)
     except PolywignerError as error:
         raise type(error)(f"{file}: {error}") from None
-    _warn_of_overlaps(array)
+    warn_of_overlaps(array)
     return array
 
 
@@ -94,7 +88,7 @@ def _array_of(table: Table, element: Aperture, metres: float) -> Array:
         weights = table.get("amplitude", zero + 1) * np.exp(1j * phases)
     angles = np.radians(table.get("angle", zero))
     if (angles == angles[0]).all():
-        return phased_array(element.turned(angles[0]), places, weights)
+        return repeated_element(element.turned(angles[0]), places, weights)
     check_most(len(places), MOST_LISTED, "elements with angles of their own", "use fewer")
     turned = {angle: element.turned(angle) for angle in set(angles.tolist())}
     return Array(
@@ -152,46 +146,3 @@ def _names(fields: list[str], number: int) -> list[str]:
     if not {"x", "y"} <= set(names):
         raise FileFormatError(f"expected the columns x and y, got {', '.join(names)}")
     return names
-
-
-def _warn_of_overlaps(array: Array) -> None:
-    """Warn where elements cover the same area."""
-    pairs: list[tuple[float, int, int]] = []
-    bounds, outline_of = _outlines(array)
-    sides = np.tile(_TOUCHING * (bounds[:, 2:] - bounds[:, :2]), 2) * (1, 1, -1, -1)
-    boxes = shapely.box(*(bounds + sides).T)
-    tree = shapely.STRtree(boxes)
-    for k, box in enumerate(boxes):
-        near = tree.query(box)
-        near = near[near > k]
-        if not len(near):
-            continue
-        shape = outline_of(k)
-        areas = shapely.area(shapely.intersection(shape, [outline_of(n) for n in near.tolist()]))
-        least = _TOUCHING * shape.area
-        pairs += [(a, k, int(n)) for a, n in zip(areas, near, strict=True) if a > least]
-        if len(pairs) >= _MOST_PAIRS:
-            break
-    if not pairs:
-        return
-    (area, one, other), more = max(pairs), len(pairs) - 1
-    others = f", and {more} other pair{'s' * (more > 1)}" if more else ""
-    warnings.warn(
-        f"elements {one} and {other} overlap by {area:.4g} m^2{others}"
-        f"{' or more' if len(pairs) >= _MOST_PAIRS else ''}, counted from 0: their fields add up "
-        "there; check the positions, their unit and the element's size",
-        PolywignerWarning,
-        stacklevel=3,
-    )
-
-
-def _outlines(array: Array) -> tuple[NDArray[np.float64], Callable[[int], Any]]:
-    """Bounds (n, 4) of the elements, and the function that has the outline of each."""
-    if array.repeated is None:
-        elements = array.elements_in_plane
-        return np.array([e.bounds for e in elements]), lambda k: elements[k].polygons
-    element, positions = array.repeated
-    assert isinstance(element, Aperture)
-    outline = element.polygons
-    bounds = np.asarray(element.bounds) + np.tile(positions, 2)
-    return bounds, lambda k: shapely.transform(outline, lambda corners: corners + positions[k])

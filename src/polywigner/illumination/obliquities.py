@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError, IlluminationError, PolywignerWarning
 from polywigner.geometry import Aperture, PlacedAperture, Slits
 from polywigner.geometry.arguments import checked_length
-from polywigner.illumination.array import Array, phased_array
+from polywigner.illumination.array import Array, repeated_element
 from polywigner.illumination.waves import Illumination
 
 _Element = Aperture | PlacedAperture | Slits
@@ -71,7 +71,7 @@ def times_direction_cosine(source: Any, wavelength: float, constant: complex = 0
         still = np.zeros((1, 1 if isinstance(whole, Slits) else 2))
         return whole if factor == 1 else _with_field(whole, Illumination([factor], still))
     if source.repeated is not None:
-        return phased_array(scaled[0], source.repeated[1], weights)
+        return repeated_element(scaled[0], source.repeated[1], weights)
     return Array(scaled, weights)
 
 

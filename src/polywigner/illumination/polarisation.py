@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Wavefront
-from polywigner.illumination.array import Array, phased_array
+from polywigner.illumination.array import Array, repeated_element
 
 Complexes = NDArray[np.complex128]
 
@@ -151,7 +151,7 @@ def _weighted(source: Any, weights: Complexes) -> Any:
         return source.on(_weighted(source.source, weights))
     if source.repeated is not None:
         element, positions = source.repeated
-        return phased_array(element, positions, weights)
+        return repeated_element(element, positions, weights)
     return Array(source.elements, weights)
 
 

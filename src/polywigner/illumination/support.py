@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from polywigner.geometry import Aperture, Slits, automean
 from polywigner.geometry.parts import union_on_grid
-from polywigner.illumination.array import Array, phased_array
+from polywigner.illumination.array import Array, repeated_element
 
 _Source = TypeVar("_Source", Aperture, Slits, Array, Aperture | Array)
 
@@ -85,7 +85,7 @@ def moved_source(source: _Source, shift: NDArray[np.float64]) -> _Source:
         return source.moved(shift)
     if source.repeated is not None:
         element, positions = source.repeated
-        return phased_array(element, positions + shift, source.weights)
+        return repeated_element(element, positions + shift, source.weights)
     return Array([element.moved(shift) for element in source.elements_in_plane], source.weights)
 
 
@@ -100,5 +100,5 @@ def mirrored_source(source: Any) -> Any:
         return copy.with_illumination(waves)
     if source.repeated is not None:
         element, positions = source.repeated
-        return phased_array(mirrored_source(element), positions * _MIRROR, source.weights)
+        return repeated_element(mirrored_source(element), positions * _MIRROR, source.weights)
     return Array([mirrored_source(element) for element in source.elements_in_plane], source.weights)

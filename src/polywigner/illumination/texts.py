@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError, QuantityError
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.illumination import arrays, tapers
-from polywigner.illumination.array import Array, phased_array
+from polywigner.illumination.array import Array, phased_array, repeated_element
 from polywigner.illumination.arrays import focusing_weights, steering_weights, window_weights
 from polywigner.illumination.source_values import at, radius_of, shown
 from polywigner.illumination.waves import Illumination
@@ -170,7 +170,7 @@ def _times(source: Any, factor: Any) -> Any:
     """The source with its field times an Illumination, or its weights times others."""
     if isinstance(source, Array):
         assert source.repeated is not None
-        return phased_array(*source.repeated, source.weights * factor)
+        return repeated_element(*source.repeated, source.weights * factor)
     own = source.illumination
     return source.with_illumination(factor if own is None else own * factor)
 
@@ -190,6 +190,13 @@ def direction(text: str) -> NDArray[np.float64]:
             'with their unit, such as "20 deg"'
         )
     return tapers.direction_of(theta, phi)
+
+
+def direction_angles(text: str) -> tuple[float, float]:
+    """Theta and phi in rad of the :func:`direction` of a text, theta from 0."""
+    x, y, z = direction(text)
+    theta = math.atan2(math.hypot(x, y), z)
+    return theta, math.atan2(y, x) % (2 * math.pi) if theta > 0 else 0.0
 
 
 def _point(text: str) -> list[float]:

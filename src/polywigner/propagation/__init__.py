@@ -18,9 +18,12 @@ module               what is in it
 ``collins``          fields behind first-order systems
 ``far_fields``       the far field and its power; the image of a point
 ``builders``         lines, planes, hemispheres and volumes: ``grids`` of points and ``datasets``
-``patterns``         radiation patterns and their cuts; ``pattern_files`` writes and reads them
+``patterns``         radiation patterns and their cuts; ``pattern_writers`` and
+                     ``pattern_readers`` for files, of ``far_field_files`` and ``far_field_columns``
 ``array_patterns``   arrays with errors, and radars of two arrays
 ``element_patterns`` far fields known at angles: between these, and as those of apertures
+``radiators``        sources as functions of direction, and the search for the beam
+``great_circles``    two great circles through the beam
 ``beams``            numbers of data sheets: gain, beamwidths, sidelobes
 ``stores``           arrays larger than memory, by chunks; ``stores_checks`` stores and their damage
 ``exports``          datasets to NetCDF and VTK files
@@ -39,8 +42,10 @@ from polywigner.propagation.builders import hemisphere, line, plane, volume
 from polywigner.propagation.element_patterns import FittedPattern, fit_pattern
 from polywigner.propagation.exports import write_netcdf, write_vti
 from polywigner.propagation.far_fields import psf, radiated_power
+from polywigner.propagation.great_circles import beam_cuts
 from polywigner.propagation.irradiances import irradiance
-from polywigner.propagation.pattern_files import read_pattern, write_pattern
+from polywigner.propagation.pattern_readers import read_pattern
+from polywigner.propagation.pattern_writers import write_pattern
 from polywigner.propagation.patterns import radiation_pattern
 from polywigner.propagation.places import METHODS
 from polywigner.propagation.screens import PlaneWave, PointSource, Screen
@@ -62,6 +67,7 @@ __all__ = [
     "ambiguity_table",
     "amplitude",
     "array_tolerance",
+    "beam_cuts",
     "beam_metrics",
     "field",
     "fit_pattern",

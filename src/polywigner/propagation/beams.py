@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, value_text
 from polywigner.geometry.arguments import checked_number, warn_caller
-from polywigner.propagation.patterns import (
-    angle_between,
-    checked_pattern,
-    cuts_of,
-    front_of,
-)
+from polywigner.propagation.great_circles import Cut, CutKind, circles_through_beam, cuts_in
+from polywigner.propagation.patterns import angle_between
+from polywigner.propagation.places import unit_vectors
 
 if TYPE_CHECKING:
     import xarray
@@ -37,13 +34,24 @@ _MISSED = 0.1
 _LEAST_SAMPLES = 6
 # A beam along the normal, to the rounding of degrees.
 _SAME_ANGLE = 1e-9
+# A beam is off the direction to which it is steered by more than this, in rad: 0.01 degrees.
+_SQUINT = 1.7e-4
+_NUMBERS = (
+    "radiated_power", "aperture_power", "peak_directivity", "peak_theta", "peak_phi",
+)  # fmt: skip
 
 Levels = NDArray[np.float64]
 
 
+_NAN_PAIR = (math.nan, math.nan)
+
+
 @dataclass(frozen=True)
 class CutMetrics:
-    """The main beam and the first sidelobes along one meridian, both sides of the normal.
+    """The main beam and the sidelobes along one cut, both sides of its peak.
+
+    Angles are theta on a meridian, negative on the other side of the normal. On a great circle
+    through the beam they are angles from the beam.
 
     >>> import polywigner as pw
     >>> pattern = pw.radiation_pattern(pw.shapes.square(10e-3), 3.2e-3, [-0.1, 0.0, 0.1], 0.0)
@@ -52,17 +60,26 @@ class CutMetrics:
     """
 
     phi: float
-    """The meridian of theta > 0, in rad."""
+    """Azimuth in rad of the meridian at theta > 0, or of the tangent of a great circle."""
     theta: float
-    """Angle of the cut's peak in rad; negative on the other side of the normal."""
+    """Angle of the cut's peak in rad."""
     directivity: float
     """Directivity of the cut's peak in dBi; minus infinity where the cut has no radiation."""
     half_power_beamwidth: float
     """In rad, between the directions of half the cut's peak; NaN where the cut ends before."""
     sidelobe_levels: tuple[float, float]
-    """First maxima beyond half power towards smaller and larger theta, in dB of the cut's peak."""
+    """First maxima beyond half power towards smaller and larger angles, in dB of the cut's peak."""
     sidelobe_angles: tuple[float, float]
-    """Their theta, in rad."""
+    """Their angles, in rad."""
+    first_nulls: tuple[float, float] = _NAN_PAIR
+    """Angles of the first minima beyond half power, in rad; NaN where the cut ends before."""
+    peak_sidelobe_level: float = math.nan
+    """Largest level beyond the first nulls, in dB of the cut's peak; NaN without a first null."""
+    peak_sidelobe_angle: float = math.nan
+    """Its angle, in rad."""
+    kind: CutKind = "theta"
+    """"theta" for a meridian. Great circles through the beam are its "meridian" and the circle
+    "across", or go along "x" and "y" for a beam next to the normal."""
 
 
 @dataclass(frozen=True)
@@ -84,17 +101,21 @@ class BeamMetrics:
     gain: float
     """In dBi: the directivity times the efficiency."""
     radiated_power: float
-    """In W, through the hemisphere in front."""
+    """In W, through the hemisphere in front; NaN for a pattern without a field."""
     eirp: float | None
     """Radiated power times directivity in W; None without a power."""
     front_share: float
     """Radiated power over int |u|^2; NaN for a pattern of a file, or of elements with one."""
     cuts: tuple[CutMetrics, ...]
-    """One for each meridian of the pattern."""
+    """One for each meridian of the pattern, or for each great circle of :func:`beam_cuts`."""
     axial_ratio: float | None = None
     """Axial ratio of the beam in dB, infinite for a linear one; None for a scalar pattern."""
     cross_polar_discrimination: float | None = None
     """Co- over cross-polar part of the beam in dB; None for a scalar pattern."""
+    beam_cuts: tuple[CutMetrics, ...] = ()
+    """Two orthogonal great circles through the beam; none if the pattern has too few angles."""
+    steering: tuple[float, float] | None = None
+    """Theta and phi in rad to which the source is steered; None if not known."""
 
     def __str__(self) -> str:
         rows = [("directivity", f"{self.directivity:.2f} dBi"), ("gain", f"{self.gain:.2f} dBi")]
@@ -102,12 +123,15 @@ class BeamMetrics:
         if self.eirp is not None:
             level = 10 * math.log10(self.eirp) + 30 if self.eirp > 0 else -math.inf
             rows.append(("EIRP", f"{level:.2f} dBm ({self.eirp:.4g} W)"))
-        rows += [
-            ("radiated power", f"{self.radiated_power:.4g} W{of_field}"),
-            ("beam direction", f"theta {_degrees(self.theta)}, phi {_degrees(self.phi)}"),
-        ]
+        if not math.isnan(self.radiated_power):
+            rows.append(("radiated power", f"{self.radiated_power:.4g} W{of_field}"))
         if not math.isnan(self.front_share):
-            rows.insert(-1, ("front share", f"{100 * self.front_share:.1f} % of int |u|^2"))
+            rows.append(("front share", f"{100 * self.front_share:.1f} % of int |u|^2"))
+        rows.append(("beam direction", _direction(self.theta, self.phi)))
+        if self.steering is not None:
+            squint = _apart((self.theta, self.phi), self.steering)
+            if squint > _SQUINT:
+                rows.append(("steered to", f"{_direction(*self.steering)}: {_degrees(squint)} off"))
         rows += [
             (name, f"{level:.2f} dB" if level < _LINEAR else f"over {_LINEAR} dB")
             for name, level in (
@@ -116,57 +140,72 @@ class BeamMetrics:
             )
             if level is not None
         ]
-        for cut in self.principal_cuts:
-            lobes = ", ".join(
-                f"{level:.1f} dB at {math.degrees(angle):.1f}°"
-                for level, angle in zip(cut.sidelobe_levels, cut.sidelobe_angles, strict=True)
-                if not math.isnan(level)
-            )
-            width = cut.half_power_beamwidth
-            shown = "not in range" if math.isnan(width) else _degrees(width)
-            name = f"cut phi {_degrees(cut.phi)}"
-            if cut.directivity == -math.inf:
-                rows.append((name, "nothing is radiated"))
-                continue
-            rows.append((name, f"peak {cut.directivity:.2f} dBi, half-power width {shown}"))
-            rows.append(("", f"sidelobes {lobes or 'not in range'}"))
+        for cut in self.table_cuts:
+            rows += _cut_rows(cut)
         return "\n".join(f"{name:18}{value}".rstrip() for name, value in rows)
 
     @property
     def principal_cuts(self) -> tuple[CutMetrics, ...]:
         """The cuts next to the x axis, to the y axis and to the beam, each once."""
         wanted = (0.0, math.pi / 2, *((self.phi,) if abs(self.theta) > _SAME_ANGLE else ()))
-        return tuple(dict.fromkeys(_nearest_cut(self, angle) for angle in wanted))
+        nearest = (min(self.cuts, key=lambda cut: angle_between(cut.phi, phi)) for phi in wanted)
+        return tuple(dict.fromkeys(nearest))
+
+    @property
+    def table_cuts(self) -> tuple[CutMetrics, ...]:
+        """The cuts of the table: great circles through the beam, or else the principal ones."""
+        return self.beam_cuts or self.principal_cuts
 
 
-def _nearest_cut(metrics: BeamMetrics, phi: float) -> CutMetrics:
-    return min(metrics.cuts, key=lambda cut: angle_between(cut.phi, phi))
+def _cut_rows(cut: CutMetrics) -> list[tuple[str, str]]:
+    """The rows of a cut in the table."""
+    name = "cut across it" if cut.kind == "across" else f"cut phi {_degrees(cut.phi)}"
+    if cut.directivity == -math.inf:
+        return [(name, "nothing is radiated")]
 
+    def listed(angles: tuple[float, float], levels: tuple[float, float] | None = None) -> str:
+        texts = [f"{math.degrees(angle):.1f}°" for angle in angles]
+        if levels is not None:
+            texts = [f"{level:.1f} dB at {t}" for level, t in zip(levels, texts, strict=True)]
+        return ", ".join(t for t, a in zip(texts, angles, strict=True) if not math.isnan(a))
 
-def is_off_planes(metrics: BeamMetrics) -> bool:
-    """Whether a cut goes through the beam, and neither of those next to the x and y axes does."""
-    principal = [_nearest_cut(metrics, angle).directivity for angle in (0.0, math.pi / 2)]
-    best = max(cut.directivity for cut in metrics.cuts)
-    return max(principal) < metrics.directivity - _MISSED <= best
+    width = cut.half_power_beamwidth
+    shown = "not in range" if math.isnan(width) else _degrees(width)
+    lobes = listed(cut.sidelobe_angles, cut.sidelobe_levels)
+    rows = [
+        (name, f"peak {cut.directivity:.2f} dBi, half-power width {shown}"),
+        ("", f"first nulls {listed(cut.first_nulls) or 'not in range'}"),
+        ("", f"first sidelobes {lobes or 'not in range'}"),
+    ]
+    if not math.isnan(cut.peak_sidelobe_level):
+        angle = math.degrees(cut.peak_sidelobe_angle)
+        rows.append(("", f"peak sidelobe {cut.peak_sidelobe_level:.1f} dB at {angle:.1f}°"))
+    return rows
 
 
 def beam_metrics(
     pattern: xarray.Dataset, *, power: float | None = None, efficiency: float = 1.0
 ) -> BeamMetrics:
-    """Directivity, gain, EIRP, beam direction, half-power beamwidths and first sidelobes.
+    """Directivity, gain, EIRP, beam direction, half-power beamwidths, nulls and sidelobes.
 
-    Directivity, gain, EIRP and direction are those of the beam, wherever it points. Beamwidths and
-    sidelobes are those of cuts along meridians: columns of the pattern where theta has both signs,
-    else those of phi and phi + pi joined, up to the horizon. Between samples of a cut they follow
-    parabolas: beamwidths are right to 3e-3 of themselves for ten samples in them.
+    Directivity, gain, EIRP and direction describe the beam, wherever it points. Beamwidths, first
+    nulls and sidelobes describe cuts up to the horizon:
+
+    - ``cuts`` : the meridians of the pattern, or the great circles of :func:`beam_cuts`. Columns
+      with theta of both signs are meridians; others are joined, phi with phi + pi.
+    - ``beam_cuts`` : two great circles through the beam, in angles from it. They are exact in the
+      result of :func:`beam_cuts`, and interpolated in a pattern over phi around the full circle. A
+      pattern of single meridians has none.
+
+    Between samples of a cut they follow parabolas: beamwidths are right to 3e-3 of themselves for
+    ten samples in them.
 
     Parameters
     ----------
-    pattern : what :func:`radiation_pattern` returned.
-    power : accepted by the antenna, in W; None: the radiated power is that of the field as it is,
-        and there is no EIRP.
-    efficiency : radiated over accepted power, above 0 and up to 1: losses that the field does not
-        know.
+    pattern : what :func:`radiation_pattern`, :func:`beam_cuts` or :func:`read_pattern` returned.
+    power : accepted by the antenna, in W; None: the radiated power is the integral of |E|^2, and
+        there is no EIRP.
+    efficiency : radiated over accepted power, above 0 and up to 1, for losses outside the model.
 
     Returns
     -------
@@ -189,37 +228,29 @@ def beam_metrics(
     >>> round(float(np.degrees(pw.beam_metrics(pattern).cuts[0].half_power_beamwidth)), 1)
     16.1
     """
-    theta, phi, levels, about = checked_pattern(pattern)
-    theta, levels = front_of(theta, levels)
-    if len(theta) < 3:
+    lines = cuts_in(pattern)
+    if len(lines[0].angles) < 3:
         raise ArgumentError(
             "expected three or more angles theta in front for a beamwidth, got "
-            f"{len(theta)}; use some ten within the main beam"
+            f"{len(lines[0].angles)}; use some ten within the main beam"
         )
-    levels = np.maximum(levels, _DARK)
+    about = {name: float(pattern.attrs[name]) for name in _NUMBERS}
     share = checked_efficiency(efficiency)
     radiated = about["radiated_power"] if power is None else share * _positive("power", power)
-    peak = float(levels.max())
-    cuts = tuple(
-        _metrics(angle, places, values, peak)
-        for angle, places, values in cuts_of(theta, phi, levels)
+    peak = max(float(line.levels.max()) for line in lines)
+    cuts = tuple(cut_metrics(line, peak) for line in lines)
+    is_circles = lines[0].kind != "theta"
+    circles = (
+        cuts
+        if is_circles
+        else tuple(
+            cut_metrics(line, about["peak_directivity"]) for line in circles_through_beam(pattern)
+        )
     )
-    best = max(cuts, key=lambda cut: cut.directivity)
+    if not is_circles:
+        _warn_of_samples(cuts, lines, about, bool(circles))
     directivity = about["peak_directivity"]
-    step = float(np.diff(np.unique(theta)).max(initial=0.0))
-    if best.half_power_beamwidth < _LEAST_SAMPLES * step:
-        warn_caller(
-            f"steps of {_degrees(step)} are coarse for a half-power width of "
-            f"{_degrees(best.half_power_beamwidth)}: the numbers may be off by percents; give "
-            "radiation_pattern more angles theta"
-        )
-    if directivity > best.directivity + _MISSED:
-        warn_caller(
-            f"the cuts of the pattern miss the beam of {directivity:.2f} dBi at theta "
-            f"{_degrees(about['peak_theta'])}, phi {_degrees(about['peak_phi'])}: the largest on "
-            f"them is {best.directivity:.2f} dBi; give radiation_pattern more angles, that phi "
-            "among them"
-        )
+    steered = pattern.attrs.get("steered_theta"), pattern.attrs.get("steered_phi")
     return BeamMetrics(
         theta=about["peak_theta"],
         phi=about["peak_phi"],
@@ -231,45 +262,107 @@ def beam_metrics(
         cuts=cuts,
         axial_ratio=pattern.attrs.get("peak_axial_ratio"),
         cross_polar_discrimination=pattern.attrs.get("peak_cross_polar_discrimination"),
+        beam_cuts=circles,
+        steering=None if None in steered else steered,
     )
 
 
-def _metrics(phi: float, theta: Levels, levels: Levels, beam: float) -> CutMetrics:
-    peak = int(np.argmax(levels))
-    angle, level = _vertex(theta, levels, peak)
+def _warn_of_samples(
+    cuts: tuple[CutMetrics, ...], lines: list[Cut], about: dict[str, float], has_circles: bool
+) -> None:
+    """Warn of meridians that are sampled too coarsely, or miss the beam."""
+    best = max(cuts, key=lambda cut: cut.directivity)
+    step = max(float(np.diff(line.angles).max()) for line in lines)
+    if best.half_power_beamwidth < _LEAST_SAMPLES * step:
+        warn_caller(
+            f"steps of {_degrees(step)} are coarse for a half-power width of "
+            f"{_degrees(best.half_power_beamwidth)}: the numbers may be off by percents; give "
+            "radiation_pattern more angles theta"
+        )
+    if about["peak_directivity"] > best.directivity + _MISSED and not has_circles:
+        warn_caller(
+            f"the cuts of the pattern miss the beam of {about['peak_directivity']:.2f} dBi at "
+            f"{_direction(about['peak_theta'], about['peak_phi'])}: the largest on them is "
+            f"{best.directivity:.2f} dBi; use beam_cuts, or give radiation_pattern that phi"
+        )
+
+
+def cut_metrics(cut: Cut, beam: float) -> CutMetrics:
+    """Return the numbers of a cut of a pattern whose beam has this level in dBi."""
+    angles, levels = cut.angles, np.maximum(cut.levels, _DARK)
+    peak = int(np.argmax(levels)) if cut.kind == "theta" else _top(levels, angles)
+    angle, level = _vertex(angles, levels, peak)
     if level < beam - _NOTHING:
-        none = math.nan, math.nan
-        return CutMetrics(phi, angle, -math.inf, math.nan, none, none)
-    sides = [_side(theta, levels, peak, step, level) for step in (-1, 1)]
+        return CutMetrics(
+            cut.phi, angle, -math.inf, math.nan, _NAN_PAIR, _NAN_PAIR, kind=cut.kind
+        )  # fmt: skip
+    low, high = (_side(angles, levels, peak, step, level) for step in (-1, 1))
+    strongest = max((low, high), key=lambda side: side.peak_level)
     return CutMetrics(
-        phi=phi,
+        phi=cut.phi,
         theta=angle,
         directivity=level,
-        half_power_beamwidth=sides[1][0] - sides[0][0],
-        sidelobe_levels=(sides[0][1] - level, sides[1][1] - level),
-        sidelobe_angles=(sides[0][2], sides[1][2]),
+        half_power_beamwidth=high.half_power - low.half_power,
+        sidelobe_levels=(low.level - level, high.level - level),
+        sidelobe_angles=(low.angle, high.angle),
+        first_nulls=(low.null, high.null),
+        peak_sidelobe_level=(
+            strongest.peak_level - level if math.isfinite(strongest.peak_level) else math.nan
+        ),
+        peak_sidelobe_angle=strongest.peak_angle,
+        kind=cut.kind,
     )
 
 
-def _side(
-    theta: Levels, levels: Levels, peak: int, step: int, level: float
-) -> tuple[float, float, float]:
-    """(theta of half power, level and theta of the first sidelobe) on one side of a peak."""
-    along, places = levels[peak::step], theta[peak::step]
+def _top(levels: Levels, angles: Levels) -> int:
+    """The sample at the top of the beam, which a great circle has next to angle 0.
+
+    A lobe behind the plane may be as high.
+    """
+    k = int(np.abs(angles).argmin())
+    while True:
+        around = range(max(0, k - 1), min(len(levels), k + 2))
+        higher = max(around, key=lambda n: levels[n])
+        if levels[higher] <= levels[k]:
+            return k
+        k = higher
+
+
+class _Side(NamedTuple):
+    """Angles in rad and levels in dBi on one side of a peak; NaN beyond the end of the cut."""
+
+    half_power: float = math.nan
+    null: float = math.nan
+    level: float = math.nan
+    """Level of the first sidelobe."""
+    angle: float = math.nan
+    peak_level: float = -math.inf
+    """Largest level beyond the first null, up to the horizon; minus infinity without a null."""
+    peak_angle: float = math.nan
+
+
+def _side(angles: Levels, levels: Levels, peak: int, step: int, level: float) -> _Side:
+    """One side of a peak."""
+    along, places = levels[peak::step], angles[peak::step]
     below = np.flatnonzero(along < level - _HALF)
     if not below.size:
-        return math.nan, math.nan, math.nan
+        return _Side()
     flank = int(below[0])  # maxima before it are ripples of the beam
     half = _crossing(along, places, flank, level - _HALF)
     rising = np.flatnonzero(np.diff(along[flank:]) > 0)
     if not rising.size:
-        return half, math.nan, math.nan
+        return _Side(half)
     null = flank + int(rising[0])
+    # |E|^2 is a parabola next to a null
+    beside = along[null - 1 : null + 2].max()
+    null_angle, _ = _vertex(places, -(10 ** ((along - beside) / 10)), null)
+    strongest = null + int(along[null:].argmax())
+    peak_angle, peak_level = _vertex(places, along, strongest)
     falling = np.flatnonzero(np.diff(along[null:]) < 0)
     if not falling.size:
-        return half, math.nan, math.nan
+        return _Side(half, null_angle, peak_level=peak_level, peak_angle=peak_angle)
     lobe_angle, lobe = _vertex(places, along, null + int(falling[0]))
-    return half, lobe, lobe_angle
+    return _Side(half, null_angle, lobe, lobe_angle, peak_level, peak_angle)
 
 
 def _vertex(places: Levels, levels: Levels, peak: int) -> tuple[float, float]:
@@ -317,3 +410,13 @@ def _positive(name: str, value: Any) -> float:
 
 def _degrees(angle: float) -> str:
     return f"{math.degrees(angle):.2f}°"
+
+
+def _direction(theta: float, phi: float) -> str:
+    return f"theta {_degrees(theta)}, phi {_degrees(phi)}"
+
+
+def _apart(one: tuple[float, float], other: tuple[float, float]) -> float:
+    """The angle in rad between two directions, each as theta and phi."""
+    first, second = (unit_vectors(*np.array(angles)[:, None])[0, 0] for angles in (one, other))
+    return 2 * math.asin(min(1.0, float(np.linalg.norm(first - second)) / 2))

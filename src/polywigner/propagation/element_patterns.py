@@ -46,7 +46,7 @@ _LARGEST = 1e100
 # Directions at a time, each with a row of meridian samples and one of azimuth.
 _ROWS = 4096
 # Angles in steps of a quarter degree: 16 MB, and matrices of some 0.1 GB.
-_MOST_THETA, _MOST_PHI = 721, 1440
+MOST_THETA, MOST_PHI = 721, 1440
 # Nodes beyond the band of a quadrature: Bessel functions fall below rounding.
 _MARGIN = 40
 
@@ -61,9 +61,9 @@ class ElementPattern:
 
     def __init__(self, theta: Floats, phi: Floats, components: tuple[Complex, Complex]) -> None:
         """Components E_theta and E_phi (n, m), for theta from 0 to 90 or 180 degrees in rad."""
-        if len(theta) > _MOST_THETA or len(phi) > _MOST_PHI:
+        if len(theta) > MOST_THETA or len(phi) > MOST_PHI:
             raise ArgumentError(
-                f"expected at most {_MOST_THETA} angles theta and {_MOST_PHI} angles phi, got "
+                f"expected at most {MOST_THETA} angles theta and {MOST_PHI} angles phi, got "
                 f"{len(theta)} and {len(phi)}; take every second or third"
             )
         _check_angles(theta, phi)
@@ -200,14 +200,20 @@ def _vector(theta: Floats, phi: Floats, polar: Complex, azimuthal: Complex) -> C
     )
 
 
-def _check_angles(theta: Floats, phi: Floats) -> None:
-    """Raise ArgumentError unless theta (n,) and phi (m,) cover the front in even steps."""
+def covers_front(theta: Floats, phi: Floats) -> bool:
+    """Whether theta (n,) and phi (m,), in rad, cover the front in even steps."""
     even = all(np.ptp(np.diff(angles)) < 10 * _EVEN for angles in (theta, phi) if len(angles) > 2)
     around = len(phi) > 1 and abs((phi[1] - phi[0]) * len(phi) - 2 * math.pi) < 1e-4
-    if not even or not around or abs(theta[0]) > _EVEN or theta[-1] < math.pi / 2 - _EVEN:
+    reach = abs(theta[0]) <= _EVEN and theta[-1] >= math.pi / 2 - _EVEN
+    return bool(even and around and reach)
+
+
+def _check_angles(theta: Floats, phi: Floats) -> None:
+    """Raise ArgumentError unless theta (n,) and phi (m,) cover the front in even steps."""
+    if not covers_front(theta, phi):
         raise ArgumentError(
-            "expected evenly spaced theta from 0 to 90 or 180 degrees, and phi around the whole "
-            f"turn, got theta from {math.degrees(theta[0]):g} to {math.degrees(theta[-1]):g} and "
+            "expected evenly spaced theta from 0 to 90 or 180 degrees, and phi around the full "
+            f"circle, got theta from {math.degrees(theta[0]):g} to {math.degrees(theta[-1]):g} and "
             f"phi from {math.degrees(phi[0]):g} to {math.degrees(phi[-1]):g}"
         )
 

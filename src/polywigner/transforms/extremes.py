@@ -19,7 +19,8 @@ from polywigner.errors import GeometryError
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits, Wavefront
 from polywigner.geometry.exact import whole_numbers
 from polywigner.geometry.rings import LARGEST_COORDINATE
-from polywigner.illumination import Array, phased_array
+from polywigner.illumination import Array
+from polywigner.illumination.array import repeated_element
 from polywigner.illumination.lattices import Sites
 from polywigner.illumination.support import moved_source
 from polywigner.kernels.arrays.element_pairs import is_scattered
@@ -183,7 +184,7 @@ def _moved(source: Any, corner: int) -> Any:
         element, positions = source.repeated
         own = corners_of(element)
         k, m = divmod(corner, len(own))
-        return phased_array(element.moved(-own[m]), positions - positions[k], source.weights)
+        return repeated_element(element.moved(-own[m]), positions - positions[k], source.weights)
     origin = corners_of(source)[corner]
     return moved_source(source, -origin)
 

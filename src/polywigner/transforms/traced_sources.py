@@ -237,9 +237,9 @@ def _with_weights(source: Aperture | Array | None, weights: NDArray[np.complex12
     if not isinstance(source, Array):
         raise ArgumentError("expected weights for an Array only, got some for an Aperture")
     if source.repeated is not None:
-        from polywigner.illumination import phased_array
+        from polywigner.illumination.array import repeated_element
 
-        return phased_array(*source.repeated, weights)
+        return repeated_element(*source.repeated, weights)
     return Array(source.elements, weights)
 
 

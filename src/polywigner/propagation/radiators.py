@@ -1,0 +1,295 @@
+"""Sources as functions of direction: far field, power, beam and steering."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polywigner.errors import ArgumentError
+from polywigner.execution import checked_engine, checked_precision
+from polywigner.geometry import Wavefront
+from polywigner.geometry.arguments import checked_choice, checked_wavelength, warn_caller
+from polywigner.illumination import Array
+from polywigner.illumination.obliquities import (
+    checked_obliquity,
+    fields_of,
+    warn_of_slopes,
+)
+from polywigner.illumination.polarisation import MODELS, checked_polarisation
+from polywigner.numerics.peaks import climbed, largest
+from polywigner.propagation.element_patterns import element_pattern_of
+from polywigner.propagation.far_fields import check_slopes, far_field, powers_of
+from polywigner.propagation.places import unit_vectors
+from polywigner.propagation.vector_fields import far_vectors, parts_of, vector_powers
+from polywigner.quantities import SPEED_OF_LIGHT
+from polywigner.radiometry.directions import PlaneSource, checked_radiator
+from polywigner.radiometry.hemisphere import check_width, largest_lag
+from polywigner.transforms import array_factor
+from polywigner.transforms.wavefronts import flat_of
+
+Values = NDArray[Any]
+
+# Samples of direction cosines across the hemisphere at least: the obliquity varies if the source is
+# small. Directions per block: some megabytes.
+_LEAST_STEPS = 16
+_BLOCK = 1 << 17
+# Directions of the full hemisphere, a tenth of a second. The beam of a wider source is searched
+# near its waves, within this number of lobes of an element.
+_MOST, _LOBES = 1 << 20, 4.0
+# Relative difference between the frequencies of an element's pattern and of the array.
+_OTHER_FREQUENCY = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class FarField:
+    """The far field of a source as a function of direction."""
+
+    source: PlaneSource | Wavefront
+    wavelength: float
+    at: Callable[[Values], Values]
+    """The field (...), or its vectors (..., 3), at unit vectors (..., 3)."""
+    on_grid: Callable[[Values, Values], Values]
+    """The field (n, m), or its vectors (n, m, 3), over theta (n,) and phi (m,)."""
+    powers: tuple[float, float]
+    """Radiated power and aperture power."""
+    about: dict[str, Any]
+    """The boundary condition, or the model of currents."""
+    is_vector: bool = True
+    jones: Values | None = None
+    """The polarisation that co-polar refers to; None: the beam's."""
+    goes_backwards: bool = False
+    """Whether the source radiates behind its plane."""
+
+    def intensity(self, directions: Values) -> Values:
+        """Return |E|^2 (...) in W/sr at unit vectors (..., 3)."""
+        squares = np.square(np.abs(self.at(directions)))
+        return np.asarray(squares.sum(axis=-1) if self.is_vector else squares)
+
+    def beam(self) -> tuple[float, float, float]:
+        """Return the largest |E|^2 of all directions in front, in W/sr, and its theta and phi.
+
+        If several are equal, the direction is the one with the smallest theta, then phi.
+        """
+        extent = np.ptp(np.reshape(flat_of(self.source).bounds, (2, 2)), axis=0)
+        width = extent / self.wavelength
+        steps = np.maximum(2 * np.ceil(2 * width), _LEAST_STEPS).astype(int)
+        windows = [(np.zeros(2), steps // 2)]
+        if steps.prod() > _MOST:
+            windows = self._windows(2 / steps)
+        candidates = []
+        for centre, counts in windows:
+            across, along = (
+                m + step * np.arange(-n, n + 1)
+                for m, step, n in zip(centre, 2 / steps, counts, strict=True)
+            )
+            rows = max(1, _BLOCK // len(across))
+            for k in range(0, len(along), rows):
+                grid = np.stack(np.meshgrid(across, along[k : k + rows]), axis=-1).reshape(-1, 2)
+                candidates.append(largest(*self._on_disc(grid), 2 / steps, width))
+        cosines, values = (np.concatenate(parts) for parts in zip(*candidates, strict=True))
+        cosines, _ = largest(cosines, values, 2 / steps, width)
+        cosines, values = climbed(self._on_disc, cosines, 2 / steps, width)
+        theta = np.arcsin(np.minimum(1, np.linalg.norm(cosines, axis=-1)))
+        phi = np.arctan2(cosines[:, 1], cosines[:, 0]) % (2 * math.pi)
+        first = np.lexsort([phi.round(6), theta.round(6)])[0]
+        return float(values.max()), float(theta[first]), float(phi[first])
+
+    def _windows(self, step: Values) -> list[tuple[Values, NDArray[np.intp]]]:
+        """Centres of windows of direction cosines that hold the beam of a wide source, and sizes.
+
+        Sizes are half the numbers of samples.
+        """
+        source, wavelength = self.source, self.wavelength
+        flat = flat_of(source)
+        sides = [np.ptp(np.reshape(e.bounds, (2, 2)), axis=0) for e in flat.elements_in_plane]
+        reach = _LOBES * wavelength / np.min(sides, axis=0)
+        if isinstance(source, Wavefront):
+            half = np.ptp(np.reshape(flat.bounds, (2, 2)), axis=0) / 2
+            reach = reach + wavelength * np.abs(source.curvature) @ half
+        counts = np.ceil(np.minimum(reach, 1.0) / step).astype(np.intp)
+        waves = [np.zeros((1, 2)) if f is None else f.frequencies for f in fields_of(flat)]
+        centres = np.unique(np.round(np.concatenate(waves) * wavelength / step), axis=0) * step
+        return [(centre, counts) for centre in centres if np.linalg.norm(centre) <= 1.0]
+
+    def _on_disc(self, cosines: Values) -> tuple[Values, Values]:
+        """Direction cosines (..., 2), moved into the unit disc, and |E|^2 (...) there."""
+        cosines = cosines / np.maximum(1, np.linalg.norm(cosines, axis=-1, keepdims=True))
+        third = np.sqrt(np.maximum(0, 1 - np.square(cosines).sum(axis=-1, keepdims=True)))
+        directions = np.concatenate([cosines, third], axis=-1).reshape(-1, 3)
+        return cosines, self.intensity(directions).reshape(cosines.shape[:-1])
+
+
+def checked_far_field(
+    source: Any,
+    wavelength: Any,
+    obliquity: Any,
+    polarisation: Any,
+    method: Any,
+    element: Any,
+    precision: Any,
+    engine: Any,
+) -> FarField:
+    """Return the far field of arguments of :func:`radiation_pattern`, which raises their errors."""
+    checked_precision(precision)
+    checked_engine(engine)
+    how = {"precision": precision, "engine": engine}
+    if element is not None and not (obliquity is None and method is None):
+        raise ArgumentError(
+            f"expected an element's pattern without obliquity and method, got {obliquity!r} and "
+            f"{method!r}; leave them out"
+        )
+    if polarisation is not None and obliquity is not None:
+        raise ArgumentError(
+            f"expected an obliquity or a polarisation, got {obliquity!r} and {polarisation!r}; a "
+            "polarised field has a method instead"
+        )
+    if polarisation is None and method is not None:
+        raise ArgumentError(f"expected a polarisation with method={method!r}, got none; give one")
+    radiator, length = checked_radiator(source), checked_wavelength(wavelength)
+    check_width(largest_lag(radiator), length)
+    if element is not None:
+        return _of_elements(radiator, length, element, polarisation, how)
+    if polarisation is not None:
+        model = checked_choice("huygens" if method is None else method, "method", MODELS)
+        return _polarised(radiator, length, polarisation, model, how)
+    name = checked_obliquity(obliquity)
+    check_slopes(radiator, name)
+    warn_of_slopes(flat_of(radiator), length, name)
+
+    def at(s: Values, **how: Any) -> Values:
+        return np.asarray(far_field(radiator, s, length, name, **how))
+
+    powers = powers_of(radiator, length, name)
+    return FarField(radiator, length, at, _gridded(at, how), powers, {"obliquity": name}, False)
+
+
+def _gridded(at: Callable[..., Values], how: dict[str, Any]) -> Callable[[Values, Values], Values]:
+    return lambda theta, phi: at(unit_vectors(theta, phi), **how)
+
+
+def _polarised(
+    source: Any, wavelength: float, polarisation: Any, model: str, how: dict[str, Any]
+) -> FarField:
+    """The far field of a polarised source."""
+    parts = parts_of(source, polarisation)
+    at = partial(far_vectors, parts, wavelength=wavelength, model=model)
+    powers = vector_powers(parts, wavelength, model)
+    jones = checked_polarisation(polarisation, source)
+    about = {"method": model}
+    return FarField(source, wavelength, at, _gridded(at, how), powers, about, jones=jones)
+
+
+def _of_elements(
+    source: Any, wavelength: float, pattern: Any, polarisation: Any, how: dict[str, Any]
+) -> FarField:
+    """The far field of an array of elements with a pattern from a file or a solver."""
+    if not isinstance(source, Array) or source.repeated is None:
+        raise ArgumentError(
+            "expected a phased_array with an element's pattern, got "
+            f"{type(source).__name__}; make one by phased_array(element, positions, weights)"
+        )
+    element = element_pattern_of(pattern)
+    frequency = float(pattern.attrs.get("frequency", math.nan))
+    if abs(frequency * wavelength / SPEED_OF_LIGHT - 1) > _OTHER_FREQUENCY:
+        warn_caller(
+            f"got an element's pattern at {frequency:.6g} Hz for an array at "
+            f"{SPEED_OF_LIGHT / wavelength:.6g} Hz: it is taken as it is"
+        )
+    _, positions = source.repeated
+
+    def factor(s: Values, **how: Any) -> Values:
+        return np.asarray(array_factor(positions, source.weights, s[..., :2] / wavelength, **how))
+
+    def at(s: Values) -> Values:
+        return element.vectors(s) * factor(s)[..., None]
+
+    def on_grid(theta: Values, phi: Values) -> Values:
+        return element.grid(theta, phi) * factor(unit_vectors(theta, phi), **how)[..., None]
+
+    extent = float(np.linalg.norm(np.ptp(positions, axis=0)))
+    power = element.power(2 * math.pi * extent / wavelength, factor)
+    jones = None if polarisation is None else checked_polarisation(polarisation)
+    about = {"method": "pattern of the elements"}
+    powers = power, math.nan
+    back = element.is_whole
+    return FarField(source, wavelength, at, on_grid, powers, about, True, jones, back)
+
+
+# ---- steering -----------------------------------------------------------------------------------
+
+# Deviations that steering allows: of the phases of weights from a plane, in rad, and of waves from
+# symmetry, in parts of 1/wavelength. Rounded tables pass, quantised phases do not.
+_LINEAR = 0.02
+_SYMMETRIC = 1e-6
+# Waves of a field that are compared with their opposites.
+_MOST_WAVES = 4096
+
+
+def steered_direction(
+    source: PlaneSource | Wavefront, wavelength: float, beam: tuple[float, float]
+) -> tuple[float, float] | None:
+    """Return theta and phi to which a source is steered, in rad; None if it is not known.
+
+    A phased array is steered if the phases of its weights rise linearly, up to sign. An aperture is
+    steered if its waves lie symmetrically about one wave, such as a real taper times a plane wave.
+
+    Parameters
+    ----------
+    beam : theta and phi of the beam. Among the directions to which the array is steered, up to
+        grating lobes, the result is the one next to it.
+    """
+    if isinstance(source, Wavefront):
+        return None
+    if isinstance(source, Array):
+        if source.repeated is None:
+            return None
+        positions = source.repeated[1]
+        cosines = _of_weights(positions, source.weights, wavelength, _cosines(*beam))
+    else:
+        cosines = _of_waves(source.illumination, wavelength)
+    if cosines is None or np.linalg.norm(cosines) > 1:
+        return None
+    theta = math.asin(float(np.linalg.norm(cosines)))
+    phi = round(math.atan2(cosines[1], cosines[0]), 12) % (2 * math.pi)
+    return theta, phi if theta > _SYMMETRIC else 0.0
+
+
+def _cosines(theta: float, phi: float) -> Values:
+    return math.sin(theta) * np.array([math.cos(phi), math.sin(phi)])
+
+
+def _of_weights(
+    positions: Values, weights: Values, wavelength: float, near: Values
+) -> Values | None:
+    """Direction cosines (2,) of weights with linear phases, next to others."""
+    if len(weights) < 2:
+        return None
+    residual = weights * np.exp(-2j * np.pi * (positions @ near) / wavelength)
+    # weights of windows may be negative: squares have no sign
+    squares = residual**2 * np.conj((residual**2).sum())
+    phases, strength = np.angle(squares) / 2, np.abs(weights)
+    columns = np.column_stack([positions / wavelength * 2 * np.pi, np.ones(len(weights))])
+    slope = np.linalg.lstsq(columns * strength[:, None], phases * strength, rcond=1e-9)[0]
+    error = np.abs(phases - columns @ slope)[strength > 1e-6 * strength.max()].max()
+    return near + slope[:2] if error <= _LINEAR else None
+
+
+def _of_waves(illumination: Any, wavelength: float) -> Values | None:
+    """Direction cosines (2,) of the wave at the centre of a symmetric set of waves."""
+    if illumination is None:
+        return np.zeros(2)
+    waves, sizes = illumination.frequencies * wavelength, np.abs(illumination.amplitudes)
+    if len(waves) > _MOST_WAVES or not sizes.any():
+        return None
+    centre = (waves * np.square(sizes)[:, None]).sum(axis=0) / np.square(sizes).sum()
+    rows = np.column_stack([waves - centre, sizes / sizes.max()])
+    opposite = rows * (-1, -1, 1)
+    order, reverse = (np.lexsort(part.round(6).T) for part in (rows, opposite))
+    is_symmetric = np.abs(rows[order] - opposite[reverse]).max() <= _SYMMETRIC
+    return centre if is_symmetric else None

@@ -1,0 +1,673 @@
+"""Far fields in files of other programs: units, angles, frequencies, against a closed-form field.
+
+The field is that of a few multipoles, whose power is a sum of squares of known coefficients.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from polywigner.errors import ArgumentError, FileFormatError, PolywignerWarning
+
+DATA = Path(__file__).parent / "data" / "far_fields"
+FREE_SPACE = 376.730313412  # ohm
+# A table has seven digits, or six decimals of a dB.
+DIGITS = 2e-6
+
+
+def field(theta: Any, phi: Any) -> tuple[Any, Any]:
+    """rE_theta and rE_phi in V of two electric dipoles, a magnetic one, and a quadrupole.
+
+    With exp(+j omega t). The directions may have negative theta: the unit vectors of (-theta, phi)
+    are minus those of (theta, phi + pi).
+    """
+    polar = np.cos(theta) * np.cos(phi) + 0.5j * np.sin(phi) + 0.3 * np.sin(2 * theta)
+    azimuthal = -np.sin(phi) + 0.5j * np.cos(theta) * np.cos(phi) + 0.2 * np.sin(theta)
+    return polar, azimuthal
+
+
+def _power() -> float:
+    """Watts through a sphere, by a Gauss rule in cos(theta)."""
+    node, weight = np.polynomial.legendre.leggauss(40)
+    phi = 2 * np.pi * np.arange(40) / 40
+    parts = field(np.arccos(node)[:, None], phi)
+    squares = sum(np.abs(part) ** 2 for part in parts).mean(axis=1)
+    return float(2 * np.pi * (weight @ squares) / (2 * FREE_SPACE))
+
+
+POWER = _power()
+THETA, PHI = np.arange(0.0, 181, 15), np.arange(0.0, 360, 20)
+
+
+def directivity(theta: Any, phi: Any) -> Any:
+    squares = sum(np.abs(part) ** 2 for part in field(theta, phi))
+    return 4 * np.pi * squares / (2 * FREE_SPACE) / POWER
+
+
+PEAK = 10 * math.log10(directivity(np.radians(THETA)[:, None], np.radians(PHI)).max())
+
+
+def _rows(thetas: Any = THETA, phis: Any = PHI) -> Any:
+    """Theta and phi in degrees of all directions, theta running fastest, and both components."""
+    phi, theta = (grid.ravel() for grid in np.meshgrid(phis, thetas, indexing="ij"))
+    return theta, phi, *field(np.radians(theta), np.radians(phi))
+
+
+def _size(squares: Any, unit: str) -> Any:
+    """|rE|^2 in V^2 in a unit, by the definitions of the units."""
+    intensity, ratio = squares / (2 * FREE_SPACE), squares / (2 * FREE_SPACE) * 4 * np.pi / POWER
+    with np.errstate(divide="ignore"):
+        found = {
+            "V/m": np.sqrt(squares),
+            "mV/m": 1e3 * np.sqrt(squares),
+            "kV": 1e-3 * np.sqrt(squares),
+            "dBV/m": 10 * np.log10(squares),
+            "dB(V/m)": 10 * np.log10(squares),
+            "dBuV/m": 10 * np.log10(squares) + 120,
+            "dBmV": 10 * np.log10(squares) + 60,
+            "W/m^2": intensity,
+            "mW/sr": 1e3 * intensity,
+            "W": intensity,
+            "dBW/m2": 10 * np.log10(intensity),
+            "dBm/m^2": 10 * np.log10(intensity) + 30,
+            "dBm": 10 * np.log10(intensity) + 30,
+            "": ratio,
+            "dBi": 10 * np.log10(ratio),
+            "dB": 10 * np.log10(ratio),
+            "dBd": 10 * np.log10(ratio) - 2.15,
+        }[unit]
+    return np.maximum(found, -300.0)
+
+
+def _cst(
+    path: Path, name: str, unit: str, angle: str = "deg.", phase: str = "deg.", **how: Any
+) -> Path:
+    total = how.pop("total", name)
+    theta, phi, a, b = _rows(**how)
+    turn = {"deg.": 1.0, "rad": math.pi / 180}
+    squares = [np.abs(part) ** 2 for part in (a, b)]
+    columns = [
+        theta * turn[angle],
+        phi * turn[angle],
+        _size(sum(squares), how.get("total_unit", unit)),
+        _size(squares[0], unit),
+        np.degrees(np.angle(a)) % 360 * turn[phase],
+        _size(squares[1], unit),
+        np.degrees(np.angle(b)) % 360 * turn[phase],
+        0 * theta,
+    ]
+    header = (
+        f"Theta [{angle}]  Phi   [{angle}]  Abs({total:4})[{unit:6}]   Abs(Theta)[{unit:6}]  "
+        f"Phase(Theta)[{phase}]  Abs(Phi  )[{unit:6}]  Phase(Phi  )[{phase}]  Ax.Ratio[      ]    "
+    )
+    rows = [" ".join(f"{value:.10e}" for value in row) for row in np.column_stack(columns)]
+    path.write_text("\n".join([header, "-" * len(header), *rows]) + "\n")
+    return path
+
+
+def _check(found: Any, power: float | None = POWER, fields: bool = True) -> None:
+    """The directivity, and up to a factor the field, of all directions."""
+    theta, phi = found["theta"].values[:, None], found["phi"].values
+    assert found.attrs["peak_directivity"] == pytest.approx(PEAK, abs=DIGITS)
+    exact = directivity(theta, phi)
+    assert 10 ** (found["directivity"].values / 10) == pytest.approx(exact, abs=1e-5)
+    if power is not None:
+        assert found.attrs["radiated_power"] == pytest.approx(power, rel=1e-6)
+    x, y = _linear(found)
+    polar, azimuthal = field(theta, phi)
+    scale = math.sqrt(found.attrs["radiated_power"] / POWER / (2 * FREE_SPACE))
+    exact_x = scale * (polar * np.cos(phi) - azimuthal * np.sin(phi)).conj()
+    exact_y = scale * (polar * np.sin(phi) + azimuthal * np.cos(phi)).conj()
+    largest = max(np.abs(exact_x).max(), np.abs(exact_y).max())
+    assert np.abs(x - exact_x).max() < 1e-6 * largest
+    assert np.abs(y - exact_y).max() < 1e-6 * largest
+
+
+def _linear(found: Any) -> tuple[Any, Any]:
+    """Components along x and y by Ludwig's third definition, of co- and cross-polar parts."""
+    p, q = np.asarray(found.attrs["polarisation"]).view(np.complex128)
+    co, cross = found["field"].values, found["cross_field"].values
+    return p * co - np.conj(q) * cross, q * co + np.conj(p) * cross
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "power"),
+    [
+        ("Dir.", "dBi", 1.0),
+        ("Dir.", "", 1.0),
+        ("Dir.", "dB", 1.0),
+        ("Dir.", "dBd", 1.0),
+        ("Gain", "dBi", 1.0),
+        ("Grlz", "", 1.0),
+        ("E", "V/m", POWER),
+        ("E", "mV/m", POWER),
+        ("V", "kV", POWER),
+        ("E", "dBV/m", POWER),
+        ("E", "dB(V/m)", POWER),
+        ("E", "dBuV/m", POWER),
+        ("E", "dBmV", POWER),
+        ("P", "W/m^2", POWER),
+        ("P", "mW/sr", POWER),
+        ("P", "dBW/m2", POWER),
+        ("P", "dBm/m^2", POWER),
+    ],
+)
+def test_a_table_of_cst_is_read_in_its_units(
+    tmp_path: Path, name: str, unit: str, power: float
+) -> None:
+    _check(pw.read_pattern(_cst(tmp_path / "a.txt", name, unit)), power)
+
+
+def test_a_linear_directivity_is_that_of_its_own_total_column() -> None:
+    """The file has directivities up to 21.88083 in Abs(Dir.)[      ]: 13.4006 dBi."""
+    path = DATA / "cst_linear_directivity.txt"
+    found = pw.read_pattern(path)
+    largest = max(float(line.split()[2]) for line in path.read_text().splitlines()[2:])
+    expected = 10 * math.log10(largest)
+    assert found.attrs["peak_directivity"] == pytest.approx(expected, abs=1e-6)
+    assert found.attrs["radiated_power"] == pytest.approx(1.0, rel=1e-6)
+
+
+def test_angles_and_phases_may_be_in_radians(tmp_path: Path) -> None:
+    _check(pw.read_pattern(_cst(tmp_path / "a.txt", "E", "V/m", "rad", "rad")))
+
+
+@pytest.mark.parametrize(
+    ("thetas", "phis"),
+    [
+        (np.arange(-180.0, 181, 15), np.arange(-90.0, 90, 15)),
+        (np.arange(-180.0, 181, 15), np.arange(0.0, 181, 20)),
+        (np.arange(-180.0, 180, 15), np.arange(0.0, 361, 20)),
+        (np.arange(0.0, 181, 15), np.arange(-180.0, 181, 20)),
+    ],
+)
+def test_theta_of_both_signs_covers_the_sphere(tmp_path: Path, thetas: Any, phis: Any) -> None:
+    if abs(phis[-1] - phis[0]) == 180:  # half a turn of meridians with odd steps
+        phis = np.arange(0.0, 181, 15)
+    _check_sphere(pw.read_pattern(_cst(tmp_path / "a.txt", "E", "V/m", thetas=thetas, phis=phis)))
+
+
+def _check_sphere(found: Any) -> None:
+    theta, phi = found["theta"].values, found["phi"].values
+    assert theta.min() == 0 and theta.max() == pytest.approx(math.pi)
+    assert phi.min() == 0 and phi.max() < 2 * math.pi - 0.1
+    exact = directivity(theta[:, None], phi)
+    assert 10 ** (found["directivity"].values / 10) == pytest.approx(exact, rel=1e-6, abs=1e-6)
+    assert found.attrs["radiated_power"] == pytest.approx(POWER, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (("[V/m   ]", "[A/m   ]"), "A/m"),
+        (("[V/m   ]", "[furlong]"), "furlong"),
+        (("[deg.]", "[gon]"), "gon"),
+        (("Abs(E   )[V/m   ]", "Abs(E   )[dBi   ]"), "dBi"),
+        (("Abs(E   )[V/m   ]   Abs(Theta)[V/m   ]", "Abs(Foo )[]   Abs(Theta)[]"), "unit"),
+        (("Abs(Theta)", "Abs(Left )"), "E_theta"),
+        (("Theta [deg.]", "Alpha [deg.]"), "Theta"),
+        # the numbers contradict each other
+        (("Abs(E   )[V/m   ]", "Abs(E   )[mV/m  ]"), "Abs.E   . differs"),
+        (("Abs(Theta)[V/m   ]", "Abs(Theta)[dBV/m ]"), "differs"),
+        (("Abs(Phi  )[V/m   ]", "Abs(Phi  )[kV/m  ]"), "differs"),
+        (("[V/m   ]", "[W/m2  ]"), "Abs.E   ."),
+    ],
+)
+def test_units_that_do_not_fit_are_refused_by_name(
+    tmp_path: Path, change: tuple[str, str], words: str
+) -> None:
+    path = _cst(tmp_path / "a.txt", "E", "V/m")
+    path.write_text(path.read_text().replace(*change))
+    with pytest.raises(FileFormatError, match=words) as told:
+        pw.read_pattern(path)
+    assert str(told.value).isprintable()
+
+
+def test_directivities_taken_for_amplitudes_are_refused(tmp_path: Path) -> None:
+    """The sum of squares is not the total that the file has."""
+    path = _cst(tmp_path / "a.txt", "Dir.", "")
+    text = path.read_text()
+    assert text.count("[      ]") == 4
+    path.write_text(text.replace("[      ]", "[V/m   ]").replace("Abs(Dir.)", "Abs(E   )"))
+    with pytest.raises(FileFormatError, match="differs from the field components"):
+        pw.read_pattern(path)
+
+
+@pytest.mark.parametrize("half", [True, False])
+def test_linear_directivities_under_a_header_in_dbi_are_refused(tmp_path: Path, half: bool) -> None:
+    """All columns agree, but their directivity is not that of the integral."""
+    thetas = np.arange(0.0, 91 if half else 181, 5)
+    beam = pw.radiation_pattern(
+        pw.shapes.square(4e-3), 3.9e-3, np.radians(thetas), np.radians(PHI), polarisation="x"
+    )
+    pw.write_pattern(beam, tmp_path / "a.txt")
+    rows = [line.split() for line in (tmp_path / "a.txt").read_text().splitlines()]
+    for row in rows[2:]:
+        for k in (2, 3, 5):
+            row[k] = f"{10 ** (float(row[k]) / 10):.9g}"
+    heading = " ".join(rows[0])
+    lines = [heading, *(" ".join(row) for row in rows[1:])]
+    (tmp_path / "a.txt").write_text("\n".join(lines))
+    with pytest.raises(FileFormatError, match=r"integral|differs"):
+        pw.read_pattern(tmp_path / "a.txt")
+
+
+def test_a_directivity_that_the_integral_contradicts_is_warned_of(tmp_path: Path) -> None:
+    """Half of the sphere is missing: the file's own directivity is kept."""
+    half = np.arange(0.0, 91, 15)
+    path = _cst(tmp_path / "a.txt", "Dir.", "dBi", thetas=half)
+    with pytest.warns(PolywignerWarning, match="integral over its directions"):
+        found = pw.read_pattern(path)
+    front = 10 * math.log10(directivity(np.radians(half)[:, None], np.radians(PHI)).max())
+    assert found.attrs["peak_directivity"] == pytest.approx(front, abs=DIGITS)
+
+
+def test_a_gain_above_the_directivity_is_warned_of(tmp_path: Path) -> None:
+    """An efficiency of 50 % lowers gain and power by 3 dB; one of 200 % cannot be."""
+    path = _cst(tmp_path / "a.txt", "Gain", "dBi")
+    rows = [line.split() for line in path.read_text().splitlines()]
+    for change in (-10 * math.log10(2), 10 * math.log10(2)):
+        for row in rows[2:]:
+            for k in (2, 3, 5):
+                row[k] = str(float(row[k]) + change)
+        path.write_text("\n".join(" ".join(row) for row in rows))
+        if change < 0:
+            with warnings.catch_warnings():
+                warnings.simplefilter("error")
+                _check(pw.read_pattern(path), 0.5)
+            rows = [line.split() for line in path.read_text().splitlines()]
+            for row in rows[2:]:
+                for k in (2, 3, 5):
+                    row[k] = str(float(row[k]) - change)
+    with pytest.warns(PolywignerWarning, match="exceeds the directivity"):
+        _check(pw.read_pattern(path), 2.0)
+
+
+# ---- HFSS ---------------------------------------------------------------------------------------
+
+
+def _hfss(path: Path, columns: dict[str, Any], **how: Any) -> Path:
+    theta, phi, a, b = _rows(**how)
+    squares = np.abs(a) ** 2, np.abs(b) ** 2
+    values = {name: make(theta, phi, a, b, squares) for name, make in columns.items()}
+    lines = [",".join(f'"{name}"' for name in values)]
+    for row in zip(*values.values(), strict=True):
+        lines.append(",".join(x if isinstance(x, str) else f"{x:.12g}" for x in row))
+    path.write_text("\n".join(lines))
+    return path
+
+
+ANGLES = {"Phi [deg]": lambda t, p, *_: p, "Theta [deg]": lambda t, p, *_: t}
+
+
+def _parts(unit: str, factor: float) -> dict[str, Any]:
+    return {
+        f"re(rETheta) [{unit}]": lambda t, p, a, b, s: factor * a.real,
+        f"im(rETheta) [{unit}]": lambda t, p, a, b, s: factor * a.imag,
+        f"re(rEPhi) [{unit}]": lambda t, p, a, b, s: factor * b.real,
+        f"im(rEPhi) [{unit}]": lambda t, p, a, b, s: factor * b.imag,
+    }
+
+
+def _text(value: complex, letter: str) -> str:
+    return f"{value.real:.12g} {'-' if value.imag < 0 else '+'} {abs(value.imag):.12g}{letter}"
+
+
+@pytest.mark.parametrize(
+    "columns",
+    [
+        _parts("V", 1.0),
+        _parts("mV", 1e3),
+        _parts("uV", 1e6),
+        _parts("kV", 1e-3),
+        {  # magnitudes and phases
+            "mag(rETheta) [mV]": lambda t, p, a, b, s: 1e3 * np.abs(a),
+            "ang_deg(rETheta) [deg]": lambda t, p, a, b, s: np.degrees(np.angle(a)),
+            "mag(rEPhi) [mV]": lambda t, p, a, b, s: 1e3 * np.abs(b),
+            "ang_rad(rEPhi)": lambda t, p, a, b, s: np.angle(b),
+        },
+        {  # complex numbers
+            "rETheta [mV]": lambda t, p, a, b, s: [_text(1e3 * x, "i") for x in a],
+            "rEPhi [mV]": lambda t, p, a, b, s: [_text(1e3 * x, "i") for x in b],
+        },
+        {  # levels of the field
+            "dB(rETheta)": lambda t, p, a, b, s: _size(s[0], "dBV/m"),
+            "cang_deg(rETheta) [deg]": lambda t, p, a, b, s: np.degrees(np.angle(a)) % 360,
+            "dB20(rEPhi) []": lambda t, p, a, b, s: _size(s[1], "dBV/m"),
+            "cang_deg(rEPhi) [deg]": lambda t, p, a, b, s: np.degrees(np.angle(b)) % 360,
+        },
+    ],
+)
+def test_a_report_of_hfss_is_read_in_its_units(tmp_path: Path, columns: dict[str, Any]) -> None:
+    repeated = {
+        "dB(DirTotal)": lambda t, p, a, b, s: _size(s[0] + s[1], "dBi"),
+        "rETotal [mV]": lambda t, p, a, b, s: _size(s[0] + s[1], "mV/m"),
+        "dB(RealizedGainTotal)": lambda t, p, a, b, s: _size(s[0] + s[1], "dBi") - 1.7,
+        "GainTheta": lambda t, p, a, b, s: 0.8 * _size(s[0], ""),
+        "dB(GainPhi)": lambda t, p, a, b, s: _size(s[1], "dBi") - 0.5,
+        "AxialRatioValue": lambda t, p, a, b, s: 0 * t,
+    }
+    _check(pw.read_pattern(_hfss(tmp_path / "a.csv", {**ANGLES, **columns})))
+    _check(pw.read_pattern(_hfss(tmp_path / "b.csv", {**repeated, **columns, **ANGLES})))
+
+
+def test_gains_with_phases_are_a_field(tmp_path: Path) -> None:
+    columns = {
+        "dB(GainTheta)": lambda t, p, a, b, s: _size(s[0], "dBi") - 3,
+        "dB(GainPhi)": lambda t, p, a, b, s: _size(s[1], "dBi") - 3,
+        "ang_deg(rETheta) [deg]": lambda t, p, a, b, s: np.degrees(np.angle(a)),
+        "ang_deg(rEPhi) [deg]": lambda t, p, a, b, s: np.degrees(np.angle(b)),
+    }
+    _check(pw.read_pattern(_hfss(tmp_path / "a.csv", {**ANGLES, **columns})), 10**-0.3)
+
+
+@pytest.mark.parametrize(
+    ("columns", "words"),
+    [
+        (_parts("Tesla", 1.0), "Tesla"),
+        (_parts("dBV", 1.0), "dBV"),
+        ({**_parts("V", 1), "dB(DirTotal)": lambda t, p, a, b, s: 20 * np.log10(s[0])}, "DirTotal"),
+        ({**_parts("V", 1), "rETotal [V]": lambda t, p, a, b, s: s[0] + s[1]}, "rETotal"),
+        ({**_parts("V", 1), **_parts("mV", 1e3)}, "each column once"),
+        ({"rETheta [mV]": lambda t, p, a, b, s: np.abs(a), **_parts("V", 1)}, ""),
+        ({"rETheta [mV]": lambda t, p, a, b, s: a.real, "rEPhi": lambda *_: _[3].real}, "phase"),
+        ({"dB(GainTotal)": lambda t, p, a, b, s: _size(s[0], "dBi")}, "E_theta"),
+        ({"dB(rETheta) [mV]": lambda t, p, a, b, s: _size(s[0], "dBV/m")}, "mV"),
+        ({"Theta [deg] ": lambda t, *_: t, **_parts("V", 1)}, "once"),
+    ],
+)
+def test_columns_of_hfss_that_do_not_fit_are_refused(
+    tmp_path: Path, columns: dict[str, Any], words: str
+) -> None:
+    path = _hfss(tmp_path / "a.csv", {**ANGLES, **columns})
+    if not words:  # re and im are enough
+        return _check(pw.read_pattern(path))
+    with pytest.raises(FileFormatError, match=re.escape(words)):
+        pw.read_pattern(path)
+
+
+def test_a_report_of_several_frequencies_needs_one(tmp_path: Path) -> None:
+    """The field at 80 GHz is 0.5 of that at 77 GHz."""
+    one = _hfss(
+        tmp_path / "1.csv", {"Freq [GHz]": lambda t, *_: 77 + 0 * t, **ANGLES, **_parts("V", 1.0)}
+    )
+    _check(pw.read_pattern(one))
+    assert pw.read_pattern(one).attrs["frequency"] == pytest.approx(77e9)
+    other = _hfss(
+        tmp_path / "2.csv", {"Freq [GHz]": lambda t, *_: 80 + 0 * t, **ANGLES, **_parts("V", 0.5)}
+    )
+    both = tmp_path / "both.csv"
+    both.write_text(one.read_text() + "\n" + "\n".join(other.read_text().splitlines()[1:]))
+    _check(pw.read_pattern(both, frequency=77e9), POWER)
+    _check(pw.read_pattern(both, frequency=80e9), POWER / 4)
+    with pytest.raises(FileFormatError, match=r"7.7e.10, 8e.10 Hz"):
+        pw.read_pattern(both)
+    with pytest.raises(FileFormatError, match=r"expected a frequency of 7.8e.10 Hz"):
+        pw.read_pattern(both, frequency=78e9)
+
+
+def test_a_pivoted_report_has_its_frequency_in_the_header(tmp_path: Path) -> None:
+    columns = {f"{name} - Freq='77GHz'": make for name, make in _parts("mV", 1e3).items()}
+    found = pw.read_pattern(_hfss(tmp_path / "a.csv", {**ANGLES, **columns}))
+    _check(found)
+    assert found.attrs["frequency"] == pytest.approx(77e9)
+
+
+def test_a_file_without_a_frequency_takes_the_one_that_is_given(tmp_path: Path) -> None:
+    path = _cst(tmp_path / "a.txt", "E", "V/m")
+    assert math.isnan(pw.read_pattern(path).attrs["frequency"])
+    found = pw.read_pattern(path, frequency=10e9)
+    assert found.attrs["wavelength"] == pytest.approx(0.0299792458)
+    for wrong in (0.0, -1e9, "10 GHz"):
+        with pytest.raises(ArgumentError, match="frequency"):
+            pw.read_pattern(path, frequency=wrong)  # type: ignore[arg-type]
+
+
+def _ffd(path: Path, factors: dict[float, float], thetas: Any, phis: Any) -> Path:
+    lines = [f"{axis[0]:g} {axis[-1]:g} {len(axis)}" for axis in (thetas, phis)]
+    lines.append(f"Frequencies {len(factors)}")
+    for frequency, factor in factors.items():
+        lines.append(f"Frequency {frequency:.12g}")
+        for theta in np.radians(thetas):
+            for phi in np.radians(phis):
+                a, b = (factor * part for part in field(theta, phi))
+                lines.append(f"{a.real:.12e} {a.imag:.12e} {b.real:.12e} {b.imag:.12e}")
+    path.write_text("\n".join(lines))
+    return path
+
+
+@pytest.mark.parametrize("thetas", [THETA, np.arange(-180.0, 181, 15)])
+def test_far_field_data_of_hfss_have_frequencies_and_signs_of_theta(
+    tmp_path: Path, thetas: Any
+) -> None:
+    path = _ffd(tmp_path / "a.ffd", {1e9: 1.0, 2e9: 3.0, 3e9: 0.1}, thetas, np.arange(0.0, 361, 20))
+    for frequency, factor in ((1e9, 1.0), (2e9, 3.0), (3.0001e9, 0.1)):
+        found = pw.read_pattern(path, frequency=frequency)
+        assert found.attrs["frequency"] == pytest.approx(frequency, rel=1e-3)
+        _check_level(found, factor)
+    with pytest.raises(FileFormatError, match=r"frequency= as one of 1e.09, 2e.09, 3e.09 Hz"):
+        pw.read_pattern(path)
+    with pytest.raises(FileFormatError, match=r"2.5e.09"):
+        pw.read_pattern(path, frequency=2.5e9)
+    path.write_text(path.read_text().replace("Frequencies 3", "Frequencies 2"))
+    with pytest.raises(FileFormatError, match="Frequencies"):
+        pw.read_pattern(path, frequency=1e9)
+
+
+def _check_level(found: Any, factor: float) -> None:
+    theta, phi = found["theta"].values[:, None], found["phi"].values
+    assert 10 ** (found["directivity"].values / 10) == pytest.approx(
+        directivity(theta, phi), abs=1e-6
+    )
+    assert found.attrs["radiated_power"] == pytest.approx(factor**2 * POWER, rel=1e-9)
+
+
+def test_a_direction_with_two_fields_is_refused(tmp_path: Path) -> None:
+    path = _ffd(tmp_path / "a.ffd", {1e9: 1.0}, THETA, np.arange(0.0, 361, 20))
+    lines = path.read_text().splitlines()
+    lines[-1] = "0 9 9 0"  # phi = 360 degrees
+    path.write_text("\n".join(lines))
+    with pytest.raises(FileFormatError, match="one field in each direction"):
+        pw.read_pattern(path)
+
+
+# ---- FEKO ---------------------------------------------------------------------------------------
+
+
+def _ffe(path: Path, factors: dict[float, float], kind: str = "Gain", level: float = 0.0) -> Path:
+    lines = ["##File Type: Far field", "##File Format: 6", "** File exported by FEKO kernel", ""]
+    theta, phi, a, b = _rows()
+    total = _size(np.abs(a) ** 2 + np.abs(b) ** 2, "dBi") + level
+    parts = (_size(np.abs(part) ** 2, "dBi") + level for part in (a, b))
+    gains = np.column_stack([*parts, total])
+    for frequency, factor in factors.items():
+        lines += [
+            "#Configuration Name: Standard",
+            "#Request Name: FarField1",
+            f"#Frequency:   {frequency:.8E}",
+            "#Coordinate System: Spherical",
+            f"#No. of Theta Samples: {len(THETA)}",
+            f"#Result Type: {kind}",
+            '#   "Theta" "Phi" "Re(Etheta)" "Im(Etheta)" "Re(Ephi)" "Im(Ephi)" '
+            + " ".join(f'"{kind}({name})"' for name in ("Theta", "Phi", "Total")),
+        ]
+        values = [theta, phi, *(factor * x for x in (a.real, a.imag, b.real, b.imag)), *gains.T]
+        lines += ["  ".join(f"{x:.10E}" for x in row) for row in np.column_stack(values)]
+        lines.append("")
+    path.write_text("\n".join(lines))
+    return path
+
+
+def test_far_fields_of_feko_are_read(tmp_path: Path) -> None:
+    path = _ffe(tmp_path / "a.ffe", {1e9: 1.0, 2e9: 0.2})
+    _check(pw.read_pattern(path, frequency=1e9))
+    assert pw.read_pattern(path, frequency=2e9).attrs["radiated_power"] == pytest.approx(
+        0.04 * POWER
+    )
+    _check(pw.read_pattern(_ffe(tmp_path / "b.ffe", {1e9: 1.0}, "Directivity")))
+    with pytest.warns(PolywignerWarning, match="exceeds the directivity"):
+        pw.read_pattern(_ffe(tmp_path / "c.ffe", {1e9: 1.0}, level=3.0))
+    for wrong, words in (
+        (("Spherical", "Cartesian"), "spherical"),
+        (("Result Type: Gain", "Result Type: RCS"), "RCS"),
+        (('"Re(Etheta)"', '"Re(Ex)"'), "E_theta"),
+        (('#   "Theta"', '**  "Theta"'), "names of the columns"),
+    ):
+        changed = tmp_path / "d.ffe"
+        changed.write_text(_ffe(tmp_path / "e.ffe", {1e9: 1.0}).read_text().replace(*wrong))
+        with pytest.raises(FileFormatError, match=words):
+            pw.read_pattern(changed)
+
+
+# ---- GRASP --------------------------------------------------------------------------------------
+
+
+def _grasp(path: Path, kind: int, cut: int, thetas: Any, phis: Any, text: str = "cut") -> Path:
+    """Cuts of E_theta, E_phi (1), RHC, LHC (2) or co, cross (3), normalised to 4 pi W."""
+    scale = math.sqrt(4 * math.pi / (2 * FREE_SPACE * POWER))
+    lines: list[str] = []
+    outer, inner = (phis, thetas) if cut == 1 else (thetas, phis)
+    for constant in outer:
+        lines.append(text)
+        step = inner[1] - inner[0]
+        lines.append(f"  {inner[0]:g} {step:g} {len(inner)} {constant:g} {kind} {cut} 2")
+        for variable in inner:
+            theta, phi = np.radians((variable, constant) if cut == 1 else (constant, variable))
+            a, b = (scale * part for part in field(theta, phi))
+            co, cross = a * np.cos(phi) - b * np.sin(phi), a * np.sin(phi) + b * np.cos(phi)
+            # waves that turn from x to y as time goes on are right-handed along z: x - j y
+            right, left = (co + 1j * cross) / math.sqrt(2), (co - 1j * cross) / math.sqrt(2)
+            one, two = {1: (a, b), 2: (right, left), 3: (co, cross)}[kind]
+            lines.append(f"{one.real:.10E} {one.imag:.10E} {two.real:.10E} {two.imag:.10E}")
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+@pytest.mark.parametrize("kind", [1, 2, 3])
+@pytest.mark.parametrize(
+    ("cut", "thetas", "phis"),
+    [
+        (1, THETA, np.arange(0.0, 360, 20)),
+        (1, np.arange(-180.0, 181, 15), np.arange(0.0, 180, 15)),
+        (2, THETA, np.arange(0.0, 361, 20)),
+    ],
+)
+def test_cuts_of_grasp_are_read(
+    tmp_path: Path, kind: int, cut: int, thetas: Any, phis: Any
+) -> None:
+    found = pw.read_pattern(_grasp(tmp_path / "a.cut", kind, cut, thetas, phis))
+    assert found.attrs["radiated_power"] == pytest.approx(1.0, rel=1e-6)
+    theta, phi = found["theta"].values[:, None], found["phi"].values
+    exact = directivity(theta, phi)
+    assert 10 ** (found["directivity"].values / 10) == pytest.approx(exact, abs=1e-6)
+    x, y = _linear(found)
+    polar, azimuthal = field(theta, phi)
+    scale = 1 / math.sqrt(2 * FREE_SPACE * POWER)
+    assert np.abs(x - scale * (polar * np.cos(phi) - azimuthal * np.sin(phi)).conj()).max() < 1e-6
+    assert np.abs(y - scale * (polar * np.sin(phi) + azimuthal * np.cos(phi)).conj()).max() < 1e-6
+
+
+def test_two_cuts_of_grasp_have_the_directivity_of_their_normalisation(tmp_path: Path) -> None:
+    thetas = np.arange(-60.0, 61, 5)
+    path = _grasp(tmp_path / "a.cut", 3, 1, thetas, [0.0, 90.0], "horn, 12.5 GHz")
+    found = pw.read_pattern(path)
+    assert found["theta"].values == pytest.approx(np.radians(thetas))
+    exact = directivity(np.radians(thetas)[:, None], np.radians([0.0, 90.0]))
+    assert 10 ** (found["directivity"].values / 10) == pytest.approx(exact, rel=1e-6)
+    assert found.attrs["frequency"] == pytest.approx(12.5e9)
+    assert len(pw.beam_metrics(found).cuts) == 2
+
+
+def test_cuts_of_grasp_that_are_not_read_are_named(tmp_path: Path) -> None:
+    path = _grasp(tmp_path / "a.cut", 1, 1, THETA, PHI)
+    text = path.read_text()
+    for change, words in (
+        (lambda t: re.sub(r" 1 1 2\n", " 9 1 2\n", t), "ICOMP 9"),
+        (lambda t: re.sub(r" 1 1 2\n", " 1 3 2\n", t), "ICUT 3"),
+        (lambda t: re.sub(r" 1 1 2\n", " 1 1 3\n", t), "NCOMP 3"),
+        (lambda t: "\n".join(t.splitlines()[:-3]), "fewer"),
+        (lambda t: t + t, "once"),
+    ):
+        path.write_text(change(text))
+        with pytest.raises(FileFormatError, match=words):
+            pw.read_pattern(path)
+    # Fortran leaves out the E of exponents with three digits
+    path.write_text(re.sub(r"\n(\S+) (\S+) ", r"\n0.1-100 \2 ", text, count=0))
+    pw.read_pattern(path)
+
+
+def test_a_written_cut_is_read_back(tmp_path: Path) -> None:
+    horn = pw.shapes.rectangle(6e-3, 4e-3).with_illumination(pw.te_mode(6e-3, 4e-3))
+    sphere = np.radians(np.arange(0, 91, 3)), np.radians(np.arange(0, 360, 10))
+    planes = np.radians(np.arange(-90, 91, 3)), np.radians([0.0, 90.0])
+    for angles in (sphere, planes):
+        written = pw.radiation_pattern(horn, 3.9e-3, *angles, polarisation="right")
+        pw.write_pattern(written, tmp_path / "horn.cut")
+        found = pw.read_pattern(tmp_path / "horn.cut")
+        front = written["directivity"].values > -60
+        levels = (pattern["directivity"].values[front] for pattern in (found, written))
+        assert next(levels) == pytest.approx(next(levels), abs=1e-6)
+        assert found.attrs["frequency"] == pytest.approx(written.attrs["frequency"])
+        assert found["axial_ratio"].values[5, 0] == pytest.approx(
+            written["axial_ratio"].values[5, 0], abs=1e-5
+        )
+
+
+# ---- planning tools -----------------------------------------------------------------------------
+
+
+def test_a_written_planning_file_is_read_back(tmp_path: Path) -> None:
+    """Attenuations have three decimals, and end at 99.9 dB."""
+    tilted = pw.steering((0.0, -0.1, math.sqrt(0.99)), 3.9e-3)
+    source = pw.shapes.rectangle(9e-3, 14e-3).moved((1e-3, 2e-3)).with_illumination(tilted)
+    theta, phi = np.radians(np.arange(-90, 91)), np.radians([0.0, 90.0])
+    written = pw.radiation_pattern(source, 3.9e-3, theta, phi)
+    for suffix in (".msi", ".pln"):
+        pw.write_pattern(written, tmp_path / f"a{suffix}", efficiency=0.8)
+        found = pw.read_pattern(tmp_path / f"a{suffix}")
+        assert found["theta"].values == pytest.approx(np.radians(np.arange(-180, 181)))
+        assert found["phi"].values == pytest.approx(phi)
+        front = found["directivity"].values[90:271]
+        expected = written["directivity"].values + 10 * math.log10(0.8)
+        strong = expected > -40
+        assert front[strong] == pytest.approx(expected[strong], abs=2e-3)
+        assert found.attrs["frequency"] == pytest.approx(written.attrs["frequency"], rel=1e-8)
+        metrics, own = pw.beam_metrics(found), pw.beam_metrics(written)
+        widths = [[cut.half_power_beamwidth for cut in m.cuts] for m in (metrics, own)]
+        assert widths[0] == pytest.approx(widths[1], rel=2e-3)
+    with pytest.raises(ArgumentError, match="without a field"):
+        pw.write_pattern(found, tmp_path / "b.cut")
+
+
+@pytest.mark.parametrize(
+    ("gain", "expected"), [("17 dBi", 17.0), ("17 dBd", 19.15), ("17.0dBi", 17.0), ("17", 19.15)]
+)
+def test_the_gain_of_a_planning_file_has_a_unit(tmp_path: Path, gain: str, expected: float) -> None:
+    rows = "".join(f"{k} {min(k, 360 - k) / 10}\n" for k in range(0, 360, 10))
+    path = tmp_path / "a.msi"
+    text = f"NAME x\nFREQUENCY 2140\nGAIN {gain}\nHORIZONTAL 36\n{rows}VERTICAL 36\n{rows}"
+    path.write_text(text)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        found = pw.read_pattern(path)
+    assert found.attrs["peak_directivity"] == pytest.approx(expected)
+    assert found.attrs["frequency"] == 2.14e9
+    assert bool(caught) == ("dB" not in gain)
+    assert "nan" not in str(pw.beam_metrics(found)).lower()
+    for change, words in (
+        ((f"GAIN {gain}", "GAIN 17 lbs"), "GAIN"),
+        (("2140", "2140 furlongs"), "FREQUENCY"),
+        (("HORIZONTAL 36", "HORIZONTAL 35"), "HORIZONTAL"),
+        (("VERTICAL", "VERTIKAL"), "VERTICAL"),
+    ):
+        path.write_text(text.replace(*change))
+        with pytest.raises(FileFormatError, match=words):
+            pw.read_pattern(path)
