@@ -17,6 +17,7 @@ from polywigner.errors import GeometryError
 from polywigner.geometry.arguments import real_numbers, unchangeable
 from polywigner.geometry.display import length_text, shown_as_html
 from polywigner.geometry.exact import whole_numbers
+from polywigner.geometry.faces import closed_surfaces, depths_of, triangulate_faces
 from polywigner.geometry.rings import LARGEST_COORDINATE, SMALLEST_EXTENT
 
 # How far a vertex of a face may lie off the face's plane, as a fraction of the body's diameter:
@@ -42,8 +43,9 @@ class Polyhedron:
     ----------
     vertices : (n, 3) in metres (any one consistent unit works).
     faces : one list of vertex numbers per face, three or more, counter-clockwise seen from outside;
-        convex or not. A body whose faces all run the other way round is turned inside out. Several
-        closed surfaces may share one list (separate bodies, which may touch, and cavities).
+        convex or not. Several closed surfaces may share one list: separate bodies, which may touch,
+        and cavities. A surface inside another one is the wall of a cavity, and a surface inside a
+        cavity is a body. A surface whose faces all run the wrong way round is reversed.
 
     Raises GeometryError for values that are not finite numbers, faces that are not planar or cross
     themselves, a surface that is not closed or not consistently oriented, and zero volume.
@@ -64,11 +66,9 @@ class Polyhedron:
         numbers = _checked_faces(faces, len(points))
         _check_closed(numbers)
         _check_planar(points, numbers)
-        volume = _six_volumes(points, numbers)
-        if abs(volume) <= 1e-15 * float(np.max(np.ptp(points, axis=0))) ** 3:
+        numbers, volume = _oriented(points, numbers)
+        if volume <= 1e-15 * float(np.max(np.ptp(points, axis=0))) ** 3:
             raise GeometryError("expected faces that enclose a volume, got zero volume")
-        if volume < 0:
-            numbers = tuple(face[::-1] for face in numbers)
         points.setflags(write=False)
         object.__setattr__(self, "vertices", points)
         object.__setattr__(self, "faces", numbers)
@@ -90,9 +90,8 @@ class Polyhedron:
 
     @cached_property
     def triangles(self) -> NDArray[np.intp]:
-        """(m, 3) vertex numbers of fans over the faces, oriented; signed on non-convex faces."""
-        fans = [(f[0], f[k], f[k + 1]) for f in self.faces for k in range(1, len(f) - 1)]
-        result = np.array(fans, dtype=np.intp)
+        """(m, 3) vertex numbers of triangles that cover each face once, oriented as the faces."""
+        result = triangulate_faces(self.vertices, self.faces)
         result.setflags(write=False)
         return result
 
@@ -246,6 +245,26 @@ def _check_planar(points: Vertices, faces: Sequence[tuple[int, ...]]) -> None:
                 f"expected faces that do not cross themselves, got face {n} "
                 f"({shapely.is_valid_reason(outline)} in its plane)"
             )
+
+
+def _oriented(
+    points: Vertices, faces: tuple[tuple[int, ...], ...]
+) -> tuple[tuple[tuple[int, ...], ...], Fraction]:
+    """Faces that are counter-clockwise seen from outside the solid, and six times its volume."""
+    surfaces = closed_surfaces(faces)
+    depths = [0]
+    if len(surfaces) > 1:
+        members = [[faces[k] for k in surface] for surface in surfaces]
+        depths = depths_of([points[triangulate_faces(points, some)] for some in members]).tolist()
+    total, oriented = Fraction(0), list(faces)
+    for surface, depth in zip(surfaces, depths, strict=True):
+        volume = _six_volumes(points, [faces[k] for k in surface])
+        sign = -1 if depth % 2 else 1
+        total += sign * abs(volume)
+        if volume * sign < 0:
+            for k in surface:
+                oriented[k] = faces[k][::-1]
+    return tuple(oriented), total
 
 
 def _six_volumes(points: Vertices, faces: Sequence[tuple[int, ...]]) -> Fraction:
