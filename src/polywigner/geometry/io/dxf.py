@@ -164,27 +164,32 @@ def _assembled(shapes: list[Path | Hatch], metres: float, file: File) -> Drawing
     points = np.concatenate([path.points() for path in every])
     check_coordinates(points)
     ground = _Ground(points, file.tolerance and file.tolerance / metres)
-    painted = [(ground.rings(side), hatch) for hatch in hatches for side in hatch.boundaries]
-    borders = [ring for rings, _ in painted for ring in rings]
-    paths = [path for path in paths if not ground.is_border(path, borders)]
+    painted = [
+        [ring for side in hatch.boundaries for ring, _ in ground.outlines(side)]
+        for hatch in hatches
+    ]
+    borders = [ring for rings in painted for ring in rings]
+    if borders:
+        paths = [
+            path for path, b in zip(paths, ground.are_borders(paths, borders), strict=True) if not b
+        ]
     closed = [(ring, path.layer) for ring, path in ground.outlines(paths)]
     if not closed and not borders:
         raise FileFormatError("expected outlines that enclose an area, got none that do")
     ground.check_plane([ring for ring, _ in closed] + borders)
     rings = [ring[:, :2] for ring, _ in closed]
-    layers = [layer for _, layer in closed] + [h.layer for rings, h in painted for _ in rings]
+    layers = [layer for _, layer in closed]
+    layers += [hatch.layer for hatch, some in zip(hatches, painted, strict=True) for _ in some]
     remedy = overlap_remedy(rings + [ring[:, :2] for ring in borders], layers)
     polygons = nested(without_duplicates(rings, ground.gap), file.union, remedy) if rings else []
     return Drawing(polygons + _painted(hatches, painted), metres, remedy)
 
 
-def _painted(
-    hatches: Sequence[Hatch], boundaries: Sequence[tuple[list[Ring], Hatch]]
-) -> list[list[Ring]]:
-    """Polygons of the union of all hatches."""
+def _painted(hatches: Sequence[Hatch], painted: Sequence[list[Ring]]) -> list[list[Ring]]:
+    """Polygons of the union of all hatches, from the boundaries of each."""
     polygons = []
-    for hatch in hatches:
-        rings = [ring[:, :2] for some, owner in boundaries if owner is hatch for ring in some]
+    for hatch, boundaries in zip(hatches, painted, strict=True):
+        rings = [ring[:, :2] for ring in boundaries]
         deepest = _DEEPEST.get(hatch.style, 0)
         rings = [ring for ring, d in zip(rings, depths(rings), strict=True) if d <= deepest]
         polygons += filled(rings, "evenodd")
@@ -208,9 +213,6 @@ class _Ground:
         own = DEFAULT_TOLERANCE * float(np.linalg.norm(np.ptp(points, axis=0)))
         return max(self.tolerance or own, np.finfo(float).tiny)
 
-    def rings(self, paths: Sequence[Path]) -> list[Ring]:
-        return [ring for ring, _ in self.outlines(paths)]
-
     def outlines(self, paths: Sequence[Path]) -> list[tuple[Ring, Path]]:
         """Rings of closed paths, and of paths whose ends meet, each with the first of its paths."""
         closed, loose = [], []
@@ -231,19 +233,21 @@ class _Ground:
         pieces = [path.points(distance)[:: -1 if back else 1] for path, back in run]
         return np.concatenate([piece[:-1] for piece in pieces])
 
-    def is_border(self, path: Path, borders: Sequence[Ring]) -> bool:
-        """Whether a path runs along boundaries of hatches, up to the chords of both."""
-        if not borders:
-            return False
-        distance = self.distance(path.points())
-        ring = path.points(distance)[:, :2]
+    def are_borders(self, paths: Sequence[Path], borders: Sequence[Ring]) -> list[bool]:
+        """Whether each path runs along boundaries of hatches, up to the chords of both."""
+        lines = [np.concatenate([border, border[:1]])[:, :2] for border in borders]
+        boundaries = shapely.MultiLineString(lines)
+        shapely.prepare(boundaries)
+        slack = self.gap + max(self.distance(border) for border in borders)
         steps = np.linspace(0, 1, 5)[:-1, None, None]
-        points = shapely.points(
-            np.concatenate([*(ring[:-1] + steps * np.diff(ring, axis=0)), ring[-1:]])
-        )
-        closed = [np.concatenate([border, border[:1]])[:, :2] for border in borders]
-        slack = self.gap + distance + max(self.distance(border) for border in borders)
-        return bool((shapely.distance(shapely.MultiLineString(closed), points) <= slack).all())
+        found = []
+        for path in paths:
+            distance = self.distance(path.points())
+            chords = path.points(distance)[:, :2]
+            dense = np.concatenate([*(chords[:-1] + steps * np.diff(chords, axis=0)), chords[-1:]])
+            near = shapely.dwithin(boundaries, shapely.points(dense), slack + distance)
+            found.append(bool(near.all()))
+        return found
 
     def check_plane(self, rings: Sequence[Ring]) -> None:
         heights = np.concatenate([ring[:, 2] for ring in rings])
