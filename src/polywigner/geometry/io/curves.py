@@ -82,15 +82,6 @@ def transformed(curve: Curve, matrix: Points, offset: Points) -> Curve:
     return curve @ matrix + offset
 
 
-def turned(points: Any, degrees: float) -> Points:
-    """Points (n, 2) turned counter-clockwise about the origin; quarter turns are exact."""
-    angle = math.fmod(degrees, 360.0) if math.isfinite(degrees) else math.nan
-    quarters = {0.0: (1.0, 0.0), 90.0: (0.0, 1.0), 180.0: (-1.0, 0.0), 270.0: (0.0, -1.0)}
-    radians = math.radians(angle)
-    c, s = quarters.get(angle % 360, (math.cos(radians), math.sin(radians)))
-    return np.asarray(points, dtype=float) @ np.array([(c, s), (-s, c)])
-
-
 def rough_points(curve: Curve) -> Points:
     """Points with about the bounds of the curve, for the tolerance."""
     if isinstance(curve, Arc):
