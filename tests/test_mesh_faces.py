@@ -8,6 +8,7 @@ from __future__ import annotations
 import itertools
 import math
 import struct
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -282,6 +283,18 @@ def test_each_closed_surface_is_oriented_by_what_lies_around_it(written, turned)
     normals = np.cross(*np.moveaxis(corners[:, 1:] - corners[:, :1], 1, 0))
     flux = (normals * corners.mean(axis=1)).sum() / 6  # of x by the divergence theorem, 3 V
     assert flux == pytest.approx(body.volume, rel=1e-9)
+
+
+def test_a_surface_in_a_body_that_faces_the_same_way_is_warned_of(written) -> None:
+    for turned in (False, True):
+        boxes = np.concatenate([_box(*OUTER, turned), _box(*INNER, turned)])
+        with pytest.warns(PolywignerWarning, match="read as a cavity"):
+            body = pw.read_polyhedron(written("a.stl", stl(boxes)))
+        assert body.volume == pytest.approx((729 - 125) * 1e-9, rel=ROUNDING, abs=0.0)
+        boxes = np.concatenate([_box(*OUTER, turned), _box(*INNER, not turned)])
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            pw.read_polyhedron(written("a.stl", stl(boxes)))
 
 
 def test_a_transform_of_two_bodies_does_not_depend_on_their_orientation(written) -> None:

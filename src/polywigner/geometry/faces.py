@@ -180,8 +180,8 @@ def closed_surfaces(faces: Sequence[Sequence[int]]) -> list[Indices]:
     return [np.flatnonzero(labels == label) for label in np.unique(labels)]
 
 
-def depths_of(surfaces: Sequence[Points]) -> Indices:
-    """Return how many of the other closed surfaces lie around each surface.
+def nesting_of(surfaces: Sequence[Points]) -> NDArray[np.bool_]:
+    """Return which closed surfaces lie around which others.
 
     Parameters
     ----------
@@ -189,16 +189,15 @@ def depths_of(surfaces: Sequence[Points]) -> Indices:
 
     Returns
     -------
-    depths : (number of surfaces,)
+    around : (n, n) whether the first surface lies around the second one.
     """
-    depths = np.zeros(len(surfaces), dtype=np.intp)
     low = np.array([triangles.min(axis=(0, 1)) for triangles in surfaces])
     high = np.array([triangles.max(axis=(0, 1)) for triangles in surfaces])
     around = (low[:, None] <= low).all(axis=2) & (high[:, None] >= high).all(axis=2)
     np.fill_diagonal(around, False)
     for outer, inner in np.argwhere(around):
-        depths[inner] += _lies_inside(surfaces[inner], surfaces[outer])
-    return depths
+        around[outer, inner] = _lies_inside(surfaces[inner], surfaces[outer])
+    return np.asarray(around)
 
 
 # A rotation without symmetry, so that rays along z meet edges of boxes in no more than a point.

@@ -14,10 +14,10 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import GeometryError
-from polywigner.geometry.arguments import real_numbers, unchangeable
+from polywigner.geometry.arguments import real_numbers, unchangeable, warn_caller
 from polywigner.geometry.display import length_text, shown_as_html
 from polywigner.geometry.exact import whole_numbers
-from polywigner.geometry.faces import closed_surfaces, depths_of, triangulate_faces
+from polywigner.geometry.faces import closed_surfaces, nesting_of, triangulate_faces
 from polywigner.geometry.rings import LARGEST_COORDINATE, SMALLEST_EXTENT
 
 # How far a vertex of a face may lie off the face's plane, as a fraction of the body's diameter:
@@ -252,18 +252,25 @@ def _oriented(
 ) -> tuple[tuple[tuple[int, ...], ...], Fraction]:
     """Faces that are counter-clockwise seen from outside the solid, and six times its volume."""
     surfaces = closed_surfaces(faces)
-    depths = [0]
+    members = [[faces[k] for k in surface] for surface in surfaces]
+    volumes = [_six_volumes(points, some) for some in members]
+    around = np.zeros((1, 1), dtype=bool)
     if len(surfaces) > 1:
-        members = [[faces[k] for k in surface] for surface in surfaces]
-        depths = depths_of([points[triangulate_faces(points, some)] for some in members]).tolist()
+        around = nesting_of([points[triangulate_faces(points, some)] for some in members])
+    depths = around.sum(axis=0)
     total, oriented = Fraction(0), list(faces)
-    for surface, depth in zip(surfaces, depths, strict=True):
-        volume = _six_volumes(points, [faces[k] for k in surface])
-        sign = -1 if depth % 2 else 1
+    for n, (surface, volume) in enumerate(zip(surfaces, volumes, strict=True)):
+        sign = -1 if depths[n] % 2 else 1
         total += sign * abs(volume)
         if volume * sign < 0:
             for k in surface:
                 oriented[k] = faces[k][::-1]
+        outermost = np.flatnonzero(around[:, n] & (depths == 0))
+        if sign < 0 and len(outermost) and volume * volumes[outermost[0]] > 0:
+            warn_caller(
+                f"the surface with face {surface[0]} lies inside another surface and faces the "
+                "same way: it is read as a cavity; leave it out if it is a body in the body"
+            )
     return tuple(oriented), total
 
 

@@ -122,8 +122,8 @@ def _clusters(values: Points, reach: float) -> NDArray[np.intp]:
 # ---- STL -----------------------------------------------------------------------------------------
 
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-_VERTEX = re.compile(rb"^\s*vertex\s+(\S+)\s+(\S+)\s+(\S+)\s*$", re.MULTILINE | re.IGNORECASE)
-_END_OF_FACET = re.compile(rb"^\s*end\s*facet\b", re.MULTILINE | re.IGNORECASE)
+_VERTEX = re.compile(rb"(?i)\bvertex\s+(\S+)\s+(\S+)\s+(\S+)")
+_END_OF_FACET = re.compile(rb"(?i)\bend\s*facet\b")
 _END_OF_SOLID = re.compile(rb"^\s*end\s*solid\b[^\n]*\s*\Z", re.MULTILINE | re.IGNORECASE)
 
 
@@ -140,7 +140,7 @@ def _stl(content: bytes) -> Mesh:
         )
     found = _VERTEX.findall(content)
     facets = len(_END_OF_FACET.findall(content))
-    if len(found) != 3 * facets or len(re.findall(rb"(?i)\bvertex\b", content)) < 3 * facets:
+    if len(found) != 3 * facets:
         raise FileFormatError(
             f"expected three vertices in each facet of an STL file, got {len(found)} vertices in "
             f"{facets} facets; the file may be damaged or cut short: export the body again"
@@ -287,8 +287,6 @@ class _TextRows:
                     column.append([number(texts.pop()) for _ in range(int(texts.pop()))])
                 else:
                     column.append(number(texts.pop()))
-            if texts:
-                raise ValueError("numbers beyond the last property")
         return columns
 
     def is_empty(self) -> bool:
