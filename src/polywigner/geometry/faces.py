@@ -163,8 +163,10 @@ def closed_surfaces(faces: Sequence[Sequence[int]]) -> list[Indices]:
     """
     counts = np.array([len(face) for face in faces])
     owner = np.repeat(np.arange(len(faces)), counts)
-    begin = np.concatenate([np.asarray(face, dtype=np.int64) for face in faces])
-    end = np.concatenate([np.roll(np.asarray(face, dtype=np.int64), -1) for face in faces])
+    begin = np.array([k for face in faces for k in face], dtype=np.int64)
+    last = np.cumsum(counts) - 1
+    end = np.roll(begin, -1)
+    end[last] = begin[last - counts + 1]
     keys = np.minimum(begin, end) * (int(begin.max()) + 1) + np.maximum(begin, end)
     order = np.argsort(keys, kind="stable")
     _, starts, times = np.unique(keys[order], return_index=True, return_counts=True)

@@ -76,7 +76,7 @@ class Polyhedron:
     @cached_property
     def volume(self) -> float:
         """Volume, rounded once from its exact value."""
-        return float(_six_volumes(self.vertices, self.faces) / 6)
+        return float(_six_volumes(self.vertices, [self.faces])[0] / 6)
 
     @cached_property
     def bounds(self) -> tuple[float, ...]:
@@ -253,7 +253,7 @@ def _oriented(
     """Faces that are counter-clockwise seen from outside the solid, and six times its volume."""
     surfaces = closed_surfaces(faces)
     members = [[faces[k] for k in surface] for surface in surfaces]
-    volumes = [_six_volumes(points, some) for some in members]
+    volumes = _six_volumes(points, members)
     around = np.zeros((1, 1), dtype=bool)
     if len(surfaces) > 1:
         around = nesting_of([points[triangulate_faces(points, some)] for some in members])
@@ -274,16 +274,19 @@ def _oriented(
     return tuple(oriented), total
 
 
-def _six_volumes(points: Vertices, faces: Sequence[tuple[int, ...]]) -> Fraction:
-    """Six times the enclosed volume, exactly."""
+def _six_volumes(points: Vertices, surfaces: Sequence[Sequence[tuple[int, ...]]]) -> list[Fraction]:
+    """Six times the volume that each closed surface encloses, exactly."""
     whole, exponent = whole_numbers(points)
     exact = (whole - whole[0]).tolist()
-    total = 0
-    for face in faces:
-        a = exact[face[0]]
-        for k in range(1, len(face) - 1):
-            b, c = exact[face[k]], exact[face[k + 1]]
-            total += a[0] * (b[1] * c[2] - b[2] * c[1])
-            total -= a[1] * (b[0] * c[2] - b[2] * c[0])
-            total += a[2] * (b[0] * c[1] - b[1] * c[0])
-    return Fraction(total) * Fraction(2) ** (3 * exponent)
+    volumes = []
+    for faces in surfaces:
+        total = 0
+        for face in faces:
+            a = exact[face[0]]
+            for k in range(1, len(face) - 1):
+                b, c = exact[face[k]], exact[face[k + 1]]
+                total += a[0] * (b[1] * c[2] - b[2] * c[1])
+                total -= a[1] * (b[0] * c[2] - b[2] * c[0])
+                total += a[2] * (b[0] * c[1] - b[1] * c[0])
+        volumes.append(Fraction(total) * Fraction(2) ** (3 * exponent))
+    return volumes

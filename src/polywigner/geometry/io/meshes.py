@@ -57,7 +57,7 @@ def read_mesh(content: bytes, suffix: str) -> tuple[Points, NDArray[np.intp]]:
         mesh = readers[suffix](content)
     except FileFormatError:  # a ValueError, too
         raise
-    except (ValueError, IndexError, KeyError, OverflowError) as error:
+    except (ValueError, IndexError, KeyError, OverflowError, TypeError) as error:
         raise FileFormatError(
             f"expected {kind}, got a file whose text or numbers do not follow the format "
             f"({type(error).__name__}); export the body again"
@@ -234,6 +234,8 @@ def _ply(content: bytes) -> Mesh:
     if any(len(face) < 3 for face in faces):
         raise ValueError
     types = {kind for name, kind, _ in _named(elements, "vertex") if name in ("x", "y", "z")}
+    if x.ndim != 1:
+        raise ValueError
     precision = _SINGLE if form != "ascii" and types == {"f"} else _DOUBLE
     return Mesh(np.stack([x, y, z], axis=1), faces, precision)
 
@@ -301,22 +303,31 @@ class _BinaryRows:
 
     def take(self, element: _Element) -> list[Any]:
         """Return one column for each property of the next element."""
-        if not any(length for _, _, length in element.properties):
-            names = [f"{k}" for k in range(len(element.properties))]
-            kinds = [self.order + kind for _, kind, _ in element.properties]
-            table = np.dtype(list(zip(names, kinds, strict=True)))
-            if self.place + element.count * table.itemsize > len(self.body):
-                raise _cut_short("fewer")
-            values = np.frombuffer(self.body, table, element.count, self.place)
-            self.place += element.count * table.itemsize
-            return [values[name] for name in names]
-        columns: list[list[Any]] = [[] for _ in element.properties]
-        for _ in range(element.count):
-            for column, (_, kind, length) in zip(columns, element.properties, strict=True):
-                size = self._next(length, 1)[0] if length else 1
-                numbers = self._next(kind, size)
-                column.append(numbers if length else numbers[0])
-        return columns
+        if not element.count:
+            return [[] for _ in element.properties]
+        start, first = self.place, self._row(element)
+        lists = [k for k, (_, _, length) in enumerate(element.properties) if length]
+        fields: list[Any] = []
+        for k, (_, kind, length) in enumerate(element.properties):
+            fields += [(f"length {k}", self.order + length)] if length else []
+            fields.append((f"{k}", self.order + kind, (len(first[k]),) if length else ()))
+        # mostly, all lists are as long as those of the first row
+        rows = np.dtype(fields)
+        end = start + element.count * rows.itemsize
+        if end <= len(self.body):
+            table = np.frombuffer(self.body, rows, element.count, start)
+            if all((table[f"length {k}"] == len(first[k])).all() for k in lists):
+                self.place = end
+                return [table[f"{k}"] for k in range(len(element.properties))]
+        others = (self._row(element) for _ in range(element.count - 1))
+        return list(zip(first, *others, strict=True))
+
+    def _row(self, element: _Element) -> list[Any]:
+        values = []
+        for _, kind, length in element.properties:
+            numbers = self._next(kind, self._next(length, 1)[0] if length else 1)
+            values.append(numbers if length else numbers[0])
+        return values
 
     def _next(self, kind: str, count: int) -> tuple[Any, ...]:
         size = struct.calcsize(f"={kind}")
