@@ -161,6 +161,8 @@ def closed_surfaces(faces: Sequence[Sequence[int]]) -> list[Indices]:
     Surfaces that touch in vertices or along edges are separate. Surfaces that share a face, as two
     boxes side by side do, count as one.
     """
+    if not len(faces):
+        return []
     counts = np.array([len(face) for face in faces])
     owner = np.repeat(np.arange(len(faces)), counts)
     begin = np.array([k for face in faces for k in face], dtype=np.int64)

@@ -254,7 +254,7 @@ def _oriented(
     surfaces = closed_surfaces(faces)
     members = [[faces[k] for k in surface] for surface in surfaces]
     volumes = _six_volumes(points, members)
-    around = np.zeros((1, 1), dtype=bool)
+    around = np.zeros((len(surfaces),) * 2, dtype=bool)
     if len(surfaces) > 1:
         around = nesting_of([points[triangulate_faces(points, some)] for some in members])
     depths = around.sum(axis=0)

@@ -72,7 +72,10 @@ def read_mesh(content: bytes, suffix: str) -> tuple[Points, NDArray[np.intp]]:
             "with another; correct it"
         )
     check_coordinates(mesh.vertices)
-    return _triangulated(_welded(mesh))
+    mesh = _welded(mesh)
+    if not mesh.faces:
+        raise FileFormatError("expected triangles with an area, got points alone; export it again")
+    return _triangulated(mesh)
 
 
 def _triangulated(mesh: Mesh) -> tuple[Points, NDArray[np.intp]]:
