@@ -94,7 +94,9 @@ def _by_size(faces: Sequence[Sequence[int]]) -> list[tuple[Indices, Indices]]:
     """Numbers (k,) and vertex numbers (k, n) of the faces of each size n."""
     sizes = np.array([len(face) for face in faces])
     groups = [np.flatnonzero(sizes == size) for size in np.unique(sizes)]
-    return [(group, np.array([faces[k] for k in group], dtype=np.intp)) for group in groups]
+    return [
+        (group, np.array([faces[k] for k in group.tolist()], dtype=np.intp)) for group in groups
+    ]
 
 
 def _unit(vectors: Points) -> Points:
@@ -197,11 +199,12 @@ def nesting_of(surfaces: Sequence[Points]) -> NDArray[np.bool_]:
     """
     low = np.array([triangles.min(axis=(0, 1)) for triangles in surfaces])
     high = np.array([triangles.max(axis=(0, 1)) for triangles in surfaces])
-    around = (low[:, None] <= low).all(axis=2) & (high[:, None] >= high).all(axis=2)
+    around = np.logical_and(low[:, None] <= low, high[:, None] >= high).all(axis=2)
+    around = np.array(around, dtype=np.bool_)
     np.fill_diagonal(around, False)
     for outer, inner in np.argwhere(around):
         around[outer, inner] = _lies_inside(surfaces[inner], surfaces[outer])
-    return np.asarray(around)
+    return around
 
 
 # A rotation without symmetry, so that rays along z meet edges of boxes in no more than a point.

@@ -82,7 +82,7 @@ def _layer_of(entity: Any) -> str:
 
 
 class _Space:
-    """What a drawing shows, or the layers that the caller requests."""
+    """The visible entities of a drawing, or those on the requested layers."""
 
     def __init__(self, document: Any, layers: Sequence[str]) -> None:
         self.requested = {name.lower() for name in layers}

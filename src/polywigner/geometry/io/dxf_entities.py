@@ -35,7 +35,7 @@ class _Curve:
 
 @dataclass(frozen=True, eq=False)
 class Path:
-    """Curves each of which starts where the one before it ends."""
+    """A sequence of connected curves: each starts at the end of the one before."""
 
     curves: list[_Curve]
     layer: str
@@ -63,7 +63,8 @@ def _array(points: Iterable[Any]) -> Points:
 
 def _ellipse(centre: Any, u: Any, v: Any) -> _Curve:
     """A whole ellipse, whose chords keep its area."""
-    arc = Arc(*_array([centre, u, v]), 0.0, 2 * math.pi)
+    middle, first, second = _array([centre, u, v])
+    arc = Arc(middle, first, second, 0.0, 2 * math.pi)
 
     def chords(distance: float) -> Points:
         ring = flattened([[arc]], distance)[0]
@@ -95,7 +96,7 @@ def _curve(entity: Any) -> _Curve:
 
 
 def _is_whole(span: float, turn: float) -> bool:
-    """Equal angles mean a whole turn; those of a whole ellipse may be rounded."""
+    """Whether two angles differ by a whole turn up to rounding, or not at all."""
     return abs(math.remainder(span, turn)) <= 1e-9 * turn
 
 

@@ -88,7 +88,7 @@ def _check_references(top: Any, content: bytes) -> None:
 
 
 def _draw_dots(cells: Iterable[Any]) -> None:
-    """Replace paths of zero length, which gdstk drops, by what their ends draw."""
+    """Replace paths of zero length, which gdstk drops, by polygons of their ends."""
     for cell in cells:
         for path in [path for path in cell.paths if path.scale_width and _is_dot(path)]:
             rings = _dot(path)

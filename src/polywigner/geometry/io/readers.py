@@ -182,7 +182,7 @@ def read_aperture(
         ``.wkt``: Polygon or MultiPolygon; ``.csv``: one vertex of a single ring per line, with
         comma, semicolon (a comma is then a decimal sign) or blanks between x and y, an optional
         header line and ``#`` comments; ``.svg``: filled shapes, turned so that y points up;
-        ``.dxf``: closed outlines in the model space, those inside others being holes; ``.gds``:
+        ``.dxf``: closed outlines (those inside others being holes) and hatches; ``.gds``:
         polygons and paths of a cell; ``.gbr``, ``.ger``, ``.gtl``, ``.gbl`` or ``.art``: the copper
         of a Gerber layer. Any other suffix: by content. SVG, DXF, GDSII and Gerber need the extra
         `formats`.

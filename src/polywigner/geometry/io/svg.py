@@ -224,7 +224,7 @@ def read_svg(file: File) -> Drawing:
     outlines = flattened(subpaths, file.tolerance and file.tolerance / metres)
     rings = iter(outlines)
     painted = [filled([next(rings) for _ in shape.subpaths], shape.rule) for shape in shapes]
-    polygons = _seen(painted, [shape.is_white for shape in shapes])
+    polygons = _visible(painted, [shape.is_white for shape in shapes])
     if not polygons:
         raise FileFormatError(
             "expected shapes that enclose an area, got none that do and that no white shape covers"
@@ -239,25 +239,25 @@ def read_svg(file: File) -> Drawing:
     return Drawing(polygons, metres, remedy)
 
 
-def _seen(painted: Sequence[list[Polygon]], is_white: Sequence[bool]) -> list[Polygon]:
-    """The polygons of shapes, less what white ones above them hide.
+def _visible(painted: Sequence[list[Polygon]], is_white: Sequence[bool]) -> list[Polygon]:
+    """The polygons of shapes after white shapes have hidden the parts below them.
 
     White shapes themselves are closed, unless all shapes are white.
     """
     if all(is_white) or not any(is_white):
         return [polygon for polygons in painted for polygon in polygons]
-    seen = np.array([], dtype=object)
+    visible = np.array([], dtype=object)
     for polygons, white in zip(painted, is_white, strict=True):
         areas = [shapely.Polygon(outer, holes) for outer, *holes in polygons]
         if not white:
-            seen = np.concatenate([seen, np.array(areas, dtype=object)])
+            visible = np.concatenate([visible, np.array(areas, dtype=object)])
             continue
         for area in areas:
-            hidden = shapely.intersects(seen, area)
-            left = [combined_on_grid(shapely.difference, some, area) for some in seen[hidden]]
+            hidden = shapely.intersects(visible, area)
+            left = [combined_on_grid(shapely.difference, some, area) for some in visible[hidden]]
             pieces = [piece for geometry in left for piece in polygons_in(geometry)]
-            seen = np.concatenate([seen[~hidden], np.array(pieces, dtype=object)])
-    return [rings_of_polygon(polygon) for polygon in seen]
+            visible = np.concatenate([visible[~hidden], np.array(pieces, dtype=object)])
+    return [rings_of_polygon(polygon) for polygon in visible]
 
 
 def _unit(root: Any, unit_metres: float) -> tuple[float, Points]:

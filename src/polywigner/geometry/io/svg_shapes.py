@@ -247,7 +247,7 @@ class Shape:
     fill: str = "black"
     """Colour of the fill."""
     is_white: bool = False
-    """Whether the fill is white and opaque, and hides what lies below."""
+    """Whether the fill is white and opaque, and hides the shapes below it."""
 
 
 def view_box(element: Any) -> tuple[float, float, float, float] | None:
