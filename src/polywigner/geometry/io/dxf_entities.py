@@ -16,8 +16,6 @@ from polywigner.geometry.io.limits import check_coordinates, check_vertices
 
 # Chords this coarse, in sizes of a curve, have its ends and nearly its extent.
 _ROUGH = 0.05
-# Bulges of half circles differ from 1 by rounding.
-_HALF_CIRCLE = 1e-9
 # Fraction of its size within which the ends of a spline are one point.
 _CLOSED = 1e-9
 
@@ -90,8 +88,7 @@ def _curve(entity: Any) -> _Curve:
         if not size >= 0:
             raise FileFormatError(f"expected a radius from zero up, got {size:g}; correct it")
         if kind == "CIRCLE" or _is_whole(dxf.end_angle - dxf.start_angle, 360.0):
-            ocs = entity.ocs()
-            return _ellipse(ocs.to_wcs(dxf.center), ocs.ux * size, ocs.uy * size)
+            return _circle(entity, size)
     return _Curve(size, lambda distance: _array(entity.flattening(distance)))
 
 
@@ -147,8 +144,31 @@ def _paths(entity: Any, layer: str) -> list[Path]:
         return [Path([_curve(entity)], layer)]
     if kind == "POLYLINE" and not (entity.is_2d_polyline or entity.is_3d_polyline):
         raise FileFormatError("expected plane polylines, got a POLYLINE that is a mesh; remove it")
-    curves = [_curve(each) for each in entity.virtual_entities()]
+    pieces = list(entity.virtual_entities())
+    if _are_circle(pieces):
+        return [Path([_circle(pieces[0], float(pieces[0].dxf.radius))], layer)]
+    curves = [_curve(each) for each in pieces]
     return [Path(_in_sequence(curves), layer)] if curves else []
+
+
+def _are_circle(pieces: list[Any]) -> bool:
+    """Whether the pieces of a polyline are two arcs that make a whole circle."""
+    if [piece.dxftype() for piece in pieces] != ["ARC", "ARC"]:
+        return False
+    one, other = (piece.dxf for piece in pieces)
+    size = _CLOSED * one.radius
+    return bool(
+        abs(one.radius - other.radius) <= size
+        and one.center.distance(other.center) <= size
+        and _is_whole(one.end_angle - other.start_angle, 360.0)
+        and _is_whole(other.end_angle - one.start_angle, 360.0)
+    )
+
+
+def _circle(arc: Any, radius: float) -> _Curve:
+    """The circle of this radius around the centre of an arc."""
+    ocs = arc.ocs()
+    return _ellipse(ocs.to_wcs(arc.dxf.center), ocs.ux * radius, ocs.uy * radius)
 
 
 def _in_sequence(curves: list[_Curve]) -> list[_Curve]:
@@ -192,21 +212,14 @@ def _wide(polyline: Any, layer: str) -> list[Hatch]:
         return []
     width = max(max(pair) for pair in widths)
     arcs = list(polyline.virtual_entities())
-    bulges = (
-        polyline.get_points("b") if polyline.dxftype() == "LWPOLYLINE"
-        else [(v.dxf.get("bulge", 0.0),) for v in polyline.vertices]
-    )  # fmt: skip
-    is_ring = len(bulges) == 2 and polyline.is_closed and len(arcs) == 2
-    turn = [math.copysign(1.0, b) for (b,) in bulges if abs(abs(b) - 1) < _HALF_CIRCLE]
-    if not is_ring or widths != {(width, width)} or turn not in ([1.0, 1.0], [-1.0, -1.0]):
+    if not _are_circle(arcs) or widths != {(width, width)}:
         raise FileFormatError(
             f"expected polylines of width zero or donuts, got one of width {width:g} on layer "
-            f"{layer[:60]!r}; set its width to zero, or draw what it paints as a hatch"
+            f"{layer[:60]!r}; set its width to zero, or draw its area as a hatch"
         )
-    ocs, centre, radius = arcs[0].ocs(), arcs[0].dxf.center, float(arcs[0].dxf.radius)
+    radius = float(arcs[0].dxf.radius)
     radii = [r for r in (radius + width / 2, radius - width / 2) if r > 0]
-    circles = [_ellipse(ocs.to_wcs(centre), ocs.ux * r, ocs.uy * r) for r in radii]
-    return [Hatch([[Path([circle], layer)] for circle in circles], 0, layer)]
+    return [Hatch([[Path([_circle(arcs[0], r)], layer)] for r in radii], 0, layer)]
 
 
 def _hatch(hatch: Any, layer: str) -> Hatch:
