@@ -10,7 +10,6 @@ from polywigner.geometry.io.curves import (
     Arc,
     Bezier,
     Curve,
-    bezier_spans,
     ends,
     flattened,
     transformed,
@@ -33,8 +32,6 @@ CURVES: dict[str, Curve] = {
     "parabola": Bezier(CUBIC[:3]),
     "cubic": Bezier(CUBIC),
     "degree 5": Bezier(np.vstack([CUBIC, [[3, 3], [9, 9]]])),
-    "rational": Bezier(CUBIC[:3], np.array([1.0, 3.0, 1.0])),
-    "rational cubic": Bezier(CUBIC, np.array([1.0, 0.2, 5.0, 2.0])),
 }
 
 
@@ -48,8 +45,6 @@ def points_on(curve):
     powers = np.arange(degree + 1)
     basis = np.array([math.comb(degree, k) for k in powers]) * t[:, None] ** powers
     basis = basis * (1 - t[:, None]) ** (degree - powers)
-    if curve.weights is not None:
-        basis = basis * curve.weights / (basis @ curve.weights)[:, None]
     return basis @ curve.points
 
 
@@ -76,33 +71,6 @@ def test_no_point_is_farther_from_the_chords_than_the_tolerance(curve, tolerance
     assert largest_distance(points, chords) <= tolerance * (1 + ROUNDING)
     spacing = np.abs(np.diff(points, axis=0)).max()
     assert largest_distance(chords, points) <= 1e-3 * spacing  # vertices lie on the curve
-
-
-@pytest.mark.parametrize("weights", [None, np.array([1.0, 2, 0.5, 1, 3, 1])])
-@pytest.mark.parametrize(
-    "knots",
-    [
-        [0, 0, 0, 0, 1, 2.5, 3, 3, 3, 3],
-        [0, 0, 0, 0, 1, 1, 2, 2, 2, 2],
-        [0, 1, 2, 3, 4, 5, 6, 7, 8, 9],  # not clamped: from knot 3 to knot 6
-    ],
-)
-def test_the_spans_of_a_spline_are_the_spline(knots, weights):
-    from ezdxf.math import BSpline
-
-    control = np.array([[0.0, 0], [1, 3], [4, 4], [5, 1], [8, 2], [9, -3]])
-    knot_array = np.array(knots, dtype=float)
-    spans = bezier_spans(control, knot_array, weights)
-    spline = BSpline(
-        control, order=4, knots=knots, weights=None if weights is None else list(weights)
-    )
-    joints = np.unique(knot_array[3:7])
-    assert len(spans) == len(joints) - 1
-    for span, a, b in zip(spans, joints[:-1], joints[1:], strict=True):
-        # ezdxf gives the very last point of an unclamped spline the last control point's value.
-        t = np.linspace(a, b, DENSE)[:-1:300]
-        expected = np.array([point.xyz[:2] for point in spline.points(t)])
-        assert np.allclose(points_on(span)[:-1:300], expected, atol=1e-12)
 
 
 @pytest.mark.parametrize("value", [math.nan, 1e200])

@@ -403,3 +403,222 @@ def test_a_pad_and_its_feed_are_joined_when_asked_and_keep_their_hole(read: Read
     outside = shapely.union(pad, feed).area - math.pi * 0.25**2
     assert joined.area * 1e6 == pytest.approx(outside, rel=UNION)
     assert [len(part.interiors) for part in joined.polygons.geoms] == [1]
+
+
+DATA = Path(__file__).parent / "data" / "readers"
+
+
+def ring(x0: float, y0: float, x1: float, y1: float) -> list[tuple[float, float]]:
+    return [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
+
+
+@pytest.mark.parametrize(
+    ("name", "square_mm"),
+    [
+        ("ins_off", 8), ("nest_off2", math.pi), ("hatch_style0", 68), ("hatch_style1", 64),
+        ("hatch_style2", 100), ("hatch_two", 100),
+    ],
+)  # fmt: skip
+def test_files_of_reported_faults_have_their_areas(name: str, square_mm: float) -> None:
+    for union in (False, True):
+        drawn = pw.read_aperture(DATA / f"{name}.dxf", union=union)
+        assert drawn.area == pytest.approx(square_mm * 1e-6, rel=UNION, abs=0.0)
+
+
+@pytest.mark.parametrize(
+    ("state", "shown"),
+    [({}, 1 + 4 + 9 + 16), ({"INS": "off"}, 4 + 16), ({"INS": "freeze"}, 16),
+     ({"OWN": "off"}, 1 + 9 + 16), ({"OWN": "freeze"}, 1 + 9 + 16), ({"DEEP": "off"}, 1 + 4 + 16),
+     ({"DEEP": "freeze"}, 1 + 4 + 16), ({"0": "off"}, 1 + 4 + 9), ({"0": "freeze"}, 1 + 4 + 9)],
+)  # fmt: skip
+def test_a_layer_that_is_off_hides_its_own_entities_and_a_frozen_one_its_inserts(
+    read: Read, state: dict[str, str], shown: float
+) -> None:
+    """Squares: 1 on layer 0 of a block, 2 on its own layer, 3 in a block in it, 4 in the space."""
+
+    def build(space: Any) -> None:
+        layers = space.doc.layers
+        for name in ("INS", "OWN", "DEEP"):
+            layers.add(name)
+        for name, verb in state.items():
+            getattr(layers.get(name), verb)()
+        inner, block = space.doc.blocks.new("INNER"), space.doc.blocks.new("B")
+        inner.add_lwpolyline(ring(20, 0, 23, 3), close=True)
+        block.add_lwpolyline(ring(0, 0, 1, 1), close=True)
+        block.add_lwpolyline(ring(5, 0, 7, 2), close=True, dxfattribs={"layer": "OWN"})
+        block.add_blockref("INNER", (0, 0), dxfattribs={"layer": "DEEP"})
+        space.add_blockref("B", (50, 0), dxfattribs={"layer": "INS"})
+        space.add_lwpolyline(ring(0, 0, 4, 4), close=True)
+
+    # with INS frozen or off, the deep block hides by its own layer: off shows it
+    shown = shown + 9 if state == {"INS": "off"} else shown
+    assert read(build).area == pytest.approx(shown * 1e-6, rel=ROUNDING, abs=0.0)
+
+
+SIDES = (11.0, 7.0, 5.0, 2.0)
+STYLED = {0: 121 - 49 + 25 - 4, 1: 121 - 49, 2: 121}
+
+
+def nested_hatch(space: Any, style: int, flags: bool = True, arcs: bool = False) -> Any:
+    """Four squares, or discs of these diameters, in each other."""
+    hatch = space.add_hatch(dxfattribs={"hatch_style": style})
+    for k, side in enumerate(SIDES):
+        kind = {"flags": (1, 16, 0, 0)[k]} if flags else {}
+        if arcs:
+            points = [(-side / 2, 3, 1.0), (side / 2, 3, 1.0)]
+        else:
+            points = [(x, y, 0.0) for x, y in ring(-side / 2, -side / 2, side / 2, side / 2)]
+        hatch.paths.add_polyline_path(points, **kind)
+    return hatch
+
+
+@pytest.mark.parametrize("style", [0, 1, 2])
+@pytest.mark.parametrize("flags", [False, True])
+def test_a_hatch_fills_between_its_boundaries_by_its_style(
+    read: Read, style: int, flags: bool
+) -> None:
+    drawn = read(lambda space: nested_hatch(space, style, flags))
+    assert drawn.area == pytest.approx(STYLED[style] * 1e-6, rel=ROUNDING, abs=0.0)
+    # two half circles are a whole circle, whose chords keep its area
+    discs = read(lambda space: nested_hatch(space, style, flags, arcs=True))
+    assert discs.area == pytest.approx(math.pi / 4 * STYLED[style] * 1e-6, rel=UNION, abs=0.0)
+
+
+def test_islands_beside_each_other_are_counted_by_what_lies_around_each(read: Read) -> None:
+    def build(space: Any) -> None:
+        hatch = space.add_hatch(dxfattribs={"hatch_style": 1})
+        for square in (ring(0, 0, 10, 10), ring(1, 1, 4, 4), ring(2, 2, 3, 3), ring(6, 6, 9, 9),
+                       ring(20, 0, 22, 2)):  # fmt: skip
+            hatch.paths.add_polyline_path(square)
+
+    assert read(build).area == pytest.approx((100 - 9 - 9 + 4) * 1e-6, rel=ROUNDING, abs=0.0)
+
+
+@pytest.mark.parametrize("style", [0, 1, 2])
+@pytest.mark.parametrize("arcs", [False, True])
+@pytest.mark.parametrize("tolerance", [None, 1e-8])
+def test_borders_of_a_hatch_change_nothing(
+    read: Read, style: int, arcs: bool, tolerance: float | None
+) -> None:
+    """Borders by other entities than the hatch's, split at other points; also an open one."""
+
+    def bordered(space: Any) -> None:
+        nested_hatch(space, style, arcs=arcs)
+        layer = {"layer": "BORDER"}
+        for k, side in enumerate(SIDES):
+            corners = ring(-side / 2, -side / 2, side / 2, side / 2)
+            if arcs and k % 2:
+                space.add_circle((0, 3), side / 2, dxfattribs=layer)
+            elif arcs:
+                space.add_arc((0, 3), side / 2, 30, 200, dxfattribs=layer)
+                space.add_arc((0, 3), side / 2, 200, 30, dxfattribs=layer)
+            elif k % 2:
+                space.add_lwpolyline([(0, -side / 2), *corners[1:], corners[0]], close=True)
+            else:
+                space.add_lwpolyline(corners, dxfattribs=layer)
+
+    plain = read(lambda space: nested_hatch(space, style, arcs=arcs), tolerance=tolerance)
+    assert read(bordered, tolerance=tolerance) == plain
+
+
+def test_hatches_that_overlap_are_painted_once(read: Read) -> None:
+    def build(space: Any) -> None:
+        for square in (ring(0, 0, 4, 4), ring(2, 2, 6, 6), ring(5, 5, 5.5, 5.5)):
+            space.add_hatch().paths.add_polyline_path(square)
+        space.add_solid([(20, 0), (24, 0), (20, 3), (24, 3)])
+        space.add_solid([(22, 0), (26, 0), (22, 3), (26, 3)])
+
+    assert read(build).area == pytest.approx((16 + 16 - 4 + 18) * 1e-6, rel=UNION, abs=0.0)
+
+
+def test_a_hatch_inside_an_outline_that_is_not_its_border_is_refused(read: Read) -> None:
+    def build(space: Any) -> None:
+        space.add_lwpolyline(ring(0, 0, 9, 9), close=True, dxfattribs={"layer": "PLATE"})
+        space.add_hatch(dxfattribs={"layer": "FILL"}).paths.add_polyline_path(ring(2, 2, 5, 5))
+
+    with pytest.raises(GeometryError, match=r"do not overlap.*union=True"):
+        read(build)
+    assert read(build, layer="FILL").area == pytest.approx(9e-6)
+    assert read(build, union=True).area == pytest.approx(81e-6)
+
+
+def test_a_hatch_in_a_stretched_block_is_stretched(read: Read) -> None:
+    def build(space: Any) -> None:
+        block = space.doc.blocks.new("B")
+        nested_hatch(block, 1, arcs=True)
+        grid = {"xscale": 2.0, "yscale": 0.5, "zscale": 1.0, "rotation": 20}
+        space.add_blockref(
+            "B", (3, 3), dxfattribs={**grid, "column_count": 2, "column_spacing": 50}
+        )
+
+    drawn = read(build, tolerance=1e-8)
+    assert drawn.area == pytest.approx(2 * math.pi / 4 * 72 * 1e-6, rel=1e-4, abs=0.0)
+
+
+@pytest.mark.parametrize(("width", "scale"), [(0.6, 1.0), (0.6, 3.0), (2.0, 1.0), (3.0, 1.0)])
+@pytest.mark.parametrize("version", ["R12", "R2010"])
+def test_a_donut_is_a_ring(read: Read, width: float, scale: float, version: str) -> None:
+    """Half circles of radius 1 with a width; of 2 or more, a disc."""
+
+    def build(space: Any) -> None:
+        block = space.doc.blocks.new("DONUT")
+        points = [(-1, 5, 1.0), (1, 5, 1.0)]
+        if version == "R12":
+            ring = block.add_polyline2d(points, format="xyb", close=True)
+            ring.dxf.default_start_width = ring.dxf.default_end_width = width
+        else:
+            ring = block.add_lwpolyline(points, format="xyb", close=True)
+            ring.dxf.const_width = width
+        space.add_blockref("DONUT", (1, 2), dxfattribs={"xscale": scale, "yscale": scale})
+
+    exact = math.pi * ((1 + width / 2) ** 2 - max(1 - width / 2, 0) ** 2) * scale**2
+    assert read(build, version=version).area == pytest.approx(exact * 1e-6, rel=1e-12, abs=0.0)
+
+
+def test_polylines_with_other_widths_are_refused(read: Read) -> None:
+    def constant(space: Any) -> None:
+        space.add_lwpolyline(SQUARE, close=True, dxfattribs={"const_width": 0.5})
+
+    def tapered(space: Any) -> None:
+        space.add_lwpolyline([(0, 0, 0, 0.5), (5, 0, 0.5, 0)], format="xyse")
+
+    def old(space: Any) -> None:
+        space.add_polyline2d(SQUARE, close=True).dxf.default_end_width = 0.5
+
+    def stretched(space: Any) -> None:
+        ring = space.doc.blocks.new("B").add_lwpolyline([(0, 0, 1), (2, 0, 1)], format="xyb")
+        ring.closed, ring.dxf.const_width = True, 0.5
+        space.add_blockref("B", (0, 0), dxfattribs={"xscale": 2.0})
+
+    for build in (constant, tapered, old, stretched):
+        with pytest.raises(FileFormatError, match="width zero"):
+            read(build)
+
+
+def test_splines_that_are_not_clamped_run_over_their_own_knots(read: Read) -> None:
+    interpolate = pytest.importorskip("scipy.interpolate")
+    control = np.array([(0, 0), (9, 1), (8, 7), (1, 6), (0, 0), (9, 1), (8, 7)], float)
+    knots = np.arange(11.0)
+
+    def build(space: Any) -> None:
+        space.add_spline().set_closed([(*p, 0) for p in control[:4]], degree=3)
+
+    curve = interpolate.BSpline(knots, control, 3)(np.linspace(3, 7, 40_001))
+    exact = shapely.Polygon(curve).area
+    for tolerance, error in ((1e-5, 1e-2), (1e-8, 1e-5)):
+        drawn = read(build, tolerance=tolerance)
+        assert drawn.area == pytest.approx(exact * 1e-6, rel=error, abs=0.0)
+        distances = shapely.distance(
+            shapely.LinearRing(drawn.rings[0] * 1e3), shapely.points(curve)
+        )
+        assert distances.max() <= tolerance * 1e3 * 1.01
+
+
+def test_blocks_that_are_not_whole_in_the_file_are_refused(read: Read) -> None:
+    def external(space: Any) -> None:
+        space.doc.add_xref_def("other.dxf", "OTHER")
+        space.add_blockref("OTHER", (0, 0))
+        square(space)
+
+    with pytest.raises(FileFormatError, match="external reference 'OTHER'"):
+        read(external)

@@ -1,6 +1,8 @@
 """Apertures drawn as GDSII layouts: units, cells, layers, paths; and files that end gdstk."""
 
+import math
 import random
+import struct
 
 import numpy as np
 import pytest
@@ -90,3 +92,116 @@ def test_a_polygon_of_one_point_is_none(tmp_path):
     end = bytes.fromhex("0004 0700")
     path.write_bytes(path.read_bytes().replace(end, 2 * point + end))
     assert pw.read_aperture(path).area == pytest.approx(25e-12)
+
+
+# Files written record by record: gdstk writes neither dots nor absolute widths.
+
+
+def _record(kind: int, data: bytes = b"") -> bytes:
+    data += b"\0" * (len(data) % 2)
+    return struct.pack(">HH", 4 + len(data), kind) + data
+
+
+def _real(value: float) -> bytes:
+    """Eight bytes: sign and exponent of 16, then 56 bits of the fraction."""
+    exponent = 0
+    while value >= 1:
+        value, exponent = value / 16, exponent + 1
+    while 0 < value < 1 / 16:
+        value, exponent = value * 16, exponent - 1
+    return bytes([64 + exponent]) + int(value * 2**56).to_bytes(7, "big")
+
+
+def _points(points) -> bytes:
+    return _record(0x1003, struct.pack(f">{2 * len(points)}i", *np.ravel(points)))
+
+
+def _path(points, width: int, ends: int, *extensions: int) -> bytes:
+    head = _record(0x0900) + _record(0x0D02, b"\0\1") + _record(0x0E02, b"\0\0")
+    head += _record(0x2102, struct.pack(">h", ends)) + _record(0x0F03, struct.pack(">i", width))
+    kinds = 0x3003, 0x3103
+    more = [_record(kind, struct.pack(">i", e)) for kind, e in zip(kinds, extensions, strict=False)]
+    return head + b"".join(more) + _points(points) + _record(0x1100)
+
+
+def _reference(name: str, at=(0, 0), scale=1.0, degrees=0.0, flags=0) -> bytes:
+    head = _record(0x0A00) + _record(0x1206, name.encode())
+    head += _record(0x1A01, struct.pack(">H", flags)) + _record(0x1B05, _real(scale))
+    return head + _record(0x1C05, _real(degrees)) + _points([at]) + _record(0x1100)
+
+
+SQUARE = _record(0x0800) + _record(0x0D02, b"\0\1") + _record(0x0E02, b"\0\0")
+SQUARE += _points([(0, 0), (3000, 0), (3000, 3000), (0, 3000), (0, 0)]) + _record(0x1100)
+
+
+def written(path, **cells: bytes):
+    """A library in micrometres, to a nanometre."""
+    dates = struct.pack(">12h", *[1] * 12)
+    out = _record(0x0002, b"\x02\x58") + _record(0x0102, dates) + _record(0x0206, b"LIB")
+    out += _record(0x0305, _real(1e-3) + _real(1e-9))
+    for name, content in cells.items():
+        out += _record(0x0502, dates) + _record(0x0606, name.encode()) + content + _record(0x0700)
+    path.write_bytes(out + _record(0x0400))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("ends", "extensions", "area"),
+    [(1, (), math.pi * 0.7**2), (2, (), 1.4**2), (4, (300, 500), 1.4 * 0.8)],
+)
+@pytest.mark.parametrize("points", [[(7000, 2000)] * 2, [(7000, 2000)] * 3, [(7000, 2000)]])
+def test_a_path_of_zero_length_is_what_its_ends_draw(tmp_path, points, ends, extensions, area):
+    dot = _path(points, 1400, ends, *extensions)
+    for name, rest in (("alone", 0.0), ("beside", 9.0)):
+        path = written(tmp_path / "a.gds", TOP=dot + (SQUARE if rest else b""))
+        drawn = pw.read_aperture(path)
+        assert drawn.area == pytest.approx((area + rest) * 1e-12, rel=ROUNDING, abs=0.0), name
+    turned = written(tmp_path / "b.gds", P=dot, TOP=_reference("P", (0, 0), 3.0, 33.0))
+    assert pw.read_aperture(turned).area == pytest.approx(9 * area * 1e-12, rel=1e-6, abs=0.0)
+
+
+def test_a_path_of_zero_length_with_flush_ends_draws_nothing(tmp_path):
+    path = written(tmp_path / "a.gds", TOP=_path([(0, 0)] * 2, 1400, 0) + SQUARE)
+    assert pw.read_aperture(path).area == pytest.approx(9e-12, rel=ROUNDING, abs=0.0)
+
+
+def test_a_path_with_a_repeated_point_is_that_without(tmp_path):
+    path = written(tmp_path / "a.gds", TOP=_path([(0, 0), (0, 0), (5000, 0), (5000, 0)], 600, 0))
+    assert pw.read_aperture(path).area == pytest.approx(3e-12, rel=ROUNDING, abs=0.0)
+
+
+@pytest.mark.parametrize(("width", "area"), [(500, 4 * 10 * 0.5 * 4), (-500, 4 * 10 * 0.5)])
+def test_a_negative_width_is_not_scaled(tmp_path, width, area):
+    """A path of 10 in a cell that is scaled by 2 in one that is scaled by 2."""
+    cells = {"P": _path([(0, 0), (10000, 0)], width, 0), "Q": _reference("P", (0, 0), 2.0)}
+    path = written(tmp_path / "a.gds", **cells, TOP=_reference("Q", (0, 0), 2.0, 30.0))
+    assert pw.read_aperture(path).area == pytest.approx(area * 1e-12, rel=1e-6, abs=0.0)
+
+
+def test_round_ends_stay_within_the_tolerance(tmp_path):
+    path = written(tmp_path / "a.gds", TOP=_path([(0, 0), (10000, 0)], 4000, 1))
+    exact = (40 + 4 * math.pi) * 1e-12
+    for tolerance in (1e-8, 1e-11):
+        missing = exact - pw.read_aperture(path, tolerance=tolerance).area
+        assert 0 <= missing <= 4e-6 * math.pi * tolerance
+    assert pw.read_aperture(path).area == pytest.approx(exact, rel=1e-3)
+
+
+@pytest.mark.parametrize("depth", [1, 2])
+def test_a_cell_that_is_missing_is_named(tmp_path, depth):
+    inner = {"IN": _reference("LOST")} if depth == 2 else {}
+    path = written(tmp_path / "a.gds", **inner, TOP=SQUARE + _reference("IN" if inner else "LOST"))
+    with pytest.raises(FileFormatError, match=r"in '(TOP|IN)' to the missing cell 'LOST'"):
+        pw.read_aperture(path)
+    other = written(tmp_path / "b.gds", GOOD=SQUARE, TOP=_reference("LOST"))
+    assert pw.read_aperture(other, layer="GOOD").area == pytest.approx(9e-12)
+
+
+def test_absolute_transformations_are_refused_where_they_matter(tmp_path):
+    for flag, around in ((4, {"scale": 3.0}), (2, {"degrees": 40.0})):
+        cells = {"A": SQUARE, "M": _reference("A", (0, 0), 2.0, 10.0, flag)}
+        plain = written(tmp_path / "a.gds", **cells, TOP=_reference("M", (5, 5)))
+        assert pw.read_aperture(plain).area == pytest.approx(36e-12, rel=1e-6)
+        path = written(tmp_path / "b.gds", **cells, TOP=_reference("M", (5, 5), **around))
+        with pytest.raises(FileFormatError, match="absolute magnification or angle of 'A' in 'M'"):
+            pw.read_aperture(path)

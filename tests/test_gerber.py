@@ -131,6 +131,15 @@ def test_a_circle_of_a_macro_turns_about_the_origin_and_cuts_its_macro_alone(rea
     assert area == pytest.approx((16 - math.pi + 1) * 1e-6, rel=ROUNDING, abs=0.0)
 
 
+@pytest.mark.parametrize("name", ["A", "T", "X", "d", "_", "$", "C1", "ADD"])
+@pytest.mark.parametrize(
+    ("macro", "values"), [("21,1,$1,$2,0,0,0", ",1.5X2"), ("21,1,3,1,0,0,0", "")]
+)
+def test_a_macro_may_be_named_by_one_letter(read, name: str, macro: str, values: str) -> None:
+    shape = read(f"%AM{name}*{macro}*%%ADD10{name}{values}*%" + FLASH)
+    assert shape.area == pytest.approx(3e-6, rel=ROUNDING, abs=0.0)
+
+
 SQUARE = "%ADD10R,1X1*%D10*"
 ROUND = "%ADD10C,1*%D10*X0Y0D02*"
 REFUSED = {
@@ -165,6 +174,7 @@ REFUSED = {
     "undefined": ("D11*X0Y0D03*", "an aperture that is defined"),
     "no aperture": ("X0Y0D03*", "an aperture before"),
     "defined twice": (SQUARE + SQUARE, "defined once"),
+    "reserved name": ("%AMR*21,1,3,1,0,0,0*%%ADD10R,1X1*%" + FLASH, "other than C, R, O and P"),
     "no such macro": ("%ADD10Pad*%" + FLASH, "is unknown"),
     "macro code": ("%AMPad*7,0,0,2,1,.2,0*%%ADD10Pad*%" + FLASH, "codes 1, 4, 5"),
     "macro exposure": ("%AMPad*1,2,1,0,0*%%ADD10Pad*%" + FLASH, "exposure 0 or 1"),

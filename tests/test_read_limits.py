@@ -198,12 +198,12 @@ def test_a_ply_that_holds_less_or_more_than_it_announces_is_refused(tmp_path: Pa
     for content in (_ply(text), whole):
         path.write_bytes(content)
         assert pw.read_polyhedron(path, "m").volume == 1
-    announces, length = "which announces them", "trimesh does not read"
+    announces, length = "announces, got", "do not follow the format"
     for content, words in (
         (_ply(text[:-10]), announces),
-        (_ply(_binary_cube()[:-1], kind=binary), length),
+        (_ply(_binary_cube()[:-1], kind=binary), announces),
         (_ply(text, faces=12), announces),  # two cubes, of which one is there
-        (_ply(_binary_cube(), faces=12, kind=binary), length),
+        (_ply(_binary_cube(), faces=12, kind=binary), announces),
         (_ply(text, faces=5), announces),
         (whole.replace(b"property list uchar int", b"property list"), length),
     ):

@@ -19,7 +19,7 @@ from polywigner.errors import (
     MissingExtraError,
     QuantityError,
 )
-from polywigner.geometry import Aperture, read_aperture, read_polyhedron, shapes
+from polywigner.geometry import Aperture, read_aperture, shapes
 
 MILLIMETRES = 1000 * CHEVRON / 100  # a chevron of 20 mm
 EXPECTED = Aperture(MILLIMETRES / 1000)
@@ -197,7 +197,7 @@ def test_a_bad_file_raises_one_error_that_names_it(tmp_path, name, case):
     ("name", "library"),
     [
         ("path.svg", "defusedxml"), ("path.svg", "svgelements"), ("lines.dxf", "ezdxf"),
-        ("region.gbr", "gerbonara.rs274x"), ("chip.gds", "gdstk"), ("body.stl", "trimesh"),
+        ("region.gbr", "gerbonara.rs274x"), ("chip.gds", "gdstk"),
     ],
 )  # fmt: skip
 def test_a_missing_library_is_named_with_its_extra(tmp_path, monkeypatch, name, library):
@@ -206,10 +206,9 @@ def test_a_missing_library_is_named_with_its_extra(tmp_path, monkeypatch, name, 
     for module in [m for m in sys.modules if m.partition(".")[0] == library]:
         monkeypatch.delitem(sys.modules, module)
     monkeypatch.setitem(sys.modules, library, None)
-    read = read_polyhedron if name.endswith("stl") else read_aperture
     named = rf'{library.partition(".")[0]}.*pip install "\.\[formats\]"'
     with pytest.raises(MissingExtraError, match=named):
-        read(path)
+        read_aperture(path)
 
 
 def test_paths_that_are_no_files_raise(tmp_path):

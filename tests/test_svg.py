@@ -184,12 +184,86 @@ def test_a_self_crossing_path_is_split_where_it_crosses(read: Read) -> None:
          "<rect {}/>"),
         ('<circle cx="5" cy="5" r="9" style="r: 2"/>', '<circle cx="5" cy="5" r="2"/>'),
         ('<ellipse cx="5" cy="5" rx="2" ry="auto"/>', '<circle cx="5" cy="5" r="2"/>'),
-        ('<circle cx="5" cy="5" r="2" fill="url(#gradient)"/>', '<circle cx="5" cy="5" r="2"/>'),
+        ('<linearGradient id="g"/><circle cx="5" cy="5" r="2" fill="url(#g)"/>',
+         '<circle cx="5" cy="5" r="2"/>'),
+        ('<rect {}/><rect width="9" height="9" fill="url(#missing)"/>', "<rect {}/>"),
+        ('<rect {}/><rect width="9" height="9" fill="url(\'other.svg#g\')"/>', "<rect {}/>"),
+        ('<rect {}/><g style="fill: url(#missing) none"><rect width="9" height="9"/></g>',
+         "<rect {}/>"),
+        ('<rect fill="url(#missing) red" {}/>', "<rect {}/>"),
+        ('<rect fill="currentColor" color="blue" {}/>', "<rect {}/>"),
     ],
 )  # fmt: skip
 def test_many_ways_to_draw_the_same(read: Read, body: str, same: str) -> None:
     place = 'x="1" y="2" width="5" height="3"'
     assert difference(read(body.replace("{}", place)), read(same.replace("{}", place))) < ROUNDING
+
+
+DATA = Path(__file__).parent / "data" / "readers"
+
+
+def test_files_of_reported_faults_have_the_areas_that_are_black() -> None:
+    for name, square_mm in (("white", 100 - 4 * math.pi), ("bg", 4 * math.pi)):
+        for union in (False, True):
+            drawn = pw.read_aperture(DATA / f"{name}.svg", union=union)
+            assert drawn.area == pytest.approx(square_mm * 1e-6, rel=1e-12, abs=0.0)
+
+
+PLATE, HOLE, CORE = (
+    f'<rect x="{x}" y="{x}" width="{20 - 2 * x}" height="{20 - 2 * x}" {{}}/>' for x in (0, 3, 7)
+)
+
+
+@pytest.mark.parametrize(
+    "white",
+    ['fill="white"', 'fill="#FFF"', 'fill="#ffffff"', 'style="fill: rgb(255, 255, 255)"',
+     'fill="rgb(100%,100%,100%)"', 'fill="hsl(0, 0%, 100%)"', 'fill="#ffff"', 'class="w"',
+     'fill="currentColor" color="White"', 'fill="rgba(255,255,255,1)"', 'fill="url(#m) white"'],
+)  # fmt: skip
+def test_white_shapes_hide_what_lies_below_and_nothing_above(read: Read, white: str) -> None:
+    style = "<style>.w { fill: white }</style>"
+    dark = ('fill="#123"', 'fill="red"')
+    ring = style + PLATE.format(dark[0]) + HOLE.format(white)
+    assert read(ring).area == pytest.approx((400 - 196) * 1e-6, rel=1e-12, abs=0.0)
+    island = read(ring + CORE.format(dark[1]))
+    assert island.area == pytest.approx((400 - 196 + 36) * 1e-6, rel=1e-12, abs=0.0)
+    below = style + HOLE.format(white) + CORE.format("")
+    assert read(below).area == pytest.approx(36e-6, rel=1e-12, abs=0.0)
+    page = style + PLATE.format(dark[0]) + PLATE.format(white) + CORE.format("")
+    assert read(page).area == pytest.approx(36e-6, rel=1e-12, abs=0.0)
+
+
+def test_a_white_shape_cuts_all_shapes_below_and_leaves_overlaps_to_be_refused(read: Read) -> None:
+    body = (
+        '<rect width="6" height="6"/><rect x="10" width="6" height="6"/>'
+        '<rect x="4" y="2" width="8" height="2" fill="white"/>'
+    )
+    assert read(body).area == pytest.approx((72 - 8) * 1e-6, rel=1e-12, abs=0.0)
+    overlap = '<rect width="6" height="6"/><rect x="4" width="6" height="6"/>'
+    overlap += '<rect x="1" y="1" width="1" height="1" fill="white"/>'
+    with pytest.raises(GeometryError, match="an overlap"):
+        read(overlap)
+    assert read(overlap, union=True).area == pytest.approx(59e-6, rel=1e-12, abs=0.0)
+
+
+def test_white_shapes_alone_are_open(read: Read) -> None:
+    body = '<g fill="white"><rect width="5" height="5"/><rect x="9" width="5" height="5"/></g>'
+    assert read(body).area == pytest.approx(50e-6, rel=1e-12, abs=0.0)
+
+
+def test_nothing_left_under_a_white_page_is_an_error(read: Read) -> None:
+    with pytest.raises(FileFormatError, match="no white shape covers"):
+        read(HOLE.format("") + PLATE.format('fill="white"'))
+
+
+@pytest.mark.parametrize(
+    "fill", ['fill="yellow"', 'fill="white" opacity="0.5"', 'fill="white" fill-opacity="50%"',
+             'fill="#ffffff80"', 'fill="#fefefe"'],
+)  # fmt: skip
+def test_other_colours_on_each_other_are_refused_with_advice(read: Read, fill: str) -> None:
+    body = PLATE.format("") + HOLE.format(fill)
+    with pytest.raises(GeometryError, match=r"colours differ: paint white .* union=True"):
+        read(body)
 
 
 def test_a_rounded_rectangle_lacks_four_corners(read: Read) -> None:

@@ -5,7 +5,8 @@
   ``exact``: predicates without rounding
 - ``automean``: mutual support, lag and position slices; ``convex``: convex pieces, triangles and
   trapezoids
-- ``slits``, ``polyhedron``: sources in one and three dimensions; ``wavefront``: curved or partly
+- ``slits``, ``polyhedron``: sources in one and three dimensions; ``faces``: their triangles and
+  orientation; ``wavefront``: curved or partly
   coherent waves, and checks of a field
 - ``arguments``: checks of numbers, arrays, wavelengths, poses and units; ``display``: sources in
   notebooks and on axes

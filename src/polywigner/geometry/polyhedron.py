@@ -14,9 +14,10 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import GeometryError
-from polywigner.geometry.arguments import real_numbers, unchangeable
+from polywigner.geometry.arguments import real_numbers, unchangeable, warn_caller
 from polywigner.geometry.display import length_text, shown_as_html
 from polywigner.geometry.exact import whole_numbers
+from polywigner.geometry.faces import closed_surfaces, nesting_of, triangulate_faces
 from polywigner.geometry.rings import LARGEST_COORDINATE, SMALLEST_EXTENT
 
 # How far a vertex of a face may lie off the face's plane, as a fraction of the body's diameter:
@@ -42,8 +43,9 @@ class Polyhedron:
     ----------
     vertices : (n, 3) in metres (any one consistent unit works).
     faces : one list of vertex numbers per face, three or more, counter-clockwise seen from outside;
-        convex or not. A body whose faces all run the other way round is turned inside out. Several
-        closed surfaces may share one list (separate bodies, which may touch, and cavities).
+        convex or not. Several closed surfaces may share one list: separate bodies, which may touch,
+        and cavities. A surface inside another one is the wall of a cavity, and a surface inside a
+        cavity is a body. A surface whose faces all run the wrong way round is reversed.
 
     Raises GeometryError for values that are not finite numbers, faces that are not planar or cross
     themselves, a surface that is not closed or not consistently oriented, and zero volume.
@@ -64,11 +66,9 @@ class Polyhedron:
         numbers = _checked_faces(faces, len(points))
         _check_closed(numbers)
         _check_planar(points, numbers)
-        volume = _six_volumes(points, numbers)
-        if abs(volume) <= 1e-15 * float(np.max(np.ptp(points, axis=0))) ** 3:
+        numbers, volume = _oriented(points, numbers)
+        if volume <= 1e-15 * float(np.max(np.ptp(points, axis=0))) ** 3:
             raise GeometryError("expected faces that enclose a volume, got zero volume")
-        if volume < 0:
-            numbers = tuple(face[::-1] for face in numbers)
         points.setflags(write=False)
         object.__setattr__(self, "vertices", points)
         object.__setattr__(self, "faces", numbers)
@@ -76,7 +76,7 @@ class Polyhedron:
     @cached_property
     def volume(self) -> float:
         """Volume, rounded once from its exact value."""
-        return float(_six_volumes(self.vertices, self.faces) / 6)
+        return float(_six_volumes(self.vertices, [self.faces])[0] / 6)
 
     @cached_property
     def bounds(self) -> tuple[float, ...]:
@@ -90,9 +90,8 @@ class Polyhedron:
 
     @cached_property
     def triangles(self) -> NDArray[np.intp]:
-        """(m, 3) vertex numbers of fans over the faces, oriented; signed on non-convex faces."""
-        fans = [(f[0], f[k], f[k + 1]) for f in self.faces for k in range(1, len(f) - 1)]
-        result = np.array(fans, dtype=np.intp)
+        """(m, 3) vertex numbers of triangles that cover each face once, oriented as the faces."""
+        result = triangulate_faces(self.vertices, self.faces)
         result.setflags(write=False)
         return result
 
@@ -248,16 +247,46 @@ def _check_planar(points: Vertices, faces: Sequence[tuple[int, ...]]) -> None:
             )
 
 
-def _six_volumes(points: Vertices, faces: Sequence[tuple[int, ...]]) -> Fraction:
-    """Six times the enclosed volume, exactly."""
+def _oriented(
+    points: Vertices, faces: tuple[tuple[int, ...], ...]
+) -> tuple[tuple[tuple[int, ...], ...], Fraction]:
+    """Faces that are counter-clockwise seen from outside the solid, and six times its volume."""
+    surfaces = closed_surfaces(faces)
+    members = [[faces[k] for k in surface] for surface in surfaces]
+    volumes = _six_volumes(points, members)
+    around = np.zeros((len(surfaces),) * 2, dtype=bool)
+    if len(surfaces) > 1:
+        around = nesting_of([points[triangulate_faces(points, some)] for some in members])
+    depths = around.sum(axis=0)
+    total, oriented = Fraction(0), list(faces)
+    for n, (surface, volume) in enumerate(zip(surfaces, volumes, strict=True)):
+        sign = -1 if depths[n] % 2 else 1
+        total += sign * abs(volume)
+        if volume * sign < 0:
+            for k in surface:
+                oriented[k] = faces[k][::-1]
+        outermost = np.flatnonzero(around[:, n] & (depths == 0))
+        if sign < 0 and len(outermost) and volume * volumes[outermost[0]] > 0:
+            warn_caller(
+                f"the surface with face {surface[0]} lies inside another surface and faces the "
+                "same way: it is read as a cavity; leave it out if it is a body in the body"
+            )
+    return tuple(oriented), total
+
+
+def _six_volumes(points: Vertices, surfaces: Sequence[Sequence[tuple[int, ...]]]) -> list[Fraction]:
+    """Six times the volume that each closed surface encloses, exactly."""
     whole, exponent = whole_numbers(points)
     exact = (whole - whole[0]).tolist()
-    total = 0
-    for face in faces:
-        a = exact[face[0]]
-        for k in range(1, len(face) - 1):
-            b, c = exact[face[k]], exact[face[k + 1]]
-            total += a[0] * (b[1] * c[2] - b[2] * c[1])
-            total -= a[1] * (b[0] * c[2] - b[2] * c[0])
-            total += a[2] * (b[0] * c[1] - b[1] * c[0])
-    return Fraction(total) * Fraction(2) ** (3 * exponent)
+    volumes = []
+    for faces in surfaces:
+        total = 0
+        for face in faces:
+            a = exact[face[0]]
+            for k in range(1, len(face) - 1):
+                b, c = exact[face[k]], exact[face[k + 1]]
+                total += a[0] * (b[1] * c[2] - b[2] * c[1])
+                total -= a[1] * (b[0] * c[2] - b[2] * c[0])
+                total += a[2] * (b[0] * c[1] - b[1] * c[0])
+        volumes.append(Fraction(total) * Fraction(2) ** (3 * exponent))
+    return volumes

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, SceneError
 from polywigner.execution import NumpyOperations, ops_for
+from polywigner.geometry.faces import connected
 from polywigner.geometry.silhouettes import Obstacle, Obstacles, Silhouette
 from polywigner.kernels.boundary.edge_waves import EdgeRule, edge_wave, least_detour
 from polywigner.mitsuba.exact import AWAY
@@ -30,7 +31,6 @@ from polywigner.mitsuba.scene_order import sorted_emitters, sorted_shapes
 from polywigner.mitsuba.sources import SourceSpec
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.propagation.shadows import RadiatingPoint, radiating_points, wave_ahead
-from polywigner.scattering.facets import connected
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]

@@ -21,10 +21,10 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
+from polywigner.geometry.faces import connected
 from polywigner.mitsuba.receiver import is_receiver
 from polywigner.mitsuba.scene_order import bounds_of, sorted_emitters, sorted_shapes
 from polywigner.mitsuba.scenes import is_source
-from polywigner.scattering.facets import connected
 
 Floats = NDArray[np.float64]
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, triangulate
 from polywigner.geometry.arguments import warn_caller
+from polywigner.geometry.faces import connected
 from polywigner.illumination import Array
 
 Floats = NDArray[np.float64]
@@ -22,19 +23,6 @@ Indices = NDArray[np.intp]
 
 # Facets that meet at less than this are of one bent face, as in meshes of smooth bodies.
 _SMOOTH = math.cos(math.radians(30))
-
-
-def connected(count: int, one: NDArray[np.intp], other: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Numbers (count,) that those have in common who are joined, directly or by others."""
-    labels = np.arange(count)
-    while True:
-        least = np.minimum(labels[one], labels[other])
-        before = labels.copy()
-        for side in (one, other):
-            np.minimum.at(labels, labels[side], least)
-        labels = labels[labels]
-        if (labels == before).all():
-            return labels
 
 
 # Sine of the angle by which faces in one plane may bend the wrong way after rounding. A dent this
@@ -295,7 +283,7 @@ def _parts(body: Any) -> tuple[Any, ...]:
 def _facets(parts: tuple[Any, ...]) -> Facets:
     corners, plates = [], []
     for part in parts:
-        found = _of_body(part) if isinstance(part, Polyhedron) else _of_plate(part)
+        found = part.vertices[part.triangles] if isinstance(part, Polyhedron) else _of_plate(part)
         area = np.cross(found[:, 1] - found[:, 0], found[:, 2] - found[:, 0])
         found = found[np.abs(area).max(axis=1) > 0]
         corners.append(found)
@@ -336,26 +324,3 @@ def _of_plate(plate: Aperture | PlacedAperture) -> Floats:
     points, triangles = triangulate(_outline(plate))
     placed: Floats = points @ pose[:3, :2].T + pose[:3, 3]
     return placed[triangles]
-
-
-def _of_body(body: Polyhedron) -> Floats:
-    """(n, 3, 3)"""
-    triangles = [face for face in body.faces if len(face) == 3]
-    others = [body.vertices[list(face)] for face in body.faces if len(face) > 3]
-    found = [_split(points) for points in others]
-    return np.concatenate([body.vertices[np.array(triangles, np.intp).reshape(-1, 3)], *found])
-
-
-def _split(points: Floats) -> Floats:
-    """The triangles (n - 2, 3, 3) of a plane polygon (n, 3), which need not be convex."""
-    sides = np.roll(points, -1, axis=0) - points
-    normal = np.cross(points - points[0], sides).sum(axis=0)
-    if (np.cross(sides, np.roll(sides, -1, axis=0)) @ normal >= 0).all():
-        fan = np.arange(1, len(points) - 1)
-        return points[np.column_stack([np.zeros_like(fan), fan, fan + 1])]
-    middle = points.mean(axis=0)
-    _, _, axes = np.linalg.svd(points - middle, full_matrices=False)
-    axes[1] = np.cross(normal / np.linalg.norm(normal), axes[0])
-    kept, numbers = triangulate(Aperture((points - middle) @ axes[:2].T))
-    lifted: Floats = middle + kept @ axes[:2]
-    return lifted[numbers]

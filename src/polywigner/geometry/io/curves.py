@@ -56,10 +56,9 @@ class Arc:
 
 @dataclass(frozen=True, eq=False)
 class Bezier:
-    """A Bezier curve of control points (p + 1, d); rational with weights (p + 1,) above zero."""
+    """A Bezier curve of control points (p + 1, d)."""
 
     points: Points
-    weights: Points | None = None
 
 
 Curve = Points | Arc | Bezier
@@ -73,69 +72,14 @@ def ends(curve: Curve) -> Points:
     return points[[0, -1]]
 
 
-def reversed_curve(curve: Curve) -> Curve:
-    """The curve run through from its end to its begin."""
-    if isinstance(curve, Arc):
-        return Arc(curve.centre, curve.u, curve.v, curve.start + curve.sweep, -curve.sweep)
-    if isinstance(curve, Bezier):
-        weights = None if curve.weights is None else curve.weights[::-1]
-        return Bezier(curve.points[::-1], weights)
-    return curve[::-1]
-
-
 def transformed(curve: Curve, matrix: Points, offset: Points) -> Curve:
     """The image under p -> p @ matrix + offset; `matrix` (d, e), `offset` (e,)."""
     if isinstance(curve, Arc):
         centre = curve.centre @ matrix + offset
         return Arc(centre, curve.u @ matrix, curve.v @ matrix, curve.start, curve.sweep)
     if isinstance(curve, Bezier):
-        return Bezier(curve.points @ matrix + offset, curve.weights)
+        return Bezier(curve.points @ matrix + offset)
     return curve @ matrix + offset
-
-
-def turned(points: Any, degrees: float) -> Points:
-    """Points (n, 2) turned counter-clockwise about the origin; quarter turns are exact."""
-    angle = math.fmod(degrees, 360.0) if math.isfinite(degrees) else math.nan
-    quarters = {0.0: (1.0, 0.0), 90.0: (0.0, 1.0), 180.0: (-1.0, 0.0), 270.0: (0.0, -1.0)}
-    radians = math.radians(angle)
-    c, s = quarters.get(angle % 360, (math.cos(radians), math.sin(radians)))
-    return np.asarray(points, dtype=float) @ np.array([(c, s), (-s, c)])
-
-
-def bezier_spans(control: Points, knots: Points, weights: Points | None) -> list[Bezier]:
-    """The Bezier curves of a B-spline with control points (n, d) and n + p + 1 knots.
-
-    The control points of the span between two knots a < b are the blossom's values at p - j
-    times a and j times b; weights are carried as a further coordinate.
-    """
-    degree = len(knots) - len(control) - 1
-    if weights is not None:
-        control = np.column_stack([control * weights[:, None], weights])
-    spans = []
-    for k in range(degree, len(control)):
-        a, b = knots[k], knots[k + 1]
-        if not a < b:
-            continue
-        points = np.array([
-            _blossom(control[k - degree : k + 1], knots[k - degree + 1 : k + degree + 1], places)
-            for places in ([a] * (degree - j) + [b] * j for j in range(degree + 1))
-        ])  # fmt: skip
-        if weights is None:
-            spans.append(Bezier(points))
-        else:
-            spans.append(Bezier(points[:, :-1] / points[:, -1:], points[:, -1]))
-    return spans
-
-
-def _blossom(control: Points, knots: Points, places: Sequence[float]) -> Points:
-    """De Boor's algorithm with an argument of its own in each round."""
-    degree = len(control) - 1
-    for r, place in enumerate(places, start=1):
-        low = knots[r - 1 : degree]
-        high = knots[degree : 2 * degree - r + 1]
-        share = ((place - low) / (high - low))[:, None]
-        control = (1 - share) * control[:-1] + share * control[1:]
-    return control[0]
 
 
 def rough_points(curve: Curve) -> Points:
@@ -186,9 +130,7 @@ def _chords(curve: Curve, reach: float, left: int) -> Points:
     if isinstance(curve, Arc):
         return _ellipse(curve, reach, left) if curve.is_closed else _arc(curve, reach, left)
     if isinstance(curve, Bezier):
-        if curve.weights is None or np.ptp(curve.weights) == 0:
-            return _polynomial(curve.points, reach, left)
-        return _rational(curve, reach, left)
+        return _polynomial(curve.points, reach, left)
     _counted(len(curve) - 1, left)
     return curve
 
@@ -234,91 +176,41 @@ def _polynomial(points: Points, reach: float, left: int) -> Points:
     return values
 
 
-def _rational(curve: Bezier, reach: float, left: int) -> Points:
-    """Halved until no control point is farther from the chord; the curve lies in their hull."""
-    assert curve.weights is not None
-    pieces = np.column_stack([curve.points * curve.weights[:, None], curve.weights])[None]
-    straight = np.zeros(1, dtype=bool)
-    while not straight.all():
-        straight[~straight] = _off_chord(pieces[~straight]) <= reach
-        counts = np.where(straight, 1, 2)
-        _counted(int(counts.sum()), left)
-        halves = _halved(pieces[~straight])
-        pieces, straight = np.repeat(pieces, counts, axis=0), np.repeat(straight, counts)
-        pieces[~straight] = halves
-    vertices = pieces[:, -1, :-1] / pieces[:, -1, -1:]
-    return np.concatenate([curve.points[:1], vertices])
-
-
-def _halved(pieces: Points) -> Points:
-    """Both halves of each Bezier curve (m, p + 1, d), shape (2 m, p + 1, d), in order."""
-    first, second, middle = [pieces[:, 0]], [pieces[:, -1]], pieces
-    while middle.shape[1] > 1:
-        middle = (middle[:, :-1] + middle[:, 1:]) / 2
-        first.append(middle[:, 0])
-        second.append(middle[:, -1])
-    both = np.stack([np.stack(first, axis=1), np.stack(second[::-1], axis=1)], axis=1)
-    return both.reshape(-1, *pieces.shape[1:])
-
-
-def _off_chord(pieces: Points) -> Points:
-    """Largest distance (m,) of each piece's control points from the segment between its ends."""
-    points = pieces[..., :-1] / pieces[..., -1:]
-    start, chord = points[:, :1], points[:, -1:] - points[:, :1]
-    length = np.maximum((chord**2).sum(-1), np.finfo(float).tiny)
-    along = np.clip(((points - start) * chord).sum(-1) / length, 0, 1)
-    return np.linalg.norm(points - start - along[..., None] * chord, axis=-1).max(axis=1)
-
-
 JOINT = 1e-6
 """Largest gap between ends that belong together, in diagonals of the drawing's bounds.
 
 CAD programs write six decimals or more; ends of a drawing of 100 units meet within 1e-4.
 """
 
-Path = list[Curve]
 
+def chains(tips: Sequence[Points], gap: float) -> list[list[tuple[int, bool]]]:
+    """Closed runs of paths whose ends (2, d) meet in pairs within `gap`, in any direction.
 
-def is_closed(path: Path, gap: float) -> bool:
-    """Whether a curve is an outline by itself: a whole ellipse, or a run whose ends meet."""
-    if isinstance(path[0], Arc) and path[0].is_closed:
-        return True
-    closes = np.abs(ends(path[0])[0] - ends(path[-1])[1]).max() <= gap
-    return bool(closes and (len(path) > 1 or np.ptp(rough_points(path[0]), axis=0).max() > gap))
-
-
-def chained(paths: Sequence[Path], gap: float) -> list[Path]:
-    """Closed outlines from open paths whose ends meet in pairs within `gap`, in any direction.
-
-    Raises FileFormatError where an end is left over, or more than two meet.
+    Each run lists numbers of paths, and whether the path is run through backwards. Raises
+    FileFormatError where an end is left over, or more than two meet.
     """
-    if not paths:
+    if not tips:
         return []
-    tips = np.array([[ends(path[0])[0], ends(path[-1])[1]] for path in paths])
-    joints = _joints(tips.reshape(-1, tips.shape[-1]), gap)
+    points = np.concatenate(tips)
+    joints = _joints(points, gap)
     meeting: dict[int, list[int]] = defaultdict(list)
     for end, joint in enumerate(joints):
         meeting[joint].append(end)
     for members in meeting.values():
         if len(members) != 2:
-            _refuse(tips.reshape(-1, tips.shape[-1])[members[0]], len(members))
-    outlines, used = [], set()
-    for first in range(len(paths)):
+            _refuse(points[members[0]], len(members))
+    runs, used = [], set()
+    for first in range(len(tips)):
         if first in used:
             continue
-        outline, end = [], 2 * first
+        run, end = [], 2 * first
         while end // 2 not in used:
-            number, backwards = divmod(end, 2)
-            used.add(number)
-            outline += _run(paths[number], bool(backwards))
+            used.add(end // 2)
+            run.append((end // 2, bool(end % 2)))
             a, b = meeting[joints[end ^ 1]]  # ends 2 k and 2 k + 1 belong to path k
             end = b if a == end ^ 1 else a
-        outlines.append(outline)
-    return outlines
-
-
-def _run(path: Path, backwards: bool) -> Path:
-    return [reversed_curve(curve) for curve in reversed(path)] if backwards else path
+        runs.append(run)
+    return runs
 
 
 def _joints(points: Points, gap: float) -> list[int]:

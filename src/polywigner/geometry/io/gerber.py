@@ -43,11 +43,14 @@ _FORMAT = re.compile(r"FS[LT]A(X[1-7][1-7])Y(?P<same>[1-7][1-7])")
 _SHAPE = re.compile(
     rf"ADD0*(?P<number>[1-9]\d{{1,8}})(?:[CRO],{_LENGTH}(?:X{_LENGTH})*|"
     rf"(?P<polygon>P),{_LENGTH}X\d+(?:X(?P<turn>[+-]?{_LENGTH}))?(?:X{_LENGTH})?|"
-    rf"{_NAME}(?:,[+-]?{_LENGTH}(?:X[+-]?{_LENGTH})*)?)"
+    rf"(?P<macro>{_NAME})(?:,[+-]?{_LENGTH}(?:X[+-]?{_LENGTH})*)?)"
 )
 _MACRO = re.compile(rf"AM(?P<name>{_NAME})\*(?P<body>.*)", re.DOTALL)
 _MACRO_BLOCK = re.compile(r"(?:\$[1-9]\d*=|(?P<code>\d+),)[-+0-9.$xX/(),]+")
 _MACRO_CODES = (1, 4, 5, 20, 21)
+_STANDARD = ("C", "R", "O", "P")
+# Before names of macros: gerbonara does not read those of one letter.
+_PREFIX = "M_"
 
 # Statements that change nothing: attributes, names, and transformations that are none.
 _ZERO = r"[+-]?0*\.?0*"
@@ -183,6 +186,9 @@ def _extended(state: _State, words: str) -> None:
         words = _macro(state, words)
     elif found := _SHAPE.fullmatch(words):
         _define(state, found["number"], words)
+        if found["macro"]:
+            place = found.start("macro")
+            words = words[:place] + _PREFIX + words[place:]
         if found["turn"] and float(found["turn"]):
             raise FileFormatError(
                 f"expected regular polygons with a corner on the right, got {_shown(words)}, which "
@@ -218,6 +224,7 @@ def _macro(state: _State, words: str) -> str:
     found = _MACRO.fullmatch(words)
     if not found:
         raise _unknown(words)
+    _check(found["name"] not in _STANDARD, "names of macros other than C, R, O and P", words)
     _define(state, found["name"], words)
     blocks = []
     for text in found["body"].split("*"):
@@ -232,7 +239,7 @@ def _macro(state: _State, words: str) -> str:
                 f"(codes 1, 4, 5, 20, 21), got {_shown(block)}; export it as a region"
             )
         blocks.append(block)
-    return f"AM{found['name']}*" + "*".join(blocks)
+    return f"AM{_PREFIX}{found['name']}*" + "*".join(blocks)
 
 
 # What gerbonara warns about and yet reads as Gerber says.

@@ -40,6 +40,12 @@ def filled(rings: Sequence[Ring], rule: str) -> list[Polygon]:
     return [rings_of_polygon(polygon) for polygon in enclosed(clean, rule)]
 
 
+def depths(rings: Sequence[Ring]) -> list[int]:
+    """Return how many of the other rings (n, 2) lie around each ring."""
+    sizes = np.abs([estimated_area(ring) for ring in rings])
+    return [len(others) for _, others in _containing(rings, sizes)] if len(rings) else []
+
+
 def nested(
     rings: Sequence[Ring], union: bool = False, remedy: str = "join them in the drawing"
 ) -> list[Polygon]:

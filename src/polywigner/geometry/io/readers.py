@@ -7,11 +7,9 @@ which :class:`Aperture` and :class:`Polyhedron` check.
 from __future__ import annotations
 
 import importlib
-import io
 import os
 import pkgutil
 import re
-import warnings
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from pathlib import Path
@@ -34,15 +32,13 @@ from polywigner.geometry.arguments import checked_flag, checked_length
 from polywigner.geometry.exact import Ring
 from polywigner.geometry.io.drawing import Drawing, File, Format, check_installed
 from polywigner.geometry.io.limits import (
-    MOST_FACES,
     SMALL,
     bytes_of,
-    check_coordinates,
-    check_most,
     check_rings,
     check_vertices,
     within_limits,
 )
+from polywigner.geometry.io.meshes import read_mesh
 from polywigner.geometry.io.svg_shapes import PIXEL
 from polywigner.geometry.parts import merge_parts, part_of_rings, union_parts
 from polywigner.geometry.polyhedron import Polyhedron
@@ -186,7 +182,7 @@ def read_aperture(
         ``.wkt``: Polygon or MultiPolygon; ``.csv``: one vertex of a single ring per line, with
         comma, semicolon (a comma is then a decimal sign) or blanks between x and y, an optional
         header line and ``#`` comments; ``.svg``: filled shapes, turned so that y points up;
-        ``.dxf``: closed outlines in the model space, those inside others being holes; ``.gds``:
+        ``.dxf``: closed outlines (those inside others being holes) and hatches; ``.gds``:
         polygons and paths of a cell; ``.gbr``, ``.ger``, ``.gtl``, ``.gbl`` or ``.art``: the copper
         of a Gerber layer. Any other suffix: by content. SVG, DXF, GDSII and Gerber need the extra
         `formats`.
@@ -238,18 +234,21 @@ def read_aperture(
 def read_polyhedron(path: str | os.PathLike[str], unit: str | float = "mm") -> Polyhedron:
     """Read a body from a mesh file (``.stl``, ``.ply``, ``.obj``); returns it in metres.
 
-    Needs the extra `formats`. Vertices with equal coordinates are merged; faces of more than three
-    vertices become fans of triangles; colours, normals and materials are passed over.
+    Vertices that differ by less than 1e-9 of the mesh's size are merged (by two units in the last
+    place, if the file is in single precision). Faces of more than three vertices, convex or not,
+    are split into triangles. Colours, normals and materials are ignored. A closed surface that is
+    inside out is reversed; a surface inside another one is a cavity (see :class:`Polyhedron`).
 
     Parameters
     ----------
     path : the file, in text or binary form where the format has both.
-    unit : what 1 stands for in the file, as for :func:`read_aperture`; none of these formats says.
+    unit : length of one unit of the file, as for :func:`read_aperture`; none of these formats
+        contains it.
 
     Raises FileFormatError for a file that is missing, empty, too large (64 MiB, 200 000 triangles),
-    damaged, or not of its format; GeometryError for a surface that is not closed, not consistently
-    oriented, or encloses no volume; QuantityError for the unit, ArgumentError for the path, and
-    MissingExtraError without trimesh.
+    damaged, or not of its format; GeometryError for a face that crosses itself and for a surface
+    that is not closed, not consistently oriented, or encloses no volume; QuantityError for the
+    unit, ArgumentError for the path. Warns (PolywignerWarning) if a face is not planar.
 
     >>> import polywigner as pw
     >>> import pathlib, tempfile
@@ -259,8 +258,7 @@ def read_polyhedron(path: str | os.PathLike[str], unit: str | float = "mm") -> P
     >>> round(pw.read_polyhedron(path, unit="m").volume, 6)
     0.166667
     """
-    body: Polyhedron = _body(path, unit, Polyhedron)
-    return body
+    return _body(path, unit, Polyhedron)
 
 
 def read_sheets(path: str | os.PathLike[str], unit: str | float = "mm") -> list[PlacedAperture]:
@@ -284,40 +282,29 @@ def read_sheets(path: str | os.PathLike[str], unit: str | float = "mm") -> list[
     >>> [round(plate.aperture.area, 6) for plate in pw.read_sheets(path, unit="m")]
     [0.5, 0.5, 0.5]
     """
-    plates: list[PlacedAperture] = _body(path, unit, _plates_of)
-    return plates
+    return _body(path, unit, _plates_of)
 
 
 def read_triangles(path: Any, unit: str | float) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    """Vertices (n, 3) in metres and triangles (m, 3) of a mesh file."""
-    found: tuple[NDArray[np.float64], NDArray[np.intp]] = _body(path, unit, _as_they_are)
-    return found
+    """Return vertices (n, 3) in metres and triangles (m, 3) of a mesh file."""
+    return _body(path, unit, lambda *mesh: mesh)
 
 
-def _as_they_are(*parts: Any) -> Any:
-    return parts
-
-
-def _body(path: Any, unit: str | float, build: Callable[[Ring, NDArray[np.intp]], Any]) -> Any:
-    """``build(vertices, faces)`` of a mesh file, in metres, called in a process apart."""
+def _body(path: Any, unit: str | float, build: Callable[..., Any]) -> Any:
+    """Return ``build(vertices, triangles)`` of a mesh file, in metres."""
     metres, source = _metres(unit), _path(path)
+    kind = source.suffix.lower()
     try:
-        kind = source.suffix.lower()
         if kind not in MESH_SUFFIXES:
             raise FileFormatError(
                 f"expected a mesh with the suffix {', '.join(MESH_SUFFIXES)}, got "
                 f"{source.suffix or 'no suffix'!r}; outlines are read by polywigner.read_aperture"
             )
-        read = partial(_built, bytes_of(source), kind, metres, build)
-        return _apart(read, ("trimesh",), kind.removeprefix(".").upper())
-    except (FileFormatError, GeometryError, MissingExtraError) as error:
+        with np.errstate(all="ignore"):
+            vertices, triangles = read_mesh(bytes_of(source), kind)
+            return build(_scaled(vertices, metres), triangles)
+    except (FileFormatError, GeometryError) as error:
         raise _about(source, error) from None
-
-
-def _built(content: bytes, kind: str, metres: float, build: Callable[..., Any]) -> Any:
-    with np.errstate(all="ignore"):
-        vertices, faces = _mesh(content, kind)
-        return build(_scaled(vertices, metres), faces)
 
 
 def _path(path: Any) -> Path:
@@ -325,83 +312,6 @@ def _path(path: Any) -> Path:
         return Path(os.fsdecode(path))
     except TypeError:
         raise ArgumentError(f"expected the path of a file, got {type(path).__name__}") from None
-
-
-def _mesh(content: bytes, suffix: str) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    """Vertices (n, 3) in the file's unit and triangles (m, 3) of vertex numbers.
-
-    Faces of more vertices become fans; vertices with the very same coordinates are merged (STL
-    repeats them for each triangle), and triangles that then use one twice are dropped.
-    """
-    kind = suffix.removeprefix(".")
-    trimesh: Any = importlib.import_module("trimesh")
-    content = _checked(content, kind)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")  # NumPy warns of numbers that are none, and goes on
-            mesh = trimesh.load_mesh(
-                io.BytesIO(content), file_type=kind, process=False, skip_materials=True
-            )
-        vertices = np.array(mesh.vertices, dtype=np.float64).reshape(-1, 3)
-        faces = np.array(mesh.faces, dtype=np.int64).reshape(-1, 3)
-    except MemoryError:
-        raise
-    except Exception as error:  # a damaged file can fail anywhere in trimesh, with any exception
-        raise FileFormatError(
-            f"expected {kind.upper()}, got a file that trimesh does not read "
-            f"({type(error).__name__}); export the body again"
-        ) from None
-    _check(vertices, faces)
-    vertices, places = np.unique(vertices + 0.0, axis=0, return_inverse=True)
-    faces = places.reshape(-1)[faces]
-    a, b, c = faces.T
-    return vertices, faces[(a != b) & (b != c) & (c != a)]
-
-
-def _checked(content: bytes, kind: str) -> bytes:
-    """The content, made UTF-8 where it is text; raises where trimesh would not see a cut."""
-    if kind == "ply":
-        _check_rows(content)
-        return content
-    count = int.from_bytes(content[80:84], "little") if kind == "stl" else 0
-    if kind == "stl" and len(content) == 84 + 50 * count:
-        return content
-    if b"\0" in content:
-        raise FileFormatError(
-            f"expected binary STL of 84 + 50 n bytes, got {len(content)} that announce {count} "
-            "triangles; export the body again"
-            if kind == "stl"
-            else "expected OBJ as text, got zeros; export the body again"
-        )
-    return content.decode("utf-8", "replace").encode()
-
-
-_ELEMENT = re.compile(rb"^element[ \t]+\w+[ \t]+(\d{1,19})", re.MULTILINE)
-
-
-def _check_rows(content: bytes) -> None:
-    """Raise for PLY as text of less, or more, rows than its header announces."""
-    header, _, body = content.partition(b"end_header")
-    if b"format ascii" not in header:
-        return  # trimesh compares bytes
-    announced = sum(map(int, _ELEMENT.findall(header)))
-    rows = sum(1 for line in body.partition(b"\n")[2].splitlines() if line.strip())
-    if rows != announced:
-        raise FileFormatError(
-            f"expected {announced} rows after the header, which announces them, got {rows}; the "
-            "file may be cut short: export it again"
-        )
-
-
-def _check(vertices: NDArray[Any], faces: NDArray[Any]) -> None:
-    if not len(faces):
-        raise FileFormatError("expected triangles, got none; export the body as a mesh")
-    check_most(len(faces), MOST_FACES, "triangles", "simplify the mesh")
-    if faces.min() < 0 or faces.max() >= len(vertices):
-        raise FileFormatError(
-            f"expected vertex numbers up to {len(vertices)}, got a face with another; correct it"
-        )
-    check_coordinates(vertices)
 
 
 # Grid of normals and of heights over the size of a mesh: triangles on one point of it are one

@@ -9,12 +9,13 @@ from importlib import import_module
 from typing import Any
 
 import numpy as np
+import shapely
 
 from polywigner.errors import FileFormatError
 from polywigner.geometry.io.curves import Points, flattened
 from polywigner.geometry.io.drawing import Drawing, File, Format, check_known, overlap_remedy
 from polywigner.geometry.io.limits import MOST_NESTED
-from polywigner.geometry.io.outlines import filled
+from polywigner.geometry.io.outlines import Polygon, filled
 from polywigner.geometry.io.svg_shapes import (
     PIXEL,
     SHAPES,
@@ -32,6 +33,8 @@ from polywigner.geometry.io.svg_shapes import (
     shape_of,
     view_box,
 )
+from polywigner.geometry.parts import combined_on_grid, polygons_in
+from polywigner.geometry.rings import rings_of_polygon
 
 _NAMESPACE = "{http://www.w3.org/2000/svg}"
 _NAMES = ("{http://www.inkscape.org/namespaces/inkscape}label", "data-name", "id")
@@ -39,6 +42,7 @@ _LINK = "{http://www.w3.org/1999/xlink}href"
 
 _CONTAINERS = {"svg", "g", "a", "switch"}
 _OPAQUE = {"text", "image", "foreignObject"}
+_SERVERS = {"linearGradient", "radialGradient", "meshgradient", "pattern", "hatch", "solidcolor"}
 
 
 def parsed(content: bytes) -> Any:
@@ -102,13 +106,16 @@ class Document:
         known = {name: _tag(e) == "g" for e in root.iter() for name in _names(e)}
         if not self.layers <= known.keys():
             check_known(layers, [name for name in known if known[name] or name in self.layers])
-        self.styles = Styles("".join(e.text or "" for e in root.iter() if _tag(e) == "style"))
+        sheet = "".join(e.text or "" for e in root.iter() if _tag(e) == "style")
+        servers = [e.get("id") for e in root.iter() if _tag(e) in _SERVERS and e.get("id")]
+        self.styles = Styles(sheet, servers)
         self.named = {e.get("id"): e for e in reversed(list(root.iter())) if e.get("id")}
 
     def shapes(self, matrix: Points) -> Iterator[Shape]:
         box = view_box(self.root)
         viewport = (None, None) if box is None else (box[2], box[3])
-        place = Place(matrix, np.zeros(2), Style(), viewport, is_asked=not self.layers)
+        style = Style(servers=self.styles.servers)
+        place = Place(matrix, np.zeros(2), style, viewport, is_asked=not self.layers)
         inside = self._entered(self.root, place)
         if inside.style.own.get("display") != "none":
             yield from self._children(self.root, inside)
@@ -216,15 +223,41 @@ def read_svg(file: File) -> Drawing:
     subpaths = [subpath for shape in shapes for subpath in shape.subpaths]
     outlines = flattened(subpaths, file.tolerance and file.tolerance / metres)
     rings = iter(outlines)
-    polygons = [
-        polygon
-        for shape in shapes
-        for polygon in filled([next(rings) for _ in shape.subpaths], shape.rule)
-    ]
+    painted = [filled([next(rings) for _ in shape.subpaths], shape.rule) for shape in shapes]
+    polygons = _visible(painted, [shape.is_white for shape in shapes])
     if not polygons:
-        raise FileFormatError("expected shapes that enclose an area, got none that do")
+        raise FileFormatError(
+            "expected shapes that enclose an area, got none that do and that no white shape covers"
+        )
     names = [shape.layer for shape in shapes for _ in shape.subpaths]
-    return Drawing(polygons, metres, overlap_remedy(outlines, names))
+    remedy = overlap_remedy(outlines, names)
+    if len({shape.fill for shape in shapes}) > 1 and "lies around" not in remedy:
+        remedy = (
+            "their colours differ: paint white what is to be closed, cut one out of the other, or "
+            "give union=True (--union), which joins them whatever their colour"
+        )
+    return Drawing(polygons, metres, remedy)
+
+
+def _visible(painted: Sequence[list[Polygon]], is_white: Sequence[bool]) -> list[Polygon]:
+    """The polygons of shapes after white shapes have hidden the parts below them.
+
+    White shapes themselves are closed, unless all shapes are white.
+    """
+    if all(is_white) or not any(is_white):
+        return [polygon for polygons in painted for polygon in polygons]
+    visible = np.array([], dtype=object)
+    for polygons, white in zip(painted, is_white, strict=True):
+        areas = [shapely.Polygon(outer, holes) for outer, *holes in polygons]
+        if not white:
+            visible = np.concatenate([visible, np.array(areas, dtype=object)])
+            continue
+        for area in areas:
+            hidden = shapely.intersects(visible, area)
+            left = [combined_on_grid(shapely.difference, some, area) for some in visible[hidden]]
+            pieces = [piece for geometry in left for piece in polygons_in(geometry)]
+            visible = np.concatenate([visible[~hidden], np.array(pieces, dtype=object)])
+    return [rings_of_polygon(polygon) for polygon in visible]
 
 
 def _unit(root: Any, unit_metres: float) -> tuple[float, Points]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from importlib import import_module
@@ -12,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.io.curves import Arc, Bezier, Curve, Points, ends, transformed, turned
+from polywigner.geometry.io.curves import Arc, Bezier, Curve, Points, ends, transformed
 from polywigner.geometry.io.limits import LARGEST_NUMBER
 
 # Possessive (++) and atomic (?>) throughout, so that no text takes longer than its length.
@@ -20,17 +21,16 @@ _NUMBER = r"(?>[+-]?(?:[0-9]++\.?[0-9]*+|\.[0-9]++)(?:[eE][+-]?[0-9]++)?)"
 _COMMA = r"(?>\s*+,\s*+|\s*+)"
 _LENGTH = re.compile(rf"\s*+({_NUMBER})(%|[a-zA-Z]*+)\s*+")
 _LIST = re.compile(rf"\s*+(?:{_NUMBER}{_COMMA})*+")
-_FUNCTION = re.compile(rf"\s*+([a-zA-Z]++)\s*+\(\s*+((?:{_NUMBER}{_COMMA})++)\)\s*+,?")
+_TRANSFORMS = re.compile(
+    r"(?:\s*+(?:matrix|translate|scale|rotate|skew[XY])\s*+"
+    rf"\(\s*+(?:{_NUMBER}{_COMMA})++\)\s*+,?+)*+\s*+"
+)
 _NUMBERS = re.compile(_NUMBER)
 _COMMAND = re.compile(r"([MmZzLlHhVvCcSsQqTtAa])([^MmZzLlHhVvCcSsQqTtAa]*+)")
 _ARC = rf"{_NUMBER}{_COMMA}" * 3 + rf"[01]{_COMMA}" * 2 + rf"{_NUMBER}{_COMMA}" * 2
 _ARCS = re.compile(rf"\s*+(?:{_ARC})++")
 _FLAGS = re.compile(_ARC)
 _ARITY = {"M": 2, "L": 2, "H": 1, "V": 1, "C": 6, "S": 4, "Q": 4, "T": 2}
-_ARGUMENTS = {
-    "matrix": (6,), "translate": (1, 2), "scale": (1, 2), "rotate": (1, 3), "skewX": (1,),
-    "skewY": (1,),
-}  # fmt: skip
 
 PIXEL = Fraction(254, 960_000)
 """The metres of a CSS pixel, 1/96 inch."""
@@ -102,34 +102,15 @@ def _count(text: str) -> int:
 
 
 def matrix_of(text: str) -> tuple[Points, Points]:
-    """A transform list as the matrix (2, 2) and offset (2,) of p -> p @ matrix + offset."""
-    place, matrix, offset = 0, np.eye(2), np.zeros(2)
-    text = text.rstrip()
-    while place < len(text):
-        match = _FUNCTION.match(text, place)
-        place = match.end() if match else place
-        values = numbers_of(match[2], "arguments") if match else []
-        if match is None or len(values) not in _ARGUMENTS.get(match[1], ()):
-            raise _refuse("a transform such as translate(10 5) rotate(45)", text)
-        own, shift = _function(match[1], values)
-        matrix, offset = own @ matrix, shift @ matrix + offset
-    return matrix, offset
-
-
-def _function(name: str, values: list[float]) -> tuple[Points, Points]:
-    if name == "matrix":
-        return np.array([values[0:2], values[2:4]]), np.array(values[4:6])
-    if name == "translate":
-        return np.eye(2), np.array([*values, 0.0][:2])
-    if name == "scale":
-        return np.diag([values[0], values[-1]]), np.zeros(2)
-    if name == "rotate":
-        turn = turned(np.eye(2), values[0])
-        centre = np.array([*values[1:], 0.0, 0.0][:2])
-        return turn, centre - centre @ turn
-    slope = math.tan(math.radians(math.fmod(values[0], 180.0)))
-    skew = [[1.0, 0.0], [slope, 1.0]] if name == "skewX" else [[1.0, slope], [0.0, 1.0]]
-    return np.array(skew), np.zeros(2)
+    """Return a transform list as the matrix (2, 2) and offset (2,) of p -> p @ matrix + offset."""
+    try:
+        found = _library().Matrix(text) if _TRANSFORMS.fullmatch(text) else None
+    except (ValueError, IndexError, TypeError):  # too few arguments
+        found = None
+    if found is None:
+        raise _refuse("a transform such as translate(10 5) rotate(45)", text)
+    values = [float(v) for v in (found.a, found.b, found.c, found.d, found.e, found.f)]
+    return np.array(values[:4]).reshape(2, 2), np.array(values[4:])
 
 
 def _library() -> Any:
@@ -263,6 +244,10 @@ class Shape:
     subpaths: list[list[Curve]]
     rule: str
     layer: str
+    fill: str = "black"
+    """Colour of the fill."""
+    is_white: bool = False
+    """Whether the fill is white and opaque, and hides the shapes below it."""
 
 
 def view_box(element: Any) -> tuple[float, float, float, float] | None:
@@ -329,7 +314,9 @@ def shape_of(element: Any, tag: str, place: Place) -> Shape:
         [transformed(curve, place.matrix, place.offset) for curve in subpath]
         for subpath in subpaths
     ]
-    return Shape(image, place.style.inherited.get("fill-rule", "nonzero"), place.layer)
+    style = place.style
+    rule, fill = style.inherited.get("fill-rule", "nonzero"), style.fill
+    return Shape(image, rule, place.layer, fill, style.is_opaque and _is_white(fill))
 
 
 def _polygon(element: Any) -> list[list[Curve]]:
@@ -375,7 +362,7 @@ def _rectangle(element: Any, place: Place) -> list[list[Curve]]:
     return _closed_curves(library.Path(library.Rect(x, y, width, height, *radii)))
 
 
-_INHERITED = ("fill", "fill-rule", "fill-opacity", "visibility")
+_INHERITED = ("fill", "fill-rule", "fill-opacity", "visibility", "color")
 _GEOMETRY = ("x", "y", "width", "height", "cx", "cy", "r", "rx", "ry", "d")
 _OWN = (
     "display", "opacity", "transform", "transform-origin", "clip-path", "mask", "filter",
@@ -385,20 +372,45 @@ _UNSUPPORTED = ("clip-path", "mask", "filter", "transform-origin")
 _SIMPLE = frozenset("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-")
 
 
+# A fill by a gradient or pattern, and the colour where the file has none of that name.
+_SERVER = re.compile(
+    r"""url\(\s*+["']?+#([^"')]++)["']?+\s*+\)\s*+(.*+)""", re.IGNORECASE | re.DOTALL
+)
+
+
 @dataclass(frozen=True, eq=False)
 class Style:
     """Properties that decide whether a shape is painted."""
 
     inherited: dict[str, str] = field(default_factory=dict)
     own: dict[str, str] = field(default_factory=dict)
-    hidden: bool = False
-    """An element around it, or it itself, has no opacity."""
+    opacity: float = 1.0
+    """Product of the opacities of the element and of those around it."""
+    servers: frozenset[str] = frozenset()
+    """Names of the gradients and patterns of the file."""
+
+    @property
+    def fill(self) -> str:
+        """Colour of the fill, or the name of a gradient or pattern; "none" if there is neither."""
+        text = self.inherited.get("fill", "black").strip()
+        if found := _SERVER.fullmatch(text):
+            text = text if found[1].strip() in self.servers else found[2].strip() or "none"
+        elif text.lower().startswith("url("):
+            text = text.partition(")")[2].strip() or "none"
+        if text.lower() == "currentcolor":
+            text = self.inherited.get("color", "black")
+        return text.lower()
+
+    @property
+    def is_opaque(self) -> bool:
+        return self.opacity >= 1 and _opacity(self.inherited.get("fill-opacity")) >= 1
 
 
 class Styles:
-    """The rules of a file's style sheets."""
+    """The rules of a file's style sheets, and the names of its gradients and patterns."""
 
-    def __init__(self, sheet: str) -> None:
+    def __init__(self, sheet: str, servers: Iterable[str] = ()) -> None:
+        self.servers = frozenset(servers)
         self.rules = [
             (selector, relevant)
             for selector, declarations in rules_of(sheet)
@@ -426,20 +438,25 @@ class Styles:
             name: found[name] for name in _INHERITED if found.get(name, "inherit") != "inherit"
         }
         own = {name: found[name] for name in _OWN if name in found}
-        return Style(parent.inherited | given, own, parent.hidden or _is_zero(own.get("opacity")))
+        opacity = parent.opacity * _opacity(own.get("opacity"))
+        return Style(parent.inherited | given, own, opacity, self.servers)
 
 
 def _relevant(declarations: dict[str, str]) -> dict[str, str]:
     return {name: declarations[name] for name in (*_INHERITED, *_OWN) if name in declarations}
 
 
-def _is_zero(text: str | None) -> bool:
-    if text is None:
-        return False
-    value = length(text, "an opacity", 1.0)
+def _opacity(text: str | None) -> float:
+    """The number from 0 to 1 of an opacity."""
+    value = 1.0 if text is None else length(text, "an opacity", 1.0)
     if not math.isfinite(value):
-        raise FileFormatError(f"expected an opacity from 0 to 1, got {text[:60]!r}")
-    return value <= 0
+        raise FileFormatError(f"expected an opacity from 0 to 1, got {str(text)[:60]!r}")
+    return min(max(value, 0.0), 1.0)
+
+
+def _is_white(fill: str) -> bool:
+    colour = import_module("svgelements").Color(fill)
+    return bool(colour.value is not None and colour.hex in ("#fff", "#ffffff"))
 
 
 def _is_transparent(fill: str) -> bool:
@@ -456,15 +473,14 @@ def _is_transparent(fill: str) -> bool:
 
 def is_painted(style: Style) -> bool:
     """Whether the inside of a shape shows, in whatever colour."""
-    fill = style.inherited.get("fill", "black").lower()
     rule = style.inherited.get("fill-rule", "nonzero")
     if rule not in ("nonzero", "evenodd"):
         raise FileFormatError(f"expected the fill-rule nonzero or evenodd, got {rule[:60]!r}")
     return not (
-        _is_transparent(fill)
-        or style.hidden
+        _is_transparent(style.fill)
+        or style.opacity == 0
         or style.inherited.get("visibility") in ("hidden", "collapse")
-        or _is_zero(style.inherited.get("fill-opacity"))
+        or _opacity(style.inherited.get("fill-opacity")) == 0
     )
 
 

@@ -1,0 +1,344 @@
+"""Meshes of STL, PLY and OBJ files: vertices, and faces of any number of corners.
+
+Colours, normals and texture coordinates are ignored. Corners that differ by rounding are joined.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polywigner.errors import FileFormatError
+from polywigner.geometry.arguments import warn_caller
+from polywigner.geometry.faces import heights_of, triangulate_faces
+from polywigner.geometry.io.limits import MOST_FACES, check_coordinates, check_most
+
+Points = NDArray[np.float64]
+Face = tuple[int, ...]
+
+# Vertices nearer than this fraction of the size are one: CAD programs compute the corner of each
+# face anew, with rounding errors of 1e-16 to 1e-12.
+_WELD = 1e-9
+# Units in the last place by which corners in single precision may differ after that rounding.
+_LAST_PLACES = 2
+# Largest distance of a vertex from its face's plane, as a fraction of the size: coordinates with
+# six digits pass.
+_PLANAR = 1e-5
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Vertices (n, 3) in the file's unit, and faces."""
+
+    vertices: Points
+    faces: list[Face]
+    precision: float
+    """Relative rounding error of the stored coordinates."""
+
+
+_DOUBLE, _SINGLE = float(np.finfo(np.float64).eps), float(np.finfo(np.float32).eps)
+
+
+def read_mesh(content: bytes, suffix: str) -> tuple[Points, NDArray[np.intp]]:
+    """Return vertices (n, 3) in the file's unit and triangles (m, 3) of an STL, PLY or OBJ file.
+
+    Raises FileFormatError for a file that is damaged, cut short or has no faces. A face that is not
+    planar is split into triangles with a warning.
+    """
+    readers: dict[str, Callable[[bytes], Mesh]] = {".stl": _stl, ".ply": _ply, ".obj": _obj}
+    kind = suffix.removeprefix(".").upper()
+    try:
+        mesh = readers[suffix](content)
+    except FileFormatError:  # a ValueError, too
+        raise
+    except (ValueError, IndexError, KeyError, OverflowError, TypeError) as error:
+        raise FileFormatError(
+            f"expected {kind}, got a file whose text or numbers do not follow the format "
+            f"({type(error).__name__}); export the body again"
+        ) from None
+    if not mesh.faces:
+        raise FileFormatError("expected triangles, got none; export the body as a mesh")
+    check_most(len(mesh.faces), MOST_FACES, "triangles", "simplify the mesh")
+    least, most = min(map(min, mesh.faces)), max(map(max, mesh.faces))
+    if least < 0 or most >= len(mesh.vertices):
+        raise FileFormatError(
+            f"expected {kind} faces with vertex numbers up to {len(mesh.vertices)}, got a face "
+            "with another; correct it"
+        )
+    check_coordinates(mesh.vertices)
+    mesh = _welded(mesh)
+    if not mesh.faces:
+        raise FileFormatError("expected triangles with an area, got points alone; export it again")
+    return _triangulated(mesh)
+
+
+def _triangulated(mesh: Mesh) -> tuple[Points, NDArray[np.intp]]:
+    heights = heights_of(mesh.vertices, mesh.faces)
+    worst = int(heights.argmax()) if len(heights) else 0
+    if len(heights) and heights[worst] > _PLANAR * _size(mesh.vertices):
+        warn_caller(
+            f"face {worst} of the mesh is not planar: a vertex lies {heights[worst]:.3g} off its "
+            "plane in the file's unit, and the body depends on its triangles; export triangles"
+        )
+    triangles = triangulate_faces(mesh.vertices, mesh.faces)
+    check_most(len(triangles), MOST_FACES, "triangles", "simplify the mesh")
+    return mesh.vertices, triangles
+
+
+def _size(points: Points) -> float:
+    return float(np.linalg.norm(np.ptp(points, axis=0)))
+
+
+def _welded(mesh: Mesh) -> Mesh:
+    """Join vertices that differ by rounding, and drop edges and faces that vanish by it."""
+    points = mesh.vertices + 0.0
+    reach = _WELD * _size(points)
+    if mesh.precision > _DOUBLE:
+        reach = max(reach, _LAST_PLACES * mesh.precision * float(np.abs(points).max()))
+    labels = np.stack([_clusters(column, reach) for column in points.T], axis=1)
+    _, first, number = np.unique(labels, axis=0, return_index=True, return_inverse=True)
+    numbers = number.ravel().tolist()
+    faces = []
+    for face in mesh.faces:
+        joined = tuple(numbers[k] for k in face)
+        if len(set(joined)) < len(joined):
+            joined = tuple(k for n, k in enumerate(joined) if k != joined[n - 1])
+        if len(set(joined)) > 2:
+            faces.append(joined)
+    return Mesh(points[first], faces, mesh.precision)
+
+
+def _clusters(values: Points, reach: float) -> NDArray[np.intp]:
+    """Labels (n,) of values, equal where steps of at most `reach` lead from one to the other."""
+    order = np.argsort(values, kind="stable")
+    labels = np.empty(len(values), dtype=np.intp)
+    labels[order] = np.cumsum(np.diff(values[order], prepend=values[order[:1]]) > reach)
+    return labels
+
+
+# ---- STL -----------------------------------------------------------------------------------------
+
+_FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+_VERTEX = re.compile(rb"(?i)\bvertex\s+(\S+)\s+(\S+)\s+(\S+)")
+_END_OF_FACET = re.compile(rb"(?i)\bend\s*facet\b")
+_END_OF_SOLID = re.compile(rb"^\s*end\s*solid\b[^\n]*\s*\Z", re.MULTILINE | re.IGNORECASE)
+
+
+def _stl(content: bytes) -> Mesh:
+    count = int.from_bytes(content[80:84], "little")
+    if len(content) == 84 + 50 * count:
+        check_most(count, MOST_FACES, "triangles", "simplify the mesh")
+        corners = np.frombuffer(content, _FACET, count, 84)["corners"].astype(np.float64)
+        return _of_corners(corners, _SINGLE)
+    if b"\0" in content:
+        raise FileFormatError(
+            f"expected binary STL of 84 + 50 n bytes, got {len(content)} that announce {count} "
+            "triangles; export the body again"
+        )
+    found = _VERTEX.findall(content)
+    facets = len(_END_OF_FACET.findall(content))
+    if len(found) != 3 * facets:
+        raise FileFormatError(
+            f"expected three vertices in each facet of an STL file, got {len(found)} vertices in "
+            f"{facets} facets; the file may be damaged or cut short: export the body again"
+        )
+    if facets and not _END_OF_SOLID.search(content):
+        raise FileFormatError(
+            "expected an STL file that ends with endsolid, got one without; it may be cut short: "
+            "export the body again, or add that line"
+        )
+    check_most(facets, MOST_FACES, "triangles", "simplify the mesh")
+    return _of_corners(np.array(found, dtype=bytes).astype(np.float64).reshape(-1, 3, 3), _DOUBLE)
+
+
+def _of_corners(corners: Points, precision: float) -> Mesh:
+    numbers = np.arange(3 * len(corners)).reshape(-1, 3)
+    return Mesh(corners.reshape(-1, 3), list(map(tuple, numbers.tolist())), precision)
+
+
+# ---- OBJ -----------------------------------------------------------------------------------------
+
+_FREE_FORM = ("curv", "curv2", "surf")
+
+
+def _obj(content: bytes) -> Mesh:
+    if b"\0" in content:
+        raise FileFormatError("expected OBJ as text, got zeros; export the body again")
+    vertices: list[list[float]] = []
+    faces: list[Face] = []
+    for line in content.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ").splitlines():
+        word, *values = line.partition(b"#")[0].split() or [b""]
+        if word == b"v":
+            x, y, z = values[:3]
+            vertices.append([float(x), float(y), float(z)])
+        elif word in (b"f", b"fo"):
+            numbers = [int(value.partition(b"/")[0]) for value in values]
+            # negative numbers count back from the last vertex so far
+            faces.append(tuple(n - 1 if n > 0 else len(vertices) + n if n else -1 for n in numbers))
+            if len(numbers) < 3:
+                raise ValueError
+            check_most(len(faces), MOST_FACES, "triangles", "simplify the mesh")
+        elif word.decode("ascii", "replace") in _FREE_FORM:
+            raise FileFormatError(
+                "expected OBJ with polygons, got free-form curves or surfaces; export a mesh"
+            )
+    return Mesh(np.array(vertices, dtype=np.float64).reshape(-1, 3), faces, _DOUBLE)
+
+
+# ---- PLY -----------------------------------------------------------------------------------------
+
+_NUMBERS = {
+    "char": "b", "uchar": "B", "short": "h", "ushort": "H", "int": "i", "uint": "I", "float": "f",
+    "double": "d", "int8": "b", "uint8": "B", "int16": "h", "uint16": "H", "int32": "i",
+    "uint32": "I", "float32": "f", "float64": "d",
+}  # fmt: skip
+_ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">"}
+_END_OF_HEADER = re.compile(rb"^end_header[ \t]*\r?\n?", re.MULTILINE)
+_LONGEST_HEADER = 1 << 20
+
+
+@dataclass(eq=False)
+class _Element:
+    """An element of a PLY header with its properties: name, type, and type of a list's length."""
+
+    name: str
+    count: int
+    properties: list[tuple[str, str, str]]
+
+
+def _ply(content: bytes) -> Mesh:
+    end = _END_OF_HEADER.search(content[:_LONGEST_HEADER])
+    head = content[: end.start() if end else 0].decode("ascii", "replace").splitlines()
+    if end is None or head[:1] != ["ply"]:
+        raise FileFormatError("expected a PLY mesh, got a file without its header; export it again")
+    form, elements = _header(head)
+    body = content[end.end() :]
+    rows = _TextRows(body) if form == "ascii" else _BinaryRows(body, _ORDERS[form])
+    columns: dict[tuple[str, str], Any] = {}
+    for element in elements:
+        if element.name == "face":
+            check_most(element.count, MOST_FACES, "triangles", "simplify the mesh")
+        names = [(element.name, name) for name, _, _ in element.properties]
+        columns |= zip(names, rows.take(element), strict=True)
+    if not rows.is_empty():
+        raise _cut_short("more")
+    x, y, z = (np.array(columns["vertex", axis], dtype=np.float64) for axis in "xyz")
+    lists = [columns[key] for key in (("face", "vertex_indices"), ("face", "vertex_index"))
+             if key in columns]  # fmt: skip
+    if not lists and any(name == "tristrips" for name, _ in columns):
+        raise FileFormatError("expected PLY with faces, got strips of triangles; export faces")
+    faces = [tuple(map(int, face)) for face in lists[0]] if lists else []
+    if any(len(face) < 3 for face in faces):
+        raise ValueError
+    types = {kind for name, kind, _ in _named(elements, "vertex") if name in ("x", "y", "z")}
+    if x.ndim != 1:
+        raise ValueError
+    precision = _SINGLE if form != "ascii" and types == {"f"} else _DOUBLE
+    return Mesh(np.stack([x, y, z], axis=1), faces, precision)
+
+
+def _named(elements: list[_Element], name: str) -> list[tuple[str, str, str]]:
+    return next((element.properties for element in elements if element.name == name), [])
+
+
+def _header(lines: list[str]) -> tuple[str, list[_Element]]:
+    form, elements = "", []
+    for line in lines[1:]:
+        word, *rest = line.split() or [""]
+        if word == "format":
+            form = rest[0]
+        elif word == "element":
+            elements.append(_Element(rest[0], int(rest[1]), []))
+        elif word == "property" and rest[0] == "list":
+            elements[-1].properties.append((rest[3], _NUMBERS[rest[2]], _NUMBERS[rest[1]]))
+        elif word == "property":
+            elements[-1].properties.append((rest[1], _NUMBERS[rest[0]], ""))
+    if form not in ("ascii", *_ORDERS) or any(element.count < 0 for element in elements):
+        raise ValueError
+    return form, elements
+
+
+def _cut_short(got: str) -> FileFormatError:
+    return FileFormatError(
+        f"expected as many rows as the header of the PLY file announces, got {got}; the file may "
+        "be cut short: export it again"
+    )
+
+
+class _TextRows:
+    """The rows of a PLY file as text, one line each."""
+
+    def __init__(self, body: bytes) -> None:
+        self.lines = [line for line in body.splitlines() if line.strip()]
+        self.lines.reverse()
+
+    def take(self, element: _Element) -> list[list[Any]]:
+        """Return one column for each property of the next element."""
+        if element.count > len(self.lines):
+            raise _cut_short("fewer")
+        columns: list[list[Any]] = [[] for _ in element.properties]
+        for _ in range(element.count):
+            texts = self.lines.pop().split()
+            texts.reverse()
+            for column, (_, kind, length) in zip(columns, element.properties, strict=True):
+                number = float if kind in "fd" else int
+                if length:
+                    column.append([number(texts.pop()) for _ in range(int(texts.pop()))])
+                else:
+                    column.append(number(texts.pop()))
+        return columns
+
+    def is_empty(self) -> bool:
+        return not self.lines
+
+
+class _BinaryRows:
+    """The rows of a binary PLY file."""
+
+    def __init__(self, body: bytes, order: str) -> None:
+        self.body, self.order, self.place = body, order, 0
+
+    def take(self, element: _Element) -> list[Any]:
+        """Return one column for each property of the next element."""
+        if not element.count:
+            return [[] for _ in element.properties]
+        start, first = self.place, self._row(element)
+        lists = [k for k, (_, _, length) in enumerate(element.properties) if length]
+        fields: list[Any] = []
+        for k, (_, kind, length) in enumerate(element.properties):
+            fields += [(f"length {k}", self.order + length)] if length else []
+            fields.append((f"{k}", self.order + kind, (len(first[k]),) if length else ()))
+        # mostly, all lists are as long as those of the first row
+        rows = np.dtype(fields)
+        end = start + element.count * rows.itemsize
+        if end <= len(self.body):
+            table = np.frombuffer(self.body, rows, element.count, start)
+            if all((table[f"length {k}"] == len(first[k])).all() for k in lists):
+                self.place = end
+                return [table[f"{k}"] for k in range(len(element.properties))]
+        others = (self._row(element) for _ in range(element.count - 1))
+        return list(zip(first, *others, strict=True))
+
+    def _row(self, element: _Element) -> list[Any]:
+        values = []
+        for _, kind, length in element.properties:
+            numbers = self._next(kind, self._next(length, 1)[0] if length else 1)
+            values.append(numbers if length else numbers[0])
+        return values
+
+    def _next(self, kind: str, count: int) -> tuple[Any, ...]:
+        size = struct.calcsize(f"={kind}")
+        if count < 0 or self.place + count * size > len(self.body):
+            raise _cut_short("fewer")
+        values = struct.unpack_from(f"{self.order}{count}{kind}", self.body, self.place)
+        self.place += count * size
+        return values
+
+    def is_empty(self) -> bool:
+        return not self.body[self.place :].strip()
