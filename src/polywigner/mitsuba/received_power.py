@@ -191,8 +191,10 @@ def matched(scene: Any, numbers: list[int], options: ReceiveOptions) -> Parties:
     if not scene.emitters():
         raise SceneError("expected a scene with light, got one without emitters; add one")
     receivers = [receivers_of(scene)[number] for number in numbers]
-    emitters = [placed_emitter(e, k) for k, e in enumerate(wigner_emitters(scene))]
-    places = [placed_receiver(s, n) for n, (_, s) in zip(numbers, receivers, strict=True)]
+    emitters = [placed_emitter(e, k).touching(scene) for k, e in enumerate(wigner_emitters(scene))]
+    places = [
+        placed_receiver(s, n).touching(scene) for n, (_, s) in zip(numbers, receivers, strict=True)
+    ]
     noises = [options.noise_of(sensor.spec) for _, sensor in receivers]
     for place, noise in zip(places, noises, strict=True):
         for emitter in emitters:
