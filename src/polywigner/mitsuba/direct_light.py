@@ -22,6 +22,7 @@ from polywigner.mitsuba.passing import diffracted_share, passing_share
 from polywigner.mitsuba.placement import PLACE_ERROR, PlacedSource
 from polywigner.mitsuba.received import DirectPath
 from polywigner.mitsuba.sources import norm_of
+from polywigner.mitsuba.visibility import bounds_of
 from polywigner.reception import coupling
 from polywigner.transforms.phase_space import energy_of
 
@@ -265,8 +266,7 @@ def narrow(chain: Way, image: PlacedSource, receiver: PlacedSource) -> list[str]
 
 def _width(mirror: Mirror) -> float:
     """At most the side of a square of the mirror's diagonal, in scene units."""
-    box = mirror.shape.bbox()
-    return math.dist(box.min, box.max) / math.sqrt(2)
+    return math.dist(*bounds_of(mirror.shape)) / math.sqrt(2)
 
 
 def ways_of(mirrors: list[Mirror], reflections: int) -> list[Way]:

@@ -20,7 +20,7 @@ from polywigner.mitsuba.placement import Frame, PlacedSource
 from polywigner.mitsuba.polarisation import turned
 from polywigner.mitsuba.ray_transmission import Plane, RayTracer, Transmission
 from polywigner.mitsuba.sampling import cells_with_field
-from polywigner.mitsuba.visibility import ROUNDING
+from polywigner.mitsuba.visibility import ROUNDING, bounds_of
 from polywigner.propagation.shadows import diffracted, radiating_points
 
 Floats = NDArray[np.float64]
@@ -328,8 +328,7 @@ def traced(
 
 def _plane(mirror: Mirror, unit: float, reach: float, coherent: bool) -> Plane:
     """The plane of a mirror on paths with coordinates up to ``reach`` in scene units."""
-    box = mirror.shape.bbox()
-    rounding = _IN_PLANE * max(reach, float(np.abs([box.min, box.max]).max()))
+    rounding = _IN_PLANE * max(reach, float(np.abs(bounds_of(mirror.shape)).max()))
     normal = mi.Vector3f(*mirror.normal.tolist())
     surfaces = None
     if coherent or bsdfs_in(mirror.shape.bsdf())[-1].class_name() == THIN:

@@ -35,10 +35,10 @@ def reach_at(scene: Any, corners: Floats) -> float:
     low, high = corners.min(axis=0), corners.max(axis=0)
     result = float(np.abs(corners).max())
     for shape in scene.shapes():
-        box = np.array([shape.bbox().min, shape.bbox().max], np.float64)
+        box = bounds_of(shape)
         size = np.abs(box).max()
         slack = ROUNDING * (size + result)
-        if not np.isfinite(size) or (box[0] > high + slack).any() or (box[1] < low - slack).any():
+        if (box[0] > high + slack).any() or (box[1] < low - slack).any():
             continue
         if shape.class_name() in _FLAT:
             result = max(result, float(size))
@@ -49,11 +49,24 @@ def reach_at(scene: Any, corners: Floats) -> float:
 
 def _reach_of_triangles(mesh: Any, low: Floats, high: Floats) -> float:
     """Largest coordinate of the triangles whose bounds meet a box; a large triangle rounds more."""
-    params = mi.traverse(mesh)
-    points = np.array(dr.detach(params["vertex_positions"]), np.float64).reshape(-1, 3)
-    corners = points[np.array(params["faces"]).reshape(-1, 3)]
+    corners = _vertices(mesh)[np.array(mi.traverse(mesh)["faces"]).reshape(-1, 3)]
     meets = (corners.min(axis=1) <= high) & (corners.max(axis=1) >= low)
     return float(np.abs(corners[meets.all(axis=1)]).max(initial=0.0))
+
+
+def bounds_of(shape: Any) -> Floats:
+    """Return the bounds (2, 3) of a shape; Mitsuba has none for meshes that it has merged."""
+    box = shape.bbox()
+    if not box.valid() and shape.is_mesh():
+        points = _vertices(shape)
+        return np.array([points.min(axis=0), points.max(axis=0)])
+    found = np.array([box.min, box.max], np.float64)
+    return found if box.valid() else np.zeros((2, 3))
+
+
+def _vertices(mesh: Any) -> Floats:
+    points = dr.detach(mi.traverse(mesh)["vertex_positions"])
+    return np.array(points, np.float64).reshape(-1, 3)
 
 
 def largest(point: Any) -> Any:
@@ -85,19 +98,23 @@ class Reaches:
 
     def __init__(self, scene: Any) -> None:
         self._table: Any = None
+        self._sizes: dict[int, float] = {}
         shapes = scene.shapes()
         if dr.is_jit_v(mi.Float) and shapes:
             numbers = [int(_number(mi.ShapePtr(shape))[0]) for shape in shapes]
             self._last = max(numbers)
             sizes = np.zeros(self._last + 1)
-            sizes[numbers] = [_size(shape) for shape in shapes]
+            sizes[numbers] = [np.abs(bounds_of(shape)).max() for shape in shapes]
             self._table = mi.Float(sizes.tolist())
 
     def at(self, si: Any) -> Any:
         """Return the largest coordinate of the shape that a ray has met and of the point."""
         result = largest(si.p)
         if not dr.is_jit_v(mi.Float):
-            return max(result, _size(si.shape))
+            known = id(si.shape)
+            if known not in self._sizes:
+                self._sizes[known] = float(np.abs(bounds_of(si.shape)).max())
+            return max(result, self._sizes[known])
         if self._table is None:
             return result
         number = _number(si.shape)
@@ -113,9 +130,3 @@ class Reaches:
 
 def _number(pointer: Any) -> Any:
     return dr.reinterpret_array(mi.UInt32, pointer)
-
-
-def _size(shape: Any) -> float:
-    box = shape.bbox()
-    size = float(np.abs([box.min, box.max]).max())
-    return size if np.isfinite(size) else 0.0
