@@ -228,7 +228,9 @@ def _figure(
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
     for axes, each, picture, named in zip(panels, found, maps, names, strict=False):
         marks = [
-            DirectArrival(path.arrives_from, path.power, " by ".join([part.name, *path.mirrors]))
+            DirectArrival(
+                path.arrives_from, path.power, " by ".join([path.light or part.name, *path.mirrors])
+            )
             for part in each.contributions
             for path in part.paths
         ]

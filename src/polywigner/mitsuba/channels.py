@@ -515,6 +515,7 @@ def coherent_light(
                 passing**2,
                 arrival(place, receiver),
                 amplitude=complex(amplitude),
+                length=path.distance,
             )
         )
     power = emitter.power * abs(sum(path.amplitude or 0.0 for path in found)) ** 2

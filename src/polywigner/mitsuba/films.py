@@ -18,7 +18,7 @@ import numpy.typing as npt
 from polywigner.errors import ArgumentError, SceneError, StoreError
 from polywigner.execution import kernel_threads
 from polywigner.interruption import temporary_folder
-from polywigner.mitsuba.receiver import is_receiver, receiving
+from polywigner.mitsuba.receiver import is_receiver, scene_known
 
 # A colour film in a variant of one channel: as intended, and so no news to anybody.
 _EXPECTED = ("Monochrome mode enabled",)
@@ -303,7 +303,7 @@ def _rendered(exposure: Exposure, spp: int, seed: int) -> npt.NDArray[np.float64
     finer = math.ceil(spp / factor**2)
     if mi.is_polarized:  # zeros of matrices are literals, which loops of a single sample fold
         finer = max(finer, 2)
-    with rendering_errors(integrator.class_name()), receiving(scene), refined(camera, factor):
+    with rendering_errors(integrator.class_name()), scene_known(scene), refined(camera, factor):
         image = mi.render(scene, sensor=camera, integrator=integrator, spp=finer, seed=seed)
         return coarse(np.array(image, dtype=np.float64), factor)
 

@@ -90,9 +90,14 @@ def _way(
     """Places (4096, 3) on the receiver, on mirrors from the last to the first, on the emitter."""
     draws = _draws(RAYS)
     start = emitter.points(_places(emitter, draws[:, :2]))
-    end = receiver.points(_places(receiver, draws[:, 2:]))
+    end = points_on(receiver, RAYS)
     found = corners(start, end, chain)
     return None if found is None else [end, *found, start]
+
+
+def points_on(receiver: PlacedSource, count: int) -> Floats:
+    """Points (n, 3) in m on a receiver in proportion to |u|^2."""
+    return receiver.points(_places(receiver, _draws(count)[:, 2:]))
 
 
 # Error of |F|^2 over its peak, of points in place of either end.

@@ -227,6 +227,11 @@ class PlacedSource:
         return result
 
 
+def is_source(emitter: Any) -> bool:
+    """Whether an emitter is one of a ``wigner`` shape."""
+    return getattr(type(emitter), "is_wigner", False)
+
+
 def placed_emitter(emitter: Any, number: int) -> PlacedSource:
     """A wigner emitter; ``number`` names one without an id."""
     name = emitter.get_shape().id() or f"emitter {number}"

@@ -21,7 +21,7 @@ from polywigner.errors import (
     require,
 )
 from polywigner.mitsuba.films import CAMERAS, WAVEFRONT, fineness, rendering_errors, seed_of
-from polywigner.mitsuba.receiver import is_receiver, receiving
+from polywigner.mitsuba.receiver import is_receiver, scene_known
 from polywigner.mitsuba.rendering import depths_of
 from polywigner.mitsuba.scenes import (
     checked_scene,
@@ -200,7 +200,7 @@ def _rendered(
     factor = fineness(sensor, spp)
     ranged = _ranged(sensor, edges, factor)
     try:
-        with rendering_errors(type(integrator).__name__), receiving(scene):
+        with rendering_errors(type(integrator).__name__), scene_known(scene):
             integrator.render(scene, ranged, seed=seed, spp=math.ceil(spp / factor**2))
             found = ranged.film().found()
     finally:

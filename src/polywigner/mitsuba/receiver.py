@@ -18,6 +18,7 @@ Rays start at positions relative to the middle of the source: see module `emitte
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
@@ -34,6 +35,7 @@ from polywigner.execution import without_collection
 from polywigner.geometry import Aperture
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import irradiance_factor
+from polywigner.mitsuba.delta_lights import delta_lights
 from polywigner.mitsuba.diffraction import cast_shadows
 from polywigner.mitsuba.exact import ExactEstimator
 from polywigner.mitsuba.parameters import ESTIMATORS, read_receiver, rigid_pose, values_of
@@ -392,7 +394,25 @@ def receiving(scene: Any) -> Iterator[None]:
     :func:`polywigner.mitsuba.render` does it by itself; for ``mi.render`` and other renderers.
     Mitsuba tells cameras written in Python nothing of their scene, and one that held it would keep
     it alive for ever.
+
+    Warns of point, spot, projector and directional lights, whose direct light ``mi.render`` does
+    not find.
     """
+    if any(map(is_receiver, scene.sensors())):
+        for light in delta_lights(scene):
+            warnings.warn(
+                f"mi.render does not find the light that a receiver gets straight from "
+                f"{light.name!r}; use polywigner.mitsuba.render or received_power",
+                RuntimeWarning,
+                stacklevel=3,
+            )
+    with scene_known(scene):
+        yield
+
+
+@contextmanager
+def scene_known(scene: Any) -> Iterator[None]:
+    """Within, receivers and sources whose light diffracts know their scene."""
     cast_shadows(scene)
     with ExitStack() as stack:
         # a scene that is freed while Dr.Jit records a kernel ends the process

@@ -31,7 +31,7 @@ from polywigner.mitsuba.range_profile import checked_ranges, profile_of, ranged
 from polywigner.mitsuba.received import ReceivedPower, ReceiveOptions
 from polywigner.mitsuba.received_power import matched, received, scattered_here
 from polywigner.mitsuba.receiver import receivers_of
-from polywigner.mitsuba.rendering import exposed
+from polywigner.mitsuba.rendering import exposed, with_delta_lights
 from polywigner.mitsuba.scattered import BATCHES, Scattering, batches_of, lights_of, unseen
 from polywigner.mitsuba.scene_files import digest_of_file, digests_of
 from polywigner.mitsuba.scenes import choose_variant, load_file
@@ -227,7 +227,7 @@ def render_parts(
     if store is None:
         bar = progress_bar("rendering", cut.steps, show=progress)
         with kernel_threads(threads), bar as advance:
-            return exposure.picture(advance)
+            return with_delta_lights(exposure, exposure.picture(advance))
     channels = exposure.channels()
     job = SceneJob(file, scene, partial(tile, cut, integrator, exposure.seed, sensor))
     found = job.write(
@@ -248,7 +248,7 @@ def render_parts(
     )
     with found:  # set by set, as `Exposure.picture` adds them up
         sets = (found["radiance"][number].values for number in range(cut.sets))
-        return reduce(np.add, sets).astype(np.float32)
+        return with_delta_lights(exposure, reduce(np.add, sets).astype(np.float32))
 
 
 def tile(
