@@ -47,7 +47,7 @@ class ReceiveSettings:
         str | None,
         typer.Option(
             "--range",
-            help="Sort what is scattered by range as well, such as '0 m to 60 m' (docs/range.md).",
+            help="Sort the power by range as well, such as '0 m to 60 m' (docs/range.md).",
         ),
     ] = None
     bins: Annotated[int | None, "Number of bins of the range (default: 256)."] = None
