@@ -27,7 +27,6 @@ from polywigner.illumination.obliquities import CONDITIONS
 from polywigner.mitsuba.mirrors import Mirror
 from polywigner.mitsuba.passing import RAYS, corners, points_on, traced
 from polywigner.mitsuba.placement import PlacedSource, is_source
-from polywigner.mitsuba.ray_transmission import COLOURS
 from polywigner.mitsuba.visibility import bounds_of
 from polywigner.propagation.amplitudes import amplitude
 
@@ -119,7 +118,7 @@ def _path(
     scene: Any, receiver: PlacedSource, light: DeltaLight, chain: tuple[Mirror, ...]
 ) -> DeltaPath | None:
     end = points_on(receiver, RAYS)
-    start = _starts(scene, receiver, light, end, chain)
+    start, image = _starts(scene, receiver, light, end, chain)
     met = corners(start, end, chain)
     if met is None:
         return None
@@ -135,7 +134,6 @@ def _path(
         return None
     shares, _ = traced(scene, way, receiver.medium, (receiver, None), chain)
     matrix = np.einsum("n,nij->ij", emission, shares) / (strength * RAYS)
-    image = _image(start, chain).mean(axis=0)
     coupling, matched = _coupled(receiver, image, matrix, light.is_infinite)
     to_light = receiver.pose[:3, :3].T @ (image - receiver.middle)
     distance = float(np.linalg.norm(to_light))
@@ -159,26 +157,31 @@ def _image(points: Floats, chain: Sequence[Mirror]) -> Floats:
 
 def _starts(
     scene: Any, receiver: PlacedSource, light: DeltaLight, end: Floats, chain: Sequence[Mirror]
-) -> Floats:
-    """Points (n, 3) in m where rays of the light start that would arrive at ``end``."""
+) -> tuple[Floats, Floats]:
+    """Points (n, 3) in m where rays to ``end`` start; the image of the light, (3,).
+
+    A point at a distance of 1 m from the receiver's centre stands for the image of a direction.
+    """
     unit = receiver.scene_unit
     sample, _ = _sampled(light, receiver.middle[None] / unit)
     if not light.is_infinite:
-        return np.broadcast_to(_column(sample.p, 1) * unit, end.shape)
+        place = _column(sample.p, 1) * unit
+        return np.broadcast_to(place, end.shape), _image(place, chain)[0]
     # outside of all that the scene and the mirrors' images of it have
     shapes = [np.abs(bounds_of(shape)).max() for shape in scene.shapes()]
     size = 4.0 * max([float(np.abs(end).max()) / unit, *shapes, 1e-30]) * unit
     away = _column(sample.d, 1)
     origin = np.zeros((1, 3))
     turned = _image(away, chain) - _image(origin, chain)
-    return _image(end + size * (2 * len(chain) + 1) * turned, tuple(reversed(chain)))
+    seen = end + size * (2 * len(chain) + 1) * turned
+    return _image(seen, tuple(reversed(chain))), receiver.middle + turned[0]
 
 
-def _sampled(light: DeltaLight, points: Floats) -> tuple[Any, Any]:
+def _sampled(light: DeltaLight, points: Floats, wavelengths: Any = None) -> tuple[Any, Any]:
     """Sample of the light from points (n, 3) in scene units, and its irradiance there."""
     it = dr.zeros(mi.SurfaceInteraction3f)
-    if dr.size_v(type(it.wavelengths)):
-        it.wavelengths = type(it.wavelengths)(*COLOURS)
+    if wavelengths is not None:
+        it.wavelengths = wavelengths
     it.p = mi.Point3f(*points[0].tolist())
     if dr.is_jit_v(mi.Float):
         it.p = mi.Point3f(*(mi.Float(column.tolist()) for column in points.T))
@@ -186,14 +189,39 @@ def _sampled(light: DeltaLight, points: Floats) -> tuple[Any, Any]:
 
 
 def _emission(light: DeltaLight, points: Floats, unit: float) -> Floats:
-    """Radiant intensity (n,) in W/sr towards points in scene units; or irradiance in W/m^2."""
+    """Radiant intensity (n,) in W/sr towards points in scene units; or irradiance in W/m^2.
+
+    The luminance of all colours, as films of one channel have it.
+    """
     if not dr.is_jit_v(mi.Float) and len(points) > 1:
         return np.concatenate([_emission(light, point[None], unit) for point in points])
-    sample, value = _sampled(light, points)
-    found = np.array(dr.mean(mi.unpolarized_spectrum(value)), np.float64).ravel()
+    total: Any = 0.0
+    whole = 0.0
+    for wavelengths in _colours():
+        sample, value = _sampled(light, points, wavelengths)
+        value = mi.unpolarized_spectrum(value)
+        total = total + np.array(mi.luminance(value, wavelengths), np.float64).ravel()
+        white = mi.luminance(dr.ones(mi.UnpolarizedSpectrum), wavelengths)
+        whole += float(np.array(white, np.float64).ravel()[0])
+    found = total / whole
     if not light.is_infinite:
         found = found * (np.array(sample.dist, np.float64).ravel() * unit) ** 2
     return np.broadcast_to(found, len(points))
+
+
+# Sets of wavelengths that integrate the luminance of smooth spectra.
+_SETS = 24
+
+
+def _colours() -> list[Any]:
+    """Wavelengths in nm of spectral variants, in sets of a sample each; others have none."""
+    none = dr.zeros(mi.SurfaceInteraction3f).wavelengths
+    kind, count = type(none), dr.size_v(type(none))
+    if not count:
+        return [none]
+    low, high = mi.MI_CIE_MIN, mi.MI_CIE_MAX
+    grid = low + (high - low) * (np.arange(_SETS * count) + 0.5) / (_SETS * count)
+    return [kind(*row) for row in grid.reshape(_SETS, count).tolist()]
 
 
 def _column(point: Any, count: int) -> Floats:

@@ -296,12 +296,16 @@ def check_is_whole(integrator: Any) -> None:
         )
 
 
+_DELTA = mi.EmitterFlags.DeltaPosition, mi.EmitterFlags.DeltaDirection
+
+
 def _rendered(exposure: Exposure, spp: int, seed: int) -> npt.NDArray[np.float64]:
     """An image that Mitsuba renders in one go."""
     scene, camera, integrator = exposure.scene, exposure.camera, exposure.integrator
-    factor = fineness(camera, spp)
+    factor, lights = fineness(camera, spp), scene.emitters()
     finer = math.ceil(spp / factor**2)
-    if mi.is_polarized:  # zeros of matrices are literals, which loops of a single sample fold
+    # zeros of matrices, and samples of delta lights, are literals, which loops of one sample fold
+    if mi.is_polarized or any(mi.has_flag(e.flags(), delta) for e in lights for delta in _DELTA):
         finer = max(finer, 2)
     with rendering_errors(integrator.class_name()), scene_known(scene), refined(camera, factor):
         image = mi.render(scene, sensor=camera, integrator=integrator, spp=finer, seed=seed)

@@ -30,7 +30,7 @@ _IN_FOG = 32
 # Directions agree within this, in rad.
 _STRAIGHT = 1e-3
 # Wavelengths of colours, in nm, of variants that have some.
-COLOURS = (450.0, 520.0, 590.0, 660.0)
+_COLOURS = (450.0, 520.0, 590.0, 660.0)
 # BSDFs that act on the polarisation of what they let through.
 _FILTERS = ("LinearPolarizer", "LinearRetarder", "CircularPolarizer")
 
@@ -114,7 +114,7 @@ class RayTracer:
         first = direction = dr.normalize(points[1] - points[0])
         ray = mi.Ray3f(points[0], direction)
         if dr.size_v(type(ray.wavelengths)):
-            ray.wavelengths = type(ray.wavelengths)(*COLOURS)
+            ray.wavelengths = type(ray.wavelengths)(*_COLOURS)
         if dr.is_jit_v(mi.Float):
             medium = mi.MediumPtr(medium)
         for plane, end in zip(planes, points[2:], strict=True):
