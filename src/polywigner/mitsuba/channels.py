@@ -299,7 +299,7 @@ class _Legs(NamedTuple):
     points: Floats
     """(n, 3) in m, in the order of light."""
     panes: list[Floats]
-    """(3, 3) of each leg: what thin panes on it do to the field."""
+    """Matrix (3, 3) of each leg, by which its thin panes change the field."""
 
     @property
     def length(self) -> float:

@@ -57,7 +57,7 @@ class Transmission(NamedTuple):
     last: Any
     """Direction of a ray towards the last point."""
     panes: list[list[Any]]
-    """Of each leg the images of x, y and z under the transmission of its thin panes."""
+    """Images of x, y and z under the transmission of the thin panes of each leg."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -241,7 +241,7 @@ Direct = tuple[list[DirectLight], list[str]]
 
 
 def direct_lights(scene: Any, parties: Parties, options: ReceiveOptions) -> list[Direct]:
-    """Of each receiver: direct light of each emitter, then of other lights; notes on omissions.
+    """Direct light of each emitter, then of other lights, and notes, for each receiver.
 
     The scene's sources are hidden.
     """

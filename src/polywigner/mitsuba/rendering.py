@@ -140,7 +140,7 @@ _MOST_MIRRORS = 2
 def with_delta_lights(
     exposure: Exposure, image: npt.NDArray[np.float32]
 ) -> npt.NDArray[np.float32]:
-    """Add what a receiver gets straight from point and directional lights, which no ray meets."""
+    """Add the direct light of point and directional lights to the image of a receiver."""
     scene, camera, method = exposure.scene, exposure.camera, exposure.integrator
     names = method.class_name() + type(method).__name__
     if not is_receiver(camera) or method.hide_emitters or not delta_lights(scene):

@@ -87,7 +87,7 @@ def shadow_end(it: Any, end: Any, normal: Any, reach: Any) -> Any:
     """
     p = dr.detach(it.p)
     short = end + normal * (ROUNDING * (largest(p) + reach))
-    start = it.spawn_ray_to(short).o
+    start = it.spawn_ray_to(short).o if dr.width(it.n) else p  # a point without a surface
     longer = 1.0 / (1.0 - float(mi.math.ShadowEpsilon))
     # a shift without derivatives: those of the direction are those of the point itself
     return end + dr.detach(start + (short - start) * longer - end)
