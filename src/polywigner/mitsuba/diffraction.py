@@ -250,8 +250,8 @@ class Shadows:
         self._obstacles = _scene_of(m, own)
         self._start = opaque(m, max(_BEHIND, ROUNDING * reach * scale))
         self._middle = np.mean([point.place for point in points], axis=0)
-        reach = np.abs([point.place for point in points]).max(axis=0) + AWAY
-        self._near = [opaque(m, value) for value in (reach / scale).tolist()]
+        near = np.abs([point.place for point in points]).max(axis=0) + AWAY
+        self._near = [opaque(m, value) for value in (near / scale).tolist()]
         rows = np.array([[*point.row, 0.0] for point in points])
         faces = sum(len(body.triangles) for body in own)
         _log.info(

@@ -144,15 +144,15 @@ def received_by_range(
 ) -> tuple[list[ReceivedPower], xarray.Dataset]:
     """Received powers of receivers by their numbers, and the same by range."""
     parties = matched(scene, numbers, options)
-    kept: list[Any] = []
+    kept: list[tuple[Scattering, Floats]] = []
 
     def scattered(plans: list[Scattering]) -> Floats:
         found = sample(_ranged(plans, parties, edges))
-        kept.extend((plans[0], found))
+        kept.append((plans[0], found))
         return np.asarray(found.sum(axis=-1))
 
     powers = received(scene, numbers, options, scattered)
-    return powers, _profile_of(scene, parties, edges, *kept, powers)
+    return powers, _profile_of(scene, parties, edges, *kept[0], powers)
 
 
 def checked_ranges(ranges: npt.ArrayLike) -> Floats:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import takewhile
 from typing import Any, NamedTuple
 
@@ -76,10 +77,12 @@ class _Pane:
         # what the texture of the transmittance leaves, and the part of the surface that is glass
         scale = dr.select(mean > 0.0, (total - 1.0 + covered) / dr.select(mean > 0.0, mean, 1.0), 0)
         across, along = (
-            _on_host(lambda c, k=k: 1.0 - np.abs(self.surface.coefficients(c)[k]) ** 2, cosine)
-            for k in (0, 1)
+            _on_host(partial(self._transmittance, number), cosine) for number in (0, 1)
         )
         return 1.0 - covered + scale * across, 1.0 - covered + scale * along
+
+    def _transmittance(self, number: int, cosine: Any) -> Any:
+        return 1.0 - np.abs(self.surface.coefficients(cosine)[number]) ** 2
 
 
 class RayTracer:
@@ -230,13 +233,14 @@ class RayTracer:
         scale = covered * _mean(weight, False) * _on_sides(_inverse, plane, cosine)
         if self._coherent:
             return scale
-        roots = [
-            _on_sides(lambda side, c, k=k: side.coefficients(c)[k].real, plane, cosine)
-            for k in (0, 1)
-        ]
+        roots = [_on_sides(partial(_coefficient, number), plane, cosine) for number in (0, 1)]
         if not self._polarised:
             return scale * (roots[0] * roots[0] + roots[1] * roots[1]) / 2
         return scale * _mueller(roots, _across(si.n, arrived), -mirrored, arrived)
+
+
+def _coefficient(number: int, surface: Surface, cosine: Any) -> Any:
+    return surface.coefficients(cosine)[number].real
 
 
 def _inverse(surface: Surface, cosine: Any) -> Any:
