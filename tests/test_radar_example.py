@@ -74,7 +74,7 @@ def test_the_mean_of_draws_is_the_range_profile(radar, scene, cloud, responses):
     mean = radar.mean_profile(cloud, responses, np.random.default_rng(2))
     edges = np.arange(0.0, 46.0, 0.05)
     profile = pm.range_profile(scene, edges, spp=1 << 20)
-    expected = radar.expected_profile(profile["range"].values, profile["power"].values)
+    expected = radar.expected_profile(profile["range"].values, profile["scattered_power"].values)
     strong = expected > WEAK * expected.max()
     off = (mean / expected - 1)[strong] * np.sqrt(radar.DRAWS)
     assert np.abs(off).max() < SIGMAS

@@ -158,6 +158,8 @@ def profile(**other):
         **other,
     }
     arrays = {name: labelled_array(v, ("range",) * np.ndim(v)) for name, v in values.items()}
+    for name in ("path_range", "path_power"):
+        arrays[name] = labelled_array(np.zeros((1, 0)), ("emitter", "path"))
     return labelled_arrays(arrays, {"range_edge": labelled_array(edges, ("range_edge",))})
 
 

@@ -263,3 +263,123 @@ def test_fog_spreads_over_its_depth():
     scale = power.sum() / shape.sum()
     assert np.all(np.abs(power - scale * shape) < SIGMAS * error)
     assert float(found["before"].values) == 0.0
+
+
+# ---- direct light -------------------------------------------------------------------------------
+
+METAL = {"type": "twosided", "b": {"type": "conductor", "material": "none"}}
+
+
+def path_of(found, emitter, mirrors=""):
+    """Range and power of a path of direct light."""
+    here = found["emitter"].values == emitter, found["mirrors"].values == mirrors
+    ranges, powers = (
+        found[name].values[here[0]][:, here[1]].ravel() for name in ("path_range", "path_power")
+    )
+    return float(ranges[0]), float(powers[0])
+
+
+def with_echoes(**more):
+    """A radar before a metal plate and a white one, a distant source and a lamp."""
+    return scene_of(
+        tx=emitter(),
+        far=pm.aperture(SQUARE, WAVELENGTH, power=0.5, visible=False, to_world=at(0.3, 50.0)),
+        rx=receiver(to_world=at(0.1, 0.0, 0.0)),
+        mirror={**plate(2.0, at(0.0, 20.0)), "bsdf": METAL},
+        white=plate(1.0, at(3.0, 12.0)),
+        lamp={"type": "point", "position": [0.0, 0.2, 8.0]},
+        **more,
+    )
+
+
+def test_direct_light_and_echoes_of_mirrors_fall_into_the_bins_of_their_paths():
+    edges = np.arange(0.0, 30.5, 0.5)
+    scene = with_echoes()
+    found = pm.range_profile(scene, edges, spp=2048, seed=1)
+    steady = pm.received_power(scene, spp=2048, seed=1)
+    parts = {part.name: part for part in steady.contributions}
+    # the metal plate hides the distant source; images by hand
+    echo, lamp = np.array([0.1, 0.0, 40.0]), np.array([-0.1, 0.2, 8.0])
+    behind = np.array([-0.1, 0.2, 32.0])
+    cases = [
+        ("tx", "mirror", echo, parts["tx"].paths),
+        ("other lights", "lamp", lamp, parts["other lights"].paths),
+        ("other lights", "lamp, mirror", behind, parts["other lights"].paths),
+    ]
+    bins = {}
+    for name, mirrors, place, paths in cases:
+        length, power = path_of(found, name, mirrors)
+        assert 2 * length == pytest.approx(np.linalg.norm(place), rel=1e-5)
+        assert power > 0.0 and power in [path.power for path in paths]
+        bins[int(np.searchsorted(edges, length, side="right")) - 1] = power
+    pose = np.diag([-1.0, 1.0, -1.0, 1.0])
+    pose[:3, 3] = 0.1, 0.0, 40.0
+    expected = abs(complex(pw.coupling(SQUARE, SQUARE, pose, WAVELENGTH))) ** 2
+    assert path_of(found, "tx", "mirror")[1] == pytest.approx(expected, rel=1e-4)
+    direct = found["direct_power"].values
+    np.testing.assert_array_equal(np.flatnonzero(direct), sorted(bins))
+    np.testing.assert_allclose([direct[k] for k in sorted(bins)], [bins[k] for k in sorted(bins)])
+    # sums are those of the received power, for each emitter too
+    np.testing.assert_allclose(found["direct"].values, steady.direct, rtol=1e-12)
+    np.testing.assert_allclose(
+        found["power"].values, direct + found["scattered_power"].values, rtol=1e-12
+    )
+    total = found["power"].values.sum() + float(found["before"] + found["after"])
+    np.testing.assert_allclose(total, float(steady), rtol=STEADY)
+    for number, name in enumerate(found["emitter"].values):
+        own = found["emitter_power"].values[number].sum()
+        np.testing.assert_allclose(own, parts[str(name)].power, rtol=1e-4)
+    assert int(found["power"].values.argmax()) == 8  # the lamp, at 4 m; 40 m of echo are 20
+
+
+def test_a_link_is_at_half_of_its_length():
+    """The line of sight of another source, beyond all bins, and in them."""
+    scene = scene_of(tx=emitter(to_world=at(0.3, 9.0)), rx=receiver())
+    power = pm.received_power(scene, spp=16).direct
+    found = pm.range_profile(scene, [0.0, 4.0, 5.0], spp=16)
+    assert found["direct_power"].values == pytest.approx([0.0, power])
+    assert path_of(found, "tx")[0] == pytest.approx(math.hypot(0.3, 9.0) / 2, rel=1e-6)
+    for edges, name in (([0.0, 4.0], "after"), ([5.0, 6.0], "before")):
+        found = pm.range_profile(scene, edges, spp=16)
+        assert float(found[name]) == pytest.approx(power) and found["power"].values == 0.0
+    only = pm.range_profile(scene, [0.0, 9.0], spp=16, reflections=0)
+    assert only["mirrors"].values.tolist() == [""]
+
+
+def test_bodies_and_paths_that_interfere_have_a_range():
+    body = {"plate": pw.shapes.square(0.1).placed(np.array(at(0.0, 6.0).matrix))}
+    scene = scene_of(tx=emitter(), rx=receiver(to_world=at(0.05, 0.0, 0.0)))
+    found = pm.range_profile(scene, np.arange(0.0, 8.0, 0.5), spp=16, coherent=True, bodies=body)
+    steady = pm.received_power(scene, spp=16, coherent=True, bodies=body)
+    assert found["mirrors"].values.tolist() == ["plate"]
+    assert np.flatnonzero(found["direct_power"].values).tolist() == [12]
+    assert found["direct_power"].values[12] == pytest.approx(steady.direct, rel=1e-9)
+    with pytest.raises(ArgumentError, match="expected bodies with coherent=True"):
+        pm.range_profile(scene, [0.0, 8.0], spp=16, bodies=body)
+
+
+def test_paths_of_one_bin_interfere_and_those_of_two_do_not():
+    floor = {**plate(8.0, mi.ScalarTransform4f().translate([0, -0.2, 4.0]).rotate([1, 0, 0], -90))}
+    scene = scene_of(
+        tx=emitter(to_world=at(0.0, 8.0)), rx=receiver(), floor={**floor, "bsdf": METAL}
+    )
+    steady = pm.received_power(scene, spp=16, coherent=True)
+    paths = steady.contributions[0].paths
+    assert len(paths) == 2
+    one = pm.range_profile(scene, [3.0, 5.0], spp=16, coherent=True)
+    assert one["direct_power"].values == pytest.approx([steady.direct])
+    middle = (paths[0].length + paths[1].length) / 4
+    two = pm.range_profile(scene, [3.0, middle, 5.0], spp=16, coherent=True)
+    assert two["direct_power"].values == pytest.approx([path.power for path in paths])
+
+
+def test_the_picture_of_a_profile_marks_direct_light():
+    from polywigner.figures import draw_range_profile
+
+    scene = scene_of(tx=emitter(to_world=at(0.3, 9.0)), rx=receiver())
+    found = pm.range_profile(scene, np.arange(0.0, 9.0), spp=16)
+    axes = draw_range_profile(found).axes[0]
+    (marks,) = [line for line in axes.lines if line.get_marker() == "o"]
+    x, y = (float(values[0]) for values in marks.get_data())
+    assert x == pytest.approx(math.hypot(0.3, 9.0) / 2, rel=1e-6)
+    assert y == pytest.approx(10 * math.log10(float(found["direct"]) / 1e-3))

@@ -196,11 +196,12 @@ BANDWIDTH = 300e6
 edges = np.arange(89) * LIGHT / (2 * BANDWIDTH)
 sorted_cloud, _ = np.histogram(path / 2, bins=edges, weights=power)
 profile = polywigner.mitsuba.range_profile(scene, edges, spp=1 << 20)
+scattered = profile["scattered_power"].values
 ways = np.array([[*xy, 0] for xy in POSTS])
 distances = np.linalg.norm(ways, axis=1) - RADIUS
 
 figure, axes = plt.subplots(figsize=(8, 3.8), layout="constrained")
-axes.stairs(dbm(profile["power"].values), edges, label="range_profile", baseline=None)
+axes.stairs(dbm(scattered), edges, label="range_profile", baseline=None)
 axes.stairs(dbm(sorted_cloud), edges, label="scatterers", ls="--", baseline=None)
 noise = (received.noise_power or 0) / (128 * 64)
 axes.axhline(dbm(noise), color="0.4", ls=":", label="noise after 128 x 64 samples")
@@ -217,7 +218,7 @@ counts, _ = np.histogram(path / 2, bins=edges)
 of_cloud = sorted_cloud / np.sqrt(np.maximum(counts, 1))
 of_profile = profile["standard_error"].values
 strong = counts > 30
-off = (sorted_cloud - profile["power"].values)[strong] / np.hypot(of_cloud, of_profile)[strong]
+off = (sorted_cloud - scattered)[strong] / np.hypot(of_cloud, of_profile)[strong]
 print(f"{len(off)} bins, off by {off.std():.2f} standard errors")
 assert np.abs(off).max() < 5
 total = float(profile["scattered"].values)

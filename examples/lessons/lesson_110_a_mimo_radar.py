@@ -404,7 +404,7 @@ scene = mi.load_dict(
 CELL = LIGHT / (2 * SWEEP)
 edges = (np.arange(160) + 0.5) * CELL  # middles are whole numbers of cells
 profile = polywigner.mitsuba.range_profile(scene, edges, spp=1 << 20)
-middles, power = profile["range"].values, profile["power"].values
+middles, power = profile["range"].values, profile["scattered_power"].values
 assert np.isclose(float(profile["noise_power"]), noise_per_sample, rtol=1e-9)
 
 # %%

@@ -47,7 +47,7 @@ class ReceiveSettings:
         str | None,
         typer.Option(
             "--range",
-            help="Sort what is scattered by range as well, such as '0 m to 60 m' (docs/range.md).",
+            help="Sort the power by range as well, such as '0 m to 60 m' (docs/range.md).",
         ),
     ] = None
     bins: Annotated[int | None, "Number of bins of the range (default: 256)."] = None
@@ -234,7 +234,9 @@ def _figure(
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
     for axes, each, picture, named in zip(panels, found, maps, names, strict=False):
         marks = [
-            DirectArrival(path.arrives_from, path.power, " by ".join([part.name, *path.mirrors]))
+            DirectArrival(
+                path.arrives_from, path.power, " by ".join([path.light or part.name, *path.mirrors])
+            )
             for part in each.contributions
             for path in part.paths
         ]

@@ -162,7 +162,7 @@ def prepare_ranges(variant: str) -> None:
 
 def _by_receiver(profile: Any, count: int) -> list[dict[str, Any]]:
     """Powers in W of each receiver, by name."""
-    names = ("power", "standard_error", "before", "after")
+    names = ("power", "standard_error", "before", "after", "direct_power", "scattered_power")
     values = {name: profile[name].values for name in names}
     if count == 1:
         return [values]
@@ -171,8 +171,23 @@ def _by_receiver(profile: Any, count: int) -> list[dict[str, Any]]:
 
 def ranges_record(profile: Any, count: int) -> dict[str, Any]:
     """All of a profile but its powers by emitter, for JSON."""
+    import numpy as np
+
+    edges, paths = profile["range_edge"].values, []
+    for index in np.argwhere(np.isfinite(profile["path_range"].values)).tolist():
+        *receiver, emitter, path = index
+        paths.append(
+            {
+                "receiver": receiver[0] if receiver else 0,
+                "emitter": str(profile["emitter"].values[emitter]),
+                "mirrors": str(profile["mirrors"].values[path]),
+                "range_m": float(profile["path_range"].values[tuple(index)]),
+                "power_w": float(profile["path_power"].values[tuple(index)]),
+            }
+        )
     return {
-        "edges_m": profile["range_edge"].values.tolist(),
+        "paths": paths,
+        "edges_m": edges.tolist(),
         "receivers": [
             {f"{name}_w": values.tolist() for name, values in one.items()}
             for one in _by_receiver(profile, count)
@@ -189,12 +204,13 @@ def ranges_text(profile: Any, found: list[Any]) -> str:
     edges = profile["range_edge"].values
     lines = []
     for each, values in zip(found, _by_receiver(profile, len(found)), strict=True):
-        power, error, before, after = values.values()
+        power, error, before, after, direct, _ = values.values()
         k = int(np.argmax(power))
         lines.append(
             f"receiver {each.receiver}: most from {edges[k]:.6g} m to {edges[k + 1]:.6g} m, "
-            f"{power[k]:.4g} W +- {error[k]:.4g} W ({dbm_text(float(power[k]))}); "
-            f"nearer than all bins {before:.4g} W, farther {after:.4g} W"
+            f"{power[k]:.4g} W +- {error[k]:.4g} W ({dbm_text(float(power[k]))}), "
+            f"{direct[k]:.4g} W of it direct; nearer than all bins {before:.4g} W, farther "
+            f"{after:.4g} W"
         )
     return "\n".join(lines)
 

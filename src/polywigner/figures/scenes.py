@@ -240,7 +240,9 @@ def draw_range_profile(
     title: str = "",
     ax: Axes | None = None,
 ) -> Any:
-    """Scattered power of each bin in dBm over range in m, with the noise of the receiver.
+    """Draw the power of each bin in dBm over range in m, with the noise of the receiver.
+
+    Circles are paths of direct light, line of sight and by flat mirrors.
 
     Parameters
     ----------
@@ -257,7 +259,7 @@ def draw_range_profile(
         0 dB.
     """
     check_floor(floor_db)
-    edges, power, error, noise = _checked_profile(profile, receiver)
+    (edges, power, error, noise), paths = _checked_profile(profile, receiver)
     peak = float(power.max())
     top = 10 * math.log10(peak / _MILLIWATT) if peak > 0 else 0.0
     low = top + floor_db
@@ -268,10 +270,16 @@ def draw_range_profile(
     band = [_dbm(power + sign * error, low) for sign in (-1, 1)]
     axes.stairs(band[1], edges, baseline=band[0], fill=True, color="C0", alpha=0.3, lw=0)
     axes.stairs(_dbm(power, low), edges, baseline=None, color="C0", lw=1.0)
+    here = (paths[0] >= edges[0]) & (paths[0] <= edges[-1])
+    if here.any():
+        level = _dbm(paths[1][here], low)
+        label = "direct path, or by flat mirrors"
+        axes.plot(paths[0][here], level, "o", mfc="none", color="C1", ms=6, label=label)
     if noise_level is not None:
         label = f"noise kTBF, {style.number_text(round(noise_level, 1))} dBm"
         axes.axhline(noise_level, color="C3", ls="--", lw=1.0, label=label)
-        axes.legend(frameon=False, fontsize=7, loc="upper right")
+    if noise_level is not None or here.any():
+        axes.legend(frameon=False, fontsize=7, loc="best")
     axes.set(xlim=(edges[0], edges[-1]), ylim=(low, top + _ROOM))
     width = np.diff(edges)
     bins = f"{style.number_text(float(f'{width.max():.4g}'))} m"
@@ -279,16 +287,20 @@ def draw_range_profile(
         bins = f"up to {bins}"
     axes.set(
         xlabel="range, half the length of the path (m)",
-        ylabel=f"scattered power of a bin of {bins} (dBm)\n± its standard error",
+        ylabel=f"power of a bin of {bins} (dBm)\n± its standard error",
     )
     axes.grid(alpha=0.4, lw=0.5)
     axes.set_title(title, fontsize=8)
     return drawn
 
 
-def _checked_profile(profile: Any, receiver: int) -> tuple[Floats, Floats, Floats, float]:
-    """Edges, powers, errors, and the noise or zero, of one receiver."""
-    names = dict.fromkeys(("range_edge", "power", "standard_error", "noise_power"), "")
+def _checked_profile(
+    profile: Any, receiver: int
+) -> tuple[tuple[Floats, Floats, Floats, float], tuple[Floats, Floats]]:
+    """Edges, powers, errors, and the noise or zero, of one receiver; ranges, powers of paths."""
+    names = dict.fromkeys(
+        ("range_edge", "power", "standard_error", "noise_power", "path_range", "path_power"), ""
+    )
     edges, *values = arrays_of(profile, names, "polywigner.mitsuba.range_profile")
     if values[0].ndim == 1:
         values = [each[None] for each in values]
@@ -298,8 +310,9 @@ def _checked_profile(profile: Any, receiver: int) -> tuple[Floats, Floats, Float
             "expected a profile over range and the number of one of its receivers, got powers of "
             f"shape {values[0].shape} and {receiver!r}"
         )
-    power, error, noise = (each[receiver] for each in values)
-    return edges, power, error, float(np.nan_to_num(noise))
+    power, error, noise, *paths = (each[receiver] for each in values)
+    place, level = (path.ravel() for path in paths)
+    return (edges, power, error, float(np.nan_to_num(noise))), (place, level)
 
 
 def _dbm(power: Floats, low: float) -> Floats:

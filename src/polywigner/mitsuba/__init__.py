@@ -8,8 +8,10 @@ to every Mitsuba variant. It never sets a variant.
 - ``plugins``: the shape; ``emitter``: its light, by the estimators ``wigner`` or ``exact``;
   ``sampling`` of positions and directions; ``placement`` of meshes and sources
 - ``receiver``: the sensor; ``polarisation`` of both in Mitsuba's polarised variants
-- ``received_power``: watts of receivers (``received``); ``direct_light`` by links and ``mirrors``;
-  ``scattered`` light, with ``targets``; ``channels``: paths that interfere
+- ``received_power``: watts of receivers (``received``); ``direct_light`` by links and ``mirrors``,
+  and of ``delta_lights``; ``scattered`` light, with ``targets``; ``channels``: paths that interfere
+- ``ray_transmission``: rays through a scene, with thin panes and fog; ``visibility``: where rays
+  start and end
 - ``scatterers``: lit scenes as ``clouds``, by ``scattering_steps``
 - ``range_profile``: by lengths of paths, with the integrators and the film of ``range_film``
 - ``scenes``: loading scenes (``scene_files``) and choosing variants; ``scene_order``: their

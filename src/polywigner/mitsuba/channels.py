@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -131,8 +131,12 @@ def channel(
     jones = None if polarisation is None else checked_polarisation(polarisation)
     conductors = checked_bodies(bodies)
     with polarised_by_default(scene, jones):
-        receivers = [placed_receiver(s, n) for n, (_, s) in enumerate(receivers_of(scene))]
-        emitters = [placed_emitter(e, n) for n, e in enumerate(wigner_emitters(scene))]
+        receivers = [
+            placed_receiver(s, n).touching(scene) for n, (_, s) in enumerate(receivers_of(scene))
+        ]
+        emitters = [
+            placed_emitter(e, n).touching(scene) for n, e in enumerate(wigner_emitters(scene))
+        ]
     if not emitters:
         raise SceneError("expected a scene with a wigner emitter, got one without; add one")
     if asked is None:
@@ -278,21 +282,20 @@ def _path(
         return None, [UNSEEN]
     facing, taking = parts.emitter.image(chain[::-1]), parts.receiver
     send = passing_rays if meshes is None else meeting_rays
-    rays, shares = send(scene, facing, taking, chain, bare=True)
+    rays = send(scene, facing, taking, chain, coherent=True)
     # rays that a corner of mirrors splits among orders of its mirrors add up to all of them
-    passing = float(np.sqrt(shares[:, 0, 0]).sum() / RAYS)
+    passing = float(np.sqrt(rays.shares[:, 0, 0]).sum() / RAYS)
     if passing == 0.0:
         return None, [BLOCKED]
-    way = _middle_way(facing, taking, chain, rays)
+    leg = _Legs(_middle_way(facing, taking, chain, rays.points), rays.panes)
     # without polarisations the line-of-sight path is the scalar link of `coupling`
     is_scalar = not chain and not (ends[0].is_polarised or ends[1].is_polarised)
     links = []
     for (sent, p), (taken, q) in product(*(end.parts for end in ends)):
         both = facing_parts(sent.image(chain), taken)
         if both is not None:
-            links.append((1.0 if is_scalar else _turned(p, q, ends, chain, way), both))
+            links.append((1.0 if is_scalar else _turned(p, q, ends, chain, leg), both))
     edges = None if meshes is None else cache(partial(_edges, meshes, facing, taking, chain))
-    distance = float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum())
     notes = [BEHIND] if parts.share < 1 else []
     if passing < 1 and not chain and meshes is None:
         notes.append(
@@ -300,7 +303,7 @@ def _path(
             "diffraction)"
         )
     notes += narrow(chain, parts.emitter, taking)
-    return CoherentPath(chain, distance, passing, tuple(links), ends, edges), notes
+    return CoherentPath(chain, leg.length, passing, tuple(links), ends, edges), notes
 
 
 def _middle_way(
@@ -314,22 +317,37 @@ def _middle_way(
     return np.array([start, *(place[0] for place in reversed(found)), end])
 
 
+class _Legs(NamedTuple):
+    """The central path between two ends."""
+
+    points: Floats
+    """(n, 3) in m, in the order of light."""
+    panes: list[Floats]
+    """Matrix (3, 3) of each leg, by which its thin panes change the field."""
+
+    @property
+    def length(self) -> float:
+        """m."""
+        return float(np.linalg.norm(np.diff(self.points, axis=0), axis=1).sum())
+
+
 def _turned(
-    sent: Complexes, taken: Complexes, ends: tuple[Counted, Counted], chain: Chain, way: Floats
+    sent: Complexes, taken: Complexes, ends: tuple[Counted, Counted], chain: Chain, legs: _Legs
 ) -> complex:
     """e_r . E: Jones vectors of both ends by the mirrors of a way, no conjugate."""
     out, back = (end.whole.pose[:3, :3] for end in ends)
-    return complex(_arriving(sent, out, chain, way) @ _arriving(taken, back, (), way[:-3:-1]))
+    last = _Legs(legs.points[:-3:-1], [np.eye(3)])
+    return complex(_arriving(sent, out, chain, legs) @ _arriving(taken, back, (), last))
 
 
-def _arriving(jones: Complexes, axes: Floats, chain: Chain, way: Floats) -> Complexes:
+def _arriving(jones: Complexes, axes: Floats, chain: Chain, legs: _Legs) -> Complexes:
     """E (3,) at the end of a way of the unit vector that a source with a Jones vector sends."""
-    legs = np.diff(way, axis=0)
-    legs /= np.linalg.norm(legs, axis=1)[:, None]
-    field = axes @ (jones @ np.array(ludwig_axes(*(legs[0] @ axes))))
-    for mirror, leg in zip(chain, legs, strict=False):
-        surface = surface_of(mirror, bool(leg @ mirror.normal < 0))
-        field = reflected(field, leg, mirror.normal, surface)
+    steps = np.diff(legs.points, axis=0)
+    steps /= np.linalg.norm(steps, axis=1)[:, None]
+    field = legs.panes[0] @ (axes @ (jones @ np.array(ludwig_axes(*(steps[0] @ axes)))))
+    for mirror, step, panes in zip(chain, steps, legs.panes[1:], strict=False):
+        surface = surface_of(mirror, bool(step @ mirror.normal < 0))
+        field = panes @ reflected(field, step, mirror.normal, surface)
     return np.asarray(field)
 
 
@@ -345,20 +363,20 @@ def _edges(
 
 def _leg_to(
     scene: Any, like: PlacedSource, body: Body, end: PlacedSource, chain: Chain
-) -> tuple[Floats, float]:
-    """Places (n, 3) from an end to a body's middle by mirrors; mean root of the power."""
+) -> tuple[_Legs, float]:
+    """The path from an end to a body's middle by mirrors; mean root of the power."""
     image = end.image(chain)
     if not body.is_in_front(image):
-        return np.empty((0, 3)), math.nan
+        return _Legs(np.empty((0, 3)), []), math.nan
     place = body.standing_in(image, like)
-    rays, shares = passing_rays(scene, end, place, chain, bare=True)
-    passing = float(np.sqrt(shares[:, 0, 0]).sum() / RAYS)
-    way = _middle_way(end, place, chain, rays) if passing else np.empty((0, 3))
-    return way, passing
+    rays = passing_rays(scene, end, place, chain, coherent=True)
+    passing = float(np.sqrt(rays.shares[:, 0, 0]).sum() / RAYS)
+    way = _middle_way(end, place, chain, rays.points) if passing else np.empty((0, 3))
+    return _Legs(way, rays.panes), passing
 
 
 def _echo_path(
-    ends: tuple[Counted, Counted], way: Echo, leg_to: Callable[..., tuple[Floats, float]]
+    ends: tuple[Counted, Counted], way: Echo, leg_to: Callable[..., tuple[_Legs, float]]
 ) -> tuple[CoherentPath | None, list[str]]:
     """A way by a body. Both ends send towards it, by reciprocity."""
     chains = way.before, way.after[::-1]
@@ -368,19 +386,19 @@ def _echo_path(
         return None, ["no echo: part of the body lies in the plane of one end or behind it"]
     if passing == 0.0:
         return None, ["obstacles block the echo (ray test, without diffraction)"]
-    notes = way.body.doubts(ends[1].whole.wavelength, legs)
+    notes = way.body.doubts(ends[1].whole.wavelength, [leg.points for leg in legs])
     if passing < 1:
         notes.append(
             f"{passing:.1%} of the echo's amplitude passes obstacles (ray test, without "
             "diffraction)"
         )
-    distance = math.fsum(np.linalg.norm(np.diff(leg, axis=0), axis=1).sum() for leg in legs)
+    distance = math.fsum(leg.length for leg in legs)
     echo = cache(partial(_echo, ends, way, chains, legs))
     return CoherentPath(way, distance, passing, (), ends, echo=echo), notes
 
 
 def _echo(
-    ends: tuple[Counted, Counted], way: Echo, chains: tuple[Chain, Chain], legs: list[Floats],
+    ends: tuple[Counted, Counted], way: Echo, chains: tuple[Chain, Chain], legs: list[_Legs],
     wavelength: float,
 ) -> complex:  # fmt: skip
     """b by a body, of all polarised components of both ends."""
@@ -524,6 +542,7 @@ def coherent_light(
                 passing**2,
                 arrival(place, receiver),
                 amplitude=complex(amplitude),
+                length=path.distance,
             )
         )
     power = emitter.power * abs(sum(path.amplitude or 0.0 for path in found)) ** 2

@@ -25,10 +25,11 @@ from polywigner.geometry.faces import connected
 from polywigner.geometry.silhouettes import Obstacle, Obstacles, Silhouette
 from polywigner.kernels.boundary.edge_waves import EdgeRule, edge_wave, least_detour
 from polywigner.mitsuba.exact import AWAY
-from polywigner.mitsuba.placement import matrix_of
+from polywigner.mitsuba.placement import matrix_of, reach_of
 from polywigner.mitsuba.sampling import opaque, single
 from polywigner.mitsuba.scene_order import sorted_emitters, sorted_shapes
 from polywigner.mitsuba.sources import SourceSpec
+from polywigner.mitsuba.visibility import ROUNDING
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.propagation.shadows import RadiatingPoint, radiating_points, wave_ahead
 
@@ -45,7 +46,7 @@ _RULE = EdgeRule.of(2.0, 16, 2)
 # below this share it is left out.
 _FAINT = 2e-3
 _LONGEST = 1.0 / (8.0 * math.pi**2 * _FAINT**2)
-# Of a way, left out at both its ends, where it begins and ends on surfaces; in single precision.
+# Fraction of a ray that is left out at its end, on a surface; in single precision.
 _ENDS = 1e-5
 # Chords of curved shapes leave out so much of a wavelength; most points of a rim, and halvings.
 _SAGITTA, _MOST_CHORDS, _MOST_HALVINGS = 0.01, 1024, 6
@@ -58,8 +59,8 @@ _TRANSPARENT = int(mi.BSDFFlags.Null) | int(mi.BSDFFlags.Transmission)
 _log = logging.getLogger("polywigner.mitsuba")
 
 
-def _children(node: Any) -> list[Any]:
-    """Objects right below one of Mitsuba's."""
+def children_of(node: Any) -> list[Any]:
+    """Return the objects directly nested in an object of Mitsuba."""
     found: list[Any] = []
 
     class Callback(mi.TraversalCallback):  # each variant has its own
@@ -74,8 +75,8 @@ def _children(node: Any) -> list[Any]:
 def meshes_in(scene: Any, wavelength: float) -> Iterator[tuple[Floats, Indices]]:
     """Corners and triangles of all opaque shapes of a scene, in its units; ``wavelength`` too."""
     groups = {
-        shape.id(): _children(shape)
-        for shape in _children(scene)
+        shape.id(): children_of(shape)
+        for shape in children_of(scene)
         if shape.class_name() == "ShapeGroupPlugin"
     }
     count = 0
@@ -228,7 +229,13 @@ class Shadows:
     """The field of a source behind obstacles, for one variant's arrays."""
 
     def __init__(
-        self, m: Any, spec: SourceSpec, wavelength: float, bodies: list[Obstacle], pose: Floats
+        self,
+        m: Any,
+        spec: SourceSpec,
+        wavelength: float,
+        bodies: list[Obstacle],
+        pose: Floats,
+        reach: float,
     ) -> None:
         self._m, self._jit = m, dr.is_jit_v(m.Float)
         self._ops = ops_for(m.Float) if self._jit else NumpyOperations(double=True)
@@ -242,9 +249,10 @@ class Shadows:
         except ArgumentError as error:
             raise SceneError(f"with diffraction: {error}") from None
         self._obstacles = _scene_of(m, own)
+        self._start = opaque(m, max(_BEHIND, ROUNDING * reach * scale))
         self._middle = np.mean([point.place for point in points], axis=0)
-        reach = np.abs([point.place for point in points]).max(axis=0) + AWAY
-        self._near = [opaque(m, value) for value in (reach / scale).tolist()]
+        near = np.abs([point.place for point in points]).max(axis=0) + AWAY
+        self._near = [opaque(m, value) for value in (near / scale).tolist()]
         rows = np.array([[*point.row, 0.0] for point in points])
         faces = sum(len(body.triangles) for body in own)
         _log.info(
@@ -336,11 +344,11 @@ class Shadows:
     def _hidden(self, at: Any, ahead: Any) -> Any:
         m = self._m
         way = m.Vector3f(*ahead)
+        part = self._start / way.z
+        part = dr.select(part < 0.5, part, 0.5)
         distance = dr.norm(way)
-        direction = way / distance
-        start = m.Point3f(at[0], at[1], 0.0) + direction * (distance * _ENDS)
-        ray = m.Ray3f(start, direction)
-        ray.maxt = distance * (1.0 - 2.0 * _ENDS)
+        ray = m.Ray3f(m.Point3f(at[0], at[1], 0.0) + way * part, way / distance)
+        ray.maxt = distance * (1.0 - part - _ENDS)
         return self._obstacles.ray_test(ray)
 
     def _matters(self, ops: Any, row: Any, place: Any) -> Any:
@@ -435,5 +443,7 @@ def cast_shadows(scene: Any) -> None:
             continue
         bodies = bodies_of(meshes)
         m = getattr(mi, mi.variant())
-        shadows = Shadows(m, spec, wavelength, bodies, pose) if bodies else None
+        shadows = None
+        if bodies:
+            shadows = Shadows(m, spec, wavelength, bodies, pose, reach_of(scene, plugin))
         plugin.estimator.cast(digest.hexdigest(), shadows)

@@ -16,13 +16,14 @@ from polywigner.errors import PolywignerError, SceneError
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import CONDITIONS
+from polywigner.mitsuba.delta_lights import delta_paths
 from polywigner.mitsuba.diffraction import meshes_in
 from polywigner.mitsuba.mirrors import MOST_FACES, Mirror, chains_of, smooth_shapes
 from polywigner.mitsuba.passing import diffracted_share, passing_share
 from polywigner.mitsuba.placement import PLACE_ERROR, PlacedSource
 from polywigner.mitsuba.received import DirectPath
-from polywigner.mitsuba.scene_order import bounds_of
 from polywigner.mitsuba.sources import norm_of
+from polywigner.mitsuba.visibility import bounds_of
 from polywigner.reception import coupling
 from polywigner.transforms.phase_space import energy_of
 
@@ -185,6 +186,30 @@ def direct_light(
     return DirectLight(tuple(paths), tuple(notes))
 
 
+def light_of_points(scene: Any, receiver: PlacedSource, ways: list[Way]) -> DirectLight:
+    """Direct light of point, spot, projector and directional lights."""
+    found = delta_paths(scene, receiver, ways)
+    paths = [
+        DirectPath(
+            tuple(mirror.name for mirror in path.chain),
+            path.power,
+            path.coupling,
+            path.passing,
+            path.arrives_from,
+            path.polarisation,
+            length=path.length,
+            light=path.light,
+        )
+        for path in found
+    ]
+    notes = []
+    if paths and receiver.diffraction:
+        notes.append(
+            f"obstacles shadow the direct light of {paths[0].light!r} by rays, without diffraction"
+        )
+    return DirectLight(tuple(paths), tuple(notes))
+
+
 def _path(
     scene: Any,
     emitter: PlacedSource,
@@ -211,6 +236,7 @@ def _path(
         passing,
         arrival(parts.emitter.middle, parts.receiver),
         matched,
+        length=float(np.linalg.norm(image.middle - receiver.middle)),
     )
     doubts = _doubts(parts.share, passing if share is passing_share else 1.0, chain)
     doubts += narrow(chain, parts.emitter, parts.receiver)

@@ -44,6 +44,7 @@ from polywigner.mitsuba.sources import (
     depends_on_wavelength,
     norm_of,
 )
+from polywigner.mitsuba.visibility import ROUNDING, shadow_end
 from polywigner.mitsuba.wigner import Wave, WignerRadiance
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.plans import exposes_numbers
@@ -308,7 +309,12 @@ def emitter_class(variant: str) -> Any:
             if jit:
                 dr.make_opaque(self.wavelength, self.power)
             self.frame = Frame(m, self.to_world, self._centre)
+            self.stand_at(float(np.abs(matrix_of(self.to_world)).max()))
             self._norm = self._traced_norm() if self.is_followed() else opaque(m, self.spec.norm)
+
+        def stand_at(self, reach: float) -> None:
+            """Take over the ``reach`` of its place in a scene; see module `visibility`."""
+            self._reach = opaque(m, reach)
 
         def is_followed(self) -> bool:
             """Whether derivatives are asked of the wavelength, of vertices or of weights."""
@@ -384,6 +390,8 @@ def emitter_class(variant: str) -> Any:
             if self.spec.diffraction:  # what is in the way is in the weight
                 away = (1.0 + dr.max(dr.abs(it.p))) * (2.0 * m.math.RayEpsilon)
                 ds.p = it.p + ds.d * away
+            else:
+                ds.p = shadow_end(it, ds.p, self.frame.axes[2], self._reach)
             ds.emitter = m.EmitterPtr(self) if jit else self
             found = self.estimator.lit(self, it, x, per_area)
             return ds, self.polariser.sent(found, direction, self.frame, active)
@@ -450,7 +458,10 @@ def emitter_class(variant: str) -> Any:
             si.time = time
             found = self.radiance(ps.uv, direction, self.wave(ps.uv, direction))
             weight = self.polariser.sent(found * share * dr.pi, direction, self.frame, active)
-            return si.spawn_ray(self.frame.to_scene(direction)), weight * density
+            start = ps.p + self.frame.axes[2] * (ROUNDING * self._reach)
+            return m.Ray3f(start, self.frame.to_scene(direction), time, wavelengths), (
+                weight * density
+            )
 
         def sample_wavelengths(self, si: Any, sample: Any, active: Any = True) -> Any:
             """For the particle tracer alone, which passes the direction in scene coordinates."""

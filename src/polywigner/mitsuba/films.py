@@ -18,7 +18,7 @@ import numpy.typing as npt
 from polywigner.errors import ArgumentError, SceneError, StoreError
 from polywigner.execution import kernel_threads
 from polywigner.interruption import temporary_folder
-from polywigner.mitsuba.receiver import is_receiver, receiving
+from polywigner.mitsuba.receiver import is_receiver, scene_known
 
 # A colour film in a variant of one channel: as intended, and so no news to anybody.
 _EXPECTED = ("Monochrome mode enabled",)
@@ -296,14 +296,18 @@ def check_is_whole(integrator: Any) -> None:
         )
 
 
+_DELTA = mi.EmitterFlags.DeltaPosition, mi.EmitterFlags.DeltaDirection
+
+
 def _rendered(exposure: Exposure, spp: int, seed: int) -> npt.NDArray[np.float64]:
     """An image that Mitsuba renders in one go."""
     scene, camera, integrator = exposure.scene, exposure.camera, exposure.integrator
-    factor = fineness(camera, spp)
-    # zeros of matrices are literals, which loops of a single sample fold
-    fewest = 2 if mi.is_polarized else 1
+    factor, lights = fineness(camera, spp), scene.emitters()
+    # zeros of matrices, and samples of delta lights, are literals, which loops of one sample fold
+    is_delta = any(mi.has_flag(e.flags(), delta) for e in lights for delta in _DELTA)
+    fewest = 2 if mi.is_polarized or is_delta else 1
     finer = accepted_samples(camera.sampler(), max(fewest, math.ceil(spp / factor**2)))
-    with rendering_errors(integrator.class_name()), receiving(scene), refined(camera, factor):
+    with rendering_errors(integrator.class_name()), scene_known(scene), refined(camera, factor):
         image = mi.render(scene, sensor=camera, integrator=integrator, spp=finer, seed=seed)
         return coarse(np.array(image, dtype=np.float64), factor)
 

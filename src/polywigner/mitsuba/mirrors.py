@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -148,189 +148,17 @@ def _samples(shape: Any) -> tuple[Floats, Floats]:
     return np.broadcast_to(points.mean(axis=0), points.shape), normals
 
 
-# More null surfaces than this on a way count as a wall.
-_MOST_PASSED = 64
-# Places in fog between two surfaces, of which uneven fog is the mean.
-_IN_FOG = 32
-# Directions agree within this, in rad.
-_STRAIGHT = 1e-3
-# Wavelengths of colours, in nm, of variants that have some.
-_COLOURS = (450.0, 520.0, 590.0, 660.0)
-
-
-class Plane(NamedTuple):
-    """The plane of a mirror as rays meet it, in units of the scene."""
-
-    shape: Any
-    normal: Any
-    offset: float
-    surfaces: tuple[Surface, Surface] | None = None
-    """Before and behind it: their reflectances are left out; None: they count."""
-
-
-def trace_way(
-    scene: Any,
-    medium: Any,
-    normal: Any,
-    planes: Sequence[Plane],
-    rounding: float,
-    points: list[Any],
-    polarised: bool,
-) -> tuple[Any, Any, Any]:
-    """The share of power that passes from the last to the first of the points, and directions.
-
-    A Mueller matrix between Mitsuba's axes if ``polarised``; directions at the first and last point
-    as seen from the first. ``medium``: fog at the first. ``normal``: of its surface. ``planes``: of
-    mirrors at the points between, which are met within ``rounding``.
-    """
-    it = dr.zeros(mi.SurfaceInteraction3f)
-    it.p, it.n = points[0], normal
-    if dr.size_v(type(it.wavelengths)):
-        it.wavelengths = type(it.wavelengths)(*_COLOURS)
-    if dr.is_jit_v(mi.Float):
-        medium = mi.MediumPtr(medium)
-    share = _whole(polarised)
-    first = None
-    for plane, point in zip(planes, points[1:-1], strict=True):
-        ray = it.spawn_ray(it.spawn_ray_to(point).d)  # ends behind the mirror
-        first = first or ray
-        it, passed, medium = _first_surface(scene, ray, medium, polarised, plane, rounding)
-        shape = plane.shape if not dr.is_jit_v(mi.Float) else mi.ShapePtr(plane.shape)
-        met = (it.shape == shape) & (_is_apart(it.p, plane, rounding) == mi.Bool(False))
-        if not dr.any(met):
-            return 0.0 * share, ray.d, ray.d
-        share = share * dr.select(met, passed * _reflectance(it, met, plane, polarised), 0.0)
-    last = it.spawn_ray_to(points[-1])
-    it, passed, _ = _first_surface(scene, last, medium, polarised)
-    return dr.select(it.is_valid(), 0.0, share * passed), (first or last).d, last.d
-
-
-def _whole(polarised: bool) -> Any:
-    """All of the power, in its polarisation where there is one."""
-    return mi.Spectrum(1.0) if polarised else mi.Float(1.0)
-
-
-def share_unobstructed(scene: Any, si: Any, point: Any) -> Any:
-    """The share of power that passes from a point to a surface, through null surfaces, no fog."""
-    medium = mi.MediumPtr(None) if dr.is_jit_v(mi.Float) else None
-    it, passed, _ = _first_surface(scene, si.spawn_ray_to(point), medium, mi.is_polarized)
-    return dr.select(it.is_valid(), 0.0, passed)
-
-
-def _first_surface(
-    scene: Any,
-    ray: Any,
-    medium: Any,
-    polarised: bool,
-    plane: Plane | None = None,
-    rounding: float = 0.0,
-) -> tuple[Any, Any, Any]:
-    """First surface that is not null or lies in a mirror's plane; transmission; fog behind it."""
-    share, moves = _whole(polarised), mi.Bool(True)
-    for _ in range(_MOST_PASSED):
-        si = scene.ray_intersect(ray)
-        share = dr.select(moves, share * _through_fog(medium, ray, si), share)
-        moves = moves & si.is_valid()
-        if plane is not None:
-            moves = moves & _is_apart(si.p, plane, rounding)
-        if not dr.any(moves):
-            break
-        moves = moves & mi.has_flag(si.bsdf().flags(), mi.BSDFFlags.Null)
-        if not dr.any(moves):
-            break
-        passed = si.bsdf().eval_null_transmission(si, moves)
-        if polarised:
-            passed = si.to_world_mueller(passed, si.wi, si.wi)
-        share = dr.select(moves, share * _mean(passed, polarised), share)
-        medium = _behind(si, ray.d, medium, moves)
-        onwards = si.spawn_ray(ray.d)
-        onwards.maxt = ray.maxt - si.t
-        ray = dr.select(moves, onwards, ray)
-    return si, share, medium
-
-
-def _through_fog(medium: Any, ray: Any, si: Any) -> Any:
-    """Transmission of fog between the start of a ray and its first surface."""
-    is_jit = dr.is_jit_v(mi.Float)
-    is_there = medium != mi.MediumPtr(None) if is_jit else medium is not None
-    length = dr.minimum(si.t, ray.maxt)
-    is_there = is_there & (length < dr.largest(mi.Float32) if is_jit else dr.isfinite(length))
-    if not dr.any(is_there):
-        return mi.Float(1.0)
-    length = dr.select(is_there, length, 0.0)
-    place = dr.zeros(mi.MediumInteraction3f)
-    place.wavelengths = ray.wavelengths
-    depth: Any = 0.0
-    for step in range(_IN_FOG):
-        along = (step + 0.5) / _IN_FOG
-        place.p = ray.o + ray.d * (length * (dr.opaque(mi.Float, along) if is_jit else along))
-        depth = depth + medium.get_scattering_coefficients(place, is_there)[2]
-        dr.eval(depth)  # one small kernel, again and again
-    left = dr.mean(dr.exp(-depth * (length / _IN_FOG)))
-    return dr.select(is_there, left, 1.0)
-
-
-def _behind(si: Any, direction: Any, medium: Any, active: Any) -> Any:
-    """The fog behind a surface."""
-    changes = active & si.is_medium_transition()
-    if not dr.is_jit_v(mi.Float):
-        return si.target_medium(direction) if changes else medium
-    return dr.select(changes, si.target_medium(direction), medium)
-
-
-def _is_apart(point: Any, plane: Plane, rounding: float) -> Any:
-    return dr.abs(dr.dot(point, plane.normal) - plane.offset) > rounding
-
-
-def _reflectance(si: Any, active: Any, plane: Plane, polarised: bool) -> Any:
-    """Reflectance of the smooth lobe, in power; zero where a normal map turns it."""
-    bsdf = plane.shape.bsdf()
-    context = mi.BSDFContext()
-    context.type_mask = mi.BSDFFlags.DeltaReflection
-    opacity: Any = 1.0
-    while bsdf.class_name() == _MASK:  # without its null lobe it samples nothing
-        opacity = opacity * (1.0 - _mean(bsdf.eval_null_transmission(si, active), False))
-        bsdf = _nested(bsdf)[1]
-    sample, weight = bsdf.sample(context, si, 0.5, mi.Point2f(0.5), active)
-    arrived = si.to_world(si.wi)
-    mirrored = 2 * dr.dot(arrived, si.n) * si.n - arrived
-    is_there = active & (dr.norm(si.to_world(sample.wo) - mirrored) < _STRAIGHT)
-    if polarised:
-        weight = si.to_world_mueller(weight, -sample.wo, si.wi)
-    share = dr.select(is_there, opacity * _mean(weight, polarised), 0.0)
-    return share if plane.surfaces is None else share / _expected(plane, dr.dot(arrived, si.n))
-
-
-def _expected(plane: Plane, cosine: Any) -> Any:
-    """Fresnel's reflectance at Mitsuba's own cosines: rays start 1e-4 off a surface."""
-    ahead = np.abs(np.array(cosine, np.float64))
-    before, behind = (surface.reflectance(ahead) for surface in plane.surfaces or ())
-    found = np.where(np.array(cosine) > 0.0, before, behind)
-    found = np.where(found > 0.0, found, 1.0)
-    return mi.Float(found.tolist()) if dr.is_jit_v(mi.Float) else float(found)
-
-
-def _mean(spectrum: Any, polarised: bool) -> Any:
-    """Over colours: pictures and received powers are means of them too."""
-    if not polarised:
-        return dr.mean(mi.unpolarized_spectrum(spectrum))
-    matrix = dr.zeros(mi.Spectrum)
-    for row, column in np.ndindex(4, 4):
-        matrix[row, column] = mi.UnpolarizedSpectrum(dr.mean(spectrum[row, column]))
-    return matrix
-
-
 # ---- waves, with their phase and their polarisation ---------------------------------------------
 
-_MASK, _TWO_SIDED = "MaskBSDF", "TwoSidedBRDF"
-_CONDUCTOR, _THIN = "SmoothConductor", "ThinDielectric"
-_SURFACES = (_CONDUCTOR, _THIN, "SmoothDielectric", "SmoothPlastic")
+MASK, THIN = "MaskBSDF", "ThinDielectric"
+_TWO_SIDED, _CONDUCTOR = "TwoSidedBRDF", "SmoothConductor"
+_SURFACES = (_CONDUCTOR, THIN, "SmoothDielectric", "SmoothPlastic")
 # |n x k| of a wave along the normal: any vector across it serves.
 _ALONG = 1e-9
 
 
-def _nested(bsdf: Any) -> list[Any]:
-    """A BSDF and all that it is made of, from outside inwards."""
+def bsdfs_in(bsdf: Any) -> list[Any]:
+    """Return a BSDF and the BSDFs nested in it, the outermost first."""
     return [node for node in mi.traverse(bsdf).hierarchy if isinstance(node, mi.BSDF)]
 
 
@@ -344,38 +172,49 @@ class Surface:
     """A sheet, whose inner reflections add up in power."""
 
     def coefficients(self, cosine: Any) -> tuple[Any, Any]:
-        """Fresnel's coefficients of E across the plane of incidence and of E in it.
+        """Return the reflection coefficients of E across the plane of incidence and of E in it.
 
         Waves go as exp(-i omega t); both vectors in the plane are s x k, so that a perfect
-        conductor has -1 and +1 at any angle.
+        conductor has -1 and +1 at any angle. A sheet has the root of 2R/(1 + R) with the sign of
+        the coefficient of its first face.
         """
         if self.index is None:
             return -np.ones_like(cosine, complex), np.ones_like(cosine, complex)
+        found = self._of_one_face(cosine)
+        if not self.is_thin:
+            return found
+        powers = [_of_sheet(np.square(np.abs(r))) for r in found]
+        across, along = (np.sign(r.real) * np.sqrt(p) for r, p in zip(found, powers, strict=True))
+        return across, along
+
+    def reflectance_in_mitsuba(self, cosine: Any) -> Any:
+        """Return the reflectance of Mitsuba's BSDF, which has no polarisation in a sheet."""
+        found = self._of_one_face(cosine) if self.index is not None else self.coefficients(cosine)
+        mean = np.mean([np.square(np.abs(r)) for r in found], axis=0)
+        return _of_sheet(mean) if self.is_thin else mean
+
+    def _of_one_face(self, cosine: Any) -> tuple[Any, Any]:
+        """Fresnel's coefficients."""
+        assert self.index is not None
         square = self.index**2
         behind = np.sqrt(square - 1 + np.square(cosine) + 0j)  # n cos, decays for Im > 0
-        found = (
+        return (
             (cosine - behind) / (cosine + behind),
             (square * cosine - behind) / (square * cosine + behind),
         )
-        if not self.is_thin:
-            return found
-        powers = [np.square(np.abs(r)) for r in found]
-        sheets = [np.sqrt(2 * power / (1 + power)) for power in powers]
-        across, along = (np.sign(r.real) * sheet for r, sheet in zip(found, sheets, strict=True))
-        return across, along
 
-    def reflectance(self, cosine: Any) -> Any:
-        """Share of the power of unpolarised light."""
-        across, along = self.coefficients(cosine)
-        return (np.square(np.abs(across)) + np.square(np.abs(along))) / 2
+
+def _of_sheet(power: Any) -> Any:
+    """Reflectance of two faces of reflectance ``power``, all internal reflections added."""
+    return 2 * power / (1 + power)
 
 
 def surface_of(mirror: Mirror, is_before: bool) -> Surface:
     """The surface that a wave meets from where the normal points, or from behind."""
-    nodes = _nested(mirror.shape.bsdf())
+    nodes = bsdfs_in(mirror.shape.bsdf())
     smooth = [node for node in nodes if node.class_name() in _SURFACES]
     kinds = {node.class_name() for node in nodes}
-    if not smooth or kinds - {_MASK, _TWO_SIDED, *_SURFACES}:
+    if not smooth or kinds - {MASK, _TWO_SIDED, *_SURFACES}:
         raise SceneError(
             f"expected the mirror {mirror.name!r} to be a conductor, dielectric, thindielectric or "
             f"plastic, whose reflection has a phase, got {mirror.shape.bsdf().class_name()}; give "
@@ -387,8 +226,8 @@ def surface_of(mirror: Mirror, is_before: bool) -> Surface:
         index = complex(*(_single(t.mean()) for t in list(params.hierarchy)[1:3]))
         return Surface(None if index == 1j else index)  # Mitsuba's "none" is 0 + 1i
     ratio = _single(params["eta"])
-    is_inside = not (is_before or _TWO_SIDED in kinds or own.class_name() == _THIN)
-    return Surface(complex(1 / ratio if is_inside else ratio), own.class_name() == _THIN)
+    is_inside = not (is_before or _TWO_SIDED in kinds or own.class_name() == THIN)
+    return Surface(complex(1 / ratio if is_inside else ratio), own.class_name() == THIN)
 
 
 def _single(value: Any) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import drjit as dr
 import mitsuba as mi
@@ -15,10 +15,12 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError, SceneError
 from polywigner.geometry.silhouettes import Obstacles
 from polywigner.mitsuba.diffraction import before_plane, bodies_of, in_frame
-from polywigner.mitsuba.mirrors import Mirror, Plane, surface_of, trace_way
+from polywigner.mitsuba.mirrors import THIN, Mirror, bsdfs_in, surface_of
 from polywigner.mitsuba.placement import Frame, PlacedSource
 from polywigner.mitsuba.polarisation import turned
+from polywigner.mitsuba.ray_transmission import Plane, RayTracer, Transmission
 from polywigner.mitsuba.sampling import cells_with_field
+from polywigner.mitsuba.visibility import ROUNDING, bounds_of
 from polywigner.propagation.shadows import diffracted, radiating_points
 
 Floats = NDArray[np.float64]
@@ -26,16 +28,28 @@ Mesh = tuple[Floats, NDArray[np.intp]]
 """Corners (n, 3) and triangles (t, 3)."""
 
 RAYS = 4096
-# A hit lies in the plane of a mirror within this, relative to the coordinates: Mitsuba starts rays
-# 1e-4 off a surface.
-_IN_PLANE = 1e-4
+# A hit lies in the plane of a mirror within this, relative to the coordinates.
+_IN_PLANE = 4 * ROUNDING
+
+
+class PassingRays(NamedTuple):
+    """Rays that leave a source, meet the planes of all mirrors and arrive."""
+
+    points: list[Floats]
+    """Points (n, 3) in m on the receiver, on mirrors from the last to the first, on the emitter."""
+    shares: Floats
+    """(n, k, k) transmitted power; k is 4 in polarised variants: Mueller matrices between the axes
+    x and y of both ends."""
+    panes: list[Floats]
+    """Matrix (3, 3) of each leg, in the order of light, by which thin panes change a field: the
+    mean over rays."""
 
 
 def passing_share(
     scene: Any, emitter: PlacedSource, receiver: PlacedSource, chain: Sequence[Mirror] = ()
 ) -> Floats:
     """The mean share of power that arrives by these mirrors, of 4096 rays: (1, 1)."""
-    share: Floats = passing_rays(scene, emitter, receiver, chain)[1].sum(axis=0) / RAYS
+    share: Floats = passing_rays(scene, emitter, receiver, chain).shares.sum(axis=0) / RAYS
     return share
 
 
@@ -44,32 +58,30 @@ def passing_rays(
     emitter: PlacedSource,
     receiver: PlacedSource,
     chain: Sequence[Mirror] = (),
-    bare: bool = False,
-) -> tuple[list[Floats], Floats]:
-    """Rays that leave, meet all mirrors' planes and arrive, and the share of power (n, k, k).
+    coherent: bool = False,
+) -> PassingRays:
+    """Trace 4096 rays from one source to another by flat mirrors.
 
-    Of 4096 rays their places (n, 3), in m, on the receiver, on mirrors from the last to the first,
-    and on ``emitter``, itself, not its image. k is 4 in polarised variants: Mueller matrix between
-    the axes x and y of both ends. ``bare``: without Fresnel's reflectances and polarisations.
+    ``emitter`` is the source itself, not its image. ``coherent``: without the polarisation and the
+    Fresnel reflectance of mirrors and thin panes.
     """
     way = _way(emitter, receiver, chain)
     if way is None:
-        return [], _none()
+        return _none(chain)
     start, end = way[-1], way[0]
     leaves = np.einsum("ij,j->i", way[-2] - start, emitter.normal) > 0
     arrives = np.einsum("ij,j->i", way[1] - end, receiver.normal) > 0
     valid = leaves & arrives & np.all([np.isfinite(point).all(axis=1) for point in way], axis=0)
     if not valid.any():
-        return [], _none()
+        return _none(chain)
     rays = [point[valid] for point in way]
-    scaled = [ray / receiver.scene_unit for ray in rays]
-    return rays, _passed(scene, scaled, receiver, chain, emitter, bare)
+    ends = (receiver, emitter)
+    return PassingRays(rays, *traced(scene, rays, receiver.medium, ends, chain, coherent))
 
 
-def _none() -> Floats:
-    """Shares of no rays."""
+def _none(chain: Sequence[Mirror]) -> PassingRays:
     size = 4 if mi.is_polarized else 1
-    return np.zeros((0, size, size))
+    return PassingRays([], np.zeros((0, size, size)), [np.eye(3)] * (len(chain) + 1))
 
 
 def _way(
@@ -78,9 +90,14 @@ def _way(
     """Places (4096, 3) on the receiver, on mirrors from the last to the first, on the emitter."""
     draws = _draws(RAYS)
     start = emitter.points(_places(emitter, draws[:, :2]))
-    end = receiver.points(_places(receiver, draws[:, 2:]))
+    end = points_on(receiver, RAYS)
     found = corners(start, end, chain)
     return None if found is None else [end, *found, start]
+
+
+def points_on(receiver: PlacedSource, count: int) -> Floats:
+    """Points (n, 3) in m on a receiver in proportion to |u|^2."""
+    return receiver.points(_places(receiver, _draws(count)[:, 2:]))
 
 
 # Error of |F|^2 over its peak, of points in place of either end.
@@ -97,7 +114,7 @@ def diffracted_share(
     chain: Sequence[Mirror],
 ) -> Floats:
     """The share of power that arrives by these mirrors over the edges of obstacles: (k, k)."""
-    met: Floats = meeting_rays(scene, emitter, receiver, chain)[1].sum(axis=0) / RAYS
+    met: Floats = meeting_rays(scene, emitter, receiver, chain).shares.sum(axis=0) / RAYS
     return met * abs(diffracted_ratio(meshes, emitter, receiver, chain)) ** 2 if met.any() else met
 
 
@@ -136,28 +153,27 @@ def meeting_rays(
     emitter: PlacedSource,
     receiver: PlacedSource,
     chain: Sequence[Mirror],
-    bare: bool = False,
-) -> tuple[list[Floats], Floats]:
+    coherent: bool = False,
+) -> PassingRays:
     """`passing_rays` that meet all mirrors, as they reflect, whatever is between."""
     plain = replace(receiver, medium=None)
     if not chain:
-        return passing_rays(mi.load_dict({"type": "scene"}), emitter, plain, bare=bare)
-    if mi.is_polarized and not bare:
+        return passing_rays(mi.load_dict({"type": "scene"}), emitter, plain, coherent=coherent)
+    if mi.is_polarized and not coherent:
         raise SceneError(
             f"expected no flat mirrors with diffraction in polarised light, got {chain[0].name!r}; "
             "leave diffraction out, use a variant without polarisation, or let ways interfere"
         )
     way = _way(emitter, receiver, chain)
     if way is None:
-        return [], _none()
+        return _none(chain)
     valid = np.all([np.isfinite(point).all(axis=1) for point in way], axis=0)
     rays, share = [point[valid] for point in way], np.ones((int(valid.sum()), 1, 1))
     for k, mirror in enumerate(reversed(chain), 1):
         before, place, after = rays[k - 1 : k + 2]
         near = [place + _CLOSE * (before - place), place, place + _CLOSE * (after - place)]
-        scaled = [point / receiver.scene_unit for point in near]
-        share = share * _passed(scene, scaled, plain, [mirror], emitter, bare)
-    return rays, share
+        share = share * traced(scene, near, None, (plain, None), [mirror], coherent)[0]
+    return PassingRays(rays, share, [np.eye(3)] * (len(chain) + 1))
 
 
 def _unfolded(
@@ -247,51 +263,102 @@ def corners(start: Floats, end: Floats, chain: Sequence[Mirror]) -> list[Floats]
     return found
 
 
-def _passed(
+def traced(
     scene: Any,
-    way: list[Floats],
-    receiver: PlacedSource,
+    points: list[Floats],
+    medium: Any,
+    ends: tuple[PlacedSource, PlacedSource | None],
     chain: Sequence[Mirror],
-    emitter: PlacedSource,
-    bare: bool,
-) -> Floats:
-    """The share (n, k, k) of each ray that passes; ``way`` in scene units, from the receiver on."""
-    rounding = _IN_PLANE * max(float(np.abs(place).max()) for place in way)
-    planes = [
-        Plane(
-            mirror.shape,
-            mi.Vector3f(*mirror.normal.tolist()),
-            mirror.offset / receiver.scene_unit,
-            (surface_of(mirror, True), surface_of(mirror, False)) if bare else None,
-        )
-        for mirror in reversed(chain)
-    ]
-    normal = mi.Normal3f(*receiver.normal.tolist())
-    frames = [
-        Frame(mi, mi.Transform4f(mi.Matrix4f(end.pose.tolist())), np.zeros(2))
-        for end in (receiver, emitter)
-    ]
-    is_jit, polarised = dr.is_jit_v(mi.Float), mi.is_polarized and not bare
-    line = emitter.middle - receiver.middle
-    line /= np.linalg.norm(line)
+    coherent: bool = False,
+) -> tuple[Floats, list[Floats]]:
+    """Trace rays through given points.
 
-    def trace(points: list[Any]) -> Floats:
-        share, first, last = trace_way(
-            scene, receiver.medium, normal, planes, rounding, points, polarised
-        )
-        if polarised and not chain:  # along the line between the centres, as amplitudes count it
-            first = last = mi.Vector3f(*line.tolist())
+    Parameters
+    ----------
+    scene : the ``mi.Scene``, whose sources are hidden.
+    points : (n, 3) each in m: on the receiver, on the mirrors from the last to the first, on the
+        emitter.
+    medium : fog that the receiver is in.
+    ends : receiver and emitter. Rays start and end a little in front of the planes of those that
+        the first and last point lie in; None: the point is free.
+    chain : mirrors in the order of light.
+    coherent : as of :func:`passing_rays`.
+
+    Returns
+    -------
+    The transmission (n, k, k), and the matrices of thin panes as of :class:`PassingRays`.
+    """
+    receiver, emitter = ends
+    unit = receiver.scene_unit
+    way = [point / unit for point in points]
+    reach = max(float(np.abs(point).max()) for point in way)
+    height = ROUNDING * max(reach, *(end.reach / unit for end in ends if end is not None))
+    way[0] = way[0] + height * receiver.normal
+    if emitter is not None:
+        way[-1] = way[-1] + height * emitter.normal
+    planes = [_plane(mirror, unit, reach, coherent) for mirror in reversed(chain)]
+    is_jit, polarised = dr.is_jit_v(mi.Float), mi.is_polarized and not coherent
+    if emitter is not None:
+        across = emitter.middle - receiver.middle
+        line = mi.Vector3f(*(across / np.linalg.norm(across)).tolist())
+    tracer = RayTracer(scene, polarised, coherent)
+    size, count = 4 if polarised else 1, len(way[0])
+
+    def trace(rays: list[Any], count: int) -> tuple[Floats, Floats]:
+        found = tracer.trace(medium, planes, rays)
+        share = found.share
         if polarised:
-            share = turned(mi, share, (frames[0], first), (frames[1], -last))
-        size, colours = (4, dr.size_v(mi.UnpolarizedSpectrum)) if polarised else (1, 1)
+            if not chain and emitter is not None:
+                # along the line between the centres, as amplitudes count it
+                found = found._replace(first=line, last=line)
+            share = _between_axes(share, found, ends)
+        colours = dr.size_v(mi.UnpolarizedSpectrum) if polarised else 1
         values = np.array(share, np.float64).reshape(size, size, colours, -1)[:, :, 0]
-        count = len(way[0]) if is_jit else 1
-        return np.broadcast_to(np.moveaxis(values, -1, 0), (count, size, size))
+        shares = np.broadcast_to(np.moveaxis(values, -1, 0), (count, size, size))
+        legs = [[np.array(column, np.float64) for column in leg] for leg in found.panes]
+        legs += [legs[0]] * (len(chain) + 1 - len(legs))  # of rays that miss a mirror
+        columns = [[column.reshape(3, -1) for column in leg] for leg in legs]
+        matrices = [[np.broadcast_to(c, (3, count)) for c in leg] for leg in columns]
+        return shares, np.moveaxis(np.array(matrices), -1, 0)
 
     if is_jit:
-        return trace([mi.Point3f(*(mi.Float(c.tolist()) for c in place.T)) for place in way])
-    rays = zip(*(place.tolist() for place in way), strict=True)
-    return np.concatenate([trace([mi.Point3f(*point) for point in ray]) for ray in rays])
+        rays = [mi.Point3f(*(mi.Float(c.tolist()) for c in place.T)) for place in way]
+        shares, panes = trace(rays, count)
+    else:
+        each = [
+            trace([mi.Point3f(*point) for point in ray], 1)
+            for ray in zip(*(place.tolist() for place in way), strict=True)
+        ]
+        shares, panes = (np.concatenate(parts) for parts in zip(*each, strict=True))
+    weights = np.sqrt(np.maximum(shares[:, 0, 0], 0.0))
+    total = weights.sum()
+    # rays run against the light: first leg last, and their images of x, y and z are rows for it
+    mean = np.einsum("n,nlij->lij", weights, panes)[::-1] / total if total > 0 else panes[0]
+    return shares, list(mean)
+
+
+def _plane(mirror: Mirror, unit: float, reach: float, coherent: bool) -> Plane:
+    """The plane of a mirror on paths with coordinates up to ``reach`` in scene units."""
+    rounding = _IN_PLANE * max(reach, float(np.abs(bounds_of(mirror.shape)).max()))
+    normal = mi.Vector3f(*mirror.normal.tolist())
+    surfaces = None
+    if coherent or bsdfs_in(mirror.shape.bsdf())[-1].class_name() == THIN:
+        surfaces = surface_of(mirror, True), surface_of(mirror, False)
+    return Plane(mirror.shape, normal, mirror.offset / unit, rounding, surfaces)
+
+
+def _between_axes(
+    share: Any, found: Transmission, ends: tuple[PlacedSource, PlacedSource | None]
+) -> Any:
+    """A Mueller matrix between the axes of both ends; of an end without axes, as it is."""
+    frames = [
+        None
+        if end is None
+        else Frame(mi, mi.Transform4f(mi.Matrix4f(end.pose.tolist())), np.zeros(2))
+        for end in ends
+    ]
+    leaves = None if frames[1] is None else (frames[1], -found.last)
+    return turned(mi, share, (frames[0], found.first), leaves)
 
 
 def _rows(points: Any) -> Floats:

@@ -19,6 +19,7 @@ from polywigner.illumination.polarisation import Stokes, stokes_fields
 from polywigner.illumination.support import mirrored_source
 from polywigner.mitsuba.parameters import rigid_pose
 from polywigner.mitsuba.sources import PLAIN, Complexes, Mixture
+from polywigner.mitsuba.visibility import reach_at
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.reception.norms import NORMALISATIONS
 from polywigner.transforms.wavefronts import flat_of
@@ -124,6 +125,14 @@ def check_place(shape: Any, pose: Any, centre: npt.NDArray[np.float64]) -> None:
         )
 
 
+def reach_of(scene: Any, plugin: Any) -> float:
+    """The ``reach`` of a source or receiver in its scene; see module `visibility`."""
+    (x0, y0), (x1, y1) = np.reshape(plugin.spec.source.bounds, (2, 2)) / plugin.spec.scene_unit
+    pose = np.array(matrix_of(plugin.to_world))
+    corners = np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)]) @ pose[:3, :2].T + pose[:3, 3]
+    return reach_at(scene, corners)
+
+
 Floats = NDArray[np.float64]
 
 # Parameters are held in single precision.
@@ -158,6 +167,8 @@ class PlacedSource:
     """As of :class:`SourceSpec`."""
     normalise: str = NORMALISATIONS[0]
     """Power that ``norm`` stands for."""
+    reach: float = 0.0
+    """Largest coordinate of the flat surfaces that touch it, in m; see module `visibility`."""
 
     @property
     def fields(self) -> list[tuple[Any, Stokes]]:
@@ -192,6 +203,13 @@ class PlacedSource:
         result: Floats = places @ self.pose[:3, :2].T + self.pose[:3, 3]
         return result
 
+    def touching(self, scene: Any) -> PlacedSource:
+        """Itself, with the ``reach`` of surfaces of a scene."""
+        low, high = np.reshape(self.source.bounds, (2, 2))
+        corners = [[x, y] for x in (low[0], high[0]) for y in (low[1], high[1])]
+        reach = reach_at(scene, self.points(np.array(corners)) / self.scene_unit)
+        return replace(self, reach=reach * self.scene_unit)
+
     @property
     def middle(self) -> Floats:
         """(3,) in m, of the source's bounds."""
@@ -209,6 +227,11 @@ class PlacedSource:
         result[:3, :3] = self.pose[:3, :3].T @ other.pose[:3, :3]
         result[:3, 3] = self.pose[:3, :3].T @ (other.pose[:3, 3] - self.pose[:3, 3])
         return result
+
+
+def is_source(emitter: Any) -> bool:
+    """Whether an emitter is one of a ``wigner`` shape."""
+    return getattr(type(emitter), "is_wigner", False)
 
 
 def placed_emitter(emitter: Any, number: int) -> PlacedSource:

@@ -160,10 +160,17 @@ class Polariser:
         return matrix
 
 
-def turned(m: Any, share: Any, arrives: tuple[Any, Any], leaves: tuple[Any, Any]) -> Any:
-    """A Mueller matrix of Mitsuba's axes, between Ludwig's axes of a source and of a receiver."""
+def turned(m: Any, share: Any, arrives: tuple[Any, Any], leaves: tuple[Any, Any] | None) -> Any:
+    """A Mueller matrix of Mitsuba's axes, between Ludwig's axes of a source and of a receiver.
+
+    ``leaves``: None for unpolarised light, whose axes do not matter.
+    """
     ends = []
-    for (frame, direction), sign in ((arrives, -1.0), (leaves, 1.0)):
+    for end, sign in ((arrives, -1.0), (leaves, 1.0)):
+        if end is None:
+            ends.append(m.Spectrum(1.0))
+            continue
+        frame, direction = end
         c, s = turn(m, frame.to_own(direction), frame, sign * direction)
         matrix = dr.zeros(m.Spectrum)
         for (row, column), value in np.ndenumerate(

@@ -28,7 +28,7 @@ from polywigner.mitsuba.films import (
     rendering_errors,
     seed_of,
 )
-from polywigner.mitsuba.receiver import is_receiver, receiving
+from polywigner.mitsuba.receiver import is_receiver, scene_known
 from polywigner.mitsuba.rendering import depths_of
 from polywigner.mitsuba.scenes import (
     checked_scene,
@@ -207,7 +207,7 @@ def _rendered(
     factor = fineness(sensor, spp)
     ranged = _ranged(sensor, edges, factor)
     try:
-        with rendering_errors(type(integrator).__name__), receiving(scene):
+        with rendering_errors(type(integrator).__name__), scene_known(scene):
             samples = accepted_samples(ranged.sampler(), math.ceil(spp / factor**2))
             integrator.render(scene, ranged, seed=seed, spp=samples)
             found = ranged.film().found()

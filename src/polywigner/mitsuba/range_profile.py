@@ -1,9 +1,11 @@
-"""Scattered power by range: half the length of its way from a source to the receiver."""
+"""Received power by range: half the length of its path from a source to the receiver."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,21 +19,22 @@ from polywigner.geometry.arguments import (
 )
 from polywigner.mitsuba.films import seed_of
 from polywigner.mitsuba.plugins import one_at_a_time
-from polywigner.mitsuba.polarisation import polarisation_summary
 from polywigner.mitsuba.range_film import (
     check_sums,
     require_transients,
     sorted_by_range,
     transient_integrator,
 )
-from polywigner.mitsuba.received import OTHER_LIGHTS, ReceiveOptions, described, noise_power_of
-from polywigner.mitsuba.received_power import (
-    Parties,
-    chosen,
-    matched,
-    scattered_here,
-    scattering,
+from polywigner.mitsuba.received import (
+    OTHER_LIGHTS,
+    DirectPath,
+    ReceivedPower,
+    ReceiveOptions,
+    described,
+    interference_of,
+    noise_power_of,
 )
+from polywigner.mitsuba.received_power import Parties, chosen, matched, received, scattered_here
 from polywigner.mitsuba.receiver import is_receiver, receivers_of
 from polywigner.mitsuba.rendering import check_seed, check_spp, default_spp, exposed
 from polywigner.mitsuba.scattered import (
@@ -41,10 +44,8 @@ from polywigner.mitsuba.scattered import (
     lights_of,
     shares_of,
     standard_error,
-    unseen,
     wigner_emitters,
 )
-from polywigner.mitsuba.targets import aimed
 from polywigner.quantities import SPEED_OF_LIGHT, parse_noise
 from polywigner.transforms.xarray_arguments import labelled_array
 
@@ -67,17 +68,22 @@ def range_profile(
     seed: int = 0,
     receiver: int | str | None = None,
     integrator: Any = None,
+    reflections: int = 2,
+    tolerance: float = 1e-6,
     bandwidth: float | str | None = None,
     temperature: float | str | None = None,
     noise_figure: float | str | None = None,
+    coherent: bool = False,
+    polarisation: Any = None,
+    bodies: Mapping[str, Any] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> xarray.Dataset:
-    """The power that a scene scatters to its receivers by range, with its standard error.
+    """Return the power that the receivers of a scene get by range, with its standard error.
 
-    Range is half the length of the way from a place on the source over all bounces to a place on
-    the receiver, in m; in glass the length counts times the index of refraction. Light straight
-    from a source, or by flat mirrors alone, is left out: that is ``direct`` of
-    :func:`polywigner.mitsuba.received_power`. Needs mitransient (extra ``radar``). docs/range.md.
+    Range is half the length of the path from a source to a receiver, in m; in glass the length
+    counts times the index of refraction. The power is the sum of direct light, line of sight and
+    by flat mirrors as in :func:`polywigner.mitsuba.received_power`, and of scattered light by
+    samples. Needs mitransient (extra ``radar``). docs/range.md.
 
     Parameters
     ----------
@@ -91,18 +97,25 @@ def range_profile(
         Mitsuba's that has the same paths: path, direct, prb; volpath, volpathmis, prbvolpath, whose
         depths are taken over; default: the scene's own, else that of
         :func:`polywigner.mitsuba.render`.
+    reflections, tolerance : of direct light, as in :func:`polywigner.mitsuba.received_power`.
     bandwidth, temperature, noise_figure : as in :func:`polywigner.mitsuba.received_power`.
+    coherent : True: direct paths of one emitter add as amplitudes within each bin.
+    polarisation, bodies : with ``coherent``, as in :func:`polywigner.mitsuba.received_power`.
     progress : called after each render with the number of those done, and of all.
 
     Returns
     -------
-    xarray.Dataset with
-    ``power`` and ``standard_error`` (receiver, range) in W; ``emitter_power`` (receiver, emitter,
-    range) in W; ``before``, ``after`` and ``scattered`` (receiver) in W: what comes from nearer and
-    from farther than all bins, and all together; ``scattered_error``; and ``noise_power`` in W and
-    ``resolution`` c/(2 bandwidth) in m where temperature and bandwidth are known, else NaN. Of a
-    single receiver the dimension ``receiver`` is left out. Coordinates: ``range``, the middles of
-    bins, and ``range_edge``, in m.
+    xarray.Dataset
+        For each bin ``power``, the sum of ``direct_power`` and ``scattered_power``, and
+        ``standard_error`` (receiver, range) in W; ``emitter_power`` (receiver, emitter, range) in
+        W. ``before`` and ``after`` (receiver) in W are from nearer and from farther than all bins;
+        ``direct``, ``scattered`` and ``scattered_error`` from all ranges. For each ``path`` of
+        direct light ``path_power`` in W and ``path_range`` in m (receiver, emitter, path), zero
+        and NaN for an emitter without it, and ``mirrors`` (path): the light's id, if it is no
+        coherent source, and the names of mirrors and bodies, joined by ", ". ``noise_power`` in W
+        and ``resolution`` c/(2 bandwidth) in m if temperature and bandwidth are known, else NaN.
+        With a single receiver the dimension ``receiver`` is left out. Coordinates: ``range``, the
+        centres of bins, and ``range_edge``, in m.
 
     Raises
     ------
@@ -114,14 +127,32 @@ def range_profile(
     edges = checked_ranges(ranges)
     require_transients()
     noise = parse_noise(bandwidth, temperature, noise_figure)
-    options = ReceiveOptions(spp, seed, integrator, noise=noise)
+    waves = interference_of(coherent, polarisation, bodies)
+    options = ReceiveOptions(spp, seed, integrator, reflections, tolerance, noise, waves)
     found = receivers_of(scene)
     numbers = list(range(len(found))) if receiver is None else [chosen(found, receiver)]
+    sample = partial(scattered_here, scene, progress)
+    return received_by_range(scene, numbers, options, edges, sample)[1]
+
+
+Sampled = Callable[[list[Scattering]], Floats]
+"""Power in W (receivers, batches, lights, values) of the batches of each receiver."""
+
+
+def received_by_range(
+    scene: Any, numbers: list[int], options: ReceiveOptions, edges: Floats, sample: Sampled
+) -> tuple[list[ReceivedPower], xarray.Dataset]:
+    """Received powers of receivers by their numbers, and the same by range."""
     parties = matched(scene, numbers, options)
-    with unseen(scene), aimed(scene):
-        plans = [scattering(scene, sensor, options) for sensor in parties.sensors]
-        powers = scattered_here(scene, progress, ranged(plans, parties, edges))
-    return profile_of(scene, parties, edges, plans[0], powers)
+    kept: list[tuple[Scattering, Floats]] = []
+
+    def scattered(plans: list[Scattering]) -> Floats:
+        found = sample(_ranged(plans, parties, edges))
+        kept.append((plans[0], found))
+        return np.asarray(found.sum(axis=-1))
+
+    powers = received(scene, numbers, options, scattered)
+    return powers, _profile_of(scene, parties, edges, *kept[0], powers)
 
 
 def checked_ranges(ranges: npt.ArrayLike) -> Floats:
@@ -148,45 +179,78 @@ def checked_ranges(ranges: npt.ArrayLike) -> Floats:
     return edges
 
 
-def ranged(plans: list[Scattering], parties: Parties, edges: Floats) -> list[Scattering]:
+def _ranged(plans: list[Scattering], parties: Parties, edges: Floats) -> list[Scattering]:
     """Sampling of the same light by range, with bin ``edges`` in m."""
     lengths = [tuple((2.0 * edges / place.scene_unit).tolist()) for place in parties.places]
     return [replace(plan, edges=own) for plan, own in zip(plans, lengths, strict=True)]
 
 
-def profile_of(
-    scene: Any, parties: Parties, edges: Floats, plan: Scattering, found: Floats
+def _profile_of(
+    scene: Any,
+    parties: Parties,
+    edges: Floats,
+    plan: Scattering,
+    found: Floats,
+    powers: list[ReceivedPower],
 ) -> xarray.Dataset:
     """See :func:`range_profile`; ``found``: W (receivers, batches, lights, values)."""
     shares = [shares_of(scene, each) for each in found]
     has_others = len(lights_of(scene)) > len(parties.emitters)
     names = [each.name for each in parties.emitters] + [OTHER_LIGHTS] * has_others
     by_light = np.array([[*own, other][: len(names)] for own, other in shares])
-    return _described(by_light, names, parties, edges, plan)
+    direct = np.array(
+        [[_direct_of(part.paths, edges) for part in power.contributions] for power in powers]
+    )
+    values = _bins_of(by_light, direct) | _noise_of(parties)
+    values |= _paths_of([[part.paths for part in power.contributions] for power in powers])
+    polarisation = "; ".join(dict.fromkeys(power.polarisation for power in powers))
+    return _described(values, names, parties, edges, plan, polarisation)
 
 
-def _described(
-    by_light: Floats, names: list[str], parties: Parties, edges: Floats, plan: Scattering
-) -> xarray.Dataset:
-    """``by_light``: W (receivers, lights, batches, values)."""
+def _direct_of(paths: Sequence[DirectPath], edges: Floats) -> Floats:
+    """Direct power in W nearer than all bins, in each, and farther.
+
+    Paths that interfere add as amplitudes in each bin.
+    """
+    result, waves = np.zeros(len(edges) + 1), np.zeros(len(edges) + 1, np.complex128)
+    for path in paths:
+        number = np.searchsorted(edges, path.length / 2, side="right")
+        if path.amplitude is None:
+            result[number] += path.power
+        elif path.power > 0.0:
+            waves[number] += path.amplitude / abs(path.amplitude) * math.sqrt(path.power)
+    return np.asarray(result + np.abs(waves) ** 2)
+
+
+Values = dict[str, tuple[Any, tuple[str, ...], str, str]]
+
+
+def _bins_of(by_light: Floats, direct: Floats) -> Values:
+    """Powers of bins; W (receivers, lights, batches, values) and (receivers, lights, values)."""
     each = by_light.sum(axis=1)
-    mean, error = each.mean(axis=1), standard_error(each, axis=1)
-    all_bins = each.sum(axis=-1)
-    bands = [of_one["bandwidth"] for of_one in parties.noises]
-    noise = [noise_power_of(**of_one) for of_one in parties.noises]
-    resolution = [None if b is None else SPEED_OF_LIGHT / (2 * b) for b in bands]
+    scattered, error = each.mean(axis=1), standard_error(each, axis=1)
+    of_direct, all_bins = direct.sum(axis=1), each.sum(axis=-1)
+    total = of_direct + scattered
     by_range = ("range",)
-    values: dict[str, tuple[Any, tuple[str, ...], str, str]] = {
-        "power": (mean[:, 1:-1], by_range, "W", "scattered power of a bin"),
+    return {
+        "power": (total[:, 1:-1], by_range, "W", "power of a bin"),
         "standard_error": (error[:, 1:-1], by_range, "W", "standard error of the power"),
+        "direct_power": (
+            of_direct[:, 1:-1],
+            by_range,
+            "W",
+            "power of a bin, line of sight and by flat mirrors",
+        ),
+        "scattered_power": (scattered[:, 1:-1], by_range, "W", "scattered power of a bin"),
         "emitter_power": (
-            by_light.mean(axis=2)[..., 1:-1],
+            (direct + by_light.mean(axis=2))[..., 1:-1],
             ("emitter", *by_range),
             "W",
-            "scattered power of one emitter",
+            "power of one emitter",
         ),
-        "before": (mean[:, 0], (), "W", "scattered power from nearer than all bins"),
-        "after": (mean[:, -1], (), "W", "scattered power from farther than all bins"),
+        "before": (total[:, 0], (), "W", "power from nearer than all bins"),
+        "after": (total[:, -1], (), "W", "power from farther than all bins"),
+        "direct": (of_direct.sum(axis=1), (), "W", "direct power from all ranges"),
         "scattered": (all_bins.mean(axis=1), (), "W", "scattered power from all ranges"),
         "scattered_error": (
             standard_error(all_bins, axis=1),
@@ -194,6 +258,14 @@ def _described(
             "W",
             "standard error of the scattered power from all ranges",
         ),
+    }
+
+
+def _noise_of(parties: Parties) -> Values:
+    bands = [of_one["bandwidth"] for of_one in parties.noises]
+    noise = [noise_power_of(**of_one) for of_one in parties.noises]
+    resolution = [None if b is None else SPEED_OF_LIGHT / (2 * b) for b in bands]
+    return {
         "noise_power": (np.array(noise, float), (), "W", "noise k T B F"),
         "resolution": (
             np.array(resolution, float),
@@ -202,23 +274,62 @@ def _described(
             "range that the bandwidth resolves, c/(2 B)",
         ),
     }
+
+
+def _paths_of(found: list[list[tuple[DirectPath, ...]]]) -> Values:
+    """Power and range of each path of direct light, by receivers and lights."""
+    labels: dict[str, int] = {}
+    entries = [
+        (i, j, labels.setdefault(_label(path), len(labels)), path)
+        for i, lights in enumerate(found)
+        for j, paths in enumerate(lights)
+        for path in paths
+    ]
+    shape = len(found), len(found[0]), len(labels)
+    powers, ranges = np.zeros(shape), np.full(shape, np.nan)
+    for i, j, k, path in entries:
+        powers[i, j, k], ranges[i, j, k] = path.power, path.length / 2
+    each = ("emitter", "path")
+    return {
+        "path_power": (powers, each, "W", "power of a path of direct light"),
+        "path_range": (ranges, each, "m", "range of a path of direct light"),
+        "mirrors": (
+            np.array(list(labels), np.str_),
+            ("path",),
+            "",
+            "light and mirrors in the order of light; none: line of sight",
+        ),
+    }
+
+
+def _label(path: DirectPath) -> str:
+    return ", ".join([path.light, *path.mirrors] if path.light else path.mirrors)
+
+
+def _described(
+    values: Values,
+    names: list[str],
+    parties: Parties,
+    edges: Floats,
+    plan: Scattering,
+    polarisation: str,
+) -> xarray.Dataset:
     coords = {**range_axes(edges), "emitter": labelled_array(np.array(names), ("emitter",))}
     receivers = [place.name for place in parties.places]
+    own = {name: value for name, value in values.items() if name != "mirrors"}
     if single := len(receivers) == 1:
-        values = {name: (array[0], *rest) for name, (array, *rest) in values.items()}
+        own = {name: (array[0], *rest) for name, (array, *rest) in own.items()}
     else:
-        values = {
-            n: (array, ("receiver", *dims), *rest) for n, (array, dims, *rest) in values.items()
-        }
+        own = {n: (array, ("receiver", *dims), *rest) for n, (array, dims, *rest) in own.items()}
         coords["receiver"] = labelled_array(np.array(receivers), ("receiver",))
     about = {
         "receiver": receivers[0] if single else "several",
         "wavelength": parties.places[0].wavelength,
-        "polarisation": polarisation_summary([*parties.emitters, *parties.places], False),
+        "polarisation": polarisation,
         "samples": BATCHES * batches_of(plan.spp),
         "seed": plan.seed,
     }
-    return described(values, coords, about)
+    return described(own | {"mirrors": values["mirrors"]}, coords, about)
 
 
 def range_axes(edges: Floats) -> dict[str, xarray.Variable]:

@@ -60,6 +60,11 @@ class DirectPath:
     """Share of the passing power in the receiver's polarisation."""
     amplitude: complex | None = None
     """Amplitude where ways interfere: its power is ``coupling`` times ``passing``; else None."""
+    length: float = math.nan
+    """m, between the centres of both ends along the path; infinite for a directional light."""
+    light: str = ""
+    """Id of the point, spot, projector or directional light; of those ``coupling`` is received
+    power over 4 pi times the intensity, or over the irradiance, in m^2."""
 
 
 @dataclass(frozen=True)
@@ -217,6 +222,8 @@ def _dict_of(part: Contribution) -> dict[str, Any]:
                 "passing": path.passing,
                 "arrives_from": list(path.arrives_from),
                 "polarisation": path.polarisation,
+                "length_m": path.length if math.isfinite(path.length) else None,
+                **({"light": path.light} if path.light else {}),
                 **_phase_of(path.amplitude),
             }
             for path in part.paths

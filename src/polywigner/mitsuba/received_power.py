@@ -17,7 +17,13 @@ from polywigner.execution.progress import slow_bar
 from polywigner.geometry.arguments import checked_callable
 from polywigner.mitsuba.bodies import echoes_of
 from polywigner.mitsuba.channels import Way, coherent_light
-from polywigner.mitsuba.direct_light import DirectLight, direct_light, mirrors_in, ways_of
+from polywigner.mitsuba.direct_light import (
+    DirectLight,
+    direct_light,
+    light_of_points,
+    mirrors_in,
+    ways_of,
+)
 from polywigner.mitsuba.films import film_of, mean_of_colours, seed_of, silent
 from polywigner.mitsuba.placement import (
     PlacedSource,
@@ -174,8 +180,8 @@ def received(
     jones = own.polarisation if own else None
     with polarised_by_default(scene, jones), unseen(scene), aimed(scene):
         parties = matched(scene, numbers, options)
-        lit = [_direct(scene, place, parties.emitters, options) for place in parties.places]
         plans = [scattering(scene, index, options) for index in parties.sensors]
+        lit = direct_lights(scene, parties, options)
         found = scattered(plans)
         each = zip(parties.places, parties.noises, lit, plans, found, strict=True)
         ends = [
@@ -204,8 +210,10 @@ def matched(scene: Any, numbers: list[int], options: ReceiveOptions) -> Parties:
     if not scene.emitters():
         raise SceneError("expected a scene with light, got one without emitters; add one")
     receivers = [receivers_of(scene)[number] for number in numbers]
-    emitters = [placed_emitter(e, k) for k, e in enumerate(wigner_emitters(scene))]
-    places = [placed_receiver(s, n) for n, (_, s) in zip(numbers, receivers, strict=True)]
+    emitters = [placed_emitter(e, k).touching(scene) for k, e in enumerate(wigner_emitters(scene))]
+    places = [
+        placed_receiver(s, n).touching(scene) for n, (_, s) in zip(numbers, receivers, strict=True)
+    ]
     noises = [options.noise_of(sensor.spec) for _, sensor in receivers]
     for place, noise in zip(places, noises, strict=True):
         for emitter in emitters:
@@ -242,10 +250,28 @@ def scattered_here(
         return np.array([[p.batch(scene, k, tell) for k in range(BATCHES)] for p in plans])
 
 
+Direct = tuple[list[DirectLight], list[str]]
+
+
+def direct_lights(scene: Any, parties: Parties, options: ReceiveOptions) -> list[Direct]:
+    """Direct light of each emitter, then of other lights, and notes, for each receiver.
+
+    The scene's sources are hidden.
+    """
+    found = []
+    for sensor, place in zip(parties.sensors, parties.places, strict=True):
+        method = exposed(scene, options.integrator, 1, 0, sensor, warn=False).integrator
+        found.append(_direct(scene, place, parties.emitters, options, not method.hide_emitters))
+    return found
+
+
 def _direct(
-    scene: Any, receiver: PlacedSource, emitters: list[PlacedSource], options: ReceiveOptions
-) -> tuple[list[DirectLight], list[str]]:
-    """Light that comes straight or by mirrors from each emitter; and notes on omissions."""
+    scene: Any,
+    receiver: PlacedSource,
+    emitters: list[PlacedSource],
+    options: ReceiveOptions,
+    shows_lights: bool,
+) -> Direct:
     mirrors, notes = mirrors_in(scene, receiver.scene_unit, options.reflections)
     ways = ways_of(mirrors, options.reflections)
     how: tuple[Any, ...] = direct_light, ways, options.tolerance
@@ -253,6 +279,7 @@ def _direct(
         every: list[Way] = [*ways, *echoes_of(own.bodies, mirrors, options.reflections)]
         how = coherent_light, every, options.tolerance, own.polarisation
     links = [how[0](scene, emitter, receiver, *how[1:]) for emitter in emitters]
+    links.append(light_of_points(scene, receiver, ways) if shows_lights else DirectLight())
     return links, [note for link in links for note in link.notes] + notes
 
 
@@ -261,7 +288,7 @@ def _result(
     emitters: list[PlacedSource],
     receiver: PlacedSource,
     noise: dict[str, Any],
-    direct: tuple[list[DirectLight], list[str]],
+    direct: Direct,
     plan: Scattering,
     found: Any,
     polarisation: str,
@@ -270,10 +297,10 @@ def _result(
     of_sources, others = shares_of(scene, found)
     parts = [
         _contribution(emitter.name, batches, link)
-        for emitter, batches, link in zip(emitters, of_sources, links, strict=True)
+        for emitter, batches, link in zip(emitters, of_sources, links[:-1], strict=True)
     ]
     if len(lights_of(scene)) > len(emitters):
-        parts.append(_contribution(OTHER_LIGHTS, others, DirectLight()))
+        parts.append(_contribution(OTHER_LIGHTS, others, links[-1]))
     return ReceivedPower(
         receiver=receiver.name,
         wavelength=receiver.wavelength,

@@ -18,6 +18,7 @@ Rays start at positions relative to the middle of the source: see module `emitte
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
@@ -34,27 +35,29 @@ from polywigner.execution import without_collection
 from polywigner.geometry import Aperture
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import irradiance_factor
+from polywigner.mitsuba.delta_lights import delta_lights
 from polywigner.mitsuba.diffraction import cast_shadows
 from polywigner.mitsuba.exact import ExactEstimator
 from polywigner.mitsuba.parameters import ESTIMATORS, read_receiver, rigid_pose, values_of
-from polywigner.mitsuba.placement import Frame, matrix_of
+from polywigner.mitsuba.placement import Frame, matrix_of, reach_of
 from polywigner.mitsuba.plugins import add_plugin, nested_properties
 from polywigner.mitsuba.polarisation import Polariser, polarised_spec
 from polywigner.mitsuba.sampling import Tabulated, opaque
 from polywigner.mitsuba.scene_order import sorted_sensors
 from polywigner.mitsuba.sources import SourceSpec, emissions
+from polywigner.mitsuba.visibility import ROUNDING, largest
 from polywigner.mitsuba.wigner import WignerRadiance
 from polywigner.transforms import fourier
 
 
-def distance_to_surface(m: Any, scene: Any, ray: Any, step: Any, far: Any, active: Any) -> Any:
+def distance_to_surface(m: Any, scene: Any, ray: Any, far: Any, active: Any) -> Any:
     """The distance along a ray to the first surface that is not ``null``; ``far`` if none."""
     direction = m.Vector3f(ray.d)
     state = (m.Point3f(ray.o), m.Float(0.0), m.Bool(active))
 
     def body(place: Any, distance: Any, going: Any) -> Any:
         found, is_null = _next(m, scene, m.Ray3f(place, direction), far, going)
-        found = dr.select(is_null, found + step, found)
+        found = dr.select(is_null, found + _step(m, place + direction * found), found)
         return m.Point3f(place + direction * found), distance + found, going & is_null
 
     if dr.is_jit_v(m.Float):
@@ -62,6 +65,11 @@ def distance_to_surface(m: Any, scene: Any, ray: Any, step: Any, far: Any, activ
     while state[2]:
         state = body(*state)
     return state[1]
+
+
+def _step(m: Any, point: Any) -> Any:
+    """Distance behind a surface at which Mitsuba's own rays start again."""
+    return (1.0 + largest(point)) * float(m.math.RayEpsilon)
 
 
 def _next(m: Any, scene: Any, ray: Any, far: Any, active: Any) -> tuple[Any, Any]:
@@ -213,9 +221,14 @@ def receiver_class(variant: str) -> Any:
         def _place(self) -> None:
             pose = self.spec.pose
             self._frame = Frame(m, self.to_world, self.spec.centred.centre / self.spec.scene_unit)
-            # rays start a little in front, as Mitsuba's do: the receiver may stand on a surface
-            largest = float(np.abs(pose[:3, 3]).max())
-            self._lift = opaque(m, (1.0 + largest) * float(m.math.RayEpsilon))
+            self.stand_at(float(np.abs(pose[:3]).max()))
+
+        def stand_at(self, reach: float) -> None:
+            """Take over the ``reach`` of its place in a scene; see module `visibility`.
+
+            Rays start a little in front, for the receiver may stand on a surface.
+            """
+            self._lift = opaque(m, ROUNDING * reach)
 
         # ---- what a user may change ----------------------------------------------------------
 
@@ -299,7 +312,7 @@ def receiver_class(variant: str) -> Any:
             """Start a ray behind some of the surfaces on its way: their light comes over edges."""
             scene, going, weight = self._told(), m.Bool(active), m.Float(1.0)
             for number in range(_MOST_PASSED + 1):
-                distance = distance_to_surface(m, scene, ray, self._lift, self._far, going)
+                distance = distance_to_surface(m, scene, ray, self._far, going)
                 is_met = going & (distance < self._far)
                 if number:  # behind the last surface is no light that others do not see
                     weight = dr.select(going & (is_met ^ m.Bool(True)), 0.0, weight)
@@ -307,7 +320,7 @@ def receiver_class(variant: str) -> Any:
                     break
                 passes = is_met & ((coins & m.UInt32(1 << number)) != m.UInt32(0))
                 weight = dr.select(is_met, 2.0 * weight, weight)
-                ahead = ray.d * (distance + self._lift)
+                ahead = ray.d * (distance + _step(m, ray.o + ray.d * distance))
                 ray.o = m.Point3f(dr.select(passes, ray.o + ahead, ray.o))
                 going = passes
             return weight
@@ -325,7 +338,7 @@ def receiver_class(variant: str) -> Any:
         def _met(self, ray: Any, x: Any, direction: Any, active: Any) -> tuple[Any, Any]:
             """The place of the surface that a ray meets, or one far out, and its distance."""
             scene = self._told()
-            distance = distance_to_surface(m, scene, ray, self._lift, self._far, active)
+            distance = distance_to_surface(m, scene, ray, self._far, active)
             if self.spec.diffraction:  # rays may start behind surfaces
                 place = m.Point3f(self._frame.to_own(ray.o + ray.d * distance - self._frame.origin))
                 return place, dr.norm(place - m.Point3f(x.x, x.y, 0.0))
@@ -386,13 +399,34 @@ def receiving(scene: Any) -> Iterator[None]:
     :func:`polywigner.mitsuba.render` does it by itself; for ``mi.render`` and other renderers.
     Mitsuba tells cameras written in Python nothing of their scene, and one that held it would keep
     it alive for ever.
+
+    Warns of point, spot, projector and directional lights, whose direct light ``mi.render`` does
+    not find.
     """
+    if any(map(is_receiver, scene.sensors())):
+        for light in delta_lights(scene):
+            warnings.warn(
+                f"mi.render does not find the light that a receiver gets straight from "
+                f"{light.name!r}; use polywigner.mitsuba.render or received_power",
+                RuntimeWarning,
+                stacklevel=3,
+            )
+    with scene_known(scene):
+        yield
+
+
+@contextmanager
+def scene_known(scene: Any) -> Iterator[None]:
+    """Within, receivers and sources whose light diffracts know their scene."""
     cast_shadows(scene)
     with ExitStack() as stack:
         # a scene that is freed while Dr.Jit records a kernel ends the process
         stack.enter_context(without_collection())
         stack.callback(setattr, ExactEstimator, "tells", ExactEstimator.tells)
         ExactEstimator.tells = True
+        for plugin in (*scene.emitters(), *scene.sensors()):
+            if hasattr(plugin, "stand_at"):
+                plugin.stand_at(reach_of(scene, plugin))
         for sensor in filter(is_receiver, scene.sensors()):
             stack.callback(setattr, sensor, "scene", sensor.scene)
             sensor.scene = scene

@@ -20,11 +20,13 @@ from polywigner.geometry.arguments import (
     checked_callable,
     checked_count,
 )
+from polywigner.mitsuba.delta_lights import delta_lights, delta_paths
 from polywigner.mitsuba.films import Exposure, tiling_of
-from polywigner.mitsuba.placement import PLACE_ERROR, matrix_of
+from polywigner.mitsuba.mirrors import chains_of, mirrors_of
+from polywigner.mitsuba.placement import PLACE_ERROR, is_source, matrix_of, placed_receiver
 from polywigner.mitsuba.plugins import one_at_a_time
 from polywigner.mitsuba.receiver import is_receiver, sensors_of
-from polywigner.mitsuba.scenes import has_wigner_emitter, is_source, translate_error
+from polywigner.mitsuba.scenes import has_wigner_emitter, translate_error
 
 
 def is_fog_near(scene: Any, sensor: Any) -> bool:
@@ -126,8 +128,38 @@ def render(
     done, steps = count(1), exposure.cut.steps
     if progress is None:
         with slow_bar("render", steps) as advance:
-            return exposure.picture(advance)
-    return exposure.picture(lambda: progress(next(done), steps))
+            return with_delta_lights(exposure, exposure.picture(advance))
+    return with_delta_lights(exposure, exposure.picture(lambda: progress(next(done), steps)))
+
+
+# Integrators whose images are radiance, and most mirrors on a path that images take over.
+_OF_RADIANCE = ("Path", "Direct", "PRB", "Volumetric", "Volpath")
+_MOST_MIRRORS = 2
+
+
+def with_delta_lights(
+    exposure: Exposure, image: npt.NDArray[np.float32]
+) -> npt.NDArray[np.float32]:
+    """Add the direct light of point and directional lights to the image of a receiver."""
+    scene, camera, method = exposure.scene, exposure.camera, exposure.integrator
+    names = method.class_name() + type(method).__name__
+    if not is_receiver(camera) or method.hide_emitters or not delta_lights(scene):
+        return image
+    depth = 2 if method.class_name() == "DirectIntegrator" else depths_of(method)["max_depth"]
+    if depth == 0 or not any(name in names for name in _OF_RADIANCE):
+        return image
+    place = placed_receiver(camera, 0).touching(scene)
+    most = _MOST_MIRRORS if depth < 0 else min(_MOST_MIRRORS, depth - 1)
+    mirrors, _ = mirrors_of(scene, place.scene_unit)
+    result = image.astype(np.float64)
+    rows, columns, channels = image.shape
+    for path in delta_paths(scene, place, [(), *chains_of(mirrors, most)]):
+        column, row = (
+            min(int((cosine + 1) / 2 * count), count - 1)
+            for cosine, count in zip(path.arrives_from, (columns, rows), strict=True)
+        )
+        result[row, column, : 3 if channels >= 3 else 1] += path.power
+    return result.astype(np.float32)
 
 
 def exposed(

@@ -20,12 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.mitsuba.films import Exposure, check_is_whole, mean_of_colours, seed_of
+from polywigner.mitsuba.placement import is_source
 from polywigner.mitsuba.polarisation import Polariser
 from polywigner.mitsuba.range_film import sorted_by_range, transient_integrator
 from polywigner.mitsuba.receiver import receivers_of
 from polywigner.mitsuba.rendering import check_spp, exposed
 from polywigner.mitsuba.scene_order import sorted_emitters
-from polywigner.mitsuba.scenes import is_source
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]

@@ -15,17 +15,16 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError, SceneError
 from polywigner.geometry.arguments import checked_count, real_numbers
 from polywigner.illumination import Array
-from polywigner.mitsuba.placement import placed_emitter
+from polywigner.mitsuba.placement import is_source, placed_emitter
 from polywigner.mitsuba.plugins import one_at_a_time
 from polywigner.mitsuba.polarisation import polarisation_summary
 from polywigner.mitsuba.received import ReceiveOptions, described
 from polywigner.mitsuba.received_power import chosen, matched
-from polywigner.mitsuba.receiver import receivers_of, receiving
+from polywigner.mitsuba.receiver import receivers_of, scene_known
 from polywigner.mitsuba.rendering import depths_of
 from polywigner.mitsuba.scattered import unseen, wigner_emitters
 from polywigner.mitsuba.scattering_steps import Events, Motion, Paths, events_of, number_of
 from polywigner.mitsuba.scene_order import sorted_emitters, sorted_shapes
-from polywigner.mitsuba.scenes import is_source
 from polywigner.mitsuba.targets import aimed
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.transforms.xarray_arguments import labelled_array
@@ -274,7 +273,7 @@ def scatterers(
     names = _Names.of(scene, place.name)
     motion = None if velocities is None else names.motion(velocities, place.scene_unit)
     depth = _longest_path(scene.integrator()) if depth is None else depth
-    with unseen(scene), aimed(scene), receiving(scene):
+    with unseen(scene), aimed(scene), scene_known(scene):
         cloud = cloud_of(scene, sensor, launched, depth, rng, motion)
     cloud = cloud.thinned(size, rng, isinstance(place.source, Array))
     about = {

@@ -11,7 +11,8 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.mitsuba.mirrors import share_unobstructed
+from polywigner.mitsuba.ray_transmission import RayTracer
+from polywigner.mitsuba.visibility import Reaches
 
 SAMPLES = 6
 """Uniform numbers for a step: of a light (2), a direction (3), and the end of a path."""
@@ -61,6 +62,8 @@ class Steps:
         self._scene, self._most = scene, most_bounces
         self._meets_lights = meets_lights
         self._context = mi.BSDFContext()
+        self._tracer = RayTracer(scene, mi.is_polarized, coherent=False)
+        self._reaches = Reaches(scene)
 
     def __call__(self, paths: Paths, samples: list[Any]) -> tuple[Paths, dict[str, Any]]:
         """Continue paths behind the next surface; return surfaces met and lights sampled there."""
@@ -118,7 +121,7 @@ class Steps:
         value, density = bsdf.eval_pdf(self._context, si, towards, active)
         value = si.to_world_mueller(value, -towards, si.wi)
         share = dr.select(seen.delta, 1.0, seen.pdf / (seen.pdf + density))
-        passed = share_unobstructed(self._scene, si, seen.p)
+        passed = self._tracer.unobstructed(si, seen.p)
         if mi.is_polarized:
             weight = passed * weight
         else:
@@ -152,7 +155,7 @@ class Steps:
         carried = carried * (1.0 / dr.select(survives > 0.0, survives, 1.0))
         smooth = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
         following = Paths(
-            si.spawn_ray(si.to_world(sample.wo)),
+            self._reaches.leave(si, si.to_world(sample.wo)),
             active,
             carried,
             bounces,

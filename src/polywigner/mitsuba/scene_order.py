@@ -8,12 +8,9 @@ from __future__ import annotations
 
 from typing import Any
 
-import drjit as dr
-import mitsuba as mi
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from polywigner.mitsuba.visibility import bounds_of
 
 
 def sorted_emitters(scene: Any) -> list[Any]:
@@ -47,17 +44,3 @@ def _shape_key(shape: Any) -> _Key:
     if hasattr(emitter, "spec"):
         return shape.id(), np.ravel(emitter.spec.pose).tolist(), ""
     return shape.id(), bounds_of(shape).ravel().tolist(), ""
-
-
-def bounds_of(shape: Any) -> Floats:
-    """Return the lowest and highest coordinates (2, 3) of a shape, in scene units.
-
-    Mitsuba computes no bounding box for rectangles that it merges: theirs holds infinities.
-    """
-    box = shape.bbox()
-    bounds = np.array([box.min, box.max], np.float64).reshape(2, 3)
-    if np.isfinite(bounds).all() or not shape.is_mesh():
-        return bounds
-    positions = np.array(dr.detach(mi.traverse(shape)["vertex_positions"]), np.float64)
-    positions = positions.reshape(-1, 3)
-    return np.array([positions.min(axis=0), positions.max(axis=0)])

@@ -27,11 +27,11 @@ from polywigner.geometry.arguments import (
 from polywigner.mitsuba.films import Tiling, check_is_whole
 from polywigner.mitsuba.parameters import is_key, register_source, registered_source
 from polywigner.mitsuba.plugins import one_at_a_time
-from polywigner.mitsuba.range_profile import checked_ranges, profile_of, ranged
+from polywigner.mitsuba.range_profile import checked_ranges, received_by_range
 from polywigner.mitsuba.received import ReceivedPower, ReceiveOptions
-from polywigner.mitsuba.received_power import matched, received, scattered_here
+from polywigner.mitsuba.received_power import received, scattered_here
 from polywigner.mitsuba.receiver import receivers_of
-from polywigner.mitsuba.rendering import exposed
+from polywigner.mitsuba.rendering import exposed, with_delta_lights
 from polywigner.mitsuba.scattered import BATCHES, Scattering, batches_of, lights_of, unseen
 from polywigner.mitsuba.scene_files import digest_of_file, digests_of
 from polywigner.mitsuba.scenes import choose_variant, load_file
@@ -236,7 +236,7 @@ def render_parts(
     if store is None:
         bar = progress_bar("rendering", cut.steps, show=progress)
         with kernel_threads(threads), bar as advance:
-            return exposure.picture(advance)
+            return with_delta_lights(exposure, exposure.picture(advance))
     channels = exposure.channels()
     job = SceneJob(file, scene, partial(tile, cut, integrator, exposure.seed, sensor))
     found = job.write(
@@ -257,7 +257,7 @@ def render_parts(
     )
     with found:  # set by set, as `Exposure.picture` adds them up
         sets = (found["radiance"][number].values for number in range(cut.sets))
-        return reduce(np.add, sets).astype(np.float32)
+        return with_delta_lights(exposure, reduce(np.add, sets).astype(np.float32))
 
 
 def tile(
@@ -287,18 +287,9 @@ def receive_ranges(
     **keeping: Any,
 ) -> tuple[list[ReceivedPower], xarray.Dataset]:
     """:func:`receive_parts`, and the same samples by range as of :func:`range_profile`."""
-    edges = checked_ranges(edges)
     numbers = list(range(len(receivers_of(scene))))
-    parties = matched(scene, numbers, options)
-    kept: list[Any] = []
-
-    def scattered(plans: list[Scattering]) -> npt.NDArray[np.float64]:
-        found = _sampled(file, scene, ranged(plans, parties, edges), **keeping)
-        kept.extend((plans[0], found))
-        return np.asarray(found.sum(axis=-1))
-
-    powers = received(scene, numbers, options, scattered)
-    return powers, profile_of(scene, parties, edges, *kept)
+    sample = partial(_sampled, file, scene, **keeping)
+    return received_by_range(scene, numbers, options, checked_ranges(edges), sample)
 
 
 def _sampled(

@@ -21,6 +21,7 @@ from polywigner.errors import (
 )
 from polywigner.geometry.arguments import checked_flag, checked_path
 from polywigner.mitsuba.films import threads_for_openexr
+from polywigner.mitsuba.placement import is_source
 from polywigner.mitsuba.plugins import (
     one_at_a_time,
     original_error,
@@ -206,11 +207,6 @@ def checked_scene(scene: Any) -> Any:
 def has_wigner_emitter(scene: Any) -> bool:
     """Whether a ``wigner`` shape lights this scene."""
     return any(map(is_source, checked_scene(scene).emitters()))
-
-
-def is_source(emitter: Any) -> bool:
-    """Whether an emitter is one of a ``wigner`` shape."""
-    return getattr(type(emitter), "is_wigner", False)
 
 
 def translate_error(error: Exception) -> PolywignerError:

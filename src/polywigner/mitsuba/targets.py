@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 
 from polywigner.geometry.faces import connected
 from polywigner.mitsuba.receiver import is_receiver
-from polywigner.mitsuba.scene_order import bounds_of, sorted_emitters, sorted_shapes
+from polywigner.mitsuba.scene_order import sorted_emitters, sorted_shapes
+from polywigner.mitsuba.visibility import bounds_of
 from polywigner.mitsuba.scenes import is_source
 
 Floats = NDArray[np.float64]

@@ -1,0 +1,253 @@
+"""Point, spot, projector and directional lights at receivers, against closed forms."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from mitsuba_scenes import HANDED, SQUARE, compiled_slowly, scene_of
+from polywigner.errors import SceneError
+
+pytestmark = pytest.mark.drjit
+pm = pytest.importorskip("polywigner.mitsuba")
+import mitsuba as mi  # noqa: E402 (after the package, which chooses the LLVM library)
+
+WAVELENGTH = 3.19e-3
+ONE = {"type": "spectrum", "value": 1.0}
+BLACK = {"type": "twosided", "b": {"type": "diffuse", "reflectance": 0.0}}
+METAL = {"type": "twosided", "b": {"type": "conductor", "material": "none"}}
+# Images of Mitsuba are in single precision, as are positions of lights.
+SINGLE = 1e-5
+
+
+def area(source: Any, place: Any, obliquity: str = "rayleigh-sommerfeld-1") -> float:
+    """lambda^2 D/(4 pi) over r^2 towards a place, by the exact field: received W per W/sr."""
+    field = complex(pw.amplitude(source, np.asarray(place, float), WAVELENGTH, obliquity))
+    return WAVELENGTH**2 * abs(field) ** 2 / pw.radiated_power(source, WAVELENGTH, obliquity)
+
+
+def directivity(source: Any, theta: float, phi: float) -> float:
+    pattern = pw.radiation_pattern(source, WAVELENGTH, [theta], [phi])
+    return float(10 ** (pattern["directivity"].values.ravel()[0] / 10))
+
+
+def receiver(source: Any = SQUARE, **options: Any) -> dict[str, Any]:
+    return pm.receiver(source, wavelength=WAVELENGTH, **options)
+
+
+def point(place: Any) -> dict[str, Any]:
+    return {"type": "point", "position": [float(c) for c in place], "intensity": ONE}
+
+
+def towards(place: Any, target: Any, kind: str = "spot", **options: Any) -> dict[str, Any]:
+    pose = mi.ScalarTransform4f().look_at(
+        [float(c) for c in place], [float(c) for c in target], [0.1, 1.0, 0.0]
+    )
+    return {"type": kind, "to_world": pose, **options}
+
+
+def along(theta: float, phi: float) -> np.ndarray:
+    return np.array(
+        [math.sin(theta) * math.cos(phi), math.sin(theta) * math.sin(phi), math.cos(theta)]
+    )
+
+
+def both_readings(scene: Any) -> tuple[float, float]:
+    """Received power, and the image of the sensor."""
+    image = pm.render(scene, spp=16)
+    return float(pm.received_power(scene, spp=16)), float(image.sum())
+
+
+# ---- closed forms -------------------------------------------------------------------------------
+
+
+@compiled_slowly
+@pytest.mark.parametrize("estimator", ["exact", "wigner"])
+def test_a_point_light_far_away_obeys_friis(variant: str, estimator: str) -> None:
+    theta, phi, distance = 0.25, 0.7, 30.0
+    scene = scene_of(
+        rx=receiver(HANDED, estimator=estimator), lamp=point(distance * along(theta, phi))
+    )
+    expected = directivity(HANDED, theta, phi) * (WAVELENGTH / (4 * math.pi * distance)) ** 2
+    found = both_readings(scene)
+    # the outline reaches some millimetres to one side of the origin
+    assert found == pytest.approx([4 * math.pi * expected] * 2, rel=2e-3)
+    (part,) = pm.received_power(scene, spp=16).contributions
+    assert part.name == "other lights" and part.scattered == 0.0
+    (path,) = part.paths
+    assert (
+        path.light == "lamp" and path.mirrors == () and path.length == pytest.approx(30, abs=0.01)
+    )
+    assert path.arrives_from == pytest.approx(along(theta, phi)[:2], abs=1e-3)
+    assert path.coupling == pytest.approx(expected, rel=2e-3)
+    assert path.passing == pytest.approx(1.0, rel=SINGLE)
+
+
+@pytest.mark.parametrize("place", [(0.0, 0.0, 0.02), (0.004, -0.01, 0.015)])
+def test_a_point_light_close_by_sees_the_exact_near_field(plain: None, place: Any) -> None:
+    scene = scene_of(rx=receiver(), lamp=point(place))
+    assert both_readings(scene) == pytest.approx([area(SQUARE, place)] * 2, rel=SINGLE)
+
+
+@compiled_slowly
+def test_a_plane_wave_is_received_by_the_effective_area(variant: str) -> None:
+    theta, phi = 0.3, -0.4
+    light = {"type": "directional", "direction": (-along(theta, phi)).tolist(), "irradiance": ONE}
+    expected = directivity(HANDED, theta, phi) * WAVELENGTH**2 / (4 * math.pi)
+    scene = scene_of(rx=receiver(HANDED), sun=light)
+    assert both_readings(scene) == pytest.approx([expected] * 2, rel=SINGLE)
+
+
+@pytest.mark.parametrize(("off", "share"), [(5.0, 1.0), (15.0, 0.5), (18.0, 0.2), (25.0, 0.0)])
+def test_a_spot_falls_off_towards_its_rim(plain: None, off: float, share: float) -> None:
+    """Full intensity within 10 degrees, linear in the angle down to zero at 20."""
+    target = [0.0, 2 * math.sin(math.radians(off)), 2 - 2 * math.cos(math.radians(off))]
+    spot = towards((0, 0, 2), target, intensity=ONE, cutoff_angle=20.0, beam_width=10.0)
+    scene = scene_of(rx=receiver(), spot=spot)
+    expected = share * area(SQUARE, (0, 0, 2))
+    assert both_readings(scene) == pytest.approx([expected] * 2, rel=1e-3, abs=1e-12)
+
+
+def test_a_projector_is_received_as_its_light_on_a_floor_says(plain: None) -> None:
+    """A white floor in place of the receiver has the radiance E/pi."""
+    picture = mi.Bitmap(np.ones((4, 4, 1), np.float32))
+    texture = {"type": "bitmap", "bitmap": picture, "raw": True}
+    projector = towards((0, 0, 2), (0, 0, 0), "projector", fov=30.0, irradiance=texture)
+    floor = {"type": "rectangle", "bsdf": {"type": "diffuse", "reflectance": 1.0}}
+    camera = {
+        **towards((0, 0, 1), (0, 0, 0), "orthographic"),
+        "film": {"type": "hdrfilm", "width": 1, "height": 1, "rfilter": {"type": "box"}},
+    }
+    camera["to_world"] = camera["to_world"].scale([0.01, 0.01, 1.0])
+    image = pm.render(scene_of(camera=camera, floor=floor, light=projector), "direct", spp=64)
+    irradiance = math.pi * float(image[0, 0].mean())
+    found = both_readings(scene_of(rx=receiver(), light=projector))
+    assert found == pytest.approx([irradiance * 4 * area(SQUARE, (0, 0, 2))] * 2, rel=1e-3)
+
+
+# ---- what is in between -------------------------------------------------------------------------
+
+
+def wall(z: float, x: float = 0.0, bsdf: Any = BLACK) -> dict[str, Any]:
+    turn = mi.ScalarTransform4f().translate([x, 0, z])
+    return {"type": "rectangle", "to_world": turn, "bsdf": bsdf}
+
+
+@pytest.mark.parametrize(
+    "light", [point((0, 0, 50)), {"type": "directional", "direction": [0, 0, -1]}], ids=["p", "d"]
+)
+def test_walls_and_veils_take_their_share_of_a_light(plain: None, light: dict[str, Any]) -> None:
+    free = float(pm.received_power(scene_of(rx=receiver(), light=light), spp=16))
+    for name, part, share in (
+        ("wall", wall(0.02), 0.0),
+        ("half", wall(1e-3, 1.0), 0.5),
+        ("veil", wall(1.0, bsdf={"type": "mask", "opacity": 0.25, "b": BLACK}), 0.75),
+        ("behind", wall(-0.1), 1.0),
+    ):
+        found = both_readings(scene_of(rx=receiver(), light=light, **{name: part}))
+        assert found == pytest.approx([share * free] * 2, rel=0.01, abs=1e-14)
+
+
+def test_a_light_behind_a_receiver_brings_nothing(plain: None) -> None:
+    for light in (point((0, 0, -1)), {"type": "directional", "direction": [0, 0, 1]}):
+        assert both_readings(scene_of(rx=receiver(), light=light)) == (0.0, 0.0)
+
+
+def test_integrators_that_hide_emitters_leave_lights_out(plain: None) -> None:
+    integrator = {"type": "path", "hide_emitters": True}
+    scene = scene_of(rx=receiver(), light=point((0, 0, 2)), integrator=integrator)
+    assert both_readings(scene) == (0.0, 0.0)
+
+
+@compiled_slowly
+def test_a_mirror_shows_the_image_of_a_light(variant: str) -> None:
+    half = {"type": "twosided", "b": {"type": "conductor", "material": "none"}}
+    half["b"]["specular_reflectance"] = 0.5
+    to_world = mi.ScalarTransform4f().translate([1, 0, 0]).rotate([0, 1, 0], -90).scale([4, 4, 1])
+    mirror = {"type": "rectangle", "to_world": to_world, "bsdf": half}
+    place = np.array([0.3, 0.1, 2.0])
+    image = np.array([1.7, 0.1, 2.0])
+    found = pm.received_power(scene_of(rx=receiver(), lamp=point(place), mirror=mirror), spp=16)
+    paths = {path.mirrors: path for path in found.contributions[0].paths}
+    assert paths[()].power == pytest.approx(area(SQUARE, place), rel=SINGLE)
+    assert paths["mirror",].power == pytest.approx(0.5 * area(SQUARE, image), rel=SINGLE)
+    assert paths["mirror",].length == pytest.approx(float(np.linalg.norm(image)), rel=1e-6)
+    # and a plane wave, whose image comes from the other side
+    sun = {"type": "directional", "direction": (-along(0.3, math.pi)).tolist(), "irradiance": ONE}
+    found = pm.received_power(scene_of(rx=receiver(), sun=sun, mirror=mirror), spp=16)
+    paths = {path.mirrors: path for path in found.contributions[0].paths}
+    effective = directivity(SQUARE, 0.3, 0.0) * WAVELENGTH**2 / (4 * math.pi)
+    assert paths["mirror",].power == pytest.approx(0.5 * effective, rel=1e-4)
+
+
+def test_diffuse_light_of_a_lamp_is_found_by_samples(plain: None) -> None:
+    """A small plate in the far field of both: radiance rho I cos/(pi d^2)."""
+    half, rho = 0.02, 0.5
+    turn = mi.ScalarTransform4f().translate([0, 0, 3]).rotate([1, 0, 0], 180).scale([half, half, 1])
+    plate = {"type": "rectangle", "to_world": turn, "bsdf": {"type": "diffuse", "reflectance": rho}}
+    # the lamp stands behind the receiver's plane: no direct light
+    lamp = point((1.0, 0.0, -0.5))
+    found = pm.received_power(scene_of(rx=receiver(), lamp=lamp, plate=plate), spp=2048, seed=2)
+    squared = 1.0 + 3.5**2
+    radiance = rho / math.pi * (3.5 / math.sqrt(squared)) / squared
+    expected = radiance * (2 * half) ** 2 * area(SQUARE, (0, 0, 3))
+    assert found.direct == 0.0
+    assert abs(found.scattered - expected) < 5 * found.standard_error + 0.01 * expected
+
+
+def test_lamps_and_sources_add(plain: None) -> None:
+    pose = np.diag([-1.0, 1.0, -1.0, 1.0])
+    pose[2, 3] = 2.0
+    tx = pm.aperture(SQUARE, wavelength=WAVELENGTH, to_world=pose, power=1.0)
+    lamp = point((0.2, 0, 2.5))
+    found = pm.received_power(scene_of(rx=receiver(), tx=tx, lamp=lamp), spp=16)
+    b = complex(pw.coupling(SQUARE, SQUARE, pose, WAVELENGTH))
+    parts = {part.name: part for part in found.contributions}
+    assert parts["tx"].direct == pytest.approx(abs(b) ** 2, rel=SINGLE)
+    assert parts["other lights"].direct == pytest.approx(area(SQUARE, (0.2, 0, 2.5)), rel=SINGLE)
+    record = found.to_dict()["emitters"][-1]["paths"][0]
+    assert record["light"] == "lamp" and record["length_m"] == pytest.approx(math.hypot(0.2, 2.5))
+
+
+def test_a_map_has_the_light_in_the_pixel_of_its_direction(plain: None) -> None:
+    place = 2.0 * along(0.5, 0.0)
+    scene = scene_of(rx=receiver(film=(8, 8)), lamp=point(place))
+    image = pm.render(scene, spp=1)[..., 0]
+    row, column = divmod(int(image.argmax()), 8)
+    assert column == int((math.sin(0.5) + 1) / 2 * 8) and row == 4
+    assert image.sum() == pytest.approx(area(SQUARE, place), rel=SINGLE)
+
+
+def test_a_polarised_receiver_takes_half_of_a_lamp() -> None:
+    mi.set_variant("scalar_spectral_polarized")
+    lamp = point((0, 0, 2.0))
+    plain, own = (
+        float(pm.received_power(scene_of(rx=receiver(**how), lamp=lamp), spp=16))
+        for how in ({}, {"polarisation": "30 deg"})
+    )
+    assert plain == pytest.approx(area(SQUARE, (0, 0, 2.0)), rel=SINGLE)
+    assert own == pytest.approx(plain / 2, rel=SINGLE)
+
+
+# ---- what is refused ----------------------------------------------------------------------------
+
+
+def test_a_light_that_no_receiver_can_take_is_refused(plain: None) -> None:
+    light = {"type": "rectangle", "id": "beam", "emitter": {"type": "directionalarea"}}
+    scene = scene_of(rx=receiver(), beam=light)
+    for read in (pm.render, pm.received_power):
+        with pytest.raises(SceneError, match="single direction"):
+            read(scene, spp=16)
+    scene = scene_of(rx=receiver(obliquity="paper", estimator="wigner"), lamp=point((0, 0, 1)))
+    with pytest.raises(SceneError, match="obliquity 'paper'"):
+        pm.received_power(scene, spp=16)
+
+
+def test_other_renderers_warn_of_lights_that_they_miss(plain: None) -> None:
+    scene = scene_of(rx=receiver(), lamp=point((0, 0, 1)), integrator={"type": "path"})
+    with pytest.warns(RuntimeWarning, match="from 'lamp'; use"), pm.receiving(scene):
+        assert not np.array(mi.render(scene, spp=4)).any()

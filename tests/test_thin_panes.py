@@ -1,0 +1,191 @@
+"""Thin panes of glass: 2R/(1 + R) for each polarisation, and energy that adds up."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mitsuba_scenes import SQUARE, WAVELENGTH, coupled, scene_of
+from polywigner.errors import SceneError
+
+pytestmark = [pytest.mark.drjit, pytest.mark.llvm]
+pm = pytest.importorskip("polywigner.mitsuba")
+import mitsuba as mi  # noqa: E402 (after the package, which chooses the LLVM library)
+
+from polywigner.mitsuba.mirrors import Surface  # noqa: E402
+
+# Rays of an aperture meet a pane at angles that differ by some milliradians.
+RAYS = 2e-4
+BREWSTER = math.atan(4.0)
+SLOW = pytest.mark.slow
+CASES = [
+    pytest.param(1.5, 0.3, marks=SLOW),
+    (1.5, 1.3),
+    (4.0, BREWSTER),
+    pytest.param(0.6, 0.4, marks=SLOW),
+    (0.6, 0.9),
+]
+
+
+def looking(place: Any, towards: Any) -> np.ndarray:
+    pose = np.eye(4)
+    z = np.asarray(towards, float) / np.linalg.norm(towards)
+    x = np.cross((0.0, 0.0, 1.0), z)
+    x /= np.linalg.norm(x)
+    pose[:3] = np.stack([x, np.cross(z, x), z, np.asarray(place, float)], axis=-1)
+    return pose
+
+
+def summed_pane(index: float, angle: float) -> tuple[list[float], list[float]]:
+    """Reflectance and transmittance for both polarisations, internal reflections one by one."""
+    cosine = math.cos(angle)
+    root = np.sqrt(index**2 - math.sin(angle) ** 2 + 0j)
+    faces = [
+        abs((cosine - root) / (cosine + root)) ** 2,
+        abs((index**2 * cosine - root) / (index**2 * cosine + root)) ** 2,
+    ]
+    reflected, passed = [], []
+    for face in faces:
+        orders = face ** np.arange(1000.0)
+        passed.append(float(np.sum((1 - face) ** 2 * orders[::2])))
+        reflected.append(float(face + np.sum((1 - face) ** 2 * orders[1::2])))
+    return reflected, passed
+
+
+def powers(index: float, angle: float, polarisation: str, is_across: bool, **pane: Any) -> Any:
+    """A scene with a pane in z = 0, two ends a metre from it, on one side or across it."""
+    s, c = math.sin(angle), math.cos(angle)
+    other = looking((s, 0, -c), (-s, 0, c)) if is_across else looking((s, 0, c), (-s, 0, -c))
+    own = {"polarisation": polarisation} if mi.is_polarized else {}
+    bsdf = pane or {"type": "thindielectric", "int_ior": index, "ext_ior": 1.0}
+    to_world = mi.ScalarTransform4f().scale([10.0, 10.0, 1.0])
+    return scene_of(
+        tx=pm.aperture(
+            SQUARE, WAVELENGTH, to_world=looking((-s, 0, c), (s, 0, -c)), power=1.0, **own
+        ),
+        rx=pm.receiver(SQUARE, WAVELENGTH, to_world=other, **own),
+        pane={"type": "rectangle", "to_world": to_world, "bsdf": bsdf},
+    )
+
+
+def free() -> float:
+    """Received power over two metres with nothing in between."""
+    ends = looking((0, 0, 0), (1, 0, 0)), looking((2, 0, 0), (-1, 0, 0))
+    return abs(coupled(SQUARE, ends[0], SQUARE, ends[1], WAVELENGTH)) ** 2
+
+
+def of_channel(scene: Any, polarisation: str, mirrors: str) -> float:
+    found = pm.channel(scene, polarisation=polarisation)
+    here = found["mirrors"].values == mirrors
+    return float((np.abs(found["amplitude"].values[0, 0, 0, here]) ** 2).sum()) / free()
+
+
+def of_power(scene: Any, mirrors: tuple[str, ...], **how: Any) -> float:
+    (part,) = pm.received_power(scene, spp=16, **how).contributions
+    return math.fsum(path.power for path in part.paths if path.mirrors == mirrors) / free()
+
+
+@pytest.mark.parametrize(("index", "angle"), CASES)
+def test_a_pane_reflects_and_transmits_each_polarisation_by_itself(
+    index: float, angle: float
+) -> None:
+    mi.set_variant("llvm_ad_mono")
+    reflected, passed = summed_pane(index, angle)
+    for number, polarisation in enumerate("xy"):
+        back, through = (powers(index, angle, polarisation, far) for far in (False, True))
+        found = of_channel(back, polarisation, "pane"), of_channel(through, polarisation, "")
+        assert found == pytest.approx((reflected[number], passed[number]), abs=RAYS)
+        assert sum(found) == pytest.approx(1.0, abs=RAYS)
+        how: dict[str, Any] = {"coherent": True, "polarisation": polarisation}
+        assert of_power(back, ("pane",), **how) == pytest.approx(reflected[number], abs=RAYS)
+    # unpolarised light is half of each
+    assert of_power(back, ("pane",)) == pytest.approx(np.mean(reflected), abs=RAYS)
+    assert of_power(through, ()) == pytest.approx(np.mean(passed), abs=RAYS)
+
+
+@pytest.mark.parametrize("polarisation", ["x", "y", "30 deg", "right"])
+def test_polarised_power_by_a_pane_is_that_of_its_channel(polarisation: str) -> None:
+    mi.set_variant("llvm_ad_mono_polarized")
+    for is_across, mirrors in ((False, "pane"), (True, "")):
+        scene = powers(2.0, 0.9, polarisation, is_across)
+        expected = of_channel(scene, polarisation, mirrors)
+        chain = (mirrors,) if mirrors else ()
+        assert of_power(scene, chain) == pytest.approx(expected, abs=RAYS)
+    if polarisation in "xy":
+        passed = summed_pane(2.0, 0.9)[1]
+        assert expected == pytest.approx(passed["xy".index(polarisation)], abs=RAYS)
+
+
+def test_a_masked_pane_covers_the_part_that_its_mask_leaves() -> None:
+    mi.set_variant("llvm_ad_mono")
+    pane = {
+        "type": "mask",
+        "opacity": 0.3,
+        "b": {"type": "thindielectric", "int_ior": 4.0, "ext_ior": 1.0},
+    }
+    reflected, passed = summed_pane(4.0, 0.7)
+    for number, polarisation in enumerate("xy"):
+        back, through = (powers(4.0, 0.7, polarisation, far, **pane) for far in (False, True))
+        expected = 0.3 * reflected[number], 0.7 + 0.3 * passed[number]
+        found = of_channel(back, polarisation, "pane"), of_channel(through, polarisation, "")
+        assert found == pytest.approx(expected, abs=RAYS)
+    assert of_power(back, ("pane",)) == pytest.approx(0.3 * np.mean(reflected), abs=RAYS)
+    assert of_power(through, ()) == pytest.approx(0.7 + 0.3 * np.mean(passed), abs=RAYS)
+
+
+def test_tinted_glass_reflects_and_transmits_its_share() -> None:
+    mi.set_variant("llvm_ad_mono")
+    glass = {"type": "thindielectric", "int_ior": 1.5, "ext_ior": 1.0}
+    glass |= {"specular_transmittance": 0.5, "specular_reflectance": 0.25}
+    reflected, passed = summed_pane(1.5, 1.0)
+    back, through = (powers(1.5, 1.0, "x", far, **glass) for far in (False, True))
+    assert of_channel(back, "x", "pane") == pytest.approx(0.25 * reflected[0], abs=RAYS)
+    assert of_channel(through, "x", "") == pytest.approx(0.5 * passed[0], abs=RAYS)
+
+
+def test_two_panes_that_are_turned_pass_the_product_of_their_field_matrices() -> None:
+    """The planes of incidence are at right angles: each polarisation is once across, once in it."""
+    mi.set_variant("llvm_ad_mono")
+    one, other = looking((0, 0, 0), (1, 0, 0)), looking((2, 0, 0), (-1, 0, 0))
+    glass = {"type": "thindielectric", "int_ior": 3.0, "ext_ior": 1.0}
+    turn = mi.ScalarTransform4f
+    upright = turn().rotate([0, 1, 0], 90)
+    panes = {
+        "a": turn().translate([0.7, 0, 0]).rotate([0, 0, 1], 40) @ upright,
+        "b": turn().translate([1.3, 0, 0]).rotate([0, 1, 0], 60) @ upright,
+    }
+    _, first = summed_pane(3.0, math.radians(40))
+    _, second = summed_pane(3.0, math.radians(60))
+    # a turns about z: E along z (y of both ends) is across; b turns about y
+    expected = {"y": first[0] * second[1], "x": first[1] * second[0]}
+    scene = scene_of(
+        tx=pm.aperture(SQUARE, WAVELENGTH, to_world=one, power=1.0),
+        rx=pm.receiver(SQUARE, WAVELENGTH, to_world=other),
+        **{
+            name: {"type": "rectangle", "to_world": pose.scale([0.3, 0.3, 1]), "bsdf": glass}
+            for name, pose in panes.items()
+        },
+    )
+    for polarisation, power in expected.items():
+        assert of_channel(scene, polarisation, "") == pytest.approx(power, abs=3 * RAYS)
+
+
+def test_a_polarising_filter_between_waves_is_refused() -> None:
+    mi.set_variant("llvm_ad_mono")
+    scene = powers(1.0, 0.5, "x", True, type="polarizer")
+    with pytest.raises(SceneError, match="polarising filter 'pane'"):
+        pm.channel(scene)
+    assert of_power(scene, ()) == pytest.approx(0.5, abs=RAYS)
+
+
+@pytest.mark.parametrize("index", [1.5, 4.0, 0.6, 1.5 + 0.2j, 0.2 + 3.0j, None])
+@pytest.mark.parametrize("is_thin", [False, True])
+def test_no_mirror_reflects_more_than_arrives(index: complex | None, is_thin: bool) -> None:
+    cosines = np.linspace(0.0, 1.0, 501)
+    for coefficient in Surface(index, is_thin).coefficients(cosines):
+        assert np.abs(coefficient).max() <= 1.0 + 1e-12
+    across, along = Surface(index, is_thin).coefficients(np.array([1.0]))
+    assert abs(across) == pytest.approx(abs(along))  # one polarisation at normal incidence
