@@ -227,7 +227,7 @@ def test_a_polarised_receiver_takes_half_of_a_lamp() -> None:
     lamp = point((0, 0, 2.0))
     plain, own = (
         float(pm.received_power(scene_of(rx=receiver(**how), lamp=lamp), spp=16))
-        for how in ({}, {"polarisation": "30 deg"})
+        for how in ({"polarisation": "unpolarised"}, {"polarisation": "30 deg"})
     )
     assert plain == pytest.approx(area(SQUARE, (0, 0, 2.0)), rel=SINGLE)
     assert own == pytest.approx(plain / 2, rel=SINGLE)

@@ -263,7 +263,7 @@ def paths_between(
             by = link + "".join(f" by {name!r}" for name in names_of(way))
             notes.append(f"{by}: {' and '.join(reasons)}")
     if len(paths) > 1 and paths[0].way == () and not ends[0].is_polarised:
-        line = np.array([emitter.middle, receiver.middle])
+        line = _Legs(np.array([emitter.middle, receiver.middle]), [np.eye(3)])
         match = abs(_turned(ends[0].parts[0][1], ends[1].parts[0][1], ends, (), line)) ** 2
         if match < _MATCHED:
             notes.append(
@@ -294,7 +294,8 @@ def _path(
     for (sent, p), (taken, q) in product(*(end.parts for end in ends)):
         both = facing_parts(sent.image(chain), taken)
         if both is not None:
-            links.append((1.0 if is_scalar else _turned(p, q, ends, chain, leg), both))
+            factor = leg.transmission if is_scalar else _turned(p, q, ends, chain, leg)
+            links.append((factor, both))
     edges = None if meshes is None else cache(partial(_edges, meshes, facing, taking, chain))
     notes = [BEHIND] if parts.share < 1 else []
     if passing < 1 and not chain and meshes is None:
@@ -329,6 +330,14 @@ class _Legs(NamedTuple):
     def length(self) -> float:
         """m."""
         return float(np.linalg.norm(np.diff(self.points, axis=0), axis=1).sum())
+
+    @property
+    def transmission(self) -> float:
+        """Amplitude transmission of the thin panes of the first leg for unpolarised light."""
+        along = self.points[1] - self.points[0]
+        along /= np.linalg.norm(along)
+        across = self.panes[0] @ (np.eye(3) - np.outer(along, along))
+        return float(np.linalg.norm(across) / math.sqrt(2.0))
 
 
 def _turned(

@@ -27,6 +27,7 @@ from polywigner.illumination.obliquities import CONDITIONS
 from polywigner.mitsuba.mirrors import Mirror
 from polywigner.mitsuba.passing import RAYS, corners, points_on, traced
 from polywigner.mitsuba.placement import PlacedSource, is_source
+from polywigner.mitsuba.scene_order import sorted_emitters
 from polywigner.mitsuba.visibility import bounds_of
 from polywigner.propagation.amplitudes import amplitude
 
@@ -77,7 +78,7 @@ class DeltaPath:
 def delta_lights(scene: Any) -> list[DeltaLight]:
     """Return the lights of a scene that no ray meets by chance, coherent sources left out."""
     found = []
-    for number, emitter in enumerate(scene.emitters()):
+    for number, emitter in enumerate(sorted_emitters(scene)):
         if is_source(emitter):
             continue
         flags, name = emitter.flags(), emitter.id() or f"light {number}"

@@ -22,7 +22,7 @@ from polywigner.geometry.arguments import (
 )
 from polywigner.mitsuba.delta_lights import delta_lights, delta_paths
 from polywigner.mitsuba.films import Exposure, tiling_of
-from polywigner.mitsuba.mirrors import chains_of, mirrors_of
+from polywigner.mitsuba.mirrors import chains_of, smooth_shapes
 from polywigner.mitsuba.placement import PLACE_ERROR, is_source, matrix_of, placed_receiver
 from polywigner.mitsuba.plugins import one_at_a_time
 from polywigner.mitsuba.receiver import is_receiver, sensors_of
@@ -150,7 +150,7 @@ def with_delta_lights(
         return image
     place = placed_receiver(camera, 0).touching(scene)
     most = _MOST_MIRRORS if depth < 0 else min(_MOST_MIRRORS, depth - 1)
-    mirrors, _ = mirrors_of(scene, place.scene_unit)
+    mirrors = smooth_shapes(scene, place.scene_unit).mirrors
     result = image.astype(np.float64)
     rows, columns, channels = image.shape
     for path in delta_paths(scene, place, [(), *chains_of(mirrors, most)]):

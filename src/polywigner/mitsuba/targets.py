@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 from polywigner.geometry.faces import connected
 from polywigner.mitsuba.receiver import is_receiver
 from polywigner.mitsuba.scene_order import sorted_emitters, sorted_shapes
-from polywigner.mitsuba.visibility import bounds_of
 from polywigner.mitsuba.scenes import is_source
+from polywigner.mitsuba.visibility import bounds_of
 
 Floats = NDArray[np.float64]
 
