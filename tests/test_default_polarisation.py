@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import math
 from pathlib import Path
@@ -132,7 +133,8 @@ def test_a_source_without_a_polarisation_is_seen_polarised_along_its_y_axis() ->
 @pytest.mark.llvm
 def test_a_diffuse_floor_returns_half_to_the_default_and_ranges_and_scatterers_agree() -> None:
     """A diffuse surface undoes polarisations: one mode takes half of what all take."""
-    pytest.importorskip("mitransient")
+    if importlib.util.find_spec("mitransient") is None:  # importing it sets a default variant
+        pytest.skip("mitransient is not installed")
     use(POLARISED)
     side = np.eye(4)
     side[0, 3] = 0.25
