@@ -171,7 +171,7 @@ def _write(pattern: Any, path: Path) -> None:
             **pattern.attrs,
             "azimuth_deg": np.degrees(azimuth).tolist(),
             "elevation_deg": np.degrees(elevation).tolist(),
-            "rcs_m2": values.tolist(),
+            "rcs_m2": np.where(np.isnan(values), None, values).tolist(),
         }
         path.write_text(json.dumps(content) + "\n", encoding="utf-8")
         return
@@ -181,9 +181,9 @@ def _write(pattern: Any, path: Path) -> None:
 def _summary(patterns: Sequence[Any], floor_db: float) -> str:
     import numpy as np
 
-    pattern = max(patterns, key=lambda found: float(found["rcs"].values.max()))
+    pattern = max(patterns, key=lambda found: float(found.attrs["largest_rcs"]))
     values = pattern["rcs"].values
-    i, j = np.unravel_index(int(values.argmax()), values.shape)
+    i, j = np.unravel_index(int(np.nanargmax(values)), values.shape)
     peak = 10 * math.log10(values[i, j])
     azimuth, elevation = (
         math.degrees(pattern[name].values[k]) for name, k in (("azimuth", i), ("elevation", j))

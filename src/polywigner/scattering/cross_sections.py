@@ -50,6 +50,10 @@ _REFLECTIONS = {1: "one reflection", 2: "two reflections", 3: "three reflections
 MOST_BOUNCES = max(_REFLECTIONS)
 # Directions of a pattern in one call.
 _TOGETHER = 200
+# cos(pi/2) is 6e-17. Along the z axis backscatter of one reflection is the same for any azimuth.
+# Other cross sections depend on the azimuth, by their polarisations and by which walls count as seen:
+# they are computed so many rad off the axis, where walls are no longer edge-on.
+_AT_POLE, _NEAR_POLE = 1e-15, 1e-9
 # In rad: parts of faces in shadows are good to 1e-12 of their amplitude, and the square is left of
 # the edges' motion in turns of phase.
 _STEP = 1e-5
@@ -115,7 +119,8 @@ def rcs(
 
     Returns
     -------
-    (...) floats in m^2. With ``source``, the cross section of a small body that would send back as
+    (...) floats in m^2; NaN, with a warning, in directions whose lit polygons cannot be computed.
+    With ``source``, the cross section of a small body that would send back as
     much power from the middle of the box around the body, which tends to that of antennas far
     away; with ``return_power`` a pair of that and of |b|^2 (...). Errors are some 1e-15 of the
     amplitude of a plate of all lit faces, times the body's size in wavelengths where that is above
@@ -391,7 +396,8 @@ def rcs_pattern(
     body : as for :func:`rcs`.
     wavelength : in m; or ``frequency=`` in Hz.
     azimuth : (n,) angles in rad about z, from +x towards +y; or one.
-    elevation : (m,) angles in rad above the plane z = 0, from -pi/2 to pi/2; or one.
+    elevation : (m,) angles in rad above the plane z = 0, from -pi/2 to pi/2; or one. At -pi/2 and
+        pi/2 the value is the limit for each azimuth: polarisations follow the azimuth there too.
     to_transmitter : unit vector (3,) towards a transmitter that stays; None: it is with the radar.
     polarisation : None, "vv", "hh", "vh" or "hv", as for :func:`rcs`.
     bounces : reflections that count, 1, 2 or 3, as for :func:`rcs`.
@@ -426,13 +432,20 @@ def rcs_pattern(
     facets = facets_of(body)
     bounces = checked_count(bounces, "bounces", 1, MOST_BOUNCES)
     values = np.empty((len(around), len(above)))
+    pole = 0.0 if transmitter is None and bounces == 1 else _NEAR_POLE
     with progress_bar("radar cross sections", len(around), show=progress) as advance:
         # beams of several directions are followed together
         rows = 1 if bounces == 1 else max(1, _TOGETHER // len(above))
         for start in range(0, len(around), rows):
             some = slice(start, start + rows)
-            to_radar = _towards(around[some, None], above)
-            values[some] = rcs(body, to_radar, length, transmitter, channel, bounces=bounces)
+            to_radar = _towards(around[some, None], above, pole)
+            try:
+                values[some] = rcs(body, to_radar, length, transmitter, channel, bounces=bounces)
+            except ArgumentError as error:  # too many overlaps or beams, in these directions alone
+                if start == 0:
+                    raise
+                values[some] = np.nan
+                warn_caller(f"directions are NaN: {error}")
             advance(len(to_radar))
     about: dict[str, Any] = {
         "wavelength": length,
@@ -440,7 +453,7 @@ def rcs_pattern(
         "polarisation": channel or "all, mean over incident ones",
         "bounces": bounces,
         "triangles": len(facets.corner),
-        "largest_rcs": float(values.max()),
+        "largest_rcs": float(np.fmax.reduce(values, axis=None)),
     }
     if transmitter is not None:
         about["to_transmitter"] = transmitter.tolist()
@@ -460,10 +473,12 @@ def rcs_pattern(
     return labelled_arrays({"rcs": labelled_array(values, tuple(axes), of_values)}, angles, about)
 
 
-def _towards(azimuth: Floats, elevation: Floats) -> Floats:
-    """Unit vectors (n, m, 3) of angles (n, 1) and (m,)."""
+def _towards(azimuth: Floats, elevation: Floats, pole: float) -> Floats:
+    """Unit vectors (n, m, 3) of angles (n, 1) and (m,).
+
+    ``pole``: the distance from the z axis of directions along it, in rad.
+    """
     across = np.cos(elevation)
-    # cos(pi/2) is 6e-17: what stands upright is seen edge-on from above
-    across = np.where(np.abs(across) < 1e-15, 0.0, across)
+    across = np.where(np.abs(across) < _AT_POLE, pole, across)
     x, y = across * np.cos(azimuth), across * np.sin(azimuth)
     return np.stack([x, y, np.broadcast_to(np.sin(elevation), x.shape)], axis=-1)

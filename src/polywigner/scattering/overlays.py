@@ -23,8 +23,8 @@ GRID = 1e-14
 # Grids where GEOS fails, as fractions of the extent. The last one moves edges by less than rounding
 # to single precision does.
 _GRIDS = (GRID, 1e-12, 1e-10)
-# Area that is neglected, as a fraction of the square of the figure.
-_NOTHING = 1e-12
+# Rounding of areas, as a fraction of the extent times a length of the outline.
+_ROUNDING = 1e-14
 
 
 def intersections(one: Shapes, other: Shapes, grid: float | None = None) -> Shapes:
@@ -33,8 +33,19 @@ def intersections(one: Shapes, other: Shapes, grid: float | None = None) -> Shap
 
 
 def differences(one: Shapes, other: Shapes, grid: float | None = None) -> Shapes:
-    """Polygons (m,) less other polygons (m,); ``grid``: of their corners."""
-    return _overlay(shapely.difference, one, other, grid)
+    """Polygons (m,) less other polygons (m,); ``grid``: of their corners.
+
+    Without a grid GEOS may lose a narrow polygon. It has done so if the area is less than that of
+    the polygon less the intersection.
+    """
+    result = _overlay(shapely.difference, one, other, grid)
+    if grid is None and len(one):
+        common = _overlay(shapely.intersection, one, other, None)
+        extent = float(np.abs(shapely.total_bounds(one)).max())
+        lost = shapely.area(one) - shapely.area(result) - shapely.area(common)
+        some = np.abs(lost) > _ROUNDING * extent * shapely.length(one)
+        result[some] = _overlay(shapely.difference, one[some], other[some], GRID * extent)
+    return result
 
 
 def unions(polygons: Shapes, numbers: NDArray[np.intp], extent: float) -> Shapes:
@@ -55,7 +66,7 @@ def unions(polygons: Shapes, numbers: NDArray[np.intp], extent: float) -> Shapes
     sums = np.bincount(numbers, shapely.area(polygons))
     try:
         result = shapely.union_all(groups, axis=1)  # along an axis of length one: of each group
-        some = sums - shapely.area(result) > _NOTHING * extent**2
+        some = sums - shapely.area(result) > _ROUNDING * extent**2
         result[some] = shapely.union_all(groups[some], grid_size=GRID * extent, axis=1)
     except GEOSException:
         every = groups[:, 0]

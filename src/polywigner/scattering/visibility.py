@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.scattering.facets import Facets
-from polywigner.scattering.overlays import Shapes, differences, intersections, mended, unions
+from polywigner.scattering.overlays import GRID, Shapes, differences, intersections, mended, unions
 from polywigner.scattering.surface_sums import Pieces
 
 Floats = NDArray[np.float64]
@@ -21,6 +21,9 @@ Indices = NDArray[np.intp]
 # Lengths that count as none, as a fraction of the size of the whole: a hundred times what rounding
 # does to a projection, and still too little to shadow anything.
 NOTHING = 1e-12
+# Widths of triangles in the same unit that can be cut: parts below NOTHING times their outline count
+# as hidden, and a whole triangle must be more than that.
+_WIDTH = 8.0
 # Pairs of triangles that overlap as they are seen: half a gigabyte of polygons. Of long ones that
 # stand before one, any two may cross: so many take a minute or two.
 _MOST_PAIRS, _BLOCK, _MOST_CROSSINGS = 1 << 20, 256, 2e7
@@ -54,7 +57,7 @@ class Projected:
     def has_width(self) -> NDArray[np.bool_]:
         """(n,) whether they are more than lines, after rounding."""
         longest = np.linalg.norm(self.sides, axis=2).max(axis=1)
-        return np.asarray(self.area > NOTHING * self.size * longest)
+        return np.asarray(self.area > _WIDTH * NOTHING * self.size * longest)
 
     @property
     def slopes(self) -> Floats:
@@ -296,7 +299,7 @@ def less_hidden(lit: Seen, seen: Seen, faces: NDArray[np.int8]) -> Seen:
     (cut,) = np.nonzero(turned & (seen.signs != 0) & ~shapely.is_missing(seen.parts))
     one = parts[cut]
     one[shapely.is_missing(one)] = _TRIANGLE
-    parts[cut] = intersections(mended(one), mended(seen.parts[cut]))
+    parts[cut] = intersections(mended(one), mended(seen.parts[cut]), GRID)
     return Seen(signs, parts)
 
 
