@@ -34,7 +34,8 @@ from polywigner.scattering.antennas import (
     spherical_axes,
 )
 from polywigner.scattering.beams import lit_sums, sums_of_beams
-from polywigner.scattering.facets import Body, Facets, facets_of, warn_of_corners
+from polywigner.scattering.facets import Body, Facets, facets_of
+from polywigner.scattering.interreflections import warn_of_reflections
 from polywigner.scattering.near_fields import near_sections
 from polywigner.transforms.xarray_arguments import labelled_array, labelled_arrays
 
@@ -51,8 +52,8 @@ MOST_BOUNCES = max(_REFLECTIONS)
 # Directions of a pattern in one call.
 _TOGETHER = 200
 # cos(pi/2) is 6e-17. Along the z axis backscatter of one reflection is the same for any azimuth.
-# Other cross sections depend on the azimuth, by their polarisations and by which walls count as seen:
-# they are computed so many rad off the axis, where walls are no longer edge-on.
+# Other cross sections depend on it through their polarisations and the walls that are seen: they are
+# computed at this angle in rad from the axis, where walls are not edge-on.
 _AT_POLE, _NEAR_POLE = 1e-15, 1e-9
 # In rad: parts of faces in shadows are good to 1e-12 of their amplitude, and the square is left of
 # the edges' motion in turns of phase.
@@ -218,7 +219,7 @@ def _sections(
         for vectors in (receiver, transmitter, *polarisations)
     )
     if bounces == 1:
-        warn_of_corners(facets, -t)
+        warn_of_reflections(facets, -t)
     flat = np.broadcast_to(lengths, shape).ravel()
     sums, later = sums_of_beams(facets, -t, s, flat, to_transmitter is None, bounces)
     areas = 4 * np.pi / flat**2 * _power(sums, later, -t, s, both)

@@ -31,7 +31,8 @@ from polywigner.scattering.antennas import (
     spherical_axes,
 )
 from polywigner.scattering.beams import sums_of_beams
-from polywigner.scattering.facets import Facets, warn_of_corners
+from polywigner.scattering.facets import Facets
+from polywigner.scattering.interreflections import warn_of_reflections
 from polywigner.scattering.surface_sums import Pieces, transforms
 from polywigner.scattering.visibility import (
     Seen,
@@ -249,7 +250,7 @@ def near_sections(
     if to_transmitter is not None:
         there = checked_places("to_transmitter", to_transmitter, facets.middle)
     to_sender = directions_of(there)
-    warn_of_corners(facets, -to_sender.reshape(-1, 3))
+    warn_of_reflections(facets, -to_sender.reshape(-1, 3))
     jones = _jones_vectors(polarisation, receiver or source, source)
     named = None if jones[0] is not None else polarisation
     q, p = _polarisations(named, directions_of(here), to_sender)

@@ -21,8 +21,8 @@ Indices = NDArray[np.intp]
 # Lengths that count as none, as a fraction of the size of the whole: a hundred times what rounding
 # does to a projection, and still too little to shadow anything.
 NOTHING = 1e-12
-# Widths of triangles in the same unit that can be cut: parts below NOTHING times their outline count
-# as hidden, and a whole triangle must be more than that.
+# Least width of triangles that are cut, in the same unit: parts of an area below NOTHING times their
+# outline count as hidden, and whole triangles must be larger.
 _WIDTH = 8.0
 # Pairs of triangles that overlap as they are seen: half a gigabyte of polygons. Of long ones that
 # stand before one, any two may cross: so many take a minute or two.
@@ -111,9 +111,7 @@ def _apart(seen: Projected, one: Indices, other: Indices) -> NDArray[np.bool_]:
     return apart
 
 
-def _nearer_parts(
-    seen: Projected, hidden: Indices, before: Indices
-) -> tuple[Indices, Shapes]:
+def _nearer_parts(seen: Projected, hidden: Indices, before: Indices) -> tuple[Indices, Shapes]:
     """Numbers of hidden triangles, and the parts of others nearer than the planes of these."""
     slopes = seen.slopes
     place = seen.points[before] - seen.points[hidden, :1]
