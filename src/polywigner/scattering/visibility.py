@@ -21,8 +21,8 @@ Indices = NDArray[np.intp]
 # Lengths that count as none, as a fraction of the size of the whole: a hundred times what rounding
 # does to a projection, and still too little to shadow anything.
 NOTHING = 1e-12
-# Least width of triangles that are cut, in the same unit: parts of an area below NOTHING times their
-# outline count as hidden, and whole triangles must be larger.
+# Least width of triangles that are cut, in the same unit: parts whose area is below NOTHING times
+# their outline count as hidden, and whole triangles must be larger.
 _WIDTH = 8.0
 # Pairs of triangles that overlap as they are seen: half a gigabyte of polygons. Of long ones that
 # stand before one, any two may cross: so many take a minute or two.
