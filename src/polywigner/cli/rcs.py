@@ -113,7 +113,7 @@ def rcs(
     saved = SavedParts(files[0].with_suffix(".parts.npz"), one, [asked, asked_of_cuts, places])
     wavelengths = facets_of(metal).size / length
     if saved.steps is None:
-        seconds = _seconds(one)
+        seconds = seconds_of_direction(one)
         degrees = _enough(seconds) if asked is None else asked
         fine = _of_cuts(seconds, wavelengths) if asked_of_cuts is None else asked_of_cuts
         _say_time(seconds, 90.0 / round(90.0 / degrees), fine)
@@ -134,7 +134,7 @@ def rcs(
     *cuts, pattern = saved.computed(wanted, (degrees, fine))
     title = field_title(body, length)
     figure = draw_rcs(pattern, cuts=cuts, smooth=width, floor_db=floor_db, title=title)
-    values = [pattern if name == ".nc" else partial(_write, pattern) for name in suffixes]
+    values = [pattern if name == ".nc" else partial(write_values, pattern) for name in suffixes]
     contents = [figure, partial(_write_rows, cuts), *values]
     write(files, contents, _summary([pattern, *cuts], floor_db))
     saved.remove()
@@ -170,7 +170,8 @@ def _write_rows(patterns: Sequence[Any], path: Path) -> None:
     np.savetxt(path, np.concatenate(rows), "%.12g", ",", header=header, comments="")
 
 
-def _write(pattern: Any, path: Path) -> None:
+def write_values(pattern: Any, path: Path) -> None:
+    """Write the values of a pattern as CSV or JSON, with null or nan for failed directions."""
     import numpy as np
 
     azimuth, elevation, values = (pattern[n].values for n in ("azimuth", "elevation", "rcs"))
@@ -217,7 +218,7 @@ def _warn_of_lobes(name: str, step: float, wavelengths: float, option: str) -> N
         )
 
 
-def _seconds(pattern: Pattern) -> float:
+def seconds_of_direction(pattern: Pattern) -> float:
     """Measure the seconds that a direction takes, on directions spread evenly over all angles."""
     import numpy as np
 

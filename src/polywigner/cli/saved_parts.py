@@ -57,13 +57,17 @@ class SavedParts:
             sys.stderr.write(f"polywigner: continues at {done} of {total} directions\n")
         with progress_bar("directions", total, done) as advance:
             saved = time.monotonic()
-            for pattern, values, rows in zip(patterns, every, missing, strict=True):
-                for numbers, part in pattern.parts(rows):
-                    values[numbers] = part
-                    advance(part.size)
-                    if time.monotonic() - saved > _INTERVAL:
-                        self._write(every, steps)
-                        saved = time.monotonic()
+            try:
+                for pattern, values, rows in zip(patterns, every, missing, strict=True):
+                    for numbers, part in pattern.parts(rows):
+                        values[numbers] = part
+                        advance(part.size)
+                        if time.monotonic() - saved > _INTERVAL:
+                            self._write(every, steps)
+                            saved = time.monotonic()
+            except KeyboardInterrupt:
+                self._write(every, steps)
+                raise
         pairs = zip(patterns, every, strict=True)
         return [pattern.dataset(values) for pattern, values in pairs]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
@@ -406,7 +407,9 @@ def _running_median(angles: Floats, levels: Floats, width: float) -> Floats:
     half = min(int(width / (2 * abs(angles[1] - angles[0]))), (len(levels) - 1) // 2)
     padded = np.pad(levels, half, mode="edge")
     windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1)
-    return np.asarray(np.nanmedian(windows, axis=1))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # medians of NaN alone are NaN
+        return np.asarray(np.nanmedian(windows, axis=1))
 
 
 def _checked_rcs(pattern: Any, least: tuple[int, int] = (2, 2)) -> tuple[Floats, Floats, Floats]:

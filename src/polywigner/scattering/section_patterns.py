@@ -38,7 +38,7 @@ _MOST_WARNED = 4096
 # cos(pi/2) is 6e-17. Along the z axis backscatter of one reflection is the same for any azimuth.
 # Other cross sections depend on it through their polarisations and the walls that are seen. They
 # are computed at this angle in rad from the axis, where walls are not edge-on.
-_AT_POLE, _NEAR_POLE = 1e-15, 1e-9
+_AT_POLE, _NEAR_POLE = 1e-15, 1e-8
 
 
 @takes_frequency
