@@ -180,7 +180,9 @@ def write_values(pattern: Any, path: Path) -> None:
             **pattern.attrs,
             "azimuth_deg": np.degrees(azimuth).tolist(),
             "elevation_deg": np.degrees(elevation).tolist(),
-            "rcs_m2": np.where(np.isnan(values), None, values).tolist(),
+            "rcs_m2": [
+                [None if math.isnan(value) else value for value in row] for row in values.tolist()
+            ],
         }
         path.write_text(json.dumps(content) + "\n", encoding="utf-8")
         return

@@ -48,9 +48,9 @@ class SavedParts:
             pass  # no file, or another one: it is replaced
 
     def computed(self, patterns: Sequence[Pattern], steps: tuple[float, float]) -> list[Any]:
-        """Return the datasets of patterns with these steps; compute what the file lacks."""
+        """Return the datasets of patterns with these steps, computed where the file has no values."""
         every = self._values if self.steps else [np.full(one.shape, np.nan) for one in patterns]
-        missing = [np.isnan(values).any(axis=1) for values in every]
+        missing = [np.asarray(np.isnan(values).any(axis=1)) for values in every]
         total = sum(values.size for values in every)
         done = sum(values[~rows].size for values, rows in zip(every, missing, strict=True))
         if done:
@@ -76,7 +76,7 @@ class SavedParts:
         self._path.unlink(missing_ok=True)
 
     def _write(self, every: Sequence[NDArray[np.float64]], steps: tuple[float, float]) -> None:
-        arrays = {f"values_{k}": values for k, values in enumerate(every)}
+        arrays: dict[str, Any] = {f"values_{k}": values for k, values in enumerate(every)}
         self._path.parent.mkdir(parents=True, exist_ok=True)
         with atomic_path(self._path) as scratch:
             np.savez(scratch, key=self._key, steps=steps, **arrays)

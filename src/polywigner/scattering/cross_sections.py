@@ -118,8 +118,8 @@ def rcs(
     Warns
     -----
     PolywignerWarning, once for a line of your code, where a face is smaller than a square
-    wavelength (facets that join smoothly are one face), and with ``bounces=1`` where faces light
-    each other across a concave edge, as in corner reflectors.
+    wavelength (facets that join smoothly are one face), and with ``bounces=1`` where the wave goes
+    from one face to another, as in corner reflectors; they need not touch.
 
     Raises
     ------

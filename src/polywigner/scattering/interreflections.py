@@ -1,4 +1,4 @@
-"""Faces that light each other, so that what comes back includes later reflections."""
+"""The warning of bodies whose faces light each other, so that later reflections matter."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def lights_itself(facets: Facets, travelling: Floats) -> bool:
 
 
 class _Pairs(NamedTuple):
-    """Sides of triangles (n,) of which each stands in front of the other's plane."""
+    """Sides of triangles (n,) in front of each other's planes."""
 
     one: Indices
     other: Indices
@@ -67,7 +67,8 @@ class _Pairs(NamedTuple):
     """(n, 3)"""
 
     def taken(self, rows: Indices) -> _Pairs:
-        return _Pairs(*(column[rows] for column in self))
+        vectors = self.normal[rows], self.other_normal[rows]
+        return _Pairs(self.one[rows], self.other[rows], *vectors)
 
 
 @lru_cache(maxsize=16)
