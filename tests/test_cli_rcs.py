@@ -5,8 +5,11 @@ from __future__ import annotations
 import csv
 import json
 import math
+import time
 import warnings
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +18,10 @@ import polywigner as pw
 from oracles.meshes import extruded
 from polywigner import figures
 from polywigner.cli import main
-from polywigner.errors import ArgumentError
+from polywigner.cli.rcs import seconds_of_direction, write_values
+from polywigner.cli.saved_parts import SavedParts
+from polywigner.errors import ArgumentError, PolywignerWarning
+from polywigner.scattering.section_patterns import Pattern
 
 Captured = pytest.CaptureFixture[str]
 
@@ -41,7 +47,7 @@ def test_a_plate_comes_out_as_a_table_and_a_picture(square: Path, capsys: Captur
     assert f"largest RCS   {peak:.2f} dBsm" in printed.out
     assert f"down to {peak - 60:.2f} dBsm" in printed.out
     assert "30 degrees miss lobes" in printed.err
-    assert printed.err.startswith("polywigner: takes about")
+    assert printed.err.startswith("polywigner: takes ")
     cuts = np.loadtxt(stem.with_name("plate_cuts.csv"), delimiter=",", skiprows=1)
     lobe = math.degrees(WAVELENGTH / (2 * math.sqrt(2)))
     around = cuts[: len(cuts) // 2]
@@ -101,6 +107,57 @@ def test_an_open_mesh_is_plates_whose_reflections_count(tmp_path: Path, capsys: 
     axis = rows[(rows[:, 0].round(6) == 45) & (rows[:, 1].round(6) == 35)]
     closed = 4 * math.pi * 0.3**4 / (3 * WAVELENGTH**2)
     assert 10 * math.log10(axis[0, 2] / closed) == pytest.approx(0, abs=1.0)
+
+
+class _Interrupted(Pattern):
+    """A pattern whose computation Ctrl-C ends after the first part."""
+
+    def parts(self, missing: Any = None) -> Iterator[Any]:
+        yield next(super().parts(missing))
+        raise KeyboardInterrupt
+
+
+def test_a_run_that_was_interrupted_continues(tmp_path: Path, capsys: Captured) -> None:
+    path, settings = tmp_path / "plate.parts.npz", (pw.shapes.square(1.0), 0.1)
+    angles = np.linspace(-1.5, 1.5, 301), np.linspace(-1.0, 1.0, 5)
+    steps = 0.5, 0.25
+    saved = SavedParts(path, Pattern(*settings, *angles), "options")
+    assert saved.steps is None
+    with pytest.raises(KeyboardInterrupt):
+        saved.computed([_Interrupted(*settings, *angles)], steps)
+    pattern = Pattern(*settings, *angles)
+    again = SavedParts(path, pattern, "options")
+    assert again.steps == steps
+    found = again.computed([pattern], steps)[0]
+    assert "continues at 200 of 1505 directions" in capsys.readouterr().err
+    expected = pw.rcs_pattern(*settings, *angles)
+    np.testing.assert_array_equal(found["rcs"].values, expected["rcs"].values)
+    other = SavedParts(path, Pattern(pw.shapes.square(2.0), 0.1, *angles), "options")
+    assert other.steps is None
+    again.remove()
+    assert not path.exists()
+
+
+def test_the_time_of_a_direction_is_measured() -> None:
+    body = extruded([(0, 0), (3, 0), (3, 1), (1, 1), (1, 3), (0, 3)], 1.5)
+    azimuth, elevation = np.linspace(-3, 3, 31), np.linspace(-1.5, 1.5, 13)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PolywignerWarning)
+        seconds = seconds_of_direction(Pattern(body, 0.1, 0.0, 0.0))
+        begun = time.perf_counter()
+        pw.rcs_pattern(body, 0.1, azimuth, elevation)
+    # a stall of a busy machine must not fail it
+    assert (time.perf_counter() - begun) / (31 * 13) == pytest.approx(seconds, rel=3.0, abs=0.0)
+
+
+def test_directions_that_failed_are_left_out_of_pictures_and_files(tmp_path: Path) -> None:
+    angles = np.linspace(-3, 3, 13), np.linspace(-1.5, 1.5, 7)
+    pattern = pw.rcs_pattern(pw.shapes.square(1.0), 0.1, *angles)
+    pattern["rcs"].values[3] = np.nan
+    figures.draw_rcs(pattern, smooth=0.5)
+    write_values(pattern, tmp_path / "a.json")
+    values = json.loads((tmp_path / "a.json").read_text())["rcs_m2"]
+    assert values[3] == [None] * 7 and values[4][0] is not None
 
 
 def test_finer_cuts_are_drawn_with_their_medians() -> None:

@@ -128,3 +128,12 @@ def test_the_store_of_a_field_behind_an_obstacle_is_no_other_field(square, capfd
     capfd.readouterr()
     assert run(square, *SMALL, "--obstacle", f"{square} at 0 mm, 1 mm, 20 mm") == 2
     assert "obstacles" in capfd.readouterr().err
+
+
+def test_volumes_of_some_seconds_have_several_chunks(tmp_path):
+    box = [(-0.02, -0.02, 0.05), (0.02, 0.02, 0.1)]
+    found = pw.volume(
+        SQUARE, box, (48, 48, 48), WAVELENGTH, method="fraunhofer", out=tmp_path / "field.zarr"
+    )
+    counts, largest = zip(*((len(n), n[0]) for n in found["fraunhofer"].chunks), strict=True)
+    assert np.prod(counts) >= 4 and np.prod(largest) <= 1 << 15

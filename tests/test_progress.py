@@ -128,3 +128,18 @@ def test_whatever_stderr_is_the_work_goes_on(stderr, monkeypatch):
     with progress.progress_bar("outer", 1) as advance, progress.told("inner", range(3)) as each:
         assert list(each) == [0, 1, 2]
         advance()
+
+
+def test_without_a_terminal_commands_write_the_time_that_is_left_once(monkeypatch, capsys):
+    monkeypatch.setattr(progress, "_AT_ONCE", 2)
+    clock = iter(range(0, 1000, 10))
+    monkeypatch.setattr(progress.time, "monotonic", lambda: float(next(clock)))
+    with progress.progress_bar("quiet", 100) as advance:
+        advance(50)
+    assert capsys.readouterr().err == ""
+    with progress.time_left_written(), progress.progress_bar("work", 30, 10) as advance:
+        for _ in range(20):
+            advance()
+    # parts take 10 s each
+    expected = "polywigner: about 3 min left, 12 of 30 parts are done\n"
+    assert capsys.readouterr().err == expected

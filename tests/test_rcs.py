@@ -185,6 +185,50 @@ def shadow_of(body: Any, t: np.ndarray) -> float:
     return float(shapely.union_all(parts).area)
 
 
+def section_of_plate(side: float, wavelength: float, s: Any, t: Any, q: Any, p: Any) -> float:
+    """Return the cross section (SC1) of a square in the plane z = 0: a product of two sinc."""
+    nu = (np.asarray(s) + t) / wavelength
+    transform = side**2 * np.sinc(side * nu[0]) * np.sinc(side * nu[1])
+    h = np.cross(-np.asarray(t), p)
+    normal = np.array([0.0, 0.0, np.sign(t[2])])
+    return float(4 * math.pi / wavelength**2 * (np.cross(normal, h) @ q * transform) ** 2)
+
+
+@pytest.mark.parametrize("channel", ["vv", "hh", "vh", "hv"])
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_fixed_transmitter_sees_each_azimuth_at_the_poles(channel: Any, side: int) -> None:
+    azimuth, t = np.radians([0.0, 40.0, 90.0, 200.0]), towards(90 - side * 60, 70)
+    found = pw.rcs_pattern(
+        PLATE, 0.13, azimuth, side * math.pi / 2, to_transmitter=t, polarisation=channel
+    )["rcs"].values[:, 0]
+    v = np.array([t[2] * t[0], t[2] * t[1], t[2] ** 2 - 1]) / math.hypot(t[0], t[1])
+    p = {"v": v, "h": np.cross((0, 0, 1), t) / math.hypot(t[0], t[1])}[channel[1]]
+    for value, angle in zip(found, azimuth, strict=True):
+        c, s = math.cos(angle), math.sin(angle)
+        q = {"v": np.array([side * c, side * s, 0.0]), "h": np.array([-s, c, 0.0])}[channel[0]]
+        expected = section_of_plate(1.0, 0.13, (0, 0, side), t, q, p)
+        assert value == pytest.approx(expected, rel=1e-5, abs=1e-9)
+
+
+@pytest.mark.parametrize("bounces", [1, 3])
+@pytest.mark.parametrize("channel", [None, "vv", "vh"])
+@pytest.mark.parametrize("fixed", [True, False])
+def test_columns_of_a_pattern_are_continuous_at_the_poles(
+    bounces: int, channel: Any, fixed: bool
+) -> None:
+    body, t = [GROUND, BOX], towards(40, 30) if fixed else None
+    azimuth = np.radians([10.0, 100.0, 230.0])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PolywignerWarning)
+        for pole in (math.pi / 2, -math.pi / 2):
+            angles = pole * np.array([1.0, 1 - 1e-7])
+            how = {"to_transmitter": t, "polarisation": channel, "bounces": bounces}
+            found = np.sqrt(pw.rcs_pattern(body, 0.13, azimuth, angles, **how)["rcs"].values)
+            np.testing.assert_allclose(
+                found[:, 0], found[:, 1], rtol=0, atol=1e-4 * plate(2.0, 0.13)
+            )
+
+
 @pytest.mark.parametrize("body", [L_BODY, STEPS], ids=["L", "steps"])
 @pytest.mark.parametrize(
     ("s", "t"),

@@ -242,7 +242,7 @@ def test_a_pattern_counts_reflections() -> None:
 
 def test_the_warning_of_corners_says_what_to_give() -> None:
     body = dihedral(90.0)
-    with pytest.warns(PolywignerWarning, match="give bounces=3"):
+    with pytest.warns(PolywignerWarning, match="pass bounces=3"):
         pw.rcs(body, towards(45, 90), 0.05)
     with warnings.catch_warnings():
         warnings.simplefilter("error")

@@ -83,6 +83,39 @@ def torus(count: int, around: int) -> pw.Polyhedron:
     )
 
 
+def joined(parts: Any) -> pw.Polyhedron:
+    """One body with the triangles of several closed ones."""
+    points, faces, count = [], [], 0
+    for part in parts:
+        points.append(part.vertices)
+        faces += [tuple(int(v) + count for v in triangle) for triangle in part.triangles]
+        count += len(part.vertices)
+    return pw.Polyhedron(np.concatenate(points), faces)
+
+
+def moved(body: pw.Polyhedron, x: float, y: float, z: float) -> pw.Polyhedron:
+    """A body with all vertices shifted."""
+    return pw.Polyhedron(body.vertices + np.array([x, y, z]), body.faces)
+
+
+def block(x: float, y: float, z: float) -> pw.Polyhedron:
+    """A box of these sides that stands on the plane z = 0, about the z axis."""
+    return extruded([(-x / 2, -y / 2), (x / 2, -y / 2), (x / 2, y / 2), (-x / 2, y / 2)], z)
+
+
+def drone(sides: int) -> pw.Polyhedron:
+    """A box of 0.2 m with four arms that begin inside it, and a prism at the end of each arm."""
+    parts = [moved(block(0.2, 0.2, 0.06), 0, 0, -0.03)]
+    angles = 2 * np.pi * np.arange(sides) / sides
+    prism = 0.03 * np.column_stack([np.cos(angles), np.sin(angles)])
+    for k in range(4):
+        c, s = np.array([(1, 0), (0, 1), (-1, 0), (0, -1)])[k]
+        arm = np.array([(0.05, -0.01), (0.32, -0.01), (0.32, 0.01), (0.05, 0.01)])
+        parts.append(moved(extruded(arm @ np.array([[c, s], [-s, c]]), 0.02), 0, 0, -0.01))
+        parts.append(moved(extruded(prism, 0.05), 0.32 * c, 0.32 * s, -0.005))
+    return joined(parts)
+
+
 def towards(polar: float, azimuth: float) -> np.ndarray:
     """Unit vector, from degrees."""
     a, b = math.radians(polar), math.radians(azimuth)

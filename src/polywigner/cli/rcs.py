@@ -5,11 +5,12 @@ from __future__ import annotations
 import json
 import math
 import sys
+import time
 import warnings
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -19,16 +20,15 @@ from polywigner.cli.output import files_to_write, write
 from polywigner.cli.sources import Reading, field_title, required_wavelength, wavelength_from
 from polywigner.quantities import parse_angle
 
+if TYPE_CHECKING:
+    from polywigner.scattering.section_patterns import Pattern
+
 _FORMATS = ("csv", "json", "nc")
-# Degrees, unasked: the finest that takes a minute or less. Measured, seconds a direction: triangles
-# alone, and those that cast shadows.
+# Default steps in degrees: the finest one that takes a minute or less.
 _STEPS = (1.0, 2.0, 5.0, 10.0)
-_A_MINUTE = 60.0
-_PER_TRIANGLE, _PER_SHADOWING = 1e-6, 2e-5
-_PER_CUT = 2e-3
-# The same of each further reflection, as a share of the first, and of pairs of triangles: from
-# trihedrals to a torus of 2,000 facets (benchmarks/rcs_bounces.py).
-_SHARE_OF_BOUNCE, _PER_PAIR = 0.7, 1.5e-7
+_A_MINUTE, _MOMENTS = 60.0, 10.0
+# Directions whose time is measured first, from the fewest on until they take so many seconds.
+_FEWEST_TIMED, _MOST_TIMED, _TIMED = 8, 512, 0.5
 # Directions: some hours of a simple body, 0.1 GB.
 _MOST = 4_000_000
 # Steps to a lobe of backscatter in cuts, which take half a minute each or less.
@@ -82,9 +82,10 @@ def rcs(
 ) -> None:
     """Compute the radar cross section of a metal body or plate, by physical optics.
 
-    Says first how long it takes. Prints the largest value and its direction. Writes a figure
+    Measures first how long it takes. Prints the largest value and its direction. Writes a figure
     NAME_rcs.png (cuts over azimuth and over elevation, and a map of both, in dBsm), the values of
-    the map, and those of the cuts in NAME_rcs_cuts.csv.
+    the map, and those of the cuts in NAME_rcs_cuts.csv. The same command continues a run that was
+    interrupted, from NAME_rcs.parts.npz.
     """
     reading.check(body)
     length = required_wavelength(wavelength_from(frequency, wavelength))
@@ -97,48 +98,55 @@ def rcs(
 
     import numpy as np
 
-    import polywigner as pw
+    from polywigner.cli.saved_parts import SavedParts
     from polywigner.figures import draw_rcs
     from polywigner.figures.levels import check_floor
     from polywigner.scattering.antennas import checked_channel
     from polywigner.scattering.facets import facets_of
+    from polywigner.scattering.section_patterns import Pattern
 
     check_floor(floor_db)
     channel = None if polarisation is None else checked_channel(polarisation)
     metal = reading.read_body(body, open_mesh)
-    facets = facets_of(metal)
-    seconds = _seconds(len(facets.corner), facets.casts_shadows, bounces)
-    degrees = _enough(seconds) if asked is None else asked
+    find = partial(Pattern, metal, length, polarisation=channel, bounces=bounces)
+    one = find(0.0, 0.0)
+    saved = SavedParts(files[0].with_suffix(".parts.npz"), one, [asked, asked_of_cuts, places])
+    wavelengths = facets_of(metal).size / length
+    if saved.steps is None:
+        seconds = seconds_of_direction(one)
+        degrees = _enough(seconds) if asked is None else asked
+        fine = _of_cuts(seconds, wavelengths) if asked_of_cuts is None else asked_of_cuts
+        _say_time(seconds, 90.0 / round(90.0 / degrees), fine)
+    else:
+        degrees, fine = saved.steps
     count = round(90.0 / degrees)
-    wavelengths = facets.size / length
-    fine = _of_cuts(seconds, wavelengths) if asked_of_cuts is None else asked_of_cuts
-    _say_time(seconds, 90.0 / count, fine)
     _warn_of_lobes("the map", 90.0 / count, wavelengths, "--step")
     _warn_of_lobes("the cuts", fine, wavelengths, "--cut-step")
     azimuth = np.radians(np.arange(-2 * count, 2 * count + 1) * 90.0 / count)
     elevation = np.radians(np.arange(-count, count + 1) * 90.0 / count)
-    find = partial(pw.rcs_pattern, metal, length, polarisation=channel, bounces=bounces)
-    cuts = [
-        find(np.linspace(-np.pi, np.pi, round(360.0 / fine) + 1), places[1]),
-        find(
-            places[0] + np.array([0.0, np.pi]),
-            np.linspace(-np.pi / 2, np.pi / 2, round(180.0 / fine) + 1),
-        ),
+    around = np.linspace(-np.pi, np.pi, round(360.0 / fine) + 1)
+    above = np.linspace(-np.pi / 2, np.pi / 2, round(180.0 / fine) + 1)
+    wanted = [
+        find(around, places[1]),
+        find(places[0] + np.array([0.0, np.pi]), above),
+        find(azimuth, elevation),
     ]
-    pattern = find(azimuth, elevation)
+    *cuts, pattern = saved.computed(wanted, (degrees, fine))
     title = field_title(body, length)
     figure = draw_rcs(pattern, cuts=cuts, smooth=width, floor_db=floor_db, title=title)
-    values = [pattern if name == ".nc" else partial(_write, pattern) for name in suffixes]
+    values = [pattern if name == ".nc" else partial(write_values, pattern) for name in suffixes]
     contents = [figure, partial(_write_rows, cuts), *values]
     write(files, contents, _summary([pattern, *cuts], floor_db))
+    saved.remove()
 
 
 def _say_time(seconds: float, step: float, fine: float) -> None:
     """Write on stderr the time that the map and the cuts will take."""
     total = seconds * (2 * (180 / step) ** 2 + 720 / fine)
-    about = f"{max(1, round(total))} s" if total < 2 * _A_MINUTE else f"{total / 60:.0f} min"
+    about = f"about {round(total)} s" if total < 2 * _A_MINUTE else f"about {total / 60:.0f} min"
+    about = about if total > _MOMENTS else "some seconds"
     sys.stderr.write(
-        f"polywigner: takes about {about}: a map in steps of {step:.3g} deg, cuts in steps of "
+        f"polywigner: takes {about}: a map in steps of {step:.3g} deg, cuts in steps of "
         f"{fine:.3g} deg\n"
     )
     sys.stderr.flush()
@@ -162,7 +170,8 @@ def _write_rows(patterns: Sequence[Any], path: Path) -> None:
     np.savetxt(path, np.concatenate(rows), "%.12g", ",", header=header, comments="")
 
 
-def _write(pattern: Any, path: Path) -> None:
+def write_values(pattern: Any, path: Path) -> None:
+    """Write the values of a pattern as CSV or JSON, with null or nan for failed directions."""
     import numpy as np
 
     azimuth, elevation, values = (pattern[n].values for n in ("azimuth", "elevation", "rcs"))
@@ -171,7 +180,9 @@ def _write(pattern: Any, path: Path) -> None:
             **pattern.attrs,
             "azimuth_deg": np.degrees(azimuth).tolist(),
             "elevation_deg": np.degrees(elevation).tolist(),
-            "rcs_m2": values.tolist(),
+            "rcs_m2": [
+                [None if math.isnan(value) else value for value in row] for row in values.tolist()
+            ],
         }
         path.write_text(json.dumps(content) + "\n", encoding="utf-8")
         return
@@ -181,9 +192,9 @@ def _write(pattern: Any, path: Path) -> None:
 def _summary(patterns: Sequence[Any], floor_db: float) -> str:
     import numpy as np
 
-    pattern = max(patterns, key=lambda found: float(found["rcs"].values.max()))
+    pattern = max(patterns, key=lambda found: float(found.attrs["largest_rcs"]))
     values = pattern["rcs"].values
-    i, j = np.unravel_index(int(values.argmax()), values.shape)
+    i, j = np.unravel_index(int(np.nanargmax(values)), values.shape)
     peak = 10 * math.log10(values[i, j])
     azimuth, elevation = (
         math.degrees(pattern[name].values[k]) for name, k in (("azimuth", i), ("elevation", j))
@@ -209,14 +220,20 @@ def _warn_of_lobes(name: str, step: float, wavelengths: float, option: str) -> N
         )
 
 
-def _seconds(triangles: int, casts_shadows: bool, bounces: int) -> float:
-    """Seconds a direction."""
-    seconds = triangles * _PER_TRIANGLE
-    if casts_shadows:
-        seconds += triangles * _PER_SHADOWING + _PER_CUT
-        seconds *= 1 + _SHARE_OF_BOUNCE * (bounces - 1)
-        seconds += _PER_PAIR * triangles**2 * (bounces - 1)
-    return seconds
+def seconds_of_direction(pattern: Pattern) -> float:
+    """Measure the seconds that a direction takes, on directions spread evenly over all angles."""
+    import numpy as np
+
+    count = _FEWEST_TIMED
+    while True:
+        numbers = np.arange(count) + 0.5
+        azimuth = 2 * np.pi * (numbers * (math.sqrt(5) - 1) / 2 % 1)
+        begun = time.perf_counter()
+        pattern.at(azimuth, np.pi * (numbers / count - 0.5))
+        elapsed = time.perf_counter() - begun
+        if elapsed > _TIMED or count >= _MOST_TIMED:
+            return elapsed / count
+        count = min(_MOST_TIMED, max(2 * count, round(count * _TIMED / elapsed)))
 
 
 def _enough(seconds: float) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -18,6 +19,46 @@ _INTERVAL = 0.1
 _PATIENCE = 5.0
 
 Part = TypeVar("Part")
+
+
+# Whether work without a bar writes the time that is left: see time_left_written.
+_writes_time_left = False
+# Parts that are computed at a time, each of them by one core or more.
+_AT_ONCE = max(2, os.cpu_count() or 1)
+
+
+@contextmanager
+def time_left_written() -> Iterator[None]:
+    """Within, work that shows no bar writes to stderr once how much time is left.
+
+    It does so after some seconds, from the time that the first parts have taken.
+    """
+    global _writes_time_left
+    before, _writes_time_left = _writes_time_left, True
+    try:
+        yield
+    finally:
+        _writes_time_left = before
+
+
+def _time_left_writer(total: int, done: int) -> Callable[..., None]:
+    begun, finished, is_written = time.monotonic(), 0, False
+
+    def advance(parts: int = 1) -> None:
+        nonlocal finished, is_written
+        finished += parts
+        left, elapsed = total - done - finished, time.monotonic() - begun
+        if is_written or not left or elapsed < _PATIENCE or finished < min(_AT_ONCE, left):
+            return
+        is_written = True
+        seconds = elapsed * left / finished
+        text = f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} min"
+        sys.stderr.write(
+            f"polywigner: about {text} left, {done + finished} of {total} parts are done\n"
+        )
+        sys.stderr.flush()
+
+    return advance
 
 
 # Bars that are drawn now: within them calls draw none.
@@ -41,7 +82,7 @@ def progress_bar(
     ``show``: None draws the bar if stderr is a terminal. Nothing is left of it, in notebooks too.
     """
     if not (_is_terminal() if show is None else checked_flag(show, "progress")):
-        yield lambda parts=1: None
+        yield _time_left_writer(total, done) if _writes_time_left else lambda parts=1: None
         return
     bar = object()
     _drawn_now.add(bar)

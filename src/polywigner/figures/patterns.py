@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal, get_args
@@ -347,7 +348,8 @@ def draw_rcs(
         smooth = min(smooth, 2 * math.pi)
     azimuth, elevation, levels = _checked_rcs(pattern)
     shown_cuts = _rcs_cuts((azimuth, elevation, levels), cuts)
-    high = max(float(part.max()) for part in (levels, *(cut for _, _, cut in shown_cuts)))
+    parts = [part[np.isfinite(part)] for part in (levels, *(cut for _, _, cut in shown_cuts))]
+    high = max(float(part.max(initial=-math.inf)) for part in parts)
     if high == -math.inf:
         raise ArgumentError(
             "expected a body that scatters something on these angles, got zero everywhere"
@@ -399,7 +401,9 @@ def _running_median(angles: Floats, levels: Floats, width: float) -> Floats:
     half = min(int(width / (2 * abs(angles[1] - angles[0]))), (len(levels) - 1) // 2)
     padded = np.pad(levels, half, mode="edge")
     windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1)
-    return np.asarray(np.median(windows, axis=1))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # medians of NaN alone are NaN
+        return np.asarray(np.nanmedian(windows, axis=1))
 
 
 def _checked_rcs(pattern: Any, least: tuple[int, int] = (2, 2)) -> tuple[Floats, Floats, Floats]:

@@ -18,7 +18,8 @@ from polywigner.mitsuba.placement import PlacedSource
 from polywigner.reception.norms import NORMALISATIONS
 from polywigner.scattering.antennas import Antenna
 from polywigner.scattering.cross_sections import MOST_BOUNCES
-from polywigner.scattering.facets import Facets, facets_of, lit_corners
+from polywigner.scattering.facets import Facets, facets_of
+from polywigner.scattering.interreflections import lights_itself
 
 Floats = NDArray[np.float64]
 
@@ -68,7 +69,7 @@ class Body:
         notes = []
         if self.facets.least_face < wavelength:
             notes.append(f"a face of {self.name!r} is smaller than a square wavelength")
-        if self.bounces == 1 and lit_corners(self.facets.inner_corners, np.array(last)):
+        if self.bounces == 1 and lights_itself(self.facets, np.array(last)):
             notes.append(
                 f"faces of {self.name!r} light each other: later reflections are left out; give it "
                 "as a pair (body, 3)"

@@ -42,8 +42,9 @@ if TYPE_CHECKING:
     import xarray
 
 
-# Samples of a stored chunk: 4 MB of float32, a file that disks and clusters like.
-_CHUNK = 1 << 20
+# Samples of a stored chunk: at most 4 MB of float32, a file that disks and clusters like. Smaller
+# volumes have some dozens of chunks, so that a run saves its parts within seconds or a minute.
+_CHUNK, _LEAST_CHUNK, _CHUNKS = 1 << 20, 1 << 15, 64
 Chunks: TypeAlias = int | str | Sequence[int | str | Sequence[int] | None] | Mapping[int, Any]
 """Sizes of chunks as dask takes them."""
 
@@ -246,7 +247,8 @@ def volume(
 
 def _stored_chunks(chunks: Any, shape: tuple[int, ...]) -> tuple[int, ...]:
     if chunks is None or chunks == "auto":
-        return chunks_within(shape, _CHUNK)
+        size = math.prod(shape) // _CHUNKS
+        return chunks_within(shape, min(max(size, _LEAST_CHUNK), _CHUNK))
     sizes = tuple(chunks) if isinstance(chunks, Sequence) else (chunks,) * len(shape)
     if len(sizes) != len(shape) or not all(isinstance(n, int) and n > 0 for n in sizes):
         raise ArgumentError(f"expected chunks of {len(shape)} whole numbers, got {chunks!r}")

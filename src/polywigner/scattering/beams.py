@@ -15,27 +15,26 @@ from typing import NamedTuple
 import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
+from shapely.errors import GEOSException
 
 from polywigner.errors import ArgumentError
 from polywigner.execution.progress import slow_bar
+from polywigner.geometry.arguments import warn_caller
 from polywigner.scattering.facets import Facets
+from polywigner.scattering.overlays import GRID, Shapes, intersections, mended, unions
 from polywigner.scattering.surface_sums import Pieces, surface_sums, transforms
 from polywigner.scattering.visibility import (
-    GRID,
     NOTHING,
     Projected,
     Seen,
-    Shapes,
     axes_across,
     facing,
     in_triangles,
     less_hidden,
     less_shadows,
     lit_pieces,
-    mended,
     pieces_of,
     seen_along,
-    unions,
 )
 
 Floats = NDArray[np.float64]
@@ -45,6 +44,8 @@ Signs = NDArray[np.int8]
 
 # Beams times triangles: minutes; so many at a time, 100 MB.
 _MOST_COMPARED, _BLOCK = 4e8, 1 << 19
+# Errors of single directions: of GEOS, and of limits of memory and time.
+_ERRORS = GEOSException, ArgumentError
 # Triangles times pairs of directions at a time: many pairs for bodies of few triangles.
 _AT_ONCE = 1 << 10
 # Of boxes that are laid beside each other, as a fraction of the body: above the rounding of places
@@ -62,14 +63,19 @@ def lit_sums(
 ) -> Complex:
     """N(nu) (m, 3) of surfaces lit along k and seen from s, (m, 3) each.
 
-    ``slopes``: dN_i/dnu_a (m, 3, 3) of the lit surfaces, which stay.
+    ``slopes``: dN_i/dnu_a (m, 3, 3) of the lit surfaces, which stay. NaN, with a warning, in
+    directions whose lit polygons cannot be computed.
+
+    Raises ArgumentError if all directions are beyond what fits in memory.
     """
     whole = Pieces(facets.corner, facets.first, facets.second, facets.vector)
     if not facets.casts_shadows:
         return surface_sums(whole, nu, lambda some, part: facing(facets, k[some], part), slopes)
     result = surface_sums(whole.taken(slice(0)), nu, slopes=slopes)
-    for view in _views(facets, k, s, monostatic):
+    failures = _Failures(result)
+    for view in _views(facets, k, s, monostatic, failures):
         result[view.rows] = surface_sums(view.pieces, nu[view.rows], slopes=slopes)
+    failures.report()
     return result
 
 
@@ -78,26 +84,65 @@ def sums_of_beams(
 ) -> tuple[Complex, Complex | None]:
     """N (m, 3) of surfaces lit along k and seen from s, and M (m, 3, 3) of all later reflections.
 
-    The field towards s is N x h + M h with h = k x p: (SC6). M is None where there are none.
+    The field towards s is N x h + M h with h = k x p: (SC6). M is None where there are none. N is
+    NaN, with a warning, in directions whose lit polygons cannot be computed.
 
-    Raises ArgumentError for more beams than can be followed in minutes.
+    Raises ArgumentError if all directions have more beams than can be followed in minutes.
     """
     nu = (s - k) / lengths[:, None]
     if bounces == 1 or not facets.casts_shadows:
         return lit_sums(facets, k, s, nu, monostatic), None
     first = np.zeros((len(k), 3), np.complex128)
     later = np.zeros((len(k), 3, 3), np.complex128)
-    views = _views(facets, k, s, monostatic)
+    failures = _Failures(first)
+    views = _views(facets, k, s, monostatic, failures)
     at_once = max(1, _AT_ONCE // len(facets.corner))
-    with slow_bar("radar cross sections", len(k)) as advance:
-        while some := list(islice(views, at_once)):
-            for view in some:
-                first[view.rows] = surface_sums(view.pieces, nu[view.rows])
-            ends = Ends(some, k, s)
+
+    def add(some: list[View]) -> None:
+        for view in some:
+            first[view.rows] = surface_sums(view.pieces, nu[view.rows])
+        ends = Ends(some, k, s)
+        try:
             for hits in followed(facets, ends, bounces):
                 _add_fields(later, facets, hits, ends, lengths)
+        except _ERRORS as error:
+            later[ends.samples] = 0.0
+            if len(some) == 1:
+                failures.add(ends.samples, error)
+            else:  # the others succeed
+                for view in some:
+                    add([view])
+
+    with slow_bar("radar cross sections", len(k)) as advance:
+        while some := list(islice(views, at_once)):
+            add(some)
             advance(sum(len(view.rows) for view in some))
+    failures.report()
     return first, later
+
+
+class _Failures:
+    """Samples of sums (m, ...) that cannot be computed."""
+
+    def __init__(self, sums: Complex) -> None:
+        self._sums = sums
+        self._count = 0
+        self._error: Exception | None = None
+
+    def add(self, rows: Indices, error: Exception) -> None:
+        self._sums[rows] = np.nan
+        self._count += len(rows)
+        self._error = error
+
+    def report(self) -> None:
+        """Warn of samples that are NaN; raise the error of a limit if all are."""
+        if isinstance(self._error, ArgumentError) and self._count == len(self._sums):
+            raise self._error
+        if self._error is not None:
+            warn_caller(
+                f"{self._count} of {len(self._sums)} directions could not be computed and are NaN "
+                f"({self._error}); turn the body slightly, or simplify its mesh"
+            )
 
 
 class View(NamedTuple):
@@ -147,19 +192,26 @@ def _each(owner: Indices, runs: tuple[Indices, Indices]) -> tuple[Indices, Indic
     return pair, np.arange(len(pair)) + (begins - np.cumsum(counts) + counts)[pair]
 
 
-def _views(facets: Facets, k: Floats, s: Floats, monostatic: bool) -> Iterator[View]:
+def _views(
+    facets: Facets, k: Floats, s: Floats, monostatic: bool, failures: _Failures
+) -> Iterator[View]:
     ways, owner = np.unique(np.concatenate([k, s], axis=1), axis=0, return_inverse=True)
     order = np.argsort(owner.ravel(), kind="stable")
     ends = np.searchsorted(owner.ravel()[order], np.arange(1, len(ways)))
     last, lit = None, None
     groups = np.split(order, ends) if len(ways) else []
     for way, rows in zip(ways, groups, strict=True):
-        if lit is None or (way[:3] != last).any():  # ways of one transmitter follow each other
-            last, lit = way[:3], seen_along(facets, way[:3])
-        both = seen = lit
-        if not monostatic:
-            seen = seen_along(facets, -way[3:])
-            both = less_hidden(lit, seen, facing(facets, -way[3:]))
+        try:
+            if lit is None or (way[:3] != last).any():  # those of one transmitter follow each other
+                last, lit = way[:3], None
+                lit = seen_along(facets, way[:3])
+            both = seen = lit
+            if not monostatic:
+                seen = seen_along(facets, -way[3:])
+                both = less_hidden(lit, seen, facing(facets, -way[3:]))
+        except _ERRORS as error:
+            failures.add(rows, error)
+            continue
         yield View(rows, lit_pieces(facets, both), lit, seen)
 
 
@@ -291,23 +343,15 @@ def _hits(facets: Facets, ends: Ends, beams: Beams) -> Hits:
     number, seen, triangles = number[meets], seen.taken(meets), triangles[meets]
     # windows end where triangles do: off a grid GEOS then loses whole polygons at times
     grid = GRID * facets.size
-    lit = _flat(shapely.intersection(window[meets], triangles, grid_size=grid))
+    lit = intersections(window[meets], triangles, grid)
     boxes = _side_by_side(seen.points, beam[number], facets.size)
     shadowed, left = less_shadows(seen, triangles, lit, boxes, grid)
-    lit[shadowed] = _flat(left)
+    lit[shadowed] = left
     least = NOTHING * facets.size * shapely.length(triangles)
     number, lit = number[shapely.area(lit) > least], lit[shapely.area(lit) > least]
     flat = (unfolded @ np.swapaxes(axes[:, :2], 1, 2))[number]
     parts = in_triangles(lit, flat, np.ones((len(number), 3)))
     return Hits(beams, beam[number], facet[number], signs[number], lit, parts)
-
-
-def _flat(shapes: Shapes) -> Shapes:
-    """Shapes without the lines and points along which others only touch them."""
-    kinds = shapely.GeometryType.POLYGON, shapely.GeometryType.MULTIPOLYGON
-    mixed = ~np.isin(shapely.get_type_id(shapes), kinds)
-    shapes[mixed] = shapely.buffer(shapes[mixed], 0.0)
-    return np.asarray(shapes, dtype=object)
 
 
 def _heights(facets: Facets, beams: Beams, corners: Floats) -> Floats:
@@ -383,7 +427,7 @@ def _add_fields(later: Complex, facets: Facets, hits: Hits, ends: Ends, lengths:
     hit, view, facet, signs, parts = (a[sees] for a in (hit, view, facet, signs, parts))
     limits = np.stack([seen.parts for seen in ends.seen])[view, facet]
     (cut,) = np.nonzero(~shapely.is_missing(limits))
-    parts[cut] = shapely.intersection(mended(parts[cut]), mended(limits[cut]), grid_size=GRID)
+    parts[cut] = intersections(mended(parts[cut]), mended(limits[cut]), GRID)
     pieces, owner = pieces_of(facets, facet, signs, parts)
     beams, view = hits.beams.taken(hits.beam[hit[owner]]), view[owner]
     back = np.swapaxes(beams.turn, 1, 2)

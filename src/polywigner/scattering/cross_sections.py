@@ -1,55 +1,43 @@
-"""The radar cross section of conducting bodies and plates, by physical optics; its patterns."""
+"""The radar cross section of conducting bodies and plates, by physical optics."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner import execution
 from polywigner.errors import ArgumentError
-from polywigner.execution.progress import progress_bar
 from polywigner.geometry.arguments import (
     checked_count,
     checked_flag,
-    checked_wavelength,
     takes_frequency,
     warn_caller,
 )
-from polywigner.propagation.places import checked_angles
-from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.scattering.antennas import (
-    Channel,
     Polarisation,
     Source,
     broadcast_shape,
-    checked_channel,
     checked_polarisations,
     checked_unit_vectors,
     checked_wavelengths,
     spherical_axes,
 )
 from polywigner.scattering.beams import lit_sums, sums_of_beams
-from polywigner.scattering.facets import Body, Facets, facets_of, warn_of_corners
+from polywigner.scattering.facets import Body, Facets, facets_of
+from polywigner.scattering.interreflections import warn_of_reflections
 from polywigner.scattering.near_fields import near_sections
-from polywigner.transforms.xarray_arguments import labelled_array, labelled_arrays
-
-if TYPE_CHECKING:
-    import xarray
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 
 # Three mirrors at right angles send a wave back; each reflection more multiplies the beams.
-_REFLECTIONS = {1: "one reflection", 2: "two reflections", 3: "three reflections"}
-MOST_BOUNCES = max(_REFLECTIONS)
-# Directions of a pattern in one call.
-_TOGETHER = 200
+MOST_BOUNCES = 3
 # In rad: parts of faces in shadows are good to 1e-12 of their amplitude, and the square is left of
 # the edges' motion in turns of phase.
 _STEP = 1e-5
@@ -115,7 +103,8 @@ def rcs(
 
     Returns
     -------
-    (...) floats in m^2. With ``source``, the cross section of a small body that would send back as
+    (...) floats in m^2; NaN, with a warning, in directions whose lit polygons cannot be computed.
+    With ``source``, the cross section of a small body that would send back as
     much power from the middle of the box around the body, which tends to that of antennas far
     away; with ``return_power`` a pair of that and of |b|^2 (...). Errors are some 1e-15 of the
     amplitude of a plate of all lit faces, times the body's size in wavelengths where that is above
@@ -129,8 +118,8 @@ def rcs(
     Warns
     -----
     PolywignerWarning, once for a line of your code, where a face is smaller than a square
-    wavelength (facets that join smoothly are one face), and with ``bounces=1`` where faces light
-    each other across a concave edge, as in corner reflectors.
+    wavelength (facets that join smoothly are one face), and with ``bounces=1`` where the wave goes
+    from one face to another, as in corner reflectors; they need not touch.
 
     Raises
     ------
@@ -161,7 +150,7 @@ def rcs(
     facets = facets_of(body)
     lengths = checked_wavelengths(wavelength)
     if lengths.size:
-        _warn_of_small(facets, float(lengths.min()))
+        warn_of_small(facets, float(lengths.min()))
     checked_flag(return_power, "return_power")
     reflections = checked_count(bounces, "bounces", 1, MOST_BOUNCES)
     if source is not None:
@@ -175,7 +164,7 @@ def rcs(
         return (found[0][()], found[1][()]) if return_power else found[0][()]
     if receiver is not None or return_power:
         raise ArgumentError("expected a source with receiver and return_power, got none; give it")
-    find = partial(_sections, facets, lengths, polarisation, reflections)
+    find = partial(sections, facets, lengths, polarisation, reflections)
     if execution.is_drjit(to_radar) or execution.is_drjit(to_transmitter):
         if reflections > 1:
             raise ArgumentError(
@@ -189,15 +178,20 @@ def rcs(
     return find((to_radar, to_transmitter))[0][()]
 
 
-def _sections(
+def sections(
     facets: Facets,
     lengths: Floats,
     polarisation: Polarisation | None,
     bounces: int,
     directions: Sequence[Any],
     wanted: Sequence[bool] = (False, False),
+    *,
+    warns: bool = True,
 ) -> tuple[Floats, list[Floats | None]]:
-    """Cross sections (...) and their derivatives (..., 3) in directions that want them."""
+    """Cross sections (...) and their derivatives (..., 3) in directions that want them.
+
+    ``warns``: whether to warn of faces that light each other.
+    """
     to_radar, to_transmitter = (*directions, None)[:2]
     receiver = checked_unit_vectors("to_radar", to_radar)
     transmitter = receiver
@@ -212,8 +206,8 @@ def _sections(
         np.broadcast_to(vectors, (*shape, 3)).reshape(-1, 3)
         for vectors in (receiver, transmitter, *polarisations)
     )
-    if bounces == 1:
-        warn_of_corners(facets, -t)
+    if warns and bounces == 1:
+        warn_of_reflections(facets, -t)
     flat = np.broadcast_to(lengths, shape).ravel()
     sums, later = sums_of_beams(facets, -t, s, flat, to_transmitter is None, bounces)
     areas = 4 * np.pi / flat**2 * _power(sums, later, -t, s, both)
@@ -228,7 +222,8 @@ def _sections(
     return areas.reshape(shape), slopes
 
 
-def _warn_of_small(facets: Facets, wavelength: float) -> None:
+def warn_of_small(facets: Facets, wavelength: float) -> None:
+    """Warn if a face is smaller than a square wavelength."""
     if facets.least_face < wavelength:
         warn_caller(
             f"got a face of {facets.least_face:.3g} m, the root of its area, at a wavelength of "
@@ -368,102 +363,3 @@ def _turning(towards: Floats) -> dict[str, Floats]:
 
 def _dot(a: Complex, b: Complex | Floats) -> Complex:
     return np.asarray((a * b).sum(axis=1, keepdims=True))
-
-
-@takes_frequency
-def rcs_pattern(
-    body: Body,
-    wavelength: float,
-    azimuth: ArrayLike,
-    elevation: ArrayLike,
-    *,
-    to_transmitter: ArrayLike | None = None,
-    polarisation: Channel | None = None,
-    bounces: int = 1,
-    progress: bool | None = None,
-) -> xarray.Dataset:
-    """Radar cross section of a body over azimuth and elevation of the radar, as a dataset.
-
-    The values are those of :func:`rcs`, which says what they are and where they hold.
-
-    Parameters
-    ----------
-    body : as for :func:`rcs`.
-    wavelength : in m; or ``frequency=`` in Hz.
-    azimuth : (n,) angles in rad about z, from +x towards +y; or one.
-    elevation : (m,) angles in rad above the plane z = 0, from -pi/2 to pi/2; or one.
-    to_transmitter : unit vector (3,) towards a transmitter that stays; None: it is with the radar.
-    polarisation : None, "vv", "hh", "vh" or "hv", as for :func:`rcs`.
-    bounces : reflections that count, 1, 2 or 3, as for :func:`rcs`.
-    progress : a bar on a terminal; None: if stderr is one.
-
-    Returns
-    -------
-    xarray.Dataset with
-    ``rcs`` (azimuth, elevation) in m^2. Attributes: wavelength, frequency, polarisation, bounces,
-    number of triangles, largest cross section, and the transmitter where it stays.
-
-    Raises
-    ------
-    ArgumentError for arguments of the wrong type, shape or range, as :func:`rcs` does.
-
-    >>> import polywigner as pw
-    >>> found = pw.rcs_pattern(pw.shapes.square(5.0), 0.3, 0.0, 1.5707963267948966)
-    >>> round(found["rcs"].values.item())  # 4 pi 5^4/0.3^2
-    87266
-    """
-    length = checked_wavelength(wavelength)
-    around = checked_angles(azimuth, "azimuth", math.inf)
-    above = checked_angles(elevation, "elevation", math.pi / 2)
-    channel = None if polarisation is None else checked_channel(polarisation)
-    transmitter = None
-    if to_transmitter is not None:
-        transmitter = checked_unit_vectors("to_transmitter", to_transmitter)
-        if transmitter.ndim > 1:
-            raise ArgumentError(
-                f"expected to_transmitter as one unit vector (3,), got {transmitter.shape}"
-            )
-    facets = facets_of(body)
-    bounces = checked_count(bounces, "bounces", 1, MOST_BOUNCES)
-    values = np.empty((len(around), len(above)))
-    with progress_bar("radar cross sections", len(around), show=progress) as advance:
-        # beams of several directions are followed together
-        rows = 1 if bounces == 1 else max(1, _TOGETHER // len(above))
-        for start in range(0, len(around), rows):
-            some = slice(start, start + rows)
-            to_radar = _towards(around[some, None], above)
-            values[some] = rcs(body, to_radar, length, transmitter, channel, bounces=bounces)
-            advance(len(to_radar))
-    about: dict[str, Any] = {
-        "wavelength": length,
-        "frequency": SPEED_OF_LIGHT / length,
-        "polarisation": channel or "all, mean over incident ones",
-        "bounces": bounces,
-        "triangles": len(facets.corner),
-        "largest_rcs": float(values.max()),
-    }
-    if transmitter is not None:
-        about["to_transmitter"] = transmitter.tolist()
-    from polywigner import __version__
-
-    of_values = {
-        "units": "m2",
-        "long_name": "radar cross section",
-        "method": f"physical optics: {_REFLECTIONS[bounces]}, no waves of edges",
-        "polywigner_version": __version__,
-    }
-    axes = {"azimuth": (around, "angle about z from x"), "elevation": (above, "angle above z = 0")}
-    angles = {
-        name: labelled_array(own, (name,), {"units": "rad", "long_name": meaning})
-        for name, (own, meaning) in axes.items()
-    }
-    return labelled_arrays({"rcs": labelled_array(values, tuple(axes), of_values)}, angles, about)
-
-
-def _towards(azimuth: Floats, elevation: Floats) -> Floats:
-    """Unit vectors (n, m, 3) of angles (n, 1) and (m,)."""
-    across = np.cos(elevation)
-    # cos(pi/2) is 6e-17: what stands upright is seen edge-on from above
-    across = np.where(np.abs(across) < 1e-15, 0.0, across)
-    x, y = across * np.cos(azimuth), across * np.sin(azimuth)
-    return np.stack([x, y, np.broadcast_to(np.sin(elevation), x.shape)], axis=-1)

@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,6 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, triangulate
-from polywigner.geometry.arguments import warn_caller
 from polywigner.geometry.faces import connected
 from polywigner.illumination import Array
 
@@ -22,7 +20,7 @@ Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 # Facets that meet at less than this are of one bent face, as in meshes of smooth bodies.
-_SMOOTH = math.cos(math.radians(30))
+SMOOTH = math.cos(math.radians(30))
 
 
 # Sine of the angle by which faces in one plane may bend the wrong way after rounding. A dent this
@@ -31,12 +29,8 @@ _FLAT = 1e-9
 # Grid of normals and of heights over the body's size: planes on one point of it are one plane.
 # Their waves lose step by some of this many turns for each wavelength of the body's size.
 _ONE_PLANE = 1e-12
-# A part touches another within this fraction of the size of both: vertices of STL files are rounded
-# to 1e-7. Triangles of parts are compared each with each, up to so many.
-_TOUCHING = 1e-6
-_MOST_TOUCHING = 1500
-# Directions at a time.
-_BLOCK = 1 << 14
+# Vertices within this fraction of the size are one: STL files round to 1e-7.
+_ONE_VERTEX = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +50,7 @@ class _Faces:
 
     def least_area(self) -> float:
         """The area of the smallest face in m^2; faces that join smoothly are one."""
-        smooth = (self.normals[self.one] * self.normals[self.other]).sum(axis=1) > _SMOOTH
+        smooth = (self.normals[self.one] * self.normals[self.other]).sum(axis=1) > SMOOTH
         labels = connected(len(self.areas), self.one[smooth], self.other[smooth])
         sums = np.bincount(labels, self.areas)
         return float(sums[np.bincount(labels) > 0].min())
@@ -75,15 +69,6 @@ class _Faces:
         ray = corners[0].mean(axis=0)
         sides = [np.cross(corners[:, k], corners[:, (k + 1) % 3]) @ ray >= 0 for k in range(3)]
         return bool((depth > 0).all()) and int(np.all(sides, axis=0).sum()) == 1
-
-    def corners(self) -> Floats:
-        """Outward normals (k, 2, 3) of both faces at concave edges, where these bend by 30 degrees.
-
-        None of a body with faces that have no area, or edges at which it touches itself.
-        """
-        concave = self.height > _FLAT if self.is_simple else np.zeros(0, np.intp)
-        both = [self.normals[side[concave]] for side in (self.one, self.other)]
-        return _bent(np.stack(both, axis=1))
 
 
 def _faces_of(body: Polyhedron) -> _Faces:
@@ -110,77 +95,6 @@ def _faces_of(body: Polyhedron) -> _Faces:
     return _Faces(body, normals, areas / 2, owner[here], owner[there], height, is_simple)
 
 
-def corners_where_parts_touch(
-    triangles: Floats, is_plate: NDArray[np.bool_], part: Indices
-) -> Floats:
-    """Normals (n, 2, 3) into the room between a face, and one of another part that ends on it.
-
-    Parameters
-    ----------
-    triangles : (n, 3, 3) corners, counter-clockwise seen from outside.
-    is_plate : (n,) which of them have two outer sides.
-    part : (n,) numbers of the parts that they belong to.
-    """
-    if part[-1] == 0 or len(triangles) > _MOST_TOUCHING:
-        return np.empty((0, 2, 3))
-    small = _TOUCHING * float(np.linalg.norm(np.ptp(triangles.reshape(-1, 3), axis=0)))
-    sides = np.roll(triangles, -1, axis=1) - triangles
-    normals = np.cross(sides[:, 0], sides[:, 1])
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    # heights (n, n, 3) of the corners of triangles, the second axis, over the planes of the first
-    heights = np.einsum("ik,jck->ijc", normals, triangles)
-    heights -= (normals * triangles[:, 0]).sum(axis=1)[:, None, None]
-    flat = np.abs(heights) < small
-    on_edge = flat & np.roll(flat, -1, axis=2) & (part[:, None] != part)[..., None]
-    face, ending, edge = np.nonzero(on_edge & ~flat.all(axis=2, keepdims=True))
-    begin, along = triangles[ending, edge], sides[ending, edge]
-    # the part of the edge over the face: above each side's line, in the face's plane
-    inwards = np.cross(normals[face, None], sides[face])
-    inwards /= np.linalg.norm(inwards, axis=2, keepdims=True)
-    at_begin = (inwards * (begin[:, None] - triangles[face])).sum(axis=2) + small
-    slope = (inwards * along[:, None]).sum(axis=2)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        crossing = -at_begin / slope
-    low = np.where(slope > 0, crossing, np.where(at_begin < 0, np.inf, 0.0)).max(axis=1)
-    high = np.where(slope < 0, crossing, 1.0).min(axis=1)
-    length = np.minimum(high, 1) - np.maximum(low, 0)
-    touches = length * np.linalg.norm(along, axis=1) > 4 * small
-    face, ending = face[touches], ending[touches]
-    corners = []
-    for one, other in product((1.0, -1.0), repeat=2):
-        # outer sides, on which the other face has a corner
-        seen = (one * heights[face, ending] > small).any(axis=1)
-        seen &= (other * heights[ending, face] > small).any(axis=1)
-        seen &= is_plate[face] if one < 0 else True
-        seen &= is_plate[ending] if other < 0 else True
-        both = [one * normals[face[seen]], other * normals[ending[seen]]]
-        corners.append(np.stack(both, axis=1))
-    return _bent(np.concatenate(corners))
-
-
-def lit_corners(corners: Floats, travelling: Floats) -> bool:
-    """Whether a wave that travels along k (m, 3) goes from one face of a corner to the other.
-
-    Corners (n, 2, 3) as above. Near the edge the reflected wave meets the other face if it runs
-    towards its plane.
-    """
-    both = np.concatenate([corners, corners[:, ::-1]])
-    for start in range(0, len(travelling) if len(both) else 0, _BLOCK):
-        k = travelling[start : start + _BLOCK]
-        for first, second in both:
-            onto = k @ first
-            after = k @ second - 2 * onto * (first @ second)
-            if ((onto < -_FLAT) & (after < -_FLAT)).any():
-                return True
-    return False
-
-
-def _bent(corners: Floats) -> Floats:
-    """Corners (n, 2, 3) that are no smooth face, each once."""
-    bent = corners[(corners[:, 0] * corners[:, 1]).sum(axis=1) < _SMOOTH]
-    return np.unique(bent.round(6), axis=0)
-
-
 Body = Aperture | PlacedAperture | Polyhedron | Array | Sequence[Any]
 
 _EXPECTED = "expected a body (Polyhedron, Aperture, placed Aperture, or an Array or list of these)"
@@ -204,8 +118,6 @@ class Facets:
     """(3,) the centre of the box, in the body's frame."""
     least_face: float
     """Root of the area of the smallest face; facets that join smoothly are one."""
-    inner_corners: Floats
-    """(m, 2, 3) normals of two faces that see each other from the edge where they meet."""
 
     @cached_property
     def vector(self) -> Floats:
@@ -232,6 +144,22 @@ class Facets:
         return np.asarray(np.unique(rows + 0.0, axis=0, return_inverse=True)[1].ravel())
 
     @cached_property
+    def surface(self) -> Indices:
+        """(n,) numbers of surfaces, the same for triangles that join smoothly at common edges."""
+        points = np.round(self.corners.reshape(-1, 3) / (_ONE_VERTEX * self.size))
+        _, number = np.unique(points + 0.0, axis=0, return_inverse=True)
+        begin = number.reshape(-1, 3)
+        edges = np.sort(np.stack([begin, np.roll(begin, -1, axis=1)], axis=2), axis=2)
+        keys = (edges[..., 0] * len(points) + edges[..., 1]).ravel()
+        order = np.argsort(keys, kind="stable")
+        (same,) = np.nonzero(keys[order][1:] == keys[order][:-1])
+        one, other = order[same] // 3, order[same + 1] // 3
+        cosine = (self.normal[one] * self.normal[other]).sum(axis=1)
+        both_sides = self.is_plate[one] & self.is_plate[other]
+        smooth = np.where(both_sides, np.abs(cosine), cosine) > SMOOTH
+        return connected(len(begin), one[smooth], other[smooth])
+
+    @cached_property
     def size(self) -> float:
         """Diagonal of the box around all triangles."""
         points = self.corners.reshape(-1, 3)
@@ -244,16 +172,6 @@ def facets_of(body: Any) -> Facets:
     Raises ArgumentError for anything but bodies and plates of uniform metal.
     """
     return _facets(_parts(body))
-
-
-def warn_of_corners(facets: Facets, travelling: Floats) -> None:
-    """Warn of faces that light each other across an edge, of waves that travel along k (m, 3)."""
-    if lit_corners(facets.inner_corners, travelling):
-        warn_caller(
-            "got faces that light each other across a concave edge: what comes back by two or three"
-            " reflections is left out, which is most of it in corner reflectors; give bounces=3 "
-            "(docs/rcs.md)"
-        )
 
 
 def _parts(body: Any) -> tuple[Any, ...]:
@@ -297,11 +215,6 @@ def _facets(parts: tuple[Any, ...]) -> Facets:
     areas = [_outline(part).area for part in parts if not isinstance(part, Polyhedron)]
     least = min(*areas, *(body.least_area() for body in bodies), math.inf)
     shadows = len(parts) > 1 or not (is_plate.all() or bodies[0].is_convex())
-    inner = np.empty((0, 2, 3))
-    if shadows:
-        owner = np.repeat(np.arange(len(parts)), [len(found) for found in corners])
-        own = [body.corners() for body in bodies]
-        inner = np.concatenate([corners_where_parts_touch(every, is_plate, owner), *own])
     return Facets(
         every[:, 0],
         every[:, 1] - every[:, 0],
@@ -310,7 +223,6 @@ def _facets(parts: tuple[Any, ...]) -> Facets:
         shadows,
         middle,
         math.sqrt(least),
-        inner,
     )
 
 

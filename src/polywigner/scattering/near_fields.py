@@ -11,6 +11,7 @@ from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from shapely.errors import GEOSException
 
 from polywigner import execution
 from polywigner.errors import ArgumentError
@@ -30,7 +31,8 @@ from polywigner.scattering.antennas import (
     spherical_axes,
 )
 from polywigner.scattering.beams import sums_of_beams
-from polywigner.scattering.facets import Facets, warn_of_corners
+from polywigner.scattering.facets import Facets
+from polywigner.scattering.interreflections import warn_of_reflections
 from polywigner.scattering.surface_sums import Pieces, transforms
 from polywigner.scattering.visibility import (
     Seen,
@@ -66,7 +68,15 @@ def near_sums(
     middle; elsewhere what of them stands across the ray from each antenna's centre.
     ``receiver``: None where it is the transmitter.
     """
-    lit = _lit(facets, transmitter, receiver)
+    try:
+        lit = _lit(facets, transmitter, receiver)
+    except GEOSException as error:
+        warn_caller(
+            f"the lit polygons could not be computed and the result is NaN ({error}); turn the "
+            "body slightly, or simplify its mesh"
+        )
+        shape = np.broadcast_shapes(*(vectors.shape for vectors in polarisations))
+        return np.full(shape[:-1], complex(np.nan, np.nan))
     pieces = _fine(lit, transmitter, receiver, math.sqrt(tolerance) * _SHARE)
     sums = [_summed(pieces, split, transmitter, receiver, polarisations) for split in (False, True)]
     return np.asarray((4 * sums[1] - sums[0]) / 3)
@@ -240,7 +250,7 @@ def near_sections(
     if to_transmitter is not None:
         there = checked_places("to_transmitter", to_transmitter, facets.middle)
     to_sender = directions_of(there)
-    warn_of_corners(facets, -to_sender.reshape(-1, 3))
+    warn_of_reflections(facets, -to_sender.reshape(-1, 3))
     jones = _jones_vectors(polarisation, receiver or source, source)
     named = None if jones[0] is not None else polarisation
     q, p = _polarisations(named, directions_of(here), to_sender)
@@ -268,7 +278,7 @@ def near_sections(
         there_and_back = transmitter.power_at_middle() * back.power_at_middle()
         with np.errstate(divide="ignore", invalid="ignore"):
             sections[k] = 4 * np.pi / lengths[k] ** 2 * powers[k] / there_and_back
-    if not np.isfinite(sections).all():
+    if not np.isfinite(sections[np.isfinite(powers)]).all():
         warn_caller(
             "got an antenna with a null at the middle of the body, of whose cross section it says "
             "nothing; take the power, with return_power=True"

@@ -1,0 +1,215 @@
+"""Cross sections of meshes of several bodies: no direction fails, and shadows are exact."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+
+import polywigner as pw
+from oracles.bounces import scattered_field, triangles_of
+from oracles.meshes import BOX, across, block, drone, joined, moved, section_root, torus, towards
+from oracles.scan_lines import visible_lengths
+from polywigner.errors import ArgumentError, PolywignerWarning
+from polywigner.scattering import overlays
+from polywigner.scattering.facets import facets_of
+from polywigner.scattering.visibility import seen_along
+
+pytestmark = pytest.mark.filterwarnings("ignore::polywigner.errors.PolywignerWarning")
+
+# Of the body's size: what rounding and the neglect of narrow parts leave.
+ROUNDING = 1e-9
+# Of rays, 250 across a body, in amplitudes of a plate of the body's shadow.
+RAYS = 1e-3
+
+
+def rotated(body: pw.Polyhedron, seed: int) -> tuple[pw.Polyhedron, np.ndarray]:
+    turn, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
+    turn *= np.linalg.det(turn)
+    return pw.Polyhedron(body.vertices @ turn.T, body.faces), turn
+
+
+@pytest.mark.parametrize(
+    ("sides", "polar", "azimuth"),
+    [(12, 60, 90), (12, 80, 270), (12, 90, 130), (8, 80, 90), (16, 100, 10)],
+)
+@pytest.mark.parametrize("bounces", [2, 3])
+def test_beams_are_followed_between_all_parts_of_a_drone(
+    sides: int, polar: float, azimuth: float, bounces: int
+) -> None:
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        sigma = pw.rcs(drone(sides), towards(polar, azimuth), 0.03, bounces=bounces)
+    assert sigma > 0
+    assert not any("could not be computed" in str(warning.message) for warning in found)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("polar", "azimuth"), [(60.1, 90.2), (70.0, 33.0)])
+def test_beams_of_a_drone_are_the_rays_of_two_reflections(polar: float, azimuth: float) -> None:
+    body, s, wavelength = drone(12), towards(polar, azimuth), 0.1
+    p = across(s)
+    field, area = scattered_field(triangles_of([body]), s, s, p, wavelength, 2, across=250)
+    found = math.sqrt(pw.rcs(body, s, wavelength, polarisation=(p, p), bounces=2))
+    expected = math.sqrt(4 * math.pi) / wavelength * abs(p @ field)
+    assert found == pytest.approx(expected, abs=RAYS * section_root(area, wavelength))
+
+
+def lit_lengths(body: Any, k: np.ndarray, angle: float, height: float) -> np.ndarray:
+    """Lengths (n,) of the visible parts of triangles on a line as of visible_lengths."""
+    facets = facets_of(body)
+    first = np.cross(k, (0.3, 0.5, 0.8))
+    first /= np.linalg.norm(first)
+    second = np.cross(k, first)
+    along = np.cos(angle) * first + np.sin(angle) * second
+    across = np.cos(angle) * second - np.sin(angle) * first
+    seen, lengths = seen_along(facets, k), np.zeros(len(facets.corner))
+    for j in np.flatnonzero(seen.signs):
+        part = seen.parts[j] or shapely.Polygon([(0, 0), (1, 0), (0, 1)])
+        places = []
+        for ring in shapely.get_rings(shapely.get_parts(part)):
+            u = shapely.get_coordinates(ring)
+            points = facets.corner[j] + u[:, :1] * facets.first[j] + u[:, 1:] * facets.second[j]
+            x, y = points @ along, points @ across - height
+            rows = np.flatnonzero((y[1:] > 0) != (y[:-1] > 0))
+            share = y[rows] / (y[rows] - y[rows + 1])
+            places += (x[rows] + share * (x[rows + 1] - x[rows])).tolist()
+        ends = np.sort(places)
+        lengths[j] = (ends[1::2] - ends[::2]).sum()
+    return lengths
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        drone(12),
+        rotated(drone(8), 1)[0],
+        joined([moved(block(1, 1, 1), x, y, 0) for x in (0, 1, 2) for y in (0, 1)]),
+        joined(
+            [block(4, 4, 0.1), moved(block(1, 1, 1), 0.5, 0, 0.1), moved(block(2, 1, 1), 0, 1, 1)]
+        ),
+        torus(12, 8),
+    ],
+    ids=["drone", "turned drone", "touching boxes", "stacked boxes", "torus"],
+)
+def test_visible_parts_are_those_of_scan_lines(body: Any) -> None:
+    facets, rng = facets_of(body), np.random.default_rng(2)
+    planes = np.column_stack([facets.normal, (facets.normal * facets.corner).sum(axis=1)])
+    plane = np.unique(planes.round(6) + 0.0, axis=0, return_inverse=True)[1].ravel()
+    for s in (towards(60, 90), towards(90, 130), towards(37, 211), towards(1e-6, 20)):
+        facing = facets.normal @ -s < 0
+        for angle in rng.uniform(0, math.pi, 4):
+            height = rng.uniform(-0.2, 0.2) * facets.size
+            found = np.bincount(plane, lit_lengths(body, -s, angle, height))
+            expected = np.zeros(len(plane))
+            expected[facing] = visible_lengths(facets.corners[facing], -s, angle, height)
+            expected = np.bincount(plane, expected)
+            np.testing.assert_allclose(found, expected, rtol=0, atol=ROUNDING * facets.size)
+
+
+@pytest.mark.parametrize("azimuth", [17.3, 40.0, 71.0, 135.0])
+def test_walls_stay_lit_as_the_receiver_rises_to_their_plane(azimuth: float) -> None:
+    # the limit: a wall seen edge-on still radiates along itself, so nothing of it may be lost
+    body, t = [pw.shapes.square(8.0), BOX], towards(40, 30)
+    angles = np.degrees(10.0 ** -np.arange(6.0, 12.0))
+    found = [math.sqrt(pw.rcs(body, towards(a, azimuth), 0.13, t)) for a in angles]
+    edge_on = math.sqrt(pw.rcs(body, (0, 0, 1), 0.13, t))
+    np.testing.assert_allclose(found, edge_on, atol=2e-5 * section_root(8.0, 0.13), rtol=0)
+
+
+def test_set_operations_return_polygons_and_lose_none() -> None:
+    square = shapely.box(0, 0, 1, 1)
+    line, point = shapely.LineString([(0, 0), (1, 1)]), shapely.Point(0, 0)
+    nested = shapely.GeometryCollection([square, shapely.GeometryCollection([line, square])])
+    mixed = np.array([nested, line, point, square, None], dtype=object)
+    kinds = shapely.get_type_id(overlays.polygonal(mixed))
+    assert kinds.tolist() == [6, 3, 3, 3, -1]
+    assert shapely.area(overlays.polygonal(mixed))[:4].tolist() == [2, 0, 0, 1]
+    # squares that touch along an edge share a line only
+    beside = np.array([shapely.box(1, 0, 2, 1)])
+    shared = overlays.intersections(np.array([square]), beside)
+    assert shapely.area(shared)[0] == 0 and shapely.get_type_id(shared)[0] == 3
+    # a narrow wall in front of a floor, which GEOS loses without a grid
+    wall = shapely.Polygon(
+        [
+            (-1.654657507375762e-09, -2.0000000000813922),
+            (0.9999999983453426, -2.000000001026911),
+            (0.9999999978725832, -2.0000000008641265),
+        ]
+    )
+    floor = shapely.Polygon(
+        [
+            (-4.000000001654657, -1.9999999962993167),
+            (-4.000000003545694, -3.999999996299318),
+            (3.9999999964543056, -4.000000003863466),
+            (1.9999999983453436, -2.0000000019724298),
+        ]
+    )
+    left = overlays.differences(np.array([wall]), np.array([floor]))
+    assert shapely.area(left)[0] == pytest.approx(wall.area, rel=1e-3, abs=0.0)
+
+
+def test_directions_beyond_the_limits_are_nan_and_leave_the_others() -> None:
+    # seen from above, each of 250 plates stands before all below it
+    body = joined([moved(block(1, 1, 0.001), 0, 0, 0.01 * k) for k in range(250)])
+    with pytest.warns(PolywignerWarning, match="1 of 2 directions could not be computed"):
+        found = pw.rcs(body, [(0.0, 0.0, 1.0), (1.0, 0.0, 0.0)], 0.03)
+    assert np.isnan(found[0]) and found[1] > 0
+    with pytest.raises(ArgumentError, match="overlap"):
+        pw.rcs(body, (0.0, 0.0, 1.0), 0.03)
+    with pytest.warns(PolywignerWarning, match="could not be computed"):
+        pattern = pw.rcs_pattern(body, 0.03, 0.0, np.array([0.0, math.pi / 2]))
+    np.testing.assert_array_equal(np.isnan(pattern["rcs"].values), [[False, True]])
+    assert pattern.attrs["largest_rcs"] == pattern["rcs"].values[0, 0]
+
+
+def warns_of_reflections(body: Any, s: Any) -> bool:
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        pw.rcs(body, s, 0.01)
+    return any("light each other" in str(warning.message) for warning in found)
+
+
+def single(body: pw.Polyhedron) -> pw.Polyhedron:
+    """A body with vertices of single precision, as in an STL file."""
+    return pw.Polyhedron(body.vertices.astype(np.float32), body.faces)
+
+
+FLOOR, WALL = moved(block(2, 2, 0.02), 0, 0, -0.02), block(0.02, 1, 1)
+
+
+@pytest.mark.parametrize("together", [joined, list], ids=["one mesh", "a list"])
+@pytest.mark.parametrize(
+    "parts",
+    [
+        [FLOOR, WALL],  # the wall's edge lies inside the floor
+        [FLOOR, moved(WALL, 0, 0, 0.3)],  # and above it
+        [FLOOR, moved(WALL, 0, 0, -0.01)],  # and in it
+        [moved(block(0.3, 0.3, 0.005), 0.15, 0, -0.005), moved(block(0.005, 0.3, 0.3), 0, 0, 0)],
+        [FLOOR, moved(rotated(moved(WALL, 0, 0, -0.5), 3)[0], 0, 0, 0.9)],
+    ],
+    ids=["standing", "above", "inside", "two boxes", "tilted"],
+)
+def test_bodies_that_light_each_other_are_warned_of(parts: Any, together: Any) -> None:
+    s = np.array([[1, 0, 1], [0.6, 0.5, 0.3], [-0.5, 0.2, 0.6]])
+    assert warns_of_reflections(together(parts), s / np.linalg.norm(s, axis=1, keepdims=True))
+    assert not warns_of_reflections(together(parts), (0.0, 0.0, -1.0))  # the floor hides the wall
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        joined([block(1, 1, 1), moved(block(1, 1, 1), 1, 0, 0)]),  # one box of two
+        [block(1, 1, 1), moved(block(1, 1, 1), 1, 0, 0)],
+        rotated(block(1, 2, 3), 4)[0],
+        single(rotated(joined([block(1, 2, 3)]), 5)[0]),
+    ],
+    ids=["two boxes in line", "a list of two", "turned", "single precision"],
+)
+def test_bodies_that_are_convex_are_not_warned_of(body: Any) -> None:
+    s = np.random.default_rng(6).normal(size=(40, 3))
+    assert not warns_of_reflections(body, s / np.linalg.norm(s, axis=1, keepdims=True))
