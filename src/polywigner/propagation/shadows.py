@@ -24,7 +24,13 @@ from polywigner.execution import NumpyOperations
 from polywigner.geometry.arguments import checked_number, warn_caller
 from polywigner.geometry.silhouettes import Obstacles, Silhouette
 from polywigner.illumination.obliquities import CONDITIONS, Obliquity, times_direction_cosine
-from polywigner.kernels.boundary.edge_waves import EdgeRule, Point, angle_about, edge_wave
+from polywigner.kernels.boundary.edge_waves import (
+    EdgeRule,
+    Point,
+    angle_about,
+    edge_wave,
+    edge_wave_and_rate,
+)
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.jets import JetOperations, slopes_of
 from polywigner.numerics.phases import cos_sin_turns
@@ -186,7 +192,8 @@ def diffracted(
     """Change by bodies, free field, and error at places (n, 3) of points with their silhouettes."""
     shadow = _Shadow.of(bodies, sources, seen, places)
     rule, coarser = next(rules for least, *rules in _RULES if tolerance >= least)
-    term = partial(_edge, rule, coarser if with_error else None)
+    is_oblique = any(point.field for point in sources)
+    term = partial(_edge, rule, coarser if with_error else None, is_oblique)
     real, imag, off = execution.evaluate_rows(
         term, shadow.table, shadow.samples, np.zeros(1), 3, engine
     )
@@ -216,8 +223,9 @@ def slopes_of_shadow(
     places = points / wavelength + _OFF * np.array([0.57, 0.31, 0.76])
     sources, seen = _seen(source, bodies, wavelength, method, tolerance)
     shadow = _Shadow.of(bodies, sources, seen, places)
+    term = partial(_edge_slopes, any(point.field for point in sources))
     parts = execution.evaluate_rows(
-        _edge_slopes, shadow.table, shadow.samples, np.zeros(1), 6, engine
+        term, shadow.table, shadow.samples, np.zeros(1), 6, engine
     )
     total = np.stack(parts[::2], axis=1) + 1j * np.stack(parts[1::2], axis=1)
     for point in sources:
@@ -277,44 +285,81 @@ class _Shadow(NamedTuple):
 
 
 def _edge(
-    rule: EdgeRule, coarser: EdgeRule | None, ops: Any, row: Point, sample: Point, _: Point
+    rule: EdgeRule,
+    coarser: EdgeRule | None,
+    is_oblique: bool,
+    ops: Any,
+    row: Point,
+    sample: Point,
+    _: Point,
 ) -> Any:
-    """Change of the field by an edge that a point of the source sees; and its error."""
+    """Change of the field by an edge that a point of the source sees; and its error.
+
+    ``is_oblique``: whether the point has a weight of the field, whose edge waves (SB5) depend on
+    the direction from the point to the edge.
+    """
     source, field, slope, start, end = row[:3], row[3:5], row[5:7], row[7:10], row[10:13]
     point, aside, by_angles = sample[:3], sample[3:6], sample[6]
-    real, imag = edge_wave(ops, rule, source, point, start, end, aside)
-    off = 0.0 * real
-    wave = wave_ahead(ops, tuple(a - b for a, b in zip(point, source, strict=True)), field, slope)
+    ends = source, point, start, end, aside
+    ahead = tuple(a - b for a, b in zip(point, source, strict=True))
+    bend = Pair(0.0, 0.0)
+    if is_oblique:
+        boundary, rate = edge_wave_and_rate(ops, rule, *ends)
+        bend = oblique_change(ops, ahead, field, rate)
+    else:
+        boundary = Pair(*edge_wave(ops, rule, *ends))
+    off = 0.0 * boundary.real
+    wave = wave_ahead(ops, ahead, field, slope)
     if coarser is not None:
-        other = edge_wave(ops, coarser, source, point, start, end, aside)
-        norm = (wave.real * wave.real + wave.imag * wave.imag) / (4.0 * math.pi**2)
-        off = ops.sqrt(norm * ((real - other[0]) ** 2 + (imag - other[1]) ** 2))
+        other = boundary - Pair(*edge_wave(ops, coarser, *ends))
+        off = ops.sqrt(wave.norm() * other.norm()) / (2.0 * math.pi)
     a, b, c, d = row[13:17]
     counts = a * point[0] + b * point[1] + c * point[2] + d >= 0.0
-    angle = by_angles * angle_about(ops, source, aside, start, end)
-    change = Pair(angle - ops.select(counts, real, 0.0), -ops.select(counts, imag, 0.0))
-    found = (wave * change).scaled(1.0 / (2.0 * math.pi))
-    return found.real, found.imag, off
+    change = (wave * boundary).scaled(-0.5 / math.pi) + bend
+    angle = wave.scaled(by_angles * angle_about(ops, source, aside, start, end) / (2.0 * math.pi))
+    return (
+        angle.real + ops.select(counts, change.real, 0.0),
+        angle.imag + ops.select(counts, change.imag, 0.0),
+        off,
+    )
 
 
-def _edge_slopes(ops: Any, row: Point, sample: Point, none: Point) -> Any:
+def _edge_slopes(is_oblique: bool, ops: Any, row: Point, sample: Point, none: Point) -> Any:
     """Derivatives of :func:`_edge` in x, y and z, real and imaginary part of each."""
     jets = JetOperations(ops)
-    point = (*jets.coordinates(sample[:3]), *jets.constants(sample[3:]))
-    real, imag, _ = _edge(_RULES[1][1], None, jets, jets.constants(row), point, none)
+    point = (*jets.variables(sample[:3]), *jets.constants(sample[3:]))
+    row = jets.constants(row)
+    real, imag, _ = _edge(_RULES[1][1], None, is_oblique, jets, row, point, none)
     return slopes_of(real, imag)
+
+
+def oblique_change(ops: Any, ahead: Point, field: Point, rate: Pair) -> Pair:
+    """What an edge wave adds by the change of its share with the place of the source, (SB5).
+
+    ``rate``: the derivative of the boundary wave in the z of the source.
+    """
+    # i/(2 pi) of the derivative, times -1/(2 pi) of the boundary wave
+    wave = spherical_wave(ops, ahead) * Pair(*field) * rate
+    return Pair(wave.imag, -wave.real).scaled(0.25 / math.pi**2)
+
+
+def spherical_wave(ops: Any, ahead: Point, turns: Any = None) -> Pair:
+    """exp(2 pi i R)/(i R), R the length of ``ahead``.
+
+    ``turns``: of the wave, where they are known better than by the distance.
+    """
+    distance = ops.sqrt(sum(a * a for a in ahead))
+    c, s = cos_sin_turns(ops, distance if turns is None else turns)
+    return Pair(s, -c).scaled(1.0 / distance)
 
 
 def wave_ahead(ops: Any, ahead: Point, field: Point, slope: Point, turns: Any = None) -> Pair:
     """The wave of a point that radiates, ``ahead`` of it; weights of its field and slope.
 
-    ``turns``: of the wave on its way, where they are known better than by the distance.
+    ``turns``: see :func:`spherical_wave`.
     """
-    distance = ops.sqrt(sum(a * a for a in ahead))
-    inverse = 1.0 / distance
-    # exp(2 pi i R)/(i R)
-    c, s = cos_sin_turns(ops, distance if turns is None else turns)
-    return Pair(s, -c).scaled(inverse) * _amplitude(ahead, inverse, field, slope)
+    inverse = 1.0 / ops.sqrt(sum(a * a for a in ahead))
+    return spherical_wave(ops, ahead, turns) * _amplitude(ahead, inverse, field, slope)
 
 
 def _amplitude(ahead: Point, inverse: Any, field: Point, slope: Point) -> Pair:
@@ -355,7 +400,7 @@ class RadiatingPoint(NamedTuple):
         """Derivatives of its wave at points (3, n) in x, y and z."""
         jets = JetOperations(NumpyOperations(double=True))
         weights = map(jets.constants, self.weights)
-        wave = wave_ahead(jets, jets.coordinates(points - self.place[:, None]), *weights)
+        wave = wave_ahead(jets, jets.variables(points - self.place[:, None]), *weights)
         found = slopes_of(wave.real, wave.imag)
         return [a + 1j * b for a, b in zip(found[::2], found[1::2], strict=True)]
 
