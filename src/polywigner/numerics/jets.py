@@ -136,6 +136,25 @@ class JetOperations:
         return Jet(self._ops, self._ops.atan2(y.value, x.value), _added(*slopes))
 
 
+def flattened(numbers: Iterable[Any]) -> list[Any]:
+    """The values and derivatives of jets, and other numbers, one after the other."""
+    parts: list[Any] = []
+    for number in numbers:
+        parts += [number.value, *number.slopes] if isinstance(number, Jet) else [number]
+    return parts
+
+
+def rebuilt(like: Iterable[Any], parts: Iterable[Any]) -> list[Any]:
+    """Numbers such as ``like`` from their :func:`flattened` parts."""
+    rest = iter(parts)
+    return [
+        Jet(number.ops, next(rest), tuple(next(rest) for _ in number.slopes))
+        if isinstance(number, Jet)
+        else next(rest)
+        for number in like
+    ]
+
+
 def slopes_of(real: Jet, imag: Jet) -> Slopes:
     """Real and imaginary part of the derivative of a complex number in x, in y and in z."""
     return tuple(part for both in zip(real.slopes, imag.slopes, strict=True) for part in both)

@@ -224,9 +224,7 @@ def slopes_of_shadow(
     sources, seen = _seen(source, bodies, wavelength, method, tolerance)
     shadow = _Shadow.of(bodies, sources, seen, places)
     term = partial(_edge_slopes, any(point.field for point in sources))
-    parts = execution.evaluate_rows(
-        term, shadow.table, shadow.samples, np.zeros(1), 6, engine
-    )
+    parts = execution.evaluate_rows(term, shadow.table, shadow.samples, np.zeros(1), 6, engine)
     total = np.stack(parts[::2], axis=1) + 1j * np.stack(parts[1::2], axis=1)
     for point in sources:
         slopes = np.stack(point.slopes(shadow.samples[:, :3].T), axis=1)
@@ -333,13 +331,16 @@ def _edge_slopes(is_oblique: bool, ops: Any, row: Point, sample: Point, none: Po
     return slopes_of(real, imag)
 
 
-def oblique_change(ops: Any, ahead: Point, field: Point, rate: Pair) -> Pair:
-    """What an edge wave adds by the change of its share with the place of the source, (SB5).
+def oblique_change(
+    ops: Any, ahead: Point, field: Point, rate: Pair, turns: Any = None
+) -> Pair:
+    """Return the term of (SB5) that turns the obliquity at the point into that at the edge.
 
-    ``rate``: the derivative of the boundary wave in the z of the source.
+    ``rate``: the derivative of the boundary wave in the z of the source. ``turns``: see
+    :func:`spherical_wave`.
     """
     # i/(2 pi) of the derivative, times -1/(2 pi) of the boundary wave
-    wave = spherical_wave(ops, ahead) * Pair(*field) * rate
+    wave = spherical_wave(ops, ahead, turns) * Pair(*field) * rate
     return Pair(wave.imag, -wave.real).scaled(0.25 / math.pi**2)
 
 
@@ -384,11 +385,6 @@ class RadiatingPoint(NamedTuple):
     def row(self) -> Floats:
         """(7,): place, and real and imaginary parts of both weights."""
         return np.array([*self.place, *self.weights[0], *self.weights[1]])
-
-    def amplitude(self, ahead: Floats) -> complex:
-        """Its amplitude in a direction ahead of it, without the wave's turns and decay."""
-        found = _amplitude(tuple(ahead.tolist()), 1.0 / np.linalg.norm(ahead), *self.weights)
-        return complex(found.real, found.imag)
 
     def wave(self, points: Floats) -> Complex:
         """Its wave at points (3, n)."""
