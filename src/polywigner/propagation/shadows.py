@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from polywigner import execution
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.execution import NumpyOperations
+from polywigner.geometry import Wavefront
 from polywigner.geometry.arguments import checked_number, warn_caller
 from polywigner.geometry.silhouettes import Obstacles, Silhouette
 from polywigner.illumination.obliquities import CONDITIONS, Obliquity, times_direction_cosine
@@ -35,6 +36,7 @@ from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.jets import JetOperations, slopes_of
 from polywigner.numerics.phases import cos_sin_turns
 from polywigner.propagation.boundary import Radiator, radiator_of
+from polywigner.propagation.curved_fields import cells_of_wave, lit_nodes
 from polywigner.propagation.screens import PointSource
 from polywigner.transforms import fourier
 from polywigner.transforms.wavefronts import flat_of
@@ -42,8 +44,15 @@ from polywigner.transforms.wavefronts import flat_of
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-# Nodes a wavelength that are always needed, and most beyond these.
-_PITCH, _MOST_MORE = 1.5, 24
+# Nodes a cycle, and nodes beyond these, of grids that are tried one after the other: uniform
+# apertures need the first ones, arrays and tapers the last.
+_GRIDS = (*((1.5, more) for more in range(2, 25, 2)), (1.75, 24), (2.0, 24))
+# Singular values of plane waves at nodes that are rounding, over the largest.
+_ROUNDING = 1e-9
+# Sines beyond those of the directions that matter, times the length of a side in wavelengths.
+_MARGIN = 4.0
+# Triangles at a time, of 400 nodes each.
+_CELLS = 1 << 6
 # The far field is compared at so many directions for each node's length, and so many more.
 _DIRECTIONS, _MORE_DIRECTIONS = 4.0, 24
 
@@ -61,6 +70,11 @@ class EquivalentGrid:
     obliquity and for its slope's, as far as there are any."""
 
 
+Sines = tuple[tuple[float, float], tuple[float, float]]
+"""Least and largest sine of directions from a source, along x and along y."""
+_ALL_SINES: Sines = ((-1.0, 1.0), (-1.0, 1.0))
+
+
 def equivalent_grid(
     source: Any,
     radiator: Radiator,
@@ -68,39 +82,73 @@ def equivalent_grid(
     condition: Obliquity,
     error: float,
     allowed: Callable[[Sequence[int]], bool],
+    sines: Sines = _ALL_SINES,
 ) -> EquivalentGrid | None:
-    """Return the smallest grid whose |F|^2 is within ``error`` of its peak."""
-    fields = [(source, condition.field)] if condition.field else []
-    if condition.slope:
-        with suppress(IlluminationError):  # all waves graze the plane: their cosines are zero
-            fields.append((times_direction_cosine(source, wavelength), condition.slope))
-    if not fields:
-        return None
+    """Return a small grid whose |F|^2 is within ``error`` of its peak in directions of ``sines``.
+
+    None if ``allowed`` rejects the numbers of nodes along x and y.
+    """
     half = (radiator.high - radiator.low) / (2 * wavelength)
-    sines = [
-        np.cos(math.pi * (np.arange(n) + 0.5) / n)
-        for n in (math.ceil(2 * _DIRECTIONS * h) + _MORE_DIRECTIONS for h in half)
-    ]
+    middles, widths = np.mean(sines, axis=1), np.ptp(sines, axis=1) / 2
+    # cycles over half a side that directions differ by
+    cycles = half * widths
+    waves: list[Floats] = []
     spectra: list[Complex] = []
-    for more in range(1, _MOST_MORE):
-        counts = [math.ceil(2 * _PITCH * h) + more for h in half]
+    for pitch, more in _GRIDS:
+        counts = [math.ceil(2 * pitch * c) + more for c in cycles]
         if not allowed(counts):
             return None
-        # not before it is known that there are few
-        spectra = spectra or [
-            part * _spectrum(field, sines, radiator.centre, wavelength) for field, part in fields
-        ]
+        if not spectra:  # not before it is known that there are few
+            numbers = [math.ceil(2 * _DIRECTIONS * c) + _MORE_DIRECTIONS for c in cycles]
+            waves = [
+                m + w * np.cos(math.pi * (np.arange(n) + 0.5) / n)
+                for m, w, n in zip(middles, widths, numbers, strict=True)
+            ]
+            spectra = _spectra(source, waves, radiator.centre, wavelength, condition)
+            if not spectra:
+                return None
         x, y = (np.polynomial.legendre.leggauss(n)[0] for n in counts)
-        weights = [_fitted(s, sines, (half[0] * x, half[1] * y), error) for s in spectra]
+        weights = [_fitted(s, waves, (half[0] * x, half[1] * y), error) for s in spectra]
         if all(found is not None for found in weights):
             return EquivalentGrid((x, y), half, tuple(w for w in weights if w is not None))
     return None
 
 
-def _spectrum(field: Any, sines: list[Floats], middle: Floats, wavelength: float) -> Complex:
-    """The far field in units of a square wavelength, seen from the middle."""
+def _spectra(
+    source: Any, sines: list[Floats], middle: Floats, wavelength: float, condition: Obliquity
+) -> list[Complex]:
+    """Far fields of the field's part of a boundary condition and of its slope's, if there are any.
+
+    In units of a square wavelength, seen from the middle.
+    """
     nu = np.stack(np.meshgrid(*sines, indexing="ij"), axis=-1) / wavelength
-    return fourier(field, nu) * np.exp(2j * math.pi * (nu @ middle)) / wavelength**2
+    phase = np.exp(2j * math.pi * (nu @ middle)) / wavelength**2
+    spectra = []
+    if condition.field:
+        spectra.append(condition.field * fourier(source, nu) * phase)
+    if condition.slope and isinstance(source, Wavefront) and not source.is_flat:
+        spectra.append(condition.slope * _slope_spectrum(source, sines, wavelength) * phase)
+    elif condition.slope:
+        with suppress(IlluminationError):  # all waves graze the plane: their cosines are zero
+            slopes = times_direction_cosine(flat_of(source), wavelength)
+            spectra.append(condition.slope * fourier(slopes, nu) * phase)
+    return spectra
+
+
+def _slope_spectrum(wave: Wavefront, sines: list[Floats], wavelength: float) -> Complex:
+    """The transform of the normal derivative of a curved wave, over ik."""
+    total = np.zeros([len(s) for s in sines], np.complex128)
+    for part, cells in cells_of_wave(wave, wavelength):
+        for start in range(0, len(cells), _CELLS):
+            nodes, _, slopes = lit_nodes(
+                wave, part, cells[start : start + _CELLS], wavelength, True
+            )
+            x, y = (
+                np.exp(-2j * math.pi / wavelength * np.multiply.outer(s, nodes[..., k].ravel()))
+                for k, s in enumerate(sines)
+            )
+            total += (x * slopes.ravel()) @ y.T
+    return total
 
 
 def _fitted(
@@ -108,14 +156,38 @@ def _fitted(
 ) -> Complex | None:
     """The weights of a grid of places with this far field; None if they miss it."""
     waves = [np.exp(-2j * math.pi * np.outer(s, x)) for s, x in zip(sines, places, strict=True)]
-    # singular values of plane waves at the nodes that are rounding
-    first, second = (np.linalg.pinv(wave, rcond=min(1e-9, 1e-4 * error)) for wave in waves)
+    first, second = (np.linalg.pinv(wave, rcond=_ROUNDING) for wave in waves)
     weights = first @ spectrum @ second.T
     found = waves[0] @ weights @ waves[1].T
     seen = np.add.outer(sines[0] ** 2, sines[1] ** 2) <= 1.0
     expected = np.abs(spectrum[seen]) ** 2
     missed = np.abs(np.abs(found[seen]) ** 2 - expected).max()
     return weights if missed <= error * expected.max() else None
+
+
+def sines_towards(low: Floats, high: Floats, boxes: Floats) -> Sines:
+    """Bounds on the sines of directions from a rectangle (2,) to (2,) at z = 0 to boxes (n, 2, 3).
+
+    Wider by what the ends of a source of this size tell apart.
+    """
+    start = np.column_stack([low, high]).T
+    first, last = boxes[:, 0].copy(), boxes[:, 1].copy()
+    first[:, :2] -= start[1]
+    last[:, :2] -= start[0]
+    near = np.where((first < 0.0) & (last > 0.0), 0.0, np.minimum(abs(first), abs(last)))
+    far = np.maximum(abs(first), abs(last))
+    bounds = []
+    for k in range(2):
+        others = [m for m in range(3) if m != k]
+        closest, farthest = (np.linalg.norm(part[:, others], axis=1) for part in (near, far))
+        margin = _MARGIN / max(high[k] - low[k], 1e-9)
+        # a sine grows with its own component, and falls with the others unless it is negative
+        largest = last[:, k] / np.hypot(last[:, k], np.where(last[:, k] > 0.0, closest, farthest))
+        least = first[:, k] / np.hypot(first[:, k], np.where(first[:, k] < 0.0, closest, farthest))
+        bounds.append(
+            (max(-1.0, float(least.min()) - margin), min(1.0, float(largest.max()) + margin))
+        )
+    return bounds[0], bounds[1]
 
 
 DEFAULT_TOLERANCE = 1e-6
@@ -173,7 +245,7 @@ def shadow_of(
     Raises ArgumentError for obstacles around the source, and sources that take too many points.
     """
     places = points / wavelength
-    sources, seen = _seen(source, bodies, wavelength, method, tolerance)
+    sources, seen = _seen(source, bodies, places, wavelength, method, tolerance)
     change, free, off = diffracted(bodies, sources, seen, places, engine, with_error, tolerance)
     if with_error and len(sources) > 1:
         off += _OF_GRID * tolerance * np.abs(free).max(initial=0.0)
@@ -221,7 +293,7 @@ def slopes_of_shadow(
     """
     # off the boundaries of shadows, at which the field is smooth but roots in its formula are not
     places = points / wavelength + _OFF * np.array([0.57, 0.31, 0.76])
-    sources, seen = _seen(source, bodies, wavelength, method, tolerance)
+    sources, seen = _seen(source, bodies, places, wavelength, method, tolerance)
     shadow = _Shadow.of(bodies, sources, seen, places)
     term = partial(_edge_slopes, any(point.field for point in sources))
     parts = execution.evaluate_rows(term, shadow.table, shadow.samples, np.zeros(1), 6, engine)
@@ -233,10 +305,13 @@ def slopes_of_shadow(
 
 
 def _seen(
-    source: Any, bodies: Obstacles, wavelength: float, method: str, tolerance: float
+    source: Any, bodies: Obstacles, places: Floats, wavelength: float, method: str, tolerance: float
 ) -> tuple[list[RadiatingPoint], list[Silhouette]]:
-    """Points in place of a source, and the silhouettes that they see."""
-    sources = radiating_points(source, wavelength, method, _OF_GRID * tolerance)
+    """Points in place of a source, as bodies and places need them, and their silhouettes."""
+    boxes = [np.stack([b.vertices.min(axis=0), b.vertices.max(axis=0)]) for b in bodies.bodies]
+    targets = np.concatenate([np.stack(boxes), np.stack([places, places], axis=1)])
+    error = _OF_GRID * tolerance
+    sources = radiating_points(source, wavelength, method, error, targets=targets)
     _check_clearance(bodies, sources)
     return sources, bodies.silhouettes([place for place, *_ in sources])
 
@@ -331,9 +406,7 @@ def _edge_slopes(is_oblique: bool, ops: Any, row: Point, sample: Point, none: Po
     return slopes_of(real, imag)
 
 
-def oblique_change(
-    ops: Any, ahead: Point, field: Point, rate: Pair, turns: Any = None
-) -> Pair:
+def oblique_change(ops: Any, ahead: Point, field: Point, rate: Pair, turns: Any = None) -> Pair:
     """Return the term of (SB5) that turns the obliquity at the point into that at the edge.
 
     ``rate``: the derivative of the boundary wave in the z of the source. ``turns``: see
@@ -402,23 +475,44 @@ class RadiatingPoint(NamedTuple):
 
 
 def radiating_points(
-    source: Any, wavelength: float, method: str, error: float, most: int = _MOST_SOURCES
+    source: Any,
+    wavelength: float,
+    method: str,
+    error: float,
+    most: int = _MOST_SOURCES,
+    targets: Floats | None = None,
 ) -> list[RadiatingPoint]:
-    """Points that radiate as a source does, but for an error of |F|^2 over its peak."""
+    """Return points that radiate as a source does, but for an error of |F|^2 over its peak.
+
+    ``targets`` (n, 2, 3): low and high corners, in wavelengths, of boxes that the points may be
+    seen from; None: all directions.
+
+    Raises ArgumentError at once for sources that need more than ``most`` points.
+    """
     if isinstance(source, PointSource):
         # exp(ikR)/R is i/wavelength times exp(ikR)/(i R/wavelength)
         place = np.array(source.position) / wavelength
         return [RadiatingPoint(place, 0j, 1j * source.amplitude / wavelength)]
     radiator = radiator_of(flat_of(source))
     condition = CONDITIONS[method]
-    found = equivalent_grid(
-        source, radiator, wavelength, condition, error, lambda counts: math.prod(counts) <= most
-    )
+    low, high = radiator.low / wavelength, radiator.high / wavelength
+    sines = _ALL_SINES if targets is None else sines_towards(low, high, targets)
+    tried: list[int] = []
+
+    def allowed(counts: Sequence[int]) -> bool:
+        tried[:] = counts
+        return math.prod(counts) <= most
+
+    found = equivalent_grid(source, radiator, wavelength, condition, error, allowed, sines)
     if found is None:
+        size, count = " × ".join(f"{side:.3g}" for side in high - low), math.prod(tried)
         raise ArgumentError(
-            f"expected a source that up to {most} points stand for with obstacles, got sides of "
-            f"{np.round((radiator.high - radiator.low) / wavelength, 1).tolist()} wavelengths; "
-            "pass a larger tolerance, or a part of the source"
+            f"source of {size} wavelengths needs {count} or more equivalent points with obstacles, "
+            f"the limit is {most}; move obstacles and points away from the source, or use a part "
+            "of it"
+            if count > most
+            else f"no {count} equivalent points match the source of {size} wavelengths; increase "
+            "the tolerance"
         )
     middle = radiator.centre / wavelength
     x, y = (m + h * n for m, h, n in zip(middle, found.half, found.nodes, strict=True))
