@@ -1,6 +1,6 @@
 """Write tests/data/shadows.json: |U| of a square behind a plate and a box, by surface integrals.
 
-Run: PYTHONPATH=src:tests python -m oracles.generate_shadows (about five minutes)
+Run: PYTHONPATH=src:tests python -m oracles.generate_shadows
 """
 
 from __future__ import annotations

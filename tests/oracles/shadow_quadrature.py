@@ -295,10 +295,9 @@ def shadowed_field(
     for first in range(0, count, count if share_regions else 1):
         some = slice(first, count if share_regions else first + 1)
         part = Radiators(source.positions[some], source.monopoles[some], source.dipoles[some])
+        near = np.concatenate([points, source.positions[first : first + 1]])
         regions = lit_regions(surfaces, source.positions[first])
-        for row, point in enumerate(points):
-            near = np.concatenate([point[None], source.positions[first : first + 1]])
-            total[row] -= taken_by(*regions, part, near, order, longest).field(point[None])[0]
+        total -= taken_by(*regions, part, near, order, longest).field(points)
     return total
 
 

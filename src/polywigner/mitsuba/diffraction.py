@@ -34,7 +34,7 @@ from polywigner.mitsuba.sampling import opaque, single
 from polywigner.mitsuba.sources import SourceSpec
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.jets import Jet, flattened, rebuilt
-from polywigner.propagation.shadows import (
+from polywigner.propagation.equivalent_points import (
     RadiatingPoint,
     oblique_change,
     radiating_points,

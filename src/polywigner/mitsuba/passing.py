@@ -19,7 +19,8 @@ from polywigner.mitsuba.mirrors import Mirror, Plane, surface_of, trace_way
 from polywigner.mitsuba.placement import Frame, PlacedSource
 from polywigner.mitsuba.polarisation import turned
 from polywigner.mitsuba.sampling import cells_with_field
-from polywigner.propagation.shadows import RadiatingPoint, diffracted, radiating_points
+from polywigner.propagation.equivalent_points import RadiatingPoint, radiating_points
+from polywigner.propagation.shadows import diffracted
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]

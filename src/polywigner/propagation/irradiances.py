@@ -292,13 +292,13 @@ def irradiance(
         return execution.evaluate_hosted(
             partial(irradiance, source, **how), "points", points, 3, **run
         )
+    length = checked_wavelength(wavelength)
     if isinstance(source, PointSource):  # its rays carry |exp(ikR)/R|^2 exactly
-        how = {**run, "obliquity": obliquity}
-        own = DEFAULT if method == "wigner" else method
-        return _squared(source, points, wavelength, own, return_error, how)
+        options: dict[str, Any] = {**run, "obliquity": obliquity}
+        exact = DEFAULT if method == "wigner" else method
+        return _squared(source, points, length, exact, return_error, options)
     radiator = source if isinstance(source, Screen) else checked_radiator(source, partly=by_lags)
     places = checked_points(points)
-    length = checked_wavelength(wavelength)
     if method != "wigner":
         _check_rays_only(method, order=order != 1, sampling=sampling != "gauss", samples=samples)
         run["obliquity"] = obliquity
@@ -405,7 +405,7 @@ def _curved(source: Any) -> tuple[float, ...]:
 
 def _squared(
     source: Aperture | Array | Wavefront | Screen | PointSource,
-    points: Values,
+    points: Any,
     wavelength: float,
     method: Any,
     return_error: bool,

@@ -397,9 +397,10 @@ def edge_wave_and_rate(
     """The boundary wave of :func:`edge_wave`, and its derivative in the z of the source."""
     jets = JetOperations(ops)
     (height,) = jets.variables(source[2:])
-    others = (jets.constants(some) for some in (point, start, end))
+    place = (*jets.constants(source[:2]), height)
+    point, start, end = (jets.constants(some) for some in (point, start, end))
     beside = None if aside is None else jets.constants(aside)
-    parts = edge_wave(jets, rule, (*jets.constants(source[:2]), height), *others, beside, when)
+    parts = edge_wave(jets, rule, place, point, start, end, beside, when)
     return Pair(*(part.value for part in parts)), Pair(*(part.slopes[0] for part in parts))
 
 
