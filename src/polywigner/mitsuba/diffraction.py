@@ -23,7 +23,12 @@ from polywigner.errors import ArgumentError, SceneError
 from polywigner.execution import NumpyOperations, ops_for
 from polywigner.geometry.faces import connected
 from polywigner.geometry.silhouettes import Obstacle, Obstacles, Silhouette
-from polywigner.kernels.boundary.edge_waves import EdgeRule, edge_wave, least_detour
+from polywigner.kernels.boundary.edge_waves import (
+    EdgeRule,
+    edge_wave,
+    edge_wave_and_rate,
+    least_detour,
+)
 from polywigner.mitsuba.exact import AWAY
 from polywigner.mitsuba.placement import matrix_of, reach_of
 from polywigner.mitsuba.sampling import opaque, single
@@ -31,7 +36,13 @@ from polywigner.mitsuba.scene_order import sorted_emitters, sorted_shapes
 from polywigner.mitsuba.sources import SourceSpec
 from polywigner.mitsuba.visibility import ROUNDING
 from polywigner.numerics.complex_pairs import Pair
-from polywigner.propagation.shadows import RadiatingPoint, radiating_points, wave_ahead
+from polywigner.numerics.jets import Jet, flattened, rebuilt
+from polywigner.propagation.equivalent_points import (
+    RadiatingPoint,
+    oblique_change,
+    radiating_points,
+    wave_ahead,
+)
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -254,6 +265,7 @@ class Shadows:
         near = np.abs([point.place for point in points]).max(axis=0) + AWAY
         self._near = [opaque(m, value) for value in (near / scale).tolist()]
         rows = np.array([[*point.row, 0.0] for point in points])
+        self._is_oblique = any(point.field for point in points)
         faces = sum(len(body.triangles) for body in own)
         _log.info(
             "shadows: %d faces, %d edges of %d points; waves of edges below %g of the light are "
@@ -333,13 +345,19 @@ class Shadows:
 
     def _wave(self, ops: Any, row: Any, place: Any) -> tuple[Pair, Any]:
         """The wave of a point of the source, relative to the phase of the distance from its frame's
-        origin; and the way to the place."""
+        origin; and the path to the place."""
+        ahead, turns = self._path(ops, row, place)
+        return wave_ahead(ops, ahead, tuple(row[3:5]), tuple(row[5:7]), turns), ahead
+
+    @staticmethod
+    def _path(ops: Any, row: Any, place: Any) -> tuple[Any, Any]:
+        """From a point of the source to a place, and cycles beyond the distance of the origin."""
         x, y, z = place
-        a, b, _, *weights = row[:7]
+        a, b = row[:2]
         ahead = x - a, y - b, z
         way = ops.sqrt(ahead[0] * ahead[0] + ahead[1] * ahead[1] + z * z)
         turns = (a * (a - 2.0 * x) + b * (b - 2.0 * y)) / (way + ops.sqrt(x * x + y * y + z * z))
-        return wave_ahead(ops, ahead, tuple(weights[:2]), tuple(weights[2:]), turns), ahead
+        return ahead, turns
 
     def _hidden(self, at: Any, ahead: Any) -> Any:
         m = self._m
@@ -361,14 +379,30 @@ class Shadows:
     def _change(self, ops: Any, seen: Any, row: Any, place: Any) -> Pair:
         wave, _ = self._wave(ops, seen, place)
         source = seen[0], seen[1], 0.0 * seen[0]
-        real, imag = edge_wave(ops, _RULE, source, place, row[:3], row[3:6], when=self._when)
-        return wave * Pair(real, imag).scaled(-0.5 / math.pi)
+        path = source, place, row[:3], row[3:6]
+        if not self._is_oblique:
+            boundary = Pair(*edge_wave(ops, _RULE, *path, when=self._when))
+            return wave * boundary.scaled(-0.5 / math.pi)
+        boundary, rate = edge_wave_and_rate(ops, _RULE, *path, when=self._when)
+        ahead, turns = self._path(ops, seen, place)
+        bend = oblique_change(ops, ahead, tuple(seen[3:5]), rate, turns)
+        return wave * boundary.scaled(-0.5 / math.pi) + bend
 
     def _when(self, condition: Any, compute: Callable[..., Any], *arguments: Any) -> Any:
         if not self._jit:
             return compute(*arguments)
         zero = self._m.Float(0.0)
-        return dr.if_stmt(arguments, condition, compute, lambda *_: (zero, zero), mode="symbolic")
+
+        def taken(*parts: Any) -> tuple[Any, ...]:
+            return tuple(flattened(compute(*rebuilt(arguments, parts))))
+
+        # values of jets and their derivatives are arguments and results of their own
+        count = 4 if self._is_oblique else 2
+        state = tuple(flattened(arguments))
+        parts = dr.if_stmt(state, condition, taken, lambda *_: (zero,) * count, mode="symbolic")
+        if not self._is_oblique:
+            return parts
+        return Jet(self._ops, parts[0], parts[1:2]), Jet(self._ops, parts[2], parts[3:])
 
 
 def in_frame(body: Obstacle, pose: Floats, scale: float) -> Obstacle:

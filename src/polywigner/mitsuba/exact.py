@@ -41,7 +41,7 @@ from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.phases import cos_sin_turns
 from polywigner.plans import sums_over_points
 from polywigner.propagation.boundary import Radiator, boundary_tables, panels_in, radiator_of
-from polywigner.propagation.shadows import equivalent_grid
+from polywigner.propagation.equivalent_points import equivalent_grid
 from polywigner.transforms import fourier
 
 Floats = NDArray[np.float64]

@@ -1,9 +1,12 @@
-"""Numbers that carry their derivatives in x, y and z through formulas written over ``ops``."""
+"""Numbers that carry their derivatives through formulas written over ``ops``.
+
+Jets nest: values that are jets themselves, of an inner JetOperations, carry second derivatives.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from polywigner.numerics.phases import cos_sin_turns
@@ -15,7 +18,7 @@ Slopes = tuple[Any, ...]
 
 
 class Jet:
-    """A number and its derivatives in x, y and z, of arrays of any engine; () of a constant.
+    """A number and its derivatives in some variables, of arrays of any engine; () of a constant.
 
     All arrays of a formula are jets, for Dr.Jit's arrays know no others.
     """
@@ -55,7 +58,9 @@ class Jet:
         return -self + other
 
     def __abs__(self) -> Jet:
-        return self * self.ops.select(self.value < 0.0, -1.0, 1.0)
+        negative = self.value < 0.0
+        slopes = tuple(self.ops.select(negative, -slope, slope) for slope in self.slopes)
+        return Jet(self.ops, abs(self.value), slopes)
 
     def __lt__(self, other: Any) -> Any:
         return self.value < _value(other)
@@ -83,23 +88,23 @@ class JetOperations:
     def __init__(self, ops: Any) -> None:
         self._ops, self.double = ops, ops.double
 
-    def coordinates(self, point: Iterable[Any]) -> tuple[Jet, ...]:
-        """The x, y and z of a point, each with its derivatives."""
-        rows = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-        pairs = zip(point, rows, strict=True)
+    def variables(self, values: Sequence[Any]) -> tuple[Jet, ...]:
+        """Numbers with their derivatives in each of them, such as the coordinates of a point."""
+        count = range(len(values))
         return tuple(
-            Jet(self._ops, value, tuple(0.0 * value + slope for slope in row))
-            for value, row in pairs
+            Jet(self._ops, value, tuple(0.0 * value + float(m == n) for m in count))
+            for n, value in enumerate(values)
         )
 
     def constants(self, values: Iterable[Any]) -> tuple[Jet, ...]:
-        """Numbers that do not depend on the point."""
+        """Numbers that do not depend on the variables."""
         return tuple(Jet(self._ops, value) for value in values)
 
     def select(self, condition: Any, a: Any, b: Any) -> Jet:
         first, second = (number.slopes if isinstance(number, Jet) else () for number in (a, b))
         if first or second:
-            pairs = zip(first or (0.0,) * 3, second or (0.0,) * 3, strict=True)
+            count = len(first or second)
+            pairs = zip(first or (0.0,) * count, second or (0.0,) * count, strict=True)
             first = tuple(self._ops.select(condition, p, q) for p, q in pairs)
         return Jet(self._ops, self._ops.select(condition, _value(a), _value(b)), first)
 
@@ -129,6 +134,25 @@ class JetOperations:
         inverse = 1.0 / self._ops.maximum(y.value * y.value + x.value * x.value, _LEAST)
         slopes = y.through(0.0, x.value * inverse).slopes, x.through(0.0, -y.value * inverse).slopes
         return Jet(self._ops, self._ops.atan2(y.value, x.value), _added(*slopes))
+
+
+def flattened(numbers: Iterable[Any]) -> list[Any]:
+    """The values and derivatives of jets, and other numbers, one after the other."""
+    parts: list[Any] = []
+    for number in numbers:
+        parts += [number.value, *number.slopes] if isinstance(number, Jet) else [number]
+    return parts
+
+
+def rebuilt(like: Iterable[Any], parts: Iterable[Any]) -> list[Any]:
+    """Numbers such as ``like`` from their :func:`flattened` parts."""
+    rest = iter(parts)
+    return [
+        Jet(number.ops, next(rest), tuple(next(rest) for _ in number.slopes))
+        if isinstance(number, Jet)
+        else next(rest)
+        for number in like
+    ]
 
 
 def slopes_of(real: Jet, imag: Jet) -> Slopes:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from functools import lru_cache, partial
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from polywigner import execution
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, Precision
-from polywigner.execution.progress import told
 from polywigner.geometry import Aperture, Polyhedron, Wavefront
-from polywigner.geometry.aperture import PlacedAperture, triangulate
+from polywigner.geometry.aperture import PlacedAperture
 from polywigner.geometry.arguments import Points, checked_flag, checked_wavelength, takes_frequency
 from polywigner.geometry.silhouettes import obstacles_of
 from polywigner.illumination import Array
@@ -23,7 +22,6 @@ from polywigner.illumination.obliquities import (
     CONDITIONS,
     DEFAULT,
     BoundaryCondition,
-    direction_cosines,
     warn_of_slopes,
 )
 from polywigner.illumination.support import moved_source
@@ -31,9 +29,9 @@ from polywigner.kernels.boundary.integrals import distance_of, point_in_waveleng
 from polywigner.numerics.phases import reduced
 from polywigner.optics import FirstOrder
 from polywigner.propagation import shadows
-from polywigner.propagation.arrangement import quartered
 from polywigner.propagation.boundary import boundary_field, radiator_of
 from polywigner.propagation.collins import field_behind
+from polywigner.propagation.curved_fields import curved_field
 from polywigner.propagation.far_fields import check_slopes, far_field
 from polywigner.propagation.field_slopes import has_derivatives, traced_field
 from polywigner.propagation.places import (
@@ -41,6 +39,7 @@ from polywigner.propagation.places import (
     Method,
     check_reach,
     checked_amplitude_tolerance,
+    checked_coordinates,
     checked_method,
     checked_points,
     warn_of_missed,
@@ -52,183 +51,11 @@ from polywigner.propagation.screens import (
     incident_of_point,
 )
 from polywigner.transforms import Differentiable
-from polywigner.transforms.wavefronts import (
-    checked_wavefront,
-    chirp_transform,
-    flat_of,
-    principal_axes,
-)
+from polywigner.transforms.wavefronts import checked_wavefront, flat_of
 from polywigner.transforms.xarray_arguments import takes_xarray
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-
-# So many Gauss nodes along each side of a cell have 13 digits of waves of four turns there, and of
-# the static field of places half as far away as the cell is long.
-_NODES, _TURNS = 20, 4.0
-# Rounding of a sum, relative to the sum of the moduli.
-_ROUNDING = 1e-13
-# Pairs of a point and a cell: so many nodes at a time, points at a time, and the most in all.
-_READY, _POINTS, _MOST_PAIRS = 1 << 9, 1 << 9, 1 << 22
-
-
-def curved_field(
-    wave: Wavefront, points: Floats, wavelength: float, method: str
-) -> tuple[Complex, Floats]:
-    """The field at points (n, 3), and a bound on the rounding of it."""
-    if method == "fresnel":
-        return _fresnel(wave, points, wavelength)
-    return summed_over_cells(wave, points, wavelength, partial(_terms, wave, method=method))
-
-
-def _fresnel(wave: Wavefront, points: Floats, wavelength: float) -> tuple[Complex, Floats]:
-    """(Q6): the transform with a further parabola in its phase, the way to each point."""
-    q, axes = principal_axes(wave.curvature)
-    scale = 1.0 / (wavelength * points[:, 2])
-    place, centre = points[:, :2], wave.centre
-    nu = (place - centre) * scale[:, None]
-    found = chirp_transform(wave.source, q + scale[:, None], axes, centre, nu)
-    turns = points[:, 2] / wavelength
-    turns = turns - np.round(turns) + scale / 2 * ((place**2).sum(axis=1) - centre @ centre)
-    values = found * (scale / 1j) * np.exp(2j * math.pi * (turns - np.round(turns)))
-    return values, _ROUNDING * scale * radiator_of(wave.source).content
-
-
-class _Part(NamedTuple):
-    """A copy of an element: its triangles where it is, its place, and its waves."""
-
-    triangles: Floats
-    shift: Floats
-    amplitudes: Complex
-    frequencies: Floats
-
-
-def summed_over_cells(
-    wave: Wavefront,
-    points: Floats,
-    wavelength: float,
-    terms: Callable[[_Part, Floats, Floats, float], Complex],
-    components: tuple[int, ...] = (),
-) -> tuple[Complex, Floats]:
-    """Sums over a source at points (n, 3), (n, *components), and bounds on their rounding (n,).
-
-    ``terms(part, cells, points, wavelength)``: (k, nodes, *components) of cells (k, 3, 2) and
-    points (k, 3). Cells are so small that one rule does for all.
-    """
-    values, sizes = np.zeros((len(points), *components), np.complex128), np.zeros(len(points))
-    with told("points", range(0, len(points), _POINTS)) as starts:
-        for start in starts:
-            some = points[start : start + _POINTS]
-            for part in _parts(wave):
-                for owners, cells in _cells(wave, part, some, wavelength):
-                    found = terms(part, cells, some[owners], wavelength)
-                    np.add.at(values, owners + start, found.sum(axis=1))
-                    np.add.at(
-                        sizes, owners + start, np.abs(found).reshape(len(cells), -1).sum(axis=1)
-                    )
-    return values, _ROUNDING * sizes
-
-
-def _parts(wave: Wavefront) -> Iterator[_Part]:
-    for element in radiator_of(wave.source).elements:
-        corners, numbers = triangulate(element.outline)
-        for shift, weight in zip(element.shifts, element.weights.tolist(), strict=True):
-            amplitudes = weight * element.amplitudes
-            yield _Part(corners[numbers] + shift, shift, amplitudes, element.frequencies)
-
-
-def _cells(
-    wave: Wavefront, part: _Part, points: Floats, wavelength: float
-) -> Iterator[tuple[NDArray[np.intp], Floats]]:
-    """Numbers of points (k,) and triangles (k, 3, 2), in blocks: each point has all of the part."""
-    count = len(part.triangles)
-    owners = np.repeat(np.arange(len(points)), count)
-    cells = np.tile(part.triangles, (len(points), 1, 1))
-    while len(owners):
-        small = _are_small(wave, part, cells, points[owners], wavelength)
-        ready, done = owners[small], cells[small]
-        for start in range(0, len(ready), _READY):
-            yield ready[start : start + _READY], done[start : start + _READY]
-        owners, cells = np.repeat(owners[~small], 4), quartered(cells[~small])
-        if len(owners) > _MOST_PAIRS:
-            raise ArgumentError(
-                "expected points farther from a source with a curved wave, or a smaller source: "
-                "its exact field is a sum over places; use method='fresnel' for large ones"
-            )
-
-
-def _are_small(
-    wave: Wavefront, part: _Part, cells: Floats, points: Floats, wavelength: float
-) -> NDArray[np.bool_]:
-    """Whether phases turn four times at most across a cell, at most twice as long as far."""
-    sides = cells - np.roll(cells, 1, axis=1)
-    size = np.linalg.norm(sides, axis=2).max(axis=1)
-    away = cells - points[:, None, :2]
-    height = points[:, 2]
-    reach = np.sqrt((away**2).sum(axis=2) + height[:, None] ** 2)
-    centre = away.mean(axis=1)
-    distance = np.sqrt((centre**2).sum(axis=1) + height**2)
-    near = np.maximum(height, distance - size)
-    slopes = away / (wavelength * reach[..., None]) + (cells - wave.centre) @ wave.curvature
-    highest = np.zeros(len(cells))
-    for kappa in part.frequencies:
-        own = np.linalg.norm(slopes + kappa, axis=2).max(axis=1)
-        highest = np.maximum(highest, own)
-    rate = highest + np.minimum(size / near, 1.0) / wavelength
-    return np.asarray((rate * size <= _TURNS) & (size <= 2 * near))
-
-
-def lit_nodes(
-    wave: Wavefront, part: _Part, cells: Floats, wavelength: float, with_slopes: bool = False
-) -> tuple[Floats, Complex, Complex]:
-    """Nodes (k, n, 2) of cells, with the field (k, n) and its normal slope over ik, times weights.
-
-    The slope is zero unless ``with_slopes``.
-    """
-    shares, weights = _rule()
-    nodes = np.einsum("nc,kcd->knd", shares, cells)
-    first, second = cells[:, 1] - cells[:, 0], cells[:, 2] - cells[:, 0]
-    area = np.abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])
-    inner = nodes - wave.centre
-    slope = inner @ wave.curvature
-    turns = ((inner * slope).sum(axis=2)) / 2
-    shifted = nodes - part.shift
-    field, slopes = np.zeros(turns.shape, np.complex128), np.zeros(turns.shape, np.complex128)
-    for amplitude, kappa in zip(part.amplitudes.tolist(), part.frequencies, strict=True):
-        here = amplitude * np.exp(2j * math.pi * (turns + shifted @ kappa))
-        field += here
-        if with_slopes:
-            slopes += here * direction_cosines(slope + kappa, wavelength)
-    share = area[:, None] * weights
-    field *= share
-    slopes *= share
-    return np.asarray(nodes), field, slopes
-
-
-def _terms(
-    wave: Wavefront, part: _Part, cells: Floats, points: Floats, wavelength: float, method: str
-) -> Complex:
-    """Values times weights (k, nodes) of the integrand of (Q7)."""
-    condition = CONDITIONS[method]
-    nodes, field, slopes = lit_nodes(wave, part, cells, wavelength, condition.takes_slopes)
-    height = points[:, 2, None]
-    reach = np.sqrt(((nodes - points[:, None, :2]) ** 2).sum(axis=2) + height**2)
-    k = 2 * math.pi / wavelength
-    value = condition.slope * slopes
-    value += condition.field * field * (height / reach) * (1 + 1j / (k * reach))
-    way = np.exp(2j * math.pi * (reach / wavelength)) / (1j * wavelength * reach)
-    return np.asarray(value * way)
-
-
-@lru_cache(maxsize=1)
-def _rule() -> tuple[Floats, Floats]:
-    """Shares of the corners (n, 3), and weights (n,) of twice a triangle's area."""
-    x, w = np.polynomial.legendre.leggauss(_NODES)
-    x, w = (x + 1) / 2, w / 2
-    u, v = (a.ravel() for a in np.meshgrid(x, x, indexing="ij"))
-    weights = np.outer(w * x, w).ravel()
-    return np.stack([1 - u, u * (1 - v), u * v], axis=1), weights
-
 
 Obstacle = Polyhedron | PlacedAperture
 
@@ -266,8 +93,9 @@ def amplitude(
     source : an Aperture, or an Array of apertures in the plane z = 0, with any illuminations; or a
         :func:`differentiable` one; one with a curved wave, whose exact field is a sum over places
         in the opening (docs/curved.md, (Q7)); or a :class:`Screen` that something lights from
-        behind; or a :class:`PointSource`, with obstacles.
-    points : (..., 3) in m, z > 0, or (..., 2) with ``through``; or a Dr.Jit array.
+        behind; or a :class:`PointSource`.
+    points : (..., 3) in m, z > 0 (on any side of a PointSource), or (..., 2) with ``through``; or a
+        Dr.Jit array.
         Derivatives in them, and in the numbers of a differentiable source, are as accurate as the
         field (docs/gradients.md, (G5) to (G7)); "fraunhofer" has none.
     wavelength : in m.
@@ -328,7 +156,7 @@ def amplitude(
             source, points, wavelength, method, obstacles, tolerance, return_error, how
         )
     if isinstance(source, PointSource) and obstacles is None:
-        raise ArgumentError("expected a PointSource with obstacles, or on a Screen, got it alone")
+        _check_alone(method, through, obliquity, is_traced)
     if through is not None:
         others: dict[str, object] = {"obliquity": obliquity}
         others["method"] = None if method in (DEFAULT, "fresnel") else method
@@ -357,7 +185,12 @@ def amplitude(
             obstacles=obstacles,
         )
         return execution.evaluate_hosted(compute, "points", points, 3, **how)
-    assert not isinstance(source, PointSource)
+    if isinstance(source, PointSource):
+        places, length = _points_around(source, points), checked_wavelength(wavelength)
+        values = _free_field(source, places.reshape(-1, 3), length)
+        single = execution.checked_precision(precision) == "single"
+        values = values.astype(np.complex64 if single else np.complex128)
+        return shaped(values, np.zeros(len(values)), places, return_error)
     if isinstance(method, str) and method == "wigner":
         raise ArgumentError(
             f'expected method to be one of {", ".join(METHODS)}, got "wigner", whose rays have no '
@@ -402,6 +235,29 @@ def amplitude(
     return shaped(values, errors, places, return_error)
 
 
+def _check_alone(method: Any, through: Any, obliquity: Any, is_traced: bool) -> None:
+    """Raise ArgumentError for options that the free field of a point source does not have."""
+    if method not in CONDITIONS or through is not None or obliquity is not None or is_traced:
+        raise ArgumentError(
+            "the free field of a PointSource is exp(ikR)/R and takes no through, no obliquity, no "
+            f"derivatives and no method other than {', '.join(CONDITIONS)}; leave them out"
+        )
+
+
+def _points_around(source: PointSource, points: Any) -> Floats:
+    """Points (..., 3) in metres on any side of a point source, but not on it."""
+    places = checked_coordinates(points, "expected points as real numbers of shape (..., 3)", 3)
+    if (places == np.array(source.position)).all(axis=-1).any():
+        raise ArgumentError(
+            f"point {list(source.position)} is the position of the point source; move it away"
+        )
+    return places
+
+
+def _free_field(source: PointSource, points: Floats, wavelength: float) -> Complex:
+    return source.amplitude * incident_of_point(source.position, points, wavelength)
+
+
 def _check_shadowed(source: Any, method: Any, through: Any, obliquity: Any) -> None:
     """Raise ArgumentError for options that fields behind obstacles do not have."""
     if through is not None or obliquity is not None or method in ("fresnel", "fraunhofer"):
@@ -428,12 +284,14 @@ def _behind_obstacles(
 ) -> Any:
     """The free field and the change that obstacles make, (SB1); ``how``: precision and engine."""
     allowed = shadows.checked_shadow_tolerance(tolerance)
-    places, length = checked_points(points), checked_wavelength(wavelength)
-    flat = places.reshape(-1, 3)
+    length = checked_wavelength(wavelength)
     if isinstance(source, PointSource):
-        free = source.amplitude * incident_of_point(source.position, flat, length)
-        off = np.zeros(len(flat))
+        places = _points_around(source, points)
+        flat = places.reshape(-1, 3)
+        free, off = _free_field(source, flat, length), np.zeros(len(flat))
     else:
+        places = checked_points(points)
+        flat = places.reshape(-1, 3)
         free, off = amplitude(source, flat, wavelength, method, return_error=True, **how)
     bodies = obstacles_of(obstacles, length)
     change, inside, missed = shadows.shadow_of(

@@ -27,6 +27,7 @@ from polywigner.geometry.arguments import (
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import (
     CONDITIONS,
+    DEFAULT,
     OBLIQUITIES,
     ObliquityName,
     checked_obliquity,
@@ -53,7 +54,7 @@ from polywigner.propagation.rays_adaptive import (
     gaps,
     traced_irradiance,
 )
-from polywigner.propagation.screens import Screen
+from polywigner.propagation.screens import PointSource, Screen
 from polywigner.propagation.shadows import LEAST_TOLERANCE
 from polywigner.radiometry.directions import (
     checked_bandwidth,
@@ -143,7 +144,7 @@ _THIRD_ORDER_FROM = 0.9
 @takes_frequency
 @takes_xarray("points", units="W m-2", long_name="irradiance |U|^2")
 def irradiance(
-    source: Aperture | Array | Wavefront | Differentiable | Screen,
+    source: Aperture | Array | Wavefront | Differentiable | Screen | PointSource,
     points: Points,
     wavelength: float | DrJitArray,
     method: str = "wigner",
@@ -172,7 +173,7 @@ def irradiance(
     ----------
     source : an Aperture, or an Array of apertures in the plane z = 0, uniform or with
         illuminations; one with a curved wave; or a :class:`Screen`, by the methods of
-        :func:`amplitude`.
+        :func:`amplitude`; or a :class:`PointSource`, by any method.
     points : (..., 3) in m, z > 0, or (..., 2) with ``through``; or a Dr.Jit array.
     wavelength : in m. By rays with derivatives in it (a Dr.Jit ``Float``), in ``points``, and in
         the numbers of a :func:`differentiable` source, but for vertices with order 3; by the other
@@ -291,9 +292,13 @@ def irradiance(
         return execution.evaluate_hosted(
             partial(irradiance, source, **how), "points", points, 3, **run
         )
+    length = checked_wavelength(wavelength)
+    if isinstance(source, PointSource):  # its rays carry |exp(ikR)/R|^2 exactly
+        options: dict[str, Any] = {**run, "obliquity": obliquity}
+        exact = DEFAULT if method == "wigner" else method
+        return _squared(source, points, length, exact, return_error, options)
     radiator = source if isinstance(source, Screen) else checked_radiator(source, partly=by_lags)
     places = checked_points(points)
-    length = checked_wavelength(wavelength)
     if method != "wigner":
         _check_rays_only(method, order=order != 1, sampling=sampling != "gauss", samples=samples)
         run["obliquity"] = obliquity
@@ -399,8 +404,8 @@ def _curved(source: Any) -> tuple[float, ...]:
 
 
 def _squared(
-    source: Aperture | Array | Wavefront | Screen,
-    points: Values,
+    source: Aperture | Array | Wavefront | Screen | PointSource,
+    points: Any,
     wavelength: float,
     method: Any,
     return_error: bool,

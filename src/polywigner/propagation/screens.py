@@ -139,10 +139,10 @@ class PointSource:
 
     Parameters
     ----------
-    position : (3,) in m, z < 0: before the screen, which lies in the plane z = 0.
+    position : (3,) in m; with z < 0 in front of a :class:`Screen`, which lies in the plane z = 0.
     amplitude : complex, in the unit of the field times m.
 
-    Raises ArgumentError for a position that is not three finite numbers with z < 0.
+    Raises ArgumentError for a position that is not three finite numbers.
 
     >>> import polywigner as pw
     >>> pw.PointSource((0.0, 0.0, -5.0)).amplitude
@@ -154,14 +154,8 @@ class PointSource:
 
     def __init__(self, position: ArrayLike, amplitude: complex = 1.0) -> None:
         place = _three(position, "position", "in m")
-        if not place[2] < 0:
-            raise ArgumentError(
-                f"expected position with z < 0, before the screen at z = 0, got {place}"
-            )
-        if not (-place[2] >= 1 / LARGEST and max(map(abs, place)) <= LARGEST):
-            raise ArgumentError(
-                f"expected position at lengths from {1 / LARGEST:g} to {LARGEST:g} m, got {place}"
-            )
+        if not max(map(abs, place)) <= LARGEST:
+            raise ArgumentError(f"position must be within {LARGEST:g} m, got {place}")
         object.__setattr__(self, "position", place)
         object.__setattr__(self, "amplitude", _checked_amplitude(amplitude))
 
@@ -219,7 +213,8 @@ class Screen:
     kind : "plate" (default): the outline is opaque and all else open; or "opening": it is open in
         a screen without end.
 
-    Raises ArgumentError for other types, and for an aperture with an illumination.
+    Raises ArgumentError for other types, for an aperture with an illumination, and for a point
+    source with z >= 0.
 
     >>> import polywigner as pw
     >>> half_plane = pw.Aperture([(0, -500), (700, -500), (700, 500), (0, 500)])
@@ -242,6 +237,12 @@ class Screen:
         if not isinstance(self.lit_by, (PointSource, PlaneWave)):
             raise ArgumentError(
                 f"expected lit_by as a PointSource or a PlaneWave, got {type(self.lit_by).__name__}"
+            )
+        light = self.lit_by
+        if isinstance(light, PointSource) and not light.position[2] <= -1 / LARGEST:
+            raise ArgumentError(
+                "point source of a screen must lie in front of it, at z < 0, got "
+                f"{light.position}; the screen lies in the plane z = 0"
             )
         checked_choice(self.kind, "kind", ("plate", "opening"))
 

@@ -9,9 +9,7 @@ of the shadow. Waves over two edges, and those that creep around a body, are lef
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from contextlib import suppress
-from dataclasses import dataclass
+from collections.abc import Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -19,98 +17,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner import execution
-from polywigner.errors import ArgumentError, IlluminationError
-from polywigner.execution import NumpyOperations
+from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import checked_number, warn_caller
 from polywigner.geometry.silhouettes import Obstacles, Silhouette
-from polywigner.illumination.obliquities import CONDITIONS, Obliquity, times_direction_cosine
-from polywigner.kernels.boundary.edge_waves import EdgeRule, Point, angle_about, edge_wave
+from polywigner.kernels.boundary.edge_waves import (
+    EdgeRule,
+    Point,
+    angle_about,
+    edge_wave,
+    edge_wave_and_rate,
+)
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.jets import JetOperations, slopes_of
-from polywigner.numerics.phases import cos_sin_turns
-from polywigner.propagation.boundary import Radiator, radiator_of
-from polywigner.propagation.screens import PointSource
-from polywigner.transforms import fourier
-from polywigner.transforms.wavefronts import flat_of
+from polywigner.propagation.equivalent_points import (
+    RadiatingPoint,
+    oblique_change,
+    radiating_points,
+    wave_ahead,
+)
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-
-# Nodes a wavelength that are always needed, and most beyond these.
-_PITCH, _MOST_MORE = 1.5, 24
-# The far field is compared at so many directions for each node's length, and so many more.
-_DIRECTIONS, _MORE_DIRECTIONS = 4.0, 24
-
-
-@dataclass(frozen=True)
-class EquivalentGrid:
-    """Gauss nodes over the bounds of a source. Lengths in wavelengths, from its middle."""
-
-    nodes: tuple[Floats, Floats]
-    """Along x and y, as shares of half the sides."""
-    half: Floats
-    """Half the sides (2,)."""
-    weights: tuple[Complex, ...]
-    """(nx, ny) each, in units of u times a square wavelength: for the field's share of the
-    obliquity and for its slope's, as far as there are any."""
-
-
-def equivalent_grid(
-    source: Any,
-    radiator: Radiator,
-    wavelength: float,
-    condition: Obliquity,
-    error: float,
-    allowed: Callable[[Sequence[int]], bool],
-) -> EquivalentGrid | None:
-    """Return the smallest grid whose |F|^2 is within ``error`` of its peak."""
-    fields = [(source, condition.field)] if condition.field else []
-    if condition.slope:
-        with suppress(IlluminationError):  # all waves graze the plane: their cosines are zero
-            fields.append((times_direction_cosine(source, wavelength), condition.slope))
-    if not fields:
-        return None
-    half = (radiator.high - radiator.low) / (2 * wavelength)
-    sines = [
-        np.cos(math.pi * (np.arange(n) + 0.5) / n)
-        for n in (math.ceil(2 * _DIRECTIONS * h) + _MORE_DIRECTIONS for h in half)
-    ]
-    spectra: list[Complex] = []
-    for more in range(1, _MOST_MORE):
-        counts = [math.ceil(2 * _PITCH * h) + more for h in half]
-        if not allowed(counts):
-            return None
-        # not before it is known that there are few
-        spectra = spectra or [
-            part * _spectrum(field, sines, radiator.centre, wavelength) for field, part in fields
-        ]
-        x, y = (np.polynomial.legendre.leggauss(n)[0] for n in counts)
-        weights = [_fitted(s, sines, (half[0] * x, half[1] * y), error) for s in spectra]
-        if all(found is not None for found in weights):
-            return EquivalentGrid((x, y), half, tuple(w for w in weights if w is not None))
-    return None
-
-
-def _spectrum(field: Any, sines: list[Floats], middle: Floats, wavelength: float) -> Complex:
-    """The far field in units of a square wavelength, seen from the middle."""
-    nu = np.stack(np.meshgrid(*sines, indexing="ij"), axis=-1) / wavelength
-    return fourier(field, nu) * np.exp(2j * math.pi * (nu @ middle)) / wavelength**2
-
-
-def _fitted(
-    spectrum: Complex, sines: list[Floats], places: tuple[Floats, Floats], error: float
-) -> Complex | None:
-    """The weights of a grid of places with this far field; None if they miss it."""
-    waves = [np.exp(-2j * math.pi * np.outer(s, x)) for s, x in zip(sines, places, strict=True)]
-    # singular values of plane waves at the nodes that are rounding
-    first, second = (np.linalg.pinv(wave, rcond=min(1e-9, 1e-4 * error)) for wave in waves)
-    weights = first @ spectrum @ second.T
-    found = waves[0] @ weights @ waves[1].T
-    seen = np.add.outer(sines[0] ** 2, sines[1] ** 2) <= 1.0
-    expected = np.abs(spectrum[seen]) ** 2
-    missed = np.abs(np.abs(found[seen]) ** 2 - expected).max()
-    return weights if missed <= error * expected.max() else None
-
 
 DEFAULT_TOLERANCE = 1e-6
 """Relative error of fields behind obstacles: far below the error of black edges, one at a time."""
@@ -131,8 +58,10 @@ _OF_GRID = 0.1
 _ASIDE = 1e-8
 # Where derivatives are taken beside a point, in wavelengths.
 _OFF = 1e-8
-# Most points that stand for a source: a quarter of an hour for 1,000 points behind a box.
-_MOST_SOURCES = 1 << 14
+# Distance of a place from the line through the source and a corner, over the root of its distance
+# from the source, in wavelengths: below the first number derivatives lose digits, at the second
+# they do not. Lines at an angle whose cosine is below one less the third are not looked at.
+_CORNER, _BESIDE, _ALIGNED = 1e-5, 1e-4, 1e-8
 # Nearer to the source than this, in wavelengths, its waves that fade are not left out unseen.
 _NEAR = 1.0
 
@@ -167,7 +96,7 @@ def shadow_of(
     Raises ArgumentError for obstacles around the source, and sources that take too many points.
     """
     places = points / wavelength
-    sources, seen = _seen(source, bodies, wavelength, method, tolerance)
+    sources, seen = _seen(source, bodies, places, wavelength, method, tolerance)
     change, free, off = diffracted(bodies, sources, seen, places, engine, with_error, tolerance)
     if with_error and len(sources) > 1:
         off += _OF_GRID * tolerance * np.abs(free).max(initial=0.0)
@@ -184,9 +113,56 @@ def diffracted(
     tolerance: float = DEFAULT_TOLERANCE,
 ) -> tuple[Complex, Complex, Floats]:
     """Change by bodies, free field, and error at places (n, 3) of points with their silhouettes."""
+    change, free, off = _summed(bodies, sources, seen, places, engine, with_error, tolerance)
+    near, across = _near_corners(sources, seen, places)
+    if near.any():
+        # the mean over places on a line, an error of the fourth order in their distance
+        change[near] = 0.0
+        for number, share in ((1, 4 / 6), (-1, 4 / 6), (2, -1 / 6), (-2, -1 / 6)):
+            beside = places[near] + number * across
+            change[near] += share * _summed(bodies, sources, seen, beside, engine)[0]
+    return change, free, off
+
+
+def _near_corners(
+    sources: Sequence[RadiatingPoint], seen: Sequence[Silhouette], places: Floats
+) -> tuple[NDArray[np.bool_], Floats]:
+    """Whether places (n, 3) are on a line through a point of the source and a corner.
+
+    There the derivatives (SB5) of the two edges grow without bound, and their sum loses its digits.
+    Also displacements (k, 3) across the line of these places, over which the field is smooth.
+    """
+    near = np.zeros(len(places), bool)
+    for point, silhouette in zip(sources, seen, strict=True):
+        if not point.field:
+            continue
+        corners = silhouette.edges.reshape(-1, 3) - point.place
+        corners /= np.linalg.norm(corners, axis=1)[:, None]
+        axes = places - point.place
+        distance = np.linalg.norm(axes, axis=1)
+        rows, columns = np.nonzero(axes @ corners.T > (1.0 - _ALIGNED) * distance[:, None])
+        aside = np.linalg.norm(np.cross(axes[rows], corners[columns]), axis=1)
+        near[rows[aside < _CORNER * np.sqrt(distance[rows])]] = True
+    axes = places[near] - np.mean([place for place, *_ in sources], axis=0)
+    across = np.cross(axes, [0.57, 0.31, 0.76])
+    length = np.linalg.norm(across, axis=1) / np.sqrt(np.linalg.norm(axes, axis=1))
+    return near, _BESIDE * across / np.maximum(length, 1e-300)[:, None]
+
+
+def _summed(
+    bodies: Obstacles,
+    sources: Sequence[RadiatingPoint],
+    seen: Sequence[Silhouette],
+    places: Floats,
+    engine: str,
+    with_error: bool = False,
+    tolerance: float = DEFAULT_TOLERANCE,
+) -> tuple[Complex, Complex, Floats]:
+    """See :func:`diffracted`."""
     shadow = _Shadow.of(bodies, sources, seen, places)
     rule, coarser = next(rules for least, *rules in _RULES if tolerance >= least)
-    term = partial(_edge, rule, coarser if with_error else None)
+    is_oblique = any(point.field for point in sources)
+    term = partial(_edge, rule, coarser if with_error else None, is_oblique)
     real, imag, off = execution.evaluate_rows(
         term, shadow.table, shadow.samples, np.zeros(1), 3, engine
     )
@@ -214,11 +190,10 @@ def slopes_of_shadow(
     """
     # off the boundaries of shadows, at which the field is smooth but roots in its formula are not
     places = points / wavelength + _OFF * np.array([0.57, 0.31, 0.76])
-    sources, seen = _seen(source, bodies, wavelength, method, tolerance)
+    sources, seen = _seen(source, bodies, places, wavelength, method, tolerance)
     shadow = _Shadow.of(bodies, sources, seen, places)
-    parts = execution.evaluate_rows(
-        _edge_slopes, shadow.table, shadow.samples, np.zeros(1), 6, engine
-    )
+    term = partial(_edge_slopes, any(point.field for point in sources))
+    parts = execution.evaluate_rows(term, shadow.table, shadow.samples, np.zeros(1), 6, engine)
     total = np.stack(parts[::2], axis=1) + 1j * np.stack(parts[1::2], axis=1)
     for point in sources:
         slopes = np.stack(point.slopes(shadow.samples[:, :3].T), axis=1)
@@ -227,10 +202,13 @@ def slopes_of_shadow(
 
 
 def _seen(
-    source: Any, bodies: Obstacles, wavelength: float, method: str, tolerance: float
+    source: Any, bodies: Obstacles, places: Floats, wavelength: float, method: str, tolerance: float
 ) -> tuple[list[RadiatingPoint], list[Silhouette]]:
-    """Points in place of a source, and the silhouettes that they see."""
-    sources = radiating_points(source, wavelength, method, _OF_GRID * tolerance)
+    """Points in place of a source, as bodies and places need them, and their silhouettes."""
+    boxes = [np.stack([b.vertices.min(axis=0), b.vertices.max(axis=0)]) for b in bodies.bodies]
+    targets = np.concatenate([np.stack(boxes), np.stack([places, places], axis=1)])
+    error = _OF_GRID * tolerance
+    sources = radiating_points(source, wavelength, method, error, targets=targets)
     _check_clearance(bodies, sources)
     return sources, bodies.silhouettes([place for place, *_ in sources])
 
@@ -277,118 +255,52 @@ class _Shadow(NamedTuple):
 
 
 def _edge(
-    rule: EdgeRule, coarser: EdgeRule | None, ops: Any, row: Point, sample: Point, _: Point
+    rule: EdgeRule,
+    coarser: EdgeRule | None,
+    is_oblique: bool,
+    ops: Any,
+    row: Point,
+    sample: Point,
+    _: Point,
 ) -> Any:
-    """Change of the field by an edge that a point of the source sees; and its error."""
+    """Change of the field by an edge that a point of the source sees; and its error.
+
+    ``is_oblique``: whether the point has a weight of the field, whose edge waves (SB5) depend on
+    the direction from the point to the edge.
+    """
     source, field, slope, start, end = row[:3], row[3:5], row[5:7], row[7:10], row[10:13]
     point, aside, by_angles = sample[:3], sample[3:6], sample[6]
-    real, imag = edge_wave(ops, rule, source, point, start, end, aside)
-    off = 0.0 * real
-    wave = wave_ahead(ops, tuple(a - b for a, b in zip(point, source, strict=True)), field, slope)
+    ends = source, point, start, end, aside
+    ahead = tuple(a - b for a, b in zip(point, source, strict=True))
+    bend = Pair(0.0, 0.0)
+    if is_oblique:
+        boundary, rate = edge_wave_and_rate(ops, rule, *ends)
+        bend = oblique_change(ops, ahead, field, rate)
+    else:
+        boundary = Pair(*edge_wave(ops, rule, *ends))
+    off = 0.0 * boundary.real
+    wave = wave_ahead(ops, ahead, field, slope)
     if coarser is not None:
-        other = edge_wave(ops, coarser, source, point, start, end, aside)
-        norm = (wave.real * wave.real + wave.imag * wave.imag) / (4.0 * math.pi**2)
-        off = ops.sqrt(norm * ((real - other[0]) ** 2 + (imag - other[1]) ** 2))
+        other = boundary - Pair(*edge_wave(ops, coarser, *ends))
+        off = ops.sqrt(wave.norm() * other.norm()) / (2.0 * math.pi)
     a, b, c, d = row[13:17]
     counts = a * point[0] + b * point[1] + c * point[2] + d >= 0.0
-    angle = by_angles * angle_about(ops, source, aside, start, end)
-    change = Pair(angle - ops.select(counts, real, 0.0), -ops.select(counts, imag, 0.0))
-    found = (wave * change).scaled(1.0 / (2.0 * math.pi))
-    return found.real, found.imag, off
+    change = (wave * boundary).scaled(-0.5 / math.pi) + bend
+    angle = wave.scaled(by_angles * angle_about(ops, source, aside, start, end) / (2.0 * math.pi))
+    return (
+        angle.real + ops.select(counts, change.real, 0.0),
+        angle.imag + ops.select(counts, change.imag, 0.0),
+        off,
+    )
 
 
-def _edge_slopes(ops: Any, row: Point, sample: Point, none: Point) -> Any:
+def _edge_slopes(is_oblique: bool, ops: Any, row: Point, sample: Point, none: Point) -> Any:
     """Derivatives of :func:`_edge` in x, y and z, real and imaginary part of each."""
     jets = JetOperations(ops)
-    point = (*jets.coordinates(sample[:3]), *jets.constants(sample[3:]))
-    real, imag, _ = _edge(_RULES[1][1], None, jets, jets.constants(row), point, none)
+    point = (*jets.variables(sample[:3]), *jets.constants(sample[3:]))
+    row = jets.constants(row)
+    real, imag, _ = _edge(_RULES[1][1], None, is_oblique, jets, row, point, none)
     return slopes_of(real, imag)
-
-
-def wave_ahead(ops: Any, ahead: Point, field: Point, slope: Point, turns: Any = None) -> Pair:
-    """The wave of a point that radiates, ``ahead`` of it; weights of its field and slope.
-
-    ``turns``: of the wave on its way, where they are known better than by the distance.
-    """
-    distance = ops.sqrt(sum(a * a for a in ahead))
-    inverse = 1.0 / distance
-    # exp(2 pi i R)/(i R)
-    c, s = cos_sin_turns(ops, distance if turns is None else turns)
-    return Pair(s, -c).scaled(inverse) * _amplitude(ahead, inverse, field, slope)
-
-
-def _amplitude(ahead: Point, inverse: Any, field: Point, slope: Point) -> Pair:
-    """The amplitude of a point that radiates, ``ahead`` of it, before the wave turns and decays."""
-    near = Pair(1.0, (0.5 / math.pi) * inverse).scaled(ahead[2] * inverse)
-    return Pair(*field) * near + Pair(*slope)
-
-
-class RadiatingPoint(NamedTuple):
-    """A point in place of a part of a source. Lengths in wavelengths."""
-
-    place: Floats
-    field: complex
-    slope: complex
-
-    @property
-    def weights(self) -> list[tuple[float, float]]:
-        """Real and imaginary parts of both weights."""
-        return [(self.field.real, self.field.imag), (self.slope.real, self.slope.imag)]
-
-    @property
-    def row(self) -> Floats:
-        """(7,): place, and real and imaginary parts of both weights."""
-        return np.array([*self.place, *self.weights[0], *self.weights[1]])
-
-    def amplitude(self, ahead: Floats) -> complex:
-        """Its amplitude in a direction ahead of it, without the wave's turns and decay."""
-        found = _amplitude(tuple(ahead.tolist()), 1.0 / np.linalg.norm(ahead), *self.weights)
-        return complex(found.real, found.imag)
-
-    def wave(self, points: Floats) -> Complex:
-        """Its wave at points (3, n)."""
-        ahead = points - self.place[:, None]
-        found = wave_ahead(NumpyOperations(double=True), tuple(ahead), *self.weights)
-        return np.asarray(found.real + 1j * found.imag)
-
-    def slopes(self, points: Floats) -> list[Complex]:
-        """Derivatives of its wave at points (3, n) in x, y and z."""
-        jets = JetOperations(NumpyOperations(double=True))
-        weights = map(jets.constants, self.weights)
-        wave = wave_ahead(jets, jets.coordinates(points - self.place[:, None]), *weights)
-        found = slopes_of(wave.real, wave.imag)
-        return [a + 1j * b for a, b in zip(found[::2], found[1::2], strict=True)]
-
-
-def radiating_points(
-    source: Any, wavelength: float, method: str, error: float, most: int = _MOST_SOURCES
-) -> list[RadiatingPoint]:
-    """Points that radiate as a source does, but for an error of |F|^2 over its peak."""
-    if isinstance(source, PointSource):
-        # exp(ikR)/R is i/wavelength times exp(ikR)/(i R/wavelength)
-        place = np.array(source.position) / wavelength
-        return [RadiatingPoint(place, 0j, 1j * source.amplitude / wavelength)]
-    radiator = radiator_of(flat_of(source))
-    condition = CONDITIONS[method]
-    found = equivalent_grid(
-        source, radiator, wavelength, condition, error, lambda counts: math.prod(counts) <= most
-    )
-    if found is None:
-        raise ArgumentError(
-            f"expected a source that up to {most} points stand for with obstacles, got sides of "
-            f"{np.round((radiator.high - radiator.low) / wavelength, 1).tolist()} wavelengths; "
-            "pass a larger tolerance, or a part of the source"
-        )
-    middle = radiator.centre / wavelength
-    x, y = (m + h * n for m, h, n in zip(middle, found.half, found.nodes, strict=True))
-    none = np.zeros_like(found.weights[0])
-    field = found.weights[0] if condition.field else none
-    slope = found.weights[-1] if len(found.weights) > bool(condition.field) else none
-    return [
-        RadiatingPoint(np.array([a, b, 0.0]), complex(field[i, j]), complex(slope[i, j]))
-        for i, a in enumerate(x)
-        for j, b in enumerate(y)
-    ]
 
 
 def _check_clearance(bodies: Obstacles, sources: Sequence[RadiatingPoint]) -> None:

@@ -35,8 +35,8 @@ from polywigner.illumination.polarisation import (
     components,
     ludwig_axes,
 )
-from polywigner.propagation.amplitudes import lit_nodes, summed_over_cells
 from polywigner.propagation.boundary import Radiator, boundary_field, cosines_of, radiator_of
+from polywigner.propagation.curved_fields import lit_nodes, summed_over_cells
 from polywigner.propagation.far_fields import checked_powers
 from polywigner.propagation.field_slopes import FieldSlopes
 from polywigner.propagation.places import (

@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 
 from polywigner.numerics.complex_pairs import Pair, decaying_sinh, select, unit_wave
+from polywigner.numerics.jets import JetOperations
 from polywigner.numerics.phases import cos_sin_turns, sinc
 
 Values = tuple[Any, ...]
@@ -378,10 +379,29 @@ def edge_wave(
 
     real, imag = when(low < high, near_foot, low, high)
     farther = when((low > ends[0]) | (high < ends[1]) | (low == high), outside, *ends)
-    root = ops.sqrt(detour)
-    angle = ops.atan2((high - low) * root, detour + low * high)
+    # root of the detour, with a sign beyond the shadow's boundary: smooth across it
+    sign = ops.select(side < 0.0, -1.0, 1.0)
+    steep = ops.sqrt(2.0 / (both * whole * ops.maximum(closing, 1.0)))
+    root = ops.select(closing > 1.0, sign * turn * steep, ops.sqrt(detour))
+    rise, run = (high - low) * root, detour + low * high
+    forth = ops.atan2(rise, abs(run))
+    angle = ops.select(run < 0.0, math.pi - forth, forth)
     jump = 4.0 * distance * pole * ops.sqrt(0.5 * both * whole * closing) * angle
-    return real + ops.select(side < 0.0, -jump, jump) + farther[0], imag + farther[1]
+    return real + sign * jump + farther[0], imag + farther[1]
+
+
+def edge_wave_and_rate(
+    ops: Any, rule: EdgeRule, source: Point, point: Point, start: Point, end: Point,
+    aside: Point | None = None, when: Callable[..., tuple[Any, Any]] = _always,
+) -> tuple[Pair, Pair]:  # fmt: skip
+    """The boundary wave of :func:`edge_wave`, and its derivative in the z of the source."""
+    jets = JetOperations(ops)
+    (height,) = jets.variables(source[2:])
+    place = (*jets.constants(source[:2]), height)
+    point, start, end = (jets.constants(some) for some in (point, start, end))
+    beside = None if aside is None else jets.constants(aside)
+    parts = edge_wave(jets, rule, place, point, start, end, beside, when)
+    return Pair(*(part.value for part in parts)), Pair(*(part.slopes[0] for part in parts))
 
 
 def least_detour(ops: Any, source: Point, point: Point, start: Point, end: Point) -> Any:

@@ -1,0 +1,217 @@
+"""Fields of curved waves: exact by sums over cells of the source (Q7), Fresnel's by transforms.
+
+A cell is a triangle on which phases turn so little that one Gauss rule does for all.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from functools import lru_cache, partial
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polywigner.errors import ArgumentError
+from polywigner.execution.progress import told
+from polywigner.geometry import Wavefront
+from polywigner.geometry.aperture import triangulate
+from polywigner.illumination.obliquities import CONDITIONS, direction_cosines
+from polywigner.propagation.arrangement import quartered
+from polywigner.propagation.boundary import radiator_of
+from polywigner.transforms.wavefronts import chirp_transform, principal_axes
+
+Floats = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+# So many Gauss nodes along each side of a cell have 13 digits of waves of four turns there, and of
+# the static field of places half as far away as the cell is long.
+_NODES, _TURNS = 20, 4.0
+# Rounding of a sum, relative to the sum of the moduli.
+_ROUNDING = 1e-13
+# Pairs of a point and a cell: so many nodes at a time, points at a time, and the most in all.
+_READY, _POINTS, _MOST_PAIRS = 1 << 9, 1 << 9, 1 << 22
+
+
+def curved_field(
+    wave: Wavefront, points: Floats, wavelength: float, method: str
+) -> tuple[Complex, Floats]:
+    """The field at points (n, 3), and a bound on the rounding of it."""
+    if method == "fresnel":
+        return _fresnel(wave, points, wavelength)
+    return summed_over_cells(wave, points, wavelength, partial(_terms, wave, method=method))
+
+
+def _fresnel(wave: Wavefront, points: Floats, wavelength: float) -> tuple[Complex, Floats]:
+    """(Q6): the transform with a further parabola in its phase, the way to each point."""
+    q, axes = principal_axes(wave.curvature)
+    scale = 1.0 / (wavelength * points[:, 2])
+    place, centre = points[:, :2], wave.centre
+    nu = (place - centre) * scale[:, None]
+    found = chirp_transform(wave.source, q + scale[:, None], axes, centre, nu)
+    turns = points[:, 2] / wavelength
+    turns = turns - np.round(turns) + scale / 2 * ((place**2).sum(axis=1) - centre @ centre)
+    values = found * (scale / 1j) * np.exp(2j * math.pi * (turns - np.round(turns)))
+    return values, _ROUNDING * scale * radiator_of(wave.source).content
+
+
+class _Part(NamedTuple):
+    """A copy of an element: its triangles where it is, its place, and its waves."""
+
+    triangles: Floats
+    shift: Floats
+    amplitudes: Complex
+    frequencies: Floats
+
+
+def summed_over_cells(
+    wave: Wavefront,
+    points: Floats,
+    wavelength: float,
+    terms: Callable[[_Part, Floats, Floats, float], Complex],
+    components: tuple[int, ...] = (),
+) -> tuple[Complex, Floats]:
+    """Sums over a source at points (n, 3), (n, *components), and bounds on their rounding (n,).
+
+    ``terms(part, cells, points, wavelength)``: (k, nodes, *components) of cells (k, 3, 2) and
+    points (k, 3). Cells are so small that one rule does for all.
+    """
+    values, sizes = np.zeros((len(points), *components), np.complex128), np.zeros(len(points))
+    with told("points", range(0, len(points), _POINTS)) as starts:
+        for start in starts:
+            some = points[start : start + _POINTS]
+            for part in _parts(wave):
+                for owners, cells in _cells(wave, part, some, wavelength):
+                    found = terms(part, cells, some[owners], wavelength)
+                    np.add.at(values, owners + start, found.sum(axis=1))
+                    np.add.at(
+                        sizes, owners + start, np.abs(found).reshape(len(cells), -1).sum(axis=1)
+                    )
+    return values, _ROUNDING * sizes
+
+
+def _parts(wave: Wavefront) -> Iterator[_Part]:
+    for element in radiator_of(wave.source).elements:
+        corners, numbers = triangulate(element.outline)
+        for shift, weight in zip(element.shifts, element.weights.tolist(), strict=True):
+            amplitudes = weight * element.amplitudes
+            yield _Part(corners[numbers] + shift, shift, amplitudes, element.frequencies)
+
+
+def cells_of_wave(wave: Wavefront, wavelength: float) -> Iterator[tuple[_Part, Floats]]:
+    """Parts of a source, and triangles (k, 3, 2) on which phases turn four times at most.
+
+    The phases are those of the wave, and of plane waves in any direction.
+    """
+    for part in _parts(wave):
+        cells = part.triangles
+        while len(cells):
+            sides = cells - np.roll(cells, 1, axis=1)
+            size = np.linalg.norm(sides, axis=2).max(axis=1)
+            small = (_steepest(wave, part, cells, 0.0) + 1.0 / wavelength) * size <= _TURNS
+            yield part, cells[small]
+            cells = quartered(cells[~small])
+            if len(cells) > _MOST_PAIRS:
+                raise ArgumentError(
+                    "curved wave has too many cycles across the source; use a larger radius of "
+                    "curvature, or a smaller source"
+                )
+
+
+def _steepest(wave: Wavefront, part: _Part, cells: Floats, slopes: Any) -> Floats:
+    """Largest spatial frequency (k,) of the wave on cells, ``slopes`` added."""
+    slopes = slopes + (cells - wave.centre) @ wave.curvature
+    highest = np.zeros(len(cells))
+    for kappa in part.frequencies:
+        highest = np.maximum(highest, np.linalg.norm(slopes + kappa, axis=2).max(axis=1))
+    return highest
+
+
+def _cells(
+    wave: Wavefront, part: _Part, points: Floats, wavelength: float
+) -> Iterator[tuple[NDArray[np.intp], Floats]]:
+    """Numbers of points (k,) and triangles (k, 3, 2), in blocks: each point has all of the part."""
+    count = len(part.triangles)
+    owners = np.repeat(np.arange(len(points)), count)
+    cells = np.tile(part.triangles, (len(points), 1, 1))
+    while len(owners):
+        small = _are_small(wave, part, cells, points[owners], wavelength)
+        ready, done = owners[small], cells[small]
+        for start in range(0, len(ready), _READY):
+            yield ready[start : start + _READY], done[start : start + _READY]
+        owners, cells = np.repeat(owners[~small], 4), quartered(cells[~small])
+        if len(owners) > _MOST_PAIRS:
+            raise ArgumentError(
+                "expected points farther from a source with a curved wave, or a smaller source: "
+                "its exact field is a sum over places; use method='fresnel' for large ones"
+            )
+
+
+def _are_small(
+    wave: Wavefront, part: _Part, cells: Floats, points: Floats, wavelength: float
+) -> NDArray[np.bool_]:
+    """Whether phases turn four times at most across a cell, at most twice as long as far."""
+    sides = cells - np.roll(cells, 1, axis=1)
+    size = np.linalg.norm(sides, axis=2).max(axis=1)
+    away = cells - points[:, None, :2]
+    height = points[:, 2]
+    reach = np.sqrt((away**2).sum(axis=2) + height[:, None] ** 2)
+    centre = away.mean(axis=1)
+    distance = np.sqrt((centre**2).sum(axis=1) + height**2)
+    near = np.maximum(height, distance - size)
+    highest = _steepest(wave, part, cells, away / (wavelength * reach[..., None]))
+    rate = highest + np.minimum(size / near, 1.0) / wavelength
+    return np.asarray((rate * size <= _TURNS) & (size <= 2 * near))
+
+
+def lit_nodes(
+    wave: Wavefront, part: _Part, cells: Floats, wavelength: float, with_slopes: bool = False
+) -> tuple[Floats, Complex, Complex]:
+    """Nodes (k, n, 2) of cells, with the field (k, n) and its normal slope over ik, times weights.
+
+    The slope is zero unless ``with_slopes``.
+    """
+    shares, weights = _rule()
+    nodes = np.einsum("nc,kcd->knd", shares, cells)
+    first, second = cells[:, 1] - cells[:, 0], cells[:, 2] - cells[:, 0]
+    area = np.abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])
+    inner = nodes - wave.centre
+    slope = inner @ wave.curvature
+    turns = ((inner * slope).sum(axis=2)) / 2
+    shifted = nodes - part.shift
+    field, slopes = np.zeros(turns.shape, np.complex128), np.zeros(turns.shape, np.complex128)
+    for amplitude, kappa in zip(part.amplitudes.tolist(), part.frequencies, strict=True):
+        here = amplitude * np.exp(2j * math.pi * (turns + shifted @ kappa))
+        field += here
+        if with_slopes:
+            slopes += here * direction_cosines(slope + kappa, wavelength)
+    share = area[:, None] * weights
+    field *= share
+    slopes *= share
+    return np.asarray(nodes), field, slopes
+
+
+def _terms(
+    wave: Wavefront, part: _Part, cells: Floats, points: Floats, wavelength: float, method: str
+) -> Complex:
+    """Values times weights (k, nodes) of the integrand of (Q7)."""
+    condition = CONDITIONS[method]
+    nodes, field, slopes = lit_nodes(wave, part, cells, wavelength, condition.takes_slopes)
+    height = points[:, 2, None]
+    reach = np.sqrt(((nodes - points[:, None, :2]) ** 2).sum(axis=2) + height**2)
+    k = 2 * math.pi / wavelength
+    value = condition.slope * slopes
+    value += condition.field * field * (height / reach) * (1 + 1j / (k * reach))
+    way = np.exp(2j * math.pi * (reach / wavelength)) / (1j * wavelength * reach)
+    return np.asarray(value * way)
+
+
+@lru_cache(maxsize=1)
+def _rule() -> tuple[Floats, Floats]:
+    """Shares of the corners (n, 3), and weights (n,) of twice a triangle's area."""
+    x, w = np.polynomial.legendre.leggauss(_NODES)
+    x, w = (x + 1) / 2, w / 2
+    u, v = (a.ravel() for a in np.meshgrid(x, x, indexing="ij"))
+    weights = np.outer(w * x, w).ravel()
+    return np.stack([1 - u, u * (1 - v), u * v], axis=1), weights

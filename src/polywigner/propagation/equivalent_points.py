@@ -1,0 +1,311 @@
+"""Points that radiate as a source does, from some wavelengths on. Source: (B8).
+
+A grid of Gauss nodes over the bounds of the source gets weights with the source's far field in the
+directions that matter. The number of nodes is known before anything is computed. Lengths are in
+wavelengths.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polywigner.errors import ArgumentError, IlluminationError
+from polywigner.execution import NumpyOperations
+from polywigner.geometry import Wavefront
+from polywigner.illumination.obliquities import CONDITIONS, Obliquity, times_direction_cosine
+from polywigner.kernels.boundary.edge_waves import Point
+from polywigner.numerics.complex_pairs import Pair
+from polywigner.numerics.jets import JetOperations, slopes_of
+from polywigner.numerics.phases import cos_sin_turns
+from polywigner.propagation.boundary import Radiator, radiator_of
+from polywigner.propagation.curved_fields import cells_of_wave, lit_nodes
+from polywigner.propagation.screens import PointSource
+from polywigner.transforms import fourier
+from polywigner.transforms.wavefronts import flat_of
+
+Floats = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+# Most points that stand for a source.
+_MOST_SOURCES = 1 << 15
+# Nodes beyond those of a uniform aperture, and beyond those of any source, that are tried one after
+# the other.
+_MORE_OF_UNIFORM, _MORE_OF_ANY = (0, 2, 4, 6, 9, 12, 16, 20), (16, 24, 32)
+# Singular values of plane waves at nodes that are rounding, over the largest.
+_ROUNDING = 1e-9
+# Sines beyond those of the directions that matter, times the length of a side in wavelengths.
+_MARGIN = 4.0
+# Triangles at a time, of 400 nodes each.
+_CELLS = 1 << 6
+# The far field is compared at so many directions for each node's length, and so many more.
+_DIRECTIONS, _MORE_DIRECTIONS = 4.0, 24
+
+
+@dataclass(frozen=True)
+class EquivalentGrid:
+    """Gauss nodes over the bounds of a source. Lengths in wavelengths, from its middle."""
+
+    nodes: tuple[Floats, Floats]
+    """Along x and y, as shares of half the sides."""
+    half: Floats
+    """Half the sides (2,)."""
+    weights: tuple[Complex, ...]
+    """(nx, ny) each, in units of u times a square wavelength: for the field's share of the
+    obliquity and for its slope's, as far as there are any."""
+
+
+Sines = tuple[tuple[float, float], tuple[float, float]]
+"""Least and largest sine of directions from a source, along x and along y."""
+_ALL_SINES: Sines = ((-1.0, 1.0), (-1.0, 1.0))
+
+
+def equivalent_grid(
+    source: Any,
+    radiator: Radiator,
+    wavelength: float,
+    condition: Obliquity,
+    error: float,
+    allowed: Callable[[Sequence[int]], bool],
+    sines: Sines = _ALL_SINES,
+) -> EquivalentGrid | None:
+    """Return a small grid whose |F|^2 is within ``error`` of its peak in directions of ``sines``.
+
+    None if ``allowed`` rejects the numbers of nodes along x and y.
+    """
+    half = (radiator.high - radiator.low) / (2 * wavelength)
+    middles, widths = np.mean(sines, axis=1), np.ptp(sines, axis=1) / 2
+    # cycles over half a side that directions differ by
+    cycles = half * widths
+    waves: list[Floats] = []
+    spectra: list[Complex] = []
+    for counts in zip(*(_numbers_of_nodes(c, error) for c in cycles), strict=True):
+        if not allowed(counts):
+            return None
+        if not spectra:  # not before it is known that there are few
+            numbers = [math.ceil(2 * _DIRECTIONS * c) + _MORE_DIRECTIONS for c in cycles]
+            waves = [
+                m + w * np.cos(math.pi * (np.arange(n) + 0.5) / n)
+                for m, w, n in zip(middles, widths, numbers, strict=True)
+            ]
+            spectra = _spectra(source, waves, radiator.centre, wavelength, condition)
+            if not spectra:
+                return None
+        x, y = (np.polynomial.legendre.leggauss(n)[0] for n in counts)
+        weights = [_fitted(s, waves, (half[0] * x, half[1] * y), error) for s in spectra]
+        if all(found is not None for found in weights):
+            return EquivalentGrid((x, y), half, tuple(w for w in weights if w is not None))
+    return None
+
+
+def _numbers_of_nodes(cycles: float, error: float) -> list[int]:
+    """Numbers of nodes along a side, the likeliest first, of which each has a better chance.
+
+    Directions differ by so many ``cycles`` over half the side. Gauss' rule sums uniform apertures;
+    other sources have up to four degrees of freedom a cycle.
+    """
+    uniform = math.ceil(3.0 * cycles) + math.ceil(-0.7 * math.log10(error) * cycles ** (1 / 3)) + 1
+    numbers = [uniform + more for more in _MORE_OF_UNIFORM]
+    return numbers + [max(numbers[-1], math.ceil(4.0 * cycles) + more) for more in _MORE_OF_ANY]
+
+
+def _spectra(
+    source: Any, sines: list[Floats], middle: Floats, wavelength: float, condition: Obliquity
+) -> list[Complex]:
+    """Far fields of the field's part of a boundary condition and of its slope's, if there are any.
+
+    In units of a square wavelength, seen from the middle.
+    """
+    nu = np.stack(np.meshgrid(*sines, indexing="ij"), axis=-1) / wavelength
+    phase = np.exp(2j * math.pi * (nu @ middle)) / wavelength**2
+    spectra = []
+    if condition.field:
+        spectra.append(condition.field * fourier(source, nu) * phase)
+    if condition.slope and isinstance(source, Wavefront) and not source.is_flat:
+        spectra.append(condition.slope * _slope_spectrum(source, sines, wavelength) * phase)
+    elif condition.slope:
+        with suppress(IlluminationError):  # all waves graze the plane: their cosines are zero
+            slopes = times_direction_cosine(flat_of(source), wavelength)
+            spectra.append(condition.slope * fourier(slopes, nu) * phase)
+    return spectra
+
+
+def _slope_spectrum(wave: Wavefront, sines: list[Floats], wavelength: float) -> Complex:
+    """The transform of the normal derivative of a curved wave, over ik."""
+    total = np.zeros([len(s) for s in sines], np.complex128)
+    for part, cells in cells_of_wave(wave, wavelength):
+        for start in range(0, len(cells), _CELLS):
+            nodes, _, slopes = lit_nodes(
+                wave, part, cells[start : start + _CELLS], wavelength, True
+            )
+            x, y = (
+                np.exp(-2j * math.pi / wavelength * np.multiply.outer(s, nodes[..., k].ravel()))
+                for k, s in enumerate(sines)
+            )
+            total += (x * slopes.ravel()) @ y.T
+    return total
+
+
+def _fitted(
+    spectrum: Complex, sines: list[Floats], places: tuple[Floats, Floats], error: float
+) -> Complex | None:
+    """The weights of a grid of places with this far field; None if they miss it."""
+    waves = [np.exp(-2j * math.pi * np.outer(s, x)) for s, x in zip(sines, places, strict=True)]
+    first, second = (np.linalg.pinv(wave, rcond=_ROUNDING) for wave in waves)
+    weights = first @ spectrum @ second.T
+    found = waves[0] @ weights @ waves[1].T
+    seen = np.add.outer(sines[0] ** 2, sines[1] ** 2) <= 1.0
+    expected = np.abs(spectrum[seen]) ** 2
+    missed = np.abs(np.abs(found[seen]) ** 2 - expected).max()
+    return weights if missed <= error * expected.max() else None
+
+
+def sines_towards(low: Floats, high: Floats, boxes: Floats) -> Sines:
+    """Bounds on the sines of directions from a rectangle (2,) to (2,) at z = 0 to boxes (n, 2, 3).
+
+    Wider by what the ends of a source of this size tell apart.
+    """
+    start = np.column_stack([low, high]).T
+    first, last = boxes[:, 0].copy(), boxes[:, 1].copy()
+    first[:, :2] -= start[1]
+    last[:, :2] -= start[0]
+    near = np.where((first < 0.0) & (last > 0.0), 0.0, np.minimum(abs(first), abs(last)))
+    far = np.maximum(abs(first), abs(last))
+    bounds = []
+    for k in range(2):
+        others = [m for m in range(3) if m != k]
+        closest, farthest = (np.linalg.norm(part[:, others], axis=1) for part in (near, far))
+        margin = _MARGIN / max(high[k] - low[k], 1e-9)
+        # a sine grows with its own component, and falls with the others unless it is negative
+        largest = last[:, k] / np.hypot(last[:, k], np.where(last[:, k] > 0.0, closest, farthest))
+        least = first[:, k] / np.hypot(first[:, k], np.where(first[:, k] < 0.0, closest, farthest))
+        bounds.append(
+            (max(-1.0, float(least.min()) - margin), min(1.0, float(largest.max()) + margin))
+        )
+    return bounds[0], bounds[1]
+
+
+def oblique_change(ops: Any, ahead: Point, field: Point, rate: Pair, turns: Any = None) -> Pair:
+    """Return the term of (SB5) that turns the obliquity at the point into that at the edge.
+
+    ``rate``: the derivative of the boundary wave in the z of the source. ``turns``: see
+    :func:`spherical_wave`.
+    """
+    # i/(2 pi) of the derivative, times -1/(2 pi) of the boundary wave
+    wave = spherical_wave(ops, ahead, turns) * Pair(*field) * rate
+    return Pair(wave.imag, -wave.real).scaled(0.25 / math.pi**2)
+
+
+def spherical_wave(ops: Any, ahead: Point, turns: Any = None) -> Pair:
+    """exp(2 pi i R)/(i R), R the length of ``ahead``.
+
+    ``turns``: of the wave, where they are known better than by the distance.
+    """
+    distance = ops.sqrt(sum(a * a for a in ahead))
+    c, s = cos_sin_turns(ops, distance if turns is None else turns)
+    return Pair(s, -c).scaled(1.0 / distance)
+
+
+def wave_ahead(ops: Any, ahead: Point, field: Point, slope: Point, turns: Any = None) -> Pair:
+    """The wave of a point that radiates, ``ahead`` of it; weights of its field and slope.
+
+    ``turns``: see :func:`spherical_wave`.
+    """
+    inverse = 1.0 / ops.sqrt(sum(a * a for a in ahead))
+    return spherical_wave(ops, ahead, turns) * _amplitude(ahead, inverse, field, slope)
+
+
+def _amplitude(ahead: Point, inverse: Any, field: Point, slope: Point) -> Pair:
+    """The amplitude of a point that radiates, ``ahead`` of it, before the wave turns and decays."""
+    near = Pair(1.0, (0.5 / math.pi) * inverse).scaled(ahead[2] * inverse)
+    return Pair(*field) * near + Pair(*slope)
+
+
+class RadiatingPoint(NamedTuple):
+    """A point in place of a part of a source. Lengths in wavelengths."""
+
+    place: Floats
+    field: complex
+    slope: complex
+
+    @property
+    def weights(self) -> list[tuple[float, float]]:
+        """Real and imaginary parts of both weights."""
+        return [(self.field.real, self.field.imag), (self.slope.real, self.slope.imag)]
+
+    @property
+    def row(self) -> Floats:
+        """(7,): place, and real and imaginary parts of both weights."""
+        return np.array([*self.place, *self.weights[0], *self.weights[1]])
+
+    def wave(self, points: Floats) -> Complex:
+        """Its wave at points (3, n)."""
+        ahead = points - self.place[:, None]
+        found = wave_ahead(NumpyOperations(double=True), tuple(ahead), *self.weights)
+        return np.asarray(found.real + 1j * found.imag)
+
+    def slopes(self, points: Floats) -> list[Complex]:
+        """Derivatives of its wave at points (3, n) in x, y and z."""
+        jets = JetOperations(NumpyOperations(double=True))
+        weights = map(jets.constants, self.weights)
+        wave = wave_ahead(jets, jets.variables(tuple(points - self.place[:, None])), *weights)
+        found = slopes_of(wave.real, wave.imag)
+        return [a + 1j * b for a, b in zip(found[::2], found[1::2], strict=True)]
+
+
+def radiating_points(
+    source: Any,
+    wavelength: float,
+    method: str,
+    error: float,
+    most: int = _MOST_SOURCES,
+    targets: Floats | None = None,
+) -> list[RadiatingPoint]:
+    """Return points that radiate as a source does, but for an error of |F|^2 over its peak.
+
+    ``targets`` (n, 2, 3): low and high corners, in wavelengths, of boxes that the points may be
+    seen from; None: all directions.
+
+    Raises ArgumentError at once for sources that need more than ``most`` points.
+    """
+    if isinstance(source, PointSource):
+        # exp(ikR)/R is i/wavelength times exp(ikR)/(i R/wavelength)
+        place = np.array(source.position) / wavelength
+        return [RadiatingPoint(place, 0j, 1j * source.amplitude / wavelength)]
+    radiator = radiator_of(flat_of(source))
+    condition = CONDITIONS[method]
+    low, high = radiator.low / wavelength, radiator.high / wavelength
+    sines = _ALL_SINES if targets is None else sines_towards(low, high, targets)
+    tried: list[int] = []
+
+    def allowed(counts: Sequence[int]) -> bool:
+        tried[:] = counts
+        return math.prod(counts) <= most
+
+    found = equivalent_grid(source, radiator, wavelength, condition, error, allowed, sines)
+    if found is None:
+        size, count = " × ".join(f"{side:.3g}" for side in high - low), math.prod(tried)
+        raise ArgumentError(
+            f"source of {size} wavelengths needs {count} or more equivalent points with obstacles, "
+            f"the limit is {most}; move obstacles and points away from the source, or use a part "
+            "of it"
+            if count > most
+            else f"no {count} equivalent points match the source of {size} wavelengths; increase "
+            "the tolerance"
+        )
+    middle = radiator.centre / wavelength
+    x, y = (m + h * n for m, h, n in zip(middle, found.half, found.nodes, strict=True))
+    none = np.zeros_like(found.weights[0])
+    field = found.weights[0] if condition.field else none
+    slope = found.weights[-1] if len(found.weights) > bool(condition.field) else none
+    return [
+        RadiatingPoint(np.array([a, b, 0.0]), complex(field[i, j]), complex(slope[i, j]))
+        for i, a in enumerate(x)
+        for j, b in enumerate(y)
+    ]

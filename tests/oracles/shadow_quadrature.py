@@ -1,0 +1,323 @@
+"""Shadows of black bodies by Kirchhoff's integral over their surfaces. Lengths in wavelengths.
+
+The incident field acts on the surface parts that the source illuminates, and nothing acts behind
+them. With m the normal away from the source and G = exp(ikR)/R, a region takes away
+
+    K(P) = 1/(4 pi) integral (U dG/dm - G dU/dm) dA,    U(P) = U_inc(P) - sum of K over all regions.
+
+So a surface element is a monopole and a dipole, and its field can illuminate a second body
+(sequential Kirchhoff). Regions are clipped as polygons, triangle against triangle; no silhouette
+and no line integral occurs.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import shapely
+
+import polywigner as pw
+from oracles.quadrature import triangle_nodes
+
+K = 2.0 * math.pi
+Floats = np.ndarray
+# Pairs of a radiator and a point at a time.
+_PAIRS = 1 << 19
+# Relative area below which a visible region is a rounding error.
+_SLIVER = 1e-12
+
+
+@dataclass(frozen=True)
+class Radiators:
+    """Monopoles a and dipoles d at positions: U(P) = sum a G + d.grad_P G, G = exp(ikR)/R."""
+
+    positions: Floats
+    """(m, 3)."""
+    monopoles: Floats
+    """(m,) complex."""
+    dipoles: Floats
+    """(m, 3) complex."""
+
+    def __add__(self, other: Radiators) -> Radiators:
+        return Radiators(
+            np.concatenate([self.positions, other.positions]),
+            np.concatenate([self.monopoles, other.monopoles]),
+            np.concatenate([self.dipoles, other.dipoles]),
+        )
+
+    def __neg__(self) -> Radiators:
+        return Radiators(self.positions, -self.monopoles, -self.dipoles)
+
+    def field(self, points: Any, with_gradient: bool = False) -> Any:
+        """U at points (n, 3); also its gradient (n, 3) if requested."""
+        points = np.asarray(points, float)
+        values = np.zeros(len(points), complex)
+        gradients = np.zeros((len(points), 3), complex)
+        step = max(1, _PAIRS // max(1, len(self.positions)))
+        for low in range(0, len(points), step):
+            some = slice(low, low + step)
+            away = points[some, None] - self.positions
+            distance = np.sqrt(np.einsum("pmk,pmk->pm", away, away))
+            inverse = 1.0 / distance
+            # G, and first = G'/R; grad G = first (P - Q)
+            wave = np.exp(1j * K * distance) * inverse
+            first = wave * (1j * K - inverse) * inverse
+            along = np.einsum("pmk,mk->pm", away, self.dipoles)
+            values[some] = wave @ self.monopoles + (first * along).sum(axis=1)
+            if with_gradient:
+                # (G'' - G'/R)/R^2
+                second = wave * (3.0 * inverse**2 - 3j * K * inverse - K * K) * inverse**2
+                radial = first * self.monopoles + second * along
+                gradients[some] = np.einsum("pm,pmk->pk", radial, away) + first @ self.dipoles
+        return (values, gradients) if with_gradient else values
+
+
+def point_radiator(position: Any, amplitude: complex = 1.0) -> Radiators:
+    """Return a point source, ``amplitude`` exp(ikR)/R."""
+    place = np.asarray(position, float).reshape(1, 3)
+    return Radiators(place, np.array([complex(amplitude)]), np.zeros((1, 3), complex))
+
+
+def aperture_radiators(
+    outline: pw.Aperture,
+    condition: str,
+    order: int = 8,
+    longest: float = 1.0,
+    field: Callable[[Floats], Floats] | None = None,
+) -> Radiators:
+    """Return Huygens points of an aperture in the plane z = 0, phases in it given by ``field``.
+
+    RS-I: -(1/2 pi) u dG/dz, RS-II: (1/i lambda) u G of waves at normal incidence, Kirchhoff: mean.
+    """
+    pieces = shapely.get_parts(shapely.constrained_delaunay_triangles(outline.polygons))
+    flat = shapely.get_coordinates(pieces).reshape(-1, 4, 2)[:, :3]
+    corners = np.concatenate([flat, np.zeros((len(flat), 3, 1))], axis=2)
+    small, _ = _refined(corners, (), longest)
+    nodes, weights = triangle_nodes(small[..., :2], order)
+    u = weights * (1.0 if field is None else field(nodes))
+    share = {"rayleigh-sommerfeld-1": 1.0, "rayleigh-sommerfeld-2": 0.0, "kirchhoff": 0.5}[
+        condition
+    ]
+    dipoles = np.zeros((len(u), 3), complex)
+    dipoles[:, 2] = -share * u / (2.0 * math.pi)
+    return Radiators(
+        np.column_stack([nodes, np.zeros(len(nodes))]), (1.0 - share) * u / 1j, dipoles
+    )
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Triangles of a body or of a plate."""
+
+    triangles: Floats
+    """(t, 3, 3)."""
+    normals: Floats
+    """(t, 3), unit vectors; outwards on a body."""
+    is_solid: bool
+
+
+def surface_of(body: Any, wavelength: float = 1.0) -> Surface:
+    """Return the triangles of a Polyhedron or of a placed aperture."""
+    if isinstance(body, pw.Polyhedron):
+        parts = [_triangulated(body.vertices[list(face)] / wavelength) for face in body.faces]
+        triangles = np.concatenate(parts)
+        normals = np.concatenate(
+            [
+                np.tile(_area_vector(body.vertices[list(face)]), (len(part), 1))
+                for face, part in zip(body.faces, parts, strict=True)
+            ]
+        )
+        return Surface(triangles, _units(normals), True)
+    pieces = shapely.get_parts(shapely.constrained_delaunay_triangles(body.aperture.polygons))
+    flat = shapely.get_coordinates(pieces).reshape(-1, 4, 2)[:, :3]
+    triangles = (flat @ body.pose[:3, :2].T + body.pose[:3, 3]) / wavelength
+    return Surface(triangles, np.tile(body.pose[:3, 2], (len(triangles), 1)), False)
+
+
+def _area_vector(corners: Floats) -> Floats:
+    around = corners - corners[0]
+    return np.cross(around, np.roll(around, -1, axis=0)).sum(axis=0)
+
+
+def _units(vectors: Floats) -> Floats:
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+
+
+def _triangulated(corners: Floats) -> Floats:
+    normal = _units(_area_vector(corners))
+    across = _units(corners[1] - corners[0])
+    frame = np.stack([across, np.cross(normal, across)])
+    flat = (corners - corners[0]) @ frame.T
+    pieces = shapely.get_parts(shapely.constrained_delaunay_triangles(shapely.Polygon(flat)))
+    return corners[0] + shapely.get_coordinates(pieces).reshape(-1, 4, 2)[:, :3] @ frame
+
+
+def lit_regions(surfaces: Sequence[Surface], source: Any) -> tuple[Floats, Floats]:
+    """Return triangles (t, 3, 3) that a point sees, and their normals (t, 3) away from it.
+
+    Of a body only outer sides are lit, of a plate either side.
+    """
+    source = np.asarray(source, float)
+    everything = np.concatenate([surface.triangles for surface in surfaces]) - source
+    regions, normals = [], []
+    for surface in surfaces:
+        for corners, normal in zip(surface.triangles - source, surface.normals, strict=True):
+            height = normal @ corners[0]
+            size = np.linalg.norm(corners - corners[0], axis=1).max()
+            if abs(height) <= 1e-12 * size or (surface.is_solid and height > 0.0):
+                continue
+            forward = math.copysign(1.0, height) * normal
+            for piece in _visible(corners, forward, everything):
+                regions.append(piece + source)
+                normals.append(forward)
+    if not regions:
+        return np.empty((0, 3, 3)), np.empty((0, 3))
+    return np.array(regions), np.array(normals)
+
+
+def _visible(corners: Floats, forward: Floats, others: Floats) -> Floats:
+    """The parts (t, 3, 3) of a triangle that no other triangle hides from the origin."""
+    depth = forward @ corners[0]
+    middle = corners.mean(axis=0)
+    sides = _units(np.cross(corners, np.roll(corners, -1, axis=0)))
+    sides *= np.sign(sides @ middle)[:, None]
+    e1 = _units(corners[1] - corners[0])
+    frame = np.stack([e1, np.cross(forward, e1)])
+    size = np.linalg.norm(corners - corners[0], axis=1).max()
+    blocked = []
+    # the other triangle reaches into the pyramid from the origin to this triangle
+    near = (others @ forward < depth - 1e-9 * size).any(axis=1)
+    near &= ((others @ sides.T) > 1e-12 * size).any(axis=1).all(axis=1)
+    for other in others[near]:
+        shape = _clipped(other, -forward, -depth + 1e-12 * size)
+        for side in sides:
+            shape = _clipped(shape, side, 0.0)
+        shape = shape[shape @ forward > 1e-12 * size]
+        if len(shape) >= 3:
+            seen = shape * (depth / (shape @ forward))[:, None]
+            blocked.append(shapely.Polygon((seen - corners[0]) @ frame.T / size).buffer(0.0))
+    whole = shapely.Polygon((corners - corners[0]) @ frame.T / size)
+    rest = shapely.difference(whole, shapely.union_all(blocked)) if blocked else whole
+    parts = [p for p in shapely.get_parts(rest) if p.area > _SLIVER]
+    if not parts:
+        return np.empty((0, 3, 3))
+    pieces = shapely.get_parts(shapely.constrained_delaunay_triangles(parts))
+    flat = shapely.get_coordinates(pieces).reshape(-1, 4, 2)[:, :3]
+    return corners[0] + size * flat @ frame
+
+
+def _clipped(shape: Floats, normal: Floats, least: float) -> Floats:
+    """The part of a polygon (n, 3) with normal.x >= least."""
+    if not len(shape):
+        return shape
+    height = shape @ normal - least
+    corners = []
+    for k in range(len(shape)):
+        a, b = height[k - 1], height[k]
+        if (a >= 0.0) != (b >= 0.0):
+            corners.append(shape[k - 1] + a / (a - b) * (shape[k] - shape[k - 1]))
+        if b >= 0.0:
+            corners.append(shape[k])
+    return np.array(corners).reshape(-1, 3)
+
+
+def _refined(triangles: Floats, near: Any, longest: float) -> tuple[Floats, Floats]:
+    """Triangles shorter than ``longest`` and than their distance from points; their origin."""
+    done, origins = [triangles[:0]], [np.arange(0)]
+    todo, origin = triangles, np.arange(len(triangles))
+    while len(todo):
+        middle = todo.mean(axis=1)
+        reach = np.linalg.norm(todo - middle[:, None], axis=2).max(axis=1)
+        limit = np.full(len(todo), 0.58 * longest)
+        for point in np.reshape(near, (-1, 3)):
+            limit = np.minimum(limit, 0.6 * np.linalg.norm(middle - point, axis=1))
+        small = reach <= limit
+        done.append(todo[small])
+        origins.append(origin[small])
+        a, b, c = np.moveaxis(todo[~small], 1, 0)
+        ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
+        four = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+        todo = np.concatenate([np.stack(three, axis=1) for three in four])
+        origin = np.tile(origin[~small], 4)
+    return np.concatenate(done), np.concatenate(origins)
+
+
+def _space_nodes(triangles: Floats, order: int) -> tuple[Floats, Floats]:
+    """Nodes (t, n, 3) and weights (t, n) on triangles in space."""
+    unit, share = triangle_nodes(np.array([[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]]), order)
+    a, b, c = (triangles[:, k, None] for k in range(3))
+    nodes = a + unit[:, :1] * (b - a) + unit[:, 1:] * (c - a)
+    twice = np.linalg.norm(np.cross((b - a)[:, 0], (c - a)[:, 0]), axis=1)
+    return nodes, twice[:, None] * share
+
+
+def taken_by(
+    regions: Floats, normals: Floats, incident: Radiators, near: Any, order: int, longest: float
+) -> Radiators:
+    """Return the radiators of the field that regions (t, 3, 3) take away from the incident one.
+
+    ``near``: points (n, 3) towards which the triangles become smaller.
+    """
+    triangles, origin = _refined(regions, near, longest)
+    nodes, weights = _space_nodes(triangles, order)
+    places = nodes.reshape(-1, 3)
+    m = np.repeat(normals[origin], nodes.shape[1], axis=0)
+    value, gradient = incident.field(places, with_gradient=True)
+    share = weights.ravel() / (4.0 * math.pi)
+    return Radiators(
+        places,
+        -share * np.einsum("nk,nk->n", gradient, m),
+        -(share * value)[:, None] * m,
+    )
+
+
+def shadowed_field(
+    bodies: Sequence[Any],
+    source: Radiators,
+    points: Any,
+    order: int = 12,
+    longest: float = 1.0,
+    share_regions: bool = False,
+) -> Floats:
+    """U at points (n, 3) behind bodies: U_inc less Kirchhoff's integrals over what is lit.
+
+    Each radiator of the source sees its own regions; with ``share_regions`` all see those of the
+    first, which is exact for a plate and for bodies of which they see the same faces.
+    """
+    points = np.reshape(points, (-1, 3)).astype(float)
+    surfaces = [body if isinstance(body, Surface) else surface_of(body) for body in bodies]
+    total = source.field(points)
+    count = len(source.positions)
+    for first in range(0, count, count if share_regions else 1):
+        some = slice(first, count if share_regions else first + 1)
+        part = Radiators(source.positions[some], source.monopoles[some], source.dipoles[some])
+        near = np.concatenate([points, source.positions[first : first + 1]])
+        regions = lit_regions(surfaces, source.positions[first])
+        total -= taken_by(*regions, part, near, order, longest).field(points)
+    return total
+
+
+def sequential_field(
+    bodies: Sequence[Any],
+    source: Radiators,
+    points: Any,
+    order: int = 8,
+    longest: float = 1.0,
+) -> Floats:
+    """U at points behind bodies, in the order in which the field meets them.
+
+    The lit sides of each body take away the field that those before have left. ``source``: one
+    point.
+    """
+    points = np.reshape(points, (-1, 3)).astype(float)
+    surfaces = [body if isinstance(body, Surface) else surface_of(body) for body in bodies]
+    (position,) = source.positions
+    left = source
+    for surface in surfaces:
+        near = np.concatenate([points, [position]])
+        left = left + -taken_by(*lit_regions([surface], position), left, near, order, longest)
+    return left.field(points)
