@@ -60,7 +60,7 @@ from polywigner.radiometry.directions import (
     checked_radiator,
     wavelengths_of_band,
 )
-from polywigner.radiometry.hemisphere import largest_lag
+from polywigner.radiometry.hemisphere import longest_path
 from polywigner.transforms import Differentiable
 from polywigner.transforms.phase_space import energy_of
 from polywigner.transforms.wavefronts import coherent_source, flat_of, is_partly_coherent, tilts_of
@@ -106,11 +106,11 @@ def parts_of(
     """
     band = [(wavelength, 1.0)]
     if bandwidth is not None:
-        flat = source.source if isinstance(source, Wavefront) else source
         width = checked_bandwidth(bandwidth, wavelength)
-        band = wavelengths_of_band(wavelength, width, largest_lag(flat), error)
-    for tilted, share in [(source, 1.0)] if by_lags else _tilted(source, error):
-        for length, weight in band:
+        band = wavelengths_of_band(wavelength, width, longest_path(source), error)
+    for length, weight in band:
+        lit = source.at_wavelength(length)
+        for tilted, share in [(lit, 1.0)] if by_lags else _tilted(lit, error):
             yield tilted, length, share * weight
 
 
