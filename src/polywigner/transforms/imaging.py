@@ -174,7 +174,7 @@ def partially_coherent_image(
     _check_overlaps(mask, lattice, cell)
     orders = _orders_within_reach(system, lattice, scale)
     amplitudes = _amplitudes(mask, orders, cell, transmission, background)
-    kept = np.abs(amplitudes) > _ROUNDING
+    kept = np.abs(amplitudes) > _ROUNDING * np.abs(amplitudes).max(initial=0.0)
     kept[kept] = _passing(system, scale * orders[kept])
     orders, amplitudes = orders[kept], amplitudes[kept]
     places = _lags("points", points)
