@@ -37,10 +37,12 @@ from polywigner.propagation.amplitudes import Obstacle, amplitude, shaped
 from polywigner.propagation.collins import field_behind, squared_field
 from polywigner.propagation.far_fields import check_slopes
 from polywigner.propagation.field_slopes import has_derivatives, traced_field
+from polywigner.propagation.partial_coherence import partly_coherent_irradiance
 from polywigner.propagation.places import (
     DEFAULT_TOLERANCE,
     METHODS,
     check_reach,
+    checked_coordinates,
     checked_method,
     checked_points,
 )
@@ -129,8 +131,9 @@ _FLOOR = 1e-3
 _TOLERANCE = 1e-3
 # Least tolerance that float32 kernels can keep, relative to the same.
 _SINGLE = 1e-5
-# Of means over tilts and wavelengths, as a share of the tolerance: a tenth of the floor.
-_OF_MIXTURE = 1e-4
+# Of means over tilts and wavelengths, as a share of the tolerance: a tenth of the floor; and of those
+# of exact fields.
+_OF_MIXTURE, _OF_EXACT = 1e-4, 1e-7
 # Edges from which on rays take seconds, and the exact field a hundredth of that.
 _MANY_EDGES = 50
 # Nearer than so many wavelengths to the source rays of either order are a rough picture.
@@ -251,13 +254,20 @@ def irradiance(
         )
     if is_mixture(source, bandwidth, by_lags) and not execution.is_drjit(points):
 
-        def compute(one: Any, length: float) -> Any:
-            return irradiance(one, points, length, method, through=through, **how, **run)
+        def compute(one: Any, length: float, places: Any = points) -> Any:
+            return irradiance(one, places, length, method, through=through, **how, **run)
 
-        error = checked_tolerance(tolerance) if method == "wigner" else _SINGLE
+        error = _OF_MIXTURE * checked_tolerance(tolerance)
+        if method != "wigner":
+            error = min(error, _OF_EXACT)
+        if by_lags or not is_partly_coherent(source):
+            lit = compute
+        else:
+            name = checked_obliquity(obliquity, 1) if method == "auto" else method
+            lit = partial(_of_partly_coherent, compute, points, name, through, error, return_error)
         return mean_over_mixture(
-            compute, source, wavelength, bandwidth, _OF_MIXTURE * error, return_error, by_lags
-        )
+            lit, source, wavelength, bandwidth, error, return_error, by_lags=True
+        )  # fmt: skip
     if through is not None:
         others = {"method": None if method in ("wigner", "auto", "fresnel") else method}
         others |= {"obliquity": obliquity, "samples": samples, "seed": seed}
@@ -327,6 +337,45 @@ def irradiance(
         )
     found = _summed(flat_source, rays, flat, allowed, sampling, samples, seed)
     return shaped(found.values, found.errors, places, return_error)
+
+
+def _of_partly_coherent(
+    compute: Callable[..., Any],
+    points: Any,
+    method: str,
+    through: Any,
+    error: float,
+    return_error: bool,
+    source: Wavefront,
+    wavelength: float,
+) -> Any:
+    """Irradiance of partly coherent light of one wavelength; ``compute`` takes coherent sources."""
+    parts = through if isinstance(through, list | tuple) else [through]
+    systems = [part for part in parts if isinstance(part, FirstOrder)]
+    is_plain = method != "wigner" if through is None else len(systems) == len(parts)
+    if is_plain:
+        system: Any = None
+        for part in systems:
+            system = part if system is None else part @ system
+        places = (
+            checked_points(points)
+            if system is None
+            else checked_coordinates(points, "expected points (..., 2) with through=", 2)
+        )
+
+        def fields(one: Any, some: Any) -> Any:
+            found = compute(one, wavelength, some)
+            return found if return_error else np.asarray(found)[None]
+
+        flat = places.reshape(-1, places.shape[-1])
+        if len(flat):
+            found = partly_coherent_irradiance(
+                fields, source, flat, wavelength, method, system, error
+            )
+            if found is not None:
+                values = [part.reshape(places.shape[:-1]) for part in found]
+                return tuple(values[:2]) if return_error else values[0]
+    return mean_over_mixture(compute, source, wavelength, None, error, return_error)
 
 
 def _behind_obstacles(
