@@ -21,6 +21,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from polywigner.errors import ArgumentError
 from polywigner.execution.progress import told
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.geometry.parts import grid_size, polygons_in
@@ -300,7 +301,13 @@ def summed_over_lags(
 # Nodes along a side beyond those of the phase, of a triangle of lags and of one of mean positions.
 _PAIR_LEVELS = ((8.0, 3.0), (10.0, 4.0), (14.0, 6.0), (20.0, 9.0), (28.0, 13.0))
 # Nanoseconds of a pair of places for each point.
-_PAIR = 80.0
+_PAIR = 60.0
+# Nanoseconds of an intersection of two outlines, and of its triangles.
+_CUT = 1e5
+# Standard deviations of the tilts, beyond which waves may graze the plane.
+_GRAZING = 5.0
+# Nanoseconds for each point that are not spent on pairs.
+_MOST_COST = 1e10
 
 
 class PairSum(NamedTuple):
@@ -326,11 +333,11 @@ def pair_sum(source: Wavefront, points: Floats, wavelength: float) -> PairSum:
     rate_of_mean = min(reach * bend, 2.0 * rate) + 2.0 * _highest(source)
     of_lags, of_mean = _PAIR_LEVELS[1]
     elements = flat_of(source).elements_in_plane
-    count = node_count(cells, rate, of_lags)
-    for element in elements:
-        triangles = triangulated(list(element.polygons.geoms))
-        count *= node_count(triangles, rate_of_mean, of_mean)
-    return PairSum(cells, rate, rate_of_mean, 1.6 * _PAIR * count)
+    triangles = np.concatenate([triangulated(list(e.polygons.geoms)) for e in elements])
+    lags = node_count(cells, rate, of_lags)
+    count = lags * node_count(triangles, rate_of_mean, of_mean)
+    cut = _CUT * lags * len(elements) ** 2 / max(1, len(points))
+    return PairSum(cells, rate, rate_of_mean, 1.6 * (_PAIR * count + cut))
 
 
 def summed_over_pairs(
@@ -457,6 +464,8 @@ def _sum_of_pairs(pairs: Pairs, points: Floats, wavelength: float, method: str) 
         some = slice(start, start + _NODES)
         x, y, xi, eta, quarter = (column[some] for column in columns)
         degrees = [weights[some] for weights in pairs.weights]
+        mutual = degrees[0]
+        is_complex = bool(mutual.imag.any())
         for low in range(0, len(points), step):
             px, py, z = points[low : low + step].T[:, :, None]
             dx, dy = x - px, y - py
@@ -464,12 +473,17 @@ def _sum_of_pairs(pairs: Pairs, points: Floats, wavelength: float, method: str) 
             square = dx * dx + dy * dy + (z * z + quarter)
             first, second = np.sqrt(square + along), np.sqrt(square - along)
             turn = (2 * k) * along / (first + second)
-            wave = np.cos(turn) + 1j * np.sin(turn)
-            wave /= (wavelength * wavelength) * (first * second)
+            cosine, sine = np.cos(turn), np.sin(turn)
+            inverse = 1.0 / (first * second)
             if not condition.slope:
-                wave *= _slope(z, first, k) * _slope(z, second, k).conj()
-                found[low : low + step] += (wave @ degrees[0]).real
+                # (1 + i/(k R_1)) (1 - i/(k R_2)) times the wave, without complex numbers
+                real, imag = 1.0 + inverse / (k * k), (second - first) * (inverse / k)
+                size = np.square(inverse * (z / wavelength))
+                found[low : low + step] += (size * (cosine * real - sine * imag)) @ mutual.real
+                if is_complex:
+                    found[low : low + step] -= (size * (cosine * imag + sine * real)) @ mutual.imag
                 continue
+            wave = (cosine + 1j * sine) * (inverse / (wavelength * wavelength))
             a, b = condition.field, condition.slope
             one, other = a * _slope(z, first, k), a * _slope(z, second, k).conj()
             plain, ahead, behind, both = degrees
@@ -509,13 +523,16 @@ class NodeSum(NamedTuple):
 
 
 def node_sum(
-    source: Wavefront, points: Floats, wavelength: float, method: str, error: float
+    source: Wavefront, points: Floats, wavelength: float, method: str, rule: tuple[Floats, Floats]
 ) -> NodeSum | None:
-    """The sum for points (n, 3); None where integrals along edges take less time."""
+    """The sum for points (n, 3); None where integrals along edges take less time.
+
+    ``rule`` : tilts and their shares, of :func:`tilts_of`.
+    """
     has_slopes = CONDITIONS[method].takes_slopes
     if has_slopes and not source.is_flat:
         return None
-    flat, (tilts, shares) = flat_of(source), tilts_of(source, error)
+    flat, (tilts, shares) = flat_of(source), rule
     rate = float(_largest_slopes(source, points, wavelength).max(initial=0.0))
     rate += _STEEPEST * float(np.linalg.norm(tilts, axis=1).max(initial=0.0))
     rate = max(rate, _POLE / float(points[:, 2].min(initial=math.inf)))
@@ -668,12 +685,20 @@ def _of_spherical_waves(
     source: Wavefront, points: Floats, wavelength: float, method: str, error: float
 ) -> Floats | None:
     """Irradiance by the cheapest of the sums over pairs and nodes; None for that over tilts."""
-    count = len(tilts_of(source, error)[1])
-    rule = node_sum(source, points, wavelength, method, error)
-    cost = math.inf if rule is None else count * len(rule.nodes) * len(rule.fields) * _NODE
-    if _is_short(source) and (source.is_flat or not CONDITIONS[method].takes_slopes):
+    tilts: Any
+    try:
+        tilts = tilts_of(source, error)
+    except ArgumentError:  # too many
+        tilts = None
+    cost, rule = math.inf, None
+    if tilts is not None:
+        cost = len(tilts[1]) * _cost_of_edges(source, wavelength)
+        rule = node_sum(source, points, wavelength, method, tilts)
+    if rule is not None:
+        cost = min(cost, len(tilts[1]) * len(rule.nodes) * len(rule.fields) * _NODE)
+    if _is_short(source) and (not CONDITIONS[method].takes_slopes or _is_steep(source, wavelength)):
         pairs = pair_sum(source, points, wavelength)
-        if pairs.cost < min(cost, count * _cost_of_edges(source, wavelength)):
+        if pairs.cost < min(cost, _MOST_COST):
             found = summed_over_pairs(pairs, source, points, wavelength, method, error)
             if found is not None:
                 return _with_error(found, error)
@@ -685,6 +710,12 @@ def _of_spherical_waves(
 def _is_short(source: Wavefront) -> bool:
     size = np.subtract(*np.reshape(source.bounds, (2, 2))[::-1])
     return bool((size > _SHORT * source.coherence_width).all())
+
+
+def _is_steep(source: Wavefront, wavelength: float) -> bool:
+    """Whether next to no tilted wave of a flat source grazes the plane, where p_z has a branch."""
+    highest = _highest(source) + _GRAZING / (2 * math.pi * source.coherence_width)
+    return source.is_flat and wavelength * highest < 1.0
 
 
 def _cost_of_edges(source: Wavefront, wavelength: float) -> float:
