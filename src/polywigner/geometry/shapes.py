@@ -270,9 +270,7 @@ def hexagonal_segments(
     extra = np.array([space / math.sqrt(12.0), space / 2])
     places = np.array([(3 * q, m) for q, m in cells], dtype=np.float64)
     with np.errstate(over="ignore"):  # an Aperture says so
-        return Aperture._of_segments(
-            [(corners + place) * unit + place * extra for place in places]
-        )
+        return Aperture._of_segments([(corners + place) * unit + place * extra for place in places])
 
 
 def patch_row(count: int, width: float, length: float, pitch: float) -> Aperture:

@@ -250,8 +250,7 @@ Indices = NDArray[np.intp]
 
 # An edge costs about as much as so many terms of other kernels, for the choice of an engine.
 _TERMS = 16
-# Most turns of phase on half a panel of Fresnel fields, and along an outline: 5 s of a core for each
-# point.
+# Most turns of phase on half a panel of Fresnel fields; and along an outline: 5 s for each point.
 _FRESNEL_TURNS, _MOST_TURNS = 60.0, 1e7
 _MOST_ROWS = 1 << 20
 # Most panels of other fields: 2 GB, and a second of a core for each point.
@@ -429,8 +428,8 @@ def _paraxial_strata(
     if turns > _MOST_TURNS or around > _MOST_ROWS * float(longest.min(initial=1.0)):
         raise ArgumentError(
             f"the parabolic waves of Fresnel's integral have {turns:.3g} turns of phase along the "
-            f'outline, at most {_MOST_TURNS:.0e}; use method="kirchhoff", points nearer to the axis, or a '
-            "plane farther from the source and its images"
+            f'outline, at most {_MOST_TURNS:.0e}; use method="kirchhoff", points nearer to the '
+            "axis, or a plane farther from the source and its images"
         )
     for number in np.unique(step):
         yield np.flatnonzero(step == number), _STRATA[-1][1] / 2.0 ** int(number)

@@ -131,8 +131,8 @@ _FLOOR = 1e-3
 _TOLERANCE = 1e-3
 # Least tolerance that float32 kernels can keep, relative to the same.
 _SINGLE = 1e-5
-# Of means over tilts and wavelengths, as a share of the tolerance: a tenth of the floor; and of those
-# of exact fields.
+# Errors of means over tilts and wavelengths: as a fraction of the tolerance, a tenth of the floor;
+# and of those of exact fields.
 _OF_MIXTURE, _OF_EXACT = 1e-4, 1e-7
 # Edges from which on rays take seconds, and the exact field a hundredth of that.
 _MANY_EDGES = 50
@@ -339,6 +339,9 @@ def irradiance(
     return shaped(found.values, found.errors, places, return_error)
 
 
+_BEHIND = "expected points as real numbers of shape (..., 2) with through=; z is the system's"
+
+
 def _of_partly_coherent(
     compute: Callable[..., Any],
     points: Any,
@@ -352,15 +355,14 @@ def _of_partly_coherent(
     """Irradiance of partly coherent light of one wavelength; ``compute`` takes coherent sources."""
     parts = through if isinstance(through, list | tuple) else [through]
     systems = [part for part in parts if isinstance(part, FirstOrder)]
+    checked_radiator(source, partly=True)
     is_plain = method != "wigner" if through is None else len(systems) == len(parts)
     if is_plain:
         system: Any = None
         for part in systems:
             system = part if system is None else part @ system
         places = (
-            checked_points(points)
-            if system is None
-            else checked_coordinates(points, "expected points (..., 2) with through=", 2)
+            checked_points(points) if system is None else checked_coordinates(points, _BEHIND, 2)
         )
 
         def fields(one: Any, some: Any) -> Any:
