@@ -195,7 +195,7 @@ def test_there_is_no_transfer_function_in_partly_coherent_light(pupil):
     assert abs(pw.lag_marginal(partly, (5e-3, 0.0))) == pytest.approx(fallen, abs=1e-12 * content)
     for ask in (
         lambda: pw.otf(partly, (5e-3, 0.0)),
-        lambda: pw.mtf(partly, (10.0, 0.0), 5e-6, 0.1),
+        lambda: pw.mtf(partly, (10e3, 0.0), 5e-6, 0.1),
     ):
         with pytest.raises(IlluminationError, match=r"no transfer function.*lag_marginal"):
             ask()

@@ -137,7 +137,7 @@ def test_defocus_of_a_pupil_is_a_curved_wave():
     defocused = pw.otf(ELL, xi, waves, pupil)
     assert np.abs(pw.otf(curved, xi) - defocused).max() < IDENTITY
     assert np.abs(pw.otf(curved, xi, -waves, pupil) - pw.otf(ELL, xi)).max() < IDENTITY
-    frequency = xi / (WAVELENGTH * 0.1 * 1e3)
+    frequency = xi / (WAVELENGTH * 0.1)
     found = pw.mtf(curved, frequency, WAVELENGTH, 0.1)
     assert np.abs(found - np.abs(defocused)).max() < IDENTITY
 

@@ -178,7 +178,7 @@ def test_clear_light_is_one_and_a_fine_grating_is_grey() -> None:
         ({"points": [1.0, 2.0, 3.0]}, "points"),
         ({"background": "grey"}, "background"),
         ({"distance": -1.0}, "distance"),
-        ({"period": (1.0, 1.0)}, "intersections"),
+        ({"period": (1.0, 1.0)}, "orders"),
     ],
 )
 def test_what_makes_no_image_is_refused(change: dict[str, Any], words: str) -> None:

@@ -79,23 +79,23 @@ def test_labels_stay():
 def test_a_square_pupil_has_the_triangle_of_its_overlap():
     """1 - lambda f nu/D along its sides, 0 from 200 cycles/mm on."""
     nu = np.array([0.0, 50.0, 120.0, 200.0, 350.0])
-    frequency = np.stack([nu, 0 * nu], axis=-1)
+    frequency = np.stack([1e3 * nu, 0 * nu], axis=-1)
     found = pw.mtf(SQUARE, frequency, 0.5e-6, 0.1)
     assert found == pytest.approx(np.maximum(0, 1 - nu / 200), abs=ROUNDING)
 
 
 def test_defocus_is_that_of_the_otf():
-    frequency = np.random.default_rng(2).uniform(-150, 150, (20, 2))
-    expected = np.abs(pw.otf(SQUARE, frequency * 1e3 * 0.5e-6 * 0.1, 0.7))
+    frequency = np.random.default_rng(2).uniform(-150e3, 150e3, (20, 2))
+    expected = np.abs(pw.otf(SQUARE, frequency * 0.5e-6 * 0.1, 0.7))
     assert pw.mtf(SQUARE, frequency, 0.5e-6, 0.1, 0.7) == pytest.approx(expected, abs=ROUNDING)
 
 
 def test_white_light_is_the_modulus_of_the_mean_otf():
     """The aberration in metres is one: in waves, it is larger at shorter wavelengths."""
-    frequency, lengths, weights = np.array([60.0, 20.0]), np.array([0.4e-6, 0.7e-6]), [1.0, 3.0]
+    frequency, lengths, weights = np.array([60e3, 20e3]), np.array([0.4e-6, 0.7e-6]), [1.0, 3.0]
     mean = (0.4e-6 + 3 * 0.7e-6) / 4
     parts = [
-        w / 4 * pw.otf(SQUARE, frequency * 1e3 * length * 0.1, 0.6 * mean / length)
+        w / 4 * pw.otf(SQUARE, frequency * length * 0.1, 0.6 * mean / length)
         for w, length in zip(weights, lengths, strict=True)
     ]
     found = pw.mtf(SQUARE, frequency, lengths, 0.1, 0.6, weights=weights)
@@ -103,15 +103,15 @@ def test_white_light_is_the_modulus_of_the_mean_otf():
 
 
 def test_weights_of_any_size_are_shares():
-    found = pw.mtf(SQUARE, (50.0, 0.0), [0.5e-6] * 2, 0.1, weights=[1e308] * 2)
+    found = pw.mtf(SQUARE, (50e3, 0.0), [0.5e-6] * 2, 0.1, weights=[1e308] * 2)
     assert found == pytest.approx(0.75, abs=ROUNDING)
 
 
 def test_pixels_multiply_the_lens_by_their_own_transfer_function() -> None:
-    pupil, frequency = pw.shapes.square(10e-3), np.array([(30.0, 0.0), (0.0, 80.0), (40.0, -70.0)])
+    pupil, frequency = pw.shapes.square(10e-3), np.array([(30e3, 0.0), (0.0, 80e3), (40e3, -70e3)])
     lens = pw.mtf(pupil, frequency, 0.5e-6, 0.1)
     with_pixels = pw.mtf(pupil, frequency, 0.5e-6, 0.1, pixel=(4e-6, 6e-6))
-    own = np.sinc(frequency[:, 0] * 4e-3) * np.sinc(frequency[:, 1] * 6e-3)
+    own = np.sinc(frequency[:, 0] * 4e-6) * np.sinc(frequency[:, 1] * 6e-6)
     assert with_pixels == pytest.approx(lens * own, abs=ROUNDING)
 
 
@@ -171,7 +171,7 @@ def test_commands_write_spots_and_transfer_functions(tmp_path: Any, pupil_file: 
     )
     rows = np.genfromtxt(tmp_path / "pupil_mtf.csv", delimiter=",", names=True)
     assert rows["frequency_per_mm"][-1] == pytest.approx(200.0)  # along both axes
-    at = np.column_stack([rows["frequency_per_mm"], np.zeros(33)])
+    at = np.column_stack([1e3 * rows["frequency_per_mm"], np.zeros(33)])
     assert rows["mtf_x_defocus_0"] == pytest.approx(
         pw.mtf(square, at, [500e-9, 600e-9], 0.1, pixel=3e-6)
     )

@@ -106,10 +106,10 @@ def test_angles_in_radians_are_not_asked_about():
 
 PUPIL = pw.shapes.square(10e-3)
 LENSES = {
-    "mtf": lambda w, f, pupil=PUPIL: pw.mtf(pupil, (50.0, 0.0), w, f),
+    "mtf": lambda w, f, pupil=PUPIL: pw.mtf(pupil, (50e3, 0.0), w, f),
     "psf": lambda w, f, pupil=PUPIL: pw.psf(pupil, (1e-6, 0.0), w, f),
-    "of slits": lambda w, f: pw.mtf(pw.Slits([(0.0, 10e-3)]), (50.0,), w, f),
-    "curved": lambda w, f: pw.mtf(PUPIL.curved(10.0, 0.5e-6), (50.0, 0.0), w, f),
+    "of slits": lambda w, f: pw.mtf(pw.Slits([(0.0, 10e-3)]), (50e3,), w, f),
+    "curved": lambda w, f: pw.mtf(PUPIL.curved(10.0, 0.5e-6), (50e3, 0.0), w, f),
 }
 
 

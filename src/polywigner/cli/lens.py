@@ -157,7 +157,7 @@ def mtf(
     frequency = np.linspace(0.0, end, samples)
     lines = frequency[:, None] * np.eye(2)[:, None]
     curves = [
-        pw.mtf(pupil, lines, lengths, distance, waves, radius, pixel=side) for waves in series
+        pw.mtf(pupil, 1e3 * lines, lengths, distance, waves, radius, pixel=side) for waves in series
     ]
     found = xr.Dataset(
         {"mtf": (("defocus", "direction", "frequency"), np.array(curves))},

@@ -65,6 +65,7 @@ class Aperture(TakesWaves):
     """
 
     _parts: tuple[Part, ...]
+    _segments: tuple[Part, ...]
     illumination: Field | None
     """The field on the aperture, an Illumination; None where it is 1."""
 
@@ -74,7 +75,23 @@ class Aperture(TakesWaves):
     def _set(self, parts: Sequence[Part]) -> None:
         frozen = tuple(tuple(_frozen(ring) for ring in part) for part in parts)
         object.__setattr__(self, "_parts", frozen)
+        object.__setattr__(self, "_segments", frozen)
         object.__setattr__(self, "illumination", None)
+
+    @classmethod
+    def _of_segments(cls, rings: Sequence[Ring]) -> Aperture:
+        """An aperture of simple rings that may touch; they stay its :attr:`segments`."""
+        aperture = cls(rings)
+        if len(aperture._parts) < len(rings):
+            object.__setattr__(aperture, "_segments", tuple((_frozen(ring),) for ring in rings))
+        return aperture
+
+    def _with_segments_of(self, other: Aperture, mapped: Callable[[Ring], Ring]) -> Aperture:
+        """This aperture with the segments of another one, vertices ``mapped``, if they touch."""
+        if other._segments is not other._parts:
+            segments = tuple(tuple(_frozen(mapped(r)) for r in part) for part in other._segments)
+            object.__setattr__(self, "_segments", segments)
+        return self
 
     @classmethod
     def _of_parts(cls, parts: Sequence[Part]) -> Aperture:
@@ -102,6 +119,7 @@ class Aperture(TakesWaves):
         """
         aperture = object.__new__(Aperture)
         object.__setattr__(aperture, "_parts", self._parts)
+        object.__setattr__(aperture, "_segments", self._segments)
         field = None if illumination is None else checked_field(illumination, 2)
         object.__setattr__(aperture, "illumination", field)
         return aperture
@@ -119,7 +137,7 @@ class Aperture(TakesWaves):
                 "expected a shift after which floats still tell vertices apart, got "
                 f"{offset.tolist()} for a size of {self.diameter:.3g}; keep it near the origin"
             )
-        field = self.illumination
+        copy, field = copy._with_segments_of(self, lambda ring: ring + offset), self.illumination
         return copy if field is None else copy.with_illumination(field.moved(offset))
 
     def turned(self, angle: float) -> Aperture:
@@ -135,6 +153,7 @@ class Aperture(TakesWaves):
                 f"expected an outline that keeps its area {self.area:.3g} when its vertices are "
                 f"turned and rounded, got {copy.area:.3g}; turn it nearer to the origin"
             )
+        copy = copy._with_segments_of(self, lambda ring: turned_points(ring, angle))
         return copy if field is None else copy.with_illumination(field.turned(angle))
 
     @property
@@ -153,6 +172,7 @@ class Aperture(TakesWaves):
             raise ArgumentError(f"expected factor as a number above zero, got {value_text(factor)}")
         parts = [tuple(ring * size for ring in part) for part in self._parts]
         copy, field = Aperture([polygon_of_part(part) for part in parts]), self.illumination
+        copy = copy._with_segments_of(self, lambda ring: ring * size)
         return copy if field is None else copy.with_illumination(field.scaled(size))
 
     def __or__(self, other: Aperture) -> Aperture:
@@ -205,6 +225,18 @@ class Aperture(TakesWaves):
         """The parts as a shapely MultiPolygon: exteriors counter-clockwise, holes clockwise."""
         return shapely.MultiPolygon([polygon_of_part(part) for part in self._parts])
 
+    @property
+    def segments(self) -> tuple[Aperture, ...]:
+        """The segments of a mirror as apertures, which may touch; else the separate parts.
+
+        Each has this aperture's field. Only :func:`polywigner.shapes.hexagonal_segments` makes
+        segments that touch.
+        """
+        return tuple(
+            Aperture._of_parts([part]).with_illumination(self.illumination)
+            for part in self._segments
+        )
+
     @cached_property
     def area(self) -> float:
         """Area, rounded once from its exact value."""
@@ -254,7 +286,7 @@ class Aperture(TakesWaves):
         return self
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _restored, (self._parts, self.illumination)
+        return _restored, (self._parts, self.illumination, self._segments)
 
     def plot(self, ax: Axes | None = None, unit: str = "mm") -> Axes:
         """The outline, filled, on axes of matplotlib, which are returned.
@@ -292,8 +324,14 @@ class Aperture(TakesWaves):
         )
 
 
-def _restored(parts: Sequence[Part], illumination: Field | None) -> Aperture:
-    return Aperture._of_parts(parts).with_illumination(illumination)
+def _restored(
+    parts: Sequence[Part], illumination: Field | None, segments: Sequence[Part]
+) -> Aperture:
+    aperture = Aperture._of_parts(parts)
+    if len(segments) > len(parts):
+        source = Aperture._of_parts(segments)
+        object.__setattr__(aperture, "_segments", source._parts)
+    return aperture.with_illumination(illumination)
 
 
 def triangulate(aperture: Aperture) -> tuple[Ring, NDArray[np.intp]]:

@@ -409,7 +409,8 @@ def takes_frequency(function: Callable[P, R]) -> _WithFrequency[P, R]:
                     args[0] if args else kwargs.get("source"),
                     args[place] if len(args) > place else kwargs.get("wavelength"),
                 )
-            return function(*args, **kwargs)
+            length = args[place] if len(args) > place else kwargs.get("wavelength")
+            return function(*_at_wavelength(length, args), **_at_wavelength(length, kwargs))
         length = SPEED_OF_LIGHT / _checked(frequency)
         has_both = is_last and len(args) > place and isinstance(args[place], Real)
         if kwargs.get("wavelength") is None and not has_both:
@@ -425,7 +426,7 @@ def takes_frequency(function: Callable[P, R]) -> _WithFrequency[P, R]:
             else:
                 if is_called_by_user():
                     warn_of_wavelength(given[0] if given else kwargs.get("source"), length)
-                return function(*given, **kwargs)
+                return function(*_at_wavelength(length, given), **_at_wavelength(length, kwargs))
         raise ArgumentError("expected a wavelength or a frequency, got both; leave one of them out")
 
     extra = inspect.Parameter("frequency", inspect.Parameter.KEYWORD_ONLY, default=None)
@@ -435,6 +436,24 @@ def takes_frequency(function: Callable[P, R]) -> _WithFrequency[P, R]:
         parameters=[*kept, extra.replace(annotation="float | None"), *rest]
     )
     return cast("_WithFrequency[P, R]", wrapper)
+
+
+def _at_wavelength(length: Any, arguments: Any) -> Any:
+    """Arguments, in a tuple or dict, whose sources have their phases at a wavelength in m.
+
+    Other values of ``length`` than a number above zero are left to the checks of the function.
+    """
+    if not (isinstance(length, Real) and 0.0 < float(length) < math.inf):
+        return arguments
+    if isinstance(arguments, dict):
+        return {name: _at_wavelength(length, value) for name, value in arguments.items()}
+    if isinstance(arguments, tuple | list):
+        if not any(hasattr(value, "at_wavelength") for value in arguments):
+            return arguments
+        return type(arguments)([_at_wavelength(length, value) for value in arguments])
+    if hasattr(type(arguments), "at_wavelength"):
+        return arguments.at_wavelength(length)
+    return arguments
 
 
 def _checked(frequency: Any) -> float:

@@ -253,10 +253,15 @@ def _hexagon_centres(rings: int, centre: bool) -> list[tuple[int, int]]:
 def hexagonal_segments(
     flat_to_flat: float, gap: float = 0.0, rings: int = 2, centre: bool = False
 ) -> Aperture:
-    """Segmented mirror: hexagons in rings around a centre cell, which is left out by default.
+    """Return a segmented mirror: hexagons in rings around a centre cell, left out by default.
 
     `flat_to_flat` is the height of one hexagon (flat sides towards +y and -y), `gap` the distance
-    between facing sides; with gap 0 they merge into one outline. Two rings make 18 segments.
+    between facing sides. Two rings make 18 segments.
+
+    The segments are numbered column by column from the lowest x to the highest, and from the lowest
+    y to the highest within a column. This is the order of `.segments`, and of the pistons and tilts
+    of :func:`polywigner.segmented_pupil`. With gap 0 the outline is one polygon, but the segments
+    stay apart in `.segments`.
     """
     flat, space = _length(flat_to_flat, "flat_to_flat"), _length(gap, "gap", zero=True)
     whole = checked_flag(centre, "centre")
@@ -267,7 +272,7 @@ def hexagonal_segments(
     extra = np.array([space / math.sqrt(12.0), space / 2])
     places = np.array([(3 * q, m) for q, m in cells], dtype=np.float64)
     with np.errstate(over="ignore"):  # an Aperture says so
-        return Aperture([(corners + place) * unit + place * extra for place in places])
+        return Aperture._of_segments([(corners + place) * unit + place * extra for place in places])
 
 
 def patch_row(count: int, width: float, length: float, pitch: float) -> Aperture:

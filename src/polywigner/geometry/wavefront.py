@@ -100,6 +100,30 @@ class TakesWaves:
 
     __setattr__ = __delattr__ = unchangeable
 
+    def at_wavelength(self, wavelength: float) -> Any:
+        """Return this source with the phases that its path lengths have at another wavelength.
+
+        Curved waves made by :meth:`curved` and the pistons and tilts of
+        :func:`polywigner.segmented_pupil` are path lengths: their phases grow with the frequency.
+        All other phases (weights, illuminations, ``Wavefront(curvature=)``) stay as they are, as
+        behind phase shifters. Functions that take a wavelength call this method themselves.
+
+        Parameters
+        ----------
+        wavelength : in m.
+
+        Returns
+        -------
+        A source; this source itself if no phase changes.
+
+        >>> import polywigner as pw
+        >>> wave = pw.shapes.square(0.01).curved(0.05, 4e-3)
+        >>> wave.at_wavelength(2e-3).curvature.diagonal().tolist()
+        [10000.0, 10000.0]
+        """
+        checked_wavelength(wavelength)
+        return self
+
     def curved(
         self, radius: float | Sequence[float], wavelength: float, centre: ArrayLike | None = None
     ) -> Wavefront:
@@ -112,7 +136,8 @@ class TakesWaves:
         ----------
         radius : R in m, or one for each axis; R > 0 diverges, as from a point R behind the
             aperture, R < 0 converges, inf is flat.
-        wavelength : in m; the phase belongs to it.
+        wavelength : in m, at which the phase is the one above. At other wavelengths the radius
+            stays, see :meth:`at_wavelength`.
         centre : c in m, where the wave touches the plane; default: that of the curved wave that is
             there, else the origin.
 
@@ -124,6 +149,10 @@ class TakesWaves:
         """
         wave = self if isinstance(self, Wavefront) else Wavefront(self)
         q = _curvature_of(radius, wavelength, wave.dimension)
+        if wave.is_flat:
+            wave = wave._with(wavelength=float(wavelength))
+        elif wave.wavelength is not None:
+            wave = wave.at_wavelength(wavelength)
         if not wave.is_flat and centre is not None and not np.array_equal(wave.centre, centre):
             raise IlluminationError(
                 "expected curved waves with one centre, got two; give one of them"
@@ -165,6 +194,8 @@ class Wavefront(TakesWaves):
     curvature : Q (d, d) in 1/m^2, symmetric; None: flat.
     centre : c (d,) in m; None: the origin.
     coherence_width : in m; infinite: coherent.
+    wavelength : in m, to which the curvature belongs: at others it is as much smaller as they are
+        longer. None: the same curvature at all wavelengths.
 
     Raises ArgumentError for another source, a centre that is not d finite numbers, and a width that
     is not above zero; IlluminationError for what is no symmetric matrix of finite numbers.
@@ -183,6 +214,8 @@ class Wavefront(TakesWaves):
     """c (d,) in m, read-only: where the curved wave touches the plane; of flat ones the origin."""
     coherence_width: float
     """Standard deviation in m of the degree of coherence over lag; infinite: coherent."""
+    wavelength: float | None
+    """Wavelength in m to which the curvature belongs; None: it is the same at all wavelengths."""
 
     def __init__(
         self,
@@ -190,6 +223,7 @@ class Wavefront(TakesWaves):
         curvature: ArrayLike | None = None,
         centre: ArrayLike | None = None,
         coherence_width: float = np.inf,
+        wavelength: float | None = None,
     ) -> None:
         if isinstance(source, Wavefront) or not hasattr(type(source), "curved"):
             raise ArgumentError(
@@ -211,9 +245,19 @@ class Wavefront(TakesWaves):
             self.__dict__[name] = array
         self.__dict__["source"] = source
         self.__dict__["coherence_width"] = width
+        length = None if wavelength is None else checked_wavelength(wavelength)
+        self.__dict__["wavelength"] = length
+
+    def at_wavelength(self, wavelength: float) -> Wavefront:
+        length = checked_wavelength(wavelength)
+        source = self.source.at_wavelength(length)
+        if self.wavelength in (None, length):
+            return self if source is self.source else self._with(source=source)
+        q = self.curvature * (self.wavelength / length)
+        return self._with(source=source, curvature=q, wavelength=length)
 
     def _with(self, **changes: Any) -> Wavefront:
-        names = ("source", "curvature", "centre", "coherence_width")
+        names = ("source", "curvature", "centre", "coherence_width", "wavelength")
         return Wavefront(*(changes.get(name, getattr(self, name)) for name in names))
 
     @property
@@ -302,10 +346,12 @@ class Wavefront(TakesWaves):
     @cached_property
     def _key(self) -> tuple[Any, ...]:
         q, c = self.curvature + 0.0, self.centre + 0.0
-        return self.source, q.tobytes(), c.tobytes(), self.coherence_width
+        design = None if self.is_flat else self.wavelength
+        return self.source, q.tobytes(), c.tobytes(), self.coherence_width, design
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Wavefront, (self.source, self.curvature, self.centre, self.coherence_width)
+        content = self.source, self.curvature, self.centre, self.coherence_width, self.wavelength
+        return Wavefront, content
 
     def _repr_html_(self) -> str:
         rows = [("source", repr(self.source))]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, final, overload
 
@@ -148,7 +149,11 @@ def _array_of_waves(elements: Sequence[Any], weights: Any) -> Wavefront:
     size = float(np.abs(curvatures).max())
     for k, wave in enumerate(waves):
         apart = float(np.abs(wave.curvature - first.curvature).max())
-        if apart > _SAME * size or wave.coherence_width != first.coherence_width:
+        differs = (wave.coherence_width, wave.wavelength) != (
+            first.coherence_width,
+            first.wavelength,
+        )
+        if apart > _SAME * size or differs:
             raise IlluminationError(
                 f"expected elements with one curvature and coherence width, got {wave!r} as "
                 f"element {k} beside {first!r}; make an array of those alike, and add fields"
@@ -160,9 +165,29 @@ def _array_of_waves(elements: Sequence[Any], weights: Any) -> Wavefront:
     away = centres - first.centre
     slopes = (curvatures @ away[:, :, None])[:, :, 0]
     turns = ((centres - away / 2) * slopes).sum(axis=1)
-    phases = np.exp(2j * np.pi * (turns - np.round(turns)))
-    tilted = [tilted_source(w.source, -slope) for w, slope in zip(waves, slopes, strict=True)]
-    return first._with(source=Array(tilted, factors * phases))
+    array = _with_phases(Array([wave.source for wave in waves], factors), turns, -slopes)
+    if first.wavelength is not None:
+        array.__dict__["paths"] = PathLengths(turns, -slopes, first.wavelength)
+    return first._with(source=array)
+
+
+@dataclass(frozen=True, eq=False)
+class PathLengths:
+    """The phases of an array's elements that stem from path lengths, at one wavelength."""
+
+    cycles: NDArray[np.float64]
+    """(n,) phases at the origin in cycles."""
+    slopes: NDArray[np.float64]
+    """(n, d) tilts in 1/m."""
+    wavelength: float
+    """In m."""
+
+
+def _with_phases(array: Array, cycles: NDArray[np.float64], slopes: NDArray[np.float64]) -> Array:
+    """An array whose element k is multiplied by exp(2 pi i (cycles_k + slopes_k.x))."""
+    pairs = zip(array.elements, slopes, strict=True)
+    elements = [tilted_source(element, slope) for element, slope in pairs]
+    return Array(elements, array.weights * np.exp(2j * np.pi * (cycles - np.round(cycles))))
 
 
 def tilted_source(source: Any, kappa: NDArray[np.float64]) -> Any:
@@ -218,6 +243,8 @@ class Array(TakesWaves):
     """(n,), read-only."""
     repeated: tuple[Aperture | Slits, NDArray[np.float64]] | None
     """The one element and the positions (n, d) of its copies, if made by `phased_array`."""
+    paths: PathLengths | None
+    """The phases that stem from path lengths, of :func:`segmented_pupil`; None: none of them."""
 
     def __new__(cls, elements: Any = (), weights: Any = None) -> Any:
         """An array; of elements with curved waves of one curvature a curved wave on an array."""
@@ -228,7 +255,18 @@ class Array(TakesWaves):
     def __init__(self, elements: Iterable[Element], weights: ArrayLike | None = None) -> None:
         found = _checked_elements(elements)
         factors = checked_weights(weights, len(found))
-        self.__dict__.update(elements=found, weights=factors, repeated=None)
+        self.__dict__.update(elements=found, weights=factors, repeated=None, paths=None)
+
+    def at_wavelength(self, wavelength: float) -> Array:
+        length = checked_wavelength(wavelength)
+        paths = self.paths
+        if paths is None or length == paths.wavelength:
+            return self
+        ratio = paths.wavelength / length
+        cycles, slopes = paths.cycles * ratio, paths.slopes * ratio
+        array = _with_phases(self, cycles - paths.cycles, slopes - paths.slopes)
+        array.__dict__["paths"] = PathLengths(cycles, slopes, length)
+        return array
 
     @cached_property
     def elements(self) -> tuple[Element, ...]:
@@ -329,14 +367,15 @@ class Array(TakesWaves):
     @cached_property
     def _key(self) -> tuple[Any, ...]:
         if self.repeated is None:
-            return self.elements, self.weights.tobytes()
+            design = None if self.paths is None else self.paths.wavelength
+            return self.elements, self.weights.tobytes(), design
         element, positions = self.repeated
         return element, positions.tobytes(), self.weights.tobytes()
 
     def __reduce__(self) -> tuple[Any, ...]:
         if self.repeated is not None:
             return repeated_element, (*self.repeated, self.weights)
-        return Array, (self.elements, self.weights)
+        return _restored, (self.elements, self.weights, self.paths)
 
     def __len__(self) -> int:
         return len(self.weights)
@@ -361,6 +400,12 @@ class Array(TakesWaves):
         counts = [f"{copies * kinds.count(kind)} x {kind}" for kind in dict.fromkeys(kinds)]
         uniform = "weights all 1" if (self.weights == 1).all() else "weighted"
         return f"Array({', '.join(counts)}, {uniform})"
+
+
+def _restored(elements: Any, weights: Any, paths: PathLengths | None) -> Array:
+    array = Array(elements, weights)
+    array.__dict__["paths"] = paths
+    return array
 
 
 @overload
@@ -424,7 +469,7 @@ def repeated_element(
     dimension = 1 if isinstance(element, Slits) else 2
     places, amplitudes = checked_sites(positions, weights, dimension)
     array: Array = object.__new__(Array)
-    array.__dict__.update(repeated=(element, places), weights=amplitudes)
+    array.__dict__.update(repeated=(element, places), weights=amplitudes, paths=None)
     return array
 
 
@@ -435,13 +480,19 @@ def segmented_pupil(
     piston: ArrayLike = 0.0,
     tilt: ArrayLike = 0.0,
 ) -> Array:
-    """Pupil of segments with pistons and tilts, exact: phases of weights, and plane waves.
+    """Return a pupil of segments with pistons and tilts: phases of weights, and plane waves.
+
+    Pistons and tilts are path lengths. Functions that take a wavelength (:func:`psf`, :func:`mtf`,
+    :func:`irradiance` with its ``bandwidth``, ...) use the phases at that wavelength. Functions
+    without one (:func:`otf`, :func:`fourier`, :func:`wigner`) use those at ``wavelength``;
+    :meth:`Array.at_wavelength` gives them at another one. The phases of a :func:`phased_array`
+    come from phase shifters and are the same at all wavelengths.
 
     Parameters
     ----------
-    pupil : Aperture whose separate parts are the segments, in the order of ``polygons.geoms``; or a
-        list of apertures, each with its own field.
-    wavelength : in m.
+    pupil : Aperture whose ``segments`` are the segments, in their order; or a list of apertures,
+        each with its own field.
+    wavelength : in m, to which the phases of the returned array belong.
     piston : (n,) of the wavefront at each segment's centroid, in m; or one for all. A segmented
         mirror's is twice its step.
     tilt : (n, 2) slopes of the wavefront along x and y on each segment, without unit.
@@ -458,8 +509,7 @@ def segmented_pupil(
     """
     length = checked_wavelength(wavelength)
     if isinstance(pupil, Aperture):
-        parts = getattr(pupil.polygons, "geoms", [pupil.polygons])
-        segments = [Aperture(part).with_illumination(pupil.illumination) for part in parts]
+        segments: list[Any] = list(pupil.segments)
     else:
         segments = list(pupil) if isinstance(pupil, Sequence) else [pupil]
     if not segments or not all(isinstance(segment, Aperture) for segment in segments):
@@ -468,15 +518,10 @@ def segmented_pupil(
     steps = _for_segments("piston", piston, (count,))
     slopes = _for_segments("tilt", tilt, (count, 2)) / length
     centres = np.array([segment.polygons.centroid.coords[0] for segment in segments])
-    phases = steps / length - np.einsum("ij,ij->i", slopes, centres)
-    found = []
-    for segment, slope in zip(segments, slopes, strict=True):
-        wave: Any = segment.illumination
-        if slope.any():
-            tilted = Illumination([1.0], slope[None])
-            wave = tilted if wave is None else wave * tilted
-        found.append(segment.with_illumination(wave))
-    return Array(found, np.exp(2j * np.pi * np.remainder(phases, 1.0)))
+    cycles = steps / length - np.einsum("ij,ij->i", slopes, centres)
+    array = _with_phases(Array(segments), cycles, slopes)
+    array.__dict__["paths"] = PathLengths(cycles, slopes, length)
+    return array
 
 
 def _for_segments(name: str, values: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:

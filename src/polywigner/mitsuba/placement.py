@@ -188,7 +188,9 @@ class PlacedSource:
             return replace(self, source=flat, pose=pose)
         sign = np.array([-1.0, 1.0])  # x changes its sign
         wave = self.source
-        mirrored = Wavefront(flat, wave.curvature * np.outer(sign, sign), wave.centre * sign)
+        mirrored = wave._with(
+            source=flat, curvature=wave.curvature * np.outer(sign, sign), centre=wave.centre * sign
+        )
         return replace(self, source=mirrored, pose=pose)
 
     def image(self, chain: Iterable[Any]) -> PlacedSource:

@@ -33,7 +33,11 @@ from polywigner.radiometry.directions import (
     checked_radiator,
     wavelengths_of_band,
 )
-from polywigner.radiometry.hemisphere import directions_and_weights, largest_lag
+from polywigner.radiometry.hemisphere import (
+    directions_and_weights,
+    largest_lag,
+    longest_path,
+)
 from polywigner.reception.norms import NORMALISATIONS
 from polywigner.transforms import fourier
 from polywigner.transforms.phase_space import energy_of
@@ -119,7 +123,7 @@ class Mixture:
             tilts, shares = tilts_of(wave, _OF_POWER, _LONGEST * wavelength)
         band = [(wavelength, 1.0)]
         if self.bandwidth is not None:
-            band = wavelengths_of_band(wavelength, self.bandwidth, largest_lag(source), _OF_POWER)
+            band = wavelengths_of_band(wavelength, self.bandwidth, longest_path(source), _OF_POWER)
         return np.array(
             [
                 (1 / length - 1 / wavelength, *tilt, share * weight)
@@ -131,8 +135,16 @@ class Mixture:
     def power(self, source: Any, wavelength: float, obliquity: str) -> float:
         """Radiated power in W of the coherent ``source`` in light of this mixture."""
         waves = self.nodes(source, wavelength)
+        return sum(
+            self._power_at(source, wavelength, obliquity, waves[waves[:, 0] == change])
+            for change in np.unique(waves[:, 0])
+        )
+
+    def _power_at(self, source: Any, wavelength: float, obliquity: str, waves: Floats) -> float:
+        """Part of the power of :meth:`nodes` (n, 4) with one wavelength."""
         inverse = 1 / wavelength + waves[:, 0]
-        fields = weighted_sources(source, obliquity, wavelength)
+        lit = source.at_wavelength(1 / inverse[0])
+        fields = weighted_sources(lit, obliquity, wavelength)
         total = 0.0
         for s, solid_angle in directions_and_weights(largest_lag(source), 1 / inverse.max()):
             step = max(1, _BLOCK // len(s))
@@ -160,6 +172,11 @@ def mixture_of(
             bandwidth = checked_bandwidth(bandwidth, wavelength)
     except PolywignerError as error:
         raise SceneError(str(error)) from None
+    if bandwidth is not None and getattr(flat_of(source), "paths", None) is not None:
+        raise SceneError(
+            "pistons and tilts of segments are not supported with a bandwidth in scenes; compute "
+            "wavelengths one by one, or use polywigner.irradiance(bandwidth=)"
+        )
     if not isinstance(source, Wavefront) or source.is_coherent:
         return source, Mixture(bandwidth=bandwidth)
     return source.coherent, Mixture(source.coherence_width, bandwidth)

@@ -116,7 +116,7 @@ class WignerRadiance:
         front = direction.z > 0.0
         cosine = dr.select(front, direction.z, 1.0)
         place = (x.x * self._unit, x.y * self._unit)
-        frequency = self._sheared(*_frequency(direction, wave), place)
+        frequency = self._sheared(*_frequency(direction, wave), place, wave.inverse)
         density = 0.0
         for kernel, tables, forms, stokes in self._terms:
             point = (*place, *frequency)
@@ -124,12 +124,15 @@ class WignerRadiance:
             density = density + four(self._m, stokes, wigner * emission_factor(forms, cosine))
         return dr.select(front, density, 0.0)
 
-    def _sheared(self, x: Any, y: Any, place: Values) -> Values:
-        """The frequency relative to the curved wave's at a place."""
+    def _sheared(self, x: Any, y: Any, place: Values, inverse: Any) -> Values:
+        """The frequency relative to the curved wave's at a place, at an inverse wavelength."""
         if self._wave is None:
             return x, y
         (xx, xy), (_, yy) = self._wave.curvature.tolist()
         dx, dy = (a - c for a, c in zip(place, self._wave.centre.tolist(), strict=True))
+        if self._wave.wavelength is not None:  # the radius is the same at all wavelengths
+            ratio = inverse * self._wave.wavelength
+            dx, dy = dx * ratio, dy * ratio
         return x - (xx * dx + xy * dy), y - (xy * dx + yy * dy)
 
     def _wigner(self, kernel: Any, tables: Any, point: Any) -> Any:

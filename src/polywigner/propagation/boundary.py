@@ -250,9 +250,8 @@ Indices = NDArray[np.intp]
 
 # An edge costs about as much as so many terms of other kernels, for the choice of an engine.
 _TERMS = 16
-_PARAXIAL = ("fresnel", "collins")
-# Most turns of phase on half a panel of Fresnel fields.
-_FRESNEL_TURNS = 60.0
+# Most turns of phase on half a panel of Fresnel fields; and along an outline: 5 s for each point.
+_FRESNEL_TURNS, _MOST_TURNS = 60.0, 1e7
 _MOST_ROWS = 1 << 20
 # Most panels of other fields: 2 GB, and a second of a core for each point.
 _MOST_PANELS = 1 << 24
@@ -306,10 +305,57 @@ def boundary_field(
     """Field at points (n, 3), estimate of its error, and allowed error, all (n,).
 
     ``tolerance``: what is allowed as a fraction of the incident amplitude or, where that is less,
-    of what could come from all of the source. ``method`` "collins": Fresnel's field without the
-    phase of its distance.
+    of what could come from all of the source.
     """
-    paraxial = method in _PARAXIAL
+    if method == "fresnel":
+        spread = wavelength * points[:, 2]
+        values, errors, allowed = parabolic_field(
+            radiator, points[:, :2], spread, tolerance, double, engine
+        )
+        return values * _phase_of_distance(radiator, points, wavelength), errors, allowed
+    return _summed(radiator, points, wavelength, method, tolerance, double, engine)
+
+
+def parabolic_field(
+    radiator: Radiator,
+    points: Floats,
+    spread: Floats,
+    tolerance: float,
+    double: bool,
+    engine: str,
+) -> tuple[NDArray[np.complex128], Floats, Floats]:
+    """Field of parabolic waves at points (n, 2), estimate of its error, and allowed error, (n,).
+
+    int u(x) exp(i pi |y - x|^2/spread) dx/(i spread), without the factor exp(i pi |y - c|^2/spread)
+    of the centre c. ``spread``: (n,) in m^2, wavelength times distance. The kernel takes the size
+    of the source for the wavelength, so that panels are as long as edges.
+    """
+    size = float((radiator.high - radiator.low).max())
+    places = np.column_stack([points, spread / size])
+    return _summed(radiator, places, size, "fresnel", tolerance, double, engine)
+
+
+def _phase_of_distance(
+    radiator: Radiator, points: Floats, wavelength: float
+) -> NDArray[np.complex128]:
+    """exp(2 pi i d), d = z + rho^2/(2 z) in wavelengths, rho from the centre; points (n, 3)."""
+    x, y = radiator.centre.tolist()
+    place = integrals.point_in_wavelengths(_OPS, (x, y), wavelength, *points.T)
+    turns = phases.reduced(_OPS, integrals.paraxial_distance(_OPS, place))
+    return np.asarray(np.exp(2j * math.pi * turns))
+
+
+def _summed(
+    radiator: Radiator,
+    points: Floats,
+    wavelength: float,
+    method: str,
+    tolerance: float,
+    double: bool,
+    engine: str,
+) -> tuple[NDArray[np.complex128], Floats, Floats]:
+    """:func:`boundary_field`; of "fresnel" without the phase of the distance from the centre."""
+    paraxial = method == "fresnel"
     # of the second boundary term (B3), which Fresnel fields do not have
     share = OBLIQUITIES[method].field if method in OBLIQUITIES else 0.0
     # phases of Fresnel's parabolas far off the axis are worth float64 in any case
@@ -318,7 +364,7 @@ def boundary_field(
     task = _Task(radiator, wavelength, _kernel(method, share), paraxial, double or paraxial, engine)
     values = np.zeros(len(points), np.complex128)
     errors = np.full(len(points), np.inf)
-    allowed = tolerance * _size(radiator, points, wavelength, share)
+    allowed = tolerance * _size(radiator, points, wavelength, share, paraxial)
     around, most = radiator.perimeter / wavelength, _MOST_PANELS * _STRATA[-1][1]
     if not (paraxial or around <= most):
         raise ArgumentError(
@@ -338,13 +384,15 @@ def boundary_field(
     return values, errors, allowed
 
 
-def _size(radiator: Radiator, points: Floats, wavelength: float, share: float) -> Floats:
+def _size(
+    radiator: Radiator, points: Floats, wavelength: float, share: float, paraxial: bool
+) -> Floats:
     """The incident amplitude, or where that is less, the bound on the source's whole field.
 
     That is a wave and, of the normal derivative of a wave, the static field that is all there is
     well within a wavelength of a small source.
     """
-    distance = radiator.distance_of_centre(points)
+    distance = points[:, 2] if paraxial else radiator.distance_of_centre(points)
     whole = radiator.content / distance * (1 / wavelength + share / (2 * math.pi * distance))
     return np.minimum(radiator.amplitude, whole)
 
@@ -375,26 +423,27 @@ def _paraxial_strata(
     with np.errstate(divide="ignore"):  # seen straight
         longest = np.minimum(2 * _FRESNEL_TURNS / slope, _STRATA[-1][1])
     step = np.ceil(-np.log2(longest / _STRATA[-1][1])).astype(np.intp)
-    if radiator.perimeter / (wavelength * float(longest.min(initial=1.0))) > _MOST_ROWS:
-        worst = int(longest.argmin())
+    around = radiator.perimeter / wavelength
+    turns = around * float(slope.max(initial=0.0))
+    if turns > _MOST_TURNS or around > _MOST_ROWS * float(longest.min(initial=1.0)):
         raise ArgumentError(
-            "expected points where Fresnel's parabolic waves can be summed up, got "
-            f"{points[worst].tolist()}, from where the source is seen at a slope of "
-            f'{slope[worst]:.3g}; use method="kirchhoff"'
+            f"the parabolic waves of Fresnel's integral have {turns:.3g} turns of phase along the "
+            f'outline, at most {_MOST_TURNS:.0e}; use method="kirchhoff", points nearer to the '
+            "axis, or a plane farther from the source and its images"
         )
     for number in np.unique(step):
         yield np.flatnonzero(step == number), _STRATA[-1][1] / 2.0 ** int(number)
 
 
 def _kernel(method: str, share: float) -> Kernel:
-    paraxial = method in _PARAXIAL
+    paraxial = method == "fresnel"
     return Kernel(
         name=f"boundary integral, {method}",
         dimension=3,
         tables=lambda panels, double: _tables(panels, double, share, paraxial),
         enter=integrals.enter,
         edge_sum=fresnel_edge_sum if paraxial else integrals.edge_sum,
-        leave=integrals.leave_phase if method == "collins" else integrals.leave,
+        leave=integrals.leave_phase if paraxial else integrals.leave,
     )
 
 

@@ -24,7 +24,7 @@ from polywigner.illumination.array import tilted_source
 from polywigner.numerics.chirps import chirp_integral, waves_of_turns
 from polywigner.optics import FirstOrder
 from polywigner.propagation.arrangement import gauss_rule, node_count
-from polywigner.propagation.boundary import Radiator, boundary_field, radiator_of
+from polywigner.propagation.boundary import Radiator, parabolic_field, radiator_of
 from polywigner.propagation.field_slopes import has_derivatives
 from polywigner.propagation.places import (
     checked_amplitude_tolerance,
@@ -90,8 +90,6 @@ _EQUAL = 8 * 2.0**-52
 # Of closed forms, relative to the content, in double and in single precision.
 _CLOSED = {True: 1e-13, False: 2e-6}
 _ULP = 2.0**-52
-# Most turns of phase along an outline whose Fresnel field is summed up.
-_MOST_TURNS = 1e6
 _NOTHING = FirstOrder.magnifier(1.0)
 # Nodes of the rules on a stop along a line without waves: that of the error, and that of the field.
 _EXTRA = (8.0, 12.0)
@@ -205,11 +203,7 @@ def _by_fresnel(
     radiator: Radiator, slopes: Floats, wavelength: float, curvature: float,
     tolerance: float, double: bool, engine: str,
 ) -> Found:  # fmt: skip
-    """The integral of the chirp of one curvature: a Fresnel field at z = 1/curvature.
-
-    Only z times the wavelength matters: the source's size is taken for the latter, so that panels
-    are as long as edges.
-    """
+    """The integral of the chirp of one curvature: a Fresnel field at z = 1/curvature."""
     if curvature < 0:
         mirrored = tuple(
             replace(
@@ -225,26 +219,12 @@ def _by_fresnel(
             conjugate, -slopes, wavelength, -curvature, tolerance, double, engine
         )
         return values.conj(), errors, allowed
-    unit = float((radiator.high - radiator.low).max())
-    z = wavelength / (curvature * unit)
-    places = np.column_stack([slopes / curvature, np.full(len(slopes), z)])
-    _check_turns(radiator, places, unit)
-    found = boundary_field(radiator, places, unit, "collins", tolerance, double, engine)
+    scale = wavelength / curvature
+    spread = np.full(len(slopes), scale)
+    found = parabolic_field(radiator, slopes / curvature, spread, tolerance, double, engine)
     centre = radiator.centre
     turns = ((0.5 * curvature * centre - slopes) @ centre) / wavelength
-    scale = unit * z
     return 1j * scale * waves_of_turns(turns) * found[0], scale * found[1], scale * found[2]
-
-
-def _check_turns(radiator: Radiator, places: Floats, unit: float) -> None:
-    aside = np.maximum(places[:, :2] - radiator.low, radiator.high - places[:, :2])
-    slope = np.linalg.norm(aside, axis=1) / places[:, 2] + unit * radiator.highest_frequency
-    turns = radiator.perimeter / unit * float(slope.max(initial=0.0))
-    if not turns <= _MOST_TURNS:
-        raise ArgumentError(
-            f"expected a system with up to {_MOST_TURNS:.3g} turns of phase along the outline, got "
-            f"{turns:.3g}; take points nearer to the light, or a plane farther from an image"
-        )
 
 
 def _image(

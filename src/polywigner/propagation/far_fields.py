@@ -232,7 +232,7 @@ def psf(
     total: Any = 0.0
     for part, length in zip(share.tolist(), lengths.tolist(), strict=True):
         total = total + part * field_behind(
-            source, points, length, system, None, {},
+            source.at_wavelength(length), points, length, system, None, {},
             squared=True, precision=precision, engine=engine,
         )  # fmt: skip
     return total / pupil.checked_energy(source)

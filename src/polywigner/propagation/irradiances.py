@@ -38,10 +38,12 @@ from polywigner.propagation.amplitudes import Obstacle, amplitude, shaped
 from polywigner.propagation.collins import field_behind, squared_field
 from polywigner.propagation.far_fields import check_slopes
 from polywigner.propagation.field_slopes import has_derivatives, traced_field
+from polywigner.propagation.partial_coherence import partly_coherent_irradiance
 from polywigner.propagation.places import (
     DEFAULT_TOLERANCE,
     METHODS,
     check_reach,
+    checked_coordinates,
     checked_method,
     checked_points,
 )
@@ -61,7 +63,7 @@ from polywigner.radiometry.directions import (
     checked_radiator,
     wavelengths_of_band,
 )
-from polywigner.radiometry.hemisphere import largest_lag
+from polywigner.radiometry.hemisphere import longest_path
 from polywigner.transforms import Differentiable
 from polywigner.transforms.phase_space import energy_of
 from polywigner.transforms.wavefronts import coherent_source, flat_of, is_partly_coherent, tilts_of
@@ -107,11 +109,11 @@ def parts_of(
     """
     band = [(wavelength, 1.0)]
     if bandwidth is not None:
-        flat = source.source if isinstance(source, Wavefront) else source
         width = checked_bandwidth(bandwidth, wavelength)
-        band = wavelengths_of_band(wavelength, width, largest_lag(flat), error)
-    for tilted, share in [(source, 1.0)] if by_lags else _tilted(source, error):
-        for length, weight in band:
+        band = wavelengths_of_band(wavelength, width, longest_path(source), error)
+    for length, weight in band:
+        lit = source.at_wavelength(length)
+        for tilted, share in [(lit, 1.0)] if by_lags else _tilted(lit, error):
             yield tilted, length, share * weight
 
 
@@ -130,8 +132,9 @@ _FLOOR = 1e-3
 _TOLERANCE = 1e-3
 # Least tolerance that float32 kernels can keep, relative to the same.
 _SINGLE = 1e-5
-# Of means over tilts and wavelengths, as a share of the tolerance: a tenth of the floor.
-_OF_MIXTURE = 1e-4
+# Errors of means over tilts and wavelengths: as a fraction of the tolerance, a tenth of the floor;
+# and of those of exact fields.
+_OF_MIXTURE, _OF_EXACT = 1e-4, 1e-7
 # Edges from which on rays take seconds, and the exact field a hundredth of that.
 _MANY_EDGES = 50
 # Nearer than so many wavelengths to the source rays of either order are a rough picture.
@@ -252,13 +255,20 @@ def irradiance(
         )
     if is_mixture(source, bandwidth, by_lags) and not execution.is_drjit(points):
 
-        def compute(one: Any, length: float) -> Any:
-            return irradiance(one, points, length, method, through=through, **how, **run)
+        def compute(one: Any, length: float, places: Any = points) -> Any:
+            return irradiance(one, places, length, method, through=through, **how, **run)
 
-        error = checked_tolerance(tolerance) if method == "wigner" else _SINGLE
+        error = _OF_MIXTURE * checked_tolerance(tolerance)
+        if method != "wigner":
+            error = min(error, _OF_EXACT)
+        if by_lags or not is_partly_coherent(source):
+            lit = compute
+        else:
+            name = checked_obliquity(obliquity, 1) if method == "auto" else method
+            lit = partial(_of_partly_coherent, compute, points, name, through, error, return_error)
         return mean_over_mixture(
-            compute, source, wavelength, bandwidth, _OF_MIXTURE * error, return_error, by_lags
-        )
+            lit, source, wavelength, bandwidth, error, return_error, by_lags=True
+        )  # fmt: skip
     if through is not None:
         others = {"method": None if method in ("wigner", "auto", "fresnel") else method}
         others |= {"obliquity": obliquity, "samples": samples, "seed": seed}
@@ -332,6 +342,47 @@ def irradiance(
         )
     found = _summed(flat_source, rays, flat, allowed, sampling, samples, seed)
     return shaped(found.values, found.errors, places, return_error)
+
+
+_BEHIND = "expected points as real numbers of shape (..., 2) with through=; z is the system's"
+
+
+def _of_partly_coherent(
+    compute: Callable[..., Any],
+    points: Any,
+    method: str,
+    through: Any,
+    error: float,
+    return_error: bool,
+    source: Wavefront,
+    wavelength: float,
+) -> Any:
+    """Irradiance of partly coherent light of one wavelength; ``compute`` takes coherent sources."""
+    parts = through if isinstance(through, list | tuple) else [through]
+    systems = [part for part in parts if isinstance(part, FirstOrder)]
+    checked_radiator(source, partly=True)
+    is_plain = method != "wigner" if through is None else len(systems) == len(parts)
+    if is_plain:
+        system: Any = None
+        for part in systems:
+            system = part if system is None else part @ system
+        places = (
+            checked_points(points) if system is None else checked_coordinates(points, _BEHIND, 2)
+        )
+
+        def fields(one: Any, some: Any) -> Any:
+            found = compute(one, wavelength, some)
+            return found if return_error else np.asarray(found)[None]
+
+        flat = places.reshape(-1, places.shape[-1])
+        if len(flat):
+            found = partly_coherent_irradiance(
+                fields, source, flat, wavelength, method, system, error
+            )
+            if found is not None:
+                values = [part.reshape(places.shape[:-1]) for part in found]
+                return tuple(values[:2]) if return_error else values[0]
+    return mean_over_mixture(compute, source, wavelength, None, error, return_error)
 
 
 def _behind_obstacles(

@@ -21,7 +21,12 @@ from polywigner.radiometry.directions import (
     checked_radiator,
     wavelengths_of_band,
 )
-from polywigner.radiometry.hemisphere import directions_and_weights, largest_lag, power_by_lags
+from polywigner.radiometry.hemisphere import (
+    directions_and_weights,
+    largest_lag,
+    longest_path,
+    power_by_lags,
+)
 from polywigner.transforms import fourier, wigner
 from polywigner.transforms.phase_space import energy_of
 from polywigner.transforms.wavefronts import flat_of, mean_over_tilts
@@ -132,8 +137,9 @@ def radiant_intensity(
     directions = checked_directions(direction)
     if bandwidth is not None:
         band = checked_bandwidth(bandwidth, length)
-        parts = wavelengths_of_band(length, band, largest_lag(radiator), _BAND_ERROR)
+        parts = wavelengths_of_band(length, band, longest_path(radiator), _BAND_ERROR)
         how: dict[str, Any] = {"precision": precision, "engine": engine}
+        # each call takes the phases of path lengths at its own wavelength
         return sum(w * radiant_intensity(radiator, directions, one, **how) for one, w in parts)
 
     def per_frequency(source: Any, nu: Any) -> Any:

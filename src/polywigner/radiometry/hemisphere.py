@@ -59,6 +59,25 @@ def largest_lag(source: PlaneSource | Wavefront) -> float:
     return own + max(float(np.hypot(*(hull - point).T).max()) for point in hull)
 
 
+def longest_path(source: PlaneSource | Wavefront) -> float:
+    """Bound in m on the difference of two paths from the source to a point.
+
+    That is the largest lag and the difference of the path lengths on the source itself.
+    """
+    lag, flat = largest_lag(source), flat_of(source)
+    paths = getattr(flat, "paths", None)
+    if paths is not None:
+        centres = np.array([element.centre for element in flat.elements_in_plane])
+        steps = paths.cycles + (paths.slopes * centres).sum(axis=1)
+        tilted = float(np.linalg.norm(paths.slopes, axis=1).max()) * lag
+        lag += paths.wavelength * (float(np.ptp(steps)) + tilted)
+    if isinstance(source, Wavefront) and source.wavelength is not None:
+        low, high = np.reshape(source.bounds, (2, -1))
+        away = np.maximum(abs(low - source.centre), abs(high - source.centre))
+        lag += source.wavelength * float(np.linalg.norm(source.curvature, 2) * (away @ away)) / 2
+    return lag
+
+
 def check_width(lag: float, wavelength: float) -> None:
     """Raise ArgumentError for a source of so many wavelengths that nobody would wait for it."""
     if not lag / wavelength <= _MOST_WAVELENGTHS:

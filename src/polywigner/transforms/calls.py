@@ -114,6 +114,8 @@ def compute(
     declared, how = TRANSFORMS[name], (precision, engine)
     if through is not None or wavelength is not None:
         points = _before(name, source, points, through, wavelength)
+        if not isinstance(source, Differentiable):
+            source = source.at_wavelength(wavelength)
     if isinstance(source, Wavefront):
         if not source.is_coherent:
             return _partly_coherent(name, source, points, how)

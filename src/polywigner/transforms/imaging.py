@@ -17,7 +17,7 @@ import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import ArgumentError
+from polywigner.errors import ArgumentError, GeometryError
 from polywigner.execution import NumpyOperations
 from polywigner.execution.progress import told
 from polywigner.geometry import Aperture
@@ -44,10 +44,12 @@ _MOST = 1 << 20
 _BLOCK = 1 << 22
 # Pairs of orders at a time.
 _PAIRS = 1 << 15
-# Share of the largest eigenvalue below which parts of an image are rounding.
+# Orders, and parts of an image relative to the largest, below which they are rounding errors.
 _ROUNDING = 1e-15
 # Squares of it are finite.
 _MOST_AMPLITUDE = 1e100
+# Overlaps of elements of a mask below this fraction of an element's area are rounding errors.
+_OVERLAP = 1e-9
 
 
 class _Term(NamedTuple):
@@ -133,7 +135,8 @@ def partially_coherent_image(
     ----------
     mask : Aperture, or an Array of apertures that do not overlap: the weights of the elements are
         amplitudes that they transmit.
-    period : (2,) along x and y in m, or (2, 2) vectors of the lattice as rows.
+    period : (2,) along x and y in m, or (2, 2) vectors of the lattice as rows. The copies of the
+        mask must not overlap either.
     pupil, condenser, defocus, pupil_radius : as of :func:`transmission_cross_coefficient`; a
         condenser of half the pupil's size has the coherence factor 0.5.
     points : (..., 2) in the image in m, at the scale of the object.
@@ -150,8 +153,10 @@ def partially_coherent_image(
 
     Raises
     ------
-    ArgumentError for arguments of the wrong type, shape or range, and for too many orders;
-    GeometryError for arrays with elements elsewhere; IlluminationError for fields that cancel.
+    ArgumentError for arguments of the wrong type, shape or range, and for too many orders: more
+    than some 1,400 that pass, fewer for several waves. GeometryError for elements that overlap
+    each other or the mask's copies, and for arrays with elements elsewhere; IlluminationError for
+    fields that cancel.
 
     >>> import polywigner as pw
     >>> lines = pw.shapes.rectangle(1e-6, 2e-6)  # of 1 um, every 2 um
@@ -165,10 +170,12 @@ def partially_coherent_image(
     system = _System.of(pupil, condenser, defocus, pupil_radius)
     scale = checked_wavelength(wavelength) * checked_length(distance, "distance")
     lattice = _checked_lattice(period)
-    orders = _orders(system, lattice, scale)
     cell = abs(np.linalg.det(lattice))
+    _check_overlaps(mask, lattice, cell)
+    orders = _orders_within_reach(system, lattice, scale)
     amplitudes = _amplitudes(mask, orders, cell, transmission, background)
-    kept = np.abs(amplitudes) > 0.0
+    kept = np.abs(amplitudes) > _ROUNDING * np.abs(amplitudes).max(initial=0.0)
+    kept[kept] = _passing(system, scale * orders[kept])
     orders, amplitudes = orders[kept], amplitudes[kept]
     places = _lags("points", points)
     if not len(orders):
@@ -242,8 +249,8 @@ class _System:
 
     def matrix(self, lags: Floats) -> Complex:
         """T (n, n) of all pairs of lags (n, 2)."""
+        _check_orders(len(lags), self.size)
         first, second = np.triu_indices(len(lags))
-        _check_work(len(first) * self.size)
         above = np.zeros((len(lags), len(lags)), np.complex128)
         blocks = [slice(k, k + _PAIRS) for k in range(0, len(first), _PAIRS)]
         with told("pairs of orders", blocks) as each:
@@ -288,8 +295,8 @@ def _transforms(polygons: Any, frequencies: Any) -> Complex:
     return real + 1j * imag
 
 
-def _orders(system: _System, lattice: Floats, scale: float) -> Floats:
-    """Frequencies (n, 2) of a lattice that pass from some place of the condenser."""
+def _orders_within_reach(system: _System, lattice: Floats, scale: float) -> Floats:
+    """Frequencies (n, 2) of a lattice in a box around those that pass the pupil."""
     reciprocal = np.linalg.inv(lattice).T
     pupil, light = (
         np.array(shapely.total_bounds([t.polygon for t in terms])).reshape(2, 2)
@@ -299,24 +306,105 @@ def _orders(system: _System, lattice: Floats, scale: float) -> Floats:
     corners = np.array([(x, y) for x in (low[0], high[0]) for y in (low[1], high[1])])
     numbers = corners @ lattice.T
     first, last = np.floor(numbers.min(axis=0)), np.ceil(numbers.max(axis=0))
-    _check_work(math.prod((last - first + 1).tolist()))
+    count = math.prod((last - first + 1).tolist())
+    if not count <= _MOST:
+        _refuse(count, system.size)
     grid = np.meshgrid(*(np.arange(a, b + 1) for a, b in zip(first, last, strict=True)))
-    orders = np.stack([g.ravel() for g in grid], axis=-1) @ reciprocal
-    passes = np.zeros(len(orders), bool)
-    for s in system.condenser:
-        for p in system.pupil:
-            passes |= shapely.area(_overlap(s.polygon, p.polygon, scale * orders)) > 0.0
-    return orders[passes]
+    return np.asarray(np.stack([g.ravel() for g in grid], axis=-1) @ reciprocal)
+
+
+def _passing(system: _System, lags: Floats) -> NDArray[np.bool_]:
+    """Whether light of some point of the condenser passes the pupil at lags (n, 2).
+
+    Raises ArgumentError for too many such lags, which are counted before they are intersected: at
+    the least, those at which a point inside the pupil lies on the condenser, or the other way
+    round.
+    """
+    pairs = [(s.polygon, p.polygon) for s in system.condenser for p in system.pupil]
+    passes = np.zeros(len(lags), bool)
+    for light, pupil in pairs:
+        bright, open_ = (part.representative_point().coords[0] for part in (light, pupil))
+        passes |= shapely.contains_xy(light, *(np.asarray(open_) - lags).T)
+        passes |= shapely.contains_xy(pupil, *(np.asarray(bright) + lags).T)
+    _check_orders(int(np.count_nonzero(passes)), system.size)
+    for light, pupil in pairs:
+        rest = np.flatnonzero(~passes)
+        passes[rest] = shapely.area(_overlap(light, pupil, lags[rest])) > 0.0
+    return passes
+
+
+def _check_orders(count: int, size: int) -> None:
+    """Raise ArgumentError if the pairs of ``count`` orders make too many intersections."""
+    if not 0.5 * count * (count + 1.0) * size <= _MOST:
+        _refuse(count, size)
+
+
+def _refuse(count: float, size: int) -> None:
+    most = int(math.sqrt(2.0 * _MOST / size))
+    raise ArgumentError(
+        f"too many orders of the mask pass: {count:.6g}, at most {most} for this pupil and "
+        "condenser (some minutes of intersections of polygons); take a smaller condenser or pupil, "
+        "or a shorter period"
+    )
+
+
+def _check_overlaps(mask: Any, lattice: Floats, cell: float) -> None:
+    """Raise GeometryError if elements of a mask overlap each other, or copies of the mask."""
+    if not isinstance(mask, Aperture | Array):
+        raise ArgumentError(
+            f"expected mask as an Aperture, or an Array of apertures, got {type(mask).__name__}"
+        )
+    elements = np.array([element.polygons for element in mask.elements_in_plane], object)
+    tree = shapely.STRtree(elements)
+    found = _overlap_of(elements, tree, np.zeros(2))
+    if found is not None:
+        a, b, common = found
+        raise GeometryError(
+            f"elements {a} and {b} of the mask overlap in {common:.4g} m², where their "
+            "transmissions would add; pass their union as one Aperture (a | b)"
+        )
+    area = float(shapely.area(elements).sum())
+    if area > (1.0 + _OVERLAP) * cell:
+        raise GeometryError(
+            f"the mask overlaps its copies: its area is {area:.4g} m², and that of a period "
+            f"{cell:.4g} m²; pass a longer period, or cut the mask to one period"
+        )
+    low, high = np.reshape(shapely.total_bounds(elements), (2, 2))
+    size = high - low
+    corners = np.array([size, size * [1, -1]])
+    most = np.ceil(abs(corners @ np.linalg.inv(lattice)).max(axis=0)).astype(int)
+    numbers = np.stack(np.meshgrid(*(np.arange(-n, n + 1) for n in most)), axis=-1).reshape(-1, 2)
+    shifts = numbers[: len(numbers) // 2] @ lattice  # of each pair of opposite shifts one
+    for shift in shifts[(abs(shifts) < size).all(axis=1)]:
+        found = _overlap_of(elements, tree, shift)
+        if found is not None:
+            a, b, common = found
+            raise GeometryError(
+                f"the mask overlaps its copy at ({shift[0]:.4g}, {shift[1]:.4g}) m: element {a} of "
+                f"the mask and element {b} of the copy, in {common:.4g} m²; pass a longer period, "
+                "or cut the mask to one period"
+            )
+
+
+def _overlap_of(elements: Any, tree: Any, shift: Floats) -> tuple[int, int, float] | None:
+    """Two elements (k, j) that overlap, j in a copy at ``shift``, and their common area."""
+    copies = shapely.transform(elements, lambda x: x + shift)
+    second, first = tree.query(copies)
+    if not shift.any():
+        first, second = first[first < second], second[first < second]
+    common = shapely.area(shapely.intersection(elements[first], copies[second]))
+    least = np.minimum(shapely.area(elements[first]), shapely.area(elements[second]))
+    worst = np.flatnonzero(common > _OVERLAP * least)
+    if not len(worst):
+        return None
+    k = worst[0]
+    return int(first[k]), int(second[k]), float(common[k])
 
 
 def _amplitudes(
     mask: Any, orders: Floats, cell: float, transmission: Any, background: Any
 ) -> Complex:
     """Amplitudes (n,) of a mask's orders."""
-    if not isinstance(mask, Aperture | Array):
-        raise ArgumentError(
-            f"expected mask as an Aperture, or an Array of apertures, got {type(mask).__name__}"
-        )
     within = _checked_amplitude("transmission", transmission)
     around = _checked_amplitude("background", background)
     weights = mask.weights if isinstance(mask, Array) else np.ones(1)

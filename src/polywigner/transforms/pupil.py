@@ -28,8 +28,6 @@ from polywigner.transforms.xarray_arguments import takes_xarray
 # Least energy over that of the elements one by one: rounding leaves 1e-15 of it where their fields
 # cancel, and a value normalised by a hundred times that has hardly a digit.
 _DARK = 1e-13
-# Cycles per metre in a cycle per millimetre.
-_PER_MM = 1e3
 
 
 @takes_xarray("xi", units="1", long_name="optical transfer function")
@@ -118,7 +116,7 @@ def mtf(
     ----------
     source : Aperture (d = 2) or Slits (d = 1), or an Array of either with the field in the pupil;
         or one with a curved wave, as of :func:`otf`.
-    frequency : (..., d) in the image, in cycles per mm.
+    frequency : (..., d) in the image, in cycles per metre: 50e3 for 50 cycles per mm.
     wavelength : in m, or (k,) of a polychromatic source.
     focal_length : in m, or the distance of the image from the pupil.
     defocus : the wavefront aberration W20 at ``pupil_radius``, in waves of the mean wavelength; the
@@ -140,7 +138,7 @@ def mtf(
 
     >>> import polywigner as pw
     >>> pupil = pw.shapes.square(10e-3)  # cut-off at 10 mm/(0.5 um 100 mm) = 200 cycles/mm
-    >>> round(float(pw.mtf(pupil, (50.0, 0.0), 0.5e-6, 0.1)), 3)
+    >>> round(float(pw.mtf(pupil, (50e3, 0.0), 0.5e-6, 0.1)), 3)
     0.75
     """
     lengths = checked_row(wavelength, "expected a wavelength in m or (k,) of them")
@@ -160,13 +158,14 @@ def mtf(
     aberration = checked_waves(defocus) * float(share @ lengths)
     total: Any = 0.0
     for part, length in zip(share, lengths.tolist(), strict=True):
-        scale = _PER_MM * length * distance
+        scale = length * distance
         if not math.isfinite(scale):
             raise ArgumentError(f"expected focal_length in m, got {distance:g}; check its unit")
         with np.errstate(over="ignore"):  # beyond all light
             lags = np.asarray(cycles) * scale
-        total = total + part * otf(source, lags, aberration / length, pupil_radius, **how)
-    seen = np.sinc(_PER_MM * np.asarray(cycles) * sides).prod(axis=-1)
+        pupil = source.at_wavelength(length)
+        total = total + part * otf(pupil, lags, aberration / length, pupil_radius, **how)
+    seen = np.sinc(np.asarray(cycles) * sides).prod(axis=-1)
     return np.abs(total * seen).astype(np.float64)[()]
 
 

@@ -1,0 +1,316 @@
+"""Irradiance of partly coherent light as a sum over short lags.
+
+A coherence width far below the size of the source leaves short lags only. In parabolic waves the
+integral over mean positions is A (:func:`summed_over_lags`). In spherical waves it is a sum over
+pairs of places (:func:`summed_over_pairs`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from polywigner.geometry import Aperture, Wavefront
+from polywigner.geometry.parts import grid_size, polygons_in
+from polywigner.illumination import Array
+from polywigner.illumination.obliquities import CONDITIONS, direction_cosines
+from polywigner.numerics.nodes import normal_product_rule
+from polywigner.propagation.arrangement import (
+    gauss_rule,
+    node_count,
+    rule_by_triangles,
+    triangulated,
+)
+from polywigner.propagation.source_samples import (
+    field_at,
+    highest,
+    largest_slopes,
+    slope,
+    waves_of,
+)
+from polywigner.transforms import ambiguity
+from polywigner.transforms.wavefronts import flat_of
+
+Floats = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Indices = NDArray[np.intp]
+
+# Values at a time.
+_BLOCK = 1 << 22
+# Pairs of a point and of two places at a time, in the cache; and pairs of places.
+_PAIRS, _NODES = 1 << 16, 1 << 12
+# Lags in coherence widths beyond which the degree of coherence is 1e-10 and less.
+_LONGEST = 6.8
+# Nodes along a side of a triangle of lags beyond those of the phase, rule after rule.
+_LEVELS = (10.0, 14.0, 20.0, 28.0)
+# Segments of kinks that are looked for, and nodes.
+_MOST_KINKS, _MOST_NODES = 2000, 1 << 20
+
+
+def lag_nodes(source: Wavefront, rate: float) -> Callable[[float], Any] | None:
+    """A function of the level that gives a rule on half of the lags; None for too many nodes.
+
+    ``rate`` : largest frequency of the integrand over lags in 1/m.
+    """
+    cells = lag_cells(source)
+    if node_count(cells, rate, _LEVELS[1]) > _MOST_NODES:
+        return None
+
+    def rule(level: float) -> Any:
+        nodes, weights = gauss_rule(cells, rate, level)
+        return nodes, 2.0 * weights
+
+    return rule
+
+
+def lag_cells(source: Wavefront) -> Floats:
+    """Triangles (n, 3, 2) of half of the lags, without kinks of A inside, where they are few."""
+    reach = _LONGEST * source.coherence_width
+    size = np.subtract(*np.reshape(source.bounds, (2, 2))[::-1])
+    low, high = np.maximum(-size, -reach), np.minimum(size, reach)
+    box = shapely.box(*low, *high)
+    half = shapely.box(low[0], 0.0, high[0], high[1])
+    return triangulated(_cells_of_lags(flat_of(source), box, half))
+
+
+def _cells_of_lags(source: Aperture | Array, box: Any, half: Any) -> Any:
+    """Polygons of lags in half of the box that no kink of A crosses: V_i - E_k, all i and k."""
+    rings = [ring for element in source.elements_in_plane for ring in element.rings]
+    begin = np.concatenate(rings)
+    end = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
+    found: list[Any] = []
+    for start in range(0, len(begin), 256):
+        vertices = begin[start : start + 256, None]
+        segments = np.stack([vertices - begin, vertices - end], axis=2).reshape(-1, 2, 2)
+        lines = shapely.linestrings(segments)
+        found.extend(lines[shapely.intersects(lines, half) & (shapely.length(lines) > 0)])
+        if len(found) > _MOST_KINKS:
+            return np.array([half], object)
+    grid = grid_size(shapely.get_coordinates(box))
+    cut = shapely.intersection(np.array(found, object), half)
+    noded = shapely.union_all([*cut, half.boundary], grid_size=grid)
+    return np.array(polygons_in(shapely.polygonize([noded])), object)
+
+
+def summed_over_lags(
+    source: Wavefront, points: Floats, wavelength: float, system: Any, error: float
+) -> Floats | None:
+    """Irradiance at points (n, 2) behind a first-order system; None for too many nodes.
+
+    The Fourier transform of A(-M xi/wavelength, xi) times the degree of coherence, M = B^-1 A. Sums
+    converge if two rules agree within ``error`` of the largest irradiance.
+    """
+    inverse = np.linalg.inv(system.B)
+    bend, nu = inverse @ system.A / wavelength, points @ inverse.T / wavelength
+    bend = (bend + bend.T) / 2
+    corners = np.reshape(source.bounds, (2, 2))
+    corners = np.array([(x, y) for x in corners[:, 0] for y in corners[:, 1]])
+    curved = bend + source.curvature
+    slopes = corners @ curved - source.curvature @ source.centre - nu[:, None]
+    rate = float(np.linalg.norm(slopes, axis=-1).max(initial=0.0)) + highest(source)
+    rule = lag_nodes(source, rate)
+    if rule is None:
+        return None
+    before: Floats | None = None
+    for level in _LEVELS:
+        lags, weights = rule(level)
+        values = np.asarray(ambiguity(source, -lags @ bend, lags)) * weights
+        found = np.empty(len(points))
+        step = max(1, _BLOCK // len(lags))
+        for start in range(0, len(points), step):
+            some = nu[start : start + step]
+            found[start : start + step] = (np.exp(-2j * np.pi * (some @ lags.T)) @ values).real
+        found /= wavelength**2 * abs(float(np.linalg.det(system.B)))
+        if before is not None and abs(found - before).max() <= error * abs(found).max():
+            return found
+        before = found
+    return None
+
+
+# Nodes along a side beyond those of the phase, of a triangle of lags and of one of mean positions.
+_PAIR_LEVELS = ((8.0, 3.0), (10.0, 4.0), (14.0, 6.0), (20.0, 9.0), (28.0, 13.0))
+# Nanoseconds of a pair of places for each point.
+_PAIR = 60.0
+# Nanoseconds of an intersection of two outlines, and of its triangles.
+_CUT = 1e5
+
+
+class PairSum(NamedTuple):
+    """Pairs of places on the source at short lags, for the cost of the sum over them."""
+
+    cells: Floats
+    """Triangles (n, 3, 2) of lags."""
+    rate: float
+    """Largest frequency of the integrand over lags in 1/m."""
+    rate_of_mean: float
+    """Largest frequency over the mean position of a pair in 1/m."""
+    cost: float
+    """Nanoseconds for each point."""
+
+
+def pair_sum(source: Wavefront, points: Floats, wavelength: float) -> PairSum:
+    """The sum over pairs for points (n, 3)."""
+    cells = lag_cells(source)
+    rate = float(largest_slopes(source, points, wavelength).max(initial=0.0))
+    reach = float(np.linalg.norm(cells.reshape(-1, 2), axis=1).max())
+    bend = float(np.linalg.norm(source.curvature, 2))
+    bend += 1.0 / (wavelength * float(points[:, 2].min(initial=math.inf)))
+    rate_of_mean = min(reach * bend, 2.0 * rate) + 2.0 * highest(source)
+    of_lags, of_mean = _PAIR_LEVELS[1]
+    elements = flat_of(source).elements_in_plane
+    triangles = np.concatenate([triangulated(list(e.polygons.geoms)) for e in elements])
+    lags = node_count(cells, rate, of_lags)
+    count = lags * node_count(triangles, rate_of_mean, of_mean)
+    cut = _CUT * lags * len(elements) ** 2 / max(1, len(points))
+    return PairSum(cells, rate, rate_of_mean, 1.6 * (_PAIR * count + cut))
+
+
+def summed_over_pairs(
+    rule: PairSum, source: Wavefront, points: Floats, wavelength: float, method: str, error: float
+) -> Floats | None:
+    """Irradiance (n,) at points (n, 3), by (Q7); None if no two rules agree to an ``error``.
+
+    The error is relative to the largest irradiance.
+    """
+    before: Floats | None = None
+    for of_lags, of_mean in _PAIR_LEVELS:
+        nodes, weights = gauss_rule(rule.cells, rule.rate, of_lags)
+        degrees = _degrees(source, nodes, wavelength, CONDITIONS[method].takes_slopes)
+        rates = (rule.rate_of_mean, of_mean)
+        pairs = _pairs_of(source, nodes, 2.0 * weights, rates, degrees)
+        found = _sum_of_pairs(pairs, points, wavelength, method)
+        if before is not None and abs(found - before).max() <= error * abs(found).max():
+            return found
+        before = found
+    return None
+
+
+class Pairs(NamedTuple):
+    """Pairs of places on the source."""
+
+    means: Floats
+    """(n, 2) mean positions."""
+    lags: Floats
+    """(n, 2)."""
+    weights: list[Complex]
+    """(n,) mutual intensities times weights of the rule: of the fields; and if normal derivatives
+    count, of the derivative and the field, the field and the derivative, and both derivatives."""
+
+
+def _pairs_of(
+    source: Wavefront, lags: Floats, weights: Floats, rates: tuple[float, float], degrees: Any
+) -> Pairs:
+    """Pairs at lags (n, 2). ``rates`` : frequency over mean positions, and nodes in addition."""
+    flat = flat_of(source)
+    factors = flat.weights.tolist() if isinstance(flat, Array) else [1.0]
+    elements = list(zip(flat.elements_in_plane, factors, strict=True))
+    found = []
+    for one, a in elements:
+        ahead = _shifted(one.polygons, -lags / 2)
+        for other, b in elements:
+            common = shapely.intersection(ahead, _shifted(other.polygons, lags / 2))
+            parts, owner = shapely.get_parts(common, return_index=True)
+            some = shapely.area(parts) > 0
+            if not some.any():
+                continue
+            cut = shapely.constrained_delaunay_triangles(parts[some])
+            triangles, of_part = shapely.get_parts(cut, return_index=True)
+            corners = shapely.get_coordinates(triangles).reshape(-1, 4, 2)[:, :3]
+            nodes, share, of_triangle = rule_by_triangles(corners, *rates)
+            number = owner[some][of_part][of_triangle]
+            xi = lags[number]
+            turns = (((nodes - source.centre) @ source.curvature) * xi).sum(axis=1)
+            factor = a * np.conj(b) * share * weights[number] * np.exp(2j * np.pi * turns)
+            mutual = degrees(one, other, nodes, xi, number)
+            found.append(Pairs(nodes, xi, [factor * each for each in mutual]))
+    sums = [np.concatenate(parts) for parts in zip(*(p.weights for p in found), strict=True)]
+    return Pairs(
+        np.concatenate([p.means for p in found]), np.concatenate([p.lags for p in found]), sums
+    )
+
+
+def _degrees(source: Wavefront, lags: Floats, wavelength: float, has_slopes: bool) -> Any:
+    """A function that gives the mutual intensities of two elements at means and lags (n, 2).
+
+    The derivative along the normal of a wave kappa with the tilt t is ik p_z(kappa + t) times the
+    wave, so that its mutual intensities are means of p_z over the tilts.
+    """
+    if not has_slopes:
+        degree = np.exp(-0.5 * (lags**2).sum(axis=1) / source.coherence_width**2)
+
+        def of_fields(one: Any, other: Any, means: Floats, xi: Floats, number: Indices) -> Any:
+            first, second = field_at(one, means + xi / 2), field_at(other, means - xi / 2)
+            return [degree[number] * first * np.conj(second)]
+
+        return of_fields
+    reach = 2 * float(np.linalg.norm(lags, axis=1).max()) / source.coherence_width
+    nodes, shares = normal_product_rule((reach, reach), 1e-9)
+    tilts = nodes / (2 * math.pi * source.coherence_width)
+    waves = np.exp(2j * np.pi * (lags @ tilts.T)) * shares
+
+    def of_slopes(one: Any, other: Any, means: Floats, xi: Floats, number: Indices) -> Any:
+        total = [np.zeros(len(means), np.complex128) for _ in range(4)]
+        for a, kappa in waves_of(one):
+            for b, nu in waves_of(other):
+                turns = (means + xi / 2) @ kappa - (means - xi / 2) @ nu
+                product = a * np.conj(b) * np.exp(2j * np.pi * turns)
+                ahead = direction_cosines(tilts + kappa, wavelength)
+                behind = direction_cosines(tilts + nu, wavelength).conj()
+                forms = np.stack([np.ones(len(tilts)), ahead, behind, ahead * behind])
+                for each, degree in zip(total, forms @ waves.T, strict=True):
+                    each += product * degree[number]
+        return total
+
+    return of_slopes
+
+
+def _shifted(polygon: Any, shifts: Floats) -> Any:
+    """Copies (n,) of a polygon at shifts (n, 2)."""
+    copies = np.full(len(shifts), polygon, object)
+    corners, owner = shapely.get_coordinates(copies, return_index=True)
+    return shapely.set_coordinates(copies, corners + shifts[owner])
+
+
+def _sum_of_pairs(pairs: Pairs, points: Floats, wavelength: float, method: str) -> Floats:
+    """Sum over pairs of the mutual intensity times h(P - x_1) conj h(P - x_2)."""
+    condition = CONDITIONS[method]
+    found = np.zeros(len(points))
+    k = 2 * math.pi / wavelength
+    step = max(1, _PAIRS // _NODES)
+    columns = (*pairs.means.T, *pairs.lags.T, 0.25 * (pairs.lags**2).sum(axis=1))
+    for start in range(0, len(pairs.means), _NODES):
+        some = slice(start, start + _NODES)
+        x, y, xi, eta, quarter = (column[some] for column in columns)
+        degrees = [weights[some] for weights in pairs.weights]
+        mutual = degrees[0]
+        is_complex = bool(mutual.imag.any())
+        for low in range(0, len(points), step):
+            px, py, z = points[low : low + step].T[:, :, None]
+            dx, dy = x - px, y - py
+            along = dx * xi + dy * eta
+            square = dx * dx + dy * dy + (z * z + quarter)
+            first, second = np.sqrt(square + along), np.sqrt(square - along)
+            turn = (2 * k) * along / (first + second)
+            cosine, sine = np.cos(turn), np.sin(turn)
+            inverse = 1.0 / (first * second)
+            if not condition.slope:
+                # (1 + i/(k R_1)) (1 - i/(k R_2)) times the wave, without complex numbers
+                real, imag = 1.0 + inverse / (k * k), (second - first) * (inverse / k)
+                size = np.square(inverse * (z / wavelength))
+                found[low : low + step] += (size * (cosine * real - sine * imag)) @ mutual.real
+                if is_complex:
+                    found[low : low + step] -= (size * (cosine * imag + sine * real)) @ mutual.imag
+                continue
+            wave = (cosine + 1j * sine) * (inverse / (wavelength * wavelength))
+            a, b = condition.field, condition.slope
+            one, other = a * slope(z, first, k), a * slope(z, second, k).conj()
+            plain, ahead, behind, both = degrees
+            value = (wave * one * other) @ plain + b * ((wave * other) @ ahead)
+            value += b * ((wave * one) @ behind) + b * b * (wave @ both)
+            found[low : low + step] += value.real
+    return found

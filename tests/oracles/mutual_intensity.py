@@ -1,0 +1,82 @@
+"""Irradiance of partly coherent light as a double integral of the mutual intensity, by quadrature.
+
+Nothing of the package is used: nodes on triangles that the caller gives, every pair of nodes, and
+the degree of coherence exp(-xi^2/(2 width^2)) of each pair.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+Kernel = Callable[[Any, Any, float], Any]
+"""Places (n, 2) and points (m, 3) and the wavelength to waves (m, n)."""
+
+
+def triangle_rule(corners: Any, count: int) -> tuple[Any, Any]:
+    """Nodes (n, 2) and weights (n,) of a Gauss rule on triangles (k, 3, 2), by Duffy's map."""
+    t, w = np.polynomial.legendre.leggauss(count)
+    t, w = (t + 1) / 2, w / 2
+    u, v = (a.ravel() for a in np.meshgrid(t, t, indexing="ij"))
+    weights = np.outer(w * t, w).ravel()
+    nodes, shares = [], []
+    for a, b, c in np.asarray(corners, dtype=np.float64):
+        first, second = b - a, c - a
+        twice = abs(first[0] * second[1] - first[1] * second[0])
+        nodes.append(a + u[:, None] * first + (u * v)[:, None] * (second - first))
+        shares.append(twice * weights)
+    return np.concatenate(nodes), np.concatenate(shares)
+
+
+def first_integral(x: Any, points: Any, wavelength: float) -> Any:
+    """Rayleigh and Sommerfeld's first kernel, of a field in the opening."""
+    k = 2 * np.pi / wavelength
+    away = points[:, None, :2] - x
+    height = points[:, 2, None]
+    reach = np.sqrt((away**2).sum(axis=-1) + height**2)
+    return height / reach**2 * (1 + 1j / (k * reach)) * np.exp(1j * k * reach) / (1j * wavelength)
+
+
+def second_integral(x: Any, points: Any, wavelength: float) -> Any:
+    """Rayleigh and Sommerfeld's second kernel, of a normal derivative over ik."""
+    away = points[:, None, :2] - x
+    reach = np.sqrt((away**2).sum(axis=-1) + points[:, 2, None] ** 2)
+    return np.exp(2j * np.pi * reach / wavelength) / (1j * wavelength * reach)
+
+
+def parabolic(x: Any, points: Any, wavelength: float) -> Any:
+    """Fresnel's kernel, without exp(ikz)."""
+    away = points[:, None, :2] - x
+    spread = wavelength * points[:, 2, None]
+    return np.exp(1j * np.pi * (away**2).sum(axis=-1) / spread) / (1j * spread)
+
+
+def irradiance(
+    x: Any, weights: Any, points: Any, wavelength: float, width: float, kernel: Kernel
+) -> Any:
+    """Irradiance (m,) at points (m, 3) of nodes (n, 2) with weights (n,) times their field."""
+    distance2 = ((x[:, None] - x) ** 2).sum(axis=-1)
+    degree = np.exp(-distance2 / (2 * width**2))
+    waves = kernel(x, np.asarray(points, dtype=np.float64), wavelength) * weights
+    return np.einsum("mi,ij,mj->m", waves, degree, waves.conj(), optimize=True).real
+
+
+def irradiance_of_tilts(
+    x: Any, weights: Any, points: Any, wavelength: float, width: float, a: float, b: float
+) -> Any:
+    """The same with a times the first and b times the second kernel, by tilts on a dense grid.
+
+    The normal derivative of the light of a tilt t is ik p_z(t) times its field.
+    """
+    reach = 6.5 / (2 * np.pi * width)
+    t = np.linspace(-reach, reach, 81)
+    tilts = np.stack(np.meshgrid(t, t), axis=-1).reshape(-1, 2)
+    shares = np.exp(-2 * (np.pi * width) ** 2 * (tilts**2).sum(axis=1))
+    tilted = np.exp(2j * np.pi * (x @ tilts.T)) * weights[:, None]
+    cosine = np.sqrt((1 - wavelength**2 * (tilts**2).sum(axis=1)).astype(complex))
+    points = np.asarray(points, dtype=np.float64)
+    field = a * (first_integral(x, points, wavelength) @ tilted)
+    field = field + b * cosine * (second_integral(x, points, wavelength) @ tilted)
+    return np.abs(field) ** 2 @ shares / shares.sum()
