@@ -1,0 +1,198 @@
+"""Irradiance of partly coherent light against double integrals of the mutual intensity."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from oracles import mutual_intensity as mutual
+from polywigner.errors import ArgumentError
+from polywigner.propagation.lag_sums import pair_sum, summed_over_pairs
+
+WAVELENGTH = 1.0
+# Of the largest irradiance: what (PC5) is computed to, and parabolic waves.
+SPHERICAL, PARABOLIC = 1e-7, 2e-8
+TRIANGLE = np.array([(-3.0, -2.0), (4.0, -3.0), (1.0, 5.0)])
+OTHER = TRIANGLE[[0, 1, 2]] + [9.0, 0.0]
+TILT = np.array([0.1, -0.05])
+PLACES = np.random.default_rng(0).uniform(-8, 8, (6, 2))
+
+
+def points(z: float) -> Any:
+    return np.column_stack([PLACES, np.full(len(PLACES), z)])
+
+
+def sampled(name: str, count: int) -> tuple[Any, Any, Any]:
+    """A source of triangles; nodes, and weights times the field."""
+    plain = pw.Aperture(TRIANGLE)
+    if name == "array":
+        source = pw.Array([plain, pw.Aperture(OTHER)], [1.0, 0.7j])
+        x, w = mutual.triangle_rule([TRIANGLE, OTHER], count)
+        return source, x, w * np.where(x[:, 0] < 5, 1, 0.7j)
+    x, w = mutual.triangle_rule([TRIANGLE], count)
+    if name == "plain":
+        return plain, x, w
+    waves = pw.Illumination([1.0, 0.5j], [TILT, (0.0, 0.1)])
+    field = np.exp(2j * np.pi * (x @ TILT)) + 0.5j * np.exp(0.2j * np.pi * x[:, 1])
+    if name == "waves":
+        return plain.with_illumination(waves), x, w * field
+    curved = plain.with_illumination(waves).curved(30.0, WAVELENGTH, (1.0, 0.0))
+    return curved, x, w * field * np.exp(1j * np.pi * ((x - [1.0, 0.0]) ** 2).sum(axis=1) / 30)
+
+
+SOURCES = ["plain", "array", "waves", "curved"]
+
+
+@pytest.mark.parametrize("name", SOURCES)
+@pytest.mark.parametrize("width", [5.0, 1.5, 0.4])
+def test_fresnel_irradiance_is_the_double_integral_of_the_mutual_intensity(
+    name: str, width: float
+) -> None:
+    source, x, w = sampled(name, 36)
+    at = points(25.0)
+    expected = mutual.irradiance(x, w, at, WAVELENGTH, width, mutual.parabolic)
+    partly = source.partially_coherent(width)
+    found, errors = pw.irradiance(partly, at, WAVELENGTH, "fresnel", return_error=True)
+    assert np.abs(found - expected).max() < PARABOLIC * expected.max()
+    assert errors.shape == found.shape and errors.max() < 1e-6 * expected.max()
+    system = pw.FirstOrder.free_space(25.0)
+    behind = pw.irradiance(partly, at[:, :2], WAVELENGTH, through=system)
+    assert behind == pytest.approx(found, abs=PARABOLIC * expected.max())
+
+
+@pytest.mark.parametrize("name", SOURCES)
+@pytest.mark.parametrize("width", [5.0, 1.5, 0.7])
+def test_exact_irradiance_is_the_double_integral_of_the_mutual_intensity(
+    name: str, width: float
+) -> None:
+    source, x, w = sampled(name, 36)
+    at = points(9.0)
+    expected = mutual.irradiance(x, w, at, WAVELENGTH, width, mutual.first_integral)
+    found = pw.irradiance(source.partially_coherent(width), at, WAVELENGTH, "auto")
+    assert np.abs(found - expected).max() < SPHERICAL * expected.max()
+
+
+CONDITIONS = [("kirchhoff", (0.5, 0.5)), ("rayleigh-sommerfeld-2", (0.0, 1.0))]
+
+
+@pytest.mark.parametrize(("method", "shares"), CONDITIONS)
+@pytest.mark.parametrize("width", [5.0, 1.2])
+def test_normal_derivatives_of_tilted_light_are_taken_tilt_by_tilt(
+    method: Any, shares: Any, width: float
+) -> None:
+    source, x, w = sampled("plain", 36)
+    at = points(9.0)
+    expected = mutual.irradiance_of_tilts(x, w, at, WAVELENGTH, width, *shares)
+    found = pw.irradiance(source.partially_coherent(width), at, WAVELENGTH, method)
+    assert np.abs(found - expected).max() < SPHERICAL * expected.max()
+
+
+def test_sums_over_pairs_of_places_have_the_normal_derivatives_of_waves() -> None:
+    """The sum that widths far below the size of a source take."""
+    source = pw.shapes.square(16.0).with_illumination(pw.Illumination([1.0, 0.4], [TILT, -TILT]))
+    at = points(120.0) * [5.0, 5.0, 1.0]
+    width = 1.3
+    square = [[(-8, -8), (8, -8), (8, 8)], [(-8, -8), (8, 8), (-8, 8)]]
+    x, w = mutual.triangle_rule(square, 40)
+    weights = [a * w * np.exp(2j * np.pi * s * (x @ TILT)) for s, a in ((1, 1.0), (-1, 0.4))]
+    reach = 5.6 / (2 * np.pi * width)
+    t = np.linspace(-reach, reach, 37)
+    tilts = np.stack(np.meshgrid(t, t), axis=-1).reshape(-1, 2)
+    shares = np.exp(-2 * (np.pi * width) ** 2 * (tilts**2).sum(axis=1))
+    tilted = np.exp(2j * np.pi * (x @ tilts.T))
+    total: Any = 0.0
+    for sign, field in zip((1, -1), weights, strict=True):
+        cosine = np.sqrt((1 - ((tilts + sign * TILT) ** 2).sum(axis=1)).astype(complex))
+        first = mutual.first_integral(x, at, WAVELENGTH) * field
+        total = total + 0.5 * (first @ tilted)
+        second = mutual.second_integral(x, at, WAVELENGTH) * field
+        total = total + 0.5 * cosine * (second @ tilted)
+    expected = np.abs(total) ** 2 @ shares / shares.sum()
+    partly = source.partially_coherent(width)
+    found = pw.irradiance(partly, at, WAVELENGTH, "kirchhoff")
+    assert found == pytest.approx(expected, abs=SPHERICAL * expected.max())
+    rule = pair_sum(partly, at, WAVELENGTH)
+    pairs = summed_over_pairs(rule, partly, at, WAVELENGTH, "kirchhoff", 1e-6)
+    assert pairs == pytest.approx(expected, abs=1e-6 * expected.max())
+
+
+def of_one_axis(side: float, x: Any, spread: float, width: float) -> Any:
+    """The factor of one axis of a square's Fresnel irradiance, a double integral."""
+    t, w = np.polynomial.legendre.leggauss(400)
+    t, w = t * side / 2, w * side / 2
+    waves = w * np.exp(1j * np.pi * (x[:, None] - t) ** 2 / spread)
+    degree = np.exp(-((t[:, None] - t) ** 2) / (2 * width**2))
+    return np.einsum("mi,ij,mj->m", waves, degree, waves.conj(), optimize=True).real / spread
+
+
+@pytest.mark.parametrize("share", [2 / 3, 1 / 30, 1 / 100])
+def test_a_square_has_the_product_of_its_axes_behind_any_first_order_system(share: float) -> None:
+    length, side, (z1, z2) = 0.5e-6, 1e-3, (0.5, 0.2)
+    width = share * side
+    partly = pw.shapes.square(side).partially_coherent(width)
+    x = np.linspace(-1e-3, 1e-3, 9)
+    along = np.column_stack([x, 0.3 * x + 1e-4])
+    system = pw.FirstOrder(
+        np.block([[np.eye(2), np.diag([z1, z2])], [np.zeros((2, 2)), np.eye(2)]])
+    )
+    expected = of_one_axis(side, along[:, 0], length * z1, width)
+    expected = expected * of_one_axis(side, along[:, 1], length * z2, width)
+    found = pw.irradiance(partly, along, length, through=system)
+    assert np.abs(found - expected).max() < PARABOLIC * expected.max()
+    # turned as a whole, and at several distances at once
+    c, s = np.cos(0.4), np.sin(0.4)
+    turn, none = np.array([[c, -s], [s, c]]), np.zeros((2, 2))
+    turned = pw.FirstOrder(np.block([[turn, none], [none, turn]])) @ system
+    behind = pw.irradiance(partly, along @ turn.T, length, through=[turned])
+    assert behind == pytest.approx(found, abs=PARABOLIC * expected.max())
+
+
+def test_points_at_many_distances_are_those_of_each_plane() -> None:
+    partly = pw.Aperture(TRIANGLE).partially_coherent(2.0)
+    z = np.array([8.0, 30.0, 8.0, 55.0])
+    at = np.column_stack([PLACES[:4], z])
+    found = pw.irradiance(partly, at, WAVELENGTH, "fresnel")
+    each = [float(pw.irradiance(partly, place, WAVELENGTH, "fresnel")) for place in at]
+    assert found == pytest.approx(each, rel=1e-7)
+    far_apart = at * [30.0, 30.0, 1.0]  # on lattices of their own
+    assert np.isfinite(pw.irradiance(partly, far_apart, WAVELENGTH, "fresnel")).all()
+
+
+def test_images_of_partly_coherent_sources_are_those_of_coherent_ones() -> None:
+    source = pw.Aperture(TRIANGLE)
+    at = 2.0 * PLACES
+    for width in (5.0, 0.01):
+        found = pw.irradiance(
+            source.partially_coherent(width), at, WAVELENGTH, through=pw.FirstOrder.magnifier(2.0)
+        )
+        expected = pw.irradiance(source, at, WAVELENGTH, through=pw.FirstOrder.magnifier(2.0))
+        assert found == pytest.approx(expected, abs=1e-12)
+
+
+def test_wide_coherence_is_coherent_and_narrow_coherence_a_lamp() -> None:
+    source, at = pw.shapes.square(20.0), np.array([(3.0, -4.0, 60.0)])
+    for method in ("auto", "kirchhoff", "fresnel"):
+        coherent = pw.irradiance(source, at, WAVELENGTH, method)
+        wide = pw.irradiance(source.partially_coherent(1e5), at, WAVELENGTH, method)
+        assert wide == pytest.approx(coherent, rel=1e-6)
+    # |u|^2 2 pi sigma^2 times the integral of |h|^2 over the source
+    width = 0.02
+    x, w = mutual.triangle_rule(
+        [[(-10, -10), (10, -10), (10, 10)], [(-10, -10), (10, 10), (-10, 10)]], 40
+    )
+    lamp = 2 * np.pi * width**2 * np.abs(mutual.first_integral(x, at, WAVELENGTH)) ** 2 @ w
+    found = pw.irradiance(source.partially_coherent(width), at, WAVELENGTH, "auto")
+    assert found == pytest.approx(lamp, rel=2e-2)
+
+
+def test_arguments_of_partly_coherent_light_are_checked_as_those_of_coherent_light() -> None:
+    partly = pw.shapes.square(4.0).partially_coherent(1.0)
+    for change in ({"engine": "bogus"}, {"order": 3}, {"samples": 10}):
+        with pytest.raises(ArgumentError):
+            pw.irradiance(partly, (0.0, 0.0, 9.0), WAVELENGTH, "auto", **change)
+    with pytest.raises(ArgumentError, match="z > 0"):
+        pw.irradiance(partly, (0.0, 0.0, -9.0), WAVELENGTH, "fresnel")
+    assert pw.irradiance(partly, np.zeros((0, 3)), WAVELENGTH, "fresnel").shape == (0,)
