@@ -140,3 +140,14 @@ def test_path_lengths_survive_copies_and_other_wavelengths() -> None:
     rebuilt = pw.segmented_pupil(MIRROR, 1e-6, PISTON, TILT).partially_coherent(4e-4)
     found, expected = (pw.irradiance(p, (0, 0, 0.05), 1e-6, "fresnel") for p in (partly, rebuilt))
     assert found == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize("suffix", ["toml", "json"])
+def test_source_files_keep_path_lengths(suffix, tmp_path):
+    piston, tilt = np.arange(18) * 0.13e-6, np.arange(36).reshape(18, 2) * 1e-8
+    pupil = pw.segmented_pupil(pw.shapes.hexagonal_segments(1.0), 1e-6, piston, tilt)
+    path = tmp_path / f"pupil.{suffix}"
+    pw.write_source(pupil, path)
+    found = pw.read_source(path)
+    assert found == pupil
+    assert found.at_wavelength(0.9e-6) == pupil.at_wavelength(0.9e-6)

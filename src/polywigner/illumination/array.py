@@ -375,7 +375,7 @@ class Array(TakesWaves):
     def __reduce__(self) -> tuple[Any, ...]:
         if self.repeated is not None:
             return repeated_element, (*self.repeated, self.weights)
-        return _restored, (self.elements, self.weights, self.paths)
+        return with_paths, (self.elements, self.weights, self.paths)
 
     def __len__(self) -> int:
         return len(self.weights)
@@ -402,7 +402,8 @@ class Array(TakesWaves):
         return f"Array({', '.join(counts)}, {uniform})"
 
 
-def _restored(elements: Any, weights: Any, paths: PathLengths | None) -> Array:
+def with_paths(elements: Any, weights: Any, paths: PathLengths | None) -> Array:
+    """Return an array of which some phases stem from path lengths."""
     array = Array(elements, weights)
     array.__dict__["paths"] = paths
     return array
