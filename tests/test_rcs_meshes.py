@@ -35,7 +35,7 @@ def rotated(body: pw.Polyhedron, seed: int) -> tuple[pw.Polyhedron, np.ndarray]:
 
 @pytest.mark.parametrize(
     ("sides", "polar", "azimuth"),
-    [(12, 60, 90), (12, 80, 270), (12, 90, 130), (8, 80, 90), (16, 100, 10)],
+    [(12, 60, 90), (12, 80, 270), (12, 90, 130), (8, 80, 90), (16, 100, 110)],
 )
 @pytest.mark.parametrize("bounces", [2, 3])
 def test_beams_are_followed_between_all_parts_of_a_drone(
@@ -151,6 +151,26 @@ def test_set_operations_return_polygons_and_lose_none() -> None:
     )
     left = overlays.differences(np.array([wall]), np.array([floor]))
     assert shapely.area(left)[0] == pytest.approx(wall.area, rel=1e-3, abs=0.0)
+
+
+def test_an_outline_that_rounding_has_bent_keeps_its_area() -> None:
+    # an edge that passes through vertices of others: GEOS makes a hole of the larger part
+    points = [
+        (0.1412615945555405, -0.0210390559333204),
+        (0.0857365998516411, -0.0314579465933362),
+        (0.0837240274996775, -0.0296813532875301),
+        (0.1013855239502549, -0.0270285490092746),
+        (0.1042449314196076, -0.0279849830399976),
+        (0.1181261800955824, -0.0253802603749936),
+        (0.122753262987574, -0.024512019486659),
+        (0.1226695867950339, -0.0238316255135056),
+    ]
+    bent = shapely.Polygon(points)
+    assert not bent.is_valid
+    (mended,) = overlays.mended(np.array([bent]))
+    x, y = np.array(points).T
+    area = abs(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))) / 2
+    assert mended.is_valid and mended.area == pytest.approx(area, rel=1e-9, abs=0.0)
 
 
 def test_directions_beyond_the_limits_are_nan_and_leave_the_others() -> None:

@@ -48,7 +48,7 @@ class SavedParts:
             pass  # no file, or another one: it is replaced
 
     def computed(self, patterns: Sequence[Pattern], steps: tuple[float, float]) -> list[Any]:
-        """Return the datasets of patterns with these steps; compute the values that are missing."""
+        """Return the datasets of patterns with these steps; values in the file are reused."""
         every = self._values if self.steps else [np.full(one.shape, np.nan) for one in patterns]
         missing = [np.asarray(np.isnan(values).any(axis=1)) for values in every]
         total = sum(values.size for values in every)

@@ -75,10 +75,22 @@ def unions(polygons: Shapes, numbers: NDArray[np.intp], extent: float) -> Shapes
 
 
 def mended(shapes: Shapes) -> Shapes:
-    """Polygons made valid: without spikes turned inside out or holes over the edge by rounding."""
+    """Polygons made valid: without spikes turned inside out or holes over the edge by rounding.
+
+    Each of GEOS' methods may lose a part, so the result with the more similar area is taken.
+    """
     bent = ~shapely.is_valid(shapes)
-    result = shapes.copy()
-    result[bent] = shapely.make_valid(shapes[bent], method="structure", keep_collapsed=False)
+    result, some = shapes.copy(), shapes[bent]
+    methods: tuple[dict[str, Any], ...] = (
+        {"method": "structure", "keep_collapsed": False},
+        {"method": "linework"},
+    )
+    both = [polygonal(shapely.make_valid(some, **how)) for how in methods]
+    change = [np.abs(shapely.area(one) - shapely.area(some)) for one in both]
+    change = [
+        np.where(shapely.is_valid(one), a, np.inf) for one, a in zip(both, change, strict=True)
+    ]
+    result[bent] = np.where(change[0] <= change[1], *both)
     return polygonal(result)
 
 
