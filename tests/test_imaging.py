@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 import shapely
 
 import polywigner as pw
-from polywigner.errors import ArgumentError, PolywignerError
+from polywigner.errors import ArgumentError, GeometryError, PolywignerError
 
 EXACT = 1e-10
 WAVELENGTH, DISTANCE = 0.5e-6, 10e-3
@@ -159,6 +160,59 @@ def test_image_by_a_point_of_light_is_that_of_its_orders_and_babinets() -> None:
     assert nothing == pytest.approx(0.25, abs=1e-12)
 
 
+BAR = pw.shapes.rectangle(1e-6, 6e-6)
+CROSSED = [BAR, BAR.turned(np.pi / 2)]
+LENS: Any = (PUPIL, CONDENSER, [(0.0, 0.0), (2e-6, 2e-6), (1e-6, 0.0)], WAVELENGTH, DISTANCE)
+
+
+def test_crossed_bars_are_their_union_and_their_overlap_is_refused() -> None:
+    union = CROSSED[0] | CROSSED[1]
+    dark = pw.partially_coherent_image(union, (6e-6, 6e-6), *LENS, transmission=0, background=1)
+    # what is clear beside the bars: a square in each period
+    clear = pw.shapes.square(5e-6).moved((3e-6, 3e-6))
+    expected = pw.partially_coherent_image(clear, (6e-6, 6e-6), *LENS)
+    assert dark == pytest.approx(expected, abs=EXACT)
+    for weights in (None, [1.0, -1.0]):
+        with pytest.raises(GeometryError, match=r"elements 0 and 1 of the mask overlap.*union"):
+            pw.partially_coherent_image(pw.Array(CROSSED, weights), (6e-6, 6e-6), *LENS)
+    touching = pw.Array([pw.shapes.square(2e-6), pw.shapes.square(2e-6).moved((2e-6, 0.0))])
+    both = pw.partially_coherent_image(touching, (6e-6, 6e-6), *LENS)
+    one = pw.partially_coherent_image(
+        pw.shapes.rectangle(4e-6, 2e-6).moved((1e-6, 0.0)), (6e-6, 6e-6), *LENS
+    )
+    assert both == pytest.approx(one, abs=EXACT)
+
+
+@pytest.mark.parametrize(
+    ("mask", "period"),
+    [
+        (pw.shapes.rectangle(12e-6, 6e-6), (6e-6, 6e-6)),
+        (pw.shapes.rectangle(7e-6, 1e-6), (6e-6, 6e-6)),
+        (pw.shapes.rectangle(5e-6, 1e-6), ((6e-6, 0.0), (3e-6, 0.5e-6))),
+        (pw.Array([pw.shapes.square(1e-6), pw.shapes.square(1e-6).moved((6.5e-6, 0))]), (6e-6, 2e-6)),
+    ],
+)  # fmt: skip
+def test_a_mask_that_overlaps_its_copies_is_refused(mask: Any, period: Any) -> None:
+    with pytest.raises(GeometryError, match=r"overlaps its cop.*period"):
+        pw.partially_coherent_image(mask, period, *LENS)
+
+
+def test_a_mask_wider_than_its_period_may_leave_room_for_its_copies() -> None:
+    """A bar at 30 degrees passes between its copies."""
+    bar = pw.shapes.rectangle(9e-6, 0.5e-6).turned(np.pi / 6)
+    image = pw.partially_coherent_image(bar, (6e-6, 6e-6), *LENS)
+    assert np.isfinite(image).all()
+
+
+@pytest.mark.parametrize("radius", [0.05, 0.2, 1.0, 50.0])
+def test_too_large_a_condenser_is_refused_at_once_with_both_numbers(radius: float) -> None:
+    how: Any = (pw.shapes.square(3e-6), (6e-6, 6e-6), PUPIL, pw.shapes.disc(radius))
+    start = time.perf_counter()
+    with pytest.raises(ArgumentError, match=r"orders of the mask pass: .*, at most 1448"):
+        pw.partially_coherent_image(*how, [(0.0, 0.0)], WAVELENGTH, DISTANCE)
+    assert time.perf_counter() - start < 5.0  # 12 s before the orders were counted first
+
+
 def test_clear_light_is_one_and_a_fine_grating_is_grey() -> None:
     cell = pw.shapes.square(1e-6)
     how: Any = (PUPIL, CONDENSER, [(0.0, 0.0), (3e-7, 1e-7)], WAVELENGTH, DISTANCE)
@@ -214,6 +268,14 @@ def test_tilts_of_all_segments_move_the_spot_and_pistons_do_not() -> None:
     plain = pw.psf(MIRROR, x, length, focus)
     assert pw.psf(tilted, x + focus * slope, length, focus) == pytest.approx(plain, rel=1e-9)
     assert pw.psf(tilted, x, length, focus) != pytest.approx(plain, rel=1e-2)
+
+
+@pytest.mark.parametrize("gap", [0.0, 0.02])
+def test_segments_that_touch_take_pistons_as_those_apart(gap: float) -> None:
+    mirror = pw.shapes.hexagonal_segments(1.0, gap, rings=1)
+    step = pw.segmented_pupil(mirror, 1e-3, [0, 0, 0, 0.5e-3, 0, 0])
+    peaks = [float(pw.psf(pupil, (0, 0), 1e-3, 20.0)) for pupil in (step, mirror)]
+    assert peaks[0] / peaks[1] == pytest.approx((4 / 6) ** 2, rel=1e-9)
 
 
 def test_segments_keep_their_fields_and_odd_ones_are_refused() -> None:

@@ -92,11 +92,11 @@ def test_normal_derivatives_of_tilted_light_are_taken_tilt_by_tilt(
 
 def test_sums_over_pairs_of_places_have_the_normal_derivatives_of_waves() -> None:
     """The sum that widths far below the size of a source take."""
-    source = pw.shapes.square(16.0).with_illumination(pw.Illumination([1.0, 0.4], [TILT, -TILT]))
+    source = pw.shapes.square(10.0).with_illumination(pw.Illumination([1.0, 0.4], [TILT, -TILT]))
     at = points(120.0) * [5.0, 5.0, 1.0]
     width = 1.3
-    square = [[(-8, -8), (8, -8), (8, 8)], [(-8, -8), (8, 8), (-8, 8)]]
-    x, w = mutual.triangle_rule(square, 40)
+    square = [[(-5, -5), (5, -5), (5, 5)], [(-5, -5), (5, 5), (-5, 5)]]
+    x, w = mutual.triangle_rule(square, 30)
     weights = [a * w * np.exp(2j * np.pi * s * (x @ TILT)) for s, a in ((1, 1.0), (-1, 0.4))]
     reach = 5.6 / (2 * np.pi * width)
     t = np.linspace(-reach, reach, 37)

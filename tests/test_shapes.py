@@ -1,6 +1,7 @@
 """Shapes of the catalogue: areas in closed form, symmetry, and arguments that fit together."""
 
 import math
+import pickle
 
 import numpy as np
 import pytest
@@ -97,6 +98,26 @@ def test_honeycombs_have_their_number_of_segments(rings, centre):
     assert together.area == pytest.approx(count * math.sqrt(3) / 2, rel=ROUNDING)
     first, *others = apart.polygons.geoms
     assert min(map(first.distance, others)) == pytest.approx(0.1, rel=1e-12)
+
+
+@pytest.mark.parametrize("gap", [0.0, 0.1])
+@pytest.mark.parametrize("centre", [False, True])
+def test_segments_are_numbered_by_columns_and_stay_apart(gap, centre):
+    mirror = shapes.hexagonal_segments(1.0, gap, 2, centre)
+    moved = pickle.loads(pickle.dumps(mirror.turned(np.pi).scaled(2.0).moved((1.0, 0.0))))
+    centres = np.array([segment.centre for segment in mirror.segments])
+    assert len(centres) == 18 + centre
+    order = np.lexsort((np.round(centres[:, 1], 9), np.round(centres[:, 0], 9)))
+    assert (order == np.arange(len(centres))).all()
+    assert sum(segment.area for segment in mirror.segments) == pytest.approx(mirror.area)
+    found = [segment.centre for segment in moved.segments]
+    assert np.allclose(found, -2.0 * centres + [1.0, 0.0], atol=1e-12)
+    assert len(moved.with_illumination(None).segments) == len(centres)
+
+
+def test_segments_of_other_apertures_are_their_parts():
+    row = shapes.patch_row(3, 1.0, 0.5, 0.6)
+    assert [segment.area for segment in row.segments] == pytest.approx([0.5] * 3)
 
 
 def test_what_touches_is_one():

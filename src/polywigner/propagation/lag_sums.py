@@ -302,15 +302,16 @@ def _sum_of_pairs(pairs: Pairs, points: Floats, wavelength: float, method: str) 
                 # (1 + i/(k R_1)) (1 - i/(k R_2)) times the wave, without complex numbers
                 real, imag = 1.0 + inverse / (k * k), (second - first) * (inverse / k)
                 size = np.square(inverse * (z / wavelength))
-                found[low : low + step] += (size * (cosine * real - sine * imag)) @ mutual.real
+                total = size * (cosine * real - sine * imag) * mutual.real
                 if is_complex:
-                    found[low : low + step] -= (size * (cosine * imag + sine * real)) @ mutual.imag
+                    total -= size * (cosine * imag + sine * real) * mutual.imag
+                # sums of NumPy: threads of BLAS cost more than such short products
+                found[low : low + step] += total.sum(axis=1)
                 continue
             wave = (cosine + 1j * sine) * (inverse / (wavelength * wavelength))
             a, b = condition.field, condition.slope
             one, other = a * slope(z, first, k), a * slope(z, second, k).conj()
             plain, ahead, behind, both = degrees
-            value = (wave * one * other) @ plain + b * ((wave * other) @ ahead)
-            value += b * ((wave * one) @ behind) + b * b * (wave @ both)
-            found[low : low + step] += value.real
+            value = other * (one * plain + b * ahead) + b * (one * behind + b * both)
+            found[low : low + step] += (wave * value).real.sum(axis=1)
     return found
