@@ -403,7 +403,7 @@ class Array(TakesWaves):
 
 
 def with_paths(elements: Any, weights: Any, paths: PathLengths | None) -> Array:
-    """Return an array of which some phases stem from path lengths."""
+    """Return an array with some phases from path lengths."""
     array = Array(elements, weights)
     array.__dict__["paths"] = paths
     return array

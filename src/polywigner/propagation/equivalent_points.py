@@ -37,7 +37,7 @@ Complex = NDArray[np.complex128]
 _MOST_SOURCES = 1 << 15
 # Nodes beyond those of a uniform aperture, and beyond those of any source, that are tried one after
 # the other.
-_MORE_OF_UNIFORM, _MORE_OF_ANY = (0, 2, 4, 6, 9, 12, 16, 20), (16, 24, 32)
+_MORE_OF_UNIFORM, _MORE_OF_ANY = (0, 2, 4, 6, 9, 12, 16, 20), (0, 8, 16)
 # Singular values of plane waves at nodes that are rounding, over the largest.
 _ROUNDING = 1e-9
 # Sines beyond those of the directions that matter, times the length of a side in wavelengths.
@@ -105,14 +105,16 @@ def equivalent_grid(
 
 
 def _numbers_of_nodes(cycles: float, error: float) -> list[int]:
-    """Numbers of nodes along a side, the likeliest first, of which each has a better chance.
+    """Return increasing numbers of nodes along a side, to be tried one after the other.
 
-    Directions differ by so many ``cycles`` over half the side. Gauss' rule sums uniform apertures;
-    other sources have up to four degrees of freedom a cycle.
+    ``cycles``: phase difference over half the side between the outermost and the central direction.
+    Gauss' rule sums uniform apertures; other sources need nodes in the middle as dense as waves.
     """
     uniform = math.ceil(3.0 * cycles) + math.ceil(-0.7 * math.log10(error) * cycles ** (1 / 3)) + 1
     numbers = [uniform + more for more in _MORE_OF_UNIFORM]
-    return numbers + [max(numbers[-1], math.ceil(4.0 * cycles) + more) for more in _MORE_OF_ANY]
+    return numbers + [
+        max(numbers[-1], math.ceil(2.0 * math.pi * cycles)) + more for more in _MORE_OF_ANY
+    ]
 
 
 def _spectra(
@@ -185,9 +187,12 @@ def sines_towards(low: Floats, high: Floats, boxes: Floats) -> Sines:
         # a sine grows with its own component, and falls with the others unless it is negative
         largest = last[:, k] / np.hypot(last[:, k], np.where(last[:, k] > 0.0, closest, farthest))
         least = first[:, k] / np.hypot(first[:, k], np.where(first[:, k] < 0.0, closest, farthest))
-        bounds.append(
-            (max(-1.0, float(least.min()) - margin), min(1.0, float(largest.max()) + margin))
-        )
+        lowest = max(-1.0, float(least.min()) - margin)
+        highest = min(1.0, float(largest.max()) + margin)
+        if lowest < 0.0 < highest:  # Gauss' nodes need fewer for directions on both sides
+            highest = max(-lowest, highest)
+            lowest = -highest
+        bounds.append((lowest, highest))
     return bounds[0], bounds[1]
 
 
