@@ -161,6 +161,7 @@ def test_image_by_a_point_of_light_is_that_of_its_orders_and_babinets() -> None:
 
 
 BAR = pw.shapes.rectangle(1e-6, 6e-6)
+BOX = pw.shapes.square(1e-6)
 CROSSED = [BAR, BAR.turned(np.pi / 2)]
 LENS: Any = (PUPIL, CONDENSER, [(0.0, 0.0), (2e-6, 2e-6), (1e-6, 0.0)], WAVELENGTH, DISTANCE)
 
@@ -189,7 +190,7 @@ def test_crossed_bars_are_their_union_and_their_overlap_is_refused() -> None:
         (pw.shapes.rectangle(12e-6, 6e-6), (6e-6, 6e-6)),
         (pw.shapes.rectangle(7e-6, 1e-6), (6e-6, 6e-6)),
         (pw.shapes.rectangle(5e-6, 1e-6), ((6e-6, 0.0), (3e-6, 0.5e-6))),
-        (pw.Array([pw.shapes.square(1e-6), pw.shapes.square(1e-6).moved((6.5e-6, 0))]), (6e-6, 2e-6)),
+        (pw.Array([BOX, BOX.moved((6.5e-6, 0))]), (6e-6, 2e-6)),
     ],
 )  # fmt: skip
 def test_a_mask_that_overlaps_its_copies_is_refused(mask: Any, period: Any) -> None:

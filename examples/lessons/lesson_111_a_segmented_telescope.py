@@ -170,13 +170,13 @@ figure.colorbar(picture, ax=panels, label="PSF (dB below the ideal peak, floor �
 # -------------------------
 # A detector sees a band of wavelengths at once. ``pw.mtf`` takes several: it averages their
 # transfer functions, since each wavelength has a scale of its own. Frequencies are in cycles
-# per mm in the image. A wavelength passes nothing beyond :math:`D/(\lambda f)`, with D the
+# per metre in the image, 1000 times those in cycles per mm. A wavelength passes nothing beyond :math:`D/(\lambda f)`, with D the
 # reach of the pupil along this direction. Pixels multiply by a sinc.
 
 band = np.linspace(1.5e-6, 2.5e-6, 7)
 PIXEL = 18e-6
 cycles = np.linspace(0, 36, 73)
-along = np.stack([cycles, 0 * cycles], axis=-1)
+along = 1e3 * np.stack([cycles, 0 * cycles], axis=-1)
 curves = {
     "2 µm": pw.mtf(pupil, along, WAVELENGTH, FOCAL_LENGTH),
     "1.5 to 2.5 µm": pw.mtf(pupil, along, band, FOCAL_LENGTH),
@@ -190,7 +190,7 @@ print(f"cut-off at 2 µm: {cut_off:.1f} cycles/mm; pixels sample {0.5e-3 / PIXEL
 assert curves["2 µm"][cycles > cut_off].max() < 1e-12
 assert curves["2 µm"][cycles < 0.99 * cut_off].min() > 0
 
-mean = np.mean([pw.otf(pupil, along * 1e3 * length * FOCAL_LENGTH) for length in band], axis=0)
+mean = np.mean([pw.otf(pupil, along * length * FOCAL_LENGTH) for length in band], axis=0)
 assert np.allclose(curves["1.5 to 2.5 µm"], np.abs(mean), atol=1e-12)
 pixels = np.abs(np.sinc(cycles * 1e3 * PIXEL))
 assert np.allclose(
@@ -209,21 +209,20 @@ axes.grid(alpha=0.3)
 axes.legend(frameon=False)
 
 # %%
-# The segments' errors were given for 2 µm. A piston is a path: its phase is larger at 1.5 µm,
-# and the array above has the phases of 2 µm at all wavelengths. A band needs an array for each
-# wavelength, and the transfer functions are averaged by hand:
+# Pistons and tilts are path lengths. ``pw.mtf`` uses their phases at each wavelength, so the
+# array for 2 µm serves the band. The phases of 2 µm at all wavelengths, as phase shifters
+# would have them, give another curve:
 
-own = np.mean(
-    [
-        pw.otf(
-            pw.segmented_pupil(segments, length, piston, tilt), along * 1e3 * length * FOCAL_LENGTH
-        )
-        for length in band
-    ],
-    axis=0,
+own = [
+    pw.otf(pw.segmented_pupil(segments, length, piston, tilt), along * length * FOCAL_LENGTH)
+    for length in band
+]
+assert np.allclose(
+    curves["the same, segments out of place"], np.abs(np.mean(own, axis=0)), atol=1e-12
 )
-apart = np.abs(np.abs(own) - curves["the same, segments out of place"]).max()
-print(f"with the phases of each wavelength the MTF changes by up to {apart:.3f}")
+fixed = [pw.otf(mirror, along * length * FOCAL_LENGTH) for length in band]
+apart = np.abs(np.abs(np.mean(fixed, axis=0)) - curves["the same, segments out of place"]).max()
+print(f"with the phases of 2 µm the MTF would change by up to {apart:.3f}")
 assert 0.001 < apart < 0.05
 
 # %%
@@ -277,7 +276,7 @@ axes.legend(loc="upper center", ncols=3, frameon=False)
 # clear stop would pass. Its contrast is higher all the same: the chart's high orders, which a
 # wider condenser would send through the stop from its rim, are missing in the mean.
 
-transfer = float(pw.mtf(stop, [0.5 * limit, 0.0], SHORT, DISTANCE))
+transfer = float(pw.mtf(stop, [0.5e3 * limit, 0.0], SHORT, DISTANCE))
 for size, contrast in contrasts.items():
     print(f"condenser of {size:g} pupils: contrast {contrast:.3f}")
 print(f"incoherent light: {4 / np.pi * transfer:.3f}")

@@ -111,7 +111,7 @@ def _share_of(points: Floats, blur: Blur, error: float) -> list[_Share] | None:
 
 
 def _joined(shares: list[_Share], order: Indices) -> _Share:
-    """Merge shares into one; ``order`` lists the index of each point in the merged share."""
+    """Join shares of points, which are the points ``order`` one after another."""
     ends = np.cumsum([len(share.points) for share in shares])[:-1]
 
     def mean(values: Floats) -> Floats:

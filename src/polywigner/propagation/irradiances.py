@@ -198,7 +198,8 @@ def irradiance(
         the largest that a source of this power and area can make at that distance, else relative
         to 1e-3 of that: (T6); in single precision at least 1e-5 of the largest. It is not the error
         of rays as such, which docs/propagation.md has.
-        The other methods are at least as accurate as :func:`amplitude` is by default.
+        The other methods are at least as accurate as :func:`amplitude` is by default; in partly
+        coherent light they err by up to 1e-4 of the tolerance, 1e-7, of the largest irradiance.
     return_error : return an estimate of that error as well.
     sampling : how places are chosen: "gauss", rules that know where W has kinks; or "sobol" and
         "monte-carlo", for study, with a ``seed``. They draw as many ``samples`` as given (for Sobol

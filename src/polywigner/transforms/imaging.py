@@ -296,7 +296,7 @@ def _transforms(polygons: Any, frequencies: Any) -> Complex:
 
 
 def _orders_within_reach(system: _System, lattice: Floats, scale: float) -> Floats:
-    """Frequencies (n, 2) of a lattice in a box around the pupil's passband."""
+    """Frequencies (n, 2) of a lattice within reach of the pupil and the condenser."""
     reciprocal = np.linalg.inv(lattice).T
     pupil, light = (
         np.array(shapely.total_bounds([t.polygon for t in terms])).reshape(2, 2)
