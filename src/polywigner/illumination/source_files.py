@@ -227,12 +227,18 @@ def table_of(source: Source) -> dict[str, Any]:
 
 def _wave(wave: Wavefront) -> dict[str, Any]:
     table: dict[str, Any] = {"curvature": wave.curvature.tolist(), "centre": wave.centre.tolist()}
+    if wave.wavelength is not None:
+        table["wavelength"] = wave.wavelength
     return table if wave.is_coherent else {**table, "coherence_width": wave.coherence_width}
 
 
 def _array(array: Array) -> dict[str, Any]:
     if array.repeated is None:
         body = {"kind": "array", **_weights(array)}
+        if array.paths is not None:
+            cycles, slopes = array.paths.cycles.tolist(), array.paths.slopes.tolist()
+            length = array.paths.wavelength
+            body["paths"] = {"wavelength": length, "cycles": cycles, "slopes": slopes}
         return {**body, "elements": [_element(element) for element in array.elements]}
     element, positions = array.repeated
     body = {"kind": "phased-array", "positions": positions.tolist(), **_weights(array)}

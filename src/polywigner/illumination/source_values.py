@@ -231,7 +231,7 @@ _OF_CONVERTERS: dict[Converter, str] = {
     one_or_each(radius_of): "radius",
     angle: "theta phi",
     decibels: "sll",
-    numbers: "direction curvature frequencies",
+    numbers: "direction curvature frequencies cycles slopes",
     complex_numbers: "amplitudes",
     whole: "power nbar m n count nx ny",
     each(whole): "counts",
@@ -241,7 +241,7 @@ _OF_CONVERTERS: dict[Converter, str] = {
     one_or_each(text): "window",
     _layers: "layer",
     listed: "elements",
-    _untouched: "shape illumination coefficients element positions weights",
+    _untouched: "shape illumination coefficients element positions weights paths",
 }
 KEYS = {key: convert for convert, keys in _OF_CONVERTERS.items() for key in keys.split()}
 """Each key of the tables, which means the same in all, and its check and conversion."""
