@@ -19,23 +19,20 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError
 from polywigner.execution.progress import slow_bar
 from polywigner.scattering.facets import Facets
+from polywigner.scattering.overlays import GRID, Shapes, intersections, mended, unions
 from polywigner.scattering.surface_sums import Pieces, surface_sums, transforms
 from polywigner.scattering.visibility import (
-    GRID,
     NOTHING,
     Projected,
     Seen,
-    Shapes,
     axes_across,
     facing,
     in_triangles,
     less_hidden,
     less_shadows,
     lit_pieces,
-    mended,
     pieces_of,
     seen_along,
-    unions,
 )
 
 Floats = NDArray[np.float64]
@@ -291,23 +288,15 @@ def _hits(facets: Facets, ends: Ends, beams: Beams) -> Hits:
     number, seen, triangles = number[meets], seen.taken(meets), triangles[meets]
     # windows end where triangles do: off a grid GEOS then loses whole polygons at times
     grid = GRID * facets.size
-    lit = _flat(shapely.intersection(window[meets], triangles, grid_size=grid))
+    lit = intersections(window[meets], triangles, grid)
     boxes = _side_by_side(seen.points, beam[number], facets.size)
     shadowed, left = less_shadows(seen, triangles, lit, boxes, grid)
-    lit[shadowed] = _flat(left)
+    lit[shadowed] = left
     least = NOTHING * facets.size * shapely.length(triangles)
     number, lit = number[shapely.area(lit) > least], lit[shapely.area(lit) > least]
     flat = (unfolded @ np.swapaxes(axes[:, :2], 1, 2))[number]
     parts = in_triangles(lit, flat, np.ones((len(number), 3)))
     return Hits(beams, beam[number], facet[number], signs[number], lit, parts)
-
-
-def _flat(shapes: Shapes) -> Shapes:
-    """Shapes without the lines and points along which others only touch them."""
-    kinds = shapely.GeometryType.POLYGON, shapely.GeometryType.MULTIPOLYGON
-    mixed = ~np.isin(shapely.get_type_id(shapes), kinds)
-    shapes[mixed] = shapely.buffer(shapes[mixed], 0.0)
-    return np.asarray(shapes, dtype=object)
 
 
 def _heights(facets: Facets, beams: Beams, corners: Floats) -> Floats:
@@ -383,7 +372,7 @@ def _add_fields(later: Complex, facets: Facets, hits: Hits, ends: Ends, lengths:
     hit, view, facet, signs, parts = (a[sees] for a in (hit, view, facet, signs, parts))
     limits = np.stack([seen.parts for seen in ends.seen])[view, facet]
     (cut,) = np.nonzero(~shapely.is_missing(limits))
-    parts[cut] = shapely.intersection(mended(parts[cut]), mended(limits[cut]), grid_size=GRID)
+    parts[cut] = intersections(mended(parts[cut]), mended(limits[cut]), GRID)
     pieces, owner = pieces_of(facets, facet, signs, parts)
     beams, view = hits.beams.taken(hits.beam[hit[owner]]), view[owner]
     back = np.swapaxes(beams.turn, 1, 2)

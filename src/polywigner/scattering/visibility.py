@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.scattering.facets import Facets
+from polywigner.scattering.overlays import Shapes, differences, intersections, mended, unions
 from polywigner.scattering.surface_sums import Pieces
 
 Floats = NDArray[np.float64]
@@ -74,7 +75,7 @@ def _too_many(triangles: int) -> ArgumentError:
     )
 
 
-def _overlapping(seen: Projected, polygons: NDArray[np.object_]) -> tuple[Indices, Indices]:
+def _overlapping(seen: Projected, polygons: Shapes) -> tuple[Indices, Indices]:
     """Numbers of both triangles (m,) of pairs that overlap, each once.
 
     ``polygons``: the triangles or boxes around them; only those whose boxes meet are compared.
@@ -109,7 +110,7 @@ def _apart(seen: Projected, one: Indices, other: Indices) -> NDArray[np.bool_]:
 
 def _nearer_parts(
     seen: Projected, hidden: Indices, before: Indices
-) -> tuple[Indices, NDArray[np.object_]]:
+) -> tuple[Indices, Shapes]:
     """Numbers of hidden triangles, and the parts of others nearer than the planes of these."""
     slopes = seen.slopes
     place = seen.points[before] - seen.points[hidden, :1]
@@ -127,7 +128,7 @@ def _nearer_parts(
     return hidden[flat], parts[flat]
 
 
-def _cut(points: Floats, ahead: Floats) -> NDArray[np.object_]:
+def _cut(points: Floats, ahead: Floats) -> Shapes:
     """The parts of triangles (n, 3, 2) where a linear function, given at the corners, is positive.
 
     It is so at one corner at least (Sutherland and Hodgman 1974). Parts without area may be lines.
@@ -146,12 +147,8 @@ def _cut(points: Floats, ahead: Floats) -> NDArray[np.object_]:
     return parts
 
 
-Shapes = NDArray[np.object_]
-
 # Cosine below which a face is seen edge-on and counts as dark.
 _EDGE_ON = 1e-12
-# Of unions, as a fraction of the picture: above rounding, far below what is cut.
-GRID = 1e-14
 _TRIANGLE = shapely.Polygon([(0, 0), (1, 0), (0, 1)])
 
 
@@ -275,22 +272,7 @@ def less_shadows(
     order = np.argsort(hidden, kind="stable")
     touched, numbers = np.unique(hidden[order], return_inverse=True)
     shadows = unions(shadows[order], numbers, max(seen.size, float(abs(seen.points).max())))
-    left = shapely.difference(lit[touched], shadows, grid_size=grid)
-    return touched, np.asarray(left, dtype=object)
-
-
-def unions(polygons: Shapes, numbers: NDArray[np.intp], whole: float) -> Shapes:
-    """The union of the polygons (m,) of each number, which rise; ``whole``: a size of the picture.
-
-    Of two polygons whose common edges differ by rounding GEOS may lose one. It does not on a grid,
-    which takes twice as long: so only where areas do not show that nothing is lost.
-    """
-    groups = np.asarray(shapely.geometrycollections(polygons, indices=numbers))[:, None]
-    unions = shapely.union_all(groups, axis=1)  # along an axis of length one: of each group
-    missing = np.bincount(numbers, shapely.area(polygons)) - shapely.area(unions)
-    some = missing > NOTHING * whole**2  # overlaps, or lost
-    unions[some] = shapely.union_all(groups[some], grid_size=GRID * whole, axis=1)
-    return np.asarray(unions, dtype=object)
+    return touched, differences(lit[touched], shadows, grid)
 
 
 def in_triangles(shapes: Shapes, points: Floats, ranges: Floats) -> Shapes:
@@ -301,14 +283,6 @@ def in_triangles(shapes: Shapes, points: Floats, ranges: Floats) -> Shapes:
     shares = np.column_stack([1 - inside.sum(axis=1), inside]) / ranges[owner]
     inside = shares[:, 1:] / shares.sum(axis=1, keepdims=True)
     return np.asarray(shapely.set_coordinates(shapes.copy(), inside), dtype=object)
-
-
-def mended(shapes: Shapes) -> Shapes:
-    """Shapes made valid: without spikes turned inside out or holes over the edge by rounding."""
-    bent = ~shapely.is_valid(shapes)
-    mended = shapes.copy()
-    mended[bent] = shapely.make_valid(shapes[bent], method="structure", keep_collapsed=False)
-    return mended
 
 
 def less_hidden(lit: Seen, seen: Seen, faces: NDArray[np.int8]) -> Seen:
@@ -322,7 +296,7 @@ def less_hidden(lit: Seen, seen: Seen, faces: NDArray[np.int8]) -> Seen:
     (cut,) = np.nonzero(turned & (seen.signs != 0) & ~shapely.is_missing(seen.parts))
     one = parts[cut]
     one[shapely.is_missing(one)] = _TRIANGLE
-    parts[cut] = shapely.intersection(mended(one), mended(seen.parts[cut]))
+    parts[cut] = intersections(mended(one), mended(seen.parts[cut]))
     return Seen(signs, parts)
 
 
