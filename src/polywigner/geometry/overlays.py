@@ -86,7 +86,9 @@ def polygonal(shapes: Any) -> Shapes:
     return result
 
 
-def _overlay(operation: Callable[..., Any], one: Shapes, other: Shapes, grid: float | None) -> Shapes:
+def _overlay(
+    operation: Callable[..., Any], one: Shapes, other: Shapes, grid: float | None
+) -> Shapes:
     try:
         return polygonal(operation(one, other, grid_size=grid))
     except GEOSException:  # does not name the pair that fails
