@@ -1,0 +1,479 @@
+"""The page: controls, figures and downloads of one browser session, on Panel."""
+
+from __future__ import annotations
+
+import io
+import math
+import time
+import warnings
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from functools import partial
+from html import escape
+from typing import Any, get_args
+
+import panel as pn
+from bokeh.models import CustomJSTickFormatter
+
+from polywigner.errors import PolywignerError
+from polywigner.explorer import state as states
+from polywigner.explorer import views
+from polywigner.explorer.plots import Editor, Plot
+from polywigner.explorer.state import CATALOGUE, State
+from polywigner.explorer.views import VIEWS, Name, Picture
+
+TITLE = "polywigner explorer"
+TEMPLATE = """
+{% extends base %}
+{% block preamble %}
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<style>body { background: #eef1f4; font-family: system-ui, sans-serif; }</style>
+{% endblock %}
+{% block contents %}{{ embed(roots.page) }}{% endblock %}
+"""
+_GRID = """
+:host { display: grid !important; gap: 8px; padding: 8px; box-sizing: border-box; width: 100%;
+  grid-template-columns: 390px minmax(0, 1fr); grid-template-rows: auto auto 1fr;
+  grid-template-areas: "head head" "editor views" "controls views"; align-items: start; }
+@media (max-width: 800px) {
+  :host { grid-template-columns: minmax(0, 1fr); padding: 4px; grid-template-rows: none;
+    grid-template-areas: "head" "editor" "views" "controls"; } }
+"""
+_VIEWS = """
+:host { display: grid !important; gap: 8px; width: 100%;
+  grid-template-columns: repeat(auto-fill, minmax(min(310px, 100%), 1fr)); align-items: start; }
+"""
+_CARD = ":host { background: white; border: 1px solid #d5dbe1; border-radius: 6px; }"
+_HEAD = ":host { padding: 4px 10px; align-items: center; flex-wrap: wrap; }" + _CARD
+_PAIR = ":host { display: grid !important; grid-template-columns: 1fr 1fr; gap: 0 6px; }"
+
+_QUICK_SECONDS, _FINE_SECONDS = 0.03, 1.0
+"""Time of one view while the state changes, and afterwards."""
+_FEWEST = 40
+"""Smallest number of samples along an axis."""
+
+_WIDE: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": (4, 8)}
+
+_LOG = {"wavelength": (0.05, 50), "width": (0.5, 100), "distance": (1, 1000)}
+"""Ranges of logarithmic sliders, in units."""
+
+
+class Explorer:
+    """One session of the page. ``layout`` is its Panel object, ``history`` its states."""
+
+    def __init__(self, state: State | None = None) -> None:
+        self.history = states.History(state or State())
+        self._document = pn.state.curdoc
+        self._pool = ThreadPoolExecutor(1, thread_name_prefix="explorer")
+        self._pictures: dict[Name, tuple[tuple[Any, ...], Picture]] = {}
+        self._rates: dict[Name, float] = {}
+        self._errors: dict[Name, str] = {}
+        self._is_following = False  # controls follow the state, so their changes are no edits
+        self._editor = Editor(self._outline_edited, partial(self._point_chosen, "x"))
+        marks = {"fourier": "nu", "wigner_nu": "nu", "wigner_x": "x"}
+        self._plots = {
+            name: Plot(name, partial(self._point_chosen, marks[name]) if name in marks else None)
+            for name in VIEWS
+        }
+        self._controls: dict[str, Any] = {}
+        self.layout = self._new_layout()
+        if self._document is not None:
+            self._document.on_session_destroyed(lambda _: self._pool.shutdown(cancel_futures=True))
+        self._follow()
+
+    @property
+    def state(self) -> State:
+        """The present state."""
+        return self.history.present
+
+    # --- Changes of the state
+
+    def edit(self, gesture: str = "", **changes: Any) -> None:
+        """Change the state; changes of one gesture are one step of the history."""
+        try:
+            self._change(self.history.then(replace(self.state, **changes), gesture))
+        except PolywignerError as error:
+            self._say(str(error))
+            self._follow()
+
+    def _change(self, history: states.History) -> None:
+        if history.present != self.state:
+            self._errors.clear()
+        self.history = history
+        self._follow(is_dragging=history.gesture == "drag")
+
+    def _outline_edited(self, rings: states.Rings, is_final: bool) -> None:
+        self.edit("drag", rings=rings)
+        if is_final:
+            self._change(self.history.ended())
+
+    def _point_chosen(self, name: str, point: states.Point) -> None:
+        self.edit(**{name: point})
+
+    def _control_changed(self, name: str, event: Any) -> None:
+        if self._is_following:
+            return
+        value = event.new
+        if name in _LOG:
+            value = float(f"{10**value:.4g}")
+        if name == "width":
+            self._change(self.history.then(self.state.with_width(value), name))
+        elif name == "wavelength":
+            self.edit(name, wave=f"{value:g} {self.state.unit}")
+        else:
+            self.edit(name, **{name: value})
+
+    def _gesture_ended(self, _event: Any) -> None:
+        self.history = self.history.ended()
+
+    def _shape_chosen(self, event: Any) -> None:
+        if event.new == "blank sheet":
+            self.edit(rings=())
+            self._draw_toggle.value = True
+        elif event.new in CATALOGUE:
+            self.edit(rings=states.rings_of(CATALOGUE[event.new]()), x=(0.0, 0.0))
+        self._shapes.value = "choose a shape …"
+
+    def _file_chosen(self, event: Any) -> None:
+        if not event.new:
+            return
+        try:
+            rings = states.read_upload(self._file.filename, event.new, self.state.unit)
+            self.edit(rings=rings)
+        except PolywignerError as error:
+            self._say(str(error))
+
+    def _text_applied(self, _event: Any) -> None:
+        try:
+            self.edit(rings=states.rings_of_text(self._text.value_input))
+        except PolywignerError as error:
+            self._say(str(error))
+
+    def _draw_toggled(self, event: Any) -> None:
+        self._draw_toggle.name = "Finish outline" if event.new else "Draw outline"
+        if event.new:
+            self._editor.start_sketch()
+            self._say("Click the corners; click the first one again to close the outline.", "info")
+        elif self._editor.sketch is not None:
+            self._editor.finish_sketch()
+
+    # --- The page follows the state
+
+    def _follow(self, is_dragging: bool = False) -> None:
+        """Show the state in the editor and the controls, and compute its views."""
+        state = self.state
+        self._editor.show(state, keep_handles=is_dragging)
+        self._is_following = True
+        try:
+            for name, control in self._controls.items():
+                self._set(name, control)
+            if self._draw_toggle.value and self._editor.sketch is None:
+                self._draw_toggle.value = False
+            self._undo.disabled = not self.history.past
+            self._redo.disabled = not self.history.future
+            if not is_dragging:
+                self._text.value = states.text_of_rings(state.rings)
+        finally:
+            self._is_following = False
+        self._plots["wigner_x"].show_mark(state.x)
+        for name in ("fourier", "wigner_nu"):
+            self._plots[name].show_mark(state.nu)
+            self._plots[name].show_horizon(1 / (state.wavelength * state.per_metre))
+        self._status.object = "computing …"
+        self._pool.submit(self._compute, state)
+
+    def _set(self, name: str, control: Any) -> None:
+        state = self.state
+        x0, _, x1, _ = state.box
+        lengths = {"wavelength": state.wavelength * state.per_metre, "width": x1 - x0}
+        value = lengths.get(name, getattr(state, name, None))
+        if name in _LOG:
+            if not value or value <= 0:
+                return
+            value = math.log10(value)
+        if isinstance(control, pn.widgets.FloatSlider):
+            control.param.update(
+                start=min(control.start, value), end=max(control.end, value), value=value,
+                name=f"{control.tags[0]} ({state.unit})" if control.tags[1] else control.tags[0],
+            )  # fmt: skip
+        elif control.value != value:
+            control.value = value
+
+    # --- Computation, in the session's thread
+
+    def _compute(self, state: State) -> None:
+        """Compute all visible views: first quickly with few samples, then with more.
+
+        A newer state stops the second part only, so views follow a drag that lasts.
+        """
+        if state is not self.state:
+            return
+        try:
+            support = views.support_of(state)
+        except PolywignerError as error:
+            self._post(self._show_invalid, state, str(error))
+            return
+        self._post(self._show_source, state, support)
+        for seconds in (_QUICK_SECONDS, _FINE_SECONDS):
+            for name in VIEWS:
+                if name not in self._visible.value:
+                    continue
+                while not self._is_shown(state, name, seconds):
+                    if seconds == _FINE_SECONDS and state is not self.state:
+                        return
+                    self._compute_view(state, name, self._samples(name, seconds))
+        self._post(self._finish, state)
+
+    def _samples(self, name: Name, seconds: float) -> int:
+        if name not in self._rates:
+            return _FEWEST
+        samples = math.sqrt(seconds / self._rates[name])
+        return int(min(max(samples, _FEWEST), views.SAMPLES))
+
+    def _is_shown(self, state: State, name: Name, seconds: float) -> bool:
+        if name in self._errors:
+            return True
+        needs, picture = self._pictures.get(name, ((), None))
+        if picture is None or needs != views.needed(state, name):
+            return False
+        if picture.image is None:
+            return True
+        if name not in self._rates:
+            return seconds == _QUICK_SECONDS
+        return len(picture.x) >= 0.8 * self._samples(name, seconds)
+
+    def _compute_view(self, state: State, name: Name, samples: int) -> None:
+        start = time.perf_counter()
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                picture = views.picture(state, name, samples)
+        except PolywignerError as error:
+            self._errors[name] = str(error)
+            self._post(self._plots[name].show_error, "not available, see above")
+            return
+        if name in self._pictures:  # the first time includes imports and compilation
+            self._rates[name] = (time.perf_counter() - start) / samples**2
+        self._pictures[name] = (views.needed(state, name), picture)
+        self._post(self._plots[name].show, picture)
+
+    def _post(self, show: Callable[..., None], *arguments: Any) -> None:
+        """Call a function with the document's lock."""
+        if self._document is None:
+            show(*arguments)
+        else:
+            self._document.add_next_tick_callback(partial(show, *arguments))
+
+    def _show_source(self, state: State, support: list[views.Polygon]) -> None:
+        self._editor.show_support(support)
+        self._views.styles = {"grid-area": "views"}
+        if state is self.state and not self._errors:
+            self._say("")
+
+    def _show_invalid(self, state: State, error: str) -> None:
+        if state is self.state:
+            self._views.styles = {"grid-area": "views", "opacity": "0.35"}
+            self._status.object = "not computed"
+            self._say(f"{error} The figures show an earlier outline.")
+
+    def _finish(self, state: State) -> None:
+        if state is not self.state:
+            return
+        self._status.object = "ready"
+        self._say("; ".join(f"{VIEWS[n]}: {text}" for n, text in self._errors.items()))
+        try:
+            values = views.values_at(state)
+        except PolywignerError:
+            values = {}
+        lines = "".join(f"<tr><td>{k}</td><td>{escape(v)}</td></tr>" for k, v in values.items())
+        self._values.object = f"<b>Values at the chosen x and ν</b><table>{lines}</table>"
+        self._show_code()
+
+    def _say(self, text: str, kind: str = "warning") -> None:
+        self._message.param.update(object=text, alert_type=kind, visible=bool(text))
+
+    # --- Downloads
+
+    def _picture(self) -> Picture:
+        """Return the picture of the view that is chosen for the downloads."""
+        name = self._saved.value
+        if name not in self._pictures:
+            self._compute_view(self.state, name, views.SAMPLES)
+        return self._pictures[name][1]
+
+    def _show_code(self, *_: Any) -> None:
+        try:
+            code = views.snippet(self.state, self._saved.value, len(self._picture().x))
+        except (PolywignerError, KeyError):
+            code = ""
+        self._code.object = f"<pre>{escape(code)}</pre>"
+        name = self._saved.value
+        self._png.filename, self._npz.filename = f"{name}.png", f"{name}.npz"
+
+    def _png_file(self) -> io.BytesIO:
+        return io.BytesIO(views.png(self._picture(), self.state.wave))
+
+    def _npz_file(self) -> io.BytesIO:
+        return io.BytesIO(views.npz(self._picture()))
+
+    def _geojson_file(self) -> io.BytesIO:
+        return io.BytesIO(states.geojson(self.state).encode())
+
+    # --- Layout
+
+    def _control(self, name: str, control: Any) -> Any:
+        control.param.watch(partial(self._control_changed, name), "value")
+        if isinstance(control, pn.widgets.FloatSlider):
+            control.param.watch(self._gesture_ended, "value_throttled")
+        self._controls[name] = control
+        return control
+
+    def _slider(self, name: str, label: str, low: float, high: float, step: float) -> Any:
+        slider = pn.widgets.FloatSlider(
+            name=label, start=low, end=high, step=step, value=low, tags=[label, False], **_WIDE
+        )
+        return self._control(name, slider)
+
+    def _log_slider(self, name: str, label: str) -> Any:
+        low, high = map(math.log10, _LOG[name])
+        shown = CustomJSTickFormatter(code="return (10**tick).toPrecision(3)")
+        slider = pn.widgets.FloatSlider(
+            name=label, start=low, end=high, step=0.005, value=low, format=shown,
+            tags=[label, True], **_WIDE,
+        )  # fmt: skip
+        return self._control(name, slider)
+
+    def _select(self, name: str, label: str, options: Any) -> Any:
+        return self._control(name, pn.widgets.Select(name=label, options=list(options), **_WIDE))
+
+    def _new_layout(self) -> Any:
+        self._undo = pn.widgets.Button(name="Undo", width=70)
+        self._redo = pn.widgets.Button(name="Redo", width=70)
+        self._undo.on_click(lambda _: self._change(self.history.undone()))
+        self._redo.on_click(lambda _: self._change(self.history.redone()))
+        self._status = pn.pane.HTML("computing …", width=110)
+        self._message = pn.pane.Alert("", visible=False, margin=0)
+        head = pn.Row(
+            pn.pane.HTML(f"<b>{TITLE}</b>"), self._undo, self._redo, self._status, self._message,
+            stylesheets=[_HEAD], styles={"grid-area": "head"}, sizing_mode="stretch_width",
+        )  # fmt: skip
+        editor = pn.Column(
+            pn.pane.Bokeh(self._editor.plot, sizing_mode="scale_width"),
+            self._new_outline_buttons(), stylesheets=[_CARD], styles={"grid-area": "editor"},
+            sizing_mode="stretch_width",
+        )  # fmt: skip
+        self._values = pn.pane.HTML("", sizing_mode="stretch_width")
+        panes = {
+            name: pn.Column(
+                pn.pane.Bokeh(plot.plot, sizing_mode="scale_width"), stylesheets=[_CARD],
+                sizing_mode="stretch_width",
+            )
+            for name, plot in self._plots.items()
+        }  # fmt: skip
+        controls = self._new_controls(panes)
+        self._views = pn.Column(
+            *panes.values(), pn.Column(self._values, stylesheets=[_CARD]),
+            stylesheets=[_VIEWS], styles={"grid-area": "views"}, sizing_mode="stretch_width",
+        )  # fmt: skip
+        return pn.Column(
+            head, editor, self._views, controls, stylesheets=[_GRID], name="page",
+            sizing_mode="stretch_width",
+        )  # fmt: skip
+
+    def _new_outline_buttons(self) -> Any:
+        self._draw_toggle = pn.widgets.Toggle(name="Draw outline", **_WIDE)
+        self._draw_toggle.param.watch(self._draw_toggled, "value")
+        delete = pn.widgets.Button(name="Delete vertex", **_WIDE)
+        delete.on_click(lambda _: self._editor.delete_selected())
+        self._shapes = pn.widgets.Select(
+            name="Start from",
+            options=["choose a shape …", "blank sheet", *CATALOGUE],
+            **_WIDE,
+        )
+        self._shapes.param.watch(self._shape_chosen, "value")
+        self._file = pn.widgets.FileInput(accept=",".join(states.FILE_SUFFIXES), **_WIDE)
+        self._file.param.watch(self._file_chosen, "value")
+        return pn.Column(
+            pn.Row(self._draw_toggle, delete, sizing_mode="stretch_width"),
+            pn.Column(self._shapes, self._select("unit", "Unit of length", states.UNITS),
+                      stylesheets=[_PAIR], sizing_mode="stretch_width"),
+            self._file, sizing_mode="stretch_width",
+        )  # fmt: skip
+
+    def _new_controls(self, panes: dict[Name, Any]) -> Any:
+        integer = partial(pn.widgets.IntInput, start=1, end=states.MAX_ELEMENTS, **_WIDE)
+        source = [
+            self._log_slider("width", "Width of the outline"),
+            self._log_slider("wavelength", "Wavelength"),
+            self._control("wave", pn.widgets.TextInput(name="Frequency or wavelength", **_WIDE)),
+            self._select("taper", "Taper", get_args(states.Taper)),
+            self._slider("theta", "Steering θ (degrees)", 0, 80, 0.5),
+            self._slider("phi", "Azimuth φ (degrees)", -180, 180, 1),
+            self._control("columns", integer(name="Columns")),
+            self._control("rows", integer(name="Rows")),
+            self._control("pitch", pn.widgets.FloatInput(name="Pitch", start=1e-6, **_WIDE)),
+        ]
+        shown = [
+            self._select("part", "F(ν) as", get_args(states.Part)),
+            self._slider("reach", "Largest sin θ (0: auto)", 0, 1, 0.01),
+            self._slider("coherence", "Coherence width (0: coherent)", 0, 30, 0.5),
+            self._slider("defocus", "Defocus W20 (waves)", -3, 3, 0.05),
+            self._log_slider("distance", "Distance of the near field"),
+            self._select("polarisation", "Polarisation", get_args(states.Polarisation)),
+        ]
+        labels = {label: name for name, label in VIEWS.items()}
+        self._visible = pn.widgets.CheckBoxGroup(
+            options=labels, value=list(VIEWS), inline=True, **_WIDE
+        )
+
+        def show_views(event: Any) -> None:
+            for name, pane in panes.items():
+                pane.visible = name in event.new
+            self._follow()
+
+        self._visible.param.watch(show_views, "value")
+        self._saved = pn.widgets.Select(name="View", options=labels, **_WIDE)
+        self._saved.param.watch(self._show_code, "value")
+        self._png, self._npz, outline = (
+            pn.widgets.FileDownload(callback=call, filename=name, label=label, **_WIDE)
+            for call, name, label in (
+                (self._png_file, "view.png", "PNG of the view"),
+                (self._npz_file, "view.npz", "npz of the view"),
+                (self._geojson_file, "aperture.geojson", "GeoJSON of the aperture"),
+            )
+        )
+        self._code = pn.pane.HTML("", sizing_mode="stretch_width", stylesheets=[
+            "pre { overflow: auto; font-size: 11px; max-height: 260px; user-select: all; }"
+        ])  # fmt: skip
+        self._text = pn.widgets.TextAreaInput(
+            name="x y of a vertex per line, a blank line between outlines", rows=7, **_WIDE
+        )
+        apply = pn.widgets.Button(name="Apply", **_WIDE)
+        apply.on_click(self._text_applied)
+        groups = {
+            "Source": [
+                pn.Column(*source[:6], stylesheets=[_PAIR], sizing_mode="stretch_width"),
+                pn.Row(*source[6:], sizing_mode="stretch_width"),
+            ],
+            "Views": [
+                pn.Column(*shown, stylesheets=[_PAIR], sizing_mode="stretch_width"),
+                self._visible,
+            ],
+            "Save": [self._saved, self._png, self._npz, outline, self._code],
+            "Coordinates": [self._text, apply],
+        }
+        cards = [
+            pn.Card(*parts, title=title, collapsed=title in ("Save", "Coordinates"),
+                    sizing_mode="stretch_width", margin=(0, 0, 8, 0))
+            for title, parts in groups.items()
+        ]  # fmt: skip
+        return pn.Column(*cards, styles={"grid-area": "controls"}, sizing_mode="stretch_width")
+
+
+def new_page(state: State | None = None) -> Any:
+    """Return the page of a new session as a Panel template."""
+    page = pn.Template(TEMPLATE)
+    page.title = TITLE
+    page.add_panel("page", Explorer(state).layout)
+    return page

@@ -1,0 +1,434 @@
+"""State of the explorer: outline, illumination and chosen point, independent of the page."""
+
+from __future__ import annotations
+
+import json
+import math
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import numpy as np
+import shapely
+
+import polywigner as pw
+from polywigner.errors import ArgumentError, FileFormatError, GeometryError, PolywignerError
+from polywigner.geometry import Aperture, shapes
+from polywigner.geometry.io.outlines import nested
+from polywigner.quantities import parse_frequency, parse_length, wavelength_of
+
+Unit = Literal["m", "cm", "mm", "µm", "nm"]
+Taper = Literal["uniform", "cosine", "Taylor 30 dB"]
+Polarisation = Literal["scalar", "x", "y", "right", "left"]
+Part = Literal["level", "real", "phase"]
+Point = tuple[float, float]
+Ring = tuple[Point, ...]
+Rings = tuple[Ring, ...]
+Source = pw.Aperture | pw.Array
+
+UNITS: Mapping[str, int] = {"m": 1, "cm": 100, "mm": 1000, "µm": 10**6, "nm": 10**9}
+"""Number of each unit in one metre."""
+
+CATALOGUE: Mapping[str, Callable[[], Aperture]] = {
+    "chevron": lambda: shapes.chevron(20, 12, 4),
+    "square": lambda: shapes.square(10),
+    "rectangle": lambda: shapes.rectangle(12, 8),
+    "triangle": lambda: shapes.triangle(12, 10),
+    "hexagon": lambda: shapes.regular_polygon(6, 6),
+    "disc": lambda: shapes.disc(5, 32),
+    "ring": lambda: shapes.ring(6, 3, 24),
+    "star": lambda: shapes.star(5, 7, 3),
+    "two chevrons": lambda: shapes.chevron_pair(20, 12, 4),
+    "vee": lambda: shapes.vee(12, 10, 2),
+    "u shape": lambda: shapes.u_shape(12, 10, 3),
+    "bow tie": lambda: shapes.bow_tie(14, 8, 1),
+    "double slit": lambda: shapes.double_slit(2, 12, (-4, 4)),
+    "18 hexagons": lambda: shapes.hexagonal_segments(2.5, 0.1),
+}
+"""Shapes of about ten units, in any unit."""
+
+FILE_SUFFIXES = (
+    ".geojson", ".json", ".wkt", ".csv", ".txt", ".svg", ".dxf", ".gds", ".gbr", ".ger", ".gtl",
+    ".gbl", ".art",
+)  # fmt: skip
+LARGEST_FILE = 1 << 20
+"""Largest file of the page, in bytes."""
+MAX_VERTICES = 1000
+"""Largest number of vertices with handles; a transform of 1,000 edges takes seconds."""
+MAX_ELEMENTS = 256
+"""Largest number of elements of an array."""
+SIGNIFICANT_DIGITS = 6
+"""Digits of coordinates that come from a file or the catalogue."""
+
+_MIN_COHERENCE = 0.1  # of the longer side; smaller widths sum W over more than 1,000 frequencies
+_MAX_COHERENCE_EDGES = 60
+
+
+_CHEVRON: Rings = ((
+    (-10.0, -2.0), (-10.0, -6.0), (0.0, 2.0), (10.0, -6.0), (10.0, -2.0), (0.0, 6.0),
+),)  # fmt: skip
+
+
+def rings_of(aperture: Aperture, per_metre: float = 1) -> Rings:
+    """Return the outlines of an aperture in units, rounded to a millionth of its diameter."""
+    size = aperture.diameter * per_metre
+    digits = max(0, SIGNIFICANT_DIGITS - 1 - math.floor(math.log10(size)))
+    return tuple(
+        tuple((_rounded(x * per_metre, digits), _rounded(y * per_metre, digits)) for x, y in ring)
+        for ring in aperture.rings
+    )
+
+
+def _rounded(value: float, digits: int) -> float:
+    return round(float(value), digits) + 0.0  # no -0.0
+
+
+@dataclass(frozen=True)
+class State:
+    """Aperture, illumination and settings of the views. Lengths are in ``unit``.
+
+    Raises
+    ------
+    ArgumentError
+        For values outside their range. Outlines may intersect themselves while they are edited:
+        :func:`source_of` checks them.
+    """
+
+    rings: Rings = _CHEVRON
+    """Outlines; outlines inside others are holes."""
+    unit: Unit = "mm"
+    wave: str = "94 GHz"
+    """A frequency or a wavelength."""
+    taper: Taper = "uniform"
+    theta: float = 0.0
+    """Angle of the steered beam from the normal, in degrees."""
+    phi: float = 0.0
+    """Azimuth of the steered beam and of the first cut of the far field, in degrees."""
+    columns: int = 1
+    rows: int = 1
+    pitch: float = 12.0
+    """Distance of neighbouring array elements."""
+    polarisation: Polarisation = "scalar"
+    x: Point = (0.0, 0.0)
+    """The chosen position."""
+    nu: Point = (0.0, 0.0)
+    """The chosen spatial frequency, in cycles per unit."""
+    coherence: float = 0.0
+    """Width over which the source is coherent; 0: full coherence."""
+    defocus: float = 0.0
+    """Defocus W20 at the farthest vertex, in waves."""
+    distance: float = 50.0
+    """Distance of the plane of the near field from the source."""
+    reach: float = 0.0
+    """Largest direction cosine of the frequency axes; 0: eight lobes of the source."""
+    part: Part = "level"
+    """Part of the Fourier transform that is shown."""
+
+    def __post_init__(self) -> None:
+        rings = tuple(tuple((float(x), float(y)) for x, y in ring) for ring in self.rings)
+        object.__setattr__(self, "rings", rings)
+        count = sum(map(len, rings))
+        if count > MAX_VERTICES:
+            raise ArgumentError(
+                f"outline with {count} vertices is too large for the page; use at most "
+                f"{MAX_VERTICES}, or `polywigner transform`"
+            )
+        if not np.isfinite([p for ring in rings for p in ring]).all():
+            raise ArgumentError("vertices must be finite numbers")
+        for name, choices in (
+            ("unit", Unit), ("taper", Taper), ("polarisation", Polarisation), ("part", Part),
+        ):  # fmt: skip
+            if getattr(self, name) not in get_args(choices):
+                raise ArgumentError(f"{name} must be one of {', '.join(get_args(choices))}")
+        ranges = {
+            "theta": (0, 89), "columns": (1, MAX_ELEMENTS), "rows": (1, MAX_ELEMENTS),
+            "coherence": (0, 1e12), "reach": (0, 1), "distance": (1e-12, 1e12),
+            "pitch": (1e-12, 1e12),
+        }  # fmt: skip
+        for name, (low, high) in ranges.items():
+            if not low <= getattr(self, name) <= high:
+                raise ArgumentError(
+                    f"{name} must lie between {low:g} and {high:g}, got {getattr(self, name)!r}"
+                )
+        self.wavelength  # noqa: B018 (raises for a wave that cannot be parsed)
+
+    @property
+    def wavelength(self) -> float:
+        """Wavelength in metres."""
+        try:
+            return wavelength_of(parse_frequency(self.wave))
+        except PolywignerError:
+            pass
+        try:
+            return parse_length(self.wave)
+        except PolywignerError:
+            raise ArgumentError(
+                f"frequency or wavelength {self.wave!r} cannot be parsed; write for example "
+                '"94 GHz" or "3.19 mm"'
+            ) from None
+
+    @property
+    def per_metre(self) -> int:
+        """Number of units in one metre."""
+        return UNITS[self.unit]
+
+    @property
+    def box(self) -> tuple[float, float, float, float]:
+        """Bounds of the outlines: least x and y, largest x and y; zeros without an outline."""
+        points = np.array([p for ring in self.rings for p in ring]).reshape(-1, 2)
+        if not len(points):
+            return 0.0, 0.0, 0.0, 0.0
+        return (*map(float, points.min(0)), *map(float, points.max(0)))  # type: ignore[return-value]
+
+    def with_width(self, width: float) -> State:
+        """Return the state with the outlines scaled about their centre to a width."""
+        x0, y0, x1, y1 = self.box
+        if not (x1 > x0 and width > 0):
+            return self
+        factor, cx, cy = width / (x1 - x0), (x0 + x1) / 2, (y0 + y1) / 2
+        return replace(self, rings=tuple(
+            tuple((_significant(cx + factor * (x - cx)), _significant(cy + factor * (y - cy)))
+                  for x, y in ring)
+            for ring in self.rings
+        ))  # fmt: skip
+
+
+def _significant(value: float) -> float:
+    return float(f"{value:.9g}") + 0.0
+
+
+@dataclass(frozen=True)
+class History:
+    """The present state, and earlier and later ones; the last 200 are kept.
+
+    Successive changes with the same ``gesture``, such as a drag, are one step.
+    """
+
+    present: State = field(default_factory=State)
+    past: tuple[State, ...] = ()
+    future: tuple[State, ...] = ()
+    gesture: str = ""
+
+    def then(self, state: State, gesture: str = "") -> History:
+        """Return a history with a new present; an equal state is no step."""
+        if state == self.present:
+            return self
+        if gesture and gesture == self.gesture:
+            return replace(self, present=state)
+        return History(state, (*self.past, self.present)[-200:], (), gesture)
+
+    def ended(self) -> History:
+        """Return the history with its gesture ended: the next change is a step."""
+        return replace(self, gesture="")
+
+    def undone(self) -> History:
+        """Return the history one step earlier."""
+        if not self.past:
+            return self
+        return History(self.past[-1], self.past[:-1], (self.present, *self.future))
+
+    def redone(self) -> History:
+        """Return the history one step later."""
+        if not self.future:
+            return self
+        return History(self.future[0], (*self.past, self.present), self.future[1:])
+
+
+# --- Editing
+
+
+def with_vertex(rings: Rings, point: Point) -> Rings:
+    """Insert a vertex at a point, into the nearest edge."""
+    edges = [(k, j) for k, ring in enumerate(rings) for j in range(len(ring))]
+    if not edges:
+        return rings
+    lines = [(rings[k][j], rings[k][(j + 1) % len(rings[k])]) for k, j in edges]
+    k, j = edges[int(np.argmin(shapely.distance(shapely.linestrings(lines), shapely.Point(point))))]
+    return (*rings[:k], (*rings[k][: j + 1], point, *rings[k][j + 1 :]), *rings[k + 1 :])
+
+
+def rings_of_rows(rows: Sequence[tuple[int, float, float]]) -> Rings:
+    """Return the outlines of rows (number of the outline, x, y) that have three vertices."""
+    numbers = dict.fromkeys(number for number, _, _ in rows)
+    rings = [tuple((float(x), float(y)) for n, x, y in rows if n == k) for k in numbers]
+    return tuple(ring for ring in rings if len(ring) >= 3)
+
+
+def rings_of_text(text: str) -> Rings:
+    """Return the outlines of a text: a vertex "x y" per line, a blank line between outlines.
+
+    Raises ArgumentError for a line without two numbers, and for less than three vertices.
+    """
+    rings: list[list[Point]] = [[]]
+    for line in text.replace(",", " ").splitlines():
+        if not line.strip():
+            rings.append([])
+            continue
+        try:
+            x, y = map(float, line.split())
+        except ValueError:
+            raise ArgumentError(f"line {line[:40]!r} must contain x and y") from None
+        rings[-1].append((x, y))
+    if any(0 < len(ring) < 3 for ring in rings):
+        raise ArgumentError("an outline must have at least three vertices")
+    return tuple(tuple(ring) for ring in rings if ring)
+
+
+def text_of_rings(rings: Rings) -> str:
+    """Return outlines as text, the inverse of :func:`rings_of_text`."""
+    return "\n\n".join("\n".join(f"{x!r} {y!r}" for x, y in ring) for ring in rings)
+
+
+# --- Files
+
+
+def read_upload(name: str, content: bytes, unit: Unit) -> Rings:
+    """Return the outlines in units of an uploaded aperture file.
+
+    Raises PolywignerError for a file that is too large, has an unknown suffix or cannot be read.
+    """
+    suffix = Path(name).suffix.lower()
+    if suffix not in FILE_SUFFIXES:
+        raise FileFormatError(f"{name}: unknown suffix; expected {', '.join(FILE_SUFFIXES)}")
+    if len(content) > LARGEST_FILE:
+        raise FileFormatError(
+            f"{name}: {len(content) / 2**20:.1f} MiB is too large for the page, at most 1 MiB; "
+            "simplify the drawing"
+        )
+    with tempfile.TemporaryDirectory(prefix="polywigner-") as folder:
+        path = Path(folder) / f"aperture{suffix}"
+        path.write_bytes(content)
+        try:
+            aperture = pw.read_aperture(path, unit={"µm": "um"}.get(unit, unit))
+        except PolywignerError as error:
+            raise FileFormatError(str(error).replace(str(path), name)) from None
+    rings = rings_of(aperture, UNITS[unit])
+    State(rings=rings)  # its limits
+    return rings
+
+
+def geojson(state: State) -> str:
+    """Return the outline of the element as a GeoJSON Feature in mm.
+
+    Raises PolywignerError for outlines that are no polygons.
+    """
+    polygons = aperture_of(state.rings, state.per_metre).polygons
+    # 15 digits reproduce the typed number
+    in_mm = np.vectorize(lambda metres: float(f"{metres * UNITS['mm']:.15g}"))
+    shape = polygons if len(polygons.geoms) > 1 else polygons.geoms[0]
+    feature = {
+        "type": "Feature",
+        "properties": {"unit": "mm", "wave": state.wave},
+        "geometry": shapely.geometry.mapping(shapely.transform(shape, in_mm)),
+    }
+    return json.dumps(feature, indent=1) + "\n"
+
+
+# --- Sources
+
+
+@lru_cache(maxsize=64)
+def aperture_of(rings: Rings, per_metre: int) -> Aperture:
+    """Return the aperture of outlines in units, in metres.
+
+    Raises GeometryError for outlines that intersect themselves or each other.
+    """
+    if not rings:
+        raise GeometryError("the sheet is empty; draw an outline or choose a shape")
+    polygons = nested([np.array(ring, dtype=np.float64) for ring in rings])
+    return pw.Aperture(
+        [
+            shapely.Polygon(exterior / per_metre, [hole / per_metre for hole in holes])
+            for exterior, *holes in polygons
+        ]
+    )
+
+
+def source_code(state: State) -> str:
+    """Return Python code that makes ``source``, and ``light`` with its coherence width.
+
+    The page computes with this code too. Raises PolywignerError for outlines that are no polygons,
+    too large arrays, and coherence widths below a tenth of the source.
+    """
+    count = state.columns * state.rows
+    if count > MAX_ELEMENTS:
+        raise ArgumentError(f"an array of {count} elements is too large; use {MAX_ELEMENTS}")
+    lines = [f"wavelength = {state.wavelength!r}  # m", "source = pw.Aperture([  # m"]
+    for exterior, *holes in polygons_of(aperture_of(state.rings, state.per_metre).polygons):
+        inner = f", {[ring.tolist() for ring in holes]}" if holes else ""
+        lines.append(f"    shapely.Polygon({exterior.tolist()}{inner}),")
+    lines.append("])")
+    if state.taper != "uniform":
+        lines += [
+            "xmin, ymin, xmax, ymax = source.bounds",
+            f"taper = pw.{_TAPERS[state.taper]}(xmax - xmin, ymax - ymin).moved(source.centre)",
+            "source = source.with_illumination(taper)",
+        ]
+    if state.theta > 0:
+        lines += [
+            f"theta, phi = np.radians([{state.theta!r}, {state.phi!r}])",
+            "beam = (np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta))",
+        ]
+    if count > 1:
+        pitch = state.pitch / state.per_metre
+        lines += [f"sites = pw.arrays.grid_positions({state.columns}, {state.rows}, {pitch!r})"]
+        weights = "pw.arrays.steering_weights(sites, beam, wavelength)"
+        lines += [f"source = pw.phased_array(source, sites, {weights if state.theta else None})"]
+    elif state.theta > 0:
+        field = "pw.steering(beam, wavelength)" + (" * taper" if state.taper != "uniform" else "")
+        lines += [f"source = source.with_illumination({field})"]
+    coherent = f".partially_coherent({state.coherence / state.per_metre!r})"
+    lines.append(f"light = source{coherent if state.coherence else ''}")
+    return "\n".join(lines) + "\n"
+
+
+_TAPERS = {"cosine": "cosine_taper", "Taylor 30 dB": "taylor_taper"}
+
+
+def run(code: str, **names: Any) -> dict[str, Any]:
+    """Run code that :func:`source_code` or the views wrote, and return its variables."""
+    variables = {"np": np, "shapely": shapely, "pw": pw, **names}
+    exec(code, variables)
+    return variables
+
+
+@lru_cache(maxsize=64)
+def _variables(code: str) -> dict[str, Any]:
+    return run(code)
+
+
+def source_of(state: State) -> Source:
+    """Return the tapered and steered aperture, or the phased array of such elements."""
+    return variables_of(state)["source"]  # type: ignore[no-any-return]
+
+
+def variables_of(state: State) -> dict[str, Any]:
+    """Return ``source``, ``light`` and ``wavelength`` of a state. Raises as `source_code`.
+
+    Raises ArgumentError for a coherence width that makes the page slow.
+    """
+    variables = _variables(source_code(state))
+    low, high = np.reshape(variables["source"].bounds, (2, 2))
+    edges = sum(map(len, state.rings)) * state.columns * state.rows
+    if state.coherence and (
+        state.coherence < _MIN_COHERENCE * (high - low).max() * state.per_metre
+        or edges > _MAX_COHERENCE_EDGES
+    ):
+        raise ArgumentError(
+            f"coherence width {state.coherence:g} {state.unit} is too slow for the page; use at "
+            f"least a tenth of the source and at most {_MAX_COHERENCE_EDGES} edges"
+        )
+    return variables
+
+
+def polygons_of(shape: Any) -> list[list[np.ndarray]]:
+    """Return the polygons of a shapely geometry as arrays of open rings."""
+    polygons = [p for p in getattr(shape, "geoms", [shape]) if p.geom_type == "Polygon"]
+    return [
+        [np.asarray(ring.coords)[:-1] for ring in (p.exterior, *p.interiors)]
+        for p in polygons
+        if not p.is_empty
+    ]

@@ -1,0 +1,283 @@
+"""The eight views of a state: their code, which the page runs and shows, as images and files."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+import polywigner as pw
+from polywigner.explorer.state import (
+    State,
+    polygons_of,
+    run,
+    source_code,
+    source_of,
+    variables_of,
+)
+from polywigner.figures import style
+from polywigner.figures.levels import level_db
+from polywigner.illumination.support import mutual_support
+
+Polygon = list[NDArray[np.float64]]  # exterior and holes, each (n, 2)
+Name = Literal["fourier", "wigner_nu", "wigner_x", "ambiguity", "otf", "far", "near", "lags"]
+
+VIEWS: Mapping[Name, str] = {
+    "fourier": "Fourier transform", "wigner_nu": "Wigner over ν", "wigner_x": "Wigner over x",
+    "ambiguity": "Ambiguity", "otf": "OTF", "far": "Directivity", "near": "Near field",
+    "lags": "Lag slice",
+}  # fmt: skip
+"""Labels of the views."""
+SAMPLES = 160
+"""Samples along each axis of an image, at most."""
+FLOOR_DB = -40.0
+
+_LOBES = 8.0  # half width of frequency axes in 1/diagonal
+_MARGIN = 1.05
+_BEAM = 3.0  # half width of the near field's plane: half the source and three lobes
+_WIDE = 0.5  # sine of the angle from which all directions are shown
+
+_GRID = """
+axis = np.linspace(-{half!r}, {half!r}, {samples})
+x, y = {x!r} + axis, {y!r} + axis
+grid = np.stack(np.meshgrid(x, y), axis=-1)
+"""
+# engine="numpy": nothing is compiled, so a new outline costs as much as an old one
+_CODE: Mapping[Name, str] = {
+    "fourier": _GRID + 'values = pw.fourier(source, grid, engine="numpy")  # m², axes in 1/m',
+    "wigner_nu": _GRID
+    + 'values = pw.wigner(light, {position!r}, grid, engine="numpy")  # m², axes in 1/m',
+    "wigner_x": _GRID + 'values = pw.wigner(light, grid, {nu!r}, engine="numpy")  # m²',
+    "otf": _GRID + 'values = pw.otf(source, grid, {defocus!r}, engine="numpy")',
+    "ambiguity": """
+x = np.linspace(-{half!r}, {half!r}, {samples})  # lags in m
+y = np.linspace(-{half_nu!r}, {half_nu!r}, {samples})  # frequencies in 1/m
+xi, upsilon = (np.stack([v, 0 * v], axis=-1) for v in np.meshgrid(x, y))
+values = pw.ambiguity(source, upsilon, xi, engine="numpy")  # m²""",
+    "near": _GRID
+    + """z = np.full((*grid.shape[:2], 1), {distance!r})
+points = np.concatenate([grid, z], axis=-1)
+values = pw.irradiance(source, points, wavelength, "kirchhoff")""",
+    "lags": 'values = pw.lag_slice(getattr(source, "support", source), {position!r})  # m',
+    "far": """
+x = np.linspace(-{angle!r}, {angle!r}, 361)
+pattern = pw.radiation_pattern(
+    source, wavelength, x, np.radians({azimuths}), polarisation={polarisation!r}, engine="numpy"
+)
+values = pattern["directivity"].values  # dBi""",
+}
+_CROSS = """
+scale = 4 * np.pi / pattern.attrs["radiated_power"]
+values = 10 * np.log10(scale * abs(pattern["field"].values) ** 2)  # dBi, co-polar
+cross = 10 * np.log10(scale * abs(pattern["cross_field"].values) ** 2)  # dBi, cross-polar"""
+
+
+def view_code(state: State, name: Name, samples: int = SAMPLES) -> str:
+    """Return the code of a view, after the one of the source."""
+    xmin, ymin, xmax, ymax = source_of(state).bounds
+    size, wavelength = max(xmax - xmin, ymax - ymin) / 2, state.wavelength
+    distance = state.distance / state.per_metre
+    steered = math.sin(math.radians(state.theta))
+    lobes = _LOBES * wavelength / (2 * math.sqrt(2) * size)
+    reach = state.reach or min(1.0, lobes + steered)
+    half_nu, lag = reach / wavelength, _MARGIN * 2 * size
+    beam = min(0.7, _BEAM * wavelength / (2 * size) + steered)
+    plane = size + distance * beam / math.sqrt(1 - beam**2)
+    halves = {"wigner_x": _MARGIN * size, "otf": lag, "ambiguity": lag, "near": plane}
+    is_centred = name in ("wigner_x", "near")
+    numbers = {
+        "samples": samples, "half": float(halves.get(name, half_nu)), "half_nu": float(half_nu),
+        "x": (xmin + xmax) / 2 if is_centred else 0.0,
+        "y": (ymin + ymax) / 2 if is_centred else 0.0,
+        "position": tuple(v / state.per_metre for v in state.x),
+        "nu": tuple(v * state.per_metre for v in state.nu),
+        "defocus": state.defocus, "distance": distance, "azimuths": [state.phi, state.phi + 90],
+        "angle": math.pi / 2 if reach > _WIDE and not state.reach else math.asin(reach),
+        "polarisation": None if state.polarisation == "scalar" else state.polarisation,
+    }  # fmt: skip
+    code = _CODE[name].format(**numbers)
+    return code + (_CROSS if name == "far" and numbers["polarisation"] else "") + "\n"
+
+
+def snippet(state: State, name: Name, samples: int = SAMPLES) -> str:
+    """Return Python code that computes the values of a view as ``values``."""
+    imports = "import numpy as np\nimport shapely\n\nimport polywigner as pw\n\n"
+    return imports + source_code(state) + view_code(state, name, samples)
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """A view as it is drawn, in the unit of the page, and its values in SI units."""
+
+    title: str
+    x_label: str
+    y_label: str
+    arrays: Mapping[str, NDArray[Any]]
+    """Values and axes in SI units."""
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+    """Axes of an image, otherwise limits; ``x`` of curves is their argument."""
+    image: NDArray[np.float64] | None = None
+    """Displayed values (y, x)."""
+    limits: tuple[float, float] = (0.0, 1.0)
+    """Lowest and highest value of the colour scale."""
+    colours: str = style.LEVEL_MAP
+    """A matplotlib colour map."""
+    quantity: str = ""
+    """Quantity and unit of the colour scale."""
+    curves: Mapping[str, NDArray[np.float64]] | None = None
+    outlines: Sequence[Polygon] | None = None
+
+
+def picture(state: State, name: Name, samples: int = SAMPLES) -> Picture:
+    """Compute a view with a number of samples along each axis.
+
+    Raises PolywignerError for a state whose view cannot be computed.
+    """
+    code = view_code(state, name, samples)
+    result = run(code, **variables_of(state))
+    scale, unit, part = float(state.per_metre), state.unit, state.part
+    at_x = f"at x = ({state.x[0]:.3g}, {state.x[1]:.3g}) {unit}"
+    if name == "lags":
+        polygons = polygons_of(result["values"])
+        xmin, ymin, xmax, ymax = source_of(state).bounds
+        lag = _MARGIN * 2 * max(xmax - xmin, ymax - ymin) / 2 * scale
+        limits = np.array([-lag, lag])
+        return Picture(
+            f"Lag slice {at_x}", f"ξ_x ({unit})", f"ξ_y ({unit})",
+            {f"ring_{k}": ring for k, ring in enumerate(r for p in polygons for r in p)},
+            limits, limits, outlines=[[ring * scale for ring in p] for p in polygons],
+        )  # fmt: skip
+    values, x = result["values"], result["x"]
+    if name == "far":
+        return _far_field(state, result)
+    y = result["y"]
+    arrays = {"values": values, "x": x, "y": y}
+    if name in ("fourier", "wigner_nu"):
+        labels = f"ν_x (1/{unit})", f"ν_y (1/{unit})", x / scale, y / scale
+    elif name == "ambiguity":
+        labels = f"ξ_x ({unit})", f"υ_x (1/{unit})", x * scale, y / scale
+    else:
+        symbol = "ξ_" if name == "otf" else ""
+        labels = f"{symbol}x ({unit})", f"{symbol}y ({unit})", x * scale, y * scale
+    at_nu = f"at ν = ({state.nu[0]:.3g}, {state.nu[1]:.3g}) /{unit}"
+    title = {
+        "fourier": "Fourier transform F(ν)", "wigner_nu": f"W(x, ν) {at_x}",
+        "wigner_x": f"W(x, ν) {at_nu}", "otf": f"OTF, defocus {state.defocus:.3g} waves",
+        "ambiguity": "Ambiguity A(υ, ξ) along x",
+        "near": f"Near field at z = {state.distance:.3g} {unit}",
+    }[name]  # fmt: skip
+    if name == "otf":
+        shown = np.abs(values), (0.0, 1.0), style.LEVEL_MAP, "|OTF|"
+    elif name == "fourier" and part == "phase":
+        shown = np.degrees(np.angle(values)), (-180.0, 180.0), style.PHASE_MAP, "phase in degrees"
+    elif name.startswith("wigner") or (name == "fourier" and part == "real"):
+        real = np.real(values) * scale**2
+        peak = float(np.abs(real).max()) or 1.0
+        quantity = f"{'Re F' if name == 'fourier' else 'W'} in {unit}²"
+        shown = real, (-peak, peak), style.SIGNED_MAP, quantity
+    else:
+        power = values if name == "near" else np.abs(values) ** 2
+        peak = float(power.max())
+        symbol = {"fourier": "|F|²", "ambiguity": "|A|²"}.get(name, "irradiance")
+        zero = f"{peak:.3g} |u|²" if name == "near" else f"{peak * scale**4:.3g} {unit}⁴"
+        levels = level_db(power, peak if peak > 0 else None, FLOOR_DB)
+        shown = levels, (FLOOR_DB, 0.0), style.LEVEL_MAP, f"{symbol} in dB re {zero}"
+    (x_label, y_label, x_axis, y_axis), (image, limits, colours, quantity) = labels, shown
+    return Picture(
+        title, x_label, y_label, arrays, x_axis, y_axis, image, limits, colours, quantity
+    )
+
+
+def _far_field(state: State, result: Mapping[str, Any]) -> Picture:
+    values, theta = result["values"], result["x"]
+    names = [f"φ = {angle:.4g}°" for angle in (state.phi, state.phi + 90)]
+    curves = dict(zip(names, values.T, strict=True))
+    arrays = {"values": values, "theta": theta, "phi": np.radians([state.phi, state.phi + 90])}
+    if "cross" in result:
+        arrays["cross"] = result["cross"]
+        crosses = [f"{name}, cross" for name in names]
+        curves |= dict(zip(crosses, result["cross"].T, strict=True))
+    peak = float(values.max())
+    top = 5 * math.ceil((peak + 1) / 5)
+    return Picture(
+        f"Directivity, peak {peak:.2f} dBi", "θ (degrees)", "directivity (dBi)", arrays,
+        np.degrees(theta), np.array([top + FLOOR_DB, top]), curves=curves,
+    )  # fmt: skip
+
+
+def support_of(state: State) -> list[Polygon]:
+    """Return the support of W over positions, in units."""
+    polygons = polygons_of(mutual_support(source_of(state)).polygons)
+    return [[ring * state.per_metre for ring in polygon] for polygon in polygons]
+
+
+def values_at(state: State) -> dict[str, str]:
+    """Return transforms at the chosen position and frequency, as texts with units."""
+    variables = variables_of(state)
+    x = np.array(state.x) / state.per_metre
+    nu = np.array(state.nu) * state.per_metre
+    scale, unit = state.per_metre**2, f"{state.unit}²"
+    f = complex(pw.fourier(variables["source"], nu, engine="numpy")) * scale
+    w = float(np.real(pw.wigner(variables["light"], x, nu, engine="numpy"))) * scale
+    return {
+        "F(ν)": f"{f.real:.9g} {'+' if f.imag >= 0 else '−'} {abs(f.imag):.9g} i {unit}",
+        "W(x, ν)": f"{w:.9g} {unit}",
+        "wavelength": f"{state.wavelength * state.per_metre:.9g} {state.unit}",
+    }
+
+
+_SOURCE = {"rings", "unit", "wave", "taper", "theta", "phi", "columns", "rows", "pitch"}
+_NEEDS: Mapping[Name, set[str]] = {
+    "fourier": {"reach", "part"}, "wigner_nu": {"x", "reach", "coherence"},
+    "wigner_x": {"nu", "coherence"}, "ambiguity": {"reach"}, "otf": {"defocus"},
+    "far": {"reach", "polarisation"}, "near": {"distance"}, "lags": {"x"},
+}  # fmt: skip
+
+
+def needed(state: State, name: Name) -> tuple[Any, ...]:
+    """Return the values of the state that a view depends on."""
+    names = _SOURCE | _NEEDS[name]
+    return tuple(getattr(state, f.name) for f in fields(State) if f.name in names)
+
+
+def npz(picture: Picture) -> bytes:
+    """Return the values and axes of a view in SI units as an ``.npz`` file."""
+    buffer = io.BytesIO()
+    labels: dict[str, Any] = {"title": picture.title, "quantity": picture.quantity}
+    np.savez_compressed(buffer, **picture.arrays, **labels)
+    return buffer.getvalue()
+
+
+def png(picture: Picture, caption: str) -> bytes:
+    """Return a view as a PNG image with axes, units and colour bar."""
+    import matplotlib as mpl
+
+    with mpl.rc_context(style.TYPOGRAPHY):
+        figure = style.new_figure(4.8, 4.2)
+        axes = figure.add_subplot()
+        if picture.image is not None:
+            colours = dict(zip(("vmin", "vmax"), picture.limits, strict=True))
+            image = style.draw_map(
+                axes, picture.image, picture.x, picture.y, cmap=picture.colours, aspect="auto",
+                **colours,
+            )  # fmt: skip
+            style.colour_bar(axes, image, picture.quantity)
+        else:
+            axes.set(xlim=(picture.x[0], picture.x[-1]), ylim=(picture.y[0], picture.y[-1]))
+        for k, (label, levels) in enumerate((picture.curves or {}).items()):
+            axes.plot(picture.x, levels, lw=1.2, ls=("-", "--", "-.", ":")[k], label=label)
+            axes.legend(fontsize=8)
+        for ring in (ring for polygon in picture.outlines or () for ring in polygon):
+            axes.fill(*ring.T, facecolor=style.TINT, edgecolor=style.INK)
+
+        axes.set(xlabel=picture.x_label, ylabel=picture.y_label, title=picture.title)
+        figure.suptitle(caption, fontsize=8)
+        buffer = io.BytesIO()
+        figure.savefig(buffer, format="png")
+    return buffer.getvalue()
