@@ -6,6 +6,7 @@ import io
 import math
 import time
 import warnings
+from collections import deque
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -45,6 +46,9 @@ _VIEWS = """
   grid-template-columns: repeat(auto-fill, minmax(min(310px, 100%), 1fr)); align-items: start; }
 """
 _CARD = ":host { background: white; border: 1px solid #d5dbe1; border-radius: 6px; }"
+_GROUP = (
+    ":host { background: white; box-shadow: none; border: 1px solid #d5dbe1; border-radius: 6px; }"
+)
 _HEAD = ":host { padding: 4px 10px; align-items: center; flex-wrap: wrap; }" + _CARD
 _PAIR = ":host { display: grid !important; grid-template-columns: 1fr 1fr; gap: 0 6px; }"
 
@@ -69,6 +73,7 @@ class Explorer:
         self._pictures: dict[Name, tuple[tuple[Any, ...], Picture]] = {}
         self._rates: dict[Name, float] = {}
         self._errors: dict[Name, str] = {}
+        self._posted: deque[Callable[[], None]] = deque()
         self._is_following = False  # controls follow the state, so their changes are no edits
         self._editor = Editor(self._outline_edited, partial(self._point_chosen, "x"))
         marks = {"fourier": "nu", "wigner_nu": "nu", "wigner_x": "x"}
@@ -259,11 +264,17 @@ class Explorer:
         self._post(self._plots[name].show, picture)
 
     def _post(self, show: Callable[..., None], *arguments: Any) -> None:
-        """Call a function with the document's lock."""
+        """Call a function with the document's lock, after all that were posted before."""
+        self._posted.append(partial(show, *arguments))
         if self._document is None:
-            show(*arguments)
+            self._show_posted()
         else:
-            self._document.add_next_tick_callback(partial(show, *arguments))
+            self._document.add_next_tick_callback(self._show_posted)
+
+    def _show_posted(self) -> None:
+        # Bokeh may call its callbacks in another order
+        while self._posted:
+            self._posted.popleft()()
 
     def _show_source(self, state: State, support: list[views.Polygon]) -> None:
         self._editor.show_support(support)
@@ -348,11 +359,11 @@ class Explorer:
         return self._control(name, pn.widgets.Select(name=label, options=list(options), **_WIDE))
 
     def _new_layout(self) -> Any:
-        self._undo = pn.widgets.Button(name="Undo", width=70)
-        self._redo = pn.widgets.Button(name="Redo", width=70)
+        self._undo = pn.widgets.Button(name="Undo", width=70, margin=4)
+        self._redo = pn.widgets.Button(name="Redo", width=70, margin=4)
         self._undo.on_click(lambda _: self._change(self.history.undone()))
         self._redo.on_click(lambda _: self._change(self.history.redone()))
-        self._status = pn.pane.HTML("computing …", width=110)
+        self._status = pn.pane.HTML("computing …", width=90)
         self._message = pn.pane.Alert("", visible=False, margin=0)
         head = pn.Row(
             pn.pane.HTML(f"<b>{TITLE}</b>"), self._undo, self._redo, self._status, self._message,
@@ -404,7 +415,7 @@ class Explorer:
     def _new_controls(self, panes: dict[Name, Any]) -> Any:
         integer = partial(pn.widgets.IntInput, start=1, end=states.MAX_ELEMENTS, **_WIDE)
         source = [
-            self._log_slider("width", "Width of the outline"),
+            self._log_slider("width", "Width"),
             self._log_slider("wavelength", "Wavelength"),
             self._control("wave", pn.widgets.TextInput(name="Frequency or wavelength", **_WIDE)),
             self._select("taper", "Taper", get_args(states.Taper)),
@@ -417,14 +428,18 @@ class Explorer:
         shown = [
             self._select("part", "F(ν) as", get_args(states.Part)),
             self._slider("reach", "Largest sin θ (0: auto)", 0, 1, 0.01),
-            self._slider("coherence", "Coherence width (0: coherent)", 0, 30, 0.5),
+            self._slider("coherence", "Coherent over (0: all)", 0, 30, 0.5),
             self._slider("defocus", "Defocus W20 (waves)", -3, 3, 0.05),
-            self._log_slider("distance", "Distance of the near field"),
+            self._log_slider("distance", "Near field at z"),
             self._select("polarisation", "Polarisation", get_args(states.Polarisation)),
         ]
         labels = {label: name for name, label in VIEWS.items()}
         self._visible = pn.widgets.CheckBoxGroup(
-            options=labels, value=list(VIEWS), inline=True, **_WIDE
+            options=labels,
+            value=list(VIEWS),
+            inline=True,
+            **_WIDE,
+            stylesheets=[".bk-input-group { flex-wrap: wrap; }"],
         )
 
         def show_views(event: Any) -> None:
@@ -465,7 +480,7 @@ class Explorer:
         }
         cards = [
             pn.Card(*parts, title=title, collapsed=title in ("Save", "Coordinates"),
-                    sizing_mode="stretch_width", margin=(0, 0, 8, 0))
+                    sizing_mode="stretch_width", margin=(0, 0, 8, 0), stylesheets=[_GROUP])
             for title, parts in groups.items()
         ]  # fmt: skip
         return pn.Column(*cards, styles={"grid-area": "controls"}, sizing_mode="stretch_width")
