@@ -156,7 +156,7 @@ class Explorer:
             self._say(str(error))
 
     def _draw_toggled(self, event: Any) -> None:
-        self._draw_toggle.name = "Finish outline" if event.new else "Draw outline"
+        self._draw_toggle.label = "Finish outline" if event.new else "Draw outline"
         if event.new:
             self._editor.start_sketch()
             self._say("Click the corners; click the first one again to close the outline.", "info")
@@ -200,7 +200,7 @@ class Explorer:
         if isinstance(control, pn.widgets.FloatSlider):
             control.param.update(
                 start=min(control.start, value), end=max(control.end, value), value=value,
-                name=f"{control.tags[0]} ({state.unit})" if control.tags[1] else control.tags[0],
+                label=f"{control.tags[0]} ({state.unit})" if control.tags[1] else control.tags[0],
             )  # fmt: skip
         elif control.value != value:
             control.value = value
@@ -342,7 +342,7 @@ class Explorer:
 
     def _slider(self, name: str, label: str, low: float, high: float, step: float) -> Any:
         slider = pn.widgets.FloatSlider(
-            name=label, start=low, end=high, step=step, value=low, tags=[label, False], **_WIDE
+            label=label, start=low, end=high, step=step, value=low, tags=[label, False], **_WIDE
         )
         return self._control(name, slider)
 
@@ -350,17 +350,17 @@ class Explorer:
         low, high = map(math.log10, _LOG[name])
         shown = CustomJSTickFormatter(code="return (10**tick).toPrecision(3)")
         slider = pn.widgets.FloatSlider(
-            name=label, start=low, end=high, step=0.005, value=low, format=shown,
+            label=label, start=low, end=high, step=0.005, value=low, format=shown,
             tags=[label, True], **_WIDE,
         )  # fmt: skip
         return self._control(name, slider)
 
     def _select(self, name: str, label: str, options: Any) -> Any:
-        return self._control(name, pn.widgets.Select(name=label, options=list(options), **_WIDE))
+        return self._control(name, pn.widgets.Select(label=label, options=list(options), **_WIDE))
 
     def _new_layout(self) -> Any:
-        self._undo = pn.widgets.Button(name="Undo", width=70, margin=4)
-        self._redo = pn.widgets.Button(name="Redo", width=70, margin=4)
+        self._undo = pn.widgets.Button(label="Undo", width=70, margin=4)
+        self._redo = pn.widgets.Button(label="Redo", width=70, margin=4)
         self._undo.on_click(lambda _: self._change(self.history.undone()))
         self._redo.on_click(lambda _: self._change(self.history.redone()))
         self._status = pn.pane.HTML("computing …", width=90)
@@ -393,12 +393,12 @@ class Explorer:
         )  # fmt: skip
 
     def _new_outline_buttons(self) -> Any:
-        self._draw_toggle = pn.widgets.Toggle(name="Draw outline", **_WIDE)
+        self._draw_toggle = pn.widgets.Toggle(label="Draw outline", **_WIDE)
         self._draw_toggle.param.watch(self._draw_toggled, "value")
-        delete = pn.widgets.Button(name="Delete vertex", **_WIDE)
+        delete = pn.widgets.Button(label="Delete vertex", **_WIDE)
         delete.on_click(lambda _: self._editor.delete_selected())
         self._shapes = pn.widgets.Select(
-            name="Start from",
+            label="Start from",
             options=["choose a shape …", "blank sheet", *CATALOGUE],
             **_WIDE,
         )
@@ -417,13 +417,13 @@ class Explorer:
         source = [
             self._log_slider("width", "Width"),
             self._log_slider("wavelength", "Wavelength"),
-            self._control("wave", pn.widgets.TextInput(name="Frequency or wavelength", **_WIDE)),
+            self._control("wave", pn.widgets.TextInput(label="Frequency or wavelength", **_WIDE)),
             self._select("taper", "Taper", get_args(states.Taper)),
             self._slider("theta", "Steering θ (degrees)", 0, 80, 0.5),
             self._slider("phi", "Azimuth φ (degrees)", -180, 180, 1),
-            self._control("columns", integer(name="Columns")),
-            self._control("rows", integer(name="Rows")),
-            self._control("pitch", pn.widgets.FloatInput(name="Pitch", start=1e-6, **_WIDE)),
+            self._control("columns", integer(label="Columns")),
+            self._control("rows", integer(label="Rows")),
+            self._control("pitch", pn.widgets.FloatInput(label="Pitch", start=1e-6, **_WIDE)),
         ]
         shown = [
             self._select("part", "F(ν) as", get_args(states.Part)),
@@ -448,7 +448,7 @@ class Explorer:
             self._follow()
 
         self._visible.param.watch(show_views, "value")
-        self._saved = pn.widgets.Select(name="View", options=labels, **_WIDE)
+        self._saved = pn.widgets.Select(label="View", options=labels, **_WIDE)
         self._saved.param.watch(self._show_code, "value")
         self._png, self._npz, outline = (
             pn.widgets.FileDownload(callback=call, filename=name, label=label, **_WIDE)
@@ -462,9 +462,9 @@ class Explorer:
             "pre { overflow: auto; font-size: 11px; max-height: 260px; user-select: all; }"
         ])  # fmt: skip
         self._text = pn.widgets.TextAreaInput(
-            name="x y of a vertex per line, a blank line between outlines", rows=7, **_WIDE
+            label="x y of a vertex per line, a blank line between outlines", rows=7, **_WIDE
         )
-        apply = pn.widgets.Button(name="Apply", **_WIDE)
+        apply = pn.widgets.Button(label="Apply", **_WIDE)
         apply.on_click(self._text_applied)
         groups = {
             "Source": [

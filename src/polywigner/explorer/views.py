@@ -73,8 +73,10 @@ values = pattern["directivity"].values  # dBi""",
 }
 _CROSS = """
 scale = 4 * np.pi / pattern.attrs["radiated_power"]
-values = 10 * np.log10(scale * abs(pattern["field"].values) ** 2)  # dBi, co-polar
-cross = 10 * np.log10(scale * abs(pattern["cross_field"].values) ** 2)  # dBi, cross-polar"""
+values, cross = (  # co- and cross-polar, in dBi
+    10 * np.log10(np.maximum(scale * abs(pattern[part].values) ** 2, 1e-30))
+    for part in ("field", "cross_field")
+)"""
 
 
 def view_code(state: State, name: Name, samples: int = SAMPLES) -> str:

@@ -1,0 +1,150 @@
+"""States, views and files of the explorer, without a browser."""
+
+import io
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from polywigner.errors import ArgumentError, FileFormatError, GeometryError
+from polywigner.explorer import start_state
+from polywigner.explorer.state import (
+    CATALOGUE,
+    LARGEST_FILE,
+    History,
+    State,
+    geojson,
+    read_upload,
+    rings_of,
+    rings_of_text,
+    source_of,
+    text_of_rings,
+    with_vertex,
+)
+from polywigner.explorer.views import VIEWS, npz, picture, png, snippet, values_at
+
+SQUARE = State(rings=rings_of(CATALOGUE["square"]()), wave="3 mm")
+FED = replace(SQUARE, taper="cosine", theta=20.0, columns=2, pitch=12.0, polarisation="right")
+
+
+def test_a_drag_is_one_step_that_undo_takes_back():
+    history = History(SQUARE)
+    for width in (8.0, 7.0, 6.0):
+        history = history.then(SQUARE.with_width(width), "drag")
+    history = history.ended().then(SQUARE.with_width(5.0), "drag")
+    assert history.present.box == (-2.5, -2.5, 2.5, 2.5)
+    assert history.undone().present.box == (-3.0, -3.0, 3.0, 3.0)
+    assert history.undone().undone().present == SQUARE
+    assert history.undone().redone().present == history.present
+
+
+def test_a_vertex_is_inserted_into_the_nearest_edge():
+    (ring,) = with_vertex(SQUARE.rings, (0.5, 6.0))
+    assert len(ring) == 5
+    k = ring.index((0.5, 6.0))
+    assert {ring[k - 1], ring[(k + 1) % 5]} == {(-5.0, 5.0), (5.0, 5.0)}
+
+
+def test_coordinates_as_text_are_read_back_exactly():
+    rings = rings_of(CATALOGUE["ring"]())
+    assert rings_of_text(text_of_rings(rings)) == rings
+    with pytest.raises(ArgumentError, match="x and y"):
+        rings_of_text("0 0\n1 one\n0 1")
+
+
+def test_an_outline_inside_another_is_a_hole():
+    inner = tuple((x / 2, y / 2) for x, y in SQUARE.rings[0])
+    assert source_of(replace(SQUARE, rings=(*SQUARE.rings, inner))).area == pytest.approx(75e-6)
+
+
+@pytest.mark.parametrize(
+    ("state", "error"),
+    [
+        (replace(SQUARE, rings=(((0, 0), (1, 1), (1, 0), (0, 1)),)), GeometryError),
+        (replace(SQUARE, rings=()), GeometryError),
+        (replace(SQUARE, coherence=0.1), ArgumentError),
+        (replace(SQUARE, columns=100, rows=100), ArgumentError),
+    ],
+    ids=["self-intersection", "empty sheet", "coherence width", "large array"],
+)
+def test_a_state_that_cannot_be_computed_raises_one_error(state, error):
+    with pytest.raises(error):
+        picture(state, "wigner_nu", 8)
+
+
+def test_a_wave_that_is_no_quantity_is_refused():
+    with pytest.raises(ArgumentError, match="94 GHz"):
+        State(wave="blue")
+
+
+def test_the_views_of_a_square_have_its_closed_forms():
+    side, samples = 10e-3, 33
+    fourier = picture(SQUARE, "fourier", samples).arrays
+    nx, ny = np.meshgrid(fourier["x"], fourier["y"])
+    expected = side**2 * np.sinc(side * nx) * np.sinc(side * ny)
+    np.testing.assert_allclose(fourier["values"], expected, atol=1e-15)
+    otf = picture(SQUARE, "otf", samples).arrays
+    triangle = np.maximum(0, 1 - np.abs(otf["x"]) / side)
+    np.testing.assert_allclose(otf["values"], triangle[:, None] * triangle, atol=1e-12)
+    ambiguity = picture(SQUARE, "ambiguity", samples).arrays
+    overlap = side * triangle
+    expected = side * overlap * np.sinc(ambiguity["y"][:, None] * overlap)
+    np.testing.assert_allclose(np.abs(ambiguity["values"]), np.abs(expected), atol=1e-15)
+    # W(0, nu) = 4 F(2 nu) of the square
+    wigner = picture(SQUARE, "wigner_nu", samples).arrays
+    nx, ny = np.meshgrid(wigner["x"], wigner["y"])
+    expected = 4 * side**2 * np.sinc(2 * side * nx) * np.sinc(2 * side * ny)
+    np.testing.assert_allclose(wigner["values"], expected, atol=1e-14)
+    assert values_at(SQUARE)["W(x, ν)"] == "400 mm²"
+
+
+def test_the_directivity_of_a_large_aperture_is_4_pi_area_over_wavelength_squared():
+    curves = picture(replace(SQUARE, wave="0.5 mm"), "far").curves
+    peak = max(float(levels.max()) for levels in curves.values())
+    assert peak == pytest.approx(10 * np.log10(4 * np.pi * 10**2 / 0.5**2), abs=0.1)
+
+
+@pytest.mark.parametrize("state", [SQUARE, FED], ids=["square", "steered array"])
+@pytest.mark.parametrize("name", VIEWS)
+def test_the_code_of_a_view_computes_its_values(name, state):
+    variables: dict = {}
+    exec(snippet(state, name, 12), variables)
+    shown = picture(state, name, 12)
+    with np.load(io.BytesIO(npz(shown))) as file:
+        if name == "lags":
+            rings = [file[key] for key in file.files if key.startswith("ring")]
+            values = sum(pw.Aperture.from_ring(ring).area for ring in rings)
+            assert values == pytest.approx(variables["values"].area)
+        else:
+            np.testing.assert_allclose(file["values"], variables["values"], rtol=1e-9)
+
+
+def test_a_png_of_a_view_is_an_image():
+    assert png(picture(SQUARE, "near", 8), "3 mm").startswith(b"\x89PNG")
+
+
+def test_geojson_of_the_page_is_read_back_by_the_page():
+    content = geojson(FED)
+    assert json.loads(content)["properties"]["unit"] == "mm"
+    assert source_of(replace(SQUARE, rings=read_upload("a.geojson", content.encode(), "mm"))).area \
+        == pytest.approx(100e-6)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [("a.geojson", b"{"), ("a.exe", b"x"), ("a.csv", b"1" * (LARGEST_FILE + 1))],
+    ids=["damaged", "unknown suffix", "too large"],
+)
+def test_a_bad_file_is_one_error_with_its_name(name, content):
+    with pytest.raises(FileFormatError, match=name):
+        read_upload(name, content, "mm")
+
+
+def test_the_command_starts_with_the_outline_of_a_file_in_its_unit(tmp_path):
+    path = tmp_path / "slot.wkt"
+    path.write_text("POLYGON ((0 0, 4 0, 4 1, 0 1, 0 0))")
+    state = start_state(str(path), unit="um", wave="1 um")
+    assert (state.unit, state.box) == ("µm", (0.0, 0.0, 4.0, 1.0))
+    assert source_of(state).area == pytest.approx(4e-12)
