@@ -18,9 +18,7 @@ from polywigner.explorer.state import (
     geojson,
     read_upload,
     rings_of,
-    rings_of_text,
     source_of,
-    text_of_rings,
     with_vertex,
 )
 from polywigner.explorer.views import VIEWS, npz, picture, png, snippet, values_at
@@ -45,13 +43,6 @@ def test_a_vertex_is_inserted_into_the_nearest_edge():
     assert len(ring) == 5
     k = ring.index((0.5, 6.0))
     assert {ring[k - 1], ring[(k + 1) % 5]} == {(-5.0, 5.0), (5.0, 5.0)}
-
-
-def test_coordinates_as_text_are_read_back_exactly():
-    rings = rings_of(CATALOGUE["ring"]())
-    assert rings_of_text(text_of_rings(rings)) == rings
-    with pytest.raises(ArgumentError, match="x and y"):
-        rings_of_text("0 0\n1 one\n0 1")
 
 
 def test_an_outline_inside_another_is_a_hole():

@@ -57,8 +57,6 @@ _QUICK_SECONDS, _FINE_SECONDS = 0.03, 1.0
 _FEWEST = 40
 """Smallest number of samples along an axis."""
 
-_WIDE: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": (4, 8)}
-
 _LOG = {"wavelength": (0.05, 50), "width": (0.5, 100), "distance": (1, 1000)}
 """Ranges of logarithmic sliders, in units."""
 
@@ -149,12 +147,6 @@ class Explorer:
         except PolywignerError as error:
             self._say(str(error))
 
-    def _text_applied(self, _event: Any) -> None:
-        try:
-            self.edit(rings=states.rings_of_text(self._text.value_input))
-        except PolywignerError as error:
-            self._say(str(error))
-
     def _draw_toggled(self, event: Any) -> None:
         self._draw_toggle.label = "Finish outline" if event.new else "Draw outline"
         if event.new:
@@ -177,8 +169,6 @@ class Explorer:
                 self._draw_toggle.value = False
             self._undo.disabled = not self.history.past
             self._redo.disabled = not self.history.future
-            if not is_dragging:
-                self._text.value = states.text_of_rings(state.rings)
         finally:
             self._is_following = False
         self._plots["wigner_x"].show_mark(state.x)
@@ -322,15 +312,6 @@ class Explorer:
         name = self._saved.value
         self._png.filename, self._npz.filename = f"{name}.png", f"{name}.npz"
 
-    def _png_file(self) -> io.BytesIO:
-        return io.BytesIO(views.png(self._picture(), self.state.wave))
-
-    def _npz_file(self) -> io.BytesIO:
-        return io.BytesIO(views.npz(self._picture()))
-
-    def _geojson_file(self) -> io.BytesIO:
-        return io.BytesIO(states.geojson(self.state).encode())
-
     # --- Layout
 
     def _control(self, name: str, control: Any) -> Any:
@@ -341,89 +322,77 @@ class Explorer:
         return control
 
     def _slider(self, name: str, label: str, low: float, high: float, step: float) -> Any:
-        slider = pn.widgets.FloatSlider(
-            label=label, start=low, end=high, step=step, value=low, tags=[label, False], **_WIDE
-        )
-        return self._control(name, slider)
+        return self._control(name, pn.widgets.FloatSlider(
+            label=label, start=low, end=high, step=step, value=low, tags=[label, False]
+        ))  # fmt: skip
 
     def _log_slider(self, name: str, label: str) -> Any:
         low, high = map(math.log10, _LOG[name])
         shown = CustomJSTickFormatter(code="return (10**tick).toPrecision(3)")
-        slider = pn.widgets.FloatSlider(
+        return self._control(name, pn.widgets.FloatSlider(
             label=label, start=low, end=high, step=0.005, value=low, format=shown,
-            tags=[label, True], **_WIDE,
-        )  # fmt: skip
-        return self._control(name, slider)
+            tags=[label, True],
+        ))  # fmt: skip
 
     def _select(self, name: str, label: str, options: Any) -> Any:
-        return self._control(name, pn.widgets.Select(label=label, options=list(options), **_WIDE))
+        return self._control(name, pn.widgets.Select(label=label, options=list(options)))
 
     def _new_layout(self) -> Any:
-        self._undo = pn.widgets.Button(label="Undo", width=70, margin=4)
-        self._redo = pn.widgets.Button(label="Redo", width=70, margin=4)
+        self._undo = pn.widgets.Button(label="Undo", width=70, margin=4, sizing_mode="fixed")
+        self._redo = pn.widgets.Button(label="Redo", width=70, margin=4, sizing_mode="fixed")
         self._undo.on_click(lambda _: self._change(self.history.undone()))
         self._redo.on_click(lambda _: self._change(self.history.redone()))
-        self._status = pn.pane.HTML("computing …", width=90)
+        self._status = pn.pane.HTML("computing …", width=90, sizing_mode="fixed")
         self._message = pn.pane.Alert("", visible=False, margin=0)
+        title = pn.pane.HTML(f"<b>{TITLE}</b>", width=140, sizing_mode="fixed")
         head = pn.Row(
-            pn.pane.HTML(f"<b>{TITLE}</b>"), self._undo, self._redo, self._status, self._message,
-            stylesheets=[_HEAD], styles={"grid-area": "head"}, sizing_mode="stretch_width",
+            title, self._undo, self._redo, self._status, self._message,
+            stylesheets=[_HEAD], styles={"grid-area": "head"},
         )  # fmt: skip
         editor = pn.Column(
-            pn.pane.Bokeh(self._editor.plot, sizing_mode="scale_width"),
-            self._new_outline_buttons(), stylesheets=[_CARD], styles={"grid-area": "editor"},
-            sizing_mode="stretch_width",
+            pn.pane.Bokeh(self._editor.plot), self._new_outline_buttons(),
+            stylesheets=[_CARD], styles={"grid-area": "editor"},
         )  # fmt: skip
-        self._values = pn.pane.HTML("", sizing_mode="stretch_width")
+        self._values = pn.pane.HTML("")
         panes = {
-            name: pn.Column(
-                pn.pane.Bokeh(plot.plot, sizing_mode="scale_width"), stylesheets=[_CARD],
-                sizing_mode="stretch_width",
-            )
+            name: pn.Column(pn.pane.Bokeh(plot.plot), stylesheets=[_CARD])
             for name, plot in self._plots.items()
-        }  # fmt: skip
+        }
         controls = self._new_controls(panes)
         self._views = pn.Column(
             *panes.values(), pn.Column(self._values, stylesheets=[_CARD]),
-            stylesheets=[_VIEWS], styles={"grid-area": "views"}, sizing_mode="stretch_width",
+            stylesheets=[_VIEWS], styles={"grid-area": "views"},
         )  # fmt: skip
-        return pn.Column(
-            head, editor, self._views, controls, stylesheets=[_GRID], name="page",
-            sizing_mode="stretch_width",
-        )  # fmt: skip
+        return pn.Column(head, editor, self._views, controls, stylesheets=[_GRID], name="page")
 
     def _new_outline_buttons(self) -> Any:
-        self._draw_toggle = pn.widgets.Toggle(label="Draw outline", **_WIDE)
+        self._draw_toggle = pn.widgets.Toggle(label="Draw outline")
         self._draw_toggle.param.watch(self._draw_toggled, "value")
-        delete = pn.widgets.Button(label="Delete vertex", **_WIDE)
+        delete = pn.widgets.Button(label="Delete vertex")
         delete.on_click(lambda _: self._editor.delete_selected())
-        self._shapes = pn.widgets.Select(
-            label="Start from",
-            options=["choose a shape …", "blank sheet", *CATALOGUE],
-            **_WIDE,
-        )
+        shapes = ["choose a shape …", "blank sheet", *CATALOGUE]
+        self._shapes = pn.widgets.Select(label="Start from", options=shapes)
         self._shapes.param.watch(self._shape_chosen, "value")
-        self._file = pn.widgets.FileInput(accept=",".join(states.FILE_SUFFIXES), **_WIDE)
+        self._file = pn.widgets.FileInput(accept=",".join(states.FILE_SUFFIXES))
         self._file.param.watch(self._file_chosen, "value")
-        return pn.Column(
-            pn.Row(self._draw_toggle, delete, sizing_mode="stretch_width"),
-            pn.Column(self._shapes, self._select("unit", "Unit of length", states.UNITS),
-                      stylesheets=[_PAIR], sizing_mode="stretch_width"),
-            self._file, sizing_mode="stretch_width",
-        )  # fmt: skip
+        unit = self._select("unit", "Unit of length", states.UNITS)
+        pairs = pn.Column(self._draw_toggle, delete, self._shapes, unit, stylesheets=[_PAIR])
+        return pn.Column(pairs, self._file)
 
     def _new_controls(self, panes: dict[Name, Any]) -> Any:
-        integer = partial(pn.widgets.IntInput, start=1, end=states.MAX_ELEMENTS, **_WIDE)
+        integer = partial(pn.widgets.IntInput, start=1, end=states.MAX_ELEMENTS)
         source = [
             self._log_slider("width", "Width"),
             self._log_slider("wavelength", "Wavelength"),
-            self._control("wave", pn.widgets.TextInput(label="Frequency or wavelength", **_WIDE)),
+            self._control("wave", pn.widgets.TextInput(label="Frequency or wavelength")),
             self._select("taper", "Taper", get_args(states.Taper)),
             self._slider("theta", "Steering θ (degrees)", 0, 80, 0.5),
             self._slider("phi", "Azimuth φ (degrees)", -180, 180, 1),
+        ]
+        array = [
             self._control("columns", integer(label="Columns")),
             self._control("rows", integer(label="Rows")),
-            self._control("pitch", pn.widgets.FloatInput(label="Pitch", start=1e-6, **_WIDE)),
+            self._control("pitch", pn.widgets.FloatInput(label="Pitch", start=1e-6)),
         ]
         shown = [
             self._select("part", "F(ν) as", get_args(states.Part)),
@@ -435,12 +404,9 @@ class Explorer:
         ]
         labels = {label: name for name, label in VIEWS.items()}
         self._visible = pn.widgets.CheckBoxGroup(
-            options=labels,
-            value=list(VIEWS),
-            inline=True,
-            **_WIDE,
+            options=labels, value=list(VIEWS), inline=True,
             stylesheets=[".bk-input-group { flex-wrap: wrap; }"],
-        )
+        )  # fmt: skip
 
         def show_views(event: Any) -> None:
             for name, pane in panes.items():
@@ -448,46 +414,38 @@ class Explorer:
             self._follow()
 
         self._visible.param.watch(show_views, "value")
-        self._saved = pn.widgets.Select(label="View", options=labels, **_WIDE)
+        self._saved = pn.widgets.Select(label="View", options=labels)
         self._saved.param.watch(self._show_code, "value")
+        files = {
+            "PNG of the view": lambda: views.png(self._picture(), self.state.wave),
+            "npz of the view": lambda: views.npz(self._picture()),
+            "GeoJSON of the aperture": lambda: states.geojson(self.state).encode(),
+        }
         self._png, self._npz, outline = (
-            pn.widgets.FileDownload(callback=call, filename=name, label=label, **_WIDE)
-            for call, name, label in (
-                (self._png_file, "view.png", "PNG of the view"),
-                (self._npz_file, "view.npz", "npz of the view"),
-                (self._geojson_file, "aperture.geojson", "GeoJSON of the aperture"),
+            pn.widgets.FileDownload(
+                label=label, callback=lambda make=make: io.BytesIO(make()), filename="view"
             )
+            for label, make in files.items()
         )
-        self._code = pn.pane.HTML("", sizing_mode="stretch_width", stylesheets=[
-            "pre { overflow: auto; font-size: 11px; max-height: 260px; user-select: all; }"
-        ])  # fmt: skip
-        self._text = pn.widgets.TextAreaInput(
-            label="x y of a vertex per line, a blank line between outlines", rows=7, **_WIDE
-        )
-        apply = pn.widgets.Button(label="Apply", **_WIDE)
-        apply.on_click(self._text_applied)
+        outline.filename = "aperture.geojson"
+        style = "pre { overflow: auto; font-size: 11px; max-height: 260px; user-select: all; }"
+        self._code = pn.pane.HTML("", stylesheets=[style])
         groups = {
-            "Source": [
-                pn.Column(*source[:6], stylesheets=[_PAIR], sizing_mode="stretch_width"),
-                pn.Row(*source[6:], sizing_mode="stretch_width"),
-            ],
-            "Views": [
-                pn.Column(*shown, stylesheets=[_PAIR], sizing_mode="stretch_width"),
-                self._visible,
-            ],
+            "Source": [pn.Column(*source, stylesheets=[_PAIR]), pn.Row(*array)],
+            "Views": [pn.Column(*shown, stylesheets=[_PAIR]), self._visible],
             "Save": [self._saved, self._png, self._npz, outline, self._code],
-            "Coordinates": [self._text, apply],
         }
         cards = [
-            pn.Card(*parts, title=title, collapsed=title in ("Save", "Coordinates"),
-                    sizing_mode="stretch_width", margin=(0, 0, 8, 0), stylesheets=[_GROUP])
+            pn.Card(*parts, title=title, collapsed=title == "Save", margin=(0, 0, 8, 0),
+                    stylesheets=[_GROUP])
             for title, parts in groups.items()
         ]  # fmt: skip
-        return pn.Column(*cards, styles={"grid-area": "controls"}, sizing_mode="stretch_width")
+        return pn.Column(*cards, styles={"grid-area": "controls"})
 
 
 def new_page(state: State | None = None) -> Any:
     """Return the page of a new session as a Panel template."""
+    pn.config.sizing_mode = "stretch_width"
     page = pn.Template(TEMPLATE)
     page.title = TITLE
     page.add_panel("page", Explorer(state).layout)

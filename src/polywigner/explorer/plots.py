@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from typing import Any
 
 import matplotlib as mpl
@@ -21,7 +22,7 @@ from bokeh.models import (
 )
 from bokeh.plotting import figure
 
-from polywigner.explorer.state import Point, Rings, State, rings_of_rows
+from polywigner.explorer.state import Point, Rings, State, rings_of_rows, with_vertex
 from polywigner.explorer.views import Name, Picture, Polygon
 from polywigner.figures.style import ACCENT, BLUE, INK, ORANGE
 
@@ -188,8 +189,6 @@ class Editor:
         return min((math.dist(p, point) / self._span() for p in points), default=math.inf)
 
     def _double_tapped(self, event: Any) -> None:
-        from polywigner.explorer.state import with_vertex
-
         if self.sketch is not None:
             self.finish_sketch()
         elif event.x is not None:
@@ -260,14 +259,9 @@ class Plot:
                 line_color="#808080", line_dash="dotted", line_width=1.5,
             )  # fmt: skip
         if on_tap:
-            plot.scatter(
-                "x", "y", source=self._mark, marker="cross", size=16, line_width=5,
-                line_color="white",
-            )  # fmt: skip
-            plot.scatter(
-                "x", "y", source=self._mark, marker="cross", size=15, line_width=2,
-                line_color="black",
-            )  # fmt: skip
+            for colour, width in (("white", 5), ("black", 2)):
+                plot.scatter("x", "y", source=self._mark, marker="cross", size=16,
+                             line_width=width, line_color=colour)  # fmt: skip
             plot.on_event(Tap, self._tapped)
 
     def show(self, picture: Picture) -> None:
@@ -332,12 +326,7 @@ def _style_axes(plot: Any) -> None:
         axis.ticker.desired_num_ticks = 5
 
 
-_PALETTES: dict[str, list[str]] = {}
-
-
+@lru_cache(maxsize=8)
 def _palette(name: str) -> list[str]:
     """Return a matplotlib colour map as a Bokeh palette."""
-    if name not in _PALETTES:
-        colours = mpl.colormaps[name](np.linspace(0, 1, 256))
-        _PALETTES[name] = [mpl.colors.to_hex(colour) for colour in colours]
-    return _PALETTES[name]
+    return [mpl.colors.to_hex(colour) for colour in mpl.colormaps[name](np.linspace(0, 1, 256))]

@@ -67,9 +67,7 @@ _MIN_COHERENCE = 0.1  # of the longer side; smaller widths sum W over more than 
 _MAX_COHERENCE_EDGES = 60
 
 
-_CHEVRON: Rings = ((
-    (-10.0, -2.0), (-10.0, -6.0), (0.0, 2.0), (10.0, -6.0), (10.0, -2.0), (0.0, 6.0),
-),)  # fmt: skip
+_CHEVRON: Rings = (((-10, -6), (0, 2), (10, -6), (10, -2), (0, 6), (-10, -2)),)
 
 
 def rings_of(aperture: Aperture, per_metre: float = 1) -> Rings:
@@ -84,6 +82,21 @@ def rings_of(aperture: Aperture, per_metre: float = 1) -> Rings:
 
 def _rounded(value: float, digits: int) -> float:
     return round(float(value), digits) + 0.0  # no -0.0
+
+
+_CHOICES = {
+    name: get_args(kind)
+    for name, kind in {
+        "unit": Unit,
+        "taper": Taper,
+        "polarisation": Polarisation,
+        "part": Part,
+    }.items()
+}
+_RANGES = {
+    "theta": (0, 89), "columns": (1, MAX_ELEMENTS), "rows": (1, MAX_ELEMENTS), "reach": (0, 1),
+    "coherence": (0, 1e12), "distance": (1e-12, 1e12), "pitch": (1e-12, 1e12),
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -133,26 +146,15 @@ class State:
         count = sum(map(len, rings))
         if count > MAX_VERTICES:
             raise ArgumentError(
-                f"outline with {count} vertices is too large for the page; use at most "
-                f"{MAX_VERTICES}, or `polywigner transform`"
+                f"{count} vertices are too many for the page, at most {MAX_VERTICES}; use "
+                "`polywigner transform`"
             )
-        if not np.isfinite([p for ring in rings for p in ring]).all():
-            raise ArgumentError("vertices must be finite numbers")
-        for name, choices in (
-            ("unit", Unit), ("taper", Taper), ("polarisation", Polarisation), ("part", Part),
-        ):  # fmt: skip
-            if getattr(self, name) not in get_args(choices):
-                raise ArgumentError(f"{name} must be one of {', '.join(get_args(choices))}")
-        ranges = {
-            "theta": (0, 89), "columns": (1, MAX_ELEMENTS), "rows": (1, MAX_ELEMENTS),
-            "coherence": (0, 1e12), "reach": (0, 1), "distance": (1e-12, 1e12),
-            "pitch": (1e-12, 1e12),
-        }  # fmt: skip
-        for name, (low, high) in ranges.items():
+        for name, choices in _CHOICES.items():
+            if getattr(self, name) not in choices:
+                raise ArgumentError(f"{name} must be one of {', '.join(choices)}")
+        for name, (low, high) in _RANGES.items():
             if not low <= getattr(self, name) <= high:
-                raise ArgumentError(
-                    f"{name} must lie between {low:g} and {high:g}, got {getattr(self, name)!r}"
-                )
+                raise ArgumentError(f"{name} must lie between {low:g} and {high:g}")
         self.wavelength  # noqa: B018 (raises for a wave that cannot be parsed)
 
     @property
@@ -189,15 +191,11 @@ class State:
         if not (x1 > x0 and width > 0):
             return self
         factor, cx, cy = width / (x1 - x0), (x0 + x1) / 2, (y0 + y1) / 2
-        return replace(self, rings=tuple(
-            tuple((_significant(cx + factor * (x - cx)), _significant(cy + factor * (y - cy)))
-                  for x, y in ring)
-            for ring in self.rings
-        ))  # fmt: skip
-
-
-def _significant(value: float) -> float:
-    return float(f"{value:.9g}") + 0.0
+        scaled = (
+            np.array(ring) * factor + np.array([cx, cy]) * (1 - factor) for ring in self.rings
+        )
+        rings = (tuple((float(f"{x:.9g}"), float(f"{y:.9g}")) for x, y in ring) for ring in scaled)
+        return replace(self, rings=tuple(rings))
 
 
 @dataclass(frozen=True)
@@ -253,33 +251,8 @@ def with_vertex(rings: Rings, point: Point) -> Rings:
 def rings_of_rows(rows: Sequence[tuple[int, float, float]]) -> Rings:
     """Return the outlines of rows (number of the outline, x, y) that have three vertices."""
     numbers = dict.fromkeys(number for number, _, _ in rows)
-    rings = [tuple((float(x), float(y)) for n, x, y in rows if n == k) for k in numbers]
+    rings = (tuple((x, y) for n, x, y in rows if n == k) for k in numbers)
     return tuple(ring for ring in rings if len(ring) >= 3)
-
-
-def rings_of_text(text: str) -> Rings:
-    """Return the outlines of a text: a vertex "x y" per line, a blank line between outlines.
-
-    Raises ArgumentError for a line without two numbers, and for less than three vertices.
-    """
-    rings: list[list[Point]] = [[]]
-    for line in text.replace(",", " ").splitlines():
-        if not line.strip():
-            rings.append([])
-            continue
-        try:
-            x, y = map(float, line.split())
-        except ValueError:
-            raise ArgumentError(f"line {line[:40]!r} must contain x and y") from None
-        rings[-1].append((x, y))
-    if any(0 < len(ring) < 3 for ring in rings):
-        raise ArgumentError("an outline must have at least three vertices")
-    return tuple(tuple(ring) for ring in rings if ring)
-
-
-def text_of_rings(rings: Rings) -> str:
-    """Return outlines as text, the inverse of :func:`rings_of_text`."""
-    return "\n\n".join("\n".join(f"{x!r} {y!r}" for x, y in ring) for ring in rings)
 
 
 # --- Files
@@ -339,12 +312,8 @@ def aperture_of(rings: Rings, per_metre: int) -> Aperture:
     if not rings:
         raise GeometryError("the sheet is empty; draw an outline or choose a shape")
     polygons = nested([np.array(ring, dtype=np.float64) for ring in rings])
-    return pw.Aperture(
-        [
-            shapely.Polygon(exterior / per_metre, [hole / per_metre for hole in holes])
-            for exterior, *holes in polygons
-        ]
-    )
+    metres = [[ring / per_metre for ring in polygon] for polygon in polygons]
+    return pw.Aperture([shapely.Polygon(exterior, holes) for exterior, *holes in metres])
 
 
 def source_code(state: State) -> str:
@@ -413,10 +382,8 @@ def variables_of(state: State) -> dict[str, Any]:
     variables = _variables(source_code(state))
     low, high = np.reshape(variables["source"].bounds, (2, 2))
     edges = sum(map(len, state.rings)) * state.columns * state.rows
-    if state.coherence and (
-        state.coherence < _MIN_COHERENCE * (high - low).max() * state.per_metre
-        or edges > _MAX_COHERENCE_EDGES
-    ):
+    smallest = _MIN_COHERENCE * (high - low).max() * state.per_metre
+    if state.coherence and (state.coherence < smallest or edges > _MAX_COHERENCE_EDGES):
         raise ArgumentError(
             f"coherence width {state.coherence:g} {state.unit} is too slow for the page; use at "
             f"least a tenth of the source and at most {_MAX_COHERENCE_EDGES} edges"
@@ -426,9 +393,5 @@ def variables_of(state: State) -> dict[str, Any]:
 
 def polygons_of(shape: Any) -> list[list[np.ndarray]]:
     """Return the polygons of a shapely geometry as arrays of open rings."""
-    polygons = [p for p in getattr(shape, "geoms", [shape]) if p.geom_type == "Polygon"]
-    return [
-        [np.asarray(ring.coords)[:-1] for ring in (p.exterior, *p.interiors)]
-        for p in polygons
-        if not p.is_empty
-    ]
+    parts = (p for p in shapely.get_parts(shape) if p.geom_type == "Polygon" and not p.is_empty)
+    return [[np.asarray(r.coords)[:-1] for r in (p.exterior, *p.interiors)] for p in parts]
