@@ -24,7 +24,7 @@ from polywigner.explorer.state import (
 from polywigner.explorer.views import VIEWS, npz, picture, png, snippet, values_at
 
 SQUARE = State(rings=rings_of(CATALOGUE["square"]()), wave="3 mm")
-FED = replace(SQUARE, taper="cosine", theta=20.0, columns=2, pitch=12.0, polarisation="right")
+FED = replace(SQUARE, taper="cosine", theta=20.0, columns=2, pitch=12.0)
 
 
 def test_a_drag_is_one_step_that_undo_takes_back():

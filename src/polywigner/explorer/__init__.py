@@ -1,8 +1,7 @@
 """A local browser page to draw an aperture in, and to see its transforms and fields.
 
-- :mod:`~polywigner.explorer.state`: outline, illumination and chosen point as one frozen value;
-- :mod:`~polywigner.explorer.views`: the eight views as arrays, code and files;
-- ``plots``, ``page`` and ``server``: Bokeh figures, the Panel page and its server.
+:mod:`~polywigner.explorer.state` and :mod:`~polywigner.explorer.views` need no page; ``plots``,
+``page`` and ``server`` are the Bokeh figures, the Panel page and its server.
 """
 
 from __future__ import annotations
@@ -18,24 +17,16 @@ __all__ = ["State", "check_installed", "serve", "start_state"]
 
 
 def start_state(
-    path: str | None,
-    unit: str = "mm",
-    wave: str | None = None,
-    layer: Sequence[str] | None = None,
-    union: bool = False,
-) -> State:
+    path: str | None, unit: str = "mm", wave: str | None = None,
+    layer: Sequence[str] | None = None, union: bool = False,
+) -> State:  # fmt: skip
     """Return the state that the page opens with: an aperture file, or a chevron.
 
-    ``layer`` and ``union`` are those of :func:`polywigner.read_aperture`. The page uses the unit
-    if it has it, otherwise mm.
-
-    Raises PolywignerError for a file that cannot be read or has too many vertices.
+    Lengths are shown in the unit of the file, or in mm. Raises as `read_aperture`.
     """
     changes: dict[str, Any] = {} if wave is None else {"wave": wave}
     unit_of_page = {"um": "µm"}.get(unit, unit)
-    if unit_of_page in UNITS:
-        changes["unit"] = unit_of_page
-    state = State(**changes)
+    state = State(unit=unit_of_page if unit_of_page in UNITS else "mm", **changes)  # type: ignore[arg-type]
     if path is None:
         return state
     import polywigner as pw

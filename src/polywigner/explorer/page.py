@@ -46,9 +46,7 @@ _VIEWS = """
   grid-template-columns: repeat(auto-fill, minmax(min(310px, 100%), 1fr)); align-items: start; }
 """
 _CARD = ":host { background: white; border: 1px solid #d5dbe1; border-radius: 6px; }"
-_GROUP = (
-    ":host { background: white; box-shadow: none; border: 1px solid #d5dbe1; border-radius: 6px; }"
-)
+_GROUP = _CARD + ":host { box-shadow: none; }"
 _HEAD = ":host { padding: 4px 10px; align-items: center; flex-wrap: wrap; }" + _CARD
 _PAIR = ":host { display: grid !important; grid-template-columns: 1fr 1fr; gap: 0 6px; }"
 
@@ -57,6 +55,7 @@ _QUICK_SECONDS, _FINE_SECONDS = 0.03, 1.0
 _FEWEST = 40
 """Smallest number of samples along an axis."""
 
+_WIDE: dict[str, Any] = {"sizing_mode": "stretch_width"}
 _LOG = {"wavelength": (0.05, 50), "width": (0.5, 100), "distance": (1, 1000)}
 """Ranges of logarithmic sliders, in units."""
 
@@ -73,12 +72,10 @@ class Explorer:
         self._errors: dict[Name, str] = {}
         self._posted: deque[Callable[[], None]] = deque()
         self._is_following = False  # controls follow the state, so their changes are no edits
-        self._editor = Editor(self._outline_edited, partial(self._point_chosen, "x"))
-        marks = {"fourier": "nu", "wigner_nu": "nu", "wigner_x": "x"}
-        self._plots = {
-            name: Plot(name, partial(self._point_chosen, marks[name]) if name in marks else None)
-            for name in VIEWS
-        }
+        self._editor = Editor(self._outline_edited, lambda point: self.edit(x=point))
+        choose_nu = lambda point: self.edit(nu=point)  # noqa: E731
+        taps = {"fourier": choose_nu, "wigner_nu": choose_nu, "wigner_x": lambda p: self.edit(x=p)}
+        self._plots = {name: Plot(name, taps.get(name)) for name in VIEWS}
         self._controls: dict[str, Any] = {}
         self.layout = self._new_layout()
         if self._document is not None:
@@ -111,9 +108,6 @@ class Explorer:
         if is_final:
             self._change(self.history.ended())
 
-    def _point_chosen(self, name: str, point: states.Point) -> None:
-        self.edit(**{name: point})
-
     def _control_changed(self, name: str, event: Any) -> None:
         if self._is_following:
             return
@@ -142,8 +136,7 @@ class Explorer:
         if not event.new:
             return
         try:
-            rings = states.read_upload(self._file.filename, event.new, self.state.unit)
-            self.edit(rings=rings)
+            self.edit(rings=states.read_upload(self._file.filename, event.new, self.state.unit))
         except PolywignerError as error:
             self._say(str(error))
 
@@ -172,9 +165,9 @@ class Explorer:
         finally:
             self._is_following = False
         self._plots["wigner_x"].show_mark(state.x)
-        for name in ("fourier", "wigner_nu"):
-            self._plots[name].show_mark(state.nu)
-            self._plots[name].show_horizon(1 / (state.wavelength * state.per_metre))
+        for plot in (self._plots["fourier"], self._plots["wigner_nu"]):
+            plot.show_mark(state.nu)
+            plot.show_horizon(1 / (state.wavelength * state.per_metre))
         self._status.object = "computing …"
         self._pool.submit(self._compute, state)
 
@@ -315,6 +308,7 @@ class Explorer:
     # --- Layout
 
     def _control(self, name: str, control: Any) -> Any:
+        control.param.update(sizing_mode="stretch_width", margin=(4, 8))
         control.param.watch(partial(self._control_changed, name), "value")
         if isinstance(control, pn.widgets.FloatSlider):
             control.param.watch(self._gesture_ended, "value_throttled")
@@ -338,46 +332,55 @@ class Explorer:
         return self._control(name, pn.widgets.Select(label=label, options=list(options)))
 
     def _new_layout(self) -> Any:
-        self._undo = pn.widgets.Button(label="Undo", width=70, margin=4, sizing_mode="fixed")
-        self._redo = pn.widgets.Button(label="Redo", width=70, margin=4, sizing_mode="fixed")
+        self._undo = pn.widgets.Button(label="Undo", margin=4, width=70)
+        self._redo = pn.widgets.Button(label="Redo", margin=4, width=70)
         self._undo.on_click(lambda _: self._change(self.history.undone()))
         self._redo.on_click(lambda _: self._change(self.history.redone()))
-        self._status = pn.pane.HTML("computing …", width=90, sizing_mode="fixed")
+        self._status = pn.pane.HTML("computing …", width=90)
         self._message = pn.pane.Alert("", visible=False, margin=0)
-        title = pn.pane.HTML(f"<b>{TITLE}</b>", width=140, sizing_mode="fixed")
+        title = pn.pane.HTML(f"<b>{TITLE}</b>")
         head = pn.Row(
             title, self._undo, self._redo, self._status, self._message,
-            stylesheets=[_HEAD], styles={"grid-area": "head"},
+            stylesheets=[_HEAD], styles={"grid-area": "head"}, **_WIDE,
         )  # fmt: skip
         editor = pn.Column(
-            pn.pane.Bokeh(self._editor.plot), self._new_outline_buttons(),
-            stylesheets=[_CARD], styles={"grid-area": "editor"},
+            pn.pane.Bokeh(self._editor.plot, sizing_mode="scale_width"),
+            self._new_outline_buttons(), stylesheets=[_CARD], styles={"grid-area": "editor"},
+            **_WIDE,
         )  # fmt: skip
-        self._values = pn.pane.HTML("")
+        self._values = pn.pane.HTML("", **_WIDE)
         panes = {
-            name: pn.Column(pn.pane.Bokeh(plot.plot), stylesheets=[_CARD])
+            name: pn.Column(
+                pn.pane.Bokeh(plot.plot, sizing_mode="scale_width"), stylesheets=[_CARD]
+            )
             for name, plot in self._plots.items()
         }
         controls = self._new_controls(panes)
         self._views = pn.Column(
-            *panes.values(), pn.Column(self._values, stylesheets=[_CARD]),
-            stylesheets=[_VIEWS], styles={"grid-area": "views"},
+            *panes.values(), pn.Column(self._values, stylesheets=[_CARD], **_WIDE),
+            stylesheets=[_VIEWS], styles={"grid-area": "views"}, **_WIDE,
         )  # fmt: skip
-        return pn.Column(head, editor, self._views, controls, stylesheets=[_GRID], name="page")
+        return pn.Column(
+            head, editor, self._views, controls, stylesheets=[_GRID], name="page", **_WIDE
+        )
 
     def _new_outline_buttons(self) -> Any:
-        self._draw_toggle = pn.widgets.Toggle(label="Draw outline")
+        self._draw_toggle = pn.widgets.Toggle(label="Draw outline", margin=(4, 8), **_WIDE)
         self._draw_toggle.param.watch(self._draw_toggled, "value")
-        delete = pn.widgets.Button(label="Delete vertex")
+        delete = pn.widgets.Button(label="Delete vertex", margin=(4, 8), **_WIDE)
         delete.on_click(lambda _: self._editor.delete_selected())
         shapes = ["choose a shape …", "blank sheet", *CATALOGUE]
-        self._shapes = pn.widgets.Select(label="Start from", options=shapes)
+        self._shapes = pn.widgets.Select(label="Start from", options=shapes, margin=(4, 8), **_WIDE)
         self._shapes.param.watch(self._shape_chosen, "value")
-        self._file = pn.widgets.FileInput(accept=",".join(states.FILE_SUFFIXES))
+        self._file = pn.widgets.FileInput(
+            accept=",".join(states.FILE_SUFFIXES), margin=(4, 8), **_WIDE
+        )
         self._file.param.watch(self._file_chosen, "value")
         unit = self._select("unit", "Unit of length", states.UNITS)
-        pairs = pn.Column(self._draw_toggle, delete, self._shapes, unit, stylesheets=[_PAIR])
-        return pn.Column(pairs, self._file)
+        pairs = pn.Column(
+            self._draw_toggle, delete, self._shapes, unit, stylesheets=[_PAIR], **_WIDE
+        )
+        return pn.Column(pairs, self._file, **_WIDE)
 
     def _new_controls(self, panes: dict[Name, Any]) -> Any:
         integer = partial(pn.widgets.IntInput, start=1, end=states.MAX_ELEMENTS)
@@ -400,11 +403,10 @@ class Explorer:
             self._slider("coherence", "Coherent over (0: all)", 0, 30, 0.5),
             self._slider("defocus", "Defocus W20 (waves)", -3, 3, 0.05),
             self._log_slider("distance", "Near field at z"),
-            self._select("polarisation", "Polarisation", get_args(states.Polarisation)),
         ]
         labels = {label: name for name, label in VIEWS.items()}
         self._visible = pn.widgets.CheckBoxGroup(
-            options=labels, value=list(VIEWS), inline=True,
+            options=labels, value=list(VIEWS), inline=True, margin=(4, 8), **_WIDE,
             stylesheets=[".bk-input-group { flex-wrap: wrap; }"],
         )  # fmt: skip
 
@@ -414,7 +416,7 @@ class Explorer:
             self._follow()
 
         self._visible.param.watch(show_views, "value")
-        self._saved = pn.widgets.Select(label="View", options=labels)
+        self._saved = pn.widgets.Select(label="View", options=labels, margin=(4, 8), **_WIDE)
         self._saved.param.watch(self._show_code, "value")
         files = {
             "PNG of the view": lambda: views.png(self._picture(), self.state.wave),
@@ -423,29 +425,32 @@ class Explorer:
         }
         self._png, self._npz, outline = (
             pn.widgets.FileDownload(
-                label=label, callback=lambda make=make: io.BytesIO(make()), filename="view"
+                label=label,
+                callback=lambda make=make: io.BytesIO(make()),
+                filename="view",
+                margin=(4, 8),
+                **_WIDE,
             )
             for label, make in files.items()
         )
         outline.filename = "aperture.geojson"
         style = "pre { overflow: auto; font-size: 11px; max-height: 260px; user-select: all; }"
-        self._code = pn.pane.HTML("", stylesheets=[style])
+        self._code = pn.pane.HTML("", stylesheets=[style], **_WIDE)
         groups = {
-            "Source": [pn.Column(*source, stylesheets=[_PAIR]), pn.Row(*array)],
-            "Views": [pn.Column(*shown, stylesheets=[_PAIR]), self._visible],
+            "Source": [pn.Column(*source, stylesheets=[_PAIR], **_WIDE), pn.Row(*array, **_WIDE)],
+            "Views": [pn.Column(*shown, stylesheets=[_PAIR], **_WIDE), self._visible],
             "Save": [self._saved, self._png, self._npz, outline, self._code],
         }
         cards = [
             pn.Card(*parts, title=title, collapsed=title == "Save", margin=(0, 0, 8, 0),
-                    stylesheets=[_GROUP])
+                    stylesheets=[_GROUP], **_WIDE)
             for title, parts in groups.items()
         ]  # fmt: skip
-        return pn.Column(*cards, styles={"grid-area": "controls"})
+        return pn.Column(*cards, styles={"grid-area": "controls"}, **_WIDE)
 
 
 def new_page(state: State | None = None) -> Any:
     """Return the page of a new session as a Panel template."""
-    pn.config.sizing_mode = "stretch_width"
     page = pn.Template(TEMPLATE)
     page.title = TITLE
     page.add_panel("page", Explorer(state).layout)

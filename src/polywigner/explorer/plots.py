@@ -155,15 +155,10 @@ class Editor:
     def _span(self) -> float:
         return float(self.plot.x_range.end - self.plot.x_range.start)
 
-    def _rounded(self, x: float, y: float) -> Point:
-        """Round to a thousandth of the figure, less than a pixel."""
-        digits = max(0, 3 - math.floor(math.log10(self._span())))
-        return round(x, digits) + 0.0, round(y, digits) + 0.0
-
     def _rows(self, source: ColumnDataSource) -> list[tuple[int, float, float]]:
         data, exact = source.data, {p for ring in self._rings for p in ring}
         points = [(float(x), float(y)) for x, y in zip(data["x"], data["y"], strict=True)]
-        rounded = [p if p in exact else self._rounded(*p) for p in points]
+        rounded = [p if p in exact else rounded(self.plot, *p) for p in points]
         return [(int(k), *p) for k, p in zip(data["ring"], rounded, strict=True)]
 
     def _edited(self, source: ColumnDataSource, is_final: bool) -> None:
@@ -174,7 +169,7 @@ class Editor:
     def _tapped(self, event: Any) -> None:
         if event.x is None:
             return
-        point = self._rounded(event.x, event.y)
+        point = rounded(self.plot, event.x, event.y)
         if self.sketch is None:
             if self._nearest([p for ring in self._rings for p in ring], point) > 0.03:
                 self._on_position(point)
@@ -192,7 +187,8 @@ class Editor:
         if self.sketch is not None:
             self.finish_sketch()
         elif event.x is not None:
-            self._on_rings(with_vertex(self._rings, self._rounded(event.x, event.y)), True)
+            point = rounded(self.plot, event.x, event.y)
+            self._on_rings(with_vertex(self._rings, point), True)
 
     def _fit(self, state: State) -> None:
         """Change the axes if the outlines leave them or fill less than 40 % of them."""
@@ -275,11 +271,8 @@ class Plot:
         if picture.image is not None and self._mapper is not None:
             low, high = picture.limits
             self._mapper.update(palette=_palette(picture.colours), low=low, high=high)
-            half = [
-                (end - start) / (len(a) - 1) / 2
-                for a, (start, end) in zip((x, y), edges, strict=True)
-            ]
-            edges = [(start - h, end + h) for (start, end), h in zip(edges, half, strict=True)]
+            # the outermost samples are at the centres of the outermost pixels
+            edges = [(a[0] - h, a[-1] + h) for a, h in ((a, (a[1] - a[0]) / 2) for a in (x, y))]
             (x0, x1), (y0, y1) = edges
             self._source.data = {
                 "image": [picture.image.astype(np.float32)],
@@ -289,8 +282,8 @@ class Plot:
             count = len(picture.curves)
             self._source.data = {
                 "xs": [x] * count, "ys": list(picture.curves.values()),
-                "label": list(picture.curves), "colour": [BLUE, ACCENT, BLUE, ACCENT][:count],
-                "dash": ["solid", "solid", "dashed", "dashed"][:count],
+                "label": list(picture.curves), "colour": [BLUE, ACCENT][:count],
+                "dash": ["solid", "dashed"][:count],
             }  # fmt: skip
         elif picture.outlines is not None:
             self._source.data = rows(picture.outlines)
@@ -312,9 +305,13 @@ class Plot:
 
     def _tapped(self, event: Any) -> None:
         if self._on_tap and event.x is not None:
-            span = self.plot.x_range.end - self.plot.x_range.start
-            digits = max(0, 3 - math.floor(math.log10(span)))
-            self._on_tap((round(event.x, digits) + 0.0, round(event.y, digits) + 0.0))
+            self._on_tap(rounded(self.plot, event.x, event.y))
+
+
+def rounded(plot: Any, x: float, y: float) -> Point:
+    """Round to a thousandth of a figure, less than a pixel."""
+    digits = max(0, 3 - math.floor(math.log10(plot.x_range.end - plot.x_range.start)))
+    return round(x, digits) + 0.0, round(y, digits) + 0.0
 
 
 def _style_axes(plot: Any) -> None:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 import numpy as np
 import shapely
@@ -22,7 +22,6 @@ from polywigner.quantities import parse_frequency, parse_length, wavelength_of
 
 Unit = Literal["m", "cm", "mm", "µm", "nm"]
 Taper = Literal["uniform", "cosine", "Taylor 30 dB"]
-Polarisation = Literal["scalar", "x", "y", "right", "left"]
 Part = Literal["level", "real", "phase"]
 Point = tuple[float, float]
 Ring = tuple[Point, ...]
@@ -60,42 +59,24 @@ MAX_VERTICES = 1000
 """Largest number of vertices with handles; a transform of 1,000 edges takes seconds."""
 MAX_ELEMENTS = 256
 """Largest number of elements of an array."""
-SIGNIFICANT_DIGITS = 6
-"""Digits of coordinates that come from a file or the catalogue."""
 
 _MIN_COHERENCE = 0.1  # of the longer side; smaller widths sum W over more than 1,000 frequencies
 _MAX_COHERENCE_EDGES = 60
-
-
 _CHEVRON: Rings = (((-10, -6), (0, 2), (10, -6), (10, -2), (0, 6), (-10, -2)),)
 
 
 def rings_of(aperture: Aperture, per_metre: float = 1) -> Rings:
     """Return the outlines of an aperture in units, rounded to a millionth of its diameter."""
     size = aperture.diameter * per_metre
-    digits = max(0, SIGNIFICANT_DIGITS - 1 - math.floor(math.log10(size)))
-    return tuple(
-        tuple((_rounded(x * per_metre, digits), _rounded(y * per_metre, digits)) for x, y in ring)
-        for ring in aperture.rings
-    )
+    digits = max(0, 5 - math.floor(math.log10(size)))
+    rings = [np.round(np.asarray(ring) * per_metre, digits) + 0.0 for ring in aperture.rings]
+    return tuple(tuple(map(tuple, ring.tolist())) for ring in rings)
 
 
-def _rounded(value: float, digits: int) -> float:
-    return round(float(value), digits) + 0.0  # no -0.0
-
-
-_CHOICES = {
-    name: get_args(kind)
-    for name, kind in {
-        "unit": Unit,
-        "taper": Taper,
-        "polarisation": Polarisation,
-        "part": Part,
-    }.items()
-}
 _RANGES = {
-    "theta": (0, 89), "columns": (1, MAX_ELEMENTS), "rows": (1, MAX_ELEMENTS), "reach": (0, 1),
+    "theta": (0, 89), "phi": (-360, 360), "columns": (1, 256), "rows": (1, 256), "reach": (0, 1),
     "coherence": (0, 1e12), "distance": (1e-12, 1e12), "pitch": (1e-12, 1e12),
+    "defocus": (-100, 100),
 }  # fmt: skip
 
 
@@ -103,11 +84,7 @@ _RANGES = {
 class State:
     """Aperture, illumination and settings of the views. Lengths are in ``unit``.
 
-    Raises
-    ------
-    ArgumentError
-        For values outside their range. Outlines may intersect themselves while they are edited:
-        :func:`source_of` checks them.
+    Raises ArgumentError for values outside their range; outlines may intersect themselves.
     """
 
     rings: Rings = _CHEVRON
@@ -124,7 +101,6 @@ class State:
     rows: int = 1
     pitch: float = 12.0
     """Distance of neighbouring array elements."""
-    polarisation: Polarisation = "scalar"
     x: Point = (0.0, 0.0)
     """The chosen position."""
     nu: Point = (0.0, 0.0)
@@ -145,13 +121,8 @@ class State:
         object.__setattr__(self, "rings", rings)
         count = sum(map(len, rings))
         if count > MAX_VERTICES:
-            raise ArgumentError(
-                f"{count} vertices are too many for the page, at most {MAX_VERTICES}; use "
-                "`polywigner transform`"
-            )
-        for name, choices in _CHOICES.items():
-            if getattr(self, name) not in choices:
-                raise ArgumentError(f"{name} must be one of {', '.join(choices)}")
+            raise ArgumentError(f"{count} vertices are too many, at most {MAX_VERTICES}; use "
+                                "`polywigner transform`")  # fmt: skip
         for name, (low, high) in _RANGES.items():
             if not low <= getattr(self, name) <= high:
                 raise ArgumentError(f"{name} must lie between {low:g} and {high:g}")
@@ -190,12 +161,11 @@ class State:
         x0, y0, x1, y1 = self.box
         if not (x1 > x0 and width > 0):
             return self
-        factor, cx, cy = width / (x1 - x0), (x0 + x1) / 2, (y0 + y1) / 2
-        scaled = (
-            np.array(ring) * factor + np.array([cx, cy]) * (1 - factor) for ring in self.rings
-        )
-        rings = (tuple((float(f"{x:.9g}"), float(f"{y:.9g}")) for x, y in ring) for ring in scaled)
-        return replace(self, rings=tuple(rings))
+        factor, centre = width / (x1 - x0), np.array([x0 + x1, y0 + y1]) / 2
+        scaled = [(np.array(ring) - centre) * factor + centre for ring in self.rings]
+        digits = max(0, 8 - math.floor(math.log10(width)))
+        rings = (np.round(ring, digits).tolist() for ring in scaled)
+        return replace(self, rings=tuple(tuple(map(tuple, ring)) for ring in rings))
 
 
 @dataclass(frozen=True)
@@ -224,15 +194,13 @@ class History:
 
     def undone(self) -> History:
         """Return the history one step earlier."""
-        if not self.past:
-            return self
-        return History(self.past[-1], self.past[:-1], (self.present, *self.future))
+        past, future = self.past, (self.present, *self.future)
+        return History(past[-1], past[:-1], future) if past else self
 
     def redone(self) -> History:
         """Return the history one step later."""
-        if not self.future:
-            return self
-        return History(self.future[0], (*self.past, self.present), self.future[1:])
+        past, future = (*self.past, self.present), self.future
+        return History(future[0], past, future[1:]) if future else self
 
 
 # --- Editing
@@ -267,10 +235,8 @@ def read_upload(name: str, content: bytes, unit: Unit) -> Rings:
     if suffix not in FILE_SUFFIXES:
         raise FileFormatError(f"{name}: unknown suffix; expected {', '.join(FILE_SUFFIXES)}")
     if len(content) > LARGEST_FILE:
-        raise FileFormatError(
-            f"{name}: {len(content) / 2**20:.1f} MiB is too large for the page, at most 1 MiB; "
-            "simplify the drawing"
-        )
+        size = len(content) / LARGEST_FILE
+        raise FileFormatError(f"{name}: {size:.1f} MiB is too large, at most 1 MiB; simplify it")
     with tempfile.TemporaryDirectory(prefix="polywigner-") as folder:
         path = Path(folder) / f"aperture{suffix}"
         path.write_bytes(content)
@@ -284,10 +250,7 @@ def read_upload(name: str, content: bytes, unit: Unit) -> Rings:
 
 
 def geojson(state: State) -> str:
-    """Return the outline of the element as a GeoJSON Feature in mm.
-
-    Raises PolywignerError for outlines that are no polygons.
-    """
+    """Return the outline of the element as a GeoJSON Feature in mm."""
     polygons = aperture_of(state.rings, state.per_metre).polygons
     # 15 digits reproduce the typed number
     in_mm = np.vectorize(lambda metres: float(f"{metres * UNITS['mm']:.15g}"))
@@ -319,8 +282,8 @@ def aperture_of(rings: Rings, per_metre: int) -> Aperture:
 def source_code(state: State) -> str:
     """Return Python code that makes ``source``, and ``light`` with its coherence width.
 
-    The page computes with this code too. Raises PolywignerError for outlines that are no polygons,
-    too large arrays, and coherence widths below a tenth of the source.
+    The page computes with this code too. Raises PolywignerError for outlines that are no polygons
+    and for too large arrays.
     """
     count = state.columns * state.rows
     if count > MAX_ELEMENTS:
@@ -364,21 +327,16 @@ def run(code: str, **names: Any) -> dict[str, Any]:
     return variables
 
 
-@lru_cache(maxsize=64)
-def _variables(code: str) -> dict[str, Any]:
-    return run(code)
+_variables = lru_cache(maxsize=64)(run)
 
 
 def source_of(state: State) -> Source:
     """Return the tapered and steered aperture, or the phased array of such elements."""
-    return variables_of(state)["source"]  # type: ignore[no-any-return]
+    return variables_of(state)["source"]
 
 
 def variables_of(state: State) -> dict[str, Any]:
-    """Return ``source``, ``light`` and ``wavelength`` of a state. Raises as `source_code`.
-
-    Raises ArgumentError for a coherence width that makes the page slow.
-    """
+    """Return ``source``, ``light`` and ``wavelength``; slow coherence widths are an error."""
     variables = _variables(source_code(state))
     low, high = np.reshape(variables["source"].bounds, (2, 2))
     edges = sum(map(len, state.rings)) * state.columns * state.rows

@@ -12,14 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import polywigner as pw
-from polywigner.explorer.state import (
-    State,
-    polygons_of,
-    run,
-    source_code,
-    source_of,
-    variables_of,
-)
+from polywigner.explorer import state as states
+from polywigner.explorer.state import State, polygons_of, source_of, variables_of
 from polywigner.figures import style
 from polywigner.figures.levels import level_db
 from polywigner.illumination.support import mutual_support
@@ -67,16 +61,10 @@ values = pw.irradiance(source, points, wavelength, "kirchhoff")""",
     "far": """
 x = np.linspace(-{angle!r}, {angle!r}, 361)
 pattern = pw.radiation_pattern(
-    source, wavelength, x, np.radians({azimuths}), polarisation={polarisation!r}, engine="numpy"
+    source, wavelength, x, np.radians({azimuths}), engine="numpy"
 )
 values = pattern["directivity"].values  # dBi""",
 }
-_CROSS = """
-scale = 4 * np.pi / pattern.attrs["radiated_power"]
-values, cross = (  # co- and cross-polar, in dBi
-    10 * np.log10(np.maximum(scale * abs(pattern[part].values) ** 2, 1e-30))
-    for part in ("field", "cross_field")
-)"""
 
 
 def view_code(state: State, name: Name, samples: int = SAMPLES) -> str:
@@ -100,16 +88,14 @@ def view_code(state: State, name: Name, samples: int = SAMPLES) -> str:
         "nu": tuple(v * state.per_metre for v in state.nu),
         "defocus": state.defocus, "distance": distance, "azimuths": [state.phi, state.phi + 90],
         "angle": math.pi / 2 if reach > _WIDE and not state.reach else math.asin(reach),
-        "polarisation": None if state.polarisation == "scalar" else state.polarisation,
     }  # fmt: skip
-    code = _CODE[name].format(**numbers)
-    return code + (_CROSS if name == "far" and numbers["polarisation"] else "") + "\n"
+    return _CODE[name].format(**numbers) + "\n"
 
 
 def snippet(state: State, name: Name, samples: int = SAMPLES) -> str:
     """Return Python code that computes the values of a view as ``values``."""
     imports = "import numpy as np\nimport shapely\n\nimport polywigner as pw\n\n"
-    return imports + source_code(state) + view_code(state, name, samples)
+    return imports + states.source_code(state) + view_code(state, name, samples)
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,18 +128,18 @@ def picture(state: State, name: Name, samples: int = SAMPLES) -> Picture:
     Raises PolywignerError for a state whose view cannot be computed.
     """
     code = view_code(state, name, samples)
-    result = run(code, **variables_of(state))
+    result = states.run(code, **variables_of(state))
     scale, unit, part = float(state.per_metre), state.unit, state.part
     at_x = f"at x = ({state.x[0]:.3g}, {state.x[1]:.3g}) {unit}"
     if name == "lags":
         polygons = polygons_of(result["values"])
         xmin, ymin, xmax, ymax = source_of(state).bounds
         lag = _MARGIN * 2 * max(xmax - xmin, ymax - ymin) / 2 * scale
-        limits = np.array([-lag, lag])
+        span = np.array([-lag, lag])
         return Picture(
             f"Lag slice {at_x}", f"ξ_x ({unit})", f"ξ_y ({unit})",
             {f"ring_{k}": ring for k, ring in enumerate(r for p in polygons for r in p)},
-            limits, limits, outlines=[[ring * scale for ring in p] for p in polygons],
+            span, span, outlines=[[ring * scale for ring in p] for p in polygons],
         )  # fmt: skip
     values, x = result["values"], result["x"]
     if name == "far":
@@ -201,10 +187,6 @@ def _far_field(state: State, result: Mapping[str, Any]) -> Picture:
     names = [f"φ = {angle:.4g}°" for angle in (state.phi, state.phi + 90)]
     curves = dict(zip(names, values.T, strict=True))
     arrays = {"values": values, "theta": theta, "phi": np.radians([state.phi, state.phi + 90])}
-    if "cross" in result:
-        arrays["cross"] = result["cross"]
-        crosses = [f"{name}, cross" for name in names]
-        curves |= dict(zip(crosses, result["cross"].T, strict=True))
     peak = float(values.max())
     top = 5 * math.ceil((peak + 1) / 5)
     return Picture(
@@ -238,7 +220,7 @@ _SOURCE = {"rings", "unit", "wave", "taper", "theta", "phi", "columns", "rows", 
 _NEEDS: Mapping[Name, set[str]] = {
     "fourier": {"reach", "part"}, "wigner_nu": {"x", "reach", "coherence"},
     "wigner_x": {"nu", "coherence"}, "ambiguity": {"reach"}, "otf": {"defocus"},
-    "far": {"reach", "polarisation"}, "near": {"distance"}, "lags": {"x"},
+    "far": {"reach"}, "near": {"distance"}, "lags": {"x"},
 }  # fmt: skip
 
 
@@ -251,8 +233,9 @@ def needed(state: State, name: Name) -> tuple[Any, ...]:
 def npz(picture: Picture) -> bytes:
     """Return the values and axes of a view in SI units as an ``.npz`` file."""
     buffer = io.BytesIO()
-    labels: dict[str, Any] = {"title": picture.title, "quantity": picture.quantity}
-    np.savez_compressed(buffer, **picture.arrays, **labels)
+    labels = {"title": picture.title, "quantity": picture.quantity}
+    arrays: dict[str, Any] = {**picture.arrays, **labels}
+    np.savez_compressed(buffer, **arrays)
     return buffer.getvalue()
 
 
