@@ -158,8 +158,8 @@ class Editor:
     def _rows(self, source: ColumnDataSource) -> list[tuple[int, float, float]]:
         data, exact = source.data, {p for ring in self._rings for p in ring}
         points = [(float(x), float(y)) for x, y in zip(data["x"], data["y"], strict=True)]
-        rounded = [p if p in exact else rounded(self.plot, *p) for p in points]
-        return [(int(k), *p) for k, p in zip(data["ring"], rounded, strict=True)]
+        points = [p if p in exact else rounded(self.plot, *p) for p in points]
+        return [(int(k), *p) for k, p in zip(data["ring"], points, strict=True)]
 
     def _edited(self, source: ColumnDataSource, is_final: bool) -> None:
         rings = rings_of_rows(self._rows(source))
