@@ -184,11 +184,15 @@ class Editor:
         return min((math.dist(p, point) / self._span() for p in points), default=math.inf)
 
     def _double_tapped(self, event: Any) -> None:
-        if self.sketch is not None:
-            self.finish_sketch()
-        elif event.x is not None:
-            point = rounded(self.plot, event.x, event.y)
+        if event.x is None:
+            return
+        point = rounded(self.plot, event.x, event.y)
+        if self.sketch is None:
             self._on_rings(with_vertex(self._rings, point), True)
+        elif self._nearest(self.sketch[-1:], point) <= 0.03:
+            self.finish_sketch()
+        else:  # two quick clicks at different points
+            self._tapped(event)
 
     def _fit(self, state: State) -> None:
         """Change the axes if the outlines leave them or fill less than 40 % of them."""
