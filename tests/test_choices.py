@@ -44,9 +44,11 @@ LISTED = {
         kernels/functions/separable.py _PRODUCT; kernels/functions/simplices.py _MOST_CANCELLING;
         kernels/functions/simplices.py NEEDLE_ASPECT; kernels/outline/frame.py NEEDLE_ASPECT;
         kernels/outline/lines.py NEARLY_PARALLEL _PARALLEL _SAME_OFFSET _SEPARATE;
-        mitsuba/diffraction.py _LONGEST; mitsuba/passing.py _IN_PLANE; mitsuba/rendering.py _LEVEL;
+        mitsuba/diffraction.py 9 _ENDS _FAINT _LONGEST; mitsuba/channels.py _MATCHED;
+        mitsuba/passing.py _IN_PLANE; mitsuba/rendering.py _LEVEL;
         mitsuba/emitter.py _APART; mitsuba/exact.py AWAY _REAL _ROUNDING; mitsuba/mirrors.py _ALONG
-        _AXIS _FLAT _STRAIGHT; transforms/imaging.py _ROUNDING;
+        _AXIS _FLAT; mitsuba/ray_transmission.py MASK _ALONG _STRAIGHT; transforms/imaging.py
+        _OVERLAP _ROUNDING;
         mitsuba/placement.py _ROUNDING; mitsuba/sources.py _LARGEST_SUM _OF_CURVED;
         transforms/extremes.py _LARGEST_EXPONENT _UNDERFLOW; transforms/pupil.py _DARK _LEAST_WAVES;
         transforms/wavefronts.py _THIN
@@ -55,7 +57,7 @@ LISTED = {
         kernels/catalogue.py MOST_WIDTHS; mitsuba/bodies.py _MOST_WAYS; mitsuba/channels.py
         _MOST_FREQUENCIES;
         mitsuba/diffraction.py _MOST_FACES; mitsuba/exact.py _MOST_PANELS; mitsuba/mirrors.py
-        _MOST_CHAINS _MOST_FACES; mitsuba/parameters.py _LARGEST _SMALLEST; mitsuba/range_film.py
+        MOST_FACES _MOST_CHAINS; mitsuba/parameters.py _LARGEST _SMALLEST; mitsuba/range_film.py
         _MOST_SUMS; mitsuba/range_profile.py _MOST_BINS; mitsuba/rendering.py _NEVER;
         mitsuba/scatterers.py _NO_LIMIT; mitsuba/scene_files.py _LARGEST_MESH _MOST_CORNERS
         _MOST_MESHES _MOST_PIXELS; mitsuba/scenes.py _MOST_SAMPLES; transforms/imaging.py _MOST
@@ -65,7 +67,10 @@ LISTED = {
     LAYOUT: """
         execution/evaluation.py _LEAST_COLUMNS; execution/on_numpy.py _LEAST_SIDE _MOST_BELOW
     """,
-    TOLD: "execution/progress.py _INTERVAL _PATIENCE; mitsuba/received_power.py _LEAST_NAMED",
+    TOLD: """
+        execution/progress.py 120 _AT_ONCE _INTERVAL _PATIENCE; mitsuba/received_power.py
+        _LEAST_NAMED
+    """,
     SPARED: """
         execution/on_drjit.py _LEAST_EDGES_SORTED _LEAST_SAMPLES_SORTED; execution/on_numpy.py
         _LEAST_MASKED; execution/operations.py _FEW_SAMPLES; mitsuba/scattering_steps.py _ROULETTE;

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from PIL import Image
 
 import polywigner as pw
 from cli_scenes import PATH, WIGNER, receiver, rectangle, scene, source, written
 from polywigner.cli import main
+from polywigner.figures import draw_arrivals
 
 pytestmark = pytest.mark.drjit
 
@@ -120,21 +120,34 @@ AWAY = '<transform name="to_world"><translate z="-5"/><rotate y="1" angle="180"/
     [("receive", 0.5, 0.25, 6), ("render", -0.25, -0.5, 12)],
 )
 def test_pictures_are_seen_as_the_receiver_sees(
-    command: str, right: float, above: float, pixels: int, tmp_path: Path
+    command: str,
+    right: float,
+    above: float,
+    pixels: int,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Along its z axis, its y axis upwards: its x axis points to the left."""
+    drawn = []
+
+    def draw(power: Any, *given: Any, **options: Any) -> Any:
+        figure = draw_arrivals(power, *given, **options)
+        axes = options.get("ax") or figure.axes[0]
+        drawn.append((np.asarray(power), axes.get_xlim(), axes.get_ylim()))
+        return figure
+
+    monkeypatch.setattr("polywigner.figures.scenes.draw_arrivals", draw)
+    monkeypatch.setattr("polywigner.figures.draw_arrivals", draw)
     lamp = LAMP.format(right=right, above=above)
     path = written(tmp_path, scene(PATH.format(-1), source(AWAY), receiver(pixels=pixels), lamp))
     words = [command, str(path), "--variant", "scalar_rgb", "--spp", "4"]
     assert main([*words, "--out", str(tmp_path / "out")]) == 0
-    drawn = np.asarray(Image.open(tmp_path / "out.png").convert("RGB")).astype(int)
-    panel = drawn[:, : int(0.78 * drawn.shape[1])]  # the colour bar is beside it
-    dark = np.argwhere(panel.max(axis=-1) < 16)
-    middle = (dark.min(axis=0) + dark.max(axis=0)) / 2
-    bright = np.argwhere((panel[..., 0] > 200) & (panel[..., 2] < 200)).mean(axis=0)
-    down, across = bright - middle
-    assert np.sign(across) == np.sign(right)
-    assert np.sign(-down) == np.sign(above)
+    ((power, (left, end), (low, high)),) = drawn
+    assert left > end and high > low
+    row, column = np.unravel_index(power.argmax(), power.shape)
+    s_x, s_y = (2 * (np.array([column, row]) + 0.5) / len(power) - 1).tolist()
+    assert np.sign(-s_x) == np.sign(right) and np.sign(s_y) == np.sign(above)
+    assert end < s_x < left and low < s_y < high
 
 
 WALL = rectangle(

@@ -52,7 +52,7 @@ def test_fields_and_patterns_show_themselves_in_few_lines(tmp_path):
     found = _datasets(tmp_path)
     assert set(found["line"].attrs) == {"wavelength", "frequency", "source"}
     assert len(repr(found["line"]).splitlines()) <= 14
-    assert len(repr(found["pattern"]).splitlines()) <= 20
+    assert len(repr(found["pattern"]).splitlines()) <= 24
 
 
 def test_files_give_the_source_back_too(tmp_path):

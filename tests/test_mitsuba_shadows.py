@@ -149,7 +149,8 @@ def test_a_source_without_a_surface_is_met_by_no_ray_and_moves(variant):
         it = dr.zeros(mi.Interaction3f)
         it.p = mi.Point3f(0.0, 0.0, place + 20.0)
         ds, weight = scene.sample_emitter_direction(it, mi.Point2f(0.3, 0.6), True)
-        assert np.array(ds.p, dtype=float).ravel()[2] == pytest.approx(place)
+        # the end of a visibility ray lies up to 0.1 % of the distance in front of the source
+        assert np.array(ds.p, dtype=float).ravel()[2] == pytest.approx(place, abs=0.02)
         assert np.array(weight).ravel()[0] != 0
 
 

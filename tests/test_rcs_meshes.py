@@ -15,7 +15,7 @@ from oracles.bounces import scattered_field, triangles_of
 from oracles.meshes import BOX, across, block, drone, joined, moved, section_root, torus, towards
 from oracles.scan_lines import visible_lengths
 from polywigner.errors import ArgumentError, PolywignerWarning
-from polywigner.scattering import overlays
+from polywigner.geometry import overlays
 from polywigner.scattering.facets import facets_of
 from polywigner.scattering.visibility import seen_along
 

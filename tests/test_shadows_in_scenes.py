@@ -177,6 +177,39 @@ def test_shapes_of_mitsuba_throw_shadows(name: str) -> None:
 
 
 @pytest.mark.llvm
+def test_plate_before_a_wall_has_the_field_of_both_in_pictures_and_at_points() -> None:
+    use("llvm_ad_mono")
+
+    def rectangle(x: float, z: float, side: float) -> dict[str, Any]:
+        pose = transform().translate([x, 0, z]).scale([side, side, 1])
+        return {"type": "rectangle", "to_world": pose, "bsdf": BLACK}
+
+    def plate(x: float, z: float, side: float) -> Any:
+        pose = np.eye(4)
+        pose[:3, 3] = x, 0, z
+        return pw.shapes.square(2 * side).placed(pose)
+
+    places = [(0.005, 0.08, 0.012), (0.04, 0.18, 0.04)]
+    shapes = {f"r{k}": rectangle(*place) for k, place in enumerate(places)}
+    bodies = [plate(*place) for place in places]
+    found = rendered(scene(8, shapes), 324)
+    expected = on_floor(8, 12, bodies)
+    assert np.abs(found - expected).max() < 5e-3 * on_floor(8, 1).max()
+    use("scalar_rgb")
+    # on the line through the source's centre and a corner as well, in single precision
+    point = pw.Aperture(0.05 * HALF)
+    made = scene(2, {"r0": rectangle(0.0, 0.1, 0.02)}, source=point)
+    weights = []
+    with pm.receiving(made):
+        for x in (0.06, 0.06 + 1e-6, 0.06 - 1e-6):
+            it = dr.zeros(mi.SurfaceInteraction3f)
+            it.p, it.n = mi.Point3f(x, 0.06, FLOOR), mi.Normal3f(0, 0, -1)
+            weights.append(float(made.sample_emitter_direction(it, mi.Point2f(0.3, 0.6))[1][0]))
+    assert weights[0] == pytest.approx(weights[1], rel=1e-2)
+    assert weights[0] == pytest.approx(weights[2], rel=1e-2)
+
+
+@pytest.mark.llvm
 def test_an_instance_is_found_by_any_name_of_its_group() -> None:
     use("scalar_rgb")
     cube = {key: value for key, value in box().items() if key != "bsdf"}
@@ -373,7 +406,7 @@ def test_what_diffraction_cannot_do_is_said() -> None:
         rendered(scene(2, {"cube": box(interior=fog)}), 1)
     with pytest.raises(SceneError, match="at most 2097152 faces"):
         rendered(scene(2, many_faces()), 1)
-    with pytest.raises(SceneError, match="pairs of an edge and a surface"):
+    with pytest.raises(SceneError, match="hardly overlap as they are seen"):
         rendered(scene(2, {"fan": fan(20_000)}), 1)
     large = pw.Aperture(100 * HALF)
     with pytest.raises(SceneError, match="limit is 1024"):

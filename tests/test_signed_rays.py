@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import polywigner as pw
-from polywigner.cli import main
 from polywigner.errors import ArgumentError, GeometryError, IlluminationError
 
 pytest.importorskip("xarray")
@@ -422,14 +421,3 @@ def test_obliquities_that_differ_from_wave_to_wave_are_refused(source):
     )
     expected = plain.weight.values / plain.direction.values[:, 2]
     assert paper.weight.values == pytest.approx(expected, rel=ROUNDING)
-
-
-def test_the_command_has_curved_and_partly_coherent_waves(tmp_path):
-    outline = tmp_path / "square.wkt"
-    outline.write_text("POLYGON ((-5 -5, 5 -5, 5 5, -5 5, -5 -5))")
-    words = ["rays", str(outline), "--wavelength", "3.2 mm", "--count", "64"]
-    words += ["--curved", "60 mm, inf", "--coherence", "4 mm", "--out", str(tmp_path / "some.npz")]
-    assert main(words) == 0
-    source = pw.read_aperture(outline).curved((0.06, math.inf), WAVELENGTH)
-    expected = pw.sample_rays(source.partially_coherent(4e-3), WAVELENGTH, 64)
-    assert pw.rays.load(tmp_path / "some.npz").equals(expected)

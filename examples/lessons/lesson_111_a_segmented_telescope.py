@@ -170,8 +170,9 @@ figure.colorbar(picture, ax=panels, label="PSF (dB below the ideal peak, floor â
 # -------------------------
 # A detector sees a band of wavelengths at once. ``pw.mtf`` takes several: it averages their
 # transfer functions, since each wavelength has a scale of its own. Frequencies are in cycles
-# per metre in the image, 1000 times those in cycles per mm. A wavelength passes nothing beyond :math:`D/(\lambda f)`, with D the
-# reach of the pupil along this direction. Pixels multiply by a sinc.
+# per metre in the image, 1000 times those in cycles per mm. A wavelength passes nothing beyond
+# :math:`D/(\lambda f)`, with D the reach of the pupil along this direction. Pixels multiply by a
+# sinc.
 
 band = np.linspace(1.5e-6, 2.5e-6, 7)
 PIXEL = 18e-6

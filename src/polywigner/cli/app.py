@@ -64,7 +64,7 @@ def explore(
     aperture: Annotated[
         str | None,
         typer.Argument(
-            help="Aperture file to begin with: GeoJSON, WKT, CSV, SVG, DXF (default: a square)."
+            help="Aperture file to begin with: GeoJSON, WKT, CSV, SVG, DXF (default: a chevron)."
         ),
     ] = None,
     unit: options.Unit = None,
@@ -73,12 +73,6 @@ def explore(
     frequency: options.Frequency = None,
     wavelength: options.Wavelength = None,
     port: Annotated[int, "Port to serve at; 0: any that is free."] = 5006,
-    address: Annotated[
-        str, "Address to listen at; any other than this one lets other machines in."
-    ] = "127.0.0.1",
-    allow_host: Annotated[
-        list[str] | None, "Another name that the page is opened by; several times for more."
-    ] = None,
     browser: Annotated[bool, "Whether to open a browser."] = True,
 ) -> None:
     """Open a page to draw an aperture in, and see its transforms and fields (extra: explorer).
@@ -92,9 +86,8 @@ def explore(
 
     check_installed()
     state = start_state(aperture, unit or "mm", frequency or wavelength, layer, union)
-    hosts = allow_host or []
-    if not serve(state, port=port, address=address, browser=browser, say=_say, allow_host=hosts):
-        os._exit(0)  # not after the seconds or minutes of a computation nobody waits for
+    serve(state, port=port, browser=browser, say=_say)
+    os._exit(0)  # a computation in progress is not worth waiting for
 
 
 def _say(text: str) -> None:

@@ -1,120 +1,136 @@
-"""The state of the explorer as one immutable value; to and from the text of a link."""
+"""State of the explorer: outline, illumination and chosen point, independent of the page."""
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields, replace
-from typing import Any, Literal, get_args
-from urllib.parse import parse_qsl, quote, urlencode
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Literal
 
-from polywigner.errors import ArgumentError, PolywignerError
+import numpy as np
+import shapely
+
+import polywigner as pw
+from polywigner.errors import ArgumentError, FileFormatError, GeometryError, PolywignerError
 from polywigner.geometry import Aperture, shapes
+from polywigner.geometry.io.outlines import nested
 from polywigner.quantities import parse_frequency, parse_length, wavelength_of
 
 Unit = Literal["m", "cm", "mm", "µm", "nm"]
+Taper = Literal["uniform", "cosine", "Taylor 30 dB"]
 Part = Literal["level", "real", "phase"]
+Point = tuple[float, float]
+Ring = tuple[Point, ...]
+Rings = tuple[Ring, ...]
+Source = pw.Aperture | pw.Array
 
 UNITS: Mapping[str, int] = {"m": 1, "cm": 100, "mm": 1000, "µm": 10**6, "nm": 10**9}
-"""Number of each unit in a metre: dividing by it rounds a typed length correctly."""
+"""Number of each unit in one metre."""
 
 CATALOGUE: Mapping[str, Callable[[], Aperture]] = {
+    "chevron": lambda: shapes.chevron(20, 12, 4),
     "square": lambda: shapes.square(10),
     "rectangle": lambda: shapes.rectangle(12, 8),
     "triangle": lambda: shapes.triangle(12, 10),
     "hexagon": lambda: shapes.regular_polygon(6, 6),
-    "octagon": lambda: shapes.regular_polygon(8, 6),
     "disc": lambda: shapes.disc(5, 32),
     "ring": lambda: shapes.ring(6, 3, 24),
     "star": lambda: shapes.star(5, 7, 3),
-    "chevron": lambda: shapes.chevron(20, 12, 4),
     "two chevrons": lambda: shapes.chevron_pair(20, 12, 4),
     "vee": lambda: shapes.vee(12, 10, 2),
     "u shape": lambda: shapes.u_shape(12, 10, 3),
-    "bow-tie": lambda: shapes.bow_tie(14, 8, 1),
+    "bow tie": lambda: shapes.bow_tie(14, 8, 1),
     "double slit": lambda: shapes.double_slit(2, 12, (-4, 4)),
     "18 hexagons": lambda: shapes.hexagonal_segments(2.5, 0.1),
 }
-"""Shapes of some ten units, whatever the unit."""
+"""Shapes of about ten units, in any unit."""
+
+FILE_SUFFIXES = (
+    ".geojson", ".json", ".wkt", ".csv", ".txt", ".svg", ".dxf", ".gds", ".gbr", ".ger", ".gtl",
+    ".gbl", ".art",
+)  # fmt: skip
+LARGEST_FILE = 1 << 20
+"""Largest file of the page, in bytes."""
+MAX_VERTICES = 1000
+"""Largest number of vertices with handles; a transform of 1,000 edges takes seconds."""
+MAX_ELEMENTS = 256
+"""Largest number of elements of an array."""
+
+_MIN_COHERENCE = 0.1  # of the longer side; smaller widths sum W over more than 1,000 frequencies
+_MAX_COHERENCE_EDGES = 60
+_CHEVRON: Rings = (((-10, -6), (0, 2), (10, -6), (10, -2), (0, 6), (-10, -2)),)
 
 
-Point = tuple[float, float]
-Ring = tuple[Point, ...]
+def rings_of(aperture: Aperture, per_metre: float = 1) -> Rings:
+    """Return the outlines of an aperture in units, rounded to a millionth of its diameter."""
+    size = aperture.diameter * per_metre
+    digits = max(0, 5 - math.floor(math.log10(size)))
+    rings = [np.round(np.asarray(ring) * per_metre, digits) + 0.0 for ring in aperture.rings]
+    return tuple(tuple(map(tuple, ring.tolist())) for ring in rings)
 
-MOST_VERTICES = 1000
-"""Most vertices with handles to drag; a transform of a thousand edges takes seconds."""
-MOST_RINGS = 100
 
-_LONGEST_TEXT = 100
-_FROM_ZERO = ("coherence", "distance", "reach", "snap")
-_LARGEST = 1e12  # of any number, in units: nothing overflows in squares
-_SQUARE: tuple[Ring, ...] = (((-5.0, -5.0), (5.0, -5.0), (5.0, 5.0), (-5.0, 5.0)),)
+_RANGES = {
+    "theta": (0, 89), "phi": (-360, 360), "columns": (1, 256), "rows": (1, 256), "reach": (0, 1),
+    "coherence": (0, 1e12), "distance": (1e-12, 1e12), "pitch": (1e-12, 1e12),
+    "defocus": (-100, 100),
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
 class State:
-    """Aperture, light and views of the page. Lengths are in ``unit``, exactly as typed.
+    """Aperture, illumination and settings of the views. Lengths are in ``unit``.
 
-    Raises
-    ------
-    ArgumentError for values of the wrong kind or out of range, QuantityError for a wave that is
-    none. Outlines need not be polygons: they cross themselves while they are dragged.
+    Raises ArgumentError for values outside their range; outlines may intersect themselves.
     """
 
-    rings: tuple[Ring, ...] = _SQUARE
-    """Outlines; those inside others are holes."""
+    rings: Rings = _CHEVRON
+    """Outlines; outlines inside others are holes."""
     unit: Unit = "mm"
     wave: str = "94 GHz"
     """A frequency or a wavelength."""
-    taper: str = ""
-    """Taper of the element, as :func:`polywigner.illumination.texts.fed` takes it; "" for none."""
-    array: str = ""
-    window: str = ""
-    steering: str = ""
-    polarisation: str = ""
-    """Polarisation of the far field, as :func:`polywigner.field` takes it; "" for a scalar one."""
+    taper: Taper = "uniform"
+    theta: float = 0.0
+    """Angle of the steered beam from the normal, in degrees."""
+    phi: float = 0.0
+    """Azimuth of the steered beam and of the first cut of the far field, in degrees."""
+    columns: int = 1
+    rows: int = 1
+    pitch: float = 12.0
+    """Distance of neighbouring array elements."""
     x: Point = (0.0, 0.0)
-    """The chosen position, in units."""
+    """The chosen position."""
     nu: Point = (0.0, 0.0)
     """The chosen spatial frequency, in cycles per unit."""
     coherence: float = 0.0
-    """Width over which the source is coherent, in units; 0: all of it."""
+    """Width over which the source is coherent; 0: full coherence."""
     defocus: float = 0.0
-    """W20 at the farthest vertex, in waves."""
+    """Defocus W20 at the farthest vertex, in waves."""
     distance: float = 50.0
     """Distance of the plane of the near field from the source."""
-    order: int = 1
-    """Order of Wigner rays in the lag, 1 or 3."""
     reach: float = 0.0
-    """Largest direction cosine shown; 0: eight lobes, or all that propagates."""
+    """Largest direction cosine of the frequency axes; 0: eight lobes of the source."""
     part: Part = "level"
-    """The part of the Fourier transform that is shown."""
-    snap: float = 0.0
-    """Step of the raster that vertices are dragged to, in units; 0: none."""
+    """Part of the Fourier transform that is shown."""
 
     def __post_init__(self) -> None:
-        if self.unit not in UNITS:
-            raise ArgumentError(f"expected a unit among {', '.join(UNITS)}, got {self.unit!r}")
-        if self.part not in get_args(Part):
-            raise ArgumentError(f"expected part among {', '.join(get_args(Part))}")
-        if self.order not in (1, 3):
-            raise ArgumentError(f"expected order 1 or 3, got {self.order!r}")
-        object.__setattr__(self, "rings", _checked_rings(self.rings))
-        for name in ("x", "nu"):
-            object.__setattr__(self, name, _checked_point(name, getattr(self, name)))
-        for name, low in (("defocus", -_LARGEST), *((n, 0) for n in _FROM_ZERO)):
-            object.__setattr__(self, name, _checked_number(name, getattr(self, name), low))
-        if not self.distance > 0 or self.reach > 1:
-            raise ArgumentError("expected a distance above zero, and a reach of at most 1")
-        for name in ("wave", "taper", "array", "window", "steering", "polarisation"):
-            text = getattr(self, name)
-            if not isinstance(text, str) or len(text) > _LONGEST_TEXT:
-                raise ArgumentError(f"{name}: expected a text of at most {_LONGEST_TEXT} letters")
-        self.wavelength  # noqa: B018 (its error)
+        rings = tuple(tuple((float(x), float(y)) for x, y in ring) for ring in self.rings)
+        object.__setattr__(self, "rings", rings)
+        count = sum(map(len, rings))
+        if count > MAX_VERTICES:
+            raise ArgumentError(f"{count} vertices are too many, at most {MAX_VERTICES}; use "
+                                "`polywigner transform`")  # fmt: skip
+        for name, (low, high) in _RANGES.items():
+            if not low <= getattr(self, name) <= high:
+                raise ArgumentError(f"{name} must lie between {low:g} and {high:g}")
+        self.wavelength  # noqa: B018 (raises for a wave that cannot be parsed)
 
     @property
     def wavelength(self) -> float:
-        """In m."""
+        """Wavelength in metres."""
         try:
             return wavelength_of(parse_frequency(self.wave))
         except PolywignerError:
@@ -123,145 +139,217 @@ class State:
             return parse_length(self.wave)
         except PolywignerError:
             raise ArgumentError(
-                'expected a frequency or a wavelength such as "94 GHz" or "3.19 mm", got '
-                f"{self.wave!r}"
+                f"frequency or wavelength {self.wave!r} cannot be parsed; write for example "
+                '"94 GHz" or "3.19 mm"'
             ) from None
 
     @property
     def per_metre(self) -> int:
-        """Units in a metre."""
+        """Number of units in one metre."""
         return UNITS[self.unit]
 
-    def metres(self, length: float) -> float:
-        """A length in units as metres, correctly rounded."""
-        return length / self.per_metre
+    @property
+    def box(self) -> tuple[float, float, float, float]:
+        """Bounds of the outlines: least x and y, largest x and y; zeros without an outline."""
+        points = np.array([p for ring in self.rings for p in ring]).reshape(-1, 2)
+        if not len(points):
+            return 0.0, 0.0, 0.0, 0.0
+        return (*map(float, points.min(0)), *map(float, points.max(0)))  # type: ignore[return-value]
 
-    def moved(self, **changes: Any) -> State:
-        """A state with some values replaced."""
-        return replace(self, **changes)
-
-
-def _checked_number(name: str, value: Any, low: float = -_LARGEST) -> float:
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        number = math.nan
-    if not low <= number <= _LARGEST:
-        raise ArgumentError(f"{name}: expected a finite number from {low:g}, got {value!r}")
-    return number
-
-
-def _checked_point(name: str, value: Any) -> Point:
-    try:
-        first, second = value
-    except (TypeError, ValueError):
-        raise ArgumentError(f"{name}: expected two numbers, got {value!r}") from None
-    return _checked_number(name, first), _checked_number(name, second)
-
-
-def _checked_rings(rings: Any) -> tuple[Ring, ...]:
-    checked = tuple(tuple(_checked_point("a vertex", p) for p in ring) for ring in rings)
-    count = sum(map(len, checked))
-    if len(checked) > MOST_RINGS or count > MOST_VERTICES:
-        raise ArgumentError(
-            f"expected at most {MOST_RINGS} outlines with {MOST_VERTICES} vertices, got "
-            f"{len(checked)} with {count}; use polywigner transform for such a file"
-        )
-    return checked
-
-
-def to_query(state: State) -> str:
-    """The state as the query of a link, without defaults."""
-    plain = State()
-    texts = {
-        field.name: _text(getattr(state, field.name))
-        for field in fields(State)
-        if field.name != "rings" and getattr(state, field.name) != getattr(plain, field.name)
-    }
-    outline = ";".join(" ".join(map(_text, ring)) for ring in state.rings)
-    return urlencode({"rings": outline, **texts}, quote_via=quote, safe=",;")
-
-
-def _text(value: Any) -> str:
-    if isinstance(value, tuple):
-        return ",".join(map(_text, value))
-    if isinstance(value, float):
-        return repr(value).removesuffix(".0")
-    return str(value)
-
-
-def from_query(query: str) -> State:
-    """The state of a link.
-
-    Raises ArgumentError for a link that is damaged, or of values that cannot be shown.
-    """
-    known: dict[str, Any] = {field.name: type(field.default) for field in fields(State)}
-    values: dict[str, Any] = {}
-    for name, text in parse_qsl(query.removeprefix("?"), keep_blank_values=True):
-        if name not in known:
-            raise ArgumentError(f"expected the link of an explorer, got one with {name[:20]!r}")
-        kind = known[name]
-        try:
-            if name == "rings":
-                values[name] = [[p.split(",") for p in r.split()] for r in text.split(";") if r]
-            else:
-                values[name] = text.split(",") if kind is tuple else kind(text)
-        except ValueError:
-            raise ArgumentError(
-                f"expected a number for {name}, got {text[:40]!r}; the link is damaged"
-            ) from None
-    return State(**values)
-
-
-_LONGEST = 200
+    def with_width(self, width: float) -> State:
+        """Return the state with the outlines scaled about their centre to a width."""
+        x0, y0, x1, y1 = self.box
+        if not (x1 > x0 and width > 0):
+            return self
+        factor, centre = width / (x1 - x0), np.array([x0 + x1, y0 + y1]) / 2
+        scaled = [(np.array(ring) - centre) * factor + centre for ring in self.rings]
+        digits = max(0, 8 - math.floor(math.log10(width)))
+        rings = (np.round(ring, digits).tolist() for ring in scaled)
+        return replace(self, rings=tuple(tuple(map(tuple, ring)) for ring in rings))
 
 
 @dataclass(frozen=True)
 class History:
-    """States before and after the present one; only the last 200 are kept."""
+    """The present state, and earlier and later ones; the last 200 are kept.
+
+    Successive changes with the same ``gesture``, such as a drag, are one step.
+    """
 
     present: State = field(default_factory=State)
     past: tuple[State, ...] = ()
     future: tuple[State, ...] = ()
+    gesture: str = ""
 
-    def then(self, state: State) -> History:
+    def then(self, state: State, gesture: str = "") -> History:
         """Return a history with a new present; an equal state is no step."""
         if state == self.present:
             return self
-        return History(state, (*self.past, self.present)[-_LONGEST:])
+        if gesture and gesture == self.gesture:
+            return replace(self, present=state)
+        return History(state, (*self.past, self.present)[-200:], (), gesture)
 
-    def instead(self, state: State) -> History:
-        """With another present that is no step of its own, as in the middle of a drag."""
-        return History(state, self.past, self.future)
+    def ended(self) -> History:
+        """Return the history with its gesture ended: the next change is a step."""
+        return replace(self, gesture="")
 
     def undone(self) -> History:
-        """One step back, where there is one."""
-        if not self.past:
-            return self
-        return History(self.past[-1], self.past[:-1], (self.present, *self.future))
+        """Return the history one step earlier."""
+        past, future = self.past, (self.present, *self.future)
+        return History(past[-1], past[:-1], future) if past else self
 
     def redone(self) -> History:
-        """One step forward again, where there is one."""
-        if not self.future:
-            return self
-        return History(self.future[0], (*self.past, self.present), self.future[1:])
+        """Return the history one step later."""
+        past, future = (*self.past, self.present), self.future
+        return History(future[0], past, future[1:]) if future else self
 
 
-_SOURCE = frozenset({"rings", "unit", "wave", "taper", "array", "window", "steering"})
-_NEEDS: Mapping[str, frozenset[str]] = {
-    "fourier": _SOURCE | {"reach", "part"},
-    "wigner_nu": _SOURCE | {"x", "reach", "coherence"},
-    "wigner_x": _SOURCE | {"nu", "coherence"},
-    "otf": _SOURCE | {"defocus"},
-    "far": _SOURCE | {"reach", "polarisation"},
-    "near": _SOURCE | {"distance", "order"},
-    "values": _SOURCE | {"x", "nu", "coherence"},
-}
-_PLAIN = State()
-_NAMES = tuple(field.name for field in fields(State))
+# --- Editing
 
 
-def needed(state: State, name: str) -> State:
-    """The state with all that a view does not depend on as it is at the start."""
-    others = {field: getattr(_PLAIN, field) for field in _NAMES if field not in _NEEDS[name]}
-    return state.moved(**others)
+def with_vertex(rings: Rings, point: Point) -> Rings:
+    """Insert a vertex at a point, into the nearest edge."""
+    edges = [(k, j) for k, ring in enumerate(rings) for j in range(len(ring))]
+    if not edges:
+        return rings
+    lines = [(rings[k][j], rings[k][(j + 1) % len(rings[k])]) for k, j in edges]
+    k, j = edges[int(np.argmin(shapely.distance(shapely.linestrings(lines), shapely.Point(point))))]
+    return (*rings[:k], (*rings[k][: j + 1], point, *rings[k][j + 1 :]), *rings[k + 1 :])
+
+
+def rings_of_rows(rows: Sequence[tuple[int, float, float]]) -> Rings:
+    """Return the outlines of rows (number of the outline, x, y) that have three vertices."""
+    numbers = dict.fromkeys(number for number, _, _ in rows)
+    rings = (tuple((x, y) for n, x, y in rows if n == k) for k in numbers)
+    return tuple(ring for ring in rings if len(ring) >= 3)
+
+
+# --- Files
+
+
+def read_upload(name: str, content: bytes, unit: Unit) -> Rings:
+    """Return the outlines in units of an uploaded aperture file.
+
+    Raises PolywignerError for a file that is too large, has an unknown suffix or cannot be read.
+    """
+    suffix = Path(name).suffix.lower()
+    if suffix not in FILE_SUFFIXES:
+        raise FileFormatError(f"{name}: unknown suffix; expected {', '.join(FILE_SUFFIXES)}")
+    if len(content) > LARGEST_FILE:
+        size = len(content) / LARGEST_FILE
+        raise FileFormatError(f"{name}: {size:.1f} MiB is too large, at most 1 MiB; simplify it")
+    with tempfile.TemporaryDirectory(prefix="polywigner-") as folder:
+        path = Path(folder) / f"aperture{suffix}"
+        path.write_bytes(content)
+        try:
+            aperture = pw.read_aperture(path, unit={"µm": "um"}.get(unit, unit))
+        except PolywignerError as error:
+            raise FileFormatError(str(error).replace(str(path), name)) from None
+    rings = rings_of(aperture, UNITS[unit])
+    State(rings=rings)  # its limits
+    return rings
+
+
+def geojson(state: State) -> str:
+    """Return the outline of the element as a GeoJSON Feature in mm."""
+    polygons = aperture_of(state.rings, state.per_metre).polygons
+    # 15 digits reproduce the typed number
+    in_mm = np.vectorize(lambda metres: float(f"{metres * UNITS['mm']:.15g}"))
+    shape = polygons if len(polygons.geoms) > 1 else polygons.geoms[0]
+    feature = {
+        "type": "Feature",
+        "properties": {"unit": "mm", "wave": state.wave},
+        "geometry": shapely.geometry.mapping(shapely.transform(shape, in_mm)),
+    }
+    return json.dumps(feature, indent=1) + "\n"
+
+
+# --- Sources
+
+
+@lru_cache(maxsize=64)
+def aperture_of(rings: Rings, per_metre: int) -> Aperture:
+    """Return the aperture of outlines in units, in metres.
+
+    Raises GeometryError for outlines that intersect themselves or each other.
+    """
+    if not rings:
+        raise GeometryError("the sheet is empty; draw an outline or choose a shape")
+    polygons = nested([np.array(ring, dtype=np.float64) for ring in rings])
+    metres = [[ring / per_metre for ring in polygon] for polygon in polygons]
+    return pw.Aperture([shapely.Polygon(exterior, holes) for exterior, *holes in metres])
+
+
+def source_code(state: State) -> str:
+    """Return Python code that makes ``source``, and ``light`` with its coherence width.
+
+    The page computes with this code too. Raises PolywignerError for outlines that are no polygons
+    and for too large arrays.
+    """
+    count = state.columns * state.rows
+    if count > MAX_ELEMENTS:
+        raise ArgumentError(f"an array of {count} elements is too large; use {MAX_ELEMENTS}")
+    lines = [f"wavelength = {state.wavelength!r}  # m", "source = pw.Aperture([  # m"]
+    for exterior, *holes in polygons_of(aperture_of(state.rings, state.per_metre).polygons):
+        inner = f", {[ring.tolist() for ring in holes]}" if holes else ""
+        lines.append(f"    shapely.Polygon({exterior.tolist()}{inner}),")
+    lines.append("])")
+    if state.taper != "uniform":
+        lines += [
+            "xmin, ymin, xmax, ymax = source.bounds",
+            f"taper = pw.{_TAPERS[state.taper]}(xmax - xmin, ymax - ymin).moved(source.centre)",
+            "source = source.with_illumination(taper)",
+        ]
+    if state.theta > 0:
+        lines += [
+            f"theta, phi = np.radians([{state.theta!r}, {state.phi!r}])",
+            "beam = (np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta))",
+        ]
+    if count > 1:
+        pitch = state.pitch / state.per_metre
+        lines += [f"sites = pw.arrays.grid_positions({state.columns}, {state.rows}, {pitch!r})"]
+        weights = "pw.arrays.steering_weights(sites, beam, wavelength)"
+        lines += [f"source = pw.phased_array(source, sites, {weights if state.theta else None})"]
+    elif state.theta > 0:
+        field = "pw.steering(beam, wavelength)" + (" * taper" if state.taper != "uniform" else "")
+        lines += [f"source = source.with_illumination({field})"]
+    coherent = f".partially_coherent({state.coherence / state.per_metre!r})"
+    lines.append(f"light = source{coherent if state.coherence else ''}")
+    return "\n".join(lines) + "\n"
+
+
+_TAPERS = {"cosine": "cosine_taper", "Taylor 30 dB": "taylor_taper"}
+
+
+def run(code: str, **names: Any) -> dict[str, Any]:
+    """Run code that :func:`source_code` or the views wrote, and return its variables."""
+    variables = {"np": np, "shapely": shapely, "pw": pw, **names}
+    exec(code, variables)
+    return variables
+
+
+_variables = lru_cache(maxsize=64)(run)
+
+
+def source_of(state: State) -> Source:
+    """Return the tapered and steered aperture, or the phased array of such elements."""
+    return variables_of(state)["source"]
+
+
+def variables_of(state: State) -> dict[str, Any]:
+    """Return ``source``, ``light`` and ``wavelength``; slow coherence widths are an error."""
+    variables = _variables(source_code(state))
+    low, high = np.reshape(variables["source"].bounds, (2, 2))
+    edges = sum(map(len, state.rings)) * state.columns * state.rows
+    smallest = _MIN_COHERENCE * (high - low).max() * state.per_metre
+    if state.coherence and (state.coherence < smallest or edges > _MAX_COHERENCE_EDGES):
+        raise ArgumentError(
+            f"coherence width {state.coherence:g} {state.unit} is too slow for the page; use at "
+            f"least a tenth of the source and at most {_MAX_COHERENCE_EDGES} edges"
+        )
+    return variables
+
+
+def polygons_of(shape: Any) -> list[list[np.ndarray]]:
+    """Return the polygons of a shapely geometry as arrays of open rings."""
+    parts = (p for p in shapely.get_parts(shape) if p.geom_type == "Polygon" and not p.is_empty)
+    return [[np.asarray(r.coords)[:-1] for r in (p.exterior, *p.interiors)] for p in parts]

@@ -443,7 +443,11 @@ def _at_wavelength(length: Any, arguments: Any) -> Any:
 
     Other values of ``length`` than a number above zero are left to the checks of the function.
     """
-    if not (isinstance(length, Real) and 0.0 < float(length) < math.inf):
+    try:
+        is_length = isinstance(length, Real) and 0.0 < float(length) < math.inf
+    except OverflowError:
+        is_length = False
+    if not is_length:
         return arguments
     if isinstance(arguments, dict):
         return {name: _at_wavelength(length, value) for name, value in arguments.items()}

@@ -1,14 +1,15 @@
-"""Silhouettes of opaque bodies and plates, seen from a point: the edges of the shadow they throw.
+"""Silhouettes of opaque bodies and plates, seen from a point: the edges of the shadow they cast.
 
-A silhouette is the set of directed edges between a face towards the source and one away from it,
-or of a plate all edges. Behind a surface in its shadow an edge has no part in the light
-(docs/theory/shadows.md).
+The silhouette of a convex body is the set of edges between a face towards the source and a face
+away from it; that of a plate is its boundary. Bodies that hide each other or parts of themselves
+have the net contours of their visible surfaces (docs/theory/shadows.md).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -16,18 +17,15 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry.aperture import PlacedAperture, triangulate
+from polywigner.geometry.contours import Surface, net_contours
 from polywigner.geometry.convex import triangulate_part
 from polywigner.geometry.polyhedron import Polyhedron
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-# Probes beside an edge are off it by so much of its distance: beyond rounding, within any face.
-_ASIDE = 1e-7
-# Surfaces whose depths differ by less than this share touch; places this close are on an edge.
-_TOUCH, _ON = 1e-5, 1e-9
-# A point sees the source if all that is in the way is nearer than this to it, as a share.
-_BEFORE = 1e-7
+# Places this close are on an edge or in a plane, as a fraction of a body's size.
+_ON = 1e-9
 # Sizes of a body from which its outline is that seen from infinity.
 _AFAR = 1e6
 # Faces times points of a source, beyond which these share the silhouette that their middle sees.
@@ -38,9 +36,6 @@ _FARTHEST = 1e50
 _WIDER = 1e-6
 # Pairs of a ray and a triangle at a time: some 50 MB.
 _PAIRS = 1 << 20
-# Pairs of an edge and one that may hide it, and of a piece and a triangle, at 0.3 us each: ten
-# minutes. A piece takes 300 bytes.
-_MOST_PAIRS, _PIECES = 1 << 31, 512
 
 
 @dataclass(frozen=True)
@@ -67,21 +62,20 @@ class Obstacle:
         blocks = [points[low : low + step] for low in range(0, len(points), step)]
         return np.concatenate([_from_triangles(corners, block).min(axis=1) for block in blocks])
 
-    def _facing(self, source: Floats) -> Floats:
-        """1 for triangles that a source sees from their front, -1 for the back of a plate."""
+    def heights(self, source: Floats) -> Floats:
+        """Heights (t,) of a source above the planes of the triangles."""
+        normals = self.normals / np.linalg.norm(self.normals, axis=1)[:, None]
         first = self.vertices[self.triangles[:, 0]]
-        facing = np.sign(np.einsum("tk,tk->t", self.normals[self.owner], source - first))
+        return np.asarray(np.einsum("tk,tk->t", normals[self.owner], source - first))
+
+    def facing(self, source: Floats) -> Floats:
+        """1 for triangles that a source sees from their front, -1 for the back of a plate."""
+        facing = np.sign(self.heights(source))
         return np.maximum(facing, 0.0) if self.is_solid else facing
 
-    def borders(self, source: Floats) -> Indices:
-        """Vertices (m, 2) of all edges of faces that a source sees from their front."""
-        some = self.triangles[self._facing(source) != 0.0]
-        pairs = np.concatenate([some, np.roll(some, -1, axis=1)], axis=0).reshape(2, -1).T
-        return np.unique(np.sort(pairs, axis=1), axis=0)
-
-    def silhouette(self, source: Floats) -> tuple[Indices, Indices]:
-        """Vertices (m, 2) of the directed edges of the silhouette, and a face (m,) of each."""
-        facing = self._facing(source)
+    def silhouette(self, source: Floats) -> Indices:
+        """Vertices (m, 2) of the directed edges of the silhouette, whether visible or not."""
+        facing = self.facing(source)
         start, end = self.triangles.T.ravel(), np.roll(self.triangles, -1, axis=1).T.ravel()
         sign = np.where(start < end, 1.0, -1.0) * np.tile(facing, 3)
         keys, which = np.unique(
@@ -89,25 +83,21 @@ class Obstacle:
             return_inverse=True,
         )
         net = np.bincount(which, sign)
-        face = np.zeros(len(keys), np.intp)
-        towards = sign * net[which] > 0.0
-        face[which[towards]] = np.tile(self.owner, 3)[towards]
         ends = np.stack([keys // len(self.vertices), keys % len(self.vertices)], axis=1)
         ends[net < 0.0] = ends[net < 0.0, ::-1]
-        return ends[net != 0.0], face[net != 0.0]
+        return ends[net != 0.0]
 
     def outline(self, towards: Floats) -> Floats:
         """Edges (m, 2, 3) of the silhouette seen from afar, in the direction ``towards`` (3,)."""
         size = np.linalg.norm(self.vertices, axis=1).max()
-        ends, _ = self.silhouette(_AFAR * size / np.linalg.norm(towards) * towards)
-        return self.vertices[ends]
+        return self.vertices[self.silhouette(_AFAR * size / np.linalg.norm(towards) * towards)]
 
     def cut(self, origin: Floats, along: Floats) -> Floats:
         """Lines (k, 2, 2) in which a plane with the axes ``along`` (2, 3) meets the surface."""
         normal = np.cross(*along)
         height = (self.vertices - origin) @ normal
         if np.abs(height).max() <= _ON * np.ptp(self.vertices, axis=0).max():
-            ends = self.vertices[self.silhouette(origin + normal)[0]]
+            ends = self.vertices[self.silhouette(origin + normal)]
             return np.asarray((ends - origin) @ along.T)
         at = height[self.triangles]
         start, end = self.vertices[self.triangles], self.vertices[np.roll(self.triangles, -1, 1)]
@@ -159,20 +149,35 @@ def _triangles(corners: Floats, normal: Floats) -> list[list[int]]:
 
 @dataclass(frozen=True)
 class Silhouette:
-    """Directed edges of shadows, the body at one side of each."""
+    """Directed edges (m,) of shadows, the body on the left of each as the source sees it."""
 
     edges: Floats
     """(m, 2, 3)."""
     planes: Floats
-    """(m, 4): an edge has a part in the light of points P with planes[:3].P + planes[3] >= 0."""
+    """(m, 4): points P with planes[:3].P + planes[3] < 0 are behind the plane of the face that an
+    edge casts its shadow on; (0, 0, 0, 1) for edges with nothing behind them."""
+    numbers: Indices
+    """(m,) numbers of the edges of meshes that the edges are parts of."""
+    behind: Indices
+    """(m,) numbers of the faces behind the edges; -1 for none."""
+    touching: frozenset[tuple[int, int]] = frozenset()
+    """Pairs of bodies that continue each other's surfaces."""
+    is_closed: bool = True
+    """Whether no part of the edges has been taken away."""
 
-    @property
-    def counts_everywhere(self) -> bool:
-        """Whether no edge is in front of another surface."""
-        return bool((self.planes == _EVERYWHERE).all())
+    def taken(self, rows: NDArray[np.bool_], edges: Floats) -> Silhouette:
+        """Parts (k, 2, 3) of some of the edges (m,)."""
+        return replace(
+            self,
+            edges=edges[rows],
+            planes=self.planes[rows],
+            numbers=self.numbers[rows],
+            behind=self.behind[rows],
+            is_closed=self.is_closed and np.array_equal(edges, self.edges) and bool(rows.all()),
+        )
 
 
-_EVERYWHERE = np.array([0.0, 0.0, 0.0, 1.0])
+_NOTHING_BEHIND = np.array([0.0, 0.0, 0.0, 1.0])
 
 
 def bodies_if_any(bodies: Any) -> tuple[Polyhedron | PlacedAperture, ...]:
@@ -217,11 +222,20 @@ class Obstacles:
 
     bodies: list[Obstacle]
 
-    def reach(self, source: Floats) -> float:
-        """Largest distance of any body from a source."""
-        return max(
-            float(np.linalg.norm(body.vertices - source, axis=1).max()) for body in self.bodies
-        )
+    @cached_property
+    def vertices(self) -> Floats:
+        """(n, 3) of all bodies."""
+        return np.concatenate([body.vertices for body in self.bodies])
+
+    def beyond(self, source: Floats, points: Floats) -> NDArray[np.bool_]:
+        """Whether points (n, 3) are farther from a source than all bodies, and none is behind it.
+
+        The line through the source and such a point meets bodies between these two only.
+        """
+        rays, (axis, angle) = points - source, _cone(self.vertices - source)
+        away = np.linalg.norm(rays, axis=1)
+        reach = np.linalg.norm(self.vertices - source, axis=1).max()
+        return (away > reach) & (rays @ -axis < np.cos(min(angle + _WIDER, np.pi)) * away)
 
     def silhouettes(self, sources: Sequence[Floats]) -> list[Silhouette]:
         """Return silhouettes for places (k, 3) of one source; of a large mesh one for all."""
@@ -230,86 +244,135 @@ class Obstacles:
         return [self.silhouette(place) for place in sources]
 
     def silhouette(self, source: Floats) -> Silhouette:
-        """Return the edges of the shadows that all bodies throw, seen from a source (3,)."""
-        places, numbers, faces = [], [], []
-        for number, body in enumerate(self.bodies):
-            ends, face = body.silhouette(source)
-            places.append(body.vertices[ends])
-            numbers.append(np.full(len(face), number))
-            faces.append(face)
-        edges = np.concatenate(places)
-        if self._apart(source):
-            return Silhouette(edges, np.tile(_EVERYWHERE, (len(edges), 1)))
-        return self._seen(source, edges, np.concatenate(numbers), np.concatenate(faces))
-
-    def _apart(self, source: Floats) -> bool:
-        """Whether no body, seen from a source, can hide a part of another or of itself."""
-        if not all(body.is_simple for body in self.bodies):
-            return False
-        cones = [_cone(body.vertices - source) for body in self.bodies]
-        axes, angles = (
-            np.array([axis for axis, _ in cones]),
-            np.array([angle for _, angle in cones]),
-        )
-        return all(
-            (np.arccos(np.clip(axes[:k] @ axes[k], -1.0, 1.0)) > angles[:k] + angles[k]).all()
-            for k in range(1, len(cones))
+        """Return the edges of the shadows that all bodies cast, seen from a source (3,)."""
+        alone = self._alone(source)
+        parts = [self._mesh_silhouette(number, source) for number in np.flatnonzero(alone).tolist()]
+        if not alone.all():
+            parts.append(self._net_silhouette(np.flatnonzero(~alone).tolist(), source))
+        return Silhouette(
+            np.concatenate([part.edges for part in parts]),
+            np.concatenate([part.planes for part in parts]),
+            np.concatenate([part.numbers for part in parts]),
+            np.concatenate([part.behind for part in parts]),
+            parts[-1].touching,
         )
 
-    def _seen(self, source: Floats, edges: Floats, number: Indices, face: Indices) -> Silhouette:
-        """The parts of edges that a source sees, with their own face on one side of them only."""
-        lines = [body.vertices[body.borders(source)] - source for body in self.bodies]
+    def _mesh_silhouette(self, number: int, source: Floats) -> Silhouette:
+        body = self.bodies[number]
+        ends = body.silhouette(source)
+        count = len(ends)
+        planes = np.tile(_NOTHING_BEHIND, (count, 1))
+        numbers = self._edge_numbers(number, ends)
+        return Silhouette(body.vertices[ends], planes, numbers, np.full(count, -1))
+
+    def _net_silhouette(self, numbers: Sequence[int], source: Floats) -> Silhouette:
+        found = net_contours(self.surface(numbers, source), source)
+        planes = np.tile(_NOTHING_BEHIND, (len(found.ends), 1))
+        (rows,) = np.nonzero(found.behind >= 0)
+        planes[rows] = self.face_planes(source)[found.behind[rows]]
+        return Silhouette(found.ends, planes, found.edges, found.behind, found.touching)
+
+    def _alone(self, source: Floats) -> NDArray[np.bool_]:
+        """Return a mask of the bodies that hide no part of another or of themselves."""
         cones = [_cone(body.vertices - source) for body in self.bodies]
-        starts, ends, owner = _pieces(edges - source, lines, cones)
-        middle = 0.5 * (starts + ends)
-        aside = np.cross(starts, ends)
-        aside *= (_ASIDE * np.linalg.norm(middle, axis=1) / np.linalg.norm(aside, axis=1))[:, None]
-        # the body is at one side of its edge, light or a surface farther away at the other
-        _, body_of, face_of = self._first_hits(source, middle - aside)
-        beyond, other, other_face = self._first_hits(source, middle + aside)
-        solid = np.array([body.is_solid for body in self.bodies])[number[owner]]
-        kept = (body_of == number[owner]) & (~solid | (face_of == face[owner]))
-        kept &= beyond > 1.0 + _TOUCH
-        planes = np.tile(_EVERYWHERE, (len(starts), 1))
-        for k in np.flatnonzero(kept & np.isfinite(beyond)):
-            body = self.bodies[other[k]]
-            normal = body.normals[other_face[k]] / np.linalg.norm(body.normals[other_face[k]])
-            place = beyond[k] * (middle[k] + aside[k])
-            normal = -np.sign(normal @ place) * normal
-            margin = _BEFORE * float(np.linalg.norm(place))
-            planes[k] = *normal, margin - normal @ (place + source)
-        return Silhouette(np.stack([starts[kept], ends[kept]], axis=1) + source, planes[kept])
+        axes = np.array([axis for axis, _ in cones])
+        angles = np.array([angle for _, angle in cones])
+        alone = np.array([body.is_simple for body in self.bodies])
+        for k in range(1, len(cones)):
+            apart = np.arccos(np.clip(axes[:k] @ axes[k], -1.0, 1.0)) > angles[:k] + angles[k]
+            alone[:k] &= apart
+            alone[k] &= apart.all()
+        return alone
 
-    def _first_hits(self, source: Floats, rays: Floats) -> tuple[Floats, Indices, Indices]:
-        """Where rays (n, 3) meet a surface first, in their lengths; its body and its face."""
-        best, length = np.full(len(rays), np.inf), np.linalg.norm(rays, axis=1)
-        body_of, face_of = np.full(len(rays), -1), np.full(len(rays), -1)
-        pairs = 0
-        for number, body in enumerate(self.bodies):
-            axis, angle = _cone(body.vertices - source)
-            near = np.flatnonzero(rays @ axis >= np.cos(min(angle + _WIDER, np.pi)) * length)
-            pairs += len(near) * len(body.triangles)
-            _check_pairs(pairs)
-            for some, share in _hits(body, source, rays[near]):
-                nearest = share.argmin(axis=1)
-                found = share[np.arange(len(nearest)), nearest]
-                better = np.flatnonzero(found < best[near[some]] * (1.0 - _ON))
-                at = near[some][better]
-                best[at] = found[better]
-                body_of[at], face_of[at] = number, body.owner[nearest[better]]
-        return best, body_of, face_of
+    @cached_property
+    def _first_faces(self) -> Indices:
+        return np.cumsum([0, *(len(body.normals) for body in self.bodies)])
 
-    def hide(self, source: Floats, points: Floats) -> NDArray[np.bool_]:
-        """Whether a body hides points (n, 3) from a source; their own surface does not count."""
-        found = np.zeros(len(points), bool)
+    @cached_property
+    def _first_edges(self) -> Indices:
+        return np.cumsum([0, *(len(body.vertices) ** 2 for body in self.bodies)])
+
+    def _edge_numbers(self, number: int, ends: Indices) -> Indices:
+        """Numbers of the edges between vertices (..., 2) of a body, of all bodies."""
+        low, high = ends.min(axis=-1), ends.max(axis=-1)
+        count = len(self.bodies[number].vertices)
+        return np.asarray(self._first_edges[number] + low * count + high)
+
+    def body_of_face(self, faces: Indices) -> Indices:
+        """Numbers of the bodies of faces."""
+        return np.searchsorted(self._first_faces, faces, side="right") - 1
+
+    def body_of_edge(self, numbers: Indices) -> Indices:
+        """Numbers of the bodies of edges of meshes."""
+        return np.searchsorted(self._first_edges, numbers, side="right") - 1
+
+    def face_planes(self, source: Floats) -> Floats:
+        """Planes (f, 4) of all faces, at whose positive side the source is."""
+        rows = []
+        for body in self.bodies:
+            normals = body.normals / np.linalg.norm(body.normals, axis=1)[:, None]
+            first = np.zeros(len(normals), np.intp)
+            first[body.owner[::-1]] = body.triangles[::-1, 0]
+            places = body.vertices[first]
+            normals *= np.where(np.einsum("fk,fk->f", normals, source - places) < 0, -1.0, 1.0)[
+                :, None
+            ]
+            rows.append(np.column_stack([normals, -np.einsum("fk,fk->f", normals, places)]))
+        return np.concatenate(rows)
+
+    def surface(
+        self, numbers: Sequence[int], source: Floats, plane: Floats | None = None
+    ) -> Surface:
+        """Return the triangles of some bodies that face a source.
+
+        ``plane``: only those behind it, with the source in front of their own planes.
+        """
+        parts = []
+        for number in numbers:
+            body = self.bodies[number]
+            facing = body.facing(source)
+            if plane is not None:
+                low = body.vertices @ plane[:3] + plane[3]
+                size = float(np.ptp(body.vertices, axis=0).max())
+                facing = np.where((low[body.triangles] > _ON * size).any(axis=1), 0.0, facing)
+                height = body.heights(source)
+                facing = np.where(np.abs(height) > _ON * size, facing, 0.0)
+            rows = np.flatnonzero(facing)
+            triangles = body.triangles[rows]
+            triangles = np.where((facing[rows] < 0)[:, None], triangles[:, ::-1], triangles)
+            ends = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2)
+            parts.append(
+                Surface(
+                    body.vertices[triangles],
+                    self._edge_numbers(number, ends),
+                    self._first_faces[number] + body.owner[rows],
+                    np.full(len(rows), number),
+                    np.full(len(rows), number if body.is_solid and body.is_simple else -1),
+                )
+            )
+        return Surface.of(parts)
+
+    def hide(
+        self, source: Floats, points: Floats, within: Floats | float = 0.0
+    ) -> NDArray[np.bool_]:
+        """Whether a surface lies strictly between a source and points (n, 3).
+
+        Surfaces in whose plane the source or a point is, up to a distance ``within`` (n,), do not
+        count.
+        """
+        hidden = np.zeros(len(points), bool)
+        within = np.broadcast_to(within, len(points))
+        rays = points - source
+        length = np.linalg.norm(rays, axis=1)
         for body in self.bodies:
             near, angle = _cone(body.vertices - source)
-            rays = points - source
-            length = np.linalg.norm(rays, axis=1)
             inside = np.flatnonzero(rays @ near >= np.cos(min(angle + _WIDER, np.pi)) * length)
-            for some, share in _hits(body, source, rays[inside]):
-                found[inside[some]] |= (share < 1.0 - _BEFORE).any(axis=1)
-        return found
+            triangles = body.vertices[body.triangles] - source
+            for some, share, height in hits(triangles, rays[inside]):
+                with np.errstate(invalid="ignore"):
+                    behind = height * (1.0 / share - 1.0) > within[inside[some], None]
+                hidden[inside[some]] |= behind.any(axis=1)
+        return hidden
 
     def inside(self, points: Floats) -> NDArray[np.bool_]:
         """Whether points (n, 3) are in a body, its surface left out, by their solid angles."""
@@ -338,12 +401,17 @@ def _cone(places: Floats) -> tuple[Floats, float]:
     return axis, float(np.arccos(np.clip(directions @ axis, -1.0, 1.0)).max()) + 1e-9
 
 
-def _hits(body: Obstacle, source: Floats, rays: Floats) -> Any:
-    """(slice of rays, (k, t) where they meet triangles, in shares of their length, or infinite)."""
-    a, b, c = np.moveaxis(body.vertices[body.triangles] - source, 1, 0)
+def hits(corners: Floats, rays: Floats) -> Iterator[tuple[slice, Floats, Floats]]:
+    """Return where rays (k, 3) from the origin meet triangles (t, 3, 3).
+
+    Yields slices of the rays, (k, t) fractions of their lengths, infinite for none, and the
+    heights (t,) of the origin above the triangles.
+    """
+    a, b, c = np.moveaxis(corners, 1, 0)
     sides = [np.cross(b, c), np.cross(c, a), np.cross(a, b)]
     volume = np.einsum("tk,tk->t", a, sides[0])
-    step = max(1, _PAIRS // len(body.triangles))
+    height = np.abs(volume) / np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    step = max(1, _PAIRS // len(corners))
     for start in range(0, len(rays), step):
         some = slice(start, start + step)
         shares = np.stack([rays[some] @ side.T for side in sides])
@@ -352,7 +420,7 @@ def _hits(body: Obstacle, source: Floats, rays: Floats) -> Any:
         with np.errstate(divide="ignore", invalid="ignore"):
             at = volume / total
         met = (shares * sign >= 0.0).all(axis=0) & (at > 0.0) & (sign != 0.0)
-        yield some, np.where(met, at, np.inf)
+        yield some, np.where(met, at, np.inf), height
 
 
 def _solid_angle(corners: Floats) -> Floats:
@@ -383,71 +451,3 @@ def _from_triangles(corners: Floats, points: Floats) -> Floats:
         above &= np.einsum("ntk,tk->nt", ahead, np.cross(normal, side)) >= 0.0
     height = np.einsum("ntk,tk->nt", ahead, normal) / np.linalg.norm(normal, axis=1)
     return np.where(above, np.abs(height), best)
-
-
-def _pieces(
-    edges: Floats, lines: list[Floats], cones: list[tuple[Floats, float]]
-) -> tuple[Floats, Floats, Indices]:
-    """Cut edges (m, 2, 3), seen from the origin, where lines (n, 2, 3) of bodies cross them.
-
-    Returns starts and ends (k, 3) of the pieces, and the number (k,) of their edge.
-    """
-    starts, ends, owner = [], [], []
-    axes, angles = np.array([axis for axis, _ in cones]), np.array([angle for _, angle in cones])
-    columns = [(some[:, 0], some[:, 1], np.cross(some[:, 0], some[:, 1])) for some in lines]
-    counts = np.array([len(some) for some in lines])
-    nearby, pairs, pieces = [], 0, 0
-    for edge in edges:  # counted before any is cut
-        axis, angle = _cone(edge)
-        apart = np.arccos(np.clip(axes @ axis, -1.0, 1.0))
-        nearby.append(np.flatnonzero(apart <= angle + angles + _WIDER).tolist())
-        pairs += int(counts[nearby[-1]].sum())
-        _check_pairs(pairs)
-    for k, (a, b) in enumerate(edges):
-        normal = np.cross(a, b)
-        if not normal.any():  # seen end on: no angle, and no wave
-            continue
-        c, d, planes = (
-            np.concatenate(part) for part in zip(*(columns[n] for n in nearby[k]), strict=True)
-        )
-        cuts = _cuts(a, b, normal, c, d, planes)
-        places = np.unique(np.concatenate([[0.0, 1.0], cuts]))
-        places = places[np.append(True, np.diff(places) > _ON)]
-        places[-1] = 1.0
-        pieces += len(places) - 1
-        _check_pairs(pieces * _PIECES)
-        points = a + places[:, None] * (b - a)
-        starts.append(points[:-1])
-        ends.append(points[1:])
-        owner.append(np.full(len(places) - 1, k))
-    if not owner:
-        return np.empty((0, 3)), np.empty((0, 3)), np.empty(0, np.intp)
-    return np.concatenate(starts), np.concatenate(ends), np.concatenate(owner)
-
-
-def _check_pairs(count: int) -> None:
-    if count > _MOST_PAIRS:
-        raise ArgumentError(
-            f"expected obstacles with at most {_MOST_PAIRS} pairs of an edge and a surface that "
-            "may hide it, got more; simplify their meshes"
-        )
-
-
-def _cuts(a: Floats, b: Floats, normal: Floats, c: Floats, d: Floats, planes: Floats) -> Floats:
-    """Shares of the edge from a to b at which lines from c to d cross it, or end on it."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        # where the edge passes through the plane of a line, and there between its ends
-        first, second = planes @ a, planes @ b
-        at = first / (first - second)
-        place = a + at[:, None] * (b - a)
-        turn = np.einsum("mk,mk->m", np.cross(c, place), planes)
-        rest = np.einsum("mk,mk->m", np.cross(place, d), planes)
-        found = [at[(turn >= 0.0) & (rest >= 0.0)]]
-        for ends in (c, d):
-            on = np.abs(ends @ normal) <= _ON * np.linalg.norm(normal) * np.linalg.norm(
-                ends, axis=1
-            )
-            low, high = np.cross(a, ends) @ normal, np.cross(b, ends) @ normal
-            found.append((low / (low - high))[on & (ends @ (a + b) > 0.0)])
-    shares = np.concatenate(found)
-    return shares[(shares > 0.0) & (shares < 1.0)]

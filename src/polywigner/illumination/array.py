@@ -167,7 +167,7 @@ def _array_of_waves(elements: Sequence[Any], weights: Any) -> Wavefront:
     turns = ((centres - away / 2) * slopes).sum(axis=1)
     array = _with_phases(Array([wave.source for wave in waves], factors), turns, -slopes)
     if first.wavelength is not None:
-        array.__dict__["paths"] = PathLengths(turns, -slopes, first.wavelength)
+        array = array.with_paths(PathLengths(turns, -slopes, first.wavelength))
     return first._with(source=array)
 
 
@@ -257,6 +257,18 @@ class Array(TakesWaves):
         factors = checked_weights(weights, len(found))
         self.__dict__.update(elements=found, weights=factors, repeated=None, paths=None)
 
+    def with_paths(self, paths: PathLengths | None) -> Array:
+        """Return this array with the part of its phases that stems from path lengths declared.
+
+        Raises ArgumentError for path lengths of another number of elements.
+        """
+        size = len(self.weights)
+        if paths is not None and not len(paths.cycles) == len(paths.slopes) == size:
+            raise ArgumentError(f"expected path lengths of {size} elements, got {paths!r:.80}")
+        array = Array(self.elements, self.weights)
+        array.__dict__["paths"] = paths
+        return array
+
     def at_wavelength(self, wavelength: float) -> Array:
         length = checked_wavelength(wavelength)
         paths = self.paths
@@ -265,8 +277,7 @@ class Array(TakesWaves):
         ratio = paths.wavelength / length
         cycles, slopes = paths.cycles * ratio, paths.slopes * ratio
         array = _with_phases(self, cycles - paths.cycles, slopes - paths.slopes)
-        array.__dict__["paths"] = PathLengths(cycles, slopes, length)
-        return array
+        return array.with_paths(PathLengths(cycles, slopes, length))
 
     @cached_property
     def elements(self) -> tuple[Element, ...]:
@@ -375,7 +386,7 @@ class Array(TakesWaves):
     def __reduce__(self) -> tuple[Any, ...]:
         if self.repeated is not None:
             return repeated_element, (*self.repeated, self.weights)
-        return with_paths, (self.elements, self.weights, self.paths)
+        return _restored, (self.elements, self.weights, self.paths)
 
     def __len__(self) -> int:
         return len(self.weights)
@@ -402,11 +413,8 @@ class Array(TakesWaves):
         return f"Array({', '.join(counts)}, {uniform})"
 
 
-def with_paths(elements: Any, weights: Any, paths: PathLengths | None) -> Array:
-    """Return an array with some phases from path lengths."""
-    array = Array(elements, weights)
-    array.__dict__["paths"] = paths
-    return array
+def _restored(elements: Any, weights: Any, paths: PathLengths | None) -> Array:
+    return Array(elements, weights).with_paths(paths)
 
 
 @overload
@@ -521,8 +529,7 @@ def segmented_pupil(
     centres = np.array([segment.polygons.centroid.coords[0] for segment in segments])
     cycles = steps / length - np.einsum("ij,ij->i", slopes, centres)
     array = _with_phases(Array(segments), cycles, slopes)
-    array.__dict__["paths"] = PathLengths(cycles, slopes, length)
-    return array
+    return array.with_paths(PathLengths(cycles, slopes, length))
 
 
 def _for_segments(name: str, values: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:

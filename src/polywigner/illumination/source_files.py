@@ -236,11 +236,9 @@ def _array(array: Array) -> dict[str, Any]:
     if array.repeated is None:
         body = {"kind": "array", **_weights(array)}
         if array.paths is not None:
-            body["path_lengths"] = {
-                "wavelength": array.paths.wavelength,
-                "cycles": array.paths.cycles.tolist(),
-                "slopes": array.paths.slopes.tolist(),
-            }
+            cycles, slopes = array.paths.cycles.tolist(), array.paths.slopes.tolist()
+            length = array.paths.wavelength
+            body["paths"] = {"wavelength": length, "cycles": cycles, "slopes": slopes}
         return {**body, "elements": [_element(element) for element in array.elements]}
     element, positions = array.repeated
     body = {"kind": "phased-array", "positions": positions.tolist(), **_weights(array)}

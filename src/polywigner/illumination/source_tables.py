@@ -28,13 +28,7 @@ from polywigner.geometry import (
 from polywigner.geometry.io import limits
 from polywigner.geometry.parts import merge_parts, part_of_rings
 from polywigner.geometry.rings import Part, oriented, polygon_of_part
-from polywigner.illumination.array import (
-    Array,
-    Element,
-    PathLengths,
-    phased_array,
-    with_paths,
-)
+from polywigner.illumination.array import Array, Element, PathLengths, phased_array
 from polywigner.illumination.polarisation import checked_polarisation
 from polywigner.illumination.source_values import (
     HEAD,
@@ -330,8 +324,8 @@ def _with_wave(source: Any, table: Any, wavelength: float | None) -> Wavefront:
         raise FileFormatError("expected the key radius or curvature, got both")
     centre = values.get("centre")
     width = values.get("coherence_width", math.inf)
-    design = values.get("wavelength") if "curvature" in values else None
-    wave = Wavefront(source, values.get("curvature"), centre, width, design)
+    length = values.get("wavelength") if "curvature" in values else None
+    wave = Wavefront(source, values.get("curvature"), centre, width, length)
     if "radius" not in values:
         return wave
     with at("radius"):
@@ -354,16 +348,16 @@ def _array(values: dict[str, Any], around: Around) -> Array:
             elements.append(made(element, _ELEMENTS, around))
     with at("weights"):
         weights = complex_numbers(values["weights"]) if "weights" in values else None
-    if "path_lengths" not in values:
-        return Array(elements, weights)
-    with at("path_lengths"):
-        check_keys(values["path_lengths"], ("wavelength", "cycles", "slopes"))
-        paths = values_of(values["path_lengths"], KEYS)
-        cycles, slopes = (np.asarray(paths[name], np.float64) for name in ("cycles", "slopes"))
-        count = len(elements)
-        if cycles.shape != (count,) or slopes.ndim != 2 or len(slopes) != count:
-            raise FileFormatError(f"expected cycles ({count},) and slopes ({count}, d)")
-        return with_paths(elements, weights, PathLengths(cycles, slopes, paths["wavelength"]))
+    array = Array(elements, weights)
+    if "paths" not in values:
+        return array
+    with at("paths"):
+        table = values["paths"]
+        check_keys(table, ("wavelength", "cycles", "slopes"), ())
+        paths = values_of(table, KEYS)
+        return array.with_paths(
+            PathLengths(np.array(paths["cycles"]), np.array(paths["slopes"]), paths["wavelength"])
+        )
 
 
 def _phased_array(values: dict[str, Any], around: Around) -> Array:
@@ -382,6 +376,6 @@ def _phased_array(values: dict[str, Any], around: Around) -> Array:
 
 
 _ARRAYS: dict[str, Kind] = {
-    "array": Kind(_array, "elements", "weights path_lengths"),
+    "array": Kind(_array, "elements", "weights paths"),
     "phased-array": Kind(_phased_array, "element positions", "weights"),
 }

@@ -241,7 +241,7 @@ _OF_CONVERTERS: dict[Converter, str] = {
     one_or_each(text): "window",
     _layers: "layer",
     listed: "elements",
-    _untouched: "shape illumination coefficients element positions weights path_lengths",
+    _untouched: "shape illumination coefficients element positions weights paths",
 }
 KEYS = {key: convert for convert, keys in _OF_CONVERTERS.items() for key in keys.split()}
 """Each key of the tables, which means the same in all, and its check and conversion."""

@@ -25,24 +25,32 @@ from polywigner.geometry.faces import connected
 from polywigner.geometry.silhouettes import Obstacle, Obstacles, Silhouette
 from polywigner.kernels.boundary.edge_waves import (
     EdgeRule,
+    difference,
+    dot,
     edge_wave,
     edge_wave_and_rate,
     least_detour,
 )
+from polywigner.mitsuba.edge_tables import edge_tables
 from polywigner.mitsuba.exact import AWAY
 from polywigner.mitsuba.placement import matrix_of, reach_of
 from polywigner.mitsuba.sampling import opaque, single
 from polywigner.mitsuba.scene_order import sorted_emitters, sorted_shapes
 from polywigner.mitsuba.sources import SourceSpec
 from polywigner.mitsuba.visibility import ROUNDING
-from polywigner.numerics.complex_pairs import Pair
+from polywigner.numerics.complex_pairs import Pair, unit_wave
 from polywigner.numerics.jets import Jet, flattened, rebuilt
+from polywigner.propagation.blockers import (
+    Blocker,
+    behind_face,
+    transmission_over,
+)
 from polywigner.propagation.equivalent_points import (
-    RadiatingPoint,
     oblique_change,
     radiating_points,
     wave_ahead,
 )
+from polywigner.propagation.shadows import ASIDE
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -57,6 +65,9 @@ _RULE = EdgeRule.of(2.0, 16, 2)
 # below this share it is left out.
 _FAINT = 2e-3
 _LONGEST = 1.0 / (8.0 * math.pi**2 * _FAINT**2)
+# Places are taken beside themselves by this fraction of their distance, which single precision can
+# tell from the boundaries of shadows.
+_ASIDE = 1e-6
 # Fraction of a ray that is left out at its end, on a surface; in single precision.
 _ENDS = 1e-5
 # Chords of curved shapes leave out so much of a wavelength; most points of a rim, and halvings.
@@ -220,9 +231,14 @@ def _body(points: Floats, faces: Indices, normals: Floats) -> Obstacle:
     is_solid = len(np.unique(forth)) == len(forth) and np.array_equal(np.sort(forth), np.sort(back))
     size = float(np.ptp(points, axis=0).max())
     units = normals / np.linalg.norm(normals, axis=1)[:, None]
+    # triangles in one plane are one face
+    height = np.einsum("tk,tk->t", units, points[faces[:, 0]] - points[0]) / size
+    planes = np.column_stack([units, height]).round(5) + 0.0
+    _, first, owner = np.unique(planes, axis=0, return_index=True, return_inverse=True)
+    owner = owner.ravel()
     if not is_solid:
         flat = np.abs((points - points[0]) @ units[0]).max() <= 1e-6 * size
-        return Obstacle(points, faces, np.arange(len(faces)), normals, False, bool(flat))
+        return Obstacle(points, faces, owner, normals[first], False, bool(flat))
     inner = points - points.mean(axis=0)
     if np.einsum("tk,tk->", inner[faces[:, 0]], normals) < 0.0:  # inside out
         return _body(points, faces[:, ::-1], -normals)
@@ -233,7 +249,7 @@ def _body(points: Floats, faces: Indices, normals: Floats) -> Obstacle:
     mine, across = face[order], opposite[other]
     height = np.einsum("ek,ek->e", points[across] - points[faces[mine, 0]], units[mine])
     convex = bool((height <= 1e-6 * size).all())
-    return Obstacle(points, faces, np.arange(len(faces)), normals, True, convex)
+    return Obstacle(points, faces, owner, normals[first], True, convex)
 
 
 class Shadows:
@@ -256,7 +272,11 @@ class Shadows:
             points = radiating_points(source, wavelength, spec.obliquity, _ERROR, _MOST_POINTS)
             scale = spec.scene_unit / wavelength
             own = [in_frame(body, pose, scale) for body in bodies]
-            edges = _edges(own, points)
+            obstacles, places = Obstacles(own), [point.place for point in points]
+            seen = obstacles.silhouettes(places)
+            shared = seen[-1] is seen[0]
+            seen = [before_plane(silhouette) for silhouette in (seen[:1] if shared else seen)]
+            tables, self._blockers = edge_tables(obstacles, points, seen, _ENDS)
         except ArgumentError as error:
             raise SceneError(f"with diffraction: {error}") from None
         self._obstacles = _scene_of(m, own)
@@ -270,12 +290,13 @@ class Shadows:
         _log.info(
             "shadows: %d faces, %d edges of %d points; waves of edges below %g of the light are "
             "left out, as by detours beyond %.3g wavelengths",
-            faces, len(edges), len(points), _FAINT, _LONGEST,
+            faces, len(tables.edges), len(points), _FAINT, _LONGEST,
         )  # fmt: skip
-        self._points, self._edges = rows, edges
+        self._points, self._tables = rows, tables
+        self._is_blocked = len(tables.triangles) > 0
         if self._jit:
-            self._held = [self._ops.held(table.astype(np.float32)) for table in (rows, edges)]
-            self._ends = [m.UInt32(dr.opaque(m.UInt32, len(table))) for table in (rows, edges)]
+            self._held = [self._ops.held(t.astype(np.float32)) for t in (rows, *tables)]
+            self._ends = [m.UInt32(dr.opaque(m.UInt32, len(t))) for t in (rows, tables.groups)]
 
     def either(self, point: Any, plain: Callable[[Any], Any]) -> Any:
         """|U|^2 at a point in front; by ``plain``, without shadows, beside the source."""
@@ -288,12 +309,15 @@ class Shadows:
     def intensity(self, point: Any) -> Any:
         """|U|^2 at a point in front, in units of the scene; in the unit of |u|^2."""
         place = tuple(c * self._inverse for c in (point.x, point.y, point.z))
+        # beside the boundaries of shadows and their corners, by more than rounding
+        away = self._ops.sqrt(sum(c * c for c in place))
+        place = tuple(c + _ASIDE * u * away for c, u in zip(place, ASIDE.tolist(), strict=True))
         real, imag = self._traced(place) if self._jit else self._plain(place)
         return real * real + imag * imag
 
     def _traced(self, place: Any) -> tuple[Any, Any]:
         m, ops = self._m, self._ops
-        points, edges = self._held
+        points, groups, edges, *_ = self._held
         zero = m.Float(0.0)
 
         def lit(number: Any, real: Any, imag: Any) -> Any:
@@ -305,25 +329,72 @@ class Shadows:
                 imag + dr.select(hidden, 0.0, wave.imag),
             )
 
-        def of_edge(number: Any, real: Any, imag: Any) -> Any:
-            row = ops.gather(edges, number)
+        def of_group(number: Any, real: Any, imag: Any) -> Any:
+            group = ops.gather(groups, number)
+            weight = self._transmission(group, place)
 
-            def of_point(number: Any, real: Any, imag: Any) -> Any:
-                seen = ops.gather(points, number)
-                change = self._change(ops, seen, row, place)
-                return real + change.real, imag + change.imag
+            def of_edge(number: Any, real: Any, imag: Any) -> Any:
+                row = ops.gather(edges, number)
 
-            def visible(real: Any, imag: Any) -> Any:
-                first, end = m.UInt32(row[10]), m.UInt32(row[11])
-                return ops.fold(first, end, (real, imag), of_point)
+                def of_point(number: Any, real: Any, imag: Any) -> Any:
+                    change = self._change(ops, ops.gather(points, number), row, place) * weight
+                    return real + change.real, imag + change.imag
 
-            matters = self._matters(ops, row, place)
-            return dr.if_stmt((real, imag), matters, visible, lambda *state: state, mode="symbolic")
+                def visible(real: Any, imag: Any) -> Any:
+                    return ops.fold(m.UInt32(row[10]), m.UInt32(row[11]), (real, imag), of_point)
+
+                matters = self._matters(ops, row, place)
+                return dr.if_stmt(
+                    (real, imag), matters, visible, lambda *state: state, mode="symbolic"
+                )
+
+            first, end = m.UInt32(group[7]), m.UInt32(group[8])
+            end = dr.select(weight.norm() > _FAINT**2, end, first)
+            return ops.fold(first, end, (real, imag), of_edge)
 
         real, imag = ops.fold(0, self._ends[0], (zero, zero), lit)
-        if not len(self._edges):  # a body around the source has no rim
+        if not len(self._tables.edges):  # a body around the source has no rim
             return real, imag
-        return ops.fold(0, self._ends[1], (real, imag), of_edge)
+        return ops.fold(0, self._ends[1], (real, imag), of_group)
+
+    def _transmission(self, group: Any, place: Any) -> Pair:
+        """Amplitude at a place of the waves of a group of edges, over the free one."""
+        m, ops = self._m, self._ops
+        if not self._is_blocked:
+            return Pair(m.Float(1.0), m.Float(0.0))
+        *_, triangles, rims = self._held
+        ahead = difference(place, group[:3])
+
+        def is_hit(number: Any, hits: Any) -> Any:
+            row = ops.gather(triangles, number)
+            shares = [dot(row[k : k + 3], ahead) for k in (0, 3, 6)]
+            total = shares[0] + shares[1] + shares[2]
+            sign = dr.select(total < 0.0, -1.0, 1.0)
+            # the triangle's plane is before the place, which does not lie on it
+            met = (row[9] * sign > 0.0) & (row[9] * sign < total * sign * (1.0 - _ENDS))
+            for share in shares:
+                met &= share * sign >= 0.0
+            return (dr.select(met, 1.0, hits),)
+
+        def over(number: Any, detour: Any, share: Any) -> Any:
+            row = ops.gather(rims, number)
+            path = group[:3], place, row[:3], row[3:6]
+            longer, passed = transmission_over(ops, *path)
+            return ops.minimum(longer, detour), ops.maximum(passed, share)
+
+        def behind(real: Any, imag: Any) -> Any:
+            span = m.UInt32(group[9]), m.UInt32(group[10])
+            (hits,) = ops.fold(*span, (m.Float(0.0),), is_hit)
+            first, end = m.UInt32(group[11]), m.UInt32(group[12])
+            end = dr.select(hits > 0.5, end, first)
+            state = m.Float(1e6), m.Float(0.0)
+            detour, share = ops.fold(first, end, state, over)
+            wave = unit_wave(ops, detour).scaled(share)
+            return dr.select(hits > 0.5, wave.real, real), dr.select(hits > 0.5, wave.imag, imag)
+
+        free = m.Float(1.0), m.Float(0.0)
+        is_behind = dot(group[3:6], place) + group[6] < 0.0
+        return Pair(*dr.if_stmt(free, is_behind, behind, lambda *state: state, mode="symbolic"))
 
     def _plain(self, place: Any) -> tuple[float, float]:
         """The field at one place in a scalar variant, by NumPy."""
@@ -332,16 +403,26 @@ class Shadows:
             wave, ahead = self._wave(ops, tuple(row), place)
             if not self._hidden(row[:2].tolist(), ahead):
                 total += complex(wave.real, wave.imag)
-        rows = tuple(self._edges.T)
-        some = self._edges[np.asarray(self._matters(ops, rows, place), bool)]
-        counts = (some[:, 11] - some[:, 10]).astype(int)
-        seen = [k for a, b in some[:, 10:].astype(int).tolist() for k in range(a, b)]
-        if seen:
-            each = np.repeat(some, counts, axis=0)
-            points = tuple(self._points[seen].T)
-            change = self._change(ops, points, tuple(each.T), place)
-            total += complex(np.sum(change.real), np.sum(change.imag))
+        weights = [self._weight(blocker, place) for blocker in self._blockers]
+        for (_, *values), weight in zip(self._tables.groups, weights, strict=True):
+            table = self._tables.edges[int(values[6]) : int(values[7])]
+            some = table[np.asarray(self._matters(ops, tuple(table.T), place), bool)]
+            seen = [k for a, b in some[:, 10:].astype(int).tolist() for k in range(a, b)]
+            if seen and abs(weight) > _FAINT:
+                counts = (some[:, 11] - some[:, 10]).astype(int)
+                rows = np.repeat(some, counts, axis=0)
+                points = tuple(self._points[seen].T)
+                change = self._change(ops, points, tuple(rows.T), place)
+                total += weight * complex(np.sum(change.real), np.sum(change.imag))
         return total.real, total.imag
+
+    def _weight(self, blocker: Blocker | None, place: Any) -> complex:
+        if blocker is None:
+            return 1.0
+        point = np.array([[float(c) for c in place]])
+        hidden = blocker.hides(point, _ENDS * np.linalg.norm(point, axis=1))
+        found = blocker.transmission(self._ops, tuple(point.T), hidden)
+        return complex(np.ravel(found.real)[0], np.ravel(found.imag)[0])
 
     def _wave(self, ops: Any, row: Any, place: Any) -> tuple[Pair, Any]:
         """The wave of a point of the source, relative to the phase of the distance from its frame's
@@ -370,20 +451,21 @@ class Shadows:
         return self._obstacles.ray_test(ray)
 
     def _matters(self, ops: Any, row: Any, place: Any) -> Any:
-        """Whether a place is before the surface behind an edge, and the edge's detour is short."""
-        a, b, c, d = row[6:10]
-        counts = a * place[0] + b * place[1] + c * place[2] + d >= 0.0
+        """Whether the detour over an edge is short."""
         middle = tuple(self._middle.tolist())
-        return counts & (least_detour(ops, middle, place, row[:3], row[3:6]) < _LONGEST)
+        return least_detour(ops, middle, place, row[:3], row[3:6]) < _LONGEST
 
     def _change(self, ops: Any, seen: Any, row: Any, place: Any) -> Pair:
         wave, _ = self._wave(ops, seen, place)
         source = seen[0], seen[1], 0.0 * seen[0]
         path = source, place, row[:3], row[3:6]
+        blocked = None
+        if self._is_blocked:
+            blocked = behind_face(ops, *path[:1], *path[2:], row[6:10], place, 0.0)
         if not self._is_oblique:
-            boundary = Pair(*edge_wave(ops, _RULE, *path, when=self._when))
+            boundary = Pair(*edge_wave(ops, _RULE, *path, when=self._when, blocked=blocked))
             return wave * boundary.scaled(-0.5 / math.pi)
-        boundary, rate = edge_wave_and_rate(ops, _RULE, *path, when=self._when)
+        boundary, rate = edge_wave_and_rate(ops, _RULE, *path, when=self._when, blocked=blocked)
         ahead, turns = self._path(ops, seen, place)
         bend = oblique_change(ops, ahead, tuple(seen[3:5]), rate, turns)
         return wave * boundary.scaled(-0.5 / math.pi) + bend
@@ -424,26 +506,6 @@ def _scene_of(m: Any, bodies: list[Obstacle]) -> Any:
     return mi.load_dict({"type": "scene", "mesh": mesh})
 
 
-def _edges(bodies: list[Obstacle], points: list[RadiatingPoint]) -> Floats:
-    """(k, 12): ends of edges, the plane before which they count, first point and end of points."""
-    seen = Obstacles(bodies).silhouettes([point.place for point in points])
-    shared = seen[-1] is seen[0]
-    tables = []
-    for silhouette in map(before_plane, seen[:1] if shared else seen):
-        planes = silhouette.planes.copy()
-        # places on the surface count, which single precision rounds
-        far = np.linalg.norm(silhouette.edges[:, 1], axis=1)
-        planes[:, 3] += _ENDS * np.linalg.norm(planes[:, :3], axis=1) * far
-        tables.append(np.concatenate([silhouette.edges.reshape(-1, 6), planes], axis=1))
-    last = len(points) - 1 if shared else 0
-    return np.concatenate(
-        [
-            np.column_stack([t, np.tile([k, k + last + 1.0], (len(t), 1))])
-            for k, t in enumerate(tables)
-        ]
-    )
-
-
 def before_plane(seen: Silhouette) -> Silhouette:
     """The parts of edges before the plane of the source."""
     start, end = np.moveaxis(seen.edges, 1, 0)
@@ -453,7 +515,7 @@ def before_plane(seen: Silhouette) -> Silhouette:
     first = np.where(low[:, None] < 0.0, cut, start)
     last = np.where(high[:, None] < 0.0, cut, end)
     kept = (np.maximum(low, high) > 0.0) & (np.linalg.norm(last - first, axis=1) > 0.0)
-    return Silhouette(np.stack([first, last], axis=1)[kept], seen.planes[kept])
+    return seen.taken(kept, np.stack([first, last], axis=1))
 
 
 def cast_shadows(scene: Any) -> None:

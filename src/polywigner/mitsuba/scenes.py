@@ -18,6 +18,7 @@ from polywigner.errors import (
     EngineError,
     PolywignerError,
     SceneError,
+    value_text,
 )
 from polywigner.geometry.arguments import checked_flag, checked_path
 from polywigner.mitsuba.films import threads_for_openexr
@@ -125,7 +126,8 @@ def load_scene(
             f"a scene dictionary takes no parameters, got {', '.join(parameters)}; put the values "
             "into the dictionary"
         )
-    return _load(None, dict(scene), variant, (sampler, merge, diffraction, None), {})
+    how = _checked_how(sampler, merge, diffraction, None)
+    return _load(None, dict(scene), variant, how, {})
 
 
 def load_file(
@@ -142,16 +144,25 @@ def load_file(
     ``polarisation``: of sources and receivers for which the file specifies none.
     """
     file = checked_path(path)
+    how = _checked_how(sampler, merge, diffraction, polarisation)
     for name, value in parameters.items():
         if value is not None and not isinstance(value, (str, int, float)):
             raise ArgumentError(f"expected {name} as a text or a number, got {value!r}")
     if not file.is_file():
         raise SceneError(f"expected a Mitsuba scene file, got {str(path)!r}, which is not a file")
-    return _load(file, {}, variant, (sampler, merge, diffraction, polarisation), parameters)
+    return _load(file, {}, variant, how, parameters)
 
 
 _How = tuple[str | None, bool, bool, str | None]
 """Arguments ``sampler``, ``merge``, ``diffraction`` and ``polarisation`` of :func:`load_file`."""
+
+
+def _checked_how(sampler: Any, merge: Any, diffraction: Any, polarisation: str | None) -> _How:
+    if not isinstance(sampler, str | None):
+        raise ArgumentError(f"expected sampler as the name of a plugin, got {value_text(sampler)}")
+    checked_flag(merge, "merge")
+    checked_flag(diffraction, "diffraction")
+    return sampler, merge, diffraction, polarisation
 
 
 @one_at_a_time
@@ -163,11 +174,6 @@ def _load(
     parameters: Mapping[str, Any],
 ) -> Any:
     """Load the scene of a file, or of the entries of a dictionary if there is no file."""
-    sampler, merge, diffraction, _ = how
-    if not isinstance(sampler, str | None):
-        raise ArgumentError(f"expected sampler as the name of a plugin, got {sampler!r}")
-    checked_flag(merge, "merge")
-    checked_flag(diffraction, "diffraction")
     if variant is not None or mi.variant() is None:
         mi.set_variant(choose_variant(variant))
     register()

@@ -9,7 +9,7 @@ of the shadow. Waves over two edges, and those that creep around a body, are lef
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 
 from polywigner import execution
 from polywigner.errors import ArgumentError
+from polywigner.execution import NumpyOperations
+from polywigner.execution.choice import resolved
 from polywigner.geometry.arguments import checked_number, warn_caller
 from polywigner.geometry.silhouettes import Obstacles, Silhouette
 from polywigner.kernels.boundary.edge_waves import (
@@ -28,7 +30,15 @@ from polywigner.kernels.boundary.edge_waves import (
     edge_wave_and_rate,
 )
 from polywigner.numerics.complex_pairs import Pair
-from polywigner.numerics.jets import JetOperations, slopes_of
+from polywigner.numerics.jets import Jet, JetOperations, slopes_of
+from polywigner.propagation.blockers import (
+    NO_SURFACE,
+    OWN_SURFACE,
+    Blocker,
+    behind_face,
+    blocked_edges,
+    shadow_lines,
+)
 from polywigner.propagation.equivalent_points import (
     RadiatingPoint,
     oblique_change,
@@ -54,8 +64,15 @@ _RULES = (
 )
 # Share of the tolerance that points in place of the source may take.
 _OF_GRID = 0.1
-# How far beside a point it is asked what is lit, as a share of its distance: beyond rounding.
-_ASIDE = 1e-8
+# Direction from a point to the place beside it where light and shadow are told apart.
+ASIDE = np.array([0.57, 0.31, 0.76])
+# Lengths that count as none: a fraction of the extent of edges and points, and one of distances
+# from the source, fifty times their rounding.
+_FINE, _ROUNDED = 1e-9, 1e-14
+# Points this close to a surface are on its illuminated side, in lengths that count as none.
+_ON_SURFACE = 4.0
+# Pairs of an edge and a sample below which NumPy is faster than the start of a compiled loop.
+_FEW = 10_000
 # Where derivatives are taken beside a point, in wavelengths.
 _OFF = 1e-8
 # Distance of a place from the line through the source and a corner, over the root of its distance
@@ -144,7 +161,7 @@ def _near_corners(
         aside = np.linalg.norm(np.cross(axes[rows], corners[columns]), axis=1)
         near[rows[aside < _CORNER * np.sqrt(distance[rows])]] = True
     axes = places[near] - np.mean([place for place, *_ in sources], axis=0)
-    across = np.cross(axes, [0.57, 0.31, 0.76])
+    across = np.cross(axes, ASIDE)
     length = np.linalg.norm(across, axis=1) / np.sqrt(np.linalg.norm(axes, axis=1))
     return near, _BESIDE * across / np.maximum(length, 1e-300)[:, None]
 
@@ -161,12 +178,16 @@ def _summed(
     """See :func:`diffracted`."""
     shadow = _Shadow.of(bodies, sources, seen, places)
     rule, coarser = next(rules for least, *rules in _RULES if tolerance >= least)
-    is_oblique = any(point.field for point in sources)
-    term = partial(_edge, rule, coarser if with_error else None, is_oblique)
-    real, imag, off = execution.evaluate_rows(
-        term, shadow.table, shadow.samples, np.zeros(1), 3, engine
-    )
-    total, free = real + 1j * imag, np.zeros(len(places), np.complex128)
+    how = rule, coarser if with_error else None, any(point.field for point in sources)
+    total, off = np.zeros(len(places), np.complex128), np.zeros(len(places))
+    for edges, chosen in shadow.engines(engine):
+        term = partial(_edge, *how, edges.blocker is not None)
+        samples = shadow.samples_of(edges)
+        real, imag, error = execution.evaluate_rows(
+            term, edges.table, samples, np.zeros(1), 3, chosen
+        )
+        total, off = total + real + 1j * imag, off + error
+    free = np.zeros(len(places), np.complex128)
     for point in sources:
         wave = point.wave(places.T)
         total -= np.where(shadow.hidden(point), wave, 0.0)
@@ -189,14 +210,18 @@ def slopes_of_shadow(
     smooth where these change. Also whether a point is in a body.
     """
     # off the boundaries of shadows, at which the field is smooth but roots in its formula are not
-    places = points / wavelength + _OFF * np.array([0.57, 0.31, 0.76])
+    places = points / wavelength + _OFF * ASIDE
     sources, seen = _seen(source, bodies, places, wavelength, method, tolerance)
     shadow = _Shadow.of(bodies, sources, seen, places)
-    term = partial(_edge_slopes, any(point.field for point in sources))
-    parts = execution.evaluate_rows(term, shadow.table, shadow.samples, np.zeros(1), 6, engine)
-    total = np.stack(parts[::2], axis=1) + 1j * np.stack(parts[1::2], axis=1)
+    is_oblique = any(point.field for point in sources)
+    total = np.zeros((len(places), 3), np.complex128)
+    for edges, chosen in shadow.engines(engine):
+        term = partial(_edge_slopes, is_oblique, edges.blocker is not None)
+        samples = shadow.samples_of(edges, with_slopes=True)
+        parts = execution.evaluate_rows(term, edges.table, samples, np.zeros(1), 6, chosen)
+        total += np.stack(parts[::2], axis=1) + 1j * np.stack(parts[1::2], axis=1)
     for point in sources:
-        slopes = np.stack(point.slopes(shadow.samples[:, :3].T), axis=1)
+        slopes = np.stack(point.slopes(places.T), axis=1)
         total -= np.where(shadow.hidden(point)[:, None], slopes, 0.0)
     return total / wavelength, bodies.inside(places)
 
@@ -213,14 +238,23 @@ def _seen(
     return sources, bodies.silhouettes([place for place, *_ in sources])
 
 
+class _Edges(NamedTuple):
+    """Edges of silhouettes, with one surface behind them or with none."""
+
+    table: Floats
+    """(k, 17) point of the source, ends, and plane of the face behind; for each such point."""
+    blocker: Blocker | None
+
+
 class _Shadow(NamedTuple):
     """Obstacles as the points of a source see them, and points that may be in their shadow."""
 
     bodies: Obstacles
-    table: Floats
-    """Edges of silhouettes, a row for each and each point of the source."""
+    edges: list[_Edges]
     samples: Floats
     """(n, 7): points, places aside, and 1 where the angles of edges tell light from shadow."""
+    resolution: Floats
+    """(n,) lengths that count as none."""
 
     @classmethod
     def of(
@@ -231,33 +265,93 @@ class _Shadow(NamedTuple):
         places: Floats,
     ) -> _Shadow:
         """Silhouettes that points see, for places (n, 3) in wavelengths."""
+        found = blocked_edges(bodies, seen, np.mean([place for place, *_ in sources], axis=0))
+        group = np.concatenate(found.groups)
         # beyond all bodies the angles of all edges tell what is lit; else rays do
-        reach = np.array([bodies.reach(place) for place, *_ in sources])
-        away = np.min([np.linalg.norm(places - place, axis=1) for place, *_ in sources], axis=0)
-        by_angles = (away > reach.max()) & all(edges.counts_everywhere for edges in seen)
-        # at the boundary of a shadow, all is asked of a place so close beside it that it is on one
-        # side
-        aside = places + _ASIDE * away[:, None] * np.array([0.57, 0.31, 0.76])
-        rows = [
-            np.column_stack(
-                [np.tile(point.row, (len(s.edges), 1)), s.edges.reshape(-1, 6), s.planes]
-            )
-            for point, s in zip(sources, seen, strict=True)
-        ]
-        samples = np.column_stack([places, aside, by_angles])
-        return cls(bodies, np.concatenate(rows), samples)
+        if found.blockers or not all(silhouette.is_closed for silhouette in seen):
+            by_angles = np.zeros(len(places), bool)
+        else:
+            by_angles = np.all([bodies.beyond(place, places) for place, *_ in sources], axis=0)
+        table = np.concatenate(
+            [
+                np.column_stack(
+                    [np.tile(point.row, (len(s.edges), 1)), s.edges.reshape(-1, 6), s.planes]
+                )
+                for point, s in zip(sources, seen, strict=True)
+            ]
+        )
+        resolution = _resolution(table[:, 7:13].reshape(-1, 3), table[:, :3], places)
+        aside = places + resolution[:, None] * ASIDE
+        edges = []
+        for number, blocker in enumerate(found.blockers):
+            rows = table[group == number]
+            planes = np.unique(rows[:, 13:], axis=0)
+            heights = places @ planes[:, :3].T + planes[:, 3]
+            if (heights < -_ON_SURFACE * resolution[:, None]).any():
+                edges.append(_Edges(rows, blocker))
+            else:  # nothing is behind the surface
+                group[group == number] = NO_SURFACE
+        lines = shadow_lines(table[group == OWN_SURFACE])
+        edges.append(_Edges(np.concatenate([table[group < 0], lines]), None))
+        return cls(bodies, edges, np.column_stack([places, aside, by_angles]), resolution)
+
+    def engines(self, engine: str) -> Iterator[tuple[_Edges, str]]:
+        """Edges and the engine that sums over each; "auto" is planned for all of them together."""
+        chosen = resolved(engine, len(self.samples), sum(len(edges.table) for edges in self.edges))
+        for edges in self.edges:
+            is_small = engine == "auto" and len(edges.table) * len(self.samples) < _FEW
+            yield edges, "numpy" if is_small else chosen
 
     def hidden(self, point: RadiatingPoint) -> NDArray[np.bool_]:
         """Samples that rays from a point of the source do not reach, where rays are asked."""
         found, by_rays = np.zeros(len(self.samples), bool), self.samples[:, 6] == 0.0
-        found[by_rays] = self.bodies.hide(point.place, self.samples[by_rays, 3:6])
+        within = _ON_SURFACE * self.resolution[by_rays]
+        found[by_rays] = self.bodies.hide(point.place, self.samples[by_rays, 3:6], within)
         return found
+
+    def samples_of(self, edges: _Edges, with_slopes: bool = False) -> Floats:
+        """Samples for some edges: (n, 7), of blocked ones (n, 10), with slopes (n, 16).
+
+        These are the resolution, and the amplitude of edge waves behind the blocker with its
+        derivatives, as real and imaginary parts.
+        """
+        if edges.blocker is None:
+            return self.samples
+        hidden = edges.blocker.hides(self.samples[:, 3:6], _ON_SURFACE * self.resolution)
+        ops, point = NumpyOperations(double=True), tuple(self.samples[:, :3].T)
+        columns = [self.samples, self.resolution[:, None]]
+        if with_slopes:
+            jets = JetOperations(ops)
+            found = edges.blocker.transmission(jets, jets.variables(point), hidden)
+            values = [found.real.value, found.imag.value, *found.real.slopes, *found.imag.slopes]
+        else:
+            found = edges.blocker.transmission(ops, point, hidden)
+            values = [found.real, found.imag]
+        return np.column_stack(
+            [*columns, *(np.broadcast_to(value, len(hidden)) for value in values)]
+        )
+
+
+def _resolution(ends: Floats, sources: Floats, points: Floats) -> Floats:
+    """Lengths (n,) far above rounding at points (n, 3), and far below all that matters there.
+
+    ``ends``: (m, 3) of edges; ``sources``: (k, 3).
+    """
+    if not len(ends):
+        return np.zeros(len(points))
+    low, high = ends.min(axis=0), ends.max(axis=0)
+    radius = 0.5 * float(np.linalg.norm(high - low))
+    away = np.linalg.norm(points - sources.mean(axis=0), axis=1)
+    local = np.minimum(np.linalg.norm(points - 0.5 * (low + high), axis=1) + radius, away)
+    largest = max(float(np.abs(part).max()) for part in (ends, sources))
+    return _FINE * local + _ROUNDED * (away + largest)
 
 
 def _edge(
     rule: EdgeRule,
     coarser: EdgeRule | None,
     is_oblique: bool,
+    is_blocked: bool,
     ops: Any,
     row: Point,
     sample: Point,
@@ -266,40 +360,47 @@ def _edge(
     """Change of the field by an edge that a point of the source sees; and its error.
 
     ``is_oblique``: whether the point has a weight of the field, whose edge waves (SB5) depend on
-    the direction from the point to the edge.
+    the direction from the point to the edge; ``is_blocked``: whether a surface is behind the edge.
     """
     source, field, slope, start, end = row[:3], row[3:5], row[5:7], row[7:10], row[10:13]
     point, aside, by_angles = sample[:3], sample[3:6], sample[6]
-    ends = source, point, start, end, aside
+    blocked = None
+    if is_blocked:
+        margin = _ON_SURFACE * sample[7]
+        blocked = behind_face(ops, source, start, end, row[13:17], point, margin)
+    path = source, point, start, end, aside
     ahead = tuple(a - b for a, b in zip(point, source, strict=True))
     bend = Pair(0.0, 0.0)
     if is_oblique:
-        boundary, rate = edge_wave_and_rate(ops, rule, *ends)
+        boundary, rate = edge_wave_and_rate(ops, rule, *path, blocked=blocked)
         bend = oblique_change(ops, ahead, field, rate)
     else:
-        boundary = Pair(*edge_wave(ops, rule, *ends))
+        boundary = Pair(*edge_wave(ops, rule, *path, blocked=blocked))
     off = 0.0 * boundary.real
     wave = wave_ahead(ops, ahead, field, slope)
     if coarser is not None:
-        other = boundary - Pair(*edge_wave(ops, coarser, *ends))
+        other = boundary - Pair(*edge_wave(ops, coarser, *path, blocked=blocked))
         off = ops.sqrt(wave.norm() * other.norm()) / (2.0 * math.pi)
-    a, b, c, d = row[13:17]
-    counts = a * point[0] + b * point[1] + c * point[2] + d >= 0.0
     change = (wave * boundary).scaled(-0.5 / math.pi) + bend
+    if is_blocked:
+        change = change * Pair(*sample[8:10])
+        return change.real, change.imag, off
     angle = wave.scaled(by_angles * angle_about(ops, source, aside, start, end) / (2.0 * math.pi))
-    return (
-        angle.real + ops.select(counts, change.real, 0.0),
-        angle.imag + ops.select(counts, change.imag, 0.0),
-        off,
-    )
+    return angle.real + change.real, angle.imag + change.imag, off
 
 
-def _edge_slopes(is_oblique: bool, ops: Any, row: Point, sample: Point, none: Point) -> Any:
+def _edge_slopes(
+    is_oblique: bool, is_blocked: bool, ops: Any, row: Point, sample: Point, none: Point
+) -> Any:
     """Derivatives of :func:`_edge` in x, y and z, real and imaginary part of each."""
     jets = JetOperations(ops)
-    point = (*jets.variables(sample[:3]), *jets.constants(sample[3:]))
-    row = jets.constants(row)
-    real, imag, _ = _edge(_RULES[1][1], None, is_oblique, jets, row, point, none)
+    point = (*jets.variables(sample[:3]), *jets.variables(sample[3:6]))
+    point += tuple(jets.constants(sample[6:8]))
+    if is_blocked:
+        parts = zip(sample[8:10], (sample[10:13], sample[13:16]), strict=True)
+        point += tuple(Jet(ops, value, tuple(slopes)) for value, slopes in parts)
+    row = tuple(jets.constants(row))
+    real, imag, _ = _edge(_RULES[1][1], None, is_oblique, is_blocked, jets, row, point, none)
     return slopes_of(real, imag)
 
 

@@ -241,10 +241,18 @@ def spherical_edge(
 
 def angle_about(ops: Any, source: Point, point: Point, start: Point, end: Point) -> Any:
     """The angle by which a straight edge turns about the axis from a source to a point."""
-    axis, first, last = (_minus(place, source) for place in (point, start, end))
-    length = ops.sqrt(_dot(axis, axis))
-    over = _dot(axis, first) * _dot(axis, last)
-    return ops.atan2(_dot(axis, _cross(first, last)), _dot(first, last) * length - over / length)
+    axis = difference(point, source)
+    inverse = 1.0 / ops.sqrt(dot(axis, axis))
+    axis = tuple(a * inverse for a in axis)
+    # across the axis, from the point: differences of long vectors would lose the digits
+    first, last = (_across(axis, difference(place, point)) for place in (start, end))
+    return ops.atan2(dot(axis, cross(first, last)), dot(first, last))
+
+
+def _across(axis: Point, vector: Point) -> Point:
+    """The part of a vector perpendicular to a unit vector."""
+    along = dot(axis, vector)
+    return tuple(v - along * a for v, a in zip(vector, axis, strict=True))
 
 
 @dataclass(frozen=True)
@@ -275,9 +283,85 @@ def _always(_: Any, compute: Callable[..., tuple[Any, Any]], *arguments: Any) ->
     return compute(*arguments)
 
 
+@dataclass(frozen=True)
+class _EdgePaths:
+    """Paths from a source over a straight edge to a point."""
+
+    detour: Any
+    """The shortest path over the edge's line, less the distance."""
+    shortest: Any
+    whole: Any
+    """The shortest path over the line and the distance together."""
+    both: Any
+    """Product of the distances of both ends from the line."""
+    closing: Any
+    """1 - cos of the angle at the edge between both ends, whose cosine is -1 at the shadow."""
+    turn: Any
+    """Product of the distances and of the sine of this angle, positive on the left."""
+    distance: Any
+    """From the source to the point."""
+    low: Any
+    high: Any
+    """Roots of the detours over both ends beyond the least; negative before its foot."""
+
+    @classmethod
+    def of(
+        cls, ops: Any, source: Point, point: Point, start: Point, along: Point, length: Any
+    ) -> _EdgePaths:
+        """``along``: unit vector from the start."""
+        from_source, to_point = difference(start, source), difference(point, start)
+        s_first, s_last = -dot(from_source, along), dot(to_point, along)
+        first = tuple(-q - s_first * t for q, t in zip(from_source, along, strict=True))
+        last = tuple(r - s_last * t for r, t in zip(to_point, along, strict=True))
+        least = 1e-12 if ops.double else 1e-6
+        h_first, h_last = (ops.maximum(ops.sqrt(dot(v, v)), least) for v in (first, last))
+        over, under = 1.0 / h_first, 1.0 / h_last
+        both = h_first * h_last
+        near = tuple(a * over + b * under for a, b in zip(first, last, strict=True))
+        away = tuple(a * over - b * under for a, b in zip(first, last, strict=True))
+        axis = difference(point, source)
+        gap, height = s_last - s_first, h_first + h_last
+        shortest = ops.sqrt(gap * gap + height * height)
+        distance = ops.sqrt(dot(axis, axis))
+        whole = shortest + distance
+
+        def root_at(s: Any) -> Any:
+            a, b = s - s_first, s - s_last
+            rho, radius = ops.sqrt(a * a + h_first * h_first), ops.sqrt(b * b + h_last * h_last)
+            lean = a * radius + b * rho
+            size = ops.sqrt(both * both + lean * lean) + both
+            return lean * ops.sqrt(2.0 / (size * (rho + radius + shortest)))
+
+        return cls(
+            both * dot(near, near) / whole,
+            shortest,
+            whole,
+            both,
+            0.5 * dot(away, away),
+            dot(cross(from_source, along), to_point),
+            distance,
+            root_at(0.0 * length),
+            root_at(length),
+        )
+
+    def angle(self, ops: Any, limit: float) -> Any:
+        """Angle about the axis that the edge subtends, in the plane of roots up to a limit."""
+        low, high = (_limited(ops, v, limit) for v in (self.low, self.high))
+        # near the boundary of the shadow the root of the detour is a product, without cancellation
+        steep = ops.sqrt(2.0 / (self.both * self.whole * ops.maximum(self.closing, 1.0)))
+        root = ops.select(self.closing > 1.0, abs(self.turn) * steep, ops.sqrt(self.detour))
+        angle = ops.atan2((high - low) * root, self.detour + low * high)
+        return ops.select(self.turn < 0.0, -angle, angle)
+
+
+def _limited(ops: Any, v: Any, limit: float) -> Any:
+    return ops.maximum(ops.minimum(v, limit), -limit)
+
+
 def edge_wave(
     ops: Any, rule: EdgeRule, source: Point, point: Point, start: Point, end: Point,
     aside: Point | None = None, when: Callable[..., tuple[Any, Any]] = _always,
+    blocked: Any = None,
 ) -> tuple[Any, Any]:  # fmt: skip
     """(real, imaginary) boundary wave of a straight edge over the free one, times 2 pi. (SB3).
 
@@ -288,49 +372,25 @@ def edge_wave(
 
     ``aside``: a place beside the point, which says on which side of the shadow's boundary it is.
     ``when``: (condition, compute, arguments) -> computed numbers; zeros where there is no need.
+    ``blocked``: 1 where another surface is in front of the boundary of the shadow, 0 where none is,
+    or between. There the step of the wave at this boundary is left out (SB5).
     """
-    along = _minus(end, start)
-    length = ops.sqrt(_dot(along, along))
+    along = difference(end, start)
+    length = ops.sqrt(dot(along, along))
     along = tuple(a / length for a in along)
-    from_source, to_point = _minus(start, source), _minus(point, start)
-    s_first, s_last = -_dot(from_source, along), _dot(to_point, along)
-    first = tuple(-q - s_first * t for q, t in zip(from_source, along, strict=True))
-    last = tuple(r - s_last * t for r, t in zip(to_point, along, strict=True))
-    least = 1e-12 if ops.double else 1e-6
-    h_first, h_last = (ops.maximum(ops.sqrt(_dot(v, v)), least) for v in (first, last))
-    over, under = 1.0 / h_first, 1.0 / h_last
-    both = h_first * h_last
-    # 1 + cos and 1 - cos of the angle at the edge, from pi at the boundary of the shadow
-    near = tuple(a * over + b * under for a, b in zip(first, last, strict=True))
-    away = tuple(a * over - b * under for a, b in zip(first, last, strict=True))
-    opening, closing = 0.5 * _dot(near, near), 0.5 * _dot(away, away)
-    normal = _cross(from_source, along)
-    turn = _dot(normal, to_point)
-    side = turn if aside is None else _dot(normal, _minus(aside, start))
-    axis = _minus(point, source)
-    distance = ops.sqrt(_dot(axis, axis))
-    gap, height = s_last - s_first, h_first + h_last
-    shortest = ops.sqrt(gap * gap + height * height)
-    whole = shortest + distance
-    detour = 2.0 * both * opening / whole
-    slant = 0.5 / shortest
+    paths = _EdgePaths.of(ops, source, point, start, along, length)
+    detour, whole = paths.detour, paths.whole
+    distance, turn = paths.distance, paths.turn
+    slant = 0.5 / paths.shortest
     # from here on the place along the edge is v, its detour is detour + v^2
-    foot = 4.0 * both * slant
-
-    def place(s: Any) -> Any:
-        a, b = s - s_first, s - s_last
-        rho, radius = ops.sqrt(a * a + h_first * h_first), ops.sqrt(b * b + h_last * h_last)
-        lean = a * radius + b * rho
-        size = ops.sqrt(both * both + lean * lean) + both
-        return lean * ops.sqrt(2.0 / (size * (rho + radius + shortest)))
+    foot = 4.0 * paths.both * slant
 
     def density(q: Any) -> Any:
         stretched = 1.0 + slant * q
         return slant / ((whole + q) * ops.sqrt(stretched * (q * stretched + foot)))
 
     limit = math.sqrt(rule.turns)
-    ends = place(0.0 * length), place(length)
-    low, high = (ops.maximum(ops.minimum(v, limit), -limit) for v in ends)
+    low, high = (_limited(ops, v, limit) for v in (paths.low, paths.high))
     pole = density(ops.select(detour < 0.5 * foot, -detour, 0.0))
     tiny = 1e-300 if ops.double else 1e-37
 
@@ -378,48 +438,61 @@ def edge_wave(
         return real, imag
 
     real, imag = when(low < high, near_foot, low, high)
+    ends = paths.low, paths.high
     farther = when((low > ends[0]) | (high < ends[1]) | (low == high), outside, *ends)
-    # root of the detour, with a sign beyond the shadow's boundary: smooth across it
-    sign = ops.select(side < 0.0, -1.0, 1.0)
-    steep = ops.sqrt(2.0 / (both * whole * ops.maximum(closing, 1.0)))
-    root = ops.select(closing > 1.0, sign * turn * steep, ops.sqrt(detour))
-    rise, run = (high - low) * root, detour + low * high
-    forth = ops.atan2(rise, abs(run))
-    angle = ops.select(run < 0.0, math.pi - forth, forth)
-    jump = 4.0 * distance * pole * ops.sqrt(0.5 * both * whole * closing) * angle
-    return real + sign * jump + farther[0], imag + farther[1]
+    step = 4.0 * distance * pole * ops.sqrt(0.5 * paths.both * whole * paths.closing)
+    if blocked is not None:
+        step = step * (1.0 - blocked * ops.exp(-2.0 * math.pi * paths.detour))
+    # The angle jumps where the axis meets the edge, and turns around its ends. All edges take it at
+    # one place beside the point, so that their sum has neither.
+    beside = paths if aside is None else _EdgePaths.of(ops, source, aside, start, along, length)
+    step = step * beside.angle(ops, limit)
+    return real + step + farther[0], imag + farther[1]
 
 
 def edge_wave_and_rate(
     ops: Any, rule: EdgeRule, source: Point, point: Point, start: Point, end: Point,
     aside: Point | None = None, when: Callable[..., tuple[Any, Any]] = _always,
+    blocked: Any = None,
 ) -> tuple[Pair, Pair]:  # fmt: skip
     """The boundary wave of :func:`edge_wave`, and its derivative in the z of the source."""
     jets = JetOperations(ops)
     (height,) = jets.variables(source[2:])
-    place = (*jets.constants(source[:2]), height)
     point, start, end = (jets.constants(some) for some in (point, start, end))
     beside = None if aside is None else jets.constants(aside)
-    parts = edge_wave(jets, rule, place, point, start, end, beside, when)
+    (held,) = (None,) if blocked is None else jets.constants((blocked,))
+    place = (*jets.constants(source[:2]), height)
+    parts = edge_wave(jets, rule, place, point, start, end, beside, when, held)
     return Pair(*(part.value for part in parts)), Pair(*(part.slopes[0] for part in parts))
 
 
-def least_detour(ops: Any, source: Point, point: Point, start: Point, end: Point) -> Any:
-    """The shortest way from a source over a straight edge to a point, less the straight way."""
-    along = _minus(end, start)
-    length = ops.sqrt(_dot(along, along))
+def path_over(ops: Any, source: Point, point: Point, start: Point, end: Point) -> tuple[Any, Any]:
+    """Detour of the shortest path over a straight edge, and cosine of the angle it bends by."""
+    along = difference(end, start)
+    length = ops.sqrt(dot(along, along))
     inverse = 1.0 / length
-    from_source, to_point = _minus(start, source), _minus(point, start)
-    s, t = -_dot(from_source, along) * inverse, _dot(to_point, along) * inverse
+    from_source, to_point = difference(start, source), difference(point, start)
+    s, t = -dot(from_source, along) * inverse, dot(to_point, along) * inverse
     h, g = (
-        ops.sqrt(ops.maximum(_dot(v, v) - at * at, 0.0))
+        ops.sqrt(ops.maximum(dot(v, v) - at * at, 0.0))
         for v, at in ((from_source, s), (to_point, t))
     )
     foot = (s * g + t * h) / ops.maximum(h + g, 1e-6)
-    foot = ops.maximum(ops.minimum(foot, length), 0.0)
-    axis = _minus(point, source)
-    way = ops.sqrt((foot - s) * (foot - s) + h * h) + ops.sqrt((foot - t) * (foot - t) + g * g)
-    return way - ops.sqrt(_dot(axis, axis))
+    foot = ops.maximum(ops.minimum(foot, length), 0.0) * inverse
+    first = tuple(q + foot * a for q, a in zip(from_source, along, strict=True))
+    last = tuple(r - foot * a for r, a in zip(to_point, along, strict=True))
+    axis = difference(point, source)
+    rho, radius, distance = (ops.sqrt(dot(v, v)) for v in (first, last, axis))
+    product, ahead, normal = rho * radius, dot(first, last), cross(first, last)
+    # product - ahead without cancellation if the path is almost straight
+    bent = dot(normal, normal) / ops.maximum(product + ahead, 1e-30)
+    bent = ops.select(ahead > 0.0, bent, product - ahead)
+    return 2.0 * bent / (rho + radius + distance), ahead / ops.maximum(product, 1e-30)
+
+
+def least_detour(ops: Any, source: Point, point: Point, start: Point, end: Point) -> Any:
+    """The shortest path from a source over a straight edge to a point, less their distance."""
+    return path_over(ops, source, point, start, end)[0]
 
 
 def _asinh(ops: Any, x: Any) -> Any:
@@ -444,18 +517,18 @@ class _Path:
         q = self.from_source = tuple(a - b for a, b in zip(place, source, strict=True))
         r = self.to_point = tuple(a - b for a, b in zip(point, place, strict=True))
         self.axis = ops.sqrt(sum((a - b) ** 2 for a, b in zip(point, source, strict=True)))
-        rho, radius = (ops.sqrt(_dot(v, v)) for v in (q, r))
+        rho, radius = (ops.sqrt(dot(v, v)) for v in (q, r))
         self.both, self.product = rho + radius + self.axis, rho * radius
-        dot, normal = _dot(q, r), _cross(q, r)
+        ahead, normal = dot(q, r), cross(q, r)
         # (D^2 - (rho - R)^2)/2 and ((rho + R)^2 - D^2)/2: one cancels; their product is |q x r|^2
-        large = self.product + ops.maximum(dot, -dot)
-        small = ops.maximum(_dot(normal, normal) / large, 1e-300)
-        self.inner = ops.select(dot > 0.0, large, small)
-        self.outer = ops.select(dot > 0.0, small, large)
+        large = self.product + ops.maximum(ahead, -ahead)
+        small = ops.maximum(dot(normal, normal) / large, 1e-300)
+        self.inner = ops.select(ahead > 0.0, large, small)
+        self.outer = ops.select(ahead > 0.0, small, large)
         self.detour = 2.0 * self.outer / self.both
         # the angle about the axis turns by ahead.r D/|q x r|^2 for each unit of length
-        self.ahead = _cross(q, along)
-        self.turn = _dot(self.ahead, r) * self.axis
+        self.ahead = cross(q, along)
+        self.turn = dot(self.ahead, r) * self.axis
 
     def smooth(self, ops: Any) -> tuple[Any, Any]:
         """The angle less the boundary wave; on the axis each alone diverges."""
@@ -469,13 +542,13 @@ class _Path:
         )
 
 
-def _minus(a: Point, b: Point) -> Point:
+def difference(a: Point, b: Point) -> Point:
     return tuple(x - y for x, y in zip(a, b, strict=True))
 
 
-def _dot(a: Point, b: Point) -> Any:
+def dot(a: Point, b: Point) -> Any:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-def _cross(a: Point, b: Point) -> Point:
+def cross(a: Point, b: Point) -> Point:
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])

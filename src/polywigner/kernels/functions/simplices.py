@@ -211,7 +211,9 @@ def solid_tables(body: Polyhedron, double: bool) -> SolidTables:
     """The tables of a polyhedron; the same for either precision."""
     centre, rows = _axes(body)
     inner = vertices_for(rows, centre, body.vertices)
-    corners = inner[body.triangles]
+    # signed fans: opposite faces of thin bodies are split alike, so that their errors cancel
+    fans = [(f[0], f[k], f[k + 1]) for f in body.faces for k in range(1, len(f) - 1)]
+    corners = inner[np.array(fans, np.intp)]
     tetrahedra = np.column_stack([corners.reshape(-1, 9), _volumes(corners)]).tolist()
     content = abs(float(determinant([[Fraction(m) for m in row] for row in rows])))
     frame = LinearFrame(centre, rows, content, reach_of(inner))

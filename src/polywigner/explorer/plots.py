@@ -1,0 +1,333 @@
+"""Bokeh figures of the page: the outline editor, and one figure for each view."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from bokeh.events import DoubleTap, Tap
+from bokeh.models import (
+    ColorBar,
+    ColumnDataSource,
+    CustomJS,
+    HoverTool,
+    LinearColorMapper,
+    PointDrawTool,
+    Range1d,
+    Title,
+)
+from bokeh.plotting import figure
+
+from polywigner.explorer.state import Point, Rings, State, rings_of_rows, with_vertex
+from polywigner.explorer.views import Name, Picture, Polygon
+from polywigner.figures.style import ACCENT, BLUE, INK, ORANGE
+
+_BORDERS = {"min_border_left": 52, "min_border_right": 50, "min_border_top": 54}
+_BOTTOM = 48  # left + right = top + bottom, so that a square figure has a square frame
+_DRAG_JS = """
+const {x, y, ring} = vertices.data
+const rings = new Map()
+for (let i = 0; i < x.length; i++) {
+  if (!rings.has(ring[i])) rings.set(ring[i], [[], []])
+  rings.get(ring[i])[0].push(x[i])
+  rings.get(ring[i])[1].push(y[i])
+}
+drawn.data.xs = [[[...rings.values()].map((r) => r[0])]]
+drawn.data.ys = [[[...rings.values()].map((r) => r[1])]]
+drawn.change.emit()  // in this browser only
+const now = Date.now()
+if (now - (relay.tags[0] ?? 0) > 60) {
+  relay.tags[0] = now
+  relay.data = {x: [...x], y: [...y], ring: [...ring]}
+}
+"""
+
+
+def rows(polygons: Sequence[Polygon]) -> dict[str, list[Any]]:
+    """Return the columns of a MultiPolygons glyph, with a row for each polygon."""
+    return {
+        axis: [[[ring[:, k].tolist() for ring in polygon]] for polygon in polygons]
+        for k, axis in enumerate(("xs", "ys"))
+    }
+
+
+class Editor:
+    """The aperture: its vertices are dragged, inserted and deleted, and new outlines drawn.
+
+    ``on_rings(rings, is_final)`` receives edited outlines, ``on_position(point)`` a clicked
+    position.
+    """
+
+    def __init__(
+        self, on_rings: Callable[[Rings, bool], None], on_position: Callable[[Point], None]
+    ) -> None:
+        self._on_rings, self._on_position = on_rings, on_position
+        self._rings: Rings = ()
+        self.sketch: list[Point] | None = None
+        """Corners of the outline that is being drawn; None in edit mode."""
+        self.vertices = ColumnDataSource({"x": [], "y": [], "ring": []}, name="vertices")
+        self._drawn = ColumnDataSource({"xs": [], "ys": []})
+        self._support = ColumnDataSource({"xs": [], "ys": []})
+        self._position = ColumnDataSource({"x": [0.0], "y": [0.0]})
+        self._sketch = ColumnDataSource({"x": [], "y": []})
+        self._relay = ColumnDataSource({"x": [], "y": [], "ring": []}, tags=[0])
+        plot = figure(
+            name="editor", tools="pan,wheel_zoom,reset", active_drag=None, active_scroll=None,
+            x_range=Range1d(-1, 1), y_range=Range1d(-1, 1), sizing_mode="scale_width",
+            aspect_ratio=1, min_border_left=58, min_border_right=22, min_border_top=34,
+            min_border_bottom=46, toolbar_location="above", output_backend="canvas",
+        )  # fmt: skip
+        plot.toolbar.logo = None
+        _style_axes(plot)
+        plot.multi_polygons(
+            "xs", "ys", source=self._support, fill_color="#c6d7e6", fill_alpha=0.7, line_color=None
+        )
+        plot.multi_polygons(
+            "xs", "ys", source=self._drawn, fill_color=BLUE, fill_alpha=0.75, line_color=INK
+        )
+        plot.scatter(
+            "x", "y", source=self._position, marker="cross", size=16, line_width=3,
+            line_color=ORANGE,
+        )  # fmt: skip
+        plot.line("x", "y", source=self._sketch, line_color=ACCENT, line_width=2)
+        plot.scatter("x", "y", source=self._sketch, size=8, fill_color=ACCENT, line_color="white")
+        handles = plot.scatter(
+            "x", "y", source=self.vertices, size=11, fill_color="white", line_color=ACCENT,
+            line_width=2, nonselection_alpha=1.0, selection_fill_color=ACCENT,
+        )  # fmt: skip
+        drag = PointDrawTool(renderers=[handles], add=False)
+        plot.add_tools(drag)
+        plot.toolbar.active_multi = drag
+        sources = {"vertices": self.vertices, "drawn": self._drawn, "relay": self._relay}
+        plot.js_on_event("pan", CustomJS(args=sources, code=_DRAG_JS))
+        self._relay.on_change("data", lambda attr, old, new: self._edited(self._relay, False))
+        self.vertices.on_change("data", lambda attr, old, new: self._edited(self.vertices, True))
+        plot.on_event(Tap, self._tapped)
+        plot.on_event(DoubleTap, self._double_tapped)
+        self.plot = plot
+
+    def show(self, state: State, keep_handles: bool = False) -> None:
+        """Draw the outlines and the position of a state; a drag keeps its handles."""
+        if not keep_handles:
+            self._rings = state.rings
+            points = [(x, y, k) for k, ring in enumerate(state.rings) for x, y in ring]
+            columns = zip(*points, strict=True) if points else ([], [], [])
+            self.vertices.data = dict(zip(("x", "y", "ring"), map(list, columns), strict=True))
+            # one row: the canvas fills nested rings by the even-odd rule
+            rings = [np.array(ring) for ring in state.rings]
+            self._drawn.data = rows([rings] if rings else [])
+            self._fit(state)
+        self._position.data = {"x": [state.x[0]], "y": [state.x[1]]}
+        for axis, label in zip(self.plot.axis, ("x", "y"), strict=True):
+            axis.axis_label = f"{label} ({state.unit})"
+
+    def show_support(self, polygons: Sequence[Polygon]) -> None:
+        """Draw the support of W."""
+        self._support.data = rows(polygons)
+
+    def delete_selected(self) -> None:
+        """Delete the selected vertices, and outlines with less than three vertices left."""
+        chosen = set(self.vertices.selected.indices)
+        self.vertices.selected.indices = []
+        kept = [row for k, row in enumerate(self._rows(self.vertices)) if k not in chosen]
+        self._on_rings(rings_of_rows(kept), True)
+
+    def start_sketch(self) -> None:
+        """Start an outline, whose corners are clicked."""
+        self.sketch = []
+        self._show_sketch()
+
+    def finish_sketch(self) -> None:
+        """Add the drawn outline, if it has three corners."""
+        ring, self.sketch = tuple(self.sketch or ()), None
+        self._show_sketch()
+        if len(ring) >= 3:
+            self._on_rings((*self._rings, ring), True)
+
+    def _show_sketch(self) -> None:
+        x, y = zip(*self.sketch, strict=True) if self.sketch else ((), ())
+        self._sketch.data = {"x": list(x), "y": list(y)}
+
+    def _span(self) -> float:
+        return float(self.plot.x_range.end - self.plot.x_range.start)
+
+    def _rows(self, source: ColumnDataSource) -> list[tuple[int, float, float]]:
+        data, exact = source.data, {p for ring in self._rings for p in ring}
+        points = [(float(x), float(y)) for x, y in zip(data["x"], data["y"], strict=True)]
+        points = [p if p in exact else rounded(self.plot, *p) for p in points]
+        return [(int(k), *p) for k, p in zip(data["ring"], points, strict=True)]
+
+    def _edited(self, source: ColumnDataSource, is_final: bool) -> None:
+        rings = rings_of_rows(self._rows(source))
+        if not is_final or rings != self._rings:
+            self._on_rings(rings, is_final)
+
+    def _tapped(self, event: Any) -> None:
+        if event.x is None:
+            return
+        point = rounded(self.plot, event.x, event.y)
+        if self.sketch is None:
+            if self._nearest([p for ring in self._rings for p in ring], point) > 0.03:
+                self._on_position(point)
+        elif len(self.sketch) >= 3 and self._nearest(self.sketch[:1], point) <= 0.03:
+            self.finish_sketch()
+        elif self._nearest(self.sketch[-1:], point) > 0.01:
+            self.sketch.append(point)
+            self._show_sketch()
+
+    def _nearest(self, points: Sequence[Point], point: Point) -> float:
+        """Return the distance to the nearest of some points, relative to the figure."""
+        return min((math.dist(p, point) / self._span() for p in points), default=math.inf)
+
+    def _double_tapped(self, event: Any) -> None:
+        if event.x is None:
+            return
+        point = rounded(self.plot, event.x, event.y)
+        if self.sketch is None:
+            self._on_rings(with_vertex(self._rings, point), True)
+        elif self._nearest(self.sketch[-1:], point) <= 0.03:
+            self.finish_sketch()
+        else:  # two quick clicks at different points
+            self._tapped(event)
+
+    def _fit(self, state: State) -> None:
+        """Change the axes if the outlines leave them or fill less than 40 % of them."""
+        x0, y0, x1, y1 = state.box
+        size = max(x1 - x0, y1 - y0)
+        if size == 0:
+            return
+        xr, yr = self.plot.x_range, self.plot.y_range
+        inside = xr.start <= x0 and x1 <= xr.end and yr.start <= y0 and y1 <= yr.end
+        if inside and size > 0.4 * self._span():
+            return
+        half = 0.7 * size
+        for axis, centre in ((xr, (x0 + x1) / 2), (yr, (y0 + y1) / 2)):
+            axis.start, axis.end = centre - half, centre + half
+            axis.reset_start, axis.reset_end = axis.start, axis.end
+
+
+class Plot:
+    """The figure of one view; ``on_tap(point)`` receives a clicked point."""
+
+    def __init__(self, name: Name, on_tap: Callable[[Point], None] | None = None) -> None:
+        plot = figure(
+            name=name, tools="", toolbar_location=None, sizing_mode="scale_width",
+            aspect_ratio=1, min_border_bottom=_BOTTOM, x_range=Range1d(-1, 1),
+            y_range=Range1d(-1, 1), **_BORDERS,
+        )  # fmt: skip
+        plot.title.text_font_size = "13px"
+        _style_axes(plot)
+        self._quantity = Title(text=" ", text_font_size="11px", text_font_style="normal",
+                               text_color="#55606b")  # fmt: skip
+        plot.add_layout(self._quantity, "above")
+        plot.title.text = " "
+        self._source = ColumnDataSource({})
+        self._mark = ColumnDataSource({"x": [], "y": []})
+        self._horizon = ColumnDataSource({"d": []})
+        self.plot, self._on_tap, self._mapper = plot, on_tap, None
+        if name == "far":
+            self._source.data = {"xs": [], "ys": [], "label": [], "colour": [], "dash": []}
+            plot.multi_line(
+                "xs", "ys", source=self._source, line_color="colour", line_dash="dash",
+                line_width=1.6, legend_field="label",
+            )  # fmt: skip
+            plot.legend.update(
+                label_text_font_size="10px", padding=3, spacing=0, background_fill_alpha=0.8
+            )
+        elif name == "lags":
+            self._source.data = {"xs": [], "ys": []}
+            plot.multi_polygons(
+                "xs", "ys", source=self._source, fill_color="#c6d7e6", line_color=INK
+            )
+        else:
+            self._source.data = {"image": [], "x": [], "y": [], "dw": [], "dh": []}
+            self._mapper = LinearColorMapper(palette=_palette("inferno"), low=0, high=1)
+            plot.image(
+                "image", x="x", y="y", dw="dw", dh="dh", source=self._source,
+                color_mapper=self._mapper,
+            )  # fmt: skip
+            bar = ColorBar(color_mapper=self._mapper, width=10, padding=4, label_standoff=4)
+            plot.add_layout(bar, "right")
+            tips = [("x, y", "$x{0.000}, $y{0.000}"), ("value", "@image{0.000}")]
+            plot.add_tools(HoverTool(tooltips=tips))
+            plot.ellipse(
+                0, 0, width="d", height="d", source=self._horizon, fill_color=None,
+                line_color="#808080", line_dash="dotted", line_width=1.5,
+            )  # fmt: skip
+        if on_tap:
+            for colour, width in (("white", 5), ("black", 2)):
+                plot.scatter("x", "y", source=self._mark, marker="cross", size=16,
+                             line_width=width, line_color=colour)  # fmt: skip
+            plot.on_event(Tap, self._tapped)
+
+    def show(self, picture: Picture) -> None:
+        """Draw a picture."""
+        plot = self.plot
+        plot.title.text = picture.title
+        self._quantity.text = picture.quantity or " "
+        plot.xaxis.axis_label, plot.yaxis.axis_label = picture.x_label, picture.y_label
+        x, y = picture.x, picture.y
+        edges = [(float(a[0]), float(a[-1])) for a in (x, y)]
+        if picture.image is not None and self._mapper is not None:
+            low, high = picture.limits
+            self._mapper.update(palette=_palette(picture.colours), low=low, high=high)
+            # the outermost samples are at the centres of the outermost pixels
+            edges = [(a[0] - h, a[-1] + h) for a, h in ((a, (a[1] - a[0]) / 2) for a in (x, y))]
+            (x0, x1), (y0, y1) = edges
+            self._source.data = {
+                "image": [picture.image.astype(np.float32)],
+                "x": [x0], "y": [y0], "dw": [x1 - x0], "dh": [y1 - y0],
+            }  # fmt: skip
+        elif picture.curves is not None:
+            count = len(picture.curves)
+            self._source.data = {
+                "xs": [x] * count, "ys": list(picture.curves.values()),
+                "label": list(picture.curves), "colour": [BLUE, ACCENT][:count],
+                "dash": ["solid", "dashed"][:count],
+            }  # fmt: skip
+        elif picture.outlines is not None:
+            self._source.data = rows(picture.outlines)
+        for axis, (start, end) in zip((plot.x_range, plot.y_range), edges, strict=True):
+            axis.update(start=start, end=end)
+
+    def show_mark(self, point: Point) -> None:
+        """Draw the chosen point."""
+        self._mark.data = {"x": [point[0]], "y": [point[1]]}
+
+    def show_horizon(self, radius: float) -> None:
+        """Draw the circle |nu| = 1/wavelength."""
+        self._horizon.data = {"d": [2 * radius]}
+
+    def show_error(self, text: str) -> None:
+        """Empty the figure and write why."""
+        self._source.data = {key: [] for key in self._source.data}
+        self.plot.title.text, self._quantity.text = text, " "
+
+    def _tapped(self, event: Any) -> None:
+        if self._on_tap and event.x is not None:
+            self._on_tap(rounded(self.plot, event.x, event.y))
+
+
+def rounded(plot: Any, x: float, y: float) -> Point:
+    """Round to a thousandth of a figure, less than a pixel."""
+    digits = max(0, 3 - math.floor(math.log10(plot.x_range.end - plot.x_range.start)))
+    return round(x, digits) + 0.0, round(y, digits) + 0.0
+
+
+def _style_axes(plot: Any) -> None:
+    for axis in plot.axis:
+        axis.update(
+            axis_label_text_font_style="normal", minor_tick_line_color=None, axis_label_standoff=2,
+            axis_label_text_font_size="12px",
+        )  # fmt: skip
+        axis.ticker.desired_num_ticks = 5
+
+
+@lru_cache(maxsize=8)
+def _palette(name: str) -> list[str]:
+    """Return a matplotlib colour map as a Bokeh palette."""
+    return [mpl.colors.to_hex(colour) for colour in mpl.colormaps[name](np.linspace(0, 1, 256))]

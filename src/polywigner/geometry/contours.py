@@ -1,0 +1,447 @@
+"""Net contours of the surfaces that a point sees: the edges of the shadow that they cast.
+
+Triangles are clipped to pyramids around the observer and projected. Their visible parts are exact
+polygons, and stretches that two of these share cancel. What is left is the boundary of shadows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from polywigner.geometry.hidden_parts import NOTHING, Projected, in_perspective, less_shadows
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+# Cosine of the half-angle of a cone that one figure can show.
+_NARROW = 0.5
+# Rounding errors of a difference of coordinates, in units in the last place.
+_ULPS = 8.0 * float(np.finfo(float).eps)
+# Two contours coincide within this fraction of the extent of the figure, ...
+_BESIDE = 1e-10
+# ... and surfaces touch if their distance along the line of sight is below this fraction.
+_TOUCHING = 1e-6
+# Sides of triangles within this fraction of the border of a figure belong to the border.
+_BORDER = 1e-11
+# Directions of the six pyramids: a cube turned out of all planes that bodies usually have.
+_CUBE = np.linalg.qr(np.array([[0.83, 0.31, 0.47], [-0.29, 0.91, 0.17], [0.41, -0.23, 0.87]]))[0]
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Illuminated triangles, counter-clockwise as the observer sees them."""
+
+    corners: Floats
+    """(t, 3, 3)."""
+    sides: Indices
+    """(t, 3) numbers of the edges from each corner to the next; -1: none is the same."""
+    faces: Indices
+    """(t,) numbers of the planar faces that they belong to."""
+    bodies: Indices
+    """(t,) numbers of their bodies."""
+    convex: Indices
+    """(t,) the same numbers for convex bodies; -1 for others."""
+
+    @classmethod
+    def of(cls, parts: Sequence[Surface]) -> Surface:
+        """Several surfaces together."""
+        names = [field.name for field in fields(cls)]
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+    def taken(self, rows: NDArray[np.bool_] | Indices) -> Surface:
+        """Some of the triangles."""
+        return Surface(*(getattr(self, field.name)[rows] for field in fields(self)))
+
+
+@dataclass(frozen=True)
+class Contours:
+    """Directed edges (m,) of visible surfaces, the surface on their left."""
+
+    ends: Floats
+    """(m, 2, 3)."""
+    edges: Indices
+    """(m,) numbers of the edges that they are parts of."""
+    behind: Indices
+    """(m,) numbers of the faces behind them, as the observer sees them; -1 for none."""
+    touching: frozenset[tuple[int, int]]
+    """Pairs of bodies that continue each other's surfaces."""
+
+
+def net_contours(surface: Surface, observer: Floats) -> Contours:
+    """Return the net contours of the parts of a surface that an observer (3,) sees.
+
+    Raises ArgumentError for surfaces with too many triangles that overlap as they are seen.
+    """
+    parts = [
+        _contours_in(figure, clipped)
+        for figure, clipped in _figures(surface, observer)
+        if len(clipped.faces)
+    ]
+    if not parts:
+        none = np.empty(0, np.intp)
+        return Contours(np.empty((0, 2, 3)), none, none, frozenset())
+    ends, edges, behind = (
+        np.concatenate([getattr(part, name) for part in parts])
+        for name in ("ends", "edges", "behind")
+    )
+    touching = frozenset[tuple[int, int]]().union(*(part.touching for part in parts))
+    return _joined(Contours(ends, edges, behind, touching))
+
+
+def _figures(surface: Surface, observer: Floats) -> Iterator[tuple[Projected, Surface]]:
+    """Projections of a surface, and the triangles in each; none with less width than rounding."""
+    if not len(surface.faces):
+        return
+    corners = surface.corners - observer
+    directions = corners / np.linalg.norm(corners, axis=2, keepdims=True)
+    axis = directions.sum(axis=(0, 1))
+    axis /= max(float(np.linalg.norm(axis)), 1e-300)
+    if (directions @ axis).min() > _NARROW:
+        _, _, axes = np.linalg.svd(axis[None])
+        x = axes[1]
+        yield _projected(surface, observer, np.stack([x, np.cross(axis, x), axis]), 0.0)
+        return
+    for k in range(3):
+        for sign in (1.0, -1.0):
+            x, y, z = (_CUBE[(k + j) % 3] for j in (1, 2, 0))
+            frame = np.stack([x, sign * y, sign * z])
+            clipped = _clipped(surface, observer, frame)
+            if len(clipped.faces):
+                yield _projected(clipped, observer, frame, 1.0)
+
+
+def _projected(
+    surface: Surface, observer: Floats, frame: Floats, border: float
+) -> tuple[Projected, Surface]:
+    """A surface as seen along the z axis of a frame; ``border``: slope of its outermost lines."""
+    corners = surface.corners - observer
+    distance = float(np.exp(np.log(corners @ frame[2]).mean()))
+    figure = in_perspective(corners, frame, distance, 1.0)
+    largest = max(float(np.abs(part).max()) for part in (surface.corners, observer, corners))
+    extent = float(np.ptp(figure.points.reshape(-1, 2), axis=0).max())
+    size = max(extent, _ULPS * largest / NOTHING)
+    figure = replace(figure, size=size)
+    if border:
+        on_border = np.abs(np.abs(figure.points) - distance) <= _BORDER * distance
+        on_border &= np.roll(on_border, -1, axis=1)
+        surface = replace(surface, sides=np.where(on_border.any(axis=2), -2, surface.sides))
+    wide = figure.has_width
+    return figure.taken(wide), surface.taken(wide)
+
+
+def _clipped(surface: Surface, observer: Floats, frame: Floats) -> Surface:
+    """The parts of a surface in the pyramid of 90 degrees around the z axis of a frame."""
+    planes = np.array([[1.0, 0, 1], [-1, 0, 1], [0, 1, 1], [0, -1, 1]]) @ frame
+    heights: Floats = (surface.corners - observer) @ planes.T
+    inside = np.asarray((heights >= 0.0).all(axis=(1, 2)))
+    reaches = np.any(heights > 0.0, axis=1)
+    crossing = ~inside & np.all(reaches, axis=1)
+    corners, sides, owner = [], [], []
+    following = int(surface.sides.max(initial=0)) + 1
+    for t in np.flatnonzero(crossing):
+        ring = [*zip(surface.corners[t], surface.sides[t], strict=True)]
+        for plane in planes:
+            ring = _cut_ring(ring, plane, observer)
+        # a fan of triangles, whose diagonals are edges of their own
+        for k in range(1, len(ring) - 1):
+            three = ring[0], ring[k], ring[k + 1]
+            diagonals = following + t * 16 + k
+            corners.append([corner for corner, _ in three])
+            sides.append(
+                [
+                    ring[0][1] if k == 1 else diagonals - 1,
+                    ring[k][1],
+                    ring[k + 1][1] if k == len(ring) - 2 else diagonals,
+                ]
+            )
+            owner.append(t)
+    whole = surface.taken(inside)
+    if not owner:
+        return whole
+    cut = surface.taken(np.array(owner))
+    cut = replace(cut, corners=np.array(corners), sides=np.array(sides, np.intp))
+    return Surface.of([whole, cut])
+
+
+def _cut_ring(
+    ring: list[tuple[Floats, int]], plane: Floats, observer: Floats
+) -> list[tuple[Floats, int]]:
+    """The part of a convex ring of (corner, number of the side that follows) above a plane."""
+    kept: list[tuple[Floats, int]] = []
+    for (corner, side), (end, _) in zip(ring, [*ring[1:], *ring[:1]], strict=True):
+        here, there = plane @ (corner - observer), plane @ (end - observer)
+        if here >= 0.0:
+            kept.append((corner, side))
+        if (here >= 0.0) != (there >= 0.0):
+            between = corner + here / (here - there) * (end - corner)
+            kept.append((between, side if here < 0.0 else -1))
+    return kept
+
+
+def _contours_in(figure: Projected, surface: Surface) -> Contours:
+    """The net contours in one figure."""
+    polygons = np.asarray(shapely.polygons(figure.points), dtype=object)
+    hidden, left = less_shadows(figure, polygons, polygons, bodies=surface.convex)
+    pairing = _Pairing(figure, surface)
+    whole = np.ones(len(polygons), bool)
+    whole[hidden] = False
+    pairing.add_sides(np.flatnonzero(whole))
+    pairing.add_parts(hidden, left)
+    return pairing.resolved()
+
+
+class _Pairing:
+    """Boundaries of visible parts as stretches, from which shared stretches are removed."""
+
+    def __init__(self, figure: Projected, surface: Surface) -> None:
+        self.figure, self.surface = figure, surface
+        extent = float(np.ptp(figure.points.reshape(-1, 2), axis=0).max())
+        self.within = max(_BESIDE * extent, 16 * NOTHING * figure.size)
+        self.touching = _TOUCHING * extent
+        self.begin: list[Floats] = []
+        self.end: list[Floats] = []
+        self.triangle: list[Indices] = []
+        self.side: list[Indices] = []
+
+    def add_sides(self, rows: Indices) -> None:
+        """Add all sides of triangles that nothing hides."""
+        points = self.figure.points[rows]
+        self._add(
+            points.reshape(-1, 2),
+            np.roll(points, -1, axis=1).reshape(-1, 2),
+            np.repeat(rows, 3),
+            np.tile(np.arange(3), len(rows)),
+        )
+
+    def add_parts(self, rows: Indices, parts: NDArray[np.object_]) -> None:
+        """Add the boundaries of visible parts of triangles."""
+        polygons, owner = shapely.get_parts(parts, return_index=True)
+        some = shapely.area(polygons) > NOTHING * self.figure.size * shapely.length(polygons)
+        polygons, owner = shapely.orient_polygons(polygons[some]), rows[owner[some]]
+        rings, of_polygon = shapely.get_rings(polygons, return_index=True)
+        points, of_ring = shapely.get_coordinates(rings, return_index=True)
+        inner = of_ring[1:] == of_ring[:-1]
+        begin, end = points[:-1][inner], points[1:][inner]
+        triangle = owner[of_polygon[of_ring[:-1][inner]]]
+        # sides of their own triangle are those in which both ends lie
+        corners = self.figure.points[triangle]
+        along = np.roll(corners, -1, axis=1) - corners
+        along /= np.linalg.norm(along, axis=2, keepdims=True)
+        off = np.zeros((len(begin), 3))
+        for point in (begin, end):
+            away = point[:, None] - corners
+            height = along[..., 0] * away[..., 1] - along[..., 1] * away[..., 0]
+            off = np.maximum(off, np.abs(height))
+        best = off.argmin(axis=1)
+        near = off[np.arange(len(off)), best] <= self.within
+        self._add(begin, end, triangle, np.where(near, best, -1))
+
+    def _add(self, begin: Floats, end: Floats, triangle: Indices, side: Indices) -> None:
+        on_border = (side >= 0) & (self.surface.sides[triangle, side] == -2)
+        self.begin.append(begin[~on_border])
+        self.end.append(end[~on_border])
+        self.triangle.append(triangle[~on_border])
+        self.side.append(side[~on_border])
+
+    def resolved(self) -> Contours:
+        """Return the net contours: all stretches that no two surfaces share."""
+        begin, end = np.concatenate(self.begin), np.concatenate(self.end)
+        triangle, side = np.concatenate(self.triangle), np.concatenate(self.side)
+        edge = np.where(side >= 0, self.surface.sides[triangle, side], -1)
+        left = ~_cancelling(edge, begin, end)
+        begin, end = begin[left], end[left]
+        triangle, side, edge = triangle[left], side[left], edge[left]
+        length = np.linalg.norm(end - begin, axis=1)
+        self.stretches = begin, end, triangle, side, edge, length
+        free: list[list[tuple[float, float]]] = [[(0.0, float(size))] for size in length]
+        pieces: list[tuple[int, float, float, int]] = []
+        touching = set()
+        for one, other in self._candidates(begin, end, edge, length):
+            for low, high, at in _shared(begin, end, length, free, one, other, self.within):
+                kind = self._nearer(one, other, 0.5 * (low + high), at)
+                if kind > 0:
+                    pieces.append((one, low, high, other))
+                elif kind < 0:
+                    first, last = sorted(_on(begin, end, length, one, other, (low, high)))
+                    pieces.append((other, first, last, one))
+                elif side[one] >= 0 and side[other] >= 0 and edge[one] != edge[other]:
+                    both = self.surface.bodies[triangle[[one, other]]]
+                    if both[0] != both[1]:
+                        touching.add((int(both.min()), int(both.max())))
+        for k, intervals in enumerate(free):
+            pieces += [(k, low, high, -1) for low, high in intervals]
+        pieces = [piece for piece in pieces if piece[2] - piece[1] > self.within]
+        rows = np.array([piece[0] for piece in pieces], np.intp)
+        behind = np.array([piece[3] for piece in pieces], np.intp)
+        ends = [self._lifted(rows, np.array([piece[k] for piece in pieces])) for k in (1, 2)]
+        faces = np.where(behind >= 0, self.surface.faces[triangle[behind]], -1)
+        return Contours(np.stack(ends, axis=1), edge[rows], faces, frozenset(touching))
+
+    def _candidates(
+        self, begin: Floats, end: Floats, edge: Indices, length: Floats
+    ) -> list[tuple[int, int]]:
+        """Pairs of stretches that may run along each other in opposite directions, best first."""
+        lines = shapely.linestrings(np.stack([begin, end], axis=1))
+        boxes = shapely.box(*(shapely.bounds(lines) + self.within * np.array([-1, -1, 1, 1])).T)
+        one, other = shapely.STRtree(boxes).query(boxes)
+        one, other = one[one < other], other[one < other]
+        along = (end - begin) / np.maximum(length, 1e-300)[:, None]
+        some = np.einsum("nk,nk->n", along[one], along[other]) < -0.5
+        one, other = one[some], other[some]
+        # where they run along each other they are apart by less than a tolerance
+        shift = begin[other] - begin[one]
+        t0 = np.einsum("nk,nk->n", end[other] - begin[one], along[one])
+        t1 = np.einsum("nk,nk->n", shift, along[one])
+        low, high = np.maximum(t0, 0.0), np.minimum(t1, length[one])
+        off1 = _cross(along[one], shift)
+        off0 = _cross(along[one], end[other] - begin[one])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            slope = (off1 - off0) / (t1 - t0)
+            ends = (off0 + slope * (low - t0), off0 + slope * (high - t0))
+        off = np.abs(ends).max(axis=0)
+        some = (high - low > self.within) & (off <= self.within)
+        one, other, off = one[some], other[some], off[some]
+        same = (edge[one] == edge[other]) & (edge[one] >= 0)
+        order = np.lexsort([off, ~same])
+        return list(zip(one[order].tolist(), other[order].tolist(), strict=True))
+
+    def _nearer(self, one: int, other: int, at: float, at_other: float) -> int:
+        """1 if the first stretch is in front of the second, -1 behind; 0 if they touch."""
+        _, _, triangle, _, edge, _ = self.stretches
+        if edge[one] >= 0 and edge[one] == edge[other]:
+            return 0
+        if self.surface.faces[triangle[one]] == self.surface.faces[triangle[other]]:
+            return 0
+        (here, steep), (there, steep_there) = self._depth(one, at), self._depth(other, at_other)
+        gap = there - here
+        if abs(gap) <= self.touching + self.within * (steep + steep_there):
+            return 0
+        return 1 if gap > 0 else -1
+
+    def _depth(self, row: int, at: float) -> tuple[float, float]:
+        """Depth of a stretch in the figure; also its slope across it, if it is not on a side."""
+        begin, end, triangle, side, _, length = self.stretches
+        t, k = triangle[row], side[row]
+        point = begin[row] + at / length[row] * (end[row] - begin[row])
+        depth, corners = self.figure.depth[t], self.figure.points[t]
+        if k >= 0:
+            along = corners[(k + 1) % 3] - corners[k]
+            share = (point - corners[k]) @ along / (along @ along)
+            return float(depth[k] + share * (depth[(k + 1) % 3] - depth[k])), 0.0
+        slope = self.figure.taken(np.array([t])).slopes[0]
+        return float(depth[0] + (point - corners[0]) @ slope), float(np.abs(slope).sum())
+
+    def _lifted(self, rows: Indices, at: Floats) -> Floats:
+        """Return points (m, 3) in space at lengths along stretches, on the edges of sides."""
+        begin, end, triangle, side, _, length = (part[rows] for part in self.stretches)
+        points = begin + (at / length)[:, None] * (end - begin)
+        corners, k = self.figure.points[triangle], np.maximum(side, 0)
+        n = np.arange(len(rows))
+        first, last = corners[n, k], corners[n, (k + 1) % 3]
+        along = last - first
+        share = np.einsum("nk,nk->n", points - first, along) / np.einsum("nk,nk->n", along, along)
+        share = np.clip(share, 0.0, 1.0)
+        ranges, space = self.figure.ranges[triangle], self.surface.corners[triangle]
+        near, far = share * ranges[n, k], (1.0 - share) * ranges[n, (k + 1) % 3]
+        share = (near / (near + far))[:, None]
+        on_side = (1.0 - share) * space[n, k] + share * space[n, (k + 1) % 3]
+        # on a shadow: shares of the corners
+        edges = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=2)
+        inner = np.linalg.solve(edges, (points - corners[:, 0])[..., None])[..., 0]
+        shares = np.column_stack([1.0 - inner.sum(axis=1), inner]) / ranges
+        shares /= shares.sum(axis=1, keepdims=True)
+        return np.where((side >= 0)[:, None], on_side, np.einsum("nc,nck->nk", shares, space))
+
+
+def _cross(a: Floats, b: Floats) -> Floats:
+    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
+
+
+def _cancelling(edge: Indices, begin: Floats, end: Floats) -> NDArray[np.bool_]:
+    """Return a mask (n,) of the stretches that are one edge in both directions, end to end."""
+    order = np.argsort(edge, kind="stable")
+    first, second = order[:-1], order[1:]
+    same = (edge[first] == edge[second]) & (edge[first] >= 0)
+    same &= (begin[first] == end[second]).all(axis=1) & (end[first] == begin[second]).all(axis=1)
+    same[1:] &= ~(same[1:] & same[:-1])
+    gone = np.zeros(len(edge), bool)
+    gone[first[same]] = gone[second[same]] = True
+    return gone
+
+
+def _on(
+    begin: Floats, end: Floats, length: Floats, one: int, other: int, at: tuple[float, ...]
+) -> list[float]:
+    """Lengths along the other stretch of points at lengths along the one."""
+    unit = (end[one] - begin[one]) / length[one]
+    along = (end[other] - begin[other]) / length[other]
+    return [
+        float(np.clip((begin[one] + t * unit - begin[other]) @ along, 0.0, length[other]))
+        for t in at
+    ]
+
+
+def _shared(
+    begin: Floats, end: Floats, length: Floats, free: list[list[tuple[float, float]]],
+    one: int, other: int, least: float,
+) -> Iterator[tuple[float, float, float]]:  # fmt: skip
+    """Remove the intervals that two opposite stretches share from the free intervals.
+
+    Yields (begin, end) along the first one, and the middle along the other one.
+    """
+    for low, high in list(free[one]):
+        for start, stop in list(free[other]):
+            t1, t0 = _on(begin, end, length, other, one, (start, stop))
+            first, last = max(low, t0), min(high, t1)
+            if last - first <= least:
+                continue
+            u1, u0 = _on(begin, end, length, one, other, (first, last))
+            free[one] = _without(free[one], first, last)
+            free[other] = _without(free[other], u0, u1)
+            yield first, last, 0.5 * (u0 + u1)
+
+
+def _without(
+    intervals: list[tuple[float, float]], low: float, high: float
+) -> list[tuple[float, float]]:
+    """Intervals less one of them."""
+    parts = [[(a, min(b, low)), (max(a, high), b)] for a, b in intervals]
+    return [(a, b) for pair in parts for a, b in pair if b > a]
+
+
+def _joined(contours: Contours) -> Contours:
+    """Contours whose pieces of one edge before one face are joined where they meet."""
+    vector = contours.ends[:, 1] - contours.ends[:, 0]
+    order = np.lexsort([contours.behind, contours.edges])
+    ends: list[Floats] = []
+    rows: list[int] = []
+    groups = np.flatnonzero(np.diff(contours.edges[order]) | np.diff(contours.behind[order])) + 1
+    for some in np.split(order, groups) if len(order) else []:
+        if len(some) == 1 or contours.edges[some[0]] < 0:
+            ends += list(contours.ends[some])
+            rows += some.tolist()
+            continue
+        along = vector[some[0]] / np.linalg.norm(vector[some[0]])
+        some = some[np.argsort(contours.ends[some, 0] @ along)]
+        near = 1e-9 * np.abs(contours.ends[some]).max()
+        for k in some:
+            one = contours.ends[k]
+            meets = rows and contours.edges[rows[-1]] == contours.edges[k]
+            meets = meets and contours.behind[rows[-1]] == contours.behind[k]
+            if meets and np.abs(ends[-1][1] - one[0]).max() <= near:
+                ends[-1] = np.stack([ends[-1][0], one[1]])
+            else:
+                ends.append(one)
+                rows.append(int(k))
+    taken = np.array(rows, np.intp)
+    return Contours(
+        np.array(ends).reshape(-1, 2, 3),
+        contours.edges[taken],
+        contours.behind[taken],
+        contours.touching,
+    )

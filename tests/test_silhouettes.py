@@ -1,0 +1,290 @@
+"""Silhouettes of concave, touching, crossing and surrounding bodies, and shadows behind shadows.
+
+One body is compared with Kirchhoff's integral over the surfaces that the source sees, two bodies
+with sequential Kirchhoff; both are surface quadratures (oracles.shadow_quadrature).
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from oracles.shadow_quadrature import point_radiator, sequential_field, shadowed_field
+from polywigner.geometry.silhouettes import hits, obstacles_of
+from polywigner.propagation.shadows import RadiatingPoint, diffracted
+
+# Edge waves by the rules of the default tolerance, and places beside points.
+EXACT = 1e-8
+
+
+def pose(angle: float = 0.0, axis: int = 0, shift: Any = (0.0, 0.0, 0.0)) -> np.ndarray:
+    one, other = [k for k in range(3) if k != axis]
+    result = np.eye(4)
+    result[[one, other], [one, other]] = math.cos(angle)
+    result[one, other], result[other, one] = -math.sin(angle), math.sin(angle)
+    result[:3, 3] = shift
+    return result
+
+
+def turned(body: pw.Polyhedron, place: np.ndarray) -> pw.Polyhedron:
+    return pw.Polyhedron(body.vertices @ place[:3, :3].T + place[:3, 3], body.faces)
+
+
+def prism(outline: Any, low: float, high: float) -> pw.Polyhedron:
+    count = len(outline)
+    vertices = [(x, y, z) for z in (low, high) for x, y in outline]
+    sides = [[k, (k + 1) % count, count + (k + 1) % count, count + k] for k in range(count)]
+    ends = [[*range(count)][::-1], [*range(count, 2 * count)]]
+    return pw.Polyhedron(vertices, [*ends, *sides])
+
+
+def box(x: Any, y: Any, z: Any) -> pw.Polyhedron:
+    return prism([(x[0], y[0]), (x[1], y[0]), (x[1], y[1]), (x[0], y[1])], *z)
+
+
+def plate(width: float, height: float, place: np.ndarray) -> Any:
+    return pw.shapes.rectangle(width, height).placed(place)
+
+
+def ratio(source: Any, points: Any, bodies: Any) -> np.ndarray:
+    """The field over the free one, in the frame in which the wavelength is 1."""
+    obstacles, place = obstacles_of(bodies, 1.0), np.array(source, float)
+    seen = obstacles.silhouettes([place])
+    point = RadiatingPoint(place, 0j, 1j)
+    change, free, _ = diffracted(obstacles, [point], seen, np.array(points, float), "numpy")
+    return 1.0 + change / free
+
+
+def expected_ratio(source: Any, points: Any, bodies: Any) -> Any:
+    radiator = point_radiator(source)
+    return shadowed_field(bodies, radiator, points, order=8) / radiator.field(points)
+
+
+def outside(bodies: Any, count: int, seed: int) -> np.ndarray:
+    points = np.random.default_rng(seed).uniform((-4, -4, 0.5), (4, 4, 9), (2 * count, 3))
+    return points[~obstacles_of(bodies, 1.0).inside(points)][:count]
+
+
+L_OUTLINE = [(-3, -3), (3, -3), (3, -1), (0, -1), (0, 3), (-3, 3)]
+TROUGH = prism(
+    [(-2, 0), (2, 0), (2, 1.5), (1.8, 1.5), (1.8, 0.2), (-1.8, 0.2), (-1.8, 1.5), (-2, 1.5)], -1, 1
+)
+BODIES: dict[str, list[Any]] = {
+    "L prism": [prism(L_OUTLINE, 2, 3)],
+    "L sheet": [prism(L_OUTLINE, 2, 2 + 1e-4)],
+    "thin sheet": [box((-2, 2), (-1, 1), (2, 2.1))],
+    "trough towards the source": [turned(TROUGH, pose(-math.pi / 2, 0, (0, 0, 3)))],
+    "trough from its side": [turned(TROUGH, pose(-0.4, 1, (0, 0, 3)))],
+    "boxes side by side": [box((-2, 0), (-1, 1), (2, 3)), box((0, 1.5), (-1, 1), (2, 3))],
+    "boxes that make a step": [box((-2, 0), (-1, 1), (2, 3)), box((0, 1.5), (-1.5, 0.7), (2, 4))],
+}
+SOURCES = [
+    (0.3, 0.2, -5.0),
+    (3.0, -2.0, -30.0),
+    (0.3, 0.2, -3e3),
+    (2e4, 1e4, -1e5),
+    (1e5, 3e5, -1e6),
+]
+
+
+@pytest.mark.parametrize("source", SOURCES, ids=lambda s: f"{abs(s[2]):g}")
+@pytest.mark.parametrize("name", BODIES)
+def test_one_body_takes_away_kirchhoff_s_integral_over_what_the_source_sees(
+    name: str, source: Any
+) -> None:
+    points = outside(BODIES[name], 3, 1)
+    error = np.abs(
+        ratio(source, points, BODIES[name]) - expected_ratio(source, points, BODIES[name])
+    )
+    # coordinates are rounded to 1e-16 of the distance
+    assert error.max() < max(EXACT, -3e-12 * source[2])
+
+
+def test_silhouettes_do_not_depend_on_the_distance_of_the_source_beyond_its_direction() -> None:
+    body, points = [prism(L_OUTLINE, 2, 3)], outside([prism(L_OUTLINE, 2, 3)], 6, 3)
+    direction = np.array([0.3, 0.2, -1.0]) / math.sqrt(1.13)
+    fields = [ratio(1e6 * scale * direction, points, body) for scale in (1.0, 10.0, 100.0)]
+    assert np.abs(fields[1] - fields[2]).max() < 1e-5  # the wave front is less bent
+    assert np.abs(fields[0] - fields[1]).max() < 1e-4
+
+
+def test_edges_seen_from_within_a_convex_cone_are_those_of_the_mesh() -> None:
+    """The net contours of one convex body, by clipping and pairing, are its mesh's silhouette."""
+    rng = np.random.default_rng(7)
+    for _ in range(20):
+        body = turned(box((-1, 1), (-0.7, 0.7), (-0.5, 0.5)), pose(rng.uniform(0, 6), 1, (0, 0, 4)))
+        obstacles = obstacles_of([body], 1.0)
+        source = rng.uniform(-3, 3, 3)
+        if obstacles.inside(source[None])[0]:
+            continue
+        expected = obstacles.silhouette(source)
+        found = obstacles._net_silhouette([0], source)
+        order = [np.lexsort(s.edges.reshape(-1, 6).round(9).T) for s in (expected, found)]
+        assert np.abs(expected.edges[order[0]] - found.edges[order[1]]).max() < 1e-12
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+def test_points_on_the_line_through_the_source_and_a_corner_have_the_field_beside_it(
+    scale: float,
+) -> None:
+    square = plate(2 * scale, 2 * scale, pose(shift=(0, 0, 5 * scale)))
+    source = np.array([0.0, 0.0, -5.0]) * scale
+    points = np.array([(2, 2, 15), (2 + 1e-6, 2, 15), (2, 2 - 1e-6, 15)]) * scale
+    at, *beside = ratio(source, points, [square])
+    assert np.abs(np.array(beside) - at).max() < 1e-5 * max(scale, 1.0)
+
+
+def test_corner_lines_of_plates_are_those_of_a_screen() -> None:
+    source = pw.PointSource((0.0, 0.0, -10.0))
+    points = [(2.0, 2.0, 10.0), (2.0, 0.3, 10.0), (-2.0, 2.0, 10.0), (0.2, -2.0, 10.0)]
+    outline = pw.shapes.square(2.0)
+    expected = pw.amplitude(pw.Screen(outline, source), points, 1.0, "kirchhoff")
+    found = pw.amplitude(source, points, 1.0, obstacles=outline.placed(pose()), engine="numpy")
+    assert np.abs(found / expected - 1.0).max() < EXACT
+
+
+def test_apparent_crossing_of_two_edges_has_the_field_beside_it() -> None:
+    bodies = [plate(2, 6, pose(shift=(0, 0, 4))), plate(9, 3, pose(shift=(0, 0, 8)))]
+    # seen from (0, 0, -1) the edge x = 1 of the first crosses the edge y = 1.5 of the second
+    source, crossing = np.array([0.0, 0.0, -1.0]), np.array([1.8, 1.5, 8.0])
+    point = source + 1.7 * (crossing - source)
+    beside = point + 1e-6 * np.array([[0, 0, 0], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
+    fields = ratio(source, beside, bodies)
+    assert np.abs(fields[1:] - fields[0]).max() < 1e-5
+
+
+def test_surface_behind_the_source_changes_the_field_by_its_diffracted_part() -> None:
+    behind, source = plate(2, 2, pose(shift=(0, 0, -8))), (0.0, 0.0, -5.0)
+    points = [(0.0, 0.0, 10.0), (0.5, 0.2, 3.0)]
+    found = ratio(source, points, [behind])
+    assert np.abs(found - expected_ratio(source, points, [behind])).max() < EXACT
+    assert np.abs(found - 1.0).max() < 0.03
+
+
+def test_housing_around_a_source_leaves_its_opening() -> None:
+    """Five sides of a cube as plates: Kirchhoff's integral over all of them."""
+    source = np.array([0.1, 0.0, 0.2])
+    sides = [plate(4, 4, pose(shift=(0, 0, -2)))]
+    sides += [plate(4, 4, pose(math.pi / 2, 1, (x, 0, 0))) for x in (-2.0, 2.0)]
+    sides += [plate(4, 4, pose(math.pi / 2, 0, (0, y, 0))) for y in (-2.0, 2.0)]
+    points = np.random.default_rng(2).uniform((-5, -5, -5), (5, 5, 7), (10, 3))
+    points = points[np.abs(points).max(axis=1) > 2.1]
+    found = ratio(source, points, sides)
+    assert np.abs(found - expected_ratio(source, points, sides)).max() < EXACT
+
+
+def test_bodies_whose_faces_all_turn_away_have_no_silhouette() -> None:
+    room = obstacles_of([turned(TROUGH, pose(-math.pi / 2, 0, (0, 0, 3)))], 1.0)
+    edge_on = obstacles_of([plate(1, 1, pose()), plate(2, 1, pose(shift=(0.2, 0, 0)))], 1.0)
+    assert len(room.silhouette(np.array([1.9, 0.0, 2.0])).edges) == 0
+    assert len(edge_on.silhouette(np.array([5.0, 0.0, 0.0])).edges) == 0
+
+
+# --- A body behind another: the second takes away what the first has left ----------------------
+
+TILTED = plate(6, 6, pose(-1.2, 1, (1, 0, 6)))
+SMALL = plate(1.5, 1.5, pose(shift=(-0.2, 0, 2)))
+
+
+def crosses(bodies: list[Any], points: np.ndarray) -> np.ndarray:
+    """Which of the steps between points meets a surface."""
+    obstacles = obstacles_of(bodies, 1.0)
+    corners = np.concatenate([body.vertices[body.triangles] for body in obstacles.bodies])
+    return np.array(
+        [
+            any((share <= 1.0).any() for _, share, _ in hits(corners - here, (there - here)[None]))
+            for here, there in pairwise(points)
+        ]
+    )
+
+
+def test_field_is_continuous_across_the_prolonged_plane_of_a_surface_behind_an_edge() -> None:
+    place = TILTED.pose
+    middle = place[:3, 3] - 3.5 * place[:3, 0]
+    points = middle + np.array([[-1e-5], [0.0], [1e-5]]) * place[:3, 2]
+    levels = 20 * np.log10(np.abs(ratio((0, 0, -6), points, [TILTED, SMALL])))
+    assert np.ptp(levels) < 0.01
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_field_is_continuous_in_free_space_around_bodies_behind_each_other(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    source = np.array([*rng.uniform(-2, 2, 2), -rng.choice([5.0, 20.0, 300.0])])
+    bodies: list[Any] = []
+    for k in range(3):
+        place = np.eye(4)
+        place[:3, :3] = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        place[:3, 0] *= np.linalg.det(place[:3, :3])
+        place[:3, 3] = [*rng.uniform(-1.5, 1.5, 2), 1.5 + 2.5 * k]
+        sizes = rng.uniform(0.5, 2.5, 3)
+        if rng.random() < 0.4:
+            block = box(*(np.outer(sizes, [-0.5, 0.5])))
+            bodies.append(turned(block, place))
+        else:
+            bodies.append(plate(*sizes[:2] * 1.5, place))
+    obstacles = obstacles_of(bodies, 1.0)
+    share = np.linspace(0.0, 1.0, 4001)[:, None]
+    points = (1 - share) * rng.uniform((-4, -4, 0.2), (4, 4, 10)) + share * rng.uniform(
+        (-4, -4, 0.2), (4, 4, 10)
+    )
+    steps = np.abs(np.diff(ratio(source, points, bodies)))
+    beside = np.maximum(np.append(steps[1:], 0.0), np.append(0.0, steps[:-1]))
+    (jumps,) = np.nonzero(steps > 3 * beside + 3e-4)
+    inside = obstacles.inside(points)
+    jumps = [
+        k
+        for k in jumps
+        if not inside[k : k + 2].any() and not crosses(bodies, points[k : k + 2]).any()
+    ]
+    assert jumps == []
+
+
+def test_wall_behind_a_plate_is_as_dark_as_the_wall_alone() -> None:
+    """Kirchhoff's wall alone has -36.3 dB here; full shadow lines would add 2.9 dB of light."""
+    wall, source = plate(32, 32, pose(shift=(0, 0, 6))), (0.0, 0.0, -5.0)
+    small = plate(2, 2, pose(shift=(0, 0, 2)))
+    points = [(0.0, 0.0, 8.0), (1.0, 2.0, 8.0), (-3.0, 0.5, 6.5)]
+    alone, both = (ratio(source, points, bodies) for bodies in ([wall], [small, wall]))
+    assert np.abs(both - alone).max() < 1e-3
+    assert 20 * np.log10(np.abs(both)).max() < -35
+
+
+def test_surface_behind_has_the_fringes_of_the_edges_before_it() -> None:
+    wall, source = plate(40, 40, pose(shift=(0, 0, 6))), (0.0, 0.0, -5.0)
+    small = plate(2, 2, pose(shift=(0, 0, 2)))
+    x = np.linspace(-5, 5, 21)
+    points = np.stack([x, 0.3 + 0 * x, 6.0 + 0 * x], axis=1)
+    alone, with_wall = (ratio(source, points, bodies) for bodies in ([small], [small, wall]))
+    rim = np.abs(ratio(source, points, [wall]) - 1.0)
+    assert (np.abs(with_wall - alone) < rim + 1e-3).all()
+    assert np.abs(alone - 1.0).max() > 0.5
+
+
+@pytest.mark.slow
+def test_plate_behind_a_plate_is_near_sequential_kirchhoff() -> None:
+    rng = np.random.default_rng(4)
+    scenes: list[Any] = [
+        (
+            (0.3, 0.2, -5.0),
+            plate(3, 2, pose(0.3, 0, (1.2, 0.2, 1.5))),
+            plate(4, 4, pose(0.5, 1, (-0.3, 0, 5))),
+            0.12,
+        ),
+        (
+            (0.5, 0.0, -8.0),
+            plate(2.5, 2, pose(shift=(0.4, 0.1, 2))),
+            plate(5, 4, pose(shift=(0, 0, 3))),
+            0.06,
+        ),
+    ]
+    for source, first, second, largest in scenes:
+        points = rng.uniform((-4, -4, 6), (4, 4, 10), (8, 3))
+        radiator = point_radiator(source)
+        expected = sequential_field([first, second], radiator, points) / radiator.field(points)
+        found = ratio(source, points, [first, second])
+        assert np.sqrt(np.mean(np.abs(found - expected) ** 2)) < largest
