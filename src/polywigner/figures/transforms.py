@@ -284,8 +284,9 @@ def system_slices(
         points = np.stack(np.meshgrid(x, y), axis=-1)
         return pw.irradiance(source, points, wavelength, through=system, tolerance=tolerance)
 
-    coarse = [_axis(values, _COARSE) for values in bright.T]
-    across, up = (_axis(ends, samples) for ends in _spot(*coarse, light_at(*coarse, 0.1 * _SPOT)))
+    across, up = (_axis(values, _COARSE) for values in bright.T)
+    spot = _spot(across, up, light_at(across, up, 0.1 * _SPOT))
+    across, up = (_axis(ends, samples) for ends in spot)
     light = light_at(across, up, 1e-6)
     found = _frozen(x, nu, before, x_out, nu_out, behind, across, up, light)
     return SystemSlices(source, aperture, system, wavelength, *found)

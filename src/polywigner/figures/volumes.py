@@ -131,10 +131,11 @@ def draw_volume(
     opacities = np.geomspace(_FAINTEST, _DENSEST, len(colours))
     drawn = shaded(layers, colours, opacities, view), layers.origin, layers.along, layers.down
     draw_picture(axes, *drawn, interpolation="antialiased", zorder=3)
+    shown_source: Any = source
     if source is None and SOURCE_COORDINATE in found.coords:
-        source = read_source(found)
-    if source is not None:
-        draw_outline(axes, view, source)
+        shown_source = read_source(found)
+    if shown_source is not None:
+        draw_outline(axes, view, shown_source)
     for body in bodies_if_any(obstacles):  # seen through all that is before it
         lines = view.on_page(obstacle_of(body).outline(view.towards / view.stretch))
         style.draw_cut(axes, lines, "wk", zorder=4)
