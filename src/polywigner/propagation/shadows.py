@@ -323,7 +323,8 @@ class _Shadow(NamedTuple):
         if with_slopes:
             jets = JetOperations(ops)
             found = edges.blocker.transmission(jets, jets.variables(point), hidden)
-            values = [found.real.value, found.imag.value, *found.real.slopes, *found.imag.slopes]
+            slopes = [part.slopes or (0.0,) * 3 for part in (found.real, found.imag)]
+            values = [found.real.value, found.imag.value, *slopes[0], *slopes[1]]
         else:
             found = edges.blocker.transmission(ops, point, hidden)
             values = [found.real, found.imag]
