@@ -305,3 +305,15 @@ def test_slopes_behind_a_blocking_surface_are_the_limits_of_differences() -> Non
         ]
         expected = np.array([1, -8, 8, -1]) @ np.array(values) / (12 * step)
         assert np.abs(slopes[:, axis] - expected).max() < 1e-6 * np.abs(slopes).max()
+
+
+@pytest.mark.parametrize("width", [40.0, 400.0, 4000.0])
+def test_plates_that_look_wider_than_a_half_space_throw_their_shadow(width):
+    plate = pw.Aperture([[-width, -width], [width, -width], [width, 4.0], [-width, 4.0]])
+    to_world = np.array([[0.0, 0, 1, 8], [1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
+    point = np.array([[16.0, 0.0, 2.0]])
+    field = pw.amplitude(
+        pw.PointSource((0.0, 0.0, 0.0)), point, 1.0, obstacles=plate.placed(to_world)
+    )
+    # the straight edge at z = 4 alone, whose far ends change the field by less than 2 %
+    assert 20 * np.log10(np.abs(field[0]) * np.linalg.norm(point)) == pytest.approx(-20.4, abs=0.2)

@@ -398,7 +398,9 @@ def _cone(places: Floats) -> tuple[Floats, float]:
     if length < 1e-9 * len(directions):
         return np.array([0.0, 0.0, 1.0]), np.pi
     axis = axis / length
-    return axis, float(np.arccos(np.clip(directions @ axis, -1.0, 1.0)).max()) + 1e-9
+    angle = float(np.arccos(np.clip(directions @ axis, -1.0, 1.0)).max()) + 1e-9
+    # a cone of half-angle pi/2 or more is not convex: it may leave out a face between its vertices
+    return axis, angle if angle < 0.5 * np.pi else np.pi
 
 
 def hits(corners: Floats, rays: Floats) -> Iterator[tuple[slice, Floats, Floats]]:
