@@ -47,8 +47,6 @@ def check(source: Aperture | Slits | Array, points: int = 100, seed: int = 0) ->
     AssertionError : the first law that does not hold, with arguments and both values.
     ArgumentError : another kind of source.
 
-    Examples
-    --------
     >>> import polywigner as pw
     >>> pw.testing.check(pw.shapes.u_shape(20e-3, 12e-3, 3e-3))
     """

@@ -229,7 +229,7 @@ class Aperture(TakesWaves):
     def segments(self) -> tuple[Aperture, ...]:
         """The segments of a mirror as apertures, which may touch; else the separate parts.
 
-        Each has this aperture's field. Only :func:`polywigner.shapes.hexagonal_segments` makes
+        Each has this aperture's field. Only ``polywigner.shapes.hexagonal_segments`` makes
         segments that touch.
         """
         return tuple(

@@ -103,7 +103,7 @@ class TakesWaves:
     def at_wavelength(self, wavelength: float) -> Any:
         """Return this source with the phases that its path lengths have at another wavelength.
 
-        Curved waves made by :meth:`curved` and the pistons and tilts of
+        Curved waves made by ``curved`` and the pistons and tilts of
         :func:`polywigner.segmented_pupil` are path lengths: their phases grow with the frequency.
         All other phases (weights, illuminations, ``Wavefront(curvature=)``) stay as they are, as
         behind phase shifters. Functions that take a wavelength call this method themselves.
