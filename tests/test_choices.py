@@ -59,8 +59,8 @@ LISTED = {
         mitsuba/diffraction.py _MOST_FACES; mitsuba/exact.py _MOST_PANELS; mitsuba/mirrors.py
         MOST_FACES _MOST_CHAINS; mitsuba/parameters.py _LARGEST _SMALLEST; mitsuba/range_film.py
         _MOST_SUMS; mitsuba/range_profile.py _MOST_BINS; mitsuba/rendering.py _NEVER;
-        mitsuba/scatterers.py _NO_LIMIT; mitsuba/scene_files.py _LARGEST_MESH _MOST_CORNERS
-        _MOST_MESHES _MOST_PIXELS; mitsuba/scenes.py _MOST_SAMPLES; transforms/imaging.py _MOST
+        mitsuba/scatterers.py _NO_LIMIT; mitsuba/scene_files.py _DEEPEST_INCLUDE;
+        mitsuba/scenes.py _MOST_SAMPLES; transforms/imaging.py _MOST
         _MOST_AMPLITUDE;
         transforms/projection.py LARGEST_SAMPLES; transforms/wavefronts.py MOST_WIDTHS
     """,

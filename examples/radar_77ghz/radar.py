@@ -50,7 +50,7 @@ COSINES = np.fft.fftshift(np.fft.fftfreq(ANGLES, SPACING)) * WAVELENGTH
 
 def array() -> pw.Array:
     """The receiving array: columns of patches side by side, in the frame of the receiver."""
-    column = pw.read_aperture(HERE.parent / "street_77ghz" / "patch_row.wkt", unit="mm")
+    column = pw.read_aperture(HERE / "patch_row.wkt", unit="mm")
     places = (np.arange(ELEMENTS) - (ELEMENTS - 1) / 2) * SPACING
     return pw.Array([column.moved((x, 0.0)) for x in places])
 

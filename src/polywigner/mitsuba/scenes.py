@@ -29,7 +29,7 @@ from polywigner.mitsuba.plugins import (
     register,
 )
 from polywigner.mitsuba.polarisation import is_polarised
-from polywigner.mitsuba.scene_files import check_scene_file, resolving
+from polywigner.mitsuba.scene_files import parse_scene_file, resolving
 from polywigner.toolchain import llvm
 
 # Of unpolarised light, and of polarised: compiled, on a GPU, and without a compiler.
@@ -178,18 +178,18 @@ def _load(
         mi.set_variant(choose_variant(variant))
     register()
     config = mi.parser.ParserConfig(mi.variant())
+    state = None
     try:
         with threads_for_openexr():
             if file is None:
-                scene = _instantiate(config, mi.parser.parse_dict(config, entries), how)
+                state = mi.parser.parse_dict(config, entries)
+                scene = _instantiate(config, state, how)
             else:
-                texts = {name: str(value) for name, value in parameters.items()}
-                with resolving(file) as resolve:
-                    check_scene_file(file, parameters, resolve)
-                    state = mi.parser.parse_file(config, str(file), **texts)
+                with resolving(file):
+                    state, _ = parse_scene_file(config, file, parameters)
                     scene = _instantiate(config, state, how)
     except (RuntimeError, ValueError, TypeError) as error:
-        raise translate_error(error) from None
+        raise _translated(error, state) from None
     if not isinstance(scene, mi.Scene):
         where, advice = (
             ("the dictionary", 'add "type": "scene"')
@@ -216,22 +216,43 @@ def has_wigner_emitter(scene: Any) -> bool:
 
 
 def translate_error(error: Exception) -> PolywignerError:
-    """An error that Mitsuba raised while loading, as one line.
+    """Return an error that Mitsuba raised while loading as an error of one line.
 
-    If an error of this package is behind it, that error with the place in the scene before it;
-    else a SceneError with what Mitsuba says.
+    If an error of this package caused it: that error, after its location in the scene. Otherwise: a
+    SceneError with Mitsuba's message.
+    """
+    return _translated(error, None)
+
+
+def _translated(error: Exception, state: Any) -> PolywignerError:
+    """Return the error of :func:`translate_error`, with the file that the object reads.
+
+    ``state``: ``mi.parser.ParserState`` of the scene, or None.
     """
     if isinstance(error, PolywignerError):
         return error
-    text = re.sub(r"^\[\w+\.cpp:\d+\] ", "", str(error))
+    text = str(error)
+    if isinstance(error, UnicodeDecodeError):  # Mitsuba's message quotes a binary file
+        text = error.object.decode(errors="replace")
+    text = re.sub(r"^\[\w+\.cpp:\d+\] ", "", text)
     place = re.match(r"(?:At|While loading) (.*?(?:\(line \d+, col \d+\)|node \"[^\"]*\")):", text)
     own = original_error(error)
     if own is not None:
         return type(own)(_printable(f"{place[1]}: {own}" if place else str(own)))
     head, _, traceback = text.partition("Traceback (most recent call last)")
     cause = traceback.strip().splitlines()[-1:]  # what a plugin written in Python has raised
+    names = [] if state is None or place is None else _file_names_at(state, place[1])
     line = _printable(" ".join(" ".join([head, *cause]).split()))
-    return SceneError(f"expected a scene that Mitsuba can load: {line}")
+    unnamed = [name for name in names if name not in line]
+    about = f" (file {_printable(unnamed[0])})" if unnamed else ""
+    return SceneError(f"expected a scene that Mitsuba can load: {line}{about}")
+
+
+def _file_names_at(state: Any, place: str) -> list[str]:
+    """Return the file names of the objects at a location of a scene, as in Mitsuba's messages."""
+    nodes = [node for node in state.nodes if mi.parser.file_location(state, node) == place]
+    copies = [mi.Properties(node.props) for node in nodes]
+    return [str(props["filename"]) for props in copies if "filename" in props]
 
 
 def _printable(text: str) -> str:
