@@ -11,8 +11,6 @@ TESTS ?=
 # FIGURES='projs' make paper-figures   arguments for the figures of the paper: names, --quality, --out
 FIGURES ?=
 
-# FUZZ='--seed 2' make fuzz      arguments for tools/fuzz
-FUZZ ?=
 # KILL='--kills 10' make kill       arguments for tools/kill_runs.py
 KILL ?=
 
@@ -32,7 +30,7 @@ PROPAGATE = $(BIN)/polywigner propagate
 PYTEST = $(BIN)/python -m pytest -n auto --maxprocesses 4 --max-worker-restart 2 --dist loadfile --no-loadscope-reorder
 
 .DEFAULT_GOAL := help
-.PHONY: help demo pictures paper-figures test test-all fuzz kill lint format typecheck hooks bench docs dist constraints ci clean
+.PHONY: help demo pictures paper-figures test test-all kill lint format typecheck hooks bench docs dist constraints ci clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\): ## \(.*\)/  make \1	\2/p' Makefile | expand -t 20
@@ -63,10 +61,6 @@ test: ## run the tests, but the slow ones
 test-all: ## run all tests, the slow ones too
 	@$(SETUP) --group test
 	$(PYTEST) $(TESTS)
-
-fuzz: ## read ten thousand damaged files, and hostile ones; FUZZ='--seed 2 --count 1000' chooses others
-	@$(SETUP) --group test
-	$(BIN)/python tools/fuzz $(FUZZ)
 
 kill: ## kill volumes, receptions and renders fifty times each and compare what they become; KILL='--kills 10' for fewer
 	@$(SETUP) --group test

@@ -1,7 +1,6 @@
-"""Apertures drawn as GDSII layouts: units, cells, layers, paths; and files that end gdstk."""
+"""Apertures drawn as GDSII layouts: units, cells, layers, paths."""
 
 import math
-import random
 import struct
 
 import numpy as np
@@ -66,19 +65,12 @@ def test_what_is_not_in_the_file_is_answered_with_what_is(layer, error, words, t
         pw.read_aperture(layout(tmp_path / "chip.gds"), layer=layer)
 
 
-def test_files_that_end_gdstk_are_refused_and_leave_this_process_alone(tmp_path):
-    """Cut, overwritten and repeated pieces, of which some are segmentation faults."""
+def test_a_cell_within_itself_is_refused(tmp_path):
     content = layout(tmp_path / "chip.gds").read_bytes()
-    path = tmp_path / "damaged.gds"
-    damaged = [content.replace(b"PAD\0", b"TOP\0")]  # a cell within itself
-    for seed in range(3):
-        dice = random.Random(seed)
-        at = dice.randrange(8, len(content) // 2)
-        damaged.append(content[:at] + dice.randbytes(3) + content[at + 1 : at + 300])
-    for piece in damaged:
-        path.write_bytes(piece)
-        with pytest.raises(FileFormatError, match=r"damaged\.gds: expected"):
-            pw.read_aperture(path, layer=["TOP", "1"])
+    path = tmp_path / "cycle.gds"
+    path.write_bytes(content.replace(b"PAD\0", b"TOP\0"))
+    with pytest.raises(FileFormatError, match="do not contain themselves, got TOP in TOP"):
+        pw.read_aperture(path, layer=["TOP", "1"])
 
 
 def test_a_polygon_of_one_point_is_none(tmp_path):

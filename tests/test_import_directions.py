@@ -16,7 +16,7 @@ from package_imports import PACKAGE, imports_of, sources
 # A room may import from those above it in this list, never from those below or beside it.
 ROOMS = [
     ("errors", "interruption"),
-    ("quantities", "citations", "apart"),
+    ("quantities", "citations"),
     ("geometry",),
     ("illumination", "optics"),
     ("toolchain", "numerics", "plans"),
@@ -51,7 +51,7 @@ EXCEPTIONS: dict[tuple[str, str], str] = {}
 # Files that run before anything is installed, or before Dr.Jit's library is chosen.
 STANDARD_LIBRARY_ONLY = {
     "toolchain/debian.py": (),
-    "toolchain/trials.py": ("polywigner.toolchain", "polywigner.interruption", "polywigner.apart"),
+    "toolchain/trials.py": ("polywigner.toolchain", "polywigner.interruption"),
     # drjit: by require_drjit() only, when the library has been chosen
     "toolchain/llvm.py": ("polywigner.toolchain", "polywigner.errors", "drjit"),
     "toolchain/llvm_install.py": (
@@ -61,7 +61,6 @@ STANDARD_LIBRARY_ONLY = {
     ),
     "toolchain/native_hook.py": ("polywigner.toolchain",),
     "errors.py": (),
-    "apart.py": ("polywigner.errors",),
     "interruption.py": (),
 }
 

@@ -1,9 +1,7 @@
 """Rays in files: what is written is read back, for other programs as well, and damage is told."""
 
-import os
 import struct
 import warnings
-import zipfile
 
 import numpy as np
 import pytest
@@ -153,64 +151,8 @@ def written(content):
     )
 
 
-def packed_zeros(path):
-    zeros = np.zeros((1_300_000, 3))
-    np.savez_compressed(path, position=zeros, direction=zeros, weight=zeros[:, 0], attrs="{}")
-
-
-def netcdf_of(fill):
-    """A NetCDF file with a dataset of weights that is packed, or stands in another file."""
-
-    def write(path):
-        h5py = pytest.importorskip("h5py")
-        (path.parent / "others").write_bytes(bytes(1 << 10))
-        with h5py.File(path, "w") as file:
-            if fill == "packed":
-                file.create_dataset("weight", (1 << 30,), "f8", fillvalue=0.0, chunks=(1 << 20,))
-            elif fill == "others":
-                outside = [(str(path.parent / "others"), 0, 1 << 10)]
-                file.create_dataset("weight", (4,), "f8", external=outside)
-            else:
-                os.mkfifo(path.parent / "pipe")
-                file["weight"] = h5py.ExternalLink(str(path.parent / "pipe"), "/weight")
-
-    return write
-
-
 def csv_of(row, attrs="{}"):
     return written(f"# {attrs}\nx,y,z,l,m,n,weight,batch\n{row}\n")
-
-
-def npz_of(member, compression=zipfile.ZIP_STORED):
-    """An archive whose members are these bytes."""
-
-    def write(path):
-        with zipfile.ZipFile(path, "w", compression) as members:
-            for name in ("position", "direction", "weight", "attrs"):
-                members.writestr(f"{name}.npy", member)
-        if compression == zipfile.ZIP_LZMA:  # damaged
-            content = bytearray(path.read_bytes())
-            content[60:90] = b"\xff" * 30
-            path.write_bytes(content)
-
-    return write
-
-
-def npz_with(flags, method):
-    """Saved rays whose archive asks for a password, or for another compression."""
-
-    def write(path):
-        pw.rays.save(pw.sample_rays(pw.shapes.square(10e-3), WAVELENGTH, 8, 7), path)
-        content = bytearray(path.read_bytes())
-        for mark, offset in ((b"PK\3\4", 6), (b"PK\1\2", 8)):
-            struct.pack_into("<HH", content, content.index(mark) + offset, flags, method)
-        path.write_bytes(content)
-
-    return write
-
-
-def header(text):
-    return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(text)) + text
 
 
 DAMAGED = {
@@ -228,28 +170,14 @@ DAMAGED = {
         lambda path: np.savez(path, position=np.array([{}]), direction=0, weight=0, attrs="{}"),
         "Object arrays",
     ),
-    "header.npz": (npz_of(header(b"('")), "EOF in multi-line"),
-    "long.npz": (npz_of(header(b"{}" + b"\0 " * 800)), "Cannot parse header"),
-    "lzma.npz": (npz_of(bytes(range(256)) * 40, zipfile.ZIP_LZMA), "Corrupt input"),
-    "password.npz": (npz_with(1, 0), "password required"),
-    "method.npz": (npz_with(0, 99), "method is not supported"),
-    "zeros.npz": (packed_zeros, "packed into"),
-    "pipe.npz": (os.mkfifo, "got a device or pipe"),
-    "absent.npz": (lambda path: None, "which is none"),
-    "device.csv": (lambda path: path.symlink_to("/dev/zero"), "got a device or pipe"),
     "no table.csv": (written("# {}\nx,y\n1,2\n"), "columns 'x,y'"),
     "words.csv": (csv_of("1,2,3,0,0,one,1,0"), "string 'one'"),
     "no attributes.csv": (written("x,y,z,l,m,n,weight\n0,0,0,0,0,1,1\n"), "Expecting value"),
     "no vectors.csv": (csv_of("0,0,0,0,0,2,1,0"), "unit vectors"),
     "power.csv": (csv_of("0,0,0,0,0,1,nan,0"), "no numbers"),
     "direction.csv": (csv_of("0,0,0,nan,0,1,1,0"), "no numbers"),
-    "count.csv": (csv_of("0,0,0,0,0,1,1,0", '{"count": -7}'), "-7 rays"),
-    "text.csv": (csv_of("0,0,0,0,0,1,1,0", '{"count": "many"}'), "many rays"),
     "batch.csv": (csv_of("0,0,0,0,0,1,1,-3"), "batch as whole numbers"),
     "no netcdf.nc": (written(b"CDF and so on"), "signature not found"),
-    "zeros.nc": (netcdf_of("packed"), "packed into"),
-    "others.nc": (netcdf_of("others"), "values in other files"),
-    "link.nc": (netcdf_of("link"), "a link to another place"),
 }
 
 

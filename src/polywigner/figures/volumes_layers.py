@@ -11,15 +11,13 @@ from __future__ import annotations
 import importlib.util
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
 from itertools import product
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.apart import ChildError, run_apart
-from polywigner.errors import EngineError, missing_extra
+from polywigner.errors import missing_extra
 from polywigner.figures.style import LengthUnit, number_text
 from polywigner.figures.transforms import outline_of
 
@@ -372,13 +370,6 @@ def _interpolated(values: NDArray[np.float32], places: list[Floats]) -> NDArray[
     return total
 
 
-# VTK ends the process where it finds no OpenGL that works (no libEGL, a broken driver): only a
-# child can find out. The parent gets normals and nothing else, so that surfaces look the same
-# whoever finds them. Seconds of the processor that a child may take; a first start of Mesa takes
-# some.
-_PATIENCE = 100.0
-
-
 def pyvista_layers(
     levels: NDArray[np.float32],
     lower: Floats,
@@ -406,13 +397,7 @@ def pyvista_layers(
         "height": rows * pixel,
         "far": float(np.linalg.norm((upper - lower) * view.stretch)),
     }
-    try:
-        normals = run_apart(partial(_drawn, settings), _PATIENCE, None)
-    except ChildError as error:
-        raise EngineError(
-            f"expected pyvista to draw, {str(error).partition(', ')[2]}; install the system's "
-            "libEGL (Debian, Ubuntu: libegl1), or use the renderer matplotlib"
-        ) from None
+    normals = _drawn(settings)
     origin = middle + pixel * np.array([-(columns - 1) / 2, (rows - 1) / 2])
     return Layers(normals, origin, np.array([0.0, -pixel]), np.array([pixel, 0.0]))
 

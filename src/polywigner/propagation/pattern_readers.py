@@ -12,7 +12,7 @@ import numpy as np
 
 from polywigner.errors import FileFormatError, PolywignerError
 from polywigner.geometry.arguments import checked_length, checked_path, warn_caller
-from polywigner.geometry.io.limits import LONGEST_LINE, bytes_of, check_most, text_of
+from polywigner.geometry.io.limits import bytes_of, check_most, text_of
 from polywigner.propagation.element_patterns import ElementPattern, covers_front
 from polywigner.propagation.far_field_columns import FREE_SPACE, Complex, Floats
 from polywigner.propagation.far_field_files import (
@@ -136,11 +136,6 @@ def _read(file: Path, frequency: float | None, tolerance: float) -> xarray.Datas
 def _lines_of(file: Path) -> list[str]:
     lines = text_of(bytes_of(file)).splitlines()
     check_most(len(lines), MOST_DIRECTIONS + 10, "lines", "export coarser steps")
-    for number, line in enumerate(lines, start=1):
-        if len(line) > LONGEST_LINE:
-            raise FileFormatError(
-                f"expected lines of at most {LONGEST_LINE} characters, got more in line {number}"
-            )
     return lines
 
 

@@ -9,7 +9,6 @@ under a key that changes with the library, with Dr.Jit and with the machine.
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import glob
 import hashlib
 import importlib.util
@@ -23,11 +22,8 @@ import site
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from functools import partial
 from pathlib import Path
-from typing import Any
 
-from polywigner.apart import ChildError, run_apart
 from polywigner.interruption import atomic_path, temporary_folder
 
 LIBRARY_VARIABLE = "DRJIT_LIBLLVM_PATH"
@@ -186,7 +182,7 @@ def _linker_cache() -> list[str]:
     return re.findall(r"^\s*libLLVM\S*\s.*=>\s*(/.*)$", listing, flags=re.MULTILINE)
 
 
-_SECONDS = 20.0
+_SECONDS = 120.0
 """Processor seconds of a trial; wall time may be six times as long: Dr.Jit's first import from a
 cold disk is slow."""
 
@@ -355,33 +351,45 @@ def run_probe(
     -------
     Exit status (None when no child could be run to its end), the answer, and its stderr.
     """
+    import subprocess
+
     # Dr.Jit itself needs libatomic, which may lie in the environment only.
-    task = partial(_run, script, [*native_libatomic(), *preload])
+    task = {"path": sys.path, "preload": [*native_libatomic(), *preload], "script": script}
     try:
         with temporary_folder() as scratch:
+            answer = Path(scratch) / "answer"
             environment = {
                 LIBRARY_VARIABLE: library,
                 # Empty: a remembered kernel proves nothing about the compiler.
                 "DRJIT_CACHE_DIR": scratch,
                 "POLYWIGNER_TRIAL": "1",  # see native_hook.py
             }
-            return 0, run_apart(task, _SECONDS, None, environment), ""
-    except ChildError as error:
-        if error.failure == "time":
-            return None, "", f"the trial took longer than {_SECONDS:g} s of the processor"
-        if error.failure == "start":
-            return None, "", str(error)
-        return error.status or 1, "", error.stderr
+            done = subprocess.run(
+                [sys.executable, "-P", "-c", _CHILD],
+                input=json.dumps({**task, "answer": str(answer)}),
+                env={**os.environ, **environment},
+                capture_output=True,
+                text=True,
+                timeout=_SECONDS,
+            )
+            return done.returncode, answer.read_text() if answer.exists() else "", done.stderr
+    except subprocess.TimeoutExpired:
+        return None, "", f"the trial took longer than {_SECONDS:g} s"
     except OSError as error:
         return None, "", f"the trial could not be started ({error})"
 
 
-def _run(script: str, preload: Sequence[str]) -> str:
-    for library in preload:
-        ctypes.CDLL(library)
-    names: dict[str, Any] = {}
-    exec(script, names)
-    return str(names.get("answer", ""))
+_CHILD = """
+import ctypes, json, os, pathlib, sys
+task = json.load(sys.stdin)
+sys.path[:] = task["path"]
+for library in task["preload"]:
+    ctypes.CDLL(library)
+names = {}
+exec(task["script"], names)
+pathlib.Path(task["answer"]).write_text(str(names.get("answer", "")))
+os._exit(0)  # a library that ends badly after its work has still done it
+"""
 
 
 def look_for_gpu() -> GPUStatus:

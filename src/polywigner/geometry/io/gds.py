@@ -7,6 +7,7 @@ import math
 import re
 import warnings
 from collections.abc import Iterable, Iterator
+from graphlib import CycleError, TopologicalSorter
 from typing import Any
 
 import numpy as np
@@ -87,6 +88,22 @@ def _check_references(top: Any, content: bytes) -> None:
             waiting.append((inner, around | scales | turns))
 
 
+def _check_cycles(cells: Iterable[Any]) -> None:
+    """Raise FileFormatError for a cell that contains itself, on which gdstk ends the process."""
+    inner = {
+        cell.name: [ref.cell.name for ref in cell.references if not isinstance(ref.cell, str)]
+        for cell in cells
+        if hasattr(cell, "references")
+    }
+    try:
+        TopologicalSorter(inner).prepare()
+    except CycleError as error:
+        raise FileFormatError(
+            f"expected cells that do not contain themselves, got {' in '.join(error.args[1])[:120]}"
+            "; correct the references"
+        ) from None
+
+
 def _draw_dots(cells: Iterable[Any]) -> None:
     """Replace paths of zero length, which gdstk drops, by polygons of their ends."""
     for cell in cells:
@@ -142,6 +159,7 @@ def read_gds(file: File) -> Drawing:
     if not 0 < metres < LARGEST_NUMBER:
         raise FileFormatError(f"expected a unit above zero, got {metres:g} m; export it anew")
     cell = _chosen(library, cells[0] if cells else None)
+    _check_cycles(library.cells)
     _check_references(cell, file.content)
     for path in [path for each in library.cells for path in each.paths]:
         size = float(np.hypot(*np.ptp(path.spine(), axis=0)) + path.widths().max())

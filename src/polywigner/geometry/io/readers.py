@@ -10,8 +10,8 @@ import importlib
 import os
 import pkgutil
 import re
+import warnings
 from collections.abc import Callable, Iterable, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -31,13 +31,7 @@ from polywigner.geometry.aperture import Aperture, PlacedAperture
 from polywigner.geometry.arguments import checked_flag, checked_length
 from polywigner.geometry.exact import Ring
 from polywigner.geometry.io.drawing import Drawing, File, Format, check_installed
-from polywigner.geometry.io.limits import (
-    SMALL,
-    bytes_of,
-    check_rings,
-    check_vertices,
-    within_limits,
-)
+from polywigner.geometry.io.limits import bytes_of, check_rings, check_vertices
 from polywigner.geometry.io.meshes import read_mesh
 from polywigner.geometry.io.svg_shapes import PIXEL
 from polywigner.geometry.parts import merge_parts, part_of_rings, union_parts
@@ -80,30 +74,35 @@ def _format_of(path: Path, content: bytes) -> Format:
 
 
 def _read(file: File) -> Aperture:
-    """The aperture in a file, read in a process apart unless it is small and plain."""
-    found = _format_of(file.path, file.content)
-    if file.layers and not found.has_layers:
+    """Return the aperture in a file."""
+    chosen = _format_of(file.path, file.content)
+    if file.layers and not chosen.has_layers:
         raise ArgumentError(
             "expected a layer of a drawing (SVG, DXF, GDSII) only, got one of a file that has "
             "no layers; leave it out"
         )
-    read = partial(_aperture_in, file, found.name)
-    if not found.libraries and len(file.content) <= SMALL:
-        return read()
-    return _apart(read, found.libraries, found.name)
-
-
-def _aperture_in(file: File, name: str) -> Aperture:
-    found = next(known for known in _FORMATS if known.name == name)
+    for library in chosen.libraries:
+        check_installed(library, chosen.name)
     # Numbers beyond the range of float64 are reported where they arrive, with a place.
     with np.errstate(all="ignore"):
-        return _aperture(found.read(file), file.union)
+        return _aperture(_drawing(chosen, file), file.union)
 
 
-def _apart(read: Callable[[], Any], libraries: Sequence[str], name: str) -> Any:
-    for library in libraries:
-        check_installed(library, name)
-    return within_limits(read, (__name__, "numpy.ma", *libraries), name)
+def _drawing(chosen: Format, file: File) -> Drawing:
+    """Return the drawing in a file; FileFormatError if a library fails on the file."""
+    if not chosen.libraries:
+        return chosen.read(file)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return chosen.read(file)
+    except (PolywignerError, MemoryError):
+        raise
+    except Exception as error:  # a damaged file can fail anywhere in a library, with any exception
+        raise FileFormatError(
+            f"expected {chosen.name}, got a file that its library cannot read "
+            f"({type(error).__name__}); it may be damaged: export it again"
+        ) from None
 
 
 def _scaled(points: Any, metres: float) -> Ring:
