@@ -160,22 +160,6 @@ def test_a_bad_parameter_is_one_line_that_says_where(tmp_path, inside):
         assert fragment in message
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "<scene",
-        '<scene version="3.0.0"><shape type="no_such_plugin"/></scene>',
-        '<bsdf version="3.0.0" type="diffuse"/>',
-    ],
-)
-def test_a_scene_that_mitsuba_cannot_load_is_one_line(tmp_path, text):
-    file = tmp_path / "scene.xml"
-    file.write_text(text)
-    with pytest.raises(SceneError, match=r"expected a .*scene") as caught:
-        pwm.load_scene(file, "scalar_rgb")
-    assert "\n" not in str(caught.value)
-
-
 def test_a_missing_scene_is_refused(tmp_path):
     with pytest.raises(SceneError, match="not a file"):
         pwm.load_scene(tmp_path / "none.xml", "scalar_rgb")

@@ -47,7 +47,7 @@ def resolving(file: Path) -> Iterator[None]:
     """Resolve relative file names from the folder of `file` while the block runs.
 
     Mitsuba loads libraries from a subfolder "plugins" of any of these folders, also those that a
-    scene uses by default. Its own folder comes first, so that no library beside a scene is loaded.
+    scene uses by default. Its own folder comes first, so that no library next to a scene is loaded.
     """
     outer = mi.file_resolver()
     inner = mi.FileResolver(outer)
@@ -103,10 +103,10 @@ def parse_scene_file(
     try:
         checked.add_xml(file)
         state = mi.parser.parse_file(config, str(file), **texts)
-        for node in state.nodes:
-            _check_type(node.props.plugin_name())
-            for text in _texts_in(node.props):
-                checked.add(text)
+        for name in sorted({node.props.plugin_name() for node in state.nodes}):
+            _check_type(name)
+        for text in sorted({text for node in state.nodes for text in _texts_in(node.props)}):
+            checked.add(text)
     except FileFormatError as error:
         raise SceneError(f"{file}: {error}") from None
     return state, checked.paths
@@ -151,7 +151,7 @@ class _CheckedFiles:
         self.folders = [folder for folder in folders if folder is not None]
 
     def add(self, text: str) -> None:
-        """Add the file that a text names, if there is one; FileFormatError unless permitted."""
+        """Add the file with this name if it exists; raise FileFormatError unless permitted."""
         path = _resolved(text)
         if path is None or path.is_dir():
             return
