@@ -211,7 +211,7 @@ BAD: dict[str, str] = {
         --hemisphere "0 mm" => --hemisphere | above zero
     """,
     f"propagate square.wkt {LINE}": "=> --frequency or --wavelength",
-    'volume square.wkt --frequency "94 GHz" --renderer matplotlib': f"""
+    'volume square.wkt --frequency "94 GHz"': f"""
         --box "-2 mm to 2 mm, 0 mm, 3 mm to 6 mm" => --box | three ranges
         --box "-2 mm to 2 mm, 3 mm to 6 mm" => --box | x, y and z
         --box "0 mm to 2 mm, 0 mm to 2 mm, -3 mm to 6 mm" => z > 0
@@ -223,7 +223,6 @@ BAD: dict[str, str] = {
         {SMALL} --surfaces low => --surfaces | low
         {SMALL} --surfaces "-6, -50" => floor | -50
         {SMALL} --projection sum => projection | maximum
-        {SMALL} --renderer povray => renderer | pyvista
         {SMALL} --format hdf4 => --format | vti
         {SMALL} --method fdtd => --method | fdtd
     """,

@@ -26,14 +26,9 @@ def square(tmp_path):
     return path
 
 
-@pytest.fixture(autouse=True)
-def few_pixels(monkeypatch):
-    monkeypatch.setattr("polywigner.figures.volumes._PIXELS", 100)
-
-
 def run(path, *options):
     out = path.parent / "out" / "field"
-    common = ("--frequency", "94 GHz", "--renderer", "matplotlib", "--out", str(out))
+    common = ("--frequency", "94 GHz", "--out", str(out))
     return main(["volume", str(path), *common, *options])
 
 

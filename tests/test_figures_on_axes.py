@@ -98,7 +98,7 @@ ONE: dict[str, Callable[..., Any]] = {
     "volume": lambda **how: figures.draw_volume(
         pw.volume(SQUARE, ((-0.1, -0.1, 0.05), (0.1, 0.1, 0.2)), (6, 6, 6), WAVELENGTH,
                   method="fraunhofer"),
-        renderer="matplotlib", surfaces=(-1.0,), **how,
+        surfaces=(-1.0,), **how,
     ),
 }  # fmt: skip
 
@@ -135,12 +135,12 @@ def test_several_panels_are_drawn_on_a_figure_and_on_a_part_of_one(name: str) ->
 
 
 @pytest.mark.parametrize("name", ONE)
-def test_one_panel_is_drawn_on_axes(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("polywigner.figures.volumes._PIXELS", 50)
+def test_one_panel_is_drawn_on_axes(name: str) -> None:
     alone = ONE[name]()
     assert isinstance(alone, Figure)
     whole = Figure(figsize=(10, 4), layout="constrained")
-    left, right = whole.subplots(1, 2)
+    kind = {"projection": "3d"} if name == "volume" else {}
+    left, right = whole.subplots(1, 2, subplot_kw=kind)
     assert ONE[name](ax=right) is right
     assert not left.has_data()
     assert len(whole.axes) == 3  # and a colour bar

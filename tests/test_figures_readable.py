@@ -157,7 +157,7 @@ def test_a_volume_shows_the_outline_of_the_source_in_its_dataset():
     found = pw.volume(square, box, (5, 5, 5), WAVELENGTH, method="fraunhofer")
 
     def artists(*sources):
-        axes = draw_volume(found, *sources, renderer="matplotlib").axes[0]
+        axes = draw_volume(found, *sources).axes[0]
         return len(axes.get_children())
 
     assert artists() == artists(square)

@@ -56,7 +56,6 @@ def volume(
         str | None, "Levels of the isosurfaces, dB, such as '-6, -12, -18' (default: four)."
     ] = None,
     projection: Annotated[str, "Projection on the walls: maximum, or mean."] = "maximum",
-    renderer: Annotated[str, "Renderer of the isosurfaces: auto, pyvista or matplotlib."] = "auto",
     floor_db: options.DbFloor = -40.0,
     formats: options.Formats = None,
     out: options.Out = None,
@@ -108,7 +107,6 @@ def volume(
         "surfaces": levels,
         "floor_db": floor_db,
         "projection": projection,
-        "renderer": renderer,
     }
     check_volume_options(**drawn)
     default = _BEHIND_OBSTACLES if obstacles.obstacle else _DEFAULT

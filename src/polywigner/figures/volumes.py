@@ -1,64 +1,51 @@
-"""The picture of a volume: lit isosurfaces of the irradiance in dB, and its projections."""
+"""Isosurfaces of an irradiance in a box, and its projections on the back walls."""
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
+from itertools import product
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.errors import ArgumentError, EngineError, MissingExtraError
+from polywigner.errors import ArgumentError, require
 from polywigner.figures import style
 from polywigner.figures.fields import even_axis, peak_of, printed_unit, quantity_of
 from polywigner.figures.levels import check_floor, checked_dataset, level_db
-from polywigner.figures.volumes_layers import (
-    Layers,
-    View,
-    cast_layers,
-    closed,
-    draw_box,
-    draw_outline,
-    draw_picture,
-    draw_wall,
-    pyvista_layers,
-    shaded,
-)
+from polywigner.figures.transforms import outline_of
 from polywigner.geometry.arguments import checked_choice, checked_length, checked_row
-from polywigner.geometry.display import length_unit
+from polywigner.geometry.display import LengthUnit, length_unit
 from polywigner.geometry.silhouettes import bodies_if_any, obstacle_of
 from polywigner.illumination.source_files import SOURCE_COORDINATE, read_source
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.colors import Colormap
-    from matplotlib.figure import Figure
 
     from polywigner import Aperture, Array
 
-
-Renderer = Literal["auto", "pyvista", "matplotlib"]
 Projection = Literal["maximum", "mean"]
 Floats = NDArray[np.float64]
 
-_TOWARDS = (-0.62, 0.42, -0.66)
-"""From behind the aperture and above: z runs to the right and away from the viewer, so that the
-beam falls on the wall at the far end of the box and hides nothing of the aperture."""
-
-_MOST = 256
+_MOST = 128
 """Samples along an axis that are drawn; of longer axes every second, third, ... sample."""
 
-_PIXELS = 1000
-"""Pixels of the surfaces along the larger side of the page: some two for each that is printed."""
-
-_INCHES = 5.6  # the larger side of the box on the page
-_LEFT, _RIGHT, _BELOW, _ABOVE = 0.75, 1.6, 0.55, 0.3
-
-_SURFACES = (0.15, 0.3, 0.45, 0.6)  # parts of the floor
-_FAINTEST, _DENSEST = 0.08, 0.95  # opacities of the outermost and innermost surface
+_SURFACES = (0.15, 0.3, 0.45, 0.6)  # fractions of the floor
+_FAINTEST, _DENSEST = 0.28, 0.95  # opacities of the outermost and innermost surface
 _SURFACE_COLOURS = ("#2f6be0", "#0fb5a6", "#ffb000", "#e01a10")
-_WALL_COLOURS = ("#ffffff", "#c9ced6", "#6a7686")  # quiet: surfaces stand before them
+_WALL_COLOURS = ("#ffffff", "#c9ced6", "#6a7686")  # pale: surfaces stand before them
+_WALL_LEVELS = 80
+_APERTURE = "#101010"
+
+_ELEVATION, _AZIMUTH = 24.0, -133.0
+"""Viewing angles in degrees, from behind the aperture and above: z runs to the right and away from
+the viewer."""
+_BELOW = 20.0
+"""Range below the lowest surface in dB at which levels are clipped. Levels of nulls go to minus
+infinity, and linear interpolation next to them would shift the surface."""
+_FLATTEST = 0.25
+"""Smallest drawn side of a box relative to its largest; thinner boxes are stretched."""
+_AMBIENT, _DIFFUSE = 0.45, 0.55
 
 
 @style.typeset
@@ -72,75 +59,81 @@ def draw_volume(
     floor_db: float = -40.0,
     reference: float | None = None,
     projection: Projection = "maximum",
-    renderer: Renderer = "auto",
     title: str = "",
-    ax: Axes | None = None,
+    ax: Any = None,
 ) -> Any:
-    """Isosurfaces of an irradiance inside its box, and its projections on the three back walls.
+    """Draw isosurfaces of an irradiance in a box, and its projections on the three back walls.
 
     Lengths have one scale along all axes, unless the box is more than four times as long as wide.
+    The surfaces are found by marching cubes (scikit-image) and drawn by matplotlib.
 
     Parameters
     ----------
     found : xarray.Dataset, as from :func:`polywigner.volume`: ``found[name]`` over x, y and z (in
         any order) in metres, each with at least two evenly spaced samples. Of axes with more than
-        256 samples every second, third, ... one is read.
+        128 samples every second, third, ... one is read.
     source : source whose outline is drawn in the plane z = 0; None: the one that the dataset
         contains.
     obstacles : bodies and plates, as :func:`polywigner.volume` takes them, drawn by their outlines.
-    name : of the variable, which is like a power; None: the only one.
+    name : variable to draw, a power density; None: the only one.
     surfaces : levels of the isosurfaces, dB, from the floor to below 0; None: four, evenly spaced.
-    floor_db : lowest level of the walls, dB; all below it gets its colour.
+    floor_db : lowest level of the walls, dB; lower levels have its colour.
     reference : the value that is 0 dB, in the unit of the quantity; None: the largest in the box.
     projection : on the walls, the "maximum" or the "mean" of the quantity along their normals.
-    renderer : what finds the surfaces: "pyvista"; "matplotlib", for rays cast in NumPy, which
-        needs no graphics library; "auto", pyvista where it is installed and works, else the other.
-        The rest of the picture is the same.
-    title : above the picture.
-    ax : matplotlib axes to draw on, whose figure gets the colour bar; None: a new figure. What is
-        drawn on is returned.
+    title : title of the figure.
+    ax : matplotlib axes with ``projection="3d"`` to draw on, whose figure gets the colour bar;
+        None: a new figure.
+
+    Returns
+    -------
+    The axes, or the new figure if ``ax`` is None.
 
     Raises
     ------
-    ArgumentError : no such volume, levels that are none, or what are no axes.
-    MissingExtraError, EngineError : pyvista was asked for, and is missing or does not work here.
+    ArgumentError : for a dataset without such a volume, wrong levels, or axes that are not 3D.
+    MissingExtraError : if scikit-image is not installed.
     """
-    shells = check_volume_options(surfaces, floor_db, projection, renderer)
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    shells = check_volume_options(surfaces, floor_db, projection)
     style.checked_axes(ax)
     volume = field_samples(found, name, ("x", "y", "z"), _MOST)
     zero = volume.zero_db(reference)
     lower, upper = volume.corners
     front = np.array([*lower[:2], min(lower[2], 0.0)])
-    view = View.of(front, upper, _TOWARDS)
-    layers = _layers(volume, zero, shells, view, renderer)
+    unit = length_unit(float((upper - front).max()))
     if ax is None:
-        figure, axes, beside = _page(view, front, upper)
-        place: dict[str, Any] = {"cax": beside}
+        figure = style.new_figure(7.2, 5.4)
+        figure.set_layout_engine("none")  # it would leave room around the box
+        axes = figure.add_axes((0.03, 0.0, 0.84, 0.95), projection="3d")
+        place: dict[str, Any] = {"cax": figure.add_axes((0.88, 0.12, 0.02, 0.76))}
+    elif hasattr(ax, "get_proj"):
+        axes, place = ax, {"ax": ax, "fraction": 0.03, "pad": 0.08}
     else:
-        axes = ax
-        place = {"ax": axes, "fraction": 0.03, "pad": 0.04}
+        raise ArgumentError('expected ax with projection="3d", got flat axes; make them by '
+                            'figure.add_subplot(projection="3d")')  # fmt: skip
+    _draw_box(axes, front, upper, unit)
     colours = _colours(len(shells))
+    with np.errstate(divide="ignore"):
+        levels = 10 * np.log10(np.maximum(volume.values, 0) / zero)
     projected = np.max if projection == "maximum" else np.mean
     for axis in range(3):
         wall = level_db(projected(volume.values, axis=axis), zero, floor_db)
-        shown = draw_wall(
-            axes, view, axis, wall, (lower, upper), shells, colours,
-            cmap=_map(_WALL_COLOURS), vmin=floor_db, vmax=0.0,
-        )  # fmt: skip
-    draw_box(axes, view, front, upper, length_unit(float((upper - front).max())))
-    opacities = np.geomspace(_FAINTEST, _DENSEST, len(colours))
-    drawn = shaded(layers, colours, opacities, view), layers.origin, layers.along, layers.down
-    draw_picture(axes, *drawn, interpolation="antialiased", zorder=3)
-    shown_source: Any = source
+        _draw_wall(axes, volume, axis, wall, floor_db, shells, colours, unit)
+    opacities = np.geomspace(_FAINTEST, _DENSEST, len(shells))
+    for k, (shell, colour, opacity) in enumerate(zip(shells, colours, opacities, strict=True)):
+        # surfaces of lower levels enclose the others, so they are drawn later
+        _draw_surface(axes, volume, levels, shell, colour, opacity, unit, zorder=20 - k)
     if source is None and SOURCE_COORDINATE in found.coords:
-        shown_source = read_source(found)
-    if shown_source is not None:
-        draw_outline(axes, view, shown_source)
-    for body in bodies_if_any(obstacles):  # seen through all that is before it
-        lines = view.on_page(obstacle_of(body).outline(view.towards / view.stretch))
-        style.draw_cut(axes, lines, "wk", zorder=4)
+        source = read_source(found)  # type: ignore[assignment]
+    if source is not None:
+        _draw_aperture(axes, source, unit)
+    for body in bodies_if_any(obstacles):  # visible through everything in front of it
+        _draw_lines(axes, obstacle_of(body).outline(_towards()) / unit.metres)
     extend = "max" if np.max(volume.values) > zero else "neither"
-    bar = axes.figure.colorbar(shown, extend=extend, **place)
+    shades = ScalarMappable(Normalize(floor_db, 0.0), _map(_WALL_COLOURS))
+    bar = axes.figure.colorbar(shades, extend=extend, **place)
     bar.outline.set_linewidth(0.6)
     bar.ax.hlines(shells, 0, 1, colors=[tuple(c) for c in colours], linewidth=3)
     bar.set_label(_label(volume, zero, floor_db, projection))
@@ -149,12 +142,15 @@ def draw_volume(
 
 
 def check_volume_options(
-    surfaces: tuple[float, ...] | None, floor_db: float, projection: str, renderer: str
+    surfaces: tuple[float, ...] | None, floor_db: float, projection: str
 ) -> tuple[float, ...]:
-    """The levels of the isosurfaces, dB, from the lowest to the highest."""
+    """Return the levels of the isosurfaces, dB, from the lowest to the highest.
+
+    Raises ArgumentError for wrong options, MissingExtraError without scikit-image.
+    """
+    require("skimage", "volume", "finds isosurfaces")
     check_floor(floor_db)
     checked_choice(projection, "projection", get_args(Projection))
-    checked_choice(renderer, "renderer", get_args(Renderer))
     if surfaces is None:
         return tuple(sorted(floor_db * part for part in _SURFACES))
     known = checked_row(surfaces, "expected surfaces at levels from the floor to below 0 dB")
@@ -225,26 +221,106 @@ def field_samples(
     return Samples(quantity_of(array), printed_unit(array), values, (ends[:, 0], ends[:, 1]))
 
 
-def _layers(
-    volume: Samples, zero: float, shells: tuple[float, ...], view: View, renderer: Renderer
-) -> Layers:
-    with np.errstate(divide="ignore"):
-        levels, before = closed(10 * np.log10(np.maximum(volume.values, 0) / zero), shells[0], view)
-    spacing = volume.spacing
-    lower = volume.corners[0] - before * spacing
-    upper = lower + spacing * (np.array(levels.shape) - 1)
-    pixel = float(np.ptp(view.corners(lower, upper), axis=0).max()) / _PIXELS
-    try:
-        if renderer != "matplotlib":
-            return pyvista_layers(levels, lower, spacing, shells, view, pixel)
-    except MissingExtraError:
-        if renderer == "pyvista":
-            raise
-    except EngineError as error:
-        if renderer == "pyvista":
-            raise
-        warnings.warn(f"surfaces by casting rays: {error}", RuntimeWarning, stacklevel=3)
-    return cast_layers(levels, lower, spacing, shells, view, pixel)
+def _towards() -> Floats:
+    """Return the unit vector from the box to the viewer; y is vertical."""
+    elevation, azimuth = np.radians([_ELEVATION, _AZIMUTH])
+    across = np.cos(elevation) * np.array([np.sin(azimuth), np.cos(azimuth)])
+    return np.array([across[0], np.sin(elevation), across[1]])
+
+
+def _draw_box(axes: Any, lower: Floats, upper: Floats, unit: LengthUnit) -> None:
+    """Set the limits, the view and the labels of the axes, and draw the edges of the walls."""
+    from matplotlib.ticker import MaxNLocator
+
+    # each artist has its own zorder: matplotlib would sort them by their mean depth
+    axes.computed_zorder = False
+    extent = upper - lower
+    axes.set_proj_type("ortho")
+    axes.view_init(elev=_ELEVATION, azim=_AZIMUTH, vertical_axis="y")
+    axes.set_box_aspect(np.maximum(extent, _FLATTEST * extent.max()), zoom=1.0)
+    axes.grid(False)
+    ends = np.stack([lower, upper], axis=-1) / unit.metres
+    for name, axis, limits in zip("xyz", (axes.xaxis, axes.yaxis, axes.zaxis), ends, strict=True):
+        axes.set(**{f"{name}lim": limits, f"{name}label": f"${name}$ ({unit.name})"})
+        axis.pane.set_visible(False)
+        axis.labelpad = 10
+        axis.set_major_locator(MaxNLocator(4 if name == "x" else 6))
+    for corner, axis in product(product((0, 1), repeat=3), range(3)):
+        start, end = list(corner), list(corner)
+        end[axis] = 1
+        fronts = sum((_towards()[k] > 0) == start[k] for k in range(3) if k != axis)
+        if start[axis] == 0 and fronts < 2:
+            line = [[ends[k][start[k]], ends[k][end[k]]] for k in range(3)]
+            axes.plot(*line, color="0.25", lw=0.7, zorder=2)
+
+
+def _draw_wall(
+    axes: Any, volume: Samples, axis: int, wall: Floats, floor_db: float,
+    contours: tuple[float, ...], colours: Floats, unit: LengthUnit,
+) -> None:  # fmt: skip
+    """Draw levels (m, n) on the back wall across an axis, with contours at some of them."""
+    lower, upper = volume.corners
+    position = (lower if _towards()[axis] > 0 else upper)[axis]
+    along = [
+        np.linspace(lower[k], upper[k], volume.values.shape[k]) / unit.metres
+        for k in range(3)
+        if k != axis
+    ]
+    arguments = list(np.meshgrid(*along, indexing="ij"))
+    arguments.insert(axis, wall)
+    at = {"zdir": "xyz"[axis], "offset": position / unit.metres}
+    shades = np.linspace(floor_db, 0.0, _WALL_LEVELS + 1)
+    axes.contourf(*arguments, shades, cmap=_map(_WALL_COLOURS), extend="max", zorder=0, **at)
+    if wall.min() < max(contours) and wall.max() > min(contours):
+        axes.contour(*arguments, contours, colors=colours, linewidths=0.7, zorder=1, **at)
+
+
+def _draw_surface(
+    axes: Any, volume: Samples, levels: Floats, shell: float, colour: Floats, opacity: float,
+    unit: LengthUnit, zorder: float,
+) -> None:  # fmt: skip
+    """Draw the isosurface of a level, closed at the faces of the box.
+
+    The surface is drawn opaque and its image made translucent, so only its front is visible and
+    the edges of its triangles are not.
+    """
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+    from skimage.measure import marching_cubes
+
+    if levels.max() <= shell:
+        return
+    outside = shell - _BELOW
+    padded = np.pad(np.maximum(levels, outside), 1, constant_values=outside)
+    vertices, faces, normals, _ = marching_cubes(padded, shell)
+    lower, upper = volume.corners
+    vertices = np.clip(lower + (vertices - 1) * volume.spacing, lower, upper) / unit.metres
+    across = normals[faces].mean(axis=1) / volume.spacing
+    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
+    shade = _AMBIENT + _DIFFUSE * np.abs(across @ _towards())
+    colours = colour * shade[:, None]
+    drawn = Poly3DCollection(
+        vertices[faces], facecolors=colours, edgecolors=colours, linewidths=0.3, zorder=zorder
+    )
+    drawn.set_rasterized(True)  # in SVG and PDF too
+    drawn.set_agg_filter(lambda image, _dpi: (image * [1.0, 1.0, 1.0, opacity], 0, 0))
+    axes.add_collection3d(drawn, autolim=False)
+
+
+def _draw_aperture(axes: Any, source: Aperture | Array, unit: LengthUnit) -> None:
+    """Draw the outline of a source in the plane z = 0."""
+    rings = outline_of(source).rings
+    corners = [np.pad(np.asarray(ring) / unit.metres, ((0, 0), (0, 1))) for ring in rings]
+    lines = [np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for ring in corners]
+    _draw_lines(axes, np.concatenate(lines))
+
+
+def _draw_lines(axes: Any, lines: Floats) -> None:
+    """Draw lines (k, 2, 3) in two inks, visible on every colour."""
+    from mpl_toolkits.mplot3d.art3d import Line3DCollection
+
+    for ink, width in (("white", 2.2), (_APERTURE, 1.0)):
+        drawn = Line3DCollection(lines, colors=ink, linewidths=width, capstyle="round", zorder=30)
+        axes.add_collection3d(drawn, autolim=False)
 
 
 def _map(colours: tuple[str, ...]) -> Colormap:
@@ -256,22 +332,6 @@ def _map(colours: tuple[str, ...]) -> Colormap:
 def _colours(count: int) -> Floats:
     """RGB (count, 3) of surfaces from the lowest level to the highest."""
     return np.array(_map(_SURFACE_COLOURS)(np.linspace(0 if count > 1 else 1, 1, count)))[:, :3]
-
-
-def _page(view: View, lower: Floats, upper: Floats) -> tuple[Figure, Axes, Axes]:
-    """A figure as large as the box needs, with axes for the box and for a colour bar beside it."""
-    page = view.corners(lower, upper)
-    width, height = _INCHES * np.ptp(page, axis=0) / np.ptp(page, axis=0).max()
-    size = np.array([_LEFT + width + _RIGHT, _BELOW + height + _ABOVE])
-    figure = style.new_figure(*size)
-    figure.set_layout_engine("none")  # it would make room for what is drawn outside of its box
-
-    def axes_at(left: float, below: float, across: float, up: float) -> Axes:
-        return figure.add_axes((left / size[0], below / size[1], across / size[0], up / size[1]))
-
-    box = axes_at(_LEFT, _BELOW, width, height)
-    bar = axes_at(_LEFT + width + 0.35, _BELOW + 0.05 * height, 0.16, 0.9 * height)
-    return figure, box, bar
 
 
 def _label(volume: Samples, zero: float, floor_db: float, projection: Projection) -> str:
