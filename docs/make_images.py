@@ -7,9 +7,11 @@ needs: at most 860 pixels wide and 300 KiB; for the README, three of them to 560
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
+import time
 from itertools import chain
 from pathlib import Path
 from typing import Any, cast
@@ -110,42 +112,11 @@ def main(names: list[str]) -> None:
     with tempfile.TemporaryDirectory() as folder:
         near = ["near_field_boresight", "near_field_off_axis"]
         paper = [f"paper_{name}" for name in PAPER]
-        scripts = [
-            "first_picture",
-            "projections",
-            "tapers",
-            "polarised_opening",
-            "tolerance",
-            "virtual_array",
-            "estimators",
-            "ranges",
-            "radar_77ghz",
-            "double_edges",
-        ]
-        scripts += SCRIPTS
-        for name in names or [*scripts, *near, *paper, *COMMANDS]:
-            if name == "first_picture":
-                made = first_picture(Path(folder))
-            elif name == "projections":
-                made = projections(Path(folder))
-            elif name == "tapers":
-                made = tapers(Path(folder))
-            elif name == "polarised_opening":
-                made = polarised_opening(Path(folder))
-            elif name == "tolerance":
-                made = tolerance(Path(folder))
-            elif name == "virtual_array":
-                made = virtual_array(Path(folder))
+        for name in names or [*MAKERS, *SCRIPTS, *near, *paper, *COMMANDS]:
+            if name in MAKERS:
+                made = MAKERS[name](Path(folder))
             elif name in SCRIPTS:
                 made = by_script(name, Path(folder))
-            elif name == "radar_77ghz":
-                made = radar(Path(folder))
-            elif name == "double_edges":
-                made = double_edges(Path(folder))
-            elif name == "estimators":
-                made = estimators(Path(folder))
-            elif name == "ranges":
-                made = ranges(Path(folder))
             elif name in near:
                 made = near_field(Path(folder)) / f"{name.removeprefix('near_field_')}.png"
             elif name in paper:
@@ -261,6 +232,35 @@ def shaded_floor(estimator: str) -> dict:
     }  # fmt: skip
 
 
+def explorer(folder: Path) -> Path:
+    """The explorer's page in Chromium, with the chevron that it starts with."""
+    from selenium import webdriver
+    from selenium.webdriver.support.wait import WebDriverWait
+
+    command = [sys.executable, "-m", "polywigner", "explore", "--no-browser", "--port", "5067"]
+    options = webdriver.ChromeOptions()
+    for argument in ("headless=new", "no-sandbox", "window-size=1400,1360"):
+        options.add_argument(f"--{argument}")
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
+        assert server.stdout is not None
+        server.stdout.readline()  # the address: the server listens
+        service = webdriver.ChromeService(shutil.which("chromedriver"))
+        browser = webdriver.Chrome(options, service)
+        try:
+            browser.get("http://127.0.0.1:5067/")
+            ready = (
+                "return [...(window.Bokeh?.documents[0]?._all_models.values() ?? [])]"
+                ".some((model) => model.text === 'ready')"
+            )
+            WebDriverWait(browser, 120).until(lambda _: browser.execute_script(ready))
+            time.sleep(2)  # the last figure is drawn
+            browser.save_screenshot(str(folder / "explorer.png"))
+        finally:
+            browser.quit()
+            server.terminate()
+    return folder / "explorer.png"
+
+
 def by_script(name: str, folder: Path) -> Path:
     script = EXAMPLES / name / f"{name}.py"
     environment = {**os.environ, "MPLBACKEND": "agg"}
@@ -268,7 +268,7 @@ def by_script(name: str, folder: Path) -> Path:
     return folder / f"{name}.png"
 
 
-def radar(folder: Path) -> Path:
+def radar_77ghz(folder: Path) -> Path:
     script, out = EXAMPLES / "radar_77ghz" / "radar.py", folder / "radar.png"
     subprocess.run([sys.executable, str(script), "--out", str(out)], check=True)
     return out
@@ -442,6 +442,15 @@ def small(source: Path, target: Path) -> None:
     few.save(target, optimize=True)
     print(f"{target} ({target.stat().st_size / 1024:.0f} KiB)")
 
+
+MAKERS = {
+    make.__name__: make
+    for make in (
+        first_picture, projections, tapers, polarised_opening, tolerance, virtual_array, estimators,
+        ranges, radar_77ghz, double_edges, explorer,
+    )
+}  # fmt: skip
+"""Functions of images that no command or example draws by itself."""
 
 if __name__ == "__main__":
     main(sys.argv[1:])

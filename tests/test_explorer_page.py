@@ -263,7 +263,8 @@ def test_sliders_and_catalogue_change_the_views(page):
     page.wait(lambda: not np.array_equal(page.image("otf"), image))
     assert page.image("otf").max() == pytest.approx(1, abs=0.05)
     page.slide("Wavelength (mm)", 0.0)
-    page.wait(lambda: page.is_ready() and page.shows("1 mm"))
+    wave = "return labelled('Frequency or wavelength').value"
+    page.wait(lambda: page.is_ready() and page.js(wave) == "1 mm")
     page.slide("Steering θ (degrees)", 20)
     page.wait(page.is_ready)
     page.choose("F(ν) as", "phase")
@@ -281,7 +282,7 @@ def test_files_are_read_and_bad_ones_are_named(page, tmp_path):
     good, bad = tmp_path / "slot.wkt", tmp_path / "bad.wkt"
     good.write_text("POLYGON ((0 0, 4 0, 4 1, 0 1, 0 0))")
     bad.write_text("POLYGON ((0 0, 4")
-    find = "return [...doc._all_models.values()].find((m) => m.accept).id"
+    find = "return [...doc._all_models.values()].find((m) => 'mime_type' in m).id"
     element = "return Bokeh.index.find_one(doc.get_model_by_id(arguments[0])).shadow_el" \
         ".querySelector('input')"  # fmt: skip
     upload = page.js(element, page.js(find))
@@ -291,12 +292,18 @@ def test_files_are_read_and_bad_ones_are_named(page, tmp_path):
     page.wait(lambda: sorted(page.vertices()[0]) == [0, 0, 4, 4])
 
 
-def test_png_npz_geojson_and_code_are_downloaded(page):
+def test_the_save_tool_of_a_figure_downloads_a_png(page):
+    page.js("named('otf').toolbar.tools.find((t) => t.type === 'SaveTool').do.emit()")
+    path = page.browser.downloads / "otf.png"
+    page.wait(path.exists)
+    assert path.read_bytes().startswith(b"\x89PNG")
+
+
+def test_npz_geojson_and_code_are_downloaded(page):
     page.js("for (const m of doc._all_models.values()) if (m.collapsed) m.collapsed = false")
     time.sleep(1)
     page.wait(lambda: page.shows("pw.fourier"))
     for label, name, start in (
-        ("PNG of the view", "fourier.png", b"\x89PNG"),
         ("npz of the view", "fourier.npz", b"PK"),
         ("GeoJSON of the aperture", "aperture.geojson", b"{"),
     ):

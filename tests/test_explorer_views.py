@@ -12,7 +12,6 @@ from polywigner.errors import ArgumentError, FileFormatError, GeometryError
 from polywigner.explorer import start_state
 from polywigner.explorer.state import (
     CATALOGUE,
-    LARGEST_FILE,
     History,
     State,
     geojson,
@@ -21,7 +20,7 @@ from polywigner.explorer.state import (
     source_of,
     with_vertex,
 )
-from polywigner.explorer.views import VIEWS, npz, picture, png, snippet, values_at
+from polywigner.explorer.views import VIEWS, npz, picture, snippet
 
 SQUARE = State(rings=rings_of(CATALOGUE["square"]()), wave="3 mm")
 FED = replace(SQUARE, taper="cosine", theta=20.0, columns=2, pitch=12.0)
@@ -88,7 +87,6 @@ def test_the_views_of_a_square_have_its_closed_forms():
     nx, ny = np.meshgrid(wigner["x"], wigner["y"])
     expected = 4 * side**2 * np.sinc(2 * side * nx) * np.sinc(2 * side * ny)
     np.testing.assert_allclose(wigner["values"], expected, atol=1e-14)
-    assert values_at(SQUARE)["W(x, ν)"] == "400 mm²"
 
 
 def test_the_directivity_of_a_large_aperture_is_4_pi_area_over_wavelength_squared():
@@ -112,10 +110,6 @@ def test_the_code_of_a_view_computes_its_values(name, state):
             np.testing.assert_allclose(file["values"], variables["values"], rtol=1e-9)
 
 
-def test_a_png_of_a_view_is_an_image():
-    assert png(picture(SQUARE, "near", 8), "3 mm").startswith(b"\x89PNG")
-
-
 def test_geojson_of_the_page_is_read_back_by_the_page():
     content = geojson(FED)
     assert json.loads(content)["properties"]["unit"] == "mm"
@@ -125,8 +119,8 @@ def test_geojson_of_the_page_is_read_back_by_the_page():
 
 @pytest.mark.parametrize(
     ("name", "content"),
-    [("a.geojson", b"{"), ("a.exe", b"x"), ("a.csv", b"1" * (LARGEST_FILE + 1))],
-    ids=["damaged", "unknown suffix", "too large"],
+    [("a.geojson", b"{"), ("a.exe", b"x"), ("a.csv", b"0 0\n1 0\n1 1\n" * 400)],
+    ids=["damaged", "unknown suffix", "too many vertices"],
 )
 def test_a_bad_file_is_one_error_with_its_name(name, content):
     with pytest.raises(FileFormatError, match=name):

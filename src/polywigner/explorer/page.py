@@ -50,10 +50,10 @@ _GROUP = _CARD + ":host { box-shadow: none; }"
 _HEAD = ":host { padding: 4px 10px; align-items: center; flex-wrap: wrap; }" + _CARD
 _PAIR = ":host { display: grid !important; grid-template-columns: 1fr 1fr; gap: 0 6px; }"
 
-_QUICK_SECONDS, _FINE_SECONDS = 0.03, 1.0
-"""Time of one view while the state changes, and afterwards."""
-_FEWEST = 40
-"""Smallest number of samples along an axis."""
+_QUICK_SAMPLES, _FINE_SAMPLES = 48, 64
+"""Samples along an axis while the state changes, and the fewest afterwards."""
+_SECONDS = 1.0
+"""Time of one view, which limits its samples."""
 
 _WIDE: dict[str, Any] = {"sizing_mode": "stretch_width"}
 _LOG = {"wavelength": (0.05, 50), "width": (0.5, 100), "distance": (1, 1000)}
@@ -68,7 +68,6 @@ class Explorer:
         self._document = pn.state.curdoc
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="explorer")
         self._pictures: dict[Name, tuple[tuple[Any, ...], Picture]] = {}
-        self._rates: dict[Name, float] = {}
         self._errors: dict[Name, str] = {}
         self._posted: deque[Callable[[], None]] = deque()
         self._is_following = False  # controls follow the state, so their changes are no edits
@@ -79,7 +78,8 @@ class Explorer:
         self._controls: dict[str, Any] = {}
         self.layout = self._new_layout()
         if self._document is not None:
-            self._document.on_session_destroyed(lambda _: self._pool.shutdown(cancel_futures=True))
+            close = partial(self._pool.shutdown, wait=False, cancel_futures=True)
+            self._document.on_session_destroyed(lambda _: close())
         self._follow()
 
     @property
@@ -203,36 +203,31 @@ class Explorer:
             self._post(self._show_invalid, state, str(error))
             return
         self._post(self._show_source, state, support)
-        for seconds in (_QUICK_SECONDS, _FINE_SECONDS):
-            for name in VIEWS:
-                if name not in self._visible.value:
-                    continue
-                while not self._is_shown(state, name, seconds):
-                    if seconds == _FINE_SECONDS and state is not self.state:
-                        return
-                    self._compute_view(state, name, self._samples(name, seconds))
+        names = [name for name in VIEWS if name in self._visible.value]
+        for name in names:
+            if not self._is_shown(state, name):
+                self._compute_view(state, name, _QUICK_SAMPLES)
+        for name in names:
+            samples = _FINE_SAMPLES
+            while state is self.state and self._is_coarser(name, samples):
+                seconds = self._compute_view(state, name, int(samples))
+                samples *= max(1.0, math.sqrt(_SECONDS / seconds))
         self._post(self._finish, state)
 
-    def _samples(self, name: Name, seconds: float) -> int:
-        if name not in self._rates:
-            return _FEWEST
-        samples = math.sqrt(seconds / self._rates[name])
-        return int(min(max(samples, _FEWEST), views.SAMPLES))
+    def _is_shown(self, state: State, name: Name) -> bool:
+        needs, _ = self._pictures.get(name, ((), None))
+        return name in self._errors or needs == views.needed(state, name)
 
-    def _is_shown(self, state: State, name: Name, seconds: float) -> bool:
+    def _is_coarser(self, name: Name, samples: float) -> bool:
         if name in self._errors:
-            return True
-        needs, picture = self._pictures.get(name, ((), None))
-        if picture is None or needs != views.needed(state, name):
             return False
-        if picture.image is None:
-            return True
-        if name not in self._rates:
-            return seconds == _QUICK_SECONDS
-        return len(picture.x) >= 0.8 * self._samples(name, seconds)
+        _, picture = self._pictures[name]
+        return picture.image is not None and len(picture.x) < min(int(samples), views.SAMPLES)
 
-    def _compute_view(self, state: State, name: Name, samples: int) -> None:
+    def _compute_view(self, state: State, name: Name, samples: int) -> float:
+        """Compute a view and return the seconds that it took."""
         start = time.perf_counter()
+        samples = min(samples, views.SAMPLES)
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
@@ -240,11 +235,10 @@ class Explorer:
         except PolywignerError as error:
             self._errors[name] = str(error)
             self._post(self._plots[name].show_error, "not available, see above")
-            return
-        if name in self._pictures:  # the first time includes imports and compilation
-            self._rates[name] = (time.perf_counter() - start) / samples**2
+            return math.inf
         self._pictures[name] = (views.needed(state, name), picture)
         self._post(self._plots[name].show, picture)
+        return time.perf_counter() - start
 
     def _post(self, show: Callable[..., None], *arguments: Any) -> None:
         """Call a function with the document's lock, after all that were posted before."""
@@ -276,12 +270,6 @@ class Explorer:
             return
         self._status.object = "ready"
         self._say("; ".join(f"{VIEWS[n]}: {text}" for n, text in self._errors.items()))
-        try:
-            values = views.values_at(state)
-        except PolywignerError:
-            values = {}
-        lines = "".join(f"<tr><td>{k}</td><td>{escape(v)}</td></tr>" for k, v in values.items())
-        self._values.object = f"<b>Values at the chosen x and ν</b><table>{lines}</table>"
         self._show_code()
 
     def _say(self, text: str, kind: str = "warning") -> None:
@@ -302,8 +290,7 @@ class Explorer:
         except (PolywignerError, KeyError):
             code = ""
         self._code.object = f"<pre>{escape(code)}</pre>"
-        name = self._saved.value
-        self._png.filename, self._npz.filename = f"{name}.png", f"{name}.npz"
+        self._npz.filename = f"{self._saved.value}.npz"
 
     # --- Layout
 
@@ -331,6 +318,12 @@ class Explorer:
     def _select(self, name: str, label: str, options: Any) -> Any:
         return self._control(name, pn.widgets.Select(label=label, options=list(options)))
 
+    def _download(self, content: Callable[[], bytes], label: str) -> Any:
+        return pn.widgets.FileDownload(
+            label=label, callback=lambda: io.BytesIO(content()), filename="view", margin=(4, 8),
+            **_WIDE,
+        )  # fmt: skip
+
     def _new_layout(self) -> Any:
         self._undo = pn.widgets.Button(label="Undo", margin=4, width=70)
         self._redo = pn.widgets.Button(label="Redo", margin=4, width=70)
@@ -348,7 +341,6 @@ class Explorer:
             self._new_outline_buttons(), stylesheets=[_CARD], styles={"grid-area": "editor"},
             **_WIDE,
         )  # fmt: skip
-        self._values = pn.pane.HTML("", **_WIDE)
         panes = {
             name: pn.Column(
                 pn.pane.Bokeh(plot.plot, sizing_mode="scale_width"), stylesheets=[_CARD]
@@ -357,9 +349,8 @@ class Explorer:
         }
         controls = self._new_controls(panes)
         self._views = pn.Column(
-            *panes.values(), pn.Column(self._values, stylesheets=[_CARD], **_WIDE),
-            stylesheets=[_VIEWS], styles={"grid-area": "views"}, **_WIDE,
-        )  # fmt: skip
+            *panes.values(), stylesheets=[_VIEWS], styles={"grid-area": "views"}, **_WIDE
+        )
         return pn.Column(
             head, editor, self._views, controls, stylesheets=[_GRID], name="page", **_WIDE
         )
@@ -372,9 +363,7 @@ class Explorer:
         shapes = ["choose a shape …", "blank sheet", *CATALOGUE]
         self._shapes = pn.widgets.Select(label="Start from", options=shapes, margin=(4, 8), **_WIDE)
         self._shapes.param.watch(self._shape_chosen, "value")
-        self._file = pn.widgets.FileInput(
-            accept=",".join(states.FILE_SUFFIXES), margin=(4, 8), **_WIDE
-        )
+        self._file = pn.widgets.FileInput(margin=(4, 8), **_WIDE)
         self._file.param.watch(self._file_chosen, "value")
         unit = self._select("unit", "Unit of length", states.UNITS)
         pairs = pn.Column(
@@ -418,20 +407,9 @@ class Explorer:
         self._visible.param.watch(show_views, "value")
         self._saved = pn.widgets.Select(label="View", options=labels, margin=(4, 8), **_WIDE)
         self._saved.param.watch(self._show_code, "value")
-        files = {
-            "PNG of the view": lambda: views.png(self._picture(), self.state.wave),
-            "npz of the view": lambda: views.npz(self._picture()),
-            "GeoJSON of the aperture": lambda: states.geojson(self.state).encode(),
-        }
-        self._png, self._npz, outline = (
-            pn.widgets.FileDownload(
-                label=label,
-                callback=lambda make=make: io.BytesIO(make()),
-                filename="view",
-                margin=(4, 8),
-                **_WIDE,
-            )
-            for label, make in files.items()
+        self._npz = self._download(lambda: views.npz(self._picture()), "npz of the view")
+        outline = self._download(
+            lambda: states.geojson(self.state).encode(), "GeoJSON of the aperture"
         )
         outline.filename = "aperture.geojson"
         style = "pre { overflow: auto; font-size: 11px; max-height: 260px; user-select: all; }"
@@ -439,7 +417,7 @@ class Explorer:
         groups = {
             "Source": [pn.Column(*source, stylesheets=[_PAIR], **_WIDE), pn.Row(*array, **_WIDE)],
             "Views": [pn.Column(*shown, stylesheets=[_PAIR], **_WIDE), self._visible],
-            "Save": [self._saved, self._png, self._npz, outline, self._code],
+            "Save": [self._saved, self._npz, outline, self._code],
         }
         cards = [
             pn.Card(*parts, title=title, collapsed=title == "Save", margin=(0, 0, 8, 0),

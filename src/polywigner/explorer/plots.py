@@ -18,6 +18,7 @@ from bokeh.models import (
     LinearColorMapper,
     PointDrawTool,
     Range1d,
+    SaveTool,
     Title,
 )
 from bokeh.plotting import figure
@@ -215,10 +216,12 @@ class Plot:
 
     def __init__(self, name: Name, on_tap: Callable[[Point], None] | None = None) -> None:
         plot = figure(
-            name=name, tools="", toolbar_location=None, sizing_mode="scale_width",
+            name=name, tools="", toolbar_location="above", sizing_mode="scale_width",
             aspect_ratio=1, min_border_bottom=_BOTTOM, x_range=Range1d(-1, 1),
             y_range=Range1d(-1, 1), **_BORDERS,
         )  # fmt: skip
+        plot.toolbar.logo = None
+        plot.add_tools(SaveTool(filename=name))
         plot.title.text_font_size = "13px"
         _style_axes(plot)
         self._quantity = Title(text=" ", text_font_size="11px", text_font_style="normal",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import socket
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 from polywigner.errors import ArgumentError, require
@@ -74,7 +75,6 @@ def serve(state: State, port: int, browser: bool, say: Callable[[str], None]) ->
     say(f"http://{ADDRESS}:{server.port}/ shows the explorer; Ctrl-C stops it.")
     if browser:
         server.io_loop.add_callback(server.show, "/")
-    try:
-        server.run_until_shutdown()
-    except KeyboardInterrupt:
-        server.stop()
+    server.start()
+    with suppress(KeyboardInterrupt):
+        server.io_loop.start()

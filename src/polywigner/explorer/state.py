@@ -49,12 +49,6 @@ CATALOGUE: Mapping[str, Callable[[], Aperture]] = {
 }
 """Shapes of about ten units, in any unit."""
 
-FILE_SUFFIXES = (
-    ".geojson", ".json", ".wkt", ".csv", ".txt", ".svg", ".dxf", ".gds", ".gbr", ".ger", ".gtl",
-    ".gbl", ".art",
-)  # fmt: skip
-LARGEST_FILE = 1 << 20
-"""Largest file of the page, in bytes."""
 MAX_VERTICES = 1000
 """Largest number of vertices with handles; a transform of 1,000 edges takes seconds."""
 MAX_ELEMENTS = 256
@@ -229,16 +223,10 @@ def rings_of_rows(rows: Sequence[tuple[int, float, float]]) -> Rings:
 def read_upload(name: str, content: bytes, unit: Unit) -> Rings:
     """Return the outlines in units of an uploaded aperture file.
 
-    Raises PolywignerError for a file that is too large, has an unknown suffix or cannot be read.
+    Raises PolywignerError for a file that cannot be read or has too many vertices.
     """
-    suffix = Path(name).suffix.lower()
-    if suffix not in FILE_SUFFIXES:
-        raise FileFormatError(f"{name}: unknown suffix; expected {', '.join(FILE_SUFFIXES)}")
-    if len(content) > LARGEST_FILE:
-        size = len(content) / LARGEST_FILE
-        raise FileFormatError(f"{name}: {size:.1f} MiB is too large, at most 1 MiB; simplify it")
     with tempfile.TemporaryDirectory(prefix="polywigner-") as folder:
-        path = Path(folder) / f"aperture{suffix}"
+        path = Path(folder) / f"aperture{Path(name).suffix}"
         path.write_bytes(content)
         try:
             aperture = pw.read_aperture(path, unit={"µm": "um"}.get(unit, unit))

@@ -11,7 +11,6 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-import polywigner as pw
 from polywigner.explorer import state as states
 from polywigner.explorer.state import State, polygons_of, source_of, variables_of
 from polywigner.figures import style
@@ -201,21 +200,6 @@ def support_of(state: State) -> list[Polygon]:
     return [[ring * state.per_metre for ring in polygon] for polygon in polygons]
 
 
-def values_at(state: State) -> dict[str, str]:
-    """Return transforms at the chosen position and frequency, as texts with units."""
-    variables = variables_of(state)
-    x = np.array(state.x) / state.per_metre
-    nu = np.array(state.nu) * state.per_metre
-    scale, unit = state.per_metre**2, f"{state.unit}²"
-    f = complex(pw.fourier(variables["source"], nu, engine="numpy")) * scale
-    w = float(np.real(pw.wigner(variables["light"], x, nu, engine="numpy"))) * scale
-    return {
-        "F(ν)": f"{f.real:.9g} {'+' if f.imag >= 0 else '−'} {abs(f.imag):.9g} i {unit}",
-        "W(x, ν)": f"{w:.9g} {unit}",
-        "wavelength": f"{state.wavelength * state.per_metre:.9g} {state.unit}",
-    }
-
-
 _SOURCE = {"rings", "unit", "wave", "taper", "theta", "phi", "columns", "rows", "pitch"}
 _NEEDS: Mapping[Name, set[str]] = {
     "fourier": {"reach", "part"}, "wigner_nu": {"x", "reach", "coherence"},
@@ -236,33 +220,4 @@ def npz(picture: Picture) -> bytes:
     labels = {"title": picture.title, "quantity": picture.quantity}
     arrays: dict[str, Any] = {**picture.arrays, **labels}
     np.savez_compressed(buffer, **arrays)
-    return buffer.getvalue()
-
-
-def png(picture: Picture, caption: str) -> bytes:
-    """Return a view as a PNG image with axes, units and colour bar."""
-    import matplotlib as mpl
-
-    with mpl.rc_context(style.TYPOGRAPHY):
-        figure = style.new_figure(4.8, 4.2)
-        axes = figure.add_subplot()
-        if picture.image is not None:
-            colours = dict(zip(("vmin", "vmax"), picture.limits, strict=True))
-            image = style.draw_map(
-                axes, picture.image, picture.x, picture.y, cmap=picture.colours, aspect="auto",
-                **colours,
-            )  # fmt: skip
-            style.colour_bar(axes, image, picture.quantity)
-        else:
-            axes.set(xlim=(picture.x[0], picture.x[-1]), ylim=(picture.y[0], picture.y[-1]))
-        for k, (label, levels) in enumerate((picture.curves or {}).items()):
-            axes.plot(picture.x, levels, lw=1.2, ls=("-", "--", "-.", ":")[k], label=label)
-            axes.legend(fontsize=8)
-        for ring in (ring for polygon in picture.outlines or () for ring in polygon):
-            axes.fill(*ring.T, facecolor=style.TINT, edgecolor=style.INK)
-
-        axes.set(xlabel=picture.x_label, ylabel=picture.y_label, title=picture.title)
-        figure.suptitle(caption, fontsize=8)
-        buffer = io.BytesIO()
-        figure.savefig(buffer, format="png")
     return buffer.getvalue()
