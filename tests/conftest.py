@@ -3,9 +3,7 @@ cannot run is left out in one way, counted, and named at the end of the run."""
 
 from __future__ import annotations
 
-import os
 import signal
-import subprocess
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -98,10 +96,10 @@ def cuda(request: pytest.FixtureRequest) -> None:
 
 @pytest.fixture
 def bad_llvm(request: pytest.FixtureRequest) -> str:
-    """The path of an LLVM library that ends the process (14 to 16), to see it refused."""
-    for candidate, verdict in _llvm.survey():
-        if not verdict.usable and candidate.version is not None and candidate.version >= (15,):
-            return candidate.path
+    """The path of an LLVM library that ends the process (15 or 16), to see it refused."""
+    for path in _llvm.libraries():
+        if (_llvm.version_of_name(path) or (0,))[0] in (15, 16):
+            return path
     _leave_out("a bad LLVM library (15 or 16), to see it refused.", request.config)
 
 
@@ -109,23 +107,6 @@ def bad_llvm(request: pytest.FixtureRequest) -> str:
 def leave_out(pytestconfig: pytest.Config) -> Callable[[str], NoReturn]:
     """Leaves the test out that asks for it, with a reason: what it needs, and what brings it."""
     return partial(_leave_out, config=pytestconfig)
-
-
-@pytest.fixture(scope="session")
-def _drjit_by_itself() -> bool:
-    done = subprocess.run(
-        [sys.executable, "-c", "import drjit"],
-        env={**os.environ, "POLYWIGNER_TRIAL": "1"},  # also without polywigner's import hook
-        capture_output=True,
-    )
-    return done.returncode == 0
-
-
-@pytest.fixture
-def drjit_by_itself(request: pytest.FixtureRequest, _drjit_by_itself: bool) -> None:
-    """``import drjit`` works without polywigner's help: libatomic is the system's."""
-    if not _drjit_by_itself:
-        _leave_out("a system with libatomic1, for Dr.Jit imported first.", request.config)
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

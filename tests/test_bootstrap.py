@@ -1,6 +1,6 @@
-"""``tools/bootstrap`` does what is needed and no more, and recovers from whatever it finds.
+"""``tools/bootstrap`` does what is needed and no more, and recovers from a damaged environment.
 
-The steps that download (venv, pip, LLVM) are stood in for by ones that leave their mark.
+The steps that download (venv, pip, LLVM) are replaced by ones that are recorded.
 """
 
 import importlib.machinery
@@ -12,7 +12,6 @@ import subprocess
 import sys
 import tomllib
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 
@@ -31,7 +30,7 @@ def load_bootstrap():
 
 
 class Project:
-    """A project folder with the bootstrap in it, and a diary of its steps."""
+    """A project folder with the bootstrap in it, and a record of its steps."""
 
     def __init__(self, root):
         self.module = load_bootstrap()
@@ -39,17 +38,16 @@ class Project:
         self.move(root)
 
     def move(self, root):
-        """Point the script at another folder, as it finds itself after the project was moved."""
+        """Let the script run in another folder, as after the project was moved."""
         self.root = root
         environment = root / ".venv"
         self.module.ROOT = root
         self.module.ENVIRONMENT = environment
         self.module.INTERPRETER = environment / "bin" / "python"
         self.module.STAMP = environment / "polywigner-setup.json"
-        self.module.UNFINISHED = environment / "polywigner-setup.unfinished"
         self.module.create = self.create
         self.module.install = self.install
-        self.module.bring_llvm = lambda: self.steps.append("llvm")
+        self.module.install_llvm = lambda: self.steps.append("llvm")
         self.module.say = lambda message: None
 
     def create(self, python):
@@ -224,26 +222,35 @@ def test_an_activated_environment_and_foreign_paths_do_not_reach_inside(project,
     assert seen["PIP_INDEX_URL"] == "https://index.example"  # pip's own settings stay the user's
 
 
-def test_the_module_about_apt_loads_without_the_package():
-    """From a bare Python: nothing installed, no polywigner on the path."""
+def test_packages_are_installed_before_polywigner_is(tmp_path):
+    """With a bare Python: no packages, no polywigner on the path, and no apt-get."""
     code = (
-        "import sys, importlib.machinery as m, importlib.util as u\n"
+        "import importlib.machinery as m, importlib.util as u\n"
         f"s = u.spec_from_loader('b', m.SourceFileLoader('b', {str(SCRIPT)!r}))\n"
         "b = u.module_from_spec(s); s.loader.exec_module(b)\n"
-        "print(b.load_debian().is_root() in (True, False), 'polywigner' in sys.modules)"
+        "try: b.install_packages([['python3-venv']])\n"
+        "except b.SetupError as error: print(error)"
     )
-    done = subprocess.run([sys.executable, "-S", "-I", "-c", code], capture_output=True, text=True)
-    assert done.stdout.split() == ["True", "False"], done.stderr
+    done = subprocess.run(
+        [sys.executable, "-S", "-I", "-c", code],
+        env={"PATH": str(tmp_path)},
+        capture_output=True,
+        text=True,
+    )
+    assert done.stdout.startswith("this Python has no pip. Install python3-venv"), done.stderr
 
 
-def test_two_runs_at_once_take_turns(project):
-    module: ModuleType = project.module
+def test_two_runs_at_once_take_turns(project, monkeypatch):
     other = (
         "import fcntl, os, sys\n"
         f"handle = os.open({str(project.root)!r}, os.O_RDONLY)\n"
         "try: fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)\n"
         "except BlockingIOError: sys.exit(7)"
     )
-    with module.one_at_a_time():
+
+    def set_up(named, group):
         assert subprocess.run([sys.executable, "-c", other]).returncode == 7
-    assert subprocess.run([sys.executable, "-c", other]).returncode == 0
+
+    monkeypatch.setattr(sys, "argv", ["bootstrap"])
+    monkeypatch.setattr(project.module, "set_up", set_up)
+    project.module.main()

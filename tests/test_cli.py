@@ -78,8 +78,13 @@ def test_commands_and_options_are_completed_by_the_script_of_a_shell(monkeypatch
         assert capsys.readouterr().out.split() == [expected]
 
 
-def test_an_interruption_ends_with_130_and_one_line(monkeypatch, capsys):
-    _raising(monkeypatch, KeyboardInterrupt())
+@pytest.mark.parametrize(
+    "error",
+    [KeyboardInterrupt(), RuntimeError("failed to instantiate a plugin: KeyboardInterrupt:")],
+    ids=["Python", "Mitsuba"],
+)
+def test_an_interruption_ends_with_130_and_one_line(error, monkeypatch, capsys):
+    _raising(monkeypatch, error)
     assert main(["transform", "a.wkt"]) == 130
     assert capsys.readouterr().err == "polywigner: interrupted\n"
 

@@ -50,16 +50,9 @@ EXCEPTIONS: dict[tuple[str, str], str] = {}
 
 # Files that run before anything is installed, or before Dr.Jit's library is chosen.
 STANDARD_LIBRARY_ONLY = {
-    "toolchain/debian.py": (),
-    "toolchain/trials.py": ("polywigner.toolchain", "polywigner.interruption"),
-    # drjit: by require_drjit() only, when the library has been chosen
-    "toolchain/llvm.py": ("polywigner.toolchain", "polywigner.errors", "drjit"),
-    "toolchain/llvm_install.py": (
-        "polywigner.toolchain",
-        "polywigner.errors",
-        "polywigner.interruption",
-    ),
-    "toolchain/native_hook.py": ("polywigner.toolchain",),
+    # drjit: in require_drjit() only, after a library has been selected
+    "toolchain/llvm.py": ("polywigner.errors", "polywigner.interruption", "drjit"),
+    "toolchain/install.py": ("polywigner.toolchain", "polywigner.errors"),
     "errors.py": (),
     "interruption.py": (),
 }

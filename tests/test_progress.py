@@ -1,6 +1,5 @@
-"""Bars of long work: drawn where they can be wiped out, and then gone."""
+"""Long work draws a bar on a terminal or on request, and erases it at the end."""
 
-import contextlib
 import io
 import sys
 from types import ModuleType, SimpleNamespace
@@ -17,7 +16,7 @@ BOX = [(0.0, 0.0, 0.1), (0.0, 0.0, 0.2)]
 
 @pytest.fixture
 def cell(monkeypatch):
-    """The states of the one output of a notebook's cell, whose kernel is a stand-in."""
+    """Return the states of the one output of a notebook's cell, with a stand-in for the kernel."""
     states: list[dict[str, str]] = []
 
     def display(data, *, raw, display_id):
@@ -34,11 +33,13 @@ def cell(monkeypatch):
     return states
 
 
-def test_a_bar_in_a_notebook_leaves_nothing(cell, capfd):
+def test_a_notebook_shows_the_number_of_finished_parts_and_erases_it(cell, capfd):
     pw.line(SQUARE, BOX, 3, 3.2e-3, method="fraunhofer", progress=True)
-    assert "fraunhofer" in cell[0]["text/plain"] and "0/1" in cell[0]["text/plain"]
-    assert "1/1" in cell[-2]["text/plain"]
-    assert cell[-1] == {}  # an output without data has no area
+    assert [state.get("text/plain") for state in cell] == [
+        "fraunhofer: 0 of 1",
+        "fraunhofer: 1 of 1",
+        None,  # an output without data takes no space
+    ]
     assert capfd.readouterr() == ("", "")
 
 
@@ -48,17 +49,17 @@ class Terminal(io.StringIO):
 
 
 def terminal(monkeypatch):
-    """A terminal as stderr, before somebody without any patience.
+    """Replace stderr by a terminal, and let slow calls draw a bar at once.
 
-    No fixture: between set-up and test pytest puts its own stderr in place.
+    Not a fixture: between set-up and test pytest replaces stderr itself.
     """
-    made = Terminal()
-    monkeypatch.setattr(sys, "stderr", made)
+    screen = Terminal()
+    monkeypatch.setattr(sys, "stderr", screen)
     monkeypatch.setattr(progress, "_PATIENCE", 0.0)
-    return made
+    return screen
 
 
-def test_every_long_call_tells_of_its_parts_and_a_quick_one_does_not(monkeypatch):
+def test_each_slow_call_draws_a_bar_and_a_quick_one_does_not(monkeypatch):
     screen = terminal(monkeypatch)
     far = np.stack([np.zeros(300), np.zeros(300), np.linspace(0.1, 1.0, 300)], axis=1)
     poses = np.tile(np.diag([-1.0, 1.0, -1.0, 1.0]), (300, 1, 1))
@@ -79,67 +80,33 @@ def test_every_long_call_tells_of_its_parts_and_a_quick_one_does_not(monkeypatch
     assert screen.getvalue() == ""
 
 
-def test_the_work_of_a_part_draws_no_bar_of_its_own(monkeypatch):
+def test_slow_work_within_the_work_of_a_bar_draws_none(monkeypatch):
     screen = terminal(monkeypatch)
-    with progress.progress_bar("whole", 2, show=True) as advance:
-        with progress.told("inner", range(3)) as each:
-            assert list(each) == [0, 1, 2]
+    with progress.progress_bar("outer", 2, show=True) as advance:
+        with progress.told("inner", range(3)) as parts:
+            assert list(parts) == [0, 1, 2]
         advance(2)
-    assert "whole" in screen.getvalue() and "inner" not in screen.getvalue()
+    assert "outer" in screen.getvalue() and "inner" not in screen.getvalue()
 
 
-def is_told():
-    with progress.told("later", range(3)) as each:
-        list(each)
-    return "later" in sys.stderr.getvalue()
-
-
-def test_what_ends_the_work_ends_its_bar(monkeypatch):
-    terminal(monkeypatch)
-    with pytest.raises(KeyboardInterrupt) as kept, progress.told("first", range(3)) as each:
-        for part in each:
+def test_an_interruption_ends_the_bar_at_once(monkeypatch):
+    screen = terminal(monkeypatch)
+    with pytest.raises(KeyboardInterrupt), progress.told("first", range(3)) as parts:
+        for part in parts:
             if part == 2:
                 raise KeyboardInterrupt
-    assert kept.traceback  # as a console keeps it, with all that stood in its frames
-    assert is_told()
+    with progress.told("later", range(3)) as parts:
+        list(parts)
+    assert "later" in screen.getvalue()
 
 
-def test_bars_of_threads_end_in_any_order(monkeypatch):
-    terminal(monkeypatch)
-    first = progress.progress_bar("one", 2, show=True)
-    second = progress.progress_bar("another", 2)
-    monkeypatch.setattr(progress, "_drawn", lambda *_: contextlib.nullcontext(lambda parts=1: None))
-    first.__enter__()
-    second.__enter__()
-    first.__exit__(None, None, None)
-    second.__exit__(None, None, None)
-    monkeypatch.undo()
-    terminal(monkeypatch)
-    assert is_told()
-
-
-@pytest.mark.parametrize("stderr", ["none", "closed", "no terminal's"])
-def test_whatever_stderr_is_the_work_goes_on(stderr, monkeypatch):
+@pytest.mark.parametrize("stderr", ["none", "closed", "no terminal"])
+def test_without_a_terminal_the_work_runs_without_a_bar(stderr, monkeypatch):
     closed = io.StringIO()
     closed.close()
-    odd = {"none": None, "closed": closed, "no terminal's": SimpleNamespace(write=len)}
-    monkeypatch.setattr(sys, "stderr", odd[stderr])
+    files = {"none": None, "closed": closed, "no terminal": SimpleNamespace(write=len)}
+    monkeypatch.setattr(sys, "stderr", files[stderr])
     monkeypatch.setattr(progress, "_PATIENCE", 0.0)
-    with progress.progress_bar("outer", 1) as advance, progress.told("inner", range(3)) as each:
-        assert list(each) == [0, 1, 2]
+    with progress.progress_bar("outer", 1) as advance, progress.told("inner", range(3)) as parts:
+        assert list(parts) == [0, 1, 2]
         advance()
-
-
-def test_without_a_terminal_commands_write_the_time_that_is_left_once(monkeypatch, capsys):
-    monkeypatch.setattr(progress, "_AT_ONCE", 2)
-    clock = iter(range(0, 1000, 10))
-    monkeypatch.setattr(progress.time, "monotonic", lambda: float(next(clock)))
-    with progress.progress_bar("quiet", 100) as advance:
-        advance(50)
-    assert capsys.readouterr().err == ""
-    with progress.time_left_written(), progress.progress_bar("work", 30, 10) as advance:
-        for _ in range(20):
-            advance()
-    # parts take 10 s each
-    expected = "polywigner: about 3 min left, 12 of 30 parts are done\n"
-    assert capsys.readouterr().err == expected

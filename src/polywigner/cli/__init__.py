@@ -7,15 +7,14 @@ libraries are imported by the command that needs them, so that ``--help`` answer
 
 from __future__ import annotations
 
-import contextlib
 import errno
 import os
 import sys
 import warnings
 from collections.abc import Sequence
 
-from polywigner import interruption
 from polywigner.errors import PolywignerError
+from polywigner.interruption import INTERRUPTED
 
 __all__ = ["main"]
 
@@ -37,40 +36,42 @@ def main(arguments: Sequence[str] | None = None) -> int:
     0 when the work was done, 2 for input that cannot be used (a :class:`PolywignerError` or a
     wrong option), 130 after Ctrl-C, 1 for anything unforeseen.
     """
-    if arguments is None:  # this process is the command
-        interruption.answer_interrupts()
     with warnings.catch_warnings():
         warnings.showwarning = _show_warning
-        code = _run(arguments)
-    if interruption.is_interrupted():
-        with contextlib.suppress(OSError, ValueError):
-            sys.stdout.flush()
-        interruption.end_now()
-    return code
+        return _run(arguments)
 
 
 def _run(arguments: Sequence[str] | None) -> int:
-    from polywigner.cli.app import app
-
     try:
+        from polywigner.cli.app import app
+
         returned = app(args=arguments, prog_name="polywigner", standalone_mode=False)
-    except KeyboardInterrupt:
-        return _say("interrupted", interruption.INTERRUPTED)
-    except PolywignerError as error:
-        return _say(f"error: {error}", _BAD_INPUT)
-    except MemoryError as error:
-        return _say(f"error: out of memory ({error}); ask for fewer samples or pixels", _FAILED)
-    except BrokenPipeError:
-        return _closed_pipe()
-    except Exception as error:
-        return _from_exception(error)
-    # Typer returns the code of an `Exit` raised inside a command, and of --help, as a value.
-    if returned == interruption.INTERRUPTED:
-        return _say("interrupted", interruption.INTERRUPTED)
+    except (KeyboardInterrupt, Exception) as error:
+        if not _is_interruption(error):
+            return _from_exception(error)
+        returned = INTERRUPTED
+    # Typer returns the code of an `Exit` raised inside a command, of --help, and of Ctrl-C.
+    if returned == INTERRUPTED:
+        return _say("interrupted", INTERRUPTED)
     return returned if isinstance(returned, int) else 0
 
 
-def _from_exception(error: Exception) -> int:
+def _is_interruption(error: BaseException | None) -> bool:
+    """Return whether Ctrl-C caused an error: Mitsuba and Dr.Jit replace KeyboardInterrupt."""
+    while error is not None:
+        if isinstance(error, KeyboardInterrupt) or "KeyboardInterrupt" in str(error):
+            return True
+        error = error.__cause__ or error.__context__
+    return False
+
+
+def _from_exception(error: BaseException) -> int:
+    if isinstance(error, PolywignerError):
+        return _say(f"error: {error}", _BAD_INPUT)
+    if isinstance(error, MemoryError):
+        return _say(f"error: out of memory ({error}); ask for fewer samples or pixels", _FAILED)
+    if isinstance(error, BrokenPipeError):
+        return _closed_pipe()
     # Typer carries its own copy of click since 0.26 and imported click before that: its
     # usage errors are told by what they can do, not by a class that only one of the two has.
     if hasattr(error, "format_message"):
@@ -80,12 +81,12 @@ def _from_exception(error: Exception) -> int:
             return _BAD_INPUT
         return _say(f"error: {text} See `polywigner --help`.", _BAD_INPUT)
     if type(error).__name__ == "Abort":
-        return _say("interrupted", interruption.INTERRUPTED)
+        return _say("interrupted", INTERRUPTED)
     if isinstance(error, OSError) and error.errno in _NO_ROOM:
         _drop_output()
         text = f"expected room for what is written, got: {error.strerror}; free some, or write"
         return _say(f"error: {text} to another place", _BAD_INPUT)
-    if os.environ.get(_DEBUG) == "1" and not interruption.is_interrupted():
+    if os.environ.get(_DEBUG) == "1":
         import traceback
 
         traceback.print_exc()
@@ -101,9 +102,8 @@ def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
 
 
 def _say(message: str, code: int) -> int:
-    """Write one line on stderr, without line breaks of the message; nothing after Ctrl-C."""
-    if not interruption.is_interrupted():
-        sys.stderr.write("polywigner: " + " ".join(message.split()) + "\n")
+    """Write one line on stderr, without line breaks of the message."""
+    sys.stderr.write("polywigner: " + " ".join(message.split()) + "\n")
     return code
 
 

@@ -46,9 +46,7 @@ def _polywigner(
 
 
 def doctor(
-    install_llvm: Annotated[
-        bool, "Bring a good LLVM library into this environment; as root into the system."
-    ] = False,
+    install_llvm: Annotated[bool, "Install a usable LLVM library with apt-get, as root."] = False,
     yes: Annotated[bool, "With --install-llvm, as root: do not ask."] = False,
 ) -> None:
     """Say which parts work here, and how to get the others.

@@ -97,7 +97,6 @@ def volume(
     output.check_writable(output.targets(stem, (".png", *suffixes)))
 
     import polywigner as pw
-    from polywigner.execution.progress import time_left_written
     from polywigner.figures import draw_volume
     from polywigner.figures.fields import label_of
     from polywigner.figures.volumes import check_volume_options
@@ -124,19 +123,18 @@ def volume(
     for one in wanted:
         name = stem if len(wanted) == 1 else stem.with_name(f"{stem.name}-{one.name}")
         store, *files = output.targets(name, (".zarr", ".png", *suffixes))
-        with time_left_written():
-            found = pw.volume(
-                radiator,
-                corners,
-                (nx, ny, nz),
-                length,
-                chunks=sizes,
-                out=store,
-                threads=threads,
-                scheduler=scheduler,
-                **how,
-                **one.options,
-            )
+        found = pw.volume(
+            radiator,
+            corners,
+            (nx, ny, nz),
+            length,
+            chunks=sizes,
+            out=store,
+            threads=threads,
+            scheduler=scheduler,
+            **how,
+            **one.options,
+        )
         by_method[one.name] = found[one.method]
         title = f"{label_of(found[one.method], one.method)}: {field_title(source.source, length)}"
         print(store)

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import replace
 from typing import Any, Literal, get_args
 
 from polywigner.errors import EngineError
 from polywigner.geometry.arguments import checked_choice
-from polywigner.interruption import postponed_interrupts
 from polywigner.kernels import Kernel
 from polywigner.kernels.arrays.repeated import ElementSum, RepeatedTables
 from polywigner.kernels.cut.slice_sums import SliceSum
@@ -98,12 +96,10 @@ def drjit_float(engine: str, double: bool) -> Any:
     """Dr.Jit's array type of an engine that :func:`resolved` has accepted."""
     import importlib
 
-    # Ctrl-C within its first import ends the process, or leaves half a module.
-    with nullcontext() if f"drjit.{engine}" in sys.modules else postponed_interrupts():
-        # Only this import waits for another thread's: a submodule is there before it is filled.
-        import drjit  # noqa: F401
+    # Only this import waits for another thread's: a submodule is there before it is filled.
+    import drjit  # noqa: F401
 
-        module = importlib.import_module(f"drjit.{engine}")
+    module = importlib.import_module(f"drjit.{engine}")
     return module.Float64 if double else module.Float32
 
 

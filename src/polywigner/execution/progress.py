@@ -1,72 +1,29 @@
-"""Bars on a terminal for work that takes long; nothing elsewhere."""
+"""Progress bars on a terminal for long work."""
 
 from __future__ import annotations
 
-import io
-import os
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from polywigner.geometry.arguments import checked_flag
 
-# Of a bar below a cell: characters, and seconds between two drawings.
-_COLUMNS = 100
-_INTERVAL = 0.1
-# Seconds that a call may take without a word.
-_PATIENCE = 5.0
-
 Part = TypeVar("Part")
+Advance = Callable[..., None]  # takes the number of finished parts, by default 1
 
+# Time before a slow call draws a bar [s].
+_PATIENCE = 5.0
+# Time between two updates of the text in a notebook [s]: each is a message to the browser.
+_INTERVAL = 0.1
 
-# Whether work without a bar writes the time that is left: see time_left_written.
-_writes_time_left = False
-# Parts that are computed at a time, each of them by one core or more.
-_AT_ONCE = max(2, os.cpu_count() or 1)
-
-
-@contextmanager
-def time_left_written() -> Iterator[None]:
-    """Within, work that shows no bar writes to stderr once how much time is left.
-
-    It does so after some seconds, from the time that the first parts have taken.
-    """
-    global _writes_time_left
-    before, _writes_time_left = _writes_time_left, True
-    try:
-        yield
-    finally:
-        _writes_time_left = before
-
-
-def _time_left_writer(total: int, done: int) -> Callable[..., None]:
-    begun, finished, is_written = time.monotonic(), 0, False
-
-    def advance(parts: int = 1) -> None:
-        nonlocal finished, is_written
-        finished += parts
-        left, elapsed = total - done - finished, time.monotonic() - begun
-        if is_written or not left or elapsed < _PATIENCE or finished < min(_AT_ONCE, left):
-            return
-        is_written = True
-        seconds = elapsed * left / finished
-        text = f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} min"
-        sys.stderr.write(
-            f"polywigner: about {text} left, {done + finished} of {total} parts are done\n"
-        )
-        sys.stderr.flush()
-
-    return advance
-
-
-# Bars that are drawn now: within them calls draw none.
-_drawn_now: set[object] = set()
+# Number of bars on the screen: a slow call within the work of a bar draws none.
+_bars = 0
 
 
 def _is_terminal() -> bool:
-    """Whether stderr is a terminal: not where it is closed, or no file at all."""
+    """Return whether stderr is a terminal; False if it is closed or missing."""
     try:
         return sys.stderr.isatty()
     except (AttributeError, ValueError):
@@ -76,39 +33,38 @@ def _is_terminal() -> bool:
 @contextmanager
 def progress_bar(
     title: str, total: int, done: int = 0, show: bool | None = None
-) -> Iterator[Callable[..., None]]:
-    """A function to call after each of ``total`` parts, or with their number; ``done`` are done.
+) -> Iterator[Advance]:
+    """Draw a bar of ``total`` parts on stderr, and erase it at the end of the block.
 
-    ``show``: None draws the bar if stderr is a terminal. Nothing is left of it, in notebooks too.
+    Gives a function to call after each part, or with the number of finished parts. ``done`` parts
+    are finished at the start. ``show``: None draws the bar if stderr is a terminal.
     """
+    global _bars
     if not (_is_terminal() if show is None else checked_flag(show, "progress")):
-        yield _time_left_writer(total, done) if _writes_time_left else lambda parts=1: None
+        yield lambda parts=1: None
         return
-    bar = object()
-    _drawn_now.add(bar)
+    _bars += 1
     try:
-        with _drawn(title, total, done) as advance:
+        with (_notebook_text if _is_notebook() else _bar)(title, total, done) as advance:
             yield advance
     finally:
-        _drawn_now.discard(bar)
+        _bars -= 1
 
 
 @contextmanager
-def slow_bar(title: str, total: int) -> Iterator[Callable[..., None]]:
-    """Draw a bar of :func:`progress_bar` once the work has taken five seconds, if none is drawn."""
-    if _drawn_now or not _is_terminal():
-        yield lambda parts=1: None
-        return
-    begun, done = time.monotonic(), 0
-    draw: Callable[..., None] | None = None
+def slow_bar(title: str, total: int) -> Iterator[Advance]:
+    """Draw a bar on a terminal once the work has taken five seconds, if no other is drawn."""
+    start, done = time.monotonic(), 0
+    draw: Advance | None = None
     with ExitStack() as stack:
 
         def advance(parts: int = 1) -> None:
             nonlocal done, draw
             done += parts
+            is_slow = done < total and time.monotonic() - start > _PATIENCE
             if draw is not None:
                 draw(parts)
-            elif time.monotonic() - begun > _PATIENCE and done < total:
+            elif is_slow and _bars == 0 and _is_terminal():
                 draw = stack.enter_context(progress_bar(title, total, done, True))
 
         yield advance
@@ -116,87 +72,55 @@ def slow_bar(title: str, total: int) -> Iterator[Callable[..., None]]:
 
 @contextmanager
 def told(title: str, parts: Sequence[Part]) -> Iterator[Iterator[Part]]:
-    """Iterate over the parts of a piece of work under a slow bar.
+    """Iterate over the parts of the work under a slow bar.
 
-    A block rather than a generator: what ends it, Ctrl-C as well, ends the bar at once.
+    A context manager ends the bar at once after an exception; a generator would not.
     """
 
-    def each() -> Iterator[Part]:
+    def iterate() -> Iterator[Part]:
         for part in parts:
             yield part
             advance()
 
     with slow_bar(title, len(parts)) as advance:
-        yield each()
+        yield iterate()
 
 
 @contextmanager
-def _drawn(title: str, total: int, done: int) -> Iterator[Callable[..., None]]:
+def _bar(title: str, total: int, done: int) -> Iterator[Advance]:
     from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
+    from rich.progress import MofNCompleteColumn, Progress, TimeElapsedColumn
 
-    columns = (
-        TextColumn(title),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TextColumn("left:"),
-        TimeRemainingColumn(),
-    )
-    if _is_notebook():
-        bar = Progress(*columns)
-        task = bar.add_task("", total=total, completed=done)
-        with _shown_as_text(bar) as refresh:
-
-            def advance(parts: int = 1) -> None:
-                bar.advance(task, parts)
-                refresh()
-
-            yield advance
-        return
+    columns = (*Progress.get_default_columns(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("", total=total, completed=done)
+        task = bar.add_task(title, total=total, completed=done)
         yield lambda parts=1: bar.advance(task, parts)
 
 
 def _is_notebook() -> bool:
-    """Whether cells are run by a kernel; does not import IPython."""
-    find_shell = getattr(sys.modules.get("IPython"), "get_ipython", None)
-    return hasattr(find_shell() if find_shell else None, "kernel")
+    """Return whether a kernel runs the cells of a notebook; does not import IPython."""
+    get_shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)
+    return hasattr(get_shell(), "kernel")
 
 
 @contextmanager
-def _shown_as_text(bar: Any) -> Iterator[Callable[[], None]]:
-    """A function that draws the bar below a cell, some times a second.
-
-    Rich draws in an output widget, whose empty area stays, and which takes ipywidgets. An output
-    without any data has no area; and unlike ``clear_output`` it leaves the cell's others alone.
-    """
+def _notebook_text(title: str, total: int, done: int) -> Iterator[Advance]:
+    """Show the number of finished parts below the cell: rich would need ipywidgets for its bar."""
     from IPython.display import display
-    from rich.console import Console
 
     def data() -> dict[str, str]:
-        console = Console(file=io.StringIO(), width=_COLUMNS, force_jupyter=False)
-        with console.capture() as text:
-            console.print(bar.get_renderable())
-        return {"text/plain": text.get().rstrip()}
+        return {"text/plain": f"{title}: {done} of {total}"}
 
-    handle, drawn = display(data(), raw=True, display_id=True), time.monotonic()
+    handle, last = display(data(), raw=True, display_id=True), time.monotonic()
 
-    def refresh() -> None:
-        nonlocal drawn
-        if time.monotonic() - drawn >= _INTERVAL:
+    def advance(parts: int = 1) -> None:
+        nonlocal done, last
+        done += parts
+        if time.monotonic() - last >= _INTERVAL:
             handle.update(data(), raw=True)
-            drawn = time.monotonic()
+            last = time.monotonic()
 
     try:
-        yield refresh
+        yield advance
     finally:
-        handle.update({}, raw=True)
+        handle.update({}, raw=True)  # an output without data takes no space

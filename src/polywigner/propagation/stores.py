@@ -39,7 +39,6 @@ from polywigner.errors import (
 from polywigner.execution import MOST_THREADS
 from polywigner.execution.progress import progress_bar
 from polywigner.geometry.arguments import checked_count, checked_path, warn_caller
-from polywigner.interruption import cleaned_up_by
 from polywigner.propagation.stores_checks import (
     CHECKSUM,
     METADATA,
@@ -429,12 +428,11 @@ def _removed_if_empty(path: Path, name: str) -> Iterator[None]:
         if all(entry.is_dir() or entry.suffix == ".partial" for entry in entries):
             shutil.rmtree(path, ignore_errors=True)
 
-    with cleaned_up_by(remove):
-        try:
-            yield
-        except BaseException:
-            remove()
-            raise
+    try:
+        yield
+    except BaseException:
+        remove()
+        raise
 
 
 def _array_of_run(path: Path, run: dict[str, Any]) -> Any:

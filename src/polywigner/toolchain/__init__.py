@@ -1,4 +1,4 @@
-"""The LLVM library and the GPU: found, tried out in a process of their own, installed.
+"""Selection and installation of the LLVM library that compiles the kernels.
 
-Nothing here imports Dr.Jit before a library has been chosen for it.
+No module of this subpackage imports Dr.Jit before an LLVM library has been selected.
 """

@@ -1,101 +1,154 @@
-"""The LLVM library behind Dr.Jit: found, tried out, and chosen before Dr.Jit is imported.
+"""Select a usable LLVM library before Dr.Jit is imported.
 
-Dr.Jit opens its library when it is first imported and never again. Whatever in this package
-imports ``drjit`` or ``mitsuba`` therefore calls :func:`prepare` first.
+Dr.Jit contains no LLVM. It opens a shared library of the system once, at its first import. An
+unsuitable library raises no exception but ends the process, so each library first compiles and
+runs test kernels in a child process. The result of this probe is cached on disk. Every module of
+this package that imports ``drjit`` or ``mitsuba`` calls :func:`prepare` first.
 """
 
 from __future__ import annotations
 
 import contextlib
 import ctypes
+import glob
+import hashlib
 import importlib
+import importlib.util
+import json
 import os
+import platform
+import re
+import shutil
+import signal
 import sys
 import threading
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from polywigner.errors import EngineError
-from polywigner.toolchain.trials import (
-    LIBATOMIC,
-    LIBRARY_VARIABLE,
-    NONE_USABLE,
-    OFF_VARIABLE,
-    OPENING_ORDER,
-    Candidate,
-    Verdict,
-    candidates,
-    drjit_imports,
-    drjit_release,
-    judge,
-    native_folders,
-    native_libatomic,
-    remedy,
+from polywigner.interruption import atomic_path, temporary_folder
+
+if TYPE_CHECKING:
+    import subprocess
+
+# Dr.Jit reads the path of the library from this variable at its first import.
+LIBRARY_VARIABLE = "DRJIT_LIBLLVM_PATH"
+
+# If this variable is 1, polywigner behaves as on a machine without LLVM.
+OFF_VARIABLE = "POLYWIGNER_NO_LLVM"
+
+# Value of the first variable if no library is usable. Without it, Dr.Jit would open any libLLVM of
+# the system, and its first kernel could end the process. Dr.Jit may print this text.
+NONE_USABLE = "/no usable LLVM library; see `polywigner doctor`"
+
+# LLVM 15 and 16 abort when they compile a minimum or a maximum ("Cannot select: fminimum"), and
+# LLVM 14 lacks opaque pointers.
+OLDEST_VERSION = 17
+
+# Dr.Jit's Linux wheels require this library. Bare Debian lacks it, and `import drjit` then raises
+# a NameError that names neither.
+LIBATOMIC = "libatomic.so.1"
+
+_SYSTEM_LIBRARIES = (
+    "/usr/lib/*-linux-gnu*/libLLVM*.so*",  # Debian's multiarch folders
+    "/usr/lib/llvm-*/lib/libLLVM*.so*",
+    "/usr/lib64/libLLVM*.so*",
+    "/usr/lib64/llvm*/lib*/libLLVM*.so*",
+    "/usr/lib/libLLVM*.so*",
+    "/usr/local/lib/libLLVM*.so*",
+    "/opt/homebrew/opt/llvm*/lib/libLLVM*.dylib",
+    "/usr/local/opt/llvm*/lib/libLLVM*.dylib",
+    r"C:\Program Files*\LLVM\bin\LLVM-C.dll",
 )
+_ENVIRONMENT_LIBRARIES = ("lib/libLLVM*.so*", "lib/libLLVM*.dylib", "Library/bin/LLVM-C.dll")
+
+# Wall time of a probe [s]: the first import of Dr.Jit from a cold disk is slow.
+_TIME_LIMIT = 120.0
+# Only crashes of the library are cached. Ctrl-C ends a probe too.
+_CRASHES = (-signal.SIGABRT, -signal.SIGSEGV, -signal.SIGILL, -signal.SIGFPE)
+
+_KERNELS = """
+import drjit as dr
+if not dr.has_backend(dr.JitBackend.LLVM):
+    raise SystemExit("Dr.Jit does not accept the library")
+from drjit.llvm import Float, Float64, UInt32
+for kind in (Float, Float64):
+    x = dr.arange(kind, 16) - 7.5
+    low, high = dr.minimum(x, 2.0), dr.maximum(x, -2.0)
+    root = dr.floor(dr.sqrt(dr.fma(x, x, 1.0)))
+    reverse = dr.gather(kind, x, UInt32(15) - dr.arange(UInt32, 16))
+    dr.eval(low, high, root, reverse)
+    expected = [k - 7.5 for k in range(16)]
+    if (
+        list(low) != [min(v, 2.0) for v in expected]
+        or list(high) != [max(v, -2.0) for v in expected]
+        or list(root) != [int((v * v + 1) ** 0.5) for v in expected]
+        or list(reverse) != expected[::-1]
+    ):
+        raise SystemExit("a kernel compiled with the library returns wrong numbers")
+print(".".join(str(number) for number in dr.detail.llvm_version()))
+"""
 
 
 @dataclass(frozen=True)
 class LLVMStatus:
-    """Whether kernels can be compiled with LLVM in this process, and if not, the remedy."""
+    """Whether this process can compile kernels with LLVM, and if not, the remedy."""
 
     usable: bool
     path: str | None = None
     version: str | None = None
-    problem: str | None = None
-    """One sentence; None when the library is usable."""
-    remedy: str | None = None
-    """One sentence with a command or a setting; None when the library is usable."""
-    drjit_imports: bool = True
-    """False when ``import drjit`` itself would fail (then Mitsuba cannot be imported either)."""
-    passed_over: tuple[tuple[str, str], ...] = ()
-    """(path, reason) of the libraries that were found and refused."""
+    problem: str | None = None  # one sentence
+    remedy: str | None = None  # one sentence with a command or a setting
+    drjit_imports: bool = True  # if False, Mitsuba cannot be imported either
+    refused: tuple[tuple[str, str], ...] = ()  # path and reason for each library
 
 
 _OFF = LLVMStatus(
-    False,
+    usable=False,
     problem=f"LLVM is switched off by {OFF_VARIABLE}.",
     remedy=f"Unset {OFF_VARIABLE} to use LLVM again.",
 )
-
 _lock = threading.Lock()
 _status: LLVMStatus | None = None
 
 
 def prepare(*, afresh: bool = False) -> LLVMStatus:
-    """Choose the LLVM library for Dr.Jit, before Dr.Jit is imported.
+    """Select the LLVM library for Dr.Jit, before Dr.Jit is imported.
 
-    Looks at ``DRJIT_LIBLLVM_PATH``, then into the environment, then into the system's folders
-    (newest first), and sets ``DRJIT_LIBLLVM_PATH`` to the first library whose kernels have run in
-    a child process. With none, the variable is set to a path that does not exist, so that Dr.Jit
-    opens none either. ``POLYWIGNER_NO_LLVM=1`` asks for that.
+    The candidates are the library in ``DRJIT_LIBLLVM_PATH``, those of the Python environment and
+    those of the system, newest first. ``DRJIT_LIBLLVM_PATH`` is set to the first one whose test
+    kernels run in a child process. If none is usable, the variable is set to a path that does not
+    exist, so Dr.Jit opens no library. ``POLYWIGNER_NO_LLVM=1`` has the same effect.
 
     Parameters
     ----------
-    afresh : look again, because a library has been installed since the last call.
+    afresh : whether to search again, because a library has been installed since the last call.
 
     Returns
     -------
-    The status; the same object on every call in one process. Never raises for a missing library:
-    see :func:`require`. Costs 20 ms once the verdict is remembered, a second the first time.
+    The status; the same object on every call in one process. A call takes 10 ms if the results of
+    the probes are cached, and 0.2 s for each library that is tested. Does not raise if there is no
+    library: see :func:`require`.
     """
     global _status
-    if (hook := sys.modules.get("polywigner_native")) is not None:
-        hook.stand_down()  # see native_hook.py: it would call this function from within
     with _lock:
         if _status is None or afresh:
-            _status = _loaded() if "drjit" in sys.modules else _choose()
+            if "drjit" in sys.modules:
+                _status = _status_of_loaded_drjit()
+            else:
+                _status = _select()
+                os.environ[LIBRARY_VARIABLE] = _status.path or NONE_USABLE
         return _status
 
 
 def require() -> LLVMStatus:
-    """The status of a usable LLVM library.
+    """Return the status of a usable LLVM library.
 
     Raises
     ------
-    EngineError when there is none, with the remedy; before any kernel is compiled, because a bad
-    library ends the process at the first one.
+    EngineError if there is none, with the remedy.
     """
     status = prepare()
     if not status.usable:
@@ -104,11 +157,11 @@ def require() -> LLVMStatus:
 
 
 def require_drjit() -> LLVMStatus:
-    """Import Dr.Jit, with an LLVM library or without, and return the status of :func:`prepare`.
+    """Import Dr.Jit, with or without an LLVM library, and return the status of :func:`prepare`.
 
     Raises
     ------
-    EngineError when it would fail, with the remedy.
+    EngineError if the import would fail, with the remedy.
     """
     status = prepare()
     if not status.drjit_imports:
@@ -120,151 +173,206 @@ def require_drjit() -> LLVMStatus:
 
 @contextlib.contextmanager
 def _silent_stderr() -> Iterator[None]:
-    """Without a library Dr.Jit's import prints two lines about it; the status says it better.
-
-    Both ways to stderr are closed, C++'s and Python's. Exceptions are not kept back.
-    """
+    """Discard the two lines that Dr.Jit writes in C++ if it finds no library."""
     sys.stderr.flush()
-    kept = os.dup(2)
+    saved = os.dup(2)
     try:
-        with open(os.devnull, "w") as nowhere, contextlib.redirect_stderr(nowhere):  # noqa: PTH123
-            os.dup2(nowhere.fileno(), 2)
+        with Path(os.devnull).open("w") as null:
+            os.dup2(null.fileno(), 2)
             yield
     finally:
-        os.dup2(kept, 2)
-        os.close(kept)
+        os.dup2(saved, 2)
+        os.close(saved)
 
 
-def survey() -> list[tuple[Candidate, Verdict]]:
-    """Every library found on this machine with its verdict, best first (for ``doctor``)."""
-    return [(candidate, _judge(candidate)) for candidate in candidates()]
-
-
-def _choose() -> LLVMStatus:
-    status = _find()
-    os.environ[LIBRARY_VARIABLE] = status.path if status.path else NONE_USABLE
-    return status
-
-
-def _find() -> LLVMStatus:
-    """Return the first usable library, its own libraries already opened in this process."""
-    if drjit_release() is None:
+def _select() -> LLVMStatus:
+    # The wheels of some processors do not need libatomic, so only a failed import counts.
+    if not _has_libatomic() and run_in_child("import drjit").returncode != 0:
         return LLVMStatus(
             False,
-            problem="Dr.Jit is not installed.",
-            remedy="Run `pip install 'drjit>=1.5,<1.6'`.",
+            problem=f"Dr.Jit cannot be imported, because {LIBATOMIC} is missing.",
+            remedy="Run `polywigner doctor --install-llvm` to install it.",
             drjit_imports=False,
         )
-    complaint = _open_libatomic()
-    if complaint is not None:
-        return LLVMStatus(
-            False,
-            problem=f"Dr.Jit cannot be imported: {complaint}.",
-            remedy="Run `polywigner doctor --install-llvm` (it brings libatomic1 too).",
-            drjit_imports=False,
-        )
-    if _switched_off():
+    if is_switched_off():
         return _OFF
     refused: list[tuple[str, str]] = []
-    for candidate in candidates():
-        verdict = _judge(candidate)
-        if verdict.usable:
-            _open_all(_companions(candidate))
-            return LLVMStatus(True, candidate.path, verdict.version, passed_over=tuple(refused))
-        refused.append((candidate.path, verdict.reason or "unusable"))
-    return LLVMStatus(
-        False, problem=_none_usable(refused), remedy=remedy(), passed_over=tuple(refused)
-    )
+    for path in libraries():
+        version, problem = probe(path)
+        if problem is None:
+            return LLVMStatus(True, path, version, refused=tuple(refused))
+        refused.append((path, problem))
+    problem = "No LLVM library was found."
+    if refused:
+        others = f" and {len(refused) - 1} more" if len(refused) > 1 else ""
+        problem = f"No LLVM library is usable: {refused[0][0]} ({refused[0][1]}){others}."
+    return LLVMStatus(False, problem=problem, remedy=_remedy(), refused=tuple(refused))
 
 
-def _switched_off() -> bool:
+def is_switched_off() -> bool:
+    """Whether the user has switched LLVM off."""
     return os.environ.get(OFF_VARIABLE, "") not in ("", "0")
 
 
-def _none_usable(refused: Sequence[tuple[str, str]]) -> str:
-    if not refused:
-        return "No LLVM library was found."
-    path, reason = refused[0]
-    more = f" (nor {len(refused) - 1} more)" if len(refused) > 1 else ""
-    return f"No usable LLVM library was found: {path} is not one{more}: {reason}."
-
-
-def _judge(candidate: Candidate) -> Verdict:
-    return judge(candidate, _companions(candidate))
-
-
-def _loaded() -> LLVMStatus:
-    """The status when Dr.Jit was imported before us: its library cannot be changed any more."""
-    if _switched_off():
-        return _OFF
-    drjit: Any = sys.modules["drjit"]
-    restart = "Import polywigner before drjit or mitsuba, or set DRJIT_LIBLLVM_PATH before Python"
-    if not drjit.has_backend(drjit.JitBackend.LLVM):
-        status = _find()
-        if not status.usable:
-            return replace(status, path=None)
-        return LLVMStatus(
-            False,
-            problem="Dr.Jit was imported before polywigner and has found no usable LLVM library.",
-            remedy=f"{restart} starts (to {status.path}).",
-        )
-    version = tuple(int(figure) for figure in drjit.detail.llvm_version())
-    path = _mapped_library() or os.environ.get(LIBRARY_VARIABLE) or "libLLVM.so"
-    verdict = _judge(Candidate(path, "loaded", version))
-    text = ".".join(str(figure) for figure in version)
-    if verdict.usable:
-        return LLVMStatus(True, path, text)
-    return LLVMStatus(
-        False,
-        version=text,
-        problem=f"Dr.Jit was imported before polywigner and has loaded {path}: {verdict.reason}.",
-        remedy=f"{restart} starts, or run `polywigner doctor` to see which libraries are usable.",
-        passed_over=((path, verdict.reason or "unusable"),),
-    )
-
-
-def _mapped_library() -> str | None:
-    """The libLLVM that this process has open, where the system tells (Linux)."""
-    with contextlib.suppress(OSError, UnicodeDecodeError):
-        for line in Path("/proc/self/maps").read_text().splitlines():
-            path = line.split(maxsplit=5)[-1]
-            if Path(path).name.startswith("libLLVM"):
-                return path
-    return None
-
-
-# Libraries that `doctor --install-llvm` unpacked without root. The dynamic linker does not look
-# into their folder, but it does not look for a library again that is already open.
-
-
-def _companions(candidate: Candidate) -> list[str]:
-    """Libraries that an unpacked LLVM needs and the system lacked, in loading order."""
-    folder = Path(candidate.path).parent
-    if folder not in native_folders():
-        return []
-    with contextlib.suppress(OSError):
-        names = (folder / OPENING_ORDER).read_text().splitlines()
-        return [str(folder / name) for name in names if name]
-    return []
-
-
-def _open_libatomic() -> str | None:
-    """Open libatomic, which Dr.Jit's wheel needs and bare Debian lacks; None when all is well."""
-    if sys.platform != "linux" or _opens(LIBATOMIC):
-        return None
-    _open_all(native_libatomic())
-    # Wheels for other processors may do without it, so only a failing import counts.
-    return None if _opens(LIBATOMIC) else drjit_imports()
-
-
-def _opens(library: str) -> bool:
+def _has_libatomic() -> bool:
+    if sys.platform != "linux":
+        return True
     try:
-        ctypes.CDLL(library)
+        ctypes.CDLL(LIBATOMIC)
     except OSError:
         return False
     return True
 
 
-def _open_all(libraries: Sequence[str]) -> None:
-    for library in libraries:
-        _opens(library)
+def _status_of_loaded_drjit() -> LLVMStatus:
+    """Return the status if Dr.Jit was imported first: its library cannot be changed any more."""
+    if is_switched_off():
+        return _OFF
+    drjit: Any = sys.modules["drjit"]
+    problem = "Dr.Jit was imported before polywigner and found no usable LLVM library."
+    if drjit.has_backend(drjit.JitBackend.LLVM):
+        version = drjit.detail.llvm_version()
+        text = ".".join(str(number) for number in version)
+        if version[0] >= OLDEST_VERSION:
+            return LLVMStatus(True, os.environ.get(LIBRARY_VARIABLE), text)
+        problem = f"Dr.Jit was imported before polywigner and loaded LLVM {text}, which is too old."
+    remedy = (
+        f"Import polywigner before drjit or mitsuba, or set {LIBRARY_VARIABLE} to a library of "
+        f"LLVM {OLDEST_VERSION} or newer before Python starts."
+    )
+    return LLVMStatus(False, problem=problem, remedy=remedy)
+
+
+def _remedy() -> str:
+    if shutil.which("apt-get"):
+        return "Run `polywigner doctor --install-llvm` to install one."
+    if sys.platform == "darwin":
+        return "Run `brew install llvm` to install one."
+    return (
+        f"Install LLVM {OLDEST_VERSION} or newer, or set {LIBRARY_VARIABLE} to its shared library."
+    )
+
+
+def libraries() -> list[str]:
+    """Return the paths of all LLVM libraries, each file once, in the order of :func:`prepare`."""
+    named = os.environ.get(LIBRARY_VARIABLE, "")
+    environment = [f"{glob.escape(sys.prefix)}/{pattern}" for pattern in _ENVIRONMENT_LIBRARIES]
+    paths = [
+        *([named] if named and named != NONE_USABLE else []),
+        *_newest_first(environment),
+        *_newest_first(_SYSTEM_LIBRARIES),
+    ]
+    by_file: dict[str, str] = {}
+    for path in paths:
+        by_file.setdefault(os.path.realpath(path), path)
+    return list(by_file.values())
+
+
+def _newest_first(patterns: Iterable[str]) -> list[str]:
+    paths = sorted(path for pattern in patterns for path in glob.glob(pattern))  # noqa: PTH207
+    return sorted(paths, key=lambda path: version_of_name(path) or (), reverse=True)
+
+
+def version_of_name(path: str) -> tuple[int, ...] | None:
+    """Return the version in the name of a library, of its link's target, or of its folder.
+
+    ``libLLVM-15.so.1`` is version 15 (the last number counts ABI revisions), ``libLLVM.so.19.1``
+    is 19.1, and ``/usr/lib/llvm-18/lib/libLLVM.so.1`` is 18.
+    """
+    real = os.path.realpath(path)
+    # the name of the file, then that of its folder
+    for pattern in (r"libLLVM(?:-|\.so\.|\.)(\d\d[\d.]*)[^/]*$", r"llvm[-@]?(\d\d)/"):
+        match = re.search(pattern, real) or re.search(pattern, path)
+        if match:
+            return tuple(int(number) for number in match.group(1).strip(".").split("."))
+    return None
+
+
+def probe(path: str) -> tuple[str | None, str | None]:
+    """Test a library: by its name, from the cache, or in a child process.
+
+    The cache is a file in the user's cache folder. Its name depends on the library, on Dr.Jit, on
+    Python and on the machine, since homes may be shared between processors of different types.
+
+    Returns
+    -------
+    The library's version, and why it is not usable as half a sentence; None if it is usable.
+    """
+    version = version_of_name(path)
+    if version is not None and version[0] < OLDEST_VERSION:
+        text = ".".join(str(number) for number in version)
+        return text, f"LLVM {text} is too old, {OLDEST_VERSION} or newer works"
+    cache = _cache_of(path)
+    with contextlib.suppress(OSError, ValueError, LookupError):
+        content = json.loads(cache.read_bytes())
+        return content["version"], content["problem"]
+    child = run_in_child(_KERNELS, library=path)
+    is_usable = child.returncode == 0
+    found = child.stdout.split()[-1] if is_usable else None
+    problem = None if is_usable else _first_complaint(child)
+    if is_usable or child.returncode in _CRASHES:
+        # A library that does not open may open later, when a library that it needs is installed.
+        with contextlib.suppress(OSError), atomic_path(cache) as scratch:
+            scratch.parent.mkdir(parents=True, exist_ok=True)
+            scratch.write_text(json.dumps({"version": found, "problem": problem}))
+    return found, problem
+
+
+def _cache_of(path: str) -> Path:
+    spec = importlib.util.find_spec("drjit")
+    facts: list[Any] = [_KERNELS, sys.implementation.cache_tag, platform.node()]
+    for file in (os.path.realpath(path), str(spec and spec.origin)):
+        facts.append(file)
+        with contextlib.suppress(OSError):
+            state = Path(file).stat()
+            facts += [state.st_mtime_ns, state.st_size]
+    digest = hashlib.sha256(json.dumps(facts).encode()).hexdigest()[:32]
+    base = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA")
+    home = Path(os.path.expanduser("~"))  # noqa: PTH111 (Path.home raises if there is no home)
+    return (Path(base) if base else home / ".cache") / "polywigner" / "llvm" / f"{digest}.json"
+
+
+def run_in_child(script: str, library: str = NONE_USABLE) -> subprocess.CompletedProcess[str]:
+    """Run Python code in a child process with the module path of this process.
+
+    Parameters
+    ----------
+    script : the code.
+    library : the LLVM library that Dr.Jit opens there.
+
+    Returns
+    -------
+    The finished process, with its output as text. If it does not start, or does not end within two
+    minutes, the return code is 1 and ``stderr`` contains the reason.
+    """
+    import subprocess  # takes 10 ms, which a cached result of a probe saves
+
+    command = [sys.executable, "-P", "-c", script]
+    try:
+        # The folder receives Dr.Jit's kernels, so that each is compiled, and core dumps.
+        with temporary_folder() as folder:
+            environment = {
+                **os.environ,
+                LIBRARY_VARIABLE: library,
+                "DRJIT_CACHE_DIR": folder,
+                "PYTHONPATH": os.pathsep.join(os.path.abspath(p) for p in sys.path),  # noqa: PTH100
+            }
+            return subprocess.run(
+                command,
+                cwd=folder,
+                env=environment,
+                stdin=subprocess.DEVNULL,
+                capture_output=True,
+                text=True,
+                errors="replace",
+                timeout=_TIME_LIMIT,
+            )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        return subprocess.CompletedProcess(command, 1, "", f"the test could not be run ({error})")
+
+
+def _first_complaint(child: subprocess.CompletedProcess[str]) -> str:
+    lines = child.stderr.strip().splitlines() or [f"status {child.returncode}"]
+    text = lines[-1] if lines[0].startswith("Traceback") else lines[0]
+    end = "its kernels end the process: " if child.returncode in _CRASHES else ""
+    return f"{end}{text[:120].strip(' .!')}"
