@@ -3,17 +3,11 @@
 from __future__ import annotations
 
 import os
+import shutil
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-
-# The command line imports this module first; pathlib and tempfile take longer than all of it.
-TYPE_CHECKING = False
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-    from tempfile import TemporaryDirectory
-
-INTERRUPTED = 130
-"""Exit code of a program that SIGINT has ended, as shells report it."""
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 
 @contextmanager
@@ -24,12 +18,14 @@ def atomic_path(path: Path) -> Iterator[Path]:
     content is removed, and an earlier file or folder at ``path`` stays unchanged.
     """
     scratch = scratch_of(path)
-    with unfinished(scratch):
+    try:
         yield scratch
         if scratch.is_dir() and path.is_dir():
             _replace_folder(scratch, path)
         else:
             scratch.replace(path)
+    finally:
+        _remove(scratch)
 
 
 def scratch_of(path: Path) -> Path:
@@ -37,20 +33,8 @@ def scratch_of(path: Path) -> Path:
     return path.with_name(f"{path.name}.{os.getpid()}.partial{path.suffix}")
 
 
-@contextmanager
-def unfinished(*paths: Path) -> Iterator[None]:
-    """Remove files or folders at the end of the block, also after an exception."""
-    try:
-        yield
-    finally:
-        for path in paths:
-            _remove(path)
-
-
 def temporary_folder() -> TemporaryDirectory[str]:
     """Return a temporary folder that the end of a ``with`` block removes."""
-    from tempfile import TemporaryDirectory
-
     return TemporaryDirectory(prefix="polywigner-", ignore_cleanup_errors=True)
 
 
@@ -68,8 +52,6 @@ def _replace_folder(scratch: Path, path: Path) -> None:
 
 
 def _remove(path: Path) -> None:
-    import shutil
-
     if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path, ignore_errors=True)
     else:

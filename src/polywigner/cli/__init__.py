@@ -14,12 +14,12 @@ import warnings
 from collections.abc import Sequence
 
 from polywigner.errors import PolywignerError
-from polywigner.interruption import INTERRUPTED
 
 __all__ = ["main"]
 
 _FAILED = 1
 _BAD_INPUT = 2
+_INTERRUPTED = 130  # as shells report a program that SIGINT has ended
 _DEBUG = "POLYWIGNER_DEBUG"
 _NO_ROOM = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 
@@ -49,10 +49,10 @@ def _run(arguments: Sequence[str] | None) -> int:
     except (KeyboardInterrupt, Exception) as error:
         if not _is_interruption(error):
             return _from_exception(error)
-        returned = INTERRUPTED
+        returned = _INTERRUPTED
     # Typer returns the code of an `Exit` raised inside a command, of --help, and of Ctrl-C.
-    if returned == INTERRUPTED:
-        return _say("interrupted", INTERRUPTED)
+    if returned == _INTERRUPTED:
+        return _say("interrupted", _INTERRUPTED)
     return returned if isinstance(returned, int) else 0
 
 
@@ -81,7 +81,7 @@ def _from_exception(error: BaseException) -> int:
             return _BAD_INPUT
         return _say(f"error: {text} See `polywigner --help`.", _BAD_INPUT)
     if type(error).__name__ == "Abort":
-        return _say("interrupted", INTERRUPTED)
+        return _say("interrupted", _INTERRUPTED)
     if isinstance(error, OSError) and error.errno in _NO_ROOM:
         _drop_output()
         text = f"expected room for what is written, got: {error.strerror}; free some, or write"
