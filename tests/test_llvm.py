@@ -225,6 +225,23 @@ except pw.errors.EngineError as error: print(json.dumps([value, str(error)]))
     assert "imported before polywigner" in message and "Import polywigner before drjit" in message
 
 
+@pytest.mark.parametrize("tool", ["apt-get", "dnf"])
+def test_without_a_usable_library_the_status_names_the_reason_and_the_remedy(
+    tool, machine, monkeypatch
+):
+    Path(library(machine / "bin", tool)).chmod(0o755)
+    monkeypatch.setenv("PATH", str(machine / "bin"))
+    monkeypatch.delitem(sys.modules, "drjit", raising=False)
+    monkeypatch.setattr(module, "_has_libatomic", lambda: True)
+    paths = [library(machine / "system", f"libLLVM-{n}.so.1") for n in (16, 15)]
+    status = module.prepare()
+    reason = "LLVM 16 is too old, 17 or newer works"
+    assert status.problem == f"No LLVM library is usable: {paths[0]} ({reason}) and 1 more."
+    assert ("--install-llvm" in status.remedy) == (tool == "apt-get")
+    assert [path for path, _ in status.refused] == paths
+    assert os.environ[module.LIBRARY_VARIABLE] == module.NONE_USABLE
+
+
 @pytest.fixture
 def bare_machine(machine, monkeypatch):
     """A machine without libatomic and LLVM, before Dr.Jit is imported."""

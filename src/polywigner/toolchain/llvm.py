@@ -128,9 +128,9 @@ def prepare(*, afresh: bool = False) -> LLVMStatus:
 
     Returns
     -------
-    The status; the same object on every call in one process. A call takes 10 ms if the results of
-    the probes are cached, and 0.2 s for each library that is tested. Does not raise if there is no
-    library: see :func:`require`.
+    The status; the same object on every call in one process. The first call takes some milliseconds
+    if the results of the probes are cached, and 0.2 s for each library that is tested. Does not
+    raise if there is no library: see :func:`require`.
     """
     global _status
     with _lock:
@@ -246,10 +246,9 @@ def _status_of_loaded_drjit() -> LLVMStatus:
 def _remedy() -> str:
     if shutil.which("apt-get"):
         return "Run `polywigner doctor --install-llvm` to install one."
-    if sys.platform == "darwin":
-        return "Run `brew install llvm` to install one."
     return (
-        f"Install LLVM {OLDEST_VERSION} or newer, or set {LIBRARY_VARIABLE} to its shared library."
+        f"Install LLVM {OLDEST_VERSION} or newer (`brew install llvm` on macOS), or set "
+        f"{LIBRARY_VARIABLE} to its shared library."
     )
 
 
