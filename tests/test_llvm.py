@@ -268,8 +268,11 @@ APT = """#!/bin/sh
 echo "$(basename "$0") $* [$DEBIAN_FRONTEND]" >> "$SYSTEM/diary"
 case "$*" in
   update) touch "$SYSTEM/lists" ;;
-  madison*libatomic1*) if [ -e "$SYSTEM/lists" ]; then echo " libatomic1 | 14.2 | mirror"; fi ;;
-  madison*) if [ -e "$SYSTEM/lists" ] && [ "$LLVM" != none ]; then echo " $LLVM | 1.1 | mirror"; fi ;;
+  madison*)
+    if [ -e "$SYSTEM/lists" ]; then
+      echo " libatomic1 | 14.2 | mirror"
+      if [ "$LLVM" != none ]; then echo "  $LLVM | 1:20.1 | mirror"; fi
+    fi ;;
   install*)
     if [ ! -e "$SYSTEM/lists" ]; then echo "E: Unable to locate package." >&2; exit 100; fi
     case "$*" in
