@@ -17,9 +17,13 @@ PAGE = Path(__file__).parents[1] / "docs" / "cli.md"
 HEAD = """# Command line
 
 Every command of `polywigner`, with its arguments and options. Lengths, frequencies, angles and
-powers are texts with units, such as `"10 mm"`, `"94 GHz"`, `"20 deg"`, `"10 dBm"`. A command that
-cannot do what it is asked says so in one line and ends with exit code 2; it leaves no half-written
-file behind.
+powers are texts with units, such as `"10 mm"`, `"94 GHz"`, `"20 deg"`, `"10 dBm"`. Bad input ends a
+command with one line and exit code 2. A command writes its files completely or not at all.
+
+Long work shows a progress bar if stderr is a terminal. Ctrl-C ends a command with exit code 130 and
+one line, once the current launch of a kernel has finished: about a second for transforms and fields,
+some seconds for a pass of a render. In the first second, while libraries are imported, Python may
+print a message of its own, or need a second Ctrl-C.
 """
 
 
