@@ -95,9 +95,9 @@ def test_ctrl_c_ends_a_volume_with_130_and_one_line(tmp_path):
     pytest.importorskip("zarr", reason="the extra `datasets` is not installed")
     pytest.importorskip("dask", reason="the extra `datasets` is not installed")
     command = [sys.executable, "-m", "polywigner", "volume", str(_CHEVRONS)]
-    command += ["--frequency", "94 GHz", "--engine", "numpy", "--method", "kirchhoff"]
+    command += ["--frequency", "94 GHz", "--engine", "numpy", "--method", "fraunhofer"]
     command += ["--box", "-40 mm to 40 mm, -40 mm to 40 mm, 2 mm to 120 mm"]
-    command += ["--shape", "500 x 500 x 500", "--out", "field"]
+    command += ["--shape", "800 x 800 x 800", "--out", "field"]
     with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as run:
         while run.poll() is None and not (tmp_path / "field.zarr").exists():
             time.sleep(0.01)
