@@ -21,8 +21,8 @@ powers are texts with units, such as `"10 mm"`, `"94 GHz"`, `"20 deg"`, `"10 dBm
 command with one line and exit code 2. A command writes its files completely or not at all.
 
 Long work shows a progress bar if stderr is a terminal. Ctrl-C ends a command with exit code 130 and
-one line, once the part of the work that is running has finished: about a second for transforms, some
-seconds for fields near a source and for renders. In the first second, while libraries are imported,
+one line, once the current part of the work has finished: about a second for transforms, some
+seconds for fields near a source and for renders. In the first second, while libraries are loaded,
 Python may print a message of its own, or need a second Ctrl-C.
 """
 
