@@ -69,7 +69,6 @@ def test_a_plate_comes_out_as_a_table_and_a_picture(square: Path, capsys: Captur
 def test_a_mesh_is_a_body_whose_concave_edges_are_warned_of(
     tmp_path: Path, capsys: Captured
 ) -> None:
-    pytest.importorskip("trimesh")
     xarray = pytest.importorskip("xarray")
     pytest.importorskip("h5netcdf")
     body = extruded([(0, 0), (300, 0), (300, 100), (100, 100), (100, 300), (0, 300)], 150)
@@ -90,7 +89,6 @@ def test_a_mesh_is_a_body_whose_concave_edges_are_warned_of(
 
 
 def test_an_open_mesh_is_plates_whose_reflections_count(tmp_path: Path, capsys: Captured) -> None:
-    pytest.importorskip("trimesh")
     path = tmp_path / "corner.obj"
     path.write_text(
         "v 0 0 0\nv 300 0 0\nv 0 300 0\nv 0 0 300\nf 1 2 3\nf 1 3 4\nf 1 4 2\n", encoding="utf-8"

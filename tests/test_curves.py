@@ -10,8 +10,8 @@ from polywigner.geometry.io.curves import (
     Arc,
     Bezier,
     Curve,
-    ends,
     flattened,
+    sampled,
     transformed,
 )
 
@@ -39,7 +39,8 @@ def points_on(curve):
     """Many points of the curve, by its definition."""
     t = np.linspace(0, 1, DENSE)
     if isinstance(curve, Arc):
-        return curve.at(curve.start + t * curve.sweep)
+        angles = (curve.start + t * curve.sweep)[:, None]
+        return curve.centre + np.cos(angles) * curve.u + np.sin(angles) * curve.v
     assert isinstance(curve, Bezier)
     degree = len(curve.points) - 1
     powers = np.arange(degree + 1)
@@ -56,8 +57,8 @@ def largest_distance(points, chords):
 
 
 def chords_of(curve, tolerance):
-    """With a straight way back; the end of the curve stands before it."""
-    first, last = ends(curve)
+    """Chords, and a straight line back; the end of the curve stands before it."""
+    first, last = sampled(curve)
     ring = flattened([[curve, np.array([last, first])]], tolerance)[0]
     assert np.allclose(ring[[0, -1]], [first, last], rtol=0, atol=ROUNDING * np.abs(ring).max())
     return ring

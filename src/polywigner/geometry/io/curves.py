@@ -1,20 +1,18 @@
 """Curves of drawings, and chords that stay within a stated distance of them.
 
 A curve is a run of straight lines ((n, d) vertices), an :class:`Arc` of an ellipse or a
-:class:`Bezier`, in two or three dimensions. An outline is a sequence of curves, each of which
-starts where the one before it ends; the last one ends where the first one starts.
+:class:`Bezier`. An outline is a sequence of curves, each of which starts where the one before it
+ends; the last one ends where the first one starts.
 """
 
 from __future__ import annotations
 
 import math
-from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
 from polywigner.errors import FileFormatError
@@ -28,7 +26,7 @@ A circle becomes 52 vertices; a quarter circle in a rounded corner, of a tenth o
 size, 8 chords. On an outline of ten wavelengths it is 1/200 of a wavelength.
 """
 
-# A chord that spans more would leave a polygon of fewer than eight sides of a small circle.
+# A longer arc per chord would leave fewer than eight sides of a small circle.
 _LARGEST_STEP = math.pi / 4
 
 Points = NDArray[np.floating[Any]]
@@ -41,17 +39,32 @@ class Arc:
     centre: Points
     u: Points
     v: Points
-    start: float
-    sweep: float
+    start: float = 0.0
+    sweep: float = 2 * math.pi
 
     @property
     def is_closed(self) -> bool:
-        """A whole ellipse, up to the rounding of angles in degrees."""
+        """Whether the arc is a full ellipse, up to the rounding of angles in degrees."""
         return abs(self.sweep) >= 2 * math.pi * (1 - 1e-12)
 
-    def at(self, angles: Points) -> Points:
-        """Points (n, d) at these angles (n,)."""
+    @property
+    def stretch(self) -> float:
+        """Larger half axis of the ellipse."""
+        return float(np.linalg.norm(np.stack([self.u, self.v]), 2))
+
+    def at(self, t: Points) -> Points:
+        """Return points (n, d) at fractions (n,) of the sweep."""
+        angles = self.start + self.sweep * t
         return self.centre + np.cos(angles)[:, None] * self.u + np.sin(angles)[:, None] * self.v
+
+    def transformed(self, matrix: Points, offset: Points) -> Arc:
+        """Return the image under p -> p @ matrix + offset."""
+        centre = self.centre @ matrix + offset
+        return Arc(centre, self.u @ matrix, self.v @ matrix, self.start, self.sweep)
+
+    def steps(self, reach: float) -> float:
+        """Return the number of equal chords that stay within `reach` of the arc."""
+        return abs(self.sweep) * max(math.sqrt(self.stretch / (8 * reach)), 1 / _LARGEST_STEP)
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,64 +73,79 @@ class Bezier:
 
     points: Points
 
+    def at(self, t: Points) -> Points:
+        """Return points (n, d) at parameters (n,) from 0 to 1."""
+        degree = len(self.points) - 1
+        powers = np.arange(degree + 1)
+        factors = [math.comb(degree, k) for k in range(degree + 1)]
+        return (
+            factors * t[:, None] ** powers * (1 - t[:, None]) ** (degree - powers)
+        ) @ self.points
+
+    def transformed(self, matrix: Points, offset: Points) -> Bezier:
+        """Return the image under p -> p @ matrix + offset."""
+        return Bezier(self.points @ matrix + offset)
+
+    def steps(self, reach: float) -> float:
+        """Return the number of equal steps whose chords stay within `reach`.
+
+        The second derivative bounds the distance to a chord.
+        """
+        degree = len(self.points) - 1
+        second = np.linalg.norm(np.diff(self.points, 2, axis=0), axis=1).max(initial=0.0)
+        return math.sqrt(degree * (degree - 1) / 8 * float(second) / reach)
+
 
 Curve = Points | Arc | Bezier
 
 
-def ends(curve: Curve) -> Points:
-    """First and last point, shape (2, d)."""
-    if isinstance(curve, Arc):
-        return curve.at(np.array([curve.start, curve.start + curve.sweep]))
-    points = curve.points if isinstance(curve, Bezier) else curve
-    return points[[0, -1]]
-
-
 def transformed(curve: Curve, matrix: Points, offset: Points) -> Curve:
-    """The image under p -> p @ matrix + offset; `matrix` (d, e), `offset` (e,)."""
-    if isinstance(curve, Arc):
-        centre = curve.centre @ matrix + offset
-        return Arc(centre, curve.u @ matrix, curve.v @ matrix, curve.start, curve.sweep)
-    if isinstance(curve, Bezier):
-        return Bezier(curve.points @ matrix + offset)
-    return curve @ matrix + offset
+    """Return the image under p -> p @ matrix + offset; `matrix` (d, e), `offset` (e,)."""
+    if isinstance(curve, np.ndarray):
+        return curve @ matrix + offset
+    return curve.transformed(matrix, offset)
 
 
-def rough_points(curve: Curve) -> Points:
-    """Points with about the bounds of the curve, for the tolerance."""
-    if isinstance(curve, Arc):
-        return curve.at(curve.start + curve.sweep * np.linspace(0, 1, 9))
-    return curve.points if isinstance(curve, Bezier) else curve
+def sampled(curve: Curve, steps: int = 1) -> Points:
+    """Return `steps` + 1 points along the curve, or the vertices of straight lines."""
+    return curve if isinstance(curve, np.ndarray) else curve.at(np.arange(steps + 1) / steps)
 
 
 def flattened(outlines: Sequence[Sequence[Curve]], tolerance: float | None) -> list[Ring]:
-    """Each outline as a ring (n, d) without a closing repeat, its chords within `tolerance`.
+    """Return each outline as a ring (n, d) without a closing repeat, its chords within `tolerance`.
 
-    `tolerance` in the units of the curves; None: 1/2000 of each outline's own size. A whole
-    ellipse becomes a polygon of the same area; else all vertices lie on the curve.
+    `tolerance` in the units of the curves; None: 1/2000 of each outline's own size. A full ellipse
+    becomes a polygon of the same area; otherwise all vertices lie on the curve.
 
     Raises
     ------
-    FileFormatError for numbers beyond 1e100 and for more than a million vertices.
+    FileFormatError for numbers beyond 1e100 and for more than a million chords.
     """
     rings: list[Ring] = []
-    left = MOST_VERTICES
     for outline in outlines:
-        points = np.concatenate([rough_points(curve) for curve in outline])
+        points = np.concatenate(
+            [curve.points if isinstance(curve, Bezier) else sampled(curve, 8) for curve in outline]
+        )
         check_coordinates(points)
         size = float(np.linalg.norm(np.ptp(points, axis=0)))
         reach = DEFAULT_TOLERANCE * size if tolerance is None else tolerance
         # A point-like outline has no curves to follow; its ring is refused, or dropped, later.
         reach = max(reach, 1e-15 * float(np.abs(points).max()), np.finfo(float).tiny)
-        pieces = []
-        for curve in outline:
-            pieces.append(_chords(curve, reach, left)[:-1])
-            left -= len(pieces[-1])
-        rings.append(np.concatenate(pieces))
+        rings.append(np.concatenate([chords(curve, reach)[:-1] for curve in outline]))
     return rings
 
 
-def _counted(steps: float, left: int) -> int:
-    if not steps <= left:
+def chords(curve: Curve, reach: float) -> Points:
+    """Return vertices (n, d) of chords within `reach` of the curve, including its ends."""
+    if isinstance(curve, np.ndarray):
+        return curve
+    if isinstance(curve, Arc) and curve.is_closed:
+        return _ellipse(curve, reach)
+    return sampled(curve, _counted(curve.steps(reach)))
+
+
+def _counted(steps: float) -> int:
+    if not steps <= MOST_VERTICES:
         raise FileFormatError(
             f"expected at most {MOST_VERTICES} vertices, got more; simplify the outlines or give a "
             "larger tolerance for curves"
@@ -125,111 +153,15 @@ def _counted(steps: float, left: int) -> int:
     return max(1, math.ceil(steps))
 
 
-def _chords(curve: Curve, reach: float, left: int) -> Points:
-    """Vertices (n, d) of chords along the curve, its ends included."""
-    if isinstance(curve, Arc):
-        return _ellipse(curve, reach, left) if curve.is_closed else _arc(curve, reach, left)
-    if isinstance(curve, Bezier):
-        return _polynomial(curve.points, reach, left)
-    _counted(len(curve) - 1, left)
-    return curve
+def _ellipse(arc: Arc, reach: float) -> Points:
+    """Return a polygon with 4 k vertices and the area of the ellipse.
 
-
-def _stretch(arc: Arc) -> float:
-    """The larger half axis: by no more does the map from the unit circle stretch a distance."""
-    return float(np.linalg.norm(np.stack([arc.u, arc.v]), 2))
-
-
-def _arc(arc: Arc, reach: float, left: int) -> Points:
-    """A chord over the angle d stays within stretch (1 - cos(d/2)) of its arc."""
-    half = math.acos(max(-1.0, 1 - reach / max(_stretch(arc), reach)))
-    steps = _counted(abs(arc.sweep) / min(2 * half, _LARGEST_STEP), left)
-    return arc.at(arc.start + arc.sweep * np.arange(steps + 1) / steps)
-
-
-def _ellipse(arc: Arc, reach: float, left: int) -> Points:
-    """A polygon with 4 k vertices and the area of the ellipse: a^2 = x/sin(x), x = 2 pi/n.
-
-    Its corners stand out by (a - 1) stretch < 1.0001 (pi/n)^2/3 stretch for n >= 48 (1.04 for
-    n = 8), and its sides dip by half of that.
+    Scaled by a, with a^2 = x/sin(x) and x = 2 pi/n, its corners stand out by
+    (a - 1) stretch < 1.0001 (pi/n)^2/3 stretch for n >= 48 (1.04 for n = 8), and its sides dip by
+    half of that.
     """
-    steps = 1.04 * math.pi * math.sqrt(_stretch(arc) / (3 * reach)) if reach else math.inf
-    n = 4 * max(2, _counted(steps / 4, left // 4))
+    n = 4 * max(2, _counted(1.04 * math.pi * math.sqrt(arc.stretch / (3 * reach)) / 4))
     x = 2 * math.pi / n
     grown = math.sqrt(x / math.sin(x))
-    angles = arc.start + math.copysign(x, arc.sweep) * np.arange(n + 1)
-    return Arc(arc.centre, grown * arc.u, grown * arc.v, 0, 0).at(angles)
-
-
-def _polynomial(points: Points, reach: float, left: int) -> Points:
-    """Equal steps of the parameter: the second derivative bounds the distance to a chord."""
-    degree = len(points) - 1
-    first = points[1:] - points[:-1]  # np.diff takes several times as long for few points
-    second = np.linalg.norm(first[1:] - first[:-1], axis=1).max(initial=0.0)
-    steps = _counted(math.sqrt(degree * (degree - 1) / 8 * float(second) / reach), left)
-    t = np.arange(steps + 1)[:, None, None] / steps
-    values = np.broadcast_to(points, (steps + 1, *points.shape))
-    for _ in range(degree):  # de Casteljau
-        values = values[:, :-1] + t * (values[:, 1:] - values[:, :-1])
-    values = values[:, 0].copy()
-    values[[0, -1]] = points[[0, -1]]
-    return values
-
-
-JOINT = 1e-6
-"""Largest gap between ends that belong together, in diagonals of the drawing's bounds.
-
-CAD programs write six decimals or more; ends of a drawing of 100 units meet within 1e-4.
-"""
-
-
-def chains(tips: Sequence[Points], gap: float) -> list[list[tuple[int, bool]]]:
-    """Closed runs of paths whose ends (2, d) meet in pairs within `gap`, in any direction.
-
-    Each run lists numbers of paths, and whether the path is run through backwards. Raises
-    FileFormatError where an end is left over, or more than two meet.
-    """
-    if not tips:
-        return []
-    points = np.concatenate(tips)
-    joints = _joints(points, gap)
-    meeting: dict[int, list[int]] = defaultdict(list)
-    for end, joint in enumerate(joints):
-        meeting[joint].append(end)
-    for members in meeting.values():
-        if len(members) != 2:
-            _refuse(points[members[0]], len(members))
-    runs, used = [], set()
-    for first in range(len(tips)):
-        if first in used:
-            continue
-        run, end = [], 2 * first
-        while end // 2 not in used:
-            used.add(end // 2)
-            run.append((end // 2, bool(end % 2)))
-            a, b = meeting[joints[end ^ 1]]  # ends 2 k and 2 k + 1 belong to path k
-            end = b if a == end ^ 1 else a
-        runs.append(run)
-    return runs
-
-
-def _joints(points: Points, gap: float) -> list[int]:
-    """A number for each point, the same for those within `gap` of one that was there before."""
-    geometries = shapely.points(points[:, :2])
-    first, second = shapely.STRtree(geometries).query(geometries, predicate="dwithin", distance=gap)
-    numbers = np.arange(len(points))
-    np.minimum.at(numbers, first, second)
-    return [int(n) for n in numbers]
-
-
-def _refuse(point: Points, count: int) -> None:
-    place = f"({point[0]:.6g}, {point[1]:.6g})"
-    if count == 1:
-        raise FileFormatError(
-            f"expected lines and arcs that close, got an end at {place} that meets no other; close "
-            "the outline, or move what is no outline to a layer that is off"
-        )
-    raise FileFormatError(
-        f"expected two ends wherever lines and arcs meet, got {count} at {place}; draw the "
-        "outlines as closed polylines"
-    )
+    sweep = math.copysign(2 * math.pi, arc.sweep)
+    return sampled(Arc(arc.centre, grown * arc.u, grown * arc.v, arc.start, sweep), n)

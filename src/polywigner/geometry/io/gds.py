@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib
 import math
 import re
-import warnings
 from collections.abc import Iterable, Iterator
 from graphlib import CycleError, TopologicalSorter
 from typing import Any
@@ -15,8 +14,8 @@ import numpy as np
 from polywigner.errors import ArgumentError, FileFormatError
 from polywigner.geometry.exact import Ring
 from polywigner.geometry.io.curves import DEFAULT_TOLERANCE, Arc, flattened
-from polywigner.geometry.io.drawing import Drawing, File, Format, overlap_remedy
-from polywigner.geometry.io.limits import LARGEST_NUMBER
+from polywigner.geometry.io.drawing import Drawing, File, overlap_remedy
+from polywigner.geometry.io.limits import check_coordinates
 from polywigner.geometry.io.outlines import filled
 
 _LAYER = re.compile(r"\d{1,5}(?:/\d{1,5})?")
@@ -35,19 +34,19 @@ def _chosen(library: Any, name: str | None) -> Any:
 
 
 # Records of GDSII, and bits of STRANS.
-_NAME_OF_CELL, _REFERENCE, _ARRAY, _NAME_IN_REFERENCE, _TRANSFORM = 0x06, 0x0A, 0x0B, 0x12, 0x1A
+_NAME_OF_CELL, _NAME_IN_REFERENCE, _TRANSFORM = 0x06, 0x12, 0x1A
 _ABSOLUTE_MAGNIFICATION, _ABSOLUTE_ANGLE = 0x0004, 0x0002
 
 
 def _absolute_references(content: bytes) -> dict[tuple[str, str], int]:
-    """Flags of references by the names of their cell and the cell in it; gdstk drops the flags."""
+    """Return flags of references, which gdstk drops, by the names of both cells."""
     flags: dict[tuple[str, str], int] = {}
-    place, cell, inner = 0, "", ""
-    while place + 4 <= len(content):
-        size, kind = int.from_bytes(content[place : place + 2], "big"), content[place + 2]
+    position, cell, inner = 0, "", ""
+    while position + 4 <= len(content):
+        size, kind = int.from_bytes(content[position : position + 2], "big"), content[position + 2]
         if size < 4:
             break  # zeros after the end of the library
-        value = content[place + 4 : place + size]
+        value = content[position + 4 : position + size]
         if kind == _NAME_OF_CELL:
             cell = value.rstrip(b"\0").decode("latin-1")
         elif kind == _NAME_IN_REFERENCE:
@@ -55,7 +54,7 @@ def _absolute_references(content: bytes) -> dict[tuple[str, str], int]:
         elif kind == _TRANSFORM:
             found = int.from_bytes(value[:2], "big") & (_ABSOLUTE_MAGNIFICATION | _ABSOLUTE_ANGLE)
             flags[cell, inner] = flags.get((cell, inner), 0) | found
-        place += size
+        position += size
     return flags
 
 
@@ -63,7 +62,7 @@ def _check_references(top: Any, content: bytes) -> None:
     """Raise for missing cells, and for absolute transformations inside of other ones."""
     flags = _absolute_references(content)
     waiting = [(top, 0)]  # cells with the kinds of transformations around them
-    known = set()
+    known: set[tuple[str, int]] = set()
     while waiting:
         cell, around = waiting.pop()
         if (cell.name, around) in known:
@@ -120,10 +119,10 @@ def _is_dot(path: Any) -> bool:
 
 
 def _dot(path: Any) -> list[Ring]:
-    """The outline of a path of zero length: a disc, a rectangle along x, or nothing."""
+    """Return the outline of a path of zero length: a disc, a rectangle along x, or none."""
     centre, width, end = path.spine()[0], float(path.widths()[0][0]), path.ends[0]
     if end == "round":
-        disc = Arc(centre, np.array([width / 2, 0]), np.array([0, width / 2]), 0.0, 2 * math.pi)
+        disc = Arc(centre, np.array([width / 2, 0.0]), np.array([0.0, width / 2]))
         return flattened([[disc]], path.tolerance) if width else []
     before, after = {"flush": (0.0, 0.0), "extended": (width / 2, width / 2)}.get(
         end if isinstance(end, str) else "", end
@@ -132,18 +131,18 @@ def _dot(path: Any) -> list[Ring]:
     return [centre + corners * (1, width / 2)] if width and before + after else []
 
 
-def _shapes(cell: Any) -> Iterator[tuple[int, int, Ring]]:
-    """Layer, data type and outline of each polygon and path of a cell and its references."""
+def _shapes(cell: Any) -> Iterator[tuple[str, str, Ring]]:
+    """Yield the outlines of polygons and paths, with their layer and "layer/data type"."""
     for polygon in cell.get_polygons(include_paths=False):
-        yield polygon.layer, polygon.datatype, polygon.points
+        yield f"{polygon.layer}", f"{polygon.layer}/{polygon.datatype}", polygon.points
     for path in cell.get_paths():  # polygons of paths in references would lose absolute widths
         rings = _dot(path) if _is_dot(path) else [p.points for p in path.to_polygons()]
         for ring in rings:
-            yield path.layers[0], path.datatypes[0], ring
+            yield f"{path.layers[0]}", f"{path.layers[0]}/{path.datatypes[0]}", ring
 
 
-def read_gds(file: File) -> Drawing:
-    """Read the polygons of one cell, references included; paths have their widths.
+def load_gds(file: File) -> Drawing:
+    """Load the polygons of one cell, references included; paths have their widths.
 
     Layers: "1" for a layer with all its data types, "1/0" for one of them. Any other text names the
     cell, which otherwise is the only one that no other contains.
@@ -152,11 +151,9 @@ def read_gds(file: File) -> Drawing:
     if len(cells) > 1:
         raise ArgumentError(f"expected one cell, got {', '.join(cells)}; read them one by one")
     gdstk: Any = importlib.import_module("gdstk")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of missing cells and absolute flags, which are checked
-        library = gdstk.read_gds(str(file.path))
+    library = gdstk.read_gds(str(file.path))
     metres = float(library.unit)
-    if not 0 < metres < LARGEST_NUMBER:
+    if not 0 < metres < math.inf:
         raise FileFormatError(f"expected a unit above zero, got {metres:g} m; export it anew")
     cell = _chosen(library, cells[0] if cells else None)
     _check_cycles(library.cells)
@@ -165,30 +162,18 @@ def read_gds(file: File) -> Drawing:
         size = float(np.hypot(*np.ptp(path.spine(), axis=0)) + path.widths().max())
         path.tolerance = file.tolerance / metres if file.tolerance else DEFAULT_TOLERANCE * size
     _draw_dots(library.cells)
-    shapes = list(_shapes(cell))
-    wanted = [[int(n) for n in name.split("/")] for name in file.layers if name not in cells]
-    there = sorted({(layer, kind) for layer, kind, _ in shapes})
-    for names in wanted:
-        if not any(list(pair[: len(names)]) == names for pair in there):
-            listed = ", ".join(f"{layer}/{kind}" for layer, kind in there[:12])
-            raise FileFormatError(
-                f"expected a layer of the cell, got {'/'.join(map(str, names))}; it has {listed}"
-            )
-    rings, layers = [], []
-    for layer, kind, ring in shapes:
-        is_wanted = not wanted or any([layer, kind][: len(names)] == names for names in wanted)
-        if len(ring) and is_wanted:  # a boundary with one point has none left
-            rings.append(ring)
-            layers.append(f"{layer}/{kind}")
+    shapes = [shape for shape in _shapes(cell) if len(shape[2])]  # boundaries of a point have none
+    requested = {re.sub(r"\b0+(?=\d)", "", name) for name in file.layers if name not in cells}
+    if missing := requested - {name for layer, kind, _ in shapes for name in (layer, kind)}:
+        listed = ", ".join(sorted({kind for _, kind, _ in shapes})[:12])
+        raise FileFormatError(f"expected a layer of the cell, got {min(missing)}; it has {listed}")
+    shapes = [s for s in shapes if not requested or not requested.isdisjoint(s[:2])]
+    rings, layers = [ring for _, _, ring in shapes], [kind for _, kind, _ in shapes]
     if not rings:
         raise FileFormatError("expected polygons or paths in the cell, got none")
-    if not all((np.abs(ring) < LARGEST_NUMBER).all() for ring in rings):
-        raise FileFormatError("expected finite coordinates, got others; export the layout anew")
+    check_coordinates(np.concatenate(rings))
     # Holes of a polygon are cuts that lead to them: the rule opens them.
-    filled_ones = [polygon for ring in rings for polygon in filled([ring], "nonzero")]
-    if not filled_ones:
+    polygons = [polygon for ring in rings for polygon in filled([ring], "nonzero")]
+    if not polygons:
         raise FileFormatError("expected polygons that enclose an area, got none that do")
-    return Drawing(filled_ones, metres, overlap_remedy(rings, layers))
-
-
-FORMATS = (Format("GDSII", (".gds",), read_gds, rb"\x00\x06\x00\x02", ("gdstk",), True),)
+    return Drawing(polygons, metres, overlap_remedy(rings, layers))

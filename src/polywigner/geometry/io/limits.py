@@ -27,9 +27,6 @@ MOST_FACES = 200_000
 # Squares and products of coordinates must not overflow.
 LARGEST_NUMBER = 1e100
 
-# Depth of nested SVG elements, including `use`.
-MOST_NESTED = 64
-
 
 def check_most(count: int, most: int, things: str, remedy: str = "simplify the drawing") -> None:
     """Raise FileFormatError if a file contains more than `most` things."""

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,6 +18,8 @@ from polywigner.errors import FileFormatError
 from polywigner.geometry.arguments import warn_caller
 from polywigner.geometry.faces import heights_of, triangulate_faces
 from polywigner.geometry.io.limits import MOST_FACES, check_coordinates, check_most
+
+MESH_SUFFIXES = (".stl", ".ply", ".obj")
 
 Points = NDArray[np.float64]
 Face = tuple[int, ...]
@@ -87,7 +89,6 @@ def _triangulated(mesh: Mesh) -> tuple[Points, NDArray[np.intp]]:
             "plane in the file's unit, and the body depends on its triangles; export triangles"
         )
     triangles = triangulate_faces(mesh.vertices, mesh.faces)
-    check_most(len(triangles), MOST_FACES, "triangles", "simplify the mesh")
     return mesh.vertices, triangles
 
 
@@ -133,7 +134,6 @@ _END_OF_SOLID = re.compile(rb"^\s*end\s*solid\b[^\n]*\s*\Z", re.MULTILINE | re.I
 def _stl(content: bytes) -> Mesh:
     count = int.from_bytes(content[80:84], "little")
     if len(content) == 84 + 50 * count:
-        check_most(count, MOST_FACES, "triangles", "simplify the mesh")
         corners = np.frombuffer(content, _FACET, count, 84)["corners"].astype(np.float64)
         return _of_corners(corners, _SINGLE)
     if b"\0" in content:
@@ -153,7 +153,6 @@ def _stl(content: bytes) -> Mesh:
             "expected an STL file that ends with endsolid, got one without; it may be cut short: "
             "export the body again, or add that line"
         )
-    check_most(facets, MOST_FACES, "triangles", "simplify the mesh")
     return _of_corners(np.array(found, dtype=bytes).astype(np.float64).reshape(-1, 3, 3), _DOUBLE)
 
 
@@ -183,7 +182,6 @@ def _obj(content: bytes) -> Mesh:
             faces.append(tuple(n - 1 if n > 0 else len(vertices) + n if n else -1 for n in numbers))
             if len(numbers) < 3:
                 raise ValueError
-            check_most(len(faces), MOST_FACES, "triangles", "simplify the mesh")
         elif word.decode("ascii", "replace") in _FREE_FORM:
             raise FileFormatError(
                 "expected OBJ with polygons, got free-form curves or surfaces; export a mesh"
@@ -199,69 +197,92 @@ _NUMBERS = {
     "uint32": "I", "float32": "f", "float64": "d",
 }  # fmt: skip
 _ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">"}
-_END_OF_HEADER = re.compile(rb"^end_header[ \t]*\r?\n?", re.MULTILINE)
-_LONGEST_HEADER = 1 << 20
+_HEADER = re.compile(rb"ply\s(.*?)^end_header[ \t]*\r?\n?", re.MULTILINE | re.DOTALL)
 
-
-@dataclass(eq=False)
-class _Element:
-    """An element of a PLY header with its properties: name, type, and type of a list's length."""
-
-    name: str
-    count: int
-    properties: list[tuple[str, str, str]]
+Property = tuple[str, str, str]
+"""Name, type, and type of a list's length."""
+Take = Callable[[str], Sequence[Any]]
+"""Function that returns the next numbers of the types of a `struct` format."""
 
 
 def _ply(content: bytes) -> Mesh:
-    end = _END_OF_HEADER.search(content[:_LONGEST_HEADER])
-    head = content[: end.start() if end else 0].decode("ascii", "replace").splitlines()
-    if end is None or head[:1] != ["ply"]:
+    header = _HEADER.match(content)
+    if header is None:
         raise FileFormatError("expected a PLY mesh, got a file without its header; export it again")
-    form, elements = _header(head)
-    body = content[end.end() :]
-    rows = _TextRows(body) if form == "ascii" else _BinaryRows(body, _ORDERS[form])
-    columns: dict[tuple[str, str], Any] = {}
-    for element in elements:
-        if element.name == "face":
-            check_most(element.count, MOST_FACES, "triangles", "simplify the mesh")
-        names = [(element.name, name) for name, _, _ in element.properties]
-        columns |= zip(names, rows.take(element), strict=True)
-    if not rows.is_empty():
+    form, elements = _header(header[1].decode("ascii", "replace"))
+    body = content[header.end() :]
+    take, is_empty = _words(body) if form == "ascii" else _records(body, _ORDERS[form])
+    try:
+        rows = {
+            name: [_row(properties, take) for _ in range(count)]
+            for name, count, properties in elements
+        }
+    except (StopIteration, RuntimeError, struct.error):  # a generator makes a RuntimeError of it
+        raise _cut_short("fewer") from None
+    if not is_empty():
         raise _cut_short("more")
-    x, y, z = (np.array(columns["vertex", axis], dtype=np.float64) for axis in "xyz")
-    lists = [columns[key] for key in (("face", "vertex_indices"), ("face", "vertex_index"))
-             if key in columns]  # fmt: skip
-    if not lists and any(name == "tristrips" for name, _ in columns):
+    vertices = np.array([[row[axis] for axis in "xyz"] for row in rows["vertex"]], dtype=float)
+    faces = [
+        tuple(map(int, row.get("vertex_indices", row.get("vertex_index")) or ()))
+        for row in rows.get("face", ())
+    ]
+    if "tristrips" in rows and not faces:
         raise FileFormatError("expected PLY with faces, got strips of triangles; export faces")
-    faces = [tuple(map(int, face)) for face in lists[0]] if lists else []
     if any(len(face) < 3 for face in faces):
         raise ValueError
-    types = {kind for name, kind, _ in _named(elements, "vertex") if name in ("x", "y", "z")}
-    if x.ndim != 1:
-        raise ValueError
+    types = {kind for name, _, properties in elements if name == "vertex"
+             for axis, kind, _ in properties if axis in "xyz"}  # fmt: skip
     precision = _SINGLE if form != "ascii" and types == {"f"} else _DOUBLE
-    return Mesh(np.stack([x, y, z], axis=1), faces, precision)
+    return Mesh(vertices.reshape(-1, 3), faces, precision)
 
 
-def _named(elements: list[_Element], name: str) -> list[tuple[str, str, str]]:
-    return next((element.properties for element in elements if element.name == name), [])
-
-
-def _header(lines: list[str]) -> tuple[str, list[_Element]]:
-    form, elements = "", []
-    for line in lines[1:]:
+def _header(text: str) -> tuple[str, list[tuple[str, int, list[Property]]]]:
+    """Return the form of a PLY file, and name, number of rows and properties of its elements."""
+    form = ""
+    elements: list[tuple[str, int, list[Property]]] = []
+    for line in text.splitlines():
         word, *rest = line.split() or [""]
         if word == "format":
             form = rest[0]
         elif word == "element":
-            elements.append(_Element(rest[0], int(rest[1]), []))
+            elements.append((rest[0], int(rest[1]), []))
         elif word == "property" and rest[0] == "list":
-            elements[-1].properties.append((rest[3], _NUMBERS[rest[2]], _NUMBERS[rest[1]]))
+            elements[-1][2].append((rest[3], _NUMBERS[rest[2]], _NUMBERS[rest[1]]))
         elif word == "property":
-            elements[-1].properties.append((rest[1], _NUMBERS[rest[0]], ""))
-    if form not in ("ascii", *_ORDERS) or any(element.count < 0 for element in elements):
+            elements[-1][2].append((rest[1], _NUMBERS[rest[0]], ""))
+    if form not in ("ascii", *_ORDERS):
         raise ValueError
     return form, elements
+
+
+def _row(properties: list[Property], take: Take) -> dict[str, Any]:
+    return {
+        name: take(kind * take(length)[0]) if length else take(kind)[0]
+        for name, kind, length in properties
+    }
+
+
+def _words(body: bytes) -> tuple[Take, Callable[[], bool]]:
+    """Return a reader of numbers as text, and whether none are left."""
+    words = iter(body.split())
+
+    def take(form: str) -> Sequence[Any]:
+        return [float(next(words)) if kind in "fd" else int(next(words)) for kind in form]
+
+    return take, lambda: next(words, None) is None
+
+
+def _records(body: bytes, order: str) -> tuple[Take, Callable[[], bool]]:
+    """Return a reader of binary numbers, and whether none are left."""
+    position = 0
+
+    def take(form: str) -> Sequence[Any]:
+        nonlocal position
+        values = struct.unpack_from(order + form, body, position)
+        position += struct.calcsize(order + form)
+        return values
+
+    return take, lambda: not body[position:].strip()
 
 
 def _cut_short(got: str) -> FileFormatError:
@@ -269,76 +290,3 @@ def _cut_short(got: str) -> FileFormatError:
         f"expected as many rows as the header of the PLY file announces, got {got}; the file may "
         "be cut short: export it again"
     )
-
-
-class _TextRows:
-    """The rows of a PLY file as text, one line each."""
-
-    def __init__(self, body: bytes) -> None:
-        self.lines = [line for line in body.splitlines() if line.strip()]
-        self.lines.reverse()
-
-    def take(self, element: _Element) -> list[list[Any]]:
-        """Return one column for each property of the next element."""
-        if element.count > len(self.lines):
-            raise _cut_short("fewer")
-        columns: list[list[Any]] = [[] for _ in element.properties]
-        for _ in range(element.count):
-            texts = self.lines.pop().split()
-            texts.reverse()
-            for column, (_, kind, length) in zip(columns, element.properties, strict=True):
-                number = float if kind in "fd" else int
-                if length:
-                    column.append([number(texts.pop()) for _ in range(int(texts.pop()))])
-                else:
-                    column.append(number(texts.pop()))
-        return columns
-
-    def is_empty(self) -> bool:
-        return not self.lines
-
-
-class _BinaryRows:
-    """The rows of a binary PLY file."""
-
-    def __init__(self, body: bytes, order: str) -> None:
-        self.body, self.order, self.place = body, order, 0
-
-    def take(self, element: _Element) -> list[Any]:
-        """Return one column for each property of the next element."""
-        if not element.count:
-            return [[] for _ in element.properties]
-        start, first = self.place, self._row(element)
-        lists = [k for k, (_, _, length) in enumerate(element.properties) if length]
-        fields: list[Any] = []
-        for k, (_, kind, length) in enumerate(element.properties):
-            fields += [(f"length {k}", self.order + length)] if length else []
-            fields.append((f"{k}", self.order + kind, (len(first[k]),) if length else ()))
-        # mostly, all lists are as long as those of the first row
-        rows = np.dtype(fields)
-        end = start + element.count * rows.itemsize
-        if end <= len(self.body):
-            table = np.frombuffer(self.body, rows, element.count, start)
-            if all((table[f"length {k}"] == len(first[k])).all() for k in lists):
-                self.place = end
-                return [table[f"{k}"] for k in range(len(element.properties))]
-        others = (self._row(element) for _ in range(element.count - 1))
-        return list(zip(first, *others, strict=True))
-
-    def _row(self, element: _Element) -> list[Any]:
-        values = []
-        for _, kind, length in element.properties:
-            numbers = self._next(kind, self._next(length, 1)[0] if length else 1)
-            values.append(numbers if length else numbers[0])
-        return values
-
-    def _next(self, kind: str, count: int) -> tuple[Any, ...]:
-        size = struct.calcsize(f"={kind}")
-        if count < 0 or self.place + count * size > len(self.body):
-            raise _cut_short("fewer")
-        values = struct.unpack_from(f"{self.order}{count}{kind}", self.body, self.place)
-        self.place += count * size
-        return values
-
-    def is_empty(self) -> bool:
-        return not self.body[self.place :].strip()

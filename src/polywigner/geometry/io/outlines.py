@@ -85,22 +85,14 @@ def _joined(rings: Sequence[Ring]) -> list[Ring]:
 
 
 def without_duplicates(rings: Sequence[Ring], gap: float) -> list[Ring]:
-    """Rings without repetitions of an earlier one up to `gap`, wherever they start."""
-    boxes = np.array([[*ring.min(axis=0), *ring.max(axis=0)] for ring in rings])
+    """Return rings without repetitions of an earlier one up to `gap`, wherever they start."""
+    lines = np.array([shapely.LinearRing(ring) for ring in rings], dtype=object)
+    boxes, sizes = shapely.bounds(lines), np.array([len(ring) for ring in rings])
     corners = shapely.points(boxes[:, :2])
-    tree = shapely.STRtree(corners)
-    sizes = np.array([len(ring) for ring in rings])
-    repeats = np.zeros(len(rings), dtype=bool)
-    for i, ring in enumerate(rings):
-        if repeats[i]:
-            continue
-        near = tree.query(corners[i], predicate="dwithin", distance=gap)
-        near = near[(near > i) & (sizes[near] == sizes[i]) & ~repeats[near]]
-        near = near[(np.abs(boxes[near] - boxes[i]) <= gap).all(axis=1)]
-        for j in near.tolist():
-            distance = shapely.hausdorff_distance(*map(shapely.LinearRing, (ring, rings[j])))
-            repeats[j] = distance <= gap
-    return [ring for ring, again in zip(rings, repeats.tolist(), strict=True) if not again]
+    i, j = shapely.STRtree(corners).query(corners, predicate="dwithin", distance=gap)
+    near = (i < j) & (sizes[i] == sizes[j]) & (np.abs(boxes[i] - boxes[j]) <= gap).all(axis=1)
+    repeats = set(j[near][shapely.hausdorff_distance(lines[i[near]], lines[j[near]]) <= gap])
+    return [ring for k, ring in enumerate(rings) if k not in repeats]
 
 
 def _encloses(ring: Ring) -> bool:

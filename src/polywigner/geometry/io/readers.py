@@ -1,14 +1,12 @@
 """Files of apertures and bodies: GeoJSON, WKT, CSV, SVG, DXF, GDSII, Gerber; STL, PLY and OBJ.
 
-A format is a module of this folder with its ``FORMATS``; it makes polygons in the file's own unit,
-which :class:`Aperture` and :class:`Polyhedron` check.
+A loader makes polygons in the file's own unit, which :class:`Aperture` and :class:`Polyhedron`
+check.
 """
 
 from __future__ import annotations
 
-import importlib
 import os
-import pkgutil
 import re
 import warnings
 from collections.abc import Callable, Iterable, Sequence
@@ -25,35 +23,51 @@ from polywigner.errors import (
     GeometryError,
     MissingExtraError,
     PolywignerError,
+    missing_extra,
 )
-from polywigner.geometry import io as formats
 from polywigner.geometry.aperture import Aperture, PlacedAperture
 from polywigner.geometry.arguments import checked_flag, checked_length
 from polywigner.geometry.exact import Ring
-from polywigner.geometry.io.drawing import Drawing, File, Format, check_installed
+from polywigner.geometry.io.drawing import Drawing, File
+from polywigner.geometry.io.dxf import load_dxf
+from polywigner.geometry.io.gds import load_gds
+from polywigner.geometry.io.gerber import load_gerber
 from polywigner.geometry.io.limits import bytes_of, check_rings, check_vertices
-from polywigner.geometry.io.meshes import read_mesh
+from polywigner.geometry.io.meshes import MESH_SUFFIXES, read_mesh
+from polywigner.geometry.io.svg import load_svg
 from polywigner.geometry.io.svg_shapes import PIXEL
+from polywigner.geometry.io.text import load_csv, load_geojson, load_wkt
 from polywigner.geometry.parts import merge_parts, part_of_rings, union_parts
 from polywigner.geometry.polyhedron import Polyhedron
 from polywigner.quantities import parse_unit
 
-MESH_SUFFIXES = (".stl", ".ply", ".obj")
+LOADERS: dict[str, Callable[[File], Drawing]] = {
+    ".geojson": load_geojson,
+    ".json": load_geojson,
+    ".wkt": load_wkt,
+    ".csv": load_csv,
+    ".svg": load_svg,
+    ".dxf": load_dxf,
+    ".gds": load_gds,
+    **dict.fromkeys((".gbr", ".ger", ".gtl", ".gbl", ".art"), load_gerber),
+}
+"""Loader of each suffix."""
 
-# Finding out what is wrong with a large outline takes seconds, which are not spent twice.
-_MOST_REPEATED = 50_000
-
-_FORMATS: list[Format] = [
-    found
-    for name in sorted(module.name for module in pkgutil.iter_modules(formats.__path__))
-    if name != "readers"
-    for found in getattr(importlib.import_module(f"{formats.__name__}.{name}"), "FORMATS", ())
-]
+_WITH_LAYERS = (load_svg, load_dxf, load_gds)
+# First bytes of files with another suffix.
+_STARTS = (
+    (rb"AutoCAD Binary DXF|(?:999\r?\n[^\n]*\n\s*)*0\s*\r?\n\s*SECTION", load_dxf),
+    (rb"\x00\x06\x00\x02", load_gds),
+    (rb"[{\[]", load_geojson),
+    (rb"G0?4|%(?:FS|MO|T[FA]|AM|AD|IN|LN|IP|AS|SF)|G7[015]\*", load_gerber),
+    (rb"<", load_svg),
+    (rb"(?i:SRID|MULTI|POINT|LINE|POLYGON|GEOMETRY|C[A-Z]+|TIN|TRI)", load_wkt),
+)
 _NOT_READ = (".shp", ".dwg", ".svgz", ".pdf", ".eps", ".step", ".stp", ".iges", ".igs")
 
 
-def _format_of(path: Path, content: bytes) -> Format:
-    """The format by the suffix, else by the first bytes; CSV, where these tell nothing."""
+def _loader_of(path: Path, content: bytes) -> Callable[[File], Drawing]:
+    """Return the loader of a file by its suffix, else by its first bytes, else the CSV loader."""
     suffix = path.suffix.lower()
     if suffix in MESH_SUFFIXES:
         raise FileFormatError(
@@ -61,47 +75,47 @@ def _format_of(path: Path, content: bytes) -> Format:
             "polywigner.read_polyhedron"
         )
     if suffix in _NOT_READ:
-        known = ", ".join(sorted(found.name for found in _FORMATS))
         raise FileFormatError(
-            f"expected one of {known}, got {suffix}, which is not read; export the outline as one "
-            "of these"
+            f"expected one of {', '.join(LOADERS)}, got {suffix}, which is not read; export the "
+            "outline as one of these"
         )
     start = content[:4096].removeprefix(b"\xef\xbb\xbf").lstrip()
-    by_suffix = (found for found in _FORMATS if suffix in found.suffixes)
-    by_start = (found for found in _FORMATS if re.match(found.start, start))
-    csv = (found for found in _FORMATS if found.name == "CSV")
-    return next(by_suffix, None) or next(by_start, None) or next(csv)
+    by_start = (loader for pattern, loader in _STARTS if re.match(pattern, start))
+    return LOADERS.get(suffix) or next(by_start, load_csv)
 
 
 def _read(file: File) -> Aperture:
-    """Return the aperture in a file."""
-    chosen = _format_of(file.path, file.content)
-    if file.layers and not chosen.has_layers:
+    loader = _loader_of(file.path, file.content)
+    if file.layers and loader not in _WITH_LAYERS:
         raise ArgumentError(
             "expected a layer of a drawing (SVG, DXF, GDSII) only, got one of a file that has "
             "no layers; leave it out"
         )
-    for library in chosen.libraries:
-        check_installed(library, chosen.name)
-    # Numbers beyond the range of float64 are reported where they arrive, with a place.
+    # Numbers beyond the range of float64 are reported where they arrive.
     with np.errstate(all="ignore"):
-        return _aperture(_drawing(chosen, file), file.union)
+        return _aperture(_loaded(loader, file), file.union)
 
 
-def _drawing(chosen: Format, file: File) -> Drawing:
-    """Return the drawing in a file; FileFormatError if a library fails on the file."""
-    if not chosen.libraries:
-        return chosen.read(file)
+def _loaded(loader: Callable[[File], Drawing], file: File) -> Drawing:
+    """Return the drawing; a library that is missing or fails raises one error."""
     try:
-        with warnings.catch_warnings():
+        with warnings.catch_warnings():  # of libraries
             warnings.simplefilter("ignore")
-            return chosen.read(file)
-    except (PolywignerError, MemoryError):
+            return loader(file)
+    except PolywignerError:
         raise
-    except Exception as error:  # a damaged file can fail anywhere in a library, with any exception
+    except ModuleNotFoundError as error:
+        library = str(error.name).partition(".")[0]
+        raise missing_extra(library, "formats", f"reads {file.path.suffix} files") from None
+    except RecursionError:
         raise FileFormatError(
-            f"expected {chosen.name}, got a file that its library cannot read "
-            f"({type(error).__name__}); it may be damaged: export it again"
+            "expected elements that are not nested too deeply, got more, or one that contains "
+            "itself; ungroup them"
+        ) from None
+    except Exception as error:  # libraries document few of their exceptions
+        raise FileFormatError(
+            f"expected a drawing, got a file that its library does not read "
+            f"({type(error).__name__}); it may be damaged: export it anew"
         ) from None
 
 
@@ -115,8 +129,7 @@ def _scaled(points: Any, metres: float) -> Ring:
 def _aperture(drawing: Drawing, union: bool) -> Aperture:
     polygons = drawing.polygons
     check_rings(sum(map(len, polygons)))
-    vertices = sum(len(ring) for rings in polygons for ring in rings)
-    check_vertices(vertices)
+    check_vertices(sum(len(ring) for rings in polygons for ring in rings))
     single = len(polygons) == 1
     names = ["the polygon" if single else f"polygon {number}" for number in range(len(polygons))]
 
@@ -131,8 +144,7 @@ def _aperture(drawing: Drawing, union: bool) -> Aperture:
     try:
         return build(drawing.metres)
     except GeometryError:
-        if vertices <= _MOST_REPEATED:
-            build(1.0)  # raises the same with places in the file's own unit
+        build(1.0)  # raises the same with places in the file's own unit
         raise
 
 
@@ -157,12 +169,6 @@ def _checked_layers(layer: Any) -> tuple[str, ...]:
             'layer="pads" or layer=["pads", "feed"]'
         )
     return names
-
-
-def _about(path: Path, error: PolywignerError) -> PolywignerError:
-    """The error with the file's name, and without characters that a terminal would obey."""
-    text = f"{path}: {error}"
-    return type(error)("".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text))
 
 
 def read_aperture(
@@ -227,7 +233,7 @@ def read_aperture(
         content = bytes_of(source)
         return _read(File(source.absolute(), content, metres, reach, layers, joins))
     except (FileFormatError, GeometryError, MissingExtraError, ArgumentError) as error:
-        raise _about(source, error) from None
+        raise type(error)(f"{source}: {error}") from None
 
 
 def read_polyhedron(path: str | os.PathLike[str], unit: str | float = "mm") -> Polyhedron:
@@ -303,7 +309,7 @@ def _body(path: Any, unit: str | float, build: Callable[..., Any]) -> Any:
             vertices, triangles = read_mesh(bytes_of(source), kind)
             return build(_scaled(vertices, metres), triangles)
     except (FileFormatError, GeometryError) as error:
-        raise _about(source, error) from None
+        raise type(error)(f"{source}: {error}") from None
 
 
 def _path(path: Any) -> Path:

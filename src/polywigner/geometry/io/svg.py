@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from importlib import import_module
 from typing import Any
@@ -12,25 +13,20 @@ import numpy as np
 import shapely
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.io.curves import Points, flattened
-from polywigner.geometry.io.drawing import Drawing, File, Format, check_known, overlap_remedy
-from polywigner.geometry.io.limits import MOST_NESTED
+from polywigner.geometry.io.curves import Curve, Points, flattened, transformed
+from polywigner.geometry.io.drawing import Drawing, File, check_known, overlap_remedy
 from polywigner.geometry.io.outlines import Polygon, filled
 from polywigner.geometry.io.svg_shapes import (
     PIXEL,
     SHAPES,
-    Place,
-    Shape,
-    Style,
-    Styles,
-    check_supported,
-    corner,
+    Affine,
+    Viewport,
+    affine_of,
     fitted,
-    is_painted,
     length,
-    matrix_of,
+    outlines_of,
     physical_length,
-    shape_of,
+    refusal,
     view_box,
 )
 from polywigner.geometry.parts import combined_on_grid, polygons_in
@@ -40,182 +36,256 @@ _NAMESPACE = "{http://www.w3.org/2000/svg}"
 _NAMES = ("{http://www.inkscape.org/namespaces/inkscape}label", "data-name", "id")
 _LINK = "{http://www.w3.org/1999/xlink}href"
 
-_CONTAINERS = {"svg", "g", "a", "switch"}
+_CONTAINERS = {"svg", "g", "a", "switch", "use"}
 _OPAQUE = {"text", "image", "foreignObject"}
 _SERVERS = {"linearGradient", "radialGradient", "meshgradient", "pattern", "hatch", "solidcolor"}
 
+_INHERITED = ("fill", "fill-rule", "fill-opacity", "visibility", "color")
+_EFFECTS = ("clip-path", "mask", "filter", "transform-origin")
+_GEOMETRY = ("x", "y", "width", "height", "cx", "cy", "r", "rx", "ry", "d")
+_RELEVANT = {*_INHERITED, *_EFFECTS, *_GEOMETRY, "display", "opacity", "transform"}
+_SELECTOR = re.compile(r"\*|#?[\w-]*\.?[\w-]*", re.ASCII)
+_SERVER = re.compile(r"""url\(\s*(?:["']?#([^"')]*)|[^)]*)["']?\s*\)\s*(.*)""", re.I | re.S)
 
-def parsed(content: bytes) -> Any:
-    """The root element. A plain DOCTYPE may stand; declarations in it and other files may not."""
-    defused: Any = import_module("defusedxml.ElementTree")
-    common: Any = import_module("defusedxml.common")
-    parser = defused.XMLParser(forbid_dtd=False)
-    parser.parser.StartDoctypeDeclHandler = _refuse_declarations
+
+def _parsed(content: bytes) -> Any:
+    """Return the root element. A plain DOCTYPE may stand; entities may not."""
     try:
-        parser.feed(content)
-        root = parser.close()
-    except FileFormatError:
-        raise
-    except common.DefusedXmlException:
-        _refuse_declarations("", None, None, True)
-    except (SyntaxError, ValueError, LookupError) as error:  # ParseError is a SyntaxError
+        root = import_module("defusedxml.ElementTree").fromstring(content)
+    except (SyntaxError, LookupError) as error:  # ParseError is a SyntaxError
         line = getattr(error, "position", (1, 0))[0]
         raise FileFormatError(f"expected SVG, got text that is not XML in line {line}") from None
-    try:
-        list(root.iter())
-    except RecursionError:  # defusedxml's elements look through each other
-        _check_depth(MOST_NESTED + 1)
+    except ValueError:  # DefusedXmlException
+        raise FileFormatError(
+            "expected SVG without entities and other files, got one; save as plain SVG"
+        ) from None
     if _tag(root) != "svg":
         raise FileFormatError("expected an svg element, got XML of another kind")
     return root
 
 
-def _refuse_declarations(name: str, system: Any, public: Any, has_declarations: bool) -> None:
-    if has_declarations:
-        raise FileFormatError(
-            "expected SVG without entities or other declarations of its own, got one; save as "
-            "plain SVG"
-        )
-
-
-def _check_depth(depth: int) -> None:
-    if depth > MOST_NESTED:
-        raise FileFormatError(
-            f"expected elements nested at most {MOST_NESTED} deep, got more (or a use that "
-            "contains itself); ungroup them"
-        )
-
-
 def _tag(element: Any) -> str:
-    """Name of an SVG element; empty for comments and other namespaces."""
+    """Return the name of an SVG element; empty for comments and other namespaces."""
     tag = element.tag if isinstance(element.tag, str) else "{"
     return tag.removeprefix(_NAMESPACE) if not tag.startswith("{") or _NAMESPACE in tag else ""
 
 
 def _names(element: Any) -> list[str]:
-    """Names of a group or shape in drawing programs, the displayed one first."""
+    """Return the names of a group or shape in drawing programs, the displayed one first."""
     return [element.get(key) for key in _NAMES if element.get(key)]
 
 
-class Document:
-    """A walk over the elements that are drawn, on `layers` (names or ids) alone if there are."""
+def _declarations(text: str) -> dict[str, str]:
+    """Return the properties of a style such as "fill:none; fill-rule:evenodd"."""
+    pairs = (part.partition(":") for part in text.split(";"))
+    found = {
+        n.strip().lower(): v.replace("!important", "").strip() for n, colon, v in pairs if colon
+    }
+    return {name: value for name, value in found.items() if name in _RELEVANT}
 
-    def __init__(self, root: Any, layers: Sequence[str] = ()) -> None:
-        self.root = root
-        self.layers = frozenset(layers)
-        known = {name: _tag(e) == "g" for e in root.iter() for name in _names(e)}
+
+def _rules(sheet: str) -> list[tuple[str, dict[str, str]]]:
+    """Return (selector, declarations) of a style sheet, weakest first."""
+    rules = []
+    for block in re.sub(r"/\*.*?(?:\*/|\Z)", "", sheet, flags=re.DOTALL).split("}"):
+        selectors, _, text = block.partition("{")
+        if "{" in text:
+            raise refusal("style rules that are not nested", selectors.strip())
+        if declarations := _declarations(text):
+            names = [name.strip() for name in selectors.rpartition(";")[2].split(",")]
+            rules += [(name, declarations) for name in names]
+    for name, _ in rules:
+        if not _SELECTOR.fullmatch(name):
+            raise refusal("style rules for an element, .class or #id", name)
+    return sorted(rules, key=lambda rule: ("#" in rule[0], "." in rule[0], rule[0] != "*"))
+
+
+@dataclass(frozen=True, eq=False)
+class _Place:
+    """Map, style and size of 100 % for an element and for the elements in it."""
+
+    matrix: Points
+    offset: Points
+    viewport: Viewport
+    is_requested: bool
+    """Whether the element lies on a layer that is read."""
+    properties: Mapping[str, str]
+    """Attributes and style of the element."""
+    style: Mapping[str, str]
+    """Properties that elements inherit."""
+    opacity: float = 1.0
+    layer: str = ""
+    effect: str = ""
+    """Property of the element, or of one around it, that changes the picture and is not read."""
+
+    def moved(self, matrix: Points, offset: Points) -> _Place:
+        return replace(self, matrix=matrix @ self.matrix, offset=offset @ self.matrix + self.offset)
+
+    def corner(self) -> Points:
+        return np.array([
+            length(self.properties.get(name, "0"), name, reference)
+            for name, reference in zip("xy", self.viewport, strict=True)
+        ])  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _Shape:
+    subpaths: list[list[Curve]]
+    rule: str
+    layer: str
+    colour: str
+    is_white: bool
+    """Whether the fill is white and opaque, and hides the shapes below it."""
+
+
+class _Document:
+    """A walk over the elements that are drawn, on `layers` (names or ids) only if there are any."""
+
+    def __init__(self, root: Any, layers: Sequence[str]) -> None:
+        self.root, self.layers = root, frozenset(layers)
+        elements = list(root.iter())
+        known = {name: _tag(e) == "g" for e in elements for name in _names(e)}
         if not self.layers <= known.keys():
             check_known(layers, [name for name in known if known[name] or name in self.layers])
-        sheet = "".join(e.text or "" for e in root.iter() if _tag(e) == "style")
-        servers = [e.get("id") for e in root.iter() if _tag(e) in _SERVERS and e.get("id")]
-        self.styles = Styles(sheet, servers)
-        self.named = {e.get("id"): e for e in reversed(list(root.iter())) if e.get("id")}
+        self.rules = _rules("".join(e.text or "" for e in elements if _tag(e) == "style"))
+        self.servers = {e.get("id") for e in elements if _tag(e) in _SERVERS and e.get("id")}
+        self.named = {e.get("id"): e for e in reversed(elements) if e.get("id")}
 
-    def shapes(self, matrix: Points) -> Iterator[Shape]:
-        box = view_box(self.root)
-        viewport = (None, None) if box is None else (box[2], box[3])
-        style = Style(servers=self.styles.servers)
-        place = Place(matrix, np.zeros(2), style, viewport, is_asked=not self.layers)
-        inside = self._entered(self.root, place)
-        if inside.style.own.get("display") != "none":
-            yield from self._children(self.root, inside)
+    def shapes(self, element: Any, place: _Place) -> Iterator[_Shape]:
+        """The painted shapes of an element and of the elements in it."""
+        tag = _tag(element)
+        if tag not in _CONTAINERS | SHAPES | _OPAQUE:
+            return
+        inside = self._entered(element, tag, place)
+        children: Iterable[Any] = element
+        if inside.properties.get("display") == "none" and place.is_requested:
+            return
+        if tag in SHAPES | _OPAQUE:
+            yield from self._painted(tag, inside)
+            return
+        if tag == "use":
+            children, inside = self._used(element, inside)
+        elif tag == "switch":  # draws its first element that needs no extension
+            children = [e for e in element if _tag(e) and not e.get("requiredExtensions")][:1]
+        elif tag == "svg" and element is not self.root:
+            size = inside.properties.get("width"), inside.properties.get("height")
+            inside = _viewport(element, inside, size)
+        for child in children:
+            yield from self.shapes(child, inside)
 
-    def _entered(self, element: Any, place: Place) -> Place:
-        """The place inside an element: its style, its transform."""
-        _check_depth(place.depth + 1)
-        tag, names = _tag(element), _names(element)
-        style = self.styles.of(element, tag, place.style)
-        is_asked = place.is_asked or not self.layers.isdisjoint(names)
-        if not place.is_asked:  # a layer asked for is read, hidden or not
-            style = replace(style, own={k: v for k, v in style.own.items() if k != "display"})
-        around = (*place.unchecked, (style, tag)) if style.own.get("display") != "none" else ()
-        for some, name in around if is_asked else ():
-            check_supported(some, name)
+    def _entered(self, element: Any, tag: str, place: _Place) -> _Place:
+        names, classes = _names(element), element.get("class", "").split()
+        properties = dict(element.attrib)
+        selectors = {"*", tag, f"#{element.get('id')}"}
+        selectors |= {f"{kind}.{name}" for name in classes for kind in ("", tag)}
+        for selector, declarations in self.rules:
+            if selector in selectors:
+                properties |= declarations
+        properties |= _declarations(re.sub(r"/\*.*?\*/", "", element.get("style", "")))
+        given = {n: properties[n] for n in _INHERITED if properties.get(n, "inherit") != "inherit"}
+        effects = [name for name in _EFFECTS if properties.get(name, "none") != "none"]
         inside = replace(
             place,
-            style=style,
-            depth=place.depth + 1,
+            properties=properties,
+            style={**place.style, **given},
+            opacity=place.opacity * _opacity(properties.get("opacity")),
             layer=names[0] if tag == "g" and names else place.layer,
-            is_asked=is_asked,
-            unchecked=() if is_asked else around,
+            is_requested=place.is_requested or not self.layers.isdisjoint(names),
+            effect=place.effect
+            or (f"{effects[0]}, got a {tag} element with one" if effects else ""),
         )
-        text = style.own.get("transform")
-        if text not in (None, "", "none"):
-            inside = inside.moved(*matrix_of(text))
-        return inside
+        text = properties.get("transform", "none")
+        return inside.moved(*affine_of(text)) if text not in ("", "none") else inside
 
-    def _children(self, element: Any, place: Place) -> Iterator[Shape]:
-        for child in element:
-            yield from self._drawn(child, place)
-
-    def _drawn(self, element: Any, place: Place) -> Iterator[Shape]:
-        tag = _tag(element)
-        if tag not in _CONTAINERS | SHAPES | _OPAQUE | {"use"}:
-            return
-        inside = self._entered(element, place)
-        if inside.style.own.get("display") == "none":
-            return
-        if tag in SHAPES:
-            if inside.is_asked and is_painted(inside.style):
-                yield shape_of(element, tag, inside)
-        elif tag == "use":
-            yield from self._used(element, inside)
-        elif tag in _OPAQUE:
-            if inside.is_asked and (tag != "text" or is_painted(inside.style)):
-                raise FileFormatError(
-                    f"expected shapes, got a {tag} element; convert it to paths or remove it"
-                )
-        elif tag == "svg":
-            yield from self._children(element, self._viewport(element, inside))
-        else:
-            yield from self._children(_chosen(element) if tag == "switch" else element, inside)
-
-    def _used(self, element: Any, place: Place) -> Iterator[Shape]:
+    def _used(self, element: Any, place: _Place) -> tuple[Iterable[Any], _Place]:
+        """The elements that a use draws, and their place."""
         link = (element.get("href") or element.get(_LINK) or "").strip()
         target = self.named.get(link[1:]) if link.startswith("#") else None
         if target is None:
-            raise FileFormatError(
-                f"expected a use of an element in the same file, got {link[:60]!r}; unlink it"
-            )
-        place = place.moved(np.eye(2), corner(element, place))
-        if _tag(target) not in ("symbol", "svg"):
-            yield from self._drawn(target, place)
-            return
-        inside = self._entered(target, place)
+            raise refusal("a use of an element in the same file", link)
+        place = place.moved(np.eye(2), place.corner())
+        tag = _tag(target)
+        if tag not in ("symbol", "svg"):
+            return [target], place
+        inside = self._entered(target, tag, place)
         size = [element.get(name) or target.get(name) for name in ("width", "height")]
-        yield from self._children(target, self._viewport(target, inside, size))
+        return target, _viewport(target, inside, size)
 
-    def _viewport(
-        self, element: Any, place: Place, size: Sequence[str | None] | None = None
-    ) -> Place:
-        """The place inside a nested svg or symbol: its corner, and the scale of its viewBox."""
-        if size is None:
-            size = [element.get("width"), element.get("height")]
-        place = place.moved(np.eye(2), corner(element, place))
-        box = view_box(element)
-        extents = [
-            reference if text in (None, "auto") else length(str(text), "a size", reference)
-            for text, reference in zip(size, place.viewport, strict=True)
+    def _painted(self, tag: str, place: _Place) -> Iterator[_Shape]:
+        """The shape of an element whose inside shows, in whatever colour."""
+        rule = place.style.get("fill-rule", "nonzero")
+        if rule not in ("nonzero", "evenodd"):
+            raise refusal("the fill-rule nonzero or evenodd", rule)
+        colour = self._colour(place.style)
+        opacity = place.opacity * _opacity(place.style.get("fill-opacity"))
+        is_hidden = place.style.get("visibility") in ("hidden", "collapse")
+        is_painted = not is_hidden and opacity > 0 and colour.value is not None and colour.alpha > 0
+        if not place.is_requested or not (is_painted or tag in _OPAQUE - {"text"}):
+            return
+        if place.effect:
+            raise FileFormatError(
+                f"expected shapes without {place.effect}; apply it to the path in a drawing "
+                "program, or remove it"
+            )
+        if tag in _OPAQUE:
+            raise FileFormatError(
+                f"expected shapes, got a {tag} element; convert it to paths or remove it"
+            )
+        subpaths = [
+            [transformed(curve, place.matrix, place.offset) for curve in subpath]
+            for subpath in outlines_of(tag, place.properties, place.viewport)
         ]
-        if box is None:
-            return replace(place, viewport=(extents[0], extents[1]))
-        width, height = (
-            given if given is not None else own for given, own in zip(extents, box[2:], strict=True)
-        )
-        scale, shift = fitted(element.get("preserveAspectRatio", ""), box, (width, height))
-        return replace(place.moved(np.diag(scale), shift), viewport=box[2:])
+        is_white = opacity >= 1 and colour.hex == "#ffffff"
+        yield _Shape(subpaths, rule, place.layer, str(colour.hex), is_white)
+
+    def _colour(self, style: Mapping[str, str]) -> Any:
+        """The colour of a fill. Gradients and patterns have a name of their own, and are opaque."""
+        text, color = style.get("fill", "black").strip(), import_module("svgelements").Color
+        if found := _SERVER.fullmatch(text):
+            if found[1] is not None and found[1].strip() in self.servers:
+                return color("black")
+            text = found[2].strip() or "none"
+        if text.lower() == "currentcolor":
+            text = style.get("color", "black")
+        # svgelements reads functions with commas, and an alpha in rgba and hsla alone.
+        name, bracket, numbers = text.lower().partition("(")
+        if bracket:
+            values = re.split(r"[\s,/]+", numbers.strip(" )"))
+            if len(values) == 4:
+                alpha = values[3]
+                values[3] = str(float(alpha[:-1]) / 100) if alpha.endswith("%") else alpha
+                name = name.rstrip("a") + "a"
+            text = f"{name}({', '.join(values)})"
+        return color(text)
 
 
-def _chosen(switch: Any) -> list[Any]:
-    """The one element of a switch that is drawn: the first that asks for no extension."""
-    return [child for child in switch if _tag(child) and not child.get("requiredExtensions")][:1]
+def _opacity(text: str | None) -> float:
+    """Return the number from 0 to 1 of an opacity."""
+    return 1.0 if text is None else min(max(length(text, "opacity", 1.0), 0.0), 1.0)
 
 
-def read_svg(file: File) -> Drawing:
-    """The filled shapes of an SVG file, y up, each flattened and filled by its own rule."""
-    root = parsed(file.content)
+def _viewport(element: Any, place: _Place, size: Sequence[str | None]) -> _Place:
+    """Return the place inside a nested svg or symbol: its corner, and the scale of its viewBox."""
+    place, box = place.moved(np.eye(2), place.corner()), view_box(element)
+    extents = [
+        reference if text in (None, "auto") else length(str(text), "size", reference)
+        for text, reference in zip(size, place.viewport, strict=True)
+    ]
+    if box is None:
+        return replace(place, viewport=(extents[0], extents[1]))
+    width, height = (b if e is None else e for e, b in zip(extents, box[2:], strict=True))
+    fit: Affine = fitted(element.get("preserveAspectRatio", ""), box, (width, height))
+    return replace(place.moved(*fit), viewport=box[2:])
+
+
+def load_svg(file: File) -> Drawing:
+    """Load the filled shapes of an SVG file, y up, each flattened and filled by its own rule."""
+    root = _parsed(file.content)
     metres, matrix = _unit(root, file.unit_metres)
-    shapes = list(Document(root, file.layers).shapes(matrix))
+    box = view_box(root)
+    viewport = (None, None) if box is None else (box[2], box[3])
+    place = _Place(matrix, np.zeros(2), viewport, not file.layers, {}, {})
+    shapes = list(_Document(root, file.layers).shapes(root, place))
     if not shapes:
         raise FileFormatError(
             "expected filled shapes, got none; give the outlines a fill (strokes have no inside)"
@@ -229,9 +299,8 @@ def read_svg(file: File) -> Drawing:
         raise FileFormatError(
             "expected shapes that enclose an area, got none that do and that no white shape covers"
         )
-    names = [shape.layer for shape in shapes for _ in shape.subpaths]
-    remedy = overlap_remedy(outlines, names)
-    if len({shape.fill for shape in shapes}) > 1 and "lies around" not in remedy:
+    remedy = overlap_remedy(outlines, [shape.layer for shape in shapes for _ in shape.subpaths])
+    if len({shape.colour for shape in shapes}) > 1 and "lies around" not in remedy:
         remedy = (
             "their colours differ: paint white what is to be closed, cut one out of the other, or "
             "give union=True (--union), which joins them whatever their colour"
@@ -240,55 +309,42 @@ def read_svg(file: File) -> Drawing:
 
 
 def _visible(painted: Sequence[list[Polygon]], is_white: Sequence[bool]) -> list[Polygon]:
-    """The polygons of shapes after white shapes have hidden the parts below them.
+    """Return the polygons of shapes after white shapes have hidden the parts below them.
 
     White shapes themselves are closed, unless all shapes are white.
     """
     if all(is_white) or not any(is_white):
         return [polygon for polygons in painted for polygon in polygons]
-    visible = np.array([], dtype=object)
+    visible: list[shapely.Polygon] = []
     for polygons, white in zip(painted, is_white, strict=True):
         areas = [shapely.Polygon(outer, holes) for outer, *holes in polygons]
-        if not white:
-            visible = np.concatenate([visible, np.array(areas, dtype=object)])
-            continue
-        for area in areas:
-            hidden = shapely.intersects(visible, area)
-            left = [combined_on_grid(shapely.difference, some, area) for some in visible[hidden]]
-            pieces = [piece for geometry in left for piece in polygons_in(geometry)]
-            visible = np.concatenate([visible[~hidden], np.array(pieces, dtype=object)])
+        visible += [] if white else areas
+        for area in areas if white else ():
+            pieces = [
+                combined_on_grid(shapely.difference, shape, area)
+                if shapely.intersects(shape, area) else shape
+                for shape in visible
+            ]  # fmt: skip
+            visible = [polygon for piece in pieces for polygon in polygons_in(piece)]
     return [rings_of_polygon(polygon) for polygon in visible]
 
 
 def _unit(root: Any, unit_metres: float) -> tuple[float, Points]:
-    """Metres of a unit of the file's coordinates, and the map that flips y.
+    """Return the metres per unit of the file's coordinates, and the map that flips y.
 
     A width or height in mm, cm, Q, in, pt or pc states the size of the viewBox, or, without one,
-    that a unit is a CSS pixel. Otherwise a unit is what the caller says.
+    that a unit is a CSS pixel. Otherwise a unit is what the caller specifies.
     """
-    sizes = {}
-    for name in ("width", "height"):
-        text = root.get(name)
-        physical = None if text in (None, "auto") else physical_length(text, f"the {name}")
-        if physical is not None:
-            sizes[name] = physical
-    box = view_box(root)
-    if not sizes:
-        return unit_metres, np.diag([1.0, -1.0])
-    if box is None:
-        return float(PIXEL), np.diag([1.0, -1.0])
-    extents = {"width": Fraction(box[2]), "height": Fraction(box[3])}
-    x, y = (float(sizes[n] / extents[n]) if n in sizes else None for n in ("width", "height"))
-    if x is None or y is None:
-        metres = y if x is None else x
-        assert metres is not None
-        return metres, np.diag([1.0, -1.0])
+    box, flip = view_box(root), np.diag([1.0, -1.0])
+    scales = []
+    for axis, name in enumerate(("width", "height")):
+        text = root.get(name, "auto")
+        size = None if text == "auto" else physical_length(text, name)
+        if size is not None:
+            scales.append(float(PIXEL if box is None else size / Fraction(box[2 + axis])))
+    if not scales:
+        return unit_metres, flip
     fit = root.get("preserveAspectRatio", "").split()
-    if "none" in fit:
-        return x, np.diag([1.0, -y / x])
-    return (max if "slice" in fit else min)(x, y), np.diag([1.0, -1.0])
-
-
-FORMATS = (
-    Format("SVG", (".svg",), read_svg, rb"<", ("defusedxml.ElementTree", "svgelements"), True),
-)
+    if "none" in fit and len(scales) == 2:
+        return scales[0], np.diag([1.0, -scales[1] / scales[0]])
+    return (max if "slice" in fit else min)(scales), flip
