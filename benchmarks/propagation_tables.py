@@ -1,4 +1,4 @@
-"""How far are Wigner rays, to leading and to third order, from the diffraction integrals?
+"""How far are Wigner rays from the diffraction integrals?
 
 Tables of decibels against Rayleigh-Sommerfeld I and Kirchhoff, each with rays of its own obliquity:
 on boresight from 0.5 to 50 wavelengths, and over -80 to 80 degrees at 5, 10, 30 and 100
@@ -56,16 +56,11 @@ def centre_of(source: Any) -> np.ndarray:
 
 
 def decibels(source: Any, points: np.ndarray, condition: str) -> tuple[np.ndarray, np.ndarray]:
-    """Errors of both orders, (2, n), not a number where the sum is below zero; the reference."""
+    """Errors of rays (n,), NaN where the sum is below zero, and the reference."""
     reference = pw.irradiance(source, points, WAVELENGTH, condition)
-    rays = [
-        pw.irradiance(
-            source, points, WAVELENGTH, obliquity=condition, order=order, tolerance=TOLERANCE
-        )
-        for order in (1, 3)
-    ]
+    rays = pw.irradiance(source, points, WAVELENGTH, obliquity=condition, tolerance=TOLERANCE)
     with np.errstate(invalid="ignore", divide="ignore"):
-        return 10 * np.log10(np.array(rays) / reference), reference
+        return 10 * np.log10(rays / reference), reference
 
 
 def on_boresight(source: Any, condition: str) -> np.ndarray:
@@ -74,12 +69,12 @@ def on_boresight(source: Any, condition: str) -> np.ndarray:
 
 
 def off_axis(source: Any, condition: str, distance: float) -> np.ndarray:
-    """(order, (rms, largest)) over the cut phi = 0."""
+    """Rms and largest error, (2,), over the cut phi = 0."""
     theta = np.radians(DEGREES)
     arc = np.stack([np.sin(theta), 0 * theta, np.cos(theta)], axis=-1)
     errors, reference = decibels(source, centre_of(source) + distance * WAVELENGTH * arc, condition)
-    errors = abs(errors[:, reference > SEEN * reference.max()])
-    return np.stack([np.sqrt((errors**2).mean(axis=1)), errors.max(axis=1)], axis=-1)
+    errors = abs(errors[reference > SEEN * reference.max()])
+    return np.array([np.sqrt((errors**2).mean()), errors.max()])
 
 
 def number(value: float) -> str:
@@ -90,21 +85,20 @@ def number(value: float) -> str:
 
 def boresight_table(condition: str) -> list[str]:
     heads = [f"{z:g}" for z in BORESIGHT]
-    lines = [f"| source, order | {' | '.join(heads)} |", "|---" * (len(heads) + 1) + "|"]
+    lines = [f"| source | {' | '.join(heads)} |", "|---" * (len(heads) + 1) + "|"]
     for name, source in sources().items():
-        for order, errors in zip((1, 3), on_boresight(source, condition), strict=True):
-            lines.append(f"| {name}, {order} | {' | '.join(map(number, errors))} |")
+        errors = on_boresight(source, condition)
+        lines.append(f"| {name} | {' | '.join(map(number, errors))} |")
     return lines
 
 
 def off_axis_table(condition: str) -> list[str]:
     heads = [f"{d:g}" for d in DISTANCES]
-    lines = [f"| source, order | {' | '.join(heads)} |", "|---" * (len(heads) + 1) + "|"]
+    lines = [f"| source | {' | '.join(heads)} |", "|---" * (len(heads) + 1) + "|"]
     for name, source in sources().items():
-        found = np.array([off_axis(source, condition, d) for d in DISTANCES])
-        for k, order in enumerate((1, 3)):
-            cells = [f"{number(rms)} ({number(largest)})" for rms, largest in found[:, k]]
-            lines.append(f"| {name}, {order} | {' | '.join(cells)} |")
+        found = [off_axis(source, condition, d) for d in DISTANCES]
+        cells = [f"{number(rms)} ({number(largest)})" for rms, largest in found]
+        lines.append(f"| {name} | {' | '.join(cells)} |")
     return lines
 
 
@@ -114,13 +108,13 @@ def page() -> str:
         "",
         "These tables give the error of Wigner rays against exact diffraction integrals. Use them",
         "to decide how far from a source rays are good enough. The page on",
-        "[fields at points](propagation.md#wigner-rays) explains the orders and the results.",
+        "[fields at points](propagation.md#wigner-rays) explains the results.",
         "",
-        "Errors are in dB, for rays of leading (1) and third (3) order with the obliquity of the",
-        "integral. A dash stands where a sum of rays is below zero. The frequency is 94 GHz",
-        "(wavelength 3.19 mm). The sources are a 10 mm square, a triangle and an L as wide, two",
-        "chevrons (26 mm wide together), a square horn in TE10, and 4 x 4 patches of 0.7",
-        "wavelengths at a pitch of one, steered to 20 degrees. This page is written by",
+        "Errors are in dB, for rays with the obliquity of the integral. A dash stands where a sum",
+        "of rays is below zero. The frequency is 94 GHz (wavelength 3.19 mm). The sources are a",
+        "10 mm square, a triangle and an L as wide, two chevrons (26 mm wide together), a square",
+        "horn in TE10, and 4 x 4 patches of 0.7 wavelengths at a pitch of one, steered to 20",
+        "degrees. This page is written by",
         "`benchmarks/propagation_tables.py --write`.",
     ]
     for condition, short in CONDITIONS.items():

@@ -311,12 +311,6 @@ def test_a_precision_is_kept_and_numpy_points_become_tensors():
         lambda: pw.differentiable(pw.Slits([0, 1]), weights=_points(INTERVALS)),
         lambda: pw.differentiable(pw.Slits(INTERVALS[:2]), intervals=_points(INTERVALS)),
         lambda: pw.differentiable(pw.Slits(INTERVALS), intervals=INTERVALS),
-        lambda: pw.amplitude(
-            pw.differentiable(intervals=_points(INTERVALS)), np.array([[0.0, 0.0, 1.0]]), 0.1
-        ),
-        lambda: pw.irradiance(
-            pw.differentiable(intervals=_points(INTERVALS)), np.array([[0.0, 0.0, 1.0]]), 0.1
-        ),
         lambda: pw.differentiable(vertices=CHEVRON),
         lambda: pw.differentiable(pw.shapes.square(1.0), vertices=_points(CHEVRON)),
         lambda: pw.differentiable(pw.Aperture(CHEVRON), weights=_numbers(np.ones(1) + 0j)),

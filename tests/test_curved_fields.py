@@ -49,12 +49,11 @@ def test_far_away_every_field_of_a_horn_is_its_far_field(method):
     assert abs(found) == pytest.approx(abs(far), rel=share, abs=0.0)
 
 
-@pytest.mark.parametrize(("order", "decibels"), [(1, 0.01), (3, 1e-5)])
-def test_wigner_rays_of_a_horn_add_up_to_its_irradiance(order, decibels):
+def test_wigner_rays_of_a_horn_add_up_to_its_irradiance():
     points = np.array([(0, 0, 0.12), (20e-3, 10e-3, 0.15)])
     exact = pw.irradiance(HORN, points, WAVELENGTH, "auto")
-    rays = pw.irradiance(HORN, points, WAVELENGTH, order=order, tolerance=1e-6)
-    assert np.abs(10 * np.log10(rays / exact)).max() < decibels
+    rays = pw.irradiance(HORN, points, WAVELENGTH, tolerance=1e-6)
+    assert np.abs(10 * np.log10(rays / exact)).max() < 0.01
 
 
 def test_power_is_that_of_the_spectrum_in_front():

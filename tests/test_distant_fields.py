@@ -9,6 +9,8 @@ import pytest
 import polywigner as pw
 from oracles.distant import distant_fields
 from oracles.references import numpy_and_few
+from polywigner.propagation.boundary import radiator_of
+from polywigner.propagation.edge_integrals import field_gradient
 
 WAVELENGTH = 299792458 / 94e9
 ASKED = 1e-12
@@ -82,24 +84,11 @@ def test_single_precision_keeps_its_tolerance_far_away(name, engine):
         assert np.abs(got - value).max() <= SINGLE * abs(value)
 
 
-@pytest.mark.llvm
-@pytest.mark.parametrize("method", ["rayleigh-sommerfeld-1", "kirchhoff", "fresnel"])
-def test_derivatives_have_the_phase_of_the_field(method):
+@pytest.mark.parametrize("method", ["rayleigh-sommerfeld-1", "kirchhoff"])
+def test_gradients_have_the_phase_of_the_field(method):
     """Far along its beam a field turns with its distance: dU/dr = (ik - 1/r) U."""
-    import drjit as dr
-
     place = point_of("steered", DISTANCES[2])
     value = expected("steered", DISTANCES[2])[method]
-    points = dr.llvm.ad.Array3f64(*(place[:, None]))
-    dr.enable_grad(points)
-    field = pw.amplitude(STEERED, points, WAVELENGTH, method)
-    dr.backward(field.real)
-    slope = np.array(points.grad).ravel()
-    # of Fresnel's parabolas the gradient of z + rho^2/2z
-    x, y, z = place
-    away = np.array([x / z, y / z, 1 - (x * x + y * y) / (2 * z * z)])
-    if method != "fresnel":
-        away = place / np.linalg.norm(place)
-    assert np.abs(slope - (2j * np.pi / WAVELENGTH * value * away).real).max() <= (
-        SLOPES * 2 * np.pi / WAVELENGTH * abs(value)
-    )
+    found = field_gradient(radiator_of(STEERED), place[None], WAVELENGTH, method, 1e-9)[0]
+    wave = 2j * np.pi / WAVELENGTH * value * place / np.linalg.norm(place)
+    assert np.abs(found - wave).max() <= SLOPES * 2 * np.pi / WAVELENGTH * abs(value)

@@ -14,8 +14,10 @@ import shapely
 
 import polywigner as pw
 from oracles.references import numpy_and_few
-from oracles.surface_integrals import surface_fields
+from oracles.surface_integrals import field_by_quadrature, surface_fields
 from polywigner.errors import ArgumentError, GeometryError
+from polywigner.propagation.boundary import radiator_of
+from polywigner.propagation.edge_integrals import field_gradient
 
 METHODS: tuple[Any, ...] = ("rayleigh-sommerfeld-1", "rayleigh-sommerfeld-2", "kirchhoff")
 methods = pytest.mark.parametrize("method", METHODS)
@@ -55,6 +57,7 @@ STEERED = pw.phased_array(
     [(0.5 * i - 0.5, 0.5 * j - 0.25) for i in range(3) for j in range(2)],
     [np.exp(2j * np.pi * (0.15 * i + 0.05 * j)) for i in range(3) for j in range(2)],
 )
+SCREEN = pw.Screen(SQUARE, pw.PointSource((0.0, 0.0, -1.0)))
 SOURCES: dict[str, Any] = {
     "square": SQUARE,
     "triangle": pw.shapes.triangle(3.0, 2.5),
@@ -273,3 +276,44 @@ def test_lengths_whose_squares_floats_cannot_be_are_refused(point):
 def test_edges_of_too_many_wavelengths_are_refused_with_a_word_on_units():
     with pytest.raises(ArgumentError, match=r"edges of at most .* check the unit"):
         pw.amplitude(pw.shapes.square(1.0), (0.0, 0.0, 1.0), 1e-10)
+
+
+@methods
+@pytest.mark.parametrize("name", ["with a hole", "evanescent", "steered array"])
+def test_gradients_are_those_of_integrals_over_the_opening(method, name):
+    """Differences of the fourth order with this step err by (k step)^4/30, 5e-11, and rounding."""
+    points, step = np.array([[0.3, 0.6, 2.9], [-6.0, 3.0, 5.0]]), 1e-3
+    found = field_gradient(radiator_of(SOURCES[name]), points, 1.0, method, 1e-9)
+    for axis in range(3):
+        moved = step * np.array([-2, -1, 1, 2])[:, None, None] * np.eye(3)[axis] + points
+        fields = field_by_quadrature(SOURCES[name], moved.reshape(-1, 3), 1.0, method)
+        slopes = np.array([1, -8, 8, -1]) @ fields.reshape(4, -1) / (12 * step)
+        assert np.abs(found[:, axis] - slopes).max() < 1e-8 * np.abs(found).max()
+
+
+@pytest.mark.llvm
+@pytest.mark.parametrize(
+    ("name", "call"),
+    [
+        ("points", lambda vector, _: pw.amplitude(SQUARE, vector, 1.0)),
+        ("points", lambda vector, _: pw.irradiance(SQUARE, vector, 1.0)),
+        ("points", lambda vector, _: pw.field(SQUARE, vector, 1.0, "x")),
+        ("points", lambda vector, _: pw.amplitude(SQUARE, vector, 1.0, obstacles=SQUARE)),
+        ("points", lambda vector, _: pw.amplitude(SCREEN, vector, 1.0)),
+        ("points", lambda vector, _: pw.irradiance(
+            SQUARE, vector, 1.0, through=pw.FirstOrder.free_space(1.0))),
+        ("source", lambda _, source: pw.amplitude(source, (0, 0, 3), 1.0)),
+        ("source", lambda _, source: pw.irradiance(source, (0, 0, 3), 1.0, "auto")),
+        ("to_radar", lambda vector, _: pw.rcs(SQUARE, vector, 1.0)),
+        ("to_transmitter", lambda vector, _: pw.rcs(SQUARE, (0, 0, 1), 1.0, vector)),
+        ("receiver", lambda _, source: pw.coupling(SQUARE, source, np.eye(4), 1.0)),
+        ("to_transmitter", lambda vector, _: pw.coupling(SQUARE, SQUARE, vector, 1.0)),
+        ("nu", lambda vector, _: pw.fourier(SQUARE.curved(9.0, 1.0), vector)),
+    ],
+)  # fmt: skip
+def test_arrays_of_drjit_are_refused_where_the_host_computes(name, call):
+    from drjit.llvm import Array2f64, Array3f64
+
+    source = pw.differentiable(vertices=Array2f64(np.concatenate(SQUARE.rings).T.copy()))
+    with pytest.raises(ArgumentError, match=f"^{name} must be made of NumPy arrays, got a Dr.Jit"):
+        call(Array3f64(0.0, 0.0, 3.0), source)

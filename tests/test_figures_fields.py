@@ -125,11 +125,11 @@ def test_beams_go_across_a_plane_along_z():
     assert axes.images[0].get_array().shape == (7, 5)
 
 
-def test_rays_are_labelled_with_their_obliquity_and_order():
+def test_rays_are_labelled_with_their_obliquity():
     found = line(rays=1 / Z, kirchhoff=1 / Z)
-    found["rays"].attrs |= {"method": "wigner", "obliquity": "kirchhoff", "order": 3}
+    found["rays"].attrs |= {"method": "wigner", "obliquity": "kirchhoff"}
     labels = [text.get_text() for text in draw_lines(found).axes[0].get_legend().get_texts()]
-    assert labels == ["Wigner, obliquity Kirchhoff, third order", "Kirchhoff"]
+    assert labels == ["Wigner, obliquity Kirchhoff", "Kirchhoff"]
 
 
 def test_a_hemisphere_is_drawn_over_direction_cosines_all_around():

@@ -263,8 +263,8 @@ def test_what_cannot_be_had_is_refused_in_one_sentence(call, message):
     } | call
     with pytest.raises(ArgumentError, match=message):
         pw.amplitude(**given)
-    with pytest.raises(ArgumentError, match="expected no order with through="):
-        pw.irradiance(SQUARE, (0.0, 0.0), WAVELENGTH, through=SPACE, order=3)
+    with pytest.raises(ArgumentError, match="expected no obliquity with through="):
+        pw.irradiance(SQUARE, (0.0, 0.0), WAVELENGTH, through=SPACE, obliquity="kirchhoff")
 
 
 def test_single_precision_frequencies_and_labels_are_taken():
@@ -278,18 +278,6 @@ def test_single_precision_frequencies_and_labels_are_taken():
     assert found.dims == ("place",) and found.values == pytest.approx(abs(fields) ** 2, abs=1e-9)
     hertz = pw.SPEED_OF_LIGHT / WAVELENGTH
     assert pw.amplitude(TAPERED, y, frequency=hertz, through=SPACE) == pytest.approx(fields)
-
-
-@pytest.mark.llvm
-def test_compiled_points_give_compiled_fields(llvm):
-    from drjit.llvm import Array2f64, TensorXf64
-
-    y = points(6, 5e-3)
-    expected = pw.amplitude(TAPERED, y, WAVELENGTH, through=SPACE)
-    found = pw.amplitude(TAPERED, Array2f64(*y.T), WAVELENGTH, through=SPACE)
-    assert found.numpy() == pytest.approx(expected)
-    light = pw.irradiance(TAPERED, TensorXf64(y), WAVELENGTH, through=SPACE)
-    assert light.numpy() == pytest.approx(abs(expected) ** 2, abs=1e-9)
 
 
 FOURIER = pw.FirstOrder.fourier(0.1)

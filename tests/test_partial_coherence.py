@@ -190,9 +190,8 @@ def test_wide_coherence_is_coherent_and_narrow_coherence_a_lamp() -> None:
 
 def test_arguments_of_partly_coherent_light_are_checked_as_those_of_coherent_light() -> None:
     partly = pw.shapes.square(4.0).partially_coherent(1.0)
-    for change in ({"engine": "bogus"}, {"order": 3}, {"samples": 10}):
-        with pytest.raises(ArgumentError):
-            pw.irradiance(partly, (0.0, 0.0, 9.0), WAVELENGTH, "auto", **change)
+    with pytest.raises(ArgumentError):
+        pw.irradiance(partly, (0.0, 0.0, 9.0), WAVELENGTH, "auto", engine="bogus")
     with pytest.raises(ArgumentError, match="z > 0"):
         pw.irradiance(partly, (0.0, 0.0, -9.0), WAVELENGTH, "fresnel")
     assert pw.irradiance(partly, np.zeros((0, 3)), WAVELENGTH, "fresnel").shape == (0,)

@@ -188,22 +188,6 @@ def test_fields_are_linear_in_the_amplitude(light):
     np.testing.assert_allclose(many, 3e30j * one, rtol=1e-12)
 
 
-@pytest.mark.llvm
-@pytest.mark.parametrize("find", [pw.amplitude, pw.irradiance])
-def test_screens_take_points_of_drjit_and_have_no_derivatives(find):
-    import drjit as dr
-    from drjit.llvm.ad import Array3f64
-
-    screen = pw.Screen(pw.Aperture(L_SHAPE), pw.PointSource(SOURCE))
-    point = Array3f64(0.2, 0.4, 3.0)
-    found = np.array(find(screen, point, 1.0, "kirchhoff")).ravel()
-    expected = np.atleast_1d(find(screen, POINTS[0], 1.0, "kirchhoff"))
-    np.testing.assert_allclose(found[0], expected[0], rtol=1e-9)
-    dr.enable_grad(point)
-    with pytest.raises(ArgumentError, match="no derivatives of fields behind a Screen"):
-        find(screen, point, 1.0, "kirchhoff")
-
-
 def test_irradiance_is_the_square_and_errors_are_told():
     screen = pw.Screen(pw.Aperture(L_SHAPE), pw.PointSource(SOURCE))
     field, error = pw.amplitude(screen, POINTS, 1.0, "kirchhoff", return_error=True)

@@ -44,7 +44,7 @@ def test_arguments_say_what_they_are(name):
 
 def test_functions_that_take_a_frequency_keep_the_types_of_their_arguments():
     found = inspect.signature(pw.amplitude).parameters
-    assert found["points"].annotation == "Points"
+    assert found["points"].annotation == "ArrayLike"
     assert found["frequency"].annotation == "float | None"
 
 

@@ -24,11 +24,10 @@ from polywigner.figures.levels import summary
 WAVELENGTH = 299_792_458 / 94e9
 SQUARE = pw.shapes.square(10e-3)
 
-# Rays with the paper's obliquity, with that of Kirchhoff's boundary condition, and to third order.
+# Rays with the paper's obliquity, and with the obliquity of Kirchhoff's boundary condition.
 RAYS: dict[str, dict[str, Any]] = {
     "paper": {"obliquity": "paper"},
     "matched": {"obliquity": "kirchhoff"},
-    "third order": {"obliquity": "kirchhoff", "order": 3},
 }
 
 

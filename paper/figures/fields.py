@@ -72,7 +72,6 @@ _METHODS: dict[str, dict[str, Any]] = {
 _STYLES = (
     (style.RED, "-"),
     (style.BLUE, "--"),
-    (style.ORANGE, "-."),
     (style.GREEN, ":"),
     (style.VIOLET, (0, (5, 1, 1, 1))),
 )

@@ -109,9 +109,8 @@ def catalogue() -> dict[str, pw.Slits | pw.Aperture]:
 RAYS: Mapping[str, Mapping[str, Any]] = {
     "paper": {"obliquity": "paper"},
     "matched": {"obliquity": "kirchhoff"},
-    "third order": {"obliquity": "kirchhoff", "order": 3},
 }
-"""Wigner rays with the paper's obliquity, with Kirchhoff's, and to third order."""
+"""Wigner rays with the paper's obliquity, and with Kirchhoff's."""
 
 
 def compared(place: Callable[..., Any], rays: tuple[str, ...], *others: str) -> Any:

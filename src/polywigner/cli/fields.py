@@ -119,30 +119,24 @@ def _within(
     return chosen
 
 
-_ORDERS = {"1": 1, "3": 3}
-
-
 class MethodText(NamedTuple):
     """A method with its settings; ``name`` tells it from the others of a run."""
 
     name: str
     method: str
     obliquity: str | None
-    order: int
 
     @property
     def options(self) -> dict[str, Any]:
         """The argument that :func:`polywigner.line` and its like take for it."""
         if self.method != "wigner":
             return {"method": self.method}
-        return {"method": self.method, "obliquity": self.obliquity, "order": self.order}
+        return {"method": self.method, "obliquity": self.obliquity}
 
 
-def parse_methods(
-    texts: Sequence[str], obliquity: str | None, order: int
-) -> tuple[MethodText, ...]:
-    """Methods, of wigner rays perhaps with an obliquity and an order: ``"wigner kirchhoff 3"``."""
-    methods = tuple(_method(text, obliquity, order) for text in texts)
+def parse_methods(texts: Sequence[str], obliquity: str | None) -> tuple[MethodText, ...]:
+    """Methods, of wigner rays perhaps with an obliquity: ``"wigner kirchhoff"``."""
+    methods = tuple(_method(text, obliquity) for text in texts)
     names = [method.name for method in methods]
     twice = [name for name in names if names.count(name) > 1]
     if twice:
@@ -150,7 +144,7 @@ def parse_methods(
     return methods
 
 
-def _method(text: str, obliquity: str | None, order: int) -> MethodText:
+def _method(text: str, obliquity: str | None) -> MethodText:
     from polywigner.illumination.obliquities import OBLIQUITIES
     from polywigner.propagation import METHODS
 
@@ -159,16 +153,13 @@ def _method(text: str, obliquity: str | None, order: int) -> MethodText:
     if method not in methods:
         raise ArgumentError(f"--method: expected one of {', '.join(methods)}, got {shown(text)}")
     for word in words[1:]:
-        if method != "wigner" or word not in (*obliquities, *_ORDERS):
+        if method != "wigner" or word not in obliquities:
             raise ArgumentError(
                 "--method: expected words after wigner only, an obliquity "
-                f"({', '.join(obliquities)}) or an order (1, 3), got {shown(text)}"
+                f"({', '.join(obliquities)}), got {shown(text)}"
             )
-        if word in _ORDERS:
-            order = _ORDERS[word]
-        else:
-            obliquity = word
-    return MethodText("-".join(words), method, obliquity, order)
+        obliquity = word
+    return MethodText("-".join(words), method, obliquity)
 
 
 def compared_with(wanted: Sequence[MethodText], against: str | None) -> str:

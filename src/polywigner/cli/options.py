@@ -45,7 +45,6 @@ Define = Annotated[
         "--define", help="NAME=VALUE of a $parameter of the scene; several times for more."
     ),
 ]
-Order = Annotated[int, "Order of wigner rays: 1, or 3 for cubic lags as well."]
 Obliquity = Annotated[
     str | None,
     "Boundary condition of wigner rays: rayleigh-sommerfeld-1 (default), "

@@ -46,9 +46,8 @@ def propagate(
         list[str] | None,
         "wigner, rayleigh-sommerfeld-1, rayleigh-sommerfeld-2, kirchhoff, fresnel or fraunhofer; "
         "several times to compare them (default: the first two; behind obstacles the second). "
-        "wigner with its own obliquity and order: 'wigner paper', 'wigner kirchhoff 3'.",
+        "wigner with its own obliquity: 'wigner paper', 'wigner kirchhoff'.",
     ] = None,
-    order: options.Order = 1,
     obliquity: options.Obliquity = None,
     amplitude: Annotated[bool, "Complex fields, with phases; not by wigner."] = False,
     against: options.Against = None,
@@ -97,7 +96,7 @@ def propagate(
     if floor_db is not None:
         check_floor(floor_db)
     default = _BEHIND_OBSTACLES if obstacles.obstacle else _DEFAULT
-    wanted = fields.parse_methods(method or default, obliquity, order)
+    wanted = fields.parse_methods(method or default, obliquity)
     reference = fields.compared_with(wanted, against)
     for suffix, module in ((".nc", "h5netcdf"), (".zarr", "zarr")):
         if suffix in suffixes:

@@ -40,7 +40,6 @@ def volume(
         "wigner (default), rayleigh-sommerfeld-1 (behind obstacles), rayleigh-sommerfeld-2, "
         "kirchhoff, fresnel or fraunhofer; several times to compare them.",
     ] = None,
-    order: options.Order = 1,
     obliquity: options.Obliquity = None,
     against: options.Against = None,
     accuracy: options.Accuracy = None,
@@ -109,7 +108,7 @@ def volume(
     }
     check_volume_options(**drawn)
     default = _BEHIND_OBSTACLES if obstacles.obstacle else _DEFAULT
-    wanted = fields.parse_methods(method or default, obliquity, order)
+    wanted = fields.parse_methods(method or default, obliquity)
     reference = fields.compared_with(wanted, against)
     radiator, length = source.read_with_wavelength()
     bodies = obstacles.read() or None

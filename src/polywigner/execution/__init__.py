@@ -13,8 +13,7 @@ module               what is in it
 ``on_drjit``         a compiled kernel, traced once: of one outline, or of all, which are data
 ``points``           Dr.Jit arrays of any kind: points, numbers of sources, and results
 ``traced``           Dr.Jit arrays in and out, traced, with derivatives in closed form; sums over
-                     sites and rays
-``hosted``           Dr.Jit arrays in and out of functions that the host computes
+                     sites
 ===================  ==========================================================================
 """
 
@@ -34,14 +33,6 @@ from polywigner.execution.chunks import (
 )
 from polywigner.execution.drjit_operations import DrjitOperations, UnrolledOperations, ops_for
 from polywigner.execution.evaluation import Shear, evaluate, evaluate_rows, evaluate_sums, explained
-from polywigner.execution.hosted import (
-    TracedField,
-    evaluate_hosted,
-    hosted_field,
-    hosted_poses,
-    hosted_values,
-    with_slopes,
-)
 from polywigner.execution.on_drjit import without_collection
 from polywigner.execution.on_numpy import evaluate_on_grid
 from polywigner.execution.operations import NumpyOperations, ScalarOperations
@@ -52,8 +43,6 @@ from polywigner.execution.points import (
     checked_float,
     complex_numbers,
     components_of_all,
-    float_of,
-    has_gradient,
     host_points,
     in_plane,
     is_drjit,
@@ -63,13 +52,10 @@ from polywigner.execution.points import (
     shifted_points,
     tensor_of,
     times_complex,
-    values_of,
 )
 from polywigner.execution.traced import (
     evaluate_traced,
     kernel_with_derivatives,
-    ray_sum,
     site_sum,
-    traced_sums,
     with_end_slopes,
 )

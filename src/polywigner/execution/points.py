@@ -38,13 +38,6 @@ def is_tensor(value: Any) -> bool:
     return is_drjit(value) and bool(sys.modules["drjit"].is_tensor_v(value))
 
 
-def has_gradient(value: Any) -> bool:
-    """Whether derivatives are asked of a Dr.Jit array."""
-    import drjit
-
-    return bool(drjit.grad_enabled(value))
-
-
 def own_float(name: str, value: Any) -> Any:
     """The one-dimensional float type behind a Dr.Jit array. Raises ArgumentError for others."""
     import drjit
@@ -60,11 +53,6 @@ def own_float(name: str, value: Any) -> Any:
             f"expected {name} of 32 or 64 bit real floats, got {type(value).__name__}"
         )
     return found
-
-
-def float_of(*named: tuple[str, Any]) -> Any:
-    """Float type of the Dr.Jit arrays among some arguments, None without one."""
-    return next((own_float(name, value) for name, value in named if is_drjit(value)), None)
 
 
 def common_float(
@@ -115,16 +103,6 @@ def host_points(name: str, value: Any) -> NDArray[np.float64]:
         raise ArgumentError(
             f"expected {name} as real numbers, components last, got {got}"
         ) from None
-
-
-def values_of(value: Any, dimension: int) -> Any:
-    """The numbers of Dr.Jit points now, (..., d), without derivatives; others as they are."""
-    import drjit
-
-    if not is_drjit(value):
-        return value
-    array = np.array(drjit.detach(value), np.float64)
-    return array if drjit.is_tensor_v(value) or dimension == 1 else array.T
 
 
 def _is_double(float_type: Any) -> bool:

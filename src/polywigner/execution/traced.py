@@ -29,7 +29,6 @@ from polywigner.execution.points import (
     common_float,
     own_float,
     read_points,
-    sibling,
 )
 from polywigner.kernels import Kernel
 from polywigner.kernels.outline.tables import Tables, cut_of
@@ -292,51 +291,3 @@ def site_sum(nu: Any, positions: NDArray[np.float64], weights: Parameter) -> Any
         return a * cosine + b * sine, b * cosine - a * sine
 
     return kind.result(*ops.plain_sum(0, len(positions), term, 2))
-
-
-def ray_sum(
-    functions: Callable[[Any, Any], Sequence[Any]],
-    rule: tuple[NDArray[np.float64], NDArray[np.float64]],
-    points: Any,
-    wavelength: Any,
-    factors: Callable[[Any, Any, Any], Sequence[Any]],
-    float_type: Any,
-) -> Any:
-    """sum_j w_j functions(x_j, nu_j).factors(c_j, 1/|r_j|, wavelength) at each point, (T2).
-
-    ``functions``: W, or the moments (T1), of ``Array2f`` positions and frequencies. ``rule``:
-    places (m, 2) and weights (m,). points: (..., 3) of any kind. Memory: some arrays of as many
-    entries as there are rays.
-    """
-    import drjit as dr
-
-    number, pair = dr.uint32_array_t(float_type), sibling(float_type, "Array2f")
-    components, kind = read_points([("points", points)], 3, float_type)
-    if not dr.width(components):
-        return kind.result(dr.zeros(float_type, 0))
-    nodes, weights = rule
-    count = len(weights)
-    ray = dr.arange(number, count * dr.width(components))
-    node, point = ray % count, ray // count
-    x, y, weight = (
-        dr.gather(float_type, array_of(float_type, column), node) for column in (*nodes.T, weights)
-    )
-    along: Sequence[Any] = [dr.gather(float_type, part, point) for part in components]
-    dx, dy, dz = along[0] - x, along[1] - y, along[2]
-    inverse = 1.0 / dr.sqrt(dx * dx + dy * dy + dz * dz)
-    length = float_type(wavelength)
-    scale = inverse / length
-    found = functions(pair(x, y), pair(dx * scale, dy * scale))
-    value = sum(a * b for a, b in zip(found, factors(dz * inverse, inverse, length), strict=True))
-    return kind.result(dr.block_sum(value * weight, count))
-
-
-def traced_sums(kernel: Kernel, source: Any, *points: Any) -> tuple[Any, ...]:
-    """All results of a kernel for ``Array2f`` points; its derivatives are Dr.Jit's to find.
-
-    Right where points that are cut by have none: elsewhere the operations are smooth.
-    """
-    kind = type(points[0][0])
-    ops = TracedOperations(kind)  # as code they would take ten times as long to compile
-    components = [part for point in points for part in point]
-    return kernel(ops, kernel.tables(source, ops.double), *components)

@@ -136,14 +136,13 @@ def quantity_of(array: Any) -> str:
 
 
 def label_of(array: Any, name: str) -> str:
-    """Name of a method in a figure: ``Wigner, Kirchhoff obliquity, third order``."""
+    """Name of a method in a figure: ``Wigner, obliquity Kirchhoff``."""
     about = array.attrs
     method = str(about.get("method", name))
     label = _CALLED.get(method, name)
     if method == "wigner":
         obliquity = str(about.get("obliquity", ""))
         label += f", obliquity {_CALLED.get(obliquity, obliquity)}" if obliquity else ""
-        label += ", third order" if about.get("order") == 3 else ""
     return label
 
 

@@ -8,9 +8,9 @@ of a boundary condition (a, b), and the irradiance of two waves m and n
 
     g = (a c + b p_m) (a c + b p_n*).
 
-So g is linear in the forms (T4). Where all waves have one cosine the forms are numbers. Else each
-is a combination of functions W (or moments) of fields with amplitudes p_m c_m, (1 + p_m) c_m and
-(p_m - i) c_m, see (D2) and (D3). The paper's factor g = c is no boundary condition.
+So g is linear in three forms: p_m p_n*, p_m + p_n* and 1. If all waves have one cosine, the forms
+are numbers. Otherwise each form is a combination of functions W of fields with amplitudes p_m c_m
+and (1 + p_m) c_m, see (D2) and (D3). The paper's factor g = c is no boundary condition.
 """
 
 from __future__ import annotations
@@ -119,8 +119,8 @@ def _with_field(element: _Element, field: Illumination) -> _Element:
 BoundaryCondition = Literal["rayleigh-sommerfeld-1", "kirchhoff", "rayleigh-sommerfeld-2"]
 ObliquityName = Literal[BoundaryCondition, "paper"]
 
-Forms = tuple[float, float, float, float]
-"""The coefficients of the four forms (T4)."""
+Forms = tuple[float, float, float]
+"""Coefficients of the square, of the first power and of one in the factor g (D2)."""
 
 
 @final
@@ -151,11 +151,11 @@ class Obliquity:
         return self.slope - self.field
 
     def forms(self, p: complex) -> Forms:
-        """Return the coefficients of the forms (T4) of waves that have one direction cosine p."""
+        """Return the coefficients of the forms (D2) of waves that have one direction cosine p."""
         if not self.is_boundary_condition:
-            return (0.0, 1.0, 0.0, 0.0)
+            return (0.0, 1.0, 0.0)
         a, b = self.field, self.slope
-        return (a * a, 2 * a * b * p.real, (b * abs(p)) ** 2, 2 * a * b * p.imag)
+        return (a * a, 2 * a * b * p.real, (b * abs(p)) ** 2)
 
     def of_pairs(self, cosine: Any, p: Any, q: Any) -> Any:
         """Return g of pairs of waves of real direction cosines p and q, at a cosine."""
@@ -178,18 +178,13 @@ DEFAULT: BoundaryCondition = "rayleigh-sommerfeld-1"
 _SAME_COSINE = 1e-13
 
 
-def checked_obliquity(obliquity: object, order: int = 1) -> str:
+def checked_obliquity(obliquity: object) -> str:
     """The name of an obliquity, None for Rayleigh-Sommerfeld I; ArgumentError for others."""
     if obliquity is None:
         return DEFAULT
     if not isinstance(obliquity, str) or obliquity not in OBLIQUITIES:
         names = ", ".join(f'"{name}"' for name in OBLIQUITIES)
         raise ArgumentError(f"expected obliquity to be None or one of {names}, got {obliquity!r}")
-    if order == 3 and obliquity not in CONDITIONS:
-        raise ArgumentError(
-            'expected obliquity="paper" with order=1, got order 3; the cosine is no boundary '
-            'condition of which a third order could be derived: use "rayleigh-sommerfeld-1"'
-        )
     return obliquity
 
 
@@ -216,12 +211,12 @@ def warn_of_slopes(source: AnySource, wavelength: float, name: str) -> None:
 
 
 def weighted_sources(
-    source: Aperture | Array, obliquity: str, wavelength: float, order: int = 1
+    source: Aperture | Array, obliquity: str, wavelength: float
 ) -> list[tuple[Aperture | Array, Forms]]:
-    """Sources and coefficients of their forms (T4) that add up to the irradiance.
+    """Sources and coefficients of their forms (D2) that add up to the irradiance.
 
     One source where all waves leave at one angle, as those of a steered aperture, of a TE10 mode
-    and of elements without a field; else up to three, and to third order up to four: (D2), (D3).
+    and of elements without a field; else up to three: (D2), (D3).
     """
     warn_of_slopes(source, wavelength, obliquity)
     chosen = OBLIQUITIES[obliquity]
@@ -231,21 +226,18 @@ def weighted_sources(
     a, b, mixed = chosen.field, chosen.slope, chosen.field * chosen.slope
     turned = times_direction_cosine(source, wavelength)
     if not a:
-        return [(turned, (0.0, 0.0, b * b, 0.0))]
-    # p_m + p_n* = (1 + p_m)(1 + p_n*) - 1 - p_m p_n*, and so with -i in place of 1 for the fourth
-    fields = [
-        (source, (a * a, -mixed, 0.0, mixed)),
-        (turned, (0.0, -mixed, b * b, mixed)),
-        (times_direction_cosine(source, wavelength, 1.0), (0.0, mixed, 0.0, 0.0)),
+        return [(turned, (0.0, 0.0, b * b))]
+    # p_m + p_n* = (1 + p_m)(1 + p_n*) - 1 - p_m p_n*
+    return [
+        (source, (a * a, -mixed, 0.0)),
+        (turned, (0.0, -mixed, b * b)),
+        (times_direction_cosine(source, wavelength, 1.0), (0.0, mixed, 0.0)),
     ]
-    if order == 3:
-        fields.append((times_direction_cosine(source, wavelength, -1j), (0.0, 0.0, 0.0, -mixed)))
-    return fields
 
 
 def irradiance_factor(forms: Any, cosine: Any) -> Any:
-    """g at a cosine, to leading order, from the coefficients of the forms (T4)."""
-    first, mixed, both, _ = forms
+    """g at a cosine, to leading order, from the coefficients of the forms (D2)."""
+    first, mixed, both = forms
     return first * cosine * cosine + mixed * cosine + both
 
 
@@ -255,7 +247,7 @@ def emission_factor(forms: Any, cosine: Any) -> Any:
     Floats or arrays of any engine; dimensionless. Where a boundary condition takes slopes, h grows
     without bound towards grazing directions; the cosine of the projected area makes it finite.
     """
-    first, mixed, both, _ = forms
+    first, mixed, both = forms
     return first * cosine + mixed + (both / cosine if both else 0.0)
 
 

@@ -17,7 +17,6 @@ from polywigner.kernels.arrays.array_factor import array_factor_kernel
 from polywigner.kernels.arrays.element_pairs import distant_parts, is_scattered
 from polywigner.kernels.functions import partly_coherent, plane, separable, simplices
 from polywigner.kernels.functions import slits as line
-from polywigner.kernels.functions.moments import LAG_MOMENTS, LAG_MOMENTS_ALONG
 from polywigner.kernels.functions.separable import is_separable
 from polywigner.kernels.kernel import Kernel
 
@@ -49,8 +48,6 @@ _KERNELS: dict[tuple[str, Any], Kernel] = {
     ("complex fourier", Polyhedron): simplices.BODY_COMPLEX,
     ("complex fourier", "thin"): simplices.TILED_COMPLEX,
     ("complex fourier", "thin, placed"): simplices.TILED_PLACED_COMPLEX,
-    ("lag moments", Aperture): LAG_MOMENTS,
-    ("lag moments along", Aperture): LAG_MOMENTS_ALONG,
     ("autocorrelation", "lattice"): pair_sums.AUTOCORRELATION,
     ("wigner", "distant"): pair_sums.WIGNER_OF_PARTS,
     ("ambiguity", "distant"): pair_sums.AMBIGUITY_OF_PARTS,

@@ -86,12 +86,12 @@ class Segment:
     means: tuple[Pair, Pair, Pair]
 
     def area(self, ops: Any) -> Pair:
-        """Its term of M00, the integral of the wave over the polygon, over -dp: (T3)."""
+        """Its term of M00, the integral of the wave over the polygon, over -dp: (G4)."""
         e0, e1, _ = self.means
         return e1.scaled(self.dq).plus(ops, e0, self.q)
 
     def moments(self, ops: Any) -> tuple[Pair, Pair]:
-        """Its terms of M10 and 2 M01, of p and 2 q times the wave, over -dp: (T3)."""
+        """Its terms of M10 and 2 M01, of p and 2 q times the wave, over -dp: (G4)."""
         _, e1, e2 = self.means
         first = self.area(ops)
         second = e2.scaled(self.dq).plus(ops, e1, self.q)  # of q t times the wave
@@ -119,7 +119,7 @@ class Axes:
     def segment(self, p: Any, q: Any, dp: Any, dq: Any) -> Segment:
         """A segment with the middle (p, q) and the extent (dp, dq)."""
         cosine, sine = cos_sin_turns(self.ops, self.norm * p)
-        e0, e1, e2 = segment_moments(self.ops, self.half * dp, 2)
+        e0, e1, e2 = segment_moments(self.ops, self.half * dp)
         wave = Pair(cosine, -sine)
         means = wave.scaled(e0), Pair(sine * e1, cosine * e1), wave.scaled(e2)
         return Segment(p, q, dp, dq, means)

@@ -153,8 +153,3 @@ def rebuilt(like: Iterable[Any], parts: Iterable[Any]) -> list[Any]:
         else next(rest)
         for number in like
     ]
-
-
-def slopes_of(real: Jet, imag: Jet) -> Slopes:
-    """Real and imaginary part of the derivative of a complex number in x, in y and in z."""
-    return tuple(part for both in zip(real.slopes, imag.slopes, strict=True) for part in both)

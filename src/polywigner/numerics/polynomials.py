@@ -1,12 +1,10 @@
-"""Polynomials along a segment, their moments with a wave, and band-limited interpolation."""
+"""Moments of a wave along a segment, and band-limited interpolation."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from itertools import zip_longest
 from typing import Any
 
 import numpy as np
@@ -14,89 +12,38 @@ import numpy.typing as npt
 
 from polywigner.numerics.phases import cos_sin_over_turns, polynomial
 
-Polynomial = Sequence[Any]
-"""Coefficients of 1, t, t^2, ..."""
+# x = pi turns below which Bessel functions come from series, since the recurrence upwards loses
+# 3/x^3 ulps; and the number of terms in double and single precision. The omitted term of j_2 for
+# x = 1 is 1e-17 and 2e-9.
+_BELOW, _DOUBLE, _SINGLE = 1.0, 9, 4
 
 
-def added(first: Polynomial, second: Polynomial) -> list[Any]:
-    """The sum."""
-    return [b if a is None else a if b is None else a + b for a, b in zip_longest(first, second)]
+def segment_moments(ops: Any, half: Any) -> tuple[Any, Any, Any]:
+    """e_n = integral of t^n exp(-4 pi i half t) over -1/2 < t < 1/2, n = 0, 1, 2.
 
-
-def scaled(polynomial: Polynomial, factor: Any) -> list[Any]:
-    """A multiple; nothing is multiplied by a constant 1."""
-    if isinstance(factor, float) and factor == 1.0:
-        return list(polynomial)
-    return [coefficient * factor for coefficient in polynomial]
-
-
-def multiplied(first: Polynomial, second: Polynomial) -> list[Any]:
-    """The product."""
-    result: list[Any] = [None] * (len(first) + len(second) - 1)
-    for i, a in enumerate(first):
-        for j, b in enumerate(second):
-            product = b if isinstance(a, float) and a == 1.0 else a * b
-            known = result[i + j]
-            result[i + j] = product if known is None else known + product
-    return result
-
-
-# Largest power -> x = pi turns below which Bessel functions come from series, since the recurrence
-# upwards loses (2n - 1)!!/x^(n+1) ulps, 3 for either; and the number of terms in double and single
-# precision. Omitted term of j_2 for x = 1: 1e-17 and 2e-9; for x = 2 of j_2: 4e-18 and 8e-10, of
-# j_4: 4e-17 and 9e-11.
-_SERIES = {2: (1.0, 9, 4), 4: (2.0, 10, 6)}
-
-
-def segment_moments(ops: Any, half: Any, order: int) -> tuple[Any, ...]:
-    """e_n = integral of t^n exp(-4 pi i half t) over -1/2 < t < 1/2, n = 0 ... order (2 or 4).
-
-    ``half`` the turns of the wave over half of the segment. Real for even n; for odd n the
-    imaginary part. By spherical Bessel functions of x = 2 pi half: ``e0 = j0, e1 = -j1/2, e2 = (j0
-    - 2 j2)/12, e3 = (2 j3 - 3 j1)/40, e4 = (7 j0 - 20 j2 + 8 j4)/560``. Absolute errors of a few
-    ulps of 2^-n/(n + 1).
+    ``half``: the turns of the wave over half of the segment. Real for even n; for n = 1 the
+    imaginary part. By spherical Bessel functions of x = 2 pi half: ``e0 = j0, e1 = -j1/2, e2 =
+    (j0 - 2 j2)/12``. Absolute errors of a few ulps of 2^-n/(n + 1).
     """
-    fma = ops.fma
-    j0, j1, j2, *higher = _bessel(ops, half, order)
-    found = j0, -0.5 * j1, fma(j2, -1 / 6, j0 * (1 / 12))
-    if not higher:
-        return found
-    j3, j4 = higher
-    return (
-        *found,
-        fma(j3, 1 / 20, j1 * (-3 / 40)),
-        fma(j4, 1 / 70, fma(j2, -1 / 28, j0 * (1 / 80))),
-    )
+    j0, j1, j2 = _bessel(ops, half)
+    return j0, -0.5 * j1, ops.fma(j2, -1 / 6, j0 * (1 / 12))
 
 
-def _bessel(ops: Any, half: Any, order: int) -> list[Any]:
-    """j_0 ... j_order of x = 2 pi half.
+def _bessel(ops: Any, half: Any) -> tuple[Any, Any, Any]:
+    """j_0, j_1 and j_2 of x = 2 pi half.
 
-    Where x is small the even ones come from series and the odd ones from their neighbours, x (j_n-1
-    + j_n+1)/(2n + 1), which loses nothing; else from the recurrence upwards.
+    For small x j_2 comes from its series, and j_1 from its neighbours, x (j_0 + j_2)/3, which loses
+    nothing; else both come from the recurrence upwards.
     """
-    below, double, single = _SERIES[order]
     x = 2 * math.pi * half
-    small = abs(x) < below
+    small = abs(x) < _BELOW
     inverse = 1.0 / ops.select(small, 1.0, x)
     cosine, sine, ratio = cos_sin_over_turns(ops, half)
-    values = [ops.select(small, ratio * (0.5 / math.pi), sine * inverse)]
+    j0 = ops.select(small, ratio * (0.5 / math.pi), sine * inverse)
     square = ops.select(small, x * x, 0.0)  # no overflow in the branch not taken
-    power: Any = 1.0
-    for n in range(2, order + 1, 2):
-        power = square * power
-        even = power * _over_power(ops, n, square, double if ops.double else single)
-        odd = (x * (1 / (2 * n - 1))) * (values[-1] + even)
-        values.append(ops.select(small, odd, _next(ops, n - 1, values, inverse, cosine)))
-        values.append(ops.select(small, even, _next(ops, n, values, inverse, cosine)))
-    return values
-
-
-def _next(ops: Any, n: int, values: list[Any], inverse: Any, cosine: Any) -> Any:
-    """j_n from those before it; j_-1 is the cosine over x."""
-    if n == 1:
-        return (values[0] - cosine) * inverse
-    return ops.fma((2.0 * n - 1.0) * inverse, values[n - 1], -values[n - 2])
+    series = square * _over_power(ops, 2, square, _DOUBLE if ops.double else _SINGLE)
+    j1 = ops.select(small, (x * (1 / 3)) * (j0 + series), (j0 - cosine) * inverse)
+    return j0, j1, ops.select(small, series, ops.fma(3.0 * inverse, j1, -j0))
 
 
 def _over_power(ops: Any, n: int, square: Any, terms: int) -> Any:

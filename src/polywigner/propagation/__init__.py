@@ -8,10 +8,11 @@ module               what is in it
 ===================  ==========================================================================
 ``places``           points, angles, wavelengths and names of methods, checked
 ``irradiances``      |U|^2 at points, of mixtures of waves too
-``rays``             sums of Wigner rays; ``rays_adaptive`` rules refined to a tolerance
+``wigner_rays``      sums of Wigner rays, to a tolerance
 ``arrangement``      cells where the Wigner function is smooth, and Gauss rules on them
 ``amplitudes``       the complex field at points, by boundary integrals and in the far field
 ``boundary``         sums along edges, cut into panels with their waves, to a tolerance
+``edge_integrals``   integrals of waves along edges, and gradients of exact fields
 ``vector_fields``    electric fields of polarised sources, near by and far away
 ``screens``          opaque plates and openings lit by point sources and plane waves
 ``shadows``          fields behind opaque bodies

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from polywigner import execution
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, Precision
 from polywigner.geometry import Aperture, Polyhedron, Wavefront
 from polywigner.geometry.aperture import PlacedAperture
-from polywigner.geometry.arguments import Points, checked_flag, checked_wavelength, takes_frequency
+from polywigner.geometry.arguments import checked_flag, checked_wavelength, takes_frequency
 from polywigner.geometry.silhouettes import obstacles_of
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import (
@@ -33,7 +32,6 @@ from polywigner.propagation.boundary import boundary_field, radiator_of
 from polywigner.propagation.collins import field_behind
 from polywigner.propagation.curved_fields import curved_field
 from polywigner.propagation.far_fields import check_slopes, far_field
-from polywigner.propagation.field_slopes import has_derivatives, traced_field
 from polywigner.propagation.places import (
     METHODS,
     Method,
@@ -50,7 +48,7 @@ from polywigner.propagation.screens import (
     field_of_screen,
     incident_of_point,
 )
-from polywigner.transforms import Differentiable
+from polywigner.transforms.traced_sources import check_no_drjit
 from polywigner.transforms.wavefronts import checked_wavefront, flat_of
 from polywigner.transforms.xarray_arguments import takes_xarray
 
@@ -68,8 +66,8 @@ _FOURIER_ERROR = {True: 1e-13, False: 2e-6}
 @takes_frequency
 @takes_xarray("points", units="W0.5 m-1", long_name="complex amplitude U")
 def amplitude(
-    source: Aperture | Array | Wavefront | Differentiable | Screen | PointSource,
-    points: Points,
+    source: Aperture | Array | Wavefront | Screen | PointSource,
+    points: ArrayLike,
     wavelength: float,
     method: Method = DEFAULT,
     *,
@@ -90,27 +88,23 @@ def amplitude(
 
     Parameters
     ----------
-    source : an Aperture, or an Array of apertures in the plane z = 0, with any illuminations; or a
-        :func:`differentiable` one; one with a curved wave, whose exact field is a sum over places
+    source : an Aperture, or an Array of apertures in the plane z = 0, with any illuminations; or
+        one with a curved wave, whose exact field is a sum over places
         in the opening (docs/curved.md, (Q7)); or a :class:`Screen` that something lights from
         behind; or a :class:`PointSource`.
-    points : (..., 3) in m, z > 0 (on any side of a PointSource), or (..., 2) with ``through``; or a
-        Dr.Jit array.
-        Derivatives in them, and in the numbers of a differentiable source, are as accurate as the
-        field (docs/gradients.md, (G5) to (G7)); "fraunhofer" has none.
+    points : (..., 3) in m, z > 0 (on any side of a PointSource), or (..., 2) with ``through``.
     wavelength : in m.
     method : "rayleigh-sommerfeld-1" (the field in the opening is given), "rayleigh-sommerfeld-2"
         (its normal derivative is), "kirchhoff" (their mean), "fresnel" (parabolic waves, for
         points near the axis), "fraunhofer" (the far field, about the source's centre).
     through : a :class:`FirstOrder` from the source's plane to that of ``points``. There the field
         is Collins' integral (O4), instead of a ``method``, without exp(ikL) of the path L along the
-        axis. An image (B = 0) is u itself. No derivatives. Or a sequence, in the light's order, of
+        axis. An image (B = 0) is u itself. Or a sequence, in the light's order, of
         these and of stops: Apertures and Arrays, whose field is their transmission (O8).
     obstacles : bodies in the way, as :class:`Polyhedron`, and plates, as apertures in a pose
         (:meth:`Aperture.placed`), alone or in a sequence. They are opaque and black. Light passes
         one edge of theirs (docs/shadows.md, (SB1)): the field is smooth across the boundaries of
         shadows, and zero in bodies. Not with ``through``, "fresnel" and "fraunhofer".
-        Derivatives are in points alone, with the silhouettes held (SB4).
     tolerance : error allowed, as a fraction of the incident amplitude or, where that is less, of
         |u| area/(wavelength distance), which is what the field would be if all of the source were
         in phase (within a wavelength with the static field, |u| area/(2 pi distance^2)). Default
@@ -137,54 +131,31 @@ def amplitude(
 
     Raises
     ------
-    ArgumentError for arguments of the wrong type, shape or range, points behind the source, and
-    Fresnel fields of points so close that their number of nodes explodes, edges of more than 2e8
-    wavelengths, and lengths beyond 1e-75 to 1e75 m; GeometryError for arrays in other planes;
-    EngineError without the engine.
+    ArgumentError for arguments of the wrong type, shape or range, Dr.Jit arrays, points behind the
+    source, Fresnel fields of points so close that their number of nodes explodes, edges of more
+    than 2e8 wavelengths, and lengths beyond 1e-75 to 1e75 m; GeometryError for arrays in other
+    planes; EngineError without the engine.
 
     >>> import polywigner as pw
     >>> round(float(abs(pw.amplitude(pw.shapes.square(10e-3), (0.0, 0.0, 0.1), 3.2e-3))), 4)
     0.3103
     """
     checked_flag(return_error, "return_error")
+    check_no_drjit(source=source, points=points, wavelength=wavelength)
+    how: dict[str, Any] = {"precision": precision, "engine": engine}
     if obstacles is not None:
         _check_shadowed(source, method, through, obliquity)
-    is_traced = has_derivatives(source, points, wavelength)
-    how: dict[str, Any] = {"precision": precision, "engine": engine}
-    if obstacles is not None and not is_traced and not execution.is_drjit(points):
         return _behind_obstacles(
             source, points, wavelength, method, obstacles, tolerance, return_error, how
         )
-    if isinstance(source, PointSource) and obstacles is None:
-        _check_alone(method, through, obliquity, is_traced)
+    if isinstance(source, PointSource):
+        _check_alone(method, through, obliquity)
     if through is not None:
         others: dict[str, object] = {"obliquity": obliquity}
         others["method"] = None if method in (DEFAULT, "fresnel") else method
         return field_behind(
             source, points, wavelength, through, tolerance, others, return_error=return_error, **how
         )
-    if is_traced:
-        if return_error or obliquity is not None:
-            raise ArgumentError(
-                "expected no return_error and no obliquity with derivatives; pass "
-                "drjit.detach(...) of what needs none"
-            )
-        return traced_field(
-            amplitude, source, points, wavelength, method, tolerance, obstacles=obstacles, **how
-        ).amplitude()
-    assert not isinstance(source, Differentiable)
-    if execution.is_drjit(points):
-        compute = partial(
-            amplitude,
-            source,
-            wavelength=wavelength,
-            method=method,
-            tolerance=tolerance,
-            obliquity=obliquity,
-            return_error=return_error,
-            obstacles=obstacles,
-        )
-        return execution.evaluate_hosted(compute, "points", points, 3, **how)
     if isinstance(source, PointSource):
         places, length = _points_around(source, points), checked_wavelength(wavelength)
         values = _free_field(source, places.reshape(-1, 3), length)
@@ -235,12 +206,12 @@ def amplitude(
     return shaped(values, errors, places, return_error)
 
 
-def _check_alone(method: Any, through: Any, obliquity: Any, is_traced: bool) -> None:
+def _check_alone(method: Any, through: Any, obliquity: Any) -> None:
     """Raise ArgumentError for options that the free field of a point source does not have."""
-    if method not in CONDITIONS or through is not None or obliquity is not None or is_traced:
+    if method not in CONDITIONS or through is not None or obliquity is not None:
         raise ArgumentError(
-            "the free field of a PointSource is exp(ikR)/R and takes no through, no obliquity, no "
-            f"derivatives and no method other than {', '.join(CONDITIONS)}; leave them out"
+            "the free field of a PointSource is exp(ikR)/R and takes no through, no obliquity "
+            f"and no method other than {', '.join(CONDITIONS)}; leave them out"
         )
 
 
@@ -274,7 +245,7 @@ def _check_shadowed(source: Any, method: Any, through: Any, obliquity: Any) -> N
 
 def _behind_obstacles(
     source: Any,
-    points: Points,
+    points: ArrayLike,
     wavelength: float,
     method: str,
     obstacles: Any,

@@ -19,7 +19,7 @@ Triangles = NDArray[np.float64]
 
 
 def kinks(source: Aperture | Array) -> NDArray[np.float64]:
-    """The segments (T5), each once: (m, 2, 2), ends in the plane of the source."""
+    """The segments (T1), each once: (m, 2, 2), ends in the plane of the source."""
     phased = source.phased if isinstance(source, Array) else None
     if phased is None or phased.repeated is None:
         return _distinct(_own_kinks(source), _grid(source))
@@ -33,7 +33,7 @@ def kinks(source: Aperture | Array) -> NDArray[np.float64]:
 
 
 def kink_count(source: Aperture | Array) -> int:
-    """Upper bound on the number of segments (T5)."""
+    """Upper bound on the number of segments (T1)."""
     phased = source.phased if isinstance(source, Array) else None
     if phased is None or phased.repeated is None:
         return int(sum(len(ring) for ring in _rings(source)) ** 2)

@@ -19,7 +19,6 @@ from polywigner.geometry.contours import Surface, net_contours
 from polywigner.geometry.silhouettes import Obstacles, Silhouette, hits
 from polywigner.kernels.boundary.edge_waves import Point, cross, difference, dot, path_over
 from polywigner.numerics.complex_pairs import Pair, unit_wave
-from polywigner.numerics.jets import JetOperations
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -59,14 +58,13 @@ class Blocker:
 
     def transmission(self, ops: Any, point: Point, hidden: Any) -> Pair:
         """Amplitude at a point of the wave from the origin, over the free one."""
-        constants = ops.constants if isinstance(ops, JetOperations) else tuple
         detour, amplitude = 1e30, 0.0
         for edge in self.rim:
-            origin, start, end = (tuple(constants(p)) for p in (self.origin, *edge))
+            origin, start, end = (tuple(p) for p in (self.origin, *edge))
             longer, share = transmission_over(ops, origin, point, start, end)
             detour, amplitude = ops.minimum(longer, detour), ops.maximum(share, amplitude)
         if not len(self.rim):
-            return Pair(*constants((1.0, 0.0)))
+            return Pair(1.0, 0.0)
         wave = unit_wave(ops, detour).scaled(amplitude)
         return Pair(ops.select(hidden, wave.real, 1.0), ops.select(hidden, wave.imag, 0.0))
 

@@ -104,7 +104,7 @@ def plane(
         "kirchhoff", "fresnel" and "fraunhofer", or several of these side by side.
     quantity : "irradiance" (default), |U|^2 in W/m^2 for |u|^2 in W/m^2; "amplitude", complex, or
         its "phase" in rad, which "wigner" does not have.
-    obliquity, order : of "wigner", as :func:`irradiance` takes them; obliquity of "fraunhofer" too.
+    obliquity : of "wigner" and "fraunhofer", as :func:`irradiance` takes it.
     tolerance : as :func:`irradiance` and :func:`amplitude` take it; None: their own.
     obstacles : bodies and plates in the way, as :func:`amplitude` takes them, whose shadows
         diffract (docs/shadows.md); with an exact method, of light of one wavelength.

@@ -25,13 +25,13 @@ from polywigner.numerics.chirps import chirp_integral, waves_of_turns
 from polywigner.optics import FirstOrder
 from polywigner.propagation.arrangement import gauss_rule, node_count
 from polywigner.propagation.boundary import Radiator, parabolic_field, radiator_of
-from polywigner.propagation.field_slopes import has_derivatives
 from polywigner.propagation.places import (
     checked_amplitude_tolerance,
     checked_coordinates,
     warn_of_missed,
 )
 from polywigner.transforms import autocorrelation, fourier
+from polywigner.transforms.traced_sources import check_no_drjit
 from polywigner.transforms.wavefronts import checked_wavefront, chirp_transform
 
 Floats = NDArray[np.float64]
@@ -303,20 +303,8 @@ def field_behind(
                 f"expected no {name} with through=, got {value!r}; the field behind a first-order "
                 "system is Collins' integral"
             )
-    if has_derivatives(source, points, wavelength):
-        raise ArgumentError(
-            "expected no derivatives with through=; pass drjit.detach(...) of the arguments, or "
-            "differentiate polywigner.wigner, which takes through= as well"
-        )
+    check_no_drjit(source=source, points=points, wavelength=wavelength)
     systems, stops = _parts_of(through)
-    if execution.is_drjit(points):
-        compute = partial(
-            field_behind, source, wavelength=wavelength, through=through, tolerance=tolerance,
-            others={}, squared=squared, return_error=return_error,
-        )  # fmt: skip
-        return execution.evaluate_hosted(
-            compute, "points", points, 2, precision=precision, engine=engine
-        )
     expected = "expected points as real numbers of shape (..., 2) with through=; z is the system's"
     places = checked_coordinates(points, expected, 2)
     length = checked_wavelength(wavelength)

@@ -25,7 +25,7 @@ from polywigner.illumination.obliquities import CONDITIONS, DEFAULT, checked_obl
 from polywigner.illumination.source_files import table_of
 from polywigner.propagation.amplitudes import Obstacle, amplitude
 from polywigner.propagation.grids import Grid, shape_of_grid
-from polywigner.propagation.irradiances import checked_order, checked_tolerance, irradiance
+from polywigner.propagation.irradiances import checked_tolerance, irradiance
 from polywigner.propagation.places import METHODS, checked_amplitude_tolerance, checked_method
 from polywigner.propagation.shadows import checked_shadow_tolerance
 from polywigner.propagation.stores_checks import (
@@ -54,7 +54,6 @@ class FieldOptions(TypedDict, total=False):
     method: str | Sequence[str]
     quantity: Quantity
     obliquity: str | None
-    order: int
     bandwidth: float | None
     """Bandwidth of the light in Hz; None: one wavelength. See :func:`irradiance`."""
     obstacles: Obstacle | Sequence[Obstacle] | None
@@ -73,7 +72,6 @@ class FieldSettings:
     methods: tuple[str, ...]
     quantity: str
     obliquity: str | None
-    order: int
     tolerance: float | None
     dtype: str
     precision: str | None
@@ -92,8 +90,6 @@ class FieldSettings:
         settings: dict[str, Any] = {"method": method, "quantity": self.quantity}
         if method in WITH_OBLIQUITY:
             settings["obliquity"] = self.obliquity or DEFAULT
-        if method == "wigner":
-            settings["order"] = self.order
         if self.tolerance is not None:
             settings |= {"tolerance": self.tolerance}
         if self.bandwidth is not None:
@@ -129,7 +125,7 @@ def checked_settings(
         raise ArgumentError(f"expected options among {', '.join(known)}, got {unknown[0]!r}")
     quantity = checked_choice(options.get("quantity", "irradiance"), "quantity", get_args(Quantity))
     stored = checked_choice(options.get("dtype", dtype), "dtype", ("float32", "float64"))
-    order, tolerance = checked_order(options.get("order", 1)), options.get("tolerance")
+    tolerance = options.get("tolerance")
     obliquity = options.get("obliquity")
     methods = _checked_methods(options.get("method", "wigner"), quantity)
     precision = execution.checked_precision(options.get("precision"))
@@ -153,8 +149,7 @@ def checked_settings(
         length,
         methods,
         quantity,
-        None if obliquity is None else checked_obliquity(obliquity, order),
-        order,
+        None if obliquity is None else checked_obliquity(obliquity),
         tolerance,
         stored,
         precision,
@@ -230,8 +225,6 @@ def field_on(
     if settings.quantity != "irradiance":
         field = amplitude(source, points, settings.wavelength, **how)
         return np.asarray(field if settings.quantity == "amplitude" else np.angle(field))
-    if method == "wigner":
-        how["order"] = settings.order
     if settings.bandwidth is not None:
         how["bandwidth"] = settings.bandwidth
     return np.asarray(irradiance(source, points, settings.wavelength, **how))

@@ -22,7 +22,6 @@ from polywigner.geometry import Wavefront
 from polywigner.illumination.obliquities import CONDITIONS, Obliquity, times_direction_cosine
 from polywigner.kernels.boundary.edge_waves import Point
 from polywigner.numerics.complex_pairs import Pair
-from polywigner.numerics.jets import JetOperations, slopes_of
 from polywigner.numerics.phases import cos_sin_turns
 from polywigner.propagation.boundary import Radiator, radiator_of
 from polywigner.propagation.curved_fields import cells_of_wave, lit_nodes
@@ -223,13 +222,8 @@ def wave_ahead(ops: Any, ahead: Point, field: Point, slope: Point, turns: Any = 
     ``turns``: see :func:`spherical_wave`.
     """
     inverse = 1.0 / ops.sqrt(sum(a * a for a in ahead))
-    return spherical_wave(ops, ahead, turns) * _amplitude(ahead, inverse, field, slope)
-
-
-def _amplitude(ahead: Point, inverse: Any, field: Point, slope: Point) -> Pair:
-    """The amplitude of a point that radiates, ``ahead`` of it, before the wave turns and decays."""
     near = Pair(1.0, (0.5 / math.pi) * inverse).scaled(ahead[2] * inverse)
-    return Pair(*field) * near + Pair(*slope)
+    return spherical_wave(ops, ahead, turns) * (Pair(*field) * near + Pair(*slope))
 
 
 class RadiatingPoint(NamedTuple):
@@ -254,14 +248,6 @@ class RadiatingPoint(NamedTuple):
         ahead = points - self.place[:, None]
         found = wave_ahead(NumpyOperations(double=True), tuple(ahead), *self.weights)
         return np.asarray(found.real + 1j * found.imag)
-
-    def slopes(self, points: Floats) -> list[Complex]:
-        """Derivatives of its wave at points (3, n) in x, y and z."""
-        jets = JetOperations(NumpyOperations(double=True))
-        weights = map(jets.constants, self.weights)
-        wave = wave_ahead(jets, jets.variables(tuple(points - self.place[:, None])), *weights)
-        found = slopes_of(wave.real, wave.imag)
-        return [a + 1j * b for a, b in zip(found[::2], found[1::2], strict=True)]
 
 
 def radiating_points(

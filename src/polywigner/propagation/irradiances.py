@@ -5,19 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from polywigner import execution, kernels
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, Precision
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.geometry.arguments import (
-    DrJitArray,
-    Points,
-    checked_choice,
     checked_flag,
     checked_number,
     checked_wavelength,
@@ -37,7 +34,6 @@ from polywigner.optics import FirstOrder
 from polywigner.propagation.amplitudes import Obstacle, amplitude, shaped
 from polywigner.propagation.collins import field_behind, squared_field
 from polywigner.propagation.far_fields import check_slopes
-from polywigner.propagation.field_slopes import has_derivatives, traced_field
 from polywigner.propagation.partial_coherence import partly_coherent_irradiance
 from polywigner.propagation.places import (
     DEFAULT_TOLERANCE,
@@ -47,25 +43,17 @@ from polywigner.propagation.places import (
     checked_method,
     checked_points,
 )
-from polywigner.propagation.rays import Rays
-from polywigner.propagation.rays_adaptive import (
-    Estimate,
-    Sampling,
-    by_gauss,
-    by_samples,
-    gaps,
-    traced_irradiance,
-)
 from polywigner.propagation.screens import PointSource, Screen
 from polywigner.propagation.shadows import LEAST_TOLERANCE
+from polywigner.propagation.wigner_rays import Rays, summed_rays
 from polywigner.radiometry.directions import (
     checked_bandwidth,
     checked_radiator,
     wavelengths_of_band,
 )
 from polywigner.radiometry.hemisphere import longest_path
-from polywigner.transforms import Differentiable
 from polywigner.transforms.phase_space import energy_of
+from polywigner.transforms.traced_sources import check_no_drjit
 from polywigner.transforms.wavefronts import coherent_source, flat_of, is_partly_coherent, tilts_of
 from polywigner.transforms.xarray_arguments import takes_xarray
 
@@ -137,50 +125,40 @@ _SINGLE = 1e-5
 _OF_MIXTURE, _OF_EXACT = 1e-4, 1e-7
 # Edges from which on rays take seconds, and the exact field a hundredth of that.
 _MANY_EDGES = 50
-# Nearer than so many wavelengths to the source rays of either order are a rough picture.
+# Distance to the source in wavelengths below which rays are a rough approximation.
 _NEAREST = 2.0
-# The third order holds beyond this times sqrt(L^3/wavelength): there the next term of the phase,
-# of the fifth power of the lag, is a tenth of a radian.
-_THIRD_ORDER_FROM = 0.9
 
 
 @takes_frequency
 @takes_xarray("points", units="W m-2", long_name="irradiance |U|^2")
 def irradiance(
-    source: Aperture | Array | Wavefront | Differentiable | Screen | PointSource,
-    points: Points,
-    wavelength: float | DrJitArray,
+    source: Aperture | Array | Wavefront | Screen | PointSource,
+    points: ArrayLike,
+    wavelength: float,
     method: str = "wigner",
     *,
     through: FirstOrder | Sequence[FirstOrder | Aperture | Array] | None = None,
     obstacles: Obstacle | Sequence[Obstacle] | None = None,
     obliquity: ObliquityName | None = None,
-    order: int = 1,
     tolerance: float = _TOLERANCE,
     return_error: bool = False,
-    sampling: Sampling = "gauss",
-    samples: int | None = None,
-    seed: int | np.random.Generator | None = None,
     bandwidth: float | None = None,
     precision: Precision = None,
     engine: Engine = "auto",
 ) -> Any:
     """Irradiance |U|^2 at points in front of a source, by Wigner rays or one of the other methods.
 
-    By rays, each place on the automean sends one to each point, with the radiance W that it has in
-    that direction (T2), to leading order the paper's method; with ``order=3`` the error falls with
-    the fourth power of the distance, instead of the second. It is not the flux through a receiver
-    that is tilted. All other methods are the square of :func:`amplitude`.
+    By rays, each position on the automean sends one to each point, with the radiance W in that
+    direction (R1): the paper's method, to leading order. It is not the flux through a receiver
+    that is tilted. All other methods are the square of :func:`amplitude`, and exact.
 
     Parameters
     ----------
     source : an Aperture, or an Array of apertures in the plane z = 0, uniform or with
         illuminations; one with a curved wave; or a :class:`Screen`, by the methods of
         :func:`amplitude`; or a :class:`PointSource`, by any method.
-    points : (..., 3) in m, z > 0, or (..., 2) with ``through``; or a Dr.Jit array.
-    wavelength : in m. By rays with derivatives in it (a Dr.Jit ``Float``), in ``points``, and in
-        the numbers of a :func:`differentiable` source, but for vertices with order 3; by the other
-        methods in points and numbers alone, and by "fraunhofer" in none.
+    points : (..., 3) in m, z > 0, or (..., 2) with ``through``.
+    wavelength : in m.
     method : "wigner" (the default), "rayleigh-sommerfeld-1", "rayleigh-sommerfeld-2", "kirchhoff",
         "fresnel" or "fraunhofer"; or "auto", the exact field of the boundary condition that
         ``obliquity`` names. Rays are for study: behind an outline of many edges the exact field is
@@ -191,20 +169,15 @@ def irradiance(
         "auto" or a method of :func:`amplitude`, for light of one wavelength.
     obliquity : the boundary condition that the rays are matched to: "rayleigh-sommerfeld-1" (the
         default), "kirchhoff" or "rayleigh-sommerfeld-2"; or "paper", a factor cos(theta) of no
-        boundary condition, for order 1 only. Of fields of several waves it is applied to each pair
-        of waves. Also that of "fraunhofer", "paper" excepted; the other methods have their own.
-    order : 1 or 3.
-    tolerance : error of the sum over places, relative to the irradiance where that is above 1e-3 of
+        boundary condition. Of fields of several waves it is applied to each pair of waves. Also
+        that of "fraunhofer", "paper" excepted; the other methods have their own.
+    tolerance : error of the sum over rays, relative to the irradiance where that is above 1e-3 of
         the largest that a source of this power and area can make at that distance, else relative
-        to 1e-3 of that: (T6); in single precision at least 1e-5 of the largest. It is not the error
+        to 1e-3 of that: (T2); in single precision at least 1e-5 of the largest. It is not the error
         of rays as such, which docs/propagation.md has.
         The other methods are at least as accurate as :func:`amplitude` is by default; in partly
         coherent light they err by up to 1e-4 of the tolerance, 1e-7, of the largest irradiance.
     return_error : return an estimate of that error as well.
-    sampling : how places are chosen: "gauss", rules that know where W has kinks; or "sobol" and
-        "monte-carlo", for study, with a ``seed``. They draw as many ``samples`` as given (for Sobol
-        rounded up to 16 times a power of two) instead of a tolerance; else 16384, and twice as many
-        until the estimate of each point's error is within the tolerance, up to 2^18.
     bandwidth : in Hz; the mean over light of all frequencies that are at most half of it from that
         of the wavelength (docs/coherence.md, (PC6)). None: light of the one wavelength.
     precision, engine : see :func:`fourier`.
@@ -212,52 +185,47 @@ def irradiance(
     Returns
     -------
     (...) float64, in the unit of the source's |u|^2; slightly negative at places, near nulls. With
-    ``return_error`` a pair, the second the estimated errors of the sum: the difference between the
-    last two rules, or the standard deviation of drawn sums; infinite at points so near to the
-    source that their rays pass between the places of every rule.
+    ``return_error`` a pair, the second the estimated errors of the sum, the difference between the
+    last two rules; infinite at points so near to the source that their rays pass between the nodes
+    of every rule.
     An ``xarray.DataArray`` gives one.
 
     Raises
     ------
-    ArgumentError for arguments of the wrong type, shape or range, for sources of more wavelengths
-    than rays can be summed up of (some hundred for points aslant nearby, thousands far away), and
-    for lengths beyond 1e-30 to 1e30 m (other methods: 1e-75 to 1e75 m); GeometryError for an Array
-    whose elements do not lie in the plane z = 0; EngineError without the engine; MissingExtraError
-    for Sobol's numbers without scipy.
+    ArgumentError for arguments of the wrong type, shape or range, Dr.Jit arrays, sources of more
+    wavelengths than rays can be summed up of (some hundred for points aslant nearby, thousands far
+    away), and lengths beyond 1e-30 to 1e30 m (other methods: 1e-75 to 1e75 m); GeometryError for an
+    Array whose elements do not lie in the plane z = 0; EngineError without the engine.
 
     Warns
     -----
-    PolywignerWarning where rays are not valid: points nearer than two wavelengths, and to third
-    order points nearer than 0.9 sqrt(L^3/wavelength) to the centre, L the longer side of the
-    source's bounds; where a tolerance cannot be met; and where :func:`amplitude` does of fits.
+    PolywignerWarning where rays are not valid: points nearer than two wavelengths; where a
+    tolerance cannot be met; and where :func:`amplitude` does of fits.
 
     >>> import polywigner as pw
     >>> round(float(pw.irradiance(pw.shapes.square(10e-3), (0.0, 0.0, 0.1), 3.2e-3, "auto")), 4)
     0.0963
     """
     run: dict[str, Any] = {"precision": precision, "engine": engine}
-    how: dict[str, Any] = {"obliquity": obliquity, "order": order, "tolerance": tolerance}
-    how |= {"samples": samples, "sampling": sampling, "seed": seed, "return_error": return_error}
+    how: dict[str, Any] = {"obliquity": obliquity, "tolerance": tolerance}
     checked_method(method, ("wigner", *METHODS, "auto"))
     checked_flag(return_error, "return_error")
-    checked_choice(sampling, "sampling", get_args(Sampling))
+    check_no_drjit(source=source, points=points, wavelength=wavelength)
     if obstacles is not None:
-        others: dict[str, Any] = {"through": through, "samples": samples, "seed": seed}
-        others |= {"order": None if order == 1 else order}
+        if through is not None:
+            raise ArgumentError(
+                "fields with obstacles have no system of lenses; leave through or obstacles out"
+            )
         return _behind_obstacles(
             source, points, wavelength, method, obstacles, tolerance, return_error, obliquity,
-            bandwidth, others, run,
+            bandwidth, run,
         )  # fmt: skip
-    by_lags = through is None and method == "wigner" and _is_by_lags(source, obliquity, order)
-    if is_mixture(source, bandwidth) and has_derivatives(source, points, wavelength):
-        raise ArgumentError(
-            "expected coherent light of one wavelength with derivatives, got a mixture; pass "
-            "drjit.detach(...) of what needs none"
-        )
-    if is_mixture(source, bandwidth, by_lags) and not execution.is_drjit(points):
+    by_lags = through is None and method == "wigner" and _is_by_lags(source, obliquity)
+    if is_mixture(source, bandwidth, by_lags):
 
         def compute(one: Any, length: float, places: Any = points) -> Any:
-            return irradiance(one, places, length, method, through=through, **how, **run)
+            options = {"through": through, "return_error": return_error, **how, **run}
+            return irradiance(one, places, length, method, **options)
 
         error = _OF_MIXTURE * checked_tolerance(tolerance)
         if method != "wigner":
@@ -265,44 +233,21 @@ def irradiance(
         if by_lags or not is_partly_coherent(source):
             lit = compute
         else:
-            name = checked_obliquity(obliquity, 1) if method == "auto" else method
+            name = checked_obliquity(obliquity) if method == "auto" else method
             lit = partial(_of_partly_coherent, compute, points, name, through, error, return_error)
         return mean_over_mixture(
             lit, source, wavelength, bandwidth, error, return_error, by_lags=True
         )  # fmt: skip
     if through is not None:
         others = {"method": None if method in ("wigner", "auto", "fresnel") else method}
-        others |= {"obliquity": obliquity, "samples": samples, "seed": seed}
-        others |= {"order": None if checked_order(order) == 1 else order}
         asked = checked_tolerance(tolerance)
         return field_behind(
-            source, points, wavelength, through, None if asked == _TOLERANCE else asked, others,
-            squared=True, return_error=return_error, **run,
+            source, points, wavelength, through, None if asked == _TOLERANCE else asked,
+            {**others, "obliquity": obliquity}, squared=True, return_error=return_error, **run,
         )  # fmt: skip
     if method == "auto":
-        method = checked_obliquity(obliquity, checked_order(order))
+        method = checked_obliquity(obliquity)
         method, obliquity = (method, None) if method in CONDITIONS else ("wigner", "paper")
-    if has_derivatives(source, points, wavelength):
-        if sampling != "gauss" or return_error:
-            raise ArgumentError(
-                "expected Gauss rules and no return_error with derivatives; pass "
-                "drjit.detach(...) of what needs none"
-            )
-        allowed = checked_tolerance(tolerance)
-        if method == "wigner":
-            own = checked_order(order)
-            return traced_irradiance(source, points, wavelength, obliquity, allowed, own)
-        _check_rays_only(method, order=order != 1, obliquity=obliquity, samples=samples)
-        finer = allowed if allowed < DEFAULT_TOLERANCE[True] else None
-        return traced_field(
-            amplitude, source, points, wavelength, method, finer, **run
-        ).irradiance()
-    if execution.is_drjit(points):
-        how |= {"wavelength": wavelength, "method": method, "bandwidth": bandwidth}
-        how["obliquity"] = obliquity
-        return execution.evaluate_hosted(
-            partial(irradiance, source, **how), "points", points, 3, **run
-        )
     length = checked_wavelength(wavelength)
     if isinstance(source, PointSource):  # its rays carry |exp(ikR)/R|^2 exactly
         options: dict[str, Any] = {**run, "obliquity": obliquity}
@@ -311,7 +256,6 @@ def irradiance(
     radiator = source if isinstance(source, Screen) else checked_radiator(source, partly=by_lags)
     places = checked_points(points)
     if method != "wigner":
-        _check_rays_only(method, order=order != 1, sampling=sampling != "gauss", samples=samples)
         run["obliquity"] = obliquity
         if checked_tolerance(tolerance) < DEFAULT_TOLERANCE[precision != "single"]:
             run["tolerance"] = tolerance
@@ -321,28 +265,52 @@ def irradiance(
             'expected another method than "wigner" behind a Screen, whose field has no rays of '
             'its own; use method="kirchhoff"'
         )
-    flat_source: Any = flat_of(radiator)
-    curved = _curved(radiator)
+    found = _by_rays(radiator, places, length, obliquity, tolerance, **run)
+    return shaped(*found, places, return_error)
+
+
+def _by_rays(
+    source: Aperture | Array | Wavefront,
+    places: Values,
+    wavelength: float,
+    obliquity: Any,
+    tolerance: float,
+    precision: Precision,
+    engine: Engine,
+) -> tuple[Values, Values]:
+    """Irradiance by Wigner rays, and the estimate of its error, (n,) at all points (..., 3)."""
+    name, allowed = checked_obliquity(obliquity), checked_tolerance(tolerance)
+    flat_source: Any = flat_of(source)
+    curved = _curved(source)
     if curved:
-        check_slopes(radiator, checked_obliquity(obliquity, order))
-    name = checked_obliquity(obliquity, checked_order(order))
-    allowed = checked_tolerance(tolerance)
+        check_slopes(source, name)
     execution.checked_engine(engine)
     double = execution.checked_precision(precision) != "single"
-    fields = weighted_sources(flat_source, name, length, order)
-    width = radiator.coherence_width if isinstance(radiator, Wavefront) else math.inf
-    rays = Rays(fields, length, order, engine, double, curved, width)
-    check_reach(places, max(_sides(flat_source)), length, rays=True)
-    flat = places.reshape(-1, 3)
-    _warn_where_invalid(flat_source, flat, length, order)
+    fields = weighted_sources(flat_source, name, wavelength)
+    width = source.coherence_width if isinstance(source, Wavefront) else math.inf
+    rays = Rays(fields, wavelength, engine, double, curved, width)
+    check_reach(places, max(_sides(flat_source)), wavelength, rays=True)
+    points = places.reshape(-1, 3)
+    if (_gaps(flat_source, points) < _NEAREST * wavelength).any():
+        warn_caller(
+            f"Wigner rays are a rough approximation nearer than {_NEAREST:g} wavelengths to the "
+            "source, where some of the points are; boundary integrals are exact there"
+        )
     edges = sum(len(ring) for e in flat_source.elements_in_plane for ring in e.rings)
-    if sampling == "gauss" and edges > _MANY_EDGES:
+    if edges > _MANY_EDGES:
         warn_caller(
             f"rays from {edges} edges take seconds; method='auto' gives the exact field, and is "
             "some hundred times as fast"
         )
-    found = _summed(flat_source, rays, flat, allowed, sampling, samples, seed)
-    return shaped(found.values, found.errors, places, return_error)
+    share = _FLOOR if double else max(_FLOOR, _SINGLE / allowed)
+    floor = share * _largest(flat_source, points, wavelength)
+    found = summed_rays(flat_source, rays, points, allowed, floor)
+    if not found.is_met:
+        warn_caller(
+            "the tolerance asked for is not met at all points; return_error=True tells where, and "
+            "method='auto' gives the exact field"
+        )
+    return found.values, found.errors
 
 
 _BEHIND = "expected points as real numbers of shape (..., 2) with through=; z is the system's"
@@ -396,7 +364,6 @@ def _behind_obstacles(
     return_error: bool,
     obliquity: Any,
     bandwidth: Any,
-    others: dict[str, Any],
     run: dict[str, Any],
 ) -> Any:
     """|U|^2 behind bodies: the square of the amplitude, or the mean of such over tilts."""
@@ -406,25 +373,10 @@ def _behind_obstacles(
             f'method={method!r} and bandwidth={bandwidth!r}; use method="auto"'
         )
     if method == "auto":
-        method, obliquity = checked_obliquity(obliquity, 1), None
-    _check_rays_only(method, **others)
-    options: Any = {"obstacles": obstacles, **run}
+        method, obliquity = checked_obliquity(obliquity), None
+    options: Any = {"obstacles": obstacles, "obliquity": obliquity, **run}
     allowed = 0.1 * checked_tolerance(tolerance)
     options["tolerance"] = max(allowed, LEAST_TOLERANCE)
-    if has_derivatives(source, points, wavelength):
-        if return_error or is_partly_coherent(source):
-            raise ArgumentError(
-                "expected coherent light and no return_error with derivatives; pass "
-                "drjit.detach(...) of what needs none"
-            )
-        found = traced_field(amplitude, source, points, wavelength, method, **options)
-        return found.irradiance()
-    if execution.is_drjit(points):
-        how: dict[str, Any] = {"obstacles": obstacles, "tolerance": tolerance}
-        how |= {"wavelength": wavelength, "method": method, "return_error": return_error}
-        return execution.evaluate_hosted(
-            partial(irradiance, source, **how), "points", points, 3, **run
-        )
     if is_partly_coherent(source):
 
         def squared(one: Any, length: float) -> Any:
@@ -434,15 +386,12 @@ def _behind_obstacles(
     return _squared(source, points, wavelength, method, return_error, options)
 
 
-def _is_by_lags(source: Any, obliquity: Any, order: Any) -> bool:
+def _is_by_lags(source: Any, obliquity: Any) -> bool:
     """Whether the light is partly coherent, and rays have the W of all of its tilts together.
 
-    To leading order, with an obliquity that does not depend on the tilt, and where it has a closed
-    form.
+    With an obliquity that does not depend on the tilt, and where it has a closed form.
     """
-    if not is_partly_coherent(source) or checked_order(order) == 3:
-        return False
-    if OBLIQUITIES[checked_obliquity(obliquity)].takes_slopes:
+    if not is_partly_coherent(source) or OBLIQUITIES[checked_obliquity(obliquity)].takes_slopes:
         return False
     return kernels.partly_coherent_kernel(source) is not None
 
@@ -471,57 +420,6 @@ def _squared(
     return (values, errors) if return_error else values
 
 
-def _check_rays_only(method: str, **given: Any) -> None:
-    for name, value in given.items():
-        if value:
-            raise ArgumentError(
-                f'expected {name} with method="wigner" only, got it with {method!r}; leave it out'
-            )
-
-
-def _summed(
-    source: Aperture | Array,
-    rays: Rays,
-    points: Values,
-    tolerance: float,
-    sampling: str,
-    samples: Any,
-    seed: Any,
-) -> Estimate:
-    share = _FLOOR if rays.double else max(_FLOOR, _SINGLE / tolerance)
-    floor = share * _largest(source, points, rays.wavelength)
-    if sampling != "gauss":
-        if samples is not None and tolerance != _TOLERANCE:
-            raise ArgumentError(
-                f"expected samples or a tolerance, got {samples!r} and {tolerance!r}; leave one "
-                "out: without samples they are doubled until the tolerance is met"
-            )
-
-        def allowed(values: Values, which: NDArray[np.intp]) -> Values:
-            return tolerance * np.maximum(np.abs(values), floor[which])
-
-        found = by_samples(source, rays, points, sampling, samples, seed, allowed)
-        advice = "more samples, or sampling='gauss', would bring it"
-    elif samples is not None:
-        raise ArgumentError(
-            f"expected samples with sampling='sobol' or 'monte-carlo' only, got {samples!r}; "
-            "Gauss rules follow the tolerance"
-        )
-    else:
-        found = by_gauss(source, rays, points, tolerance, floor)
-        advice = "return_error=True tells where, and method='auto' gives the exact field"
-    if not found.is_met:
-        warn_caller(f"the tolerance asked for is not met at all points; {advice}")
-    return found
-
-
-def checked_order(order: Any) -> int:
-    """1 or 3; ArgumentError for anything else."""
-    if not isinstance(order, (int, np.integer)) or isinstance(order, bool) or order not in (1, 3):
-        raise ArgumentError(f"expected order to be 1 or 3, got {order!r}")
-    return int(order)
-
-
 def checked_tolerance(tolerance: Any) -> float:
     """A number above 0 and below 1; ArgumentError for anything else."""
     value = checked_number(tolerance, "tolerance", "a number above 0 and below 1")
@@ -533,7 +431,7 @@ def checked_tolerance(tolerance: Any) -> float:
 
 
 def _largest(source: Aperture | Array, points: Values, wavelength: float) -> Values:
-    """(T6): the largest irradiance that a source of this power and area can make there, (n,)."""
+    """(T2): the largest irradiance that a source of this power and area can make there, (n,)."""
     area = sum(element.area for element in source.elements_in_plane)
     mean = energy_of(source) / area
     distance = _distances(source, points)
@@ -550,19 +448,9 @@ def _sides(source: Aperture | Array) -> Values:
     return np.ptp(np.reshape(source.bounds, (2, 2)), axis=0)
 
 
-def _warn_where_invalid(
-    source: Aperture | Array, points: Values, wavelength: float, order: int
-) -> None:
-    if (gaps(source, points) < _NEAREST * wavelength).any():
-        warn_caller(
-            f"Wigner rays are a rough picture nearer than {_NEAREST:g} wavelengths to the source, "
-            "where some of the points are; boundary integrals are exact there"
-        )
-    if order != 3:
-        return
-    limit = _THIRD_ORDER_FROM * math.sqrt(max(_sides(source)) ** 3 / wavelength)
-    if (_distances(source, points) < limit).any():
-        warn_caller(
-            f"the third order of Wigner rays holds from {limit:.3g} m on for this source, and some "
-            "of the points are nearer; there order=1 may be closer to the truth"
-        )
+def _gaps(source: Aperture | Array, points: Values) -> Values:
+    """Distances of points (n, 3) from the source's bounds, (n,)."""
+    xmin, ymin, xmax, ymax = source.bounds
+    aside = points[:, :2] - np.clip(points[:, :2], (xmin, ymin), (xmax, ymax))
+    result: Values = np.sqrt((aside**2).sum(axis=-1) + points[:, 2] ** 2)
+    return result

@@ -9,7 +9,7 @@ of the shadow. Waves over two edges, and those that creep around a body, are lef
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -30,7 +30,6 @@ from polywigner.kernels.boundary.edge_waves import (
     edge_wave_and_rate,
 )
 from polywigner.numerics.complex_pairs import Pair
-from polywigner.numerics.jets import Jet, JetOperations, slopes_of
 from polywigner.propagation.blockers import (
     NO_SURFACE,
     OWN_SURFACE,
@@ -73,8 +72,6 @@ _FINE, _ROUNDED = 1e-9, 1e-14
 _ON_SURFACE = 4.0
 # Pairs of an edge and a sample below which NumPy is faster than the start of a compiled loop.
 _FEW = 10_000
-# Where derivatives are taken beside a point, in wavelengths.
-_OFF = 1e-8
 # Distance of a place from the line through the source and a corner, over the root of its distance
 # from the source, in wavelengths: below the first number derivatives lose digits, at the second
 # they do not. Lines at an angle whose cosine is below one less the third are not looked at.
@@ -130,14 +127,18 @@ def diffracted(
     tolerance: float = DEFAULT_TOLERANCE,
 ) -> tuple[Complex, Complex, Floats]:
     """Change by bodies, free field, and error at places (n, 3) of points with their silhouettes."""
-    change, free, off = _summed(bodies, sources, seen, places, engine, with_error, tolerance)
+    rule, coarser = next(rules for least, *rules in _RULES if tolerance >= least)
+    shadow = _Shadow.of(bodies, sources, seen, places)
+    change, free, off = shadow.summed(engine, rule, coarser if with_error else None)
     near, across = _near_corners(sources, seen, places)
     if near.any():
         # the mean over places on a line, an error of the fourth order in their distance
         change[near] = 0.0
         for number, share in ((1, 4 / 6), (-1, 4 / 6), (2, -1 / 6), (-2, -1 / 6)):
             beside = places[near] + number * across
-            change[near] += share * _summed(bodies, sources, seen, beside, engine)[0]
+            change[near] += (
+                share * _Shadow.of(bodies, sources, seen, beside).summed(engine, rule)[0]
+            )
     return change, free, off
 
 
@@ -166,66 +167,6 @@ def _near_corners(
     return near, _BESIDE * across / np.maximum(length, 1e-300)[:, None]
 
 
-def _summed(
-    bodies: Obstacles,
-    sources: Sequence[RadiatingPoint],
-    seen: Sequence[Silhouette],
-    places: Floats,
-    engine: str,
-    with_error: bool = False,
-    tolerance: float = DEFAULT_TOLERANCE,
-) -> tuple[Complex, Complex, Floats]:
-    """See :func:`diffracted`."""
-    shadow = _Shadow.of(bodies, sources, seen, places)
-    rule, coarser = next(rules for least, *rules in _RULES if tolerance >= least)
-    how = rule, coarser if with_error else None, any(point.field for point in sources)
-    total, off = np.zeros(len(places), np.complex128), np.zeros(len(places))
-    for edges, chosen in shadow.engines(engine):
-        term = partial(_edge, *how, edges.blocker is not None)
-        samples = shadow.samples_of(edges)
-        real, imag, error = execution.evaluate_rows(
-            term, edges.table, samples, np.zeros(1), 3, chosen
-        )
-        total, off = total + real + 1j * imag, off + error
-    free = np.zeros(len(places), np.complex128)
-    for point in sources:
-        wave = point.wave(places.T)
-        total -= np.where(shadow.hidden(point), wave, 0.0)
-        free += wave
-    return total, free, off
-
-
-def slopes_of_shadow(
-    source: Any,
-    bodies: Obstacles,
-    points: Floats,
-    wavelength: float,
-    method: str,
-    tolerance: float,
-    engine: str = "auto",
-) -> tuple[Complex, NDArray[np.bool_]]:
-    """Return the derivatives (n, 3), in 1/m, of the change that :func:`shadow_of` finds.
-
-    They are those of the same sum over edges, the silhouettes of the points held: the field is
-    smooth where these change. Also whether a point is in a body.
-    """
-    # off the boundaries of shadows, at which the field is smooth but roots in its formula are not
-    places = points / wavelength + _OFF * ASIDE
-    sources, seen = _seen(source, bodies, places, wavelength, method, tolerance)
-    shadow = _Shadow.of(bodies, sources, seen, places)
-    is_oblique = any(point.field for point in sources)
-    total = np.zeros((len(places), 3), np.complex128)
-    for edges, chosen in shadow.engines(engine):
-        term = partial(_edge_slopes, is_oblique, edges.blocker is not None)
-        samples = shadow.samples_of(edges, with_slopes=True)
-        parts = execution.evaluate_rows(term, edges.table, samples, np.zeros(1), 6, chosen)
-        total += np.stack(parts[::2], axis=1) + 1j * np.stack(parts[1::2], axis=1)
-    for point in sources:
-        slopes = np.stack(point.slopes(places.T), axis=1)
-        total -= np.where(shadow.hidden(point)[:, None], slopes, 0.0)
-    return total / wavelength, bodies.inside(places)
-
-
 def _seen(
     source: Any, bodies: Obstacles, places: Floats, wavelength: float, method: str, tolerance: float
 ) -> tuple[list[RadiatingPoint], list[Silhouette]]:
@@ -250,6 +191,7 @@ class _Shadow(NamedTuple):
     """Obstacles as the points of a source see them, and points that may be in their shadow."""
 
     bodies: Obstacles
+    sources: Sequence[RadiatingPoint]
     edges: list[_Edges]
     samples: Floats
     """(n, 7): points, places aside, and 1 where the angles of edges tell light from shadow."""
@@ -293,14 +235,34 @@ class _Shadow(NamedTuple):
                 group[group == number] = NO_SURFACE
         lines = shadow_lines(table[group == OWN_SURFACE])
         edges.append(_Edges(np.concatenate([table[group < 0], lines]), None))
-        return cls(bodies, edges, np.column_stack([places, aside, by_angles]), resolution)
+        return cls(bodies, sources, edges, np.column_stack([places, aside, by_angles]), resolution)
 
-    def engines(self, engine: str) -> Iterator[tuple[_Edges, str]]:
-        """Edges and the engine that sums over each; "auto" is planned for all of them together."""
-        chosen = resolved(engine, len(self.samples), sum(len(edges.table) for edges in self.edges))
+    def summed(
+        self, engine: str, rule: EdgeRule, coarser: EdgeRule | None = None
+    ) -> tuple[Complex, Complex, Floats]:
+        """Change of the field, free field, and error (0 without a coarser rule) at samples (n,)."""
+        is_oblique = any(point.field for point in self.sources)
+        count = len(self.samples)
+        change, free = np.zeros((2, count), np.complex128)
+        error = np.zeros(count)
+        # "auto" is planned for the edges of all groups together
+        chosen = resolved(engine, count, sum(len(edges.table) for edges in self.edges))
         for edges in self.edges:
-            is_small = engine == "auto" and len(edges.table) * len(self.samples) < _FEW
-            yield edges, "numpy" if is_small else chosen
+            is_small = engine == "auto" and len(edges.table) * count < _FEW
+            real, imag, off = execution.evaluate_rows(
+                partial(_edge, rule, coarser, is_oblique, edges.blocker is not None),
+                edges.table,
+                self._samples_of(edges),
+                np.zeros(1),
+                3,
+                "numpy" if is_small else chosen,
+            )
+            change, error = change + real + 1j * imag, error + off
+        for point in self.sources:
+            wave = point.wave(self.samples[:, :3].T)
+            change -= np.where(self.hidden(point), wave, 0.0)
+            free += wave
+        return change, free, error
 
     def hidden(self, point: RadiatingPoint) -> NDArray[np.bool_]:
         """Samples that rays from a point of the source do not reach, where rays are asked."""
@@ -309,28 +271,19 @@ class _Shadow(NamedTuple):
         found[by_rays] = self.bodies.hide(point.place, self.samples[by_rays, 3:6], within)
         return found
 
-    def samples_of(self, edges: _Edges, with_slopes: bool = False) -> Floats:
-        """Samples for some edges: (n, 7), of blocked ones (n, 10), with slopes (n, 16).
+    def _samples_of(self, edges: _Edges) -> Floats:
+        """Samples for some edges: (n, 7); of blocked edges (n, 10).
 
-        These are the resolution, and the amplitude of edge waves behind the blocker with its
-        derivatives, as real and imaginary parts.
+        The added columns are the resolution, and the real and imaginary part of the amplitude of
+        edge waves behind the blocker.
         """
         if edges.blocker is None:
             return self.samples
         hidden = edges.blocker.hides(self.samples[:, 3:6], _ON_SURFACE * self.resolution)
-        ops, point = NumpyOperations(double=True), tuple(self.samples[:, :3].T)
-        columns = [self.samples, self.resolution[:, None]]
-        if with_slopes:
-            jets = JetOperations(ops)
-            found = edges.blocker.transmission(jets, jets.variables(point), hidden)
-            slopes = [part.slopes or (0.0,) * 3 for part in (found.real, found.imag)]
-            values = [found.real.value, found.imag.value, *slopes[0], *slopes[1]]
-        else:
-            found = edges.blocker.transmission(ops, point, hidden)
-            values = [found.real, found.imag]
-        return np.column_stack(
-            [*columns, *(np.broadcast_to(value, len(hidden)) for value in values)]
-        )
+        point = tuple(self.samples[:, :3].T)
+        found = edges.blocker.transmission(NumpyOperations(double=True), point, hidden)
+        parts = (np.broadcast_to(part, len(hidden)) for part in (found.real, found.imag))
+        return np.column_stack([self.samples, self.resolution, *parts])
 
 
 def _resolution(ends: Floats, sources: Floats, points: Floats) -> Floats:
@@ -388,21 +341,6 @@ def _edge(
         return change.real, change.imag, off
     angle = wave.scaled(by_angles * angle_about(ops, source, aside, start, end) / (2.0 * math.pi))
     return angle.real + change.real, angle.imag + change.imag, off
-
-
-def _edge_slopes(
-    is_oblique: bool, is_blocked: bool, ops: Any, row: Point, sample: Point, none: Point
-) -> Any:
-    """Derivatives of :func:`_edge` in x, y and z, real and imaginary part of each."""
-    jets = JetOperations(ops)
-    point = (*jets.variables(sample[:3]), *jets.variables(sample[3:6]))
-    point += tuple(jets.constants(sample[6:8]))
-    if is_blocked:
-        parts = zip(sample[8:10], (sample[10:13], sample[13:16]), strict=True)
-        point += tuple(Jet(ops, value, tuple(slopes)) for value, slopes in parts)
-    row = tuple(jets.constants(row))
-    real, imag, _ = _edge(_RULES[1][1], None, is_oblique, is_blocked, jets, row, point, none)
-    return slopes_of(real, imag)
 
 
 def _check_clearance(bodies: Obstacles, sources: Sequence[RadiatingPoint]) -> None:

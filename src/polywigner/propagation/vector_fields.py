@@ -21,11 +21,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner import execution
-from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, Precision
 from polywigner.geometry import Aperture, Wavefront
-from polywigner.geometry.arguments import Points, checked_wavelength, takes_frequency
+from polywigner.geometry.arguments import checked_wavelength, takes_frequency
 from polywigner.illumination import Array
 from polywigner.illumination.polarisation import (
     MODELS,
@@ -37,8 +35,8 @@ from polywigner.illumination.polarisation import (
 )
 from polywigner.propagation.boundary import Radiator, boundary_field, cosines_of, radiator_of
 from polywigner.propagation.curved_fields import lit_nodes, summed_over_cells
+from polywigner.propagation.edge_integrals import edge_integrals
 from polywigner.propagation.far_fields import checked_powers
-from polywigner.propagation.field_slopes import FieldSlopes
 from polywigner.propagation.places import (
     check_reach,
     checked_amplitude_tolerance,
@@ -50,6 +48,7 @@ from polywigner.radiometry.directions import PlaneSource, checked_radiator
 from polywigner.radiometry.hemisphere import directions_and_weights, largest_lag
 from polywigner.transforms import fourier
 from polywigner.transforms.phase_space import energy_of
+from polywigner.transforms.traced_sources import check_no_drjit
 from polywigner.transforms.wavefronts import flat_of
 from polywigner.transforms.xarray_arguments import takes_xarray
 
@@ -81,7 +80,7 @@ def parts_of(source: Any, polarisation: Any) -> list[tuple[Any, Complex]]:
 )
 def field(
     source: Aperture | Array | Wavefront,
-    points: Points,
+    points: ArrayLike,
     wavelength: float,
     polarisation: str | ArrayLike,
     method: CurrentModel = "huygens",
@@ -131,11 +130,7 @@ def field(
     array([0.    , 0.0545, 0.0269])
     """
     name = checked_method(method, MODELS)
-    if execution.is_drjit(points):
-        raise ArgumentError(
-            "expected points as a NumPy array, got a Dr.Jit array, of which there are no vector "
-            "fields; pass points.numpy()"
-        )
+    check_no_drjit(source=source, points=points, wavelength=wavelength)
     places, length = checked_points(points), checked_wavelength(wavelength)
     allowed = checked_amplitude_tolerance(tolerance, True)
     radiator = checked_radiator(source)
@@ -224,11 +219,11 @@ class _NearField:
 
     def _add_edges(self, found: Complex, q: Complex, currents: Currents) -> None:
         """Line integrals that derivatives along the plane leave at edges, (VP4)."""
-        slopes = FieldSlopes(self.source, self.wavelength, FIRST, self.tolerance, by_waves=False)
         m, e = currents
-        for sums in slopes.edge_sums(self.points):
-            strips, where = sums.strips, sums.where
-            n = strips.normal @ q[:2]
+        sums_of = edge_integrals(self._radiator, self.points, self.wavelength, self.tolerance)
+        for sums in sums_of:
+            where = sums.where
+            n = sums.normal @ q[:2]
             if m:
                 found[where, 2] -= m / (2 * math.pi) * (sums.wave @ n)
             if not e:
@@ -238,12 +233,12 @@ class _NearField:
             weighted, grown = sums.rise * n, sums.rise_by_length * n
             whole = weighted.sum(axis=1)
             for a in range(2):
-                begin = weighted @ strips.begin[:, a] + grown @ strips.along[:, a]
-                gradient = begin - sums.places[:, a] * whole
-                carried = strips.normal[:, a] * (strips.plane @ q[:2])
+                begin = weighted @ sums.begin[:, a] + grown @ sums.along[:, a]
+                gradient = begin - sums.points[:, a] * whole
+                carried = sums.normal[:, a] * (sums.plane @ q[:2])
                 carried = 2j * math.pi * (sums.wave @ carried)
                 found[where, a] -= share * (gradient + carried)
-            found[where, 2] += share * sums.places[:, 2] * whole
+            found[where, 2] += share * sums.points[:, 2] * whole
 
     def _integral(self, method: str, factor: Any) -> Complex:
         """Phi, or dPhi/dz/(ik), (n,), of waves times ``factor`` of their cosines (m, 2)."""

@@ -181,7 +181,7 @@ def power_by_lags(
 
 def _factor_of_lags(forms: Forms, q: Array) -> Array:
     """The transform over the hemisphere's disc of h = g/cos, at lags of q/(2 pi) wavelengths."""
-    first, mixed, both, _ = forms
+    first, mixed, both = forms
     total = first * (np.sin(q) / q - np.cos(q)) / q**2 + both * np.sin(q) / q
     if mixed:
         # Bessel's integral: equidistant angles, more than q, are exact to rounding

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import ArgumentError, value_text
+from polywigner.errors import ArgumentError, require, value_text
 from polywigner.execution import Engine
 from polywigner.geometry import PlacedAperture, Wavefront
 from polywigner.geometry.arguments import (
@@ -29,7 +29,6 @@ from polywigner.illumination.obliquities import (
     weighted_sources,
 )
 from polywigner.propagation.far_fields import check_slopes, radiated_power
-from polywigner.propagation.rays_adaptive import sobol_numbers
 from polywigner.propagation.stores_checks import source_attrs
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.radiometry.directions import (
@@ -76,9 +75,17 @@ def numbers_of(
         return
     for batch in range(BATCHES):
         size = (count + batch) // BATCHES  # as equal as whole numbers are
-        numbers = sobol_numbers(size, 4 + others, generator)
+        numbers = _sobol_numbers(size, 4 + others, generator)
         for start in range(0, size, block):
             yield numbers[start : start + block], batch
+
+
+def _sobol_numbers(size: int, columns: int, generator: np.random.Generator) -> Values:
+    """The first numbers (size, columns) in [0, 1) of a scrambled Sobol sequence."""
+    library = require("scipy.stats.qmc", "arrays", "has quasi-random numbers (Sobol)")
+    sequence = library.Sobol(columns, scramble=True, seed=generator)
+    numbers: Values = sequence.random_base2(math.ceil(math.log2(size)))[:size]
+    return np.minimum(numbers, 1 - 2.0**-53)  # scrambled numbers may round to 1
 
 
 def normal_numbers(numbers: Values) -> Values:

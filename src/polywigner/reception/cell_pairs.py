@@ -166,9 +166,6 @@ def cells_of(source: Any, wavelength: float) -> Cells:
     return Cells(source, wavelength)
 
 
-_IK = 2j * math.pi
-
-
 def link_kernel(
     condition: Obliquity,
     cosine: Floats,
@@ -244,34 +241,6 @@ def polarised_kernel(
         total = total + e * m * (1 + a) * along(mixed)
     wave = sight.wave[0] + 1j * sight.wave[1]
     return np.asarray(total * wave * inverse / 1j)
-
-
-def link_slopes(
-    condition: Obliquity, wave: Complex, r: Floats, distance: Floats, m: Floats
-) -> tuple[list[Complex], list[Complex]]:
-    """Derivatives of :func:`link_kernel` in the components of r and of m."""
-    a, b = condition.field, condition.slope
-    cross, square = a * b / _IK, (a / (2 * math.pi)) ** 2
-    green = wave / (1j * distance)
-    away = sum(m[j] * r[j] for j in range(3))
-    # G_j/G, each the derivative of the one before over r
-    inverse = 1.0 / distance
-    twice = inverse * inverse
-    first = green * ((_IK - inverse) * inverse)
-    second = green * ((_IK * _IK - 3 * _IK * inverse + 3 * twice) * twice)
-    third = green * (
-        (_IK**3 - 6 * _IK**2 * inverse + 15 * _IK * twice - 15 * twice * inverse)
-        * (twice * inverse)
-    )
-    along = b * b * first + cross * second * (r[2] - away)
-    along += square * (m[2] * second + r[2] * away * third)
-    of_place, of_normal = [], []
-    for j in range(3):
-        up = 1.0 if j == 2 else 0.0
-        place = along * r[j] + cross * first * (up - m[j])
-        of_place.append(place + square * second * (up * away + r[2] * m[j]))
-        of_normal.append((square * second * r[2] - cross * first) * r[j] + square * up * first)
-    return of_place, of_normal
 
 
 # Values of the kernel, or of fields at nodes, at a time: their arrays stay in the cache.
@@ -399,26 +368,6 @@ class Links:
             self.currents, sight, rotation[:, :, 2], self.sent, rotation @ self.taken
         )
         return found.real, found.imag
-
-    def slopes(self, pairs: Pairs, order: int) -> Complex:
-        """Derivatives of :meth:`sums` in the first three rows of ``to_transmitter``, (n, 3, 4).
-
-        Its last column counts in wavelengths.
-        """
-        found = np.zeros((len(pairs), 3, 4), np.complex128)
-        for mine, here, there, sight in self._blocks(pairs, order):
-            place, _ = self._points(self.receiver, pairs.receiver[mine], order)
-            place = place + self.receiver.centre / self.receiver.wavelength
-            wave = sight.wave[0] + 1j * sight.wave[1]
-            r = np.stack([np.broadcast_to(part, wave.shape) for part in sight.r])
-            normal = self.rotation[pairs.pose[mine]][:, :, 2].T[:, :, None, None]
-            of_place, of_normal = link_slopes(self.condition, wave, r, sight.distance, normal)
-            arms = [there * place[..., 0], there * place[..., 1], there, there]
-            for row in range(3):
-                for column, right in enumerate(arms):
-                    values = of_normal[row] if column == 2 else of_place[row]
-                    found[mine, row, column] += _contracted(here, values.real, values.imag, right)
-        return found
 
     def _blocks(self, pairs: Pairs, order: int) -> Iterator[tuple[slice, Complex, Complex, _Sight]]:
         """Blocks of pairs, moments at nodes of both cells, and the geometry between these."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 from typing import Any, Literal, get_args
 
@@ -16,7 +16,6 @@ from polywigner.errors import ArgumentError, value_text
 from polywigner.execution.progress import told
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.geometry.arguments import (
-    DrJitArray,
     checked_flag,
     checked_number,
     checked_wavelength,
@@ -36,21 +35,16 @@ from polywigner.propagation.arrangement import (
     smooth_triangles,
 )
 from polywigner.propagation.far_fields import far_field
-from polywigner.propagation.field_slopes import parts_of
 from polywigner.propagation.places import checked_method, warn_of_missed
 from polywigner.propagation.vector_fields import parts_of as parts_of_polarised
 from polywigner.radiometry.directions import checked_radiator
 from polywigner.reception.cell_pairs import Cells, Links, cells_of
-from polywigner.reception.link_sums import link_slopes_of, link_sums
-from polywigner.reception.norms import (
-    checked_normalise,
-    overlaps_of,
-    root_of_norm,
-)
+from polywigner.reception.link_sums import link_sums
+from polywigner.reception.norms import checked_normalise, root_of_norm
 from polywigner.reception.poses import check_facing, checked_poses
-from polywigner.transforms import Differentiable, wigner
+from polywigner.transforms import wigner
 from polywigner.transforms.phase_space import energy_of
-from polywigner.transforms.traced_sources import fields_of as fields_of_traced
+from polywigner.transforms.traced_sources import check_no_drjit
 from polywigner.transforms.wavefronts import flat_of
 
 Floats = NDArray[np.float64]
@@ -175,9 +169,9 @@ _NODES, _NODES_PER_DIGIT = 4.0, 0.5
 
 @takes_frequency
 def coupling(
-    transmitter: Aperture | Array | Wavefront | Differentiable,
-    receiver: Aperture | Array | Wavefront | Differentiable,
-    to_transmitter: ArrayLike | DrJitArray,
+    transmitter: Aperture | Array | Wavefront,
+    receiver: Aperture | Array | Wavefront,
+    to_transmitter: ArrayLike,
     wavelength: float,
     method: LinkMethod | None = None,
     tolerance: float = 1e-6,
@@ -201,12 +195,9 @@ def coupling(
     Parameters
     ----------
     transmitter, receiver : Apertures, or Arrays of apertures in the plane z = 0, with any
-        illuminations, or with curved waves. Each radiates along the +z of its own frame. Or
-        :func:`differentiable` ones with weights or amplitudes, for a tensor with derivatives in
-        them (docs/links.md, (RX6)).
+        illuminations, or with curved waves. Each radiates along the +z of its own frame.
     to_transmitter : (..., 4, 4) rigid poses, in m, that map the receiver's frame into the
-        transmitter's; or a Dr.Jit tensor of them, for a tensor with derivatives in the pose
-        (closed forms; of rigid motions: a pose is taken as the nearest rigid one).
+        transmitter's. A pose is taken as the nearest rigid one.
     wavelength : in m; or ``frequency=`` in Hz.
     method : "rayleigh-sommerfeld-1" (None), "rayleigh-sommerfeld-2", "kirchhoff"; or "fraunhofer",
         Friis' formula with the phase, of the Rayleigh-Sommerfeld I patterns; or "wigner", the
@@ -227,8 +218,7 @@ def coupling(
     Returns
     -------
     (...) complex; of "wigner" float, |b|^2. With ``return_error`` a pair of that and (...) of
-    floats. For Dr.Jit poses, or differentiable sources, a tensor (..., 2), real and imaginary part
-    last ("wigner": (...)).
+    floats.
 
     Warns
     -----
@@ -236,8 +226,8 @@ def coupling(
 
     Raises
     ------
-    ArgumentError for arguments of the wrong type or range, derivatives that there are not, planes
-    that are not parallel with "wigner", and links of more than some minutes' work. GeometryError
+    ArgumentError for arguments of the wrong type or range, Dr.Jit arrays, planes that
+    are not parallel with "wigner", and links of more than some minutes' work. GeometryError
     for poses that are not rigid, sources that are not in front of each other's plane, and an Array
     with elements outside its plane. IlluminationError for a source that cancels itself.
 
@@ -252,27 +242,17 @@ def coupling(
     >>> round(20 * np.log10(abs(b)), 6)
     np.float64(-29.16531)
     """
+    check_no_drjit(transmitter=transmitter, receiver=receiver, to_transmitter=to_transmitter)
     name = _checked_method(method, polarisation is not None)
-    traced = tuple(_checked_source(source) for source in (transmitter, receiver))
+    sources = transmitter, receiver
+    for source in sources:
+        checked_radiator(source)
     length, allowed = checked_wavelength(wavelength), checked_tolerance(tolerance)
     counted = checked_normalise(normalise)
     checked_flag(return_error, "return_error")
-    sources = tuple(source.source for source in traced)
     jones = None if polarisation is None else checked_pair(polarisation, *sources)
-    link = _Link(traced, length, name, allowed, counted, jones)
-    fields = [source.weights or source.amplitudes for source in traced]
-    if execution.is_drjit(to_transmitter) or any(fields):
-        if return_error:
-            raise ArgumentError(
-                "expected no return_error with Dr.Jit arrays; pass NumPy's, and plain sources"
-            )
-
-        def compute(poses: Any, wanted: Sequence[bool]) -> tuple[NDArray[Any], list[Any]]:
-            values, _, slopes = link.couplings(poses, wanted)
-            return values, slopes
-
-        return execution.hosted_poses(compute, "to_transmitter", to_transmitter, fields)
-    values, errors, _ = link.couplings(to_transmitter)
+    link = _Link(sources, length, name, allowed, counted, jones)
+    values, errors = link.couplings(to_transmitter)
     return (values[()], errors[()]) if return_error else values[()]
 
 
@@ -280,17 +260,13 @@ def coupling(
 class _Link:
     """Two sources, and how they are coupled."""
 
-    traced: tuple[Differentiable, ...]
+    sources: tuple[Any, Any]
     wavelength: float
     method: str
     tolerance: float
     normalise: str
     jones: tuple[Complex, Complex] | None
     """Jones vectors of both; None: fields are scalar."""
-
-    @property
-    def sources(self) -> tuple[Any, ...]:
-        return tuple(source.source for source in self.traced)
 
     def norm(self, normalise: str) -> float:
         """Root of the product of both powers."""
@@ -300,34 +276,18 @@ class _Link:
             for source, own in zip(self.sources, jones, strict=True)
         )
 
-    def couplings(
-        self, to_transmitter: Any, wanted: Sequence[bool] = (False,) * 3
-    ) -> tuple[NDArray[Any], Floats, list[Complex | None]]:
-        """Couplings (...), their errors and, where wanted, derivatives.
-
-        (n, 12) in the poses, (n, 2 k) in the fields of both sources, real and imaginary.
-        """
-        if any(wanted) and self.method not in CONDITIONS:
-            raise ArgumentError(
-                f'expected one of {", ".join(CONDITIONS)} with derivatives, got "{self.method}"; '
-                "pass drjit.detach(...) of what needs none"
-            )
+    def couplings(self, to_transmitter: Any) -> tuple[NDArray[Any], Floats]:
+        """Couplings (...) and their errors."""
         poses = checked_poses(to_transmitter)
         flat = poses.reshape(-1, 4, 4)
         check_facing(flat, *(cells_of(one, self.wavelength).corners for one in self.sources))
         warn_of_distance(self.sources, flat[:, :3, 3], self.wavelength)
-        slopes: list[Complex | None] = [None] * 3
-        if self.method == "wigner":
-            values, errors, limits = self._overlap(flat)
-        else:
-            values, errors, limits, slopes[0] = self._summed(flat, wanted[0])
+        compute = self._overlap if self.method == "wigner" else self._summed
+        values, errors, limits = compute(flat)
         warn_of_missed(errors, limits, "couplings")
-        for own in (0, 1):
-            if wanted[1 + own]:
-                slopes[1 + own] = self._field_slopes(own, flat, values.astype(np.complex128))
-        return values.reshape(poses.shape[:-2]), errors.reshape(poses.shape[:-2]), slopes
+        return values.reshape(poses.shape[:-2]), errors.reshape(poses.shape[:-2])
 
-    def _overlap(self, poses: Floats) -> tuple[Floats, Floats, Floats]:
+    def _overlap(self, poses: Floats) -> tuple[Any, Floats, Floats]:
         if any(isinstance(source, Wavefront) for source in self.sources):
             raise ArgumentError(
                 'expected a flat wave with method="wigner", got a curved one; use '
@@ -338,13 +298,12 @@ class _Link:
         values, errors, limits = (counts * part for part in found)
         return values, errors, limits
 
-    def _summed(self, poses: Floats, with_slopes: bool) -> tuple[Any, ...]:
-        """Couplings (n,), errors, allowed errors, and derivatives (n, 12) or None: sums of parts.
+    def _summed(self, poses: Floats) -> tuple[Any, Floats, Floats]:
+        """Couplings (n,), errors and allowed errors: sums of parts.
 
         Parts are the sources, or their elements of one polarisation each.
         """
         values, errors, limits = np.zeros(len(poses), np.complex128), *np.zeros((2, len(poses)))
-        slopes = np.zeros((len(poses), 12), np.complex128) if with_slopes else None
         parts: list[Any] = [[(source, None)] for source in self.sources]
         if self.jones is not None:
             parts = list(map(parts_of_polarised, self.sources, self.jones))
@@ -353,24 +312,16 @@ class _Link:
             with told("links", range(0, len(poses), _BLOCK)) as starts:
                 for start in starts:
                     some = slice(start, start + _BLOCK)
-                    found = self._between(sender, taker, poses[some], floor, with_slopes)
-                    values[some] += found[0]
-                    errors[some] += found[1]
-                    limits[some] += found[2]
-                    if slopes is not None:
-                        slopes[some] += found[3]
+                    found = self._between(sender, taker, poses[some], floor)
+                    for total, part in zip((values, errors, limits), found, strict=True):
+                        total[some] += part
         # after the sums, which are refused where they would take too long
         norm = self.norm(self.normalise)
-        return (
-            values / norm,
-            errors / norm,
-            limits / norm,
-            slopes if slopes is None else slopes / norm,
-        )
+        return values / norm, errors / norm, limits / norm
 
     def _between(
-        self, sender: Any, taker: Any, poses: Floats, floor: float, with_slopes: bool
-    ) -> tuple[Any, ...]:
+        self, sender: Any, taker: Any, poses: Floats, floor: float
+    ) -> tuple[Complex, Floats, Any]:
         """:meth:`_summed` of two sources, each with its polarisation, before both norms."""
         sources = sender[0], taker[0]
         cells = [cells_of(source, self.wavelength) for source in sources]
@@ -395,12 +346,7 @@ class _Link:
         )
         scale = self.wavelength**2
         sums = link_sums(links, self.tolerance, floor * self._largest(sources, offset) / scale)
-        slopes = None
-        if with_slopes:
-            slopes = link_slopes_of(links, sums) * (scale * turn)[:, None, None]
-            slopes[..., 3] /= self.wavelength
-            slopes = slopes.reshape(-1, 12)
-        return scale * turn * sums.values, scale * sums.errors, scale * sums.allowed, slopes
+        return scale * turn * sums.values, scale * sums.errors, scale * sums.allowed
 
     def _far(
         self, sources: tuple[Any, ...], cells: list[Cells], poses: Floats, offset: Floats
@@ -422,28 +368,6 @@ class _Link:
         size = math.sqrt(areas[0]) * math.sqrt(areas[1]) / self.wavelength
         return np.minimum(1.0, size / np.linalg.norm(offset, axis=1))
 
-    def _field_slopes(self, own: int, poses: Floats, values: Complex) -> Complex:
-        """Derivatives (n, 2 k) of couplings (n,) in weights of elements, or of waves, (RX6).
-
-        In the real parts of all weights of the source ``own``, then in the imaginary ones.
-        """
-        traced = self.traced[own]
-        parts = list(parts_of(traced.source, traced.amplitudes is not None))
-        counted = self.wavelength, self.method, self.normalise
-        whole = root_of_norm(traced.source, *counted)
-        alone = np.empty((len(parts), len(values)), np.complex128)
-        for k, part in enumerate(parts):
-            pair = list(self.traced)
-            pair[own] = Differentiable(part)
-            found, _, _ = replace(self, traced=tuple(pair)).couplings(poses)
-            alone[k] = found * (root_of_norm(part, *counted) / whole)
-        overlaps = overlaps_of(parts, fields_of_traced(traced), traced.source, *counted) / whole**2
-        slopes = [
-            turn * alone - share[:, None] * values
-            for turn, share in ((1, overlaps.real), (1j, overlaps.imag))
-        ]
-        return np.concatenate(slopes).T
-
 
 def _checked_method(method: Any, is_polarised: bool) -> str:
     allowed = [name for name in get_args(LinkMethod) if (name in MODELS) == is_polarised]
@@ -452,17 +376,6 @@ def _checked_method(method: Any, is_polarised: bool) -> str:
     if not is_polarised and isinstance(method, str) and method in MODELS:
         raise ArgumentError(f"expected a polarisation with method={method!r}, got none; give one")
     return checked_method(method, allowed)
-
-
-def _checked_source(source: Any) -> Differentiable:
-    traced = source if isinstance(source, Differentiable) else Differentiable(source)
-    checked_radiator(traced.source)
-    if traced.vertices is not None:
-        raise ArgumentError(
-            "expected sources without derivatives in vertices, got one with; a coupling has "
-            "them in weights, amplitudes and to_transmitter"
-        )
-    return traced
 
 
 def checked_tolerance(tolerance: Any) -> float:

@@ -37,8 +37,6 @@ class LinkSums(NamedTuple):
     values: Complex
     errors: Floats
     allowed: Floats
-    parts: Pairs
-    """With values, orders (numbers of ``_ORDERS``), estimated errors and sizes, (n,) each."""
 
 
 def link_sums(links: Links, tolerance: float, floor: Floats) -> LinkSums:
@@ -69,7 +67,7 @@ def link_sums(links: Links, tolerance: float, floor: Floats) -> LinkSums:
             raise _too_much(links, parts)
         parts = _joined(parts[~open_], fresh, again)
     errors = np.bincount(pose, parts.errors, count).astype(np.float64)
-    return LinkSums(total, errors, allowed, parts)
+    return LinkSums(total, errors, allowed)
 
 
 def _to_refine(parts: Pairs, allowed: Floats) -> NDArray[np.bool_]:
@@ -175,14 +173,3 @@ def _halves(links: Links, pairs: Pairs) -> Pairs:
     cells, place = links.receiver.halved(other.receiver)
     others = pairs_of(other.pose[place], other.transmitter[place], cells)
     return _joined(halved, others)
-
-
-def link_slopes_of(links: Links, sums: LinkSums) -> Complex:
-    """Derivatives (n, 3, 4) of ``sums`` in the poses, of the same pairs and orders."""
-    parts = sums.parts
-    found = np.zeros((len(sums.values), 3, 4), np.complex128)
-    for order in np.unique(parts.orders):
-        mine = parts.orders == order
-        pairs = parts[mine]
-        np.add.at(found, pairs.pose, links.slopes(pairs, int(_ORDERS[order])))
-    return found

@@ -1,19 +1,16 @@
-"""Powers by which links are divided; derivatives of links in weights of elements or waves."""
+"""Powers by which links are divided."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, IlluminationError, PolywignerError
 from polywigner.geometry import Aperture, Wavefront
-from polywigner.illumination import Array
 from polywigner.illumination.obliquities import CONDITIONS, DEFAULT, Obliquity
 from polywigner.illumination.obliquities import fields_of as fields_on
 from polywigner.propagation.far_fields import powers_of
@@ -31,8 +28,6 @@ NORMALISATIONS = ("radiated", "aperture")
 
 # int |u|^2 of a source that cancels itself, relative to that of its parts.
 _DARK = 1e-12
-# Far fields of parts at a time: 64 MB.
-_BLOCK = 1 << 22
 
 
 def checked_normalise(name: Any, error: type[PolywignerError] = ArgumentError) -> str:
@@ -72,8 +67,7 @@ def _root_of_norm(source: Any, wavelength: float, method: str, normalise: str, j
     is_flat = not isinstance(source, Wavefront)
     if not condition.takes_slopes or (is_flat and fields_on(source) == (None,)):
         return math.sqrt(powers_of(source, wavelength, condition.name)[0])
-    alone = radiated_overlaps([source], np.ones(1, np.complex128), source, wavelength, condition)
-    return math.sqrt(alone[0].real)
+    return math.sqrt(_radiated(source, wavelength, condition))
 
 
 def _check_field(source: Any) -> None:
@@ -92,61 +86,10 @@ def _check_field(source: Any) -> None:
         )
 
 
-def radiated_overlaps(
-    parts: Sequence[Any], weights: Complex, source: Any, wavelength: float, condition: Obliquity
-) -> Complex:
-    """Overlaps int g F_k* F dOmega/lambda^2 of the parts of a source with their sum, (k,) in W.
-
-    ``source``: of whose size the parts are; g takes u for what the boundary condition needs.
-    """
-    found = np.zeros(len(parts), np.complex128)
-    step = max(1, _BLOCK // len(parts))
+def _radiated(source: Any, wavelength: float, condition: Obliquity) -> float:
+    """Return int g |F|^2 dOmega/lambda^2 in W, with u as the boundary condition needs it."""
+    found = 0.0
     for directions, solid_angle in directions_and_weights(largest_lag(source), wavelength):
         factor = condition.of_pairs(directions[:, 2], 1.0, 1.0) * solid_angle / wavelength**2
-        for start in range(0, len(directions), step):
-            some = slice(start, start + step)
-            nu = directions[some, :2] / wavelength
-            far = np.stack([fourier(part, nu) for part in parts])
-            found += (far.conj() * factor[some]) @ (weights @ far)
-    return found
-
-
-def overlaps_of(
-    parts: Sequence[Any],
-    weights: Complex,
-    source: Any,
-    wavelength: float,
-    method: str,
-    normalise: str,
-) -> Complex:
-    """Overlaps of the parts of a source with their sum, (k,) in W, as :func:`root_of_norm`."""
-    if normalise == "aperture":
-        return _overlaps(parts, weights)
-    return radiated_overlaps(parts, weights, source, wavelength, CONDITIONS[method])
-
-
-def _overlaps(parts: Sequence[Aperture], weights: Complex) -> Complex:
-    """int u_k* u dx of each part u_k with u, the sum of all with their weights, (k,).
-
-    With weights that change by dw, int |u|^2 changes by 2 Re sum_k overlap_k* dw_k.
-    """
-    outlines = [part.polygons for part in parts]
-    tree = shapely.STRtree(outlines)
-    found = np.empty(len(parts), np.complex128)
-    for k, part in enumerate(parts):
-        own = energy_of(part)
-        found[k] = weights[k] * own
-        others = [j for j in tree.query(outlines[k]).tolist() if j != k and weights[j] != 0]
-        common = shapely.area(shapely.intersection([outlines[j] for j in others], outlines[k]))
-        near = [j for j, area in zip(others, common, strict=True) if area > 0]
-        if near:
-            elements, beside = [parts[j] for j in near], weights[near]
-            size = np.abs(beside).max()
-            rest = energy_of(Array(elements, beside))
-            # |a + b|^2 - |a|^2 - |b|^2 = 2 Re a* b, and of i a in place of a 2 Im a* b
-            both = (
-                energy_of(Array([part, *elements], [turn * size, *beside])) - size**2 * own - rest
-                for turn in (1.0, 1j)
-            )
-            found[k] += complex(*both) / (2 * size)
+        found += float(np.square(np.abs(fourier(source, directions[:, :2] / wavelength))) @ factor)
     return found

@@ -3,7 +3,7 @@
 ====================  =========================================================================
 module                what is in it
 ====================  =========================================================================
-``cross_sections``    the radar cross section by physical optics, and its derivatives
+``cross_sections``    the radar cross section by physical optics
 ``section_patterns``  cross sections over azimuth and elevation
 ``beams``             sums over lit surfaces, and over beams of polygons after two or three
                       reflections

@@ -17,7 +17,7 @@ from polywigner.illumination import Array
 from polywigner.illumination.obliquities import DEFAULT, BoundaryCondition
 from polywigner.propagation import amplitude, field
 from polywigner.propagation.boundary import radiator_of
-from polywigner.propagation.field_slopes import FieldSlopes
+from polywigner.propagation.edge_integrals import field_gradient
 from polywigner.radiometry.directions import checked_unit_vectors as unit_vectors_as_given
 from polywigner.reception.norms import root_of_norm
 from polywigner.reception.poses import checked_poses
@@ -208,10 +208,10 @@ class Antenna:
         return electric @ scale, magnetic @ scale
 
     def _gradient(self, places: Floats) -> Complex:
-        slopes = FieldSlopes(
-            self.source, self.wavelength, self.condition, self.tolerance, by_waves=False
-        )
-        found = slopes.of_points(self.inside(places)) @ self.frame.astype(np.complex128)
+        radiator = radiator_of(self.source)
+        how = self.wavelength, self.condition, self.tolerance
+        gradient = field_gradient(radiator, self.inside(places), *how)
+        found = gradient @ self.frame.astype(np.complex128)
         return found * (self.wavelength / (2j * np.pi * self.root_of_power))
 
     def power_at_middle(self) -> float:

@@ -56,22 +56,20 @@ def lit_sums(
     s: Floats,
     nu: Floats,
     monostatic: bool,
-    slopes: bool = False,
 ) -> Complex:
     """N(nu) (m, 3) of surfaces lit along k and seen from s, (m, 3) each.
 
-    ``slopes``: dN_i/dnu_a (m, 3, 3) of the lit surfaces, which stay. NaN, with a warning, in
-    directions whose lit polygons cannot be computed.
+    NaN, with a warning, in directions whose lit polygons cannot be computed.
 
     Raises ArgumentError if all directions are beyond what fits in memory.
     """
     whole = Pieces(facets.corner, facets.first, facets.second, facets.vector)
     if not facets.casts_shadows:
-        return surface_sums(whole, nu, lambda some, part: facing(facets, k[some], part), slopes)
-    result = surface_sums(whole.taken(slice(0)), nu, slopes=slopes)
+        return surface_sums(whole, nu, lambda some, part: facing(facets, k[some], part))
+    result = np.zeros((len(nu), 3), np.complex128)
     failures = _Failures(result)
     for view in _views(facets, k, s, monostatic, failures):
-        result[view.rows] = surface_sums(view.pieces, nu[view.rows], slopes=slopes)
+        result[view.rows] = surface_sums(view.pieces, nu[view.rows])
     failures.report()
     return result
 

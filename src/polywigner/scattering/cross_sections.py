@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
-from functools import partial
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner import execution
 from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import (
     checked_count,
@@ -25,12 +21,12 @@ from polywigner.scattering.antennas import (
     checked_polarisations,
     checked_unit_vectors,
     checked_wavelengths,
-    spherical_axes,
 )
-from polywigner.scattering.beams import lit_sums, sums_of_beams
+from polywigner.scattering.beams import sums_of_beams
 from polywigner.scattering.facets import Body, Facets, facets_of
 from polywigner.scattering.interreflections import warn_of_reflections
 from polywigner.scattering.near_fields import near_sections
+from polywigner.transforms.traced_sources import check_no_drjit
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -38,9 +34,6 @@ Complex = NDArray[np.complex128]
 
 # Three mirrors at right angles send a wave back; each reflection more multiplies the beams.
 MOST_BOUNCES = 3
-# In rad: parts of faces in shadows are good to 1e-12 of their amplitude, and the square is left of
-# the edges' motion in turns of phase.
-_STEP = 1e-5
 
 
 @takes_frequency
@@ -69,8 +62,7 @@ def rcs(
     ----------
     body : a Polyhedron; an Aperture or placed Aperture, which is a plate with two sides, holes
         and all; or an Array (without weights) or a list of these, which shadow each other.
-    to_radar : (..., 3) unit vectors from the body towards the radar's receiver; Dr.Jit arrays of
-        any kind for results of that kind, with derivatives.
+    to_radar : (..., 3) unit vectors from the body towards the radar's receiver.
     wavelength : (...) in m; or ``frequency=``, one number in Hz.
     to_transmitter : (..., 3) unit vectors towards the transmitter; None: it is with the receiver.
     polarisation : which part of the scattered field counts, of which incident one.
@@ -97,7 +89,7 @@ def rcs(
     normalise : how these powers count, as in :func:`coupling`: "radiated", or "aperture".
     bounces : reflections that count, 1, 2 or 3, as corner reflectors need: lit polygons go on as
         beams, whose polygons on the faces beyond are exact (docs/rcs.md, (SC6)). Not with
-        ``source``, nor for Dr.Jit arrays.
+        ``source``.
 
     All broadcast against each other.
 
@@ -147,6 +139,7 @@ def rcs(
     >>> round(float(sigma * 0.03**2 / (8 * np.pi)), 2)
     1.0
     """
+    check_no_drjit(to_radar=to_radar, to_transmitter=to_transmitter)
     facets = facets_of(body)
     lengths = checked_wavelengths(wavelength)
     if lengths.size:
@@ -164,35 +157,23 @@ def rcs(
         return (found[0][()], found[1][()]) if return_power else found[0][()]
     if receiver is not None or return_power:
         raise ArgumentError("expected a source with receiver and return_power, got none; give it")
-    find = partial(sections, facets, lengths, polarisation, reflections)
-    if execution.is_drjit(to_radar) or execution.is_drjit(to_transmitter):
-        if reflections > 1:
-            raise ArgumentError(
-                "expected bounces=1 with Dr.Jit arrays, since beams have no derivatives, got "
-                f"{reflections}; pass NumPy's"
-            )
-        points = [("to_radar", to_radar), ("to_transmitter", to_transmitter)]
-        if to_transmitter is None:
-            points.pop()
-        return execution.hosted_values(find, points, 3)
-    return find((to_radar, to_transmitter))[0][()]
+    return sections(facets, lengths, to_radar, to_transmitter, polarisation, reflections)[()]
 
 
 def sections(
     facets: Facets,
     lengths: Floats,
+    to_radar: ArrayLike,
+    to_transmitter: ArrayLike | None,
     polarisation: Polarisation | None,
     bounces: int,
-    directions: Sequence[Any],
-    wanted: Sequence[bool] = (False, False),
     *,
     warns: bool = True,
-) -> tuple[Floats, list[Floats | None]]:
-    """Cross sections (...) and their derivatives (..., 3) in directions that want them.
+) -> Floats:
+    """Cross sections (...) in m^2 of a body; parameters as of :func:`rcs`.
 
-    ``warns``: whether to warn of faces that light each other.
+    ``warns``: whether to warn of faces that illuminate each other.
     """
-    to_radar, to_transmitter = (*directions, None)[:2]
     receiver = checked_unit_vectors("to_radar", to_radar)
     transmitter = receiver
     if to_transmitter is not None:
@@ -211,15 +192,7 @@ def sections(
     flat = np.broadcast_to(lengths, shape).ravel()
     sums, later = sums_of_beams(facets, -t, s, flat, to_transmitter is None, bounces)
     areas = 4 * np.pi / flat**2 * _power(sums, later, -t, s, both)
-    slopes: list[Floats | None] = [None] * len(directions)
-    if any(wanted):
-        channel = polarisation if isinstance(polarisation, str) else None
-        every = _slopes(facets, s, t, flat, both, channel, to_transmitter is None)
-        slopes = [
-            own.reshape(*shape, 3) if is_wanted else None
-            for own, is_wanted in zip(every, wanted, strict=False)
-        ]
-    return areas.reshape(shape), slopes
+    return areas.reshape(shape)
 
 
 def warn_of_small(facets: Facets, wavelength: float) -> None:
@@ -256,110 +229,3 @@ def _across(directions: Floats) -> tuple[Floats, Floats]:
     one = np.cross(directions, np.eye(3)[np.abs(directions).argmin(axis=1)])
     one /= np.linalg.norm(one, axis=1, keepdims=True)
     return one, np.cross(directions, one)
-
-
-def _slopes(
-    facets: Facets,
-    s: Floats,
-    t: Floats,
-    lengths: Floats,
-    polarisations: list[Complex],
-    channel: str | None,
-    monostatic: bool,
-) -> tuple[Floats, ...]:
-    """Derivatives (n, 3) in s, towards the receiver, and in t, towards the transmitter (n, 3).
-
-    Across these, which stay of length 1; of ``monostatic`` in both, which are one.
-    ``polarisations``: of both (n, 3), or none; ``channel``: the name of those that turn with the
-    directions.
-    """
-    k = -t
-    nu = (s + t) / lengths[:, None]
-    n = lit_sums(facets, k, s, nu, monostatic)
-    by_nu = lit_sums(facets, k, s, nu, monostatic, True) / lengths[:, None, None]
-    if not polarisations:
-        of_n, of_s, of_k = _total(n, s, k)
-    else:
-        q, p = polarisations
-        of_n, of_s, of_k = _polarised(n, s, k, q, p, channel)
-
-    def whole(explicit: Floats, moved: Complex | float, direction: Floats) -> Floats:
-        slopes = explicit + np.einsum("ni,nia->na", of_n, by_nu + moved).real
-        along = (slopes * direction).sum(axis=1, keepdims=True)
-        return np.asarray(4 * np.pi / lengths[:, None] ** 2 * (slopes - along * direction))
-
-    def moved(of_s: bool, of_t: bool) -> Complex | float:
-        return _moved(facets, s, t, nu, of_s, of_t, monostatic) if facets.casts_shadows else 0.0
-
-    if monostatic:
-        return (whole(of_s, moved(True, True), s) + whole(-of_k, 0.0, t),)
-    return whole(of_s, moved(True, False), s), whole(-of_k, moved(False, True), t)
-
-
-def _moved(
-    facets: Facets,
-    s: Floats,
-    t: Floats,
-    nu: Floats,
-    of_s: bool,
-    of_t: bool,
-    monostatic: bool,
-) -> Complex:
-    """dN_i/ds_a or dt_a (n, 3, 3) by edges of shadows that move, at the same nu.
-
-    By differences of the lit polygons, which are exact: where edges move over faces in lines.
-    """
-    turned = s if of_s else t
-    result = np.zeros((len(nu), 3, 3), np.complex128)
-    for axis in _across(turned):
-        ends = []
-        for step in (_STEP, -_STEP):
-            there = turned * math.cos(step) + axis * math.sin(step)
-            own, other = there if of_s else s, there if of_t else t
-            ends.append(lit_sums(facets, -other, own, nu, monostatic))
-        result += ((ends[0] - ends[1]) / (2 * _STEP))[:, :, None] * axis[:, None, :]
-    return result
-
-
-def _total(n: Complex, s: Floats, k: Floats) -> tuple[Complex, Floats, Floats]:
-    """Slopes of (|k.N|^2 + |s.N|^2 + |N.(k x s)|^2)/2 in N (n, 3), in s and in k."""
-    normal = np.cross(k, s)
-    along_k, along_s, through = (_dot(n, v).conj() for v in (k, s, normal))
-    of_n = along_k * k + along_s * s + through * normal
-    of_s = along_s * n + through * np.cross(n, k)
-    of_k = along_k * n + through * np.cross(s, n)
-    return of_n, of_s.real, of_k.real
-
-
-def _polarised(
-    n: Complex, s: Floats, k: Floats, q: Complex, p: Complex, channel: str | None
-) -> tuple[Complex, Floats, Floats]:
-    """Slopes of |q.(N x (k x p))|^2 in N, s and k."""
-    h = np.cross(k, p)
-    twice = 2 * _dot(q, np.cross(n, h)).conj()
-    w = np.cross(q, n)
-    of_n, of_k = twice * np.cross(h, q), twice * np.cross(p, w)
-    of_s = np.zeros_like(of_k)
-    if channel is not None:
-        of_s = np.einsum("ni,nia->na", twice * np.cross(n, h), _turning(s)[channel[0]])
-        of_k = of_k - np.einsum("ni,nia->na", twice * np.cross(w, k), _turning(-k)[channel[1]])
-    return of_n, of_s.real, of_k.real
-
-
-def _turning(towards: Floats) -> dict[str, Floats]:
-    """Derivatives (n, 3, 3) of v and h in their direction; NaN along z."""
-    axes = spherical_axes(towards)
-    v, h = axes["v"], axes["h"]
-    across = np.hypot(towards[:, 0], towards[:, 1])[:, None]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        rate = h / np.where(across > 0, across, np.nan)  # of the azimuth
-    outwards = np.cross(h, (0.0, 0.0, 1.0))
-    return {
-        "v": towards[:, 2, None, None] * h[:, :, None] * rate[:, None]
-        - towards[:, :, None] * v[:, None],
-        "h": -outwards[:, :, None] * rate[:, None],
-    }
-
-
-def _dot(a: Complex, b: Complex | Floats) -> Complex:
-    return np.asarray((a * b).sum(axis=1, keepdims=True))

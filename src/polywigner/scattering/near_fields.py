@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from shapely.errors import GEOSException
 
-from polywigner import execution
 from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import checked_number, warn_caller
 from polywigner.illumination.polarisation import checked_pair, is_pair
@@ -240,11 +239,6 @@ def near_sections(
     for antenna in (source, receiver):
         if antenna is not None:
             checked_source(antenna)
-    if execution.is_drjit(to_radar) or execution.is_drjit(to_transmitter):
-        raise ArgumentError(
-            "expected no Dr.Jit arrays with a source, near which there are no derivatives; pass "
-            "NumPy's"
-        )
     here = checked_places("to_radar", to_radar, facets.middle)
     there = here
     if to_transmitter is not None:

@@ -150,9 +150,9 @@ class Pattern:
     def at(self, azimuth: Floats, elevation: Floats) -> Floats:
         """Cross sections (...) in m^2 at angles that broadcast."""
         lengths = np.asarray(self.wavelength)
-        ends = self._towards(azimuth, elevation), self.transmitter
-        how = self.facets, lengths, self.channel, self.bounces, ends
-        return sections(*how, warns=False)[0]
+        towards = self._towards(azimuth, elevation)
+        how = self.transmitter, self.channel, self.bounces
+        return sections(self.facets, lengths, towards, *how, warns=False)
 
     def dataset(self, values: Floats) -> xarray.Dataset:
         """Return the dataset of the cross sections (n, m)."""

@@ -44,15 +44,12 @@ class Pieces:
         return len(self.corner)
 
 
-def surface_sums(
-    pieces: Pieces, nu: Floats, signs: Signs | None = None, slopes: bool = False
-) -> Complex:
+def surface_sums(pieces: Pieces, nu: Floats, signs: Signs | None = None) -> Complex:
     """N(nu) (m, 3) at (m, 3), of triangles (n,) that count with a sign each, 0 where they are dark.
 
-    ``signs``: those (i, j) of some nu and some triangles; None: all 1. ``slopes``: dN_i/dnu_a
-    (m, 3, 3) in place of it, by the first moments, (SC5).
+    ``signs``: the signs (i, j) of some nu and some triangles; None: all 1.
     """
-    result = np.zeros((len(nu), 3, 3 if slopes else 1), np.complex128)
+    result = np.zeros((len(nu), 3), np.complex128)
     columns = max(1, min(len(pieces), _BLOCK))
     rows = _BLOCK // columns
     of_directions = [slice(k, k + rows) for k in range(0, len(nu), rows)]
@@ -60,23 +57,14 @@ def surface_sums(
     with told(_TITLE, list(product(of_directions, of_triangles))) as blocks:
         for some, part in blocks:
             own = pieces.taken(part)
-            vectors = own.corner, own.first, own.second
             shape = len(nu[some]), len(own)
             sides = np.ones(shape, np.int8) if signs is None else signs(some, part)
             lit = np.nonzero(sides)
-            turns = [(nu[some] @ vector.T)[lit] for vector in vectors]
-            terms = [transforms(*turns)]
-            if slopes:
-                # by the wave's exponent at a corner: the divided difference with this corner twice
-                terms += [transforms(turns[0], turns[1], turns[2], twice) for twice in turns[1:]]
-                moments = zip(terms, vectors, strict=True)
-                whole = np.sum([term[:, None] * v[lit[1]] for term, v in moments], axis=0)
-                terms = list(-2j * np.pi * whole.T)
-            values = np.zeros(sides.shape, np.complex128)
-            for axis, term in enumerate(terms):
-                values[lit] = term * sides[lit]
-                result[some, :, axis] += values @ own.vector
-    return result if slopes else result[..., 0]
+            turns = [(nu[some] @ v.T)[lit] for v in (own.corner, own.first, own.second)]
+            values = np.zeros(shape, np.complex128)
+            values[lit] = transforms(*turns) * sides[lit]
+            result[some] += values @ own.vector
+    return result
 
 
 def transforms(

@@ -37,7 +37,7 @@ from polywigner.transforms.arguments import (
     in_plane,
     transform,
 )
-from polywigner.transforms.traced_sources import Differentiable, phase_space_of
+from polywigner.transforms.traced_sources import Differentiable, check_no_drjit, phase_space_of
 from polywigner.transforms.wavefronts import (
     chirp_transform,
     coherent_source,
@@ -428,11 +428,7 @@ def _turned(value: Any, wave: Wavefront, points: Points, turns: Callable[..., An
 def _curved_spectrum(wave: Wavefront, nu: Any, precision: str | None, engine: Any) -> Any:
     """F of a curved wave, Fresnel integrals along edges, on NumPy."""
     dimension = kernels.kernel_for("wigner", wave.source).dimension
-    if execution.is_drjit(nu):
-        compute = partial(_spectrum, wave)
-        return execution.evaluate_hosted(
-            compute, "nu", in_plane(nu), dimension, precision=precision, engine=engine
-        )
+    check_no_drjit(nu=nu)
     execution.checked_engine(engine)
     points = in_plane(nu) if dimension == 2 else nu
     points = checked_points("nu", points, dimension, complex_allowed=True)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from polywigner import execution, kernels
 from polywigner.errors import ArgumentError, GeometryError
-from polywigner.execution import Parameter, Parameters
+from polywigner.execution import Parameter, Parameters, is_drjit
 from polywigner.geometry import Aperture, Slits
 from polywigner.geometry.arguments import DrJitArray
 from polywigner.geometry.exact import signed_area
@@ -38,6 +38,16 @@ class Differentiable:
     intervals: Parameter | None = None
 
 
+def check_no_drjit(**arguments: Any) -> None:
+    """Raise ArgumentError for Dr.Jit arrays, and for sources that contain such arrays."""
+    for name, value in arguments.items():
+        if isinstance(value, Differentiable) or is_drjit(value):
+            raise ArgumentError(
+                f"{name} must be made of NumPy arrays, got a Dr.Jit {type(value).__name__}; convert"
+                " it (.numpy()), and see docs/gradients.md for functions with derivatives"
+            )
+
+
 def differentiable(
     source: Aperture | Array | Slits | None = None,
     *,
@@ -48,10 +58,9 @@ def differentiable(
 ) -> Differentiable:
     """Return a source with Dr.Jit arrays as some of its numbers, to differentiate by them.
 
-    `fourier`, `wigner` and `ambiguity`, and of apertures `amplitude` and `irradiance`, take it in
-    place of the source, `coupling` with weights or amplitudes; they return Dr.Jit arrays, which
-    ``dr.backward`` and ``dr.forward`` differentiate in closed form (docs/gradients). The source
-    itself has the other numbers, and how vertices form rings.
+    `fourier`, `wigner` and `ambiguity` take it in place of the source. They return Dr.Jit arrays,
+    which ``dr.backward`` and ``dr.forward`` differentiate in closed form (docs/gradients). The
+    source itself has the other numbers, and how vertices form rings.
 
     Parameters
     ----------
@@ -142,19 +151,6 @@ def _of_slits(source: Any, intervals: Any, others: dict[str, Any]) -> Differenti
         )
     field = None if source is None else source.illumination
     return Differentiable(plain.with_illumination(field), intervals=ends)
-
-
-def fields_of(source: Differentiable) -> NDArray[np.complex128]:
-    """The weights or amplitudes that are differentiable, as they are now."""
-    numbers = source.weights or source.amplitudes
-    assert numbers is not None
-    return _complex(numbers)
-
-
-def with_fields(source: Differentiable, numbers: NDArray[np.complex128]) -> Aperture | Array:
-    """The source with other ones."""
-    change = _with_weights if source.weights is not None else _with_amplitudes
-    return change(source.source, numbers)
 
 
 def _weight_factors(tables: Any) -> NDArray[np.complex128]:

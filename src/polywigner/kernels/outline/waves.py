@@ -103,11 +103,6 @@ class WavePair:
         pairs = zip(frequency, self.shift, strict=True)
         return tuple(f if _is_zero(s) else f - s for f, s in pairs)
 
-    @property
-    def is_still(self) -> bool:
-        """Whether the frequency that it sees is the one that is asked for."""
-        return all(map(_is_zero, self.shift))
-
 
 def rows_of(wave_pairs: Sequence[WavePair]) -> list[tuple[float, ...]]:
     """Every two waves by themselves, as rows of an engine's table for `pair_of_row`."""
