@@ -264,14 +264,6 @@ def test_antennas_near_by_know_one_reflection() -> None:
         pw.rcs(BOX, 9 * INWARDS, 0.1, source=pw.shapes.square(0.1), bounces=2)
 
 
-@pytest.mark.llvm
-def test_arrays_of_drjit_know_one_reflection() -> None:
-    from drjit.llvm.ad import TensorXf64
-
-    with pytest.raises(ArgumentError, match=r"bounces=1 with Dr\.Jit arrays"):
-        pw.rcs(BOX, TensorXf64(INWARDS[None]), 0.1, bounces=2)
-
-
 @pytest.mark.slow
 def test_too_many_beams_are_refused_in_one_sentence() -> None:
     ball = sphere(5)

@@ -220,11 +220,6 @@ class Pieces(NamedTuple):
     begin: Floats
     along: Floats
     length: Floats
-    owner: NDArray[np.intp]
-    """Number of the edge: the number of the vertex that it begins at."""
-    share: Floats
-    """Share of the edge before the piece, and (``step``) in it."""
-    step: Floats
 
 
 def pieces_of(outline: Aperture, longest: float) -> Pieces:
@@ -240,9 +235,6 @@ def pieces_of(outline: Aperture, longest: float) -> Pieces:
         begin[owner] + share[:, None] * edge[owner],
         (edge / length[:, None])[owner],
         (length / pieces)[owner],
-        owner,
-        share,
-        (1.0 / pieces)[owner],
     )
 
 

@@ -102,7 +102,7 @@ def edge_integrals(
                     rows[:, :2],
                     rows[:, 2:4],
                     rows[:, 5:7],
-                    rows[:, 7] * np.where(evanescent, 1j, 1.0).astype(np.complex128),
+                    np.where(evanescent, 1j, 1.0) * rows[:, 7].astype(np.complex128),
                     *(
                         (real + 1j * imag) * amplitudes * waves[some]
                         for real, imag in zip(sums[::2], sums[1::2], strict=True)
