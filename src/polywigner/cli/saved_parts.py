@@ -85,7 +85,7 @@ class SavedParts:
 def _digest(pattern: Pattern, options: Any) -> str:
     """Return the digest of all that the values depend on."""
     facets = pattern.facets
-    settings = __version__, pattern.wavelength, pattern.channel, pattern.bounces, options
+    settings = __version__, pattern.wavelength, pattern.polarisation, pattern.bounces, options
     content = hashlib.sha256(json.dumps(settings).encode())
     for array in (facets.corners, facets.is_plate):
         content.update(np.ascontiguousarray(array).tobytes())

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import math
 from itertools import zip_longest
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Unpack
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from polywigner.execution import Engine, Precision
 from polywigner.geometry import Wavefront
 from polywigner.geometry.arguments import takes_frequency
-from polywigner.illumination.obliquities import ObliquityName
-from polywigner.illumination.polarisation import CurrentModel
 from polywigner.propagation.element_patterns import (
     MOST_PHI,
     MOST_THETA,
@@ -29,7 +26,7 @@ from polywigner.propagation.patterns import (
     front_of,
 )
 from polywigner.propagation.places import unit_vectors
-from polywigner.propagation.radiators import checked_far_field
+from polywigner.propagation.radiators import FarFieldOptions, checked_far_field
 from polywigner.propagation.vector_fields import co_and_cross, ludwig_components
 from polywigner.radiometry.directions import PlaneSource
 from polywigner.transforms.wavefronts import flat_of
@@ -75,13 +72,7 @@ class Cut(NamedTuple):
 def beam_cuts(
     source: PlaneSource | Wavefront,
     wavelength: float,
-    *,
-    obliquity: ObliquityName | None = None,
-    polarisation: str | ArrayLike | None = None,
-    method: CurrentModel | None = None,
-    element: xarray.Dataset | None = None,
-    precision: Precision = None,
-    engine: Engine = "auto",
+    **options: Unpack[FarFieldOptions],
 ) -> xarray.Dataset:
     """Far field and directivity of a source along two orthogonal great circles through its beam.
 
@@ -92,8 +83,7 @@ def beam_cuts(
 
     Parameters
     ----------
-    source, wavelength, obliquity, polarisation, method, element, precision, engine
-        As of :func:`radiation_pattern`.
+    source, wavelength, options : as of :func:`radiation_pattern`.
 
     Returns
     -------
@@ -116,9 +106,7 @@ def beam_cuts(
     >>> [round(float(np.degrees(cut.half_power_beamwidth)), 2) for cut in metrics.cuts]
     [9.29, 8.09]
     """
-    far = checked_far_field(
-        source, wavelength, obliquity, polarisation, method, element, precision, engine
-    )
+    far = checked_far_field(source, wavelength, options)
     largest, theta, phi = far.beam()
     normal = float(far.intensity(np.array([0.0, 0.0, 1.0])))
     is_normal = normal > largest * 10 ** (-_NORMAL / 10)

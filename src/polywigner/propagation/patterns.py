@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError
-from polywigner.execution import Engine, Precision
 from polywigner.geometry import Wavefront
 from polywigner.geometry.arguments import takes_frequency
-from polywigner.illumination.obliquities import ObliquityName
-from polywigner.illumination.polarisation import CurrentModel, checked_polarisation
+from polywigner.illumination.polarisation import checked_polarisation
 from polywigner.propagation.places import angle_axes, checked_phi, checked_theta, unit_vectors
-from polywigner.propagation.radiators import FarField, checked_far_field, steered_direction
+from polywigner.propagation.radiators import (
+    FarField,
+    FarFieldOptions,
+    checked_far_field,
+    steered_direction,
+)
 from polywigner.propagation.stores_checks import source_attrs, source_coords
 from polywigner.propagation.vector_fields import axial_ratios, co_and_cross, ludwig_components
 from polywigner.quantities import SPEED_OF_LIGHT
@@ -118,13 +121,7 @@ def radiation_pattern(
     wavelength: float,
     theta: ArrayLike,
     phi: ArrayLike,
-    *,
-    obliquity: ObliquityName | None = None,
-    polarisation: str | ArrayLike | None = None,
-    method: CurrentModel | None = None,
-    element: xarray.Dataset | None = None,
-    precision: Precision = None,
-    engine: Engine = "auto",
+    **options: Unpack[FarFieldOptions],
 ) -> xarray.Dataset:
     """Far field and directivity of a source over angles from its normal.
 
@@ -187,9 +184,7 @@ def radiation_pattern(
     21.35
     """
     polar, azimuth = checked_theta(theta), checked_phi(phi)
-    far = checked_far_field(
-        source, wavelength, obliquity, polarisation, method, element, precision, engine
-    )
+    far = checked_far_field(source, wavelength, options)
     values = far.on_grid(polar, azimuth)
     directions = unit_vectors(polar, azimuth)
     return far_field_dataset(far, values, directions, angle_axes(polar, azimuth))

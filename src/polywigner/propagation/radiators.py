@@ -6,22 +6,23 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypedDict
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError
-from polywigner.execution import checked_engine, checked_precision
+from polywigner.execution import Engine, Precision, checked_engine, checked_precision
 from polywigner.geometry import Wavefront
 from polywigner.geometry.arguments import checked_choice, checked_wavelength, warn_caller
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import (
+    ObliquityName,
     checked_obliquity,
     fields_of,
     warn_of_slopes,
 )
-from polywigner.illumination.polarisation import MODELS, checked_polarisation
+from polywigner.illumination.polarisation import MODELS, CurrentModel, checked_polarisation
 from polywigner.numerics.peaks import climbed, largest
 from polywigner.propagation.element_patterns import element_pattern_of
 from polywigner.propagation.far_fields import check_slopes, far_field, powers_of
@@ -32,6 +33,9 @@ from polywigner.radiometry.directions import PlaneSource, checked_radiator
 from polywigner.radiometry.hemisphere import check_width, largest_lag
 from polywigner.transforms import array_factor
 from polywigner.transforms.wavefronts import flat_of
+
+if TYPE_CHECKING:
+    import xarray
 
 Values = NDArray[Any]
 
@@ -125,20 +129,30 @@ class FarField:
         return cosines, self.intensity(directions).reshape(cosines.shape[:-1])
 
 
-def checked_far_field(
-    source: Any,
-    wavelength: Any,
-    obliquity: Any,
-    polarisation: Any,
-    method: Any,
-    element: Any,
-    precision: Any,
-    engine: Any,
-) -> FarField:
+class FarFieldOptions(TypedDict, total=False):
+    """Options of :func:`radiation_pattern` and :func:`beam_cuts`."""
+
+    obliquity: ObliquityName | None
+    polarisation: str | ArrayLike | None
+    method: CurrentModel | None
+    element: xarray.Dataset | None
+    precision: Precision
+    engine: Engine
+
+
+def checked_far_field(source: Any, wavelength: Any, options: FarFieldOptions) -> FarField:
     """Return the far field of arguments of :func:`radiation_pattern`, which raises their errors."""
-    checked_precision(precision)
-    checked_engine(engine)
-    how = {"precision": precision, "engine": engine}
+    known = FarFieldOptions.__annotations__
+    unknown = [name for name in options if name not in known]
+    if unknown:
+        raise ArgumentError(f"expected options among {', '.join(known)}, got {unknown[0]!r}")
+    obliquity, polarisation, method, element = (
+        options.get(name) for name in ("obliquity", "polarisation", "method", "element")
+    )
+    how: dict[str, Any] = {
+        "precision": checked_precision(options.get("precision")),
+        "engine": checked_engine(options.get("engine", "auto")),
+    }
     if element is not None and not (obliquity is None and method is None):
         raise ArgumentError(
             f"expected an element's pattern without obliquity and method, got {obliquity!r} and "

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import InitVar, dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -93,32 +94,34 @@ def rcs_pattern(
     return pattern.dataset(values)
 
 
+@dataclass(eq=False)
 class Pattern:
     """A pattern that is computed part by part. Parameters and errors: :func:`rcs_pattern`."""
 
-    def __init__(
-        self,
-        body: Body,
-        wavelength: float,
-        azimuth: ArrayLike,
-        elevation: ArrayLike,
-        to_transmitter: ArrayLike | None = None,
-        polarisation: Channel | None = None,
-        bounces: int = 1,
-    ) -> None:
-        self.wavelength = checked_wavelength(wavelength)
-        self.azimuth = checked_angles(azimuth, "azimuth", math.inf)
-        self.elevation = checked_angles(elevation, "elevation", math.pi / 2)
-        self.channel = None if polarisation is None else checked_channel(polarisation)
-        self.transmitter: Floats | None = None
-        if to_transmitter is not None:
-            self.transmitter = checked_unit_vectors("to_transmitter", to_transmitter)
-            if self.transmitter.ndim > 1:
+    body: InitVar[Body]
+    wavelength: float
+    azimuth: Any
+    elevation: Any
+    to_transmitter: Any = None
+    polarisation: Any = None
+    bounces: int = 1
+    facets: Facets = field(init=False)
+
+    def __post_init__(self, body: Body) -> None:
+        self.wavelength = checked_wavelength(self.wavelength)
+        self.azimuth = checked_angles(self.azimuth, "azimuth", math.inf)
+        self.elevation = checked_angles(self.elevation, "elevation", math.pi / 2)
+        if self.polarisation is not None:
+            checked_channel(self.polarisation)
+        if self.to_transmitter is not None:
+            self.to_transmitter = checked_unit_vectors("to_transmitter", self.to_transmitter)
+            if self.to_transmitter.ndim > 1:
                 raise ArgumentError(
-                    f"expected to_transmitter as one unit vector (3,), got {self.transmitter.shape}"
+                    "to_transmitter must be one unit vector (3,), got shape "
+                    f"{self.to_transmitter.shape}"
                 )
-        self.facets: Facets = facets_of(body)
-        self.bounces = checked_count(bounces, "bounces", 1, MOST_BOUNCES)
+        self.facets = facets_of(body)
+        self.bounces = checked_count(self.bounces, "bounces", 1, MOST_BOUNCES)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -151,7 +154,7 @@ class Pattern:
         """Cross sections (...) in m^2 at angles that broadcast."""
         lengths = np.asarray(self.wavelength)
         towards = self._towards(azimuth, elevation)
-        how = self.transmitter, self.channel, self.bounces
+        how = self.to_transmitter, self.polarisation, self.bounces
         return sections(self.facets, lengths, towards, *how, warns=False)
 
     def dataset(self, values: Floats) -> xarray.Dataset:
@@ -161,13 +164,13 @@ class Pattern:
         about: dict[str, Any] = {
             "wavelength": self.wavelength,
             "frequency": SPEED_OF_LIGHT / self.wavelength,
-            "polarisation": self.channel or "all, mean over incident ones",
+            "polarisation": self.polarisation or "all, mean over incident ones",
             "bounces": self.bounces,
             "triangles": len(self.facets.corner),
             "largest_rcs": float(np.fmax.reduce(values, axis=None)),
         }
-        if self.transmitter is not None:
-            about["to_transmitter"] = self.transmitter.tolist()
+        if self.to_transmitter is not None:
+            about["to_transmitter"] = self.to_transmitter.tolist()
         of_values = {
             "units": "m2",
             "long_name": "radar cross section",
@@ -187,8 +190,8 @@ class Pattern:
 
     def _some_directions(self) -> Floats:
         """Directions (k, 3) of travel of the incident waves: all, or evenly spaced ones."""
-        if self.transmitter is not None:
-            return -self.transmitter[None]
+        if self.to_transmitter is not None:
+            return -self.to_transmitter[None]
         step = math.ceil(math.prod(self.shape) / _MOST_WARNED)
         some = np.unravel_index(np.arange(0, math.prod(self.shape), step), self.shape)
         return -self._towards(self.azimuth[some[0]], self.elevation[some[1]])
@@ -196,7 +199,7 @@ class Pattern:
     def _towards(self, azimuth: Floats, elevation: Floats) -> Floats:
         """Unit vectors (..., 3) of angles that broadcast."""
         across = np.cos(elevation)
-        is_same_around = self.transmitter is None and self.bounces == 1
+        is_same_around = self.to_transmitter is None and self.bounces == 1
         pole = 0.0 if is_same_around else _NEAR_POLE
         across = np.where(np.abs(across) < _AT_POLE, pole, across)
         x, y = across * np.cos(azimuth), across * np.sin(azimuth)
