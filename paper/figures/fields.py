@@ -19,6 +19,7 @@ from paper.figures.sources import (
     compared,
     geojson,
     limits_known,
+    number_panels,
     number_samples,
     square,
 )
@@ -39,7 +40,7 @@ def draw_compar(quality: Quality) -> Made:
         "b": draw_planes(cut, title=f"(b) plane through the axis and along two sides, {found}"),
     }
     for letter, figure in figures.items():
-        style.number_panels(figure, letter)
+        number_panels(figure, letter)
     values = {"boresight_z": (axis["z"].values, "m")}
     values |= {f"plane_{name}": (cut[name].values, "m") for name in "xz"}
     for place, fields, dims in (("boresight", axis, "boresight_z"), ("plane", cut, "plane_x, _z")):

@@ -128,3 +128,19 @@ def limits_known() -> Iterator[None]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", PolywignerWarning)
         yield
+
+
+def number_panels(figure: Figure, letter: str) -> None:
+    """Write (a1), (a2), ... in the upper left corners of figure (a), colour bars excepted.
+
+    The number precedes a title that is there.
+    """
+    shown = [
+        axes
+        for axes in figure.axes
+        if axes.get_label() != "<colorbar>" and axes.get_visible() and axes.axison
+    ]
+    for number, axes in enumerate(shown, start=1):
+        beside = axes.get_title(loc="left")
+        text = rf"$\mathbf{{({letter}{number})}}$  {beside}".rstrip()
+        axes.set_title(text, loc="left", fontsize=8 if beside else 9)

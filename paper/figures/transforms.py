@@ -15,6 +15,7 @@ from paper.figures.sources import (
     catalogue,
     chevrons,
     geojson,
+    number_panels,
     number_samples,
     triangle,
     triangles,
@@ -243,7 +244,7 @@ def draw_projs(quality: Quality) -> Made:
         found = pw.projections(chevrons(), kind, samples=number_samples(quality, 97, 513))
         title = f"({letter}) projected {_called(kind)}, two chevrons"
         figures[letter] = draw_projections(found, title=title)
-        style.number_panels(figures[letter], letter)
+        number_panels(figures[letter], letter)
         for name in (*found.coords, *found.data_vars):
             key = str(name) if name in found.coords else f"{kind}_{name}"
             units = found[name].attrs["units"]

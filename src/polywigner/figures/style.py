@@ -350,19 +350,3 @@ def letter_panels(panels: Iterable[Axes]) -> None:
     """(a), (b), ... in the upper left corners."""
     for letter, axes in zip(ascii_lowercase, panels, strict=False):
         axes.set_title(f"({letter})", loc="left", fontweight="bold")
-
-
-def number_panels(figure: Figure, letter: str) -> None:
-    """(a1), (a2), ... in the upper left corners of a picture that is itself a part (a) of a figure.
-
-    Before what stands there already. Panels are all axes that are shown, but for colour bars.
-    """
-    shown = [
-        axes
-        for axes in figure.axes
-        if axes.get_label() != "<colorbar>" and axes.get_visible() and axes.axison
-    ]
-    for number, axes in enumerate(shown, start=1):
-        beside = axes.get_title(loc="left")
-        text = rf"$\mathbf{{({letter}{number})}}$  {beside}".rstrip()
-        axes.set_title(text, loc="left", fontsize=8 if beside else 9)
