@@ -34,7 +34,14 @@ from polywigner.mitsuba.received import (
     interference_of,
     noise_power_of,
 )
-from polywigner.mitsuba.received_power import Parties, chosen, matched, received, scattered_here
+from polywigner.mitsuba.received_power import (
+    Parties,
+    chosen,
+    matched,
+    ready_to_receive,
+    received_by,
+    scattered_here,
+)
 from polywigner.mitsuba.receiver import is_receiver, receivers_of
 from polywigner.mitsuba.rendering import check_seed, check_spp, default_spp, exposed
 from polywigner.mitsuba.scattered import (
@@ -143,15 +150,16 @@ def received_by_range(
     scene: Any, numbers: list[int], options: ReceiveOptions, edges: Floats, sample: Sampled
 ) -> tuple[list[ReceivedPower], xarray.Dataset]:
     """Received powers of receivers by their numbers, and the same by range."""
-    parties = matched(scene, numbers, options)
     kept: list[tuple[Scattering, Floats]] = []
+    with ready_to_receive(scene, options):
+        parties = matched(scene, numbers, options)
 
-    def scattered(plans: list[Scattering]) -> Floats:
-        found = sample(_ranged(plans, parties, edges))
-        kept.append((plans[0], found))
-        return np.asarray(found.sum(axis=-1))
+        def scattered(plans: list[Scattering]) -> Floats:
+            found = sample(_ranged(plans, parties, edges))
+            kept.append((plans[0], found))
+            return np.asarray(found.sum(axis=-1))
 
-    powers = received(scene, numbers, options, scattered)
+        powers = received_by(scene, parties, options, scattered)
     return powers, _profile_of(scene, parties, edges, *kept[0], powers)
 
 

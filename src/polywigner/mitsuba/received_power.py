@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import partial
 from itertools import count
 from typing import Any, NamedTuple
@@ -174,24 +175,39 @@ def chosen(found: list[tuple[int, Any]], receiver: int | str | None) -> int:
 
 def received(
     scene: Any, numbers: list[int], options: ReceiveOptions, scattered: Scattered
-) -> list[Any]:
-    """The :class:`ReceivedPower` of receivers by their numbers; see :func:`received_power`."""
+) -> list[ReceivedPower]:
+    """The power at receivers by their numbers; see :func:`received_power`."""
+    with ready_to_receive(scene, options):
+        return received_by(scene, matched(scene, numbers, options), options, scattered)
+
+
+@contextmanager
+def ready_to_receive(scene: Any, options: ReceiveOptions) -> Iterator[None]:
+    """Hide the scene's sources and set default polarisations."""
+    jones = options.interference.polarisation if options.interference else None
+    with polarised_by_default(scene, jones), unseen(scene), aimed(scene):
+        yield
+
+
+def received_by(
+    scene: Any, parties: Parties, options: ReceiveOptions, scattered: Scattered
+) -> list[ReceivedPower]:
+    """The power at receivers of a scene that is ready."""
     own = options.interference
     jones = own.polarisation if own else None
-    with polarised_by_default(scene, jones), unseen(scene), aimed(scene):
-        parties = matched(scene, numbers, options)
-        plans = [scattering(scene, index, options) for index in parties.sensors]
-        lit = direct_lights(scene, parties, options)
-        found = scattered(plans)
-        each = zip(parties.places, parties.noises, lit, plans, found, strict=True)
-        ends = [
-            polarisation_summary([*parties.emitters, place], own is not None, jones)
-            for place in parties.places
-        ]
-        return [
-            _result(scene, parties.emitters, *one, polarisation=text)
-            for one, text in zip(each, ends, strict=True)
-        ]
+    plans = [scattering(scene, index, options) for index in parties.sensors]
+    direct = direct_lights(scene, parties, options)
+    found = scattered(plans)
+    each = zip(parties.places, parties.noises, direct, plans, found, strict=True)
+    return [
+        _result(
+            scene,
+            parties.emitters,
+            *one,
+            polarisation=polarisation_summary([*parties.emitters, one[0]], own is not None, jones),
+        )
+        for one in each
+    ]
 
 
 class Parties(NamedTuple):
