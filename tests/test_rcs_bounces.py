@@ -118,41 +118,38 @@ TILTED[:3, :3] = np.array([[0.8, 0, 0.6], [0, 1, 0], [-0.6, 0, 0.8]])
 TILTED[:3, 3] = 0.5, 0.0, 1.5
 
 
-@pytest.mark.slow
+RAY_CASES: dict[str, Any] = {
+    "behind": (trihedral(SQUARE), towards(120, 60), towards(40, 60)),  # received behind it
+    "40 degrees": (dihedral(40), towards(60, 80), None),
+    "60 degrees": (dihedral(60), towards(20, 80), towards(70, 85)),
+    "stairs": (STEPS, towards(60, 80), towards(70, 15)),
+    "box": ([GROUND, BOX], towards(45, 160), towards(55, 20)),
+    "plates": ([rectangle((-2, 2), (-1, 2), -0.5), *trihedral(SQUARE)], towards(40, 20), None),
+    "hole": ([GROUND.placed(at(1, 1, 0)), FRAME.placed(TILTED)], towards(30, 20), towards(40, 200)),
+}
+
+
 @pytest.mark.parametrize(
-    ("body", "s", "t"),
+    ("case", "rays"),
     [
-        (trihedral(SQUARE), towards(120, 60), towards(40, 60)),  # received behind it
-        (dihedral(40), towards(60, 80), None),
-        (dihedral(60), towards(20, 80), towards(70, 85)),
-        (STEPS, towards(60, 80), towards(70, 15)),
-        ([GROUND, BOX], towards(45, 160), towards(55, 20)),
-        ([rectangle((-2, 2), (-1, 2), -0.5), *trihedral(SQUARE)], towards(40, 20), None),
-        ([GROUND.placed(at(1, 1, 0)), FRAME.placed(TILTED)], towards(30, 20), towards(40, 200)),
+        ("40 degrees", 60),
+        ("stairs", 60),
+        *(pytest.param(name, 250, marks=pytest.mark.slow) for name in RAY_CASES),
     ],
-    ids=["behind", "40 degrees", "60 degrees", "stairs", "box", "plates before plates", "a hole"],
 )
-def test_beams_are_the_rays_of_all_reflections(body: Any, s: Any, t: Any) -> None:
+def test_beams_are_the_rays_of_all_reflections(case: str, rays: int) -> None:
+    body, s, t = RAY_CASES[case]
     wavelength, transmitter = 0.9, s if t is None else t
     p = across(transmitter)
     triangles = triangles_of(body if isinstance(body, list) else [body])
-    field, area = scattered_field(triangles, s, transmitter, p, wavelength, 3, across=250)
+    field, area = scattered_field(triangles, s, transmitter, p, wavelength, 3, across=rays)
     for axis in np.eye(3):
         q = axis - s * (axis @ s)
         q /= np.linalg.norm(q)
         found = math.sqrt(pw.rcs(body, s, wavelength, t, (q, p), bounces=3))
         expected = math.sqrt(4 * math.pi) / wavelength * abs(q @ field)
-        assert found == pytest.approx(expected, abs=RAYS * plate(area, wavelength))
-
-
-def test_a_few_rays_agree_with_the_beams_of_an_acute_corner() -> None:
-    body, s, wavelength = dihedral(60), towards(55, 85), 0.9
-    p = across(s)
-    field, area = scattered_field(triangles_of(body), s, s, p, wavelength, bounces=3, across=60)
-    found = math.sqrt(pw.rcs(body, s, wavelength, polarisation=(p, p), bounces=3))
-    expected = math.sqrt(4 * math.pi) / wavelength * abs(p @ field)
-    assert found == pytest.approx(expected, abs=5 * RAYS * plate(area, wavelength))
-    assert found > 2 * math.sqrt(pw.rcs(body, s, wavelength, polarisation=(p, p), bounces=1))
+        allowed = RAYS * (250 / rays) ** 1.2 * plate(area, wavelength)
+        assert found == pytest.approx(expected, abs=allowed)
 
 
 @pytest.mark.parametrize("degrees", [80.0, 90.0, 100.0])
@@ -216,47 +213,6 @@ def test_a_plate_with_a_hole_reflects_as_its_parts_do() -> None:
         assert math.sqrt(whole) == pytest.approx(math.sqrt(split), abs=ROUNDING * scale)
         filled = pw.rcs([rectangle((0, 3), (0, 3), 0), *others], s, 0.3, t, "vv", bounces=3)
         assert abs(math.sqrt(whole) - math.sqrt(filled)) > 1e-3 * scale
-
-
-def test_wavelengths_and_directions_broadcast() -> None:
-    lengths, t = np.array([0.1, 0.13]), DIRECTIONS[:2, None]
-    s = np.stack([towards(50, a) for a in (30, 45, 60)])[:, None, None]
-    body = trihedral(SQUARE)
-    table = pw.rcs(body, s, lengths, t, "vh", bounces=3)
-    single = [
-        [[pw.rcs(body, a[0, 0], x, b[0], "vh", bounces=3) for x in lengths] for b in t] for a in s
-    ]
-    np.testing.assert_allclose(table, single, rtol=1e-9)
-    assert pw.rcs(body, np.zeros((0, 3)), 0.1, bounces=3).shape == (0,)
-
-
-def test_a_pattern_counts_reflections() -> None:
-    body, azimuth, elevation = trihedral(SQUARE), np.radians([-30.0, 30.0, 45.0]), np.radians(30)
-    found = pw.rcs_pattern(body, 0.1, azimuth, elevation, polarisation="hh", bounces=3)
-    for value, angle in zip(found["rcs"].values[:, 0], (-30, 30, 45), strict=True):
-        expected = pw.rcs(body, towards(60, angle), 0.1, polarisation="hh", bounces=3)
-        assert value == pytest.approx(expected, rel=1e-9)
-    assert found.attrs["bounces"] == 3
-    assert "three reflections" in found["rcs"].attrs["method"]
-
-
-def test_the_warning_of_corners_says_what_to_give() -> None:
-    body = dihedral(90.0)
-    with pytest.warns(PolywignerWarning, match="pass bounces=3"):
-        pw.rcs(body, towards(45, 90), 0.05)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        pw.rcs(body, towards(45, 90), 0.05, bounces=2)
-
-
-@pytest.mark.parametrize("bounces", [0, 4, 1.5, "2", True])
-def test_other_numbers_of_reflections_are_refused(bounces: Any) -> None:
-    for call in (
-        lambda: pw.rcs(BOX, INWARDS, 0.1, bounces=bounces),
-        lambda: pw.rcs_pattern(BOX, 0.1, 0.0, 0.0, bounces=bounces),
-    ):
-        with pytest.raises(ArgumentError, match="expected bounces as a whole number from 1 to 3"):
-            call()
 
 
 def test_antennas_near_by_know_one_reflection() -> None:

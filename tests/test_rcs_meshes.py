@@ -194,11 +194,6 @@ def warns_of_reflections(body: Any, s: Any) -> bool:
     return any("light each other" in str(warning.message) for warning in found)
 
 
-def single(body: pw.Polyhedron) -> pw.Polyhedron:
-    """A body with vertices of single precision, as in an STL file."""
-    return pw.Polyhedron(body.vertices.astype(np.float32), body.faces)
-
-
 FLOOR, WALL = moved(block(2, 2, 0.02), 0, 0, -0.02), block(0.02, 1, 1)
 
 
@@ -218,18 +213,3 @@ def test_bodies_that_light_each_other_are_warned_of(parts: Any, together: Any) -
     s = np.array([[1, 0, 1], [0.6, 0.5, 0.3], [-0.5, 0.2, 0.6]])
     assert warns_of_reflections(together(parts), s / np.linalg.norm(s, axis=1, keepdims=True))
     assert not warns_of_reflections(together(parts), (0.0, 0.0, -1.0))  # the floor hides the wall
-
-
-@pytest.mark.parametrize(
-    "body",
-    [
-        joined([block(1, 1, 1), moved(block(1, 1, 1), 1, 0, 0)]),  # one box of two
-        [block(1, 1, 1), moved(block(1, 1, 1), 1, 0, 0)],
-        rotated(block(1, 2, 3), 4)[0],
-        single(rotated(joined([block(1, 2, 3)]), 5)[0]),
-    ],
-    ids=["two boxes in line", "a list of two", "turned", "single precision"],
-)
-def test_bodies_that_are_convex_are_not_warned_of(body: Any) -> None:
-    s = np.random.default_rng(6).normal(size=(40, 3))
-    assert not warns_of_reflections(body, s / np.linalg.norm(s, axis=1, keepdims=True))

@@ -54,30 +54,6 @@ def scattered_field(
     return total, area
 
 
-def lit_sum(
-    body: pw.Polyhedron, s: Any, t: Any, wavelength: float, across: int
-) -> tuple[np.ndarray, float]:
-    """Sum of n exp(-2 pi i nu.x) dA over what is lit, (3,), and the area that the body covers.
-
-    Lit from t, less what faces s and is not seen from there; nu = (s + t)/wavelength. Fans of all
-    faces must cover them once.
-    """
-    corners = body.vertices[body.triangles]
-    start, cell = _raster(body.vertices, t, across)
-    nowhere = np.full(len(start), -1)
-    number, distance = first_met(corners, start, np.broadcast_to(-t, start.shape), nowhere)
-    met = number >= 0
-    points, number = start[met] - distance[met, None] * t, number[met]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals = (normals / np.linalg.norm(normals, axis=1, keepdims=True))[number]
-    outwards = np.sign((normals * t).sum(axis=1))[:, None] * normals
-    weight = cell / (outwards @ t) * np.exp(-2j * np.pi * points @ (s + t) / wavelength)
-    if not np.array_equal(s, t):
-        hidden = first_met(corners, points, np.broadcast_to(s, points.shape), number)[0] >= 0
-        weight = weight * ~(hidden & (outwards @ s > 0))
-    return (outwards * weight[:, None]).sum(axis=0), cell * len(points)
-
-
 def _raster(points: np.ndarray, t: Any, across: int) -> tuple[np.ndarray, float]:
     """Starts (n, 3) of rays across the direction t around points, and the area of each."""
     # off the directions of edges, along which all rays would miss by the same

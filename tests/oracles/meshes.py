@@ -128,7 +128,7 @@ def across(direction: np.ndarray) -> np.ndarray:
     return np.asarray(vector / np.linalg.norm(vector))
 
 
-def at(x: float, y: float, z: float) -> np.ndarray:
+def at(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> np.ndarray:
     """The pose that moves a body."""
     pose = np.eye(4)
     pose[:3, 3] = x, y, z
