@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import polywigner as pw
+from oracles.meshes import at
 from oracles.shadow_quadrature import (
     Radiators,
     aperture_radiators,
@@ -21,12 +22,6 @@ from oracles.sources import cube
 SOURCE = (0.3, 0.1, -20.0)
 POINTS = np.array([[0.0, 0.0, 6.0], [3.0, -2.0, 4.0], [-6.0, 5.0, 15.0]])
 OUTLINE = pw.Aperture([(-4, -3), (4, -3), (5, 4), (-4, 4)])
-
-
-def at(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> np.ndarray:
-    pose = np.eye(4)
-    pose[:3, 3] = x, y, z
-    return pose
 
 
 def test_plate_is_a_screen() -> None:

@@ -10,6 +10,7 @@ import pytest
 from scipy.special import fresnel
 
 import polywigner as pw
+from oracles.meshes import at
 from oracles.shadow_quadrature import aperture_radiators, shadowed_field
 from oracles.sources import cube
 from polywigner.errors import ArgumentError
@@ -17,12 +18,6 @@ from polywigner.errors import ArgumentError
 SQUARE = pw.shapes.square(0.6)
 RS1, RS2 = "rayleigh-sommerfeld-1", "rayleigh-sommerfeld-2"
 TOLERANCE = 1e-6
-
-
-def at(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> np.ndarray:
-    pose = np.eye(4)
-    pose[:3, 3] = x, y, z
-    return pose
 
 
 def upright(outline: pw.Aperture, x: float) -> pw.PlacedAperture:

@@ -130,23 +130,14 @@ def test_edges_seen_from_within_a_convex_cone_are_those_of_the_mesh() -> None:
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
-def test_points_on_the_line_through_the_source_and_a_corner_have_the_field_beside_it(
-    scale: float,
-) -> None:
-    square = plate(2 * scale, 2 * scale, pose(shift=(0, 0, 5 * scale)))
-    source = np.array([0.0, 0.0, -5.0]) * scale
-    points = np.array([(2, 2, 15), (2 + 1e-6, 2, 15), (2, 2 - 1e-6, 15)]) * scale
-    at, *beside = ratio(source, points, [square])
-    assert np.abs(np.array(beside) - at).max() < 1e-5 * max(scale, 1.0)
-
-
-def test_corner_lines_of_plates_are_those_of_a_screen() -> None:
-    source = pw.PointSource((0.0, 0.0, -10.0))
-    points = [(2.0, 2.0, 10.0), (2.0, 0.3, 10.0), (-2.0, 2.0, 10.0), (0.2, -2.0, 10.0)]
-    outline = pw.shapes.square(2.0)
+def test_corner_lines_of_plates_are_those_of_a_screen(scale: float) -> None:
+    """On the lines through the source and the corners the derivatives of two edges diverge."""
+    source = pw.PointSource((0.0, 0.0, -10.0 * scale))
+    points = scale * np.array([(2, 2, 10), (2, 0.3, 10), (-2, 2, 10), (0.2, -2, 10)])
+    outline = pw.shapes.square(2.0 * scale)
     expected = pw.amplitude(pw.Screen(outline, source), points, 1.0, "kirchhoff")
     found = pw.amplitude(source, points, 1.0, obstacles=outline.placed(pose()), engine="numpy")
-    assert np.abs(found / expected - 1.0).max() < EXACT
+    assert np.abs(found / expected - 1.0).max() < EXACT * max(scale, 1.0)
 
 
 def test_apparent_crossing_of_two_edges_has_the_field_beside_it() -> None:
@@ -186,9 +177,6 @@ def test_plates_seen_edge_on_have_no_silhouette() -> None:
 
 # --- A body behind another: the second takes away what the first has left ----------------------
 
-TILTED = plate(6, 6, pose(-1.2, 1, (1, 0, 6)))
-SMALL = plate(1.5, 1.5, pose(shift=(-0.2, 0, 2)))
-
 
 def crosses(bodies: list[Any], points: np.ndarray) -> np.ndarray:
     """Which of the steps between points meets a surface."""
@@ -200,14 +188,6 @@ def crosses(bodies: list[Any], points: np.ndarray) -> np.ndarray:
             for here, there in pairwise(points)
         ]
     )
-
-
-def test_field_is_continuous_across_the_prolonged_plane_of_a_surface_behind_an_edge() -> None:
-    place = TILTED.pose
-    middle = place[:3, 3] - 3.5 * place[:3, 0]
-    points = middle + np.array([[-1e-5], [0.0], [1e-5]]) * place[:3, 2]
-    levels = 20 * np.log10(np.abs(ratio((0, 0, -6), points, [TILTED, SMALL])))
-    assert np.ptp(levels) < 0.01
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -243,24 +223,18 @@ def test_field_is_continuous_in_free_space_around_bodies_behind_each_other(seed:
     assert jumps == []
 
 
-def test_wall_behind_a_plate_is_as_dark_as_the_wall_alone() -> None:
+def test_wall_behind_a_plate_is_as_dark_as_the_wall_alone_and_has_the_plate_s_fringes() -> None:
     """Kirchhoff's wall alone has -36.3 dB here; full shadow lines would add 2.9 dB of light."""
-    wall, source = plate(32, 32, pose(shift=(0, 0, 6))), (0.0, 0.0, -5.0)
-    small = plate(2, 2, pose(shift=(0, 0, 2)))
-    points = [(0.0, 0.0, 8.0), (1.0, 2.0, 8.0), (-3.0, 0.5, 6.5)]
-    alone, both = (ratio(source, points, bodies) for bodies in ([wall], [small, wall]))
-    assert np.abs(both - alone).max() < 1e-3
-    assert 20 * np.log10(np.abs(both)).max() < -35
-
-
-def test_surface_behind_has_the_fringes_of_the_edges_before_it() -> None:
     wall, source = plate(40, 40, pose(shift=(0, 0, 6))), (0.0, 0.0, -5.0)
     small = plate(2, 2, pose(shift=(0, 0, 2)))
+    behind = [(0.0, 0.0, 8.0), (1.0, 2.0, 8.0), (-3.0, 0.5, 6.5)]
+    alone, both = (ratio(source, behind, bodies) for bodies in ([wall], [small, wall]))
+    assert np.abs(both - alone).max() < 1e-3
+    assert 20 * np.log10(np.abs(both)).max() < -35
     x = np.linspace(-5, 5, 21)
-    points = np.stack([x, 0.3 + 0 * x, 6.0 + 0 * x], axis=1)
-    alone, with_wall = (ratio(source, points, bodies) for bodies in ([small], [small, wall]))
-    rim = np.abs(ratio(source, points, [wall]) - 1.0)
-    assert (np.abs(with_wall - alone) < rim + 1e-3).all()
+    on_wall = np.stack([x, 0.3 + 0 * x, 6.0 + 0 * x], axis=1)
+    alone, both, rim = (ratio(source, on_wall, b) for b in ([small], [small, wall], [wall]))
+    assert (np.abs(both - alone) < np.abs(rim - 1.0) + 1e-3).all()
     assert np.abs(alone - 1.0).max() > 0.5
 
 
