@@ -206,6 +206,8 @@ def test_the_sum_over_hundreds_of_wavelengths_is_right_or_refused():
         ({"method": "guess"}, '"wigner", "rayleigh.*"fraunhofer", "auto", got'),
         ({"method": None}, "method"),
         ({"method": "kirchhoff", "obliquity": "kirchhoff"}, "obliquity"),
+        ({"through": pw.FirstOrder.free_space(1.0), "obliquity": "kirchhoff"}, "no obliquity"),
+        ({"through": pw.FirstOrder.free_space(1.0), "obstacles": SQUARE}, "through or obstacles"),
         ({"engine": "gpu"}, "engine"),
         ({"precision": "half"}, "precision"),
     ],

@@ -5,7 +5,7 @@ module         what is in it
 =============  ================================================================
 ``outline``    the source in its frame: edges, lines, pieces, waves
 ``cut``        what of an edge lies inside the other copy
-``functions``  W, A, F, areas and moments
+``functions``  W, A, F and areas
 ``arrays``     sums over copies and pairs of elements
 ``boundary``   exact fields along edges
 ``slopes``     derivatives in closed form

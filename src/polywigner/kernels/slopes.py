@@ -4,8 +4,8 @@ All three are integrals of a plane wave over a polygon, the outline itself or a 
 that are parts of the outline's edges. If its boundary moves, such an integral changes by what the
 wave is along it; so the derivatives in vertices, positions and lags are, like the functions
 themselves, sums over the cut edges: docs/gradients.md, (G1) to (G4). Where the edges are cut does
-not matter to first order. Derivatives in frequency are first moments of the slice, with the formula
-of :mod:`polywigner.kernels.functions.moments`; nothing is divided by a frequency.
+not matter to first order. Derivatives in frequency are first moments of the slice, (G4); nothing is
+divided by a frequency.
 
 Where corners of a slice meet edges there is no derivative, but one for each side. What is found
 there is the derivative on the side to which ties are decided (docs/theory.md, "Where edges
