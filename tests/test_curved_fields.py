@@ -6,7 +6,7 @@ import pytest
 
 import polywigner as pw
 from polywigner.errors import ArgumentError, QuantityError
-from polywigner.illumination.texts import fed
+from polywigner.illumination.texts import apply_texts
 
 WAVELENGTH = 3.2e-3
 MOUTH = pw.shapes.rectangle(16e-3, 12e-3).with_illumination(pw.te_mode(16e-3, 12e-3))
@@ -141,6 +141,6 @@ def test_source_files_keep_curved_waves(tmp_path, suffix):
 def test_a_text_gives_a_source_its_curved_wave():
     source = pw.shapes.square(10e-3).moved((1e-3, 0.0))
     expected = source.curved((60e-3, np.inf), WAVELENGTH, (1e-3, 0.0))
-    assert fed(source, {"curved": "60 mm, inf"}, WAVELENGTH) == expected
+    assert apply_texts(source, {"curved": "60 mm, inf"}, WAVELENGTH) == expected
     with pytest.raises(QuantityError, match="curved: expected a radius"):
-        fed(source, {"curved": "1 mm, 2 mm, 3 mm"}, WAVELENGTH)
+        apply_texts(source, {"curved": "1 mm, 2 mm, 3 mm"}, WAVELENGTH)

@@ -1,15 +1,11 @@
 """Datasets say in a line which source they are of, and hold the whole of it beside."""
 
-import json
-import shutil
 from typing import Any
 
-import numpy as np
 import pytest
 
 import polywigner as pw
-from polywigner.errors import FileFormatError, StoreError
-from polywigner.propagation.stores_checks import checksum_of
+from polywigner.errors import FileFormatError
 
 xarray = pytest.importorskip("xarray", reason="the extra datasets is not installed")
 for _library in ("zarr", "dask", "h5netcdf"):
@@ -70,33 +66,3 @@ def test_a_source_too_long_to_keep_is_told_by_its_digest():
     assert len(found.attrs["source_sha256"]) == 64
     with pytest.raises(FileFormatError, match="source_json, got one without"):
         pw.read_source(found)
-
-
-def _made_older(store):
-    """As stores were written before the source had a variable of its own."""
-    file = store / "zarr.json"
-    table = json.loads(file.read_text())
-    attrs = table["attributes"]
-    text = str(xarray.open_zarr(store)["source_json"].values.item())
-    settings = json.loads(attrs["polywigner_settings"])
-    del settings["source_sha256"], attrs["coordinates"], attrs["source"]
-    attrs["polywigner_settings"] = json.dumps({**settings, "source": text})
-    del table["consolidated_metadata"]["metadata"]["source_json"]
-    attrs["polywigner_checksum"] = checksum_of(table)
-    file.write_text(json.dumps(table))
-    shutil.rmtree(store / "source_json")
-
-
-def test_an_older_store_is_read_and_taken_up(tmp_path):
-    store = tmp_path / "w.zarr"
-    arguments = (AXIS, AXIS, AXIS, AXIS, store)
-    values = pw.wigner_table(SOURCE, *arguments, engine="numpy")["W"].values
-    _made_older(store)
-    (chunk,) = (file for file in (store / "W").rglob("0") if file.is_file())
-    chunk.unlink()
-    again = pw.wigner_table(SOURCE, *arguments, engine="numpy")
-    np.testing.assert_array_equal(again["W"].values, values)
-    assert pw.read_source(again) == SOURCE
-    with pytest.raises(StoreError, match="differs in source_sha256") as caught:
-        pw.wigner_table(pw.shapes.square(1e-2), *arguments, engine="numpy")
-    assert "source " not in str(caught.value).partition("differs in")[2]

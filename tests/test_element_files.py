@@ -52,58 +52,46 @@ def test_elements_are_turned_with_their_fields(tmp_path: Path) -> None:
     assert found == pytest.approx(expected, abs=1e-12 * PATCH.area)
 
 
-def test_elements_that_overlap_are_told_with_their_area(tmp_path: Path) -> None:
-    square = pw.shapes.square(1e-3)
-    with pytest.warns(PolywignerWarning, match="elements 1 and 2 overlap by 2.5e-07 m") as told:
-        _read(tmp_path, "x,y\n0,0\n5,0\n5.5,0.5\n9,0\n9.9,0.9\n", square)
-    assert "1 other pair" in str(told[0].message)
-    assert len(_read(tmp_path, "x,y\n0,0\n1,0\n0,1\n", square)) == 3  # they touch
-    with pytest.warns(PolywignerWarning, match="or more"):
-        _read(tmp_path, "x,y\n" + "0,0\n" * 2000, square)
-
-
-def _overlap_warnings(make: Any) -> list[str]:
+def _overlaps(make: Any) -> str:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        make()
-    return [str(warning.message) for warning in caught]
+        made = make()
+        pw.fourier(pickle.loads(pickle.dumps(made)), [0.0, 0.0])
+    return " ".join(str(warning.message) for warning in caught)
 
 
-def test_phased_arrays_and_tables_warn_of_overlaps_in_the_same_words(tmp_path: Path) -> None:
-    """Squares of 2 mm every 1.5 mm: 4 x 3 elements, with 17 neighbours and 12 diagonal pairs."""
-    square, places = pw.shapes.square(2e-3), pw.arrays.grid_positions(4, 3, 1.5e-3)
-    table = "x,y\n" + "".join(f"{1e3 * x},{1e3 * y}\n" for x, y in places)
-    (of_array,) = _overlap_warnings(lambda: pw.phased_array(square, places))
-    (of_table,) = _overlap_warnings(lambda: _read(tmp_path, table, square))
-    assert of_array == of_table
-    assert "elements 0 and 1 overlap by 1e-06 m^2, and 28 other pairs" in of_array
+SQUARE = pw.shapes.square(1e-3)
+CORNER = pw.Aperture([(0, 0), (3e-3, 0), (3e-3, 1e-3), (1e-3, 1e-3), (1e-3, 3e-3), (0, 3e-3)])
 
 
-def test_overlaps_are_those_of_outlines_and_not_of_their_boxes() -> None:
-    """Copies of an L-shape, 3 mm long and 1 mm wide."""
-    corner = pw.Aperture([(0, 0), (3e-3, 0), (3e-3, 1e-3), (1e-3, 1e-3), (1e-3, 3e-3), (0, 3e-3)])
-    assert not _overlap_warnings(lambda: pw.phased_array(corner, [(0, 0), (1.5e-3, 1.5e-3)]))
-    (message,) = _overlap_warnings(lambda: pw.phased_array(corner, [(0, 0), (0.5e-3, 0)]))
-    assert "overlap by 3.5e-06 m^2" in message  # 2.5 x 1 mm of the foot and 0.5 x 2 mm of the leg
+@pytest.mark.parametrize(
+    ("element", "positions", "words"),
+    [
+        # squares of 1 mm every 0.75 mm: 4 x 3 elements, with 17 neighbours and 12 diagonal pairs
+        (SQUARE, pw.arrays.grid_positions(4, 3, 0.75e-3), "0 and 1 overlap by 2.5e-07 m^2, and 28"),
+        (SQUARE, [(0, 0), (1e-3, 0), (0, 1e-3)], ""),
+        (pw.shapes.square(1e-3 / 3), [(k / 3e3, 0) for k in range(9)], ""),
+        # outlines count, not their boxes: 2.5 x 1 mm of the foot and 0.5 x 2 mm of the leg
+        (CORNER, [(0, 0), (0.5e-3, 0)], "overlap by 3.5e-06 m^2"),
+        (CORNER, [(0, 0), (1.5e-3, 1.5e-3)], ""),
+        (SQUARE.curved(20e-3, 4e-3), [(0, 0), (0.5e-3, 0)], "overlap by 5e-07 m^2"),
+    ],
+)
+def test_arrays_and_tables_warn_of_elements_that_overlap(
+    tmp_path: Path, element: Any, positions: Any, words: str
+) -> None:
+    message = _overlaps(lambda: pw.phased_array(element, positions))
+    assert words in message and bool(words) == bool(message)
+    if isinstance(element, pw.Aperture):
+        table = "x,y\n" + "".join(f"{x},{y}\n" for x, y in np.array(positions).tolist())
+        assert _overlaps(lambda: _read(tmp_path, table, element, unit="m")) == message
 
 
-def test_elements_that_touch_and_arrays_made_of_arrays_do_not_warn() -> None:
-    square = pw.shapes.square(1e-3 / 3)
-    assert not _overlap_warnings(lambda: pw.phased_array(square, [(k / 3e3, 0) for k in range(9)]))
-    with pytest.warns(PolywignerWarning, match="overlap"):
-        array = pw.phased_array(square, [(0, 0), (0.1e-3, 0)])
-    again = _overlap_warnings(
-        lambda: (pickle.loads(pickle.dumps(array)), pw.fourier(array, [0.0, 0.0]))
-    )
-    assert not again
-
-
-def test_slits_and_curved_waves_that_overlap_are_reported_as_well() -> None:
-    (message,) = _overlap_warnings(lambda: pw.phased_array(pw.Slits([0, 1e-3]), [0, 0.7e-3]))
-    assert "elements 0 and 1 overlap by 0.0003 m, counted" in message
-    horn = pw.shapes.square(1e-3).curved(20e-3, 4e-3)
-    (message,) = _overlap_warnings(lambda: pw.phased_array(horn, [(0, 0), (0.5e-3, 0)]))
-    assert "overlap by 5e-07 m^2" in message
+def test_slits_and_many_elements_that_overlap_are_reported_as_well() -> None:
+    with pytest.warns(PolywignerWarning, match="0 and 1 overlap by 0.0003 m, counted"):
+        pw.phased_array(pw.Slits([0, 1e-3]), [0, 0.7e-3])
+    with pytest.warns(PolywignerWarning, match="or more"):
+        pw.phased_array(SQUARE, np.zeros((2000, 2)))
 
 
 @pytest.mark.parametrize(
@@ -115,10 +103,9 @@ def test_slits_and_curved_waves_that_overlap_are_reported_as_well() -> None:
         ("x,x,y\n0,0,0\n", "once"),
         ("x,y,re,phase\n0,0,1,1\n", "once"),
         ("x,y\n0,nan\n", "line 2"),
-        ("x,y\n0,1e300\n", "finite"),
-        ("x,y\n0,\x1b[31m\n", "characters of text"),
+        ("x,y\n0,\x1b[31m\n", "expected 2 numbers, x, y, got .* in line 2"),
+        ("x,y\n0\n", "expected 2 numbers, x, y, got '0' in line 2"),
         ("x,y,amplitude\n0,0,0\n", "zero"),
-        ("x,y\n" + "1" * 70_000, "characters"),
     ],
 )
 def test_tables_that_are_none_are_refused_in_a_sentence(
@@ -134,6 +121,3 @@ def test_other_elements_and_missing_files_are_refused(tmp_path: Path) -> None:
         _read(tmp_path, "x,y\n0,0\n", pw.Slits([0, 1]))
     with pytest.raises(FileFormatError, match="does not exist"):
         pw.arrays.read_elements(tmp_path / "none.csv", PATCH)
-    rows = "".join(f"{k},0,{k}\n" for k in range(10_001))
-    with pytest.raises(FileFormatError, match="angles of their own"):
-        _read(tmp_path, "x,y,angle\n" + rows)

@@ -79,7 +79,6 @@ BAD = [
     (parse_length, "1e999 m"),
     (parse_length, "1e999999999 m"),
     (parse_length, 10**400),
-    (parse_length, 10**5000),
     (parse_length, True),
     (parse_length, None),
     (parse_length, "1" * 1_000_000),

@@ -4,6 +4,8 @@ Messages say what was expected, what was given, and what to do. The command line
 them into one line on stderr and exit code 2.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib import import_module
 from typing import Any
 
@@ -46,6 +48,15 @@ def install_command(extra: str = "") -> str:
 
 class PolywignerError(Exception):
     """Root of the package's exceptions."""
+
+
+@contextmanager
+def at_key(key: str) -> Iterator[None]:
+    """Put a key, a name or a path in front of the message of a PolywignerError raised inside."""
+    try:
+        yield
+    except PolywignerError as error:
+        raise type(error)(f"{key}: {error}") from None
 
 
 class ArgumentError(PolywignerError, ValueError):

@@ -12,7 +12,7 @@ import re
 from collections.abc import Mapping
 from fractions import Fraction
 
-from polywigner.errors import QuantityError
+from polywigner.errors import QuantityError, value_text
 
 SPEED_OF_LIGHT = 299_792_458.0
 """Speed of light in vacuum, m/s (exact, SI)."""
@@ -49,14 +49,6 @@ _QUANTITY = re.compile(
 _LONGEST = 100
 
 
-def _shown(text: object) -> str:
-    try:
-        shown = repr(text)
-    except ValueError:  # an integer with more digits than Python prints
-        shown = "an integer of thousands of digits"
-    return shown if len(shown) <= _LONGEST else shown[:_LONGEST] + "..."
-
-
 def _number(value: Fraction) -> float:
     try:
         return float(value)
@@ -72,7 +64,7 @@ def _parse(
     positive: bool = False,
 ) -> float:
     article = "an" if kind[0] in "aeio" else "a"  # a unit
-    expected = f'expected {article} {kind} such as "{example}", got {_shown(text)}'
+    expected = f'expected {article} {kind} such as "{example}", got {value_text(text)}'
     if isinstance(text, (int, float)) and not isinstance(text, bool):
         value = float(text) if isinstance(text, float) else _number(Fraction(text))
     else:
@@ -90,7 +82,7 @@ def _parse(
         raise QuantityError(f"{expected}; it must be finite")
     if positive and not value > 0:
         raise QuantityError(
-            f"expected {article} {kind} above zero, got {_shown(text)}; write one such as "
+            f"expected {article} {kind} above zero, got {value_text(text)}; write one such as "
             f'"{example}"'
         )
     return value
@@ -111,7 +103,7 @@ def parse_point(text: str) -> tuple[float, float]:
     parts = text.split(",", 2)
     if len(parts) != 2:
         raise QuantityError(
-            f'expected two lengths such as "0 mm, -2 mm", got {_shown(text)}; '
+            f'expected two lengths such as "0 mm, -2 mm", got {value_text(text)}; '
             "separate them by one comma"
         )
     first, second = map(parse_coordinate, parts)
@@ -127,7 +119,7 @@ def parse_unit(text: str | float) -> float:
         return _number(_LENGTHS[text.strip()])
     metres = _parse(text, _LENGTHS, "unit of length", 'mm" or "0.1 mm', positive=True)
     if metres < _LEAST_UNIT:  # a length in it is no float
-        raise QuantityError(f"expected a unit of {_LEAST_UNIT:g} m or more, got {_shown(text)}")
+        raise QuantityError(f"expected a unit of {_LEAST_UNIT:g} m or more, got {value_text(text)}")
     return metres
 
 
@@ -136,7 +128,7 @@ def parse_frequency(text: str | float) -> float:
     if isinstance(text, str):
         if text.rstrip().endswith("mHz"):
             raise QuantityError(
-                f'expected a frequency such as "94 GHz", got {_shown(text)}, in millihertz; '
+                f'expected a frequency such as "94 GHz", got {value_text(text)}, in millihertz; '
                 'write "MHz" for megahertz'
             )
         text = re.sub("[a-zA-Z]{2,}", lambda unit: _SPELLING.get(unit[0].lower(), unit[0]), text)
@@ -158,7 +150,8 @@ def parse_noise_figure(text: str | float) -> float:
     level = _parse(text, _DECIBELS, "noise figure", "3 dB")
     if not 0 <= level <= _HIGHEST_LEVEL:
         raise QuantityError(
-            f"expected a noise figure of 0 dB or more, up to {_HIGHEST_LEVEL:g}, got {_shown(text)}"
+            f"expected a noise figure of 0 dB or more, up to {_HIGHEST_LEVEL:g}, got "
+            f"{value_text(text)}"
         )
     return level
 
@@ -197,7 +190,7 @@ def parse_power(text: str | float) -> float:
             if abs(level) > _HIGHEST_LEVEL:
                 raise QuantityError(
                     f'expected a power such as "10 dBm", within {_HIGHEST_LEVEL:g} {unit} of 0 '
-                    f"{unit}, got {_shown(text)}"
+                    f"{unit}, got {value_text(text)}"
                 )
             return reference * float(10 ** (level / 10))
     return _parse(text, _POWERS, "power", "10 mW", positive=True)
@@ -211,7 +204,7 @@ def wavelength_of(frequency: float) -> float:
     """Vacuum wavelength in metres of a frequency in hertz, which must be above zero."""
     if not _LOWEST_FREQUENCY < frequency < math.inf:
         raise QuantityError(
-            f"expected a finite frequency above {_LOWEST_FREQUENCY:g} Hz, got {_shown(frequency)}; "
-            "give it in hertz"
+            f"expected a finite frequency above {_LOWEST_FREQUENCY:g} Hz, got "
+            f"{value_text(frequency)}; give it in hertz"
         )
     return SPEED_OF_LIGHT / frequency

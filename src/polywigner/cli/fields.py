@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from polywigner.cli.output import check_writable
-from polywigner.errors import ArgumentError, QuantityError
+from polywigner.errors import ArgumentError, QuantityError, value_text
 from polywigner.quantities import parse_angle, parse_coordinate, parse_length
 
 if TYPE_CHECKING:
@@ -151,12 +151,14 @@ def _method(text: str, obliquity: str | None) -> MethodText:
     methods, obliquities, words = ("wigner", *METHODS), tuple(OBLIQUITIES), text.split()
     method = words[0] if words else ""
     if method not in methods:
-        raise ArgumentError(f"--method: expected one of {', '.join(methods)}, got {shown(text)}")
+        raise ArgumentError(
+            f"--method: expected one of {', '.join(methods)}, got {value_text(text)}"
+        )
     for word in words[1:]:
         if method != "wigner" or word not in obliquities:
             raise ArgumentError(
                 "--method: expected words after wigner only, an obliquity "
-                f"({', '.join(obliquities)}), got {shown(text)}"
+                f"({', '.join(obliquities)}), got {value_text(text)}"
             )
         obliquity = word
     return MethodText("-".join(words), method, obliquity)
@@ -253,7 +255,7 @@ def parse_place(texts: Mapping[str, str | None], samples: str | None) -> Place:
     shape = () if samples is None else parse_shape("--samples", samples, _DIMENSIONS[kind])
     if shape and min(shape) < 2:
         raise ArgumentError(
-            f"--samples: expected two or more along each axis, got {shown(str(samples))}; "
+            f"--samples: expected two or more along each axis, got {value_text(samples)}; "
             "one point makes no picture"
         )
     if math.prod(shape) > _MOST_POINTS:
@@ -272,7 +274,7 @@ def _line(text: str, shape: tuple[int, ...]) -> Place:
     if len(ends) != 2:
         raise QuantityError(
             'expected two points such as "0 mm, 0 mm, 2 mm to 0 mm, 0 mm, 150 mm", got '
-            f"{shown(text)}"
+            f"{value_text(text)}"
         )
     return Place("line", tuple(_point(end) for end in ends), shape)
 
@@ -282,14 +284,14 @@ def _arc(text: str, shape: tuple[int, ...]) -> Place:
     if not 1 <= len(parts) <= 3:
         raise QuantityError(
             'expected a distance such as "50 mm", and perhaps two angles, as in "50 mm, 45 deg, '
-            f'80 deg", got {shown(text)}'
+            f'80 deg", got {value_text(text)}'
         )
     phi, reach = (parse_angle(a) for a in (*parts[1:], "0 deg", f"{_WIDEST:g} deg")[:2])
     if len(parts) == 2:
         reach = math.radians(_WIDEST)
     if not 0 < reach < math.pi / 2:
         raise QuantityError(
-            f"expected a largest angle between 0 and 90 deg, got {shown(text)}; write degrees "
+            f"expected a largest angle between 0 and 90 deg, got {value_text(text)}; write degrees "
             'with their unit, such as "80 deg"'
         )
     return Place("arc", (), shape, _length(parse_length(parts[0]), parts[0]), phi, reach)
@@ -300,7 +302,7 @@ def _plane(text: str, shape: tuple[int, ...]) -> Place:
     if ranges != 2:
         raise QuantityError(
             'expected two ranges and a coordinate such as "-30 mm to 30 mm, -30 mm to 30 mm, '
-            f'90 mm", got {shown(text)}'
+            f'90 mm", got {value_text(text)}'
         )
     return Place("plane", (low, high), shape)
 
@@ -319,7 +321,7 @@ def parse_box(text: str) -> tuple[Point, Point]:
         if ranges != 3:
             raise QuantityError(
                 'expected three ranges such as "-30 mm to 30 mm, -30 mm to 30 mm, 2 mm to 120 mm", '
-                f"got {shown(text)}"
+                f"got {value_text(text)}"
             )
     except QuantityError as error:
         raise QuantityError(f"--box: {error}") from None
@@ -330,14 +332,14 @@ def _ranges(text: str) -> tuple[Point, Point, int]:
     """Both ends along x, y and z, and how many of them differ."""
     parts = _split(text, ",")
     if len(parts) != 3:
-        raise QuantityError(f"expected x, y and z, separated by commas, got {shown(text)}")
+        raise QuantityError(f"expected x, y and z, separated by commas, got {value_text(text)}")
     ends = []
     for part in parts:
         ends.append([_length(parse_coordinate(e), e) for e in _split(part, r"\s+to\s+")])
         if len(ends[-1]) > 2 or (len(ends[-1]) == 2 and not ends[-1][0] < ends[-1][1]):
             raise QuantityError(
                 f'expected a coordinate, or a rising range such as "-30 mm to 30 mm", got '
-                f"{shown(part)}"
+                f"{value_text(part)}"
             )
     low = (ends[0][0], ends[1][0], ends[2][0])
     high = (ends[0][-1], ends[1][-1], ends[2][-1])
@@ -349,7 +351,9 @@ def parse_shape(option: str, text: str, dimensions: int) -> tuple[int, ...]:
     parts = _split(text, "[x×]")
     if len(parts) != dimensions or not all(re.fullmatch(r"0*[1-9][0-9]{0,8}", p) for p in parts):
         example = " x ".join(("64", "64", "96")[:dimensions])
-        raise ArgumentError(f'{option}: expected samples such as "{example}", got {shown(text)}')
+        raise ArgumentError(
+            f'{option}: expected samples such as "{example}", got {value_text(text)}'
+        )
     return tuple(int(part) for part in parts)
 
 
@@ -360,7 +364,7 @@ def parse_levels(option: str, text: str) -> tuple[float, ...]:
         match = re.fullmatch(r"([+-]?[0-9]{1,4}(?:\.[0-9]{0,6})?)(?:\s*dB)?", part)
         if match is None:
             raise QuantityError(
-                f'{option}: expected levels such as "-6, -12, -18", got {shown(text)}'
+                f'{option}: expected levels such as "-6, -12, -18", got {value_text(text)}'
             )
         levels.append(float(match[1]))
     return tuple(levels)
@@ -369,7 +373,7 @@ def parse_levels(option: str, text: str) -> tuple[float, ...]:
 def _point(text: str) -> Point:
     parts = _split(text, ",")
     if len(parts) != 3:
-        raise QuantityError(f'expected a point such as "0 mm, 0 mm, 80 mm", got {shown(text)}')
+        raise QuantityError(f'expected a point such as "0 mm, 0 mm, 80 mm", got {value_text(text)}')
     x, y, z = (_length(parse_coordinate(part), part) for part in parts)
     return x, y, z
 
@@ -379,16 +383,11 @@ def _length(length: float, text: str) -> float:
     from polywigner.propagation.places import LARGEST
 
     if not abs(length) <= LARGEST:
-        raise QuantityError(f"expected lengths of at most {LARGEST:g} m, got {shown(text)}")
+        raise QuantityError(f"expected lengths of at most {LARGEST:g} m, got {value_text(text)}")
     return length
 
 
 def _split(text: str, pattern: str) -> list[str]:
     if len(text) > _LONGEST:
-        raise QuantityError(f"expected up to {_LONGEST} characters, got {shown(text)}")
+        raise QuantityError(f"expected up to {_LONGEST} characters, got {value_text(text)}")
     return [part.strip() for part in re.split(pattern, text)]
-
-
-def shown(text: str) -> str:
-    """A text as messages quote it: in ASCII, and not without end."""
-    return ascii(text) if len(text) <= _LONGEST else ascii(text[:_LONGEST]) + "..."

@@ -133,23 +133,22 @@ class SourceOptions:
     def read(self) -> tuple[Any, float | None]:
         """The source, and the wavelength in m, None where neither options nor file say one."""
         from polywigner.figures import outline_of
-        from polywigner.illumination.texts import fed
+        from polywigner.illumination.texts import SOURCE_TEXTS, apply_texts
 
         wavelength = wavelength_from(self.frequency, self.wavelength)
         if _is_source_file(self.source):
             for name, given in vars(self._reading).items():
                 if given:
                     raise ArgumentError(
-                        f"expected no --{name} with a source file, got {given!r}; the file says "
-                        "its own"
+                        f"expected no --{name} with a source file, got {given!r}; write it into "
+                        "the file"
                     )
             source, wavelength = self._read_source_file(wavelength)
         else:
             source = self._reading.read(self.source)
-        names = ("taper", "array", "window", "steering", "focus", "curved", "coherence")
-        texts = ((name, getattr(self, name, None)) for name in names)
-        feeding = {name: text for name, text in texts if text is not None}
-        source = fed(source, feeding, wavelength)
+        texts = ((name, getattr(self, name, None)) for name in SOURCE_TEXTS)
+        given = {name: text for name, text in texts if text is not None}
+        source = apply_texts(source, given, wavelength)
         if wavelength is not None:
             check_wavelength(wavelength, outline_of(source).diameter)
         return source, wavelength
@@ -269,17 +268,16 @@ def frequency_text(wavelength: float) -> str:
 
 
 def _is_source_file(path: str) -> bool:
-    """TOML; or JSON whose outermost table has a kind, which GeoJSON has not."""
-    from polywigner.geometry.io.limits import bytes_of, text_of
+    """Whether a file is TOML, or JSON with a kind at its top, which GeoJSON does not have."""
+    from polywigner.geometry.io.limits import bytes_of
 
     suffix = Path(path).suffix.lower()
     if suffix != ".json":
         return suffix == ".toml"
     try:
-        text = text_of(bytes_of(Path(path)))
-        content = json.loads(text) if '"kind"' in text else None
+        content = json.loads(bytes_of(Path(path)))
     except (ValueError, RecursionError, OSError):
-        return False  # the reader of apertures says what is wrong with it
+        return False  # the reader of apertures reports the error
     return isinstance(content, dict) and "kind" in content and "type" not in content
 
 

@@ -9,7 +9,7 @@ import typer
 
 from polywigner.cli import fields, options, output
 from polywigner.cli.sources import MixedSourceOptions, ObstacleOptions, field_title
-from polywigner.errors import ArgumentError
+from polywigner.errors import ArgumentError, value_text
 from polywigner.quantities import parse_frequency
 
 _DEFAULT = ("wigner",)
@@ -83,7 +83,7 @@ def volume(
     if count is not None and min(count) < 2:
         raise ArgumentError(
             f"--shape: expected two or more samples along each axis, got "
-            f"{fields.shown(str(shape))}; draw one layer by `polywigner propagate --plane`"
+            f"{value_text(shape)}; draw one layer by `polywigner propagate --plane`"
         )
     sizes = None if chunks is None else fields.parse_shape("--chunks", chunks, 3)
     levels = None if surfaces is None else fields.parse_levels("--surfaces", surfaces)

@@ -4,8 +4,8 @@
   steering, tapers and modes
 - ``array``: :class:`Array` and :func:`phased_array`; ``lattices``: sites of equal elements
 - ``arrays``: layouts and weights of elements; ``element_files``: tables of both
-- ``source_files``: sources in TOML and JSON, made of ``source_tables`` and ``source_values``;
-  ``texts``: tapers and layouts in a few words
+- ``source_files``: sources in TOML and JSON; ``source_schema`` and ``source_functions``: the
+  tables of such files; ``texts``: tapers, arrays and waves as short texts
 - ``support``: the region outside of which W is zero
 - ``obliquities``: factors of angle and wave, for each boundary condition
 """

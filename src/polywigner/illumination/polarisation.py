@@ -13,7 +13,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.errors import ArgumentError
+from polywigner.errors import ArgumentError, value_text
 from polywigner.geometry import Wavefront
 from polywigner.illumination.array import Array, repeated_element
 
@@ -44,8 +44,6 @@ _NAMED = {
     "left": (_HALF, -1j * _HALF),
 }
 _SLANT = re.compile(r"([+-]?\d+(?:\.\d*)?)\s*(?:deg|°)")
-# Characters of what messages quote.
-_LONGEST = 200
 _EXPECTED = (
     'expected polarisation as "x", "y", "right", "left", a slant such as "45 deg", or a Jones '
     "vector of two complex numbers"
@@ -124,10 +122,8 @@ def _of_text(text: str) -> Complexes:
 
 
 def _error(value: Any, count: int) -> ArgumentError:
-    shown = repr(value)
-    shown = shown if len(shown) <= _LONGEST else shown[:_LONGEST] + "..."
     each = f", or one for each of the {count} elements" if count else ""
-    return ArgumentError(f"{_EXPECTED}{each}, got {shown}")
+    return ArgumentError(f"{_EXPECTED}{each}, got {value_text(value)}")
 
 
 def components(source: Any, polarisation: Complexes) -> list[tuple[Any, Complexes]]:

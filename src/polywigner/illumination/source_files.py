@@ -4,88 +4,61 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import tomllib
-from collections.abc import Callable, Mapping
-from functools import partial
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NoReturn, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import ArgumentError, FileFormatError, GeometryError, PolywignerError
-from polywigner.geometry import Aperture, PlacedAperture, Slits, Wavefront
+from polywigner.errors import ArgumentError, FileFormatError, GeometryError, PolywignerError, at_key
+from polywigner.geometry import PlacedAperture, Polyhedron, Slits, Wavefront
 from polywigner.geometry.arguments import checked_path, write_lines
-from polywigner.geometry.io.limits import (
-    LARGEST_TOML,
-    SMALL,
-    bytes_of,
-    check_bytes,
-    check_values,
-    place_of,
-    text_of,
-    within_limits,
-)
+from polywigner.geometry.io.limits import bytes_of, text_of
 from polywigner.illumination.array import Array, Element
 from polywigner.illumination.polarisation import checked_polarisation
-from polywigner.illumination.source_tables import (
-    FileContent,
-    Source,
-    aperture_of_polygons,
-    content_of,
-)
-from polywigner.illumination.source_values import VERSION
+from polywigner.illumination.source_schema import VERSION, FileContent, Source, content_of
 
-_LONGEST_MESSAGE = 1000
+if TYPE_CHECKING:
+    import xarray
 
-# Names joined by dots, for each of which tables are looked through from the outermost one.
-_LONG_KEY = re.compile(r"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){32}""")
-
+_LINE = 88
 
 SOURCE_COORDINATE = "source_json"
 """Name of the coordinate of a dataset that holds its source, as the text of a source file."""
 
 
-@runtime_checkable
-class Dataset(Protocol):
-    """An ``xarray.Dataset``, or the labelled arrays that stand for it without xarray."""
-
-    @property
-    def attrs(self) -> Any: ...
-
-    @property
-    def coords(self) -> Any: ...
-
-
-def read_source(path: str | os.PathLike[str] | Dataset, allow_outside: bool = False) -> Source:
+def read_source(
+    path: str | os.PathLike[str] | xarray.Dataset, allow_outside: bool = False
+) -> Source:
     """Read an aperture with its field, slits, a body, or an array from a TOML or JSON file.
 
-    docs/illumination.md describes the format. Whatever :func:`write_source` wrote comes back equal.
-    In files written by hand, lengths, angles and frequencies may be texts ("10 mm", "20 deg", "77
-    GHz"; plain numbers are metres, radians and hertz), fields, layouts and weights may be named,
-    and outlines may stand in other files, relative to this one.
+    docs/source_files.md describes the format. A source that :func:`write_source` wrote is read
+    back equal. In files written by hand, quantities may be texts with units ("10 mm", "20 deg",
+    "77 GHz"), fields, layouts and weights may be named, and outlines may be in other files,
+    relative to this one.
 
     Parameters
     ----------
-    path : the file; or a dataset that polywigner computed, which holds its source.
-    allow_outside : whether the file may name others that are not in its own folder or below, once
-        links are followed. Leave it out for files of strangers.
+    path : the file; or a dataset that polywigner computed, which contains its source.
+    allow_outside : whether the file may name files outside its own folder, links followed. Keep
+        the default for untrusted files.
 
     Returns
     -------
-    Aperture, placed aperture, Slits, Polyhedron or Array.
+    Aperture, placed aperture, Slits, Polyhedron, Array or Wavefront.
 
     Raises
     ------
     FileFormatError
-        The file is missing, empty, too large (64 MiB), not of its format, describes more than
-        docs/files.md allows, names a file elsewhere, or has a key or a value that is not
-        understood. A dataset has no source, or one so long (64 KiB) that its digest alone is kept.
+        The file is missing, empty, too large (64 MiB) or not TOML or JSON; names a file outside its
+        folder; or has an unknown key or a wrong value. A dataset contains no source, or only the
+        digest of a source longer than 64 KiB.
     GeometryError, IlluminationError, ArgumentError, QuantityError
-        What it describes is no source: see the functions and classes it names.
+        The values describe no valid source: see the functions and classes that the file names.
     MissingExtraError
-        A library is not installed that a window or an outline needs.
+        A library that a window or an outline needs is not installed.
 
     >>> import polywigner as pw
     >>> import pathlib, tempfile
@@ -94,28 +67,40 @@ def read_source(path: str | os.PathLike[str] | Dataset, allow_outside: bool = Fa
     >>> pw.read_source(path) == pw.shapes.square(10e-3)
     True
     """
-    if isinstance(path, Dataset):
-        return content_of(_parsed(_text_in(path), ".json"), Path(), allow_outside).source
-    return read_content(path, allow_outside).source
+    if not hasattr(path, "coords"):
+        return read_content(path, allow_outside).source
+    if SOURCE_COORDINATE not in path.coords:
+        raise FileFormatError(
+            f"expected a dataset with its source in the coordinate {SOURCE_COORDINATE}, got one "
+            "without; sources longer than 64 KiB are not stored, write them by "
+            "polywigner.write_source"
+        )
+    try:
+        text = str(path.coords[SOURCE_COORDINATE].values.item())
+    except (ValueError, RuntimeError) as error:  # from the codecs of a store
+        raise FileFormatError(
+            f"expected a dataset whose source can be read, got a damaged one ({error}); read a copy"
+        ) from error
+    return content_of(_parsed(text, ".json"), Path(), allow_outside).source
 
 
 def read_polarisation(
     path: str | os.PathLike[str], allow_outside: bool = False
 ) -> NDArray[np.complex128] | None:
-    """Read the polarisation at the top of a source file, None where there is none.
+    """Read the polarisation at the top of a source file.
 
-    A source is a scalar field; functions take its polarisation beside it.
+    A source is a scalar field; functions take its polarisation as a separate argument.
 
     Parameters
     ----------
-    path, allow_outside : as of :func:`read_source`, which reads the source itself.
+    path, allow_outside : as for :func:`read_source`, which reads the source itself.
 
     Returns
     -------
-    The Jones vector (2,) along the source's x and y, complex; of an array whose elements have one
-    each (n, 2).
+    The Jones vector (2,) along the source's x and y, complex; one for each element (n, 2) if the
+    file has a list of polarisations for an array; None if the file has no polarisation.
 
-    Raises as :func:`read_source`; ArgumentError for a polarisation that is none.
+    Raises the errors of :func:`read_source`, and ArgumentError for an invalid polarisation.
 
     >>> import polywigner as pw
     >>> import pathlib, tempfile
@@ -127,232 +112,135 @@ def read_polarisation(
     return read_content(path, allow_outside).polarisation
 
 
-def _text_in(found: Any) -> str:
-    """The text of the source of a dataset."""
-    try:
-        if SOURCE_COORDINATE in found.coords:
-            return str(found.coords[SOURCE_COORDINATE].values.item())
-        # datasets and stores written before there was such a coordinate
-        settings = json.loads(found.attrs.get("polywigner_settings", "{}"))
-    except (ValueError, RuntimeError, MemoryError) as error:  # by a store's codecs
-        raise FileFormatError(
-            f"expected a dataset whose source can be read, got a damaged one ({error}); read a copy"
-        ) from error
-    for text in (found.attrs.get("source", ""), settings.get("source", "")):
-        if text.startswith("{"):
-            return str(text)
-    raise FileFormatError(
-        f"expected a dataset with its source in the coordinate {SOURCE_COORDINATE}, got one "
-        "without; sources longer than 64 KiB are not kept, write them by polywigner.write_source"
-    )
-
-
 def read_content(path: str | os.PathLike[str], allow_outside: bool = False) -> FileContent:
-    """The source of a file, and the numbers that stand at its top, if any."""
+    """The source of a file and the settings at its top."""
     file = checked_path(path)
-    read = partial(_read, file.absolute(), allow_outside)
-    try:
-        if not file.is_file() or file.stat().st_size <= SMALL:
-            return read()
-        return within_limits(read, (__name__,), "a source file")
-    except PolywignerError as error:
-        whole = f"{file}: {error}"
-        short = whole if len(whole) <= _LONGEST_MESSAGE else whole[:_LONGEST_MESSAGE] + "..."
-        # without what a terminal would obey
-        raise type(error)(
-            "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in short)
-        ) from None
-
-
-def _read(file: Path, allow_outside: bool) -> FileContent:
-    return content_of(_parsed(text_of(bytes_of(file)), file.suffix), file.parent, allow_outside)
+    with at_key(str(file)):
+        tables = _parsed(text_of(bytes_of(file)), file.suffix)
+        return content_of(tables, file.absolute().parent, allow_outside)
 
 
 def _parsed(text: str, suffix: str) -> Any:
-    """The tables of a text in TOML or JSON, which the suffix tells."""
-    try:
-        if suffix.lower() == ".toml":
-            check_bytes(len(text), LARGEST_TOML, "TOML")
-            if _LONG_KEY.search(text):
-                raise FileFormatError("expected keys of a few names, got one of many, with dots")
-            return tomllib.loads(text)
-        if suffix.lower() == ".json":
-            check_values(text)
-            return json.loads(text, parse_constant=_refused, object_pairs_hook=_each_key_once)
-    except RecursionError:
-        raise FileFormatError("expected tables and lists, got some nested too deeply") from None
-    except FileFormatError:
-        raise
-    except ValueError as error:
+    """The tables of a text in TOML or JSON."""
+    parsers = {".toml": tomllib.loads, ".json": json.loads}
+    if suffix.lower() not in parsers:
         raise FileFormatError(
-            f"expected {suffix[1:].upper()}, got text that does not parse{place_of(error)}"
-        ) from None
-    raise FileFormatError(
-        f"expected a source file with the suffix .toml or .json, got {suffix or 'none'!r}; "
-        "outlines alone are read by polywigner.read_aperture"
-    )
-
-
-def _refused(name: str) -> NoReturn:
-    raise FileFormatError(f"expected finite numbers, got {name}")
-
-
-def _each_key_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    table: dict[str, Any] = {}
-    for key, value in pairs:
-        if key in table:
-            raise FileFormatError(f"expected each key once, got {key!r} twice")
-        table[key] = value
-    return table
-
-
-_LINE = 88
+            f"expected a source file with the suffix .toml or .json, got {suffix or 'none'!r}; "
+            "outlines alone are read by polywigner.read_aperture"
+        )
+    try:
+        return parsers[suffix.lower()](text)
+    except (ValueError, RecursionError) as error:
+        raise FileFormatError(f"expected valid {suffix[1:].upper()}: {error}") from None
 
 
 def table_of(source: Source) -> dict[str, Any]:
-    """All that makes up a source, as tables, lists, texts and numbers."""
+    """The complete content of a source as tables, lists, texts and numbers."""
     if isinstance(source, Wavefront):
-        return {**table_of(source.source), "wavefront": _wave(source)}
+        wave = {"curvature": source.curvature.tolist(), "centre": source.centre.tolist()}
+        if source.wavelength is not None:
+            wave["wavelength"] = source.wavelength
+        if not source.is_coherent:
+            wave["coherence_width"] = source.coherence_width
+        return {**table_of(source.source), "wavefront": wave}
     if isinstance(source, Array):
-        body = _array(source)
-    elif isinstance(source, Element):
-        body = _element(source)
-    else:
-        raise ArgumentError(
-            "expected an Aperture, a placed aperture, Slits, a Polyhedron or an Array, got "
-            f"{type(source).__name__}"
-        )
-    return {"version": VERSION, **body}
-
-
-def _wave(wave: Wavefront) -> dict[str, Any]:
-    table: dict[str, Any] = {"curvature": wave.curvature.tolist(), "centre": wave.centre.tolist()}
-    if wave.wavelength is not None:
-        table["wavelength"] = wave.wavelength
-    return table if wave.is_coherent else {**table, "coherence_width": wave.coherence_width}
+        return {"version": VERSION, **_array(source)}
+    if isinstance(source, Element):
+        return {"version": VERSION, **_element(source)}
+    raise ArgumentError(
+        "expected an Aperture, a placed aperture, Slits, a Polyhedron, an Array or a Wavefront, "
+        f"got {type(source).__name__}"
+    )
 
 
 def _array(array: Array) -> dict[str, Any]:
-    if array.repeated is None:
-        body = {"kind": "array", **_weights(array)}
-        if array.paths is not None:
-            cycles, slopes = array.paths.cycles.tolist(), array.paths.slopes.tolist()
-            length = array.paths.wavelength
-            body["paths"] = {"wavelength": length, "cycles": cycles, "slopes": slopes}
-        return {**body, "elements": [_element(element) for element in array.elements]}
-    element, positions = array.repeated
-    body = {"kind": "phased-array", "positions": positions.tolist(), **_weights(array)}
-    return {**body, "element": _element(element)}
+    weights: dict[str, Any] = {}
+    if not (array.weights == 1).all():
+        weights["weights"] = _complex(array.weights)
+    if array.repeated is not None:
+        element, positions = array.repeated
+        body = {"kind": "phased-array", "positions": positions.tolist(), **weights}
+        return {**body, "element": _element(element)}
+    if array.paths is not None:
+        cycles, slopes = array.paths.cycles.tolist(), array.paths.slopes.tolist()
+        length = array.paths.wavelength
+        weights["paths"] = {"wavelength": length, "cycles": cycles, "slopes": slopes}
+    elements = [_element(element) for element in array.elements]
+    return {"kind": "array", **weights, "elements": elements}
 
 
-def _weights(array: Array) -> dict[str, Any]:
-    return {} if (array.weights == 1).all() else {"weights": _complex(array.weights)}
+def _element(element: Element) -> dict[str, Any]:
+    if isinstance(element, PlacedAperture):
+        return {**_element(element.aperture), "to_world": element.pose.tolist()}
+    if isinstance(element, Polyhedron):
+        faces = [list(face) for face in element.faces]
+        return {"kind": "polyhedron", "vertices": element.vertices.tolist(), "faces": faces}
+    if isinstance(element, Slits):
+        table = {"kind": "slits", "intervals": element.intervals.tolist()}
+    else:
+        polygons = [[ring.tolist() for ring in part] for part in element._parts]
+        table = {"kind": "aperture", "polygons": polygons, "verbatim": True}
+    if element.illumination is not None:
+        waves = element.illumination
+        amplitudes, frequencies = _complex(waves.amplitudes), waves.frequencies.tolist()
+        field = {"kind": "waves", "amplitudes": amplitudes, "frequencies": frequencies}
+        table["illumination"] = field
+    return table
 
 
 def _complex(values: NDArray[np.complex128]) -> list[Any]:
-    """Real numbers where all are real, else pairs."""
+    """Numbers if all are real, otherwise pairs [real, imaginary]."""
     if not values.imag.any():
         return values.real.tolist()
     return np.stack([values.real, values.imag], axis=-1).tolist()
 
 
-def _element(element: Element) -> dict[str, Any]:
-    if isinstance(element, Aperture):
-        return {"kind": "aperture", **_outline(element), **_field(element)}
-    if isinstance(element, PlacedAperture):
-        return {**_element(element.aperture), "to_world": element.pose.tolist()}
-    if isinstance(element, Slits):
-        return {"kind": "slits", **_intervals(element), **_field(element)}
-    faces = [list(face) for face in element.faces]
-    return {"kind": "polyhedron", "vertices": element.vertices.tolist(), "faces": faces}
+def json_of(table: Mapping[str, Any]) -> str:
+    """A table as JSON in one line."""
+    return json.dumps(table)
 
 
-def _field(source: Aperture | Slits) -> dict[str, Any]:
-    if source.illumination is None:
-        return {}
-    waves = source.illumination
-    return {
-        "illumination": {
-            "kind": "waves",
-            "amplitudes": _complex(waves.amplitudes),
-            "frequencies": waves.frequencies.tolist(),
-        }
-    }
-
-
-def _outline(aperture: Aperture) -> dict[str, Any]:
-    polygons = _polygons(aperture)
-    # the same vertices in the same order: sums over edges are then rounded alike
-    return _exact("polygons", polygons, lambda: _polygons(aperture_of_polygons(polygons)))
-
-
-def _polygons(aperture: Aperture) -> list[list[Any]]:
-    return [[ring.tolist() for ring in part] for part in aperture._parts]
-
-
-def _intervals(slits: Slits) -> dict[str, Any]:
-    intervals = slits.intervals.tolist()
-    return _exact("intervals", intervals, lambda: Slits(intervals).intervals.tolist())
-
-
-def _exact(key: str, values: list[Any], again: Callable[[], list[Any]]) -> dict[str, Any]:
-    """An outline, verbatim where its constructor would make others of the values."""
-    try:
-        same = again() == values
-    except PolywignerError:
-        same = False
-    return {key: values} if same else {key: values, "verbatim": True}
-
-
-def json_of(value: Any, margin: str = "") -> str:
-    """A table, list, text, whole number or finite float as JSON, in lines of sensible length."""
-    inner = margin + "  "
-    if isinstance(value, Mapping):
-        items = [f"{inner}{json.dumps(k)}: {json_of(v, inner)}" for k, v in value.items()]
-        return "{\n" + ",\n".join(items) + f"\n{margin}}}"
-    if isinstance(value, list):
-        items = [json_of(item, inner) for item in value]
-        line = f"[{', '.join(items)}]"
-        if len(line) <= _LINE and "\n" not in line:
-            return line
-        return "[\n" + ",\n".join(inner + item for item in items) + f"\n{margin}]"
-    return json.dumps(value)
-
-
-def toml_of(table: Mapping[str, Any], name: str = "") -> str:
-    """A table as TOML: its values, then its tables, under their full names."""
-    lines = []
-    sections = []
+def toml_of(table: Mapping[str, Any], path: str = "") -> str:
+    """A table as TOML: values first, then nested tables under their full names."""
+    lines, sections = [], []
     for key, value in table.items():
-        whole = f"{name}.{key}" if name else key
+        name = f"{path}.{key}" if path else key
         if isinstance(value, Mapping):
-            sections.append(f"\n[{whole}]\n{toml_of(value, whole)}")
-        elif isinstance(value, list) and value and isinstance(value[0], Mapping):
-            sections += [f"\n[[{whole}]]\n{toml_of(item, whole)}" for item in value]
+            sections.append(f"\n[{name}]\n{toml_of(value, name)}")
+        elif isinstance(value, list) and isinstance(value[0], Mapping):
+            sections += [f"\n[[{name}]]\n{toml_of(item, name)}" for item in value]
         else:
-            # Lists of numbers, numbers, true, false and plain texts are the same in TOML and JSON.
-            lines.append(f"{key} = {json_of(value)}\n")
+            lines.append(f"{key} = {_list_of(value)}\n")
     return "".join(lines + sections)
+
+
+def _list_of(value: Any, margin: str = "") -> str:
+    """A number, text or list, which is the same in TOML and JSON, in lines of sensible length."""
+    text = json.dumps(value)
+    if len(text) <= _LINE or not isinstance(value, list):
+        return text
+    inner = margin + "  "
+    items = ",\n".join(inner + _list_of(item, inner) for item in value)
+    return f"[\n{items}\n{margin}]"
 
 
 def write_source(
     source: Source, path: str | os.PathLike[str], *, polarisation: str | ArrayLike | None = None
 ) -> None:
-    """Write a source to a ``.toml`` or ``.json`` file, from which :func:`read_source` has it back.
+    """Write a source to a ``.toml`` or ``.json`` file for :func:`read_source`.
 
-    All floats come back as they are. The file appears whole or not at all; one that is there
-    already is replaced.
+    All floats are written exactly. The complete file appears at once and replaces an existing one.
 
     Parameters
     ----------
-    source : Aperture, placed aperture, Slits, Polyhedron or Array, with fields and weights.
-    path : the suffix chooses the format.
-    polarisation : as of :func:`polywigner.field`, for :func:`read_polarisation`; None: none is
-        written.
+    source : Aperture, placed aperture, Slits, Polyhedron, Array or Wavefront, with fields and
+        weights.
+    path : the suffix selects the format.
+    polarisation : as in :func:`polywigner.field`, for :func:`read_polarisation`; None writes none.
 
-    Raises ArgumentError for anything but a source or a polarisation, and a place that cannot be
-    written to; FileFormatError for another suffix; GeometryError for an outline that rounding has
-    made invalid, as by a shift by more than 10^15 times its size.
+    Raises ArgumentError for another object, an invalid polarisation, or a path that cannot be
+    written; FileFormatError for another suffix; GeometryError for a source that a file cannot
+    represent exactly, such as an outline that a shift by 10^15 times its size has made invalid.
 
     >>> import polywigner as pw
     >>> import pathlib, tempfile
@@ -372,21 +260,14 @@ def write_source(
     if polarisation is not None:
         parts = checked_polarisation(polarisation, source).view(np.float64)
         pairs = parts.reshape(*parts.shape[:-1], 2, 2).tolist()
-        # before other tables, which TOML would take it into
         table = {"version": table.pop("version"), "polarisation": pairs, **table}
     text = writers[file.suffix.lower()](table).rstrip("\n")
-    _check_same(source, text, file)
-    write_lines(file, [text])
-
-
-def _check_same(source: Source, text: str, file: Path) -> None:
-    """Refuse to write a source that would be read back as another."""
     try:
-        again = content_of(_parsed(text, file.suffix), file.parent).source
+        is_same = content_of(_parsed(text, file.suffix), file.parent).source == source
     except PolywignerError as error:
-        raise GeometryError(f"expected a source that is valid to write, got: {error}") from None
-    if again != source:
+        raise GeometryError(f"a file cannot represent {source!r} exactly: {error}") from None
+    if not is_same:
         raise GeometryError(
-            f"expected a source that can be written exactly, got {source!r}, of which another "
-            "came back; build it anew from its vertices"
+            f"a file cannot represent {source!r} exactly; build the source anew from its vertices"
         )
+    write_lines(file, [text])

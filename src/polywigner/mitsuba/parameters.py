@@ -31,7 +31,7 @@ from polywigner.illumination import Array, read_source
 from polywigner.illumination.obliquities import DEFAULT, OBLIQUITIES
 from polywigner.illumination.polarisation import polarisation_of_text
 from polywigner.illumination.source_files import json_of, table_of
-from polywigner.illumination.texts import FEEDING, fed
+from polywigner.illumination.texts import SOURCE_TEXTS, apply_texts
 from polywigner.mitsuba.exact import ExactEstimator
 from polywigner.mitsuba.sampling import SAMPLINGS
 from polywigner.mitsuba.sources import (
@@ -114,7 +114,7 @@ _COMMON = (
     "source",
     "frequency",
     "wavelength",
-    *FEEDING,
+    *SOURCE_TEXTS,
     "polarisation",
     "to_world",
 )
@@ -274,8 +274,8 @@ class SceneParameters:
 
     def source(self, wavelength: float) -> Any:
         """The source with its taper and copies, steered."""
-        texts = {name: self.text(name, None) for name in FEEDING if name in self.values}
-        return fed(self._outline(), texts, wavelength)
+        texts = {name: self.text(name, None) for name in SOURCE_TEXTS if name in self.values}
+        return apply_texts(self._outline(), texts, wavelength)
 
     def _outline(self) -> Any:
         """The source from its file, or from memory, before its taper and copies."""

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import re
 import stat
-from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -119,25 +118,3 @@ def text_of(content: bytes) -> str:
     if not text.strip():
         raise FileFormatError("expected content, got an empty file")
     return text
-
-
-# ---- source files --------------------------------------------------------------------------------
-
-LARGEST_TOML = 8 * 2**20
-SMALL = 2**14
-LONGEST_LINE = 2**16
-MOST_LISTED = 10_000
-LARGEST_PART = 4096
-MOST_WAVES = 1_000_000
-
-Result = TypeVar("Result")
-
-
-def check_values(text: str) -> None:
-    """Raise FileFormatError for JSON with too many values."""
-    check_most(text.count(","), 6_000_000, "values of JSON", "simplify it")
-
-
-def within_limits(read: Callable[[], Result], modules: Sequence[str], kind: str) -> Result:
-    """Return ``read()``."""
-    return read()
