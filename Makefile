@@ -11,9 +11,6 @@ TESTS ?=
 # FIGURES='projs' make paper-figures   arguments for the figures of the paper: names, --quality, --out
 FIGURES ?=
 
-# KILL='--kills 10' make kill       arguments for tools/kill_runs.py
-KILL ?=
-
 # BENCH='--only wigner' make bench  arguments for the comparison: --quick, --only, --list, --out
 BENCH ?=
 
@@ -30,7 +27,7 @@ PROPAGATE = $(BIN)/polywigner propagate
 PYTEST = $(BIN)/python -m pytest -n auto --maxprocesses 4 --max-worker-restart 2 --dist loadfile --no-loadscope-reorder
 
 .DEFAULT_GOAL := help
-.PHONY: help demo pictures paper-figures test test-all kill lint format typecheck hooks bench docs dist constraints ci clean
+.PHONY: help demo pictures paper-figures test test-all lint format typecheck hooks bench docs dist constraints ci clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\): ## \(.*\)/  make \1	\2/p' Makefile | expand -t 20
@@ -61,10 +58,6 @@ test: ## run the tests, but the slow ones
 test-all: ## run all tests, the slow ones too
 	@$(SETUP) --group test
 	$(PYTEST) $(TESTS)
-
-kill: ## kill volumes, receptions and renders fifty times each and compare what they become; KILL='--kills 10' for fewer
-	@$(SETUP) --group test
-	$(BIN)/python tools/kill_runs.py $(KILL)
 
 lint: ## check style and formatting
 	@$(SETUP) --group dev

@@ -1,38 +1,30 @@
-"""How fast are large tables written, within what memory, and do killed runs end bit-identical?
+"""How fast are large tables and volumes written, and within what memory?
 
-Run ``python benchmarks/large_tables.py`` (two minutes); ``--gib 16 --volume 512`` asks for a table
-of 16 GiB and a volume of 512^3 points. Each question is answered in processes of its own, whose
-peak memory the system tells:
+Run ``python benchmarks/large_tables.py`` (two minutes); ``--gib 16 --volume 512`` writes a table of
+16 GiB and a volume of 512^3 points. Each question is answered in a process of its own, whose peak
+memory the system reports:
 
 - rate: a table in memory against ``pw.wigner`` at the same points, given one by one.
-- large: a table of so many GiB, written to disk; some values are compared with ``pw.wigner``, and
-  then it is deleted.
+- large: a table of a size in GiB, written to disk; some values are compared with ``pw.wigner``.
 - volume: the irradiance of a square in a volume, exact (Rayleigh-Sommerfeld I), written to disk.
-- killed: a table whose run is killed (SIGKILL) at ten random moments and taken up each time.
-- cluster: the same on two processes of dask.distributed, of which one is killed at the half.
 
-The last two compare the hashes of all chunks with those of an unbroken run. Prints a Markdown table
-and writes ``benchmarks/results/large_tables.json``.
+Prints a Markdown table and writes ``benchmarks/results/large_tables.json``.
 """
 
 from __future__ import annotations
 
 import argparse
-import hashlib
 import json
 import os
 import platform
 import resource
 import shutil
-import signal
 import statistics
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -44,9 +36,6 @@ RESULTS = Path(__file__).parent / "results" / "large_tables.json"
 CHEVRON = pw.shapes.chevron(20e-3, 12e-3, 4e-3)
 # Of float32 sums (docs/accuracy).
 TOLERANCE = 5e-6 * CHEVRON.area
-KILLS = 10
-# The table that is killed: 1 GiB in 256 chunks.
-SIDE, CHUNKS = 128, {"x": 32, "y": 32, "nu_x": 32, "nu_y": 32}
 
 
 def axes(side: int) -> tuple[np.ndarray, ...]:
@@ -55,8 +44,8 @@ def axes(side: int) -> tuple[np.ndarray, ...]:
     return 10e-3 * x, 6e-3 + 6e-3 * x, nu, nu
 
 
-def write(out: Path, side: int, **options: Any) -> Any:
-    return pw.wigner_table(CHEVRON, *axes(side), out, engine="llvm", **options)
+def write(out: Path, side: int) -> Any:
+    return pw.wigner_table(CHEVRON, *axes(side), out, engine="llvm")
 
 
 # --- in processes of their own
@@ -153,85 +142,7 @@ def volume(folder: Path, side: int) -> dict[str, float]:
     }
 
 
-def once(folder: Path, side: int) -> dict[str, float]:
-    """One run of the table that is killed."""
-    start = time.perf_counter()
-    write(folder / "killed.zarr", side, chunks=CHUNKS)
-    return {"seconds": time.perf_counter() - start}
-
-
-PARTS = {"rate": lambda *_: rate(), "large": large, "volume": volume, "once": once}
-
-
-# --- of whole runs
-
-
-def hashes(store: Path) -> dict[str, str]:
-    """Of all files of a store but its metadata."""
-    files = sorted(f for f in store.rglob("*") if f.is_file() and f.name != "zarr.json")
-
-    def one(file: Path) -> str:
-        return hashlib.sha256(file.read_bytes()).hexdigest()
-
-    with ThreadPoolExecutor() as pool:
-        return dict(
-            zip((str(f.relative_to(store)) for f in files), pool.map(one, files), strict=True)
-        )
-
-
-def finished(store: Path) -> int:
-    return sum(1 for file in store.rglob("W/c/*/*/*/*") if file.suffix != ".partial")
-
-
-def killed(folder: Path, unbroken: dict[str, str]) -> dict[str, Any]:
-    """SIGKILL some milliseconds after random chunks, the first perhaps before any."""
-    store, rng = folder / "killed.zarr", np.random.default_rng()
-    command = [sys.executable, __file__, "--part", "once", str(folder), str(SIDE)]
-    seen = []
-    for chunk in sorted(rng.integers(0, (SIDE // 32) ** 4 - 5, KILLS).tolist()):
-        process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
-        while finished(store) < chunk:
-            time.sleep(0.001)
-        time.sleep(rng.uniform(0.0, 0.05))
-        process.send_signal(signal.SIGKILL)
-        process.wait()
-        seen.append(finished(store))
-    left = sum(1 for _ in store.rglob("*.partial"))
-    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
-    return {
-        "chunks": sum(1 for name in unbroken if name.startswith("W/")),
-        "there after each kill": seen,
-        "half written after the last": left,
-        "identical": hashes(store) == unbroken,
-    }
-
-
-def on_cluster(folder: Path, unbroken: dict[str, str]) -> dict[str, Any]:
-    """Two processes; one is killed when half of the chunks are there."""
-    from distributed import LocalCluster
-
-    store, half = folder / "cluster.zarr", SIDE**4 // (2 * 32**4)
-    seen: list[int] = []
-    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
-        victim = cluster.workers[0].pid
-
-        def kill() -> None:
-            while finished(store) < half:
-                time.sleep(0.01)
-            os.kill(victim, signal.SIGKILL)
-            seen.append(finished(store))
-
-        killer = threading.Thread(target=kill, daemon=True)
-        killer.start()
-        start = time.perf_counter()
-        write(store, SIDE, chunks=CHUNKS, scheduler=cluster.scheduler_address)
-        wall = time.perf_counter() - start
-        killer.join(1.0)
-    return {
-        "seconds": wall,
-        "there when one worker died": seen,
-        "identical": hashes(store) == unbroken,
-    }
+PARTS = {"rate": lambda *_: rate(), "large": large, "volume": volume}
 
 
 def lines(results: dict[str, dict[str, Any]]) -> Iterator[str]:
@@ -263,11 +174,6 @@ def main() -> None:
         results["large"] = measured("large", str(folder), str(side))
         shutil.rmtree(folder / "large.zarr")
         results["volume"] = measured("volume", str(folder), str(options.volume))
-        results["unbroken"] = measured("once", str(folder), str(SIDE))
-        unbroken = hashes(folder / "killed.zarr")
-        shutil.rmtree(folder / "killed.zarr")
-        results["killed"] = killed(folder, unbroken)
-        results["cluster"] = on_cluster(folder, unbroken)
     finally:
         shutil.rmtree(folder)
     print("\n".join(lines(results)))

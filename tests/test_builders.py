@@ -179,11 +179,7 @@ REFUSED: dict[str, tuple[Any, str]] = {
     "slits": (lambda: pw.line(pw.Slits([[0, 1]]), BOX, 2, 1.0), "rectangles"),
     "a cluster without a disk": (
         lambda: pw.volume(SQUARE, BOX, SHAPE, 1.0, scheduler="tcp://x"),
-        "where to write",
-    ),
-    "a store of two": (
-        lambda: pw.volume(SQUARE, BOX, SHAPE, 1.0, out="v", method=("wigner", "kirchhoff")),
-        "one method",
+        "out with scheduler",
     ),
 }
 

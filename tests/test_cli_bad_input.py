@@ -384,9 +384,9 @@ FIELD = ["propagate", "square.wkt", "--frequency", "94 GHz", *shlex.split(LINE)]
     ("library", "extra", "command"),
     [
         ("ezdxf", "formats", ["transform", "none.dxf"]),
-        ("h5netcdf", "volume", [*FIELD, "--format", "nc"]),
-        ("zarr", "volume", [*FIELD, "--format", "zarr"]),
-        ("zarr", "volume", ["volume", *FIELD[1:4], *shlex.split(SMALL)]),
+        ("h5netcdf", "datasets", [*FIELD, "--format", "nc"]),
+        ("zarr", "datasets", [*FIELD, "--format", "zarr"]),
+        ("zarr", "datasets", ["volume", *FIELD[1:4], *shlex.split(SMALL)]),
     ],
     ids=str,
 )

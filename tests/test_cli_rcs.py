@@ -7,7 +7,6 @@ import json
 import math
 import time
 import warnings
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,6 @@ from oracles.meshes import extruded
 from polywigner import figures
 from polywigner.cli import main
 from polywigner.cli.rcs import seconds_of_direction, write_values
-from polywigner.cli.saved_parts import SavedParts
 from polywigner.errors import ArgumentError, PolywignerWarning
 from polywigner.scattering.section_patterns import Pattern
 
@@ -107,33 +105,37 @@ def test_an_open_mesh_is_plates_whose_reflections_count(tmp_path: Path, capsys: 
     assert 10 * math.log10(axis[0, 2] / closed) == pytest.approx(0, abs=1.0)
 
 
-class _Interrupted(Pattern):
-    """A pattern whose computation Ctrl-C ends after the first part."""
+def test_a_resumable_run_that_was_interrupted_continues(
+    square: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("zarr")
+    pytest.importorskip("dask")
+    computed, compute = [], Pattern.part
 
-    def parts(self, missing: Any = None) -> Iterator[Any]:
-        yield next(super().parts(missing))
-        raise KeyboardInterrupt
+    def part(pattern: Pattern, origin: Any, shape: Any) -> Any:
+        if len(computed) == 3:
+            raise KeyboardInterrupt
+        computed.append((len(pattern.elevation), origin))
+        return compute(pattern, origin, shape)
 
-
-def test_a_run_that_was_interrupted_continues(tmp_path: Path, capsys: Captured) -> None:
-    path, settings = tmp_path / "plate.parts.npz", (pw.shapes.square(1.0), 0.1)
-    angles = np.linspace(-1.5, 1.5, 301), np.linspace(-1.0, 1.0, 5)
-    steps = 0.5, 0.25
-    saved = SavedParts(path, Pattern(*settings, *angles), "options")
-    assert saved.steps is None
-    with pytest.raises(KeyboardInterrupt):
-        saved.computed([_Interrupted(*settings, *angles)], steps)
-    pattern = Pattern(*settings, *angles)
-    again = SavedParts(path, pattern, "options")
-    assert again.steps == steps
-    found = again.computed([pattern], steps)[0]
-    assert "continues at 200 of 1505 directions" in capsys.readouterr().err
-    expected = pw.rcs_pattern(*settings, *angles)
-    np.testing.assert_array_equal(found["rcs"].values, expected["rcs"].values)
-    other = SavedParts(path, Pattern(pw.shapes.square(2.0), 0.1, *angles), "options")
-    assert other.steps is None
-    again.remove()
-    assert not path.exists()
+    options = ("--step", "30 deg", "--cut-step", "0.5 deg")
+    stems = [square.parent / name / "plate" for name in ("direct", "parts")]
+    direct, resumed = (["rcs", str(square), *FREQUENCY, *options, "--out", str(s)] for s in stems)
+    resumed.append("--resumable")
+    assert main(direct) == 0
+    with monkeypatch.context() as patch:
+        patch.setattr(Pattern, "part", part)
+        assert main(resumed) == 130
+        interrupted = set(computed)
+        computed[:] = [(0, (0, 0))] * 6
+        assert stems[1].with_suffix(".parts.zarr").is_dir()
+        assert main([*resumed[:-1], "--bounces", "2", "--resumable"]) == 2
+        assert main(resumed) == 0
+    assert len(interrupted) == 3 and not interrupted & set(computed[6:])
+    folders = [{p.name: p for p in stem.parent.iterdir()} for stem in stems]
+    assert folders[0].keys() == folders[1].keys()
+    for name in ("plate.csv", "plate_cuts.csv"):
+        assert folders[0][name].read_text() == folders[1][name].read_text()
 
 
 def test_the_time_of_a_direction_is_measured() -> None:

@@ -5,7 +5,6 @@ import pytest
 
 import polywigner as pw
 from polywigner.cli import main
-from polywigner.propagation.stores import one_run
 
 xarray = pytest.importorskip("xarray")
 pytest.importorskip("zarr")
@@ -85,26 +84,6 @@ def test_a_store_of_other_settings_is_not_gone_on_with(square, capfd):
     assert run(square, *SMALL, "--obliquity", "kirchhoff") == 2
     assert "obliquity" in capfd.readouterr().err
     assert content == {path: path.read_bytes() for path in store.rglob("*") if path.is_file()}
-
-
-def test_damage_and_a_second_start_are_told_in_one_line(square, capfd):
-    assert run(square, *SMALL) == 0
-    store = square.parent / "out" / "field.zarr"
-    next((store / "wigner").rglob("c/1/0/0")).write_bytes(b"")
-    capfd.readouterr()
-    with one_run(store):
-        assert run(square, *SMALL) == 2
-    assert "expected no other run to write to" in capfd.readouterr().err
-    assert run(square, *SMALL) == 0
-    stderr = capfd.readouterr().err
-    assert "warning: 1 of the 4 chunks" in stderr and stderr.count("\n") == 1
-    assert main(["volume", "--verify", str(store)]) == 0
-    (store / "zarr.json").write_bytes(b'{"attributes"')
-    capfd.readouterr()
-    for command in (lambda: run(square, *SMALL), lambda: main(["volume", "--verify", str(store)])):
-        assert command() == 2
-        stderr = capfd.readouterr().err
-        assert "got damaged metadata" in stderr and stderr.count("\n") == 1
 
 
 def test_the_store_of_a_field_behind_an_obstacle_is_no_other_field(square, capfd):

@@ -1,263 +1,445 @@
-"""Large arrays on disk: a run that is taken up equals one that was not disturbed, nothing half
-written can pass for a result, and what is there already is never overwritten."""
+"""Stores of large results: the values of a direct computation, continued where a run has ended."""
 
 import json
-import resource
+import os
+import pickle
 import shutil
 import signal
+import subprocess
 import sys
+import threading
+import time
+from concurrent.futures import CancelledError
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import polywigner as pw
-from polywigner.errors import (
-    ArgumentError,
-    EngineError,
-    MissingExtraError,
-    PolywignerWarning,
-    StoreError,
-)
-from polywigner.propagation.stores import write_dataset
-from polywigner.propagation.stores_checks import Layout
+from polywigner.errors import ArgumentError, EngineError, MissingExtraError, StoreError
+from polywigner.execution import check_not_stopped
+from polywigner.propagation.stores import lazy_array, open_store, write_store
 from polywigner.transforms.xarray_arguments import labelled_array
-from stored import chunk_files, hashes
 
-_EXTRA = "the extra `volume` is not installed"
+_EXTRA = "the extra `datasets` is not installed"
 xarray = pytest.importorskip("xarray", reason=_EXTRA)
 for _library in ("zarr", "dask", "distributed"):
     pytest.importorskip(_library, reason=_EXTRA)
 
 X, Y = np.linspace(-1.0, 1.0, 23), np.linspace(0.0, 3.0, 17)
-LAYOUT = Layout(
-    "gaussian",
-    "float64",
-    {
-        "x": labelled_array(X, ("x",), {"units": "m"}),
-        "y": labelled_array(Y, ("y",), {"units": "m"}),
-    },
-    (8, 5),
-    {"units": "W m-2"},
-    {"title": "a beam"},
-)
-SETTINGS = {"waist": 0.7}
+CHUNKS, REGIONS = (8, 5), 12
 
 
 @dataclass(frozen=True)
 class Beam:
-    """A Gaussian beam's profile; counts the blocks that it is asked for by files in a folder."""
+    """A Gaussian profile; each evaluation adds a line to the file ``log``."""
 
-    counted: Path | None = None
+    log: Path | None = None
+    seconds: float = 0.0
 
     def __call__(self, origin, shape):
-        if self.counted is not None:
-            (self.counted / "-".join(map(str, origin))).touch()
+        if self.log is not None:
+            with self.log.open("a") as file:
+                file.write(f"{origin}\n")
+        time.sleep(self.seconds)
         x, y = (axis[o : o + n] for axis, o, n in zip((X, Y), origin, shape, strict=True))
         return np.exp(-(x[:, None] ** 2 + y**2) / 0.7**2)
 
 
-def test_a_store_holds_the_values_the_axes_and_their_units(tmp_path):
-    written = write_dataset(tmp_path / "beam.zarr", LAYOUT, Beam(), SETTINGS)
-    with xarray.open_zarr(tmp_path / "beam.zarr") as found:
-        assert found.identical(written)
-        np.testing.assert_array_equal(found["gaussian"], Beam()((0, 0), (23, 17)))
+def beam(block=None, waist=0.7, chunks=CHUNKS, y=Y, dtype="float64"):
+    """The lazy dataset of a block."""
+    values = lazy_array(block or Beam(), (len(X), len(Y)), chunks, dtype, compiled=False)
+    return xarray.Dataset(
+        {"power": (("x", "y"), values, {"units": "W"})},
+        {"x": labelled_array(X, ("x",), {"units": "m"}), "y": labelled_array(y, ("y",))},
+        {"waist": waist},
+    )
+
+
+DIRECT = Beam()((0, 0), (len(X), len(Y)))
+
+
+def written(path, dataset=None, threads=1, **how):
+    return write_store(path, beam() if dataset is None else dataset, threads=threads,
+                       compiled=False, **how)  # fmt: skip
+
+
+def evaluations(log):
+    return log.read_text().splitlines() if log.exists() else []
+
+
+def chunk_files(store):
+    """When each chunk of the variables was written."""
+    files = (p for name in open_store(store).data_vars for p in (store / name).glob("c/**/*"))
+    return {p: p.stat().st_mtime_ns for p in files if p.is_file()}
+
+
+def test_a_store_holds_values_axes_units_and_settings(tmp_path):
+    result = written(tmp_path / "beam.zarr")
+    with xarray.open_zarr(tmp_path / "beam.zarr", consolidated=False) as found:
+        assert found.identical(result)
+        np.testing.assert_array_equal(found["power"], DIRECT)
         np.testing.assert_array_equal(found["x"], X)
-        assert found["gaussian"].dims == ("x", "y")
-        assert found["gaussian"].attrs["units"] == "W m-2"
-        assert found["y"].attrs["units"] == "m"
-        assert found.attrs["title"] == "a beam"
-        assert json.loads(found.attrs["polywigner_settings"])["waist"] == 0.7
-        assert found["gaussian"].chunks == ((8, 8, 7), (5, 5, 5, 2))
+        assert (found["power"].attrs["units"], found["x"].attrs["units"]) == ("W", "m")
+        assert found.attrs["waist"] == 0.7
+        assert found["power"].chunks == ((8, 8, 7), (5, 5, 5, 2))
 
 
-def test_a_run_that_is_taken_up_computes_only_what_is_missing(tmp_path):
-    store, counted = tmp_path / "beam.zarr", tmp_path / "counted"
-    counted.mkdir()
-    write_dataset(store, LAYOUT, Beam(), SETTINGS)
-    whole = hashes(store)
-    for name in ("gaussian/c/1/2", "gaussian/c/2/0"):
-        (store / name).unlink()
-    write_dataset(store, LAYOUT, Beam(counted), SETTINGS)
-    assert {file.name for file in counted.iterdir()} == {"8-10", "16-0"}
-    assert hashes(store) == whole
-    found = write_dataset(store, LAYOUT, lambda origin, shape: None, SETTINGS)  # is only opened
-    assert float(found["gaussian"][11, 0]) == 1.0
+@pytest.mark.parametrize("threads", [1, 3])
+def test_a_second_run_computes_missing_regions_only(tmp_path, threads):
+    store, log = tmp_path / "beam.zarr", tmp_path / "log"
+    dataset = beam(Beam(log))
+    written(store, dataset, threads)
+    assert len(set(evaluations(log))) == len(evaluations(log)) == REGIONS
+    log.unlink()
+    np.testing.assert_array_equal(written(store, dataset, threads)["power"], DIRECT)
+    assert not evaluations(log)
+    for name in ("1/2", "2/0"):
+        (store / "power" / "c" / name).unlink()
+    assert np.isnan(open_store(store)["power"].values).sum() == 8 * 5 + 7 * 5
+    np.testing.assert_array_equal(written(store, dataset, threads)["power"], DIRECT)
+    assert sorted(evaluations(log)) == ["(16, 0)", "(8, 10)"]
 
 
-def test_chunks_of_nothing_but_nan_are_results_too(tmp_path):
+def test_regions_of_nothing_but_nan_are_complete(tmp_path):
     def outside(origin, shape):
         return np.full(shape, np.nan)
 
-    write_dataset(tmp_path / "nan.zarr", LAYOUT, outside, {})
-    assert len(hashes(tmp_path / "nan.zarr")) == LAYOUT.count + len(LAYOUT.coords)
+    written(tmp_path / "nan.zarr", beam(outside))
+    assert len(chunk_files(tmp_path / "nan.zarr")) == REGIONS
+    written(tmp_path / "nan.zarr", beam(lambda origin, shape: 1 / 0))
 
 
-def test_what_a_killed_run_left_half_written_is_swept(tmp_path):
+def test_regions_that_are_complete_stay_when_a_later_one_fails(tmp_path):
+    store, log = tmp_path / "beam.zarr", tmp_path / "log"
+
+    def refuses(origin, shape):
+        if len(evaluations(log)) == 5:
+            raise EngineError("no engine")
+        return Beam(log)(origin, shape)
+
+    with pytest.raises(EngineError, match="no engine"):
+        written(store, beam(refuses))
+    assert 0 < np.isfinite(open_store(store)["power"].values).sum() < DIRECT.size
+    np.testing.assert_array_equal(written(store)["power"], DIRECT)
+
+
+def test_ctrl_c_stops_all_threads_within_their_chunks(tmp_path):
+    stopped, both = [], threading.Barrier(2)
+
+    def runs(origin, shape):
+        if both.wait() == 0:
+            os.kill(os.getpid(), signal.SIGINT)
+        try:
+            for _ in range(1000):
+                time.sleep(0.01)
+                check_not_stopped()
+        except CancelledError:
+            stopped.append(origin)
+            raise
+
+    with pytest.raises(KeyboardInterrupt):
+        written(tmp_path / "beam.zarr", beam(runs), 2)
+    assert len(stopped) == 2
+    assert not chunk_files(tmp_path / "beam.zarr")
+
+
+_RUN = """
+import sys
+from pathlib import Path
+import test_stores
+if __name__ == "__main__":
+    store, log, seconds, *scheduler = sys.argv[1:]
+    dataset = test_stores.beam(test_stores.Beam(Path(log), float(seconds)))
+    test_stores.written(Path(store), dataset, scheduler=scheduler[0] if scheduler else None)
+"""
+
+
+@contextmanager
+def other_process(store, log, *scheduler, seconds=0.05):
+    """A process that fills a store with slow regions. It is killed at the end of the block."""
+    words = [sys.executable, "-c", _RUN, str(store), str(log), str(seconds), *scheduler]
+    folders = os.pathsep.join([str(Path(__file__).parent), *sys.path])
+    with subprocess.Popen(words, env={**os.environ, "PYTHONPATH": folders}) as run:
+        try:
+            yield run
+        finally:
+            run.kill()
+
+
+def wait_for(count, log, run):
+    while len(evaluations(log)) < count:
+        assert run.poll() is None, "the process has ended"
+        time.sleep(0.005)
+
+
+def test_a_run_that_was_killed_is_continued(tmp_path):
+    store, log = tmp_path / "beam.zarr", tmp_path / "log"
+    with other_process(store, log) as run:
+        wait_for(4, log, run)
+    assert 3 <= len(chunk_files(store)) < REGIONS
+    np.testing.assert_array_equal(written(store, beam(Beam(log)))["power"], DIRECT)
+    # the region that was being computed is the only one that is computed twice
+    assert len(set(evaluations(log))) == REGIONS
+    assert len(evaluations(log)) <= REGIONS + 1
+
+
+@pytest.mark.slow
+def test_a_killed_writer_and_a_killed_worker_of_a_cluster_lose_regions_in_progress_only(tmp_path):
+    from distributed import Client, LocalCluster
+
+    store, log = tmp_path / "beam.zarr", tmp_path / "log"
+    with LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+    ) as cluster:
+        with other_process(store, log, cluster.scheduler_address, seconds=0.5) as run:
+            wait_for(4, log, run)
+        done = len(evaluations(log))
+        killer = threading.Thread(target=_kill_worker, args=(cluster, log, done + 2), daemon=True)
+        killer.start()
+        result = written(store, beam(Beam(log, 0.2)), scheduler=cluster)
+        killer.join()
+        with Client(cluster, set_as_default=False) as client:
+            client.run(_install_another_version)
+        with pytest.raises(EngineError, match=r"workers of the same versions .* 9\.9 on workers"):
+            written(tmp_path / "other.zarr", scheduler=cluster)
+        assert not (tmp_path / "other.zarr").exists()
+    np.testing.assert_array_equal(result["power"], DIRECT)
+    in_progress = 2 + 1  # of both workers when the writer was killed, and of the killed worker
+    assert len(set(evaluations(log))) == REGIONS
+    assert len(evaluations(log)) <= REGIONS + in_progress
+
+
+def _install_another_version():
+    import distributed.versions
+
+    distributed.versions._version_cached = lambda package: "9.9"
+
+
+def _kill_worker(cluster, log, count):
+    while len(evaluations(log)) < count:
+        time.sleep(0.005)
+    os.kill(next(iter(cluster.workers.values())).pid, signal.SIGKILL)
+
+
+CHEVRON = pw.shapes.chevron(20e-3, 12e-3, 4e-3).with_illumination(
+    pw.steering((0.48, 0.36, 0.8), 3.2e-3)
+)
+BOX = ((-20e-3, -15e-3, 30e-3), (10e-3, 15e-3, 60e-3))
+AXIS, NU = np.linspace(-0.01, 0.01, 5), np.linspace(-300.0, 500.0, 4)
+BOTH = {"method": ("wigner", "kirchhoff")}
+AMPLITUDE = {"method": "rayleigh-sommerfeld-1", "quantity": "amplitude"}
+CORNERS = ((-10e-3, 0, 30e-3), (10e-3, 0, 30e-3), (-10e-3, 5e-3, 50e-3))
+BUILDERS = {
+    "line": lambda **how: pw.line(CHEVRON, BOX, 7, 3.2e-3, **AMPLITUDE, **how),
+    "plane": lambda **how: pw.plane(CHEVRON, CORNERS, (3, 4), 3.2e-3, method="fresnel", **how),
+    "hemisphere": lambda **how: pw.hemisphere(
+        CHEVRON, 50e-3, [-0.9, 0.0, 0.4], [0.0, 1.0], 3.2e-3, method="fraunhofer", **how
+    ),
+    "volume": lambda **how: pw.volume(CHEVRON, BOX, (4, 3, 5), 3.2e-3, **BOTH, **how),
+    "wigner": lambda **how: pw.wigner_table(CHEVRON, AXIS, AXIS[1:], NU, NU[1:], **how),
+    "ambiguity": lambda **how: pw.ambiguity_table(CHEVRON, NU, NU[1:], AXIS, AXIS[1:], **how),
+}
+SIZES = {
+    "line": 3,
+    "plane": (2, 3),
+    "hemisphere": 2,
+    "volume": (2, 3, 3),
+    "wigner": {"x": 3, "nu_y": 2},
+    "ambiguity": {"upsilon_y": 2},
+}
+
+
+@pytest.mark.parametrize("name", BUILDERS)
+def test_the_store_of_each_builder_is_the_direct_result_and_is_completed(name, tmp_path):
+    direct, store = BUILDERS[name](), tmp_path / f"{name}.zarr"
+    how = {"out": store, "chunks": SIZES[name], "engine": "numpy"}
+    for _ in range(2):
+        stored = BUILDERS[name](**how)
+        for variable in direct.data_vars:
+            scale = float(abs(direct[variable]).max())
+            rounding = 1e-12 if direct[variable].dtype.itemsize > 8 else 5e-6
+            np.testing.assert_allclose(
+                stored[variable], direct[variable], rtol=0, atol=rounding * scale
+            )
+            assert stored[variable].attrs["units"] == direct[variable].attrs["units"]
+        for axis in direct.coords:
+            assert stored[axis].equals(direct[axis])
+        assert pw.read_source(stored) == CHEVRON
+        before = chunk_files(store)
+        lost = max(before)
+        assert chunk_files(store) == before
+        BUILDERS[name](**how)  # computes nothing
+        assert chunk_files(store) == before
+        lost.unlink()
+    assert not lost.exists()
+
+
+def test_compiled_tables_do_not_depend_on_chunks_or_threads(tmp_path, llvm):
+    import drjit
+
+    before = drjit.thread_count()
+    how = {"engine": "llvm", "precision": "double"}
+    direct = BUILDERS["wigner"](**how)
+    for threads in (1, None):
+        out = tmp_path / f"{threads}.zarr"
+        stored = BUILDERS["wigner"](out=out, threads=threads, chunks={"x": 2}, **how)
+        np.testing.assert_allclose(stored["W"], direct["W"], rtol=0, atol=1e-13 * CHEVRON.area)
+    assert drjit.thread_count() == before
+
+
+@pytest.mark.parametrize(
+    ("dataset", "named"),
+    [
+        (lambda: beam(waist=0.8), r"waist 0\.8 \(there: 0\.7\)"),
+        (lambda: beam(chunks=(8, 6)), r"chunks \[8, 6\] \(there: \[8, 5\]\)"),
+        (lambda: beam(dtype="float32"), "dtype 'float32'"),
+        (lambda: beam(y=2 * Y), "coordinate y"),
+        (lambda: beam().rename(power="energy"), "energy: units 'W' .there: None"),
+    ],
+)
+def test_a_store_of_other_settings_is_left_alone_and_the_difference_named(tmp_path, dataset, named):
     store = tmp_path / "beam.zarr"
-    write_dataset(store, LAYOUT, Beam(), SETTINGS)
-    whole = hashes(store)
-    partial = store / "gaussian/c/0/0.0123.partial"
-    partial.write_bytes(b"half a chu")
-    (store / "gaussian/c/0/1").write_bytes(b"")  # a power cut, on some file systems
-    with pytest.warns(PolywignerWarning, match="1 of the 12 chunks"):
-        write_dataset(store, LAYOUT, Beam(), SETTINGS)
-    assert not partial.exists()
-    assert hashes(store) == whole
+    written(store)
+    before = chunk_files(store)
+    with pytest.raises(StoreError, match="same settings.*" + named):
+        written(store, dataset())
+    assert chunk_files(store) == before
 
 
-def test_a_chunk_that_comes_after_its_store_was_removed_does_not_bring_it_back(tmp_path):
+@pytest.mark.parametrize("name", ["volume", "wigner"])
+def test_another_source_engine_or_version_is_another_store(name, tmp_path, monkeypatch):
+    how = {"out": tmp_path / "a.zarr", "chunks": SIZES[name]}
+    BUILDERS[name](**how, engine="numpy")
+    monkeypatch.setattr("test_stores.CHEVRON", pw.shapes.square(20e-3))
+    with pytest.raises(StoreError, match=r"differs in source .*coordinate source_json"):
+        BUILDERS[name](**how, engine="numpy")
+    monkeypatch.undo()
+    monkeypatch.setattr(pw, "__version__", "99.0")
+    with pytest.raises(StoreError, match=r"polywigner_version '99\.0'"):
+        BUILDERS[name](**how, engine="numpy")
+
+
+def _of_codec(path, codec):
+    """A store whose chunks another codec decodes."""
+    written(path)
+    file = path / "power" / "zarr.json"
+    table = json.loads(file.read_text())
+    inner = {"name": "sharding_indexed", "configuration": {"codecs": [{"name": codec}]}}
+    file.write_text(json.dumps({**table, "codecs": [inner]}))
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        Path.mkdir,
+        lambda path: path.write_text("precious"),
+        lambda path: xarray.Dataset({"a": ("x", [1.0])}).to_zarr(path, zarr_format=2),
+        lambda path: _of_codec(path, "numcodecs.pickle"),
+        lambda path: (written(path), (path / "zarr.json").write_bytes(b'{"attributes"')),
+    ],
+    ids=["folder", "file", "format 2", "codec", "metadata"],
+)
+def test_something_else_at_the_path_is_one_error_and_stays(tmp_path, make):
+    path = tmp_path / "precious.zarr"
+    make(path)
+    before = {file: file.stat().st_mtime_ns for file in tmp_path.rglob("*")}
+    with pytest.raises(StoreError, match="something else there"):
+        written(path)
+    assert before == {file: file.stat().st_mtime_ns for file in tmp_path.rglob("*")}
+    with pytest.raises(StoreError, match="something else there"):
+        pw.write_netcdf(path, tmp_path / "out.nc")
+
+
+@pytest.mark.parametrize("path", ["", b"x.zarr"])
+def test_a_path_that_is_no_path_is_refused(path):
+    with pytest.raises(ArgumentError, match="expected a path"):
+        written(path)
+
+
+def test_a_store_that_the_disk_cannot_hold_is_refused_before_the_work(tmp_path):
+    values = lazy_array(Beam(), (2**20,) * 3, (2**20,) * 3, "float64")
+    with pytest.raises(StoreError, match="GiB of free space"):
+        written(tmp_path / "vast.zarr", xarray.Dataset({"v": (("x", "y", "z"), values)}))
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_region_after_the_removal_of_its_store_does_not_create_it_again(tmp_path):
     store = tmp_path / "beam.zarr"
 
     def removes(origin, shape):
         shutil.rmtree(store, ignore_errors=True)
         return Beam()(origin, shape)
 
-    with pytest.raises(StoreError, match="got none any more"):
-        write_dataset(store, LAYOUT, removes, SETTINGS, exclusive=False, threads=1)
+    with pytest.raises(StoreError, match="expected to write to the store"):
+        written(store, beam(removes))
     assert not list(tmp_path.iterdir())
-
-
-def test_a_link_where_the_store_is_made_is_neither_followed_nor_removed(tmp_path):
-    (tmp_path / "precious").mkdir()
-    (tmp_path / "precious" / "data").write_text("of others")
-    link = tmp_path / "beam.zarr.partial"
-    link.symlink_to(tmp_path / "precious")
-    with pytest.raises(StoreError, match="expected to make the folder"):
-        write_dataset(tmp_path / "beam.zarr", LAYOUT, Beam(), SETTINGS)
-    assert link.is_symlink() and [p.name for p in (tmp_path / "precious").iterdir()] == ["data"]
 
 
 @pytest.mark.parametrize("library", ["zarr", "dask"])
 def test_without_the_extra_the_error_names_it(tmp_path, monkeypatch, library):
+    dataset = beam()
     monkeypatch.setitem(sys.modules, library, None)
-    with pytest.raises(MissingExtraError, match=r'pip install "\.\[volume\]"'):
-        write_dataset(tmp_path / "beam.zarr", LAYOUT, Beam(), SETTINGS)
+    with pytest.raises(MissingExtraError, match=r'pip install "\.\[datasets\]"'):
+        written(tmp_path / "beam.zarr", dataset)
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(
-    ("layout", "settings", "named"),
+    ("scheduler", "words"),
     [
-        (LAYOUT, {"waist": 0.8}, "waist 0.8 (there: 0.7)"),
-        (replace(LAYOUT, chunks=(8, 6)), SETTINGS, "chunks [8, 6] (there: [8, 5])"),
-        (replace(LAYOUT, dtype="float32"), SETTINGS, "dtype 'float32'"),
-        (
-            replace(LAYOUT, coords={**LAYOUT.coords, "y": labelled_array(2 * Y, ("y",))}),
-            SETTINGS,
-            "coordinate y",
-        ),
+        ("http://127.0.0.1:8786", "address of a dask scheduler such as tcp://host:8786"),
+        ("tcp://host", "address of a dask scheduler"),
+        (3, "address of a dask scheduler"),
+        ("tcp://127.0.0.1:1", "expected a dask scheduler with workers"),
     ],
 )
-def test_a_store_of_other_settings_is_refused_and_they_are_named(
-    tmp_path, layout, settings, named, monkeypatch
+def test_a_scheduler_that_does_not_respond_leaves_nothing(tmp_path, monkeypatch, scheduler, words):
+    monkeypatch.setattr("polywigner.propagation.stores._PATIENCE", 0.3)
+    with pytest.raises(EngineError, match=words):
+        written(tmp_path / "beam.zarr", scheduler=scheduler)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "keywords", "words"),
+    [
+        ((AXIS, AXIS, AXIS, [[0.0]]), {}, r"expected nu_y as finite numbers of shape \(n,\)"),
+        ((AXIS, AXIS, [np.nan], AXIS), {}, "expected nu_x as finite"),
+        ((AXIS, AXIS, AXIS, AXIS), {"scheduler": "tcp://a:1"}, "expected out with scheduler"),
+        ((AXIS, AXIS, AXIS, AXIS), {"chunks": {"x": 2}}, "expected out with chunks"),
+        ((AXIS, AXIS, AXIS, AXIS), {"precision": "half"}, "expected precision"),
+        ((AXIS, AXIS, AXIS, AXIS, "w"), {"chunks": {"z": 2}}, "along some of x, y, nu_x"),
+        ((AXIS, AXIS, AXIS, AXIS, "w"), {"chunks": {"x": 0}}, "chunks along x as a whole"),
+        ((AXIS, AXIS, AXIS, AXIS, "w"), {"threads": 0}, "threads as a whole number"),
+        ((np.linspace(0, 1, 1000),) * 4, {}, "write them to disk with out"),
+    ],
+)
+def test_wrong_arguments_of_a_table_leave_nothing(
+    tmp_path, monkeypatch, arguments, keywords, words
 ):
-    store = tmp_path / "beam.zarr"
-    write_dataset(store, LAYOUT, Beam(), SETTINGS)
-    whole = hashes(store)
-    with pytest.raises(StoreError, match="same settings") as caught:
-        write_dataset(store, layout, Beam(), settings)
-    assert named in str(caught.value)
-    assert hashes(store) == whole
-    monkeypatch.setattr(pw, "__version__", "99.0")
-    with pytest.raises(StoreError, match=r"polywigner '99\.0'"):
-        write_dataset(store, LAYOUT, Beam(), SETTINGS)
-
-
-@pytest.mark.parametrize("make", [Path.mkdir, lambda path: path.write_text("precious")])
-def test_other_data_at_the_place_stays(tmp_path, make):
-    place = tmp_path / "precious"
-    make(place)
-    with pytest.raises(StoreError, match="something else there"):
-        write_dataset(place, LAYOUT, Beam(), SETTINGS)
-    assert place.is_dir() or place.read_text() == "precious"
-    assert [path.name for path in tmp_path.iterdir()] == ["precious"]
-
-
-@pytest.mark.parametrize("path", ["", b"x.zarr"])
-def test_what_is_no_path_is_refused(path):
-    with pytest.raises(ArgumentError, match="expected a path"):
-        write_dataset(path, LAYOUT, Beam(), SETTINGS)
-
-
-def test_more_than_the_disk_has_is_refused_before_the_work(tmp_path):
-    axis = labelled_array(np.arange(2.0**20), ("x",))
-    vast = Layout("v", "float64", {"x": axis, "y": axis, "z": axis}, (2**20, 2**20, 2**20))
-    with pytest.raises(StoreError, match="GiB of free space"):
-        write_dataset(tmp_path / "vast.zarr", vast, Beam(), SETTINGS)
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ArgumentError, match=words):
+        pw.wigner_table(CHEVRON, *arguments, **keywords)
     assert not list(tmp_path.iterdir())
 
 
-def test_a_write_that_the_system_refuses_is_one_clear_error(tmp_path):
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-
-    def line(samples):
-        axis = labelled_array(np.random.default_rng(0).random(samples), ("x",))
-        return Layout("v", "complex128", {"x": axis}, (samples,))
-
-    try:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, limits[1]))
-        with pytest.raises(StoreError, match="expected to make the folder"):
-            write_dataset(tmp_path / "axis.zarr", line(1 << 20), Beam(), {})
-        assert not list(tmp_path.iterdir())
-        store = tmp_path / "chunk.zarr"
-        with pytest.raises(StoreError, match="expected to write to"):
-            write_dataset(store, line(1 << 14), lambda origin, shape: np.ones(shape, complex), {})
-        assert not list(tmp_path.iterdir())
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-        signal.signal(signal.SIGXFSZ, handler)
-
-
-def test_a_block_of_the_wrong_shape_is_not_stored(tmp_path):
-    store = tmp_path / "beam.zarr"
-    with pytest.raises(ArgumentError, match=r"expected the block at \(0, 0\) to be \(8, 5\)"):
-        write_dataset(
-            store, LAYOUT, lambda origin, shape: np.ones(3), SETTINGS, exclusive=False, threads=1
-        )
-    assert not list(tmp_path.iterdir())
-
-
-def test_chunks_that_are_finished_stay_when_a_later_one_fails(tmp_path):
-    def refuses(origin, shape):
-        if origin[0]:
-            raise EngineError("no engine")
-        return Beam()(origin, shape)
-
-    store = tmp_path / "beam.zarr"
-    with pytest.raises(EngineError, match="no engine"):
-        write_dataset(store, LAYOUT, refuses, SETTINGS, exclusive=False, threads=1)
-    assert [name for name in chunk_files(store) if name.startswith("gaussian")]
-    found = write_dataset(store, LAYOUT, Beam(), SETTINGS)
-    assert np.array_equal(found["gaussian"], Beam()((0, 0), (len(X), len(Y))))
-
-
-@pytest.mark.parametrize("address", ["http://127.0.0.1:8786", "tcp://host"])
-def test_an_address_of_no_scheduler_is_refused_at_once(tmp_path, address):
-    with pytest.raises(EngineError, match="address of a dask scheduler such as tcp://host:8786"):
-        write_dataset(tmp_path / "beam.zarr", LAYOUT, Beam(), SETTINGS, scheduler=address)
-    assert not (tmp_path / "beam.zarr").exists()
-
-
-def test_a_worker_that_does_not_see_the_store_is_named_and_nothing_is_left(tmp_path, monkeypatch):
-    class Client:
-        """What a scheduler's client answers whose one worker has other disks."""
-
-        def run(self, function, on_error):
-            hidden = replace(function.__self__, path=str(tmp_path / "elsewhere"))
-            try:
-                return {"tcp://far:1": hidden.check()}
-            except StoreError as error:
-                return {"tcp://far:1": error}
-
-    @contextmanager
-    def connected(scheduler):
-        yield Client()
-
-    monkeypatch.setattr("polywigner.propagation.stores.connected", connected)
-    with pytest.raises(StoreError, match="expected every worker to see the store"):
-        write_dataset(tmp_path / "beam.zarr", LAYOUT, Beam(), SETTINGS, scheduler="tcp://here:1")
-    assert not list(tmp_path.iterdir())
+@pytest.mark.parametrize(
+    "source",
+    [
+        CHEVRON,
+        pw.Array([pw.shapes.square(4e-3), pw.shapes.square(5e-3)], weights=[1, 1j]),
+        pw.phased_array(pw.shapes.square(4e-3), np.argwhere(np.ones((20, 20))) * 5e-3),
+    ],
+)
+def test_sources_go_to_other_processes_without_what_they_have_cached(source):
+    fresh = len(pickle.dumps(source))
+    x, nu = np.random.default_rng(0).random((2, 50, 2))
+    values = pw.wigner(source, x, nu, engine="numpy")
+    for element in source.elements if isinstance(source, pw.Array) else (source,):
+        _ = element.diameter, element.convex_cover, element.polygons, hash(element)
+    again = pickle.dumps(source)
+    assert len(again) == fresh
+    np.testing.assert_array_equal(pw.wigner(pickle.loads(again), x, nu, engine="numpy"), values)

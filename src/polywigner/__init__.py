@@ -69,7 +69,6 @@ if TYPE_CHECKING:
     from polywigner.propagation import read_pattern as read_pattern
     from polywigner.propagation import suggest_sampling as suggest_sampling
     from polywigner.propagation import two_way_pattern as two_way_pattern
-    from polywigner.propagation import verify_store as verify_store
     from polywigner.propagation import volume as volume
     from polywigner.propagation import wigner_table as wigner_table
     from polywigner.propagation import write_netcdf as write_netcdf
@@ -123,7 +122,7 @@ _NAMES = {
         AxisSampling BeamMetrics CutMetrics PlaneWave PointSource Sampling Screen
         ambiguity_table amplitude array_tolerance beam_cuts beam_metrics field fit_pattern
         hemisphere horns irradiance line plane psf radiated_power radiation_pattern read_pattern
-        suggest_sampling two_way_pattern verify_store volume wigner_table write_netcdf
+        suggest_sampling two_way_pattern volume wigner_table write_netcdf
         write_pattern write_vti
     """,
     "polywigner.quantities": "SPEED_OF_LIGHT",

@@ -54,7 +54,7 @@ def _is_written_whole(store: Path) -> bool:
 
     try:
         attrs = json.loads(bytes_of(store / "zarr.json"))["attributes"]
-        return attrs.keys() >= _OF_FIELDS and "polywigner_settings" not in attrs
+        return attrs.keys() >= _OF_FIELDS and "written" not in attrs
     except (OSError, ValueError, KeyError, TypeError):
         return False
 

@@ -68,8 +68,8 @@ Formats = Annotated[
 Threads = Annotated[int | None, "Threads of this machine (default: all), or of each worker."]
 Resumable = Annotated[
     bool,
-    "Keep finished parts in NAME.parts.zarr until the result is done, so that the "
-    "same command goes on after an end before its time (extra: volume).",
+    "Write finished parts to NAME.parts.zarr until the result is complete, so that the same "
+    "command continues an interrupted run (extra: datasets).",
 ]
 Scheduler = Annotated[
     str | None, "Address of a dask.distributed scheduler that you trust, such as tcp://host:8786."

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -91,7 +91,7 @@ def propagate(
     fields.check_files(files)
 
     from polywigner.figures.levels import check_floor
-    from polywigner.propagation.stores_checks import required
+    from polywigner.propagation.stores import required
 
     if floor_db is not None:
         check_floor(floor_db)
@@ -134,10 +134,6 @@ def _fields(
     how: Mapping[str, Any],
 ) -> Any:
     """A dataset with one variable for each method, named after it."""
-    from polywigner.propagation.datasets import FieldOptions, checked_settings
-
-    for method in wanted:  # before the first is computed
-        checked_settings(wavelength, cast(FieldOptions, {**how, **method.options}))
     found = None
     for method in wanted:
         one = _field(source, place, wavelength, {**how, **method.options})

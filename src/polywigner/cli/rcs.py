@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 import sys
 import time
 import warnings
@@ -70,6 +71,7 @@ def rcs(
         bool, "Take a mesh as thin plates with two sides; it may be open."
     ] = False,
     reading: Reading,
+    resumable: options.Resumable = False,
     floor_db: options.DbFloor = -60.0,
     formats: Annotated[
         list[str] | None,
@@ -84,8 +86,7 @@ def rcs(
 
     Measures first how long it takes. Prints the largest value and its direction. Writes a figure
     NAME_rcs.png (cuts over azimuth and over elevation, and a map of both, in dBsm), the values of
-    the map, and those of the cuts in NAME_rcs_cuts.csv. The same command continues a run that was
-    interrupted, from NAME_rcs.parts.npz.
+    the map, and those of the cuts in NAME_rcs_cuts.csv.
     """
     reading.check(body)
     length = required_wavelength(wavelength_from(frequency, wavelength))
@@ -98,7 +99,6 @@ def rcs(
 
     import numpy as np
 
-    from polywigner.cli.saved_parts import SavedParts
     from polywigner.figures import draw_rcs
     from polywigner.figures.levels import check_floor
     from polywigner.scattering.antennas import checked_channel
@@ -110,15 +110,16 @@ def rcs(
     metal = reading.read_body(body, open_mesh)
     find = partial(Pattern, metal, length, polarisation=channel, bounces=bounces)
     one = find(0.0, 0.0)
-    saved = SavedParts(files[0].with_suffix(".parts.npz"), one, [asked, asked_of_cuts, places])
+    store = _store_of_parts(files[0].with_suffix(".parts.zarr")) if resumable else None
     wavelengths = facets_of(metal).size / length
-    if saved.steps is None:
+    steps = None if store is None else _steps_in(store)
+    if steps is None:
         seconds = seconds_of_direction(one)
         degrees = _enough(seconds) if asked is None else asked
         fine = _of_cuts(seconds, wavelengths) if asked_of_cuts is None else asked_of_cuts
         _say_time(seconds, 90.0 / round(90.0 / degrees), fine)
     else:
-        degrees, fine = saved.steps
+        degrees, fine = steps
     count = round(90.0 / degrees)
     _warn_of_lobes("the map", 90.0 / count, wavelengths, "--step")
     _warn_of_lobes("the cuts", fine, wavelengths, "--cut-step")
@@ -131,13 +132,51 @@ def rcs(
         find(places[0] + np.array([0.0, np.pi]), above),
         find(azimuth, elevation),
     ]
-    *cuts, pattern = saved.computed(wanted, (degrees, fine))
+    settings = {"requested": [asked, asked_of_cuts, *places], "steps": [degrees, fine]}
+    *cuts, pattern = _computed(wanted, store, settings)
     title = field_title(body, length)
     figure = draw_rcs(pattern, cuts=cuts, smooth=width, floor_db=floor_db, title=title)
     values = [pattern if name == ".nc" else partial(write_values, pattern) for name in suffixes]
     contents = [figure, partial(_write_rows, cuts), *values]
     write(files, contents, _summary([pattern, *cuts], floor_db))
-    saved.remove()
+    if store is not None:
+        shutil.rmtree(store, ignore_errors=True)
+
+
+def _store_of_parts(path: Path) -> Path:
+    from polywigner.propagation.stores import require_stores
+
+    require_stores()
+    return path
+
+
+def _steps_in(store: Path) -> tuple[float, float] | None:
+    """Return the steps of the map and of the cuts of an interrupted run; None without a store."""
+    from polywigner.propagation.stores import open_store
+
+    steps = open_store(store).attrs.get("steps") if store.exists() else None
+    return None if steps is None else (steps[0], steps[1])
+
+
+def _computed(patterns: Sequence[Pattern], store: Path | None, settings: dict[str, Any]) -> Any:
+    """Compute the datasets of patterns, with a store of complete parts if there is one."""
+    if store is None:
+        from polywigner.execution.progress import progress_bar
+
+        with progress_bar("directions", sum(math.prod(one.shape) for one in patterns)) as advance:
+            return [one.dataset(one.values(advance)) for one in patterns]
+    from polywigner.propagation.stores import lazy_array, write_store
+    from polywigner.transforms.xarray_arguments import labelled_arrays
+
+    tables = {}
+    for k, one in enumerate(patterns):
+        one.warn()
+        chunks = one.together, len(one.elevation)
+        values = lazy_array(one.part, one.shape, chunks, "float64")
+        tables[f"rcs_{k}"] = (f"azimuth_{k}", f"elevation_{k}"), values
+    settings |= patterns[0].settings()
+    with write_store(store, labelled_arrays(tables, {}, settings)) as stored:
+        return [one.dataset(stored[f"rcs_{k}"].values) for k, one in enumerate(patterns)]
 
 
 def _say_time(seconds: float, step: float, fine: float) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import shutil
 import time
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -107,9 +108,8 @@ def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
         SceneFile,
         receive_parts,
         receive_ranges,
-        remove_store,
     )
-    from polywigner.propagation.stores_checks import required
+    from polywigner.propagation.stores import required
 
     store = scenes.store_of_parts(stem, settings.resumable, settings.scheduler)
     check_floor(settings.floor_db)
@@ -175,7 +175,7 @@ def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
         contents += [found_channel, partial(_write_ways, found_channel), picture]
     output.write(files, contents, said)
     if store is not None:
-        remove_store(store)
+        shutil.rmtree(store, ignore_errors=True)
         output.say_made(new)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shutil
 import time
 import warnings
 from dataclasses import asdict, dataclass
@@ -104,7 +105,7 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
     from polywigner.mitsuba.receiver import is_receiver
     from polywigner.mitsuba.rendering import check_spp, default_spp
     from polywigner.mitsuba.scattered import wigner_emitters
-    from polywigner.mitsuba.scene_renders import SceneFile, remove_store, render_parts
+    from polywigner.mitsuba.scene_renders import SceneFile, render_parts
 
     frames = None
     store = scenes.store_of_parts(stem, settings.resumable, settings.scheduler)
@@ -176,7 +177,7 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
         contents += [frames, animated]
     output.write(files, contents)
     if store is not None:
-        remove_store(store)
+        shutil.rmtree(store, ignore_errors=True)
         output.say_made(new)
 
 

@@ -55,10 +55,10 @@ def messages_as_warnings() -> Iterator[None]:
 
 
 def store_of_parts(stem: Path, resumable: bool, scheduler: str | None) -> Path | None:
-    """The store for finished parts of a run that goes on after its end; None of other runs."""
+    """Return the path of the store for finished parts; None for a run that is not resumable."""
     if not resumable and scheduler is None:
         return None
-    from polywigner.propagation.stores_checks import require_stores
+    from polywigner.propagation.stores import require_stores
 
     require_stores(scheduler)
     return targets(stem, (".parts.zarr",))[0]
@@ -153,7 +153,7 @@ def parse_ranges(text: str | None, bins: int | None, command: str) -> NDArray[np
 def prepare_ranges(variant: str) -> None:
     """Set the variant and load the library for ranges, before scenes that name its integrators."""
     from polywigner.mitsuba.range_film import require_transients
-    from polywigner.propagation.stores_checks import required
+    from polywigner.propagation.stores import required
 
     for module in ("h5netcdf", "dask"):
         required(module)

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, cast
-
-import typer
+from typing import Annotated, Any
 
 from polywigner.cli import fields, options, output
 from polywigner.cli.sources import MixedSourceOptions, ObstacleOptions, field_title
@@ -14,17 +12,6 @@ from polywigner.quantities import parse_frequency
 
 _DEFAULT = ("wigner",)
 _BEHIND_OBSTACLES = ("rayleigh-sommerfeld-1",)
-
-
-def _verify(context: typer.Context, store: str | None) -> None:
-    """Compare a store with its checksums, say that all of it is whole, and end the command."""
-    if store is None or context.resilient_parsing:
-        return
-    import polywigner as pw
-
-    count = pw.verify_store(store)
-    print(f"{store}: {count} chunks, all there and as they were written")
-    raise typer.Exit
 
 
 def volume(
@@ -58,23 +45,12 @@ def volume(
     floor_db: options.DbFloor = -40.0,
     formats: options.Formats = None,
     out: options.Out = None,
-    verify: Annotated[
-        str | None,
-        typer.Option(
-            callback=_verify,
-            is_eager=True,
-            metavar="STORE",
-            help="Compute nothing: read this store, such as field.zarr, and name its damaged and "
-            "missing chunks (exit code 2), or print that all are whole.",
-        ),
-    ] = None,
 ) -> None:
     """Compute the irradiance of a source in a box, chunk by chunk, and draw it.
 
     Writes NAME.zarr and a figure NAME.png, and with --format vti or --format nc the values also for
-    ParaView, or as NetCDF. A run that is killed goes on when the same command is started again;
-    chunks that are damaged are computed anew.
-    Of several methods, each has files of its own, NAME-METHOD.zarr and so on.
+    ParaView, or as NetCDF. The same command continues an interrupted run.
+    With several methods, each method has its files, NAME-METHOD.zarr and so on.
     """
     source.check()
     obstacles.check()
@@ -99,7 +75,6 @@ def volume(
     from polywigner.figures import draw_volume
     from polywigner.figures.fields import label_of
     from polywigner.figures.volumes import check_volume_options
-    from polywigner.propagation.datasets import FieldOptions, checked_settings
 
     drawn: dict[str, Any] = {
         "surfaces": levels,
@@ -114,8 +89,6 @@ def volume(
     bodies = obstacles.read() or None
     how: dict[str, Any] = {"engine": engine, "precision": precision, "tolerance": accuracy}
     how |= {"bandwidth": band, "obstacles": bodies}
-    for one in wanted:  # before the first is computed
-        checked_settings(length, cast(FieldOptions, how | one.options))
     nx, ny, nz = count or fields.samples_of_box(radiator, corners, length)
     by_method = {}
     new = output.missing_folders([stem])

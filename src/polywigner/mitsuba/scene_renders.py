@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import importlib.metadata
 import os
-import platform
-import shutil
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial, reduce
 from pathlib import Path
@@ -17,7 +14,7 @@ import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.errors import ArgumentError, SceneError, StoreError
+from polywigner.errors import ArgumentError
 from polywigner.execution import MOST_THREADS, kernel_threads
 from polywigner.execution.progress import progress_bar
 from polywigner.geometry.arguments import (
@@ -33,18 +30,19 @@ from polywigner.mitsuba.received_power import received, scattered_here
 from polywigner.mitsuba.receiver import receivers_of
 from polywigner.mitsuba.rendering import exposed, with_delta_lights
 from polywigner.mitsuba.scattered import BATCHES, Scattering, batches_of, lights_of, unseen
-from polywigner.mitsuba.scene_files import digest_of_file, digests_of
+from polywigner.mitsuba.scene_files import digests_of
 from polywigner.mitsuba.scenes import choose_variant, load_file
 from polywigner.mitsuba.targets import aimed
-from polywigner.propagation.stores import one_run, write_dataset
-from polywigner.propagation.stores_checks import (
+from polywigner.propagation.stores import (
     Index,
-    Layout,
+    Scheduler,
+    digest_of,
+    lazy_array,
     require_stores,
-    source_settings,
-    with_digest,
+    source_text,
+    write_store,
 )
-from polywigner.transforms.xarray_arguments import labelled_array
+from polywigner.transforms.xarray_arguments import labelled_arrays
 
 if TYPE_CHECKING:
     import xarray
@@ -76,20 +74,15 @@ class SceneFile:
 
 
 Compute = Callable[[Any, Index], npt.NDArray[np.float64]]
-"""(scene, first sample of a chunk) -> the values of the chunk."""
+"""(scene, first sample of a part) -> the values of the part."""
 
 
-class SceneJob:
-    """The block function of a store of renders; loads the scene anew where it is sent to."""
+class SceneParts:
+    """Parts of the results of a scene. Another process, to which they are sent, loads the scene."""
 
     def __init__(self, file: SceneFile, scene: Any, compute: Compute) -> None:
         self.file = replace(file, path=file.path.absolute(), parameters=dict(file.parameters))
         self.scene, self.compute = scene, compute
-        self.mitsuba = importlib.metadata.version("mitsuba")
-        try:
-            self.digests = digests_of(file.path, file.parameters)
-        except OSError as error:
-            raise SceneError(f"expected to read the files of {file.path}, got: {error}") from error
         texts = [value for value in file.parameters.values() if isinstance(value, str)]
         self.sources = [registered_source(text) for text in texts if is_key(text)]
 
@@ -99,63 +92,47 @@ class SceneJob:
     def __call__(self, origin: Index, shape: Index) -> npt.NDArray[np.float64]:
         if self.scene is None:
             choose_variant(self.file.variant)
-            for source in self.sources:  # of the memory of the process that sent the job
+            for source in self.sources:  # in the memory of the process that sent the parts
                 register_source(source)
             self.scene = self.file.load()
         return self.compute(self.scene, origin)
 
-    def check(self) -> None:
-        """Raises StoreError where this process has another Mitsuba, or other files."""
-        where, version = platform.node(), importlib.metadata.version("mitsuba")
-        if version != self.mitsuba:
-            raise StoreError(
-                f"expected mitsuba {self.mitsuba} on every worker, got {version} on {where}; "
-                "install the same everywhere"
-            )
-        for path, digest in self.digests.items():
-            found = digest_of_file(Path(path)) if Path(path).is_file() else None
-            if found != digest:
-                raise StoreError(
-                    f"expected every worker to see the scene's file {path}, got "
-                    f"{'none' if found is None else 'another one'} on {where}; share the folder"
-                )
+    def settings(self) -> dict[str, Any]:
+        """Return the settings of the scene, with digests of its files and sources."""
+        from polywigner import __version__
 
-    def write(
+        settings = dict(vars(self.file))
+        path, parameters = settings.pop("path"), settings.pop("parameters")
+        digests, folder = digests_of(path, parameters), path.resolve().parent
+        files = {f"file {os.path.relpath(file, folder)}": d for file, d in digests.items()}
+        sources = {f"source {k}": digest_of(source_text(s)) for k, s in enumerate(self.sources)}
+        return {
+            "polywigner_version": __version__,
+            "mitsuba_version": importlib.metadata.version("mitsuba"),
+            "parameters": {name: str(value) for name, value in parameters.items()},
+            **settings,
+            **files,
+            **sources,
+        }
+
+    def written(
         self,
         store: str | Path,
         variable: tuple[str, str],
-        shape: Mapping[str, int],
+        sizes: Mapping[str, int],
         chunks: Index,
         settings: Mapping[str, Any],
-        **how: Any,
+        scheduler: Scheduler,
+        threads: int | None,
+        progress: bool | None = None,
     ) -> Any:
-        """Fill a store with a variable of a name and unit; ``how`` as of ``write_dataset``."""
-        coords = {name: labelled_array(np.arange(n), (name,)) for name, n in shape.items()}
+        """Write all parts to a store as a variable of a name and unit, and return its dataset."""
         name, units = variable
-        folder = self.file.path.resolve().parent
-        files = {os.path.relpath(path, folder): digest for path, digest in self.digests.items()}
-        sources = [with_digest(source_settings(source)) for source in self.sources]
-        of_scene = {
-            "mitsuba": self.mitsuba,
-            "variant": self.file.variant,
-            "sampler": self.file.sampler,
-            **({"diffraction": True} if self.file.diffraction else {}),
-            **({"polarisation": p} if (p := self.file.polarisation) else {}),
-            "parameters": {name: str(value) for name, value in self.file.parameters.items()},
-            **{f"file {name}": digest for name, digest in files.items()},
-            **{f"source {k}": source["source_sha256"] for k, source in enumerate(sources)},
-        }
-        parts = Layout(name, "float64", coords, chunks, {"units": units})
-        return write_dataset(store, parts, self, {**of_scene, **settings}, **how)
-
-
-def remove_store(path: str | Path) -> None:
-    """Remove a store of parts whose result is done, unless another run goes on with it."""
-    folder = Path(path)
-    aside = folder.with_name(f"{folder.name}.partial")  # the next run sweeps what is left of it
-    with suppress(StoreError, OSError), one_run(folder):
-        folder.rename(aside)
-        shutil.rmtree(aside, ignore_errors=True)
+        values = lazy_array(self, tuple(sizes.values()), chunks, "float64", threads=threads)
+        parts = labelled_arrays(
+            {name: (tuple(sizes), values, {"units": units})}, {}, {**self.settings(), **settings}
+        )
+        return write_store(store, parts, scheduler=scheduler, threads=threads, progress=progress)
 
 
 @one_at_a_time
@@ -170,7 +147,7 @@ def render_file(
     sampler: str | None = None,
     parameters: Mapping[str, Any] | None = None,
     store: str | Path | None = None,
-    scheduler: str | None = None,
+    scheduler: Scheduler = None,
     threads: int | None = None,
     progress: bool | None = None,
 ) -> npt.NDArray[np.float32]:
@@ -182,27 +159,25 @@ def render_file(
     integrator: name of a plugin; default: as of :func:`render`.
     spp, seed, sensor: as of :func:`render`.
     variant, sampler, parameters: as of :func:`load_scene`.
-    store: folder that keeps the parts of the picture that are done, a zarr store. A run that ended
-        before its time is taken up by calling again: only what is missing or damaged is rendered.
-        It stays when the picture is done. Needs the extra ``volume``.
-    scheduler: address of a dask.distributed scheduler whose workers render the parts, with a store
-        that all of them see; None renders on this machine.
-    threads: on this machine, or of each worker; None: all cores, or what each worker has.
+    store: folder of a zarr store to which finished parts of the image are written. The same call
+        completes a store that an interrupted run has left. The store stays when the image is
+        complete. Needs the extra ``datasets``.
+    scheduler: address of a dask.distributed scheduler whose workers render the parts and see the
+        store, or a cluster object such as ``LocalCluster``; None: this machine.
+    threads: number of threads, on this machine or of each worker; None: all cores, or the worker's
+        threads.
     progress: whether to draw a bar; None: on a terminal.
 
-    Where and in how many runs the parts are rendered makes no difference to the picture: it is that
-    of :func:`render`, bit by bit with one thread a process, else but for the last digits
-    (docs/plugin.md).
+    The image equals the result of :func:`render`, up to the rounding of single-precision sums.
 
     Raises
     ------
     What :func:`load_scene` and :func:`render` do; ArgumentError for a scheduler without a store;
-    StoreError for a place that cannot be written to or has another picture's parts, and for workers
-    that have other files or versions; EngineError for a scheduler that does not answer;
-    MissingExtraError without the extra ``volume`` where there is a store.
+    StoreError for a path that cannot be written to, or holds parts of another image; EngineError
+    for a scheduler that does not respond; MissingExtraError without the extra ``datasets``.
     """
     if scheduler is not None and store is None:
-        raise ArgumentError("expected a store with a scheduler, got none; say where to keep parts")
+        raise ArgumentError("expected a store with a scheduler, got none; name one for the parts")
     if store is not None:
         require_stores(scheduler)
     given = parameters if parameters is not None else {}
@@ -224,7 +199,7 @@ def render_parts(
     sensor: int = 0,
     *,
     store: str | Path | None = None,
-    scheduler: str | None = None,
+    scheduler: Scheduler = None,
     threads: int | None = None,
     progress: bool | None = None,
 ) -> npt.NDArray[np.float32]:
@@ -238,8 +213,8 @@ def render_parts(
         with kernel_threads(threads), bar as advance:
             return with_delta_lights(exposure, exposure.picture(advance))
     channels = exposure.channels()
-    job = SceneJob(file, scene, partial(tile, cut, integrator, exposure.seed, sensor))
-    found = job.write(
+    parts = SceneParts(file, scene, partial(tile, cut, integrator, exposure.seed, sensor))
+    image = parts.written(
         store,
         ("radiance", "W m-2 sr-1"),
         {"pass": cut.sets, "row": cut.height, "column": cut.width, "channel": channels},
@@ -251,23 +226,23 @@ def render_parts(
             "seed": exposure.seed,
             "sensor": sensor,
         },
-        scheduler=scheduler,
-        threads=threads,
-        progress=progress,
+        scheduler,
+        threads,
+        progress,
     )
-    with found:  # set by set, as `Exposure.picture` adds them up
-        sets = (found["radiance"][number].values for number in range(cut.sets))
+    with image:  # one set after the other, as `Exposure.picture` adds them
+        sets = (image["radiance"][number].values for number in range(cut.sets))
         return with_delta_lights(exposure, reduce(np.add, sets).astype(np.float32))
 
 
 def tile(
     cut: Tiling, integrator: str | None, seed: int, sensor: int, scene: Any, origin: Index
 ) -> npt.NDArray[np.float64]:
-    """One strip of a picture by one set of its passes: (1, row, column, channel)."""
-    # the caller has told of the integrator's limits
-    made = exposed(scene, integrator, cut.samples, seed, sensor, warn=False)
-    image = replace(made, cut=cut).image(origin[1] // cut.rows, origin[0])
-    check_is_whole(made.integrator)
+    """Render a strip of an image with one set of its passes: (1, row, column, channel)."""
+    # the caller has warned of the integrator's limits
+    exposure = exposed(scene, integrator, cut.samples, seed, sensor, warn=False)
+    image = replace(exposure, cut=cut).image(origin[1] // cut.rows, origin[0])
+    check_is_whole(exposure.integrator)
     return image[None]
 
 
@@ -298,11 +273,11 @@ def _sampled(
     plans: Sequence[Scattering],
     *,
     store: str | Path | None = None,
-    scheduler: str | None = None,
+    scheduler: Scheduler = None,
     threads: int | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> npt.NDArray[np.float64]:
-    """W (receivers, batches, lights, ...) that batches find, here or by a store."""
+    """Return W (receivers, batches, lights, ...) of the batches, sampled here or into a store."""
     if store is None:
         with kernel_threads(threads):
             return scattered_here(scene, progress, plans)
@@ -315,21 +290,16 @@ def _sampled(
         "seed": first.seed,
         **({} if first.edges is None else {"ranges": list(first.edges)}),
     }
-    found = SceneJob(file, scene, partial(_batch, plans)).write(
-        store,
-        ("power", "W"),
-        dict(zip(("receiver", "batch", "light", "path"), shape, strict=False)),
-        (1, 1, *counts),
-        settings,
-        scheduler=scheduler,
-        threads=threads,
-    )
-    with found:
-        return np.asarray(found["power"].values)
+    sizes = dict(zip(("receiver", "batch", "light", "path"), shape, strict=False))
+    parts = SceneParts(file, scene, partial(_batch, plans))
+    chunks = (1, 1, *counts)
+    power = parts.written(store, ("power", "W"), sizes, chunks, settings, scheduler, threads)
+    with power:
+        return np.asarray(power["power"].values)
 
 
 def _batch(plans: Sequence[Scattering], scene: Any, origin: Index) -> npt.NDArray[np.float64]:
-    """W (1, 1, lights, ...) that one batch of one receiver finds."""
+    """Sample one batch of one receiver: W (1, 1, lights, ...)."""
     receiver, batch, *_ = origin
     with unseen(scene), aimed(scene):
         return plans[receiver].batch(scene, batch)[None, None]

@@ -26,7 +26,7 @@ module               what is in it
 ``radiators``        sources as functions of direction, and the search for the beam
 ``great_circles``    two great circles through the beam
 ``beams``            numbers of data sheets: gain, beamwidths, sidelobes
-``stores``           arrays larger than memory, by chunks; ``stores_checks`` stores and their damage
+``stores``           results larger than memory: lazy datasets, written to zarr stores by chunks
 ``exports``          datasets to NetCDF and VTK files
 ``suggestions``      how many samples a grid needs
 ``wigner_tables``    W and A on grids of four coordinates
@@ -50,7 +50,6 @@ from polywigner.propagation.pattern_writers import write_pattern
 from polywigner.propagation.patterns import radiation_pattern
 from polywigner.propagation.places import METHODS
 from polywigner.propagation.screens import PlaneWave, PointSource, Screen
-from polywigner.propagation.stores_checks import verify_store
 from polywigner.propagation.suggestions import AxisSampling, Sampling, suggest_sampling
 from polywigner.propagation.vector_fields import field
 from polywigner.propagation.wigner_tables import ambiguity_table, wigner_table
@@ -83,7 +82,6 @@ __all__ = [
     "read_pattern",
     "suggest_sampling",
     "two_way_pattern",
-    "verify_store",
     "volume",
     "wigner_table",
     "write_netcdf",

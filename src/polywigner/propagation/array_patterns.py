@@ -23,7 +23,7 @@ from polywigner.illumination.obliquities import ObliquityName, checked_obliquity
 from polywigner.propagation.far_fields import far_field, powers_of
 from polywigner.propagation.patterns import radiation_pattern
 from polywigner.propagation.places import angle_axes, checked_phi, checked_theta, unit_vectors
-from polywigner.propagation.stores_checks import source_attrs, source_coords
+from polywigner.propagation.stores import source_attrs, source_coords
 from polywigner.radiometry.directions import PlaneSource, checked_source
 from polywigner.transforms.xarray_arguments import labelled_array, labelled_arrays
 

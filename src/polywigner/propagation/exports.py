@@ -1,7 +1,7 @@
 """Datasets as files for other programs: NetCDF, zarr, VTK image data for ParaView and the like.
 
-All are written part by part, so that a store on disk may be larger than memory, and appear whole
-or not at all.
+All are written part by part, so a store may be larger than memory. Files appear complete or not at
+all.
 """
 
 from __future__ import annotations
@@ -18,16 +18,10 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from polywigner.errors import ArgumentError, PolywignerError, StoreError
+from polywigner.errors import ArgumentError, PolywignerError, value_text
 from polywigner.geometry.arguments import checked_path
 from polywigner.interruption import atomic_path
-from polywigner.propagation.stores_checks import (
-    METADATA,
-    check_store,
-    recorded,
-    required,
-    stored_array,
-)
+from polywigner.propagation.stores import open_store, required
 
 if TYPE_CHECKING:
     import xarray
@@ -35,8 +29,8 @@ if TYPE_CHECKING:
 
 # Samples read at a time for a VTK file.
 _SLAB = 1 << 24
-# Coordinates are evenly spaced if no step differs by more from their mean: what a viewer may show
-# in the wrong place is then far less than a pixel.
+# Coordinates are evenly spaced if no step differs from the mean step by more than this fraction. A
+# viewer then errs by far less than a pixel.
 _EVEN = 1e-6
 _VTK_TYPES = {"float32": "Float32", "float64": "Float64"}
 
@@ -47,18 +41,18 @@ Stored: TypeAlias = "xarray.Dataset | xarray.DataArray | str | os.PathLike[str]"
 def write_netcdf(dataset: Stored, path: str | os.PathLike[str]) -> None:
     """Write a dataset to a NetCDF 4 file, which MATLAB, Julia, Panoply and xarray read.
 
-    NetCDF has no complex numbers: of a complex variable A there are A_real and A_imag. Needs the
-    extra ``volume``.
+    NetCDF has no complex numbers: a complex variable A becomes A_real and A_imag. Needs the extra
+    ``datasets``.
 
     Parameters
     ----------
-    dataset : xarray.Dataset, in memory or lazy; or the path of a store on disk.
-    path : the file; one that is there is replaced.
+    dataset : xarray.Dataset, in memory or lazy; or the path of a zarr store.
+    path : the file; an existing file is replaced.
 
     Raises
     ------
-    ArgumentError for anything but a dataset, and a place that cannot be written to; StoreError for
-    a store with damaged parts; MissingExtraError without h5netcdf.
+    ArgumentError for anything but a dataset, and a path that cannot be written to; StoreError for
+    a path without a zarr store; MissingExtraError without h5netcdf.
 
     >>> import polywigner as pw
     >>> import pathlib, tempfile
@@ -71,10 +65,7 @@ def write_netcdf(dataset: Stored, path: str | os.PathLike[str]) -> None:
     for module in ("h5netcdf", "h5py"):
         required(module)
     found = _real_parts(_opened(dataset))
-    # Chunks of a store in turn, which takes no longer: once one is found to be damaged, no thread
-    # that is still writing makes the scratch file again.
-    in_turn = {"scheduler": "synchronous"} if _is_store(dataset) else {}
-    with in_place(checked_path(path), dataset) as scratch, required("dask").config.set(**in_turn):
+    with in_place(checked_path(path)) as scratch:
         found.to_netcdf(scratch, engine="h5netcdf")
 
 
@@ -94,9 +85,9 @@ def write_zarr(dataset: Any, path: str | os.PathLike[str]) -> None:
 def write_vti(dataset: Stored, path: str | os.PathLike[str]) -> None:
     """Write a dataset of up to three evenly spaced axes to VTK image data (XML, raw binary).
 
-    ParaView, VisIt, 3D Slicer and PyVista read it. Axes named x, y and z are those of the image, so
-    that a plane lies where it is; else they are so in the order of the dataset. Of a complex
-    variable A there are A_real and A_imag. Needs the extra ``volume``.
+    ParaView, VisIt, 3D Slicer and PyVista read it. Axes named x, y and z are the axes of the image,
+    so planes keep their positions. Other axes become x, y and z in the order of the dataset. A
+    complex variable A becomes A_real and A_imag. Needs the extra ``datasets``.
 
     Parameters
     ----------
@@ -105,7 +96,7 @@ def write_vti(dataset: Stored, path: str | os.PathLike[str]) -> None:
     Raises
     ------
     ArgumentError for anything but a dataset, for more axes, for axes that are not evenly spaced,
-    and for a place that cannot be written to; StoreError for a store with damaged parts.
+    and for a path that cannot be written to; StoreError for a path without a zarr store.
 
     >>> import polywigner as pw
     >>> import pathlib, tempfile
@@ -119,20 +110,16 @@ def write_vti(dataset: Stored, path: str | os.PathLike[str]) -> None:
     # Our own forty lines: VTK's writer, a package of 600 MB, wants all of an image in memory.
     found = _real_parts(_opened(dataset))
     header = _header(found)
-    with in_place(checked_path(path), dataset) as scratch, scratch.open("wb") as file:
+    with in_place(checked_path(path)) as scratch, scratch.open("wb") as file:
         file.write(header.encode())
         for name in found.data_vars:
             _append(file, found[name])
         file.write(b"\n</AppendedData>\n</VTKFile>\n")
 
 
-def _is_store(dataset: Stored) -> bool:
-    return isinstance(dataset, (str, os.PathLike))
-
-
 @contextmanager
-def in_place(path: Path, dataset: Stored | None = None) -> Iterator[Path]:
-    """A scratch file, put in place once the block is done."""
+def in_place(path: Path) -> Iterator[Path]:
+    """Yield a scratch file, which replaces the file when the block is done."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with atomic_path(path) as scratch:
@@ -141,14 +128,6 @@ def in_place(path: Path, dataset: Stored | None = None) -> Iterator[Path]:
         raise
     except OSError as error:
         raise _not_written(path, error) from error
-    except Exception as error:  # a store's codecs raise of many kinds
-        if not _is_store(dataset) and "checksum do not match" not in str(error):  # zarr's words
-            raise
-        place = dataset if _is_store(dataset) else f"the dataset for {path}"
-        raise StoreError(
-            f"expected whole chunks in {place}, got a damaged one; verify_store names it, and "
-            "the run that wrote the store, once more, computes it anew"
-        ) from error
 
 
 def _not_written(path: Path, error: OSError) -> ArgumentError:
@@ -161,28 +140,14 @@ def _opened(dataset: Any) -> Any:
     import xarray
 
     if isinstance(dataset, xarray.DataArray):
-        dataset = dataset.to_dataset(name=dataset.name or "values")
+        return dataset.to_dataset(name=dataset.name or "values")
     if isinstance(dataset, xarray.Dataset):
         return dataset
-    try:
-        path = checked_path(dataset)
-        found = recorded(path)
-        if found is not None:
-            stored_array(path, found)  # its coordinates are whole
-        if not (path / METADATA).is_file():
-            raise ValueError("no metadata of zarr, format 3")
-        check_store(path)
-        with warnings.catch_warnings():
-            # of files in the folder that are none of the store's
-            warnings.simplefilter("ignore")
-            # not by a consolidated copy of the metadata, at which nobody has looked
-            return xarray.open_zarr(path, zarr_format=3, consolidated=False)
-    except StoreError:
-        raise
-    except Exception as error:  # zarr and its codecs raise of many kinds
-        raise ArgumentError(
-            f"expected an xarray.Dataset or the path of a store, got {dataset!r}: {error}"
-        ) from None
+    if isinstance(dataset, (str, os.PathLike)):
+        return open_store(dataset)
+    raise ArgumentError(
+        f"expected an xarray.Dataset or the path of a store, got {value_text(dataset)}"
+    )
 
 
 def _real_parts(dataset: Any) -> Any:

@@ -20,7 +20,7 @@ from polywigner.propagation.radiators import (
     checked_far_field,
     steered_direction,
 )
-from polywigner.propagation.stores_checks import source_attrs, source_coords
+from polywigner.propagation.stores import source_attrs, source_coords
 from polywigner.propagation.vector_fields import axial_ratios, co_and_cross, ludwig_components
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.radiometry.directions import PlaneSource

@@ -1,479 +1,459 @@
-"""Arrays larger than memory: chunks, computed in any order, each written to disk when it is done.
+"""Results larger than memory: lazy xarray datasets, written to zarr stores region by region.
 
-A run that is killed, at any moment and by any means, is taken up by starting it again: only what
-is missing is computed, and the result is, bit by bit, that of a run that was not disturbed, for the
-same engine and type of processor. (docs/large_runs)
+A region is one chunk of one variable. zarr's local store renames finished chunk files into place,
+so a chunk exists complete or not at all, and a second run computes the missing ones only. The
+attributes and coordinates of a store are the settings of its run. (docs/large_runs.md)
 """
 
 from __future__ import annotations
 
-import errno
-import importlib.metadata
+import hashlib
 import json
 import math
 import os
 import platform
 import re
 import shutil
-import stat
+import sys
 import threading
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
-from contextlib import ExitStack, contextmanager, nullcontext
-from dataclasses import dataclass, replace
-from functools import cache
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from polywigner import execution
-from polywigner.errors import (
-    ArgumentError,
-    EngineError,
-    PolywignerError,
-    StoreError,
-)  # fmt: skip
+from polywigner.errors import ArgumentError, EngineError, StoreError, require
 from polywigner.execution import MOST_THREADS
 from polywigner.execution.progress import progress_bar
-from polywigner.geometry.arguments import checked_count, checked_path, warn_caller
-from polywigner.propagation.stores_checks import (
-    CHECKSUM,
-    METADATA,
-    SETTINGS,
-    Index,
-    Layout,
-    as_store_error,
-    checksum_of,
-    chunk_faults,
-    chunk_file,
-    digest_of,
-    open_array,
-    recorded,
-    require_stores,
-    required,
-    source_coordinate,
-    stored_array,
-    with_digest,
-)
-from polywigner.transforms.xarray_arguments import labelled_arrays
+from polywigner.geometry.arguments import checked_count, checked_path
+from polywigner.illumination.source_files import SOURCE_COORDINATE, json_of, table_of
+from polywigner.interruption import atomic_path
+from polywigner.transforms.xarray_arguments import labelled_array
 
-# Number of the format: it changes with the files' content and layout.
-_FORMAT = 1
-# Libraries on whose rounding a value may depend.
-_LIBRARIES = ("numpy", "drjit")
-# Seconds to wait for a scheduler's answer, and for its first worker.
-_PATIENCE = 10.0
-# What a lock holds: nothing yet, or the process and its machine.
-_OWNER = r"|\d+ on [^\n]*"
+if TYPE_CHECKING:
+    import xarray
+    from distributed.deploy import Cluster
 
+Index = tuple[int, ...]
+"""One number for each dimension: of a chunk, of its first sample, or of samples in it."""
 Block = Callable[[Index, Index], NDArray[Any]]
-"""(origin, shape), in samples -> the values there. A method ``check``, if there is one, raises on
-every worker, before any chunk is begun, what keeps it from computing: lost files, for one."""
+"""(origin, shape), in samples -> the values there."""
+Scheduler: TypeAlias = "str | Cluster | None"
+"""Address of a dask.distributed scheduler, or a cluster object such as ``LocalCluster``."""
+
+# Longest JSON text of a source that is stored with a dataset, and longest description of a source.
+_LONGEST_SOURCE, _LONGEST_ATTRIBUTE = 1 << 16, 200
+# Most samples in memory: 16 GiB of float32.
+_MOST_IN_MEMORY = 1 << 32
+_ADDRESS = r"inproc://\S+|((tcp|tls|ws|wss)://)?[^\s/]+:\d+/?"
+# Seconds to wait for a scheduler, and for its first worker.
+_PATIENCE = 10.0
+# Codecs that decode numbers and texts only; others may run code (numcodecs' pickle, for one).
+_CODECS = {
+    "bytes", "crc32c", "zstd", "gzip", "blosc", "transpose", "sharding_indexed", "vlen-utf8",
+}  # fmt: skip
 
 
-def versions() -> dict[str, str]:
-    """Versions of all on which the last digits of a value may depend, beside the processor."""
-    from polywigner import __version__
-
-    libraries = {name: importlib.metadata.version(name) for name in _LIBRARIES}
-    return {"polywigner": __version__, **libraries}
+def required(name: str) -> Any:
+    """Return a module of the extra ``datasets``; raise MissingExtraError without it."""
+    return require(name, "datasets", "large results are stored and shared out with")
 
 
-def _run_of(layout: Layout, settings: Mapping[str, Any]) -> dict[str, Any]:
-    """All that the numbers of a run depend on, as JSON keeps it."""
-    whole = {
-        "format": _FORMAT,
-        **versions(),
-        "variable": layout.name,
-        "dtype": np.dtype(layout.dtype).name,
-        "shape": layout.shape,
-        "chunks": layout.chunks,
-        **{f"coordinate {name}": digest_of(a.values) for name, a in layout.coords.items()},
-        **with_digest(settings),
-    }
-    run: dict[str, Any] = json.loads(json.dumps(whole, allow_nan=False))
-    return run
+def require_stores(scheduler: Scheduler = None) -> None:
+    """Raise MissingExtraError unless the libraries of stores, or of schedulers, are installed."""
+    for module in ("zarr", "dask", *(() if scheduler is None else ("distributed",))):
+        required(module)
 
 
-@contextmanager
-def one_run(path: Path) -> Iterator[None]:
-    """Hold the place of a store for this run. Raises StoreError while another run holds it.
+def check_memory(shape: Sequence[int]) -> None:
+    """Raise ArgumentError for arrays that are too large to be computed in memory."""
+    if math.prod(shape) > _MOST_IN_MEMORY:
+        raise ArgumentError(
+            f"expected at most {_MOST_IN_MEMORY} samples in memory, got {math.prod(shape):.3g}; "
+            "use chunks, or write them to disk with out"
+        )
 
-    The system's lock on the file NAME.lock beside the store ends with its process; the next run
-    takes over the file of a killed one, and removes it. Workers of a cluster take no lock. Nothing
-    is locked on Windows, on file systems without locks, and in folders that are read-only.
+
+def chunks_within(shape: Sequence[int], samples: int) -> Index:
+    """Return chunks of at most ``samples`` samples, by halving the longest axis again and again."""
+    chunks = list(shape)
+    while math.prod(chunks) > samples:
+        longest = chunks.index(max(chunks))
+        chunks[longest] = -(-chunks[longest] // 2)
+    return tuple(chunks)
+
+
+def digest_of(text: str) -> str:
+    """Return the SHA-256 of a text."""
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def source_text(source: Any) -> str:
+    """Return a source file in JSON."""
+    return json_of(table_of(source))
+
+
+def source_attrs(source: Any) -> dict[str, str]:
+    """Return dataset attributes that describe a source in one line."""
+    text, description = source_text(source), repr(source)
+    if len(description) > _LONGEST_ATTRIBUTE:
+        description = f"{description[: _LONGEST_ATTRIBUTE - 3]}..."
+    digest = {} if len(text) <= _LONGEST_SOURCE else {"source_sha256": digest_of(text)}
+    return {**digest, "source": description}
+
+
+def source_coords(source: Any) -> dict[str, xarray.Variable]:
+    """Return the coordinate that holds a source as JSON; nothing for a source with a long text."""
+    text = source_text(source)
+    if len(text) > _LONGEST_SOURCE:
+        return {}
+    # object: NumPy's texts of fixed length take four times the memory, and zarr has none
+    values = np.array(text, dtype=object)
+    return {SOURCE_COORDINATE: labelled_array(values, (), {"long_name": "source file in JSON"})}
+
+
+def lazy_array(
+    block: Block,
+    shape: Index,
+    chunks: Any,
+    dtype: DTypeLike,
+    *,
+    compiled: bool = True,
+    threads: int | None = None,
+) -> Any:
+    """Return a dask array whose chunks are values of a block.
+
+    Parameters
+    ----------
+    block : can be pickled.
+    chunks : as dask takes them.
+    compiled : the block uses Dr.Jit's pool of threads, which serves one chunk at a time.
+    threads : size of that pool; None: as it is, and on a dask worker its number of threads.
     """
-    file, owner = path.with_name(f"{path.name}.lock"), ""
-    with ExitStack() as stack:
-        try:
-            import fcntl  # not on Windows
-
-            file.parent.mkdir(parents=True, exist_ok=True)
-            careful = os.O_NOFOLLOW | os.O_NONBLOCK  # a link, a pipe
-            number = os.open(file, os.O_RDWR | os.O_CREAT | careful, 0o666)
-            held = stack.enter_context(os.fdopen(number, "r+", encoding="utf-8", errors="replace"))
-            status, owner = os.fstat(number), held.read(300)
-            if not stat.S_ISREG(status.st_mode) or not re.fullmatch(_OWNER, owner):
-                raise OSError(errno.ELOOP, "another file")
-            fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            if not os.fstat(number).st_nlink:  # of a run that is ending, and removed it
-                raise BlockingIOError
-            stack.callback(file.unlink, missing_ok=True)  # while it is locked
-            held.seek(0)
-            held.truncate()
-            held.write(f"{os.getpid()} on {platform.node()}")
-            held.flush()
-        except BlockingIOError:
-            raise StoreError(
-                f"expected no other run to write to {path}, got one that does (process {owner}); "
-                "wait for its end, or choose another name"
-            ) from None
-        except (ImportError, OSError) as error:
-            # if it cannot be written there, writing says why
-            if isinstance(error, OSError) and error.errno == errno.ELOOP:
-                raise StoreError(
-                    f"expected {file} as the lock of a run, got a link or another file; remove it"
-                ) from None
-        yield
+    arrays, core, dask = (required(n) for n in ("dask.array", "dask.array.core", "dask"))
+    try:
+        sizes = core.normalize_chunks(chunks, shape, dtype=dtype)
+        if not all(n > 0 for axis in sizes for n in axis):
+            raise ValueError("chunks without samples")
+    except (TypeError, ValueError, ArithmeticError) as error:
+        raise ArgumentError(
+            f"expected chunks as dask takes them, a number, a tuple of {len(shape)}, or 'auto', "
+            f"got {chunks!r}: {error}"
+        ) from None
+    if threads is not None:
+        threads = checked_count(threads, "threads", 1, MOST_THREADS)
+    return arrays.map_blocks(
+        _values,
+        chunks=sizes,
+        dtype=dtype,
+        meta=np.empty((0,) * len(shape), dtype),
+        # a node of the graph: a worker receives it once, and reuses its caches
+        block=dask.delayed(block, traverse=False),
+        compiled=compiled,
+        threads=threads,
+    )
 
 
-def _to_disk(file: Path) -> None:
-    """Wait until the content of a file is on the disk."""
-    with file.open("rb+") as content:
-        os.fsync(content.fileno())
+def _values(
+    block: Block, compiled: bool, threads: int | None, block_info: Any = None
+) -> NDArray[Any]:
+    """Compute one chunk."""
+    location = block_info[None]["array-location"]
+    origin, shape = tuple(a for a, _ in location), tuple(b - a for a, b in location)
+    with execution.kernel_threads(threads or _worker_threads()) if compiled else nullcontext():
+        return np.asarray(block(origin, shape))
 
 
-def _create(path: Path, layout: Layout, run: dict[str, Any], source: str | None) -> None:
-    """Make a store without chunks, whole or not at all; StoreError where it cannot be written."""
-    zarr, checksum = required("zarr"), [required("zarr.codecs").Crc32cCodec()]
-    scratch = path.with_name(f"{path.name}.partial")  # one name: swept by the next run
-    dtype = np.dtype(layout.dtype)
-    attrs = {**layout.dataset_attrs, SETTINGS: json.dumps(run)}
-    labels = labelled_arrays({}, {**layout.coords, **source_coordinate(source)}, attrs)
-    with ExitStack() as stack:
-        remedy = "choose another place, or free this one"
-        stack.enter_context(as_store_error(f"to make the folder {path}", remedy))
-        path.parent.mkdir(parents=True, exist_ok=True)
-        shutil.rmtree(scratch, ignore_errors=True)
-        scratch.mkdir()  # what is no folder of a killed run stays
-        stack.callback(shutil.rmtree, scratch, ignore_errors=True)
-        stack.enter_context(warnings.catch_warnings())
-        # zarr warns that other readers may not know the consolidated copy; they need not
-        warnings.simplefilter("ignore")
-        # in one chunk each, so that nothing goes on being written after an error
-        whole = {
-            name: {"compressors": checksum, "chunks": labels[name].shape} for name in labels.coords
+def _worker_threads() -> int | None:
+    """Return the number of threads of the dask worker that runs this task; None elsewhere."""
+    if "distributed" not in sys.modules:
+        return None
+    from distributed import get_worker
+
+    try:
+        return int(get_worker().state.nthreads)
+    except ValueError:
+        return None
+
+
+def write_store(
+    path: str | os.PathLike[str],
+    dataset: xarray.Dataset,
+    *,
+    compiled: bool = True,
+    scheduler: Scheduler = None,
+    threads: int | None = None,
+    progress: bool | None = None,
+) -> xarray.Dataset:
+    """Write a lazy dataset to a zarr store (format 3), and return it as read from there, lazily.
+
+    A store of the same dataset is completed: only missing chunks are computed.
+
+    Parameters
+    ----------
+    path : folder of the store.
+    dataset : variables of :func:`lazy_array`. Its attributes and coordinates are the settings that
+        a store must have to be completed.
+    compiled : chunks are computed one after the other, since each uses all cores; else there are
+        as many at a time as ``threads``.
+    scheduler, threads, progress : as for :func:`wigner_table`.
+
+    Raises
+    ------
+    StoreError for a path that cannot be written to, has too little space, or holds something else;
+    EngineError for a scheduler that does not respond; MissingExtraError without zarr or dask; and
+    the errors of the blocks.
+    """
+    require_stores(scheduler)
+    folder, dataset = checked_path(path), dataset.assign_attrs(written="chunk by chunk")
+    is_new = not os.path.lexists(folder)
+    if is_new:
+        _check_space(folder, dataset.nbytes)
+    else:
+        _check_same(folder, dataset)
+    regions = [
+        (str(name), index)
+        for name, array in dataset.data_vars.items()
+        for index in np.ndindex(array.data.numblocks)
+    ]
+    missing = [region for region in regions if not _chunk_file(folder, *region).is_file()]
+    if not missing:
+        return open_store(folder)
+    with nullcontext() if scheduler is None else _connected(scheduler) as client:
+        if is_new:  # after the scheduler has responded
+            _create(folder, dataset)
+        done = len(regions) - len(missing)
+        with progress_bar(folder.name, len(regions), done, progress) as advance:
+            tasks = _tasks(folder, dataset, missing)
+            if client is None:
+                _compute_here(tasks, 1 if compiled else threads or os.cpu_count() or 1, advance)
+            else:
+                _compute_on(client, tasks, advance)
+    return open_store(folder)
+
+
+def _chunk_file(folder: Path, name: str, index: Index) -> Path:
+    return folder.joinpath(name, "c", *map(str, index))
+
+
+def _check_space(folder: Path, needed: int) -> None:
+    parent = next(p for p in folder.absolute().parents if p.exists())
+    free = shutil.disk_usage(parent).free
+    if needed > free:
+        raise StoreError(
+            f"expected {needed / 2**30:.3g} GiB of free space at {folder}, got "
+            f"{free / 2**30:.3g} GiB; free some, or compute fewer samples"
+        )
+
+
+def _check_same(folder: Path, dataset: xarray.Dataset) -> None:
+    """Raise StoreError unless a store has the settings of a dataset."""
+    stored = open_store(folder)
+    ours, theirs = _settings_of(dataset), _settings_of(stored)
+    differ = [
+        f"{name} {ours.get(name)!r:.60} (there: {theirs.get(name)!r:.60})"
+        for name in sorted({*ours, *theirs})
+        if ours.get(name) != theirs.get(name)
+    ]
+    differ += [
+        f"coordinate {name}"
+        for name, values in dataset.coords.items()
+        if name not in stored.coords or not values.variable.equals(stored[name].variable)
+    ]
+    if differ:
+        raise StoreError(
+            f"expected {folder} to be a store of the same settings, got one that differs in "
+            f"{', '.join(differ)}; choose another name, or delete that store"
+        )
+
+
+def _settings_of(dataset: xarray.Dataset) -> dict[str, Any]:
+    """Return the attributes, types, and chunks of a dataset, as JSON stores them."""
+    settings = dict(dataset.attrs)
+    for name, array in dataset.data_vars.items():
+        settings |= {f"{name}: {key}": value for key, value in array.attrs.items()}
+        settings |= {f"{name}: dtype": array.dtype.name, f"{name}: shape": array.shape}
+        settings[f"{name}: chunks"] = [axis[0] for axis in array.chunks or ()]
+    normalised: dict[str, Any] = json.loads(
+        json.dumps(settings, default=lambda value: value.tolist())
+    )
+    return normalised
+
+
+def _create(folder: Path, dataset: xarray.Dataset) -> None:
+    """Write metadata and coordinates of a store without chunks."""
+    encoding: dict[Any, Any] = {}
+    for name, array in dataset.data_vars.items():
+        if any(len({*axis[:-1]}) > 1 or axis[-1] > axis[0] for axis in array.chunks or ()):
+            raise ArgumentError(f"expected chunks of equal size for a store, got {array.chunks}")
+        encoding[name] = {
+            "chunks": tuple(axis[0] for axis in array.chunks or ()),
+            # not compressed: last digits are noise to a compressor, which halves the speed
+            "compressors": (),
+            # missing chunks are read as NaN
+            "fill_value": complex(np.nan, np.nan) if array.dtype.kind == "c" else np.nan,
         }
-        labels.to_zarr(scratch, mode="w-", zarr_format=3, consolidated=False, encoding=whole)
-        zarr.open_group(scratch).create_array(
-            layout.name,
-            shape=layout.shape,
-            chunks=layout.chunks,
-            dtype=dtype,
-            # chunks that are missing are read as NaN
-            fill_value=complex(np.nan, np.nan) if dtype.kind == "c" else np.nan,
-            # not compressed: the size of the store is then known before the run
-            compressors=checksum,
-            dimension_names=tuple(layout.coords),
-            attributes=dict(layout.attrs),
-        )
-        zarr.consolidate_metadata(scratch)
-        file = scratch / METADATA
-        table = json.loads(file.read_bytes())
-        table["attributes"][CHECKSUM] = checksum_of(table)
-        file.write_text(json.dumps(table, indent=2), encoding="utf-8")
-        for entry in filter(Path.is_file, scratch.rglob("*")):
-            _to_disk(entry)
-        scratch.rename(path)
-
-
-@cache
-def _checked_array(path: str, name: str, run: str) -> Any:
-    """The array, if this process sees the store of that run and has the same versions."""
-    settings = json.loads(run)
-    if recorded(Path(path)) != settings:
-        raise StoreError(
-            f"expected every worker to see the store {path}, got none of this run on "
-            f"{platform.node()}; put it on a file system that all workers share"
-        )
-    own = versions()
-    planned = {name: settings[name] for name in own}
-    if planned != own:
-        raise StoreError(
-            f"expected the versions {planned} on every worker, got {own} on {platform.node()}; "
-            "install the same everywhere"
-        )
-    return open_array(Path(path), name)
-
-
-@dataclass(frozen=True, eq=False)
-class ChunkWriter:
-    """Computes chunks and writes them; goes to other processes as it is."""
-
-    path: str
-    run: str
-    """Settings of the run in JSON."""
-    layout: Layout
-    block: Block
-    exclusive: bool
-    """The block occupies all cores by itself, by Dr.Jit's pool of threads."""
-    threads: int | None
-    """Size of that pool; None to leave it as it is."""
-
-    def check(self) -> None:
-        """Raises StoreError where this process does not see the store of this run."""
-        _checked_array(self.path, self.layout.name, self.run)
-        if hasattr(self.block, "check"):
-            self.block.check()
-
-    def __call__(self, index: Index) -> None:
-        array = _checked_array(self.path, self.layout.name, self.run)
-        origin, shape = self.layout.extent(index)
-        with execution.kernel_threads(self.threads) if self.exclusive else nullcontext():
-            values = np.asarray(self.block(origin, shape))
-        if values.shape != shape or values.dtype != self.layout.dtype:
-            raise ArgumentError(
-                f"expected the block at {origin} to be {shape} of {self.layout.dtype}, got "
-                f"{values.shape} of {values.dtype}"
+    with _as_store_error(f"to make the folder {folder}"), warnings.catch_warnings():
+        # zarr warns that other readers may not know its texts and consolidated metadata
+        warnings.simplefilter("ignore")
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with atomic_path(folder) as scratch:
+            dataset.to_zarr(
+                scratch,
+                mode="w-",
+                compute=False,
+                zarr_format=3,
+                encoding=encoding,
             )
-        if not Path(self.path, METADATA).is_file():  # writing would make its folders again
-            raise StoreError(f"expected the store {self.path}, got none any more; start again")
-        remedy = "put that right and start the same run again: what is finished stays"
-        with as_store_error(f"to write to {self.path}", remedy):
-            array.blocks[index] = values  # written under another name, and renamed
-            _to_disk(chunk_file(array, index))
-
-
-Advance = Callable[[], None]
-
-
-def _on_this_machine(
-    writer: ChunkWriter, indices: Sequence[Index], threads: int | None, advance: Advance
-) -> None:
-    """Compute all chunks by threads of this process. Raises the first failure."""
-    stop = threading.Event()
-    # of a block that has all cores, one is computed while another is written
-    count = 2 if writer.exclusive else threads or os.cpu_count()
-    stops = execution.stop_this_thread_when
-    with ThreadPoolExecutor(count, initializer=stops, initargs=(stop,)) as pool:
-        futures = [pool.submit(writer, index) for index in indices]
-        try:
-            for future in as_completed(futures):
-                future.result()
-                advance()
-        except BaseException:  # KeyboardInterrupt too
-            stop.set()  # chunks begun are given up, since they may take minutes
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
 
 
 @contextmanager
-def connected(scheduler: str) -> Iterator[Any]:
-    """A client of the scheduler at an address, which has workers. Raises EngineError without."""
+def _as_store_error(expected: str) -> Iterator[None]:
+    """Turn errors of the system in the block into a StoreError."""
+    try:
+        yield
+    except StoreError:
+        raise
+    except OSError as error:
+        raise StoreError(
+            f"expected {expected}, got {error.strerror or error} on {platform.node()}; correct "
+            "that and start the same run again: finished chunks stay"
+        ) from error
+
+
+def _tasks(
+    folder: Path, dataset: xarray.Dataset, missing: Sequence[tuple[str, Index]]
+) -> list[Any]:
+    """Return a task for each region, which computes and writes it."""
+    parts = {}
+    for name in dict(missing):
+        array = dataset[name]
+        parts[name] = array.data.map_blocks(
+            _write_region,
+            path=str(folder.absolute()),
+            variable=name,
+            dims=array.dims,
+            dtype=array.dtype,
+            meta=np.empty((0,) * array.ndim),
+        ).to_delayed()
+    return [parts[name][index] for name, index in missing]
+
+
+def _write_region(
+    values: NDArray[Any], path: str, variable: str, dims: Sequence[str], block_info: Any = None
+) -> None:
+    """Write one chunk to a store."""
+    import xarray
+
+    ends = zip(dims, block_info[0]["array-location"], strict=True)
+    with _as_store_error(f"to write to the store {path}"):
+        xarray.Dataset({variable: (dims, values)}).to_zarr(
+            path,
+            region={dim: slice(first, last) for dim, (first, last) in ends},
+            zarr_format=3,
+            consolidated=False,
+            write_empty_chunks=True,  # a chunk of nothing but NaN is complete as well
+        )
+
+
+def _compute_here(tasks: list[Any], count: int, advance: Callable[[], None]) -> None:
+    """Compute tasks in this process, up to ``count`` at a time."""
+    dask, stop = required("dask"), threading.Event()
+
+    def finished(key: Any, *_: Any) -> None:
+        if str(key[0]).startswith(_write_region.__name__):
+            advance()
+
+    with required("dask.callbacks").Callback(posttask=finished):
+        if count == 1:
+            dask.compute(*tasks, scheduler="synchronous")
+            return
+        stops = execution.stop_this_thread_when
+        with ThreadPoolExecutor(count, initializer=stops, initargs=(stop,)) as pool:
+            try:
+                dask.compute(*tasks, scheduler="threads", pool=pool)
+            except BaseException:  # KeyboardInterrupt too
+                stop.set()  # chunks may take minutes
+                pool.shutdown(wait=False, cancel_futures=True)
+                raise
+
+
+@contextmanager
+def _connected(scheduler: Any) -> Iterator[Any]:
+    """Connect to a scheduler that has workers of the same versions; EngineError without."""
     distributed = required("distributed")
-    if not re.fullmatch(r"((tcp|tls|ws|wss)://)?[^\s/]+:\d+/?", scheduler):
-        # distributed would say the same later, and with a traceback when its client is collected
+    address = getattr(scheduler, "scheduler_address", scheduler)
+    if not re.fullmatch(_ADDRESS, address if isinstance(address, str) else ""):
+        # distributed would report the same later, with a traceback when its client is collected
         raise EngineError(
             f"expected the address of a dask scheduler such as tcp://host:8786, got {scheduler!r}"
         )
     try:
         client = distributed.Client(scheduler, timeout=_PATIENCE, set_as_default=False)
-    except Exception as error:  # of many kinds where something else answers
+        client.wait_for_workers(1, timeout=_PATIENCE)
+        of_all = client.get_versions(packages=["polywigner"])
+        versions = {one["packages"]["polywigner"] for one in of_all["workers"].values()}
+        if versions != {of_all["client"]["packages"]["polywigner"]}:
+            raise ValueError(f"polywigner {', '.join(map(str, versions))} on workers")
+    except Exception as error:  # of many types if something else responds
         raise EngineError(
-            f"expected a dask scheduler at {scheduler!r}, got none that answers "
-            f"({type(error).__name__}: {error}); start one by `dask scheduler`"
+            f"expected a dask scheduler with workers of the same versions at {scheduler!r}, got "
+            f"{type(error).__name__}: {error!s:.300}; start `dask scheduler` and `dask worker`"
         ) from error
     with client:
-        try:
-            client.wait_for_workers(1, timeout=_PATIENCE)
-        except TimeoutError as error:
-            raise EngineError(
-                f"expected workers at the scheduler {scheduler!r}, got none within "
-                f"{_PATIENCE:g} s; start some by `dask worker {scheduler}`"
-            ) from error
         yield client
 
 
-def _on_cluster(
-    writer: ChunkWriter, indices: Sequence[Index], client: Any, advance: Advance
-) -> None:
-    """Compute all chunks by the workers of a scheduler; others do the work of one that dies.
-
-    Raises StoreError or EngineError, before any chunk is begun, for a worker that does not see the
-    store or lacks polywigner; else what the first chunk to fail raises.
-    """
-    distributed, dask = required("distributed"), required("dask")
-    for worker, answer in client.run(writer.check, on_error="return").items():
-        if isinstance(answer, PolywignerError):
-            raise answer
-        if isinstance(answer, Exception) and not isinstance(answer, OSError):  # has just died
-            raise EngineError(
-                f"expected workers with polywigner, got none that works at {worker} "
-                f"({type(answer).__name__}: {answer}); install the same everywhere"
-            ) from answer
-    # As a node of the graph it is sent once, and again to whoever replaces a dead worker.
-    node = dask.delayed(writer, traverse=False, pure=False)
-    call = dask.delayed(_write, pure=False)
-    futures = client.compute([call(node, index) for index in indices])
+def _compute_on(client: Any, tasks: list[Any], advance: Callable[[], None]) -> None:
+    """Compute tasks on the workers of a scheduler. Tasks of a dead worker go to other workers."""
+    distributed = required("distributed")
     try:
-        for future in distributed.as_completed(futures, loop=client.loop):
+        for future in distributed.as_completed(client.compute(tasks), loop=client.loop):
             if future.status != "finished":
                 future.result()
-            # Not kept by the worker, whose death would have it computed again.
             future.release()
             advance()
     except distributed.KilledWorker as error:
         raise StoreError(
             f"expected workers that live, got a chunk at which several died: {error}; give "
-            "them more memory and start the same run again: what is finished stays"
+            "them more memory and start the same run again: finished chunks stay"
         ) from error
 
 
-def _write(writer: ChunkWriter, index: Index) -> None:
-    from distributed import get_worker
+def open_store(path: str | os.PathLike[str]) -> xarray.Dataset:
+    """Open a zarr store (format 3) lazily.
 
-    if writer.threads is None:
-        # Its share of the machine's cores, since several workers may share the machine.
-        writer = replace(writer, threads=get_worker().state.nthreads)
-    writer(index)
-
-
-def write_dataset(
-    path: str | os.PathLike[str],
-    layout: Layout,
-    block: Block,
-    settings: Mapping[str, Any],
-    *,
-    exclusive: bool = True,
-    scheduler: str | None = None,
-    threads: int | None = None,
-    progress: bool | None = None,
-) -> Any:
-    """Fill a zarr store (format 3) with the values of a block; an xarray.Dataset, read lazily.
-
-    Of a store that is there already, chunks that are missing or damaged are computed, the latter
-    with a warning. A run that fails before a chunk is finished leaves no store behind.
-
-    Parameters
-    ----------
-    path, scheduler, threads, progress : as of :func:`wigner_table`, of ``out`` the first.
-    block : can be pickled if there is a ``scheduler``, and then keeps no caches when it is.
-    settings : all that the values depend on beside the layout, as texts, numbers and lists.
-        ``source`` is the text of a source file.
-    exclusive : the block uses all cores by itself, as the engines "llvm" and "cuda" do; else
-        (NumPy) as many blocks are computed at a time as there are threads.
-
-    Raises
-    ------
-    StoreError for a place that cannot be written to or has too little space, and for a store that
-    another run writes to, that is damaged beside its chunks, or that is of other settings or
-    versions; EngineError for a scheduler that does not answer; MissingExtraError without zarr,
-    xarray or dask; and what ``block`` raises.
+    Raises StoreError unless all of its arrays have codecs that decode numbers and texts only.
     """
+    required("zarr"), required("dask")
     import xarray
 
-    if threads is not None:
-        threads = checked_count(threads, "threads", 1, MOST_THREADS)
-    require_stores(scheduler)
     folder = checked_path(path)
-    run = _run_of(layout, settings)
-    size = math.prod(layout.chunks) * np.dtype(layout.dtype).itemsize
-    # workers may have been started elsewhere
-    where = str(folder.absolute())
-    writer = ChunkWriter(where, json.dumps(run), layout, block, exclusive, threads)
-    is_new = not os.path.lexists(folder)
-    with ExitStack() as stack:
-        if is_new:
-            _check_space(folder, layout.count * size)  # first: they may be too many to list
-            indices = list(np.ndindex(layout.grid))
-        else:
-            array = _array_of_run(folder, run)
-            stack.enter_context(one_run(folder))
-            with as_store_error(f"to read and write {folder}", "check its permissions"):
-                indices = _to_compute(array, progress)
-            _check_space(folder, len(indices) * size)
-        if not indices:
-            return xarray.open_zarr(folder)
-        client = None if scheduler is None else stack.enter_context(connected(scheduler))
-        if is_new:  # only now, when whoever computes has answered
-            stack.enter_context(one_run(folder))
-            _create(folder, layout, run, settings.get("source"))
-            stack.enter_context(_removed_if_empty(folder, layout.name))
-        bar = stack.enter_context(
-            progress_bar(folder.name, layout.count, layout.count - len(indices), progress)
-        )
-        if client is None:
-            _on_this_machine(writer, indices, threads, bar)
-        else:
-            _on_cluster(writer, indices, client, bar)
-            _sweep(folder / layout.name)  # what killed workers had begun
-    return xarray.open_zarr(folder)
-
-
-def _sweep(array: Path) -> None:
-    """Remove the chunks that killed runs, or killed workers of this one, have half written."""
-    for file in (array / "c").rglob("*.partial"):
-        file.unlink(missing_ok=True)
-
-
-@contextmanager
-def _removed_if_empty(path: Path, name: str) -> Iterator[None]:
-    """Within, a failure before the first chunk removes the store, to which nobody writes then."""
-
-    def remove() -> None:
-        entries = (path / name / "c").rglob("*")
-        if all(entry.is_dir() or entry.suffix == ".partial" for entry in entries):
-            shutil.rmtree(path, ignore_errors=True)
-
     try:
-        yield
-    except BaseException:
-        remove()
-        raise
-
-
-def _array_of_run(path: Path, run: dict[str, Any]) -> Any:
-    """Return the array of a store with the settings of the run; StoreError where they differ."""
-    found = recorded(path)
-    if found is None:
+        for file in (folder / "zarr.json", *folder.glob("*/zarr.json")):
+            table = json.loads(file.read_bytes())
+            unknown = {*_codec_names(table.get("codecs", ()))} - _CODECS
+            if table["zarr_format"] != 3 or unknown:
+                raise ValueError(f"format {table['zarr_format']!r:.20}, codecs {unknown!r:.100}")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of other files in the folder
+            # a consolidated copy of the metadata has not been checked
+            return xarray.open_zarr(folder, zarr_format=3, consolidated=False)
+    except Exception as error:  # zarr and its codecs raise many types
         raise StoreError(
-            f"expected {path} to be free, or a store of this run, got something else there; choose "
-            "another name"
-        )
-    differ = sorted(name for name in {*found, *run} if found.get(name) != run.get(name))
-    if differ:
-        told = ", ".join(
-            f"{name} {run.get(name)!r:.60} (there: {found.get(name)!r:.60})" for name in differ
-        )
-        raise StoreError(
-            f"expected {path} to be a store of the same settings, got one that differs in {told}; "
-            "choose another name, or delete that store"
-        )
-    return stored_array(path, found)
+            f"expected a zarr store of format 3 at {folder}, got something else there "
+            f"({type(error).__name__}: {error!s:.200}); choose another name"
+        ) from error
 
 
-def _check_space(path: Path, needed: int) -> None:
-    with as_store_error(f"to read and write {path}", "check its permissions"):
-        there = next(place for place in (path, *path.absolute().parents) if place.exists())
-        free = shutil.disk_usage(there).free
-    if needed > free:
-        raise StoreError(
-            f"expected {needed / 2**30:.3g} GiB of free space at {path}, got "
-            f"{free / 2**30:.3g} GiB; free some, or ask for fewer samples"
-        )
-
-
-def _to_compute(array: Any, progress: bool | None) -> list[Index]:
-    """The chunks that are missing or damaged; a warning tells of the latter."""
-    path = array.store.root
-    _sweep(path)
-    missing, damaged = chunk_faults(array, progress)
-    if damaged:
-        warn_caller(
-            f"{len(damaged)} of the {array.nchunks} chunks of {path.parent} were damaged, and are "
-            "computed anew; look after the disk if no power failed"
-        )
-    return sorted(missing + damaged)
+def _codec_names(codecs: Sequence[Any]) -> Iterator[str]:
+    """Iterate over the names of codecs, those inside of shards included."""
+    for codec in codecs:
+        yield codec["name"]
+        inner = codec.get("configuration") or {}
+        yield from _codec_names([*inner.get("codecs", ()), *inner.get("index_codecs", ())])

@@ -16,15 +16,15 @@ from polywigner.execution import Engine, Precision, checked_engine, checked_prec
 from polywigner.execution.choice import resolved
 from polywigner.geometry.arguments import checked_count, checked_row
 from polywigner.kernels import kernel_for
-from polywigner.propagation.stores import write_dataset
-from polywigner.propagation.stores_checks import (
+from polywigner.propagation.stores import (
     Index,
-    Layout,
+    Scheduler,
     check_memory,
     chunks_within,
+    lazy_array,
     source_attrs,
     source_coords,
-    source_settings,
+    write_store,
 )
 from polywigner.transforms import PhaseSpaceSource, ambiguity, wigner
 from polywigner.transforms.wavefronts import flat_of
@@ -39,6 +39,11 @@ Kind = Literal["wigner", "ambiguity"]
 # Samples of a chunk: enough for the kernels to run at full speed, and 16 MiB (float32) to 64 MiB
 # (complex double) large.
 _CHUNK_SAMPLES = 1 << 22
+# Symbol, name, and sign convention.
+_NAMES = {
+    "wigner": ("W", "Wigner function", "exp(-2 pi i nu.xi)"),
+    "ambiguity": ("A", "ambiguity function", "exp(-2 pi i upsilon.x)"),
+}
 
 
 def wigner_table(
@@ -52,29 +57,31 @@ def wigner_table(
     chunks: Mapping[str, int] | None = None,
     precision: Precision = "single",
     engine: Engine = "auto",
-    scheduler: str | None = None,
+    scheduler: Scheduler = None,
     threads: int | None = None,
     progress: bool | None = None,
 ) -> Any:
     """W(x, y, nu_x, nu_y) of a plane source on a grid of its four coordinates.
 
-    With ``out`` it is written to disk chunk by chunk, and may be larger than memory; a run that was
-    killed is taken up by the same call (docs/large_runs). Source, accuracy: see :func:`wigner`.
+    With ``out`` it is written to disk chunk by chunk, and may be larger than memory. The same call
+    completes a store that an interrupted run has left (docs/large_runs). Source and accuracy: see
+    :func:`wigner`.
 
     Parameters
     ----------
     source : Aperture, uniform or with an illumination, or an Array of these in the plane z = 0.
     x, y : (n,) positions in m.
     nu_x, nu_y : (n,) spatial frequencies in 1/m.
-    out : folder of a zarr store (format 3) to make, or to go on with; None: in memory. Needs the
-        extra ``volume``.
+    out : folder of a zarr store (format 3) to create or to complete; None: in memory. Needs the
+        extra ``datasets``.
     chunks : samples along the named axes of a chunk on disk; those not named are cut so that a
         chunk has up to 4 million samples.
     precision : of sums and results, "single" or "double" (None: double).
     engine : "auto", "numpy", "llvm" or "cuda"; see :func:`wigner`.
-    scheduler : address of a dask.distributed scheduler whose workers see ``out``; None: this
-        machine.
-    threads : on this machine, or of each worker; None: all cores, or what each worker has.
+    scheduler : address of a dask.distributed scheduler whose workers see ``out``, or a cluster
+        object such as ``LocalCluster``; None: this machine.
+    threads : number of threads, on this machine or of each worker; None: all cores, or the worker's
+        threads.
     progress : whether to draw a progress bar; None: on a terminal.
 
     Returns
@@ -85,8 +92,8 @@ def wigner_table(
     ------
     ArgumentError for arguments of the wrong type, shape or range; GeometryError for an Array whose
     elements do not lie in the plane z = 0; EngineError without the engine, or the scheduler;
-    StoreError for a place without space, or with data of another run; MissingExtraError without the
-    extra.
+    StoreError for a path without space, or with results of other settings; MissingExtraError
+    without the extra.
 
     >>> import polywigner as pw
     >>> table = pw.wigner_table(pw.shapes.square(1.0), [0.0], [0.0], [0.0, 0.5], [0.0])
@@ -109,7 +116,7 @@ def ambiguity_table(
     chunks: Mapping[str, int] | None = None,
     precision: Precision = "single",
     engine: Engine = "auto",
-    scheduler: str | None = None,
+    scheduler: Scheduler = None,
     threads: int | None = None,
     progress: bool | None = None,
 ) -> Any:
@@ -158,64 +165,66 @@ def _grid(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np
 def _table(
     kind: Kind,
     source: PhaseSpaceSource,
-    given: Mapping[str, ArrayLike],
+    axes: Mapping[str, ArrayLike],
     out: str | os.PathLike[str] | None,
     chunks: Mapping[str, int] | None,
     precision: Precision,
-    asked: Engine,
+    engine: Engine,
     how: dict[str, Any],
 ) -> Any:
-    """The table; ``how``: scheduler, threads and progress of a run that writes to disk."""
+    """Return the table; ``how``: scheduler, threads and progress of a run that writes to disk."""
+    from polywigner import __version__
+
     if kernel_for(kind, flat_of(source)).dimension != 2:
         raise ArgumentError(
             f"expected a source of the plane, got {type(source).__name__}; the table of slits has "
             f"two coordinates only: use polywigner.{kind}"
         )
-    checked_engine(asked)
+    checked_engine(engine)
+    if out is None:
+        for name, value in {"chunks": chunks, **how}.items():
+            if value is not None and name != "progress":
+                raise ArgumentError(f"expected out with {name}, got none; name a store to write to")
+    coords = {name: _checked_axis(name, values) for name, values in axes.items()}
+    shape, sizes = tuple(axis.shape[0] for axis in coords.values()), _chunks(coords, chunks)
     is_double = checked_precision(precision) != "single"
-    axes = {name: _checked_axis(name, values) for name, values in given.items()}
-    symbol, label, convention = {
-        "wigner": ("W", "Wigner function", "exp(-2 pi i nu.xi)"),
-        "ambiguity": ("A", "ambiguity function", "exp(-2 pi i upsilon.x)"),
-    }[kind]
     dtype = np.dtype(np.float64 if is_double else np.float32)
-    layout = Layout(
-        symbol,
-        dtype if kind == "wigner" else np.result_type(dtype, np.complex64),
-        axes,
-        _chunks(axes, chunks),
-        {"units": "m2", "long_name": label},
+    symbol, label, convention = _NAMES[kind]
+    if kind == "ambiguity":
+        dtype = np.result_type(dtype, np.complex64)
+    # every chunk on the same engine, wherever it is computed
+    chosen: Any = resolved(engine, math.prod(sizes))
+    block = _Block(kind, source, tuple(a.values for a in coords.values()), precision, chosen)
+    if out is None:
+        check_memory(shape)
+        values = block((0,) * len(shape), shape)
+    else:
+        how["compiled"] = chosen != "numpy"
+        pool = {"compiled": how["compiled"], "threads": how["threads"]}
+        values = lazy_array(block, shape, sizes, dtype, **pool)
+    table = labelled_arrays(
+        {symbol: (tuple(coords), values, {"units": "m2", "long_name": label})},
+        {**coords, **source_coords(source)},
         {
             "kind": kind,
             "convention": convention,
             "precision": "double" if is_double else "single",
+            "engine": chosen,
+            "polywigner_version": __version__,
             **source_attrs(source),
         },
     )
-    # Every chunk by the same engine, wherever it is computed.
-    engine: Any = resolved(asked, math.prod(layout.chunks))
-    block = _Block(kind, source, tuple(a.values for a in axes.values()), precision, engine)
-    if out is not None:
-        settings = {"engine": engine, **source_settings(source)}
-        return write_dataset(out, layout, block, settings, exclusive=engine != "numpy", **how)
-    for name, value in {"chunks": chunks, **how}.items():
-        if value is not None and name != "progress":
-            raise ArgumentError(f"expected out with {name}, got none; say where to write")
-    check_memory(layout.shape)
-    values = block((0,) * len(layout.shape), layout.shape)
-    variable = labelled_array(values, tuple(layout.coords), dict(layout.attrs))
-    coords = {**layout.coords, **source_coords(source)}
-    return labelled_arrays({layout.name: variable}, coords, {**layout.dataset_attrs})
+    return table if out is None else write_store(out, table, **how)
 
 
-def _chunks(axes: Mapping[str, xarray.Variable], wanted: Mapping[str, int] | None) -> Index:
-    asked = {} if wanted is None else wanted
-    if not isinstance(asked, Mapping) or not asked.keys() <= axes.keys():
+def _chunks(axes: Mapping[str, xarray.Variable], sizes: Mapping[str, int] | None) -> Index:
+    fixed = {} if sizes is None else sizes
+    if not isinstance(fixed, Mapping) or not fixed.keys() <= axes.keys():
         raise ArgumentError(
-            f"expected chunks as samples along some of {', '.join(axes)} by name, got {wanted!r}"
+            f"expected chunks as samples along some of {', '.join(axes)} by name, got {sizes!r}"
         )
     lengths = {name: axis.shape[0] for name, axis in axes.items()}
-    fixed = {name: checked_count(n, f"chunks along {name}", 1) for name, n in asked.items()}
+    fixed = {name: checked_count(n, f"chunks along {name}", 1) for name, n in fixed.items()}
     fixed = {name: min(n, lengths[name]) for name, n in fixed.items()}
     free = [name for name in axes if name not in fixed]
     left = max(1, _CHUNK_SAMPLES // math.prod(fixed.values()))

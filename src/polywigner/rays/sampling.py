@@ -29,7 +29,7 @@ from polywigner.illumination.obliquities import (
     weighted_sources,
 )
 from polywigner.propagation.far_fields import check_slopes, radiated_power
-from polywigner.propagation.stores_checks import source_attrs
+from polywigner.propagation.stores import source_attrs
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.radiometry.directions import (
     PlaneSource,

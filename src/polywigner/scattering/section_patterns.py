@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
-from collections.abc import Iterator
+from collections.abc import Callable
 from dataclasses import InitVar, dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -86,12 +87,8 @@ def rcs_pattern(
     87266
     """
     pattern = Pattern(body, wavelength, azimuth, elevation, to_transmitter, polarisation, bounces)
-    values = np.empty(pattern.shape)
-    with progress_bar("radar cross sections", len(values), show=progress) as advance:
-        for rows, part in pattern.parts():
-            values[rows] = part
-            advance(len(part))
-    return pattern.dataset(values)
+    with progress_bar("radar cross sections", math.prod(pattern.shape), show=progress) as advance:
+        return pattern.dataset(pattern.values(advance))
 
 
 @dataclass(eq=False)
@@ -128,27 +125,51 @@ class Pattern:
         """Numbers of azimuths and elevations."""
         return len(self.azimuth), len(self.elevation)
 
-    def parts(self, missing: NDArray[np.bool_] | None = None) -> Iterator[tuple[Any, Floats]]:
-        """Rows of azimuths, and their cross sections (k, m) in m^2.
+    @property
+    def together(self) -> int:
+        """Number of azimuths that are computed together."""
+        return max(1, _TOGETHER // max(1, len(self.elevation)))
 
-        ``missing``: (n,) the azimuths to compute; None: all.
-        """
+    def values(self, advance: Callable[[int], None]) -> Floats:
+        """Compute all cross sections (n, m) in m^2; ``advance`` is called with numbers of them."""
+        self.warn()
+        values, step = np.empty(self.shape), self.together
+        for start in range(0, len(values), step):
+            rows = values[start : start + step]
+            rows[...] = self.part((start, 0), rows.shape)
+            advance(rows.size)
+        return values
+
+    def warn(self) -> None:
+        """Warn where physical optics is a rough approximation."""
         warn_of_small(self.facets, self.wavelength)
         if self.bounces == 1:
             warn_of_reflections(self.facets, self._some_directions())
-        numbers = np.flatnonzero(
-            np.ones(len(self.azimuth), np.bool_) if missing is None else missing
-        )
-        together = max(1, _TOGETHER // max(1, len(self.elevation)))
-        for start in range(0, len(numbers), together):
-            rows = numbers[start : start + together]
-            try:
-                yield rows, self.at(self.azimuth[rows, None], self.elevation)
-            except ArgumentError as error:  # too many overlaps or beams in these directions
-                if start == 0:
-                    raise
-                warn_caller(f"all directions at some azimuths are NaN: {error}")
-                yield rows, np.full((len(rows), len(self.elevation)), np.nan)
+
+    def settings(self) -> dict[str, Any]:
+        """Return the settings of the values, with a digest of the body."""
+        from polywigner import __version__
+
+        arrays = self.facets.corners, self.facets.is_plate
+        content = b"".join(np.ascontiguousarray(array).tobytes() for array in arrays)
+        return {
+            "wavelength": self.wavelength,
+            "polarisation": self.polarisation,
+            "bounces": self.bounces,
+            "body_sha256": hashlib.sha256(content).hexdigest(),
+            "polywigner_version": __version__,
+        }
+
+    def part(self, origin: tuple[int, ...], shape: tuple[int, ...]) -> Floats:
+        """Compute cross sections of a shape in m^2, from the angles with numbers ``origin`` on."""
+        rows, columns = (slice(o, o + n) for o, n in zip(origin, shape, strict=True))
+        try:
+            return self.at(self.azimuth[rows, None], self.elevation[columns])
+        except ArgumentError as error:  # too many overlaps or beams in these directions
+            if origin[0] == 0:
+                raise
+            warn_caller(f"all directions at some azimuths are NaN: {error}")
+            return np.full(shape, np.nan)
 
     def at(self, azimuth: Floats, elevation: Floats) -> Floats:
         """Cross sections (...) in m^2 at angles that broadcast."""

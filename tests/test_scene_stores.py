@@ -1,0 +1,221 @@
+"""Renders and received powers of scene files, part by part in a store or on a cluster."""
+
+import pickle
+import sys
+from functools import partial
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from polywigner.cli import main
+from polywigner.errors import ArgumentError, EngineError, SceneError, StoreError
+
+pytestmark = pytest.mark.drjit
+
+_EXTRA = "the extra `datasets` is not installed"
+for _library in ("xarray", "zarr", "dask", "distributed"):
+    pytest.importorskip(_library, reason=_EXTRA)
+
+SENSOR = """<sensor type="orthographic">
+        <transform name="to_world">
+            <scale x="0.02" y="0.02"/>
+            <lookat origin="0, 0, 0.5" target="0, 0, 1" up="0, 1, 0"/>
+        </transform>
+        <sampler type="independent"><integer name="sample_count" value="$samples"/></sampler>
+        <film type="hdrfilm">
+            <integer name="width" value="8"/><integer name="height" value="64"/>
+            <string name="pixel_format" value="luminance"/><rfilter type="box"/>
+        </film>
+    </sensor>"""
+RECEIVER = """<sensor type="wigner_receiver" id="{name}">
+        <string name="aperture" value="square.wkt"/>
+        <string name="frequency" value="94 GHz"/>
+        <transform name="to_world"><translate x="{x}"/></transform>
+        <film type="hdrfilm">
+            <integer name="width" value="1"/><integer name="height" value="1"/>
+            <rfilter type="box"/>
+        </film>
+        <sampler type="independent"><integer name="sample_count" value="32"/></sampler>
+    </sensor>"""
+SOURCE = """<shape type="wigner" id="{name}">
+        <string name="aperture" value="$outline"/>
+        <string name="frequency" value="94 GHz"/>
+        <string name="estimator" value="{estimator}"/>
+    </shape>"""
+FLOOR = """<shape type="rectangle">
+        <transform name="to_world"><rotate x="1" angle="180"/><translate z="1"/></transform>
+        <bsdf type="diffuse"/>
+    </shape>"""
+DEFAULTS = """<default name="samples" value="4"/><default name="outline" value="square.wkt"/>
+    <integrator type="path"><integer name="max_depth" value="2"/></integrator>"""
+# Rows of a strip of the film, which has 64; and parts of the results.
+ROWS, STRIPS, BATCHES = 16, 4, 16
+# Threads of the renderer add in any order.
+LAST = 1e-5
+
+
+def scene_of(folder, *parts):
+    (folder / "square.wkt").write_text("POLYGON ((-5 -5, 5 -5, 5 5, -5 5, -5 -5))")
+    path = folder / "scene.xml"
+    path.write_text(f'<scene version="3.0.0">{DEFAULTS}{"".join(parts)}{FLOOR}</scene>')
+    return path
+
+
+@pytest.fixture
+def camera_scene(tmp_path):
+    return scene_of(tmp_path, SENSOR, SOURCE.format(name="tx", estimator="wigner"))
+
+
+@pytest.fixture
+def receiver_scene(tmp_path):
+    receivers = [RECEIVER.format(name="rx", x=0), RECEIVER.format(name="other", x=0.05)]
+    sources = [SOURCE.format(name=name, estimator="exact") for name in ("tx", "second")]
+    return scene_of(tmp_path, *receivers, *sources)
+
+
+@pytest.fixture(autouse=True)
+def short_strips(monkeypatch):
+    import polywigner.mitsuba  # noqa: F401 (chooses the LLVM library)
+
+    monkeypatch.setattr("polywigner.mitsuba.films._SCALAR_ROWS", ROWS)
+
+
+def rendered(path, **options):
+    """One thread: the number of threads decides how a scalar variant divides a small strip."""
+    import polywigner.mitsuba as pwm
+
+    return pwm.render_file(path, **{"variant": "scalar_rgb", "threads": 1, **options})
+
+
+def received(path, seed=0, **options):
+    from polywigner.mitsuba.received import ReceiveOptions
+    from polywigner.mitsuba.scene_renders import SceneFile, receive_parts
+
+    file = SceneFile(path, "scalar_rgb")
+    powers = receive_parts(file, file.load(), ReceiveOptions(seed=seed), threads=1, **options)
+    return np.array([[part.scattered for part in one.contributions] for one in powers])
+
+
+def parts_of(store, name):
+    """When each complete part was written."""
+    files = (store / name / "c").rglob("*")
+    return {file: file.stat().st_mtime_ns for file in files if file.is_file()}
+
+
+def check_completed(compute, store, name, count):
+    """Check that parts in a store give the direct result, and that only a lost one is computed."""
+    direct = compute()
+    assert np.min(direct) >= 0 < np.max(direct)
+    for _ in range(2):
+        np.testing.assert_allclose(compute(store=store), direct, rtol=LAST)
+        parts = parts_of(store, name)
+    assert len(parts) == count
+    lost = sorted(parts)[count // 3]
+    lost.unlink()
+    np.testing.assert_allclose(compute(store=store), direct, rtol=LAST)
+    again = parts_of(store, name)
+    assert {file for file in again if again[file] != parts.get(file)} == {lost}
+
+
+def test_a_render_in_a_store_is_that_of_one_run_and_is_completed(camera_scene, tmp_path):
+    check_completed(partial(rendered, camera_scene), tmp_path / "r.zarr", "radiance", STRIPS)
+
+
+def test_received_powers_in_a_store_are_those_of_one_run(receiver_scene, tmp_path):
+    store = tmp_path / "r.zarr"
+    check_completed(partial(received, receiver_scene), store, "power", 2 * BATCHES)
+    with pytest.raises(StoreError, match="differs in seed 1 "):
+        received(receiver_scene, seed=1, store=store)
+
+
+def test_another_image_is_not_mixed_with_the_parts_in_a_store(camera_scene, tmp_path):
+    store = tmp_path / "r.zarr"
+    rendered(camera_scene, store=store)
+    before = parts_of(store, "radiance")
+    for options, named in (
+        ({"seed": 1}, "seed 1 "),
+        ({"integrator": "direct"}, "integrator 'direct'"),
+        ({"parameters": {"samples": 8}}, "parameters"),
+    ):
+        with pytest.raises(StoreError, match=f"differs in {named}"):
+            rendered(camera_scene, store=store, **options)
+    (tmp_path / "square.wkt").write_text("POLYGON ((-4 -5, 5 -5, 5 5, -5 5, -4 -5))")
+    with pytest.raises(StoreError, match=r"differs in file square\.wkt"):
+        rendered(camera_scene, store=store)
+    assert parts_of(store, "radiance") == before
+
+
+def test_another_process_loads_the_scene_and_its_sources_itself(camera_scene):
+    import polywigner.mitsuba as pwm
+    from polywigner.mitsuba.rendering import exposed
+    from polywigner.mitsuba.scene_renders import SceneFile, SceneParts, tile
+
+    key = pwm.register_source(pw.shapes.square(3e-3))
+    file = SceneFile(camera_scene, "scalar_rgb", None, {"outline": key})
+    scene = file.load()
+    parts = SceneParts(file, scene, partial(tile, exposed(scene).cut, None, 0, 0))
+    copy = pickle.loads(pickle.dumps(parts))
+    assert copy.scene is None
+    for top in (0, 48):
+        part = ((0, top, 0, 0), (1, 16, 8, 3))
+        np.testing.assert_array_equal(copy(*part), parts(*part))
+
+
+@pytest.mark.slow
+def test_workers_of_a_cluster_render_and_receive_the_same(camera_scene, tmp_path, monkeypatch):
+    from distributed import LocalCluster
+
+    image = rendered(camera_scene)
+    with LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+    ) as cluster:
+        for number, scheduler in enumerate((cluster, cluster.scheduler_address)):
+            store = tmp_path / f"{number}.zarr"
+            found = rendered(camera_scene, store=store, scheduler=scheduler)
+            np.testing.assert_allclose(found, image, rtol=LAST)
+        (tmp_path / "b").mkdir()
+        receivers = [RECEIVER.format(name="rx", x=0)]
+        scene = scene_of(tmp_path / "b", *receivers, SOURCE.format(name="tx", estimator="exact"))
+        power = received(scene, store=tmp_path / "p.zarr", scheduler=cluster.scheduler_address)
+    np.testing.assert_allclose(power, received(scene), rtol=LAST)
+
+
+def test_wrong_requests_leave_nothing(camera_scene, tmp_path, monkeypatch):
+    monkeypatch.setattr("polywigner.propagation.stores._PATIENCE", 0.3)
+    before, store = set(tmp_path.iterdir()), tmp_path / "r.zarr"
+    for options, error, words in (
+        ({"scheduler": "tcp://127.0.0.1:1"}, ArgumentError, "store with a scheduler"),
+        ({"scheduler": "tcp://127.0.0.1:1", "store": store}, EngineError, "at 'tcp://127"),
+        ({"threads": 0}, ArgumentError, "threads"),
+        ({"integrator": "no_such", "store": store}, SceneError, "no_such"),
+    ):
+        with pytest.raises(error, match=words):
+            rendered(camera_scene, **options)
+    assert set(tmp_path.iterdir()) == before
+
+
+@pytest.mark.parametrize("command", ["render", pytest.param("receive", marks=pytest.mark.slow)])
+def test_the_command_removes_the_parts_when_its_files_are_written(command, request, capfd):
+    scene = request.getfixturevalue("camera_scene" if command == "render" else "receiver_scene")
+    out = scene.parent / "out" / "result"
+    words = [command, str(scene), "--variant", "scalar_rgb", "--threads", "1", "--out", str(out)]
+    assert main([*words, "--resumable"]) == 0
+    files = {path.name for path in out.parent.iterdir()}
+    exr = {"result.exr"} if command == "render" else set()
+    assert files == {"result.json", "result.png"} | exr
+    assert capfd.readouterr().err == f"polywigner: made the folder {out.parent}\n"
+    parts = out.parent / "result.parts.zarr"
+    parts.mkdir()
+    assert main([*words, "--resumable"]) == 2
+    assert main([*words, "--scheduler", "tcp://nowhere"]) == 2
+    errors = capfd.readouterr().err
+    assert "something else there" in errors and "Traceback" not in errors
+    assert errors.count("\n") == 2
+
+
+def test_without_the_extra_the_command_names_it(camera_scene, capfd, monkeypatch):
+    monkeypatch.setitem(sys.modules, "zarr", None)
+    assert main(["render", str(camera_scene), "--scheduler", "tcp://127.0.0.1:1"]) == 2
+    stderr = capfd.readouterr().err
+    assert 'pip install ".[datasets]"' in stderr and stderr.count("\n") == 1
