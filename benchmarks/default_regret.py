@@ -5,12 +5,10 @@ own, forked after polywigner's own modules are there: the first call, with Dr.Ji
 and compiling (no kernel is on disk from an earlier process), and the best of the next calls (three
 seconds of them), in processor seconds of all threads: shared machines have no other clock. Regret
 is the time of ``engine="auto"`` over the shortest time of all engines; calls below 20 ms do not
-count, and where both are the other engines do not run.
+count, and where both are the other engines do not run. The thresholds of
+:mod:`polywigner.execution.choice` are read from the output.
 
-With ``--estimates``: what :mod:`polywigner.plans` believes of each engine's way and what is
-measured, first call and next calls; `plans/costs.py` is calibrated by it.
-
-    python benchmarks/default_regret.py [--quick] [--estimates] [--only SOURCE ...]
+    python benchmarks/default_regret.py [--quick] [--only SOURCE ...]
                             [--functions wigner ...] [--sizes 1 100 ...] [--layouts points ...]
 """
 
@@ -18,7 +16,6 @@ from __future__ import annotations
 
 import argparse
 import itertools
-import math
 import os
 import pickle
 import select
@@ -34,7 +31,6 @@ from typing import Any
 import numpy as np
 
 import polywigner as pw
-from polywigner.errors import ArgumentError
 
 LAYOUTS = ("points", "one place", "outer", "grid")
 FUNCTIONS = ("wigner", "ambiguity", "fourier")
@@ -168,13 +164,10 @@ def _extent(source: Any) -> Any:
 
 @dataclass(frozen=True)
 class Timed:
-    """Seconds of a first call in a process of its own, of the best of the next, and estimates."""
+    """Seconds of a first call in a process of its own, and of the best of the next."""
 
     first: float
     next: float
-    way: str = "stopped"
-    setup: float = math.nan
-    run: float = math.nan
 
 
 def timed(case: Case, engine: str) -> Timed:
@@ -189,13 +182,12 @@ def timed(case: Case, engine: str) -> Timed:
             source = SOURCES[case.source]()
             given = arguments(case, source)
             function = getattr(pw, case.function)
-            way = _way(source, given, case.function, engine)
             times = []
             while len(times) < 2 or (len(times) < 60 and sum(times) < 3.0):
                 start = time.process_time()
                 function(source, *given, engine=engine)
                 times.append(time.process_time() - start)
-            found = Timed(times[0], min(times[1:]), *way)
+            found = Timed(times[0], min(times[1:]))
             os.write(writer, pickle.dumps(found))
         except Exception:
             traceback.print_exc()
@@ -212,33 +204,9 @@ def timed(case: Case, engine: str) -> Timed:
     return pickle.loads(answer) if answer else Timed(PATIENCE, PATIENCE)
 
 
-def _way(source: Any, given: Any, function: str, engine: str) -> tuple[str, float, float]:
-    """The name, the set-up and the run of the way that the plan takes."""
-    try:
-        way = pw.explain(source, *given, function=function, engine=engine).way
-    except ArgumentError:  # a sum of several calls
-        return "several", math.nan, math.nan
-    return way.name, way.shared + way.setup, way.run
-
-
-def print_estimates(chosen: argparse.Namespace) -> None:
-    """For each case and engine: the way, and seconds estimated and measured."""
-    print("source | function | layout | samples | way | first: estimated, measured | next")
-    for case in cases(chosen):
-        for engine in ENGINES[1:]:
-            found = timed(case, engine)
-            print(
-                f"{case} | {found.way} | "
-                f"{found.setup + found.run:.2g}, {found.first:.2g} | "
-                f"{found.run:.2g}, {found.next:.2g}",
-                flush=True,
-            )
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true")
-    parser.add_argument("--estimates", action="store_true")
     parser.add_argument("--only", nargs="+", default=list(SOURCES), choices=list(SOURCES))
     parser.add_argument("--functions", nargs="+", default=FUNCTIONS, choices=FUNCTIONS)
     parser.add_argument("--layouts", nargs="+", default=LAYOUTS, choices=LAYOUTS)
@@ -248,9 +216,6 @@ def main() -> None:
     for function in FUNCTIONS:
         given = (origin,) if function == "fourier" else (origin, origin)
         getattr(pw, function)(square, *given, engine="numpy")
-    if chosen.estimates:
-        print_estimates(chosen)
-        return
     print("load average", *(f"{value:.1f}" for value in os.getloadavg()))
     print("source | function | layout | samples | first: auto, numpy, llvm | next | regrets")
     worst = [0.0, 0.0]

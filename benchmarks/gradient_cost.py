@@ -3,9 +3,8 @@
 Run ``python benchmarks/gradient_cost.py``. W of random positions in the automean at random
 frequencies, and its gradient with respect to positions and frequencies, to vertices, and to all of
 them, are computed in turns in this one process, in CPU seconds; the median of the rounds' ratios is
-reported. "Code": the outline is constants of the kernel, as for many samples; "data": it is data,
-as in an optimisation, and so is the value that the cost is divided by. Prints a Markdown table and
-writes ``benchmarks/results/gradient_cost.json``.
+reported. The outline is data, as in an optimisation, and so is the value that the cost is divided
+by. Prints a Markdown table and writes ``benchmarks/results/gradient_cost.json``.
 """
 
 from __future__ import annotations
@@ -20,7 +19,6 @@ from typing import Any
 import numpy as np
 
 import polywigner as pw
-from polywigner.plans.costs import LIMITS
 from polywigner.toolchain.llvm import prepare
 
 RESULTS = Path(__file__).parent / "results" / "gradient_cost.json"
@@ -35,13 +33,12 @@ def _seconds(task: Callable[[], None]) -> float:
     return time.process_time() - start
 
 
-def _tasks(source: pw.Aperture, double: bool, as_data: bool) -> list[Callable[[], None]]:
+def _tasks(source: pw.Aperture, double: bool) -> list[Callable[[], None]]:
     """The value, and the gradients of ``WANTED``."""
     import drjit as dr
     import drjit.llvm.ad as backend
 
     kind = backend.Array2f64 if double else backend.Array2f
-    LIMITS["least samples for an outline as code"] = (1 << 31) if as_data else 0
     rng = np.random.default_rng(0)
     low, high = np.reshape(source.bounds, (2, 2))
     reach = CYCLES / source.diameter / np.sqrt(2)
@@ -51,8 +48,7 @@ def _tasks(source: pw.Aperture, double: bool, as_data: bool) -> list[Callable[[]
     corners = np.concatenate(source.rings).T.tolist()
 
     def value() -> None:
-        traced = pw.differentiable(source, vertices=kind(*corners)) if as_data else source
-        dr.eval(pw.wigner(traced, x, nu))
+        dr.eval(pw.wigner(pw.differentiable(source, vertices=kind(*corners)), x, nu))
         dr.sync_thread()
 
     def gradient(points: bool, outline: bool) -> Callable[[], None]:
@@ -61,8 +57,7 @@ def _tasks(source: pw.Aperture, double: bool, as_data: bool) -> list[Callable[[]
             for array, wanted in zip(arrays, (points, points, outline), strict=True):
                 if wanted:
                     dr.enable_grad(array)
-            changes = outline or as_data
-            traced = pw.differentiable(source, vertices=arrays[2]) if changes else source
+            traced = pw.differentiable(source, vertices=arrays[2])
             dr.backward(pw.wigner(traced, *arrays[:2]))
             dr.eval([dr.grad(array) for array in arrays if dr.grad_enabled(array)])
             dr.sync_thread()
@@ -72,9 +67,9 @@ def _tasks(source: pw.Aperture, double: bool, as_data: bool) -> list[Callable[[]
     return [value, *(gradient(*wanted) for wanted in WANTED.values())]
 
 
-def measured(name: str, double: bool, as_data: bool) -> dict[str, Any]:
+def measured(name: str, double: bool) -> dict[str, Any]:
     """One line of the table."""
-    tasks = _tasks(SHAPES[name], double, as_data)
+    tasks = _tasks(SHAPES[name], double)
     for task in tasks:
         task()
     rounds = np.array([[_seconds(task) for task in tasks] for _ in range(ROUNDS)])
@@ -82,7 +77,6 @@ def measured(name: str, double: bool, as_data: bool) -> dict[str, Any]:
     return {
         "shape": name,
         "precision": "double" if double else "single",
-        "outline": "data" if as_data else "code",
         "million samples per CPU second": float(SAMPLES / np.median(rounds[:, 0]) / 1e6),
         **dict(zip(WANTED, map(float, ratios), strict=True)),
     }
@@ -91,20 +85,13 @@ def measured(name: str, double: bool, as_data: bool) -> dict[str, Any]:
 def main() -> None:
     """Measure, print and write."""
     prepare()
-    rows = [
-        measured(name, double, as_data)
-        for as_data in (False, True)
-        for name in SHAPES
-        for double in (False, True)
-    ]
-    print("| outline | shape | precision | W, M/s | points | vertices | all |")
-    print("|---|---|---|---|---|---|---|")
+    rows = [measured(name, double) for name in SHAPES for double in (False, True)]
+    print("| shape | precision | W, M/s | points | vertices | all |")
+    print("|---|---|---|---|---|---|")
     for row in rows:
         figures = " | ".join(f"{row[key]:.1f}" for key in WANTED)
         rate = row["million samples per CPU second"]
-        print(
-            f"| {row['outline']} | {row['shape']} | {row['precision']} | {rate:.0f} | {figures} |"
-        )
+        print(f"| {row['shape']} | {row['precision']} | {rate:.0f} | {figures} |")
     RESULTS.parent.mkdir(exist_ok=True)
     RESULTS.write_text(json.dumps({"machine": platform.machine(), "rows": rows}, indent=1) + "\n")
 

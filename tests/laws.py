@@ -78,10 +78,6 @@ SOURCES: dict[str, Callable[[], Any]] = {
         pw.cosine_taper(4, 4) * pw.Illumination([1.0], [[50.0, 20.0]])
     ),
     "holed with waves": lambda: FRAME.with_illumination(WAVES),
-    "small distant parts": lambda: pw.Aperture(_small_rings(1e-4)),
-    "smaller parts of any weights": lambda: pw.Array(
-        [pw.Aperture(ring) for ring in _small_rings(2e-6)], _weights(3)
-    ),
     "small parts with waves": lambda: pw.Aperture(_small_rings(1e-2)).with_illumination(WAVES),
     "product": lambda: _product(0.0, (0.0, 0.0)),
     "product, turned and moved": lambda: _product(-1.1, (3.0, 2.0)),

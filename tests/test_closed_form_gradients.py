@@ -248,6 +248,30 @@ def test_of_many_edges_derivatives_by_cells_are_those_by_rows(corners):
         assert np.abs(_read(dr.grad(array)) - expected).max() < ROUNDING * np.abs(expected).max()
 
 
+@pytest.mark.parametrize(
+    ("marginal", "transform"),
+    [
+        (pw.position_marginal, lambda source, x, zero: pw.wigner(source, x, zero)),
+        (pw.lag_marginal, lambda source, xi, zero: pw.ambiguity(source, zero, xi)),
+    ],
+)
+@pytest.mark.parametrize("make", [lambda: pw.shapes.disc(1.0, n=24), _taper, _collection])
+def test_gradients_of_marginals_are_those_at_frequency_zero(marginal, transform, make):
+    import drjit as dr
+
+    source, rng = make(), np.random.default_rng(5)
+    values = rng.uniform(-0.4, 0.9, (15, 2))
+    found = []
+    for function in (marginal, lambda s, p: transform(s, p, np.zeros((15, 2)))):
+        point = _points(values)
+        dr.enable_grad(point)
+        value = function(source, point)
+        dr.backward(getattr(value, "real", value))
+        found.append(_read(dr.grad(point)))
+    assert np.abs(found[1]).max() > 0.1
+    assert np.abs(found[0] - found[1]).max() < ROUNDING * np.abs(found[1]).max()
+
+
 def test_the_area_grows_with_each_vertex_by_half_the_line_between_its_neighbours():
     """F(0) is the area; (2, 0) lies on a straight line, and counts all the same."""
     import drjit as dr

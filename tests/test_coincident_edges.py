@@ -1,13 +1,13 @@
 """Positions and lags at which edges of the two copies coincide, nearly coincide, or touch.
 
-Whichever way rounding decides, no value may jump. 28 shapes with 500 positions and 300 lags each,
-jittered by ulps, against exact clipping (``oracles/generate.py``); random outlines without end
-(``oracles.degenerate``); and regular polygons about their centre, where all edges coincide. Edges
-are cut as the plan has it, and as lists of pairs that can meet.
+No value may jump, however rounding decides. 28 shapes with 500 positions and 300 lags each,
+jittered by ulps, against exact clipping (``oracles/generate.py``); random outlines
+(``oracles.degenerate``); and regular polygons about their centre, where all edges coincide. NumPy
+looks up pairs of edges. LLVM does so for few samples, and has edges as code for many samples of few
+edges.
 """
 
 from collections.abc import Callable
-from contextlib import nullcontext
 from functools import lru_cache
 from itertools import islice, product
 from typing import Any
@@ -21,7 +21,6 @@ from oracles import exact
 from oracles.degenerate import outlines
 from oracles.positions import frequencies, lags, outline, positions
 from oracles.references import ENGINES, FEW, awkward, awkward_names, numpy_and_few
-from polywigner.plans import forced
 
 # Relative to the area: what the package promises.
 TOLERANCE = {"double": 1e-12, "single": 5e-6}
@@ -30,8 +29,6 @@ TOLERANCE = {"double": 1e-12, "single": 5e-6}
 BY_PAIRS = {"double": 2e-14, "single": 5e-6}
 # Vertices and offsets are moved by half a step of 2^-52 or 2^-23 of twice the diameter at most.
 GRID_STEP = {"double": 2.0**-51, "single": 2.0**-22}
-# Both cuts err.
-BOTH = 2.0
 FEW_OUTLINES, DRAWS = 9, 10
 MANY_DRAWS = 100
 
@@ -44,30 +41,18 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
 }
 
 
-def cut(way):
-    return nullcontext() if way == "as planned" else forced(way)
-
-
 @pytest.mark.parametrize(
-    ("name", "way", "precision", "engine"),
+    ("name", "precision", "engine"),
     numpy_and_few(
-        [
-            (name, way, precision)
-            for name in awkward_names()
-            for way in ("as planned", "rows", "pairs")
-            for precision in TOLERANCE
-            if precision == "double" or way == "as planned" or name in FEW
-        ],
-        [(name, "as planned", precision) for name in FEW for precision in TOLERANCE]
-        + [(name, way, "double") for name in FEW for way in ("rows", "pairs")],
+        [(name, precision) for name in awkward_names() for precision in TOLERANCE],
+        [(name, precision) for name in FEW for precision in TOLERANCE],
     ),
 )
-def test_no_value_jumps_where_edges_coincide(name, way, precision, engine):
+def test_no_value_jumps_where_edges_coincide(name, precision, engine):
     case, how = awkward(name), {"precision": precision, "engine": engine}
-    with cut(way):
-        by_wigner = pw.wigner(case.aperture, case.x, case.x_nu, **how) - case.wigner
-        by_ambiguity = pw.ambiguity(case.aperture, case.upsilon, case.xi, **how) - case.ambiguity
-    allowed = (BY_PAIRS if way == "pairs" and engine == "numpy" else TOLERANCE)[precision]
+    by_wigner = pw.wigner(case.aperture, case.x, case.x_nu, **how) - case.wigner
+    by_ambiguity = pw.ambiguity(case.aperture, case.upsilon, case.xi, **how) - case.ambiguity
+    allowed = (BY_PAIRS if engine == "numpy" else TOLERANCE)[precision]
     for error, points in (
         (by_wigner, (case.x, case.x_nu)),
         (by_ambiguity, (case.xi, case.upsilon)),
@@ -75,6 +60,23 @@ def test_no_value_jumps_where_edges_coincide(name, way, precision, engine):
         worst = int(np.abs(error).argmax())
         assert np.isfinite(error).all()
         assert np.abs(error[worst]) <= allowed * case.area, [p[worst].tolist() for p in points]
+
+
+# Samples from which on few edges are code.
+AS_CODE = 1 << 18
+
+
+@pytest.mark.llvm
+@pytest.mark.parametrize("precision", TOLERANCE)
+@pytest.mark.parametrize("name", FEW)
+def test_no_value_jumps_where_edges_are_code(name, precision):
+    case = awkward(name)
+    rows = np.arange(AS_CODE) % len(case.x)
+    plan = pw.explain(case.aperture, case.x[rows], case.x_nu[rows])
+    assert (plan.strategy == "edges as code") == (sum(map(len, case.aperture.rings)) <= 16)
+    found = pw.wigner(case.aperture, case.x[rows], case.x_nu[rows], precision=precision)
+    error = np.abs(found - case.wigner[rows]).max()
+    assert error <= TOLERANCE[precision] * case.area
 
 
 # --- random outlines, cut by lists of pairs
@@ -90,11 +92,6 @@ def tolerance(source, precision):
     rounded = GRID_STEP[precision] * size * float(np.hypot(*edges.T).sum())
     least = BY_PAIRS[precision] * source.area
     return max(least, min(rounded, 1e3 * least))
-
-
-def by_pairs(function, source, *points, **how):
-    with forced("pairs"):
-        return function(source, *points, **how)
 
 
 @lru_cache
@@ -124,7 +121,7 @@ def cases(function, seed, count, each):
 @pytest.mark.parametrize("function", FUNCTIONS)
 def test_random_outlines_have_exact_values(function, engine, precision):
     for source, points, expected in cases(function, 1, FEW_OUTLINES, DRAWS):
-        found = by_pairs(FUNCTIONS[function], source, *points, precision=precision, engine=engine)
+        found = FUNCTIONS[function](source, *points, precision=precision, engine=engine)
         assert np.abs(found - expected).max() <= tolerance(source, precision)
 
 
@@ -133,25 +130,8 @@ def test_random_outlines_have_exact_values(function, engine, precision):
 def test_w_is_exact_at_thousands_of_degenerate_positions(engine):
     for source, points, expected in cases("W", 2, 40, MANY_DRAWS):
         for precision in TOLERANCE:
-            found = by_pairs(pw.wigner, source, *points, precision=precision, engine=engine)
+            found = pw.wigner(source, *points, precision=precision, engine=engine)
             assert np.abs(found - expected).max() <= tolerance(source, precision)
-
-
-@pytest.mark.parametrize("waves", [1, 4])
-def test_sums_of_waves_are_those_of_convex_pieces(waves):
-    rng = np.random.default_rng(6)
-    for source, rings in islice(outlines(rng), FEW_OUTLINES // 2):
-        shape = outline(rings)
-        amplitudes = np.array([1.0, 1.0j]) @ rng.normal(size=(2, waves))
-        field = pw.Illumination(amplitudes, rng.normal(size=(waves, 2)) * 5 / shape.diameter)
-        lit = source.with_illumination(field)
-        allowed = BOTH * tolerance(source, "double") * float(np.abs(amplitudes).sum()) ** 2
-        x, xi, nu = (draw(rng, shape, 20) for draw in (positions, lags, frequencies))
-        for function, points in ((pw.wigner, (x, nu)), (pw.ambiguity, (nu, xi))):
-            with forced("edges"):
-                expected = function(lit, *points, engine="numpy")
-            found = by_pairs(function, lit, *points, engine="numpy")
-            assert np.abs(found - expected).max() <= allowed
 
 
 # --- many edges
@@ -202,32 +182,45 @@ OUTLINES: dict[str, Callable[[], pw.Aperture]] = {
     "touching holes": lambda: with_touching_holes(8),
     "gear": lambda: gear(12),
 }
+# Points at which each outline is compared with exact values.
+COUNT = 60
+# Area of a part of a slice that does not count.
+NO_SLIVER = 1e-12
 # Of the area, or of diameter times perimeter, whose ulps move every piece of the boundary.
 BY_BOUNDARY = {"double": 4e-16, "single": 6e-7}
+
+
+def transform_of(region, nu):
+    """F of the parts of a slice that are no slivers."""
+    parts = [part for part in getattr(region, "geoms", [region]) if part.area > NO_SLIVER]
+    return sum(complex(pw.fourier(pw.Aperture(part), nu)) for part in parts)
 
 
 @pytest.mark.parametrize(
     ("name", "engine"),
     numpy_and_few(OUTLINES, ["ring with a small hole"], slow=["turned comb", "touching hexagons"]),
 )
-def test_lists_of_pairs_change_no_transform(name, engine):
+def test_outlines_of_many_edges_transform_their_slices(name, engine):
     source, rng = OUTLINES[name](), np.random.default_rng(120)
     boundary = source.diameter * shapely.length(source.polygons)
     corners = np.concatenate(source.rings)
-    pairs = corners[rng.integers(len(corners), size=(2, 120))]
+    pairs = corners[rng.integers(len(corners), size=(2, COUNT))]
     x, lag = pairs.mean(axis=0), pairs[0] - pairs[1]
-    x[:40] = rng.uniform(*np.reshape(source.bounds, (2, 2)), (40, 2))
-    x[40:80] *= 1 + 2**-52 * rng.integers(-2, 3, (40, 2))
+    some, others = slice(0, COUNT // 3), slice(COUNT // 3, 2 * COUNT // 3)
+    x[some] = rng.uniform(*np.reshape(source.bounds, (2, 2)), (COUNT // 3, 2))
+    x[others] *= 1 + 2**-52 * rng.integers(-2, 3, (COUNT // 3, 2))
     nu = rng.uniform(-1, 1, x.shape) * 10 ** rng.uniform(-2, 1.5, (len(x), 1)) / source.diameter
-    calls: list[tuple[Any, ...]] = [(pw.wigner, x, nu), (pw.ambiguity, nu, lag)]
-    calls += [(pw.position_marginal, x), (pw.lag_marginal, lag)][: 2 * (engine == "numpy")]
-    for transform, *points in calls:
-        with forced("edges"):
-            expected = transform(source, *points, engine="numpy")
-        for precision, relative in TOLERANCE.items():
-            found = by_pairs(transform, source, *points, engine=engine, precision=precision)
-            allowed = max(relative * source.area, BY_BOUNDARY[precision] * boundary)
-            assert np.abs(found - expected).max() < allowed
+    # F of slices that GEOS cuts
+    expected_w = [transform_of(pw.lag_slice(source, p), f).real for p, f in zip(x, nu, strict=True)]
+    expected_a = [
+        transform_of(pw.position_slice(source, p), f) for p, f in zip(lag, nu, strict=True)
+    ]
+    for precision, relative in TOLERANCE.items():
+        allowed = max(relative * source.area, BY_BOUNDARY[precision] * boundary)
+        found = pw.wigner(source, x, nu, engine=engine, precision=precision)
+        assert np.abs(found - expected_w).max() < allowed
+        found = pw.ambiguity(source, nu, lag, engine=engine, precision=precision)
+        assert np.abs(found - expected_a).max() < allowed
 
 
 def test_a_side_that_ends_at_the_rim_of_a_cell_does_not_cut_beyond_its_end():
@@ -235,7 +228,7 @@ def test_a_side_that_ends_at_the_rim_of_a_cell_does_not_cut_beyond_its_end():
     source = pw.Aperture(polar(np.where(np.arange(200) % 4 < 2, 1.0, 0.5)))
     x = np.random.default_rng(5).uniform(-0.9, 0.9, (300, 2))
     slices = [pw.lag_slice(source, at).area for at in x]
-    found = by_pairs(pw.position_marginal, source, x, engine="numpy")
+    found = pw.position_marginal(source, x, engine="numpy")
     assert np.abs(found - slices).max() < TOLERANCE["double"] * source.area
 
 
@@ -289,7 +282,7 @@ def worst_error(rings, xi, samples, **how):
         (200, 0.0, False, 3, "double"),
         (64, 0.0, False, 3, "single"),
         (64, 3.0, False, 3, "double"),
-        (40, 0.0, False, 264, "double"),  # NumPy takes edges one by one
+        (40, 0.0, False, 264, "double"),
         (64, 0.0, True, 3, "double"),
     ],
 )

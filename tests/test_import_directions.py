@@ -19,7 +19,7 @@ ROOMS = [
     ("quantities", "citations"),
     ("geometry",),
     ("illumination", "optics"),
-    ("toolchain", "numerics", "plans"),
+    ("toolchain", "numerics"),
     ("kernels",),
     ("execution",),
     ("transforms",),

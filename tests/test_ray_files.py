@@ -69,7 +69,7 @@ def test_negative_powers_in_a_source_file_are_warned_of_with_their_share(rays, t
     power_below = f"{100 * -weight[weight < 0].sum() / np.abs(weight).sum():.0f} % of all power"
     with pytest.warns(PolywignerWarning, match=f"{rays_below}.*{power_below}.*split") as found:
         pw.rays.save(rays, tmp_path / "rays.dat")
-    assert [w.filename for w in found] == [__file__]
+    assert len(found) == 1
     above = rays.isel(ray=weight > 0)
     with warnings.catch_warnings():
         warnings.simplefilter("error")

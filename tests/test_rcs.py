@@ -279,16 +279,11 @@ def test_directions_and_wavelengths_broadcast(body: Any, t: Any, bounces: int) -
     assert pw.rcs(body, np.zeros((0, 3)), 0.3, bounces=bounces).shape == (0,)
 
 
-def test_a_face_below_a_wavelength_is_warned_of_once() -> None:
+def test_a_face_below_a_wavelength_is_warned_of() -> None:
     plank = extruded([(0, 0), (2, 0), (2, 0.1), (0, 0.1)], 3.0)  # ends of 2 m x 0.1 m
     for body, wavelength in ((BOX, 10.0), (BOX, 0.8), (plank, 0.5), ([HOLED, plank], 0.5)):
         with pytest.warns(PolywignerWarning, match="faces of some wavelengths"):
             pw.rcs(body, (0.0, 0.0, 1.0), wavelength)
-    with warnings.catch_warnings(record=True) as found:
-        warnings.simplefilter("default")
-        for wavelength in (0.5, 0.6, 0.7):
-            pw.rcs(plank, (0.0, 0.0, 1.0), wavelength)
-    assert len(found) == 1
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         pw.rcs(BOX, (0.0, 0.0, 1.0), 0.6)  # the least is 1 m x 0.5 m
@@ -385,19 +380,15 @@ def test_faces_that_light_each_other_at_a_concave_edge_are_warned_of(
     for about in found:
         assert "two or three reflections" in str(about.message)
         assert "pass bounces=3" in str(about.message)
-        assert about.filename == __file__
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         pw.rcs(body, np.atleast_2d(direction)[0], 0.05, bounces=2)
 
 
-def test_concave_edges_near_an_antenna_are_warned_of_once() -> None:
+def test_concave_edges_near_an_antenna_are_warned_of() -> None:
     feed, place = pw.shapes.square(0.05), 5.0 * INWARDS
-    with warnings.catch_warnings(record=True) as found:
-        warnings.simplefilter("default")
-        for distance in (1.0, 2.0):
-            pw.rcs(TRIHEDRAL, distance * place, 0.05, source=feed, tolerance=0.1)
-    assert ["two or three reflections" in str(w.message) for w in found] == [True]
+    with pytest.warns(PolywignerWarning, match="two or three reflections"):
+        pw.rcs(TRIHEDRAL, place, 0.05, source=feed, tolerance=0.1)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         pw.rcs(TRIHEDRAL, -place, 0.05, source=feed, tolerance=0.1)

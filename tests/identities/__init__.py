@@ -6,7 +6,6 @@ assertion                        what it checks
 ``assert_wigner_identities``     W, A, F and the marginals of an aperture or slits: all of the below
 ``assert_array_identities``      the same for an array: sums over its elements and pairs of them
 ``assert_marginals``             only that W and A integrate, and reduce at zero, to the marginals
-``assert_fourier_stable``        F of any source at all sizes of nu, 1e-15 to 1e3 over the diameter
 ``assert_otf_properties``        the OTF of a pupil, defocused or not
 ===============================  ==================================================================
 
@@ -16,7 +15,6 @@ raises an :class:`AssertionError` that names the law, the place and the two valu
 nothing. They take about a second, and more for many edges.
 """
 
-from identities.stability import assert_fourier_stable
 from identities.wigner import (
     assert_array_identities,
     assert_marginals,
@@ -26,7 +24,6 @@ from identities.wigner import (
 
 __all__ = [
     "assert_array_identities",
-    "assert_fourier_stable",
     "assert_marginals",
     "assert_otf_properties",
     "assert_wigner_identities",

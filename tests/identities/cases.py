@@ -14,13 +14,21 @@ from numpy.typing import NDArray
 from polywigner import transforms
 from polywigner.errors import ArgumentError
 from polywigner.execution import Precision, checked_precision
-from polywigner.geometry import Aperture, Polyhedron, Slits, triangulate
+from polywigner.geometry import Aperture, Slits, triangulate
 from polywigner.geometry.arguments import checked_count, checked_generator, checked_number
 from polywigner.illumination import Array as Elements
 from polywigner.illumination import Illumination
-from polywigner.transforms.extremes import corners_of
 
 Array = NDArray[Any]
+
+
+def corners_of(source: Any) -> Array:
+    """Vertices (n, 2) of an aperture, or ends (n, 1) of slits."""
+    if isinstance(source, Slits):
+        return source.intervals.reshape(-1, 1)
+    if isinstance(source, Elements):
+        return np.concatenate([corners_of(element) for element in source.elements_in_plane])
+    return np.concatenate(source.rings)
 
 
 @dataclass(frozen=True)
@@ -291,10 +299,8 @@ def _vectors(rng: np.random.Generator, shape: Any, least: float, most: float) ->
 
 
 def content_of(source: Any) -> float:
-    """Length, area or volume."""
-    if isinstance(source, Slits):
-        return source.length
-    return float(source.volume if isinstance(source, Polyhedron) else source.area)
+    """Length or area."""
+    return source.length if isinstance(source, Slits) else float(source.area)
 
 
 def rim_of(source: Aperture | Slits) -> float:

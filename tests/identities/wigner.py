@@ -15,6 +15,7 @@ from identities.cases import (
     box_of,
     case_of,
     content_of,
+    corners_of,
     moved,
     require,
     split_in_three,
@@ -25,7 +26,6 @@ from polywigner.execution import Precision
 from polywigner.geometry import Aperture, Slits
 from polywigner.illumination import Array as Elements
 from polywigner.illumination import phased_array
-from polywigner.transforms.extremes import corners_of
 
 # Rank-1 lattice sums of continuous functions with kinks, at 10^4 points, relative to content^2:
 # at most 1e-4 on triangles, stars, rings and combs.

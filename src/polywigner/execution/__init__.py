@@ -5,7 +5,7 @@ module               what is in it
 ===================  ==========================================================================
 ``operations``       the operations namespaces that kernels are written over: NumPy, Python floats
 ``drjit_operations`` and Dr.Jit arrays
-``choice``           which engine and precision a call runs on; what is counted for its plan
+``choice``           which engine and precision a call uses, and which strategy
 ``evaluation``       NumPy arrays in and out, in chunks, on any engine; sums over places
 ``chunks``           samples chunk by chunk, threads, and NumPy memory as Dr.Jit takes it
 ``progress``         bars on a terminal for work that takes long

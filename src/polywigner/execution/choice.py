@@ -1,71 +1,154 @@
-"""Engine and precision of a call, and the counts that its plan is made from."""
+"""Choice of the engine and the strategy of a call."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import replace
+from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 from polywigner.errors import EngineError
 from polywigner.geometry.arguments import checked_choice
 from polywigner.kernels import Kernel
-from polywigner.kernels.arrays.repeated import ElementSum, RepeatedTables
-from polywigner.kernels.cut.slice_sums import SliceSum
+from polywigner.kernels.arrays.repeated import RepeatedTables
 from polywigner.kernels.functions.fourier import OutlineTables
 from polywigner.kernels.outline.tables import Tables
-from polywigner.kernels.outline.waves import UNIFORM
-from polywigner.plans import Outline, Plan, Request, plan
 from polywigner.toolchain import llvm
 
 Engine = Literal["auto", "numpy", "llvm", "cuda"]
 Precision = Literal["double", "single"] | None
 _PRECISIONS = ("double", "single")
 
+# Strategies, as `pw.explain` prints them and docs/performance.md explains them.
+GRID = "grid from its axes"
+LISTED = "slices listed"
+PAIRS = "pairs of edges"
+DATA = "edges as data"
+CODE = "edges as code"
+SUM = "sum of terms"
+
+# Thresholds, from benchmarks/default_regret.py.
+# Terms (samples times edges, waves and copies) from which on compiled code is faster: with the
+# source as data of a kernel that is compiled once, and with a kernel of its own.
+_LEAST_TERMS = {True: 1 << 14, False: 1 << 18}
+# Samples from which on edges as code pay for being compiled.
+_LEAST_SAMPLES_AS_CODE = 1 << 18
+# Terms from which on listed slices are summed by compiled code; shorter rows do not pay, and up to
+# four edges are cut as fast as they are looked up.
+_LEAST_LISTED_TERMS, _LEAST_COLUMNS, _LEAST_LISTED_EDGES = 1 << 17, 256, 5
+# Terms for each family of parallel edges from which on F on a grid is computed from its axes.
+_TERMS_PER_FAMILY = 1 << 10
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Strategy and engine of a call."""
+
+    strategy: str
+    engine: str
+    """``"numpy"``, ``"llvm"`` or ``"cuda"``."""
+    reason: str
+
+    def __str__(self) -> str:
+        return f"strategy: {self.strategy}\nengine: {self.engine}\nbecause: {self.reason}"
+
 
 _is_uncompiled: ContextVar[bool] = ContextVar("_is_uncompiled", default=False)
 
 
 def checked_engine(engine: str) -> str:
-    """``engine`` if it is a known name. Raises ArgumentError otherwise."""
+    """Return ``engine`` if it is a known name. Raises ArgumentError otherwise."""
     return checked_choice(engine, "engine", get_args(Engine))
 
 
 def checked_precision(precision: str | None) -> str | None:
-    """``precision`` if it is a known name or None. Raises ArgumentError otherwise."""
+    """Return ``precision`` if it is a known name or None. Raises ArgumentError otherwise."""
     return None if precision is None else checked_choice(precision, "precision", _PRECISIONS)
 
 
 def resolved(engine: str, samples: int, terms: int = 1) -> str:
-    """The engine that sums so many terms for each of so many samples, given as NumPy arrays.
+    """Return the engine that sums so many terms for each of so many samples.
 
-    ``"auto"`` is planned; CUDA only when asked for.
-
-    Raises
-    ------
-    EngineError when the engine asked for cannot be had, with the remedy.
-    """
-    return planned(Request("sum", samples, terms=terms, engine=engine)).engine
-
-
-def planned(request: Request) -> Plan:
-    """The plan for a request on this machine.
+    ``"auto"`` is NumPy or LLVM; CUDA is used on request only.
 
     Raises
     ------
-    EngineError when the engine asked for cannot be had, with the remedy.
+    EngineError if the requested engine is not available, with the remedy.
     """
-    if checked_engine(request.engine) == "llvm":
+    return _engine_for(engine, samples * terms >= _LEAST_TERMS[False])
+
+
+def planned(
+    kernel: Kernel,
+    tables: Any,
+    samples: int,
+    *,
+    engine: str,
+    shape: tuple[int, int] | None = None,
+    families: int | None = None,
+) -> Plan:
+    """Return the plan of a call on this machine.
+
+    Parameters
+    ----------
+    shape : (positions, frequencies) if each position meets every frequency; else None.
+    families : families of parallel edges if the frequencies of F are a grid.
+
+    Raises
+    ------
+    EngineError if the requested engine is not available, with the remedy.
+    """
+    per_sample = terms_of(kernel, tables)
+    terms, as_data = samples * per_sample, takes_data(kernel, tables)
+    found = _engine_for(engine, terms >= _LEAST_TERMS[as_data])
+    size = f"{samples} samples of {per_sample} terms"
+    if engine != "auto":
+        size += f", engine={engine!r}"
+    if families is not None and engine in ("auto", "numpy"):
+        is_short = 2 * families <= per_sample or found == "numpy"
+        if is_short and _TERMS_PER_FAMILY * families <= terms:
+            return Plan(GRID, "numpy", f"{size}, {families} families of parallel edges on a grid")
+    if kernel.slices is None:
+        is_outline = as_data and found != "numpy" and samples < _LEAST_SAMPLES_AS_CODE
+        return Plan(DATA if is_outline else SUM, found, size)
+    if shape is not None and kernel.slices.listed is not None:
+        is_wide = shape[1] >= _LEAST_COLUMNS and len(tables.edges) >= _LEAST_LISTED_EDGES
+        few = terms < _LEAST_LISTED_TERMS and engine == "auto"
+        if few or found == "numpy" or is_wide:
+            size = f"{size}, {shape[0]} positions x {shape[1]} frequencies"
+            return Plan(LISTED, "numpy" if few else found, size)
+    if found == "numpy":
+        return Plan(PAIRS, found, size)
+    is_code = tables.fits_code and samples >= _LEAST_SAMPLES_AS_CODE
+    return Plan(CODE if is_code else DATA, found, size)
+
+
+def _engine_for(engine: str, is_large: bool) -> str:
+    """Return the engine of a call; ``is_large``: whether compiled code is faster."""
+    if checked_engine(engine) == "llvm":
         llvm.require()
-    elif request.engine == "cuda":
+    elif engine == "cuda":
         _require_cuda()
-    if _is_uncompiled.get() and request.engine == "auto":
-        return plan(replace(request, compiles=False))
-    found = plan(request)
-    if found.engine in ("numpy", "cuda") or llvm.prepare().usable:
-        return found
-    return plan(replace(request, compiles=False))
+    if engine != "auto":
+        return engine
+    return "llvm" if is_large and not _is_uncompiled.get() and llvm.prepare().usable else "numpy"
+
+
+def terms_of(kernel: Kernel, tables: Any) -> int:
+    """Return the number of terms that a sample sums."""
+    if kernel.slices is not None:
+        return max(1, len(tables.edges)) * tables.waves_per_cut * len(kernel.slices.views)
+    if isinstance(tables, RepeatedTables):
+        return tables.terms * max(1, tables.element.clips)
+    return int(getattr(tables, "terms", 0)) or len(tables.edges)
+
+
+def takes_data(kernel: Kernel, tables: Any) -> bool:
+    """Whether the source is data of a compiled kernel: F, and sums over pairs of edges."""
+    if isinstance(tables, OutlineTables):
+        return kernel.name == "fourier"
+    return kernel.slices is not None and isinstance(tables, Tables)
 
 
 @contextmanager
@@ -101,64 +184,3 @@ def drjit_float(engine: str, double: bool) -> Any:
 
     module = importlib.import_module(f"drjit.{engine}")
     return module.Float64 if double else module.Float32
-
-
-def takes_data(kernel: Kernel, tables: Any) -> bool:
-    """Whether there is such a kernel: for F, and for sums over pairs of edges."""
-    if isinstance(tables, OutlineTables):
-        return kernel.name == "fourier"
-    return kernel.slices is not None and isinstance(tables, Tables) and tables.fits_pairs
-
-
-def is_uniform(kernel: Kernel, tables: Any) -> bool:
-    """Whether one kernel serves all sources of this kind."""
-    if not isinstance(tables, Tables):
-        return True
-    is_plain = tables.groups == (UNIFORM,) and tables.uniform and tables.coherence is None
-    return is_plain and kernel.slices is not None and kernel.slices.serves_all
-
-
-def request_for(
-    kernel: Kernel,
-    tables: Any,
-    samples: int,
-    *,
-    double: bool,
-    engine: str,
-    families: int | None = None,
-) -> Request:
-    """Request of a kernel for a number of samples at any places."""
-    outline, is_array = None, False
-    terms = getattr(tables, "terms", 0) or len(tables.edges)
-    if kernel.slices is not None:
-        outline = _outline_of(kernel, tables)
-    elif isinstance(tables, RepeatedTables) and isinstance(tables.element, Tables):
-        outline, is_array = _outline_of(kernel, tables.element), True
-    return Request(
-        kernel.name,
-        samples,
-        outline,
-        terms,
-        is_array,
-        families=families,
-        double=double,
-        engine=engine,
-        takes_data=takes_data(kernel, tables),
-    )
-
-
-def _outline_of(kernel: Kernel, tables: Tables) -> Outline:
-    cut, slices = kernel.edge_sum, kernel.slices
-    exact = sum(line.exact for line in tables.lines)
-    return Outline(
-        max(1, len(tables.edges)),
-        max(1, len(tables.pieces)),
-        max(1, tables.clips),
-        max(1, len(tables.lines)),
-        exact / max(1, len(tables.lines)),
-        tables.waves_per_cut,
-        len(cut.views) if isinstance(cut, (SliceSum, ElementSum)) else 0,
-        is_uniform=is_uniform(kernel, tables),
-        allows_lists=slices is not None and slices.listed is not None,
-        weighs_lags=tables.coherence is not None,
-    )

@@ -19,7 +19,14 @@ from polywigner.execution.operations import (
     unrolled_steps,
     unrolled_sum,
 )
-from polywigner.plans import unrolls_cuts, unrolls_steps, unrolls_terms
+
+MOST_TERMS_AS_CODE = 12
+"""Terms of a sum that are code of a kernel: each takes some 20 ms to compile."""
+# Cuts of all terms that are whole transforms: 256 compile in half a second.
+_MOST_CUTS_AS_CODE = 256
+# Steps of a recursion of four terms each: 50 compile in 1.5 s, and 1450 in a minute; as a loop they
+# compile in 0.3 s and 0.7 s and run as fast.
+_MOST_STEPS_AS_CODE = 8
 
 
 class DrjitOperations(RowByRow):
@@ -49,7 +56,7 @@ class DrjitOperations(RowByRow):
         nearly as fast where a term is long, and compiles at once. ``unroll=False``: a loop for any
         number of rows.
         """
-        if unroll and unrolls_terms(len(rows)):
+        if unroll and len(rows) <= MOST_TERMS_AS_CODE:
             return unrolled_sum(rows, term)
         dr, real = self._dr, self.float_type
         columns = [array_of(real, column) for column in zip(*rows, strict=True)]
@@ -61,7 +68,7 @@ class DrjitOperations(RowByRow):
 
     def sum_large_terms(self, rows: Sequence[Row], term: Term, clips: int) -> Values:
         """Sums of terms of so many clips: a loop where code would take too long."""
-        if unrolls_cuts(len(rows) * clips):
+        if len(rows) * clips <= _MOST_CUTS_AS_CODE:
             return unrolled_sum(rows, term)
         return self.sum_over(rows, term, len(term(*rows[0])), None, unroll=False)
 
@@ -71,7 +78,7 @@ class DrjitOperations(RowByRow):
         A loop of the kernel for many of them, unless derivatives in ``like`` are wanted: in reverse
         they would need all states.
         """
-        if unrolls_steps(count) or self.needs_gradient(like):
+        if count <= _MOST_STEPS_AS_CODE or self.needs_gradient(like):
             return unrolled_steps(count, state, step)
         return self.fold(0, count, state, step)
 

@@ -7,21 +7,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.execution.choice import planned, request_for, resolved
+from polywigner.execution.choice import DATA, GRID, LISTED, Plan, planned, resolved, terms_of
 from polywigner.execution.chunks import Launched, store
 from polywigner.execution.on_drjit import OnDrjit, OnDrjitData, row_sums
 from polywigner.execution.on_numpy import OnNumpy, entered, plan_for_grid
 from polywigner.execution.operations import NumpyOperations
 from polywigner.kernels import Kernel, SharedSlice
 from polywigner.kernels.outline.tables import Tables
-from polywigner.plans import Plan
-from polywigner.plans.plan import DATA, GRID, LISTED, LISTED_COMPILED
 
 # Samples of one row at a time, of which nothing is gained by longer blocks.
 _ROW_BLOCK = 1 << 18
@@ -59,12 +57,12 @@ def evaluate(
     if 0 in shape:
         return results
     call = _Call(kernel, source, components, double, engine)
-    chosen = planned(call.request)
-    is_listed = chosen.way.name in (LISTED, LISTED_COMPILED)
+    chosen = call.plan
+    is_listed = chosen.strategy == LISTED
     if shear is not None and not (is_listed and call.pairs is not None and call.pairs.rows > 1):
         how: Any = {"double": double, "engine": engine, "outputs": outputs, "into": results}
         return evaluate(kernel, source, shear(components), **how)
-    if chosen.way.name == GRID:
+    if chosen.strategy == GRID:
         assert call.grid is not None
         call.grid.fill(results, OnNumpy(kernel, call.tables, double).values)
     else:
@@ -75,8 +73,8 @@ def evaluate(
 def explained(
     kernel: Kernel, source: Any, components: Sequence[Array], *, double: bool, engine: str
 ) -> Plan:
-    """The plan by which :func:`evaluate` would carry a call out; nothing is computed."""
-    return planned(_Call(kernel, source, components, double, engine).request)
+    """Return the plan by which :func:`evaluate` computes a call; nothing is computed."""
+    return _Call(kernel, source, components, double, engine).plan
 
 
 def evaluate_sums(
@@ -98,7 +96,8 @@ def evaluate_sums(
     total = np.zeros(len(points))
     if not len(points) or not len(places):
         return total
-    found = resolved(engine, len(places) * len(points))
+    terms = terms_of(kernel, kernel.tables(source, double))
+    found = resolved(engine, len(places) * len(points), terms)
     how: Any = {"double": double, "engine": found, "outputs": 1}
     fixed = [np.array(value) for value in constants]
     step = min(len(places), _BLOCK)
@@ -149,7 +148,7 @@ def _rows_on_numpy(
 
 
 class _Call:
-    """A kernel, its arguments, and the request for a plan."""
+    """A kernel, its arguments, and the plan."""
 
     def __init__(
         self, kernel: Kernel, source: Any, components: Sequence[Array], double: bool, engine: str
@@ -159,16 +158,17 @@ class _Call:
         self.tables = kernel.tables(source, double)
         shared = _listed_by(kernel)
         self.pairs = None if shared is None else _places_by_frequencies(shared, components, shape)
-        self.request = request_for(
-            kernel, self.tables, math.prod(shape), double=double, engine=engine
-        )
-        if self.pairs is not None:
-            self.request = replace(self.request, rows=self.pairs.rows, columns=self.pairs.columns)
         self.grid = None
         if engine in ("auto", "numpy") and components[-1].shape == shape:
             self.grid = plan_for_grid(kernel, source, components, double)
-            if self.grid is not None:
-                self.request = replace(self.request, families=self.grid.families)
+        self.plan = planned(
+            kernel,
+            self.tables,
+            math.prod(shape),
+            engine=engine,
+            shape=None if self.pairs is None else (self.pairs.rows, self.pairs.columns),
+            families=None if self.grid is None else self.grid.families,
+        )
 
 
 def _listed_by(kernel: Kernel) -> SharedSlice | None:
@@ -179,18 +179,16 @@ def _listed_by(kernel: Kernel) -> SharedSlice | None:
 def _launched(call: _Call, chosen: Plan, results: Sequence[Array], shear: Shear | None) -> Launched:
     """The chunks of a call, by the way that was chosen."""
     kernel, tables, double, pairs = call.kernel, call.tables, call.double, call.pairs
-    if chosen.way.name == DATA:
+    if chosen.strategy == DATA:
         samples = results[0].size
         data = OnDrjitData(kernel, tables, double, chosen.engine, samples, len(results))
         return data.points(call.components, results)
-    if isinstance(tables, Tables):
-        tables = tables.cut_by(chosen.way.cut)
     compute: OnNumpy | OnDrjit
     if chosen.engine == "numpy":
         compute = OnNumpy(kernel, tables, double)
     else:
         compute = OnDrjit(kernel, tables, double, chosen.engine)
-    if chosen.way.name in (LISTED, LISTED_COMPILED):
+    if chosen.strategy == LISTED:
         assert pairs is not None
         exact = kernel.tables(call.source, True)
         return _by_parts(compute, exact, pairs, pairs.targets(results), shear)

@@ -19,20 +19,19 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.execution.choice import drjit_float, is_uniform
+from polywigner.execution.choice import drjit_float
 from polywigner.execution.chunks import Fetch, Launched, array_of, parts_of_results, store
-from polywigner.execution.drjit_operations import DrjitOperations
+from polywigner.execution.drjit_operations import MOST_TERMS_AS_CODE, DrjitOperations
 from polywigner.execution.on_numpy import entered
 from polywigner.execution.operations import NumpyOperations
 from polywigner.kernels import Kernel, SharedSlice
-from polywigner.kernels.arrays.repeated import RepeatedTables
 from polywigner.kernels.cut.pair_grid import PairGrid
 from polywigner.kernels.cut.winding import pairs_of
 from polywigner.kernels.functions.fourier import OutlineTables
+from polywigner.kernels.functions.slices import MOST_PAIRS_AS_CODE
 from polywigner.kernels.outline.frame import Frame
-from polywigner.kernels.outline.tables import Tables, cut_of
+from polywigner.kernels.outline.tables import Tables, is_plain
 from polywigner.numerics import phases
-from polywigner.plans import unrolls_terms
 
 # What is remembered: of so many sources and kinds of arrays, and of each so many configurations
 # (arguments that are one number, and others).
@@ -119,15 +118,11 @@ def frozen(function: Function, owners: Sequence[Any], *kind: Hashable) -> Functi
         return _known[key]
 
 
-def is_code(kernel: Kernel, ops: DrjitOperations, tables: Any) -> bool:
-    """Whether all that a kernel is told of a source is constants of its code, not memory."""
-    if not isinstance(tables, (Tables, OutlineTables)):
-        return False
-    if isinstance(tables, Tables) and tables.coherence is not None:
-        return False  # nodes of rules are memory
-    if kernel.slices is not None and isinstance(tables, Tables):
-        return cut_of(ops.target, tables) == "code"
-    return unrolls_terms(len(tables.edges))
+def is_code(kernel: Kernel, tables: Any) -> bool:
+    """Whether all numbers of a source are constants of a kernel's code, not memory."""
+    if isinstance(tables, Tables) and kernel.slices is not None:
+        return tables.fits_code
+    return isinstance(tables, Tables | OutlineTables) and len(tables.edges) <= MOST_TERMS_AS_CODE
 
 
 def is_recording(kind: Any) -> bool:
@@ -156,10 +151,10 @@ class OnDrjit:
     shared_block = 1 << 20
 
     def __init__(self, kernel: Kernel, tables: Any, double: bool, engine: str) -> None:
-        self.kernel, self.tables = kernel, _cut(tables)
+        self.kernel, self.tables = kernel, tables
         self.ops = DrjitOperations(drjit_float(engine, double))
         self.entry = DrjitOperations(drjit_float(engine, double=True))
-        self.is_code = is_code(kernel, self.ops, self.tables)
+        self.is_code = is_code(kernel, self.tables)
 
     def points(self, components: Sequence[Array], results: Sequence[Array]) -> Launched:
         """Results for components that broadcast to their shape, chunk by chunk."""
@@ -221,13 +216,6 @@ def _fetching(results: Sequence[Any], shape: tuple[int, ...] = (-1,)) -> Fetch:
 
     drjit.eval(results)
     return lambda: tuple(np.asarray(r.numpy()).reshape(shape) for r in results)
-
-
-def _cut(tables: Any) -> Any:
-    """Tables with edges to be cut as planned, or as suits a compiled kernel."""
-    if isinstance(tables, RepeatedTables):
-        return replace(tables, element=_cut(tables.element))
-    return tables.cut_by(cut_of("compiled", tables)) if isinstance(tables, Tables) else tables
 
 
 def _split(kind: Any, rows: int, columns: int) -> tuple[Any, Any]:
@@ -361,9 +349,9 @@ class _Slices:
         self.numbers = [
             getattr(grid, part.name) for grid in self.pairs.values() for part in fields(grid)
         ]
-        self.owners = (kernel,) if is_uniform(kernel, tables) else (kernel, tables)
-        # of partly coherent light the nodes of rules are memory of their own
-        self.is_recorded = tables.coherence is None
+        self.owners = (kernel,) if is_plain(tables) else (kernel, tables)
+        # nodes of rules and tables of waves are memory of their own
+        self.is_recorded = tables.coherence is None and tables.waves_per_cut <= MOST_PAIRS_AS_CODE
 
     def order(self, inner: Sequence[Array]) -> Any:
         """The order in which samples are best taken."""
@@ -438,22 +426,6 @@ def with_frame_as_data(ops: DrjitOperations, tables: Any) -> Any:
     own = {field.name: getattr(tables.frame, field.name) for field in fields(Frame)}
     own["centre"] = tuple((next(numbers), next(numbers)) for _ in pairs)
     return replace(tables, frame=_DataFrame(**own))
-
-
-def as_data(ops: DrjitOperations, tables: Any) -> Any:
-    """Tables of an aperture or an array with arrays of one entry in place of numbers."""
-    found = with_frame_as_data(ops, tables)
-    if isinstance(tables, OutlineTables):
-        return found
-    names = ("dx", "dy", "offset", "px", "py")
-    values = [getattr(line, name) for line in tables.lines for name in names]
-    weights = [part for piece in tables.pieces for part in (piece.real, piece.imag)]
-    numbers = iter(_looked_up(ops, values + weights))
-    lines = tuple(replace(line, **{n: next(numbers) for n in names}) for line in tables.lines)
-    pieces = tables.pieces
-    if not tables.uniform:
-        pieces = tuple(replace(p, real=next(numbers), imag=next(numbers)) for p in pieces)
-    return replace(found, lines=lines, pieces=pieces)
 
 
 def _looked_up(ops: DrjitOperations, values: Sequence[float]) -> list[Any]:

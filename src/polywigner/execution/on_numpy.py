@@ -9,19 +9,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.execution.choice import planned, request_for
+from polywigner.execution.choice import GRID, planned
 from polywigner.execution.chunks import Fetch, Launched, parts_of_results, ready
 from polywigner.execution.operations import NumpyOperations
 from polywigner.kernels import GridTables, Kernel, OutlineSum, PartSum, SharedSlice, fourier_on_grid
-from polywigner.kernels.outline.tables import cut_of
-from polywigner.plans.plan import GRID
 
 CHUNK = 3 << 12
 """Samples at a time: a temporary array stays in the cache of one core, and below 128 KiB, from
 which on the C library maps memory anew: page faults cost more than what is computed."""
 _HOST = NumpyOperations(double=True)
-# Of fewer samples it is not worth finding those for which there is nothing to do.
-_LEAST_MASKED = 256
 # Where slices are cut once for many samples: rows enough to cut at a time.
 _SHARED_CHUNK = 1 << 18
 
@@ -46,27 +42,7 @@ class OnNumpy:
     def points(self, components: Sequence[Array], results: Sequence[Array]) -> Launched:
         """Results for components that broadcast to their shape, chunk by chunk."""
         for arguments, targets in parts_of_results(components, results, CHUNK):
-            count = len(arguments[0])
-            order = self._order(arguments, count)
-            if order is not ... and len(order) < count:
-                for target in targets:
-                    target[:] = 0.0
-            if order is ... or len(order):
-                values = self.values([a[order] for a in arguments])
-                yield targets, order, ready(values)
-
-    def _order(self, arguments: Sequence[Array], count: int) -> Any:
-        """Order of the samples, without samples too far off to have a value other than 0."""
-        slices, tables = self.kernel.slices, self.tables
-        if slices is None or count < _LEAST_MASKED or cut_of("numpy", tables, count) == "pairs":
-            return ...
-        inner = entered(self.kernel, tables.frame, arguments)
-        with np.errstate(invalid="ignore", over="ignore"):
-            mask = slices.support_mask(tables, *inner)
-        for argument in inner:  # 0 times what is not finite is not 0
-            mask |= ~np.isfinite(argument)
-        (order,) = np.nonzero(mask)
-        return ... if len(order) == len(mask) else order
+            yield targets, ..., ready(self.values(arguments))
 
     def values(self, arguments: Sequence[Array]) -> tuple[Array, ...]:
         """The results of a chunk."""
@@ -254,15 +230,9 @@ def evaluate_on_grid(
     plan = plan_for_grid(kernel, source, components, double)
     if plan is None:
         return None
-    request = request_for(
-        kernel,
-        plan.tables,
-        components[-1].size,
-        double=double,
-        engine=engine,
-        families=plan.families,
-    )
-    if planned(request).way.name != GRID:
+    size = components[-1].size
+    chosen = planned(kernel, plan.tables, size, engine=engine, families=plan.families)
+    if chosen.strategy != GRID:
         return None
     dtype = np.float64 if double else np.float32
     shape = components[-1].shape

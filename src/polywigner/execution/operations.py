@@ -59,10 +59,6 @@ class Operations:
     key: Hashable
     """Two namespaces with one key share tables."""
 
-    def refined(self, rough: Any, reach: float, compute: Term, *arguments: Any) -> Any:
-        """``compute(*arguments)``, of use where ``|rough| <= reach``; elsewhere its sign is."""
-        return compute(*arguments)
-
     def needs_gradient(self, *values: Any) -> bool:
         return False
 
@@ -132,20 +128,6 @@ class NumpyOperations(_Unfused):
             totals = _added(totals, [part.sum(axis=0, dtype=np.float64) for part in terms])
         return tuple(np.asarray(total, self.dtype) for total in totals)
 
-    def refined(self, rough: Any, reach: float, compute: Term, *arguments: Any) -> Any:
-        """``compute(*arguments)`` where ``|rough| <= reach``, ``rough`` elsewhere."""
-        shape = np.shape(rough)
-        if np.size(rough) <= _FEW_SAMPLES or any(np.shape(a) != shape for a in arguments):
-            return compute(*arguments)
-        near = np.abs(rough) <= reach
-        if near.any():
-            rough[near] = compute(*(a[near] for a in arguments))
-        return rough
-
-    def lookup(self, table: Sequence[float], index: Any) -> Any:
-        """table[index], for whole numbers that are in range, floats or not."""
-        return np.asarray(table, self.dtype)[np.asarray(index).astype(np.intp)]
-
     def select(self, condition: Any, a: Any, b: Any) -> Any:
         return np.where(condition, self._typed(a), self._typed(b))
 
@@ -185,20 +167,6 @@ class NumpyOperations(_Unfused):
     def select_number(self, condition: Any, a: Any, b: Any) -> Any:
         """:meth:`select` of rows' numbers."""
         return np.where(condition, a, b)
-
-    def sum_over_range(self, first: Any, end: Any, term: Term, values: int) -> list[Any]:
-        """The sums of the ``values`` values ``term(row)`` for rows from ``first`` up to ``end``."""
-        first, count = np.atleast_1d(first), np.atleast_1d(end - first)
-        longest = int(count.max(initial=0))
-        totals: Values = (np.zeros(count.shape),) * values
-        block = max(1, _BLOCK // max(1, count.size))
-        for start in range(0, longest, block):
-            step = np.arange(start, min(start + block, longest))
-            step = step.reshape(-1, *(1,) * count.ndim)
-            terms = term(np.where(step < count, first + step, 0))
-            parts = [np.where(step < count, t, 0).sum(axis=0, dtype=np.float64) for t in terms]
-            totals = _added(totals, parts)
-        return [total.astype(self.dtype) for total in totals]
 
     def sum_over_some(
         self, first: Any, end: Any, keep: Callable[..., Any], term: Term, values: int, *samples: Any
@@ -274,7 +242,7 @@ def _listed(first: Array, counts: Array) -> Iterator[tuple[Array, Array]]:
 class RowByRow(Operations):
     """Sums over tables by a loop that takes one row after the other.
 
-    They are those of the methods of the same names of :class:`NumpyOperations`.
+    ``sum_over_some`` and ``sum_over_rule`` are those of :class:`NumpyOperations`.
     """
 
     gather: Callable[[Any, Any], Values]
@@ -362,10 +330,6 @@ class ScalarOperations(_Unfused, RowByRow):
     ) -> Values:
         """The sums, one by one, of the ``values`` values that ``term(*row)`` gives for each row."""
         return unrolled_sum(rows, term)
-
-    def lookup(self, table: Sequence[float], index: Any) -> Any:
-        """table[index], for a whole number that is in range, a float or not."""
-        return table[int(index)]
 
     def select(self, condition: Any, a: Any, b: Any) -> Any:
         return a if condition else b

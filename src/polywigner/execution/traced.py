@@ -10,12 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.execution.choice import request_for, takes_data
+from polywigner.execution.choice import DATA, planned, takes_data
 from polywigner.execution.chunks import array_of
 from polywigner.execution.drjit_operations import DrjitOperations, TracedOperations
 from polywigner.execution.on_drjit import (
     OnDrjitData,
-    as_data,
     frozen,
     is_code,
     is_known,
@@ -31,12 +30,13 @@ from polywigner.execution.points import (
     read_points,
 )
 from polywigner.kernels import Kernel
-from polywigner.kernels.outline.tables import Tables, cut_of
 from polywigner.kernels.slopes import Wanted, slope_kernel_of
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.phases import cos_sin_turns
-from polywigner.plans import cut_for, launch_for, plan
-from polywigner.plans.plan import DATA
+
+# Tracing a kernel takes as long as computing so many samples (benchmarks/questions/latency.py).
+# More are better computed with what they are used for, without being stored.
+_MOST_RECORDED = 1 << 16
 
 
 class _Accumulator:
@@ -54,6 +54,9 @@ class _Accumulator:
             vertices=vertices,
             weights=fields and not traced.by_waves,
             amplitudes=fields and traced.by_waves,
+        )
+        self.has_constant_numbers = self.vertices is not None and isinstance(
+            self.vertices[0], tuple
         )
         self.known: dict[tuple[int, int], tuple[Any, Any]] = {}
 
@@ -104,16 +107,8 @@ def kernel_with_derivatives(
     import drjit as dr
 
     slopes = slope_kernel_of(kernel)
-    shared = (traced.vertices, traced.fields)
-    if slopes is None or not dr.grad_enabled((tuple(components), shared)):
+    if slopes is None or not dr.grad_enabled((tuple(components), traced.vertices, traced.fields)):
         return kernel(ops, tables, *components)
-    if isinstance(tables, Tables) and ops.target == "compiled" and not dr.grad_enabled(shared):
-        # The function is found in the same way: of A, the phase of the centre multiplies both.
-        samples = dr.width(tuple(components))
-        cut = cut_for("derivatives", tables.clips, tables.fits_pairs, samples)
-        tables = tables.cut_by(cut)
-        if cut == "pairs":
-            tables = with_frame_as_data(ops, tables)
     real = ops.float_type
     inner = kernel.enter(ops, tables.frame, *components)
     fixed = dr.detach(inner)
@@ -121,12 +116,11 @@ def kernel_with_derivatives(
     # Derivatives depend on the last arguments.
     summed = map(real, fixed[-slopes.arguments :])
     found = slopes.slopes(ops, tables, _Accumulator(ops, traced), *summed)
-    total = found.shared
-    entered = slopes.entered(ops, tables.frame, [real(value) for value in components])
-    for slope, change in zip((*found.frequency, *found.place), entered, strict=False):
-        total = total + slope.scaled(change)
-    pairs = zip(values, slopes.parts(total), strict=True)
-    sums = tuple(dr.replace_grad(real(value), real(linear)) for value, linear in pairs)
+    change = [real(value) for value in components]
+    parts = slopes.parts(slopes.changed(ops, tables.frame, found, change))
+    sums = tuple(
+        dr.replace_grad(real(value), real(part)) for value, part in zip(values, parts, strict=True)
+    )
     return kernel.leave(ops, tables.frame, inner, sums)
 
 
@@ -155,10 +149,6 @@ def evaluate_traced(
 
     float_type, double = common_float(points, parameters, precision, engine)
     components, kind = read_points(points, kernel.dimension, float_type)
-    if kernel.in_one_frame is not None and (
-        parameters is not None or any(map(drjit.grad_enabled, components))
-    ):
-        kernel = kernel.in_one_frame
     outputs = 2 if complex_result else 1
     if not min(map(drjit.width, components)):  # Dr.Jit has no arithmetic of no numbers with one
         return kind.result(*(drjit.zeros(float_type, 0) for _ in range(outputs)))
@@ -179,39 +169,24 @@ def _launched(
     """Results of a kernel for components, one or more of them wide."""
     import drjit
 
-    launch = launch_for(
-        max(map(drjit.width, components)),
-        changes=parameters is not None and bool(parameters.types),
-        recordable=is_known(components)
-        and (is_code(kernel, ops, tables) or takes_data(kernel, tables)),
-        by_pairs=isinstance(tables, Tables) and cut_of(ops.target, tables) == "pairs",
-    )
-    if launch == "recorded":
-        found = _by_data(kernel, ops, tables, components, outputs)
-        if found is not None:
-            return found
-        if is_code(kernel, ops, tables):
+    changes = parameters is not None and bool(parameters.types)
+    width = max(map(drjit.width, components))
+    as_code = is_code(kernel, tables)
+    is_long_code = as_code and width > _MOST_RECORDED
+    if not changes and is_known(components):
+        is_data = takes_data(kernel, tables) and not is_long_code
+        if is_data and planned(kernel, tables, width, engine="llvm").strategy == DATA:
+            data = OnDrjitData(kernel, tables, ops.double, "llvm", width, outputs)
+            return data.of_arrays(components)
+        if as_code and not is_long_code:
             code, kind = partial(kernel, ops, tables), ops.float_type
             return frozen(code, (kernel, tables), kind, "as it is")(*components)
     traced = Traced() if parameters is None else parameters.traced(ops, tables)
-    if launch == "data":
-        ops = TracedOperations(ops.float_type)
-        tables = as_data(ops, tables)
+    # of many samples, derivatives in points as code are up to four times as fast
+    as_data = changes or (any(map(drjit.grad_enabled, components)) and not is_long_code)
+    if as_data and slope_kernel_of(kernel) is not None:
+        ops, tables = TracedOperations(ops.float_type), with_frame_as_data(ops, tables)
     return kernel_with_derivatives(kernel, ops, tables, components, traced)
-
-
-def _by_data(
-    kernel: Kernel, ops: DrjitOperations, tables: Any, components: Sequence[Any], outputs: int
-) -> tuple[Any, ...] | None:
-    """Results from the source as data, as planned; None where it is to be code of a kernel."""
-    import drjit
-
-    width = max(map(drjit.width, components))
-    request = request_for(kernel, tables, width, double=ops.double, engine="llvm")
-    if plan(request).way.name != DATA:
-        return None
-    data = OnDrjitData(kernel, tables, ops.double, "llvm", width, outputs)
-    return data.of_arrays(components)
 
 
 def _unfolded(component: Any) -> Any:

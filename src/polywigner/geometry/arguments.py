@@ -6,10 +6,9 @@ import functools
 import inspect
 import math
 import os
-import re
-import sys
 import warnings
 from collections.abc import Callable, Collection, Iterable, Sequence
+from contextvars import ContextVar
 from numbers import Real
 from pathlib import Path
 from typing import Any, NoReturn, ParamSpec, Protocol, TypeAlias, TypeVar, cast, overload
@@ -233,8 +232,6 @@ def checked_path(path: Any) -> Path:
     return Path(os.path.abspath(text))  # noqa: PTH100 (a pathlib path keeps the "..")
 
 
-_PACKAGE = __name__.partition(".")[0]
-
 # Metres: no wave of an antenna is so long, and frequencies in Hz are such numbers.
 _LIKE_A_FREQUENCY = 1e6, 1e17
 # A source that is a point, in effect.
@@ -248,10 +245,6 @@ _SHORTEST_RADIO = 1e-4
 _NARROWEST_LENS, _LONGEST_FOCUS = 10.0, 500.0
 # A link over so many sizes and wavelengths: a hundred times that of a radar on the road.
 _LONGEST_LINK = 1e5
-_asked: set[tuple[str, int, str]] = set()
-
-# Radians: a turn, and a coarse step beyond it.
-_A_TURN = 7.0
 
 
 def doubt_of_wavelength(wavelength: float, diameter: float) -> str | None:
@@ -266,8 +259,8 @@ def doubt_of_wavelength(wavelength: float, diameter: float) -> str | None:
     return f"{size}, {ratio:.3g} wavelengths across: is a unit wrong, mm for m?"
 
 
-def warn_of_wavelength(source: Any, wavelength: Any) -> None:
-    """Ask about a wavelength like a frequency, or one that hardly belongs to the source."""
+def warn_of_wavelength(source: Any, wavelength: Any, stacklevel: int) -> None:
+    """Warn of a wavelength like a frequency, or one that hardly belongs to the source."""
     try:
         length = float(wavelength) if isinstance(wavelength, Real) else 0.0
     except OverflowError:  # of a large int
@@ -277,13 +270,14 @@ def warn_of_wavelength(source: Any, wavelength: Any) -> None:
     if _LIKE_A_FREQUENCY[0] < length < _LIKE_A_FREQUENCY[1]:
         warn_caller(
             f"got a wavelength of {length:g} m: a frequency? Then write frequency={length:g} in "
-            "its place"
+            "its place",
+            stacklevel,
         )
         return
     diameter = _diameter(source)
     doubt = None if diameter is None else doubt_of_wavelength(length, diameter)
     if doubt is not None:
-        warn_caller(f"got {doubt}")
+        warn_caller(f"got {doubt}", stacklevel)
 
 
 def warn_of_lens(pupil: Any, wavelength: float, focal_length: float) -> None:
@@ -327,47 +321,15 @@ def _diameter(source: Any) -> float | None:
     return math.dist(bounds[:middle], bounds[middle:])
 
 
-def warn_of_degrees(name: str, radians: NDArray[np.float64]) -> None:
-    """Ask about angles beyond a turn, and about whole numbers that point behind the source."""
-    largest = float(np.abs(radians).max(initial=0.0))
-    behind = name == "theta" and largest > math.pi / 2 and bool((radians % 1 == 0).all())
-    if largest > _A_TURN or behind:
-        warn_caller(f"got {name} up to {largest:g} rad: degrees? Then write numpy.radians({name})")
+def warn_caller(message: str, stacklevel: int = 3) -> None:
+    """Issue a :class:`PolywignerWarning`, by default at the caller of the calling function."""
+    warnings.warn(message, PolywignerWarning, stacklevel=stacklevel)
 
 
-def is_called_by_user(depth: int = 1) -> bool:
-    """Whether the function that asks was called from outside of the package."""
-    return not _is_ours(sys._getframe(depth + 1))
-
-
-def warn_caller(message: str) -> None:
-    """A :class:`PolywignerWarning` at the line outside of the package that called into it.
-
-    Once for a line, whatever the numbers in it, as a sweep would change them; always where filters
-    say so.
-    """
-    level, frame = 2, sys._getframe(1)
-    while frame.f_back is not None and _is_ours(frame):
-        level, frame = level + 1, frame.f_back
-    # Python's own memory of lines is lost with every catch_warnings, also one in a library.
-    place = frame.f_code.co_filename, frame.f_lineno, re.sub(r"\d[\d.e+-]*", "", message)
-    if place not in _asked or not _is_once():
-        _asked.add(place)
-        warnings.warn(message, PolywignerWarning, stacklevel=level)
-
-
-def _is_once() -> bool:
-    """Whether filters leave it at one warning for a line."""
-    for action, text, category, module, _ in warnings.filters:
-        if text is None and module is None and issubclass(PolywignerWarning, category):
-            return action not in ("always", "error")
-    return True
-
-
-def _is_ours(frame: Any) -> bool:
-    name = str(frame.f_globals.get("__name__", ""))
-    return name.partition(".")[0] == _PACKAGE
-
+# Whether the call is made by another function with a wavelength, which has warned already.
+_is_nested: ContextVar[bool] = ContextVar("_is_nested", default=False)
+# Stack level of the caller of a function with a wavelength, seen from `warn_caller`.
+_CALLER = 5
 
 # Hz: a wavelength of a thousand kilometres; less is in GHz.
 _LEAST = 300.0
@@ -401,16 +363,20 @@ def takes_frequency(function: Callable[P, R]) -> _WithFrequency[P, R]:
     # what follows has a default: a number in its place is a wavelength
     is_last = not following or following[0].default is not inspect.Parameter.empty
 
+    def at_wavelength(length: Any, args: tuple[Any, ...], kwargs: dict[str, Any]) -> Any:
+        if not _is_nested.get():
+            warn_of_wavelength(args[0] if args else kwargs.get("source"), length, _CALLER)
+        token = _is_nested.set(True)
+        try:
+            return function(*_at_wavelength(length, args), **_at_wavelength(length, kwargs))
+        finally:
+            _is_nested.reset(token)
+
     @functools.wraps(function)
     def wrapper(*args: Any, frequency: float | None = None, **kwargs: Any) -> Any:
         if frequency is None:
-            if is_called_by_user():
-                warn_of_wavelength(
-                    args[0] if args else kwargs.get("source"),
-                    args[place] if len(args) > place else kwargs.get("wavelength"),
-                )
             length = args[place] if len(args) > place else kwargs.get("wavelength")
-            return function(*_at_wavelength(length, args), **_at_wavelength(length, kwargs))
+            return at_wavelength(length, args, kwargs)
         length = SPEED_OF_LIGHT / _checked(frequency)
         has_both = is_last and len(args) > place and isinstance(args[place], Real)
         if kwargs.get("wavelength") is None and not has_both:
@@ -424,9 +390,7 @@ def takes_frequency(function: Callable[P, R]) -> _WithFrequency[P, R]:
                 if "too many" not in str(error):
                     raise
             else:
-                if is_called_by_user():
-                    warn_of_wavelength(given[0] if given else kwargs.get("source"), length)
-                return function(*_at_wavelength(length, given), **_at_wavelength(length, kwargs))
+                return at_wavelength(length, given, kwargs)
         raise ArgumentError("expected a wavelength or a frequency, got both; leave one of them out")
 
     extra = inspect.Parameter("frequency", inspect.Parameter.KEYWORD_ONLY, default=None)

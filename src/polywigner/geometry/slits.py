@@ -45,11 +45,6 @@ class Slits(TakesWaves):
         object.__setattr__(self, "intervals", array)
         object.__setattr__(self, "illumination", None)
 
-    @classmethod
-    def _of_intervals(cls, intervals: NDArray[np.float64]) -> Slits:
-        """Slits of intervals (m, 2) that are valid and ascending already."""
-        return _restored(intervals, None)
-
     def with_illumination(self, illumination: Field | None) -> Slits:
         """A copy of the slits with another field in them, an Illumination; None for the field 1.
 

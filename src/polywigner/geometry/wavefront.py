@@ -17,7 +17,6 @@ from polywigner.geometry.arguments import (
     checked_wavelength,
     numbers_or_nan,
     unchangeable,
-    warn_of_degrees,
 )
 from polywigner.geometry.display import length_text, shown_as_html
 
@@ -74,8 +73,6 @@ def turned_points(points: NDArray[np.float64], angle: Any) -> NDArray[np.float64
     Quarter turns are exact.
     """
     turn = checked_number(angle, "angle", "an angle in radians")
-    if (2.0 * turn).is_integer():  # turns that add up may go on and on
-        warn_of_degrees("angle", np.array([turn]))
     quarters = round(turn / (math.pi / 2))
     c, s = math.cos(turn), math.sin(turn)
     if turn == quarters * (math.pi / 2):

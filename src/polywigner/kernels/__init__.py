@@ -3,7 +3,7 @@
 =============  ================================================================
 module         what is in it
 =============  ================================================================
-``outline``    the source in its frame: edges, lines, pieces, waves
+``outline``    the source in its frame: edges, waves; lines and pieces of compiled code
 ``cut``        what of an edge lies inside the other copy
 ``functions``  W, A, F and areas
 ``arrays``     sums over copies and pairs of elements

@@ -14,7 +14,7 @@ from polywigner.illumination import Array
 from polywigner.illumination.lattices import Sites
 from polywigner.kernels.arrays import lattice_arrays, pair_sums
 from polywigner.kernels.arrays.array_factor import array_factor_kernel
-from polywigner.kernels.arrays.element_pairs import distant_parts, is_scattered
+from polywigner.kernels.arrays.element_pairs import is_scattered
 from polywigner.kernels.functions import partly_coherent, plane, separable, simplices
 from polywigner.kernels.functions import slits as line
 from polywigner.kernels.functions.separable import is_separable
@@ -49,24 +49,15 @@ _KERNELS: dict[tuple[str, Any], Kernel] = {
     ("complex fourier", "thin"): simplices.TILED_COMPLEX,
     ("complex fourier", "thin, placed"): simplices.TILED_PLACED_COMPLEX,
     ("autocorrelation", "lattice"): pair_sums.AUTOCORRELATION,
-    ("wigner", "distant"): pair_sums.WIGNER_OF_PARTS,
-    ("ambiguity", "distant"): pair_sums.AMBIGUITY_OF_PARTS,
-    ("position_marginal", "distant"): pair_sums.POSITION_MARGINAL_OF_PARTS,
-    ("lag_marginal", "distant"): pair_sums.LAG_MARGINAL_OF_PARTS,
-    ("lag_marginal of fields", "distant"): pair_sums.LAG_MARGINAL_OF_FIELDS,
 }
 
-# Kinds with kernels of their own, in this order: (source, double) -> whether it is one. Thin
-# apertures lose digits by the usual kernels, parts that are far from each other as well.
-_SPECIAL: dict[str, Callable[[Any, bool], bool]] = {
-    "product": lambda source, _: isinstance(source, Aperture) and is_separable(source),
-    "lattice": lambda source, _: isinstance(source, Array) and lattice_arrays.is_on_lattice(source),
-    "scattered": lambda source, _: isinstance(source, Array) and is_scattered(source),
-    "distant": lambda source, double: (
-        isinstance(source, Aperture | Array) and distant_parts(source, double) is not None
-    ),
-    "thin": lambda source, _: isinstance(source, Aperture) and simplices.fan_cancels(source),
-    "thin, placed": lambda source, _: (
+# Kinds with kernels of their own, in this order. Thin apertures lose digits in the usual kernels.
+_SPECIAL: dict[str, Callable[[Any], bool]] = {
+    "product": lambda source: isinstance(source, Aperture) and is_separable(source),
+    "lattice": lambda source: isinstance(source, Array) and lattice_arrays.is_on_lattice(source),
+    "scattered": lambda source: isinstance(source, Array) and is_scattered(source),
+    "thin": lambda source: isinstance(source, Aperture) and simplices.fan_cancels(source),
+    "thin, placed": lambda source: (
         isinstance(source, PlacedAperture) and simplices.fan_cancels(source.aperture)
     ),
 }
@@ -91,29 +82,25 @@ def _widths_in(source: Wavefront) -> float:
     return math.prod((1.0 + (high - low) / source.coherence_width).tolist())
 
 
-def partly_coherent_kernel(source: Wavefront, double: bool = True) -> Kernel | None:
-    """The kernel of W in light that is coherent over a width; None where it is a mean over tilts.
+def partly_coherent_kernel(source: Wavefront) -> Kernel | None:
+    """Return the kernel of W in partly coherent light; None where W is a mean over tilts.
 
-    Arrays whose elements share one outline, and parts far from each other, have sums of their own
-    in coherent light: they are a mean over tilts, unless these are too many or the elements few.
-    The kernel leaves the curvature of a wave to its frequencies.
+    Arrays whose elements share one outline have sums of their own in coherent light. Their W is a
+    mean over tilts, unless these are too many or the elements few. The kernel leaves the curvature
+    of a wave to its frequencies.
     """
     flat = source.source
-    kernel = _PARTLY_COHERENT.get(kernel_for("wigner", flat, double))
+    kernel = _PARTLY_COHERENT.get(kernel_for("wigner", flat))
     if kernel is not None:
         return kernel
-    many_tilts = _widths_in(source) > MOST_WIDTHS
-    if isinstance(flat, Array):
-        most = _MOST_ELEMENTS if many_tilts else _FEW_ELEMENTS
-        if len(flat.elements_in_plane) > most:
-            return None
-    elif not many_tilts:
+    most = _MOST_ELEMENTS if _widths_in(source) > MOST_WIDTHS else _FEW_ELEMENTS
+    if len(flat.elements_in_plane) > most:
         return None
     return partly_coherent.WIGNER if source.dimension == 2 else partly_coherent.WIGNER_OF_SLITS
 
 
-def kernel_for(transform: str, source: Any, double: bool = True) -> Kernel:
-    """The kernel of a transform of a source, for results in double precision or in single.
+def kernel_for(transform: str, source: Any) -> Kernel:
+    """Return the kernel of a transform of a source.
 
     An array has the kernels of its elements, slits or apertures of one plane; its Fourier transform
     is the sum of theirs and has none of its own.
@@ -123,7 +110,7 @@ def kernel_for(transform: str, source: Any, double: bool = True) -> Kernel:
     GeometryError for those of arrays that do not lie in the plane z = 0.
     """
     if isinstance(source, Wavefront):
-        found = partly_coherent_kernel(source, double) if transform == "wigner" else None
+        found = partly_coherent_kernel(source) if transform == "wigner" else None
         if found is None:
             raise ArgumentError(
                 f"expected a flat, coherent source for {transform}, got {source!r}; use its .source"
@@ -132,11 +119,8 @@ def kernel_for(transform: str, source: Any, double: bool = True) -> Kernel:
     if isinstance(source, Sites) and transform.removeprefix("complex ") == "array factor":
         return array_factor_kernel(source.dimension, transform.startswith("complex"))
     for kind, holds in _SPECIAL.items():
-        if (transform, kind) in _KERNELS and holds(source, double):
-            fields = f"{transform} of fields"
-            plain = isinstance(source, Aperture) and source.illumination is None
-            has_fields = not plain and (fields, kind) in _KERNELS
-            return _KERNELS[fields if has_fields else transform, kind]
+        if (transform, kind) in _KERNELS and holds(source):
+            return _KERNELS[transform, kind]
     elements, name = (source,), transform
     if isinstance(source, Array):
         elements = source.elements_in_plane

@@ -33,9 +33,6 @@ class Kernel:
     where edges are cut, an `OutlineSum` where grids of arguments are computed from their axes."""
     leave: Callable[..., Values]
     """(ops, frame, arguments in the frame, sums) -> results, scaled to the user's units."""
-    in_one_frame: Kernel | None = None
-    """A kernel of this transform with all of the source in one frame, where this one has none: it
-    is less accurate, and has derivatives."""
 
     @property
     def slices(self) -> SliceSum | None:

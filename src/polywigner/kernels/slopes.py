@@ -17,18 +17,20 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import product
 from typing import Any
 
 from polywigner.geometry import Slits
-from polywigner.kernels.cut.clipping import AHEAD, Clipper, RowClipper, View
+from polywigner.kernels.cut.clipping import AHEAD, Clipper, View
 from polywigner.kernels.cut.slice_sums import Views, difference_pairings, mean_pairings
-from polywigner.kernels.cut.winding import clipper_for
+from polywigner.kernels.cut.winding import PairClipper
 from polywigner.kernels.functions import plane
 from polywigner.kernels.functions.edge_terms import moved_off_zero
 from polywigner.kernels.functions.fourier import OutlineTables
 from polywigner.kernels.kernel import Kernel
-from polywigner.kernels.outline.tables import Edge, Piece, Tables
+from polywigner.kernels.outline.constants import Edge
+from polywigner.kernels.outline.tables import Tables
 from polywigner.kernels.outline.waves import (
     Wave,
     WavePair,
@@ -40,7 +42,6 @@ from polywigner.kernels.outline.waves import (
 from polywigner.numerics.complex_pairs import Pair, unit_wave
 from polywigner.numerics.phases import cos_sin_turns
 from polywigner.numerics.polynomials import segment_moments
-from polywigner.plans import cut_for
 
 _ZERO = Pair(0.0, 0.0)
 
@@ -49,10 +50,11 @@ _ZERO = Pair(0.0, 0.0)
 class Wanted:
     """Kinds of shared numbers whose derivatives an accumulator takes.
 
-    An accumulator has ``wanted`` and two methods, which return what is to be summed over edges:
-    ``edge(begin, end, normal, at)`` for an edge between two numbered vertices, with dV = sum_k at_k
-    (normal . d vertex_k), and ``field(number, slope, of_conjugate)`` for a weight or amplitude c,
-    with dV = slope dc + of_conjugate dc*.
+    An accumulator has ``wanted``, ``has_constant_numbers`` (whether numbers of vertices have to be
+    constants), and two methods: ``edge(begin, end, normal, at)`` for an edge between two numbered
+    vertices, with dV = sum_k at_k (normal . d vertex_k), to be summed over edges; and
+    ``field(number, slope, of_conjugate)`` for a weight or amplitude c, with dV = slope dc +
+    of_conjugate dc*.
     """
 
     vertices: bool = False
@@ -191,27 +193,37 @@ def _slopes(
     frequency: tuple[Any, ...],
 ) -> Slopes:
     """``of_lags``: of the lag slice, else of the position slice."""
+    weights = [Pair(1.0, 0.0)] * len(tables.groups)
+    if accumulator.wanted.weights:
+        weights, tables = _weights(ops, tables), tables.by_element
     pairings, scale = (mean_pairings, 2.0) if of_lags else (difference_pairings, 1.0)
-    views = [view for _, seen, _ in pairings(0, tables) for view, _ in seen]
-    clipper = _clipper(ops, tables, [scale * c for c in place], accumulator.wanted, views)
+    views = dict.fromkeys(view for _, seen, _ in pairings(0, tables) for view, _ in seen)
+    tx, ty = (scale * c for c in place)
+    if accumulator.has_constant_numbers or (ops.target == "compiled" and tables.fits_code):
+        clipper = Clipper(ops, tables, tx, ty)
+    else:
+        clipper = PairClipper(ops, tables, tx, ty, tuple(views))
     result = Slopes([_ZERO, _ZERO], [_ZERO, _ZERO], _ZERO)
     for group in range(len(tables.groups)):
-        if not clipper.edges_of(group):
-            continue
         areas: list[Pair] = []
         for other in range(len(tables.groups)):
             beats = [
-                _PairSlopes(clipper, accumulator, scale, other, views, beat, frequency, place)
+                _PairSlopes(clipper, accumulator, scale, views, beat, frequency, place).between(
+                    group, other, weights
+                )
                 for number, views, found in pairings(group, tables)
                 for beat in found
                 if number == other
             ]
 
-            def term(edge: Edge, beats: Any = beats) -> tuple[Any, ...]:
-                cuts: dict[Any, Any] = {}
+            def term(edge: Edge, beats: Any = beats, other: int = other) -> tuple[Any, ...]:
+                cuts: dict[View, Any] = {}
                 pairs: list[Pair] = []
                 shared = _ZERO
                 for beat in beats:
+                    for view, _ in beat.views:
+                        if view not in cuts:
+                            cuts[view] = list(clipper.intervals(edge, view, other))
                     found, of_shared = beat.terms(edge, cuts)
                     pairs += found
                     shared = shared + of_shared
@@ -226,14 +238,12 @@ def _slopes(
     return result
 
 
-def _clipper(
-    ops: Any, tables: Tables, shift: Sequence[Any], wanted: Wanted, views: Sequence[View]
-) -> Clipper:
-    """Edges of elements by name where weights matter, as is best otherwise."""
-    if not wanted.weights:
-        return clipper_for(ops, tables, *shift, *dict.fromkeys(views))
-    by_name = cut_for(ops.target, tables.clips, by_pairs=False)
-    return (RowClipper if by_name == "rows" else Clipper)(ops, tables, *shift)
+def _weights(ops: Any, tables: Tables) -> list[Pair]:
+    """Return the weights of the elements, as data where edges are."""
+    parts = [[part(w) for w in tables.weights] for part in (lambda w: w.real, lambda w: w.imag)]
+    if ops.target != "data":
+        return list(map(Pair, *parts))
+    return [Pair(*(ops.lookup(part, k) for part in parts)) for k in range(len(tables.weights))]
 
 
 class _PairSlopes:
@@ -250,22 +260,31 @@ class _PairSlopes:
         clipper: Clipper,
         accumulator: Any,
         scale: float,
-        other: int,
         views: Views,
         beat: WavePair,
         frequency: tuple[Any, ...],
         place: tuple[Any, ...],
     ) -> None:
         self.clipper, self.ops, self.accumulator = clipper, clipper.ops, accumulator
-        self.scale, self.other, self.views, self.beat = scale, other, views, beat
+        self.scale, self.views, self.beat = scale, views, beat
         self.axes = Axes(self.ops, beat.detuned(frequency))
         self.amplitude = Pair(*beat.amplitude(self.ops, place))
         self.rates = [Pair(*slope) for slope in beat.slopes(self.ops, place)]
+        self.elements: tuple[tuple[int, Pair], ...] = ()
+        self.mutual = Pair(1.0, 0.0)
 
-    def terms(self, edge: Edge, cuts: dict[Any, Any]) -> tuple[list[Pair], Pair]:
+    def between(self, group: int, other: int, weights: Sequence[Any]) -> _PairSlopes:
+        """Return the same for edges of a group and pieces of another, weights of both included."""
+        first, second = (other, group) if self.views[0][0] is AHEAD else (group, other)
+        one, two = (weights[k] for k in (first, second))
+        self.elements = (first, one), (second, two)
+        self.mutual = one * two.conjugate()
+        return self
+
+    def terms(self, edge: Edge, cuts: dict[View, Any]) -> tuple[list[Pair], Pair]:
         """Area, the boundary's push on T, and moments; the sum for the accumulator."""
         ops, scale = self.ops, self.scale
-        area, push, along, across, begin, end, shared = [_ZERO] * 7
+        area, push, along, across, begin, end = [_ZERO] * 6
         long = scale * edge.length
         along_unit, across_unit = self.clipper.shared(
             edge, lambda: self.axes.of(edge.ux, edge.uy), self.beat.shift
@@ -276,7 +295,7 @@ class _PairSlopes:
                 ops.fma(self.clipper.tx, side, scale * edge.ax),
                 ops.fma(self.clipper.ty, side, scale * edge.ay),
             )
-            for piece, middle, extent, real, imag in self._cuts(edge, view, cuts):
+            for middle, extent, real, imag in cuts[view]:
                 # What is left of an edge may be nothing in the far distance, whose powers overflow.
                 middle = ops.select(extent == 0.0, 1.0, middle)
                 half, whole = (0.5 * long) * middle, long * extent
@@ -287,8 +306,7 @@ class _PairSlopes:
                     whole * across_unit,
                 )
                 base = -segment.dp
-                own = segment.area(ops)
-                area = area.plus(ops, _weighted(own, real, imag), base)
+                area = area.plus(ops, _weighted(segment.area(ops), real, imag), base)
                 first, second = segment.moments(ops)
                 along = along.plus(ops, _weighted(first, real, imag), base)
                 across = across.plus(ops, _weighted(second, real, imag), base)
@@ -298,46 +316,29 @@ class _PairSlopes:
                 push = push + e0.scaled(side)
                 to_end = e1.plus(ops, e0, 0.5 * middle)
                 begin, end = begin + (e0 - to_end), end + to_end
-                if self.accumulator.wanted.weights:
-                    shared = shared + self._fields(edge, piece, view, own.scaled(base))
+        shared = _ZERO
         if self.accumulator.wanted.vertices:
-            at = (value * self.amplitude.scaled(scale**3) for value in (begin, end))
-            found = self.accumulator.edge(edge.begin, edge.end, (edge.ey, -edge.ex), tuple(at))
-            shared = shared + found
+            factor = (self.amplitude * self.mutual).scaled(scale**3)
+            at = begin * factor, end * factor
+            shared = self.accumulator.edge(edge.begin, edge.end, (edge.ey, -edge.ex), at)
         pushes = push.scaled(scale * edge.ey), push.scaled(-scale * edge.ex)
         return [area, *pushes, along, across], shared
-
-    def _cuts(self, edge: Edge, view: View, known: dict[Any, Any]) -> Any:
-        """(piece, t0 + t1, t1 - t0, weight); the piece where weights are wanted."""
-        if view not in known and self.accumulator.wanted.weights:
-            known[view] = []
-            for piece, *cut in self.clipper.parts(edge, view, self.other):
-                real, imag = self.clipper.tables.mutual(edge, piece)
-                known[view].append((piece, *cut, real, -imag if view is AHEAD else imag))
-        elif view not in known:
-            found = self.clipper.intervals(edge, view, self.other)
-            known[view] = [(None, *cut) for cut in found]
-        return known[view]
-
-    def _fields(self, edge: Edge, piece: Piece, view: View, area: Pair) -> Pair:
-        """Tell the accumulator: V has the term w_k w_l* times this, k the edge's element mostly."""
-        value = (area * self.amplitude).scaled(self.scale)
-        first = edge.element, Pair(edge.real, edge.imag).scaled(piece.sign)
-        second = piece.element, Pair(piece.real, piece.imag)
-        if view is AHEAD:
-            first, second = second, first
-        found = self.accumulator.field(first[0], value * second[1].conjugate(), _ZERO)
-        return found + self.accumulator.field(second[0], _ZERO, value * first[1])
 
     def add(self, sums: Sequence[Pair], result: Slopes) -> Pair:
         """Add the sums over edges to the derivatives; the integral over the slice."""
         area, *pushes, along, across = sums
+        amplitude = self.amplitude * self.mutual
         for k, push in enumerate(pushes):
-            moved = (push * self.amplitude).scaled(self.scale) + area * self.rates[k]
+            moved = (push * amplitude).scaled(self.scale) + area * self.rates[k] * self.mutual
             result.place[k] = result.place[k] + moved.scaled(self.scale)
         for k, slope in enumerate(self.axes.gradient(along, across)):
-            slope = (slope * self.amplitude).scaled(self.scale)
-            result.frequency[k] = result.frequency[k] + slope
+            result.frequency[k] = result.frequency[k] + (slope * amplitude).scaled(self.scale)
+        if self.accumulator.wanted.weights:
+            value, ((first, one), (second, two)) = area.scaled(self.scale), self.elements
+            value = value * self.amplitude
+            found = self.accumulator.field(first, value * two.conjugate(), _ZERO)
+            found = found + self.accumulator.field(second, _ZERO, value * one)
+            result.shared = result.shared + found
         return area.scaled(self.scale)
 
 
@@ -357,8 +358,9 @@ def _wave_slopes(
     areas: Sequence[Pair],
 ) -> None:
     """Tell the accumulator the derivatives in the amplitudes of the only element's waves."""
-    waves, pairs_of = tables.groups[0], mean_pairs if of_lags else difference_pairs
-    beats = pairs_of(waves, waves)
+    waves = tables.groups[0]
+    pairs_of = partial(mean_pairs, is_same=False) if of_lags else difference_pairs
+    beats = mean_pairs(waves, waves, True) if of_lags else difference_pairs(waves, waves)
     for (m, one), (n, other) in product(enumerate(waves), repeat=2):
         (pair,) = pairs_of((one,), (other,))
         ((_, rate),) = pair.terms
@@ -382,31 +384,60 @@ class SlopeKernel:
     """(ops, tables, accumulator, *arguments in the frame)."""
     arguments: int
     """Number of arguments in the frame that it takes, counted from the last."""
-    frequency_leads: bool = True
-    """Whether a frequency is the first argument, before a place if there is any."""
-    has_place: bool = True
-    is_wave: bool = True
-    """Whether sums are (cosine, sine) of V = cosine - i sine; else the real part."""
+    parts: Callable[[Pair], tuple[Any, ...]]
+    """(V) -> the kernel's sums."""
+    points: tuple[str, ...]
+    """The kernel's points: ``"frequency"``, ``"place"``."""
 
-    def parts(self, value: Pair) -> tuple[Any, ...]:
-        """The kernel's sums of V."""
-        return (value.real, -value.imag) if self.is_wave else (value.real,)
-
-    def entered(self, ops: Any, frame: Any, change: Sequence[Any]) -> tuple[Any, ...]:
-        """Changes of the arguments in the frame: of the frequency, then of the place."""
-        if not self.has_place:
-            return tuple(frame.frequency(ops, *change))
-        first, second = change[:2], change[2:]
-        frequency, place = (first, second) if self.frequency_leads else (second, first)
-        return (*frame.frequency(ops, *frequency), *frame.vector(ops, *place))
+    def changed(self, ops: Any, frame: Any, found: Slopes, change: Sequence[Any]) -> Pair:
+        """Return the change of V for changes of all components of all points."""
+        total = found.shared
+        for number, name in enumerate(self.points):
+            pair = change[2 * number : 2 * number + 2]
+            own = change if len(self.points) == 1 else pair  # frequencies in space have three
+            in_frame = (frame.frequency if name == "frequency" else frame.vector)(ops, *own)
+            for slope, part in zip(getattr(found, name), in_frame, strict=True):
+                total = total + slope.scaled(part)
+        return total
 
 
-_FOURIER = SlopeKernel(fourier_slopes, 2, has_place=False)
+def _wave(value: Pair) -> tuple[Any, ...]:
+    """(cosine, sine) of V = cosine - i sine."""
+    return value.real, -value.imag
+
+
+def _real(value: Pair) -> tuple[Any, ...]:
+    return (value.real,)
+
+
+def _complex(value: Pair) -> tuple[Any, ...]:
+    return value.real, value.imag
+
+
+def _at_zero(slopes: Callable[..., Slopes], *, leads: bool) -> Callable[..., Slopes]:
+    """Return the derivatives at frequency zero; ``leads``: the frequency is the first argument."""
+
+    def at_zero(ops: Any, tables: Tables, accumulator: Any, x: Any, y: Any) -> Slopes:
+        zero = 0.0 * x, 0.0 * y
+        return slopes(ops, tables, accumulator, *((*zero, x, y) if leads else (x, y, *zero)))
+
+    return at_zero
+
+
+_FOURIER = SlopeKernel(fourier_slopes, 2, _wave, ("frequency",))
+_LAG_MARGINAL = SlopeKernel(_at_zero(ambiguity_slopes, leads=True), 2, _complex, ("place",))
 _KNOWN = {
-    plane.WIGNER: SlopeKernel(wigner_slopes, 4, frequency_leads=False, is_wave=False),
-    plane.AMBIGUITY: SlopeKernel(ambiguity_slopes, 4),
+    plane.WIGNER: SlopeKernel(wigner_slopes, 4, _real, ("place", "frequency")),
+    plane.AMBIGUITY: SlopeKernel(ambiguity_slopes, 4, _wave, ("frequency", "place")),
     plane.FOURIER: _FOURIER,
     plane.FOURIER_PLACED: _FOURIER,
+    plane.POSITION_MARGINAL: SlopeKernel(
+        _at_zero(wigner_slopes, leads=False), 2, _real, ("place",)
+    ),
+    plane.LAG_MARGINAL: _LAG_MARGINAL,
+    plane.LAG_MARGINAL_OF_FIELDS: _LAG_MARGINAL,
+    plane.POSITION_MARGINAL_OF_WAVES: SlopeKernel(wigner_slopes, 4, _real, ("place",)),
+    plane.LAG_MARGINAL_OF_WAVES: SlopeKernel(ambiguity_slopes, 4, _wave, ("place",)),
 }
 
 

@@ -47,12 +47,14 @@ from polywigner.mitsuba.sources import (
 from polywigner.mitsuba.visibility import ROUNDING, shadow_end
 from polywigner.mitsuba.wigner import Wave, WignerRadiance
 from polywigner.numerics.complex_pairs import Pair
-from polywigner.plans import exposes_numbers
 from polywigner.radiometry.hemisphere import directions_and_weights, largest_lag
 from polywigner.transforms import differentiable as differentiable_source
 
 # What overlaps by less than this fraction of an area does so by rounding.
 _APART = 1e-9
+# Pairs of edges of a source with derivatives, which are code of every kernel of a render: each
+# compiles in 7 ms, and 9000 exhaust the compiler.
+_MOST_CUTS = 4096
 # Stands for a density without bound; its square, and products with radiances, fit into float32.
 _OVERWHELMING = 1e12
 
@@ -74,7 +76,7 @@ class TracedSource:
         else:
             self._tables = new_tables_of(centred.at_origin, dr.itemsize_v(m.Float) == 8)
             cuts = self._tables.clips
-            if not exposes_numbers(cuts):
+            if cuts > _MOST_CUTS:
                 self.why_not = (
                     f"a source of few edges, as code of the render's kernel, got {cuts} pairs of "
                     "edges; gradients of pw.wigner and pw.fourier have no such limit"

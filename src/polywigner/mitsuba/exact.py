@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 import operator
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial, reduce
@@ -39,12 +40,15 @@ from polywigner.mitsuba.sources import SourceSpec, plane_waves_of
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.phases import cos_sin_turns
-from polywigner.plans import sums_over_points
 from polywigner.propagation.boundary import Radiator, boundary_tables, panels_in, radiator_of
 from polywigner.propagation.equivalent_points import equivalent_grid
 from polywigner.transforms import fourier
 
 Floats = NDArray[np.float64]
+
+# Points of the shorter side of a grid are code: each compiles in some 5 ms and runs twice as fast
+# as a loop. A panel takes as long as so many points (benchmarks/render_exact.py).
+_MOST_POINTS, _POINTS_PER_PANEL = 64, 33
 
 AWAY = 3.0
 """Nearest distance from the bounds of the source in wavelengths. Measured before squares, an L,
@@ -116,12 +120,17 @@ class EquivalentSources:
         return waves[0] if len(waves) == 1 else waves[0] + waves[1]
 
 
+def _sums_over_points(counts: Sequence[int], panels: int) -> bool:
+    """Whether a sum over a grid of points takes less time than one over panels of edges."""
+    return min(counts) <= _MOST_POINTS and math.prod(counts) <= _POINTS_PER_PANEL * panels
+
+
 def equivalent_sources(
     source: Any, radiator: Radiator, wavelength: float, condition: Obliquity, panels: int
 ) -> EquivalentSources | None:
     """Equivalent points of a source; None where a sum over so many panels is faster."""
     grid = equivalent_grid(
-        source, radiator, wavelength, condition, _ERROR, lambda n: sums_over_points(n, panels)
+        source, radiator, wavelength, condition, _ERROR, lambda n: _sums_over_points(n, panels)
     )
     if grid is None:
         return None

@@ -25,7 +25,6 @@ from polywigner.illumination.obliquities import (
 )
 from polywigner.illumination.polarisation import Stokes, stokes_fields
 from polywigner.illumination.support import moved_source, mutual_support
-from polywigner.plans import shifts_samples
 from polywigner.propagation.far_fields import check_slopes, powers_of
 from polywigner.propagation.irradiances import parts_of
 from polywigner.radiometry.directions import (
@@ -186,6 +185,8 @@ def mixture_of(
 # precision multiplies by 6e-8; and their periods over the size of an element: the shorter
 # the more waves, the longer the larger they are.
 _OF_CURVED, _LARGEST_SUM, _PERIODS = 1e-5, 30.0, (1.2, 1.5, 2.0, 3.0)
+# Three samples of a shorter row cost more than the few midpoints that they cancel.
+_LEAST_SHIFTED = 4
 # Shares of singular values that are rounding; most waves along an axis.
 _ROUNDING = 1e-9
 _MOST_WAVES = 64
@@ -366,7 +367,7 @@ def _half_pitches(source: Aperture | Array) -> Floats:
     if lattice is None:
         return found
     for count, pitch in zip(lattice.weights.shape, lattice.basis, strict=True):
-        if shifts_samples(count):
+        if count >= _LEAST_SHIFTED:
             steps = np.outer([-0.5, 0.0, 0.5], [*pitch, 0.0])
             steps[:, 2] = 0.25, 0.5, 0.25
             places = found[:, None, :2] + steps[:, :2]

@@ -98,7 +98,6 @@ class WignerRadiance:
         for field, forms, stokes in self._fields:
             flat = flat_of(field)
             kernel = kernel_for("wigner", flat)
-            kernel = kernel.in_one_frame or kernel  # with derivatives
             self._terms.append((kernel, kernel.tables(flat, self._ops.double), forms, stokes))
         self._wave = source if isinstance(source, Wavefront) else None
 

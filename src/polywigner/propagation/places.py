@@ -17,7 +17,6 @@ from polywigner.geometry.arguments import (
     real_numbers,
     shape_of,
     warn_caller,
-    warn_of_degrees,
 )
 from polywigner.illumination.obliquities import BoundaryCondition
 from polywigner.transforms.xarray_arguments import labelled_array
@@ -66,7 +65,6 @@ def checked_angles(values: Any, name: str, largest: float) -> Angles:
             f"got {value_text(values)}; use "
             "numpy.radians for degrees"
         )
-    warn_of_degrees(name, angles)
     return angles
 
 

@@ -260,7 +260,8 @@ def _warn_of_negative(weight: Any) -> None:
         warn_caller(
             f"got negative powers in {100 * below.mean():.0f} % of the rays of a .dat file, "
             f"{100 * share:.0f} % of all power by modulus, which programs may ignore or refuse; "
-            "try a small file, or write positive and negative rays to two files with split=True"
+            "try a small file, or write positive and negative rays to two files with split=True",
+            stacklevel=4,
         )
 
 

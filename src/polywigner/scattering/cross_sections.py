@@ -109,7 +109,7 @@ def rcs(
 
     Warns
     -----
-    PolywignerWarning, once for a line of your code, where a face is smaller than a square
+    PolywignerWarning where a face is smaller than a square
     wavelength (facets that join smoothly are one face), and with ``bounces=1`` where the wave goes
     from one face to another, as in corner reflectors; they need not touch.
 

@@ -13,7 +13,6 @@ from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits, Wavefront
 from polywigner.illumination import Array
 from polywigner.illumination.lattices import Sites
-from polywigner.transforms.extremes import check_width, is_wide, within_reach
 
 PhaseSpaceSource = Aperture | Slits | Array | Wavefront
 Source = PhaseSpaceSource | PlacedAperture | Polyhedron
@@ -51,15 +50,14 @@ def transform(
     """
     if any(execution.is_drjit(value) for _, value in points):
         return execution.evaluate_traced(
-            # arrays of single precision have lost as much on the way in
-            _kernel_for(name, source, precision, engine, double=True),
+            _kernel_for(name, source, precision, engine),
             source,
             points,
             precision=precision,
             engine=engine,
             complex_result=outputs == 2,
         )
-    kernel, components, arrays = checked_call(name, source, points, precision, engine)
+    kernel, components = checked_call(name, source, points, precision, engine)
     shape = np.broadcast_shapes(*(c.shape for c in components))
     value, parts = _empty(shape, precision, outputs)
     execution.evaluate(
@@ -72,20 +70,13 @@ def transform(
         into=parts,
         shear=shear,
     )
-    if shear is not None and np.isnan(value).any():
-        arrays = _regrouped(shear(components), kernel.dimension)
-    if not isinstance(source, Sites) and not any(np.iscomplexobj(a) for a in arrays):
-        named = [(label, array) for (label, _), array in zip(points, arrays, strict=True)]
-        value = _near_the_largest_float(kernel, source, named, value)
     return value[()]
 
 
-def _kernel_for(name: str, source: Any, precision: str | None, engine: str, *, double: bool) -> Any:
-    if isinstance(source, Array):
-        check_width(source)
+def _kernel_for(name: str, source: Any, precision: str | None, engine: str) -> Any:
     execution.checked_precision(precision)
     execution.checked_engine(engine)
-    return kernels.kernel_for(name, source, double)
+    return kernels.kernel_for(name, source)
 
 
 def broadcast_shape(arrays: Sequence[Any]) -> tuple[int, ...]:
@@ -102,9 +93,9 @@ def broadcast_shape(arrays: Sequence[Any]) -> tuple[int, ...]:
 
 def checked_call(
     name: str, source: Any, points: Sequence[tuple[str, Any]], precision: str | None, engine: str
-) -> tuple[Any, list[Any], list[Any]]:
-    """(kernel, components, arrays) of a call with NumPy arrays, checked."""
-    kernel = _kernel_for(name, source, precision, engine, double=precision != "single")
+) -> tuple[Any, list[Any]]:
+    """Return the kernel and the checked components of a call with NumPy arrays."""
+    kernel = _kernel_for(name, source, precision, engine)
     arrays = [
         checked_points(*point, kernel.dimension, name in _COMPLEX, keep_single=True)
         for point in points
@@ -114,32 +105,7 @@ def checked_call(
         kernel = kernels.kernel_for(f"complex {name}", source)
         components = [part for c in components for part in (c.real, c.imag)]
     broadcast_shape(arrays)
-    return kernel, components, arrays
-
-
-def _regrouped(components: Sequence[Any], dimension: int) -> list[Any]:
-    """Points (..., d) from all components of all arguments."""
-    groups = (components[k : k + dimension] for k in range(0, len(components), dimension))
-    return [np.stack(np.broadcast_arrays(*group), axis=-1) for group in groups]
-
-
-def _near_the_largest_float(
-    kernel: Any, source: Any, points: list[tuple[str, Any]], values: Any
-) -> Any:
-    """Values, with NaN at finite points computed again."""
-    again = within_reach(source, points, values)
-    if again is None:
-        return values
-    missing, nearer = again
-    components = [a[..., k] for a in nearer for k in range(kernel.dimension)]
-    shape = np.broadcast_shapes(*(c.shape for c in components))
-    found, parts = _empty(shape, None, 2 if np.iscomplexobj(values) else 1)
-    execution.evaluate(
-        kernel, source, components, double=True, engine="numpy", outputs=len(parts), into=parts
-    )
-    with np.errstate(over="ignore"):  # too large for single precision: infinite, as elsewhere
-        values[missing] = found
-    return values
+    return kernel, components
 
 
 def array_on_grid(
@@ -153,7 +119,7 @@ def array_on_grid(
 
     ``point_by_point``: nu (..., 2) -> F, for the points that the grid's formula is not for.
     """
-    if execution.is_drjit(nu) or array.dimension != 2 or is_wide(array):
+    if execution.is_drjit(nu) or array.dimension != 2:
         return None
     execution.checked_precision(precision)
     points = checked_points("nu", in_plane(nu), 2, complex_allowed=True, keep_single=True)

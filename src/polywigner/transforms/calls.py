@@ -23,12 +23,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner import execution, kernels
 from polywigner.errors import ArgumentError, IlluminationError
+from polywigner.execution.choice import Plan
 from polywigner.geometry import Aperture, Polyhedron, Wavefront
 from polywigner.geometry.arguments import checked_choice, checked_wavelength
 from polywigner.illumination import Array
 from polywigner.kernels import is_separable
 from polywigner.optics import FirstOrder
-from polywigner.plans import Plan
 from polywigner.transforms.arguments import (
     PhaseSpaceSource,
     broadcast_shape,
@@ -137,10 +137,10 @@ def explain(
     engine: execution.Engine = "auto",
     precision: execution.Precision = None,
 ) -> Plan:
-    """Explain the way that a call would take, its reason and cost, and the alternatives.
+    """Return the strategy and the engine of a call, and the reason for the choice.
 
-    Estimates are those of the table of costs by which calls are planned (docs/performance.md). They
-    follow from sizes alone: the same call goes the same way at every repetition.
+    The choice depends on sizes alone (docs/performance.md): the same call uses the same strategy at
+    every repetition.
 
     Parameters
     ----------
@@ -154,9 +154,7 @@ def explain(
 
     Returns
     -------
-    A plan, whose ``str()`` is five lines of text. Its ``way`` has a ``name``, an ``engine``, and
-    the seconds that it takes: ``shared``, once for all sources; ``setup``, once for this one; and
-    ``run``, in each call. ``others`` are the ways not taken, by cost.
+    A plan with the texts ``strategy``, ``engine`` and ``reason``; ``str()`` of it is three lines.
 
     Raises
     ------
@@ -167,8 +165,8 @@ def explain(
 
     >>> import polywigner as pw
     >>> square = pw.shapes.square(1.0)
-    >>> print(pw.explain(square, (0.0, 0.0), (1.0, 0.0), engine="numpy").way.name)
-    edges one by one, on NumPy
+    >>> print(pw.explain(square, (0.0, 0.0), (1.0, 0.0), engine="numpy").strategy)
+    pairs of edges
     """
     names = TRANSFORMS[checked_choice(function, "function", list(TRANSFORMS))].points
     if len(arguments) != len(names):
@@ -191,14 +189,14 @@ def explain(
         name = "fourier of waves" if is_separable(source) else name
     points: Mapping[str, Any] = dict(zip(names, arguments, strict=True))
     if isinstance(source, Wavefront):
-        source, name, points = _as_flat(source, function, points, precision != "single")
-    kernel, components, _ = checked_call(name, source, list(points.items()), precision, engine)
+        source, name, points = _as_flat(source, function, points)
+    kernel, components = checked_call(name, source, list(points.items()), precision, engine)
     return execution.explained(
         kernel, source, components, double=precision != "single", engine=engine
     )
 
 
-def _as_flat(wave: Wavefront, name: str, points: Points, double: bool) -> tuple[Any, str, Points]:
+def _as_flat(wave: Wavefront, name: str, points: Points) -> tuple[Any, str, Points]:
     """The flat source, as coherent as the wave, the transform and the points that a call comes to.
 
     Raises ArgumentError for F and means over tilts, which are no single call.
@@ -217,10 +215,10 @@ def _as_flat(wave: Wavefront, name: str, points: Points, double: bool) -> tuple[
     if wave.is_coherent or name != "wigner":
         return source, name, points
     source = Wavefront(source, coherence_width=wave.coherence_width)
-    if kernels.partly_coherent_kernel(source, double) is None:
+    if kernels.partly_coherent_kernel(source) is None:
         raise ArgumentError(
             f"expected a source with a closed form of W in light that is coherent over "
-            f"{wave.coherence_width:g} m, got an array or distant parts, whose W is a mean over "
+            f"{wave.coherence_width:g} m, got an array whose W is a mean over "
             "tilts of coherent light; explain its .coherent"
         )
     return source, name, points
@@ -306,7 +304,7 @@ def _partly_coherent(name: str, wave: Wavefront, points: Points, how: tuple[Any,
         execution.checked_precision(how[0]) != "single",
         TRANSFORMS[name].takes_degree,
     )
-    has_closed_form = not takes_degree and kernels.partly_coherent_kernel(wave, double) is not None
+    has_closed_form = not takes_degree and kernels.partly_coherent_kernel(wave) is not None
     traced = [(label, value) for label, value in points.items() if execution.is_drjit(value)]
     if traced and not has_closed_form:
         label, _ = traced[0]

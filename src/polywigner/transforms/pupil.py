@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner import execution, kernels
 from polywigner.errors import ArgumentError, IlluminationError, value_text
 from polywigner.execution import Engine, Precision
+from polywigner.geometry import Slits
 from polywigner.geometry.arguments import (
     checked_length,
     checked_number,
@@ -20,7 +22,6 @@ from polywigner.geometry.arguments import (
 )
 from polywigner.illumination import Array
 from polywigner.transforms.arguments import PhaseSpaceSource, checked_points
-from polywigner.transforms.extremes import corners_of
 from polywigner.transforms.phase_space import ambiguity, energy_of, lag_marginal
 from polywigner.transforms.wavefronts import flat_of, is_partly_coherent
 from polywigner.transforms.xarray_arguments import takes_xarray
@@ -206,10 +207,20 @@ def checked_waves(defocus: Any) -> float:
 
 
 def checked_pupil_radius(source: PhaseSpaceSource, given: Any) -> float:
-    """The radius given, else the largest distance of a vertex from the origin."""
+    """Return the given radius, or the largest distance of a vertex from the origin."""
     if given is None:
-        return float(np.abs(np.hypot.reduce(corners_of(source), axis=1)).max())
+        return max(float(np.linalg.norm(points, axis=1).max()) for points in _vertices(source))
     return checked_length(given, "pupil_radius")
+
+
+def _vertices(source: PhaseSpaceSource) -> Iterator[NDArray[np.float64]]:
+    """Yield the vertices (n, 2) of each ring, or the ends (n, 1) of slits."""
+    flat: Any = flat_of(source)
+    for element in flat.elements_in_plane:
+        if isinstance(element, Slits):
+            yield element.intervals.reshape(-1, 1)
+        else:
+            yield from element.rings
 
 
 def checked_energy(source: PhaseSpaceSource) -> float:

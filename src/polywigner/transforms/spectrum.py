@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import partial
 from typing import Any, Literal
 
@@ -27,11 +27,6 @@ from polywigner.transforms.arguments import (
     transform,
 )
 from polywigner.transforms.calls import compute, public
-from polywigner.transforms.extremes import (
-    array_factor_apart,
-    largest_wave_apart,
-    out_of_floats,
-)
 from polywigner.transforms.traced_sources import Differentiable, fourier_of
 from polywigner.transforms.xarray_arguments import takes_xarray
 
@@ -102,30 +97,12 @@ def fourier(
             raise ArgumentError("expected no obliquity for a differentiable source")
         return fourier_of(source, nu, precision, engine, fourier)
     how: dict[str, Any] = {"obliquity": obliquity, "precision": precision, "engine": engine}
-    with np.errstate(invalid="ignore", over="ignore"):  # of waves that leave the floats
-        values = _fourier(source, nu, how)
-    if obliquity is not None or not _is_complex(nu):
-        return values
-    if isinstance(source, PlacedAperture | Polyhedron) or getattr(source, "dimension", 2) == 3:
-        return values
-    apart = partial(largest_wave_apart, evaluate=lambda s, f: _fourier(s, f, how))
-    return _with_large_waves(source, in_plane(nu), values, apart)
-
-
-def _with_large_waves(source: Any, nu: Any, values: Any, apart: Callable[..., Any]) -> Any:
-    """Values, with too large waves and phases computed again."""
-    points = np.asarray(nu, dtype=np.complex128)
-    lost = out_of_floats(source, points, values)
-    if not lost.any():
-        return values
-    found = np.array(values)
-    with np.errstate(over="ignore", invalid="ignore"):
-        found[lost] = apart(source, points[lost])
-    return found[()]
+    with np.errstate(invalid="ignore", over="ignore"):  # waves of complex nu may overflow
+        return _fourier(source, nu, how)
 
 
 def _fourier(source: Source, nu: Any, how: dict[str, Any]) -> Any:
-    """F, NaN where parts of it leave the floats."""
+    """Return F; NaN or inf where parts of it overflow."""
     obliquity, precision, engine = how["obliquity"], how["precision"], how["engine"]
     if isinstance(source, Array):
         by_elements = partial(in_blocks, partial(_coherent_sum, source, how=how))
@@ -282,8 +259,6 @@ def array_factor(
 
     def factor(nu: Any) -> Any:
         found = transform("array factor", sites, [("nu", nu)], inner, engine, outputs=2)
-        if not execution.is_drjit(nu):
-            found = _with_large_waves(sites, nu, found, array_factor_apart)
         return found.astype(np.complex64) if rounded else found
 
     with np.errstate(invalid="ignore", over="ignore"):

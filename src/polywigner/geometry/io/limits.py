@@ -61,16 +61,7 @@ def check_coordinates(points: NDArray[Any]) -> None:
         )
 
 
-_LINE_AND_COLUMN = re.compile(r"\bline (\d{1,9})(?:,? col(?:umn)? (\d{1,9}))?")
 _NUMBER = re.compile(r"[-+.,;:\s0-9eE]{1,12}", re.ASCII)
-
-
-def place_of(error: Exception) -> str:
-    """Return " in line 3, column 7" if the message of an error contains that position, else ""."""
-    match = _LINE_AND_COLUMN.search(str(error))
-    if match is None:
-        return ""
-    return f" in line {match[1]}" + (f", column {match[2]}" if match[2] else "")
 
 
 def token(text: str, known: tuple[str, ...] = ()) -> str:

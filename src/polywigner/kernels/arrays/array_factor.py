@@ -21,11 +21,12 @@ from polywigner.kernels.arrays.factors import ProfileFactor, profile_factor
 from polywigner.kernels.kernel import Kernel, Values, leave_parts, leave_wave
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair, plane_wave
-from polywigner.plans import has_own_factor
 
 # Sites that miss a lattice by more, of its extent D, are not taken for it: the phase errs by 6e3
 # times that at |nu| D = 1000. Multiples of a pitch, counted from anywhere in the array, miss less.
 _MISFIT = 2.0**-52
+# Fewer sites are summed one by one: as fast, and compiled at once (benchmarks/array_cost.py).
+_LEAST_SITES = 16
 # Rows and columns may cross in so many places for each site there: those without one weigh 0.
 _CROSSINGS_PER_SITE = 16
 
@@ -59,7 +60,7 @@ class _Tables:
 
 @lru_cache(maxsize=64)
 def _tables(sites: Sites, double: bool) -> _Tables:
-    lattice = sites.lattice if has_own_factor(len(sites.positions)) else None
+    lattice = sites.lattice if len(sites.positions) >= _LEAST_SITES else None
     profiles = None if lattice is None else separated(lattice.weights)
     if lattice is None or profiles is None:
         return _table_of_sites(sites, double)

@@ -1,16 +1,9 @@
-"""Pairs of the elements of a source that are many or far apart, each in coordinates of its own.
+"""Pairs of equal elements at any positions, each pair in coordinates of its own.
 
-W and A of a coherent source are sums over the pairs of its elements: of equal ones at any places,
-or of different parts far from each other. The pair (k, l) contributes to W(x, nu) near the midpoint
-of its centres, and to A(upsilon, xi) near their difference (docs/theory.md, (L1), (L2)). Cells of
-about the size of an element list the pairs that matter at a sample: what a sample costs grows
-linearly with the number of elements, if their density stays.
-
-In one frame for all, vertices are rounded to ulps of the distance between elements, and the edge
-sum of a slice that is not quite closed, by this rounding, is multiplied by the distance again: the
-error grows with the square of distance over size. So each element is held relative to its own
-centre, in one unit for all, and each pair knows the midpoint and the difference of its centres to
-twice the digits.
+The pair (k, l) contributes to W(x, nu) near the midpoint of its centres, and to A(upsilon, xi) near
+their difference (docs/theory.md, (L1), (L2)). Cells of about the size of an element list the pairs
+that matter at a sample: the cost of a sample grows linearly with the number of elements, if their
+density stays. Each pair holds the midpoint and the difference of its centres to twice the digits.
 """
 
 from __future__ import annotations
@@ -31,33 +24,17 @@ from polywigner.kernels.arrays.repeated import (
     RepeatedTables,
     element_tables,
 )
-from polywigner.kernels.cut.clipping import AHEAD, BEHIND, MIRRORED, View
-from polywigner.kernels.cut.pair_grid import outline_of
+from polywigner.kernels.cut.clipping import BEHIND, MIRRORED, View
 from polywigner.kernels.outline.frame import (
     Frame,
-    frame_along,
-    frame_of,
-    power_of_two,
     vertices_for,
 )
-from polywigner.kernels.outline.tables import Element, build_tables, grouped
-from polywigner.kernels.outline.waves import Waves, carrier_of, difference_pairs
 from polywigner.numerics import phases
-from polywigner.plans import sums_over_places
 
-# In one frame, the error is some ulps times the square of a source's size over its area, which may
-# be so large (docs/accuracy.md): 1e-13 of the area in double precision, 5e-6 in single. Below,
-# kernels that find edges by cells lose little; sums over pairs take up to 16 times as long where
-# parts are a few of their sizes apart, and 50 times where they fill the source.
-_LEAST_SPREAD = {True: 32.0, False: 16.0}  # by double precision or not
-# The source is so many times larger than its largest part, or more.
-_LEAST_RATIO = 3.0
-# Pairs of parts: their records take 128 bytes each.
-_MOST_PAIRS = 1 << 13
-# Pairs of waves are code, of some 20 ms to compile each.
-_MOST_WAVE_PAIRS = 16
-# Rounding to 24 bits moves a place by less than this share of its distance from the middle: lists
-# of pairs reach that much further.
+# Fewer elements are cut by each other in one frame (benchmarks/array_cost.py).
+_LEAST_ELEMENTS = 6
+# Rounding to 24 bits moves a point by less than this fraction of its distance from the centre:
+# lists of pairs reach that much further.
 _MARGIN = 2.0**-21
 # Most cells that list pairs; more of them find no fewer pairs.
 _MOST_CELLS, _CELLS_PER_PAIR = 1 << 20, 64
@@ -67,34 +44,17 @@ Complexes = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, eq=False)
-class Parts:
-    """The edges of different elements, each about its own centre, and the field on all."""
-
-    edges: HeldTable
-    """(n, 8) edges in an outline's form, on a grid with the spacing ``step``."""
-    step: float
-    waves: Waves
-    """With phases relative to the middle of the source."""
-
-
-@dataclass(frozen=True, eq=False)
 class _Elements:
-    """Where elements are, and with which weights."""
+    """Positions and weights of the elements."""
 
     frame: Frame
-    """The frame of the elements, moved to the middle of their centres."""
-    element: ElementTables | Parts
-    """One element for all copies, or parts: a range of edges for each."""
-    places: phases.Doubled
-    """(n, 2) centres in the user's unit, less the middle."""
+    """The frame of the element, moved to the centre of all elements."""
+    element: ElementTables
+    positions: phases.Doubled
+    """(n, 2) centres of the elements in m, less the centre of all."""
     weights: Complexes
-    halves: Floats
-    """(n, 2) or (2,) half the width and height, in the frame."""
-    ends: NDArray[np.intp]
-    """(n + 1,) where the edges of each part begin."""
-
-
-# ---- equal elements --------------------------------------------------------------------------
+    half: Floats
+    """(2,) half the width and height of the element, in the frame."""
 
 
 def is_scattered(array: Array) -> bool:
@@ -102,7 +62,7 @@ def is_scattered(array: Array) -> bool:
     phased = array.phased
     if phased is None or phased.repeated is None:
         return False
-    return isinstance(phased.repeated[0], Aperture) and sums_over_places(len(array))
+    return isinstance(phased.repeated[0], Aperture) and len(array) >= _LEAST_ELEMENTS
 
 
 def _scattered(array: Array, double: bool) -> _Elements:
@@ -123,153 +83,63 @@ def _scattered(array: Array, double: bool) -> _Elements:
         phases.difference(positions, shift),
         weights,
         np.array(own.reach),
-        np.zeros(len(positions) + 1, np.intp),
-    )
-
-
-# ---- different parts -------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class _Distant:
-    """Connected polygons with the weights of their elements, and the field on all.
-
-    The frame has the unit of the largest part, and its centre in the middle of the source.
-    """
-
-    parts: tuple[tuple[Aperture, complex], ...]
-    frame: Frame
-    waves: Waves
-
-
-@lru_cache(maxsize=256)
-def distant_parts(source: Aperture | Array, double: bool) -> _Distant | None:
-    """The parts of a source if they are small and far apart, few, and have one field; else None.
-
-    ``double``: for results in double precision, which need them farther apart.
-    """
-    elements = source.elements_in_plane
-    if not isinstance(elements[0], Aperture):
-        return None
-    boxes = np.array([p.bounds for element in elements for p in element.polygons.geoms])
-    if len(boxes) < 2 or len(boxes) ** 2 > _MOST_PAIRS:
-        return None
-    low, high = boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)
-    size = float(np.hypot(*(high - low)))
-    largest = float(np.hypot(*(boxes[:, 2:] - boxes[:, :2]).T).max())
-    if size < _LEAST_RATIO * largest or _spread(elements) < _LEAST_SPREAD[double]:
-        return None
-    weights = [1.0] if isinstance(source, Aperture) else source.weights.tolist()
-    unit, half = power_of_two(largest), np.full((1, 2), largest / 2)
-    middle = (low + (high - low) / 2).tolist()
-    frame = replace(
-        frame_along(half, np.zeros(2), (1.0, 0.0), (unit, unit)),
-        centre=(middle[0], middle[1]),
-        carrier=carrier_of((e.illumination for e in elements), 2),
-    )
-    fields = [Element((), (), w, e.illumination) for e, w in zip(elements, weights, strict=True)]
-    groups, members = grouped(fields, frame)
-    if len(groups) > 1 or len(difference_pairs(groups[0], groups[0])) > _MOST_WAVE_PAIRS:
-        return None
-    parts = tuple(
-        (Aperture(polygon), weight)
-        for element, (weight, _, _) in zip(elements, members, strict=True)
-        for polygon in element.polygons.geoms
-    )
-    return _Distant(parts, frame, groups[0])
-
-
-def _spread(elements: tuple[Aperture, ...]) -> float:
-    """The square of the size over the area, in one frame for all: needles are stretched there."""
-    frame = frame_of(np.concatenate([ring for element in elements for ring in element.rings]))
-    square = sum((2.0 * reach) ** 2 for reach in frame.reach)
-    return square * (frame.content / sum(element.area for element in elements))
-
-
-def _different(source: Aperture | Array, double: bool) -> _Elements:
-    # fewer are distant parts for double precision, and these are among them
-    distant = distant_parts(source, False)
-    assert distant is not None
-    parts, frame = distant.parts, distant.frame
-    boxes = np.array([np.reshape(part.bounds, (2, 2)) for part, _ in parts])
-    centres = boxes[:, 0] + np.ptp(boxes, axis=1) / 2
-    elements = [
-        Element(
-            [ring - centre for ring in part.rings], [piece - centre for piece in part.convex_cover]
-        )
-        for (part, _), centre in zip(parts, centres, strict=True)
-    ]
-    tables = build_tables(elements, double=double, frame=replace(frame, centre=(0.0, 0.0)))
-    outline = outline_of(tables, 0, double)
-    return _Elements(
-        frame,
-        Parts(HeldTable(outline.edges), outline.step, distant.waves),
-        phases.difference(centres, np.array(frame.centre)),
-        np.array([weight for _, weight in parts]),
-        np.ptp(boxes, axis=1) / (2.0 * np.sqrt(frame.content)),
-        np.searchsorted(outline.names[:, 2], np.arange(len(parts) + 1)),
     )
 
 
 # ---- pairs -----------------------------------------------------------------------------------
 
 
-def _elements(source: Aperture | Array, double: bool) -> _Elements:
-    if isinstance(source, Array) and is_scattered(source):
-        return _scattered(source, double)
-    return _different(source, double)
+@lru_cache(maxsize=32)
+def pairs_by_mean(array: Array, double: bool) -> PairTables:
+    """Return the pairs by the midpoint of their centres, for W."""
+    return _tables(_scattered(array, double), MIRRORED, double)
 
 
 @lru_cache(maxsize=32)
-def pairs_by_mean(source: Aperture | Array, double: bool) -> PairTables:
-    """For W: pairs by the midpoint of their centres."""
-    return _tables(_elements(source, double), (MIRRORED,), double)
-
-
-@lru_cache(maxsize=32)
-def pairs_by_difference(source: Aperture | Array, double: bool) -> PairTables:
-    """For A: pairs by the difference of their centres."""
-    return _tables(_elements(source, double), (BEHIND, AHEAD), double)
+def pairs_by_difference(array: Array, double: bool) -> PairTables:
+    """Return the pairs by the difference of their centres, for A."""
+    return _tables(_scattered(array, double), BEHIND, double)
 
 
 @lru_cache(maxsize=32)
 def elements_by_place(array: Array, double: bool) -> PairTables:
-    """For R: equal elements by their centres, each as a pair with itself."""
+    """Return the elements by their centres, each as a pair with itself, for R."""
     elements = _scattered(array, double)
-    place, weights = _in_frame(elements), elements.weights
-    reach = np.broadcast_to(elements.halves * (1 + _MARGIN), place[0].shape)
-    unused = np.zeros((len(reach), 4))
-    columns = [*_columns(place, double), unused, weights.real, weights.imag, reach, unused]
-    lists = _listed(place[0], reach, np.column_stack(columns))
-    return RepeatedTables(elements.frame, elements.element, ((MIRRORED, lists),))
+    high, _ = place = _in_frame(elements)
+    weights, reach = elements.weights, _reach(elements, 1.0, len(high))
+    unused = np.zeros((len(high), 4))
+    columns = [*_columns(place, double), unused, weights.real, weights.imag, reach]
+    lists = _listed(high, reach, np.column_stack(columns))
+    return RepeatedTables(elements.frame, elements.element, (MIRRORED, lists))
 
 
-def _tables(elements: _Elements, views: tuple[View, ...], double: bool) -> PairTables:
-    element, places = elements.element, _in_frame(elements)
-    views = views if isinstance(element, Parts) else views[:1]
-    lists = tuple((view, _pairs(elements, places, view, double)) for view in views)
-    terms = len(element.edges.values) if isinstance(element, Parts) else len(elements.weights)
-    return RepeatedTables(elements.frame, element, lists, terms)
+def _tables(elements: _Elements, view: View, double: bool) -> PairTables:
+    lists = view, _pairs(elements, view, double)
+    return RepeatedTables(elements.frame, elements.element, lists, len(elements.weights))
+
+
+def _reach(elements: _Elements, scale: float, count: int) -> Floats:
+    """Half of the box in which each pair contributes, (count, 2)."""
+    return np.broadcast_to(scale * elements.half * (1 + _MARGIN), (count, 2))
 
 
 def _in_frame(elements: _Elements) -> phases.Doubled:
-    """The centres in the frame, less the middle."""
+    """Return the centres in the frame, less the centre of all."""
     matrix = elements.frame.inverse_transpose
-    high, low = (vertices_for(matrix, (0.0, 0.0), part) for part in elements.places)
+    high, low = (vertices_for(matrix, (0.0, 0.0), part) for part in elements.positions)
     return high, low
 
 
-def _pairs(elements: _Elements, places: phases.Doubled, view: View, double: bool) -> PairLists:
+def _pairs(elements: _Elements, view: View, double: bool) -> PairLists:
     """Pairs of elements; the first bears the first factor of the mutual field.
 
-    Columns: the place in the frame and the vector across it, each component as two floats; the
-    mutual weight; half of the box in which the pair contributes; the ranges of the edges that bound
-    a slice and of the others.
+    Columns: the position in the frame and the vector across it, each component as two floats; the
+    mutual weight; half of the box in which the pair contributes.
     """
-    weights, ends, (high, low) = elements.weights, elements.ends, places
+    weights, (high, low) = elements.weights, _in_frame(elements)
     first, second = (index.ravel() for index in np.indices((len(weights),) * 2))
     mutual = weights[first] * weights[second].conj()
-    if view is MIRRORED and not isinstance(elements.element, Parts):
+    if view is MIRRORED:
         # each pair once: the other order is conjugate
         once = first <= second
         first, second, mutual = first[once], second[once], mutual[once]
@@ -279,13 +149,10 @@ def _pairs(elements: _Elements, places: phases.Doubled, view: View, double: bool
     total, lost = phases.difference(high[first], high[second])
     apart = total, lost + (low[first] - low[second])
     place, across = (mean, apart) if view is MIRRORED else (apart, mean)
-    own, other = (second, first) if view is AHEAD else (first, second)
     # the copies meet at offsets below the sum of both half-widths
-    halves = np.broadcast_to(elements.halves, high.shape)
-    reach = (halves[first] + halves[second]) * (0.5 if view is MIRRORED else 1.0) * (1 + _MARGIN)
-    ranges = ends[own], ends[own + 1], ends[other], ends[other + 1]
+    reach = _reach(elements, 1.0 if view is MIRRORED else 2.0, len(first))
     columns = [*_columns(place, double), *_columns(across, double), mutual.real, mutual.imag]
-    return _listed(place[0], reach, np.column_stack([*columns, reach, *ranges]))
+    return _listed(place[0], reach, np.column_stack([*columns, reach]))
 
 
 def _columns(vector: phases.Doubled, double: bool) -> list[Floats]:
@@ -351,5 +218,4 @@ def _listed(centres: Floats, reach: Floats, records: Floats) -> PairLists:
     )
 
 
-PairTables = RepeatedTables[ElementTables | Parts, tuple[tuple[View, PairLists], ...]]
-"""The pairs, for each way in which copies lie; for one if elements are equal."""
+PairTables = RepeatedTables[ElementTables, tuple[View, PairLists]]

@@ -9,14 +9,6 @@ one direction
     sum_k c_k exp(-2 pi i t (k - (N - 1)/2)),    0 <= k < N,
 
 with products c_k of two amplitudes. For equal amplitudes that is sin(pi N t)/sin(pi t).
-
-Factors of other weights have up to n1 n2 terms at a midpoint: trigonometric polynomials of 2 nu.b
-along both directions, of the degree that the pairs of sites there give them. They are tabulated at
-a somewhat higher rate, and interpolated: a non-uniform FFT of type 2. Factors of differences, which
-turn half as fast, are complex: two tables. What a look-up costs is the memory that it touches, so
-that a midpoint has as many samples as its own degree needs, and those of a look-up lie one after
-the other: as many along the first direction as it takes, four each of the second. Where a table
-would be too large, pairs are added up.
 """
 
 from __future__ import annotations
@@ -31,22 +23,16 @@ from numpy.typing import NDArray
 
 from polywigner.illumination.lattices import Profile
 from polywigner.kernels.arrays.repeated import HeldTable
-from polywigner.numerics.complex_pairs import Pair, unit_wave
+from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.phases import cos_sin_turns, sin_turns
-from polywigner.numerics.polynomials import RATE, interpolation
-from polywigner.plans import tabulates_products
 
 Complexes = NDArray[np.complex128]
 Pair2 = tuple[Any, Any]
-Factor = Callable[[Pair2, Pair2, Any], Pair]
-"""(steps from the first, numbers along both directions, whether they count) -> the factor."""
 
 # Coefficients or samples that are read at a time: one load, where each alone would be another.
 _PACKET = 4
 # Terms of a temporary array: a few tens of megabytes with its intermediates.
 _BLOCK = 1 << 18
-# Larger tables are not made; the factors are then summed pair by pair.
-_MOST_BYTES = 1 << 28
 
 
 def partner(index: Any, number: Any, count: int, by_mean: bool) -> Any:
@@ -246,258 +232,18 @@ def _unless_zero(values: Complexes, part: str, packet: int) -> HeldTable | None:
     return HeldTable(np.ascontiguousarray(parts).reshape(-1, packet))
 
 
-# ---- tables of any weights -------------------------------------------------------------------
+def factor_of(
+    ops: Any, profiles: tuple[ProfileFactor, ProfileFactor], by_mean: bool, turns: Pair2
+) -> Callable[[Pair2, Pair2], Pair]:
+    """Return the factors of midpoints or differences at t = ``turns`` along both directions.
 
-
-@dataclass(frozen=True)
-class _Direction:
-    """Along one direction, by midpoint or difference: how many samples a period has."""
-
-    step: int
-    """Samples that are read together, from multiples of so many on."""
-    periods: tuple[float, ...]
-    """Samples of a period."""
-    starts: tuple[float, ...]
-    """Samples of all before."""
-
-    @property
-    def total(self) -> float:
-        return self.starts[-1] + self.periods[-1]
-
-    def taps(self, ops: Any, number: Any, turns: Any) -> _Taps:
-        """The samples that count at t = ``turns``."""
-        row = ops.select((number >= 0.0) & (number < float(len(self.periods))), number, 0.0)
-        period, start = (ops.lookup(values, row) for values in (self.periods, self.starts))
-        kernel = interpolation(ops.double)
-        middle = 0.5 * (kernel.width - 1)
-        whole = ops.round(turns)
-        u = (turns - whole) * period
-        first = ops.round(u - middle)
-        weights = kernel.weights(ops, 2.0 * (u - first - middle))
-        if self.step > 1:
-            first, weights = self._aligned(ops, first, weights)
-        places, signed = [], []
-        odd, frequency = _odd(ops, row), 1.0 / period
-        for q in range(0, len(weights), self.step):
-            place = first + float(q)
-            periods = ops.round((place + 0.5) * frequency - 0.5)
-            inner = place - periods * period
-            # of a frequency that is no number the weights are none; the place must be in the table
-            inner = ops.select(inner >= 0.0, inner, 0.0)
-            places.append(ops.truncated(inner * (1 / self.step)))
-            # an odd index sum has waves of half periods
-            sign = 1.0 - 2.0 * (_odd(ops, periods + whole) * odd)
-            signed += [sign * weight for weight in weights[q : q + self.step]]
-        return signed, places, ops.truncated(period), ops.truncated(start)
-
-    def _aligned(self, ops: Any, first: Any, weights: list[Any]) -> tuple[Any, list[Any]]:
-        """From a multiple of the step on, with weights of 0 on either side."""
-        step = self.step
-        aligned = step * ops.round((first - 0.5 * (step - 1)) * (1 / step))
-        left = first - aligned
-        weights = weights + [0.0] * (-(len(weights) + step - 1) % step + step - 1)
-        shift = step // 2
-        while shift:  # the bits of what is left
-            here = left >= float(shift)
-            left = ops.select(here, left - float(shift), left)
-            behind = [0.0] * shift + weights[:-shift]
-            weights = [ops.select(here, b, w) for b, w in zip(behind, weights, strict=True)]
-            shift //= 2
-        return aligned, weights
-
-
-_Taps = tuple[list[Any], list[Any], Any, Any]
-"""Weights of samples, their places in a period in steps; the period, and where it begins."""
-
-
-@dataclass(frozen=True, eq=False)
-class FactorTable:
-    """The factors of all midpoints or differences, prepared for interpolation."""
-
-    directions: tuple[_Direction, _Direction]
-    parts: tuple[HeldTable, ...]
-    """Real part, and of differences the imaginary one, each (packets, 4): four samples along the
-    second direction, and after them those of the next place along the first."""
-
-    def at(self, ops: Any, counts: Any, taps: tuple[_Taps, _Taps]) -> Pair:
-        """The factor; anything where it does not count, at little cost."""
-        (weights, places, period, start), (others, columns, _, begin) = taps
-        per_row = int(self.directions[1].total) // _PACKET
-        block = start * per_row + begin // _PACKET * period
-        # one place for all samples that want nothing
-        rows = [ops.select_number(counts, block + place, 0) for place in places]
-        step = ops.select_number(counts, period, 0)
-        totals: list[Any] = []
-        for part in self.parts:
-            table, total = part.in_memory(ops), 0.0
-            for k, place in enumerate(columns):
-                lines: list[Any] = [0.0] * _PACKET
-                for row, weight in zip(rows, weights, strict=True):
-                    values = ops.gather(table, place * step + row)
-                    lines = [ops.fma(v, weight, s) for v, s in zip(values, lines, strict=True)]
-                for line, other in zip(lines, others[_PACKET * k :], strict=False):
-                    total = ops.fma(line, other, total)
-            totals.append(total)
-        return Pair(totals[0], totals[1] if totals[1:] else 0.0)
-
-
-def factor_table(weights: Complexes, by_mean: bool, double: bool) -> FactorTable | None:
-    """The table of weights (n1, n2), or None if it would be too large."""
-    if not fits_a_table(weights.shape, double, 1 if by_mean else 2):
-        return None
-    directions = first, second = _directions(weights.shape)
-    dtype = np.dtype(np.float64 if double else np.float32)
-    parts = ("real",) if by_mean else ("real", "imag")
-    values = [np.empty(int(first.total * second.total), dtype) for _ in parts]
-    ones, twos = (
-        [_line(count, h, by_mean, int(period), double) for h, period in enumerate(d.periods)]
-        for count, d in zip(weights.shape, directions, strict=True)
-    )
-    begin = 0
-    for one in ones:
-        for two in twos:
-            samples = _samples(weights, one, two)
-            samples = samples.reshape(len(samples), -1, _PACKET).swapaxes(0, 1)
-            for table, part in zip(values, parts, strict=True):
-                table[begin : begin + samples.size] = getattr(samples, part).ravel()
-            begin += samples.size
-    return FactorTable(directions, tuple(HeldTable(v.reshape(-1, _PACKET)) for v in values))
-
-
-def fits_a_table(shape: tuple[int, ...], double: bool, parts: int = 1) -> bool:
-    """Whether weights of a shape (n1, n2) have a table of so many parts, told without making it."""
-    first, second = _directions(shape)
-    return int(first.total * second.total) * (8 if double else 4) * parts <= _MOST_BYTES
-
-
-def _directions(shape: tuple[int, ...]) -> tuple[_Direction, _Direction]:
-    return _direction(shape[0], 1), _direction(shape[1], _PACKET)
-
-
-def _direction(count: int, step: int) -> _Direction:
-    pairs = count - abs(np.arange(2 * count - 1) - (count - 1))
-    periods = np.ceil(RATE * pairs / step) * step
-    starts = np.cumsum(periods) - periods
-    return _Direction(step, tuple(periods.tolist()), tuple(starts.tolist()))
-
-
-_Line = tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64], Complexes]
-"""Along one direction: sites, their partners, each pair's factor that undoes the interpolation, and
-the wave of the first pair, from which an FFT counts, at each sample of a period."""
-
-
-def _line(count: int, number: int, by_mean: bool, period: int, double: bool) -> _Line:
-    sites = np.arange(max(0, number - count + 1), min(count - 1, number) + 1)
-    kappa = (sites - number / 2) / period
-    shifts: Complexes = np.exp(-2j * np.pi * kappa[0] * np.arange(period))
-    gains: NDArray[np.float64] = np.reciprocal(interpolation(double).transform(kappa))
-    return sites, partner(sites, number, count, by_mean), gains, shifts
-
-
-def _samples(weights: Complexes, one: _Line, two: _Line) -> Complexes:
-    """One period of a midpoint's factor along both directions.
-
-    By FFT along one and the other, not by matrices of waves: those of a long row would take its
-    length cubed in memory, and small products of matrices starve where threads share a processor.
+    As a function of steps from the first one and of numbers, along both directions.
     """
-    mutual = weights[np.ix_(one[0], two[0])] * weights[np.ix_(one[1], two[1])].conj()
-    gains, shifts = (one[2][:, None] * two[2]), (one[3][:, None], two[3])
-    along = np.fft.fft(mutual * gains, len(shifts[1]), axis=1) * shifts[1]
-    return np.fft.fft(along, len(shifts[0]), axis=0) * shifts[0]
-
-
-# ---- all weights -----------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, eq=False)
-class LatticeWeights:
-    """The weights at the sites of a lattice, less their even phase."""
-
-    values: Complexes
-    """(n1, n2)"""
-    profiles: tuple[ProfileFactor, ProfileFactor] | None
-    """Where the weights are a product of two profiles."""
-
-    @cached_property
-    def _rows(self) -> tuple[tuple[float, ...], ...]:
-        flat = self.values.ravel()
-        return tuple(flat.real.tolist()), tuple(flat.imag.tolist())
-
-    @cached_property
-    def _tables(self) -> dict[tuple[bool, bool], FactorTable | None]:
-        return {}
-
-    def sums_pairs(self, double: bool) -> bool:
-        """Whether a sample may add up all pairs of sites."""
-        return self.profiles is None and not fits_a_table(self.values.shape, double)
-
-    def _at(self, ops: Any, i: Any, j: Any) -> Pair:
-        """The weight of a site; 0 where there is none."""
-        rows, columns = self.values.shape
-        exists = (i >= 0.0) & (i < float(rows)) & (j >= 0.0) & (j < float(columns))
-        row, column = (ops.truncated(ops.select(exists, value, 0.0)) for value in (i, j))
-        real, imag = (ops.lookup(table, row * columns + column) for table in self._rows)
-        return Pair(ops.select(exists, real, 0.0), ops.select(exists, imag, 0.0))
-
-    def factor(self, ops: Any, by_mean: bool, turns: Pair2) -> Factor:
-        """The factors of midpoints or differences at t = ``turns`` along both directions."""
-        table = self._table(by_mean, ops.double)
-        if table is None and self.profiles is None:
-            return lambda steps, numbers, counts: self._sum(ops, by_mean, numbers, turns)
-        if table is None:
-            assert self.profiles is not None
-            one, two = (
-                _remembered(partial(profile.at, ops, by_mean, turns=along))
-                for profile, along in zip(self.profiles, turns, strict=True)
-            )
-            return lambda steps, numbers, _: one(steps[0], numbers[0]) * two(steps[1], numbers[1])
-        return self._looked_up(ops, table, turns)
-
-    def _table(self, by_mean: bool, double: bool) -> FactorTable | None:
-        """The factors as a table, if that is the best way."""
-        amplitudes = None
-        if self.profiles is not None:
-            amplitudes = sum(f.count for f in self.profiles if not f.profile.is_uniform)
-        if not tabulates_products(self.values.size, amplitudes):
-            return None
-        if (by_mean, double) not in self._tables:
-            self._tables[by_mean, double] = factor_table(self.values, by_mean, double)
-        return self._tables[by_mean, double]
-
-    def _looked_up(self, ops: Any, table: FactorTable, turns: Pair2) -> Factor:
-        first, second = (
-            _remembered(partial(direction.taps, ops, turns=along))
-            for direction, along in zip(table.directions, turns, strict=True)
-        )
-        last = [2.0 * (n - 1) for n in self.values.shape]
-
-        def factor(steps: Pair2, numbers: Pair2, counts: Any) -> Pair:
-            for number, most in zip(numbers, last, strict=True):
-                counts = counts & (number >= 0.0) & (number <= most)
-            taps = first(steps[0], numbers[0]), second(steps[1], numbers[1])
-            found = table.at(ops, counts, taps)
-            return Pair(ops.select(counts, found.real, 0.0), ops.select(counts, found.imag, 0.0))
-
-        return factor
-
-    def _sum(self, ops: Any, by_mean: bool, numbers: Pair2, turns: Pair2) -> Pair:
-        """The factor of weights that are no product, by adding up all pairs."""
-        counts = self.values.shape
-        like = 0.0 * numbers[0]
-
-        def term(i: Any, j: Any) -> tuple[Any, Any]:
-            sites = i + like, j + like
-            others = (
-                partner(site, number, count, by_mean)
-                for site, number, count in zip(sites, numbers, counts, strict=True)
-            )
-            one, other = self._at(ops, *sites), self._at(ops, *others)
-            phase = (i - 0.5 * numbers[0]) * turns[0] + (j - 0.5 * numbers[1]) * turns[1]
-            pair = one * other.conjugate() * unit_wave(ops, phase).conjugate()
-            return pair.real, pair.imag
-
-        sites = [(float(i), float(j)) for i in range(counts[0]) for j in range(counts[1])]
-        return Pair(*ops.sum_over(sites, term, 2, like=numbers[0]))
+    one, two = (
+        _remembered(partial(profile.at, ops, by_mean, turns=along))
+        for profile, along in zip(profiles, turns, strict=True)
+    )
+    return lambda steps, numbers: one(steps[0], numbers[0]) * two(steps[1], numbers[1])
 
 
 def _remembered(compute: Callable[[Any], Any]) -> Callable[[Any, Any], Any]:

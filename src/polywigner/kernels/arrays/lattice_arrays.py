@@ -19,22 +19,21 @@ import numpy as np
 from polywigner.geometry import Aperture
 from polywigner.illumination import Array
 from polywigner.illumination.lattices import Lattice, Profile, separated
-from polywigner.kernels.arrays.factors import LatticeWeights, ProfileFactor, profile_factor
+from polywigner.kernels.arrays.factors import ProfileFactor, factor_of, profile_factor
 from polywigner.kernels.arrays.repeated import (
-    ElementSum,
     ElementTables,
     RepeatedTables,
     element_ambiguity,
     element_tables,
     element_wigner,
 )
-from polywigner.kernels.cut.clipping import AHEAD, BEHIND, MIRRORED
 from polywigner.kernels.kernel import Kernel, Values, at_zero_frequency, leave_real, leave_wave
 from polywigner.kernels.outline.frame import Frame
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import unit_wave
-from polywigner.plans import sums_over_lattice
 
+# Fewer elements are summed pair by pair (benchmarks/array_cost.py).
+_LEAST_ELEMENTS = 4
 # A place within this of the edge of a region contributes less than rounding.
 _EDGE = 4e-15
 # Margin around an element's region, in its size: more than single precision rounds.
@@ -132,11 +131,6 @@ class _ArrayFrame:
         )
         return one, two
 
-    def may_count(self, x: Any, y: Any) -> Any:
-        """Whether W of the element may differ from 0 at a place of its frame."""
-        far_x, far_y = ((1 + _MARGIN) * reach for reach in self.element.reach)
-        return (abs(x) < far_x) & (abs(y) < far_y)
-
 
 def _array_frame(lattice: Lattice, element: Aperture, frame: Frame, turns: Pair2) -> _ArrayFrame:
     basis, centre = np.array(lattice.basis), np.array(frame.centre)
@@ -166,7 +160,7 @@ def _array_frame(lattice: Lattice, element: Aperture, frame: Frame, turns: Pair2
     )
 
 
-ArrayTables = RepeatedTables[ElementTables, LatticeWeights]
+ArrayTables = RepeatedTables[ElementTables, tuple[ProfileFactor, ProfileFactor]]
 
 
 def _lattice(array: Array) -> Lattice | None:
@@ -175,11 +169,12 @@ def _lattice(array: Array) -> Lattice | None:
         return None
     if not isinstance(phased.repeated[0], Aperture):
         return None
-    return phased.sites.lattice if sums_over_lattice(len(array)) else None
+    lattice = phased.sites.lattice if len(array) >= _LEAST_ELEMENTS else None
+    return None if lattice is None or separated(lattice.weights) is None else lattice
 
 
 def is_on_lattice(array: Array) -> bool:
-    """Whether an array is one element, repeated on a lattice."""
+    """Whether an array is one element on a lattice, with weights that are a product of two rows."""
     return _lattice(array) is not None
 
 
@@ -187,20 +182,15 @@ def is_on_lattice(array: Array) -> bool:
 def _tables(array: Array, double: bool) -> ArrayTables:
     lattice = _lattice(array)
     assert lattice is not None and array.phased is not None and array.phased.repeated is not None
-    (element, _), values = array.phased.repeated, lattice.weights
+    element, _ = array.phased.repeated
     assert isinstance(element, Aperture)
     tables = element_tables(element, double)
-    profiles, factors, turns = separated(values), None, (0.0, 0.0)
-    if profiles is not None:
-        turns = profiles[0].turns, profiles[1].turns
-        factors = _scaled(profiles[0]), _scaled(profiles[1])
-        i, j = np.indices(values.shape)
-        values = values * np.exp(-2j * np.pi * (turns[0] * i + turns[1] * j))
-    weights = LatticeWeights(values, factors)
-    terms = values.size if weights.sums_pairs(double) else 1
-    return RepeatedTables(
-        _array_frame(lattice, element, tables.frame, turns), tables, weights, terms
-    )
+    profiles = separated(lattice.weights)
+    assert profiles is not None
+    turns = profiles[0].turns, profiles[1].turns
+    factors = _scaled(profiles[0]), _scaled(profiles[1])
+    frame = _array_frame(lattice, element, tables.frame, turns)
+    return RepeatedTables(frame, tables, factors)
 
 
 def _scaled(profile: Profile) -> ProfileFactor:
@@ -228,11 +218,11 @@ def _enter_wigner(ops: Any, frame: _ArrayFrame, x: Any, y: Any, nu_x: Any, nu_y:
 def _wigner_sum(ops: Any, tables: ArrayTables, *inner: Any) -> Values:
     first, second, x, y, *turns, nu_x, nu_y = inner
     frame, element = tables.frame, tables.element
-    factor = tables.sites.factor(ops, True, (turns[0] + turns[0], turns[1] + turns[1]))
+    factor = factor_of(ops, tables.sites, True, (turns[0] + turns[0], turns[1] + turns[1]))
 
     def term(k: Any, m: Any, dx: Any, dy: Any) -> tuple[Any]:
         left = (x - dx, y - dy)
-        weight = factor((k, m), (first + k, second + m), frame.may_count(*left)).real
+        weight = factor((k, m), (first + k, second + m)).real
         return (weight * element_wigner(ops, element, *left, nu_x, nu_y),)
 
     total: Values = ops.sum_large_terms(frame.means.rows(frame), term, element.clips)
@@ -255,15 +245,15 @@ def _enter_ambiguity(
 def _ambiguity_sum(ops: Any, tables: ArrayTables, turns: Any, *inner: Any) -> Values:
     first, second, x, y, *along, upsilon_x, upsilon_y = inner
     frame, element, slope = tables.frame, tables.element, tables.frame.slope
-    factor_of = tables.sites.factor(ops, False, (along[0], along[1]))
-    lowest = [n - 1.0 for n in tables.sites.values.shape]
+    factor = factor_of(ops, tables.sites, False, (along[0], along[1]))
+    lowest = [profile.count - 1.0 for profile in tables.sites]
 
     def term(k: Any, m: Any, dx: Any, dy: Any) -> tuple[Any, Any]:
         i, j = first + k, second + m
-        factor = factor_of((k, m), (i + lowest[0], j + lowest[1]), True)
+        weight = factor((k, m), (i + lowest[0], j + lowest[1]))
         if any(slope):
-            factor = factor * unit_wave(ops, i * slope[0] + j * slope[1])
-        found = factor * element_ambiguity(ops, element, upsilon_x, upsilon_y, x - dx, y - dy)
+            weight = weight * unit_wave(ops, i * slope[0] + j * slope[1])
+        found = weight * element_ambiguity(ops, element, upsilon_x, upsilon_y, x - dx, y - dy)
         return found.real, -found.imag
 
     total: Values = ops.sum_large_terms(frame.differences.rows(frame), term, 4 * element.clips)
@@ -275,7 +265,7 @@ WIGNER = Kernel(
     2,
     _tables,
     _enter_wigner,
-    ElementSum((MIRRORED,), _wigner_sum),
+    _wigner_sum,
     leave_real,
 )
 AMBIGUITY = Kernel(
@@ -283,7 +273,7 @@ AMBIGUITY = Kernel(
     2,
     _tables,
     _enter_ambiguity,
-    ElementSum((BEHIND, AHEAD), _ambiguity_sum),
+    _ambiguity_sum,
     leave_wave,
 )
 POSITION_MARGINAL = at_zero_frequency(WIGNER, "position marginal of a lattice", leads=False)

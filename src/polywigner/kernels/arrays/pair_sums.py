@@ -1,45 +1,33 @@
-"""W, A and R of element pairs: sums over the pairs of elements that matter at a place.
+"""W, A and R of arrays of equal elements: sums over the pairs of elements that matter at a point.
 
-The pair's slice is cut at the offset from its own midpoint (W) or difference (A); the phase of the
-pair as a whole is counted apart, in turns without rounding: docs/theory.md, (W2), (A1), (L1), (L2).
-
-Of equal elements a pair contributes W or A of the one element at that offset. Different parts are
-cut edge by edge: the weight of an edge is the winding number of its end in the other copy, and each
-crossing with an edge of the other copy takes back, or adds, the part of the edge up to it
-(docs/theory/edges.md, (K1)).
+A pair contributes W or A of the one element at the offset from its own midpoint (W) or difference
+(A). The phase of the pair is added apart, in cycles without rounding: docs/theory.md, (W2), (A1),
+(L1), (L2).
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
 from polywigner.kernels.arrays.element_pairs import (
     PairLists,
     PairTables,
-    Parts,
     elements_by_place,
     pairs_by_difference,
     pairs_by_mean,
 )
 from polywigner.kernels.arrays.repeated import (
-    ElementSum,
     ElementTables,
     element_ambiguity,
     element_field,
     element_wigner,
 )
-from polywigner.kernels.cut.clipping import AHEAD, BEHIND, MIRRORED, View
-from polywigner.kernels.cut.pair_grid import crossing
-from polywigner.kernels.functions import plane
-from polywigner.kernels.functions.edge_terms import WaveTerms, moved_off_zero
+from polywigner.kernels.cut.clipping import MIRRORED, View
 from polywigner.kernels.functions.plane import product_of_both
 from polywigner.kernels.kernel import Kernel, Values, at_zero_frequency, leave_real, leave_wave
 from polywigner.kernels.outline.frame import Frame
-from polywigner.kernels.outline.waves import WavePair, difference_pairs, mean_pairs
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair, unit_wave
 
@@ -141,117 +129,20 @@ def _field_of(
     return Pair(*element_field(ops, element, *_offset(record, samples))) * Pair(*record[8:10])
 
 
-def _of_parts(
-    ops: Any, parts: Parts, view: View, record: Sequence[Any], samples: Sequence[Any]
-) -> Pair:
-    """The contribution of a pair of different parts, by the edges of one inside the other."""
-    place, nu = _point(samples[:4]), _point(samples[4:])
-    pairs_of, scale = (mean_pairs, 2.0) if view is MIRRORED else (difference_pairs, 1.0)
-    wave_pairs = pairs_of(parts.waves, parts.waves)
-    seen = [_shifted(ops, nu, pair) for pair in wave_pairs]
-    terms = [
-        WaveTerms(ops, moved_off_zero(ops, x[0] + x[1], y[0] + y[1]), 2, 0.5 * scale / math.pi)
-        for x, y in seen
-    ]
-    first, end, *others = map(ops.truncated, record[12:16])
-    end = ops.select_number(_is_near(record, samples), end, first)
-    t = [ops.snapped(view.side * scale * value, parts.step) for value in _offset(record, samples)]
-    found = ops.sum_over_range(
-        first,
-        end,
-        lambda row: _of_edge(ops, parts, view, terms, t, row, others),
-        2 * len(terms),
-    )
-    total = Pair(0.0, 0.0)
-    for k, (pair, frequency) in enumerate(zip(wave_pairs, seen, strict=True)):
-        factor = _mutual(ops, record, frequency) * _amplitude(ops, pair, place)
-        total = total + Pair(*terms[k].total(found[2 * k : 2 * k + 2])) * factor
-    return total
-
-
-def _shifted(ops: Any, nu: Point, pair: WavePair) -> Point:
-    """The frequency that a pair of waves sees."""
-    (x, x_rest), (y, y_rest) = nu
-    (x, x_lost), (y, y_lost) = (_less(ops, f, s) for f, s in zip((x, y), pair.shift, strict=True))
-    return (x, x_lost + x_rest), (y, y_lost + y_rest)
-
-
-def _amplitude(ops: Any, pair: WavePair, place: Point) -> Pair:
-    """The factor of a pair of waves at a position or lag."""
-    total = Pair(0.0, 0.0)
-    for amplitude, rate in pair.terms:
-        term = Pair(complex(amplitude).real, complex(amplitude).imag)
-        if any(rate):
-            term = term * unit_wave(ops, _turns(ops, place, rate))
-        total = total + term
-    return Pair(total.real, 0.0) if pair.is_real else total
-
-
-def _of_edge(
-    ops: Any,
-    parts: Parts,
-    view: View,
-    terms: Sequence[WaveTerms],
-    t: Sequence[Any],
-    row: Any,
-    others: Sequence[Any],
-) -> Values:
-    """The sums of each wave over the parts of an edge inside the other copy, {T - p}."""
-    table, side, (tx, ty) = parts.edges.in_memory(ops), view.side, t
-    scale, turned = (2.0, 1.0) if view is MIRRORED else (1.0, -1.0)
-    edge = ops.gather(table, row)
-    ax, ay, bx, by = edge[:4]
-    # a point of an edge lies in the slice at scale (p - T/2)
-    x, y = scale * (ax - 0.5 * tx), scale * (ay - 0.5 * ty)
-    along = [wave.along(scale * (bx - ax), scale * (by - ay)) for wave in terms]
-    starts = [ops.fma(wave.nu[0], x, wave.nu[1] * y) for wave in terms]
-
-    def up_to(part: Any, weight: Any) -> list[Any]:
-        """The waves over the edge up to a part of it, without the factors of `of_edge`."""
-        values: list[Any] = []
-        for wave, (turns, _), start in zip(terms, along, starts, strict=True):
-            half = part * (0.5 * turns)
-            values += wave.added(None, half, start + half, part, (weight, 0.0))
-        return values
-
-    def against(other: Any) -> Values:
-        line = [turned * value for value in ops.gather(table, other)[:4]]
-        meets, enters, at_start, at_end = crossing(ops, edge, line, tx, ty, side)
-        part = at_start / ops.select(meets, at_start - at_end, 1.0)
-        weight = ops.select(meets, ops.select(enters, -1.0, 1.0), 0.0)
-        # upward edges of the copy with the end of the edge to the left count, and downward ones
-        # with the end to the right less; a tie is as if T were displaced by side (eps, -eps^2)
-        low, high = (ty - line[1]) - by, (ty - line[3]) - by
-        low, high = (low > 0.0, high > 0.0) if side > 0.0 else (low >= 0.0, high >= 0.0)
-        up = ops.select(high, 1.0, 0.0) - ops.select(low, 1.0, 0.0)
-        around = ops.select((up > 0.0) == enters, up, 0.0)
-        return (around, *up_to(ops.select(meets, part, 1.0), weight))
-
-    others = [number + (row - row) for number in others]  # of as many axes as the edges have
-    around, *sums = ops.sum_over_range(*others, against, 1 + 2 * len(terms))
-    sums = [a + b for a, b in zip(sums, up_to(1.0, around), strict=True)]
-    shares = zip(terms, along, sums[0::2], sums[1::2], strict=True)
-    return tuple(v for wave, own, *both in shares for v in wave.of_edge(own, 1.0, tuple(both)))
-
-
 # ---- all pairs -------------------------------------------------------------------------------
 
 
 def _sum(
-    ops: Any, tables: PairTables, values: int, samples: Values, of_one: Any = None
+    ops: Any, tables: PairTables, values: int, samples: Values, of_one: Any = _of_element
 ) -> list[Any]:
     """Sum over all pairs, (real, imaginary) or the first alone; NaN arguments give NaN.
 
-    ``of_one``: the contribution of a pair, if not that to W or A.
+    ``of_one``: the contribution of a pair, by default to W or A.
     """
-    element = tables.element
-    of_one = of_one or (_of_parts if isinstance(element, Parts) else _of_element)
-    totals: list[Any] = [sum(number - number for number in samples)] * values
-    for view, lists in tables.sites:
-        of_pair = partial(of_one, ops, element, view)
-        found = _sum_of_near(ops, lists, of_pair, values, samples)
-        totals = [total + part for total, part in zip(totals, found, strict=True)]
-    return totals
+    view, lists = tables.sites
+    sums = _sum_of_near(ops, lists, partial(of_one, ops, tables.element, view), values, samples)
+    undefined = sum(number - number for number in samples)
+    return [undefined + part for part in sums]
 
 
 def _sum_of_near(
@@ -294,7 +185,7 @@ WIGNER = Kernel(
     2,
     pairs_by_mean,
     _enter_wigner,
-    ElementSum((MIRRORED,), _wigner_sum),
+    _wigner_sum,
     leave_real,
 )
 AMBIGUITY = Kernel(
@@ -302,7 +193,7 @@ AMBIGUITY = Kernel(
     2,
     pairs_by_difference,
     _enter_ambiguity,
-    ElementSum((BEHIND, AHEAD), _ambiguity_sum),
+    _ambiguity_sum,
     leave_wave,
 )
 AUTOCORRELATION = Kernel(
@@ -315,10 +206,3 @@ AUTOCORRELATION = Kernel(
 )
 POSITION_MARGINAL = at_zero_frequency(WIGNER, "position marginal of element pairs", leads=False)
 LAG_MARGINAL = at_zero_frequency(AMBIGUITY, "lag marginal of element pairs", leads=True)
-
-# of parts, derivatives are those in one frame
-WIGNER_OF_PARTS = replace(WIGNER, in_one_frame=plane.WIGNER)
-AMBIGUITY_OF_PARTS = replace(AMBIGUITY, in_one_frame=plane.AMBIGUITY)
-POSITION_MARGINAL_OF_PARTS = replace(POSITION_MARGINAL, in_one_frame=plane.POSITION_MARGINAL)
-LAG_MARGINAL_OF_FIELDS = replace(LAG_MARGINAL, in_one_frame=plane.LAG_MARGINAL_OF_FIELDS)
-LAG_MARGINAL_OF_PARTS = replace(LAG_MARGINAL, leave=leave_real, in_one_frame=plane.LAG_MARGINAL)

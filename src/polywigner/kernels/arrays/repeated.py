@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
+from collections.abc import Hashable
 from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar
 
 from numpy.typing import NDArray
 
 from polywigner.geometry import Aperture
-from polywigner.kernels.cut.clipping import View
 from polywigner.kernels.functions import plane, separable
 from polywigner.kernels.functions.plane import tables_of
 from polywigner.kernels.functions.separable import SeparableTables, separable_tables
 from polywigner.kernels.functions.slices import AMBIGUITY_SUM, WIGNER_SUM
-from polywigner.kernels.kernel import Values
 from polywigner.kernels.outline.tables import Tables
 from polywigner.numerics.complex_pairs import Pair
 
@@ -76,14 +74,3 @@ class HeldTable:
         if ops.key not in self.held:
             self.held[ops.key] = ops.held(self.values)
         return self.held[ops.key]
-
-
-@dataclass(frozen=True, eq=False)
-class ElementSum:
-    """A kernel's sum over the copies of an element, whose edges are cut in one view or in two."""
-
-    views: tuple[View, ...]
-    summed: Callable[..., Values]
-
-    def __call__(self, ops: Any, tables: Any, *inner: Any) -> Values:
-        return self.summed(ops, tables, *inner)

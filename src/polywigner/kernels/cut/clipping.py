@@ -18,10 +18,11 @@ the right of every line; AHEAD and BEHIND see the same xi, so they agree.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterator, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Hashable, Iterator
+from dataclasses import dataclass
 from typing import Any
 
+from polywigner.kernels.outline.constants import Edge, Piece
 from polywigner.kernels.outline.lines import (
     NEARLY_PARALLEL,
     Line,
@@ -29,10 +30,7 @@ from polywigner.kernels.outline.lines import (
     slope_of,
     start_of,
 )
-from polywigner.kernels.outline.tables import Edge, Piece, Tables, numbers_of
-
-# More than rounding does to a distance that is not computed exactly.
-_ROUNDED, _ROUNDED_SINGLE = 1e-14, 1e-5
+from polywigner.kernels.outline.tables import Tables
 
 
 @dataclass(frozen=True)
@@ -62,15 +60,13 @@ class Clipper:
     def __init__(self, ops: Any, tables: Tables, tx: Any, ty: Any) -> None:
         self.ops = ops
         self.tables = tables
-        if tables.grid is not None:
-            tx, ty = ops.snapped(tx, tables.grid), ops.snapped(ty, tables.grid)
+        constants = tables.constants
+        self.edges, self.lines, self.pieces = constants.edges, constants.lines, constants.pieces
+        if constants.grid is not None:
+            tx, ty = ops.snapped(tx, constants.grid), ops.snapped(ty, constants.grid)
         self.tx, self.ty = tx, ty
         self._levels: dict[tuple[float, float], Any] = {}
         self._shared: dict[Hashable, Any] = {}
-
-    def edges_of(self, group: int) -> list[Edge]:
-        """The edges of the elements with one of the fields of the tables."""
-        return [edge for edge in self.tables.edges if edge.group == group]
 
     def sum_over_edges(
         self, term: Callable[[Edge], tuple[Any, ...]], values: int, group: int = 0, other: int = 0
@@ -80,7 +76,7 @@ class Clipper:
         Of the elements of one group, that is, with one field, as cut by those of another.
         """
         totals = [0.0] * values
-        for edge in self.edges_of(group):
+        for edge in (edge for edge in self.edges if edge.group == group):
             totals = [a + b for a, b in zip(totals, term(edge), strict=True)]
         return tuple(totals)
 
@@ -95,8 +91,6 @@ class Clipper:
 
     def level(self, line: Line) -> Any:
         """cross(direction, T)."""
-        if not isinstance(line.dx, float):  # an array of an engine
-            return self.ops.fma(self.ty, line.dx, self.tx * -line.dy)
         key = (line.dx, line.dy)
         if key not in self._levels:
             self._levels[key] = cross_with_constant(self.ops, line.dx, line.dy, self.tx, self.ty)
@@ -112,15 +106,11 @@ class Clipper:
         real + i imag: the weights in u(x + xi/2) u*(x - xi/2); an edge of the copy AHEAD is where
         the second factor ends, any other where the first does.
         """
-        for piece, middle, extent in self.parts(edge, view, group):
-            real, imag = self.tables.mutual(edge, piece)
-            yield middle, extent, real, -imag if view is AHEAD else imag
-
-    def parts(self, edge: Edge, view: View, group: int = 0) -> Iterator[tuple[Piece, Any, Any]]:
-        """(piece, t0 + t1, t1 - t0) of the edge inside each piece of a group."""
         cuts: dict[int, Any] = {}
-        for piece in (p for p in self.tables.pieces if p.group == group):
-            yield (piece, *self._interval(edge, view, piece, cuts))
+        for piece in (piece for piece in self.pieces if piece.group == group):
+            real, imag = self.tables.mutual(edge, piece)
+            middle, extent = self._interval(edge, view, piece, cuts)
+            yield middle, extent, real, -imag if view is AHEAD else imag
 
     def _interval(
         self, edge: Edge, view: View, piece: Piece, cuts: dict[int, Any]
@@ -130,7 +120,7 @@ class Clipper:
         high: Any = 1.0
         gates: list[tuple[Any, int]] = []
         for number, side in piece.sides:
-            line = self.tables.lines[number]
+            line = self.lines[number]
             slope = slope_of(line, edge)
             if edge.cluster == line.cluster and (not line.exact or slope == 0.0):
                 gates.append((self._lies_left(edge, line, view), side))
@@ -150,112 +140,30 @@ class Clipper:
 
     def _cut(self, edge: Edge, line: Line, view: View, slope: float) -> Any:
         """t where the edge meets the line of the other copy."""
-        start = start_of(line, edge, view.point)
         scale = -view.point / slope
-        cut = self.ops.fma(self.level(line), view.offset * scale, start * scale)
         size = (line.dx**2 + line.dy**2) * (edge.ex**2 + edge.ey**2)
-        if not line.exact or slope**2 >= NEARLY_PARALLEL**2 * size:
-            return cut
+        if line.exact and slope**2 < NEARLY_PARALLEL**2 * size:
+            return self._exact_distance(edge, line, view) * scale
+        start = start_of(line, edge, view.point)
+        return self.ops.fma(self.level(line), view.offset * scale, start * scale)
 
-        def exactly(tx: Any, ty: Any) -> Any:
-            return self._exact_distance(edge, line, view, tx, ty) * scale
-
-        # farther than this from the edge, rounding cannot have brought the cut there
-        reach = 1.0 + (_ROUNDED if self.ops.double else _ROUNDED_SINGLE) / abs(slope)
-        return self.ops.refined(cut, reach, exactly, self.tx, self.ty)
-
-    def _exact_distance(self, edge: Edge, line: Line, view: View, tx: Any, ty: Any) -> Any:
+    def _exact_distance(self, edge: Edge, line: Line, view: View) -> Any:
         """Distance of the edge's start left of the line, from exact differences, to one ulp."""
         s, sign = view.offset, view.point
-        dx = s * tx + (sign * edge.ax - line.px)
-        dy = s * ty + (sign * edge.ay - line.py)
+        dx = s * self.tx + (sign * edge.ax - line.px)
+        dy = s * self.ty + (sign * edge.ay - line.py)
         return self.ops.cross(line.dx, line.dy, dx, dy)
 
     def _lies_left(self, edge: Edge, line: Line, view: View) -> Any:
         """Whether an edge parallel to a line lies to the left of it in the other copy."""
         if line.exact:
-            return _is_left(self._exact_distance(edge, line, view, self.tx, self.ty), view)
+            return _is_left(self._exact_distance(edge, line, view), view)
         if view is MIRRORED:
             return self.level(line) > edge.offset + line.offset
         if view is AHEAD:
             return self.level(line) > line.offset - edge.offset
         # not (level > ...), so that it is the exact complement of what AHEAD sees
         return self.level(line) <= edge.offset - line.offset
-
-
-class RowClipper(Clipper):
-    """Cuts edges that are rows of a table, with all decisions taken while running.
-
-    For polygons with so many edges that a kernel with each of them as a constant would take
-    minutes to compile: slower per edge, but compiled at once.
-    """
-
-    # stands for infinity: far outside [0, 1], and finite when multiplied by a frequency
-    FAR = 1e9
-
-    def sum_over_edges(
-        self, term: Callable[[Edge], tuple[Any, ...]], values: int, group: int = 0, other: int = 0
-    ) -> Any:
-        rows = [numbers_of(edge) for edge in self.edges_of(group)]
-        return self._sum_over(rows, lambda *row: term(Edge(*row)), values)
-
-    def sum_over_pairs(
-        self,
-        term: Callable[..., tuple[Any, ...]],
-        values: int,
-        group: int,
-        others: Sequence[tuple[float, ...]],
-    ) -> Any:
-        """Sums over all pairs of an edge and of one of other rows, ``term(edge, *other)``."""
-        rows = [(*numbers_of(edge), *row) for edge in self.edges_of(group) for row in others]
-        count = len(fields(Edge))
-
-        def split(*row: Any) -> tuple[Any, ...]:
-            return term(Edge(*row[:count]), *row[count:])
-
-        return self._sum_over(rows, split, values)
-
-    def _sum_over(self, rows: Any, term: Callable[..., tuple[Any, ...]], values: int) -> Any:
-        self._levels.clear()  # what one traced loop has computed does not exist in the next
-        return self.ops.sum_over(rows, term, values, like=self.tx)
-
-    def _interval(
-        self, edge: Edge, view: View, piece: Piece, cuts: dict[int, Any]
-    ) -> tuple[Any, Any]:
-        ops = self.ops
-        low: Any = 0.0
-        high: Any = 1.0
-        for number, side in piece.sides:
-            if number not in cuts:
-                cuts[number] = self.row_cut(edge, self.tables.lines[number], view)
-            cut, rising = cuts[number]
-            if side > 0:
-                low_here, high_here = (cut, -self.FAR), (self.FAR, cut)
-            else:
-                low_here, high_here = (-self.FAR, cut), (cut, self.FAR)
-            low = ops.maximum(low, ops.select(rising, *low_here))
-            high = ops.minimum(high, ops.select(rising, *high_here))
-        return low + high, ops.maximum(high - low, 0.0)
-
-    def row_cut(self, edge: Edge, line: Line, view: View) -> tuple[Any, Any]:
-        """t where the edge meets the line, and whether it enters the left side there.
-
-        A parallel edge enters it before all t if it lies to the left, else after all t.
-        """
-        ops = self.ops
-        same_cluster = edge.cluster == line.cluster * 1.0
-        if line.exact:
-            slope = ops.cross(line.dx, line.dy, edge.ex, edge.ey)
-            distance = self._exact_distance(edge, line, view, self.tx, self.ty)
-            parallel, left = same_cluster & (slope == 0.0), _is_left(distance, view)
-        else:
-            slope = line.dx * edge.ey - line.dy * edge.ex
-            start = view.point * (line.dx * edge.ay - line.dy * edge.ax) - line.offset
-            distance = view.offset * self.level(line) + start
-            parallel, left = same_cluster, self._lies_left(edge, line, view)
-        cut = distance * -view.point / ops.select(parallel, 1.0, slope)
-        cut = ops.select(parallel, ops.select(left, -self.FAR, self.FAR), cut)
-        return cut, parallel | (slope * view.point > 0.0)
 
 
 def total_extent(clipper: Clipper, edge: Edge, view: View) -> tuple[Any, Any]:

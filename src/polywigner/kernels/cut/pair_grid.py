@@ -2,9 +2,9 @@
 
 An edge from a to a + e of the first outline and one from c to c + f of the second, in the copy
 {T - p}, meet where the offset T lies in the parallelogram a + c + s e + t f. The plane of offsets
-is divided into square cells. Each lists the pairs that cross wherever T lies in it; other pairs
-whose parallelograms meet it, as rows along the rings; and the edges that lie inside the other copy,
-as runs. A compiled loop takes the lists as data: docs/theory/edges.md, (K1).
+is divided into square cells. Each lists the pairs whose parallelograms meet it, as rows along the
+rings; and the edges that lie inside the other copy, as runs. A compiled loop takes the lists as
+data: docs/theory/edges.md, (K1).
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ import math
 from collections.abc import Callable, Hashable, Iterator
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
-from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -78,6 +77,7 @@ class Outline:
         found: Array = self.edges[:, 5] + 1j * self.edges[:, 6]
         return found
 
+    @cached_property
     def turned(self) -> Outline:
         """The outline turned by half a turn about the centre of its frame."""
         return replace(self, edges=self.edges * np.repeat([-1.0, 1.0], 4))
@@ -86,25 +86,21 @@ class Outline:
 @lru_cache(maxsize=128)
 def outline_of(tables: Tables, group: int, double: bool) -> Outline:
     """The elements with one of the fields of a source, for float64 or float32 kernels."""
-    rows = [_columns(edge) for edge in tables.edges if edge.group == group]
-    columns = np.array(rows, np.float64).reshape(-1, 8)
-    names = columns[:, 5:].astype(np.uint32)
+    mine = tables.names[:, 3] == group
+    names = np.zeros((int(mine.sum()), 4), np.uint32)
+    names[:, :3] = tables.names[mine, :3]
     starts = np.flatnonzero(np.append(True, names[1:, 0] != names[:-1, 1])[: len(names)])
+    vertices, weights = tables.edges[mine, :2], tables.edges[mine, 4:]
     # offsets of up to twice the reach, less two vertices, have to be whole numbers of steps
-    reach = power_of_two(4.0 * max(abs(columns[:, :2]).max(initial=0.0), 0.25))
+    reach = power_of_two(4.0 * max(abs(vertices).max(initial=0.0), 0.25))
     step = math.ldexp(reach, -53 if double else -24)
-    edges = np.zeros((len(columns), 8))
-    edges[:, :2] = np.rint(columns[:, :2] / step) * step
-    names_of = np.zeros((len(edges), 4), np.uint32)
-    names_of[:, :3] = names
-    found = Outline(step, edges, np.append(starts, len(edges)), names_of)
+    edges = np.zeros((len(vertices), 8))
+    edges[:, :2] = np.rint(vertices / step) * step
+    found = Outline(step, edges, np.append(starts, len(edges)), names)
     edges[:, 2:4] = edges[found.following, :2]
     edges[:, 4] = accurate_cross(*edges[:, :4].T)
-    edges[:, 5:7] = columns[:, 2:4]
+    edges[:, 5:7] = weights
     return found
-
-
-_columns = attrgetter("ax", "ay", "real", "imag", "group", "begin", "end", "element")
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,13 +110,10 @@ class PairGrid:
     numbers: Any
     """(1, 8) lower and upper corner of the cells, cells in a unit, in a row, in all; the step."""
     cells: Any
-    """(cells + 1, 8) first and end of the runs, of the crossings, of the rows; none in the last."""
+    """(cells + 1, 4) first and end of the runs, and of the rows; none in the last."""
     runs: Any
     """(k, 4) first edge, end of the edges, the number of their level: of their winding number in
     the other copy, times the weight of its element."""
-    crossings: Any
-    """(k, 4) edge of the first outline, of the second, which it crosses wherever T is in the cell,
-    and the number of the level by which it jumps."""
     rows: Any
     """(k, 4) edge of the first outline, of the second, how it counts, number of its level."""
     first: Any
@@ -137,6 +130,12 @@ class PairGrid:
         """These tables in the memory of engines, by engine."""
         return {}
 
+    @cached_property
+    def columns(self) -> PairGrid:
+        """Tables in Fortran order, in which NumPy looks up rows fastest."""
+        tables = {part.name: np.asfortranarray(getattr(self, part.name)) for part in fields(self)}
+        return replace(self, **tables)
+
     @property
     def nbytes(self) -> int:
         """The size of tables of NumPy."""
@@ -152,22 +151,13 @@ class PairGrid:
 _NONE = np.zeros((1, 4), np.uint32)
 
 
-def levels(ops: Any, edge: Any, other: Any, tx: Any, ty: Any) -> tuple[Any, Any]:
-    """Distances of an edge's ends to the left of the line of an edge of the other copy.
-
-    It crosses that line at ``start / (start - end)``. Cross products of ``ops`` are exact in sign.
-    """
-    (ax, ay, bx, by), (cx, cy, dx, dy) = edge[:4], other[:4]
-    ex, ey, fx, fy = bx - ax, by - ay, dx - cx, dy - cy
-    px, py = (tx - cx) - ax, (ty - cy) - ay
-    start = ops.cross(fx, fy, px, py)
-    return start, ops.cross(fx, fy, px - ex, py - ey)
-
-
 def crossing(
     ops: Any, edge: Any, other: Any, tx: Any, ty: Any, side: float = 1.0
 ) -> tuple[Any, Any, Any, Any]:
     """Whether an edge crosses one of the other copy, whether to its left, and its levels.
+
+    Levels are the distances of its ends to the left of the other edge's line, which it crosses at
+    ``start / (start - end)``. Cross products of ``ops`` are exact in sign.
 
     ``side``: 1 or -1, the sign of the displacement of T that decides ties.
     """
@@ -176,7 +166,7 @@ def crossing(
     px, py = (tx - cx) - ax, (ty - cy) - ay
     before = ops.cross(ex, ey, px, py)
     after = ops.cross(ex, ey, px - fx, py - fy)
-    start, end = levels(ops, edge, other, tx, ty)
+    start, end = ops.cross(fx, fy, px, py), ops.cross(fx, fy, px - ex, py - ey)
     own, others = _limit(ops, ex, ey, side), _limit(ops, fx, fy, side)
     at_start, at_end = start > others, end > others
     return ((before > own) ^ (after > own)) & (at_start ^ at_end), at_end, start, end
@@ -204,6 +194,20 @@ class _Exact:
         if near.any():
             rough[near] = accurate_cross(*(v[near] for v in (ax, ay, bx, by)))
         return rough
+
+
+@dataclass(frozen=True)
+class CrossProducts:
+    """The operations of :func:`crossing` on NumPy arrays of float64, accurate to an ulp."""
+
+    double: bool
+    """Whether the grid is fine; on the grid of single precision products are exact."""
+    select = staticmethod(np.where)
+
+    def cross(self, ax: Any, ay: Any, bx: Any, by: Any) -> Any:
+        if self.double:
+            return accurate_cross(ax, ay, bx, by)
+        return ax * by - ay * bx
 
 
 @dataclass(frozen=True)
@@ -236,6 +240,7 @@ class _Cells:
         return x + self.size * (cell % self.nx + 0.5), y + self.size * (cell // self.nx + 0.5)
 
 
+@lru_cache(maxsize=256)
 def cells_across(first: Outline, second: Outline, samples: int) -> int:
     """Cells along the longer side that so many samples are worth, and that fit into memory."""
     size = float(_reach(first, second).max())
@@ -267,9 +272,9 @@ def pair_grid(first: Outline, second: Outline, across: int) -> PairGrid:
     leads = _leads(first, far)
     edges, others = np.concatenate([first.edges, leads]), second.edges
     lists = _Lists(first, cells, edges, others)
-    (runs, _), (crossings, _), (rows, _) = found = lists.runs(), lists.crossings(), lists.rows()
+    (runs, _), (rows, _) = found = lists.runs(), lists.rows()
     table = np.array([[level.real, level.imag, 0.0, 0.0] for level in lists.numbers])
-    ends = np.zeros((cells.count + 1, 8), np.uint32)
+    ends = np.zeros((cells.count + 1, 4), np.uint32)
     for number, (_, cell) in enumerate(found):
         at = np.searchsorted(cell, np.arange(cells.count + 1))
         ends[:-1, 2 * number], ends[:-1, 2 * number + 1] = at[:-1], at[1:]
@@ -277,7 +282,7 @@ def pair_grid(first: Outline, second: Outline, across: int) -> PairGrid:
     numbers = np.array([[*low, *-low, 1.0 / size, cells.nx, cells.count, first.step]], np.float64)
     others = np.vstack([others, np.zeros((1, 8))])
     names = np.vstack([first.names, np.zeros((len(leads), 4), np.uint32)])
-    return PairGrid(numbers, ends, runs, crossings, rows, edges, others, names, table)
+    return PairGrid(numbers, ends, runs, rows, edges, others, names, table)
 
 
 def _reach(first: Outline, second: Outline) -> Array:
@@ -312,9 +317,9 @@ class _Lists:
         self.numbers: dict[complex, int] = {0.0: 0}
         """The number of each level."""
         parts = zip(*_meeting(cells, edges, others, self.count), strict=True)
-        cell, edge, other, sure = (np.concatenate(part) for part in parts)
+        cell, edge, other = (np.concatenate(part) for part in parts)
         order = np.argsort(cell * len(edges) + edge, kind="stable")
-        cell, edge, other, sure = (part.take(order) for part in (cell, edge, other, sure))
+        cell, edge, other = (part.take(order) for part in (cell, edge, other))
         middle, ends = cells.middle(cell), (_rows(edges, edge), _rows(others, other))
         meets, enters, *_ = crossing(_Exact, *ends, *middle)
         weights = others[:, 5] + 1j * others[:, 6]
@@ -329,7 +334,7 @@ class _Lists:
         """Level of the first vertex of each ring, by cell and ring."""
         np.add.at(self.at_start, at, jump[is_lead])
         touches = _touches(cells, *ends, *middle)[own]
-        self.edge, self.other, self.jump, self.sure = (p[own] for p in (edge, other, jump, sure))
+        self.edge, self.other, self.jump = (p[own] for p in (edge, other, jump))
         self._group(cell[own], touches, outline.following)
 
     def _group(self, cell: Array, touches: Array, following: Array) -> None:
@@ -345,7 +350,7 @@ class _Lists:
         self.head = np.diff(self.at, prepend=-1) != 0
         """Whether a group is the first of its cell and ring."""
         if not len(key):
-            self.before = self.after = self.changes = self.leads_on = self.head
+            self.before = self.after = self.changes = self.head
             return
         total = np.add.reduceat(self.jump, self.first)
         sums = np.cumsum(total)
@@ -358,9 +363,6 @@ class _Lists:
         place = self._place(key, key - self.group_edge + preceding[self.group_edge])
         self.changes = np.logical_or.reduceat(touches, self.first) & (place >= 0)
         """Whether the level of the start may change within the cell."""
-        place = self._place(key, key - self.group_edge + following[self.group_edge])
-        self.leads_on = (place >= 0) & self.changes[place]
-        """Whether the level of the end may change within the cell."""
 
     def _place(self, key: Array, wanted: Array) -> Array:
         """Where keys are found, or -1."""
@@ -388,19 +390,11 @@ class _Lists:
         order = np.lexsort((table[:, 0], at[kept]))
         return table[order], at[kept][order] // self.rings
 
-    def crossings(self) -> tuple[Array, Array]:
-        """Pairs that cross wherever T is in the cell, and that no other row depends on."""
-        kept = self.sure & ~self.leads_on[self.group]
-        table = _table(self.edge[kept], self.other[kept], self._number(self.jump[kept]), 0)
-        return table, self.at[self.group[kept]] // self.rings
-
     def rows(self) -> tuple[Array, Array]:
-        """All other pairs, along the rings, and edges whose start has a number that changes."""
+        """All pairs, along the rings, and edges whose start has a number that changes."""
         how = np.full(len(self.edge), CROSSING)
         how[self.first[~self.changes]] = START
-        kept = ~self.sure | self.leads_on[self.group]
-        level = self._number(self.before[self.group[kept]])
-        pairs = _table(self.edge[kept], self.other[kept], how[kept], level)
+        pairs = _table(self.edge, self.other, how, self._number(self.before[self.group]))
         whole = np.flatnonzero(self.changes)
         wholes = _table(self.group_edge[whole], self.null, WHOLE, 0)
         # rings whose first vertex changes: its number is that of the crossings on the way to it
@@ -411,9 +405,9 @@ class _Lists:
         mine = np.isin(lead_at, led)
         leads = _table(edge[mine], other[mine], LEAD, 0)
         # by cell and ring; there the way to the ring, and then by edge, whole edges first
-        at = np.concatenate([led, lead_at[mine], self.at[whole], self.at[self.group[kept]]])
+        at = np.concatenate([led, lead_at[mine], self.at[whole], self.at[self.group]])
         way = [np.full(len(led), -2), np.full(len(leads), -1)]
-        place = np.concatenate([*way, 2 * self.group_edge[whole], 2 * self.edge[kept] + 1])
+        place = np.concatenate([*way, 2 * self.group_edge[whole], 2 * self.edge + 1])
         order = np.lexsort((place, at))
         return np.concatenate([heads, leads, wholes, pairs])[order], at[order] // self.rings
 
@@ -440,10 +434,10 @@ def _rows(table: Array, number: Array) -> tuple[Array, ...]:
 
 def _meeting(
     cells: _Cells, edges: Array, others: Array, own: int
-) -> Iterator[tuple[Array, Array, Array, Array]]:
+) -> Iterator[tuple[Array, Array, Array]]:
     """(cell, edge, other edge) wherever the parallelogram of two edges meets a cell; by blocks.
 
-    And whether it covers the cell. Edges from ``own`` on are lines from the left and the right,
+    Edges from ``own`` on are lines from the left and the right,
     each for its half of the cells.
     """
     step = max(1, _BLOCK // len(others))
@@ -466,29 +460,26 @@ def _meeting(
         row, column = np.divmod(place, spans[:, 0].take(pair))
         x, y = _rows(low.astype(np.int64).reshape(-1, 2), pair)
         cell = (y + row) * cells.nx + x + column
-        meets, covers = _near(cells, a, b, c, d, pair, cell)
+        meets = _near(cells, a, b, c, d, pair, cell)
         pair = pair[meets]
         i, j = np.divmod(pair, len(others))
-        yield cell[meets], number.take(i), j, covers[meets]
+        yield cell[meets], number.take(i), j
 
 
-def _near(
-    cells: _Cells, a: Array, b: Array, c: Array, d: Array, pair: Array, cell: Array
-) -> tuple[Array, Array]:
-    """Whether cells meet the parallelograms of pairs, whose boxes they meet; and are covered."""
+def _near(cells: _Cells, a: Array, b: Array, c: Array, d: Array, pair: Array, cell: Array) -> Array:
+    """Whether cells meet the parallelograms of pairs, whose boxes they meet."""
     e, f, middle = b - a, d - c, 0.5 * (a + b + c + d).reshape(-1, 2)
     half = 0.5 * cells.size
     (x, y), (px, py) = cells.middle(cell), _rows(middle, pair)
     x, y = x - px, y - py
     area = 0.5 * abs(e[..., 0] * f[:, 1] - e[..., 1] * f[:, 0])
-    meets, covers = np.ones(len(cell), bool), np.ones(len(cell), bool)
+    meets = np.ones(len(cell), bool)
     for vector in (e, f):
         u, v = (np.broadcast_to(vector[..., k], area.shape).ravel() for k in range(2))
         size = half * (abs(u) + abs(v))
         level = abs(u.take(pair) * y - v.take(pair) * x)
         meets &= level <= (area.ravel() + size + _MARGIN).take(pair)
-        covers &= level < (area.ravel() - size - _MARGIN).take(pair)
-    return meets, covers
+    return meets
 
 
 def _touches(cells: _Cells, edge: Any, other: Any, x: Array, y: Array) -> Array:

@@ -18,38 +18,14 @@ from polywigner.kernels.cut.winding import (
     Pass,
     clipper_for,
 )
-from polywigner.kernels.outline.tables import Tables, cut_of
+from polywigner.kernels.outline.tables import Tables
 from polywigner.kernels.outline.waves import WavePair, difference_pairs, mean_pairs
 from polywigner.numerics.complex_pairs import Pair
-
-_DIRECTIONS = np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0], [1.0, -1.0]])
-# In the frame, whose unit is the size of the polygon: more than anything is rounded by.
-_MARGIN = 1e-6
-
-Mask = NDArray[np.bool_]
-
-
-def _bounds(tables: Tables) -> tuple[list[float], list[float]]:
-    levels = np.array([(edge.ax, edge.ay) for edge in tables.edges]) @ _DIRECTIONS.T
-    return levels.min(axis=0).tolist(), levels.max(axis=0).tolist()
-
-
-def may_meet(tables: Tables, view: View, tx: Any, ty: Any) -> Mask:
-    """Where copies at offsets T = 2x or xi of the frame may overlap, or offsets are not numbers."""
-    apart = np.zeros(np.shape(tx), bool)
-    for (a, b), low, high in zip(_DIRECTIONS.tolist(), *_bounds(tables), strict=True):
-        level = a * tx + b * ty
-        if view is MIRRORED:
-            apart |= (level < 2.0 * low - _MARGIN) | (level > 2.0 * high + _MARGIN)
-        else:
-            apart |= np.abs(level) > high - low + _MARGIN
-    return ~apart
-
 
 Values = tuple[Any, ...]
 
 # Samples and edges at a time: temporary arrays of some 2 MB.
-_LISTED = 1 << 17
+_LISTED = 1 << 14
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,11 +40,9 @@ class SliceSum:
     """(clipper, *arguments in the frame) -> sums."""
     listed: Any = None
     """`SharedSlice` that lists parts of edges for many frequencies; None: parts are not listed."""
-    serves_all: bool = True
-    """Whether compiled sums of one source serve all: not where they measure by its frame."""
 
     def __call__(self, ops: Any, tables: Tables, *inner: Any) -> Values:
-        if ops.target == "numpy" and cut_of("numpy", tables, max(map(ops.count, inner))) == "pairs":
+        if ops.target == "numpy":
             return self._listed(ops, tables, inner)
         offset = self.offset(*inner)
         clipper = clipper_for(ops, tables, *offset, *self.views, arguments=inner)
@@ -116,10 +90,6 @@ class SliceSum:
         views = {view.point: view for view in reversed(self.views)}.values()
         return [(view, own, other) for view in views for own in fields for other in fields]
 
-    def support_mask(self, tables: Tables, *inner: Any) -> Any:
-        """Where, on NumPy arrays, the sums may differ from 0."""
-        return may_meet(tables, self.views[0], *self.offset(*inner))
-
     def after(self, count: int) -> SliceSum:
         """Return the sum for arguments behind so many others."""
         return replace(
@@ -145,7 +115,7 @@ COPIES: Views = ((BEHIND, -0.5), (AHEAD, +0.5))
 def mean_pairings(group: int, tables: Tables) -> Iterator[tuple[int, Views, Sequence[WavePair]]]:
     """Pairs of waves for W and the moments of the lag slice."""
     for other, waves in enumerate(tables.groups):
-        yield other, MIRROR, mean_pairs(tables.groups[group], waves)
+        yield other, MIRROR, mean_pairs(tables.groups[group], waves, other == group)
 
 
 def difference_pairings(

@@ -10,25 +10,27 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Hashable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.kernels.cut.clipping import AHEAD, BEHIND, MIRRORED, Clipper, RowClipper, View
+from polywigner.kernels.cut.clipping import AHEAD, BEHIND, MIRRORED, Clipper, View
 from polywigner.kernels.cut.pair_grid import (
     LEAD,
     START,
     WHOLE,
+    CrossProducts,
     PairGrid,
     cells_across,
     crossing,
-    levels,
     outline_of,
     pair_grid,
 )
-from polywigner.kernels.outline.tables import Edge, Piece, Tables, cut_of, numbers_of
+from polywigner.kernels.outline.constants import Edge, Piece
+from polywigner.kernels.outline.tables import Tables
 
 Pass = tuple[View, int, int]
 """View of edges, number of their field, and number of the other copy's field."""
@@ -45,24 +47,22 @@ _MOST_BYTES = 1 << 27
 def clipper_for(
     ops: Any, tables: Tables, tx: Any, ty: Any, *views: View, arguments: tuple[Any, ...] = ()
 ) -> Clipper:
-    """The clipper that suits the number of edges, of samples, and the engine.
+    """Return the clipper that suits the number of edges and the engine.
 
-    ``arguments``: of the kernel; what is not a number in them is not in the sums either.
+    ``arguments``: of the kernel; NaN in them gives NaN in the sums.
     """
-    cut = cut_of(ops.target, tables, ops.count(tx))
-    if cut == "pairs" and ops.needs_gradient(tx, ty, *arguments):
-        cut = "rows"  # Dr.Jit has no derivatives of nested loops
-    if cut == "pairs":
-        return PairClipper(ops, tables, tx, ty, views, arguments)
-    return (RowClipper if cut == "rows" else Clipper)(ops, tables, tx, ty)
+    # Dr.Jit has no derivatives of nested loops
+    if ops.needs_gradient(tx, ty, *arguments) or (ops.target == "compiled" and tables.fits_code):
+        return Clipper(ops, tables, tx, ty)
+    return PairClipper(ops, tables, tx, ty, views, arguments)
 
 
 def pairs_of(tables: Tables, key: Pass, double: bool, samples: int = 0) -> PairGrid:
-    """The lists of pairs of edges for so many samples; the latest of all sources are kept."""
+    """Return the lists of pairs of edges for so many samples; the latest lists are kept."""
     view, group, other = key
     first, second = (outline_of(tables, number, double) for number in (group, other))
-    second = second if view is MIRRORED else second.turned()
-    across = cells_across(first, second, samples or _MANY)
+    second = second if view is MIRRORED else second.turned
+    across = cells_across(first, second, 1 << (samples or _MANY).bit_length())
     name = view.point, group, other, double, across  # AHEAD has the lists of BEHIND
     found: PairGrid | None = tables.pairs.get(name)
     if found is None:
@@ -179,12 +179,11 @@ class _Pass:
         return self.view.side * self.clipper.tx, self.view.side * self.clipper.ty
 
     def sums(self) -> Iterator[list[Any]]:
-        """Over whole edges, over pairs that cross in any case, and along the other rows."""
+        """Over whole edges, and along the rows."""
         ops, pair = self.ops, self.pair
         cell = cell_of(ops, pair, *self.offset)
-        run, run_end, first, end, row, row_end, _, _ = ops.gather(pair.cells, cell)
+        run, run_end, row, row_end = ops.gather(pair.cells, cell)
         yield ops.sum_over_runs(run, run_end, pair.runs, self._whole, self.values)
-        yield ops.sum_over_range(first, end, self._crossed, self.values)
         yield ops.sum_over_rows(row, row_end, self._visited, self.values, self._levels)
 
     @property
@@ -196,13 +195,6 @@ class _Pass:
 
     def _whole(self, number: Any, level: Any) -> Level:
         return self._last_part(number, None, 1.0, self._level(level))
-
-    def _crossed(self, row: Any) -> Level:
-        ops, pair = self.ops, self.pair
-        number, other, jump, _ = ops.gather(pair.crossings, row)
-        edge = ops.gather(pair.first, number)
-        start, end = levels(ops, edge, ops.gather(pair.second, other), *self.offset)
-        return self._last_part(number, edge, end / (end - start), self._level(jump))
 
     def _visited(self, row: Any) -> tuple[Any, Level, Level, Callable[[Level], Level]]:
         ops, pair = self.ops, self.pair
@@ -227,12 +219,12 @@ class _Pass:
     def _last_part(self, number: Any, edge: Any, part: Any, level: Level) -> Level:
         """Contribution of the last part of an edge, a fraction of its length, at a level."""
         ax, ay, bx, by, area, real, imag, _ = edge or self.ops.gather(self.pair.first, number)
-        begin, end, element, _ = self.ops.gather(self.pair.names, number)
+        begin, end, _, _ = self.ops.gather(self.pair.names, number)
         # e = length u with length 1: what the kernels compute of u and length stays the same
         ex, ey = bx - ax, by - ay
         found = Edge(
             ax, ay, bx, by, ex, ey, area, ex, ey, 1.0, 0.0, 0.0, real, imag,
-            begin=begin, end=end, element=element,
+            begin=begin, end=end,
         )  # fmt: skip
         real, imag = self.tables.mutual(found, Piece((), *level))
         self.clipper.at(self.view, (2.0 - part, part, real, -imag if self.view is AHEAD else imag))
@@ -243,82 +235,110 @@ class _Pass:
 
 
 class ListedParts:
-    """Parts of edges inside the other copy, of all samples one after the other."""
+    """Parts of edges inside the other copy, of all samples one after the other.
+
+    They are found in double precision, in which sums and products of coordinates on the grid of
+    single precision are exact.
+    """
 
     def __init__(self, ops: Any, tables: Tables, key: Pass, tx: Array, ty: Array) -> None:
         """Find the parts of one pass, for offsets (n,) of NumPy."""
         # from the same lists for any number of samples, so that they round in the same way
-        pair, self.key = held_pairs(ops, tables, key, _SOME), key
+        pair, self.key = pairs_of(tables, key, ops.double, _SOME).columns, key
         side = key[0].side
-        tx, ty = (side * t for t in _snapped(ops, pair, tx, ty))
-        spans = ops.gather(pair.cells, cell_of(ops, pair, tx, ty))
+        self.tx, self.ty = offset = _on_grid(pair, tx), _on_grid(pair, ty)
+        tx, ty = (side * t for t in offset)
+        spans = _taken(pair.cells, _cells(pair, tx, ty))
+        levels, products = pair.levels[:, 0], CrossProducts(ops.double)
+        if tables.phased:
+            levels = levels + 1j * pair.levels[:, 1]
         parts = [
-            _runs(pair, spans[0], spans[1]),
-            _crossings(ops, pair, spans[2], spans[3], tx, ty),
-            _rows(ops, pair, spans[4], spans[5], tx, ty, side),
+            _runs(pair, levels, spans[0], spans[1]),
+            _rows(products, pair, levels, spans[2], spans[3], tx, ty, side, tables.uniform),
         ]
-        self.owner, self.number, self.part, level = (
+        self.owner, number, part, level = (
             np.concatenate(column) for column in zip(*parts, strict=True)
         )
-        ax, ay, bx, by, area, real, imag, _ = ops.gather(pair.first, self.number)
+        columns = _taken(pair.first, number)
+        ax, ay, bx, by, area, real, imag, _ = (c.astype(ops.dtype, copy=False) for c in columns)
         ex, ey, one = bx - ax, by - ay, np.ones_like(ax)
         self.edge = Edge(ax, ay, bx, by, ex, ey, area, ex, ey, one, 0.0, 0.0, real, imag)
         weight: Any = level.real.astype(ops.dtype), level.imag.astype(ops.dtype)
         self.weight = tables.mutual(self.edge, Piece((), *weight))
-        self.part = self.part.astype(ops.dtype)
+        self.part = part.astype(ops.dtype)
+
+
+def _on_grid(pair: PairGrid, offset: Array) -> Array:
+    """An offset on the grid of the vertices."""
+    step = float(pair.numbers[0, 7])
+    return np.asarray(np.rint(np.asarray(offset, np.float64) * (1 / step)) * step)
+
+
+def _cells(pair: PairGrid, tx: Array, ty: Array) -> Array:
+    """The number of the cell of each offset on the grid; an empty one's outside of all cells."""
+    x0, y0, x1, y1, per_unit, across, empty, _ = pair.numbers[0].tolist()
+    inside = (tx >= x0) & (tx < x1) & (ty >= y0) & (ty < y1)
+    x, y = (np.where(inside, (t - low) * per_unit, 0.0) for t, low in ((tx, x0), (ty, y0)))
+    return np.where(inside, np.floor(y) * across + np.floor(x), empty).astype(np.intp)
+
+
+def _taken(table: Array, rows: Array) -> list[Array]:
+    """The columns of some rows of a table."""
+    return [column.take(rows) for column in table.T]
 
 
 def _flat(first: Array, end: Array) -> tuple[Array, Array]:
     """Owner and number of each row in the ranges from first to end."""
-    counts = end - first
+    counts = end.astype(np.intp) - first
     owner = np.repeat(np.arange(len(counts)), counts)
     return owner, np.arange(len(owner)) + (first - (np.cumsum(counts) - counts))[owner]
 
 
-def _level(pair: PairGrid, number: Array) -> Array:
-    found: Array = pair.levels[number, 0] + 1j * pair.levels[number, 1]
-    return found
-
-
-def _runs(pair: PairGrid, first: Array, end: Array) -> tuple[Array, ...]:
+def _runs(pair: PairGrid, levels: Array, first: Array, end: Array) -> tuple[Array, ...]:
     """(owner, edge, part, level) of edges that lie inside as a whole."""
     owner, run = _flat(first, end)
-    begin, stop, level, _ = pair.runs[run].T
+    begin, stop, level, _ = _taken(pair.runs, run)
     of_run, number = _flat(begin, stop)
-    return owner[of_run], number, np.ones(len(number)), _level(pair, level[of_run])
-
-
-def _crossings(
-    ops: Any, pair: PairGrid, first: Array, end: Array, tx: Array, ty: Array
-) -> tuple[Array, ...]:
-    """Last parts of edges that cross an edge of the other copy in any case."""
-    owner, row = _flat(first, end)
-    number, other, jump, _ = pair.crossings[row].T
-    edge, against = ops.gather(pair.first, number), ops.gather(pair.second, other)
-    start, stop = levels(ops, edge, against, tx[owner], ty[owner])
-    return owner, number, stop / (stop - start), _level(pair, jump)
+    return owner[of_run], number, np.ones(len(number)), levels[level[of_run]]
 
 
 def _rows(
-    ops: Any, pair: PairGrid, first: Array, end: Array, tx: Array, ty: Array, side: float
+    products: CrossProducts,
+    pair: PairGrid,
+    levels: Array,
+    first: Array,
+    end: Array,
+    tx: Array,
+    ty: Array,
+    side: float,
+    is_uniform: bool,
 ) -> tuple[Array, ...]:
     """Parts of edges behind crossings of other pairs, with the level that runs along the rings."""
     owner, row = _flat(first, end)
-    number, other, how, set_to = pair.rows[row].T
-    edge, against = ops.gather(pair.first, number), ops.gather(pair.second, other)
-    meets, enters, start, stop = crossing(ops, edge, against, tx[owner], ty[owner], side)
-    jump = (against[5] + 1j * against[6]) * (meets * np.where(enters, 1.0, -1.0))
-    # of any weights, sums over many samples would round
-    before = np.cumsum(jump.astype(np.clongdouble)) - jump
+    number, other, how, set_to = _taken(pair.rows, row)
+    edge, against = _taken(pair.first, number), _taken(pair.second, other)
+    meets, enters, start, stop = crossing(products, edge, against, tx[owner], ty[owner], side)
+    jump = np.where(meets, np.where(enters, 1.0, -1.0), 0.0)
+    sums: Any = np.float64
+    if not is_uniform:  # of any weights, sums over many samples would round
+        is_complex = levels.dtype.kind == "c"
+        jump = jump * (against[5] + 1j * against[6] if is_complex else against[5])
+        sums = np.clongdouble if is_complex else np.longdouble
+    before = np.cumsum(jump, dtype=sums) - jump
     # each ring of a sample begins with a row that sets the level
     last = np.maximum.accumulate(np.where(how == START, np.arange(len(row)), 0))
-    level = before + (_level(pair, set_to) - before)[last]
-    level = np.where(how == WHOLE, level, np.where(how == LEAD, 0.0, jump))
-    level = level.astype(np.complex128)
+    level = before + (levels[set_to] - before)[last]
+    level = np.where(how == WHOLE, level, np.where(how == LEAD, 0.0, jump)).astype(levels.dtype)
     (kept,) = np.nonzero(level)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        part = np.where(meets, stop / (stop - start), 1.0)
-    return owner[kept], number[kept], part[kept], level[kept]
+    owner, number, meets, level, start, stop = (
+        values.take(kept) for values in (owner, number, meets, level, start, stop)
+    )
+    part = np.where(meets, stop / np.where(meets, stop - start, 1.0), 1.0)
+    return owner, number, part, level
+
+
+# `dataclasses.astuple` copies each number deeply: half of the time of a call with one sample.
+_NUMBERS_OF = attrgetter(*(part.name for part in fields(Edge)))
 
 
 class ListedClipper(Clipper):
@@ -329,18 +349,20 @@ class ListedClipper(Clipper):
     ) -> None:
         """For offsets (n,): ``owner`` (k,) is whose the parts are."""
         self.ops, self.tables = ops, tables
-        fields = range(len(tables.groups))
-        keys = [(view, own, other) for view in views for own in fields for other in fields]
+        groups = range(len(tables.groups))
+        keys = [(view, own, other) for view in views for own in groups for other in groups]
         self.listed = [ListedParts(ops, tables, key, tx, ty) for key in keys]
-        self.owner = np.concatenate([parts.owner for parts in self.listed])
+        first = self.listed[0]
+        self.owner, self.edge = first.owner, first.edge
+        if len(keys) > 1:
+            self.owner = np.concatenate([parts.owner for parts in self.listed])
+            columns = zip(*(_NUMBERS_OF(parts.edge) for parts in self.listed), strict=True)
+            self.edge = Edge(*(np.concatenate(c) if np.ndim(c[0]) else c[0] for c in columns))
         ends = np.cumsum([len(parts.owner) for parts in self.listed])
         self.places = [
             slice(end - len(p.owner), end) for p, end in zip(self.listed, ends, strict=True)
         ]
-        pair = held_pairs(ops, tables, keys[0], _SOME)
-        self.tx, self.ty = (t[self.owner] for t in _snapped(ops, pair, tx, ty))
-        columns = zip(*(numbers_of(parts.edge) for parts in self.listed), strict=True)
-        self.edge = Edge(*(np.concatenate(c) if np.ndim(c[0]) else c[0] for c in columns))
+        self.tx, self.ty = (t[self.owner].astype(ops.dtype) for t in (first.tx, first.ty))
         self._pair = 0, 0
 
     def sum_over_edges(

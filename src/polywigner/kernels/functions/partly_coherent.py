@@ -22,8 +22,9 @@ from polywigner.kernels.functions.separable import SeparableTables, separable_ta
 from polywigner.kernels.functions.slices import doubled_position, sum_over_waves
 from polywigner.kernels.functions.slits import PairTables
 from polywigner.kernels.kernel import Values
+from polywigner.kernels.outline.constants import Edge
 from polywigner.kernels.outline.frame import Frame, Matrix, determinant
-from polywigner.kernels.outline.tables import Edge, Tables
+from polywigner.kernels.outline.tables import Tables
 from polywigner.kernels.outline.waves import WavePair
 from polywigner.numerics.complex_pairs import Pair
 
@@ -38,7 +39,7 @@ def coherence_of(frame: Frame, width: float) -> Matrix:
 def _tables_of(source: Wavefront, double: bool) -> Tables:
     tables = plane.tables_of(source.source, double)
     light = coherence_of(tables.frame, source.coherence_width)
-    return replace(tables, coherence=light, variants={})
+    return replace(tables, coherence=light)
 
 
 def term_of_lags(

@@ -38,7 +38,7 @@ from polywigner.kernels.kernel import (
     leave_wave,
 )
 from polywigner.kernels.outline.frame import Frame, frame_of
-from polywigner.kernels.outline.tables import Element, Tables, build_tables
+from polywigner.kernels.outline.tables import Tables, build_tables
 from polywigner.kernels.outline.waves import field_of
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair
@@ -55,16 +55,12 @@ def new_tables_of(source: Aperture | Array, double: bool) -> Tables:
 
     Equal sources may begin their rings at other vertices.
     """
-    if isinstance(source, Aperture):
-        elements = [Element(source.rings, source.convex_cover, 1.0, source.illumination)]
-    else:
-        elements = [
-            Element(aperture.rings, aperture.convex_cover, weight, aperture.illumination)
-            for aperture, weight in zip(
-                source.elements_in_plane, source.weights.tolist(), strict=True
-            )
-        ]
+    elements = [(source, 1.0)] if isinstance(source, Aperture) else _weighted(source)
     return build_tables(elements, double=double)
+
+
+def _weighted(array: Array) -> list[tuple[Aperture, complex]]:
+    return list(zip(array.elements_in_plane, array.weights.tolist(), strict=True))
 
 
 @lru_cache(maxsize=256)
@@ -182,11 +178,9 @@ def field(ops: Any, tables: Tables, x: Any, y: Any) -> tuple[Any, Any]:
 
     total = Pair(0.0, 0.0)
     for group, waves in enumerate(tables.groups):
-        edges = [edge for edge in tables.edges if edge.group == group]
-        if edges:
-            rows = [(e.ax, e.ay, e.bx, e.by, e.real, e.imag) for e in edges]
-            weight = Pair(*ops.sum_over(rows, term, 2, like=x))
-            total = total + (weight * Pair(*field_of(ops, waves, (x, y))))
+        rows = tables.edges[tables.names[:, 3] == group].tolist()
+        weight = Pair(*ops.sum_over(rows, term, 2, like=x))
+        total = total + (weight * Pair(*field_of(ops, waves, (x, y))))
     # what is no number is so in the result: all comparisons with it are false, as outside
     undefined = (x - x) + (y - y)
     return total.real + undefined, total.imag + undefined

@@ -10,7 +10,7 @@ boundary is summed for each.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,7 +22,6 @@ from polywigner.kernels.cut.clipping import (
     BEHIND,
     MIRRORED,
     Clipper,
-    RowClipper,
     View,
     times,
     total_extent,
@@ -43,13 +42,19 @@ from polywigner.kernels.functions.edge_terms import (
     term_of_part,
     wigner_terms,
 )
-from polywigner.kernels.outline.tables import Edge, Tables
+from polywigner.kernels.outline.constants import Edge
+from polywigner.kernels.outline.tables import Tables
 from polywigner.kernels.outline.waves import (
     WavePair,
     pair_of_row,
     rows_of,
 )
 from polywigner.numerics.complex_pairs import Pair
+
+# More pairs of waves are rows of a table: each compiles in some 20 ms.
+MOST_PAIRS_AS_CODE = 16
+# Columns of a row, a multiple of four: amplitude, shift and rate.
+_ROW = 8
 
 Values = tuple[Any, ...]
 Listed = tuple[NDArray[np.intp], NDArray[np.float64]]
@@ -68,69 +73,70 @@ def sum_over_waves(
     sum. A sum has ``values``, their number; ``terms(edge, sides)``, what an edge contributes from
     its cuts on each side; and ``value(sums, place)``, the pair's share of the result.
 
-    Where edges are rows of a table and waves are several, so are pairs of waves: little code, and
-    each edge cut once for each.
+    Many pairs of waves are rows of a table: compiled code loops over it for each part of an edge.
     """
     tables, totals = clipper.tables, [0.0] * count
     for group in range(len(tables.groups)):
-        if not clipper.edges_of(group):
-            continue
-        if isinstance(clipper, RowClipper) and tables.waves_per_cut > 1:
-            found = _sums_of_rows(clipper, group, pairings, sum_of, place, count)
-        else:
-            found = _sums_of_group(clipper, group, pairings, sum_of, place, count)
-        for part in found:
+        for part in _sums_of_group(clipper, group, pairings, sum_of, place, count):
             totals = [a + b for a, b in zip(totals, part, strict=True)]
     return totals
 
 
 def _sums_of_group(
     clipper: Clipper, group: int, pairings: Pairings, sum_of: Any, place: Values, count: int
-) -> Iterable[Sequence[Any]]:
-    tables, results = clipper.tables, []
+) -> Iterator[Sequence[Any]]:
+    tables, ops = clipper.tables, clipper.ops
     for other in range(len(tables.groups)):
+        found = [(v, pairs) for number, v, pairs in pairings(group, tables) if number == other]
+        is_compiled = ops.target not in ("numpy", "scalar")
+        if is_compiled and sum(len(pairs) for _, pairs in found) > MOST_PAIRS_AS_CODE:
+            for views, pairs in found:
+                yield _sum_of_rows(clipper, (group, other), views, pairs, sum_of, place, count)
+            continue
         is_even = other == group and not tables.phased
-        found = [
-            (views, sum_of(pair, is_even))
-            for number, views, pairs in pairings(group, tables)
-            for pair in pairs
-            if number == other
-        ]
+        runs = [(views, sum_of(pair, is_even)) for views, pairs in found for pair in pairs]
 
-        def term(edge: Edge, found: Any = found, other: int = other) -> Values:
+        def term(edge: Edge, runs: Any = runs, other: int = other) -> Values:
             cuts: dict[View, Any] = {}
             values: list[Any] = []
-            for views, run in found:
+            for views, run in runs:
                 for view, _ in views:
                     if view not in cuts:
                         cuts[view] = list(clipper.intervals(edge, view, other))
                 values += run.terms(edge, [(side, cuts[view]) for view, side in views])
             return tuple(values)
 
-        count_of_all = sum(run.values for _, run in found)
+        count_of_all = sum(run.values for _, run in runs)
         sums = iter(clipper.sum_over_edges(term, count_of_all, group, other))
-        for _, run in found:
-            results.append(run.value([next(sums) for _ in range(run.values)], place)[:count])
-    return results
+        for _, run in runs:
+            yield run.value([next(sums) for _ in range(run.values)], place)[:count]
 
 
-def _sums_of_rows(
-    clipper: RowClipper, group: int, pairings: Pairings, sum_of: Any, place: Values, count: int
-) -> Iterable[Sequence[Any]]:
-    for other, views, pairs in pairings(group, clipper.tables):
+def _sum_of_rows(
+    clipper: Clipper,
+    groups: tuple[int, int],
+    views: Views,
+    pairs: Sequence[WavePair],
+    sum_of: Any,
+    place: Values,
+    count: int,
+) -> Values:
+    """Return the results of the pairs of waves of two groups by a loop over them."""
+    ops, (group, other) = clipper.ops, groups
+    rows = np.zeros((sum(len(pair.terms) for pair in pairs), _ROW))
+    rows[:, :6] = rows_of(pairs)
+    table, is_real = ops.held(rows), pairs[0].is_real
 
-        def term(
-            edge: Edge,
-            *row: Any,
-            other: int = other,
-            views: Views = views,
-            real: bool = pairs[0].is_real,
-        ) -> Values:
-            run = sum_of(pair_of_row(real, *row), False)
-            cuts = [(side, list(clipper.intervals(edge, view, other))) for view, side in views]
+    def term(edge: Edge) -> Values:
+        cuts = [(side, list(clipper.intervals(edge, view, other))) for view, side in views]
+
+        def of_pair(row: Any) -> Values:
+            run = sum_of(pair_of_row(is_real, *ops.gather(table, row)[:6]), False)
             return tuple(run.value(run.terms(edge, cuts), place)[:count])
 
-        yield clipper.sum_over_pairs(term, count, group, rows_of(pairs))
+        return tuple(ops.plain_sum(0, len(rows), of_pair, count))
+
+    return tuple(clipper.sum_over_edges(term, count, group, other))
 
 
 class TermSum:
@@ -148,7 +154,10 @@ class TermSum:
         ops, function, scale = self.ops, self.function, self.scale
         nu_x, nu_y = function.nu
         key: Any = type(function), self.pair.shift
-        along = self.clipper.shared(edge, lambda: function.along(edge.ux, edge.uy), *key)
+        if self.pair.is_constant:
+            along = self.clipper.shared(edge, lambda: function.along(edge.ux, edge.uy), *key)
+        else:
+            along = function.along(edge.ux, edge.uy)
         length = scale * edge.length
         per_edge = (0.5 * length) * along[0]
         sums: Values | None = None

@@ -259,7 +259,7 @@ class LineField:
 
     def wigner(self, ops: Any, x: Any, nu: Any, width: float = math.inf) -> Any:
         """W, which is real, of light that is coherent over a width in the frame."""
-        pairs = mean_pairs(self.waves, self.waves)
+        pairs = mean_pairs(self.waves, self.waves, True)
         return _over_pairs(ops, pairs, x, nu, _length(ops, self.half - abs(x), 4.0), width).real
 
     def ambiguity(self, ops: Any, upsilon: Any, xi: Any) -> Pair:

@@ -1,11 +1,12 @@
-"""A source as a kernel sees it: its frame, edges, supporting lines, pieces, and the waves on it.
+"""A source in its frame: edges, waves, and lines and convex pieces for compiled code.
 
 ==============  ==================================================================
 module          what is in it
 ==============  ==================================================================
 ``frame``       the normalised coordinates in which all thresholds are absolute
+``tables``      edges of all elements, with their weights and fields
+``constants``   edges, lines and convex pieces as constants of compiled code
 ``lines``       lines of edges and pieces, in clusters of direction
-``tables``      edges and convex pieces of a polygon as constants of a kernel
 ``waves``       sums of plane waves on a source, and what pairs of them contribute
 ==============  ==================================================================
 """

@@ -103,6 +103,11 @@ class WavePair:
         pairs = zip(frequency, self.shift, strict=True)
         return tuple(f if _is_zero(s) else f - s for f, s in pairs)
 
+    @property
+    def is_constant(self) -> bool:
+        """Whether the shift consists of plain numbers."""
+        return all(isinstance(component, float) for component in self.shift)
+
 
 def rows_of(wave_pairs: Sequence[WavePair]) -> list[tuple[float, ...]]:
     """Every two waves by themselves, as rows of an engine's table for `pair_of_row`."""
@@ -152,22 +157,23 @@ def _times(factor: float, a: Vector) -> Vector:
 
 
 @lru_cache(maxsize=1024)
-def mean_pairs(first: Waves, second: Waves) -> tuple[WavePair, ...]:
-    """Pairs with one mean frequency, for W: c_m c_n* exp(2 pi i (kappa_m - kappa_n).x).
+def mean_pairs(first: Waves, second: Waves, is_same: bool) -> tuple[WavePair, ...]:
+    """Return pairs with one mean frequency, for W: c_m c_n* exp(2 pi i (kappa_m - kappa_n).x).
 
-    Of equal fields the pairs (m, n) and (n, m) are conjugate and taken together.
+    ``is_same``: whether both are the field on the same elements. The pairs (m, n) and (n, m) are
+    then conjugate and taken together.
     """
     pairs = []
     for m, one in enumerate(first):
         for n, other in enumerate(second):
-            if first == second and m > n:
+            if is_same and m > n:
                 continue
-            twice = 2.0 if first == second and m < n else 1.0
+            twice = 2.0 if is_same and m < n else 1.0
             amplitude = twice * one.amplitude * complex(other.amplitude).conjugate()
             mean = _times(0.5, _plus(one.frequency, other.frequency))
             rate = _plus(one.frequency, _times(-1.0, other.frequency))
             pairs.append((mean, amplitude, rate))
-    return _collected(pairs, is_real=first == second)
+    return _collected(pairs, is_real=is_same)
 
 
 @lru_cache(maxsize=1024)
