@@ -179,6 +179,25 @@ def flat_rule(reach: float, error: float) -> Rule:
     return _frozen(*np.polynomial.legendre.leggauss(least + 2))
 
 
+def chirp_node_counts(radians: Any, error: float) -> npt.NDArray[np.intp]:
+    """Numbers of Gauss-Legendre nodes on [-1, 1] for waves exp(i f(x)) with |f'| up to ``radians``.
+
+    A wave is linear or quadratic in x, up to terms that hardly bend it. The phase w x^2/2 is that
+    of w/4 in the Chebyshev polynomial T_2, of twice the degree. ``radians`` : up to 700.
+    """
+    table = _widest_waves(error)
+    linear, bent = np.searchsorted(table, [radians, np.divide(radians, 4)]) + 1
+    return np.maximum(linear, 2 * bent)
+
+
+@lru_cache(maxsize=8)
+def _widest_waves(error: float) -> npt.NDArray[np.float64]:
+    """The largest w for which n = 1, 2, ... 400 nodes integrate exp(i w x) to an error, (400,)."""
+    allowed = math.log(error)
+    logs = [(allowed - _legendre_remainder(n, 0.5)) / (2 * n) for n in range(1, 401)]
+    return np.exp(logs) / 2
+
+
 def _fewest(
     remainder: Callable[[int], float], error: float, below: int | None = None
 ) -> int | None:

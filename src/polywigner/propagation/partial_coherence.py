@@ -22,7 +22,7 @@ from polywigner.optics import FirstOrder
 from polywigner.propagation.convolutions import blur_of, convolved
 from polywigner.propagation.lag_sums import pair_sum, summed_over_lags, summed_over_pairs
 from polywigner.propagation.source_samples import highest
-from polywigner.propagation.tilt_sums import cost_of_edges, node_sum, summed_over_nodes
+from polywigner.propagation.tilt_sums import cost_of_edges, summed_over_tilts, tilt_sum
 from polywigner.transforms.wavefronts import coherent_source, tilts_of
 
 Floats = NDArray[np.float64]
@@ -110,9 +110,11 @@ def _of_spherical_waves(
     cost, rule = math.inf, None
     if tilts is not None:
         cost = len(tilts[1]) * cost_of_edges(source, wavelength)
-        rule = node_sum(source, points, wavelength, method, tilts)
-    if rule is not None:
-        cost = min(cost, rule.cost)
+    rule = tilt_sum(source, points, wavelength, method, error)
+    if rule is not None and rule.cost < cost:
+        cost = rule.cost
+    else:
+        rule = None
     if _is_short(source) and (not CONDITIONS[method].takes_slopes or _is_steep(source, wavelength)):
         pairs = pair_sum(source, points, wavelength)
         if pairs.cost < min(cost, _MOST_COST):
@@ -121,7 +123,7 @@ def _of_spherical_waves(
                 return _with_error(found, error)
     if rule is None:
         return None
-    return _with_error(summed_over_nodes(rule, points, wavelength, method), error)
+    return _with_error(summed_over_tilts(rule, source, points, wavelength, method), error)
 
 
 def _is_short(source: Wavefront) -> bool:

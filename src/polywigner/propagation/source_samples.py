@@ -26,6 +26,20 @@ def waves_of(element: Aperture) -> Any:
     return list(zip(field.amplitudes.tolist(), field.frequencies, strict=True))
 
 
+def largest_rates(source: Wavefront, points: Floats, wavelength: float) -> Floats:
+    """Most cycles per metre along x and y of the field on the source times the waves, (n, 2)."""
+    low, high = np.reshape(source.bounds, (2, 2))
+    corners = np.array([(x, y) for x in (low[0], high[0]) for y in (low[1], high[1])])
+    away = corners - points[:, None, :2]
+    # across each axis the source is nearest, where the slope along the axis is largest
+    beside = np.maximum(np.maximum(low - points[:, :2], points[:, :2] - high), 0.0)[:, ::-1]
+    distance = np.sqrt(away**2 + (beside**2 + points[:, 2:] ** 2)[:, None])
+    slopes = away / (wavelength * distance) + (corners - source.centre) @ source.curvature
+    fields = [element.illumination for element in flat_of(source).elements_in_plane]
+    waves = [abs(field.frequencies).max(axis=0) for field in fields if field is not None]
+    return np.asarray(abs(slopes).max(axis=1) + np.max([np.zeros(2), *waves], axis=0))
+
+
 def largest_slopes(source: Wavefront, points: Floats, wavelength: float) -> Floats:
     """Most cycles per metre of the field on the source times the waves to each point, (n,)."""
     low, high = np.reshape(source.bounds, (2, 2))
