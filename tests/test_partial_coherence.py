@@ -114,7 +114,7 @@ def test_sums_over_pairs_of_places_have_the_normal_derivatives_of_waves() -> Non
     partly = source.partially_coherent(width)
     found = pw.irradiance(partly, at, WAVELENGTH, "kirchhoff")
     assert found == pytest.approx(expected, abs=SPHERICAL * expected.max())
-    rule = pair_sum(partly, at, WAVELENGTH)
+    rule = pair_sum(partly, at, WAVELENGTH, "kirchhoff")
     pairs = summed_over_pairs(rule, partly, at, WAVELENGTH, "kirchhoff", 1e-6)
     assert pairs == pytest.approx(expected, abs=1e-6 * expected.max())
 

@@ -46,11 +46,13 @@ SUMS = 7
 @lru_cache(maxsize=1)
 def gauss_rules() -> Rules:
     """The rules from the smallest to the largest."""
-    return tuple(_gauss_legendre(n) for n in _SIZES)
+    return tuple(gauss_legendre(n) for n in _SIZES)
 
 
-def _gauss_legendre(n: int) -> npt.NDArray[np.float64]:
-    """Nodes by Newton's method from Tricomi's approximation, which is good to 1/n^4."""
+def gauss_legendre(n: int) -> npt.NDArray[np.float64]:
+    """The rule with n nodes, (n, 4).
+
+    Nodes by Newton's method from Tricomi's approximation, which is good to 1/n^4."""
     angle = math.pi * (np.arange(n, 0, -1) - 0.25) / (n + 0.5)
     x = (1 - (1 - 1 / n) / (8 * n * n)) * np.cos(angle)
     for _ in range(4):
@@ -182,20 +184,15 @@ def flat_rule(reach: float, error: float) -> Rule:
 def chirp_node_counts(radians: Any, error: float) -> npt.NDArray[np.intp]:
     """Numbers of Gauss-Legendre nodes on [-1, 1] for waves exp(i f(x)) with |f'| up to ``radians``.
 
-    A wave is linear or quadratic in x, up to terms that hardly bend it. The phase w x^2/2 is that
-    of w/4 in the Chebyshev polynomial T_2, of twice the degree. ``radians`` : up to 700.
+    f is linear or quadratic, up to terms that hardly bend it. n nodes miss about the terms of the
+    Chebyshev series from 2n on. The series of exp(i w x) has Bessel functions J_k(w), and that of
+    exp(i w x^2/2) has J_k(w/4) with T_2k. In Debye's form J_k(k/cosh a) is
+    exp(-k (a - tanh a)), so that a is a parameter of the curve of w and k.
     """
-    table = _widest_waves(error)
-    linear, bent = np.searchsorted(table, [radians, np.divide(radians, 4)]) + 1
-    return np.maximum(linear, 2 * bent)
-
-
-@lru_cache(maxsize=8)
-def _widest_waves(error: float) -> npt.NDArray[np.float64]:
-    """The largest w for which n = 1, 2, ... 400 nodes integrate exp(i w x) to an error, (400,)."""
-    allowed = math.log(error)
-    logs = [(allowed - _legendre_remainder(n, 0.5)) / (2 * n) for n in range(1, 401)]
-    return np.exp(logs) / 2
+    a = np.geomspace(20.0, 1e-2, 400)
+    degrees = -math.log(error) / (a - np.tanh(a))
+    linear, bent = np.interp([radians, np.divide(radians, 4)], degrees / np.cosh(a), degrees)
+    return np.ceil(np.maximum(linear / 2, bent)).astype(np.intp) + 1
 
 
 def _fewest(

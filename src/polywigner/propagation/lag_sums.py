@@ -20,16 +20,12 @@ from polywigner.geometry.parts import grid_size, polygons_in
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import CONDITIONS, direction_cosines
 from polywigner.numerics.nodes import normal_product_rule
-from polywigner.propagation.arrangement import (
-    gauss_rule,
-    node_count,
-    rule_by_triangles,
-    triangulated,
-)
+from polywigner.propagation.arrangement import chirp_node_count, chirp_rule, triangulated
+from polywigner.propagation.row_rules import Trapezoids, node_counts, rule_on, trapezoids_of
 from polywigner.propagation.source_samples import (
     field_at,
     highest,
-    largest_slopes,
+    largest_rates,
     slope,
     waves_of,
 )
@@ -46,36 +42,46 @@ _BLOCK = 1 << 22
 _PAIRS, _NODES = 1 << 16, 1 << 12
 # Lags in coherence widths beyond which the degree of coherence is 1e-10 and less.
 _LONGEST = 6.8
-# Nodes along a side of a triangle of lags beyond those of the phase, rule after rule.
-_LEVELS = (10.0, 14.0, 20.0, 28.0)
+# Error of a wave in the coarsest rules; frequency of the degree of coherence times the width; and
+# nodes in addition, rule after rule.
+_ERROR, _OF_NORMAL, _LEVELS = 1e-7, 0.48, (0, 2, 5, 10, 18)
 # Segments of kinks that are looked for, and nodes.
 _MOST_KINKS, _MOST_NODES = 2000, 1 << 20
 
 
-def lag_nodes(source: Wavefront, rate: float) -> Callable[[float], Any] | None:
-    """A function of the level that gives a rule on half of the lags; None for too many nodes.
+class LagRule(NamedTuple):
+    """Rules on half of the lags."""
 
-    ``rate`` : largest frequency of the integrand over lags in 1/m.
-    """
-    cells = lag_cells(source)
-    if node_count(cells, rate, _LEVELS[1]) > _MOST_NODES:
-        return None
+    cells: Trapezoids
+    """Without kinks of A inside, if there are few."""
+    rates: Floats
+    """(2,) largest frequencies of the integrand over lags in 1/m."""
 
-    def rule(level: float) -> Any:
-        nodes, weights = gauss_rule(cells, rate, level)
+    @property
+    def count(self) -> float:
+        """Number of nodes of the coarsest rule."""
+        return float(node_counts(self.cells, self.rates, _ERROR).prod(axis=(1, 2)).sum())
+
+    def nodes(self, extra: int) -> tuple[Floats, Floats]:
+        """Lags (n, 2), and weights (n,) with those of the opposite lags."""
+        nodes, weights = rule_on(self.cells, self.rates, _ERROR, extra)
         return nodes, 2.0 * weights
 
-    return rule
 
-
-def lag_cells(source: Wavefront) -> Floats:
-    """Triangles (n, 3, 2) of half of the lags, without kinks of A inside, where they are few."""
+def lag_rule(source: Wavefront, rates: Floats) -> LagRule:
+    """Rules on the lags of a source that interfere; ``rates`` : without the degree of coherence."""
     reach = _LONGEST * source.coherence_width
     size = np.subtract(*np.reshape(source.bounds, (2, 2))[::-1])
     low, high = np.maximum(-size, -reach), np.minimum(size, reach)
     box = shapely.box(*low, *high)
     half = shapely.box(low[0], 0.0, high[0], high[1])
-    return triangulated(_cells_of_lags(flat_of(source), box, half))
+    cells = _cells_of_lags(flat_of(source), box, half)
+    rings = [
+        [shapely.get_coordinates(ring)[:-1] for ring in (cell.exterior, *cell.interiors)]
+        for cell in cells
+    ]
+    trapezoids = np.concatenate([trapezoids_of(each) for each in rings])
+    return LagRule(trapezoids, np.hypot(rates, _OF_NORMAL / source.coherence_width))
 
 
 def _cells_of_lags(source: Aperture | Array, box: Any, half: Any) -> Any:
@@ -112,13 +118,13 @@ def summed_over_lags(
     corners = np.array([(x, y) for x in corners[:, 0] for y in corners[:, 1]])
     curved = bend + source.curvature
     slopes = corners @ curved - source.curvature @ source.centre - nu[:, None]
-    rate = float(np.linalg.norm(slopes, axis=-1).max(initial=0.0)) + highest(source)
-    rule = lag_nodes(source, rate)
-    if rule is None:
+    rates = abs(slopes).max(axis=(0, 1), initial=0.0) + highest(source)
+    rule = lag_rule(source, rates)
+    if rule.count > _MOST_NODES:
         return None
     before: Floats | None = None
-    for level in _LEVELS:
-        lags, weights = rule(level)
+    for extra in _LEVELS:
+        lags, weights = rule.nodes(extra)
         values = np.asarray(ambiguity(source, -lags @ bend, lags)) * weights
         found = np.empty(len(points))
         step = max(1, _BLOCK // len(lags))
@@ -132,42 +138,42 @@ def summed_over_lags(
     return None
 
 
-# Nodes along a side beyond those of the phase, of a triangle of lags and of one of mean positions.
-_PAIR_LEVELS = ((8.0, 3.0), (10.0, 4.0), (14.0, 6.0), (20.0, 9.0), (28.0, 13.0))
-# Nanoseconds of a pair of places for each point.
-_PAIR = 60.0
+# Nanoseconds of a pair of places for each point, and times as many with slopes.
+_PAIR, _SLOPES = 60.0, 3.0
 # Nanoseconds of an intersection of two outlines, and of its triangles.
 _CUT = 1e5
+# The longest lag over a typical one, for which mean positions have a typical number of nodes.
+_TYPICAL = 2.0
+# The coarsest rule and its check take so many times the nodes of the coarsest one.
+_BOTH = 2.5
 
 
 class PairSum(NamedTuple):
     """Pairs of places on the source at short lags, for the cost of the sum over them."""
 
-    cells: Floats
-    """Triangles (n, 3, 2) of lags."""
-    rate: float
-    """Largest frequency of the integrand over lags in 1/m."""
-    rate_of_mean: float
-    """Largest frequency over the mean position of a pair in 1/m."""
+    lags: LagRule
+    bend: float
+    """Frequency over the mean position of a pair for each metre of lag in 1/m^2."""
+    waves: float
+    """Largest difference of frequencies of two waves of the source in 1/m."""
     cost: float
     """Nanoseconds for each point."""
 
 
-def pair_sum(source: Wavefront, points: Floats, wavelength: float) -> PairSum:
+def pair_sum(source: Wavefront, points: Floats, wavelength: float, method: str) -> PairSum:
     """The sum over pairs for points (n, 3)."""
-    cells = lag_cells(source)
-    rate = float(largest_slopes(source, points, wavelength).max(initial=0.0))
-    reach = float(np.linalg.norm(cells.reshape(-1, 2), axis=1).max())
+    lags = lag_rule(source, largest_rates(source, points, wavelength).max(axis=0))
     bend = float(np.linalg.norm(source.curvature, 2))
-    bend += 1.0 / (wavelength * float(points[:, 2].min(initial=math.inf)))
-    rate_of_mean = min(reach * bend, 2.0 * rate) + 2.0 * highest(source)
-    of_lags, of_mean = _PAIR_LEVELS[1]
+    bend += 1.0 / (wavelength * float(points[:, 2].min()))
+    waves = 2.0 * highest(source)
     elements = flat_of(source).elements_in_plane
     triangles = np.concatenate([triangulated(list(e.polygons.geoms)) for e in elements])
-    lags = node_count(cells, rate, of_lags)
-    count = lags * node_count(triangles, rate_of_mean, of_mean)
-    cut = _CUT * lags * len(elements) ** 2 / max(1, len(points))
-    return PairSum(cells, rate, rate_of_mean, 1.6 * (_PAIR * count + cut))
+    typical = float(np.hypot(*abs(lags.cells).max(axis=(0, 2))[:2])) / _TYPICAL
+    rates = np.full(len(triangles), typical * bend + waves)
+    count = lags.count * chirp_node_count(triangles, rates, _ERROR)
+    pair = _PAIR * (_SLOPES if CONDITIONS[method].takes_slopes else 1.0)
+    cut = _CUT * lags.count * len(elements) ** 2 / len(points)
+    return PairSum(lags, bend, waves, _BOTH * (pair * count + cut))
 
 
 def summed_over_pairs(
@@ -178,11 +184,11 @@ def summed_over_pairs(
     The error is relative to the largest irradiance.
     """
     before: Floats | None = None
-    for of_lags, of_mean in _PAIR_LEVELS:
-        nodes, weights = gauss_rule(rule.cells, rule.rate, of_lags)
+    for extra in _LEVELS:
+        nodes, weights = rule.lags.nodes(extra)
         degrees = _degrees(source, nodes, wavelength, CONDITIONS[method].takes_slopes)
-        rates = (rule.rate_of_mean, of_mean)
-        pairs = _pairs_of(source, nodes, 2.0 * weights, rates, degrees)
+        rates = np.linalg.norm(nodes, axis=1) * rule.bend + rule.waves
+        pairs = _pairs_of(source, nodes, weights, rates, extra, degrees)
         found = _sum_of_pairs(pairs, points, wavelength, method)
         if before is not None and abs(found - before).max() <= error * abs(found).max():
             return found
@@ -203,9 +209,9 @@ class Pairs(NamedTuple):
 
 
 def _pairs_of(
-    source: Wavefront, lags: Floats, weights: Floats, rates: tuple[float, float], degrees: Any
+    source: Wavefront, lags: Floats, weights: Floats, rates: Floats, extra: int, degrees: Any
 ) -> Pairs:
-    """Pairs at lags (n, 2). ``rates`` : frequency over mean positions, and nodes in addition."""
+    """Pairs at lags (n, 2). ``rates`` : (n,) over mean positions; ``extra`` : nodes in addition."""
     flat = flat_of(source)
     factors = flat.weights.tolist() if isinstance(flat, Array) else [1.0]
     elements = list(zip(flat.elements_in_plane, factors, strict=True))
@@ -221,8 +227,9 @@ def _pairs_of(
             cut = shapely.constrained_delaunay_triangles(parts[some])
             triangles, of_part = shapely.get_parts(cut, return_index=True)
             corners = shapely.get_coordinates(triangles).reshape(-1, 4, 2)[:, :3]
-            nodes, share, of_triangle = rule_by_triangles(corners, *rates)
-            number = owner[some][of_part][of_triangle]
+            of_lag = owner[some][of_part]
+            nodes, share, of_triangle = chirp_rule(corners, rates[of_lag], _ERROR, extra)
+            number = of_lag[of_triangle]
             xi = lags[number]
             turns = (((nodes - source.centre) @ source.curvature) * xi).sum(axis=1)
             factor = a * np.conj(b) * share * weights[number] * np.exp(2j * np.pi * turns)

@@ -116,7 +116,7 @@ def _of_spherical_waves(
     else:
         rule = None
     if _is_short(source) and (not CONDITIONS[method].takes_slopes or _is_steep(source, wavelength)):
-        pairs = pair_sum(source, points, wavelength)
+        pairs = pair_sum(source, points, wavelength, method)
         if pairs.cost < min(cost, _MOST_COST):
             found = summed_over_pairs(pairs, source, points, wavelength, method, error)
             if found is not None:

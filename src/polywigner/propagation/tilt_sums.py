@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,7 +18,7 @@ from polywigner.execution.progress import told
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import CONDITIONS, direction_cosines
-from polywigner.numerics.nodes import chirp_node_counts
+from polywigner.propagation.row_rules import Trapezoids, node_counts, rows_of, trapezoids_of
 from polywigner.propagation.source_samples import field_at, largest_rates, waves_of
 from polywigner.transforms.wavefronts import flat_of
 
@@ -28,18 +27,16 @@ Complex = NDArray[np.complex128]
 Indices = NDArray[np.intp]
 
 # Relative error of the quadrature on the source, for nodes that count for less than the tilts.
-_QUADRATURE = 1e-11
-# Radians of phase from the centre of a panel to its ends.
-_LONGEST_PANEL = 200.0
-# Extra nodes for the pole of the kernel, which lies off the plane by the distance of a point,
-# times arcsinh of this distance over half of the size.
-_POLE = 4.0
+_QUADRATURE = 1e-9
+# Share of the largest tilt, whose weight is next to nothing, that the nodes resolve.
+_RESOLVED = 0.8
 # Most points of a block, which share nodes; values of a spectrum and of a batch of rows.
-_POINTS, _SPECTRUM, _BATCH = 16, 1 << 21, 1 << 16
+_POINTS, _SPECTRUM, _BATCH = 16, 1 << 20, 1 << 16
 # Products of numbers in a matrix product that BLAS does not share among threads; columns of it.
-_SERIAL, _COLUMNS = 1 << 18, 16
-# Nanoseconds of a node for each point; of a multiplication; of a trapezoid in a block of points.
-_NODE, _PRODUCT, _TRAPEZOID = 40.0, 0.15, 3e5
+_SERIAL, _COLUMNS = 1 << 18, 32
+# Nanoseconds of a node for each point; of a multiplication; of a tilt; and of a trapezoid in a
+# block of points.
+_NODE, _PRODUCT, _VALUE, _TRAPEZOID = 60.0, 0.25, 10.0, 3e5
 # Nanoseconds of a wavelength along the outline, and of an edge, for integrals along edges.
 _WAVELENGTH, _EDGE = 250.0, 1e4
 
@@ -51,7 +48,16 @@ class Axis(NamedTuple):
     """In cycles per metre."""
     half: int
     weights: Floats
-    """(2 half + 1,), with the sum 1."""
+    """(half + 1,) those of tilts t >= 0."""
+
+    def tilts(self, is_even: bool) -> tuple[Floats, Floats]:
+        """Tilts and weights; if all is even in t, those of cosines and sines instead of waves."""
+        tilts = self.step * np.arange(self.half + 1)
+        if is_even:
+            both = np.where(tilts > 0.0, 2.0, 1.0) * self.weights
+            return np.tile(tilts, 2), np.tile(both, 2)
+        mirrored = [values[:0:-1] for values in (-tilts, self.weights)]
+        return np.concatenate([mirrored[0], tilts]), np.concatenate([mirrored[1], self.weights])
 
 
 class Block(NamedTuple):
@@ -89,7 +95,7 @@ def tilt_sum(
         return None
     axes = [_axis(tail, reach, source.coherence_width) for reach in reaches.tolist()]
     rates = largest_rates(source, points, wavelength)
-    rates += [axis.half * axis.step for axis in axes]
+    rates += [_RESOLVED * axis.half * axis.step for axis in axes]
     order = np.argsort(rates.max(axis=1), kind="stable")
     channels = len(_channels(source, method))
     size = int(min(_POINTS, max(1, _SPECTRUM // (count * channels))))
@@ -98,10 +104,10 @@ def tilt_sum(
     for start in range(0, len(points), size):
         some = order[start : start + size]
         block = Block(some, rates[some].max(axis=0), float(points[some, 2].min()))
-        rows, columns = (a.prod(axis=0) for a in _counts(trapezoids, block))
-        nodes, width = float((rows * columns).sum()), len(axes[0].weights)
+        rows, columns = _counts(trapezoids, block).prod(axis=2).T.astype(np.float64)
+        nodes, width = float((rows * columns).sum()), 2 * axes[0].half + 1
         products = nodes * width + float(rows.sum()) * count
-        work = _NODE * nodes + _PRODUCT * channels * products
+        work = _NODE * nodes + channels * (_PRODUCT * products + _VALUE * count)
         cost += work * len(some) + _TRAPEZOID * len(trapezoids)
         blocks.append(block)
     return TiltSum((axes[0], axes[1]), blocks, cost / len(points))
@@ -111,8 +117,8 @@ def _axis(tail: float, reach: float, width: float) -> Axis:
     """Steps of 2 pi/reach standard deviations up to ``tail``."""
     step = 2 * math.pi / reach
     half = math.ceil(tail / step)
-    weights = np.exp(-0.5 * (step * np.arange(-half, half + 1)) ** 2)
-    return Axis(step / (2 * math.pi * width), half, weights / weights.sum())
+    weights = np.exp(-0.5 * (step * np.arange(half + 1)) ** 2)
+    return Axis(step / (2 * math.pi * width), half, weights / (2 * weights.sum() - 1.0))
 
 
 def summed_over_tilts(
@@ -120,20 +126,24 @@ def summed_over_tilts(
 ) -> Floats:
     """Irradiance (n,) at points (n, 3), by (Q7)."""
     found = np.empty(len(points))
-    along_x, along_y = rule.axes
-    tilts = [axis.step * np.arange(-axis.half, axis.half + 1) for axis in rule.axes]
-    plane = np.stack(np.meshgrid(*tilts), axis=-1)
     channels = _channels(source, method)
+    # |c + i s|^2 + |c - i s|^2 = 2 |c|^2 + 2 |s|^2
+    is_even = not any(kappa is not None and kappa.any() for kappa in channels)
+    (over_x, of_x), (over_y, of_y) = (axis.tilts(is_even) for axis in rule.axes)
+    plane = np.stack(np.meshgrid(over_x, over_y), axis=-1)
+    cosines = [None if k is None else direction_cosines(plane + k, wavelength) for k in channels]
     with told("blocks of points", rule.blocks) as blocks:
         for block in blocks:
             spectra = _spectra(rule, block, source, points[block.points], wavelength, method)
-            total = np.zeros(spectra.shape[1:], np.complex128)
-            for kappa, spectrum in zip(channels, spectra, strict=True):
-                if kappa is not None:
-                    spectrum *= direction_cosines(plane + kappa, wavelength)[..., None]
+            if not is_even:
+                spectra = _of_both_signs(_of_both_signs(spectra, 1), 2)
+            total = spectra[0] if cosines[0] is None else cosines[0][..., None] * spectra[0]
+            for cosine, spectrum in zip(cosines[1:], spectra[1:], strict=True):
+                spectrum *= cosine[..., None]
                 total += spectrum
-            intensity = total.real**2 + total.imag**2
-            found[block.points] = along_x.weights @ np.tensordot(along_y.weights, intensity, 1)
+            intensity = np.square(total.real)
+            intensity += np.square(total.imag)
+            found[block.points] = of_x @ np.tensordot(of_y, intensity, 1)
     return found
 
 
@@ -154,87 +164,44 @@ def _elements(source: Wavefront) -> list[tuple[Aperture, complex]]:
 
 
 @lru_cache(maxsize=64)
-def _trapezoids(element: Aperture) -> Floats:
-    """Trapezoids (n, 3, 2) that tile an outline, between heights of vertices.
-
-    y, x on the left, and x on the right, of the lower and the upper side.
-    """
-    begin = np.concatenate(element.rings)
-    end = np.concatenate([np.roll(ring, -1, axis=0) for ring in element.rings])
-    found = []
-    for low, high in pairwise(np.unique(begin[:, 1]).tolist()):
-        across = (begin[:, 1] <= low) != (end[:, 1] <= low)
-        a, b = begin[across], end[across]
-        share = (np.array([[low], [high]]) - a[:, 1]) / (b - a)[:, 1]
-        x = a[:, 0] + share * (b - a)[:, 0]
-        left, right = (x[:, np.argsort(x.sum(axis=0))[k::2]].T for k in (0, 1))
-        found.append(np.stack([np.broadcast_to([low, high], left.shape), left, right], axis=1))
-    return np.concatenate(found)
+def _trapezoids(element: Aperture) -> Trapezoids:
+    return trapezoids_of(element.rings)
 
 
-def _counts(trapezoids: Floats, block: Block) -> tuple[Indices, Indices]:
-    """Panels, and nodes of each, (2, n): of the rows of trapezoids, and of the nodes on a row."""
-    y, left, right = trapezoids.transpose(1, 0, 2)
-    height, width = y[:, 1] - y[:, 0], (right - left).max(axis=1)
-    aslant = np.maximum(abs(np.diff(left)), abs(np.diff(right)))[:, 0]
-    over_x, over_y = block.rates
-    turns = np.stack([over_y * height + over_x * aslant, over_x * width])
-    panels = np.maximum(np.ceil(math.pi * turns / _LONGEST_PANEL), 1.0)
-    sizes = np.stack([np.maximum(height, aslant), width]) / 2
-    with np.errstate(divide="ignore"):
-        pole = np.ceil(_POLE / np.arcsinh(block.nearest * panels / sizes))
-    each = chirp_node_counts(math.pi * turns / panels, _QUADRATURE) + pole
-    counts = np.stack([panels, each], axis=1).astype(np.intp)
-    return counts[0], counts[1]
-
-
-def _rule(panels: int, count: int) -> tuple[Floats, Floats]:
-    """Nodes and weights on [0, 1]."""
-    nodes, weights = _legendre(count)
-    nodes = (np.arange(panels)[:, None] + (nodes + 1) / 2) / panels
-    return nodes.ravel(), np.tile(weights / (2 * panels), panels)
-
-
-@lru_cache(maxsize=256)
-def _legendre(count: int) -> tuple[Floats, Floats]:
-    return np.polynomial.legendre.leggauss(count)
+def _counts(trapezoids: Trapezoids, block: Block) -> Indices:
+    return node_counts(trapezoids, block.rates, _QUADRATURE, block.nearest)
 
 
 def _spectra(
     rule: TiltSum, block: Block, source: Wavefront, points: Floats, wavelength: float, method: str
 ) -> Complex:
-    """Channels of the fields of all tilts at points (p, 3): (channels, t_y, t_x, p)."""
+    """Channels of the fields of all tilts at points (p, 3): (channels, t_y, t_x, p).
+
+    Sums over cosines and after these over sines of tilts t >= 0, along both axes.
+    """
     along_x, along_y = rule.axes
-    channels = _channels(source, method)
-    found = np.zeros(
-        (len(channels), len(along_y.weights), len(along_x.weights), len(points)), np.complex128
-    )
+    count = len(_channels(source, method))
+    halves = (2 * (along_y.half + 1), 2 * (along_x.half + 1), len(points))
+    total = np.zeros((count, halves[0], halves[1] * halves[2]), np.complex128)
     middle = np.reshape(source.bounds, (2, 2)).mean(axis=0)
     for element, weight in _elements(source):
         trapezoids = _trapezoids(element)
-        for (y, left, right), rows, columns in zip(
-            trapezoids, *(a.T for a in _counts(trapezoids, block)), strict=True
-        ):
-            share, of_rows = _rule(*rows.tolist())
-            place, on_row = _rule(*columns.tolist())
-            heights, start, stop = (a[0] + share * (a[1] - a[0]) for a in (y, left, right))
-            is_even = bool(np.ptp(left) == np.ptp(right) == 0)
-            shape = (len(channels), len(share), len(along_x.weights), len(points))
-            inner = np.empty(shape, np.complex128)
-            most = len(channels) * len(points) + (0 if is_even else along_x.half)
-            step = max(1, _BATCH // (len(place) * most))
-            for k in range(0, len(share), step):
-                some = slice(k, k + step)
-                length = (stop - start)[some, None]
-                x = start[some, None] + length * place
-                nodes = (x, heights[some], (y[1] - y[0]) * of_rows[some, None] * length * on_row)
-                values = _samples(source, element, nodes, points, wavelength, method, channels)
-                columns_x = (x[:1] if is_even else x) - middle[0]
-                inner[:, some] = _transformed(values, columns_x, along_x)
-            flat = inner.reshape(len(channels), len(share), -1)
-            spectra = _transformed(flat, heights - middle[1], along_y)
-            found += weight * spectra.reshape(found.shape)
-    return found
+        for one, counts in zip(trapezoids, _counts(trapezoids, block), strict=True):
+            x, y, weights = rows_of(one, counts)
+            # rows of a rectangle share x
+            places = (x if np.diff(one[1:]).any() else x[:1]) - middle[0]
+            inner = np.empty((count, len(y), *halves[1:]), np.complex128)
+            columns = count * len(points) + (along_x.half if len(places) > 1 else 0)
+            step = max(1, _BATCH // (x.shape[1] * columns))
+            for start in range(0, len(y), step):
+                some = slice(start, start + step)
+                rows = (x[some], y[some], weights[some])
+                waves = _waves(places[some] if len(places) > 1 else places, along_x)
+                values = _samples(source, element, rows, points, wavelength, method)
+                inner[:, some] = _product(waves, values)
+            waves = _waves(y - middle[1], along_y)
+            total += weight * _product(waves, inner.reshape(count, len(y), -1))
+    return total.reshape(count, *halves)
 
 
 def _samples(
@@ -244,7 +211,6 @@ def _samples(
     points: Floats,
     wavelength: float,
     method: str,
-    channels: list[Any],
 ) -> Complex:
     """Channels of the field at nodes times waves to points (p, 3): (channels, m, n, p).
 
@@ -263,6 +229,7 @@ def _samples(
     inverse = 1.0 / reach
     size = inverse * (weights / wavelength)[..., None]
     nodes = np.stack([x, np.broadcast_to(y[:, None], x.shape)], axis=-1)
+    channels = _channels(source, method)
     found = np.empty((len(channels), *reach.shape), np.complex128)
     for kappa, values in zip(channels, found, strict=True):
         if kappa is None:
@@ -288,40 +255,40 @@ def _curved_wave(source: Wavefront, x: Floats) -> Complex:
     return np.asarray(np.exp(1j * np.pi * ((away @ source.curvature) * away).sum(axis=1)))
 
 
-def _transformed(values: Complex, x: Floats, axis: Axis) -> Complex:
-    """Sums over n of values (..., n, p) times exp(2 pi i x t) at x (..., n): (..., t, p).
-
-    Opposite tilts share products of real numbers, with cosines and sines.
-    """
+def _waves(x: Floats, axis: Axis) -> Floats:
+    """Cosines and sines of 2 pi x t at x (..., n) and tilts t >= 0: (..., 2 (half + 1), n)."""
     turn = np.exp(2j * math.pi * axis.step * x)[..., None, :]
     powers = np.repeat(turn, axis.half + 1, axis=-2)
     powers[..., 0, :] = 1.0
     np.multiply.accumulate(powers, axis=-2, out=powers)
-    table = np.concatenate([powers.real, powers.imag], axis=-2)
-    product = _product(table, values.view(np.float64)).view(np.complex128)
-    cosines, sines = np.split(product, 2, axis=-2)
+    return np.concatenate([powers.real, powers.imag], axis=-2)
+
+
+def _of_both_signs(sums: Complex, axis: int) -> Complex:
+    """Sums over waves exp(2 pi i x t) of both signs of t, from those over cosines and sines."""
+    cosines, sines = np.split(sums, 2, axis=axis)
     sines = 1j * sines
-    return np.concatenate([(cosines - sines)[..., :0:-1, :], cosines + sines], axis=-2)
+    negative = np.flip(cosines - sines, axis).take(range(cosines.shape[axis] - 1), axis)
+    return np.concatenate([negative, cosines + sines], axis=axis)
 
 
-def _product(table: Floats, values: Floats) -> Floats:
+def _product(table: Floats, values: Complex) -> Complex:
     """The matrix product, in pieces that BLAS computes on one thread.
 
     Its threads wait for each other, which takes longer than such products on a busy machine.
     """
+    numbers = values.view(np.float64)
     stacked = np.broadcast_shapes(table.shape[:-2], values.shape[:-2])
-    count = values.shape[-1]
-    found = np.empty((*stacked, table.shape[-2], count))
+    product = np.empty((*stacked, table.shape[-2], numbers.shape[-1]))
     step = max(1, _SERIAL // (table.shape[-1] * _COLUMNS))
-    for row in range(0, table.shape[-2], step):
-        for column in range(0, count, _COLUMNS):
-            piece = np.s_[..., column : column + _COLUMNS]
+    for low in range(0, table.shape[-2], step):
+        rows = slice(low, low + step)
+        for first in range(0, numbers.shape[-1], _COLUMNS):
+            columns = slice(first, first + _COLUMNS)
             np.matmul(
-                table[..., row : row + step, :],
-                values[piece],
-                out=found[..., row : row + step, column : column + _COLUMNS],
+                table[..., rows, :], numbers[..., columns], out=product[..., rows, columns]
             )
-    return found
+    return product.view(np.complex128)
 
 
 def cost_of_edges(source: Wavefront, wavelength: float) -> float:
