@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
 
@@ -14,7 +13,6 @@ from polywigner.geometry import Aperture
 from polywigner.geometry.parts import grid_size, polygons_in
 from polywigner.illumination import Array
 from polywigner.illumination.support import mutual_support
-from polywigner.numerics.nodes import chirp_node_counts
 
 Triangles = NDArray[np.float64]
 """Corners (n, 3, 2)."""
@@ -158,32 +156,6 @@ def rule_by_triangles(
     counts = _counts(long, short, rate, extra).astype(int)
     nodes, weights, owners = zip(*_by_counts(corners, counts), strict=True)
     return np.concatenate(nodes), np.concatenate(weights), np.concatenate(owners)
-
-
-def chirp_rule(
-    triangles: Triangles, rates: Values, error: float, extra: int
-) -> tuple[Values, Values, NDArray[np.intp]]:
-    """A rule on triangles for waves of known largest frequencies, with the triangle of each node.
-
-    ``rates`` : (n,) in cycles per metre. ``error`` : that :func:`chirp_node_counts` demands;
-    ``extra`` : nodes along each side in addition.
-    """
-    corners, long, short = _from_apex(triangles)
-    counts = _chirp_counts(rates, long, short, error) + extra
-    nodes, weights, owners = zip(*_by_counts(corners, counts), strict=True)
-    return np.concatenate(nodes), np.concatenate(weights), np.concatenate(owners)
-
-
-def chirp_node_count(triangles: Triangles, rates: Values, error: float) -> float:
-    """Number of nodes of :func:`chirp_rule`."""
-    _, long, short = _from_apex(triangles)
-    return float(_chirp_counts(rates, long, short, error).prod(axis=1).sum())
-
-
-def _chirp_counts(
-    rates: Values, long: Values, short: Values, error: float
-) -> NDArray[np.intp]:
-    return chirp_node_counts(math.pi * rates[:, None] * np.column_stack([long, short]), error)
 
 
 def node_count(triangles: Triangles, rate: float, extra: float) -> float:

@@ -8,7 +8,6 @@ pairs of places (:func:`summed_over_pairs`).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,7 +19,6 @@ from polywigner.geometry.parts import grid_size, polygons_in
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import CONDITIONS, direction_cosines
 from polywigner.numerics.nodes import normal_product_rule
-from polywigner.propagation.arrangement import chirp_node_count, chirp_rule, triangulated
 from polywigner.propagation.row_rules import Trapezoids, node_counts, rule_on, trapezoids_of
 from polywigner.propagation.source_samples import (
     field_at,
@@ -40,6 +38,8 @@ Indices = NDArray[np.intp]
 _BLOCK = 1 << 22
 # Pairs of a point and of two places at a time, in the cache; and pairs of places.
 _PAIRS, _NODES = 1 << 16, 1 << 12
+# Error of means of direction cosines over tilts.
+_OF_DEGREES = 1e-8
 # Lags in coherence widths beyond which the degree of coherence is 1e-10 and less.
 _LONGEST = 6.8
 # Error of a wave in the coarsest rules; frequency of the degree of coherence times the width; and
@@ -64,7 +64,7 @@ class LagRule(NamedTuple):
 
     def nodes(self, extra: int) -> tuple[Floats, Floats]:
         """Lags (n, 2), and weights (n,) with those of the opposite lags."""
-        nodes, weights = rule_on(self.cells, self.rates, _ERROR, extra)
+        nodes, weights, _ = rule_on(self.cells, self.rates, _ERROR, extra)
         return nodes, 2.0 * weights
 
 
@@ -75,13 +75,13 @@ def lag_rule(source: Wavefront, rates: Floats) -> LagRule:
     low, high = np.maximum(-size, -reach), np.minimum(size, reach)
     box = shapely.box(*low, *high)
     half = shapely.box(low[0], 0.0, high[0], high[1])
-    cells = _cells_of_lags(flat_of(source), box, half)
-    rings = [
-        [shapely.get_coordinates(ring)[:-1] for ring in (cell.exterior, *cell.interiors)]
-        for cell in cells
-    ]
-    trapezoids = np.concatenate([trapezoids_of(each) for each in rings])
-    return LagRule(trapezoids, np.hypot(rates, _OF_NORMAL / source.coherence_width))
+    cells = [_trapezoids(cell) for cell in _cells_of_lags(flat_of(source), box, half)]
+    return LagRule(np.concatenate(cells), np.hypot(rates, _OF_NORMAL / source.coherence_width))
+
+
+def _trapezoids(polygon: Any) -> Trapezoids:
+    rings = (polygon.exterior, *polygon.interiors)
+    return trapezoids_of([shapely.get_coordinates(ring)[:-1] for ring in rings])
 
 
 def _cells_of_lags(source: Aperture | Array, box: Any, half: Any) -> Any:
@@ -139,10 +139,10 @@ def summed_over_lags(
 
 
 # Nanoseconds of a pair of places for each point, and times as many with slopes.
-_PAIR, _SLOPES = 60.0, 3.0
-# Nanoseconds of an intersection of two outlines, and of its triangles.
-_CUT = 1e5
-# The longest lag over a typical one, for which mean positions have a typical number of nodes.
+_PAIR, _SLOPES = 60.0, 2.5
+# Nanoseconds of an intersection of two outlines, and of its trapezoids, for each vertex.
+_CUT = 2e4
+# The longest lags along the axes over typical ones, for the number of mean positions.
 _TYPICAL = 2.0
 # The coarsest rule and its check take so many times the nodes of the coarsest one.
 _BOTH = 2.5
@@ -152,28 +152,38 @@ class PairSum(NamedTuple):
     """Pairs of places on the source at short lags, for the cost of the sum over them."""
 
     lags: LagRule
-    bend: float
-    """Frequency over the mean position of a pair for each metre of lag in 1/m^2."""
-    waves: float
-    """Largest difference of frequencies of two waves of the source in 1/m."""
+    bends: Floats
+    """(2, 2) frequencies over the mean position of a pair for each metre of lag, in 1/m^2."""
+    waves: Floats
+    """(2,) largest differences of frequencies of two waves of the source in 1/m."""
     cost: float
     """Nanoseconds for each point."""
+
+    def rates(self, lags: Floats) -> Floats:
+        """Largest frequencies over mean positions of pairs at lags (n, 2), (n, 2) in 1/m."""
+        return np.asarray(abs(lags) @ self.bends + self.waves)
 
 
 def pair_sum(source: Wavefront, points: Floats, wavelength: float, method: str) -> PairSum:
     """The sum over pairs for points (n, 3)."""
     lags = lag_rule(source, largest_rates(source, points, wavelength).max(axis=0))
-    bend = float(np.linalg.norm(source.curvature, 2))
-    bend += 1.0 / (wavelength * float(points[:, 2].min()))
-    waves = 2.0 * highest(source)
-    elements = flat_of(source).elements_in_plane
-    triangles = np.concatenate([triangulated(list(e.polygons.geoms)) for e in elements])
-    typical = float(np.hypot(*abs(lags.cells).max(axis=(0, 2))[:2])) / _TYPICAL
-    rates = np.full(len(triangles), typical * bend + waves)
-    count = lags.count * chirp_node_count(triangles, rates, _ERROR)
+    # second derivatives of the distance, from the direction cosines of the ray
+    low, high = np.reshape(source.bounds, (2, 2))
+    away = np.maximum(abs(points[:, :2] - low), abs(points[:, :2] - high))
+    mixed = away.prod(axis=1) / ((away**2).sum(axis=1) + points[:, 2] ** 2)
+    bends = np.array([[1.0, mixed.max()], [mixed.max(), 1.0]])
+    bends = abs(source.curvature) + bends / (wavelength * float(points[:, 2].min()))
+    outline = flat_of(source)
+    waves = [abs(kappa) for element in outline.elements_in_plane for _, kappa in waves_of(element)]
+    rule = PairSum(lags, bends, 2.0 * np.max(waves, axis=0), 0.0)
+    cells = np.concatenate([trapezoids_of(e.rings) for e in outline.elements_in_plane])
+    longest = np.array([abs(lags.cells[:, k]).max() for k in (2, 0)])
+    counts = node_counts(cells, rule.rates(longest / _TYPICAL), _ERROR)
     pair = _PAIR * (_SLOPES if CONDITIONS[method].takes_slopes else 1.0)
-    cut = _CUT * lags.count * len(elements) ** 2 / len(points)
-    return PairSum(lags, bend, waves, _BOTH * (pair * count + cut))
+    vertices = sum(len(ring) for e in outline.elements_in_plane for ring in e.rings)
+    cut = _CUT * vertices * len(outline.elements_in_plane) / len(points)
+    work = pair * float(counts.prod(axis=(1, 2)).sum()) + cut
+    return rule._replace(cost=_BOTH * lags.count * work)
 
 
 def summed_over_pairs(
@@ -187,8 +197,7 @@ def summed_over_pairs(
     for extra in _LEVELS:
         nodes, weights = rule.lags.nodes(extra)
         degrees = _degrees(source, nodes, wavelength, CONDITIONS[method].takes_slopes)
-        rates = np.linalg.norm(nodes, axis=1) * rule.bend + rule.waves
-        pairs = _pairs_of(source, nodes, weights, rates, extra, degrees)
+        pairs = _pairs_of(source, nodes, weights, rule.rates(nodes), extra, degrees)
         found = _sum_of_pairs(pairs, points, wavelength, method)
         if before is not None and abs(found - before).max() <= error * abs(found).max():
             return found
@@ -211,7 +220,7 @@ class Pairs(NamedTuple):
 def _pairs_of(
     source: Wavefront, lags: Floats, weights: Floats, rates: Floats, extra: int, degrees: Any
 ) -> Pairs:
-    """Pairs at lags (n, 2). ``rates`` : (n,) over mean positions; ``extra`` : nodes in addition."""
+    """Pairs at lags (n, 2). ``rates`` : (n, 2) over mean positions; ``extra`` : nodes more."""
     flat = flat_of(source)
     factors = flat.weights.tolist() if isinstance(flat, Array) else [1.0]
     elements = list(zip(flat.elements_in_plane, factors, strict=True))
@@ -224,12 +233,10 @@ def _pairs_of(
             some = shapely.area(parts) > 0
             if not some.any():
                 continue
-            cut = shapely.constrained_delaunay_triangles(parts[some])
-            triangles, of_part = shapely.get_parts(cut, return_index=True)
-            corners = shapely.get_coordinates(triangles).reshape(-1, 4, 2)[:, :3]
-            of_lag = owner[some][of_part]
-            nodes, share, of_triangle = chirp_rule(corners, rates[of_lag], _ERROR, extra)
-            number = of_lag[of_triangle]
+            cells = [_trapezoids(part) for part in parts[some]]
+            of_lag = np.repeat(owner[some], [len(cell) for cell in cells])
+            nodes, share, of_cell = rule_on(np.concatenate(cells), rates[of_lag], _ERROR, extra)
+            number = of_lag[of_cell]
             xi = lags[number]
             turns = (((nodes - source.centre) @ source.curvature) * xi).sum(axis=1)
             factor = a * np.conj(b) * share * weights[number] * np.exp(2j * np.pi * turns)
@@ -255,8 +262,8 @@ def _degrees(source: Wavefront, lags: Floats, wavelength: float, has_slopes: boo
             return [degree[number] * first * np.conj(second)]
 
         return of_fields
-    reach = 2 * float(np.linalg.norm(lags, axis=1).max()) / source.coherence_width
-    nodes, shares = normal_product_rule((reach, reach), 1e-9)
+    reach = float(np.linalg.norm(lags, axis=1).max()) / source.coherence_width
+    nodes, shares = normal_product_rule((reach, reach), _OF_DEGREES)
     tilts = nodes / (2 * math.pi * source.coherence_width)
     waves = np.exp(2j * np.pi * (lags @ tilts.T)) * shares
 
@@ -269,7 +276,8 @@ def _degrees(source: Wavefront, lags: Floats, wavelength: float, has_slopes: boo
                 ahead = direction_cosines(tilts + kappa, wavelength)
                 behind = direction_cosines(tilts + nu, wavelength).conj()
                 forms = np.stack([np.ones(len(tilts)), ahead, behind, ahead * behind])
-                for each, degree in zip(total, forms @ waves.T, strict=True):
+                # not a product of BLAS, whose threads cost more than it
+                for each, degree in zip(total, np.einsum("ft,lt->fl", forms, waves), strict=True):
                     each += product * degree[number]
         return total
 

@@ -1,9 +1,10 @@
-"""Irradiance of partly coherent light: the choice of its sums.
+"""Irradiance of partially coherent light: the choice of the sum.
 
 The degree of coherence is the mean of exp(2 pi i t.xi) over normal tilts t of the standard
-deviation 1/(2 pi width) (PC2). A mean over the fields of all tilts is the last resort: parabolic
-waves have a convolution (:mod:`.convolutions`), short lags have sums of their own
-(:mod:`.lag_sums`), and the fields of tilts can share their nodes (:mod:`.tilt_sums`).
+deviation 1/(2 pi width) (PC2). Parabolic waves have a convolution (:mod:`.convolutions`). The
+fields of all tilts share samples of the source (:mod:`.tilt_sums`). Widths far below the size of
+the source leave short lags only (:mod:`.lag_sums`). The last resort computes the field of one tilt
+after another.
 """
 
 from __future__ import annotations
@@ -22,19 +23,19 @@ from polywigner.optics import FirstOrder
 from polywigner.propagation.convolutions import blur_of, convolved
 from polywigner.propagation.lag_sums import pair_sum, summed_over_lags, summed_over_pairs
 from polywigner.propagation.source_samples import highest
-from polywigner.propagation.tilt_sums import cost_of_edges, summed_over_tilts, tilt_sum
-from polywigner.transforms.wavefronts import coherent_source, tilts_of
+from polywigner.propagation.tilt_sums import summed_over_tilts, tilt_sum
+from polywigner.transforms.wavefronts import coherent_source, flat_of, tilts_of
 
 Floats = NDArray[np.float64]
 
-# Coherence widths along the source from which on lags are tried first.
+# Coherence widths along the source from which on sums over short lags are considered.
 _MANY = 30.0
-# The same from which on pairs at short lags are looked at.
-_SHORT = 5.0
 # Standard deviations of the tilts, beyond which waves may graze the plane.
 _GRAZING = 5.0
 # Nanoseconds for each point that are not spent on pairs.
 _MOST_COST = 1e10
+# Nanoseconds of a wavelength along the outline, and of an edge, for integrals along edges.
+_WAVELENGTH, _EDGE = 250.0, 1e4
 
 
 def partly_coherent_irradiance(
@@ -101,15 +102,8 @@ def partly_coherent_irradiance(
 def _of_spherical_waves(
     source: Wavefront, points: Floats, wavelength: float, method: str, error: float
 ) -> Floats | None:
-    """Irradiance by the cheapest of the sums over pairs and nodes; None for that over tilts."""
-    tilts: Any
-    try:
-        tilts = tilts_of(source, error)
-    except ArgumentError:  # too many
-        tilts = None
-    cost, rule = math.inf, None
-    if tilts is not None:
-        cost = len(tilts[1]) * cost_of_edges(source, wavelength)
+    """Irradiance by the cheapest sum, over tilts or pairs; None for one field after another."""
+    cost = _cost_of_fields(source, wavelength, error)
     rule = tilt_sum(source, points, wavelength, method, error)
     if rule is not None and rule.cost < cost:
         cost = rule.cost
@@ -126,9 +120,21 @@ def _of_spherical_waves(
     return _with_error(summed_over_tilts(rule, source, points, wavelength, method), error)
 
 
+def _cost_of_fields(source: Wavefront, wavelength: float, error: float) -> float:
+    """Estimated nanoseconds for each point of the fields of all tilts, by integrals along edges."""
+    try:
+        count = len(tilts_of(source, error)[1])
+    except ArgumentError:  # too many
+        return math.inf
+    elements = flat_of(source).elements_in_plane
+    around = sum(element.polygons.length for element in elements) / wavelength
+    edges = sum(len(ring) for element in elements for ring in element.rings)
+    return float(count * (around * _WAVELENGTH + edges * _EDGE))
+
+
 def _is_short(source: Wavefront) -> bool:
     size = np.subtract(*np.reshape(source.bounds, (2, 2))[::-1])
-    return bool((size > _SHORT * source.coherence_width).all())
+    return bool((size > _MANY * source.coherence_width).all())
 
 
 def _is_steep(source: Wavefront, wavelength: float) -> bool:

@@ -44,13 +44,14 @@ def node_counts(
 ) -> Indices:
     """Panels and nodes of each panel over the rows of trapezoids and on each row, (n, 2, 2).
 
-    ``rates`` : (2,) largest frequencies of the integrand along x and y in 1/m. ``nearest`` :
-    distance of its poles from the plane in m.
+    ``rates`` : (2,) or (n, 2) largest frequencies of the integrand along x and y in 1/m.
+    ``nearest`` : distance of its poles from the plane in m.
     """
     y, left, right = trapezoids.transpose(1, 0, 2)
     height, width = np.diff(y)[:, 0], (right - left).max(axis=1)
     aslant = np.maximum(abs(np.diff(left)), abs(np.diff(right)))[:, 0]
-    cycles = np.stack([rates[1] * height + rates[0] * aslant, rates[0] * width], axis=1)
+    over_x, over_y = rates[..., 0], rates[..., 1]
+    cycles = np.stack([over_y * height + over_x * aslant, over_x * width], axis=1)
     panels = np.maximum(np.ceil(math.pi * cycles / _LONGEST_PANEL), 1.0)
     counts = chirp_node_counts(math.pi * cycles / panels, error) + extra
     sizes = np.stack([np.maximum(height, aslant), width], axis=1) / 2
@@ -59,27 +60,33 @@ def node_counts(
     return np.stack([panels, counts + poles], axis=2).astype(np.intp)
 
 
-def rows_of(trapezoid: Floats, counts: Indices) -> tuple[Floats, Floats, Floats]:
-    """x (m, n), y (m,) and weights (m, n) of the nodes on a trapezoid; ``counts`` : (2, 2)."""
+def rows_of(trapezoids: Trapezoids, counts: Indices) -> tuple[Floats, Floats, Floats]:
+    """x (..., m, n), y (..., m) and weights (..., m, n) of the nodes on trapezoids (..., 3, 2).
+
+    ``counts`` : (2, 2), one of :func:`node_counts` that they share.
+    """
     (share, of_rows), (place, on_row) = (_unit_rule(*each) for each in counts.tolist())
-    y, left, right = trapezoid[:, :1] + share * np.diff(trapezoid)
-    length = (right - left)[:, None]
-    weights = np.diff(trapezoid[0]) * of_rows[:, None] * length * on_row
-    return left[:, None] + length * place, y, weights
+    lines = trapezoids[..., :1] + share * np.diff(trapezoids)
+    y, left, right = (lines[..., k, :] for k in range(3))
+    length = (right - left)[..., None]
+    height = np.diff(trapezoids[..., 0, :])[..., None]
+    return left[..., None] + length * place, y, height * of_rows[:, None] * length * on_row
 
 
 def rule_on(
     trapezoids: Trapezoids, rates: Floats, error: float, extra: int
-) -> tuple[Floats, Floats]:
-    """Nodes (n, 2) and weights (n,) on all trapezoids."""
-    nodes, weights = [], []
-    for one, counts in zip(
-        trapezoids, node_counts(trapezoids, rates, error, extra=extra), strict=True
-    ):
-        x, y, amounts = rows_of(one, counts)
-        nodes.append(np.stack([x, np.broadcast_to(y[:, None], x.shape)], axis=-1).reshape(-1, 2))
+) -> tuple[Floats, Floats, Indices]:
+    """Nodes (n, 2) and weights (n,) on all trapezoids, and the number of the trapezoid of each."""
+    counts = node_counts(trapezoids, rates, error, extra=extra)
+    nodes, weights, owners = [], [], []
+    kinds, kind = np.unique(counts.reshape(len(counts), -1), axis=0, return_inverse=True)
+    for number, shared in enumerate(kinds):
+        some = np.flatnonzero(kind == number)
+        x, y, amounts = rows_of(trapezoids[some], shared.reshape(2, 2))
+        nodes.append(np.stack([x, np.broadcast_to(y[..., None], x.shape)], axis=-1).reshape(-1, 2))
         weights.append(amounts.ravel())
-    return np.concatenate(nodes), np.concatenate(weights)
+        owners.append(np.repeat(some, amounts[0].size))
+    return np.concatenate(nodes), np.concatenate(weights), np.concatenate(owners)
 
 
 def _unit_rule(panels: int, count: int) -> tuple[Floats, Floats]:

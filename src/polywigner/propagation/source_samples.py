@@ -40,17 +40,6 @@ def largest_rates(source: Wavefront, points: Floats, wavelength: float) -> Float
     return np.asarray(abs(slopes).max(axis=1) + np.max([np.zeros(2), *waves], axis=0))
 
 
-def largest_slopes(source: Wavefront, points: Floats, wavelength: float) -> Floats:
-    """Most cycles per metre of the field on the source times the waves to each point, (n,)."""
-    low, high = np.reshape(source.bounds, (2, 2))
-    corners = np.array([(x, y) for x in (low[0], high[0]) for y in (low[1], high[1])])
-    away = corners - points[:, None, :2]
-    distance = np.sqrt((away**2).sum(axis=-1) + points[:, None, 2] ** 2)
-    slopes = away / (wavelength * distance[..., None])
-    slopes = slopes + (corners - source.centre) @ source.curvature
-    return np.asarray(np.linalg.norm(slopes, axis=-1).max(axis=-1) + highest(source))
-
-
 def highest(source: Wavefront) -> float:
     """Highest frequency of the waves on a source in 1/m."""
     fields = [element.illumination for element in flat_of(source).elements_in_plane]

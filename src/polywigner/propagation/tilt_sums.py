@@ -37,8 +37,6 @@ _SERIAL, _COLUMNS = 1 << 18, 32
 # Nanoseconds of a node for each point; of a multiplication; of a tilt; and of a trapezoid in a
 # block of points.
 _NODE, _PRODUCT, _VALUE, _TRAPEZOID = 60.0, 0.25, 10.0, 3e5
-# Nanoseconds of a wavelength along the outline, and of an edge, for integrals along edges.
-_WAVELENGTH, _EDGE = 250.0, 1e4
 
 
 class Axis(NamedTuple):
@@ -285,15 +283,5 @@ def _product(table: Floats, values: Complex) -> Complex:
         rows = slice(low, low + step)
         for first in range(0, numbers.shape[-1], _COLUMNS):
             columns = slice(first, first + _COLUMNS)
-            np.matmul(
-                table[..., rows, :], numbers[..., columns], out=product[..., rows, columns]
-            )
+            np.matmul(table[..., rows, :], numbers[..., columns], out=product[..., rows, columns])
     return product.view(np.complex128)
-
-
-def cost_of_edges(source: Wavefront, wavelength: float) -> float:
-    """Estimated nanoseconds of the field at a point by integrals along edges."""
-    elements = flat_of(source).elements_in_plane
-    around = sum(element.polygons.length for element in elements) / wavelength
-    edges = sum(len(ring) for element in elements for ring in element.rings)
-    return float(around * _WAVELENGTH + edges * _EDGE)
