@@ -117,7 +117,7 @@ def _of_spherical_waves(
                 return _with_error(found, error)
     if rule is None:
         return None
-    return _with_error(summed_over_tilts(rule, source, points, wavelength, method), error)
+    return _with_error(summed_over_tilts(rule), error)
 
 
 def _cost_of_fields(source: Wavefront, wavelength: float, error: float) -> float:

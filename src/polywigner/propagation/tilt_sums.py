@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from polywigner.execution.progress import told
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.illumination import Array
-from polywigner.illumination.obliquities import CONDITIONS, direction_cosines
+from polywigner.illumination.obliquities import CONDITIONS, Obliquity, direction_cosines
 from polywigner.propagation.row_rules import Trapezoids, node_counts, rows_of, trapezoids_of
 from polywigner.propagation.source_samples import field_at, largest_rates, waves_of
 from polywigner.transforms.wavefronts import flat_of
@@ -69,9 +69,16 @@ class Block(NamedTuple):
 
 
 class TiltSum(NamedTuple):
-    """Tilts, and blocks of points."""
+    """A mean over tilts for blocks of points."""
 
-    axes: tuple[Axis, Axis]
+    source: Wavefront
+    points: Floats
+    """(n, 3)."""
+    wavelength: float
+    condition: Obliquity
+    channels: list[Any]
+    """The parts of the field: None, and the frequency of each wave whose slope counts."""
+    axes: list[Axis]
     blocks: list[Block]
     cost: float
     """Estimated nanoseconds for each point."""
@@ -84,31 +91,36 @@ def tilt_sum(
 
     ``error`` : of the mean over tilts, relative to the largest irradiance.
     """
-    takes_slopes = CONDITIONS[method].takes_slopes
+    condition = CONDITIONS[method]
     tail = math.sqrt(2 * math.log(8 / error))
     sides = np.subtract(*np.reshape(source.bounds, (2, 2))[::-1])
     reaches = sides / source.coherence_width + tail
     count = math.prod((tail * reaches / math.pi + 1).tolist())
-    if count > _SPECTRUM or (takes_slopes and not source.is_flat):
+    if count > _SPECTRUM or (condition.takes_slopes and not source.is_flat):
         return None
     axes = [_axis(tail, reach, source.coherence_width) for reach in reaches.tolist()]
     rates = largest_rates(source, points, wavelength)
     rates += [_RESOLVED * axis.half * axis.step for axis in axes]
     order = np.argsort(rates.max(axis=1), kind="stable")
-    channels = len(_channels(source, method))
-    size = int(min(_POINTS, max(1, _SPECTRUM // (count * channels))))
-    trapezoids = np.concatenate([_trapezoids(element) for element, _ in _elements(source)])
+    elements = _elements(source)
+    channels: list[Any] = [None] if condition.field else []
+    if condition.slope:
+        waves = [kappa for element, _ in elements for _, kappa in waves_of(element)]
+        channels += list(np.unique(waves, axis=0))
+    size = int(min(_POINTS, max(1, _SPECTRUM // (count * len(channels)))))
+    trapezoids = np.concatenate([_trapezoids(element) for element, _ in elements])
     blocks, cost = [], 0.0
     for start in range(0, len(points), size):
         some = order[start : start + size]
         block = Block(some, rates[some].max(axis=0), float(points[some, 2].min()))
-        rows, columns = _counts(trapezoids, block).prod(axis=2).T.astype(np.float64)
+        rows, columns = _counts(trapezoids, block).T.astype(np.float64)
         nodes, width = float((rows * columns).sum()), 2 * axes[0].half + 1
         products = nodes * width + float(rows.sum()) * count
-        work = _NODE * nodes + channels * (_PRODUCT * products + _VALUE * count)
+        work = _NODE * nodes + len(channels) * (_PRODUCT * products + _VALUE * count)
         cost += work * len(some) + _TRAPEZOID * len(trapezoids)
         blocks.append(block)
-    return TiltSum((axes[0], axes[1]), blocks, cost / len(points))
+    cost /= len(points)
+    return TiltSum(source, points, wavelength, condition, channels, axes, blocks, cost)
 
 
 def _axis(tail: float, reach: float, width: float) -> Axis:
@@ -119,20 +131,20 @@ def _axis(tail: float, reach: float, width: float) -> Axis:
     return Axis(step / (2 * math.pi * width), half, weights / (2 * weights.sum() - 1.0))
 
 
-def summed_over_tilts(
-    rule: TiltSum, source: Wavefront, points: Floats, wavelength: float, method: str
-) -> Floats:
-    """Irradiance (n,) at points (n, 3), by (Q7)."""
-    found = np.empty(len(points))
-    channels = _channels(source, method)
+def summed_over_tilts(rule: TiltSum) -> Floats:
+    """Irradiance (n,) at all points, by (Q7)."""
+    found = np.empty(len(rule.points))
+    channels = rule.channels
     # |c + i s|^2 + |c - i s|^2 = 2 |c|^2 + 2 |s|^2
     is_even = not any(kappa is not None and kappa.any() for kappa in channels)
     (over_x, of_x), (over_y, of_y) = (axis.tilts(is_even) for axis in rule.axes)
     plane = np.stack(np.meshgrid(over_x, over_y), axis=-1)
-    cosines = [None if k is None else direction_cosines(plane + k, wavelength) for k in channels]
+    cosines = [
+        None if k is None else direction_cosines(plane + k, rule.wavelength) for k in channels
+    ]
     with told("blocks of points", rule.blocks) as blocks:
         for block in blocks:
-            spectra = _spectra(rule, block, source, points[block.points], wavelength, method)
+            spectra = _spectra(rule, block)
             if not is_even:
                 spectra = _of_both_signs(_of_both_signs(spectra, 1), 2)
             total = spectra[0] if cosines[0] is None else cosines[0][..., None] * spectra[0]
@@ -143,16 +155,6 @@ def summed_over_tilts(
             intensity += np.square(total.imag)
             found[block.points] = of_x @ np.tensordot(of_y, intensity, 1)
     return found
-
-
-def _channels(source: Wavefront, method: str) -> list[Any]:
-    """The parts of the field: None, and the frequency of each wave whose slope counts."""
-    condition = CONDITIONS[method]
-    channels: list[Any] = [None] if condition.field else []
-    if condition.slope:
-        waves = [kappa for element, _ in _elements(source) for _, kappa in waves_of(element)]
-        channels += list(np.unique(waves, axis=0))
-    return channels
 
 
 def _elements(source: Wavefront) -> list[tuple[Aperture, complex]]:
@@ -170,15 +172,13 @@ def _counts(trapezoids: Trapezoids, block: Block) -> Indices:
     return node_counts(trapezoids, block.rates, _QUADRATURE, block.nearest)
 
 
-def _spectra(
-    rule: TiltSum, block: Block, source: Wavefront, points: Floats, wavelength: float, method: str
-) -> Complex:
-    """Channels of the fields of all tilts at points (p, 3): (channels, t_y, t_x, p).
+def _spectra(rule: TiltSum, block: Block) -> Complex:
+    """Channels of the fields of all tilts at p points: (channels, t_y, t_x, p).
 
     Sums over cosines and after these over sines of tilts t >= 0, along both axes.
     """
     along_x, along_y = rule.axes
-    count = len(_channels(source, method))
+    source, points, count = rule.source, rule.points[block.points], len(rule.channels)
     halves = (2 * (along_y.half + 1), 2 * (along_x.half + 1), len(points))
     total = np.zeros((count, halves[0], halves[1] * halves[2]), np.complex128)
     middle = np.reshape(source.bounds, (2, 2)).mean(axis=0)
@@ -195,7 +195,7 @@ def _spectra(
                 some = slice(start, start + step)
                 rows = (x[some], y[some], weights[some])
                 waves = _waves(places[some] if len(places) > 1 else places, along_x)
-                values = _samples(source, element, rows, points, wavelength, method)
+                values = _samples(rule, element, rows, points)
                 inner[:, some] = _product(waves, values)
             waves = _waves(y - middle[1], along_y)
             total += weight * _product(waves, inner.reshape(count, len(y), -1))
@@ -203,18 +203,13 @@ def _spectra(
 
 
 def _samples(
-    source: Wavefront,
-    element: Aperture,
-    rows: tuple[Floats, Floats, Floats],
-    points: Floats,
-    wavelength: float,
-    method: str,
+    rule: TiltSum, element: Aperture, rows: tuple[Floats, Floats, Floats], points: Floats
 ) -> Complex:
     """Channels of the field at nodes times waves to points (p, 3): (channels, m, n, p).
 
     ``rows`` : x (m, n), y (m,) and weights (m, n) of the nodes.
     """
-    condition, k = CONDITIONS[method], 2 * math.pi / wavelength
+    source, condition, wavelength = rule.source, rule.condition, rule.wavelength
     x, y, weights = rows
     px, py, z = points.T
     squares = (x[..., None] - px) ** 2 + ((y[:, None] - py) ** 2)[:, None]
@@ -227,16 +222,15 @@ def _samples(
     inverse = 1.0 / reach
     size = inverse * (weights / wavelength)[..., None]
     nodes = np.stack([x, np.broadcast_to(y[:, None], x.shape)], axis=-1)
-    channels = _channels(source, method)
-    found = np.empty((len(channels), *reach.shape), np.complex128)
-    for kappa, values in zip(channels, found, strict=True):
+    found = np.empty((len(rule.channels), *reach.shape), np.complex128)
+    for kappa, values in zip(rule.channels, found, strict=True):
         if kappa is None:
             field = field_at(element, nodes.reshape(-1, 2))
             if not source.is_flat:
                 field = field * _curved_wave(source, nodes.reshape(-1, 2))
             # the wave times (z/R) (1 + i/(kR))
             size_of_field = size * inverse * (condition.field * z)
-            imaginary = size_of_field * inverse / k
+            imaginary = size_of_field * inverse * (wavelength / (2 * math.pi))
             values.real = size_of_field * sine + imaginary * cosine
             values.imag = imaginary * sine - size_of_field * cosine
         else:
