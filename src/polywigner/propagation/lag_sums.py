@@ -75,13 +75,8 @@ def lag_rule(source: Wavefront, rates: Floats) -> LagRule:
     low, high = np.maximum(-size, -reach), np.minimum(size, reach)
     box = shapely.box(*low, *high)
     half = shapely.box(low[0], 0.0, high[0], high[1])
-    cells = [_trapezoids(cell) for cell in _cells_of_lags(flat_of(source), box, half)]
-    return LagRule(np.concatenate(cells), np.hypot(rates, _OF_NORMAL / source.coherence_width))
-
-
-def _trapezoids(polygon: Any) -> Trapezoids:
-    rings = (polygon.exterior, *polygon.interiors)
-    return trapezoids_of([shapely.get_coordinates(ring)[:-1] for ring in rings])
+    cells, _ = trapezoids_of(_cells_of_lags(flat_of(source), box, half))
+    return LagRule(cells, np.hypot(rates, _OF_NORMAL / source.coherence_width))
 
 
 def _cells_of_lags(source: Aperture | Array, box: Any, half: Any) -> Any:
@@ -176,7 +171,7 @@ def pair_sum(source: Wavefront, points: Floats, wavelength: float, method: str) 
     outline = flat_of(source)
     waves = [abs(kappa) for element in outline.elements_in_plane for _, kappa in waves_of(element)]
     rule = PairSum(lags, bends, 2.0 * np.max(waves, axis=0), 0.0)
-    cells = np.concatenate([trapezoids_of(e.rings) for e in outline.elements_in_plane])
+    cells, _ = trapezoids_of([part for e in outline.elements_in_plane for part in e.polygons.geoms])
     longest = np.array([abs(lags.cells[:, k]).max() for k in (2, 0)])
     counts = node_counts(cells, rule.rates(longest / _TYPICAL), _ERROR)
     pair = _PAIR * (_SLOPES if CONDITIONS[method].takes_slopes else 1.0)
@@ -233,9 +228,9 @@ def _pairs_of(
             some = shapely.area(parts) > 0
             if not some.any():
                 continue
-            cells = [_trapezoids(part) for part in parts[some]]
-            of_lag = np.repeat(owner[some], [len(cell) for cell in cells])
-            nodes, share, of_cell = rule_on(np.concatenate(cells), rates[of_lag], _ERROR, extra)
+            cells, of_part = trapezoids_of(parts[some])
+            of_lag = owner[some][of_part]
+            nodes, share, of_cell = rule_on(cells, rates[of_lag], _ERROR, extra)
             number = of_lag[of_cell]
             xi = lags[number]
             turns = (((nodes - source.centre) @ source.curvature) * xi).sum(axis=1)

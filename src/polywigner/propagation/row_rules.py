@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from functools import lru_cache
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from polywigner.numerics.nodes import chirp_node_counts, gauss_legendre
@@ -18,23 +17,46 @@ Indices = NDArray[np.intp]
 Trapezoids = NDArray[np.float64]
 """(n, 3, 2): y, x on the left, and x on the right, of the lower and the upper side."""
 
+# Pairs of edges and heights at a time.
+_BATCH = 1 << 20
 # Extra nodes for a pole off the plane, times arcsinh of its distance over half of the size.
 _POLE = 4.0
 
 
-def trapezoids_of(rings: Iterable[Any]) -> Trapezoids:
-    """Trapezoids that tile the inside of rings (n, 2), between the heights of their vertices."""
-    rings = list(rings)
-    begin = np.concatenate(rings)
-    end = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
-    parts = []
-    for low, high in pairwise(np.unique(begin[:, 1]).tolist()):
-        across = (begin[:, 1] <= low) != (end[:, 1] <= low)
-        a, b = begin[across], end[across]
-        x = a[:, 0] + (np.array([[low], [high]]) - a[:, 1]) * ((b - a)[:, 0] / (b - a)[:, 1])
-        x = x[:, np.argsort(x.sum(axis=0))].T
-        parts.append(np.stack([np.broadcast_to([low, high], x[::2].shape), x[::2], x[1::2]], 1))
-    return np.concatenate(parts)
+def trapezoids_of(polygons: Any) -> tuple[Trapezoids, Indices]:
+    """Trapezoids that tile polygons, between the heights of their vertices, and their numbers."""
+    rings, of_ring = shapely.get_rings(polygons, return_index=True)
+    places, ring = shapely.get_coordinates(rings, return_index=True)
+    is_edge = ring[1:] == ring[:-1]
+    edges = np.stack([places[:-1], places[1:]], axis=1)[is_edge]
+    owner = of_ring[ring[:-1][is_edge]]
+    counts = np.bincount(owner)
+    parts, owners = [], []
+    for count in np.unique(counts[counts > 0]).tolist():
+        same = np.flatnonzero(counts == count)
+        step = max(1, _BATCH // count**2)
+        for some in np.split(same, range(step, len(same), step)):
+            of_some = edges[np.isin(owner, some)].reshape(len(some), count, 2, 2)
+            trapezoids, number = _between_heights(of_some)
+            parts.append(trapezoids)
+            owners.append(some[number])
+    return np.concatenate(parts), np.concatenate(owners)
+
+
+def _between_heights(edges: Floats) -> tuple[Trapezoids, Indices]:
+    """Trapezoids of polygons of equally many edges (n, m, 2, 2), and their numbers."""
+    (x, y), (end_x, end_y) = edges.transpose(2, 3, 0, 1)[..., None, :]
+    heights = np.sort(y[:, 0])
+    low, high = heights[:, :-1, None], heights[:, 1:, None]
+    across = ((y <= low) != (end_y <= low)) & (low < high)
+    slope = (end_x - x) / np.where(end_y == y, np.inf, end_y - y)
+    ends = np.stack([np.where(across, x + (level - y) * slope, np.inf) for level in (low, high)])
+    ends = np.take_along_axis(ends, np.argsort(ends.sum(axis=0), axis=-1)[None], axis=-1)
+    pairs = ends[..., : 2 * (ends.shape[-1] // 2)].transpose(1, 2, 3, 0)
+    left, right = pairs[:, :, ::2], pairs[:, :, 1::2]
+    levels = np.broadcast_to(np.stack([low, high], axis=-1), left.shape)
+    here = np.isfinite(right).all(axis=-1)
+    return np.stack([levels, left, right], axis=-2)[here], np.nonzero(here)[0]
 
 
 def node_counts(

@@ -165,7 +165,7 @@ def _elements(source: Wavefront) -> list[tuple[Aperture, complex]]:
 
 @lru_cache(maxsize=64)
 def _trapezoids(element: Aperture) -> Trapezoids:
-    return trapezoids_of(element.rings)
+    return trapezoids_of(element.polygons.geoms)[0]
 
 
 def _counts(trapezoids: Trapezoids, block: Block) -> Indices:
