@@ -6,11 +6,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+import shapely
 
 import polywigner as pw
 from oracles import mutual_intensity as mutual
 from polywigner.errors import ArgumentError
+from polywigner.numerics.nodes import chirp_node_counts, gauss_legendre
 from polywigner.propagation.lag_sums import pair_sum, summed_over_pairs
+from polywigner.propagation.row_rules import rule_on, trapezoids_of
+from polywigner.propagation.tilt_sums import summed_over_tilts, tilt_sum
 
 WAVELENGTH = 1.0
 # Of the largest irradiance: what (PC5) is computed to, and parabolic waves.
@@ -73,6 +77,75 @@ def test_exact_irradiance_is_the_double_integral_of_the_mutual_intensity(
     expected = mutual.irradiance(x, w, at, WAVELENGTH, width, mutual.first_integral)
     found = pw.irradiance(source.partially_coherent(width), at, WAVELENGTH, "auto")
     assert np.abs(found - expected).max() < SPHERICAL * expected.max()
+
+
+HOLED = shapely.Polygon(
+    [(-15, -15), (15, -15), (15, 0), (0, 3), (3, 15), (-15, 12)], [[(-9, -9), (-3, -8), (-6, 0)]]
+)
+
+
+@pytest.mark.parametrize("method", ["rayleigh-sommerfeld-1", "kirchhoff"])
+@pytest.mark.parametrize("width", [20.0, 12.0])
+def test_tilts_share_samples_of_the_source_at_a_fresnel_number_of_100(
+    method: Any, width: float
+) -> None:
+    """On the axis, at an edge and in the shadow, against boundary integrals tilt by tilt."""
+    source, at = pw.Aperture(HOLED), np.array([(0.0, 0.0), (15.0, -4.0), (-25.0, 8.0)])
+    at = np.column_stack([at, np.full(3, 30.0**2 / 100)])
+    step = 2 * np.pi / (30.0 / width + 6.0)
+    t = step * np.arange(-int(5.7 / step), int(5.7 / step) + 1)
+    expected, total = np.zeros(3), 0.0
+    for x in t:
+        for y in t:
+            tilt = pw.Illumination([1.0], [np.array([x, y]) / (2 * np.pi * width)])
+            share = np.exp(-(x * x + y * y) / 2)
+            if share > 1e-8:
+                lit = source.with_illumination(tilt)
+                expected += share * pw.irradiance(lit, at, WAVELENGTH, method)
+                total += share
+    found = pw.irradiance(source.partially_coherent(width), at, WAVELENGTH, method)
+    assert found == pytest.approx(expected / total, abs=SPHERICAL * expected.max() / total)
+
+
+@pytest.mark.parametrize("name", ["plain", "array", "waves", "curved"])
+def test_sums_over_tilts_and_over_pairs_agree(name: str) -> None:
+    source, _, _ = sampled(name, 1)
+    at = points(60.0) * [2.0, 2.0, 1.0]
+    partly = source.partially_coherent(0.2)
+    method, error = "rayleigh-sommerfeld-1", 1e-7
+    tilts = tilt_sum(partly, at, WAVELENGTH, method, error)
+    assert tilts is not None
+    pairs = pair_sum(partly, at, WAVELENGTH, method)
+    one = summed_over_tilts(tilts)
+    other = summed_over_pairs(pairs, partly, at, WAVELENGTH, method, error)
+    assert other == pytest.approx(one, abs=error * one.max())
+
+
+@pytest.mark.parametrize("radians", [0.0, 0.5, 8.0, 60.0, 500.0])
+def test_rules_for_waves_are_as_long_as_waves_of_either_kind_need(radians: float) -> None:
+    n = int(chirp_node_counts(radians, 1e-9))
+    x, weight = gauss_legendre(n)[:, :2].T
+    fine, share = gauss_legendre(n + 60)[:, :2].T
+    for phase in (lambda x: radians * x, lambda x: radians * x * x / 2):
+        exact = np.exp(1j * phase(fine)) @ share
+        assert abs(np.exp(1j * phase(x)) @ weight - exact) < 1e-9
+    assert n < radians / 2 + 4 * radians ** (1 / 3) + 9
+
+
+def test_trapezoids_tile_polygons() -> None:
+    polygons = [
+        HOLED,
+        shapely.Polygon(TRIANGLE),
+        shapely.Point(1, 2).buffer(3),
+        shapely.box(0, 0, 2, 1),
+    ]
+    trapezoids, owner = trapezoids_of(polygons)
+    x, weights, number = rule_on(trapezoids, np.zeros(2), 1e-9, 0)
+    for k, polygon in enumerate(polygons):
+        here = owner[number] == k
+        assert weights[here].sum() == pytest.approx(polygon.area, rel=1e-12)
+        centre = weights[here] @ x[here] / polygon.area
+        assert centre == pytest.approx(np.array(polygon.centroid.coords[0]), abs=1e-12)
 
 
 CONDITIONS = [("kirchhoff", (0.5, 0.5)), ("rayleigh-sommerfeld-2", (0.0, 1.0))]
