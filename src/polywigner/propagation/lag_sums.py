@@ -58,12 +58,12 @@ class LagRule(NamedTuple):
     """(2,) largest frequencies of the integrand over lags in 1/m."""
 
     @property
-    def count(self) -> float:
+    def size(self) -> float:
         """Number of nodes of the coarsest rule."""
         return float(node_counts(self.cells, self.rates, _ERROR).prod(axis=1).sum())
 
     def nodes(self, extra: int) -> tuple[Floats, Floats]:
-        """Lags (n, 2), and weights (n,) with those of the opposite lags."""
+        """Return lags (n, 2) and weights (n,), which count the opposite lags as well."""
         nodes, weights, _ = rule_on(self.cells, self.rates, _ERROR, extra)
         return nodes, 2.0 * weights
 
@@ -115,7 +115,7 @@ def summed_over_lags(
     slopes = corners @ curved - source.curvature @ source.centre - nu[:, None]
     rates = abs(slopes).max(axis=(0, 1), initial=0.0) + highest(source)
     rule = lag_rule(source, rates)
-    if rule.count > _MOST_NODES:
+    if rule.size > _MOST_NODES:
         return None
     before: Floats | None = None
     for extra in _LEVELS:
@@ -178,7 +178,7 @@ def pair_sum(source: Wavefront, points: Floats, wavelength: float, method: str) 
     vertices = sum(len(ring) for e in outline.elements_in_plane for ring in e.rings)
     cut = _CUT * vertices * len(outline.elements_in_plane) / len(points)
     work = pair * float(counts.prod(axis=1).sum()) + cut
-    return rule._replace(cost=_BOTH * lags.count * work)
+    return rule._replace(cost=_BOTH * lags.size * work)
 
 
 def summed_over_pairs(

@@ -46,10 +46,10 @@ class Axis(NamedTuple):
     """In cycles per metre."""
     half: int
     weights: Floats
-    """(half + 1,) those of tilts t >= 0."""
+    """(half + 1,) for tilts from 0 on."""
 
     def tilts(self, is_even: bool) -> tuple[Floats, Floats]:
-        """Tilts and weights; if all is even in t, those of cosines and sines instead of waves."""
+        """Return tilts and weights; of cosines and sines instead of waves if all is even in t."""
         tilts = self.step * np.arange(self.half + 1)
         if is_even:
             both = np.where(tilts > 0.0, 2.0, 1.0) * self.weights
@@ -139,17 +139,18 @@ def summed_over_tilts(rule: TiltSum) -> Floats:
     is_even = not any(kappa is not None and kappa.any() for kappa in channels)
     (over_x, of_x), (over_y, of_y) = (axis.tilts(is_even) for axis in rule.axes)
     plane = np.stack(np.meshgrid(over_x, over_y), axis=-1)
-    cosines = [
-        None if k is None else direction_cosines(plane + k, rule.wavelength) for k in channels
+    cosines: list[Any] = [
+        1.0 if kappa is None else direction_cosines(plane + kappa, rule.wavelength)[..., None]
+        for kappa in channels
     ]
     with told("blocks of points", rule.blocks) as blocks:
         for block in blocks:
             spectra = _spectra(rule, block)
             if not is_even:
                 spectra = _of_both_signs(_of_both_signs(spectra, 1), 2)
-            total = spectra[0] if cosines[0] is None else cosines[0][..., None] * spectra[0]
+            total = cosines[0] * spectra[0]
             for cosine, spectrum in zip(cosines[1:], spectra[1:], strict=True):
-                spectrum *= cosine[..., None]
+                spectrum *= cosine
                 total += spectrum
             intensity = np.square(total.real)
             intensity += np.square(total.imag)
@@ -197,8 +198,10 @@ def _spectra(rule: TiltSum, block: Block) -> Complex:
                 waves = _waves(places[some] if len(places) > 1 else places, along_x)
                 values = _samples(rule, element, rows, points)
                 inner[:, some] = _product(waves, values)
+            if weight != 1:
+                inner *= weight
             waves = _waves(y - middle[1], along_y)
-            total += weight * _product(waves, inner.reshape(count, len(y), -1))
+            total += _product(waves, inner.reshape(count, len(y), -1))
     return total.reshape(count, *halves)
 
 
