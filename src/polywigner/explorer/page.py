@@ -208,7 +208,7 @@ class Explorer:
             if not self._is_shown(state, name):
                 self._compute_view(state, name, _QUICK_SAMPLES)
         for name in names:
-            samples = _FINE_SAMPLES
+            samples = float(_FINE_SAMPLES)
             while state is self.state and self._is_coarser(name, samples):
                 seconds = self._compute_view(state, name, int(samples))
                 samples *= max(1.0, math.sqrt(_SECONDS / seconds))
