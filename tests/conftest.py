@@ -71,15 +71,6 @@ def llvm(request: pytest.FixtureRequest) -> _llvm.LLVMStatus:
     return STATUS
 
 
-@pytest.fixture(params=["scalar_rgb", pytest.param("llvm_ad_mono", marks=pytest.mark.llvm)])
-def variant(request: pytest.FixtureRequest) -> str:
-    """A variant of Mitsuba, set: each of a scalar and of a compiled one."""
-    import mitsuba as mi
-
-    mi.set_variant(request.param)
-    return str(request.param)
-
-
 @pytest.fixture
 def plain() -> None:
     """The scalar variant, set."""

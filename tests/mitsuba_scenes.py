@@ -35,9 +35,11 @@ RADIANCE_ERROR = 2e-5
 KEPT: list[Any] = []
 
 VARIANTS = ["scalar_rgb", MONO, RGB, SPECTRAL, CUDA]
-# The same in compiled kernels, whose way through a scene the tests of all variants show.
-SLOWLY = pytest.param("llvm_ad_mono", marks=[pytest.mark.llvm, pytest.mark.slow])
-compiled_slowly = pytest.mark.parametrize("variant", ["scalar_rgb", SLOWLY], indirect=True)
+
+MIRROR = {"type": "conductor", "material": "none"}
+METAL = {"type": "twosided", "bsdf": MIRROR}
+BLACK = {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": 0.0}}
+WHITE = {"type": "diffuse", "reflectance": {"type": "spectrum", "value": 1.0}}
 
 
 def use(variant: str) -> Any:
@@ -58,6 +60,72 @@ def pose(translation: Any = (0.0, 0.0, 0.0), about_x: float = 0.0) -> np.ndarray
     result[1:3, 1:3] = [[c, -s], [s, c]]
     result[:3, 3] = translation
     return result
+
+
+def shifted(x: float, y: float = 0.0, z: float = 0.0) -> np.ndarray:
+    return pose((x, y, z))
+
+
+def facing(distance: float, x: float = 0.0, y: float = 0.0) -> np.ndarray:
+    """At z = distance, looking back to the plane of the origin."""
+    result = np.diag([-1.0, 1.0, -1.0, 1.0])
+    result[:3, 3] = x, y, distance
+    return result
+
+
+def looking(position: Any, direction: Any, up: Any = (0.0, 0.0, 1.0)) -> np.ndarray:
+    """At a position, looking along a direction, with y as near to up as it can be."""
+    z = np.asarray(direction, float) / np.linalg.norm(direction)
+    x = np.cross(up, z)
+    x /= np.linalg.norm(x)
+    result = np.eye(4)
+    result[:3] = np.stack([x, np.cross(z, x), z, np.asarray(position, float)], axis=-1)
+    return result
+
+
+def spectrum(value: float) -> dict[str, Any]:
+    return {"type": "spectrum", "value": value}
+
+
+def emitter(source: Any = SQUARE, pose: Any = None, **options: Any) -> dict[str, Any]:
+    """A source of 1 W; the scene is in metres."""
+    import polywigner.mitsuba as pwm
+
+    return pwm.aperture(source, WAVELENGTH, to_world=pose, power=1.0, **options)
+
+
+def receiver(source: Any = SQUARE, pose: Any = None, **options: Any) -> dict[str, Any]:
+    import polywigner.mitsuba as pwm
+
+    return pwm.receiver(source, WAVELENGTH, to_world=pose, **options)
+
+
+def film(width: int, height: int | None = None) -> dict[str, Any]:
+    box = {"type": "box"}
+    return {"type": "hdrfilm", "width": width, "height": height or width, "rfilter": box}
+
+
+def camera(
+    position: Any, target: Any, pixels: int, half: float | None = None, up: Any = (0, 1, 0)
+) -> dict[str, Any]:
+    """A perspective camera, or an orthographic one that sees ``half`` on each side of its axis."""
+    import mitsuba as mi
+
+    look = mi.ScalarTransform4f().look_at(*(list(map(float, v)) for v in (position, target, up)))
+    if half is None:
+        return {"type": "perspective", "to_world": look, "film": film(pixels), "fov": 40}
+    scaled = look.scale([half, half, 1])
+    return {"type": "orthographic", "near_clip": 1e-4, "to_world": scaled, "film": film(pixels)}
+
+
+def rectangle(
+    position: Any, axis: Any, degrees: float, half: float = 1.0, bsdf: Any = None
+) -> dict[str, Any]:
+    """Looking along z before it is turned."""
+    import mitsuba as mi
+
+    pose = mi.ScalarTransform4f().translate(list(position)).rotate(list(axis), degrees)
+    return {"type": "rectangle", "to_world": pose.scale(half), **({"bsdf": bsdf} if bsdf else {})}
 
 
 def scene_of(**parts: Any) -> Any:
@@ -91,22 +159,10 @@ def floor_scene(
             "type": "orthographic",
             "near_clip": 1e-3 * distance,
             "to_world": look.scale([half, half, 1]),
-            "film": {
-                "type": "hdrfilm",
-                "width": columns,
-                "height": rows or columns,
-                "rfilter": {"type": "box"},
-            },
+            "film": film(columns, rows),
             "sampler": {"type": sampler},
         },
-        floor={
-            "type": "rectangle",
-            "to_world": transform()
-            .translate([0, 0, distance])
-            .rotate([1, 0, 0], 180)
-            .scale(2 * half),
-            "bsdf": {"type": "diffuse", "reflectance": {"type": "spectrum", "value": 1.0}},
-        },
+        floor=rectangle((0, 0, distance), (1, 0, 0), 180, 2 * half, WHITE),
         **lights,
     )
 

@@ -9,7 +9,18 @@ import numpy as np
 import pytest
 
 import polywigner as pw
-from mitsuba_scenes import HANDED, SQUARE, WAVELENGTH, compiled_slowly, scene_of
+from mitsuba_scenes import (
+    BLACK,
+    HANDED,
+    METAL,
+    SQUARE,
+    WAVELENGTH,
+    emitter,
+    looking,
+    receiver,
+    rectangle,
+    scene_of,
+)
 from mitsuba_scenes import coupled as amplitude_between
 from polywigner.errors import ArgumentError, PolywignerError, SceneError
 
@@ -34,8 +45,6 @@ RAYS = 0.01
 BAND = 3e-6
 
 SLOW = pytest.mark.slow
-METAL = {"type": "twosided", "bsdf": {"type": "conductor", "material": "none"}}
-BLACK = {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": 0.0}}
 
 
 @pytest.fixture
@@ -43,28 +52,9 @@ def stokes() -> None:
     mi.set_variant("scalar_spectral_polarized")
 
 
-def looking(place: Any, towards: Any, up: Any = (0.0, 0.0, 1.0)) -> np.ndarray:
-    """At a place, looking along a direction, with y as near to up as it can be."""
-    pose = np.eye(4)
-    z = np.asarray(towards, float) / np.linalg.norm(towards)
-    x = np.cross(up, z)
-    x /= np.linalg.norm(x)
-    pose[:3, :4] = np.stack([x, np.cross(z, x), z, np.asarray(place, float)], axis=-1)
-    return pose
-
-
-def emitter(source: Any = SQUARE, pose: Any = None, **options: Any) -> dict[str, Any]:
-    return pm.aperture(source, WAVELENGTH, to_world=pose, power=1.0, **options)
-
-
-def receiver(source: Any = SQUARE, pose: Any = None, **options: Any) -> dict[str, Any]:
-    return pm.receiver(source, WAVELENGTH, to_world=pose, **options)
-
-
 def floor(size: float = 10.0, **bsdf: Any) -> dict[str, Any]:
     """A square in z = 0 with its normal upwards."""
-    to_world = mi.ScalarTransform4f().scale([size, size, 1.0])
-    return {"type": "rectangle", "to_world": to_world, "bsdf": bsdf or METAL}
+    return rectangle((0, 0, 0), (1, 0, 0), 0, size, bsdf or METAL)
 
 
 def coupled(*ends: Any, **how: Any) -> complex:
@@ -96,11 +86,10 @@ ONE, OTHER = looking((0, 0, 0.5), (1, 0, 0)), looking((2, 0, 0.5), (-1, 0, 0))
 # ---- two rays -----------------------------------------------------------------------------------
 
 
-@compiled_slowly
 @pytest.mark.parametrize("distance", [1.0, pytest.param(100.0, marks=SLOW)])
 @pytest.mark.parametrize(("polarisation", "metal"), [("y", 1.0), ("x", -1.0)])
 def test_two_rays_over_metal_are_two_couplings(
-    variant: str, distance: float, polarisation: str, metal: float
+    plain: None, distance: float, polarisation: str, metal: float
 ) -> None:
     """E along the plane of incidence keeps its sign, across it E turns; x of both ends differ."""
     one, other = looking((0, 0, 0.75), (1, 0, 0)), looking((distance, 0, 0.5), (-1, 0, 0))
@@ -117,25 +106,6 @@ def test_two_rays_over_metal_are_two_couplings(
     assert middles == pytest.approx(lengths, abs=2 * HANDED.diameter)
 
 
-def test_far_rays_to_all_sides_are_the_closed_form_of_two_rays(plain: None) -> None:
-    """lambda/(4 pi) |2 exp(ikr)/r + 2 exp(ikr')/r'|: both ends radiate into half of all sides."""
-    one = looking((0, 0, 0.5), (1, 0, 0))
-    for distance in (3.0, 41.0):
-        other = looking((distance, 0, 0.3), (-1, 0, 0))
-        scene = scene_of(
-            tx=emitter(DOT, one, **ALL_SIDES),
-            rx=receiver(DOT, other, **ALL_SIDES),
-            floor=floor(100.0),
-        )
-        found = pm.channel(scene).h.values[0, 0, 0]
-        r = np.hypot(distance, [0.2, 0.8])
-        waves = 2 * np.exp(2j * np.pi * r / WAVELENGTH) / r
-        expected = WAVELENGTH / (4 * np.pi) * waves.sum()
-        assert abs(20 * np.log10(abs(found) / abs(expected))) < 0.05
-        # a square of one phase has b = exp(ikr) times a half turn of i: exp(ikr)/(i lambda r)
-        assert found / expected == pytest.approx(-1j * abs(found / expected), rel=0.01)
-
-
 BREWSTER = math.atan(1.5)
 CONDUCTOR = {"type": "conductor", "eta": 2.25, "k": 0.75}
 
@@ -150,7 +120,6 @@ CONDUCTOR = {"type": "conductor", "eta": 2.25, "k": 0.75}
             {"type": "plastic", "int_ior": 1.5, "ext_ior": 1.0}, 2.25, 1.0, 1.4, marks=SLOW
         ),
         (CONDUCTOR, (2.25 + 0.75j) ** 2, 1.0, 1.4),
-        pytest.param(CONDUCTOR, (2.25 + 0.75j) ** 2, 1.0, 0.3, marks=SLOW),
         pytest.param(
             {**CONDUCTOR, "specular_reflectance": 0.25},
             (2.25 + 0.75j) ** 2,
@@ -176,20 +145,6 @@ def test_a_floor_reflects_both_polarisations_as_fresnel_says(
         found = way(pm.channel(scene, polarisation=polarisation), "floor")
         assert abs(found / straight) == pytest.approx(abs(share * expected), abs=SINGLE)
         assert found / straight == pytest.approx(share * expected, abs=PLACES)
-
-
-@SLOW
-def test_a_thin_pane_reflects_what_its_two_faces_send_in_power(plain: None) -> None:
-    pane = {"type": "thindielectric", "int_ior": 1.5, "ext_ior": 1.0}
-    one, other = (
-        looking((0, -0.1, 1), (0, 0, -1), (1, 0, 0)),
-        looking((0, 0.1, 1), (0, 0, -1), (1, 0, 0)),
-    )
-    scene = scene_of(tx=emitter(pose=one), rx=receiver(pose=other), floor=floor(**pane))
-    metal = scene_of(tx=emitter(pose=one), rx=receiver(pose=other), floor=floor())
-    ratio = way(pm.channel(scene), "floor") / way(pm.channel(metal), "floor")
-    face = 0.04
-    assert ratio == pytest.approx(math.sqrt(2 * face / (1 + face)), rel=0.01)  # 6 degrees off
 
 
 def test_metal_turns_a_right_handed_wave_into_a_left_handed_one(stokes: None) -> None:
@@ -307,8 +262,7 @@ def screen(x: float, low: float, high: float, **bsdf: Any) -> dict[str, Any]:
     return {"type": "rectangle", "to_world": to_world, "bsdf": bsdf or BLACK}
 
 
-@compiled_slowly
-def test_a_wall_before_the_direct_way_leaves_the_way_by_the_floor(variant: str) -> None:
+def test_a_wall_before_the_direct_way_leaves_the_way_by_the_floor(plain: None) -> None:
     scene = scene_of(
         tx=emitter(pose=ONE), rx=receiver(pose=OTHER), floor=floor(), wall=screen(1.0, 0.3, 2.0)
     )
@@ -342,16 +296,6 @@ def test_fog_and_veils_take_the_root_of_their_share(plain: None) -> None:
     assert complex(pm.channel(scene).h[0, 0, 0]) == pytest.approx(expected, rel=1e-3)
 
 
-@SLOW
-def test_a_mirror_that_is_a_mask_reflects_the_root_of_its_opacity(plain: None) -> None:
-    masked = {"type": "mask", "opacity": 0.49, "b": METAL}
-    found = [
-        pm.channel(scene_of(tx=emitter(pose=ONE), rx=receiver(pose=OTHER), floor=floor(**bsdf)))
-        for bsdf in (masked, METAL)
-    ]
-    assert way(found[0], "floor") == pytest.approx(0.7 * way(found[1], "floor"), rel=1e-4)
-
-
 def test_over_a_knife_edge_half_of_the_amplitude_arrives_with_its_phase(plain: None) -> None:
     scene = scene_of(
         tx=emitter(DOT, ONE, **ALL_SIDES, estimator="exact", diffraction=True),
@@ -383,37 +327,14 @@ def test_in_a_band_each_frequency_is_a_channel_of_its_own(plain: None) -> None:
         assert abs(late) < HANDED.diameter
 
 
-def test_texts_and_numbers_name_the_same_frequencies(plain: None) -> None:
-    scene = scene_of(tx=emitter(pose=ONE), rx=receiver(pose=OTHER))
-    found = pm.channel(scene, ["93 GHz", 94e9])
-    assert found.frequency.values.tolist() == [93e9, 94e9]
-    assert pm.channel(scene, "93 GHz").h.values[0] == pytest.approx(found.h.values[0], rel=BAND)
-    assert pm.channel(scene).frequency.values == pytest.approx([FREQUENCY])
-
-
-# A bright fringe at 2 m, and the next dark one, by the closed form.
-HEIGHTS = (0.49986, 0.50343)
-
-
-@SLOW
-def test_ways_that_interfere_make_fringes_in_received_power(plain: None) -> None:
-    powers, alone = [], []
-    for height in HEIGHTS:
-        other = looking((2, 0, height), (-1, 0, 0))
-        scene = scene_of(tx=emitter(DOT, ONE), rx=receiver(DOT, other), floor=floor())
-        found = pm.received_power(scene, spp=16, coherent=True)
-        expected = abs(complex(pm.channel(scene).h[0, 0, 0])) ** 2
-        assert found.direct == pytest.approx(expected, rel=SINGLE)
-        paths = found.contributions[0].paths
-        assert abs(sum(path.amplitude for path in paths)) ** 2 == pytest.approx(expected)
-        assert all(
-            abs(path.amplitude) ** 2 == pytest.approx(path.coupling * path.passing)
-            for path in paths
-        )
-        powers.append(found.direct)
-        alone.append(pm.received_power(scene, spp=16).direct)
-    assert max(powers) > 10 * min(powers)
-    assert max(alone) < 1.1 * min(alone)
+def test_coherent_power_is_the_square_of_the_sum_of_all_paths(plain: None) -> None:
+    scene = scene_of(tx=emitter(HANDED, ONE), rx=receiver(pose=OTHER), floor=floor())
+    found = pm.received_power(scene, spp=16, coherent=True)
+    expected = abs(complex(pm.channel(scene, "94 GHz").h[0, 0, 0])) ** 2
+    assert found.direct == pytest.approx(expected, rel=SINGLE)
+    paths = found.contributions[0].paths
+    assert abs(sum(path.amplitude for path in paths)) ** 2 == pytest.approx(expected)
+    assert abs(pm.received_power(scene, spp=16).direct / expected - 1) > 0.01
 
 
 def test_elements_of_two_polarisations_reach_a_receiver_by_its_own(stokes: None) -> None:
@@ -425,6 +346,7 @@ def test_elements_of_two_polarisations_reach_a_receiver_by_its_own(stokes: None)
     assert found == pytest.approx(expected, rel=1e-4)
 
 
+@SLOW
 def test_a_receiver_may_count_aperture_power(plain: None) -> None:
     found = [
         pm.channel(scene_of(tx=emitter(pose=ONE), rx=receiver(pose=OTHER, normalise=count)))
@@ -435,62 +357,50 @@ def test_a_receiver_may_count_aperture_power(plain: None) -> None:
     assert ratio == pytest.approx(share, rel=SINGLE)
 
 
-@SLOW
-def test_a_scene_in_millimetres_with_several_ends_has_a_row_and_a_column_for_each(
-    plain: None,
-) -> None:
-    def in_mm(place: Any, towards: Any) -> np.ndarray:
-        return looking(1e3 * np.array(place), towards)
-
+def test_several_ends_have_a_row_and_a_column_each_in_metres_and_millimetres(plain: None) -> None:
     scene = scene_of(
-        a=emitter(pose=in_mm((0, 0, 0.5), (1, 0, 0)), scene_unit=1e-3),
-        b=emitter(pose=in_mm((0, 0, 0.6), (1, 0, 0)), scene_unit=1e-3),
-        rx=receiver(pose=in_mm((2, 0, 0.5), (-1, 0, 0)), scene_unit=1e-3),
-        back=receiver(pose=in_mm((2, 0, 0.5), (1, 0, 0)), scene_unit=1e-3),
-        floor=floor(1e4),
+        a=emitter(pose=ONE),
+        b=emitter(pose=looking((0, 0, 0.6), (1, 0, 0))),
+        rx=receiver(pose=OTHER),
+        back=receiver(pose=looking((2, 0, 0.5), (1, 0, 0))),
+        floor=floor(),
     )
-    done = []
-    found = pm.channel(scene, progress=lambda *numbers: done.append(numbers))
-    assert done == [(k, 4) for k in (1, 2, 3, 4)]
+    found = pm.channel(scene)
     assert found.h.shape == (1, 2, 2)
     assert found.h.sel(receiver="back").values.tolist() == [[0, 0]]
     assert np.isnan(found.delay.sel(receiver="back").values).all()
-    metres = scene_of(tx=emitter(pose=ONE), rx=receiver(pose=OTHER), floor=floor())
-    expected = complex(pm.channel(metres).h[0, 0, 0])
-    assert complex(found.h.sel(receiver="rx", emitter="a")[0]) == pytest.approx(expected, rel=1e-6)
+    in_mm = np.diag([1e3, 1e3, 1e3, 1.0])
+    ends = [in_mm @ pose @ np.linalg.inv(in_mm) for pose in (ONE, OTHER)]
+    alone = scene_of(
+        tx=emitter(pose=ends[0], scene_unit=1e-3),
+        rx=receiver(pose=ends[1], scene_unit=1e-3),
+        floor=floor(1e4),
+    )
+    expected = pm.channel(alone).h.item()
+    assert found.h.sel(receiver="rx", emitter="a").item() == pytest.approx(expected, rel=1e-6)
 
 
 # ---- bad input ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        {"frequencies": []},
-        {"frequencies": [np.nan]},
-        {"frequencies": [[94e9]]},
-        {"frequencies": "fast"},
-        {"reflections": 4},
-        {"polarisation": [1.0, 0.0, 0.0]},
-        {"tolerance": 0.0},
-        {"progress": 1},
-    ],
-    ids=str,
-)
-def test_an_argument_out_of_range_is_refused(plain: None, wrong: dict[str, Any]) -> None:
+def test_an_argument_out_of_range_is_refused(plain: None) -> None:
     scene = scene_of(tx=emitter(pose=ONE), rx=receiver(pose=OTHER))
-    with pytest.raises(PolywignerError, match="expected") as raised:
-        pm.channel(scene, **wrong)
-    assert "\n" not in str(raised.value)
+    wrong: list[dict[str, Any]] = [
+        {"frequencies": []}, {"frequencies": [[94e9]]}, {"frequencies": "fast"},
+        {"reflections": 4}, {"polarisation": [1.0, 0.0, 0.0]}, {"tolerance": 0.0},
+    ]  # fmt: skip
+    for options in wrong:
+        with pytest.raises(PolywignerError, match="expected"):
+            pm.channel(scene, **options)
+    with pytest.raises(PolywignerError, match="coherent"):
+        pm.received_power(scene, spp=16, polarisation="x")
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"rx": None}, "a receiver, got one without"),
         ({"tx": None}, "a wigner emitter"),
         ({"rx": {"obliquity": "kirchhoff"}}, "one obliquity"),
-        ({"rx": {"scene_unit": 1e-3}}, "one scene_unit"),
         ({"tx": {"bandwidth": 1e9}}, "coherent light"),
         ({"floor": {"type": "blendbsdf", "weight": 0.5, "a": METAL, "b": BLACK}}, "has a phase"),
     ],
@@ -506,17 +416,8 @@ def test_a_scene_without_a_channel_is_refused(
     }
     if "floor" in change:
         parts["floor"] = floor(**change["floor"])
-    with pytest.raises(SceneError, match=message) as raised:
+    with pytest.raises(SceneError, match=message):
         pm.channel(scene_of(**parts))
-    assert "\n" not in str(raised.value)
-
-
-def test_a_polarisation_needs_ways_that_interfere(plain: None) -> None:
-    scene = scene_of(tx=emitter(pose=ONE), rx=receiver(pose=OTHER))
-    with pytest.raises(PolywignerError, match="coherent"):
-        pm.received_power(scene, spp=16, polarisation="x")
-    with pytest.raises(PolywignerError, match="coherent"):
-        pm.received_power(scene, spp=16, coherent="yes")
 
 
 # ---- conducting bodies --------------------------------------------------------------------------
@@ -544,18 +445,15 @@ def between(one: np.ndarray, other: np.ndarray, **parts: Any) -> Any:
     return scene_of(tx=emitter(SQUARE, one), rx=receiver(SQUARE, other), **parts)
 
 
-@compiled_slowly
 @pytest.mark.parametrize("polarisation", [pytest.param("x", marks=SLOW), "y"])
-def test_a_wide_plate_is_a_mirror_with_its_phase(variant: str, polarisation: str) -> None:
+def test_a_wide_plate_is_a_mirror_with_its_phase(plain: None, polarisation: str) -> None:
     echo = pm.channel(between(*ASKANCE), polarisation=polarisation, bodies={"plate": plate(0.6)})
     mirror = pm.channel(between(*ASKANCE, floor=floor()), polarisation=polarisation)
     assert way(echo, "plate") == pytest.approx(way(mirror, "floor"), rel=PIECES)
     assert echo.delay.values == pytest.approx(mirror.delay.values)
 
 
-@pytest.mark.parametrize(
-    ("side", "shift"), [(0.1, 0.0), (0.3, 0.14), pytest.param(0.05, 0.01, marks=SLOW)]
-)
+@pytest.mark.parametrize(("side", "shift"), [(0.1, 0.0), (0.3, 0.14)])
 def test_the_echo_of_a_body_in_the_way_is_its_shadow(
     plain: None, side: float, shift: float
 ) -> None:
@@ -606,8 +504,6 @@ def test_echoes_by_the_floor_are_those_of_images(plain: None) -> None:
         way(pm.channel(image, bodies=body), "plate"), rel=ROUNDING
     )
     assert way(found, "floor", "plate", "floor") != 0
-    single = pm.channel(between(one, other, floor=floor()), reflections=1, bodies=body)
-    assert "floor, plate, floor" not in single["mirrors"].values
 
 
 def test_echoes_over_a_band_are_those_of_each_frequency(plain: None) -> None:
@@ -637,22 +533,17 @@ def test_what_stands_before_a_body_takes_its_share(plain: None) -> None:
     assert any("or behind it" in note for note in behind.attrs["notes"])
 
 
-def test_a_body_has_another_name_than_a_mirror(plain: None) -> None:
-    with pytest.raises(SceneError, match="expected bodies with other names than mirrors, got 'fl"):
-        pm.channel(between(ONE, OTHER, floor=floor()), bodies={"floor": plate(0.1)})
-
-
 @pytest.mark.parametrize(
     ("bodies", "message"),
     [
         ([plate(0.1)], "expected bodies as a dict"),
-        ({" ": plate(0.1)}, "expected names of bodies with letters"),
+        ({"floor": plate(0.1)}, "expected bodies with other names than mirrors, got 'fl"),
         ({"a": 3}, "the body 'a'"),
         ({"a": (plate(0.1), 4)}, "the body 'a'.*reflections"),
     ],
 )
 def test_other_bodies_are_refused(plain: None, bodies: Any, message: str) -> None:
-    with pytest.raises(ArgumentError, match=message):
-        pm.channel(between(ONE, OTHER), bodies=bodies)
+    with pytest.raises(PolywignerError, match=message):
+        pm.channel(between(ONE, OTHER, floor=floor()), bodies=bodies)
     with pytest.raises(ArgumentError, match="expected bodies with coherent=True"):
         pm.received_power(between(ONE, OTHER), bodies=bodies)

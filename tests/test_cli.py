@@ -58,17 +58,12 @@ def _raising(monkeypatch, error):
 
 
 def test_commands_and_options_are_completed_by_the_script_of_a_shell(monkeypatch, capsys):
-    for shell, line in (
-        ("bash", "complete -o default -F _polywigner_completion polywigner"),
-        ("zsh", "#compdef polywigner"),
-        ("fish", "complete --command polywigner"),
-    ):
-        monkeypatch.setenv("_POLYWIGNER_COMPLETE", f"source_{shell}")
-        with pytest.raises(SystemExit) as end:
-            main([])
-        script, errors = capsys.readouterr()
-        assert (end.value.code, errors) == (0, "")
-        assert line in script
+    monkeypatch.setenv("_POLYWIGNER_COMPLETE", "source_bash")
+    with pytest.raises(SystemExit) as end:
+        main([])
+    script, errors = capsys.readouterr()
+    assert (end.value.code, errors) == (0, "")
+    assert "complete -o default -F _polywigner_completion polywigner" in script
     monkeypatch.setenv("_POLYWIGNER_COMPLETE", "complete_bash")
     for words, expected in (("polywigner pro", "propagate"), ("polywigner volume --la", "--layer")):
         monkeypatch.setenv("COMP_WORDS", words)
@@ -135,10 +130,12 @@ def test_a_place_that_cannot_be_written_to_is_found_before_the_work(tmp_path):
     assert not (tmp_path / "new").exists()
 
 
-@pytest.mark.parametrize("module", ["polywigner", "polywigner.cli"])
-def test_the_module_runs_as_a_script(module):
+def test_the_module_runs_as_a_script():
     run = subprocess.run(
-        [sys.executable, "-m", module, "--version"], capture_output=True, text=True, timeout=60
+        [sys.executable, "-m", "polywigner", "--version"],
+        capture_output=True,
+        text=True,
+        timeout=60,
     )
     assert run.stdout == f"polywigner {pw.__version__}\n"
 

@@ -7,9 +7,6 @@ import pytest
 
 import polywigner as pw
 from polywigner.cli import main
-from polywigner.cli.fields import parse_methods, parse_place, place_text
-from polywigner.cli.sources import field_title, frequency_text, short_name
-from polywigner.quantities import wavelength_of
 
 xarray = pytest.importorskip("xarray")
 pytest.importorskip("h5netcdf")
@@ -45,7 +42,6 @@ def points_of(found):
 
 
 PLACES = {
-    "line": ("1 mm, 0 mm, 40 mm to 1 mm, 2 mm, 90 mm", "5"),
     "arc": ("50 mm, 30 deg, 60 deg", "5"),
     "plane": ("-20 mm to 20 mm, 3 mm, 40 mm to 60 mm", "4 x 3"),
     "hemisphere": ("50 mm", "3 x 4"),
@@ -151,61 +147,6 @@ def test_the_table_says_how_far_methods_are_apart(square, capfd):
     assert printed.splitlines()[-2:] == [
         str(square.parent / "out" / name) for name in ("field.png", "field.nc")
     ]
-
-
-def test_tapers_arrays_and_steering_are_those_of_other_commands(square):
-    found = propagated(
-        square, "--array", "3 x 2, 12 mm", "--taper", "cosine", "--steering", "20 deg, 90 deg",
-        "--arc", "500 mm, 90 deg, 40 deg", "--samples", "81", "--method", "fraunhofer",
-    )  # fmt: skip
-    places = pw.arrays.grid_positions(3, 2, 12e-3)
-    beam = (0.0, np.sin(np.radians(20)), np.cos(np.radians(20)))
-    source = pw.phased_array(
-        SQUARE.with_illumination(pw.cosine_taper(10e-3, 10e-3)),
-        places,
-        pw.arrays.steering_weights(places, beam, WAVELENGTH),
-    )
-    expected = pw.irradiance(source, points_of(found), WAVELENGTH, "fraunhofer")
-    scale = expected.max()
-    np.testing.assert_allclose(found["fraunhofer"], expected, rtol=0, atol=ROUNDING * scale)
-
-
-def test_texts_of_places_say_what_they_show():
-    texts = dict.fromkeys(PLACES)
-    line = parse_place({**texts, "line": "1 mm,0,.002 to 0 mm , -2 mm, 0.1 m"}, None)
-    assert line.points == ((1e-3, 0.0, 2e-3), (0.0, -2e-3, 0.1))
-    plane = parse_place({**texts, "plane": "-1 cm to 1 cm, 2 mm, 5 mm to 9 mm"}, "7 × 5")
-    assert plane.points == ((-1e-2, 2e-3, 5e-3), (1e-2, 2e-3, 9e-3)) and plane.shape == (7, 5)
-    arc = parse_place({**texts, "arc": "50 mm, 90 deg"}, "9")
-    assert (arc.radius, arc.phi, arc.reach) == pytest.approx((0.05, np.pi / 2, np.radians(80)))
-    rays, plain = parse_methods(["wigner kirchhoff", "wigner"], "paper")
-    assert rays == ("wigner-kirchhoff", "wigner", "kirchhoff")
-    assert plain[2] == "paper"
-
-
-@pytest.mark.parametrize(
-    ("kind", "text", "expected"),
-    [
-        ("line", "0 mm, 0 mm, 2 mm to 0 mm, -5 mm, 50 mm", "line from (0, 0, 2) to (0, −5, 50) mm"),
-        ("plane", "-3 m to 3 m, 2 m, 1 m to 4 m", "plane y = 2 m"),
-        ("arc", "50 mm, 45 deg", "arc of radius 50 mm, φ = 45°"),
-        ("hemisphere", "120 um", "hemisphere of radius 120 µm"),
-    ],
-)
-def test_a_picture_says_where_its_field_is(kind, text, expected):
-    kinds = ("line", "arc", "plane", "hemisphere")
-    place = parse_place({name: text if name == kind else None for name in kinds}, None)
-    assert place_text(place) == expected
-
-
-def test_a_picture_says_source_and_frequency_and_cuts_a_long_name():
-    metres = wavelength_of(94e9)
-    assert field_title("folder/horn.dxf", metres) == "horn.dxf, 94 GHz (wavelength 3.189 mm)"
-    assert frequency_text(wavelength_of(1e12)) == "1 THz"
-    assert frequency_text(wavelength_of(0.25)) == "0.25 Hz"
-    long = short_name(f"{'antenna' * 9}.geojson")
-    assert len(long) == 32
-    assert long.endswith("…nna.geojson")
 
 
 BOX = pw.Polyhedron(

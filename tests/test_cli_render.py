@@ -64,13 +64,8 @@ def rendered(path, *options):
     return image.reshape(*image.shape[:2], -1), json.loads(out.with_suffix(".json").read_text())
 
 
-@pytest.fixture(params=["scalar_rgb", pytest.param("llvm_ad_mono", marks=pytest.mark.llvm)])
-def variant(request):
-    return request.param
-
-
-def test_a_distant_floor_is_as_bright_as_the_far_field_says(tmp_path, variant):
-    image, record = rendered(scene_of_a_lit_floor(tmp_path), "--variant", variant)
+def test_a_distant_floor_is_as_bright_as_the_far_field_says(tmp_path):
+    image, record = rendered(scene_of_a_lit_floor(tmp_path), "--variant", "scalar_rgb")
     intensity = (2e-3) ** 4 / WAVELENGTH**2  # |F(0)|^2/lambda^2; the distance is 1 m
     expected = 0.5 / math.pi * intensity
     assert image.mean() == pytest.approx(expected, rel=STATISTICAL)
@@ -89,9 +84,8 @@ def test_the_record_tells_settings_versions_and_times(tmp_path):
     )
     settings = record["settings"]
     assert (settings["spp"], settings["seed"], settings["floor_db"]) == (4, 7, -25)
-    used = record["used"]
-    assert (used["variant"], used["integrator"]) == ("scalar_rgb", "direct")
-    assert (used["sampler"], used["spp"]) == ("independent", 4)
+    used = [record["used"][name] for name in ("variant", "integrator", "sampler", "spp")]
+    assert used == ["scalar_rgb", "direct", "independent", 4]
     versions = record["versions"]
     assert versions["polywigner"] == pw.__version__
     assert versions["python"] == ".".join(map(str, sys.version_info[:3]))
@@ -99,16 +93,6 @@ def test_the_record_tells_settings_versions_and_times(tmp_path):
     assert versions["llvm"] is None  # not used by this variant
     assert record["seconds"]["render"] > 0
     assert record["picture"]["floor_db"] == -25
-
-
-def test_the_seed_decides_the_noise(tmp_path):
-    path = scene_of_a_lit_floor(tmp_path)
-    options = ("--variant", "scalar_rgb", "--spp", "1")
-    first, _ = rendered(path, *options, "--seed", "1")
-    again, _ = rendered(path, *options, "--seed", "1")
-    other, _ = rendered(path, *options, "--seed", "2")
-    assert (first == again).all()
-    assert not (first == other).all()
 
 
 def test_a_film_in_colour_is_kept_and_its_mean_is_drawn(tmp_path):
@@ -127,43 +111,6 @@ def test_nothing_but_the_paths_is_printed_off_a_terminal(tmp_path, capfd):
     stem = tmp_path / "out" / "picture"
     assert out.splitlines() == [f"{stem}{suffix}" for suffix in (".exr", ".png", ".json")]
     assert err == ""
-
-
-def test_a_tracer_of_particles_draws_no_bar_of_its_own(tmp_path, capfd):
-    path = scene_of_a_lit_floor(tmp_path)
-    tracer = '"ptracer"><integer name="rr_depth" value="100"/>'
-    text = path.read_text().replace('"path">', tracer).replace("orthographic", "perspective")
-    path.write_text(text.replace('<scale x="0.005" y="0.005"/>', ""))
-    (tmp_path / "out").mkdir()
-    capfd.readouterr()
-    _, record = rendered(path, "--variant", "scalar_rgb", "--spp", "1")
-    out, err = capfd.readouterr()
-    assert len(out.splitlines()) == 3
-    assert all("pixels are not positive" in line for line in err.splitlines())  # of one sample
-    assert record["used"]["integrator"] == "ptracer"
-
-
-def test_a_scene_without_integrator_is_rendered_with_path(tmp_path):
-    path = scene_of_a_lit_floor(tmp_path)
-    options = ("--variant", "scalar_rgb", "--spp", "2")
-    expected, _ = rendered(path, *options)
-    text = path.read_text()
-    start, end = text.index("<integrator"), text.index("</integrator>") + len("</integrator>")
-    path.write_text(text[:start] + text[end:])
-    image, record = rendered(path, *options)
-    assert record["used"]["integrator"] == "path"
-    assert (image == expected).all()
-
-
-def test_a_wavelength_far_from_the_apertures_size_is_pointed_out(tmp_path, capfd):
-    path = scene_of_a_lit_floor(tmp_path)
-    path.write_text(path.read_text().replace("94 GHz", "9.4 MHz"))
-    capfd.readouterr()
-    rendered(path, "--variant", "scalar_rgb", "--spp", "1")
-    err = capfd.readouterr().err
-    assert err.startswith("polywigner: warning: ")
-    assert err.count("warning") == 1
-    assert "did you mean GHz" in err
 
 
 @pytest.mark.slow

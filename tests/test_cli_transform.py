@@ -8,7 +8,6 @@ import shapely
 
 import polywigner as pw
 from polywigner.cli import main
-from polywigner.cli.sources import SourceOptions
 from polywigner.cli.transform import system_from
 from polywigner.quantities import wavelength_of
 
@@ -104,17 +103,6 @@ def test_a_steered_aperture_has_its_peak_at_the_direction(rectangle):
     j, i = np.unravel_index(np.abs(values["fourier"]).argmax(), (65, 65))
     peak = values["frequency"][[i, j]]
     np.testing.assert_allclose(peak, [0.0, 500.0], atol=1e-9)  # sin(30 deg)/mm is on the grid
-
-
-def test_a_layer_is_read_alone_and_what_overlaps_is_joined(tmp_path):
-    path = tmp_path / "antenna.svg"
-    path.write_text(
-        '<svg><g id="board"><rect width="9" height="9"/></g>'
-        '<g id="pad"><rect x="1" y="1" width="2" height="1"/></g>'
-        '<g id="feed"><rect x="2" y="1" width="3" height="1"/></g></svg>'
-    )
-    found, _ = SourceOptions(str(path), layer=["pad", "feed"], union=True).read()
-    assert found.area == pytest.approx(4e-6, rel=ROUNDING, abs=0.0)
 
 
 SPACE, LENS = pw.FirstOrder.free_space(0.05), pw.FirstOrder.lens(0.08)

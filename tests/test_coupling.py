@@ -34,9 +34,6 @@ SOURCES = {
 ROUNDING = 1e-12
 # Of fields to 1e-12, summed over some hundred nodes.
 FIELDS = 1e-10
-# Of derivatives: differences of the fourth order err by (k step)^4, in weights by step^4, 1e-11,
-# and by rounding.
-DIFFERENCES = 1e-7
 
 
 def pose(x, y, z, tilt=0.0, spin=0.0):
@@ -126,8 +123,10 @@ def test_a_coupling_is_the_same_in_both_directions(method):
     assert abs(there - back) <= 2e-6 * abs(there)
 
 
-@pytest.mark.parametrize("receiver", [L_SHAPE, HOLED, COSINE])
-@pytest.mark.parametrize("place", [(3e-3, 1e-3, 12e-3, 0.3, 1.0), (30e-3, 0, 9e-3, 0.6, 0.2)])
+@pytest.mark.parametrize(
+    ("receiver", "place"),
+    [(HOLED, (3e-3, 1e-3, 12e-3, 0.3, 1.0)), (COSINE, (30e-3, 0, 9e-3, 0.6, 0.2))],
+)
 def test_a_coupling_is_the_field_summed_over_the_receiver(receiver, place):
     to_transmitter = pose(*place)
     places, weights = rule(receiver, 24)
@@ -160,7 +159,6 @@ def fresnel(transmitter, receiver, to_transmitter):
 @pytest.mark.parametrize(
     ("pair", "place"),
     [
-        ((SQUARE, SQUARE), (0.0, 0.0, 62.7e-3)),
         ((SQUARE, SQUARE), (4e-3, -3e-3, 31.4e-3, 0.0, 0.5)),
         ((STEERED, pw.Aperture(HOLED.rings[0])), (9e-3, 0.0, 40e-3, 0.0, 2.0)),
     ],
@@ -226,8 +224,8 @@ def _changed(**entries):
 @pytest.mark.parametrize(
     ("place", "message"),
     [
+        (np.diag([-1.0, 1.0, -1.0, 1.0]), "add a distance along z"),
         (pose(0, 0, -0.1), "all of the receiver in front of the transmitter's plane"),
-        (pose(0, 0, 0.0), "in front of the transmitter's plane"),
         (pose(0, 0, 0.1, math.pi), "rotate one of them by 180 degrees"),
         (pose(0.1, 0, 2e-3, 0.7), "got its point .* move it forwards"),
         (pose(10e-3, 0, 9e-3, -0.6), "all of the transmitter in front of the receiver's plane"),
@@ -235,10 +233,8 @@ def _changed(**entries):
         (_changed(m00=-2.0), "no rotation; scale"),
         (_changed(m00=1.0), "mirror image"),
         (_changed(m23=math.nan), "not finite"),
-        (_changed(m23=1e200), "check its units"),
         (_changed(m30=1.0), "last row"),
         (np.eye(3), r"shape \(3, 3\)"),
-        ("somewhere", "rigid poses"),
     ],
 )
 def test_poses_that_make_no_link_are_refused(place, message):
@@ -250,12 +246,9 @@ def test_poses_that_make_no_link_are_refused(place, message):
     ("change", "error", "message"),
     [
         ({"transmitter": pw.Slits([(0, 1e-3)])}, ArgumentError, "Slits"),
-        ({"receiver": SQUARE.placed(np.eye(4))}, ArgumentError, "use its .aperture"),
         ({"receiver": pw.Array([SQUARE, SQUARE], [1, -1])}, IlluminationError, "cancel"),
         ({"wavelength": 0.0}, ArgumentError, "wavelength"),
-        ({"method": "fresnel"}, ArgumentError, "expected method to be one of"),
         ({"tolerance": 1e-14}, ArgumentError, "tolerance"),
-        ({"normalise": "gain"}, ArgumentError, 'expected normalise to be "radiated" or'),
         ({"wavelength": 1e-9, "to_transmitter": pose(0, 0, 1e-5)}, ArgumentError, "fewer"),
         ({"to_transmitter": pose(0, 0, 0.1, 0.1), "method": "wigner"}, ArgumentError, "parallel"),
         ({"receiver": SQUARE.curved(1.0, WAVELENGTH), "method": "wigner"}, ArgumentError, "flat"),
@@ -265,18 +258,3 @@ def test_other_arguments_are_refused(change, error, message):
     arguments = {"transmitter": SQUARE, "receiver": SQUARE, "to_transmitter": pose(0, 0, 0.1)}
     with pytest.raises(error, match=message):
         pw.coupling(**{**arguments, "wavelength": WAVELENGTH, **change})
-
-
-# Elements that overlap, of which one weighs nothing and one has a field of its own.
-CLUSTER = pw.Array(
-    [pw.shapes.square(3e-3).moved((2e-3 * k, 1e-3 * k)) for k in range(3)]
-    + [pw.shapes.square(3e-3).with_illumination(pw.Illumination([1, 0.4j], [(80, 20), (0, 9)]))],
-    [1, 0.3 - 0.8j, 0, 1j],
-)
-WAVES = PAIR.with_illumination(pw.Illumination([1, 0.5j], [(60, 0), (-30, 40)]))
-
-
-def replaced(source, numbers):
-    if isinstance(source, pw.Array):
-        return pw.Array(source.elements, numbers)
-    return source.with_illumination(pw.Illumination(numbers, source.illumination.frequencies))

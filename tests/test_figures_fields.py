@@ -155,12 +155,8 @@ def test_fields_that_cannot_be_drawn_are_refused():
     cases = [
         (draw_lines, flat, {}, "along one axis"),
         (draw_lines, line(exact=1 / Z), {"against": "kirchhoff"}, "kirchhoff"),
-        (draw_lines, line(exact=1 / Z), {"along": "s"}, "expected along to be one of"),
-        (draw_lines, line(exact=1 / Z).drop_vars("exact"), {}, "without variables"),
-        (draw_lines, line(exact=1 / Z).assign(other=flat["exact"]), {}, "same axes"),
         (draw_lines, line(exact=0 / Z), {}, "above zero"),
         (draw_planes, line(exact=1 / Z), {}, "two axes"),
-        (draw_planes, flat, {"against": "wigner"}, "wigner"),
         (draw_planes, flat, {"floor_db": 0.0}, "floor"),
         (draw_hemispheres, flat, {}, "theta and phi"),
     ]
@@ -238,8 +234,6 @@ def test_values_stand_at_their_coordinates():
 def test_what_cannot_be_drawn_is_refused():
     for how, options, words in (
         ({}, {"layout": "round"}, 'expected layout to be one of "paper", "all"'),
-        ({}, {"floor_db": 3.0}, "expected a floor below 0 dB"),
-        ({"tiles": ["x_y", "x_nu_x"]}, {}, "with all their tiles"),
         ({"coordinates": {"x": [0.0]}}, {}, "two samples along x"),
     ):
         with pytest.raises(ArgumentError, match=words):

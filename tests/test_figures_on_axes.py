@@ -62,9 +62,8 @@ def test_impulse_responses_peak_at_each_way_by_its_own_level() -> None:
         assert levels[top] == pytest.approx(level, abs=0.1)
 
 
-@pytest.mark.parametrize("count", [1, 2])
-def test_few_frequencies_have_no_impulse_response(count: int) -> None:
-    _, response = figures.draw_channel(_channel(count)).axes
+def test_few_frequencies_have_no_impulse_response() -> None:
+    _, response = figures.draw_channel(_channel(1)).axes
     assert all(len(line.get_xdata()) == 1 for line in response.lines)
 
 

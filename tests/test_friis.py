@@ -79,22 +79,6 @@ def test_far_away_a_coupling_is_friis_with_directivities(name, obliquity):
     assert decibels(abs(b) ** 2) == pytest.approx(expected, abs=DECIBELS)
 
 
-@pytest.mark.drjit
-@pytest.mark.parametrize(("name", "obliquity"), CASES[::3])
-def test_far_away_direct_light_of_a_scene_is_friis(name, obliquity):
-    pm = pytest.importorskip("polywigner.mitsuba")
-    import mitsuba as mi
-
-    mi.set_variant("scalar_rgb")
-    source, pose, expected = link(name, obliquity)
-    transmitter = pm.aperture(source, 1.0, obliquity=obliquity, power=1.0)
-    receiver = pm.receiver(source, 1.0, pose, obliquity=obliquity, estimator="wigner")
-    scene = mi.load_dict({"type": "scene", "tx": transmitter, "rx": receiver})
-    found = pm.received_power(scene, spp=16)
-    assert decibels(found.power) == pytest.approx(expected, abs=DECIBELS)
-    assert found.scattered == 0
-
-
 @pytest.mark.parametrize("name", LINKS)
 def test_a_small_plate_far_away_echoes_by_the_radar_equation(name):
     """|b|^2 = G^2 lambda^2 sigma/((4 pi)^3 r^4), with the plate across the line of sight."""

@@ -13,15 +13,17 @@ import polywigner.mitsuba as pwm
 from mitsuba_scenes import (
     MILLIMETRE,
     MONO,
-    RGB,
     SPECTRAL,
     SQUARE,
     WAVELENGTH,
+    WHITE,
+    camera,
     draws,
     emitter_of,
     evaluated,
     light,
     pose,
+    rectangle,
     scene_of,
     use,
     vectors,
@@ -34,7 +36,6 @@ pytestmark = pytest.mark.drjit
 L_SHAPE = pw.Aperture(MILLIMETRE * np.array([[0, 0], [10, 0], [10, 4], [4, 4], [4, 10], [0, 10]]))
 RING = pw.shapes.ring(0.006, 0.004, n=12)
 HORN = pw.shapes.rectangle(12e-3, 8e-3).with_illumination(pw.cosine_taper(12e-3))
-STEERED = SQUARE.with_illumination(pw.steering((0.3, 0.2), WAVELENGTH))
 PATCH = pw.shapes.square(0.5 * WAVELENGTH)
 SITES = 0.6 * WAVELENGTH * (np.argwhere(np.ones((4, 4))) - 1.5)
 FOCUS = np.exp(-2j * np.pi * np.hypot(np.linalg.norm(SITES, axis=1), 0.02) / WAVELENGTH)
@@ -48,14 +49,11 @@ SPARSE = pw.phased_array(
 DIFFERENT = pw.Array([PATCH, pw.shapes.square(0.01).moved((0.012, 0.001))], [1, 0.5j])
 SOURCES = {
     "L": L_SHAPE,
-    "ring": RING,
     "chevrons": pw.shapes.chevron_pair(0.01, 0.01, 0.004),
     "horn": HORN,
-    "steered": STEERED,
     "focused array": FOCUSED,
     "steered array": pw.phased_array(PATCH, LARGER, OBLIQUE),
     "sparse array": SPARSE,
-    "square of a tenth": pw.shapes.square(0.1 * WAVELENGTH),
     "different elements": DIFFERENT,
 }
 
@@ -117,7 +115,7 @@ def test_the_density_of_power_is_the_square_of_the_exact_field_near_and_far(name
     assert (np.abs(seen - exact).max(axis=1) < ERROR * exact.max(axis=1)).all()
 
 
-@pytest.mark.parametrize("variant", ["scalar_rgb", MONO, RGB, SPECTRAL])
+@pytest.mark.parametrize("variant", ["scalar_rgb", MONO, SPECTRAL])
 def test_light_is_the_squared_field_of_the_radiated_power_in_any_pose_and_variant(variant):
     mi = use(variant)
     count = 3 if variant == "scalar_rgb" else 200
@@ -135,46 +133,15 @@ def test_light_is_the_squared_field_of_the_radiated_power_in_any_pose_and_varian
     assert (np.abs(seen - exact).max(axis=1) < PLACES * exact.max(axis=1)).all()
 
 
-@pytest.mark.parametrize("variant", ["scalar_rgb", MONO])
-def test_samples_agree_with_density_and_evaluation_and_none_come_from_behind(variant):
-    mi = use(variant)
-    emitter = emitter_of(light(estimator="exact"))
-    it = mi.Interaction3f()
-    for height, is_lit in ((25.0, True), (-5.0, False)):
-        it.p = mi.Point3f(4.0, 6.0, height)
-        ds, weight = emitter.sample_direction(it, mi.Point2f(0.3, 0.6), True)
-        value = np.array(emitter.eval_direction(it, ds, True), dtype=float)
-        density = np.array(ds.pdf, dtype=float)
-        again = np.array(emitter.pdf_direction(it, ds, True), dtype=float)
-        assert density == pytest.approx(again, rel=1e-6)
-        assert value == pytest.approx(np.array(weight, dtype=float) * density, rel=1e-5)
-        assert np.all(value > 0) if is_lit else not np.any(value)
-
-
 def spot(entry, integrator, height, more=None, spp=4, tilt=0.0):
     """Irradiance of a white floor on the axis, from the picture of a hundredth of a millimetre.
 
     ``tilt``: of the floor, in degrees.
     """
-    transform = mi.ScalarTransform4f
-    look = transform().look_at([0, 0, height - 2], [0, 0, height], [0, 1, 0])
-    film = {"type": "hdrfilm", "width": 1, "height": 1, "rfilter": {"type": "box"}}
     scene = scene_of(
-        sensor={
-            "type": "orthographic",
-            "near_clip": 0.1,
-            "to_world": look.scale([0.005, 0.005, 1]),
-            "film": film,
-            "sampler": {"type": "multijitter"},
-        },
-        floor={
-            "type": "rectangle",
-            "to_world": transform()
-            .translate([0, 0, height])
-            .rotate([1, 0, 0], 180 - tilt)
-            .scale(4 * height),
-            "bsdf": {"type": "diffuse", "reflectance": {"type": "spectrum", "value": 1.0}},
-        },
+        sensor=camera((0, 0, height - 2), (0, 0, height), 1, 0.005)
+        | {"sampler": {"type": "multijitter"}},
+        floor=rectangle((0, 0, height), (1, 0, 0), 180 - tilt, 4 * height, WHITE),
         light=entry,
         **(more or {}),
     )
@@ -195,7 +162,6 @@ def on_axis(height):
 
 INTEGRATORS = [
     {"type": "direct", "emitter_samples": 4, "bsdf_samples": 2},
-    {"type": "path", "max_depth": 6},
     {"type": "volpathmis", "max_depth": 3},
     {"type": "prb", "max_depth": 3},
 ]
@@ -203,10 +169,7 @@ INTEGRATORS = [
 
 @pytest.mark.parametrize(
     ("integrator", "visible"),
-    [
-        *((i, True) for i in INTEGRATORS),
-        (INTEGRATORS[0], False),
-    ],
+    [*((i, True) for i in INTEGRATORS), (INTEGRATORS[0], False)],
 )
 def test_no_integrator_counts_the_light_twice(integrator, visible, llvm):
     use("llvm_ad_mono")
@@ -328,7 +291,7 @@ def test_curved_and_partly_coherent_light_is_exact_near_and_far(name, llvm):
     assert (np.abs(seen - exact).max(axis=1) < ERROR * exact.max(axis=1)).all()
 
 
-@pytest.mark.parametrize("name", ["curved", "partly coherent", "of a band"])
+@pytest.mark.parametrize("name", ["partly coherent", "of a band"])
 def test_far_away_signed_radiance_has_the_mean_of_the_exact_light(name, llvm):
     mi = use("llvm_ad_mono")
     source, how = MIXTURES[name]
@@ -343,28 +306,13 @@ def test_far_away_signed_radiance_has_the_mean_of_the_exact_light(name, llvm):
         assert error < 0.05 * exactly[0]
 
 
-def test_a_scalar_variant_adds_the_waves_of_a_mixture_up_as_well():
-    mi = use("scalar_rgb")
-    source, how = MIXTURES["partly coherent"]
-    emitter = emitter_of(light(source, estimator="exact", power=1.0, **how))
-    points = floor_points(0.05, 3)
-    seen = received(mi, emitter, points / MILLIMETRE) * emitter.spec.norm
-    exact = pw.irradiance(source, points, WAVELENGTH, METHODS[0], tolerance=1e-5)
-    assert np.abs(seen - exact).max() < PLACES * exact.max()
-
-
-HUGE = pw.phased_array(PATCH, WAVELENGTH * np.argwhere(np.ones((50, 50))), np.ones(2500))
-
-
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
         ({"estimator": "rays"}, "an estimator, got 'rays'; use one of wigner, exact"),
-        ({"estimator": None}, "expected estimator as a text.*got None"),
         ({"estimator": "exact", "obliquity": "paper"}, "boundary condition.*'paper'"),
         ({"estimator": "exact", "control_variate": True}, "no control_variate"),
         ({"estimator": "exact", "antithetic": True}, "no antithetic"),
-        ({"estimator": "exact", "source": HUGE}, 'at most 8192 pieces.*10417.*"wigner"'),
         ({"estimator": "exact", "source": RING.partially_coherent(1e-3)}, "at most 8192 pieces"),
         ({"estimator": "exact", "source": SQUARE.curved(4e-4, WAVELENGTH)}, "less curvature"),
         (

@@ -144,18 +144,3 @@ def test_vertices_that_cross_and_numbers_that_are_missing_are_refused(llvm):
     params[key] = mi.Float([0.0, 1.0])
     with pytest.raises(SceneError, match="two for each"):
         params.update()
-
-
-def _names(source):
-    keys = mi.traverse(floor_scene({"aperture": light(source)}, columns=2)).keys()
-    return {key.rpartition(".")[2] for key in keys} & {"vertices", "weights"}
-
-
-def test_fields_of_waves_overlaps_and_scalar_variants_have_no_such_parameters():
-    use("llvm_ad_mono")
-    assert _names(CHEVRON) == {"vertices"}
-    assert _names(PAIR) == {"vertices", "weights"}
-    assert not _names(CHEVRON.with_illumination(pw.steering((0.6, 0, 0.8), 3e-3)))
-    assert not _names(pw.Array([CHEVRON, CHEVRON.moved((1e-3, 0))]))
-    use("scalar_rgb")
-    assert not _names(CHEVRON)

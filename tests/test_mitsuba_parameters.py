@@ -1,5 +1,6 @@
 """Parameters of the ``wigner`` shape, from XML and from dictionaries, good and bad."""
 
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ import pytest
 
 import polywigner as pw
 import polywigner.mitsuba as pwm
-from mitsuba_scenes import MONO, SQUARE, WAVELENGTH, light, pose, scene_of, use
+from mitsuba_scenes import SQUARE, WAVELENGTH, light, pose, scene_of, use
 from polywigner.errors import EngineError, PolywignerError, SceneError
 from polywigner.mitsuba import translate_error
 from polywigner.mitsuba.parameters import PARAMETERS
@@ -59,24 +60,17 @@ def test_of_an_aperture_power_the_share_that_the_obliquity_radiates_counts(tmp_p
     assert spec.power == pytest.approx(0.01 * share, rel=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("tolerance", "vertices"),
-    [("", 52), (texts(tolerance="1 um"), 136), (element("float", "tolerance", 1e-6), 136)],
-)
-def test_a_drawing_is_read_as_finely_as_asked(tmp_path, tolerance, vertices):
-    (tmp_path / "disc.svg").write_text('<svg viewBox="0 0 10 10"><circle r="5"/></svg>')
-    spec = load(tmp_path, GOOD.replace("patch.wkt", "disc.svg") + tolerance)
-    assert len(spec.source.rings[0]) == vertices
-    assert spec.source.area == pytest.approx(np.pi * 25e-6, rel=1e-12)
-
-
-def test_layers_of_a_drawing_are_read_and_joined_as_asked(tmp_path):
+def test_layers_of_a_drawing_are_joined_and_its_curves_flattened_within_the_tolerance(tmp_path):
     shapes = [f'<g id="{name}"><rect x="{x}" width="2" height="1"/></g>'
               for name, x in (("pad", 0), ("feed", 1), ("mark", 5))]  # fmt: skip
-    (tmp_path / "antenna.svg").write_text(f"<svg>{''.join(shapes)}</svg>")
+    disc = '<g id="disc"><circle r="5" cx="20"/></g>'
+    (tmp_path / "antenna.svg").write_text(f"<svg>{''.join(shapes)}{disc}</svg>")
     inside = GOOD.replace("patch.wkt", "antenna.svg") + texts(layer="pad; feed")
     joined = load(tmp_path, inside + element("boolean", "union", "true")).source
     assert joined.area == pytest.approx(3e-6, rel=1e-12, abs=0.0)
+    inside = GOOD.replace("patch.wkt", "antenna.svg") + texts(layer="disc")
+    for tolerance, vertices in (("", 52), (texts(tolerance="1 um"), 136)):
+        assert len(load(tmp_path, inside + tolerance).source.rings[0]) == vertices
 
 
 @pytest.mark.parametrize(
@@ -87,15 +81,15 @@ def test_layers_of_a_drawing_are_read_and_joined_as_asked(tmp_path):
         (FILE + element("float", "wavelength", 0.00319), "wavelength", 3.19e-3),
         (GOOD + texts(power="10 mW"), "power", 1e-2),
         (GOOD + element("float", "power", 2.5), "power", 2.5),
-        (GOOD + element("integer", "power", 2), "power", 2.0),
-        (GOOD + texts(scene_unit="mm"), "scene_unit", 1e-3),
+        (GOOD + texts(coherence="4 mm"), "mixture.coherence_width", 4e-3),
+        (GOOD + texts(bandwidth="2 GHz"), "mixture.bandwidth", 2e9),
         (GOOD + texts(scene_unit="0.1 m"), "scene_unit", 0.1),
         (GOOD + element("float", "sampling_weight", 3), "sampling_weight", 3.0),
         (GOOD + element("boolean", "visible", "false"), "visible", False),
     ],
 )
 def test_parameters_are_texts_or_si_numbers(tmp_path, inside, name, value):
-    assert getattr(load(tmp_path, inside), name) == pytest.approx(value, rel=1e-12)
+    assert attrgetter(name)(load(tmp_path, inside)) == pytest.approx(value, rel=1e-12)
 
 
 def turned(inside):
@@ -110,18 +104,10 @@ REFUSED = {
     FILE: "neither | give one",
     texts(frequency="94 GHz"): "'aperture' | none",
     GOOD.replace("94 GHz", "94 GHx"): "frequency | 94 GHx",
-    GOOD.replace('value="mm"', 'value="furlong"'): "furlong",
     GOOD.replace("patch.wkt", "none.wkt"): "none.wkt",
-    GOOD.replace("patch.wkt", "memory:123"): "expected no unit",
-    GOOD + texts(power="1", aperture_power="1"): "power or aperture_power | both | hemisphere",
-    GOOD + element("float", "radiated_power", 1): "power, aperture_power | 'radiated",
-    GOOD + element("float", "power", 1e300): "a power that single | check its unit",
     GOOD.replace("94 GHz", "1e200 Hz"): "wavelength that single precision | 2.99792e-192",
-    GOOD.replace("94 GHz", "1e-20 Hz"): "that radiates | 2.99792e+28 | check the unit",
     GOOD + element("boolean", "power", "true"): "number or a text as power | bool",
-    GOOD + element("float", "obliquity", 1): '<string name="obliquity" | float',
     GOOD + texts(obliquity="rs1"): "obliquity | 'rs1' | kirchhoff",
-    GOOD + texts(antithetic="yes"): '<boolean name="antithetic" | str',
     GOOD + '<emitter type="area"/>': "no emitter inside | brings its own",
     turned('<scale value="2"/>'): "rotations and translations only | scales by 2, 2, 2",
     texts(aperture="memory:0123", frequency="94 GHz"): "key of a source | mitsuba.aperture",
@@ -130,10 +116,8 @@ REFUSED = {
     GOOD + texts(window="hamming"): "window: expected an array for it, got none",
     GOOD + texts(source="array.toml"): "got both",
     FROM_FILE + texts(unit="mm"): "no unit with a source file",
-    FROM_FILE + texts(taper="cosine"): "taper: expected an aperture | Array",
     NO_SOURCE.replace("source.toml", "cut.toml"): "cut.toml | TOML",
     NO_SOURCE.replace("source.toml", "slits.toml"): "got Slits | rectangles",
-    NO_SOURCE: "source.toml | does not exist",
 }  # fmt: skip
 
 
@@ -150,11 +134,6 @@ def test_a_bad_parameter_is_one_line_that_says_where(tmp_path, inside):
     assert message.startswith(f"{tmp_path / 'scene.xml'} (line 1")
     for fragment in REFUSED[inside].split(" | "):
         assert fragment in message
-
-
-def test_a_missing_scene_is_refused(tmp_path):
-    with pytest.raises(SceneError, match="not a file"):
-        pwm.load_scene(tmp_path / "none.xml", "scalar_rgb")
 
 
 def test_a_scene_without_the_emitter_is_told_from_one_with_it(tmp_path):
@@ -183,7 +162,6 @@ THETA, PHI = np.radians([20, 90])
 TILTED = np.array([np.sin(THETA) * np.cos(PHI), np.sin(THETA) * np.sin(PHI), np.cos(THETA)])
 COSINE, STEERED = pw.cosine_taper(SIDE, SIDE), pw.steering(TILTED, WAVELENGTH)
 BEAM = pw.arrays.steering_weights(GRID, TILTED, WAVELENGTH)
-TAYLOR = pw.arrays.window_weights((3, 4), "taylor", sll=25, nbar=3)
 
 
 def layout(positions, weights=None, field=None):
@@ -193,7 +171,7 @@ def layout(positions, weights=None, field=None):
 SAID: list[tuple[dict[str, str], Any]] = [
     ({"taper": "cosine", "steering": "20 deg, 90 deg"}, COSINE * STEERED),
     ({"array": "3 x 4, 12 mm", "window": "taylor 25 dB 3", "steering": "20 deg, 90 deg"},
-     layout(GRID, TAYLOR * BEAM)),
+     layout(GRID, pw.arrays.window_weights((3, 4), "taylor", sll=25, nbar=3) * BEAM)),
 ]  # fmt: skip
 
 
@@ -216,9 +194,8 @@ def test_a_source_file_is_what_was_written_and_may_be_steered(tmp_path):
     assert found == layout(GRID, BEAM)
 
 
-@pytest.mark.parametrize("variant", ["scalar_rgb", MONO])
-def test_an_array_moves_with_its_mesh_and_keeps_its_place(variant):
-    mi = use(variant)
+def test_an_array_moves_with_its_mesh_and_keeps_its_place():
+    mi = use("scalar_rgb")
     array = pw.phased_array(SQUARE, GRID + np.array([0.5, -0.3]))
     entry = pwm.aperture(array, WAVELENGTH, to_world=pose((1.0, 2.0, 3.0)))
     scene = scene_of(aperture=entry)
@@ -233,9 +210,8 @@ def test_an_array_moves_with_its_mesh_and_keeps_its_place(variant):
         assert np.allclose(middle, np.add(place, (0.5, -0.3, 0.0)), atol=1e-6)
 
 
-@pytest.mark.parametrize("variant", ["scalar_rgb", MONO])
-def test_a_dictionary_entry_carries_all_parameters(variant):
-    use(variant)
+def test_a_dictionary_entry_carries_all_parameters():
+    use("scalar_rgb")
     placed = pose((1.0, 2.0, 3.0), about_x=0.5)
     entry = pwm.aperture(
         SQUARE, WAVELENGTH, to_world=placed, obliquity="paper", power=2.0, bsdf={"type": "diffuse"}
@@ -251,20 +227,13 @@ def test_a_dictionary_entry_carries_all_parameters(variant):
 @pytest.mark.parametrize(
     ("arguments", "fragment"),
     [
-        ({"wavelength": -1.0}, "above zero"),
-        ({"wavelength": 1.0, "obliquity": "none"}, "obliquity"),
         ({"wavelength": 1.0, "aperture_power": 1.0, "power": 1.0}, "got both"),
         ({"wavelength": 1.0, "to_world": np.diag([2.0, 2.0, 2.0, 1.0])}, "scales by 2, 2, 2"),
-        ({"wavelength": 1.0, "to_world": np.diag([1.0, 1.0, 1e300, 1.0])}, "finite"),
         ({"wavelength": 1.0, "to_world": np.eye(3)}, r"\(4, 4\) matrix.*shape \(3, 3\)"),
-        ({"wavelength": 1.0, "to_world": "abc"}, r"\(4, 4\) matrix.*str"),
         ({"wavelength": 1.0, "sampling_weight": "x"}, "sampling_weight.*'x'"),
-        ({"wavelength": 1.0, "sampling_weight": float("inf")}, "sampling_weight.*inf"),
         ({"wavelength": 1.0, "sampling": "Marginal"}, "sampling, got 'Marginal'"),
         ({"wavelength": 1.0, "control_variate": "false"}, "control_variate.*'false'"),
-        ({"wavelength": 1.0, "bsdf": 5}, "bsdf as a dictionary.*5"),
         ({"wavelength": 1e-10, "power": 1e20}, "power that single precision"),
-        ({"wavelength": 1e-200}, "wavelength .*check its unit"),
         ({"wavelength": 1e28}, r"radiates at a wavelength of 1e\+28 m.*check the unit"),
         ({"wavelength": 1.0, "scene_unit": 1e-30}, "scene_unit that single precision"),
     ],
@@ -278,11 +247,6 @@ def test_the_former_name_of_the_power_still_does_and_says_the_new_one():
     with pytest.warns(DeprecationWarning, match="write power="):
         entry = pwm.aperture(SQUARE, WAVELENGTH, radiated_power="10 dBm")
     assert entry["power"] == pytest.approx(0.01)
-    with (
-        pytest.warns(DeprecationWarning, match="write power="),
-        pytest.raises(SceneError, match="both are one number"),
-    ):
-        pwm.aperture(SQUARE, WAVELENGTH, radiated_power=1.0, power=1.0)
 
 
 @pytest.mark.parametrize(("wavelength", "power"), [(1e-10, 1e-6), (1e6, 1e3), (500e-9, None)])
@@ -292,47 +256,18 @@ def test_waves_from_x_rays_to_kilohertz_are_within_range(wavelength, power):
     assert entry["wavelength"] == wavelength
 
 
-@pytest.mark.parametrize(
-    ("side", "unit", "fits"), [(1e5, 1e15, True), (1e5, 1e-15, False), (1e-5, 1e15, False)]
-)
-def test_an_area_in_units_of_the_scene_is_within_single_precision(side, unit, fits):
-    source, wavelength = pw.shapes.square(side), side / 10
-    if fits:
-        assert pwm.aperture(source, wavelength, scene_unit=unit)["scene_unit"] == unit
-        return
-    with pytest.raises(SceneError, match="scene_unit that single precision"):
-        pwm.aperture(source, wavelength, scene_unit=unit)
-
-
-def test_only_apertures_are_kept_in_memory():
-    with pytest.raises(SceneError, match="expected an Aperture or an Array, got list"):
-        pwm.register_source([[0, 0], [1, 0], [0, 1]])
-
-
 def test_a_gpu_variant_is_refused_at_once_where_there_is_no_gpu(monkeypatch):
     use("scalar_rgb")
-    offered = [variant for variant in use("scalar_rgb").variants() if variant.startswith("cuda_")]
-    assert offered
-    for variant in offered:
-        monkeypatch.setattr(dr, "has_backend", lambda backend: False)
-        with pytest.raises(EngineError, match=f"{variant} needs an NVIDIA GPU.*use "):
-            pwm.choose_variant(variant)
-        monkeypatch.setattr(dr, "has_backend", lambda backend: backend == dr.JitBackend.CUDA)
-        assert pwm.choose_variant(variant) == variant
+    monkeypatch.setattr(dr, "has_backend", lambda backend: False)
+    with pytest.raises(EngineError, match=r"cuda_ad_mono needs an NVIDIA GPU.*use "):
+        pwm.choose_variant("cuda_ad_mono")
+    monkeypatch.setattr(dr, "has_backend", lambda backend: backend == dr.JitBackend.CUDA)
+    assert pwm.choose_variant("cuda_ad_mono") == "cuda_ad_mono"
 
 
-@pytest.mark.parametrize(
-    ("variant", "name", "value"),
-    [
-        ("scalar_rgb", "wavelength", 0.0),
-        ("scalar_rgb", "wavelength", float("nan")),
-        ("scalar_rgb", "wavelength", 1e-30),
-        ("scalar_rgb", "power", -1.0),
-        pytest.param(*MONO.values, "power", float("inf"), marks=MONO.marks),
-    ],
-)
-def test_an_unusable_new_value_is_refused_when_the_scene_is_updated(variant, name, value):
-    mi = use(variant)
+@pytest.mark.parametrize(("name", "value"), [("wavelength", 0.0), ("power", float("inf"))])
+def test_an_unusable_new_value_is_refused_when_the_scene_is_updated(name, value):
+    mi = use("scalar_rgb")
     scene = scene_of(aperture=pwm.aperture(SQUARE, WAVELENGTH))
     params = mi.traverse(scene)
     params[f"aperture.emitter.{name}"] = value
@@ -340,22 +275,19 @@ def test_an_unusable_new_value_is_refused_when_the_scene_is_updated(variant, nam
         params.update()
 
 
+OVERLAPPING = pw.Array([SQUARE, SQUARE.moved((1e-3, 0))])
 TILES = pw.phased_array(SQUARE, pw.arrays.grid_positions(5, 4, 0.011), np.ones(20))
 
 
+@pytest.mark.llvm
 @pytest.mark.parametrize(
     ("variant", "source", "name", "reason"),
     [
         ("scalar_rgb", SQUARE, "vertices", "a variant of Mitsuba that compiles"),
-        pytest.param(
-            "llvm_ad_mono",
-            SQUARE.with_illumination(COSINE),
-            "vertices",
-            "a uniform",
-            marks=pytest.mark.llvm,
-        ),
-        pytest.param("llvm_ad_mono", SQUARE, "weights", "an array", marks=pytest.mark.llvm),
-        pytest.param("llvm_ad_mono", TILES, "vertices", "got 6400 pairs", marks=pytest.mark.llvm),
+        ("llvm_ad_mono", SQUARE.with_illumination(COSINE), "vertices", "a uniform"),
+        ("llvm_ad_mono", SQUARE, "weights", "an array"),
+        ("llvm_ad_mono", TILES, "vertices", "got 6400 pairs"),
+        ("llvm_ad_mono", OVERLAPPING, "weights", "an array"),
     ],
 )
 def test_an_emitter_says_why_its_numbers_are_no_parameters(variant, source, name, reason):
@@ -366,9 +298,8 @@ def test_an_emitter_says_why_its_numbers_are_no_parameters(variant, source, name
         getattr(scene.emitters()[0], name)
 
 
-@pytest.mark.parametrize("variant", ["scalar_rgb", MONO])
-def test_the_light_can_be_switched_off_and_on(variant):
-    mi = use(variant)
+def test_the_light_can_be_switched_off_and_on():
+    mi = use("scalar_rgb")
     scene = scene_of(aperture=pwm.aperture(SQUARE, WAVELENGTH))
     emitter, params = scene.emitters()[0], mi.traverse(scene)
     above = mi.Interaction3f()
@@ -383,9 +314,8 @@ def test_the_light_can_be_switched_off_and_on(variant):
     assert seen[1] > 0.0
 
 
-@pytest.mark.parametrize("variant", ["scalar_rgb", MONO])
-def test_the_mesh_does_not_move_without_the_light(variant):
-    mi = use(variant)
+def test_the_mesh_does_not_move_without_the_light():
+    mi = use("scalar_rgb")
     placed = pose((80.0, -50.0, 40.0), about_x=0.7)
     entry = pwm.aperture(pw.shapes.chevron(0.01, 0.01, 0.004), WAVELENGTH, to_world=placed)
     params = mi.traverse(scene_of(aperture=entry))

@@ -14,6 +14,7 @@ from mitsuba_scenes import (
     MILLIMETRE,
     SQUARE,
     WAVELENGTH,
+    camera,
     floor_scene,
     light,
     pose,
@@ -51,18 +52,25 @@ def mean_and_error(runs):
 
 
 @pytest.mark.parametrize(
-    ("source", "distance", "sampler"),
+    ("source", "distance", "sampler", "how"),
     [
-        pytest.param(SQUARE, 2, "independent", marks=pytest.mark.slow),
-        (CHEVRON, 10, "multijitter"),
-        pytest.param(CHEVRON, 50, "multijitter", marks=pytest.mark.slow),
+        pytest.param(SQUARE, 2, "independent", {}, marks=pytest.mark.slow),
+        (CHEVRON, 10, "multijitter", {}),
+        pytest.param(CHEVRON, 10, "multijitter", {"sampling": "marginal"}, marks=pytest.mark.slow),
+        pytest.param(CHEVRON, 50, "multijitter", {"control_variate": True}, marks=pytest.mark.slow),
     ],
 )
 def test_a_floor_shows_the_diffraction_integral_times_its_cosine_without_bias(
-    source, distance, sampler, llvm
+    source, distance, sampler, how, llvm
 ):
     use("llvm_ad_mono")
-    scene = _floor(source, distance, sampler)
+    scene = floor_scene(
+        {"aperture": light(source, **how)},
+        distance=distance * WAVELENGTH / MILLIMETRE,
+        columns=COLUMNS,
+        rows=1,
+        sampler=sampler,
+    )
     expected = line(source, distance)
     runs = [irradiance(pwm.render(scene, spp=1024, seed=seed)) for seed in range(8)]
     mean, error = mean_and_error(runs)
@@ -70,64 +78,19 @@ def test_a_floor_shows_the_diffraction_integral_times_its_cosine_without_bias(
     assert np.abs(mean - expected).mean() < 0.01 * expected.max()
 
 
-def _floor(source, distance, sampler, **how):
-    return floor_scene(
-        {"aperture": light(source, **how)},
-        distance=distance * WAVELENGTH / MILLIMETRE,
-        columns=COLUMNS,
-        rows=1,
-        sampler=sampler,
-    )
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("source", "distance", "how"),
-    [
-        (CHEVRON, 10, {"sampling": "marginal"}),
-        (CHEVRON, 50, {"control_variate": True}),
-    ],
-)
-def test_importance_and_control_variate_shift_no_mean_and_save_three_of_four_samples(
-    source, distance, how, llvm
-):
-    use("llvm_ad_mono")
-    expected = line(source, distance)
-    better, plain = (
-        _floor(source, distance, "multijitter", **how),
-        _floor(source, distance, "independent"),
-    )
-    runs = [irradiance(pwm.render(better, spp=256, seed=seed)) for seed in range(8)]
-    many = [irradiance(pwm.render(plain, spp=1024, seed=seed)) for seed in range(8)]
-    mean, error = mean_and_error(runs)
-    assert np.mean(((mean - expected) / error) ** 2) < LARGEST_MEAN_SQUARE
-    assert np.std(runs - expected) < np.std(many - expected)
-
-
-@pytest.fixture(scope="module")
+@cache
 def path_traced():
-    """Mean and error of the floor under a chevron, seen with so many columns by path tracing."""
-
-    @cache
-    def floor(columns):
-        use("llvm_ad_mono")
-        scene = floor_scene({"aperture": light(CHEVRON)}, columns=columns)
-        return mean_and_error([pwm.render(scene, spp=256, seed=s) for s in range(8)])
-
-    return floor
+    """Mean and error of the floor under a chevron by path tracing."""
+    scene = floor_scene({"aperture": light(CHEVRON)}, columns=8)
+    return mean_and_error([pwm.render(scene, spp=256, seed=s) for s in range(8)])
 
 
 @pytest.mark.parametrize(
-    "integrator",
-    [
-        "volpath",
-        "prb",
-        *(pytest.param(n, marks=pytest.mark.slow) for n in ("direct", "volpathmis", "prbvolpath")),
-    ],
+    "integrator", ["volpath", pytest.param("prbvolpath", marks=pytest.mark.slow)]
 )
-def test_integrators_agree(integrator, path_traced, llvm):
+def test_integrators_agree(integrator, llvm):
     use("llvm_ad_mono")
-    expected, error = path_traced(8)
+    expected, error = path_traced()
     scene = floor_scene({"aperture": light(CHEVRON)}, columns=8)
     runs = [pwm.render(scene, integrator, spp=256, seed=100 + s) for s in range(8)]
     mean, own_error = mean_and_error(runs)
@@ -135,55 +98,27 @@ def test_integrators_agree(integrator, path_traced, llvm):
     assert np.mean(deviation**2) < LARGEST_MEAN_SQUARE
 
 
-@pytest.mark.slow
-def test_the_particle_tracer_agrees_and_warns_where_it_plays_russian_roulette(llvm):
+def test_the_particle_tracer_warns_where_it_plays_russian_roulette(llvm):
     mi = use("llvm_ad_mono")
-    z = 10 * WAVELENGTH / MILLIMETRE
-    transform = mi.ScalarTransform4f
-    scene = scene_of(
-        integrator={"type": "path", "max_depth": 2},
-        sensor={
-            "type": "perspective",
-            "fov": 60,
-            "to_world": transform().look_at([30, 0, 0], [0, 0, z], [0, 1, 0]),
-            "film": {"type": "hdrfilm", "width": 4, "height": 4, "rfilter": {"type": "box"}},
-        },
-        floor={
-            "type": "rectangle",
-            "to_world": transform().translate([0, 0, z]).rotate([1, 0, 0], 180).scale(100),
-        },
-        aperture=light(),
-    )
-    # 16 pixels only: more seeds, so that their errors are known better.
-    expected, error = mean_and_error([pwm.render(scene, spp=1024, seed=s) for s in range(16)])
+    scene = scene_of(sensor=camera((30, 0, 0), (0, 0, 30), 4), aperture=light())
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        runs = [pwm.render(scene, "ptracer", spp=2048, seed=s) for s in range(16)]
         short = mi.load_dict({"type": "ptracer", "max_depth": 4})  # rr_depth is 5
         pwm.render(scene, short, spp=1)
     for depths in ({}, {"max_depth": 5}, {"rr_depth": 100}):
         with pytest.warns(RuntimeWarning, match="Russian roulette"):
             pwm.render(scene, mi.load_dict({"type": "ptracer", **depths}), spp=1)
-    mean, own_error = mean_and_error(runs)
-    assert np.mean(((mean - expected) / np.hypot(error, own_error)) ** 2) < LARGEST_MEAN_SQUARE
 
 
-@pytest.mark.parametrize("integrator", ["path", "volpath"])
-def test_an_aperture_that_is_looked_at_shows_its_negative_radiance(integrator, llvm):
+def test_an_aperture_that_is_looked_at_shows_its_negative_radiance(llvm):
     mi = use("llvm_ad_mono")
     # From 100 times its size, all pixels see the aperture in one direction: (0.6, 0, 0.8).
-    camera = {
-        "type": "perspective",
-        "fov": 0.7,
-        "near_clip": 1.0,
-        "to_world": mi.ScalarTransform4f().look_at([600, 0, 800], [0, 0, 0], [0, 1, 0]),
-        "film": {"type": "hdrfilm", "width": 64, "height": 64, "rfilter": {"type": "box"}},
-    }
+    seen = camera((600, 0, 800), (0, 0, 0), 64) | {"fov": 0.7, "near_clip": 1.0}
     background = {"type": "constant", "radiance": {"type": "spectrum", "value": 1e-9}}
     scene = mi.load_dict(
-        {"type": "scene", "sensor": camera, "aperture": light(), "background": background}
+        {"type": "scene", "sensor": seen, "aperture": light(), "background": background}
     )
-    image = pwm.render(scene, integrator, spp=16, seed=1)[..., 0]
+    image = pwm.render(scene, "path", spp=16, seed=1)[..., 0]
     centre = np.linspace(-0.0045, 0.0045, 100)
     x = np.stack(np.meshgrid(centre, centre), axis=-1)
     density = 0.8 * pw.wigner(SQUARE, x, np.array([0.6, 0.0]) / WAVELENGTH) / WAVELENGTH**2
@@ -260,10 +195,6 @@ def test_bad_requests_are_refused():
         pwm.render(scene, sensor=1)
     with pytest.raises(SceneError, match="no_such_integrator"):
         pwm.render(scene, "no_such_integrator")
-    with pytest.raises(ArgumentError, match="from 1 to 1073741824"):
-        pwm.render(scene, spp=2**40)
-    with pytest.raises(ArgumentError, match=r"spp as a whole number.*got 1\.5"):
-        pwm.render(scene, spp=1.5)
     with pytest.raises(ArgumentError, match="seed as a whole number of zero or more, got -1"):
         pwm.render(scene, seed=-1)
     with pytest.raises(ArgumentError, match=r"expected a mi\.Scene, got NoneType"):

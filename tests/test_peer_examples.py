@@ -61,38 +61,6 @@ def test_path_gains_in_free_space_are_the_directivity(example: Any) -> None:
 
 
 @pytest.mark.llvm
-def test_sionna_finds_a_lossless_antenna_of_the_same_directivity(example: Any) -> None:
-    scene = example.scene_with("polywigner")
-    found, gain, efficiency = scene.tx_array.antenna_pattern.compute_gain(
-        num_samples=800, verbose=False
-    )
-    angles = np.radians(np.linspace(-90, 90, 721))
-    pattern = pw.radiation_pattern(example.antenna(), example.WAVELENGTH, angles, 0.0)
-    largest = 10 ** (pattern.attrs["largest_directivity"] / 10)
-    grid = 3e-3  # Sionna looks for the peak, and integrates, on a grid of 0.2 degrees
-    assert efficiency[0] == pytest.approx(1.0, abs=grid)
-    assert gain[0] == pytest.approx(largest, rel=grid)
-    assert found[0] == pytest.approx(largest, rel=2 * grid)
-
-
-@pytest.mark.llvm
-def test_the_phase_is_that_of_sionnas_waves(example: Any) -> None:
-    """exp(j omega t - j k r): what lies nearer by a quarter of a wave is ahead by 90 degrees."""
-    import mitsuba as mi
-
-    patch = pw.shapes.square(1e-3)
-    side = np.array([2e-3, 0.0])  # along Sionna's y
-    angle = 0.4
-    fields = [
-        example.vertical_pattern(source, example.WAVELENGTH)(mi.Float(np.pi / 2), mi.Float(angle))
-        for source in (patch, patch.moved(side))
-    ]
-    here, there = (complex(f.real[0], f.imag[0]) for f in fields)
-    ahead = 2 * np.pi * side[0] * np.sin(angle) / example.WAVELENGTH
-    assert np.angle(there / here) == pytest.approx(ahead, abs=SINGLE)
-
-
-@pytest.mark.llvm
 def test_echoes_of_a_target_are_those_of_the_radar_equation() -> None:
     module = loaded("sionna_rcs")
     metal = module.body()

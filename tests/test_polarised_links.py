@@ -106,21 +106,6 @@ def test_crossed_and_circular_links_match_as_antennas_do() -> None:
     assert max(power["x", "y"], power["right", "left"]) < 1e-12
 
 
-def test_a_circular_wave_off_axis_is_received_as_its_ellipse() -> None:
-    """Of magnetic currents E_theta : E_phi = 1 : cos; two such ellipses, face to face."""
-    angle, distance = 0.6, 1e4
-    speck = pw.shapes.square(0.05)
-    at = pose(0.0, 0.0)  # parallel planes, seen at the same angle from both
-    at[:3, 3] = distance * np.array([math.sin(angle), 0.0, math.cos(angle)])
-    lit = {
-        pair: np.abs(pw.coupling(speck, speck, at, 1.0, "magnetic", polarisation=pair)) ** 2
-        for pair in [("right", "right"), ("right", "left")]
-    }
-    c = math.cos(angle)
-    ratio = ((1 - c**2) / (1 + c**2)) ** 2
-    assert lit["right", "left"] / lit["right", "right"] == pytest.approx(ratio, rel=1e-5)
-
-
 def test_elements_of_an_array_may_be_crossed() -> None:
     """Two elements in quadrature, along x and y, are received as a circular wave."""
     speck = pw.shapes.square(0.2)

@@ -11,17 +11,25 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
+import mitsuba_scenes
 import polywigner as pw
 import polywigner.mitsuba as pwm
-from mitsuba_scenes import SQUARE, WAVELENGTH, scene_of, use
+from mitsuba_scenes import (
+    SQUARE,
+    WAVELENGTH,
+    emitter,
+    film,
+    receiver,
+    scene_of,
+    spectrum,
+    use,
+)
 from polywigner.cli import main
 from polywigner.errors import ArgumentError, EngineError, SceneError
 from polywigner.figures import draw_polarisation, draw_stokes
 
 pytestmark = pytest.mark.drjit
 
-LLVM = pytest.param("llvm_ad_mono_polarized", marks=pytest.mark.llvm)
-POLARISED = ["scalar_spectral_polarized", LLVM]
 # Rounding of single precision in direct views; noise is the same for all numbers of a pixel.
 ERROR = 1e-3
 ROOT = np.sqrt(0.5)
@@ -33,12 +41,7 @@ STOKES["left"] = (0, 0, 1)
 PAIR = pw.Array([pw.shapes.square(5e-3).moved((s * 4e-3, 0)) for s in (-1, 1)], [1, 0.5j])
 
 
-def value(number: float) -> dict[str, Any]:
-    return {"type": "spectrum", "value": number}
-
-
-METAL = {"type": "conductor", "eta": value(3000.0), "k": value(3000.0)}
-BLACK = {"type": "diffuse", "reflectance": value(0.0)}
+BLACK = {"type": "diffuse", "reflectance": spectrum(0.0)}
 
 
 def looking(origin: Any, target: Any, up: Any = (0, 1, 0)) -> Any:
@@ -61,31 +64,25 @@ def seen(
     **more: Any,
 ) -> np.ndarray:
     """The mean Stokes numbers of a camera that looks at a source, or past other surfaces."""
-    film = {"type": "hdrfilm", "width": size, "height": size, "rfilter": {"type": "box"}}
-    sensor = {"type": "orthographic", "near_clip": 1e-4, "film": film}
-    sensor |= {
-        "to_world": looking(*camera).scale([half, half, 1]),
-        "sampler": {"type": "multijitter"},
-    }
+    sensor = mitsuba_scenes.camera(*camera[:2], size, half, *camera[2:])
+    sensor |= {"sampler": {"type": "multijitter"}}
     entry = pwm.aperture(source, WAVELENGTH, bsdf=BLACK, polarisation=polarisation, **more)
     scene = {"type": "scene", "integrator": {"type": inner}, "sensor": sensor, "a": entry}
     image = pwm.render(mi.load_dict(scene | (others or {})), "stokes", spp=spp)
     return pwm.stokes_of(image).mean(axis=(1, 2))
 
 
-@pytest.mark.parametrize("variant", POLARISED)
 @pytest.mark.parametrize("name", STOKES)
-def test_a_source_seen_straight_has_the_stokes_numbers_of_its_name(name: str, variant: str) -> None:
-    use(variant)
+def test_a_source_seen_straight_has_the_stokes_numbers_of_its_name(name: str) -> None:
+    use("scalar_spectral_polarized")
     found = seen(name)
     assert found[1:] / found[0] == pytest.approx(STOKES[name], abs=ERROR)
     by_numbers = seen(3.0 * np.array(JONES[name]))
     assert by_numbers == pytest.approx(found, rel=ERROR, abs=ERROR * found[0])
 
 
-@pytest.mark.parametrize("variant", POLARISED)
-def test_an_unpolarised_source_sends_light_of_the_same_radiance(variant: str) -> None:
-    use(variant)
+def test_an_unpolarised_source_sends_light_of_the_same_radiance() -> None:
+    use("scalar_spectral_polarized")
     plain = seen("unpolarised")
     assert not plain[1:].any()
     assert seen("right")[0] == pytest.approx(plain[0], rel=1e-6)
@@ -134,22 +131,6 @@ def test_the_right_of_engineers_is_the_left_of_the_plugin_circular() -> None:
         assert seen(other, through, inner="volpath")[0] / free == pytest.approx(0.0, abs=ERROR)
 
 
-def by_mirror(polarisation: Any, bsdf: dict[str, Any], angle: float, **more: Any) -> np.ndarray:
-    """A source that a camera sees by a plane, at an angle of incidence, in the x-z plane."""
-    back = np.array([np.sin(2 * angle), 0, -np.cos(2 * angle)])
-    middle = np.array([0, 0, 0.5])
-    mirror = plane(looking(middle, middle + back - [0, 0, 1]), bsdf)
-    return seen(polarisation, {"m": mirror}, (middle + back, middle), **more)
-
-
-@pytest.mark.llvm
-def test_a_metal_mirror_turns_handedness_over() -> None:
-    use("llvm_ad_mono_polarized")
-    for name, expected in (("right", (0, 0, 1)), ("left", (0, 0, -1)), ("y", (-1, 0, 0))):
-        found = by_mirror(name, METAL, np.pi / 4)
-        assert found[1:] / found[0] == pytest.approx(expected, abs=ERROR)
-
-
 @pytest.mark.llvm
 @pytest.mark.parametrize("name", ["45 deg", "right"])
 def test_a_metal_of_finite_index_turns_slants_into_the_ellipse_of_fresnel(name: str) -> None:
@@ -165,18 +146,11 @@ def test_a_metal_of_finite_index_turns_slants_into_the_ellipse_of_fresnel(name: 
     both = 2 * a * np.conj(b)
     size = abs(a) ** 2 + abs(b) ** 2
     expected = np.array([abs(a) ** 2 - abs(b) ** 2, both.real, both.imag]) / size
-    metal = {"type": "conductor", "eta": value(0.2), "k": value(3.0)}
-    found = by_mirror(name, metal, angle)
+    metal = {"type": "conductor", "eta": spectrum(0.2), "k": spectrum(3.0)}
+    middle, back = np.array([0, 0, 0.5]), np.array([np.sin(2 * angle), 0, -np.cos(2 * angle)])
+    mirror = plane(looking(middle, middle + back - [0, 0, 1]), metal)
+    found = seen(name, {"m": mirror}, (middle + back, middle))
     assert found[1:] / found[0] == pytest.approx(expected, abs=ERROR)
-
-
-@pytest.mark.llvm
-def test_glass_reflects_nothing_of_one_polarisation_at_brewsters_angle() -> None:
-    use("llvm_ad_mono_polarized")
-    glass = {"type": "dielectric", "int_ior": 2.0, "ext_ior": 1.0}
-    # the plugin draws between reflection and transmission
-    lying, standing = (by_mirror(name, glass, np.arctan(2.0), spp=256)[0] for name in "xy")
-    assert abs(lying) < 1e-5 * standing
 
 
 @pytest.mark.llvm
@@ -184,29 +158,25 @@ def test_glass_reflects_nothing_of_one_polarisation_at_brewsters_angle() -> None
 def test_an_unpolarised_sky_gives_half_to_a_polarised_receiver(estimator: str) -> None:
     """A sky of 2 k T/lambda^2 in both polarisations gives k T in a bandwidth of 1 Hz."""
     mi = use("llvm_ad_mono_polarized")
-    sky = {"type": "constant", "radiance": value(2.0 / WAVELENGTH**2)}
+    sky = {"type": "constant", "radiance": spectrum(2.0 / WAVELENGTH**2)}
     found = []
     for polarisation in ("unpolarised", "x", "left"):
-        receiver = pwm.receiver(
-            SQUARE, WAVELENGTH, polarisation=polarisation, estimator=estimator, film=None
-        )
-        scene = {"type": "scene", "integrator": {"type": "path"}, "r": receiver, "sky": sky}
+        taker = receiver(polarisation=polarisation, estimator=estimator)
+        scene = {"type": "scene", "integrator": {"type": "path"}, "r": taker, "sky": sky}
         found.append(float(pwm.render(mi.load_dict(scene), spp=2**14).mean()))
     assert found[1] == pytest.approx(found[0] / 2, rel=1e-6)
     assert found[2] == pytest.approx(found[0] / 2, rel=1e-6)
     assert found[1] == pytest.approx(1.0, rel=0.01 if estimator == "exact" else 0.2)
 
 
-def linked(sent: Any, taken: Any, others: Any = None, roll: float = 0.0, **more: Any) -> Any:
+def linked(sent: Any, taken: Any, roll: float = 0.0) -> Any:
     """What a receiver gets of a source that it faces, both with x horizontal."""
     here, there = (0.0, 0.0, 0.0), (0.1, 0.4, 0.2)
-    source = more.get("source", SQUARE)
-    emitter = pwm.aperture(
-        source, WAVELENGTH, looking(here, there, (0, 0, 1)), power=1.0, polarisation=sent
-    )
     pose = looking(there, here, (0, 0, 1)).rotate([0, 0, 1], roll)
-    receiver = pwm.receiver(SQUARE, WAVELENGTH, pose, polarisation=taken)
-    scene = mi.load_dict({"type": "scene", "e": emitter, "r": receiver, **(others or {})})
+    scene = scene_of(
+        e=emitter(SQUARE, looking(here, there, (0, 0, 1)), polarisation=sent),
+        r=receiver(SQUARE, pose, polarisation=taken),
+    )
     return pwm.received_power(scene, spp=32)
 
 
@@ -220,43 +190,6 @@ def test_links_keep_the_share_of_power_in_the_receivers_polarisation() -> None:
     ]  # fmt: skip
     for sent, taken, roll, share in table:
         assert linked(sent, taken, roll=roll).power / whole == pytest.approx(share, abs=1e-5)
-
-
-@pytest.mark.slow
-@pytest.mark.llvm
-def test_a_link_by_a_metal_mirror_changes_hands() -> None:
-    use("llvm_ad_mono_polarized")
-    floor = {"m": plane(looking((0, 0, -0.1), (0, 0, 1), (0, 1, 0)), METAL, 2.0)}
-    found = {}
-    for taken in ("right", "left"):
-        straight, mirrored = linked("right", taken, floor).contributions[0].paths
-        assert mirrored.mirrors == ("m",)
-        found[taken] = straight.polarisation, mirrored.polarisation
-    assert found["right"] == pytest.approx((1.0, 0.0), abs=0.01)
-    assert found["left"] == pytest.approx((0.0, 1.0), abs=0.01)
-
-
-@pytest.mark.slow
-@pytest.mark.llvm
-def test_the_link_of_an_array_of_two_polarisations_is_that_of_the_sum_of_fields() -> None:
-    use("llvm_ad_mono_polarized")
-    vectors = np.array([JONES["x"], JONES["right"]])
-    here, there = (0.0, 0.0, 0.0), (0.1, 0.4, 0.2)
-    poses = [np.array(looking(a, b, (0, 0, 1)).matrix) for a, b in ((here, there), (there, here))]
-    pose = np.linalg.inv(poses[0]) @ poses[1]
-    each = [
-        pw.coupling(element, SQUARE, pose, WAVELENGTH, normalise="aperture") * np.sqrt(element.area)
-        for element in PAIR.elements
-    ]
-    fields = np.array(each) * PAIR.weights
-    # along the emitter's x and y; the receiver, which faces it, has its x the other way
-    along = {"x": (-1, 0), "45 deg": (-ROOT, ROOT), "left": np.multiply(JONES["left"], (-1, 1))}
-    expected = {name: abs(fields @ vectors @ np.array(q)) ** 2 for name, q in along.items()}
-    total = sum(abs(fields @ vectors[:, k]) ** 2 for k in (0, 1))
-    whole = linked(["x", "right"], "unpolarised", source=PAIR).power
-    for name, power in expected.items():
-        found = linked(["x", "right"], name, source=PAIR).power / whole
-        assert found == pytest.approx(power / total, abs=1e-4)
 
 
 @pytest.mark.slow
@@ -278,22 +211,14 @@ def test_an_array_of_two_polarisations_has_the_pattern_of_the_sum_of_fields() ->
 
 @pytest.mark.slow
 @pytest.mark.llvm
-@pytest.mark.parametrize(
-    ("polarisation", "floor"),
-    [
-        ("right", {"type": "roughconductor", "alpha": 0.2, "eta": value(0.2), "k": value(3.0)}),
-        (["x", "right"], {"type": "pplastic", "alpha": 0.2, "diffuse_reflectance": value(0.3)}),
-    ],
-    ids=["metal", "plastic"],
-)
-def test_both_estimators_light_a_street_alike(floor: Any, polarisation: Any) -> None:
+def test_both_estimators_light_a_street_alike() -> None:
     use("llvm_ad_mono_polarized")
-    source = SQUARE if polarisation == "right" else PAIR
+    floor = {"type": "pplastic", "alpha": 0.2, "diffuse_reflectance": spectrum(0.3)}
     pose = looking((0, -0.5, 0.3), (0, 0, 0), (0, 0, 1))
     found = [
         seen(
-            polarisation, {"f": plane(looking((0, 0, 0), (0, 0, 1)), floor, 0.3)},
-            ((0, 0.5, 0.3), (0, 0, 0), (0, 0, 1)), source, 0.1, 8, 2048,
+            ["x", "right"], {"f": plane(looking((0, 0, 0), (0, 0, 1)), floor, 0.3)},
+            ((0, 0.5, 0.3), (0, 0, 0), (0, 0, 1)), PAIR, 0.1, 8, 2048,
             to_world=pose, estimator=estimator,
         )
         for estimator in ("wigner", "exact")
@@ -302,48 +227,21 @@ def test_both_estimators_light_a_street_alike(floor: Any, polarisation: Any) -> 
     assert np.linalg.norm(found[1][1:]) > 0.1 * found[1][0]
 
 
-def monostatic(polarisations: tuple[Any, Any], bsdf: Any) -> Any:
-    poses = [looking((x, 0, 0.3), (0, 0, 0)) for x in (-0.1, 0.1)]
-    sent, taken = polarisations
-    return scene_of(
-        e=pwm.aperture(SQUARE, WAVELENGTH, poses[0], power=1.0, polarisation=sent),
-        r=pwm.receiver(SQUARE, WAVELENGTH, poses[1], polarisation=taken),
-        f=plane(looking((0, 0, 0), (0, 0, 1)), bsdf, 0.5),
-    )
-
-
-ROUGH_METAL = {"type": "roughconductor", "alpha": 0.3, "eta": value(3000.0), "k": value(3000.0)}
-
-
 @pytest.mark.slow
 @pytest.mark.llvm
-def test_rough_metal_keeps_polarisations_and_a_diffuse_floor_none() -> None:
-    use("llvm_ad_mono_polarized")
-
-    def power(sent: Any, taken: Any, bsdf: Any) -> float:
-        scene = monostatic((sent, taken), bsdf)
-        return pwm.received_power(scene, spp=2**15, seed=1).scattered
-
-    whole = power("unpolarised", "unpolarised", ROUGH_METAL)
-    assert power("right", "left", ROUGH_METAL) == pytest.approx(whole, rel=0.01)
-    assert power("right", "right", ROUGH_METAL) < 1e-3 * whole
-    assert power("x", "y", ROUGH_METAL) < 0.01 * whole
-    white = {"type": "diffuse", "reflectance": value(0.5)}
-    half = power("unpolarised", "unpolarised", white) / 2
-    assert power("x", "x", white) == pytest.approx(half, rel=1e-4)
-    assert power("x", "y", white) == pytest.approx(half, rel=1e-4)
-
-
-@pytest.mark.slow
-@pytest.mark.llvm
-@pytest.mark.parametrize("taken", ["x", "y"])
-def test_ranges_and_scatterers_add_up_to_the_polarised_power(taken: str) -> None:
-    """Three ways to one number; the smallest is crossed and due to the slant of rays."""
-    pytest.importorskip("mitsuba")
+def test_ranges_and_scatterers_add_up_to_the_polarised_power() -> None:
+    """Three ways to one number, crossed and due to the slant of rays."""
     use("llvm_ad_mono_polarized")
     if importlib.util.find_spec("mitransient") is None:  # importing it sets a default variant
         pytest.skip("mitransient is not installed")
-    scene = monostatic(("x", taken), ROUGH_METAL)
+    poses = [looking((x, 0, 0.3), (0, 0, 0)) for x in (-0.1, 0.1)]
+    value = spectrum(3000.0)
+    metal = {"type": "roughconductor", "alpha": 0.3, "eta": value, "k": value}
+    scene = scene_of(
+        e=emitter(SQUARE, poses[0], polarisation="x"),
+        r=receiver(SQUARE, poses[1], polarisation="y"),
+        f=plane(looking((0, 0, 0), (0, 0, 1)), metal, 0.5),
+    )
     expected = pwm.received_power(scene, spp=2**15, seed=1)
     by_range = pwm.range_profile(scene, np.linspace(0.2, 0.6, 9), spp=2**15, seed=1)
     assert float(by_range.scattered) == pytest.approx(expected.scattered, rel=0.01)
@@ -393,7 +291,7 @@ def test_a_polarisation_asks_for_a_polarised_variant() -> None:
         pwm.choose_variant("scalar_rgb", polarised=True)
     scene = scene_of(
         a=pwm.aperture(SQUARE, WAVELENGTH),
-        s={"type": "orthographic", "film": {"type": "hdrfilm", "width": 2, "height": 2}},
+        s={"type": "orthographic", "film": film(2)},
     )
     with pytest.raises(SceneError, match="expected a polarised variant for the integrator"):
         pwm.render(scene, "stokes", spp=1)

@@ -43,21 +43,6 @@ def responses(radar, cloud):
     return pm.element_responses(cloud, radar.array())
 
 
-def test_posts_are_within_one_bin_of_where_they_stand(radar, cloud, responses):
-    pose = np.reshape(cloud.attrs["to_world"], (4, 4))
-    draws = radar.draws_of_angle(cloud, responses, np.random.default_rng(1))
-    picture = np.mean([radar.range_angle(draw) for draw in draws], axis=0)
-    for place in radar.POSTS.values():
-        distance, cosine = radar.seen_at(pose, place)
-        column, row = (
-            int(np.abs(axis - value).argmin())
-            for axis, value in ((radar.RANGES, distance), (radar.COSINES, cosine))
-        )
-        # the wall is nearby, in range and in angle
-        found = radar.peak_near(picture, column, row, 2)
-        assert abs(found[1] - column) <= 1 and abs(found[0] - row) <= 1
-
-
 def test_the_car_is_where_and_as_fast_as_it_is(radar, cloud, responses):
     rng = np.random.default_rng(1)
     signal = radar.beat_signal(cloud, responses, radar.speckle(responses.shape[1], rng))

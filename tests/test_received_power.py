@@ -8,7 +8,18 @@ import numpy as np
 import pytest
 
 import polywigner as pw
-from mitsuba_scenes import HANDED, SQUARE, compiled_slowly, scene_of
+from mitsuba_scenes import (
+    HANDED,
+    MIRROR,
+    SQUARE,
+    WAVELENGTH,
+    emitter,
+    facing,
+    receiver,
+    rectangle,
+    scene_of,
+    shifted,
+)
 from mitsuba_scenes import coupled as amplitude_between
 from polywigner.errors import ArgumentError, QuantityError, SceneError
 
@@ -16,26 +27,10 @@ pytestmark = pytest.mark.drjit
 pm = pytest.importorskip("polywigner.mitsuba")
 import mitsuba as mi  # noqa: E402 (after the package, which chooses the LLVM library)
 
-WAVELENGTH = 3.19e-3
 # Poses of a scene come in single precision.
 SINGLE = 2e-6
 # 4096 places that fill the apertures evenly, not on the edge of a shadow.
 RAYS = 0.01
-
-MIRROR = {"type": "conductor", "material": "none"}
-
-
-def facing(distance, x=0.0, y=0.0):
-    """At z = distance, looking back to the origin's plane."""
-    pose = np.diag([-1.0, 1.0, -1.0, 1.0])
-    pose[:3, 3] = x, y, distance
-    return pose
-
-
-def shifted(x, y=0.0, z=0.0):
-    pose = np.eye(4)
-    pose[:3, 3] = x, y, z
-    return pose
 
 
 def turned(angle, pose):
@@ -46,19 +41,9 @@ def turned(angle, pose):
     return pose @ turn
 
 
-def emitter(source=SQUARE, pose=None, **options):
-    return pm.aperture(source, wavelength=WAVELENGTH, to_world=pose, power=1.0, **options)
-
-
-def receiver(source=SQUARE, pose=None, **options):
-    return pm.receiver(source, wavelength=WAVELENGTH, to_world=pose, **options)
-
-
 def plate(x, y, z, axis, angle, **bsdf):
-    """Two by two metres, looking along z before it is turned."""
-    transform = mi.ScalarTransform4f().translate([x, y, z]).rotate(axis, angle)
-    entry = {"type": "rectangle", "to_world": transform}
-    return {**entry, "bsdf": bsdf} if bsdf else entry
+    """Two by two metres."""
+    return rectangle((x, y, z), axis, angle, bsdf=bsdf)
 
 
 def power_of(spp=16, seed=0, **parts):
@@ -73,7 +58,7 @@ def coupled(one, pose, other, other_pose):
 # ---- straight from the emitter -----------------------------------------------------------------
 
 
-def test_in_empty_space_a_link_is_its_coupling(variant):
+def test_in_empty_space_a_link_is_its_coupling(plain):
     pose = turned(0.3, facing(0.2, x=0.03, y=-0.02))
     found = power_of(tx=emitter(HANDED), rx=receiver(SQUARE, pose))
     assert float(found) == pytest.approx(coupled(HANDED, np.eye(4), SQUARE, pose), rel=SINGLE)
@@ -83,6 +68,18 @@ def test_in_empty_space_a_link_is_its_coupling(variant):
     assert part.name == "tx" and part.paths[0].mirrors == () and part.paths[0].passing == 1
 
 
+def test_partly_coherent_light_of_a_band_is_received_as_the_mean_of_its_waves(plain):
+    """Far away: the blurred intensity, over the power of the emitter, on the effective area."""
+    square, far, band = pw.shapes.square(6e-3), 20.0, 2e9
+    partly = square.partially_coherent(12e-3)
+    found = power_of(tx=emitter(partly, bandwidth=band), rx=receiver(square, facing(far)))
+    how = {"method": "rayleigh-sommerfeld-1", "bandwidth": band}
+    density = pw.irradiance(partly, (0.0, 0.0, far), WAVELENGTH, **how)
+    density /= pw.radiated_power(partly, WAVELENGTH)
+    area = square.area**2 / pw.radiated_power(square, WAVELENGTH)
+    assert float(found) == pytest.approx(density * area, rel=1e-3)
+
+
 def test_a_scene_in_millimetres_has_the_link_of_one_in_metres(plain):
     in_mm = facing(200.0, x=30.0)
     found = power_of(tx=emitter(scene_unit=1e-3), rx=receiver(SQUARE, in_mm, scene_unit=1e-3))
@@ -90,7 +87,7 @@ def test_a_scene_in_millimetres_has_the_link_of_one_in_metres(plain):
     assert float(found) == pytest.approx(expected, rel=SINGLE)
 
 
-def test_a_plate_before_half_of_the_aperture_takes_half_of_the_light(variant):
+def test_a_plate_before_half_of_the_aperture_takes_half_of_the_light(plain):
     black = plate(1.0, 0, 2e-3, [0, 0, 1], 0, type="diffuse", reflectance=0.0)
     found = power_of(tx=emitter(), rx=receiver(pose=facing(1.0)), half=black)
     whole = coupled(SQUARE, np.eye(4), SQUARE, facing(1.0))
@@ -107,8 +104,7 @@ def test_a_wall_takes_all_light_and_says_so(plain):
     assert "none" in str(found)
 
 
-@compiled_slowly
-def test_surfaces_of_sources_and_null_surfaces_are_no_obstacles(variant):
+def test_surfaces_of_sources_and_null_surfaces_are_no_obstacles(plain):
     between = {
         "third": emitter(SQUARE, shifted(0, 0, 0.5)),
         "bound": plate(0, 0, 0.3, [0, 0, 1], 0, type="null"),
@@ -130,14 +126,12 @@ def test_sources_in_one_plane_or_back_to_back_have_no_direct_light(plain):
 def test_of_a_source_that_reaches_behind_the_other_the_part_in_front_counts(plain):
     # The receiver's plane goes through the middle of the emitter, x > 0 lies in front of it.
     pose = turned(math.pi / 2, shifted(0, 0, 0.1))
-    pose[0, 3] = 0.0
     found = power_of(tx=emitter(SQUARE), rx=receiver(SQUARE, pose))
     half = SQUARE & pw.shapes.rectangle(10e-3, 10e-3).moved((5e-3, 0))
-    upper = SQUARE  # all of the receiver stands in front of the emitter
     least = pose.copy()
     least[0, 3] = -1e-9  # the emitter's edge lies in its plane
     radiated = [pw.radiated_power(source, WAVELENGTH) for source in (half, SQUARE)]
-    expected = coupled(half, np.eye(4), upper, least) * radiated[0] / radiated[1]
+    expected = coupled(half, np.eye(4), SQUARE, least) * radiated[0] / radiated[1]
     assert float(found) == pytest.approx(expected, rel=1e-3)
     assert "left out" in found.notes[0]
 
@@ -145,8 +139,7 @@ def test_of_a_source_that_reaches_behind_the_other_the_part_in_front_counts(plai
 FOG = {"type": "homogeneous", "sigma_t": 2.0, "albedo": 0.5}
 
 
-@compiled_slowly
-def test_fog_takes_its_share_off_direct_light(variant):
+def test_fog_takes_its_share_off_direct_light(plain):
     """Beer's law: through a slab, and from within fog that the sensor says it stands in."""
     slab = {
         "type": "cube",
@@ -166,8 +159,7 @@ def test_fog_takes_its_share_off_direct_light(variant):
 # ---- by mirrors --------------------------------------------------------------------------------
 
 
-@compiled_slowly
-def test_a_perfect_mirror_shows_the_mirrored_source(variant):
+def test_a_perfect_mirror_shows_the_mirrored_source(plain):
     """The image of the receiver, made by hand, receives what the receiver does of the image."""
     pose = turned(-0.4, facing(1.0, x=0.02, y=0.01))
     found = power_of(
@@ -189,23 +181,6 @@ def test_a_perfect_mirror_shows_the_mirrored_source(variant):
     assert found.direct == pytest.approx(paths[()].power + paths["m",].power)
 
 
-@pytest.mark.slow
-def test_a_corner_of_two_mirrors_turns_the_source_by_half_a_turn(variant):
-    pose = facing(1.0, x=0.05)
-    walls = {
-        "a": plate(0.1, 0, 0.5, [0, 1, 0], -90, **MIRROR),
-        "b": plate(0, -0.1, 0.5, [1, 0, 0], -90, **{**MIRROR, "specular_reflectance": 0.5}),
-    }
-    found = power_of(tx=emitter(HANDED), rx=receiver(SQUARE, pose), **walls)
-    image = np.diag([-1.0, -1.0, 1.0, 1.0])  # about the edge x = 0.1, y = -0.1
-    image[:2, 3] = 0.2, -0.2
-    whole = coupled(HANDED, image, SQUARE, pose)
-    paths = {path.mirrors: path for path in found.contributions[0].paths}
-    # nearer to it at its own end, the light meets "a" last
-    assert set(paths) == {(), ("a",), ("b",), ("b", "a")}
-    assert paths["b", "a"].power == pytest.approx(whole / 2, rel=1e-4)  # the plates' own places
-
-
 def test_mirrors_are_found_by_their_smooth_plane_faces(plain):
     others = {
         "ball": {"type": "sphere", "center": [0, 5, 0], "bsdf": MIRROR},
@@ -215,17 +190,10 @@ def test_mirrors_are_found_by_their_smooth_plane_faces(plain):
             "to_world": mi.ScalarTransform4f().translate([0.3, 0, 0.5]).rotate([0, 1, 0], -90),
             "bsdf": {"type": "twosided", "bsdf": MIRROR},
         },
-        "box": {
-            "type": "cube",
-            "to_world": mi.ScalarTransform4f().translate([-1.3, 0, 0.5]),
-            "bsdf": MIRROR,
-        },
     }
     scene = scene_of(tx=emitter(), rx=receiver(pose=facing(1.0)), **others)
     found = pm.received_power(scene, spp=16, reflections=1)
-    ways = {path.mirrors for path in found.contributions[0].paths}
-    assert {(), ("disk",)} < ways
-    assert any(len(way) == 1 and way[0].startswith("box[") for way in ways)
+    assert {path.mirrors for path in found.contributions[0].paths} == {(), ("disk",)}
     assert any("ball" in note for note in found.notes)
     alone = pm.received_power(scene, spp=16, reflections=0)
     assert len(alone.contributions[0].paths) == 1
@@ -234,18 +202,12 @@ def test_mirrors_are_found_by_their_smooth_plane_faces(plain):
 # ---- scattered ---------------------------------------------------------------------------------
 
 
-FLOOR = 0.1  # below both
-
-
-def scene_with_floor(swapped=False, **more):
-    one, other = turned(0.0, shifted(0, 0)), facing(0.5)
-    poses = (other, one) if swapped else (one, other)
-    sources = (SQUARE, HANDED) if swapped else (HANDED, SQUARE)
-    floor = plate(0, -FLOOR, 0.25, [1, 0, 0], -90)
+def scene_with_floor(**more):
+    """A floor 0.1 m below both ends."""
     return scene_of(
-        tx=emitter(sources[0], poses[0], estimator="exact"),
-        rx=receiver(sources[1], poses[1]),
-        floor=floor,
+        tx=emitter(HANDED, estimator="exact"),
+        rx=receiver(SQUARE, facing(0.5)),
+        floor=plate(0, -0.1, 0.25, [1, 0, 0], -90),
         **more,
     )
 
@@ -253,7 +215,7 @@ def scene_with_floor(swapped=False, **more):
 def test_power_over_an_aperture_is_that_in_front_times_the_share_that_is_radiated(plain):
     """Of receiver and emitter, straight and scattered, of the same samples."""
     more = {"obliquity": "kirchhoff"}
-    floor = plate(0, -FLOOR, 0.25, [1, 0, 0], -90)
+    floor = plate(0, -0.1, 0.25, [1, 0, 0], -90)
 
     def found(options, **of):
         tx = pm.aperture(SQUARE, WAVELENGTH, **of, **more)
@@ -302,15 +264,9 @@ def state_of(scene):
     return [*places, *(e.spec for e in sources), *(np.ravel(e.power).tolist() for e in sources)]
 
 
-def test_the_scene_is_as_before_whatever_ends_the_work(variant):
+def test_the_scene_is_as_before_whatever_ends_the_work(plain):
     scene = scene_with_floor(second=emitter(SQUARE, shifted(0.05)))
     before = state_of(scene)
-    ray = mi.Ray3f(mi.Point3f(0.052, 1e-3, -1.0), mi.Vector3f(0, 0, 1))
-
-    def hit():
-        return float(np.ravel(scene.ray_intersect(ray).t)[0])
-
-    assert hit() == pytest.approx(1.0)
 
     def stop(done, total):
         assert 1 <= done <= total == 32
@@ -319,10 +275,9 @@ def test_the_scene_is_as_before_whatever_ends_the_work(variant):
     with pytest.raises(KeyboardInterrupt):
         pm.received_power(scene, spp=16, progress=stop)
     assert state_of(scene) == before
-    assert hit() == pytest.approx(1.0)
 
 
-def test_parameters_that_were_changed_count_as_they_are_now(variant):
+def test_parameters_that_were_changed_count_as_they_are_now(plain):
     scene = scene_of(tx=emitter(), rx=receiver(pose=facing(1.0)))
     params = mi.traverse(scene)
     params["tx.emitter.power"] = 2.0
@@ -337,10 +292,10 @@ def test_parameters_that_were_changed_count_as_they_are_now(variant):
 
 def test_noise_is_boltzmanns_constant_times_temperature_bandwidth_and_figure(plain):
     pose = facing(1.0)
-    found = power_of(tx=emitter(), rx=receiver(pose=pose, temperature=290.0, bandwidth=1.0))
-    assert 10 * math.log10(found.noise_power / 1e-3) == pytest.approx(-173.975, abs=1e-3)
     scene = scene_of(tx=emitter(), rx=receiver(pose=pose, temperature=290.0, bandwidth=1.0))
-    louder = pm.received_power(scene, spp=16, bandwidth=1e6, noise_figure=3.0)
+    found = pm.received_power(scene, spp=16)
+    assert 10 * math.log10(found.noise_power / 1e-3) == pytest.approx(-173.975, abs=1e-3)
+    louder = pm.received_power(scene, spp=16, bandwidth="1 MHz", noise_figure=3.0)
     assert louder.noise_power == pytest.approx(found.noise_power * 1e6 * 10**0.3, abs=0)
     assert louder.snr == pytest.approx(float(louder) / louder.noise_power)
     assert pm.received_power(scene_of(tx=emitter(), rx=receiver(pose=pose)), spp=16).snr is None
@@ -411,25 +366,12 @@ def test_emitters_within_the_bandwidth_are_received_at_their_wavelength(plain):
 
 
 @pytest.mark.parametrize(
-    "wrong",
-    [
-        {"spp": 0},
-        {"seed": -1},
-        {"reflections": 4},
-        {"tolerance": "fine"},
-        {"temperature": "hot"},
-    ],
-    ids=str,
+    "wrong", [{"spp": 0}, {"seed": -1}, {"reflections": 4}, {"temperature": "hot"}], ids=str
 )
 def test_an_argument_out_of_range_is_refused(plain, wrong):
     scene = scene_of(tx=emitter(), rx=receiver(pose=facing(1.0)))
     with pytest.raises((ArgumentError, QuantityError), match="expected"):
         pm.received_power(scene, **wrong)
-
-
-def test_what_is_no_scene_is_refused():
-    with pytest.raises(ArgumentError, match=r"expected a mi\.Scene"):
-        pm.received_power("scene.xml")
 
 
 @pytest.mark.usefixtures("plain")
@@ -443,13 +385,7 @@ def test_a_mirror_narrower_than_a_fresnel_zone_is_pointed_out(size, is_narrow):
 
 
 @pytest.mark.usefixtures("plain")
-def test_integrators_that_find_no_radiance_and_noise_beyond_all_numbers_are_refused():
-    parts = {"tx": emitter(), "rx": receiver(pose=facing(1.0))}
+def test_integrators_that_find_no_radiance_are_refused():
     for name in ("depth", "ptracer"):
         with pytest.raises(SceneError, match="integrator that finds the radiance along rays"):
-            power_of(**parts, integrator={"type": name})
-    scene = scene_of(**parts)
-    with pytest.raises(ArgumentError, match="expected noise k T B F of a number of watts"):
-        pm.received_power(scene, spp=16, bandwidth=1e300, temperature=1e300)
-    texts = pm.received_power(scene, spp=16, bandwidth="1 GHz", temperature="290 K")
-    assert texts.noise_power == pytest.approx(4.0039e-12, rel=1e-4)
+            power_of(tx=emitter(), rx=receiver(pose=facing(1.0)), integrator={"type": name})

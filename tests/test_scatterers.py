@@ -4,12 +4,12 @@ import base64
 import csv
 import math
 import xml.etree.ElementTree as ET
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 import polywigner as pw
+from mitsuba_scenes import rectangle, shifted, spectrum
 from polywigner.errors import ArgumentError, SceneError
 
 pytestmark = pytest.mark.drjit
@@ -25,24 +25,13 @@ SIGMAS = 5.0
 SINGLE = 1e-5
 
 
-def spectrum(value):
-    return {"type": "spectrum", "value": value}
-
-
 def rough(albedo):
     return {"type": "diffuse", "reflectance": spectrum(albedo)}
 
 
 def plate(place, axis, angle, size, **bsdf):
     """Looking along z before it is turned."""
-    transform = mi.ScalarTransform4f().translate(place).rotate(axis, angle).scale(size)
-    return {"type": "rectangle", "to_world": transform, "bsdf": bsdf or rough(0.5)}
-
-
-def shifted(x, y=0.0, z=0.0):
-    pose = np.eye(4)
-    pose[:3, 3] = x, y, z
-    return pose
+    return rectangle(place, axis, angle, size, bsdf or rough(0.5))
 
 
 def scene_of(estimator="exact", depth=2, source=SQUARE, **things):
@@ -64,21 +53,6 @@ def corner():
     }
 
 
-# Compilers take the time: the quick tests are those of plain arrays.
-COMPILED = pytest.param("llvm_ad_mono", marks=[pytest.mark.llvm, pytest.mark.slow])
-
-
-@pytest.fixture(params=["scalar_rgb", COMPILED])
-def variant(request):
-    mi.set_variant(request.param)
-    return request.param
-
-
-@pytest.fixture
-def plain():
-    mi.set_variant("scalar_rgb")
-
-
 def apart(cloud, expected, error=0.0):
     """How far the power is off, in standard errors."""
     power = float(cloud["power"].values.sum())
@@ -89,11 +63,10 @@ def apart(cloud, expected, error=0.0):
 
 
 @pytest.mark.parametrize("estimator", [pytest.param("exact", marks=pytest.mark.slow), "wigner"])
-def test_powers_add_up_to_the_received_power(variant, estimator):
+def test_powers_add_up_to_the_received_power(plain, estimator):
     scene = scene_of(estimator, floor=plate([0, 0, 1.0], [1, 0, 0], 180, 2.0))
-    is_scalar = variant == "scalar_rgb"
-    found = pm.received_power(scene, spp=128 if is_scalar else 1 << 14)
-    cloud = pm.scatterers(scene, 100, rays=256 if is_scalar else 1 << 14)
+    found = pm.received_power(scene, spp=128)
+    cloud = pm.scatterers(scene, 100, rays=256)
     assert len(cloud["power"].values) == 100
     assert apart(cloud, found.scattered, found.standard_error) < SIGMAS
     assert cloud.attrs["standard_error"] < 0.25 * found.scattered
@@ -101,7 +74,7 @@ def test_powers_add_up_to_the_received_power(variant, estimator):
         assert (cloud["power"].values > 0).all()
 
 
-def test_one_seed_gives_one_cloud(variant):
+def test_one_seed_gives_one_cloud(plain):
     scene = scene_of("wigner", floor=plate([0, 0, 1.0], [1, 0, 0], 180, 2.0))
     first, again, other = (pm.scatterers(scene, 50, seed=s, rays=256) for s in (3, 3, 4))
     for name in first.data_vars:
@@ -112,7 +85,7 @@ def test_one_seed_gives_one_cloud(variant):
 # ---- places and paths --------------------------------------------------------------------------
 
 
-def test_places_and_paths_are_those_of_the_geometry(variant):
+def test_places_and_paths_are_those_of_the_geometry(plain):
     floor = plate([0, 0, 1.0], [1, 0, 0], 180, 2.0)
     cloud = pm.scatterers(scene_of(floor=floor), 60, rays=128)
     place = cloud["position"].values
@@ -125,7 +98,7 @@ def test_places_and_paths_are_those_of_the_geometry(variant):
     assert np.abs(cloud["path_length"].values - ways).max() < 4.3e-3
 
 
-def test_a_null_surface_is_no_scatterer_and_lets_paths_pass(variant):
+def test_a_null_surface_is_no_scatterer_and_lets_paths_pass(plain):
     floor = plate([0, 0, 1.0], [1, 0, 0], 180, 2.0)
     veil = plate([0, 0, 0.4], [1, 0, 0], 180, 3.0, type="null")
     open_cloud = pm.scatterers(scene_of("wigner", floor=floor), 400, rays=128)
@@ -231,8 +204,6 @@ def test_other_files_and_other_data_are_refused(plain, tmp_path):
         pm.write_scatterers(cloud, tmp_path / "cloud.ply")
     with pytest.raises(ArgumentError, match="expected a cloud"):
         pm.write_scatterers({"power": 1}, tmp_path / "cloud.csv")
-    with pytest.raises(ArgumentError, match="expected to write"):
-        pm.write_scatterers(cloud, Path(__file__) / "cloud.csv")
     assert not list(tmp_path.iterdir())
 
 
@@ -243,9 +214,7 @@ def test_other_files_and_other_data_are_refused(plain, tmp_path):
     ("options", "message"),
     [
         ({"count": 0}, "count as a whole number from 1"),
-        ({"count": 10, "rays": 10**9}, "rays as a whole number from 1"),
         ({"count": 10, "seed": -1}, "seed as a whole number of zero or more"),
-        ({"count": 10, "max_depth": 0}, "max_depth as a whole number from 1"),
         ({"count": 10, "receiver": "nobody"}, "receiver as one of"),
         (
             {"count": 10, "velocities": {"flor": (1, 0, 0)}},

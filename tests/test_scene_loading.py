@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import warnings
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from mitsuba_scenes import SQUARE, WAVELENGTH, scene_of, use
-from polywigner.cli import main
+from cli_scenes import PATH, receiver, rectangle, scene, source, written
+from mitsuba_scenes import METAL, MIRROR, SQUARE, WAVELENGTH, facing, scene_of, use
 from polywigner.errors import ArgumentError, SceneError
 
 pytestmark = [pytest.mark.drjit, pytest.mark.llvm]
 pm = pytest.importorskip("polywigner.mitsuba")
 import mitsuba as mi  # noqa: E402 (after the package, which chooses the LLVM library)
 
-METAL = {"type": "twosided", "bsdf": {"type": "conductor", "material": "none"}}
 WHITE = {"type": "diffuse", "reflectance": 0.5}
 IDS = ["zeta", "alpha", "mid"]
 
@@ -31,19 +31,12 @@ def moved(x: float, y: float, z: float) -> Any:
     return mi.ScalarTransform4f().translate([x, y, z])
 
 
-def facing(x: float, z: float) -> np.ndarray:
-    """At (x, 0, z), looking along -z."""
-    pose = np.diag([-1.0, 1.0, -1.0, 1.0])
-    pose[:3, 3] = x, 0.0, z
-    return pose
-
-
 def entries(bsdf: Any = WHITE) -> dict[str, Any]:
     """Sources, receivers and walls in no order of their ids; walls share one BSDF."""
     made: dict[str, Any] = {"type": "scene"}
     for k, name in enumerate(IDS):
         made[name] = pm.aperture(SQUARE, WAVELENGTH, moved(0.02 * k, 0, 0), power=1.0 + k)
-        made[f"{name} rx"] = pm.receiver(SQUARE, WAVELENGTH, facing(0.02 * k, 1.0))
+        made[f"{name} rx"] = pm.receiver(SQUARE, WAVELENGTH, facing(1.0, 0.02 * k))
         to_world = moved(5.0 + k, 0, 0.5).rotate([0, 1, 0], -90).scale(2.0)
         made[f"{name} wall"] = {"type": "rectangle", "bsdf": bsdf, "to_world": to_world}
     return made
@@ -51,7 +44,7 @@ def entries(bsdf: Any = WHITE) -> dict[str, Any]:
 
 def test_results_follow_the_ids_however_mitsuba_orders_its_emitters() -> None:
     """Mitsuba's own loader merges the walls, and then returns emitters in any order."""
-    scenes = [mi.load_dict(entries()) for _ in range(3)] + [pm.load_scene(entries())]
+    scenes = [mi.load_dict(entries()), pm.load_scene(entries())]
     channel = pm.channel(scenes[0], reflections=0)
     assert channel["emitter"].values.tolist() == sorted(IDS)
     assert channel["receiver"].values.tolist() == sorted(f"{name} rx" for name in IDS)
@@ -97,64 +90,35 @@ def corridor() -> dict[str, Any]:
         "south": moved(-0.3, 0, 0.5).rotate([0, 1, 0], 90),
         "floor": moved(0, -0.3, 0.5).rotate([1, 0, 0], -90),
     }
-    metal = {"type": "conductor", "material": "none"}
     walls = {
-        name: {"type": "rectangle", "bsdf": metal, "to_world": pose @ turn().scale(0.2)}
+        name: {"type": "rectangle", "bsdf": MIRROR, "to_world": pose @ turn().scale(0.2)}
         for name, pose in poses.items()
     }
     ends = {
         "tx": pm.aperture(SQUARE, WAVELENGTH),
-        "rx": pm.receiver(SQUARE, WAVELENGTH, facing(0.0, 1.0)),
+        "rx": pm.receiver(SQUARE, WAVELENGTH, facing(1.0)),
     }
     return {"type": "scene", **ends, **walls}
 
 
 def text_of_scene(folder: Path) -> Path:
     """Three walls of equal BSDFs around a link, in XML."""
-    (folder / "square.wkt").write_text(SQUARE.polygons.wkt, encoding="utf-8")
-    end = (
-        '<string name="aperture" value="square.wkt"/><string name="unit" value="m"/>'
-        '<string name="frequency" value="94 GHz"/>'
-    )
-    film = (
-        '<film type="hdrfilm"><integer name="width" value="1"/><integer name="height" value="1"/>'
-        '<rfilter type="box"/></film>'
-    )
     conductor = '<bsdf type="conductor"><string name="material" value="none"/></bsdf>'
-    walls = "".join(
-        f'<shape type="rectangle" id="{name}"><transform name="to_world"><scale value="0.2"/>'
-        f'<rotate {axis}="1" angle="{turn}"/><translate {towards} z="0.5"/></transform>'
-        f"{conductor}</shape>"
-        for name, axis, turn, towards in WALLS
+    walls = (
+        rectangle(
+            f'<scale value="0.2"/><rotate {axis}="1" angle="{turn}"/><translate {to} z="0.5"/>',
+            conductor,
+            name,
+        )
+        for name, axis, turn, to in WALLS
     )
-    text = (
-        f'<scene version="3.0.0"><integrator type="path"/><shape type="wigner" id="tx">{end}'
-        f'</shape><sensor type="wigner_receiver" id="rx">{end}{film}<transform name="to_world">'
-        '<rotate y="1" angle="180"/><translate z="1"/></transform></sensor>'
-        f"{walls}</scene>"
-    )
-    path = folder / "scene.xml"
-    path.write_text(text, encoding="utf-8")
-    return path
+    return written(folder, scene('<integrator type="path"/>', source(), receiver(), *walls))
 
 
 def test_mirrors_of_one_bsdf_keep_their_names_in_files_and_dictionaries(tmp_path: Path) -> None:
     for given in (corridor(), text_of_scene(tmp_path)):
         names = pm.channel(pm.load_scene(given), reflections=1)["mirrors"].values
         assert names.tolist() == ["", "floor", "north", "south"]
-
-
-def test_the_command_names_the_walls_of_one_bsdf(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = text_of_scene(tmp_path)
-    options = ["--spp", "16", "--frequencies", "94 GHz"]
-    assert main(["receive", str(path), *options, "--out", str(tmp_path / "out")]) == 0
-    rows = (tmp_path / "out_channel.csv").read_text().splitlines()[1:]
-    ways = {row.split(",")[3] for row in rows} | {row.split('"')[1] for row in rows if '"' in row}
-    assert {"direct", "north", "south", "floor"} <= ways
-    assert not any("shape" in way for way in ways)
-    assert "shape" not in capsys.readouterr().out
 
 
 def test_merged_shapes_are_reported_with_the_loader_that_keeps_ids() -> None:
@@ -186,7 +150,7 @@ def notes_over(bsdf: Any, kind: str = "cube", **how: Any) -> Any:
     """A link of a metre beside a body that reflects at half of the way."""
     scene = scene_of(
         tx=pm.aperture(SQUARE, WAVELENGTH, power=1.0),
-        rx=pm.receiver(SQUARE, WAVELENGTH, facing(0.0, 1.0)),
+        rx=pm.receiver(SQUARE, WAVELENGTH, facing(1.0)),
         shell={"type": kind, "bsdf": bsdf, "to_world": moved(-0.25, 0, 0.5).scale(0.2)},
     )
     return pm.received_power(scene, spp=16, reflections=1, **how)
@@ -201,7 +165,7 @@ def test_faces_of_a_glass_box_are_mirrors_and_the_note_names_transmission_alone(
 ) -> None:
     found = notes_over(GLASS, coherent=coherent)
     reflected = found.contributions[0].paths[1]
-    metal = notes_over({"type": "conductor", "material": "none"}, coherent=coherent)
+    metal = notes_over(MIRROR, coherent=coherent)
     sine = 0.5 / np.hypot(0.5, 0.05)  # at the face 0.05 m beside the line
     cosine, root = np.sqrt(1 - sine**2), np.sqrt(1.5**2 - sine**2)
     s, p = (cosine - root) / (cosine + root), (2.25 * cosine - root) / (2.25 * cosine + root)
@@ -256,20 +220,22 @@ def test_merged_walls_without_a_bounding_box_are_aimed_at_without_warnings() -> 
     assert merged.scattered == pytest.approx(apart.scattered, rel=0.3)
 
 
-@pytest.mark.parametrize("spp", [100, 5000])
-def test_samples_that_a_sampler_rounds_up_are_no_warnings(spp: int, tmp_path: Path) -> None:
-    log = tmp_path / "mitsuba.log"
-    appender = mi.StreamAppender(str(log))
-    mi.set_log_level(mi.LogLevel.Warn)
-    mi.logger().add_appender(appender)
-    try:
-        scene = scene_of(
-            tx=pm.aperture(SQUARE, WAVELENGTH, power=1.0),
-            rx=pm.receiver(SQUARE, WAVELENGTH, moved(0.05, 0, 0)),
-            wall={"type": "rectangle", "bsdf": WHITE, "to_world": moved(0, 0, 1)},
-        )
-        pm.received_power(scene, spp=spp)
-    finally:
-        mi.logger().remove_appender(appender)
-        mi.set_log_level(mi.LogLevel.Error)
-    assert "rounded" not in log.read_text(encoding="utf-8")
+# ---- threads ------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_threads_that_load_and_receive_at_once_get_the_power_of_one(tmp_path: Path) -> None:
+    floor = '<scale value="0.3"/><rotate x="1" angle="180"/><translate z="0.5"/>'
+    ends = source(), receiver(pose='<translate x="0.05"/>'), rectangle(floor)
+    path = written(tmp_path, scene(PATH.format(3), *ends))
+
+    def power(_: int) -> float:
+        loaded = pm.load_scene(path, "llvm_ad_mono")
+        return float(pm.received_power(loaded, spp=1 << 7, seed=1).power)
+
+    alone = power(0)
+    assert alone > 0
+    with ThreadPoolExecutor(4) as pool:
+        found = list(pool.map(power, range(25)))
+    # kernels add in single precision, in an order that depends on the scenes that are alive
+    assert found == pytest.approx([alone] * 25, rel=1e-6)

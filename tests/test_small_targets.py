@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import polywigner as pw
+from mitsuba_scenes import WHITE, rectangle, shifted
 
 pytestmark = pytest.mark.drjit
 pm = pytest.importorskip("polywigner.mitsuba")
@@ -26,25 +27,19 @@ BIAS = 1e-3
 SAMPLES, NOISE = 1 << 14, 2e-2
 
 
-def at(place: np.ndarray) -> np.ndarray:
-    pose = np.eye(4)
-    pose[:3, 3] = place
-    return pose
-
-
 def plate(place: Any, half: float, turn: float = 180.0) -> dict[str, Any]:
     """White, looking along z before it is turned about x by degrees."""
-    white = {"type": "diffuse", "reflectance": {"type": "spectrum", "value": 1.0}}
-    pose = mi.ScalarTransform4f().translate(list(place)).rotate([1, 0, 0], turn).scale(half)
-    return {"type": "rectangle", "to_world": pose, "bsdf": white}
+    return rectangle(place, (1, 0, 0), turn, half, WHITE)
 
 
 def scene_of(estimator: str = "exact", **things: Any) -> Any:
     entries = {
         "type": "scene",
         "integrator": {"type": "path", "max_depth": 2},
-        "tx": pm.aperture(HORN, WAVELENGTH, at(TX), power=1.0, estimator="exact", visible=False),
-        "rx": pm.receiver(PATCH, WAVELENGTH, to_world=at(RX), estimator=estimator),
+        "tx": pm.aperture(
+            HORN, WAVELENGTH, shifted(*TX), power=1.0, estimator="exact", visible=False
+        ),
+        "rx": pm.receiver(PATCH, WAVELENGTH, to_world=shifted(*RX), estimator=estimator),
     }
     return mi.load_dict(entries | things)
 
@@ -98,14 +93,8 @@ def test_small_plates_send_what_quadrature_finds(
     check(found.scattered, found.standard_error, expected)
 
 
-@pytest.mark.parametrize(
-    "variant",
-    ["scalar_rgb", pytest.param("llvm_ad_mono", marks=[pytest.mark.llvm, pytest.mark.slow])],
-)
-def test_rays_of_the_wigner_function_find_a_small_plate_too(variant: str) -> None:
-    mi.set_variant(variant)
-    samples = 1 << (8 if variant == "scalar_rgb" else 14)
-    found = pm.received_power(scene_of("wigner", plate=plate(*SMALL)), spp=samples)
+def test_rays_of_the_wigner_function_find_a_small_plate_too(plain: None) -> None:
+    found = pm.received_power(scene_of("wigner", plate=plate(*SMALL)), spp=1 << 8)
     check(found.scattered, found.standard_error, quadrature(*SMALL), 0.2)
 
 
@@ -120,27 +109,6 @@ def test_ranges_and_scatterers_find_a_small_plate(compiled: None) -> None:
         power, error = (profile[name].values for name in ("power", "standard_error"))
         check(power[1], error[1], expected)
         assert power[0] == power[2] == 0.0
-
-
-@pytest.mark.llvm
-@pytest.mark.slow
-def test_things_far_apart_in_one_mesh_are_found_each(compiled: None) -> None:
-    """Mitsuba merges meshes of one BSDF."""
-
-    def cube(x: float) -> dict[str, Any]:
-        place = mi.ScalarTransform4f().translate([x, 0.5, 10.0]).scale(0.03)
-        return {"type": "cube", "to_world": place, "bsdf": {"type": "ref", "id": "white"}}
-
-    white = {"type": "diffuse", "id": "white"}
-    errors = []
-    for places in ([-2.0], [2.0], [-2.0, 2.0]):
-        scene = scene_of(white=white, **{f"cube {k}": cube(x) for k, x in enumerate(places)})
-        assert sum(shape.is_mesh() and not shape.is_emitter() for shape in scene.shapes()) == 1
-        errors.append(pm.received_power(scene, spp=SAMPLES))
-    one, other, both = errors
-    noise = np.sqrt(sum(each.standard_error**2 for each in errors))
-    assert abs(both.scattered - one.scattered - other.scattered) < ERRORS * noise
-    assert both.standard_error < 0.03 * both.scattered
 
 
 def test_the_receiver_looks_as_before_afterwards() -> None:

@@ -8,35 +8,25 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mitsuba_scenes import SQUARE, WAVELENGTH, coupled, scene_of
+from mitsuba_scenes import (
+    SQUARE,
+    WAVELENGTH,
+    coupled,
+    emitter,
+    looking,
+    receiver,
+    rectangle,
+    scene_of,
+)
 from polywigner.errors import SceneError
 
 pytestmark = [pytest.mark.drjit, pytest.mark.llvm]
 pm = pytest.importorskip("polywigner.mitsuba")
 import mitsuba as mi  # noqa: E402 (after the package, which chooses the LLVM library)
 
-from polywigner.mitsuba.mirrors import Surface  # noqa: E402
-
 # Rays of an aperture meet a pane at angles that differ by some milliradians.
 RAYS = 2e-4
 BREWSTER = math.atan(4.0)
-SLOW = pytest.mark.slow
-CASES = [
-    pytest.param(1.5, 0.3, marks=SLOW),
-    (1.5, 1.3),
-    (4.0, BREWSTER),
-    pytest.param(0.6, 0.4, marks=SLOW),
-    (0.6, 0.9),
-]
-
-
-def looking(place: Any, towards: Any) -> np.ndarray:
-    pose = np.eye(4)
-    z = np.asarray(towards, float) / np.linalg.norm(towards)
-    x = np.cross((0.0, 0.0, 1.0), z)
-    x /= np.linalg.norm(x)
-    pose[:3] = np.stack([x, np.cross(z, x), z, np.asarray(place, float)], axis=-1)
-    return pose
 
 
 def summed_pane(index: float, angle: float) -> tuple[list[float], list[float]]:
@@ -61,13 +51,10 @@ def powers(index: float, angle: float, polarisation: str, is_across: bool, **pan
     other = looking((s, 0, -c), (-s, 0, c)) if is_across else looking((s, 0, c), (-s, 0, -c))
     own = {"polarisation": polarisation} if mi.is_polarized else {}
     bsdf = pane or {"type": "thindielectric", "int_ior": index, "ext_ior": 1.0}
-    to_world = mi.ScalarTransform4f().scale([10.0, 10.0, 1.0])
     return scene_of(
-        tx=pm.aperture(
-            SQUARE, WAVELENGTH, to_world=looking((-s, 0, c), (s, 0, -c)), power=1.0, **own
-        ),
-        rx=pm.receiver(SQUARE, WAVELENGTH, to_world=other, **own),
-        pane={"type": "rectangle", "to_world": to_world, "bsdf": bsdf},
+        tx=emitter(pose=looking((-s, 0, c), (s, 0, -c)), **own),
+        rx=receiver(pose=other, **own),
+        pane=rectangle((0, 0, 0), (1, 0, 0), 0, 10.0, bsdf),
     )
 
 
@@ -88,7 +75,7 @@ def of_power(scene: Any, mirrors: tuple[str, ...], **how: Any) -> float:
     return math.fsum(path.power for path in part.paths if path.mirrors == mirrors) / free()
 
 
-@pytest.mark.parametrize(("index", "angle"), CASES)
+@pytest.mark.parametrize(("index", "angle"), [(1.5, 1.3), (4.0, BREWSTER), (0.6, 0.9)])
 def test_a_pane_reflects_and_transmits_each_polarisation_by_itself(
     index: float, angle: float
 ) -> None:
@@ -106,7 +93,7 @@ def test_a_pane_reflects_and_transmits_each_polarisation_by_itself(
     assert of_power(through, ()) == pytest.approx(np.mean(passed), abs=RAYS)
 
 
-@pytest.mark.parametrize("polarisation", ["x", "y", "30 deg", "right"])
+@pytest.mark.parametrize("polarisation", ["y", "right"])
 def test_polarised_power_by_a_pane_is_that_of_its_channel(polarisation: str) -> None:
     mi.set_variant("llvm_ad_mono_polarized")
     for is_across, mirrors in ((False, "pane"), (True, "")):
@@ -162,8 +149,8 @@ def test_two_panes_that_are_turned_pass_the_product_of_their_field_matrices() ->
     # a turns about z: E along z (y of both ends) is across; b turns about y
     expected = {"y": first[0] * second[1], "x": first[1] * second[0]}
     scene = scene_of(
-        tx=pm.aperture(SQUARE, WAVELENGTH, to_world=one, power=1.0),
-        rx=pm.receiver(SQUARE, WAVELENGTH, to_world=other),
+        tx=emitter(pose=one),
+        rx=receiver(pose=other),
         **{
             name: {"type": "rectangle", "to_world": pose.scale([0.3, 0.3, 1]), "bsdf": glass}
             for name, pose in panes.items()
@@ -179,13 +166,3 @@ def test_a_polarising_filter_between_waves_is_refused() -> None:
     with pytest.raises(SceneError, match="polarising filter 'pane'"):
         pm.channel(scene)
     assert of_power(scene, ()) == pytest.approx(0.5, abs=RAYS)
-
-
-@pytest.mark.parametrize("index", [1.5, 4.0, 0.6, 1.5 + 0.2j, 0.2 + 3.0j, None])
-@pytest.mark.parametrize("is_thin", [False, True])
-def test_no_mirror_reflects_more_than_arrives(index: complex | None, is_thin: bool) -> None:
-    cosines = np.linspace(0.0, 1.0, 501)
-    for coefficient in Surface(index, is_thin).coefficients(cosines):
-        assert np.abs(coefficient).max() <= 1.0 + 1e-12
-    across, along = Surface(index, is_thin).coefficients(np.array([1.0]))
-    assert abs(across) == pytest.approx(abs(along))  # one polarisation at normal incidence

@@ -7,32 +7,22 @@ from typing import Any
 import numpy as np
 import pytest
 
+import mitsuba_scenes
 import polywigner as pw
-from mitsuba_scenes import MONO, SQUARE, scene_of
+from mitsuba_scenes import BLACK, METAL, SQUARE, WAVELENGTH, camera, emitter, receiver, scene_of
 
-pytestmark = pytest.mark.drjit
+pytestmark = [pytest.mark.drjit, pytest.mark.llvm]
 pm = pytest.importorskip("polywigner.mitsuba")
 import mitsuba as mi  # noqa: E402 (after the package, which chooses the LLVM library)
 
-WAVELENGTH = 3.19e-3
-BLACK = {"type": "twosided", "b": {"type": "diffuse", "reflectance": 0.0}}
 WHITE = {"type": "twosided", "b": {"type": "diffuse", "reflectance": 0.5}}
-METAL = {"type": "twosided", "b": {"type": "conductor", "material": "none"}}
 # Poses of a scene come in single precision.
 SINGLE = 2e-6
 AHEAD = np.array([0.6, 0.2, 0.77]) / np.linalg.norm([0.6, 0.2, 0.77])
 
-compiled = pytest.mark.parametrize("variant", [MONO], indirect=True)
 
-
-def looking(place: Any, towards: Any) -> np.ndarray:
-    """A pose at a place that looks along a direction."""
-    z = np.asarray(towards, float) / np.linalg.norm(towards)
-    x = np.cross((0.1, 1.0, 0.0), z)
-    x /= np.linalg.norm(x)
-    pose = np.eye(4)
-    pose[:3] = np.stack([x, np.cross(z, x), z, np.asarray(place, float)], axis=-1)
-    return pose
+def looking(position: Any, direction: Any) -> np.ndarray:
+    return mitsuba_scenes.looking(position, direction, (0.1, 1.0, 0.0))
 
 
 def plate(pose: np.ndarray, half: float, ahead: float = 0.0, bsdf: Any = BLACK) -> dict[str, Any]:
@@ -44,21 +34,22 @@ def plate(pose: np.ndarray, half: float, ahead: float = 0.0, bsdf: Any = BLACK) 
 
 
 def link(one: np.ndarray, other: np.ndarray, **parts: Any) -> Any:
-    return scene_of(
-        tx=pm.aperture(SQUARE, wavelength=WAVELENGTH, to_world=one, power=1.0),
-        rx=pm.receiver(SQUARE, wavelength=WAVELENGTH, to_world=other),
-        **parts,
-    )
+    return scene_of(tx=emitter(pose=one), rx=receiver(pose=other), **parts)
+
+
+@pytest.fixture(autouse=True)
+def compiled() -> None:
+    mi.set_variant("llvm_ad_mono")
 
 
 # ---- links --------------------------------------------------------------------------------------
 
 
-@pytest.mark.llvm
-@pytest.mark.parametrize("start", [(0.0, 0.0, 0.0), (50.0, -20.0, 10.0)])
-@pytest.mark.parametrize(("length", "ahead"), [(1.0, 1e-3), (100.0, 1e-3), (100.0, 0.08)])
+@pytest.mark.parametrize(
+    ("start", "length", "ahead"),
+    [((0, 0, 0), 1.0, 1e-3), ((50, -20, 10), 100.0, 1e-3), ((50, -20, 10), 100.0, 0.08)],
+)
 def test_a_wall_close_to_either_end_blocks_a_link(start: Any, length: float, ahead: float) -> None:
-    mi.set_variant("llvm_ad_mono")
     one = looking(start, AHEAD)
     other = looking(np.add(start, length * AHEAD), -AHEAD)
     free = link(one, other)
@@ -72,16 +63,8 @@ def test_a_wall_close_to_either_end_blocks_a_link(start: Any, length: float, ahe
         assert np.abs(pm.channel(walled).h.values).max() == 0.0
 
 
-def test_a_wall_close_to_an_end_blocks_a_link_in_a_scalar_variant(plain: None) -> None:
-    one, other = looking((0, 0, 0), AHEAD), looking(100.0 * AHEAD, -AHEAD)
-    for end in (one, other):
-        assert float(pm.received_power(link(one, other, wall=plate(end, 0.2, 0.01)), spp=16)) == 0
-
-
-@pytest.mark.llvm
 def test_a_wall_half_before_either_end_takes_half_of_the_power() -> None:
     """Both ends alike: exchange changes nothing."""
-    mi.set_variant("llvm_ad_mono")
     one, other = looking((3, 2, 1), AHEAD), looking(np.add((3, 2, 1), 100.0 * AHEAD), -AHEAD)
     free = pm.received_power(link(one, other), spp=16).direct
     for end in (one, other):
@@ -91,12 +74,10 @@ def test_a_wall_half_before_either_end_takes_half_of_the_power() -> None:
         assert half / free == pytest.approx(0.5, abs=0.01)
 
 
-@pytest.mark.llvm
 @pytest.mark.parametrize("half", [0.05, 2.0, 60.0])
 @pytest.mark.parametrize("length", [1.0, 100.0])
 def test_a_plate_in_the_plane_of_an_end_blocks_nothing(half: float, length: float) -> None:
     """Ends stand on walls, whose corners are rounded; also on two walls that Mitsuba merges."""
-    mi.set_variant("llvm_ad_mono")
     rng = np.random.default_rng(3)
     for _ in range(2):
         start, towards = rng.normal(size=(2, 3)) * [[20.0], [1.0]]
@@ -107,9 +88,7 @@ def test_a_plate_in_the_plane_of_an_end_blocks_nothing(half: float, length: floa
         assert pm.received_power(on_walls, spp=16).direct == pytest.approx(free, rel=SINGLE)
 
 
-@pytest.mark.llvm
 def test_a_wall_close_to_an_end_blocks_the_path_by_a_mirror() -> None:
-    mi.set_variant("llvm_ad_mono")
     floor = plate(looking((50, 0, 0), (0, 0, 1)), 100.0, bsdf=METAL)
     slant = np.array([50.0, 0.0, -20.0]) / np.hypot(50.0, 20.0)
     one, other = looking((0, 0, 20), slant), looking((100, 0, 20), slant * [-1, 1, 1])
@@ -123,10 +102,8 @@ def test_a_wall_close_to_an_end_blocks_the_path_by_a_mirror() -> None:
     assert ("floor",) not in {path.mirrors for path in walled.contributions[0].paths}
 
 
-@pytest.mark.llvm
 def test_both_sides_of_a_thin_plate_far_from_the_origin_are_told_apart() -> None:
     """A sheet of 5 mm, 90 m from the origin, has one image and not two."""
-    mi.set_variant("llvm_ad_mono")
     to_world = mi.ScalarTransform4f().translate([90, 0, 0]).scale([3.0, 3.0, 2.5e-3])
     sheet = {"type": "cube", "to_world": to_world, "bsdf": METAL}
     one, other = looking((89.5, 0, 1), (0.5, 0, -1)), looking((90.5, 0, 1), (-0.5, 0, -1))
@@ -146,8 +123,8 @@ def over_a_floor(distance: float, estimator: str, **parts: Any) -> tuple[Any, An
     made = {name: make(one, other) for name, make in parts.items() if callable(make)}
     rest = {name: part for name, part in parts.items() if not callable(part)}
     scene = scene_of(
-        tx=pm.aperture(SQUARE, wavelength=WAVELENGTH, to_world=one, power=1.0, estimator=estimator),
-        rx=pm.receiver(SQUARE, wavelength=WAVELENGTH, to_world=other, estimator=estimator),
+        tx=emitter(pose=one, estimator=estimator),
+        rx=receiver(pose=other, estimator=estimator),
         floor=floor,
         **made,
         **rest,
@@ -155,9 +132,8 @@ def over_a_floor(distance: float, estimator: str, **parts: Any) -> tuple[Any, An
     return scene, one, other
 
 
-@compiled
 @pytest.mark.parametrize("estimator", ["exact", "wigner"])
-def test_a_wall_close_to_either_end_blocks_scattered_light(variant: str, estimator: str) -> None:
+def test_a_wall_close_to_either_end_blocks_scattered_light(estimator: str) -> None:
     free, *_ = over_a_floor(100.0, estimator)
     expected = pm.received_power(free, spp=4096, seed=1).scattered
     assert expected > 0.0
@@ -174,11 +150,8 @@ def test_a_wall_close_to_either_end_blocks_scattered_light(variant: str, estimat
 
 
 @pytest.mark.slow
-@compiled
-@pytest.mark.parametrize("integrator", ["direct", "volpath", "prb"])
-def test_a_wall_close_to_a_source_blocks_the_samples_of_each_integrator(
-    variant: str, integrator: str
-) -> None:
+@pytest.mark.parametrize("integrator", ["volpath", "prb"])
+def test_a_wall_close_to_a_source_blocks_the_samples_of_each_integrator(integrator: str) -> None:
     method = {"integrator": {"type": integrator}}
     free, *_ = over_a_floor(100.0, "exact", **method)
     scene, *_ = over_a_floor(100.0, "exact", wall=lambda one, _: plate(one, 0.3, 0.08), **method)
@@ -186,40 +159,26 @@ def test_a_wall_close_to_a_source_blocks_the_samples_of_each_integrator(
     assert pm.received_power(scene, spp=256, seed=1).scattered == 0.0
 
 
-@compiled
 @pytest.mark.parametrize("estimator", ["exact", "wigner"])
-def test_a_wall_close_to_a_source_darkens_the_image_of_a_camera(
-    variant: str, estimator: str
-) -> None:
-    camera = {
-        "type": "perspective",
-        "to_world": mi.ScalarTransform4f().look_at([31, -3, 30], [30, 0, 30], [0, 0, 1]),
-        "film": {"type": "hdrfilm", "width": 4, "height": 4, "rfilter": {"type": "box"}},
-    }
+def test_a_wall_close_to_a_source_darkens_the_image_of_a_camera(estimator: str) -> None:
+    seen = camera((31, -3, 30), (30, 0, 30), 4, up=(0, 0, 1))
     images = []
     for wall in (None, lambda one, other: plate(one, 0.3, 0.08)):
         parts = {} if wall is None else {"wall": wall}
-        scene, *_ = over_a_floor(100.0, estimator, camera=camera, **parts)
+        scene, *_ = over_a_floor(100.0, estimator, camera=seen, **parts)
         sensor = [s.class_name() for s in scene.sensors()].index("PerspectiveCamera")
         images.append(pm.render(scene, spp=64, sensor=sensor))
     assert np.abs(images[0]).max() > 0.0 and not images[1].any()
 
 
-@compiled
-def test_a_wall_close_to_a_source_blocks_light_that_diffracts(variant: str) -> None:
+def test_a_wall_close_to_a_source_blocks_light_that_diffracts() -> None:
     """Behind a wide plate at 2 mm on a path of 100 m little is left but the waves of its edges."""
     pose = np.eye(4)
     floor = plate(looking((0, 0, 100.0), (0, 0, -1)), 1.0, bsdf=WHITE)
-    camera = {
-        "type": "orthographic",
-        "to_world": mi.ScalarTransform4f().look_at([0, 0, 99], [0, 0, 100], [0, 1, 0]),
-        "film": {"type": "hdrfilm", "width": 1, "height": 1, "rfilter": {"type": "box"}},
-    }
+    seen = camera((0, 0, 99), (0, 0, 100), 1, 1.0)
     levels = []
     for parts in ({}, {"wall": plate(pose, 0.3, 2e-3)}):
-        source = pm.aperture(
-            SQUARE, wavelength=WAVELENGTH, power=1.0, estimator="exact", diffraction=True
-        )
-        scene = scene_of(tx=source, floor=floor, camera=camera, **parts)
+        source = emitter(estimator="exact", diffraction=True)
+        scene = scene_of(tx=source, floor=floor, camera=seen, **parts)
         levels.append(float(pm.render(scene, "direct", spp=16)[0, 0, 0]))
     assert levels[1] < 1e-3 * levels[0]
