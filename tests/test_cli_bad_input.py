@@ -108,9 +108,9 @@ BAD: dict[str, str] = {
         --x "1 mm,2 furlong" => furlong
         --x 5,0 => inside the automean | unit
         --xi "20 mm,0 mm" => overlaps
-        --samples 1 => from 2 to 4096
-        --db-floor 0 => below 0 dB
-        --db-floor -1e308 => down to -300 dB | -1e+308
+        --samples 1 => --samples | 2
+        --db-floor 0 => --db-floor | -1
+        --db-floor -1e308 => --db-floor | -300
         --frequency "1e-299 Hz" => wavelength | GHz | aperture
         --wavelength "1e-299 m" => wavelength | mm | aperture
         --through "lens 5 cm" => --frequency or --wavelength
@@ -120,8 +120,8 @@ BAD: dict[str, str] = {
         --through "lens 3 Hz" --frequency "94 GHz" => 3 Hz
         --through "magnifier big" --frequency "94 GHz" => magnification | big
         second.wkt => second.wkt
-        --out "" => got nothing
-        --out out/.PNG => suffix alone
+        --out "" => --out
+        --out out/.PNG => before the suffix
         --out out/{long} => too long
         --out square.wkt/a => square.wkt
     """,
@@ -139,9 +139,9 @@ BAD: dict[str, str] = {
         --amplitude => phase | wigner
         --accuracy 1e-15 => tolerance | 1e-13
         --precision half => precision | half
-        --db-floor 3 => below 0 dB
+        --db-floor 3 => --db-floor | -1
         --taper gauss => taper | gauss
-        --format zip => --format | zip | nc, zarr, vti
+        --format zip => --format | zip | nc | zarr | vti
         --format vti => --format | --plane
         --wavelength "3 mm" => both
         --obstacle absent.stl => absent.stl
@@ -162,7 +162,7 @@ BAD: dict[str, str] = {
         --line "0, 0, 1 to 0, 0, 1" => two points
         --line "0 mm, 0 mm, -2 mm to 0 mm, 0 mm, 9 mm" => z > 0
         --line "0 mm, 0 mm, 2 mm to 0 mm, 0 mm, 1e200 m" => 1e+75 m
-        --line "{many}" => up to 200 characters
+        --line "{many}" => two points
         --plane "-3 mm to 3 mm, 0 mm, 9 mm" => --plane | two ranges
         --plane "3 mm to -3 mm, -3 mm to 3 mm, 9 mm" => rising
         --plane "-3 mm to 3 mm, 0 mm, 2 mm to 9 mm" --samples "99999 x 99999" => polywigner volume
@@ -215,7 +215,7 @@ BAD: dict[str, str] = {
         {long} => file
         words.csv => which is an aperture | polywigner transform words.csv
         cut.toml => which is a source | polywigner transform cut.toml
-        lit.xml --out out/.PNG => suffix alone
+        lit.xml --out out/.PNG => before the suffix
         lit.xml --out square.wkt/a => square.wkt
     """,
     "render --variant scalar_rgb": """
@@ -228,15 +228,15 @@ BAD: dict[str, str] = {
         bright.xml => pixels | finite
     """,
     "render lit.xml": """
-        --spp 0 => at least 1 | 0
-        --spp 99999999999999999999 => whole number from 1 | 99999999999999999999
+        --spp 0 => --spp | 1
+        --spp 99999999999999999999 => --spp
         --spp 4 --error-db 6 => both
-        --error-db 0 => above zero
-        --seed -1 => --seed | -1
+        --error-db 0 => --error-db
+        --seed -1 => --seed | 0
         --variant llvm_mono_ad => variant | llvm_mono_ad | scalar_rgb
         --integrator pathfinder => --integrator | pathfinder | volpath
         --sampler dice => --sampler | dice | multijitter
-        --db-floor 40 => below 0 dB
+        --db-floor 40 => --db-floor | -1
     """,
     "receive --variant scalar_rgb": """
         link.xml --spp 0 => --spp

@@ -113,7 +113,7 @@ def test_pictures_are_seen_as_the_receiver_sees(
         drawn.append((np.asarray(power), axes.get_xlim(), axes.get_ylim()))
         return figure
 
-    monkeypatch.setattr("polywigner.figures.scenes.draw_arrivals", draw)
+    monkeypatch.setattr("polywigner.figures.scene_plots.draw_arrivals", draw)
     monkeypatch.setattr("polywigner.figures.draw_arrivals", draw)
     path = written(tmp_path, scene(PATH.format(-1), source(AWAY), receiver(pixels=9), LAMP))
     words = [str(path), "--variant", "scalar_rgb", "--spp", "16", "--out", str(tmp_path / "o")]

@@ -116,7 +116,7 @@ def test_nothing_but_the_paths_is_printed_off_a_terminal(tmp_path, capfd):
 @pytest.mark.slow
 def test_without_llvm_rendering_goes_on_with_one_warning(tmp_path):
     path = scene_of_a_lit_floor(tmp_path)
-    command = [sys.executable, "-m", "polywigner.cli", "render", str(path)]
+    command = [sys.executable, "-m", "polywigner", "render", str(path)]
     command += ["--spp", "1", "--out", str(tmp_path / "a")]
     from polywigner.toolchain.llvm import OFF_VARIABLE
 

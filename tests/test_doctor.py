@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from polywigner.cli import doctor
+from polywigner.cli import doctor, main
 from polywigner.errors import EngineError
 
 
@@ -16,7 +16,7 @@ def run(*arguments, **variables):
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     environment.pop("POLYWIGNER_NO_LLVM", None)  # a run of all tests may have it set
     return subprocess.run(
-        [sys.executable, "-m", "polywigner.cli", "doctor", *arguments],
+        [sys.executable, "-m", "polywigner", "doctor", *arguments],
         env={**environment, **variables},
         capture_output=True,
         text=True,
@@ -81,7 +81,7 @@ def test_transforms_that_do_not_work_are_a_failure(monkeypatch, capsys):
     monkeypatch.setattr(pw, "fourier", lambda *args, **options: 3.9, raising=False)
     child = subprocess.CompletedProcess([], 0, "scalar_rgb", "")
     monkeypatch.setattr(doctor, "run_in_child", lambda script: child)
-    assert doctor.run_doctor(False) == 1
+    assert main(["doctor"]) == 1
     assert "a square of area 4 transforms to 3.9" in capsys.readouterr().out
 
 

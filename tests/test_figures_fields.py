@@ -234,7 +234,7 @@ def test_values_stand_at_their_coordinates():
 def test_what_cannot_be_drawn_is_refused():
     for how, options, words in (
         ({}, {"layout": "round"}, 'expected layout to be one of "paper", "all"'),
-        ({"coordinates": {"x": [0.0]}}, {}, "two samples along x"),
+        ({"coordinates": {"x": [0.0]}}, {}, "two samples"),
     ):
         with pytest.raises(ArgumentError, match=words):
             draw_projections(pw.projections(SOURCE, samples=5, **how), **options)

@@ -17,7 +17,7 @@ from polywigner.figures import (
     draw_volume,
     system_slices,
 )
-from polywigner.figures.scenes import DirectArrival, draw_arrivals
+from polywigner.figures.scene_plots import DirectArrival, draw_arrivals
 
 WAVELENGTH = 3.19e-3
 

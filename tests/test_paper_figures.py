@@ -239,8 +239,7 @@ def marks(name):
 
 
 @pytest.mark.parametrize("name", [pytest.param(name, marks=marks(name)) for name in FIGURES])
-def test_the_numbers_behind_a_figure_are_those_of_the_public_functions(name, tmp_path, monkeypatch):
-    monkeypatch.setattr("polywigner.figures.volumes._PIXELS", 150)  # no number depends on them
+def test_the_numbers_behind_a_figure_are_those_of_the_public_functions(name, tmp_path):
     made = make_figure(name)
     write(tmp_path, name, made, 150)
     parts = FIGURES[name].parts

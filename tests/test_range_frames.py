@@ -128,9 +128,9 @@ class TestCameras:
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--range", "2 m to 1 m"], "larger length"),
+        (["--range", "2 m to 1 m"], "rising lengths"),
         (["--range", "0 m to 1 s"], "length"),
-        (["--range", "0 m to 1 m", "--bins", "0"], "--bins from 1"),
+        (["--range", "0 m to 1 m", "--bins", "0"], "--bins"),
         (["--bins", "5"], "add a --range"),
     ],
 )
@@ -179,7 +179,7 @@ def test_an_animation_has_a_frame_for_each_bin(tmp_path):
     radiance[0, :2], radiance[1, 2:] = 1.0, 0.1
     arrays = {"radiance": labelled_array(radiance, ("range", "row", "column"))}
     edges = {"range_edge": labelled_array(np.linspace(1.0, 4.0, 4), ("range_edge",))}
-    path = tmp_path / "frames.partial"
+    path = tmp_path / "frames.gif"
     write_range_animation(labelled_arrays(arrays, edges), path, floor_db=-20.0, title="echo")
     with Image.open(path) as found:
         assert found.format == "GIF" and found.n_frames == 3
@@ -187,3 +187,5 @@ def test_an_animation_has_a_frame_for_each_bin(tmp_path):
         write_range_animation(None, path)
     with pytest.raises(ArgumentError, match="milliseconds"):
         write_range_animation(labelled_arrays(arrays, edges), path, milliseconds=0)
+    with pytest.raises(ArgumentError, match=r"\.gif"):
+        write_range_animation(labelled_arrays(arrays, edges), path.with_suffix(".mp4"))

@@ -31,7 +31,7 @@ def page() -> str:
     """The whole page."""
     import typer.main
 
-    from polywigner.cli.app import app
+    from polywigner.cli.commands import app
 
     group: Any = typer.main.get_command(app)
     parts = [HEAD]

@@ -23,11 +23,8 @@ from paper.figures.sources import (
     number_samples,
     square,
 )
-from polywigner.figures import style
+from polywigner.figures import draw_lines, draw_planes, draw_volume, style
 from polywigner.figures.levels import COMPARED_DB, summary
-from polywigner.figures.lines import draw_lines
-from polywigner.figures.planes import draw_planes
-from polywigner.figures.volumes import draw_volume
 
 
 def draw_compar(quality: Quality) -> Made:

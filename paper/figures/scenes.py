@@ -14,7 +14,7 @@ import polywigner as pw
 from paper.figures.sources import WAVELENGTH, Made, Quality, square
 from polywigner.figures import style
 from polywigner.figures.levels import level_db, picture_peak
-from polywigner.figures.scenes import draw_scene
+from polywigner.figures.scene_plots import draw_scene
 from polywigner.interruption import temporary_folder
 
 POSE = '<lookat origin="0, -0.45, 0.16" target="0, -0.05, 0.02" up="0, 0, 1"/>'

@@ -1,5 +1,4 @@
-"""The command line: ``polywigner render``, ``receive``, ``transform``, ``propagate``, ``volume``,
-``figures``, ``explore``, ``cite``, ``doctor``.
+"""The command line ``polywigner``, whose commands are listed in ``commands``.
 
 ``main`` turns every outcome into an exit code and, for a failure, one line on stderr. The heavy
 libraries are imported by the command that needs them, so that ``--help`` answers at once.
@@ -7,7 +6,6 @@ libraries are imported by the command that needs them, so that ``--help`` answer
 
 from __future__ import annotations
 
-import errno
 import os
 import sys
 import warnings
@@ -21,7 +19,6 @@ _FAILED = 1
 _BAD_INPUT = 2
 _INTERRUPTED = 130  # as shells report a program that SIGINT has ended
 _DEBUG = "POLYWIGNER_DEBUG"
-_NO_ROOM = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -43,7 +40,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(arguments: Sequence[str] | None) -> int:
     try:
-        from polywigner.cli.app import app
+        from polywigner.cli.commands import app
 
         returned = app(args=arguments, prog_name="polywigner", standalone_mode=False)
     except (KeyboardInterrupt, Exception) as error:
@@ -70,22 +67,19 @@ def _from_exception(error: BaseException) -> int:
         return _say(f"error: {error}", _BAD_INPUT)
     if isinstance(error, MemoryError):
         return _say(f"error: out of memory ({error}); ask for fewer samples or pixels", _FAILED)
-    if isinstance(error, BrokenPipeError):
-        return _closed_pipe()
-    # Typer carries its own copy of click since 0.26 and imported click before that: its
-    # usage errors are told by what they can do, not by a class that only one of the two has.
+    if isinstance(error, BrokenPipeError):  # `polywigner ... | head`: the reader has gone
+        # The rest in stdout's buffer must not be flushed again at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return _FAILED
+    # The module of typer's copy of click is private, so its usage errors are recognised by name.
     if hasattr(error, "format_message"):
-        text = error.format_message()
         if type(error).__name__ == "NoArgsIsHelpError":  # `polywigner` alone shows the help
-            sys.stdout.write((text or "").rstrip() + "\n" if text else "")
+            print(error.format_message().rstrip())
             return _BAD_INPUT
-        return _say(f"error: {text} See `polywigner --help`.", _BAD_INPUT)
+        text = error.format_message().rstrip(".")
+        return _say(f"error: {text}; see `polywigner --help`", _BAD_INPUT)
     if type(error).__name__ == "Abort":
         return _say("interrupted", _INTERRUPTED)
-    if isinstance(error, OSError) and error.errno in _NO_ROOM:
-        _drop_output()
-        text = f"expected room for what is written, got: {error.strerror}; free some, or write"
-        return _say(f"error: {text} to another place", _BAD_INPUT)
     if os.environ.get(_DEBUG) == "1":
         import traceback
 
@@ -105,14 +99,3 @@ def _say(message: str, code: int) -> int:
     """Write one line on stderr, without line breaks of the message."""
     sys.stderr.write("polywigner: " + " ".join(message.split()) + "\n")
     return code
-
-
-def _closed_pipe() -> int:
-    # `polywigner ... | head`: the reader has gone.
-    _drop_output()
-    return _FAILED
-
-
-def _drop_output() -> None:
-    # The rest in stdout's buffer must not be flushed again at exit.
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

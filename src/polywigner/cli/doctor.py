@@ -7,12 +7,12 @@ import platform
 import re
 import shutil
 import sys
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import typer
 
 from polywigner.errors import EngineError, install_command
-from polywigner.toolchain.install import install_llvm
+from polywigner.toolchain import install
 from polywigner.toolchain.llvm import LLVMStatus, prepare, run_in_child
 
 _GOOD, _BAD, _OPTIONAL = "yes", "no", "-"
@@ -35,15 +35,21 @@ class Row(NamedTuple):
     remedy: str = ""
 
 
-def run_doctor(install_llvm_first: bool, is_agreed: bool = False) -> int:
-    """Print the report; return 0 if the transforms work, else 1."""
-    if install_llvm_first:
-        install_llvm(None if is_agreed else _confirm)
+def doctor(
+    install_llvm: Annotated[bool, "Install a usable LLVM library with apt-get, as root."] = False,
+    yes: Annotated[bool, "With --install-llvm, as root: do not ask."] = False,
+) -> None:
+    """Say which parts work here, and how to get the others.
+
+    Engines, LLVM library, GPU and extras; for each thing missing the command that brings it.
+    """
+    if install_llvm:
+        install.install_llvm(None if yes else _confirm)
     transforms, llvm, gpu = _transforms(), prepare(), _gpu()
     python = Row("python", _GOOD, f"{platform.python_version()} at {sys.executable}")
     rows = [transforms, _llvm(llvm), gpu, python, *map(_library, _CORE), _rendering(llvm, gpu)]
     _print(rows + _extras())
-    return 0 if transforms.works == _GOOD else 1
+    raise typer.Exit(0 if transforms.works == _GOOD else 1)
 
 
 def _confirm(packages: str) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import MISSING, fields, is_dataclass
+from enum import StrEnum
 from functools import wraps
 from inspect import Parameter, Signature, signature
 from typing import Annotated, Any, get_args, get_type_hints
@@ -25,12 +26,23 @@ Union = Annotated[bool, "Join shapes of an aperture file that overlap."]
 Bandwidth = Annotated[str | None, "Width of a flat band of light to average over, such as '4 GHz'."]
 Frequency = Annotated[str | None, "Frequency, such as '94 GHz'."]
 Wavelength = Annotated[str | None, "Wavelength, such as '3.19 mm', instead of --frequency."]
+_FLOOR: dict[str, Any] = {"min": -300.0, "max": -1.0}
 DbFloor = Annotated[
-    float, typer.Option("--db-floor", help="Lowest level of the picture, dB below its peak.")
+    float,
+    typer.Option("--db-floor", help="Lowest level of the figure, dB below its peak.", **_FLOOR),
+]
+DbFloorOfFields = Annotated[
+    float | None,
+    typer.Option(
+        "--db-floor",
+        help="Lowest level of the figure, dB below its peak (default: -40; on planes, the level "
+        "below which 1 % of the power lies).",
+        **_FLOOR,
+    ),
 ]
 Out = Annotated[str | None, "Folder, or path without suffix, of the files written (default: here)."]
 
-Seed = Annotated[int, "Seed of the random numbers."]
+Seed = Annotated[int, typer.Option(min=0, help="Seed of the random numbers.")]
 Variant = Annotated[
     str | None, "Mitsuba variant (default: the fastest monochromatic one that works)."
 ]
@@ -59,13 +71,17 @@ Against = Annotated[
 ]
 EngineName = Annotated[str, typer.Option("--engine", help="auto, numpy, llvm or cuda.")]
 Precision = Annotated[str | None, "double (default) or single."]
+FieldFormat = StrEnum("FieldFormat", "nc zarr vti")
 Formats = Annotated[
-    list[str] | None,
+    list[FieldFormat] | None,
     typer.Option(
         "--format", help="Format of the values: nc, zarr, vti; several times for several of them."
     ),
 ]
-Threads = Annotated[int | None, "Threads of this machine (default: all), or of each worker."]
+Threads = Annotated[
+    int | None,
+    typer.Option(min=1, help="Threads of this machine (default: all), or of each worker."),
+]
 Resumable = Annotated[
     bool,
     "Write finished parts to NAME.parts.zarr until the result is complete, so that the same "

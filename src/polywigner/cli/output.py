@@ -1,12 +1,11 @@
-"""Where a command writes, and how: whole files or none."""
+"""Paths of the files that a command writes, and their writing: all of them or none."""
 
 from __future__ import annotations
 
 import json
 import os
-import sys
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -31,22 +30,18 @@ def check_text(name: str, path: str) -> None:
 
 
 def output_stem(out: str | None, name: str) -> Path:
-    """The path, without suffix, of the files a command writes."""
+    """Return the path, without suffix, of the files a command writes."""
     if out is None:
         return Path(name)
-    if not out.strip():
-        raise ArgumentError(
-            "expected --out to name a folder or files, got nothing; leave it out to write here"
-        )
     check_text("--out", out)
     path = Path(out)
+    if not out.strip() or path.name.lower() in _KNOWN_SUFFIXES:
+        raise ArgumentError(
+            f"expected --out to name a folder or files, got {out!r}; write a name before the "
+            "suffix, or a slash after the folder"
+        )
     if os.path.isdir(out) or out.endswith(("/", os.sep)):  # noqa: PTH112 (see check_writable)
         return path / name
-    if path.name.lower() in _KNOWN_SUFFIXES:
-        raise ArgumentError(
-            f"expected --out to name a folder or files, got {out!r}, a suffix alone; write a name "
-            "before it, or a slash after the folder"
-        )
     return path.with_suffix("") if path.suffix.lower() in _KNOWN_SUFFIXES else path
 
 
@@ -63,16 +58,17 @@ def files_to_write(out: str | None, name: str, suffixes: Sequence[str]) -> tuple
 
 
 def check_writable(paths: Sequence[Path]) -> None:
-    """Fail before the long work rather than after it."""
+    """Raise ArgumentError before the long work if one of the files cannot be written."""
     for path in paths:
-        # In os.path a name that is too long is no folder; in pathlib it raises.
+        # os.path returns False for a name that is too long; pathlib raises OSError.
         if os.path.isdir(path):  # noqa: PTH112
             raise ArgumentError(f"expected --out to name a file, got the folder {path}; rename it")
-        absolute = path.absolute()
-        parents = absolute.parents
+        parents = path.absolute().parents
         folder = next(parent for parent in parents if os.path.exists(parent))  # noqa: PTH110
+        probe = folder / scratch_of(path).name
         try:
-            _try_to_write(scratch_of(absolute), folder)
+            probe.touch(exist_ok=False)
+            probe.unlink()
         except OSError as error:
             raise ArgumentError(
                 f"expected a folder that can be written to for {path}, got {folder}: "
@@ -80,44 +76,22 @@ def check_writable(paths: Sequence[Path]) -> None:
             ) from error
 
 
-def _try_to_write(scratch: Path, folder: Path) -> None:
-    """Make and remove a file in the folder, the first one there is above ``scratch``."""
-    for path in (scratch, *(folder / part for part in scratch.relative_to(folder).parts)):
-        with suppress(FileNotFoundError):
-            path.lstat()  # a path, or a part of it, may be too long
-    probe = folder / scratch.name
-    probe.touch(exist_ok=False)
-    probe.unlink()
-
-
-def missing_folders(paths: Sequence[Path]) -> list[Path]:
-    """The folders of these files that are not there yet."""
-    return [folder for folder in {path.parent: None for path in paths} if not folder.is_dir()]
-
-
-def say_made(folders: Sequence[Path]) -> None:
-    """Name folders that were made, on stderr."""
-    for folder in folders:
-        sys.stderr.write(f"polywigner: made the folder {folder}\n")
-
-
 @contextmanager
 def writing(paths: Sequence[Path]) -> Iterator[tuple[Path, ...]]:
-    """Give a scratch path beside each target; put all of them in place once the block is done.
+    """Give a scratch path beside each target; rename all of them once the block has ended.
 
-    Folders are created, and named on stderr. A target may be a folder itself, as stores are. A
-    block that raises leaves neither targets nor scratch files; targets of an earlier run stay as
-    they were. The targets are printed at last."""
+    Missing folders are created. A target may be a folder, as a store is. If the block raises an
+    exception, there are no new files, and targets of an earlier run stay unchanged. At the end the
+    targets are printed.
+    """
     try:
-        new = missing_folders(paths)
-        for folder in new:
-            folder.mkdir(parents=True, exist_ok=True)
+        for path in paths:
+            path.parent.mkdir(parents=True, exist_ok=True)
         with ExitStack() as stack:
             partials = tuple(stack.enter_context(atomic_path(path)) for path in paths)
             yield partials
             for partial in partials:
-                partial.stat()  # all are there before the first takes its place
-        say_made(new)
+                partial.stat()  # all exist before the first is renamed
         print(*paths, sep="\n", flush=True)
     except OSError as error:
         raise ArgumentError(
@@ -148,14 +122,3 @@ def write(paths: Sequence[Path], contents: Sequence[Any], said: str = "") -> Non
                 partial.write_text(text, encoding="utf-8")
         if said:
             print(said)
-
-
-def write_arrays(path: Path, arrays: Mapping[str, Any], metadata: Mapping[str, Any]) -> None:
-    """Write arrays as .npz under their names, and a JSON text ``metadata`` with their units."""
-    import numpy as np
-
-    import polywigner as pw
-
-    about = json.dumps({**metadata, "polywigner": pw.__version__})
-    with path.open("wb") as file:
-        np.savez_compressed(file, **dict(arrays), metadata=np.asarray(about))

@@ -5,20 +5,21 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import replace
+from enum import StrEnum
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, cast
+from typing import Annotated, Any, Literal, cast
 
 import typer
 
-from polywigner.cli.fields import format_suffixes
+from polywigner.cli.field_options import suffixes_of
 from polywigner.cli.options import DbFloor, Out, parse_step
 from polywigner.cli.output import files_to_write, write
 from polywigner.cli.sources import SourceOptions, field_title
 from polywigner.errors import ArgumentError
 from polywigner.quantities import parse_power
 
-_FORMATS = ("csv", "txt", "ffd", "cut", "msi", "pln")
+_Format = StrEnum("_Format", "csv txt ffd cut msi pln")
 # A lobe of a source D across is lambda/D wide; so many steps across it draw it smoothly.
 _STEPS_PER_LOBE = 8
 # Steps of the cuts: between nulls, levels fall to some -30 dB of a lobe on samples beside them.
@@ -61,14 +62,14 @@ def pattern(
         ".txt (CST), .ffd (HFSS), .ffe (FEKO) or .cut (GRASP) file.",
     ] = None,
     cuts: Annotated[
-        str | None,
+        Literal["beam", "principal"] | None,
         "Cuts of figure and table: beam, two great circles through the beam (default), or "
         "principal, the planes phi = 0 and 90 degrees.",
     ] = None,
     source: SourceOptions,
     floor_db: DbFloor = -40.0,
     formats: Annotated[
-        list[str] | None,
+        list[_Format] | None,
         typer.Option(
             "--format",
             help="Format of the values: csv (default), txt (CST), ffd (HFSS), cut (GRASP), msi or "
@@ -90,21 +91,16 @@ def pattern(
         )
     watts = None if power is None else parse_power(power)
     asked = None if step is None else parse_step(step, 15.0, _MOST)
-    suffixes = format_suffixes(formats or ["csv"], _FORMATS)
+    suffixes = suffixes_of(formats or ["csv"])
     files = files_to_write(out, Path(source.source).stem + "_pattern", (".png", *suffixes))
 
     import numpy as np
 
     import polywigner as pw
     from polywigner.figures import draw_pattern, outline_of
-    from polywigner.figures.levels import check_floor
-    from polywigner.geometry.arguments import checked_choice
     from polywigner.illumination.texts import direction_angles
     from polywigner.propagation.pattern_readers import read_nearest_pattern
 
-    if cuts is not None:
-        checked_choice(cuts, "--cuts", ("beam", "principal"))
-    check_floor(floor_db)
     radiator, length = source.read_with_wavelength("pattern")
     wavelengths = outline_of(radiator).diameter / length
     degrees = asked or _degrees(wavelengths)

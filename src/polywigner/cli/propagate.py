@@ -7,18 +7,15 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
-from polywigner.cli import fields, options
-from polywigner.cli.fields import Place
+from polywigner.cli import field_options as fields
+from polywigner.cli import options
+from polywigner.cli.field_options import Place
 from polywigner.cli.output import output_stem, targets, write
 from polywigner.cli.sources import MixedSourceOptions, ObstacleOptions, field_title
 from polywigner.errors import ArgumentError
 from polywigner.quantities import parse_frequency
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from polywigner import Aperture
     from polywigner import Array as ApertureArray
 
@@ -57,14 +54,7 @@ def propagate(
     bandwidth: options.Bandwidth = None,
     engine: options.EngineName = "auto",
     precision: options.Precision = None,
-    floor_db: Annotated[
-        float | None,
-        typer.Option(
-            "--db-floor",
-            help="Lowest level of the figure, dB below its peak (default: -40; on planes, the "
-            "level below which 1 % of the power lies).",
-        ),
-    ] = None,
+    floor_db: options.DbFloorOfFields = None,
     linear: Annotated[bool, "Linear scale instead of decibels; not on hemispheres."] = False,
     formats: options.Formats = None,
     out: options.Out = None,
@@ -81,7 +71,7 @@ def propagate(
     place = fields.parse_place(where, samples)
     if linear and place.kind == "hemisphere":
         raise ArgumentError("--linear: hemispheres are shown in decibels; leave it out")
-    suffixes = fields.format_suffixes(formats or ["nc"])
+    suffixes = fields.suffixes_of(formats or ["nc"])
     if ".vti" in suffixes and place.kind != "plane":
         raise ArgumentError(
             f"--format: expected vti, an image, with --plane, got it with --{place.kind}; use nc "
@@ -90,11 +80,9 @@ def propagate(
     files = targets(output_stem(out, Path(source.source).stem), (".png", *suffixes))
     fields.check_files(files)
 
-    from polywigner.figures.levels import check_floor
+    from polywigner.figures import draw_hemispheres, draw_lines, draw_planes
     from polywigner.propagation.stores import required
 
-    if floor_db is not None:
-        check_floor(floor_db)
     default = _BEHIND_OBSTACLES if obstacles.obstacle else _DEFAULT
     wanted = fields.parse_methods(method or default, obliquity)
     reference = fields.compared_with(wanted, against)
@@ -113,14 +101,16 @@ def propagate(
         "precision": precision,
     }
     found = _fields(radiator, place, wanted, length, how)
-    figure = _figure(
-        found,
-        place,
-        reference,
-        {"linear": linear} | ({} if floor_db is None else {"floor_db": floor_db}),
-        f"{field_title(source.source, length)}\n{fields.place_text(place)}",
-        bodies,
-    )
+    title = f"{field_title(source.source, length)}\n{fields.place_text(place)}"
+    drawn: dict[str, Any] = {"against": reference, "title": title}
+    if floor_db is not None:
+        drawn["floor_db"] = floor_db
+    if place.kind != "hemisphere":
+        drawn["linear"] = linear
+    if place.kind == "plane":
+        drawn["obstacles"] = bodies
+    draw = {"plane": draw_planes, "hemisphere": draw_hemispheres}.get(place.kind, draw_lines)
+    figure = draw(found, **drawn)
     if len(wanted) > 1:
         fields.print_differences(found.data_vars, reference)
     write(files, [figure, *(found for _ in suffixes)])
@@ -161,21 +151,3 @@ def _field(
         theta = np.linspace(0.0, place.reach, first)
         phi = np.arange(more[0]) * (2 * math.pi / more[0])
     return pw.hemisphere(source, place.radius, theta, phi, wavelength, **how)
-
-
-def _figure(
-    found: Any,
-    place: Place,
-    reference: str,
-    scale: dict[str, Any],
-    title: str,
-    bodies: Sequence[Any],
-) -> Figure:
-    from polywigner.figures import draw_hemispheres, draw_lines, draw_planes
-
-    if place.kind == "plane":
-        return draw_planes(found, against=reference, title=title, obstacles=bodies, **scale)
-    if place.kind == "hemisphere":
-        scale = {name: value for name, value in scale.items() if name != "linear"}
-        return draw_hemispheres(found, against=reference, title=title, **scale)
-    return draw_lines(found, against=reference, title=title, **scale)

@@ -9,6 +9,7 @@ import sys
 import time
 import warnings
 from collections.abc import Sequence
+from enum import StrEnum
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -16,7 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from polywigner.cli import options
-from polywigner.cli.fields import format_suffixes
+from polywigner.cli.field_options import suffixes_of
 from polywigner.cli.output import files_to_write, write
 from polywigner.cli.sources import Reading, field_title, required_wavelength, wavelength_from
 from polywigner.quantities import parse_angle
@@ -24,7 +25,7 @@ from polywigner.quantities import parse_angle
 if TYPE_CHECKING:
     from polywigner.scattering.section_patterns import Pattern
 
-_FORMATS = ("csv", "json", "nc")
+_Format = StrEnum("_Format", "csv json nc")
 # Default steps in degrees: the finest one that takes a minute or less.
 _STEPS = (1.0, 2.0, 5.0, 10.0)
 _A_MINUTE, _MOMENTS = 60.0, 10.0
@@ -74,7 +75,7 @@ def rcs(
     resumable: options.Resumable = False,
     floor_db: options.DbFloor = -60.0,
     formats: Annotated[
-        list[str] | None,
+        list[_Format] | None,
         typer.Option(
             "--format",
             help="Format of the values: csv (default), json, nc; several times for more.",
@@ -94,18 +95,16 @@ def rcs(
     asked_of_cuts = None if cut_step is None else options.parse_step(cut_step, 30.0, _MOST_OF_CUTS)
     places = parse_angle(cut_azimuth), parse_angle(cut_elevation)
     width = None if smooth is None else parse_angle(smooth)
-    suffixes = format_suffixes(formats or ["csv"], _FORMATS)
+    suffixes = suffixes_of(formats or ["csv"])
     files = files_to_write(out, Path(body).stem + "_rcs", (".png", "_cuts.csv", *suffixes))
 
     import numpy as np
 
     from polywigner.figures import draw_rcs
-    from polywigner.figures.levels import check_floor
     from polywigner.scattering.antennas import checked_channel
     from polywigner.scattering.facets import facets_of
     from polywigner.scattering.section_patterns import Pattern
 
-    check_floor(floor_db)
     channel = None if polarisation is None else checked_channel(polarisation)
     metal = reading.read_body(body, open_mesh)
     find = partial(Pattern, metal, length, polarisation=channel, bounces=bounces)

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import csv
+import math
 import shutil
 import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
-from functools import partial
+from functools import cache, partial
+from itertools import product
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from polywigner.cli import options, output, scenes
+from polywigner.cli import options, output, scene_options
 from polywigner.cli.sources import frequency_text, short_name
 from polywigner.errors import ArgumentError
 from polywigner.quantities import parse_frequency, parse_noise
@@ -29,7 +33,10 @@ class ReceiveSettings:
         str, typer.Argument(help="Mitsuba XML file with a <sensor type='wigner_receiver'> in it.")
     ]
     spp: Annotated[
-        int | None, "Samples of the scattered light of each emitter (default: the scene's)."
+        int | None,
+        typer.Option(
+            min=1, help="Samples of the scattered light of each emitter (default: the scene's)."
+        ),
     ] = None
     seed: options.Seed = 0
     variant: options.Variant = None
@@ -51,7 +58,10 @@ class ReceiveSettings:
             help="Sort the power by range as well, such as '0 m to 60 m' (docs/range.md).",
         ),
     ] = None
-    bins: Annotated[int | None, "Number of bins of the range (default: 256)."] = None
+    bins: Annotated[
+        int | None,
+        typer.Option(min=1, max=2**16, help="Number of bins of the range (default: 256)."),
+    ] = None
     coherent: Annotated[bool, "Add direct ways as amplitudes, with fringes (docs/channel.md)."] = (
         False
     )
@@ -82,23 +92,19 @@ def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
     NAME_channel.csv and NAME_channel.png. With --scheduler, the workers of a cluster share the
     batches of samples, and the run is resumable.
     """
-    defined = dict(scenes.scene_definition(text) for text in settings.defined or [])
+    defined = dict(parse_definition(text) for text in settings.defined or [])
     scene, seed = settings.scene, settings.seed
-    scenes.check_scene_file(scene)
-    scenes.check_samples(settings.spp, seed)
-    scenes.check_threads(settings.threads)
+    scene_options.check_scene_file(scene)
     noise = parse_noise(settings.bandwidth, settings.temperature, settings.noise_figure)
     stem = output.output_stem(out, Path(scene).stem + "_received")
-    edges = scenes.parse_ranges(settings.range_text, settings.bins, "receive")
+    edges = scene_options.parse_ranges(settings.range_text, settings.bins, 256)
     by_range = ("_range.nc", "_range.png") if edges is not None else ()
     band = parse_band(settings.frequencies)
     of_channel = ("_channel.nc", "_channel.csv", "_channel.png") if band else ()
     files = output.targets(stem, (".json", ".png", *by_range, *of_channel))
     output.check_writable(files)
-    new = output.missing_folders(files)
 
     from polywigner.figures import draw_channel
-    from polywigner.figures.levels import check_floor
     from polywigner.mitsuba import channel, choose_variant
     from polywigner.mitsuba.polarisation import is_polarised
     from polywigner.mitsuba.received import ReceiveOptions, interference_of
@@ -111,8 +117,7 @@ def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
     )
     from polywigner.propagation.stores import required
 
-    store = scenes.store_of_parts(stem, settings.resumable, settings.scheduler)
-    check_floor(settings.floor_db)
+    store = scene_options.store_of_parts(stem, settings.resumable, settings.scheduler)
     for module in ("h5netcdf", "dask") if band else ():
         required(module)
     start = time.perf_counter()
@@ -125,9 +130,9 @@ def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
             "or leave --variant out"
         )
     profile = None
-    with scenes.messages_as_warnings():
+    with scene_options.messages_as_warnings():
         if edges is not None:
-            scenes.prepare_ranges(chosen)
+            scene_options.prepare_ranges(chosen)
         file = SceneFile(
             Path(scene), chosen, None, defined, settings.diffraction, jones if polarised else None
         )
@@ -137,7 +142,7 @@ def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
         waves = interference_of(settings.coherent, by_argument, None)
         how_many = settings.spp, seed, None, settings.reflections, settings.accuracy
         asked = ReceiveOptions(*how_many, noise, waves)
-        with scenes.counted_bar("receiving") as progress:
+        with _progress("receiving") as progress:
             how: dict[str, Any] = {"store": store, "progress": progress}
             how |= {"scheduler": settings.scheduler, "threads": settings.threads}
             if edges is None:
@@ -145,7 +150,7 @@ def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
             else:
                 found, profile = receive_ranges(file, loaded, asked, edges, **how)
         if band:
-            with scenes.counted_bar("channels") as progress:
+            with _progress("channels") as progress:
                 found_channel = channel(
                     loaded,
                     band,
@@ -160,23 +165,46 @@ def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
         "settings": asdict(settings) | {"defined": defined},
         "used": {"variant": chosen},
         "receivers": [each.to_dict() for each in found],
-        "versions": scenes.versions_of(chosen),
+        "versions": scene_options.versions_of(chosen),
         "seconds": round(time.perf_counter() - start, 3),
     }
     floor, said = settings.floor_db, "\n\n".join(map(str, found))
     contents = [record, _figure(scene, found, maps, names, floor)]
     if profile is not None:
-        record["ranges"] = scenes.ranges_record(profile, len(found))
-        contents += [profile, scenes.draw_ranges(scene, profile, found, floor)]
-        said += f"\n{scenes.ranges_text(profile, found)}"
+        by_receiver = profile if "receiver" in profile.dims else profile.expand_dims("receiver")
+        record["ranges"] = _ranges_record(by_receiver)
+        contents += [profile, _draw_ranges(scene, profile, found, floor)]
+        said += f"\n{_ranges_text(by_receiver, found)}"
     if band:
         title = f"{short_name(scene)}, {len(band)} frequencies"
         picture = draw_channel(found_channel, floor_db=floor, title=title)
-        contents += [found_channel, partial(_write_ways, found_channel), picture]
+        contents += [found_channel, partial(_write_channel, found_channel), picture]
     output.write(files, contents, said)
     if store is not None:
         shutil.rmtree(store, ignore_errors=True)
-        output.say_made(new)
+
+
+def parse_definition(text: str) -> tuple[str, str]:
+    """Return name and value of ``--define``; ArgumentError for other texts."""
+    name, equals, value = text.partition("=")
+    if not (name and equals):
+        raise ArgumentError(
+            f"expected --define as NAME=VALUE of a $parameter of the scene, got {text!r}"
+        )
+    return name, value
+
+
+@contextmanager
+def _progress(title: str) -> Iterator[Callable[[int, int], None]]:
+    """Give a function to call after each part with the numbers of completed and of all parts.
+
+    The first call starts the progress bar.
+    """
+    from polywigner.execution.progress import progress_bar
+
+    with ExitStack() as stack:
+        started = cache(lambda total: stack.enter_context(progress_bar(title, total)))
+        yield lambda done, total: started(total)()
 
 
 _MOST_FREQUENCIES = 1 << 16
@@ -203,36 +231,37 @@ def parse_band(text: str | None) -> list[float]:
     return [low + (high - low) * k / (count - 1) for k in range(count)]
 
 
-def _write_ways(found: Any, path: Path) -> None:
-    """A row for each frequency and pair, of the channel itself and of each of its ways."""
+def _write_channel(channel: Any, path: Path) -> None:
+    """Write a row for each frequency, pair and path, and for the sum of the paths of a pair."""
+    paths = [str(name) or "direct" for name in channel["mirrors"].values]
+    frequencies, receivers, emitters = (
+        channel[name].values.tolist() for name in ("frequency", "receiver", "emitter")
+    )
+    h, amplitude, delay = (channel[name].values for name in ("h", "amplitude", "delay"))
     with path.open("w", encoding="utf-8", newline="") as file:
         rows = csv.writer(file)
         rows.writerow(["frequency_hz", "receiver", "emitter", "way", "delay_s", "real", "imag"])
-        ways = [str(name) or "direct" for name in found["mirrors"].values]
-        for i, frequency in enumerate(found["frequency"].values.tolist()):
-            for j, receiver in enumerate(found["receiver"].values.tolist()):
-                for k, emitter in enumerate(found["emitter"].values.tolist()):
-                    total = complex(found["h"].values[i, j, k])
-                    first = [frequency, receiver, emitter]
-                    rows.writerow([*first, "all", "", total.real, total.imag])
-                    each = found["amplitude"].values[i, j, k], found["delay"].values[j, k]
-                    for way, value, delay in zip(ways, *each, strict=True):
-                        if delay == delay:  # a number: the way is there
-                            rows.writerow([*first, way, delay, value.real, value.imag])
+        for i, j, k in product(*map(range, h.shape)):
+            first = frequencies[i], receivers[j], emitters[k]
+            rows.writerow([*first, "all", "", h[i, j, k].real, h[i, j, k].imag])
+            for name, value, seconds in zip(paths, amplitude[i, j, k], delay[j, k], strict=True):
+                if not math.isnan(seconds):  # NaN: the pair has no such path
+                    rows.writerow([*first, name, seconds, value.real, value.imag])
 
 
 def _figure(
     scene: str, found: list[Any], maps: list[Any], names: list[Any], floor_db: float
 ) -> Any:
-    """A panel for each receiver."""
-    from polywigner.figures.scenes import DirectArrival, draw_arrivals
+    """Draw the scattered power of each receiver over its directions, a panel for each receiver."""
+    from polywigner.figures.scene_plots import DirectArrival, draw_arrivals
     from polywigner.figures.style import new_figure
+    from polywigner.mitsuba.received import dbm_text
 
     columns = min(len(found), _COLUMNS)
     rows = -(-len(found) // columns)
     figure = new_figure(5.4 * columns, 4.7 * rows, spacing=0.05)
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
-    for axes, each, picture, named in zip(panels, found, maps, names, strict=False):
+    for axes, each, power, named in zip(panels, found, maps, names, strict=False):
         marks = [
             DirectArrival(
                 path.arrives_from, path.power, " by ".join([path.light or part.name, *path.mirrors])
@@ -240,19 +269,69 @@ def _figure(
             for part in each.contributions
             for path in part.paths
         ]
-        draw_arrivals(picture, marks, floor_db, _title(scene, each), names=named, ax=axes)
+        direct, scattered, total = map(dbm_text, (each.direct, each.scattered, each.power))
+        text = f"received {total}: direct {direct}, scattered {scattered}".replace(" -", " −")
+        title = f"{_title(scene, each)}\n{text}"
+        draw_arrivals(power, marks, floor_db, title, names=named, ax=axes)
     for axes in panels[len(found) :]:
         axes.set_visible(False)
     return figure
 
 
 def _title(scene: str, found: Any) -> str:
+    return f"{short_name(scene)}, receiver {found.receiver}, {frequency_text(found.wavelength)}"
+
+
+def _ranges_record(profile: Any) -> dict[str, Any]:
+    """Return a profile without its powers by emitter, for JSON."""
+    import numpy as np
+
+    edges, paths = profile["range_edge"].values, []
+    for receiver, emitter, path in np.argwhere(np.isfinite(profile["path_range"].values)).tolist():
+        paths.append(
+            {
+                "receiver": receiver,
+                "emitter": str(profile["emitter"].values[emitter]),
+                "mirrors": str(profile["mirrors"].values.ravel()[path]),
+                "range_m": float(profile["path_range"].values[receiver, emitter, path]),
+                "power_w": float(profile["path_power"].values[receiver, emitter, path]),
+            }
+        )
+    names = ("power", "standard_error", "before", "after", "direct_power", "scattered_power")
+    receivers = [
+        {f"{name}_w": profile[name].values[k].tolist() for name in names}
+        for k in range(profile.sizes["receiver"])
+    ]
+    return {"paths": paths, "edges_m": edges.tolist(), "receivers": receivers}
+
+
+def _ranges_text(profile: Any, found: list[Any]) -> str:
+    """Describe the strongest bin of each receiver, and the power outside all bins."""
     from polywigner.mitsuba.received import dbm_text
 
-    parts = f"direct {dbm_text(found.direct)}, scattered {dbm_text(found.scattered)}"
-    total = dbm_text(found.power)
-    text = (
-        f"{short_name(scene)}, receiver {found.receiver}, {frequency_text(found.wavelength)}\n"
-        f"received {total}: {parts}"
-    )
-    return text.replace(" -", " −")
+    edges = profile["range_edge"].values
+    lines = []
+    for number, each in enumerate(found):
+        one = profile.isel(receiver=number)
+        k = int(one["power"].values.argmax())
+        names = ("power", "standard_error", "direct_power")
+        power, error, direct = (float(one[name].values[k]) for name in names)
+        before, after = (float(one[name].values) for name in ("before", "after"))
+        lines.append(
+            f"receiver {each.receiver}: most from {edges[k]:.6g} m to {edges[k + 1]:.6g} m, "
+            f"{power:.4g} W +- {error:.4g} W ({dbm_text(power)}), {direct:.4g} W of it direct; "
+            f"nearer than all bins {before:.4g} W, farther {after:.4g} W"
+        )
+    return "\n".join(lines)
+
+
+def _draw_ranges(scene: str, profile: Any, found: list[Any], floor_db: float) -> Any:
+    """Draw the power by range, a panel for each receiver."""
+    from polywigner.figures import draw_range_profile
+    from polywigner.figures.style import new_figure
+
+    figure = new_figure(6.4, 3.4 * len(found), spacing=0.05)
+    panels = figure.subplots(len(found), 1, squeeze=False).ravel()
+    for number, (axes, each) in enumerate(zip(panels, found, strict=True)):
+        draw_range_profile(profile, number, floor_db=floor_db, title=_title(scene, each), ax=axes)
+    return figure

@@ -9,11 +9,11 @@ import warnings
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from polywigner.cli import options, output, scenes
+from polywigner.cli import options, output, scene_options
 from polywigner.cli.sources import check_wavelength, frequency_text, short_name
 from polywigner.errors import ArgumentError, SceneError
 
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
 
-_INTEGRATORS = ("path", "direct", "volpath", "volpathmis", "prb", "prbvolpath")
-_SAMPLERS = ("multijitter", "independent", "stratified", "orthogonal", "ldsampler")
+_Integrator = Literal["path", "direct", "volpath", "volpathmis", "prb", "prbvolpath"]
+_Sampler = Literal["multijitter", "independent", "stratified", "orthogonal", "ldsampler"]
 # By how much fewer samples a sampler needs than independent ones; on floors that are lit without
 # obstacles it was 60, beside edges of shadows less (docs/sampling.md).
 _GAINS = {"multijitter": 10}
@@ -38,15 +38,24 @@ class RenderSettings:
     scene: Annotated[
         str, typer.Argument(help="Mitsuba XML file with a <shape type='wigner'> in it.")
     ]
-    spp: Annotated[int | None, "Samples per pixel (default: the scene's)."] = None
+    spp: Annotated[
+        int | None, typer.Option(min=1, max=2**30, help="Samples per pixel (default: the scene's).")
+    ] = None
     error_db: Annotated[
         float | None,
-        "In place of --spp: rms error in dB of what lies 20 dB below the peak, as far as "
-        "the source makes it (docs/sampling.md).",
+        typer.Option(
+            min=1e-3,
+            help="In place of --spp: rms error in dB at 20 dB below the peak that is due to the "
+            "source (docs/sampling.md).",
+        ),
     ] = None
     variant: options.Variant = None
-    integrator: Annotated[str | None, "path, direct, volpath, ... (default: the scene's)."] = None
-    sampler: Annotated[str | None, "multijitter, independent, ... (default: the scene's)."] = None
+    integrator: Annotated[
+        _Integrator | None, "path, direct, volpath, ... (default: the scene's)."
+    ] = None
+    sampler: Annotated[_Sampler | None, "multijitter, independent, ... (default: the scene's)."] = (
+        None
+    )
     diffraction: options.Diffraction = False
     polarised: Annotated[bool, "Pictures of the light's polarisation too (docs/polarised.md)."] = (
         False
@@ -59,7 +68,10 @@ class RenderSettings:
             help="A frame for each bin of range as well, such as '0 m to 30 m' (docs/range.md).",
         ),
     ] = None
-    bins: Annotated[int | None, "Number of bins of the range (default: 64)."] = None
+    bins: Annotated[
+        int | None,
+        typer.Option(min=1, max=2**10, help="Number of bins of the range (default: 64)."),
+    ] = None
     resumable: options.Resumable = False
     threads: options.Threads = None
     scheduler: options.Scheduler = None
@@ -75,15 +87,16 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
     polarisation NAME_polarisation.png. With --scheduler, the workers of a cluster share the parts
     of the picture, and the run is resumable.
     """
-    _check(settings)
+    scene_options.check_scene_file(settings.scene)
+    if settings.spp is not None and settings.error_db is not None:
+        raise ArgumentError("expected --spp or --error-db, got both; drop one of them")
     scene, seed = settings.scene, settings.seed
     stem = output.output_stem(out, Path(scene).stem)
-    edges = scenes.parse_ranges(settings.range_text, settings.bins, "render")
+    edges = scene_options.parse_ranges(settings.range_text, settings.bins, 64)
     by_range = () if edges is None else ("_range.nc", "_range.gif")
     polarised = _POLARISED if settings.polarised else ()
     files = output.targets(stem, (".exr", ".png", ".json", *polarised, *by_range))
     output.check_writable(files)
-    new = output.missing_folders(files)
 
     import numpy as np
 
@@ -96,27 +109,23 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
         picture_peak,
         write_range_animation,
     )
-    from polywigner.figures.levels import check_floor
     from polywigner.mitsuba import choose_variant, stokes_of
     from polywigner.mitsuba.films import mean_of_colours, write_exr
     from polywigner.mitsuba.placement import placed_emitter
     from polywigner.mitsuba.polarisation import is_polarised, polarisation_summary
     from polywigner.mitsuba.range_profile import prepared_frames
     from polywigner.mitsuba.receiver import is_receiver
-    from polywigner.mitsuba.rendering import check_spp, default_spp
+    from polywigner.mitsuba.rendering import default_spp
     from polywigner.mitsuba.scattered import wigner_emitters
     from polywigner.mitsuba.scene_renders import SceneFile, render_parts
 
     frames = None
-    store = scenes.store_of_parts(stem, settings.resumable, settings.scheduler)
-    check_floor(settings.floor_db)
-    if settings.spp is not None:
-        check_spp(settings.spp)
+    store = scene_options.store_of_parts(stem, settings.resumable, settings.scheduler)
     start = time.perf_counter()
     chosen = choose_variant(settings.variant, settings.polarised)
-    with scenes.messages_as_warnings():
+    with scene_options.messages_as_warnings():
         if edges is not None:
-            scenes.prepare_ranges(chosen)
+            scene_options.prepare_ranges(chosen)
         file = SceneFile(Path(scene), chosen, settings.sampler, diffraction=settings.diffraction)
         loaded = file.load()
         specs = _checked_specs(loaded, scene)
@@ -128,17 +137,17 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
         samples = settings.spp or default_spp(loaded)
         if settings.error_db is not None:
             used = settings.sampler or _plugin(loaded.sensors()[0].sampler(), "Sampler")
-            samples = check_spp(_enough(specs, settings.error_db, used) or samples)
+            samples = _enough(specs, settings.error_db, used) or samples
         if edges is not None:  # what cannot be sorted by range is told before the picture
             by_range_of = prepared_frames(
                 loaded, edges, spp=samples, seed=seed, sensor=0, integrator=settings.integrator
             )
         ready = time.perf_counter()
-        own = settings.integrator
+        integrator = settings.integrator
         image = render_parts(
             file,
             loaded,
-            f"stokes {own or ''}" if settings.polarised else own,
+            f"stokes {integrator or ''}" if settings.polarised else integrator,
             samples,
             seed,
             store=store,
@@ -160,7 +169,7 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
     if is_polarised(chosen):
         sources = [placed_emitter(e, k) for k, e in enumerate(wigner_emitters(loaded))]
         record["used"]["polarisation"] = polarisation_summary(sources, False)
-    record["versions"] = scenes.versions_of(chosen)
+    record["versions"] = scene_options.versions_of(chosen)
     record["seconds"] = {"load": round(ready - start, 3), "render": round(done - ready, 3)}
     _warn_of_darkness(radiance)
     title, floor = _title(specs, scene, chosen, samples), settings.floor_db
@@ -178,20 +187,6 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
     output.write(files, contents)
     if store is not None:
         shutil.rmtree(store, ignore_errors=True)
-        output.say_made(new)
-
-
-def _check(settings: RenderSettings) -> None:
-    """All that can be known to be wrong before Mitsuba takes its second to load."""
-    scenes.check_scene_file(settings.scene)
-    scenes.check_samples(settings.spp, settings.seed)
-    if settings.spp is not None and settings.error_db is not None:
-        raise ArgumentError("expected --spp or --error-db, got both; drop one of them")
-    if settings.error_db is not None and not 0 < settings.error_db < math.inf:
-        raise ArgumentError(f"expected --error-db above zero, got {settings.error_db:g}")
-    scenes.check_threads(settings.threads)
-    _check_name("--integrator", settings.integrator, _INTEGRATORS)
-    _check_name("--sampler", settings.sampler, _SAMPLERS)
 
 
 def _checked_specs(scene: Any, name: str) -> list[Any]:
@@ -222,20 +217,14 @@ def _enough(specs: list[Any], error_db: float, sampler: str) -> int:
     return math.ceil(max(independent, default=0) / _GAINS.get(sampler, 1))
 
 
-def _check_name(option: str, name: str | None, known: tuple[str, ...]) -> None:
-    if name is not None and name not in known:
-        raise ArgumentError(f"expected {option} to be one of {', '.join(known)}, got {name!r}")
-
-
 def _warn_of_darkness(radiance: npt.NDArray[Any]) -> None:
     """A warning where the picture shows less than half of its pixels."""
-    negative, zero = float((radiance < 0).mean()), float((radiance == 0).mean())
+    negative, zero = (radiance < 0).mean(), (radiance == 0).mean()
     if negative + zero > 0.5:
         warnings.warn(
             f"{negative + zero:.0%} of the pixels are not positive ({negative:.0%} negative, "
             f"{zero:.0%} zero) and have the colour of the floor; negative ones are noise, which "
-            "more samples (--spp) take away, or radiance that is negative; zero is where no light "
-            "comes from",
+            "more samples (--spp) remove, or negative radiance; no light comes from the others",
             RuntimeWarning,
             stacklevel=2,
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 import warnings
@@ -12,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from polywigner.cli.options import DbFloor, Out
-from polywigner.cli.output import files_to_write, write, write_arrays
+from polywigner.cli.output import files_to_write, write
 from polywigner.cli.sources import SourceOptions, check_is_coherent, frequency_text, short_name
 from polywigner.errors import QuantityError
 from polywigner.quantities import parse_angle, parse_coordinate, parse_point
@@ -94,7 +95,12 @@ def transform(
         "of the light: shows W and the light behind them.",
     ] = None,
     samples: Annotated[
-        int | None, "Samples along each frequency axis (default: 257, or up to 513)."
+        int | None,
+        typer.Option(
+            min=2,
+            max=4096,
+            help="Samples along each frequency axis (default: 257, or up to 513).",
+        ),
     ] = None,
     floor_db: DbFloor = -40.0,
     out: Out = None,
@@ -113,9 +119,7 @@ def transform(
     files = files_to_write(out, Path(source.source).stem, (".png", ".npz"))
 
     from polywigner.figures import draw_transforms, system_slices, transform_slices
-    from polywigner.figures.levels import check_floor
 
-    check_floor(floor_db)
     radiator, length = source.read()
     check_is_coherent(radiator, "transform")
     name = short_name(source.source)
@@ -129,8 +133,7 @@ def transform(
         slices = system_slices(radiator, system, length, samples or _FEWEST)
     title = name if length is None else f"{name}, {frequency_text(length)}"
     figure = draw_transforms(slices, floor_db, title=title)
-    arrays, metadata = _values_of(slices)
-    write(files, [figure, partial(write_arrays, arrays=arrays, metadata=metadata)])
+    write(files, [figure, partial(_write_values, slices)])
 
 
 def _samples(given: int | None, source: Any, wavelength: float | None) -> tuple[int, bool]:
@@ -150,7 +153,7 @@ def _samples(given: int | None, source: Any, wavelength: float | None) -> tuple[
         )
         return max(samples_needed(aperture, None), _FEWEST), True
     samples = min(max(needed, _FEWEST), _MOST_UNASKED) if given is None else given
-    if 2 <= samples < needed:
+    if samples < needed:
         remedy = (
             f"--samples {needed} would do"
             if needed <= LARGEST_SAMPLES
@@ -176,16 +179,18 @@ def _goes_ahead(source: Any, aperture: Aperture) -> bool:
     return ahead > _AHEAD * aperture.area * float(np.real(pw.lag_marginal(source, zero)))
 
 
-def _values_of(slices: TransformSlices | SystemSlices) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Arrays by their names, and their axes and units."""
+def _write_values(slices: TransformSlices | SystemSlices, path: Path) -> None:
+    """Write arrays as .npz under their names, and a JSON text ``metadata`` with axes and units."""
     import numpy as np
 
+    import polywigner as pw
     from polywigner.figures import TransformSlices
 
+    arrays: dict[str, Any] = {"aperture_geojson": _geojson(slices.aperture)}
     if isinstance(slices, TransformSlices):
-        units = dict.fromkeys(("x", "xi"), "m") | {"frequency": "1/m"}
+        units = {"x": "m", "xi": "m", "frequency": "1/m"}
         units |= dict.fromkeys(("fourier", "wigner", "ambiguity"), "m^2")
-        others = {"automean_geojson": _geojson(slices.support)}
+        arrays["automean_geojson"] = _geojson(slices.support)
         about = {
             "axes": "fourier[j, i] and wigner[j, i] at nu = (frequency[i], frequency[j]); "
             "ambiguity[j, i] at upsilon = (frequency[i], frequency[j])",
@@ -195,22 +200,21 @@ def _values_of(slices: TransformSlices | SystemSlices) -> tuple[dict[str, Any], 
         units = dict.fromkeys(("x", "x_out", "across", "up"), "m")
         units |= dict.fromkeys(("nu", "nu_out"), "1/m")
         units |= dict.fromkeys(("before", "behind"), "m^2")
-        others = {"matrix": slices.system.matrix, "light": slices.light}
+        arrays |= {"matrix": slices.system.matrix, "light": slices.light}
         about = {
             "axes": "before[j, i] at (x[i], nu[j]), behind[j, i] at (x_out[i], nu_out[j]): W; "
             "light[j, i] at (across[i], up[j]): |U|^2 behind"
         }
-    others["wavelength"] = np.asarray(np.nan if slices.wavelength is None else slices.wavelength)
-    others["aperture_geojson"] = _geojson(slices.aperture)
-    arrays = others | {name: np.asarray(getattr(slices, name)) for name in units}
+    arrays |= {name: getattr(slices, name) for name in units}
     units |= {"wavelength": "m (nan: not given)"}
     units |= {name: "m" for name in arrays if name.endswith("geojson")}
-    return arrays, {**about, "units": units}
+    arrays["wavelength"] = np.nan if slices.wavelength is None else slices.wavelength
+    metadata = json.dumps({**about, "units": units, "polywigner": pw.__version__})
+    np.savez_compressed(path, metadata=metadata, **arrays)
 
 
-def _geojson(aperture: Any) -> Any:
-    import numpy as np
+def _geojson(aperture: Any) -> str:
     import shapely
 
     # GeoJSON rather than WKT: GEOS writes all digits of it.
-    return np.asarray(shapely.to_geojson(aperture.polygons))
+    return shapely.to_geojson(aperture.polygons)

@@ -5,9 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-from polywigner.cli import fields, options, output
+from polywigner.cli import field_options as fields
+from polywigner.cli import options, output
 from polywigner.cli.sources import MixedSourceOptions, ObstacleOptions, field_title
-from polywigner.errors import ArgumentError, value_text
+from polywigner.errors import ArgumentError
 from polywigner.quantities import parse_frequency
 
 _DEFAULT = ("wigner",)
@@ -59,21 +60,19 @@ def volume(
     if count is not None and min(count) < 2:
         raise ArgumentError(
             f"--shape: expected two or more samples along each axis, got "
-            f"{value_text(shape)}; draw one layer by `polywigner propagate --plane`"
+            f"{shape!r}; draw one layer by `polywigner propagate --plane`"
         )
     sizes = None if chunks is None else fields.parse_shape("--chunks", chunks, 3)
     levels = None if surfaces is None else fields.parse_levels("--surfaces", surfaces)
     band = None if bandwidth is None else parse_frequency(bandwidth)
     stem = output.output_stem(out, Path(source.source).stem)
     # the store is written in any case
-    suffixes = tuple(
-        suffix for suffix in fields.format_suffixes(formats or []) if suffix != ".zarr"
-    )
+    suffixes = tuple(suffix for suffix in fields.suffixes_of(formats or []) if suffix != ".zarr")
     output.check_writable(output.targets(stem, (".png", *suffixes)))
 
     import polywigner as pw
     from polywigner.figures import draw_volume
-    from polywigner.figures.fields import label_of
+    from polywigner.figures.levels import label_of
     from polywigner.figures.volumes import check_volume_options
 
     drawn: dict[str, Any] = {
@@ -91,7 +90,6 @@ def volume(
     how |= {"bandwidth": band, "obstacles": bodies}
     nx, ny, nz = count or fields.samples_of_box(radiator, corners, length)
     by_method = {}
-    new = output.missing_folders([stem])
     for one in wanted:
         name = stem if len(wanted) == 1 else stem.with_name(f"{stem.name}-{one.name}")
         store, *files = output.targets(name, (".zarr", ".png", *suffixes))
@@ -114,4 +112,3 @@ def volume(
         output.write(files, [figure, *(found for _ in suffixes)])
     if len(wanted) > 1:
         fields.print_differences(by_method, reference)
-    output.say_made(new)

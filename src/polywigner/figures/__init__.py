@@ -1,23 +1,21 @@
-"""Pictures: level maps in dB, rendered scenes, and the transforms of an aperture.
+"""Figures: level maps in dB, rendered scenes, and the transforms of an aperture.
 
-``style`` has the maps of levels and of signed values under all pictures, their axes and bars;
-``levels`` turns signed radiance into dB above a stated floor; ``fields`` reads labelled arrays.
-``lines``, ``planes`` and ``volumes`` draw fields in front of a source, ``patterns`` far fields and
-cross sections as data sheets show them, ``scenes`` rendered pictures and where a receiver's power
-comes from, ``transforms`` the figure of ``polywigner transform``, ``projections`` projections of
-phase space, ``lens`` spots and transfer functions. ``paper`` has the figures of the paper.
-Nothing here opens a window: figures are drawn into memory and saved by the caller.
+``style`` has the maps of levels and of signed values in all figures, their axes and colour bars.
+``levels`` converts signed radiance to dB above a floor and reads labelled arrays. ``field_plots``
+and ``volumes`` draw fields in front of a source, ``far_field_plots`` radiation patterns and cross
+sections, ``scene_plots`` rendered images, channels and the power of receivers, ``transforms`` the
+figure of ``polywigner transform``, ``projections`` projections of phase space, ``lens_plots`` spots
+and transfer functions. No window is opened: the caller saves the figures.
 """
 
 from __future__ import annotations
 
-from polywigner.figures.lens import draw_mtf, draw_psf
+from polywigner.figures.far_field_plots import draw_pattern, draw_rcs, draw_tolerance
+from polywigner.figures.field_plots import draw_hemispheres, draw_lines, draw_planes
+from polywigner.figures.lens_plots import draw_mtf, draw_psf
 from polywigner.figures.levels import level_db, picture_peak
-from polywigner.figures.lines import draw_lines
-from polywigner.figures.patterns import draw_pattern, draw_rcs, draw_tolerance
-from polywigner.figures.planes import draw_hemispheres, draw_planes
 from polywigner.figures.projections import draw_projections
-from polywigner.figures.scenes import (
+from polywigner.figures.scene_plots import (
     DirectArrival,
     draw_arrivals,
     draw_channel,

@@ -76,25 +76,23 @@ def draw_projections(
     check_floor(floor_db)
     cells = _cells(found, layout)
     axes_of_tiles = {d for _, *pair in cells.values() for d in pair}
-    for name in axes_of_tiles:
-        if len(found[name].values) < 2:
-            raise ArgumentError(f"expected at least two samples along {name} to draw, got one")
+    if min(found.sizes[name] for name in axes_of_tiles) < 2:
+        raise ArgumentError("expected at least two samples along each axis to draw, got one")
     lengths = [d for d in axes_of_tiles if not style.is_spectral(d)]
     unit = length_unit(max(float(np.ptp(found[d].values)) for d in lengths))
     rows, columns = (max(cell[k] for cell in cells) + 1 for k in (0, 1))
     size = _INCHES * columns + 0.5, _INCHES * rows * 0.92 + 0.4
     figure = style.figure_on(figure, *size, spacing=0.03)
     panels = figure.subplots(rows, columns, squeeze=False, sharex="col", sharey="row")
-    for row, column in product(range(rows), range(columns)):
-        axes = panels[row, column]
-        if (row, column) not in cells:
+    for place, axes in np.ndenumerate(panels):
+        if place not in cells:
             axes.set_axis_off()
             continue
-        name, across, up = cells[row, column]
+        name, across, up = cells[place]
         _draw(axes, found, name, across, up, unit, floor_db)
         axes.tick_params(labelbottom=True)
         axes.set_xlabel(style.axis_label(across, unit))
-        if column == 0:
+        if place[1] == 0:
             axes.set_ylabel(style.axis_label(up, unit))
     style.write_title(figure, title)
     return figure

@@ -214,12 +214,13 @@ def colour_bar(panels: Any, mappable: Any, label: str, extend: str = "neither") 
 
 def signed_bar(axes: Any, mappable: Any, label: str) -> None:
     """The colour bar of :func:`draw_signed` without a bound, with its decades."""
-    from matplotlib.ticker import FixedLocator, FuncFormatter
+    set_ticks(colour_bar(axes, mappable, label).ax.yaxis, [-1, -0.1, -0.01, 0, 0.01, 0.1, 1])
 
-    bar = colour_bar(axes, mappable, label)
-    bar.ax.yaxis.set_major_locator(FixedLocator([-1, -0.1, -0.01, 0, 0.01, 0.1, 1]))
-    bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: number_text(value)))
-    bar.ax.yaxis.set_minor_locator(FixedLocator([]))
+
+def set_ticks(axis: Any, values: Any) -> None:
+    """Set the ticks of a signed logarithmic axis, with no others between them."""
+    axis.set_ticks(values, [number_text(value) for value in values])
+    axis.set_ticks([], minor=True)
 
 
 def draw_polygons(axes: Axes, shape: Any, unit: LengthUnit, **how: Any) -> None:

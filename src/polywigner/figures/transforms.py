@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import dataclass
 from itertools import product
 from typing import TYPE_CHECKING, Any
@@ -17,8 +16,8 @@ from polywigner.figures.levels import check_floor, level_db
 from polywigner.geometry.arguments import (
     checked_count,
     checked_flag,
+    checked_vectors,
     checked_wavelength,
-    real_numbers,
 )
 from polywigner.geometry.display import LengthUnit, length_unit
 from polywigner.illumination.support import mutual_support
@@ -98,20 +97,9 @@ def transform_slices(
     in_plane: Any = source  # whose Fourier transform takes two components of nu
     if isinstance(source, pw.Array) and source.dimension == 3:
         in_plane = pw.Array(source.elements_in_plane, source.weights)
-    return TransformSlices(
-        source,
-        aperture,
-        support,
-        position,
-        lag,
-        wavelength,
-        *_frozen(
-            frequency,
-            pw.fourier(in_plane, grid),
-            pw.wigner(source, position, grid),
-            pw.ambiguity(source, grid, lag),
-        ),
-    )
+    fourier, wigner = pw.fourier(in_plane, grid), pw.wigner(source, position, grid)
+    values = _frozen(frequency, fourier, wigner, pw.ambiguity(source, grid, lag))
+    return TransformSlices(source, aperture, support, position, lag, wavelength, *values)
 
 
 def _frozen(*values: Any) -> list[Any]:
@@ -154,11 +142,8 @@ def _half_width(aperture: pw.Aperture, wavelength: float | None) -> float:
 
 
 def _point(value: ArrayLike) -> tuple[float, float]:
-    with suppress(ValueError):
-        point = real_numbers(value)
-        if point.shape == (2,) and np.isfinite(point).all():
-            return float(point[0]), float(point[1])
-    raise ArgumentError(f"expected two finite coordinates, got {value!r}")
+    x, y = checked_vectors(value, "expected two coordinates", (2,)).ravel()
+    return float(x), float(y)
 
 
 def default_position(support: pw.Aperture, middle: NDArray[np.float64]) -> tuple[float, float]:
@@ -265,20 +250,11 @@ def system_slices(
     x_out = _axis(corners[0][:, 0], samples)
     nu_out = _axis(corners[1][:, 0] / wavelength, samples)
     grid = np.meshgrid(x_out, nu_out)
-    behind = pw.wigner(
-        source,
-        _pairs(grid[0], y_out[1]),
-        _pairs(grid[1], s_out[1] / wavelength),
-        through=system,
-        wavelength=wavelength,
-    )
+    rays = _pairs(grid[0], y_out[1]), _pairs(grid[1], s_out[1] / wavelength)
+    behind = pw.wigner(source, *rays, through=system, wavelength=wavelength)
     slope = wavelength * _SYSTEM_LOBES / width
-    bright = np.array(
-        [
-            system.rays((a, b), (c * slope[0], d * slope[1]))[0]
-            for a, b, c, d in product(sides, (ymin, ymax), (-1, 1), (-1, 1))
-        ]
-    )
+    starts = np.array(list(product(sides, (ymin, ymax), (-1, 1), (-1, 1))))
+    bright = system.rays(starts[:, :2], starts[:, 2:] * slope)[0]
 
     def light_at(x: Any, y: Any, tolerance: float) -> Any:
         points = np.stack(np.meshgrid(x, y), axis=-1)
@@ -388,8 +364,8 @@ def _draw_system_panels(axes: Any, slices: SystemSlices, floor_db: float) -> Non
     )  # fmt: skip
     style.colour_bar(axes[1, 0], shown, f"dB relative to {peak:.3g}, {style.floor_text(floor_db)}")
     axes[1, 0].set_title("|U|² behind")
-    labels = (style.axis_label(name, unit) for name, unit in zip("xy", units, strict=True))
-    axes[1, 0].set(**dict(zip(("xlabel", "ylabel"), labels, strict=True)))
+    x, y = (style.axis_label(name, unit) for name, unit in zip("xy", units, strict=True))
+    axes[1, 0].set(xlabel=x, ylabel=y)
     _draw_section(axes[1, 1], slices, slices.x_out, slices.nu_out, slices.behind, "W(x, ν) behind")
     style.letter_panels(axes.ravel())
 

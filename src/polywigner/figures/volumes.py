@@ -11,8 +11,15 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, require
 from polywigner.figures import style
-from polywigner.figures.fields import even_axis, peak_of, printed_unit, quantity_of
-from polywigner.figures.levels import check_floor, checked_dataset, level_db
+from polywigner.figures.levels import (
+    check_floor,
+    checked_dataset,
+    even_axis,
+    level_db,
+    peak_of,
+    printed_unit,
+    quantity_of,
+)
 from polywigner.figures.transforms import outline_of
 from polywigner.geometry.arguments import checked_choice, checked_length, checked_row
 from polywigner.geometry.display import LengthUnit, length_unit

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import csv
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
+
+import typer
 
 from polywigner.cli.options import DbFloor, Out
 from polywigner.cli.output import files_to_write, write
@@ -14,10 +15,9 @@ from polywigner.cli.sources import SourceOptions, check_is_coherent, short_name
 from polywigner.errors import ArgumentError, QuantityError
 from polywigner.quantities import parse_length
 
-_MOST_SAMPLES = 2001
 _MOST_DEFOCUS = 12
 
-Samples = Annotated[int, "Samples along each axis."]
+Samples = Annotated[int, typer.Option(min=2, max=2001, help="Samples along each axis.")]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,7 +96,6 @@ def psf(
     """
     options.check()
     series = options.series()
-    _check_samples(samples)
     side = None if width is None else parse_length(width)
     files = files_to_write(out, Path(options.source).stem + "_psf", (".png", ".nc"))
 
@@ -105,9 +104,7 @@ def psf(
 
     import polywigner as pw
     from polywigner.figures import draw_psf, outline_of
-    from polywigner.figures.levels import check_floor
 
-    check_floor(floor_db)
     pupil, lengths, distance, radius = options.read_lens("psf")
     if side is None:
         side = 12.0 * max(lengths) * distance / outline_of(pupil).diameter
@@ -127,7 +124,8 @@ def mtf(
     options: LensOptions,
     pixel: Annotated[str, "Side of the detector's square pixels, such as '4 um'."] = "0 m",
     highest: Annotated[
-        float | None, "Highest frequency in cycles/mm (default: where the lens ends)."
+        float | None,
+        typer.Option(min=0, help="Highest frequency in cycles/mm (default: the cutoff)."),
     ] = None,
     samples: Samples = 201,
     out: Out = None,
@@ -138,9 +136,6 @@ def mtf(
     """
     options.check()
     series = options.series()
-    _check_samples(samples)
-    if highest is not None and not 0.0 < highest < 1e9:
-        raise ArgumentError(f"expected --highest above zero, in cycles/mm, got {highest:g}")
     side = 0.0 if pixel.split()[:1] == ["0"] else parse_length(pixel)
     files = files_to_write(out, Path(options.source).stem + "_mtf", (".png", ".csv"))
 
@@ -167,15 +162,6 @@ def mtf(
     detector = f", pixels of {length_text(side)}" if side else ""
     names = [f"mtf_{axis}_defocus_{waves:g}" for waves in series for axis in "xy"]
     columns = np.column_stack([frequency, np.reshape(curves, (-1, samples)).T])
-    table = partial(_write_table, ["frequency_per_mm", *names], columns.tolist())
+    header = ",".join(["frequency_per_mm", *names])
+    table = partial(np.savetxt, X=columns, fmt="%.15g", delimiter=",", header=header, comments="")
     write(files, [draw_mtf(found, options.title(lengths, distance) + detector), table])
-
-
-def _write_table(names: list[str], rows: list[list[float]], path: Path) -> None:
-    with path.open("w", newline="", encoding="utf-8") as file:
-        csv.writer(file).writerows([names, *rows])
-
-
-def _check_samples(samples: int) -> None:
-    if not 2 <= samples <= _MOST_SAMPLES:
-        raise ArgumentError(f"expected --samples from 2 to {_MOST_SAMPLES}, got {samples}")

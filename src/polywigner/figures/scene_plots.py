@@ -1,4 +1,4 @@
-"""Pictures of scenes: radiance in dB, frames by range, and the power and channels of receivers."""
+"""Figures of scenes: radiance in dB, frames by range, and the power and channels of receivers."""
 
 from __future__ import annotations
 
@@ -111,8 +111,7 @@ def draw_polarisation(stokes: ArrayLike, floor_db: float = -40.0, title: str = "
 
     Raises
     ------
-    ArgumentError : numbers of another shape; a floor that is not below 0 dB; a title that is no
-        text.
+    ArgumentError : another shape; a floor that is not below 0 dB; a title that is no text.
     """
     check_floor(floor_db)
     numbers, figure, panels = _stokes_panels(stokes, 1, title)
@@ -153,9 +152,7 @@ def _stokes_panels(stokes: ArrayLike, rows: int, title: str) -> tuple[Any, Any, 
     return numbers, figure, panels
 
 
-# Colours of the picture and of text: one palette for all frames.
-_LEVELS, _GREYS = 200, 50
-# A GIF is in memory until its end: 1 GB, drawn in two minutes.
+# A frame takes up to 2 MB of memory until the file is written.
 _MOST_FRAMES = 2**10
 
 
@@ -172,7 +169,7 @@ def write_range_animation(
     Parameters
     ----------
     frames : as :func:`polywigner.mitsuba.range_frames` returns, up to 1024.
-    path : the file, whatever its suffix; one that is there is replaced.
+    path : the file, with the suffix .gif; an existing file is replaced.
     floor_db : lowest level, dB.
     title : above each frame, before its range.
     milliseconds : of each frame, 10 or more.
@@ -182,7 +179,7 @@ def write_range_animation(
     ArgumentError : no frames or too many, a floor that is not below 0 dB, a time out of range, a
         place that cannot be written to.
     """
-    from PIL import Image
+    from matplotlib.animation import PillowWriter
 
     check_floor(floor_db)
     names = {"range_edge": "", "radiance": ""}
@@ -194,34 +191,23 @@ def write_range_animation(
     checked_count(milliseconds, "milliseconds", 10, 60_000)
     style.checked_title(title)
     path = checked_path(path)
-    peaks = [picture_peak(frame) or 0.0 for frame in radiance]
-    peak = max(peaks) or None
-    figure = draw_scene(radiance[0], peak, floor_db, title="")
+    if path.suffix.lower() != ".gif":
+        raise ArgumentError(f"expected a path with the suffix .gif, got {path.name!r}")
+    peak = max(picture_peak(frame) or 0.0 for frame in radiance) or None
+    figure = draw_scene(radiance[0], peak, floor_db)
     axes = figure.axes[0]
-    palette, images = _palette(), []
-    for number, frame in enumerate(radiance):
-        axes.images[0].set_data(level_db(frame, peak, floor_db))
-        first, last = (style.number_text(float(f"{edges[number + k]:.4g}")) for k in (0, 1))
-        lines = [title, f"range {first} to {last} m"]
-        axes.set_title("\n".join(line for line in lines if line), fontsize=8)
-        figure.canvas.draw()
-        drawn = Image.fromarray(np.asarray(figure.canvas.buffer_rgba())[..., :3].copy())
-        images.append(drawn.quantize(palette=palette, dither=Image.Dither.NONE))
-    how = {"duration": milliseconds, "loop": 0, "optimize": False}
-    with in_place(path) as scratch:
-        images[0].save(scratch, format="GIF", save_all=True, append_images=images[1:], **how)
+    writer = PillowWriter(fps=1000 / milliseconds)  # type: ignore[arg-type]
+    with in_place(path) as scratch, writer.saving(figure, scratch, figure.dpi):
+        for frame, first, last in zip(radiance, edges[:-1], edges[1:], strict=True):
+            axes.images[0].set_data(level_db(frame, peak, floor_db))
+            text = f"range {_rounded(first)} to {_rounded(last)} m"
+            axes.set_title(f"{title}\n{text}" if title else text, fontsize=8)
+            writer.grab_frame()
 
 
-def _palette() -> Any:
-    import matplotlib as mpl
-    from PIL import Image
-
-    colours = mpl.colormaps[style.LEVEL_MAP](np.linspace(0, 1, _LEVELS))[:, :3]
-    greys = np.repeat(np.linspace(0, 1, _GREYS)[:, None], 3, axis=1)
-    palette = Image.new("P", (1, 1))
-    table = (255 * np.concatenate([colours, greys])).round().astype(int)
-    palette.putpalette(table.ravel().tolist())
-    return palette
+def _rounded(value: float) -> str:
+    """A number with up to four significant digits."""
+    return style.number_text(float(f"{value:.4g}"))
 
 
 Floats = NDArray[np.float64]
@@ -282,7 +268,7 @@ def draw_range_profile(
         axes.legend(frameon=False, fontsize=7, loc="best")
     axes.set(xlim=(edges[0], edges[-1]), ylim=(low, top + _ROOM))
     width = np.diff(edges)
-    bins = f"{style.number_text(float(f'{width.max():.4g}'))} m"
+    bins = f"{_rounded(width.max())} m"
     if width.max() > width.min() * (1 + 1e-6):
         bins = f"up to {bins}"
     axes.set(
@@ -302,15 +288,12 @@ def _checked_profile(
         ("range_edge", "power", "standard_error", "noise_power", "path_range", "path_power"), ""
     )
     edges, *values = arrays_of(profile, names, "polywigner.mitsuba.range_profile")
-    if values[0].ndim == 1:
-        values = [each[None] for each in values]
-    is_number = isinstance(receiver, (int, np.integer)) and not isinstance(receiver, bool)
-    if values[0].ndim != 2 or not is_number or not -len(values[0]) <= receiver < len(values[0]):
-        raise ArgumentError(
-            "expected a profile over range and the number of one of its receivers, got powers of "
-            f"shape {values[0].shape} and {receiver!r}"
-        )
-    power, error, noise, *paths = (each[receiver] for each in values)
+    if "receiver" in profile.dims:
+        checked_count(receiver, "receiver", 0, len(values[0]) - 1)
+        values = [each[receiver] for each in values]
+    elif receiver != 0:
+        raise ArgumentError(f"expected a profile of several receivers, got one and {receiver!r}")
+    power, error, noise, *paths = values
     place, level = (path.ravel() for path in paths)
     return (edges, power, error, float(np.nan_to_num(noise))), (place, level)
 
@@ -382,7 +365,7 @@ def draw_arrivals(
     shown.set_clip_path(Circle((0, 0), 1.0, transform=axes.transData))
     style.draw_circles(axes, above=False)
     labels = _mark(axes, direct)
-    for name, place in _checked_names(names).items():
+    for name, place in (names or {}).items():
         label = axes.annotate(
             name, place, (0, 0), textcoords="offset points", ha="center", va="center", color="w",
             fontsize=7, parse_math=False, annotation_clip=True,
@@ -425,16 +408,6 @@ def _view(
     half = min(max(float((high - low).max()) / 2 + _MARGIN, _LEAST_HALF), 1.02)
     centre = np.clip((low + high) / 2, half - 1.02, 1.02 - half)
     return centre - half, centre + half
-
-
-def _checked_names(names: Any) -> dict[str, Floats]:
-    if not isinstance(names, Mapping | None):
-        raise ArgumentError(f"expected names as texts to pairs of cosines, got {names!r:.100}")
-    places = {str(name): checked_array(at, "a place", 1) for name, at in (names or {}).items()}
-    for name, place in places.items():
-        if place.shape != (2,) or not np.isfinite(place).all():
-            raise ArgumentError(f"expected two direction cosines of {name!r:.100}, got {place!r}")
-    return places
 
 
 def _mark(axes: Any, direct: Sequence[DirectArrival]) -> list[Any]:
@@ -498,8 +471,7 @@ def draw_channel(
             low = float(pair.levels(values).min()) - _ROOM if axes is left else -math.inf
             axes.set_ylim(max(low, top + floor_db), top + _ROOM)
             axes.grid(alpha=0.4, lw=0.5)
-    if style.checked_title(title):
-        drawn.suptitle(title, fontsize=8)
+    style.write_title(drawn, title)
     return drawn
 
 

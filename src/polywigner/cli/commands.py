@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+from functools import partial
 from typing import Annotated
 
 import typer
 
 from polywigner.cli import options
-from polywigner.cli.lens import mtf, psf
+from polywigner.cli.doctor import doctor
+from polywigner.cli.lens_commands import mtf, psf
 from polywigner.cli.pattern import pattern
 from polywigner.cli.propagate import propagate
 from polywigner.cli.rcs import rcs
@@ -45,19 +47,6 @@ def _polywigner(
     """Coherent radiation of polygonal apertures: transforms in closed form, and rendering."""
 
 
-def doctor(
-    install_llvm: Annotated[bool, "Install a usable LLVM library with apt-get, as root."] = False,
-    yes: Annotated[bool, "With --install-llvm, as root: do not ask."] = False,
-) -> None:
-    """Say which parts work here, and how to get the others.
-
-    Engines, LLVM library, GPU and extras; for each thing missing the command that brings it.
-    """
-    from polywigner.cli.doctor import run_doctor
-
-    raise typer.Exit(run_doctor(install_llvm, yes))
-
-
 def explore(
     aperture: Annotated[
         str | None,
@@ -84,16 +73,10 @@ def explore(
 
     check_installed()
     state = start_state(aperture, unit or "mm", frequency or wavelength, layer, union)
-    serve(state, port=port, browser=browser, say=_say)
+    serve(state, port=port, browser=browser, say=partial(print, flush=True))
     os._exit(0)  # a computation in progress is not worth waiting for
 
 
-def _say(text: str) -> None:
-    print(text, flush=True)
-
-
-for command in (
-    *(render, receive, transform, pattern, rcs, propagate, volume, psf, mtf),
-    *(explore, doctor),
-):
+_COMMANDS = (render, receive, transform, pattern, rcs, propagate, volume, psf, mtf, explore, doctor)
+for command in _COMMANDS:
     app.command()(options.with_options(command))

@@ -188,19 +188,15 @@ def _draw_cuts(
         if cut.cross_levels is not None and cut.cross_levels.max() > low:
             angles = np.degrees(cut.angles)
             _plot(axes, number, angles, cut.cross_levels, low - 100, label=part, ls=":")
-    reach = max(float(np.degrees(np.abs(cut.angles).max())) for cut in cuts)
+    reach = _reach(cuts)
     axes.axhline(high - 10 * math.log10(2), color="0.6", lw=0.6, ls=":")
     axes.set_xlim(-reach, reach)
     entries = len(axes.get_legend_handles_labels()[0])
     axes.set_ylim(low, high + (0.05 + 0.08 * -(-entries // 2)) * (high - low))
     axes.xaxis.set_major_locator(MultipleLocator(30 if reach > 45 else 10))
-    is_circles = cuts[0].kind != "theta"
-    axes.set(
-        xlabel="angle from the beam (degrees)"
-        if is_circles
-        else "angle from the normal $\\theta$ (degrees)",
-        ylabel="directivity (dBi)",
-    )
+    normal = cuts[0].kind == "theta"
+    angle = "the normal $\\theta$" if normal else "the beam"
+    axes.set(xlabel=f"angle from {angle} (degrees)", ylabel="directivity (dBi)")
     heading = f"{_heading(metrics, cuts)}\ndotted: half the peak; {style.floor_text(low - high)}"
     axes.set_title(heading, fontsize=8)
     axes.grid(alpha=0.3, lw=0.5)
@@ -212,10 +208,15 @@ def _plot(axes: Axes, number: int, places: Floats, levels: Floats, low: float, *
     axes.plot(places, np.maximum(levels, low), **(dress | how))
 
 
+def _reach(cuts: Sequence[Cut]) -> float:
+    """Return the largest angle of cuts in degrees."""
+    return max(float(np.degrees(np.abs(cut.angles).max())) for cut in cuts)
+
+
 def _draw_polar(axes: Any, cuts: Sequence[Cut], low: float, high: float) -> None:
     for number, cut in enumerate(cuts):
         _plot(axes, number, cut.angles, cut.levels, low)
-    reach = max(float(np.degrees(np.abs(cut.angles).max())) for cut in cuts)
+    reach = _reach(cuts)
     edge = min(180, max(90, 30 * math.ceil(reach / 30 - 1e-9)))
     axes.set_theta_zero_location("N")
     axes.set_theta_direction(-1)
@@ -431,18 +432,17 @@ def _rcs_cuts(
         at = int(np.abs(pattern[1]).argmin())
         turns = np.abs(np.exp(1j * pattern[0])[:, None] - np.array([1.0, -1.0])).argmin(axis=0)
         front, back = (int(turn) for turn in turns)
-    elif isinstance(cuts, str) or not isinstance(cuts, Sequence) or len(cuts) != 2:
-        raise ArgumentError(
-            "expected cuts as two patterns, over azimuth and over elevation, got "
-            f"{type(cuts).__name__}"
-        )
-    else:
+    elif isinstance(cuts, Sequence) and len(cuts) == 2:
         flat, upright = _checked_rcs(cuts[0], (2, 1)), _checked_rcs(cuts[1])
         at, front, back = 0, 0, 1
-    azimuth, elevation, levels = flat
-    title = f"over azimuth, at elevation {_degrees(elevation[at])}"
-    found = [(title, azimuth, levels[:, at])]
+    else:
+        got = type(cuts).__name__
+        raise ArgumentError(
+            f"expected cuts as two patterns, over azimuth and over elevation, got {got}"
+        )
     azimuth, elevation, levels = upright
-    title = f"over elevation, at azimuth {_degrees(azimuth[front])} and behind"
     around = np.concatenate([elevation, math.pi - elevation[::-1]])
-    return [*found, (title, around, np.concatenate([levels[front], levels[back][::-1]]))]
+    over_elevation = np.concatenate([levels[front], levels[back][::-1]])
+    behind = f"over elevation, at azimuth {_degrees(azimuth[front])} and behind"
+    across = f"over azimuth, at elevation {_degrees(flat[1][at])}"
+    return [(across, flat[0], flat[2][:, at]), (behind, around, over_elevation)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -68,18 +69,16 @@ def draw_mtf(found: Any, title: str = "", *, figure: Any = None) -> Any:
     curves = _checked(found, "mtf", ("defocus", "direction", "frequency"))
     figure = style.figure_on(figure, 6.4, 3.8)
     axes = figure.subplots()
-    for k, part in enumerate(curves):
+    frequency = found["frequency"].values
+    for part, dashes in zip(curves, cycle(_DASHES), strict=False):
         lines = dict(zip(("along x", "along y"), part.values, strict=True))
         if np.ptp(part.values, axis=0).max() <= _ALIKE:
             lines = {"along x and y": part.values[0]}
-        state = _of_focus(part)
+        state = f", {_of_focus(part)}" if len(curves) > 1 or float(part["defocus"]) else ""
         for (name, line), colour in zip(lines.items(), (style.RED, style.BLUE), strict=False):
-            axes.plot(
-                found["frequency"].values, line, color=colour, ls=_DASHES[k % len(_DASHES)],
-                label=f"{name}, {state}" if len(curves) > 1 or float(part["defocus"]) else name,
-            )  # fmt: skip
+            axes.plot(frequency, line, color=colour, ls=dashes, label=name + state)
     axes.set(
-        xlim=(0.0, float(found["frequency"].max())),
+        xlim=(0.0, frequency.max()),
         ylim=(0.0, 1.05),
         xlabel="frequency (cycles/mm)",
         ylabel="modulation transfer function",
