@@ -222,14 +222,6 @@ def test_planning_tools_get_the_gain_of_a_beam_beside_both_cuts(tmp_path):
     assert gain - attenuation == pytest.approx(pattern["directivity"].values[90, 0], abs=rounding)
 
 
-def test_the_old_order_of_arguments_still_writes(tmp_path):
-    pattern = _pattern(SQUARE, [0.0, 0.1], [0.0])
-    with pytest.warns(DeprecationWarning, match="pattern, path"):
-        pw.write_pattern(tmp_path / "a.csv", pattern)
-    pw.write_pattern(pattern, tmp_path / "b.csv")
-    assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
-
-
 def _written(pattern, path, **how):
     pw.write_pattern(pattern, path, **how)
 

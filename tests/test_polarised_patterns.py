@@ -188,7 +188,7 @@ def test_files_hold_both_parts_of_the_field(tmp_path: Path) -> None:
     assert float(line[7]) == pytest.approx(found["axial_ratio"].values[1, 0], abs=1e-5)
     with pytest.raises(ArgumentError, match="its own"):
         pw.write_pattern(found, tmp_path / "horn.csv", polarisation="x")
-    with pytest.raises(ArgumentError, match="scalar pattern"):
+    with pytest.raises(ArgumentError, match='one of "x", "y"'):
         pw.write_pattern(pattern(HORN), tmp_path / "horn.csv", polarisation="right")  # type: ignore
 
 

@@ -47,7 +47,7 @@ from polywigner.mitsuba.sources import (
 from polywigner.mitsuba.visibility import ROUNDING, shadow_end
 from polywigner.mitsuba.wigner import Wave, WignerRadiance
 from polywigner.numerics.complex_pairs import Pair
-from polywigner.radiometry.hemisphere import directions_and_weights, largest_lag
+from polywigner.radiometry.directions import directions_and_weights, largest_lag
 from polywigner.transforms import differentiable as differentiable_source
 
 # What overlaps by less than this fraction of an area does so by rounding.

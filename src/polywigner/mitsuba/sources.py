@@ -30,12 +30,10 @@ from polywigner.propagation.irradiances import parts_of
 from polywigner.radiometry.directions import (
     checked_bandwidth,
     checked_radiator,
-    wavelengths_of_band,
-)
-from polywigner.radiometry.hemisphere import (
     directions_and_weights,
     largest_lag,
     longest_path,
+    wavelengths_of_band,
 )
 from polywigner.reception.norms import NORMALISATIONS
 from polywigner.transforms import fourier

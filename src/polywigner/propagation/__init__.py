@@ -12,7 +12,6 @@ module               what is in it
 ``arrangement``      cells where the Wigner function is smooth, and Gauss rules on them
 ``amplitudes``       the complex field at points, by boundary integrals and in the far field
 ``boundary``         sums along edges, cut into panels with their waves, to a tolerance
-``edge_integrals``   integrals of waves along edges, and gradients of exact fields
 ``vector_fields``    electric fields of polarised sources, near by and far away
 ``screens``          opaque plates and openings lit by point sources and plane waves
 ``shadows``          fields behind opaque bodies
@@ -20,7 +19,7 @@ module               what is in it
 ``far_fields``       the far field and its power; the image of a point
 ``builders``         lines, planes, hemispheres and volumes: ``grids`` of points and ``datasets``
 ``patterns``         radiation patterns and their cuts; ``pattern_writers`` and
-                     ``pattern_readers`` for files, of ``far_field_files`` and ``far_field_columns``
+                     ``pattern_readers`` for files; ``far_field_tables`` with named columns
 ``array_patterns``   arrays with errors, and radars of two arrays
 ``element_patterns`` far fields known at angles: between these, and as those of apertures
 ``radiators``        sources as functions of direction, and the search for the beam

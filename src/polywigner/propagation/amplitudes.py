@@ -35,7 +35,6 @@ from polywigner.propagation.far_fields import check_slopes, far_field
 from polywigner.propagation.places import (
     METHODS,
     Method,
-    check_reach,
     checked_amplitude_tolerance,
     checked_coordinates,
     checked_method,
@@ -133,7 +132,7 @@ def amplitude(
     ------
     ArgumentError for arguments of the wrong type, shape or range, Dr.Jit arrays, points behind the
     source, Fresnel fields of points so close that their number of nodes explodes, edges of more
-    than 2e8 wavelengths, and lengths beyond 1e-75 to 1e75 m; GeometryError for arrays in other
+    than 2e8 wavelengths; GeometryError for arrays in other
     planes; EngineError without the engine.
 
     >>> import polywigner as pw
@@ -175,7 +174,6 @@ def amplitude(
     allowed = checked_amplitude_tolerance(tolerance, double)
     flat = places.reshape(-1, 3)
     radiator = radiator_of(source.outline if isinstance(source, Screen) else flat_of(source))
-    check_reach(places, float((radiator.high - radiator.low).max()), length, rays=False)
     if name == "fraunhofer" and not isinstance(source, Screen):
         kind = checked_method(DEFAULT if obliquity is None else obliquity, CONDITIONS)
         check_slopes(source, kind)

@@ -20,8 +20,9 @@ from polywigner.geometry.arguments import (
 )
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import ObliquityName, checked_obliquity, warn_of_slopes
+from polywigner.propagation.far_field_tables import FLOOR
 from polywigner.propagation.far_fields import far_field, powers_of
-from polywigner.propagation.patterns import radiation_pattern
+from polywigner.propagation.patterns import decibels, radiation_pattern
 from polywigner.propagation.places import angle_axes, checked_phi, checked_theta, unit_vectors
 from polywigner.propagation.stores import source_attrs, source_coords
 from polywigner.radiometry.directions import PlaneSource, checked_source
@@ -33,8 +34,6 @@ if TYPE_CHECKING:
 Reals = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
-# Elements times samples, of which each has a complex factor (and three shifts): 2 GB at most.
-_MOST_FACTORS = 2**25
 # Complex numbers at a time: 64 MiB.
 _BLOCK = 2**22
 _NEPER = 20 / math.log(10)
@@ -90,8 +89,8 @@ def array_tolerance(
 
     Raises
     ------
-    ArgumentError for anything but an Array, errors below zero, no error at all, shares of 1, and
-    more than 2^25 elements times samples; otherwise as :func:`radiation_pattern`.
+    ArgumentError for anything but an Array, errors below zero, no error at all, and shares of 1;
+    otherwise as :func:`radiation_pattern`.
 
     >>> import polywigner as pw
     >>> places = pw.arrays.grid_positions(8, 8, 2e-3)
@@ -108,30 +107,25 @@ def array_tolerance(
     assert isinstance(source, Array)
     errors = _checked_errors(amplitude, phase, dead, position)
     number = checked_count(count, "count", 2)
-    if number * len(source) > _MOST_FACTORS:
-        raise ArgumentError(
-            f"expected at most {_MOST_FACTORS} elements times samples, got {len(source)} times "
-            f"{number}; take fewer samples"
-        )
     random = checked_generator(seed)
     polar, azimuth = checked_theta(theta), checked_phi(phi)
     name = checked_obliquity(obliquity)
     warn_of_slopes(source, length, name)
-    power = powers_of(source, length, name)[0]
+    powers = powers_of(source, length, name)
     directions = unit_vectors(polar, azimuth)
     factors, shifts = _draw(errors, (len(source), number), random)
     levels = _statistics(source, directions.reshape(-1, 3), length, name, errors, factors, shifts)
-    decibels = {
-        key: _decibels(4 * math.pi / power * value).reshape(directions.shape[:2])
+    directivities = {
+        key: np.maximum(decibels(value, powers), FLOOR).reshape(directions.shape[:2])
         for key, value in levels.items()
     }
-    peak = np.unravel_index(decibels["nominal"].argmax(), directions.shape[:2])
+    peak = np.unravel_index(directivities["nominal"].argmax(), directions.shape[:2])
     about = {
         "wavelength": length,
         "obliquity": name,
         **errors,
         "count": number,
-        "peak_loss": float(decibels["nominal"][peak] - decibels["expected"][peak]),
+        "peak_loss": float(directivities["nominal"][peak] - directivities["expected"][peak]),
     }
     meanings = {
         "nominal": "directivity without errors",
@@ -142,7 +136,7 @@ def array_tolerance(
     }
     axes = angle_axes(polar, azimuth)
     variables = {
-        key: labelled_array(decibels[key], tuple(axes), {"units": "dBi", "long_name": meaning})
+        key: labelled_array(directivities[key], tuple(axes), {"units": "dBi", "long_name": meaning})
         for key, meaning in meanings.items()
     }
     return labelled_arrays(variables, axes | source_coords(source), about | source_attrs(source))
@@ -300,8 +294,3 @@ def two_way_pattern(
         ),
     }
     return labelled_arrays(variables, axes, about)
-
-
-def _decibels(values: Reals) -> Reals:
-    with np.errstate(divide="ignore"):
-        return np.asarray(np.maximum(10 * np.log10(values), -300.0))

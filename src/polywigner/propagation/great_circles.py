@@ -14,7 +14,6 @@ from polywigner.geometry.arguments import takes_frequency
 from polywigner.propagation.element_patterns import (
     MOST_PHI,
     MOST_THETA,
-    ElementPattern,
     covers_front,
     element_pattern_of,
 )
@@ -47,7 +46,6 @@ _NORMAL = 0.1
 _LEAST_MERIDIANS = 8
 # Cosines of directions on the horizon, to rounding.
 _HORIZON = 1e-15
-X_POLARISED = np.array([1.0, 0.0], np.complex128)
 
 
 CutKind = Literal["theta", "meridian", "across", "x", "y"]
@@ -165,8 +163,9 @@ def cuts_in(pattern: Any) -> list[Cut]:
     if "cut" not in getattr(pattern, "dims", ()):
         theta, phi, levels, _ = checked_pattern(pattern)
         crossed = _cross_polar(pattern, levels, ("theta", "phi"))
-        meridians = cuts_of(*_front(theta, phi, levels))
-        across = [] if crossed is None else cuts_of(*_front(theta, phi, crossed))
+        front, values = front_of(theta, levels)
+        meridians = cuts_of(front, phi, values)
+        across = [] if crossed is None else cuts_of(front, phi, front_of(theta, crossed)[1])
         return [
             Cut(angle, along, values, "theta", None if part is None else part[2])
             for (angle, along, values), part in zip_longest(meridians, across)
@@ -193,16 +192,12 @@ def circles_through_beam(pattern: Any) -> list[Cut]:
     fine_enough = _LEAST_MERIDIANS <= len(turns) <= MOST_PHI and 3 <= len(polar) <= MOST_THETA
     if "field" not in pattern or not fine_enough or not covers_front(polar, turns):
         return []
-    jones = X_POLARISED
-    if "cross_field" in pattern:
-        element = element_pattern_of(pattern, "pattern")
-        jones = np.asarray(pattern.attrs["polarisation"], np.float64).view(np.complex128)
-    else:
-        field = np.asarray(pattern["field"].transpose("theta", "phi").values, np.complex128)
-        rows, columns = np.unique(theta, return_index=True)[1], _first_of(phi, turns)
-        field = field[np.ix_(rows, columns)]
-        # by Ludwig's third definition a field along x, which is smooth over the pole
-        element = ElementPattern(polar, turns, (field * np.cos(turns), -field * np.sin(turns)))
+    is_scalar = "cross_field" not in pattern
+    if is_scalar:  # by Ludwig's third definition a field along x, which is smooth over the pole
+        pattern = pattern.assign(cross_field=0 * pattern["field"])
+        pattern = pattern.assign_attrs(polarisation=[1.0, 0.0, 0.0, 0.0])
+    element = element_pattern_of(pattern, "pattern")
+    jones = np.asarray(pattern.attrs["polarisation"], np.float64).view(np.complex128)
     beam = about["peak_theta"], about["peak_phi"]
     step = min(polar[1] - polar[0], turns[1] - turns[0]) / _STEPS_PER_ANGLE
 
@@ -224,19 +219,9 @@ def circles_through_beam(pattern: Any) -> list[Cut]:
     for kind, azimuth, line in zip(_kinds(is_normal), azimuths, directions, strict=True):
         ahead = (line[:, 2] >= -_HORIZON) | element.is_whole
         total, crossed = levels_at(line[ahead])
-        part = crossed if "cross_field" in pattern else None
+        part = None if is_scalar else crossed
         circles.append(Cut(float(azimuth), angle[ahead], total, kind, part))
     return circles
-
-
-def _first_of(phi: Floats, turns: Floats) -> NDArray[np.intp]:
-    """Numbers of the meridians at the turns, which are phi up to full circles."""
-    return np.abs(np.exp(1j * phi)[:, None] - np.exp(1j * turns)).argmin(axis=0)
-
-
-def _front(theta: Floats, phi: Floats, levels: Floats) -> tuple[Floats, Floats, Floats]:
-    front, values = front_of(theta, levels)
-    return front, phi, values
 
 
 def _cross_polar(pattern: Any, levels: Floats, axes: tuple[str, str]) -> Floats | None:

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError, value_text
 from polywigner.geometry.arguments import checked_count, checked_length
 from polywigner.propagation.places import (
-    LARGEST,
     angle_axes,
     checked_coordinates,
     checked_phi,
@@ -131,8 +130,6 @@ def hemisphere_grid(radius: Any, theta: Any, phi: Any, centre: Any) -> Hemispher
     middle = _checked(centre, "expected a centre (3,)", 3)
     if middle.ndim != 1:
         raise ArgumentError(f"expected a centre (3,), in metres, got shape {middle.shape}")
-    if length > LARGEST:
-        raise ArgumentError(f"expected a radius of at most {LARGEST:g} m, got {value_text(radius)}")
     grid = Hemisphere(angle_axes(checked_theta(theta), checked_phi(phi)), middle, length)
     checked_points(grid.points((0, 0), shape_of_grid(grid)))
     return grid
@@ -169,8 +166,6 @@ def _checked(values: Any, expected: str, *shape: int) -> Values:
     array = checked_coordinates(values, expected, *shape)
     if array.ndim > 2 or array.size > 9:
         raise ArgumentError(f"{expected}, in metres, got shape {array.shape}")
-    if not (np.abs(array) <= LARGEST).all():
-        raise ArgumentError(f"{expected}, at most {LARGEST:g} m, got {array.tolist()}")
     return array
 
 

@@ -32,13 +32,13 @@ from polywigner.illumination.obliquities import (
 )
 from polywigner.optics import FirstOrder
 from polywigner.propagation.amplitudes import Obstacle, amplitude, shaped
+from polywigner.propagation.boundary import radiator_of
 from polywigner.propagation.collins import field_behind, squared_field
 from polywigner.propagation.far_fields import check_slopes
 from polywigner.propagation.partial_coherence import partly_coherent_irradiance
 from polywigner.propagation.places import (
     DEFAULT_TOLERANCE,
     METHODS,
-    check_reach,
     checked_coordinates,
     checked_method,
     checked_points,
@@ -49,18 +49,13 @@ from polywigner.propagation.wigner_rays import Rays, summed_rays
 from polywigner.radiometry.directions import (
     checked_bandwidth,
     checked_radiator,
+    longest_path,
     wavelengths_of_band,
 )
-from polywigner.radiometry.hemisphere import longest_path
 from polywigner.transforms.phase_space import energy_of
 from polywigner.transforms.traced_sources import check_no_drjit
 from polywigner.transforms.wavefronts import coherent_source, flat_of, is_partly_coherent, tilts_of
 from polywigner.transforms.xarray_arguments import takes_xarray
-
-
-def is_mixture(source: Any, bandwidth: Any, by_lags: bool = False) -> bool:
-    """Whether light is a mixture: of a band of wavelengths, or of tilts."""
-    return bandwidth is not None or (is_partly_coherent(source) and not by_lags)
 
 
 def mean_over_mixture(
@@ -194,8 +189,8 @@ def irradiance(
     ------
     ArgumentError for arguments of the wrong type, shape or range, Dr.Jit arrays, sources of more
     wavelengths than rays can be summed up of (some hundred for points aslant nearby, thousands far
-    away), and lengths beyond 1e-30 to 1e30 m (other methods: 1e-75 to 1e75 m); GeometryError for an
-    Array whose elements do not lie in the plane z = 0; EngineError without the engine.
+    away); GeometryError for an Array whose elements do not lie in the plane z = 0; EngineError
+    without the engine.
 
     Warns
     -----
@@ -210,6 +205,7 @@ def irradiance(
     how: dict[str, Any] = {"obliquity": obliquity, "tolerance": tolerance}
     checked_method(method, ("wigner", *METHODS, "auto"))
     checked_flag(return_error, "return_error")
+    allowed = checked_tolerance(tolerance)
     check_no_drjit(source=source, points=points, wavelength=wavelength)
     if obstacles is not None:
         if through is not None:
@@ -217,17 +213,17 @@ def irradiance(
                 "fields with obstacles have no system of lenses; leave through or obstacles out"
             )
         return _behind_obstacles(
-            source, points, wavelength, method, obstacles, tolerance, return_error, obliquity,
+            source, points, wavelength, method, obstacles, allowed, return_error, obliquity,
             bandwidth, run,
         )  # fmt: skip
     by_lags = through is None and method == "wigner" and _is_by_lags(source, obliquity)
-    if is_mixture(source, bandwidth, by_lags):
+    if bandwidth is not None or (is_partly_coherent(source) and not by_lags):
 
         def compute(one: Any, length: float, places: Any = points) -> Any:
             options = {"through": through, "return_error": return_error, **how, **run}
             return irradiance(one, places, length, method, **options)
 
-        error = _OF_MIXTURE * checked_tolerance(tolerance)
+        error = _OF_MIXTURE * allowed
         if method != "wigner":
             error = min(error, _OF_EXACT)
         if by_lags or not is_partly_coherent(source):
@@ -240,9 +236,8 @@ def irradiance(
         )  # fmt: skip
     if through is not None:
         others = {"method": None if method in ("wigner", "auto", "fresnel") else method}
-        asked = checked_tolerance(tolerance)
         return field_behind(
-            source, points, wavelength, through, None if asked == _TOLERANCE else asked,
+            source, points, wavelength, through, None if allowed == _TOLERANCE else allowed,
             {**others, "obliquity": obliquity}, squared=True, return_error=return_error, **run,
         )  # fmt: skip
     if method == "auto":
@@ -257,15 +252,15 @@ def irradiance(
     places = checked_points(points)
     if method != "wigner":
         run["obliquity"] = obliquity
-        if checked_tolerance(tolerance) < DEFAULT_TOLERANCE[precision != "single"]:
-            run["tolerance"] = tolerance
+        if allowed < DEFAULT_TOLERANCE[precision != "single"]:
+            run["tolerance"] = allowed
         return _squared(radiator, places, length, method, return_error, run)
     if isinstance(radiator, Screen):
         raise ArgumentError(
             'expected another method than "wigner" behind a Screen, whose field has no rays of '
             'its own; use method="kirchhoff"'
         )
-    found = _by_rays(radiator, places, length, obliquity, tolerance, **run)
+    found = _by_rays(radiator, places, length, obliquity, allowed, **run)
     return shaped(*found, places, return_error)
 
 
@@ -274,12 +269,12 @@ def _by_rays(
     places: Values,
     wavelength: float,
     obliquity: Any,
-    tolerance: float,
+    allowed: float,
     precision: Precision,
     engine: Engine,
 ) -> tuple[Values, Values]:
     """Irradiance by Wigner rays, and the estimate of its error, (n,) at all points (..., 3)."""
-    name, allowed = checked_obliquity(obliquity), checked_tolerance(tolerance)
+    name = checked_obliquity(obliquity)
     flat_source: Any = flat_of(source)
     curved = _curved(source)
     if curved:
@@ -289,9 +284,8 @@ def _by_rays(
     fields = weighted_sources(flat_source, name, wavelength)
     width = source.coherence_width if isinstance(source, Wavefront) else math.inf
     rays = Rays(fields, wavelength, engine, double, curved, width)
-    check_reach(places, max(_sides(flat_source)), wavelength, rays=True)
-    points = places.reshape(-1, 3)
-    if (_gaps(flat_source, points) < _NEAREST * wavelength).any():
+    points, radiator = places.reshape(-1, 3), radiator_of(flat_source)
+    if (radiator.distance(points) < _NEAREST * wavelength).any():
         warn_caller(
             f"Wigner rays are a rough approximation nearer than {_NEAREST:g} wavelengths to the "
             "source, where some of the points are; boundary integrals are exact there"
@@ -303,7 +297,7 @@ def _by_rays(
             "some hundred times as fast"
         )
     share = _FLOOR if double else max(_FLOOR, _SINGLE / allowed)
-    floor = share * _largest(flat_source, points, wavelength)
+    floor = share * _largest(flat_source, radiator.distance_of_centre(points), wavelength)
     found = summed_rays(flat_source, rays, points, allowed, floor)
     if not found.is_met:
         warn_caller(
@@ -375,7 +369,7 @@ def _behind_obstacles(
     if method == "auto":
         method, obliquity = checked_obliquity(obliquity), None
     options: Any = {"obstacles": obstacles, "obliquity": obliquity, **run}
-    allowed = 0.1 * checked_tolerance(tolerance)
+    allowed = 0.1 * tolerance
     options["tolerance"] = max(allowed, LEAST_TOLERANCE)
     if is_partly_coherent(source):
 
@@ -430,27 +424,8 @@ def checked_tolerance(tolerance: Any) -> float:
     return value
 
 
-def _largest(source: Aperture | Array, points: Values, wavelength: float) -> Values:
+def _largest(source: Aperture | Array, distance: Values, wavelength: float) -> Values:
     """(T2): the largest irradiance that a source of this power and area can make there, (n,)."""
     area = sum(element.area for element in source.elements_in_plane)
     mean = energy_of(source) / area
-    distance = _distances(source, points)
     return mean * np.minimum(1.0, (area / (wavelength * distance)) ** 2)
-
-
-def _distances(source: Aperture | Array, points: Values) -> Values:
-    """Distances of points (n, 3) from the middle of a source's bounds, (n,)."""
-    xmin, ymin, xmax, ymax = source.bounds
-    return np.linalg.norm(points - [xmin / 2 + xmax / 2, ymin / 2 + ymax / 2, 0.0], axis=-1)
-
-
-def _sides(source: Aperture | Array) -> Values:
-    return np.ptp(np.reshape(source.bounds, (2, 2)), axis=0)
-
-
-def _gaps(source: Aperture | Array, points: Values) -> Values:
-    """Distances of points (n, 3) from the source's bounds, (n,)."""
-    xmin, ymin, xmax, ymax = source.bounds
-    aside = points[:, :2] - np.clip(points[:, :2], (xmin, ymin), (xmax, ymax))
-    result: Values = np.sqrt((aside**2).sum(axis=-1) + points[:, 2] ** 2)
-    return result

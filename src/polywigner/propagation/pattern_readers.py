@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import os
+import re
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,13 +16,17 @@ from polywigner.errors import FileFormatError, PolywignerError
 from polywigner.geometry.arguments import checked_length, checked_path, warn_caller
 from polywigner.geometry.io.limits import bytes_of, check_most, text_of
 from polywigner.propagation.element_patterns import ElementPattern, covers_front
-from polywigner.propagation.far_field_columns import FREE_SPACE, Complex, Floats
-from polywigner.propagation.far_field_files import (
-    LOADERS,
-    MOST_DIRECTIONS,
-    Attenuations,
+from polywigner.propagation.far_field_tables import (
+    DIPOLE_GAIN,
+    FREE_SPACE,
+    Complex,
     FarFieldTable,
-    attenuations,
+    Floats,
+    cst_table,
+    feko_far_field,
+    frequency_of,
+    hfss_report,
+    numbers_of,
 )
 from polywigner.propagation.patterns import described, jones_of, vector_dataset
 from polywigner.propagation.places import angle_axes
@@ -28,6 +34,9 @@ from polywigner.quantities import SPEED_OF_LIGHT
 
 if TYPE_CHECKING:
     import xarray
+
+# Directions of a table.
+_MOST_DIRECTIONS = 2_000_000
 
 # Relative difference between a requested frequency and the frequency of a file.
 _SAME_FREQUENCY = 1e-3
@@ -38,7 +47,6 @@ _SAME_LEVEL, _CONTRADICTION = 0.1, 1.0
 _SAME_FIELD = 1e-3
 # Cuts with fewer meridians are not integrated over directions.
 _LEAST_MERIDIANS = 8
-_PLANNING = (".msi", ".pln")
 
 
 def read_pattern(path: str | os.PathLike[str], frequency: float | None = None) -> xarray.Dataset:
@@ -120,23 +128,18 @@ def read_nearest_pattern(path: str | os.PathLike[str], frequency: float) -> xarr
 def _read(file: Path, frequency: float | None, tolerance: float) -> xarray.Dataset:
     suffix = file.suffix.lower()
     try:
-        if suffix not in LOADERS and suffix not in _PLANNING:
+        if suffix not in (known := [*_LOADERS, ".msi", ".pln"]):
             raise FileFormatError(
-                f"expected a pattern file with the suffix {', '.join([*LOADERS, *_PLANNING])}, got "
+                f"expected a pattern file with the suffix {', '.join(known)}, got "
                 f"{suffix or 'none'!r}"
             )
-        lines = _lines_of(file)
-        if suffix in _PLANNING:
-            return _two_cuts(attenuations(lines))
-        return _dataset(_selected(list(LOADERS[suffix](lines)), frequency, tolerance))
+        lines = text_of(bytes_of(file)).splitlines()
+        check_most(len(lines), _MOST_DIRECTIONS + 10, "lines", "export coarser steps")
+        if suffix not in _LOADERS:
+            return _planning_cuts(lines)
+        return _dataset(_selected(list(_LOADERS[suffix](lines)), frequency, tolerance))
     except PolywignerError as error:
         raise FileFormatError(f"{file}: {error}") from None
-
-
-def _lines_of(file: Path) -> list[str]:
-    lines = text_of(bytes_of(file)).splitlines()
-    check_most(len(lines), MOST_DIRECTIONS + 10, "lines", "export coarser steps")
-    return lines
 
 
 def _selected(
@@ -242,7 +245,7 @@ def _gridded(theta: Floats, phi: Floats, fields: Complex) -> tuple[Floats, Float
     """Theta (n,) and phi (m,) in rad, and both components (2, n, m)."""
     rows, row = np.unique(theta, return_inverse=True)
     turns, column = np.unique(phi, return_inverse=True)
-    check_most(len(rows) * len(turns), MOST_DIRECTIONS, "directions", "export a grid of angles")
+    check_most(len(rows) * len(turns), _MOST_DIRECTIONS, "directions", "export a grid of angles")
     grid = np.full((2, len(rows), len(turns)), np.nan, np.complex128)
     grid[:, row, column] = fields
     if np.isnan(grid).any():
@@ -296,21 +299,152 @@ def _radiated_power(table: FarFieldTable, integral: float) -> float:
     return power
 
 
-def _two_cuts(cuts: Attenuations) -> xarray.Dataset:
-    """The gain of a planning tool at phi = 0 and 90 degrees, over theta from -180 to 180."""
-    if not cuts.has_unit:
+# ---- formats without a header of columns ---------------------------------------------------------
+
+
+def _hfss_far_field(lines: list[str]) -> Iterator[FarFieldTable]:
+    """Far-field data of HFSS (.ffd): two axes, then a block for each frequency."""
+    axes = []
+    for number in (1, 2):
+        start, stop, count = numbers_of(lines[number - 1 : number], number, 3)[0]
+        axes.append(np.linspace(start, stop, _checked_count(count, number)))
+    check_most(len(axes[0]) * len(axes[1]), _MOST_DIRECTIONS, "directions", "export fewer")
+    theta, phi = (axis.ravel() for axis in np.meshgrid(*axes, indexing="ij"))
+    words = lines[2].split() if len(lines) > 2 else []
+    starts = [k for k, line in enumerate(lines) if line.split()[:1] == ["Frequency"]]
+    if words != ["Frequencies", str(len(starts))] or starts[:1] != [3]:
+        raise FileFormatError(
+            "expected Frequencies and their number in line 3, and a line Frequency before the "
+            "field of each, got others"
+        )
+    for start, stop in zip(starts, [*starts[1:], len(lines)], strict=True):
+        table = numbers_of(lines[start + 1 : stop], start + 2, 4)
+        if len(theta) != len(table):
+            raise FileFormatError(f"expected {len(theta)} directions, got {len(table)}")
+        fields = (table[:, ::2] + 1j * table[:, 1::2]).T
+        yield FarFieldTable(theta, phi, fields, frequency_of(lines[start].split(maxsplit=1)[-1]))
+
+
+def _checked_count(count: float, line: int) -> int:
+    if not (1 <= count <= _MOST_DIRECTIONS and count == int(count)):
+        raise FileFormatError(f"expected a number of angles in line {line}, got {count:g}")
+    return int(count)
+
+
+def _grasp_cuts(lines: list[str]) -> Iterator[FarFieldTable]:
+    """Spherical cuts of GRASP (.cut): a text, seven numbers and the samples of each cut."""
+    cuts: dict[float, list[tuple[Floats, Floats, Complex]]] = {}
+    k = 0
+    while k < len(lines):
+        if not lines[k].strip():
+            k += 1
+            continue
+        named = re.search(r"([\d.]+(?:[eE][-+]?\d+)?)\s*([kMGT]?Hz)\b", lines[k])
+        start, step, number, constant, kind, cut, components = numbers_of(
+            lines[k + 1 : k + 2], k + 2, 7
+        )[0]
+        if kind not in (1, 2, 3) or cut not in (1, 2) or components != 2:
+            raise FileFormatError(
+                "expected cuts of two components, ICOMP 1, 2 or 3, ICUT 1 or 2 and NCOMP 2, got "
+                f"ICOMP {kind:g}, ICUT {cut:g}, NCOMP {components:g} in line {k + 2}; export "
+                "E_theta and E_phi of a polar cut in the far field"
+            )
+        count = _checked_count(number, k + 2)
+        table = numbers_of(lines[k + 2 : k + 2 + count], k + 3, 4)
+        if len(table) != count:
+            raise FileFormatError(f"expected {count} directions after line {k + 2}, got fewer")
+        along, across = start + step * np.arange(count), np.full(count, constant)
+        theta, phi = (along, across) if cut == 1 else (across, along)
+        pair = table[:, ::2].T + 1j * table[:, 1::2].T
+        of_frequency = cuts.setdefault(frequency_of(named[0]) if named else 0.0, [])
+        of_frequency.append((theta, phi, _from_grasp(int(kind), pair, np.radians(phi))))
+        k += 2 + count
+    # |E|^2 is the directivity: 4 pi W are radiated
+    scale = math.sqrt(2 * FREE_SPACE / (4 * math.pi))
+    for frequency, parts in cuts.items():
+        theta, phi, fields = (np.concatenate(part, axis=-1) for part in zip(*parts, strict=True))
+        fields = np.asarray(scale * fields, np.complex128)
+        yield FarFieldTable(theta, phi, fields, frequency or math.nan, [], True)
+
+
+def _from_grasp(kind: int, pair: Complex, phi: Floats) -> Complex:
+    """E_theta and E_phi of these (1), of right- and left-hand parts (2), or of co and cross (3)."""
+    if kind == 1:
+        return pair
+    co, cross = pair
+    if kind == 2:  # (co -+ j cross)/sqrt(2)
+        co, cross = (co + cross) / math.sqrt(2), 1j * (cross - co) / math.sqrt(2)
+    # Ludwig's third definition, co along x
+    sine, cosine = np.sin(phi), np.cos(phi)
+    return np.stack([co * cosine + cross * sine, cross * cosine - co * sine])
+
+
+_LOADERS: dict[str, Callable[[list[str]], Iterator[FarFieldTable]]] = {
+    ".csv": hfss_report,
+    ".txt": cst_table,
+    ".ffd": _hfss_far_field,
+    ".ffe": feko_far_field,
+    ".cut": _grasp_cuts,
+}
+
+_NUMBER = r"([-+]?\d+\.?\d*(?:e[-+]?\d+)?)"
+
+
+def _planning_cuts(lines: list[str]) -> xarray.Dataset:
+    """The gain in an MSI Planet file (.msi, .pln) at phi = 0 and 90 degrees.
+
+    Theta is from -180 to 180 degrees.
+    """
+    words = [line.split() for line in lines]
+    values = {word[0].upper(): " ".join(word[1:]) for word in words if word}
+    match = re.fullmatch(_NUMBER + r"\s*(dBi|dBd)?", values.get("GAIN", ""), re.IGNORECASE)
+    if match is None:
+        raise FileFormatError(f"expected GAIN in dBi or dBd, got {values.get('GAIN', '')[:30]!r}")
+    unit = (match[2] or "dBd").lower()
+    gain = float(match[1]) + (DIPOLE_GAIN if unit == "dbd" else 0.0)
+    if match[2] is None:
         warn_caller(
-            f"GAIN has no unit: it is taken in dBd, as the format specifies, {cuts.gain:.2f} dBi; "
+            f"GAIN has no unit: it is taken in dBd, as the format specifies, {gain:.2f} dBi; "
             "add dBi or dBd"
         )
+    frequency = _megahertz(values.get("FREQUENCY", ""))
+    cuts = [_planning_cut(name, words, lines) for name in ("HORIZONTAL", "VERTICAL")]
+    angles = cuts[0][0]
+    if not np.array_equal(angles, cuts[1][0]):
+        raise FileFormatError("expected the same angles in both cuts, got others")
     # The y axis points up. Seen from behind, x points to the left: angles of the file run to the
     # right and downwards.
-    theta = np.where(cuts.angles > 180, 360 - cuts.angles, -cuts.angles)
-    levels = cuts.gain - np.stack([cuts.horizontal, cuts.vertical], axis=1)
+    theta = np.where(angles > 180, 360 - angles, -angles)
+    levels = gain - np.stack([attenuation for _, attenuation in cuts], axis=1)
     back = np.flatnonzero(theta == -180)
     theta = np.append(theta, 180.0 + np.zeros(len(back)))
     levels = np.concatenate([levels, levels[back]])
     order = np.argsort(theta)
     theta, levels, phi = np.radians(theta[order]), levels[order], np.array([0.0, math.pi / 2])
-    about = _about(theta, phi, levels, cuts.frequency, math.nan)
+    about = _about(theta, phi, levels, frequency, math.nan)
     return described(None, angle_axes(theta, phi), {"directivity": levels}, about)
+
+
+def _planning_cut(name: str, words: list[list[str]], lines: list[str]) -> tuple[Floats, Floats]:
+    """Angles in degrees (n,), from 0 up to below 360, and attenuations in dB of a cut."""
+    at = [k for k, word in enumerate(words) if word[:1] and word[0].upper() == name]
+    if len(at) != 1 or not words[at[0]][1:2] or not words[at[0]][1].isdecimal():
+        raise FileFormatError(f"expected one line {name} with a number of angles, got others")
+    start, count = at[0], int(words[at[0]][1])
+    table = numbers_of(lines[start + 1 : start + 1 + count], start + 2, 2)
+    angles, rows = np.unique(table[:, 0] % 360, return_index=True)
+    if len(table) != count or count < 4 or np.ptp(np.diff(angles, append=360.0)) > 1e-6:
+        raise FileFormatError(
+            f"expected {count} evenly spaced angles around the full circle after {name}, got others"
+        )
+    return angles, table[rows, 1]
+
+
+def _megahertz(text: str) -> float:
+    """A frequency in Hz; a number without a unit is in MHz. NaN for none, and for a band."""
+    match = re.fullmatch(_NUMBER + r"\s*([kMGT]?Hz)?", text, re.IGNORECASE)
+    if match is not None:
+        return frequency_of(f"{match[1]} {match[2] or 'MHz'}")
+    if text and not re.fullmatch(r"[\d.]+\s*-\s*[\d.]+\s*(MHz)?", text):
+        raise FileFormatError(f"expected FREQUENCY in MHz, got {text[:30]!r}")
+    return math.nan

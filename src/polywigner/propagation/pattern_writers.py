@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import math
 import os
-import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, cast
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, FileFormatError
-from polywigner.geometry.arguments import checked_path, write_lines
+from polywigner.geometry.arguments import checked_choice, checked_path, write_lines
 from polywigner.illumination.polarisation import checked_polarisation
 from polywigner.propagation.beams import checked_efficiency
-from polywigner.propagation.far_field_columns import FLOOR, FREE_SPACE
+from polywigner.propagation.far_field_tables import FLOOR, FREE_SPACE
 from polywigner.propagation.patterns import checked_pattern, cuts_of
 from polywigner.propagation.vector_fields import axial_ratios, of_co_and_cross
 
@@ -101,13 +100,6 @@ def write_pattern(
     >>> path.read_text().splitlines()[0].split(",")[:3]
     ['Phi [deg]', 'Theta [deg]', 'dB(DirTotal)']
     """
-    if isinstance(pattern, (str, os.PathLike)):
-        warnings.warn(
-            "write_pattern takes (pattern, path) now; (path, pattern) will end with version 1.0",
-            DeprecationWarning,
-            stacklevel=2,
-        )
-        pattern, path = cast(Any, path), cast(Any, pattern)
     file = checked_path(path)
     writers = {
         ".csv": _csv, ".txt": _cst, ".ffd": _ffd, ".cut": _grasp, ".msi": _msi, ".pln": _msi,
@@ -123,20 +115,15 @@ def write_pattern(
 
 def _jones(pattern: Any, polarisation: Any) -> NDArray[np.complex128]:
     """The Jones vector (2,) of the co-polar part."""
-    own = "cross_field" in pattern
-    if own and polarisation is not None:
+    if "cross_field" not in pattern:
+        name = "y" if polarisation is None else polarisation
+        return checked_polarisation(checked_choice(name, "polarisation", ("x", "y")))
+    if polarisation is not None:
         raise ArgumentError(
             f"expected no polarisation for a pattern that has its own, got {polarisation!r}; leave "
             "it out"
         )
-    is_named = isinstance(polarisation, str) and polarisation in ("x", "y")
-    if not (own or is_named or polarisation is None):
-        raise ArgumentError(
-            f'expected polarisation to be "x" or "y" for a scalar pattern, got {polarisation!r}; '
-            "give others to radiation_pattern"
-        )
-    parts = pattern.attrs["polarisation"] if own else checked_polarisation(polarisation or "y")
-    return np.asarray(parts).view(np.complex128)
+    return np.asarray(pattern.attrs["polarisation"]).view(np.complex128)
 
 
 def _checked(pattern: Any, polarisation: Any, efficiency: float) -> _Pattern:

@@ -44,10 +44,7 @@ Levels = NDArray[np.float64]
 def checked_pattern(pattern: Any) -> tuple[Levels, Levels, Levels, dict[str, float]]:
     """Theta (n,), phi (m,), directivity (n, m) in dBi, and the numbers among the attributes."""
     levels, about = checked_levels(pattern, ("theta", "phi"))
-    try:
-        theta, phi = (np.asarray(pattern[name].values, np.float64) for name in ("theta", "phi"))
-    except (TypeError, ValueError):
-        raise _no_pattern(pattern, ("theta", "phi")) from None
+    theta, phi = (np.asarray(pattern[name].values, np.float64) for name in ("theta", "phi"))
     if np.isnan(levels).any():
         raise ArgumentError(
             "expected a pattern with numbers at its angles, got angles that are not a number"
@@ -63,17 +60,13 @@ def checked_levels(pattern: Any, axes: tuple[str, str]) -> tuple[Levels, dict[st
         levels = np.asarray(pattern["directivity"].transpose(*axes).values, np.float64)
         about = {name: float(pattern.attrs[name]) for name in _ATTRIBUTES}
     except (TypeError, KeyError, IndexError, AttributeError, ValueError):
-        raise _no_pattern(pattern, axes) from None
+        raise ArgumentError(
+            f"expected a pattern with directivity over {' and '.join(axes)}, got "
+            f"{type(pattern).__name__} without; use what polywigner.radiation_pattern returned"
+        ) from None
     if not levels.size:
         raise ArgumentError("expected a pattern with numbers at its angles, got no angles")
     return levels, about
-
-
-def _no_pattern(pattern: Any, axes: tuple[str, str]) -> ArgumentError:
-    return ArgumentError(
-        f"expected a pattern with directivity over {' and '.join(axes)}, got "
-        f"{type(pattern).__name__} without; use what polywigner.radiation_pattern returned"
-    )
 
 
 def front_of(theta: Levels, levels: Levels) -> tuple[Levels, Levels]:

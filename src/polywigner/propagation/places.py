@@ -109,32 +109,6 @@ def checked_points(points: Any) -> NDArray[np.float64]:
     return array
 
 
-LARGEST = 1e75
-"""In m: squares of such lengths, and of their inverses, and products of these are finite."""
-
-# Integrands of rays have up to the seventh power of a length, over the fourth of another.
-_REACH_OF_RAYS = 1e30
-
-
-def check_reach(points: NDArray[np.float64], size: float, wavelength: float, rays: bool) -> None:
-    """Raises ArgumentError for lengths whose powers floats cannot be, of a source's size in m."""
-    reach = _REACH_OF_RAYS if rays else LARGEST
-    farthest = float(np.abs(points).max(initial=wavelength))
-    nearest = float(points[..., 2].min(initial=wavelength))
-    for name, length in (
-        ("a wavelength", wavelength),
-        ("a source", size),
-        ("points at a distance", farthest),
-        ("points at z", nearest),
-    ):
-        if not 1 / reach <= length <= reach:
-            method = " of Wigner rays" if rays else ""
-            raise ArgumentError(
-                f"expected lengths{method} between {1 / reach:g} and {reach:g} m, got {name} of "
-                f"{length:.3g} m; use a unit in which they are"
-            )
-
-
 def checked_amplitude_tolerance(tolerance: float | None, double: bool) -> float:
     """A tolerance that :func:`amplitude` can keep; ArgumentError for others."""
     if tolerance is None:

@@ -29,8 +29,7 @@ from polywigner.propagation.far_fields import check_slopes, far_field, powers_of
 from polywigner.propagation.places import unit_vectors
 from polywigner.propagation.vector_fields import far_vectors, parts_of, vector_powers
 from polywigner.quantities import SPEED_OF_LIGHT
-from polywigner.radiometry.directions import PlaneSource, checked_radiator
-from polywigner.radiometry.hemisphere import check_width, largest_lag
+from polywigner.radiometry.directions import PlaneSource, check_width, checked_radiator, largest_lag
 from polywigner.transforms import array_factor
 from polywigner.transforms.wavefronts import flat_of
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -36,15 +36,8 @@ _THETA, _PHI = 31, 24
 Values = NDArray[np.float64]
 
 
-class Band(NamedTuple):
-    """An axis with the largest step at which it may be sampled."""
-
-    name: str
-    unit: str
-    low: float
-    high: float
-    nyquist: float
-    band_limited: bool
+Band = tuple[str, str, float, float, float, bool]
+"""Name, unit, ends, and the largest step at which an axis may be sampled; if band-limited."""
 
 
 def bands_in_box(
@@ -63,8 +56,7 @@ def bands_in_box(
         for tangent in np.eye(3)
     ]
     return [
-        Band(name, "m", float(low[k]), float(high[k]), steps[k], False)
-        for k, name in enumerate("xyz")
+        (name, "m", float(low[k]), float(high[k]), steps[k], False) for k, name in enumerate("xyz")
     ]
 
 
@@ -77,7 +69,7 @@ def bands_on_line(
     points = grid.points((0,), (_PLACES**2,))
     tangents = np.broadcast_to(grid.directions, points.shape)
     step = _nyquist(points, tangents, bounds, wavelength, coherent)
-    return [Band("distance", "m", 0.0, float(grid.coords["distance"].values[-1]), step, False)]
+    return [("distance", "m", 0.0, float(grid.coords["distance"].values[-1]), step, False)]
 
 
 def bands_on_sphere(
@@ -93,7 +85,7 @@ def bands_on_sphere(
     along = np.broadcast_to(around, (_THETA, _PHI, 3)) * np.sin(theta)[:, None, None]
     axes = (("theta", GRAZING, down), ("phi", 2 * math.pi, along.reshape(-1, 3)))
     step = partial(_nyquist, points, bounds=bounds, wavelength=wavelength, coherent=coherent)
-    return [Band(name, "rad", 0.0, end, step(t) / radius, False) for name, end, t in axes]
+    return [(name, "rad", 0.0, end, step(t) / radius, False) for name, end, t in axes]
 
 
 def _nyquist(
@@ -121,7 +113,6 @@ def _rays(points: Values, bounds: tuple[float, ...]) -> Values:
     x, y = np.broadcast_arrays(x[:, :, None], y[:, None, :])
     from_source = np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(len(points), 9, 3)
     rays = points[:, None, :] - from_source
-    rays /= np.abs(rays).max(axis=-1, keepdims=True)  # squares of what is left are floats
     return np.asarray(rays / np.linalg.norm(rays, axis=-1, keepdims=True))
 
 
@@ -131,27 +122,8 @@ _SEED = 20220202  # any: the same call gives the same number
 _TRIED, _DIRECTIONS, _POSITIONS = 1 << 14, 64, 1024
 # Pixels count as being at the level within this factor.
 _NEAR = 10**0.15
-# Beyond these, squares of errors and levels are rounding, and samples past counting.
-_LEAST_ERROR, _LOWEST = 1e-4, -150.0
 # Nulls within the band of levels are rare and need any number of samples.
 _QUANTILE = 0.9
-
-
-def checked_decibels(error_db: Any, level_db: Any) -> tuple[float, float]:
-    """An error above zero, and a level of at most zero; ArgumentError for others."""
-    error = checked_number(error_db, "error_db", "decibels above zero")
-    level = checked_number(level_db, "level_db", "decibels of at most zero")
-    if not _LEAST_ERROR <= error <= -_LOWEST:
-        raise ArgumentError(
-            f"expected error_db as decibels above zero, from {_LEAST_ERROR:g} to {-_LOWEST:g}, got "
-            f"{value_text(error_db)}"
-        )
-    if not _LOWEST <= level <= 0:
-        raise ArgumentError(
-            f"expected level_db as decibels of at most zero, from {_LOWEST:g}, "
-            f"got {value_text(level_db)}"
-        )
-    return error, level
 
 
 def samples_for_error(source: PlaneSource, wavelength: float, error: float, level: float) -> int:
@@ -354,7 +326,12 @@ def suggest_sampling(
     finer = checked_number(oversampling, "oversampling", "a number of at least 1")
     if not finer >= 1:
         raise ArgumentError(f"expected oversampling as a number of at least 1, got {oversampling}")
-    error, level = checked_decibels(error_db, level_db)
+    error = checked_length(error_db, "error_db", meaning="decibels above zero")
+    level = checked_number(level_db, "level_db", "decibels of at most zero")
+    if not level <= 0:
+        raise ArgumentError(
+            f"expected level_db as decibels of at most zero, got {value_text(level_db)}"
+        )
     _check_used(quantity, {"reach": reach, "box": box, "line": line, "radius": radius})
     if isinstance(source, Wavefront):
         if quantity not in (*_AT_PLACES, "pattern"):
@@ -374,7 +351,7 @@ def suggest_sampling(
     if quantity == "pattern":
         step = length / (2 * math.hypot(*np.subtract(bounds[2:], bounds[:2])))
         ends = (("theta", math.pi / 2), ("phi", 2 * math.pi))
-        bands = [Band(name, "rad", 0.0, end, step, True) for name, end in ends]
+        bands: list[Band] = [(name, "rad", 0.0, end, step, True) for name, end in ends]
     else:
         places = {"box": box, "line": line, "radius": radius}
         given = [name for name, place in places.items() if place is not None]
@@ -385,7 +362,7 @@ def suggest_sampling(
             )
         of_place: Any = {"box": bands_in_box, "line": bands_on_line, "radius": bands_on_sphere}
         bands = of_place[given[0]](bounds, length, places[given[0]], quantity == "amplitude")
-    axes = tuple(_axis(band, finer) for band in bands)
+    axes = tuple(_axis(*band, finer) for band in bands)
     return Sampling(quantity, axes, math.prod(axis.count for axis in axes))
 
 
@@ -413,24 +390,28 @@ def _phase_space_axes(
     bounds, waves = source.bounds, most + _largest_wave(source)
     half = len(bounds) // 2
     narrow = _OF_WIDTH * min(map(_narrowest, source.elements_in_plane))
-    bands = []
+    bands: list[Band] = []
     for k, suffix in enumerate(("",) if half == 1 else ("_x", "_y")):
         low, high = bounds[k], bounds[k + half]
         width = high - low
         position = "xy"[k] if half == 2 else "x"
-        nu = Band(f"nu{suffix}", "1/m", -most, most, 1 / (2 * width), True)
-        bands += {
-            "fourier": [nu._replace(nyquist=1 / width)],
-            "intensity": [nu],
-            "wigner": [Band(position, "m", low, high, min(1 / (4 * waves), narrow), False), nu],
-            "ambiguity": [
-                Band(f"upsilon{suffix}", "1/m", -2 * most, 2 * most, 1 / width, True),
-                Band(f"xi{suffix}", "m", -width, width, min(1 / (2 * waves), 2 * narrow), False),
+        nu = (f"nu{suffix}", "1/m", -most, most)
+        kinds: dict[str, list[Band]] = {
+            "fourier": [(*nu, 1 / width, True)],
+            "intensity": [(*nu, 1 / (2 * width), True)],
+            "wigner": [
+                (position, "m", low, high, min(1 / (4 * waves), narrow), False),
+                (*nu, 1 / (2 * width), True),
             ],
-        }[quantity]
-    kinds = len(bands) // half
-    ordered = [bands[k * kinds + kind] for kind in range(kinds) for k in range(half)]
-    return tuple(_axis(band, oversampling) for band in ordered)
+            "ambiguity": [
+                (f"upsilon{suffix}", "1/m", -2 * most, 2 * most, 1 / width, True),
+                (f"xi{suffix}", "m", -width, width, min(1 / (2 * waves), 2 * narrow), False),
+            ],
+        }
+        bands += kinds[quantity]
+    count = len(bands) // half
+    ordered = [bands[k * count + kind] for kind in range(count) for k in range(half)]
+    return tuple(_axis(*band, oversampling) for band in ordered)
 
 
 def _largest_frequency(wavelength: Any, reach: Any) -> float:
@@ -454,17 +435,23 @@ def _largest_wave(source: Any) -> float:
     return max((float(np.abs(f.frequencies).max()) for f in fields if f is not None), default=0.0)
 
 
-def _axis(band: Band, oversampling: float) -> AxisSampling:
-    extent = band.high - band.low
-    steps = extent / band.nyquist * oversampling if band.nyquist > 0 else math.inf
+def _axis(
+    name: str,
+    unit: str,
+    low: float,
+    high: float,
+    nyquist: float,
+    band_limited: bool,
+    oversampling: float,
+) -> AxisSampling:
+    extent = high - low
+    steps = extent / nyquist * oversampling if nyquist > 0 else math.inf
     if not steps < _MOST_SAMPLES:
         raise ArgumentError(
-            f"expected an axis {band.name} of fewer than {_MOST_SAMPLES} samples, got one of "
+            f"expected an axis {name} of fewer than {_MOST_SAMPLES} samples, got one of "
             f"{steps:.3g}; check the units of the wavelength and of the places"
         )
     count = 1 if extent == 0 else max(1, math.ceil(steps * (1 - 1e-12))) + 1
-    if band.low == -band.high and count % 2 == 0:
+    if low == -high and count % 2 == 0:
         count += 1
-    return AxisSampling(
-        band.name, band.unit, band.low, band.high, count, band.nyquist, band.band_limited
-    )
+    return AxisSampling(name, unit, low, high, count, nyquist, band_limited)

@@ -13,6 +13,7 @@ the first. Derivatives along the plane are carried by the waves; at edges they l
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from dataclasses import field as part_of
 from functools import partial
@@ -21,7 +22,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from polywigner import execution
 from polywigner.execution import Engine, Precision
+from polywigner.execution.choice import resolved
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.geometry.arguments import checked_wavelength, takes_frequency
 from polywigner.illumination import Array
@@ -33,27 +36,39 @@ from polywigner.illumination.polarisation import (
     components,
     ludwig_axes,
 )
-from polywigner.propagation.boundary import Radiator, boundary_field, cosines_of, radiator_of
+from polywigner.kernels.boundary.integrals import STRIPS, distance_of, point_in_wavelengths
+from polywigner.numerics import phases
+from polywigner.propagation.boundary import (
+    Radiator,
+    boundary_field,
+    cosines_of,
+    panels_of,
+    radiator_of,
+    strata_of,
+)
 from polywigner.propagation.curved_fields import lit_nodes, summed_over_cells
-from polywigner.propagation.edge_integrals import edge_integrals
 from polywigner.propagation.far_fields import checked_powers
 from polywigner.propagation.places import (
-    check_reach,
     checked_amplitude_tolerance,
     checked_method,
     checked_points,
     warn_of_missed,
 )
-from polywigner.radiometry.directions import PlaneSource, checked_radiator
-from polywigner.radiometry.hemisphere import directions_and_weights, largest_lag
+from polywigner.radiometry.directions import (
+    PlaneSource,
+    checked_radiator,
+    directions_and_weights,
+    largest_lag,
+)
 from polywigner.transforms import fourier
 from polywigner.transforms.phase_space import energy_of
 from polywigner.transforms.traced_sources import check_no_drjit
-from polywigner.transforms.wavefronts import flat_of
 from polywigner.transforms.xarray_arguments import takes_xarray
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
+
+_OPS = execution.NumpyOperations(double=True)
 
 FIRST, SECOND = "rayleigh-sommerfeld-1", "rayleigh-sommerfeld-2"
 # Phi is the second integral of a wave over its p_z. One with a smaller |p_z| is the mean of waves
@@ -135,8 +150,6 @@ def field(
     allowed = checked_amplitude_tolerance(tolerance, True)
     radiator = checked_radiator(source)
     parts = parts_of(radiator, polarisation)
-    whole = radiator_of(flat_of(radiator))
-    check_reach(places, float((whole.high - whole.low).max()), length, rays=False)
     flat = places.reshape(-1, 3)
     total, errors = np.zeros((len(flat), 3), np.complex128), np.zeros(len(flat))
     limits = np.zeros(len(flat))
@@ -287,6 +300,92 @@ def _not_grazing(radiator: Radiator, wavelength: float) -> Radiator:
             )
         )
     return replace(radiator, elements=tuple(elements))
+
+
+# ---- integrals along edges -----------------------------------------------------------------------
+
+# Pairs of a point and a panel in one block, and panels in one block.
+_PAIRS, _PANELS = 1 << 17, 1 << 14
+# Cost of a pair in terms of other kernels, for the choice of an engine.
+_TERMS = 16
+# Tolerance of integrals along edges over the tolerance of the field, since they may cancel.
+_FRACTION = 1e-2
+
+
+@dataclass(frozen=True)
+class EdgeIntegrals:
+    """Integrals of u times functions of R along m panels, for n points: (n, m) each.
+
+    Lengths in wavelengths, G = exp(2 pi i R)/R.
+    """
+
+    where: NDArray[np.intp]
+    """Numbers of the points (n,)."""
+    points: Floats
+    """Points (n, 3), relative to the centre of the source."""
+    begin: Floats
+    """First ends of the panels (m, 2), relative to the centre of the source."""
+    along: Floats
+    """Directions of the panels (m, 2)."""
+    plane: Floats
+    """Direction cosines p_x and p_y of the waves (m, 2)."""
+    cosine: Complex
+    """Direction cosines p_z (m,)."""
+    wave: Complex
+    """Integrals of u G."""
+    rise: Complex
+    """Integrals of h = u (1/R - 2 pi i) G/R."""
+    rise_by_length: Complex
+    """Integrals of t h, with t the length from the first end."""
+
+    @property
+    def normal(self) -> Floats:
+        """Outward normals of the panels, (m, 2)."""
+        return np.stack([self.along[:, 1], -self.along[:, 0]], axis=1)
+
+
+def edge_integrals(
+    radiator: Radiator, points: Floats, wavelength: float, tolerance: float
+) -> Iterator[EdgeIntegrals]:
+    """Integrals along all panels of a source, for blocks of points (n, 3) in m and of panels."""
+    digits = -math.log(max(tolerance * _FRACTION, 1e-14))
+    x, y = radiator.centre.tolist()
+    entered = point_in_wavelengths(_OPS, (x, y), wavelength, *points.T)
+    relative = np.stack([high for high, _ in entered], axis=1)
+    waves = np.exp(2j * math.pi * phases.reduced(_OPS, distance_of(_OPS, entered)))[:, None]
+    for where, longest in strata_of(radiator, points, wavelength, False):
+        for rows, amplitudes, evanescent in panels_of(
+            radiator, wavelength, longest, _PANELS, False
+        ):
+            along = (rows[:, 5:7] * rows[:, 2:4]).sum(axis=1)
+            columns = [*rows[:, :5].T, along, rows[:, 11]]
+            step = max(1, _PAIRS // len(rows))
+            for start in range(0, len(where), step):
+                some = where[start : start + step]
+                pairs = [*relative[some].T[..., None], *(column[None] for column in columns)]
+                sums = execution.evaluate(
+                    STRIPS,
+                    None,
+                    [*pairs, np.full((1, 1), digits)],
+                    double=True,
+                    engine=resolved("auto", len(some) * len(rows), _TERMS),
+                    outputs=6,
+                )
+                yield EdgeIntegrals(
+                    some,
+                    relative[some],
+                    rows[:, :2],
+                    rows[:, 2:4],
+                    rows[:, 5:7],
+                    np.where(evanescent, 1j, 1.0) * rows[:, 7].astype(np.complex128),
+                    *(
+                        (real + 1j * imag) * amplitudes * waves[some]
+                        for real, imag in zip(sums[::2], sums[1::2], strict=True)
+                    ),
+                )
+
+
+# ---- far fields ----------------------------------------------------------------------------------
 
 
 def far_vectors(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -18,9 +18,8 @@ from polywigner.geometry import Aperture, Wavefront
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import Forms, fields_of, irradiance_factor
 from polywigner.illumination.support import mutual_support
-from polywigner.kernels import Kernel, kernel_for, tables_of
-from polywigner.kernels.cut.slice_sums import PART_COLUMNS, SliceSum, slice_parts
-from polywigner.kernels.functions.wigner_parts import PART_PARTLY_COHERENT, PART_WIGNER
+from polywigner.kernels import Kernel, kernel_for
+from polywigner.kernels.cut.slice_sums import SliceSum
 from polywigner.kernels.kernel import Values
 from polywigner.propagation import arrangement
 from polywigner.propagation.arrangement import Rule, Triangles
@@ -29,16 +28,15 @@ Floats = NDArray[np.float64]
 
 
 @lru_cache(maxsize=64)
-def _along_rays(base: Kernel, columns: int = 0) -> Kernel:
+def _along_rays(base: Kernel) -> Kernel:
     """The integrand of (R1), from a kernel of W.
 
-    Arguments: ``x, y`` on the source, ``columns`` more of the base kernel in place of these, X, Y
-    and Z of the point, the wavelength, the coefficients of the forms of obliquity (D2), and of a
-    curved wave Q_xx, Q_xy, Q_yy and its centre, whose frequency depends on the position.
+    Arguments: ``x, y`` on the source, X, Y and Z of the point, the wavelength, the coefficients of
+    the forms of obliquity (D2), and of a curved wave Q_xx, Q_xy, Q_yy and its centre, whose
+    frequency depends on the position.
     """
 
     def enter(ops: Any, frame: Any, x: Any, y: Any, *rest: Any) -> Values:
-        part, rest = rest[:columns], rest[columns:]
         point, wavelength, forms, curved = rest[:3], rest[3], rest[4:7], rest[7:]
         along_x, along_y = point[0] - x, point[1] - y
         square = along_x * along_x + along_y * along_y + point[2] * point[2]
@@ -49,7 +47,7 @@ def _along_rays(base: Kernel, columns: int = 0) -> Kernel:
             (xx, xy, yy), (dx, dy) = curved[:3], (x - curved[3], y - curved[4])
             nu = nu[0] - (xx * dx + xy * dy), nu[1] - (xy * dx + yy * dy)
         factor = irradiance_factor(forms, point[2] * inverse) * scale * scale
-        return (factor, *base.enter(ops, frame, *(part or (x, y)), *nu))
+        return (factor, *base.enter(ops, frame, x, y, *nu))
 
     base_sum = base.edge_sum
 
@@ -68,12 +66,6 @@ def _along_rays(base: Kernel, columns: int = 0) -> Kernel:
     )
 
 
-# Cuts that are made in NumPy beforehand, a few seconds' work. More cuts are part of the kernel.
-_MOST_CUTS = 1 << 29
-# Edges whose parts are in memory at a time, some 100 bytes each.
-_EDGES_AT_ONCE = 1 << 20
-
-
 @dataclass(frozen=True)
 class Rays:
     """A sum over rays: its sources, and its settings."""
@@ -88,59 +80,23 @@ class Rays:
     coherence_width: float = math.inf
     """Coherence width in m."""
 
-    @property
-    def is_partly_coherent(self) -> bool:
-        return self.coherence_width < math.inf
-
-    def _illuminated(self, source: Aperture | Array) -> Any:
-        """A source with this light, as kernels take it."""
-        if not self.is_partly_coherent:
-            return source
-        return Wavefront(source, coherence_width=self.coherence_width)
+    def _kernel(self, source: Aperture | Array) -> tuple[Kernel, Any]:
+        """The integrand, and the source with its coherence width as the integrand takes it."""
+        light: Any = source
+        if self.coherence_width < math.inf:
+            light = Wavefront(source, coherence_width=self.coherence_width)
+        return _along_rays(kernel_for("wigner", light)), light
 
     def irradiance(self, rule: Rule, points: Floats) -> Floats:
         """The sum over a rule's nodes at points (n, 3), (n,)."""
         total = np.zeros(len(points))
         for source, forms in self.sources:
-            for kernel, places, weights in self._listed(source, rule):
-                total += execution.evaluate_sums(
-                    kernel,
-                    self._illuminated(source),
-                    places,
-                    weights,
-                    points,
-                    (self.wavelength, *forms, *self.curved),
-                    double=self.double,
-                    engine=self.engine,
-                )
+            kernel, light = self._kernel(source)
+            constants = (self.wavelength, *forms, *self.curved)
+            total += execution.evaluate_sums(
+                kernel, light, *rule, points, constants, double=self.double, engine=self.engine
+            )
         return total
-
-    def _listed(
-        self, source: Aperture | Array, rule: Rule
-    ) -> Iterator[tuple[Kernel, Floats, Floats]]:
-        """Kernels with their samples: parts of slices, or positions on the source."""
-        nodes, weights = rule
-        if not self._is_by_parts(source, len(nodes)):
-            yield self._kernel(source), nodes, weights
-            return
-        tables = tables_of(source, True)
-        host = execution.NumpyOperations(double=True)
-        step = max(1, _EDGES_AT_ONCE // len(tables.edges))
-        part = PART_PARTLY_COHERENT if self.is_partly_coherent else PART_WIGNER
-        for start in range(0, len(nodes), step):
-            some, share = nodes[start : start + step], weights[start : start + step]
-            owners, rows = slice_parts(host, tables, *tables.frame.position(host, *some.T))
-            columns = np.column_stack([some[owners], rows])
-            yield _along_rays(part, PART_COLUMNS), columns, share[owners]
-
-    def _is_by_parts(self, source: Aperture | Array, count: int) -> bool:
-        """Whether W at ``count`` positions is a sum over the edges of all elements."""
-        if kernel_for("wigner", source).slices is None:  # an array's faster sum
-            return False
-        return tables_of(source, True).clips * count <= _MOST_CUTS
-
-    def _kernel(self, source: Aperture | Array) -> Kernel:
-        return _along_rays(kernel_for("wigner", self._illuminated(source)))
 
     def integrand(self, nodes: Floats, points: Floats) -> Floats:
         """Irradiance per area from each node (m, 2) at each point (n, 3), (n, m)."""
@@ -149,8 +105,7 @@ class Rays:
         for source, forms in self.sources:
             constants = [np.array(value) for value in (self.wavelength, *forms, *self.curved)]
             (values,) = execution.evaluate(
-                self._kernel(source),
-                self._illuminated(source),
+                *self._kernel(source),
                 [*node, *point, *constants],
                 double=self.double,
                 engine=self.engine,

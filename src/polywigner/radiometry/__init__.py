@@ -6,8 +6,7 @@ W/m^2; they radiate to z > 0. Wavelengths are in metres, directions unit vectors
 ===================  ==========================================================================
 module               what is in it
 ===================  ==========================================================================
-``directions``       checked sources and directions; directions to spatial frequencies
-``hemisphere``       a quadrature over all directions that is exact to rounding
+``directions``       checked sources and directions; integrals over directions, exact to rounding
 ``flux``             radiance, radiant intensity, flux and power in SI units; the evanescent share
 ===================  ==========================================================================
 """

@@ -19,13 +19,11 @@ from polywigner.radiometry.directions import (
     checked_directions,
     checked_positions,
     checked_radiator,
-    wavelengths_of_band,
-)
-from polywigner.radiometry.hemisphere import (
     directions_and_weights,
     largest_lag,
     longest_path,
     power_by_lags,
+    wavelengths_of_band,
 )
 from polywigner.transforms import fourier, wigner
 from polywigner.transforms.phase_space import energy_of

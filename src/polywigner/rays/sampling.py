@@ -35,8 +35,8 @@ from polywigner.radiometry.directions import (
     PlaneSource,
     checked_radiator,
     checked_unit_vectors,
+    largest_lag,
 )
-from polywigner.radiometry.hemisphere import largest_lag
 from polywigner.rays.bundles import bundle
 from polywigner.reception.norms import root_of_norm
 from polywigner.transforms import sample_automean, wigner

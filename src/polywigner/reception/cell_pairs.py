@@ -33,7 +33,7 @@ from polywigner.propagation.arrangement import (
     rule_by_triangles,
     triangulated,
 )
-from polywigner.radiometry.hemisphere import steepest
+from polywigner.radiometry.directions import steepest
 from polywigner.transforms.wavefronts import flat_of
 
 Floats = NDArray[np.float64]

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal, cast, get_args
 
@@ -14,10 +15,10 @@ from polywigner.errors import ArgumentError, GeometryError, value_text
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import checked_vectors
 from polywigner.illumination import Array
-from polywigner.illumination.obliquities import DEFAULT, BoundaryCondition
+from polywigner.illumination.obliquities import DEFAULT, OBLIQUITIES, BoundaryCondition
 from polywigner.propagation import amplitude, field
-from polywigner.propagation.boundary import radiator_of
-from polywigner.propagation.edge_integrals import field_gradient
+from polywigner.propagation.boundary import Radiator, boundary_field, cosines_of, radiator_of
+from polywigner.propagation.vector_fields import edge_integrals
 from polywigner.radiometry.directions import checked_unit_vectors as unit_vectors_as_given
 from polywigner.reception.norms import root_of_norm
 from polywigner.reception.poses import checked_poses
@@ -270,3 +271,48 @@ def directions_of(poses: Any) -> Floats:
     away = -np.einsum("...ji,...j->...i", poses[..., :3, :3], poses[..., :3, 3])
     with np.errstate(invalid="ignore"):  # inside the body, which is refused further on
         return np.asarray(away / np.linalg.norm(away, axis=-1, keepdims=True))
+
+
+# The other of Rayleigh and Sommerfeld's conditions, whose field is the derivative in z.
+_OTHER = {"rayleigh-sommerfeld-1": "rayleigh-sommerfeld-2"}
+_OTHER |= {second: first for first, second in _OTHER.items()}
+
+
+def field_gradient(
+    radiator: Radiator, points: Floats, wavelength: float, method: str, tolerance: float
+) -> Complex:
+    """Gradient (n, 3) in 1/m of the exact field at points (n, 3): (G6), (G7).
+
+    ``method``: one of the boundary conditions; ``tolerance``: as of :func:`boundary_field`.
+    """
+    gradient = np.zeros((len(points), 3), np.complex128)
+    for axis in range(3):
+        carried = _carried(radiator, wavelength, axis)
+        if any(element.amplitudes.any() for element in carried.elements):
+            name = method if axis < 2 else _OTHER.get(method, method)
+            how = (wavelength, name, tolerance, True, "auto")
+            gradient[:, axis] = boundary_field(carried, points, *how)[0]
+    condition = OBLIQUITIES[method]
+    of_field = condition.field / (2 * math.pi)
+    for sums in edge_integrals(radiator, points, wavelength, tolerance):
+        z, inward = sums.points[:, 2:], -sums.normal
+        kernel = of_field * z * sums.rise - 1j * condition.slope * sums.cosine * sums.wave
+        gradient[sums.where, :2] += kernel @ inward / wavelength
+        distance = (sums.begin * inward).sum(axis=1) - sums.points[:, :2] @ inward.T
+        across = (sums.plane * inward).sum(axis=1)
+        height = distance * sums.rise + 2j * math.pi * across * sums.wave
+        gradient[sums.where, 2] += of_field * height.sum(axis=1) / wavelength
+    return gradient
+
+
+def _carried(radiator: Radiator, wavelength: float, axis: int) -> Radiator:
+    """A source whose waves are multiplied by 2 pi i times their frequencies along an axis."""
+    elements = []
+    for element in radiator.elements:
+        rates = (
+            element.frequencies.T[axis]
+            if axis < 2
+            else (cosines_of(element.frequencies, wavelength, False) / wavelength)
+        )
+        elements.append(replace(element, amplitudes=element.amplitudes * (2j * math.pi * rates)))
+    return replace(radiator, elements=tuple(elements))

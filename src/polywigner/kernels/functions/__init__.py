@@ -7,7 +7,6 @@ module               what is in it
 ``slices``           W, A and the areas of slices, from all edges or from listed parts
 ``gauss_schell``     Gaussian waves over polygons and intervals, edge by edge
 ``partly_coherent``  W of partly coherent light, as kernels
-``wigner_parts``     W as a sum over listed parts of edges
 ``fourier``          Fourier transform, at points and on grids of frequencies
 ``simplices``        Fourier transform of slits, of what is thin, and of polyhedra, by simplices
 ``slits``            the transforms of slits, and a few waves on one of them

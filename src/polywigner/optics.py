@@ -1,4 +1,4 @@
-"""The ray matrix of a first-order optical system."""
+"""First-order optics: systems that act on rays of light by a symplectic matrix."""
 
 from __future__ import annotations
 
