@@ -105,10 +105,9 @@ REFUSED = {
     texts(frequency="94 GHz"): "'aperture' | none",
     GOOD.replace("94 GHz", "94 GHx"): "frequency | 94 GHx",
     GOOD.replace("patch.wkt", "none.wkt"): "none.wkt",
-    GOOD.replace("94 GHz", "1e200 Hz"): "wavelength that single precision | 2.99792e-192",
+    GOOD.replace("94 GHz", "1e-20 Hz"): "that radiates | 2.99792e+28 | check the unit",
     GOOD + element("boolean", "power", "true"): "number or a text as power | bool",
     GOOD + texts(obliquity="rs1"): "obliquity | 'rs1' | kirchhoff",
-    GOOD + '<emitter type="area"/>': "no emitter inside | brings its own",
     turned('<scale value="2"/>'): "rotations and translations only | scales by 2, 2, 2",
     texts(aperture="memory:0123", frequency="94 GHz"): "key of a source | mitsuba.aperture",
     GOOD + texts(taper="gauss"): "taper: expected a taper such as | \"te10\" | 'gauss'",
@@ -229,13 +228,11 @@ def test_a_dictionary_entry_carries_all_parameters():
     [
         ({"wavelength": 1.0, "aperture_power": 1.0, "power": 1.0}, "got both"),
         ({"wavelength": 1.0, "to_world": np.diag([2.0, 2.0, 2.0, 1.0])}, "scales by 2, 2, 2"),
-        ({"wavelength": 1.0, "to_world": np.eye(3)}, r"\(4, 4\) matrix.*shape \(3, 3\)"),
+        ({"wavelength": 1.0, "to_world": np.eye(3)}, r"shape \(4, 4\), got \(3, 3\)"),
         ({"wavelength": 1.0, "sampling_weight": "x"}, "sampling_weight.*'x'"),
         ({"wavelength": 1.0, "sampling": "Marginal"}, "sampling, got 'Marginal'"),
         ({"wavelength": 1.0, "control_variate": "false"}, "control_variate.*'false'"),
-        ({"wavelength": 1e-10, "power": 1e20}, "power that single precision"),
         ({"wavelength": 1e28}, r"radiates at a wavelength of 1e\+28 m.*check the unit"),
-        ({"wavelength": 1.0, "scene_unit": 1e-30}, "scene_unit that single precision"),
     ],
 )
 def test_a_bad_argument_of_an_entry_is_refused_at_once(arguments, fragment):

@@ -12,7 +12,6 @@ import polywigner as pw
 import polywigner.mitsuba as pwm
 from mitsuba_scenes import (
     MILLIMETRE,
-    SQUARE,
     WAVELENGTH,
     camera,
     light,
@@ -21,7 +20,6 @@ from mitsuba_scenes import (
     scene_of,
     use,
 )
-from polywigner.errors import SceneError
 from polywigner.mitsuba.rendering import default_integrator
 
 pytestmark = pytest.mark.drjit
@@ -144,9 +142,3 @@ def test_no_tracer_of_particles_shows_a_source_without_a_surface():
     for visible in (True, False):
         scene = scene_of(sensor=seen, a=light(visible=visible))
         assert np.any(pwm.render(scene, tracer, 4)) == visible
-
-
-def test_nothing_is_nested_in_a_source_without_a_surface():
-    use("scalar_rgb")
-    with pytest.raises(SceneError, match="nested in a wigner shape that is not visible, got 'bsdf"):
-        pwm.aperture(SQUARE, WAVELENGTH, bsdf={"type": "diffuse"}, visible=False)

@@ -24,22 +24,18 @@ from polywigner.errors import ArgumentError, PolywignerError, SceneError
 from polywigner.execution.progress import told
 from polywigner.geometry.arguments import checked_callable, checked_count, checked_row
 from polywigner.illumination.polarisation import checked_polarisation, components, ludwig_axes
-from polywigner.mitsuba.bodies import OF_ECHO, Body, Echo, checked_bodies, echoes_of
-from polywigner.mitsuba.diffraction import meshes_in
 from polywigner.mitsuba.direct_light import (
     BEHIND,
     BLOCKED,
     UNSEEN,
     DirectLight,
     FacingParts,
-    arrival,
     check_obliquity,
     facing_parts,
     mirrors_in,
     narrow,
     ways_of,
 )
-from polywigner.mitsuba.mirrors import Mirror, reflected, surface_of
 from polywigner.mitsuba.passing import (
     RAYS,
     Mesh,
@@ -53,8 +49,19 @@ from polywigner.mitsuba.plugins import one_at_a_time
 from polywigner.mitsuba.polarisation import DEFAULT_POLARISATION, polarisation_summary
 from polywigner.mitsuba.received import MOST_REFLECTIONS, DirectPath, described
 from polywigner.mitsuba.receiver import receivers_of
+from polywigner.mitsuba.reflectors import (
+    OF_ECHO,
+    Body,
+    Echo,
+    Mirror,
+    checked_bodies,
+    echoes_of,
+    reflected,
+    surface_of,
+)
 from polywigner.mitsuba.scattered import polarised_by_default, unseen, wigner_emitters
 from polywigner.mitsuba.sources import norm_of
+from polywigner.mitsuba.surfaces import meshes_in
 from polywigner.quantities import SPEED_OF_LIGHT, parse_frequency, wavelength_of
 from polywigner.reception import coupling
 from polywigner.reception.couplings import checked_tolerance
@@ -549,7 +556,7 @@ def coherent_light(
                 emitter.power * abs(amplitude) ** 2,
                 (abs(amplitude) / passing) ** 2 if passing else 0.0,
                 passing**2,
-                arrival(place, receiver),
+                receiver.cosines_to(place),
                 amplitude=complex(amplitude),
                 length=path.distance,
             )

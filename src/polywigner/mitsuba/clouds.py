@@ -228,17 +228,8 @@ def write_scatterers(cloud: Any, path: str | os.PathLike[str]) -> None:
 
 def _columns(cloud: Any) -> dict[str, NDArray[Any]]:
     """(n,) or (n, 3) values by their names."""
-    try:
-        found = {str(name): np.asarray(array.values) for name, array in cloud.data_vars.items()}
-        counts = {len(values) for values in found.values()}
-        is_cloud = {"position", "power", "path_length"} <= set(found) and len(counts) == 1
-    except (AttributeError, TypeError):
-        is_cloud = False
-    if not is_cloud:
-        raise ArgumentError(
-            f"expected a cloud of polywigner.mitsuba.scatterers, got {type(cloud).__name__}"
-        )
-    return found
+    _checked(cloud)
+    return {str(name): np.asarray(array.values) for name, array in cloud.data_vars.items()}
 
 
 def _write_table(columns: dict[str, NDArray[Any]], path: Path) -> None:

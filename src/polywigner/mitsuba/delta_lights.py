@@ -24,11 +24,11 @@ from numpy.typing import NDArray
 
 from polywigner.errors import PolywignerError, SceneError
 from polywigner.illumination.obliquities import CONDITIONS
-from polywigner.mitsuba.mirrors import Mirror
 from polywigner.mitsuba.passing import RAYS, corners, points_on, traced
 from polywigner.mitsuba.placement import PlacedSource, is_source
-from polywigner.mitsuba.scene_order import sorted_emitters
-from polywigner.mitsuba.visibility import bounds_of
+from polywigner.mitsuba.received import DirectPath
+from polywigner.mitsuba.reflectors import Mirror
+from polywigner.mitsuba.surfaces import bounds_of, sorted_emitters
 from polywigner.propagation.amplitudes import amplitude
 
 Floats = NDArray[np.float64]
@@ -48,31 +48,6 @@ class DeltaLight:
     @property
     def is_infinite(self) -> bool:
         return bool(mi.has_flag(self.emitter.flags(), mi.EmitterFlags.Infinite))
-
-
-@dataclass(frozen=True)
-class DeltaPath:
-    """A path of such light to a receiver."""
-
-    light: str
-    chain: tuple[Mirror, ...]
-    strength: float
-    """4 pi times the radiant intensity towards the receiver, in W; or an irradiance in W/m^2."""
-    coupling: float
-    """Received power over ``strength`` with nothing in between; of an irradiance in m^2."""
-    passing: float
-    """Transmission of obstacles and mirrors, a mean over rays."""
-    polarisation: float
-    """Fraction of the transmitted power in the receiver's polarisation."""
-    arrives_from: tuple[float, float]
-    """Direction cosines to the light or its image, in the receiver's frame."""
-    length: float
-    """m, to the centre of the receiver; infinite for an irradiance."""
-
-    @property
-    def power(self) -> float:
-        """W."""
-        return self.strength * self.coupling * self.passing * self.polarisation
 
 
 def delta_lights(scene: Any) -> list[DeltaLight]:
@@ -96,7 +71,7 @@ def delta_lights(scene: Any) -> list[DeltaLight]:
 
 def delta_paths(
     scene: Any, receiver: PlacedSource, ways: Sequence[tuple[Mirror, ...]]
-) -> list[DeltaPath]:
+) -> list[DirectPath]:
     """Return the paths by which delta lights reach a receiver, directly or by flat mirrors.
 
     Parameters
@@ -117,7 +92,7 @@ def delta_paths(
 
 def _path(
     scene: Any, receiver: PlacedSource, light: DeltaLight, chain: tuple[Mirror, ...]
-) -> DeltaPath | None:
+) -> DirectPath | None:
     end = points_on(receiver, RAYS)
     start, image = _starts(scene, receiver, light, end, chain)
     met = corners(start, end, chain)
@@ -136,17 +111,17 @@ def _path(
     shares, _ = traced(scene, way, receiver.medium, (receiver, None), chain)
     matrix = np.einsum("n,nij->ij", emission, shares) / (strength * RAYS)
     coupling, matched = _coupled(receiver, image, matrix, light.is_infinite)
-    to_light = receiver.pose[:3, :3].T @ (image - receiver.middle)
-    distance = float(np.linalg.norm(to_light))
-    return DeltaPath(
-        light.name,
-        chain,
-        strength if light.is_infinite else 4 * math.pi * strength,
+    passing = float(matrix[0, 0])
+    total = strength if light.is_infinite else 4 * math.pi * strength
+    return DirectPath(
+        tuple(mirror.name for mirror in chain),
+        total * coupling * passing * matched,
         coupling,
-        float(matrix[0, 0]),
+        passing,
+        receiver.cosines_to(image),
         matched,
-        (float(to_light[0]) / distance, float(to_light[1]) / distance),
-        math.inf if light.is_infinite else distance,
+        length=math.inf if light.is_infinite else math.dist(image, receiver.middle),
+        light=light.name,
     )
 
 

@@ -9,10 +9,10 @@ from __future__ import annotations
 import hashlib
 import logging
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache, partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import drjit as dr
 import mitsuba as mi
@@ -20,8 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, SceneError
-from polywigner.execution import NumpyOperations, ops_for
-from polywigner.geometry.faces import connected
+from polywigner.execution import ops_for
 from polywigner.geometry.silhouettes import Obstacle, Obstacles, Silhouette
 from polywigner.kernels.boundary.edge_waves import (
     EdgeRule,
@@ -31,29 +30,31 @@ from polywigner.kernels.boundary.edge_waves import (
     edge_wave_and_rate,
     least_detour,
 )
-from polywigner.mitsuba.edge_tables import edge_tables
 from polywigner.mitsuba.exact import AWAY
-from polywigner.mitsuba.placement import matrix_of, reach_of
+from polywigner.mitsuba.placement import reach_of
 from polywigner.mitsuba.sampling import opaque, single
-from polywigner.mitsuba.scene_order import sorted_emitters, sorted_shapes
 from polywigner.mitsuba.sources import SourceSpec
-from polywigner.mitsuba.visibility import ROUNDING
+from polywigner.mitsuba.surfaces import ROUNDING, bodies_of, matrix_of, meshes_in, sorted_emitters
 from polywigner.numerics.complex_pairs import Pair, unit_wave
 from polywigner.numerics.jets import Jet, flattened, rebuilt
 from polywigner.propagation.blockers import (
+    NO_SURFACE,
+    OWN_SURFACE,
     Blocker,
     behind_face,
+    blocked_edges,
+    shadow_lines,
     transmission_over,
 )
 from polywigner.propagation.equivalent_points import (
+    RadiatingPoint,
     oblique_change,
     radiating_points,
     wave_ahead,
 )
-from polywigner.propagation.shadows import ASIDE
+from polywigner.propagation.shadows import ASIDE, diffracted
 
 Floats = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 # Error of |F|^2 over its peak: shadows of one edge at a time deserve no more.
 _ERROR = 3e-4
@@ -70,186 +71,85 @@ _LONGEST = 1.0 / (8.0 * math.pi**2 * _FAINT**2)
 _ASIDE = 1e-6
 # Fraction of a ray that is left out at its end, on a surface; in single precision.
 _ENDS = 1e-5
-# Chords of curved shapes leave out so much of a wavelength; most points of a rim, and halvings.
-_SAGITTA, _MOST_CHORDS, _MOST_HALVINGS = 0.01, 1024, 6
-# Faces in the way of light: they take a gigabyte.
-_MOST_FACES = 1 << 21
+# Relative error of fields in scalar variants.
+_ON_HOST = 1e-4
 # Nearer to the plane of a source than this, in wavelengths, edges are no obstacles to its light.
 _BEHIND = 1e-3
-_TRANSPARENT = int(mi.BSDFFlags.Null) | int(mi.BSDFFlags.Transmission)
 
 _log = logging.getLogger("polywigner.mitsuba")
 
 
-def children_of(node: Any) -> list[Any]:
-    """Return the objects directly nested in an object of Mitsuba."""
-    found: list[Any] = []
+class EdgeTables(NamedTuple):
+    """Edges of silhouettes in groups, with the surface that blocks the waves of each group."""
 
-    class Callback(mi.TraversalCallback):  # each variant has its own
-        def put(self, name: str, value: Any, *_: Any) -> None:
-            if isinstance(value, mi.Object):
-                found.append(value)
-
-    node.traverse(Callback())
-    return found
-
-
-def meshes_in(scene: Any, wavelength: float) -> Iterator[tuple[Floats, Indices]]:
-    """Corners and triangles of all opaque shapes of a scene, in its units; ``wavelength`` too."""
-    groups = {
-        shape.id(): children_of(shape)
-        for shape in children_of(scene)
-        if shape.class_name() == "ShapeGroupPlugin"
-    }
-    count = 0
-    for shape in sorted_shapes(scene):
-        for points, faces in _triangles(shape, groups, wavelength):
-            count += len(faces)
-            if count > _MOST_FACES:
-                raise SceneError(
-                    f"expected at most {_MOST_FACES} faces in a scene with diffraction, those of "
-                    "instances and spheres included, got more; simplify the meshes"
-                )
-            yield points, faces
+    groups: Floats
+    """(g, 13) midpoint of the edges; plane of the face behind; first and end of their edges, of
+    the triangles of the surface, and of the edges of its rim."""
+    edges: Floats
+    """(k, 12) ends, plane of the face behind, first and end of the points of the source."""
+    triangles: Floats
+    """(t, 10) normals of the planes through the midpoint and each side, and their triple
+    product."""
+    rims: Floats
+    """(m, 6)."""
 
 
-def _triangles(
-    shape: Any, groups: dict[str, list[Any]], wavelength: float
-) -> Iterator[tuple[Floats, Indices]]:
-    """Corners and triangles of an opaque shape; of each shape in the group of an instance."""
-    params = mi.traverse(shape)
-    if shape.class_name() == "Instance":
-        name = str(shape).split('name = "', 1)[1].rsplit('",\n    prim_count', 1)[0]
-        pose = np.array(matrix_of(params["to_world"]))
-        for own in groups[name]:
-            for points, faces in _triangles(own, groups, wavelength):
-                yield points @ pose[:3, :3].T + pose[:3, 3], faces
-        return
-    bsdf = shape.bsdf()
-    if bsdf is None or bsdf.flags() & _TRANSPARENT or shape.class_name() == "ShapeGroupPlugin":
-        return
-    if "faces" in params:
-        places = np.array(dr.detach(params["vertex_positions"]), np.float64).reshape(-1, 3)
-        yield places, np.array(params["faces"], np.intp).reshape(-1, 3)
-        return
-    kind = shape.class_name()
-    if kind not in _SHAPES:
-        raise SceneError(
-            f"expected meshes, rectangles, disks, spheres and cylinders with diffraction, got a "
-            f"{kind} {shape.id()!r}; make it a mesh"
-        )
-    pose = np.array(matrix_of(params["to_world"]))
-    size = float(np.linalg.norm(pose[:3, :3], axis=0)[:2].max())
-    points, faces = _SHAPES[kind](size / wavelength)
-    yield points @ pose[:3, :3].T + pose[:3, 3], faces
+def edge_tables(
+    obstacles: Obstacles,
+    points: Sequence[RadiatingPoint],
+    seen: Sequence[Silhouette],
+    margin: float,
+) -> EdgeTables:
+    """Return the edges that points of a source see, in groups of one blocker.
+
+    Parameters
+    ----------
+    obstacles : bodies, in wavelengths.
+    points : points of the source.
+    seen : a silhouette for each point, or one for all.
+    margin : depth behind a face, as a fraction of its distance, up to which points lie on it.
+    """
+    shared = len(seen) < len(points)
+    found = blocked_edges(obstacles, seen, np.mean([point.place for point in points], axis=0))
+    parts, groups = [], []
+    for k, (silhouette, group) in enumerate(zip(seen, found.groups, strict=True)):
+        count, span = len(group), (0, len(points)) if shared else (k, k + 1)
+        rows = np.column_stack([silhouette.edges.reshape(-1, 6), silhouette.planes])
+        parts.append(np.column_stack([rows, np.tile(span, (count, 1))]))
+        groups.append(np.maximum(group, NO_SURFACE))
+        own = rows[group == OWN_SURFACE]
+        for number in range(*span) if len(own) else ():
+            table = np.column_stack([np.tile(points[number].row, (len(own), 1)), own])
+            lines = shadow_lines(table)[:, 7:]
+            parts.append(np.column_stack([lines, np.tile((number, number + 1), (len(own), 1))]))
+            groups.append(np.full(len(own), NO_SURFACE))
+    edges, group = np.concatenate(parts), np.concatenate(groups)
+    planes = edges[:, 6:10]
+    planes[group == NO_SURFACE] = 0.0, 0.0, 0.0, 1.0
+    # places on the surface count as before it, which single precision rounds
+    planes[:, 3] += margin * np.linalg.norm(edges[:, 3:6], axis=1) * (group >= 0)
+    order = np.argsort(group, kind="stable")
+    edges, group = edges[order], group[order]
+    blockers: list[Blocker | None] = [None, *found.blockers]
+    spans, triangles, rims = [], [np.empty((0, 10))], [np.empty((0, 6))]
+    for number, blocker in enumerate(blockers, NO_SURFACE):
+        first, end = np.searchsorted(group, [number, number + 1])
+        plane = edges[first, 6:10] if first < end else np.array([0.0, 0.0, 0.0, 1.0])
+        before = sum(map(len, triangles)), sum(map(len, rims))
+        if blocker is not None:
+            triangles.append(_pyramids(blocker.triangles - blocker.origin))
+            rims.append(blocker.rim.reshape(-1, 6))
+        after = sum(map(len, triangles)), sum(map(len, rims))
+        origin = np.zeros(3) if blocker is None else blocker.origin
+        spans.append([*origin, *plane, first, end, before[0], after[0], before[1], after[1]])
+    return EdgeTables(np.array(spans), edges, np.concatenate(triangles), np.concatenate(rims))
 
 
-def _rectangle(_: float) -> tuple[Floats, Indices]:
-    corners = np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
-    return corners, np.array([[0, 1, 2], [0, 2, 3]])
-
-
-def _revolved(profile: Any, radius: float) -> tuple[Floats, Indices]:
-    """The surface of a profile (n, 2) of radii and heights about the z axis."""
-    count = int(np.clip(math.pi * math.sqrt(0.5 * radius / _SAGITTA), 32, _MOST_CHORDS))
-    angles = np.linspace(0.0, 2.0 * math.pi, count, endpoint=False)
-    rim = np.column_stack([np.cos(angles), np.sin(angles), np.ones(count)])
-    points = np.concatenate([rim * [size, size, height] for size, height in profile])
-    k = np.arange((len(profile) - 1) * count)
-    following = k - k % count + (k + 1) % count
-    lower = np.column_stack([k, following, following + count])
-    return points, np.concatenate([lower, np.column_stack([k, following + count, k + count])])
-
-
-def _sphere(radius: float) -> tuple[Floats, Indices]:
-    """An icosahedron, its triangles halved along each side until chords are near the sphere."""
-    g = (1.0 + math.sqrt(5.0)) / 2.0
-    base = [(0.0, a, b * g) for a in (-1.0, 1.0) for b in (-1.0, 1.0)]
-    points = np.array([np.roll(place, k) for k in range(3) for place in base])
-    points /= np.linalg.norm(points[0])
-    apart = np.linalg.norm(points[:, None] - points, axis=2)
-    near = (apart > 0.0) & (apart < 1.1)
-    faces = np.array(
-        [
-            (a, b, c) if np.linalg.det(points[[a, b, c]]) > 0.0 else (a, c, b)
-            for a in range(12)
-            for b in range(a + 1, 12)
-            for c in range(b + 1, 12)
-            if near[a, b] and near[b, c] and near[a, c]
-        ]
-    )
-    wanted = 0.5 * math.log2(max(1.0, 0.15 * radius / _SAGITTA))
-    for _ in range(min(_MOST_HALVINGS, max(2, math.ceil(wanted)))):
-        pairs = np.sort(np.concatenate([faces, np.roll(faces, -1, axis=1)]).reshape(2, -1).T)
-        edges, which = np.unique(pairs, axis=0, return_inverse=True)
-        middles = points[edges].mean(axis=1)
-        middles /= np.linalg.norm(middles, axis=1)[:, None]
-        ab, bc, ca = (which.reshape(-1, 3) + len(points)).T
-        a, b, c = faces.T
-        points = np.concatenate([points, middles])
-        faces = np.concatenate(
-            [np.column_stack(t) for t in ((a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca))]
-        )
-    return points, faces
-
-
-_SHAPES: dict[str, Callable[[float], tuple[Floats, Indices]]] = {
-    "Rectangle": _rectangle,
-    "Disk": partial(_revolved, [(1.0, 0.0), (0.0, 0.0)]),
-    "Cylinder": partial(_revolved, [(1.0, 0.0), (1.0, 1.0)]),
-    "Sphere": _sphere,
-}
-
-
-def _bodies(points: Floats, faces: Indices) -> list[Obstacle]:
-    """The connected parts of a mesh, corners at one place taken as one."""
-    points, number = np.unique(points, axis=0, return_inverse=True)
-    faces = number.reshape(-1)[faces]
-    a, b, c = np.moveaxis(points[faces], 1, 0)
-    normals = np.cross(b - a, c - a)
-    kept = np.linalg.norm(normals, axis=1) > 0.0
-    faces, normals = faces[kept], normals[kept]
-    a, b, c = faces.T
-    part = connected(len(points), np.append(a, a), np.append(b, c))[a]
-    found = []
-    order = np.argsort(part, kind="stable")
-    for some in np.split(order, np.flatnonzero(np.diff(part[order])) + 1) if len(part) else ():
-        used, corners = np.unique(faces[some], return_inverse=True)
-        found.append(_body(points[used], corners.reshape(-1, 3), normals[some]))
-    return found
-
-
-def bodies_of(meshes: Iterable[tuple[Floats, Indices]]) -> list[Obstacle]:
-    """Bodies and sheets of meshes, given by corners and triangles."""
-    return [body for mesh in meshes for body in _bodies(*mesh)]
-
-
-def _body(points: Floats, faces: Indices, normals: Floats) -> Obstacle:
-    count = len(points)
-    directed = np.concatenate([faces[:, [k, (k + 1) % 3]] for k in range(3)])
-    forth, back = directed @ [count, 1], directed @ [1, count]
-    is_solid = len(np.unique(forth)) == len(forth) and np.array_equal(np.sort(forth), np.sort(back))
-    size = float(np.ptp(points, axis=0).max())
-    units = normals / np.linalg.norm(normals, axis=1)[:, None]
-    # triangles in one plane are one face
-    height = np.einsum("tk,tk->t", units, points[faces[:, 0]] - points[0]) / size
-    planes = np.column_stack([units, height]).round(5) + 0.0
-    _, first, owner = np.unique(planes, axis=0, return_index=True, return_inverse=True)
-    owner = owner.ravel()
-    if not is_solid:
-        flat = np.abs((points - points[0]) @ units[0]).max() <= 1e-6 * size
-        return Obstacle(points, faces, owner, normals[first], False, bool(flat))
-    inner = points - points.mean(axis=0)
-    if np.einsum("tk,tk->", inner[faces[:, 0]], normals) < 0.0:  # inside out
-        return _body(points, faces[:, ::-1], -normals)
-    # convex where no corner opposite to an edge is in front of the face at its other side
-    order, other = np.argsort(forth), np.argsort(back)
-    face = np.tile(np.arange(len(faces)), 3)
-    opposite = np.concatenate([faces[:, (k + 2) % 3] for k in range(3)])
-    mine, across = face[order], opposite[other]
-    height = np.einsum("ek,ek->e", points[across] - points[faces[mine, 0]], units[mine])
-    convex = bool((height <= 1e-6 * size).all())
-    return Obstacle(points, faces, owner, normals[first], True, convex)
+def _pyramids(corners: Floats) -> Floats:
+    """(t, 10) normals of the sides of pyramids from the origin over triangles, and volumes."""
+    a, b, c = np.moveaxis(corners, 1, 0)
+    sides = [np.cross(b, c), np.cross(c, a), np.cross(a, b)]
+    return np.column_stack([*sides, np.einsum("tk,tk->t", a, sides[0])])
 
 
 class Shadows:
@@ -265,7 +165,7 @@ class Shadows:
         reach: float,
     ) -> None:
         self._m, self._jit = m, dr.is_jit_v(m.Float)
-        self._ops = ops_for(m.Float) if self._jit else NumpyOperations(double=True)
+        self._ops = ops_for(m.Float)
         self._inverse = opaque(m, spec.scene_unit / wavelength)
         try:
             source = spec.centred.at_origin
@@ -276,7 +176,7 @@ class Shadows:
             seen = obstacles.silhouettes(places)
             shared = seen[-1] is seen[0]
             seen = [before_plane(silhouette) for silhouette in (seen[:1] if shared else seen)]
-            tables, self._blockers = edge_tables(obstacles, points, seen, _ENDS)
+            tables = edge_tables(obstacles, points, seen, _ENDS)
         except ArgumentError as error:
             raise SceneError(f"with diffraction: {error}") from None
         self._obstacles = _scene_of(m, own)
@@ -292,8 +192,10 @@ class Shadows:
             "left out, as by detours beyond %.3g wavelengths",
             faces, len(tables.edges), len(points), _FAINT, _LONGEST,
         )  # fmt: skip
-        self._points, self._tables = rows, tables
+        self._tables = tables
         self._is_blocked = len(tables.triangles) > 0
+        whole = seen * len(points) if shared else seen
+        self._on_host = partial(diffracted, obstacles, points, whole, tolerance=_ON_HOST)
         if self._jit:
             self._held = [self._ops.held(t.astype(np.float32)) for t in (rows, *tables)]
             self._ends = [m.UInt32(dr.opaque(m.UInt32, len(t))) for t in (rows, tables.groups)]
@@ -309,10 +211,16 @@ class Shadows:
     def intensity(self, point: Any) -> Any:
         """|U|^2 at a point in front, in units of the scene; in the unit of |u|^2."""
         place = tuple(c * self._inverse for c in (point.x, point.y, point.z))
+        if not self._jit:
+            # before the surface that the point is on, by more than rounding
+            change, free, _ = self._on_host(
+                places=(1.0 - _ENDS) * np.array([place]), engine="numpy"
+            )
+            return float(np.abs(free + change)[0] ** 2)
         # beside the boundaries of shadows and their corners, by more than rounding
         away = self._ops.sqrt(sum(c * c for c in place))
         place = tuple(c + _ASIDE * u * away for c, u in zip(place, ASIDE.tolist(), strict=True))
-        real, imag = self._traced(place) if self._jit else self._plain(place)
+        real, imag = self._traced(place)
         return real * real + imag * imag
 
     def _traced(self, place: Any) -> tuple[Any, Any]:
@@ -396,34 +304,6 @@ class Shadows:
         is_behind = dot(group[3:6], place) + group[6] < 0.0
         return Pair(*dr.if_stmt(free, is_behind, behind, lambda *state: state, mode="symbolic"))
 
-    def _plain(self, place: Any) -> tuple[float, float]:
-        """The field at one place in a scalar variant, by NumPy."""
-        total, ops = 0j, self._ops
-        for row in self._points:
-            wave, ahead = self._wave(ops, tuple(row), place)
-            if not self._hidden(row[:2].tolist(), ahead):
-                total += complex(wave.real, wave.imag)
-        weights = [self._weight(blocker, place) for blocker in self._blockers]
-        for (_, *values), weight in zip(self._tables.groups, weights, strict=True):
-            table = self._tables.edges[int(values[6]) : int(values[7])]
-            some = table[np.asarray(self._matters(ops, tuple(table.T), place), bool)]
-            seen = [k for a, b in some[:, 10:].astype(int).tolist() for k in range(a, b)]
-            if seen and abs(weight) > _FAINT:
-                counts = (some[:, 11] - some[:, 10]).astype(int)
-                rows = np.repeat(some, counts, axis=0)
-                points = tuple(self._points[seen].T)
-                change = self._change(ops, points, tuple(rows.T), place)
-                total += weight * complex(np.sum(change.real), np.sum(change.imag))
-        return total.real, total.imag
-
-    def _weight(self, blocker: Blocker | None, place: Any) -> complex:
-        if blocker is None:
-            return 1.0
-        point = np.array([[float(c) for c in place]])
-        hidden = blocker.hides(point, _ENDS * np.linalg.norm(point, axis=1))
-        found = blocker.transmission(self._ops, tuple(point.T), hidden)
-        return complex(np.ravel(found.real)[0], np.ravel(found.imag)[0])
-
     def _wave(self, ops: Any, row: Any, place: Any) -> tuple[Pair, Any]:
         """The wave of a point of the source, relative to the phase of the distance from its frame's
         origin; and the path to the place."""
@@ -471,8 +351,6 @@ class Shadows:
         return wave * boundary.scaled(-0.5 / math.pi) + bend
 
     def _when(self, condition: Any, compute: Callable[..., Any], *arguments: Any) -> Any:
-        if not self._jit:
-            return compute(*arguments)
         zero = self._m.Float(0.0)
 
         def taken(*parts: Any) -> tuple[Any, ...]:

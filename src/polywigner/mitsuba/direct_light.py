@@ -17,13 +17,12 @@ from polywigner.geometry import Aperture, Wavefront
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import CONDITIONS
 from polywigner.mitsuba.delta_lights import delta_paths
-from polywigner.mitsuba.diffraction import meshes_in
-from polywigner.mitsuba.mirrors import MOST_FACES, Mirror, chains_of, smooth_shapes
 from polywigner.mitsuba.passing import diffracted_share, passing_share
 from polywigner.mitsuba.placement import PLACE_ERROR, PlacedSource
 from polywigner.mitsuba.received import DirectPath
+from polywigner.mitsuba.reflectors import MOST_FACES, Mirror, chains_of, smooth_shapes
 from polywigner.mitsuba.sources import norm_of
-from polywigner.mitsuba.visibility import bounds_of
+from polywigner.mitsuba.surfaces import bounds_of, meshes_in
 from polywigner.reception import coupling
 from polywigner.transforms.phase_space import energy_of
 
@@ -188,21 +187,7 @@ def direct_light(
 
 def light_of_points(scene: Any, receiver: PlacedSource, ways: list[Way]) -> DirectLight:
     """Direct light of point, spot, projector and directional lights."""
-    found = delta_paths(scene, receiver, ways)
-    paths = [
-        DirectPath(
-            tuple(mirror.name for mirror in path.chain),
-            path.power,
-            path.coupling,
-            path.passing,
-            path.arrives_from,
-            path.polarisation,
-            length=path.length,
-            light=path.light,
-        )
-        for path in found
-    ]
-    notes = []
+    paths, notes = delta_paths(scene, receiver, ways), []
     if paths and receiver.diffraction:
         notes.append(
             f"obstacles shadow the direct light of {paths[0].light!r} by rays, without diffraction"
@@ -234,7 +219,7 @@ def _path(
         emitter.power * coupling * passing * matched,
         coupling,
         passing,
-        arrival(parts.emitter.middle, parts.receiver),
+        parts.receiver.cosines_to(parts.emitter.middle),
         matched,
         length=float(np.linalg.norm(image.middle - receiver.middle)),
     )
@@ -261,13 +246,6 @@ def _coupled(
     whole, received = (math.fsum(column) for column in zip(*terms, strict=True))
     share = received / (whole * float(passing[0, 0])) if whole > 0 else 0.0
     return whole, max(share, 0.0)  # rounding of crossed ends
-
-
-def arrival(place: Floats, receiver: PlacedSource) -> tuple[float, float]:
-    """Direction cosines of a place in the receiver's frame."""
-    way = receiver.pose[:3, :3].T @ (place - receiver.middle)
-    alpha, beta, _ = (way / np.linalg.norm(way)).tolist()
-    return alpha, beta
 
 
 def _doubts(facing: float, passing: float, chain: Way) -> list[str]:

@@ -33,8 +33,8 @@ from polywigner.execution import Traced, UnrolledOperations, kernel_with_derivat
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.illumination import Array
 from polywigner.kernels import FOURIER, WIGNER, new_outline_of, new_tables_of
-from polywigner.mitsuba.parameters import ESTIMATORS, check_range, rigid_pose
-from polywigner.mitsuba.placement import Frame, check_place, cover, matrix_of, move
+from polywigner.mitsuba.parameters import ESTIMATORS, rigid_pose
+from polywigner.mitsuba.placement import Frame, check_place, cover, move
 from polywigner.mitsuba.polarisation import Polariser
 from polywigner.mitsuba.sampling import opaque, single, spectrum
 from polywigner.mitsuba.sources import (
@@ -44,7 +44,7 @@ from polywigner.mitsuba.sources import (
     depends_on_wavelength,
     norm_of,
 )
-from polywigner.mitsuba.visibility import ROUNDING, shadow_end
+from polywigner.mitsuba.surfaces import ROUNDING, matrix_of, shadow_end
 from polywigner.mitsuba.wigner import Wave, WignerRadiance
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.radiometry.directions import directions_and_weights, largest_lag
@@ -302,9 +302,7 @@ def emitter_class(variant: str) -> Any:
             if not power >= 0:
                 raise SceneError(f"expected a power of zero or more, got {power:.6g} W")
             spec = self.spec
-            norm = spec.norm_at(wavelength)
-            check_range(spec.centred, wavelength, power, norm, self._unit)
-            self.spec = replace(spec, norm=norm)
+            self.spec = replace(spec, norm=spec.norm_at(wavelength))
 
         def _take_over(self) -> None:
             # Opaque: as literals, every new value would compile the render kernel again.
@@ -315,7 +313,7 @@ def emitter_class(variant: str) -> Any:
             self._norm = self._traced_norm() if self.is_followed() else opaque(m, self.spec.norm)
 
         def stand_at(self, reach: float) -> None:
-            """Take over the ``reach`` of its place in a scene; see module `visibility`."""
+            """Take over the ``reach`` of its place in a scene; see module `surfaces`."""
             self._reach = opaque(m, reach)
 
         def is_followed(self) -> bool:

@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from polywigner.errors import ArgumentError, SceneError, StoreError
 from polywigner.execution import kernel_threads
+from polywigner.geometry.arguments import checked_count
 from polywigner.interruption import temporary_folder
 from polywigner.mitsuba.receiver import is_receiver, scene_known
 
@@ -125,18 +126,6 @@ def refined(camera: Any, factor: int) -> Iterator[None]:
     finally:
         if factor > 1:
             camera.fineness = 1
-
-
-def film_of(width: int, height: int) -> dict[str, Any]:
-    """The entry of a film that a receiver can have."""
-    return {
-        "type": "hdrfilm",
-        "width": width,
-        "height": height,
-        "pixel_format": "luminance",
-        "component_format": "float32",
-        "rfilter": {"type": "box"},
-    }
 
 
 def coarse(image: npt.NDArray[Any], factor: int) -> npt.NDArray[Any]:
@@ -280,6 +269,22 @@ class Exposure:
         one = 1 if self.camera.class_name() in CAMERAS else self.cut.height
         with cropped(self.camera, 0, one, one), _quietly():
             return int(_rendered(self, 1, 0).shape[-1])
+
+
+# Noise falls with the root of the number: nobody waits for more.
+_LARGEST_SPP = 2**30
+
+
+def check_spp(spp: int) -> int:
+    """The samples per pixel; ArgumentError unless a whole number from 1 to 2^30."""
+    return checked_count(spp, "spp", 1, _LARGEST_SPP)
+
+
+def check_seed(seed: int) -> int:
+    """The seed; ArgumentError unless a whole number of zero or more."""
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+        raise ArgumentError(f"expected a seed as a whole number of zero or more, got {seed!r}")
+    return int(seed)
 
 
 def seed_of(seed: int, *part: int) -> int:

@@ -8,7 +8,6 @@ import threading
 from collections import OrderedDict
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -18,15 +17,7 @@ import numpy.typing as npt
 
 from polywigner import geometry
 from polywigner.errors import ArgumentError, GeometryError, SceneError
-from polywigner.geometry import (
-    Aperture,
-    PlacedAperture,
-    Polyhedron,
-    Slits,
-    Wavefront,
-    read_aperture,
-)
-from polywigner.geometry.arguments import real_numbers
+from polywigner.geometry import Aperture, Wavefront, read_aperture
 from polywigner.illumination import Array, read_source
 from polywigner.illumination.obliquities import DEFAULT, OBLIQUITIES
 from polywigner.illumination.polarisation import polarisation_of_text
@@ -35,7 +26,6 @@ from polywigner.illumination.texts import SOURCE_TEXTS, apply_texts
 from polywigner.mitsuba.exact import ExactEstimator
 from polywigner.mitsuba.sampling import SAMPLINGS
 from polywigner.mitsuba.sources import (
-    CentredSource,
     Complexes,
     SourceSpec,
     centred_source,
@@ -154,10 +144,6 @@ ESTIMATORS: dict[str, type[WignerEstimator | ExactEstimator]] = {
 }
 RECEIVER_ESTIMATOR = "exact"
 
-# Decimal exponents of the normal numbers of single precision.
-_SMALLEST = math.log10(np.finfo(np.float32).tiny)
-_LARGEST = math.log10(np.finfo(np.float32).max)
-
 _BOTH_POWERS = (
     "expected power or aperture_power, got both; power leaves through the hemisphere in front, "
     "aperture_power is the integral of |u|^2 over the aperture: give one"
@@ -168,7 +154,6 @@ def read_emitter(values: Mapping[str, Any]) -> SourceSpec:
     """The checked parameters of a ``wigner`` shape, from Mitsuba or from an entry in Python."""
     given = SceneParameters(values, "wigner shape")
     given.check_names(PARAMETERS)
-    given.check_nested_shape()
     spec = _spec(given, "wigner", given.optional("bandwidth", parse_frequency))
     power, aperture_power = (given.optional(n, parse_power) for n in ("power", "aperture_power"))
     if power is not None and aperture_power is not None:
@@ -180,7 +165,7 @@ def read_emitter(values: Mapping[str, Any]) -> SourceSpec:
             spec,
             power=spec.norm if power is None else power,
             control_variate=given.flag("control_variate", False),
-            sampling_weight=check_sampling_weight(values.get("sampling_weight", 1.0)),
+            sampling_weight=given.number("sampling_weight", float, 1.0),
             visible=given.flag("visible", True),
         )
     )
@@ -230,7 +215,6 @@ def _spec(given: SceneParameters, estimator: str, bandwidth: float | None) -> So
 
 
 def _checked(spec: SourceSpec) -> SourceSpec:
-    check_range(spec.centred, spec.wavelength, spec.power, spec.norm, spec.scene_unit)
     ESTIMATORS[spec.estimator].check(spec)
     return spec
 
@@ -255,21 +239,6 @@ class SceneParameters:
             if not is_nested and name not in known:
                 raise SceneError(
                     f"expected the parameters {', '.join(known)} of a {self.element}, got {name!r}"
-                )
-
-    def check_nested_shape(self) -> None:
-        """Raise SceneError for another light, or for anything nested in an invisible shape."""
-        visible = self.flag("visible", True)
-        for name, value in self.values.items():
-            if isinstance(value, mi.Object) and type(value).__name__ in ("Emitter", "Sensor"):
-                raise SceneError(
-                    f"expected no {type(value).__name__.lower()} inside a wigner shape, got "
-                    f"{name!r}; the shape brings its own emitter"
-                )
-            if isinstance(value, mi.Object | Mapping) and not visible:
-                raise SceneError(
-                    "expected nothing nested in a wigner shape that is not visible, got "
-                    f"{name!r}; leave it out, or make the shape visible"
                 )
 
     def source(self, wavelength: float) -> Any:
@@ -343,9 +312,9 @@ class SceneParameters:
         """A number, or None where there is none."""
         return self.number(name, parse) if name in self.values else None
 
-    def number(self, name: str, parse: Callable[[Any], float]) -> float:
+    def number(self, name: str, parse: Callable[[Any], float], default: float = math.nan) -> float:
         """A number, or the text of one."""
-        value = self.values[name]
+        value = self.values.get(name, default)
         if not isinstance(value, (str, int, float)) or isinstance(value, bool):
             raise SceneError(f"expected a number or a text as {name}, got {type(value).__name__}")
         try:
@@ -379,74 +348,11 @@ class SceneParameters:
         return value
 
 
-def check_range(
-    centred: CentredSource, wavelength: float, power: float, norm: float, scene_unit: float = 1.0
-) -> None:
-    """Raise SceneError where single precision cannot hold the emitter's numbers."""
-    # Logarithms, because the numbers themselves may leave double precision as well.
-    energy, inverse_square = _exponent(norm), -2 * _exponent(wavelength)
-    area_in_scene = _exponent(centred.support.area) - 2 * _exponent(scene_unit)
-    radiance = _exponent(power) + inverse_square
-    _fits("wavelength", f"{wavelength:.6g} m", -inverse_square / 2, inverse_square)
-    _fits("wavelength", f"{wavelength:.6g} m", inverse_square - energy)
-    _fits("scene_unit", f"{scene_unit:.6g} m", area_in_scene)
-    if power > 0:
-        steps = (radiance, radiance - energy, radiance + area_in_scene)
-        _fits("power", f"{power:.6g} W", _exponent(power), *steps)
-
-
-def check_sampling_weight(value: Any) -> float:
-    """The value as a float; SceneError unless it is a finite number of zero or more."""
-    number = isinstance(value, Real) and not isinstance(value, bool)
-    if not number or not (value >= 0 and _exponent(value) < _LARGEST):
-        raise SceneError(
-            f"expected a finite sampling_weight of zero or more, got {value!r}; 1 is the default"
-        )
-    return float(value)
-
-
-def _exponent(value: Any) -> float:
-    return math.log10(value) if value > 0 else -math.inf
-
-
-def _fits(name: str, shown: str, *exponents: float) -> None:
-    for exponent in exponents:
-        if not _SMALLEST < exponent < _LARGEST:
-            raise SceneError(
-                f"expected a {name} that single precision can compute with, got {shown}, which "
-                f"leads to numbers of the order 1e{exponent:+.0f}; check its unit"
-            )
-
-
 def rigid_pose(matrix: Any) -> npt.NDArray[np.float64]:
     """A read-only (4, 4) pose from a matrix or from one of Mitsuba's, of any variant."""
     try:
-        given = real_numbers(matrix)
-    except (ValueError, RuntimeError):
-        given = np.empty(0)
-    if given.shape not in ((4, 4), (4, 4, 1)):  # with a last axis of 1 from compiled variants
-        shown = f"one of shape {given.shape}" if given.size else type(matrix).__name__
-        raise SceneError(
-            f"expected a (4, 4) matrix as to_world, got {shown}; give one, or a transform such as "
-            "mitsuba.ScalarTransform4f().translate([0, 0, 1])"
-        )
-    if not (np.abs(given) <= np.finfo(np.float32).max).all():
-        raise SceneError(f"expected a finite to_world, got {given.tolist()}")
-    try:
-        return geometry.rigid_pose(given.reshape(4, 4))
-    except GeometryError as error:
+        given = np.array(matrix)
+        # compiled variants have a last axis of 1
+        return geometry.rigid_pose(given[..., 0] if given.shape == (4, 4, 1) else given)
+    except (GeometryError, RuntimeError, ValueError) as error:
         raise SceneError(str(error)) from None
-
-
-def as_source(given: Any) -> Any:
-    """A source as it is; an Aperture of anything else. GeometryError for no outline."""
-    kinds = Aperture | Array | Wavefront | PlacedAperture | Slits | Polyhedron
-    return given if isinstance(given, kinds) else Aperture(given)
-
-
-def pose_entry(to_world: Any) -> dict[str, Any]:
-    """The key ``to_world`` for a matrix or a transform of any variant; nothing for None."""
-    if to_world is None:
-        return {}
-    pose = rigid_pose(getattr(to_world, "matrix", to_world))
-    return {"to_world": mi.scalar_rgb.ScalarTransform4f(pose)}

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, SceneError
 from polywigner.geometry.silhouettes import Obstacles
-from polywigner.mitsuba.diffraction import before_plane, bodies_of, in_frame
-from polywigner.mitsuba.mirrors import THIN, Mirror, bsdfs_in, surface_of
+from polywigner.mitsuba.diffraction import before_plane, in_frame
 from polywigner.mitsuba.placement import Frame, PlacedSource
 from polywigner.mitsuba.polarisation import turned
 from polywigner.mitsuba.ray_transmission import Plane, RayTracer, Transmission
+from polywigner.mitsuba.reflectors import THIN, Mirror, bsdfs_in, surface_of
 from polywigner.mitsuba.sampling import cells_with_field
-from polywigner.mitsuba.visibility import ROUNDING, bounds_of
+from polywigner.mitsuba.surfaces import ROUNDING, bodies_of, bounds_of
 from polywigner.propagation.equivalent_points import RadiatingPoint, radiating_points
 from polywigner.propagation.shadows import diffracted
 

@@ -19,7 +19,7 @@ from polywigner.illumination.polarisation import Stokes, stokes_fields
 from polywigner.illumination.support import mirrored_source
 from polywigner.mitsuba.parameters import rigid_pose
 from polywigner.mitsuba.sources import PLAIN, Complexes, Mixture
-from polywigner.mitsuba.visibility import reach_at
+from polywigner.mitsuba.surfaces import matrix_of, reach_at
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.reception.norms import NORMALISATIONS
 from polywigner.transforms.wavefronts import flat_of
@@ -65,14 +65,6 @@ def world_positions(
 ) -> npt.NDArray[np.float32]:
     """Points (n, 2) of the source's plane relative to its centre (2,), in the scene (n, 3)."""
     return ((points + centre) @ pose[:3, :2].T + pose[:3, 3]).astype(np.float32)
-
-
-def matrix_of(transform: Any) -> list[list[float]]:
-    matrix = transform.matrix
-    return [
-        [float(np.asarray(dr.detach(matrix[row, column])).ravel()[0]) for column in range(4)]
-        for row in range(4)
-    ]
 
 
 def move(shape: Any, pose: Any, centre: npt.NDArray[np.float64]) -> None:
@@ -126,11 +118,8 @@ def check_place(shape: Any, pose: Any, centre: npt.NDArray[np.float64]) -> None:
 
 
 def reach_of(scene: Any, plugin: Any) -> float:
-    """The ``reach`` of a source or receiver in its scene; see module `visibility`."""
-    (x0, y0), (x1, y1) = np.reshape(plugin.spec.source.bounds, (2, 2)) / plugin.spec.scene_unit
-    pose = np.array(matrix_of(plugin.to_world))
-    corners = np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)]) @ pose[:3, :2].T + pose[:3, 3]
-    return reach_at(scene, corners)
+    """The ``reach`` of a source or receiver in its scene; see module `surfaces`."""
+    return _placed(plugin, "").touching(scene).reach / plugin.spec.scene_unit
 
 
 Floats = NDArray[np.float64]
@@ -168,7 +157,7 @@ class PlacedSource:
     normalise: str = NORMALISATIONS[0]
     """Power that ``norm`` stands for."""
     reach: float = 0.0
-    """Largest coordinate of the flat surfaces that touch it, in m; see module `visibility`."""
+    """Largest coordinate of the flat surfaces that touch it, in m; see module `surfaces`."""
 
     @property
     def fields(self) -> list[tuple[Any, Stokes]]:
@@ -222,6 +211,12 @@ class PlacedSource:
     def normal(self) -> Floats:
         """(3,): where it radiates, or receives from."""
         return self.pose[:3, 2]
+
+    def cosines_to(self, point: Floats) -> tuple[float, float]:
+        """Direction cosines from the middle to a point (3,) in m, in the source's frame."""
+        away = self.pose[:3, :3].T @ (point - self.middle)
+        alpha, beta, _ = (away / np.linalg.norm(away)).tolist()
+        return alpha, beta
 
     def pose_of(self, other: PlacedSource) -> Floats:
         """(4, 4), in m: of the other's frame in this one's."""

@@ -14,12 +14,7 @@ import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.errors import (
-    ArgumentError,
-    EngineError,
-    SceneError,
-    require,
-)
+from polywigner.errors import ArgumentError, EngineError, SceneError, require
 from polywigner.mitsuba.films import (
     CAMERAS,
     WAVEFRONT,
@@ -30,10 +25,7 @@ from polywigner.mitsuba.films import (
 )
 from polywigner.mitsuba.receiver import is_receiver, scene_known
 from polywigner.mitsuba.rendering import depths_of
-from polywigner.mitsuba.scenes import (
-    checked_scene,
-    translate_error,
-)
+from polywigner.mitsuba.scenes import checked_scene, translate_error
 
 _NAME = "mitransient"
 _PATH, _VOLUME = "transient_path", "transient_prbvolpath"

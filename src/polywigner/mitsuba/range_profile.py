@@ -13,11 +13,8 @@ import numpy.typing as npt
 
 from polywigner.errors import ArgumentError
 from polywigner.execution.progress import told
-from polywigner.geometry.arguments import (
-    checked_callable,
-    real_numbers,
-)
-from polywigner.mitsuba.films import seed_of
+from polywigner.geometry.arguments import checked_callable, real_numbers
+from polywigner.mitsuba.films import check_seed, check_spp, seed_of
 from polywigner.mitsuba.plugins import one_at_a_time
 from polywigner.mitsuba.range_film import (
     check_sums,
@@ -43,7 +40,7 @@ from polywigner.mitsuba.received_power import (
     scattered_here,
 )
 from polywigner.mitsuba.receiver import is_receiver, receivers_of
-from polywigner.mitsuba.rendering import check_seed, check_spp, default_spp, exposed
+from polywigner.mitsuba.rendering import default_spp, exposed
 from polywigner.mitsuba.scattered import (
     BATCHES,
     Scattering,

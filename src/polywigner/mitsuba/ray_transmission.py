@@ -20,9 +20,8 @@ import mitsuba as mi
 import numpy as np
 
 from polywigner.errors import SceneError
-from polywigner.mitsuba.diffraction import children_of
-from polywigner.mitsuba.mirrors import MASK, THIN, Surface, bsdfs_in
-from polywigner.mitsuba.visibility import Reaches
+from polywigner.mitsuba.reflectors import MASK, THIN, Surface, bsdfs_in
+from polywigner.mitsuba.surfaces import Reaches, children_of
 
 # A path that passes more null surfaces than this counts as blocked.
 _MOST_PASSED = 64

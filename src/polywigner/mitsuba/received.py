@@ -12,8 +12,8 @@ import numpy as np
 from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import checked_count, checked_flag
 from polywigner.illumination.polarisation import checked_polarisation
-from polywigner.mitsuba.bodies import Body, checked_bodies
-from polywigner.mitsuba.rendering import check_seed, check_spp
+from polywigner.mitsuba.films import check_seed, check_spp
+from polywigner.mitsuba.reflectors import Body, checked_bodies
 from polywigner.quantities import NOISE_PARSERS, SPEED_OF_LIGHT
 from polywigner.reception.couplings import checked_tolerance
 from polywigner.transforms.xarray_arguments import labelled_array, labelled_arrays

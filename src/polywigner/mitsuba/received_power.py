@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError, SceneError
 from polywigner.execution.progress import slow_bar
 from polywigner.geometry.arguments import checked_callable
-from polywigner.mitsuba.bodies import echoes_of
 from polywigner.mitsuba.channels import Way, coherent_light
 from polywigner.mitsuba.direct_light import (
     DirectLight,
@@ -25,14 +24,9 @@ from polywigner.mitsuba.direct_light import (
     mirrors_in,
     ways_of,
 )
-from polywigner.mitsuba.films import film_of, mean_of_colours, seed_of, silent
-from polywigner.mitsuba.placement import (
-    PlacedSource,
-    check_match,
-    placed_emitter,
-    placed_receiver,
-)
-from polywigner.mitsuba.plugins import one_at_a_time
+from polywigner.mitsuba.films import mean_of_colours, seed_of, silent
+from polywigner.mitsuba.placement import PlacedSource, check_match, placed_emitter, placed_receiver
+from polywigner.mitsuba.plugins import RECEIVER_NAME, film_of, one_at_a_time
 from polywigner.mitsuba.polarisation import polarisation_summary
 from polywigner.mitsuba.range_film import is_transient
 from polywigner.mitsuba.received import (
@@ -42,11 +36,13 @@ from polywigner.mitsuba.received import (
     ReceiveOptions,
     interference_of,
 )
-from polywigner.mitsuba.receiver import RECEIVER_NAME, receiver_class, receivers_of
+from polywigner.mitsuba.receiver import receiver_class, receivers_of
+from polywigner.mitsuba.reflectors import echoes_of
 from polywigner.mitsuba.rendering import default_integrator, default_spp, exposed
 from polywigner.mitsuba.scattered import (
     BATCHES,
     Scattering,
+    aimed,
     batches_of,
     lights_of,
     polarised_by_default,
@@ -56,8 +52,7 @@ from polywigner.mitsuba.scattered import (
     wigner_emitters,
 )
 from polywigner.mitsuba.scattering_steps import number_of
-from polywigner.mitsuba.scene_order import sorted_shapes
-from polywigner.mitsuba.targets import aimed
+from polywigner.mitsuba.surfaces import sorted_shapes
 from polywigner.quantities import parse_noise
 
 _NO_RADIANCE = ("AOVIntegrator", "DepthIntegrator", "MomentIntegrator", "ParticleTracerIntegrator")

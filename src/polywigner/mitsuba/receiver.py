@@ -18,7 +18,6 @@ Rays start at positions relative to the middle of the source: see module `emitte
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
@@ -35,17 +34,15 @@ from polywigner.execution import without_collection
 from polywigner.geometry import Aperture
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import irradiance_factor
-from polywigner.mitsuba.delta_lights import delta_lights
 from polywigner.mitsuba.diffraction import cast_shadows
 from polywigner.mitsuba.exact import ExactEstimator
 from polywigner.mitsuba.parameters import ESTIMATORS, read_receiver, rigid_pose, values_of
-from polywigner.mitsuba.placement import Frame, matrix_of, reach_of
-from polywigner.mitsuba.plugins import add_plugin, nested_properties
+from polywigner.mitsuba.placement import Frame, reach_of
+from polywigner.mitsuba.plugins import RECEIVER_NAME, add_plugin, nested_properties
 from polywigner.mitsuba.polarisation import Polariser, polarised_spec
 from polywigner.mitsuba.sampling import Tabulated, opaque
-from polywigner.mitsuba.scene_order import sorted_sensors
 from polywigner.mitsuba.sources import SourceSpec, emissions
-from polywigner.mitsuba.visibility import ROUNDING, largest
+from polywigner.mitsuba.surfaces import ROUNDING, largest, matrix_of, sorted_sensors
 from polywigner.mitsuba.wigner import WignerRadiance
 from polywigner.transforms import fourier
 
@@ -179,8 +176,6 @@ def _root(value: Any) -> Any:
     return dr.sqrt(dr.select(value > 0.0, value, 0.0))
 
 
-RECEIVER_NAME = "wigner_receiver"
-
 # To a point that stands for a direction: reaches squared over wavelengths, or reaches.
 _FAR = 1e4
 # Surfaces behind which rays of a receiver with diffraction look, at most: each halves the rays.
@@ -224,7 +219,7 @@ def receiver_class(variant: str) -> Any:
             self.stand_at(float(np.abs(pose[:3]).max()))
 
         def stand_at(self, reach: float) -> None:
-            """Take over the ``reach`` of its place in a scene; see module `visibility`.
+            """Take over the ``reach`` of its place in a scene; see module `surfaces`.
 
             Rays start a little in front, for the receiver may stand on a surface.
             """
@@ -393,29 +388,6 @@ def receivers_of(scene: Any) -> list[tuple[int, Any]]:
 
 
 @contextmanager
-def receiving(scene: Any) -> Iterator[None]:
-    """Tell receivers the scene, for their estimator ``exact``; and all whose light diffracts.
-
-    :func:`polywigner.mitsuba.render` does it by itself; for ``mi.render`` and other renderers.
-    Mitsuba tells cameras written in Python nothing of their scene, and one that held it would keep
-    it alive for ever.
-
-    Warns of point, spot, projector and directional lights, whose direct light ``mi.render`` does
-    not find.
-    """
-    if any(map(is_receiver, scene.sensors())):
-        for light in delta_lights(scene):
-            warnings.warn(
-                f"mi.render does not find the light that a receiver gets straight from "
-                f"{light.name!r}; use polywigner.mitsuba.render or received_power",
-                RuntimeWarning,
-                stacklevel=3,
-            )
-    with scene_known(scene):
-        yield
-
-
-@contextmanager
 def scene_known(scene: Any) -> Iterator[None]:
     """Within, receivers and sources whose light diffracts know their scene."""
     cast_shadows(scene)
@@ -433,9 +405,6 @@ def scene_known(scene: Any) -> Iterator[None]:
         yield
 
 
-_NESTED = ("Film", "Sampler", "Medium")
-
-
 def _check_film(values: dict[str, Any]) -> None:
     """SceneError without a film, in whose place Mitsuba takes one of 768 x 576 pixels."""
     objects = (value for value in values.values() if isinstance(value, mi.Object))
@@ -451,25 +420,6 @@ def _check_film(values: dict[str, Any]) -> None:
             f"expected a film with a box filter in the wigner_receiver sensor, got {name}; give "
             'the film <rfilter type="box"/>: other filters share samples among pixels'
         )
-    sizes = films[0].size(), films[0].crop_size()  # pixels of a part add up to a part of the power
-    size, part = (tuple(int(n) for n in pair) for pair in sizes)
-    if size != part:
-        raise SceneError(
-            f"expected the whole film of the wigner_receiver sensor, got {part[0]} x {part[1]} of "
-            f"{size[0]} x {size[1]} pixels; leave its crop window out"
-        )
-
-
-def _check_nested(values: dict[str, Any]) -> None:
-    """SceneError for anything nested but a film, a sampler and a medium."""
-    variants = {"scalar_rgb", mi.variant() or "scalar_rgb"}
-    known = tuple(getattr(getattr(mi, v), kind) for v in variants for kind in _NESTED)
-    for name, value in values.items():
-        if isinstance(value, mi.Object) and not isinstance(value, known):
-            raise SceneError(
-                f"expected a film, a sampler or a medium in the wigner_receiver sensor, got "
-                f"{name!r}, a {value.class_name()}; leave it out"
-            )
 
 
 def _build(variant: str, props: Any) -> Any:
@@ -477,7 +427,6 @@ def _build(variant: str, props: Any) -> Any:
     values = values_of(props)
     spec = read_receiver(values)
     spec = polarised_spec(variant, spec, "wigner_receiver sensor")
-    _check_nested(values)
     _check_film(values)
     return receiver_class(variant)(spec, nested_properties(RECEIVER_NAME, props))
 

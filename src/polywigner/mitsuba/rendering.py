@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import math
 import re
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial
 from itertools import count
 from typing import Any
@@ -16,17 +16,38 @@ import numpy.typing as npt
 
 from polywigner.errors import ArgumentError, SceneError
 from polywigner.execution.progress import slow_bar
-from polywigner.geometry.arguments import (
-    checked_callable,
-    checked_count,
-)
+from polywigner.geometry.arguments import checked_callable, checked_count
 from polywigner.mitsuba.delta_lights import delta_lights, delta_paths
-from polywigner.mitsuba.films import Exposure, tiling_of
-from polywigner.mitsuba.mirrors import chains_of, smooth_shapes
-from polywigner.mitsuba.placement import PLACE_ERROR, is_source, matrix_of, placed_receiver
+from polywigner.mitsuba.films import Exposure, check_seed, check_spp, tiling_of
+from polywigner.mitsuba.placement import PLACE_ERROR, is_source, placed_receiver
 from polywigner.mitsuba.plugins import one_at_a_time
-from polywigner.mitsuba.receiver import is_receiver, sensors_of
+from polywigner.mitsuba.receiver import is_receiver, scene_known, sensors_of
+from polywigner.mitsuba.reflectors import chains_of, smooth_shapes
 from polywigner.mitsuba.scenes import has_wigner_emitter, translate_error
+from polywigner.mitsuba.surfaces import matrix_of, vertices_of
+
+
+@contextmanager
+def receiving(scene: Any) -> Iterator[None]:
+    """Tell receivers the scene, for their estimator ``exact``; and all whose light diffracts.
+
+    :func:`polywigner.mitsuba.render` does it by itself; for ``mi.render`` and other renderers.
+    Mitsuba tells cameras written in Python nothing of their scene, and one that held it would keep
+    it alive for ever.
+
+    Warns of point, spot, projector and directional lights, whose direct light ``mi.render`` does
+    not find.
+    """
+    if any(map(is_receiver, scene.sensors())):
+        for light in delta_lights(scene):
+            warnings.warn(
+                f"mi.render does not find the light that a receiver gets straight from "
+                f"{light.name!r}; use polywigner.mitsuba.render or received_power",
+                RuntimeWarning,
+                stacklevel=3,
+            )
+    with scene_known(scene):
+        yield
 
 
 def is_fog_near(scene: Any, sensor: Any) -> bool:
@@ -59,15 +80,11 @@ def may_shadow(scene: Any) -> bool:
             continue
         bsdf = source.get_shape().bsdf()
         if source.spec.visible and mi.has_flag(bsdf.flags(), mi.BSDFFlags.Null):
-            corners = _corners(source.get_shape())
+            corners = vertices_of(source.get_shape())
             others = lights[:number] + lights[number + 1 :]
             if any(_shines_on(other, corners) for other in others):
                 return True
     return False
-
-
-def _corners(shape: Any) -> npt.NDArray[np.float64]:
-    return np.asarray(mi.traverse(shape)["vertex_positions"], dtype=np.float64).reshape(-1, 3)
 
 
 def _shines_on(light: Any, points: npt.NDArray[np.float64]) -> bool:
@@ -78,9 +95,6 @@ def _shines_on(light: Any, points: npt.NDArray[np.float64]) -> bool:
     rounding = PLACE_ERROR * max(np.abs(points).max(), np.abs(pose).max())
     return bool(heights.max() > rounding)
 
-
-# Noise falls with the root of the number: nobody waits for more.
-_LARGEST_SPP = 2**30
 
 _NEVER = 2**30
 """A depth for Russian roulette that no path reaches."""
@@ -178,7 +192,6 @@ def exposed(
     method = inner = _integrator(scene, name)
     if name is not integrator:
         method = _with_stokes(inner)
-        _warn_of_level_view(camera)
     if warn:
         _warn_of_limits(scene, inner, camera)
     return Exposure(scene, camera, method, tiling_of(camera, total), entropy)
@@ -208,18 +221,6 @@ def _camera(scene: Any, number: int) -> Any:
             "height"
         )
     return sensors[number]
-
-
-def check_spp(spp: int) -> int:
-    """The samples per pixel; ArgumentError unless a whole number from 1 to 2^30."""
-    return checked_count(spp, "spp", 1, _LARGEST_SPP)
-
-
-def check_seed(seed: int) -> int:
-    """The seed; ArgumentError unless a whole number of zero or more."""
-    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
-        raise ArgumentError(f"expected a seed as a whole number of zero or more, got {seed!r}")
-    return int(seed)
 
 
 def _integrator(scene: Any, integrator: Any) -> Any:
@@ -263,24 +264,6 @@ def _with_stokes(inner: Any) -> Any:
         return mi.load_dict({"type": _STOKES, "nested": inner})
     except RuntimeError as error:
         raise translate_error(error) from None
-
-
-def _warn_of_level_view(camera: Any) -> None:
-    """Warn where all rays are horizontal, where Mitsuba's axes of polarisation jump."""
-    if camera.class_name() != "OrthographicCamera":
-        return
-    x, y, z = np.array(matrix_of(camera.world_transform()))[:3, 2].tolist()
-    if abs(z) < _LEVEL * math.hypot(x, y) and min(abs(x), abs(y)) > _LEVEL:
-        warnings.warn(
-            "all rays of the camera are horizontal, along neither x nor y, where Mitsuba's axes of "
-            "polarisation jump: Stokes numbers may be of other slants; tilt the camera by 0.001",
-            RuntimeWarning,
-            stacklevel=5,
-        )
-
-
-# Cosine below which rounding decides on which side of the horizon a ray is.
-_LEVEL = 1e-6
 
 
 def _warn_of_limits(scene: Any, integrator: Any, camera: Any) -> None:

@@ -22,10 +22,9 @@ from polywigner.mitsuba.received import ReceiveOptions, described
 from polywigner.mitsuba.received_power import chosen, matched
 from polywigner.mitsuba.receiver import receivers_of, scene_known
 from polywigner.mitsuba.rendering import depths_of
-from polywigner.mitsuba.scattered import unseen, wigner_emitters
+from polywigner.mitsuba.scattered import aimed, unseen, wigner_emitters
 from polywigner.mitsuba.scattering_steps import Events, Motion, Paths, events_of, number_of
-from polywigner.mitsuba.scene_order import sorted_emitters, sorted_shapes
-from polywigner.mitsuba.targets import aimed
+from polywigner.mitsuba.surfaces import sorted_emitters, sorted_shapes
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.transforms.xarray_arguments import labelled_array
 
@@ -74,7 +73,7 @@ class Cloud:
         kept = shares[chosen]
         power, intensity = self.power[chosen] / kept, self.intensity[chosen] / kept
         return Cloud(
-            self.events.part(chosen),
+            self.events[chosen],
             power,
             intensity,
             math.hypot(self.standard_error, _thinning_error(power, kept)),
@@ -95,7 +94,7 @@ def cloud_of(
     sums = [float(power.sum()) for _, power, _ in parts]
     events, power, intensity = zip(*parts, strict=True)
     return Cloud(
-        Events.joined(list(events)),
+        np.concatenate(events).view(np.recarray),
         np.concatenate(power) / BATCHES,
         np.concatenate(intensity) / BATCHES,
         float(np.std(sums, ddof=1) / math.sqrt(BATCHES)),
@@ -122,7 +121,7 @@ def _batch(
                     "check its materials"
                 )
             parts.append((events, power, value * (unit * events.distance) ** 2))
-    found = Events.joined([events for events, _, _ in parts])
+    found = np.concatenate([events for events, _, _ in parts]).view(np.recarray)
     power, intensity = (np.concatenate([part[k] for part in parts]) for k in (1, 2))
     return found, power, intensity
 
@@ -369,7 +368,7 @@ def _described(
     cloud: Cloud, names: _Names, motion: Motion | None, unit: float, about: dict[str, Any]
 ) -> xarray.Dataset:
     events, along, in_space = cloud.events, ("scatterer",), ("scatterer", "axis")
-    shapes, lights = _named(names.shapes, events.shape), _named(names.lights, events.light)
+    shapes, lights = _named(names.shapes, events.first_shape), _named(names.lights, events.light)
     values: dict[str, tuple[Any, tuple[str, ...], str, str]] = {
         "position": (unit * events.place, in_space, "m", "first surface that the receiver sees"),
         "normal": (events.normal, in_space, "1", "normal of the first surface"),
@@ -377,7 +376,7 @@ def _described(
     if motion is not None:
         speeds = np.zeros_like(events.place)
         for number, velocity in motion.shapes.items():
-            speeds[events.shape == number] = unit * velocity
+            speeds[events.first_shape == number] = unit * velocity
         values["velocity"] = (speeds, in_space, "m/s", "velocity of the first surface")
     values |= {
         "power": (cloud.power, along, "W", "power towards the receiver"),

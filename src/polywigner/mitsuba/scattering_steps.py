@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 from typing import Any
 
 import drjit as dr
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.mitsuba.ray_transmission import RayTracer
-from polywigner.mitsuba.visibility import Reaches
+from polywigner.mitsuba.surfaces import Reaches
 
 SAMPLES = 6
 """Uniform numbers for a step: of a light (2), a direction (3), and the end of a path."""
@@ -191,38 +191,24 @@ class Motion:
     receiver: Floats
 
 
-@dataclass(frozen=True, eq=False)
-class Events:
-    """Light found along paths, (n, ...) each; lengths in scene units."""
+EVENT = np.dtype(
+    [
+        ("ray", np.int64),  # number of the ray that left the receiver
+        ("radiance", np.float64),  # along that ray
+        ("place", np.float64, 3),  # of the first surface
+        ("normal", np.float64, 3),
+        ("first_shape", np.int64),  # number of the first surface's shape
+        ("distance", np.float64),  # to the first surface
+        ("length", np.float64),  # of the whole path
+        ("rate", np.float64),  # by which the path grows, per second
+        ("bounces", np.int64),
+        ("light", np.int64),  # number of the light
+    ]
+)
+"""Light found along a path; lengths in scene units."""
 
-    ray: NDArray[np.int64]
-    """Number of the ray that left the receiver."""
-    radiance: Floats
-    """Along that ray."""
-    place: Floats
-    """(n, 3): of the first surface."""
-    normal: Floats
-    """(n, 3)."""
-    shape: NDArray[np.int64]
-    """Number of the first surface's shape."""
-    distance: Floats
-    """To the first surface."""
-    length: Floats
-    """Length of the whole path."""
-    rate: Floats
-    """By which the path grows, per second."""
-    bounces: NDArray[np.int64]
-    light: NDArray[np.int64]
-    """Number of the light."""
-
-    @classmethod
-    def joined(cls, parts: list[Events]) -> Events:
-        """Join the events of one part or more."""
-        return cls(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(cls)))
-
-    def part(self, chosen: Any) -> Events:
-        """Return the events of a mask, or of numbers."""
-        return Events(*(getattr(self, f.name)[chosen] for f in fields(self)))
+Events = Any
+"""Record array (n,) of `EVENT`."""
 
 
 def events_of(
@@ -238,55 +224,35 @@ def events_of(
 
     ``first`` : (n, 2) uniform numbers for the lights at the first surface.
     """
-    state = _start(len(first))  # what the next event of each ray will say
+    state: Events = np.zeros(len(first), EVENT).view(np.recarray)  # the next event of each ray
+    state.ray = np.arange(len(first))
     speeds = np.tile(np.zeros(3) if motion is None else motion.receiver, (len(first), 1))
-    yield state.part(slice(0))
+    yield state[:0]
     for alive, found in _walk(paths, rng, first, Steps(scene, most_bounces, meets_lights)):
-        here = _arrived(state.part(alive), found)
-        before = speeds[alive]
-        own = before
+        here = _arrived(state[alive], found)
+        own = speeds[alive]
         if motion is not None:
-            own = _looked_up(motion.shapes, found["shape"])
-            here = replace(here, rate=here.rate + _dot(own - before, found["d"]))
+            before, own = own, _looked_up(motion.shapes, found["shape"])
+            here.rate += _dot(own - before, found["d"])
         yield from _lights(here, found, own, motion)
         bounced = found["is_bounce"]
         # null surfaces leave path and first surface open
-        kept = state.part(alive)
-        kept = replace(kept, length=here.length)
-        new = Events(
-            *(
-                np.where(_along(bounced, a), a, b)
-                for a, b in zip(_values(here), _values(kept), strict=True)
-            )
-        )
-        new = replace(new, bounces=kept.bounces + bounced)
-        for old, value in zip(_values(state), _values(new), strict=True):
-            old[alive] = value
-        speeds[alive] = np.where(bounced[:, None], own, before)
+        state.length[alive] = here.length
+        here.bounces += 1
+        state[alive[bounced]] = here[bounced]
+        speeds[alive[bounced]] = own[bounced]
 
 
-def _start(count: int) -> Events:
-    zero, none = np.zeros(count), np.zeros(count, np.int64)
-    return Events(
-        np.arange(count), zero, np.zeros((count, 3)), np.zeros((count, 3)), none.copy(),
-        zero.copy(), zero.copy(), zero.copy(), none.copy(), none.copy(),
-    )  # fmt: skip
-
-
-def _arrived(state: Events, found: dict[str, Any]) -> Events:
-    """At the next surface, which is the first one of paths without a bounce."""
-    length = state.length + np.where(found["is_met"], found["t"], 0.0)
-    is_first = state.bounces == 0
+def _arrived(here: Events, found: dict[str, Any]) -> Events:
+    """Move events to the next surface, which is the first one of paths without a bounce."""
+    here.length += np.where(found["is_met"], found["t"], 0.0)
     # to the side that the receiver looks at
     facing = -np.sign(_dot(found["n"], found["d"]))[:, None]
-    return replace(
-        state,
-        length=length,
-        place=np.where(is_first[:, None], found["p"], state.place),
-        normal=np.where(is_first[:, None], facing * found["n"], state.normal),
-        shape=np.where(is_first, found["shape"], state.shape),
-        distance=np.where(is_first, length, state.distance),
-    )
+    is_first = here.bounces == 0
+    values = {"place": found["p"], "normal": facing * found["n"], "first_shape": found["shape"]}
+    for name, value in (values | {"distance": here.length}).items():
+        here[name][is_first] = value[is_first]
+    return here
 
 
 def _lights(
@@ -295,27 +261,22 @@ def _lights(
     """Events at the surfaces that paths have come to."""
     lit = found["sampled"] != 0.0
     if lit.any():
-        way = np.where(found["is_far"], np.inf, found["to_light"])
-        rate = here.rate
+        event, seen = here[lit], {name: value[lit] for name, value in found.items()}
         if motion is not None:
-            apart = _looked_up(motion.lights, found["light"]) - own
-            rate = rate + np.where(found["is_far"], 0.0, _dot(apart, found["light_d"]))
-        event = replace(
-            here,
-            radiance=found["sampled"],
-            length=here.length + way,
-            rate=rate,
-            bounces=here.bounces + 1,
-            light=found["light"],
-        )
-        yield event.part(lit)
+            apart = _looked_up(motion.lights, seen["light"]) - own[lit]
+            event.rate += np.where(seen["is_far"], 0.0, _dot(apart, seen["light_d"]))
+        event.radiance, event.light = seen["sampled"], seen["light"]
+        event.length += np.where(seen["is_far"], np.inf, seen["to_light"])
+        event.bounces += 1
+        yield event
     if "met" in found:
         far = found["is_met_far"]
         # what is seen of a sky has no place
         met = (found["met"] != 0.0) & ~(far & (here.bounces == 0))
-        length = np.where(far, np.inf, here.length)
-        light = replace(here, radiance=found["met"], length=length, light=found["met_light"])
-        yield light.part(met)
+        event = here[met]
+        event.radiance, event.light = found["met"][met], found["met_light"][met]
+        event.length[far[met]] = np.inf
+        yield event
 
 
 def _walk(
@@ -372,14 +333,6 @@ def _looked_up(table: dict[int, Floats], numbers: NDArray[np.int64]) -> Floats:
     for number, velocity in table.items():
         result[numbers == number] = velocity
     return result
-
-
-def _values(events: Events) -> list[NDArray[Any]]:
-    return [getattr(events, f.name) for f in fields(events)]
-
-
-def _along(mask: NDArray[np.bool_], values: NDArray[Any]) -> NDArray[np.bool_]:
-    return mask[:, None] if values.ndim == 2 else mask
 
 
 def _dot(one: Floats, other: Floats) -> Floats:

@@ -17,10 +17,7 @@ import numpy.typing as npt
 from polywigner.errors import ArgumentError
 from polywigner.execution import MOST_THREADS, kernel_threads
 from polywigner.execution.progress import progress_bar
-from polywigner.geometry.arguments import (
-    checked_count,
-    checked_path,
-)
+from polywigner.geometry.arguments import checked_count, checked_path
 from polywigner.mitsuba.films import Tiling, check_is_whole
 from polywigner.mitsuba.parameters import is_key, register_source, registered_source
 from polywigner.mitsuba.plugins import one_at_a_time
@@ -29,10 +26,9 @@ from polywigner.mitsuba.received import ReceivedPower, ReceiveOptions
 from polywigner.mitsuba.received_power import received, scattered_here
 from polywigner.mitsuba.receiver import receivers_of
 from polywigner.mitsuba.rendering import exposed, with_delta_lights
-from polywigner.mitsuba.scattered import BATCHES, Scattering, batches_of, lights_of, unseen
+from polywigner.mitsuba.scattered import BATCHES, Scattering, aimed, batches_of, lights_of, unseen
 from polywigner.mitsuba.scene_files import digests_of
 from polywigner.mitsuba.scenes import choose_variant, load_file
-from polywigner.mitsuba.targets import aimed
 from polywigner.propagation.stores import (
     Index,
     Scheduler,

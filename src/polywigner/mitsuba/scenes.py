@@ -13,21 +13,11 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from polywigner.errors import (
-    ArgumentError,
-    EngineError,
-    PolywignerError,
-    SceneError,
-    value_text,
-)
+from polywigner.errors import ArgumentError, EngineError, PolywignerError, SceneError, value_text
 from polywigner.geometry.arguments import checked_flag, checked_path
 from polywigner.mitsuba.films import threads_for_openexr
 from polywigner.mitsuba.placement import is_source
-from polywigner.mitsuba.plugins import (
-    one_at_a_time,
-    original_error,
-    register,
-)
+from polywigner.mitsuba.plugins import one_at_a_time, original_error, register
 from polywigner.mitsuba.polarisation import is_polarised
 from polywigner.mitsuba.scene_files import parse_scene_file, resolving
 from polywigner.toolchain import llvm

@@ -1,0 +1,375 @@
+"""The emitters, sensors and shapes of a scene: their order, triangles and bounds, and ray ends.
+
+Mitsuba's order changes from one load to the next when it merges meshes. Results, coordinates and
+names follow the sorted order. Objects with equal or empty ids are sorted by their position.
+
+Mitsuba starts a ray 9e-5 (1 + |p|) off a surface and ends a shadow ray 9e-4 of its length before
+the light: 9 cm on a path of 100 m, in which it meets no wall. Here a ray ends at a height above
+the plane of a source or of a receiver that covers the rounding of single precision alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+from numpy.typing import NDArray
+
+from polywigner.errors import SceneError
+from polywigner.geometry.faces import connected
+from polywigner.geometry.silhouettes import Obstacle
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+
+def sorted_emitters(scene: Any) -> list[Any]:
+    """Return the emitters of a scene, sorted by the ids of their shapes or their own."""
+    return sorted(scene.emitters(), key=_emitter_key)
+
+
+def sorted_sensors(scene: Any) -> list[tuple[int, Any]]:
+    """Return the sensors of a scene with their Mitsuba indices, sorted by id."""
+    return sorted(enumerate(scene.sensors()), key=lambda item: (item[1].id(), item[0]))
+
+
+def sorted_shapes(scene: Any) -> list[Any]:
+    """Return the shapes of a scene, sorted by id."""
+    return sorted(scene.shapes(), key=_shape_key)
+
+
+_Key = tuple[str, list[float], str]
+
+
+def _emitter_key(emitter: Any) -> _Key:
+    shape = emitter.get_shape()
+    if shape is None:
+        return emitter.id(), [], str(emitter)
+    return _shape_key(shape)
+
+
+def _shape_key(shape: Any) -> _Key:
+    emitter = shape.emitter()
+    # `unseen` shrinks the meshes of sources, so their poses serve instead of their bounding boxes
+    if hasattr(emitter, "spec"):
+        return shape.id(), np.ravel(emitter.spec.pose).tolist(), ""
+    return shape.id(), bounds_of(shape).ravel().tolist(), ""
+
+
+# ---- parts of objects ---------------------------------------------------------------------------
+
+
+def children_of(node: Any) -> list[Any]:
+    """Return the objects directly nested in an object of Mitsuba."""
+    found: list[Any] = []
+
+    class Callback(mi.TraversalCallback):  # each variant has its own
+        def put(self, name: str, value: Any, *_: Any) -> None:
+            if isinstance(value, mi.Object):
+                found.append(value)
+
+    node.traverse(Callback())
+    return found
+
+
+def matrix_of(transform: Any) -> list[list[float]]:
+    matrix = transform.matrix
+    return [
+        [float(np.asarray(dr.detach(matrix[row, column])).ravel()[0]) for column in range(4)]
+        for row in range(4)
+    ]
+
+
+def vertices_of(mesh: Any) -> Floats:
+    """Return the corners (n, 3) of a mesh."""
+    points = dr.detach(mi.traverse(mesh)["vertex_positions"])
+    return np.array(points, np.float64).reshape(-1, 3)
+
+
+def faces_of(mesh: Any) -> Indices:
+    """Return the triangles (t, 3) of a mesh, as numbers of corners."""
+    return np.array(mi.traverse(mesh)["faces"], np.intp).reshape(-1, 3)
+
+
+# ---- where rays start and end -------------------------------------------------------------------
+
+ROUNDING = 2.0**-20
+"""Height within which a ray may meet the surface at its end, relative to the coordinates: eight
+times the last digit of single precision."""
+
+# Shapes whose bounds stand for their faces; a curved one touches a plane in a point.
+_FLAT = ("Rectangle", "Disk", "Instance")
+
+
+def reach_at(scene: Any, corners: Floats) -> float:
+    """Return the largest coordinate of an end of a path and of the flat surfaces that touch it.
+
+    Parameters
+    ----------
+    scene : the ``mi.Scene``.
+    corners : (n, 3) points that bound the end, in units of the scene.
+    """
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    result = float(np.abs(corners).max())
+    for shape in scene.shapes():
+        box = bounds_of(shape)
+        size = np.abs(box).max()
+        slack = ROUNDING * (size + result)
+        if (box[0] > high + slack).any() or (box[1] < low - slack).any():
+            continue
+        if shape.class_name() in _FLAT:
+            result = max(result, float(size))
+        elif shape.is_mesh():
+            result = max(result, _reach_of_triangles(shape, low - slack, high + slack))
+    return result
+
+
+def _reach_of_triangles(mesh: Any, low: Floats, high: Floats) -> float:
+    """Largest coordinate of the triangles whose bounds meet a box; a large triangle rounds more."""
+    corners = vertices_of(mesh)[faces_of(mesh)]
+    meets = (corners.min(axis=1) <= high) & (corners.max(axis=1) >= low)
+    return float(np.abs(corners[meets.all(axis=1)]).max(initial=0.0))
+
+
+def bounds_of(shape: Any) -> Floats:
+    """Return the bounds (2, 3) of a shape; Mitsuba has none for meshes that it has merged."""
+    box = shape.bbox()
+    if not box.valid() and shape.is_mesh():
+        points = vertices_of(shape)
+        return np.array([points.min(axis=0), points.max(axis=0)])
+    found = np.array([box.min, box.max], np.float64)
+    return found if box.valid() else np.zeros((2, 3))
+
+
+def largest(point: Any) -> Any:
+    """Largest coordinate of a point of Mitsuba."""
+    return dr.max(dr.abs(point))
+
+
+def shadow_end(it: Any, end: Any, normal: Any, reach: Any) -> Any:
+    """Return the point to which Mitsuba's ``spawn_ray_to`` sends a ray that ends at a source.
+
+    ``spawn_ray_to`` shortens the ray by a fraction of its length, by which this point is farther.
+
+    Parameters
+    ----------
+    it : interaction from which the source is looked for.
+    end, normal : point of the source, and the unit vector on its front.
+    reach : largest coordinate of the source, as of :func:`reach_at`.
+    """
+    p = dr.detach(it.p)
+    short = end + normal * (ROUNDING * (largest(p) + reach))
+    start = it.spawn_ray_to(short).o if dr.width(it.n) else p  # a point without a surface
+    longer = 1.0 / (1.0 - float(mi.math.ShadowEpsilon))
+    # a shift without derivatives: those of the direction are those of the point itself
+    return end + dr.detach(start + (short - start) * longer - end)
+
+
+class Reaches:
+    """Largest coordinates of the shapes of a scene, for the rounding of points on them."""
+
+    def __init__(self, scene: Any) -> None:
+        self._table: Any = None
+        self._sizes: dict[int, float] = {}
+        shapes = scene.shapes()
+        if dr.is_jit_v(mi.Float) and shapes:
+            numbers = [int(_number(mi.ShapePtr(shape))[0]) for shape in shapes]
+            self._last = max(numbers)
+            sizes = np.zeros(self._last + 1)
+            sizes[numbers] = [np.abs(bounds_of(shape)).max() for shape in shapes]
+            self._table = mi.Float(sizes.tolist())
+
+    def at(self, si: Any) -> Any:
+        """Return the largest coordinate of the shape that a ray has met and of the point."""
+        result = largest(si.p)
+        if not dr.is_jit_v(mi.Float):
+            known = id(si.shape)
+            if known not in self._sizes:
+                self._sizes[known] = float(np.abs(bounds_of(si.shape)).max())
+            return max(result, self._sizes[known])
+        if self._table is None:
+            return result
+        number = _number(si.shape)
+        size = dr.gather(mi.Float, self._table, number, number <= self._last)  # else an instance's
+        return dr.select(size > result, size, result)
+
+    def leave(self, si: Any, direction: Any) -> Any:
+        """Return a ray from a surface, from the side that the direction points to."""
+        height = ROUNDING * self.at(si)
+        side = dr.mulsign(mi.Vector3f(si.n), dr.dot(si.n, direction))
+        return mi.Ray3f(si.p + side * height, direction, si.time, si.wavelengths)
+
+
+def _number(pointer: Any) -> Any:
+    return dr.reinterpret_array(mi.UInt32, pointer)
+
+
+# ---- opaque bodies, whose shadows diffract ------------------------------------------------------
+
+# Chords of curved shapes leave out so much of a wavelength; most points of a rim, and halvings.
+_SAGITTA, _MOST_CHORDS, _MOST_HALVINGS = 0.01, 1024, 6
+# Faces in the way of light: they take a gigabyte.
+_MOST_FACES = 1 << 21
+_TRANSPARENT = int(mi.BSDFFlags.Null) | int(mi.BSDFFlags.Transmission)
+
+
+def meshes_in(scene: Any, wavelength: float) -> Iterator[tuple[Floats, Indices]]:
+    """Corners and triangles of all opaque shapes of a scene, in its units; ``wavelength`` too."""
+    groups = {
+        shape.id(): children_of(shape)
+        for shape in children_of(scene)
+        if shape.class_name() == "ShapeGroupPlugin"
+    }
+    count = 0
+    for shape in sorted_shapes(scene):
+        for points, faces in _triangles(shape, groups, wavelength):
+            count += len(faces)
+            if count > _MOST_FACES:
+                raise SceneError(
+                    f"expected at most {_MOST_FACES} faces in a scene with diffraction, those of "
+                    "instances and spheres included, got more; simplify the meshes"
+                )
+            yield points, faces
+
+
+def _triangles(
+    shape: Any, groups: dict[str, list[Any]], wavelength: float
+) -> Iterator[tuple[Floats, Indices]]:
+    """Corners and triangles of an opaque shape; of each shape in the group of an instance."""
+    params = mi.traverse(shape)
+    if shape.class_name() == "Instance":
+        name = str(shape).split('name = "', 1)[1].rsplit('",\n    prim_count', 1)[0]
+        pose = np.array(matrix_of(params["to_world"]))
+        for own in groups[name]:
+            for points, faces in _triangles(own, groups, wavelength):
+                yield points @ pose[:3, :3].T + pose[:3, 3], faces
+        return
+    bsdf = shape.bsdf()
+    if bsdf is None or bsdf.flags() & _TRANSPARENT or shape.class_name() == "ShapeGroupPlugin":
+        return
+    if "faces" in params:
+        yield vertices_of(shape), faces_of(shape)
+        return
+    kind = shape.class_name()
+    if kind not in _SHAPES:
+        raise SceneError(
+            f"expected meshes, rectangles, disks, spheres and cylinders with diffraction, got a "
+            f"{kind} {shape.id()!r}; make it a mesh"
+        )
+    pose = np.array(matrix_of(params["to_world"]))
+    size = float(np.linalg.norm(pose[:3, :3], axis=0)[:2].max())
+    points, faces = _SHAPES[kind](size / wavelength)
+    yield points @ pose[:3, :3].T + pose[:3, 3], faces
+
+
+def _rectangle(_: float) -> tuple[Floats, Indices]:
+    corners = np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
+    return corners, np.array([[0, 1, 2], [0, 2, 3]])
+
+
+def _revolved(profile: Any, radius: float) -> tuple[Floats, Indices]:
+    """The surface of a profile (n, 2) of radii and heights about the z axis."""
+    count = int(np.clip(math.pi * math.sqrt(0.5 * radius / _SAGITTA), 32, _MOST_CHORDS))
+    angles = np.linspace(0.0, 2.0 * math.pi, count, endpoint=False)
+    rim = np.column_stack([np.cos(angles), np.sin(angles), np.ones(count)])
+    points = np.concatenate([rim * [size, size, height] for size, height in profile])
+    k = np.arange((len(profile) - 1) * count)
+    following = k - k % count + (k + 1) % count
+    lower = np.column_stack([k, following, following + count])
+    return points, np.concatenate([lower, np.column_stack([k, following + count, k + count])])
+
+
+def _sphere(radius: float) -> tuple[Floats, Indices]:
+    """An icosahedron, its triangles halved along each side until chords are near the sphere."""
+    g = (1.0 + math.sqrt(5.0)) / 2.0
+    base = [(0.0, a, b * g) for a in (-1.0, 1.0) for b in (-1.0, 1.0)]
+    points = np.array([np.roll(place, k) for k in range(3) for place in base])
+    points /= np.linalg.norm(points[0])
+    apart = np.linalg.norm(points[:, None] - points, axis=2)
+    near = (apart > 0.0) & (apart < 1.1)
+    faces = np.array(
+        [
+            (a, b, c) if np.linalg.det(points[[a, b, c]]) > 0.0 else (a, c, b)
+            for a in range(12)
+            for b in range(a + 1, 12)
+            for c in range(b + 1, 12)
+            if near[a, b] and near[b, c] and near[a, c]
+        ]
+    )
+    wanted = 0.5 * math.log2(max(1.0, 0.15 * radius / _SAGITTA))
+    for _ in range(min(_MOST_HALVINGS, max(2, math.ceil(wanted)))):
+        pairs = np.sort(np.concatenate([faces, np.roll(faces, -1, axis=1)]).reshape(2, -1).T)
+        edges, which = np.unique(pairs, axis=0, return_inverse=True)
+        middles = points[edges].mean(axis=1)
+        middles /= np.linalg.norm(middles, axis=1)[:, None]
+        ab, bc, ca = (which.reshape(-1, 3) + len(points)).T
+        a, b, c = faces.T
+        points = np.concatenate([points, middles])
+        faces = np.concatenate(
+            [np.column_stack(t) for t in ((a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca))]
+        )
+    return points, faces
+
+
+_SHAPES: dict[str, Callable[[float], tuple[Floats, Indices]]] = {
+    "Rectangle": _rectangle,
+    "Disk": partial(_revolved, [(1.0, 0.0), (0.0, 0.0)]),
+    "Cylinder": partial(_revolved, [(1.0, 0.0), (1.0, 1.0)]),
+    "Sphere": _sphere,
+}
+
+
+def _bodies(points: Floats, faces: Indices) -> list[Obstacle]:
+    """The connected parts of a mesh, corners at one place taken as one."""
+    points, number = np.unique(points, axis=0, return_inverse=True)
+    faces = number.reshape(-1)[faces]
+    a, b, c = np.moveaxis(points[faces], 1, 0)
+    normals = np.cross(b - a, c - a)
+    kept = np.linalg.norm(normals, axis=1) > 0.0
+    faces, normals = faces[kept], normals[kept]
+    a, b, c = faces.T
+    part = connected(len(points), np.append(a, a), np.append(b, c))[a]
+    found = []
+    order = np.argsort(part, kind="stable")
+    for some in np.split(order, np.flatnonzero(np.diff(part[order])) + 1) if len(part) else ():
+        used, corners = np.unique(faces[some], return_inverse=True)
+        found.append(_body(points[used], corners.reshape(-1, 3), normals[some]))
+    return found
+
+
+def bodies_of(meshes: Iterable[tuple[Floats, Indices]]) -> list[Obstacle]:
+    """Bodies and sheets of meshes, given by corners and triangles."""
+    return [body for mesh in meshes for body in _bodies(*mesh)]
+
+
+def _body(points: Floats, faces: Indices, normals: Floats) -> Obstacle:
+    count = len(points)
+    directed = np.concatenate([faces[:, [k, (k + 1) % 3]] for k in range(3)])
+    forth, back = directed @ [count, 1], directed @ [1, count]
+    is_solid = len(np.unique(forth)) == len(forth) and np.array_equal(np.sort(forth), np.sort(back))
+    size = float(np.ptp(points, axis=0).max())
+    units = normals / np.linalg.norm(normals, axis=1)[:, None]
+    # triangles in one plane are one face
+    height = np.einsum("tk,tk->t", units, points[faces[:, 0]] - points[0]) / size
+    planes = np.column_stack([units, height]).round(5) + 0.0
+    _, first, owner = np.unique(planes, axis=0, return_index=True, return_inverse=True)
+    owner = owner.ravel()
+    if not is_solid:
+        flat = np.abs((points - points[0]) @ units[0]).max() <= 1e-6 * size
+        return Obstacle(points, faces, owner, normals[first], False, bool(flat))
+    inner = points - points.mean(axis=0)
+    if np.einsum("tk,tk->", inner[faces[:, 0]], normals) < 0.0:  # inside out
+        return _body(points, faces[:, ::-1], -normals)
+    # convex where no corner opposite to an edge is in front of the face at its other side
+    order, other = np.argsort(forth), np.argsort(back)
+    face = np.tile(np.arange(len(faces)), 3)
+    opposite = np.concatenate([faces[:, (k + 2) % 3] for k in range(3)])
+    mine, across = face[order], opposite[other]
+    height = np.einsum("ek,ek->e", points[across] - points[faces[mine, 0]], units[mine])
+    convex = bool((height <= 1e-6 * size).all())
+    return Obstacle(points, faces, owner, normals[first], True, convex)
