@@ -177,16 +177,6 @@ def test_without_scipy_windows_name_the_extra_that_brings_it(monkeypatch):
     assert len(arrays.window_weights(8, "hamming")) == 8
 
 
-@pytest.mark.parametrize("wavelength", [1e-309, 5e-324])
-@pytest.mark.filterwarnings("error")
-def test_wavelengths_too_small_for_phases_are_refused(wavelength):
-    places = arrays.grid_positions(2, 2, 10.0)
-    with pytest.raises(ArgumentError, match=r"expected wavelength .* unit"):
-        arrays.steering_weights(places, (0.6, 0.0, 0.8), wavelength)
-    with pytest.raises(ArgumentError, match=r"expected wavelength .* unit"):
-        arrays.focusing_weights(places, (1e4, 0.0, 1.0), wavelength)
-
-
 def test_thinned_elements_keep_the_weights_of_the_full_layout():
     full = arrays.grid_positions(8, 6, 1e-3)
     weights = arrays.window_weights((8, 6), "hamming")

@@ -191,17 +191,26 @@ def test_what_a_curved_wave_has_not_is_refused(call, message):
 
 
 @pytest.mark.parametrize(
-    "source", [None, [SQUARE], SQUARE.curved(0.05, WAVELENGTH), SQUARE.placed(np.eye(4))]
+    ("source", "curvature", "error", "message"),
+    [
+        *(
+            (source, np.eye(2), ArgumentError, "expected an Aperture, Slits or an Array")
+            for source in (
+                None,
+                [SQUARE],
+                SQUARE.curved(0.05, WAVELENGTH),
+                SQUARE.placed(np.eye(4)),
+            )
+        ),
+        *(
+            (SQUARE, curvature, IlluminationError, "symmetric matrix")
+            for curvature in ("a", 1.0, [[1, 2], [3, 4]])
+        ),
+    ],
 )
-def test_a_wave_on_what_takes_none_is_refused(source):
-    with pytest.raises(ArgumentError, match="expected an Aperture, Slits or an Array"):
-        pw.Wavefront(source, np.eye(2))
-
-
-@pytest.mark.parametrize("curvature", ["a", 1.0, [[1, 2], [3, 4]]])
-def test_a_curvature_that_is_no_matrix_is_refused(curvature):
-    with pytest.raises(IlluminationError, match="symmetric matrix"):
-        pw.Wavefront(SQUARE, curvature)
+def test_a_wave_needs_a_flat_source_and_a_symmetric_curvature(source, curvature, error, message):
+    with pytest.raises(error, match=message):
+        pw.Wavefront(source, curvature)
 
 
 def test_flat_waves_have_no_centre():

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import polywigner as pw
-from polywigner.errors import ArgumentError, GeometryError, IlluminationError
+from polywigner.errors import ArgumentError, IlluminationError
 
 # Sums of up to 33 waves of amplitude below 1, each a few ulp wrong; fields are of size 1.
 ROUNDING = 1e-14
@@ -49,21 +49,6 @@ def test_a_steered_square_radiates_most_towards_the_direction(degrees):
     strength = np.abs(far_field(square, field, around))
     assert np.abs(far_field(square, field, peak)) == pytest.approx(square.area, rel=ROUNDING)
     assert (strength < square.area).all()
-
-
-@pytest.mark.parametrize(
-    ("direction", "complaint"),
-    [
-        ((0, 0.1, 1), "length 1.00499"),
-        ((0, 0.6, -0.8), "z > 0"),
-        ((0.8, 0.7), "length of 1.06"),
-        ((0, 0, 0, 1), "unit vector"),
-        ((0, np.nan, 1), "finite"),
-    ],
-)
-def test_what_is_no_direction_is_refused(direction, complaint):
-    with pytest.raises(ArgumentError, match=complaint):
-        pw.steering(direction, WAVELENGTH)
 
 
 @pytest.mark.parametrize("power", [1, 2, 32])
@@ -147,33 +132,6 @@ def test_a_fourier_taper_is_its_series():
     np.testing.assert_allclose(cosine(x), np.cos(np.pi * turns[:, 0]) ** 2, atol=ROUNDING)
 
 
-@pytest.mark.parametrize(
-    ("make", "complaint"),
-    [
-        (lambda: pw.uniform(3), "dimension"),
-        (lambda: pw.steering((0, 0, 1), 0), "wavelength"),
-        (lambda: pw.cosine_taper(None), "width to taper"),
-        (lambda: pw.cosine_taper(A, -B), "height"),
-        (lambda: pw.cosine_taper(A, power=0), "power"),
-        (lambda: pw.cosine_taper(A, B, dimension=1), "no height"),
-        (lambda: pw.te_mode(A, B, 0, 0), "m of at least 1"),
-        (lambda: pw.te_mode(A, B, 0, 1), "ask for the other"),
-        (lambda: pw.te_mode(A, B, 1, 0, component="z"), "component"),
-        (lambda: pw.taylor_taper(A, sll=-30), "30 for sidelobes at -30 dB"),
-        (lambda: pw.taylor_taper(A, nbar=101), "nbar"),
-    ],
-)
-def test_tapers_out_of_range_are_refused(make, complaint):
-    with pytest.raises(ArgumentError, match=complaint):
-        make()
-
-
-@pytest.mark.parametrize("coefficients", [[1, 2], [0, 0, 0], ["a"], [[1], 2]])
-def test_series_that_are_none_are_refused(coefficients):
-    with pytest.raises(IlluminationError):
-        pw.fourier_taper(A, coefficients=coefficients)
-
-
 def grid(nx=25, ny=17, centre=(0, 0)):
     """Points up to the edges of A x B."""
     x, y = np.linspace(-A / 2, A / 2, nx), np.linspace(-B / 2, B / 2, ny)
@@ -220,22 +178,45 @@ def test_a_bad_fit_is_refused_if_asked_for():
         pw.shapes.square(1).with_illumination(found)
 
 
+FLAT = [[0, 0], [1, 0]]
+
+
 @pytest.mark.parametrize(
-    ("arguments", "options", "error"),
+    ("make", "error", "complaint"),
     [
-        (([[0, 0], [1, 1]], [1]), {}, ArgumentError),
-        (([[0, np.inf]], [1]), {}, ArgumentError),
-        (([[0, 0]], [np.nan]), {}, ArgumentError),
-        (([[0, 0], [1, 0]], [0, 0]), {}, IlluminationError),
-        (([[0, 0]], [1], [1.0, 2.0, 3.0]), {}, IlluminationError),
-        (([[0, 0], [1, 0]], [1, 0]), {"cut_off": 1.0}, ArgumentError),
-        (([[0, 0], [1, 0]], [1, 0]), {"order": -1}, ArgumentError),
-        (([[0, 0], [1, 0]], [1, 0]), {"frequencies": np.zeros((0, 2))}, IlluminationError),
+        (lambda: pw.steering((0, 0.1, 1), WAVELENGTH), ArgumentError, "length 1.00499"),
+        (lambda: pw.steering((0, 0.6, -0.8), WAVELENGTH), ArgumentError, "z > 0"),
+        (lambda: pw.steering((0.8, 0.7), WAVELENGTH), ArgumentError, "length of 1.06"),
+        (lambda: pw.steering((0, 0, 0, 1), WAVELENGTH), ArgumentError, "unit vector"),
+        (lambda: pw.steering((0, np.nan, 1), WAVELENGTH), ArgumentError, "finite"),
+        (lambda: pw.steering((0, 0, 1), 0), ArgumentError, "wavelength"),
+        (lambda: pw.uniform(3), ArgumentError, "dimension"),
+        (lambda: pw.cosine_taper(None), ArgumentError, "width to taper"),
+        (lambda: pw.cosine_taper(A, -B), ArgumentError, "height"),
+        (lambda: pw.cosine_taper(A, power=0), ArgumentError, "power"),
+        (lambda: pw.cosine_taper(A, B, dimension=1), ArgumentError, "no height"),
+        (lambda: pw.te_mode(A, B, 0, 0), ArgumentError, "m of at least 1"),
+        (lambda: pw.te_mode(A, B, 0, 1), ArgumentError, "ask for the other"),
+        (lambda: pw.te_mode(A, B, 1, 0, component="z"), ArgumentError, "component"),
+        (lambda: pw.taylor_taper(A, sll=-30), ArgumentError, "30 for sidelobes at -30 dB"),
+        (lambda: pw.taylor_taper(A, nbar=101), ArgumentError, "nbar"),
+        (lambda: pw.fourier_taper(A, coefficients=[1, 2]), IlluminationError, "2 K"),
+        (lambda: pw.fourier_taper(A, coefficients=[0, 0, 0]), IlluminationError, "zero"),
+        (lambda: pw.fourier_taper(A, coefficients=["a"]), IlluminationError, "complex"),
+        (lambda: pw.fourier_taper(A, coefficients=[[1], 2]), IlluminationError, "complex"),
+        (lambda: pw.fit_illumination([[0, 0], [1, 1]], [1]), ArgumentError, "2 points"),
+        (lambda: pw.fit_illumination([[0, np.inf]], [1]), ArgumentError, "finite"),
+        (lambda: pw.fit_illumination([[0, 0]], [np.nan]), ArgumentError, "finite"),
+        (lambda: pw.fit_illumination(FLAT, [0, 0]), IlluminationError, "zeros"),
+        (lambda: pw.fit_illumination([[0, 0]], [1], [1.0, 2.0, 3.0]), IlluminationError, "2"),
+        (lambda: pw.fit_illumination(FLAT, [1, 0], np.zeros((0, 2))), IlluminationError, "one"),
+        (lambda: pw.fit_illumination(FLAT, [1, 0], cut_off=1.0), ArgumentError, "cut_off"),
+        (lambda: pw.fit_illumination(FLAT, [1, 0], order=-1), ArgumentError, "order"),
     ],
 )
-def test_samples_that_cannot_be_fitted_are_refused(arguments, options, error):
-    with pytest.raises(error, match="expected"):
-        pw.fit_illumination(*arguments, **options)
+def test_fields_out_of_range_are_refused(make, error, complaint):
+    with pytest.raises(error, match=complaint):
+        make()
 
 
 def test_fields_are_subtracted_and_divided_as_numbers_are():
@@ -255,18 +236,6 @@ def test_fields_are_subtracted_and_divided_as_numbers_are():
         one / other
     with pytest.raises(TypeError):
         one - 1
-
-
-@pytest.mark.parametrize("amplitude", [1e-101, 1e101, 1e308])
-def test_amplitudes_whose_products_would_leave_the_floats_are_refused(amplitude):
-    with pytest.raises(IlluminationError, match=r"from 1e-100 to 1e\+100"):
-        pw.Illumination([amplitude], [(0, 0)])
-    with pytest.raises(IlluminationError, match=r"from 1e-100 to 1e\+100"):
-        amplitude * pw.uniform()
-    square = pw.shapes.square(1.0)
-    for within in (1e-100, 1e100):
-        source = square.with_illumination(within * pw.uniform())
-        assert pw.lag_marginal(source, (0, 0)).real == pytest.approx(within**2, abs=0.0)
 
 
 # --- turns
@@ -306,9 +275,6 @@ def test_turns_that_cannot_be_are_refused():
             pw.shapes.square(A).turned(angle)
     with pytest.raises(IlluminationError, match="slits"):
         pw.uniform(dimension=1).turned(ANGLE)
-    sliver = pw.shapes.rectangle(1e-14, 1e-14).moved((1.0, 1.0))
-    with pytest.raises(GeometryError, match="turned"):
-        sliver.turned(ANGLE)
 
 
 AHEAD = (0.0, 0.0, 3.0)

@@ -15,7 +15,7 @@ from oracles.bounces import scattered_field, triangles_of
 from oracles.meshes import BOX, across, block, drone, joined, moved, section_root, torus, towards
 from oracles.scan_lines import visible_lengths
 from polywigner.errors import ArgumentError, PolywignerWarning
-from polywigner.geometry import overlays
+from polywigner.geometry import hidden_parts
 from polywigner.scattering.facets import facets_of
 from polywigner.scattering.visibility import seen_along
 
@@ -126,12 +126,12 @@ def test_set_operations_return_polygons_and_lose_none() -> None:
     line, point = shapely.LineString([(0, 0), (1, 1)]), shapely.Point(0, 0)
     nested = shapely.GeometryCollection([square, shapely.GeometryCollection([line, square])])
     mixed = np.array([nested, line, point, square, None], dtype=object)
-    kinds = shapely.get_type_id(overlays.polygonal(mixed))
+    kinds = shapely.get_type_id(hidden_parts.polygonal(mixed))
     assert kinds.tolist() == [6, 3, 3, 3, -1]
-    assert shapely.area(overlays.polygonal(mixed))[:4].tolist() == [2, 0, 0, 1]
+    assert shapely.area(hidden_parts.polygonal(mixed))[:4].tolist() == [2, 0, 0, 1]
     # squares that touch along an edge share a line only
     beside = np.array([shapely.box(1, 0, 2, 1)])
-    shared = overlays.intersections(np.array([square]), beside)
+    shared = hidden_parts.intersections(np.array([square]), beside)
     assert shapely.area(shared)[0] == 0 and shapely.get_type_id(shared)[0] == 3
     # a narrow wall in front of a floor, which GEOS loses without a grid
     wall = shapely.Polygon(
@@ -149,7 +149,7 @@ def test_set_operations_return_polygons_and_lose_none() -> None:
             (1.9999999983453436, -2.0000000019724298),
         ]
     )
-    left = overlays.differences(np.array([wall]), np.array([floor]))
+    left = hidden_parts.differences(np.array([wall]), np.array([floor]))
     assert shapely.area(left)[0] == pytest.approx(wall.area, rel=1e-3, abs=0.0)
 
 
@@ -167,7 +167,7 @@ def test_an_outline_that_rounding_has_bent_keeps_its_area() -> None:
     ]
     bent = shapely.Polygon(points)
     assert not bent.is_valid
-    (mended,) = overlays.mended(np.array([bent]))
+    (mended,) = hidden_parts.mended(np.array([bent]))
     x, y = np.array(points).T
     area = abs(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))) / 2
     assert mended.is_valid and mended.area == pytest.approx(area, rel=1e-9, abs=0.0)

@@ -174,18 +174,19 @@ BAD = {
 }
 
 
-@pytest.mark.parametrize("build", BAD.values(), ids=BAD)
-def test_arguments_that_do_not_fit_raise_and_say_why(build):
-    with pytest.raises(ArgumentError, match=r"expected .*, got "):
+OVERLAPPING = {
+    "slits": lambda: shapes.double_slit(2, 1, (0, 1)),
+    "1D slits": lambda: shapes.slit_pair(2, (0, 1)),
+    "chevrons": lambda: shapes.chevron_pair(2, 1.1, 0.6, offset=(0, 0.5)),
+    "stations": lambda: shapes.interferometer([(0, 0), (1, 0)], 1),
+}
+REFUSED = {
+    **{name: (build, ArgumentError, "expected .*, got ") for name, build in BAD.items()},
+    **{name: (build, GeometryError, "do not overlap") for name, build in OVERLAPPING.items()},
+}
+
+
+@pytest.mark.parametrize(("build", "error", "message"), REFUSED.values(), ids=REFUSED)
+def test_arguments_that_do_not_fit_raise_and_say_why(build, error, message):
+    with pytest.raises(error, match=message):
         build()
-
-
-def test_parts_that_would_overlap_raise():
-    for build in (
-        lambda: shapes.double_slit(2, 1, (0, 1)),
-        lambda: shapes.slit_pair(2, (0, 1)),
-        lambda: shapes.chevron_pair(2, 1.1, 0.6, offset=(0, 0.5)),
-        lambda: shapes.interferometer([(0, 0), (1, 0)], 1),
-    ):
-        with pytest.raises(GeometryError, match="do not overlap"):
-            build()

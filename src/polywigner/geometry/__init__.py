@@ -1,22 +1,28 @@
 """Apertures as polygons: regions, supports of their autocorrelations, shapes and files.
 
-- ``aperture``: the immutable :class:`Aperture`, placed ones, unions and differences
-- ``rings``, ``parts``: from raw vertices to valid, merged parts, and unions without cracks;
-  ``exact``: predicates without rounding
-- ``automean``: mutual support, lag and position slices; ``convex``: convex pieces, triangles and
-  trapezoids
-- ``slits``, ``polyhedron``: sources in one and three dimensions; ``faces``: their triangles and
-  orientation; ``wavefront``: curved or partly
-  coherent waves, and checks of a field
+- ``aperture``: the immutable :class:`Aperture`, in the plane or placed in space, its automean,
+  lag and position slices; ``slits``: sources in one dimension; ``shapes``: the catalogue
+- ``rings``, ``parts``: from raw vertices to valid, merged parts, and unions without cracks
+- ``convex``: convex pieces, triangles and trapezoids
+- ``polyhedron``: solid bodies, and the triangles and closed surfaces of polygonal faces
+- ``silhouettes``: edges of the shadows of bodies; ``contours``, ``hidden_parts``: these edges where
+  bodies hide each other
+- ``wavefront``: curved or partially coherent waves, and checks of a field
 - ``arguments``: checks of numbers, arrays, wavelengths, poses and units; ``display``: sources in
   notebooks and on axes
-- ``shapes``: catalogue; ``io``: files, a module for each format
+- ``io``: files, a module for each format
 """
 
 from polywigner.geometry import shapes
-from polywigner.geometry.aperture import Aperture, PlacedAperture, triangulate
+from polywigner.geometry.aperture import (
+    Aperture,
+    PlacedAperture,
+    automean,
+    lag_slice,
+    position_slice,
+    triangulate,
+)
 from polywigner.geometry.arguments import rigid_pose
-from polywigner.geometry.automean import automean, lag_slice, position_slice
 from polywigner.geometry.io.readers import read_aperture, read_polyhedron, read_sheets
 from polywigner.geometry.polyhedron import Polyhedron
 from polywigner.geometry.slits import Slits

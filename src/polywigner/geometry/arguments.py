@@ -59,19 +59,14 @@ def real_numbers(values: Any) -> NDArray[np.float64]:
         raise ValueError("masked elements; leave them out")
     try:
         raw = np.asarray(values)
+    except ValueError:
+        raise ValueError("lists of different lengths") from None
+    try:
         if raw.dtype.kind not in "iufO":
             raise TypeError
         return np.array(raw, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         raise ValueError(type(values).__name__) from None
-
-
-def numbers_or_nan(values: Any) -> NDArray[np.float64]:
-    """Real numbers, or one NaN for anything else, which checks of values then refuse."""
-    try:
-        return real_numbers(values)
-    except ValueError:
-        return np.array(np.nan)
 
 
 def shape_of(value: Any) -> str:
@@ -80,6 +75,39 @@ def shape_of(value: Any) -> str:
         return str(np.shape(value))
     except ValueError:
         return "of lists of different lengths"
+
+
+# Products of a few larger numbers overflow.
+_LARGEST = 1e100
+
+
+def _has_length(length: int, expected: int | None) -> bool:
+    return expected in (None, length)
+
+
+def finite_array(
+    values: Any,
+    expected: str,
+    *shapes: tuple[int | None, ...],
+    error: type[PolywignerError] = ArgumentError,
+) -> NDArray[np.float64]:
+    """Return a float64 copy of real numbers below 1e100 that has one of some shapes.
+
+    In ``shapes`` None stands for any length above zero. The message of the error starts with
+    ``expected``.
+    """
+
+    def fits(array: NDArray[np.float64]) -> bool:
+        same_axes = [shape for shape in shapes if len(shape) == array.ndim]
+        return array.size > 0 and any(all(map(_has_length, array.shape, s)) for s in same_axes)
+
+    array = _real_array(values, expected, fits, error)
+    is_finite = (np.abs(np.atleast_1d(array)) < _LARGEST).reshape((*array.shape[:1], -1))
+    if not is_finite.all():
+        row = int(is_finite.all(axis=-1).argmin())
+        got = f"{array[row].tolist()} in row {row}" if array.ndim else array.item()
+        raise error(f"{expected}, got {got}; numbers must be finite and below {_LARGEST:g}")
+    return array
 
 
 def unchangeable(self: Any, name: str, value: object = None) -> NoReturn:
@@ -119,41 +147,41 @@ def checked_flag(value: Any, name: str) -> bool:
     return bool(value)
 
 
+def _real_array(
+    values: Any,
+    expected: str,
+    fits: Callable[[NDArray[np.float64]], bool],
+    error: type[PolywignerError] = ArgumentError,
+) -> NDArray[np.float64]:
+    """Return a float64 copy of real numbers whose shape fits; an error starts with `expected`."""
+    try:
+        array = real_numbers(values)
+    except ValueError as reason:
+        raise error(f"{expected}, got {reason}") from None
+    if not fits(array):
+        raise error(f"{expected}, got shape {shape_of(values)}")
+    return array
+
+
 def checked_row(values: Any, expected: str) -> NDArray[np.float64]:
     """Real numbers (k,), one or more; ArgumentError that begins with ``expected``."""
-    try:
-        numbers = np.atleast_1d(real_numbers(values))
-    except ValueError as error:
-        raise ArgumentError(f"{expected}, got {error}") from None
-    if numbers.ndim != 1 or not numbers.size:
-        raise ArgumentError(f"{expected}, got shape {shape_of(values)}")
-    return numbers
+    return np.atleast_1d(_real_array(values, expected, lambda row: row.ndim < 2 and row.size > 0))
 
 
 def checked_vectors(
     values: Any, expected: str, last: tuple[int, ...], error: type[PolywignerError] = ArgumentError
 ) -> NDArray[np.float64]:
     """Real numbers whose last axes are ``last``; an error that begins with ``expected``."""
-    try:
-        numbers = real_numbers(values)
-    except ValueError as reason:
-        raise error(f"{expected}, got {reason}") from None
-    if numbers.shape[numbers.ndim - len(last) :] != last or numbers.ndim < len(last):
-        raise error(f"{expected}, got shape {shape_of(values)}")
-    return numbers
+    axes = len(last)
+    return _real_array(
+        values, expected, lambda a: a.ndim >= axes and a.shape[a.ndim - axes :] == last, error
+    )
 
 
 def checked_array(values: Any, name: str, dimension: int) -> NDArray[np.float64]:
-    """Real numbers with so many axes, none of them empty, or ArgumentError."""
-    try:
-        numbers = real_numbers(values)
-    except ValueError as error:
-        raise ArgumentError(f"expected {name} as an array of real numbers, got {error}") from None
-    if numbers.ndim != dimension or not numbers.size:
-        raise ArgumentError(
-            f"expected {name} with {dimension} axes and some entries, got shape {numbers.shape}"
-        )
-    return numbers
+    """Real numbers with ``dimension`` axes, none of them empty, or ArgumentError."""
+    expected = f"expected {name} as an array of real numbers with {dimension} axes and some entries"
+    return _real_array(values, expected, lambda a: a.ndim == dimension and a.size > 0)
 
 
 def checked_callable(value: Any, name: str) -> Any:
@@ -164,50 +192,33 @@ def checked_callable(value: Any, name: str) -> Any:
 
 
 def checked_length(value: Any, name: str, zero: bool = False, meaning: str = "") -> float:
-    """A finite number above zero (or zero, if allowed) with a finite inverse, or ArgumentError."""
+    """A finite number above zero (or zero, if allowed), or ArgumentError."""
     meaning = meaning or ("a length of at least zero" if zero else "a length above zero")
     number = checked_number(value, name, meaning)
-    if number < _LEAST_LENGTH and not (zero and number == 0):
-        unit = "; check its unit" if number > 0 else ""
-        raise ArgumentError(f"expected {name} as {meaning}, got {value_text(value)}{unit}")
+    if not number > 0 and not (zero and number == 0):
+        raise ArgumentError(f"expected {name} as {meaning}, got {value_text(value)}")
     return number
 
 
-# Of smaller numbers the inverse is infinite.
-_LEAST_LENGTH = 2.0**-1023
-
-
 def checked_wavelength(value: Any) -> float:
-    """Return a wavelength in m whose square and inverse square are finite; else ArgumentError."""
+    """Return a wavelength in m, above zero; ArgumentError for anything else."""
     if isinstance(value, str):
         raise ArgumentError(
             f"expected a wavelength as a number in metres, got the text {value[:40]!r}; quantities "
             "with units are for files and the command line, here write 3e-3 or 299792458 / 94e9"
         )
-    wavelength = checked_length(value, "wavelength")
-    if not (0.0 < wavelength * wavelength < math.inf and 1.0 / wavelength**2 < math.inf):
-        raise ArgumentError(
-            f"expected a wavelength in metres, got {value_text(wavelength)}; check its unit"
-        )
-    return wavelength
-
-
-_RANDOM = (np.random.Generator, np.random.BitGenerator, np.random.SeedSequence, type(None))
+    return checked_length(value, "wavelength")
 
 
 def checked_generator(seed: Any) -> np.random.Generator:
-    """Return NumPy's generator of a seed; ArgumentError for anything but a seed.
-
-    NumPy itself ends the process for some, such as a ``numpy.matrix``.
-    """
-    entries = seed if isinstance(seed, (list, tuple)) and seed else [seed]
-    whole = all(isinstance(k, (int, np.integer)) and not isinstance(k, bool) for k in entries)
-    if not isinstance(seed, _RANDOM) and not (whole and min(entries) >= 0):
+    """Return NumPy's generator of a seed; ArgumentError for anything but a seed."""
+    try:
+        return np.random.default_rng(seed)
+    except (TypeError, ValueError):
         raise ArgumentError(
             f"expected seed as a whole number of at least zero or a Generator, "
             f"got {value_text(seed)}"
-        )
-    return np.random.default_rng(seed)
+        ) from None
 
 
 def checked_count(value: Any, name: str, least: int, most: int | None = None) -> int:
@@ -449,14 +460,8 @@ def rigid_pose(to_world: Any) -> NDArray[np.float64]:
     Raises GeometryError for anything but rotations and translations: a scaled or sheared aperture
     would be another aperture, whose transforms this one's are not.
     """
-    try:
-        given = real_numbers(to_world)
-    except ValueError as error:
-        raise GeometryError(f"expected to_world as a (4, 4) matrix, got {error}") from None
-    if given.shape != (4, 4):
-        raise GeometryError(f"expected to_world of shape (4, 4), got {given.shape}")
-    if not np.isfinite(given).all():
-        raise GeometryError(f"expected a finite to_world, got {given.tolist()}")
+    expected = "expected to_world as a (4, 4) matrix"
+    given = finite_array(to_world, expected, (4, 4), error=GeometryError)
     rotation = given[:3, :3]
     if not np.allclose(given[3], (0.0, 0.0, 0.0, 1.0)):
         raise GeometryError("expected a rigid to_world, got a perspective transformation")

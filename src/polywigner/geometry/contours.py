@@ -13,7 +13,13 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from polywigner.geometry.hidden_parts import NOTHING, Projected, in_perspective, less_shadows
+from polywigner.geometry.hidden_parts import (
+    NOTHING,
+    Projected,
+    edges_around,
+    in_perspective,
+    less_shadows,
+)
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -222,12 +228,8 @@ class _Pairing:
         """Add the boundaries of visible parts of triangles."""
         polygons, owner = shapely.get_parts(parts, return_index=True)
         some = shapely.area(polygons) > NOTHING * self.figure.size * shapely.length(polygons)
-        polygons, owner = shapely.orient_polygons(polygons[some]), rows[owner[some]]
-        rings, of_polygon = shapely.get_rings(polygons, return_index=True)
-        points, of_ring = shapely.get_coordinates(rings, return_index=True)
-        inner = of_ring[1:] == of_ring[:-1]
-        begin, end = points[:-1][inner], points[1:][inner]
-        triangle = owner[of_polygon[of_ring[:-1][inner]]]
+        number, begin, end = edges_around(polygons[some])
+        triangle = rows[owner[some]][number]
         # sides of their own triangle are those in which both ends lie
         corners = self.figure.points[triangle]
         along = np.roll(corners, -1, axis=1) - corners

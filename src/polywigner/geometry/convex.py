@@ -6,7 +6,6 @@ stratified samples stay stratified; a triangle mesh, with its folds, would lose 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -17,17 +16,9 @@ import shapely
 from numpy.typing import NDArray
 
 from polywigner.errors import GeometryError
-from polywigner.geometry.exact import Ring, cross_products, orientations, shoelace, turn
-from polywigner.geometry.rings import Part, extent, polygon_of_part
+from polywigner.geometry.rings import Part, Ring, orientations, polygon_of_part, shoelace, turn
 
 Indices = NDArray[np.intp]
-
-# A piece may be dented by this fraction of area/diameter: the region that its half-planes enclose
-# then misses at most this fraction of the area, a tenth of the accuracy of the transforms.
-_DENT = 2.0**-48
-
-# Larger dented pieces stay cut, because testing them is quadratic.
-_LARGEST_DENTED = 512
 
 
 def triangulate_part(part: Part) -> tuple[Ring, Indices]:
@@ -53,30 +44,11 @@ def triangulate_part(part: Part) -> tuple[Ring, Indices]:
     return vertices, triangles
 
 
-def _is_convex(ring: Ring, dent: float) -> bool:
-    """Whether every vertex lies left of every edge's line, or right of it by at most `dent`."""
-    if len(ring) > _LARGEST_DENTED:
-        return False
-    start, end = ring, np.roll(ring, -1, axis=0)
-    value, bound = cross_products(start[:, None], end[:, None], ring[None, :])
-    slack = dent * np.hypot(*(end - start).T)[:, None]
-    if np.any(value < -slack - bound):
-        return False
-    unsure = zip(*np.nonzero(value < bound - slack), strict=True)
-    return all(
-        turn(start[i].tolist(), end[i].tolist(), ring[j].tolist()) >= -slack[i, 0]
-        for i, j in unsure
-    )
-
-
 class _Merger:
     """Pieces as cycles of vertex numbers, merged across diagonals while they stay convex."""
 
-    def __init__(self, vertices: Ring, triangles: Indices, dent: float) -> None:
-        self.vertices = vertices
+    def __init__(self, vertices: Ring, triangles: Indices) -> None:
         self.points = [(float(x), float(y)) for x, y in vertices]
-        self.dent = dent
-        self.dented: set[int] = set()
         self.pieces: list[list[int]] = [list(map(int, t)) for t in triangles]
         self.owner = {
             (piece[k - 1], piece[k]): n for n, piece in enumerate(self.pieces) for k in range(3)
@@ -85,37 +57,20 @@ class _Merger:
     def diagonals(self) -> list[tuple[int, int]]:
         return [(i, j) for i, j in self.owner if i < j and (j, i) in self.owner]
 
-    def try_merge(self, i: int, j: int) -> bool:
+    def try_merge(self, i: int, j: int) -> None:
         left, right = self.owner[i, j], self.owner[j, i]
-        if left == right:
-            return False
         ahead, back = self.pieces[left], self.pieces[right]
         p, q = ahead.index(j), back.index(i)
-        at_i = self._dent_at(ahead[p - 2], i, back[(q + 1) % len(back)])
-        at_j = self._dent_at(back[q - 2], j, ahead[(p + 1) % len(ahead)])
-        if max(at_i, at_j) > self.dent:
-            return False
+        at_i = ahead[p - 2], i, back[(q + 1) % len(back)]
+        at_j = back[q - 2], j, ahead[(p + 1) % len(ahead)]
+        if left == right or any(turn(*(self.points[k] for k in at)) < 0 for at in (at_i, at_j)):
+            return
         # From j round the left piece to i, then from i round the right piece to j.
         merged = (ahead[p:] + ahead[:p])[:-1] + (back[q:] + back[:q])[:-1]
-        if at_i > 0 or at_j > 0 or left in self.dented or right in self.dented:
-            # Dents at rounding level: how far they reach depends on the whole piece.
-            if not _is_convex(self.vertices[merged], self.dent):
-                return False
-            self.dented.add(left)
         self.pieces[left], self.pieces[right] = merged, []
         for k in range(len(merged)):
             self.owner[merged[k - 1], merged[k]] = left
         del self.owner[i, j], self.owner[j, i]
-        return True
-
-    def _dent_at(self, before: int, corner: int, after: int) -> float:
-        """Distance of a corner's neighbours to the right of its edges' lines; 0 where convex."""
-        a, b, c = self.points[before], self.points[corner], self.points[after]
-        value = turn(a, b, c)
-        if value >= 0:
-            return 0.0
-        shorter = min(math.hypot(b[0] - a[0], b[1] - a[1]), math.hypot(c[0] - b[0], c[1] - b[1]))
-        return -value / shorter
 
     def run(self, order: Sequence[tuple[int, int]]) -> list[list[int]]:
         for i, j in order:
@@ -123,33 +78,26 @@ class _Merger:
         return [piece for piece in self.pieces if piece]
 
 
-def _fewest_pieces(vertices: Ring, triangles: Indices, dent: float) -> list[list[int]]:
-    """The better of two orders of merging: the longest diagonals first, or the shortest."""
-    diagonals = _Merger(vertices, triangles, dent).diagonals()
-    ends = vertices[np.array(diagonals, dtype=np.intp).reshape(-1, 2)]
-    longest_first = np.argsort(-np.hypot(*(ends[:, 1] - ends[:, 0]).T), kind="stable")
-    covers = [
-        _Merger(vertices, triangles, dent).run([diagonals[k] for k in order])
-        for order in (longest_first, longest_first[::-1])
-    ]
-    return min(covers, key=len)
-
-
 def convex_pieces(part: Part) -> list[Ring]:
     """Convex counter-clockwise polygons that tile the part, with its own vertices only.
 
     Constrained Delaunay triangles are merged greedily while convex (Hertel and Mehlhorn 1983: at
-    most four times the fewest possible), in two orders.
+    most four times the fewest possible). The better of two orders is used: the longest diagonals
+    first, or the shortest.
     """
-    area = float(shoelace(part))
-    dent = _DENT * area / extent(part[0])
     if len(part) == 1:
         ring = part[0]
-        turns = orientations(np.roll(ring, 1, axis=0), ring, np.roll(ring, -1, axis=0))
-        if np.all(turns >= 0) or _is_convex(ring, dent):
+        if np.all(orientations(np.roll(ring, 1, axis=0), ring, np.roll(ring, -1, axis=0)) >= 0):
             return [ring]
     vertices, triangles = triangulate_part(part)
-    pieces = [vertices[piece] for piece in _fewest_pieces(vertices, triangles, dent)]
+    diagonals = _Merger(vertices, triangles).diagonals()
+    ends = vertices[np.array(diagonals, dtype=np.intp).reshape(-1, 2)]
+    longest_first = np.argsort(-np.hypot(*(ends[:, 1] - ends[:, 0]).T), kind="stable")
+    covers = [
+        _Merger(vertices, triangles).run([diagonals[k] for k in order])
+        for order in (longest_first, longest_first[::-1])
+    ]
+    pieces = [vertices[piece] for piece in min(covers, key=len)]
     return [piece for piece in pieces if shoelace([piece]) > 0]
 
 

@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from polywigner.errors import ArgumentError, value_text
+from polywigner.errors import ArgumentError
 from polywigner.geometry.aperture import Aperture
 from polywigner.geometry.arguments import checked_count as _count
-from polywigner.geometry.arguments import checked_flag, numbers_or_nan
+from polywigner.geometry.arguments import checked_flag, finite_array
 from polywigner.geometry.arguments import checked_length as _length
 from polywigner.geometry.arguments import checked_number as _number
-from polywigner.geometry.exact import Ring
 from polywigner.geometry.parts import part_of_rings
+from polywigner.geometry.rings import Ring
 from polywigner.geometry.slits import Slits
 
 __all__ = [
@@ -48,19 +48,8 @@ __all__ = [
 ]
 
 
-def _numbers(values: Any, name: str, meaning: str, dimensions: int) -> Ring:
-    """Pairs of finite numbers: one, shape (2,), or several, shape (m, 2)."""
-    array = numbers_or_nan(values)
-    fits = array.ndim == dimensions and array.shape[-1] == 2 and array.size > 0
-    if not fits or not np.isfinite(array).all():
-        raise ArgumentError(
-            f"expected {name} as {meaning} of finite numbers, got {value_text(values)}"
-        )
-    return array
-
-
 def _pair(values: Any, name: str) -> Ring:
-    return _numbers(values, name, "a pair", 1)
+    return finite_array(values, f"expected {name} as a pair of finite numbers", (2,))
 
 
 def _require(fits: bool, expected: str, **got: Any) -> None:
@@ -285,7 +274,7 @@ def patch_row(count: int, width: float, length: float, pitch: float) -> Aperture
 
 def interferometer(positions: ArrayLike, radius: float, n: int = 32) -> Aperture:
     """Equal discs (n-gons of equal area) at the positions (m, 2), where they stay."""
-    places = _numbers(positions, "positions", "an (m, 2) array", 2)
+    places = finite_array(positions, "expected positions as an (m, 2) array", (None, 2))
     circle = disc(radius, n).rings[0]
     return Aperture([circle + place for place in places])
 

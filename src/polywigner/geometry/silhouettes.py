@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError
 from polywigner.geometry.aperture import PlacedAperture, triangulate
 from polywigner.geometry.contours import Surface, net_contours
-from polywigner.geometry.convex import triangulate_part
 from polywigner.geometry.polyhedron import Polyhedron
 
 Floats = NDArray[np.float64]
@@ -30,8 +29,6 @@ _ON = 1e-9
 _AFAR = 1e6
 # Faces times points of a source, beyond which these share the silhouette that their middle sees.
 _MOST_FACES = 1 << 15
-# Wavelengths; products of six such lengths are numbers still.
-_FARTHEST = 1e50
 # Cones around bodies are wider by this angle, in rad: beyond rounding.
 _WIDER = 1e-6
 # Pairs of a ray and a triangle at a time: some 50 MB.
@@ -117,34 +114,17 @@ def obstacle_of(body: Polyhedron | PlacedAperture) -> Obstacle:
         vertices = vertices @ body.pose[:3, :3].T + body.pose[:3, 3]
         owner = np.zeros(len(corners_of), np.intp)
         return Obstacle(vertices, corners_of, owner, body.normal[None], False, True)
-    triangles: list[list[int]] = []
-    numbers: list[int] = []
-    normals: list[Floats] = []
-    for number, face in enumerate(body.faces):
-        corners = body.vertices[list(face)] - body.vertices[face[0]]
-        normals.append(np.cross(corners, np.roll(corners, -1, axis=0)).sum(axis=0))
-        triangles += [[face[k] for k in corner] for corner in _triangles(corners, normals[-1])]
-        numbers += [number] * (len(triangles) - len(numbers))
-    directions, points = np.array(normals), body.vertices
-    offsets = np.einsum("fk,fk->f", directions, points[[face[0] for face in body.faces]])
-    size = float(np.ptp(points, axis=0).max()) * np.linalg.norm(directions, axis=1)
-    convex = bool((directions @ points.T - offsets[:, None] <= _ON * size[:, None]).all())
+    points, triangles = body.vertices, body.triangles
+    owner = np.repeat(np.arange(len(body.faces)), [len(face) - 2 for face in body.faces])
+    corners = points[triangles]
+    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = np.zeros((len(body.faces), 3))
+    np.add.at(normals, owner, areas)
+    offsets = np.einsum("fk,fk->f", normals, points[[face[0] for face in body.faces]])
+    size = float(np.ptp(points, axis=0).max()) * np.linalg.norm(normals, axis=1)
+    convex = bool((normals @ points.T - offsets[:, None] <= _ON * size[:, None]).all())
     # a convex surface of several bodies would have vertices before its faces
-    return Obstacle(
-        points, np.array(triangles, np.intp), np.array(numbers, np.intp), directions, True, convex
-    )
-
-
-def _triangles(corners: Floats, normal: Floats) -> list[list[int]]:
-    """Triangles of one planar face, as numbers of its corners in the face's own sense."""
-    if len(corners) == 3:
-        return [[0, 1, 2]]
-    k = int(np.abs(normal).argmax())
-    flat = corners[:, [(k + 1) % 3, (k + 2) % 3]]
-    flat = flat if normal[k] > 0.0 else flat[:, ::-1]
-    places, triangles = triangulate_part((flat,))
-    number = {place.tobytes(): corner for corner, place in enumerate(flat + 0.0)}
-    return [[number[places[corner].tobytes()] for corner in some] for some in triangles]
+    return Obstacle(points, triangles, owner, normals, True, convex)
 
 
 @dataclass(frozen=True)
@@ -207,13 +187,8 @@ def listed_bodies(bodies: Any) -> tuple[Polyhedron | PlacedAperture, ...]:
 
 def obstacles_of(bodies: Any, unit: float) -> Obstacles:
     """The obstacles that a user lists, in units of ``unit`` metres."""
-    found = [obstacle_of(body) for body in listed_bodies(bodies)]
-    found = [replace(body, vertices=body.vertices / unit) for body in found]
-    if not all((np.abs(body.vertices) < _FARTHEST).all() for body in found):
-        raise ArgumentError(
-            f"expected obstacles within {_FARTHEST:g} wavelengths, got one beyond; check its unit"
-        )
-    return Obstacles(found)
+    obstacles = [obstacle_of(body) for body in listed_bodies(bodies)]
+    return Obstacles([replace(body, vertices=body.vertices / unit) for body in obstacles])
 
 
 @dataclass(frozen=True)

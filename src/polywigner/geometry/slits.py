@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import GeometryError
-from polywigner.geometry.arguments import real_numbers
+from polywigner.geometry.arguments import finite_array
 from polywigner.geometry.display import length_text, shown_as_html
 from polywigner.geometry.wavefront import Field, TakesWaves, checked_field, checked_shift
 
@@ -123,15 +123,7 @@ def _restored(intervals: NDArray[np.float64], illumination: Field | None) -> Sli
 
 def _ascending(intervals: Any) -> NDArray[np.float64]:
     expected = "expected slits as an (m, 2) array of begins and ends"
-    try:
-        array = np.atleast_2d(real_numbers(intervals))
-    except ValueError as error:
-        raise GeometryError(f"{expected}, got {error}") from None
-    if array.ndim != 2 or array.shape[1] != 2 or not len(array):
-        raise GeometryError(f"{expected}, got shape {np.shape(intervals)}")
-    if not np.isfinite(array).all():
-        bad = array[~np.isfinite(array).all(axis=1)][0].tolist()
-        raise GeometryError(f"expected finite begins and ends of slits, got {bad}")
+    array = finite_array(intervals, expected, (None, 2), (2,), error=GeometryError).reshape(-1, 2)
     array = np.sort(array, axis=1)
     array = array[np.argsort(array[:, 0], kind="stable")]
     tolerance = _ROUNDING * float(np.abs(array).max())

@@ -14,8 +14,9 @@ from polywigner.errors import ArgumentError, IlluminationError, value_text
 from polywigner.geometry.arguments import (
     checked_length,
     checked_number,
+    checked_row,
     checked_wavelength,
-    numbers_or_nan,
+    finite_array,
     unchangeable,
 )
 from polywigner.geometry.display import length_text, shown_as_html
@@ -58,13 +59,9 @@ def checked_field(field: Any, dimension: int) -> Field:
 
 def checked_shift(shift: Any, dimension: int, name: str = "a shift") -> NDArray[np.float64]:
     """A shift as (dimension,) finite numbers; ArgumentError if it is none."""
-    offset = numbers_or_nan(shift)
-    offset = np.atleast_1d(offset) if dimension == 1 else offset
-    if offset.shape != (dimension,) or not np.isfinite(offset).all():
-        raise ArgumentError(
-            f"expected {name} of {dimension} finite numbers, got {value_text(shift)}"
-        )
-    return offset
+    shapes = ((), (1,)) if dimension == 1 else ((dimension,),)
+    expected = f"expected {name} of {dimension} finite numbers"
+    return np.atleast_1d(finite_array(shift, expected, *shapes))
 
 
 def turned_points(points: NDArray[np.float64], angle: Any) -> NDArray[np.float64]:
@@ -228,13 +225,13 @@ class Wavefront(TakesWaves):
                 "partially_coherent are methods of these, and of a Wavefront"
             )
         d = len(source.bounds) // 2
-        q = np.zeros((d, d)) if curvature is None else numbers_or_nan(curvature)
+        expected = f"expected a curvature as a symmetric matrix {(d, d)} in 1/m^2"
+        q = np.zeros((d, d))
+        if curvature is not None:
+            q = finite_array(curvature, expected, (d, d), error=IlluminationError)
         c = np.zeros(d) if centre is None else checked_shift(centre, d, "a centre")
-        if q.shape != (d, d) or not np.isfinite(q).all() or not np.array_equal(q, q.T):
-            raise IlluminationError(
-                f"expected a curvature as a symmetric matrix {(d, d)} in 1/m^2, "
-                f"got {value_text(curvature)}"
-            )
+        if not np.array_equal(q, q.T):
+            raise IlluminationError(f"{expected}, got {value_text(curvature)}")
         c = c.copy() if q.any() else np.zeros(d)  # flat waves are the same about all points
         width = _checked_width(coherence_width, "coherence_width")
         for name, array in (("curvature", q), ("centre", c)):
@@ -370,30 +367,18 @@ def _curvature_of(
 ) -> NDArray[np.float64]:
     """The matrix Q (d, d) in 1/m^2 of a wave of this radius, or of one radius for each axis."""
     length = checked_wavelength(wavelength)
-    radii = numbers_or_nan(radius)
-    radii = np.broadcast_to(
-        radii if radii.shape in ((), (1,), (dimension,)) else np.nan, (dimension,)
+    axes = "a number" if dimension == 1 else "a number or two (radius_x, radius_y)"
+    expected = (
+        f"expected radius as {axes} in m, positive where the wave diverges and inf where it is flat"
     )
-    if np.isnan(radii).any() or (radii == 0).any():
-        axes = "a number" if dimension == 1 else "a number or two (radius_x, radius_y)"
-        raise ArgumentError(
-            f"expected radius as {axes} in m, positive where the wave diverges and inf where it "
-            f"is flat, got {value_text(radius)}"
-        )
-    with np.errstate(over="ignore"):
-        q = np.diag(1.0 / (length * radii))
-    if not np.isfinite(q).all():
-        raise ArgumentError(
-            f"expected a radius in m that a float can divide by, got {value_text(radius)}"
-        )
-    return q
+    radii = checked_row(radius, expected)
+    if len(radii) not in (1, dimension) or np.isnan(radii).any() or (radii == 0).any():
+        raise ArgumentError(f"{expected}, got {value_text(radius)}")
+    return np.diag(1.0 / (length * np.broadcast_to(radii, dimension)))
 
 
 def _checked_width(value: Any, name: str) -> float:
     """Return a width of coherence in m, infinite for coherent light; else ArgumentError."""
     if np.isscalar(value) and value == np.inf:
         return math.inf
-    width = checked_number(value, name, "a length above zero")
-    if width <= 0:
-        raise ArgumentError(f"expected {name} as a length above zero, got {value_text(value)}")
-    return width
+    return checked_length(value, name)

@@ -3,7 +3,7 @@
 - ``waves``: the immutable :class:`Illumination`, and waves for sampled fields; ``tapers``:
   steering, tapers and modes
 - ``array``: :class:`Array` and :func:`phased_array`; ``lattices``: sites of equal elements
-- ``arrays``: layouts and weights of elements; ``element_files``: tables of both
+- ``arrays``: layouts and weights of elements, and tables of both
 - ``source_files``: sources in TOML and JSON; ``source_schema`` and ``source_functions``: the
   tables of such files; ``texts``: tapers, arrays and waves as short texts
 - ``support``: the region outside of which W is zero

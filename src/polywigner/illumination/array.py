@@ -230,8 +230,7 @@ class Array(TakesWaves):
     for elements that all lie in the plane z = 0.
 
     Raises ArgumentError for anything but elements, none of them, and slits mixed with others;
-    IlluminationError for weights that are not n finite complex numbers, or all zero, and where the
-    largest modulus is not from 1e-100 to 1e100.
+    IlluminationError for weights that are not n finite complex numbers, or all zero.
 
     >>> import polywigner as pw
     >>> pair = pw.Array([pw.shapes.square(1.0), pw.shapes.square(1.0).moved((3, 0))], [1, -1])

@@ -1,28 +1,36 @@
-"""Layouts and weights of arrays of equal elements, for :func:`polywigner.phased_array`."""
+"""Layouts and weights of arrays for :func:`polywigner.phased_array`, and tables of elements."""
 
 from __future__ import annotations
 
 import math
+import os
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, Literal, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import ArgumentError, require, value_text
+from polywigner.errors import ArgumentError, FileFormatError, at_key, require, value_text
+from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import (
     checked_count,
     checked_flag,
     checked_length,
     checked_number,
-    numbers_or_nan,
+    checked_path,
+    finite_array,
     real_numbers,
     takes_frequency,
 )
-from polywigner.illumination.element_files import read_elements
+from polywigner.geometry.io.limits import bytes_of, text_of
+from polywigner.geometry.io.text import fields_of
+from polywigner.illumination.array import Array, repeated_element
 from polywigner.illumination.lattices import checked_positions, checked_weights
+from polywigner.illumination.overlaps import warn_of_overlaps
 from polywigner.illumination.tapers import checked_sidelobes, transverse, unit_vector
+from polywigner.quantities import parse_unit
 
 __all__ = [
     "focusing_weights",
@@ -298,7 +306,7 @@ def steering_weights(
             f"expected a direction for positions of {places.shape[1]} components, got one with "
             f"{len(towards)} along the array"
         )
-    return _phases(lambda length: places @ (towards / length), wavelength)
+    return np.exp(2j * np.pi * (places @ (towards / checked_length(wavelength, "wavelength"))))
 
 
 @takes_frequency
@@ -321,31 +329,15 @@ def focusing_weights(
     and wavelengths that are not above zero.
     """
     places = checked_positions(positions, (2,))
-    focus = numbers_or_nan(point)
-    if focus.shape != (3,) or not np.isfinite(focus).all() or not focus[2] > 0:
-        raise ArgumentError(
-            f"expected a point (x, y, z) with z above zero, got {value_text(point)}"
-        )
+    expected = "expected a point (x, y, z) with z above zero"
+    focus = finite_array(point, expected, (3,))
+    if not focus[2] > 0:
+        raise ArgumentError(f"{expected}, got {value_text(point)}")
     apart = np.column_stack([focus[:2] - places, np.full(len(places), focus[2])])
-    with np.errstate(over="ignore", invalid="ignore"):  # refused below
-        distance = np.linalg.norm(apart, axis=1) + np.linalg.norm(focus)
-        # R_k - R without the difference of two long distances
-        path = ((places - 2 * focus[:2]) * places).sum(axis=1) / distance
-    return _phases(lambda length: -path / length, wavelength)
-
-
-def _phases(turns: Callable[[float], NDArray[np.float64]], wavelength: Any) -> Any:
-    """exp(2 pi i distance/wavelength), for distances and wavelength in m."""
-    length = checked_length(wavelength, "wavelength")
-    with np.errstate(over="ignore", invalid="ignore"):
-        found = turns(length)
-    if not np.isfinite(found).all():
-        raise ArgumentError(
-            f"expected a wavelength in metres for positions in metres, "
-            f"got {value_text(wavelength)}, of "
-            "which there are too many between them for a float; check its unit"
-        )
-    return np.exp(2j * np.pi * found)
+    distance = np.linalg.norm(apart, axis=1) + np.linalg.norm(focus)
+    # R_k - R without the difference of two long distances
+    path = ((places - 2 * focus[:2]) * places).sum(axis=1) / distance
+    return np.exp(-2j * np.pi * path / checked_length(wavelength, "wavelength"))
 
 
 def window_weights(
@@ -402,3 +394,98 @@ def _window(count: int, name: str, sll: float, nbar: int) -> NDArray[np.float64]
 
 def _scipy_windows(name: str) -> Any:
     return require("scipy.signal.windows", "arrays", f"has the window {name!r}")
+
+
+_COLUMNS = ("x", "y", "amplitude", "phase", "re", "im", "angle")
+
+
+def read_elements(
+    path: str | os.PathLike[str], element: Aperture, unit: str | float = "mm"
+) -> Array:
+    """Read an array from a table with one row for each element.
+
+    The first line names the columns, in any order: ``x`` and ``y``; the weight as ``amplitude``
+    (linear) and ``phase`` in degrees, or as ``re`` and ``im``; and ``angle`` in degrees,
+    counter-clockwise, by which the element with its field is turned about its origin. Missing
+    columns are 1 for amplitudes and 0 for the rest; without names the columns are x and y.
+    Semicolons, commas or blanks separate them; # begins a comment.
+
+    Parameters
+    ----------
+    path : the table, as text.
+    element : the Aperture that each row places, with its own field.
+    unit : of x and y, such as "mm" or a number of metres.
+
+    Returns
+    -------
+    An :class:`polywigner.Array`: a :func:`polywigner.phased_array` where all angles are equal.
+
+    Raises FileFormatError for a file that is missing, larger than 64 MiB, or not a table of finite
+    numbers with these columns; ArgumentError for an element that is not an Aperture;
+    IlluminationError for weights that are all zero; QuantityError for an invalid unit. Warns
+    (PolywignerWarning) if elements overlap.
+
+    >>> import polywigner as pw
+    >>> import pathlib, tempfile
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "array.csv"
+    >>> _ = path.write_text("x, y, amplitude, phase\\n-1, 0, 1, 0\\n1, 0, 0.5, 90\\n")
+    >>> pw.arrays.read_elements(path, pw.shapes.square(1e-3)).weights.round(3)
+    array([1. +0.j , 0. +0.5j])
+    """
+    if not isinstance(element, Aperture):
+        raise ArgumentError(
+            f"expected an Aperture as the element, got {type(element).__name__}; a curved wave "
+            "goes on the whole array, by its curved()"
+        )
+    file, metres = checked_path(path), parse_unit(unit)
+    with at_key(str(file)):
+        array = _array_of(_columns(file), element, metres)
+    warn_of_overlaps(array)
+    return array
+
+
+def _array_of(table: dict[str, NDArray[np.float64]], element: Aperture, metres: float) -> Array:
+    positions = metres * np.stack([table["x"], table["y"]], axis=1)
+    zero = np.zeros(len(positions))
+    if "re" in table or "im" in table:
+        weights = table.get("re", zero) + 1j * table.get("im", zero)
+    else:
+        phases = np.radians(table.get("phase", zero))
+        weights = table.get("amplitude", zero + 1) * np.exp(1j * phases)
+    angles = np.radians(table.get("angle", zero))
+    if (angles == angles[0]).all():
+        return repeated_element(element.turned(angles[0]), positions, weights)
+    turned = {angle: element.turned(angle) for angle in set(angles.tolist())}
+    elements = [turned[a].moved(x) for a, x in zip(angles.tolist(), positions, strict=True)]
+    return Array(elements, weights)
+
+
+def _columns(file: Path) -> dict[str, NDArray[np.float64]]:
+    """The columns of a file by name; x and y without a line of names."""
+    lines = enumerate(text_of(bytes_of(file)).splitlines(), start=1)
+    rows = [(n, fields) for n, line in lines if (fields := fields_of(line.split("#")[0]))]
+    names = [name.lower() for name in rows[0][1]] if rows else []
+    if len(names) == 2 and not set(names) & set(_COLUMNS):
+        names = ["x", "y"]
+    else:
+        rows = rows[1:]
+    has_both = {"re", "im"} & set(names) and {"amplitude", "phase"} & set(names)
+    if len({"x", "y", *names}) != len(names) or not set(names) <= set(_COLUMNS) or has_both:
+        raise FileFormatError(
+            "expected the columns x, y, and amplitude, phase or re, im, and angle, each once, got "
+            f"{value_text(', '.join(names))}"
+        )
+    values = []
+    for number, fields in rows:
+        try:
+            values.append([float(field) for field in fields])
+        except ValueError:
+            values.append([])
+        if len(values[-1]) != len(names) or not np.isfinite(values[-1]).all():
+            raise FileFormatError(
+                f"expected {len(names)} numbers, {', '.join(names)}, got "
+                f"{value_text(', '.join(fields))} in line {number}"
+            )
+    if not rows:
+        raise FileFormatError("expected a row for each element, got none")
+    return dict(zip(names, np.array(values).T, strict=True))

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.errors import ArgumentError, IlluminationError
-from polywigner.geometry.arguments import numbers_or_nan, shape_of
+from polywigner.errors import IlluminationError
+from polywigner.geometry.arguments import finite_array
 
 # Positions count as those of a lattice if they miss it by less than this fraction of the extent of
 # the array: what rounding does to multiples of a pitch.
@@ -195,10 +195,6 @@ def _even_phase(values: NDArray[np.complex128], lit: NDArray[np.intp]) -> float:
     return 0.0 if abs(turns) < 1e-15 else turns
 
 
-# Products of two weights and an area must neither overflow nor vanish.
-_LARGEST_WEIGHT = 1e100
-
-
 class Sites:
     """Positions (n, d) and complex weights (n,), compared by content; to be left unchanged."""
 
@@ -226,16 +222,11 @@ class Sites:
 
 def checked_positions(positions: Any, components: tuple[int, ...]) -> NDArray[np.float64]:
     """Finite positions (n, d) with a d out of `components`, (n,) standing for (n, 1)."""
-    places = numbers_or_nan(positions)
-    if places.ndim == 1 and 1 in components:
-        places = places[:, None]
-    fits = places.ndim == 2 and places.shape[1] in components and len(places)
-    if not fits or not np.isfinite(places).all():
-        shapes = " or ".join(f"(n, {c})" for c in components)
-        raise ArgumentError(
-            f"expected finite positions of shape {shapes}, got {shape_of(positions)}"
-        )
-    return places
+    expected = f"expected finite positions of shape {' or '.join(f'(n, {c})' for c in components)}"
+    shapes: list[tuple[int | None, ...]] = [(None, c) for c in components]
+    shapes += [(None,)] if 1 in components else []
+    places = finite_array(positions, expected, *shapes)
+    return places[:, None] if places.ndim == 1 else places
 
 
 def checked_sites(
@@ -259,12 +250,6 @@ def checked_weights(weights: Any, count: int) -> NDArray[np.complex128]:
         raise IlluminationError(f"expected finite weights, got {bad}")
     if not array.any():
         raise IlluminationError("expected a weight other than zero, got zeros only")
-    largest = float(np.abs(array).max())
-    if not 1 / _LARGEST_WEIGHT <= largest <= _LARGEST_WEIGHT:
-        raise IlluminationError(
-            f"expected a largest weight from {1 / _LARGEST_WEIGHT:g} to {_LARGEST_WEIGHT:g}, got "
-            f"{largest:g}; divide all by it"
-        )
     array += 0.0  # no negative zeros, which equal zeros but hash differently
     array.setflags(write=False)
     return array

@@ -18,7 +18,7 @@ from polywigner.geometry.arguments import (
     checked_count,
     checked_length,
     checked_number,
-    numbers_or_nan,
+    finite_array,
     shape_of,
     takes_frequency,
 )
@@ -32,11 +32,7 @@ _ADVICE = "divide it by its length"
 
 def unit_vector(direction: Any) -> NDArray[np.float64]:
     """A unit vector (3,) that points away from the aperture, as given; ArgumentError if not."""
-    vector = _numbers(direction)
-    if vector.shape != (3,):
-        raise ArgumentError(
-            f"expected a direction as a unit vector (3,), got {value_text(direction)}"
-        )
+    vector = finite_array(direction, "expected a direction as a unit vector (3,)", (3,))
     length = math.hypot(*vector)
     if abs(length - 1) > _UNIT:
         raise ArgumentError(
@@ -61,14 +57,13 @@ def transverse(direction: Any) -> NDArray[np.float64]:
 
     From a unit vector (3,), these components (2,), or the sine of an angle, a number or (1,).
     """
-    given = np.atleast_1d(_numbers(direction))
+    expected = (
+        "expected a direction as a unit vector (3,), its components (2,) along the aperture, or "
+        "the sine of an angle for slits"
+    )
+    given = np.atleast_1d(finite_array(direction, expected, (), (1,), (2,), (3,)))
     if given.shape == (3,):
         return unit_vector(given)[:2]
-    if given.shape not in ((1,), (2,)):
-        raise ArgumentError(
-            "expected a direction as a unit vector (3,), its components (2,) along the aperture, "
-            f"or the sine of an angle for slits, got {value_text(direction)}"
-        )
     length = math.hypot(*given)
     if length > 1 + _UNIT:
         raise ArgumentError(
@@ -76,13 +71,6 @@ def transverse(direction: Any) -> NDArray[np.float64]:
             f"{length:.6g}; {_ADVICE}"
         )
     return given
-
-
-def _numbers(direction: Any) -> NDArray[np.float64]:
-    vector = numbers_or_nan(direction)
-    if not np.isfinite(vector).all():
-        raise ArgumentError(f"expected a direction of finite numbers, got {value_text(direction)}")
-    return vector
 
 
 # Highest power of a cosine: binomials up to it are whole numbers that floats hold.

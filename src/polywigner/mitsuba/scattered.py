@@ -28,7 +28,7 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.geometry.faces import connected
+from polywigner.geometry.parts import connected
 from polywigner.mitsuba.films import Exposure, check_is_whole, check_spp, mean_of_colours, seed_of
 from polywigner.mitsuba.placement import is_source
 from polywigner.mitsuba.polarisation import Polariser

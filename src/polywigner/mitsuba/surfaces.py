@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import SceneError
-from polywigner.geometry.faces import connected
+from polywigner.geometry.parts import connected
 from polywigner.geometry.silhouettes import Obstacle
 
 Floats = NDArray[np.float64]

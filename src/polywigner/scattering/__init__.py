@@ -12,7 +12,6 @@ module                what is in it
 ``near_fields``       the cross section near the antennas of a radar, over pieces of plane waves
 ``antennas``          antennas at their places, their fields and polarisations
 ``visibility``        the parts of triangles that are seen from far away, and what stands before
-``overlays``          set operations on polygons, which return polygons only
 ``surface_sums``      the Fourier transform of lit surfaces with their normals
 ====================  =========================================================================
 """

@@ -20,8 +20,17 @@ from shapely.errors import GEOSException
 from polywigner.errors import ArgumentError
 from polywigner.execution.progress import slow_bar
 from polywigner.geometry.arguments import warn_caller
-from polywigner.geometry.hidden_parts import NOTHING, Projected, in_triangles, less_shadows
-from polywigner.geometry.overlays import GRID, Shapes, intersections, mended, unions
+from polywigner.geometry.hidden_parts import (
+    GRID,
+    NOTHING,
+    Projected,
+    Shapes,
+    in_triangles,
+    intersections,
+    less_shadows,
+    mended,
+    unions,
+)
 from polywigner.scattering.facets import Facets
 from polywigner.scattering.surface_sums import Pieces, surface_sums, transforms
 from polywigner.scattering.visibility import (

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, triangulate
-from polywigner.geometry.faces import connected
+from polywigner.geometry.parts import connected
 from polywigner.illumination import Array
 
 Floats = NDArray[np.float64]

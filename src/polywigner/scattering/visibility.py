@@ -10,13 +10,17 @@ import shapely
 from numpy.typing import NDArray
 
 from polywigner.geometry.hidden_parts import (
+    GRID,
     NOTHING,
     Projected,
+    Shapes,
+    edges_around,
     in_perspective,
     in_triangles,
+    intersections,
     less_shadows,
+    mended,
 )
-from polywigner.geometry.overlays import GRID, Shapes, intersections, mended
 from polywigner.scattering.facets import Facets
 from polywigner.scattering.surface_sums import Pieces
 
@@ -149,7 +153,7 @@ def pieces_of(
     """
     (whole,) = np.nonzero(shapely.is_missing(parts))
     (cut,) = np.nonzero(~shapely.is_missing(parts))
-    owner, begin, end = _edges(parts[cut])
+    owner, begin, end = edges_around(parts[cut])
     owner = cut[owner]
     first, second = facets.first[numbers[owner]], facets.second[numbers[owner]]
     share = begin[:, 0] * end[:, 1] - begin[:, 1] * end[:, 0]
@@ -166,25 +170,3 @@ def pieces_of(
         facets.vector[numbers[every]] * weights[:, None],
     )
     return pieces, every
-
-
-def _edges(shapes: Shapes) -> tuple[NDArray[np.intp], Floats, Floats]:
-    """Numbers of shapes, and begins and ends (m, 2) of the edges around their polygons.
-
-    Counter-clockwise, holes clockwise.
-    """
-    single, owner = shapely.get_parts(shapes, return_index=True)
-    single, inner = shapely.get_parts(single, return_index=True)  # polygons in collections
-    flat = shapely.get_type_id(single) == shapely.GeometryType.POLYGON
-    polygons, owner = single[flat], owner[inner][flat]
-    rings, of_polygon = shapely.get_rings(polygons, return_index=True)
-    is_hole = of_polygon == np.concatenate([[-1], of_polygon[:-1]])
-    points, of_ring = shapely.get_coordinates(rings, return_index=True)
-    within = of_ring[1:] == of_ring[:-1]
-    of_edge, begin, end = of_ring[1:][within], points[:-1][within], points[1:][within]
-    # By area: shapely looks at one corner, which after rounding may be that of a spike.
-    crosses = begin[:, 0] * end[:, 1] - begin[:, 1] * end[:, 0]
-    turned = (np.bincount(of_edge, crosses, len(rings)) < 0) != is_hole
-    swapped = turned[of_edge][:, None]
-    begin, end = np.where(swapped, end, begin), np.where(swapped, begin, end)
-    return owner[of_polygon[of_edge]], begin, end

@@ -15,7 +15,7 @@ from polywigner.errors import ArgumentError, GeometryError
 from polywigner.execution import Parameter, Parameters, is_drjit
 from polywigner.geometry import Aperture, Slits
 from polywigner.geometry.arguments import DrJitArray
-from polywigner.geometry.exact import signed_area
+from polywigner.geometry.rings import signed_area
 from polywigner.illumination import Array, Illumination
 from polywigner.kernels.outline.waves import waves_in_frame
 from polywigner.kernels.slopes import slopes_in_ends

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.exact import Ring
 from polywigner.geometry.io.limits import MOST_VERTICES, check_coordinates
+from polywigner.geometry.rings import Ring
 
 DEFAULT_TOLERANCE = 1 / 2000
 """Largest distance between a curve and its chords, in diagonals of the outline's bounds.

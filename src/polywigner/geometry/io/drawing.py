@@ -12,7 +12,7 @@ import numpy as np
 import shapely
 
 from polywigner.errors import ArgumentError
-from polywigner.geometry.exact import Ring
+from polywigner.geometry.rings import Ring
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,13 +16,12 @@ import numpy as np
 import shapely
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.exact import Ring
 from polywigner.geometry.io.curves import DEFAULT_TOLERANCE, Arc, Curve, Points, chords
 from polywigner.geometry.io.drawing import Drawing, File, check_known, overlap_remedy
 from polywigner.geometry.io.limits import check_coordinates, check_vertices
 from polywigner.geometry.io.outlines import depths, filled, nested, without_duplicates
 from polywigner.geometry.parts import polygons_in, union_on_grid
-from polywigner.geometry.rings import rings_of_polygon
+from polywigner.geometry.rings import Ring, rings_of_polygon
 
 _IGNORED = frozenset({
     "TEXT", "MTEXT", "ATTRIB", "ATTDEF", "DIMENSION", "ARC_DIMENSION", "LARGE_RADIAL_DIMENSION",

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from polywigner.errors import FileFormatError
 from polywigner.geometry.arguments import warn_caller
-from polywigner.geometry.faces import heights_of, triangulate_faces
 from polywigner.geometry.io.limits import MOST_FACES, check_coordinates, check_most
+from polywigner.geometry.polyhedron import heights_of, triangulate_faces
 
 MESH_SUFFIXES = (".stl", ".ply", ".obj")
 

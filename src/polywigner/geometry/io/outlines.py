@@ -9,14 +9,15 @@ import shapely
 from numpy.typing import NDArray
 
 from polywigner.errors import GeometryError
-from polywigner.geometry.exact import Ring, estimated_area
 from polywigner.geometry.parts import enclosed, part_of_ring, polygons_in, union_on_grid
 from polywigner.geometry.rings import (
+    Ring,
     clean_ring,
     different_vertices,
     hull_spans_area,
     rings_of_polygon,
     rounding_tolerance,
+    signed_area,
     spans_area,
 )
 
@@ -42,7 +43,7 @@ def filled(rings: Sequence[Ring], rule: str) -> list[Polygon]:
 
 def depths(rings: Sequence[Ring]) -> list[int]:
     """Return how many of the other rings (n, 2) lie around each ring."""
-    sizes = np.abs([estimated_area(ring) for ring in rings])
+    sizes = np.abs([signed_area(ring) for ring in rings])
     return [len(others) for _, others in _containing(rings, sizes)] if len(rings) else []
 
 
@@ -123,7 +124,7 @@ def _check_overlaps(rings: Sequence[Ring], remedy: str) -> None:
 
 def _by_nesting(rings: Sequence[Ring], rule: str) -> list[Polygon]:
     """Polygons of rings that do not cross, by the number of rings around each."""
-    areas = np.array([estimated_area(ring) for ring in rings])
+    areas = np.array([signed_area(ring) for ring in rings])
     pairs = _containing(rings, np.abs(areas))
     turns = np.sign(areas).astype(np.int64)
     outside = np.zeros(len(rings), dtype=np.int64)

@@ -27,7 +27,6 @@ from polywigner.errors import (
 )
 from polywigner.geometry.aperture import Aperture, PlacedAperture
 from polywigner.geometry.arguments import checked_flag, checked_length
-from polywigner.geometry.exact import Ring
 from polywigner.geometry.io.drawing import Drawing, File
 from polywigner.geometry.io.dxf import load_dxf
 from polywigner.geometry.io.gds import load_gds
@@ -39,6 +38,7 @@ from polywigner.geometry.io.svg_shapes import PIXEL
 from polywigner.geometry.io.text import load_csv, load_geojson, load_wkt
 from polywigner.geometry.parts import merge_parts, part_of_rings, union_parts
 from polywigner.geometry.polyhedron import Polyhedron
+from polywigner.geometry.rings import Ring
 from polywigner.quantities import parse_unit
 
 LOADERS: dict[str, Callable[[File], Drawing]] = {

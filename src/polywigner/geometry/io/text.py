@@ -11,11 +11,10 @@ import numpy as np
 import shapely
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.exact import Ring
 from polywigner.geometry.io.drawing import Drawing, File
 from polywigner.geometry.io.limits import check_coordinates, text_of
 from polywigner.geometry.parts import polygons_in
-from polywigner.geometry.rings import rings_of_polygon
+from polywigner.geometry.rings import Ring, rings_of_polygon
 
 _TYPES = "Polygon, MultiPolygon, Feature, FeatureCollection or GeometryCollection"
 _OTHER_TYPES = ("Point", "MultiPoint", "LineString", "MultiLineString", "Topology")

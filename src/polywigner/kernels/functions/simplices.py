@@ -23,7 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits, triangulate
-from polywigner.geometry.exact import whole_numbers
+from polywigner.geometry.rings import whole_numbers
 from polywigner.kernels.functions.fourier import LinearFrame
 from polywigner.kernels.functions.plane import fourier_kernels, placed_frame
 from polywigner.kernels.kernel import Values

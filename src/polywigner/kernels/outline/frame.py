@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
-from polywigner.geometry.exact import whole_numbers
+from polywigner.geometry.rings import whole_numbers
 from polywigner.numerics import phases
 
 # A box longer than this is stretched; below it the loss of digits (the aspect, in ulps of the
