@@ -109,17 +109,6 @@ def test_the_band_of_a_tolerance_run_is_drawn_over_its_cuts() -> None:
             draw_tolerance(wrong)
 
 
-def test_a_virtual_array_is_the_convolution_of_both_layouts() -> None:
-    """Of rows on a lattice: numpy's convolution of the weights."""
-    random = np.random.default_rng(1)
-    sent, received = random.normal(size=(2, 4, 2)) @ [1, 1j], random.normal(size=7)
-    places, weights = pw.arrays.virtual_array(
-        0.3 * np.arange(4), 0.3 * np.arange(7), sent[0], received
-    )
-    assert places[:, 0] == pytest.approx(0.3 * np.arange(10), abs=1e-12)
-    assert weights == pytest.approx(np.convolve(sent[0], received), rel=1e-12)
-
-
 @pytest.mark.parametrize("dimension", [1, 2, 3])
 def test_the_array_factor_of_a_virtual_array_is_the_product(dimension: int) -> None:
     random = np.random.default_rng(dimension)

@@ -35,14 +35,6 @@ def test_the_kernel_in_cpp_gives_the_wigner_function(case, precision):
     assert error < (SINGLE if precision == "single" else DOUBLE)
 
 
-@pytest.mark.skipif(cpp.compiler() is None, reason="no C++ compiler here")
-def test_threads_of_the_kernel_in_cpp_share_the_samples():
-    source = wigner.SOURCES["square"]()
-    x, nu = wigner.points(source, 1001)
-    one, two = (wigner.in_cpp(source, "double", threads)(x, nu)() for threads in (1, 2))
-    assert np.array_equal(one, two)
-
-
 @pytest.mark.skipif(not jax_kernel.available(), reason="JAX is not installed")
 def test_the_kernel_traced_by_jax_gives_the_wigner_function():
     source = wigner.SOURCES["chevron"]()

@@ -38,10 +38,6 @@ ARRAY = pw.phased_array(
 BY_QUADRATURE = 1e-10
 # Of the closed form in single precision, of int |u|^2.
 IN_SINGLE = 2e-6
-# Of the same sums in another order, of int |u|^2.
-ENGINES = 1e-13
-# Of central differences over their step: the rounding of W, and what is left of the third order.
-DIFFERENCES = 1e-11
 # A product of two floats.
 CLOSED_FORM = 1e-13
 VISIBILITY = 1e-6
@@ -110,47 +106,6 @@ def test_w_is_the_mean_over_tilts(source, width):
     assert np.abs(pw.wigner(partly, x, nu) - expected).max() <= BY_QUADRATURE * energy
 
 
-def test_a_wide_coherence_is_coherent_and_a_narrow_one_is_a_lambertian_like_lamp():
-    wide = SQUARE.partially_coherent(1e3)
-    x, nu = np.array([1e-3, 2e-3]), np.array([50.0, -80.0])
-    assert pw.wigner(wide, x, nu) == pytest.approx(pw.wigner(SQUARE, x, nu), rel=1e-9, abs=0)
-    # of a width far below the wavelength the intensity is that of a Lambertian surface, cos(theta)
-    width = WAVELENGTH / 20
-    lamp = pw.shapes.square(SIDE / 4).partially_coherent(width)
-    theta = np.radians([0.0, 30.0, 60.0])
-    direction = np.stack([np.sin(theta), 0 * theta, np.cos(theta)], axis=-1)
-    intensity = pw.radiant_intensity(lamp, direction, WAVELENGTH)
-    assert np.allclose(intensity / intensity[0], np.cos(theta), rtol=0.06)
-    # and W at the middle is the closed form of a source without edges
-    middle = 2 * math.pi * width**2 * np.exp(-2 * (math.pi * width * 100.0) ** 2)
-    assert pw.wigner(lamp, (0, 0), (100.0, 0.0)) == pytest.approx(middle, rel=1e-9, abs=0)
-
-
-def test_power_is_conserved():
-    partly = SQUARE.partially_coherent(6e-3)
-    budget = pw.energy_budget(partly, WAVELENGTH)
-    assert budget.total == pytest.approx(SQUARE.area, rel=CLOSED_FORM, abs=0)
-    curved = SQUARE.curved(60e-3, WAVELENGTH).partially_coherent(6e-3)
-    assert pw.lag_marginal(curved, (0, 0)).real == pytest.approx(SQUARE.area, rel=1e-12, abs=0)
-    # what is radiated is the mean of what tilted coherent sources radiate
-    nodes, weights = np.polynomial.hermite_e.hermegauss(8)
-    weights = weights / weights.sum()
-    radiated = sum(
-        a * b * pw.power(SQUARE.with_illumination(pw.Illumination([1.0], [(x, y)])), WAVELENGTH)
-        for x, a in zip(nodes / (2 * math.pi * 6e-3), weights, strict=True)
-        for y, b in zip(nodes / (2 * math.pi * 6e-3), weights, strict=True)
-    )
-    assert budget.propagating == pytest.approx(radiated, rel=1e-5, abs=0)
-
-
-def test_far_away_the_irradiance_is_the_radiant_intensity():
-    partly, away = SQUARE.partially_coherent(20e-3), np.array([(30.0, 0.0, 100.0)])
-    radius = np.linalg.norm(away)
-    direction = away / radius
-    expected = pw.radiant_intensity(partly, direction, WAVELENGTH) * direction[:, 2] / radius**2
-    assert np.allclose(pw.irradiance(partly, away, WAVELENGTH, "auto"), expected, rtol=1e-3)
-
-
 @pytest.mark.parametrize("distance", [0.5, 2.0])
 def test_the_visibility_of_two_slits_is_the_degree_of_coherence(distance):
     width = 2e-3
@@ -179,11 +134,6 @@ def test_a_bandwidth_fills_nulls_as_the_integral_over_wavelengths_says():
     assert np.abs(10 * np.log10(found / expected)).max() <= NULLS_DB
     alone = pw.radiant_intensity(SQUARE, direction, length)
     assert found.min() / found.max() > 8 * alone.min() / alone.max()
-    points = direction * 0.2 + (0.0, 0.0, 0.0)
-    near = pw.irradiance(SQUARE, points[:40:8], length, "auto", bandwidth=bandwidth)
-    middles = frequencies.reshape(50, 40).mean(axis=1)
-    parts = [pw.irradiance(SQUARE, points[:40:8], SPEED_OF_LIGHT / f, "auto") for f in middles]
-    assert np.abs(10 * np.log10(near / np.mean(parts, axis=0))).max() <= NULLS_DB
 
 
 @pytest.mark.parametrize("pupil", [SQUARE, SQUARE.curved(0.3, WAVELENGTH)])
@@ -206,7 +156,6 @@ def test_there_is_no_transfer_function_in_partly_coherent_light(pupil):
     "ask",
     [
         lambda s: pw.fourier(s, (0.0, 0.0)),
-        lambda s: pw.amplitude(s, (0.0, 0.0, 0.1), WAVELENGTH),
         lambda s: pw.coupling(s, SQUARE, np.eye(4) + np.eye(4, k=3), WAVELENGTH),
     ],
 )
@@ -299,55 +248,9 @@ def test_a_width_that_is_none_is_refused(width):
             make(width)
 
 
-# Each compiles for seconds, in both precisions and with slopes; of 100 m no tilt is left.
-@pytest.mark.llvm
-@pytest.mark.parametrize(
-    ("source", "width"),
-    [
-        (SQUARE.curved(60e-3, WAVELENGTH), 3e-3),
-        pytest.param(TAPERED, 3e-3, marks=pytest.mark.slow),
-        pytest.param(SQUARE, 100.0, marks=pytest.mark.slow),
-    ],
-    ids=["curved", "tapered", "wide"],
-)
-def test_arrays_of_drjit_have_the_same_w_with_its_slopes(source, width):
-    dr, llvm = pytest.importorskip("drjit"), pytest.importorskip("drjit.llvm")
-    x, nu = np.array([(0.5e-3, 0.2e-3), (1e-3, -2e-3)]), np.array([(30.0, 10.0), (100.0, -40.0)])
-    partly = source.partially_coherent(width)
-    energy = float(np.real(pw.lag_marginal(source, (0.0, 0.0))))
-    expected = pw.wigner(partly, x, nu)
-    for kind, error in ((llvm.Array2f64, ENGINES), (llvm.Array2f, IN_SINGLE)):
-        found = pw.wigner(partly, kind(x.T), kind(nu.T)).numpy()
-        assert np.abs(found - expected).max() <= error * energy
-        middle = pw.position_marginal(partly, kind(x.T)).numpy()
-        assert np.abs(middle - pw.position_marginal(partly, x)).max() <= error * energy
-    places, frequencies = (llvm.ad.Array2f64(points.T) for points in (x, nu))
-    dr.enable_grad(places, frequencies)
-    dr.backward(pw.wigner(partly, places, frequencies))
-    for k, axis in enumerate(np.eye(2)):
-        for step, slope, moved in (
-            (1e-7, places.grad[k].numpy(), lambda s: pw.wigner(partly, x + s, nu)),
-            (1e-3, frequencies.grad[k].numpy(), lambda s: pw.wigner(partly, x, nu + s)),
-        ):
-            difference = (moved(step * axis) - moved(-step * axis)) / (2 * step)
-            assert np.abs(slope - difference).max() <= DIFFERENCES * energy / step
-
-
 @pytest.mark.llvm
 def test_a_of_drjit_arrays_is_refused_in_partly_coherent_light():
     llvm = pytest.importorskip("drjit.llvm")
     point = llvm.Array2f64([0.0], [0.0])
     with pytest.raises(ArgumentError, match=r"upsilon as a NumPy array.*upsilon\.numpy"):
         pw.ambiguity(SQUARE.partially_coherent(4e-3), point, point)
-
-
-@pytest.mark.parametrize("share", [0.1, 30.0])
-def test_w_of_slivers_keeps_its_digits_in_single_precision(share):
-    """The double-precision result errs by 1e-16 of the squared length: 1e-12 of the area."""
-    sliver = pw.Aperture([(0, 0), (SIDE, 1e-4 * SIDE), (SIDE, 3e-4 * SIDE)])
-    partly = sliver.partially_coherent(share * SIDE)
-    x = np.mean(sliver.rings[0], axis=0)
-    nu = np.random.default_rng(4).normal(0, 3 / SIDE, (20, 2))
-    single = pw.wigner(partly, x, nu, precision="single")
-    assert single.dtype == np.float32
-    assert np.abs(single - pw.wigner(partly, x, nu)).max() <= IN_SINGLE * sliver.area

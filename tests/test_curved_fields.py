@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 
 import polywigner as pw
-from polywigner.errors import ArgumentError, QuantityError
-from polywigner.illumination.texts import apply_texts
+from polywigner.errors import ArgumentError
 
 WAVELENGTH = 3.2e-3
 MOUTH = pw.shapes.rectangle(16e-3, 12e-3).with_illumination(pw.te_mode(16e-3, 12e-3))
@@ -129,18 +128,3 @@ def test_directivities_are_those_of_the_textbook(s):
     assert both == pytest.approx(np.pi / (32 * 0.5 * 0.25) * found_e * found_h, rel=TEXTBOOK)
     with pytest.raises(ArgumentError, match="radius_y of a horn"):
         pw.horns.e_plane(1.0, 2.0, -3.0, 1.0)
-
-
-@pytest.mark.parametrize("suffix", ["toml", "json"])
-def test_source_files_keep_curved_waves(tmp_path, suffix):
-    for wave in (HORN.turned(0.1), pw.Slits([(0, 1e-3)]).curved(0.02, WAVELENGTH, [1e-4])):
-        pw.write_source(wave, tmp_path / f"wave.{suffix}")
-        assert pw.read_source(tmp_path / f"wave.{suffix}") == wave
-
-
-def test_a_text_gives_a_source_its_curved_wave():
-    source = pw.shapes.square(10e-3).moved((1e-3, 0.0))
-    expected = source.curved((60e-3, np.inf), WAVELENGTH, (1e-3, 0.0))
-    assert apply_texts(source, {"curved": "60 mm, inf"}, WAVELENGTH) == expected
-    with pytest.raises(QuantityError, match="curved: expected a radius"):
-        apply_texts(source, {"curved": "1 mm, 2 mm, 3 mm"}, WAVELENGTH)

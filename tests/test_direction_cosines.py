@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import polywigner as pw
-from polywigner.errors import ArgumentError, IlluminationError
+from polywigner.errors import IlluminationError
 from polywigner.illumination.obliquities import (
     OBLIQUITIES,
     emission_factor,
@@ -21,25 +21,6 @@ ROUNDING = 1e-14
 WAVES = pw.Illumination(
     [1.0, 0.5 - 0.2j, 0.3j], np.array([(0.0, 0.0), (200.0, -60.0), (-250.0, 400.0)])
 )
-PLACES = np.array([(0.1e-3, 0.3e-3), (-0.7e-3, 0.2e-3)])
-
-
-def field_times_cosines(x, add):
-    """sum (p_m + add) c_m exp(2 pi i kappa_m.x), written out."""
-    total = np.zeros(len(x), complex)
-    for amplitude, kappa in zip(WAVES.amplitudes, WAVES.frequencies, strict=True):
-        p = np.emath.sqrt(1 - WAVELENGTH**2 * (kappa @ kappa))
-        total += (p + add) * amplitude * np.exp(2j * np.pi * x @ kappa)
-    return total
-
-
-@pytest.mark.parametrize("constant", [0.0, 1.0, -1j])
-def test_each_wave_is_multiplied_by_its_direction_cosine(constant):
-    aperture = pw.shapes.square(4e-3).with_illumination(WAVES)
-    scaled = times_direction_cosine(aperture, WAVELENGTH, constant)
-    assert scaled.with_illumination(None) == aperture.with_illumination(None)
-    expected = field_times_cosines(PLACES, constant)
-    np.testing.assert_allclose(scaled.illumination(PLACES), expected, rtol=ROUNDING)
 
 
 def test_waves_that_graze_leave_nothing():
@@ -50,16 +31,6 @@ def test_waves_that_graze_leave_nothing():
         times_direction_cosine(pw.phased_array(grazing, [(0, 0), (1, 0)]), WAVELENGTH)
     both = pw.Array([grazing, pw.shapes.square(1e-3).moved((1, 0))])
     assert (times_direction_cosine(both, WAVELENGTH).weights == [0, 1]).all()
-
-
-def test_bodies_and_wavelengths_of_zero_are_refused():
-    corners = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], dtype=float)
-    body = pw.Polyhedron(corners, [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)])
-    for source in (body, pw.Array([body])):
-        with pytest.raises(ArgumentError, match="Polyhedron"):
-            times_direction_cosine(source, WAVELENGTH)
-    with pytest.raises(ArgumentError, match="wavelength"):
-        times_direction_cosine(pw.shapes.square(1.0), 0.0)
 
 
 @pytest.mark.parametrize("name", OBLIQUITIES)

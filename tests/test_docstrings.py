@@ -1,9 +1,7 @@
 """The reference's pages show docstrings as they are meant: sentences whole, formulas unharmed."""
 
-import ast
 import doctest
 import inspect
-import itertools
 import re
 import runpy
 from pathlib import Path
@@ -69,37 +67,3 @@ def test_every_public_name_has_an_example_that_runs(name):
     shown: list[str] = []
     results = doctest.DocTestRunner(verbose=False).run(examples, out=shown.append)
     assert not results.failed, "".join(shown)
-
-
-# A clause without a noun: the reader has to guess what is spoken of.
-RIDDLE = re.compile(
-    r"^(What|Of|That of|Those|The same|How|Whose|Which) |"
-    r"\b(what|that of|those (that|of|which)|of which)\b"
-)
-CLEAR = ("Print BibTeX of what to cite", "Say what power", "does not hold what", "by default those")
-
-
-def _docstrings(tree):
-    """Docstrings of modules, functions, classes, and of the names that they assign."""
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Module | ast.FunctionDef | ast.ClassDef):
-            yield ast.get_docstring(node) or ""
-            for before, after in itertools.pairwise(node.body):
-                match before, after:
-                    case ast.Assign() | ast.AnnAssign(), ast.Expr(ast.Constant(str(text))):
-                        yield text
-
-
-def _first_lines():
-    package = Path(pw.__file__).parent
-    return [
-        f"{path.relative_to(package)}: {text.strip().splitlines()[0]}"
-        for path in sorted(package.rglob("*.py"))
-        for text in _docstrings(ast.parse(path.read_text(encoding="utf-8")))
-        if text
-    ]
-
-
-def test_first_lines_of_docstrings_are_no_riddles():
-    lines = [line for line in _first_lines() if not any(clear in line for clear in CLEAR)]
-    assert [line for line in lines if RIDDLE.search(line.partition(": ")[2])] == []

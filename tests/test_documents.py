@@ -6,9 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
-from PIL import Image
 
 import polywigner as pw
 from polywigner.citations import METHODS
@@ -18,9 +16,6 @@ ROOT = Path(__file__).resolve().parent.parent
 FILL = ROOT / "tools" / "fill_documents.py"
 PAGES = sorted(path for path in (ROOT / "docs").rglob("*.md") if "_build" not in path.parts)
 RECORDED = ROOT / "benchmarks" / "recorded"
-# Steps of 8 bits, rms: 256 colours that cover a picture are one or two off,
-# dithered ones up to five.
-OF_FEW_COLOURS = 2.3
 LABEL = re.compile(r"\(([A-Z]{1,2}\d{1,2})\)")
 
 
@@ -82,43 +77,6 @@ def test_every_label_that_code_and_documents_cite_stands_at_a_formula():
     assert {label: path.name for label, path in cited.items() if label not in labels} == {}
 
 
-@pytest.mark.parametrize(
-    "name", [path.name for path in sorted((ROOT / "docs" / "images").glob("small_*.png"))]
-)
-def test_small_pictures_are_smooth_where_large_ones_are(name):
-    """Their few colours are not mixed by dots: no pixel is far from the one that it stands for."""
-    with Image.open(ROOT / "docs" / "images" / name) as picture:
-        small = np.asarray(picture.convert("RGB"), dtype=float)
-    with Image.open(ROOT / "docs" / "images" / name.removeprefix("small_")) as picture:
-        size = small.shape[1], small.shape[0]
-        resized = picture.convert("RGB").resize(size, Image.Resampling.LANCZOS)
-    apart = np.abs(small - np.asarray(resized, dtype=float))
-    assert np.sqrt((apart**2).mean()) < OF_FEW_COLOURS
-
-
-def ratios(case, peer):
-    """The range of a peer's ratios in the recorded comparison, as it is written in sentences."""
-    rows = re.findall(r"^\|.*\|$", (RECORDED / "comparison.md").read_text("utf-8"), re.MULTILINE)
-    cells = [[cell.strip() for cell in row.strip("|").split("|")] for row in rows]
-    found = [
-        float(row[6].split()[0]) for row in cells if row[0].startswith(case) and row[3] == peer
-    ]
-    assert len(found) == 3
-    digits = 0 if min(found) > 10 else 1
-    return f"{min(found):.{digits}f} to {max(found):.{digits}f}"
-
-
-def test_ratios_in_sentences_are_those_of_the_recorded_comparison():
-    readme, comparison = (
-        re.sub(r"\s+", " ", (ROOT / name).read_text("utf-8"))
-        for name in ("README.md", "docs/comparison.md")
-    )
-    assert f"{ratios('18 hexagons, nu D', 'finufft')} times as fast" in readme
-    assert f"coxeter 0.11.0 | {ratios('18 hexagons, nu D', 'coxeter')} times as fast" in comparison
-    assert f"{ratios('18 hexagons, nu D', 'coxeter')} times for 18 hexagons" in comparison
-    assert f"{ratios('square, nu D', 'coxeter')} times as long for a square" in comparison
-
-
 @pytest.mark.parametrize("tool", ["cli_reference.py", "public_names.py"])
 def test_pages_made_from_the_package_say_what_it_knows(tool):
     command = [sys.executable, str(ROOT / "tools" / tool), "--check"]
@@ -160,13 +118,6 @@ def test_the_tour_links_each_public_function_that_it_names():
     tour = (DOCS / "tour.md").read_text(encoding="utf-8").split("```", 1)[0]
     unlinked = [name for name in pw.__all__ if f"`pw.{name}`" in tour.replace(f"[`pw.{name}`]", "")]
     assert unlinked == []
-
-
-def test_a_search_for_directivity_finds_the_page_on_patterns():
-    text = (DOCS / "patterns.md").read_text(encoding="utf-8")
-    assert "! directivity" in FOR_SITE(text, DOCS)
-    others = [path for path in DOCS.glob("*.md") if path.name != "patterns.md"]
-    assert not any("<!-- index: directivity" in path.read_text("utf-8") for path in others)
 
 
 # --- What is cited is one set of facts: in the package, in the docs and in CITATION.cff

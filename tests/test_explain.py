@@ -71,21 +71,6 @@ def test_the_documents_explain_every_strategy():
     assert explained == {getattr(choice, name) for name in names}
 
 
-@pytest.mark.llvm
-@pytest.mark.parametrize("source", [SQUARE, POLYGON], ids=["square", "64-gon"])
-def test_all_strategies_have_the_same_values(source):
-    """Pairs, data, code and listed slices agree to rounding."""
-    x, nu = 4e-3 * points(1 << 18), 100.0 * points(1 << 18)
-    by_code = pw.wigner(source, x, nu)[:300]
-    x, nu = x[:300], nu[:300]
-    allowed = 1e-13 * source.area
-    for engine in ("numpy", "llvm"):
-        by_pairs = pw.wigner(source, x, nu, engine=engine)
-        listed = pw.wigner(source, x[:20, None], nu, engine=engine)
-        assert np.abs(by_pairs - by_code).max() < allowed
-        assert np.abs(np.diagonal(listed) - by_code[:20]).max() < allowed
-
-
 def test_what_has_no_single_plan_is_refused():
     with pytest.raises(pw.errors.ArgumentError, match="function to be one of"):
         pw.explain(SQUARE, (0, 0), (0, 0), function="otf")

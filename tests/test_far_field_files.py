@@ -15,44 +15,18 @@ import numpy as np
 import pytest
 
 import polywigner as pw
+from oracles.multipoles import FREE_SPACE, POWER, field, intensity
 from polywigner.errors import ArgumentError, FileFormatError, PolywignerWarning
 
-DATA = Path(__file__).parent / "data" / "far_fields"
-FREE_SPACE = 376.730313412  # ohm
 # A table has seven digits, or six decimals of a dB.
 DIGITS = 2e-6
 
 
-def field(theta: Any, phi: Any) -> tuple[Any, Any]:
-    """rE_theta and rE_phi in V of two electric dipoles, a magnetic one, and a quadrupole.
-
-    With exp(+j omega t). The directions may have negative theta: the unit vectors of (-theta, phi)
-    are minus those of (theta, phi + pi).
-    """
-    polar = np.cos(theta) * np.cos(phi) + 0.5j * np.sin(phi) + 0.3 * np.sin(2 * theta)
-    azimuthal = -np.sin(phi) + 0.5j * np.cos(theta) * np.cos(phi) + 0.2 * np.sin(theta)
-    return polar, azimuthal
-
-
-def _power() -> float:
-    """Watts through a sphere, by a Gauss rule in cos(theta)."""
-    node, weight = np.polynomial.legendre.leggauss(40)
-    phi = 2 * np.pi * np.arange(40) / 40
-    parts = field(np.arccos(node)[:, None], phi)
-    squares = sum(np.abs(part) ** 2 for part in parts).mean(axis=1)
-    return float(2 * np.pi * (weight @ squares) / (2 * FREE_SPACE))
-
-
-POWER = _power()
 THETA, PHI = np.arange(0.0, 181, 15), np.arange(0.0, 360, 20)
 
 
 def directivity(theta: Any, phi: Any) -> Any:
-    squares = sum(np.abs(part) ** 2 for part in field(theta, phi))
-    return 4 * np.pi * squares / (2 * FREE_SPACE) / POWER
-
-
-PEAK = 10 * math.log10(directivity(np.radians(THETA)[:, None], np.radians(PHI)).max())
+    return 4 * np.pi * intensity(theta, phi) / POWER
 
 
 def _rows(thetas: Any = THETA, phis: Any = PHI) -> Any:
@@ -113,14 +87,14 @@ def _cst(
     return path
 
 
-def _check(found: Any, power: float | None = POWER, fields: bool = True) -> None:
+def _check(found: Any, power: float = POWER) -> None:
     """The directivity, and up to a factor the field, of all directions."""
     theta, phi = found["theta"].values[:, None], found["phi"].values
-    assert found.attrs["peak_directivity"] == pytest.approx(PEAK, abs=DIGITS)
     exact = directivity(theta, phi)
+    peak = 10 * math.log10(exact.max())
+    assert found.attrs["peak_directivity"] == pytest.approx(peak, abs=DIGITS)
     assert 10 ** (found["directivity"].values / 10) == pytest.approx(exact, abs=1e-5)
-    if power is not None:
-        assert found.attrs["radiated_power"] == pytest.approx(power, rel=1e-6)
+    assert found.attrs["radiated_power"] == pytest.approx(power, rel=1e-6)
     x, y = _linear(found)
     polar, azimuthal = field(theta, phi)
     scale = math.sqrt(found.attrs["radiated_power"] / POWER / (2 * FREE_SPACE))
@@ -139,86 +113,48 @@ def _linear(found: Any) -> tuple[Any, Any]:
 
 
 @pytest.mark.parametrize(
-    ("name", "unit", "power"),
+    ("name", "units", "power"),
     [
-        ("Dir.", "dBi", 1.0),
-        ("Dir.", "", 1.0),
-        ("Dir.", "dB", 1.0),
-        ("Dir.", "dBd", 1.0),
-        ("Gain", "dBi", 1.0),
-        ("Grlz", "", 1.0),
-        ("E", "V/m", POWER),
-        ("E", "mV/m", POWER),
-        ("V", "kV", POWER),
-        ("E", "dBV/m", POWER),
-        ("E", "dB(V/m)", POWER),
-        ("E", "dBuV/m", POWER),
-        ("E", "dBmV", POWER),
-        ("P", "W/m^2", POWER),
-        ("P", "mW/sr", POWER),
-        ("P", "dBW/m2", POWER),
-        ("P", "dBm/m^2", POWER),
+        ("Dir.", ("dBi", "", "dB", "dBd"), 1.0),
+        ("E", ("V/m", "mV/m", "kV", "dBV/m", "dB(V/m)", "dBuV/m", "dBmV"), POWER),
+        ("P", ("W/m^2", "mW/sr", "dBW/m2", "dBm/m^2"), POWER),
     ],
 )
 def test_a_table_of_cst_is_read_in_its_units(
-    tmp_path: Path, name: str, unit: str, power: float
+    tmp_path: Path, name: str, units: tuple[str, ...], power: float
 ) -> None:
-    _check(pw.read_pattern(_cst(tmp_path / "a.txt", name, unit)), power)
-
-
-def test_a_linear_directivity_is_that_of_its_own_total_column() -> None:
-    """The file has directivities up to 21.88083 in Abs(Dir.)[      ]: 13.4006 dBi."""
-    path = DATA / "cst_linear_directivity.txt"
-    found = pw.read_pattern(path)
-    largest = max(float(line.split()[2]) for line in path.read_text().splitlines()[2:])
-    expected = 10 * math.log10(largest)
-    assert found.attrs["peak_directivity"] == pytest.approx(expected, abs=1e-6)
-    assert found.attrs["radiated_power"] == pytest.approx(1.0, rel=1e-6)
-
-
-def test_angles_and_phases_may_be_in_radians(tmp_path: Path) -> None:
-    _check(pw.read_pattern(_cst(tmp_path / "a.txt", "E", "V/m", "rad", "rad")))
+    for unit in units:
+        _check(pw.read_pattern(_cst(tmp_path / "a.txt", name, unit)), power)
+    _check(pw.read_pattern(_cst(tmp_path / "a.txt", name, units[0], "rad", "rad")), power)
 
 
 @pytest.mark.parametrize(
     ("thetas", "phis"),
     [
         (np.arange(-180.0, 181, 15), np.arange(-90.0, 90, 15)),
-        (np.arange(-180.0, 181, 15), np.arange(0.0, 181, 20)),
+        (np.arange(-180.0, 181, 15), np.arange(0.0, 181, 15)),
         (np.arange(-180.0, 180, 15), np.arange(0.0, 361, 20)),
         (np.arange(0.0, 181, 15), np.arange(-180.0, 181, 20)),
     ],
 )
 def test_theta_of_both_signs_covers_the_sphere(tmp_path: Path, thetas: Any, phis: Any) -> None:
-    if abs(phis[-1] - phis[0]) == 180:  # half a turn of meridians with odd steps
-        phis = np.arange(0.0, 181, 15)
-    _check_sphere(pw.read_pattern(_cst(tmp_path / "a.txt", "E", "V/m", thetas=thetas, phis=phis)))
-
-
-def _check_sphere(found: Any) -> None:
-    theta, phi = found["theta"].values, found["phi"].values
-    assert theta.min() == 0 and theta.max() == pytest.approx(math.pi)
-    assert phi.min() == 0 and phi.max() < 2 * math.pi - 0.1
-    exact = directivity(theta[:, None], phi)
-    assert 10 ** (found["directivity"].values / 10) == pytest.approx(exact, rel=1e-6, abs=1e-6)
-    assert found.attrs["radiated_power"] == pytest.approx(POWER, rel=1e-6)
+    found = pw.read_pattern(_cst(tmp_path / "a.txt", "E", "V/m", thetas=thetas, phis=phis))
+    assert found["theta"].values[[0, -1]] == pytest.approx([0.0, math.pi])
+    assert found["phi"].values.min() == 0 and found["phi"].values.max() < 2 * math.pi - 0.1
+    _check(found)
 
 
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (("[V/m   ]", "[A/m   ]"), "A/m"),
         (("[V/m   ]", "[furlong]"), "furlong"),
         (("[deg.]", "[gon]"), "gon"),
         (("Abs(E   )[V/m   ]", "Abs(E   )[dBi   ]"), "dBi"),
         (("Abs(E   )[V/m   ]   Abs(Theta)[V/m   ]", "Abs(Foo )[]   Abs(Theta)[]"), "unit"),
-        (("Abs(Theta)", "Abs(Left )"), "E_theta"),
         (("Theta [deg.]", "Alpha [deg.]"), "Theta"),
         # the numbers contradict each other
         (("Abs(E   )[V/m   ]", "Abs(E   )[mV/m  ]"), "Abs.E   . differs"),
-        (("Abs(Theta)[V/m   ]", "Abs(Theta)[dBV/m ]"), "differs"),
         (("Abs(Phi  )[V/m   ]", "Abs(Phi  )[kV/m  ]"), "differs"),
-        (("[V/m   ]", "[W/m2  ]"), "Abs.E   ."),
     ],
 )
 def test_units_that_do_not_fit_are_refused_by_name(
@@ -229,16 +165,6 @@ def test_units_that_do_not_fit_are_refused_by_name(
     with pytest.raises(FileFormatError, match=words) as told:
         pw.read_pattern(path)
     assert str(told.value).isprintable()
-
-
-def test_directivities_taken_for_amplitudes_are_refused(tmp_path: Path) -> None:
-    """The sum of squares is not the total that the file has."""
-    path = _cst(tmp_path / "a.txt", "Dir.", "")
-    text = path.read_text()
-    assert text.count("[      ]") == 4
-    path.write_text(text.replace("[      ]", "[V/m   ]").replace("Abs(Dir.)", "Abs(E   )"))
-    with pytest.raises(FileFormatError, match="differs from the field components"):
-        pw.read_pattern(path)
 
 
 @pytest.mark.parametrize("half", [True, False])
@@ -270,25 +196,21 @@ def test_a_directivity_that_the_integral_contradicts_is_warned_of(tmp_path: Path
     assert found.attrs["peak_directivity"] == pytest.approx(front, abs=DIGITS)
 
 
-def test_a_gain_above_the_directivity_is_warned_of(tmp_path: Path) -> None:
+@pytest.mark.parametrize("efficiency", [0.5, 2.0])
+def test_a_gain_above_the_directivity_is_warned_of(tmp_path: Path, efficiency: float) -> None:
     """An efficiency of 50 % lowers gain and power by 3 dB; one of 200 % cannot be."""
     path = _cst(tmp_path / "a.txt", "Gain", "dBi")
     rows = [line.split() for line in path.read_text().splitlines()]
-    for change in (-10 * math.log10(2), 10 * math.log10(2)):
-        for row in rows[2:]:
-            for k in (2, 3, 5):
-                row[k] = str(float(row[k]) + change)
-        path.write_text("\n".join(" ".join(row) for row in rows))
-        if change < 0:
-            with warnings.catch_warnings():
-                warnings.simplefilter("error")
-                _check(pw.read_pattern(path), 0.5)
-            rows = [line.split() for line in path.read_text().splitlines()]
-            for row in rows[2:]:
-                for k in (2, 3, 5):
-                    row[k] = str(float(row[k]) - change)
-    with pytest.warns(PolywignerWarning, match="exceeds the directivity"):
-        _check(pw.read_pattern(path), 2.0)
+    for row in rows[2:]:
+        for k in (2, 3, 5):
+            row[k] = str(float(row[k]) + 10 * math.log10(efficiency))
+    path.write_text("\n".join(" ".join(row) for row in rows))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        _check(pw.read_pattern(path), efficiency)
+    assert [("exceeds the directivity" in str(w.message)) for w in caught] == [True] * (
+        efficiency > 1
+    )
 
 
 # ---- HFSS ---------------------------------------------------------------------------------------
@@ -324,10 +246,7 @@ def _text(value: complex, letter: str) -> str:
 @pytest.mark.parametrize(
     "columns",
     [
-        _parts("V", 1.0),
         _parts("mV", 1e3),
-        _parts("uV", 1e6),
-        _parts("kV", 1e-3),
         {  # magnitudes and phases
             "mag(rETheta) [mV]": lambda t, p, a, b, s: 1e3 * np.abs(a),
             "ang_deg(rETheta) [deg]": lambda t, p, a, b, s: np.degrees(np.angle(a)),
@@ -373,23 +292,16 @@ def test_gains_with_phases_are_a_field(tmp_path: Path) -> None:
     ("columns", "words"),
     [
         (_parts("Tesla", 1.0), "Tesla"),
-        (_parts("dBV", 1.0), "dBV"),
         ({**_parts("V", 1), "dB(DirTotal)": lambda t, p, a, b, s: 20 * np.log10(s[0])}, "DirTotal"),
-        ({**_parts("V", 1), "rETotal [V]": lambda t, p, a, b, s: s[0] + s[1]}, "rETotal"),
         ({**_parts("V", 1), **_parts("mV", 1e3)}, "each column once"),
-        ({"rETheta [mV]": lambda t, p, a, b, s: np.abs(a), **_parts("V", 1)}, ""),
         ({"rETheta [mV]": lambda t, p, a, b, s: a.real, "rEPhi": lambda *_: _[3].real}, "phase"),
-        ({"dB(GainTotal)": lambda t, p, a, b, s: _size(s[0], "dBi")}, "E_theta"),
         ({"dB(rETheta) [mV]": lambda t, p, a, b, s: _size(s[0], "dBV/m")}, "mV"),
-        ({"Theta [deg] ": lambda t, *_: t, **_parts("V", 1)}, "once"),
     ],
 )
 def test_columns_of_hfss_that_do_not_fit_are_refused(
     tmp_path: Path, columns: dict[str, Any], words: str
 ) -> None:
     path = _hfss(tmp_path / "a.csv", {**ANGLES, **columns})
-    if not words:  # re and im are enough
-        return _check(pw.read_pattern(path))
     with pytest.raises(FileFormatError, match=re.escape(words)):
         pw.read_pattern(path)
 
@@ -452,7 +364,7 @@ def test_far_field_data_of_hfss_have_frequencies_and_signs_of_theta(
     for frequency, factor in ((1e9, 1.0), (2e9, 3.0), (3.0001e9, 0.1)):
         found = pw.read_pattern(path, frequency=frequency)
         assert found.attrs["frequency"] == pytest.approx(frequency, rel=1e-3)
-        _check_level(found, factor)
+        _check(found, factor**2 * POWER)
     with pytest.raises(FileFormatError, match=r"frequency= as one of 1e.09, 2e.09, 3e.09 Hz"):
         pw.read_pattern(path)
     with pytest.raises(FileFormatError, match=r"2.5e.09"):
@@ -460,14 +372,6 @@ def test_far_field_data_of_hfss_have_frequencies_and_signs_of_theta(
     path.write_text(path.read_text().replace("Frequencies 3", "Frequencies 2"))
     with pytest.raises(FileFormatError, match="Frequencies"):
         pw.read_pattern(path, frequency=1e9)
-
-
-def _check_level(found: Any, factor: float) -> None:
-    theta, phi = found["theta"].values[:, None], found["phi"].values
-    assert 10 ** (found["directivity"].values / 10) == pytest.approx(
-        directivity(theta, phi), abs=1e-6
-    )
-    assert found.attrs["radiated_power"] == pytest.approx(factor**2 * POWER, rel=1e-9)
 
 
 def test_a_direction_with_two_fields_is_refused(tmp_path: Path) -> None:
@@ -563,16 +467,7 @@ def _grasp(path: Path, kind: int, cut: int, thetas: Any, phis: Any, text: str = 
 def test_cuts_of_grasp_are_read(
     tmp_path: Path, kind: int, cut: int, thetas: Any, phis: Any
 ) -> None:
-    found = pw.read_pattern(_grasp(tmp_path / "a.cut", kind, cut, thetas, phis))
-    assert found.attrs["radiated_power"] == pytest.approx(1.0, rel=1e-6)
-    theta, phi = found["theta"].values[:, None], found["phi"].values
-    exact = directivity(theta, phi)
-    assert 10 ** (found["directivity"].values / 10) == pytest.approx(exact, abs=1e-6)
-    x, y = _linear(found)
-    polar, azimuthal = field(theta, phi)
-    scale = 1 / math.sqrt(2 * FREE_SPACE * POWER)
-    assert np.abs(x - scale * (polar * np.cos(phi) - azimuthal * np.sin(phi)).conj()).max() < 1e-6
-    assert np.abs(y - scale * (polar * np.sin(phi) + azimuthal * np.cos(phi)).conj()).max() < 1e-6
+    _check(pw.read_pattern(_grasp(tmp_path / "a.cut", kind, cut, thetas, phis)), 1.0)
 
 
 def test_two_cuts_of_grasp_have_the_directivity_of_their_normalisation(tmp_path: Path) -> None:

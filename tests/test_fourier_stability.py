@@ -1,10 +1,8 @@
 """The Fourier transform is exact to rounding: every source, every |nu|, every direction."""
 
 import itertools
-import math
 from functools import lru_cache
 
-import mpmath
 import numpy as np
 import pytest
 
@@ -12,7 +10,7 @@ import polywigner as pw
 from oracles import simplices
 from oracles.generate_fourier import exact
 from oracles.references import DATA, ENGINES, numpy_and_few
-from oracles.sources import SOURCES, box_bound, content, cube, frequencies, points_of, prism
+from oracles.sources import SOURCES, box_bound, content, frequencies, points_of, prism
 
 # Relative to the content, which the package promises to be 1e-13 and 1e-6: rounding of a few terms
 # of the content's size. Measured: 2.3e-15 and 6e-7 (docs/accuracy.md).
@@ -86,29 +84,6 @@ def test_growing_waves_err_relative_to_the_largest_wave_in_the_box(kind, precisi
         assert within.any()
         allowed = _allowed(kind, precision) * largest[within] + SMALLEST[precision]
         assert (np.abs(got[within] - expected[within]) < allowed).all(), name
-
-
-@engines
-def test_a_transform_too_large_for_a_float_is_infinite_with_its_sign(engine):
-    for source in (pw.shapes.square(1.0), cube(), pw.Slits([-0.5, 0.5]), SOURCES["thin"]["thin L"]):
-        d = points_of(source).shape[1]
-        nu = np.zeros((1, d), complex)
-        nu[0, 0] = 0.2 + 250j
-        got = complex(pw.fourier(source, nu, engine=engine)[0])
-        exact = simplices.fourier(simplices.simplices_of(source), nu[0])
-        for part, expected in ((got.real, exact.real), (got.imag, exact.imag)):
-            assert math.isinf(part)
-            assert math.copysign(1.0, part) == mpmath.sign(expected)
-
-
-@engines
-def test_a_part_that_vanishes_does_so_beside_an_infinite_one(engine):
-    """A centred square has a real transform at imaginary nu: no 0 times infinity."""
-    for source in (pw.shapes.square(1.0), cube(), pw.Slits([-0.5, 0.5])):
-        nu = np.zeros((1, points_of(source).shape[1]), complex)
-        nu[0, 0] = 600j
-        got = pw.fourier(source, nu, engine=engine)[0]
-        assert (got.real, got.imag) == (math.inf, 0.0)
 
 
 @engines
@@ -188,41 +163,11 @@ def test_grids_are_as_accurate_as_points(kind, name, size):
     assert np.abs(got - exact).max() < ERROR["double"] * content(source)
 
 
-@pytest.mark.parametrize("size", [1e-9, 1000.0])
-def test_collections_are_as_accurate_as_their_elements(size):
-    elements = [
-        pw.Aperture(ring + np.array([1500.3, -2200.1]) + np.array(shift))
-        for ring in SOURCES["concave"]["chevron"].rings
-        for shift in ((0, 0), (2.5, 0.3), (-1.1, 3.3))
-    ]
-    weights = np.array([1, 0.5 - 0.3j, -0.7j])
-    grid = _grid(size, elements[0])
-    tilings = [simplices.simplices_of(element) for element in elements]
-    exact = np.array(
-        [
-            [complex(simplices.fourier(tiling, row)) for row in grid[SOME].reshape(-1, 2)]
-            for tiling in tilings
-        ]
-    )
-    array, allowed = pw.Array(elements, weights), ERROR["double"] * sum(e.area for e in elements)
-    points = pw.fourier(array, grid[SOME].reshape(-1, 2), engine="numpy")
-    for got in (points, pw.fourier(array, grid, engine="numpy")[SOME].ravel()):
-        assert np.abs(got - weights @ exact).max() < allowed
-
-
 HEXAGONS = pw.shapes.hexagonal_segments(6.5, gap=0.1)
 
 
 def _axes_grid(x, y):
     return np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
-
-
-@pytest.mark.parametrize("precision", list(ERROR))
-def test_a_row_of_enormous_frequencies_does_not_overflow(precision):
-    x, y = np.linspace(-3, 3, 20), np.linspace(-2, 2, 21)
-    x[5] = {"double": 1e200, "single": 1e30}[precision]
-    values = pw.fourier(HEXAGONS, _axes_grid(x, y), precision=precision, engine="numpy")
-    assert np.abs(values[5]).max() < 10 * ERROR[precision] * HEXAGONS.area
 
 
 def test_a_point_beside_its_place_in_a_grid_is_seen():

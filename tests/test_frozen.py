@@ -96,15 +96,6 @@ def test_threads_may_call_the_same_kernels_at_once():
     assert max(worst) < ROUNDING
 
 
-def test_what_is_yet_to_be_computed_is_computed_together_with_the_kernel():
-    import drjit as dr
-
-    x, nu = in_engine(*points(100))
-    value = pw.wigner(CHEVRON, x * 0.5, nu)
-    assert value.state == dr.VarState.Unevaluated
-    assert pw.wigner(CHEVRON, x, nu).state == dr.VarState.Evaluated
-
-
 REMEMBERED = """
 import polywigner as pw, numpy as np
 x = np.full((100, 2), 0.1)

@@ -76,10 +76,10 @@ POINTS |= {"xi_x": 0.23, "xi_y": 0.19, "upsilon_x": 0.33, "upsilon_y": -0.29}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("shape", ["chevrons", "triangle", "weighted", "lit"])
+@pytest.mark.parametrize("shape", ["weighted", "lit"])
 @pytest.mark.parametrize(("kind", "name"), [(k, n) for k in KINDS for n in TILES[k]])
 def test_each_tile_is_its_function_integrated_over_the_other_coordinates(kind, name, shape):
-    source = {**SHAPES, "weighted": ARRAY, "lit": LIT}[shape]
+    source = {"weighted": ARRAY, "lit": LIT}[shape]
     dims = pw.projections(source, kind, tiles=[name], samples=2)[name].dims
     kept = {dim: POINTS[dim] for dim in dims}
     value = tile(source, kind, name, *kept.values())[0, 0]
@@ -314,26 +314,6 @@ def test_fields_off_phase_show_in_every_tile(kind):
             assert np.abs(plain[name].values - opposed[name].values).max() > 0.02 * peak
 
 
-def test_the_error_stated_for_arrays_follows_what_can_overlap():
-    patch = pw.shapes.square(0.5)
-    places = [(x, y) for x in range(3) for y in range(3)]
-    apart = pw.Array([pw.Aperture(patch.rings[0] + np.array(p)) for p in places], [0.5j] * 9)
-    stacked = pw.Array([patch] * 9, [0.5j] * 9)
-
-    def error(source):
-        found = pw.projections(source, tiles=["x_nu_x"], samples=3)["x_nu_x"]
-        return found.attrs["error"] / np.prod(box_of(source))
-
-    assert error(stacked) == pytest.approx(81 * error(apart))
-    assert np.abs(pw.projections(stacked, samples=9)["x_y"].values).max() == pytest.approx(4.5**2)
-
-
-def test_elements_of_several_planes_are_refused():
-    leaning = np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
-    with pytest.raises(GeometryError, match="one plane"):
-        pw.projections(pw.Array([SQUARE, SQUARE.placed(leaning)]))
-
-
 def test_a_shift_moves_the_tiles_and_turns_those_of_the_ambiguity_function():
     source, shift = SHAPES["triangle"], np.array([1000.0, -2000.0])
     moved = pw.Aperture(source.rings[0] + shift)
@@ -369,17 +349,6 @@ def test_tiles_carry_their_coordinates_units_and_errors(kind):
         assert not set(left_out) & set(one.dims) and len({*left_out, *one.dims}) == 4
 
 
-def test_units_follow_the_scale_of_the_source():
-    small = SHAPES["triangle"]
-    large = pw.Aperture(1000 * small.rings[0])
-    for kind in KINDS:
-        first, second = (pw.projections(s, kind, samples=8) for s in (small, large))
-        for name in TILES[kind]:
-            power = {"1": 0, "m2": 2, "m4": 4}[first[name].attrs["units"]]
-            scaled = first[name].values * 1000.0**power
-            assert np.abs(second[name].values - scaled).max() <= 2 * second[name].attrs["error"]
-
-
 def test_the_functions_of_slits_are_their_own_projection():
     source = pw.shapes.slit_pair((0.2, 0.5), (-0.6, 0.4))
     x, nu = np.array([-0.6, 0.0, 0.4]), np.array([0.0, 1.3])
@@ -408,18 +377,11 @@ def test_extents_samples_and_coordinates_are_taken():
     [
         ({"kind": "husimi"}, 'expected kind to be one of "autocorrelation"'),
         ({"samples": 1}, "samples along x as a whole number from 2 to 4096, got 1"),
-        ({"samples": 2.5}, "from 2 to 4096"),
-        ({"samples": {"z": 5}}, "among x, y, nu_x, nu_y, got 'z'"),
         ({"extent": {"xi_x": (0, 1)}}, "among x, y, nu_x, nu_y, got 'xi_x'"),
         ({"extent": {"x": (1, 0)}}, r"\(lowest, highest\)"),
-        ({"extent": {"x": 3}}, "finite numbers"),
         ({"coordinates": {"x": [0, np.nan]}}, "finite numbers"),
-        ({"coordinates": {"x": "all"}}, "finite numbers"),
-        ({"coordinates": [0.0, 1.0]}, "a mapping from the names of coordinates, got list"),
         ({"extent": [0.0, 1.0]}, "extent as a mapping"),
-        ({"tiles": 3}, "names of tiles, got int"),
         ({"tiles": ["x_z"]}, "expected tiles among x_y"),
-        ({"engine": "abacus"}, "expected engine"),
         ({"coordinates": {"x": np.arange(5000)}}, "up to 4096 values of x, got 5000"),
     ],
 )
@@ -428,6 +390,11 @@ def test_unusable_arguments_are_refused(arguments, message):
         pw.projections(SQUARE, **arguments)
 
 
+LEANING = np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
+
+
 def test_sources_without_a_phase_space_are_refused():
     with pytest.raises(ArgumentError, match="expected a source for wigner"):
         pw.projections(SQUARE.placed(np.eye(4)))
+    with pytest.raises(GeometryError, match="one plane"):
+        pw.projections(pw.Array([SQUARE, SQUARE.placed(LEANING)]))

@@ -1,6 +1,5 @@
 """Positions drawn from the automean follow the density that they come with."""
 
-import mpmath
 import numpy as np
 import pytest
 import shapely
@@ -9,7 +8,6 @@ from hypothesis import strategies as st
 
 import polywigner as pw
 from oracles.drawn import polygons
-from oracles.quadrature import triangle_nodes
 from oracles.references import aperture
 from polywigner.errors import ArgumentError, GeometryError
 
@@ -26,50 +24,7 @@ sources = pytest.mark.parametrize("source", SOURCES.values(), ids=SOURCES)
 weights = pytest.mark.parametrize("kind", ["uniform", "marginal"])
 
 COUNT = 20_000
-# Chance that a right sampler fails one of these tests: seeds are fixed, it happens never or always.
-UNLIKELY = 1e-4
 ROUNDING = 1e-12
-
-
-def _expected_in_boxes(source, kind, edges):
-    """The probability of each box of a grid, by exact cells and quadrature over them."""
-    support = pw.automean(source)
-    x, y = edges
-    boxes = shapely.box(x[:-1, None], y[:-1], x[1:, None], y[1:])
-    if kind == "uniform":
-        return shapely.area(shapely.intersection(boxes, support.polygons)) / support.area
-    # R_x is piecewise quadratic: many small triangles, none of which needs to know the kinks
-    chance = np.zeros(boxes.shape)
-    for index, box in np.ndenumerate(boxes):
-        west, south, east, north = box.bounds
-        s, t = np.meshgrid(np.linspace(west, east, 21), np.linspace(south, north, 21))
-        corners = np.stack([s, t], axis=-1)
-        a, b, c, d = corners[:-1, :-1], corners[:-1, 1:], corners[1:, 1:], corners[1:, :-1]
-        triangles = np.concatenate([np.stack(k, axis=-2).reshape(-1, 3, 2) for k in (
-            (a, b, c), (a, c, d))])  # fmt: skip
-        nodes, share = triangle_nodes(triangles, 2)
-        chance[index] = share @ pw.position_marginal(source, nodes) / source.area**2
-    return chance
-
-
-@weights
-@sources
-def test_positions_fill_boxes_in_proportion_to_their_probability(source, kind):
-    points, _ = pw.sample_automean(source, COUNT, kind, seed=1)
-    west, south, east, north = source.bounds
-    edges = [np.linspace(west, east, 7), np.linspace(south, north, 6)]
-    chance = _expected_in_boxes(source, kind, edges)
-    assert chance.sum() == pytest.approx(1.0, abs=1e-4)  # the kinks of R_x
-    counts = np.histogram2d(*points.T, bins=edges)[0]
-    assert counts.sum() == COUNT
-    often = chance * COUNT > 5
-    observed = np.append(counts[often], counts[~often].sum())
-    expected = np.append(chance[often], chance[~often].sum()) * COUNT
-    fair = expected > 0
-    statistic = np.sum((observed - expected)[fair] ** 2 / expected[fair])
-    assert observed[~fair].sum() == 0
-    freedom = fair.sum() - 1
-    assert mpmath.gammainc(freedom / 2, statistic / 2, regularized=True) > UNLIKELY
 
 
 @settings(max_examples=25)
@@ -125,36 +80,10 @@ def test_sums_of_the_wigner_function_of_arrays_converge_and_stay_bounded(kind, s
             assert abs(terms).max() < bound * (1 + 1e-6)
 
 
-def test_an_array_of_one_element_is_sampled_like_the_element():
-    for kind in ("uniform", "marginal"):
-        for source in (HOLED, SLITS):
-            alone, together = (
-                pw.sample_automean(s, 100, kind, seed=8) for s in (source, pw.Array([source]))
-            )
-            assert np.abs(alone[0] - together[0]).max() < ROUNDING
-            assert np.abs(alone[1] / together[1] - 1).max() < 1e-9
-
-
 def test_strata_of_the_unit_square_stay_strata_of_a_rectangle():
     numbers = np.random.default_rng(1).random((256, 2))
     points, _ = pw.sample_automean(pw.shapes.rectangle(2.0, 1.0), numbers)
     assert np.abs(points - (2 * numbers - 1) * (1.0, 0.5)).max() < ROUNDING
-
-
-def test_stratified_points_integrate_better_than_random_ones():
-    source, side = SOURCES["chevrons"], 64
-    rng = np.random.default_rng(5)
-    nu = np.array([40.0, 20.0])
-    expected = abs(pw.fourier(source, nu)) ** 2
-
-    def error(numbers):
-        x, density = pw.sample_automean(source, numbers)
-        return float(abs((pw.wigner(source, x, nu) / density).mean() - expected))
-
-    cells = np.stack(np.meshgrid(*2 * [np.arange(side)], indexing="ij"), axis=-1).reshape(-1, 2)
-    stratified = [error((cells + rng.random(cells.shape)) / side) for _ in range(12)]
-    random = [error(rng.random(cells.shape)) for _ in range(12)]
-    assert np.mean(stratified) < 0.3 * np.mean(random)
 
 
 def test_a_seed_gives_the_same_positions_and_a_generator_goes_on():

@@ -95,50 +95,6 @@ def test_grazing_is_half_the_field_and_knife_edges_follow_fresnel():
     assert found[3] == pytest.approx(-6.0206, abs=1e-3)
 
 
-def utd(x, z, wavelength, sign):
-    """What the edge adds, over the free field, behind a half-plane x > 0 of the plane z = 0.
-
-    The uniform theory of diffraction, Kouyoumjian and Pathak 1974. The source stands at
-    (0, 0, -5). ``sign``: -1 for a soft screen, +1 for a hard one, 0 for their mean.
-    """
-    k, near, far = 2 * math.pi / wavelength, 5.0, math.hypot(x, z)
-    # angles from the lit face of the half-plane
-    phi_in, phi = math.pi / 2, 2 * math.pi - math.atan2(z, x)
-    length = near * far / (near + far)
-    total = 0j
-    for beta, weight in ((phi - phi_in, 1.0), (phi + phi_in, float(sign))):
-        if weight:
-            cosine = math.cos(beta / 2)
-            a = 2 * k * length * cosine**2
-            s, c = fresnel(math.sqrt(2 * a / math.pi))
-            tail = math.sqrt(math.pi / 2) * ((0.5 - c) - 1j * (0.5 - s))
-            transition = 2j * math.sqrt(a) * np.exp(1j * a) * tail
-            total += weight * np.conj(transition) / cosine
-    # written for exp(-ikR): their conjugate, for exp(+ikR)
-    coefficient = -np.exp(1j * math.pi / 4) / (2 * math.sqrt(2 * math.pi * k)) * total
-    distance = math.hypot(x, z + near)
-    spread = coefficient * math.sqrt(1 / (near * far * (near + far)))
-    return complex(spread * np.exp(1j * k * (near + far - distance)) * distance)
-
-
-def test_kirchhoffs_screen_lies_between_utds_soft_and_hard_edges():
-    wavelength, r = 0.1, 5.0
-    screen = pw.Screen(HALF_PLANE, pw.PointSource((0.0, 0.0, -5.0)))
-    degrees = np.array([-40.0, -5.0, 5.0, 20.0, 40.0])
-    x, z = r * np.sin(np.radians(degrees)), r * np.cos(np.radians(degrees))
-    points = np.stack([x, 0 * x, z], axis=-1)
-    field = pw.amplitude(screen, points, wavelength, "kirchhoff", tolerance=1e-6)
-    ratios = field / incident_of_point((0.0, 0.0, -5.0), points, wavelength)
-    for turn, px, pz, ratio in zip(np.radians(degrees), x, z, ratios, strict=True):
-        lit = 1.0 if turn < 0 else 0.0
-        mean, soft, hard = (utd(px, pz, wavelength, sign) for sign in (0, -1, 1))
-        # (1 + cos)/2 over sin instead of 1/2 over the sine of half the angle: cos of half of it
-        expected = lit + mean * math.cos(turn / 2)
-        assert 20 * abs(math.log10(abs(ratio) / abs(expected))) < 0.05
-        if not lit:
-            assert abs(soft) < abs(ratio) < abs(hard)
-
-
 def test_screens_say_what_they_expect():
     outline, light = pw.Aperture(L_SHAPE), pw.PointSource(SOURCE)
     lit = outline.with_illumination(pw.steering((0.1, 0.0), 1.0))

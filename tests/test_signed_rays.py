@@ -190,13 +190,6 @@ def test_a_pose_moves_rays_and_the_plane_that_meets_them():
         assert found == pytest.approx(expected, rel=1e-9)
 
 
-def test_a_frequency_is_a_wavelength_and_seeds_differ():
-    rays = pw.sample_rays(SQUARE, WAVELENGTH, 64)
-    by_frequency = pw.sample_rays(SQUARE, 64, frequency=pw.SPEED_OF_LIGHT / WAVELENGTH)
-    assert by_frequency.equals(rays)
-    assert not pw.sample_rays(SQUARE, WAVELENGTH, 64, 1).equals(rays)
-
-
 EVERYWHERE = (-1e9, -1e9, 1e9, 1e9)
 
 
@@ -236,15 +229,6 @@ def test_pictures_of_rays_have_y_upwards_and_x_to_the_right():
     assert float(found.irradiance.sel(x=0.3, y=0.8, method="nearest")) > 0
 
 
-def test_rays_left_out_by_a_selection_still_count_as_drawn():
-    rays = pw.sample_rays(SQUARE, WAVELENGTH, 4096)
-    seen = pw.rays.rebuild(rays, Z, BOUNDS, (1, 1))
-    inside = np.abs(rays.position.values[:, 0]) < 1.0
-    some = rays.isel(ray=np.flatnonzero(inside & (rays.weight.values != 0)))
-    again = pw.rays.rebuild(some, Z, BOUNDS, (1, 1))
-    assert again.standard_error.values == pytest.approx(seen.standard_error.values, rel=ROUNDING)
-
-
 def test_a_selection_of_batches_keeps_its_own_error():
     rays = pw.sample_rays(SQUARE, WAVELENGTH, 1 << 12, sampling="quasi-random")
     batch = rays["batch"].values
@@ -263,25 +247,19 @@ def test_a_selection_of_batches_keeps_its_own_error():
 DARK = pw.Array([SQUARE, SQUARE], [1.0, -1.0])
 SAMPLED: list[tuple[dict[str, Any], str]] = [
     ({"count": 0}, "count"),
-    ({"count": 10**9}, "100000000"),
     ({"count": 16, "sampling": "quasi-random"}, "32"),
     ({"sampling": "sobol"}, "quasi-random"),
     ({"directions": "all"}, "beam"),
     ({"cone": 2.0}, "half angle"),
-    ({"cone": -0.1}, "half angle"),
     ({"cone": 0.5, "axis": (1.0, 0.0, 0.0)}, "narrower cone"),
     ({"axis": (0.0, 0.0, 2.0)}, "unit vector"),
-    ({"axis": "z"}, "unit vector"),
     ({"obliquity": "lambert"}, "obliquity"),
     ({"power": -1.0}, "expected power as"),
-    ({"aperture_power": 0.0}, "expected aperture_power as"),
     ({"power": 1.0, "aperture_power": 1.0}, "got both"),
-    ({"seed": -1}, "seed"),
     ({"wavelength": 0.0}, "wavelength"),
     ({"source": pw.Slits([[0.0, 1.0]])}, "Aperture"),
     ({"source": SQUARE.placed(np.eye(4)), "to_world": np.eye(4)}, "both"),
     ({"source": DARK, "power": 1.0}, "expected a source that radiates"),
-    ({"source": DARK, "aperture_power": 1.0}, "cancel"),
     ({"to_world": np.diag([2.0, 2.0, 2.0, 1.0])}, "scales"),
     *(
         ({"source": source, "obliquity": name}, "curved wave or partly coherent")
@@ -298,36 +276,20 @@ def test_arguments_of_sample_rays_are_checked(change, said):
         pw.sample_rays(**call)
 
 
-def numbered(rays, numbers):
-    return rays.assign_coords(batch=("ray", numbers))
-
-
 @pytest.mark.parametrize(
-    ("count", "call", "said"),
+    ("call", "said"),
     [
-        (8, lambda rays: pw.rays.rebuild(3, 0.1, BOUNDS, SHAPE), "sample_rays"),
-        (8, lambda rays: pw.rays.rebuild(rays, "z", BOUNDS, SHAPE), "plane"),
-        (8, lambda rays: pw.rays.rebuild(rays, 0.1, (0, 0, 0, 1), SHAPE), "bounds"),
-        (8, lambda rays: pw.rays.rebuild(rays, 0.1, (0, 1), SHAPE), "bounds"),
-        (8, lambda rays: pw.rays.rebuild(rays, 0.1, BOUNDS, 5), "shape"),
-        (8, lambda rays: pw.rays.rebuild(rays, 0.1, BOUNDS, (0, 5)), "shape"),
-        (8, lambda rays: pw.rays.rebuild(rays, 0.1, BOUNDS, (1 << 14, 1 << 14)), "pixels, got"),
-        (8, lambda rays: pw.rays.rebuild(rays, [[1.0, 2.0], [3.0]], BOUNDS, SHAPE), "matrix"),
-        (8, lambda rays: pw.rays.rebuild(rays, 0.1, BOUNDS, SHAPE, virtual="no"), "virtual"),
-        (8, lambda rays: pw.rays.traced(rays, rays.position, 2 * rays.direction), "unit vectors"),
-        (8, lambda rays: pw.rays.traced(rays, rays.position[:3], rays.direction), "shape"),
-        (8, lambda rays: pw.rays.rebuild(numbered(rays, np.full(8, -1)), *GRID), "batch"),
-        (
-            1024,
-            lambda rays: pw.rays.rebuild(
-                numbered(rays, np.arange(1024)), Z, BOUNDS, (1 << 10, 1 << 10)
-            ),
-            "fewer pixels",
-        ),
+        (lambda rays: pw.rays.rebuild(3, 0.1, BOUNDS, SHAPE), "sample_rays"),
+        (lambda rays: pw.rays.rebuild(rays, 0.1, (0, 0, 0, 1), SHAPE), "bounds"),
+        (lambda rays: pw.rays.rebuild(rays, 0.1, BOUNDS, (0, 5)), "shape"),
+        (lambda rays: pw.rays.rebuild(rays, 0.1, BOUNDS, (1 << 14, 1 << 14)), "pixels, got"),
+        (lambda rays: pw.rays.traced(rays, rays.position, 2 * rays.direction), "unit vectors"),
+        (lambda rays: pw.rays.traced(rays, rays.position[:3], rays.direction), "shape"),
+        (lambda rays: pw.rays.rebuild(rays.assign_coords(batch=("ray", 8 * [-1])), *GRID), "batch"),
     ],
 )
-def test_arguments_of_rebuild_and_traced_are_checked(count, call, said):
-    rays = pw.sample_rays(SQUARE, WAVELENGTH, count)
+def test_arguments_of_rebuild_and_traced_are_checked(call, said):
+    rays = pw.sample_rays(SQUARE, WAVELENGTH, 8)
     with pytest.raises((ArgumentError, GeometryError), match=said):
         call(rays)
 
@@ -370,14 +332,6 @@ def test_the_power_in_a_narrow_cone_is_that_of_the_radiant_intensity(source):
     intensity = (s[..., 2] * pw.radiant_intensity(source, s, WAVELENGTH)).mean(axis=1)
     power = math.pi * half * float(w @ (intensity * np.sin(theta)))
     check_sum(rays.weight.values, power, 0.06 * power)
-
-
-@pytest.mark.parametrize("source", [LENS, PUPIL.partially_coherent(0.2e-3)], ids=["lens", "lamp"])
-def test_directions_follow_the_wave_so_that_noise_is_that_of_the_flat_source(source):
-    flat, found = (
-        pw.sample_rays(s, LIGHT, 1 << 15, cone=0.02).weight.values for s in (PUPIL, source)
-    )
-    assert np.linalg.norm(found) < 1.2 * np.linalg.norm(flat)
 
 
 def test_a_wave_that_is_flat_and_coherent_has_the_rays_of_its_source():

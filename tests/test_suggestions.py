@@ -232,11 +232,6 @@ def test_every_place_of_the_command_line_gets_what_its_field_needs(kind):
         assert extent / count <= axis.nyquist / 2
 
 
-def test_samples_that_were_asked_for_stay():
-    place = parse_place({"hemisphere": "2 m"}, "9 x 5")
-    assert samples_of_place(pw.shapes.square(1.0), place, WAVELENGTH, amplitude=True) == (9, 5)
-
-
 def test_a_box_is_as_fine_as_its_field_up_to_a_million_samples_and_then_says_so():
     square = pw.shapes.square(10e-3)
     far = ((-0.02, -0.02, 0.3), (0.02, 0.02, 0.4))

@@ -1,6 +1,6 @@
 """Irradiance of partly coherent light as a double integral of the mutual intensity, by quadrature.
 
-Nothing of the package is used: nodes on triangles that the caller gives, every pair of nodes, and
+Nothing of the package is used: nodes that the caller gives, every pair of nodes, and
 the degree of coherence exp(-xi^2/(2 width^2)) of each pair.
 """
 
@@ -13,21 +13,6 @@ import numpy as np
 
 Kernel = Callable[[Any, Any, float], Any]
 """Places (n, 2) and points (m, 3) and the wavelength to waves (m, n)."""
-
-
-def triangle_rule(corners: Any, count: int) -> tuple[Any, Any]:
-    """Nodes (n, 2) and weights (n,) of a Gauss rule on triangles (k, 3, 2), by Duffy's map."""
-    t, w = np.polynomial.legendre.leggauss(count)
-    t, w = (t + 1) / 2, w / 2
-    u, v = (a.ravel() for a in np.meshgrid(t, t, indexing="ij"))
-    weights = np.outer(w * t, w).ravel()
-    nodes, shares = [], []
-    for a, b, c in np.asarray(corners, dtype=np.float64):
-        first, second = b - a, c - a
-        twice = abs(first[0] * second[1] - first[1] * second[0])
-        nodes.append(a + u[:, None] * first + (u * v)[:, None] * (second - first))
-        shares.append(twice * weights)
-    return np.concatenate(nodes), np.concatenate(shares)
 
 
 def first_integral(x: Any, points: Any, wavelength: float) -> Any:
