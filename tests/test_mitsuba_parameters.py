@@ -228,7 +228,7 @@ def test_a_dictionary_entry_carries_all_parameters():
     [
         ({"wavelength": 1.0, "aperture_power": 1.0, "power": 1.0}, "got both"),
         ({"wavelength": 1.0, "to_world": np.diag([2.0, 2.0, 2.0, 1.0])}, "scales by 2, 2, 2"),
-        ({"wavelength": 1.0, "to_world": np.eye(3)}, r"shape \(4, 4\), got \(3, 3\)"),
+        ({"wavelength": 1.0, "to_world": np.eye(3)}, r"\(4, 4\) matrix, got shape \(3, 3\)"),
         ({"wavelength": 1.0, "sampling_weight": "x"}, "sampling_weight.*'x'"),
         ({"wavelength": 1.0, "sampling": "Marginal"}, "sampling, got 'Marginal'"),
         ({"wavelength": 1.0, "control_variate": "false"}, "control_variate.*'false'"),
