@@ -3,6 +3,7 @@ cannot run is left out in one way, counted, and named at the end of the run."""
 
 from __future__ import annotations
 
+import gc
 import signal
 import sys
 from collections import Counter
@@ -134,3 +135,11 @@ def _has_gpu() -> bool:
     import drjit
 
     return bool(drjit.has_backend(drjit.JitBackend.CUDA))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _scenes_are_freed() -> Iterator[None]:
+    """Free the scenes of a module: Mitsuba traces living emitters into every kernel."""
+    yield
+    if "mitsuba" in sys.modules:
+        gc.collect()

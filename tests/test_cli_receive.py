@@ -153,3 +153,15 @@ def test_a_channel_is_written_with_its_ways_and_drawn(tmp_path: Path) -> None:
     assert read[:, 1:].sum(axis=1) == pytest.approx(h[:, 0, 0])
     assert found["power_w"] == pytest.approx(10e-3 * abs(h[1, 0, 0]) ** 2, rel=1e-5)
     assert (tmp_path / "out_channel.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.llvm
+def test_a_map_is_drawn_while_another_scene_with_diffraction_is_loaded() -> None:
+    from polywigner.mitsuba import load_scene
+    from polywigner.mitsuba.received_power import arrival_map
+
+    other = load_scene(
+        EXAMPLE.parents[1] / "patch_above_floor" / "scene.xml", "llvm_ad_mono", diffraction=True
+    )
+    assert arrival_map(load_scene(EXAMPLE, "llvm_ad_mono"), 0).sum() > 0
+    del other

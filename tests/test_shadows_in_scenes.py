@@ -19,6 +19,8 @@ from cli_scenes import source
 from mitsuba_scenes import BLACK, camera, emitter, receiver, rectangle, scene_of, use
 from polywigner.cli import main
 from polywigner.errors import SceneError
+from polywigner.geometry.silhouettes import Obstacles
+from polywigner.mitsuba.diffraction import bodies_of
 
 mi = use("scalar_rgb")
 pytestmark = pytest.mark.drjit
@@ -201,6 +203,53 @@ def test_link_over_an_edge() -> None:
         # the integral is paraxial, and patterns fall towards the edge
         assert 10 * abs(math.log10(found / knife)) < (0.02 if x <= 0 else 0.05)
     assert received(edge_at(0.02, 0.4), small, small, False).direct == 0
+
+
+def cubes(*boxes: Any) -> dict[str, Any]:
+    found = {}
+    for k, (low, high) in enumerate(boxes):
+        pose = transform().translate((low + high) / 2).scale((high - low) / 2)
+        found[f"b{k}"] = {"type": "cube", "to_world": pose, "bsdf": BLACK}
+    return found
+
+
+@pytest.mark.parametrize("shift", [(0.0, 0.0, 0.0), (0.137, 0.211, 0.05)])
+@pytest.mark.parametrize("joint", [-0.41, 0.7])
+def test_a_wall_of_butted_or_crossing_cubes_is_a_wall(joint: float, shift: Any) -> None:
+    """The joint is open by some roundings to single precision. Lengths in wavelengths."""
+    use("scalar_rgb")
+    small, off = pw.Aperture(0.1 * HALF), np.array(shift)
+
+    def level(*boxes: Any) -> float:
+        places = [off + WAVELENGTH * np.array(p) for p in ((1.3, -0.2, -7.0), (-1.0, 0.3, 6.0))]
+        up = transform().translate(places[0])
+        down = transform().translate(places[1]).rotate([1, 0, 0], 180)
+        made = scene_of(
+            source=pm.aperture(
+                small, WAVELENGTH, power=1.0, estimator="exact", diffraction=True, to_world=up
+            ),
+            receiver=pm.receiver(small, WAVELENGTH, to_world=down),
+            **cubes(*(off + WAVELENGTH * np.array(box) for box in boxes)),
+        )
+        return 10 * math.log10(pm.received_power(made, spp=16).direct)
+
+    low, high = (-3, -2, 0), (3, 2, 1)
+    left, right = (joint, 2, 1), (joint + 2e-5, -2, 0)
+    wall = level((low, high))
+    assert level((low, left), (right, high)) == pytest.approx(wall, abs=0.02)
+    assert level((low, left), ((-1, -2, 0), high)) == pytest.approx(wall, abs=0.02)
+
+
+def test_cubes_of_one_mesh_with_a_common_face_are_in_contact_with_what_touches_them() -> None:
+    """Four faces meet at edges of the common face: the mesh is closed, but no simple surface."""
+    triangles = np.array([[t[0], t[k], t[k + 1]] for t in FACES for k in (1, 2)])
+    cube = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
+    two = (
+        np.concatenate([cube, np.add(cube, (1, 0, 0))]),
+        np.concatenate([triangles, triangles + 8]),
+    )
+    found = Obstacles(bodies_of([two, (np.add(cube, (0, 1, 0)), triangles)]))
+    assert found.contacts.tolist() == [[0, 1]]
 
 
 @pytest.mark.llvm

@@ -72,31 +72,35 @@ class Contours:
     """(m, 2, 3)."""
     edges: Indices
     """(m,) numbers of the edges that they are parts of."""
+    bodies: Indices
+    """(m,) numbers of the bodies of the surfaces."""
     behind: Indices
     """(m,) numbers of the faces behind them, as the observer sees them; -1 for none."""
     touching: frozenset[tuple[int, int]]
     """Pairs of bodies that continue each other's surfaces."""
 
 
-def net_contours(surface: Surface, observer: Floats) -> Contours:
+def net_contours(surface: Surface, observer: Floats, closed: float = 0.0) -> Contours:
     """Return the net contours of the parts of a surface that an observer (3,) sees.
+
+    ``closed``: width of slits between bodies that have no contours, about.
 
     Raises ArgumentError for surfaces with too many triangles that overlap as they are seen.
     """
     parts = [
-        _contours_in(figure, clipped)
+        _contours_in(figure, clipped, closed)
         for figure, clipped in _figures(surface, observer)
         if len(clipped.faces)
     ]
     if not parts:
         none = np.empty(0, np.intp)
-        return Contours(np.empty((0, 2, 3)), none, none, frozenset())
-    ends, edges, behind = (
+        return Contours(np.empty((0, 2, 3)), none, none, none, frozenset())
+    ends, edges, bodies, behind = (
         np.concatenate([getattr(part, name) for part in parts])
-        for name in ("ends", "edges", "behind")
+        for name in ("ends", "edges", "bodies", "behind")
     )
     touching = frozenset[tuple[int, int]]().union(*(part.touching for part in parts))
-    return _joined(Contours(ends, edges, behind, touching))
+    return _joined(Contours(ends, edges, bodies, behind, touching))
 
 
 def _figures(surface: Surface, observer: Floats) -> Iterator[tuple[Projected, Surface]]:
@@ -189,11 +193,11 @@ def _cut_ring(
     return kept
 
 
-def _contours_in(figure: Projected, surface: Surface) -> Contours:
+def _contours_in(figure: Projected, surface: Surface, closed: float) -> Contours:
     """The net contours in one figure."""
     polygons = np.asarray(shapely.polygons(figure.points), dtype=object)
     hidden, left = less_shadows(figure, polygons, polygons, bodies=surface.convex)
-    pairing = _Pairing(figure, surface)
+    pairing = _Pairing(figure, surface, closed)
     whole = np.ones(len(polygons), bool)
     whole[hidden] = False
     pairing.add_sides(np.flatnonzero(whole))
@@ -204,11 +208,12 @@ def _contours_in(figure: Projected, surface: Surface) -> Contours:
 class _Pairing:
     """Boundaries of visible parts as stretches, from which shared stretches are removed."""
 
-    def __init__(self, figure: Projected, surface: Surface) -> None:
+    def __init__(self, figure: Projected, surface: Surface, closed: float) -> None:
         self.figure, self.surface = figure, surface
         extent = float(np.ptp(figure.points.reshape(-1, 2), axis=0).max())
         self.within = max(_BESIDE * extent, 16 * NOTHING * figure.size)
-        self.touching = _TOUCHING * extent
+        self.beside = max(self.within, closed)
+        self.touching = max(_TOUCHING * extent, closed)
         self.begin: list[Floats] = []
         self.end: list[Floats] = []
         self.triangle: list[Indices] = []
@@ -263,7 +268,7 @@ class _Pairing:
         free: list[list[tuple[float, float]]] = [[(0.0, float(size))] for size in length]
         pieces: list[tuple[int, float, float, int]] = []
         touching = set()
-        for one, other in self._candidates(begin, end, edge, length):
+        for one, other in self._candidates(begin, end, edge, length, triangle):
             for low, high, at in _shared(begin, end, length, free, one, other, self.within):
                 kind = self._nearer(one, other, 0.5 * (low + high), at)
                 if kind > 0:
@@ -276,20 +281,26 @@ class _Pairing:
                     if both[0] != both[1]:
                         touching.add((int(both.min()), int(both.max())))
         for k, intervals in enumerate(free):
-            pieces += [(k, low, high, -1) for low, high in intervals]
+            pieces += [
+                (k, low, high, -1)
+                for low, high in intervals
+                # the ends of closed slits
+                if high - low > self.beside or high - low == length[k]
+            ]
         pieces = [piece for piece in pieces if piece[2] - piece[1] > self.within]
         rows = np.array([piece[0] for piece in pieces], np.intp)
         behind = np.array([piece[3] for piece in pieces], np.intp)
         ends = [self._lifted(rows, np.array([piece[k] for piece in pieces])) for k in (1, 2)]
         faces = np.where(behind >= 0, self.surface.faces[triangle[behind]], -1)
-        return Contours(np.stack(ends, axis=1), edge[rows], faces, frozenset(touching))
+        bodies = self.surface.bodies[triangle[rows]]
+        return Contours(np.stack(ends, axis=1), edge[rows], bodies, faces, frozenset(touching))
 
     def _candidates(
-        self, begin: Floats, end: Floats, edge: Indices, length: Floats
+        self, begin: Floats, end: Floats, edge: Indices, length: Floats, triangle: Indices
     ) -> list[tuple[int, int]]:
         """Pairs of stretches that may run along each other in opposite directions, best first."""
         lines = shapely.linestrings(np.stack([begin, end], axis=1))
-        boxes = shapely.box(*(shapely.bounds(lines) + self.within * np.array([-1, -1, 1, 1])).T)
+        boxes = shapely.box(*(shapely.bounds(lines) + self.beside * np.array([-1, -1, 1, 1])).T)
         one, other = shapely.STRtree(boxes).query(boxes)
         one, other = one[one < other], other[one < other]
         along = (end - begin) / np.maximum(length, 1e-300)[:, None]
@@ -306,7 +317,10 @@ class _Pairing:
             slope = (off1 - off0) / (t1 - t0)
             ends = (off0 + slope * (low - t0), off0 + slope * (high - t0))
         off = np.abs(ends).max(axis=0)
-        some = (high - low > self.within) & (off <= self.within)
+        some = (high - low > self.within) & (off <= self.beside)
+        # a slit is between bodies
+        bodies = self.surface.bodies[triangle]
+        some &= (off <= self.within) | (bodies[one] != bodies[other])
         one, other, off = one[some], other[some], off[some]
         same = (edge[one] == edge[other]) & (edge[one] >= 0)
         order = np.lexsort([off, ~same])
@@ -444,6 +458,7 @@ def _joined(contours: Contours) -> Contours:
     return Contours(
         np.array(ends).reshape(-1, 2, 3),
         contours.edges[taken],
+        contours.bodies[taken],
         contours.behind[taken],
         contours.touching,
     )

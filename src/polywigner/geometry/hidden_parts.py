@@ -159,7 +159,8 @@ def _before_planes(
         plane = seen.depth[rows, :1] - (seen.points[rows, 0] * slopes[rows]).sum(axis=1)[:, None]
         ahead = plane + slopes[rows] @ points.T - depth
         level = NOTHING * seen.size * (1 + np.abs(slopes[rows]).sum(axis=1))
-        in_front = (ahead >= -level[:, None]).all(axis=1)
+        # of two that coincide only one hides the other: these are compared one by one
+        in_front = (ahead >= -level[:, None]).all(axis=1) & (ahead > level[:, None]).any(axis=1)
         if in_front.any():
             whole[pairs[in_front[which]]] = True
             extent = max(seen.size, float(np.abs(points).max()))

@@ -7,7 +7,7 @@ have the net contours of their visible surfaces (docs/theory/shadows.md).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -16,115 +16,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
-from polywigner.geometry.aperture import PlacedAperture, triangulate
+from polywigner.geometry.aperture import PlacedAperture
+from polywigner.geometry.contacts import contacts
 from polywigner.geometry.contours import Surface, net_contours
+from polywigner.geometry.obstacles import ON, PAIRS, Obstacle, obstacle_of, shells
+from polywigner.geometry.parts import connected
 from polywigner.geometry.polyhedron import Polyhedron
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-# Places this close are on an edge or in a plane, as a fraction of a body's size.
-_ON = 1e-9
-# Sizes of a body from which its outline is that seen from infinity.
-_AFAR = 1e6
 # Faces times points of a source, beyond which these share the silhouette that their middle sees.
 _MOST_FACES = 1 << 15
 # Cones around bodies are wider by this angle, in rad: beyond rounding.
 _WIDER = 1e-6
-# Pairs of a ray and a triangle at a time: some 50 MB.
-_PAIRS = 1 << 20
-
-
-@dataclass(frozen=True)
-class Obstacle:
-    """Triangles of a body or a plate, as a source of light sees them. Lengths of any one unit."""
-
-    vertices: Floats
-    """(n, 3)."""
-    triangles: Indices
-    """(t, 3) vertices, counter-clockwise seen from the front."""
-    owner: Indices
-    """(t,) the planar face that each triangle is a part of."""
-    normals: Floats
-    """(f, 3) of the faces, of any length."""
-    is_solid: bool
-    """Whether the faces enclose a volume; otherwise both their sides are seen."""
-    is_simple: bool
-    """Whether no part hides another from any place: a convex body, a plate."""
-
-    def distance(self, points: Floats) -> Floats:
-        """Distance of points (n, 3) from the nearest face, (n,)."""
-        corners = self.vertices[self.triangles]
-        step = max(1, _PAIRS // len(corners))
-        blocks = [points[low : low + step] for low in range(0, len(points), step)]
-        return np.concatenate([_from_triangles(corners, block).min(axis=1) for block in blocks])
-
-    def heights(self, source: Floats) -> Floats:
-        """Heights (t,) of a source above the planes of the triangles."""
-        normals = self.normals / np.linalg.norm(self.normals, axis=1)[:, None]
-        first = self.vertices[self.triangles[:, 0]]
-        return np.asarray(np.einsum("tk,tk->t", normals[self.owner], source - first))
-
-    def facing(self, source: Floats) -> Floats:
-        """1 for triangles that a source sees from their front, -1 for the back of a plate."""
-        facing = np.sign(self.heights(source))
-        return np.maximum(facing, 0.0) if self.is_solid else facing
-
-    def silhouette(self, source: Floats) -> Indices:
-        """Vertices (m, 2) of the directed edges of the silhouette, whether visible or not."""
-        facing = self.facing(source)
-        start, end = self.triangles.T.ravel(), np.roll(self.triangles, -1, axis=1).T.ravel()
-        sign = np.where(start < end, 1.0, -1.0) * np.tile(facing, 3)
-        keys, which = np.unique(
-            np.minimum(start, end) * len(self.vertices) + np.maximum(start, end),
-            return_inverse=True,
-        )
-        net = np.bincount(which, sign)
-        ends = np.stack([keys // len(self.vertices), keys % len(self.vertices)], axis=1)
-        ends[net < 0.0] = ends[net < 0.0, ::-1]
-        return ends[net != 0.0]
-
-    def outline(self, towards: Floats) -> Floats:
-        """Edges (m, 2, 3) of the silhouette seen from afar, in the direction ``towards`` (3,)."""
-        size = np.linalg.norm(self.vertices, axis=1).max()
-        return self.vertices[self.silhouette(_AFAR * size / np.linalg.norm(towards) * towards)]
-
-    def cut(self, origin: Floats, along: Floats) -> Floats:
-        """Lines (k, 2, 2) in which a plane with the axes ``along`` (2, 3) meets the surface."""
-        normal = np.cross(*along)
-        height = (self.vertices - origin) @ normal
-        if np.abs(height).max() <= _ON * np.ptp(self.vertices, axis=0).max():
-            ends = self.vertices[self.silhouette(origin + normal)]
-            return np.asarray((ends - origin) @ along.T)
-        at = height[self.triangles]
-        start, end = self.vertices[self.triangles], self.vertices[np.roll(self.triangles, -1, 1)]
-        after = np.roll(at, -1, axis=1)
-        meets = (at >= 0.0) != (after >= 0.0)
-        some = meets.any(axis=1)
-        share = np.where(meets, at, 0.0) / np.where(meets, at - after, 1.0)
-        places = (start + share[..., None] * (end - start) - origin) @ along.T
-        return np.asarray(places[some][meets[some]].reshape(-1, 2, 2))
-
-
-def obstacle_of(body: Polyhedron | PlacedAperture) -> Obstacle:
-    """Triangles of a body, or of a plate in its pose."""
-    if isinstance(body, PlacedAperture):
-        flat, corners_of = triangulate(body.aperture)
-        vertices = np.column_stack([flat, np.zeros(len(flat))])
-        vertices = vertices @ body.pose[:3, :3].T + body.pose[:3, 3]
-        owner = np.zeros(len(corners_of), np.intp)
-        return Obstacle(vertices, corners_of, owner, body.normal[None], False, True)
-    points, triangles = body.vertices, body.triangles
-    owner = np.repeat(np.arange(len(body.faces)), [len(face) - 2 for face in body.faces])
-    corners = points[triangles]
-    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals = np.zeros((len(body.faces), 3))
-    np.add.at(normals, owner, areas)
-    offsets = np.einsum("fk,fk->f", normals, points[[face[0] for face in body.faces]])
-    size = float(np.ptp(points, axis=0).max()) * np.linalg.norm(normals, axis=1)
-    convex = bool((normals @ points.T - offsets[:, None] <= _ON * size[:, None]).all())
-    # a convex surface of several bodies would have vertices before its faces
-    return Obstacle(points, triangles, owner, normals, True, convex)
+# Winding number of bodies about a point inside them, less rounding.
+_IN = 0.9975
+# Bodies this close together are one, in wavelengths: a narrower slit passes no light to speak of.
+# Also as a fraction of their extent, for coordinates in single precision.
+_CLOSED, _ROUNDED = 0.05, 1e-6
+# Components of the normals of faces in one plane differ by less.
+_SKEW = 1e-5
 
 
 @dataclass(frozen=True)
@@ -138,6 +50,8 @@ class Silhouette:
     edge casts its shadow on; (0, 0, 0, 1) for edges with nothing behind them."""
     numbers: Indices
     """(m,) numbers of the edges of meshes that the edges are parts of."""
+    bodies: Indices
+    """(m,) numbers of the bodies that the edges belong to."""
     behind: Indices
     """(m,) numbers of the faces behind the edges; -1 for none."""
     touching: frozenset[tuple[int, int]] = frozenset()
@@ -152,6 +66,7 @@ class Silhouette:
             edges=edges[rows],
             planes=self.planes[rows],
             numbers=self.numbers[rows],
+            bodies=self.bodies[rows],
             behind=self.behind[rows],
             is_closed=self.is_closed and np.array_equal(edges, self.edges) and bool(rows.all()),
         )
@@ -187,8 +102,8 @@ def listed_bodies(bodies: Any) -> tuple[Polyhedron | PlacedAperture, ...]:
 
 def obstacles_of(bodies: Any, unit: float) -> Obstacles:
     """The obstacles that a user lists, in units of ``unit`` metres."""
-    obstacles = [obstacle_of(body) for body in listed_bodies(bodies)]
-    return Obstacles([replace(body, vertices=body.vertices / unit) for body in obstacles])
+    found = [shell for body in listed_bodies(bodies) for shell in shells(obstacle_of(body))]
+    return Obstacles([replace(body, vertices=body.vertices / unit) for body in found])
 
 
 @dataclass(frozen=True)
@@ -228,6 +143,7 @@ class Obstacles:
             np.concatenate([part.edges for part in parts]),
             np.concatenate([part.planes for part in parts]),
             np.concatenate([part.numbers for part in parts]),
+            np.concatenate([part.bodies for part in parts]),
             np.concatenate([part.behind for part in parts]),
             parts[-1].touching,
         )
@@ -238,14 +154,17 @@ class Obstacles:
         count = len(ends)
         planes = np.tile(_NOTHING_BEHIND, (count, 1))
         numbers = self._edge_numbers(number, ends)
-        return Silhouette(body.vertices[ends], planes, numbers, np.full(count, -1))
+        own, none = np.full(count, number), np.full(count, -1)
+        return Silhouette(body.vertices[ends], planes, numbers, own, none)
 
     def _net_silhouette(self, numbers: Sequence[int], source: Floats) -> Silhouette:
         found = net_contours(self.surface(numbers, source), source)
         planes = np.tile(_NOTHING_BEHIND, (len(found.ends), 1))
         (rows,) = np.nonzero(found.behind >= 0)
         planes[rows] = self.face_planes(source)[found.behind[rows]]
-        return Silhouette(found.ends, planes, found.edges, found.behind, found.touching)
+        return Silhouette(
+            found.ends, planes, found.edges, found.bodies, found.behind, found.touching
+        )
 
     def _alone(self, source: Floats) -> NDArray[np.bool_]:
         """Return a mask of the bodies that hide no part of another or of themselves."""
@@ -258,6 +177,39 @@ class Obstacles:
             alone[:k] &= apart
             alone[k] &= apart.all()
         return alone
+
+    @cached_property
+    def contact(self) -> float:
+        """Distance up to which bodies are in contact."""
+        return max(_CLOSED, _ROUNDED * float(np.ptp(self.vertices, axis=0).max()))
+
+    @cached_property
+    def contacts(self) -> Indices:
+        """Pairs (n, 2) of bodies that touch, cross or contain each other, or almost touch."""
+        pairs = contacts(
+            [body.vertices[body.triangles] for body in self.bodies],
+            [body.rim for body in self.bodies],
+            self.contact,
+        )
+        # bodies of which a place is in another one
+        places = np.array([body.vertices[0] for body in self.bodies])
+        numbers = range(len(self.bodies))
+        own = np.array([self._turns(places[[k]], [k])[0] for k in numbers])
+        (inner,) = np.nonzero(self._turns(places, numbers) - own > _IN)
+        for k in numbers if len(inner) else ():
+            within = inner[self._turns(places[inner], [k]) > _IN].tolist()
+            pairs += [(k, number) for number in within if number != k]
+        return np.unique(np.sort(np.array(pairs, np.intp).reshape(-1, 2), axis=1), axis=0)
+
+    def are_one(self, one: Indices, other: Indices) -> NDArray[np.bool_]:
+        """Whether bodies (n,) and (n,) are the same or in contact."""
+        keys = (self.contacts @ [[len(self.bodies), 1], [1, len(self.bodies)]]).ravel()
+        return np.asarray((one == other) | np.isin(one * len(self.bodies) + other, keys))
+
+    @cached_property
+    def groups(self) -> Indices:
+        """Numbers (k,) that bodies have in common which contacts connect."""
+        return connected(len(self.bodies), *self.contacts.T)
 
     @cached_property
     def _first_faces(self) -> Indices:
@@ -277,10 +229,6 @@ class Obstacles:
         """Numbers of the bodies of faces."""
         return np.searchsorted(self._first_faces, faces, side="right") - 1
 
-    def body_of_edge(self, numbers: Indices) -> Indices:
-        """Numbers of the bodies of edges of meshes."""
-        return np.searchsorted(self._first_edges, numbers, side="right") - 1
-
     def face_planes(self, source: Floats) -> Floats:
         """Planes (f, 4) of all faces, at whose positive side the source is."""
         rows = []
@@ -294,6 +242,17 @@ class Obstacles:
             ]
             rows.append(np.column_stack([normals, -np.einsum("fk,fk->f", normals, places)]))
         return np.concatenate(rows)
+
+    def flush_with(self, body: int, plane: Floats, planes: Floats) -> Indices:
+        """Numbers of bodies that contacts connect to a body, and that go on in a plane of its face.
+
+        ``planes``: (f, 4) of all faces.
+        """
+        (group,) = np.nonzero(self.groups == self.groups[body])
+        if len(group) == 1:
+            return group
+        flush = np.abs(planes - plane) <= [_SKEW, _SKEW, _SKEW, self.contact]
+        return np.intersect1d(group, self.body_of_face(np.flatnonzero(flush.all(axis=1))))
 
     def surface(
         self, numbers: Sequence[int], source: Floats, plane: Floats | None = None
@@ -309,9 +268,9 @@ class Obstacles:
             if plane is not None:
                 low = body.vertices @ plane[:3] + plane[3]
                 size = float(np.ptp(body.vertices, axis=0).max())
-                facing = np.where((low[body.triangles] > _ON * size).any(axis=1), 0.0, facing)
+                facing = np.where((low[body.triangles] > ON * size).any(axis=1), 0.0, facing)
                 height = body.heights(source)
-                facing = np.where(np.abs(height) > _ON * size, facing, 0.0)
+                facing = np.where(np.abs(height) > ON * size, facing, 0.0)
             rows = np.flatnonzero(facing)
             triangles = body.triangles[rows]
             triangles = np.where((facing[rows] < 0)[:, None], triangles[:, ::-1], triangles)
@@ -350,18 +309,22 @@ class Obstacles:
         return hidden
 
     def inside(self, points: Floats) -> NDArray[np.bool_]:
-        """Whether points (n, 3) are in a body, its surface left out, by their solid angles."""
-        found = np.zeros(len(points), bool)
-        for body in self.bodies:
+        """Whether points (n, 3) are in a body, its surface left out."""
+        return self._turns(points, range(len(self.bodies))) > _IN
+
+    def _turns(self, points: Floats, numbers: Iterable[int]) -> Floats:
+        """Winding numbers (n,) of some bodies about points (n, 3), by solid angles."""
+        found = np.zeros(len(points))
+        for body in (self.bodies[number] for number in numbers):
             if not body.is_solid:
                 continue
             low, high = body.vertices.min(axis=0), body.vertices.max(axis=0)
             near = np.flatnonzero(((points > low) & (points < high)).all(axis=1))
-            step = max(1, _PAIRS // len(body.triangles))
+            step = max(1, PAIRS // len(body.triangles))
             for start in range(0, len(near), step):
                 mine = near[start : start + step]
                 corners = body.vertices[body.triangles][None] - points[mine][:, None, None]
-                found[mine] |= _solid_angle(corners).sum(axis=1) > 3.99 * np.pi
+                found[mine] += _solid_angle(corners).sum(axis=1) / (4.0 * np.pi)
         return found
 
 
@@ -388,7 +351,7 @@ def hits(corners: Floats, rays: Floats) -> Iterator[tuple[slice, Floats, Floats]
     sides = [np.cross(b, c), np.cross(c, a), np.cross(a, b)]
     volume = np.einsum("tk,tk->t", a, sides[0])
     height = np.abs(volume) / np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    step = max(1, _PAIRS // len(corners))
+    step = max(1, PAIRS // len(corners))
     for start in range(0, len(rays), step):
         some = slice(start, start + step)
         shares = np.stack([rays[some] @ side.T for side in sides])
@@ -412,19 +375,3 @@ def _solid_angle(corners: Floats) -> Floats:
         + np.einsum("...k,...k", c, a) * y
     )
     return 2.0 * np.arctan2(triple, below)
-
-
-def _from_triangles(corners: Floats, points: Floats) -> Floats:
-    """Distances (n, t) of points (n, 3) from triangles (t, 3, 3)."""
-    best = np.full((len(points), len(corners)), np.inf)
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    above = np.ones(best.shape, bool)
-    for k in range(3):
-        start, side = corners[:, k], corners[:, (k + 1) % 3] - corners[:, k]
-        ahead = points[:, None] - start
-        share = np.einsum("ntk,tk->nt", ahead, side) / np.einsum("tk,tk->t", side, side)
-        off = ahead - np.clip(share, 0.0, 1.0)[:, :, None] * side
-        best = np.minimum(best, np.linalg.norm(off, axis=2))
-        above &= np.einsum("ntk,tk->nt", ahead, np.cross(normal, side)) >= 0.0
-    height = np.einsum("ntk,tk->nt", ahead, normal) / np.linalg.norm(normal, axis=1)
-    return np.where(above, np.abs(height), best)

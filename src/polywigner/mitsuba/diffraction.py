@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, SceneError
 from polywigner.execution import ops_for
-from polywigner.geometry.silhouettes import Obstacle, Obstacles, Silhouette
+from polywigner.geometry.obstacles import Obstacle
+from polywigner.geometry.silhouettes import Obstacles, Silhouette
 from polywigner.kernels.boundary.edge_waves import (
     EdgeRule,
     difference,

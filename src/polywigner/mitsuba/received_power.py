@@ -36,7 +36,7 @@ from polywigner.mitsuba.received import (
     ReceiveOptions,
     interference_of,
 )
-from polywigner.mitsuba.receiver import receiver_class, receivers_of
+from polywigner.mitsuba.receiver import receiver_class, receivers_of, scene_known
 from polywigner.mitsuba.reflectors import echoes_of
 from polywigner.mitsuba.rendering import default_integrator, default_spp, exposed
 from polywigner.mitsuba.scattered import (
@@ -349,7 +349,7 @@ def arrival_map(scene: Any, receiver: int, seed: int = 0) -> NDArray[np.float64]
     sensor = receiver_class(mi.variant())(own.spec, props)
     sensor.scene = scene
     try:
-        with unseen(scene), silent():
+        with scene_known(scene), unseen(scene), silent():
             integrator = scene.integrator()
             if integrator is None or is_transient(integrator):
                 integrator = mi.load_dict({"type": default_integrator(scene)})

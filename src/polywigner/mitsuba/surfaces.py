@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import SceneError
+from polywigner.geometry.obstacles import Obstacle
 from polywigner.geometry.parts import connected
-from polywigner.geometry.silhouettes import Obstacle
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.geometry.contours import Surface, net_contours
+from polywigner.geometry.parts import connected
 from polywigner.geometry.silhouettes import Obstacles, Silhouette, hits
 from polywigner.kernels.boundary.edge_waves import Point, cross, difference, dot, path_over
 from polywigner.numerics.complex_pairs import Pair, unit_wave
@@ -112,21 +113,22 @@ def blocked_edges(bodies: Obstacles, seen: Sequence[Silhouette], source: Floats)
 
     Edges that the silhouettes have in common have one blocker.
     """
-    number, behind = (
-        np.concatenate([getattr(s, name) for s in seen]) for name in ("numbers", "behind")
+    number, front, behind = (
+        np.concatenate([getattr(s, name) for s in seen]) for name in ("numbers", "bodies", "behind")
     )
     ends = np.concatenate([s.edges for s in seen])
     group = np.full(len(number), NO_SURFACE)
     touching = frozenset[tuple[int, int]]().union(*(s.touching for s in seen))
-    joined = _joined(len(bodies.bodies), touching)
+    pairs = np.array(sorted(touching), np.intp).reshape(-1, 2)
+    walls = connected(len(bodies.bodies), *pairs.T)
     (rows,) = np.nonzero(behind >= 0)
-    is_own = joined[bodies.body_of_edge(number[rows])] == joined[bodies.body_of_face(behind[rows])]
+    body = bodies.body_of_face(behind[rows])
+    is_own = (walls[front[rows]] == walls[body]) | bodies.are_one(front[rows], body)
     group[rows[is_own]] = OWN_SURFACE
-    rows = rows[~is_own]
+    rows, body = rows[~is_own], body[~is_own]
     if not len(rows):
         return BlockedEdges([], _split(group, seen))
     # the faces of a convex body block as one
-    body = bodies.body_of_face(behind[rows])
     is_simple = np.array([body.is_simple for body in bodies.bodies])
     keys = np.column_stack([number[rows], np.where(is_simple[body], -1 - body, behind[rows])])
     _, first, which = np.unique(keys, axis=0, return_index=True, return_inverse=True)
@@ -136,10 +138,12 @@ def blocked_edges(bodies: Obstacles, seen: Sequence[Silhouette], source: Floats)
     middle = 0.5 * ends[rows].sum(axis=1) * length[:, None]
     sums = [np.bincount(which, middle[:, k]) / np.bincount(which, length) for k in range(3)]
     planes = bodies.face_planes(source)
-    blockers = [
-        _blocker(bodies, np.flatnonzero(joined == joined[body[k]]), planes[behind[rows[k]]], origin)
-        for k, origin in zip(first, np.stack(sums, axis=1), strict=True)
-    ]
+    blockers = []
+    for k, origin in zip(first, np.stack(sums, axis=1), strict=True):
+        plane = planes[behind[rows[k]]]
+        numbers = np.flatnonzero(walls == walls[body[k]])
+        flush = np.setdiff1d(bodies.flush_with(body[k], plane, planes), numbers)
+        blockers.append(_blocker(bodies, numbers, flush, plane, origin))
     return BlockedEdges(blockers, _split(group, seen))
 
 
@@ -160,26 +164,29 @@ def _split(group: Indices, seen: Sequence[Silhouette]) -> list[Indices]:
     return np.split(group, np.cumsum([len(s.numbers) for s in seen])[:-1])
 
 
-def _joined(count: int, pairs: frozenset[tuple[int, int]]) -> Indices:
-    """Numbers that bodies which continue each other's surfaces have in common."""
-    labels = np.arange(count)
-    for one, other in pairs:
-        labels[labels == labels[other]] = labels[one]
-    return labels
+def _blocker(
+    bodies: Obstacles, numbers: Indices, flush: Indices, plane: Floats, origin: Floats
+) -> Blocker:
+    """The surface of some bodies behind a plane, as an edge with this midpoint sees it.
 
-
-def _blocker(bodies: Obstacles, numbers: Indices, plane: Floats, origin: Floats) -> Blocker:
-    """The surface of some bodies behind a plane, as an edge with this midpoint sees it."""
+    ``flush``: other bodies in contact with these, which go on in the plane. Slits are closed.
+    """
+    if len(flush):
+        nearer = plane - [0.0, 0.0, 0.0, bodies.contact]
+        both = np.concatenate([numbers, flush]).tolist()
+        surface = _in_plane(bodies.surface(both, origin, nearer), plane, 2.0 * bodies.contact)
+        rim = net_contours(surface, origin, bodies.contact).ends
+        return Blocker(origin, surface.corners, rim)
     surface = bodies.surface(numbers.tolist(), origin, plane)
     if len(numbers) == 1 and bodies.bodies[numbers[0]].is_simple:
         body = bodies.bodies[numbers[0]]
         return Blocker(origin, surface.corners, body.vertices[body.silhouette(origin)])
     if len(surface.faces) > _MOST_TRIANGLES:
-        surface = _in_plane(surface, plane)
+        extent = float(np.ptp(surface.corners.reshape(-1, 3), axis=0).max())
+        surface = _in_plane(surface, plane, 1e-9 * extent)
     return Blocker(origin, surface.corners, net_contours(surface, origin).ends)
 
 
-def _in_plane(surface: Surface, plane: Floats) -> Surface:
+def _in_plane(surface: Surface, plane: Floats, within: float) -> Surface:
     height = np.abs(surface.corners @ plane[:3] + plane[3]).max(axis=1)
-    extent = float(np.ptp(surface.corners.reshape(-1, 3), axis=0).max())
-    return surface.taken(height <= 1e-9 * extent)
+    return surface.taken(height <= within)
