@@ -293,7 +293,7 @@ def test_gains_with_phases_are_a_field(tmp_path: Path) -> None:
     [
         (_parts("Tesla", 1.0), "Tesla"),
         ({**_parts("V", 1), "dB(DirTotal)": lambda t, p, a, b, s: 20 * np.log10(s[0])}, "DirTotal"),
-        ({**_parts("V", 1), **_parts("mV", 1e3)}, "each column once"),
+        ({**_parts("V", 1), **_parts("mV", 1e3)}, "one column of each quantity"),
         ({"rETheta [mV]": lambda t, p, a, b, s: a.real, "rEPhi": lambda *_: _[3].real}, "phase"),
         ({"dB(rETheta) [mV]": lambda t, p, a, b, s: _size(s[0], "dBV/m")}, "mV"),
     ],

@@ -172,6 +172,8 @@ def test_a_self_crossing_path_is_split_where_it_crosses(read: Read) -> None:
         ('<rect {}/><g style="opacity: 0"><rect width="9" height="9"/></g>', "<rect {}/>"),
         ('<style>.out { fill: none !important } /* .x{} */</style><rect {}/>'
          '<rect class="big out" width="9" height="9"/>', "<rect {}/>"),
+        ('<style>.out { fill: none !important }</style><rect {}/>'
+         '<rect class="out" width="9" height="9" style="fill: red"/>', "<rect {}/>"),
         ('<style>rect { fill: none } #a { fill: red }</style><rect id="a" {}/>'
          '<rect width="9" height="9"/>', "<rect {}/>"),
         ('<rect {}/><line x2="9" y2="9"/><title>t</title><path d="M3 3L4 4z"/>', "<rect {}/>"),

@@ -269,8 +269,8 @@ def _check_header(columns: Sequence[Column | None]) -> None:
     for column in columns:
         if column is not None and contents.count(column[1:4]) > 1:
             raise FileFormatError(
-                f"expected each column once, got {column.title} several times; export one "
-                "frequency, and one column for each quantity"
+                f"expected one column of each quantity, got {column.title} and another one; export "
+                "one frequency, and one of gain, realised gain and directivity"
             )
     if not {("theta", "", "value"), ("phi", "", "value")} <= set(contents):
         raise FileFormatError(

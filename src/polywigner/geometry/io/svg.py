@@ -78,10 +78,19 @@ def _names(element: Any) -> list[str]:
 def _declarations(text: str) -> dict[str, str]:
     """Return the properties of a style such as "fill:none; fill-rule:evenodd"."""
     pairs = (part.partition(":") for part in text.split(";"))
-    found = {
-        n.strip().lower(): v.replace("!important", "").strip() for n, colon, v in pairs if colon
-    }
+    found = {name.strip().lower(): value.strip() for name, colon, value in pairs if colon}
     return {name: value for name, value in found.items() if name in _RELEVANT}
+
+
+def _cascaded(declared: Sequence[Mapping[str, str]]) -> dict[str, str]:
+    """Return the properties of declarations, weakest first; those marked !important are last."""
+    properties: dict[str, str] = {}
+    for is_important in (False, True):
+        for declarations in declared:
+            for name, value in declarations.items():
+                if ("!important" in value) == is_important:
+                    properties[name] = value.replace("!important", "").strip()
+    return properties
 
 
 def _rules(sheet: str) -> list[tuple[str, dict[str, str]]]:
@@ -178,10 +187,9 @@ class _Document:
         properties = dict(element.attrib)
         selectors = {"*", tag, f"#{element.get('id')}"}
         selectors |= {f"{kind}.{name}" for name in classes for kind in ("", tag)}
-        for selector, declarations in self.rules:
-            if selector in selectors:
-                properties |= declarations
-        properties |= _declarations(re.sub(r"/\*.*?\*/", "", element.get("style", "")))
+        declared = [found for selector, found in self.rules if selector in selectors]
+        local = _declarations(re.sub(r"/\*.*?\*/", "", element.get("style", "")))
+        properties |= _cascaded([*declared, local])
         given = {n: properties[n] for n in _INHERITED if properties.get(n, "inherit") != "inherit"}
         effects = [name for name in _EFFECTS if properties.get(name, "none") != "none"]
         inside = replace(
