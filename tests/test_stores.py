@@ -131,6 +131,7 @@ def test_ctrl_c_stops_all_threads_within_their_chunks(tmp_path):
 
     def runs(origin, shape):
         if both.wait() == 0:
+            time.sleep(0.2)  # the pool still starts its second thread
             os.kill(os.getpid(), signal.SIGINT)
         try:
             for _ in range(1000):
