@@ -134,7 +134,8 @@ class TestCameras:
         (["--bins", "5"], "add a --range"),
     ],
 )
-def test_bad_ranges_are_one_sentence(words, message, scene, capsys):
+def test_bad_ranges_are_one_sentence(words, message, scene, capsys, monkeypatch):
+    monkeypatch.chdir(scene.parent)  # where results without --out appear
     assert main(["receive" if len(words) == 2 else "render", str(scene), *words]) == 2
     errors = capsys.readouterr().err
     assert message in errors and errors.count("\n") == 1
