@@ -32,6 +32,18 @@ def receiver(*more: str, pose: str = LOOKING_DOWN, name: str = "rx", pixels: int
 </sensor>"""
 
 
+def camera(half: float, look: str, size: tuple[int, int], samples: int | str = 16) -> str:
+    """An orthographic camera of one channel over 2 x ``half``, in units of the scene."""
+    return f"""<sensor type="orthographic">
+    <transform name="to_world"><scale x="{half}" y="{half}"/>{look}</transform>
+    <sampler type="independent"><integer name="sample_count" value="{samples}"/></sampler>
+    <film type="hdrfilm">
+        <integer name="width" value="{size[0]}"/><integer name="height" value="{size[1]}"/>
+        <string name="pixel_format" value="luminance"/><rfilter type="box"/>
+    </film>
+</sensor>"""
+
+
 def rectangle(pose: str, more: str = "", name: str = "floor") -> str:
     return f"""<shape type="rectangle" id="{name}">
     <transform name="to_world">{pose}</transform>{more}

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import polywigner as pw
-from polywigner.cli import main
 from polywigner.errors import FileFormatError
 
 DATA = Path(__file__).parent / "data"
@@ -139,27 +138,6 @@ def test_errors_do_not_quote_a_file_of_another_kind(tmp_path: Path, suffix: str)
     with pytest.raises(FileFormatError) as caught:
         FORMATS[suffix][0](path)
     assert "hunter2" not in str(caught.value)
-
-
-def test_a_source_names_files_below_its_own_folder_only(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    inner = tmp_path / "source"
-    (inner / "outlines").mkdir(parents=True)
-    for folder in (tmp_path, inner / "outlines"):
-        (folder / "a.wkt").write_text("POLYGON ((0 0, 1 0, 1 1, 0 0))")
-    (inner / "link.wkt").symlink_to(tmp_path / "a.wkt")
-    file = inner / "source.toml"
-    for name in ("outlines/a.wkt", "outlines/../outlines/a.wkt"):
-        file.write_text(f'kind = "aperture"\nfile = "{name}"\n')
-        assert isinstance(pw.read_source(file), pw.Aperture)
-    for name in ("link.wkt", str(tmp_path / "a.wkt"), "../a.wkt"):
-        file.write_text(f'kind = "aperture"\nfile = "{name}"\n')
-        with pytest.raises(FileFormatError, match="folder"):
-            pw.read_source(file)
-    assert isinstance(pw.read_source(file, allow_outside=True), pw.Aperture)
-    assert main(["transform", str(file), "--out", str(tmp_path / "out")]) == 2
-    assert "--allow-outside" in capfd.readouterr().err
 
 
 def test_ray_files_hold_no_pickled_objects(tmp_path: Path) -> None:

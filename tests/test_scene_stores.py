@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import polywigner as pw
+from cli_scenes import camera
 from polywigner.cli import main
 from polywigner.errors import ArgumentError, EngineError, SceneError, StoreError
 
@@ -17,17 +18,9 @@ _EXTRA = "the extra `datasets` is not installed"
 for _library in ("xarray", "zarr", "dask", "distributed"):
     pytest.importorskip(_library, reason=_EXTRA)
 
-SENSOR = """<sensor type="orthographic">
-        <transform name="to_world">
-            <scale x="0.02" y="0.02"/>
-            <lookat origin="0, 0, 0.5" target="0, 0, 1" up="0, 1, 0"/>
-        </transform>
-        <sampler type="independent"><integer name="sample_count" value="$samples"/></sampler>
-        <film type="hdrfilm">
-            <integer name="width" value="8"/><integer name="height" value="64"/>
-            <string name="pixel_format" value="luminance"/><rfilter type="box"/>
-        </film>
-    </sensor>"""
+SENSOR = camera(
+    0.02, '<lookat origin="0, 0, 0.5" target="0, 0, 1" up="0, 1, 0"/>', (8, 64), "$samples"
+)
 RECEIVER = """<sensor type="wigner_receiver" id="{name}">
         <string name="aperture" value="square.wkt"/>
         <string name="frequency" value="94 GHz"/>

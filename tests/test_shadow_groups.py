@@ -14,24 +14,12 @@ import numpy as np
 import pytest
 
 import polywigner as pw
+from oracles.meshes import box, prism
 from oracles.shadow_quadrature import point_radiator, shadowed_field
 from polywigner.geometry.silhouettes import obstacles_of
 
 # Edge waves at the default tolerance.
 EXACT = 2e-8
-
-
-def prism(outline: Any, low: float, high: float) -> pw.Polyhedron:
-    count = len(outline)
-    vertices = [(x, y, z) for z in (low, high) for x, y in outline]
-    sides = [[k, (k + 1) % count, count + (k + 1) % count, count + k] for k in range(count)]
-    ends = [[*range(count)][::-1], [*range(count, 2 * count)]]
-    return pw.Polyhedron(vertices, [*ends, *sides])
-
-
-def box(low: Any, high: Any) -> pw.Polyhedron:
-    (a, b, c), (d, e, f) = low, high
-    return prism([(a, b), (d, b), (d, e), (a, e)], c, f)
 
 
 def one_mesh(*bodies: pw.Polyhedron) -> pw.Polyhedron:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import polywigner as pw
-from oracles.meshes import at, ball
+from oracles.meshes import at, ball, box
 from polywigner.errors import ArgumentError, PolywignerWarning, StoreError
 
 REFERENCE = json.loads((Path(__file__).parent / "data" / "shadows.json").read_text("utf-8"))
@@ -24,12 +24,6 @@ LAMP = pw.PointSource((0.3e-3, 0.1e-3, -0.11))
 TOLERANCE = 1e-6
 # A place beside each point decides about its angles (1e-8 of the distance), over a tight gap.
 TOUCHING = 1e-6
-
-
-def box(low: Any, high: Any) -> pw.Polyhedron:
-    corners = [[(low, high)[(n >> c) & 1][c] for c in range(3)] for n in range(8)]
-    faces = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]]
-    return pw.Polyhedron(corners, faces)
 
 
 def drawn_points(count: int, low: Any, high: Any, seed: int = 0) -> np.ndarray:

@@ -356,17 +356,9 @@ def test_renders_without_the_scene_are_refused() -> None:
         )
 
 
-CAMERA = """<sensor type="orthographic">
-    <transform name="to_world">
-        <scale x="0.1" y="0.1"/>
-        <lookat origin="0, 0, 0.29" target="0, 0, 0.3" up="0, 1, 0"/>
-    </transform>
-    <sampler type="independent"><integer name="sample_count" value="16"/></sampler>
-    <film type="hdrfilm">
-        <integer name="width" value="8"/><integer name="height" value="8"/>
-        <string name="pixel_format" value="luminance"/><rfilter type="box"/>
-    </film>
-</sensor>"""
+CAMERA = cli_scenes.camera(
+    0.1, '<lookat origin="0, 0, 0.29" target="0, 0, 0.3" up="0, 1, 0"/>', (8, 8)
+)
 OWN = '<string name="estimator" value="exact"/>', '<boolean name="diffraction" value="true"/>'
 
 

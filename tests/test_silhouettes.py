@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import polywigner as pw
+from oracles.meshes import prism
 from oracles.shadow_quadrature import point_radiator, sequential_field, shadowed_field
 from polywigner.geometry.silhouettes import hits, obstacles_of
 from polywigner.propagation.equivalent_points import RadiatingPoint
@@ -34,14 +35,6 @@ def pose(angle: float = 0.0, axis: int = 0, shift: Any = (0.0, 0.0, 0.0)) -> np.
 
 def turned(body: pw.Polyhedron, place: np.ndarray) -> pw.Polyhedron:
     return pw.Polyhedron(body.vertices @ place[:3, :3].T + place[:3, 3], body.faces)
-
-
-def prism(outline: Any, low: float, high: float) -> pw.Polyhedron:
-    count = len(outline)
-    vertices = [(x, y, z) for z in (low, high) for x, y in outline]
-    sides = [[k, (k + 1) % count, count + (k + 1) % count, count + k] for k in range(count)]
-    ends = [[*range(count)][::-1], [*range(count, 2 * count)]]
-    return pw.Polyhedron(vertices, [*ends, *sides])
 
 
 def box(x: Any, y: Any, z: Any) -> pw.Polyhedron:

@@ -10,16 +10,27 @@ import numpy as np
 import polywigner as pw
 
 
-def extruded(ring: Any, height: float) -> pw.Polyhedron:
+def prism(ring: Any, low: float, high: float) -> pw.Polyhedron:
     """A prism over a counter-clockwise ring (n, 2), with the ring as bottom and top faces.
 
     Fans from the first vertex cover these once if the ring is seen from there.
     """
     points, n = np.asarray(ring, dtype=float), len(ring)
-    levels = [np.column_stack([points, np.full(n, z)]) for z in (0.0, height)]
+    levels = [np.column_stack([points, np.full(n, z)]) for z in (low, high)]
     sides = [(k, (k + 1) % n, (k + 1) % n + n, k + n) for k in range(n)]
     faces = [(0, *range(n - 1, 0, -1)), tuple(range(n, 2 * n)), *sides]
     return pw.Polyhedron(np.concatenate(levels), faces)
+
+
+def extruded(ring: Any, height: float) -> pw.Polyhedron:
+    """A prism that stands on the plane z = 0."""
+    return prism(ring, 0.0, height)
+
+
+def box(low: Any, high: Any) -> pw.Polyhedron:
+    """A box between two corners, with its sides along the axes."""
+    (a, b, c), (d, e, f) = low, high
+    return prism([(a, b), (d, b), (d, e), (a, e)], c, f)
 
 
 def sphere(splits: int) -> pw.Polyhedron:
