@@ -79,7 +79,7 @@ def test_the_example_is_received_and_its_map_adds_up(tmp_path: Path) -> None:
     assert 0 < 3 * found["standard_error_w"] < found["scattered_w"] < found["direct_w"]
 
     from polywigner.mitsuba import load_scene
-    from polywigner.mitsuba.received_power import arrival_map, shapes_in
+    from polywigner.mitsuba.receive.received_power import arrival_map, shapes_in
 
     scene = load_scene(EXAMPLE, "llvm_ad_mono")
     picture = arrival_map(scene, 0)
@@ -158,7 +158,7 @@ def test_a_channel_is_written_with_its_ways_and_drawn(tmp_path: Path) -> None:
 @pytest.mark.llvm
 def test_a_map_is_drawn_while_another_scene_with_diffraction_is_loaded() -> None:
     from polywigner.mitsuba import load_scene
-    from polywigner.mitsuba.received_power import arrival_map
+    from polywigner.mitsuba.receive.received_power import arrival_map
 
     other = load_scene(
         EXAMPLE.parents[1] / "patch_above_floor" / "scene.xml", "llvm_ad_mono", diffraction=True

@@ -25,8 +25,8 @@ from mitsuba_scenes import (
     use,
     vectors,
 )
-from polywigner.mitsuba.sampling import Positions, positions_of
-from polywigner.mitsuba.sources import centred_source
+from polywigner.mitsuba.plugins.sampling import Positions, positions_of
+from polywigner.mitsuba.plugins.sources import centred_source
 
 pytestmark = pytest.mark.drjit
 

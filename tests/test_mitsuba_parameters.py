@@ -13,7 +13,7 @@ import polywigner.mitsuba as pwm
 from mitsuba_scenes import SQUARE, WAVELENGTH, light, pose, scene_of, use
 from polywigner.errors import EngineError, PolywignerError, SceneError
 from polywigner.mitsuba import translate_error
-from polywigner.mitsuba.parameters import PARAMETERS
+from polywigner.mitsuba.plugins.parameters import PARAMETERS
 
 pytestmark = pytest.mark.drjit
 

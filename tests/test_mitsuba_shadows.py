@@ -20,7 +20,7 @@ from mitsuba_scenes import (
     scene_of,
     use,
 )
-from polywigner.mitsuba.rendering import default_integrator
+from polywigner.mitsuba.scenes.rendering import default_integrator
 
 pytestmark = pytest.mark.drjit
 

@@ -24,8 +24,8 @@ from mitsuba_scenes import (
     vectors,
 )
 from polywigner.errors import SceneError
-from polywigner.mitsuba.sources import Mixture
-from polywigner.mitsuba.wigner import DrawnWaves
+from polywigner.mitsuba.plugins.sources import Mixture
+from polywigner.mitsuba.plugins.wigner import DrawnWaves
 
 pytestmark = pytest.mark.drjit
 

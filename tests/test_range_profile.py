@@ -20,7 +20,7 @@ pytestmark = [
 pm = pytest.importorskip("polywigner.mitsuba")
 import mitsuba as mi  # noqa: E402 (after the package, which chooses the LLVM library)
 
-from polywigner.mitsuba.range_film import require_transients  # noqa: E402
+from polywigner.mitsuba.radar.range_film import require_transients  # noqa: E402
 
 WAVELENGTH = 3.19e-3
 SQUARE = pw.shapes.square(10e-3)

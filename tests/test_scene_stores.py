@@ -71,7 +71,7 @@ def receiver_scene(tmp_path):
 def short_strips(monkeypatch):
     import polywigner.mitsuba  # noqa: F401 (chooses the LLVM library)
 
-    monkeypatch.setattr("polywigner.mitsuba.films._SCALAR_ROWS", ROWS)
+    monkeypatch.setattr("polywigner.mitsuba.plugins.films._SCALAR_ROWS", ROWS)
 
 
 def rendered(path, **options):
@@ -82,8 +82,8 @@ def rendered(path, **options):
 
 
 def received(path, seed=0, **options):
-    from polywigner.mitsuba.received import ReceiveOptions
-    from polywigner.mitsuba.scene_renders import SceneFile, receive_parts
+    from polywigner.mitsuba.receive.received import ReceiveOptions
+    from polywigner.mitsuba.scenes.scene_renders import SceneFile, receive_parts
 
     file = SceneFile(path, "scalar_rgb")
     powers = receive_parts(file, file.load(), ReceiveOptions(seed=seed), threads=1, **options)
@@ -141,8 +141,8 @@ def test_another_image_is_not_mixed_with_the_parts_in_a_store(camera_scene, tmp_
 
 def test_another_process_loads_the_scene_and_its_sources_itself(camera_scene):
     import polywigner.mitsuba as pwm
-    from polywigner.mitsuba.rendering import exposed
-    from polywigner.mitsuba.scene_renders import SceneFile, SceneParts, tile
+    from polywigner.mitsuba.scenes.rendering import exposed
+    from polywigner.mitsuba.scenes.scene_renders import SceneFile, SceneParts, tile
 
     key = pwm.register_source(pw.shapes.square(3e-3))
     file = SceneFile(camera_scene, "scalar_rgb", None, {"outline": key})

@@ -20,7 +20,7 @@ from mitsuba_scenes import BLACK, camera, emitter, receiver, rectangle, scene_of
 from polywigner.cli import main
 from polywigner.errors import SceneError
 from polywigner.geometry.silhouettes import Obstacles
-from polywigner.mitsuba.diffraction import bodies_of
+from polywigner.mitsuba.plugins.diffraction import bodies_of
 
 mi = use("scalar_rgb")
 pytestmark = pytest.mark.drjit

@@ -40,7 +40,7 @@ def render_room(
 ) -> NDArray[np.float64]:
     """Radiance (height, width) in W m^-2 sr^-1 of the room with a source in it."""
     from polywigner.mitsuba import load_scene, render
-    from polywigner.mitsuba.films import mean_of_colours, write_exr
+    from polywigner.mitsuba.plugins.films import mean_of_colours, write_exr
 
     text = files(__package__).joinpath("room.xml").read_text(encoding="utf-8")
     with temporary_folder() as folder:

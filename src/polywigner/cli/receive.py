@@ -106,11 +106,11 @@ def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
 
     from polywigner.figures import draw_channel
     from polywigner.mitsuba import channel, choose_variant
-    from polywigner.mitsuba.polarisation import is_polarised
-    from polywigner.mitsuba.received import ReceiveOptions, interference_of
-    from polywigner.mitsuba.received_power import arrival_map, shapes_in
-    from polywigner.mitsuba.receiver import receivers_of
-    from polywigner.mitsuba.scene_renders import (
+    from polywigner.mitsuba.plugins.polarisation import is_polarised
+    from polywigner.mitsuba.plugins.receiver import receivers_of
+    from polywigner.mitsuba.receive.received import ReceiveOptions, interference_of
+    from polywigner.mitsuba.receive.received_power import arrival_map, shapes_in
+    from polywigner.mitsuba.scenes.scene_renders import (
         SceneFile,
         receive_parts,
         receive_ranges,
@@ -255,7 +255,7 @@ def _figure(
     """Draw the scattered power of each receiver over its directions, a panel for each receiver."""
     from polywigner.figures.scene_plots import DirectArrival, draw_arrivals
     from polywigner.figures.style import new_figure
-    from polywigner.mitsuba.received import dbm_text
+    from polywigner.mitsuba.receive.received import dbm_text
 
     columns = min(len(found), _COLUMNS)
     rows = -(-len(found) // columns)
@@ -307,7 +307,7 @@ def _ranges_record(profile: Any) -> dict[str, Any]:
 
 def _ranges_text(profile: Any, found: list[Any]) -> str:
     """Describe the strongest bin of each receiver, and the power outside all bins."""
-    from polywigner.mitsuba.received import dbm_text
+    from polywigner.mitsuba.receive.received import dbm_text
 
     edges = profile["range_edge"].values
     lines = []

@@ -110,14 +110,14 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
         write_range_animation,
     )
     from polywigner.mitsuba import choose_variant, stokes_of
-    from polywigner.mitsuba.films import mean_of_colours, write_exr
-    from polywigner.mitsuba.placement import placed_emitter
-    from polywigner.mitsuba.polarisation import is_polarised, polarisation_summary
-    from polywigner.mitsuba.range_profile import prepared_frames
-    from polywigner.mitsuba.receiver import is_receiver
-    from polywigner.mitsuba.rendering import default_spp
-    from polywigner.mitsuba.scattered import wigner_emitters
-    from polywigner.mitsuba.scene_renders import SceneFile, render_parts
+    from polywigner.mitsuba.plugins.films import mean_of_colours, write_exr
+    from polywigner.mitsuba.plugins.placement import placed_emitter
+    from polywigner.mitsuba.plugins.polarisation import is_polarised, polarisation_summary
+    from polywigner.mitsuba.plugins.receiver import is_receiver
+    from polywigner.mitsuba.radar.range_profile import prepared_frames
+    from polywigner.mitsuba.receive.scattered import wigner_emitters
+    from polywigner.mitsuba.scenes.rendering import default_spp
+    from polywigner.mitsuba.scenes.scene_renders import SceneFile, render_parts
 
     frames = None
     store = scene_options.store_of_parts(stem, settings.resumable, settings.scheduler)
@@ -246,7 +246,7 @@ def _record(
     import numpy as np
 
     from polywigner.figures.levels import PEAK_RULE
-    from polywigner.mitsuba.receiver import is_receiver
+    from polywigner.mitsuba.plugins.receiver import is_receiver
 
     camera = scene.sensors()[0]
     height, width = radiance.shape
@@ -268,7 +268,7 @@ def _record(
 
 
 def _integrator_of(scene: Any) -> str:
-    from polywigner.mitsuba.rendering import default_integrator
+    from polywigner.mitsuba.scenes.rendering import default_integrator
 
     own = scene.integrator()
     return default_integrator(scene) if own is None else _plugin(own, "Integrator")

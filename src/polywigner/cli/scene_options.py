@@ -44,7 +44,7 @@ def check_scene_file(scene: str) -> None:
 @contextmanager
 def messages_as_warnings() -> Iterator[None]:
     """Within, messages of Mitsuba are collected; they are warnings at the end of the block."""
-    from polywigner.mitsuba.films import to_list
+    from polywigner.mitsuba.plugins.films import to_list
 
     with to_list() as messages:
         yield
@@ -94,7 +94,7 @@ def parse_ranges(text: str | None, bins: int | None, default: int) -> NDArray[np
 
 def prepare_ranges(variant: str) -> None:
     """Set the variant and load the library for ranges, before scenes that name its integrators."""
-    from polywigner.mitsuba.range_film import require_transients
+    from polywigner.mitsuba.radar.range_film import require_transients
     from polywigner.propagation.stores import required
 
     for module in ("h5netcdf", "dask"):

@@ -287,7 +287,7 @@ def _checked_profile(
     names = dict.fromkeys(
         ("range_edge", "power", "standard_error", "noise_power", "path_range", "path_power"), ""
     )
-    edges, *values = arrays_of(profile, names, "polywigner.mitsuba.range_profile")
+    edges, *values = arrays_of(profile, names, "polywigner.mitsuba.radar.range_profile")
     if "receiver" in profile.dims:
         checked_count(receiver, "receiver", 0, len(values[0]) - 1)
         values = [each[receiver] for each in values]

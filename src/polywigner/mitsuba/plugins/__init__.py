@@ -1,0 +1,1 @@
+"""The ``wigner`` emitter shape and the ``wigner_receiver`` sensor."""

@@ -1,0 +1,353 @@
+"""Films: images on disk and without noise in logs, and pictures cut into parts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import dataclass
+from functools import reduce
+from pathlib import Path
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import numpy.typing as npt
+
+from polywigner.errors import ArgumentError, SceneError, StoreError
+from polywigner.execution import kernel_threads
+from polywigner.geometry.arguments import checked_count
+from polywigner.interruption import temporary_folder
+from polywigner.mitsuba.plugins.receiver import is_receiver, scene_known
+
+# A colour film in a variant of one channel: as intended, and so no news to anybody.
+_EXPECTED = ("Monochrome mode enabled",)
+_DATE = len("2000-01-01 00:00:00 ")
+
+
+@contextmanager
+def to_list() -> Iterator[list[str]]:
+    """Collect Mitsuba's messages of the block in a list."""
+    messages: list[str] = []
+    # Through a file, which needs no Python: messages come from Mitsuba's threads. An appender
+    # with a file also leaves out the progress bars.
+    with temporary_folder() as folder:
+        path = Path(folder) / "mitsuba.log"
+        appender = mi.StreamAppender(str(path))
+        try:
+            with silent(appender):
+                yield messages
+        finally:
+            del appender  # closes the file
+            lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+            texts = (line[_DATE:].strip() for line in lines)
+            messages += [t for t in texts if t and not any(known in t for known in _EXPECTED)]
+
+
+@contextmanager
+def silent(*appenders: mi.Appender) -> Iterator[None]:
+    """Within, nothing is logged but to these, and no progress bar drawn."""
+    logger = mi.logger()
+    before = [logger.appender(index) for index in range(logger.appender_count())]
+    logger.clear_appenders()
+    for appender in appenders:
+        logger.add_appender(appender)
+    try:
+        yield
+    finally:
+        logger.clear_appenders()
+        for appender in before:
+            logger.add_appender(appender)
+
+
+@contextmanager
+def threads_for_openexr() -> Iterator[None]:
+    """Within, Dr.Jit's pool has a thread beside the caller's, without which OpenEXR waits for ever.
+
+    Mitsuba's OpenEXR, which reads textures too, hands work to the pool and does none itself.
+    """
+    before = dr.thread_count()
+    if before < 2:
+        dr.set_thread_count(2)
+    try:
+        yield
+    finally:
+        if before < 2:
+            dr.set_thread_count(before)
+
+
+def mean_of_colours(image: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+    """(height, width) from a film of one channel, or of colours (their mean) and others."""
+    colours = 3 if image.shape[-1] >= 3 else 1
+    return np.asarray(image[..., :colours].mean(axis=-1, dtype=np.float64))
+
+
+def write_exr(path: Path, image: npt.ArrayLike) -> None:
+    """Write an image as OpenEXR with 32-bit floats; negative values keep their sign."""
+    # Mitsuba's own default for an array of floats is to leave it linear, which radiance is.
+    bitmap = mi.Bitmap(np.ascontiguousarray(image, dtype=np.float32))
+    # Through memory: writing to a file itself, Mitsuba does not notice that a disk is full.
+    stream = mi.MemoryStream()
+    with kernel_threads(), threads_for_openexr():
+        bitmap.write(stream, mi.Bitmap.FileFormat.OpenEXR)
+    try:
+        path.write_bytes(stream.raw_buffer())
+    except OSError as error:
+        raise ArgumentError(
+            f"expected to write {path}, got: {error.strerror}; choose another place"
+        ) from error
+
+
+# Mitsuba adds the samples of a pixel in float32: 2^20 equal ones were 0.4 % off, 2^24 6 %.
+_IN_PIXEL = 1 << 12
+
+
+def fineness(camera: Any, samples: int) -> int:
+    """Number of pixels along each side into which a receiver's pixel is divided.
+
+    Those of others are not: what is stratified in a pixel of a camera is best left so.
+    """
+    doublings = math.ceil(math.log2(samples / _IN_PIXEL) / 2)
+    return 2 ** max(doublings, 0) if is_receiver(camera) else 1
+
+
+@contextmanager
+def refined(camera: Any, factor: int) -> Iterator[None]:
+    """A film of so many times the pixels along each side, which the receiver takes for the same."""
+    film = camera.film()
+    sizes = (film.size(), film.crop_size(), film.crop_offset())
+    finer = [[int(pair[0]) * factor, int(pair[1]) * factor] for pair in sizes]
+    if factor > 1:
+        camera.fineness = factor
+    try:
+        with _film_of_size(camera, *finer):
+            yield
+    finally:
+        if factor > 1:
+            camera.fineness = 1
+
+
+def coarse(image: npt.NDArray[Any], factor: int) -> npt.NDArray[Any]:
+    """The image of the film as it was: means over pixels."""
+    rows, columns, channels = image.shape
+    shape = (rows // factor, factor, columns // factor, factor, channels)
+    return np.asarray(image.reshape(shape).mean(axis=(1, 3)))
+
+
+@contextmanager
+def cropped(camera: Any, top: int, rows: int, columns: int | None = None) -> Iterator[None]:
+    """A narrower crop window, put back afterwards."""
+    film = camera.film()
+    (width, _), (x, y) = film.crop_size(), film.crop_offset()
+    window = [width if columns is None else columns, rows]
+    with _film_of_size(camera, film.size(), window, [x, y + top]):
+        yield
+
+
+@contextmanager
+def _film_of_size(camera: Any, *sizes: Any) -> Iterator[None]:
+    """Within, the size of the film, and size and offset of its crop window, are these."""
+    film = camera.film()
+    before = (film.size(), film.crop_size(), film.crop_offset())
+    states = [[[int(n) for n in pair] for pair in state] for state in (sizes, before)]
+    if states[0] == states[1]:
+        yield
+        return
+    names = ("film.size", "film.crop_size", "film.crop_offset")
+    try:
+        mi.traverse(camera).update(dict(zip(names, states[0], strict=True)))
+        yield
+    finally:
+        mi.traverse(camera).update(dict(zip(names, states[1], strict=True)))
+
+
+# Samples in flight at once in the compiled variants: Mitsuba keeps some 100 bytes of each.
+WAVEFRONT = 2**24
+
+# The scalar variants keep nothing; they are cut only so that progress can be told. Their threads
+# share out squares of 32 pixels.
+_SCALAR_STRIPS = 20
+_SCALAR_ROWS = 32
+
+# Pixels of all sets together: half a gigabyte of each channel, where they are stored.
+_STORED = 2**26
+
+CAMERAS = ("PerspectiveCamera", "ThinLensCamera", "OrthographicCamera")
+"""Sensors whose film can be rendered in parts."""
+
+
+@dataclass(frozen=True)
+class Tiling:
+    """Tiling of a film into strips of whole rows, and of their samples into passes.
+
+    It depends on scene, variant and samples alone, so that a picture is the same whoever renders
+    its parts.
+    """
+
+    width: int
+    height: int
+    rows: int
+    """Rows of a strip; the last one may have fewer."""
+    samples: int
+    """Samples of a pixel."""
+    passes: int
+    """Passes of each strip."""
+    sets: int
+    """Sets of passes: a part is one strip with one set of its passes."""
+
+    @property
+    def strips(self) -> int:
+        return math.ceil(self.height / self.rows)
+
+    @property
+    def steps(self) -> int:
+        """Number of passes of all strips together, in which progress is told."""
+        return self.strips * self.passes
+
+    def passes_of(self, number: int) -> range:
+        """The passes of a set. They are counted, not listed: there may be millions."""
+        ends = [k * self.passes // self.sets for k in (number, number + 1)]
+        return range(*ends)
+
+
+def tiling_of(camera: Any, samples: int) -> Tiling:
+    """The parts of a sensor's film, from the top of its crop window."""
+    width, height = camera.film().crop_size()
+    is_compiled = dr.is_jit_v(mi.Float)
+    if camera.class_name() not in CAMERAS:
+        count = 1
+    elif is_compiled:
+        count = math.ceil(height / max(1, WAVEFRONT // (samples * width)))
+    else:
+        count = max(1, min(_SCALAR_STRIPS, height // _SCALAR_ROWS))
+    rows = math.ceil(height / count)
+    longest = max(1, WAVEFRONT // (width * rows)) if is_compiled else samples
+    passes = math.ceil(samples / longest)
+    sets = max(1, min(passes, _STORED // (width * height)))
+    return Tiling(width, height, rows, samples, passes, sets)
+
+
+@dataclass(frozen=True)
+class Exposure:
+    """All that decides the values of a picture."""
+
+    scene: Any
+    camera: Any
+    integrator: Any
+    cut: Tiling
+    seed: int
+
+    def image(
+        self, strip: int, number: int, done: Callable[[], None] = lambda: None
+    ) -> npt.NDArray[np.float64]:
+        """One set of a strip's passes, weighted so that the sum of all sets is the radiance."""
+        cut = self.cut
+        top = strip * cut.rows
+        rows = min(cut.rows, cut.height - top)
+        image: npt.NDArray[np.float64] | float = 0.0
+        for index in cut.passes_of(number):
+            # Of almost equal length, rather than a last one that is short and badly stratified.
+            samples = cut.samples // cut.passes + (index < cut.samples % cut.passes)
+            seed = seed_of(self.seed, strip * cut.passes + index)
+            with cropped(self.camera, top, rows), _quietly():
+                rendered = _rendered(self, samples, seed)
+            image = image + samples / cut.samples * rendered
+            done()
+        return _finite(np.asarray(image))
+
+    def picture(self, done: Callable[[], None]) -> npt.NDArray[np.float32]:
+        """All parts, one after the other: (height, width, channels)."""
+        strips = []
+        for strip in range(self.cut.strips):
+            sets = (self.image(strip, number, done) for number in range(self.cut.sets))
+            strips.append(reduce(np.add, sets))
+        return np.concatenate(strips).astype(np.float32)
+
+    def channels(self) -> int:
+        """Number of channels of the image, from one pixel: integrators add to the film's."""
+        one = 1 if self.camera.class_name() in CAMERAS else self.cut.height
+        with cropped(self.camera, 0, one, one), _quietly():
+            return int(_rendered(self, 1, 0).shape[-1])
+
+
+# Noise falls with the root of the number: nobody waits for more.
+_LARGEST_SPP = 2**30
+
+
+def check_spp(spp: int) -> int:
+    """The samples per pixel; ArgumentError unless a whole number from 1 to 2^30."""
+    return checked_count(spp, "spp", 1, _LARGEST_SPP)
+
+
+def check_seed(seed: int) -> int:
+    """The seed; ArgumentError unless a whole number of zero or more."""
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+        raise ArgumentError(f"expected a seed as a whole number of zero or more, got {seed!r}")
+    return int(seed)
+
+
+def seed_of(seed: int, *part: int) -> int:
+    """Seed of 32 bits for a part of a render with a seed of any size."""
+    return int(np.random.SeedSequence(seed, spawn_key=part).generate_state(1)[0])
+
+
+def check_is_whole(integrator: Any) -> None:
+    """Raise StoreError for a render that ended before its time."""
+    if integrator.should_stop():
+        raise StoreError(
+            "expected a part that is rendered to its end, got one that Ctrl-C or a timeout of "
+            "the integrator has cut short; start the same run again, without a timeout"
+        )
+
+
+_DELTA = mi.EmitterFlags.DeltaPosition, mi.EmitterFlags.DeltaDirection
+
+
+def _rendered(exposure: Exposure, spp: int, seed: int) -> npt.NDArray[np.float64]:
+    """An image that Mitsuba renders in one go."""
+    scene, camera, integrator = exposure.scene, exposure.camera, exposure.integrator
+    factor, lights = fineness(camera, spp), scene.emitters()
+    # zeros of matrices, and samples of delta lights, are literals, which loops of one sample fold
+    is_delta = any(mi.has_flag(e.flags(), delta) for e in lights for delta in _DELTA)
+    fewest = 2 if mi.is_polarized or is_delta else 1
+    finer = accepted_samples(camera.sampler(), max(fewest, math.ceil(spp / factor**2)))
+    with rendering_errors(integrator.class_name()), scene_known(scene), refined(camera, factor):
+        image = mi.render(scene, sensor=camera, integrator=integrator, spp=finer, seed=seed)
+        return coarse(np.array(image, dtype=np.float64), factor)
+
+
+def accepted_samples(sampler: Any, count: int) -> int:
+    """Return the number of samples per pixel that a sampler takes where ``count`` are requested.
+
+    Samplers round up, and would log a warning in each render of a number that they round.
+    """
+    probe = sampler.fork()
+    with silent():
+        probe.set_sample_count(count)
+    return int(probe.sample_count())
+
+
+@contextmanager
+def rendering_errors(integrator: str) -> Iterator[None]:
+    """Turn errors of a render into a SceneError; Dr.Jit says why in the cause."""
+    try:
+        yield
+    except (RuntimeError, AssertionError) as error:
+        cause = error.__cause__ or error
+        raise SceneError(f"expected a scene that {integrator} can render: {cause}") from error
+
+
+def _finite(image: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    bad = int(np.count_nonzero(~np.isfinite(image).all(axis=-1)))
+    if bad:
+        raise SceneError(
+            f"expected radiance that is finite, got {bad} of {image[..., 0].size} pixels that are "
+            "not; check frequency, power and radiances of the scene, and their units"
+        )
+    return image
+
+
+def _quietly() -> AbstractContextManager[None]:
+    """The scalar variants log each negative sample that a film takes, and draw a progress bar."""
+    return nullcontext() if dr.is_jit_v(mi.Float) else silent()

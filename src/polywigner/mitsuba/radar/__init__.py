@@ -1,0 +1,1 @@
+"""Received power sorted by range, and scenes as clouds of scatterers."""

@@ -1,0 +1,444 @@
+"""Received power by range: half the length of its path from a source to the receiver."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from polywigner.errors import ArgumentError
+from polywigner.execution.progress import told
+from polywigner.geometry.arguments import checked_callable, real_numbers
+from polywigner.mitsuba.plugins.films import check_seed, check_spp, seed_of
+from polywigner.mitsuba.plugins.receiver import is_receiver, receivers_of
+from polywigner.mitsuba.plugins.registration import one_at_a_time
+from polywigner.mitsuba.radar.range_film import (
+    check_sums,
+    require_transients,
+    sorted_by_range,
+    transient_integrator,
+)
+from polywigner.mitsuba.receive.received import (
+    OTHER_LIGHTS,
+    DirectPath,
+    ReceivedPower,
+    ReceiveOptions,
+    described,
+    interference_of,
+    noise_power_of,
+)
+from polywigner.mitsuba.receive.received_power import (
+    Parties,
+    chosen,
+    matched,
+    ready_to_receive,
+    received_by,
+    scattered_here,
+)
+from polywigner.mitsuba.receive.scattered import (
+    BATCHES,
+    Scattering,
+    batches_of,
+    lights_of,
+    shares_of,
+    standard_error,
+    wigner_emitters,
+)
+from polywigner.mitsuba.scenes.rendering import default_spp, exposed
+from polywigner.quantities import SPEED_OF_LIGHT, parse_noise
+from polywigner.transforms.xarray_arguments import labelled_array
+
+if TYPE_CHECKING:
+    import xarray
+
+
+Floats = npt.NDArray[np.float64]
+
+# Of 16 batches they take 0.1 GB for each light and receiver, and a few times as much at the end.
+_MOST_BINS = 2**20
+
+
+@one_at_a_time
+def range_profile(
+    scene: Any,
+    ranges: npt.ArrayLike,
+    *,
+    spp: int | None = None,
+    seed: int = 0,
+    receiver: int | str | None = None,
+    integrator: Any = None,
+    reflections: int = 2,
+    tolerance: float = 1e-6,
+    bandwidth: float | str | None = None,
+    temperature: float | str | None = None,
+    noise_figure: float | str | None = None,
+    coherent: bool = False,
+    polarisation: Any = None,
+    bodies: Mapping[str, Any] | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> xarray.Dataset:
+    """Return the power that the receivers of a scene get by range, with its standard error.
+
+    Range is half the length of the path from a source to a receiver, in m; in glass the length
+    counts times the index of refraction. The power is the sum of direct light, line of sight and
+    by flat mirrors as in :func:`polywigner.mitsuba.received_power`, and of scattered light by
+    samples. Needs mitransient (extra ``radar``). docs/range.md.
+
+    Parameters
+    ----------
+    scene : a ``mi.Scene`` with ``wigner_receiver`` sensors and lights, of a compiled variant.
+    ranges : (n + 1,) rising edges of n bins, in m, zero or more; up to 2^20 bins.
+    spp : samples for each emitter, in 16 batches; rounded up to a multiple of 16. Default: the
+        sensor's own.
+    seed : of the random numbers, zero or more.
+    receiver : id of the sensor, or its number among the sorted ids of receivers, from 0; None: all.
+    integrator : ``transient_path`` (surfaces), ``transient_prbvolpath`` (fog too), or one of
+        Mitsuba's that has the same paths: path, direct, prb; volpath, volpathmis, prbvolpath, whose
+        depths are taken over; default: the scene's own, else that of
+        :func:`polywigner.mitsuba.render`.
+    reflections, tolerance : of direct light, as in :func:`polywigner.mitsuba.received_power`.
+    bandwidth, temperature, noise_figure : as in :func:`polywigner.mitsuba.received_power`.
+    coherent : True: direct paths of one emitter add as amplitudes within each bin.
+    polarisation, bodies : with ``coherent``, as in :func:`polywigner.mitsuba.received_power`.
+    progress : called after each render with the number of those done, and of all.
+
+    Returns
+    -------
+    xarray.Dataset
+        For each bin ``power``, the sum of ``direct_power`` and ``scattered_power``, and
+        ``standard_error`` (receiver, range) in W; ``emitter_power`` (receiver, emitter, range) in
+        W. ``before`` and ``after`` (receiver) in W are from nearer and from farther than all bins;
+        ``direct``, ``scattered`` and ``scattered_error`` from all ranges. For each ``path`` of
+        direct light ``path_power`` in W and ``path_range`` in m (receiver, emitter, path), zero
+        and NaN for an emitter without it, and ``mirrors`` (path): the light's id, if it is no
+        coherent source, and the names of mirrors and bodies, joined by ", ". ``noise_power`` in W
+        and ``resolution`` c/(2 bandwidth) in m if temperature and bandwidth are known, else NaN.
+        With a single receiver the dimension ``receiver`` is left out. Coordinates: ``range``, the
+        centres of bins, and ``range_edge``, in m.
+
+    Raises
+    ------
+    MissingExtraError : no mitransient. EngineError : a scalar variant. ArgumentError : edges that
+        do not rise, other arguments out of range. SceneError : as of
+        :func:`polywigner.mitsuba.received_power`; an integrator without path lengths; lights
+        infinitely far; a receiver in fog, or uneven fog, which mitransient measures too short.
+    """
+    edges = checked_ranges(ranges)
+    require_transients()
+    noise = parse_noise(bandwidth, temperature, noise_figure)
+    waves = interference_of(coherent, polarisation, bodies)
+    options = ReceiveOptions(spp, seed, integrator, reflections, tolerance, noise, waves)
+    found = receivers_of(scene)
+    numbers = list(range(len(found))) if receiver is None else [chosen(found, receiver)]
+    sample = partial(scattered_here, scene, progress)
+    return received_by_range(scene, numbers, options, edges, sample)[1]
+
+
+Sampled = Callable[[list[Scattering]], Floats]
+"""Power in W (receivers, batches, lights, values) of the batches of each receiver."""
+
+
+def received_by_range(
+    scene: Any, numbers: list[int], options: ReceiveOptions, edges: Floats, sample: Sampled
+) -> tuple[list[ReceivedPower], xarray.Dataset]:
+    """Received powers of receivers by their numbers, and the same by range."""
+    kept: list[tuple[Scattering, Floats]] = []
+    with ready_to_receive(scene, options):
+        parties = matched(scene, numbers, options)
+
+        def scattered(plans: list[Scattering]) -> Floats:
+            found = sample(_ranged(plans, parties, edges))
+            kept.append((plans[0], found))
+            return np.asarray(found.sum(axis=-1))
+
+        powers = received_by(scene, parties, options, scattered)
+    return powers, _profile_of(scene, parties, edges, *kept[0], powers)
+
+
+def checked_ranges(ranges: npt.ArrayLike) -> Floats:
+    """Edges of bins; ArgumentError unless two or more finite ones that rise from zero or more."""
+    try:
+        edges = real_numbers(ranges)
+    except ValueError:
+        raise ArgumentError(
+            f"expected ranges as numbers in m, got {ranges!r}; give edges of bins such as "
+            "np.linspace(0, 60, 513)"
+        ) from None
+    if edges.ndim != 1 or not 2 <= len(edges) <= _MOST_BINS + 1:
+        raise ArgumentError(
+            f"expected ranges (n + 1,) as edges of n bins, got shape {edges.shape}; give at least "
+            f"two, and at most {_MOST_BINS + 1}"
+        )
+    with np.errstate(over="ignore"):  # paths are measured in single precision
+        single = edges.astype(np.float32)
+    if not np.isfinite(single).all() or edges[0] < 0 or not np.all(np.diff(single) > 0):
+        raise ArgumentError(
+            "expected ranges as finite edges in m that rise from zero or more, also in single "
+            f"precision, got {edges[0]:g} to {edges[-1]:g} in {len(edges) - 1} steps"
+        )
+    return edges
+
+
+def _ranged(plans: list[Scattering], parties: Parties, edges: Floats) -> list[Scattering]:
+    """Sampling of the same light by range, with bin ``edges`` in m."""
+    lengths = [tuple((2.0 * edges / place.scene_unit).tolist()) for place in parties.places]
+    return [replace(plan, edges=own) for plan, own in zip(plans, lengths, strict=True)]
+
+
+def _profile_of(
+    scene: Any,
+    parties: Parties,
+    edges: Floats,
+    plan: Scattering,
+    found: Floats,
+    powers: list[ReceivedPower],
+) -> xarray.Dataset:
+    """See :func:`range_profile`; ``found``: W (receivers, batches, lights, values)."""
+    shares = [shares_of(scene, each) for each in found]
+    has_others = len(lights_of(scene)) > len(parties.emitters)
+    names = [each.name for each in parties.emitters] + [OTHER_LIGHTS] * has_others
+    by_light = np.array([[*own, other][: len(names)] for own, other in shares])
+    direct = np.array(
+        [[_direct_of(part.paths, edges) for part in power.contributions] for power in powers]
+    )
+    values = _bins_of(by_light, direct) | _noise_of(parties)
+    values |= _paths_of([[part.paths for part in power.contributions] for power in powers])
+    polarisation = "; ".join(dict.fromkeys(power.polarisation for power in powers))
+    return _described(values, names, parties, edges, plan, polarisation)
+
+
+def _direct_of(paths: Sequence[DirectPath], edges: Floats) -> Floats:
+    """Direct power in W nearer than all bins, in each, and farther.
+
+    Paths that interfere add as amplitudes in each bin.
+    """
+    result, waves = np.zeros(len(edges) + 1), np.zeros(len(edges) + 1, np.complex128)
+    for path in paths:
+        number = np.searchsorted(edges, path.length / 2, side="right")
+        if path.amplitude is None:
+            result[number] += path.power
+        elif path.power > 0.0:
+            waves[number] += path.amplitude / abs(path.amplitude) * math.sqrt(path.power)
+    return np.asarray(result + np.abs(waves) ** 2)
+
+
+Values = dict[str, tuple[Any, tuple[str, ...], str, str]]
+
+
+def _bins_of(by_light: Floats, direct: Floats) -> Values:
+    """Powers of bins; W (receivers, lights, batches, values) and (receivers, lights, values)."""
+    each = by_light.sum(axis=1)
+    scattered, error = each.mean(axis=1), standard_error(each, axis=1)
+    of_direct, all_bins = direct.sum(axis=1), each.sum(axis=-1)
+    total = of_direct + scattered
+    by_range = ("range",)
+    return {
+        "power": (total[:, 1:-1], by_range, "W", "power of a bin"),
+        "standard_error": (error[:, 1:-1], by_range, "W", "standard error of the power"),
+        "direct_power": (
+            of_direct[:, 1:-1],
+            by_range,
+            "W",
+            "power of a bin, line of sight and by flat mirrors",
+        ),
+        "scattered_power": (scattered[:, 1:-1], by_range, "W", "scattered power of a bin"),
+        "emitter_power": (
+            (direct + by_light.mean(axis=2))[..., 1:-1],
+            ("emitter", *by_range),
+            "W",
+            "power of one emitter",
+        ),
+        "before": (total[:, 0], (), "W", "power from nearer than all bins"),
+        "after": (total[:, -1], (), "W", "power from farther than all bins"),
+        "direct": (of_direct.sum(axis=1), (), "W", "direct power from all ranges"),
+        "scattered": (all_bins.mean(axis=1), (), "W", "scattered power from all ranges"),
+        "scattered_error": (
+            standard_error(all_bins, axis=1),
+            (),
+            "W",
+            "standard error of the scattered power from all ranges",
+        ),
+    }
+
+
+def _noise_of(parties: Parties) -> Values:
+    bands = [of_one["bandwidth"] for of_one in parties.noises]
+    noise = [noise_power_of(**of_one) for of_one in parties.noises]
+    resolution = [None if b is None else SPEED_OF_LIGHT / (2 * b) for b in bands]
+    return {
+        "noise_power": (np.array(noise, float), (), "W", "noise k T B F"),
+        "resolution": (
+            np.array(resolution, float),
+            (),
+            "m",
+            "range that the bandwidth resolves, c/(2 B)",
+        ),
+    }
+
+
+def _paths_of(found: list[list[tuple[DirectPath, ...]]]) -> Values:
+    """Power and range of each path of direct light, by receivers and lights."""
+    labels: dict[str, int] = {}
+    entries = [
+        (i, j, labels.setdefault(_label(path), len(labels)), path)
+        for i, lights in enumerate(found)
+        for j, paths in enumerate(lights)
+        for path in paths
+    ]
+    shape = len(found), len(found[0]), len(labels)
+    powers, ranges = np.zeros(shape), np.full(shape, np.nan)
+    for i, j, k, path in entries:
+        powers[i, j, k], ranges[i, j, k] = path.power, path.length / 2
+    each = ("emitter", "path")
+    return {
+        "path_power": (powers, each, "W", "power of a path of direct light"),
+        "path_range": (ranges, each, "m", "range of a path of direct light"),
+        "mirrors": (
+            np.array(list(labels), np.str_),
+            ("path",),
+            "",
+            "light and mirrors in the order of light; none: line of sight",
+        ),
+    }
+
+
+def _label(path: DirectPath) -> str:
+    return ", ".join([path.light, *path.mirrors] if path.light else path.mirrors)
+
+
+def _described(
+    values: Values,
+    names: list[str],
+    parties: Parties,
+    edges: Floats,
+    plan: Scattering,
+    polarisation: str,
+) -> xarray.Dataset:
+    coords = {**range_axes(edges), "emitter": labelled_array(np.array(names), ("emitter",))}
+    receivers = [place.name for place in parties.places]
+    own = {name: value for name, value in values.items() if name != "mirrors"}
+    if single := len(receivers) == 1:
+        own = {name: (array[0], *rest) for name, (array, *rest) in own.items()}
+    else:
+        own = {n: (array, ("receiver", *dims), *rest) for n, (array, dims, *rest) in own.items()}
+        coords["receiver"] = labelled_array(np.array(receivers), ("receiver",))
+    about = {
+        "receiver": receivers[0] if single else "several",
+        "wavelength": parties.places[0].wavelength,
+        "polarisation": polarisation,
+        "samples": BATCHES * batches_of(plan.spp),
+        "seed": plan.seed,
+    }
+    return described(own | {"mirrors": values["mirrors"]}, coords, about)
+
+
+def range_axes(edges: Floats) -> dict[str, xarray.Variable]:
+    """Middles and edges of bins as coordinates."""
+    length = {"units": "m", "long_name": "range, half the length of the path"}
+    middles = (edges[1:] + edges[:-1]) / 2
+    return {
+        "range": labelled_array(middles, ("range",), length),
+        "range_edge": labelled_array(edges, ("range_edge",), {**length, "long_name": "bin edges"}),
+    }
+
+
+Progress = Callable[[int, int], None]
+
+# Renders of which the mean is taken, so that progress can be told.
+_PARTS = 4
+
+
+@one_at_a_time
+def range_frames(
+    scene: Any,
+    ranges: npt.ArrayLike,
+    *,
+    spp: int | None = None,
+    seed: int = 0,
+    sensor: int = 0,
+    integrator: Any = None,
+    progress: Progress | None = None,
+) -> xarray.Dataset:
+    """Render the radiance of a camera by range, one frame for each bin.
+
+    Range is half the length of the way from a place on a source to the camera, as in
+    :func:`range_profile`; a camera's near clip counts. Here sources are seen, as in
+    :func:`polywigner.mitsuba.render`. Pixels have a box filter. docs/range.md.
+
+    Parameters
+    ----------
+    scene : a ``mi.Scene`` of a compiled variant; its camera brings size, crop and sampler.
+    ranges : (n + 1,) rising edges of n bins, in m, zero or more.
+    spp : samples per pixel; default: the sampler's own.
+    seed : of the random numbers, zero or more.
+    sensor : index of the scene's camera.
+    integrator : as of :func:`range_profile`.
+    progress : called after each of 4 parts with the number of those done, and of all.
+
+    Returns
+    -------
+    xarray.Dataset with
+    ``radiance`` (range, row, column), ``before`` and ``after`` (row, column) in W m^-2 sr^-1, of
+    nearer and of farther than all bins. All of them add up to the picture, its luminance where it
+    has colours. Coordinates ``range`` and ``range_edge`` in m.
+
+    Raises
+    ------
+    As :func:`range_profile`, and ArgumentError for a receiver, or more than 2^28 numbers.
+    """
+    how = {"spp": spp, "seed": seed, "sensor": sensor, "integrator": integrator}
+    return prepared_frames(scene, ranges, **how)(progress)
+
+
+def prepared_frames(
+    scene: Any, ranges: npt.ArrayLike, *, spp: int | None, seed: int, sensor: int, integrator: Any
+) -> Callable[[Progress | None], xarray.Dataset]:
+    """Return the function that renders the frames of :func:`range_frames`, arguments checked."""
+    edges = checked_ranges(ranges)
+    require_transients()
+    entropy = check_seed(seed)
+    exposure = exposed(scene, integrator, 1, 0, sensor)
+    camera = exposure.camera
+    if is_receiver(camera):
+        raise ArgumentError(
+            f"expected a camera, got sensor {sensor}, which is a receiver; use range_profile"
+        )
+    total = check_spp(default_spp(scene, sensor) if spp is None else spp)
+    own = transient_integrator(exposure.integrator, scene, camera)
+    units = {emitter.spec.scene_unit for emitter in wigner_emitters(scene)} or {1.0}
+    if len(units) > 1:
+        raise ArgumentError(f"expected one scene_unit of all sources, got {sorted(units)} m")
+    lengths = 2.0 * edges / units.pop()
+    check_sums(camera.film().crop_size(), edges)
+    parts = min(_PARTS, total)
+
+    def rendered(progress: Progress | None) -> xarray.Dataset:
+        checked_callable(progress, "progress")
+        found: Any = 0.0
+        with told("renders", range(parts)) as each:
+            for part in each:
+                samples = total // parts + (part < total % parts)
+                seed = seed_of(entropy, part)
+                image = sorted_by_range(scene, camera, own, lengths, samples, seed)
+                found = found + samples / total * image
+                if progress is not None:
+                    progress(part + 1, parts)
+        return _labelled(np.asarray(found), edges, total, entropy)
+
+    return rendered
+
+
+def _labelled(found: Floats, edges: Floats, spp: int, seed: int) -> xarray.Dataset:
+    picture, unit = ("row", "column"), "W m-2 sr-1"
+    frames = np.moveaxis(found[..., 1:-1], -1, 0)
+    values = {
+        "radiance": (frames, ("range", *picture), unit, "radiance of a bin"),
+        "before": (found[..., 0], picture, unit, "radiance from nearer than all bins"),
+        "after": (found[..., -1], picture, unit, "radiance from farther than all bins"),
+    }
+    return described(values, range_axes(edges), {"samples": spp, "seed": seed})

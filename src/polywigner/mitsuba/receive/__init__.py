@@ -1,0 +1,1 @@
+"""Power and complex amplitudes that receivers get from a scene."""

@@ -1,0 +1,319 @@
+"""Received power of a scene in W, its contributions and their standard errors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from polywigner.errors import ArgumentError
+from polywigner.geometry.arguments import checked_count, checked_flag
+from polywigner.illumination.polarisation import checked_polarisation
+from polywigner.mitsuba.plugins.films import check_seed, check_spp
+from polywigner.mitsuba.scenes.reflectors import Body, checked_bodies
+from polywigner.quantities import NOISE_PARSERS, SPEED_OF_LIGHT
+from polywigner.reception.couplings import checked_tolerance
+from polywigner.transforms.xarray_arguments import labelled_array, labelled_arrays
+
+if TYPE_CHECKING:
+    import xarray
+
+BOLTZMANN = 1.380649e-23
+"""J/K, exact in the SI of 2019."""
+
+OTHER_LIGHTS = "other lights"
+
+_MILLIWATT = 1e-3
+
+
+def dbm_of(watts: float) -> float | None:
+    """Power in dBm; None for powers not above zero, which noise may leave."""
+    return 10 * math.log10(watts / _MILLIWATT) if watts > 0 else None
+
+
+def dbm_text(watts: float) -> str:
+    """A power in dBm as tables have it."""
+    level = dbm_of(watts)
+    if level is not None:
+        return f"{level:.2f} dBm"
+    return "none" if watts == 0 else "below zero"
+
+
+@dataclass(frozen=True)
+class DirectPath:
+    """Light that comes straight from an emitter, or by flat mirrors and bodies."""
+
+    mirrors: tuple[str, ...]
+    """Names of shapes and bodies in the light's order; none: the straight line."""
+    power: float
+    """W."""
+    coupling: float
+    """|b|^2 with nothing in between: received over emitted power."""
+    passing: float
+    """Share of the power that obstacles and mirrors let through, a mean over rays."""
+    arrives_from: tuple[float, float]
+    """Direction cosines to the middle of the emitter or its image, in the receiver's frame."""
+    polarisation: float = 1.0
+    """Share of the passing power in the receiver's polarisation."""
+    amplitude: complex | None = None
+    """Amplitude where ways interfere: its power is ``coupling`` times ``passing``; else None."""
+    length: float = math.nan
+    """m, between the centres of both ends along the path; infinite for a directional light."""
+    light: str = ""
+    """Id of the point, spot, projector or directional light; of those ``coupling`` is received
+    power over 4 pi times the intensity, or over the irradiance, in m^2."""
+
+
+@dataclass(frozen=True)
+class Contribution:
+    """Power in W that a receiver gets from one emitter, or from all incoherent lights."""
+
+    name: str
+    direct: float
+    """W, straight and by flat mirrors: exact but for the share that passes."""
+    scattered: float
+    """W, by surfaces and fog."""
+    standard_error: float
+    """W, of ``scattered``."""
+    paths: tuple[DirectPath, ...] = ()
+
+    @property
+    def power(self) -> float:
+        """W."""
+        return self.direct + self.scattered
+
+
+@dataclass(frozen=True)
+class ReceivedPower:
+    """The power that one receiver gets from a scene; ``float()`` gives it in W.
+
+    Direct ways of one emitter interfere with ``coherent=True``; else powers add.
+    """
+
+    receiver: str
+    wavelength: float
+    """m."""
+    contributions: tuple[Contribution, ...]
+    standard_error: float
+    """W, of ``scattered``; the rest has none."""
+    samples: int
+    """Samples of the scattered part, for each of its renders."""
+    seed: int
+    bandwidth: float | None = None
+    """Hz."""
+    temperature: float | None = None
+    """K."""
+    noise_figure: float | None = None
+    """dB; None counts as 0."""
+    notes: tuple[str, ...] = ()
+    """Sentences about effects in this scene that the numbers leave out."""
+    polarisation: str = ""
+    """Polarisations that count, with the names of the ends that have them."""
+
+    @property
+    def direct(self) -> float:
+        """W, straight from emitters and by flat mirrors."""
+        return math.fsum(part.direct for part in self.contributions)
+
+    @property
+    def scattered(self) -> float:
+        """W, by surfaces and fog; noise may take it below zero (estimator ``wigner``)."""
+        return math.fsum(part.scattered for part in self.contributions)
+
+    @property
+    def power(self) -> float:
+        """W."""
+        return self.direct + self.scattered
+
+    @property
+    def dbm(self) -> float | None:
+        """The power in dBm; None where it is not above zero."""
+        return dbm_of(self.power)
+
+    @property
+    def noise_power(self) -> float | None:
+        """W, k T B F; None without a temperature and a bandwidth."""
+        return noise_power_of(self.bandwidth, self.temperature, self.noise_figure)
+
+    @property
+    def snr(self) -> float | None:
+        """Power over noise power, not in dB; None where either is not there."""
+        noise = self.noise_power
+        return None if noise is None else self.power / noise
+
+    def __float__(self) -> float:
+        return self.power
+
+    def to_dict(self) -> dict[str, Any]:
+        """All of it as numbers and texts, for JSON."""
+        return {
+            "receiver": self.receiver,
+            "wavelength_m": self.wavelength,
+            "frequency_hz": SPEED_OF_LIGHT / self.wavelength,
+            "power_w": self.power,
+            "standard_error_w": self.standard_error,
+            "power_dbm": self.dbm,
+            "direct_w": self.direct,
+            "scattered_w": self.scattered,
+            "emitters": [_dict_of(part) for part in self.contributions],
+            "samples": self.samples,
+            "seed": self.seed,
+            "bandwidth_hz": self.bandwidth,
+            "temperature_k": self.temperature,
+            "noise_figure_db": self.noise_figure,
+            "noise_power_w": self.noise_power,
+            "snr": self.snr,
+            "polarisation": self.polarisation,
+            "notes": list(self.notes),
+        }
+
+    def __str__(self) -> str:
+        frequency = SPEED_OF_LIGHT / self.wavelength / 1e9
+        rows: list[tuple[str, ...]] = [
+            (f"receiver {self.receiver}", "direct", "scattered", "standard error", "power")
+        ]
+        for part in self.contributions:
+            numbers = part.direct, part.scattered, part.standard_error
+            rows.append((part.name, *map(_watts, numbers), dbm_text(part.power)))
+        numbers = self.direct, self.scattered, self.standard_error
+        if len(self.contributions) != 1:
+            rows.append(("total", *map(_watts, numbers), dbm_text(self.power)))
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        lines = [
+            "  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])])
+            for row in rows
+        ]
+        lines.append(
+            f"{_watts(self.power)} +- {_watts(self.standard_error)} at {frequency:.6g} GHz"
+        )
+        if self.polarisation:
+            lines.append(f"polarisation: {self.polarisation}")
+        if (noise := self.noise_power) is not None:
+            ratio = self.power / noise
+            shown = f"{10 * math.log10(ratio):.2f} dB" if ratio > 0 else "below zero"
+            lines.append(f"noise {_watts(noise)} ({dbm_text(noise)}), signal to noise {shown}")
+        return "\n".join([*lines, *(f"note: {note}" for note in self.notes)])
+
+
+def noise_power_of(
+    bandwidth: float | None, temperature: float | None, noise_figure: float | None
+) -> float | None:
+    """W, k T B F of Hz, K and dB; None without a temperature and a bandwidth."""
+    if temperature is None or bandwidth is None:
+        return None
+    return BOLTZMANN * temperature * bandwidth * 10 ** ((noise_figure or 0.0) / 10)
+
+
+def _dict_of(part: Contribution) -> dict[str, Any]:
+    return {
+        "name": part.name,
+        "power_w": part.power,
+        "direct_w": part.direct,
+        "scattered_w": part.scattered,
+        "standard_error_w": part.standard_error,
+        "paths": [
+            {
+                "mirrors": list(path.mirrors),
+                "power_w": path.power,
+                "coupling": path.coupling,
+                "passing": path.passing,
+                "arrives_from": list(path.arrives_from),
+                "polarisation": path.polarisation,
+                "length_m": path.length if math.isfinite(path.length) else None,
+                **({"light": path.light} if path.light else {}),
+                **_phase_of(path.amplitude),
+            }
+            for path in part.paths
+        ],
+    }
+
+
+def _phase_of(amplitude: complex | None) -> dict[str, list[float]]:
+    return {} if amplitude is None else {"amplitude": [amplitude.real, amplitude.imag]}
+
+
+def _watts(value: float) -> str:
+    return f"{value:.4g} W"
+
+
+# Ways by more mirrors are not searched.
+MOST_REFLECTIONS = 3
+
+
+@dataclass(frozen=True)
+class Interference:
+    """Options of ways that interfere: Jones vector of plain sources, and conducting bodies."""
+
+    polarisation: Any = None
+    bodies: tuple[Body, ...] = ()
+
+
+def interference_of(coherent: Any, polarisation: Any, bodies: Any) -> Interference | None:
+    """Checked arguments of :func:`polywigner.mitsuba.received_power`; None: powers add."""
+    if not checked_flag(coherent, "coherent"):
+        for name, value in (("polarisation", polarisation), ("bodies", bodies)):
+            if value is not None:
+                raise ArgumentError(f"expected {name} with coherent=True, got it alone; give both")
+        return None
+    jones = None if polarisation is None else checked_polarisation(polarisation)
+    return Interference(jones, checked_bodies(bodies))
+
+
+@dataclass(frozen=True)
+class ReceiveOptions:
+    """Checked arguments of :func:`polywigner.mitsuba.received_power`."""
+
+    spp: int | None = None
+    """None: as the scene says, as in ``noise``."""
+    seed: int = 0
+    integrator: Any = None
+    reflections: int = 0
+    tolerance: float = 1e-6
+    noise: Mapping[str, float | None] = field(default_factory=lambda: dict.fromkeys(NOISE_PARSERS))
+    interference: Interference | None = None
+
+    def __post_init__(self) -> None:
+        checked = {
+            "spp": None if self.spp is None else check_spp(self.spp),
+            "seed": check_seed(self.seed),
+            "reflections": checked_count(self.reflections, "reflections", 0, MOST_REFLECTIONS),
+            "tolerance": checked_tolerance(self.tolerance),
+        }
+        for name, value in checked.items():
+            object.__setattr__(self, name, value)
+
+    def noise_of(self, spec: Any) -> dict[str, Any]:
+        """Noise of a receiver: the caller's numbers, else its own."""
+        noise = {n: spec.noise[n] if value is None else value for n, value in self.noise.items()}
+        power = noise_power_of(**noise)
+        if power is not None and not 0 < power < math.inf:
+            raise ArgumentError(
+                f"expected noise k T B F of a number of watts, got {power} W from {noise}; check "
+                "the units of bandwidth (Hz) and temperature (K)"
+            )
+        return noise
+
+
+def described(
+    values: Mapping[str, tuple[Any, tuple[str, ...], str, str]],
+    coords: Mapping[str, Any],
+    about: Mapping[str, Any],
+) -> xarray.Dataset:
+    """A dataset of values by their names: array, dimensions, unit (none: a text), meaning."""
+    from polywigner import __version__
+
+    return labelled_arrays(
+        {
+            name: labelled_array(
+                np.ascontiguousarray(array) if np.ndim(array) else array,
+                dims,
+                ({"units": unit} if unit else {}) | {"long_name": meaning},
+            )
+            for name, (array, dims, unit, meaning) in values.items()
+        },
+        coords,
+        {**about, "polywigner_version": __version__},
+    )

@@ -1,0 +1,1 @@
+"""Scenes: files checked and loaded, their surfaces, and images rendered from them."""
