@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 
 import polywigner as pw
-from polywigner.illumination.obliquities import CONDITIONS
 from polywigner.reception.cell_pairs import link_kernel
+from polywigner.source.obliquities import CONDITIONS
 
 METHOD, TOLERANCE, ROUNDS = "rayleigh-sommerfeld-1", 1e-6, 7
 MOST = 1 << 24  # values of the kernel

@@ -20,8 +20,8 @@ import numpy as np
 import shapely
 
 import polywigner as pw
-from polywigner.illumination.arrays import grid_positions
-from polywigner.illumination.support import mutual_support
+from polywigner.source.arrays import grid_positions
+from polywigner.source.support import mutual_support
 from polywigner.toolchain.llvm import prepare
 
 CYCLES = 10.0  # |nu| times the diameter, at most

@@ -5,14 +5,14 @@ import pytest
 
 import polywigner as pw
 from polywigner.errors import IlluminationError
-from polywigner.illumination.obliquities import (
+from polywigner.propagation.far_fields import far_field
+from polywigner.source.obliquities import (
     OBLIQUITIES,
     emission_factor,
     irradiance_factor,
     times_direction_cosine,
     weighted_sources,
 )
-from polywigner.propagation.far_fields import far_field
 
 WAVELENGTH = 3e-3
 # Sums of a few terms of order one, rounded once each.

@@ -18,7 +18,7 @@ ROOMS = [
     ("errors", "interruption"),
     ("quantities", "citations"),
     ("geometry",),
-    ("illumination", "optics"),
+    ("source", "optics"),
     ("toolchain", "numerics"),
     ("kernels",),
     ("execution",),

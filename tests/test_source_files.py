@@ -23,9 +23,9 @@ from polywigner.errors import (
     MissingExtraError,
     PolywignerError,
 )
-from polywigner.illumination import source_schema
-from polywigner.illumination.texts import SOURCE_TEXTS
 from polywigner.quantities import SPEED_OF_LIGHT
+from polywigner.source import source_schema
+from polywigner.source.texts import SOURCE_TEXTS
 
 DOCS = Path(__file__).parent.parent / "docs"
 WAVELENGTH = SPEED_OF_LIGHT / 77e9

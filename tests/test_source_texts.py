@@ -10,7 +10,7 @@ import pytest
 import polywigner as pw
 from polywigner import arrays
 from polywigner.errors import PolywignerError
-from polywigner.illumination.texts import apply_texts, direction_angles
+from polywigner.source.texts import apply_texts, direction_angles
 
 WAVELENGTH = 3.19e-3
 PATCH = pw.shapes.rectangle(9e-3, 6e-3)

@@ -109,7 +109,7 @@ def names_without_an_entry(site: Path) -> Iterator[str]:
     entries = set(re.findall(r'<dt class="sig[^>]*id="([^"]+)"', pages))
     modules = {"polywigner.geometry.shapes": polywigner.shapes}
     modules |= {module.__name__: module for module in (polywigner, errors, figures, testing)}
-    modules["polywigner.illumination.arrays"] = polywigner.arrays
+    modules["polywigner.source.arrays"] = polywigner.arrays
     for module, names in modules.items():
         for name in names.__all__:
             thing = getattr(names, name)

@@ -31,7 +31,7 @@ from typing import Any
 ROOT = Path(__file__).parents[1]
 AREAS = {  # rooms of the package, and words in the names of files of tests
     "geometry": ("geometry", "geometry automean readers shapes svg dxf gerber mesh set_op curves"),
-    "illumination": ("illumination optics", "illumin array source first_order cosines laws"),
+    "source": ("source optics", "illumin array source first_order cosines laws"),
     "transforms": (
         "kernels transforms numerics execution plans",
         "laws identities coherence curved slits polyhedra fourier projection otf mtf psf plans",

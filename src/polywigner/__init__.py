@@ -28,21 +28,6 @@ if TYPE_CHECKING:
     from polywigner.geometry import read_polyhedron as read_polyhedron
     from polywigner.geometry import read_sheets as read_sheets
     from polywigner.geometry import shapes as shapes
-    from polywigner.illumination import Array as Array
-    from polywigner.illumination import Illumination as Illumination
-    from polywigner.illumination import arrays as arrays
-    from polywigner.illumination import cosine_taper as cosine_taper
-    from polywigner.illumination import fit_illumination as fit_illumination
-    from polywigner.illumination import fourier_taper as fourier_taper
-    from polywigner.illumination import phased_array as phased_array
-    from polywigner.illumination import read_polarisation as read_polarisation
-    from polywigner.illumination import read_source as read_source
-    from polywigner.illumination import segmented_pupil as segmented_pupil
-    from polywigner.illumination import steering as steering
-    from polywigner.illumination import taylor_taper as taylor_taper
-    from polywigner.illumination import te_mode as te_mode
-    from polywigner.illumination import uniform as uniform
-    from polywigner.illumination import write_source as write_source
     from polywigner.optics import FirstOrder as FirstOrder
     from polywigner.propagation import AxisSampling as AxisSampling
     from polywigner.propagation import BeamMetrics as BeamMetrics
@@ -85,6 +70,21 @@ if TYPE_CHECKING:
     from polywigner.reception import coupling as coupling
     from polywigner.scattering import rcs as rcs
     from polywigner.scattering import rcs_pattern as rcs_pattern
+    from polywigner.source import Array as Array
+    from polywigner.source import Illumination as Illumination
+    from polywigner.source import arrays as arrays
+    from polywigner.source import cosine_taper as cosine_taper
+    from polywigner.source import fit_illumination as fit_illumination
+    from polywigner.source import fourier_taper as fourier_taper
+    from polywigner.source import phased_array as phased_array
+    from polywigner.source import read_polarisation as read_polarisation
+    from polywigner.source import read_source as read_source
+    from polywigner.source import segmented_pupil as segmented_pupil
+    from polywigner.source import steering as steering
+    from polywigner.source import taylor_taper as taylor_taper
+    from polywigner.source import te_mode as te_mode
+    from polywigner.source import uniform as uniform
+    from polywigner.source import write_source as write_source
     from polywigner.transforms import ambiguity as ambiguity
     from polywigner.transforms import array_factor as array_factor
     from polywigner.transforms import autocorrelation as autocorrelation
@@ -112,7 +112,7 @@ _NAMES = {
         Aperture Polyhedron Slits Wavefront automean lag_slice position_slice read_aperture
         read_polyhedron read_sheets shapes
     """,
-    "polywigner.illumination": """
+    "polywigner.source": """
         Array Illumination arrays cosine_taper fit_illumination fourier_taper phased_array
         read_polarisation read_source segmented_pupil steering taylor_taper te_mode uniform
         write_source

@@ -13,7 +13,7 @@ from polywigner import transforms
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, Slits
 from polywigner.geometry.arguments import checked_count
-from polywigner.illumination import Array
+from polywigner.source import Array
 
 __all__ = ["check"]
 

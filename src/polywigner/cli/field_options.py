@@ -137,8 +137,8 @@ def parse_methods(texts: Sequence[str], obliquity: str | None) -> tuple[MethodTe
 
 def _method(text: str, obliquity: str | None) -> MethodText:
     from polywigner.geometry.arguments import checked_choice
-    from polywigner.illumination.obliquities import OBLIQUITIES
     from polywigner.propagation import METHODS
+    from polywigner.source.obliquities import OBLIQUITIES
 
     method, _, of_wigner = text.partition(" ")
     checked_choice(method, "--method", ("wigner", *METHODS))

@@ -98,8 +98,8 @@ def pattern(
 
     import polywigner as pw
     from polywigner.figures import draw_pattern, outline_of
-    from polywigner.illumination.texts import direction_angles
     from polywigner.propagation.pattern_readers import read_nearest_pattern
+    from polywigner.source.texts import direction_angles
 
     radiator, length = source.read_with_wavelength("pattern")
     wavelengths = outline_of(radiator).diameter / length

@@ -133,7 +133,7 @@ class SourceOptions:
     def read(self) -> tuple[Any, float | None]:
         """The source, and the wavelength in m, None where neither options nor file say one."""
         from polywigner.figures import outline_of
-        from polywigner.illumination.texts import SOURCE_TEXTS, apply_texts
+        from polywigner.source.texts import SOURCE_TEXTS, apply_texts
 
         wavelength = wavelength_from(self.frequency, self.wavelength)
         if _is_source_file(self.source):
@@ -155,7 +155,7 @@ class SourceOptions:
 
     def _read_source_file(self, wavelength: float | None) -> tuple[Any, float | None]:
         """The source, and the wavelength that was asked for, or else its own."""
-        from polywigner.illumination.source_files import read_content
+        from polywigner.source.source_files import read_content
 
         source, own, _ = read_content(self.source, self.allow_outside)
         if wavelength is None or own is None:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import checked_array, checked_length, real_numbers
-from polywigner.illumination.obliquities import OBLIQUITIES
+from polywigner.source.obliquities import OBLIQUITIES
 
 Floats = NDArray[np.float64]
 

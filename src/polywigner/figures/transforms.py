@@ -20,7 +20,7 @@ from polywigner.geometry.arguments import (
     checked_wavelength,
 )
 from polywigner.geometry.display import LengthUnit, length_unit
-from polywigner.illumination.support import mutual_support
+from polywigner.source.support import mutual_support
 from polywigner.transforms.wavefronts import flat_of
 
 if TYPE_CHECKING:

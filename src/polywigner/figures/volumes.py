@@ -25,7 +25,7 @@ from polywigner.geometry.arguments import checked_choice, checked_length, checke
 from polywigner.geometry.display import LengthUnit, length_unit
 from polywigner.geometry.obstacles import obstacle_of
 from polywigner.geometry.silhouettes import bodies_if_any
-from polywigner.illumination.source_files import SOURCE_COORDINATE, read_source
+from polywigner.source.source_files import SOURCE_COORDINATE, read_source
 
 if TYPE_CHECKING:
     from matplotlib.colors import Colormap

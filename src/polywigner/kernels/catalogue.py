@@ -10,8 +10,6 @@ import numpy as np
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits, Wavefront
-from polywigner.illumination import Array
-from polywigner.illumination.lattices import Sites
 from polywigner.kernels.arrays import lattice_arrays, pair_sums
 from polywigner.kernels.arrays.array_factor import array_factor_kernel
 from polywigner.kernels.arrays.element_pairs import is_scattered
@@ -19,6 +17,8 @@ from polywigner.kernels.functions import partly_coherent, plane, separable, simp
 from polywigner.kernels.functions import slits as line
 from polywigner.kernels.functions.separable import is_separable
 from polywigner.kernels.kernel import Kernel
+from polywigner.source import Array
+from polywigner.source.lattices import Sites
 
 _TRANSFORMS = ("autocorrelation", "wigner", "ambiguity", "position_marginal", "lag_marginal")
 _OF_FIELDS = ("lag_marginal of fields", "lag_marginal of waves", "position_marginal of waves")

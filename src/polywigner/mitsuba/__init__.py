@@ -14,7 +14,6 @@ from polywigner.toolchain import llvm
 
 llvm.require_drjit()  # before the next imports, which load Dr.Jit
 
-from polywigner.illumination import obliquities  # noqa: E402
 from polywigner.mitsuba.plugins.parameters import register_source  # noqa: E402
 from polywigner.mitsuba.plugins.polarisation import stokes_of  # noqa: E402
 from polywigner.mitsuba.plugins.registration import aperture, exclusive, receiver, register  # noqa: E402
@@ -32,6 +31,7 @@ from polywigner.mitsuba.scenes.scenes import (  # noqa: E402
     load_scene,
     translate_error,
 )
+from polywigner.source import obliquities  # noqa: E402
 
 register()
 

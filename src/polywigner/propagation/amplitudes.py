@@ -16,14 +16,6 @@ from polywigner.geometry import Aperture, Polyhedron, Wavefront
 from polywigner.geometry.aperture import PlacedAperture
 from polywigner.geometry.arguments import checked_flag, checked_wavelength, takes_frequency
 from polywigner.geometry.silhouettes import obstacles_of
-from polywigner.illumination import Array
-from polywigner.illumination.obliquities import (
-    CONDITIONS,
-    DEFAULT,
-    BoundaryCondition,
-    warn_of_slopes,
-)
-from polywigner.illumination.support import moved_source
 from polywigner.kernels.boundary.integrals import distance_of, point_in_wavelengths
 from polywigner.numerics.phases import reduced
 from polywigner.optics import FirstOrder
@@ -47,6 +39,14 @@ from polywigner.propagation.screens import (
     field_of_screen,
     incident_of_point,
 )
+from polywigner.source import Array
+from polywigner.source.obliquities import (
+    CONDITIONS,
+    DEFAULT,
+    BoundaryCondition,
+    warn_of_slopes,
+)
+from polywigner.source.support import moved_source
 from polywigner.transforms.traced_sources import check_no_drjit
 from polywigner.transforms.wavefronts import checked_wavefront, flat_of
 from polywigner.transforms.xarray_arguments import takes_xarray

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from polywigner.geometry import Aperture
 from polywigner.geometry.parts import grid_size, polygons_in
-from polywigner.illumination import Array
-from polywigner.illumination.support import mutual_support
+from polywigner.source import Array
+from polywigner.source.support import mutual_support
 
 Triangles = NDArray[np.float64]
 """Corners (n, 3, 2)."""

@@ -18,14 +18,14 @@ from polywigner.geometry.arguments import (
     checked_wavelength,
     takes_frequency,
 )
-from polywigner.illumination import Array
-from polywigner.illumination.obliquities import ObliquityName, checked_obliquity, warn_of_slopes
 from polywigner.propagation.far_field_tables import FLOOR
 from polywigner.propagation.far_fields import far_field, powers_of
 from polywigner.propagation.patterns import decibels, radiation_pattern
 from polywigner.propagation.places import angle_axes, checked_phi, checked_theta, unit_vectors
 from polywigner.propagation.stores import source_attrs, source_coords
 from polywigner.radiometry.directions import PlaneSource, checked_source
+from polywigner.source import Array
+from polywigner.source.obliquities import ObliquityName, checked_obliquity, warn_of_slopes
 from polywigner.transforms.xarray_arguments import labelled_array, labelled_arrays
 
 if TYPE_CHECKING:

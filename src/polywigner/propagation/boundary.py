@@ -16,13 +16,13 @@ from polywigner.execution import NumpyOperations
 from polywigner.execution.choice import resolved
 from polywigner.execution.progress import told
 from polywigner.geometry import Aperture
-from polywigner.illumination.obliquities import OBLIQUITIES, direction_cosines
 from polywigner.kernels.boundary import integrals
 from polywigner.kernels.boundary.integrals import fresnel_edge_sum
 from polywigner.kernels.kernel import Kernel
 from polywigner.numerics import phases
 from polywigner.numerics.nodes import gauss_rules
 from polywigner.radiometry.directions import PlaneSource, checked_source
+from polywigner.source.obliquities import OBLIQUITIES, direction_cosines
 
 Floats = NDArray[np.float64]
 Block = tuple[Floats, NDArray[np.complex128], NDArray[np.bool_]]

@@ -19,8 +19,6 @@ from polywigner.geometry import Aperture, Wavefront, triangulate
 from polywigner.geometry.arguments import (
     checked_wavelength,
 )
-from polywigner.illumination import Array
-from polywigner.illumination.array import tilted_source
 from polywigner.numerics.chirps import chirp_integral, waves_of_turns
 from polywigner.optics import FirstOrder
 from polywigner.propagation.arrangement import gauss_rule, node_count
@@ -30,6 +28,8 @@ from polywigner.propagation.places import (
     checked_coordinates,
     warn_of_missed,
 )
+from polywigner.source import Array
+from polywigner.source.array import tilted_source
 from polywigner.transforms import autocorrelation, fourier
 from polywigner.transforms.traced_sources import check_no_drjit
 from polywigner.transforms.wavefronts import checked_wavefront, chirp_transform

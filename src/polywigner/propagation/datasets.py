@@ -22,7 +22,6 @@ from polywigner.execution.progress import progress_bar
 from polywigner.geometry import Polyhedron, Wavefront
 from polywigner.geometry.arguments import checked_choice, checked_wavelength
 from polywigner.geometry.silhouettes import listed_bodies
-from polywigner.illumination.obliquities import DEFAULT
 from polywigner.propagation.amplitudes import Obstacle, amplitude
 from polywigner.propagation.grids import Grid, shape_of_grid
 from polywigner.propagation.irradiances import irradiance
@@ -41,6 +40,7 @@ from polywigner.propagation.stores import (
 )
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.radiometry.directions import PlaneSource, checked_radiator
+from polywigner.source.obliquities import DEFAULT
 from polywigner.transforms.xarray_arguments import labelled_arrays
 
 if TYPE_CHECKING:

@@ -17,16 +17,16 @@ from polywigner.geometry.arguments import (
     checked_wavelength,
     warn_caller,
 )
-from polywigner.illumination.polarisation import (
+from polywigner.propagation.places import unit_vectors
+from polywigner.propagation.vector_fields import FIRST, of_co_and_cross, of_currents
+from polywigner.radiometry.directions import directions_and_weights
+from polywigner.source.polarisation import (
     MODELS,
     CurrentModel,
     checked_polarisation,
     ludwig_axes,
 )
-from polywigner.illumination.waves import Illumination
-from polywigner.propagation.places import unit_vectors
-from polywigner.propagation.vector_fields import FIRST, of_co_and_cross, of_currents
-from polywigner.radiometry.directions import directions_and_weights
+from polywigner.source.waves import Illumination
 from polywigner.transforms import fourier
 
 if TYPE_CHECKING:

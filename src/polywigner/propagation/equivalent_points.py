@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.execution import NumpyOperations
 from polywigner.geometry import Wavefront
-from polywigner.illumination.obliquities import CONDITIONS, Obliquity, times_direction_cosine
 from polywigner.kernels.boundary.edge_waves import Point
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.phases import cos_sin_turns
 from polywigner.propagation.boundary import Radiator, radiator_of
 from polywigner.propagation.curved_fields import cells_of_wave, lit_nodes
 from polywigner.propagation.screens import PointSource
+from polywigner.source.obliquities import CONDITIONS, Obliquity, times_direction_cosine
 from polywigner.transforms import fourier
 from polywigner.transforms.wavefronts import flat_of
 

@@ -19,14 +19,6 @@ from polywigner.geometry.arguments import (
     takes_frequency,
     warn_of_lens,
 )
-from polywigner.illumination import Array
-from polywigner.illumination.obliquities import (
-    DEFAULT,
-    OBLIQUITIES,
-    ObliquityName,
-    times_direction_cosine,
-    warn_of_slopes,
-)
 from polywigner.optics import FirstOrder
 from polywigner.propagation.collins import field_behind
 from polywigner.radiometry.directions import (
@@ -37,6 +29,14 @@ from polywigner.radiometry.directions import (
     power_by_lags,
 )
 from polywigner.radiometry.flux import radiant_intensity
+from polywigner.source import Array
+from polywigner.source.obliquities import (
+    DEFAULT,
+    OBLIQUITIES,
+    ObliquityName,
+    times_direction_cosine,
+    warn_of_slopes,
+)
 from polywigner.transforms import fourier, pupil
 from polywigner.transforms.phase_space import energy_of
 from polywigner.transforms.wavefronts import flat_of, is_partly_coherent

@@ -17,8 +17,8 @@ import numpy as np
 
 from polywigner.geometry import Wavefront, shapes
 from polywigner.geometry.arguments import checked_length, checked_wavelength, takes_frequency
-from polywigner.illumination import te_mode
 from polywigner.radiometry.directions import checked_radiator
+from polywigner.source import te_mode
 from polywigner.transforms import fourier, lag_marginal
 
 __all__ = ["directivity", "e_plane", "h_plane", "pyramidal"]

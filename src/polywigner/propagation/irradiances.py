@@ -21,15 +21,6 @@ from polywigner.geometry.arguments import (
     takes_frequency,
     warn_caller,
 )
-from polywigner.illumination import Array
-from polywigner.illumination.obliquities import (
-    CONDITIONS,
-    DEFAULT,
-    OBLIQUITIES,
-    ObliquityName,
-    checked_obliquity,
-    weighted_sources,
-)
 from polywigner.optics import FirstOrder
 from polywigner.propagation.amplitudes import Obstacle, amplitude, shaped
 from polywigner.propagation.boundary import radiator_of
@@ -51,6 +42,15 @@ from polywigner.radiometry.directions import (
     checked_radiator,
     longest_path,
     wavelengths_of_band,
+)
+from polywigner.source import Array
+from polywigner.source.obliquities import (
+    CONDITIONS,
+    DEFAULT,
+    OBLIQUITIES,
+    ObliquityName,
+    checked_obliquity,
+    weighted_sources,
 )
 from polywigner.transforms.phase_space import energy_of
 from polywigner.transforms.traced_sources import check_no_drjit

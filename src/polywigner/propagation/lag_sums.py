@@ -16,8 +16,6 @@ from numpy.typing import NDArray
 
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.geometry.parts import grid_size, polygons_in
-from polywigner.illumination import Array
-from polywigner.illumination.obliquities import CONDITIONS, direction_cosines
 from polywigner.numerics.nodes import normal_product_rule
 from polywigner.propagation.row_rules import Trapezoids, node_counts, rule_on, trapezoids_of
 from polywigner.propagation.source_samples import (
@@ -27,6 +25,8 @@ from polywigner.propagation.source_samples import (
     slope,
     waves_of,
 )
+from polywigner.source import Array
+from polywigner.source.obliquities import CONDITIONS, direction_cosines
 from polywigner.transforms import ambiguity
 from polywigner.transforms.wavefronts import flat_of
 

@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Wavefront
-from polywigner.illumination.obliquities import CONDITIONS
 from polywigner.optics import FirstOrder
 from polywigner.propagation.convolutions import blur_of, convolved
 from polywigner.propagation.lag_sums import pair_sum, summed_over_lags, summed_over_pairs
 from polywigner.propagation.source_samples import highest
 from polywigner.propagation.tilt_sums import summed_over_tilts, tilt_sum
+from polywigner.source.obliquities import CONDITIONS
 from polywigner.transforms.wavefronts import coherent_source, flat_of, tilts_of
 
 Floats = NDArray[np.float64]

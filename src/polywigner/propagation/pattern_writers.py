@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, FileFormatError
 from polywigner.geometry.arguments import checked_choice, checked_path, write_lines
-from polywigner.illumination.polarisation import checked_polarisation
 from polywigner.propagation.beams import checked_efficiency
 from polywigner.propagation.far_field_tables import FLOOR, FREE_SPACE
 from polywigner.propagation.patterns import checked_pattern, cuts_of
 from polywigner.propagation.vector_fields import axial_ratios, of_co_and_cross
+from polywigner.source.polarisation import checked_polarisation
 
 if TYPE_CHECKING:
     import xarray

@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Wavefront
 from polywigner.geometry.arguments import takes_frequency
-from polywigner.illumination.polarisation import checked_polarisation
 from polywigner.propagation.places import angle_axes, checked_phi, checked_theta, unit_vectors
 from polywigner.propagation.radiators import (
     FarField,
@@ -24,6 +23,7 @@ from polywigner.propagation.stores import source_attrs, source_coords
 from polywigner.propagation.vector_fields import axial_ratios, co_and_cross, ludwig_components
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.radiometry.directions import PlaneSource
+from polywigner.source.polarisation import checked_polarisation
 from polywigner.transforms.xarray_arguments import labelled_array, labelled_arrays
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ from polywigner.geometry.arguments import (
     shape_of,
     warn_caller,
 )
-from polywigner.illumination.obliquities import BoundaryCondition
+from polywigner.source.obliquities import BoundaryCondition
 from polywigner.transforms.xarray_arguments import labelled_array
 
 if TYPE_CHECKING:

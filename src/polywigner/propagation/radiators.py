@@ -15,14 +15,6 @@ from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, Precision, checked_engine, checked_precision
 from polywigner.geometry import Wavefront
 from polywigner.geometry.arguments import checked_choice, checked_wavelength, warn_caller
-from polywigner.illumination import Array
-from polywigner.illumination.obliquities import (
-    ObliquityName,
-    checked_obliquity,
-    fields_of,
-    warn_of_slopes,
-)
-from polywigner.illumination.polarisation import MODELS, CurrentModel, checked_polarisation
 from polywigner.numerics.peaks import climbed, largest
 from polywigner.propagation.element_patterns import element_pattern_of
 from polywigner.propagation.far_fields import check_slopes, far_field, powers_of
@@ -30,6 +22,14 @@ from polywigner.propagation.places import unit_vectors
 from polywigner.propagation.vector_fields import far_vectors, parts_of, vector_powers
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.radiometry.directions import PlaneSource, check_width, checked_radiator, largest_lag
+from polywigner.source import Array
+from polywigner.source.obliquities import (
+    ObliquityName,
+    checked_obliquity,
+    fields_of,
+    warn_of_slopes,
+)
+from polywigner.source.polarisation import MODELS, CurrentModel, checked_polarisation
 from polywigner.transforms import array_factor
 from polywigner.transforms.wavefronts import flat_of
 

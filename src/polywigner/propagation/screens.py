@@ -14,12 +14,12 @@ from polywigner import execution
 from polywigner.errors import ArgumentError, value_text
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import checked_choice, real_numbers
-from polywigner.illumination import Illumination
-from polywigner.illumination.obliquities import CONDITIONS
 from polywigner.kernels.boundary.edge_waves import spherical_edge
 from polywigner.numerics.chirps import waves_of_turns
 from polywigner.propagation.boundary import boundary_field, radiator_of
 from polywigner.propagation.places import warn_of_missed
+from polywigner.source import Illumination
+from polywigner.source.obliquities import CONDITIONS
 
 Floats = NDArray[np.float64]
 Place = tuple[float, float, float]

@@ -31,8 +31,8 @@ from polywigner.errors import ArgumentError, EngineError, StoreError, require
 from polywigner.execution import MOST_THREADS
 from polywigner.execution.progress import progress_bar
 from polywigner.geometry.arguments import checked_count, checked_path
-from polywigner.illumination.source_files import SOURCE_COORDINATE, json_of, table_of
 from polywigner.interruption import atomic_path
+from polywigner.source.source_files import SOURCE_COORDINATE, json_of, table_of
 from polywigner.transforms.xarray_arguments import labelled_array
 
 if TYPE_CHECKING:

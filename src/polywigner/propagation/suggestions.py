@@ -19,11 +19,11 @@ from polywigner.geometry.arguments import (
     checked_wavelength,
     takes_frequency,
 )  # fmt: skip
-from polywigner.illumination import Array
-from polywigner.illumination.support import mutual_support
 from polywigner.propagation.grids import box_grid, line_grid
 from polywigner.propagation.places import unit_vectors
 from polywigner.radiometry.directions import PlaneSource, checked_source
+from polywigner.source import Array
+from polywigner.source.support import mutual_support
 from polywigner.transforms import PhaseSpaceSource, fourier, sample_automean, wigner
 
 GRAZING = math.radians(89.5)

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from polywigner.execution.progress import told
 from polywigner.geometry import Aperture, Wavefront
-from polywigner.illumination import Array
-from polywigner.illumination.obliquities import CONDITIONS, Obliquity, direction_cosines
 from polywigner.propagation.row_rules import Trapezoids, node_counts, rows_of, trapezoids_of
 from polywigner.propagation.source_samples import field_at, largest_rates, waves_of
+from polywigner.source import Array
+from polywigner.source.obliquities import CONDITIONS, Obliquity, direction_cosines
 from polywigner.transforms.wavefronts import flat_of
 
 Floats = NDArray[np.float64]

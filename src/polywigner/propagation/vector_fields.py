@@ -27,15 +27,6 @@ from polywigner.execution import Engine, Precision
 from polywigner.execution.choice import resolved
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.geometry.arguments import checked_wavelength, takes_frequency
-from polywigner.illumination import Array
-from polywigner.illumination.polarisation import (
-    MODELS,
-    CurrentModel,
-    Currents,
-    checked_polarisation,
-    components,
-    ludwig_axes,
-)
 from polywigner.kernels.boundary.integrals import STRIPS, distance_of, point_in_wavelengths
 from polywigner.numerics import phases
 from polywigner.propagation.boundary import (
@@ -59,6 +50,15 @@ from polywigner.radiometry.directions import (
     checked_radiator,
     directions_and_weights,
     largest_lag,
+)
+from polywigner.source import Array
+from polywigner.source.polarisation import (
+    MODELS,
+    CurrentModel,
+    Currents,
+    checked_polarisation,
+    components,
+    ludwig_axes,
 )
 from polywigner.transforms import fourier
 from polywigner.transforms.phase_space import energy_of

@@ -15,14 +15,14 @@ from polywigner import execution
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine
 from polywigner.geometry import Aperture, Wavefront
-from polywigner.illumination import Array
-from polywigner.illumination.obliquities import Forms, fields_of, irradiance_factor
-from polywigner.illumination.support import mutual_support
 from polywigner.kernels import Kernel, kernel_for
 from polywigner.kernels.cut.slice_sums import SliceSum
 from polywigner.kernels.kernel import Values
 from polywigner.propagation import arrangement
 from polywigner.propagation.arrangement import Rule, Triangles
+from polywigner.source import Array
+from polywigner.source.obliquities import Forms, fields_of, irradiance_factor
+from polywigner.source.support import mutual_support
 
 Floats = NDArray[np.float64]
 
@@ -71,7 +71,7 @@ class Rays:
     """A sum over rays: its sources, and its settings."""
 
     sources: Sequence[tuple[Aperture | Array, Forms]]
-    """Sources and forms as of :func:`polywigner.illumination.obliquities.weighted_sources`."""
+    """Sources and forms as of :func:`polywigner.source.obliquities.weighted_sources`."""
     wavelength: float
     engine: Engine
     double: bool

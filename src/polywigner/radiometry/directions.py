@@ -21,10 +21,10 @@ from polywigner.errors import ArgumentError
 from polywigner.execution.progress import progress_bar
 from polywigner.geometry import Aperture, Slits, Wavefront
 from polywigner.geometry.arguments import checked_number, checked_vectors
-from polywigner.illumination import Array
-from polywigner.illumination.obliquities import Forms, fields_of, weighted_sources
 from polywigner.numerics.nodes import flat_rule
 from polywigner.quantities import SPEED_OF_LIGHT
+from polywigner.source import Array
+from polywigner.source.obliquities import Forms, fields_of, weighted_sources
 from polywigner.transforms import lag_marginal
 from polywigner.transforms.wavefronts import checked_wavefront, flat_of
 

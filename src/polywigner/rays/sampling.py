@@ -22,12 +22,6 @@ from polywigner.geometry.arguments import (
     rigid_pose,
     takes_frequency,
 )
-from polywigner.illumination.obliquities import (
-    ObliquityName,
-    checked_obliquity,
-    emission_factor,
-    weighted_sources,
-)
 from polywigner.propagation.far_fields import check_slopes, radiated_power
 from polywigner.propagation.stores import source_attrs
 from polywigner.quantities import SPEED_OF_LIGHT
@@ -39,6 +33,12 @@ from polywigner.radiometry.directions import (
 )
 from polywigner.rays.bundles import bundle
 from polywigner.reception.norms import root_of_norm
+from polywigner.source.obliquities import (
+    ObliquityName,
+    checked_obliquity,
+    emission_factor,
+    weighted_sources,
+)
 from polywigner.transforms import sample_automean, wigner
 from polywigner.transforms.sampling import Weights
 from polywigner.transforms.wavefronts import flat_of, is_partly_coherent

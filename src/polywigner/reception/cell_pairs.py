@@ -25,8 +25,6 @@ from numpy.typing import NDArray
 
 from polywigner.geometry import Wavefront
 from polywigner.geometry.parts import polygons_in
-from polywigner.illumination.obliquities import Obliquity
-from polywigner.illumination.polarisation import Currents
 from polywigner.propagation.arrangement import (
     NODES_PER_CYCLE,
     areas,
@@ -34,6 +32,8 @@ from polywigner.propagation.arrangement import (
     triangulated,
 )
 from polywigner.radiometry.directions import steepest
+from polywigner.source.obliquities import Obliquity
+from polywigner.source.polarisation import Currents
 from polywigner.transforms.wavefronts import flat_of
 
 Floats = NDArray[np.float64]

@@ -22,10 +22,6 @@ from polywigner.geometry.arguments import (
     takes_frequency,
     warn_of_distance,
 )
-from polywigner.illumination import Array
-from polywigner.illumination.obliquities import CONDITIONS, DEFAULT, BoundaryCondition, fields_of
-from polywigner.illumination.polarisation import MODELS, CurrentModel, checked_pair
-from polywigner.illumination.support import moved_source
 from polywigner.kernels.boundary.integrals import distance_of, point_in_wavelengths
 from polywigner.numerics.phases import reduced
 from polywigner.propagation.arrangement import (
@@ -42,6 +38,10 @@ from polywigner.reception.cell_pairs import Cells, Links, cells_of
 from polywigner.reception.link_sums import link_sums
 from polywigner.reception.norms import checked_normalise, root_of_norm
 from polywigner.reception.poses import check_facing, checked_poses
+from polywigner.source import Array
+from polywigner.source.obliquities import CONDITIONS, DEFAULT, BoundaryCondition, fields_of
+from polywigner.source.polarisation import MODELS, CurrentModel, checked_pair
+from polywigner.source.support import moved_source
 from polywigner.transforms import wigner
 from polywigner.transforms.phase_space import energy_of
 from polywigner.transforms.traced_sources import check_no_drjit

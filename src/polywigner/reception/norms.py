@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, IlluminationError, PolywignerError
 from polywigner.geometry import Aperture, Wavefront
-from polywigner.illumination.obliquities import CONDITIONS, DEFAULT, Obliquity
-from polywigner.illumination.obliquities import fields_of as fields_on
 from polywigner.propagation.far_fields import powers_of
 from polywigner.propagation.vector_fields import parts_of as parts_of_polarised
 from polywigner.propagation.vector_fields import vector_powers
 from polywigner.radiometry.directions import directions_and_weights, largest_lag
+from polywigner.source.obliquities import CONDITIONS, DEFAULT, Obliquity
+from polywigner.source.obliquities import fields_of as fields_on
 from polywigner.transforms import fourier
 from polywigner.transforms.phase_space import energy_of
 from polywigner.transforms.wavefronts import flat_of

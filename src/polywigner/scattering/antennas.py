@@ -14,8 +14,6 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError, GeometryError, value_text
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import checked_vectors
-from polywigner.illumination import Array
-from polywigner.illumination.obliquities import DEFAULT, OBLIQUITIES, BoundaryCondition
 from polywigner.propagation import amplitude, field
 from polywigner.propagation.boundary import Radiator, boundary_field, cosines_of, radiator_of
 from polywigner.propagation.vector_fields import edge_integrals
@@ -23,6 +21,8 @@ from polywigner.radiometry.directions import checked_unit_vectors as unit_vector
 from polywigner.reception.norms import root_of_norm
 from polywigner.reception.poses import checked_poses
 from polywigner.scattering.facets import Facets
+from polywigner.source import Array
+from polywigner.source.obliquities import DEFAULT, OBLIQUITIES, BoundaryCondition
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]

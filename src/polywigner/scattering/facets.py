@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, triangulate
 from polywigner.geometry.parts import connected
-from polywigner.illumination import Array
+from polywigner.source import Array
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]

@@ -15,7 +15,6 @@ from shapely.errors import GEOSException
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import checked_number, warn_caller
-from polywigner.illumination.polarisation import checked_pair, is_pair
 from polywigner.radiometry.directions import checked_source
 from polywigner.reception.norms import checked_normalise
 from polywigner.scattering.antennas import (
@@ -40,6 +39,7 @@ from polywigner.scattering.visibility import (
     lit_pieces,
     seen_from,
 )
+from polywigner.source.polarisation import checked_pair, is_pair
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]

@@ -11,8 +11,8 @@ import numpy as np
 from polywigner import execution, kernels
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits, Wavefront
-from polywigner.illumination import Array
-from polywigner.illumination.lattices import Sites
+from polywigner.source import Array
+from polywigner.source.lattices import Sites
 
 PhaseSpaceSource = Aperture | Slits | Array | Wavefront
 Source = PhaseSpaceSource | PlacedAperture | Polyhedron

@@ -26,9 +26,9 @@ from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.execution.choice import Plan
 from polywigner.geometry import Aperture, Polyhedron, Wavefront
 from polywigner.geometry.arguments import checked_choice, checked_wavelength
-from polywigner.illumination import Array
 from polywigner.kernels import is_separable
 from polywigner.optics import FirstOrder
+from polywigner.source import Array
 from polywigner.transforms.arguments import (
     PhaseSpaceSource,
     broadcast_shape,

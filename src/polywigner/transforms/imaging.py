@@ -27,8 +27,8 @@ from polywigner.geometry.arguments import (
     checked_wavelength,
     takes_frequency,
 )
-from polywigner.illumination import Array
 from polywigner.numerics.divided_differences import simplex_plane_wave
+from polywigner.source import Array
 from polywigner.transforms.arguments import broadcast_shape, checked_points
 from polywigner.transforms.pupil import checked_energy, checked_pupil_radius, checked_waves
 from polywigner.transforms.sections import edges_of

@@ -20,7 +20,7 @@ from polywigner.geometry.arguments import (
     checked_wavelength,
     warn_of_lens,
 )
-from polywigner.illumination import Array
+from polywigner.source import Array
 from polywigner.transforms.arguments import PhaseSpaceSource, checked_points
 from polywigner.transforms.phase_space import ambiguity, energy_of, lag_marginal
 from polywigner.transforms.wavefronts import flat_of, is_partly_coherent

@@ -18,8 +18,8 @@ from polywigner.geometry.arguments import (
     real_numbers,
 )
 from polywigner.geometry.convex import point_in_trapezoid, trapezoids
-from polywigner.illumination import Array
 from polywigner.kernels import kernel_for
+from polywigner.source import Array
 from polywigner.transforms.arguments import PhaseSpaceSource
 from polywigner.transforms.phase_space import position_marginal
 from polywigner.transforms.sections import field_bound

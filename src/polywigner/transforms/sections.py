@@ -24,9 +24,9 @@ from numpy.typing import NDArray
 
 from polywigner.execution import NumpyOperations
 from polywigner.geometry import Aperture, Slits
-from polywigner.illumination import Array, Illumination
 from polywigner.numerics.divided_differences import simplex_plane_wave
 from polywigner.numerics.phases import cos_sin_turns, mean_plane_wave, turns_to_centre
+from polywigner.source import Array, Illumination
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]

@@ -14,10 +14,10 @@ from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, Precision
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Wavefront
 from polywigner.geometry.arguments import Points
-from polywigner.illumination import Array
-from polywigner.illumination.lattices import Sites, checked_sites
-from polywigner.illumination.waves import exact_turns
 from polywigner.kernels import is_separable
+from polywigner.source import Array
+from polywigner.source.lattices import Sites, checked_sites
+from polywigner.source.waves import exact_turns
 from polywigner.transforms.arguments import (
     Source,
     array_on_grid,

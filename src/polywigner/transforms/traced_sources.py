@@ -16,10 +16,10 @@ from polywigner.execution import Parameter, Parameters, is_drjit
 from polywigner.geometry import Aperture, Slits
 from polywigner.geometry.arguments import DrJitArray
 from polywigner.geometry.rings import signed_area
-from polywigner.illumination import Array, Illumination
 from polywigner.kernels.outline.waves import waves_in_frame
 from polywigner.kernels.slopes import slopes_in_ends
 from polywigner.numerics.complex_pairs import Pair
+from polywigner.source import Array, Illumination
 from polywigner.transforms.arguments import in_plane, transform
 
 
@@ -233,7 +233,7 @@ def _with_weights(source: Aperture | Array | None, weights: NDArray[np.complex12
     if not isinstance(source, Array):
         raise ArgumentError("expected weights for an Array only, got some for an Aperture")
     if source.repeated is not None:
-        from polywigner.illumination.array import repeated_element
+        from polywigner.source.array import repeated_element
 
         return repeated_element(*source.repeated, weights)
     return Array(source.elements, weights)

@@ -22,10 +22,10 @@ from polywigner import kernels
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.execution import check_not_stopped
 from polywigner.geometry import Aperture, Slits, Wavefront
-from polywigner.illumination import Array
-from polywigner.illumination.array import tilted_source
 from polywigner.numerics.chirps import chirp_over_intervals, chirp_over_rings
 from polywigner.numerics.nodes import normal_product_rule
+from polywigner.source import Array
+from polywigner.source.array import tilted_source
 from polywigner.transforms.arguments import broadcast_shape
 
 Floats = NDArray[np.float64]

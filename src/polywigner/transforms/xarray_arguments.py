@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 from polywigner.errors import ArgumentError
 from polywigner.execution import is_drjit, kernel_threads
 from polywigner.geometry import Polyhedron, Slits, Wavefront
-from polywigner.illumination import Array
+from polywigner.source import Array
 from polywigner.transforms.traced_sources import Differentiable
 
 

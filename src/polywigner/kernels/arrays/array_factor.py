@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.illumination.lattices import Sites, column_and_row, separated
 from polywigner.kernels.arrays.factors import ProfileFactor, profile_factor
 from polywigner.kernels.kernel import Kernel, Values, leave_parts, leave_wave
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair, plane_wave
+from polywigner.source.lattices import Sites, column_and_row, separated
 
 # Sites that miss a lattice by more, of its extent D, are not taken for it: the phase errs by 6e3
 # times that at |nu| D = 1000. Multiples of a pitch, counted from anywhere in the array, miss less.

@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.geometry import Aperture
-from polywigner.illumination import Array
 from polywigner.kernels.arrays.repeated import (
     ElementTables,
     HeldTable,
@@ -30,6 +29,7 @@ from polywigner.kernels.outline.frame import (
     vertices_for,
 )
 from polywigner.numerics import phases
+from polywigner.source import Array
 
 # Fewer elements are cut by each other in one frame (benchmarks/array_cost.py).
 _LEAST_ELEMENTS = 6

@@ -21,10 +21,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.illumination.lattices import Profile
 from polywigner.kernels.arrays.repeated import HeldTable
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.phases import cos_sin_turns, sin_turns
+from polywigner.source.lattices import Profile
 
 Complexes = NDArray[np.complex128]
 Pair2 = tuple[Any, Any]

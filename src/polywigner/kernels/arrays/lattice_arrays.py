@@ -17,8 +17,6 @@ from typing import Any
 import numpy as np
 
 from polywigner.geometry import Aperture
-from polywigner.illumination import Array
-from polywigner.illumination.lattices import Lattice, Profile, separated
 from polywigner.kernels.arrays.factors import ProfileFactor, factor_of, profile_factor
 from polywigner.kernels.arrays.repeated import (
     ElementTables,
@@ -31,6 +29,8 @@ from polywigner.kernels.kernel import Kernel, Values, at_zero_frequency, leave_r
 from polywigner.kernels.outline.frame import Frame
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import unit_wave
+from polywigner.source import Array
+from polywigner.source.lattices import Lattice, Profile, separated
 
 # Fewer elements are summed pair by pair (benchmarks/array_cost.py).
 _LEAST_ELEMENTS = 4

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from polywigner.geometry import Aperture, PlacedAperture
-from polywigner.illumination import Array
 from polywigner.kernels.functions.fourier import (
     GridTables,
     LinearFrame,
@@ -42,6 +41,7 @@ from polywigner.kernels.outline.tables import Tables, build_tables
 from polywigner.kernels.outline.waves import field_of
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair
+from polywigner.source import Array
 
 
 @lru_cache(maxsize=256)

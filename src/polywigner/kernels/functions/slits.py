@@ -19,7 +19,6 @@ from itertools import combinations_with_replacement, product
 from typing import Any
 
 from polywigner.geometry import Slits
-from polywigner.illumination import Array
 from polywigner.kernels.functions.gauss_schell import wave_over_interval
 from polywigner.kernels.functions.plane import enter_both_ends, product_of_both
 from polywigner.kernels.kernel import (
@@ -44,6 +43,7 @@ from polywigner.kernels.outline.waves import (
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair, unit_wave
 from polywigner.numerics.phases import Doubled, doubled, sinc
+from polywigner.source import Array
 
 
 @dataclass(frozen=True)

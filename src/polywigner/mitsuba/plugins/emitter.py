@@ -31,7 +31,6 @@ from numpy.typing import NDArray
 from polywigner.errors import SceneError
 from polywigner.execution import Traced, UnrolledOperations, kernel_with_derivatives
 from polywigner.geometry import Aperture, Wavefront
-from polywigner.illumination import Array
 from polywigner.kernels import FOURIER, WIGNER, new_outline_of, new_tables_of
 from polywigner.mitsuba.plugins.parameters import ESTIMATORS, rigid_pose
 from polywigner.mitsuba.plugins.placement import Frame, check_place, cover, move
@@ -48,6 +47,7 @@ from polywigner.mitsuba.plugins.wigner import Wave, WignerRadiance
 from polywigner.mitsuba.scenes.surfaces import ROUNDING, matrix_of, shadow_end
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.radiometry.directions import directions_and_weights, largest_lag
+from polywigner.source import Array
 from polywigner.transforms import differentiable as differentiable_source
 
 # What overlaps by less than this fraction of an area does so by rounding.

@@ -27,12 +27,6 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError, IlluminationError, SceneError
 from polywigner.execution import NumpyOperations, ops_for
 from polywigner.geometry import Aperture, Wavefront
-from polywigner.illumination.obliquities import (
-    CONDITIONS,
-    Obliquity,
-    times_direction_cosine,
-    warn_of_slopes,
-)
 from polywigner.kernels.boundary import integrals
 from polywigner.kernels.boundary.integrals import distance_of
 from polywigner.mitsuba.plugins.sampling import cells_with_field, four, opaque
@@ -42,6 +36,12 @@ from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.phases import cos_sin_turns
 from polywigner.propagation.boundary import Radiator, boundary_tables, panels_in, radiator_of
 from polywigner.propagation.equivalent_points import equivalent_grid
+from polywigner.source.obliquities import (
+    CONDITIONS,
+    Obliquity,
+    times_direction_cosine,
+    warn_of_slopes,
+)
 from polywigner.transforms import fourier
 
 Floats = NDArray[np.float64]

@@ -18,11 +18,6 @@ import numpy.typing as npt
 from polywigner import geometry
 from polywigner.errors import ArgumentError, GeometryError, SceneError
 from polywigner.geometry import Aperture, Wavefront, read_aperture
-from polywigner.illumination import Array, read_source
-from polywigner.illumination.obliquities import DEFAULT, OBLIQUITIES
-from polywigner.illumination.polarisation import polarisation_of_text
-from polywigner.illumination.source_files import json_of, table_of
-from polywigner.illumination.texts import SOURCE_TEXTS, apply_texts
 from polywigner.mitsuba.plugins.exact import ExactEstimator
 from polywigner.mitsuba.plugins.sampling import SAMPLINGS
 from polywigner.mitsuba.plugins.sources import (
@@ -42,6 +37,11 @@ from polywigner.quantities import (
     wavelength_of,
 )
 from polywigner.reception.norms import NORMALISATIONS, checked_normalise
+from polywigner.source import Array, read_source
+from polywigner.source.obliquities import DEFAULT, OBLIQUITIES
+from polywigner.source.polarisation import polarisation_of_text
+from polywigner.source.source_files import json_of, table_of
+from polywigner.source.texts import SOURCE_TEXTS, apply_texts
 
 KEY_PREFIX = "memory:"
 

@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 
 from polywigner.errors import SceneError
 from polywigner.geometry import Aperture, Wavefront, triangulate
-from polywigner.illumination import Array
-from polywigner.illumination.polarisation import Stokes, stokes_fields
-from polywigner.illumination.support import mirrored_source
 from polywigner.mitsuba.plugins.parameters import rigid_pose
 from polywigner.mitsuba.plugins.sources import PLAIN, Complexes, Mixture
 from polywigner.mitsuba.scenes.surfaces import matrix_of, reach_at
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.reception.norms import NORMALISATIONS
+from polywigner.source import Array
+from polywigner.source.polarisation import Stokes, stokes_fields
+from polywigner.source.support import mirrored_source
 from polywigner.transforms.wavefronts import flat_of
 
 # The pose is held in single precision: its rotation and translation round by 6e-8 of the largest

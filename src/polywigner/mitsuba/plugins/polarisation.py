@@ -22,15 +22,15 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, SceneError
 from polywigner.geometry.arguments import checked_array
-from polywigner.illumination.polarisation import (
+from polywigner.mitsuba.plugins.parameters import UNPOLARISED
+from polywigner.mitsuba.plugins.sampling import opaque, spectrum
+from polywigner.mitsuba.plugins.sources import SourceSpec
+from polywigner.source.polarisation import (
     checked_polarisation,
     ludwig_axes,
     polarisation_name,
     stokes_vector,
 )
-from polywigner.mitsuba.plugins.parameters import UNPOLARISED
-from polywigner.mitsuba.plugins.sampling import opaque, spectrum
-from polywigner.mitsuba.plugins.sources import SourceSpec
 
 Floats = NDArray[np.float64]
 

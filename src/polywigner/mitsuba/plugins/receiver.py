@@ -32,8 +32,6 @@ import numpy.typing as npt
 from polywigner.errors import ArgumentError, SceneError
 from polywigner.execution import without_collection
 from polywigner.geometry import Aperture
-from polywigner.illumination import Array
-from polywigner.illumination.obliquities import irradiance_factor
 from polywigner.mitsuba.plugins.diffraction import cast_shadows
 from polywigner.mitsuba.plugins.exact import ExactEstimator
 from polywigner.mitsuba.plugins.parameters import ESTIMATORS, read_receiver, rigid_pose, values_of
@@ -44,6 +42,8 @@ from polywigner.mitsuba.plugins.sampling import Tabulated, opaque
 from polywigner.mitsuba.plugins.sources import SourceSpec, emissions
 from polywigner.mitsuba.plugins.wigner import WignerRadiance
 from polywigner.mitsuba.scenes.surfaces import ROUNDING, largest, matrix_of, sorted_sensors
+from polywigner.source import Array
+from polywigner.source.obliquities import irradiance_factor
 from polywigner.transforms import fourier
 
 

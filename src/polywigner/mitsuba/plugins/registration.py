@@ -19,9 +19,6 @@ from polywigner.execution import uncompiled
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits, Wavefront, triangulate
 from polywigner.geometry.arguments import takes_frequency
 from polywigner.geometry.io.readers import read_triangles
-from polywigner.illumination import Array
-from polywigner.illumination.obliquities import DEFAULT
-from polywigner.illumination.polarisation import checked_polarisation, polarisation_text
 from polywigner.mitsuba.plugins.emitter import emitter_class
 from polywigner.mitsuba.plugins.parameters import (
     RECEIVER_ESTIMATOR,
@@ -38,6 +35,9 @@ from polywigner.mitsuba.plugins.polarisation import polarised_spec
 from polywigner.mitsuba.plugins.sampling import SAMPLINGS
 from polywigner.quantities import parse_frequency, parse_length, parse_noise, parse_power
 from polywigner.reception.norms import NORMALISATIONS
+from polywigner.source import Array
+from polywigner.source.obliquities import DEFAULT
+from polywigner.source.polarisation import checked_polarisation, polarisation_text
 
 # Mitsuba wraps what a plugin raises into a RuntimeError with a traceback in its text. The errors
 # themselves wait here until the scene's loader asks for them; loaders may run in parallel.

@@ -13,9 +13,9 @@ import shapely
 from polywigner.errors import SceneError
 from polywigner.execution import ops_for
 from polywigner.geometry.convex import Trapezoids, point_in_trapezoid, trapezoids
-from polywigner.illumination import Array
-from polywigner.illumination.polarisation import Stokes
 from polywigner.mitsuba.plugins.sources import CentredSource
+from polywigner.source import Array
+from polywigner.source.polarisation import Stokes
 from polywigner.transforms import position_marginal
 from polywigner.transforms.sampling import in_phase
 from polywigner.transforms.wavefronts import flat_of

@@ -14,17 +14,6 @@ import numpy.typing as npt
 from polywigner.errors import PolywignerError, SceneError
 from polywigner.geometry import Aperture, PlacedAperture, Slits, Wavefront
 from polywigner.geometry.parts import union_on_grid
-from polywigner.illumination import Array, Illumination
-from polywigner.illumination.obliquities import (
-    OBLIQUITIES,
-    Forms,
-    fields_of,
-    grazing_error,
-    irradiance_factor,
-    weighted_sources,
-)
-from polywigner.illumination.polarisation import Stokes, stokes_fields
-from polywigner.illumination.support import moved_source, mutual_support
 from polywigner.propagation.far_fields import check_slopes, powers_of
 from polywigner.propagation.irradiances import parts_of
 from polywigner.radiometry.directions import (
@@ -36,6 +25,17 @@ from polywigner.radiometry.directions import (
     wavelengths_of_band,
 )
 from polywigner.reception.norms import NORMALISATIONS
+from polywigner.source import Array, Illumination
+from polywigner.source.obliquities import (
+    OBLIQUITIES,
+    Forms,
+    fields_of,
+    grazing_error,
+    irradiance_factor,
+    weighted_sources,
+)
+from polywigner.source.polarisation import Stokes, stokes_fields
+from polywigner.source.support import moved_source, mutual_support
 from polywigner.transforms import fourier
 from polywigner.transforms.phase_space import energy_of
 from polywigner.transforms.wavefronts import checked_wavefront, flat_of, principal_axes, tilts_of

@@ -12,11 +12,11 @@ import numpy as np
 from polywigner.errors import SceneError
 from polywigner.execution import Traced, kernel_with_derivatives, ops_for
 from polywigner.geometry import Wavefront
-from polywigner.illumination.obliquities import OBLIQUITIES, emission_factor
 from polywigner.kernels import kernel_for
 from polywigner.mitsuba.plugins.sampling import four, opaque, positions_of
 from polywigner.mitsuba.plugins.sources import Mixture, SourceSpec, depends_on_wavelength, emissions
 from polywigner.quantities import SPEED_OF_LIGHT
+from polywigner.source.obliquities import OBLIQUITIES, emission_factor
 from polywigner.transforms import fourier
 from polywigner.transforms.wavefronts import flat_of
 

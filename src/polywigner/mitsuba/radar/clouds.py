@@ -17,11 +17,11 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError, GeometryError
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import checked_path, checked_row, real_numbers, rigid_pose
-from polywigner.illumination import Array
 from polywigner.mitsuba.plugins.sources import centred_source, norm_of
 from polywigner.propagation.amplitudes import amplitude
 from polywigner.propagation.exports import in_place, write_netcdf
 from polywigner.reception.norms import NORMALISATIONS
+from polywigner.source import Array
 
 Complexes = NDArray[np.complex128]
 

@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, SceneError
 from polywigner.geometry.arguments import checked_count, real_numbers
-from polywigner.illumination import Array
 from polywigner.mitsuba.plugins.placement import is_source, placed_emitter
 from polywigner.mitsuba.plugins.polarisation import polarisation_summary
 from polywigner.mitsuba.plugins.receiver import receivers_of, scene_known
@@ -26,6 +25,7 @@ from polywigner.mitsuba.receive.scattering_steps import Events, Motion, Paths, e
 from polywigner.mitsuba.scenes.rendering import depths_of
 from polywigner.mitsuba.scenes.surfaces import sorted_emitters, sorted_shapes
 from polywigner.quantities import SPEED_OF_LIGHT
+from polywigner.source import Array
 from polywigner.transforms.xarray_arguments import labelled_array
 
 if TYPE_CHECKING:

@@ -23,7 +23,6 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError, PolywignerError, SceneError
 from polywigner.execution.progress import told
 from polywigner.geometry.arguments import checked_callable, checked_count, checked_row
-from polywigner.illumination.polarisation import checked_polarisation, components, ludwig_axes
 from polywigner.mitsuba.plugins.placement import (
     PlacedSource,
     check_unit,
@@ -71,6 +70,7 @@ from polywigner.quantities import SPEED_OF_LIGHT, parse_frequency, wavelength_of
 from polywigner.reception import coupling
 from polywigner.reception.couplings import checked_tolerance
 from polywigner.scattering.near_fields import echo
+from polywigner.source.polarisation import checked_polarisation, components, ludwig_axes
 
 if TYPE_CHECKING:
     import xarray

@@ -23,13 +23,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import PolywignerError, SceneError
-from polywigner.illumination.obliquities import CONDITIONS
 from polywigner.mitsuba.plugins.placement import PlacedSource, is_source
 from polywigner.mitsuba.receive.passing import RAYS, corners, points_on, traced
 from polywigner.mitsuba.receive.received import DirectPath
 from polywigner.mitsuba.scenes.reflectors import Mirror
 from polywigner.mitsuba.scenes.surfaces import bounds_of, sorted_emitters
 from polywigner.propagation.amplitudes import amplitude
+from polywigner.source.obliquities import CONDITIONS
 
 Floats = NDArray[np.float64]
 

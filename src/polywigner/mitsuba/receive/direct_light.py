@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 
 from polywigner.errors import PolywignerError, SceneError
 from polywigner.geometry import Aperture, Wavefront
-from polywigner.illumination import Array
-from polywigner.illumination.obliquities import CONDITIONS
 from polywigner.mitsuba.plugins.placement import PLACE_ERROR, PlacedSource
 from polywigner.mitsuba.plugins.sources import norm_of
 from polywigner.mitsuba.receive.delta_lights import delta_paths
@@ -24,6 +22,8 @@ from polywigner.mitsuba.receive.received import DirectPath
 from polywigner.mitsuba.scenes.reflectors import MOST_FACES, Mirror, chains_of, smooth_shapes
 from polywigner.mitsuba.scenes.surfaces import bounds_of, meshes_in
 from polywigner.reception import coupling
+from polywigner.source import Array
+from polywigner.source.obliquities import CONDITIONS
 from polywigner.transforms.phase_space import energy_of
 
 Floats = NDArray[np.float64]

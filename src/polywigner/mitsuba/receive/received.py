@@ -11,11 +11,11 @@ import numpy as np
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import checked_count, checked_flag
-from polywigner.illumination.polarisation import checked_polarisation
 from polywigner.mitsuba.plugins.films import check_seed, check_spp
 from polywigner.mitsuba.scenes.reflectors import Body, checked_bodies
 from polywigner.quantities import NOISE_PARSERS, SPEED_OF_LIGHT
 from polywigner.reception.couplings import checked_tolerance
+from polywigner.source.polarisation import checked_polarisation
 from polywigner.transforms.xarray_arguments import labelled_array, labelled_arrays
 
 if TYPE_CHECKING:

@@ -10,10 +10,10 @@
 - ``obliquities``: factors of angle and wave, for each boundary condition
 """
 
-from polywigner.illumination import arrays
-from polywigner.illumination.array import Array, Element, phased_array, segmented_pupil
-from polywigner.illumination.source_files import read_polarisation, read_source, write_source
-from polywigner.illumination.tapers import (
+from polywigner.source import arrays
+from polywigner.source.array import Array, Element, phased_array, segmented_pupil
+from polywigner.source.source_files import read_polarisation, read_source, write_source
+from polywigner.source.tapers import (
     cosine_taper,
     fourier_taper,
     steering,
@@ -21,7 +21,7 @@ from polywigner.illumination.tapers import (
     te_mode,
     uniform,
 )
-from polywigner.illumination.waves import FittedIllumination, Illumination, fit_illumination
+from polywigner.source.waves import FittedIllumination, Illumination, fit_illumination
 
 __all__ = [
     "Array",

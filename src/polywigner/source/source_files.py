@@ -16,9 +16,9 @@ from polywigner.errors import ArgumentError, FileFormatError, GeometryError, Pol
 from polywigner.geometry import PlacedAperture, Polyhedron, Slits, Wavefront
 from polywigner.geometry.arguments import checked_path, write_lines
 from polywigner.geometry.io.limits import bytes_of, text_of
-from polywigner.illumination.array import Array, Element
-from polywigner.illumination.polarisation import checked_polarisation
-from polywigner.illumination.source_schema import VERSION, FileContent, Source, content_of
+from polywigner.source.array import Array, Element
+from polywigner.source.polarisation import checked_polarisation
+from polywigner.source.source_schema import VERSION, FileContent, Source, content_of
 
 if TYPE_CHECKING:
     import xarray

@@ -22,7 +22,7 @@ from polywigner.geometry.arguments import (
     shape_of,
     takes_frequency,
 )
-from polywigner.illumination.waves import Illumination
+from polywigner.source.waves import Illumination
 
 # Directions that passed through single precision, or were typed with seven digits, pass.
 _UNIT = 1e-6

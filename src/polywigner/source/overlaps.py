@@ -15,7 +15,7 @@ from polywigner.geometry.arguments import warn_caller
 from polywigner.geometry.slits import Slits
 
 if TYPE_CHECKING:
-    from polywigner.illumination.array import Array
+    from polywigner.source.array import Array
 
 # The search ends after this many pairs: a table of a million equal positions has 5e11.
 _MOST_PAIRS = 1000

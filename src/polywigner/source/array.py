@@ -23,9 +23,9 @@ from polywigner.geometry.arguments import (
 from polywigner.geometry.display import length_text, shown_as_html
 from polywigner.geometry.parts import union_on_grid
 from polywigner.geometry.wavefront import TakesWaves, Wavefront
-from polywigner.illumination.lattices import Sites, checked_sites, checked_weights
-from polywigner.illumination.overlaps import warn_of_overlaps
-from polywigner.illumination.waves import Illumination
+from polywigner.source.lattices import Sites, checked_sites, checked_weights
+from polywigner.source.overlaps import warn_of_overlaps
+from polywigner.source.waves import Illumination
 
 Element = Aperture | PlacedAperture | Polyhedron | Slits
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from polywigner.geometry import Aperture, Slits, automean
 from polywigner.geometry.parts import union_on_grid
-from polywigner.illumination.array import Array, repeated_element
+from polywigner.source.array import Array, repeated_element
 
 _Source = TypeVar("_Source", Aperture, Slits, Array, Aperture | Array)
 

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from polywigner import quantities
 from polywigner.errors import FileFormatError, at_key, value_text
 from polywigner.geometry import shapes
-from polywigner.illumination import arrays, tapers
-from polywigner.illumination.waves import Illumination
+from polywigner.source import arrays, tapers
+from polywigner.source.waves import Illumination
 
 # Types of values. Quantities are numbers in SI units, or texts with a unit.
 

@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError, IlluminationError, PolywignerWarning
 from polywigner.geometry import Aperture, PlacedAperture, Slits
 from polywigner.geometry.arguments import checked_length
-from polywigner.illumination.array import Array, repeated_element
-from polywigner.illumination.waves import Illumination
+from polywigner.source.array import Array, repeated_element
+from polywigner.source.waves import Illumination
 
 _Element = Aperture | PlacedAperture | Slits
 AnySource = _Element | Array

@@ -24,10 +24,10 @@ from polywigner.errors import FileFormatError, GeometryError, at_key, value_text
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits, Wavefront
 from polywigner.geometry.parts import merge_parts, part_of_rings
 from polywigner.geometry.rings import oriented, polygon_of_part
-from polywigner.illumination.array import Array, Element, PathLengths, phased_array
-from polywigner.illumination.lattices import checked_positions
-from polywigner.illumination.polarisation import checked_polarisation
-from polywigner.illumination.source_functions import (
+from polywigner.source.array import Array, Element, PathLengths, phased_array
+from polywigner.source.lattices import checked_positions
+from polywigner.source.polarisation import checked_polarisation
+from polywigner.source.source_functions import (
     PARSERS,
     Complex,
     FieldTable,

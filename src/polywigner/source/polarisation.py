@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, value_text
 from polywigner.geometry import Wavefront
-from polywigner.illumination.array import Array, repeated_element
+from polywigner.source.array import Array, repeated_element
 
 Complexes = NDArray[np.complex128]
 

@@ -15,17 +15,17 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, QuantityError, at_key, value_text
 from polywigner.geometry import Aperture, Wavefront
-from polywigner.illumination import tapers
-from polywigner.illumination.array import Array, phased_array, repeated_element
-from polywigner.illumination.source_functions import (
+from polywigner.quantities import parse_angle, parse_length
+from polywigner.source import tapers
+from polywigner.source.array import Array, phased_array, repeated_element
+from polywigner.source.source_functions import (
     FieldTable,
     LayoutTable,
     WeightTable,
     called,
     radius_of,
 )
-from polywigner.illumination.source_schema import converted
-from polywigner.quantities import parse_angle, parse_length
+from polywigner.source.source_schema import converted
 
 SOURCE_TEXTS = ("taper", "array", "window", "steering", "focus", "curved", "coherence")
 """Names of the texts of :func:`apply_texts`."""
