@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+import xarray
 from dask.callbacks import Callback
 
 import polywigner as pw
-from polywigner.errors import ArgumentError
+from polywigner.errors import ArgumentError, FileFormatError
 
 WAVELENGTH = 299792458 / 94e9
 SQUARE = pw.shapes.square(10e-3)
@@ -60,20 +61,6 @@ def test_values_are_those_of_irradiance_and_amplitude_at_the_points(name):
     assert found["kirchhoff"].values == pytest.approx(np.abs(expected) ** 2, rel=1e-6)
 
 
-def test_the_far_hemisphere_receives_the_radiated_power():
-    """int |U|^2 r^2 dOmega, 1000 apertures away, is the power of the pattern."""
-    node, weight = np.polynomial.legendre.leggauss(40)
-    theta, phi, radius = (node + 1) * math.pi / 4, 2 * math.pi * np.arange(40) / 40, 10.0
-    found = pw.hemisphere(
-        SQUARE, radius, theta, phi, WAVELENGTH, method="rayleigh-sommerfeld-1"
-    )["rayleigh-sommerfeld-1"]  # fmt: skip
-    mean = found.values.mean(axis=1) * np.sin(theta)
-    power = radius**2 * 2 * math.pi * (mean @ weight) * math.pi / 4
-    expected = pw.radiation_pattern(SQUARE, WAVELENGTH, 0.0, 0.0).attrs["radiated_power"]
-    near = 1e-4  # what is left of the near field at 1000 apertures
-    assert power == pytest.approx(expected, rel=near)
-
-
 def test_every_grid_knows_where_its_points_are():
     builders = _builders(method="fraunhofer")
     line = builders["line"]()
@@ -95,20 +82,38 @@ def test_every_grid_knows_where_its_points_are():
     assert volume["x"].values[[0, -1]] == pytest.approx([-20e-3, 10e-3])
 
 
-def test_a_dataset_says_what_it_is_and_can_be_saved(tmp_path):
-    import xarray
-
+def test_a_dataset_describes_its_source_in_a_line_and_gives_it_back(tmp_path):
+    """A line of the display for each axis, each variable and each attribute, and five more."""
     field = CHEVRONS.with_illumination(pw.steering((0.6, 0, 0.8), WAVELENGTH))
     found = pw.line(field, BOX, 3, WAVELENGTH, method=("wigner", "kirchhoff"))
     assert found["wigner"].attrs["units"] == "W m-2"
     assert found["wigner"].attrs["obliquity"] == "rayleigh-sommerfeld-1"
     assert "obliquity" not in found["kirchhoff"].attrs
     assert found["distance"].attrs["units"] == "m"
-    assert found.attrs["wavelength"] == WAVELENGTH
     assert found["wigner"].attrs["polywigner_version"] == pw.__version__
-    assert pw.read_source(found) == field
-    found.to_netcdf(tmp_path / "line.nc", engine="h5netcdf")
-    assert xarray.open_dataset(tmp_path / "line.nc", engine="h5netcdf").identical(found)
+    assert found.attrs == {
+        "wavelength": WAVELENGTH, "frequency": pw.SPEED_OF_LIGHT / WAVELENGTH, "source": repr(field)
+    }  # fmt: skip
+    pattern = pw.radiation_pattern(field, WAVELENGTH, [0.0, 0.1], [0.0])
+    for result, lines in ((found, 15), (pattern, 24)):
+        assert pw.read_source(result) == field
+        assert "source_json" not in result.data_vars
+        assert len(repr(result).splitlines()) <= lines
+    for write in (lambda path: found.to_netcdf(path, engine="h5netcdf"),
+                  lambda path: pw.write_netcdf(found, path)):  # fmt: skip
+        write(tmp_path / "line.nc")
+        with xarray.open_dataset(tmp_path / "line.nc", engine="h5netcdf") as read:
+            assert read.identical(found) and pw.read_source(read) == field
+
+
+def test_a_source_of_many_vertices_is_described_in_a_line_and_given_back():
+    spots = [pw.shapes.disc(1e-3, 200).moved((4e-3 * k, 0)) for k in range(9)]
+    source = pw.Array(spots)
+    found = pw.line(source, BOX, 2, WAVELENGTH, method="fraunhofer")
+    assert len(found.attrs["source"]) <= 200
+    assert pw.read_source(found) == source
+    with pytest.raises(FileFormatError, match="source_json, got one without"):
+        pw.read_source(found.drop_vars("source_json"))
 
 
 def test_a_lazy_volume_computes_only_what_is_asked_for():

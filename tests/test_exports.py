@@ -89,22 +89,6 @@ def test_planes_and_lines_are_images_of_one_sample_across(table, tmp_path):
     np.testing.assert_array_equal(arrays["W"][0, :, 0], line["W"])
 
 
-def test_vtk_itself_reads_what_is_written(table, tmp_path):
-    reading = pytest.importorskip("vtkmodules.vtkIOXML", reason="vtk is not installed")
-    from vtkmodules.util.numpy_support import vtk_to_numpy
-
-    part = xarray.open_zarr(table).isel(nu_y=1, drop=True)
-    pw.write_vti(part, tmp_path / "w.vti")
-    reader = reading.vtkXMLImageDataReader()
-    reader.SetFileName(str(tmp_path / "w.vti"))
-    reader.Update()
-    image = reader.GetOutput()
-    assert image.GetDimensions() == part["W"].shape
-    values = vtk_to_numpy(image.GetPointData().GetArray("W"))
-    np.testing.assert_array_equal(values.reshape(part["W"].shape, order="F"), part["W"])
-    np.testing.assert_allclose(image.GetPoint(0), [-0.5, -0.375, -2.0])
-
-
 @pytest.mark.parametrize("write", [pw.write_netcdf, pw.write_vti])
 def test_what_is_no_dataset_is_refused(tmp_path, write):
     for given in (3, np.zeros(3)):

@@ -1,7 +1,6 @@
 """Fresnel fields along edges against Fresnel integrals, and the far field. In wavelengths."""
 
 import math
-import time
 
 import mpmath
 import numpy as np
@@ -163,24 +162,3 @@ def test_optical_fields_on_edges_corners_and_close_by_are_those_of_fresnel_integ
     behind = pw.amplitude(square, points[:, :2], OPTICAL, through=pw.FirstOrder.free_space(z))
     wave = complex(mpmath.expjpi(2 * mpmath.mpf(z) / mpmath.mpf(OPTICAL)))
     assert np.abs(found - behind * wave).max() < 3e-9
-
-
-def test_fresnel_fields_take_as_long_as_those_behind_free_space():
-    square, z = pw.shapes.square(SIDE), 0.5
-    x = np.linspace(-2e-3, 2e-3, 31)
-    plane = np.stack(np.meshgrid(x, x), axis=-1)
-    points = np.concatenate([plane, np.full((31, 31, 1), z)], axis=-1)
-    system = pw.FirstOrder.free_space(z)
-
-    def seconds(compute):
-        compute()
-        times = []
-        for _ in range(5):
-            start = time.process_time()
-            compute()
-            times.append(time.process_time() - start)
-        return min(times)
-
-    fresnel = seconds(lambda: pw.amplitude(square, points, OPTICAL, "fresnel"))
-    through = seconds(lambda: pw.amplitude(square, plane, OPTICAL, through=system))
-    assert fresnel < 8 * through  # 40 to 60 times before both had one algorithm

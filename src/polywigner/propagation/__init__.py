@@ -6,18 +6,19 @@ metres; a free wave is exp(+i k R)/R (docs/conventions). Fields are in the unit 
 ===================  ==========================================================================
 module               what is in it
 ===================  ==========================================================================
-``places``           points, angles, wavelengths and names of methods, checked
-``irradiances``      |U|^2 at points, of mixtures of waves too
+``places``           points, angles, grids of points and names of methods, checked
+``irradiances``      |U|^2 at points, of mixtures of waves too; ``partial_coherence`` and
+                     ``lag_sums`` for partly coherent light
 ``wigner_rays``      sums of Wigner rays, to a tolerance
-``arrangement``      cells where the Wigner function is smooth, and Gauss rules on them
+``quadrature``       Gauss rules on triangles, and on rows of trapezoids
 ``amplitudes``       the complex field at points, by boundary integrals and in the far field
 ``boundary``         sums along edges, cut into panels with their waves, to a tolerance
 ``vector_fields``    electric fields of polarised sources, near by and far away
 ``screens``          opaque plates and openings lit by point sources and plane waves
-``shadows``          fields behind opaque bodies
+``shadows``          fields behind opaque bodies, by ``equivalent_points`` of the source
 ``collins``          fields behind first-order systems
+``curved_fields``    fields of curved waves, as sums over cells of the source
 ``far_fields``       the far field and its power; the image of a point
-``builders``         lines, planes, hemispheres and volumes: ``grids`` of points and ``datasets``
 ``patterns``         radiation patterns and their cuts; ``pattern_writers`` and
                      ``pattern_readers`` for files; ``far_field_tables`` with named columns
 ``array_patterns``   arrays with errors, and radars of two arrays
@@ -25,6 +26,7 @@ module               what is in it
 ``radiators``        sources as functions of direction, and the search for the beam
 ``great_circles``    two great circles through the beam
 ``beams``            numbers of data sheets: gain, beamwidths, sidelobes
+``datasets``         lines, planes, hemispheres and volumes: computed, lazy, or stored
 ``stores``           results larger than memory: lazy datasets, written to zarr stores by chunks
 ``exports``          datasets to NetCDF and VTK files
 ``suggestions``      how many samples a grid needs
@@ -38,7 +40,7 @@ from polywigner.propagation import horns
 from polywigner.propagation.amplitudes import amplitude
 from polywigner.propagation.array_patterns import array_tolerance, two_way_pattern
 from polywigner.propagation.beams import BeamMetrics, CutMetrics, beam_metrics
-from polywigner.propagation.builders import hemisphere, line, plane, volume
+from polywigner.propagation.datasets import hemisphere, line, plane, volume
 from polywigner.propagation.element_patterns import FittedPattern, fit_pattern
 from polywigner.propagation.exports import write_netcdf, write_vti
 from polywigner.propagation.far_fields import psf, radiated_power

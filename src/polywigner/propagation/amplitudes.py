@@ -31,6 +31,7 @@ from polywigner.propagation.places import (
     checked_coordinates,
     checked_method,
     checked_points,
+    tolerance_from,
     warn_of_missed,
 )
 from polywigner.propagation.screens import (
@@ -52,7 +53,6 @@ from polywigner.transforms.wavefronts import checked_wavefront, flat_of
 from polywigner.transforms.xarray_arguments import takes_xarray
 
 Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 Obstacle = Polyhedron | PlacedAperture
 
@@ -157,7 +157,8 @@ def amplitude(
         )
     if isinstance(source, PointSource):
         places, length = _points_around(source, points), checked_wavelength(wavelength)
-        values = _free_field(source, places.reshape(-1, 3), length)
+        flat = places.reshape(-1, 3)
+        values = source.amplitude * incident_of_point(source.position, flat, length)
         single = execution.checked_precision(precision) == "single"
         values = values.astype(np.complex64 if single else np.complex128)
         return shaped(values, np.zeros(len(values)), places, return_error)
@@ -223,10 +224,6 @@ def _points_around(source: PointSource, points: Any) -> Floats:
     return places
 
 
-def _free_field(source: PointSource, points: Floats, wavelength: float) -> Complex:
-    return source.amplitude * incident_of_point(source.position, points, wavelength)
-
-
 def _check_shadowed(source: Any, method: Any, through: Any, obliquity: Any) -> None:
     """Raise ArgumentError for options that fields behind obstacles do not have."""
     if through is not None or obliquity is not None or method in ("fresnel", "fraunhofer"):
@@ -252,16 +249,13 @@ def _behind_obstacles(
     how: dict[str, Any],
 ) -> Any:
     """The free field and the change that obstacles make, (SB1); ``how``: precision and engine."""
-    allowed = shadows.checked_shadow_tolerance(tolerance)
+    limits = shadows.DEFAULT_TOLERANCE, shadows.LEAST_TOLERANCE
+    allowed = tolerance_from(tolerance, *limits, " with obstacles")
     length = checked_wavelength(wavelength)
-    if isinstance(source, PointSource):
-        places = _points_around(source, points)
-        flat = places.reshape(-1, 3)
-        free, off = _free_field(source, flat, length), np.zeros(len(flat))
-    else:
-        places = checked_points(points)
-        flat = places.reshape(-1, 3)
-        free, off = amplitude(source, flat, wavelength, method, return_error=True, **how)
+    is_point = isinstance(source, PointSource)
+    places = _points_around(source, points) if is_point else checked_points(points)
+    flat = places.reshape(-1, 3)
+    free, off = amplitude(source, flat, wavelength, method, return_error=True, **how)
     bodies = obstacles_of(obstacles, length)
     change, inside, missed = shadows.shadow_of(
         source, bodies, flat, length, method, allowed, how["engine"], return_error

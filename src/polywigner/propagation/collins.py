@@ -21,13 +21,13 @@ from polywigner.geometry.arguments import (
 )
 from polywigner.numerics.chirps import chirp_integral, waves_of_turns
 from polywigner.optics import FirstOrder
-from polywigner.propagation.arrangement import gauss_rule, node_count
 from polywigner.propagation.boundary import Radiator, parabolic_field, radiator_of
 from polywigner.propagation.places import (
     checked_amplitude_tolerance,
     checked_coordinates,
     warn_of_missed,
 )
+from polywigner.propagation.quadrature import field_at, gauss_rule, node_count, weighted_elements
 from polywigner.source import Array
 from polywigner.source.array import tilted_source
 from polywigner.transforms import autocorrelation, fourier
@@ -243,15 +243,11 @@ def _image(
 
 def _field_at(source: Any, x: Floats) -> NDArray[np.complex128]:
     """u itself; points on the boundary as in :func:`autocorrelation`."""
-    if isinstance(source, Array):
-        parts = zip(source.elements_in_plane, source.weights.tolist(), strict=True)
-        total = np.zeros(len(x), np.complex128)
-        for element, weight in parts:
-            total += weight * _field_at(element, x)
-        return total
-    inside = autocorrelation(source.with_illumination(None), x, (0.0, 0.0), engine="numpy")
-    field = source.illumination
-    return np.asarray(inside if field is None else inside * field(x))
+    total = np.zeros(len(x), np.complex128)
+    for element, weight in weighted_elements(source):
+        inside = autocorrelation(element.with_illumination(None), x, (0.0, 0.0), engine="numpy")
+        total += weight * inside * field_at(element, x)
+    return total
 
 
 def _line_image(
@@ -304,9 +300,8 @@ def field_behind(
                 "system is Collins' integral"
             )
     check_no_drjit(source=source, points=points, wavelength=wavelength)
-    systems, stops = _parts_of(through)
-    expected = "expected points as real numbers of shape (..., 2) with through=; z is the system's"
-    places = checked_coordinates(points, expected, 2)
+    systems, stops = systems_and_stops(through)
+    places = checked_points_behind(points)
     length = checked_wavelength(wavelength)
     double = execution.checked_precision(precision) != "single"
     execution.checked_engine(engine)
@@ -329,7 +324,13 @@ def field_behind(
     return found if return_error else found[0]
 
 
-def _parts_of(through: Any) -> tuple[list[FirstOrder], list[Any]]:
+def checked_points_behind(points: Any) -> Floats:
+    """Points (..., 2) behind a system; ArgumentError for others."""
+    expected = "expected points as real numbers of shape (..., 2) with through=; z is the system's"
+    return checked_coordinates(points, expected, 2)
+
+
+def systems_and_stops(through: Any) -> tuple[list[FirstOrder], list[Any]]:
     """Systems, and the stops between them, one fewer; ArgumentError for other things."""
     systems, stops = [_NOTHING], []
     for part in through if isinstance(through, list | tuple) else [through]:
@@ -377,9 +378,7 @@ def _folded(
 
 def _cut(plane: Any, outline: Aperture) -> Any:
     """A source or stop cut by an outline in its plane."""
-    parts = [(plane, 1.0)]
-    if isinstance(plane, Array):
-        parts = list(zip(plane.elements_in_plane, plane.weights.tolist(), strict=True))
+    parts = weighted_elements(plane)
     met = [(e & outline, w) for e, w in parts if (e.polygons & outline.polygons).area > 0]
     if not met:
         raise ArgumentError(
@@ -446,10 +445,7 @@ def _rate(
 
 def _rule(stop: Any, rate: float, extra: float, lattice: _Lattice) -> tuple[Floats, Complex]:
     """Nodes (m, 2) on a stop, and weights (m,) times the field that it lets through."""
-    elements = [(stop, 1.0)]
-    if isinstance(stop, Array):
-        elements = list(zip(stop.elements_in_plane, stop.weights.tolist(), strict=True))
-    triangles = [(v[t], e, w) for e, w in elements for v, t in [triangulate(e)]]
+    triangles = [(v[t], e, w) for e, w in weighted_elements(stop) for v, t in [triangulate(e)]]
     work = sum(node_count(found, rate, extra) for found, _, _ in triangles) * lattice.work
     if not work <= _MOST_WORK:
         raise ArgumentError(
@@ -458,8 +454,7 @@ def _rule(stop: Any, rate: float, extra: float, lattice: _Lattice) -> tuple[Floa
         )
     rules = [(gauss_rule(found, rate, extra), e, w) for found, e, w in triangles]
     nodes = np.concatenate([x for (x, _), _, _ in rules])
-    fields = [w * a * (1.0 if e.illumination is None else e.illumination(x))
-              for (x, a), e, w in rules]  # fmt: skip
+    fields = [w * a * field_at(e, x) for (x, a), e, w in rules]
     return nodes, np.concatenate(fields).astype(np.complex128)
 
 

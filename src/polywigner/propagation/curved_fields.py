@@ -17,8 +17,8 @@ from polywigner.errors import ArgumentError
 from polywigner.execution.progress import told
 from polywigner.geometry import Wavefront
 from polywigner.geometry.aperture import triangulate
-from polywigner.propagation.arrangement import quartered
 from polywigner.propagation.boundary import radiator_of
+from polywigner.propagation.quadrature import quartered
 from polywigner.source.obliquities import CONDITIONS, direction_cosines
 from polywigner.transforms.wavefronts import chirp_transform, principal_axes
 

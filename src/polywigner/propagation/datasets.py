@@ -1,4 +1,7 @@
-"""Fields on grids of points as labelled arrays: computed now, lazy, or written to a store."""
+"""Fields along lines, on planes and hemispheres, and in volumes, as labelled arrays.
+
+Values are computed now, lazily, or into a store. (docs/volumes.md)
+"""
 
 from __future__ import annotations
 
@@ -10,23 +13,32 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypedDict, get_args
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypedDict, Unpack, get_args
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, Precision, checked_engine
 from polywigner.execution.choice import resolved
 from polywigner.execution.progress import progress_bar
 from polywigner.geometry import Polyhedron, Wavefront
-from polywigner.geometry.arguments import checked_choice, checked_wavelength
+from polywigner.geometry.arguments import checked_choice, checked_wavelength, takes_frequency
 from polywigner.geometry.silhouettes import listed_bodies
 from polywigner.propagation.amplitudes import Obstacle, amplitude
-from polywigner.propagation.grids import Grid, shape_of_grid
 from polywigner.propagation.irradiances import irradiance
-from polywigner.propagation.places import METHODS, checked_method
+from polywigner.propagation.places import (
+    METHODS,
+    Grid,
+    box_grid,
+    checked_method,
+    hemisphere_grid,
+    line_grid,
+    plane_grid,
+    shape_of_grid,
+)
 from polywigner.propagation.stores import (
+    Block,
     Index,
     Scheduler,
     check_memory,
@@ -74,7 +86,15 @@ _LONG_NAMES = {
 }
 
 
-class FieldOptions(TypedDict, total=False):
+class StoreOptions(TypedDict, total=False):
+    """Options of results that are written to a store."""
+
+    scheduler: Scheduler
+    threads: int | None
+    progress: bool | None
+
+
+class FieldOptions(StoreOptions, total=False):
     """Options of :func:`plane`, :func:`line`, :func:`hemisphere` and :func:`volume`."""
 
     method: str | Sequence[str]
@@ -89,14 +109,15 @@ class FieldOptions(TypedDict, total=False):
     engine: Engine
     chunks: Chunks | None
     out: str | os.PathLike[str] | None
-    scheduler: Scheduler
-    threads: int | None
-    progress: bool | None
+
+
+Variable: TypeAlias = tuple[Block, np.dtype[Any], dict[str, Any]]
+"""The values of one variable on any part of its axes, their type, and attributes."""
 
 
 @dataclass(frozen=True, eq=False)
-class FieldBlock:
-    """The values of one method on any part of a grid; can be sent to other processes."""
+class _FieldBlock:
+    """The values of one method on any part of a grid."""
 
     source: PlaneSource | Wavefront
     grid: Grid
@@ -151,53 +172,118 @@ def _described(obstacles: Sequence[Obstacle]) -> dict[str, str]:
     return {"obstacles": text, "obstacles_sha256": digest_of(json.dumps(tables))}
 
 
-def dataset(
+def _dataset(
     source: Any, grid: Grid, wavelength: float, options: FieldOptions, dtype: str = "float64"
 ) -> xarray.Dataset:
     """Return fields on a grid, with one variable for each method, named after the method.
 
-    Without ``chunks`` and ``out``, all values are computed now. Parameters and errors: see
-    :func:`plane`; ``dtype`` is the default type of values.
+    ``dtype`` is the default type of values.
     """
+    out = options.get("out")
+    check_options(options, FieldOptions, out)
     blocks = _blocks(source, grid, wavelength, options, dtype)
-    chunks, out, shape = options.get("chunks"), options.get("out"), shape_of_grid(grid)
-    for name in ("scheduler", "threads"):
-        if out is None and options.get(name) is not None:
-            raise ArgumentError(f"expected out with {name}, got none; name a store to write to")
-    is_lazy = chunks is not None or out is not None
+    chunks, shape = options.get("chunks"), shape_of_grid(grid)
+    is_lazy, engine = chunks is not None or out is not None, "auto"
     with _warnings_once():
         for block in blocks if is_lazy or len(blocks) > 1 else ():
             # one point raises now what would be raised after hours of work
             first = replace(block, options={**block.options, "engine": "numpy"})
             first((0,) * len(shape), (1,) * len(shape))
-        if not is_lazy:
-            check_memory(shape)
-            progress = options.get("progress")
-            return _labelled(blocks, [_computed(block, progress) for block in blocks])
-    size = math.prod(shape) // _CHUNKS
-    if out is not None and chunks in (None, "auto"):
-        chunks = chunks_within(shape, min(max(size, _SMALLEST_CHUNK), _LARGEST_CHUNK))
-    # every chunk on the same engine, wherever it is computed
-    engine = resolved(options.get("engine", "auto"), max(_COMPILED, size))
-    blocks = [replace(block, options={**block.options, "engine": engine}) for block in blocks]
-    how: dict[str, Any] = {"compiled": engine != "numpy", "threads": options.get("threads")}
-    lazy = _labelled(
-        blocks, [lazy_array(block, shape, chunks, block.dtype, **how) for block in blocks]
+        if is_lazy:
+            size = math.prod(shape) // _CHUNKS
+            if out is not None and chunks in (None, "auto"):
+                chunks = chunks_within(shape, min(max(size, _SMALLEST_CHUNK), _LARGEST_CHUNK))
+            # every chunk on the same engine, wherever it is computed
+            engine = resolved(options.get("engine", "auto"), max(_COMPILED, size))
+            blocks = [
+                replace(block, options={**block.options, "engine": engine}) for block in blocks
+            ]
+        coords = grid.coords | source_coords(blocks[0].source) | _positions(grid)
+        about = {"wavelength": blocks[0].wavelength}
+        about["frequency"] = SPEED_OF_LIGHT / about["wavelength"]
+        return labelled_results(
+            {block.method: (block, block.dtype, block.attrs) for block in blocks},
+            tuple(grid.coords),
+            coords,
+            about | source_attrs(blocks[0].source),
+            out,
+            options,
+            _BLOCK,
+            chunks,
+            engine != "numpy",
+        )
+
+
+def check_options(options: Mapping[str, Any], kinds: type, out: object) -> None:
+    """Raise ArgumentError for options that a TypedDict does not have, or that need a store."""
+    names = kinds.__annotations__
+    for name in options:
+        if name not in names:
+            raise ArgumentError(f"expected options among {', '.join(names)}, got {name!r}")
+    for name in ("scheduler", "threads"):
+        if out is None and options.get(name) is not None:
+            raise ArgumentError(f"expected out with {name}, got none; name a store to write to")
+
+
+def labelled_results(
+    variables: Mapping[str, Variable],
+    dims: tuple[str, ...],
+    coords: Mapping[str, Any],
+    attrs: Mapping[str, Any],
+    out: str | os.PathLike[str] | None,
+    options: StoreOptions,
+    at_a_time: int,
+    chunks: Chunks | None,
+    compiled: bool,
+) -> xarray.Dataset:
+    """Return variables over axes ``dims``.
+
+    Without ``chunks`` they are computed now, up to ``at_a_time`` samples in one call; else lazily,
+    or into the store ``out``. ``compiled``: see :func:`lazy_array`.
+    """
+    shape = tuple(len(coords[name]) for name in dims)
+    threads, progress = options.get("threads"), options.get("progress")
+    if chunks is None:
+        check_memory(shape)
+
+    def values_of(name: str, block: Block, dtype: np.dtype[Any]) -> Any:
+        if chunks is None:
+            return _computed(name, block, np.empty(shape, dtype), at_a_time, progress)
+        return lazy_array(block, shape, chunks, dtype, compiled=compiled, threads=threads)
+
+    result = labelled_arrays(
+        {
+            name: (dims, values_of(name, block, dtype), about)
+            for name, (block, dtype, about) in variables.items()
+        },
+        coords,
+        attrs,
     )
     if out is None:
-        return lazy
-    how |= {"scheduler": options.get("scheduler"), "progress": options.get("progress")}
-    return write_store(out, lazy, **how)
+        return result
+    how: dict[str, Any] = {"compiled": compiled, "threads": threads, "progress": progress}
+    return write_store(out, result, scheduler=options.get("scheduler"), **how)
+
+
+def _computed(
+    name: str, block: Block, values: Values, at_a_time: int, progress: bool | None
+) -> Values:
+    """Fill an array with the values of a block, part by part."""
+    size = chunks_within(values.shape, at_a_time)
+    counts = [-(-n // c) for n, c in zip(values.shape, size, strict=True)]
+    with progress_bar(name, math.prod(counts), show=progress) as advance:
+        for index in np.ndindex(*counts):
+            origin = tuple(i * c for i, c in zip(index, size, strict=True))
+            part = tuple(slice(o, o + c) for o, c in zip(origin, size, strict=True))
+            values[part] = block(origin, values[part].shape)
+            advance()
+    return values
 
 
 def _blocks(
     source: Any, grid: Grid, wavelength: float, options: FieldOptions, dtype: str
-) -> list[FieldBlock]:
+) -> list[_FieldBlock]:
     """Return a block for each method."""
-    names = FieldOptions.__annotations__
-    unknown = [name for name in options if name not in names]
-    if unknown:
-        raise ArgumentError(f"expected options among {', '.join(names)}, got {unknown[0]!r}")
     quantity = checked_choice(options.get("quantity", "irradiance"), "quantity", get_args(Quantity))
     number = checked_choice(options.get("dtype", dtype), "dtype", ("float32", "float64"))
     methods = _checked_methods(options.get("method", "wigner"), quantity)
@@ -221,13 +307,12 @@ def _blocks(
     radiator, length = checked_radiator(source, partly=True), checked_wavelength(wavelength)
     complex_number = np.result_type(number, np.complex64)
     stored = complex_number if quantity == "amplitude" else np.dtype(number)
-    blocks = []
-    for method in methods:
-        own = dict(how)
-        if method not in _WITH_OBLIQUITY:
-            own.pop("obliquity", None)
-        blocks.append(FieldBlock(radiator, grid, length, method, quantity, stored, own))
-    return blocks
+    plain = {name: value for name, value in how.items() if name != "obliquity"}
+    return [
+        _FieldBlock(radiator, grid, length, method, quantity, stored,
+                    how if method in _WITH_OBLIQUITY else plain)
+        for method in methods
+    ]  # fmt: skip
 
 
 def _checked_methods(method: Any, quantity: str) -> tuple[str, ...]:
@@ -245,18 +330,6 @@ def _checked_methods(method: Any, quantity: str) -> tuple[str, ...]:
     return methods
 
 
-def _labelled(blocks: Sequence[FieldBlock], arrays: Sequence[Any]) -> xarray.Dataset:
-    """Return the values of all methods with axes, units and settings."""
-    source, grid, wavelength = blocks[0].source, blocks[0].grid, blocks[0].wavelength
-    dims, pairs = tuple(grid.coords), zip(blocks, arrays, strict=True)
-    about = {"wavelength": wavelength, "frequency": SPEED_OF_LIGHT / wavelength}
-    return labelled_arrays(
-        {block.method: (dims, array, block.attrs) for block, array in pairs},
-        grid.coords | source_coords(source) | _positions(grid),
-        about | source_attrs(source),
-    )
-
-
 def _positions(grid: Grid) -> dict[str, Any]:
     """Return x, y and z of the points of a grid that has other axes."""
     others = [k for k, name in enumerate("xyz") if name not in grid.coords]
@@ -272,20 +345,6 @@ def _positions(grid: Grid) -> dict[str, Any]:
     return found
 
 
-def _computed(block: FieldBlock, progress: bool | None) -> Values:
-    """Compute all values of a block, part by part."""
-    shape = shape_of_grid(block.grid)
-    values, size = np.empty(shape, block.dtype), chunks_within(shape, _BLOCK)
-    counts = [-(-n // c) for n, c in zip(shape, size, strict=True)]
-    with progress_bar(block.method, math.prod(counts), show=progress) as advance:
-        for index in np.ndindex(*counts):
-            origin = tuple(i * c for i, c in zip(index, size, strict=True))
-            part = tuple(slice(o, o + c) for o, c in zip(origin, size, strict=True))
-            values[part] = block(origin, values[part].shape)
-            advance()
-    return values
-
-
 @contextmanager
 def _warnings_once() -> Iterator[None]:
     """Show one of several warnings that differ by numbers only, at the end of the block."""
@@ -297,3 +356,162 @@ def _warnings_once() -> Iterator[None]:
         warnings.warn(
             warning.message, warning.category, stacklevel=6
         )  # who called `line` or the like, with the frame that takes frequencies between
+
+
+@takes_frequency
+def line(
+    source: PlaneSource | Wavefront,
+    ends: ArrayLike,
+    samples: int,
+    wavelength: float,
+    **options: Unpack[FieldOptions],
+) -> xarray.Dataset:
+    """Compute a field along a line, both ends included.
+
+    Parameters
+    ----------
+    source, wavelength, options : as of :func:`plane`, as are errors.
+    ends : two points (2, 3) in m, z > 0.
+    samples : number of points.
+
+    Returns
+    -------
+    As of :func:`plane`, with the dimension ``distance`` from the first end; x, y and z along it.
+
+    >>> import polywigner as pw
+    >>> square, ends = pw.shapes.square(10e-3), [(0, 0, 0.05), (0, 0, 0.2)]
+    >>> field = pw.line(square, ends, 5, 3.2e-3, method="kirchhoff")
+    >>> field.kirchhoff.shape
+    (5,)
+    """
+    return _dataset(source, line_grid(ends, samples), wavelength, options)
+
+
+@takes_frequency
+def plane(
+    source: PlaneSource | Wavefront,
+    where: ArrayLike,
+    shape: tuple[int, int],
+    wavelength: float,
+    **options: Unpack[FieldOptions],
+) -> xarray.Dataset:
+    """Compute a field on a rectangle of any size, position and resolution (docs/volumes.md).
+
+    Parameters
+    ----------
+    source : Aperture or Array of apertures in the plane z = 0, with any fields; or one with a
+        curved wave.
+    where : ((x0, y0, z0), (x1, y1, z1)) in m with one pair of equal coordinates; or three corners
+        (3, 3) of a rectangle in any direction, the first between the other two. z > 0.
+    shape : number of points along both axes, edges included.
+    wavelength : in m.
+    method : "wigner" (default), or one of "rayleigh-sommerfeld-1", "rayleigh-sommerfeld-2",
+        "kirchhoff", "fresnel" and "fraunhofer", or several of these side by side.
+    quantity : "irradiance" (default), |U|^2 in W/m^2 for |u|^2 in W/m^2; "amplitude", complex, or
+        its "phase" in rad, which "wigner" does not have.
+    obliquity : of "wigner" and "fraunhofer", as :func:`irradiance` takes it.
+    bandwidth : of the light in Hz, for the irradiance, as :func:`irradiance` takes it.
+    tolerance : as :func:`irradiance` and :func:`amplitude` take it; None: their defaults.
+    obstacles : bodies and plates, as :func:`amplitude` takes them, whose shadows diffract
+        (docs/shadows.md); with an exact method and light of one wavelength.
+    dtype : type of the values, "float64" (default) or "float32" (amplitudes: complex).
+    precision, engine : see :func:`fourier`.
+    chunks : None: all values are computed now; or sizes of chunks as dask takes them, a number,
+        one for each axis, or "auto": the result is lazy, and values are computed when needed.
+    out : folder of a zarr store (format 3) to which the values are written chunk by chunk; the
+        same call completes a store that an interrupted run has left. Needs the extra ``datasets``.
+    scheduler : with ``out``: address of a dask.distributed scheduler whose workers see ``out``, or
+        a cluster object such as ``LocalCluster``; None: this machine.
+    threads : with ``out``: number of threads, on this machine or of each worker; None: all cores,
+        or the worker's threads.
+    progress : whether to draw a bar; None: on a terminal.
+
+    Returns
+    -------
+    xarray.Dataset with a variable for each method, named after it, over two of x, y and z; for
+    three corners over u and v, the distances from the first corner. Attributes hold units, settings
+    and the version; a coordinate holds the source.
+
+    Raises
+    ------
+    ArgumentError for arguments of the wrong type, shape or range; GeometryError for an Array whose
+    elements do not lie in the plane z = 0; EngineError without the engine, or the scheduler;
+    StoreError for a path that cannot be written to, or holds results of other settings;
+    MissingExtraError for ``chunks`` and ``out`` without the extra ``datasets``.
+
+    >>> import polywigner as pw
+    >>> square, where = pw.shapes.square(10e-3), [(-0.02, -0.02, 0.1), (0.02, 0.02, 0.1)]
+    >>> field = pw.plane(square, where, (5, 4), 3.2e-3, method="kirchhoff")
+    >>> sorted(field.kirchhoff.shape)
+    [4, 5]
+    """
+    return _dataset(source, plane_grid(where, shape), wavelength, options)
+
+
+@takes_frequency
+def hemisphere(
+    source: PlaneSource | Wavefront,
+    radius: float,
+    theta: ArrayLike,
+    phi: ArrayLike,
+    wavelength: float,
+    centre: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    **options: Unpack[FieldOptions],
+) -> xarray.Dataset:
+    """Compute a field at one distance from a point, over angles: on a hemisphere or along a cut.
+
+    Parameters
+    ----------
+    source, wavelength, options : as of :func:`plane`, as are errors.
+    radius : distance from ``centre`` in m.
+    theta : (n,) angles from the z axis in rad; negative ones, for cuts, lie at the opposite phi.
+    phi : (m,) angles from the x axis in rad; or one.
+    centre : (3,) in m; all points have z > 0, |theta| < pi/2 about the origin.
+
+    Returns
+    -------
+    As of :func:`plane`, with the dimensions ``theta`` and ``phi``, and x, y and z over them.
+
+    >>> import polywigner as pw
+    >>> square, theta = pw.shapes.square(10e-3), [0.0, 0.5]
+    >>> field = pw.hemisphere(square, 0.1, theta, [0.0], 3.2e-3, method="kirchhoff")
+    >>> field.kirchhoff.shape
+    (2, 1)
+    """
+    return _dataset(source, hemisphere_grid(radius, theta, phi, centre), wavelength, options)
+
+
+@takes_frequency
+def volume(
+    source: PlaneSource | Wavefront,
+    box: ArrayLike,
+    shape: tuple[int, int, int],
+    wavelength: float,
+    **options: Unpack[FieldOptions],
+) -> xarray.Dataset:
+    """Compute a field in a box of any size, position and resolution (docs/volumes.md).
+
+    Values are computed in blocks, which need some hundred megabytes in addition to the result.
+    Volumes larger than memory need ``chunks`` or ``out``.
+
+    Parameters
+    ----------
+    source, wavelength, options : as of :func:`plane`, but ``dtype`` is "float32" by default.
+    box : ((x0, y0, z0), (x1, y1, z1)) in m, z > 0.
+    shape : number of points along x, y and z, faces included.
+
+    Returns
+    -------
+    As of :func:`plane`, with the dimensions ``x``, ``y`` and ``z``.
+
+    Raises
+    ------
+    As :func:`plane`.
+
+    >>> import polywigner as pw
+    >>> square, box = pw.shapes.square(10e-3), [(-0.02, -0.02, 0.05), (0.02, 0.02, 0.1)]
+    >>> field = pw.volume(square, box, (3, 3, 2), 3.2e-3, method="kirchhoff")
+    >>> field.kirchhoff.size
+    18
+    """
+    return _dataset(source, box_grid(box, shape), wavelength, options, "float32")

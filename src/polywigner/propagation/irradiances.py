@@ -24,13 +24,17 @@ from polywigner.geometry.arguments import (
 from polywigner.optics import FirstOrder
 from polywigner.propagation.amplitudes import Obstacle, amplitude, shaped
 from polywigner.propagation.boundary import radiator_of
-from polywigner.propagation.collins import field_behind, squared_field
+from polywigner.propagation.collins import (
+    checked_points_behind,
+    field_behind,
+    squared_field,
+    systems_and_stops,
+)
 from polywigner.propagation.far_fields import check_slopes
 from polywigner.propagation.partial_coherence import partly_coherent_irradiance
 from polywigner.propagation.places import (
     DEFAULT_TOLERANCE,
     METHODS,
-    checked_coordinates,
     checked_method,
     checked_points,
 )
@@ -118,6 +122,8 @@ _SINGLE = 1e-5
 # Errors of means over tilts and wavelengths: as a fraction of the tolerance, a tenth of the floor;
 # and of those of exact fields.
 _OF_MIXTURE, _OF_EXACT = 1e-4, 1e-7
+# Errors of shadows, as a fraction of the tolerance.
+_OF_SHADOWS = 0.1
 # Edges from which on rays take seconds, and the exact field a hundredth of that.
 _MANY_EDGES = 50
 # Distance to the source in wavelengths below which rays are a rough approximation.
@@ -208,32 +214,25 @@ def irradiance(
     allowed = checked_tolerance(tolerance)
     check_no_drjit(source=source, points=points, wavelength=wavelength)
     if obstacles is not None:
-        if through is not None:
-            raise ArgumentError(
-                "fields with obstacles have no system of lenses; leave through or obstacles out"
-            )
-        return _behind_obstacles(
-            source, points, wavelength, method, obstacles, allowed, return_error, obliquity,
-            bandwidth, run,
-        )  # fmt: skip
+        _check_shadowed(method, through, bandwidth)
     by_lags = through is None and method == "wigner" and _is_by_lags(source, obliquity)
     if bandwidth is not None or (is_partly_coherent(source) and not by_lags):
 
         def compute(one: Any, length: float, places: Any = points) -> Any:
-            options = {"through": through, "return_error": return_error, **how, **run}
-            return irradiance(one, places, length, method, **options)
+            options: dict[str, Any] = {"through": through, "obstacles": obstacles, **how, **run}
+            return irradiance(one, places, length, method, return_error=return_error, **options)
 
-        error = _OF_MIXTURE * allowed
-        if method != "wigner":
+        error, lit = _OF_MIXTURE * allowed, compute
+        if obstacles is not None:
+            error = _OF_SHADOWS * allowed
+        elif method != "wigner":
             error = min(error, _OF_EXACT)
-        if by_lags or not is_partly_coherent(source):
-            lit = compute
-        else:
+        if is_partly_coherent(source) and not by_lags and obstacles is None:
             name = checked_obliquity(obliquity) if method == "auto" else method
             lit = partial(_of_partly_coherent, compute, points, name, through, error, return_error)
         return mean_over_mixture(
-            lit, source, wavelength, bandwidth, error, return_error, by_lags=True
-        )  # fmt: skip
+            lit, source, wavelength, bandwidth, error, return_error, by_lags=obstacles is None
+        )
     if through is not None:
         others = {"method": None if method in ("wigner", "auto", "fresnel") else method}
         return field_behind(
@@ -243,9 +242,13 @@ def irradiance(
     if method == "auto":
         method = checked_obliquity(obliquity)
         method, obliquity = (method, None) if method in CONDITIONS else ("wigner", "paper")
+    if obstacles is not None:
+        run["tolerance"] = max(_OF_SHADOWS * allowed, LEAST_TOLERANCE)
+        options: dict[str, Any] = {"obstacles": obstacles, "obliquity": obliquity, **run}
+        return _squared(source, points, wavelength, method, return_error, options)
     length = checked_wavelength(wavelength)
     if isinstance(source, PointSource):  # its rays carry |exp(ikR)/R|^2 exactly
-        options: dict[str, Any] = {**run, "obliquity": obliquity}
+        options = {**run, "obliquity": obliquity}
         exact = DEFAULT if method == "wigner" else method
         return _squared(source, points, length, exact, return_error, options)
     radiator = source if isinstance(source, Screen) else checked_radiator(source, partly=by_lags)
@@ -298,16 +301,13 @@ def _by_rays(
         )
     share = _FLOOR if double else max(_FLOOR, _SINGLE / allowed)
     floor = share * _largest(flat_source, radiator.distance_of_centre(points), wavelength)
-    found = summed_rays(flat_source, rays, points, allowed, floor)
-    if not found.is_met:
+    values, errors = summed_rays(flat_source, rays, points, allowed, floor)
+    if not (errors <= allowed * np.maximum(np.abs(values), floor)).all():
         warn_caller(
             "the tolerance asked for is not met at all points; return_error=True tells where, and "
             "method='auto' gives the exact field"
         )
-    return found.values, found.errors
-
-
-_BEHIND = "expected points as real numbers of shape (..., 2) with through=; z is the system's"
+    return values, errors
 
 
 def _of_partly_coherent(
@@ -321,17 +321,10 @@ def _of_partly_coherent(
     wavelength: float,
 ) -> Any:
     """Irradiance of partly coherent light of one wavelength; ``compute`` takes coherent sources."""
-    parts = through if isinstance(through, list | tuple) else [through]
-    systems = [part for part in parts if isinstance(part, FirstOrder)]
     checked_radiator(source, partly=True)
-    is_plain = method != "wigner" if through is None else len(systems) == len(parts)
-    if is_plain:
-        system: Any = None
-        for part in systems:
-            system = part if system is None else part @ system
-        places = (
-            checked_points(points) if system is None else checked_coordinates(points, _BEHIND, 2)
-        )
+    systems, stops = ([], []) if through is None else systems_and_stops(through)
+    if (through is not None or method != "wigner") and not stops:
+        places = checked_points(points) if through is None else checked_points_behind(points)
 
         def fields(one: Any, some: Any) -> Any:
             found = compute(one, wavelength, some)
@@ -339,6 +332,7 @@ def _of_partly_coherent(
 
         flat = places.reshape(-1, places.shape[-1])
         if len(flat):
+            system = systems[0] if systems else None
             found = partly_coherent_irradiance(
                 fields, source, flat, wavelength, method, system, error
             )
@@ -348,36 +342,17 @@ def _of_partly_coherent(
     return mean_over_mixture(compute, source, wavelength, None, error, return_error)
 
 
-def _behind_obstacles(
-    source: Any,
-    points: Any,
-    wavelength: Any,
-    method: str,
-    obstacles: Any,
-    tolerance: float,
-    return_error: bool,
-    obliquity: Any,
-    bandwidth: Any,
-    run: dict[str, Any],
-) -> Any:
-    """|U|^2 behind bodies: the square of the amplitude, or the mean of such over tilts."""
+def _check_shadowed(method: str, through: Any, bandwidth: Any) -> None:
+    """Raise ArgumentError for options that fields behind obstacles do not have."""
+    if through is not None:
+        raise ArgumentError(
+            "fields with obstacles have no system of lenses; leave through or obstacles out"
+        )
     if method == "wigner" or bandwidth is not None:
         raise ArgumentError(
             "expected light of one wavelength and another method than rays with obstacles, got "
             f'method={method!r} and bandwidth={bandwidth!r}; use method="auto"'
         )
-    if method == "auto":
-        method, obliquity = checked_obliquity(obliquity), None
-    options: Any = {"obstacles": obstacles, "obliquity": obliquity, **run}
-    allowed = 0.1 * tolerance
-    options["tolerance"] = max(allowed, LEAST_TOLERANCE)
-    if is_partly_coherent(source):
-
-        def squared(one: Any, length: float) -> Any:
-            return _squared(one, points, length, method, return_error, options)
-
-        return mean_over_mixture(squared, source, wavelength, None, allowed, return_error)
-    return _squared(source, points, wavelength, method, return_error, options)
 
 
 def _is_by_lags(source: Any, obliquity: Any) -> bool:

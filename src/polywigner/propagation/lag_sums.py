@@ -17,13 +17,17 @@ from numpy.typing import NDArray
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.geometry.parts import grid_size, polygons_in
 from polywigner.numerics.nodes import normal_product_rule
-from polywigner.propagation.row_rules import Trapezoids, node_counts, rule_on, trapezoids_of
-from polywigner.propagation.source_samples import (
+from polywigner.propagation.quadrature import (
+    Trapezoids,
     field_at,
     highest,
     largest_rates,
+    node_counts,
+    rule_on,
     slope,
+    trapezoids_of,
     waves_of,
+    weighted_elements,
 )
 from polywigner.source import Array
 from polywigner.source.obliquities import CONDITIONS, direction_cosines
@@ -216,10 +220,7 @@ def _pairs_of(
     source: Wavefront, lags: Floats, weights: Floats, rates: Floats, extra: int, degrees: Any
 ) -> Pairs:
     """Pairs at lags (n, 2). ``rates`` : (n, 2) over mean positions; ``extra`` : nodes more."""
-    flat = flat_of(source)
-    factors = flat.weights.tolist() if isinstance(flat, Array) else [1.0]
-    elements = list(zip(flat.elements_in_plane, factors, strict=True))
-    found = []
+    found, elements = [], weighted_elements(source)
     for one, a in elements:
         ahead = _shifted(one.polygons, -lags / 2)
         for other, b in elements:

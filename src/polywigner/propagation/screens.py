@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner import execution
 from polywigner.errors import ArgumentError, value_text
 from polywigner.geometry import Aperture
-from polywigner.geometry.arguments import checked_choice, real_numbers
+from polywigner.geometry.arguments import checked_choice, finite_array
 from polywigner.kernels.boundary.edge_waves import spherical_edge
 from polywigner.numerics.chirps import waves_of_turns
 from polywigner.propagation.boundary import boundary_field, radiator_of
@@ -266,15 +266,8 @@ def field_of_screen(
 
 
 def _three(value: Any, name: str, meaning: str) -> tuple[float, float, float]:
-    try:
-        numbers = real_numbers(value)
-    except ValueError:
-        numbers = np.empty(0)
-    if numbers.shape != (3,) or not np.isfinite(numbers).all():
-        raise ArgumentError(
-            f"expected {name} as three finite numbers {meaning}, got {value_text(value)}"
-        )
-    x, y, z = (numbers + 0.0).tolist()
+    expected = f"expected {name} as three finite numbers {meaning}"
+    x, y, z = (finite_array(value, expected, (3,)) + 0.0).tolist()
     return x, y, z
 
 

@@ -4,14 +4,19 @@ The source is a grid of points that radiate as it does from some wavelengths on 
 the wave of each point is cut off where it is hidden, and the boundary waves (SB3) of the edges of
 the silhouette that it sees are added (Maggi and Rubinowicz): the sum is smooth across the boundary
 of the shadow. Waves over two edges, and those that creep around a body, are left out.
+
+A surface behind an edge blocks the wave of the edge (SB6). Behind that surface the wave of the edge
+is the wave around a single edge, seen from the midpoint of the first: the least detour over the rim
+of the surface sets its amplitude and phase.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,24 +25,22 @@ from polywigner import execution
 from polywigner.errors import ArgumentError
 from polywigner.execution import NumpyOperations
 from polywigner.execution.choice import resolved
-from polywigner.geometry.arguments import checked_number, warn_caller
-from polywigner.geometry.silhouettes import Obstacles, Silhouette
+from polywigner.geometry.arguments import warn_caller
+from polywigner.geometry.contours import Surface, net_contours
+from polywigner.geometry.parts import connected
+from polywigner.geometry.silhouettes import Obstacles, Silhouette, hits
 from polywigner.kernels.boundary.edge_waves import (
     EdgeRule,
     Point,
     angle_about,
+    cross,
+    difference,
+    dot,
     edge_wave,
     edge_wave_and_rate,
+    path_over,
 )
-from polywigner.numerics.complex_pairs import Pair
-from polywigner.propagation.blockers import (
-    NO_SURFACE,
-    OWN_SURFACE,
-    Blocker,
-    behind_face,
-    blocked_edges,
-    shadow_lines,
-)
+from polywigner.numerics.complex_pairs import Pair, unit_wave
 from polywigner.propagation.equivalent_points import (
     RadiatingPoint,
     oblique_change,
@@ -47,6 +50,7 @@ from polywigner.propagation.equivalent_points import (
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
+Indices = NDArray[np.intp]
 
 DEFAULT_TOLERANCE = 1e-6
 """Relative error of fields behind obstacles: far below the error of black edges, one at a time."""
@@ -78,17 +82,6 @@ _FEW = 10_000
 _CORNER, _BESIDE, _ALIGNED = 1e-5, 1e-4, 1e-8
 # Nearer to the source than this, in wavelengths, its waves that fade are not left out unseen.
 _NEAR = 1.0
-
-
-def checked_shadow_tolerance(tolerance: float | None) -> float:
-    """A tolerance that fields behind obstacles keep; ArgumentError for others."""
-    if tolerance is None:
-        return DEFAULT_TOLERANCE
-    meaning = f"a number from {LEAST_TOLERANCE:g} to 0.1 with obstacles"
-    number = checked_number(tolerance, "tolerance", meaning)
-    if not LEAST_TOLERANCE <= number <= 0.1:
-        raise ArgumentError(f"expected tolerance as {meaning}, got {tolerance!r}")
-    return number
 
 
 def shadow_of(
@@ -128,17 +121,14 @@ def diffracted(
 ) -> tuple[Complex, Complex, Floats]:
     """Change by bodies, free field, and error at places (n, 3) of points with their silhouettes."""
     rule, coarser = next(rules for least, *rules in _RULES if tolerance >= least)
-    shadow = _Shadow.of(bodies, sources, seen, places)
-    change, free, off = shadow.summed(engine, rule, coarser if with_error else None)
+    summed = partial(_summed, bodies, sources, seen, engine=engine, rule=rule)
+    change, free, off = summed(places, coarser=coarser if with_error else None)
     near, across = _near_corners(sources, seen, places)
     if near.any():
         # the mean over places on a line, an error of the fourth order in their distance
         change[near] = 0.0
         for number, share in ((1, 4 / 6), (-1, 4 / 6), (2, -1 / 6), (-2, -1 / 6)):
-            beside = places[near] + number * across
-            change[near] += (
-                share * _Shadow.of(bodies, sources, seen, beside).summed(engine, rule)[0]
-            )
+            change[near] += share * summed(places[near] + number * across)[0]
     return change, free, off
 
 
@@ -179,111 +169,70 @@ def _seen(
     return sources, bodies.silhouettes([place for place, *_ in sources])
 
 
-class _Edges(NamedTuple):
-    """Edges of silhouettes, with one surface behind them or with none."""
-
-    table: Floats
-    """(k, 17) point of the source, ends, and plane of the face behind; for each such point."""
-    blocker: Blocker | None
-
-
-class _Shadow(NamedTuple):
-    """Obstacles as the points of a source see them, and points that may be in their shadow."""
-
-    bodies: Obstacles
-    sources: Sequence[RadiatingPoint]
-    edges: list[_Edges]
-    samples: Floats
-    """(n, 7): points, places aside, and 1 where the angles of edges tell light from shadow."""
-    resolution: Floats
-    """(n,) lengths that count as none."""
-
-    @classmethod
-    def of(
-        cls,
-        bodies: Obstacles,
-        sources: Sequence[RadiatingPoint],
-        seen: Sequence[Silhouette],
-        places: Floats,
-    ) -> _Shadow:
-        """Silhouettes that points see, for places (n, 3) in wavelengths."""
-        found = blocked_edges(bodies, seen, np.mean([place for place, *_ in sources], axis=0))
-        group = np.concatenate(found.groups)
-        # beyond all bodies the angles of all edges tell what is lit; else rays do
-        if found.blockers or not all(silhouette.is_closed for silhouette in seen):
-            by_angles = np.zeros(len(places), bool)
-        else:
-            by_angles = np.all([bodies.beyond(place, places) for place, *_ in sources], axis=0)
-        table = np.concatenate(
-            [
-                np.column_stack(
-                    [np.tile(point.row, (len(s.edges), 1)), s.edges.reshape(-1, 6), s.planes]
-                )
-                for point, s in zip(sources, seen, strict=True)
-            ]
+def _summed(
+    bodies: Obstacles,
+    sources: Sequence[RadiatingPoint],
+    seen: Sequence[Silhouette],
+    places: Floats,
+    engine: str,
+    rule: EdgeRule,
+    coarser: EdgeRule | None = None,
+) -> tuple[Complex, Complex, Floats]:
+    """Change of the field, free field, and error (0 without a coarser rule) at places (n, 3)."""
+    count = len(places)
+    blocked = blocked_edges(bodies, seen, np.mean([place for place, *_ in sources], axis=0))
+    group = np.concatenate(blocked.groups)
+    # rows (k, 17): point of the source, seven numbers; ends; and plane of the face behind
+    table = np.concatenate(
+        [
+            np.column_stack([np.tile(p.row, (len(s.edges), 1)), s.edges.reshape(-1, 6), s.planes])
+            for p, s in zip(sources, seen, strict=True)
+        ]
+    )
+    resolution = _resolution(table[:, 7:13].reshape(-1, 3), table[:, :3], places)
+    aside, margin = places + resolution[:, None] * ASIDE, _ON_SURFACE * resolution
+    edges: list[tuple[Floats, Blocker | None]] = []
+    for number, blocker in enumerate(blocked.blockers):
+        rows = table[group == number]
+        planes = np.unique(rows[:, 13:], axis=0)
+        heights = places @ planes[:, :3].T + planes[:, 3]
+        if (heights < -margin[:, None]).any():
+            edges.append((rows, blocker))
+        else:  # nothing is behind the surface
+            group[group == number] = NO_SURFACE
+    lines = shadow_lines(table[group == OWN_SURFACE])
+    edges.append((np.concatenate([table[group < 0], lines]), None))
+    # beyond all bodies the angles of all edges tell what is lit; else rays do
+    by_angles = np.zeros(count, bool)
+    if not blocked.blockers and all(silhouette.is_closed for silhouette in seen):
+        by_angles = np.all([bodies.beyond(place, places) for place, *_ in sources], axis=0)
+    samples = np.column_stack([places, aside, by_angles])
+    change, free, error = *np.zeros((2, count), np.complex128), np.zeros(count)
+    # "auto" is planned for the edges of all groups together
+    chosen = resolved(engine, count, sum(len(rows) for rows, _ in edges))
+    is_oblique = any(point.field for point in sources)
+    for rows, surface in edges:
+        columns = samples
+        if surface is not None:
+            hidden = surface.hides(aside, margin)
+            passed = surface.transmission(NumpyOperations(double=True), tuple(places.T), hidden)
+            parts = (np.broadcast_to(part, count) for part in (passed.real, passed.imag))
+            columns = np.column_stack([samples, margin, *parts])
+        real, imag, off = execution.evaluate_rows(
+            partial(_edge, rule, coarser, is_oblique, surface is not None),
+            rows,
+            columns,
+            np.zeros(1),
+            3,
+            "numpy" if engine == "auto" and len(rows) * count < _FEW else chosen,
         )
-        resolution = _resolution(table[:, 7:13].reshape(-1, 3), table[:, :3], places)
-        aside = places + resolution[:, None] * ASIDE
-        edges = []
-        for number, blocker in enumerate(found.blockers):
-            rows = table[group == number]
-            planes = np.unique(rows[:, 13:], axis=0)
-            heights = places @ planes[:, :3].T + planes[:, 3]
-            if (heights < -_ON_SURFACE * resolution[:, None]).any():
-                edges.append(_Edges(rows, blocker))
-            else:  # nothing is behind the surface
-                group[group == number] = NO_SURFACE
-        lines = shadow_lines(table[group == OWN_SURFACE])
-        edges.append(_Edges(np.concatenate([table[group < 0], lines]), None))
-        return cls(bodies, sources, edges, np.column_stack([places, aside, by_angles]), resolution)
-
-    def summed(
-        self, engine: str, rule: EdgeRule, coarser: EdgeRule | None = None
-    ) -> tuple[Complex, Complex, Floats]:
-        """Change of the field, free field, and error (0 without a coarser rule) at samples (n,)."""
-        is_oblique = any(point.field for point in self.sources)
-        count = len(self.samples)
-        change, free = np.zeros((2, count), np.complex128)
-        error = np.zeros(count)
-        # "auto" is planned for the edges of all groups together
-        chosen = resolved(engine, count, sum(len(edges.table) for edges in self.edges))
-        for edges in self.edges:
-            is_small = engine == "auto" and len(edges.table) * count < _FEW
-            real, imag, off = execution.evaluate_rows(
-                partial(_edge, rule, coarser, is_oblique, edges.blocker is not None),
-                edges.table,
-                self._samples_of(edges),
-                np.zeros(1),
-                3,
-                "numpy" if is_small else chosen,
-            )
-            change, error = change + real + 1j * imag, error + off
-        for point in self.sources:
-            wave = point.wave(self.samples[:, :3].T)
-            change -= np.where(self.hidden(point), wave, 0.0)
-            free += wave
-        return change, free, error
-
-    def hidden(self, point: RadiatingPoint) -> NDArray[np.bool_]:
-        """Samples that rays from a point of the source do not reach, where rays are asked."""
-        found, by_rays = np.zeros(len(self.samples), bool), self.samples[:, 6] == 0.0
-        within = _ON_SURFACE * self.resolution[by_rays]
-        found[by_rays] = self.bodies.hide(point.place, self.samples[by_rays, 3:6], within)
-        return found
-
-    def _samples_of(self, edges: _Edges) -> Floats:
-        """Samples for some edges: (n, 7); of blocked edges (n, 10).
-
-        The added columns are the resolution, and the real and imaginary part of the amplitude of
-        edge waves behind the blocker.
-        """
-        if edges.blocker is None:
-            return self.samples
-        hidden = edges.blocker.hides(self.samples[:, 3:6], _ON_SURFACE * self.resolution)
-        point = tuple(self.samples[:, :3].T)
-        found = edges.blocker.transmission(NumpyOperations(double=True), point, hidden)
-        parts = (np.broadcast_to(part, len(hidden)) for part in (found.real, found.imag))
-        return np.column_stack([self.samples, self.resolution, *parts])
+        change, error = change + real + 1j * imag, error + off
+    for point in sources:
+        wave, hidden = point.wave(places.T), np.zeros(count, bool)
+        hidden[~by_angles] = bodies.hide(point.place, aside[~by_angles], margin[~by_angles])
+        change -= np.where(hidden, wave, 0.0)
+        free += wave
+    return change, free, error
 
 
 def _resolution(ends: Floats, sources: Floats, points: Floats) -> Floats:
@@ -313,6 +262,9 @@ def _edge(
 ) -> Any:
     """Change of the field by an edge that a point of the source sees; and its error.
 
+    ``sample`` : a point, a point aside, and 1 where the angles of edges tell light from shadow; for
+    blocked edges also the depth up to which points lie on a surface, and the real and imaginary
+    part of the amplitude of edge waves behind the blocker.
     ``is_oblique``: whether the point has a weight of the field, whose edge waves (SB5) depend on
     the direction from the point to the edge; ``is_blocked``: whether a surface is behind the edge.
     """
@@ -320,8 +272,7 @@ def _edge(
     point, aside, by_angles = sample[:3], sample[3:6], sample[6]
     blocked = None
     if is_blocked:
-        margin = _ON_SURFACE * sample[7]
-        blocked = behind_face(ops, source, start, end, row[13:17], point, margin)
+        blocked = behind_face(ops, source, start, end, row[13:17], point, sample[7])
     path = source, point, start, end, aside
     ahead = tuple(a - b for a, b in zip(point, source, strict=True))
     bend = Pair(0.0, 0.0)
@@ -353,3 +304,173 @@ def _check_clearance(bodies: Obstacles, sources: Sequence[RadiatingPoint]) -> No
             f"an obstacle is {nearest:.2g} wavelengths from the source: waves that fade within a "
             "wavelength are left out of its shadow"
         )
+
+
+# ---- surfaces behind edges -----------------------------------------------------------------------
+
+# Asymptote of the wave around an edge: 1/(_STEEP sqrt(detour)) of the free wave, in wavelengths.
+_STEEP = 2.0 * math.pi * math.sqrt(2.0)
+# Detour in wavelengths at which this wave is cut down to 1/e. Waves over two edges are left out,
+# except near the boundary of the second shadow, where they keep the field continuous.
+_SECOND = 16.0
+# Triangles of a body that is not convex, above which the face behind the edge stands for it.
+_MOST_TRIANGLES = 256
+
+
+@dataclass(frozen=True)
+class Blocker:
+    """The surface behind an edge. Lengths in wavelengths."""
+
+    origin: Floats
+    """(3,) midpoint of the edge."""
+    triangles: Floats
+    """(t, 3, 3) of the surface, facing the origin."""
+    rim: Floats
+    """(m, 2, 3) edges of the surface as the origin sees it."""
+
+    def hides(self, points: Floats, within: Floats) -> NDArray[np.bool_]:
+        """Return a mask of the points (n, 3) that the surface hides from the origin.
+
+        The surface does not hide points whose distance from its planes is below ``within`` (n,).
+        """
+        hidden = np.zeros(len(points), bool)
+        if len(self.triangles):
+            for some, share, height in hits(self.triangles - self.origin, points - self.origin):
+                with np.errstate(invalid="ignore"):
+                    behind = height * (1.0 / share - 1.0) > within[some, None]
+                hidden[some] = behind.any(axis=1)
+        return hidden
+
+    def transmission(self, ops: Any, point: Point, hidden: Any) -> Pair:
+        """Amplitude at a point of the wave from the origin, over the free one."""
+        detour, amplitude = 1e30, 0.0
+        for edge in self.rim:
+            origin, start, end = (tuple(p) for p in (self.origin, *edge))
+            longer, share = transmission_over(ops, origin, point, start, end)
+            detour, amplitude = ops.minimum(longer, detour), ops.maximum(share, amplitude)
+        if not len(self.rim):
+            return Pair(1.0, 0.0)
+        wave = unit_wave(ops, detour).scaled(amplitude)
+        return Pair(ops.select(hidden, wave.real, 1.0), ops.select(hidden, wave.imag, 0.0))
+
+
+def transmission_over(
+    ops: Any, source: Point, point: Point, start: Point, end: Point
+) -> tuple[Any, Any]:
+    """Detour of the shortest path over an edge, and amplitude of the wave around the edge."""
+    detour, cosine = path_over(ops, source, point, start, end)
+    # half of the angle by which the path bends, as in Kirchhoff's obliquity
+    share = ops.sqrt(ops.maximum(0.5 + 0.5 * cosine, 0.0)) / (1.0 + _STEEP * ops.sqrt(detour))
+    return detour, share * ops.exp(detour * (-1.0 / _SECOND))
+
+
+def behind_face(
+    ops: Any, source: Point, start: Point, end: Point, plane: Point, point: Point, margin: Any
+) -> Any:
+    """1 on the boundary of an edge's shadow behind a face, 0 in front of the plane of the face.
+
+    In between d^2/(d^2 + a^2), with the distances d of the point from this plane, less a margin,
+    and a from the plane of the source and the edge.
+    """
+    depth = ops.maximum(-(dot(plane, point) + plane[3]) - margin, 0.0)
+    normal = cross(difference(start, source), difference(end, source))
+    lateral = dot(normal, difference(point, source))
+    square = depth * depth * dot(normal, normal)
+    return square / ops.maximum(square + lateral * lateral, 1e-30)
+
+
+# Nothing is behind an edge, or a surface of the body that the edge belongs to.
+NO_SURFACE, OWN_SURFACE = -1, -2
+
+
+@dataclass(frozen=True)
+class BlockedEdges:
+    """Edges of silhouettes by the surface behind them."""
+
+    blockers: list[Blocker]
+    groups: list[Indices]
+    """For each silhouette, the number of the blocker of each edge; NO_SURFACE, OWN_SURFACE."""
+
+
+def blocked_edges(bodies: Obstacles, seen: Sequence[Silhouette], source: Floats) -> BlockedEdges:
+    """Return the blockers of the edges of silhouettes, seen from near one source (3,).
+
+    Edges that the silhouettes have in common have one blocker.
+    """
+    number, front, behind = (
+        np.concatenate([getattr(s, name) for s in seen]) for name in ("numbers", "bodies", "behind")
+    )
+    ends = np.concatenate([s.edges for s in seen])
+    group = np.full(len(number), NO_SURFACE)
+    touching = frozenset[tuple[int, int]]().union(*(s.touching for s in seen))
+    pairs = np.array(sorted(touching), np.intp).reshape(-1, 2)
+    walls = connected(len(bodies.bodies), *pairs.T)
+    (rows,) = np.nonzero(behind >= 0)
+    body = bodies.body_of_face(behind[rows])
+    is_own = (walls[front[rows]] == walls[body]) | bodies.are_one(front[rows], body)
+    group[rows[is_own]] = OWN_SURFACE
+    rows, body = rows[~is_own], body[~is_own]
+    if not len(rows):
+        return BlockedEdges([], _split(group, seen))
+    # the faces of a convex body block as one
+    is_simple = np.array([body.is_simple for body in bodies.bodies])
+    keys = np.column_stack([number[rows], np.where(is_simple[body], -1 - body, behind[rows])])
+    _, first, which = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    which = which.ravel()
+    group[rows] = which
+    length = np.linalg.norm(ends[rows, 1] - ends[rows, 0], axis=1)
+    middle = 0.5 * ends[rows].sum(axis=1) * length[:, None]
+    sums = [np.bincount(which, middle[:, k]) / np.bincount(which, length) for k in range(3)]
+    planes = bodies.face_planes(source)
+    blockers = []
+    for k, origin in zip(first, np.stack(sums, axis=1), strict=True):
+        plane = planes[behind[rows[k]]]
+        numbers = np.flatnonzero(walls == walls[body[k]])
+        flush = np.setdiff1d(bodies.flush_with(body[k], plane, planes), numbers)
+        blockers.append(_blocker(bodies, numbers, flush, plane, origin))
+    return BlockedEdges(blockers, _split(group, seen))
+
+
+def shadow_lines(table: Floats) -> Floats:
+    """Rows (k, 17) of the lines in which edges cast shadows on faces, in the opposite direction.
+
+    ``table``: point of a source, seven numbers; ends of an edge; plane of the face behind.
+    """
+    source, plane = table[:, None, :3], table[:, None, 13:]
+    ends = table[:, 7:13].reshape(-1, 2, 3)[:, ::-1] - source
+    height = (plane[..., :3] * source).sum(axis=2) + plane[..., 3]
+    share = -height / (plane[..., :3] * ends).sum(axis=2)
+    ends = source + share[..., None] * ends
+    return np.column_stack([table[:, :7], ends.reshape(-1, 6), table[:, 13:]])
+
+
+def _split(group: Indices, seen: Sequence[Silhouette]) -> list[Indices]:
+    return np.split(group, np.cumsum([len(s.numbers) for s in seen])[:-1])
+
+
+def _blocker(
+    bodies: Obstacles, numbers: Indices, flush: Indices, plane: Floats, origin: Floats
+) -> Blocker:
+    """The surface of some bodies behind a plane, as an edge with this midpoint sees it.
+
+    ``flush``: other bodies in contact with these, which go on in the plane. Slits are closed.
+    """
+    if len(flush):
+        nearer = plane - [0.0, 0.0, 0.0, bodies.contact]
+        both = np.concatenate([numbers, flush]).tolist()
+        surface = _in_plane(bodies.surface(both, origin, nearer), plane, 2.0 * bodies.contact)
+        rim = net_contours(surface, origin, bodies.contact).ends
+        return Blocker(origin, surface.corners, rim)
+    surface = bodies.surface(numbers.tolist(), origin, plane)
+    if len(numbers) == 1 and bodies.bodies[numbers[0]].is_simple:
+        body = bodies.bodies[numbers[0]]
+        return Blocker(origin, surface.corners, body.vertices[body.silhouette(origin)])
+    if len(surface.faces) > _MOST_TRIANGLES:
+        extent = float(np.ptp(surface.corners.reshape(-1, 3), axis=0).max())
+        surface = _in_plane(surface, plane, 1e-9 * extent)
+    return Blocker(origin, surface.corners, net_contours(surface, origin).ends)
+
+
+def _in_plane(surface: Surface, plane: Floats, within: float) -> Surface:
+    height = np.abs(surface.corners @ plane[:3] + plane[3]).max(axis=1)
+    return surface.taken(height <= within)

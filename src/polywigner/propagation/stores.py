@@ -46,8 +46,8 @@ Block = Callable[[Index, Index], NDArray[Any]]
 Scheduler: TypeAlias = "str | Cluster | None"
 """Address of a dask.distributed scheduler, or a cluster object such as ``LocalCluster``."""
 
-# Longest JSON text of a source that is stored with a dataset, and longest description of a source.
-_LONGEST_SOURCE, _LONGEST_ATTRIBUTE = 1 << 16, 200
+# Longest description of a source in an attribute.
+_LONGEST_ATTRIBUTE = 200
 # Most samples in memory: 16 GiB of float32.
 _MOST_IN_MEMORY = 1 << 32
 _ADDRESS = r"inproc://\S+|((tcp|tls|ws|wss)://)?[^\s/]+:\d+/?"
@@ -99,21 +99,16 @@ def source_text(source: Any) -> str:
 
 
 def source_attrs(source: Any) -> dict[str, str]:
-    """Return dataset attributes that describe a source in one line."""
-    text, description = source_text(source), repr(source)
-    if len(description) > _LONGEST_ATTRIBUTE:
-        description = f"{description[: _LONGEST_ATTRIBUTE - 3]}..."
-    digest = {} if len(text) <= _LONGEST_SOURCE else {"source_sha256": digest_of(text)}
-    return {**digest, "source": description}
+    """Return the dataset attribute that describes a source in one line."""
+    text = repr(source)
+    is_long = len(text) > _LONGEST_ATTRIBUTE
+    return {"source": f"{text[: _LONGEST_ATTRIBUTE - 3]}..." if is_long else text}
 
 
 def source_coords(source: Any) -> dict[str, xarray.Variable]:
-    """Return the coordinate that holds a source as JSON; nothing for a source with a long text."""
-    text = source_text(source)
-    if len(text) > _LONGEST_SOURCE:
-        return {}
+    """Return the coordinate that holds a source as JSON."""
     # object: NumPy's texts of fixed length take four times the memory, and zarr has none
-    values = np.array(text, dtype=object)
+    values = np.array(source_text(source), dtype=object)
     return {SOURCE_COORDINATE: labelled_array(values, (), {"long_name": "source file in JSON"})}
 
 
@@ -227,9 +222,8 @@ def write_store(
     with nullcontext() if scheduler is None else _connected(scheduler) as client:
         if is_new:  # after the scheduler has responded
             _create(folder, dataset)
-        done = len(regions) - len(missing)
+        done, tasks = len(regions) - len(missing), _tasks(folder, dataset, missing)
         with progress_bar(folder.name, len(regions), done, progress) as advance:
-            tasks = _tasks(folder, dataset, missing)
             if client is None:
                 _compute_here(tasks, 1 if compiled else threads or os.cpu_count() or 1, advance)
             else:
@@ -276,9 +270,9 @@ def _settings_of(dataset: xarray.Dataset) -> dict[str, Any]:
     """Return the attributes, types, and chunks of a dataset, as JSON stores them."""
     settings = dict(dataset.attrs)
     for name, array in dataset.data_vars.items():
-        settings |= {f"{name}: {key}": value for key, value in array.attrs.items()}
-        settings |= {f"{name}: dtype": array.dtype.name, f"{name}: shape": array.shape}
-        settings[f"{name}: chunks"] = [axis[0] for axis in array.chunks or ()]
+        chunks = [axis[0] for axis in array.chunks or ()]
+        about = {**array.attrs, "dtype": array.dtype.name, "shape": array.shape, "chunks": chunks}
+        settings |= {f"{name}: {key}": value for key, value in about.items()}
     normalised: dict[str, Any] = json.loads(
         json.dumps(settings, default=lambda value: value.tolist())
     )
@@ -303,13 +297,7 @@ def _create(folder: Path, dataset: xarray.Dataset) -> None:
         warnings.simplefilter("ignore")
         folder.parent.mkdir(parents=True, exist_ok=True)
         with atomic_path(folder) as scratch:
-            dataset.to_zarr(
-                scratch,
-                mode="w-",
-                compute=False,
-                zarr_format=3,
-                encoding=encoding,
-            )
+            dataset.to_zarr(scratch, mode="w-", compute=False, zarr_format=3, encoding=encoding)
 
 
 @contextmanager
@@ -317,8 +305,6 @@ def _as_store_error(expected: str) -> Iterator[None]:
     """Turn errors of the system in the block into a StoreError."""
     try:
         yield
-    except StoreError:
-        raise
     except OSError as error:
         raise StoreError(
             f"expected {expected}, got {error.strerror or error} on {platform.node()}; correct "
@@ -330,57 +316,45 @@ def _tasks(
     folder: Path, dataset: xarray.Dataset, missing: Sequence[tuple[str, Index]]
 ) -> list[Any]:
     """Return a task for each region, which computes and writes it."""
-    parts = {}
-    for name in dict(missing):
-        array = dataset[name]
-        parts[name] = array.data.map_blocks(
-            _write_region,
-            path=str(folder.absolute()),
-            variable=name,
-            dims=array.dims,
-            dtype=array.dtype,
-            meta=np.empty((0,) * array.ndim),
-        ).to_delayed()
-    return [parts[name][index] for name, index in missing]
+    write = required("dask").delayed(_write_region)
+    blocks = {name: dataset[name].data.to_delayed() for name in dict(missing)}
+    tasks = []
+    for name, index in missing:
+        starts = [i * sizes[0] for i, sizes in zip(index, dataset[name].chunks, strict=True)]
+        tasks.append(write(blocks[name][index], str(folder.absolute() / name), starts))
+    return tasks
 
 
-def _write_region(
-    values: NDArray[Any], path: str, variable: str, dims: Sequence[str], block_info: Any = None
-) -> None:
-    """Write one chunk to a store."""
-    import xarray
-
-    ends = zip(dims, block_info[0]["array-location"], strict=True)
+def _write_region(values: NDArray[Any], path: str, starts: Sequence[int]) -> None:
+    """Write one chunk to the array of a store, from the sample with the numbers ``starts`` on."""
+    region = tuple(slice(k, k + n) for k, n in zip(starts, values.shape, strict=True))
     with _as_store_error(f"to write to the store {path}"):
-        xarray.Dataset({variable: (dims, values)}).to_zarr(
-            path,
-            region={dim: slice(first, last) for dim, (first, last) in ends},
-            zarr_format=3,
-            consolidated=False,
-            write_empty_chunks=True,  # a chunk of nothing but NaN is complete as well
-        )
+        # a chunk of nothing but NaN is complete as well
+        array = required("zarr").open_array(path, mode="r+")
+        array.with_config({"write_empty_chunks": True})[region] = values
 
 
-def _compute_here(tasks: list[Any], count: int, advance: Callable[[], None]) -> None:
+def _compute_here(tasks: Sequence[Any], count: int, advance: Callable[[], None]) -> None:
     """Compute tasks in this process, up to ``count`` at a time."""
-    dask, stop = required("dask"), threading.Event()
 
-    def finished(key: Any, *_: Any) -> None:
-        if str(key[0]).startswith(_write_region.__name__):
+    def compute(task: Any) -> None:
+        task.compute(scheduler="synchronous")
+
+    if count == 1:
+        for task in tasks:
+            compute(task)
             advance()
-
-    with required("dask.callbacks").Callback(posttask=finished):
-        if count == 1:
-            dask.compute(*tasks, scheduler="synchronous")
-            return
-        stops = execution.stop_this_thread_when
-        with ThreadPoolExecutor(count, initializer=stops, initargs=(stop,)) as pool:
-            try:
-                dask.compute(*tasks, scheduler="threads", pool=pool)
-            except BaseException:  # KeyboardInterrupt too
-                stop.set()  # chunks may take minutes
-                pool.shutdown(wait=False, cancel_futures=True)
-                raise
+        return
+    stop = threading.Event()
+    stops = execution.stop_this_thread_when
+    with ThreadPoolExecutor(count, initializer=stops, initargs=(stop,)) as pool:
+        try:
+            for _ in pool.map(compute, tasks):
+                advance()
+        except BaseException:  # KeyboardInterrupt too
+            stop.set()  # chunks may take minutes
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
 
 
 @contextmanager

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -19,15 +18,14 @@ from polywigner.geometry.arguments import (
     checked_wavelength,
     takes_frequency,
 )  # fmt: skip
-from polywigner.propagation.grids import box_grid, line_grid
-from polywigner.propagation.places import unit_vectors
+from polywigner.propagation.places import box_grid, line_grid, unit_vectors
 from polywigner.radiometry.directions import PlaneSource, checked_source
 from polywigner.source import Array
 from polywigner.source.support import mutual_support
 from polywigner.transforms import PhaseSpaceSource, fourier, sample_automean, wigner
 
-GRAZING = math.radians(89.5)
-"""Where hemispheres end: fields are not asked for in the plane z = 0."""
+# Where hemispheres end: fields are not computed in the plane z = 0.
+_GRAZING = math.radians(89.5)
 
 # Places at which local frequencies are looked at, along each axis: they vary slowly.
 _PLACES = 17
@@ -40,67 +38,46 @@ Band = tuple[str, str, float, float, float, bool]
 """Name, unit, ends, and the largest step at which an axis may be sampled; if band-limited."""
 
 
-def bands_in_box(
-    bounds: tuple[float, ...], wavelength: float, box: Any, coherent: bool
+def _bands_of_field(
+    bounds: tuple[float, ...], wavelength: float, kind: str, place: Any, coherent: bool
 ) -> list[Band]:
-    """Bands along x, y and z of a box ((x0, y0, z0), (x1, y1, z1)); `bounds` of the source."""
-    axes = [np.unique(axis.values) for axis in box_grid(box, 3 * (_PLACES,)).coords.values()]
-    low, high = zip(*((axis[0], axis[-1]) for axis in axes), strict=True)
-    # Straight in front of the source most rays cross: those places must be among them.
-    for k in (0, 1):
-        middle = (bounds[k] + bounds[k + 2]) / 2
-        axes[k] = np.unique(np.append(axes[k], np.clip(middle, low[k], high[k])))
-    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    steps = [
-        _nyquist(points, np.broadcast_to(tangent, points.shape), bounds, wavelength, coherent)
-        for tangent in np.eye(3)
-    ]
-    return [
-        (name, "m", float(low[k]), float(high[k]), steps[k], False) for k, name in enumerate("xyz")
-    ]
+    """Bands along the axes of a "box", a "line", or a hemisphere of a "radius" about the origin.
 
-
-def bands_on_line(
-    bounds: tuple[float, ...], wavelength: float, line: Any, coherent: bool
-) -> list[Band]:
-    """Along the distance from the first to the second of two points ((x, y, z), (x, y, z))."""
-    # Where it passes by the source, closely perhaps, directions change most.
-    grid = line_grid(line, _PLACES**2)
-    points = grid.points((0,), (_PLACES**2,))
-    tangents = np.broadcast_to(grid.directions, points.shape)
-    step = _nyquist(points, tangents, bounds, wavelength, coherent)
-    return [("distance", "m", 0.0, float(grid.coords["distance"].values[-1]), step, False)]
-
-
-def bands_on_sphere(
-    bounds: tuple[float, ...], wavelength: float, radius: float, coherent: bool
-) -> list[Band]:
-    """Along theta and phi of a hemisphere around the origin, as far as it is in front."""
-    radius = checked_length(radius, "radius")
-    theta = np.linspace(0.0, GRAZING, _THETA)
-    phi = 2 * math.pi * np.arange(_PHI) / _PHI
-    points = radius * unit_vectors(theta, phi).reshape(-1, 3)
-    down = unit_vectors(theta + math.pi / 2, phi).reshape(-1, 3)
-    around = unit_vectors(np.full(1, math.pi / 2), phi + math.pi / 2)
-    along = np.broadcast_to(around, (_THETA, _PHI, 3)) * np.sin(theta)[:, None, None]
-    axes = (("theta", GRAZING, down), ("phi", 2 * math.pi, along.reshape(-1, 3)))
-    step = partial(_nyquist, points, bounds=bounds, wavelength=wavelength, coherent=coherent)
-    return [(name, "rad", 0.0, end, step(t) / radius, False) for name, end, t in axes]
-
-
-def _nyquist(
-    points: Values,
-    tangents: Values,
-    bounds: tuple[float, ...],
-    wavelength: float,
-    coherent: bool,
-) -> float:
-    """The largest step along tangents (n, 3) at points (n, 3), in m."""
-    cosines = np.einsum("nqc,nc->nq", _rays(points, bounds), tangents)
-    if coherent:
-        largest = float(np.abs(cosines).max())
+    ``bounds`` of the source. The hemisphere ends short of the plane of the source.
+    """
+    metres = 1.0  # for one unit of an axis
+    if kind == "box":
+        axes = [np.unique(axis.values) for axis in box_grid(place, 3 * (_PLACES,)).coords.values()]
+        ends = [(n, "m", float(a[0]), float(a[-1])) for n, a in zip("xyz", axes, strict=True)]
+        # Straight in front of the source most rays cross: those places must be among them.
+        for k in (0, 1):
+            middle = (bounds[k] + bounds[k + 2]) / 2
+            axes[k] = np.unique(np.append(axes[k], np.clip(middle, axes[k][0], axes[k][-1])))
+        points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+        tangents = list(np.eye(3))
+    elif kind == "line":
+        # Where it passes by the source, closely perhaps, directions change most.
+        grid = line_grid(place, _PLACES**2)
+        points, tangents = grid.points((0,), (_PLACES**2,)), [grid.directions]
+        ends = [("distance", "m", 0.0, float(grid.coords["distance"].values[-1]))]
     else:
-        largest = float((cosines.max(axis=1) - cosines.min(axis=1)).max())
+        metres = checked_length(place, "radius")
+        theta, phi = np.linspace(0.0, _GRAZING, _THETA), 2 * math.pi * np.arange(_PHI) / _PHI
+        points = metres * unit_vectors(theta, phi).reshape(-1, 3)
+        around = (
+            unit_vectors(np.full(1, math.pi / 2), phi + math.pi / 2) * np.sin(theta)[:, None, None]
+        )
+        tangents = [unit_vectors(theta + math.pi / 2, phi).reshape(-1, 3), around.reshape(-1, 3)]
+        ends = [("theta", "rad", 0.0, _GRAZING), ("phi", "rad", 0.0, 2 * math.pi)]
+    rays = _rays(points, bounds)
+    steps = (_nyquist(rays, tangent, wavelength, coherent) / metres for tangent in tangents)
+    return [(*end, step, False) for end, step in zip(ends, steps, strict=True)]
+
+
+def _nyquist(rays: Values, tangents: Values, wavelength: float, coherent: bool) -> float:
+    """The largest step along tangents (n, 3) at points with rays (n, 9, 3), in m."""
+    cosines = np.einsum("nqc,nc->nq", rays, np.broadcast_to(tangents, (len(rays), 3)))
+    largest = float(np.abs(cosines).max() if coherent else np.ptp(cosines, axis=1).max())
     return wavelength / (2 * largest) if largest > 0 else math.inf
 
 
@@ -126,7 +103,7 @@ _NEAR = 10**0.15
 _QUANTILE = 0.9
 
 
-def samples_for_error(source: PlaneSource, wavelength: float, error: float, level: float) -> int:
+def _samples_for_error(source: PlaneSource, wavelength: float, error: float, level: float) -> int:
     """Independent uniform positions x in the support S that give I within an error in dB, rms (N7).
 
     The estimate of |F|^2 by n positions is area(S) times the mean of W(x, nu), and its relative
@@ -346,7 +323,7 @@ def suggest_sampling(
     plane = checked_source(source)
     length = checked_wavelength(wavelength)
     if quantity == "render":
-        return Sampling(quantity, (), samples_for_error(plane, length, error, level))
+        return Sampling(quantity, (), _samples_for_error(plane, length, error, level))
     bounds = plane.bounds
     if quantity == "pattern":
         step = length / (2 * math.hypot(*np.subtract(bounds[2:], bounds[:2])))
@@ -360,8 +337,8 @@ def suggest_sampling(
                 f"expected one of {', '.join(places)}, got {' and '.join(given) or 'none'}; say "
                 "where the field is wanted"
             )
-        of_place: Any = {"box": bands_in_box, "line": bands_on_line, "radius": bands_on_sphere}
-        bands = of_place[given[0]](bounds, length, places[given[0]], quantity == "amplitude")
+        kind, coherent = given[0], quantity == "amplitude"
+        bands = _bands_of_field(bounds, length, kind, places[kind], coherent)
     axes = tuple(_axis(*band, finer) for band in bands)
     return Sampling(quantity, axes, math.prod(axis.count for axis in axes))
 

@@ -15,7 +15,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from dataclasses import field as part_of
 from functools import partial
 from typing import Any
 
@@ -156,13 +155,12 @@ def field(
     for part, q in parts:
         if isinstance(part, Wavefront):  # a sum over places in the opening
             terms = partial(_dipole_terms, part, q, MODELS[name])
-            found = summed_over_cells(part, flat, length, terms, (3,))
+            value, off = summed_over_cells(part, flat, length, terms, (3,))
         else:
-            near = _NearField(part, length, allowed, flat)
-            found = near.of_currents(q, MODELS[name]), near.errors
-            limits += near.limits
-        total += found[0]
-        errors += found[1]
+            value, off, limit = _near_field(part, flat, length, allowed, q, MODELS[name])
+            limits += limit
+        total += value
+        errors += off
     if not isinstance(radiator, Wavefront):
         warn_of_missed(errors, limits, "points")
     return total.reshape(places.shape)
@@ -196,81 +194,67 @@ def dipole_fields(ahead: Floats, q: Complex, currents: Currents) -> Complex:
     return wave * found
 
 
-@dataclass(eq=False)
-class _NearField:
-    """Derivatives of Phi of one scalar source at points (n, 3). Inside, lengths in wavelengths."""
+def _near_field(
+    source: PlaneSource,
+    points: Floats,
+    wavelength: float,
+    tolerance: float,
+    q: Complex,
+    currents: Currents,
+) -> tuple[Complex, Floats, Floats]:
+    """E (n, 3) of currents along q (3,) at points (n, 3), its estimated and its allowed errors."""
+    radiator, (m, e) = radiator_of(source), currents
+    beside = _not_grazing(radiator, wavelength)
+    found = np.zeros((len(points), 3), np.complex128)
+    errors, limits = np.zeros((2, len(points)))
 
-    source: PlaneSource
-    wavelength: float
-    tolerance: float
-    points: Floats
-    errors: Floats = part_of(init=False)
-    """Estimates added up so far (n,)."""
-    limits: Floats = part_of(init=False)
-    """Errors allowed (n,)."""
-
-    def __post_init__(self) -> None:
-        self._radiator = radiator_of(self.source)
-        self._beside = _not_grazing(self._radiator, self.wavelength)
-        self.errors, self.limits = np.zeros((2, len(self.points)))
-
-    def of_currents(self, q: Complex, currents: Currents) -> Complex:
-        """E (n, 3) of currents along q (3,)."""
-        found = np.zeros((len(self.points), 3), np.complex128)
-        m, e = currents
-
-        first, second = partial(self._integral, FIRST), partial(self._integral, SECOND)
-        if m:
-            found[:, :2] += m * first(lambda p: 1.0 + 0.0 * p[:, 0])[:, None] * q[:2]
-            found[:, 2] -= m * second(lambda p: p @ q[:2])
-        if e:
-            for a in range(2):
-                found[:, a] += e * second(lambda p, a=a: q[a] - p[:, a] * (p @ q[:2]))
-            found[:, 2] -= e * first(lambda p: p @ q[:2])
-        self._add_edges(found, q, currents)
-        return found
-
-    def _add_edges(self, found: Complex, q: Complex, currents: Currents) -> None:
-        """Line integrals that derivatives along the plane leave at edges, (VP4)."""
-        m, e = currents
-        sums_of = edge_integrals(self._radiator, self.points, self.wavelength, self.tolerance)
-        for sums in sums_of:
-            where = sums.where
-            n = sums.normal @ q[:2]
-            if m:
-                found[where, 2] -= m / (2 * math.pi) * (sums.wave @ n)
-            if not e:
-                continue
-            share = -1j * e / (4 * math.pi**2)
-            # - (1/i) of the gradient of u G, (P - Q) times minus the rise, and of the waves' part
-            weighted, grown = sums.rise * n, sums.rise_by_length * n
-            whole = weighted.sum(axis=1)
-            for a in range(2):
-                begin = weighted @ sums.begin[:, a] + grown @ sums.along[:, a]
-                gradient = begin - sums.points[:, a] * whole
-                carried = sums.normal[:, a] * (sums.plane @ q[:2])
-                carried = 2j * math.pi * (sums.wave @ carried)
-                found[where, a] -= share * (gradient + carried)
-            found[where, 2] += share * sums.points[:, 2] * whole
-
-    def _integral(self, method: str, factor: Any) -> Complex:
+    def integral(method: Any, factor: Any) -> Complex:
         """Phi, or dPhi/dz/(ik), (n,), of waves times ``factor`` of their cosines (m, 2)."""
-        radiator, elements = self._beside if method == SECOND else self._radiator, []
-        for element in radiator.elements:
-            factors = factor(element.frequencies * self.wavelength)
+        base, elements = beside if method == SECOND else radiator, []
+        for element in base.elements:
+            factors = factor(element.frequencies * wavelength)
             if method == SECOND:
-                factors = factors / cosines_of(element.frequencies, self.wavelength, False)
+                factors = factors / cosines_of(element.frequencies, wavelength, False)
             elements.append(replace(element, amplitudes=element.amplitudes * factors))
         if not any(element.amplitudes.any() for element in elements):
-            return np.zeros(len(self.points), np.complex128)
-        scaled = replace(radiator, elements=tuple(elements))
-        wanted = max(_LEAST, min(1.0, self._radiator.amplitude / scaled.amplitude) * self.tolerance)
-        values, errors, limits = boundary_field(
-            scaled, self.points, self.wavelength, method, wanted, True, "auto"
-        )
-        self.errors += errors
-        self.limits += limits
-        return values
+            return np.zeros(len(points), np.complex128)
+        scaled = replace(base, elements=tuple(elements))
+        wanted = max(_LEAST, min(1.0, radiator.amplitude / scaled.amplitude) * tolerance)
+        parts = boundary_field(scaled, points, wavelength, method, wanted, True, "auto")
+        errors[:] += parts[1]
+        limits[:] += parts[2]
+        return parts[0]
+
+    if m:
+        found[:, :2] += m * integral(FIRST, lambda p: 1.0 + 0.0 * p[:, 0])[:, None] * q[:2]
+        found[:, 2] -= m * integral(SECOND, lambda p: p @ q[:2])
+    if e:
+        for a in range(2):
+            found[:, a] += e * integral(SECOND, lambda p, a=a: q[a] - p[:, a] * (p @ q[:2]))
+        found[:, 2] -= e * integral(FIRST, lambda p: p @ q[:2])
+    for sums in edge_integrals(radiator, points, wavelength, tolerance):
+        found[sums.where] += _edge_field(sums, q, currents)
+    return found, errors, limits
+
+
+def _edge_field(sums: EdgeIntegrals, q: Complex, currents: Currents) -> Complex:
+    """Line integrals (n, 3) that derivatives along the plane leave at edges, (VP4)."""
+    m, e = currents
+    n, found = sums.normal @ q[:2], np.zeros((len(sums.where), 3), np.complex128)
+    if m:
+        found[:, 2] -= m / (2 * math.pi) * (sums.wave @ n)
+    if e:
+        share = -1j * e / (4 * math.pi**2)
+        # - (1/i) of the gradient of u G, (P - Q) times minus the rise, and of the waves' part
+        weighted, grown = sums.rise * n, sums.rise_by_length * n
+        total = weighted.sum(axis=1)
+        for a in range(2):
+            begin = weighted @ sums.begin[:, a] + grown @ sums.along[:, a]
+            gradient = begin - sums.points[:, a] * total
+            carried = sums.wave @ (sums.normal[:, a] * (sums.plane @ q[:2]))
+            found[:, a] -= share * (gradient + 2j * math.pi * carried)
+        found[:, 2] += share * sums.points[:, 2] * total
+    return found
 
 
 def _not_grazing(radiator: Radiator, wavelength: float) -> Radiator:

@@ -9,17 +9,27 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from polywigner import execution
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine
 from polywigner.geometry import Aperture, Wavefront
+from polywigner.geometry.parts import grid_size, polygons_in
 from polywigner.kernels import Kernel, kernel_for
 from polywigner.kernels.cut.slice_sums import SliceSum
 from polywigner.kernels.kernel import Values
-from polywigner.propagation import arrangement
-from polywigner.propagation.arrangement import Rule, Triangles
+from polywigner.propagation.quadrature import (
+    Rule,
+    Triangles,
+    gauss_rule,
+    node_count,
+    quartered,
+    rule_by_triangles,
+    spacings,
+    triangulated,
+)
 from polywigner.source import Array
 from polywigner.source.obliquities import Forms, fields_of, irradiance_factor
 from polywigner.source.support import mutual_support
@@ -135,58 +145,49 @@ _MOST_CELLS, _PROBES = 1 << 14, 12
 _FRACTION = 0.8
 
 
-@dataclass
-class Estimate:
-    """Irradiances (n,), estimates of their errors (n,), and whether all are as small as allowed."""
-
-    values: Floats
-    errors: Floats
-    is_met: bool = True
-
-
 def summed_rays(
     source: Aperture | Array, rays: Rays, points: Floats, tolerance: float, floor: Floats
-) -> Estimate:
-    """Irradiance at points (n, 3) to ``tolerance`` of itself, or of ``floor`` (n,) if larger."""
-    result = Estimate(np.zeros(len(points)), np.full(len(points), np.inf))
+) -> tuple[Floats, Floats]:
+    """Irradiance at points (n, 3), and estimates of its errors, (n,).
+
+    The errors are ``tolerance`` times the irradiance, or times ``floor`` (n,) if larger, unless the
+    rules run out.
+    """
+    values, errors = np.zeros(len(points)), np.zeros(len(points))
     rates = _phase_rates(source, rays.wavelength, points, rays.curved)
     steps = np.ceil(rates * rays.wavelength / _RATE_STEP)
     for step in np.unique(steps):
         rate, group = float(step) * _RATE_STEP / rays.wavelength, np.flatnonzero(steps == step)
-        cells = _cells(source, rays, points[group], tolerance, floor[group], rate)
-        part = _raised(cells, rays, rate, points[group], tolerance, floor[group])
-        result.values[group], result.errors[group] = part.values, part.errors
-        result.is_met &= part.is_met
-    return result
+        shared = rays, rate, points[group], tolerance, floor[group]
+        values[group], errors[group] = _raised(_cells(source, *shared), *shared)
+    return values, errors
 
 
 def _raised(
     cells: Triangles, rays: Rays, rate: float, points: Floats, tolerance: float, floor: Floats
-) -> Estimate:
-    """Rule after rule on the same cells, until all points are settled."""
-    result = Estimate(np.zeros(len(points)), np.full(len(points), np.inf), is_met=False)
+) -> tuple[Floats, Floats]:
+    """Rule after rule on the same cells, until all points are settled: :func:`summed_rays`."""
+    result, off = np.zeros(len(points)), np.full(len(points), np.inf)
     open_ = np.arange(len(points))
     before: Floats | None = None
     _check_nodes(cells, rate, rays.wavelength)
     for extra in (1.0, *_LEVELS) if len(cells) > _MANY_CELLS else _LEVELS:
-        if before is not None and arrangement.node_count(cells, rate, extra) > _MOST_NODES:
+        if before is not None and node_count(cells, rate, extra) > _MOST_NODES:
             break
-        rule = arrangement.gauss_rule(cells, rate, extra)
-        values = rays.irradiance(rule, points[open_])
-        result.values[open_] = values
+        values = rays.irradiance(gauss_rule(cells, rate, extra), points[open_])
+        result[open_] = values
         if before is None:
             before = values
             continue
         errors = np.abs(values - before)
         errors[_are_unresolved(cells, rate, extra, points[open_])] = np.inf
-        result.errors[open_] = errors
+        off[open_] = errors
         allowed = tolerance * np.maximum(np.abs(values), floor[open_])
         if (errors <= allowed).all():
-            result.is_met = True
             break
         kept = errors > _SETTLED * allowed
         open_, before = open_[kept], values[kept]
-    return result
+    return result, off
 
 
 def _are_unresolved(
@@ -198,7 +199,7 @@ def _are_unresolved(
     from the source: at a distance d, nodes h apart err by a fraction of exp(-2 pi d/h). If that is
     more than 1/e, two rules may agree because neither of them resolves the integrand.
     """
-    nearest = arrangement.spacings(cells, rate, extra) / (2 * np.pi)
+    nearest = spacings(cells, rate, extra) / (2 * np.pi)
     low, high = cells.min(axis=1), cells.max(axis=1)
     unresolved = points[:, 2] < nearest.max()
     candidates = np.flatnonzero(unresolved)
@@ -213,7 +214,7 @@ def _are_unresolved(
 
 
 def _check_nodes(cells: Triangles, rate: float, wavelength: float) -> None:
-    count = arrangement.node_count(cells, rate, _LEVELS[0])
+    count = node_count(cells, rate, _LEVELS[0])
     if not count <= _MOST_NODES:
         across = float(np.ptp(cells.reshape(-1, 2), axis=0).max()) / wavelength
         raise ArgumentError(
@@ -249,19 +250,19 @@ def _phase_rates(
 def _cells(
     source: Aperture | Array,
     rays: Rays,
+    rate: float,
     points: Floats,
     tolerance: float,
     floor: Floats,
-    rate: float,
 ) -> Triangles:
     """Triangles without kinks inside; if there are too many kinks, triangles refined by error.
 
     W has a continuous gradient across most kinks, so the error of a cell with a kink in it falls
     as the fourth power of its size.
     """
-    if arrangement.has_few_kinks(source):
-        return arrangement.smooth_triangles(source)
-    cells = arrangement.triangulated(list(mutual_support(source).polygons.geoms))
+    if has_few_kinks(source):
+        return smooth_triangles(source)
+    cells = triangulated(list(mutual_support(source).polygons.geoms))
     _check_nodes(cells, rate, rays.wavelength)
     chosen = np.unique(np.linspace(0, len(points) - 1, _PROBES).astype(int))
     probes, allowed = points[chosen], tolerance * floor[chosen]
@@ -276,7 +277,7 @@ def _cells(
         needed = np.searchsorted(np.cumsum(shares[order]), _FRACTION * shares.sum()) + 1
         divided = np.zeros(len(cells), dtype=bool)
         divided[order[:needed]] = True
-        cells = np.concatenate([cells[~divided], arrangement.quartered(cells[divided])])
+        cells = np.concatenate([cells[~divided], quartered(cells[divided])])
     return cells
 
 
@@ -286,11 +287,81 @@ def _on_cells(cells: Triangles, rays: Rays, rate: float, points: Floats, extra: 
     sizes = np.linalg.norm(cells - np.roll(cells, 1, axis=1), axis=-1).max(axis=1)
     step = max(1, int(2**21 / (len(points) * (extra + 3.5 * rate * sizes.max()) ** 2)))
     for start in range(0, len(cells), step):
-        nodes, weights, owners = arrangement.rule_by_triangles(
-            cells[start : start + step], rate, extra
-        )
+        nodes, weights, owners = rule_by_triangles(cells[start : start + step], rate, extra)
         values = rays.integrand(nodes, points) * weights
         sums = np.zeros((min(step, len(cells) - start), len(points)))
         np.add.at(sums, owners, values.T)
         parts.append(sums)
     return np.concatenate(parts)
+
+
+# ---- cells where W is smooth ---------------------------------------------------------------------
+
+# Most segments of kinks, some seconds' work, and most points where they meet.
+_MOST_KINKS, _MOST_MEETINGS = 1 << 16, 1 << 20
+# Segments whose meetings are counted.
+_COUNTED = 256
+
+
+@lru_cache(maxsize=64)
+def _kinks(source: Aperture | Array) -> Floats | None:
+    """The segments (T1), each once: (m, 2, 2), ends in the plane; None if there may be too many."""
+    phased = source.phased if isinstance(source, Array) else None
+    elements, means = source.elements_in_plane, np.zeros((1, 2))
+    grid = 0.0
+    if phased is not None and phased.repeated is not None:
+        elements, positions = phased.repeated[:1], phased.repeated[1]
+        means = (positions[:, None] / 2 + positions / 2).reshape(-1, 2)
+        grid = grid_size(positions) if positions.any() else 1.0
+        means = np.unique(np.rint(means / grid), axis=0) * grid
+    rings = [ring for element in elements for ring in element.rings]
+    vertices = np.concatenate(rings)
+    if len(means) * len(vertices) ** 2 > _MOST_KINKS:
+        return None
+    ends = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
+    first = vertices[:, None] / 2 + vertices / 2
+    second = vertices[:, None] / 2 + ends / 2
+    own = np.stack([first, second], axis=-2).reshape(-1, 2, 2)
+    grid = max(grid, grid_size(vertices))
+    return _distinct((_distinct(own, grid) + means[:, None, None]).reshape(-1, 2, 2), grid)
+
+
+def _distinct(segments: Floats, grid: float) -> Floats:
+    """Segments (n, 2, 2) without repetitions, coordinates rounded to the grid.
+
+    Segments of opposite directions count as one, and segments that shrink to a point as none.
+    """
+    whole = np.rint(segments / grid)
+    order = np.lexsort((whole[..., 1], whole[..., 0]), axis=1)
+    whole = np.take_along_axis(whole, order[..., None], axis=1)
+    result = np.unique(whole.reshape(-1, 4), axis=0).reshape(-1, 2, 2) * grid
+    return np.asarray(result[(result[:, 0] != result[:, 1]).any(axis=-1)])
+
+
+@lru_cache(maxsize=64)
+def has_few_kinks(source: Aperture | Array) -> bool:
+    """Whether the cells can be computed: up to 65,536 segments that meet some million times."""
+    segments = _kinks(source)
+    if segments is None:
+        return False
+    lines = shapely.linestrings(segments)
+    counted = lines[:: max(1, len(lines) // _COUNTED)]
+    meetings = shapely.STRtree(lines).query(counted, predicate="intersects").shape[1]
+    return bool(meetings / len(counted) * len(lines) / 2 <= _MOST_MEETINGS)
+
+
+@lru_cache(maxsize=64)
+def smooth_triangles(source: Aperture | Array) -> Triangles:
+    """Triangles (n, 3, 2) that tile the automean of a source and that no kink of W crosses.
+
+    For sources that :func:`has_few_kinks` accepts.
+    """
+    segments = _kinks(source)
+    assert segments is not None
+    grid = grid_size(segments.reshape(-1, 2))
+    noded = shapely.union_all(shapely.linestrings(segments), grid_size=grid)
+    cells = np.array(polygons_in(shapely.polygonize([noded])), dtype=object)
+    support = mutual_support(source).polygons
+    shapely.prepare(support)
+    inside = shapely.contains_properly(support, shapely.point_on_surface(cells))
+    return triangulated(cells[inside])

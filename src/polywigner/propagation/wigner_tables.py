@@ -6,7 +6,7 @@ import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,23 +16,14 @@ from polywigner.execution import Engine, Precision, checked_engine, checked_prec
 from polywigner.execution.choice import resolved
 from polywigner.geometry.arguments import checked_count, checked_row
 from polywigner.kernels import kernel_for
-from polywigner.propagation.stores import (
-    Index,
-    Scheduler,
-    check_memory,
-    chunks_within,
-    lazy_array,
-    source_attrs,
-    source_coords,
-    write_store,
-)
+from polywigner.propagation.datasets import StoreOptions, check_options, labelled_results
+from polywigner.propagation.stores import Index, chunks_within, source_attrs, source_coords
 from polywigner.transforms import PhaseSpaceSource, ambiguity, wigner
 from polywigner.transforms.wavefronts import flat_of
-from polywigner.transforms.xarray_arguments import labelled_array, labelled_arrays
+from polywigner.transforms.xarray_arguments import labelled_array
 
 if TYPE_CHECKING:
     import xarray
-
 
 Kind = Literal["wigner", "ambiguity"]
 
@@ -46,6 +37,14 @@ _NAMES = {
 }
 
 
+class TableOptions(StoreOptions, total=False):
+    """Options of :func:`wigner_table` and :func:`ambiguity_table`."""
+
+    chunks: Mapping[str, int] | None
+    precision: Precision
+    engine: Engine
+
+
 def wigner_table(
     source: PhaseSpaceSource,
     x: ArrayLike,
@@ -53,14 +52,8 @@ def wigner_table(
     nu_x: ArrayLike,
     nu_y: ArrayLike,
     out: str | os.PathLike[str] | None = None,
-    *,
-    chunks: Mapping[str, int] | None = None,
-    precision: Precision = "single",
-    engine: Engine = "auto",
-    scheduler: Scheduler = None,
-    threads: int | None = None,
-    progress: bool | None = None,
-) -> Any:
+    **options: Unpack[TableOptions],
+) -> xarray.Dataset:
     """W(x, y, nu_x, nu_y) of a plane source on a grid of its four coordinates.
 
     With ``out`` it is written to disk chunk by chunk, and may be larger than memory. The same call
@@ -76,8 +69,8 @@ def wigner_table(
         extra ``datasets``.
     chunks : samples along the named axes of a chunk on disk; those not named are cut so that a
         chunk has up to 4 million samples.
-    precision : of sums and results, "single" or "double" (None: double).
-    engine : "auto", "numpy", "llvm" or "cuda"; see :func:`wigner`.
+    precision : of sums and results, "single" (default) or "double" (None: double).
+    engine : "auto" (default), "numpy", "llvm" or "cuda"; see :func:`wigner`.
     scheduler : address of a dask.distributed scheduler whose workers see ``out``, or a cluster
         object such as ``LocalCluster``; None: this machine.
     threads : number of threads, on this machine or of each worker; None: all cores, or the worker's
@@ -101,8 +94,7 @@ def wigner_table(
     (1, 1, 2, 1)
     """
     axes = {"x": x, "y": y, "nu_x": nu_x, "nu_y": nu_y}
-    how: Any = {"scheduler": scheduler, "threads": threads, "progress": progress}
-    return _table("wigner", source, axes, out, chunks, precision, engine, how)
+    return _table("wigner", source, axes, out, options)
 
 
 def ambiguity_table(
@@ -112,14 +104,8 @@ def ambiguity_table(
     xi_x: ArrayLike,
     xi_y: ArrayLike,
     out: str | os.PathLike[str] | None = None,
-    *,
-    chunks: Mapping[str, int] | None = None,
-    precision: Precision = "single",
-    engine: Engine = "auto",
-    scheduler: Scheduler = None,
-    threads: int | None = None,
-    progress: bool | None = None,
-) -> Any:
+    **options: Unpack[TableOptions],
+) -> xarray.Dataset:
     """A(upsilon_x, upsilon_y, xi_x, xi_y) of a plane source on a grid of its four coordinates.
 
     Everything is as for :func:`wigner_table`, but ``upsilon_x`` and ``upsilon_y`` are (n,)
@@ -131,24 +117,25 @@ def ambiguity_table(
     (2, 1, 1, 1)
     """
     axes = {"upsilon_x": upsilon_x, "upsilon_y": upsilon_y, "xi_x": xi_x, "xi_y": xi_y}
-    how: Any = {"scheduler": scheduler, "threads": threads, "progress": progress}
-    return _table("ambiguity", source, axes, out, chunks, precision, engine, how)
+    return _table("ambiguity", source, axes, out, options)
 
 
 @dataclass(frozen=True, eq=False)
-class _Block:
+class _TableBlock:
     """Values on a part of the grid; goes to other processes as it is."""
 
     kind: Kind
     source: PhaseSpaceSource
     axes: tuple[NDArray[np.float64], ...]
-    precision: Precision
     engine: Engine
+    is_double: bool
 
     def __call__(self, origin: Index, shape: Index) -> NDArray[Any]:
+        """Compute values of a shape, from the sample with the numbers ``origin`` on."""
         parts = [a[o : o + n] for a, o, n in zip(self.axes, origin, shape, strict=True)]
         first, second = _grid(*parts[:2]), _grid(*parts[2:])
-        how: dict[str, Any] = {"precision": self.precision, "engine": self.engine}
+        how: dict[str, Any] = {"precision": "double" if self.is_double else "single"}
+        how["engine"] = self.engine
         # Slices depend on x, or on xi: kernels are fastest if that changes along leading axes.
         if self.kind == "wigner":
             values = wigner(self.source, first[:, :, None, None, :], second, **how)
@@ -167,54 +154,48 @@ def _table(
     source: PhaseSpaceSource,
     axes: Mapping[str, ArrayLike],
     out: str | os.PathLike[str] | None,
-    chunks: Mapping[str, int] | None,
-    precision: Precision,
-    engine: Engine,
-    how: dict[str, Any],
-) -> Any:
-    """Return the table; ``how``: scheduler, threads and progress of a run that writes to disk."""
+    options: TableOptions,
+) -> xarray.Dataset:
     from polywigner import __version__
 
+    check_options(options, TableOptions, out)
     if kernel_for(kind, flat_of(source)).dimension != 2:
         raise ArgumentError(
             f"expected a source of the plane, got {type(source).__name__}; the table of slits has "
             f"two coordinates only: use polywigner.{kind}"
         )
-    checked_engine(engine)
-    if out is None:
-        for name, value in {"chunks": chunks, **how}.items():
-            if value is not None and name != "progress":
-                raise ArgumentError(f"expected out with {name}, got none; name a store to write to")
+    given = options.get("chunks")
+    if given is not None and out is None:
+        raise ArgumentError("expected out with chunks, got none; name a store to write to")
     coords = {name: _checked_axis(name, values) for name, values in axes.items()}
-    shape, sizes = tuple(axis.shape[0] for axis in coords.values()), _chunks(coords, chunks)
-    is_double = checked_precision(precision) != "single"
+    sizes = _chunks(coords, given)
+    is_double = checked_precision(options.get("precision", "single")) != "single"
+    # every chunk on the same engine, wherever it is computed
+    engine: Any = resolved(checked_engine(options.get("engine", "auto")), math.prod(sizes))
     dtype = np.dtype(np.float64 if is_double else np.float32)
     symbol, label, convention = _NAMES[kind]
     if kind == "ambiguity":
         dtype = np.result_type(dtype, np.complex64)
-    # every chunk on the same engine, wherever it is computed
-    chosen: Any = resolved(engine, math.prod(sizes))
-    block = _Block(kind, source, tuple(a.values for a in coords.values()), precision, chosen)
-    if out is None:
-        check_memory(shape)
-        values = block((0,) * len(shape), shape)
-    else:
-        how["compiled"] = chosen != "numpy"
-        pool = {"compiled": how["compiled"], "threads": how["threads"]}
-        values = lazy_array(block, shape, sizes, dtype, **pool)
-    table = labelled_arrays(
-        {symbol: (tuple(coords), values, {"units": "m2", "long_name": label})},
+    block = _TableBlock(kind, source, tuple(a.values for a in coords.values()), engine, is_double)
+    attrs = {
+        "kind": kind,
+        "convention": convention,
+        "precision": "double" if is_double else "single",
+        "engine": engine,
+        "polywigner_version": __version__,
+        **source_attrs(source),
+    }
+    return labelled_results(
+        {symbol: (block, dtype, {"units": "m2", "long_name": label})},
+        tuple(coords),
         {**coords, **source_coords(source)},
-        {
-            "kind": kind,
-            "convention": convention,
-            "precision": "double" if is_double else "single",
-            "engine": chosen,
-            "polywigner_version": __version__,
-            **source_attrs(source),
-        },
+        attrs,
+        out,
+        options,
+        _CHUNK_SAMPLES,
+        None if out is None else sizes,
+        engine != "numpy",
     )
-    return table if out is None else write_store(out, table, **how)
 
 
 def _chunks(axes: Mapping[str, xarray.Variable], sizes: Mapping[str, int] | None) -> Index:

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from polywigner.geometry import Wavefront
 from polywigner.geometry.parts import polygons_in
-from polywigner.propagation.arrangement import (
+from polywigner.propagation.quadrature import (
     NODES_PER_CYCLE,
     areas,
     rule_by_triangles,

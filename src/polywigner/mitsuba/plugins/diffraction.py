@@ -44,22 +44,23 @@ from polywigner.mitsuba.scenes.surfaces import (
 )
 from polywigner.numerics.complex_pairs import Pair, unit_wave
 from polywigner.numerics.jets import Jet, flattened, rebuilt
-from polywigner.propagation.blockers import (
-    NO_SURFACE,
-    OWN_SURFACE,
-    Blocker,
-    behind_face,
-    blocked_edges,
-    shadow_lines,
-    transmission_over,
-)
 from polywigner.propagation.equivalent_points import (
     RadiatingPoint,
     oblique_change,
     radiating_points,
     wave_ahead,
 )
-from polywigner.propagation.shadows import ASIDE, diffracted
+from polywigner.propagation.shadows import (
+    ASIDE,
+    NO_SURFACE,
+    OWN_SURFACE,
+    Blocker,
+    behind_face,
+    blocked_edges,
+    diffracted,
+    shadow_lines,
+    transmission_over,
+)
 
 Floats = NDArray[np.float64]
 

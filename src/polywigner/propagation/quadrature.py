@@ -1,0 +1,283 @@
+"""Gauss rules on polygons: on triangles, and on rows of trapezoids; and fields at their nodes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from polywigner.geometry import Aperture, Wavefront
+from polywigner.numerics.nodes import chirp_node_counts, gauss_legendre
+from polywigner.source import Array
+from polywigner.transforms.wavefronts import flat_of
+
+Floats = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Indices = NDArray[np.intp]
+Triangles = NDArray[np.float64]
+"""Corners (n, 3, 2)."""
+Trapezoids = NDArray[np.float64]
+"""(n, 3, 2): y, x on the left, and x on the right, of the lower and the upper side."""
+Rule = tuple[Floats, Floats]
+"""Nodes (n, 2) in metres and weights (n,) in square metres."""
+
+# Nodes along a side for each cycle of the phase of W, which turns at twice the frequency: Gauss
+# needs pi/2 for each cycle of its integrand before it converges.
+NODES_PER_CYCLE = 3.5
+# Rules of more nodes are made of equal panels of half as many: they cost too much to find.
+_MOST_IN_ONE = 200
+# Pairs of edges and heights at a time.
+_BATCH = 1 << 20
+# Extra nodes for a pole off the plane, times arcsinh of its distance over half of the size.
+_POLE = 4.0
+
+
+# ---- triangles -----------------------------------------------------------------------------------
+
+
+def quartered(triangles: Triangles) -> Triangles:
+    """Each triangle as four halves of its size, one after another."""
+    a, b, c = triangles.transpose(1, 0, 2)
+    ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
+    quarters = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+    return np.stack([np.stack(q, axis=1) for q in quarters], axis=1).reshape(-1, 3, 2)
+
+
+def triangulated(polygons: Sequence[shapely.Polygon] | NDArray[np.object_]) -> Triangles:
+    """Constrained Delaunay triangles (n, 3, 2) of polygons."""
+    parts = shapely.get_parts(shapely.constrained_delaunay_triangles(np.asarray(polygons)))
+    corners = shapely.get_coordinates(parts).reshape(-1, 4, 2)[:, :3]
+    corners.setflags(write=False)
+    return corners
+
+
+def gauss_rule(triangles: Triangles, rate: float, extra: float) -> Rule:
+    """A rule on all triangles (n, 3, 2), for integrands of ``rate`` cycles per metre.
+
+    Along a side of length s it has ``extra + 3.5 s rate`` nodes, at least 1. Of each triangle the
+    corner opposite to the shortest side is the one in which the rule's lines meet.
+    """
+    nodes, weights, _ = rule_by_triangles(triangles, rate, extra)
+    return nodes, weights
+
+
+def rule_by_triangles(
+    triangles: Triangles, rate: float, extra: float
+) -> tuple[Floats, Floats, Indices]:
+    """The rule of :func:`gauss_rule`, and the number of the triangle of each node, (n,)."""
+    corners, long, short = _from_apex(triangles)
+    counts = _counts(long, short, rate, extra).astype(int)
+    nodes, weights, owners = zip(*_by_counts(corners, counts), strict=True)
+    return np.concatenate(nodes), np.concatenate(weights), np.concatenate(owners)
+
+
+def node_count(triangles: Triangles, rate: float, extra: float) -> float:
+    """About how many nodes :func:`gauss_rule` has, before any is made."""
+    _, long, short = _from_apex(triangles)
+    return float(_counts(long, short, rate, extra).prod(axis=1).sum())
+
+
+def spacings(triangles: Triangles, rate: float, extra: float) -> Floats:
+    """The distances between nodes of :func:`gauss_rule` in each triangle, on its longer lines."""
+    _, long, short = _from_apex(triangles)
+    sides: Floats = np.column_stack([long, short])
+    result: Floats = (sides / _counts(long, short, rate, extra)).max(axis=1)
+    return result
+
+
+def _counts(long: Floats, short: Floats, rate: float, extra: float) -> Floats:
+    sides = np.column_stack([long, short])
+    result: Floats = np.maximum(np.ceil(extra + NODES_PER_CYCLE * rate * sides), 1.0)
+    return result
+
+
+def areas(triangles: Triangles) -> Floats:
+    """Areas (n,) of triangles (n, 3, 2), in square metres."""
+    a, b = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    result: Floats = 0.5 * np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+    return result
+
+
+def _from_apex(triangles: Triangles) -> tuple[Triangles, Floats, Floats]:
+    """Corners with that opposite to the shortest side first; the longest side, and the shortest."""
+    sides = np.linalg.norm(triangles[:, (1, 2, 0)] - triangles[:, (2, 0, 1)], axis=-1)
+    apex = sides.argmin(axis=1)
+    order = (apex[:, None] + np.arange(3)) % 3
+    corners = np.take_along_axis(triangles, order[:, :, None], axis=1)
+    return corners, sides.max(axis=1), sides.min(axis=1)
+
+
+def _by_counts(
+    corners: Triangles, counts: NDArray[np.int_]
+) -> Iterator[tuple[Floats, Floats, Indices]]:
+    for count in np.unique(counts, axis=0):
+        owners = np.flatnonzero((counts == count).all(axis=1))
+        chosen = corners[owners]
+        u, u_weights = _legendre(int(count[0]))
+        v, v_weights = _legendre(int(count[1]))
+        apex, first = chosen[:, None, None, 0], chosen[:, None, None, 1]
+        second = chosen[:, None, None, 2]
+        u, v = u[:, None, None], v[None, :, None]
+        nodes = apex + u * (first - apex + v * (second - first))
+        weights = (u_weights * u[:, 0, 0])[:, None] * v_weights
+        per_triangle = weights.size
+        weights = 2 * areas(chosen)[:, None] * weights.reshape(1, -1)
+        yield nodes.reshape(-1, 2), weights.ravel(), np.repeat(owners, per_triangle)
+
+
+@lru_cache(maxsize=256)
+def _legendre(count: int) -> tuple[Floats, Floats]:
+    """Nodes and weights on [0, 1]; of many, some more than ``count``."""
+    panels = 1 if count <= _MOST_IN_ONE else -(-2 * count // _MOST_IN_ONE)
+    nodes, weights = np.polynomial.legendre.leggauss(-(-count // panels))
+    places = (np.arange(panels)[:, None] + (nodes + 1) / 2) / panels
+    return places.ravel(), np.tile(weights / (2 * panels), panels)
+
+
+# ---- rows of trapezoids --------------------------------------------------------------------------
+
+
+def trapezoids_of(polygons: Any) -> tuple[Trapezoids, Indices]:
+    """Trapezoids that tile polygons, between the heights of their vertices, and their numbers."""
+    rings, of_ring = shapely.get_rings(polygons, return_index=True)
+    places, ring = shapely.get_coordinates(rings, return_index=True)
+    is_edge = ring[1:] == ring[:-1]
+    edges = np.stack([places[:-1], places[1:]], axis=1)[is_edge]
+    owner = of_ring[ring[:-1][is_edge]]
+    counts = np.bincount(owner)
+    parts, owners = [], []
+    for count in np.unique(counts[counts > 0]).tolist():
+        same = np.flatnonzero(counts == count)
+        step = max(1, _BATCH // count**2)
+        for some in np.split(same, range(step, len(same), step)):
+            of_some = edges[np.isin(owner, some)].reshape(len(some), count, 2, 2)
+            trapezoids, number = _between_heights(of_some)
+            parts.append(trapezoids)
+            owners.append(some[number])
+    return np.concatenate(parts), np.concatenate(owners)
+
+
+def _between_heights(edges: Floats) -> tuple[Trapezoids, Indices]:
+    """Trapezoids of polygons of equally many edges (n, m, 2, 2), and their numbers."""
+    (x, y), (end_x, end_y) = edges.transpose(2, 3, 0, 1)[..., None, :]
+    heights = np.sort(y[:, 0])
+    low, high = heights[:, :-1, None], heights[:, 1:, None]
+    across = ((y <= low) != (end_y <= low)) & (low < high)
+    slope = (end_x - x) / np.where(end_y == y, np.inf, end_y - y)
+    ends = np.stack([np.where(across, x + (level - y) * slope, np.inf) for level in (low, high)])
+    ends = np.take_along_axis(ends, np.argsort(ends.sum(axis=0), axis=-1)[None], axis=-1)
+    pairs = ends[..., : 2 * (ends.shape[-1] // 2)].transpose(1, 2, 3, 0)
+    left, right = pairs[:, :, ::2], pairs[:, :, 1::2]
+    levels = np.broadcast_to(np.stack([low, high], axis=-1), left.shape)
+    here = np.isfinite(right).all(axis=-1)
+    return np.stack([levels, left, right], axis=-2)[here], np.nonzero(here)[0]
+
+
+def node_counts(
+    trapezoids: Trapezoids, rates: Floats, error: float, nearest: float = math.inf
+) -> Indices:
+    """Numbers of rows of trapezoids and of nodes on a row, (n, 2).
+
+    ``rates`` : (2,) or (n, 2) largest frequencies of the integrand along x and y in 1/m.
+    ``nearest`` : distance of its poles from the plane in m.
+    """
+    y, left, right = trapezoids.transpose(1, 0, 2)
+    height, width = np.diff(y)[:, 0], (right - left).max(axis=1)
+    aslant = np.maximum(abs(np.diff(left)), abs(np.diff(right)))[:, 0]
+    over_x, over_y = rates[..., 0], rates[..., 1]
+    cycles = np.stack([over_y * height + over_x * aslant, over_x * width], axis=1)
+    sizes = np.stack([np.maximum(height, aslant), width], axis=1) / 2
+    with np.errstate(divide="ignore"):
+        poles = np.ceil(_POLE / np.arcsinh(nearest / sizes))
+    return np.asarray(chirp_node_counts(math.pi * cycles, error) + poles.astype(np.intp))
+
+
+def rows_of(trapezoids: Trapezoids, counts: Indices) -> tuple[Floats, Floats, Floats]:
+    """x (..., m, n), y (..., m) and weights (..., m, n) of the nodes on trapezoids (..., 3, 2).
+
+    ``counts`` : (2,) m and n, which they share.
+    """
+    (share, of_rows), (place, on_row) = (_unit_rule(count) for count in counts.tolist())
+    lines = trapezoids[..., :1] + share * np.diff(trapezoids)
+    y, left, right = (lines[..., k, :] for k in range(3))
+    length = (right - left)[..., None]
+    height = np.diff(trapezoids[..., 0, :])[..., None]
+    return left[..., None] + length * place, y, height * of_rows[:, None] * length * on_row
+
+
+def rule_on(
+    trapezoids: Trapezoids, rates: Floats, error: float, extra: int
+) -> tuple[Floats, Floats, Indices]:
+    """Nodes (n, 2) and weights (n,) on all trapezoids, and the number of the trapezoid of each.
+
+    ``extra`` : nodes in addition to :func:`node_counts`.
+    """
+    counts = node_counts(trapezoids, rates, error) + extra
+    nodes, weights, owners = [], [], []
+    for shared in np.unique(counts, axis=0):
+        some = np.flatnonzero((counts == shared).all(axis=1))
+        x, y, amounts = rows_of(trapezoids[some], shared)
+        nodes.append(np.stack([x, np.broadcast_to(y[..., None], x.shape)], axis=-1).reshape(-1, 2))
+        weights.append(amounts.ravel())
+        owners.append(np.repeat(some, amounts[0].size))
+    return np.concatenate(nodes), np.concatenate(weights), np.concatenate(owners)
+
+
+@lru_cache(maxsize=1024)
+def _unit_rule(count: int) -> tuple[Floats, Floats]:
+    """Nodes and weights on [0, 1]."""
+    nodes, weights = gauss_legendre(count)[:, :2].T / 2
+    return nodes + 0.5, weights
+
+
+# ---- fields at nodes -----------------------------------------------------------------------------
+
+
+def weighted_elements(source: Aperture | Array | Wavefront) -> list[tuple[Aperture, complex]]:
+    """Elements of a source where they lie in the plane, and their weights."""
+    flat = flat_of(source)
+    weights = flat.weights.tolist() if isinstance(flat, Array) else [1.0]
+    return list(zip(flat.elements_in_plane, weights, strict=True))
+
+
+def field_at(element: Aperture, x: Floats) -> Any:
+    field: Any = element.illumination
+    return 1.0 if field is None else field(x)
+
+
+def waves_of(element: Aperture) -> Any:
+    field: Any = element.illumination
+    if field is None:
+        return [(1.0, np.zeros(2))]
+    return list(zip(field.amplitudes.tolist(), field.frequencies, strict=True))
+
+
+def largest_rates(source: Wavefront, points: Floats, wavelength: float) -> Floats:
+    """Most cycles per metre along x and y of the field on the source times the waves, (n, 2)."""
+    low, high = np.reshape(source.bounds, (2, 2))
+    corners = np.array([(x, y) for x in (low[0], high[0]) for y in (low[1], high[1])])
+    away = corners - points[:, None, :2]
+    # across each axis the source is nearest, where the slope along the axis is largest
+    beside = np.maximum(np.maximum(low - points[:, :2], points[:, :2] - high), 0.0)[:, ::-1]
+    distance = np.sqrt(away**2 + (beside**2 + points[:, 2:] ** 2)[:, None])
+    slopes = away / (wavelength * distance) + (corners - source.centre) @ source.curvature
+    fields = [element.illumination for element in flat_of(source).elements_in_plane]
+    waves = [abs(field.frequencies).max(axis=0) for field in fields if field is not None]
+    return np.asarray(abs(slopes).max(axis=1) + np.max([np.zeros(2), *waves], axis=0))
+
+
+def highest(source: Wavefront) -> float:
+    """Highest frequency of the waves on a source in 1/m."""
+    fields = [element.illumination for element in flat_of(source).elements_in_plane]
+    waves = [field.frequencies for field in fields if field is not None]
+    return max((float(np.linalg.norm(w, axis=1).max()) for w in waves), default=0.0)
+
+
+def slope(z: Floats, radius: Floats, k: float) -> Complex:
+    """Derivative along the normal of a spherical wave, over the wave times -ik."""
+    return np.asarray((z / radius) * (1 + 1j / (k * radius)))
