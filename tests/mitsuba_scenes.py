@@ -24,7 +24,6 @@ HANDED = pw.Aperture([(0, 0), (9e-3, 0), (9e-3, 2e-3), (2e-3, 2e-3), (2e-3, 6e-3
 HANDED = HANDED.with_illumination(pw.Illumination([1.0, 0.4j], [(40.0, 15.0), (-20.0, 0.0)]))
 
 MONO = pytest.param("llvm_ad_mono", marks=pytest.mark.llvm)
-RGB = pytest.param("llvm_ad_rgb", marks=pytest.mark.llvm)
 SPECTRAL = pytest.param("llvm_ad_spectral", marks=pytest.mark.llvm)
 CUDA = pytest.param("cuda_ad_mono", marks=pytest.mark.cuda)
 # |W| is at most 4 areas; float32 kernels are good to 5e-6 areas, and frequencies formed in float32
@@ -34,7 +33,7 @@ RADIANCE_ERROR = 2e-5
 # are alive into every kernel, and a scene that its own emitter holds is never freed.
 KEPT: list[Any] = []
 
-VARIANTS = ["scalar_rgb", MONO, RGB, SPECTRAL, CUDA]
+VARIANTS = ["scalar_rgb", MONO, SPECTRAL, CUDA]
 
 MIRROR = {"type": "conductor", "material": "none"}
 METAL = {"type": "twosided", "bsdf": MIRROR}

@@ -10,7 +10,6 @@ import polywigner.mitsuba as pwm
 from mitsuba_scenes import (
     CHEVRON,
     MILLIMETRE,
-    MONO,
     RADIANCE_ERROR,
     SPECTRAL,
     SQUARE,
@@ -25,8 +24,8 @@ from mitsuba_scenes import (
     use,
     vectors,
 )
-from polywigner.mitsuba.plugins.sampling import Positions, positions_of
-from polywigner.mitsuba.plugins.sources import centred_source
+from polywigner.mitsuba.plugins.emissions import region_of
+from polywigner.mitsuba.plugins.samplers import Positions, positions_of
 
 pytestmark = pytest.mark.drjit
 
@@ -39,12 +38,9 @@ FACTORS = {
 }
 
 
-@pytest.mark.parametrize("variant", ["scalar_rgb", MONO])
 @pytest.mark.parametrize("obliquity", FACTORS)
-def test_the_radiance_times_the_cosine_is_the_wigner_function_times_the_obliquity(
-    obliquity, variant
-):
-    mi = use(variant)
+def test_the_radiance_times_the_cosine_is_the_wigner_function_times_the_obliquity(obliquity):
+    mi = use("scalar_rgb")
     x, direction = draws(20, 0.004)
     seen = evaluated(mi, emitter_of(light(obliquity=obliquity)), x / MILLIMETRE, direction)
     factor = FACTORS[obliquity](direction[:, 2:])
@@ -229,9 +225,8 @@ def moments(aperture):
     return (values.mean(axis=2) * areas).sum(axis=1) / areas.sum()
 
 
-def mapped_grid(mi, aperture):
+def mapped_grid(mi, positions):
     """Images of the midpoints of a grid on the unit square, (n, 2)."""
-    positions = Positions(mi, aperture.rings)
     middles = (np.arange(GRID) + 0.5) / GRID
     u, v = (axis.ravel().tolist() for axis in np.meshgrid(middles, middles, indexing="ij"))
     return np.array(positions.sample(mi.Point2f(mi.Float(u), mi.Float(v)))[0], dtype=float).T
@@ -240,8 +235,8 @@ def mapped_grid(mi, aperture):
 @pytest.mark.llvm
 @pytest.mark.parametrize("name", APERTURES)
 def test_positions_are_uniform_in_the_aperture(name):
-    aperture = APERTURES[name]
-    points = mapped_grid(use("llvm_ad_mono"), aperture)
+    mi, aperture = use("llvm_ad_mono"), APERTURES[name]
+    points = mapped_grid(mi, Positions(mi, aperture.rings))
     size = aperture.diameter
     grown = aperture.polygons.buffer(ROUNDING * size)
     assert shapely.contains_xy(grown, *points.T).all()
@@ -255,13 +250,9 @@ def test_positions_are_uniform_in_the_aperture(name):
 def test_samples_follow_the_marginal_or_its_root():
     """Of a square from -1 to 1, R_x = 16 (1 - |x|)(1 - |y|)."""
     mi = use("llvm_ad_mono")
-    radiator = centred_source(pw.shapes.square(2.0), "paper")
-    middles = (np.arange(GRID) + 0.5) / GRID
-    u, v = (axis.ravel().tolist() for axis in np.meshgrid(middles, middles))
-    means = []
+    square = pw.shapes.square(2.0)
+    region, means = region_of(square, "paper"), []
     for sampling in ("uniform", "root-marginal", "marginal"):
-        points, _ = positions_of(mi, radiator, sampling, 1.0).sample(
-            mi.Point2f(mi.Float(u), mi.Float(v))
-        )
-        means.append(np.abs(np.array(points)).mean())
+        points = mapped_grid(mi, positions_of(mi, square, region, sampling, 1.0))
+        means.append(np.abs(points).mean())
     assert means == pytest.approx([1 / 2, 2 / 5, 1 / 3], rel=EVERYWHERE)

@@ -1,5 +1,6 @@
 """Parameters of the ``wigner`` shape, from XML and from dictionaries, good and bad."""
 
+import warnings
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
@@ -10,10 +11,11 @@ import pytest
 
 import polywigner as pw
 import polywigner.mitsuba as pwm
+from cli_scenes import scene, written
 from mitsuba_scenes import SQUARE, WAVELENGTH, light, pose, scene_of, use
 from polywigner.errors import EngineError, PolywignerError, SceneError
 from polywigner.mitsuba import translate_error
-from polywigner.mitsuba.plugins.parameters import PARAMETERS
+from polywigner.mitsuba.plugins.source_parameters import PARAMETERS
 
 pytestmark = pytest.mark.drjit
 
@@ -34,12 +36,10 @@ GOOD = texts(aperture="patch.wkt", unit="mm", frequency="94 GHz")
 FROM_FILE = texts(source="array.toml", frequency="94 GHz")
 
 
-def write_scene(folder, inside, name="scene.xml"):
+def write_scene(folder, inside):
     (folder / "patch.wkt").write_text(WKT)
-    file = folder / name
     shape = f'<shape type="wigner" id="aperture">{inside}</shape>'
-    file.write_text(f'<scene version="3.0.0"><integrator type="path"/>{shape}</scene>')
-    return file
+    return written(folder, scene('<integrator type="path"/>', shape))
 
 
 def load(folder, inside):
@@ -223,27 +223,53 @@ def test_a_dictionary_entry_carries_all_parameters():
     assert "Diffuse" in str(scene.shapes()[0].bsdf())
 
 
+SLITS = pw.shapes.double_slit(2e-3, 12e-3, (-6e-3, 6e-3))
+CURVED = SQUARE.curved((0.03, -0.05), WAVELENGTH, (1e-3, 0.0))
+GRAZING = SQUARE.with_illumination(pw.Illumination([1], [(1 / WAVELENGTH, 0)]))
+EXACT: dict[str, Any] = {"estimator": "exact"}
+RECEIVED: dict[str, Any] = {"entry": pwm.receiver}
+
+
 @pytest.mark.parametrize(
     ("arguments", "fragment"),
     [
-        ({"wavelength": 1.0, "aperture_power": 1.0, "power": 1.0}, "got both"),
-        ({"wavelength": 1.0, "to_world": np.diag([2.0, 2.0, 2.0, 1.0])}, "scales by 2, 2, 2"),
-        ({"wavelength": 1.0, "to_world": np.eye(3)}, r"\(4, 4\) matrix, got shape \(3, 3\)"),
-        ({"wavelength": 1.0, "sampling_weight": "x"}, "sampling_weight.*'x'"),
-        ({"wavelength": 1.0, "sampling": "Marginal"}, "sampling, got 'Marginal'"),
-        ({"wavelength": 1.0, "control_variate": "false"}, "control_variate.*'false'"),
+        ({"aperture_power": 1.0, "power": 1.0}, "got both"),
+        ({"to_world": np.diag([2.0, 2.0, 2.0, 1.0])}, "scales by 2, 2, 2"),
+        ({"to_world": np.eye(3)}, r"\(4, 4\) matrix, got shape \(3, 3\)"),
+        ({"sampling_weight": "x"}, "sampling_weight.*'x'"),
+        ({"sampling": "Marginal"}, "sampling, got 'Marginal'"),
+        ({"control_variate": "false"}, "control_variate.*'false'"),
         ({"wavelength": 1e28}, r"radiates at a wavelength of 1e\+28 m.*check the unit"),
+        ({"estimator": "rays"}, "an estimator, got 'rays'; use one of wigner, exact"),
+        ({"source": SLITS.partially_coherent(8e-3), "obliquity": "kirchhoff"}, "expected"),
+        ({"source": SLITS, "bandwidth": 3e11}, "expected"),
+        ({"source": CURVED, "obliquity": "kirchhoff"}, "for a curved wave"),
+        ({"source": GRAZING, "obliquity": "rayleigh-sommerfeld-2"},
+         r"far field carries 0 W.*whether waves graze"),
+        ({"source": pw.Slits([[0, 1e-3]])}, "Slits; make rectangles"),
+        ({"source": SQUARE.placed(np.eye(4))}, "PlacedAperture; leave its pose out"),
+        ({"source": pw.Array([SQUARE.placed(pose((0, 0, 1.0))), SQUARE])}, "got one at z = 1"),
+        ({"source": pw.Array([SQUARE, SQUARE], [1, -1])}, "cancel each other everywhere"),
+        (EXACT | {"obliquity": "paper"}, "boundary condition.*'paper'"),
+        (EXACT | {"control_variate": True}, "no control_variate"),
+        (EXACT | {"antithetic": True}, "no antithetic"),
+        (EXACT | {"source": pw.shapes.ring(6e-3, 4e-3, n=12).partially_coherent(1e-3)},
+         "at most 8192 pieces"),
+        (EXACT | {"source": SQUARE.curved(4e-4, WAVELENGTH)}, "less curvature"),
+        (EXACT | {"source": CURVED, "obliquity": "kirchhoff"}, "for a curved wave or partly"),
+        (RECEIVED | {"film": (0, 3)}, "whole numbers from 1"),
+        (RECEIVED | {"noise_figure": -1.0}, "0 dB or more"),
+        (RECEIVED | {"obliquity": "paper"}, "boundary condition"),
+        (RECEIVED | {"to_world": np.diag([2.0, 1.0, 1.0, 1.0])}, "to_world"),
+        (RECEIVED | {"source": CURVED, "estimator": "wigner", "obliquity": "kirchhoff"},
+         "for a curved wave"),
     ],
-)
+)  # fmt: skip
 def test_a_bad_argument_of_an_entry_is_refused_at_once(arguments, fragment):
+    how = {"source": SQUARE, "wavelength": WAVELENGTH, "entry": pwm.aperture} | arguments
+    entry = how.pop("entry")
     with pytest.raises(PolywignerError, match=fragment):
-        pwm.aperture(SQUARE, **arguments)
-
-
-def test_the_former_name_of_the_power_still_does_and_says_the_new_one():
-    with pytest.warns(DeprecationWarning, match="write power="):
-        entry = pwm.aperture(SQUARE, WAVELENGTH, radiated_power="10 dBm")
-    assert entry["power"] == pytest.approx(0.01)
+        entry(**how)
 
 
 @pytest.mark.parametrize(("wavelength", "power"), [(1e-10, 1e-6), (1e6, 1e3), (500e-9, None)])
@@ -253,8 +279,14 @@ def test_waves_from_x_rays_to_kilohertz_are_within_range(wavelength, power):
     assert entry["wavelength"] == wavelength
 
 
-def test_a_gpu_variant_is_refused_at_once_where_there_is_no_gpu(monkeypatch):
+def test_the_preferred_variant_compiles_and_a_gpu_variant_needs_a_gpu(llvm, monkeypatch):
     use("scalar_rgb")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert pwm.choose_variant() == "llvm_ad_mono"
+        assert pwm.choose_variant("scalar_rgb") == "scalar_rgb"
+    with pytest.raises(EngineError, match="expected a variant"):
+        pwm.choose_variant("llvm_ad_gold")
     monkeypatch.setattr(dr, "has_backend", lambda backend: False)
     with pytest.raises(EngineError, match=r"cuda_ad_mono needs an NVIDIA GPU.*use "):
         pwm.choose_variant("cuda_ad_mono")
@@ -293,22 +325,6 @@ def test_an_emitter_says_why_its_numbers_are_no_parameters(variant, source, name
     assert f"aperture.emitter.{name}" not in mi.traverse(scene)
     with pytest.raises(SceneError, match=reason):
         getattr(scene.emitters()[0], name)
-
-
-def test_the_light_can_be_switched_off_and_on():
-    mi = use("scalar_rgb")
-    scene = scene_of(aperture=pwm.aperture(SQUARE, WAVELENGTH))
-    emitter, params = scene.emitters()[0], mi.traverse(scene)
-    above = mi.Interaction3f()
-    above.p = mi.Point3f(0.0, 0.0, 1.0)
-    seen = []
-    for power in (0.0, 2.0):
-        params["aperture.emitter.power"] = power
-        params.update()
-        weight = emitter.sample_direction(above, mi.Point2f(0.5, 0.5), True)[1]
-        seen.append(np.abs(np.array(weight, dtype=float)).max())
-    assert seen[0] == 0.0
-    assert seen[1] > 0.0
 
 
 def test_the_mesh_does_not_move_without_the_light():

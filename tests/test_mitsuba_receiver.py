@@ -10,6 +10,7 @@ import pytest
 
 import polywigner as pw
 import polywigner.mitsuba as pwm
+from cli_scenes import scene, written
 from mitsuba_scenes import MILLIMETRE, SQUARE, WAVELENGTH, pose, use
 from polywigner.errors import PolywignerError, SceneError
 
@@ -134,15 +135,11 @@ FREQUENCY = '<string name="frequency" value="94 GHz"/>'
 
 
 def loaded(folder, inside):
-    (folder / "square.wkt").write_text("POLYGON((-5 -5, 5 -5, 5 5, -5 5, -5 -5))")
-    (folder / "scene.xml").write_text(
-        f'<scene version="3.0.0"><sensor type="wigner_receiver">{inside}</sensor>'
-        '<emitter type="constant"/></scene>'
-    )
-    return pwm.load_scene(folder / "scene.xml")
+    sensor = f'<sensor type="wigner_receiver">{inside}</sensor>'
+    return pwm.load_scene(written(folder, scene(sensor, '<emitter type="constant"/>')))
 
 
-def test_a_receiver_in_xml_has_the_parameters_of_its_source_and_of_its_noise(tmp_path):
+def test_a_receiver_in_xml_has_the_parameters_of_source_and_noise_or_their_defaults(tmp_path):
     use("scalar_rgb")
     texts = {
         "array": "2 x 3, 12 mm",
@@ -165,16 +162,11 @@ def test_a_receiver_in_xml_has_the_parameters_of_its_source_and_of_its_noise(tmp
     assert (spec.obliquity, spec.estimator) == ("kirchhoff", "wigner")
     assert (spec.scene_unit, spec.pose[0, 3]) == (1e-3, 7.0)
     assert spec.normalise == "aperture"
-
-
-def test_defaults_are_exact_light_and_no_noise(tmp_path):
-    use("scalar_rgb")
     sensor = loaded(tmp_path, SOURCE + FREQUENCY + FILM).sensors()[0]
     spec = sensor.spec
     assert (spec.estimator, spec.normalise, spec.scene_unit) == ("exact", "radiated", 1)
     assert spec.obliquity == "rayleigh-sommerfeld-1"
     assert tuple(spec.noise.values()) == (None, None, None)
-    assert tuple(sensor.film().size()) == (1, 1)
 
 
 GAUSS = FILM.replace('<rfilter type="box"/>', "")
@@ -196,21 +188,6 @@ def test_what_a_receiver_lacks_or_cannot_take_is_one_line(tmp_path, wrong):
     with pytest.raises(PolywignerError, match=reason) as caught:
         loaded(tmp_path, inside)
     assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("more", "reason"),
-    [
-        ({"film": (0, 3)}, "whole numbers from 1"),
-        ({"noise_figure": -1.0}, "0 dB or more"),
-        ({"obliquity": "paper"}, "boundary condition"),
-        ({"to_world": np.diag([2.0, 1.0, 1.0, 1.0])}, "to_world"),
-    ],
-)
-def test_python_says_what_is_wrong_before_a_scene_is_loaded(more, reason):
-    use("scalar_rgb")
-    with pytest.raises(PolywignerError, match=reason):
-        furnace(**more)
 
 
 def test_frequency_stands_for_wavelength_and_texts_for_numbers():

@@ -68,9 +68,10 @@ def alone():
 
 
 INTEGRATORS: list[Any] = [("direct", None), ("path", 4)]
+SLOW = pytest.param("prbvolpath", 2, marks=pytest.mark.slow)
 
 
-@pytest.mark.parametrize(("name", "depth"), [*INTEGRATORS, ("volpath", 2), ("ptracer", 2)])
+@pytest.mark.parametrize(("name", "depth"), [*INTEGRATORS, ("volpath", 2), ("ptracer", 2), SLOW])
 def test_sources_without_a_surface_light_a_floor_as_each_alone(name, depth, llvm):
     mi = use("llvm_ad_mono")
     entry: dict[str, Any] = {"type": name}

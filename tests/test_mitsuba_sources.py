@@ -1,13 +1,10 @@
 """Tapered, steered and arrayed sources in scenes: radiance, power, and the floor they light."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 import shapely
 
 import polywigner as pw
-import polywigner.mitsuba as pwm
 from mitsuba_scenes import (
     CHEVRON,
     MILLIMETRE,
@@ -18,19 +15,18 @@ from mitsuba_scenes import (
     emitter_of,
     evaluated,
     light,
-    pose,
     uniform,
     use,
     vectors,
 )
-from polywigner.errors import SceneError
-from polywigner.mitsuba.plugins.sources import Mixture
+from polywigner.mitsuba.plugins.emissions import Mixture
 from polywigner.mitsuba.plugins.wigner import DrawnWaves
 
 pytestmark = pytest.mark.drjit
 
 BEAM = np.array([np.sin(np.radians(20)), 0.0, np.cos(np.radians(20))])
 PATCH = pw.shapes.rectangle(1.2e-3, 1.0e-3)
+PLACES = pw.arrays.grid_positions(5, 4, 1.9e-3)
 HORN = pw.shapes.rectangle(10e-3, 8e-3).with_illumination(pw.te_mode(10e-3, 8e-3))
 
 
@@ -59,11 +55,7 @@ SOURCES = {
     "lattice": lattice(12, 16),
     "lattice of 1024 half a metre away": lattice(32, 32, at=0.5),
     "focused": pw.phased_array(
-        PATCH,
-        pw.arrays.grid_positions(5, 4, 1.9e-3),
-        pw.arrays.focusing_weights(
-            pw.arrays.grid_positions(5, 4, 1.9e-3), (0, 0, 0.02), WAVELENGTH
-        ),
+        PATCH, PLACES, pw.arrays.focusing_weights(PLACES, (0, 0, 0.02), WAVELENGTH)
     ),
     "any elements": any_elements(),
     "chevron": CHEVRON,
@@ -86,7 +78,7 @@ def test_the_radiance_is_that_of_the_wigner_function_with_complex_fields(name, v
     mi = use(variant)
     source = SOURCES[name]
     emitter = emitter_of(light(source, power=3.0))
-    radiator = emitter.spec.centred
+    radiator = emitter.spec.region
     within, direction = draws(20 if variant == "scalar_rgb" else 1000, 1.0)
     x = within * np.array(radiator.support.bounds[2:])
     seen = evaluated(mi, emitter, x / MILLIMETRE, direction)
@@ -131,10 +123,10 @@ OBLIQUE = {
 def test_the_obliquity_of_several_waves_is_that_of_each_pair_of_them(source, obliquity):
     mi = use("scalar_rgb")
     emitter = emitter_of(light(source, obliquity=obliquity))
-    support = emitter.spec.centred.support
+    support = emitter.spec.region.support
     within, direction = draws(30, 1.0)
     x = within * np.array(support.bounds[2:])
-    centre = emitter.spec.centred.centre
+    centre = emitter.spec.region.centre
     inside = [support.polygons.contains(shapely.Point(place)) for place in x]
     x, direction = x[inside], direction[inside]
     seen = evaluated(mi, emitter, x / MILLIMETRE, direction)
@@ -167,21 +159,6 @@ def test_another_wavelength_turns_the_waves_whose_obliquity_counts():
     assert np.abs(found - expected).max() < 10 * RADIANCE_ERROR * np.abs(expected).max()
 
 
-SLITS = pw.shapes.double_slit(2e-3, 12e-3, (-6e-3, 6e-3))
-
-
-@pytest.mark.parametrize(
-    "how",
-    [
-        {"source": SLITS.partially_coherent(8e-3), "obliquity": "kirchhoff"},
-        {"source": SLITS, "bandwidth": 3e11},
-    ],
-)
-def test_mixtures_that_cannot_be_drawn_are_refused(how):
-    with pytest.raises(SceneError, match="expected"):
-        pwm.aperture(wavelength=WAVELENGTH, **how)
-
-
 def test_scalar_variants_draw_waves_of_the_right_spread():
     """Tilts of standard deviation 1/(2 pi width), and frequencies over all of the band."""
     mi = use("scalar_rgb")
@@ -199,34 +176,6 @@ def test_scalar_variants_draw_waves_of_the_right_spread():
     middle = pw.SPEED_OF_LIGHT / WAVELENGTH
     assert np.abs(frequencies - middle).max() <= 10.01e9
     assert frequencies.std() == pytest.approx(20e9 / np.sqrt(12), rel=0.1)
-
-
-def test_obliquities_that_take_slopes_are_refused_for_curved_waves():
-    entries: list[Any] = [pwm.aperture, pwm.receiver]
-    for entry in entries:
-        with pytest.raises(SceneError, match="for a curved wave"):
-            entry(SOURCES["curved"], WAVELENGTH, estimator="wigner", obliquity="kirchhoff")
-
-
-def test_waves_that_graze_the_aperture_light_nothing_and_say_so():
-    use("scalar_rgb")
-    grazing = PATCH.with_illumination(pw.Illumination([1], [(1 / WAVELENGTH, 0)]))
-    with pytest.raises(SceneError, match=r"far field carries 0 W.*whether waves graze"):
-        light(grazing, obliquity="rayleigh-sommerfeld-2")
-
-
-@pytest.mark.parametrize(
-    ("source", "words"),
-    [
-        (pw.Slits([[0, 1e-3]]), "Slits; make rectangles"),
-        (PATCH.placed(np.eye(4)), "PlacedAperture; leave its pose out"),
-        (pw.Array([PATCH.placed(pose((0, 0, 1.0))), PATCH]), "one plane, got one at z = 1"),
-        (pw.Array([PATCH, PATCH], [1, -1]), "cancel each other everywhere"),
-    ],
-)
-def test_a_source_that_cannot_radiate_in_a_scene_is_refused(source, words):
-    with pytest.raises(SceneError, match=words):
-        pwm.aperture(source, WAVELENGTH)
 
 
 def steered(degrees):

@@ -11,9 +11,11 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
+import cli_scenes
 import mitsuba_scenes
 import polywigner as pw
 import polywigner.mitsuba as pwm
+from cli_scenes import source, written
 from mitsuba_scenes import (
     SQUARE,
     WAVELENGTH,
@@ -251,19 +253,12 @@ def test_ranges_and_scatterers_add_up_to_the_polarised_power() -> None:
 
 @pytest.mark.llvm
 def test_scene_files_and_entries_have_the_same_polarisations(tmp_path: Path) -> None:
-    mi = use("llvm_ad_mono_polarized")
-    (tmp_path / "square.wkt").write_text("POLYGON((-5 -5, 5 -5, 5 5, -5 5, -5 -5))")
-    source = '<string name="aperture" value="square.wkt"/><string name="frequency" value="94 GHz"/>'
-    (tmp_path / "scene.xml").write_text(
-        f'<scene version="3.0.0"><shape type="wigner">{source}'
-        '<string name="polarisation" value="$p"/></shape></scene>'
-    )
+    use("llvm_ad_mono_polarized")
+    path = written(tmp_path, cli_scenes.scene(source('<string name="polarisation" value="$p"/>')))
     texts = {"y": "y", "-30 deg": "-30 deg", "1, 1j": (1, 1j), "0.5+0.5j, 2": (0.5 + 0.5j, 2)}
     for text, given in texts.items():
-        scene = pwm.load_scene(tmp_path / "scene.xml", p=text)
-        entry = mi.load_dict(
-            {"type": "scene", "a": pwm.aperture(SQUARE, WAVELENGTH, polarisation=given)}
-        )
+        scene = pwm.load_scene(path, p=text)
+        entry = scene_of(a=pwm.aperture(SQUARE, WAVELENGTH, polarisation=given))
         (one,), (other,) = scene.emitters(), entry.emitters()
         assert one.spec.polarisation == pytest.approx(other.spec.polarisation, abs=1e-15)
 
@@ -289,10 +284,8 @@ def test_a_polarisation_asks_for_a_polarised_variant() -> None:
     assert pwm.choose_variant(polarised=True).endswith("_polarized")
     with pytest.raises(EngineError, match="expected a variant of polarised light"):
         pwm.choose_variant("scalar_rgb", polarised=True)
-    scene = scene_of(
-        a=pwm.aperture(SQUARE, WAVELENGTH),
-        s={"type": "orthographic", "film": film(2)},
-    )
+    seen = {"type": "orthographic", "film": film(2)}
+    scene = scene_of(a=pwm.aperture(SQUARE, WAVELENGTH), s=seen)
     with pytest.raises(SceneError, match="expected a polarised variant for the integrator"):
         pwm.render(scene, "stokes", spp=1)
 

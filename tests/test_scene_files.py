@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cli_scenes import scene
 from polywigner.errors import PolywignerError, SceneError
 
 pytestmark = pytest.mark.drjit
@@ -17,10 +18,6 @@ import mitsuba as mi  # noqa: E402 (after the package, which chooses the LLVM li
 
 TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
 VERTICES = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], "<f4").tobytes()
-
-
-def scene(inside: str) -> str:
-    return f'<scene version="3.0.0">{inside}</scene>'
 
 
 def named(kind: str, file: str) -> str:

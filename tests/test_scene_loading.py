@@ -56,13 +56,8 @@ def test_results_follow_the_ids_however_mitsuba_orders_its_emitters() -> None:
     h = channel["h"].values[0, sorted(IDS).index("mid")]
     watts = [1.0 + IDS.index(name) for name in sorted(IDS)]
     assert np.abs(h) ** 2 * watts == pytest.approx(direct, rel=1e-6)
-
-
-def test_a_receiver_is_numbered_by_its_id_and_rendered_by_its_place_in_the_scene() -> None:
-    scene = pm.load_scene(entries())
-    first = pm.received_power(scene, spp=16, receiver=0, reflections=0)
-    assert first.receiver == "alpha rx"
-    assert scene.sensors()[1].id() == "alpha rx"
+    first = pm.received_power(scenes[1], spp=16, receiver=0, reflections=0)
+    assert first.receiver == scenes[1].sensors()[1].id() == "alpha rx"
 
 
 def test_loaded_scenes_repeat_their_random_numbers() -> None:
@@ -75,42 +70,39 @@ def test_loaded_scenes_repeat_their_random_numbers() -> None:
     assert found == [found[0]] * 3
 
 
-WALLS = (
-    ("north", "y", -90, 'x="0.3"'),
-    ("south", "y", 90, 'x="-0.3"'),
-    ("floor", "x", -90, 'y="-0.3"'),
-)
+# Axis and angle of a turn, and the place of a wall.
+WALLS = {
+    "north": ((0, 1, 0), -90, (0.3, 0, 0.5)),
+    "south": ((0, 1, 0), 90, (-0.3, 0, 0.5)),
+    "floor": ((1, 0, 0), -90, (0, -0.3, 0.5)),
+}
+
+
+def posed(axis: Any, turn: float, at: Any) -> Any:
+    return moved(*at).rotate(axis, turn).scale(0.2)
 
 
 def corridor() -> dict[str, Any]:
-    """The scene of `text_of_scene` as a dictionary."""
-    turn = mi.ScalarTransform4f
-    poses = {
-        "north": moved(0.3, 0, 0.5).rotate([0, 1, 0], -90),
-        "south": moved(-0.3, 0, 0.5).rotate([0, 1, 0], 90),
-        "floor": moved(0, -0.3, 0.5).rotate([1, 0, 0], -90),
-    }
+    """Three mirrors of equal BSDFs around a link."""
     walls = {
-        name: {"type": "rectangle", "bsdf": MIRROR, "to_world": pose @ turn().scale(0.2)}
-        for name, pose in poses.items()
+        name: {"type": "rectangle", "bsdf": MIRROR, "to_world": posed(*wall)}
+        for name, wall in WALLS.items()
     }
-    ends = {
-        "tx": pm.aperture(SQUARE, WAVELENGTH),
-        "rx": pm.receiver(SQUARE, WAVELENGTH, facing(1.0)),
-    }
-    return {"type": "scene", **ends, **walls}
+    rx = pm.receiver(SQUARE, WAVELENGTH, facing(1.0))
+    return {"type": "scene", "tx": pm.aperture(SQUARE, WAVELENGTH), "rx": rx, **walls}
 
 
 def text_of_scene(folder: Path) -> Path:
-    """Three walls of equal BSDFs around a link, in XML."""
+    """The same in XML."""
     conductor = '<bsdf type="conductor"><string name="material" value="none"/></bsdf>'
     walls = (
         rectangle(
-            f'<scale value="0.2"/><rotate {axis}="1" angle="{turn}"/><translate {to} z="0.5"/>',
+            f'<scale value="0.2"/><rotate value="{str(axis)[1:-1]}" angle="{turn}"/>'
+            f'<translate value="{str(at)[1:-1]}"/>',
             conductor,
             name,
         )
-        for name, axis, turn, to in WALLS
+        for name, (axis, turn, at) in WALLS.items()
     )
     return written(folder, scene('<integrator type="path"/>', source(), receiver(), *walls))
 

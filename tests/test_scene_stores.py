@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import polywigner as pw
-from cli_scenes import camera
+from cli_scenes import camera, receiver, rectangle, scene, written
 from polywigner.cli import main
 from polywigner.errors import ArgumentError, EngineError, SceneError, StoreError
 
@@ -21,25 +21,8 @@ for _library in ("xarray", "zarr", "dask", "distributed"):
 SENSOR = camera(
     0.02, '<lookat origin="0, 0, 0.5" target="0, 0, 1" up="0, 1, 0"/>', (8, 64), "$samples"
 )
-RECEIVER = """<sensor type="wigner_receiver" id="{name}">
-        <string name="aperture" value="square.wkt"/>
-        <string name="frequency" value="94 GHz"/>
-        <transform name="to_world"><translate x="{x}"/></transform>
-        <film type="hdrfilm">
-            <integer name="width" value="1"/><integer name="height" value="1"/>
-            <rfilter type="box"/>
-        </film>
-        <sampler type="independent"><integer name="sample_count" value="32"/></sampler>
-    </sensor>"""
-SOURCE = """<shape type="wigner" id="{name}">
-        <string name="aperture" value="$outline"/>
-        <string name="frequency" value="94 GHz"/>
-        <string name="estimator" value="{estimator}"/>
-    </shape>"""
-FLOOR = """<shape type="rectangle">
-        <transform name="to_world"><rotate x="1" angle="180"/><translate z="1"/></transform>
-        <bsdf type="diffuse"/>
-    </shape>"""
+SAMPLER = '<sampler type="independent"><integer name="sample_count" value="32"/></sampler>'
+FLOOR = rectangle('<rotate x="1" angle="180"/><translate z="1"/>', '<bsdf type="diffuse"/>')
 DEFAULTS = """<default name="samples" value="4"/><default name="outline" value="square.wkt"/>
     <integrator type="path"><integer name="max_depth" value="2"/></integrator>"""
 # Rows of a strip of the film, which has 64; and parts of the results.
@@ -49,22 +32,29 @@ LAST = 1e-5
 
 
 def scene_of(folder, *parts):
-    (folder / "square.wkt").write_text("POLYGON ((-5 -5, 5 -5, 5 5, -5 5, -5 -5))")
-    path = folder / "scene.xml"
-    path.write_text(f'<scene version="3.0.0">{DEFAULTS}{"".join(parts)}{FLOOR}</scene>')
-    return path
+    return written(folder, scene(DEFAULTS, *parts, FLOOR))
+
+
+def tx(name="tx", estimator="exact"):
+    return f"""<shape type="wigner" id="{name}">
+        <string name="aperture" value="$outline"/>
+        <string name="frequency" value="94 GHz"/>
+        <string name="estimator" value="{estimator}"/>
+    </shape>"""
+
+
+def rx(name="rx", x=0.0):
+    return receiver(SAMPLER, pose=f'<translate x="{x}"/>', name=name)
 
 
 @pytest.fixture
 def camera_scene(tmp_path):
-    return scene_of(tmp_path, SENSOR, SOURCE.format(name="tx", estimator="wigner"))
+    return scene_of(tmp_path, SENSOR, tx(estimator="wigner"))
 
 
 @pytest.fixture
 def receiver_scene(tmp_path):
-    receivers = [RECEIVER.format(name="rx", x=0), RECEIVER.format(name="other", x=0.05)]
-    sources = [SOURCE.format(name=name, estimator="exact") for name in ("tx", "second")]
-    return scene_of(tmp_path, *receivers, *sources)
+    return scene_of(tmp_path, rx(), rx("other", 0.05), tx(), tx("second"))
 
 
 @pytest.fixture(autouse=True)
@@ -146,12 +136,12 @@ def test_another_process_loads_the_scene_and_its_sources_itself(camera_scene):
 
     key = pwm.register_source(pw.shapes.square(3e-3))
     file = SceneFile(camera_scene, "scalar_rgb", None, {"outline": key})
-    scene = file.load()
-    parts = SceneParts(file, scene, partial(tile, exposed(scene).cut, None, 0, 0))
+    loaded = file.load()
+    parts = SceneParts(file, loaded, partial(tile, exposed(loaded).cut, None, 0, 0))
     copy = pickle.loads(pickle.dumps(parts))
     assert copy.scene is None
     for top in (0, 48):
-        part = ((0, top, 0, 0), (1, 16, 8, 3))
+        part = ((top, 0, 0), (16, 8, 3))
         np.testing.assert_array_equal(copy(*part), parts(*part))
 
 
@@ -168,10 +158,9 @@ def test_workers_of_a_cluster_render_and_receive_the_same(camera_scene, tmp_path
             found = rendered(camera_scene, store=store, scheduler=scheduler)
             np.testing.assert_allclose(found, image, rtol=LAST)
         (tmp_path / "b").mkdir()
-        receivers = [RECEIVER.format(name="rx", x=0)]
-        scene = scene_of(tmp_path / "b", *receivers, SOURCE.format(name="tx", estimator="exact"))
-        power = received(scene, store=tmp_path / "p.zarr", scheduler=cluster.scheduler_address)
-    np.testing.assert_allclose(power, received(scene), rtol=LAST)
+        path = scene_of(tmp_path / "b", rx(), tx())
+        power = received(path, store=tmp_path / "p.zarr", scheduler=cluster.scheduler_address)
+    np.testing.assert_allclose(power, received(path), rtol=LAST)
 
 
 def test_wrong_requests_leave_nothing(camera_scene, tmp_path, monkeypatch):
@@ -190,9 +179,9 @@ def test_wrong_requests_leave_nothing(camera_scene, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("command", ["render", pytest.param("receive", marks=pytest.mark.slow)])
 def test_the_command_removes_the_parts_when_its_files_are_written(command, request, capfd):
-    scene = request.getfixturevalue("camera_scene" if command == "render" else "receiver_scene")
-    out = scene.parent / "out" / "result"
-    words = [command, str(scene), "--variant", "scalar_rgb", "--threads", "1", "--out", str(out)]
+    path = request.getfixturevalue("camera_scene" if command == "render" else "receiver_scene")
+    out = path.parent / "out" / "result"
+    words = [command, str(path), "--variant", "scalar_rgb", "--threads", "1", "--out", str(out)]
     assert main([*words, "--resumable"]) == 0
     files = {path.name for path in out.parent.iterdir()}
     exr = {"result.exr"} if command == "render" else set()

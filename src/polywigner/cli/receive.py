@@ -106,7 +106,7 @@ def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
 
     from polywigner.figures import draw_channel
     from polywigner.mitsuba import channel, choose_variant
-    from polywigner.mitsuba.plugins.polarisation import is_polarised
+    from polywigner.mitsuba.plugins.polariser import is_polarised
     from polywigner.mitsuba.plugins.receiver import receivers_of
     from polywigner.mitsuba.receive.received import ReceiveOptions, interference_of
     from polywigner.mitsuba.receive.received_power import arrival_map, shapes_in

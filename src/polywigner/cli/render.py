@@ -112,7 +112,7 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
     from polywigner.mitsuba import choose_variant, stokes_of
     from polywigner.mitsuba.plugins.films import mean_of_colours, write_exr
     from polywigner.mitsuba.plugins.placement import placed_emitter
-    from polywigner.mitsuba.plugins.polarisation import is_polarised, polarisation_summary
+    from polywigner.mitsuba.plugins.polariser import is_polarised, polarisation_summary
     from polywigner.mitsuba.plugins.receiver import is_receiver
     from polywigner.mitsuba.radar.range_profile import prepared_frames
     from polywigner.mitsuba.receive.scattered import wigner_emitters
@@ -198,7 +198,7 @@ def _checked_specs(scene: Any, name: str) -> list[Any]:
             "it with mitsuba itself"
         )
     for spec in specs:
-        check_wavelength(spec.wavelength, spec.centred.support.diameter)
+        check_wavelength(spec.wavelength, spec.region.support.diameter)
     return specs
 
 

@@ -14,17 +14,18 @@ from polywigner.toolchain import llvm
 
 llvm.require_drjit()  # before the next imports, which load Dr.Jit
 
-from polywigner.mitsuba.plugins.parameters import register_source  # noqa: E402
-from polywigner.mitsuba.plugins.polarisation import stokes_of  # noqa: E402
-from polywigner.mitsuba.plugins.registration import aperture, exclusive, receiver, register  # noqa: E402
+from polywigner.mitsuba.plugins.emitter import aperture  # noqa: E402
+from polywigner.mitsuba.plugins.polariser import stokes_of  # noqa: E402
+from polywigner.mitsuba.plugins.receiver import receiver  # noqa: E402
+from polywigner.mitsuba.plugins.registration import exclusive, register  # noqa: E402
+from polywigner.mitsuba.plugins.source_parameters import register_source  # noqa: E402
 from polywigner.mitsuba.radar.clouds import covariance, element_responses, write_scatterers  # noqa: E402
 from polywigner.mitsuba.radar.range_profile import range_frames, range_profile  # noqa: E402
 from polywigner.mitsuba.radar.scatterers import scatterers  # noqa: E402
 from polywigner.mitsuba.receive.channels import channel  # noqa: E402
 from polywigner.mitsuba.receive.received import Contribution, DirectPath, ReceivedPower  # noqa: E402
 from polywigner.mitsuba.receive.received_power import received_power, received_powers  # noqa: E402
-from polywigner.mitsuba.scenes.rendering import receiving, render  # noqa: E402
-from polywigner.mitsuba.scenes.scene_renders import render_file  # noqa: E402
+from polywigner.mitsuba.scenes.scene_renders import receiving, render, render_file  # noqa: E402
 from polywigner.mitsuba.scenes.scenes import (  # noqa: E402
     choose_variant,
     has_wigner_emitter,

@@ -33,8 +33,8 @@ from polywigner.kernels.boundary.edge_waves import (
 )
 from polywigner.mitsuba.plugins.exact import AWAY
 from polywigner.mitsuba.plugins.placement import reach_of
-from polywigner.mitsuba.plugins.sampling import opaque, single
-from polywigner.mitsuba.plugins.sources import SourceSpec
+from polywigner.mitsuba.plugins.samplers import opaque, single
+from polywigner.mitsuba.plugins.source_parameters import SourceParameters
 from polywigner.mitsuba.scenes.surfaces import (
     ROUNDING,
     bodies_of,
@@ -166,7 +166,7 @@ class Shadows:
     def __init__(
         self,
         m: Any,
-        spec: SourceSpec,
+        spec: SourceParameters,
         wavelength: float,
         bodies: list[Obstacle],
         pose: Floats,
@@ -176,7 +176,7 @@ class Shadows:
         self._ops = ops_for(m.Float)
         self._inverse = opaque(m, spec.scene_unit / wavelength)
         try:
-            source = spec.centred.at_origin
+            source = spec.at_origin
             points = radiating_points(source, wavelength, spec.obliquity, _ERROR, _MOST_POINTS)
             scale = spec.scene_unit / wavelength
             own = [in_frame(body, pose, scale) for body in bodies]
@@ -416,7 +416,7 @@ def cast_shadows(scene: Any) -> None:
     for plugin in plugins:
         spec, pose = plugin.spec, np.array(matrix_of(plugin.to_world))
         wavelength = single(getattr(plugin, "wavelength", spec.wavelength), "wavelength")
-        pose[:3, 3] += pose[:3, :2] @ (spec.centred.centre / spec.scene_unit)
+        pose[:3, 3] += pose[:3, :2] @ spec.centre
         meshes = meshes_at(wavelength / spec.scene_unit)
         digest = hashlib.sha256(str(wavelength).encode())
         for array in (pose, *(part for mesh in meshes for part in mesh)):

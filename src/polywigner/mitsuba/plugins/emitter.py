@@ -3,7 +3,7 @@
     L(x, s) = (power/N) W(x, s_par/lambda)/lambda^2 h(theta),    N = int g |F|^2 dOmega/lambda^2
 
 in the source's own frame, for directions s on its +z side and zero on the other. N is the power
-that the field radiates as it is, a number of the host or, with derivatives, a traced sum over
+that the unscaled field radiates, a number of the host or, with derivatives, a traced sum over
 directions; h = g/cos(theta). W comes from the same kernel as :func:`polywigner.wigner`, traced into
 Mitsuba's render kernel: that of apertures with any field, of arrays of any elements, or of equal
 elements on a lattice. Where h differs from wave to wave, h W is a sum of such terms (module
@@ -18,482 +18,345 @@ texture coordinates, for the same reason.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import cache
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-import shapely
-from numpy.typing import NDArray
+import numpy.typing as npt
 
 from polywigner.errors import SceneError
-from polywigner.execution import Traced, UnrolledOperations, kernel_with_derivatives
-from polywigner.geometry import Aperture, Wavefront
-from polywigner.kernels import FOURIER, WIGNER, new_outline_of, new_tables_of
-from polywigner.mitsuba.plugins.parameters import ESTIMATORS, rigid_pose
-from polywigner.mitsuba.plugins.placement import Frame, check_place, cover, move
-from polywigner.mitsuba.plugins.polarisation import Polariser
-from polywigner.mitsuba.plugins.sampling import opaque, single, spectrum
-from polywigner.mitsuba.plugins.sources import (
-    CentredSource,
-    SourceSpec,
-    centred_source,
-    depends_on_wavelength,
-    norm_of,
+from polywigner.geometry import Aperture, triangulate
+from polywigner.geometry.arguments import takes_frequency
+from polywigner.mitsuba.plugins.emissions import depends_on_wavelength
+from polywigner.mitsuba.plugins.exact import ExactEstimator
+from polywigner.mitsuba.plugins.placement import PLACE_ERROR
+from polywigner.mitsuba.plugins.polariser import Polariser, polarised_spec
+from polywigner.mitsuba.plugins.registration import (
+    add_plugin,
+    nested_properties,
+    variant_class,
 )
-from polywigner.mitsuba.plugins.wigner import Wave, WignerRadiance
+from polywigner.mitsuba.plugins.samplers import Frame, opaque, single, spectrum
+from polywigner.mitsuba.plugins.source_parameters import (
+    EMITTER,
+    SAMPLINGS,
+    SourceParameters,
+    read_parameters,
+    rigid_pose,
+    scene_entry,
+    values_of,
+)
+from polywigner.mitsuba.plugins.wigner import TracedSource, Wave, WignerEstimator, WignerRadiance
 from polywigner.mitsuba.scenes.surfaces import ROUNDING, matrix_of, shadow_end
-from polywigner.numerics.complex_pairs import Pair
+from polywigner.quantities import parse_frequency
 from polywigner.radiometry.directions import directions_and_weights, largest_lag
 from polywigner.source import Array
-from polywigner.transforms import differentiable as differentiable_source
+from polywigner.source.obliquities import DEFAULT
 
-# What overlaps by less than this fraction of an area does so by rounding.
-_APART = 1e-9
-# Pairs of edges of a source with derivatives, which are code of every kernel of a render: each
-# compiles in 7 ms, and 9000 exhaust the compiler.
-_MOST_CUTS = 4096
-# Stands for a density without bound; its square, and products with radiances, fit into float32.
+Floats = npt.NDArray[np.float64]
+
+ESTIMATORS: dict[str, type[WignerEstimator | ExactEstimator]] = {
+    "wigner": WignerEstimator,
+    "exact": ExactEstimator,
+}
+
+# Stands for an infinite density; its square, and products with radiances, fit into float32.
 _OVERWHELMING = 1e12
 
 
-class TracedSource:
-    """The numbers of one emitter's source that a scene's parameters expose."""
+class WignerEmitter:
+    """Emitter of a ``wigner`` shape, which makes it; not a plugin by itself."""
 
-    def __init__(self, m: Any, centred: CentredSource, has_several: bool) -> None:
-        self._m, self._source = m, centred
-        self.vertices: Any = None
-        self.weights: Any = None
-        self.why_not = ""
-        if not dr.is_jit_v(m.Float):
-            self.why_not = "a variant of Mitsuba that compiles, such as llvm_ad_rgb"
-        elif has_several:
-            self.why_not = "an array of one polarisation"
-        elif not _is_simple(centred.source):
-            self.why_not = "a uniform aperture, or an array of such that do not overlap"
-        else:
-            self._tables = new_tables_of(centred.at_origin, dr.itemsize_v(m.Float) == 8)
-            cuts = self._tables.clips
-            if cuts > _MOST_CUTS:
-                self.why_not = (
-                    f"a source of few edges, as code of the render's kernel, got {cuts} pairs of "
-                    "edges; gradients of pw.wigner and pw.fourier have no such limit"
-                )
-        if self.why_not:
+    m: Any
+    """Variant of Mitsuba; set by `variant_class`."""
+    jit: bool
+    """Whether the variant compiles."""
+    get_shape: Callable[[], Any]
+    """Method of Mitsuba's base class."""
+    is_wigner = True
+
+    def __init__(self, spec: SourceParameters, id: str = "") -> None:
+        m = self.m
+        props = mi.Properties("wigner_emitter")
+        props.set_id(id)
+        props["sampling_weight"] = spec.sampling_weight
+        m.Emitter.__init__(self, props)
+        flags = mi.EmitterFlags.Surface | mi.EmitterFlags.SpatiallyVarying
+        if not spec.visible:  # or the particle tracer would show it to the camera
+            flags |= mi.EmitterFlags.DeltaPosition
+        self.m_flags = flags
+        self.wavelength = self._adjustable(spec.wavelength)
+        self.power = self._adjustable(spec.power)
+        self.to_world = m.Transform4f(m.Matrix4f(spec.pose))
+        # a literal is folded into loops, which Dr.Jit cannot record for a single sample then
+        self._dark = opaque(m, 0.0)
+        self.polariser = Polariser(m, spec.polarisation)
+        self._set_source(spec, spec.wavelength)
+        self._update()
+
+    def _adjustable(self, value: float) -> Any:
+        """Return a number that Mitsuba's ``traverse`` can change in place."""
+        return dr.opaque(self.m.Float, value) if self.jit else dr.scalar.ArrayXf(value)
+
+    def _set_source(self, spec: SourceParameters, wavelength: float) -> None:
+        """Set all that depends on the source."""
+        self.spec = spec
+        self._is_dispersive = depends_on_wavelength(spec.source, spec.obliquity)
+        self._radiance = WignerRadiance(self.m, spec, wavelength)
+        self.estimator = ESTIMATORS[spec.estimator](self.m, spec, wavelength, self._radiance)
+        self._traced = TracedSource(self.m, spec)
+
+    # ---- what a user may change ----------------------------------------------------------
+
+    def traverse(self, callback: Any) -> None:
+        """``wavelength`` (m), ``power`` (W), ``to_world`` (rigid); vertices and weights."""
+        # Waves of other directions are other constants of the kernel.
+        constant = self._is_dispersive or self.estimator.is_constant
+        flag = "NonDifferentiable" if constant else "Differentiable"
+        callback.put("wavelength", self.wavelength, getattr(mi.ParamFlags, flag))
+        callback.put("power", self.power, mi.ParamFlags.Differentiable)
+        # With `direct` alone: other integrators do not move the samples with the aperture, so
+        # their gradients lack the change of the receiver's cosine (docs/gradients.md).
+        callback.put("to_world", self.to_world, mi.ParamFlags.Differentiable)
+        if self._traced.vertices is not None:
+            callback.put("vertices", self._traced.vertices, mi.ParamFlags.Differentiable)
+        if self._traced.weights is not None:
+            callback.put("weights", self._traced.weights, mi.ParamFlags.Differentiable)
+
+    @property
+    def vertices(self) -> Any:
+        """x and y of each vertex (m), as a scene's parameters have them; else SceneError."""
+        return self._exposed(self._traced.vertices)
+
+    @property
+    def weights(self) -> Any:
+        """Real and imaginary part of each weight, as a scene's parameters; else SceneError."""
+        return self._exposed(self._traced.weights)
+
+    def _exposed(self, values: Any) -> Any:
+        if values is None:
+            reason = self._traced.why_not or "an array"
+            raise SceneError(f"expected, for parameters with derivatives, {reason}")
+        return values
+
+    def parameters_changed(self, keys: list[str]) -> None:
+        """Use new values; a new pose moves the mesh as well."""
+        if "wavelength" in keys or "power" in keys:
+            self._check_numbers()
+        shape = self.get_shape() if self.spec.visible else None
+        if "vertices" in keys or "weights" in keys:
+            self._reshape(shape)
+        if "wavelength" in keys and (self._is_dispersive or self.estimator.is_constant):
+            traced = self._traced
+            self._set_source(self.spec, single(self.wavelength, "wavelength"))
+            self._traced = traced
+        self._update()
+        if "to_world" in keys and shape is not None:
+            move(shape, rigid_pose(matrix_of(self.to_world)), self.spec)
+        elif "parent" in keys and shape is not None:
+            check_place(shape, matrix_of(self.to_world), self.spec)
+
+    def _reshape(self, shape: Any) -> None:
+        """Use new vertices and weights, and give the mesh the region that radiates now."""
+        source = self._traced.changed()
+        if source is None:
             return
-        self.vertices = m.Float(_corners(centred.source).ravel().tolist())
-        if isinstance(centred.source, Array):
-            self.weights = m.Float(_pairs(centred.source.weights).ravel().tolist())
+        traced, wavelength = self._traced, single(self.wavelength, "wavelength")
+        self._set_source(self.spec.with_source(source, wavelength), wavelength)
+        # the user's arrays, and their derivatives
+        self._traced.vertices, self._traced.weights = traced.vertices, traced.weights
+        if shape is not None:
+            cover(shape, rigid_pose(matrix_of(self.to_world)), self.spec)
+
+    def _check_numbers(self) -> None:
+        wavelength = single(self.wavelength, "wavelength")
+        power = single(self.power, "power")
+        if not wavelength > 0:
+            raise SceneError(f"expected a wavelength above zero, got {wavelength:.6g} m")
+        if not power >= 0:
+            raise SceneError(f"expected a power of zero or more, got {power:.6g} W")
+        self.spec = replace(self.spec, norm=self.spec.norm_at(wavelength))
+
+    def _update(self) -> None:
+        # Opaque: as literals, every new value would compile the render kernel again.
+        if self.jit:
+            dr.make_opaque(self.wavelength, self.power)
+        self.frame = Frame(self.m, self.to_world, self.spec.centre)
+        self.stand_at(float(np.abs(matrix_of(self.to_world)).max()))
+        self._norm = self._traced_norm() if self.is_followed() else opaque(self.m, self.spec.norm)
+
+    def stand_at(self, reach: float) -> None:
+        """Set the ``reach`` of the source in its scene; see module `surfaces`."""
+        self._reach = opaque(self.m, reach)
 
     def is_followed(self) -> bool:
-        """Whether derivatives are asked of any."""
-        return any(v is not None and dr.grad_enabled(v) for v in (self.vertices, self.weights))
+        """Whether the wavelength, vertices or weights have derivatives."""
+        return self.jit and (self._traced.is_followed() or dr.grad_enabled(self.wavelength))
 
-    def changed(self) -> Aperture | Array | None:
-        """Return the source with the present values, or None if nothing changed."""
-        if self.vertices is None:
-            return None
-        source: Any = self._source.source
-        known = _corners(source).astype(np.float32)
-        points = self._values("vertices", self.vertices, len(known))
-        has_changed = not np.array_equal(points, known)
-        if has_changed:
-            columns = (self._m.Float(column.tolist()) for column in points.T)
-            moved = self._m.Point2f(*columns)
-            source = differentiable_source(source, vertices=moved).source
-        if isinstance(source, Array):
-            known = _pairs(source.weights).astype(np.float32)
-            pairs = self._values("weights", self.weights, len(known))
-            if not np.array_equal(pairs, known):
-                weights = self._m.TensorXf(pairs)  # a lattice stays one
-                source, has_changed = differentiable_source(source, weights=weights).source, True
-        return source if has_changed else None
+    def _traced_norm(self) -> Any:
+        """N with derivatives; its value is the host's."""
+        wavelength = single(self.wavelength, "wavelength")
+        source = self.spec.at_origin
+        lag = largest_lag(source)
+        blocks = [np.column_stack(both) for both in directions_and_weights(lag, wavelength)]
+        nodes = np.concatenate(blocks)
+        waves = self.spec.mixture.nodes(source, wavelength)
+        both = np.concatenate(
+            [np.repeat(nodes, len(waves), axis=0), np.tile(waves, (len(nodes), 1))], axis=1
+        )
+        x, y, z, solid_angle, shift, tilt_x, tilt_y, share = map(self.m.Float, both.T.tolist())
+        inverse = 1.0 / self.wavelength + shift
+        wave = Wave(inverse, self.m.Vector2f(tilt_x, tilt_y))
+        own = self._traced.intensity if self._follows() else None
+        intensity = self._radiance.integral(self.m.Vector3f(x, y, z), wave, own) * inverse * inverse
+        if self.spec.has_several:
+            intensity = intensity.x
+        total = dr.sum(intensity * z * solid_angle * share)
+        return self.spec.norm * (total / dr.detach(total))
 
-    def _values(self, name: str, flat: Any, count: int) -> NDArray[np.float32]:
-        values = np.array(dr.detach(flat), np.float32)
-        if values.size != 2 * count or not np.isfinite(values).all():
-            raise SceneError(
-                f"expected {name} as {2 * count} finite numbers, two for each of {count}, got "
-                f"{values.size} numbers"
-            )
-        return values.reshape(-1, 2)
+    # ---- the radiance --------------------------------------------------------------------
 
-    def wigner(self, ops: Any, *point: Any) -> Any:
-        """W of the centred source, with derivatives in all numbers."""
-        frame = self._tables.frame
-        x, y = zip(*(frame.position(ops, *corner) for corner in self._centred()), strict=True)
-        fields = None
-        if self.weights is not None:
-            real, imag = zip(*self._scaled_weights(), strict=True)
-            fields = real, imag
-        traced = Traced((x, y), fields)
-        (value,) = kernel_with_derivatives(WIGNER, ops, self._tables, point, traced)
-        return value
+    def wave(self, x: Any, place: Any) -> Wave:
+        """The wave of the sample at x (2D) for a receiver at a point, or into a direction."""
+        return self._radiance.waves.wave(1.0 / self._value(self.wavelength), x, place)
 
-    def intensity(self, ops: Any, *nu: Any) -> Any:
-        """|F|^2 of the source, with derivatives in all numbers."""
-        code = UnrolledOperations(ops.float_type)
-        corners = iter(self._centred())
-        total = Pair(0.0, 0.0)
-        for number, element in enumerate(self._source.at_origin.elements_in_plane):
-            outline = new_outline_of(element)
-            own = [outline.frame.position(ops, *next(corners)) for _ in outline.edges]
-            x, y = zip(*own, strict=True)
-            value = Pair(*kernel_with_derivatives(FOURIER, code, outline, nu, Traced((x, y))))
-            if self.weights is not None:
-                value = value * Pair(*self._pair(self.weights, number))
-            total = total + value
-        return total.real * total.real + total.imag * total.imag
+    def _value(self, number: Any) -> Any:
+        return number if self.jit else number[0]
 
-    def _pair(self, flat: Any, number: int) -> tuple[Any, Any]:
-        m = self._m
-        first, second = (dr.gather(m.Float, flat, m.UInt32(2 * number + k)) for k in (0, 1))
-        return first, second
+    def radiance(self, x: Any, direction: Any, wave: Wave) -> Any:
+        """L at positions x (2D) and directions (3D unit vectors) of the aperture's frame."""
+        own = self._traced.wigner if self._follows() else None
+        return self._scale(wave.inverse) * self._radiance.at(x, direction, wave, own)
 
-    def _centred(self) -> list[tuple[Any, Any]]:
-        cx, cy = self._source.centre.tolist()
-        count = dr.width(self.vertices) // 2
-        pairs = (self._pair(self.vertices, number) for number in range(count))
-        return [(x - cx, y - cy) for x, y in pairs]
+    def watts_per_norm(self) -> Any:
+        """Radiated over the power of the field as it is."""
+        return self._value(self.power) / self._norm
 
-    def _scaled_weights(self) -> list[tuple[Any, Any]]:
-        result = []
-        for number, factor in enumerate(self._tables.factors):
-            real, imag = self._pair(self.weights, number)
-            a, b = factor.real, factor.imag
-            result.append((real * a - imag * b, real * b + imag * a))
-        return result
+    def intensity(self, direction: Any, wave: Wave) -> Any:
+        """The integral of L over positions: radiance times area."""
+        own = self._traced.intensity if self._follows() else None
+        in_scene = self._scale(wave.inverse) / self.spec.scene_unit**2
+        return in_scene * self._radiance.integral(direction, wave, own)
 
+    def _follows(self) -> bool:
+        """Whether the radiance has derivatives in vertices or weights."""
+        return self.jit and self._traced.is_followed() and self._radiance.is_single
 
-def _corners(source: Aperture | Array) -> NDArray[np.float64]:
-    return np.concatenate([ring for element in source.elements_in_plane for ring in element.rings])
+    def _scale(self, inverse: Any) -> Any:
+        return self._value(self.power) * (inverse * inverse / self._norm)
 
+    def eval(self, si: Any, active: Any = True) -> Any:
+        if not self.spec.visible:  # or unseen for a while, with a surface of its own
+            return spectrum(self.m, self._dark, active)
+        along = si.to_world(si.wi)
+        direction = self.frame.to_own(along)
+        found = self.radiance(si.uv, direction, self.wave(si.uv, direction))
+        return self.polariser.sent(found, direction, self.frame, active, along)
 
-def _pairs(weights: NDArray[np.complex128]) -> NDArray[np.float64]:
-    return np.stack([weights.real, weights.imag], axis=-1)
+    # ---- sampling for receivers ----------------------------------------------------------
 
+    def sample_direction(self, it: Any, sample: Any, active: Any = True) -> Any:
+        x, per_area = self.estimator.draw(sample)
+        direction, distance = self.seen_from(it, x)
+        ds = self.m.DirectionSample3f()
+        self._place(ds, x, it.time)
+        ds.d = -self.frame.to_scene(direction)
+        ds.dist = distance
+        ds.pdf = self._density(direction.z, distance, per_area)
+        if self.spec.diffraction:  # what is in the way is in the weight
+            away = (1.0 + dr.max(dr.abs(it.p))) * (2.0 * self.m.math.RayEpsilon)
+            ds.p = it.p + ds.d * away
+        else:
+            ds.p = shadow_end(it, ds.p, self.frame.axes[2], self._reach)
+        ds.emitter = self.m.EmitterPtr(self) if self.jit else self
+        found = self.estimator.lit(self, it, x, per_area)
+        return ds, self.polariser.sent(found, direction, self.frame, active)
 
-def _is_simple(source: Any) -> bool:
-    """Whether the field is constant on each element, and its energy the sum of theirs."""
-    if isinstance(source, Wavefront):
-        return False
-    elements = source.elements_in_plane
-    if any(element.illumination is not None for element in elements):
-        return False
-    whole = shapely.union_all([element.polygons for element in elements]).area
-    total = sum(element.area for element in elements)
-    return bool(abs(whole - total) <= _APART * total)
+    def pdf_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
+        cosine = -dr.dot(ds.d, self.frame.axes[2])
+        return self._density(cosine, ds.dist, self.estimator.density(ds.uv))
 
+    def eval_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
+        direction, distance = self.seen_from(it, ds.uv)
+        per_area = self.estimator.density(ds.uv)
+        density = self._density(direction.z, distance, per_area)
+        found = self.estimator.lit(self, it, ds.uv, per_area) * density
+        return self.polariser.sent(found, direction, self.frame, active)
 
-@cache
-def emitter_class(variant: str) -> Any:
-    """The emitter's class for one Mitsuba variant; the same class on every call."""
-    m = getattr(mi, variant)
-    jit = dr.is_jit_v(m.Float)
+    def _density(self, cosine: Any, distance: Any, per_area: Any) -> Any:
+        """Per solid angle; overwhelming where no light comes by rays that meet the source.
 
-    base: Any = m.Emitter
+        Integrators weigh samples of a light against such rays by the squares of densities. A
+        light that has no surface is met by none. Exact light must not be counted twice; mirrors
+        take no samples of lights, and show the radiance. As a `delta` light, for which there is
+        no weighing, it would be too bright in ``direct`` with several samples of lights.
+        """
+        front = cosine > 0.0
+        density = self.m.Float(_OVERWHELMING)
+        if per_area is not None and self.spec.visible:
+            density = per_area * (distance * distance) / dr.select(front, cosine, 1.0)
+        return dr.select(front, density, 0.0)
 
-    class WignerEmitter(base):
-        """Built by the ``wigner`` shape; not a plugin of its own."""
+    def seen_from(self, it: Any, x: Any) -> tuple[Any, Any]:
+        """Unit vector, in the frame, from x to the point ``it``; and the distance."""
+        r = self.frame.to_own(it.p - self.frame.origin) - self.m.Vector3f(x.x, x.y, 0.0)
+        distance = dr.norm(r)
+        return r / distance, distance
 
-        is_wigner = True
+    def _place(self, sample: Any, x: Any, time: Any) -> None:
+        """Fill in the numbers that all samples of the position x share."""
+        sample.p = self.frame.point(x)
+        sample.n = self.m.Normal3f(self.frame.axes[2])
+        sample.uv = x
+        sample.time = self.m.Float(time)
+        sample.delta = self.m.Bool(False)
 
-        def __init__(self, spec: SourceSpec, id: str = "") -> None:
-            props = mi.Properties("wigner_emitter")
-            props.set_id(id)
-            props["sampling_weight"] = spec.sampling_weight
-            super().__init__(props)
-            flags = mi.EmitterFlags.Surface | mi.EmitterFlags.SpatiallyVarying
-            if not spec.visible:  # or the particle tracer would show it to the camera
-                flags |= mi.EmitterFlags.DeltaPosition
-            self.m_flags = flags
-            self.wavelength = _adjustable(m, spec.wavelength)
-            self.power = _adjustable(m, spec.power)
-            self.to_world = m.Transform4f(m.Matrix4f(spec.pose))
-            # a literal is folded into loops, which Dr.Jit cannot record for a single sample then
-            self._dark = opaque(m, 0.0)
-            self._unit = spec.scene_unit
-            self.polariser = Polariser(m, spec.polarisation)
-            self._set_source(spec, spec.wavelength)
-            self._take_over()
+    # ---- sampling of the emitted field ---------------------------------------------------
 
-        def _set_source(self, spec: SourceSpec, wavelength: float) -> None:
-            """Take over all that follows from the source."""
-            self.spec = spec
-            self._centre = spec.centred.centre / self._unit
-            self._is_dispersive = depends_on_wavelength(spec.source, spec.obliquity)
-            self._own = WignerRadiance(m, spec, wavelength)
-            self.estimator = ESTIMATORS[spec.estimator](m, spec, wavelength, self._own)
-            self._traced = TracedSource(m, spec.centred, spec.has_several)
+    def sample_position(self, time: Any, sample: Any, active: Any = True) -> Any:
+        ps = self.m.PositionSample3f()
+        x, per_area = self._radiance.positions.sample(sample)
+        self._place(ps, x, time)
+        ps.pdf = self.m.Float(per_area)
+        return ps, dr.select(active, self.m.Float(1.0 / per_area), 0.0)
 
-        # ---- what a user may change ----------------------------------------------------------
+    def pdf_position(self, ps: Any, active: Any = True) -> Any:
+        return dr.select(active, self.m.Float(self._radiance.positions.density(ps.uv)), 0.0)
 
-        def traverse(self, callback: Any) -> None:
-            """``wavelength`` (m), ``power`` (W), ``to_world`` (rigid); vertices and weights."""
-            # Where it turns the directions of waves, these are constants of the kernel.
-            constant = self._is_dispersive or self.estimator.is_constant
-            flag = "NonDifferentiable" if constant else "Differentiable"
-            callback.put("wavelength", self.wavelength, getattr(mi.ParamFlags, flag))
-            callback.put("power", self.power, mi.ParamFlags.Differentiable)
-            # With `direct` alone: others do not move the samples along with the aperture, so that
-            # the gradient lacks the change of the receiver's cosine (docs/gradients.md).
-            callback.put("to_world", self.to_world, mi.ParamFlags.Differentiable)
-            if self._traced.vertices is not None:
-                callback.put("vertices", self._traced.vertices, mi.ParamFlags.Differentiable)
-            if self._traced.weights is not None:
-                callback.put("weights", self._traced.weights, mi.ParamFlags.Differentiable)
+    def sample_ray(
+        self, time: Any, sample1: Any, sample2: Any, sample3: Any, active: Any = True
+    ) -> Any:
+        """Position as for receivers, direction by cosine: the weight's mean is the power."""
+        ps, share = self.sample_position(time, sample2, active)
+        direction = self.m.warp.square_to_cosine_hemisphere(sample3)
+        wavelengths, density = _optical_wavelengths(self.m, sample1)
+        si = self.m.SurfaceInteraction3f(ps, wavelengths)
+        si.time = time
+        found = self.radiance(ps.uv, direction, self.wave(ps.uv, direction))
+        weight = self.polariser.sent(found * share * dr.pi, direction, self.frame, active)
+        start = ps.p + self.frame.axes[2] * (ROUNDING * self._reach)
+        return self.m.Ray3f(start, self.frame.to_scene(direction), time, wavelengths), (
+            weight * density
+        )
 
-        @property
-        def vertices(self) -> Any:
-            """x and y of each vertex (m), as a scene's parameters have them; else SceneError."""
-            return self._exposed(self._traced.vertices)
+    def sample_wavelengths(self, si: Any, sample: Any, active: Any = True) -> Any:
+        """For the particle tracer alone, which passes the direction in scene coordinates."""
+        wavelengths, density = _optical_wavelengths(self.m, sample)
+        direction = self.frame.to_own(si.wi)
+        radiance = self.radiance(si.uv, direction, self.wave(si.uv, direction))
+        return wavelengths, self.polariser.sent(radiance, direction, self.frame, active) * density
 
-        @property
-        def weights(self) -> Any:
-            """Real and imaginary part of each weight, as a scene's parameters; else SceneError."""
-            return self._exposed(self._traced.weights)
+    def bbox(self) -> Any:
+        return self.get_shape().bbox()
 
-        def _exposed(self, values: Any) -> Any:
-            if values is None:
-                reason = self._traced.why_not or "an array"
-                raise SceneError(f"expected, for parameters with derivatives, {reason}")
-            return values
-
-        def parameters_changed(self, keys: list[str]) -> None:
-            """Take over new values; a new pose moves the mesh as well."""
-            if "wavelength" in keys or "power" in keys:
-                self._check_numbers()
-            shape = self.get_shape() if self.spec.visible else None
-            if "vertices" in keys or "weights" in keys:
-                self._reshape(shape)
-            if "wavelength" in keys and (self._is_dispersive or self.estimator.is_constant):
-                wavelength, kept = single(self.wavelength, "wavelength"), self._traced
-                self._set_source(self.spec, wavelength)
-                self._traced = kept
-            self._take_over()
-            if "to_world" in keys and shape is not None:
-                move(shape, rigid_pose(matrix_of(self.to_world)), self._centre)
-            elif "parent" in keys and shape is not None:
-                check_place(shape, matrix_of(self.to_world), self._centre)
-
-        def _reshape(self, shape: Any) -> None:
-            """Take over vertices and weights, and give the mesh the region that radiates now."""
-            source = self._traced.changed()
-            if source is None:
-                return
-            traced, spec = self._traced, self.spec
-            centred = centred_source(source, spec.obliquity, spec.antithetic)
-            wavelength = single(self.wavelength, "wavelength")
-            norm = norm_of(source, wavelength, spec.obliquity, spec.mixture)
-            self._set_source(replace(spec, centred=centred, norm=norm), wavelength)
-            # the arrays that a user holds, and their derivatives
-            self._traced.vertices, self._traced.weights = traced.vertices, traced.weights
-            if shape is not None:
-                pose = rigid_pose(matrix_of(self.to_world))
-                cover(shape, centred.support, pose, self._centre, self._unit)
-
-        def _check_numbers(self) -> None:
-            wavelength = single(self.wavelength, "wavelength")
-            power = single(self.power, "power")
-            if not wavelength > 0:
-                raise SceneError(f"expected a wavelength above zero, got {wavelength:.6g} m")
-            if not power >= 0:
-                raise SceneError(f"expected a power of zero or more, got {power:.6g} W")
-            spec = self.spec
-            self.spec = replace(spec, norm=spec.norm_at(wavelength))
-
-        def _take_over(self) -> None:
-            # Opaque: as literals, every new value would compile the render kernel again.
-            if jit:
-                dr.make_opaque(self.wavelength, self.power)
-            self.frame = Frame(m, self.to_world, self._centre)
-            self.stand_at(float(np.abs(matrix_of(self.to_world)).max()))
-            self._norm = self._traced_norm() if self.is_followed() else opaque(m, self.spec.norm)
-
-        def stand_at(self, reach: float) -> None:
-            """Take over the ``reach`` of its place in a scene; see module `surfaces`."""
-            self._reach = opaque(m, reach)
-
-        def is_followed(self) -> bool:
-            """Whether derivatives are asked of the wavelength, of vertices or of weights."""
-            return jit and (self._traced.is_followed() or dr.grad_enabled(self.wavelength))
-
-        def _traced_norm(self) -> Any:
-            """N with derivatives; its value is the host's."""
-            wavelength = single(self.wavelength, "wavelength")
-            source = self.spec.centred.at_origin
-            lag = largest_lag(source)
-            blocks = [np.column_stack(both) for both in directions_and_weights(lag, wavelength)]
-            nodes = np.concatenate(blocks)
-            waves = self.spec.mixture.nodes(source, wavelength)
-            both = np.concatenate(
-                [np.repeat(nodes, len(waves), axis=0), np.tile(waves, (len(nodes), 1))], axis=1
-            )
-            x, y, z, solid_angle, shift, tilt_x, tilt_y, share = map(m.Float, both.T.tolist())
-            inverse = 1.0 / self.wavelength + shift
-            wave = Wave(inverse, m.Vector2f(tilt_x, tilt_y))
-            own = self._traced.intensity if self._follows() else None
-            intensity = self._own.integral(m.Vector3f(x, y, z), wave, own) * inverse * inverse
-            if self.spec.has_several:
-                intensity = intensity.x
-            total = dr.sum(intensity * z * solid_angle * share)
-            return self.spec.norm * (total / dr.detach(total))
-
-        # ---- the radiance --------------------------------------------------------------------
-
-        def wave(self, x: Any, place: Any) -> Wave:
-            """The wave of the sample at x (2D) for a receiver at a point, or into a direction."""
-            return self._own.waves.wave(1.0 / _value(self.wavelength, jit), x, place)
-
-        def radiance(self, x: Any, direction: Any, wave: Wave) -> Any:
-            """L at positions x (2D) and directions (3D unit vectors) of the aperture's frame."""
-            own = self._traced.wigner if self._follows() else None
-            return self._scale(wave.inverse) * self._own.at(x, direction, wave, own)
-
-        def watts_per_norm(self) -> Any:
-            """Radiated over the power of the field as it is."""
-            return _value(self.power, jit) / self._norm
-
-        def intensity(self, direction: Any, wave: Wave) -> Any:
-            """The integral of L over positions: radiance times area."""
-            own = self._traced.intensity if self._follows() else None
-            in_scene = self._scale(wave.inverse) / self._unit**2
-            return in_scene * self._own.integral(direction, wave, own)
-
-        def _follows(self) -> bool:
-            """Whether derivatives in vertices or weights are asked of the radiance."""
-            return jit and self._traced.is_followed() and self._own.is_single
-
-        def _scale(self, inverse: Any) -> Any:
-            return _value(self.power, jit) * (inverse * inverse / self._norm)
-
-        def eval(self, si: Any, active: Any = True) -> Any:
-            if not self.spec.visible:  # or unseen for a while, with a surface of its own
-                return spectrum(m, self._dark, active)
-            along = si.to_world(si.wi)
-            direction = self.frame.to_own(along)
-            found = self.radiance(si.uv, direction, self.wave(si.uv, direction))
-            return self.polariser.sent(found, direction, self.frame, active, along)
-
-        # ---- sampling for receivers ----------------------------------------------------------
-
-        def sample_direction(self, it: Any, sample: Any, active: Any = True) -> Any:
-            x, per_area = self.estimator.draw(sample)
-            direction, distance = self.seen_from(it, x)
-            ds = m.DirectionSample3f()
-            self._place(ds, x, it.time)
-            ds.d = -self.frame.to_scene(direction)
-            ds.dist = distance
-            ds.pdf = self._density(direction.z, distance, per_area)
-            if self.spec.diffraction:  # what is in the way is in the weight
-                away = (1.0 + dr.max(dr.abs(it.p))) * (2.0 * m.math.RayEpsilon)
-                ds.p = it.p + ds.d * away
-            else:
-                ds.p = shadow_end(it, ds.p, self.frame.axes[2], self._reach)
-            ds.emitter = m.EmitterPtr(self) if jit else self
-            found = self.estimator.lit(self, it, x, per_area)
-            return ds, self.polariser.sent(found, direction, self.frame, active)
-
-        def pdf_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
-            cosine = -dr.dot(ds.d, self.frame.axes[2])
-            return self._density(cosine, ds.dist, self.estimator.density(ds.uv))
-
-        def eval_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
-            direction, distance = self.seen_from(it, ds.uv)
-            per_area = self.estimator.density(ds.uv)
-            density = self._density(direction.z, distance, per_area)
-            found = self.estimator.lit(self, it, ds.uv, per_area) * density
-            return self.polariser.sent(found, direction, self.frame, active)
-
-        def _density(self, cosine: Any, distance: Any, per_area: Any) -> Any:
-            """Per solid angle; overwhelming where no light comes by rays that meet the source.
-
-            Integrators weigh samples of a light against such rays by the squares of densities. A
-            light that has no surface is met by none. Exact light must not be counted twice; mirrors
-            take no samples of lights, and show the radiance. As a `delta` light, for which there is
-            no weighing, it would be too bright in ``direct`` with several samples of lights.
-            """
-            front = cosine > 0.0
-            density = m.Float(_OVERWHELMING)
-            if per_area is not None and self.spec.visible:
-                density = per_area * (distance * distance) / dr.select(front, cosine, 1.0)
-            return dr.select(front, density, 0.0)
-
-        def seen_from(self, it: Any, x: Any) -> tuple[Any, Any]:
-            """Unit vector, in the frame, from x to the point ``it``; and the distance."""
-            r = self.frame.to_own(it.p - self.frame.origin) - m.Vector3f(x.x, x.y, 0.0)
-            distance = dr.norm(r)
-            return r / distance, distance
-
-        def _place(self, sample: Any, x: Any, time: Any) -> None:
-            """Fill in the numbers that all samples of the position x share."""
-            sample.p = self.frame.point(x)
-            sample.n = m.Normal3f(self.frame.axes[2])
-            sample.uv = x
-            sample.time = m.Float(time)
-            sample.delta = m.Bool(False)
-
-        # ---- sampling of the emitted field ---------------------------------------------------
-
-        def sample_position(self, time: Any, sample: Any, active: Any = True) -> Any:
-            ps = m.PositionSample3f()
-            x, per_area = self._own.positions.sample(sample)
-            self._place(ps, x, time)
-            ps.pdf = m.Float(per_area)
-            return ps, dr.select(active, m.Float(1.0 / per_area), 0.0)
-
-        def pdf_position(self, ps: Any, active: Any = True) -> Any:
-            return dr.select(active, m.Float(self._own.positions.density(ps.uv)), 0.0)
-
-        def sample_ray(
-            self, time: Any, sample1: Any, sample2: Any, sample3: Any, active: Any = True
-        ) -> Any:
-            """Position as for receivers, direction by cosine: the weight's mean is the power."""
-            ps, share = self.sample_position(time, sample2, active)
-            direction = m.warp.square_to_cosine_hemisphere(sample3)
-            wavelengths, density = _optical_wavelengths(m, sample1)
-            si = m.SurfaceInteraction3f(ps, wavelengths)
-            si.time = time
-            found = self.radiance(ps.uv, direction, self.wave(ps.uv, direction))
-            weight = self.polariser.sent(found * share * dr.pi, direction, self.frame, active)
-            start = ps.p + self.frame.axes[2] * (ROUNDING * self._reach)
-            return m.Ray3f(start, self.frame.to_scene(direction), time, wavelengths), (
-                weight * density
-            )
-
-        def sample_wavelengths(self, si: Any, sample: Any, active: Any = True) -> Any:
-            """For the particle tracer alone, which passes the direction in scene coordinates."""
-            wavelengths, density = _optical_wavelengths(m, sample)
-            direction = self.frame.to_own(si.wi)
-            radiance = self.radiance(si.uv, direction, self.wave(si.uv, direction))
-            return wavelengths, self.polariser.sent(
-                radiance, direction, self.frame, active
-            ) * density
-
-        def bbox(self) -> Any:
-            return self.get_shape().bbox()
-
-        def to_string(self) -> str:
-            return (
-                f"WignerEmitter[\n  wavelength = {self.wavelength},\n  power = {self.power},\n"
-                f"  obliquity = {self.spec.obliquity},\n  source = {self.spec.source!r}\n]"
-            )
-
-    return WignerEmitter
-
-
-def _adjustable(m: Any, value: float) -> Any:
-    """A number that Mitsuba's ``traverse`` can change in place."""
-    if dr.is_jit_v(m.Float):
-        return dr.opaque(m.Float, value)
-    # A Python float cannot be written to, an array of one can.
-    return dr.scalar.ArrayXf(value)
-
-
-def _value(number: Any, jit: bool) -> Any:
-    return number if jit else number[0]
+    def to_string(self) -> str:
+        return (
+            f"WignerEmitter[\n  wavelength = {self.wavelength},\n  power = {self.power},\n"
+            f"  obliquity = {self.spec.obliquity},\n  source = {self.spec.source!r}\n]"
+        )
 
 
 def _optical_wavelengths(m: Any, sample: Any) -> tuple[Any, Any]:
@@ -507,3 +370,177 @@ def _optical_wavelengths(m: Any, sample: Any) -> tuple[Any, Any]:
         return zero, 1.0
     shifts = [sample + i / len(zero) for i in range(len(zero))]
     return m.sample_uniform_spectrum(type(zero)(*(shift - dr.floor(shift) for shift in shifts)))
+
+
+# ---- the mesh -----------------------------------------------------------------------------------
+
+
+def move(shape: Any, pose: Floats, spec: SourceParameters) -> None:
+    """Move the mesh to a pose; its texture coordinates are relative to the source's centre."""
+    params = mi.traverse(shape)
+    local = np.asarray(params["vertex_texcoords"], dtype=np.float64).reshape(-1, 2)
+    params["vertex_positions"] = _in_scene(local, pose, spec.centre).ravel().tolist()
+    params.update()
+
+
+def cover(shape: Any, pose: Floats, spec: SourceParameters) -> None:
+    """Give the mesh the shape of the region that radiates."""
+    points, triangles = triangulate(spec.region.support)
+    params = mi.traverse(shape)
+    # Lists in all variants: Dr.Jit does not copy the memory of NumPy arrays, whose alignment enters
+    # the kernels, and it ends the process if a scene is freed while a function is recorded.
+    params["vertex_texcoords"] = (points / spec.scene_unit).ravel().tolist()
+    params["faces"] = triangles.ravel().tolist()
+    params.update()
+    move(shape, pose, spec)
+
+
+def check_place(shape: Any, pose: Any, spec: SourceParameters) -> None:
+    """Raise SceneError if a user has moved the mesh but not the emitter."""
+    params = mi.traverse(shape)
+    local, actual = (
+        np.asarray(dr.detach(params[name]), dtype=np.float64).reshape(-1, count)
+        for name, count in (("vertex_texcoords", 2), ("vertex_positions", 3))
+    )
+    expected = _in_scene(local, np.asarray(pose), spec.centre)
+    allowed = PLACE_ERROR * max(np.abs(local).max(), np.abs(expected).max())
+    if not np.abs(actual - expected).max() <= allowed:
+        raise SceneError(
+            "expected the mesh of a wigner shape to stay where its to_world puts it, got other "
+            "vertex_positions; change emitter.to_world, which moves mesh and light"
+        )
+
+
+def _in_scene(points: Floats, pose: Floats, centre: Floats) -> Floats:
+    """Points (n, 2) relative to the source's centre (2,) in the scene, (n, 3)."""
+    result: Floats = (points + centre) @ pose[:3, :2].T + pose[:3, 3]
+    return result
+
+
+def read_emitter(values: Mapping[str, Any]) -> SourceParameters:
+    """Return the checked parameters of a ``wigner`` shape, from Mitsuba or from Python."""
+    spec = read_parameters(values, EMITTER)
+    ESTIMATORS[spec.estimator].check(spec)
+    return spec
+
+
+def _build(variant: str, props: Any) -> Any:
+    """Return the mesh for the parameters of one ``wigner`` element."""
+    spec = polarised_spec(variant, read_emitter(values_of(props)), "wigner shape")
+    m = getattr(mi, variant)
+    points, triangles = triangulate(spec.region.support)
+    inner = nested_properties(EMITTER, props)
+    if not any(isinstance(value, m.BSDF) for _, value in props.objects()):
+        inner["bsdf"] = mi.load_dict({"type": "null"})
+    emitter = variant_class(WignerEmitter, "Emitter", variant)(spec, id=f"{props.id()}_emitter")
+    inner["emitter"] = emitter
+    name, sizes = props.id() or EMITTER, (len(points), len(triangles))
+    mesh = m.Mesh(name, *sizes, props=inner, has_vertex_texcoords=True)
+    cover(mesh, spec.pose, spec)
+    if not spec.visible:  # triangles of a single corner, which no ray meets
+        params = mi.traverse(mesh)
+        params["faces"] = [0] * len(params["faces"])
+        params.update()
+    return mesh
+
+
+add_plugin("shape", EMITTER, _build)
+
+# Flags of an entry are Python's own, also if NumPy's were passed.
+_FLAGS = ("diffraction", "antithetic", "control_variate", "visible", "sampling_weight")
+
+
+@takes_frequency
+def aperture(
+    source: Aperture | Array | npt.ArrayLike,
+    wavelength: float,
+    to_world: Any = None,
+    obliquity: str = DEFAULT,
+    power: float | str | None = None,
+    bsdf: Mapping[str, Any] | None = None,
+    scene_unit: float = 1.0,
+    sampling_weight: float = 1.0,
+    antithetic: bool = False,
+    sampling: str = SAMPLINGS[0],
+    control_variate: bool = False,
+    visible: bool = True,
+    estimator: str = "wigner",
+    bandwidth: float | str | None = None,
+    aperture_power: float | str | None = None,
+    diffraction: bool = False,
+    polarisation: Any = None,
+) -> dict[str, Any]:
+    """A coherent aperture or array as an entry of a dictionary for ``mi.load_dict``.
+
+    Parameters
+    ----------
+    source: an Aperture with its field, or what makes one; or an Array of apertures in the plane
+        z = 0. Coordinates in metres.
+    wavelength: metres.
+    to_world: rigid pose, as a (4, 4) matrix or a Mitsuba transform; the aperture lies in the plane
+        z = 0 of its own frame and radiates to +z. Default: none.
+    obliquity: the diffraction integral whose |U|^2, times its own cosine, a surface receives:
+        ``rayleigh-sommerfeld-1``, ``kirchhoff``, ``rayleigh-sommerfeld-2``; or ``paper``, the
+        paper's radiance W/lambda^2.
+    power: watts or a text such as "10 dBm", radiated through the hemisphere in front, as
+        :func:`polywigner.radiated_power` counts it. Default: what the field radiates as it is,
+        with |u|^2 in W/m^2.
+    bsdf: entry of the surface that radiates. Default: ``null``, which light passes through, but
+        not with ``direct``, ``path`` and ``prb`` when they sample a light behind: docs/plugin.md.
+    scene_unit: metres in one unit of the scene and of ``to_world``'s translation. Use 1e-3 and
+        millimetres when receivers stand within centimetres of the aperture.
+    sampling_weight: relative number of samples spent on this source.
+    antithetic: a sample of an array on a lattice stands for nine midpoints of elements, which
+        cancel off its beams; clears noise beside steered beams, docs/plugin.md.
+    sampling: density of samples in the region that radiates: ``uniform``; ``marginal``, in
+        proportion to the position marginal; or ``root-marginal``, to its root. Unbiased all.
+    control_variate: less noise on diffuse surfaces that see all of the source, bias where they see
+        a part of it or gloss: docs/plugin.md.
+    visible: False leaves the surface out: it lights the scene as before and stands in no other
+        light, but no camera, mirror or irradiance meter sees it.
+    aperture_power: in place of power, watts or a text: the integral of |u|^2 over the source, of
+        which small sources radiate little; the rest is evanescent.
+    estimator: ``wigner``: points are lit by signed radiance from a random place of the source.
+        ``exact``: by their exact irradiance |U|^2, to 1e-4 of its peak at any distance, with no
+        noise where all of the source is seen; docs/plugin.md.
+    bandwidth: of the light about its frequency, not of noise, in Hz or a text such as "4 GHz"; each
+        sample is of one frequency of the band, docs/coherence.md. Default: one wavelength.
+    diffraction: with the estimator ``exact``: shadows of the scene's opaque surfaces diffract, one
+        edge at a time, as of black bodies; docs/shadows.md.
+    polarisation: of the field, in Mitsuba's polarised variants: "x", "y", "right", "left", a slant
+        from x towards y such as "45 deg", or a Jones vector (2,) along the source's x and y; of an
+        array also one for each element, (n, 2) or a list; or "unpolarised". Default: "y";
+        docs/polarised.md.
+
+    The entry holds a key, see :func:`register_source`: load it in the process that made it. With a
+    polarisation, loading it in a variant that is not polarised raises a SceneError.
+
+    Raises
+    ------
+    ArgumentError, GeometryError, QuantityError, SceneError for an unusable argument.
+    """
+    entry = scene_entry(
+        EMITTER,
+        source,
+        to_world,
+        polarisation,
+        wavelength=wavelength,
+        scene_unit=scene_unit,
+        obliquity=obliquity,
+        estimator=estimator,
+        sampling=sampling,
+        diffraction=diffraction,
+        antithetic=antithetic,
+        control_variate=control_variate,
+        visible=visible,
+        sampling_weight=sampling_weight,
+        power=power,
+        aperture_power=aperture_power,
+        bandwidth=None if bandwidth is None else parse_frequency(bandwidth),
+        bsdf=None if bsdf is None else dict(bsdf),
+    )
+    spec = read_emitter(entry)
+    entry |= {name: getattr(spec, name) for name in _FLAGS}
+    if entry.pop("aperture_power", None) is not None:
+        entry["power"] = spec.power
+    return entry

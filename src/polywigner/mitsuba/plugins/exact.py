@@ -16,7 +16,7 @@ import operator
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import partial, reduce
+from functools import lru_cache, partial, reduce
 from itertools import islice
 from typing import Any, ClassVar
 
@@ -29,13 +29,14 @@ from polywigner.execution import NumpyOperations, ops_for
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.kernels.boundary import integrals
 from polywigner.kernels.boundary.integrals import distance_of
-from polywigner.mitsuba.plugins.sampling import cells_with_field, four, opaque
-from polywigner.mitsuba.plugins.sources import SourceSpec, plane_waves_of
+from polywigner.mitsuba.plugins.samplers import cells_with_field, four, opaque
+from polywigner.mitsuba.plugins.source_parameters import SourceParameters
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.phases import cos_sin_turns
 from polywigner.propagation.boundary import Radiator, boundary_tables, panels_in, radiator_of
 from polywigner.propagation.equivalent_points import equivalent_grid
+from polywigner.source import Array, Illumination
 from polywigner.source.obliquities import (
     CONDITIONS,
     Obliquity,
@@ -43,8 +44,10 @@ from polywigner.source.obliquities import (
     warn_of_slopes,
 )
 from polywigner.transforms import fourier
+from polywigner.transforms.wavefronts import principal_axes
 
 Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
 
 # Points of the shorter side of a grid are code: each compiles in some 5 ms and runs twice as fast
 # as a loop. A panel takes as long as so many points (benchmarks/render_exact.py).
@@ -182,12 +185,12 @@ class ExactEstimator:
     tells: ClassVar[bool] = False
     """Whether a scene is told of: kernels are traced through the sources of others as well."""
 
-    def __init__(self, m: Any, spec: SourceSpec, wavelength: float, own: Any) -> None:
+    def __init__(self, m: Any, spec: SourceParameters, wavelength: float, own: Any) -> None:
         self._m, self._unit = m, spec.scene_unit
-        source = spec.centred.at_origin
+        source = spec.at_origin
         self._cells = cells_with_field(m, source, self._unit)
         self._fields = []
-        for field, stokes in spec.fields(source):
+        for field, stokes in spec.fields_of(source):
             parts = list(spec.mixture.parts(field, wavelength, _OF_MIXTURE))
             exact = [
                 (ExactField(m, part, length, spec.obliquity, len(parts) > 1), share)
@@ -200,7 +203,7 @@ class ExactEstimator:
         """Digest of the scene that `cast` has told of; empty before."""
 
     @staticmethod
-    def check(spec: SourceSpec) -> None:
+    def check(spec: SourceParameters) -> None:
         """SceneError where a source has no exact field, or one that costs too much a sample."""
         options = {"antithetic": spec.antithetic, "control_variate": spec.control_variate}
         for option in (option for option, is_on in options.items() if is_on):
@@ -468,3 +471,84 @@ def _is_symmetric(element: Aperture, wavelength: float) -> bool:
     directions = np.array([[0.31, 0.17], [-0.53, 0.61], [0.83, -0.29]])
     values = fourier(element, directions / wavelength)
     return bool(np.abs(values.imag).max() < _REAL * element.area)
+
+
+# ---- curved waves as sums of plane waves ---------------------------------------------------------
+
+# Error of a curved wave as plane waves, relative to its modulus; largest sum of the moduli, which
+# single precision multiplies by 6e-8; and periods of the waves over the size of an element: shorter
+# periods need more waves, longer ones have larger amplitudes.
+_OF_CURVED, _LARGEST_SUM, _PERIODS = 1e-5, 30.0, (1.2, 1.5, 2.0, 3.0)
+# Rounding of singular values, relative to the largest; most waves along an axis.
+_SINGULAR, _MOST_WAVES = 1e-9, 64
+
+
+@lru_cache(maxsize=16)
+def plane_waves_of(source: Any) -> Any:
+    """The source with its curved wave as a sum of plane waves on each of its elements."""
+    if not isinstance(source, Wavefront):
+        return source
+    flat, weights = source.source, getattr(source.source, "weights", [1.0])
+    elements = []
+    for element in flat.elements_in_plane:
+        own = _curved_on(element, source)
+        flat_field = element.illumination
+        whole = own if flat_field is None else own * flat_field
+        elements.append(element.with_illumination(whole))
+    return elements[0] if isinstance(flat, Aperture) else Array(elements, weights)
+
+
+def _curved_on(element: Aperture, wave: Wavefront) -> Illumination:
+    """Plane waves whose sum is the curved wave on an element: a product over its two axes."""
+    curvatures, axes = principal_axes(wave.curvature)
+    places = (np.concatenate(element.rings) - wave.centre) @ axes
+    amplitudes, frequencies = np.ones(1, np.complex128), np.zeros((1, 2))
+    for q, own, axis in zip(curvatures.tolist(), places.T, axes.T, strict=True):
+        values, along = _chirp(q, float(own.min()), float(own.max()))
+        values = values * np.exp(-2j * math.pi * along * (wave.centre @ axis))
+        amplitudes = np.outer(amplitudes, values).ravel()
+        frequencies = (frequencies[:, None] + along[:, None] * axis).reshape(-1, 2)
+    return Illumination(amplitudes, frequencies)
+
+
+def _chirp(q: float, low: float, high: float) -> tuple[Complexes, Floats]:
+    """Amplitudes and frequencies of waves whose sum is exp(i pi q y^2) from ``low`` to ``high``."""
+    middle, size = (low + high) / 2, high - low
+    turns = abs(q) * size * size
+    if turns < _OF_CURVED:
+        centred = np.ones(1, np.complex128), np.zeros(1)
+    else:
+        count = 8 * math.ceil(min(turns, _MOST_WAVES) + 20)
+        places = -np.cos(np.linspace(0.0, math.pi, count)) * size / 2
+        wanted = np.exp(1j * math.pi * q * places * places)
+        # its frequencies spread over as many steps of 1/size as it has turns
+        fits = (
+            _fit(places, wanted, np.linspace(-0.5, 0.5, n) * ((n - 1) / (period * size)))
+            for n in range(3 + 2 * int(min(turns, _MOST_WAVES) / 2), _MOST_WAVES + 1, 2)
+            for period in _PERIODS
+        )
+        found = next((fit for fit in fits if fit is not None), None)
+        if found is None:
+            raise SceneError(
+                'expected a wave of less curvature with the estimator "exact", got one that turns '
+                f"{turns / 8:.3g} times from the middle to the edge of its element; use the "
+                'estimator "wigner"'
+            )
+        centred = found
+    amplitudes, frequencies = centred
+    # about the middle: q y^2 = q (y - m)^2 + 2 q m (y - m) + q m^2
+    shifted = frequencies + q * middle
+    phase = q * middle * middle / 2 - shifted * middle
+    return amplitudes * np.exp(2j * math.pi * phase), shifted
+
+
+def _fit(
+    places: Floats,
+    wanted: Complexes,
+    frequencies: Floats,
+) -> tuple[Complexes, Floats] | None:
+    """Amplitudes of these waves with the wanted sum; None if they miss it, or are too large."""
+    waves = np.exp(2j * math.pi * np.outer(places, frequencies))
+    found = np.asarray(np.linalg.lstsq(waves, wanted, rcond=_SINGULAR)[0], np.complex128)
+    fits = np.abs(waves @ found - wanted).max() <= _OF_CURVED
+    return (found, frequencies) if fits and np.abs(found).sum() <= _LARGEST_SUM else None

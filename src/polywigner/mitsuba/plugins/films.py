@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import reduce
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +14,10 @@ import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.errors import ArgumentError, SceneError, StoreError
+from polywigner.errors import ArgumentError, SceneError
 from polywigner.execution import kernel_threads
 from polywigner.geometry.arguments import checked_count
 from polywigner.interruption import temporary_folder
-from polywigner.mitsuba.plugins.receiver import is_receiver, scene_known
 
 # A colour film in a variant of one channel: as intended, and so no news to anybody.
 _EXPECTED = ("Monochrome mode enabled",)
@@ -104,12 +102,12 @@ _IN_PIXEL = 1 << 12
 
 
 def fineness(camera: Any, samples: int) -> int:
-    """Number of pixels along each side into which a receiver's pixel is divided.
+    """Return the number of pixels along each side into which a receiver's pixel is divided.
 
-    Those of others are not: what is stratified in a pixel of a camera is best left so.
+    Pixels of cameras stay, since their samples are stratified in each pixel.
     """
     doublings = math.ceil(math.log2(samples / _IN_PIXEL) / 2)
-    return 2 ** max(doublings, 0) if is_receiver(camera) else 1
+    return 2 ** max(doublings, 0) if hasattr(camera, "fineness") else 1
 
 
 @contextmanager
@@ -170,9 +168,6 @@ WAVEFRONT = 2**24
 _SCALAR_STRIPS = 20
 _SCALAR_ROWS = 32
 
-# Pixels of all sets together: half a gigabyte of each channel, where they are stored.
-_STORED = 2**26
-
 CAMERAS = ("PerspectiveCamera", "ThinLensCamera", "OrthographicCamera")
 """Sensors whose film can be rendered in parts."""
 
@@ -193,8 +188,6 @@ class Tiling:
     """Samples of a pixel."""
     passes: int
     """Passes of each strip."""
-    sets: int
-    """Sets of passes: a part is one strip with one set of its passes."""
 
     @property
     def strips(self) -> int:
@@ -204,11 +197,6 @@ class Tiling:
     def steps(self) -> int:
         """Number of passes of all strips together, in which progress is told."""
         return self.strips * self.passes
-
-    def passes_of(self, number: int) -> range:
-        """The passes of a set. They are counted, not listed: there may be millions."""
-        ends = [k * self.passes // self.sets for k in (number, number + 1)]
-        return range(*ends)
 
 
 def tiling_of(camera: Any, samples: int) -> Tiling:
@@ -223,52 +211,7 @@ def tiling_of(camera: Any, samples: int) -> Tiling:
         count = max(1, min(_SCALAR_STRIPS, height // _SCALAR_ROWS))
     rows = math.ceil(height / count)
     longest = max(1, WAVEFRONT // (width * rows)) if is_compiled else samples
-    passes = math.ceil(samples / longest)
-    sets = max(1, min(passes, _STORED // (width * height)))
-    return Tiling(width, height, rows, samples, passes, sets)
-
-
-@dataclass(frozen=True)
-class Exposure:
-    """All that decides the values of a picture."""
-
-    scene: Any
-    camera: Any
-    integrator: Any
-    cut: Tiling
-    seed: int
-
-    def image(
-        self, strip: int, number: int, done: Callable[[], None] = lambda: None
-    ) -> npt.NDArray[np.float64]:
-        """One set of a strip's passes, weighted so that the sum of all sets is the radiance."""
-        cut = self.cut
-        top = strip * cut.rows
-        rows = min(cut.rows, cut.height - top)
-        image: npt.NDArray[np.float64] | float = 0.0
-        for index in cut.passes_of(number):
-            # Of almost equal length, rather than a last one that is short and badly stratified.
-            samples = cut.samples // cut.passes + (index < cut.samples % cut.passes)
-            seed = seed_of(self.seed, strip * cut.passes + index)
-            with cropped(self.camera, top, rows), _quietly():
-                rendered = _rendered(self, samples, seed)
-            image = image + samples / cut.samples * rendered
-            done()
-        return _finite(np.asarray(image))
-
-    def picture(self, done: Callable[[], None]) -> npt.NDArray[np.float32]:
-        """All parts, one after the other: (height, width, channels)."""
-        strips = []
-        for strip in range(self.cut.strips):
-            sets = (self.image(strip, number, done) for number in range(self.cut.sets))
-            strips.append(reduce(np.add, sets))
-        return np.concatenate(strips).astype(np.float32)
-
-    def channels(self) -> int:
-        """Number of channels of the image, from one pixel: integrators add to the film's."""
-        one = 1 if self.camera.class_name() in CAMERAS else self.cut.height
-        with cropped(self.camera, 0, one, one), _quietly():
-            return int(_rendered(self, 1, 0).shape[-1])
+    return Tiling(width, height, rows, samples, math.ceil(samples / longest))
 
 
 # Noise falls with the root of the number: nobody waits for more.
@@ -292,31 +235,6 @@ def seed_of(seed: int, *part: int) -> int:
     return int(np.random.SeedSequence(seed, spawn_key=part).generate_state(1)[0])
 
 
-def check_is_whole(integrator: Any) -> None:
-    """Raise StoreError for a render that ended before its time."""
-    if integrator.should_stop():
-        raise StoreError(
-            "expected a part that is rendered to its end, got one that Ctrl-C or a timeout of "
-            "the integrator has cut short; start the same run again, without a timeout"
-        )
-
-
-_DELTA = mi.EmitterFlags.DeltaPosition, mi.EmitterFlags.DeltaDirection
-
-
-def _rendered(exposure: Exposure, spp: int, seed: int) -> npt.NDArray[np.float64]:
-    """An image that Mitsuba renders in one go."""
-    scene, camera, integrator = exposure.scene, exposure.camera, exposure.integrator
-    factor, lights = fineness(camera, spp), scene.emitters()
-    # zeros of matrices, and samples of delta lights, are literals, which loops of one sample fold
-    is_delta = any(mi.has_flag(e.flags(), delta) for e in lights for delta in _DELTA)
-    fewest = 2 if mi.is_polarized or is_delta else 1
-    finer = accepted_samples(camera.sampler(), max(fewest, math.ceil(spp / factor**2)))
-    with rendering_errors(integrator.class_name()), scene_known(scene), refined(camera, factor):
-        image = mi.render(scene, sensor=camera, integrator=integrator, spp=finer, seed=seed)
-        return coarse(np.array(image, dtype=np.float64), factor)
-
-
 def accepted_samples(sampler: Any, count: int) -> int:
     """Return the number of samples per pixel that a sampler takes where ``count`` are requested.
 
@@ -336,18 +254,3 @@ def rendering_errors(integrator: str) -> Iterator[None]:
     except (RuntimeError, AssertionError) as error:
         cause = error.__cause__ or error
         raise SceneError(f"expected a scene that {integrator} can render: {cause}") from error
-
-
-def _finite(image: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    bad = int(np.count_nonzero(~np.isfinite(image).all(axis=-1)))
-    if bad:
-        raise SceneError(
-            f"expected radiance that is finite, got {bad} of {image[..., 0].size} pixels that are "
-            "not; check frequency, power and radiances of the scene, and their units"
-        )
-    return image
-
-
-def _quietly() -> AbstractContextManager[None]:
-    """The scalar variants log each negative sample that a film takes, and draw a progress bar."""
-    return nullcontext() if dr.is_jit_v(mi.Float) else silent()

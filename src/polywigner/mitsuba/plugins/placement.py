@@ -1,161 +1,40 @@
-"""Where the mesh of a source is: on its plane, in the pose of its emitter."""
+"""Sources and receivers with their pose in the scene, in metres."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
-import drjit as dr
-import mitsuba as mi
 import numpy as np
-import numpy.typing as npt
 from numpy.typing import NDArray
 
 from polywigner.errors import SceneError
-from polywigner.geometry import Aperture, Wavefront, triangulate
-from polywigner.mitsuba.plugins.parameters import rigid_pose
-from polywigner.mitsuba.plugins.sources import PLAIN, Complexes, Mixture
+from polywigner.geometry import Wavefront
+from polywigner.mitsuba.plugins.source_parameters import SourceParameters, rigid_pose
 from polywigner.mitsuba.scenes.surfaces import matrix_of, reach_at
 from polywigner.quantities import SPEED_OF_LIGHT
-from polywigner.reception.norms import NORMALISATIONS
-from polywigner.source import Array
 from polywigner.source.polarisation import Stokes, stokes_fields
 from polywigner.source.support import mirrored_source
 from polywigner.transforms.wavefronts import flat_of
 
-# The pose is held in single precision: its rotation and translation round by 6e-8 of the largest
-# coordinate each, the positions once more.
-PLACE_ERROR = 5e-7
-
-
-class Frame:
-    """A rigid frame of one variant's arrays, its origin in the middle of a source."""
-
-    def __init__(self, m: Any, to_world: Any, centre: npt.NDArray[np.float64]) -> None:
-        matrix = to_world.matrix
-        columns = [m.Vector3f(*(matrix[row, col] for row in range(3))) for col in range(4)]
-        cx, cy = centre.tolist()
-        self._m = m
-        self.axes = columns[:3]
-        self.origin = m.Point3f(columns[0] * cx + columns[1] * cy + columns[3])
-        # as literals, every new pose would compile the render kernel again
-        if dr.is_jit_v(m.Float):
-            dr.make_opaque(self.axes, self.origin)
-
-    def to_own(self, v: Any) -> Any:
-        """A vector of the scene in this frame."""
-        return self._m.Vector3f(*(dr.dot(axis, v) for axis in self.axes))
-
-    def to_scene(self, v: Any) -> Any:
-        """A vector of this frame in the scene."""
-        ex, ey, ez = self.axes
-        return ex * v.x + ey * v.y + ez * v.z
-
-    def point(self, x: Any) -> Any:
-        """The point of the scene at a position in the plane."""
-        ex, ey, _ = self.axes
-        return self.origin + ex * x.x + ey * x.y
-
-
-def world_positions(
-    points: npt.NDArray[np.float64],
-    pose: npt.NDArray[np.float64],
-    centre: npt.NDArray[np.float64],
-) -> npt.NDArray[np.float32]:
-    """Points (n, 2) of the source's plane relative to its centre (2,), in the scene (n, 3)."""
-    return ((points + centre) @ pose[:3, :2].T + pose[:3, 3]).astype(np.float32)
-
-
-def move(shape: Any, pose: Any, centre: npt.NDArray[np.float64]) -> None:
-    """Put the mesh where the emitter is; its texture coordinates are relative to the centre."""
-    params = mi.traverse(shape)
-    local = np.asarray(params["vertex_texcoords"], dtype=np.float64).reshape(-1, 2)
-    params["vertex_positions"] = world_positions(local, pose, centre).ravel().tolist()
-    params.update()
-
-
-def cover(
-    shape: Any,
-    support: Aperture,
-    pose: npt.NDArray[np.float64],
-    centre: npt.NDArray[np.float64],
-    unit: float,
-) -> None:
-    """Give the mesh the shape of a region in m, relative to a centre in units of ``unit``."""
-    points, triangles = triangulate(support)
-    points = points / unit
-    params = mi.traverse(shape)
-    # Lists, in all variants: of NumPy's memory, whose alignment enters the kernels, Dr.Jit makes no
-    # copy, and it ends the process if a scene with some is freed while a function is recorded.
-    params["vertex_positions"] = world_positions(points, pose, centre).ravel().tolist()
-    params["vertex_texcoords"] = points.ravel().tolist()
-    params["faces"] = triangles.ravel().tolist()
-    params.update()
-
-
-def hide(shape: Any) -> None:
-    """Leave no surface that a ray could meet: each triangle has a single corner."""
-    params = mi.traverse(shape)
-    params["faces"] = [0] * len(params["faces"])
-    params.update()
-
-
-def check_place(shape: Any, pose: Any, centre: npt.NDArray[np.float64]) -> None:
-    """Raise SceneError where somebody has moved the mesh but not the emitter."""
-    params = mi.traverse(shape)
-    local, seen = (
-        np.asarray(dr.detach(params[name]), dtype=np.float64).reshape(-1, count)
-        for name, count in (("vertex_texcoords", 2), ("vertex_positions", 3))
-    )
-    expected = world_positions(local, np.asarray(pose), centre)
-    allowed = PLACE_ERROR * max(np.abs(local).max(), np.abs(expected).max())
-    if not np.abs(seen - expected).max() <= allowed:
-        raise SceneError(
-            "expected the mesh of a wigner shape to stay where its to_world puts it, got other "
-            "vertex_positions; change emitter.to_world, which moves mesh and light"
-        )
-
-
-def reach_of(scene: Any, plugin: Any) -> float:
-    """The ``reach`` of a source or receiver in its scene; see module `surfaces`."""
-    return _placed(plugin, "").touching(scene).reach / plugin.spec.scene_unit
-
-
 Floats = NDArray[np.float64]
 
-# Parameters are held in single precision.
+# Error of positions held in single precision, relative to the largest coordinate: rotation and
+# translation round by 6e-8 each, the positions once more.
+PLACE_ERROR = 5e-7
+# Rounding of parameters held in single precision.
 _ROUNDING = 1e-6
 _MIRROR = np.diag([-1.0, 1.0, 1.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False)
-class PlacedSource:
-    """A source with its pose in space, in metres."""
+class PlacedSource(SourceParameters):
+    """A source or receiver with its pose in space; the translation of ``pose`` is in metres."""
 
-    name: str
-    source: Aperture | Array
-    pose: Floats
-    """(4, 4): of the source's frame in the scene's, the translation in m."""
-    wavelength: float
-    obliquity: str
-    scene_unit: float
-    norm: float
-    """Power in W that the field as it is counts, all of the source: radiated, or int |u|^2."""
-    power: float = 0.0
-    """Radiated, in W."""
-    mixture: Mixture = PLAIN
-    """Mixture of its light."""
-    diffraction: bool = False
-    """Whether shadows on its way diffract."""
+    name: str = ""
     medium: Any = None
-    """Fog that the source stands in, as the sensor says; None: none."""
-    polarisation: Complexes | None = None
-    """As of :class:`SourceSpec`."""
-    states_polarisation: bool = False
-    """As of :class:`SourceSpec`."""
-    normalise: str = NORMALISATIONS[0]
-    """Power that ``norm`` stands for."""
+    """Fog that the receiver stands in, as its sensor specifies; None: none."""
     reach: float = 0.0
     """Largest coordinate of the flat surfaces that touch it, in m; see module `surfaces`."""
 
@@ -271,17 +150,20 @@ def check_unit(emitter: PlacedSource, receiver: PlacedSource) -> None:
 
 def _placed(plugin: Any, name: str) -> PlacedSource:
     spec = plugin.spec
-    matrix = np.array(matrix_of(plugin.to_world)) if hasattr(plugin, "to_world") else spec.pose
-    # those of the scene in double precision, unless somebody has changed them
+    matrix = np.array(matrix_of(plugin.to_world))
+    # the pose of the scene in double precision, unless a user has changed it
     same = np.array_equal(matrix.astype(np.float32), spec.pose.astype(np.float32))
     pose = np.array(spec.pose if same else rigid_pose(matrix))
     pose[:3, 3] *= spec.scene_unit
     wavelength = _single(getattr(plugin, "wavelength", spec.wavelength), spec.wavelength)
-    shared = (f.name for f in fields(PlacedSource) if hasattr(spec, f.name))
-    own = {field: getattr(spec, field) for field in shared}
-    return PlacedSource(**own | {"name": name, "pose": pose, "wavelength": wavelength})
+    return PlacedSource(**vars(spec) | {"name": name, "pose": pose, "wavelength": wavelength})
 
 
 def _single(value: Any, known: float) -> float:
     found = float(np.asarray(value, dtype=np.float64).ravel()[0])
     return known if np.float32(found) == np.float32(known) else found
+
+
+def reach_of(scene: Any, plugin: Any) -> float:
+    """Return the ``reach`` of a source or receiver in its scene; see module `surfaces`."""
+    return _placed(plugin, "").touching(scene).reach / plugin.spec.scene_unit

@@ -17,11 +17,9 @@ Rays start at positions relative to the middle of the source: see module `emitte
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
-from functools import cache
 from typing import Any
 
 import drjit as dr
@@ -32,19 +30,30 @@ import numpy.typing as npt
 from polywigner.errors import ArgumentError, SceneError
 from polywigner.execution import without_collection
 from polywigner.geometry import Aperture
+from polywigner.geometry.arguments import takes_frequency
 from polywigner.mitsuba.plugins.diffraction import cast_shadows
+from polywigner.mitsuba.plugins.emitter import ESTIMATORS
 from polywigner.mitsuba.plugins.exact import ExactEstimator
-from polywigner.mitsuba.plugins.parameters import ESTIMATORS, read_receiver, rigid_pose, values_of
-from polywigner.mitsuba.plugins.placement import Frame, reach_of
-from polywigner.mitsuba.plugins.polarisation import Polariser, polarised_spec
-from polywigner.mitsuba.plugins.registration import RECEIVER_NAME, add_plugin, nested_properties
-from polywigner.mitsuba.plugins.sampling import Tabulated, opaque
-from polywigner.mitsuba.plugins.sources import SourceSpec, emissions
+from polywigner.mitsuba.plugins.placement import reach_of
+from polywigner.mitsuba.plugins.polariser import Polariser, polarised_spec
+from polywigner.mitsuba.plugins.registration import add_plugin, nested_properties, variant_class
+from polywigner.mitsuba.plugins.samplers import Frame, directions_of, opaque
+from polywigner.mitsuba.plugins.source_parameters import (
+    RECEIVER,
+    RECEIVER_ESTIMATOR,
+    SAMPLINGS,
+    SourceParameters,
+    read_parameters,
+    rigid_pose,
+    scene_entry,
+    values_of,
+)
 from polywigner.mitsuba.plugins.wigner import WignerRadiance
 from polywigner.mitsuba.scenes.surfaces import ROUNDING, largest, matrix_of, sorted_sensors
+from polywigner.quantities import parse_noise
+from polywigner.reception.norms import NORMALISATIONS
 from polywigner.source import Array
-from polywigner.source.obliquities import irradiance_factor
-from polywigner.transforms import fourier
+from polywigner.source.obliquities import DEFAULT
 
 
 def distance_to_surface(m: Any, scene: Any, ray: Any, far: Any, active: Any) -> Any:
@@ -81,76 +90,6 @@ def _next(m: Any, scene: Any, ray: Any, far: Any, active: Any) -> tuple[Any, Any
     return found, is_hit & (kind == int(mi.BSDFFlags.Null))
 
 
-# Places of the table in a lobe, which is wavelength/size wide in direction cosines.
-_IN_LOBE = 4
-_FEWEST, _MOST = 32, 1024
-# Along each side, so that no narrow beam passes between places of the largest table.
-_MOST_WITHIN = 4
-# Shares of the samples: in proportion to the far pattern, which far surfaces are seen by; to its
-# root, for W and what is near; and everywhere in front.
-_SHARES = (0.4, 0.4, 0.2)
-# Cosine at the horizon, whose square is still a normal number of float32.
-_GRAZING = 1e-9
-
-
-def directions_of(
-    m: Any,
-    fields: list[Aperture | Array],
-    wavelength: float,
-    obliquity: str,
-    coherence_width: float = math.inf,
-) -> Tabulated:
-    """A sampler of (alpha, psi) where the far pattern g |F|^2 is, and with a share everywhere."""
-    low, high = np.reshape(fields[0].bounds, (2, 2))
-    lobes = _IN_LOBE * (high - low) / wavelength
-    # powers of two: as a literal, every new size would compile the render kernel again
-    wanted = 2.0 ** np.ceil(np.log2(lobes * [2.0, math.pi]))
-    counts = np.clip(wanted, _FEWEST, _MOST).astype(int)
-    within = int(np.clip(np.ceil((wanted / counts).max()), 1, _MOST_WITHIN))
-    pattern = _mean_pattern(fields, wavelength, obliquity, counts, within)
-    spread = wavelength / (2 * math.pi * coherence_width)
-    if spread > 0:
-        pattern = _blurred(pattern, spread * counts / np.array([2.0, math.pi]))
-    kinds = (pattern, np.sqrt(pattern), np.ones_like(pattern))
-    density = sum(share * kind / kind.mean() for share, kind in zip(_SHARES, kinds, strict=True))
-    return Tabulated(m, density, np.array([-1.0, -math.pi / 2]), np.array([2.0, math.pi]))
-
-
-def _mean_pattern(
-    sources: list[Any], wavelength: float, obliquity: str, counts: Any, within: int
-) -> npt.NDArray[np.float64]:
-    """g |F|^2 at the points of a grid, the mean over so many places a side around each."""
-    steps = np.array([2.0, math.pi]) / counts
-    shifts = (np.arange(within) + 0.5) / within - 0.5
-    total: Any = 0.0
-    fields = [field for source in sources for field in emissions(source, wavelength, obliquity)]
-    for shift_x in shifts:
-        for shift_y in shifts:
-            axes = [
-                (np.arange(n + 1) + shift) * step - n * step / 2
-                for n, shift, step in zip(counts, (shift_x, shift_y), steps, strict=True)
-            ]
-            alpha, psi = np.clip(axes[0], -1.0, 1.0), axes[1][:, None]
-            rho = np.sqrt(1.0 - alpha * alpha)
-            cosine = np.maximum(rho * np.cos(psi), 0.0)
-            nu = np.stack(np.broadcast_arrays(alpha, rho * np.sin(psi)), axis=-1) / wavelength
-            for field, forms in fields:
-                factor = irradiance_factor(forms, cosine)
-                total = total + np.abs(fourier(field, nu)) ** 2 * factor
-    return np.maximum(np.asarray(total), 0.0)
-
-
-def _blurred(values: npt.NDArray[np.float64], steps: Any) -> npt.NDArray[np.float64]:
-    """Values, rows along y, blurred by a normal density of so many steps along x and y."""
-    for axis, width in ((1, steps[0]), (0, steps[1])):
-        half = min(values.shape[axis] - 1, math.ceil(4 * width))
-        weights = np.exp(-0.5 * (np.arange(-half, half + 1) / width) ** 2)
-        moved = np.moveaxis(values, axis, -1)
-        rows = [np.convolve(row, weights / weights.sum(), mode="same") for row in moved]
-        values = np.moveaxis(np.array(rows)[..., : moved.shape[-1]], -1, axis)
-    return values
-
-
 def direction_of(m: Any, angles: Any) -> Any:
     """The unit vector of (alpha, psi), in front of the receiver."""
     rho = _root(1.0 - angles.x * angles.x)
@@ -176,185 +115,186 @@ def _root(value: Any) -> Any:
     return dr.sqrt(dr.select(value > 0.0, value, 0.0))
 
 
+# Cosine at the horizon, whose square is still a normal number of float32.
+_GRAZING = 1e-9
 # To a point that stands for a direction: reaches squared over wavelengths, or reaches.
 _FAR = 1e4
 # Surfaces behind which rays of a receiver with diffraction look, at most: each halves the rays.
 _MOST_PASSED = 4
 
 
-@cache
-def receiver_class(variant: str) -> Any:
-    """The sensor's class for one Mitsuba variant; the same class on every call."""
-    m = getattr(mi, variant)
+class WignerReceiver:
+    """Sensor whose film contains watts; docs/receivers.md."""
 
-    base: Any = m.Sensor
+    m: Any
+    """Variant of Mitsuba; set by `variant_class`."""
+    film: Callable[[], Any]
+    """Method of Mitsuba's base class."""
+    sample_wavelengths: Callable[..., Any]
+    """Method of Mitsuba's base class."""
+    is_wigner_receiver = True
 
-    class WignerReceiver(base):
-        """Reads watts; docs/receivers.md."""
+    def __init__(self, spec: SourceParameters, props: Any) -> None:
+        m = self.m
+        m.Sensor.__init__(self, props)
+        self.m_needs_sample_3 = True
+        self.spec = spec
+        self.scene: Any = None  # set while the scene is rendered, see `scene_known`
+        self.fineness = 1  # pixels of the film along each side of a pixel of the map
+        self.to_world = m.Transform4f(m.Matrix4f(spec.pose))
+        self._place()
+        source, wavelength = spec.at_origin, spec.wavelength
+        fields = [field for field, _ in spec.fields_of(source)]
+        width = spec.mixture.coherence_width
+        self.directions = directions_of(m, fields, wavelength, spec.obliquity, width)
+        self.polariser = Polariser(m, spec.polarisation)
+        radiance = WignerRadiance(m, spec, wavelength)
+        self.estimator = ESTIMATORS[spec.estimator](m, spec, wavelength, radiance)
+        reach = float(np.hypot(*np.abs(np.reshape(source.bounds, (2, 2))).max(axis=0)))
+        far = _FAR * reach * max(reach / wavelength, 1.0)
+        self._far = opaque(m, far / spec.scene_unit)
 
-        is_wigner_receiver = True
+    def _place(self) -> None:
+        self._frame = Frame(self.m, self.to_world, self.spec.centre)
+        self.stand_at(float(np.abs(self.spec.pose[:3]).max()))
 
-        def __init__(self, spec: SourceSpec, props: Any) -> None:
-            super().__init__(props)
-            self.m_needs_sample_3 = True
-            self.spec = spec
-            self.scene: Any = None  # while it is rendered, see `receiving`
-            self.fineness = 1  # pixels of the film for one of the map, see module `films`
-            self.to_world = m.Transform4f(m.Matrix4f(spec.pose))
+    def stand_at(self, reach: float) -> None:
+        """Set the ``reach`` of the receiver in its scene; see module `surfaces`.
+
+        Rays start slightly in front: the receiver may stand on a surface.
+        """
+        self._lift = opaque(self.m, ROUNDING * reach)
+
+    # ---- what a user may change ----------------------------------------------------------
+
+    def traverse(self, callback: Any) -> None:
+        """Film and sampler, as all sensors have them, and ``to_world`` (rigid)."""
+        self.m.Sensor.traverse(self, callback)
+        callback.put("to_world", self.to_world, mi.ParamFlags.NonDifferentiable)
+
+    def parameters_changed(self, keys: list[str]) -> None:
+        """Use a new pose."""
+        self.m.Sensor.parameters_changed(self, keys)
+        if "to_world" in keys:
+            self.spec = replace(self.spec, pose=rigid_pose(matrix_of(self.to_world)))
             self._place()
-            source, wavelength = spec.centred.at_origin, spec.wavelength
-            width = spec.mixture.coherence_width
-            fields = [field for field, _ in spec.fields(source)]
-            self.directions = directions_of(m, fields, wavelength, spec.obliquity, width)
-            self.polariser = Polariser(m, spec.polarisation)
-            own = WignerRadiance(m, spec, wavelength)
-            self.estimator = ESTIMATORS[spec.estimator](m, spec, wavelength, own)
-            reach = float(np.hypot(*np.abs(np.reshape(source.bounds, (2, 2))).max(axis=0)))
-            far = _FAR * reach * max(reach / wavelength, 1.0)
-            self._far = opaque(m, far / spec.scene_unit)
 
-        def _place(self) -> None:
-            pose = self.spec.pose
-            self._frame = Frame(m, self.to_world, self.spec.centred.centre / self.spec.scene_unit)
-            self.stand_at(float(np.abs(pose[:3]).max()))
+    # ---- rays ----------------------------------------------------------------------------
 
-        def stand_at(self, reach: float) -> None:
-            """Take over the ``reach`` of its place in a scene; see module `surfaces`.
+    def sample_ray_differential(
+        self, time: Any, sample1: Any, sample2: Any, sample3: Any, active: Any = True
+    ) -> Any:
+        angles, solid_angle = self._looks(sample2)
+        ray, weight, share = self.look_along(angles, time, sample1, sample3, active)
+        return ray, self.weigh(share, weight * solid_angle, angles, active)
 
-            Rays start a little in front, for the receiver may stand on a surface.
-            """
-            self._lift = opaque(m, ROUNDING * reach)
+    def sample_ray(
+        self, time: Any, sample1: Any, sample2: Any, sample3: Any, active: Any = True
+    ) -> Any:
+        ray, weight = self.sample_ray_differential(time, sample1, sample2, sample3, active)
+        return self.m.Ray3f(ray), weight
 
-        # ---- what a user may change ----------------------------------------------------------
+    def weigh(self, colours: Any, weight: Any, angles: Any, active: Any = True) -> Any:
+        """The weight of a ray as a spectrum, in the receiver's polarisation if it has one."""
+        direction = direction_of(self.m, angles)
+        return colours * self.polariser.taken(weight, direction, self._frame, active)
 
-        def traverse(self, callback: Any) -> None:
-            """Film and sampler, as all sensors have them, and ``to_world`` (rigid)."""
-            super().traverse(callback)
-            callback.put("to_world", self.to_world, mi.ParamFlags.NonDifferentiable)
+    def look_along(
+        self, angles: Any, time: Any, sample1: Any, sample3: Any, active: Any = True
+    ) -> tuple[Any, Any, Any]:
+        """A ray, its W per radiance and solid angle, and the same for colours."""
+        direction = direction_of(self.m, angles)
+        ray = self.m.RayDifferential3f()
+        ray.time = time
+        ray.d = self._frame.to_scene(direction)
+        ray.maxt = self.m.Float(float(np.finfo(np.float32).max))
+        coins = 0.0
+        if self.spec.diffraction:
+            sample3, coins = self.m.Point2f(sample3), sample3.y * (1 << _MOST_PASSED)
+            sample3.y = coins - dr.floor(coins)
+        x, per_area = self.estimator.draw(sample3)
+        ray.o = self._frame.point(x) + self.lift
+        share: Any = 1.0
+        if self.spec.diffraction:
+            share = self._pass_surfaces(ray, self.m.UInt32(coins), active)
+        met = self._met(ray, x, direction, active) if self.estimator.needs_distance else ()
+        weight = share * self.estimator.received(x, direction, per_area, *met)
+        zero = dr.zeros(self.m.SurfaceInteraction3f)
+        ray.wavelengths, colours = self.sample_wavelengths(zero, sample1, active)
+        return ray, weight, colours
 
-        def parameters_changed(self, keys: list[str]) -> None:
-            """Take over a new pose."""
-            super().parameters_changed(keys)
-            if "to_world" in keys:
-                self.spec = replace(self.spec, pose=rigid_pose(matrix_of(self.to_world)))
-                self._place()
+    def _looks(self, sample: Any) -> tuple[Any, Any]:
+        """Angles of a direction for a place on the film, and the solid angle it stands for."""
+        film = self.film()
+        fine = self.fineness
+        width, height = (int(n) // fine for n in film.size())
+        if width * height == 1:
+            angles, density = self.directions.sample(sample)
+            return angles, 1.0 / density
+        corner, size = film.crop_offset(), film.crop_size()
+        place = self.m.Point2f(
+            (sample.x * int(size[0]) + int(corner[0])) / fine,
+            (sample.y * int(size[1]) + int(corner[1])) / fine,
+        )
+        return in_pixel(self.m, place, (width, height))
 
-        # ---- rays ----------------------------------------------------------------------------
+    @property
+    def lift(self) -> Any:
+        """From a place on the receiver to where its ray starts."""
+        return self._frame.axes[2] * self._lift
 
-        def sample_ray_differential(
-            self, time: Any, sample1: Any, sample2: Any, sample3: Any, active: Any = True
-        ) -> Any:
-            angles, solid_angle = self._looks(sample2)
-            ray, weight, share = self.look_along(angles, time, sample1, sample3, active)
-            return ray, self.weigh(share, weight * solid_angle, angles, active)
+    def _pass_surfaces(self, ray: Any, coins: Any, active: Any) -> Any:
+        """Start a ray behind some of the surfaces on its way: their light comes over edges."""
+        scene, going, weight = self._known_scene(), self.m.Bool(active), self.m.Float(1.0)
+        for number in range(_MOST_PASSED + 1):
+            distance = distance_to_surface(self.m, scene, ray, self._far, going)
+            is_met = going & (distance < self._far)
+            if number:  # behind the last surface is no light that others do not see
+                weight = dr.select(going & (is_met ^ self.m.Bool(True)), 0.0, weight)
+            if number == _MOST_PASSED:
+                break
+            passes = is_met & ((coins & self.m.UInt32(1 << number)) != self.m.UInt32(0))
+            weight = dr.select(is_met, 2.0 * weight, weight)
+            ahead = ray.d * (distance + _step(self.m, ray.o + ray.d * distance))
+            ray.o = self.m.Point3f(dr.select(passes, ray.o + ahead, ray.o))
+            going = passes
+        return weight
 
-        def sample_ray(
-            self, time: Any, sample1: Any, sample2: Any, sample3: Any, active: Any = True
-        ) -> Any:
-            ray, weight = self.sample_ray_differential(time, sample1, sample2, sample3, active)
-            return m.Ray3f(ray), weight
-
-        def weigh(self, colours: Any, weight: Any, angles: Any, active: Any = True) -> Any:
-            """The weight of a ray as a spectrum, in the receiver's polarisation if it has one."""
-            direction = direction_of(m, angles)
-            return colours * self.polariser.taken(weight, direction, self._frame, active)
-
-        def look_along(
-            self, angles: Any, time: Any, sample1: Any, sample3: Any, active: Any = True
-        ) -> tuple[Any, Any, Any]:
-            """A ray, its W per radiance and solid angle, and the same for colours."""
-            direction = direction_of(m, angles)
-            ray = m.RayDifferential3f()
-            ray.time = time
-            ray.d = self._frame.to_scene(direction)
-            ray.maxt = m.Float(float(np.finfo(np.float32).max))
-            coins = 0.0
-            if self.spec.diffraction:
-                sample3, coins = m.Point2f(sample3), sample3.y * (1 << _MOST_PASSED)
-                sample3.y = coins - dr.floor(coins)
-            x, per_area = self.estimator.draw(sample3)
-            ray.o = self._frame.point(x) + self.lift
-            share: Any = 1.0
-            if self.spec.diffraction:
-                share = self._pass_surfaces(ray, m.UInt32(coins), active)
-            met = self._met(ray, x, direction, active) if self.estimator.needs_distance else ()
-            weight = share * self.estimator.received(x, direction, per_area, *met)
-            zero = dr.zeros(m.SurfaceInteraction3f)
-            ray.wavelengths, colours = self.sample_wavelengths(zero, sample1, active)
-            return ray, weight, colours
-
-        def _looks(self, sample: Any) -> tuple[Any, Any]:
-            """Angles of a direction for a place on the film, and the solid angle it stands for."""
-            film = self.film()
-            fine = self.fineness
-            width, height = (int(n) // fine for n in film.size())
-            if width * height == 1:
-                angles, density = self.directions.sample(sample)
-                return angles, 1.0 / density
-            corner, size = film.crop_offset(), film.crop_size()
-            place = m.Point2f(
-                (sample.x * int(size[0]) + int(corner[0])) / fine,
-                (sample.y * int(size[1]) + int(corner[1])) / fine,
+    def _known_scene(self) -> Any:
+        if self.scene is None:
+            raise SceneError(
+                "expected the scene of the wigner_receiver for its estimator "
+                f'"{self.spec.estimator}", got none from Mitsuba; render with '
+                "polywigner.mitsuba.render, or within `with "
+                'polywigner.mitsuba.receiving(scene)`, or use the estimator "wigner"'
             )
-            return in_pixel(m, place, (width, height))
+        return self.scene
 
-        @property
-        def lift(self) -> Any:
-            """From a place on the receiver to where its ray starts."""
-            return self._frame.axes[2] * self._lift
-
-        def _pass_surfaces(self, ray: Any, coins: Any, active: Any) -> Any:
-            """Start a ray behind some of the surfaces on its way: their light comes over edges."""
-            scene, going, weight = self._told(), m.Bool(active), m.Float(1.0)
-            for number in range(_MOST_PASSED + 1):
-                distance = distance_to_surface(m, scene, ray, self._far, going)
-                is_met = going & (distance < self._far)
-                if number:  # behind the last surface is no light that others do not see
-                    weight = dr.select(going & (is_met ^ m.Bool(True)), 0.0, weight)
-                if number == _MOST_PASSED:
-                    break
-                passes = is_met & ((coins & m.UInt32(1 << number)) != m.UInt32(0))
-                weight = dr.select(is_met, 2.0 * weight, weight)
-                ahead = ray.d * (distance + _step(m, ray.o + ray.d * distance))
-                ray.o = m.Point3f(dr.select(passes, ray.o + ahead, ray.o))
-                going = passes
-            return weight
-
-        def _told(self) -> Any:
-            if self.scene is None:
-                raise SceneError(
-                    "expected the scene of the wigner_receiver for its estimator "
-                    f'"{self.spec.estimator}", got none from Mitsuba; render with '
-                    "polywigner.mitsuba.render, or within `with "
-                    'polywigner.mitsuba.receiving(scene)`, or use the estimator "wigner"'
-                )
-            return self.scene
-
-        def _met(self, ray: Any, x: Any, direction: Any, active: Any) -> tuple[Any, Any]:
-            """The place of the surface that a ray meets, or one far out, and its distance."""
-            scene = self._told()
-            distance = distance_to_surface(m, scene, ray, self._far, active)
-            if self.spec.diffraction:  # rays may start behind surfaces
-                place = m.Point3f(self._frame.to_own(ray.o + ray.d * distance - self._frame.origin))
-                return place, dr.norm(place - m.Point3f(x.x, x.y, 0.0))
-            along = direction * distance
-            point = m.Point3f(x.x + along.x, x.y + along.y, self._lift + along.z)
-            return point, distance
-
-        def bbox(self) -> Any:
-            # scalar variants have one kind
-            box = getattr(m, "ScalarBoundingBox3f", m.BoundingBox3f)
-            return box(self.spec.pose[:3, 3].tolist())
-
-        def to_string(self) -> str:
-            spec = self.spec
-            return (
-                f"WignerReceiver[\n  wavelength = {spec.wavelength},\n"
-                f"  estimator = {spec.estimator},\n  obliquity = {spec.obliquity},\n"
-                f"  source = {spec.source!r},\n  film = {self.film()}\n]"
+    def _met(self, ray: Any, x: Any, direction: Any, active: Any) -> tuple[Any, Any]:
+        """The place of the surface that a ray meets, or one far out, and its distance."""
+        scene = self._known_scene()
+        distance = distance_to_surface(self.m, scene, ray, self._far, active)
+        if self.spec.diffraction:  # rays may start behind surfaces
+            place = self.m.Point3f(
+                self._frame.to_own(ray.o + ray.d * distance - self._frame.origin)
             )
+            return place, dr.norm(place - self.m.Point3f(x.x, x.y, 0.0))
+        along = direction * distance
+        point = self.m.Point3f(x.x + along.x, x.y + along.y, self._lift + along.z)
+        return point, distance
 
-    return WignerReceiver
+    def bbox(self) -> Any:
+        # scalar variants have one kind
+        box = getattr(self.m, "ScalarBoundingBox3f", self.m.BoundingBox3f)
+        return box(self.spec.pose[:3, 3].tolist())
+
+    def to_string(self) -> str:
+        spec = self.spec
+        return (
+            f"WignerReceiver[\n  wavelength = {spec.wavelength},\n"
+            f"  estimator = {spec.estimator},\n  obliquity = {spec.obliquity},\n"
+            f"  source = {spec.source!r},\n  film = {self.film()}\n]"
+        )
 
 
 def is_receiver(sensor: Any) -> bool:
@@ -422,13 +362,122 @@ def _check_film(values: dict[str, Any]) -> None:
         )
 
 
+def read_receiver(values: Mapping[str, Any]) -> SourceParameters:
+    """Return the checked parameters of a ``wigner_receiver`` sensor, from Mitsuba or Python."""
+    spec = read_parameters(values, RECEIVER)
+    ESTIMATORS[spec.estimator].check(spec)
+    return spec
+
+
 def _build(variant: str, props: Any) -> Any:
-    """The sensor for the parameters of one ``wigner_receiver`` element."""
+    """Return the sensor for the parameters of one ``wigner_receiver`` element."""
     values = values_of(props)
-    spec = read_receiver(values)
-    spec = polarised_spec(variant, spec, "wigner_receiver sensor")
+    spec = polarised_spec(variant, read_receiver(values), "wigner_receiver sensor")
     _check_film(values)
-    return receiver_class(variant)(spec, nested_properties(RECEIVER_NAME, props))
+    return receiver_class(variant)(spec, nested_properties(RECEIVER, props))
 
 
-add_plugin("sensor", RECEIVER_NAME, _build)
+def receiver_class(variant: str) -> Any:
+    """Return the sensor's class for one Mitsuba variant; the same class on every call."""
+    return variant_class(WignerReceiver, "Sensor", variant)
+
+
+add_plugin("sensor", RECEIVER, _build)
+
+
+@takes_frequency
+def receiver(
+    source: Aperture | Array | npt.ArrayLike,
+    wavelength: float,
+    to_world: Any = None,
+    obliquity: str = DEFAULT,
+    estimator: str = RECEIVER_ESTIMATOR,
+    film: tuple[int, int] | Mapping[str, Any] | None = None,
+    bandwidth: float | None = None,
+    temperature: float | None = None,
+    noise_figure: float | None = None,
+    scene_unit: float = 1.0,
+    sampling: str = SAMPLINGS[0],
+    normalise: str = NORMALISATIONS[0],
+    diffraction: bool = False,
+    polarisation: Any = None,
+) -> dict[str, Any]:
+    """A coherent aperture or array that receives, as an entry of a dictionary for ``mi.load_dict``.
+
+    Parameters
+    ----------
+    source: what it would radiate with, see :func:`polywigner.mitsuba.aperture`.
+    wavelength: metres.
+    to_world: rigid pose, as a (4, 4) matrix or a Mitsuba transform; the receiver lies in the plane
+        z = 0 of its own frame and looks to +z. Default: none.
+    obliquity: the diffraction integral that it would send by, and so receives by.
+    estimator: ``exact``: rays weigh by the exact irradiance that the receiver would give to the
+        surface they meet, never negative. ``wigner``: by its signed radiance; docs/receivers.md.
+    film: None: one pixel, which reads the received power in W. (n, m): a map of n x m pixels over
+        the direction cosines along the receiver's x and y, from -1 to 1, that adds up to the power.
+        Or the entry of a film, with a box filter. The entry's ``sampler`` is ``multijitter``.
+    bandwidth, temperature, noise_figure: of the noise of the receiver: Hz, K and dB, or texts such
+        as "1 GHz", "290 K" and "3 dB". What is received is that of the one wavelength.
+    scene_unit: metres in one unit of the scene, which is that of ``to_world``'s translation.
+    sampling: density of positions with the estimator ``wigner``, see
+        :func:`polywigner.mitsuba.aperture`.
+    normalise: ``radiated``: its gain is the directivity, so that a sky of the radiance L gives
+        lambda^2 L to any receiver. ``aperture``: received power counts as int |u|^2 does, less by
+        the share of it that is evanescent; docs/receivers.md.
+    diffraction: with the estimator ``exact``: light comes around the edges of the scene's opaque
+        surfaces as well, by reciprocity; docs/shadows.md.
+    polarisation: of the wave that it would send, as of :func:`polywigner.mitsuba.aperture`: it
+        takes all of a matched wave, nothing of the crossed one, half of unpolarised light.
+        "unpolarised": all waves alike. Default: "y"; docs/polarised.md.
+
+    The entry holds a key, see :func:`register_source`: load it in the process that made it. Render
+    it with :func:`polywigner.mitsuba.render`, which hands the scene over to the estimator
+    ``exact``.
+
+    Raises
+    ------
+    ArgumentError, GeometryError, QuantityError, SceneError for an unusable argument.
+    """
+    entry = scene_entry(
+        RECEIVER,
+        source,
+        to_world,
+        polarisation,
+        wavelength=wavelength,
+        scene_unit=scene_unit,
+        obliquity=obliquity,
+        estimator=estimator,
+        sampling=sampling,
+        diffraction=diffraction,
+        normalise=normalise,
+        film=_film(film),
+        sampler={"type": "multijitter"},
+        **parse_noise(bandwidth, temperature, noise_figure),
+    )
+    read_receiver(entry)
+    return entry
+
+
+def film_of(width: int, height: int) -> dict[str, Any]:
+    """The entry of a film that a receiver can have."""
+    return {
+        "type": "hdrfilm",
+        "width": width,
+        "height": height,
+        "pixel_format": "luminance",
+        "component_format": "float32",
+        "rfilter": {"type": "box"},
+    }
+
+
+def _film(film: Any) -> dict[str, Any]:
+    """The entry of a film: as it is, or of so many pixels."""
+    if isinstance(film, Mapping):
+        return dict(film)
+    pixels = np.array((1, 1) if film is None else film)
+    if pixels.shape != (2,) or pixels.dtype.kind not in "iu" or pixels.min() < 1:
+        raise ArgumentError(
+            f"expected a film of (columns, rows), whole numbers from 1, got {film!r}; give a pair, "
+            "or None for one pixel"
+        )
+    return film_of(*pixels.tolist())

@@ -1,4 +1,7 @@
-"""The estimator ``wigner``: the Wigner function of a source, traced into render kernels."""
+"""The estimator ``wigner``: the Wigner function of a source, traced into render kernels.
+
+`TracedSource` has the same function with derivatives in vertices and weights.
+"""
 
 from __future__ import annotations
 
@@ -8,15 +11,21 @@ from typing import Any, NamedTuple
 
 import drjit as dr
 import numpy as np
+import shapely
+from numpy.typing import NDArray
 
 from polywigner.errors import SceneError
-from polywigner.execution import Traced, kernel_with_derivatives, ops_for
-from polywigner.geometry import Wavefront
-from polywigner.kernels import kernel_for
-from polywigner.mitsuba.plugins.sampling import four, opaque, positions_of
-from polywigner.mitsuba.plugins.sources import Mixture, SourceSpec, depends_on_wavelength, emissions
+from polywigner.execution import Traced, UnrolledOperations, kernel_with_derivatives, ops_for
+from polywigner.geometry import Aperture, Wavefront
+from polywigner.kernels import FOURIER, WIGNER, kernel_for, new_outline_of, new_tables_of
+from polywigner.mitsuba.plugins.emissions import Mixture, depends_on_wavelength, emissions
+from polywigner.mitsuba.plugins.samplers import four, opaque, positions_of
+from polywigner.mitsuba.plugins.source_parameters import SourceParameters
+from polywigner.numerics.complex_pairs import Pair
 from polywigner.quantities import SPEED_OF_LIGHT
+from polywigner.source import Array
 from polywigner.source.obliquities import OBLIQUITIES, emission_factor
+from polywigner.transforms import differentiable as differentiable_source
 from polywigner.transforms import fourier
 from polywigner.transforms.wavefronts import flat_of
 
@@ -82,17 +91,17 @@ Values = tuple[Any, Any]
 class WignerRadiance:
     """The sum of h W over the fields of a source (:func:`emissions`), for one variant's arrays."""
 
-    def __init__(self, m: Any, spec: SourceSpec, wavelength: float) -> None:
+    def __init__(self, m: Any, spec: SourceParameters, wavelength: float) -> None:
         self._m, self._jit, self._unit = m, dr.is_jit_v(m.Float), spec.scene_unit
         self._ops = ops_for(m.Float)
-        source = spec.centred.at_origin
-        self.positions = positions_of(m, spec.centred, spec.sampling, spec.scene_unit)
+        source = spec.at_origin
+        self.positions = positions_of(m, source, spec.region, spec.sampling, spec.scene_unit)
         self.waves = DrawnWaves(m, spec.mixture)
         self._terms = []
         # (source, forms of h) as well, for the integral over positions
         self._fields = [
             (field, forms, stokes)
-            for part, stokes in spec.fields(source)
+            for part, stokes in spec.fields_of(source)
             for field, forms in emissions(part, wavelength, spec.obliquity)
         ]
         for field, forms, stokes in self._fields:
@@ -170,18 +179,19 @@ class WignerEstimator:
     needs_distance = False
     is_constant = False
 
-    def __init__(self, m: Any, spec: SourceSpec, wavelength: float, own: WignerRadiance) -> None:
+    def __init__(
+        self, m: Any, spec: SourceParameters, wavelength: float, own: WignerRadiance
+    ) -> None:
         self._m, self._spec, self._own = m, spec, own
         unit = spec.scene_unit
         self._shifts = [
-            (m.Vector2f(x / unit, y / unit), weight)
-            for x, y, weight in spec.centred.shifts.tolist()
+            (m.Vector2f(x / unit, y / unit), weight) for x, y, weight in spec.region.shifts.tolist()
         ]
         self._inverse = opaque(m, 1.0 / wavelength)
         self._scale = opaque(m, unit**2 / spec.norm)
 
     @staticmethod
-    def check(spec: SourceSpec) -> None:
+    def check(spec: SourceParameters) -> None:
         """Raise SceneError for light without single waves to draw, or a curved control variate."""
         if isinstance(spec.source, Wavefront) and spec.control_variate:
             raise SceneError(
@@ -241,3 +251,139 @@ class WignerEstimator:
         """g W/N over the density, in units of the scene; g = h cos."""
         wave = self._own.waves.wave(self._inverse, x, direction)
         return self._scale * self._own.at(x, direction, wave, None) * direction.z / per_area
+
+
+# Overlaps below this fraction of an area are rounding errors.
+_APART = 1e-9
+# Pairs of edges of a source with derivatives, which are code of every kernel of a render: a pair
+# compiles in 7 ms, and 9000 exhaust the compiler.
+_MOST_CUTS = 4096
+
+
+class TracedSource:
+    """The numbers of one emitter's source that a scene's parameters expose."""
+
+    def __init__(self, m: Any, spec: SourceParameters) -> None:
+        self._m, self._spec = m, spec
+        source = spec.source
+        self.vertices: Any = None
+        self.weights: Any = None
+        self.why_not = ""
+        if not dr.is_jit_v(m.Float):
+            self.why_not = "a variant of Mitsuba that compiles, such as llvm_ad_rgb"
+        elif spec.has_several:
+            self.why_not = "an array of one polarisation"
+        elif not _is_simple(source):
+            self.why_not = "a uniform aperture, or an array of such that do not overlap"
+        else:
+            self._tables = new_tables_of(spec.at_origin, dr.itemsize_v(m.Float) == 8)
+            cuts = self._tables.clips
+            if cuts > _MOST_CUTS:
+                self.why_not = (
+                    f"a source of few edges, as code of the render's kernel, got {cuts} pairs of "
+                    "edges; gradients of pw.wigner and pw.fourier have no such limit"
+                )
+        if self.why_not:
+            return
+        self.vertices = m.Float(_corners(source).ravel().tolist())
+        if isinstance(source, Array):
+            self.weights = m.Float(_pairs(source.weights).ravel().tolist())
+
+    def is_followed(self) -> bool:
+        """Whether derivatives are asked of any."""
+        return any(v is not None and dr.grad_enabled(v) for v in (self.vertices, self.weights))
+
+    def changed(self) -> Aperture | Array | None:
+        """Return the source with the present values, or None if nothing changed."""
+        if self.vertices is None:
+            return None
+        source: Any = self._spec.source
+        known = _corners(source).astype(np.float32)
+        points = self._values("vertices", self.vertices, len(known))
+        has_changed = not np.array_equal(points, known)
+        if has_changed:
+            columns = (self._m.Float(column.tolist()) for column in points.T)
+            moved = self._m.Point2f(*columns)
+            source = differentiable_source(source, vertices=moved).source
+        if isinstance(source, Array):
+            known = _pairs(source.weights).astype(np.float32)
+            pairs = self._values("weights", self.weights, len(known))
+            if not np.array_equal(pairs, known):
+                weights = self._m.TensorXf(pairs)  # a lattice stays one
+                source, has_changed = differentiable_source(source, weights=weights).source, True
+        return source if has_changed else None
+
+    def _values(self, name: str, flat: Any, count: int) -> NDArray[np.float32]:
+        values = np.array(dr.detach(flat), np.float32)
+        if values.size != 2 * count or not np.isfinite(values).all():
+            raise SceneError(
+                f"expected {name} as {2 * count} finite numbers, two for each of {count}, got "
+                f"{values.size} numbers"
+            )
+        return values.reshape(-1, 2)
+
+    def wigner(self, ops: Any, *point: Any) -> Any:
+        """W of the centred source, with derivatives in all numbers."""
+        frame = self._tables.frame
+        x, y = zip(*(frame.position(ops, *corner) for corner in self._centred()), strict=True)
+        fields = None
+        if self.weights is not None:
+            real, imag = zip(*self._scaled_weights(), strict=True)
+            fields = real, imag
+        traced = Traced((x, y), fields)
+        (value,) = kernel_with_derivatives(WIGNER, ops, self._tables, point, traced)
+        return value
+
+    def intensity(self, ops: Any, *nu: Any) -> Any:
+        """|F|^2 of the source, with derivatives in all numbers."""
+        code = UnrolledOperations(ops.float_type)
+        corners = iter(self._centred())
+        total = Pair(0.0, 0.0)
+        for number, element in enumerate(self._spec.at_origin.elements_in_plane):
+            outline = new_outline_of(element)
+            own = [outline.frame.position(ops, *next(corners)) for _ in outline.edges]
+            x, y = zip(*own, strict=True)
+            value = Pair(*kernel_with_derivatives(FOURIER, code, outline, nu, Traced((x, y))))
+            if self.weights is not None:
+                value = value * Pair(*self._pair(self.weights, number))
+            total = total + value
+        return total.real * total.real + total.imag * total.imag
+
+    def _pair(self, flat: Any, number: int) -> tuple[Any, Any]:
+        m = self._m
+        first, second = (dr.gather(m.Float, flat, m.UInt32(2 * number + k)) for k in (0, 1))
+        return first, second
+
+    def _centred(self) -> list[tuple[Any, Any]]:
+        cx, cy = self._spec.region.centre.tolist()
+        count = dr.width(self.vertices) // 2
+        pairs = (self._pair(self.vertices, number) for number in range(count))
+        return [(x - cx, y - cy) for x, y in pairs]
+
+    def _scaled_weights(self) -> list[tuple[Any, Any]]:
+        result = []
+        for number, factor in enumerate(self._tables.factors):
+            real, imag = self._pair(self.weights, number)
+            a, b = factor.real, factor.imag
+            result.append((real * a - imag * b, real * b + imag * a))
+        return result
+
+
+def _corners(source: Aperture | Array) -> NDArray[np.float64]:
+    return np.concatenate([ring for element in source.elements_in_plane for ring in element.rings])
+
+
+def _pairs(weights: NDArray[np.complex128]) -> NDArray[np.float64]:
+    return np.stack([weights.real, weights.imag], axis=-1)
+
+
+def _is_simple(source: Any) -> bool:
+    """Whether the field is constant on each element, and its energy the sum of theirs."""
+    if isinstance(source, Wavefront):
+        return False
+    elements = source.elements_in_plane
+    if any(element.illumination is not None for element in elements):
+        return False
+    whole = shapely.union_all([element.polygons for element in elements]).area
+    total = sum(element.area for element in elements)
+    return bool(abs(whole - total) <= _APART * total)

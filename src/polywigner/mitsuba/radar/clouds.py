@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError, GeometryError
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import checked_path, checked_row, real_numbers, rigid_pose
-from polywigner.mitsuba.plugins.sources import centred_source, norm_of
+from polywigner.mitsuba.plugins.emissions import norm_of, region_of
 from polywigner.propagation.amplitudes import amplitude
 from polywigner.propagation.exports import in_place, write_netcdf
 from polywigner.reception.norms import NORMALISATIONS
@@ -136,7 +136,7 @@ def _responses(places: Any, sources: list[Aperture], pose: Any, attrs: dict[str,
         return result
     wavelength, obliquity = attrs["wavelength"], attrs["obliquity"]
     for row, source in zip(result, sources, strict=True):
-        centred_source(source, obliquity)  # or its error
+        region_of(source, obliquity)  # or its error
         norm = norm_of(source, wavelength, obliquity, normalise=attrs["normalise"])
         field = amplitude(source, own[front], wavelength, obliquity, tolerance=_TOLERANCE)
         row[front] = field * (wavelength / math.sqrt(norm))

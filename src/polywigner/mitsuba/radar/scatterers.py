@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError, SceneError
 from polywigner.geometry.arguments import checked_count, real_numbers
 from polywigner.mitsuba.plugins.placement import is_source, placed_emitter
-from polywigner.mitsuba.plugins.polarisation import polarisation_summary
+from polywigner.mitsuba.plugins.polariser import polarisation_summary
 from polywigner.mitsuba.plugins.receiver import receivers_of, scene_known
 from polywigner.mitsuba.plugins.registration import one_at_a_time
 from polywigner.mitsuba.receive.received import ReceiveOptions, described

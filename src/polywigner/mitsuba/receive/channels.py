@@ -23,16 +23,16 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError, PolywignerError, SceneError
 from polywigner.execution.progress import told
 from polywigner.geometry.arguments import checked_callable, checked_count, checked_row
+from polywigner.mitsuba.plugins.emissions import norm_of
 from polywigner.mitsuba.plugins.placement import (
     PlacedSource,
     check_unit,
     placed_emitter,
     placed_receiver,
 )
-from polywigner.mitsuba.plugins.polarisation import DEFAULT_POLARISATION, polarisation_summary
+from polywigner.mitsuba.plugins.polariser import DEFAULT_POLARISATION, polarisation_summary
 from polywigner.mitsuba.plugins.receiver import receivers_of
 from polywigner.mitsuba.plugins.registration import one_at_a_time
-from polywigner.mitsuba.plugins.sources import norm_of
 from polywigner.mitsuba.receive.direct_light import (
     BEHIND,
     BLOCKED,

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from polywigner.errors import PolywignerError, SceneError
 from polywigner.geometry import Aperture, Wavefront
+from polywigner.mitsuba.plugins.emissions import norm_of
 from polywigner.mitsuba.plugins.placement import PLACE_ERROR, PlacedSource
-from polywigner.mitsuba.plugins.sources import norm_of
 from polywigner.mitsuba.receive.delta_lights import delta_paths
 from polywigner.mitsuba.receive.passing import diffracted_share, passing_share
 from polywigner.mitsuba.receive.received import DirectPath

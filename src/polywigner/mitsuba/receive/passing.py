@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError, SceneError
 from polywigner.geometry.silhouettes import Obstacles
 from polywigner.mitsuba.plugins.diffraction import before_plane, in_frame
-from polywigner.mitsuba.plugins.placement import Frame, PlacedSource
-from polywigner.mitsuba.plugins.polarisation import turned
-from polywigner.mitsuba.plugins.sampling import cells_with_field
+from polywigner.mitsuba.plugins.placement import PlacedSource
+from polywigner.mitsuba.plugins.polariser import turned
+from polywigner.mitsuba.plugins.samplers import Frame, cells_with_field
 from polywigner.mitsuba.receive.ray_transmission import Plane, RayTracer, Transmission
 from polywigner.mitsuba.scenes.reflectors import THIN, Mirror, bsdfs_in, surface_of
 from polywigner.mitsuba.scenes.surfaces import ROUNDING, bodies_of, bounds_of

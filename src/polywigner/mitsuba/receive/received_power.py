@@ -23,9 +23,15 @@ from polywigner.mitsuba.plugins.placement import (
     placed_emitter,
     placed_receiver,
 )
-from polywigner.mitsuba.plugins.polarisation import polarisation_summary
-from polywigner.mitsuba.plugins.receiver import receiver_class, receivers_of, scene_known
-from polywigner.mitsuba.plugins.registration import RECEIVER_NAME, film_of, one_at_a_time
+from polywigner.mitsuba.plugins.polariser import polarisation_summary
+from polywigner.mitsuba.plugins.receiver import (
+    film_of,
+    receiver_class,
+    receivers_of,
+    scene_known,
+)
+from polywigner.mitsuba.plugins.registration import one_at_a_time
+from polywigner.mitsuba.plugins.source_parameters import RECEIVER
 from polywigner.mitsuba.radar.range_film import is_transient
 from polywigner.mitsuba.receive.channels import Way, coherent_light
 from polywigner.mitsuba.receive.direct_light import (
@@ -348,7 +354,7 @@ def arrival_map(scene: Any, receiver: int, seed: int = 0) -> NDArray[np.float64]
     """W (n, n) that surfaces, fog and incoherent lights send from each direction."""
     _, own = receivers_of(scene)[receiver]
     size, spp = _FINE if dr.is_jit_v(mi.Float) else _COARSE
-    props = mi.Properties(RECEIVER_NAME)
+    props = mi.Properties(RECEIVER)
     props.set_id(own.id())
     props["film"] = mi.load_dict(film_of(size, size))
     sensor = receiver_class(mi.variant())(own.spec, props)

@@ -29,18 +29,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.geometry.parts import connected
-from polywigner.mitsuba.plugins.films import (
-    Exposure,
-    check_is_whole,
-    check_spp,
-    mean_of_colours,
-    seed_of,
-)
+from polywigner.mitsuba.plugins.films import check_spp, mean_of_colours, seed_of
 from polywigner.mitsuba.plugins.placement import is_source
-from polywigner.mitsuba.plugins.polarisation import Polariser
+from polywigner.mitsuba.plugins.polariser import Polariser
 from polywigner.mitsuba.plugins.receiver import is_receiver, receivers_of
 from polywigner.mitsuba.radar.range_film import sorted_by_range, transient_integrator
-from polywigner.mitsuba.scenes.rendering import exposed
+from polywigner.mitsuba.scenes.rendering import Exposure, check_is_whole, exposed
 from polywigner.mitsuba.scenes.surfaces import (
     bounds_of,
     faces_of,
@@ -185,9 +179,9 @@ def _seen(sensor: Any, boxes: Floats) -> Floats:
     grid = np.linspace(0.0, 1.0, _PLACES)
     inner = np.stack(np.meshgrid(grid, grid, grid), axis=-1).reshape(-1, 3)
     places = boxes[:, None, 0] + np.diff(boxes, axis=1) * inner
-    pose, unit, centre = sensor.spec.pose, sensor.spec.scene_unit, sensor.spec.centred.centre
-    own = (places - pose[:3, 3]) @ pose[:3, :3] - np.append(centre / unit, 0.0)
-    corners = np.reshape(sensor.spec.centred.at_origin.bounds, (2, 2)) / unit
+    spec = sensor.spec
+    own = (places - spec.pose[:3, 3]) @ spec.pose[:3, :3] - np.append(spec.centre, 0.0)
+    corners = np.reshape(spec.at_origin.bounds, (2, 2)) / spec.scene_unit
     starts = [[x, y, 0.0] for x in corners[:, 0] for y in corners[:, 1]]  # of rays
     ways = np.concatenate([own - start for start in starts], axis=1)
     return np.asarray(ways[(ways[..., 2] > 0.0).all(axis=1)])

@@ -34,8 +34,6 @@ _FLAT = 1e-5
 # image in a wall that leans by it would be 10 um off, a radian of phase in the terahertz.
 _AXIS = 2e-7
 _SMOOTH = int(mi.BSDFFlags.DeltaReflection) | int(mi.BSDFFlags.DeltaTransmission)
-# Places on a side of a shape that is looked at.
-_PLACES = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +108,7 @@ def _planes(shape: Any) -> list[tuple[Floats, float]]:
     """The planes of all faces of a shape; none if it is curved."""
     params = mi.traverse(shape)
     has_faces = "vertex_positions" in params and "faces" in params
-    points, normals = _faces(shape) if has_faces else _samples(shape)
+    points, normals = _faces(shape) if has_faces else _centre(shape)
     size = max(float(np.abs(points).max(initial=0.0)), 1e-30)
     planes: list[tuple[Floats, float]] = []
     for own, place in zip(normals, points, strict=True):
@@ -118,7 +116,7 @@ def _planes(shape: Any) -> list[tuple[Floats, float]]:
         normal, offset = normal / np.linalg.norm(normal), float(place @ normal)
         if not any(_is_same(plane, normal, offset, size) for plane in planes):
             planes.append((normal, offset))
-        if len(planes) > (MOST_FACES if has_faces else 1):
+        if len(planes) > MOST_FACES:
             return []
     return planes
 
@@ -139,20 +137,13 @@ def _faces(shape: Any) -> tuple[Floats, Floats]:
     return a[there], normals[there] / lengths[there, None]
 
 
-def _samples(shape: Any) -> tuple[Floats, Floats]:
-    """Some points of a shape with their normals."""
-    side = (np.arange(_PLACES) + 0.5) / _PLACES
-    found = []
-    try:
-        for x in side.tolist():
-            for y in side.tolist():
-                sample = shape.sample_position(0.0, mi.Point2f(x, y))
-                found.append([np.ravel(np.array(v, np.float64)) for v in (sample.p, sample.n)])
-    except RuntimeError:  # a shape that has no such samples: not one of the flat ones
+def _centre(shape: Any) -> tuple[Floats, Floats]:
+    """The centre of a rectangle or disk with its normal; nothing for other shapes."""
+    if shape.class_name() not in ("Rectangle", "Disk"):
         return np.empty((0, 3)), np.empty((0, 3))
-    points, normals = np.moveaxis(np.array(found), 1, 0)
-    # rounding of places turns a plane's own, and evens out in the middle
-    return np.broadcast_to(points.mean(axis=0), points.shape), normals
+    sample = shape.sample_position(0.0, mi.Point2f(0.5, 0.5))
+    point, normal = (np.array(v, np.float64).reshape(1, 3) for v in (sample.p, sample.n))
+    return point, normal
 
 
 # ---- waves, with their phase and their polarisation ---------------------------------------------

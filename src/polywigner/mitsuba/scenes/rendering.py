@@ -1,53 +1,123 @@
-"""Rendering strip by strip: bounded memory, progress, and the integrators' known limits."""
+"""Exposures: what decides the values of an image, rendered strip by strip; limits of integrators.
+
+Strips bound the memory and report progress.
+"""
 
 from __future__ import annotations
 
+import math
 import re
 import warnings
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
 from functools import partial
-from itertools import count
 from typing import Any
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.errors import ArgumentError, SceneError
-from polywigner.execution.progress import slow_bar
-from polywigner.geometry.arguments import checked_callable, checked_count
-from polywigner.mitsuba.plugins.films import Exposure, check_seed, check_spp, tiling_of
-from polywigner.mitsuba.plugins.placement import PLACE_ERROR, is_source, placed_receiver
+from polywigner.errors import ArgumentError, SceneError, StoreError
+from polywigner.geometry.arguments import checked_count
+from polywigner.mitsuba.plugins.films import (
+    CAMERAS,
+    Tiling,
+    accepted_samples,
+    check_seed,
+    check_spp,
+    coarse,
+    cropped,
+    fineness,
+    refined,
+    rendering_errors,
+    seed_of,
+    silent,
+    tiling_of,
+)
+from polywigner.mitsuba.plugins.placement import PLACE_ERROR, is_source
 from polywigner.mitsuba.plugins.receiver import is_receiver, scene_known, sensors_of
-from polywigner.mitsuba.plugins.registration import one_at_a_time
-from polywigner.mitsuba.receive.delta_lights import delta_lights, delta_paths
-from polywigner.mitsuba.scenes.reflectors import chains_of, smooth_shapes
 from polywigner.mitsuba.scenes.scenes import has_wigner_emitter, translate_error
 from polywigner.mitsuba.scenes.surfaces import matrix_of, vertices_of
 
 
-@contextmanager
-def receiving(scene: Any) -> Iterator[None]:
-    """Tell receivers the scene, for their estimator ``exact``; and all whose light diffracts.
+@dataclass(frozen=True)
+class Exposure:
+    """All that decides the values of an image."""
 
-    :func:`polywigner.mitsuba.render` does it by itself; for ``mi.render`` and other renderers.
-    Mitsuba tells cameras written in Python nothing of their scene, and one that held it would keep
-    it alive for ever.
+    scene: Any
+    camera: Any
+    integrator: Any
+    cut: Tiling
+    seed: int
 
-    Warns of point, spot, projector and directional lights, whose direct light ``mi.render`` does
-    not find.
-    """
-    if any(map(is_receiver, scene.sensors())):
-        for light in delta_lights(scene):
-            warnings.warn(
-                f"mi.render does not find the light that a receiver gets straight from "
-                f"{light.name!r}; use polywigner.mitsuba.render or received_power",
-                RuntimeWarning,
-                stacklevel=3,
-            )
-    with scene_known(scene):
-        yield
+    def image(self, strip: int, done: Callable[[], None] = lambda: None) -> npt.NDArray[np.float64]:
+        """Render a strip, the mean of its passes."""
+        cut = self.cut
+        top = strip * cut.rows
+        rows = min(cut.rows, cut.height - top)
+        image: npt.NDArray[np.float64] | float = 0.0
+        for index in range(cut.passes):
+            # passes of almost equal length: a short last one would be badly stratified
+            samples = cut.samples // cut.passes + (index < cut.samples % cut.passes)
+            seed = seed_of(self.seed, strip * cut.passes + index)
+            with cropped(self.camera, top, rows), _quietly():
+                rendered = _rendered(self, samples, seed)
+            image = image + samples / cut.samples * rendered
+            done()
+        return _finite(np.asarray(image))
+
+    def picture(self, done: Callable[[], None]) -> npt.NDArray[np.float32]:
+        """Render all strips: (height, width, channels)."""
+        strips = [self.image(strip, done) for strip in range(self.cut.strips)]
+        return np.concatenate(strips).astype(np.float32)
+
+    def channels(self) -> int:
+        """Number of channels of the image, from one pixel: integrators add to the film's."""
+        one = 1 if self.camera.class_name() in CAMERAS else self.cut.height
+        with cropped(self.camera, 0, one, one), _quietly():
+            return int(_rendered(self, 1, 0).shape[-1])
+
+
+def check_is_whole(integrator: Any) -> None:
+    """Raise StoreError for a render that ended before its time."""
+    if integrator.should_stop():
+        raise StoreError(
+            "expected a part that is rendered to its end, got one that Ctrl-C or a timeout of "
+            "the integrator has cut short; start the same run again, without a timeout"
+        )
+
+
+_DELTA = mi.EmitterFlags.DeltaPosition, mi.EmitterFlags.DeltaDirection
+
+
+def _rendered(exposure: Exposure, spp: int, seed: int) -> npt.NDArray[np.float64]:
+    """An image that Mitsuba renders in one go."""
+    scene, camera, integrator = exposure.scene, exposure.camera, exposure.integrator
+    factor, lights = fineness(camera, spp), scene.emitters()
+    # zeros of matrices, and samples of delta lights, are literals, which loops of one sample fold
+    is_delta = any(mi.has_flag(e.flags(), delta) for e in lights for delta in _DELTA)
+    fewest = 2 if mi.is_polarized or is_delta else 1
+    finer = accepted_samples(camera.sampler(), max(fewest, math.ceil(spp / factor**2)))
+    with rendering_errors(integrator.class_name()), scene_known(scene), refined(camera, factor):
+        image = mi.render(scene, sensor=camera, integrator=integrator, spp=finer, seed=seed)
+        return coarse(np.array(image, dtype=np.float64), factor)
+
+
+def _finite(image: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    bad = int(np.count_nonzero(~np.isfinite(image).all(axis=-1)))
+    if bad:
+        raise SceneError(
+            f"expected radiance that is finite, got {bad} of {image[..., 0].size} pixels that are "
+            "not; check frequency, power and radiances of the scene, and their units"
+        )
+    return image
+
+
+def _quietly() -> AbstractContextManager[None]:
+    """The scalar variants log each negative sample that a film takes, and draw a progress bar."""
+    return nullcontext() if dr.is_jit_v(mi.Float) else silent()
 
 
 def is_fog_near(scene: Any, sensor: Any) -> bool:
@@ -59,7 +129,7 @@ def is_fog_near(scene: Any, sensor: Any) -> bool:
     spec = sensor.spec
     size = np.ptp(np.reshape(spec.source.bounds, (2, 2)), axis=0)
     far = 2 * float(size @ size) / spec.wavelength / spec.scene_unit
-    middle = spec.pose[:3] @ [*(spec.centred.centre / spec.scene_unit), 0.0, 1.0]
+    middle = spec.pose[:3] @ [*spec.centre, 0.0, 1.0]
     bounds = (shape.bbox() for shape in scene.shapes() if shape.is_medium_transition())
     return any(float(box.distance(middle.tolist())) < far for box in bounds)
 
@@ -103,79 +173,6 @@ _NEVER = 2**30
 _ENDLESS = 2**32 - 1
 
 
-@one_at_a_time
-def render(
-    scene: Any,
-    integrator: Any = None,
-    spp: int | None = None,
-    seed: int = 0,
-    sensor: int = 0,
-    progress: Callable[[int, int], None] | None = None,
-) -> npt.NDArray[np.float32]:
-    """The image of a scene: signed radiance, float32, (height, width, channels).
-
-    Parameters
-    ----------
-    scene: a ``mi.Scene``; its sensor brings film and sampler.
-    integrator: plugin name or ``mi.Integrator``; default: the scene's own, else
-        ``path``, or ``volpath`` where a source's surface stands in the light of another.
-        ``stokes``: the same, or a plugin as in ``stokes volpath``, with the Stokes numbers of
-        polarised light as further channels: :func:`polywigner.mitsuba.stokes_of`.
-    spp: samples per pixel; default: the sampler's own. Samplers may round it up.
-    seed: of the random numbers, zero or more; every strip and pass derives its own from it.
-    sensor: index of the scene's sensor.
-    progress: called after each part with the number of parts done, and of all parts.
-
-    The film is rendered in strips of whole rows, each with all its samples, which keeps a
-    stratified sampler's advantage (four passes of 64 samples have 5 dB more noise than one of 256).
-    Sensors that cannot be cropped have passes, which are averaged. Noise can make pixels negative,
-    and so can the Wigner radiance where the aperture is seen directly.
-
-    Raises
-    ------
-    ArgumentError for what is no scene, an spp that is not from 1 to 2^30, a sensor that is not
-    there or a negative seed; SceneError for a scene without sensor or pixels, an unknown
-    integrator, one that cannot render this scene, or radiance that is not finite.
-    """
-    exposure = exposed(scene, integrator, spp, seed, sensor)
-    checked_callable(progress, "progress")
-    done, steps = count(1), exposure.cut.steps
-    if progress is None:
-        with slow_bar("render", steps) as advance:
-            return with_delta_lights(exposure, exposure.picture(advance))
-    return with_delta_lights(exposure, exposure.picture(lambda: progress(next(done), steps)))
-
-
-# Integrators whose images are radiance, and most mirrors on a path that images take over.
-_OF_RADIANCE = ("Path", "Direct", "PRB", "Volumetric", "Volpath")
-_MOST_MIRRORS = 2
-
-
-def with_delta_lights(
-    exposure: Exposure, image: npt.NDArray[np.float32]
-) -> npt.NDArray[np.float32]:
-    """Add the direct light of point and directional lights to the image of a receiver."""
-    scene, camera, method = exposure.scene, exposure.camera, exposure.integrator
-    names = method.class_name() + type(method).__name__
-    if not is_receiver(camera) or method.hide_emitters or not delta_lights(scene):
-        return image
-    depth = 2 if method.class_name() == "DirectIntegrator" else depths_of(method)["max_depth"]
-    if depth == 0 or not any(name in names for name in _OF_RADIANCE):
-        return image
-    place = placed_receiver(camera, 0).touching(scene)
-    most = _MOST_MIRRORS if depth < 0 else min(_MOST_MIRRORS, depth - 1)
-    mirrors = smooth_shapes(scene, place.scene_unit).mirrors
-    result = image.astype(np.float64)
-    rows, columns, channels = image.shape
-    for path in delta_paths(scene, place, [(), *chains_of(mirrors, most)]):
-        column, row = (
-            min(int((cosine + 1) / 2 * count), count - 1)
-            for cosine, count in zip(path.arrives_from, (columns, rows), strict=True)
-        )
-        result[row, column, : 3 if channels >= 3 else 1] += path.power
-    return result.astype(np.float32)
-
-
 def exposed(
     scene: Any,
     integrator: Any = None,
@@ -188,10 +185,7 @@ def exposed(
     camera = _camera(scene, sensor)
     total = check_spp(camera.sampler().sample_count() if spp is None else spp)
     entropy = check_seed(seed)
-    name = _without_stokes(integrator)
-    method = inner = _integrator(scene, name)
-    if name is not integrator:
-        method = _with_stokes(inner)
+    method, inner = _integrator(scene, integrator)
     if warn:
         _warn_of_limits(scene, inner, camera)
     return Exposure(scene, camera, method, tiling_of(camera, total), entropy)
@@ -223,45 +217,30 @@ def _camera(scene: Any, number: int) -> Any:
     return sensors[number]
 
 
-def _integrator(scene: Any, integrator: Any) -> Any:
-    if integrator is None:
-        integrator = scene.integrator() or default_integrator(scene)
-    if not isinstance(integrator, str):
-        if not hasattr(integrator, "class_name"):
-            raise ArgumentError(
-                f"expected an integrator or the name of its plugin, got {integrator!r}"
-            )
-        return integrator
-    entry: dict[str, Any] = {"type": integrator}
-    if integrator == "ptracer":
-        entry["rr_depth"] = _NEVER
-    try:
-        return mi.load_dict(entry)
-    except RuntimeError as error:
-        raise translate_error(error) from None
-
-
 _STOKES = "stokes"
 
 
-def _without_stokes(integrator: Any) -> Any:
-    """The name of the integrator inside of ``stokes`` or ``stokes path``; others as they are."""
-    if isinstance(integrator, str) and integrator.split()[:1] == [_STOKES]:
-        return integrator.strip()[len(_STOKES) :].strip() or None
-    return integrator
-
-
-def _with_stokes(inner: Any) -> Any:
-    """An integrator with the Stokes numbers of its light as further channels of the picture."""
-    if not mi.is_polarized:
-        raise SceneError(
-            f"expected a polarised variant for the integrator {_STOKES}, got {mi.variant()}; set "
-            "polywigner.mitsuba.choose_variant(polarised=True)"
-        )
-    if inner.class_name() == "StokesIntegrator":
-        return inner
+def _integrator(scene: Any, integrator: Any) -> tuple[Any, Any]:
+    """Return an integrator, and the integrator inside if it adds the Stokes numbers."""
+    adds_stokes = isinstance(integrator, str) and integrator.split()[:1] == [_STOKES]
+    if adds_stokes:
+        integrator = integrator.strip()[len(_STOKES) :].strip() or None
+        if not mi.is_polarized:
+            raise SceneError(
+                f"expected a polarised variant for the integrator {_STOKES}, got {mi.variant()}; "
+                "set polywigner.mitsuba.choose_variant(polarised=True)"
+            )
+    if integrator is None:
+        integrator = scene.integrator() or default_integrator(scene)
+    if not isinstance(integrator, str) and not hasattr(integrator, "class_name"):
+        raise ArgumentError(f"expected an integrator or the name of its plugin, got {integrator!r}")
     try:
-        return mi.load_dict({"type": _STOKES, "nested": inner})
+        if isinstance(integrator, str):
+            depth = {"rr_depth": _NEVER} if integrator == "ptracer" else {}
+            integrator = mi.load_dict({"type": integrator} | depth)
+        if not adds_stokes or integrator.class_name() == "StokesIntegrator":
+            return integrator, integrator
+        return mi.load_dict({"type": _STOKES, "nested": integrator}), integrator
     except RuntimeError as error:
         raise translate_error(error) from None
 

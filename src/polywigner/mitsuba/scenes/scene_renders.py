@@ -1,12 +1,15 @@
-"""Scene files rendered in this process, part by part into a store, or by a cluster's workers."""
+"""Images of scenes and of scene files, rendered here, into a store, or by a cluster's workers."""
 
 from __future__ import annotations
 
 import importlib.metadata
 import os
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import partial, reduce
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,13 +19,15 @@ import numpy.typing as npt
 
 from polywigner.errors import ArgumentError
 from polywigner.execution import MOST_THREADS, kernel_threads
-from polywigner.execution.progress import progress_bar
-from polywigner.geometry.arguments import checked_count, checked_path
-from polywigner.mitsuba.plugins.films import Tiling, check_is_whole
-from polywigner.mitsuba.plugins.parameters import is_key, register_source, registered_source
-from polywigner.mitsuba.plugins.receiver import receivers_of
+from polywigner.execution.progress import progress_bar, slow_bar
+from polywigner.geometry.arguments import checked_callable, checked_count, checked_path
+from polywigner.mitsuba.plugins.films import Tiling
+from polywigner.mitsuba.plugins.placement import placed_receiver
+from polywigner.mitsuba.plugins.receiver import is_receiver, receivers_of, scene_known
 from polywigner.mitsuba.plugins.registration import one_at_a_time
+from polywigner.mitsuba.plugins.source_parameters import is_key, register_source, registered_source
 from polywigner.mitsuba.radar.range_profile import checked_ranges, received_by_range
+from polywigner.mitsuba.receive.delta_lights import delta_lights, delta_paths
 from polywigner.mitsuba.receive.received import ReceivedPower, ReceiveOptions
 from polywigner.mitsuba.receive.received_power import received, scattered_here
 from polywigner.mitsuba.receive.scattered import (
@@ -33,9 +38,10 @@ from polywigner.mitsuba.receive.scattered import (
     lights_of,
     unseen,
 )
-from polywigner.mitsuba.scenes.rendering import exposed, with_delta_lights
+from polywigner.mitsuba.scenes.reflectors import chains_of, smooth_shapes
+from polywigner.mitsuba.scenes.rendering import Exposure, check_is_whole, depths_of, exposed
 from polywigner.mitsuba.scenes.scene_files import digests_of
-from polywigner.mitsuba.scenes.scenes import choose_variant, load_file
+from polywigner.mitsuba.scenes.scenes import SceneFile, choose_variant
 from polywigner.propagation.stores import (
     Index,
     Scheduler,
@@ -51,29 +57,100 @@ if TYPE_CHECKING:
     import xarray
 
 
-@dataclass(frozen=True)
-class SceneFile:
-    """A scene file, and how it is loaded, here or by a worker."""
+@contextmanager
+def receiving(scene: Any) -> Iterator[None]:
+    """Tell receivers the scene, for their estimator ``exact``; and all whose light diffracts.
 
-    path: Path
-    variant: str
-    sampler: str | None = None
-    parameters: Mapping[str, Any] = field(default_factory=dict)
-    diffraction: bool = False
-    polarisation: str | None = None
-    """Polarisation of ends for which the file specifies none; None: the default."""
+    :func:`polywigner.mitsuba.render` does it by itself; for ``mi.render`` and other renderers.
+    Mitsuba tells cameras written in Python nothing of their scene, and one that held it would keep
+    it alive for ever.
 
-    def load(self) -> Any:
-        """Load the ``mi.Scene``; raises as :func:`load_scene` does."""
-        return load_file(
-            self.path,
-            self.variant,
-            self.sampler,
-            False,
-            self.diffraction,
-            self.parameters,
-            self.polarisation,
+    Warns of point, spot, projector and directional lights, whose direct light ``mi.render`` does
+    not find.
+    """
+    if any(map(is_receiver, scene.sensors())):
+        for light in delta_lights(scene):
+            warnings.warn(
+                f"mi.render does not find the light that a receiver gets straight from "
+                f"{light.name!r}; use polywigner.mitsuba.render or received_power",
+                RuntimeWarning,
+                stacklevel=3,
+            )
+    with scene_known(scene):
+        yield
+
+
+@one_at_a_time
+def render(
+    scene: Any,
+    integrator: Any = None,
+    spp: int | None = None,
+    seed: int = 0,
+    sensor: int = 0,
+    progress: Callable[[int, int], None] | None = None,
+) -> npt.NDArray[np.float32]:
+    """The image of a scene: signed radiance, float32, (height, width, channels).
+
+    Parameters
+    ----------
+    scene: a ``mi.Scene``; its sensor brings film and sampler.
+    integrator: plugin name or ``mi.Integrator``; default: the scene's own, else
+        ``path``, or ``volpath`` where a source's surface stands in the light of another.
+        ``stokes``: the same, or a plugin as in ``stokes volpath``, with the Stokes numbers of
+        polarised light as further channels: :func:`polywigner.mitsuba.stokes_of`.
+    spp: samples per pixel; default: the sampler's own. Samplers may round it up.
+    seed: of the random numbers, zero or more; every strip and pass derives its own from it.
+    sensor: index of the scene's sensor.
+    progress: called after each part with the number of parts done, and of all parts.
+
+    The film is rendered in strips of whole rows, each with all its samples, which keeps a
+    stratified sampler's advantage (four passes of 64 samples have 5 dB more noise than one of 256).
+    Sensors that cannot be cropped have passes, which are averaged. Noise can make pixels negative,
+    and so can the Wigner radiance where the aperture is seen directly.
+
+    Raises
+    ------
+    ArgumentError for what is no scene, an spp that is not from 1 to 2^30, a sensor that is not
+    there or a negative seed; SceneError for a scene without sensor or pixels, an unknown
+    integrator, one that cannot render this scene, or radiance that is not finite.
+    """
+    exposure = exposed(scene, integrator, spp, seed, sensor)
+    checked_callable(progress, "progress")
+    done, steps = count(1), exposure.cut.steps
+    if progress is None:
+        with slow_bar("render", steps) as advance:
+            return with_delta_lights(exposure, exposure.picture(advance))
+    return with_delta_lights(exposure, exposure.picture(lambda: progress(next(done), steps)))
+
+
+# Integrators whose images are radiance, and most mirrors on a path that images take over.
+_OF_RADIANCE = ("Path", "Direct", "PRB", "Volumetric", "Volpath")
+_MOST_MIRRORS = 2
+
+
+def with_delta_lights(
+    exposure: Exposure, image: npt.NDArray[np.float32]
+) -> npt.NDArray[np.float32]:
+    """Add the direct light of point and directional lights to the image of a receiver."""
+    scene, camera, method = exposure.scene, exposure.camera, exposure.integrator
+    names = method.class_name() + type(method).__name__
+    if not is_receiver(camera) or method.hide_emitters or not delta_lights(scene):
+        return image
+    depth = 2 if method.class_name() == "DirectIntegrator" else depths_of(method)["max_depth"]
+    if depth == 0 or not any(name in names for name in _OF_RADIANCE):
+        return image
+    place = placed_receiver(camera, 0).touching(scene)
+    most = _MOST_MIRRORS if depth < 0 else min(_MOST_MIRRORS, depth - 1)
+    mirrors = smooth_shapes(scene, place.scene_unit).mirrors
+    result = image.astype(np.float64)
+    rows, columns, channels = image.shape
+    for path in delta_paths(scene, place, [(), *chains_of(mirrors, most)]):
+        column, row = (
+            min(int((cosine + 1) / 2 * count), count - 1)
+            for cosine, count in zip(path.arrives_from, (columns, rows), strict=True)
         )
+        result[row, column, : 3 if channels >= 3 else 1] += path.power
+    return result.astype(np.float32)
 
 
 Compute = Callable[[Any, Index], npt.NDArray[np.float64]]
@@ -84,7 +161,8 @@ class SceneParts:
     """Parts of the results of a scene. Another process, to which they are sent, loads the scene."""
 
     def __init__(self, file: SceneFile, scene: Any, compute: Compute) -> None:
-        self.file = replace(file, path=file.path.absolute(), parameters=dict(file.parameters))
+        path = file.path and file.path.absolute()
+        self.file = replace(file, path=path, parameters=dict(file.parameters))
         self.scene, self.compute = scene, compute
         texts = [value for value in file.parameters.values() if isinstance(value, str)]
         self.sources = [registered_source(text) for text in texts if is_key(text)]
@@ -125,17 +203,19 @@ class SceneParts:
         sizes: Mapping[str, int],
         chunks: Index,
         settings: Mapping[str, Any],
-        scheduler: Scheduler,
-        threads: int | None,
-        progress: bool | None = None,
+        **keeping: Any,
     ) -> Any:
-        """Write all parts to a store as a variable of a name and unit, and return its dataset."""
+        """Write all parts to a store as a variable of a name and unit, and return its dataset.
+
+        ``keeping``: scheduler, threads and progress of :func:`render_file`.
+        """
         name, units = variable
+        threads = keeping.get("threads")
         values = lazy_array(self, tuple(sizes.values()), chunks, "float64", threads=threads)
         parts = labelled_arrays(
             {name: (tuple(sizes), values, {"units": units})}, {}, {**self.settings(), **settings}
         )
-        return write_store(store, parts, scheduler=scheduler, threads=threads, progress=progress)
+        return write_store(store, parts, **keeping)
 
 
 @one_at_a_time
@@ -188,9 +268,8 @@ def render_file(
         raise ArgumentError(f"expected parameters as values by their names, got {parameters!r}")
     chosen = choose_variant(mi.variant() if variant is None else variant)
     file = SceneFile(checked_path(path), chosen, sampler, given)
-    keeping: dict[str, Any] = {"store": store, "scheduler": scheduler}
-    keeping |= {"threads": threads, "progress": progress}
-    return render_parts(file, file.load(), integrator, spp, seed, sensor, **keeping)
+    keeping: dict[str, Any] = {"scheduler": scheduler, "threads": threads, "progress": progress}
+    return render_parts(file, file.load(), integrator, spp, seed, sensor, store=store, **keeping)
 
 
 def render_parts(
@@ -202,51 +281,45 @@ def render_parts(
     sensor: int = 0,
     *,
     store: str | Path | None = None,
-    scheduler: Scheduler = None,
-    threads: int | None = None,
-    progress: bool | None = None,
+    **keeping: Any,
 ) -> npt.NDArray[np.float32]:
-    """The image of the scene that was loaded from a file; see :func:`render_file`."""
+    """Return the image of a scene that was loaded from a file; see :func:`render_file`.
+
+    ``keeping``: scheduler, threads and progress.
+    """
+    threads = keeping.get("threads")
     if threads is not None:
-        threads = checked_count(threads, "threads", 1, MOST_THREADS)
+        threads = keeping["threads"] = checked_count(threads, "threads", 1, MOST_THREADS)
     exposure = exposed(scene, integrator, spp, seed, sensor)
     cut = exposure.cut
     if store is None:
-        bar = progress_bar("rendering", cut.steps, show=progress)
+        bar = progress_bar("rendering", cut.steps, show=keeping.get("progress"))
         with kernel_threads(threads), bar as advance:
             return with_delta_lights(exposure, exposure.picture(advance))
     channels = exposure.channels()
     parts = SceneParts(file, scene, partial(tile, cut, integrator, exposure.seed, sensor))
+    settings = {"integrator": integrator, "spp": cut.samples, "passes": cut.passes}
     image = parts.written(
         store,
         ("radiance", "W m-2 sr-1"),
-        {"pass": cut.sets, "row": cut.height, "column": cut.width, "channel": channels},
-        (1, cut.rows, cut.width, channels),
-        {
-            "integrator": integrator,
-            "spp": cut.samples,
-            "passes": cut.passes,
-            "seed": exposure.seed,
-            "sensor": sensor,
-        },
-        scheduler,
-        threads,
-        progress,
+        {"row": cut.height, "column": cut.width, "channel": channels},
+        (cut.rows, cut.width, channels),
+        settings | {"seed": exposure.seed, "sensor": sensor},
+        **keeping,
     )
-    with image:  # one set after the other, as `Exposure.picture` adds them
-        sets = (image["radiance"][number].values for number in range(cut.sets))
-        return with_delta_lights(exposure, reduce(np.add, sets).astype(np.float32))
+    with image:
+        return with_delta_lights(exposure, image["radiance"].values.astype(np.float32))
 
 
 def tile(
     cut: Tiling, integrator: str | None, seed: int, sensor: int, scene: Any, origin: Index
 ) -> npt.NDArray[np.float64]:
-    """Render a strip of an image with one set of its passes: (1, row, column, channel)."""
+    """Render a strip of an image: (row, column, channel)."""
     # the caller has warned of the integrator's limits
     exposure = exposed(scene, integrator, cut.samples, seed, sensor, warn=False)
-    image = replace(exposure, cut=cut).image(origin[1] // cut.rows, origin[0])
+    image = replace(exposure, cut=cut).image(origin[0] // cut.rows)
     check_is_whole(exposure.integrator)
-    return image[None]
+    return image
 
 
 def receive_parts(
@@ -296,7 +369,8 @@ def _sampled(
     sizes = dict(zip(("receiver", "batch", "light", "path"), shape, strict=False))
     parts = SceneParts(file, scene, partial(_batch, plans))
     chunks = (1, 1, *counts)
-    power = parts.written(store, ("power", "W"), sizes, chunks, settings, scheduler, threads)
+    keeping = {"scheduler": scheduler, "threads": threads}
+    power = parts.written(store, ("power", "W"), sizes, chunks, settings, **keeping)
     with power:
         return np.asarray(power["power"].values)
 

@@ -6,6 +6,7 @@ import math
 import re
 import warnings
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from polywigner.errors import ArgumentError, EngineError, PolywignerError, Scene
 from polywigner.geometry.arguments import checked_flag, checked_path
 from polywigner.mitsuba.plugins.films import threads_for_openexr
 from polywigner.mitsuba.plugins.placement import is_source
-from polywigner.mitsuba.plugins.polarisation import is_polarised
+from polywigner.mitsuba.plugins.polariser import is_polarised
 from polywigner.mitsuba.plugins.registration import one_at_a_time, original_error, register
 from polywigner.mitsuba.scenes.scene_files import parse_scene_file, resolving
 from polywigner.toolchain import llvm
@@ -28,7 +29,8 @@ _VARIANTS = {
     True: ("llvm_ad_mono_polarized", "cuda_ad_mono_polarized", "scalar_spectral_polarized"),
 }
 _COHERENT = ("wigner", "wigner_receiver")
-# More make a sampler of Mitsuba round up without an end.
+_FRACTIONS = ("reflectance", "transmittance", "albedo")
+# A sampler of Mitsuba divides by none, and rounds larger numbers up without an end.
 _MOST_SAMPLES = 1 << 24
 _LONGEST_MESSAGE = 600
 
@@ -110,82 +112,70 @@ def load_scene(
     scene that does not load; ArgumentError for other arguments.
     """
     if not isinstance(scene, Mapping):
-        return load_file(scene, variant, sampler, merge, diffraction, parameters)
+        path = checked_path(scene)
+        return SceneFile(path, variant, sampler, parameters, diffraction, None, merge).load()
     if parameters:
         raise ArgumentError(
             f"a scene dictionary takes no parameters, got {', '.join(parameters)}; put the values "
             "into the dictionary"
         )
-    how = _checked_how(sampler, merge, diffraction, None)
-    return _load(None, dict(scene), variant, how, {})
+    return _load(SceneFile(None, variant, sampler, {}, diffraction, None, merge), dict(scene))
 
 
-def load_file(
-    path: str | Path,
-    variant: str | None,
-    sampler: str | None,
-    merge: bool,
-    diffraction: bool,
-    parameters: Mapping[str, Any],
-    polarisation: str | None = None,
-) -> Any:
-    """Load a scene file as :func:`load_scene` does; its parameters may have any names.
+@dataclass(frozen=True)
+class SceneFile:
+    """A scene file and how it is loaded, by this process or by a worker."""
 
-    ``polarisation``: of sources and receivers for which the file specifies none.
-    """
-    file = checked_path(path)
-    how = _checked_how(sampler, merge, diffraction, polarisation)
-    for name, value in parameters.items():
-        if value is not None and not isinstance(value, (str, int, float)):
-            raise ArgumentError(f"expected {name} as a text or a number, got {value!r}")
-    if not file.is_file():
-        raise SceneError(f"expected a Mitsuba scene file, got {str(path)!r}, which is not a file")
-    return _load(file, {}, variant, how, parameters)
+    path: Path | None
+    """None for a scene that is a dictionary."""
+    variant: str | None
+    sampler: str | None = None
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    """Values of the file's ``$parameters``, with any names."""
+    diffraction: bool = False
+    polarisation: str | None = None
+    """Polarisation of ends for which the file specifies none; None: the default."""
+    merge: bool = False
 
-
-_How = tuple[str | None, bool, bool, str | None]
-"""Arguments ``sampler``, ``merge``, ``diffraction`` and ``polarisation`` of :func:`load_file`."""
-
-
-def _checked_how(sampler: Any, merge: Any, diffraction: Any, polarisation: str | None) -> _How:
-    if not isinstance(sampler, str | None):
-        raise ArgumentError(f"expected sampler as the name of a plugin, got {value_text(sampler)}")
-    checked_flag(merge, "merge")
-    checked_flag(diffraction, "diffraction")
-    return sampler, merge, diffraction, polarisation
+    def load(self) -> Any:
+        """Load the ``mi.Scene``; raises as :func:`load_scene` does."""
+        for name, value in self.parameters.items():
+            if value is not None and not isinstance(value, (str, int, float)):
+                raise ArgumentError(f"expected {name} as a text or a number, got {value!r}")
+        if self.path is None or not self.path.is_file():
+            raise SceneError(
+                f"expected a Mitsuba scene file, got {str(self.path)!r}, which is not a file"
+            )
+        return _load(self, {})
 
 
 @one_at_a_time
-def _load(
-    file: Path | None,
-    entries: dict[str, Any],
-    variant: str | None,
-    how: _How,
-    parameters: Mapping[str, Any],
-) -> Any:
+def _load(how: SceneFile, entries: dict[str, Any]) -> Any:
     """Load the scene of a file, or of the entries of a dictionary if there is no file."""
-    if variant is not None or mi.variant() is None:
-        mi.set_variant(choose_variant(variant))
+    if not isinstance(how.sampler, str | None):
+        got = value_text(how.sampler)
+        raise ArgumentError(f"expected sampler as the name of a plugin, got {got}")
+    checked_flag(how.merge, "merge")
+    checked_flag(how.diffraction, "diffraction")
+    if how.variant is not None or mi.variant() is None:
+        mi.set_variant(choose_variant(how.variant))
     register()
     config = mi.parser.ParserConfig(mi.variant())
     state = None
     try:
         with threads_for_openexr():
-            if file is None:
+            if how.path is None:
                 state = mi.parser.parse_dict(config, entries)
                 scene = _instantiate(config, state, how)
             else:
-                with resolving(file):
-                    state, _ = parse_scene_file(config, file, parameters)
+                with resolving(how.path):
+                    state, _ = parse_scene_file(config, how.path, how.parameters)
                     scene = _instantiate(config, state, how)
     except (RuntimeError, ValueError, TypeError) as error:
         raise _translated(error, state) from None
     if not isinstance(scene, mi.Scene):
-        where, advice = (
-            ("the dictionary", 'add "type": "scene"')
-            if file is None
-            else (file, "wrap it in <scene>")
-        )
+        advice = 'add "type": "scene"' if how.path is None else "wrap it in <scene>"
+        where = how.path or "the dictionary"
         raise SceneError(f"expected a <scene> in {where}, got something else; {advice}")
     return scene
 
@@ -251,61 +241,48 @@ def _printable(text: str) -> str:
     return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in short)
 
 
-def _instantiate(config: Any, state: Any, how: _How) -> Any:
+def _instantiate(config: Any, state: Any, how: SceneFile) -> Any:
     """Check a parsed scene, change it as requested and build it."""
-    sampler, merge, diffraction, polarisation = how
     mi.parser.transform_upgrade(config, state)
     mi.parser.transform_resolve(config, state)
-    _check_samplers(state)
     _check_numbers(state)
-    if sampler is not None:
-        _replace_samplers(state, sampler)
+    if how.sampler is not None:
+        _replace_samplers(state, how.sampler)
     for node in state.nodes:
         if node.props.plugin_name() not in _COHERENT:
             continue
-        if diffraction:
+        if how.diffraction:
             node.props["estimator"] = "exact"
             node.props["diffraction"] = True
-        if polarisation is not None and "polarisation" not in node.props:
-            node.props["polarisation"] = polarisation
+        if how.polarisation is not None and "polarisation" not in node.props:
+            node.props["polarisation"] = how.polarisation
     mi.parser.transform_merge_equivalent(config, state)
-    if merge:
+    if how.merge:
         mi.parser.transform_merge_meshes(config, state)
     return mi.parser.instantiate(config, state)
 
 
-def _check_samplers(state: Any) -> None:
-    """SceneError for a sampler of no samples, by which Mitsuba's ``multijitter`` divides."""
-    for node in state.nodes:
-        if node.type == mi.ObjectType.Sampler and "sample_count" in node.props:
-            samples = node.props["sample_count"]
-            if isinstance(samples, int) and not 1 <= samples <= _MOST_SAMPLES:
-                raise SceneError(
-                    f"expected a sample_count of at least 1 and at most {_MOST_SAMPLES} in a "
-                    f"sampler, got {samples}; the number of samples per pixel"
-                )
-
-
 def _check_numbers(state: Any) -> None:
-    """SceneError for a number that is none, and for shares of light that are not from 0 to 1."""
+    """Raise SceneError for NaN, fractions of light outside 0 to 1, and numbers of samples."""
     for node in state.nodes:
-        props = mi.Properties(node.props)  # a copy: Mitsuba tells of properties that nobody reads
+        props = mi.Properties(node.props)  # a copy: Mitsuba reports properties that nobody reads
         for name in props.keys():  # noqa: SIM118 (not a dict)
             values = _numbers_in(props[name])
-            is_share = name.endswith(("reflectance", "transmittance", "albedo"))
-            if node.type == mi.ObjectType.BSDF and is_share:
-                wanted, is_right = "from 0 to 1", all(0.0 <= value <= 1.0 for value in values)
-            else:
-                wanted, is_right = "in numbers", not any(map(math.isnan, values))
-            if not is_right:
+            lowest, highest = -math.inf, math.inf
+            if node.type == mi.ObjectType.BSDF and name.endswith(_FRACTIONS):
+                lowest, highest = 0.0, 1.0
+            elif node.type == mi.ObjectType.Sampler and name == "sample_count":
+                lowest, highest = 1, _MOST_SAMPLES
+            if not all(lowest <= value <= highest for value in values):
+                limits = "" if highest == math.inf else f" from {lowest:g} to {highest}"
                 raise SceneError(
-                    f"expected the {name} of a {props.plugin_name()} {wanted}, got "
+                    f"expected the {name} of a {props.plugin_name()} in numbers{limits}, got "
                     f"{', '.join(f'{value:g}' for value in values[:3])}"
                 )
 
 
 def _numbers_in(value: Any) -> list[float]:
-    """The numbers of a property, of a pose too; none of texts and references to textures."""
+    """Return the numbers of a property or of a pose; none for texts and references to textures."""
     if isinstance(value, (str, mi.Properties.ResolvedReference)):
         return []
     value = getattr(value, "values", value)  # of a spectrum

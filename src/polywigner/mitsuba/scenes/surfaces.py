@@ -211,8 +211,9 @@ def _number(pointer: Any) -> Any:
 
 # ---- opaque bodies, whose shadows diffract ------------------------------------------------------
 
-# Chords of curved shapes leave out so much of a wavelength; most points of a rim, and halvings.
-_SAGITTA, _MOST_CHORDS, _MOST_HALVINGS = 0.01, 1024, 6
+# In wavelengths: largest distance of a chord from a curved shape, and largest radius of a sphere
+# that chords resolve. Most chords around a rim.
+_SAGITTA, _LARGEST_SPHERE, _MOST_CHORDS = 0.01, 170.0, 1024
 # Faces in the way of light: they take a gigabyte.
 _MOST_FACES = 1 << 21
 _TRANSPARENT = int(mi.BSDFFlags.Null) | int(mi.BSDFFlags.Transmission)
@@ -272,9 +273,14 @@ def _rectangle(_: float) -> tuple[Floats, Indices]:
     return corners, np.array([[0, 1, 2], [0, 2, 3]])
 
 
+def _chords(radius: float) -> int:
+    """Number of chords around a circle."""
+    return int(np.clip(math.pi * math.sqrt(0.5 * radius / _SAGITTA), 32, _MOST_CHORDS))
+
+
 def _revolved(profile: Any, radius: float) -> tuple[Floats, Indices]:
     """The surface of a profile (n, 2) of radii and heights about the z axis."""
-    count = int(np.clip(math.pi * math.sqrt(0.5 * radius / _SAGITTA), 32, _MOST_CHORDS))
+    count = _chords(radius)
     angles = np.linspace(0.0, 2.0 * math.pi, count, endpoint=False)
     rim = np.column_stack([np.cos(angles), np.sin(angles), np.ones(count)])
     points = np.concatenate([rim * [size, size, height] for size, height in profile])
@@ -285,35 +291,12 @@ def _revolved(profile: Any, radius: float) -> tuple[Floats, Indices]:
 
 
 def _sphere(radius: float) -> tuple[Floats, Indices]:
-    """An icosahedron, its triangles halved along each side until chords are near the sphere."""
-    g = (1.0 + math.sqrt(5.0)) / 2.0
-    base = [(0.0, a, b * g) for a in (-1.0, 1.0) for b in (-1.0, 1.0)]
-    points = np.array([np.roll(place, k) for k in range(3) for place in base])
-    points /= np.linalg.norm(points[0])
-    apart = np.linalg.norm(points[:, None] - points, axis=2)
-    near = (apart > 0.0) & (apart < 1.1)
-    faces = np.array(
-        [
-            (a, b, c) if np.linalg.det(points[[a, b, c]]) > 0.0 else (a, c, b)
-            for a in range(12)
-            for b in range(a + 1, 12)
-            for c in range(b + 1, 12)
-            if near[a, b] and near[b, c] and near[a, c]
-        ]
-    )
-    wanted = 0.5 * math.log2(max(1.0, 0.15 * radius / _SAGITTA))
-    for _ in range(min(_MOST_HALVINGS, max(2, math.ceil(wanted)))):
-        pairs = np.sort(np.concatenate([faces, np.roll(faces, -1, axis=1)]).reshape(2, -1).T)
-        edges, which = np.unique(pairs, axis=0, return_inverse=True)
-        middles = points[edges].mean(axis=1)
-        middles /= np.linalg.norm(middles, axis=1)[:, None]
-        ab, bc, ca = (which.reshape(-1, 3) + len(points)).T
-        a, b, c = faces.T
-        points = np.concatenate([points, middles])
-        faces = np.concatenate(
-            [np.column_stack(t) for t in ((a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca))]
-        )
-    return points, faces
+    """Circles of latitude, at most 83,000 triangles."""
+    radius = min(radius, _LARGEST_SPHERE)
+    latitudes = np.linspace(-math.pi / 2, math.pi / 2, _chords(radius) // 2 + 1)
+    sizes = np.cos(latitudes)
+    sizes[[0, -1]] = 0.0
+    return _revolved(np.column_stack([sizes, np.sin(latitudes)]), radius)
 
 
 _SHAPES: dict[str, Callable[[float], tuple[Floats, Indices]]] = {

@@ -5,7 +5,7 @@ direction of travel d. A source sends the column of its own, a receiver weighs w
 them along the axes of Ludwig's third definition, which this module turns into Mitsuba's.
 
 An end without a polarisation has the default, along its y axis. Unpolarised sources send, and
-unpolarised receivers take, all polarisations alike: :func:`spectrum` of `sampling`.
+unpolarised receivers take, all polarisations alike: :func:`spectrum` of `samplers`.
 """
 
 from __future__ import annotations
@@ -22,9 +22,8 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, SceneError
 from polywigner.geometry.arguments import checked_array
-from polywigner.mitsuba.plugins.parameters import UNPOLARISED
-from polywigner.mitsuba.plugins.sampling import opaque, spectrum
-from polywigner.mitsuba.plugins.sources import SourceSpec
+from polywigner.mitsuba.plugins.samplers import opaque, spectrum
+from polywigner.mitsuba.plugins.source_parameters import UNPOLARISED, SourceParameters
 from polywigner.source.polarisation import (
     checked_polarisation,
     ludwig_axes,
@@ -45,7 +44,7 @@ def is_polarised(variant: str | None = None) -> bool:
     return (variant or mi.variant() or "").endswith(_FULL)
 
 
-def polarised_spec(variant: str, spec: SourceSpec, element: str) -> SourceSpec:
+def polarised_spec(variant: str, spec: SourceParameters, element: str) -> SourceParameters:
     """Return a specification with the default polarisation where the scene specifies none.
 
     Raises SceneError for a polarisation in a variant whose light has none.
