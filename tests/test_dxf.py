@@ -76,15 +76,6 @@ def test_a_drawing_without_a_unit_takes_the_callers(read: Read, version: str, bi
     assert drawn == pw.Aperture(np.array(SQUARE) / 10_000)
 
 
-def test_a_file_of_nothing_but_entities_is_read(tmp_path: Path) -> None:
-    path = tmp_path / "minimal.dxf"
-    path.write_text("0\nSECTION\n2\nENTITIES\n0\nCIRCLE\n8\n0\n10\n1.0\n20\n2.0\n40\n3.0\n"
-                    "0\nENDSEC\n0\nEOF\n")  # fmt: skip
-    assert pw.read_aperture(path).area == pytest.approx(math.pi * 9e-6, rel=ROUNDING)
-    renamed = path.rename(tmp_path / "minimal.txt")  # known by its content
-    assert pw.read_aperture(renamed).area == pytest.approx(math.pi * 9e-6, rel=ROUNDING)
-
-
 @pytest.mark.parametrize("tolerance", [1e-5, 1e-8])
 def test_a_bulge_of_one_is_a_half_circle(read: Read, tolerance: float) -> None:
     drawn = read(lambda s: outline(s, [(0, 0, 1), (2, 0, 0)], format="xyb"), tolerance=tolerance)
@@ -137,12 +128,6 @@ def round_hatch(space: Any) -> None:
     paths.add_edge_path().add_ellipse((2.5, 1), major_axis=(1, 0), ratio=0.5)
 
 
-def islands(space: Any) -> None:
-    hatch = space.add_hatch(dxfattribs={"hatch_style": 1})
-    for corners in ((0, 0, 10, 10), (1, 1, 4, 4), (2, 2, 3, 3), (6, 6, 9, 9), (20, 0, 22, 2)):
-        hatch.paths.add_polyline_path(ring(*corners))
-
-
 def touching_hatch(space: Any) -> None:
     """A boundary that meets itself in a corner, and whose last side is not drawn."""
     points = [(0, 0), (4, 0), (2, 2), (4, 4), (0, 4), (2, 2)]
@@ -156,23 +141,14 @@ def overlapping_hatches(space: Any) -> None:
     space.add_solid([(22, 0), (26, 0), (22, 3), (26, 3)])
 
 
-def stretched_hatch(space: Any) -> None:
-    nested_hatch(space.doc.blocks.new("B"), 1, arcs=True)
-    scale = {"xscale": 2.0, "yscale": 0.5, "zscale": 1.0, "rotation": 20}
-    grid = {"column_count": 2, "column_spacing": 50}
-    space.add_blockref("B", (3, 3), dxfattribs={**scale, **grid})
-
-
 AREAS: dict[str, tuple[Build, dict[str, Any], float, float]] = {
     "holes and islands": (nested_rings, {}, 81 - math.pi * (16 - 9 + 4 - 1), ROUNDING),
     "a slot of lines and arcs": (slot, FINE, 10 + math.pi, BY_CHORDS),
     "a slot with small gaps": (lambda s: slot(s, gap=3e-6), FINE, 10 + math.pi, BY_CHORDS),
     "ellipses and stretched circles": (ellipses, {}, math.pi * (25 * 0.3 + 2), ROUNDING),
     "a hatch of arcs and an ellipse": (round_hatch, FINE, 10 + math.pi / 2, BY_CHORDS),
-    "islands beside each other": (islands, {}, 100 - 9 - 9 + 4, ROUNDING),
     "a hatch that touches itself": (touching_hatch, {}, 8, UNION),
     "hatches and solids that overlap": (overlapping_hatches, {}, 16 + 16 - 4 + 18, UNION),
-    "a stretched hatch": (stretched_hatch, FINE, math.pi / 2 * 72, BY_CHORDS),
 }
 
 
@@ -246,17 +222,23 @@ def test_the_same_region_drawn_in_many_ways(read: Read, build: Build) -> None:
     assert difference(read(build), pw.Aperture(np.array(SQUARE) / 1000)) < ROUNDING
 
 
-def test_a_grid_of_blocks_is_an_array(read: Read) -> None:
-    def patches(space: Any) -> None:
-        outline(space.doc.blocks.new("patch"), ring(0, 0, 2, 1))
-        row = space.doc.blocks.new("row")
-        row.add_blockref("patch", (0, 0), dxfattribs={"column_count": 3, "column_spacing": 5})
-        grid = {"row_count": 2, "row_spacing": 4, "rotation": 90}
-        space.add_blockref("row", (1, 1), dxfattribs=grid)
+def test_blocks_in_stretched_blocks_are_sheared(read: Read) -> None:
+    """Positions and shapes follow the product of the matrices of both inserts."""
 
-    turned = np.array(ring(0, 0, 2, 1)) @ [[0, 1], [-1, 0]] + (1, 1)
-    array = [np.add(turned, (-4 * i, 5 * k)) for i in range(2) for k in range(3)]
-    assert difference(read(patches), pw.Aperture([ring / 1000 for ring in array])) < ROUNDING
+    def build(space: Any) -> None:
+        inner, outer = space.doc.blocks.new("INNER"), space.doc.blocks.new("OUTER")
+        outline(inner, ring(1, 0, 3, 1))
+        grid = {"column_count": 2, "column_spacing": 5, "extrusion": (0, 0, -1)}
+        outer.add_blockref("INNER", (0, 2), dxfattribs={"rotation": 30, **grid})
+        space.add_blockref("OUTER", (7, 1), dxfattribs={"xscale": -3, "yscale": 0.5})
+
+    cos, sin = math.cos(math.pi / 6), math.sin(math.pi / 6)
+    mirror = np.diag([-1.0, 1.0])  # the plane of an extrusion towards -z has its x axis along -x
+    copies = []
+    for shift in (0, 5):
+        turned = np.add(ring(1, 0, 3, 1), (shift, 0)) @ [[cos, sin], [-sin, cos]] + (0, 2)
+        copies.append((turned @ mirror @ np.diag([-3, 0.5]) + (7, 1)) / 1000)
+    assert difference(read(build), pw.Aperture(copies)) < ROUNDING
 
 
 def test_a_rational_spline_of_an_ellipse_is_the_ellipse(read: Read) -> None:
@@ -312,19 +294,13 @@ def old_width(space: Any) -> None:
     space.add_polyline2d(SQUARE, close=True).dxf.default_end_width = 0.5
 
 
-def stretched_width(space: Any) -> None:
-    ring = outline(space.doc.blocks.new("B"), [(0, 0, 1), (2, 0, 1)], format="xyb")
-    ring.dxf.const_width = 0.5
-    space.add_blockref("B", (0, 0), dxfattribs={"xscale": 2.0})
-
-
 BAD: dict[str, tuple[Build, type[Exception], str]] = {
     "nothing": (lambda space: None, FileFormatError, "outlines in the model space, got none"),
     "a line": (lambda space: space.add_line((0, 0), (1, 0)), FileFormatError, "meets 0 others"),
     "a gap": (lambda s: slot(s, 0.01), FileFormatError, r"end at \(5, 0\) that meets 0 others"),
     "a star of lines": (star, FileFormatError, r"at \(0, 0\) that meets 2 others"),
     "a solid body": (lambda s: s.add_3dface([(0, 0), (1, 0), (1, 1)]), FileFormatError, "3DFACE"),
-    "overlap": (crossing_circles, GeometryError, "outlines 0 and 1 that cross"),
+    "overlap": (crossing_circles, GeometryError, "an overlap between outlines 0 and 1"),
     "bow tie": (lambda s: outline(s, [(0, 0), (2, 2), (2, 0), (0, 2)]),
                 GeometryError, r"crosses itself at \(1, 1\)"),
     "no area": (lambda s: outline(s, [(0, 0), (2, 2), (1, 1)]), GeometryError, "enclose an area"),
@@ -332,20 +308,14 @@ BAD: dict[str, tuple[Build, type[Exception], str]] = {
                   FileFormatError, "plane drawing"),
     "no block": (lambda s: s.add_blockref("missing", (0, 0)), FileFormatError, "named 'missing'"),
     "another drawing": (external, FileFormatError, "external reference 'OTHER'"),
-    "negative radius": (lambda s: s.add_circle((0, 0), -1), FileFormatError, "from zero up"),
     "nan": (lambda s: s.add_circle((0, math.nan), 1), FileFormatError, "finite coordinates"),
     "huge": (lambda s: s.add_circle((0, 0), 1e200), FileFormatError, "below 1e\\+100"),
     "recursion": (recursion, FileFormatError, "contains itself"),
-    "weights": (
-        lambda s: s.add_rational_spline([(0, 0), (1, 0), (1, 1), (0, 0)], weights=[1, -1, 1, 1]),
-        FileFormatError, "weights of a spline above zero",
-    ),
     "width": (lambda s: s.add_lwpolyline(SQUARE, close=True, dxfattribs={"const_width": 0.5}),
               FileFormatError, "width zero"),
     "tapered": (lambda s: s.add_lwpolyline([(0, 0, 0, 0.5), (5, 0, 0.5, 0)], format="xyse"),
                 FileFormatError, "width zero"),
     "old width": (old_width, FileFormatError, "width zero"),
-    "stretched width": (stretched_width, FileFormatError, "width zero"),
 }  # fmt: skip
 
 
@@ -355,23 +325,6 @@ def test_what_is_no_outline_raises_one_error(
 ) -> None:
     with pytest.raises(kind, match=rf"drawing\.dxf: expected .*{words}") as raised:
         read(build)
-    assert "\n" not in str(raised.value)
-
-
-BAD_FILES = {
-    "empty": (b"", "empty file"),
-    "noise": (bytes(range(256)), "does not read"),
-    "cut": (b"0\nSECTION\n2\nENTITIES\n0\nCIRCLE\n8\n0\n10\n1.0\n", "does not read"),
-    "binary cut": (b"AutoCAD Binary DXF\r\n\x1a\0" + bytes(30), "does not read"),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize(("content", "words"), BAD_FILES.values(), ids=BAD_FILES)
-def test_a_damaged_file_raises_one_error(tmp_path: Path, content: bytes, words: str) -> None:
-    path = tmp_path / "bad.dxf"
-    path.write_bytes(content)
-    with pytest.raises(FileFormatError, match=words) as raised:
-        pw.read_aperture(path)
     assert "\n" not in str(raised.value)
 
 
@@ -551,9 +504,14 @@ def test_a_hatch_inside_an_outline_that_is_not_its_border_is_refused(read: Read)
     assert read(build, union=True).area == pytest.approx(81e-6)
 
 
-@pytest.mark.parametrize(("width", "scale"), [(0.6, 1.0), (0.6, 3.0), (2.0, 1.0), (3.0, 1.0)])
+@pytest.mark.parametrize(
+    ("width", "scale"),
+    [(0.6, (1, 1)), (0.6, (3, 3)), (0.6, (2, 0.5)), (2.0, (1, 1)), (3.0, (1, 1))],
+)
 @pytest.mark.parametrize("version", ["R12", "R2010"])
-def test_a_donut_is_a_ring(read: Read, width: float, scale: float, version: str) -> None:
+def test_a_donut_is_a_ring(
+    read: Read, width: float, scale: tuple[float, float], version: str
+) -> None:
     """Half circles of radius 1 with a width; of 2 or more, a disc."""
 
     def build(space: Any) -> None:
@@ -565,7 +523,7 @@ def test_a_donut_is_a_ring(read: Read, width: float, scale: float, version: str)
         else:
             ring = block.add_lwpolyline(points, format="xyb", close=True)
             ring.dxf.const_width = width
-        space.add_blockref("DONUT", (1, 2), dxfattribs={"xscale": scale, "yscale": scale})
+        space.add_blockref("DONUT", (1, 2), dxfattribs={"xscale": scale[0], "yscale": scale[1]})
 
-    exact = math.pi * ((1 + width / 2) ** 2 - max(1 - width / 2, 0) ** 2) * scale**2
+    exact = math.pi * ((1 + width / 2) ** 2 - max(1 - width / 2, 0) ** 2) * math.prod(scale)
     assert read(build, version=version).area == pytest.approx(exact * 1e-6, rel=1e-12, abs=0.0)

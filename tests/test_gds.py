@@ -65,14 +65,6 @@ def test_what_is_not_in_the_file_is_answered_with_what_is(layer, error, words, t
         pw.read_aperture(layout(tmp_path / "chip.gds"), layer=layer)
 
 
-@pytest.mark.parametrize("size", [40, 300, -10])
-def test_a_layout_that_is_cut_short_is_refused(tmp_path, size):
-    path = layout(tmp_path / "chip.gds")
-    path.write_bytes(path.read_bytes()[:size])
-    with pytest.raises(FileFormatError, match=r"chip\.gds: expected"):
-        pw.read_aperture(path, layer=["TOP", "1"])
-
-
 def test_a_cell_within_itself_is_refused(tmp_path):
     content = layout(tmp_path / "chip.gds").read_bytes()
     path = tmp_path / "cycle.gds"

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import polywigner as pw
-from polywigner.errors import ArgumentError, FileFormatError
+from polywigner.errors import FileFormatError
 
 # Sums of some hundred vertices, scaled from mm to metres.
 ROUNDING = 1e-12
@@ -200,26 +200,3 @@ def test_what_would_be_read_wrongly_is_refused(read, what: str) -> None:
     body, words = REFUSED[what]
     with pytest.raises(FileFormatError, match=rf"board\.gbr: expected .*{words}"):
         read(body)
-
-
-def test_a_file_has_no_layers_to_choose(read) -> None:
-    with pytest.raises(ArgumentError, match="no layers"):
-        read(PATCH, layer="top")
-
-
-def test_damaged_files_are_refused(read, tmp_path: Path) -> None:
-    with pytest.raises(FileFormatError, match="ends with M02"):
-        read(PATCH, end="")
-    with pytest.raises(FileFormatError, match="end with an asterisk"):
-        read(PATCH[:-9], end="")
-    with pytest.raises(FileFormatError, match="coordinates"):
-        read(PATCH, head="%MOMM*%")
-    path = tmp_path / "junk.gtl"
-    for content, words in (
-        (b"", "empty file"),
-        (bytes(range(256)), "binary data"),
-        (b"words", "none of Gerber"),
-    ):
-        path.write_bytes(content)
-        with pytest.raises(FileFormatError, match=rf"junk\.gtl: expected .*{words}"):
-            pw.read_aperture(path)

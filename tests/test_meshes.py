@@ -20,7 +20,6 @@ from polywigner.errors import (
     GeometryError,
     PolywignerWarning,
     QuantityError,
-    SceneError,
 )
 
 DATA = Path(__file__).parent / "data" / "readers"
@@ -157,17 +156,6 @@ def test_faces_of_any_outline_are_covered_once_from_any_first_corner(written, na
             assert plates == pytest.approx(area * 1e-6, rel=1e-9, abs=0.0)
 
 
-@pytest.mark.parametrize("name", ["comb", "spiral"])
-def test_a_concave_lid_seen_at_a_right_angle_has_the_section_of_its_area(
-    written, name: str
-) -> None:
-    wavelength = 50e-6
-    path = written("a.obj", obj(*prism(RINGS[name], 2, first=3)))
-    section = pw.rcs(pw.read_polyhedron(path), (0, 0, 1.0), wavelength)
-    area = shoelace(RINGS[name]) * 1e-6
-    assert section == pytest.approx(4 * math.pi * (area / wavelength) ** 2, rel=1e-9)
-
-
 def test_the_files_of_reported_faults_have_their_areas_and_volumes() -> None:
     assert sum(s.aperture.area for s in pw.read_sheets(DATA / "L_prism.obj")) == pytest.approx(
         22e-6
@@ -301,15 +289,6 @@ def test_a_surface_in_a_body_that_faces_the_same_way_is_warned_of(written) -> No
             pw.read_polyhedron(written("a.stl", stl(boxes)))
 
 
-def test_a_transform_of_two_bodies_does_not_depend_on_their_orientation(written) -> None:
-    nu = np.random.default_rng(1).normal(0, 100, (20, 3))
-    both = [
-        pw.fourier(pw.read_polyhedron(written("a.stl", stl(np.concatenate(boxes)))), nu)
-        for boxes in ([box(*OUTER), box(*APART)], [box(*OUTER), box(*APART, inverted=True)])
-    ]
-    assert np.abs(both[1] - both[0]).max() < 1e-12 * 753e-9
-
-
 @pytest.mark.parametrize("inverted", [False, True])
 def test_bodies_that_touch_or_overlap_are_no_cavities(written, inverted: bool) -> None:
     """A box in a notch, along an edge, and half inside another one."""
@@ -375,9 +354,6 @@ def test_scenes_take_stl_meshes_in_their_pose(written, tmp_path: Path) -> None:
     (tmp_path / "body.stl").write_bytes(b"solid of nothing")
     with pytest.raises(FileFormatError, match=r"body\.stl"):
         pm.load_scene(path)
-    path.write_text(path.read_text().replace("filename", "file"))
-    with pytest.raises(SceneError, match="'file'"):
-        pm.load_scene(path)
 
 
 def test_the_unit_says_what_one_stands_for(written) -> None:
@@ -418,7 +394,6 @@ PLY = (
 TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\n"
 
 BAD = {
-    "noise.stl": (bytes(range(256)) * 3, FileFormatError, "84 \\+ 50 n bytes"),
     "cut.stl": (binary_stl(BOX)[:-7], FileFormatError, "announce 12 triangles"),
     "claims.stl": (announced(10**9), FileFormatError, "announce 1000000000 triangles"),
     "none.stl": (binary_stl(BOX[:0]), FileFormatError, "triangles, got none"),

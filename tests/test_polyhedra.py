@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import polywigner as pw
+from oracles.meshes import ball, extruded
 from oracles.references import ENGINES, read_json
 from polywigner.errors import ArgumentError, GeometryError
 
@@ -22,41 +23,10 @@ CUBE_CORNERS = np.array(
 CUBE_FACES = [[0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]]
 
 
-def prism(outline, height):
-    """A right prism over a ring, from z = 0."""
-    ring = np.asarray(outline, float)
-    n = len(ring)
-    floor = np.column_stack([ring, np.zeros(n)])
-    vertices = np.concatenate([floor, floor + np.array([0, 0, height])])
-    sides = [[k, (k + 1) % n, n + (k + 1) % n, n + k] for k in range(n)]
-    return pw.Polyhedron(vertices, [list(range(n))[::-1], list(range(n, 2 * n)), *sides])
-
-
 def rotation(seed):
     """A random rotation matrix."""
     q, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
     return q * np.sign(np.linalg.det(q))
-
-
-def ball(rows, columns, stretch=1.0):
-    """Triangles between the poles, on circles of latitude."""
-    theta = np.linspace(0, np.pi, rows + 1)[1:-1, None]
-    phi = np.arange(columns) * 2 * np.pi / columns
-    circles = np.stack(
-        np.broadcast_arrays(
-            np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)
-        ),
-        axis=-1,
-    ).reshape(-1, 3)
-    top, bottom, last = len(circles), len(circles) + 1, (rows - 2) * columns
-    faces = []
-    for j in range(columns):
-        k = (j + 1) % columns
-        faces += [(top, j, k), (bottom, last + k, last + j)]
-        for start in range(0, last, columns):
-            below = start + columns
-            faces += [(start + j, below + j, below + k), (start + j, below + k, start + k)]
-    return pw.Polyhedron(np.vstack([circles, [0, 0, 1], [0, 0, -1]]) * stretch, faces)
 
 
 @engines
@@ -78,7 +48,7 @@ def test_a_prism_is_its_base_times_a_slit():
     base = [[0, 0], [2, 0], [2, 0.6], [1, 1.1], [0.3, 0.4], [0, 0.6]]  # not convex
     rng = np.random.default_rng(4)
     nu = rng.normal(size=(200, 3)) * 10.0 ** rng.uniform(-12, 2, (200, 1))
-    body = prism(base, 0.7)
+    body = extruded(base, 0.7)
     product = pw.fourier(pw.Aperture(base), nu) * pw.fourier(pw.Slits([0, 0.7]), nu[:, 2:])
     assert np.abs(pw.fourier(body, nu) - product).max() < 1e-14 * body.volume
 
@@ -86,8 +56,8 @@ def test_a_prism_is_its_base_times_a_slit():
 def test_the_diameter_is_the_largest_distance_of_two_vertices():
     rng = np.random.default_rng(0)
     for stretch in ((1.0, 1.0, 1.0), (30.0, 1.0, 0.1)):
-        body = ball(9, 12, np.array(stretch))
-        shifted = pw.Polyhedron(body.vertices + rng.normal(size=3), body.faces)
+        body = ball(1.0, 9)
+        shifted = pw.Polyhedron(body.vertices * stretch + rng.normal(size=3), body.faces)
         apart = np.linalg.norm(shifted.vertices[:, None] - shifted.vertices, axis=-1)
         assert shifted.diameter == pytest.approx(apart.max(), rel=1e-14)
 
@@ -134,7 +104,7 @@ def test_bodies_that_touch_along_an_edge_or_a_face_are_the_sum_of_both():
 
 def test_a_turned_body_has_the_turned_transform():
     turn = rotation(7)
-    body = prism([[0, 0], [1, 0], [0.2, 0.3], [0, 1]], 0.4)
+    body = extruded([[0, 0], [1, 0], [0.2, 0.3], [0, 1]], 0.4)
     turned = pw.Polyhedron(body.vertices @ turn.T, body.faces)
     nu = np.random.default_rng(8).uniform(-5, 5, (50, 3))
     assert np.abs(pw.fourier(turned, nu @ turn.T) - pw.fourier(body, nu)).max() < 1e-14
@@ -180,16 +150,13 @@ def test_a_placed_aperture_sees_the_frequency_in_its_own_frame(engine):
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = rotation(9), [0.3, -2.0, 5.0]
     placed = CHEVRON.placed(pose)
-    nu = np.random.default_rng(10).uniform(-4, 4, (100, 3))
-    own = nu @ pose[:3, :3]
-    expected = pw.fourier(CHEVRON, own[:, :2]) * np.exp(-2j * np.pi * nu @ pose[:3, 3])
-    got = pw.fourier(placed, nu, engine=engine)
-    assert np.abs(got - expected).max() < 1e-13 * CHEVRON.area
-    complex_nu = nu[:5] * (1 + 0.05j)
-    own = complex_nu @ pose[:3, :3]
-    expected = pw.fourier(CHEVRON, own[:, :2]) * np.exp(-2j * np.pi * complex_nu @ pose[:3, 3])
-    got = pw.fourier(placed, complex_nu, engine=engine)
-    assert np.abs(got / expected - 1).max() < 1e-12
+    points = np.random.default_rng(10).uniform(-4, 4, (100, 3))
+    for nu in (points, points[:5] * (1 + 0.05j)):
+        own = nu @ pose[:3, :3]
+        expected = pw.fourier(CHEVRON, own[:, :2]) * np.exp(-2j * np.pi * nu @ pose[:3, 3])
+        got = pw.fourier(placed, nu, engine=engine)
+        scale = np.maximum(CHEVRON.area, np.abs(expected))  # growing waves are larger
+        assert (np.abs(got - expected) / scale).max() < 1e-13
 
 
 def test_divergence_theorem_ties_faces_to_bodies():
@@ -223,9 +190,6 @@ def test_third_components_of_drjit_points_are_ignored_too():
     flat = pw.fourier(CHEVRON, backend.Array2f64([0.3, 1.0], [-0.2, 0.5]))
     deep = pw.fourier(CHEVRON, backend.Array3f64([0.3, 1.0], [-0.2, 0.5], [7.0, 0.0]))
     assert (np.array(flat.real) == np.array(deep.real)).all()
-    body = pw.Polyhedron(CUBE_CORNERS - 0.5, CUBE_FACES)
-    got = pw.fourier(body, backend.Array3f64([0.3], [-0.2], [0.7]))
-    assert np.array(got.real)[0] == pytest.approx(np.prod(np.sinc([0.3, 0.2, 0.7])), abs=1e-15)
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ import pytest
 
 import polywigner as pw
 from oracles.meshes import box, prism
-from oracles.shadow_quadrature import point_radiator, shadowed_field
+from oracles.shadow_quadrature import expected_ratio
 from polywigner.geometry.silhouettes import obstacles_of
 
 # Edge waves at the default tolerance.
@@ -41,12 +41,6 @@ def ratio(source: Any, points: Any, bodies: Any) -> np.ndarray:
     lamp, points = pw.PointSource(source), np.array(points, float)
     behind = pw.amplitude(lamp, points, 1.0, obstacles=bodies, engine="numpy")
     return behind / pw.amplitude(lamp, points, 1.0)
-
-
-def expected_ratio(source: Any, points: Any, bodies: Any) -> np.ndarray:
-    radiator = point_radiator(source)
-    points = np.array(points, float)
-    return shadowed_field(bodies, radiator, points, order=8) / radiator.field(points)
 
 
 def level(values: np.ndarray) -> np.ndarray:

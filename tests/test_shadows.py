@@ -71,12 +71,6 @@ def test_tolerance_bounds_the_error_and_the_estimate_covers_it() -> None:
     assert off < 1e-5 * np.abs(fine).max() and off < 3 * error.max()
 
 
-def test_plate_in_the_plane_is_a_screen() -> None:
-    outline = pw.Aperture([(-0.02, -0.015), (0.02, -0.015), (0.025, 0.02), (-0.02, 0.02)])
-    expected = pw.amplitude(pw.Screen(outline, LAMP), BEHIND, WAVELENGTH, "kirchhoff")
-    assert np.abs(field(LAMP, BEHIND, outline.placed(at())) / expected - 1).max() < TOLERANCE
-
-
 def test_hole_in_a_wall_adds_to_the_plate_that_would_fill_it() -> None:
     hole = pw.shapes.rectangle(0.012, 0.02)
     wall = pw.shapes.square(0.2) - hole

@@ -321,3 +321,9 @@ def sequential_field(
         near = np.concatenate([points, [position]])
         left = left + -taken_by(*lit_regions([surface], position), left, near, order, longest)
     return left.field(points)
+
+
+def expected_ratio(source: Any, points: Any, bodies: Any) -> Any:
+    """Return the field behind bodies over the free field of a point source; wavelength 1."""
+    radiator, points = point_radiator(source), np.array(points, float)
+    return shadowed_field(bodies, radiator, points, order=8) / radiator.field(points)

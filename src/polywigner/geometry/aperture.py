@@ -38,9 +38,15 @@ if TYPE_CHECKING:
 
 
 def _frozen(array: NDArray[Any]) -> NDArray[Any]:
+    if not array.flags.writeable and array.flags.owndata:
+        return array
     copy = np.ascontiguousarray(array).copy()
     copy.setflags(write=False)
     return copy
+
+
+def _frozen_parts(parts: Sequence[Part]) -> tuple[Part, ...]:
+    return tuple(tuple(map(_frozen, part)) for part in parts)
 
 
 def _rotated_to_smallest(ring: Ring) -> Ring:
@@ -72,40 +78,54 @@ class Aperture(TakesWaves):
     """
 
     _parts: tuple[Part, ...]
-    _segments: tuple[Part, ...]
+    _segments: tuple[Part, ...] | None
+    """Segments that touch; None: the parts."""
     illumination: Field | None
     """The field on the aperture, an Illumination; None where it is 1."""
 
     def __init__(self, vertices: Outline) -> None:
         self._set(merge_parts(parts_from(vertices)))
 
-    def _set(self, parts: Sequence[Part]) -> None:
-        frozen = tuple(tuple(_frozen(ring) for ring in part) for part in parts)
-        object.__setattr__(self, "_parts", frozen)
-        object.__setattr__(self, "_segments", frozen)
-        object.__setattr__(self, "illumination", None)
+    def _set(
+        self,
+        parts: Sequence[Part],
+        illumination: Field | None = None,
+        segments: Sequence[Part] | None = None,
+    ) -> None:
+        object.__setattr__(self, "_parts", _frozen_parts(parts))
+        object.__setattr__(self, "_segments", segments and _frozen_parts(segments))
+        object.__setattr__(self, "illumination", illumination)
+
+    @classmethod
+    def _of_parts(
+        cls,
+        parts: Sequence[Part],
+        illumination: Field | None = None,
+        segments: Sequence[Part] | None = None,
+    ) -> Aperture:
+        """An aperture of parts that are valid already."""
+        aperture = object.__new__(cls)
+        aperture._set(parts, illumination, segments)
+        return aperture
 
     @classmethod
     def _of_segments(cls, rings: Sequence[Ring]) -> Aperture:
         """An aperture of simple rings that may touch; they stay its :attr:`segments`."""
-        aperture = cls(rings)
-        if len(aperture._parts) < len(rings):
-            object.__setattr__(aperture, "_segments", tuple((_frozen(ring),) for ring in rings))
-        return aperture
+        parts = cls(rings)._parts
+        return cls._of_parts(
+            parts, None, [(ring,) for ring in rings] if len(parts) < len(rings) else None
+        )
 
-    def _with_segments_of(self, other: Aperture, mapped: Callable[[Ring], Ring]) -> Aperture:
-        """This aperture with the segments of another one, vertices ``mapped``, if they touch."""
-        if other._segments is not other._parts:
-            segments = tuple(tuple(_frozen(mapped(r)) for r in part) for part in other._segments)
-            object.__setattr__(self, "_segments", segments)
-        return self
-
-    @classmethod
-    def _of_parts(cls, parts: Sequence[Part]) -> Aperture:
-        """An aperture of parts that are valid already."""
-        aperture = object.__new__(cls)
-        aperture._set(parts)
-        return aperture
+    def _mapped(
+        self, image: Callable[[Ring], Ring], image_of_field: Callable[[Field], Field]
+    ) -> Aperture:
+        """The image under a similarity of the vertices, and of the field."""
+        field = self.illumination
+        parts, segments = (
+            parts and [tuple(map(image, part)) for part in parts]
+            for parts in (self._parts, self._segments)
+        )
+        return Aperture._of_parts(parts or (), field and image_of_field(field), segments)
 
     @classmethod
     def from_ring(cls, ring: ArrayLike, winding: str = "nonzero") -> Aperture:
@@ -124,12 +144,8 @@ class Aperture(TakesWaves):
 
         Raises ArgumentError for what is not an Illumination, IlluminationError for one of slits.
         """
-        aperture = object.__new__(Aperture)
-        object.__setattr__(aperture, "_parts", self._parts)
-        object.__setattr__(aperture, "_segments", self._segments)
         field = None if illumination is None else checked_field(illumination, 2)
-        object.__setattr__(aperture, "illumination", field)
-        return aperture
+        return Aperture._of_parts(self._parts, field, self._segments)
 
     def moved(self, shift: ArrayLike) -> Aperture:
         """The aperture and the field on it shifted by (2,); vertices are rounded.
@@ -137,19 +153,16 @@ class Aperture(TakesWaves):
         Raises ArgumentError for a shift that is not two finite numbers.
         """
         offset = checked_shift(shift, 2)
-        copy = Aperture._of_parts([tuple(ring + offset for ring in part) for part in self._parts])
-        copy, field = copy._with_segments_of(self, lambda ring: ring + offset), self.illumination
-        return copy if field is None else copy.with_illumination(field.moved(offset))
+        return self._mapped(lambda ring: ring + offset, lambda field: field.moved(offset))
 
     def turned(self, angle: float) -> Aperture:
         """The aperture and the field on it turned counter-clockwise about the origin, in radians.
 
         Quarter turns are exact. Raises ArgumentError for an angle that is not a finite number.
         """
-        parts = [tuple(turned_points(ring, angle) for ring in part) for part in self._parts]
-        copy, field = Aperture._of_parts(parts), self.illumination
-        copy = copy._with_segments_of(self, lambda ring: turned_points(ring, angle))
-        return copy if field is None else copy.with_illumination(field.turned(angle))
+        return self._mapped(
+            lambda ring: turned_points(ring, angle), lambda field: field.turned(angle)
+        )
 
     @property
     def elements_in_plane(self) -> tuple[Aperture, ...]:
@@ -162,10 +175,7 @@ class Aperture(TakesWaves):
         Raises ArgumentError for a factor that is not a finite number above zero.
         """
         size = checked_length(factor, "factor", meaning="a number above zero")
-        parts = [tuple(ring * size for ring in part) for part in self._parts]
-        copy, field = Aperture([polygon_of_part(part) for part in parts]), self.illumination
-        copy = copy._with_segments_of(self, lambda ring: ring * size)
-        return copy if field is None else copy.with_illumination(field.scaled(size))
+        return self._mapped(lambda ring: ring * size, lambda field: field.scaled(size))
 
     def __or__(self, other: Aperture) -> Aperture:
         """The union; both have one field, or none."""
@@ -225,8 +235,7 @@ class Aperture(TakesWaves):
         segments that touch.
         """
         return tuple(
-            Aperture._of_parts([part]).with_illumination(self.illumination)
-            for part in self._segments
+            Aperture._of_parts([part], self.illumination) for part in self._segments or self._parts
         )
 
     @cached_property
@@ -278,7 +287,7 @@ class Aperture(TakesWaves):
         return self
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _restored, (self._parts, self.illumination, self._segments)
+        return Aperture._of_parts, (self._parts, self.illumination, self._segments)
 
     def plot(self, ax: Axes | None = None, unit: str = "mm") -> Axes:
         """The outline, filled, on axes of matplotlib, which are returned.
@@ -314,16 +323,6 @@ class Aperture(TakesWaves):
             f"Aperture({', '.join(counts)}, area {self.area:.6g}, "
             f"bounds ({', '.join(f'{bound:.6g}' for bound in self.bounds)}))"
         )
-
-
-def _restored(
-    parts: Sequence[Part], illumination: Field | None, segments: Sequence[Part]
-) -> Aperture:
-    aperture = Aperture._of_parts(parts)
-    if len(segments) > len(parts):
-        source = Aperture._of_parts(segments)
-        object.__setattr__(aperture, "_segments", source._parts)
-    return aperture.with_illumination(illumination)
 
 
 def triangulate(aperture: Aperture) -> tuple[Ring, NDArray[np.intp]]:

@@ -7,7 +7,8 @@ polygons, and stretches that two of these share cancel. What is left is the boun
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
+from functools import partial
 
 import numpy as np
 import shapely
@@ -56,51 +57,73 @@ class Surface:
     @classmethod
     def of(cls, parts: Sequence[Surface]) -> Surface:
         """Several surfaces together."""
-        names = [field.name for field in fields(cls)]
+        names = [item.name for item in fields(cls)]
         return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
     def taken(self, rows: NDArray[np.bool_] | Indices) -> Surface:
         """Some of the triangles."""
-        return Surface(*(getattr(self, field.name)[rows] for field in fields(self)))
+        return Surface(*(getattr(self, item.name)[rows] for item in fields(self)))
 
 
 @dataclass(frozen=True)
-class Contours:
-    """Directed edges (m,) of visible surfaces, the surface on their left."""
+class Silhouette:
+    """Directed edges (m,) of shadows, the body on the left of each as the source sees it."""
 
-    ends: Floats
+    edges: Floats
     """(m, 2, 3)."""
-    edges: Indices
-    """(m,) numbers of the edges that they are parts of."""
+    numbers: Indices
+    """(m,) numbers of the edges of meshes that the edges are parts of."""
     bodies: Indices
-    """(m,) numbers of the bodies of the surfaces."""
+    """(m,) numbers of the bodies that the edges belong to."""
     behind: Indices
-    """(m,) numbers of the faces behind them, as the observer sees them; -1 for none."""
-    touching: frozenset[tuple[int, int]]
+    """(m,) numbers of the faces behind the edges, as the source sees them; -1 for none."""
+    touching: frozenset[tuple[int, int]] = frozenset()
     """Pairs of bodies that continue each other's surfaces."""
+    planes: Floats = field(default_factory=partial(np.empty, (0, 4)))
+    """(m, 4): points P with planes[:3].P + planes[3] < 0 are behind the plane of the face that an
+    edge casts its shadow on; (0, 0, 0, 1) for edges with nothing behind them."""
+    is_closed: bool = True
+    """Whether no part of the edges has been taken away."""
+
+    @classmethod
+    def of(cls, parts: Sequence[Silhouette]) -> Silhouette:
+        """Several silhouettes together, without their planes."""
+        names = ("edges", "numbers", "bodies", "behind")
+        edges, numbers, bodies, behind = (
+            np.concatenate([getattr(part, name) for part in parts]) for name in names
+        )
+        touching = frozenset[tuple[int, int]]().union(*(part.touching for part in parts))
+        return cls(edges, numbers, bodies, behind, touching)
+
+    def taken(self, rows: NDArray[np.bool_], edges: Floats) -> Silhouette:
+        """Parts (k, 2, 3) of some of the edges (m,)."""
+        return replace(
+            self,
+            edges=edges[rows],
+            planes=self.planes[rows],
+            numbers=self.numbers[rows],
+            bodies=self.bodies[rows],
+            behind=self.behind[rows],
+            is_closed=self.is_closed and np.array_equal(edges, self.edges) and bool(rows.all()),
+        )
 
 
-def net_contours(surface: Surface, observer: Floats, closed: float = 0.0) -> Contours:
+_NONE = np.empty(0, np.intp)
+_NO_EDGES = Silhouette(np.empty((0, 2, 3)), _NONE, _NONE, _NONE)
+
+
+def net_contours(surface: Surface, observer: Floats, closed: float = 0.0) -> Silhouette:
     """Return the net contours of the parts of a surface that an observer (3,) sees.
 
     ``closed``: width of slits between bodies that have no contours, about.
 
     Raises ArgumentError for surfaces with too many triangles that overlap as they are seen.
     """
+    figures = _figures(surface, observer)
     parts = [
-        _contours_in(figure, clipped, closed)
-        for figure, clipped in _figures(surface, observer)
-        if len(clipped.faces)
+        _contours_in(figure, clipped, closed) for figure, clipped in figures if len(clipped.faces)
     ]
-    if not parts:
-        none = np.empty(0, np.intp)
-        return Contours(np.empty((0, 2, 3)), none, none, none, frozenset())
-    ends, edges, bodies, behind = (
-        np.concatenate([getattr(part, name) for part in parts])
-        for name in ("ends", "edges", "bodies", "behind")
-    )
-    touching = frozenset[tuple[int, int]]().union(*(part.touching for part in parts))
-    return _joined(Contours(ends, edges, bodies, behind, touching))
+    return _joined(Silhouette.of([_NO_EDGES, *parts]))
 
 
 def _figures(surface: Surface, observer: Floats) -> Iterator[tuple[Projected, Surface]]:
@@ -193,7 +216,7 @@ def _cut_ring(
     return kept
 
 
-def _contours_in(figure: Projected, surface: Surface, closed: float) -> Contours:
+def _contours_in(figure: Projected, surface: Surface, closed: float) -> Silhouette:
     """The net contours in one figure."""
     polygons = np.asarray(shapely.polygons(figure.points), dtype=object)
     hidden, left = less_shadows(figure, polygons, polygons, bodies=surface.convex)
@@ -255,7 +278,7 @@ class _Pairing:
         self.triangle.append(triangle[~on_border])
         self.side.append(side[~on_border])
 
-    def resolved(self) -> Contours:
+    def resolved(self) -> Silhouette:
         """Return the net contours: all stretches that no two surfaces share."""
         begin, end = np.concatenate(self.begin), np.concatenate(self.end)
         triangle, side = np.concatenate(self.triangle), np.concatenate(self.side)
@@ -293,7 +316,7 @@ class _Pairing:
         ends = [self._lifted(rows, np.array([piece[k] for piece in pieces])) for k in (1, 2)]
         faces = np.where(behind >= 0, self.surface.faces[triangle[behind]], -1)
         bodies = self.surface.bodies[triangle[rows]]
-        return Contours(np.stack(ends, axis=1), edge[rows], bodies, faces, frozenset(touching))
+        return Silhouette(np.stack(ends, axis=1), edge[rows], bodies, faces, frozenset(touching))
 
     def _candidates(
         self, begin: Floats, end: Floats, edge: Indices, length: Floats, triangle: Indices
@@ -430,35 +453,30 @@ def _without(
     return [(a, b) for pair in parts for a, b in pair if b > a]
 
 
-def _joined(contours: Contours) -> Contours:
+def _joined(contours: Silhouette) -> Silhouette:
     """Contours whose pieces of one edge before one face are joined where they meet."""
-    vector = contours.ends[:, 1] - contours.ends[:, 0]
-    order = np.lexsort([contours.behind, contours.edges])
-    ends: list[Floats] = []
-    rows: list[int] = []
-    groups = np.flatnonzero(np.diff(contours.edges[order]) | np.diff(contours.behind[order])) + 1
+    edges, numbers = contours.edges, contours.numbers
+    order = np.lexsort([contours.behind, numbers])
+    groups = np.flatnonzero(np.diff(numbers[order]) | np.diff(contours.behind[order])) + 1
+    joined, rows = [np.empty((0, 2, 3))], [np.empty(0, np.intp)]
     for some in np.split(order, groups) if len(order) else []:
-        if len(some) == 1 or contours.edges[some[0]] < 0:
-            ends += list(contours.ends[some])
-            rows += some.tolist()
+        if len(some) == 1 or numbers[some[0]] < 0:
+            joined.append(edges[some])
+            rows.append(some)
             continue
-        along = vector[some[0]] / np.linalg.norm(vector[some[0]])
-        some = some[np.argsort(contours.ends[some, 0] @ along)]
-        near = 1e-9 * np.abs(contours.ends[some]).max()
-        for k in some:
-            one = contours.ends[k]
-            meets = rows and contours.edges[rows[-1]] == contours.edges[k]
-            meets = meets and contours.behind[rows[-1]] == contours.behind[k]
-            if meets and np.abs(ends[-1][1] - one[0]).max() <= near:
-                ends[-1] = np.stack([ends[-1][0], one[1]])
-            else:
-                ends.append(one)
-                rows.append(int(k))
-    taken = np.array(rows, np.intp)
-    return Contours(
-        np.array(ends).reshape(-1, 2, 3),
-        contours.edges[taken],
-        contours.bodies[taken],
-        contours.behind[taken],
-        contours.touching,
+        along = edges[some[0], 1] - edges[some[0], 0]
+        some = some[np.argsort(edges[some, 0] @ along)]
+        begin, end = edges[some, 0], edges[some, 1]
+        gaps = np.abs(end[:-1] - begin[1:]).max(axis=1) > 1e-9 * np.abs(edges[some]).max()
+        first = np.flatnonzero(np.append(True, gaps))
+        last = np.append(first[1:] - 1, len(some) - 1)
+        joined.append(np.stack([begin[first], end[last]], axis=1))
+        rows.append(some[first])
+    taken = np.concatenate(rows)
+    return replace(
+        contours,
+        edges=np.concatenate(joined),
+        numbers=numbers[taken],
+        bodies=contours.bodies[taken],
+        behind=contours.behind[taken],
     )

@@ -7,9 +7,8 @@ stratified samples stay stratified; a triangle mesh, with its folds, would lose 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
@@ -109,60 +108,47 @@ _NEGLIGIBLE = 1e-12
 _TINY = 1e-30
 
 
-@dataclass(frozen=True, eq=False)
-class Trapezoids:
-    """Trapezoids with vertical parallel sides; read-only float64 arrays (n,), metres."""
+class Trapezoids(NamedTuple):
+    """Trapezoids with vertical parallel sides, in arrays (n,), metres."""
 
     left: NDArray[np.float64]
     width: NDArray[np.float64]
+    height_left: NDArray[np.float64]
+    height_right: NDArray[np.float64]
     low_left: NDArray[np.float64]
     low_right: NDArray[np.float64]
-    high_left: NDArray[np.float64]
-    high_right: NDArray[np.float64]
 
     @property
     def areas(self) -> NDArray[np.float64]:
         """Areas (n,), m^2."""
-        heights = self.high_left - self.low_left + self.high_right - self.low_right
-        return 0.5 * self.width * heights
+        return 0.5 * self.width * (self.height_left + self.height_right)
 
     @property
     def rows(self) -> NDArray[np.float64]:
         """(n, 6): all numbers of each."""
-        sides = (self.low_left, self.low_right, self.high_left, self.high_right)
-        return np.stack([self.left, self.width, *sides], axis=-1)
+        return np.stack(self, axis=-1)
+
+    @property
+    def columns(self) -> tuple[NDArray[np.float64], ...]:
+        """The constants of :func:`point_in_trapezoid`, each (n,)."""
+        return self
 
     @property
     def middles(self) -> NDArray[np.float64]:
-        """Midpoints of their middle lines, (n, 2)."""
-        y = 0.25 * (self.low_left + self.low_right + self.high_left + self.high_right)
+        """Midpoints of the lines halfway between the parallel sides, (n, 2)."""
+        height = self.height_left + self.height_right
+        y = 0.5 * (self.low_left + self.low_right) + 0.25 * height
         return np.stack([self.left + 0.5 * self.width, y], axis=-1)
 
     def divided(self, count: int) -> Trapezoids:
         """Each in ``count`` strips of equal width, these in as many pieces of equal height."""
         step = np.arange(count + 1) / count
-        u, v = step[:, None, None], step[:, None]
-        low = self.low_left + u * (self.low_right - self.low_left)
-        high = self.high_left + u * (self.high_right - self.high_left)
-        side = low + v * (high - low)  # (strip, piece, n)
-        left = self.left + u[:-1] * self.width
-        found = (
-            left, self.width / count,
-            side[:-1, :-1], side[1:, :-1], side[:-1, 1:], side[1:, 1:],
-        )  # fmt: skip
+        u, v = step[:, None, None], step[:-1, None]
+        height = self.height_left + u * (self.height_right - self.height_left)
+        low = self.low_left + u * (self.low_right - self.low_left) + v * height  # (strip, piece, n)
+        left, part = self.left + u[:-1] * self.width, height / count
+        found = left, self.width / count, part[:-1], part[1:], low[:-1], low[1:]
         return Trapezoids(*(a.reshape(-1) for a in np.broadcast_arrays(*found)))
-
-    @property
-    def columns(self) -> tuple[NDArray[np.float64], ...]:
-        """The constants of :func:`point_in_trapezoid`, each (n,)."""
-        return (
-            self.left,
-            self.width,
-            self.high_left - self.low_left,
-            self.high_right - self.low_right,
-            self.low_left,
-            self.low_right,
-        )
 
 
 def trapezoids(rings: Sequence[NDArray[np.float64]]) -> Trapezoids:
@@ -175,11 +161,8 @@ def trapezoids(rings: Sequence[NDArray[np.float64]]) -> Trapezoids:
     rows: list[NDArray[np.float64]] = []
     for left, right in pairwise(cuts):
         rows.extend(_slab(start, end, left, right))
-    table = np.array(rows).reshape(-1, 6)
-    found = Trapezoids(*table.T)
-    kept = table[found.areas > _NEGLIGIBLE * found.areas.sum()].T.copy()
-    kept.flags.writeable = False
-    return Trapezoids(*kept)
+    cells = Trapezoids(*np.array(rows).reshape(-1, 6).T)
+    return Trapezoids(*cells.rows[cells.areas > _NEGLIGIBLE * cells.areas.sum()].T.copy())
 
 
 def _slab(
@@ -195,8 +178,9 @@ def _slab(
     # Edges alternate between entering and leaving the aperture; touching parts tie, and either
     # order of a tie gives the same trapezoids.
     low, high = order[0::2], order[1::2]
-    sides = (at_left[low], at_right[low], at_left[high], at_right[high])
-    return np.stack([np.full(low.shape, left), np.full(low.shape, right - left), *sides], axis=-1)
+    heights = at_left[high] - at_left[low], at_right[high] - at_right[low]
+    sides = np.full(low.shape, left), np.full(low.shape, right - left), *heights
+    return np.stack([*sides, at_left[low], at_right[low]], axis=-1)
 
 
 def point_in_trapezoid(ops: Any, row: Sequence[Any], u: Any, v: Any) -> tuple[Any, Any]:

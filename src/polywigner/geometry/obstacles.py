@@ -1,15 +1,23 @@
-"""Opaque bodies and plates as triangles: how a source of light sees each of them."""
+"""Opaque bodies and plates as triangles: how a source sees each of them, and which ones meet."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from polywigner.geometry.aperture import PlacedAperture, triangulate
 from polywigner.geometry.parts import connected
-from polywigner.geometry.polyhedron import Polyhedron
+from polywigner.geometry.polyhedron import (
+    Polyhedron,
+    distances_from,
+    dot_products,
+    point_distances,
+)
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -18,8 +26,8 @@ Indices = NDArray[np.intp]
 ON = 1e-9
 # Sizes of a body from which its outline is that seen from infinity.
 _AFAR = 1e6
-# Pairs of a point and a triangle at a time: some 50 MB.
-PAIRS = 1 << 20
+# Pairs of a point, a ray or a triangle with a triangle at a time: some 50 MB.
+PAIRS, _PAIRS_OF_TRIANGLES = 1 << 20, 1 << 14
 
 
 @dataclass(frozen=True)
@@ -41,10 +49,7 @@ class Obstacle:
 
     def distance(self, points: Floats) -> Floats:
         """Distance of points (n, 3) from the nearest face, (n,)."""
-        corners = self.vertices[self.triangles]
-        step = max(1, PAIRS // len(corners))
-        blocks = [points[low : low + step] for low in range(0, len(points), step)]
-        return np.concatenate([_from_triangles(corners, block).min(axis=1) for block in blocks])
+        return distances_from(self.vertices[self.triangles], points)
 
     def heights(self, source: Floats) -> Floats:
         """Heights (t,) of a source above the planes of the triangles."""
@@ -147,17 +152,91 @@ def _is_convex(points: Floats, places: Floats, normals: Floats) -> bool:
     return bool((normals @ points.T - offsets[:, None] <= ON * size[:, None]).all())
 
 
-def _from_triangles(corners: Floats, points: Floats) -> Floats:
-    """Distances (n, t) of points (n, 3) from triangles (t, 3, 3)."""
-    best = np.full((len(points), len(corners)), np.inf)
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    above = np.ones(best.shape, bool)
-    for k in range(3):
-        start, side = corners[:, k], corners[:, (k + 1) % 3] - corners[:, k]
-        ahead = points[:, None] - start
-        share = np.einsum("ntk,tk->nt", ahead, side) / np.einsum("tk,tk->t", side, side)
-        off = ahead - np.clip(share, 0.0, 1.0)[:, :, None] * side
-        best = np.minimum(best, np.linalg.norm(off, axis=2))
-        above &= np.einsum("ntk,tk->nt", ahead, np.cross(normal, side)) >= 0.0
-    height = np.einsum("ntk,tk->nt", ahead, normal) / np.linalg.norm(normal, axis=1)
-    return np.where(above, np.abs(height), best)
+def contacts(
+    meshes: Sequence[Floats], rims: Sequence[Floats | None], within: float
+) -> list[tuple[int, int]]:
+    """Return pairs of meshes (t, 3, 3) that cross, or whose distance is at most ``within``.
+
+    ``rims``: edges (m, 2, 3) of the rims of sheets, None for closed meshes. A sheet is in contact
+    where something comes close to its rim, or passes through it: not where something stands on it.
+    """
+    boxes = np.array([[mesh.min(axis=(0, 1)), mesh.max(axis=(0, 1))] for mesh in meshes])
+    # edges as triangles without area
+    ends = [
+        mesh if rim is None else rim[:, [0, 1, 1]] for mesh, rim in zip(meshes, rims, strict=True)
+    ]
+    pairs = []
+    for one, other in np.column_stack(_overlapping(boxes, boxes, within)).tolist():
+        if one < other and (
+            any(_are_near(*some, within) for some in _near(ends[one], ends[other], within))
+            or any(_cross(*some, within).any() for some in _near(meshes[one], meshes[other], 0.0))
+        ):
+            pairs.append((one, other))
+    return pairs
+
+
+def _overlapping(boxes: Floats, others: Floats, within: float) -> tuple[Indices, Indices]:
+    """Numbers of boxes (n, 2, 3) and (m, 2, 3), lowest and highest corner, that are near."""
+    low, high = boxes[:, 0] - within, boxes[:, 1] + within
+    tree = shapely.STRtree(shapely.box(*others[:, 0, :2].T, *others[:, 1, :2].T))
+    one, other = tree.query(shapely.box(*low[:, :2].T, *high[:, :2].T))
+    near = (others[other, 0, 2] <= high[one, 2]) & (others[other, 1, 2] >= low[one, 2])
+    return one[near], other[near]
+
+
+def _near(one: Floats, other: Floats, within: float) -> Iterator[tuple[Floats, Floats]]:
+    """Triangles (n, 3, 3) of both meshes whose boxes are near, some at a time."""
+    boxes = [np.stack([mesh.min(axis=1), mesh.max(axis=1)], axis=1) for mesh in (one, other)]
+    rows = []
+    for mine, theirs in (boxes, boxes[::-1]):
+        if not len(theirs):
+            return
+        low, high = theirs[:, 0].min(axis=0) - within, theirs[:, 1].max(axis=0) + within
+        rows.append(np.flatnonzero(((mine[:, 0] <= high) & (mine[:, 1] >= low)).all(axis=1)))
+    first, second = _overlapping(boxes[0][rows[0]], boxes[1][rows[1]], within)
+    for start in range(0, len(first), _PAIRS_OF_TRIANGLES):
+        some = slice(start, start + _PAIRS_OF_TRIANGLES)
+        yield one[rows[0][first[some]]], other[rows[1][second[some]]]
+
+
+def _are_near(one: Floats, other: Floats, within: float) -> bool:
+    """Whether any pair of triangles (n, 3, 3) crosses or is within a distance of each other."""
+    for mine, theirs in ((one, other), (other, one)):
+        if (point_distances(np.moveaxis(mine, 1, 0), theirs) <= within).any():
+            return True
+    for k, j in product(range(3), repeat=2):
+        ends = one[:, k], one[:, (k + 1) % 3], other[:, j], other[:, (j + 1) % 3]
+        if (_between_segments(*ends) <= within).any():
+            return True
+    return bool(_cross(one, other, 0.0).any())
+
+
+def _between_segments(start: Floats, end: Floats, begin: Floats, stop: Floats) -> Floats:
+    """Distances (n,) of pairs of segments (Ericson, Real-Time Collision Detection, 5.1.9)."""
+    along, beside, apart = end - start, stop - begin, start - begin
+    a, e, b = dot_products(along, along), dot_products(beside, beside), dot_products(along, beside)
+    c, f = dot_products(along, apart), dot_products(beside, apart)
+    area = a * e - b * b
+    with np.errstate(divide="ignore", invalid="ignore"):
+        s = np.where(area > 1e-12 * a * e, np.clip((b * f - c * e) / area, 0.0, 1.0), 0.0)
+        t = np.where(e > 0.0, np.clip((b * s + f) / e, 0.0, 1.0), 0.0)
+        s = np.where(a > 0.0, np.clip((b * t - c) / a, 0.0, 1.0), 0.0)
+    return np.linalg.norm(apart + s[:, None] * along - t[:, None] * beside, axis=1)
+
+
+def _cross(one: Floats, other: Floats, depth: float) -> NDArray[np.bool_]:
+    """Whether a side of one triangle (n, 3, 3) passes through the other, by more than a depth."""
+    found = np.zeros(len(one), bool)
+    for mine, theirs in ((one, other), (other, one)):
+        a, b, c = np.moveaxis(theirs, 1, 0)
+        normal = np.cross(b - a, c - a)
+        height = np.stack([dot_products(mine[:, k] - a, normal) for k in range(3)])
+        far = np.abs(height) > depth * np.linalg.norm(normal, axis=1)
+        for k in range(3):
+            j = (k + 1) % 3
+            p, along = mine[:, k], mine[:, j] - mine[:, k]
+            sides = (a, b), (b, c), (c, a)
+            turns = np.stack([dot_products(np.cross(s - p, e - p), along) for s, e in sides])
+            inside = (turns > 0.0).all(axis=0) | (turns < 0.0).all(axis=0)
+            found |= inside & far[k] & far[j] & (height[k] * height[j] < 0.0)
+    return found

@@ -288,33 +288,34 @@ def _check_overlaps(
         pairs = first < second
         if pairs.any():
             touching = True
-            _check_pairs(array, first[pairs], second[pairs], shift, remedy)
+            check_pairs(array, first[pairs], second[pairs], shift, "parts", remedy)
     return touching
 
 
-def _check_pairs(
+def check_pairs(
     array: NDArray[np.object_],
     first: NDArray[np.intp],
     second: NDArray[np.intp],
     shift: float,
+    things: str,
     remedy: str,
 ) -> None:
+    """Raise GeometryError where pairs of polygons overlap by more than a rounding error `shift`."""
     common = shapely.intersection(array[first], array[second])
     # An edge displaced by the rounding tolerance sweeps that tolerance times its length. Half of a
     # sliver is an overlap, however thin it is.
     allowed = shift * np.minimum(shapely.length(array[first]), shapely.length(array[second]))
     smaller = np.minimum(shapely.area(array[first]), shapely.area(array[second]))
-    allowed = np.minimum(allowed, smaller / 2)
-    excess = shapely.area(common) > allowed
-    if excess.any():
-        worst = int(np.argmax(shapely.area(common)))
+    excess = shapely.area(common) - np.minimum(allowed, smaller / 2)
+    if (excess > 0).any():
+        worst = int(excess.argmax())
         i, j = first[worst], second[worst]
         inside = [n for n, m in ((i, j), (j, i)) if shapely.covers(array[m], array[n])]
-        relation = f"part {inside[0]} inside the other" if inside else "an overlap"
+        relation = f"{things[:-1]} {inside[0]} inside the other" if inside else "an overlap"
         spot = shapely.point_on_surface(common[worst])
         raise GeometryError(
-            f"expected parts that do not overlap, got {relation} between parts {i} and {j} around "
-            f"({spot.x:.15g}, {spot.y:.15g}); {remedy}"
+            f"expected {things} that do not overlap, got {relation} between {things} {i} and {j} "
+            f"around ({spot.x:.15g}, {spot.y:.15g}); {remedy}"
         )
 
 

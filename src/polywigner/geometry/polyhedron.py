@@ -15,9 +15,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import GeometryError
 from polywigner.geometry.arguments import finite_array, unchangeable, warn_caller
+from polywigner.geometry.convex import triangulate_part
 from polywigner.geometry.display import length_text, shown_as_html
 from polywigner.geometry.parts import connected, polygons_in
-from polywigner.geometry.rings import whole_numbers
+from polywigner.geometry.rings import rings_of_polygon, whole_numbers
 
 # How far a vertex of a face may lie off the face's plane, as a fraction of the body's diameter:
 # coordinates printed with ten digits pass; the volume differs by less than 1e-9 of diameter^3.
@@ -36,6 +37,11 @@ _LOST = 1e-9
 _ON_SURFACE = 1e-9
 # Vertices of a surface that are tested for being inside another surface.
 _SAMPLES = 16
+
+# Pairs of a point and a triangle at a time: some 50 MB.
+_PAIRS = 1 << 18
+# Stands for lengths and areas of zero in a denominator.
+_TINY = 1e-300
 
 # Faces that a notebook draws.
 _MOST_DRAWN = 2000
@@ -367,24 +373,19 @@ def _triangles_of(points: Vertices, face: Indices, number: int) -> Indices:
     outline = shapely.Polygon(flat)
     area = float(normals_of(corners[None])[0] @ normal) / 2
     # An edge to a hole, run along in both directions, is left out of the valid polygon.
-    parts = polygons_in(outline if outline.is_valid else shapely.make_valid(outline))
-    pieces = [
-        shapely.get_coordinates(shapely.constrained_delaunay_triangles(part)).reshape(-1, 4, 2)
-        for part in parts
-    ]
-    found = np.concatenate([np.empty((0, 4, 2)), *pieces])[:, :3] + 0.0
-    sides = found[:, 1:] - found[:, :1]
-    twice = sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]
-    is_whole = abs(np.abs(twice).sum() / 2 - area) <= _LOST * area
-    is_known = all(corner.tobytes() in vertex for corner in found.reshape(-1, 2))
-    if not (area > 0 and is_whole and is_known):
+    valid = outline if outline.is_valid else shapely.make_valid(outline)
+    found = [np.empty((0, 2))]
+    for part in polygons_in(shapely.orient_polygons(valid)):
+        vertices, triangles = triangulate_part(tuple(rings_of_polygon(part)))
+        found.append(vertices[triangles.ravel()])
+    numbers = [vertex.get(corner.tobytes(), -1) for corner in np.concatenate(found)]
+    is_whole = abs(valid.area - area) <= _LOST * area
+    if not (area > 0 and is_whole and min(numbers, default=-1) >= 0):
         raise GeometryError(
             f"expected faces that do not cross themselves, got face {number} with vertices "
             f"{face[:8].tolist()}; split it into triangles"
         )
-    numbers = [[vertex[corner.tobytes()] for corner in triangle] for triangle in found]
-    result = np.array(numbers, dtype=np.intp)
-    return result if twice.sum() > 0 else result[:, ::-1]
+    return np.array(numbers, dtype=np.intp).reshape(-1, 3)
 
 
 def closed_surfaces(faces: Sequence[Sequence[int]]) -> list[Indices]:
@@ -437,25 +438,71 @@ def nesting_of(surfaces: Sequence[Vertices]) -> NDArray[np.bool_]:
     return around
 
 
-# A rotation without symmetry, so that rays along z meet edges of boxes in no more than a point.
-_TURN = np.linalg.qr(np.array([[0.31, 0.83, -0.47], [-0.62, 0.55, 0.71], [0.91, 0.13, 0.38]]))[0]
-
-
 def _lies_inside(inner: Vertices, outer: Vertices) -> bool:
     """Whether all centroids of one surface's triangles that are not on the other lie inside it."""
-    centroids = inner[:: max(1, len(inner) // _SAMPLES)].mean(axis=1) @ _TURN
-    corners = outer @ _TURN
-    size = float(np.ptp(corners.reshape(-1, 3), axis=0).max())
-    shadows = shapely.STRtree(shapely.polygons(corners[:, :, :2]))
-    point, hit = shadows.query(shapely.points(centroids[:, :2]), predicate="intersects")
-    normals = normals_of(corners)[hit]
-    with np.errstate(invalid="ignore", divide="ignore"):
-        slopes = normals[:, :2] / normals[:, 2:]
-    offsets = centroids[point] - corners[hit, 0]
-    heights = -(slopes * offsets[:, :2]).sum(axis=1) - offsets[:, 2]
-    heights[~np.isfinite(heights)] = np.nan  # triangles seen edge-on
-    crossings = np.bincount(point[heights > 0], minlength=len(centroids))
-    on_surface = np.zeros(len(centroids), dtype=bool)
-    on_surface[point[np.abs(heights) <= _ON_SURFACE * size]] = True
-    is_inside = crossings[~on_surface] % 2 == 1
-    return bool(len(is_inside)) and bool(is_inside.all())
+    centroids = inner[:: max(1, len(inner) // _SAMPLES)].mean(axis=1)
+    size = float(np.ptp(outer.reshape(-1, 3), axis=0).max())
+    centroids = centroids[distances_from(outer, centroids) > _ON_SURFACE * size]
+    turns = np.abs(windings_about(centroids, outer))
+    return bool(len(turns)) and bool((np.round(turns) % 2 == 1).all())
+
+
+def distances_from(corners: Vertices, points: Vertices) -> Vertices:
+    """Return the distances (n,) of points (n, 3) from the nearest of triangles (m, 3, 3)."""
+    step = max(1, _PAIRS // len(corners))
+    blocks = [points[low : low + step, None] for low in range(0, len(points), step)]
+    return np.concatenate(
+        [np.empty(0), *(point_distances(block, corners).min(axis=1) for block in blocks)]
+    )
+
+
+def point_distances(points: Vertices, corners: Vertices) -> Vertices:
+    """Return the distances (...) of points (..., 3) from triangles (..., 3, 3), broadcast."""
+    best = np.array(np.inf)
+    above = np.array(True)
+    normal = np.cross(
+        corners[..., 1, :] - corners[..., 0, :], corners[..., 2, :] - corners[..., 0, :]
+    )
+    for k in range(3):
+        side = corners[..., (k + 1) % 3, :] - corners[..., k, :]
+        ahead = points - corners[..., k, :]
+        share = dot_products(ahead, side) / np.maximum(dot_products(side, side), _TINY)
+        off = ahead - np.clip(share, 0.0, 1.0)[..., None] * side
+        best = np.minimum(best, np.linalg.norm(off, axis=-1))
+        above = above & (dot_products(ahead, np.cross(normal, side)) >= 0.0)
+    area = np.linalg.norm(normal, axis=-1)
+    height = np.abs(dot_products(ahead, normal)) / np.maximum(area, _TINY)
+    return np.where(above & (area > 0.0), height, best)
+
+
+def dot_products(a: Vertices, b: Vertices) -> Vertices:
+    """Return the dot products (...) of vectors (..., 3), broadcast."""
+    return np.asarray(np.einsum("...k,...k", a, b))
+
+
+def windings_about(points: Vertices, corners: Vertices) -> Vertices:
+    """Return the winding numbers (n,) of a closed surface about points (n, 3), by solid angles.
+
+    Parameters
+    ----------
+    points : (n, 3)
+    corners : (m, 3, 3) triangles of the surface.
+
+    Returns
+    -------
+    turns : (n,) whole numbers up to rounding; about 1/2 for points on a face.
+
+    References
+    ----------
+    A. Van Oosterom and J. Strackee, "The solid angle of a plane triangle", 1983.
+    """
+    turns = np.empty(len(points))
+    step = max(1, _PAIRS // len(corners))
+    for start in range(0, len(points), step):
+        some = slice(start, start + step)
+        a, b, c = np.moveaxis(corners - points[some, None, None], -2, 0)
+        x, y, z = (np.linalg.norm(v, axis=-1) for v in (a, b, c))
+        below = x * y * z + dot_products(a, b) * z + dot_products(b, c) * x + dot_products(c, a) * y
+        triple = dot_products(a, np.cross(b, c))
+        turns[some] = np.arctan2(triple, below).sum(axis=1) / (2 * np.pi)
+    return turns

@@ -17,11 +17,10 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry.aperture import PlacedAperture
-from polywigner.geometry.contacts import contacts
-from polywigner.geometry.contours import Surface, net_contours
-from polywigner.geometry.obstacles import ON, PAIRS, Obstacle, obstacle_of, shells
+from polywigner.geometry.contours import Silhouette, Surface, net_contours
+from polywigner.geometry.obstacles import ON, PAIRS, Obstacle, contacts, obstacle_of, shells
 from polywigner.geometry.parts import connected
-from polywigner.geometry.polyhedron import Polyhedron
+from polywigner.geometry.polyhedron import Polyhedron, windings_about
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -37,39 +36,6 @@ _IN = 0.9975
 _CLOSED, _ROUNDED = 0.05, 1e-6
 # Components of the normals of faces in one plane differ by less.
 _SKEW = 1e-5
-
-
-@dataclass(frozen=True)
-class Silhouette:
-    """Directed edges (m,) of shadows, the body on the left of each as the source sees it."""
-
-    edges: Floats
-    """(m, 2, 3)."""
-    planes: Floats
-    """(m, 4): points P with planes[:3].P + planes[3] < 0 are behind the plane of the face that an
-    edge casts its shadow on; (0, 0, 0, 1) for edges with nothing behind them."""
-    numbers: Indices
-    """(m,) numbers of the edges of meshes that the edges are parts of."""
-    bodies: Indices
-    """(m,) numbers of the bodies that the edges belong to."""
-    behind: Indices
-    """(m,) numbers of the faces behind the edges; -1 for none."""
-    touching: frozenset[tuple[int, int]] = frozenset()
-    """Pairs of bodies that continue each other's surfaces."""
-    is_closed: bool = True
-    """Whether no part of the edges has been taken away."""
-
-    def taken(self, rows: NDArray[np.bool_], edges: Floats) -> Silhouette:
-        """Parts (k, 2, 3) of some of the edges (m,)."""
-        return replace(
-            self,
-            edges=edges[rows],
-            planes=self.planes[rows],
-            numbers=self.numbers[rows],
-            bodies=self.bodies[rows],
-            behind=self.behind[rows],
-            is_closed=self.is_closed and np.array_equal(edges, self.edges) and bool(rows.all()),
-        )
 
 
 _NOTHING_BEHIND = np.array([0.0, 0.0, 0.0, 1.0])
@@ -138,33 +104,21 @@ class Obstacles:
         alone = self._alone(source)
         parts = [self._mesh_silhouette(number, source) for number in np.flatnonzero(alone).tolist()]
         if not alone.all():
-            parts.append(self._net_silhouette(np.flatnonzero(~alone).tolist(), source))
-        return Silhouette(
-            np.concatenate([part.edges for part in parts]),
-            np.concatenate([part.planes for part in parts]),
-            np.concatenate([part.numbers for part in parts]),
-            np.concatenate([part.bodies for part in parts]),
-            np.concatenate([part.behind for part in parts]),
-            parts[-1].touching,
-        )
+            parts.append(
+                net_contours(self.surface(np.flatnonzero(~alone).tolist(), source), source)
+            )
+        seen = Silhouette.of(parts)
+        planes = np.tile(_NOTHING_BEHIND, (len(seen.edges), 1))
+        (rows,) = np.nonzero(seen.behind >= 0)
+        if len(rows):
+            planes[rows] = self.face_planes(source)[seen.behind[rows]]
+        return replace(seen, planes=planes)
 
     def _mesh_silhouette(self, number: int, source: Floats) -> Silhouette:
         body = self.bodies[number]
         ends = body.silhouette(source)
-        count = len(ends)
-        planes = np.tile(_NOTHING_BEHIND, (count, 1))
-        numbers = self._edge_numbers(number, ends)
-        own, none = np.full(count, number), np.full(count, -1)
-        return Silhouette(body.vertices[ends], planes, numbers, own, none)
-
-    def _net_silhouette(self, numbers: Sequence[int], source: Floats) -> Silhouette:
-        found = net_contours(self.surface(numbers, source), source)
-        planes = np.tile(_NOTHING_BEHIND, (len(found.ends), 1))
-        (rows,) = np.nonzero(found.behind >= 0)
-        planes[rows] = self.face_planes(source)[found.behind[rows]]
-        return Silhouette(
-            found.ends, planes, found.edges, found.bodies, found.behind, found.touching
-        )
+        own, none = np.full(len(ends), number), np.full(len(ends), -1)
+        return Silhouette(body.vertices[ends], self._edge_numbers(number, ends), own, none)
 
     def _alone(self, source: Floats) -> NDArray[np.bool_]:
         """Return a mask of the bodies that hide no part of another or of themselves."""
@@ -320,11 +274,7 @@ class Obstacles:
                 continue
             low, high = body.vertices.min(axis=0), body.vertices.max(axis=0)
             near = np.flatnonzero(((points > low) & (points < high)).all(axis=1))
-            step = max(1, PAIRS // len(body.triangles))
-            for start in range(0, len(near), step):
-                mine = near[start : start + step]
-                corners = body.vertices[body.triangles][None] - points[mine][:, None, None]
-                found[mine] += _solid_angle(corners).sum(axis=1) / (4.0 * np.pi)
+            found[near] += windings_about(points[near], body.vertices[body.triangles])
         return found
 
 
@@ -361,17 +311,3 @@ def hits(corners: Floats, rays: Floats) -> Iterator[tuple[slice, Floats, Floats]
             at = volume / total
         met = (shares * sign >= 0.0).all(axis=0) & (at > 0.0) & (sign != 0.0)
         yield some, np.where(met, at, np.inf), height
-
-
-def _solid_angle(corners: Floats) -> Floats:
-    """Solid angle of triangles (..., 3, 3) seen from the origin (Van Oosterom and Strackee)."""
-    a, b, c = np.moveaxis(corners, -2, 0)
-    x, y, z = (np.linalg.norm(v, axis=-1) for v in (a, b, c))
-    triple = np.einsum("...k,...k", a, np.cross(b, c))
-    below = (
-        x * y * z
-        + np.einsum("...k,...k", a, b) * z
-        + np.einsum("...k,...k", b, c) * x
-        + np.einsum("...k,...k", c, a) * y
-    )
-    return 2.0 * np.arctan2(triple, below)

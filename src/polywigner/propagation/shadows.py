@@ -459,7 +459,7 @@ def _blocker(
         nearer = plane - [0.0, 0.0, 0.0, bodies.contact]
         both = np.concatenate([numbers, flush]).tolist()
         surface = _in_plane(bodies.surface(both, origin, nearer), plane, 2.0 * bodies.contact)
-        rim = net_contours(surface, origin, bodies.contact).ends
+        rim = net_contours(surface, origin, bodies.contact).edges
         return Blocker(origin, surface.corners, rim)
     surface = bodies.surface(numbers.tolist(), origin, plane)
     if len(numbers) == 1 and bodies.bodies[numbers[0]].is_simple:
@@ -468,7 +468,7 @@ def _blocker(
     if len(surface.faces) > _MOST_TRIANGLES:
         extent = float(np.ptp(surface.corners.reshape(-1, 3), axis=0).max())
         surface = _in_plane(surface, plane, 1e-9 * extent)
-    return Blocker(origin, surface.corners, net_contours(surface, origin).ends)
+    return Blocker(origin, surface.corners, net_contours(surface, origin).edges)
 
 
 def _in_plane(surface: Surface, plane: Floats, within: float) -> Surface:

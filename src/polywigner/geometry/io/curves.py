@@ -1,14 +1,14 @@
 """Curves of drawings, and chords that stay within a stated distance of them.
 
-A curve is a run of straight lines ((n, d) vertices), an :class:`Arc` of an ellipse or a
-:class:`Bezier`. An outline is a sequence of curves, each of which starts where the one before it
-ends; the last one ends where the first one starts.
+A curve is a run of straight lines ((n, d) vertices), an :class:`Arc` of an ellipse, a
+:class:`Bezier` or a :class:`Spline`. An outline is a sequence of curves, each of which starts where
+the one before it ends; the last one ends where the first one starts.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -62,6 +62,10 @@ class Arc:
         centre = self.centre @ matrix + offset
         return Arc(centre, self.u @ matrix, self.v @ matrix, self.start, self.sweep)
 
+    def reversed(self) -> Arc:
+        """Return the arc from its end to its start."""
+        return Arc(self.centre, self.u, self.v, self.start + self.sweep, -self.sweep)
+
     def steps(self, reach: float) -> float:
         """Return the number of equal chords that stay within `reach` of the arc."""
         return abs(self.sweep) * max(math.sqrt(self.stretch / (8 * reach)), 1 / _LARGEST_STEP)
@@ -86,6 +90,10 @@ class Bezier:
         """Return the image under p -> p @ matrix + offset."""
         return Bezier(self.points @ matrix + offset)
 
+    def reversed(self) -> Bezier:
+        """Return the curve from its end to its start."""
+        return Bezier(self.points[::-1])
+
     def steps(self, reach: float) -> float:
         """Return the number of equal steps whose chords stay within `reach`.
 
@@ -96,7 +104,47 @@ class Bezier:
         return math.sqrt(degree * (degree - 1) / 8 * float(second) / reach)
 
 
-Curve = Points | Arc | Bezier
+@dataclass(frozen=True, eq=False)
+class Spline:
+    """A curve in pieces, such as a B-spline over its range of knots."""
+
+    points: Points
+    """(n, d) control points, whose bounds are about the bounds of the curve."""
+    evaluate: Callable[[Points], Points]
+    """Function of parameters (m,) that returns points (m, d)."""
+    breaks: Points
+    """Parameters at the start, between the pieces, and at the end."""
+
+    def at(self, t: Points) -> Points:
+        """Return points (n, d) at fractions (n,) of the pieces."""
+        count = len(self.breaks)
+        return self.evaluate(np.interp(t * (count - 1), np.arange(count), self.breaks))
+
+    def transformed(self, matrix: Points, offset: Points) -> Spline:
+        """Return the image under p -> p @ matrix + offset."""
+        evaluate = self.evaluate
+        points = self.points @ matrix + offset
+        return Spline(points, lambda t: evaluate(t) @ matrix + offset, self.breaks)
+
+    def reversed(self) -> Spline:
+        """Return the curve from its end to its start."""
+        return Spline(self.points, self.evaluate, self.breaks[::-1])
+
+    def chords(self, reach: float) -> Points:
+        """Return vertices (n, d) of chords within `reach` of the curve."""
+        pieces = 4 * (len(self.breaks) - 1)
+        t = np.arange(pieces + 1) / pieces
+        while True:
+            points, middle = self.at(t), (t[1:] + t[:-1]) / 2
+            # The distance to the midpoint of a chord bounds the distance to the chord.
+            off = np.linalg.norm(self.at(middle) - (points[1:] + points[:-1]) / 2, axis=1)
+            if (off <= reach).all():
+                return points
+            t = np.union1d(t, middle[off > reach])
+            _counted(len(t))
+
+
+Curve = Points | Arc | Bezier | Spline
 
 
 def transformed(curve: Curve, matrix: Points, offset: Points) -> Curve:
@@ -124,7 +172,10 @@ def flattened(outlines: Sequence[Sequence[Curve]], tolerance: float | None) -> l
     rings: list[Ring] = []
     for outline in outlines:
         points = np.concatenate(
-            [curve.points if isinstance(curve, Bezier) else sampled(curve, 8) for curve in outline]
+            [
+                curve.points if isinstance(curve, Bezier | Spline) else sampled(curve, 8)
+                for curve in outline
+            ]
         )
         check_coordinates(points)
         size = float(np.linalg.norm(np.ptp(points, axis=0)))
@@ -141,6 +192,8 @@ def chords(curve: Curve, reach: float) -> Points:
         return curve
     if isinstance(curve, Arc) and curve.is_closed:
         return _ellipse(curve, reach)
+    if isinstance(curve, Spline):
+        return curve.chords(reach)
     return sampled(curve, _counted(curve.steps(reach)))
 
 

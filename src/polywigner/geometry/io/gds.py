@@ -13,9 +13,8 @@ import numpy as np
 
 from polywigner.errors import ArgumentError, FileFormatError
 from polywigner.geometry.io.curves import DEFAULT_TOLERANCE, Arc, flattened
-from polywigner.geometry.io.drawing import Drawing, File, overlap_remedy
 from polywigner.geometry.io.limits import check_coordinates
-from polywigner.geometry.io.outlines import filled
+from polywigner.geometry.io.outlines import Drawing, File, filled, overlap_remedy
 from polywigner.geometry.rings import Ring
 
 _LAYER = re.compile(r"\d{1,5}(?:/\d{1,5})?")

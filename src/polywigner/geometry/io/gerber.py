@@ -21,9 +21,8 @@ from shapely.geometry.base import BaseGeometry
 
 from polywigner.errors import FileFormatError, PolywignerError
 from polywigner.geometry.io.curves import Arc, Curve, flattened
-from polywigner.geometry.io.drawing import Drawing, File
 from polywigner.geometry.io.limits import check_coordinates, text_of
-from polywigner.geometry.io.outlines import filled
+from polywigner.geometry.io.outlines import Drawing, File, filled
 from polywigner.geometry.parts import combined_on_grid, polygons_in, union_on_grid
 from polywigner.geometry.rings import rings_of_polygon
 from polywigner.geometry.wavefront import turned_points

@@ -33,16 +33,6 @@ def check_most(count: int, most: int, things: str, remedy: str = "simplify the d
         raise FileFormatError(f"expected at most {most} {things}, got {count}; {remedy}")
 
 
-def check_vertices(count: int) -> None:
-    """Raise FileFormatError for too many vertices."""
-    check_most(count, MOST_VERTICES, "vertices", "simplify the outline")
-
-
-def check_rings(count: int) -> None:
-    """Raise FileFormatError for too many outlines."""
-    check_most(count, MOST_RINGS, "outlines", "use fewer, such as one element of an array")
-
-
 def check_bytes(size: int, largest: int, kind: str = "") -> None:
     """Raise FileFormatError for a file of more than `largest` bytes."""
     if size > largest:

@@ -1,15 +1,26 @@
-"""Outlines of a drawing: polygons with holes by a fill rule or by nesting."""
+"""Outlines of drawings: the caller's options, and polygons with holes by fill rule or nesting."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import shlex
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from polywigner.errors import GeometryError
-from polywigner.geometry.parts import enclosed, part_of_ring, polygons_in, union_on_grid
+from polywigner.errors import ArgumentError
+from polywigner.geometry.parts import (
+    check_pairs,
+    connected,
+    enclosed,
+    part_of_ring,
+    polygons_in,
+    union_on_grid,
+)
 from polywigner.geometry.rings import (
     Ring,
     clean_ring,
@@ -23,6 +34,69 @@ from polywigner.geometry.rings import (
 
 Polygon = list[Ring]
 """Rings with the exterior first."""
+
+
+@dataclass(frozen=True, eq=False)
+class File:
+    """A file with the options of the caller."""
+
+    path: Path
+    content: bytes
+    unit_metres: float
+    """Metres per unit of the file, unless the file states its unit."""
+    tolerance: float | None
+    """Largest distance in metres between a curve and its chords; None: see `flattened`."""
+    layers: tuple[str, ...]
+    """Layers to read, even if they are hidden; empty: everything that is visible."""
+    union: bool
+    """Whether to join outlines that overlap."""
+
+
+@dataclass(frozen=True, eq=False)
+class Drawing:
+    """Polygons of a file, each a list of rings with the exterior first, in the file's unit."""
+
+    polygons: Sequence[Sequence[Any]]
+    metres: float
+    """Length of the file's unit."""
+    remedy: str | None = None
+    """Advice to users whose outlines overlap."""
+
+
+def check_known(requested: Iterable[str], known: Iterable[str]) -> None:
+    """Raise ArgumentError for a layer that the drawing does not have."""
+    names = sorted(set(known))
+    missing = [name for name in requested if name not in names]
+    if missing:
+        listed = ", ".join(name[:60] for name in names[:12]) + ", ..." * (len(names) > 12)
+        raise ArgumentError(
+            f"expected a layer of the drawing, got {missing[0][:60]!r}; "
+            + (f"it has {listed}" if names else "it names none, so leave layer out")
+        )
+
+
+def overlap_remedy(rings: Sequence[Ring], layers: Sequence[str]) -> str:
+    """Return advice for outlines (n, 2) on `layers` that cross, overlap, or touch inside another.
+
+    An outline around all others is often the edge of a board, on a layer of its own.
+    """
+    largest = max(range(len(rings)), key=lambda k: float(np.prod(np.ptp(rings[k], axis=0))))
+    others = sorted(set(layers) - {layers[largest], ""})
+    points = [ring for k, ring in enumerate(rings) if k != largest]
+    if len(points) < 2 or not _surrounds(rings[largest], np.concatenate(points)):
+        return "join them in the drawing, or give union=True (--union)"
+    name = f"the outline on layer {layers[largest][:60]!r}" if layers[largest] else "one outline"
+    if not others:
+        return f"{name} lies around all others: move it to a layer that is not read"
+    listed = repr(others[0] if len(others) == 1 else others[:3])
+    options = " ".join(f"--layer {shlex.quote(other)}" for other in others[:3])
+    return f"{name} lies around all others: read the others with layer={listed} ({options})"
+
+
+def _surrounds(ring: Ring, points: Ring) -> bool:
+    outline = shapely.Polygon(ring)
+    shapely.prepare(outline)
+    return bool(shapely.intersects_xy(outline, points).all())
 
 
 def filled(rings: Sequence[Ring], rule: str) -> list[Polygon]:
@@ -73,10 +147,7 @@ def _joined(rings: Sequence[Ring]) -> list[Ring]:
     polygons = np.array([shapely.Polygon(ring) for ring in rings], dtype=object)
     tree = shapely.STRtree(polygons)
     pairs = [tree.query(polygons, predicate=relation) for relation in ("overlaps", "touches")]
-    first, second = np.concatenate(pairs, axis=1)
-    group = np.arange(len(rings))
-    while (group[first] != group[second]).any():
-        np.minimum.at(group, first, group[second])
+    group = connected(len(rings), *np.concatenate(pairs, axis=1))
     joined: list[Ring] = []
     for number in np.unique(group):
         members = polygons[group == number]
@@ -107,19 +178,10 @@ def _lines(rings: Sequence[Ring]) -> shapely.MultiLineString:
 def _check_overlaps(rings: Sequence[Ring], remedy: str) -> None:
     """Raise where the insides of two rings meet, and neither lies in the other."""
     polygons = np.array([shapely.Polygon(ring) for ring in rings], dtype=object)
-    tree = shapely.STRtree(polygons)
+    first, second = shapely.STRtree(polygons).query(polygons, predicate="overlaps")
+    once = first < second
     shift = max(rounding_tolerance(ring) for ring in rings)
-    for i, polygon in enumerate(polygons):
-        near = tree.query(polygon, predicate="overlaps")
-        common = shapely.intersection(polygon, polygons[near])
-        # An edge displaced by rounding sweeps the shift times its length; as for parts.
-        deep = shapely.area(common) > shift * np.minimum(polygon.length, shapely.length(common))
-        if deep.any():
-            j, spot = near[deep][0], shapely.point_on_surface(common[deep][0])
-            raise GeometryError(
-                f"expected outlines that do not overlap, got outlines {i} and {j} that cross "
-                f"around ({spot.x:.6g}, {spot.y:.6g}); {remedy}"
-            )
+    check_pairs(polygons, first[once], second[once], shift, "outlines", remedy)
 
 
 def _by_nesting(rings: Sequence[Ring], rule: str) -> list[Polygon]:

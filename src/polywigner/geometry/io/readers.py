@@ -26,15 +26,14 @@ from polywigner.errors import (
     missing_extra,
 )
 from polywigner.geometry.aperture import Aperture, PlacedAperture
-from polywigner.geometry.arguments import checked_flag, checked_length
-from polywigner.geometry.io.drawing import Drawing, File
+from polywigner.geometry.arguments import checked_flag, checked_length, checked_path
 from polywigner.geometry.io.dxf import load_dxf
 from polywigner.geometry.io.gds import load_gds
 from polywigner.geometry.io.gerber import load_gerber
-from polywigner.geometry.io.limits import bytes_of, check_rings, check_vertices
+from polywigner.geometry.io.limits import MOST_RINGS, MOST_VERTICES, bytes_of, check_most
 from polywigner.geometry.io.meshes import MESH_SUFFIXES, read_mesh
-from polywigner.geometry.io.svg import load_svg
-from polywigner.geometry.io.svg_shapes import PIXEL
+from polywigner.geometry.io.outlines import Drawing, File
+from polywigner.geometry.io.svg import PIXEL, load_svg
 from polywigner.geometry.io.text import load_csv, load_geojson, load_wkt
 from polywigner.geometry.parts import merge_parts, part_of_rings, union_parts
 from polywigner.geometry.polyhedron import Polyhedron
@@ -128,8 +127,9 @@ def _scaled(points: Any, metres: float) -> Ring:
 
 def _aperture(drawing: Drawing, union: bool) -> Aperture:
     polygons = drawing.polygons
-    check_rings(sum(map(len, polygons)))
-    check_vertices(sum(len(ring) for rings in polygons for ring in rings))
+    sizes = [len(ring) for rings in polygons for ring in rings]
+    check_most(len(sizes), MOST_RINGS, "outlines", "use fewer, such as one element of an array")
+    check_most(sum(sizes), MOST_VERTICES, "vertices", "simplify the outline")
     single = len(polygons) == 1
     names = ["the polygon" if single else f"polygon {number}" for number in range(len(polygons))]
 
@@ -227,11 +227,11 @@ def read_aperture(
     >>> pw.read_aperture(path, unit="mm").bounds
     (0.0, 0.0, 0.004, 0.001)
     """
-    metres, reach, source = _metres(unit), _checked_tolerance(tolerance), _path(path)
+    metres, reach, source = _metres(unit), _checked_tolerance(tolerance), checked_path(path)
     layers, joins = _checked_layers(layer), checked_flag(union, "union")
     try:
         content = bytes_of(source)
-        return _read(File(source.absolute(), content, metres, reach, layers, joins))
+        return _read(File(source, content, metres, reach, layers, joins))
     except (FileFormatError, GeometryError, MissingExtraError, ArgumentError) as error:
         raise type(error)(f"{source}: {error}") from None
 
@@ -297,7 +297,7 @@ def read_triangles(path: Any, unit: str | float) -> tuple[NDArray[np.float64], N
 
 def _body(path: Any, unit: str | float, build: Callable[..., Any]) -> Any:
     """Return ``build(vertices, triangles)`` of a mesh file, in metres."""
-    metres, source = _metres(unit), _path(path)
+    metres, source = _metres(unit), checked_path(path)
     kind = source.suffix.lower()
     try:
         if kind not in MESH_SUFFIXES:
@@ -310,13 +310,6 @@ def _body(path: Any, unit: str | float, build: Callable[..., Any]) -> Any:
             return build(_scaled(vertices, metres), triangles)
     except (FileFormatError, GeometryError) as error:
         raise type(error)(f"{source}: {error}") from None
-
-
-def _path(path: Any) -> Path:
-    try:
-        return Path(os.fsdecode(path))
-    except TypeError:
-        raise ArgumentError(f"expected the path of a file, got {type(path).__name__}") from None
 
 
 # Grid of normals and of heights over the size of a mesh: triangles on one point of it are one

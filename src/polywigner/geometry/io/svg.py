@@ -1,7 +1,8 @@
-"""Filled shapes of an SVG file as the picture looks: (x, y) becomes (x, -y), without strokes."""
+"""Filled shapes of an SVG file as the drawing looks: (x, y) becomes (x, -y), without strokes."""
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -13,24 +14,197 @@ import numpy as np
 import shapely
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.io.curves import Curve, Points, flattened, transformed
-from polywigner.geometry.io.drawing import Drawing, File, check_known, overlap_remedy
-from polywigner.geometry.io.outlines import Polygon, filled
-from polywigner.geometry.io.svg_shapes import (
-    PIXEL,
-    SHAPES,
-    Affine,
-    Viewport,
-    affine_of,
-    fitted,
-    length,
-    outlines_of,
-    physical_length,
-    refusal,
-    view_box,
+from polywigner.geometry.io.curves import (
+    Arc,
+    Bezier,
+    Curve,
+    Points,
+    flattened,
+    sampled,
+    transformed,
+)
+from polywigner.geometry.io.outlines import (
+    Drawing,
+    File,
+    Polygon,
+    check_known,
+    filled,
+    overlap_remedy,
 )
 from polywigner.geometry.parts import combined_on_grid, polygons_in
 from polywigner.geometry.rings import rings_of_polygon
+
+# svgelements skips what does not follow this grammar. Possessive quantifiers bound the time.
+_NUMBER = r"[+-]?(?>[0-9]++\.?[0-9]*+|\.[0-9]++)(?:[eE][+-]?[0-9]++)?+"
+_COMMA = r"(?>\s*+,\s*+|\s*+)"
+_LENGTH = re.compile(rf"\s*+({_NUMBER})(%|\w*+)\s*+")
+_LIST = re.compile(rf"\s*+(?:{_NUMBER}{_COMMA})*+")
+_TRANSFORM = re.compile(
+    r"(?:\s*+(?:matrix|translate|scale|rotate|skew[XY])"
+    rf"\s*+\(\s*+(?:{_NUMBER}{_COMMA})++\)\s*+,?+)*+\s*+"
+)
+_N = _NUMBER.replace(r"\.?[0-9]*+", r"(?:\.[0-9]++)?+") + _COMMA  # without "5."
+_PATH = re.compile(
+    rf"\s*+(?:(?=[Mm])(?:[MmLlTt]\s*+(?:(?:{_N}){{2}})++|[HhVv]\s*+(?:{_N})++"
+    rf"|[Cc]\s*+(?:(?:{_N}){{6}})++|[SsQq]\s*+(?:(?:{_N}){{4}})++"
+    rf"|[Aa]\s*+(?:(?:{_N}){{3}}(?:[01]{_COMMA}){{2}}(?:{_N}){{2}})++|[Zz]\s*+)++)?+"
+)
+
+PIXEL = Fraction(254, 960_000)
+"""Metres per CSS pixel, 1/96 inch."""
+
+_SIZES = {
+    "mm": Fraction(1, 1000), "cm": Fraction(1, 100), "Q": Fraction(1, 4000),
+    "in": Fraction(254, 10_000), "pt": Fraction(254, 720_000), "pc": Fraction(254, 60_000),
+}  # fmt: skip
+
+_SHAPES = frozenset({"path", "rect", "circle", "ellipse", "polygon", "polyline"})
+"""Elements with an inside."""
+
+Viewport = tuple[float | None, float | None]
+"""Width and height of 100 %, where they are known."""
+Affine = tuple[Points, Points]
+"""Matrix (2, 2) and offset (2,) of p -> p @ matrix + offset."""
+
+
+def _refusal(what: str, text: str) -> FileFormatError:
+    """Return the error for an attribute."""
+    shown = repr(text if len(text) <= 60 else text[:60] + "...")
+    return FileFormatError(f"expected {what}, got {shown}; correct it")
+
+
+def _split_length(text: str, name: str) -> tuple[str, str]:
+    match = _LENGTH.fullmatch(text)
+    if match is None or match[2] not in ("", "px", "%", *_SIZES):
+        raise _refusal(f"the {name} as a length in px, mm, cm, Q, in, pt or pc", text)
+    return match[1], match[2]
+
+
+def _length(text: str, name: str, reference: float | None) -> float:
+    """Return a length in user units; `reference` is the length of 100 %, if known."""
+    number, unit = _split_length(text, name)
+    if unit != "%":
+        return float(number) * float(_SIZES.get(unit, PIXEL) / PIXEL)
+    if reference is None:
+        raise _refusal(f"the {name} in units, since the drawing has no viewBox", text)
+    return float(number) / 100 * reference
+
+
+def _physical_length(text: str, name: str) -> Fraction | None:
+    """Return the metres of a width such as "20mm"; None if it states no size (px, %)."""
+    number, unit = _split_length(text, name)
+    if not 0 < float(number) < math.inf:
+        raise _refusal(f"the {name} above zero", text)
+    return Fraction(number) * _SIZES[unit] if unit in _SIZES else None
+
+
+def _numbers_of(text: str, name: str) -> list[float]:
+    if not _LIST.fullmatch(text):
+        raise _refusal(f"{name} as numbers", text)
+    return [float(number) for number in re.findall(_NUMBER, text)]
+
+
+def _affine_of(text: str) -> Affine:
+    """Return the map of a transform attribute."""
+    try:
+        matrix = import_module("svgelements").Matrix(_TRANSFORM.fullmatch(text)[0])  # type: ignore[index]
+        values = [float(getattr(matrix, letter)) for letter in "abcdef"]
+    except (ValueError, IndexError, TypeError):  # no match, or too few arguments
+        raise _refusal("a transform such as translate(10 5) rotate(45)", text) from None
+    return np.array(values[:4]).reshape(2, 2), np.array(values[4:])
+
+
+def _view_box(element: Any) -> tuple[float, float, float, float] | None:
+    """Return x, y, width and height of the viewBox of an element that has one."""
+    text = element.get("viewBox")
+    if text is None:
+        return None
+    values = _numbers_of(text, "the viewBox")
+    if len(values) != 4 or not np.isfinite(values).all() or min(values[2:]) <= 0:
+        raise _refusal("a viewBox of four numbers, the last two above zero", text)
+    return values[0], values[1], values[2], values[3]
+
+
+def _fitted(fit: str, box: tuple[float, ...], size: tuple[float, float]) -> Affine:
+    """Return the map of a viewBox into a viewport of this size, by preserveAspectRatio."""
+    scale = np.array(size) / box[2:]
+    words = fit.split()
+    align = next((word for word in words if word[0] in "xn"), "xMidYMid")
+    if align != "none":
+        scale[:] = scale.max() if "slice" in words else scale.min()
+    fractions = {"Min": 0.0, "Max": 1.0}
+    free = [fractions.get(align[1:4], 0.5), fractions.get(align[5:8], 0.5)]
+    return np.diag(scale), free * (size - scale * box[2:]) - scale * box[:2]
+
+
+def _subpaths(path: Any) -> list[list[Curve]]:
+    """Return the subpaths of an svgelements path, closed by a line, as a fill closes them."""
+    subpaths: list[list[Curve]] = []
+    for segment in path:
+        # After a Z without an M, the next subpath starts at the same point.
+        if type(segment).__name__ in ("Move", "Close"):
+            subpaths.append([])
+        else:
+            subpaths[-1].append(_curve(segment))
+    return [_closed(subpath) for subpath in subpaths if subpath]
+
+
+def _closed(subpath: list[Curve]) -> list[Curve]:
+    start, end = sampled(subpath[0])[0], sampled(subpath[-1])[-1]
+    return subpath if (start == end).all() else [*subpath, np.array([end, start])]
+
+
+def _curve(segment: Any) -> Curve:
+    kind = type(segment).__name__
+    controls = {"QuadraticBezier": ["control"], "CubicBezier": ["control1", "control2"]}
+    names = ["start", *controls.get(kind, ()), "end"]
+    points = np.array([(p.x, p.y) for p in map(segment.__getattribute__, names)], dtype=float)
+    if kind in controls:
+        return Bezier(points)
+    is_arc = kind == "Arc" and segment.rx and segment.ry and segment.sweep
+    if not is_arc or (points[0] == points[1]).all():
+        return points
+    ends = (segment.center, segment.prx, segment.pry)
+    centre, u, v = np.array([(p.x, p.y) for p in ends], dtype=float)
+    return Arc(centre, u - centre, v - centre, segment.get_start_t(), segment.sweep)
+
+
+def _outlines_of(tag: str, attributes: Mapping[str, str], viewport: Viewport) -> list[list[Curve]]:
+    """Return the closed outlines of a shape; percentages are of the viewport."""
+
+    def value(name: str, axis: int | None = None, least: float = -math.inf) -> float:
+        known = [side for side in viewport if side is not None]
+        mean = math.hypot(*known) / math.sqrt(2) if len(known) == 2 else None
+        number = _length(attributes.get(name, "0"), name, mean if axis is None else viewport[axis])
+        if not least <= number < math.inf:
+            raise FileFormatError(f"expected a finite {name} from zero up, got {number:g}")
+        return number
+
+    library = import_module("svgelements")
+    if tag == "path":
+        data = attributes.get("d", "")
+        if not _PATH.fullmatch(data):
+            raise _refusal("path data that starts with M and follows SVG 2", data)
+        return _subpaths(library.Path(data))
+    if tag in ("polygon", "polyline"):
+        values = _numbers_of(attributes.get("points", ""), "the points")
+        if len(values) % 2:
+            raise FileFormatError("expected points as pairs of numbers, got an odd number of them")
+        return [_closed([np.array(values).reshape(-1, 2)])] if values else []
+    names = ("r", "r") if tag == "circle" else ("rx", "ry")
+    rx, ry = (
+        None if attributes.get(name, "auto").strip() == "auto"
+        else value(name, None if name == "r" else axis, 0.0)
+        for axis, name in enumerate(names)
+    )  # fmt: skip
+    if tag == "rect":
+        sides = [value("width", 0, 0.0), value("height", 1, 0.0)]
+        rectangle = library.Rect(value("x", 0), value("y", 1), *sides, rx, ry)
+        return _subpaths(library.Path(rectangle)) if all(sides) else []
+    x, y = ry if rx is None else rx, rx if ry is None else ry
+    centre = np.array([value("cx", 0), value("cy", 1)])
+    return [[Arc(centre, np.array([x, 0.0]), np.array([0.0, y]))]] if x and y else []
+
 
 _NAMESPACE = "{http://www.w3.org/2000/svg}"
 _NAMES = ("{http://www.inkscape.org/namespaces/inkscape}label", "data-name", "id")
@@ -99,13 +273,13 @@ def _rules(sheet: str) -> list[tuple[str, dict[str, str]]]:
     for block in re.sub(r"/\*.*?(?:\*/|\Z)", "", sheet, flags=re.DOTALL).split("}"):
         selectors, _, text = block.partition("{")
         if "{" in text:
-            raise refusal("style rules that are not nested", selectors.strip())
+            raise _refusal("style rules that are not nested", selectors.strip())
         if declarations := _declarations(text):
             names = [name.strip() for name in selectors.rpartition(";")[2].split(",")]
             rules += [(name, declarations) for name in names]
     for name, _ in rules:
         if not _SELECTOR.fullmatch(name):
-            raise refusal("style rules for an element, .class or #id", name)
+            raise _refusal("style rules for an element, .class or #id", name)
     return sorted(rules, key=lambda rule: ("#" in rule[0], "." in rule[0], rule[0] != "*"))
 
 
@@ -132,7 +306,7 @@ class _Place:
 
     def corner(self) -> Points:
         return np.array([
-            length(self.properties.get(name, "0"), name, reference)
+            _length(self.properties.get(name, "0"), name, reference)
             for name, reference in zip("xy", self.viewport, strict=True)
         ])  # fmt: skip
 
@@ -163,13 +337,13 @@ class _Document:
     def shapes(self, element: Any, place: _Place) -> Iterator[_Shape]:
         """The painted shapes of an element and of the elements in it."""
         tag = _tag(element)
-        if tag not in _CONTAINERS | SHAPES | _OPAQUE:
+        if tag not in _CONTAINERS | _SHAPES | _OPAQUE:
             return
         inside = self._entered(element, tag, place)
         children: Iterable[Any] = element
         if inside.properties.get("display") == "none" and place.is_requested:
             return
-        if tag in SHAPES | _OPAQUE:
+        if tag in _SHAPES | _OPAQUE:
             yield from self._painted(tag, inside)
             return
         if tag == "use":
@@ -203,14 +377,14 @@ class _Document:
             or (f"{effects[0]}, got a {tag} element with one" if effects else ""),
         )
         text = properties.get("transform", "none")
-        return inside.moved(*affine_of(text)) if text not in ("", "none") else inside
+        return inside.moved(*_affine_of(text)) if text not in ("", "none") else inside
 
     def _used(self, element: Any, place: _Place) -> tuple[Iterable[Any], _Place]:
         """The elements that a use draws, and their place."""
         link = (element.get("href") or element.get(_LINK) or "").strip()
         target = self.named.get(link[1:]) if link.startswith("#") else None
         if target is None:
-            raise refusal("a use of an element in the same file", link)
+            raise _refusal("a use of an element in the same file", link)
         place = place.moved(np.eye(2), place.corner())
         tag = _tag(target)
         if tag not in ("symbol", "svg"):
@@ -223,7 +397,7 @@ class _Document:
         """The shape of an element whose inside shows, in whatever colour."""
         rule = place.style.get("fill-rule", "nonzero")
         if rule not in ("nonzero", "evenodd"):
-            raise refusal("the fill-rule nonzero or evenodd", rule)
+            raise _refusal("the fill-rule nonzero or evenodd", rule)
         colour = self._colour(place.style)
         opacity = place.opacity * _opacity(place.style.get("fill-opacity"))
         is_hidden = place.style.get("visibility") in ("hidden", "collapse")
@@ -241,7 +415,7 @@ class _Document:
             )
         subpaths = [
             [transformed(curve, place.matrix, place.offset) for curve in subpath]
-            for subpath in outlines_of(tag, place.properties, place.viewport)
+            for subpath in _outlines_of(tag, place.properties, place.viewport)
         ]
         is_white = opacity >= 1 and colour.hex == "#ffffff"
         yield _Shape(subpaths, rule, place.layer, str(colour.hex), is_white)
@@ -269,20 +443,20 @@ class _Document:
 
 def _opacity(text: str | None) -> float:
     """Return the number from 0 to 1 of an opacity."""
-    return 1.0 if text is None else min(max(length(text, "opacity", 1.0), 0.0), 1.0)
+    return 1.0 if text is None else min(max(_length(text, "opacity", 1.0), 0.0), 1.0)
 
 
 def _viewport(element: Any, place: _Place, size: Sequence[str | None]) -> _Place:
     """Return the place inside a nested svg or symbol: its corner, and the scale of its viewBox."""
-    place, box = place.moved(np.eye(2), place.corner()), view_box(element)
+    place, box = place.moved(np.eye(2), place.corner()), _view_box(element)
     extents = [
-        reference if text in (None, "auto") else length(str(text), "size", reference)
+        reference if text in (None, "auto") else _length(str(text), "size", reference)
         for text, reference in zip(size, place.viewport, strict=True)
     ]
     if box is None:
         return replace(place, viewport=(extents[0], extents[1]))
     width, height = (b if e is None else e for e, b in zip(extents, box[2:], strict=True))
-    fit: Affine = fitted(element.get("preserveAspectRatio", ""), box, (width, height))
+    fit: Affine = _fitted(element.get("preserveAspectRatio", ""), box, (width, height))
     return replace(place.moved(*fit), viewport=box[2:])
 
 
@@ -290,7 +464,7 @@ def load_svg(file: File) -> Drawing:
     """Load the filled shapes of an SVG file, y up, each flattened and filled by its own rule."""
     root = _parsed(file.content)
     metres, matrix = _unit(root, file.unit_metres)
-    box = view_box(root)
+    box = _view_box(root)
     viewport = (None, None) if box is None else (box[2], box[3])
     place = _Place(matrix, np.zeros(2), viewport, not file.layers, {}, {})
     shapes = list(_Document(root, file.layers).shapes(root, place))
@@ -343,11 +517,11 @@ def _unit(root: Any, unit_metres: float) -> tuple[float, Points]:
     A width or height in mm, cm, Q, in, pt or pc states the size of the viewBox, or, without one,
     that a unit is a CSS pixel. Otherwise a unit is what the caller specifies.
     """
-    box, flip = view_box(root), np.diag([1.0, -1.0])
+    box, flip = _view_box(root), np.diag([1.0, -1.0])
     scales = []
     for axis, name in enumerate(("width", "height")):
         text = root.get(name, "auto")
-        size = None if text == "auto" else physical_length(text, name)
+        size = None if text == "auto" else _physical_length(text, name)
         if size is not None:
             scales.append(float(PIXEL if box is None else size / Fraction(box[2 + axis])))
     if not scales:

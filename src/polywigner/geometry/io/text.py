@@ -11,8 +11,8 @@ import numpy as np
 import shapely
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.io.drawing import Drawing, File
 from polywigner.geometry.io.limits import check_coordinates, text_of
+from polywigner.geometry.io.outlines import Drawing, File
 from polywigner.geometry.parts import polygons_in
 from polywigner.geometry.rings import Ring, rings_of_polygon
 
