@@ -23,7 +23,7 @@ from PIL import Image
 import polywigner as pw
 from polywigner.cli import main as polywigner
 from polywigner.figures import draw_projections, draw_tolerance
-from polywigner.figures.style import BLUE, GREEN, RED, colour_bar, draw_disc
+from polywigner.figures.style import BLUE, GREEN, RED, draw_disc, floor_text
 
 ROOT = Path(__file__).parent.parent
 EXAMPLES = ROOT / "examples"
@@ -342,8 +342,8 @@ def polarised_opening(folder: Path) -> Path:
     figure, (left, middle, right) = plt.subplots(1, 3, figsize=(12, 3.9), layout="constrained")
     theta, phi = np.radians(np.arange(0, 91)), np.radians(np.arange(0, 360, 3))
     for axes, part in ((left, "field"), (middle, "cross_field")):
-        shown = draw_disc(axes, theta, phi, levels("magnetic", part, theta, phi), -25.0, 10.0)
-        colour_bar(axes, shown, "directivity (dBi), black: -25 or less")
+        label = f"directivity (dBi), {floor_text(-25, 'dBi')}"
+        draw_disc(axes, theta, phi, levels("magnetic", part, theta, phi), -25.0, 10.0, label)
         axes.set(xlabel=r"$\sin\theta\,\cos\phi$", ylabel=r"$\sin\theta\,\sin\phi$")
     left.set_title("co-polar, magnetic currents, E along y", fontsize=10)
     middle.set_title("cross-polar, the same", fontsize=10)

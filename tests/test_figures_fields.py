@@ -15,6 +15,7 @@ xarray = pytest.importorskip("xarray")
 
 Z = np.geomspace(2e-3, 200e-3, 50)
 TWICE = 10 * np.log10(2)
+SOURCE = pw.shapes.chevron_pair(20e-3, 12e-3, 4e-3)
 
 
 def line(**values):
@@ -159,6 +160,13 @@ def test_fields_that_cannot_be_drawn_are_refused():
         (draw_planes, line(exact=1 / Z), {}, "two axes"),
         (draw_planes, flat, {"floor_db": 0.0}, "floor"),
         (draw_hemispheres, flat, {}, "theta and phi"),
+        (
+            draw_projections,
+            pw.projections(SOURCE, samples=5),
+            {"layout": "round"},
+            '"paper", "all"',
+        ),
+        (draw_projections, pw.projections(SOURCE, coordinates={"x": [0.0]}), {}, "two samples"),
     ]
     for draw, found, options, words in cases:
         with pytest.raises(ArgumentError, match=words):
@@ -197,15 +205,13 @@ def test_the_lines_where_a_plane_cuts_obstacles_are_drawn():
 
 # --- Figures of projections: neighbours share axes, and every panel says what it shows
 
-SOURCE = pw.shapes.chevron_pair(20e-3, 12e-3, 4e-3)
-
 
 def _panels(figure):
     """Panels with a picture, not colour bars."""
     return [a for a in figure.axes if a.get_title()]
 
 
-@pytest.mark.parametrize(("kind", "layout"), zip(KINDS, ("paper", "all", "all"), strict=True))
+@pytest.mark.parametrize(("kind", "layout"), list(zip(KINDS, ("paper", "all", "all"), strict=True)))
 def test_panels_of_a_column_share_the_axis_across_and_those_of_a_row_that_upwards(kind, layout):
     panels = _panels(draw_projections(pw.projections(SOURCE, kind, samples=9), layout))
     specs = [(axes, axes.get_subplotspec()) for axes in panels]
@@ -229,12 +235,3 @@ def test_values_stand_at_their_coordinates():
     assert (values == found["x_y"].values.T).all()
     centres = (mesh.get_coordinates()[0, :-1, 0] + mesh.get_coordinates()[0, 1:, 0]) / 2
     assert np.allclose(centres, found["x"].values * 1e3)  # mm
-
-
-def test_what_cannot_be_drawn_is_refused():
-    for how, options, words in (
-        ({}, {"layout": "round"}, 'expected layout to be one of "paper", "all"'),
-        ({"coordinates": {"x": [0.0]}}, {}, "two samples"),
-    ):
-        with pytest.raises(ArgumentError, match=words):
-            draw_projections(pw.projections(SOURCE, samples=5, **how), **options)

@@ -65,9 +65,6 @@ def test_impulse_responses_peak_at_each_way_by_its_own_level() -> None:
 def test_few_frequencies_have_no_impulse_response() -> None:
     _, response = figures.draw_channel(_channel(1)).axes
     assert all(len(line.get_xdata()) == 1 for line in response.lines)
-
-
-def test_what_is_no_channel_is_not_drawn() -> None:
     with pytest.raises(ArgumentError, match=r"polywigner\.mitsuba\.channel"):
         figures.draw_channel({"h": 1})
 

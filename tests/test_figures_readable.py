@@ -42,7 +42,7 @@ def arrivals(power, direct=(), **options):
     return figure.axes[0]
 
 
-def test_a_receive_map_shows_the_bright_directions_on_the_scale_of_the_strongest():
+def test_a_receive_map_shows_the_bright_directions_and_the_direct_paths():
     power = np.zeros((64, 64))
     power[30:34, 20:24] = 1e-9
     power[31, 22] = 5e-8  # a single pixel
@@ -54,11 +54,6 @@ def test_a_receive_map_shows_the_bright_directions_on_the_scale_of_the_strongest
     assert left - right < 0.3
     assert right < 20 / 32 - 1 and left > 24 / 32 - 1
     assert low < 30 / 32 - 1 and high > 34 / 32 - 1
-
-
-def test_a_receive_map_contains_the_direct_paths():
-    power = np.zeros((64, 64))
-    power[30:34, 20:24] = 1e-9
     axes = arrivals(power, [DirectArrival((0.7, 0.2), 1e-6, "tx")])
     assert axes.get_xlim()[0] > 0.7 and axes.get_ylim()[1] > 0.2
 
@@ -74,12 +69,9 @@ def test_labels_of_a_receive_map_do_not_overlap():
 
 
 def fresnel_plane():
-    side = 20 * WAVELENGTH
-    corners = [
-        (-0.6 * side, -0.6 * side, 60 * WAVELENGTH),
-        (0.6 * side, 0.6 * side, 60 * WAVELENGTH),
-    ]
-    return pw.plane(pw.shapes.square(side), corners, (41, 41), WAVELENGTH, method="fresnel")
+    corners = np.array([(-12, -12, 60), (12, 12, 60)]) * WAVELENGTH
+    square = pw.shapes.square(20 * WAVELENGTH)
+    return pw.plane(square, corners, (41, 41), WAVELENGTH, method="fresnel")
 
 
 def test_the_default_floor_of_a_plane_leaves_out_one_percent_of_the_power():
@@ -91,15 +83,12 @@ def test_the_default_floor_of_a_plane_leaves_out_one_percent_of_the_power():
     assert share[0] <= 0.01 * power.sum() < share[1]
 
 
-def test_a_linear_plane_shows_values_relative_to_their_peak():
+def test_linear_planes_and_lines_show_values_relative_to_their_peak():
     found = fresnel_plane()
     image = draw_planes(found, linear=True).axes[0].images[0]
     power = found["fresnel"].values
     np.testing.assert_allclose(image.get_array(), power.T / power.max(), rtol=1e-12)
     assert image.get_clim() == (0.0, 1.0)
-
-
-def test_a_linear_line_shows_values_relative_to_their_peak():
     ends = [(-0.05, 0, 0.1), (0.05, 0, 0.1)]
     found = pw.line(pw.shapes.square(0.03), ends, 41, WAVELENGTH, method="fresnel")
     (axes,) = draw_lines(found, linear=True).axes

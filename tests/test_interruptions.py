@@ -1,10 +1,8 @@
 """Ctrl-C ends a command with exit code 130 and one line, and leaves nothing unfinished."""
 
 import os
-import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -87,20 +85,3 @@ def test_ctrl_c_ends_a_command_with_130_and_one_line(tmp_path):
     )
     assert (done.returncode, done.stderr) == (130, _LINE)
     assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.slow  # some seconds: libraries and a plan for many points
-@pytest.mark.skipif(os.name != "posix", reason="signals of Unix")
-def test_ctrl_c_ends_a_volume_with_130_and_one_line(tmp_path):
-    pytest.importorskip("zarr", reason="the extra `datasets` is not installed")
-    pytest.importorskip("dask", reason="the extra `datasets` is not installed")
-    command = [sys.executable, "-m", "polywigner", "volume", str(_CHEVRONS)]
-    command += ["--frequency", "94 GHz", "--engine", "numpy", "--method", "fraunhofer"]
-    command += ["--box", "-40 mm to 40 mm, -40 mm to 40 mm, 2 mm to 120 mm"]
-    command += ["--shape", "800 x 800 x 800", "--out", "field"]
-    with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as run:
-        while run.poll() is None and not (tmp_path / "field.zarr").exists():
-            time.sleep(0.01)
-        run.send_signal(signal.SIGINT)
-        _, errors = run.communicate(timeout=60)
-    assert (run.returncode, errors) == (130, _LINE)

@@ -43,13 +43,6 @@ def test_directivity_averages_to_one_over_all_directions(obliquity):
     assert (gain.mean(axis=1) @ weight) / 4 == pytest.approx(1.0, abs=root)
 
 
-def test_a_large_square_has_the_directivity_of_its_area():
-    """4 pi A/lambda^2, and half a percent more, for its edges do not radiate all they have."""
-    large = pw.shapes.square(60 * WAVELENGTH)
-    found = _pattern(large).attrs["largest_directivity"]
-    assert found == pytest.approx(10 * math.log10(4 * math.pi * 60**2), abs=0.03)
-
-
 def test_a_uniform_array_of_32_x_32_has_the_directivity_of_theory():
     """Small elements at half a wavelength: double sum of the array factor over lags.
 
@@ -183,8 +176,8 @@ def test_angles_in_any_order_are_written_in_ascending_order(tmp_path, suffix):
     degrees, about = np.arange(0.0, 91.0, 10.0), np.arange(0.0, 271.0, 90.0)
     theta, phi = np.radians(degrees), np.radians(about)
     files = [tmp_path / f"up{suffix}", tmp_path / f"down{suffix}"]
-    _written(_pattern(SQUARE, theta, phi), files[0])
-    _written(_pattern(SQUARE, theta[::-1], phi[::-1]), files[1])
+    pw.write_pattern(_pattern(SQUARE, theta, phi), files[0])
+    pw.write_pattern(_pattern(SQUARE, theta[::-1], phi[::-1]), files[1])
     assert files[0].read_text() == files[1].read_text()
 
 
@@ -193,10 +186,8 @@ def test_planning_tools_get_attenuations_all_around(tmp_path):
     field = pw.steering((math.sin(0.2), 0.0, math.cos(0.2)), WAVELENGTH)
     source = SQUARE.with_illumination(field)
     pattern = _pattern(source, np.radians(np.arange(0, 91)), np.radians([0.0, 90.0, 180.0, 270.0]))
-    for suffix in (".msi", ".pln"):
-        pw.write_pattern(pattern, tmp_path / f"a{suffix}")
+    pw.write_pattern(pattern, tmp_path / "a.msi")
     lines = (tmp_path / "a.msi").read_text().splitlines()
-    assert lines == (tmp_path / "a.pln").read_text().splitlines()
     assert lines[2] == "FREQUENCY 94000"
     start = lines.index("HORIZONTAL 360") + 1
     levels = np.array([line.split() for line in lines[start : start + 360]], float)
@@ -222,10 +213,6 @@ def test_planning_tools_get_the_gain_of_a_beam_beside_both_cuts(tmp_path):
     assert gain - attenuation == pytest.approx(pattern["directivity"].values[90, 0], abs=rounding)
 
 
-def _written(pattern, path, **how):
-    pw.write_pattern(pattern, path, **how)
-
-
 REFUSED: list[tuple[Any, type[PolywignerError], str]] = [
     (lambda: _pattern(SQUARE, 0.0, window="hann"), ArgumentError, "options among obliquity"),
     (lambda: _pattern(SQUARE, [0, 45]), ArgumentError, "radians"),
@@ -236,20 +223,29 @@ REFUSED: list[tuple[Any, type[PolywignerError], str]] = [
     (lambda: _pattern(pw.Array([SQUARE, SQUARE], [1, -1])), IlluminationError, "radiates"),
     (lambda: _pattern(pw.Slits([[0, 1]])), ArgumentError, "rectangles"),
     (
-        lambda: _written(_pattern(SQUARE, THETA, [0.0, np.pi]), "a.msi"),
+        lambda: pw.write_pattern(_pattern(SQUARE, THETA, [0.0, np.pi]), "a.msi"),
         ArgumentError,
         "phi = 90",
     ),
-    (lambda: _written(_pattern(), "a.ffs"), FileFormatError, "csv"),
-    (lambda: _written(SQUARE, "a.csv"), ArgumentError, "radiation_pattern"),
+    (lambda: pw.write_pattern(_pattern(), "a.ffs"), FileFormatError, "csv"),
+    (lambda: pw.write_pattern(SQUARE, "a.csv"), ArgumentError, "radiation_pattern"),
     (
-        lambda: _written(_pattern(), "a.csv", polarisation="H"),
+        lambda: pw.write_pattern(_pattern(), "a.csv", polarisation="right"),
         ArgumentError,
-        "polarisation",
+        "one of .x",
     ),
-    (lambda: _written(_pattern(SQUARE, [0.0, 0.1, 0.3]), "a.ffd"), ArgumentError, "evenly"),
-    (lambda: _written(_pattern(SQUARE, [-0.1, 0.1]), "a.ffd"), ArgumentError, "whole turn"),
-    (lambda: _written(_pattern(), "nowhere/at/all.csv"), ArgumentError, "write"),
+    (
+        lambda: pw.write_pattern(_pattern(polarisation="y"), "a.csv", polarisation="x"),
+        ArgumentError,
+        "own",
+    ),
+    (lambda: _pattern(polarisation="x", obliquity="kirchhoff"), ArgumentError, "obliquity or a"),
+    (lambda: _pattern(method="magnetic"), ArgumentError, "expected a polarisation"),
+    (lambda: _pattern(polarisation="x", method="kirchhoff"), ArgumentError, "huygens"),
+    (lambda: _pattern(polarisation=["x", "y"]), ArgumentError, "Jones"),
+    (lambda: pw.write_pattern(_pattern(SQUARE, [0.0, 0.1, 0.3]), "a.ffd"), ArgumentError, "evenly"),
+    (lambda: pw.write_pattern(_pattern(SQUARE, [-0.1, 0.1]), "a.ffd"), ArgumentError, "whole turn"),
+    (lambda: pw.write_pattern(_pattern(), "nowhere/at/all.csv"), ArgumentError, "write"),
 ]
 
 

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 import polywigner as pw
-from polywigner.errors import ArgumentError
 
 MODELS: tuple[Any, ...] = ("huygens", "magnetic", "electric")
 models = pytest.mark.parametrize("model", MODELS)
@@ -140,12 +138,9 @@ def test_a_far_point_has_the_field_of_the_pattern() -> None:
     )
     theta, phi, distance = 0.4, 0.7, 1e7
     found = pattern(row, theta, phi, polarisation=["x", "y", "x", "right"], method="magnetic")
-    s = np.array([math.sin(theta) * math.cos(phi), math.sin(theta) * math.sin(phi),
-                  math.cos(theta)])  # fmt: skip
-    far = pw.field(row, distance * s, 1.0, ["x", "y", "x", "right"], "magnetic")
-    power = np.square(np.abs(found["field"].item())) + np.square(
-        np.abs(found["cross_field"].item())
-    )
+    s = (math.sin(theta) * math.cos(phi), math.sin(theta) * math.sin(phi), math.cos(theta))
+    far = pw.field(row, distance * np.array(s), 1.0, ["x", "y", "x", "right"], "magnetic")
+    power = abs(found["field"].item()) ** 2 + abs(found["cross_field"].item()) ** 2
     assert distance**2 * np.square(np.abs(far)).sum() == pytest.approx(power, rel=1e-5)
     beam = found.attrs["peak_theta"], found.attrs["peak_phi"]
     there = pattern(row, *beam, polarisation=["x", "y", "x", "right"], method="magnetic")
@@ -161,25 +156,3 @@ def test_a_curved_wave_has_a_vector_pattern_as_well() -> None:
     assert curved["field"].values == pytest.approx(flat["field"].values, abs=1e-6)
     bent = pattern(HORN.curved(4.0, 1.0), polarisation="y", method=model)
     assert bent.attrs["peak_directivity"] < flat.attrs["peak_directivity"] - 0.5
-
-
-def test_files_take_the_polarisation_of_a_vector_pattern_only(tmp_path: Path) -> None:
-    found = pattern(HORN, polarisation="y")
-    with pytest.raises(ArgumentError, match="its own"):
-        pw.write_pattern(found, tmp_path / "horn.csv", polarisation="x")
-    with pytest.raises(ArgumentError, match='one of "x", "y"'):
-        pw.write_pattern(pattern(HORN), tmp_path / "horn.csv", polarisation="right")  # type: ignore
-
-
-@pytest.mark.parametrize(
-    ("how", "words"),
-    [
-        ({"polarisation": "x", "obliquity": "kirchhoff"}, "obliquity or a polarisation"),
-        ({"method": "magnetic"}, "expected a polarisation"),
-        ({"polarisation": "x", "method": "kirchhoff"}, "huygens"),
-        ({"polarisation": ["x", "y"]}, "Jones"),
-    ],
-)
-def test_what_does_not_belong_together_is_refused(how: Any, words: str) -> None:
-    with pytest.raises(ArgumentError, match=words):
-        pattern(HORN, **how)

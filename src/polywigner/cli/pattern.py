@@ -98,7 +98,7 @@ def pattern(
 
     import polywigner as pw
     from polywigner.figures import draw_pattern, outline_of
-    from polywigner.propagation.pattern_readers import read_nearest_pattern
+    from polywigner.propagation.pattern_files import read_nearest_pattern
     from polywigner.source.texts import direction_angles
 
     radiator, length = source.read_with_wavelength("pattern")

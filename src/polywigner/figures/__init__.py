@@ -4,15 +4,14 @@
 ``levels`` converts signed radiance to dB above a floor and reads labelled arrays. ``field_plots``
 and ``volumes`` draw fields in front of a source, ``far_field_plots`` radiation patterns and cross
 sections, ``scene_plots`` rendered images, channels and the power of receivers, ``transforms`` the
-figure of ``polywigner transform``, ``projections`` projections of phase space, ``lens_plots`` spots
-and transfer functions. No window is opened: the caller saves the figures.
+transforms of a source, spots and transfer functions, ``projections`` projections of phase space. No
+window is opened: the caller saves the figures.
 """
 
 from __future__ import annotations
 
 from polywigner.figures.far_field_plots import draw_pattern, draw_rcs, draw_tolerance
 from polywigner.figures.field_plots import draw_hemispheres, draw_lines, draw_planes
-from polywigner.figures.lens_plots import draw_mtf, draw_psf
 from polywigner.figures.levels import level_db, picture_peak
 from polywigner.figures.projections import draw_projections
 from polywigner.figures.scene_plots import (
@@ -29,6 +28,8 @@ from polywigner.figures.transforms import (
     LARGEST_SAMPLES,
     SystemSlices,
     TransformSlices,
+    draw_mtf,
+    draw_psf,
     draw_transforms,
     outline_of,
     samples_needed,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
@@ -16,8 +16,15 @@ from polywigner.figures import style
 from polywigner.figures.levels import arrays_of, check_floor
 from polywigner.geometry.arguments import checked_choice, checked_length
 from polywigner.propagation.beams import BeamMetrics, beam_metrics, cut_metrics
-from polywigner.propagation.great_circles import Cut, circles_through_beam, cuts_in
-from polywigner.propagation.patterns import angle_between, checked_pattern, cuts_of, front_of
+from polywigner.propagation.patterns import (
+    Cut,
+    angle_between,
+    checked_pattern,
+    circles_through_beam,
+    cuts_in,
+    cuts_of,
+    front_of,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -71,7 +78,7 @@ def draw_pattern(
 
     Raises
     ------
-    ArgumentError : no pattern, an unknown panel, too few angles; what is no figure.
+    ArgumentError : no pattern, an unknown panel, too few angles; a ``figure`` of another type.
     """
     check_floor(floor_db)
     if metrics is not None and not isinstance(metrics, BeamMetrics):
@@ -85,17 +92,15 @@ def draw_pattern(
     rows = -(-len(chosen) // columns)
     width = sum(max(_PANELS[name][0] for name in chosen[k::columns]) for k in range(columns))
     figure = style.figure_on(figure, width, 3.4 * rows + 0.3, spacing=0.05)
+    draw: dict[str, Callable[[Any], None]] = {
+        "cuts": lambda axes: _draw_cuts(axes, found, lines, low, high),
+        "polar": lambda axes: _draw_polar(axes, lines, low, high),
+        "uv": lambda axes: _draw_map(axes, theta, phi, levels, low, high),
+        "table": lambda axes: _write_table(axes, found),
+    }
     for place, name in enumerate(chosen, start=1):
-        projection = "polar" if name == "polar" else None
-        axes = figure.add_subplot(rows, columns, place, projection=projection)
-        if name == "cuts":
-            _draw_cuts(axes, found, lines, low, high)
-        elif name == "polar":
-            _draw_polar(axes, lines, low, high)
-        elif name == "uv":
-            _draw_map(axes, theta, phi, levels, low, high)
-        else:
-            _write_table(axes, found)
+        kind = {"projection": "polar"} if name == "polar" else {}
+        draw[name](figure.add_subplot(rows, columns, place, **kind))
     style.write_title(figure, title)
     return figure
 
@@ -160,20 +165,15 @@ def _of_lines(metrics: BeamMetrics, lines: Sequence[Cut]) -> BeamMetrics:
 
 
 def _label(cut: Cut) -> str:
-    return "across it" if cut.kind == "across" else f"$\\phi$ = {_degrees(cut.phi)}"
+    return "across it" if cut.kind == "across" else f"$\\phi$ = {style.degrees_text(cut.phi)}"
 
 
 def _heading(metrics: BeamMetrics, cuts: Sequence[Cut]) -> str:
     if cuts[0].kind == "theta":
-        principal = {f"$\\phi$ = {_degrees(turn * math.pi / 2)}" for turn in range(4)}
-        named = {_label(cut) for cut in cuts} <= principal
-        return "principal planes" if named else "cuts along meridians"
-    place = f"$\\theta$ = {_degrees(metrics.theta)}, $\\phi$ = {_degrees(metrics.phi)}"
-    return f"great circles through the beam at {place}"
-
-
-def _degrees(angle: float) -> str:
-    return f"{style.number_text(round(math.degrees(angle), 2))}°"
+        is_principal = all(abs(math.remainder(cut.phi, math.pi / 2)) < 1e-4 for cut in cuts)
+        return "principal planes" if is_principal else "cuts along meridians"
+    theta, phi = (style.degrees_text(angle) for angle in (metrics.theta, metrics.phi))
+    return f"great circles through the beam at $\\theta$ = {theta}, $\\phi$ = {phi}"
 
 
 def _draw_cuts(
@@ -190,16 +190,18 @@ def _draw_cuts(
             _plot(axes, number, angles, cut.cross_levels, low - 100, label=part, ls=":")
     reach = _reach(cuts)
     axes.axhline(high - 10 * math.log10(2), color="0.6", lw=0.6, ls=":")
-    axes.set_xlim(-reach, reach)
     entries = len(axes.get_legend_handles_labels()[0])
-    axes.set_ylim(low, high + (0.05 + 0.08 * -(-entries // 2)) * (high - low))
     axes.xaxis.set_major_locator(MultipleLocator(30 if reach > 45 else 10))
-    normal = cuts[0].kind == "theta"
-    angle = "the normal $\\theta$" if normal else "the beam"
-    axes.set(xlabel=f"angle from {angle} (degrees)", ylabel="directivity (dBi)")
+    angle = "the normal $\\theta$" if cuts[0].kind == "theta" else "the beam"
+    style.finish_lines(
+        axes,
+        xlim=(-reach, reach),
+        ylim=(low, high + (0.05 + 0.08 * -(-entries // 2)) * (high - low)),
+        xlabel=f"angle from {angle} (degrees)",
+        ylabel="directivity (dBi)",
+    )
     heading = f"{_heading(metrics, cuts)}\ndotted: half the peak; {style.floor_text(low - high)}"
     axes.set_title(heading, fontsize=8)
-    axes.grid(alpha=0.3, lw=0.5)
     axes.legend(frameon=False, fontsize=7, ncols=2, loc="upper center")
 
 
@@ -216,18 +218,14 @@ def _reach(cuts: Sequence[Cut]) -> float:
 def _draw_polar(axes: Any, cuts: Sequence[Cut], low: float, high: float) -> None:
     for number, cut in enumerate(cuts):
         _plot(axes, number, cut.angles, cut.levels, low)
-    reach = _reach(cuts)
-    edge = min(180, max(90, 30 * math.ceil(reach / 30 - 1e-9)))
-    axes.set_theta_zero_location("N")
-    axes.set_theta_direction(-1)
-    axes.set_thetamin(-edge)
-    axes.set_thetamax(edge)
-    axes.set_ylim(low, math.ceil(high))
+    edge = min(180, max(90, 30 * math.ceil(_reach(cuts) / 30 - 1e-9)))
     step = 10.0 if high - low > 25 else 5.0
     axes.set(
+        theta_zero_location="N", theta_direction=-1, thetamin=-edge, thetamax=edge,
+        ylim=(low, math.ceil(high)),
         yticks=np.arange(math.ceil(low / step) * step, high + 1e-9, step),
         xticks=np.radians(np.arange(-edge + (edge == 180) * 30, edge + 1, 30)),
-    )
+    )  # fmt: skip
     axes.tick_params(labelsize=7)
     axes.grid(alpha=0.4, lw=0.5)
     over = "$\\theta$" if cuts[0].kind == "theta" else "the angle from the beam"
@@ -238,9 +236,9 @@ def _draw_polar(axes: Any, cuts: Sequence[Cut], low: float, high: float) -> None
 def _draw_map(
     axes: Axes, theta: Floats, phi: Floats, levels: Floats, low: float, high: float
 ) -> None:
-    shown = style.draw_disc(axes, theta, phi, np.maximum(levels, low), low, high)
+    label = f"directivity (dBi), {style.floor_text(round(low, 1), 'dBi')}"
+    style.draw_disc(axes, theta, phi, np.maximum(levels, low), low, high, label)
     axes.set(xlabel="$u = \\sin\\theta\\,\\cos\\phi$", ylabel="$v = \\sin\\theta\\,\\sin\\phi$")
-    style.colour_bar(axes, shown, f"directivity (dBi), {style.floor_text(round(low, 1), 'dBi')}")
 
 
 def _write_table(axes: Axes, metrics: BeamMetrics) -> None:
@@ -277,8 +275,8 @@ def draw_tolerance(
 
     Raises
     ------
-    ArgumentError : no tolerance run, too many meridians or fewer than two angles theta; what is no
-        figure.
+    ArgumentError : no tolerance run, too many meridians or fewer than two angles theta; a
+        ``figure`` of another type.
     """
     check_floor(floor_db)
     axes_of = {"theta": "theta", "phi": "phi"}
@@ -293,8 +291,8 @@ def draw_tolerance(
         )
     high = float(levels[0].max())
     drawn = style.figure_on(figure, 5.4 * len(places), 3.9, spacing=0.05)
-    for k, (angle, where, nominal) in enumerate(places):
-        axes = drawn.add_subplot(1, len(places), k + 1)
+    panels = drawn.subplots(1, len(places), squeeze=False)[0]
+    for k, (axes, (angle, where, nominal)) in enumerate(zip(panels, places, strict=True)):
         degrees = np.degrees(where)
         mean, low, upper = (cuts[k][2] for cuts in others)
         axes.fill_between(
@@ -303,15 +301,13 @@ def draw_tolerance(
         )  # fmt: skip
         axes.plot(degrees, mean, color=style.RED, lw=1.2, ls="--", label="mean, closed form")
         axes.plot(degrees, nominal, color=style.BLUE, lw=0.9, label="without errors")
-        axes.set(
-            xlim=(degrees.min(), degrees.max()),
-            ylim=(high + floor_db, high + 3),
-            xlabel="angle from the normal $\\theta$ (degrees)",
-            ylabel="directivity (dBi)",
-        )
-        axes.set_title(f"$\\phi$ = {_degrees(angle)}; {style.floor_text(floor_db)}", fontsize=8)
-        axes.grid(alpha=0.3, lw=0.5)
-        axes.legend(frameon=False, fontsize=8)
+        style.finish_lines(
+            axes, legend=8,
+            xlim=(degrees.min(), degrees.max()), ylim=(high + floor_db, high + 3),
+            xlabel="angle from the normal $\\theta$ (degrees)", ylabel="directivity (dBi)",
+        )  # fmt: skip
+        heading = f"$\\phi$ = {style.degrees_text(angle)}; {style.floor_text(floor_db)}"
+        axes.set_title(heading, fontsize=8)
     style.write_title(drawn, title)
     return drawn
 
@@ -341,7 +337,8 @@ def draw_rcs(
 
     Raises
     ------
-    ArgumentError : no pattern, too few angles, a body that scatters nothing; what is no figure.
+    ArgumentError : no pattern, too few angles, a body that scatters nothing; a ``figure`` of
+        another type.
     """
     check_floor(floor_db)
     if smooth is not None:
@@ -356,7 +353,6 @@ def draw_rcs(
             "expected a body that scatters something on these angles, got zero everywhere"
         )
     low = high + floor_db
-    label = f"RCS (dBsm), {style.floor_text(round(low, 1), 'dBsm')}"
     drawn = style.figure_on(figure, 11.6, 3.9, spacing=0.05)
     for place, (name, angles, cut) in enumerate(shown_cuts, start=1):
         polar = drawn.add_subplot(1, 3, place, projection="polar")
@@ -365,10 +361,12 @@ def draw_rcs(
         polar.set_title(name, fontsize=8)
     axes = drawn.add_subplot(1, 3, 3)
     places = np.degrees(azimuth), np.degrees(elevation)
-    drawn_levels = np.maximum(levels, low).T
-    shown = style.draw_levels(axes, drawn_levels, *places, low=low, high=high, shading="nearest")
+    label = f"RCS (dBsm), {style.floor_text(round(low, 1), 'dBsm')}"
+    style.draw_levels(
+        axes, np.maximum(levels, low).T, *places, low=low, high=high, label=label,
+        shading="nearest",
+    )  # fmt: skip
     axes.set(xlabel="azimuth (degrees)", ylabel="elevation (degrees)")
-    style.colour_bar(axes, shown, label)
     style.write_title(drawn, title)
     return drawn
 
@@ -380,7 +378,7 @@ def _draw_rcs_cut(polar: Any, angles: Floats, levels: Floats, smooth: float | No
     )
     if smooth is not None:
         polar.plot(angles, _running_median(angles, levels, smooth), color=style.RED, lw=1.2)
-        text = f"running median over {style.number_text(round(math.degrees(smooth), 2))}°"
+        text = f"running median over {style.degrees_text(smooth)}"
         polar.set_xlabel(text, fontsize=7, color=style.RED)
     polar.tick_params(labelsize=7)
     polar.grid(alpha=0.4, lw=0.5)
@@ -443,6 +441,6 @@ def _rcs_cuts(
     azimuth, elevation, levels = upright
     around = np.concatenate([elevation, math.pi - elevation[::-1]])
     over_elevation = np.concatenate([levels[front], levels[back][::-1]])
-    behind = f"over elevation, at azimuth {_degrees(azimuth[front])} and behind"
-    across = f"over azimuth, at elevation {_degrees(flat[1][at])}"
+    behind = f"over elevation, at azimuth {style.degrees_text(azimuth[front])} and behind"
+    across = f"over azimuth, at elevation {style.degrees_text(flat[1][at])}"
     return [(across, flat[0], flat[2][:, at]), (behind, around, over_elevation)]

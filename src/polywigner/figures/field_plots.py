@@ -160,26 +160,22 @@ def draw_lines(
 
     Raises
     ------
-    ArgumentError : no such quantity, method or coordinate; values over more than one axis; what is
-    no figure.
+    ArgumentError : no such quantity, method or coordinate; values over more than one axis; a
+        ``figure`` of another type.
     """
     check_floor(floor_db)
     checked_flag(linear, "linear")
     columns = dict(found) if isinstance(found, dict) and found else {"": found}
     fields = [Comparison.of(one, against) for one in columns.values()]
     is_compared, side_by_side = len(fields[0].powers) > 1, len(fields) > 1
-    size = (
-        1.0 + 3.0 * len(fields) if side_by_side else 6.4,
-        (5.6 if is_compared else 3.7) + 0.3 * side_by_side,
-    )
-    figure = style.figure_on(figure, *size, spacing=0.03)
+    width, height = 1.0 + 3.0 * len(fields) if side_by_side else 6.4, 5.6 if is_compared else 3.7
+    figure = style.figure_on(figure, width, height + 0.3 * side_by_side, spacing=0.03)
     ratios = (3, 2) if is_compared else (1,)
     panels = figure.subplots(
         len(ratios), len(fields), sharex="col", sharey="row", squeeze=False, height_ratios=ratios
     )
     for column, one, each, name in zip(panels.T, columns.values(), fields, columns, strict=True):
-        axis = _axis(one, each.dims, along)
-        _draw_column(column, each, *axis, linear=linear, compared_db=compared_db)
+        _draw_column(column, each, _axis(one, each.dims, along), linear, compared_db)
         text = f"{'1' if linear else '0 dB'}: {each.zero_text}"
         if name:
             text = f"{name}; {text}"
@@ -202,37 +198,31 @@ def draw_lines(
 
 
 def _draw_column(
-    column: Any,
-    fields: Comparison,
-    places: Floats,
-    label: str,
-    is_logarithmic: bool,
-    *,
-    linear: bool,
+    column: Any, fields: Comparison, axis: tuple[Floats, str, bool], linear: bool,
     compared_db: float,
-) -> None:
+) -> None:  # fmt: skip
     """Draw levels, and below them the differences of several fields from the reference."""
+    positions, label, is_logarithmic = axis
     styles = _styles(list(fields.powers), fields.against)
     for method, values in fields.powers.items():
         levels = values / fields.zero
         if not linear:
             levels = 10 * np.log10(np.where(values > 0, levels, np.nan))
-        column[0].plot(places, levels, label=fields.labels[method], **styles[method])
+        column[0].plot(positions, levels, label=fields.labels[method], **styles[method])
         if method != fields.against:
             difference = difference_db(values, fields.powers[fields.against], compared_db)
-            column[1].plot(places, difference, **styles[method])
+            column[1].plot(positions, difference, **styles[method])
     for axes in column:
-        axes.grid(alpha=0.3, lw=0.5)
-        axes.margins(x=0)
+        style.finish_lines(axes, xmargin=0)
     column[-1].set_xlabel(label)
     if is_logarithmic:
         from matplotlib.ticker import LogFormatter, LogLocator
 
         column[-1].set_xscale("log")  # of both panels, which share the axis
-        axis = column[-1].xaxis
-        axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        axis.set_major_formatter(LogFormatter(labelOnlyBase=False, minor_thresholds=(9, 9)))
-        axis.set_minor_formatter(lambda *_: "")
+        ticks = column[-1].xaxis
+        ticks.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        ticks.set_major_formatter(LogFormatter(labelOnlyBase=False, minor_thresholds=(9, 9)))
+        ticks.set_minor_formatter(lambda *_: "")
 
 
 def _axis(found: Any, dims: tuple[str, ...], along: str | None) -> tuple[Floats, str, bool]:
@@ -240,7 +230,10 @@ def _axis(found: Any, dims: tuple[str, ...], along: str | None) -> tuple[Floats,
     if len(dims) != 1:
         raise ArgumentError(f"expected fields along one axis, got them over {', '.join(dims)}")
     if along is None:
-        along = _parallel(found, dims[0])
+        along = dims[0]
+        if found[along].attrs.get("units") == "m":  # a line may be parallel to x, y or z
+            changing = [k for k in "xyz" if k in found.coords and np.ptp(found[k].values) > 0]
+            along = changing[0] if len(changing) == 1 else along
     checked_choice(along, "along", [str(name) for name in found.coords])
     places = np.asarray(found[along].squeeze().values, dtype=np.float64)
     kind = found[along].attrs.get("units", "")
@@ -252,14 +245,6 @@ def _axis(found: Any, dims: tuple[str, ...], along: str | None) -> tuple[Floats,
     unit = length_unit(float(np.abs(places).max()))
     logarithmic = bool(places.min() > 0 and places.max() > _DECADES * places.min())
     return places / unit.metres, f"{called} ({unit.name})", logarithmic
-
-
-def _parallel(found: Any, dim: str) -> str:
-    """The one of x, y and z that changes along a line, where the others do not."""
-    if found[dim].attrs.get("units") != "m":
-        return dim
-    changing = [k for k in "xyz" if k in found.coords and np.ptp(found[k].values) > 0]
-    return changing[0] if len(changing) == 1 else dim
 
 
 def _styles(methods: list[str], against: str) -> dict[str, dict[str, Any]]:
@@ -471,7 +456,7 @@ def draw_hemispheres(
 
     Raises
     ------
-    ArgumentError : no such quantity or method; other axes; what is no figure.
+    ArgumentError : no such quantity or method; other axes; a ``figure`` of another type.
     """
     check_floor(floor_db)
     if "directivity" in checked_dataset(found, "found"):

@@ -71,7 +71,7 @@ def draw_projections(
     Raises
     ------
     ArgumentError for another layout, tiles that are missing, fewer than two samples on an axis, and
-    what is no figure.
+    a ``figure`` of another type.
     """
     check_floor(floor_db)
     cells = _cells(found, layout)
@@ -88,12 +88,11 @@ def draw_projections(
         if place not in cells:
             axes.set_axis_off()
             continue
-        name, across, up = cells[place]
-        _draw(axes, found, name, across, up, unit, floor_db)
+        _draw(axes, found, cells[place], unit, floor_db)
         axes.tick_params(labelbottom=True)
-        axes.set_xlabel(style.axis_label(across, unit))
+        axes.set_xlabel(style.axis_label(cells[place][1], unit))
         if place[1] == 0:
-            axes.set_ylabel(style.axis_label(up, unit))
+            axes.set_ylabel(style.axis_label(cells[place][2], unit))
     style.write_title(figure, title)
     return figure
 
@@ -122,31 +121,24 @@ def _cells(found: xarray.Dataset, layout: str) -> Cells:
 
 
 def _draw(
-    axes: Axes,
-    found: xarray.Dataset,
-    name: str,
-    across: str,
-    up: str,
-    unit: LengthUnit,
-    floor_db: float,
+    axes: Axes, found: xarray.Dataset, cell: tuple[str, str, str], unit: LengthUnit, floor_db: float
 ) -> None:
+    name, across, up = cell
     tile = found[name]
     values = np.real(np.asarray(tile.values))
     values = values.T if tile.dims == (across, up) else values
     peak = float(np.max(np.abs(values))) or 1.0
     size = _size(peak, tile.attrs["units"], unit)
     places = [_printed(found, name, unit) for name in (across, up)]
+    how: dict[str, Any] = {"shading": "nearest", "label": f"relative to {size}"}
     if values.min() < -_NEGATIVE * peak:
-        shown = style.draw_signed(axes, values / peak, *places, shading="nearest")
-        style.signed_bar(axes, shown, f"relative to {size}")
+        style.draw_signed(axes, values / peak, *places, **how)
     elif style.is_spectral(across) or style.is_spectral(up):
-        levels = level_db(values, peak, floor_db)
-        shown = style.draw_levels(axes, levels, *places, low=floor_db, shading="nearest")
-        style.colour_bar(axes, shown, f"dB relative to {size}")
+        how |= {"low": floor_db, "label": f"dB relative to {size}"}
+        style.draw_levels(axes, level_db(values, peak, floor_db), *places, **how)
     else:
-        printed = values / _measure(tile.attrs["units"], unit)
-        shown = style.draw_levels(axes, printed, *places, low=0.0, high=None, shading="nearest")
-        style.colour_bar(axes, shown, _unit_text(tile.attrs["units"], unit))
+        how |= {"low": 0.0, "high": None, "label": _unit_text(tile.attrs["units"], unit)}
+        style.draw_levels(axes, values / _measure(tile.attrs["units"], unit), *places, **how)
     axes.set_title(_integral(found.attrs["kind"], tile.dims, np.iscomplexobj(tile.values)))
 
 

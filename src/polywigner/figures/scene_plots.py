@@ -30,29 +30,29 @@ def draw_scene(
     *,
     ax: Axes | None = None,
 ) -> Any:
-    """A rendered picture in dB relative to ``reference``, with a colour bar that says so.
+    """Draw a rendered image in dB relative to ``reference``, with a colour bar.
 
     Parameters
     ----------
     radiance : (height, width), signed, in ``unit``.
     reference : the 0 dB radiance, normally :func:`polywigner.figures.picture_peak`; None draws
-        an empty picture (nothing lit).
+        an image at the floor.
     floor_db : lowest level, dB; everything at or below it, negative radiance included, gets its
         colour.
     unit : unit of ``radiance``, for the label.
-    title : above the picture.
-    ax : matplotlib axes to draw on, whose figure gets the colour bar; None: a new figure. What is
-        drawn on is returned.
+    title : above the image.
+    ax : matplotlib axes to draw on, whose figure gets the colour bar; None: a new figure. The axes
+        or the new figure are returned.
 
     Raises
     ------
-    ArgumentError : what are no axes.
+    ArgumentError : ``ax`` of another type.
     """
     picture = checked_array(radiance, "radiance", 2)
     height, width = picture.shape
     levels = level_db(picture, reference, floor_db)
     reference = None if reference is None else float(reference)
-    # Inches: the longer side of the picture is 5, with room for a colour bar and its label.
+    # Inches: the longer side of the image is 5, with room for a colour bar and its label.
     scale = 5.0 / max(width, height)
     axes, drawn = style.axes_on(ax, width * scale + 1.2, max(height * scale, 3.4))
     shown = style.draw_levels(axes, levels, low=floor_db)
@@ -69,7 +69,7 @@ _STOKES = ("S₀", "S₁: horizontal − vertical", "S₂: 45° − (−45°)", 
 
 @style.typeset
 def draw_stokes(stokes: ArrayLike, title: str = "") -> Any:
-    """Draw the four Stokes numbers of a rendered picture, signed, relative to its peak.
+    """Draw the four Stokes parameters of a rendered image, signed, relative to its peak.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ _LEAST_LINEAR = 0.05
 
 @style.typeset
 def draw_polarisation(stokes: ArrayLike, floor_db: float = -40.0, title: str = "") -> Any:
-    """Draw the degree of polarisation and the angle of its linear part, of a rendered picture.
+    """Draw the degree of polarisation of a rendered image and the angle of its linear part.
 
     Parameters
     ----------
@@ -106,8 +106,8 @@ def draw_polarisation(stokes: ArrayLike, floor_db: float = -40.0, title: str = "
     floor_db : level of S0 below its peak, in dB, below which pixels are grey.
     title : above the panels.
 
-    The angle is from the picture's right upwards, from -90 to 90 degrees; grey where less than 5 %
-    of the light is linearly polarised. Returns the figure.
+    The angle is from the image's right upwards, from -90 to 90 degrees, and grey if less than 5 %
+    of the radiance is linearly polarised. Returns the figure.
 
     Raises
     ------
@@ -134,7 +134,7 @@ def draw_polarisation(stokes: ArrayLike, floor_db: float = -40.0, title: str = "
 
 
 def _stokes_panels(stokes: ArrayLike, rows: int, title: str) -> tuple[Any, Any, Any]:
-    """The numbers, and a figure with two columns of panels of their picture's shape."""
+    """The numbers, and a figure with two columns of panels of the image's shape."""
     numbers = checked_array(stokes, "stokes", 3)
     if len(numbers) != 4:
         raise ArgumentError(
@@ -189,7 +189,6 @@ def write_range_animation(
             f"expected from 1 to {_MOST_FRAMES} frames, got {len(radiance)}; use fewer, wider bins"
         )
     checked_count(milliseconds, "milliseconds", 10, 60_000)
-    style.checked_title(title)
     path = checked_path(path)
     if path.suffix.lower() != ".gif":
         raise ArgumentError(f"expected a path with the suffix .gif, got {path.name!r}")
@@ -235,17 +234,17 @@ def draw_range_profile(
     profile : as :func:`polywigner.mitsuba.range_profile` returns.
     receiver : which one of several, from 0.
     floor_db : lowest level, dB below the largest bin, or 5 dB below the noise if that is lower;
-        what is less, or not positive, has no line.
-    title : above the picture.
+        bins below it, and bins that are not positive, have no line.
+    title : above the figure.
     ax : matplotlib axes to draw on, which are returned; None: a new figure, which is.
 
     Raises
     ------
-    ArgumentError : no profile, or not that receiver; what are no axes; a floor that is not below
-        0 dB.
+    ArgumentError : no profile, or not that receiver; ``ax`` of another type; a floor that is not
+        below 0 dB.
     """
     check_floor(floor_db)
-    (edges, power, error, noise), paths = _checked_profile(profile, receiver)
+    edges, power, error, noise, *paths = _checked_profile(profile, receiver)
     peak = float(power.max())
     top = 10 * math.log10(peak / _MILLIWATT) if peak > 0 else 0.0
     low = top + floor_db
@@ -264,38 +263,35 @@ def draw_range_profile(
     if noise_level is not None:
         label = f"noise kTBF, {style.number_text(round(noise_level, 1))} dBm"
         axes.axhline(noise_level, color="C3", ls="--", lw=1.0, label=label)
-    if noise_level is not None or here.any():
-        axes.legend(frameon=False, fontsize=7, loc="best")
-    axes.set(xlim=(edges[0], edges[-1]), ylim=(low, top + _ROOM))
     width = np.diff(edges)
     bins = f"{_rounded(width.max())} m"
     if width.max() > width.min() * (1 + 1e-6):
         bins = f"up to {bins}"
-    axes.set(
+    style.finish_lines(
+        axes,
+        legend=7 if noise_level is not None or here.any() else 0,
+        xlim=(edges[0], edges[-1]),
+        ylim=(low, top + _ROOM),
         xlabel="range, half the length of the path (m)",
         ylabel=f"power of a bin of {bins} (dBm)\n± its standard error",
     )
-    axes.grid(alpha=0.4, lw=0.5)
     axes.set_title(title, fontsize=8)
     return drawn
 
 
-def _checked_profile(
-    profile: Any, receiver: int
-) -> tuple[tuple[Floats, Floats, Floats, float], tuple[Floats, Floats]]:
+def _checked_profile(profile: Any, receiver: int) -> tuple[Floats, Floats, Floats, float, Any, Any]:
     """Edges, powers, errors, and the noise or zero, of one receiver; ranges, powers of paths."""
+    if "receiver" in getattr(profile, "dims", ()):
+        checked_count(receiver, "receiver", 0, profile.sizes["receiver"] - 1)
+        profile = profile.isel(receiver=receiver)
+    elif receiver != 0:
+        raise ArgumentError(f"expected a profile of several receivers, got one and {receiver!r}")
     names = dict.fromkeys(
         ("range_edge", "power", "standard_error", "noise_power", "path_range", "path_power"), ""
     )
-    edges, *values = arrays_of(profile, names, "polywigner.mitsuba.radar.range_profile")
-    if "receiver" in profile.dims:
-        checked_count(receiver, "receiver", 0, len(values[0]) - 1)
-        values = [each[receiver] for each in values]
-    elif receiver != 0:
-        raise ArgumentError(f"expected a profile of several receivers, got one and {receiver!r}")
-    power, error, noise, *paths = values
-    place, level = (path.ravel() for path in paths)
-    return (edges, power, error, float(np.nan_to_num(noise))), (place, level)
+    maker = "polywigner.mitsuba.radar.range_profile"
+    edges, power, error, noise, *paths = arrays_of(profile, names, maker)
+    return edges, power, error, float(np.nan_to_num(noise)), paths[0].ravel(), paths[1].ravel()
 
 
 def _dbm(power: Floats, low: float) -> Floats:
@@ -308,7 +304,7 @@ _MARK = "#4dd2ff"
 
 
 class DirectArrival(NamedTuple):
-    """Light straight from a source, or from its image: a mark in the picture."""
+    """A line-of-sight path from a source, or from its mirror image: a mark in the figure."""
 
     place: tuple[float, float]
     """Direction cosines."""
@@ -428,8 +424,8 @@ def _mark(axes: Any, direct: Sequence[DirectArrival]) -> list[Any]:
     return labels
 
 
-# Pairs of ends in one picture; delays at which impulse responses are drawn, and inverse bandwidths
-# before the first way and behind the last.
+# Pairs of ends in one figure; delays at which impulse responses are drawn, and inverse bandwidths
+# before the first path and after the last.
 _MOST_PAIRS, _DELAYS, _BEYOND = 6, 2001, 6.0
 _HERTZ = ((1e12, "THz"), (1e9, "GHz"), (1e6, "MHz"), (0.0, "Hz"))
 
@@ -441,18 +437,18 @@ def draw_channel(
     """Channels in dB over frequency, and their impulse responses over delay, a row for each pair.
 
     The impulse response is the mean of h exp(-2 pi i f t) over evenly spaced frequencies, with a
-    Hann window: a way alone peaks at its own level. Stems are the ways at the middle frequency.
+    Hann window: a single path peaks at its level. Stems are the paths at the centre frequency.
 
     Parameters
     ----------
     channel : as :func:`polywigner.mitsuba.channel` returns; the first 6 pairs are drawn.
     floor_db : lowest level, dB below the largest of a panel.
-    title : above the picture.
+    title : above the figure.
     figure : matplotlib Figure or SubFigure to draw on, which is returned; None: a new figure.
 
     Raises
     ------
-    ArgumentError : no channel; what is no figure; a floor that is not below 0 dB.
+    ArgumentError : no channel; a ``figure`` of another type; a floor that is not below 0 dB.
     """
     check_floor(floor_db)
     pairs = _checked_channel(channel)[:_MOST_PAIRS]
@@ -462,15 +458,14 @@ def draw_channel(
     panels = drawn.subplots(len(pairs), 2, squeeze=False)
     line = "-" if len(frequencies) > 1 else "o"
     for (left, right), pair in zip(panels, pairs, strict=True):
-        left.plot(frequencies / (scale or 1.0), pair.levels(pair.h), line, lw=1.0)
+        left.plot(frequencies / (scale or 1.0), _levels(pair.h), line, lw=1.0)
         left.set(xlabel=f"frequency ({unit})", ylabel="|h|², received over sent (dB)")
-        left.set_title(f"{pair.receiver} from {pair.emitter}", fontsize=8)
+        left.set_title(pair.title, fontsize=8)
         _draw_response(right, frequencies, pair)
         for axes, values in ((left, pair.h), (right, pair.amplitude)):
-            top = float(pair.levels(np.abs(values).max(initial=0.0)))
-            low = float(pair.levels(values).min()) - _ROOM if axes is left else -math.inf
-            axes.set_ylim(max(low, top + floor_db), top + _ROOM)
-            axes.grid(alpha=0.4, lw=0.5)
+            top = float(_levels(np.abs(values).max(initial=0.0)))
+            low = float(_levels(values).min()) - _ROOM if axes is left else -math.inf
+            style.finish_lines(axes, ylim=(max(low, top + floor_db), top + _ROOM))
     style.write_title(drawn, title)
     return drawn
 
@@ -478,18 +473,17 @@ def draw_channel(
 class _Pair(NamedTuple):
     """The channel of one receiver and one emitter."""
 
-    receiver: str
-    emitter: str
+    title: str
     h: NDArray[np.complex128]
     amplitude: NDArray[np.complex128]
-    """(n, ways)."""
+    """(n, paths)."""
     delays: Floats
-    ways: list[str]
+    names: list[str]
 
-    @staticmethod
-    def levels(values: Any) -> Floats:
-        """dB of amplitudes, far below any floor for zero."""
-        return np.asarray(20 * np.log10(np.maximum(np.abs(values), 1e-150)))
+
+def _levels(values: Any) -> Floats:
+    """dB of amplitudes, far below any floor for zero."""
+    return np.asarray(20 * np.log10(np.maximum(np.abs(values), 1e-150)))
 
 
 def _draw_response(axes: Axes, frequencies: Floats, pair: _Pair) -> None:
@@ -504,13 +498,13 @@ def _draw_response(axes: Axes, frequencies: Floats, pair: _Pair) -> None:
         window = np.hanning(len(frequencies) + 2)[1:-1]
         turns = np.outer(times, frequencies)
         response = np.exp(-2j * np.pi * (turns % 1.0)) @ (window * pair.h) / window.sum()
-        axes.plot(1e9 * times, pair.levels(response), lw=1.0, label="impulse response")
+        axes.plot(1e9 * times, _levels(response), lw=1.0, label="impulse response")
     middle = np.abs(pair.amplitude[len(frequencies) // 2])
     for number in np.flatnonzero(there):
-        delay, level = 1e9 * pair.delays[number], float(pair.levels(middle[number]))
-        label = pair.ways[number] or "direct"
-        axes.plot(delay, level, "o", ms=4, color=f"C{number + 1}", label=f"{label}")
-        axes.vlines(delay, level - 1e3, level, color=f"C{number + 1}", lw=1.0)
+        delay, level = 1e9 * pair.delays[number], float(_levels(middle[number]))
+        ink = f"C{number + 1}"
+        axes.plot(delay, level, "o", ms=4, color=ink, label=pair.names[number] or "direct")
+        axes.vlines(delay, level - 1e3, level, color=ink, lw=1.0)
     axes.set(xlabel="delay (ns)", ylabel="level (dB)")
     if there.any():
         axes.legend(frameon=False, fontsize=7, loc="upper right")
@@ -519,13 +513,14 @@ def _draw_response(axes: Axes, frequencies: Floats, pair: _Pair) -> None:
 def _checked_channel(channel: Any) -> list[_Pair]:
     ends = "receiver emitter"
     names = {"h": f"frequency {ends}", "amplitude": f"frequency {ends} way", "delay": f"{ends} way"}
-    names |= {name: name for name in ends.split()} | {"mirrors": "way"}
+    names |= {"receiver": "receiver", "emitter": "emitter", "mirrors": "way"}
     h, amplitude, delay, receivers, emitters, mirrors = arrays_of(
         channel, names, "polywigner.mitsuba.channel"
     )
-    ways = [str(name) for name in mirrors]
     return [
-        _Pair(receiver, emitter, h[:, k, j], amplitude[:, k, j], delay[k, j], ways)
-        for k, receiver in enumerate(receivers.tolist())
-        for j, emitter in enumerate(emitters.tolist())
-    ]
+        _Pair(
+            f"{receivers[k]} from {emitters[j]}", h[:, k, j], amplitude[:, k, j], delay[k, j],
+            list(map(str, mirrors)),
+        )
+        for k, j in np.ndindex(delay.shape[:2])
+    ]  # fmt: skip

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from functools import wraps
 from string import ascii_lowercase
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
@@ -60,24 +60,28 @@ _LINEAR = 0.01
 
 def draw_levels(
     axes: Axes, levels: Any, across: Any = None, up: Any = None, *, low: float,
-    high: float | None = 0.0,
+    high: float | None = 0.0, label: str | None = None,
     **how: Any,
 ) -> Any:  # fmt: skip
     """Draw levels in dB from the floor ``low``, black, to ``high``; places as for `draw_map`.
 
-    Or values that are not below ``low``; without ``high`` the largest is the brightest.
+    Or values that are not below ``low``; without ``high`` the largest is the brightest. ``label``:
+    of a colour bar next to the axes.
     """
-    return draw_map(axes, levels, across, up, cmap=LEVEL_MAP, vmin=low, vmax=high, **how)
+    shown = draw_map(axes, levels, across, up, cmap=LEVEL_MAP, vmin=low, vmax=high, **how)
+    if label is not None:
+        colour_bar(axes, shown, label)
+    return shown
 
 
 def draw_signed(
     axes: Axes, values: Any, across: Any = None, up: Any = None, *, bound: float | None = None,
-    **how: Any,
+    label: str | None = None, **how: Any,
 ) -> Any:  # fmt: skip
     """Draw signed values on a symmetric colour scale to ``bound``; places as for `draw_map`.
 
     Without a bound values reach from -1 to 1, and the scale is logarithmic so that faint ones are
-    seen as well; :func:`signed_bar` is for it.
+    seen as well; ``label`` is of its :func:`signed_bar` next to the axes.
     """
     if bound is None:
         from matplotlib.colors import SymLogNorm
@@ -85,7 +89,10 @@ def draw_signed(
         how["norm"] = SymLogNorm(_LINEAR, linscale=0.5, vmin=-1.0, vmax=1.0)
     else:
         how |= {"vmin": -bound, "vmax": bound}
-    return draw_map(axes, values, across, up, cmap=SIGNED_MAP, **how)
+    shown = draw_map(axes, values, across, up, cmap=SIGNED_MAP, **how)
+    if label is not None:
+        signed_bar(axes, shown, label)
+    return shown
 
 
 def draw_map(axes: Axes, values: Any, across: Any, up: Any, **how: Any) -> Any:
@@ -136,7 +143,7 @@ def new_figure(
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    layout = ConstrainedLayoutEngine(wspace=spacing, hspace=spacing)
+    layout: Any = ConstrainedLayoutEngine(wspace=spacing, hspace=spacing)
     figure = Figure(figsize=(width, height), dpi=150, layout=layout)
     FigureCanvasAgg(figure)
     if is_compressed:
@@ -155,7 +162,6 @@ def figure_on(
     if figure is None:
         return new_figure(width, height, spacing, is_compressed=is_compressed)
     from matplotlib.figure import Figure, FigureBase
-    from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     if not isinstance(figure, FigureBase):
         raise ArgumentError(
@@ -163,40 +169,44 @@ def figure_on(
             f"{type(figure).__name__}; several panels are drawn, for which axes are not enough"
         )
     if isinstance(figure, Figure) and figure.get_layout_engine() is None and not figure.axes:
-        figure.set_layout_engine(ConstrainedLayoutEngine())
+        figure.set_layout_engine("constrained")
     return figure
 
 
-def checked_axes(axes: Any) -> Any:
-    """The axes of a caller, or None; ArgumentError for anything else."""
+def axes_on(ax: Any, width: float, height: float) -> tuple[Any, Any]:
+    """The axes to draw on, and the caller's result: the axes, or for None the new figure.
+
+    Raises ArgumentError for anything but axes.
+    """
     from matplotlib.axes import Axes
 
-    if not isinstance(axes, Axes | None):
+    if ax is None:
+        figure = new_figure(width, height)
+        return figure.add_subplot(), figure
+    if not isinstance(ax, Axes):
         raise ArgumentError(
-            f"expected ax as matplotlib Axes, got {type(axes).__name__}; make them by "
+            f"expected ax as matplotlib Axes, got {type(ax).__name__}; make them by "
             "matplotlib.pyplot.subplots()"
         )
-    return axes
+    return ax, ax
 
 
-def axes_on(ax: Any, width: float, height: float) -> tuple[Any, Any]:
-    """The axes to draw on, and the caller's result: the axes, or for None the new figure."""
-    if checked_axes(ax) is not None:
-        return ax, ax
-    figure = new_figure(width, height)
-    return figure.add_subplot(), figure
+def finish_lines(axes: Axes, *, legend: float = 0.0, **labels: Any) -> None:
+    """Set labels and limits of axes with lines, a faint grid, and a legend in this font size."""
+    axes.set(**labels)
+    axes.grid(alpha=0.3, lw=0.5)
+    if legend:
+        axes.legend(frameon=False, fontsize=legend)
 
 
-def checked_title(title: Any) -> str:
-    """A text, or ArgumentError."""
-    if not isinstance(title, str) or not title.replace("\n", "").isprintable():
-        raise ArgumentError(f"expected title as a text that can be printed, got {title!r}")
-    return title
+def degrees_text(angle: float) -> str:
+    """An angle in rad as degrees with two decimals at most."""
+    return f"{number_text(round(float(np.degrees(angle)), 2))}°"
 
 
 def write_title(figure: Figure | SubFigure, title: str) -> None:
     """Write the title above all panels; without one the caller's stays."""
-    if checked_title(title) or not figure.get_suptitle():
+    if title or not figure.get_suptitle():
         figure.suptitle(title)
 
 
@@ -231,35 +241,43 @@ def draw_polygons(axes: Axes, shape: Any, unit: LengthUnit, **how: Any) -> None:
         draw_rings(axes, [np.asarray(ring.coords) for ring in rings], unit.metres, **how)
 
 
-def draw_cut(axes: Axes, lines: Any, inks: str, zorder: float = 2) -> None:
-    """Draw lines (k, n, 2) in two inks, broad and thin, seen on every colour; limits stay."""
+def draw_cut(axes: Any, lines: Any, inks: Sequence[str], zorder: float = 2) -> None:
+    """Draw lines (k, n, 2) or (k, n, 3) in two inks, broad and thin; limits stay.
+
+    They are visible on every colour.
+    """
     from matplotlib.collections import LineCollection
+    from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
+    flat = np.shape(lines)[-1] == 2
     for ink, width in zip(inks, (2.2, 1.0), strict=True):
-        drawn = LineCollection(list(lines), colors=ink, linewidths=width, capstyle="round")
-        axes.add_collection(drawn, autolim=False)
-        drawn.set_zorder(zorder)
+        how: dict[str, Any] = {"colors": ink, "linewidths": width, "zorder": zorder}
+        how["capstyle"] = "round"
+        drawn: Any = (LineCollection if flat else Line3DCollection)(list(lines), **how)
+        add = axes.add_collection if flat else axes.add_collection3d
+        add(drawn, autolim=False)
 
 
-def draw_disc(axes: Axes, theta: Any, phi: Any, levels: Any, low: float, high: float) -> Any:
-    """Levels (n, m) over theta and phi, in the plane of the direction cosines, with its circles."""
-    phi, levels = _once_around(phi, levels)
+def draw_disc(
+    axes: Axes, theta: Any, phi: Any, levels: Any, low: float, high: float,
+    label: str | None = None,
+) -> Any:  # fmt: skip
+    """Levels (n, m) over theta and phi, in the plane of the direction cosines, with its circles.
+
+    The first meridian is drawn again at the end if the circle is left open by one step.
+    """
+    step = phi[1] - phi[0] if len(phi) > 1 else 0.0
+    if abs(phi[-1] + step - phi[0] - 2 * np.pi) <= 1e-6 * max(step, 1e-6):
+        phi = np.append(phi, phi[0] + 2 * np.pi)
+        levels = np.concatenate([levels, levels[:, :1]], axis=1)
     sine = np.sin(theta)[:, None]
     x, y = sine * np.cos(phi), sine * np.sin(phi)
     shown = draw_levels(axes, levels, x, y, low=low, high=high, shading="gouraud")
     draw_circles(axes, above=True)
     axes.set(aspect="equal", xlim=(-1.02, 1.02), ylim=(-1.02, 1.02))
+    if label is not None:
+        colour_bar(axes, shown, label)
     return shown
-
-
-def _once_around(
-    phi: NDArray[np.float64], levels: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """With the first meridian again at the end, where the circle is left open by one step."""
-    step = phi[1] - phi[0] if len(phi) > 1 else 0.0
-    if abs(phi[-1] + step - phi[0] - 2 * np.pi) > 1e-6 * max(step, 1e-6):
-        return phi, levels
-    return np.append(phi, phi[0] + 2 * np.pi), np.concatenate([levels, levels[:, :1]], axis=1)
 
 
 def draw_circles(axes: Axes, *, above: bool) -> None:

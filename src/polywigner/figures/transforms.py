@@ -1,9 +1,9 @@
-"""The figures of ``polywigner transform``, and the values behind them."""
+"""The figures of ``polywigner transform``, ``psf`` and ``mtf``, and the values behind them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import product
+from itertools import cycle, product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 import polywigner as pw
 from polywigner.errors import ArgumentError
 from polywigner.figures import style
-from polywigner.figures.levels import check_floor, level_db
+from polywigner.figures.levels import check_floor, checked_dataset, level_db
 from polywigner.geometry.arguments import (
     checked_count,
     checked_flag,
@@ -37,7 +37,7 @@ _LOBES = 8.0
 
 @dataclass(frozen=True)
 class TransformSlices:
-    """Values of the transforms of one source; arrays are read-only, lengths in metres.
+    """Values of the transforms of one source; lengths in metres.
 
     ``fourier`` (n, n) complex, ``wigner`` (n, n) real and ``ambiguity`` (n, n) complex, all in
     m^2, with the second frequency component along the first axis: ``fourier[j, i]`` belongs to
@@ -72,8 +72,8 @@ def transform_slices(
     ----------
     source : an aperture with its field, or an array of apertures in the plane z = 0; or one with a
         curved wave; metres.
-    x : (2,) m, inside the automean; None: the middle of the bounds where that is inside, else a
-        point inside.
+    x : (2,) m, inside the automean; None: the centre of the bounds if it is inside, else a point
+        inside.
     xi : (2,) m, a lag at which the aperture overlaps itself; None: a quarter of the width, or of
         the height, or a sixteenth, whichever first leaves a quarter of the area.
     wavelength : m; the axes reach to |nu| = 1/wavelength. None: to 8/diameter.
@@ -98,16 +98,8 @@ def transform_slices(
     if isinstance(source, pw.Array) and source.dimension == 3:
         in_plane = pw.Array(source.elements_in_plane, source.weights)
     fourier, wigner = pw.fourier(in_plane, grid), pw.wigner(source, position, grid)
-    values = _frozen(frequency, fourier, wigner, pw.ambiguity(source, grid, lag))
+    values = frequency, fourier, wigner, pw.ambiguity(source, grid, lag)
     return TransformSlices(source, aperture, support, position, lag, wavelength, *values)
-
-
-def _frozen(*values: Any) -> list[Any]:
-    """Read-only copies."""
-    arrays = [np.array(each) for each in values]
-    for array in arrays:
-        array.setflags(write=False)
-    return arrays
 
 
 def outline_of(source: pw.Aperture | pw.Array | pw.Wavefront) -> pw.Aperture:
@@ -192,10 +184,10 @@ _LINE = 4.0
 
 @dataclass(frozen=True)
 class SystemSlices:
-    """W and the light of a source before and behind a system; arrays are read-only, SI units.
+    """W and the light of a source before and behind a system, in SI units.
 
     ``before`` (n, n) is W at ((x[i], y), (nu[j], 0)), in m^2; ``behind`` (n, n) that at
-    ((x_out[i], y_out), (nu_out[j], nu_y)), where the ray through the middle, (y_out, nu_y), leaves
+    ((x_out[i], y_out), (nu_out[j], nu_y)), where the ray through the centre, (y_out, nu_y), leaves
     the system. ``light`` (n, n) is |U|^2 at (across[i], up[j]) behind it.
     """
 
@@ -222,7 +214,7 @@ def system_slices(
     Parameters
     ----------
     source : an aperture with its field, or an array of apertures in the plane z = 0; metres.
-    system : what is between the source and the plane behind.
+    system : the optical system between the source and the plane behind.
     wavelength : m.
     samples : points along each axis, from 2 to 4096.
 
@@ -264,8 +256,10 @@ def system_slices(
     spot = _spot(across, up, light_at(across, up, 0.1 * _SPOT))
     across, up = (_axis(ends, samples) for ends in spot)
     light = light_at(across, up, 1e-6)
-    found = _frozen(x, nu, before, x_out, nu_out, behind, across, up, light)
-    return SystemSlices(source, aperture, system, wavelength, *found)
+    return SystemSlices(
+        source, aperture, system, wavelength, x, nu, before, x_out, nu_out, behind, across, up,
+        light,
+    )  # fmt: skip
 
 
 def _spot(
@@ -313,10 +307,9 @@ def draw_transforms(
 
     Raises
     ------
-    ArgumentError : a floor that is not below zero; what is no figure.
+    ArgumentError : a floor that is not below zero; a ``figure`` of another type.
     """
     check_floor(floor_db)
-    style.checked_title(title)
     if not isinstance(slices, (SystemSlices, TransformSlices)):
         raise ArgumentError(
             f"expected slices as transform_slices returns them, got {type(slices).__name__}"
@@ -345,28 +338,27 @@ def draw_transforms(
 def _draw_system_panels(axes: Any, slices: SystemSlices, floor_db: float) -> None:
     """The aperture, W before, the light behind, and W behind, on (2, 2) axes."""
     unit = length_unit(slices.aperture.diameter)
+    aperture, before, light, behind = axes.ravel()
     style.draw_polygons(
-        axes[0, 0], slices.aperture.polygons, unit, facecolor=style.INK, edgecolor="none"
+        aperture, slices.aperture.polygons, unit, facecolor=style.INK, edgecolor="none"
     )
-    axes[0, 0].set_title("aperture")
-    style.length_axes(axes[0, 0], "x", unit)
-    _draw_section(axes[0, 1], slices, slices.x, slices.nu, slices.before, "W(x, ν) before")
+    aperture.set_title("aperture")
+    style.length_axes(aperture, "x", unit)
+    _draw_section(before, slices, slices.x, slices.nu, slices.before, "W(x, ν) before")
     widths = [float(np.ptp(points)) for points in (slices.across, slices.up)]
     # a line focus fills its panel only with a scale of its own along each axis
     is_line = max(widths) > _LINE * min(widths)
     units = [length_unit(width if is_line else max(widths)) for width in widths]
     peak = float(slices.light.max())
     points = slices.across / units[0].metres, slices.up / units[1].metres
-    levels = level_db(slices.light, peak, floor_db)
-    shown = style.draw_levels(
-        axes[1, 0], levels, *points, low=floor_db, interpolation=None,
+    style.draw_levels(
+        light, level_db(slices.light, peak, floor_db), *points, low=floor_db, interpolation=None,
+        label=f"dB relative to {peak:.3g}, {style.floor_text(floor_db)}",
         aspect="auto" if is_line else "equal",
     )  # fmt: skip
-    style.colour_bar(axes[1, 0], shown, f"dB relative to {peak:.3g}, {style.floor_text(floor_db)}")
-    axes[1, 0].set_title("|U|² behind")
     x, y = (style.axis_label(name, unit) for name, unit in zip("xy", units, strict=True))
-    axes[1, 0].set(xlabel=x, ylabel=y)
-    _draw_section(axes[1, 1], slices, slices.x_out, slices.nu_out, slices.behind, "W(x, ν) behind")
+    light.set(title="|U|² behind", xlabel=x, ylabel=y)
+    _draw_section(behind, slices, slices.x_out, slices.nu_out, slices.behind, "W(x, ν) behind")
     style.letter_panels(axes.ravel())
 
 
@@ -377,8 +369,9 @@ def _draw_section(
     unit = length_unit(float(np.ptp(x)))
     peak = float(np.abs(slices.before).max())
     directions = nu * slices.wavelength * 1e3
-    shown = style.draw_signed(axes, values / peak, x / unit.metres, directions, aspect="auto")
-    style.signed_bar(axes, shown, "W / peak before")
+    style.draw_signed(
+        axes, values / peak, x / unit.metres, directions, label="W / peak before", aspect="auto"
+    )
     axes.set(title=title, xlabel=f"$x$ ({unit.name})", ylabel=r"$\lambda\nu_x$ (mrad)")
 
 
@@ -430,9 +423,9 @@ def _draw_power(axes: Axes, slices: TransformSlices, unit: LengthUnit, floor_db:
     reference = slices.aperture.area**2 if uniform else float(power.max())
     places = slices.frequency * unit.metres
     levels = level_db(power, reference, floor_db)
-    shown = style.draw_levels(axes, levels, places, places, low=floor_db)
     zero = "|F(0)|²" if uniform else "the peak shown"
-    style.colour_bar(axes, shown, f"dB relative to {zero}, {style.floor_text(floor_db)}")
+    label = f"dB relative to {zero}, {style.floor_text(floor_db)}"
+    style.draw_levels(axes, levels, places, places, low=floor_db, label=label)
     axes.set_title("|F(ν)|²")
     _frequency_axes(axes, "nu", unit, slices.wavelength, "white")
 
@@ -442,8 +435,8 @@ def _draw_real(
 ) -> None:
     peak = float(np.max(np.abs(values)))
     places = slices.frequency * unit.metres
-    shown = style.draw_signed(axes, values / peak, places, places)
-    style.signed_bar(axes, shown, f"{name} / ({peak / unit.metres**2:.4g} {unit.name}²)")
+    label = f"{name} / ({peak / unit.metres**2:.4g} {unit.name}²)"
+    style.draw_signed(axes, values / peak, places, places, label=label)
     axes.set_title(name)
     _frequency_axes(axes, symbol, unit, slices.wavelength, "0.35")
 
@@ -451,7 +444,7 @@ def _draw_real(
 def _frequency_axes(
     axes: Axes, symbol: str, unit: LengthUnit, wavelength: float | None, ink: str
 ) -> None:
-    # beyond the picture it would be drawn as millions of dots
+    # beyond the axes it would be drawn as millions of dots
     if wavelength is not None and unit.metres / wavelength < 2 * max(axes.get_xlim()):
         style.mark_evanescent(axes, wavelength, unit, ink)
     style.label_axes(axes, symbol, unit)
@@ -468,3 +461,93 @@ def _heading(title: str, wavelength: float | None, note: str) -> str:
     unit = length_unit(wavelength)
     marked = f"λ = {wavelength / unit.metres:.4g} {unit.name}{note}"
     return f"{title}; {marked}" if title else marked
+
+
+# ---- lenses -------------------------------------------------------------------------------------
+
+_DASHES = ("-", "--", "-.", ":")
+# Curves that are no further apart are one line.
+_ALIKE = 2e-3
+
+
+@style.typeset
+def draw_psf(found: Any, floor_db: float = -40.0, title: str = "", *, figure: Any = None) -> Any:
+    """Draw point spread functions, a panel for each defocus.
+
+    Parameters
+    ----------
+    found : xarray.Dataset with ``psf`` (defocus, y, x) in 1/m^2, x and y in m.
+    floor_db : lowest level, dB below the largest value of all panels.
+    title : above the panels.
+    figure : matplotlib Figure or SubFigure to draw on, which is returned; None: a new figure.
+
+    Raises
+    ------
+    ArgumentError : a floor that is not below zero, a ``figure`` of another type, and no dataset.
+    """
+    check_floor(floor_db)
+    spots = _checked_lens(found, "psf", ("defocus", "y", "x"))
+    unit = length_unit(float(np.ptp(found["x"].values)))
+    peak = float(spots.max())
+    count = spots.sizes["defocus"]
+    figure = style.figure_on(figure, 2.4 + 2.6 * count, 3.5)
+    panels = figure.subplots(1, count, sharey=True, squeeze=False)[0]
+    across, up = (found[name].values / unit.metres for name in ("x", "y"))
+    for axes, spot in zip(panels, spots, strict=True):
+        levels = level_db(spot.values, peak, floor_db)
+        shown = style.draw_levels(axes, levels, across, up, low=floor_db)
+        axes.set_title(_of_focus(spot))
+        style.length_axes(axes, "x", unit)
+        axes.set_adjustable("box")
+        axes.label_outer()
+    style.colour_bar(panels, shown, f"dB relative to {peak:.3g} /m², {style.floor_text(floor_db)}")
+    style.write_title(figure, title)
+    return figure
+
+
+@style.typeset
+def draw_mtf(found: Any, title: str = "", *, figure: Any = None) -> Any:
+    """Draw modulation transfer functions along x and y, a style of lines for each defocus.
+
+    Parameters
+    ----------
+    found : xarray.Dataset with ``mtf`` (defocus, direction, frequency), frequency in cycles/mm.
+    title : above the panel.
+    figure : matplotlib Figure or SubFigure to draw on, which is returned; None: a new figure.
+
+    Raises
+    ------
+    ArgumentError : a ``figure`` of another type, and no dataset.
+    """
+    curves = _checked_lens(found, "mtf", ("defocus", "direction", "frequency"))
+    figure = style.figure_on(figure, 6.4, 3.8)
+    axes = figure.subplots()
+    frequency = found["frequency"].values
+    for part, dashes in zip(curves, cycle(_DASHES), strict=False):
+        lines = dict(zip(("along x", "along y"), part.values, strict=True))
+        if np.ptp(part.values, axis=0).max() <= _ALIKE:
+            lines = {"along x and y": part.values[0]}
+        state = f", {_of_focus(part)}" if len(curves) > 1 or float(part["defocus"]) else ""
+        for (name, line), colour in zip(lines.items(), (style.RED, style.BLUE), strict=False):
+            axes.plot(frequency, line, color=colour, ls=dashes, label=name + state)
+    style.finish_lines(
+        axes, legend=9, xlim=(0.0, frequency.max()), ylim=(0.0, 1.05),
+        xlabel="frequency (cycles/mm)", ylabel="modulation transfer function",
+    )  # fmt: skip
+    style.write_title(figure, title)
+    return figure
+
+
+def _of_focus(part: Any) -> str:
+    waves = float(part["defocus"])
+    return f"{waves:g} waves of defocus" if waves else "in focus"
+
+
+def _checked_lens(found: Any, name: str, dims: tuple[str, ...]) -> Any:
+    values = checked_dataset(found, "found").get(name)
+    if values is None or values.dims != dims or not all(dim in found.coords for dim in dims):
+        raise ArgumentError(
+            f"expected found with {name} over {', '.join(dims)}, got a dataset without; give one "
+            f"that polywigner {name} writes"
+        )
+    return values

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import product
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,7 +42,7 @@ _FAINTEST, _DENSEST = 0.28, 0.95  # opacities of the outermost and innermost sur
 _SURFACE_COLOURS = ("#2f6be0", "#0fb5a6", "#ffb000", "#e01a10")
 _WALL_COLOURS = ("#ffffff", "#c9ced6", "#6a7686")  # pale: surfaces stand before them
 _WALL_LEVELS = 80
-_APERTURE = "#101010"
+_INKS = "white", "#101010"
 
 _ELEVATION, _AZIMUTH = 24.0, -133.0
 """Viewing angles in degrees, from behind the aperture and above: z runs to the right and away from
@@ -105,12 +104,15 @@ def draw_volume(
     from matplotlib.colors import Normalize
 
     shells = check_volume_options(surfaces, floor_db, projection)
-    style.checked_axes(ax)
-    volume = field_samples(found, name, ("x", "y", "z"), _MOST)
-    zero = volume.zero_db(reference)
-    lower, upper = volume.corners
-    front = np.array([*lower[:2], min(lower[2], 0.0)])
-    unit = length_unit(float((upper - front).max()))
+    volume = _samples(found, name)
+    if reference is None:
+        zero = peak_of(volume.values, volume.label)
+    else:
+        zero = checked_length(reference, "reference", meaning="a power above zero")
+    front = np.array([*volume.lower[:2], min(volume.lower[2], 0.0)])
+    unit = length_unit(float((volume.upper - front).max()))
+    lower, upper = volume.lower / unit.metres, volume.upper / unit.metres
+    volume = volume._replace(lower=lower, upper=upper)
     if ax is None:
         figure = style.new_figure(7.2, 5.4)
         figure.set_layout_engine("none")  # it would leave room around the box
@@ -119,32 +121,34 @@ def draw_volume(
     elif hasattr(ax, "get_proj"):
         axes, place = ax, {"ax": ax, "fraction": 0.03, "pad": 0.08}
     else:
+        style.axes_on(ax, 0, 0)
         raise ArgumentError('expected ax with projection="3d", got flat axes; make them by '
                             'figure.add_subplot(projection="3d")')  # fmt: skip
-    _draw_box(axes, front, upper, unit)
+    _draw_box(axes, front / unit.metres, upper, unit.name)
     colours = _colours(len(shells))
     with np.errstate(divide="ignore"):
         levels = 10 * np.log10(np.maximum(volume.values, 0) / zero)
     projected = np.max if projection == "maximum" else np.mean
     for axis in range(3):
         wall = level_db(projected(volume.values, axis=axis), zero, floor_db)
-        _draw_wall(axes, volume, axis, wall, floor_db, shells, colours, unit)
+        _draw_wall(axes, volume, axis, wall, floor_db, shells, colours)
     opacities = np.geomspace(_FAINTEST, _DENSEST, len(shells))
     for k, (shell, colour, opacity) in enumerate(zip(shells, colours, opacities, strict=True)):
         # surfaces of lower levels enclose the others, so they are drawn later
-        _draw_surface(axes, volume, levels, shell, colour, opacity, unit, zorder=20 - k)
+        _draw_surface(axes, volume, levels, shell, colour, opacity, zorder=20 - k)
     if source is None and SOURCE_COORDINATE in found.coords:
         source = read_source(found)  # type: ignore[assignment]
     if source is not None:
         _draw_aperture(axes, source, unit)
     for body in bodies_if_any(obstacles):  # visible through everything in front of it
-        _draw_lines(axes, obstacle_of(body).outline(_towards()) / unit.metres)
+        style.draw_cut(axes, obstacle_of(body).outline(_towards()) / unit.metres, _INKS, 30)
     extend = "max" if np.max(volume.values) > zero else "neither"
     shades = ScalarMappable(Normalize(floor_db, 0.0), _map(_WALL_COLOURS))
     bar = axes.figure.colorbar(shades, extend=extend, **place)
     bar.outline.set_linewidth(0.6)
     bar.ax.hlines(shells, 0, 1, colors=[tuple(c) for c in colours], linewidth=3)
-    bar.set_label(_label(volume, zero, floor_db, projection))
+    size, floor = style.quantity_text(zero, volume.unit), style.floor_text(floor_db)
+    bar.set_label(f"{volume.label}, dB relative to {size}; walls: {projection}, {floor}")
     axes.set_title(title)
     return figure if ax is None else axes
 
@@ -171,62 +175,47 @@ def check_volume_options(
     return levels
 
 
-@dataclass(frozen=True, eq=False)
-class Samples:
-    """Real values (n1, n2, ...) of a quantity on evenly spaced axes in metres.
+class _Volume(NamedTuple):
+    """Samples of a quantity on evenly spaced axes x, y and z."""
 
-    ``corners`` are the places of the first and of the last sample, ``unit`` that of the values, as
-    it is printed.
-    """
-
-    name: str
+    label: str
+    """Name of the quantity."""
     unit: str
+    """Unit of the values, as it is printed."""
     values: Floats
-    corners: tuple[Floats, Floats]
-
-    @property
-    def spacing(self) -> Floats:
-        lower, upper = self.corners
-        return (upper - lower) / (np.array(self.values.shape) - 1)
-
-    def zero_db(self, reference: float | None) -> float:
-        """The value of 0 dB: the reference, or the largest value; ArgumentError if not above 0."""
-        if reference is None:
-            return peak_of(self.values, self.name)
-        return checked_length(reference, "reference", meaning="a power above zero")
+    """(n, m, k) real."""
+    lower: Floats
+    upper: Floats
+    """(3,) positions of the first and of the last sample."""
 
 
-def field_samples(
-    found: Any, name: str | None, dims: tuple[str, ...], most: int | None = None
-) -> Samples:
-    """The real samples of ``found[name]`` over the axes ``dims``, in this order."""
-    checked_dataset(found, "found")
-    if name is None and len(found.data_vars) == 1:
-        (name,) = found.data_vars
-    if not isinstance(name, str) or name not in found.data_vars:
+def _samples(found: Any, name: str | None) -> _Volume:
+    """The real samples of ``found[name]``, at most 128 along an axis."""
+    variables = checked_dataset(found, "found").data_vars
+    if name is None and len(variables) == 1:
+        (name,) = variables
+    if not isinstance(name, str) or name not in variables:
         raise ArgumentError(
-            f"expected the name of one of {', '.join(map(str, found.data_vars))}, got {name!r}"
+            f"expected the name of one of {', '.join(map(str, variables))}, got {name!r}"
         )
     array = found[name]
-    if sorted(array.dims) != sorted(dims):
+    if sorted(array.dims) != ["x", "y", "z"]:
         raise ArgumentError(
-            f"expected {name} over {', '.join(dims)}, got it over {', '.join(map(str, array.dims))}"
+            f"expected {name} over x, y, z, got it over {', '.join(map(str, array.dims))}"
         )
-    array = array.transpose(*dims)
-    if most is not None:
-        array = array[tuple(slice(None, None, -(-n // most)) for n in array.shape)]
-    axes = [even_axis(d, np.asarray(array[d].values, dtype=np.float64)) for d in dims]
+    array = array.transpose("x", "y", "z")
+    array = array[tuple(slice(None, None, -(-n // _MOST)) for n in array.shape)]
+    axes = [even_axis(d, np.asarray(array[d].values, dtype=np.float64)) for d in "xyz"]
     values = np.asarray(array.values)
     if np.iscomplexobj(values):
         raise ArgumentError(f"expected {name} as real values, got complex ones; draw their squares")
-    values = values.astype(np.float64)
     if np.isnan(values).any():
         raise ArgumentError(
             f"expected {name} at all points, got nan at {np.isnan(values).mean():.1%} of them; "
             "finish the run that computes it"
         )
-    ends = np.array([[a[0], a[-1]] for a in axes])
-    return Samples(quantity_of(array), printed_unit(array), values, (ends[:, 0], ends[:, 1]))
+    ends = (np.array([axis[k] for axis in axes]) for k in (0, -1))
+    return _Volume(quantity_of(array), printed_unit(array), values.astype(np.float64), *ends)
 
 
 def _towards() -> Floats:
@@ -236,7 +225,7 @@ def _towards() -> Floats:
     return np.array([across[0], np.sin(elevation), across[1]])
 
 
-def _draw_box(axes: Any, lower: Floats, upper: Floats, unit: LengthUnit) -> None:
+def _draw_box(axes: Any, lower: Floats, upper: Floats, unit: str) -> None:
     """Set the limits, the view and the labels of the axes, and draw the edges of the walls."""
     from matplotlib.ticker import MaxNLocator
 
@@ -247,9 +236,9 @@ def _draw_box(axes: Any, lower: Floats, upper: Floats, unit: LengthUnit) -> None
     axes.view_init(elev=_ELEVATION, azim=_AZIMUTH, vertical_axis="y")
     axes.set_box_aspect(np.maximum(extent, _FLATTEST * extent.max()), zoom=1.0)
     axes.grid(False)
-    ends = np.stack([lower, upper], axis=-1) / unit.metres
+    ends = np.stack([lower, upper], axis=-1)
     for name, axis, limits in zip("xyz", (axes.xaxis, axes.yaxis, axes.zaxis), ends, strict=True):
-        axes.set(**{f"{name}lim": limits, f"{name}label": f"${name}$ ({unit.name})"})
+        axes.set(**{f"{name}lim": limits, f"{name}label": f"${name}$ ({unit})"})
         axis.pane.set_visible(False)
         axis.labelpad = 10
         axis.set_major_locator(MaxNLocator(4 if name == "x" else 6))
@@ -263,20 +252,17 @@ def _draw_box(axes: Any, lower: Floats, upper: Floats, unit: LengthUnit) -> None
 
 
 def _draw_wall(
-    axes: Any, volume: Samples, axis: int, wall: Floats, floor_db: float,
-    contours: tuple[float, ...], colours: Floats, unit: LengthUnit,
+    axes: Any, volume: _Volume, axis: int, wall: Floats, floor_db: float,
+    contours: tuple[float, ...], colours: Floats,
 ) -> None:  # fmt: skip
     """Draw levels (m, n) on the back wall across an axis, with contours at some of them."""
-    lower, upper = volume.corners
+    lower, upper = volume.lower, volume.upper
     position = (lower if _towards()[axis] > 0 else upper)[axis]
-    along = [
-        np.linspace(lower[k], upper[k], volume.values.shape[k]) / unit.metres
-        for k in range(3)
-        if k != axis
-    ]
+    shape = volume.values.shape
+    along = [np.linspace(lower[k], upper[k], shape[k]) for k in range(3) if k != axis]
     arguments = list(np.meshgrid(*along, indexing="ij"))
     arguments.insert(axis, wall)
-    at = {"zdir": "xyz"[axis], "offset": position / unit.metres}
+    at = {"zdir": "xyz"[axis], "offset": position}
     shades = np.linspace(floor_db, 0.0, _WALL_LEVELS + 1)
     axes.contourf(*arguments, shades, cmap=_map(_WALL_COLOURS), extend="max", zorder=0, **at)
     if wall.min() < max(contours) and wall.max() > min(contours):
@@ -284,8 +270,8 @@ def _draw_wall(
 
 
 def _draw_surface(
-    axes: Any, volume: Samples, levels: Floats, shell: float, colour: Floats, opacity: float,
-    unit: LengthUnit, zorder: float,
+    axes: Any, volume: _Volume, levels: Floats, shell: float, colour: Floats, opacity: float,
+    zorder: float,
 ) -> None:  # fmt: skip
     """Draw the isosurface of a level, closed at the faces of the box.
 
@@ -300,9 +286,10 @@ def _draw_surface(
     outside = shell - _BELOW
     padded = np.pad(np.maximum(levels, outside), 1, constant_values=outside)
     vertices, faces, normals, _ = marching_cubes(padded, shell)
-    lower, upper = volume.corners
-    vertices = np.clip(lower + (vertices - 1) * volume.spacing, lower, upper) / unit.metres
-    across = normals[faces].mean(axis=1) / volume.spacing
+    lower, upper = volume.lower, volume.upper
+    spacing = (upper - lower) / (np.array(levels.shape) - 1)
+    vertices = np.clip(lower + (vertices - 1) * spacing, lower, upper)
+    across = normals[faces].mean(axis=1) / spacing
     across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
     shade = _AMBIENT + _DIFFUSE * np.abs(across @ _towards())
     colours = colour * shade[:, None]
@@ -319,16 +306,7 @@ def _draw_aperture(axes: Any, source: Aperture | Array, unit: LengthUnit) -> Non
     rings = outline_of(source).rings
     corners = [np.pad(np.asarray(ring) / unit.metres, ((0, 0), (0, 1))) for ring in rings]
     lines = [np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for ring in corners]
-    _draw_lines(axes, np.concatenate(lines))
-
-
-def _draw_lines(axes: Any, lines: Floats) -> None:
-    """Draw lines (k, 2, 3) in two inks, visible on every colour."""
-    from mpl_toolkits.mplot3d.art3d import Line3DCollection
-
-    for ink, width in (("white", 2.2), (_APERTURE, 1.0)):
-        drawn = Line3DCollection(lines, colors=ink, linewidths=width, capstyle="round", zorder=30)
-        axes.add_collection3d(drawn, autolim=False)
+    style.draw_cut(axes, np.concatenate(lines), _INKS, 30)
 
 
 def _map(colours: tuple[str, ...]) -> Colormap:
@@ -340,10 +318,3 @@ def _map(colours: tuple[str, ...]) -> Colormap:
 def _colours(count: int) -> Floats:
     """RGB (count, 3) of surfaces from the lowest level to the highest."""
     return np.array(_map(_SURFACE_COLOURS)(np.linspace(0 if count > 1 else 1, 1, count)))[:, :3]
-
-
-def _label(volume: Samples, zero: float, floor_db: float, projection: Projection) -> str:
-    size = style.quantity_text(zero, volume.unit)
-    return (
-        f"{volume.name}, dB relative to {size}; walls: {projection}, {style.floor_text(floor_db)}"
-    )

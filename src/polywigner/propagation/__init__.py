@@ -19,12 +19,11 @@ module               what is in it
 ``collins``          fields behind first-order systems
 ``curved_fields``    fields of curved waves, as sums over cells of the source
 ``far_fields``       the far field and its power; the image of a point
-``patterns``         radiation patterns and their cuts; ``pattern_writers`` and
-                     ``pattern_readers`` for files; ``far_field_tables`` with named columns
+``patterns``         radiation patterns, great circles through the beam, and the cuts of both
+``pattern_files``    radiation patterns read and written; ``far_field_tables`` of simulators
 ``array_patterns``   arrays with errors, and radars of two arrays
 ``element_patterns`` far fields known at angles: between these, and as those of apertures
 ``radiators``        sources as functions of direction, and the search for the beam
-``great_circles``    two great circles through the beam
 ``beams``            numbers of data sheets: gain, beamwidths, sidelobes
 ``datasets``         lines, planes, hemispheres and volumes: computed, lazy, or stored
 ``stores``           results larger than memory: lazy datasets, written to zarr stores by chunks
@@ -44,11 +43,9 @@ from polywigner.propagation.datasets import hemisphere, line, plane, volume
 from polywigner.propagation.element_patterns import FittedPattern, fit_pattern
 from polywigner.propagation.exports import write_netcdf, write_vti
 from polywigner.propagation.far_fields import psf, radiated_power
-from polywigner.propagation.great_circles import beam_cuts
 from polywigner.propagation.irradiances import irradiance
-from polywigner.propagation.pattern_readers import read_pattern
-from polywigner.propagation.pattern_writers import write_pattern
-from polywigner.propagation.patterns import radiation_pattern
+from polywigner.propagation.pattern_files import read_pattern, write_pattern
+from polywigner.propagation.patterns import beam_cuts, radiation_pattern
 from polywigner.propagation.places import METHODS
 from polywigner.propagation.screens import PlaneWave, PointSource, Screen
 from polywigner.propagation.suggestions import AxisSampling, Sampling, suggest_sampling

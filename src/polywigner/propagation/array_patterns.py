@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,13 +20,11 @@ from polywigner.geometry.arguments import (
 )
 from polywigner.propagation.far_field_tables import FLOOR
 from polywigner.propagation.far_fields import far_field, powers_of
-from polywigner.propagation.patterns import decibels, radiation_pattern
+from polywigner.propagation.patterns import decibels, described, radiation_pattern
 from polywigner.propagation.places import angle_axes, checked_phi, checked_theta, unit_vectors
-from polywigner.propagation.stores import source_attrs, source_coords
 from polywigner.radiometry.directions import PlaneSource, checked_source
 from polywigner.source import Array
 from polywigner.source.obliquities import ObliquityName, checked_obliquity, warn_of_slopes
-from polywigner.transforms.xarray_arguments import labelled_array, labelled_arrays
 
 if TYPE_CHECKING:
     import xarray
@@ -105,18 +103,18 @@ def array_tolerance(
         )
     source, length = checked_source(array), checked_wavelength(wavelength)
     assert isinstance(source, Array)
-    errors = _checked_errors(amplitude, phase, dead, position)
+    errors = _checked_errors(amplitude=amplitude, phase=phase, position=position, dead=dead)
     number = checked_count(count, "count", 2)
     random = checked_generator(seed)
     polar, azimuth = checked_theta(theta), checked_phi(phi)
     name = checked_obliquity(obliquity)
     warn_of_slopes(source, length, name)
-    powers = powers_of(source, length, name)
+    power, _ = powers_of(source, length, name)
     directions = unit_vectors(polar, azimuth)
     factors, shifts = _draw(errors, (len(source), number), random)
     levels = _statistics(source, directions.reshape(-1, 3), length, name, errors, factors, shifts)
     directivities = {
-        key: np.maximum(decibels(value, powers), FLOOR).reshape(directions.shape[:2])
+        key: np.maximum(decibels(value, power), FLOOR).reshape(directions.shape[:2])
         for key, value in levels.items()
     }
     peak = np.unravel_index(directivities["nominal"].argmax(), directions.shape[:2])
@@ -127,33 +125,17 @@ def array_tolerance(
         "count": number,
         "peak_loss": float(directivities["nominal"][peak] - directivities["expected"][peak]),
     }
-    meanings = {
-        "nominal": "directivity without errors",
-        "expected": "mean level, closed form",
-        "mean": "mean level of the samples",
-        "low": "level of 5 % of the samples",
-        "high": "level of 95 % of the samples",
-    }
-    axes = angle_axes(polar, azimuth)
-    variables = {
-        key: labelled_array(directivities[key], tuple(axes), {"units": "dBi", "long_name": meaning})
-        for key, meaning in meanings.items()
-    }
-    return labelled_arrays(variables, axes | source_coords(source), about | source_attrs(source))
+    return described(source, angle_axes(polar, azimuth), directivities, about)
 
 
-def _checked_errors(amplitude: Any, phase: Any, dead: Any, position: Any) -> dict[str, float]:
+def _checked_errors(**errors: float) -> dict[str, float]:
     """The errors by name; ArgumentError for negative ones, dead arrays, and none at all."""
-    meaning = "an rms error of zero or more"
-    errors = {
-        name: checked_length(value, name, zero=True, meaning=f"{meaning}, in {unit}")
-        for name, value, unit in (
-            ("amplitude", amplitude, "dB"), ("phase", phase, "rad"), ("position", position, "m")
-        )
-    }  # fmt: skip
-    errors["dead"] = checked_number(dead, "dead", "a share from 0 to below 1")
+    for name, unit in (("amplitude", "dB"), ("phase", "rad"), ("position", "m")):
+        meaning = f"an rms error of zero or more, in {unit}"
+        errors[name] = checked_length(errors[name], name, zero=True, meaning=meaning)
+    errors["dead"] = checked_number(errors["dead"], "dead", "a share from 0 to below 1")
     if not 0 <= errors["dead"] < 1:
-        raise ArgumentError(f"expected dead as a share from 0 to below 1, got {dead!r}")
+        raise ArgumentError(f"expected dead as a share from 0 to below 1, got {errors['dead']!r}")
     if errors["amplitude"] > 40 or errors["phase"] > 2 * math.pi:
         raise ArgumentError(
             "expected rms errors of up to 40 dB and 2 pi rad, got "
@@ -279,18 +261,11 @@ def two_way_pattern(
         radiation_pattern(one, wavelength, theta, phi, obliquity=obliquity)
         for one in (transmitter, receiver)
     )
-    about = {name: there.attrs[name] for name in ("wavelength", "frequency", "obliquity")}
-    axes = {name: there[name] for name in ("theta", "phi")}
-    level = there["directivity"].values + back["directivity"].values
-    field = there["field"].values * back["field"].values
-    variables = {
-        "transmit": there["directivity"].variable,
-        "receive": back["directivity"].variable,
-        "two_way": labelled_array(
-            level, tuple(axes), {"units": "dB", "long_name": "two-way directivity"}
-        ),
-        "field": labelled_array(
-            field, tuple(axes), {"units": "W sr-1", "long_name": "product of fields"}
-        ),
-    }
-    return labelled_arrays(variables, axes, about)
+    levels, fields = ([one[name] for one in (there, back)] for name in ("directivity", "field"))
+    units = {"two_way": ("dB", "two-way directivity"), "field": ("W sr-1", "product of fields")}
+    products = {"two_way": levels[0] + levels[1], "field": fields[0] * fields[1]}
+    found = there[["theta", "phi"]].assign(transmit=levels[0], receive=levels[1], **products)
+    for name, (unit, meaning) in units.items():
+        found[name].attrs = {"units": unit, "long_name": meaning}
+    found.attrs = {name: there.attrs[name] for name in ("wavelength", "frequency", "obliquity")}
+    return found

@@ -11,8 +11,13 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, value_text
 from polywigner.geometry.arguments import checked_number, warn_caller
-from polywigner.propagation.great_circles import Cut, CutKind, circles_through_beam, cuts_in
-from polywigner.propagation.patterns import angle_between
+from polywigner.propagation.patterns import (
+    Cut,
+    CutKind,
+    angle_between,
+    circles_through_beam,
+    cuts_in,
+)
 from polywigner.propagation.places import unit_vectors
 
 if TYPE_CHECKING:

@@ -213,29 +213,38 @@ def _check_angles(theta: Floats, phi: Floats) -> None:
         )
 
 
-def element_pattern_of(pattern: Any, name: str = "element") -> ElementPattern:
-    """The far field of a dataset of a polarised source; ArgumentError for anything else."""
+def linear_components(pattern: Any, name: str) -> tuple[Floats, Floats, Complex, Complex, Complex]:
+    """Theta (n,) and phi (m,), ascending, fields (n, m) along x and y, and the Jones vector (2,).
+
+    ArgumentError for anything but the dataset of a polarised source.
+    """
     try:
-        theta, phi = (np.asarray(pattern[name].values, np.float64) for name in ("theta", "phi"))
-        co, cross = (
-            np.asarray(pattern[name].transpose("theta", "phi").values, np.complex128)
-            for name in ("field", "cross_field")
-        )
+        pattern = pattern.sortby(["theta", "phi"]).transpose("theta", "phi")
+        theta, phi = (np.asarray(pattern[axis].values, np.float64) for axis in ("theta", "phi"))
+        co, cross = (np.asarray(pattern[k].values, complex) for k in ("field", "cross_field"))
         jones = np.asarray(pattern.attrs["polarisation"], np.float64).view(np.complex128)
-        if theta.ndim != 1 or phi.ndim != 1 or not len(theta) or jones.shape != (2,):
+        if co.shape != (len(theta), len(phi)) or not len(theta) or jones.shape != (2,):
             raise ValueError
     except (TypeError, KeyError, IndexError, AttributeError, ValueError):
         raise ArgumentError(
             f"expected {name} as a pattern with a polarisation over theta and phi, got "
             f"{type(pattern).__name__}; use read_pattern, or radiation_pattern(polarisation=...)"
         ) from None
-    rows, columns = np.argsort(theta), np.argsort(phi)
-    x, y = (part[np.ix_(rows, columns)] for part in of_co_and_cross(co, cross, jones))
-    theta, phi = theta[rows], phi[columns]
+    return theta, phi, *of_co_and_cross(co, cross, jones), jones
+
+
+def polar_components(x: Complex, y: Complex, phi: Floats) -> tuple[Complex, Complex]:
+    """E_theta and E_phi (n, m) of fields along x and y, by Ludwig's third definition."""
+    sine, cosine = np.sin(phi), np.cos(phi)
+    return x * cosine + y * sine, y * cosine - x * sine
+
+
+def element_pattern_of(pattern: Any, name: str = "element") -> ElementPattern:
+    """The far field of a dataset of a polarised source; ArgumentError for anything else."""
+    theta, phi, x, y, _ = linear_components(pattern, name)
     if abs(phi[-1] - phi[0] - 2 * math.pi) < 1e-6:  # the first meridian twice
         phi, x, y = phi[:-1], x[:, :-1], y[:, :-1]
-    sine, cosine = np.sin(phi), np.cos(phi)
-    return ElementPattern(theta, phi, (x * cosine + y * sine, y * cosine - x * sine))
+    return ElementPattern(theta, phi, polar_components(x, y, phi))
 
 
 class FittedPattern(NamedTuple):
@@ -319,8 +328,9 @@ def fit_pattern(
         raise ArgumentError("expected a wavelength, since the pattern has none, got None; give it")
     length = checked_wavelength(length)
     model = checked_choice(method, "method", (*MODELS, FIRST))
-    own = np.asarray(pattern.attrs["polarisation"], np.float64).view(np.complex128)
-    jones = own if polarisation is None else checked_polarisation(polarisation, aperture)
+    jones = linear_components(pattern, "pattern")[-1]
+    if polarisation is not None:
+        jones = checked_polarisation(polarisation, aperture)
     least = checked_number(cut_off, "cut_off", "a fraction from 1e-12 to 1")
     if not 1e-12 <= least < 1:
         raise ArgumentError(f"expected cut_off from 1e-12 up to below 1, got {cut_off!r}")

@@ -10,7 +10,7 @@ import json
 import math
 import os
 import warnings
-from collections.abc import Iterator
+from collections.abc import Hashable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, TypeAlias
@@ -150,21 +150,17 @@ def _opened(dataset: Any) -> Any:
     )
 
 
-def _real_parts(dataset: Any) -> Any:
+def _real_parts(dataset: xarray.Dataset) -> xarray.Dataset:
     """Complex variables as two real ones, and attributes as texts and numbers."""
-    variables: dict[str, Any] = {}
+    variables: dict[Hashable, xarray.DataArray] = {}
     for name, array in dataset.data_vars.items():
         parts = {name: array}
         if array.dtype.kind == "c":
             parts = {f"{name}_real": array.real, f"{name}_imag": array.imag}
-        variables |= {name: part.copy(deep=False).assign_attrs(array.attrs)
-                      for name, part in parts.items()}  # fmt: skip
-    found = dataset.drop_vars(list(dataset.data_vars)).assign(variables)
-    found.attrs = {name: _plain(value) for name, value in dataset.attrs.items()}
-    for array in variables.values():
-        array.encoding = {}  # of the store it comes from
-    for name in found.variables:
-        found[name].attrs = {key: _plain(value) for key, value in found[name].attrs.items()}
+        variables |= {key: part.assign_attrs(array.attrs) for key, part in parts.items()}
+    found = dataset.drop_vars(list(dataset.data_vars)).assign(variables).drop_encoding()
+    for each in (found, *(found[name] for name in found.variables)):
+        each.attrs = {name: _plain(value) for name, value in each.attrs.items()}
     return found
 
 
@@ -174,7 +170,7 @@ def _plain(value: Any) -> Any:
     return json.dumps(value)
 
 
-def _header(dataset: Any) -> str:
+def _header(dataset: xarray.Dataset) -> str:
     """The file up to its values, over axes x, y and z; an axis that is missing has one sample."""
     shapes = {name: array.dims for name, array in dataset.data_vars.items()}
     dims = next(iter(shapes.values()), ())
@@ -188,9 +184,9 @@ def _header(dataset: Any) -> str:
             raise ArgumentError(f"expected {name} as floats, got {array.dtype}")
     in_space = tuple(sorted(dims)) == dims and set(dims) <= set("xyz")
     axes = tuple("xyz") if in_space else (*dims, None, None)[:3]
-    even = [(_even if name in dims else _place)(dataset, name) for name in axes]
-    extent = " ".join(f"0 {dataset.sizes[name] - 1 if name in dims else 0}" for name in axes)
-    origin, spacing = (" ".join(map(repr, numbers)) for numbers in zip(*even, strict=True))
+    origins, steps, ends = zip(*(_axis(dataset, name) for name in axes), strict=True)
+    extent = " ".join(f"0 {end}" for end in ends)
+    origin, spacing = (" ".join(map(repr, numbers)) for numbers in (origins, steps))
     lines = [
         '<?xml version="1.0"?>',
         '<VTKFile type="ImageData" version="1.0" byte_order="LittleEndian" header_type="UInt64">',
@@ -210,24 +206,21 @@ def _header(dataset: Any) -> str:
     return "\n".join(lines)
 
 
-def _place(dataset: Any, name: str | None) -> tuple[float, float]:
-    """Coordinate and step of an axis that values do not have; 0 where it is not known."""
-    known = name in dataset.coords and dataset[name].ndim == 0
-    return (float(dataset[name]) if known else 0.0), 1.0
-
-
-def _even(dataset: Any, name: str) -> tuple[float, float]:
-    """First value and step of an axis."""
-    points = np.asarray(dataset[name], np.float64)
+def _axis(dataset: xarray.Dataset, name: Hashable | None) -> tuple[float, float, int]:
+    """First value, step and last index of an axis; values without this axis have one sample."""
+    is_known = name in dataset.coords and dataset[name].ndim == 0
+    if name not in dataset.dims and not is_known:
+        return 0.0, 1.0, 0
+    points = np.atleast_1d(np.asarray(dataset[name], np.float64))
     if len(points) == 1:
-        return float(points[0]), 1.0
+        return float(points[0]), 1.0, 0
     step = (points[-1] - points[0]) / (len(points) - 1)
     if not step > 0 or np.abs(np.diff(points) - step).max() > _EVEN * step:
         raise ArgumentError(
             f"expected evenly spaced ascending values of {name} for VTK image data, got others; "
             "write NetCDF"
         )
-    return float(points[0]), float(step)
+    return float(points[0]), float(step), len(points) - 1
 
 
 def _append(file: BinaryIO, array: Any) -> None:

@@ -1,19 +1,20 @@
-"""Far fields in tables with named columns: reports of HFSS, and far fields of CST and FEKO."""
+"""Far fields in text files of simulators: HFSS, CST, FEKO and GRASP."""
 
 from __future__ import annotations
 
 import csv
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal, NamedTuple
+from itertools import pairwise
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import FileFormatError, PolywignerError
-from polywigner.geometry.io.limits import LARGEST_NUMBER, token
+from polywigner.geometry.io.limits import LARGEST_NUMBER, check_most, token
 from polywigner.quantities import parse_frequency
 
 Floats = NDArray[np.float64]
@@ -27,6 +28,9 @@ FLOOR = -300.0
 
 DIPOLE_GAIN = 2.15
 """Gain in dBi of the half-wave dipole to which dBd refers."""
+
+MOST_DIRECTIONS = 2_000_000
+"""Directions of a table."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,19 +67,21 @@ class Unit(NamedTuple):
 
 
 _PREFIXES = {"": 1.0, "n": 1e-9, "u": 1e-6, "µ": 1e-6, "μ": 1e-6, "m": 1e-3, "k": 1e3, "M": 1e6}
-_PHYSICAL = re.compile(r"([numµμkM]?)([VWvw])(/m|/m2|/sr)?")
+_PHYSICAL = re.compile(r"([numµμkM]?)(?:([Vv])(?:/m)?|[Ww](?:/m2|/sr)?)")
+_DEGREES, _RADIANS, _RATIO = Unit("angle"), Unit("angle", 180 / math.pi), Unit("ratio")
+_HERTZ = {"hz": 1.0, "khz": 1e3, "mhz": 1e6, "ghz": 1e9, "thz": 1e12}
 _NAMED = {
-    **dict.fromkeys(("deg", "degree", "degrees", "°"), Unit("angle")),
-    **dict.fromkeys(("rad", "radian", "radians"), Unit("angle", 180 / math.pi)),
-    **dict.fromkeys(("1", "-", "lin", "linear"), Unit("ratio")),
+    **dict.fromkeys(("deg", "degree", "degrees", "°"), _DEGREES),
+    **dict.fromkeys(("rad", "radian", "radians"), _RADIANS),
+    **dict.fromkeys(("1", "-", "lin", "linear"), _RATIO),
     **dict.fromkeys(("db", "dbi", "db(i)"), Unit("ratio", 1.0, True)),
     **dict.fromkeys(("dbd", "db(d)"), Unit("ratio", 10 ** (DIPOLE_GAIN / 10), True)),
-    "hz": Unit("frequency"),
-    "khz": Unit("frequency", 1e3),
-    "mhz": Unit("frequency", 1e6),
-    "ghz": Unit("frequency", 1e9),
-    "thz": Unit("frequency", 1e12),
+    **{name: Unit("frequency", scale) for name, scale in _HERTZ.items()},
 }
+_ADVICE = (
+    "angles in deg or rad, fields in V, V/m or dBV/m, power in W/m2 or dBW/m2, directivities in "
+    "dBi or linear"
+)
 
 
 def unit_of(text: str) -> Unit | None:
@@ -90,48 +96,54 @@ def unit_of(text: str) -> Unit | None:
     match = _PHYSICAL.fullmatch(name)
     if match is None:
         return None
-    prefix, base, per = match.groups()
-    is_field = base in "Vv"
-    if per not in ((None, "/m") if is_field else (None, "/m2", "/sr")):
-        return None
-    return Unit("field" if is_field else "intensity", _PREFIXES[prefix], is_db)
+    return Unit("field" if match[2] else "intensity", _PREFIXES[match[1]], is_db)
 
 
 # ---- columns ------------------------------------------------------------------------------------
 
-Quantity = Literal[
-    "theta", "phi", "frequency", "field", "intensity", "directivity", "gain", "unknown"
-]
-Part = Literal["value", "real", "imaginary", "complex", "size", "phase"]
-
-_ADVICE: dict[Kind, str] = {
-    "angle": "angles in deg or rad",
-    "frequency": "frequencies in Hz",
-    "field": "fields in V, V/m or dBV/m",
-    "intensity": "power in W/m2 or dBW/m2",
-    "ratio": "directivities in dBi or linear",
-}
 # Kinds of units that a quantity may have, and the unit of a header without one.
-_UNITS: dict[Quantity, tuple[tuple[Kind, ...], Unit | None]] = {
-    "theta": (("angle",), Unit("angle")),
-    "phi": (("angle",), Unit("angle")),
+_UNITS: dict[str, tuple[tuple[Kind, ...], Unit | None]] = {
+    "theta": (("angle",), _DEGREES),
+    "phi": (("angle",), _DEGREES),
     "frequency": (("frequency",), Unit("frequency")),
     "field": (("field",), Unit("field")),
     "intensity": (("intensity",), None),
-    "directivity": (("ratio",), Unit("ratio")),
-    "gain": (("ratio",), Unit("ratio")),
+    "directivity": (("ratio",), _RATIO),
+    "gain": (("ratio",), _RATIO),
     "unknown": (("field", "intensity", "ratio"), None),
 }
+_AXES = {"theta": "theta", "phi": "phi", "freq": "frequency", "frequency": "frequency"}
+_QUANTITIES = {
+    **dict.fromkeys(("re", "e", "v", "epattern"), "field"),
+    **dict.fromkeys(("p", "s", "pabs", "u"), "intensity"),
+    **dict.fromkeys(("dir", "directivity"), "directivity"),
+    **dict.fromkeys(("gain", "grlz", "rlzg", "realizedgain", "realisedgain"), "gain"),
+    **dict.fromkeys(("ieeegain", "gainieee", "rlzdgain"), "gain"),
+    "unknown": "unknown",
+}
+_PARTS = {
+    "re": "real",
+    "im": "imaginary",
+    **dict.fromkeys(("", "mag", "abs", "db", "db10", "db20"), "size"),
+    **dict.fromkeys(("phase", "arg", "ang", "ang_deg", "cang_deg", "ang_rad", "cang_rad"), "phase"),
+}
+# mag(rETheta) of HFSS, Re(Etheta) and Gain(Total) of FEKO
+_NAME = re.compile(
+    r"(?:(?P<part>[a-z_0-9]+)\()?(?P<quantity>[a-z]+?)(?P<is_feko>\()?"
+    r"(?P<component>theta|phi|total)\)?"
+)
 
 
 class Column(NamedTuple):
     """Content of a column of a table."""
 
     title: str
-    quantity: Quantity
+    quantity: str
+    """A key of ``_UNITS``."""
     component: str
     """"theta", "phi" or "total" of a far field, else empty."""
-    part: Part
+    part: str
+    """"value" of an axis; "real", "imaginary", "complex", "size" or "phase" of a far field."""
     unit: Unit
 
     def intensity(self, values: Floats) -> Floats:
@@ -150,90 +162,56 @@ class Column(NamedTuple):
         return sizes / (4 * math.pi) if self.unit.kind == "ratio" else sizes
 
 
-def _column(
-    title: str,
-    unit: str | None,
-    quantity: Quantity,
-    component: str = "",
-    part: Part = "value",
-    default: Unit | None = None,
-) -> Column:
-    """Return a column with its unit checked; FileFormatError for one that does not fit.
+def _column(title: str, unit: str | None, name: str | None = None) -> Column | None:
+    """Return the column of a title and the text in its brackets; None for an unknown name.
 
-    ``unit`` is the text in brackets; a blank text stands for ``default``, or else for the usual
-    unit of the quantity. If ``default`` is in dB, so must be the unit.
+    ``name``: the title as HFSS would write it.
     """
+    name = re.sub(r"[\s\"]", "", title if name is None else name).lower()
     label = repr(title)[1:-1][:40]
-    kinds, usual = (("angle",), Unit("angle")) if part == "phase" else _UNITS[quantity]
-    if unit is None or not unit.strip():
-        known = default or usual
-        if known is None:
-            raise FileFormatError(f"expected a unit in the header of column {label}, got none")
-        return Column(label, quantity, component, part, known)
-    known = unit_of(unit)
-    needs_db = default is not None and default.is_db
-    if (
-        known is None
-        or known.kind not in kinds
-        or (known.is_db and part != "size")
-        or (needs_db and not known.is_db)
-    ):
-        advice = ", or ".join(_ADVICE[kind] for kind in kinds)
-        raise FileFormatError(
-            f"the unit {unit.strip()[:20]!r} of column {label} is not supported; export {advice}"
-        )
-    return Column(label, quantity, component, part, known)
-
-
-_AXES: dict[str, Quantity] = {
-    "theta": "theta", "phi": "phi", "freq": "frequency", "frequency": "frequency",
-}  # fmt: skip
-_QUANTITIES: dict[str, Quantity] = {
-    **dict.fromkeys(("re", "e", "v", "epattern"), "field"),
-    **dict.fromkeys(("p", "s", "pabs", "u"), "intensity"),
-    **dict.fromkeys(("dir", "directivity"), "directivity"),
-    **dict.fromkeys(("gain", "grlz", "rlzg", "realizedgain", "realisedgain"), "gain"),
-    **dict.fromkeys(("ieeegain", "gainieee", "rlzdgain"), "gain"),
-}
-_PARTS: dict[str, Part] = {
-    "re": "real",
-    "im": "imaginary",
-    **dict.fromkeys(("", "mag", "abs", "db", "db10", "db20"), "size"),
-    **dict.fromkeys(("phase", "arg", "ang"), "phase"),
-    **dict.fromkeys(("ang_deg", "ang_rad", "cang_deg", "cang_rad"), "phase"),
-}
-# mag(rETheta) of HFSS, Re(Etheta) and Gain(Total) of FEKO
-_OF_COMPONENT = re.compile(
-    r"(?:(?P<part>[a-z_0-9]+)\()?(?P<quantity>[a-z]+?)(?P<is_feko>\()?"
-    r"(?P<component>theta|phi|total)\)?"
-)
-_OF_CST = re.compile(r"(?P<part>abs|phase)\((?P<name>[a-z0-9]*)\)")
-
-
-def _simulator_column(title: str, unit: str | None) -> Column | None:
-    """Return the column of a report of HFSS or of a far field of FEKO; None for an unknown name."""
-    name = re.sub(r"[\s\"]", "", title).lower()
     if name in _AXES:
-        return _column(title, unit, _AXES[name])
-    match = _OF_COMPONENT.fullmatch(name)
+        quantity = _AXES[name]
+        kinds, usual = _UNITS[quantity]
+        return Column(label, quantity, "", "value", _checked_unit(label, unit, kinds, usual))
+    match = _NAME.fullmatch(name)
     if match is None:
         return None
-    function, component = match["part"] or "", match["component"]
-    part, quantity = _PARTS.get(function), _QUANTITIES.get(match["quantity"])
-    is_field = quantity == "field"
-    is_ratio = quantity in ("directivity", "gain")
-    if part is None or quantity is None or (match["is_feko"] and not is_ratio):
+    function, component, quantity = match["part"] or "", match["component"], match["quantity"]
+    part, quantity = _PARTS.get(function, ""), _QUANTITIES.get(quantity, "")
+    is_field, is_ratio = quantity == "field", quantity in ("directivity", "gain")
+    if not part or not quantity or (match["is_feko"] and not is_ratio):
         return None
     if function == ("db10" if is_field else "db20"):
         return None
-    default = None
+    kinds, usual = _UNITS[quantity]
     if part == "phase":
-        default = Unit("angle", 180 / math.pi) if function.endswith("rad") else Unit("angle")
+        kinds, usual = ("angle",), _RADIANS if function.endswith("rad") else _DEGREES
     elif function.startswith("db") or match["is_feko"]:  # FEKO writes Gain(Total) in dB
-        default = Unit("field" if is_field else "ratio", 1.0, True)
+        usual = Unit("field" if is_field else "ratio", 1.0, True)
     elif not function and is_field and component != "total":
         part = "complex"
-    return _column(title, unit, quantity, component, part, default)
+    known = _checked_unit(label, unit, kinds, usual, part == "size")
+    return Column(label, quantity, component, part, known)
+
+
+def _checked_unit(
+    label: str, text: str | None, kinds: Sequence[Kind], usual: Unit | None, may_be_db: bool = False
+) -> Unit:
+    """Return the unit of a text, or the usual one for a blank text; FileFormatError for others.
+
+    If the usual unit is in dB, so must be the unit.
+    """
+    if text is None or not text.strip():
+        if usual is None:
+            raise FileFormatError(f"expected a unit in the header of column {label}, got none")
+        return usual
+    unit = unit_of(text)
+    needs_db = usual is not None and usual.is_db
+    if unit is None or unit.kind not in kinds or not needs_db <= unit.is_db <= may_be_db:
+        raise FileFormatError(
+            f"the unit {text.strip()[:20]!r} of column {label} is not supported; export {_ADVICE}"
+        )
+    return unit
 
 
 def _cst_columns(header: str) -> list[Column | None]:
@@ -242,25 +220,18 @@ def _cst_columns(header: str) -> list[Column | None]:
     The column Abs(Dir.), Abs(Gain), Abs(E) and the like names the quantity of Abs(Theta) and
     Abs(Phi) as well.
     """
-    titles = [(name.strip(), unit) for name, unit in re.findall(r"([^\[\]]+)\[([^\]]*)\]", header)]
+    titles: list[tuple[str, str | None]] = re.findall(r"([^\[\]]+)\[([^\]]*)\]", header)
     titles += [(name, None) for name in header.rpartition("]")[2].split()]
     names = [re.sub(r"[\s.]", "", name).lower() for name, _ in titles]
-    matches = [_OF_CST.fullmatch(name) for name in names]
-    sizes = [m["name"] for m in matches if m and m["part"] == "abs"]
+    sizes = re.findall(r"\babs\(([a-z0-9]*)\)", " ".join(names))
     total = next((name for name in sizes if name not in ("theta", "phi")), "")
-    quantity = _QUANTITIES.get(total, "unknown")
-    columns: list[Column | None] = []
-    for (title, unit), name, match in zip(titles, names, matches, strict=True):
-        if name in ("theta", "phi"):
-            columns.append(_column(title, unit, _AXES[name]))
-        elif match and match["name"] in ("theta", "phi"):
-            part: Part = "size" if match["part"] == "abs" else "phase"
-            columns.append(_column(title, unit, quantity, match["name"], part))
-        elif match and match["part"] == "abs" and match["name"] == total:
-            columns.append(_column(title, unit, quantity, "total", "size"))
-        else:
-            columns.append(None)
-    return columns
+    quantity = total if total in _QUANTITIES else "unknown"
+    names = [re.sub(rf"^abs\({total}\)$", f"abs({quantity}total)", name) for name in names]
+    names = [re.sub(r"^(abs|phase)\((theta|phi)\)$", rf"\1({quantity}\2)", name) for name in names]
+    return [
+        _column(title.strip(), unit, name)
+        for (title, unit), name in zip(titles, names, strict=True)
+    ]
 
 
 def _check_header(columns: Sequence[Column | None]) -> None:
@@ -284,17 +255,17 @@ def _check_header(columns: Sequence[Column | None]) -> None:
 # Samples further below the largest intensity are not compared, since tables round them.
 _COMPARED = 1e-2
 # Difference in dB that the rounding of a table explains.
-_SAME_LEVEL = 0.1
+SAME_LEVEL = 0.1
 # GRASP leaves out the E of exponents with three digits.
 _SHORT_EXPONENT = re.compile(r"(?<=\d)([+-]\d{3})$")
 
-Known = Sequence[tuple[Column, NDArray[Any]]]
+Known = Sequence[tuple[Column, Complex]]
 """Columns with their numbers (n,)."""
 
 
 def numbers_of(lines: Sequence[str], first: int, columns: int) -> Floats:
     """Return the real numbers (n, columns) of lines; ``first``: number of the first line."""
-    return np.asarray(_cells_of([line.split() for line in lines], first, columns).real)
+    return _cells_of([line.split() for line in lines], first, columns).real
 
 
 def _number(cell: str) -> complex:
@@ -350,20 +321,13 @@ def _tables_of(
     frequencies = axes.get("frequency", np.full(len(values), frequency))
     for one in np.unique(frequencies):
         rows = slice(None) if np.isnan(one) else frequencies == one
-        fields, repeated = _fields_of([(column, numbers[rows]) for column, numbers in known])
+        cells = [(column, numbers[rows]) for column, numbers in known]
+        (a, of_a), (b, of_b) = (_component(name, cells) for name in ("theta", "phi"))
+        fields, used = np.array([a, b]), [*of_a, *of_b]
+        sizes = [(c, v.real) for c, v in cells if c.part == "size" and c not in used]
+        repeated = [(column, column.intensity(numbers)) for column, numbers in sizes]
+        _compare(fields, repeated, {column.quantity for column in used if column.part != "phase"})
         yield FarFieldTable(axes["theta"][rows], axes["phi"][rows], fields, float(one), repeated)
-
-
-def _fields_of(known: Known) -> tuple[Complex, list[tuple[Column, Floats]]]:
-    """E_theta and E_phi (2, n) in V, and the columns of sizes that repeat them, in W/sr.
-
-    FileFormatError if a repeated column disagrees with the fields by more than rounding does.
-    """
-    parts = [_component(name, known) for name in ("theta", "phi")]
-    fields, used = np.array([part for part, _ in parts]), [c for _, cs in parts for c in cs]
-    repeated = [(c, c.intensity(v.real)) for c, v in known if c.part == "size" and c not in used]
-    _compare(fields, repeated, {column.quantity for column in used if column.part != "phase"})
-    return fields, repeated
 
 
 def _component(name: str, known: Known) -> tuple[Complex, list[Column]]:
@@ -371,8 +335,7 @@ def _component(name: str, known: Known) -> tuple[Complex, list[Column]]:
     parts = {(c.quantity, c.part): (c, v) for c, v in known if c.component == name}
     if ("field", "real") in parts and ("field", "imaginary") in parts:
         (x, real), (y, imaginary) = parts["field", "real"], parts["field", "imaginary"]
-        pair = x.unit.scale * real.real + 1j * y.unit.scale * imaginary.real
-        return np.asarray(pair, np.complex128), [x, y]
+        return x.unit.scale * real.real + 1j * y.unit.scale * imaginary.real, [x, y]
     if ("field", "complex") in parts:
         column, values = parts["field", "complex"]
         if not values.imag.any():
@@ -380,7 +343,7 @@ def _component(name: str, known: Known) -> tuple[Complex, list[Column]]:
                 f"expected complex numbers of E_{name}, got real ones, which have no phase; export "
                 "re and im, or mag and ang_deg"
             )
-        return np.asarray(column.unit.scale * values, np.complex128), [column]
+        return column.unit.scale * values, [column]
     sizes, phases = ([p for p in parts.values() if p[0].part == k] for k in ("size", "phase"))
     if not sizes or not phases:
         raise FileFormatError(
@@ -395,9 +358,7 @@ def _component(name: str, known: Known) -> tuple[Complex, list[Column]]:
     return absolute * np.exp(1j * np.radians(phase.unit.scale * angles.real)), [size, phase]
 
 
-def _compare(
-    fields: Complex, repeated: list[tuple[Column, Floats]], sources: set[Quantity]
-) -> None:
+def _compare(fields: Complex, repeated: list[tuple[Column, Floats]], sources: set[str]) -> None:
     """Raise FileFormatError for a column that disagrees with the fields.
 
     Columns of the quantity of the fields agree with them. Others differ from them by one factor,
@@ -415,7 +376,7 @@ def _compare(
         if sources != {column.quantity}:
             excess = excess - excess[expected[compared].argmax()]
         worst = excess[np.abs(excess).argmax()]
-        if not abs(worst) <= _SAME_LEVEL:
+        if not abs(worst) <= SAME_LEVEL:
             raise FileFormatError(
                 f"column {column.title} differs from the field components by {worst:.2f} dB; check "
                 "the units in the header, and that all columns are of one export"
@@ -427,10 +388,10 @@ def _compare(
 _HFSS_NAME = re.compile(r"(?P<title>[^\[]*?)\s*(?:\[(?P<unit>[^\]]*)\])?\s*(?:-\s*(?P<at>.*))?")
 
 
-def hfss_report(lines: list[str]) -> Iterator[FarFieldTable]:
-    """Return the far fields of a report of HFSS (.csv): one row for each direction."""
+def _hfss_report(lines: list[str]) -> Iterator[FarFieldTable]:
+    """Reports of HFSS (.csv): one row for each direction."""
     matches = [_HFSS_NAME.fullmatch(cell.strip()) for cell in next(csv.reader(lines[:1]))]
-    columns = [match and _simulator_column(match["title"], match["unit"]) for match in matches]
+    columns = [match and _column(match["title"], match["unit"]) for match in matches]
     _check_header(columns)
     frequencies = set(re.findall(r"Freq='([^']*)'", lines[0]))
     frequency = frequency_of(frequencies.pop()) if len(frequencies) == 1 else math.nan
@@ -438,8 +399,8 @@ def hfss_report(lines: list[str]) -> Iterator[FarFieldTable]:
     yield from _tables_of(columns, values, frequency)
 
 
-def cst_table(lines: list[str]) -> Iterator[FarFieldTable]:
-    """Return the far field of a table of CST (.txt): a header, a rule, a row per direction."""
+def _cst_table(lines: list[str]) -> Iterator[FarFieldTable]:
+    """Far-field tables of CST (.txt): a header, a rule, a row for each direction."""
     columns = _cst_columns(lines[0])
     _check_header(columns)
     first = 2 if len(lines) > 1 and set(lines[1].strip()) <= {"-"} else 1
@@ -447,8 +408,8 @@ def cst_table(lines: list[str]) -> Iterator[FarFieldTable]:
     yield from _tables_of(columns, _cells_of(rows, first + 1, len(columns)))
 
 
-def feko_far_field(lines: list[str]) -> Iterator[FarFieldTable]:
-    """Return the far fields of a file of FEKO (.ffe): headers with #, then a row per direction."""
+def _feko_far_field(lines: list[str]) -> Iterator[FarFieldTable]:
+    """Far fields of FEKO (.ffe): headers with #, then a row for each direction."""
     columns: list[Column | None] = []
     rows: list[list[str]] = []
     frequency, first = math.nan, 0
@@ -466,7 +427,7 @@ def feko_far_field(lines: list[str]) -> Iterator[FarFieldTable]:
             raise FileFormatError("expected the far field of an antenna, got cross sections (RCS)")
         elif line.startswith("#") and '"' in line:
             names = re.findall(r'"([^"]*)"\s*(?:\[([^\]]*)\])?', line)
-            columns = [_simulator_column(name, unit) for name, unit in names]
+            columns = [_column(name, unit) for name, unit in names]
         elif line.strip() and not line.startswith(("#", "**")):
             if not columns:
                 raise FileFormatError(
@@ -477,3 +438,94 @@ def feko_far_field(lines: list[str]) -> Iterator[FarFieldTable]:
                 first = number
                 _check_header(columns)
             rows.append(line.split())
+
+
+def _hfss_far_field(lines: list[str]) -> Iterator[FarFieldTable]:
+    """Far-field data of HFSS (.ffd): two axes, then a block for each frequency."""
+    axes = []
+    for number in (1, 2):
+        start, stop, count = numbers_of(lines[number - 1 : number], number, 3)[0]
+        axes.append(np.linspace(start, stop, _checked_count(count, number)))
+    check_most(len(axes[0]) * len(axes[1]), MOST_DIRECTIONS, "directions", "export fewer")
+    theta, phi = (axis.ravel() for axis in np.meshgrid(*axes, indexing="ij"))
+    starts = [k for k, line in enumerate(lines) if line.split()[:1] == ["Frequency"]]
+    if (lines[2:3] and lines[2].split() != ["Frequencies", str(len(starts))]) or starts[:1] != [3]:
+        raise FileFormatError(
+            "expected Frequencies and their number in line 3, and a line Frequency before the "
+            "field of each, got others"
+        )
+    for start, stop in pairwise([*starts, len(lines)]):
+        table = numbers_of(lines[start + 1 : stop], start + 2, 4)
+        if len(theta) != len(table):
+            raise FileFormatError(f"expected {len(theta)} directions, got {len(table)}")
+        frequency = frequency_of(lines[start].split(maxsplit=1)[-1])
+        yield FarFieldTable(theta, phi, _pair(table), frequency)
+
+
+def _pair(table: Floats) -> Complex:
+    """Two complex numbers (2, n) from rows of real and imaginary parts."""
+    return (table[:, ::2] + 1j * table[:, 1::2]).T
+
+
+def _checked_count(count: float, line: int) -> int:
+    if not (1 <= count <= MOST_DIRECTIONS and count == int(count)):
+        raise FileFormatError(f"expected a number of angles in line {line}, got {count:g}")
+    return int(count)
+
+
+def _grasp_cuts(lines: list[str]) -> Iterator[FarFieldTable]:
+    """Spherical cuts of GRASP (.cut): a text, seven numbers and the samples of each cut."""
+    cuts: dict[float, list[tuple[Floats, Floats, Complex]]] = {}
+    k = 0
+    while k < len(lines):
+        if not lines[k].strip():
+            k += 1
+            continue
+        named = re.search(r"([\d.]+(?:[eE][-+]?\d+)?)\s*([kMGT]?Hz)\b", lines[k])
+        start, step, number, constant, kind, cut, components = numbers_of(
+            lines[k + 1 : k + 2], k + 2, 7
+        )[0]
+        if kind not in (1, 2, 3) or cut not in (1, 2) or components != 2:
+            raise FileFormatError(
+                "expected cuts of two components, ICOMP 1, 2 or 3, ICUT 1 or 2 and NCOMP 2, got "
+                f"ICOMP {kind:g}, ICUT {cut:g}, NCOMP {components:g} in line {k + 2}; export "
+                "E_theta and E_phi of a polar cut in the far field"
+            )
+        count = _checked_count(number, k + 2)
+        table = numbers_of(lines[k + 2 : k + 2 + count], k + 3, 4)
+        if len(table) != count:
+            raise FileFormatError(f"expected {count} directions after line {k + 2}, got fewer")
+        along, across = start + step * np.arange(count), np.full(count, constant)
+        theta, phi = (along, across) if cut == 1 else (across, along)
+        of_frequency = cuts.setdefault(frequency_of(named[0]) if named else 0.0, [])
+        of_frequency.append((theta, phi, _from_grasp(int(kind), _pair(table), np.radians(phi))))
+        k += 2 + count
+    # |E|^2 is the directivity: 4 pi W are radiated
+    scale = math.sqrt(2 * FREE_SPACE / (4 * math.pi))
+    for frequency, parts in cuts.items():
+        theta, phi = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
+        fields: Complex = np.concatenate([part[2] for part in parts], axis=1)
+        fields *= scale
+        yield FarFieldTable(theta, phi, fields, frequency or math.nan, [], True)
+
+
+def _from_grasp(kind: int, pair: Complex, phi: Floats) -> Complex:
+    """E_theta and E_phi of these (1), of right- and left-hand parts (2), or of co and cross (3)."""
+    if kind == 1:
+        return pair
+    co, cross = pair
+    if kind == 2:  # (co -+ j cross)/sqrt(2)
+        co, cross = (co + cross) / math.sqrt(2), 1j * (cross - co) / math.sqrt(2)
+    # Ludwig's third definition, co along x
+    sine, cosine = np.sin(phi), np.cos(phi)
+    return np.stack([co * cosine + cross * sine, cross * cosine - co * sine])
+
+
+LOADERS: dict[str, Callable[[list[str]], Iterator[FarFieldTable]]] = {
+    ".csv": _hfss_report,
+    ".txt": _cst_table,
+    ".ffd": _hfss_far_field,
+    ".ffe": _feko_far_field,
+    ".cut": _grasp_cuts,
+}
+"""Functions by suffix, from the lines of a file to the far fields of its frequencies."""

@@ -1,10 +1,10 @@
-"""Radiation patterns: the far field over angles, and its directivity."""
+"""Radiation patterns over angles and along great circles, and the cuts that they contain."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,6 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Wavefront
 from polywigner.geometry.arguments import takes_frequency
+from polywigner.propagation.element_patterns import (
+    MOST_PHI,
+    MOST_THETA,
+    covers_front,
+    element_pattern_of,
+)
 from polywigner.propagation.places import angle_axes, checked_phi, checked_theta, unit_vectors
 from polywigner.propagation.radiators import (
     FarField,
@@ -24,88 +30,32 @@ from polywigner.propagation.vector_fields import axial_ratios, co_and_cross, lud
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.radiometry.directions import PlaneSource
 from polywigner.source.polarisation import checked_polarisation
+from polywigner.transforms.wavefronts import flat_of
 from polywigner.transforms.xarray_arguments import labelled_array, labelled_arrays
 
 if TYPE_CHECKING:
     import xarray
 
+Floats = NDArray[np.float64]
+Values = NDArray[Any]
 
 # Two meridians half a turn apart, and the horizon, to the rounding of degrees.
 _SAME_ANGLE = 1e-9
 _OPPOSITE = 1e-6
+# A lobe of a source D across is lambda/D wide. This number of samples draws its nulls, some 30 dB
+# below the lobe; a wide source has at most that many samples.
+_STEPS_PER_LOBE, _LEAST_STEPS, _MOST_STEPS = 64, 360, 32768
+# Samples between two angles of a table, whose field is interpolated.
+_STEPS_PER_ANGLE = 4
+# A beam that exceeds the direction of the normal by less, in dB, is cut next to the x and y axes.
+_NORMAL = 0.1
+_LEAST_MERIDIANS = 8
+# Cosines of directions on the horizon, to rounding.
+_HORIZON = 1e-15
 
 _ATTRIBUTES = (
     "radiated_power", "aperture_power", "frequency", "peak_directivity", "peak_theta", "peak_phi",
 )  # fmt: skip
-
-Levels = NDArray[np.float64]
-
-
-def checked_pattern(pattern: Any) -> tuple[Levels, Levels, Levels, dict[str, float]]:
-    """Theta (n,), phi (m,), directivity (n, m) in dBi, and the numbers among the attributes."""
-    levels, about = checked_levels(pattern, ("theta", "phi"))
-    theta, phi = (np.asarray(pattern[name].values, np.float64) for name in ("theta", "phi"))
-    if np.isnan(levels).any():
-        raise ArgumentError(
-            "expected a pattern with numbers at its angles, got angles that are not a number"
-        )
-    return theta, phi, levels, about
-
-
-def checked_levels(pattern: Any, axes: tuple[str, str]) -> tuple[Levels, dict[str, float]]:
-    """Directivity (n, m) in dBi over two axes, and the numbers among the attributes."""
-    try:
-        for name in axes:
-            len(pattern[name].values)
-        levels = np.asarray(pattern["directivity"].transpose(*axes).values, np.float64)
-        about = {name: float(pattern.attrs[name]) for name in _ATTRIBUTES}
-    except (TypeError, KeyError, IndexError, AttributeError, ValueError):
-        raise ArgumentError(
-            f"expected a pattern with directivity over {' and '.join(axes)}, got "
-            f"{type(pattern).__name__} without; use what polywigner.radiation_pattern returned"
-        ) from None
-    if not levels.size:
-        raise ArgumentError("expected a pattern with numbers at its angles, got no angles")
-    return levels, about
-
-
-def front_of(theta: Levels, levels: Levels) -> tuple[Levels, Levels]:
-    """Theta and levels (n, m) in front of the plane."""
-    front = np.abs(theta) <= math.pi / 2 + _SAME_ANGLE
-    return theta[front], levels[front]
-
-
-def cuts_of(theta: Levels, phi: Levels, levels: Levels) -> Iterator[tuple[float, Levels, Levels]]:
-    """(phi, theta (k,), levels (k,)) along meridians, with theta from one horizon to the other.
-
-    Half a meridian where the other half is not among the levels (n, m) over theta and phi.
-    """
-    order = np.argsort(theta)
-    is_whole = theta.min() < -_SAME_ANGLE
-    left = np.full(len(phi), True)
-    for j, angle in enumerate(phi):
-        if not left[j]:
-            continue
-        left[j] = False
-        opposite = np.flatnonzero(
-            left & (np.abs((phi - angle) % (2 * math.pi) - math.pi) < _OPPOSITE)
-        )
-        if is_whole or not opposite.size:
-            yield float(angle), theta[order], levels[order, j]
-            continue
-        left[opposite[0]] = False
-        back = order[::-1] if theta[order[0]] > _SAME_ANGLE else order[:0:-1]
-        places = np.concatenate([-theta[back], theta[order]])
-        yield float(angle), places, np.concatenate([levels[back, opposite[0]], levels[order, j]])
-
-
-def angle_between(a: float, b: float) -> float:
-    """The angle between two whole meridians."""
-    rest = (a - b) % math.pi
-    return min(rest, math.pi - rest)
-
-
-Values = NDArray[Any]
 
 
 @takes_frequency
@@ -178,31 +128,131 @@ def radiation_pattern(
     """
     polar, azimuth = checked_theta(theta), checked_phi(phi)
     far = checked_far_field(source, wavelength, options)
-    values = far.on_grid(polar, azimuth)
-    directions = unit_vectors(polar, azimuth)
-    return far_field_dataset(far, values, directions, angle_axes(polar, azimuth))
+    values = far.grid(polar, azimuth)
+    return _dataset(far, values, unit_vectors(polar, azimuth), angle_axes(polar, azimuth))
 
 
-def far_field_dataset(
+@takes_frequency
+def beam_cuts(
+    source: PlaneSource | Wavefront,
+    wavelength: float,
+    **options: Unpack[FarFieldOptions],
+) -> xarray.Dataset:
+    """Far field and directivity of a source along two orthogonal great circles through its beam.
+
+    The first circle contains the normal, so that it is the meridian of the beam; the second crosses
+    it at a right angle. If the directivity along the normal is within 0.1 dB of the beam, the
+    circles go along the axes, "x" and "y", instead. For :func:`beam_metrics` and
+    :func:`polywigner.figures.draw_pattern`.
+
+    Parameters
+    ----------
+    source, wavelength, options : as of :func:`radiation_pattern`.
+
+    Returns
+    -------
+    xarray.Dataset
+        The variables and attributes of :func:`radiation_pattern`, over ``cut`` (2,) and ``angle``
+        (n,) from the beam in rad, positive to larger theta on the "meridian" and to larger phi on
+        the circle "across", in 64 steps per lobe. Coordinates ``theta`` and ``phi`` (2, n) are the
+        directions in rad, and ``azimuth`` (2,) that of the tangents at the beam. Directions behind
+        the plane are NaN.
+
+    Raises
+    ------
+    As :func:`radiation_pattern`.
+
+    >>> import numpy as np, polywigner as pw
+    >>> wave = pw.steering((0.5, 0.0, np.sqrt(0.75)), 3.2e-3)
+    >>> square = pw.shapes.square(20e-3).with_illumination(wave)
+    >>> cuts = pw.beam_cuts(square, 3.2e-3)
+    >>> metrics = pw.beam_metrics(cuts)
+    >>> [round(float(np.degrees(cut.half_power_beamwidth)), 2) for cut in metrics.cuts]
+    [9.29, 8.09]
+    """
+    far = checked_far_field(source, wavelength, options)
+    extent = float(np.linalg.norm(np.ptp(np.reshape(flat_of(far.source).bounds, (2, 2)), axis=0)))
+    steps = math.ceil(_STEPS_PER_LOBE * math.pi * extent / far.wavelength)
+    return _great_circles(far, math.pi / min(max(steps, _LEAST_STEPS), _MOST_STEPS))
+
+
+def _great_circles(far: FarField, step: float) -> xarray.Dataset:
+    """The pattern along two great circles through the beam, in steps of about this angle."""
+    largest, theta, phi = far.beam
+    is_normal = float(far.intensity(np.array([0.0, 0.0, 1.0]))) > largest * 10 ** (-_NORMAL / 10)
+    reach = math.pi if far.goes_backwards else math.pi / 2 + theta
+    azimuths, angle, directions = _circles(theta, phi, is_normal, step, reach)
+    ahead = (directions[..., 2] >= -_HORIZON) | far.goes_backwards
+    values = np.full(directions.shape[: 3 if far.is_vector else 2], np.nan, np.complex128)
+    values[ahead] = far.at(directions[ahead])
+    kinds = np.array(("x", "y") if is_normal else ("meridian", "across"))
+    axes = {
+        "cut": labelled_array(kinds, ("cut",), {"long_name": "great circle"}),
+        "angle": labelled_array(angle, ("angle",), {"units": "rad", "long_name": "from the beam"}),
+    }
+    x, y, z = np.moveaxis(directions, -1, 0)
+    return _dataset(far, values, directions, axes).assign_coords(
+        theta=(("cut", "angle"), np.arctan2(np.hypot(x, y), z), {"units": "rad"}),
+        phi=(("cut", "angle"), np.arctan2(y, x) % (2 * math.pi), {"units": "rad"}),
+        azimuth=("cut", azimuths, {"units": "rad"}),
+    )
+
+
+def _circles(
+    theta: float, phi: float, is_normal: bool, step: float, reach: float
+) -> tuple[Floats, Floats, Floats]:
+    """Azimuths (2,), angles from the beam (n,) and unit vectors (2, n, 3) of the great circles."""
+    beam = unit_vectors(np.array([theta]), np.array([phi]))[0, 0]
+    outwards = unit_vectors(np.array([theta + math.pi / 2]), np.array([phi]))[0, 0]
+    around = np.array([-math.sin(phi), math.cos(phi), 0.0])
+    turn = -phi if is_normal else 0.0
+    tangents = np.stack(
+        [
+            math.cos(turn) * outwards + math.sin(turn) * around,
+            math.cos(turn) * around - math.sin(turn) * outwards,
+        ]
+    )
+    count = math.ceil(reach / step - 1e-9)
+    angle = np.asarray(step * np.arange(-count, count + 1), np.float64)
+    sine, cosine = np.sin(angle)[:, None], np.cos(angle)[:, None]
+    directions: Floats = cosine * beam + sine * tangents[:, None]
+    first = 0.0 if is_normal else phi
+    return np.array([first, (first + math.pi / 2) % (2 * math.pi)]), angle, directions
+
+
+# ---- datasets -----------------------------------------------------------------------------------
+
+
+def _dataset(
     far: FarField, values: Values, directions: Values, axes: dict[str, xarray.Variable]
 ) -> xarray.Dataset:
     """The pattern of a far field (..., or ..., 3) at unit vectors (..., 3) over axes."""
-    beam = far.beam()
+    power, energy = far.powers
+    largest, theta, phi = far.beam
+    squares = np.square(np.abs(values))
+    levels = decibels(squares.sum(axis=-1) if far.is_vector else squares, power)
+    about = far.about | {
+        "wavelength": far.wavelength,
+        "frequency": SPEED_OF_LIGHT / far.wavelength,
+        "radiated_power": power,
+        "aperture_power": energy,
+        "largest_directivity": float(np.nanmax(levels)),
+        "peak_directivity": 10 * math.log10(4 * math.pi / power * largest),
+        "peak_theta": theta,
+        "peak_phi": phi,
+    }
+    steered = steered_direction(far.source, far.wavelength, (theta, phi))
+    if steered is not None:
+        about |= {"steered_theta": steered[0], "steered_phi": steered[1]}
     if not far.is_vector:
-        levels = decibels(np.square(np.abs(values)), far.powers)
-        about = {**far.about, **_numbers(far, levels, beam)}
         return described(far.source, axes, {"directivity": levels, "field": values}, about)
-    levels = decibels(np.square(np.abs(values)).sum(axis=-1), far.powers)
-    ahead = unit_vectors(np.array([beam[1]]), np.array([beam[2]]))[0, 0]
+    ahead = unit_vectors(np.array([theta]), np.array([phi]))[0, 0]
     of_beam = ludwig_components(far.at(ahead), ahead)
     jones = far.jones
     if jones is None or jones.ndim > 1:
         jones = jones_of(of_beam)
-    about = far.about | {
-        **_numbers(far, levels, beam),
-        "peak_axial_ratio": float(axial_ratios(of_beam)),
-        "peak_cross_polar_discrimination": float(_discrimination(*co_and_cross(of_beam, jones))),
-    }
+    about["peak_axial_ratio"] = float(axial_ratios(of_beam))
+    about["peak_cross_polar_discrimination"] = float(_discrimination(*co_and_cross(of_beam, jones)))
     along = ludwig_components(values, directions)
     return vector_dataset(axes, levels, along, jones, about, far.source)
 
@@ -219,7 +269,7 @@ def vector_dataset(
     along: tuple[Values, Values],
     jones: Values,
     about: dict[str, Any],
-    source: Any = None,
+    source: PlaneSource | Wavefront | None = None,
 ) -> xarray.Dataset:
     """The pattern of a polarised source: directivity (n, m) in dBi, components along x and y."""
     co, cross = co_and_cross(along, jones)
@@ -234,9 +284,10 @@ def vector_dataset(
     return described(source, axes, variables, about)
 
 
-def decibels(intensity: Values, powers: tuple[float, float]) -> Values:
+def decibels(intensity: Values, power: float) -> Values:
+    """Directivity in dBi of radiant intensities in W/sr."""
     with np.errstate(divide="ignore"):
-        return np.asarray(10 * np.log10(4 * math.pi / powers[0] * intensity))
+        return np.asarray(10 * np.log10(4 * math.pi / power * intensity))
 
 
 def _discrimination(co: Values, cross: Values) -> Values:
@@ -245,31 +296,17 @@ def _discrimination(co: Values, cross: Values) -> Values:
         return np.asarray(20 * np.log10(np.abs(co) / np.abs(cross)))
 
 
-def _numbers(far: FarField, levels: Values, beam: tuple[float, float, float]) -> dict[str, float]:
-    """The attributes of a pattern that are numbers."""
-    power, energy = far.powers
-    numbers = {
-        "wavelength": far.wavelength,
-        "frequency": SPEED_OF_LIGHT / far.wavelength,
-        "radiated_power": power,
-        "aperture_power": energy,
-        "largest_directivity": float(np.nanmax(levels)),
-        "peak_directivity": 10 * math.log10(4 * math.pi / power * beam[0]),
-        "peak_theta": beam[1],
-        "peak_phi": beam[2],
-    }
-    steered = steered_direction(far.source, far.wavelength, beam[1:])
-    if steered is not None:
-        numbers |= {"steered_theta": steered[0], "steered_phi": steered[1]}
-    return numbers
-
-
 _VARIABLES = {
-    "directivity": {"units": "dBi", "long_name": "directivity"},
-    "field": {"units": "W0.5 sr-0.5", "long_name": "far field r exp(-ikr) U"},
-    "cross_field": {"units": "W0.5 sr-0.5", "long_name": "cross-polar far field"},
-    "cross_polar_discrimination": {"units": "dB", "long_name": "co- over cross-polar"},
-    "axial_ratio": {"units": "dB", "long_name": "axial ratio"},
+    "directivity": ("dBi", "directivity"),
+    "field": ("W0.5 sr-0.5", "far field r exp(-ikr) U"),
+    "cross_field": ("W0.5 sr-0.5", "cross-polar far field"),
+    "cross_polar_discrimination": ("dB", "co- over cross-polar"),
+    "axial_ratio": ("dB", "axial ratio"),
+    "nominal": ("dBi", "directivity without errors"),
+    "expected": ("dBi", "mean level, closed form"),
+    "mean": ("dBi", "mean level of the samples"),
+    "low": ("dBi", "level of 5 % of the samples"),
+    "high": ("dBi", "level of 95 % of the samples"),
 }
 
 
@@ -279,6 +316,7 @@ def described(
     variables: dict[str, Values],
     about: dict[str, Any],
 ) -> xarray.Dataset:
+    """Variables over axes with their units and names, and a source that is stored with them."""
     from polywigner import __version__
 
     convention = {
@@ -287,8 +325,159 @@ def described(
     }
     labelled = {}
     for name, values in variables.items():
-        attrs = _VARIABLES[name] | (convention if "field" in name else {})
+        units, meaning = _VARIABLES[name]
+        attrs = {"units": units, "long_name": meaning} | (convention if "field" in name else {})
         labelled[name] = labelled_array(values, tuple(axes), attrs)
     if source is not None:
         axes, about = axes | source_coords(source), about | source_attrs(source)
     return labelled_arrays(labelled, axes, about)
+
+
+# ---- cuts ---------------------------------------------------------------------------------------
+
+CutKind = Literal["theta", "meridian", "across", "x", "y"]
+"""A meridian over theta, or a great circle through the beam."""
+
+
+class Cut(NamedTuple):
+    """Levels along a line of directions."""
+
+    phi: float
+    """The meridian of theta > 0 in rad; of a great circle, the azimuth of its tangent."""
+    angles: Floats
+    """Theta in rad; on a great circle the angle from the beam."""
+    levels: Floats
+    """Directivity in dBi."""
+    kind: CutKind
+    cross_levels: Floats | None = None
+    """Directivity of the cross-polar part in dBi; None for a scalar pattern."""
+
+
+def checked_pattern(pattern: Any) -> tuple[Floats, Floats, Floats, dict[str, float]]:
+    """Theta (n,), phi (m,), directivity (n, m) in dBi, and the numbers among the attributes."""
+    levels, about = _checked_levels(pattern, ("theta", "phi"))
+    theta, phi = (np.asarray(pattern[name].values, np.float64) for name in ("theta", "phi"))
+    if np.isnan(levels).any():
+        raise ArgumentError(
+            "expected a pattern with numbers at its angles, got angles that are not a number"
+        )
+    return theta, phi, levels, about
+
+
+def _checked_levels(pattern: Any, axes: tuple[str, str]) -> tuple[Floats, dict[str, float]]:
+    """Directivity (n, m) in dBi over two axes, and the numbers among the attributes."""
+    try:
+        for name in axes:
+            len(pattern[name].values)
+        levels = np.asarray(pattern["directivity"].transpose(*axes).values, np.float64)
+        about = {name: float(pattern.attrs[name]) for name in _ATTRIBUTES}
+    except (TypeError, KeyError, IndexError, AttributeError, ValueError):
+        raise ArgumentError(
+            f"expected a pattern with directivity over {' and '.join(axes)}, got "
+            f"{type(pattern).__name__} without; use what polywigner.radiation_pattern returned"
+        ) from None
+    if not levels.size:
+        raise ArgumentError("expected a pattern with numbers at its angles, got no angles")
+    return levels, about
+
+
+def _cross_polar(
+    pattern: Any, axes: tuple[str, str], about: dict[str, float], levels: Floats
+) -> Floats:
+    """Directivity (n, m) of the cross-polar part in dBi; ``levels`` for a scalar pattern."""
+    if "cross_field" not in pattern:
+        return levels
+    values = pattern["cross_field"].transpose(*axes).values
+    return decibels(np.square(np.abs(values)), about["radiated_power"])
+
+
+def front_of(theta: Floats, levels: Floats) -> tuple[Floats, Floats]:
+    """Theta and levels (n, m) in front of the plane."""
+    front = np.abs(theta) <= math.pi / 2 + _SAME_ANGLE
+    return theta[front], levels[front]
+
+
+def cuts_of(theta: Floats, phi: Floats, levels: Floats) -> Iterator[tuple[float, Floats, Floats]]:
+    """(phi, theta (k,), levels (k,)) along meridians, with theta from one horizon to the other.
+
+    Half a meridian where the other half is not among the levels (n, m) over theta and phi.
+    """
+    order = np.argsort(theta)
+    is_whole = theta.min() < -_SAME_ANGLE
+    left = np.full(len(phi), True)
+    for j, angle in enumerate(phi):
+        if not left[j]:
+            continue
+        left[j] = False
+        opposite = np.flatnonzero(
+            left & (np.abs((phi - angle) % (2 * math.pi) - math.pi) < _OPPOSITE)
+        )
+        if is_whole or not opposite.size:
+            yield float(angle), theta[order], levels[order, j]
+            continue
+        left[opposite[0]] = False
+        back = order[::-1] if theta[order[0]] > _SAME_ANGLE else order[:0:-1]
+        places = np.concatenate([-theta[back], theta[order]])
+        yield float(angle), places, np.concatenate([levels[back, opposite[0]], levels[order, j]])
+
+
+def angle_between(a: float, b: float) -> float:
+    """The angle between two whole meridians."""
+    rest = (a - b) % math.pi
+    return min(rest, math.pi - rest)
+
+
+def cuts_in(pattern: Any) -> list[Cut]:
+    """Return the great circles of a dataset of :func:`beam_cuts`, or the meridians of a pattern.
+
+    ArgumentError for anything else.
+    """
+    if "cut" not in getattr(pattern, "dims", ()):
+        theta, phi, levels, about = checked_pattern(pattern)
+        crossed = _cross_polar(pattern, ("theta", "phi"), about, levels)
+        meridians, others = (
+            cuts_of(front, phi, part)
+            for front, part in (front_of(theta, values) for values in (levels, crossed))
+        )
+        found = [
+            Cut(angle, along, values, "theta", part)
+            for (angle, along, values), (_, _, part) in zip(meridians, others, strict=True)
+        ]
+    else:
+        levels, about = _checked_levels(pattern, ("cut", "angle"))
+        crossed = _cross_polar(pattern, ("cut", "angle"), about, levels)
+        angle, kinds = pattern["angle"].values, pattern["cut"].values.tolist()
+        found = []
+        for k, ahead in enumerate(~np.isnan(levels)):
+            along, values, part = (each[ahead] for each in (angle, levels[k], crossed[k]))
+            found.append(Cut(float(pattern["azimuth"][k]), along, values, kinds[k], part))
+    is_scalar = "cross_field" not in pattern
+    return [cut._replace(cross_levels=None) for cut in found] if is_scalar else found
+
+
+def circles_through_beam(pattern: Any) -> list[Cut]:
+    """Return the great circles through the beam of a pattern, interpolated between its angles.
+
+    The list is empty if the pattern has no field over the front in even steps.
+    """
+    theta, phi, _, about = checked_pattern(pattern)
+    polar, turns = np.unique(theta), np.unique(phi.round(12) % (2 * math.pi))
+    fine_enough = _LEAST_MERIDIANS <= len(turns) <= MOST_PHI and 3 <= len(polar) <= MOST_THETA
+    if "field" not in pattern or not fine_enough or not covers_front(polar, turns):
+        return []
+    is_scalar = "cross_field" not in pattern
+    if is_scalar:  # by Ludwig's third definition a field along x, which is smooth over the pole
+        pattern = pattern.assign(cross_field=0 * pattern["field"])
+        pattern = pattern.assign_attrs(polarisation=[1.0, 0.0, 0.0, 0.0])
+    element = element_pattern_of(pattern, "pattern")
+    power = about["radiated_power"]
+    largest = 10 ** (about["peak_directivity"] / 10) * power / (4 * math.pi)
+    jones = np.asarray(pattern.attrs["polarisation"], np.float64).view(np.complex128)
+    far = FarField(
+        None, SPEED_OF_LIGHT / about["frequency"], element.vectors, (power, math.nan), {},
+        jones=jones, goes_backwards=element.is_whole,
+        known_beam=(largest, about["peak_theta"], about["peak_phi"]),
+    )  # fmt: skip
+    step = min(polar[1] - polar[0], turns[1] - turns[0]) / _STEPS_PER_ANGLE
+    circles = cuts_in(_great_circles(far, step))
+    return [cut._replace(cross_levels=None) for cut in circles] if is_scalar else circles

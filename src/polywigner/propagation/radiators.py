@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, field
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, TypedDict
 
 import numpy as np
@@ -53,12 +53,11 @@ _OTHER_FREQUENCY = 0.01
 class FarField:
     """The far field of a source as a function of direction."""
 
-    source: PlaneSource | Wavefront
+    source: PlaneSource | Wavefront | None
+    """None for the field of a table."""
     wavelength: float
-    at: Callable[[Values], Values]
+    at: Callable[..., Values]
     """The field (...), or its vectors (..., 3), at unit vectors (..., 3)."""
-    on_grid: Callable[[Values, Values], Values]
-    """The field (n, m), or its vectors (n, m, 3), over theta (n,) and phi (m,)."""
     powers: tuple[float, float]
     """Radiated power and aperture power."""
     about: dict[str, Any]
@@ -68,17 +67,32 @@ class FarField:
     """The polarisation that co-polar refers to; None: the beam's."""
     goes_backwards: bool = False
     """Whether the source radiates behind its plane."""
+    known_beam: tuple[float, float, float] | None = None
+    """The beam of a table."""
+    on_grid: Callable[[Values, Values], Values] | None = None
+    """The field over theta (n,) and phi (m,); None: ``at`` their directions."""
+    how: dict[str, Any] = field(default_factory=dict)
+    """Precision and engine of fields over angles."""
+
+    def grid(self, theta: Values, phi: Values) -> Values:
+        """Return the field (n, m), or its vectors (n, m, 3), over theta (n,) and phi (m,)."""
+        if self.on_grid is not None:
+            return self.on_grid(theta, phi)
+        return self.at(unit_vectors(theta, phi), **self.how)
 
     def intensity(self, directions: Values) -> Values:
         """Return |E|^2 (...) in W/sr at unit vectors (..., 3)."""
         squares = np.square(np.abs(self.at(directions)))
         return np.asarray(squares.sum(axis=-1) if self.is_vector else squares)
 
+    @cached_property
     def beam(self) -> tuple[float, float, float]:
-        """Return the largest |E|^2 of all directions in front, in W/sr, and its theta and phi.
+        """Largest |E|^2 of all directions in front, in W/sr, and its theta and phi.
 
         If several are equal, the direction is the one with the smallest theta, then phi.
         """
+        if self.known_beam is not None:
+            return self.known_beam
         extent = np.ptp(np.reshape(flat_of(self.source).bounds, (2, 2)), axis=0)
         width = extent / self.wavelength
         steps = np.maximum(2 * np.ceil(2 * width), _LEAST_STEPS).astype(int)
@@ -170,32 +184,17 @@ def checked_far_field(source: Any, wavelength: Any, options: FarFieldOptions) ->
         return _of_elements(radiator, length, element, polarisation, how)
     if polarisation is not None:
         model = checked_choice("huygens" if method is None else method, "method", MODELS)
-        return _polarised(radiator, length, polarisation, model, how)
+        parts = parts_of(radiator, polarisation)
+        at = partial(far_vectors, parts, wavelength=length, model=model)
+        powers = vector_powers(parts, length, model)
+        jones = checked_polarisation(polarisation, radiator)
+        return FarField(radiator, length, at, powers, {"method": model}, jones=jones, how=how)
     name = checked_obliquity(obliquity)
     check_slopes(radiator, name)
     warn_of_slopes(flat_of(radiator), length, name)
-
-    def at(s: Values, **how: Any) -> Values:
-        return np.asarray(far_field(radiator, s, length, name, **how))
-
+    at = partial(far_field, radiator, wavelength=length, obliquity=name)
     powers = powers_of(radiator, length, name)
-    return FarField(radiator, length, at, _gridded(at, how), powers, {"obliquity": name}, False)
-
-
-def _gridded(at: Callable[..., Values], how: dict[str, Any]) -> Callable[[Values, Values], Values]:
-    return lambda theta, phi: at(unit_vectors(theta, phi), **how)
-
-
-def _polarised(
-    source: Any, wavelength: float, polarisation: Any, model: str, how: dict[str, Any]
-) -> FarField:
-    """The far field of a polarised source."""
-    parts = parts_of(source, polarisation)
-    at = partial(far_vectors, parts, wavelength=wavelength, model=model)
-    powers = vector_powers(parts, wavelength, model)
-    jones = checked_polarisation(polarisation, source)
-    about = {"method": model}
-    return FarField(source, wavelength, at, _gridded(at, how), powers, about, jones=jones)
+    return FarField(radiator, length, at, powers, {"obliquity": name}, is_vector=False, how=how)
 
 
 def _of_elements(
@@ -228,10 +227,10 @@ def _of_elements(
     extent = float(np.linalg.norm(np.ptp(positions, axis=0)))
     power = element.power(2 * math.pi * extent / wavelength, factor)
     jones = None if polarisation is None else checked_polarisation(polarisation)
-    about = {"method": "pattern of the elements"}
-    powers = power, math.nan
-    back = element.is_whole
-    return FarField(source, wavelength, at, on_grid, powers, about, True, jones, back)
+    return FarField(
+        source, wavelength, at, (power, math.nan), {"method": "pattern of the elements"},
+        jones=jones, goes_backwards=element.is_whole, on_grid=on_grid,
+    )  # fmt: skip
 
 
 # ---- steering -----------------------------------------------------------------------------------
@@ -245,7 +244,7 @@ _MOST_WAVES = 4096
 
 
 def steered_direction(
-    source: PlaneSource | Wavefront, wavelength: float, beam: tuple[float, float]
+    source: PlaneSource | Wavefront | None, wavelength: float, beam: tuple[float, float]
 ) -> tuple[float, float] | None:
     """Return theta and phi to which a source is steered, in rad; None if it is not known.
 
@@ -257,7 +256,7 @@ def steered_direction(
     beam : theta and phi of the beam. Among the directions to which the array is steered, up to
         grating lobes, the result is the one next to it.
     """
-    if isinstance(source, Wavefront):
+    if source is None or isinstance(source, Wavefront):
         return None
     if isinstance(source, Array):
         if source.repeated is None:
