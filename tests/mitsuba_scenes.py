@@ -133,9 +133,29 @@ def scene_of(**parts: Any) -> Any:
     return mi.load_dict({"type": "scene", **parts})
 
 
-def coupled(one: Any, pose: Any, other: Any, other_pose: Any, wavelength: float, **how: Any) -> Any:
+def coupled(
+    one: Any, pose: Any, other: Any, other_pose: Any, wavelength: float = WAVELENGTH, **how: Any
+) -> complex:
     """b of sources in space."""
     return complex(pw.coupling(one, other, np.linalg.inv(pose) @ other_pose, wavelength, **how))
+
+
+def nodes(half: float, pose: Any, count: int = 10) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Gauss points (n, 3) of a square plate, its normal, and areas (n,)."""
+    x, weight = np.polynomial.legendre.leggauss(count)
+    u, v = np.meshgrid(half * x, half * x)
+    own = np.stack([u, v, 0 * u, 1 + 0 * u], axis=-1).reshape(-1, 4)
+    matrix = np.array(pose.matrix)
+    return (own @ matrix.T)[:, :3], matrix[:3, 2], half**2 * np.outer(weight, weight).ravel()
+
+
+def lit(
+    source: Any, points: np.ndarray, normal: np.ndarray, wavelength: float = WAVELENGTH
+) -> np.ndarray:
+    """W/m^2 on a surface by a source of 1 W at the origin, or a receiver's weight there."""
+    away = points / np.linalg.norm(points, axis=1)[:, None]
+    density = pw.irradiance(source, points, wavelength, method="rayleigh-sommerfeld-1")
+    return density / pw.radiated_power(source, wavelength) * (-away @ normal)
 
 
 def floor_scene(

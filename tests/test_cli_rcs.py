@@ -18,7 +18,7 @@ from polywigner import figures
 from polywigner.cli import main
 from polywigner.cli.rcs import write_values
 from polywigner.errors import ArgumentError
-from polywigner.scattering.section_patterns import Pattern
+from polywigner.scattering.cross_sections import Pattern
 
 Captured = pytest.CaptureFixture[str]
 

@@ -151,15 +151,11 @@ def test_walls_and_veils_take_their_share_of_a_light(plain: None) -> None:
         assert found == pytest.approx([share * free[light["type"]]] * 2, rel=0.01, abs=1e-14)
 
 
-def test_a_light_behind_a_receiver_brings_nothing(plain: None) -> None:
-    for light in (point((0, 0, -1)), {"type": "directional", "direction": [0, 0, 1]}):
-        assert both_readings(scene_of(rx=receiver(), light=light)) == (0.0, 0.0)
-
-
-def test_integrators_that_hide_emitters_leave_lights_out(plain: None) -> None:
-    integrator = {"type": "path", "hide_emitters": True}
-    scene = scene_of(rx=receiver(), light=point((0, 0, 2)), integrator=integrator)
-    assert both_readings(scene) == (0.0, 0.0)
+def test_lights_behind_a_receiver_and_hidden_ones_bring_nothing(plain: None) -> None:
+    hiding = {"integrator": {"type": "path", "hide_emitters": True}}
+    sun = {"type": "directional", "direction": [0, 0, 1]}
+    for light, more in ((point((0, 0, -1)), {}), (sun, {}), (point((0, 0, 2)), hiding)):
+        assert both_readings(scene_of(rx=receiver(), light=light, **more)) == (0.0, 0.0)
 
 
 def test_a_mirror_shows_the_image_of_a_light(plain: None) -> None:
@@ -168,17 +164,20 @@ def test_a_mirror_shows_the_image_of_a_light(plain: None) -> None:
     mirror = rectangle((1, 0, 0), (0, 1, 0), -90, 4.0, half)
     place = np.array([0.3, 0.1, 2.0])
     image = np.array([1.7, 0.1, 2.0])
-    found = pm.received_power(scene_of(rx=receiver(), lamp=point(place), mirror=mirror), spp=16)
-    paths = {path.mirrors: path for path in found.contributions[0].paths}
+
+    def paths_of(light: Any) -> dict[Any, Any]:
+        scene = scene_of(rx=receiver(), light=light, mirror=mirror)
+        (part,) = pm.received_power(scene, spp=16).contributions
+        return {path.mirrors: path for path in part.paths}
+
+    paths = paths_of(point(place))
     assert paths[()].power == pytest.approx(area(SQUARE, place), rel=SINGLE)
     assert paths["mirror",].power == pytest.approx(0.5 * area(SQUARE, image), rel=SINGLE)
     assert paths["mirror",].length == pytest.approx(float(np.linalg.norm(image)), rel=1e-6)
     # and a plane wave, whose image comes from the other side
     sun = {"type": "directional", "direction": (-along(0.3, math.pi)).tolist(), "irradiance": ONE}
-    found = pm.received_power(scene_of(rx=receiver(), sun=sun, mirror=mirror), spp=16)
-    paths = {path.mirrors: path for path in found.contributions[0].paths}
     effective = directivity(SQUARE, 0.3, 0.0) * WAVELENGTH**2 / (4 * math.pi)
-    assert paths["mirror",].power == pytest.approx(0.5 * effective, rel=1e-4)
+    assert paths_of(sun)["mirror",].power == pytest.approx(0.5 * effective, rel=1e-4)
 
 
 def test_diffuse_light_of_a_lamp_is_found_by_samples(plain: None) -> None:

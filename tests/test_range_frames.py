@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+import cli_scenes
 import polywigner as pw
 from polywigner.cli import main
 from polywigner.errors import ArgumentError
@@ -22,46 +23,29 @@ RADAR = [
     ),
 ]
 
-SCENE = """<scene version="3.0.0">
-    <integrator type="path"><integer name="max_depth" value="2"/></integrator>
-    <sensor type="perspective" id="camera">
-        <float name="fov" value="20"/><float name="near_clip" value="2"/>
-        <transform name="to_world">
-            <lookat origin="3, 0, 0" target="3, 0, 10" up="0, 1, 0"/>
-        </transform>
-        <film type="hdrfilm">
-            <integer name="width" value="8"/><integer name="height" value="6"/>
-            <string name="pixel_format" value="luminance"/><rfilter type="box"/>
-        </film>
-        <sampler type="independent"><integer name="sample_count" value="16"/></sampler>
-    </sensor>
-    <sensor type="wigner_receiver" id="rx">
-        <string name="aperture" value="square.wkt"/><string name="frequency" value="94 GHz"/>
-        <string name="bandwidth" value="1 GHz"/><string name="temperature" value="290 K"/>
-        <film type="hdrfilm">
-            <integer name="width" value="1"/><integer name="height" value="1"/>
-            <rfilter type="box"/>
-        </film>
-        <sampler type="independent"><integer name="sample_count" value="256"/></sampler>
-    </sensor>
-    <shape type="wigner">
-        <string name="aperture" value="square.wkt"/><string name="frequency" value="94 GHz"/>
-        <string name="estimator" value="exact"/><string name="power" value="1 W"/>
-    </shape>
-    <shape type="rectangle">
-        <transform name="to_world">
-            <rotate y="1" angle="180"/><scale value="8"/><translate z="10"/>
-        </transform>
-    </shape>
-</scene>"""
+CAMERA = """<sensor type="perspective" id="camera">
+    <float name="fov" value="20"/><float name="near_clip" value="2"/>
+    <transform name="to_world">
+        <lookat origin="3, 0, 0" target="3, 0, 10" up="0, 1, 0"/>
+    </transform>
+    <film type="hdrfilm">
+        <integer name="width" value="8"/><integer name="height" value="6"/>
+        <string name="pixel_format" value="luminance"/><rfilter type="box"/>
+    </film>
+    <sampler type="independent"><integer name="sample_count" value="16"/></sampler>
+</sensor>"""
+NOISE = '<string name="bandwidth" value="1 GHz"/><string name="temperature" value="290 K"/>'
+SAMPLER = '<sampler type="independent"><integer name="sample_count" value="256"/></sampler>'
+POWER = '<string name="estimator" value="exact"/><string name="power" value="1 W"/>'
+WALL = '<rotate y="1" angle="180"/><scale value="8"/><translate z="10"/>'
 
 
 @pytest.fixture
 def scene(tmp_path):
-    (tmp_path / "square.wkt").write_text("POLYGON ((-5 -5, 5 -5, 5 5, -5 5, -5 -5))")
-    path = tmp_path / "scene.xml"
-    path.write_text(SCENE)
-    return path
+    receiver = cli_scenes.receiver(NOISE, SAMPLER, pose="")
+    parts = receiver, cli_scenes.source(POWER), cli_scenes.rectangle(WALL)
+    text = cli_scenes.scene(cli_scenes.PATH.format(2), CAMERA, *parts)
+    return cli_scenes.written(tmp_path, text)
 
 
 class TestCameras:

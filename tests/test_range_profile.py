@@ -8,6 +8,17 @@ import numpy as np
 import pytest
 
 import polywigner as pw
+from mitsuba_scenes import (
+    METAL,
+    SQUARE,
+    WAVELENGTH,
+    lit,
+    nodes,
+    receiver,
+    rectangle,
+    scene_of,
+)
+from mitsuba_scenes import emitter as visible_emitter
 from polywigner.errors import ArgumentError, EngineError, MissingExtraError, SceneError
 
 # not importorskip: it can be imported while a variant is set alone
@@ -22,8 +33,6 @@ import mitsuba as mi  # noqa: E402 (after the package, which chooses the LLVM li
 
 from polywigner.mitsuba.radar.range_film import require_transients  # noqa: E402
 
-WAVELENGTH = 3.19e-3
-SQUARE = pw.shapes.square(10e-3)
 LARGE = pw.shapes.square(100e-3)
 REFLECTANCE = 0.5  # Mitsuba's own
 
@@ -41,11 +50,7 @@ def mono():
 
 
 def emitter(**options):
-    return pm.aperture(SQUARE, WAVELENGTH, power=1.0, visible=False, **options)
-
-
-def receiver(source=SQUARE, **options):
-    return pm.receiver(source, WAVELENGTH, **options)
+    return visible_emitter(visible=False, **options)
 
 
 def at(x, z, turn=180.0):
@@ -55,26 +60,6 @@ def at(x, z, turn=180.0):
 
 def plate(half, pose):
     return {"type": "rectangle", "to_world": pose.scale([half, half, 1.0])}
-
-
-def scene_of(**parts):
-    return mi.load_dict({"type": "scene", **parts})
-
-
-def nodes(half, pose, count=10):
-    """Points (n, 3) of a square plate, its normal, and areas (n,)."""
-    x, weight = np.polynomial.legendre.leggauss(count)
-    u, v = np.meshgrid(half * x, half * x)
-    own = np.stack([u, v, 0 * u, 1 + 0 * u], axis=-1).reshape(-1, 4)
-    matrix = np.array(pose.matrix)
-    return (own @ matrix.T)[:, :3], matrix[:3, 2], half**2 * np.outer(weight, weight).ravel()
-
-
-def lit(source, points, normal):
-    """W/m^2 on a surface by a source of 1 W at the origin, or a receiver's weight there."""
-    away = points / np.linalg.norm(points, axis=1)[:, None]
-    density = pw.irradiance(source, points, WAVELENGTH, method="rayleigh-sommerfeld-1")
-    return density / pw.radiated_power(source, WAVELENGTH) * (-away @ normal)
 
 
 def test_a_plate_falls_into_its_bin_and_bins_add_up_to_the_scattered_power():
@@ -240,8 +225,6 @@ def test_fog_spreads_over_its_depth():
 
 # ---- direct light -------------------------------------------------------------------------------
 
-METAL = {"type": "twosided", "b": {"type": "conductor", "material": "none"}}
-
 
 def path_of(found, emitter, mirrors=""):
     """Range and power of a path of direct light."""
@@ -256,8 +239,8 @@ def with_echoes(**more):
     """A radar before a metal plate and a white one, a distant source and a lamp."""
     return scene_of(
         tx=emitter(),
-        far=pm.aperture(SQUARE, WAVELENGTH, power=0.5, visible=False, to_world=at(0.3, 50.0)),
-        rx=receiver(to_world=at(0.1, 0.0, 0.0)),
+        far=emitter(pose=at(0.3, 50.0)),
+        rx=receiver(pose=at(0.1, 0.0, 0.0)),
         mirror={**plate(2.0, at(0.0, 20.0)), "bsdf": METAL},
         white=plate(1.0, at(3.0, 12.0)),
         lamp={"type": "point", "position": [0.0, 0.2, 8.0]},
@@ -307,7 +290,7 @@ def test_direct_light_and_echoes_of_mirrors_fall_into_the_bins_of_their_paths():
 
 def test_a_link_is_at_half_of_its_length():
     """The line of sight of another source, beyond all bins, and in them."""
-    scene = scene_of(tx=emitter(to_world=at(0.3, 9.0)), rx=receiver())
+    scene = scene_of(tx=emitter(pose=at(0.3, 9.0)), rx=receiver())
     power = pm.received_power(scene, spp=16).direct
     found = pm.range_profile(scene, [0.0, 4.0, 5.0], spp=16)
     assert found["direct_power"].values == pytest.approx([0.0, power])
@@ -321,7 +304,7 @@ def test_a_link_is_at_half_of_its_length():
 
 def test_bodies_and_paths_that_interfere_have_a_range():
     body = {"plate": pw.shapes.square(0.1).placed(np.array(at(0.0, 6.0).matrix))}
-    scene = scene_of(tx=emitter(), rx=receiver(to_world=at(0.05, 0.0, 0.0)))
+    scene = scene_of(tx=emitter(), rx=receiver(pose=at(0.05, 0.0, 0.0)))
     found = pm.range_profile(scene, np.arange(0.0, 8.0, 0.5), spp=16, coherent=True, bodies=body)
     steady = pm.received_power(scene, spp=16, coherent=True, bodies=body)
     assert found["mirrors"].values.tolist() == ["plate"]
@@ -332,10 +315,8 @@ def test_bodies_and_paths_that_interfere_have_a_range():
 
 
 def test_paths_of_one_bin_interfere_and_those_of_two_do_not():
-    floor = {**plate(8.0, mi.ScalarTransform4f().translate([0, -0.2, 4.0]).rotate([1, 0, 0], -90))}
-    scene = scene_of(
-        tx=emitter(to_world=at(0.0, 8.0)), rx=receiver(), floor={**floor, "bsdf": METAL}
-    )
+    floor = rectangle((0, -0.2, 4.0), (1, 0, 0), -90, 8.0, METAL)
+    scene = scene_of(tx=emitter(pose=at(0.0, 8.0)), rx=receiver(), floor=floor)
     steady = pm.received_power(scene, spp=16, coherent=True)
     paths = steady.contributions[0].paths
     assert len(paths) == 2

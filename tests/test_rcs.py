@@ -11,6 +11,7 @@ import pytest
 import shapely
 
 import polywigner as pw
+from oracles.bounces import triangles_of
 from oracles.meshes import (
     BOX,
     DIRECTIONS,
@@ -146,13 +147,9 @@ def test_the_total_is_the_mean_over_incident_polarisations() -> None:
 
 
 def test_channels_name_the_receiver_first() -> None:
-    polar, azimuth = (math.radians(a) for a in (55, 130))
-    v = (
-        math.cos(polar) * math.cos(azimuth),
-        math.cos(polar) * math.sin(azimuth),
-        -math.sin(polar),
-    )
-    h = (-math.sin(azimuth), math.cos(azimuth), 0.0)
+    h = np.cross((0, 0, 1), DIRECTIONS[1])
+    h /= np.linalg.norm(h)
+    v = np.cross(h, DIRECTIONS[1])
     s, t, horizontal = DIRECTIONS[1], towards(70, 0), (0.0, 1.0, 0.0)
     for name, q in (("vh", v), ("hh", h)):
         expected = pw.rcs(L_BODY, s, 0.3, t, (q, horizontal))
@@ -195,18 +192,8 @@ def test_forward_scattering_is_that_of_the_shadow(body: Any) -> None:
 def shadow_of(body: Any, t: np.ndarray) -> float:
     """The area that a body covers, seen along a direction, by a union of its faces."""
     across = np.linalg.svd(t[None])[2][1:].T
-    parts = []
-    for part in body if isinstance(body, list) else [body]:
-        if isinstance(part, pw.Polyhedron):
-            faces = [shapely.Polygon(part.vertices[list(face)] @ across) for face in part.faces]
-            parts += [face.buffer(0) for face in faces if face.area > 1e-9]
-        else:
-            pose = getattr(part, "pose", np.eye(4))
-            outline = getattr(part, "aperture", part).polygons
-            parts.append(
-                shapely.transform(outline, lambda p, m=pose: (p @ m[:3, :2].T + m[:3, 3]) @ across)
-            )
-    return float(shapely.union_all(parts).area)
+    faces = shapely.polygons(triangles_of(body if isinstance(body, list) else [body]) @ across)
+    return float(shapely.union_all(faces[shapely.area(faces) > 1e-9]).area)
 
 
 def section_of_plate(side: float, wavelength: float, s: Any, t: Any, q: Any, p: Any) -> float:
@@ -254,10 +241,9 @@ def test_columns_of_a_pattern_are_continuous_at_the_poles(
 
 
 def test_plates_that_coincide_count_once() -> None:
-    square = pw.shapes.square(1.0)
-    alone = pw.rcs(square, DIRECTIONS, 0.1)
-    np.testing.assert_allclose(pw.rcs([square, square], DIRECTIONS, 0.1), alone, rtol=1e-12)
-    np.testing.assert_allclose(pw.rcs(pw.Array([square]), DIRECTIONS, 0.1), alone, rtol=1e-12)
+    alone = pw.rcs(PLATE, DIRECTIONS, 0.1)
+    for body in ([PLATE, PLATE], pw.Array([PLATE])):
+        np.testing.assert_allclose(pw.rcs(body, DIRECTIONS, 0.1), alone, rtol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -11,8 +11,7 @@ import pytest
 import shapely
 
 import polywigner as pw
-from oracles.bounces import scattered_field, triangles_of
-from oracles.meshes import BOX, across, block, drone, joined, moved, section_root, torus, towards
+from oracles.meshes import BOX, block, drone, joined, moved, section_root, torus, towards
 from oracles.scan_lines import visible_lengths
 from polywigner.errors import ArgumentError, PolywignerWarning
 from polywigner.geometry import hidden_parts
@@ -23,8 +22,6 @@ pytestmark = pytest.mark.filterwarnings("ignore::polywigner.errors.PolywignerWar
 
 # Of the body's size: what rounding and the neglect of narrow parts leave.
 ROUNDING = 1e-9
-# Of rays, 250 across a body, in amplitudes of a plate of the body's shadow.
-RAYS = 1e-3
 
 
 def rotated(body: pw.Polyhedron, seed: int) -> tuple[pw.Polyhedron, np.ndarray]:
@@ -46,17 +43,6 @@ def test_beams_are_followed_between_all_parts_of_a_drone(
         sigma = pw.rcs(drone(sides), towards(polar, azimuth), 0.03, bounces=bounces)
     assert sigma > 0
     assert not any("could not be computed" in str(warning.message) for warning in found)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("polar", "azimuth"), [(60.1, 90.2), (70.0, 33.0)])
-def test_beams_of_a_drone_are_the_rays_of_two_reflections(polar: float, azimuth: float) -> None:
-    body, s, wavelength = drone(12), towards(polar, azimuth), 0.1
-    p = across(s)
-    field, area = scattered_field(triangles_of([body]), s, s, p, wavelength, 2, across=250)
-    found = math.sqrt(pw.rcs(body, s, wavelength, polarisation=(p, p), bounces=2))
-    expected = math.sqrt(4 * math.pi) / wavelength * abs(p @ field)
-    assert found == pytest.approx(expected, abs=RAYS * section_root(area, wavelength))
 
 
 def lit_lengths(body: Any, k: np.ndarray, angle: float, height: float) -> np.ndarray:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import mitsuba_scenes
 import polywigner as pw
 from oracles.meshes import extruded
 from polywigner.errors import ArgumentError, GeometryError, PolywignerWarning
@@ -30,16 +31,12 @@ def unit(*vector: float) -> np.ndarray:
 S, T = unit(0.2, 0.1, 1.0), unit(-0.5, 0.3, 1.0)
 
 
-def gauss(low: float, high: float, count: int) -> tuple[np.ndarray, np.ndarray]:
-    nodes, weights = np.polynomial.legendre.leggauss(count)
-    return (low + high) / 2 + nodes * (high - low) / 2, weights * (high - low) / 2
-
-
 def grid(width: float, height: float, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Points (n, 3) on a rectangle about the origin, and their areas."""
-    (x, a), (y, b) = gauss(-width / 2, width / 2, count), gauss(-height / 2, height / 2, count)
-    places = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
-    return np.column_stack([places, np.zeros(len(places))]), np.outer(a, b).ravel()
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    x, y = np.meshgrid(nodes * width / 2, nodes * height / 2, indexing="ij")
+    points = np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(-1, 3)
+    return points, np.outer(weights, weights).ravel() * width * height / 4
 
 
 def field_and_slope(
@@ -64,13 +61,7 @@ def field_and_slope(
 
 def looking(at: np.ndarray) -> np.ndarray:
     """The pose of a source at a place that looks at the origin, turned about its axis."""
-    z = -at / np.linalg.norm(at)
-    x = np.cross((0.6, 0.8, 0.0), z)
-    x /= np.linalg.norm(x)
-    pose = np.eye(4)
-    pose[:3, :3] = np.stack([x, np.cross(z, x), z])
-    pose[:3, 3] = -pose[:3, :3] @ at
-    return pose
+    return np.linalg.inv(mitsuba_scenes.looking(at, -at, (0.6, 0.8, 0.0)))
 
 
 @pytest.mark.parametrize("distance", [pytest.param(0.25, marks=pytest.mark.slow), 1.0])
@@ -125,23 +116,23 @@ def test_shadows_near_a_radar_are_those_of_rays() -> None:
     radar = looking(at)
     pair = [PLATE, small.placed(pose)]
     _, power = pw.rcs(pair, radar, WAVELENGTH, polarisation="vv", source=FEED, **APERTURE)
+    outline = np.asarray(small.rings[0])
+    sides = np.roll(outline, -1, axis=0) - outline
+
+    def inside(places: np.ndarray) -> np.ndarray:
+        beside = places[:, None, :2] - outline
+        return (sides[:, 0] * beside[..., 1] - sides[:, 1] * beside[..., 0] > 0).all(axis=1)
+
     points, areas = grid(0.2, 0.2, 100)
     # where a ray from the radar meets the plane of the small plate
     through = at + (points - at) * ((at[2] - 0.1) / at[2])
-    outline = np.asarray(small.rings[0]) + pose[:2, 3]
-    ends = np.roll(outline, -1, axis=0) - outline
-    beside = through[:, None, :2] - outline
-    inside = (ends[:, 0] * beside[..., 1] - ends[:, 1] * beside[..., 0] > 0).all(axis=1)
-    up = np.array([0.0, 0.0, 1.0])
-    field, slope = field_and_slope(0.06, 0.04, radar, points[~inside], up)
-    total = (field * slope * areas[~inside]).sum()
+    shadow = inside(through - pose[:3, 3])
     others, their = grid(0.06, 0.06, 100)
-    place = others[:, :2] + (0.005, 0.0)
-    beside = place[:, None] - np.asarray(small.rings[0])
-    lit = (ends[:, 0] * beside[..., 1] - ends[:, 1] * beside[..., 0] > 0).all(axis=1)
-    here = np.column_stack([place[lit], np.zeros(lit.sum())]) + pose[:3, 3]
-    field, slope = field_and_slope(0.06, 0.04, radar, here, up)
-    total += (field * slope * their[lit]).sum()
+    others += (0.005, 0.0, 0.0)
+    lit = inside(others)
+    every = np.concatenate([points[~shadow], others[lit] + pose[:3, 3]])
+    field, slope = field_and_slope(0.06, 0.04, radar, every, np.array([0.0, 0.0, 1.0]))
+    total = (field * slope * np.concatenate([areas[~shadow], their[lit]])).sum()
     # 100 cells across: edges of the shadow are met to half a cell, at random
     assert math.sqrt(power) == pytest.approx(abs(total), rel=1e-2)
 
@@ -194,6 +185,12 @@ def test_cross_sections_are_the_same_however_powers_count() -> None:
         (((0, 0), 0.02), {"source": FEED}, ArgumentError, "in m from the body"),
         (((0, 0, 1), 0.02), {"source": PLATE, "tolerance": 1.0}, ArgumentError, "tolerance"),
         (((0, 0, 1), 0.02), {"source": PLATE, "normalise": "all"}, ArgumentError, "normalise"),
+        (
+            ((0, 0, 9), 0.02),
+            {"source": FEED, "bounces": 2},
+            ArgumentError,
+            "bounces=1 with a source",
+        ),
         ((np.eye(4), 0.02), {"source": FEED}, GeometryError, "in front of the source"),
         ((2 * np.eye(4), 0.02), {"source": FEED}, GeometryError, "to_radar as rigid poses"),
     ],

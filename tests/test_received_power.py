@@ -95,13 +95,16 @@ def test_a_plate_before_half_of_the_aperture_takes_half_of_the_light(plain):
     assert "passes obstacles" in found.notes[0]
 
 
-def test_a_wall_takes_all_light_and_says_so(plain):
-    found = power_of(
-        tx=emitter(), rx=receiver(pose=facing(1.0)), wall=plate(0, 0, 0.5, [0, 1, 0], 180)
-    )
-    assert float(found) == 0 and found.dbm is None
-    assert "obstacles block it" in found.notes[0]
-    assert "none" in str(found)
+def test_a_link_without_direct_light_has_a_note(plain):
+    wall, behind = {"wall": plate(0, 0, 0.5, [0, 1, 0], 180)}, "in the plane of the other"
+    for pose, parts, reason in (
+        (facing(1.0), wall, "obstacles block it"),
+        (shifted(0.05), {}, behind),
+        (shifted(0, 0, 1.0), {}, behind),
+    ):
+        found = power_of(tx=emitter(), rx=receiver(pose=pose), **parts)
+        assert float(found) == 0 and found.dbm is None
+        assert reason in found.notes[0] and "none" in str(found)
 
 
 def test_surfaces_of_sources_and_null_surfaces_are_no_obstacles(plain):
@@ -114,13 +117,6 @@ def test_surfaces_of_sources_and_null_surfaces_are_no_obstacles(plain):
     part = next(part for part in found.contributions if part.name == "tx")
     expected = 0.75 * coupled(SQUARE, np.eye(4), SQUARE, facing(1.0))
     assert part.direct == pytest.approx(expected, rel=SINGLE)
-
-
-def test_sources_in_one_plane_or_back_to_back_have_no_direct_light(plain):
-    for pose in (shifted(0.05), shifted(0, 0, 1.0)):
-        found = power_of(tx=emitter(), rx=receiver(pose=pose))
-        assert float(found) == 0
-        assert "in the plane of the other" in found.notes[0]
 
 
 def test_of_a_source_that_reaches_behind_the_other_the_part_in_front_counts(plain):
@@ -340,6 +336,11 @@ def with_other(**changed):
     return lambda: scene_of(tx=emitter(), rx=pm.receiver(SQUARE, **options))
 
 
+def with_integrator(name):
+    ends = {"tx": emitter(), "rx": receiver(pose=facing(1.0))}
+    return lambda: scene_of(**ends, integrator={"type": name})
+
+
 @pytest.mark.parametrize(
     ("make", "message"),
     [
@@ -348,6 +349,10 @@ def with_other(**changed):
         (with_other(wavelength=4e-3), "one wavelength of emitter 'tx' and receiver 'rx'"),
         (with_other(obliquity="kirchhoff"), "one obliquity"),
         (with_other(scene_unit=1e-3, to_world=facing(1e3)), "one scene_unit"),
+        *(
+            (with_integrator(name), "integrator that finds the radiance along rays")
+            for name in ("depth", "ptracer")
+        ),
     ],
 )
 def test_a_scene_without_a_link_is_refused(plain, make, message):
@@ -382,10 +387,3 @@ def test_a_mirror_narrower_than_a_fresnel_zone_is_pointed_out(size, is_narrow):
     found = power_of(tx=emitter(), rx=receiver(pose=facing(1.0)), glass=mirror)
     narrow = [note for note in found.notes if "'glass' is narrower than a Fresnel zone" in note]
     assert len(narrow) == is_narrow
-
-
-@pytest.mark.usefixtures("plain")
-def test_integrators_that_find_no_radiance_are_refused():
-    for name in ("depth", "ptracer"):
-        with pytest.raises(SceneError, match="integrator that finds the radiance along rays"):
-            power_of(tx=emitter(), rx=receiver(pose=facing(1.0)), integrator={"type": name})

@@ -45,12 +45,19 @@ def scene_of(estimator="exact", depth=2, source=SQUARE, **things):
     return mi.load_dict(entries | things, optimize=False)
 
 
-def corner():
-    """A floor ahead and a wall beside it."""
-    return {
-        "floor": plate([0, 0, 1.0], [1, 0, 0], 180, 2.0),
-        "wall": plate([0.5, 0, 0], [0, 1, 0], -90, 2.0, **rough(0.8)),
-    }
+def on_floor(estimator="wigner", **things):
+    """The scene with a floor ahead."""
+    return scene_of(estimator, floor=plate([0, 0, 1.0], [1, 0, 0], 180, 2.0), **things)
+
+
+def in_corner(depth=3):
+    """The scene with a floor ahead and a wall beside it."""
+    return on_floor(depth=depth, wall=plate([0.5, 0, 0], [0, 1, 0], -90, 2.0, **rough(0.8)))
+
+
+def way_by(place):
+    """Lengths from the transmitter by places (n, 3) to the receiver."""
+    return np.linalg.norm(place, axis=1) + np.linalg.norm(place - [0.1, 0, 0], axis=1)
 
 
 def apart(cloud, expected, error=0.0):
@@ -64,7 +71,7 @@ def apart(cloud, expected, error=0.0):
 
 @pytest.mark.parametrize("estimator", [pytest.param("exact", marks=pytest.mark.slow), "wigner"])
 def test_powers_add_up_to_the_received_power(plain, estimator):
-    scene = scene_of(estimator, floor=plate([0, 0, 1.0], [1, 0, 0], 180, 2.0))
+    scene = on_floor(estimator)
     found = pm.received_power(scene, spp=128)
     cloud = pm.scatterers(scene, 100, rays=256)
     assert len(cloud["power"].values) == 100
@@ -75,7 +82,7 @@ def test_powers_add_up_to_the_received_power(plain, estimator):
 
 
 def test_one_seed_gives_one_cloud(plain):
-    scene = scene_of("wigner", floor=plate([0, 0, 1.0], [1, 0, 0], 180, 2.0))
+    scene = on_floor()
     first, again, other = (pm.scatterers(scene, 50, seed=s, rays=256) for s in (3, 3, 4))
     for name in first.data_vars:
         assert np.array_equal(first[name].values, again[name].values), name
@@ -86,51 +93,47 @@ def test_one_seed_gives_one_cloud(plain):
 
 
 def test_places_and_paths_are_those_of_the_geometry(plain):
-    floor = plate([0, 0, 1.0], [1, 0, 0], 180, 2.0)
-    cloud = pm.scatterers(scene_of(floor=floor), 60, rays=128)
+    cloud = pm.scatterers(on_floor("exact"), 60, rays=128)
     place = cloud["position"].values
     assert np.allclose(place[:, 2], 1.0, atol=SINGLE)
     assert np.allclose(cloud["normal"].values, [0, 0, -1], atol=SINGLE)
     assert set(cloud["shape"].values) == {"floor"} and set(cloud["emitter"].values) == {"tx"}
     assert set(cloud["bounces"].values) == {1}
-    ways = np.linalg.norm(place, axis=1) + np.linalg.norm(place - [0.1, 0, 0], axis=1)
     # both apertures are 3 mm wide
-    assert np.abs(cloud["path_length"].values - ways).max() < 4.3e-3
+    assert np.abs(cloud["path_length"].values - way_by(place)).max() < 4.3e-3
 
 
 def test_a_null_surface_is_no_scatterer_and_lets_paths_pass(plain):
-    floor = plate([0, 0, 1.0], [1, 0, 0], 180, 2.0)
     veil = plate([0, 0, 0.4], [1, 0, 0], 180, 3.0, type="null")
-    open_cloud = pm.scatterers(scene_of("wigner", floor=floor), 400, rays=128)
-    behind = pm.scatterers(scene_of("wigner", floor=floor, veil=veil), 400, rays=128)
+    open_cloud = pm.scatterers(on_floor(), 400, rays=128)
+    behind = pm.scatterers(on_floor(veil=veil), 400, rays=128)
     assert set(behind["shape"].values) == {"floor"} and set(behind["bounces"].values) == {1}
     power, error = float(open_cloud["power"].values.sum()), open_cloud.attrs["standard_error"]
     assert apart(behind, power, error) < SIGMAS and error < 0.2 * power
     # the same rays; lights at the end of each are drawn anew
-    straight = np.linalg.norm(behind["position"].values, axis=1)
-    back = np.linalg.norm(behind["position"].values - [0.1, 0, 0], axis=1)
-    assert np.abs(behind["path_length"].values - straight - back).max() < 4.3e-3
+    ways = way_by(behind["position"].values)
+    assert np.abs(behind["path_length"].values - ways).max() < 4.3e-3
 
 
 def test_a_path_of_two_bounces_stands_where_the_receiver_sees_it(plain):
-    scene = scene_of("wigner", 3, **corner())
+    scene = in_corner()
     cloud = pm.scatterers(scene, 4000, rays=256)
     twice = cloud["bounces"].values == 2
     assert twice.any() and set(np.unique(cloud["bounces"].values)) == {1, 2}
     place = cloud["position"].values
     on_wall = cloud["shape"].values == "wall"
     assert np.allclose(place[on_wall, 0], 0.5, atol=SINGLE)
-    straight = np.linalg.norm(place, axis=1) + np.linalg.norm(place - [0.1, 0, 0], axis=1)
+    straight = way_by(place)
     # the way by a second surface is longer
     assert (cloud["path_length"].values > straight - 4.3e-3).all()
     assert (cloud["path_length"].values[twice] > straight[twice] + 1e-4).mean() > 0.95
 
 
 def test_the_second_bounce_needs_its_depth(plain):
-    scene = scene_of("wigner", 3, **corner())
+    scene = in_corner()
     assert set(pm.scatterers(scene, 400, rays=64, max_depth=2)["bounces"].values) == {1}
     assert len(pm.scatterers(scene, 400, rays=64, max_depth=1)["power"].values) == 0
-    without = scene_of("wigner", -1, **corner())
+    without = in_corner(-1)
     assert pm.scatterers(without, 4000, rays=64)["bounces"].values.max() > 3
 
 
@@ -138,9 +141,8 @@ def test_the_second_bounce_needs_its_depth(plain):
 
 
 def test_paths_grow_as_geometry_says(plain):
-    floor = plate([0, 0, 1.0], [1, 0, 0], 180, 2.0)
     speeds = {"floor": (1.0, 2.0, 3.0), "tx": (0.5, 0.0, -1.0), "rx": (0.0, -2.0, 0.25)}
-    cloud = pm.scatterers(scene_of("wigner", floor=floor), 100, rays=64, velocities=speeds)
+    cloud = pm.scatterers(on_floor(), 100, rays=64, velocities=speeds)
     place = cloud["position"].values
     assert np.array_equal(cloud["velocity"].values, np.tile([1.0, 2.0, 3.0], (len(place), 1)))
 
@@ -173,7 +175,7 @@ def test_a_mirror_that_comes_nearer_shifts_the_path_by_twice_its_speed(plain):
 
 
 def test_files_hold_the_cloud(plain, tmp_path):
-    scene = scene_of("wigner", 3, **corner())
+    scene = in_corner()
     cloud = pm.scatterers(scene, 20, rays=64, velocities={"wall": (1, 0, 0)})
     pm.write_scatterers(cloud, tmp_path / "cloud.csv")
     with (tmp_path / "cloud.csv").open(encoding="utf-8") as file:
@@ -198,7 +200,7 @@ def test_files_hold_the_cloud(plain, tmp_path):
 
 
 def test_other_files_and_other_data_are_refused(plain, tmp_path):
-    scene = scene_of("wigner", floor=plate([0, 0, 1.0], [1, 0, 0], 180, 2.0))
+    scene = on_floor()
     cloud = pm.scatterers(scene, 5, rays=16)
     with pytest.raises(ArgumentError, match=r"expected a file of \.vtp, \.csv, \.nc"):
         pm.write_scatterers(cloud, tmp_path / "cloud.ply")
@@ -224,7 +226,7 @@ def test_other_files_and_other_data_are_refused(plain, tmp_path):
     ],
 )
 def test_arguments_out_of_range_are_refused(plain, options, message):
-    scene = scene_of("wigner", floor=plate([0, 0, 1.0], [1, 0, 0], 180, 2.0))
+    scene = on_floor()
     with pytest.raises(ArgumentError, match=message):
         pm.scatterers(scene, **options)
 

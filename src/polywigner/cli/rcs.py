@@ -23,7 +23,7 @@ from polywigner.cli.sources import Reading, field_title, required_wavelength, wa
 from polywigner.quantities import parse_angle
 
 if TYPE_CHECKING:
-    from polywigner.scattering.section_patterns import Pattern
+    from polywigner.scattering.cross_sections import Pattern
 
 _Format = StrEnum("_Format", "csv json nc")
 # Default steps in degrees: the finest one that takes a minute or less.
@@ -102,8 +102,8 @@ def rcs(
 
     from polywigner.figures import draw_rcs
     from polywigner.scattering.antennas import checked_channel
+    from polywigner.scattering.cross_sections import Pattern
     from polywigner.scattering.facets import facets_of
-    from polywigner.scattering.section_patterns import Pattern
 
     channel = None if polarisation is None else checked_channel(polarisation)
     metal = reading.read_body(body, open_mesh)

@@ -108,7 +108,7 @@ def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
     from polywigner.mitsuba import channel, choose_variant
     from polywigner.mitsuba.plugins.polariser import is_polarised
     from polywigner.mitsuba.plugins.receiver import receivers_of
-    from polywigner.mitsuba.receive.received import ReceiveOptions, interference_of
+    from polywigner.mitsuba.receive.received import ReceiveOptions
     from polywigner.mitsuba.receive.received_power import arrival_map, shapes_in
     from polywigner.mitsuba.scenes.scene_renders import (
         SceneFile,
@@ -139,9 +139,10 @@ def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
         loaded = file.load()
         receivers_of(loaded)
         by_argument = None if polarised else jones
-        waves = interference_of(settings.coherent, by_argument, None)
         how_many = settings.spp, seed, None, settings.reflections, settings.accuracy
-        asked = ReceiveOptions(*how_many, noise, waves)
+        waves = {"coherent": settings.coherent, "polarisation": by_argument}
+        others: dict[str, Any] = {**noise, **waves}
+        asked = ReceiveOptions(*how_many, **others)
         with _progress("receiving") as progress:
             how: dict[str, Any] = {"store": store, "progress": progress}
             how |= {"scheduler": settings.scheduler, "threads": settings.threads}

@@ -1,11 +1,19 @@
-"""Moments of a wave along a segment."""
+"""Moments of a wave along a segment, and smooth functions by polynomials."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+from numpy.polynomial import chebyshev
+from numpy.typing import NDArray
+
 from polywigner.numerics.phases import cos_sin_over_turns, polynomial
+
+Floats = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 
 # x = pi turns below which Bessel functions come from series, since the recurrence upwards loses
 # 3/x^3 ulps; and the number of terms in double and single precision. The omitted term of j_2 for
@@ -47,3 +55,42 @@ def _over_power(ops: Any, n: int, square: Any, terms: int) -> Any:
     for k in range(1, terms + 1):
         coefficients.append(coefficients[-1] * -0.5 / (k * (2 * n + 2 * k + 1)))
     return polynomial(ops, coefficients, square)
+
+
+# Numbers of Chebyshev's nodes, each with the nodes of the one before.
+_RULES = (5, 9, 17, 33, 65)
+
+
+def in_band(compute: Callable[[float], Complex], frequencies: Floats, tolerance: float) -> Complex:
+    """Smooth values (n, k) at frequencies (n,), by a polynomial if it takes fewer of them.
+
+    The number of Chebyshev's nodes is doubled until the polynomial predicts the values at the next
+    nodes to ``tolerance`` of the largest value.
+    """
+    low, high = float(frequencies.min()), float(frequencies.max())
+    steps = _RULES[-1] - 1
+    places = (low + high) / 2 - (high - low) / 2 * np.cos(np.pi * np.arange(steps + 1) / steps)
+    known: dict[int, Complex] = {}
+    nodes, values = np.empty(0), np.empty((0, 0), np.complex128)
+    for count in _RULES:
+        if count >= len(frequencies):
+            break
+        numbers = range(0, steps + 1, steps // (count - 1))
+        known |= {k: compute(float(places[k])) for k in numbers if k not in known}
+        predicted = _interpolated(nodes, values, places[numbers]) if len(nodes) else None
+        nodes, values = places[numbers], np.array([known[k] for k in numbers])
+        if predicted is not None:
+            errors = np.abs(predicted - values).max(axis=0)
+            if (errors <= tolerance * np.abs(values).max(axis=0)).all():
+                return _interpolated(nodes, values, frequencies)
+    return np.array([compute(float(frequency)) for frequency in frequencies])
+
+
+def _interpolated(nodes: Floats, values: Complex, frequencies: Floats) -> Complex:
+    """Values (n, k) at frequencies (n,) of the polynomial through nodes, ends included."""
+    low, high = nodes[[0, -1]]
+    if low == high:
+        return np.repeat(values[:1], len(frequencies), axis=0)
+    scaled = [(2 * x - low - high) / (high - low) for x in (nodes, frequencies)]
+    coefficients = chebyshev.chebfit(scaled[0], values, len(nodes) - 1)
+    return np.asarray(chebyshev.chebval(scaled[1], coefficients).T, np.complex128)

@@ -18,6 +18,7 @@ from polywigner.geometry.arguments import (
     rigid_pose,
     shape_of,
 )
+from polywigner.transforms.xarray_arguments import labelled_array, labelled_arrays
 
 if TYPE_CHECKING:
     import xarray
@@ -213,7 +214,14 @@ def rebuild(
     checked_flag(virtual, "virtual")
     edges = _edges(bounds, shape)
     pixels = math.prod(len(axis) - 1 for axis in edges)
-    batches, number = _batches(batch, pixels)
+    # a selection may have left some batches out
+    known, number = np.unique([0] if batch is None else batch, return_inverse=True)
+    batches = max(1, len(known))
+    if batches * pixels > _MOST_SUMS:
+        raise ArgumentError(
+            f"expected at most {_MOST_SUMS} pixels of all batches, got {batches} batches of "
+            f"{pixels} pixels; use fewer pixels"
+        )
     # and one place for the sum over all pixels
     sums, squares = np.zeros((batches, pixels + 1)), np.zeros(pixels + 1)
     lost = missed = 0
@@ -225,7 +233,7 @@ def rebuild(
         missed += int((pixel[kept] < 0).sum())
         kept &= pixel >= 0
         pixel, carried = pixel[kept], weight[some][kept]
-        group = 0 if batch is None else number[batch[some][kept]]
+        group = 0 if batch is None else number[some][kept]
         total = np.bincount(group * squares.size + pixel, carried, sums.size)
         sums += total.reshape(sums.shape)
         if batches == 1:
@@ -235,23 +243,24 @@ def rebuild(
     found, error = _errors(sums, squares, count_of(rays))
     area = math.prod(float(axis[-1] - axis[0]) for axis in edges) / pixels
     about = {"power": found[-1], "power_error": error[-1], "lost": lost, "missed": missed}
-    return _dataset(edges, found[:-1] / area, error[:-1] / area, {**rays.attrs, **about})
-
-
-def _batches(batch: NDArray[Any] | None, pixels: int) -> tuple[int, NDArray[np.int64]]:
-    """Number of batches, and their new numbers: a selection may have left some out.
-
-    ArgumentError for more sums than fit into memory.
-    """
-    is_there = np.zeros(MOST_BATCHES, bool)
-    is_there[0 if batch is None else batch] = True
-    count = max(1, int(is_there.sum()))
-    if count * pixels > _MOST_SUMS:
-        raise ArgumentError(
-            f"expected at most {_MOST_SUMS} pixels of all batches, got {count} batches of {pixels} "
-            "pixels; use fewer pixels"
-        )
-    return count, np.cumsum(is_there) - 1
+    values = {
+        "irradiance": (found[:-1], "irradiance, the mean over a pixel"),
+        "standard_error": (error[:-1], "standard error of the irradiance"),
+    }
+    size, units = (len(edges[1]) - 1, len(edges[0]) - 1), {"units": "W m-2"}
+    return labelled_arrays(
+        {
+            name: labelled_array(
+                (own / area).reshape(size), ("y", "x"), units | {"long_name": text}
+            )
+            for name, (own, text) in values.items()
+        },
+        {
+            name: labelled_array((axis[1:] + axis[:-1]) / 2, (name,), {"units": "m"})
+            for name, axis in zip("xy", edges, strict=True)
+        },
+        {**rays.attrs, **about},
+    )
 
 
 def _errors(sums: Values, squares: Values, count: int) -> tuple[Values, Values]:
@@ -307,21 +316,3 @@ def _edges(bounds: Any, shape: Any) -> tuple[Values, Values]:
     if nx * ny > _MOST_IN_ALL:
         raise ArgumentError(f"expected at most {_MOST_IN_ALL} pixels, got {nx} x {ny}")
     return np.linspace(found[0], found[2], nx + 1), np.linspace(found[1], found[3], ny + 1)
-
-
-def _dataset(
-    edges: tuple[Values, Values], irradiance: Values, error: Values, attrs: dict[str, Any]
-) -> xarray.Dataset:
-    import xarray
-
-    size = len(edges[1]) - 1, len(edges[0]) - 1
-    dataset = xarray.Dataset(attrs=attrs)
-    for name, values, meaning in (
-        ("irradiance", irradiance, "irradiance, the mean over a pixel"),
-        ("standard_error", error, "standard error of the irradiance"),
-    ):
-        about = {"units": "W m-2", "long_name": meaning}
-        dataset[name] = ("y", "x"), values.reshape(size), about
-    for name, axis in zip("xy", edges, strict=True):
-        dataset.coords[name] = name, (axis[1:] + axis[:-1]) / 2, {"units": "m"}
-    return dataset

@@ -6,7 +6,6 @@ import json
 import os
 import re
 import warnings
-from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -48,96 +47,12 @@ _PART_NAMES = {1: "signed", +2: "positive part", -2: "negative part, to be subtr
 _OURS = re.compile(r"polywigner rays of (\d+): (signed|positive|negative)")
 
 
-def write_source_file(
-    path: Path, columns: Values, wavelength: float, unit: str, count: int, part: int
-) -> None:
-    """Write rays (n, 7), lengths in m and watts, to a file in single precision.
-
-    ``count`` : how many rays were drawn. ``part`` : 1 for all, 2 for those above zero, -2 for those
-    below, of which the file has the moduli.
-    """
-    if abs(part) > 1:
-        columns = columns[columns[:, 6] * part > 0]
-    scale = np.array([1 / METRES[unit]] * 3 + [1.0] * 3 + [-1.0 if part < 0 else 1.0])
-    header = np.zeros((), _HEADER)
-    flux = float(columns[:, 6].sum() * scale[6])
-    header["Identifier"], header["NbrRays"] = _IDENTIFIERS[0], len(columns)
-    header["Description"] = f"polywigner rays of {count}: {_PART_NAMES[part]}".encode()
-    header["SourceFlux"] = header["RaySetFlux"] = flux
-    header["Wavelength"] = wavelength / _MICROMETRE
-    header["InclinationEnd"], header["AzimuthEnd"] = 180.0, 360.0
-    header["DimensionUnits"] = list(METRES).index(unit)
-    header["Scale"] = 1.0
-    with path.open("wb") as file:
-        file.write(header.tobytes())
-        with np.errstate(over="ignore"):  # infinite: lost
-            for start in range(0, len(columns), _BLOCK):
-                file.write((columns[start : start + _BLOCK] * scale).astype("<f4").tobytes())
-
-
-def read_source_file(path: Path) -> Any:
-    """Read rays of OpticStudio's files, of other programs too, in watts and of one wavelength.
-
-    Raises FileFormatError for others, OSError for those that cannot be read.
-    """
-    with path.open("rb") as file:
-        start = file.read(_HEADER.itemsize)
-        if len(start) < _HEADER.itemsize:
-            raise _wrong(path, f"{len(start)} bytes")
-        header = np.frombuffer(start, _HEADER)[0]
-        if header["Identifier"] not in _IDENTIFIERS:
-            raise _wrong(path, f"the identifier {header['Identifier']}")
-        columns = _NUMBERS.get(int(header["ray_format_type"]))
-        units = list(METRES.values())
-        number = int(header["DimensionUnits"])
-        if columns is None or not 0 <= number < len(units):
-            raise _wrong(path, f"format {header['ray_format_type']} in unit {number}")
-        if header["flux_type"] != 0:
-            raise FileFormatError(f"expected {path.name} in watts, got lumens")
-        n = int(header["NbrRays"])
-        size = path.stat().st_size - _HEADER.itemsize
-        if size != 4 * n * columns:
-            raise _wrong(path, f"{size} bytes for {n} rays")
-        rays = np.fromfile(file, "<f4", n * columns).reshape(n, columns)
-        with np.errstate(invalid="ignore"):  # of a NaN that asks for it
-            rays = rays.astype(np.float64)
-    wavelength = float(header["Wavelength"])
-    if columns > 7:
-        different = np.unique(rays[:, 7])
-        if len(different) > 1:
-            raise FileFormatError(
-                f"expected {path.name} with one wavelength, got {len(different)}; export a file "
-                "for each"
-            )
-        wavelength = float(different[0]) if n else wavelength
-    rays = rays[:, :7]
-    rays[:, :3] *= units[number]
-    if not rays[:, 3:6].any(axis=1).all():
-        raise _wrong(path, "directions of no length")
-    # single precision: lengths of directions are one to 6e-8 only
-    rays[:, 3:6] /= np.linalg.norm(rays[:, 3:6], axis=1, keepdims=True)
-    attrs: dict[str, Any] = {"wavelength": wavelength * _MICROMETRE} if wavelength > 0 else {}
-    ours = _OURS.match(header["Description"].decode("utf-8", "replace"))
-    if ours:
-        attrs["count"] = int(ours[1])
-        if ours[2] == "negative":
-            rays[:, 6] *= -1
-    return bundle(rays[:, :3], rays[:, 3:6], rays[:, 6], None, attrs)
-
-
-def _wrong(path: Path, got: str) -> FileFormatError:
-    return FileFormatError(
-        f"expected {path.name} as a binary source file of OpticStudio, got {got}; export it anew"
-    )
-
-
 SUFFIXES = (".npz", ".csv", ".nc", ".dat")
 """Suffixes of the formats."""
 
 LengthUnit = Literal["m", "in", "cm", "ft", "mm"]
 _COLUMNS = ("x", "y", "z", "l", "m", "n", "weight")
 _PARTS = {"_positive": 2, "_negative": -2}
-_HINT = "write it by rays.save"
 _MOST_COUNTED = 1 << 53
 # Of a library's message, which may quote the file.
 _LONGEST = 200
@@ -195,62 +110,78 @@ def save(
     True
     """
     checked_choice(unit, "unit", METRES)
-    paths = names_of(checked_path(path), checked_flag(split, "split"))
+    place, is_split = checked_path(path), checked_flag(split, "split")
+    suffix = _suffix_of(place)
+    if is_split and suffix != ".dat":
+        raise ArgumentError(f"expected split with .dat, got {suffix}, which holds signed powers")
+    position, direction, weight, batch = checked_bundle(rays)
+    columns = np.column_stack([position, direction, weight])
     try:
-        paths[0].parent.mkdir(parents=True, exist_ok=True)
-        with ExitStack() as stack:
-            scratch = [stack.enter_context(atomic_path(path)) for path in paths]
-            write_to(rays, scratch, paths, unit)
+        place.parent.mkdir(parents=True, exist_ok=True)
+        if suffix == ".dat":
+            if not is_split:
+                _warn_of_negative(weight)
+            return _write_source_files(rays, columns, place, unit, is_split)
+        with atomic_path(place) as scratch:
+            if suffix == ".nc":
+                write_netcdf(rays, scratch)
+            elif suffix == ".npz":
+                own: dict[str, Any] = {} if batch is None else {"batch": batch}
+                own |= {"position": position, "direction": direction, "weight": weight}
+                with scratch.open("wb") as file:
+                    np.savez(file, **own, attrs=np.array(_text_of(rays.attrs)))
+            else:
+                names, digits = list(_COLUMNS), ["%.17g"] * 7
+                if batch is not None:
+                    columns = np.column_stack([columns, batch])
+                    names, digits = [*names, "batch"], [*digits, "%d"]
+                head = f"# {_text_of(rays.attrs)}\n{','.join(names)}"
+                how = {"header": head, "comments": "", "encoding": "utf-8"}
+                np.savetxt(scratch, columns, digits, ",", **how)
     except OSError as error:
         raise ArgumentError(
             f"expected to write {path}, got {error.strerror or error}; choose another place"
         ) from error
-    return paths
+    return (place,)
 
 
-def names_of(path: Path, split: bool) -> tuple[Path, ...]:
-    """The files of a path; ArgumentError for a suffix that is no format, and split ones."""
+def _suffix_of(path: Path) -> str:
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise ArgumentError(
             f"expected a file of rays ending with {', '.join(SUFFIXES)}, got {path.name!r}"
         )
-    if not split:
-        return (path,)
-    if suffix != ".dat":
-        raise ArgumentError(f"expected split with .dat, got {suffix}, which holds signed powers")
-    return tuple(path.with_name(f"{path.stem}{part}{path.suffix}") for part in _PARTS)
+    return suffix
 
 
-def write_to(rays: Any, scratch: Sequence[Path], paths: Sequence[Path], unit: str = "mm") -> None:
-    """Write scratch files in the formats of the paths that they will have."""
-    position, direction, weight, batch = checked_bundle(rays)
-    suffix = paths[0].suffix.lower()
-    columns = np.column_stack([position, direction, weight])
-    if suffix == ".nc":
-        write_netcdf(rays, scratch[0])
-    elif suffix == ".npz":
-        found: dict[str, Any] = {"position": position, "direction": direction, "weight": weight}
-        if batch is not None:
-            found["batch"] = batch
-        with scratch[0].open("wb") as file:
-            np.savez(file, **found, attrs=np.array(_text_of(rays.attrs)))
-    elif suffix == ".csv":
-        names, digits = list(_COLUMNS), ["%.17g"] * 7
-        if batch is not None:
-            columns = np.column_stack([columns, batch])
-            names, digits = [*names, "batch"], [*digits, "%d"]
-        head = f"# {_text_of(rays.attrs)}\n{','.join(names)}"
-        np.savetxt(scratch[0], columns, digits, ",", header=head, comments="", encoding="utf-8")
-    else:
-        parts = list(_PARTS.values())
-        if len(paths) == 1:
-            parts = [1]
-            _warn_of_negative(weight)
-        given = rays.attrs.get("wavelength")
-        wavelength = float(given) if isinstance(given, (int, float, np.number)) else 0.0
-        for file_, part in zip(scratch, parts, strict=True):
-            write_source_file(file_, columns, wavelength, unit, count_of(rays), part)
+def _write_source_files(
+    rays: Any, columns: Values, path: Path, unit: str, split: bool
+) -> tuple[Path, ...]:
+    """Write rays (n, 7), lengths in m and watts, in single precision; split ones have moduli."""
+    parts = {path: 1}
+    if split:
+        parts = {path.with_name(f"{path.stem}{k}{path.suffix}"): n for k, n in _PARTS.items()}
+    given = rays.attrs.get("wavelength")
+    header = np.zeros((), _HEADER)
+    header["Identifier"] = _IDENTIFIERS[0]
+    if isinstance(given, (int, float, np.number)):
+        header["Wavelength"] = float(given) / _MICROMETRE
+    header["InclinationEnd"], header["AzimuthEnd"] = 180.0, 360.0
+    header["DimensionUnits"] = list(METRES).index(unit)
+    header["Scale"] = 1.0
+    with ExitStack() as stack:
+        for own, part in parts.items():
+            kept = columns if part == 1 else columns[columns[:, 6] * part > 0]
+            scale = np.array([1 / METRES[unit]] * 3 + [1.0] * 3 + [-1.0 if part < 0 else 1.0])
+            name = f"polywigner rays of {count_of(rays)}: {_PART_NAMES[part]}"
+            header["NbrRays"], header["Description"] = len(kept), name.encode()
+            header["SourceFlux"] = header["RaySetFlux"] = kept[:, 6].sum() * scale[6]
+            with stack.enter_context(atomic_path(own)).open("wb") as file:
+                file.write(header.tobytes())
+                with np.errstate(over="ignore"):  # infinite: lost
+                    for start in range(0, len(kept), _BLOCK):
+                        file.write((kept[start : start + _BLOCK] * scale).astype("<f4").tobytes())
+    return tuple(parts)
 
 
 def _warn_of_negative(weight: Any) -> None:
@@ -292,20 +223,22 @@ def load(path: str | os.PathLike[str]) -> xarray.Dataset:
     True
     """
     file = checked_path(path)
-    names_of(file, False)
+    suffix = _suffix_of(file)
     try:
         check_regular(file)
     except FileFormatError as error:
         raise FileFormatError(f"{file}: {error}") from None
-    read = {".npz": _read_npz, ".csv": _read_csv, ".nc": _read_netcdf, ".dat": read_source_file}
+    read = {".npz": _read_npz, ".csv": _read_csv, ".nc": _read_netcdf, ".dat": _read_source_file}
     try:
-        found = read[file.suffix.lower()](file)
+        found = read[suffix](file)
         _check_loaded(found)
     except (FileFormatError, MissingExtraError):
         raise
     except Exception as error:  # NumPy, zipfile and HDF5 raise many kinds for damaged files
         said = str(error).splitlines()[0][:_LONGEST] if str(error) else type(error).__name__
-        raise FileFormatError(f"expected rays in {file.name}, got {said}; {_HINT}") from None
+        raise FileFormatError(
+            f"expected rays in {file.name}, got {said}; write it by rays.save"
+        ) from None
     return found
 
 
@@ -351,6 +284,50 @@ def _read_netcdf(file: Path) -> Any:
     with warnings.catch_warnings(), ExitStack() as stack:
         warnings.simplefilter("ignore")  # of dimensions without names
         return stack.enter_context(xarray.open_dataset(file, engine="h5netcdf")).load()
+
+
+def _read_source_file(path: Path) -> Any:
+    """Read rays of OpticStudio's files, of other programs too, in watts and of one wavelength."""
+
+    def wrong(got: str) -> FileFormatError:
+        expected = f"expected {path.name} as a binary source file of OpticStudio"
+        return FileFormatError(f"{expected}, got {got}; export it anew")
+
+    content = path.read_bytes()
+    if len(content) < _HEADER.itemsize:
+        raise wrong(f"{len(content)} bytes")
+    header = np.frombuffer(content, _HEADER, 1)[0]
+    if header["Identifier"] not in _IDENTIFIERS:
+        raise wrong(f"the identifier {header['Identifier']}")
+    columns, units = _NUMBERS.get(int(header["ray_format_type"])), list(METRES.values())
+    number, n = int(header["DimensionUnits"]), int(header["NbrRays"])
+    if columns is None or not 0 <= number < len(units):
+        raise wrong(f"format {header['ray_format_type']} in unit {number}")
+    if header["flux_type"] != 0:
+        raise FileFormatError(f"expected {path.name} in watts, got lumens")
+    size = len(content) - _HEADER.itemsize
+    if size != 4 * n * columns:
+        raise wrong(f"{size} bytes for {n} rays")
+    with np.errstate(invalid="ignore"):  # of a NaN that asks for it
+        rays = np.frombuffer(content, "<f4", offset=_HEADER.itemsize).astype(np.float64)
+    rays = rays.reshape(n, columns)
+    wavelengths = np.unique(rays[:, 7:])
+    if len(wavelengths) > 1:
+        raise FileFormatError(
+            f"expected {path.name} with one wavelength, got {len(wavelengths)}; export a file for "
+            "each"
+        )
+    wavelength = float([*wavelengths, header["Wavelength"]][0])
+    attrs: dict[str, Any] = {"wavelength": wavelength * _MICROMETRE} if wavelength > 0 else {}
+    position, direction, weight = rays[:, :3] * units[number], rays[:, 3:6], rays[:, 6]
+    if not direction.any(axis=1).all():
+        raise wrong("directions of no length")
+    # single precision: lengths of directions are one to 6e-8 only
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    if ours := _OURS.match(header["Description"].decode("utf-8", "replace")):
+        attrs["count"] = int(ours[1])
+        weight = -weight if ours[2] == "negative" else weight
+    return bundle(position, direction, weight, None, attrs)
 
 
 def _attrs(text: str) -> dict[str, Any]:

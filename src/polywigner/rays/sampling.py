@@ -50,6 +50,8 @@ RaySampling = Literal["uniform", "marginal", "quasi-random"]
 
 Values = NDArray[np.float64]
 
+# Rays at a time: some 200 MB.
+_BLOCK = 1 << 20
 # Independent sets of quasi-random numbers, from whose scatter the error follows, to a fifth.
 BATCHES = 16
 # Cones whose axes passed through single precision may reach so far behind the source, in pi/2.
@@ -58,37 +60,31 @@ _UNIT = 1e-6
 _LEAST_COSINE = 1e-8
 
 
-def numbers_of(
-    sampling: str, count: int, seed: Any, block: int, others: int = 0
+def _numbers(
+    sampling: str, count: int, seed: Any, tilts: int
 ) -> Iterator[tuple[Values, int | None]]:
-    """Numbers (m, k) in [0, 1), m up to ``block``, two for the direction first; and their batch.
+    """Numbers (m, k) in [0, 1), and the batch of quasi-random ones, which depend on each other.
 
-    After them those for the position, two or with "marginal" four, and then ``others``.
-    Random ones are independent of each other, without a batch; those of one batch of quasi-random
-    ones are not. Raises MissingExtraError for quasi-random numbers without scipy.
+    Two for the direction, two or with "marginal" four for the position, and those for the tilt.
+    Raises MissingExtraError for quasi-random numbers without scipy.
     """
     generator = checked_generator(seed)
     if sampling != "quasi-random":
-        columns = (6 if sampling == "marginal" else 4) + others
-        for start in range(0, count, block):
-            yield generator.random((min(block, count - start), columns)), None
+        columns = (6 if sampling == "marginal" else 4) + tilts
+        for start in range(0, count, _BLOCK):
+            yield generator.random((min(_BLOCK, count - start), columns)), None
         return
+    library = require("scipy.stats.qmc", "arrays", "has quasi-random numbers (Sobol)")
     for batch in range(BATCHES):
         size = (count + batch) // BATCHES  # as equal as whole numbers are
-        numbers = _sobol_numbers(size, 4 + others, generator)
-        for start in range(0, size, block):
-            yield numbers[start : start + block], batch
+        sequence = library.Sobol(4 + tilts, scramble=True, seed=generator)
+        numbers = sequence.random_base2(math.ceil(math.log2(size)))[:size]
+        numbers = np.minimum(numbers, 1 - 2.0**-53)  # scrambled numbers may round to 1
+        for start in range(0, size, _BLOCK):
+            yield numbers[start : start + _BLOCK], batch
 
 
-def _sobol_numbers(size: int, columns: int, generator: np.random.Generator) -> Values:
-    """The first numbers (size, columns) in [0, 1) of a scrambled Sobol sequence."""
-    library = require("scipy.stats.qmc", "arrays", "has quasi-random numbers (Sobol)")
-    sequence = library.Sobol(columns, scramble=True, seed=generator)
-    numbers: Values = sequence.random_base2(math.ceil(math.log2(size)))[:size]
-    return np.minimum(numbers, 1 - 2.0**-53)  # scrambled numbers may round to 1
-
-
-def normal_numbers(numbers: Values) -> Values:
+def _normal_numbers(numbers: Values) -> Values:
     """Standard normal numbers (n, 2) of numbers (n, 2) in [0, 1), neighbours of neighbours.
 
     The square of the radius is exponential (Box and Muller 1958).
@@ -218,8 +214,6 @@ Directions = Literal["beam", "uniform"]
 
 # 12 GB of rays; of more draw several sets.
 _MOST = 100_000_000
-# Rays at a time: some 200 MB.
-_BLOCK = 1 << 20
 # The squares of powers in W are summed for the error.
 _MOST_WATTS = 1e100
 
@@ -311,14 +305,25 @@ def sample_rays(
     position, direction, weight = np.empty((n, 3)), np.empty((n, 3)), np.empty(n)
     batch = np.empty(n, np.int32) if sampling == "quasi-random" else None
     start = 0
-    for numbers, number in numbers_of(sampling, n, seed, _BLOCK, tilts):
+    for numbers, number in _numbers(sampling, n, seed, tilts):
         some = slice(start, start + len(numbers))
         first, tilt = np.split(numbers, [numbers.shape[1] - tilts], axis=1)
         places, per_area = sample_automean(flat, first[:, 2:], density, engine=engine)
-        turn = _turn(radiator, places, tilt)
+        turn = None
+        if isinstance(radiator, Wavefront):
+            # W of the curved wave is that of the flat source less its slope Q (x - c), (Q2), and of
+            # partly coherent light the mean over normal tilts, (PC4), of which each ray has one
+            turn = (places - radiator.centre) @ radiator.curvature
+            if tilts:
+                turn += _normal_numbers(tilt) / (2 * math.pi * radiator.coherence_width)
         own, solid_angle = where.directions(first[:, :2], None if turn is None else length * turn)
-        radiance = _radiance(parts, places, own, turn, length, engine)
-        weight[some] = radiance * (scale / n) * solid_angle / per_area
+        nu = own[:, :2] / length
+        nu = nu if turn is None else nu - turn
+        radiance = sum(
+            wigner(part, places, nu, engine=engine) * emission_factor(forms, own[:, 2])
+            for part, forms in parts
+        )
+        weight[some] = radiance * (scale / n / length**2) * solid_angle / per_area
         position[some] = places @ pose[:3, :2].T + pose[:3, 3]
         direction[some] = own @ pose[:3, :3].T
         if batch is not None and number is not None:
@@ -333,20 +338,6 @@ def sample_rays(
         **source_attrs(radiator),
     }
     return bundle(position, direction, weight, batch, attrs)
-
-
-def _turn(source: PlaneSource | Wavefront, places: Values, numbers: Values) -> Values | None:
-    """Frequencies (n, 2) by which the wave is inclined at each place; None: nowhere.
-
-    W of the curved wave is that of the flat source less its slope Q (x - c), (Q2), and of partly
-    coherent light the mean over normal tilts, (PC4), of which each ray has one.
-    """
-    if not isinstance(source, Wavefront):
-        return None
-    turn = (places - source.centre) @ source.curvature
-    if not source.is_coherent:
-        turn += normal_numbers(numbers) / (2 * math.pi * source.coherence_width)
-    return np.asarray(turn)
 
 
 def _placed(source: Any, to_world: Any) -> tuple[PlaneSource | Wavefront, Values]:
@@ -372,9 +363,7 @@ def _scale(
         )
     if power is None and aperture_power is None:
         return 1.0
-    name, value = "power", power
-    if power is None:
-        name, value = "aperture_power", aperture_power
+    name, value = ("power", power) if aperture_power is None else ("aperture_power", aperture_power)
     meaning = f"a number in W above zero and below {_MOST_WATTS:g}"
     watts = checked_number(value, name, meaning)
     if not 0 < watts < _MOST_WATTS:
@@ -382,21 +371,3 @@ def _scale(
     if power is None:
         return watts / root_of_norm(source, wavelength, obliquity, "aperture") ** 2
     return watts / radiated_power(source, wavelength, obliquity)  # type: ignore
-
-
-def _radiance(
-    parts: Any,
-    places: Values,
-    direction: Values,
-    turn: Values | None,
-    wavelength: float,
-    engine: Engine,
-) -> Values:
-    """Sums over the parts of their radiance times h, (n,) in W/(m^2 sr)."""
-    nu, cosine = direction[:, :2] / wavelength, direction[:, 2]
-    if turn is not None:
-        nu = nu - turn
-    total = np.zeros(len(places))
-    for source, forms in parts:
-        total += wigner(source, places, nu, engine=engine) * emission_factor(forms, cosine)
-    return total / wavelength**2

@@ -46,8 +46,7 @@ def checked_wavelengths(wavelength: Any) -> Floats:
     """Wavelengths (...) in m; ArgumentError for anything but finite numbers above zero."""
     expected = "expected wavelengths as numbers above zero, in m"
     array = checked_vectors(wavelength, expected, ())
-    with np.errstate(over="ignore", under="ignore", divide="ignore"):
-        usable = (array > 0) & np.isfinite(array**2) & np.isfinite(1 / array**2)
+    usable = (array > 0) & np.isfinite(array)
     if not usable.all():
         raise ArgumentError(f"{expected}, got {array[~usable].flat[0]:g}; check its unit")
     return array
@@ -88,21 +87,17 @@ def checked_polarisations(
         q, p = (np.array(vectors, np.complex128) for vectors in polarisation)
         if q.shape[-1:] != (3,) or p.shape[-1:] != (3,):
             raise ValueError
-        along = [
-            (vectors * towards).sum(axis=-1) for vectors, towards in zip((q, p), ends, strict=True)
-        ]
+        along = [(v * towards).sum(axis=-1) for v, towards in zip((q, p), ends, strict=True)]
     except (TypeError, ValueError):
         raise ArgumentError(f"{expected}, got {value_text(polarisation)}") from None
     for name, vectors, part in zip(("receiver", "transmitter"), (q, p), along, strict=True):
         lengths, lean = np.linalg.norm(vectors, axis=-1), np.abs(part).max(initial=0.0)
         wrong = ~(np.abs(lengths - 1) <= _UNIT)
-        if wrong.any():
-            got = f"of length {lengths[wrong][0]:.6g}"
-        elif lean > _UNIT:
+        got = f"of length {lengths[wrong][0]:.6g}" if wrong.any() else ""
+        if not got and lean > _UNIT:
             got = f"that leans by {np.degrees(np.arcsin(min(1, lean))):.3g} degrees towards it"
-        else:
-            continue
-        raise ArgumentError(f"{expected}, got one of the {name} {got}")
+        if got:
+            raise ArgumentError(f"{expected}, got one of the {name} {got}")
     return q, p
 
 
@@ -174,12 +169,14 @@ class Antenna:
 
     def field(self, places: Floats) -> Complex:
         """The field per square root of watts, (n,)."""
-        found = amplitude(self.source, self.inside(places), self.wavelength, **self._how)
-        return np.asarray(found / self.root_of_power)
+        return np.asarray(self._amplitude(places)[0] / self.root_of_power)
 
-    @property
-    def _how(self) -> dict[str, Any]:
-        return {"method": self.condition, "tolerance": self.tolerance}
+    def _amplitude(self, places: Floats) -> tuple[Complex, Floats]:
+        """Field and its error for |u|^2 in W/m^2."""
+        how: Any = self.wavelength, self.condition
+        options: Any = {"tolerance": self.tolerance, "return_error": True}
+        field, error = amplitude(self.source, self.inside(places), *how, **options)
+        return np.asarray(field), np.asarray(error)
 
     def wave(self, places: Floats) -> tuple[Complex, Complex, Floats]:
         """Field, slope and direction of the wave per root of watts at places (n, 3).
@@ -189,7 +186,10 @@ class Antenna:
         where waves cross.
         """
         if self.jones is None:
-            field, slope = self.field(places), self._gradient(places)
+            how = self.wavelength, self.condition, self.tolerance
+            gradient = field_gradient(radiator_of(self.source), self.inside(places), *how)
+            scale = self.wavelength / (2j * np.pi * self.root_of_power)
+            field, slope = self.field(places), (gradient @ self.frame) * scale
             strength, flow = np.abs(field) ** 2, field.conj()[:, None] * slope
         else:
             field, slope = self._vectors(places)
@@ -208,21 +208,11 @@ class Antenna:
         scale = self.frame / self.root_of_power
         return electric @ scale, magnetic @ scale
 
-    def _gradient(self, places: Floats) -> Complex:
-        radiator = radiator_of(self.source)
-        how = self.wavelength, self.condition, self.tolerance
-        gradient = field_gradient(radiator, self.inside(places), *how)
-        found = gradient @ self.frame.astype(np.complex128)
-        return found * (self.wavelength / (2j * np.pi * self.root_of_power))
-
     def power_at_middle(self) -> float:
         """|U|^2 at the body's middle over watts; 0 in a null, where no more than its error is."""
         if self.jones is not None:
             return float(np.square(np.abs(self._vectors(np.zeros(3))[0])).sum())
-        place = self.inside(np.zeros(3))
-        found, error = amplitude(
-            self.source, place, self.wavelength, **self._how, return_error=True
-        )
+        found, error = self._amplitude(np.zeros(3))
         return float(abs(found) / self.root_of_power) ** 2 if abs(found) > error else 0.0
 
     def check_in_front(self, facets: Facets, name: str) -> None:

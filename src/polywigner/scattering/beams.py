@@ -32,8 +32,8 @@ from polywigner.geometry.hidden_parts import (
     unions,
 )
 from polywigner.scattering.facets import Facets
-from polywigner.scattering.surface_sums import Pieces, surface_sums, transforms
 from polywigner.scattering.visibility import (
+    Pieces,
     Seen,
     axes_across,
     facing,
@@ -41,6 +41,8 @@ from polywigner.scattering.visibility import (
     lit_pieces,
     pieces_of,
     seen_along,
+    surface_sums,
+    transforms,
 )
 
 Floats = NDArray[np.float64]
@@ -59,30 +61,6 @@ _AT_ONCE = 1 << 10
 _SLACK = 1e-9
 
 
-def lit_sums(
-    facets: Facets,
-    k: Floats,
-    s: Floats,
-    nu: Floats,
-    monostatic: bool,
-) -> Complex:
-    """N(nu) (m, 3) of surfaces lit along k and seen from s, (m, 3) each.
-
-    NaN, with a warning, in directions whose lit polygons cannot be computed.
-
-    Raises ArgumentError if all directions are beyond what fits in memory.
-    """
-    whole = Pieces(facets.corner, facets.first, facets.second, facets.vector)
-    if not facets.casts_shadows:
-        return surface_sums(whole, nu, lambda some, part: facing(facets, k[some], part))
-    result = np.zeros((len(nu), 3), np.complex128)
-    failures = _Failures(result)
-    for view in _views(facets, k, s, monostatic, failures):
-        result[view.rows] = surface_sums(view.pieces, nu[view.rows])
-    failures.report()
-    return result
-
-
 def sums_of_beams(
     facets: Facets, k: Floats, s: Floats, lengths: Floats, monostatic: bool, bounces: int
 ) -> tuple[Complex, Complex | None]:
@@ -94,10 +72,11 @@ def sums_of_beams(
     Raises ArgumentError if all directions have more beams than can be followed in minutes.
     """
     nu = (s - k) / lengths[:, None]
-    if bounces == 1 or not facets.casts_shadows:
-        return lit_sums(facets, k, s, nu, monostatic), None
+    if not facets.casts_shadows:
+        every = Pieces(facets.corner, facets.first, facets.second, facets.vector)
+        return surface_sums(every, nu, lambda some, part: facing(facets, k[some], part)), None
     first = np.zeros((len(k), 3), np.complex128)
-    later = np.zeros((len(k), 3, 3), np.complex128)
+    later = None if bounces == 1 else np.zeros((len(k), 3, 3), np.complex128)
     failures = _Failures(first)
     views = _views(facets, k, s, monostatic, failures)
     at_once = max(1, _AT_ONCE // len(facets.corner))
@@ -105,6 +84,8 @@ def sums_of_beams(
     def add(some: list[View]) -> None:
         for view in some:
             first[view.rows] = surface_sums(view.pieces, nu[view.rows])
+        if later is None:
+            return
         ends = Ends(some, k, s)
         try:
             for hits in followed(facets, ends, bounces):

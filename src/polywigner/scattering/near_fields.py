@@ -29,15 +29,15 @@ from polywigner.scattering.antennas import (
     spherical_axes,
 )
 from polywigner.scattering.beams import sums_of_beams
-from polywigner.scattering.facets import Facets
-from polywigner.scattering.interreflections import warn_of_reflections
-from polywigner.scattering.surface_sums import Pieces, transforms
+from polywigner.scattering.facets import Facets, warn_of_reflections
 from polywigner.scattering.visibility import (
+    Pieces,
     Seen,
     facing_place,
     less_hidden,
     lit_pieces,
     seen_from,
+    transforms,
 )
 from polywigner.source.polarisation import checked_pair, is_pair
 
@@ -57,15 +57,15 @@ _OF_TRIANGLE, _OF_ANTENNA = 1 / 24, 1 / 12
 def near_sums(
     facets: Facets,
     transmitter: Antenna,
-    receiver: Antenna | None,
+    receiver: Antenna,
     polarisations: tuple[Complex, Complex],
     tolerance: float,
 ) -> Complex:
     """Received over transmitted amplitudes of polarisations (..., 3), broadcast (...): (SC3).
 
     ``polarisations`` of the receiver and of the transmitter, across the directions from the body's
-    middle; elsewhere what of them stands across the ray from each antenna's centre.
-    ``receiver``: None where it is the transmitter.
+    middle; elsewhere what of them stands across the ray from each antenna's centre. The fields of
+    one antenna that sends and receives are computed once.
     """
     try:
         lit = _lit(facets, transmitter, receiver)
@@ -113,7 +113,7 @@ def _summed(
     pieces: Pieces,
     split: bool,
     transmitter: Antenna,
-    receiver: Antenna | None,
+    receiver: Antenna,
     polarisations: tuple[Complex, Complex],
 ) -> Complex:
     """The sum over pieces, or over the quarters of each."""
@@ -124,11 +124,12 @@ def _summed(
         some = _quartered(some) if split else some
         centre = some.corner + (some.first + some.second) / 3
         sent, slope, ahead = transmitter.wave(centre)
-        back, _, behind = (sent, slope, ahead) if receiver is None else receiver.wave(centre)
+        is_same = receiver is transmitter
+        back, _, behind = (sent, slope, ahead) if is_same else receiver.wave(centre)
         if transmitter.jones is not None:  # E of the receiver in currents n x H
             parts = (back * np.cross(some.vector, slope)).sum(axis=-1)
         else:
-            q_there = _across(q, centre - (receiver or transmitter).place)
+            q_there = _across(q, centre - receiver.place)
             p_there = _across(p, centre - transmitter.place)
             parts = (q_there * slope).sum(axis=-1) * (p_there * some.vector).sum(axis=-1)
             parts -= (q_there * p_there).sum(axis=-1) * (slope * some.vector).sum(axis=-1)
@@ -140,25 +141,23 @@ def _summed(
     return total
 
 
-def _lit(facets: Facets, transmitter: Antenna, receiver: Antenna | None) -> Pieces:
+def _lit(facets: Facets, transmitter: Antenna, receiver: Antenna) -> Pieces:
     place = transmitter.place
     if not facets.casts_shadows:
         signs = facing_place(facets, place)
         return lit_pieces(facets, Seen(signs, np.full(len(signs), None)))
     seen = seen_from(facets, place, transmitter.frame)
-    if receiver is not None:
+    if receiver is not transmitter:
         there = seen_from(facets, receiver.place, receiver.frame)
         seen = less_hidden(seen, there, facing_place(facets, receiver.place))
     return lit_pieces(facets, seen)
 
 
-def _fine(
-    pieces: Pieces, transmitter: Antenna, receiver: Antenna | None, tolerance: float
-) -> Pieces:
+def _fine(pieces: Pieces, transmitter: Antenna, receiver: Antenna, tolerance: float) -> Pieces:
     """Pieces split in four until the field of both antennas is a plane wave on each."""
     done, count = [pieces.taken(slice(0))], 0
     while len(pieces):
-        coarse = _departure(pieces, transmitter, receiver or transmitter) > tolerance
+        coarse = _departure(pieces, transmitter, receiver) > tolerance
         done.append(pieces.taken(np.flatnonzero(~coarse)))
         pieces = pieces.taken(np.flatnonzero(coarse))
         count += len(done[-1])
@@ -245,28 +244,27 @@ def near_sections(
         there = checked_places("to_transmitter", to_transmitter, facets.middle)
     to_sender = directions_of(there)
     warn_of_reflections(facets, -to_sender.reshape(-1, 3))
-    jones = _jones_vectors(polarisation, receiver or source, source)
-    named = None if jones[0] is not None else polarisation
-    q, p = _polarisations(named, directions_of(here), to_sender)
-    if jones[0] is not None:  # one way, whatever the directions
-        q, p = q[..., :1, :], p[..., :1, :]
+    ends = receiver or source, source
+    jones, (q, p) = _polarisations(polarisation, *ends, directions_of(here), to_sender)
     shape = broadcast_shape(
         wavelengths.shape, here.shape[:-2], there.shape[:-2], q.shape[:-2], p.shape[:-2]
     )
     lengths = np.broadcast_to(wavelengths, shape)
-    own, others = (np.broadcast_to(poses, (*shape, 4, 4)) for poses in (here, there))
+    poses = [np.broadcast_to(own, (*shape, 4, 4)) for own in (here, there)]
     q, p = (np.broadcast_to(v, (*shape, *v.shape[-2:])) for v in (q, p))
     sections, powers = np.empty(shape), np.empty(shape)
     same = jones[0] is jones[1] or np.array_equal(*jones)
     alone = receiver is None and to_transmitter is None and same
     for k in np.ndindex(*shape):
         how = float(lengths[k]), counted, _OF_FIELD * allowed
-        transmitter = Antenna(source, others[k], *how, jones[1])
-        back = Antenna(source if receiver is None else receiver, own[k], *how, jones[0])
+        back, transmitter = (
+            Antenna(end, pose[k], *how, own)
+            for end, pose, own in zip(ends, poses, jones, strict=True)
+        )
         transmitter.check_in_front(facets, "source")
         back.check_in_front(facets, "receiver")
-        ends = transmitter, None if alone else back
-        sums = near_sums(facets, *ends, (q[k][:, None], p[k][None]), allowed)
+        back = transmitter if alone else back
+        sums = near_sums(facets, transmitter, back, (q[k][:, None], p[k][None]), allowed)
         # of all that is received, mean over what is sent
         powers[k] = (np.abs(sums) ** 2).sum() / sums.shape[1]
         there_and_back = transmitter.power_at_middle() * back.power_at_middle()
@@ -280,33 +278,32 @@ def near_sections(
     return sections, powers
 
 
-def _jones_vectors(
-    polarisation: Any, receiver: Source, transmitter: Source
-) -> tuple[Complex, Complex] | tuple[None, None]:
-    """Jones vectors of both antennas in their own axes; None of channels and vectors (..., 3)."""
-    is_named = isinstance(polarisation, str) and polarisation in get_args(Channel)
-    if polarisation is None or is_named:
-        return None, None
-    if is_pair(polarisation) and any(_components(one) == 3 for one in polarisation):
-        return None, None
-    return checked_pair(polarisation, receiver, transmitter)
-
-
-def _components(vectors: Any) -> int:
-    """Length of the last axis; 0 without one."""
-    try:
-        return int((0, *np.shape(vectors))[-1])
-    except ValueError:  # lists of unequal lengths
-        return 0
+Pair = tuple[Complex, Complex]
 
 
 def _polarisations(
-    polarisation: Polarisation | None, to_radar: Floats, to_transmitter: Floats
-) -> tuple[Complex, Complex]:
-    """Polarisations (..., k, 3) of the receiver and of the transmitter; of None, two each."""
-    if polarisation is not None:
-        q, p = checked_polarisations(polarisation, to_radar, to_transmitter)
-        return q[..., None, :], p[..., None, :]
-    both = (spherical_axes(towards) for towards in (to_radar, to_transmitter))
+    polarisation: Any, receiver: Source, transmitter: Source, to_radar: Floats, to_sender: Floats
+) -> tuple[Pair | tuple[None, None], Pair]:
+    """Polarisations of the receiver and of the transmitter.
+
+    Jones vectors in the antennas' axes, None of scalar ones; and vectors (..., k, 3) of scalar
+    ones, two each without a polarisation.
+    """
+    both = [spherical_axes(towards) for towards in (to_radar, to_sender)]
     q, p = (np.stack([axes["v"], axes["h"]], axis=-2).astype(np.complex128) for axes in both)
-    return q, p
+    if polarisation is None:
+        return (None, None), (q, p)
+    is_named = isinstance(polarisation, str) and polarisation in get_args(Channel)
+    if is_named or (is_pair(polarisation) and any(_is_in_space(one) for one in polarisation)):
+        q, p = checked_polarisations(polarisation, to_radar, to_sender)
+        return (None, None), (q[..., None, :], p[..., None, :])
+    # one sum, whatever the directions
+    return checked_pair(polarisation, receiver, transmitter), (q[..., :1, :], p[..., :1, :])
+
+
+def _is_in_space(vectors: Any) -> bool:
+    """Whether vectors have three components."""
+    try:
+        return np.shape(vectors)[-1:] == (3,)
+    except ValueError:  # lists of unequal lengths
+        return False

@@ -1,14 +1,20 @@
-"""The parts of triangles that are seen from far away or from a place, as exact polygons."""
+"""Visible parts of triangles as exact polygons, and their Fourier transforms with normals.
+
+Parts are those seen from far away or from a place. Sums are N(nu) = sum_j n_j F_j(nu).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from polywigner import execution
+from polywigner.execution.progress import told
 from polywigner.geometry.hidden_parts import (
     GRID,
     NOTHING,
@@ -21,15 +27,36 @@ from polywigner.geometry.hidden_parts import (
     less_shadows,
     mended,
 )
+from polywigner.numerics.divided_differences import simplex_plane_wave
+from polywigner.numerics.phases import rotated
 from polywigner.scattering.facets import Facets
-from polywigner.scattering.surface_sums import Pieces
 
 Floats = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 Indices = NDArray[np.intp]
 
 # Cosine below which a face is seen edge-on and counts as dark.
 _EDGE_ON = 1e-12
 _TRIANGLE = shapely.Polygon([(0, 0), (1, 0), (0, 1)])
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """Triangles (n,), as (n, 3) each."""
+
+    corner: Floats
+    first: Floats
+    """From the corner to the next one."""
+    second: Floats
+    """From the corner to the last one."""
+    vector: Floats
+    """The normal on the lit side, times twice the area."""
+
+    def taken(self, rows: NDArray[np.intp] | slice) -> Pieces:
+        return Pieces(self.corner[rows], self.first[rows], self.second[rows], self.vector[rows])
+
+    def __len__(self) -> int:
+        return len(self.corner)
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,3 +197,42 @@ def pieces_of(
         facets.vector[numbers[every]] * weights[:, None],
     )
     return pieces, every
+
+
+# ---- sums ---------------------------------------------------------------------------------------
+
+Signs = Callable[[slice, slice], NDArray[np.int8]]
+
+_OPS = execution.NumpyOperations(double=True)
+_TITLE = "radar cross sections"
+# Triangles times directions at a time: their arrays, some twenty, stay in the cache.
+_BLOCK = 1 << 14
+
+
+def surface_sums(pieces: Pieces, nu: Floats, signs: Signs | None = None) -> Complex:
+    """N(nu) (m, 3) at (m, 3), of triangles (n,) that count with a sign each, 0 where they are dark.
+
+    ``signs``: the signs (i, j) of some nu and some triangles; None: all 1.
+    """
+    result = np.zeros((len(nu), 3), np.complex128)
+    columns = max(1, min(len(pieces), _BLOCK))
+    rows = _BLOCK // columns
+    of_directions = [slice(k, k + rows) for k in range(0, len(nu), rows)]
+    of_triangles = [slice(k, k + columns) for k in range(0, len(pieces), columns)]
+    with told(_TITLE, list(product(of_directions, of_triangles))) as blocks:
+        for some, part in blocks:
+            own = pieces.taken(part)
+            shape = len(nu[some]), len(own)
+            sides = np.ones(shape, np.int8) if signs is None else signs(some, part)
+            lit = np.nonzero(sides)
+            turns = [(nu[some] @ v.T)[lit] for v in (own.corner, own.first, own.second)]
+            values = np.zeros(shape, np.complex128)
+            values[lit] = transforms(*turns) * sides[lit]
+            result[some] += values @ own.vector
+    return result
+
+
+def transforms(corner: Floats, first: Floats, second: Floats) -> Complex:
+    """F over twice the area of triangles, from nu.p of corner and both vectors. Source: (F5)."""
+    real, imag = rotated(_OPS, corner, *simplex_plane_wave(_OPS, first, second))
+    return np.asarray(real + 1j * imag)

@@ -65,9 +65,7 @@ def element_responses(
     ArgumentError : no cloud, no elements, no pose; SceneError for elements that cannot radiate.
     """
     places, _, attrs = _checked(cloud)
-    sources = _sources(elements)
-    pose = _pose(attrs["to_world"] if to_world is None else to_world)
-    return _responses(places, sources, pose, attrs)
+    return _responses(places, _sources(elements), to_world, attrs)
 
 
 def covariance(
@@ -103,7 +101,6 @@ def covariance(
     """
     places, intensity, attrs = _checked(cloud)
     sources = _sources(elements)
-    pose = _pose(attrs["to_world"] if to_world is None else to_world)
     if ranges is None:
         gates, count = np.zeros(len(intensity), np.intp), 1
     else:
@@ -119,7 +116,7 @@ def covariance(
     result = np.zeros((count, len(sources), len(sources)), np.complex128)
     for start in range(0, len(order), _CHUNK):
         part = order[start : start + _CHUNK]
-        found = _responses(places[part], sources, pose, attrs)
+        found = _responses(places[part], sources, to_world, attrs)
         bounds = np.searchsorted(gates[part], np.arange(count + 1))
         for gate in np.flatnonzero(np.diff(bounds)):
             within = slice(bounds[gate], bounds[gate + 1])
@@ -128,7 +125,10 @@ def covariance(
     return result[0] if ranges is None else result
 
 
-def _responses(places: Any, sources: list[Aperture], pose: Any, attrs: dict[str, Any]) -> Complexes:
+def _responses(
+    places: Any, sources: list[Aperture], to_world: Any, attrs: dict[str, Any]
+) -> Complexes:
+    pose = _pose(attrs["to_world"] if to_world is None else to_world)
     own = (places - pose[:3, 3]) @ pose[:3, :3]
     front = own[:, 2] > 0.0
     result = np.zeros((len(sources), len(places)), np.complex128)

@@ -59,12 +59,12 @@ def require_transients(variant: str | None = None) -> Any:
             f"expected a compiled variant such as llvm_ad_mono, got {variant}: ranges need "
             "mitransient, which has no integrators for others; set one that compiles"
         )
-    found = sys.modules.get(_NAME)
-    if found is not None and _is_for_this_variant():
-        return found
+    found, films = (sys.modules.get(name) for name in (_NAME, f"{_NAME}.films.transient_hdr_film"))
     if found is not None:
+        if films is not None and issubclass(films.TransientHDRFilm, mi.Film):
+            return found
         for name in [name for name in sys.modules if name.split(".")[0] == _NAME]:
-            del sys.modules[name]
+            del sys.modules[name]  # it was imported for another variant
     # an import of it chooses a variant for child processes too
     chosen = os.environ.get("MI_DEFAULT_VARIANT")
     try:
@@ -72,11 +72,6 @@ def require_transients(variant: str | None = None) -> Any:
     finally:
         if chosen is None:
             os.environ.pop("MI_DEFAULT_VARIANT", None)
-
-
-def _is_for_this_variant() -> bool:
-    films = sys.modules.get(f"{_NAME}.films.transient_hdr_film")
-    return films is not None and issubclass(films.TransientHDRFilm, mi.Film)
 
 
 def is_transient(integrator: Any) -> bool:
@@ -88,76 +83,56 @@ def transient_integrator(integrator: Any, scene: Any, sensor: Any) -> Any:
     """The integrator that follows the same paths as this one and tells their lengths."""
     require_transients()
     checked_scene(scene)
-    _check_lights(scene)
-    found = _counterpart(integrator)
-    if type(found).__name__ == _OWN[1]:
-        _check_fog(scene, sensor)
-    return found
-
-
-def _check_lights(scene: Any) -> None:
-    """SceneError for lights without a place: Mitsuba puts them on a sphere about the scene."""
-    for emitter in scene.emitters():
+    for emitter in scene.emitters():  # Mitsuba puts lights without a place on a sphere
         if mi.has_flag(emitter.flags(), mi.EmitterFlags.Infinite):
             raise SceneError(
                 "expected lights at places for ranges, got one that is infinitely far "
                 f"({emitter.class_name()}); leave it out"
             )
-
-
-def _check_fog(scene: Any, sensor: Any) -> None:
-    """SceneError for fog around the sensor, which mitransient leaves out, and for uneven fog."""
+    found = _counterpart(integrator)
+    if type(found).__name__ != _OWN[1]:
+        return found
+    # mitransient leaves out fog around the sensor, and measures paths in uneven fog too short
     if sensor.get_medium() is not None:
         raise SceneError(
             "expected a sensor outside of fog for ranges, got one with a medium; take the medium "
             "out of the sensor, and set the bounds of the fog in front of it"
         )
-    media = [
-        medium
-        for shape in scene.shapes()
-        for medium in (shape.interior_medium(), shape.exterior_medium())
-    ]
+    media = [m for s in scene.shapes() for m in (s.interior_medium(), s.exterior_medium())]
     if not all(medium is None or medium.is_homogeneous() for medium in media):
         raise SceneError(
             "expected even fog for ranges, got a heterogeneous medium, in which mitransient "
             "measures paths too short; use homogeneous ones"
         )
+    return found
 
 
 def _counterpart(integrator: Any) -> Any:
+    python_name = type(integrator).__name__
     if is_transient(integrator):
-        _check_own(integrator)
+        if python_name not in _OWN:
+            raise SceneError(
+                f"expected {' or '.join(TRANSIENT_INTEGRATORS)}, got {python_name} of mitransient; "
+                "it needs a sensor of its own"
+            )
+        if integrator.camera_unwarp:
+            raise SceneError(
+                "expected whole lengths of paths, got camera_unwarp, which leaves the last way "
+                "out; leave it out of the integrator"
+            )
         return integrator
     known = integrator.class_name()  # the same of all that are written in Python
-    name = known if known in _COUNTERPARTS else type(integrator).__name__
+    name = known if known in _COUNTERPARTS else python_name
     if name not in _COUNTERPARTS:
         raise SceneError(
             f"expected an integrator whose paths have lengths, got {name}; use path, direct, prb, "
             f"volpath, volpathmis, prbvolpath or {' or '.join(TRANSIENT_INTEGRATORS)}"
         )
-    entry = {"type": _COUNTERPARTS[name], "hide_emitters": bool(integrator.hide_emitters)}
-    if name == "DirectIntegrator":
-        return _loaded({**entry, "max_depth": _DEPTH_OF_DIRECT})
-    return _loaded({**entry, **depths_of(integrator)})
-
-
-def _check_own(integrator: Any) -> None:
-    name = type(integrator).__name__
-    if name not in _OWN:
-        raise SceneError(
-            f"expected {' or '.join(TRANSIENT_INTEGRATORS)}, got {name} of mitransient; it needs a "
-            "sensor of its own"
-        )
-    if integrator.camera_unwarp:
-        raise SceneError(
-            "expected whole lengths of paths, got camera_unwarp, which leaves the last way out; "
-            "leave it out of the integrator"
-        )
-
-
-def _loaded(entry: dict[str, Any]) -> Any:
+    is_direct = name == "DirectIntegrator"
+    depths = {"max_depth": _DEPTH_OF_DIRECT} if is_direct else depths_of(integrator)
+    hides = bool(integrator.hide_emitters)
     try:
-        return mi.load_dict(entry)
+        return mi.load_dict({"type": _COUNTERPARTS[name], "hide_emitters": hides, **depths})
     except RuntimeError as error:
         raise translate_error(error) from None
 

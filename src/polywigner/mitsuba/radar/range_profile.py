@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from functools import partial
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,33 +24,21 @@ from polywigner.mitsuba.radar.range_film import (
     transient_integrator,
 )
 from polywigner.mitsuba.receive.received import (
-    OTHER_LIGHTS,
     DirectPath,
     ReceivedPower,
     ReceiveOptions,
     described,
-    interference_of,
-    noise_power_of,
 )
 from polywigner.mitsuba.receive.received_power import (
-    Parties,
+    Received,
+    Sampled,
     chosen,
-    matched,
-    ready_to_receive,
-    received_by,
+    received,
     scattered_here,
 )
-from polywigner.mitsuba.receive.scattered import (
-    BATCHES,
-    Scattering,
-    batches_of,
-    lights_of,
-    shares_of,
-    standard_error,
-    wigner_emitters,
-)
+from polywigner.mitsuba.receive.scattered import shares_of, standard_error, wigner_emitters
 from polywigner.mitsuba.scenes.rendering import default_spp, exposed
-from polywigner.quantities import SPEED_OF_LIGHT, parse_noise
+from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.transforms.xarray_arguments import labelled_array
 
 if TYPE_CHECKING:
@@ -130,34 +118,21 @@ def range_profile(
     """
     edges = checked_ranges(ranges)
     require_transients()
-    noise = parse_noise(bandwidth, temperature, noise_figure)
-    waves = interference_of(coherent, polarisation, bodies)
-    options = ReceiveOptions(spp, seed, integrator, reflections, tolerance, noise, waves)
+    noise = bandwidth, temperature, noise_figure
+    waves = coherent, polarisation, bodies
+    options = ReceiveOptions(spp, seed, integrator, reflections, tolerance, *noise, *waves)
     found = receivers_of(scene)
     numbers = list(range(len(found))) if receiver is None else [chosen(found, receiver)]
     sample = partial(scattered_here, scene, progress)
     return received_by_range(scene, numbers, options, edges, sample)[1]
 
 
-Sampled = Callable[[list[Scattering]], Floats]
-"""Power in W (receivers, batches, lights, values) of the batches of each receiver."""
-
-
 def received_by_range(
     scene: Any, numbers: list[int], options: ReceiveOptions, edges: Floats, sample: Sampled
 ) -> tuple[list[ReceivedPower], xarray.Dataset]:
     """Received powers of receivers by their numbers, and the same by range."""
-    kept: list[tuple[Scattering, Floats]] = []
-    with ready_to_receive(scene, options):
-        parties = matched(scene, numbers, options)
-
-        def scattered(plans: list[Scattering]) -> Floats:
-            found = sample(_ranged(plans, parties, edges))
-            kept.append((plans[0], found))
-            return np.asarray(found.sum(axis=-1))
-
-        powers = received_by(scene, parties, options, scattered)
-    return powers, _profile_of(scene, parties, edges, *kept[0], powers)
+    found = received(scene, numbers, options, sample, edges)
+    return found.powers, _profile_of(scene, found, edges)
 
 
 def checked_ranges(ranges: npt.ArrayLike) -> Floats:
@@ -184,32 +159,33 @@ def checked_ranges(ranges: npt.ArrayLike) -> Floats:
     return edges
 
 
-def _ranged(plans: list[Scattering], parties: Parties, edges: Floats) -> list[Scattering]:
-    """Sampling of the same light by range, with bin ``edges`` in m."""
-    lengths = [tuple((2.0 * edges / place.scene_unit).tolist()) for place in parties.places]
-    return [replace(plan, edges=own) for plan, own in zip(plans, lengths, strict=True)]
-
-
-def _profile_of(
-    scene: Any,
-    parties: Parties,
-    edges: Floats,
-    plan: Scattering,
-    found: Floats,
-    powers: list[ReceivedPower],
-) -> xarray.Dataset:
-    """See :func:`range_profile`; ``found``: W (receivers, batches, lights, values)."""
-    shares = [shares_of(scene, each) for each in found]
-    has_others = len(lights_of(scene)) > len(parties.emitters)
-    names = [each.name for each in parties.emitters] + [OTHER_LIGHTS] * has_others
+def _profile_of(scene: Any, found: Received, edges: Floats) -> xarray.Dataset:
+    """See :func:`range_profile`."""
+    powers, parties, batches = found
+    shares = [shares_of(scene, each) for each in batches]
+    names = [part.name for part in powers[0].contributions]
     by_light = np.array([[*own, other][: len(names)] for own, other in shares])
-    direct = np.array(
-        [[_direct_of(part.paths, edges) for part in power.contributions] for power in powers]
-    )
-    values = _bins_of(by_light, direct) | _noise_of(parties)
-    values |= _paths_of([[part.paths for part in power.contributions] for power in powers])
-    polarisation = "; ".join(dict.fromkeys(power.polarisation for power in powers))
-    return _described(values, names, parties, edges, plan, polarisation)
+    lights = [[part.paths for part in power.contributions] for power in powers]
+    direct = np.array([[_direct_of(paths, edges) for paths in own] for own in lights])
+    values = _bins_of(by_light, direct) | _noise_of(powers)
+    labels, paths = _paths_of(lights)
+    coords = {**range_axes(edges), "emitter": labelled_array(np.array(names), ("emitter",))}
+    receivers = [place.name for place in parties.places]
+    values |= paths
+    if is_single := len(receivers) == 1:
+        values = {name: (array[0], *rest) for name, (array, *rest) in values.items()}
+    else:
+        values = {n: (a, ("receiver", *dims), *rest) for n, (a, dims, *rest) in values.items()}
+        coords["receiver"] = labelled_array(np.array(receivers), ("receiver",))
+    meaning = "light and mirrors in the order of light; none: line of sight"
+    about = {
+        "receiver": receivers[0] if is_single else "several",
+        "wavelength": parties.places[0].wavelength,
+        "polarisation": "; ".join(dict.fromkeys(power.polarisation for power in powers)),
+        "samples": powers[0].samples,
+        "seed": powers[0].seed,
+    }
+    return described(values | {"mirrors": (labels, ("path",), "", meaning)}, coords, about)
 
 
 def _direct_of(paths: Sequence[DirectPath], edges: Floats) -> Floats:
@@ -236,105 +212,61 @@ def _bins_of(by_light: Floats, direct: Floats) -> Values:
     scattered, error = each.mean(axis=1), standard_error(each, axis=1)
     of_direct, all_bins = direct.sum(axis=1), each.sum(axis=-1)
     total = of_direct + scattered
-    by_range = ("range",)
-    return {
-        "power": (total[:, 1:-1], by_range, "W", "power of a bin"),
-        "standard_error": (error[:, 1:-1], by_range, "W", "standard error of the power"),
-        "direct_power": (
+    of_light = direct + by_light.mean(axis=2)
+    bins, everywhere = ("range",), "from all ranges"
+    found: list[tuple[str, Any, tuple[str, ...], str]] = [
+        ("power", total[:, 1:-1], bins, "power of a bin"),
+        ("standard_error", error[:, 1:-1], bins, "standard error of the power"),
+        (
+            "direct_power",
             of_direct[:, 1:-1],
-            by_range,
-            "W",
+            bins,
             "power of a bin, line of sight and by flat mirrors",
         ),
-        "scattered_power": (scattered[:, 1:-1], by_range, "W", "scattered power of a bin"),
-        "emitter_power": (
-            (direct + by_light.mean(axis=2))[..., 1:-1],
-            ("emitter", *by_range),
-            "W",
-            "power of one emitter",
-        ),
-        "before": (total[:, 0], (), "W", "power from nearer than all bins"),
-        "after": (total[:, -1], (), "W", "power from farther than all bins"),
-        "direct": (of_direct.sum(axis=1), (), "W", "direct power from all ranges"),
-        "scattered": (all_bins.mean(axis=1), (), "W", "scattered power from all ranges"),
-        "scattered_error": (
+        ("scattered_power", scattered[:, 1:-1], bins, "scattered power of a bin"),
+        ("emitter_power", of_light[..., 1:-1], ("emitter", *bins), "power of one emitter"),
+        ("before", total[:, 0], (), "power from nearer than all bins"),
+        ("after", total[:, -1], (), "power from farther than all bins"),
+        ("direct", of_direct.sum(axis=1), (), f"direct power {everywhere}"),
+        ("scattered", all_bins.mean(axis=1), (), f"scattered power {everywhere}"),
+        (
+            "scattered_error",
             standard_error(all_bins, axis=1),
             (),
-            "W",
-            "standard error of the scattered power from all ranges",
+            f"standard error of the scattered power {everywhere}",
         ),
-    }
+    ]
+    return {name: (array, dims, "W", meaning) for name, array, dims, meaning in found}
 
 
-def _noise_of(parties: Parties) -> Values:
-    bands = [of_one["bandwidth"] for of_one in parties.noises]
-    noise = [noise_power_of(**of_one) for of_one in parties.noises]
+def _noise_of(powers: list[ReceivedPower]) -> Values:
+    bands = [power.bandwidth for power in powers]
+    noise = [power.noise_power for power in powers]
     resolution = [None if b is None else SPEED_OF_LIGHT / (2 * b) for b in bands]
+    meaning = "range that the bandwidth resolves, c/(2 B)"
     return {
         "noise_power": (np.array(noise, float), (), "W", "noise k T B F"),
-        "resolution": (
-            np.array(resolution, float),
-            (),
-            "m",
-            "range that the bandwidth resolves, c/(2 B)",
-        ),
+        "resolution": (np.array(resolution, float), (), "m", meaning),
     }
 
 
-def _paths_of(found: list[list[tuple[DirectPath, ...]]]) -> Values:
-    """Power and range of each path of direct light, by receivers and lights."""
+def _paths_of(found: list[list[tuple[DirectPath, ...]]]) -> tuple[npt.NDArray[np.str_], Values]:
+    """Labels of the paths of direct light, and their powers and ranges by receivers and lights."""
     labels: dict[str, int] = {}
-    entries = [
-        (i, j, labels.setdefault(_label(path), len(labels)), path)
-        for i, lights in enumerate(found)
-        for j, paths in enumerate(lights)
-        for path in paths
-    ]
+    entries = []
+    for (i, lights), j in product(enumerate(found), range(len(found[0]))):
+        for path in lights[j]:
+            label = ", ".join([path.light, *path.mirrors] if path.light else path.mirrors)
+            entries.append(((i, j, labels.setdefault(label, len(labels))), path))
     shape = len(found), len(found[0]), len(labels)
     powers, ranges = np.zeros(shape), np.full(shape, np.nan)
-    for i, j, k, path in entries:
-        powers[i, j, k], ranges[i, j, k] = path.power, path.length / 2
+    for place, path in entries:
+        powers[place], ranges[place] = path.power, path.length / 2
     each = ("emitter", "path")
-    return {
+    return np.array(list(labels), np.str_), {
         "path_power": (powers, each, "W", "power of a path of direct light"),
         "path_range": (ranges, each, "m", "range of a path of direct light"),
-        "mirrors": (
-            np.array(list(labels), np.str_),
-            ("path",),
-            "",
-            "light and mirrors in the order of light; none: line of sight",
-        ),
     }
-
-
-def _label(path: DirectPath) -> str:
-    return ", ".join([path.light, *path.mirrors] if path.light else path.mirrors)
-
-
-def _described(
-    values: Values,
-    names: list[str],
-    parties: Parties,
-    edges: Floats,
-    plan: Scattering,
-    polarisation: str,
-) -> xarray.Dataset:
-    coords = {**range_axes(edges), "emitter": labelled_array(np.array(names), ("emitter",))}
-    receivers = [place.name for place in parties.places]
-    own = {name: value for name, value in values.items() if name != "mirrors"}
-    if single := len(receivers) == 1:
-        own = {name: (array[0], *rest) for name, (array, *rest) in own.items()}
-    else:
-        own = {n: (array, ("receiver", *dims), *rest) for n, (array, dims, *rest) in own.items()}
-        coords["receiver"] = labelled_array(np.array(receivers), ("receiver",))
-    about = {
-        "receiver": receivers[0] if single else "several",
-        "wavelength": parties.places[0].wavelength,
-        "polarisation": polarisation,
-        "samples": BATCHES * batches_of(plan.spp),
-        "seed": plan.seed,
-    }
-    return described(own | {"mirrors": values["mirrors"]}, coords, about)
 
 
 def range_axes(edges: Floats) -> dict[str, xarray.Variable]:

@@ -18,9 +18,11 @@ from polywigner.mitsuba.plugins.placement import is_source, placed_emitter
 from polywigner.mitsuba.plugins.polariser import polarisation_summary
 from polywigner.mitsuba.plugins.receiver import receivers_of, scene_known
 from polywigner.mitsuba.plugins.registration import one_at_a_time
+from polywigner.mitsuba.receive.passing import even_points
+from polywigner.mitsuba.receive.ray_transmission import point_batches
 from polywigner.mitsuba.receive.received import ReceiveOptions, described
 from polywigner.mitsuba.receive.received_power import chosen, matched
-from polywigner.mitsuba.receive.scattered import aimed, unseen, wigner_emitters
+from polywigner.mitsuba.receive.scattered import BATCHES, aimed, unseen, wigner_emitters
 from polywigner.mitsuba.receive.scattering_steps import Events, Motion, Paths, events_of, number_of
 from polywigner.mitsuba.scenes.rendering import depths_of
 from polywigner.mitsuba.scenes.surfaces import sorted_emitters, sorted_shapes
@@ -34,8 +36,6 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-# Their spread tells the standard error to 18 %.
-BATCHES = 16
 # Rays in flight, with some hundred bytes each.
 _WAVEFRONT = 2**17
 
@@ -107,7 +107,9 @@ def _batch(
     """Events with power and intensity that estimate the whole."""
     meets_lights = len(wigner_emitters(scene)) < len(scene.emitters())
     unit = sensor.spec.scene_unit
-    draws = _evenly(count, rng)
+    # six of seven columns, so that seeds keep their draws
+    draws = even_points(count, 7, np.append(rng.random(6), 0.0))[:, :6]
+    draws = np.minimum(draws, np.nextafter(np.float32(1.0), np.float32(0.0)))
     parts = []
     for start in range(0, count, _WAVEFRONT):
         own = draws[start : start + _WAVEFRONT]
@@ -128,33 +130,25 @@ def _batch(
 
 def _paths(sensor: Any, draws: Floats) -> tuple[Any, Floats, Floats]:
     """Paths that leave a receiver; W per radiance and solid angle; the solid angle of each."""
-    if not dr.is_jit_v(mi.Float):
-        looks = [_looking(sensor, row) for row in draws.tolist()]
-        paths, watts, densities = zip(*looks, strict=True)
-        return list(paths), np.array(watts), 1.0 / np.array(densities)
-    one, watts, density = _looking(sensor, [mi.Float(column.tolist()) for column in draws.T])
-    dr.eval(one, watts, density)
-    found = [np.array(value, np.float64) for value in (watts, density)]
-    return one, found[0], 1.0 / found[1]
+    columns = draws[:, :2], draws[:, 2:4], draws[:, 4:]
+    looks = [_looking(sensor, *points) for points in point_batches(*columns)]
+    if dr.is_jit_v(mi.Float):
+        dr.eval(looks)
+    paths, watts, densities = zip(*looks, strict=True)
+    joined = [
+        np.concatenate([np.ravel(np.array(value, np.float64)) for value in values])
+        for values in (watts, densities)
+    ]
+    return paths[0] if dr.is_jit_v(mi.Float) else list(paths), joined[0], 1.0 / joined[1]
 
 
-def _looking(sensor: Any, draws: Any) -> tuple[Any, Any, Any]:
-    angles, density = sensor.directions.sample(mi.Point2f(draws[0], draws[1]))
-    ray, watts, share = sensor.look_along(angles, 0.0, draws[4], mi.Point2f(draws[2], draws[3]))
+def _looking(sensor: Any, direction: Any, place: Any, others: Any) -> tuple[Any, Any, Any]:
+    """A path by uniform numbers, W per radiance and solid angle, and density per solid angle."""
+    angles, density = sensor.directions.sample(direction)
+    ray, watts, share = sensor.look_along(angles, 0.0, others.x, place)
     if sensor.spec.polarisation is not None:
         share = sensor.weigh(share, 1.0, angles)
     return Paths.along(mi.Ray3f(ray), share, 0.0 * density), watts, density
-
-
-def _evenly(count: int, rng: np.random.Generator) -> Floats:
-    """(count, 6) points that fill the unit cube evenly, shifted at random.
-
-    Source: M. Roberts, "The unreasonable effectiveness of quasirandom sequences" (2018).
-    """
-    root = 1.0969815577985598  # of x^7 = x + 1
-    steps = root ** -np.arange(1.0, 7.0)
-    points = (rng.random(6) + np.arange(count)[:, None] * steps) % 1.0
-    return np.asarray(np.minimum(points, np.nextafter(np.float32(1.0), np.float32(0.0))))
 
 
 def _shares(measure: Floats, count: int) -> Floats:

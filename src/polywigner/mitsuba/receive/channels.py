@@ -14,15 +14,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from itertools import product
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, PolywignerError, SceneError
 from polywigner.execution.progress import told
-from polywigner.geometry.arguments import checked_callable, checked_count, checked_row
+from polywigner.geometry.arguments import checked_callable, checked_row
 from polywigner.mitsuba.plugins.emissions import norm_of
 from polywigner.mitsuba.plugins.placement import (
     PlacedSource,
@@ -34,55 +33,41 @@ from polywigner.mitsuba.plugins.polariser import DEFAULT_POLARISATION, polarisat
 from polywigner.mitsuba.plugins.receiver import receivers_of
 from polywigner.mitsuba.plugins.registration import one_at_a_time
 from polywigner.mitsuba.receive.direct_light import (
-    BEHIND,
-    BLOCKED,
-    UNSEEN,
-    DirectLight,
-    FacingParts,
+    Chain,
+    Way,
     check_obliquity,
-    facing_parts,
-    mirrors_in,
-    narrow,
-    ways_of,
+    names_of,
+    obstacles_of,
+    open_path,
+    paths_by,
+    ways_in,
 )
 from polywigner.mitsuba.receive.passing import (
-    RAYS,
+    CentralPath,
+    FacingParts,
     Mesh,
-    corners,
     diffracted_ratio,
-    meeting_rays,
+    facing_parts,
     passing_rays,
 )
-from polywigner.mitsuba.receive.received import MOST_REFLECTIONS, DirectPath, described
+from polywigner.mitsuba.receive.received import ReceiveOptions, described
 from polywigner.mitsuba.receive.scattered import polarised_by_default, unseen, wigner_emitters
 from polywigner.mitsuba.scenes.reflectors import (
     OF_ECHO,
     Body,
     Echo,
-    Mirror,
-    checked_bodies,
-    echoes_of,
-    reflected,
-    surface_of,
 )
-from polywigner.mitsuba.scenes.surfaces import meshes_in
+from polywigner.numerics.polynomials import in_band
 from polywigner.quantities import SPEED_OF_LIGHT, parse_frequency, wavelength_of
 from polywigner.reception import coupling
-from polywigner.reception.couplings import checked_tolerance
 from polywigner.scattering.near_fields import echo
-from polywigner.source.polarisation import checked_polarisation, components, ludwig_axes
+from polywigner.source.polarisation import checked_polarisation, components
 
 if TYPE_CHECKING:
     import xarray
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
-Chain = tuple[Mirror, ...]
-Way = Chain | Echo
-
-# Chebyshev's nodes of a band, rule after rule, each with the nodes of the one before; beyond the
-# last each frequency is computed by itself.
-_RULES = (5, 9, 17, 33, 65)
 _MOST_FREQUENCIES = 1 << 16
 # Match of both default polarisations, in power, below which a note reports it.
 _MATCHED = 0.99
@@ -138,10 +123,9 @@ def channel(
         ArgumentError, QuantityError : other arguments out of range.
     """
     asked = None if frequencies is None else checked_frequencies(frequencies)
-    count = checked_count(reflections, "reflections", 0, MOST_REFLECTIONS)
-    allowed = checked_tolerance(tolerance)
-    jones = None if polarisation is None else checked_polarisation(polarisation)
-    conductors = checked_bodies(bodies)
+    waves: dict[str, Any] = {"polarisation": polarisation, "bodies": bodies}
+    options = ReceiveOptions(reflections=reflections, tolerance=tolerance, coherent=True, **waves)
+    jones, count = options.polarisation, options.reflections
     with polarised_by_default(scene, jones):
         receivers = [
             placed_receiver(s, n).touching(scene) for n, (_, s) in enumerate(receivers_of(scene))
@@ -153,15 +137,15 @@ def channel(
         raise SceneError("expected a scene with a wigner emitter, got one without; add one")
     if asked is None:
         asked = np.unique([SPEED_OF_LIGHT / emitter.wavelength for emitter in emitters])
-    mirrors, notes = mirrors_in(scene, receivers[0].scene_unit, count)
-    ways: list[Way] = [*ways_of(mirrors, count), *echoes_of(conductors, mirrors, count)]
+    chains, echoes, notes = ways_in(scene, receivers[0].scene_unit, count, options.bodies)
+    ways: list[Way] = [*chains, *echoes]
     pairs = list(product(receivers, emitters))
     found = []
     with unseen(scene), told("links", pairs) as each:
         for number, (receiver, emitter) in enumerate(each, 1):
             shortest = SPEED_OF_LIGHT / asked.max()
             paths, own = paths_between(scene, emitter, receiver, ways, jones, shortest)
-            found.append((paths, amplitudes_of(paths, asked, allowed)))
+            found.append((paths, amplitudes_of(paths, asked, options.tolerance)))
             notes = own + notes
             if progress is not None:
                 checked_callable(progress, "progress")(number, len(pairs))
@@ -183,11 +167,6 @@ def checked_frequencies(frequencies: Any) -> Floats:
     return found
 
 
-def names_of(way: Way) -> tuple[str, ...]:
-    """Names of mirrors and bodies in the order of light."""
-    return way.names if isinstance(way, Echo) else tuple(mirror.name for mirror in way)
-
-
 @dataclass(frozen=True, eq=False)
 class CoherentPath:
     """A way between two ends with all of its amplitude but the couplings."""
@@ -199,7 +178,7 @@ class CoherentPath:
     """Mean over rays of the root of the power that passes."""
     links: tuple[tuple[complex, FacingParts], ...]
     """Image and receiver, with e_r . E, of each pair of polarised components of both ends."""
-    ends: tuple[Counted, Counted]
+    ends: Ends
     edges: Callable[[float], complex] | None = None
     """b/b_0 over the edges of obstacles at a wavelength in m; None: by rays alone."""
     echo: Callable[[float], complex] | None = None
@@ -207,26 +186,27 @@ class CoherentPath:
 
 
 @dataclass(frozen=True, eq=False)
-class Counted:
+class NormalisedSource:
     """A placed source, whose power links count, as the parts that its polarisations make."""
 
-    whole: PlacedSource
+    source: PlacedSource
     parts: tuple[tuple[PlacedSource, Complexes], ...]
     is_polarised: bool = True
     """False: neither scene nor caller specifies a polarisation, in an unpolarised variant."""
 
-    def root(self, part: PlacedSource, is_whole: bool, wavelength: float) -> float:
+    def root(self, part: PlacedSource, is_all: bool, wavelength: float) -> float:
         """Root of the power that a part radiates over the power that counts."""
-        if is_whole and len(self.parts) == 1 and self.whole.normalise == "radiated":
+        if is_all and len(self.parts) == 1 and self.source.normalise == "radiated":
             return 1.0
-        count = partial(norm_of, wavelength=wavelength, obliquity=self.whole.obliquity)
-        all_of_it = math.fsum(
-            count(own.source, normalise=self.whole.normalise) for own, _ in self.parts
-        )
-        return math.sqrt(count(part.source) / all_of_it)
+        norm = partial(norm_of, wavelength=wavelength, obliquity=self.source.obliquity)
+        norms = [norm(own.source, normalise=self.source.normalise) for own, _ in self.parts]
+        return math.sqrt(norm(part.source) / math.fsum(norms))
 
 
-def _counted(placed: PlacedSource, polarisation: Any) -> Counted:
+Ends = tuple[NormalisedSource, NormalisedSource]
+
+
+def _normalised(placed: PlacedSource, polarisation: Any) -> NormalisedSource:
     if not placed.mixture.is_plain:
         raise SceneError(
             f"expected coherent light of one wavelength at {placed.name!r} where ways interfere, "
@@ -241,7 +221,7 @@ def _counted(placed: PlacedSource, polarisation: Any) -> Counted:
     own = own if own is not None else polarisation
     jones = checked_polarisation(DEFAULT_POLARISATION if own is None else own, placed.source)
     parts = [(replace(placed, source=s), p) for s, p in components(placed.source, jones)]
-    return Counted(placed, tuple(parts), own is not None)
+    return NormalisedSource(placed, tuple(parts), own is not None)
 
 
 def paths_between(
@@ -256,26 +236,18 @@ def paths_between(
     link = f"from {emitter.name!r} to {receiver.name!r}"
     check_unit(emitter, receiver)
     check_obliquity(f"the link {link}", emitter.obliquity, receiver.obliquity)
-    ends = _counted(emitter, polarisation), _counted(receiver, polarisation)
-    meshes = None
-    if emitter.diffraction or receiver.diffraction:
-        unit = receiver.scene_unit
-        meshes = [(p * unit, f) for p, f in meshes_in(scene, shortest / unit)]
-    paths, notes = [], []
+    ends = _normalised(emitter, polarisation), _normalised(receiver, polarisation)
+    meshes = obstacles_of(scene, emitter, receiver, shortest)
     leg_to = cache(partial(_leg_to, scene, receiver))  # those of one side serve several ways
-    for way in ways:
+
+    def find(way: Way) -> tuple[CoherentPath, list[str]] | str:
         if isinstance(way, Echo):
-            found, reasons = _echo_path(ends, way, leg_to)
-        else:
-            found, reasons = _path(scene, ends, way, meshes)
-        if found is not None:
-            paths.append(found)
-        # most chains of mirrors lead nowhere
-        if reasons and (found is not None or len(names_of(way)) == isinstance(way, Echo)):
-            by = link + "".join(f" by {name!r}" for name in names_of(way))
-            notes.append(f"{by}: {' and '.join(reasons)}")
+            return _echo_path(ends, way, leg_to)
+        return _path(scene, ends, way, meshes)
+
+    paths, notes = paths_by(ways, link, find)
     if len(paths) > 1 and paths[0].way == () and not ends[0].is_polarised:
-        line = _Legs(np.array([emitter.middle, receiver.middle]), [np.eye(3)])
+        line = CentralPath(np.array([emitter.middle, receiver.middle]), [np.eye(3)])
         match = abs(_turned(ends[0].parts[0][1], ends[1].parts[0][1], ends, (), line)) ** 2
         if match < _MATCHED:
             notes.append(
@@ -286,20 +258,16 @@ def paths_between(
 
 
 def _path(
-    scene: Any, ends: tuple[Counted, Counted], chain: Chain, meshes: list[Mesh] | None
-) -> tuple[CoherentPath | None, list[str]]:
-    emitter, receiver = (end.whole for end in ends)
-    parts = facing_parts(emitter.image(chain), receiver)
-    if parts is None:
-        return None, [UNSEEN]
-    facing, taking = parts.emitter.image(chain[::-1]), parts.receiver
-    send = passing_rays if meshes is None else meeting_rays
-    rays = send(scene, facing, taking, chain, coherent=True)
-    # rays that a corner of mirrors splits among orders of its mirrors add up to all of them
-    passing = float(np.sqrt(rays.shares[:, 0, 0]).sum() / RAYS)
-    if passing == 0.0:
-        return None, [BLOCKED]
-    leg = _Legs(_middle_way(facing, taking, chain, rays.points), rays.panes)
+    scene: Any,
+    ends: Ends,
+    chain: Chain,
+    meshes: list[Mesh] | None,
+) -> tuple[CoherentPath, list[str]] | str:
+    found = open_path(scene, ends[0].source, ends[1].source, chain, meshes, coherent=True)
+    if isinstance(found, str):
+        return found
+    facing, taking, rays = found.facing, found.parts.receiver, found.rays
+    leg = CentralPath.between(facing, taking, chain, rays)
     # without polarisations the line-of-sight path is the scalar link of `coupling`
     is_scalar = not chain and not (ends[0].is_polarised or ends[1].is_polarised)
     links = []
@@ -309,67 +277,21 @@ def _path(
             factor = leg.transmission if is_scalar else _turned(p, q, ends, chain, leg)
             links.append((factor, both))
     edges = None if meshes is None else cache(partial(_edges, meshes, facing, taking, chain))
-    notes = [BEHIND] if parts.share < 1 else []
-    if passing < 1 and not chain and meshes is None:
-        notes.append(
-            f"{passing:.1%} of the line-of-sight amplitude passes obstacles (ray test, without "
-            "diffraction)"
-        )
-    notes += narrow(chain, parts.emitter, taking)
-    return CoherentPath(chain, leg.length, passing, tuple(links), ends, edges), notes
-
-
-def _middle_way(
-    facing: PlacedSource, taking: PlacedSource, chain: Chain, rays: list[Floats]
-) -> Floats:
-    """Places (n, 3) from the emitter's middle to the receiver's; else the places of a ray."""
-    start, end = facing.middle, taking.middle
-    found = corners(start[None], end[None], chain)
-    if found is None:
-        return np.array([place[0] for place in reversed(rays)])
-    return np.array([start, *(place[0] for place in reversed(found)), end])
-
-
-class _Legs(NamedTuple):
-    """The central path between two ends."""
-
-    points: Floats
-    """(n, 3) in m, in the order of light."""
-    panes: list[Floats]
-    """Matrix (3, 3) of each leg, by which its thin panes change the field."""
-
-    @property
-    def length(self) -> float:
-        """m."""
-        return float(np.linalg.norm(np.diff(self.points, axis=0), axis=1).sum())
-
-    @property
-    def transmission(self) -> float:
-        """Amplitude transmission of the thin panes of the first leg for unpolarised light."""
-        along = self.points[1] - self.points[0]
-        along /= np.linalg.norm(along)
-        across = self.panes[0] @ (np.eye(3) - np.outer(along, along))
-        return float(np.linalg.norm(across) / math.sqrt(2.0))
+    path = CoherentPath(chain, leg.length, rays.amplitude, tuple(links), ends, edges)
+    return path, found.notes
 
 
 def _turned(
-    sent: Complexes, taken: Complexes, ends: tuple[Counted, Counted], chain: Chain, legs: _Legs
+    sent: Complexes,
+    taken: Complexes,
+    ends: Ends,
+    chain: Chain,
+    legs: CentralPath,
 ) -> complex:
     """e_r . E: Jones vectors of both ends by the mirrors of a way, no conjugate."""
-    out, back = (end.whole.pose[:3, :3] for end in ends)
-    last = _Legs(legs.points[:-3:-1], [np.eye(3)])
-    return complex(_arriving(sent, out, chain, legs) @ _arriving(taken, back, (), last))
-
-
-def _arriving(jones: Complexes, axes: Floats, chain: Chain, legs: _Legs) -> Complexes:
-    """E (3,) at the end of a way of the unit vector that a source with a Jones vector sends."""
-    steps = np.diff(legs.points, axis=0)
-    steps /= np.linalg.norm(steps, axis=1)[:, None]
-    field = legs.panes[0] @ (axes @ (jones @ np.array(ludwig_axes(*(steps[0] @ axes)))))
-    for mirror, step, panes in zip(chain, steps, legs.panes[1:], strict=False):
-        surface = surface_of(mirror, bool(step @ mirror.normal < 0))
-        field = panes @ reflected(field, step, mirror.normal, surface)
-    return np.asarray(field)
+    out, back = (end.source.pose[:3, :3] for end in ends)
+    last = CentralPath(legs.points[:-3:-1], [np.eye(3)])
+    return complex(legs.arriving(sent, out, chain) @ last.arriving(taken, back))
 
 
 def _edges(
@@ -384,30 +306,36 @@ def _edges(
 
 def _leg_to(
     scene: Any, like: PlacedSource, body: Body, end: PlacedSource, chain: Chain
-) -> tuple[_Legs, float]:
-    """The path from an end to a body's middle by mirrors; mean root of the power."""
+) -> tuple[CentralPath, float] | None:
+    """The path from an end to a body's middle by mirrors; mean root of the power.
+
+    None: part of the body lies in the plane of the end or behind it.
+    """
     image = end.image(chain)
     if not body.is_in_front(image):
-        return _Legs(np.empty((0, 3)), []), math.nan
+        return None
     place = body.standing_in(image, like)
     rays = passing_rays(scene, end, place, chain, coherent=True)
-    passing = float(np.sqrt(rays.shares[:, 0, 0]).sum() / RAYS)
-    way = _middle_way(end, place, chain, rays.points) if passing else np.empty((0, 3))
-    return _Legs(way, rays.panes), passing
+    if not rays.amplitude:
+        return CentralPath(np.empty((0, 3)), rays.panes), 0.0
+    return CentralPath.between(end, place, chain, rays), rays.amplitude
 
 
 def _echo_path(
-    ends: tuple[Counted, Counted], way: Echo, leg_to: Callable[..., tuple[_Legs, float]]
-) -> tuple[CoherentPath | None, list[str]]:
+    ends: Ends,
+    way: Echo,
+    leg_to: Callable[..., tuple[CentralPath, float] | None],
+) -> tuple[CoherentPath, list[str]] | str:
     """A way by a body. Both ends send towards it, by reciprocity."""
     chains = way.before, way.after[::-1]
-    found = [leg_to(way.body, end.whole, chain) for end, chain in zip(ends, chains, strict=True)]
-    legs, passing = [leg for leg, _ in found], math.prod(share for _, share in found)
-    if math.isnan(passing):
-        return None, ["no echo: part of the body lies in the plane of one end or behind it"]
+    found = [leg_to(way.body, end.source, chain) for end, chain in zip(ends, chains, strict=True)]
+    sides = [each for each in found if each is not None]
+    if len(sides) < len(ends):
+        return "no echo: part of the body lies in the plane of one end or behind it"
+    legs, passing = [leg for leg, _ in sides], math.prod(share for _, share in sides)
     if passing == 0.0:
-        return None, ["obstacles block the echo (ray test, without diffraction)"]
-    notes = way.body.doubts(ends[1].whole.wavelength, [leg.points for leg in legs])
+        return "obstacles block the echo (ray test, without diffraction)"
+    notes = way.body.doubts(ends[1].source.wavelength, [leg.points for leg in legs])
     if passing < 1:
         notes.append(
             f"{passing:.1%} of the echo's amplitude passes obstacles (ray test, without "
@@ -419,15 +347,14 @@ def _echo_path(
 
 
 def _echo(
-    ends: tuple[Counted, Counted], way: Echo, chains: tuple[Chain, Chain], legs: list[_Legs],
-    wavelength: float,
-) -> complex:  # fmt: skip
+    ends: Ends, way: Echo, chains: tuple[Chain, Chain], legs: list[CentralPath], wavelength: float
+) -> complex:
     """b by a body, of all polarised components of both ends."""
     sides = []
     for end, chain, leg in zip(ends, chains, legs, strict=True):
         side = []
         for part, jones in end.parts:
-            field = _arriving(jones, end.whole.pose[:3, :3], chain, leg)
+            field = leg.arriving(jones, end.source.pose[:3, :3], chain)
             strength = float(np.linalg.norm(field)) * end.root(part, True, wavelength)
             side.append((way.body.antenna(part.image(chain), wavelength), field, strength))
         sides.append(side)
@@ -502,72 +429,7 @@ def _couplings(links: list[FacingParts], wavelength: float, tolerance: float) ->
     return found
 
 
-def in_band(
-    compute: Callable[[float], Complexes], frequencies: Floats, tolerance: float
-) -> Complexes:
-    """Smooth values (n, k) at frequencies (n,), by a polynomial where that takes fewer of them."""
-    low, high = float(frequencies.min()), float(frequencies.max())
-    steps = _RULES[-1] - 1
-    places = (low + high) / 2 - (high - low) / 2 * np.cos(np.pi * np.arange(steps + 1) / steps)
-    known: dict[int, Complexes] = {}
-    nodes, values = np.empty(0), np.empty((0, 0), np.complex128)
-    for count in _RULES:
-        if count >= len(frequencies):
-            break
-        own = range(0, steps + 1, steps // (count - 1))
-        known |= {k: compute(float(places[k])) for k in own if k not in known}
-        foretold = _interpolated(nodes, values, places[own]) if len(nodes) else None
-        nodes, values = places[own], np.array([known[k] for k in own])
-        if foretold is not None:
-            errors = np.abs(foretold - values).max(axis=0)
-            if (errors <= tolerance * np.abs(values).max(axis=0)).all():
-                return _interpolated(nodes, values, frequencies)
-    return np.array([compute(float(frequency)) for frequency in frequencies])
-
-
-def _interpolated(nodes: Floats, values: Complexes, places: Floats) -> Complexes:
-    """Values (n, k) at places (n,) of the polynomial through Chebyshev's nodes, ends included."""
-    low, high = nodes[[0, -1]]
-    if low == high:
-        return np.repeat(values[:1], len(places), axis=0)
-    own, wanted = ((2 * x - low - high) / (high - low) for x in (nodes, places))
-    found = chebyshev.chebfit(own, values, len(nodes) - 1)
-    return np.asarray(chebyshev.chebval(wanted, found).T, np.complex128)
-
-
 # ---- results ------------------------------------------------------------------------------------
-
-
-def coherent_light(
-    scene: Any,
-    emitter: PlacedSource,
-    receiver: PlacedSource,
-    ways: Sequence[Way],
-    tolerance: float,
-    polarisation: Any = None,
-) -> DirectLight:
-    """Direct light of an emitter whose ways interfere, in a scene whose sources are unseen."""
-    wavelength = emitter.wavelength
-    paths, notes = paths_between(scene, emitter, receiver, ways, polarisation, wavelength)
-    frequency = np.array([SPEED_OF_LIGHT / wavelength])
-    found = []
-    for path, amplitude in zip(paths, amplitudes_of(paths, frequency, tolerance)[0], strict=True):
-        passing = path.passing * (1.0 if path.edges is None else abs(path.edges(wavelength)))
-        way = path.way
-        place = way.place if isinstance(way, Echo) else emitter.image(way).middle
-        found.append(
-            DirectPath(
-                names_of(path.way),
-                emitter.power * abs(amplitude) ** 2,
-                (abs(amplitude) / passing) ** 2 if passing else 0.0,
-                passing**2,
-                receiver.cosines_to(place),
-                amplitude=complex(amplitude),
-                length=path.distance,
-            )
-        )
-    power = emitter.power * abs(sum(path.amplitude or 0.0 for path in found)) ** 2
-    return DirectLight(tuple(found), tuple(notes), power)
 
 
 def _dataset(

@@ -1,61 +1,64 @@
-"""The light that comes from an emitter to a receiver straight, or by flat mirrors alone."""
+"""Direct light of a receiver: line-of-sight paths, and paths by flat mirrors alone.
+
+No ray meets point, spot, projector and directional lights by chance, so that samples of a receiver
+never find them. A light of radiant intensity I at the point y, and a plane wave of irradiance E
+from the direction s, give
+
+    P = (lambda^2/N) |U(y)|^2 I                   P = (g |F(s)|^2/N) E = D(s) lambda^2/(4 pi) E
+
+with U the field that the receiver would send to y, F its spectrum, N the power that it would
+radiate and D its directivity: (RX8) of a point. A mirror shows an image of the light. The
+transmission is the mean over rays from positions on the receiver, drawn in proportion to |u|^2.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from functools import partial
-from typing import Any
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Any, NamedTuple, TypeVar
 
+import drjit as dr
+import mitsuba as mi
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
 from polywigner.errors import PolywignerError, SceneError
-from polywigner.geometry import Aperture, Wavefront
 from polywigner.mitsuba.plugins.emissions import norm_of
-from polywigner.mitsuba.plugins.placement import PLACE_ERROR, PlacedSource
-from polywigner.mitsuba.receive.delta_lights import delta_paths
-from polywigner.mitsuba.receive.passing import diffracted_share, passing_share
+from polywigner.mitsuba.plugins.placement import PlacedSource, is_source
+from polywigner.mitsuba.receive.passing import (
+    FacingParts,
+    Mesh,
+    PassingRays,
+    diffracted_ratio,
+    facing_parts,
+    meeting_rays,
+    passing_rays,
+    points_by,
+    points_on,
+    traced,
+)
+from polywigner.mitsuba.receive.ray_transmission import point_batches
 from polywigner.mitsuba.receive.received import DirectPath
-from polywigner.mitsuba.scenes.reflectors import MOST_FACES, Mirror, chains_of, smooth_shapes
-from polywigner.mitsuba.scenes.surfaces import bounds_of, meshes_in
+from polywigner.mitsuba.scenes.reflectors import (
+    MOST_FACES,
+    Body,
+    Echo,
+    Mirror,
+    chains_of,
+    echoes_of,
+    smooth_shapes,
+)
+from polywigner.mitsuba.scenes.surfaces import bounds_of, meshes_in, sorted_emitters
+from polywigner.propagation.amplitudes import amplitude
 from polywigner.reception import coupling
-from polywigner.source import Array
 from polywigner.source.obliquities import CONDITIONS
-from polywigner.transforms.phase_space import energy_of
+from polywigner.source.polarisation import Stokes
 
 Floats = NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
-class FacingParts:
-    """Parts of two sources in front of each other's plane."""
-
-    emitter: PlacedSource
-    receiver: PlacedSource
-    share: float
-    """Product of the shares of int |u|^2 that face each other: 1 where all faces all."""
-
-
-def facing_parts(emitter: PlacedSource, receiver: PlacedSource) -> FacingParts | None:
-    """The parts that face each other; None where there are none, as in one plane."""
-    sizes = [
-        max(float(np.abs(values).max()) for values in (placed.pose[:3, 3], placed.source.bounds))
-        for placed in (emitter, receiver)
-    ]
-    rounding = PLACE_ERROR * max(sizes)
-    parts, share = [], 1.0
-    for one, other in ((emitter, receiver), (receiver, emitter)):
-        pose = one.pose_of(other)
-        part = _part_in_front(one.source, pose[:3, 2], pose[:3, 3], rounding)
-        if part is None:
-            return None
-        if part is not one.source:
-            share *= energy_of(part) / energy_of(one.source)
-        parts.append(replace(one, source=part))
-    return FacingParts(parts[0], parts[1], share)
+Chain = tuple[Mirror, ...]
+Way = Chain | Echo
 
 
 def coupled_share(parts: FacingParts, tolerance: float) -> float:
@@ -96,56 +99,12 @@ def check_obliquity(link: str, one: str, other: str) -> None:
         )
 
 
-def _part_in_front(source: Any, normal: Floats, place: Floats, rounding: float) -> Any:
-    """The part of a source in z = 0 before of the plane through ``place``."""
-    if isinstance(source, Wavefront):
-        flat = _part_in_front(source.source, normal, place, rounding)
-        if flat is None or flat is source.source:
-            return None if flat is None else source
-        return source.on(flat)
-    elements = source.elements_in_plane
-    parts = [_cut(element, normal, float(normal @ place) + rounding) for element in elements]
-    if all(part is element for part, element in zip(parts, elements, strict=True)):
-        return source
-    weights = source.weights if isinstance(source, Array) else np.ones(1)
-    kept = [(part, w) for part, w in zip(parts, weights, strict=True) if part is not None]
-    return Array([part for part, _ in kept], [w for _, w in kept]) if kept else None
-
-
-def _cut(element: Aperture, normal: Floats, least: float) -> Aperture | None:
-    """Where ``normal`` . x > ``least``; the very element where that is everywhere."""
-    corners = np.concatenate(element.rings)
-    heights = corners @ normal[:2] - least
-    if (heights > 0).all():
-        return element
-    if not (heights > 0).any():
-        return None
-    slope = float(np.hypot(*normal[:2]))
-    ahead = normal[:2] / slope
-    beside = np.array([-ahead[1], ahead[0]])
-    far = 2 * (element.diameter + float(np.abs(heights).max()) / slope)
-    foot = element.centre - ahead * (float(element.centre @ normal[:2]) - least) / slope
-    box = [foot + beside * far * s + ahead * far * a for s, a in ((1, 0), (-1, 0), (-1, 1), (1, 1))]
-    found = shapely.intersection(element.polygons, shapely.Polygon(box))
-    polygons = [part for part in shapely.get_parts(found) if part.area > 0]
-    if not polygons:
-        return None
-    return Aperture(shapely.MultiPolygon(polygons)).with_illumination(element.illumination)
-
-
-Way = tuple[Mirror, ...]
-
-UNSEEN = "no line-of-sight path: one end lies in the plane of the other or behind it"
-BEHIND = "the part of one end behind the plane of the other is left out"
-BLOCKED = "no line-of-sight path: obstacles block it (ray test, without diffraction)"
-
-
 @dataclass(frozen=True)
 class DirectLight:
-    """Direct ways of light, and notes on them."""
+    """Direct paths of light, and notes on them."""
 
     paths: tuple[DirectPath, ...] = ()
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[str, ...] = ()
     interfering: float | None = None
     """W of all paths as they interfere; None: their powers add."""
 
@@ -157,110 +116,159 @@ class DirectLight:
         return math.fsum(path.power for path in self.paths)
 
 
+_BLOCKED = "no line-of-sight path: obstacles block it (ray test, without diffraction)"
+Term = tuple[float, Stokes, Stokes]
+"""|b|^2 of a pair of fields, and their Stokes numbers at the emitter and at the receiver."""
+
+
+class OpenPath(NamedTuple):
+    """A path by flat mirrors that some rays pass."""
+
+    parts: FacingParts
+    """Of the emitter's image and the receiver."""
+    facing: PlacedSource
+    """The part of the emitter itself."""
+    rays: PassingRays
+    notes: list[str]
+
+
+def open_path(
+    scene: Any,
+    emitter: PlacedSource,
+    receiver: PlacedSource,
+    chain: Chain,
+    meshes: list[Mesh] | None,
+    coherent: bool = False,
+) -> OpenPath | str:
+    """Trace rays from an emitter by mirrors; return the reason if nothing arrives.
+
+    ``meshes``: of obstacles whose edges diffract; rays then only meet the mirrors.
+    """
+    parts = facing_parts(emitter.image(chain), receiver)
+    if parts is None:
+        return "no line-of-sight path: one end lies in the plane of the other or behind it"
+    # rays leave the emitter itself, from the part whose image faces the receiver
+    facing = parts.emitter.image(chain[::-1])
+    send = passing_rays if meshes is None else meeting_rays
+    rays = send(scene, facing, parts.receiver, chain, coherent)
+    passing = rays.amplitude if coherent else float(rays.power[0, 0])
+    if passing == 0.0:
+        return _BLOCKED
+    notes = []
+    if parts.share < 1:
+        notes.append("the part of one end behind the plane of the other is left out")
+    if passing < 1 and not chain and meshes is None:
+        notes.append(
+            f"{passing:.1%} of the line-of-sight {'amplitude' if coherent else 'power'} passes "
+            "obstacles (ray test, without diffraction)"
+        )
+    notes += _narrow(chain, parts.emitter, receiver)
+    return OpenPath(parts, facing, rays, notes)
+
+
+def obstacles_of(
+    scene: Any, emitter: PlacedSource, receiver: PlacedSource, wavelength: float
+) -> list[Mesh] | None:
+    """Meshes in m of the obstacles between two ends; None if neither end counts diffraction."""
+    if not (emitter.diffraction or receiver.diffraction):
+        return None
+    unit = receiver.scene_unit
+    return [(points * unit, faces) for points, faces in meshes_in(scene, wavelength / unit)]
+
+
+Found = TypeVar("Found")
+
+
+def paths_by(
+    ways: Iterable[Way], link: str, find: Callable[[Any], tuple[Found, list[str]] | str]
+) -> tuple[list[Found], list[str]]:
+    """Collect the paths that ``find`` returns for ways between two ends, and notes on the link.
+
+    ``find`` returns a path with its notes, or the reason why nothing arrives. The reason is noted
+    for the line of sight and for echoes without mirrors: most chains of mirrors lead nowhere.
+    """
+    paths, notes = [], []
+    for way in ways:
+        found = find(way)
+        if isinstance(found, str):
+            reasons = [found] if len(names_of(way)) == isinstance(way, Echo) else []
+        else:
+            paths.append(found[0])
+            reasons = found[1]
+        if reasons:
+            by = link + "".join(f" by {name!r}" for name in names_of(way))
+            notes.append(f"{by}: {' and '.join(reasons)}")
+    return paths, notes
+
+
+def names_of(way: Way) -> tuple[str, ...]:
+    """Return the names of mirrors and bodies in the order of light."""
+    return way.names if isinstance(way, Echo) else tuple(mirror.name for mirror in way)
+
+
 def direct_light(
     scene: Any,
     emitter: PlacedSource,
     receiver: PlacedSource,
-    ways: list[Way],
+    chains: list[Chain],
     tolerance: float,
 ) -> DirectLight:
     """Paths that bring power, in a scene whose sources are unseen."""
-    paths, notes = [], []
-    share: Callable[..., Floats] = passing_share
-    if emitter.diffraction or receiver.diffraction:
-        unit = receiver.scene_unit
-        meshes = [(p * unit, f) for p, f in meshes_in(scene, receiver.wavelength / unit)]
-        share = partial(diffracted_share, meshes)
-    link = f"from {emitter.name!r} to {receiver.name!r}"
-    for chain in ways:
-        way = link + "".join(f" by {mirror.name!r}" for mirror in chain)
-        found, reason = _path(scene, emitter, receiver, chain, tolerance, share)
-        if found is not None:
-            paths.append(found)
-        # most chains of mirrors lead nowhere
-        if reason and (found is not None or not chain):
-            notes.append(f"{way}: {reason}")
+    meshes = obstacles_of(scene, emitter, receiver, receiver.wavelength)
+
+    def find(chain: Chain) -> tuple[DirectPath, list[str]] | str:
+        found = open_path(scene, emitter, receiver, chain, meshes)
+        if isinstance(found, str):
+            return found
+        image, matrix = emitter.image(chain), found.rays.power
+        if meshes is not None:
+            ratio = diffracted_ratio(meshes, found.facing, found.parts.receiver, chain)
+            matrix = matrix * abs(ratio) ** 2
+        passing = float(matrix[0, 0])
+        if passing == 0.0:
+            return _BLOCKED
+        coupling, matched = _received(_shares(image, receiver, tolerance), receiver, matrix)
+        path = DirectPath(
+            names_of(chain),
+            emitter.power * coupling * passing * matched,
+            coupling,
+            passing,
+            found.parts.receiver.cosines_to(found.parts.emitter.middle),
+            matched,
+            length=math.dist(image.middle, receiver.middle),
+        )
+        return path, found.notes
+
+    paths, notes = paths_by(chains, f"from {emitter.name!r} to {receiver.name!r}", find)
     if paths and paths[0].mirrors:
         notes[0] += "; its direct power arrives by reflections"
     return DirectLight(tuple(paths), tuple(notes))
 
 
-def light_of_points(scene: Any, receiver: PlacedSource, ways: list[Way]) -> DirectLight:
-    """Direct light of point, spot, projector and directional lights."""
-    paths, notes = delta_paths(scene, receiver, ways), []
-    if paths and receiver.diffraction:
-        notes.append(
-            f"obstacles shadow the direct light of {paths[0].light!r} by rays, without diffraction"
-        )
-    return DirectLight(tuple(paths), tuple(notes))
-
-
-def _path(
-    scene: Any,
-    emitter: PlacedSource,
-    receiver: PlacedSource,
-    chain: Way,
-    tolerance: float,
-    share: Callable[..., Floats],
-) -> tuple[DirectPath | None, str]:
-    image = emitter.image(chain)
-    parts = facing_parts(image, receiver)
-    if parts is None:
-        return None, UNSEEN
-    # rays leave the emitter itself, from the part whose image faces the receiver
-    facing = parts.emitter.image(chain[::-1])
-    matrix = share(scene, facing, parts.receiver, chain)
-    passing = float(matrix[0, 0])
-    if passing == 0:
-        return None, BLOCKED
-    coupling, matched = _coupled(image, receiver, matrix, tolerance)
-    path = DirectPath(
-        tuple(mirror.name for mirror in chain),
-        emitter.power * coupling * passing * matched,
-        coupling,
-        passing,
-        parts.receiver.cosines_to(parts.emitter.middle),
-        matched,
-        length=float(np.linalg.norm(image.middle - receiver.middle)),
-    )
-    doubts = _doubts(parts.share, passing if share is passing_share else 1.0, chain)
-    doubts += narrow(chain, parts.emitter, parts.receiver)
-    return path, " and ".join(doubts)
-
-
-def _coupled(
-    image: PlacedSource, receiver: PlacedSource, passing: Floats, tolerance: float
-) -> tuple[float, float]:
-    """|b|^2 with nothing in between whatever the polarisation; the share of it that is received."""
-    size = len(passing)
+def _shares(image: PlacedSource, receiver: PlacedSource, tolerance: float) -> list[Term]:
+    """Return |b|^2 of all pairs of polarised fields of both ends with nothing in between."""
     terms = []
-    for sent, leaves in image.fields:
-        for taken, wanted in receiver.fields:
-            parts = facing_parts(replace(image, source=sent), replace(receiver, source=taken))
-            assert parts is not None  # as of the whole sources
-            share = coupled_share(parts, tolerance)
-            row, column = (np.array(stokes[:size]) for stokes in (wanted, leaves))
-            weight = 1.0 if receiver.polarisation is None else 0.5
-            received = weight * float(row @ passing @ column)
-            terms.append((leaves[0] * wanted[0] * share, received * share))
-    whole, received = (math.fsum(column) for column in zip(*terms, strict=True))
-    share = received / (whole * float(passing[0, 0])) if whole > 0 else 0.0
-    return whole, max(share, 0.0)  # rounding of crossed ends
+    for (sent, leaves), (taken, wanted) in product(image.fields, receiver.fields):
+        parts = facing_parts(replace(image, source=sent), replace(receiver, source=taken))
+        assert parts is not None  # as of the whole sources
+        terms.append((coupled_share(parts, tolerance), leaves, wanted))
+    return terms
 
 
-def _doubts(facing: float, passing: float, chain: Way) -> list[str]:
-    doubts = []
-    if facing < 1:
-        doubts.append(BEHIND)
-    if passing < 1 and not chain:
-        doubts.append(
-            f"{passing:.1%} of the line-of-sight power passes obstacles (ray test, without "
-            "diffraction)"
-        )
-    return doubts
+def _received(terms: list[Term], receiver: PlacedSource, passing: Floats) -> tuple[float, float]:
+    """Return the sum over all polarisations, and the received fraction of what passes."""
+    size = len(passing)
+    weight = 1.0 if receiver.polarisation is None else 0.5
+    total = math.fsum(share * leaves[0] * wanted[0] for share, leaves, wanted in terms)
+    received = weight * math.fsum(
+        share * float(np.array(wanted[:size]) @ passing @ np.array(leaves[:size]))
+        for share, leaves, wanted in terms
+    )
+    passed = total * float(passing[0, 0])
+    return total, max(received / passed, 0.0) if passed > 0 else 0.0  # rounding of crossed ends
 
 
-def narrow(chain: Way, image: PlacedSource, receiver: PlacedSource) -> list[str]:
+def _narrow(chain: Chain, image: PlacedSource, receiver: PlacedSource) -> list[str]:
     """Return notes on mirrors so narrow that diffraction at their edges matters."""
     zone = math.sqrt(receiver.wavelength * float(np.linalg.norm(image.middle - receiver.middle)))
     unit = receiver.scene_unit
@@ -268,21 +276,24 @@ def narrow(chain: Way, image: PlacedSource, receiver: PlacedSource) -> list[str]
         f"{mirror.name!r} is narrower than a Fresnel zone of {zone:.3g} m: diffraction at its "
         "edges changes its reflection, which is that of rays here"
         for mirror in chain
-        if _width(mirror) * unit < zone
+        # at most the side of a square of the mirror's diagonal
+        if math.dist(*bounds_of(mirror.shape)) / math.sqrt(2) * unit < zone
     ]
 
 
-def _width(mirror: Mirror) -> float:
-    """At most the side of a square of the mirror's diagonal, in scene units."""
-    return math.dist(*bounds_of(mirror.shape)) / math.sqrt(2)
+def ways_in(
+    scene: Any, unit: float, reflections: int, bodies: Sequence[Body] = ()
+) -> tuple[list[Chain], list[Echo], list[str]]:
+    """Return paths by up to ``reflections`` mirrors, paths by bodies, and notes on other paths.
+
+    Raises SceneError for too many paths.
+    """
+    mirrors, notes = _mirrors_in(scene, unit, reflections)
+    chains: list[Chain] = [(), *chains_of(mirrors, reflections)]
+    return chains, echoes_of(bodies, mirrors, reflections), notes
 
 
-def ways_of(mirrors: list[Mirror], reflections: int) -> list[Way]:
-    """The straight way, and those by up to so many mirrors; SceneError for too many of them."""
-    return [(), *chains_of(mirrors, reflections)]
-
-
-def mirrors_in(scene: Any, unit: float, reflections: int) -> tuple[list[Mirror], list[str]]:
+def _mirrors_in(scene: Any, unit: float, reflections: int) -> tuple[list[Mirror], list[str]]:
     """Return the flat mirrors of a scene, and notes on the paths that are not included."""
     smooth = smooth_shapes(scene, unit)
     curved, refracting, unnamed = (
@@ -308,3 +319,191 @@ def mirrors_in(scene: Any, unit: float, reflections: int) -> tuple[list[Mirror],
             "with polywigner.mitsuba.load_scene to keep ids"
         )
     return smooth.mirrors, notes
+
+
+# ---- point, spot, projector and directional lights -----------------------------------------------
+
+# Distance of the point that stands for a direction: reaches squared over wavelengths, or reaches.
+_FAR = 1e6
+_TOLERANCE = 1e-6
+
+
+class DeltaLight(NamedTuple):
+    """A light that illuminates each point from a single direction."""
+
+    name: str
+    emitter: Any
+    is_infinite: bool
+
+
+def delta_lights(scene: Any) -> list[DeltaLight]:
+    """Return the lights of a scene that no ray meets by chance, coherent sources left out."""
+    found = []
+    for number, emitter in enumerate(sorted_emitters(scene)):
+        flags, name = emitter.flags(), emitter.id() or f"light {number}"
+        is_infinite = mi.has_flag(flags, mi.EmitterFlags.Infinite)
+        has_place = mi.has_flag(flags, mi.EmitterFlags.DeltaPosition)
+        has_direction = mi.has_flag(flags, mi.EmitterFlags.DeltaDirection)
+        if is_source(emitter) or not (has_place or has_direction):
+            continue
+        if not (has_place or is_infinite):
+            raise SceneError(
+                f"the light {name!r} ({emitter.class_name()}) shines in a single direction from a "
+                "surface, which receivers cannot take; use a spot or an area light"
+            )
+        found.append(DeltaLight(name, emitter, is_infinite))
+    return found
+
+
+def light_of_points(scene: Any, receiver: PlacedSource, chains: list[Chain]) -> DirectLight:
+    """Direct light of point, spot, projector and directional lights."""
+    paths, notes = delta_paths(scene, receiver, chains), []
+    if paths and receiver.diffraction:
+        notes.append(
+            f"obstacles shadow the direct light of {paths[0].light!r} by rays, without diffraction"
+        )
+    return DirectLight(tuple(paths), tuple(notes))
+
+
+def delta_paths(scene: Any, receiver: PlacedSource, chains: list[Chain]) -> list[DirectPath]:
+    """Return the paths by which delta lights reach a receiver, directly or by flat mirrors."""
+    lights = delta_lights(scene)
+    if lights and receiver.obliquity not in CONDITIONS:
+        raise SceneError(
+            f"the receiver {receiver.name!r} has the obliquity {receiver.obliquity!r}, by which it "
+            f"cannot take the light of {lights[0].name!r}; use one of {', '.join(CONDITIONS)}"
+        )
+    found = (_delta_path(scene, receiver, *each) for each in product(lights, chains))
+    return [path for path in found if path is not None and path.power > 0.0]
+
+
+def _delta_path(
+    scene: Any, receiver: PlacedSource, light: DeltaLight, chain: Chain
+) -> DirectPath | None:
+    end = points_on(receiver)
+    start, image = _starts(scene, receiver, light, end, chain)
+    points = points_by(start, end, chain)
+    arrives = (points[1] - points[0]) @ receiver.normal > 0
+    if not arrives.any():
+        return None
+    points = [place[arrives] for place in points]
+    emission = _emission(light, points[-2] / receiver.scene_unit, receiver.scene_unit)
+    strength = float(emission.mean())
+    if strength == 0.0:
+        return None
+    shares, _ = traced(scene, points, receiver, None, chain)
+    matrix = np.einsum("n,nij->ij", emission, shares) / (strength * len(end))
+    terms = _areas(receiver, image, light.is_infinite)
+    coupling, matched = _received(terms, receiver, matrix)
+    passing = float(matrix[0, 0])
+    total = strength if light.is_infinite else 4 * math.pi * strength
+    return DirectPath(
+        names_of(chain),
+        total * coupling * passing * matched,
+        coupling,
+        passing,
+        receiver.cosines_to(image),
+        matched,
+        length=math.inf if light.is_infinite else math.dist(image, receiver.middle),
+        light=light.name,
+    )
+
+
+def _starts(
+    scene: Any, receiver: PlacedSource, light: DeltaLight, end: Floats, chain: Chain
+) -> tuple[Floats, Floats]:
+    """Points (n, 3) in m where rays to ``end`` start; the image of the light, (3,).
+
+    A point at a distance of 1 m from the receiver's centre stands for the image of a direction.
+    """
+    unit = receiver.scene_unit
+    ((centre,),) = point_batches(receiver.middle[None] / unit)
+    sample, _ = _sampled(light, centre)
+    if not light.is_infinite:
+        place = _row(sample.p) * unit
+        return np.broadcast_to(place, end.shape), _image(place, chain)
+    # outside of all that the scene and the mirrors' images of it have
+    shapes = [np.abs(bounds_of(shape)).max() for shape in scene.shapes()]
+    size = 4.0 * max([float(np.abs(end).max()) / unit, *shapes, 1e-30]) * unit
+    turned = _image(_row(sample.d), chain) - _image(np.zeros(3), chain)
+    seen = end + size * (2 * len(chain) + 1) * turned
+    return _image(seen, chain[::-1]), receiver.middle + turned
+
+
+def _row(point: Any) -> Floats:
+    """(3,) of a point or of the first of an array of them."""
+    return np.array(point, np.float64).reshape(3, -1)[:, 0]
+
+
+def _image(points: Floats, chain: Chain) -> Floats:
+    for mirror in chain:
+        points = mirror.image_of(points)
+    return points
+
+
+def _sampled(light: DeltaLight, point: Any, wavelengths: Any = None) -> tuple[Any, Any]:
+    """Sample of the light from a point in scene units, and its irradiance there."""
+    it = dr.zeros(mi.SurfaceInteraction3f)
+    if wavelengths is not None:
+        it.wavelengths = wavelengths
+    it.p = point
+    return light.emitter.sample_direction(it, mi.Point2f(0.5, 0.5), True)
+
+
+def _emission(light: DeltaLight, points: Floats, unit: float) -> Floats:
+    """Radiant intensity (n,) in W/sr towards points in scene units; or irradiance in W/m^2.
+
+    The luminance of all colours, as films of one channel have it.
+    """
+    total: Any = 0.0
+    white = 0.0
+    for wavelengths in _colours():
+        found = [_sampled(light, point, wavelengths) for (point,) in point_batches(points)]
+        values = [mi.luminance(mi.unpolarized_spectrum(v), wavelengths) for _, v in found]
+        total = total + _joined(values)
+        white += float(_joined([mi.luminance(dr.ones(mi.UnpolarizedSpectrum), wavelengths)])[0])
+    if not light.is_infinite:
+        total = total * (_joined([sample.dist for sample, _ in found]) * unit) ** 2
+    return np.broadcast_to(total / white, len(points))
+
+
+def _joined(values: list[Any]) -> Floats:
+    return np.concatenate([np.ravel(np.array(value, np.float64)) for value in values])
+
+
+# Sets of wavelengths that integrate the luminance of smooth spectra.
+_SETS = 24
+
+
+def _colours() -> list[Any]:
+    """Wavelengths in nm of spectral variants, in sets of a sample each; others have none."""
+    none = dr.zeros(mi.SurfaceInteraction3f).wavelengths
+    kind, count = type(none), dr.size_v(type(none))
+    if not count:
+        return [none]
+    low, high = mi.MI_CIE_MIN, mi.MI_CIE_MAX
+    grid = low + (high - low) * (np.arange(_SETS * count) + 0.5) / (_SETS * count)
+    return [kind(*row) for row in grid.reshape(_SETS, count).tolist()]
+
+
+def _areas(receiver: PlacedSource, image: Floats, is_infinite: bool) -> list[Term]:
+    """Received power over 4 pi times the intensity, or over the irradiance, of each field."""
+    axes = receiver.pose[:3, :3]
+    place, scale = axes.T @ (image - receiver.pose[:3, 3]), 1 / (4 * math.pi)
+    if is_infinite:
+        reach = float(np.abs(receiver.source.bounds).max())
+        distance = _FAR * reach * max(reach / receiver.wavelength, 1.0)
+        place, scale = axes.T @ (image - receiver.middle), distance**2
+        place *= distance / float(np.linalg.norm(place))
+    method: Any = receiver.obliquity
+    terms = []
+    try:
+        for taken, wanted in receiver.fields:
+            area = 0.0
+            for part, wavelength, weight in receiver.mixture.parts(taken, receiver.wavelength):
+                field = amplitude(part, place, wavelength, method, tolerance=_TOLERANCE)
+                area += weight * wavelength**2 * abs(complex(field)) ** 2
+            terms.append((area * scale / receiver.norm, (1.0, 0.0, 0.0, 0.0), wanted))
+    except PolywignerError as error:
+        raise SceneError(f"the receiver {receiver.name!r}: {error}") from None
+    return terms

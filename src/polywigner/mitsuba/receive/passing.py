@@ -1,28 +1,38 @@
-"""Shares of power that pass on ways of light between two sources, straight and by flat mirrors."""
+"""Parts of two sources that face each other, and the power that passes between them by mirrors."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, SceneError
+from polywigner.geometry import Aperture, Wavefront
 from polywigner.geometry.silhouettes import Obstacles
 from polywigner.mitsuba.plugins.diffraction import before_plane, in_frame
-from polywigner.mitsuba.plugins.placement import PlacedSource
+from polywigner.mitsuba.plugins.placement import PLACE_ERROR, PlacedSource
 from polywigner.mitsuba.plugins.polariser import turned
 from polywigner.mitsuba.plugins.samplers import Frame, cells_with_field
-from polywigner.mitsuba.receive.ray_transmission import Plane, RayTracer, Transmission
-from polywigner.mitsuba.scenes.reflectors import THIN, Mirror, bsdfs_in, surface_of
+from polywigner.mitsuba.receive.ray_transmission import (
+    Plane,
+    RayTracer,
+    Transmission,
+    point_batches,
+)
+from polywigner.mitsuba.scenes.reflectors import THIN, Mirror, bsdfs_in, reflected, surface_of
 from polywigner.mitsuba.scenes.surfaces import ROUNDING, bodies_of, bounds_of
 from polywigner.propagation.equivalent_points import RadiatingPoint, radiating_points
 from polywigner.propagation.shadows import diffracted
+from polywigner.source import Array
+from polywigner.source.polarisation import ludwig_axes
+from polywigner.transforms.phase_space import energy_of
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -32,6 +42,72 @@ Mesh = tuple[Floats, NDArray[np.intp]]
 RAYS = 4096
 # A hit lies in the plane of a mirror within this, relative to the coordinates.
 _IN_PLANE = 4 * ROUNDING
+
+
+@dataclass(frozen=True, eq=False)
+class FacingParts:
+    """Parts of two sources in front of each other's plane."""
+
+    emitter: PlacedSource
+    receiver: PlacedSource
+    share: float
+    """Product of the shares of int |u|^2 that face each other: 1 where all faces all."""
+
+
+def facing_parts(emitter: PlacedSource, receiver: PlacedSource) -> FacingParts | None:
+    """The parts that face each other; None where there are none, as in one plane."""
+    sizes = [
+        max(float(np.abs(values).max()) for values in (placed.pose[:3, 3], placed.source.bounds))
+        for placed in (emitter, receiver)
+    ]
+    rounding = PLACE_ERROR * max(sizes)
+    parts, share = [], 1.0
+    for one, other in ((emitter, receiver), (receiver, emitter)):
+        pose = one.pose_of(other)
+        part = _part_in_front(one.source, pose[:3, 2], pose[:3, 3], rounding)
+        if part is None:
+            return None
+        if part is not one.source:
+            share *= energy_of(part) / energy_of(one.source)
+        parts.append(replace(one, source=part))
+    return FacingParts(parts[0], parts[1], share)
+
+
+def _part_in_front(source: Any, normal: Floats, place: Floats, rounding: float) -> Any:
+    """The part of a source in z = 0 before of the plane through ``place``."""
+    if isinstance(source, Wavefront):
+        flat = _part_in_front(source.source, normal, place, rounding)
+        if flat is None or flat is source.source:
+            return None if flat is None else source
+        return source.on(flat)
+    elements = source.elements_in_plane
+    parts = [_cut(element, normal, float(normal @ place) + rounding) for element in elements]
+    if all(part is element for part, element in zip(parts, elements, strict=True)):
+        return source
+    weights = source.weights if isinstance(source, Array) else np.ones(1)
+    kept = [(part, w) for part, w in zip(parts, weights, strict=True) if part is not None]
+    return Array([part for part, _ in kept], [w for _, w in kept]) if kept else None
+
+
+def _cut(element: Aperture, normal: Floats, least: float) -> Aperture | None:
+    """Where ``normal`` . x > ``least``; the very element where that is everywhere."""
+    corners = np.concatenate(element.rings)
+    heights = corners @ normal[:2] - least
+    if (heights > 0).all():
+        return element
+    if not (heights > 0).any():
+        return None
+    slope = float(np.hypot(*normal[:2]))
+    ahead = normal[:2] / slope
+    beside = np.array([-ahead[1], ahead[0]])
+    far = 2 * (element.diameter + float(np.abs(heights).max()) / slope)
+    foot = element.centre - ahead * (float(element.centre @ normal[:2]) - least) / slope
+    box = [foot + beside * far * s + ahead * far * a for s, a in ((1, 0), (-1, 0), (-1, 1), (1, 1))]
+    found = shapely.intersection(element.polygons, shapely.Polygon(box))
+    polygons = [part for part in shapely.get_parts(found) if part.area > 0]
+    if not polygons:
+        return None
+    return Aperture(shapely.MultiPolygon(polygons)).with_illumination(element.illumination)
 
 
 class PassingRays(NamedTuple):
@@ -46,13 +122,18 @@ class PassingRays(NamedTuple):
     """Matrix (3, 3) of each leg, in the order of light, by which thin panes change a field: the
     mean over rays."""
 
+    @property
+    def power(self) -> Floats:
+        """Mean transmitted power (k, k) of all 4096 rays."""
+        return np.asarray(self.shares.sum(axis=0) / RAYS)
 
-def passing_share(
-    scene: Any, emitter: PlacedSource, receiver: PlacedSource, chain: Sequence[Mirror] = ()
-) -> Floats:
-    """The mean share of power that arrives by these mirrors, of 4096 rays: (1, 1)."""
-    share: Floats = passing_rays(scene, emitter, receiver, chain).shares.sum(axis=0) / RAYS
-    return share
+    @property
+    def amplitude(self) -> float:
+        """Mean root of the transmitted power.
+
+        Rays that a corner of mirrors splits among orders of its mirrors add up to all of them.
+        """
+        return float(np.sqrt(self.shares[:, 0, 0]).sum() / RAYS)
 
 
 def passing_rays(
@@ -67,39 +148,87 @@ def passing_rays(
     ``emitter`` is the source itself, not its image. ``coherent``: without the polarisation and the
     Fresnel reflectance of mirrors and thin panes.
     """
-    way = _way(emitter, receiver, chain)
-    if way is None:
-        return _none(chain)
-    start, end = way[-1], way[0]
-    leaves = np.einsum("ij,j->i", way[-2] - start, emitter.normal) > 0
-    arrives = np.einsum("ij,j->i", way[1] - end, receiver.normal) > 0
-    valid = leaves & arrives & np.all([np.isfinite(point).all(axis=1) for point in way], axis=0)
-    if not valid.any():
-        return _none(chain)
-    rays = [point[valid] for point in way]
-    ends = (receiver, emitter)
-    return PassingRays(rays, *traced(scene, rays, receiver.medium, ends, chain, coherent))
+    points = _rays_between(emitter, receiver, chain)
+    leaves = (points[-2] - points[-1]) @ emitter.normal > 0
+    arrives = (points[1] - points[0]) @ receiver.normal > 0
+    points = [place[leaves & arrives] for place in points]
+    if not len(points[0]):  # Dr.Jit ends the process for arrays without elements
+        size = 4 if mi.is_polarized else 1
+        return PassingRays(points, np.zeros((0, size, size)), [np.eye(3)] * (len(chain) + 1))
+    return PassingRays(points, *traced(scene, points, receiver, emitter, chain, coherent))
 
 
-def _none(chain: Sequence[Mirror]) -> PassingRays:
-    size = 4 if mi.is_polarized else 1
-    return PassingRays([], np.zeros((0, size, size)), [np.eye(3)] * (len(chain) + 1))
-
-
-def _way(
+def _rays_between(
     emitter: PlacedSource, receiver: PlacedSource, chain: Sequence[Mirror]
-) -> list[Floats] | None:
-    """Places (4096, 3) on the receiver, on mirrors from the last to the first, on the emitter."""
-    draws = _draws(RAYS)
-    start = emitter.points(_places(emitter, draws[:, :2]))
-    end = points_on(receiver, RAYS)
-    found = corners(start, end, chain)
-    return None if found is None else [end, *found, start]
+) -> list[Floats]:
+    """Points of up to 4096 rays between two sources, as of :func:`points_by`."""
+    start = _points_on(emitter, even_points(RAYS, 4)[:, :2])
+    return points_by(start, points_on(receiver), chain)
 
 
-def points_on(receiver: PlacedSource, count: int) -> Floats:
-    """Points (n, 3) in m on a receiver in proportion to |u|^2."""
-    return receiver.points(_places(receiver, _draws(count)[:, 2:]))
+def points_on(receiver: PlacedSource) -> Floats:
+    """Points (4096, 3) in m on a receiver in proportion to |u|^2."""
+    return _points_on(receiver, even_points(RAYS, 4)[:, 2:])
+
+
+def points_by(start: Floats, end: Floats, chain: Sequence[Mirror]) -> list[Floats]:
+    """Return the points of rays that the planes of all mirrors reflect.
+
+    Points (n, 3) at the end, on the mirrors from the last to the first, and at the start.
+    """
+    images = [start]
+    for mirror in chain:
+        images.append(mirror.image_of(images[-1]))
+    points = [end]
+    for mirror, image in zip(reversed(chain), reversed(images[1:]), strict=True):
+        here, there = (place @ mirror.normal - mirror.offset for place in (points[-1], image))
+        crosses = here * there < 0
+        along = np.where(crosses, here / np.where(crosses, here - there, 1.0), np.nan)
+        points.append(points[-1] + along[:, None] * (image - points[-1]))
+    meets_all = np.isfinite(points[-1]).all(axis=1)
+    return [place[meets_all] for place in (*points, start)]
+
+
+class CentralPath(NamedTuple):
+    """The central path between two ends."""
+
+    points: Floats
+    """(n, 3) in m, in the order of light."""
+    panes: list[Floats]
+    """Matrix (3, 3) of each leg, by which its thin panes change the field."""
+
+    @classmethod
+    def between(
+        cls, facing: PlacedSource, taking: PlacedSource, chain: Sequence[Mirror], rays: PassingRays
+    ) -> CentralPath:
+        """Return the path between the midpoints of both ends, or a ray if there is none."""
+        points = points_by(facing.middle[None], taking.middle[None], chain)
+        if not len(points[0]):
+            points = rays.points
+        return cls(np.array([place[0] for place in reversed(points)]), rays.panes)
+
+    @property
+    def length(self) -> float:
+        """m."""
+        return float(np.linalg.norm(np.diff(self.points, axis=0), axis=1).sum())
+
+    @property
+    def transmission(self) -> float:
+        """Amplitude transmission of the thin panes of the first leg for unpolarised light."""
+        along = self.points[1] - self.points[0]
+        along /= np.linalg.norm(along)
+        across = self.panes[0] @ (np.eye(3) - np.outer(along, along))
+        return float(np.linalg.norm(across) / math.sqrt(2.0))
+
+    def arriving(self, jones: Complex, axes: Floats, chain: Sequence[Mirror] = ()) -> Complex:
+        """E (3,) at its end, of the unit vector that a source with a Jones vector sends."""
+        steps = np.diff(self.points, axis=0)
+        steps /= np.linalg.norm(steps, axis=1)[:, None]
+        field = self.panes[0] @ (axes @ (jones @ np.array(ludwig_axes(*(steps[0] @ axes)))))
+        for mirror, step, panes in zip(chain, steps, self.panes[1:], strict=False):
+            surface = surface_of(mirror, bool(step @ mirror.normal < 0))
+            field = panes @ reflected(field, step, mirror.normal, surface)
+        return np.asarray(field)
 
 
 # Error of |F|^2 over its peak, of points in place of either end.
@@ -108,18 +237,6 @@ _OF_POINTS = 1e-6
 _CLOSE = 1e-3
 # Half the distance in wavelengths of values whose difference is a derivative: errors of 7e-8.
 _OFF = 1e-4
-
-
-def diffracted_share(
-    meshes: list[Mesh],
-    scene: Any,
-    emitter: PlacedSource,
-    receiver: PlacedSource,
-    chain: Sequence[Mirror],
-) -> Floats:
-    """The share of power that arrives by these mirrors over the edges of obstacles: (k, k)."""
-    met: Floats = meeting_rays(scene, emitter, receiver, chain).shares.sum(axis=0) / RAYS
-    return met * abs(diffracted_ratio(meshes, emitter, receiver, chain)) ** 2 if met.any() else met
 
 
 def diffracted_ratio(
@@ -182,15 +299,12 @@ def meeting_rays(
             f"expected no flat mirrors with diffraction in polarised light, got {chain[0].name!r}; "
             "leave diffraction out, use a variant without polarisation, or let ways interfere"
         )
-    way = _way(emitter, receiver, chain)
-    if way is None:
-        return _none(chain)
-    valid = np.all([np.isfinite(point).all(axis=1) for point in way], axis=0)
-    rays, share = [point[valid] for point in way], np.ones((int(valid.sum()), 1, 1))
-    for k, mirror in enumerate(reversed(chain), 1):
+    rays = _rays_between(emitter, receiver, chain)
+    share = np.ones((len(rays[0]), 1, 1))
+    for k, mirror in enumerate(reversed(chain if len(share) else ()), 1):
         before, place, after = rays[k - 1 : k + 2]
         near = [place + _CLOSE * (before - place), place, place + _CLOSE * (after - place)]
-        share = share * traced(scene, near, None, (plain, None), [mirror], coherent)[0]
+        share = share * traced(scene, near, plain, None, [mirror], coherent)[0]
     return PassingRays(rays, share, [np.eye(3)] * (len(chain) + 1))
 
 
@@ -198,10 +312,10 @@ def _unfolded(
     meshes: list[Mesh], emitter: PlacedSource, receiver: PlacedSource, chain: Sequence[Mirror]
 ) -> list[Mesh]:
     """Meshes beside each leg of the way, as the receiver sees them in the last mirror."""
-    start, end = (placed.points(np.zeros((1, 2))) for placed in (emitter, receiver))
-    met = corners(start, end, chain)
-    assert met is not None  # some way meets them all
-    way = [start[0], *(corner[0] for corner in reversed(met)), end[0]]
+    points = points_by(emitter.middle[None], receiver.middle[None], chain)
+    if not len(points[0]):
+        points = _rays_between(emitter, receiver, chain)
+    way = [place[0] for place in reversed(points)]
     found = []
     for leg in range(len(chain) + 1):
         own = meshes
@@ -245,47 +359,32 @@ def _in_front(points: Floats, faces: Any, normal: Floats, offset: float) -> Mesh
     return np.array(places), np.array(kept, np.intp).reshape(-1, 3)
 
 
-def _draws(count: int) -> Floats:
-    """(count, 4) points that fill the unit cube evenly: multiples of powers of one number.
+def even_points(count: int, dimensions: int, shift: float | Floats = 0.5) -> Floats:
+    """Points (count, dimensions) that fill the unit cube evenly: multiples of powers of one number.
 
     Source: M. Roberts, "The unreasonable effectiveness of quasirandom sequences" (2018).
     """
-    root = 1.1673039782614187  # of x^5 = x + 1
-    steps = root ** -np.arange(1.0, 5.0)
-    result: Floats = (0.5 + np.arange(count)[:, None] * steps) % 1.0
+    root = 1.0
+    for _ in range(64):  # of x^(dimensions + 1) = x + 1
+        root = (1.0 + root) ** (1.0 / (dimensions + 1))
+    result: Floats = (
+        shift + np.arange(count)[:, None] * root ** -np.arange(1.0, dimensions + 1)
+    ) % 1
     return result
 
 
-def _places(source: PlacedSource, draws: Floats) -> Floats:
-    """Places (n, 2) of a source in proportion to |u|^2, in m."""
+def _points_on(source: PlacedSource, draws: Floats) -> Floats:
+    """Points (n, 3) in m on a source in proportion to |u|^2."""
     cells = cells_with_field(mi, source.source, 1.0)
-    if dr.is_jit_v(mi.Float):
-        return _rows(cells.sample(mi.Point2f(*(mi.Float(c.tolist()) for c in draws.T))))
-    return np.concatenate([_rows(cells.sample(mi.Point2f(*draw))) for draw in draws.tolist()])
-
-
-def corners(start: Floats, end: Floats, chain: Sequence[Mirror]) -> list[Floats] | None:
-    """Where the ways meet the mirrors, from the last to the first; nan where one does not."""
-    images = [start]
-    for mirror in chain:
-        images.append(mirror.image_of(images[-1]))
-    found, place = [], end
-    for mirror, image in zip(reversed(chain), reversed(images[1:]), strict=True):
-        here, there = (point @ mirror.normal - mirror.offset for point in (place, image))
-        crosses = here * there < 0
-        if not crosses.any():
-            return None
-        along = np.where(crosses, here / np.where(crosses, here - there, 1.0), np.nan)
-        place = place + along[:, None] * (image - place)
-        found.append(place)
-    return found
+    batches = [np.array(cells.sample(draw), np.float64) for (draw,) in point_batches(draws)]
+    return source.points(np.concatenate([batch.reshape(2, -1).T for batch in batches]))
 
 
 def traced(
     scene: Any,
     points: list[Floats],
-    medium: Any,
-    ends: tuple[PlacedSource, PlacedSource | None],
+    receiver: PlacedSource,
+    emitter: PlacedSource | None,
     chain: Sequence[Mirror],
     coherent: bool = False,
 ) -> tuple[Floats, list[Floats]]:
@@ -296,9 +395,8 @@ def traced(
     scene : the ``mi.Scene``, whose sources are hidden.
     points : (n, 3) each in m: on the receiver, on the mirrors from the last to the first, on the
         emitter.
-    medium : fog that the receiver is in.
-    ends : receiver and emitter. Rays start and end a little in front of the planes of those that
-        the first and last point lie in; None: the point is free.
+    receiver, emitter : rays start and end a little in front of the planes of both; None: the last
+        point is free.
     chain : mirrors in the order of light.
     coherent : as of :func:`passing_rays`.
 
@@ -306,53 +404,38 @@ def traced(
     -------
     The transmission (n, k, k), and the matrices of thin panes as of :class:`PassingRays`.
     """
-    receiver, emitter = ends
     unit = receiver.scene_unit
+    ends = [receiver] if emitter is None else [receiver, emitter]
     way = [point / unit for point in points]
     reach = max(float(np.abs(point).max()) for point in way)
-    height = ROUNDING * max(reach, *(end.reach / unit for end in ends if end is not None))
-    way[0] = way[0] + height * receiver.normal
-    if emitter is not None:
-        way[-1] = way[-1] + height * emitter.normal
+    height = ROUNDING * max(reach, *(end.reach / unit for end in ends))
+    for end, k in zip(ends, (0, -1), strict=False):
+        way[k] = way[k] + height * end.normal
     planes = [_plane(mirror, unit, reach, coherent) for mirror in reversed(chain)]
-    is_jit, polarised = dr.is_jit_v(mi.Float), mi.is_polarized and not coherent
-    if emitter is not None:
-        across = emitter.middle - receiver.middle
-        line = mi.Vector3f(*(across / np.linalg.norm(across)).tolist())
+    polarised = mi.is_polarized and not coherent
     tracer = RayTracer(scene, polarised, coherent)
-    size, count = 4 if polarised else 1, len(way[0])
-
-    def trace(rays: list[Any], count: int) -> tuple[Floats, Floats]:
-        found = tracer.trace(medium, planes, rays)
+    size, count = 4 if polarised else 1, len(way[0]) if dr.is_jit_v(mi.Float) else 1
+    shares, panes = [], []
+    for rays in point_batches(*way):
+        found = tracer.trace(receiver.medium, planes, list(rays))
         share = found.share
         if polarised:
-            if not chain and emitter is not None:
-                # along the line between the centres, as amplitudes count it
-                found = found._replace(first=line, last=line)
-            share = _between_axes(share, found, ends)
+            share = _between_axes(found, receiver, emitter, not chain)
         colours = dr.size_v(mi.UnpolarizedSpectrum) if polarised else 1
         values = np.array(share, np.float64).reshape(size, size, colours, -1)[:, :, 0]
-        shares = np.broadcast_to(np.moveaxis(values, -1, 0), (count, size, size))
-        legs = [[np.array(column, np.float64) for column in leg] for leg in found.panes]
-        legs += [legs[0]] * (len(chain) + 1 - len(legs))  # of rays that miss a mirror
-        columns = [[column.reshape(3, -1) for column in leg] for leg in legs]
-        matrices = [[np.broadcast_to(c, (3, count)) for c in leg] for leg in columns]
-        return shares, np.moveaxis(np.array(matrices), -1, 0)
-
-    if is_jit:
-        rays = [mi.Point3f(*(mi.Float(c.tolist()) for c in place.T)) for place in way]
-        shares, panes = trace(rays, count)
-    else:
-        each = [
-            trace([mi.Point3f(*point) for point in ray], 1)
-            for ray in zip(*(place.tolist() for place in way), strict=True)
+        shares.append(np.broadcast_to(np.moveaxis(values, -1, 0), (count, size, size)))
+        legs = [
+            [np.array(column, np.float64).reshape(3, -1) for column in leg] for leg in found.panes
         ]
-        shares, panes = (np.concatenate(parts) for parts in zip(*each, strict=True))
-    weights = np.sqrt(np.maximum(shares[:, 0, 0], 0.0))
+        legs += [legs[0]] * (len(chain) + 1 - len(legs))  # of rays that miss a mirror
+        columns = [[np.broadcast_to(column, (3, count)) for column in leg] for leg in legs]
+        panes.append(np.moveaxis(np.array(columns), -1, 0))
+    transmission, matrices = np.concatenate(shares), np.concatenate(panes)
+    weights = np.sqrt(np.maximum(transmission[:, 0, 0], 0.0))
     total = weights.sum()
     # rays run against the light: first leg last, and their images of x, y and z are rows for it
-    mean = np.einsum("n,nlij->lij", weights, panes)[::-1] / total if total > 0 else panes[0]
-    return shares, list(mean)
+    mean = np.einsum("n,nlij->lij", weights, matrices)[::-1] / total if total > 0 else matrices[0]
+    return transmission, list(mean)
 
 
 def _plane(mirror: Mirror, unit: float, reach: float, coherent: bool) -> Plane:
@@ -366,19 +449,18 @@ def _plane(mirror: Mirror, unit: float, reach: float, coherent: bool) -> Plane:
 
 
 def _between_axes(
-    share: Any, found: Transmission, ends: tuple[PlacedSource, PlacedSource | None]
+    found: Transmission, receiver: PlacedSource, emitter: PlacedSource | None, is_direct: bool
 ) -> Any:
     """A Mueller matrix between the axes of both ends; of an end without axes, as it is."""
     frames = [
-        None
-        if end is None
-        else Frame(mi, mi.Transform4f(mi.Matrix4f(end.pose.tolist())), np.zeros(2))
-        for end in ends
+        Frame(mi, mi.Transform4f(mi.Matrix4f(end.pose.tolist())), np.zeros(2))
+        for end in (receiver, emitter)
+        if end is not None
     ]
-    leaves = None if frames[1] is None else (frames[1], -found.last)
-    return turned(mi, share, (frames[0], found.first), leaves)
-
-
-def _rows(points: Any) -> Floats:
-    """(n, 2) from a point, or from an array of them."""
-    return np.stack([np.ravel(np.array(c, np.float64)) for c in (points.x, points.y)], axis=-1)
+    first, last = found.first, found.last
+    if is_direct and emitter is not None:
+        # along the line between the centres, as amplitudes count it
+        across = emitter.middle - receiver.middle
+        first = last = mi.Vector3f(*(across / np.linalg.norm(across)).tolist())
+    leaves = None if emitter is None else (frames[1], -last)
+    return turned(mi, found.share, (frames[0], first), leaves)

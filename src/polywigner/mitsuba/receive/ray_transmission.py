@@ -9,7 +9,7 @@ polarisation has its own 2R/(1 + R), the sum of all internal reflections in powe
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import takewhile
@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+from numpy.typing import NDArray
 
 from polywigner.errors import SceneError
 from polywigner.mitsuba.scenes.reflectors import MASK, THIN, Surface, bsdfs_in
@@ -33,6 +34,21 @@ _STRAIGHT = 1e-3
 _COLOURS = (450.0, 520.0, 590.0, 660.0)
 # BSDFs that act on the polarisation of what they let through.
 _FILTERS = ("LinearPolarizer", "LinearRetarder", "CircularPolarizer")
+
+
+def point_batches(*arrays: NDArray[np.float64]) -> Iterator[tuple[Any, ...]]:
+    """Yield rows (n, 2) or (n, 3) as Mitsuba's points: all at once, in scalar variants one by one.
+
+    The coordinates are copied from lists, since Dr.Jit compiles the alignment of NumPy memory into
+    kernels.
+    """
+    kinds = [{2: mi.Point2f, 3: mi.Point3f}[array.shape[1]] for array in arrays]
+    if dr.is_jit_v(mi.Float):
+        columns = [[mi.Float(column.tolist()) for column in array.T] for array in arrays]
+        yield tuple(kind(*own) for kind, own in zip(kinds, columns, strict=True))
+        return
+    for rows in zip(*(array.tolist() for array in arrays), strict=True):
+        yield tuple(kind(*row) for kind, row in zip(kinds, rows, strict=True))
 
 
 class Plane(NamedTuple):
@@ -76,12 +92,9 @@ class _Pane:
         # what the texture of the transmittance leaves, and the part of the surface that is glass
         scale = dr.select(mean > 0.0, (total - 1.0 + covered) / dr.select(mean > 0.0, mean, 1.0), 0)
         across, along = (
-            _on_host(partial(self._transmittance, number), cosine) for number in (0, 1)
+            _on_host(partial(_transmittance, number, self.surface), cosine) for number in (0, 1)
         )
         return 1.0 - covered + scale * across, 1.0 - covered + scale * along
-
-    def _transmittance(self, number: int, cosine: Any) -> Any:
-        return 1.0 - np.abs(self.surface.coefficients(cosine)[number]) ** 2
 
 
 class RayTracer:
@@ -193,10 +206,7 @@ class RayTracer:
                 continue
             across, along = pane.transmittances(si, total, here)
             normal = _across(si.n, d)
-            roots = (
-                dr.sqrt(dr.select(across > 0.0, across, 0.0)),
-                dr.sqrt(dr.select(along > 0.0, along, 0.0)),
-            )
+            roots = [dr.sqrt(dr.select(part > 0.0, part, 0.0)) for part in (across, along)]
             if self._coherent:
                 turned = [
                     roots[1] * column + (roots[0] - roots[1]) * dr.dot(normal, column) * normal
@@ -236,6 +246,10 @@ class RayTracer:
         if not self._polarised:
             return scale * (roots[0] * roots[0] + roots[1] * roots[1]) / 2
         return scale * _mueller(roots, _across(si.n, arrived), -mirrored, arrived)
+
+
+def _transmittance(number: int, surface: Surface, cosine: Any) -> Any:
+    return 1.0 - np.abs(surface.coefficients(cosine)[number]) ** 2
 
 
 def _coefficient(number: int, surface: Surface, cosine: Any) -> Any:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,8 +12,8 @@ import numpy as np
 from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import checked_count, checked_flag
 from polywigner.mitsuba.plugins.films import check_seed, check_spp
-from polywigner.mitsuba.scenes.reflectors import Body, checked_bodies
-from polywigner.quantities import NOISE_PARSERS, SPEED_OF_LIGHT
+from polywigner.mitsuba.scenes.reflectors import checked_bodies
+from polywigner.quantities import NOISE_PARSERS, SPEED_OF_LIGHT, parse_noise
 from polywigner.reception.couplings import checked_tolerance
 from polywigner.source.polarisation import checked_polarisation
 from polywigner.transforms.xarray_arguments import labelled_array, labelled_arrays
@@ -214,25 +214,21 @@ def _dict_of(part: Contribution) -> dict[str, Any]:
         "direct_w": part.direct,
         "scattered_w": part.scattered,
         "standard_error_w": part.standard_error,
-        "paths": [
-            {
-                "mirrors": list(path.mirrors),
-                "power_w": path.power,
-                "coupling": path.coupling,
-                "passing": path.passing,
-                "arrives_from": list(path.arrives_from),
-                "polarisation": path.polarisation,
-                "length_m": path.length if math.isfinite(path.length) else None,
-                **({"light": path.light} if path.light else {}),
-                **_phase_of(path.amplitude),
-            }
-            for path in part.paths
-        ],
+        "paths": [_path_dict(path) for path in part.paths],
     }
 
 
-def _phase_of(amplitude: complex | None) -> dict[str, list[float]]:
-    return {} if amplitude is None else {"amplitude": [amplitude.real, amplitude.imag]}
+def _path_dict(path: DirectPath) -> dict[str, Any]:
+    shared = asdict(path)
+    power, length, light = (shared.pop(name) for name in ("power", "length", "light"))
+    wave = shared.pop("amplitude")
+    return {
+        **{name: list(own) if isinstance(own, tuple) else own for name, own in shared.items()},
+        "power_w": power,
+        "length_m": length if math.isfinite(length) else None,
+        **({"light": light} if light else {}),
+        **({} if wave is None else {"amplitude": [wave.real, wave.imag]}),
+    }
 
 
 def _watts(value: float) -> str:
@@ -244,50 +240,47 @@ MOST_REFLECTIONS = 3
 
 
 @dataclass(frozen=True)
-class Interference:
-    """Options of ways that interfere: Jones vector of plain sources, and conducting bodies."""
-
-    polarisation: Any = None
-    bodies: tuple[Body, ...] = ()
-
-
-def interference_of(coherent: Any, polarisation: Any, bodies: Any) -> Interference | None:
-    """Checked arguments of :func:`polywigner.mitsuba.received_power`; None: powers add."""
-    if not checked_flag(coherent, "coherent"):
-        for name, value in (("polarisation", polarisation), ("bodies", bodies)):
-            if value is not None:
-                raise ArgumentError(f"expected {name} with coherent=True, got it alone; give both")
-        return None
-    jones = None if polarisation is None else checked_polarisation(polarisation)
-    return Interference(jones, checked_bodies(bodies))
-
-
-@dataclass(frozen=True)
 class ReceiveOptions:
     """Checked arguments of :func:`polywigner.mitsuba.received_power`."""
 
     spp: int | None = None
-    """None: as the scene says, as in ``noise``."""
+    """None: as the scene specifies."""
     seed: int = 0
     integrator: Any = None
     reflections: int = 0
     tolerance: float = 1e-6
-    noise: Mapping[str, float | None] = field(default_factory=lambda: dict.fromkeys(NOISE_PARSERS))
-    interference: Interference | None = None
+    bandwidth: float | str | None = None
+    temperature: float | str | None = None
+    noise_figure: float | str | None = None
+    coherent: bool = False
+    """Whether paths of one emitter interfere."""
+    polarisation: Any = None
+    """Jones vector of ends that have none; None: the default."""
+    bodies: Any = None
+    """Conducting bodies: a tuple of :class:`Body` after the check."""
 
     def __post_init__(self) -> None:
-        checked = {
+        is_coherent = checked_flag(self.coherent, "coherent")
+        for name in ("polarisation", "bodies"):
+            if not is_coherent and getattr(self, name) is not None:
+                raise ArgumentError(f"expected {name} with coherent=True, got it alone; give both")
+        checked: dict[str, Any] = {
             "spp": None if self.spp is None else check_spp(self.spp),
             "seed": check_seed(self.seed),
             "reflections": checked_count(self.reflections, "reflections", 0, MOST_REFLECTIONS),
             "tolerance": checked_tolerance(self.tolerance),
+            **parse_noise(self.bandwidth, self.temperature, self.noise_figure),
+            "bodies": checked_bodies(self.bodies),
         }
+        if self.polarisation is not None:
+            checked["polarisation"] = checked_polarisation(self.polarisation)
         for name, value in checked.items():
             object.__setattr__(self, name, value)
 
     def noise_of(self, spec: Any) -> dict[str, Any]:
         """Noise of a receiver: the caller's numbers, else its own."""
-        noise = {n: spec.noise[n] if value is None else value for n, value in self.noise.items()}
+        noise = {name: getattr(self, name) for name in NOISE_PARSERS}
+        noise = {n: spec.noise[n] if value is None else value for n, value in noise.items()}
         power = noise_power_of(**noise)
         if power is not None and not 0 < power < math.inf:
             raise ArgumentError(

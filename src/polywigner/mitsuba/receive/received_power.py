@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from itertools import count
 from typing import Any, NamedTuple
@@ -33,20 +32,22 @@ from polywigner.mitsuba.plugins.receiver import (
 from polywigner.mitsuba.plugins.registration import one_at_a_time
 from polywigner.mitsuba.plugins.source_parameters import RECEIVER
 from polywigner.mitsuba.radar.range_film import is_transient
-from polywigner.mitsuba.receive.channels import Way, coherent_light
+from polywigner.mitsuba.receive.channels import amplitudes_of, paths_between
 from polywigner.mitsuba.receive.direct_light import (
     DirectLight,
+    Way,
     direct_light,
     light_of_points,
-    mirrors_in,
-    ways_of,
+    names_of,
+    ways_in,
 )
+from polywigner.mitsuba.receive.ray_transmission import point_batches
 from polywigner.mitsuba.receive.received import (
     OTHER_LIGHTS,
     Contribution,
+    DirectPath,
     ReceivedPower,
     ReceiveOptions,
-    interference_of,
 )
 from polywigner.mitsuba.receive.scattered import (
     BATCHES,
@@ -61,15 +62,17 @@ from polywigner.mitsuba.receive.scattered import (
     wigner_emitters,
 )
 from polywigner.mitsuba.receive.scattering_steps import number_of
-from polywigner.mitsuba.scenes.reflectors import echoes_of
+from polywigner.mitsuba.scenes.reflectors import Echo
 from polywigner.mitsuba.scenes.rendering import default_integrator, default_spp, exposed
 from polywigner.mitsuba.scenes.surfaces import sorted_shapes
-from polywigner.quantities import parse_noise
+from polywigner.quantities import SPEED_OF_LIGHT
 
 _NO_RADIANCE = ("AOVIntegrator", "DepthIntegrator", "MomentIntegrator", "ParticleTracerIntegrator")
 
 Progress = Callable[[int, int], None]
-Scattered = Callable[[list[Scattering]], Any]
+Floats = NDArray[np.float64]
+Sampled = Callable[[list[Scattering]], Floats]
+"""Power in W (receivers, batches, lights, ...) of the batches of each receiver."""
 
 
 @one_at_a_time
@@ -130,11 +133,11 @@ def received_power(
         refuses. ArgumentError : no scene, several receivers and none named, other arguments out of
         range; QuantityError : a quantity that is none.
     """
-    noise = parse_noise(bandwidth, temperature, noise_figure)
-    waves = interference_of(coherent, polarisation, bodies)
-    options = ReceiveOptions(spp, seed, integrator, reflections, tolerance, noise, waves)
+    noise = bandwidth, temperature, noise_figure
+    waves = coherent, polarisation, bodies
+    options = ReceiveOptions(spp, seed, integrator, reflections, tolerance, *noise, *waves)
     number = chosen(receivers_of(scene), receiver)
-    return received(scene, [number], options, partial(scattered_here, scene, progress))[0]
+    return received(scene, [number], options, partial(scattered_here, scene, progress)).powers[0]
 
 
 @one_at_a_time
@@ -155,11 +158,11 @@ def received_powers(
     progress: Progress | None = None,
 ) -> list[ReceivedPower]:
     """Return the power of each receiver of a scene, sorted by id: :func:`received_power`."""
-    noise = parse_noise(bandwidth, temperature, noise_figure)
-    waves = interference_of(coherent, polarisation, bodies)
-    options = ReceiveOptions(spp, seed, integrator, reflections, tolerance, noise, waves)
+    noise = bandwidth, temperature, noise_figure
+    waves = coherent, polarisation, bodies
+    options = ReceiveOptions(spp, seed, integrator, reflections, tolerance, *noise, *waves)
     numbers = list(range(len(receivers_of(scene))))
-    return received(scene, numbers, options, partial(scattered_here, scene, progress))
+    return received(scene, numbers, options, partial(scattered_here, scene, progress)).powers
 
 
 def chosen(found: list[tuple[int, Any]], receiver: int | str | None) -> int:
@@ -179,43 +182,6 @@ def chosen(found: list[tuple[int, Any]], receiver: int | str | None) -> int:
     )
 
 
-def received(
-    scene: Any, numbers: list[int], options: ReceiveOptions, scattered: Scattered
-) -> list[ReceivedPower]:
-    """The power at receivers by their numbers; see :func:`received_power`."""
-    with ready_to_receive(scene, options):
-        return received_by(scene, matched(scene, numbers, options), options, scattered)
-
-
-@contextmanager
-def ready_to_receive(scene: Any, options: ReceiveOptions) -> Iterator[None]:
-    """Hide the scene's sources and set default polarisations."""
-    jones = options.interference.polarisation if options.interference else None
-    with polarised_by_default(scene, jones), unseen(scene), aimed(scene):
-        yield
-
-
-def received_by(
-    scene: Any, parties: Parties, options: ReceiveOptions, scattered: Scattered
-) -> list[ReceivedPower]:
-    """The power at receivers of a scene that is ready."""
-    own = options.interference
-    jones = own.polarisation if own else None
-    plans = [scattering(scene, index, options) for index in parties.sensors]
-    direct = direct_lights(scene, parties, options)
-    found = scattered(plans)
-    each = zip(parties.places, parties.noises, direct, plans, found, strict=True)
-    return [
-        _result(
-            scene,
-            parties.emitters,
-            *one,
-            polarisation=polarisation_summary([*parties.emitters, one[0]], own is not None, jones),
-        )
-        for one in each
-    ]
-
-
 class Parties(NamedTuple):
     """Receivers of a scene and the coherent sources that they receive."""
 
@@ -225,6 +191,43 @@ class Parties(NamedTuple):
     noises: list[dict[str, Any]]
     """Bandwidth, temperature and noise figure of each receiver."""
     emitters: list[PlacedSource]
+
+
+class Received(NamedTuple):
+    """The power at receivers, and what it is made of."""
+
+    powers: list[ReceivedPower]
+    parties: Parties
+    batches: Floats
+    """W (receivers, batches, lights, values)."""
+
+
+def received(
+    scene: Any,
+    numbers: list[int],
+    options: ReceiveOptions,
+    sample: Sampled,
+    edges: Floats | None = None,
+) -> Received:
+    """The power at receivers by their numbers; see :func:`received_power`.
+
+    ``edges``: of bins of range in m, by which the scattered light is sampled; None: all in one.
+    """
+    with polarised_by_default(scene, options.polarisation), unseen(scene), aimed(scene):
+        parties = matched(scene, numbers, options)
+        plans = [
+            _scattering(scene, index, options, place.scene_unit, edges)
+            for index, place in zip(parties.sensors, parties.places, strict=True)
+        ]
+        direct = [
+            _direct(scene, *each, parties.emitters, options)
+            for each in zip(parties.sensors, parties.places, strict=True)
+        ]
+        batches = np.asarray(sample(plans), np.float64)
+        batches = batches.reshape(*batches.shape[:3], -1)
+        each = zip(parties.places, parties.noises, direct, plans, batches.sum(axis=-1), strict=True)
+        powers = [_result(scene, parties.emitters, options, *one) for one in each]
+    return Received(powers, parties, batches)
 
 
 def matched(scene: Any, numbers: list[int], options: ReceiveOptions) -> Parties:
@@ -243,7 +246,9 @@ def matched(scene: Any, numbers: list[int], options: ReceiveOptions) -> Parties:
     return Parties([index for index, _ in receivers], places, noises, emitters)
 
 
-def scattering(scene: Any, sensor: int, options: ReceiveOptions) -> Scattering:
+def _scattering(
+    scene: Any, sensor: int, options: ReceiveOptions, unit: float, edges: Floats | None
+) -> Scattering:
     """Sampling of the light that is scattered to a sensor, by its number."""
     name = exposed(scene, options.integrator, 1, 0, sensor, warn=False).integrator.class_name()
     if name in _NO_RADIANCE:
@@ -252,7 +257,8 @@ def scattering(scene: Any, sensor: int, options: ReceiveOptions) -> Scattering:
             f'{name}; use "path" or, with fog, "volpath"'
         )
     spp = default_spp(scene, sensor) if options.spp is None else options.spp
-    return Scattering(sensor, options.integrator, spp, options.seed)
+    lengths = None if edges is None else tuple((2.0 * edges / unit).tolist())
+    return Scattering(sensor, options.integrator, spp, options.seed, lengths)
 
 
 def scattered_here(
@@ -272,48 +278,70 @@ def scattered_here(
         return np.array([[p.batch(scene, k, tell) for k in range(BATCHES)] for p in plans])
 
 
-Direct = tuple[list[DirectLight], list[str]]
-
-
-def direct_lights(scene: Any, parties: Parties, options: ReceiveOptions) -> list[Direct]:
-    """Direct light of each emitter, then of other lights, and notes, for each receiver.
-
-    The scene's sources are hidden.
-    """
-    found = []
-    for sensor, place in zip(parties.sensors, parties.places, strict=True):
-        method = exposed(scene, options.integrator, 1, 0, sensor, warn=False).integrator
-        found.append(_direct(scene, place, parties.emitters, options, not method.hide_emitters))
-    return found
-
-
 def _direct(
     scene: Any,
+    sensor: int,
     receiver: PlacedSource,
     emitters: list[PlacedSource],
     options: ReceiveOptions,
-    shows_lights: bool,
-) -> Direct:
-    mirrors, notes = mirrors_in(scene, receiver.scene_unit, options.reflections)
-    ways = ways_of(mirrors, options.reflections)
-    how: tuple[Any, ...] = direct_light, ways, options.tolerance
-    if own := options.interference:
-        every: list[Way] = [*ways, *echoes_of(own.bodies, mirrors, options.reflections)]
-        how = coherent_light, every, options.tolerance, own.polarisation
-    links = [how[0](scene, emitter, receiver, *how[1:]) for emitter in emitters]
-    links.append(light_of_points(scene, receiver, ways) if shows_lights else DirectLight())
+) -> tuple[list[DirectLight], list[str]]:
+    """Direct light of each emitter, then of other lights, and notes. Sources are hidden."""
+    chains, echoes, notes = ways_in(scene, receiver.scene_unit, options.reflections, options.bodies)
+    links = []
+    for emitter in emitters:
+        ends = scene, emitter, receiver
+        if options.coherent:
+            ways: list[Way] = [*chains, *echoes]
+            links.append(_coherent_light(*ends, ways, options.tolerance, options.polarisation))
+        else:
+            links.append(direct_light(*ends, chains, options.tolerance))
+    method = exposed(scene, options.integrator, 1, 0, sensor, warn=False).integrator
+    hides_lights = method.hide_emitters
+    links.append(DirectLight() if hides_lights else light_of_points(scene, receiver, chains))
     return links, [note for link in links for note in link.notes] + notes
+
+
+def _coherent_light(
+    scene: Any,
+    emitter: PlacedSource,
+    receiver: PlacedSource,
+    ways: list[Way],
+    tolerance: float,
+    polarisation: Any = None,
+) -> DirectLight:
+    """Direct light of an emitter whose ways interfere, in a scene whose sources are unseen."""
+    wavelength = emitter.wavelength
+    paths, notes = paths_between(scene, emitter, receiver, ways, polarisation, wavelength)
+    frequency = np.array([SPEED_OF_LIGHT / wavelength])
+    found = []
+    for path, amplitude in zip(paths, amplitudes_of(paths, frequency, tolerance)[0], strict=True):
+        passing = path.passing * (1.0 if path.edges is None else abs(path.edges(wavelength)))
+        way = path.way
+        place = way.place if isinstance(way, Echo) else emitter.image(way).middle
+        found.append(
+            DirectPath(
+                names_of(path.way),
+                emitter.power * abs(amplitude) ** 2,
+                (abs(amplitude) / passing) ** 2 if passing else 0.0,
+                passing**2,
+                receiver.cosines_to(place),
+                amplitude=complex(amplitude),
+                length=path.distance,
+            )
+        )
+    power = emitter.power * abs(sum(path.amplitude or 0.0 for path in found)) ** 2
+    return DirectLight(tuple(found), tuple(notes), power)
 
 
 def _result(
     scene: Any,
     emitters: list[PlacedSource],
+    options: ReceiveOptions,
     receiver: PlacedSource,
     noise: dict[str, Any],
-    direct: Direct,
+    direct: tuple[list[DirectLight], list[str]],
     plan: Scattering,
-    found: Any,
-    polarisation: str,
+    found: Floats,
 ) -> ReceivedPower:
     links, notes = direct
     of_sources, others = shares_of(scene, found)
@@ -323,6 +351,7 @@ def _result(
     ]
     if len(lights_of(scene)) > len(emitters):
         parts.append(_contribution(OTHER_LIGHTS, others, links[-1]))
+    ends = [*emitters, receiver]
     return ReceivedPower(
         receiver=receiver.name,
         wavelength=receiver.wavelength,
@@ -331,7 +360,7 @@ def _result(
         samples=BATCHES * batches_of(plan.spp),
         seed=plan.seed,
         notes=tuple(dict.fromkeys(notes)),
-        polarisation=polarisation,
+        polarisation=polarisation_summary(ends, options.coherent, options.polarisation),
         **noise,
     )
 
@@ -401,12 +430,11 @@ def shapes_in(
     return {name: at for _, name, at in sorted(found, reverse=True)[:_MOST_NAMED]}
 
 
-def _first_shapes(scene: Any, origin: NDArray[np.float64], ways: NDArray[np.float64]) -> Any:
+def _first_shapes(scene: Any, origin: Floats, ways: Floats) -> Any:
     """Numbers (n,) of the shapes that rays of the directions (3, n) meet first."""
-    start = mi.Point3f(*origin.tolist())
-    if dr.is_jit_v(mi.Float):
-        found = scene.ray_intersect_preliminary(mi.Ray3f(start, mi.Vector3f(ways)))
-        return np.array(number_of("Shape", found.shape))
-    rays = [mi.Ray3f(start, mi.Vector3f(*way)) for way in ways.T.tolist()]
-    hits = [scene.ray_intersect_preliminary(ray) for ray in rays]
-    return np.array([number_of("Shape", hit.shape if hit.is_valid() else None) for hit in hits])
+    start, numbers = mi.Point3f(*origin.tolist()), []
+    for (way,) in point_batches(ways.T):
+        hit = scene.ray_intersect_preliminary(mi.Ray3f(start, mi.Vector3f(way)))
+        is_met = dr.is_jit_v(mi.Float) or hit.is_valid()
+        numbers.append(np.ravel(np.array(number_of("Shape", hit.shape if is_met else None))))
+    return np.concatenate(numbers)

@@ -18,9 +18,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import drjit as dr
@@ -34,7 +33,8 @@ from polywigner.mitsuba.plugins.placement import is_source
 from polywigner.mitsuba.plugins.polariser import Polariser
 from polywigner.mitsuba.plugins.receiver import is_receiver, receivers_of
 from polywigner.mitsuba.radar.range_film import sorted_by_range, transient_integrator
-from polywigner.mitsuba.scenes.rendering import Exposure, check_is_whole, exposed
+from polywigner.mitsuba.receive.ray_transmission import point_batches
+from polywigner.mitsuba.scenes.rendering import check_is_whole, exposed
 from polywigner.mitsuba.scenes.surfaces import (
     bounds_of,
     faces_of,
@@ -56,60 +56,58 @@ def wigner_emitters(scene: Any) -> list[Any]:
 
 
 @contextmanager
+def _changed(changes: Sequence[tuple[Any, str, Any]]) -> Iterator[None]:
+    """Within, attributes of objects have other values."""
+    before = [getattr(thing, name) for thing, name, _ in changes]
+    try:
+        for thing, name, value in changes:
+            setattr(thing, name, value)
+        yield
+    finally:
+        for (thing, name, _), value in zip(changes, before, strict=True):
+            setattr(thing, name, value)
+
+
+@contextmanager
 def unseen(scene: Any) -> Iterator[None]:
     """Within, coherent sources light the scene but rays that meet them read nothing."""
     sources = wigner_emitters(scene)
-    specs = [source.spec for source in sources]
     null = mi.BSDFFlags.Null
     visible = [source.get_shape() for source in sources if source.spec.visible]
     shapes = [shape for shape in visible if mi.has_flag(shape.bsdf().flags(), null)]
     places = [vertices_of(shape) for shape in shapes]
     middles = [(place.min(axis=0) + place.max(axis=0)) / 2 for place in places]
     shrunk = [m + _SHRUNK * (place - m) for m, place in zip(middles, places, strict=True)]
-    try:
-        for source, spec in zip(sources, specs, strict=True):
-            source.spec = replace(spec, visible=False)
-        _move(scene, shapes, shrunk)
-        yield
-    finally:
-        # while nothing is visible: a mesh elsewhere than its emitter would be refused
-        _move(scene, shapes, places)
-        for source, spec in zip(sources, specs, strict=True):
-            source.spec = spec
+    # meshes move while nothing is visible: one elsewhere than its emitter would be refused
+    with _changed([(source, "spec", replace(source.spec, visible=False)) for source in sources]):
+        try:
+            _move(scene, shapes, shrunk)
+            yield
+        finally:
+            _move(scene, shapes, places)
 
 
-@contextmanager
-def polarised_by_default(scene: Any, polarisation: Complexes | None) -> Iterator[None]:
+def polarised_by_default(
+    scene: Any, polarisation: Complexes | None
+) -> AbstractContextManager[None]:
     """Within, ends without a polarisation have this Jones vector (2,), in polarised variants."""
-    ends: list[Any] = []
+    changes: list[tuple[Any, str, Any]] = []
     if polarisation is not None and mi.is_polarized:
         every = [*wigner_emitters(scene), *(sensor for _, sensor in receivers_of(scene))]
-        ends = [end for end in every if not end.spec.states_polarisation]
-    before = [(end, end.spec, end.polariser) for end in ends]
-    try:
-        for end in ends:
-            end.spec = replace(end.spec, polarisation=polarisation)
-            end.polariser = Polariser(mi, polarisation)
-        yield
-    finally:
-        for end, spec, polariser in before:
-            end.spec, end.polariser = spec, polariser
+        for end in every:
+            if not end.spec.states_polarisation:
+                changes.append((end, "spec", replace(end.spec, polarisation=polarisation)))
+                changes.append((end, "polariser", Polariser(mi, polarisation)))
+    return _changed(changes)
 
 
-@contextmanager
-def lit_by(sources: Sequence[Any], lit: Any) -> Iterator[None]:
+def lit_by(sources: Sequence[Any], lit: Any) -> AbstractContextManager[None]:
     """Within, all of these sources but ``lit`` (None: all of them) have a power of zero."""
-    dark = [source for source in sources if source is not lit]
-    powers = [source.power for source in dark]
-    try:
-        for source in dark:
-            source.power = type(source.power)(0.0)
-            if dr.is_jit_v(source.power):
-                dr.make_opaque(source.power)  # as a literal, it would compile the kernel again
-        yield
-    finally:
-        for source, power in zip(dark, powers, strict=True):
-            source.power = power
+    dark = [(source, "power", type(source.power)(0.0)) for source in sources if source is not lit]
+    for _, _, power in dark:
+        if dr.is_jit_v(power):
+            dr.make_opaque(power)  # as a literal, it would compile the kernel again
+    return _changed(dark)
 
 
 def _move(scene: Any, shapes: list[Any], places: list[Floats]) -> None:
@@ -139,19 +137,18 @@ _PLACES = 3
 _LOOKS = 5
 
 
-@contextmanager
-def aimed(scene: Any) -> Iterator[None]:
+def aimed(scene: Any) -> AbstractContextManager[None]:
     """Within, receivers of one pixel look towards small shapes more often, with smaller weights."""
-    sources = [emitter.get_shape() for emitter in filter(is_source, sorted_emitters(scene))]
+    sources = [emitter.get_shape() for emitter in wigner_emitters(scene)]
     shapes = [shape for shape in sorted_shapes(scene) if shape not in sources]
-    boxes = [box for shape in shapes for box in _boxes(shape)]
-    with ExitStack() as stack:
-        for sensor in filter(is_receiver, scene.sensors()):
-            stack.callback(setattr, sensor, "directions", sensor.directions)
-            rows = _targets(sensor, np.reshape(boxes, (-1, 2, 3)))
-            if len(rows):
-                sensor.directions = AimedDirections(mi, sensor.directions, rows)
-        yield
+    boxes = np.reshape([box for shape in shapes for box in _boxes(shape)], (-1, 2, 3))
+    changes = []
+    for sensor in filter(is_receiver, scene.sensors()):
+        rows = _targets(sensor, boxes)
+        if len(rows):
+            looks = AimedDirections(mi, sensor.directions, rows)
+            changes.append((sensor, "directions", looks))
+    return _changed(changes)
 
 
 def _boxes(shape: Any) -> list[Floats]:
@@ -215,11 +212,9 @@ def _often(directions: Any, rows: Floats) -> Floats:
     inner = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
     low, size = rows[:, None, :2], np.diff(rows.reshape(-1, 2, 2), axis=1)
     angles = (low + size * inner).reshape(-1, 2)
-    if dr.is_jit_v(mi.Float):
-        density = np.array(directions.density(mi.Point2f(*(a.tolist() for a in angles.T))))
-    else:
-        density = np.array([directions.density(mi.Point2f(*a)) for a in angles.tolist()])
-    return np.asarray(density.reshape(len(rows), -1).mean(axis=1) * size.prod(axis=-1).ravel())
+    density = [np.ravel(directions.density(points)) for (points,) in point_batches(angles)]
+    means = np.concatenate(density).reshape(len(rows), -1).mean(axis=1)
+    return np.asarray(means * size.prod(axis=-1).ravel())
 
 
 class AimedDirections:
@@ -335,24 +330,22 @@ class Scattering:
         exposure = exposed(
             scene, self.integrator, samples, own, self.sensor, self.edges is None or number == 0
         )
-        power: Callable[[], Any] = partial(_power, exposure)
         if self.edges is not None:
-            integrator = transient_integrator(exposure.integrator, scene, exposure.camera)
-            edges = np.array(self.edges)
-            ranged = scene, exposure.camera, integrator, edges, samples, own
-            power = lambda: sorted_by_range(*ranged).sum(axis=(0, 1))  # noqa: E731
-        sources, found = wigner_emitters(scene), []
+            camera, edges = exposure.camera, np.array(self.edges)
+            integrator = transient_integrator(exposure.integrator, scene, camera)
+        found = []
         for light in lights_of(scene):
-            with lit_by(sources, light):
-                found.append(power())
+            with lit_by(wigner_emitters(scene), light):
+                if self.edges is None:
+                    image = exposure.picture(lambda: None)
+                    check_is_whole(exposure.integrator)
+                    power = mean_of_colours(image).sum()
+                else:
+                    ranged = sorted_by_range(scene, camera, integrator, edges, samples, own)
+                    power = ranged.sum(axis=(0, 1))
+            found.append(power)
             done()
         return np.array(found)
-
-
-def _power(exposure: Exposure) -> Any:
-    image = exposure.picture(lambda: None)
-    check_is_whole(exposure.integrator)
-    return mean_of_colours(image).sum()
 
 
 def lights_of(scene: Any) -> list[Any]:

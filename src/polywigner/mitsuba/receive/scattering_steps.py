@@ -150,7 +150,8 @@ class Steps:
         bounces = paths.bounces + dr.select(is_bounce, mi.UInt32(1), mi.UInt32(0))
         largest = dr.max(mi.unpolarized_spectrum(carried))
         active = is_met & (largest > 0.0) & (bounces < self._most + self._meets_lights)
-        survives = dr.select(bounces >= _ROULETTE, _smaller(largest, _SURVIVORS), 1.0)
+        likely = dr.select(largest < _SURVIVORS, largest, _SURVIVORS)
+        survives = dr.select(bounces >= _ROULETTE, likely, 1.0)
         active = active & (samples[3] < survives)
         carried = carried * (1.0 / dr.select(survives > 0.0, survives, 1.0))
         smooth = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
@@ -164,10 +165,6 @@ class Steps:
             dr.select(is_bounce, smooth, paths.is_smooth),
         )
         return following, is_bounce
-
-
-def _smaller(value: Any, limit: float) -> Any:
-    return dr.select(value < limit, value, limit)
 
 
 def _brightness(spectrum: Any, si: Any) -> Any:

@@ -19,8 +19,7 @@ from polywigner.mitsuba.scenes.surfaces import faces_of, sorted_shapes, vertices
 from polywigner.reception.norms import NORMALISATIONS
 from polywigner.scattering.antennas import Antenna
 from polywigner.scattering.cross_sections import MOST_BOUNCES
-from polywigner.scattering.facets import Facets, facets_of
-from polywigner.scattering.interreflections import lights_itself
+from polywigner.scattering.facets import Facets, facets_of, lights_itself
 
 Floats = NDArray[np.float64]
 

@@ -27,7 +27,7 @@ from polywigner.mitsuba.plugins.receiver import is_receiver, receivers_of, scene
 from polywigner.mitsuba.plugins.registration import one_at_a_time
 from polywigner.mitsuba.plugins.source_parameters import is_key, register_source, registered_source
 from polywigner.mitsuba.radar.range_profile import checked_ranges, received_by_range
-from polywigner.mitsuba.receive.delta_lights import delta_lights, delta_paths
+from polywigner.mitsuba.receive.direct_light import delta_lights, delta_paths
 from polywigner.mitsuba.receive.received import ReceivedPower, ReceiveOptions
 from polywigner.mitsuba.receive.received_power import received, scattered_here
 from polywigner.mitsuba.receive.scattered import (
@@ -327,7 +327,7 @@ def receive_parts(
 ) -> list[ReceivedPower]:
     """:func:`received_powers` of a scene that was loaded from a file."""
     numbers = list(range(len(receivers_of(scene))))
-    return received(scene, numbers, options, partial(_sampled, file, scene, **keeping))
+    return received(scene, numbers, options, partial(_sampled, file, scene, **keeping)).powers
 
 
 def receive_ranges(
