@@ -7,9 +7,8 @@ import sys
 
 import pytest
 
-import polywigner as pw
 from polywigner.cli import main
-from polywigner.cli.output import check_writable, targets, writing
+from polywigner.cli.options import check_writable, targets, writing
 from polywigner.errors import ArgumentError
 
 HEAVY = ("numpy", "shapely", "matplotlib", "drjit", "mitsuba", "rich")
@@ -54,22 +53,6 @@ def _raising(monkeypatch, error):
         raise error
 
     monkeypatch.setattr("polywigner.cli.sources.SourceOptions.check", check)
-
-
-def test_commands_and_options_are_completed_by_the_script_of_a_shell(monkeypatch, capsys):
-    monkeypatch.setenv("_POLYWIGNER_COMPLETE", "source_bash")
-    with pytest.raises(SystemExit) as end:
-        main([])
-    script, errors = capsys.readouterr()
-    assert (end.value.code, errors) == (0, "")
-    assert "complete -o default -F _polywigner_completion polywigner" in script
-    monkeypatch.setenv("_POLYWIGNER_COMPLETE", "complete_bash")
-    for words, expected in (("polywigner pro", "propagate"), ("polywigner volume --la", "--layer")):
-        monkeypatch.setenv("COMP_WORDS", words)
-        monkeypatch.setenv("COMP_CWORD", str(words.count(" ")))
-        with pytest.raises(SystemExit):
-            main([])
-        assert capsys.readouterr().out.split() == [expected]
 
 
 @pytest.mark.parametrize(
@@ -127,13 +110,3 @@ def test_a_place_that_cannot_be_written_to_is_found_before_the_work(tmp_path):
         check_writable([tmp_path / "folder.png"])
     check_writable([tmp_path / "new" / "a.png"])
     assert not (tmp_path / "new").exists()
-
-
-def test_the_module_runs_as_a_script():
-    run = subprocess.run(
-        [sys.executable, "-m", "polywigner", "--version"],
-        capture_output=True,
-        text=True,
-        timeout=60,
-    )
-    assert run.stdout == f"polywigner {pw.__version__}\n"

@@ -1,4 +1,4 @@
-"""``polywigner propagate``: its files and its table hold the fields, at the places asked for."""
+"""``polywigner propagate`` and ``volume``: their files and tables hold the fields at the points."""
 
 import re
 
@@ -10,6 +10,7 @@ from polywigner.cli import main
 
 xarray = pytest.importorskip("xarray")
 pytest.importorskip("h5netcdf")
+pytest.importorskip("zarr")
 
 
 WAVELENGTH = 299_792_458 / 94e9
@@ -97,7 +98,6 @@ ARC = ("--arc", "50 mm", "--samples", "5", "--method", "kirchhoff")
 
 
 def test_a_store_holds_the_same_complex_fields_as_other_formats(square):
-    pytest.importorskip("zarr")
     formats = ("--format", "zarr", "--format", "nc")
     split = propagated(square, *ARC, "--amplitude", *formats)
     store = square.parent / "out" / "field.zarr"
@@ -114,7 +114,6 @@ def test_a_store_holds_the_same_complex_fields_as_other_formats(square):
 
 @pytest.mark.parametrize("is_volume", [True, False])
 def test_a_store_of_hours_of_work_and_a_file_in_its_place_are_left_alone(is_volume, square, capfd):
-    pytest.importorskip("zarr")
     store = square.parent / "out" / "field.zarr"
     if is_volume:
         box = ((-0.02, -0.02, 0.04), (0.02, 0.02, 0.06))
@@ -184,3 +183,95 @@ def test_fields_behind_meshes_and_plates_are_those_of_irradiance(square):
         SQUARE, points_of(found), WAVELENGTH, obstacles=SQUARE.placed(pose), **how
     )
     np.testing.assert_allclose(found["rayleigh-sommerfeld-1"], expected, rtol=1e-6, atol=1e-9)
+
+
+REGION = ("--box", "-20 mm to 20 mm, -15 mm to 15 mm, 30 mm to 60 mm")
+SMALL = (*REGION, "--shape", "6 x 5 x 4", "--chunks", "3 x 3 x 4", "--engine", "numpy")
+
+SINGLE = 1e-6  # values are stored in float32
+
+
+def run(path, *options):
+    out = path.parent / "out" / "field"
+    return main(["volume", str(path), *FREQUENCY, "--out", str(out), *options])
+
+
+def test_the_store_holds_the_irradiance_in_the_box(square, capfd):
+    formats = ("--format", "nc", "--format", "vti", "--format", "vti", "--format", "zarr")
+    assert run(square, *SMALL, "--method", "wigner kirchhoff", *formats) == 0
+    out = square.parent / "out"
+    names = ("field.zarr", "field.png", "field.nc", "field.vti")
+    assert capfd.readouterr().out.splitlines() == [str(out / name) for name in names]
+    assert sorted(path.name for path in out.iterdir()) == sorted(names)
+    found = xarray.open_zarr(out / "field.zarr")
+    assert found["wigner"].dims == ("x", "y", "z") and found["wigner"].shape == (6, 5, 4)
+    assert dict(found.chunksizes) == {"x": (3, 3), "y": (3, 2), "z": (4,)}
+    np.testing.assert_allclose(found["y"], np.linspace(-15e-3, 15e-3, 5))
+    axes = np.meshgrid(*(found[name].values for name in "xyz"), indexing="ij")
+    expected = pw.irradiance(SQUARE, np.stack(axes, -1), WAVELENGTH, obliquity="kirchhoff")
+    np.testing.assert_allclose(found["wigner"], expected, rtol=SINGLE, atol=SINGLE)
+    with xarray.open_dataset(out / "field.nc", engine="h5netcdf") as copy:
+        assert np.array_equal(copy["wigner"], found["wigner"])
+    assert b'WholeExtent="0 5 0 4 0 3"' in (out / "field.vti").read_bytes()  # for ParaView
+
+
+def test_the_same_command_completes_what_is_missing(square):
+    assert run(square, *SMALL) == 0
+    store = square.parent / "out" / "field.zarr"
+    before = xarray.open_zarr(store)["wigner"].load()
+    chunks = sorted(path for path in (store / "wigner" / "c").rglob("*") if path.is_file())
+    kept, lost = chunks[0], chunks[-1]
+    time = kept.stat().st_mtime_ns
+    lost.unlink()
+    assert run(square, *SMALL) == 0
+    assert kept.stat().st_mtime_ns == time and lost.exists()
+    assert xarray.open_zarr(store)["wigner"].identical(before)
+
+
+def test_methods_side_by_side_have_stores_of_their_own(square, capfd):
+    methods = ("--method", "fraunhofer", "--method", "kirchhoff")
+    assert run(square, *SMALL, *methods) == 0
+    printed = capfd.readouterr().out
+    out = square.parent / "out"
+    first, second = (xarray.open_zarr(out / f"field-{m}.zarr")[m].values for m in methods[1::2])
+    apart = 10 * np.log10(first / second)[second > second.max() * 1e-3]
+    row = next(line.split() for line in printed.splitlines() if line.startswith("  fraunhofer"))
+    np.testing.assert_allclose(float(row[1]), apart.flat[np.argmax(abs(apart))], atol=5.1e-4)
+    np.testing.assert_allclose(float(row[2]), np.sqrt(np.mean(apart**2)), atol=5.1e-5)
+    assert int(row[3]) == apart.size < second.size == int(row[5])
+    assert (out / "field-kirchhoff.png").exists()
+
+
+def test_a_store_of_other_settings_is_not_gone_on_with(square, capfd):
+    assert run(square, *SMALL) == 0
+    store = square.parent / "out" / "field.zarr"
+    content = {path: path.read_bytes() for path in store.rglob("*") if path.is_file()}
+    assert run(square, *SMALL, "--obliquity", "kirchhoff") == 2
+    assert "obliquity" in capfd.readouterr().err
+    assert content == {path: path.read_bytes() for path in store.rglob("*") if path.is_file()}
+
+
+def test_the_store_of_a_field_behind_an_obstacle_is_no_other_field(square, capfd):
+    plate = ("--obstacle", f"{square} at 0 mm, 0 mm, 20 mm")
+    assert run(square, *SMALL, *plate) == 0
+    found = xarray.open_zarr(square.parent / "out" / "field.zarr")["rayleigh-sommerfeld-1"]
+    pose = np.eye(4)
+    pose[2, 3] = 0.02
+    axes = np.meshgrid(*(found[name].values for name in "xyz"), indexing="ij")
+    expected = pw.irradiance(
+        SQUARE, np.stack(axes, -1), WAVELENGTH, "auto", obstacles=SQUARE.placed(pose)
+    )
+    np.testing.assert_allclose(found, expected, rtol=SINGLE, atol=SINGLE)
+    assert run(square, *SMALL, *plate) == 0
+    (square.parent / "out" / "field.png").unlink()
+    capfd.readouterr()
+    assert run(square, *SMALL, "--obstacle", f"{square} at 0 mm, 1 mm, 20 mm") == 2
+    assert "obstacles" in capfd.readouterr().err
+
+
+def test_volumes_of_some_seconds_have_several_chunks(tmp_path):
+    box = [(-0.02, -0.02, 0.05), (0.02, 0.02, 0.1)]
+    how = {"method": "fraunhofer", "out": tmp_path / "field.zarr"}
+    found = pw.volume(SQUARE, box, (48, 48, 48), WAVELENGTH, **how)
+    counts, largest = zip(*((len(n), n[0]) for n in found["fraunhofer"].chunks), strict=True)
+    assert np.prod(counts) >= 4 and np.prod(largest) <= 1 << 15

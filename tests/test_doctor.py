@@ -3,6 +3,7 @@
 import importlib.metadata
 import io
 import os
+import re
 import subprocess
 import sys
 
@@ -12,11 +13,11 @@ from polywigner.cli import doctor, main
 from polywigner.errors import EngineError
 
 
-def run(*arguments, **variables):
+def run(**variables):
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     environment.pop("POLYWIGNER_NO_LLVM", None)  # a run of all tests may have it set
     return subprocess.run(
-        [sys.executable, "-m", "polywigner", "doctor", *arguments],
+        [sys.executable, "-m", "polywigner", "doctor"],
         env={**environment, **variables},
         capture_output=True,
         text=True,
@@ -24,19 +25,9 @@ def run(*arguments, **variables):
     )
 
 
-def row_of(output, subject):
-    """Return the text of one row of the table, its lines joined."""
-    rows: list[list[str]] = []
-    for line in output.splitlines():
-        cells = [cell.strip() for cell in line.split("│")]
-        if len(cells) < 5:
-            continue
-        if cells[1]:
-            rows.append(cells[1:4])
-        else:
-            rows[-1][2] += " " + cells[3]
-    (row,) = [" ".join(cells) for cells in rows if cells[0] == subject]
-    return row
+def rows_of(output):
+    """Return the text of the table in one line, without its borders."""
+    return re.sub(r"[^\w/.,:;()<>+='\[\]-]+", " ", output)
 
 
 def test_it_names_the_libraries_their_versions_and_the_variants(llvm, tmp_path):
@@ -44,29 +35,30 @@ def test_it_names_the_libraries_their_versions_and_the_variants(llvm, tmp_path):
     old.touch()
     done = run(DRJIT_LIBLLVM_PATH=str(old))
     assert done.returncode == 0, done.stderr
-    row = row_of(done.stdout, "engine llvm")
-    assert "yes" in row and f"LLVM {llvm.version} at " in row
-    assert f"refused {old}: LLVM 15 is too old" in row
-    assert "llvm_ad_mono" in row_of(done.stdout, "rendering")
-    assert importlib.metadata.version("mitsuba") in row_of(done.stdout, "mitsuba")
+    rows = rows_of(done.stdout)
+    assert f"engine llvm yes LLVM {llvm.version} at " in rows
+    assert f"refused {old}: LLVM 15 is too old" in rows
+    assert re.search("rendering yes .*llvm_ad_mono", rows)
+    assert f"mitsuba yes {importlib.metadata.version('mitsuba')}" in rows
 
 
 @pytest.mark.drjit
 def test_without_llvm_all_is_well_but_slow():
     done = run(POLYWIGNER_NO_LLVM="1")
     assert done.returncode == 0  # the transforms work
-    assert "yes" in row_of(done.stdout, "engine numpy")
-    assert "no" in row_of(done.stdout, "engine llvm").split()
-    rendering = row_of(done.stdout, "rendering")
-    assert "scalar_rgb" in rendering and "llvm_ad_mono" not in rendering
-    assert "hundreds of times slower" in rendering
-    assert done.stderr == ""
+    rows = rows_of(done.stdout)
+    assert "engine numpy yes" in rows and "engine llvm no" in rows and done.stderr == ""
+    assert re.search("rendering yes .*scalar_rgb.* hundreds of times slower", rows)
+    assert "llvm_ad_mono" not in rows
 
 
-def test_a_library_that_cannot_be_installed_is_bad_input():
-    done = run("--install-llvm", POLYWIGNER_NO_LLVM="1")
-    assert done.returncode == 2
-    assert done.stderr.startswith("polywigner: error: ") and done.stderr.count("\n") == 1
+def test_a_library_that_cannot_be_installed_is_bad_input(monkeypatch, capsys):
+    def refuse(confirm):
+        raise EngineError("no package")
+
+    monkeypatch.setattr(doctor.install, "install_llvm", refuse)
+    assert main(["doctor", "--install-llvm"]) == 2
+    assert capsys.readouterr().err == "polywigner: error: no package\n"
 
 
 def test_the_extras_are_those_of_the_package():

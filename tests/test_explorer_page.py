@@ -2,49 +2,49 @@
 
 import importlib.util
 import json
+import re
 import shutil
-import threading
+import subprocess
+import sys
 import time
+from contextlib import contextmanager
 from http.client import HTTPConnection
+from pathlib import Path
+from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
 
-from polywigner.explorer.state import State
+import polywigner.explorer
 
 pytestmark = pytest.mark.slow
 
 SECONDS = 60.0  # for anything to happen on a busy machine
 
 
+@contextmanager
+def serving(*command):
+    """Start a server, and give the address that it prints."""
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+    with subprocess.Popen([sys.executable, "-m", *command], **pipes) as server:
+        try:
+            addresses = (re.search(r"http://[^ ]+[^ \n]", line) for line in server.stdout)
+            yield next(filter(None, addresses)).group()
+        finally:
+            server.kill()
+
+
 @pytest.fixture(scope="module")
-def port(leave_out):
-    """Port of a running server of the page."""
+def address(leave_out):
+    """Address of a running server of the page."""
     if importlib.util.find_spec("panel") is None:
         leave_out('Panel. `pip install ".[explorer]"` brings it.')
-    from polywigner.explorer.server import new_server
-
-    started, servers = threading.Event(), []
-
-    def serve():
-        import asyncio
-
-        asyncio.set_event_loop(asyncio.new_event_loop())
-        servers.append(new_server(State()))
-        servers[0].start()
-        started.set()
-        servers[0].io_loop.start()
-
-    thread = threading.Thread(target=serve, daemon=True)
-    thread.start()
-    assert started.wait(SECONDS)
-    yield servers[0].port
-    servers[0].io_loop.add_callback(servers[0].io_loop.stop)
-    thread.join(SECONDS)
+    with serving("polywigner", "explore", "--no-browser", "--port", "0") as address:
+        yield address
 
 
 @pytest.fixture(scope="module")
-def browser(port, tmp_path_factory, leave_out):
+def browser(address, tmp_path_factory, leave_out):
     """A headless Chromium that reaches nothing but this machine, and its downloads."""
     if importlib.util.find_spec("selenium") is None:
         leave_out('Selenium. `pip install ".[browser]"` brings it.')
@@ -91,9 +91,9 @@ const at = (name, x, y) => {
 class Page:
     """The page as a visitor uses it."""
 
-    def __init__(self, browser, port):
+    def __init__(self, browser, address):
         self.browser = browser
-        browser.get(f"http://127.0.0.1:{port}/")
+        browser.get(address)
         self.wait(self.is_ready)
 
     def js(self, code, *arguments):
@@ -165,8 +165,8 @@ class Page:
         actions.pointer_action.pointer_up()
         actions.perform()
 
-    def press(self, label):
-        button = self.js("return element(arguments[0], 'button')", label)
+    def press(self, label, selector="button"):
+        button = self.js("return element(...arguments)", label, selector)
         self.browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", button)
         button.click()
 
@@ -183,9 +183,9 @@ class Page:
 
 
 @pytest.fixture
-def page(browser, port):
+def page(browser, address):
     """A new page."""
-    return Page(browser, port)
+    return Page(browser, address)
 
 
 def test_all_views_are_drawn_without_errors_or_requests_to_other_hosts(page):
@@ -198,16 +198,6 @@ def test_all_views_are_drawn_without_errors_or_requests_to_other_hosts(page):
     events = [json.loads(e["message"])["message"] for e in page.browser.get_log("performance")]
     urls = [e["params"]["request"]["url"] for e in events if e["method"].endswith("WillBeSent")]
     assert {u.split("/")[2] for u in urls if u.startswith("http")} == {urls[0].split("/")[2]}
-
-
-@pytest.mark.parametrize("width", [1400, 390])
-def test_the_page_fits_into_the_window(page, width):
-    size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width < 500}
-    page.browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
-    try:
-        page.wait(lambda: page.js("return document.documentElement.scrollWidth") <= width)
-    finally:
-        page.browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
 
 
 def test_dragging_a_vertex_changes_the_views_and_undo_takes_it_back(page):
@@ -248,11 +238,14 @@ def test_an_outline_is_drawn_by_clicks_and_a_second_one_is_a_hole(page):
     assert page.js("return named('lags').renderers[0].data_source.data.xs.length") == 1
 
 
-def test_an_outline_that_crosses_itself_is_named_and_the_page_goes_on(page):
+def test_an_outline_that_crosses_itself_is_named_and_the_figures_are_pale_until_undone(page):
+    opacity = """
+const all = [...doc._all_models.values()].find((m) => m.styles?.['grid-area'] === 'views')
+return getComputedStyle(Bokeh.index.find_one(all).el).opacity"""
     page.drag((10, -2), (-12, 8))
-    page.wait(lambda: page.shows("earlier outline"))
+    page.wait(lambda: page.shows("earlier outline") and float(page.js(opacity)) < 0.5)
     page.press("Undo")
-    page.wait(page.is_ready)
+    page.wait(lambda: page.is_ready() and float(page.js(opacity)) == 1)
 
 
 def test_sliders_and_catalogue_change_the_views(page):
@@ -292,31 +285,37 @@ def test_files_are_read_and_bad_ones_are_named(page, tmp_path):
     page.wait(lambda: sorted(page.vertices()[0]) == [0, 0, 4, 4])
 
 
-def test_the_save_tool_of_a_figure_downloads_a_png(page):
-    page.js("named('otf').toolbar.tools.find((t) => t.type === 'SaveTool').do.emit()")
-    path = page.browser.downloads / "otf.png"
-    page.wait(path.exists)
-    assert path.read_bytes().startswith(b"\x89PNG")
+@pytest.fixture(params=[1400, 390])
+def width(request, browser):
+    """Width of the browser's window in pixels: of a desk and of a phone."""
+    size = {"width": request.param, "height": 900, "deviceScaleFactor": 1, "mobile": False}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    yield request.param
+    browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
 
 
-def test_npz_geojson_and_code_are_downloaded(page):
+def test_the_page_fits_into_the_window_and_figures_values_and_code_are_saved(width, page):
+    page.wait(lambda: page.js("return document.documentElement.scrollWidth") <= width)
     page.js("for (const m of doc._all_models.values()) if (m.collapsed) m.collapsed = false")
-    time.sleep(1)
     page.wait(lambda: page.shows("pw.fourier"))
-    for label, name, start in (
-        ("npz of the view", "fourier.npz", b"PK"),
-        ("GeoJSON of the aperture", "aperture.geojson", b"{"),
-    ):
-        link = page.js(
-            "const m = [...doc._all_models.values()].find((m) => m.label === arguments[0]);"
-            "const el = Bokeh.index.find_one(m).shadow_el.querySelector('a, button');"
-            "el.scrollIntoView({block: 'center'}); return el",
-            label,
-        )
-        link.click()
+    page.wait(lambda: page.js("return labelled('npz of the view') !== undefined"))
+    page.js("named('otf').toolbar.tools.find((t) => t.type === 'SaveTool').do.emit()")
+    page.press("npz of the view", "a, button")
+    page.press("GeoJSON of the aperture", "a, button")
+    starts = {"otf.png": b"\x89PNG", "fourier.npz": b"PK", "aperture.geojson": b"{"}
+    for name, start in starts.items():
         path = page.browser.downloads / name
         page.wait(path.exists)
         assert path.read_bytes().startswith(start)
+        path.unlink()
+
+
+def test_panel_serve_shows_the_page_too(browser):
+    app = Path(polywigner.explorer.__file__).with_name("app.py")
+    with serving("panel", "serve", str(app), "--address", "127.0.0.1", "--port", "0") as address:
+        page = Page(browser, address)
+        page.choose("Start from", "hexagon")
+        page.wait(lambda: page.is_ready() and len(page.vertices()[0]) == 6)
 
 
 @pytest.mark.parametrize(
@@ -324,7 +323,8 @@ def test_npz_geojson_and_code_are_downloaded(page):
     [("127.0.0.1:{}", 200), ("localhost:{}", 200), ("evil.example:{}", 403), ("127.0.0.1", 403)],
 )
 @pytest.mark.parametrize("path", ["/", "/ws"])
-def test_foreign_hosts_are_refused_even_with_the_same_origin(port, host, status, path):
+def test_foreign_hosts_are_refused_even_with_the_same_origin(address, host, status, path):
+    port = urlsplit(address).port
     name = host.format(port)
     headers = {"Host": name, "Origin": f"http://{name}"}
     if path == "/ws":

@@ -27,14 +27,15 @@ FED = replace(SQUARE, taper="cosine", theta=20.0, columns=2, pitch=12.0)
 
 
 def test_a_drag_is_one_step_that_undo_takes_back():
-    history = History(SQUARE)
+    history, widths = History(SQUARE), []
     for width in (8.0, 7.0, 6.0):
-        history = history.then(SQUARE.with_width(width), "drag")
-    history = history.ended().then(SQUARE.with_width(5.0), "drag")
-    assert history.present.box == (-2.5, -2.5, 2.5, 2.5)
-    assert history.undone().present.box == (-3.0, -3.0, 3.0, 3.0)
-    assert history.undone().undone().present == SQUARE
-    assert history.undone().redone().present == history.present
+        history.add(SQUARE.with_width(width), "drag")
+    history.move(0)
+    history.add(SQUARE.with_width(5.0), "drag")
+    for steps in (0, -1, -1, -1, 1):
+        history.move(steps)
+        widths.append(history.present.box[2] * 2)
+    assert widths == [5.0, 6.0, 10.0, 10.0, 6.0]
 
 
 def test_a_vertex_is_inserted_into_the_nearest_edge():

@@ -11,7 +11,7 @@ import pytest
 
 import polywigner as pw
 from polywigner.cli import main
-from polywigner.cli.field_options import parse_place, samples_of_box, samples_of_place
+from polywigner.cli.propagate import parse_place, samples_of_box, samples_of_place
 from polywigner.errors import ArgumentError
 
 WAVELENGTH = 299_792_458 / 94e9

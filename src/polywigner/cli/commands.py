@@ -12,13 +12,12 @@ from polywigner.cli import options
 from polywigner.cli.doctor import doctor
 from polywigner.cli.lens_commands import mtf, psf
 from polywigner.cli.pattern import pattern
-from polywigner.cli.propagate import propagate
+from polywigner.cli.propagate import propagate, volume
 from polywigner.cli.rcs import rcs
 from polywigner.cli.receive import receive
 from polywigner.cli.render import render
-from polywigner.cli.sources import Reading, wavelength_from
+from polywigner.cli.sources import Reading, WaveOptions
 from polywigner.cli.transform import transform
-from polywigner.cli.volume import volume
 
 app = typer.Typer(
     add_completion=True,
@@ -54,11 +53,9 @@ def explore(
             help="Aperture file to begin with: GeoJSON, WKT, CSV, SVG, DXF (default: a chevron)."
         ),
     ] = None,
-    unit: options.Unit = None,
-    layer: options.Layer = None,
-    union: options.Union = False,
-    frequency: options.Frequency = None,
-    wavelength: options.Wavelength = None,
+    *,
+    reading: Reading,
+    wave: WaveOptions,
     port: Annotated[int, "Port to serve at; 0: any that is free."] = 5006,
     browser: Annotated[bool, "Whether to open a browser."] = True,
 ) -> None:
@@ -67,12 +64,11 @@ def explore(
     Prints the address of the page and serves it until Ctrl-C.
     """
     if aperture is not None:
-        Reading(unit, None, layer, union).check(aperture)
-    wavelength_from(frequency, wavelength)  # its error
-    from polywigner.explorer import check_installed, serve, start_state
+        reading.check_file(aperture)
+    wave.length()  # its error
+    from polywigner.explorer import serve, start_state
 
-    check_installed()
-    state = start_state(aperture, unit or "mm", frequency or wavelength, layer, union)
+    state = start_state(aperture, wave.frequency or wave.wavelength, **reading.reading_arguments())
     serve(state, port=port, browser=browser, say=partial(print, flush=True))
     os._exit(0)  # a computation in progress is not worth waiting for
 

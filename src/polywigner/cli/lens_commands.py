@@ -9,9 +9,8 @@ from typing import Annotated, Any
 
 import typer
 
-from polywigner.cli.options import DbFloor, Out
-from polywigner.cli.output import files_to_write, write
-from polywigner.cli.sources import SourceOptions, check_is_coherent, short_name
+from polywigner.cli.options import DbFloor, Out, files_to_write, parse_numbers, write
+from polywigner.cli.sources import SourceOptions, short_name
 from polywigner.errors import ArgumentError, QuantityError
 from polywigner.quantities import parse_length
 
@@ -39,19 +38,13 @@ class LensOptions(SourceOptions):
     ] = None
 
     def series(self) -> list[float]:
-        """Waves of defocus."""
-        try:
-            found = [float(part) for part in self.defocus.split(",")]
-        except ValueError:
-            found = []
-        if not 1 <= len(found) <= _MOST_DEFOCUS or not all(abs(waves) < 1e6 for waves in found):
-            raise QuantityError(
-                f"expected --defocus as up to {_MOST_DEFOCUS} numbers of waves, such as "
-                f"'-1, 0, 1', got {self.defocus[:40]!r}"
-            )
-        return found
+        """Return the waves of defocus."""
+        series = parse_numbers("--defocus", self.defocus, "-1, 0, 1")
+        if len(series) > _MOST_DEFOCUS:
+            raise QuantityError(f"--defocus: expected up to {_MOST_DEFOCUS} numbers of waves")
+        return list(series)
 
-    def read_lens(self, command: str) -> tuple[Any, list[float], float, float | None]:
+    def read_lens(self) -> tuple[Any, list[float], float, float | None]:
         """The pupil; wavelengths, focal length and the radius of the pupil's edge in m."""
         if self.wavelengths is None:
             pupil, length = self.read_with_wavelength()
@@ -63,7 +56,6 @@ class LensOptions(SourceOptions):
                 )
             lengths = [parse_length(part) for part in self.wavelengths.split(",")]
             pupil, _ = self.read()
-        check_is_coherent(pupil, command)
         radius = None if self.pupil_radius is None else parse_length(self.pupil_radius)
         return pupil, lengths, parse_length(self.focal_length), radius
 
@@ -105,7 +97,7 @@ def psf(
     import polywigner as pw
     from polywigner.figures import draw_psf, outline_of
 
-    pupil, lengths, distance, radius = options.read_lens("psf")
+    pupil, lengths, distance, radius = options.read_lens()
     if side is None:
         side = 12.0 * max(lengths) * distance / outline_of(pupil).diameter
     x = np.linspace(-side / 2, side / 2, samples)
@@ -146,7 +138,7 @@ def mtf(
     from polywigner.figures import draw_mtf, outline_of
     from polywigner.geometry.display import length_text
 
-    pupil, lengths, distance, radius = options.read_lens("mtf")
+    pupil, lengths, distance, radius = options.read_lens()
     west, south, east, north = outline_of(pupil).bounds
     end = highest or max(east - west, north - south) / (min(lengths) * distance) * 1e-3
     frequency = np.linspace(0.0, end, samples)

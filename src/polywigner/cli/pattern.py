@@ -10,11 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal, cast
 
-import typer
-
-from polywigner.cli.field_options import suffixes_of
-from polywigner.cli.options import DbFloor, Out, parse_step
-from polywigner.cli.output import files_to_write, write
+from polywigner.cli.options import DbFloor, Out, files_to_write, parse_step, suffixes_of, write
 from polywigner.cli.sources import SourceOptions, field_title
 from polywigner.errors import ArgumentError
 from polywigner.quantities import parse_power
@@ -70,11 +66,8 @@ def pattern(
     floor_db: DbFloor = -40.0,
     formats: Annotated[
         list[_Format] | None,
-        typer.Option(
-            "--format",
-            help="Format of the values: csv (default), txt (CST), ffd (HFSS), cut (GRASP), msi or "
-            "pln; several times for several of them.",
-        ),
+        "Format of the values: csv (default), txt (CST), ffd (HFSS), cut (GRASP), msi or pln; "
+        "several times for more.",
     ] = None,
     out: Out = None,
 ) -> None:
@@ -101,7 +94,7 @@ def pattern(
     from polywigner.propagation.pattern_files import read_nearest_pattern
     from polywigner.source.texts import direction_angles
 
-    radiator, length = source.read_with_wavelength("pattern")
+    radiator, length = source.read_with_wavelength()
     wavelengths = outline_of(radiator).diameter / length
     degrees = asked or _degrees(wavelengths)
     quarter = round(90.0 / degrees)

@@ -1,27 +1,115 @@
-"""``polywigner propagate``: fields in front of a source by several methods, and how they differ."""
+"""``polywigner propagate`` and ``polywigner volume``: fields in front of a source by methods."""
 
 from __future__ import annotations
 
+import json
 import math
+import os
+import re
+import warnings
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
-from polywigner.cli import field_options as fields
+import typer
+
 from polywigner.cli import options
-from polywigner.cli.field_options import Place
-from polywigner.cli.output import output_stem, targets, write
-from polywigner.cli.sources import MixedSourceOptions, ObstacleOptions, field_title
-from polywigner.errors import ArgumentError
-from polywigner.quantities import parse_frequency
+from polywigner.cli.sources import FieldSourceOptions, field_title
+from polywigner.errors import ArgumentError, QuantityError, at_key, value_text
+from polywigner.quantities import parse_angle, parse_coordinate, parse_frequency, parse_length
 
 if TYPE_CHECKING:
     from polywigner import Aperture
     from polywigner import Array as ApertureArray
 
+Point = tuple[float, float, float]
+_Format = StrEnum("_Format", "nc zarr vti")
 
-_DEFAULT = ("wigner", "rayleigh-sommerfeld-1")
-_BEHIND_OBSTACLES = ("rayleigh-sommerfeld-1",)
+_EXACT = "rayleigh-sommerfeld-1"
+_WIDEST = 80.0  # degrees from the axis, default of an arc
+_GRAZING = math.radians(89.5)  # of a hemisphere, as where suggested samples end
+_MOST_POINTS = 1 << 26  # half a gigabyte for each method
+
+
+class MethodText(NamedTuple):
+    """A method with its settings; ``name`` distinguishes it from the others of a run."""
+
+    name: str
+    arguments: dict[str, str | None]
+
+    @property
+    def method(self) -> str:
+        """Name of its variable in a dataset."""
+        return str(self.arguments["method"])
+
+
+@dataclass(frozen=True, kw_only=True)
+class FieldOptions(FieldSourceOptions):
+    """Options of a field: source, obstacles, methods, precision and files."""
+
+    method: Annotated[
+        list[str] | None,
+        "wigner, rayleigh-sommerfeld-1, rayleigh-sommerfeld-2, kirchhoff, fresnel or fraunhofer; "
+        "several times to compare them (default: wigner, of propagate also rayleigh-sommerfeld-1; "
+        "behind obstacles rayleigh-sommerfeld-1). wigner with its own obliquity: 'wigner paper', "
+        "'wigner kirchhoff'.",
+    ] = None
+    obliquity: Annotated[
+        str | None,
+        "Boundary condition of wigner rays: rayleigh-sommerfeld-1 (default), "
+        "rayleigh-sommerfeld-2, kirchhoff, or paper.",
+    ] = None
+    against: Annotated[
+        str | None, "Method that the others are compared with (default: the last exact one)."
+    ] = None
+    accuracy: Annotated[
+        float | None, "Relative error allowed, such as 1e-3 (default: each method's)."
+    ] = None
+    bandwidth: Annotated[
+        str | None, "Width of a flat band of light to average over, such as '4 GHz'."
+    ] = None
+    engine: Annotated[str, "auto, numpy, llvm or cuda."] = "auto"
+    precision: Annotated[str | None, "double (default) or single."] = None
+    formats: Annotated[
+        list[_Format] | None, "Format of the values: nc, zarr, vti; several times for more."
+    ] = None
+    out: options.Out = None
+
+    def methods(self, *default: str) -> tuple[list[MethodText], str]:
+        """Return the methods, and the name of the one that the others are compared with."""
+        from polywigner.geometry.arguments import checked_choice
+
+        texts = self.method or ([_EXACT] if self.obstacle else list(default))
+        twice = [text for text in texts if texts.count(text) > 1]
+        if twice:
+            raise ArgumentError(f"--method: expected different methods, got {twice[0]!r} twice")
+        methods = [_method(text, self.obliquity) for text in texts]
+        names = [method.name for method in methods]
+        if self.against is not None:
+            return methods, checked_choice(self.against.replace(" ", "-"), "--against", names)
+        exact = [m.name for m in methods if m.method not in ("wigner", "fresnel", "fraunhofer")]
+        return methods, (exact or names)[-1]
+
+    def arguments(self, obstacles: list[Any]) -> dict[str, Any]:
+        """Return the arguments of :func:`polywigner.irradiance` and its like for all methods."""
+        return {
+            "bandwidth": None if self.bandwidth is None else parse_frequency(self.bandwidth),
+            "tolerance": self.accuracy,
+            "obstacles": obstacles or None,
+            "engine": self.engine,
+            "precision": self.precision,
+        }
+
+
+def _method(text: str, obliquity: str | None) -> MethodText:
+    """Parse a method; "wigner" may have an obliquity of its own, as in ``"wigner kirchhoff"``."""
+    method, _, of_wigner = text.partition(" ")
+    if of_wigner and method != "wigner":
+        raise ArgumentError(f"--method: expected an obliquity after wigner only, got {text!r}")
+    settings = {"obliquity": of_wigner or obliquity} if method == "wigner" else {}
+    return MethodText(text.replace(" ", "-"), {"method": method, **settings})
 
 
 def propagate(
@@ -39,25 +127,18 @@ def propagate(
     samples: Annotated[
         str | None, "'201' on lines and arcs, '101 x 81' elsewhere (default: enough)."
     ] = None,
-    method: Annotated[
-        list[str] | None,
-        "wigner, rayleigh-sommerfeld-1, rayleigh-sommerfeld-2, kirchhoff, fresnel or fraunhofer; "
-        "several times to compare them (default: the first two; behind obstacles the second). "
-        "wigner with its own obliquity: 'wigner paper', 'wigner kirchhoff'.",
-    ] = None,
-    obliquity: options.Obliquity = None,
+    field: FieldOptions,
     amplitude: Annotated[bool, "Complex fields, with phases; not by wigner."] = False,
-    against: options.Against = None,
-    accuracy: options.Accuracy = None,
-    source: MixedSourceOptions,
-    obstacles: ObstacleOptions,
-    bandwidth: options.Bandwidth = None,
-    engine: options.EngineName = "auto",
-    precision: options.Precision = None,
-    floor_db: options.DbFloorOfFields = None,
+    floor_db: Annotated[
+        float | None,
+        typer.Option(
+            "--db-floor",
+            help="Lowest level of the figure, dB below its peak (default: -40; on planes, the "
+            "level below which 1 % of the power lies).",
+            **options.FLOOR,
+        ),
+    ] = None,
     linear: Annotated[bool, "Linear scale instead of decibels; not on hemispheres."] = False,
-    formats: options.Formats = None,
-    out: options.Out = None,
 ) -> None:
     """Compute the field of a source in front of it, by several methods side by side.
 
@@ -65,76 +146,58 @@ def propagate(
     (or what --format says: nc, zarr, and of planes vti, for ParaView), and prints how far the
     methods are apart. For volumes, see `polywigner volume`.
     """
-    source.check()
-    obstacles.check()
-    where = {"line": line, "arc": arc, "plane": plane, "hemisphere": hemisphere}
-    place = fields.parse_place(where, samples)
+    field.check()
+    regions = {"line": line, "arc": arc, "plane": plane, "hemisphere": hemisphere}
+    place = parse_place(regions, samples)
     if linear and place.kind == "hemisphere":
         raise ArgumentError("--linear: hemispheres are shown in decibels; leave it out")
-    suffixes = fields.suffixes_of(formats or ["nc"])
+    suffixes = options.suffixes_of(field.formats or ["nc"])
     if ".vti" in suffixes and place.kind != "plane":
         raise ArgumentError(
             f"--format: expected vti, an image, with --plane, got it with --{place.kind}; use nc "
             "or zarr"
         )
-    files = targets(output_stem(out, Path(source.source).stem), (".png", *suffixes))
-    fields.check_files(files)
+    stem = options.output_stem(field.out, Path(field.source).stem)
+    files = options.targets(stem, (".png", *suffixes))
+    _check_files(files)
 
     from polywigner.figures import draw_hemispheres, draw_lines, draw_planes
     from polywigner.propagation.stores import required
 
-    default = _BEHIND_OBSTACLES if obstacles.obstacle else _DEFAULT
-    wanted = fields.parse_methods(method or default, obliquity)
-    reference = fields.compared_with(wanted, against)
+    methods, reference = field.methods("wigner", _EXACT)
     for suffix, module in ((".nc", "h5netcdf"), (".zarr", "zarr")):
         if suffix in suffixes:
             required(module)  # now rather than after the work
-    radiator, length = source.read_with_wavelength()
-    bodies = obstacles.read()
-    place = place._replace(shape=fields.samples_of_place(radiator, place, length, amplitude))
-    how = {
-        "quantity": "amplitude" if amplitude else "irradiance",
-        "bandwidth": None if bandwidth is None else parse_frequency(bandwidth),
-        "tolerance": accuracy,
-        "obstacles": bodies or None,
-        "engine": engine,
-        "precision": precision,
-    }
-    found = _fields(radiator, place, wanted, length, how)
-    title = f"{field_title(source.source, length)}\n{fields.place_text(place)}"
+    source, wavelength = field.read_with_wavelength()
+    obstacles = field.read_obstacles()
+    place = place._replace(shape=samples_of_place(source, place, wavelength, amplitude))
+    quantity = "amplitude" if amplitude else "irradiance"
+    settings = {"quantity": quantity, **field.arguments(obstacles)}
+    values = None
+    for method in methods:
+        dataset = _values(source, place, wavelength, settings | method.arguments)
+        dataset = dataset.rename({method.method: method.name})
+        values = dataset if values is None else values.assign({method.name: dataset[method.name]})
+    assert values is not None
+    title = f"{field_title(field.source, wavelength)}\n{place.kind}: {regions[place.kind]}"
     drawn: dict[str, Any] = {"against": reference, "title": title}
     if floor_db is not None:
         drawn["floor_db"] = floor_db
     if place.kind != "hemisphere":
         drawn["linear"] = linear
     if place.kind == "plane":
-        drawn["obstacles"] = bodies
+        drawn["obstacles"] = obstacles
     draw = {"plane": draw_planes, "hemisphere": draw_hemispheres}.get(place.kind, draw_lines)
-    figure = draw(found, **drawn)
-    if len(wanted) > 1:
-        fields.print_differences(found.data_vars, reference)
-    write(files, [figure, *(found for _ in suffixes)])
+    figure = draw(values, **drawn)
+    if len(methods) > 1:
+        print_differences(values.data_vars, reference)
+    options.write(files, [figure, *(values for _ in suffixes)])
 
 
-def _fields(
-    source: Aperture | ApertureArray,
-    place: Place,
-    wanted: Sequence[fields.MethodText],
-    wavelength: float,
-    how: Mapping[str, Any],
-) -> Any:
-    """A dataset with one variable for each method, named after it."""
-    found = None
-    for method in wanted:
-        one = _field(source, place, wavelength, {**how, **method.options})
-        one = one.rename({method.method: method.name})
-        found = one if found is None else found.assign({method.name: one[method.name]})
-    return found
-
-
-def _field(
+def _values(
     source: Aperture | ApertureArray, place: Place, wavelength: float, how: dict[str, Any]
 ) -> Any:
+    """Return the dataset of one method."""
     import numpy as np
 
     import polywigner as pw
@@ -151,3 +214,310 @@ def _field(
         theta = np.linspace(0.0, place.reach, first)
         phi = np.arange(more[0]) * (2 * math.pi / more[0])
     return pw.hemisphere(source, place.radius, theta, phi, wavelength, **how)
+
+
+def volume(
+    *,
+    box: Annotated[str, "Three ranges: '-30 mm to 30 mm, -30 mm to 30 mm, 2 mm to 120 mm'."],
+    shape: Annotated[
+        str | None,
+        "Samples along x, y and z, such as '64 x 64 x 96' (default: enough, from 64 to "
+        "101 along each).",
+    ] = None,
+    field: FieldOptions,
+    chunks: Annotated[str | None, "Samples of a chunk, such as '32 x 32 x 32'."] = None,
+    threads: options.Threads = None,
+    scheduler: options.Scheduler = None,
+    surfaces: Annotated[
+        str | None, "Levels of the isosurfaces, dB, such as '-6, -12, -18' (default: four)."
+    ] = None,
+    projection: Annotated[str, "Projection on the walls: maximum, or mean."] = "maximum",
+    floor_db: options.DbFloor = -40.0,
+) -> None:
+    """Compute the irradiance of a source in a box, chunk by chunk, and draw it.
+
+    Writes NAME.zarr and a figure NAME.png, and with --format vti or --format nc the values also for
+    ParaView, or as NetCDF. The same command continues an interrupted run.
+    With several methods, each method has its files, NAME-METHOD.zarr and so on.
+    """
+    field.check()
+    corners = parse_box(box)
+    count = None if shape is None else parse_shape("--shape", shape, 3)
+    if count is not None and min(count) < 2:
+        raise ArgumentError(
+            f"--shape: expected two or more samples along each axis, got "
+            f"{shape!r}; draw one layer by `polywigner propagate --plane`"
+        )
+    drawn: dict[str, Any] = {
+        "surfaces": None
+        if surfaces is None
+        else options.parse_numbers("--surfaces", surfaces, "-6, -12, -18"),
+        "floor_db": floor_db,
+        "projection": projection,
+    }
+    computed: dict[str, Any] = {
+        "chunks": None if chunks is None else parse_shape("--chunks", chunks, 3),
+        "threads": threads,
+        "scheduler": scheduler,
+    }
+    stem = options.output_stem(field.out, Path(field.source).stem)
+    # the store is written in any case
+    suffixes = tuple(s for s in options.suffixes_of(field.formats or []) if s != ".zarr")
+    options.check_writable(options.targets(stem, (".png", *suffixes)))
+
+    import polywigner as pw
+    from polywigner.figures import draw_volume
+    from polywigner.figures.levels import label_of
+    from polywigner.figures.volumes import check_volume_options
+
+    check_volume_options(**drawn)
+    methods, reference = field.methods("wigner")
+    source, wavelength = field.read_with_wavelength()
+    obstacles = field.read_obstacles()
+    computed |= field.arguments(obstacles)
+    nx, ny, nz = count or samples_of_box(source, corners, wavelength)
+    by_method = {}
+    for method in methods:
+        name = stem if len(methods) == 1 else stem.with_name(f"{stem.name}-{method.name}")
+        store, *files = options.targets(name, (".zarr", ".png", *suffixes))
+        settings = computed | method.arguments
+        values = pw.volume(source, corners, (nx, ny, nz), wavelength, out=store, **settings)
+        by_method[method.name] = values[method.method]
+        label = label_of(values[method.method], method.method)
+        title = f"{label}: {field_title(field.source, wavelength)}"
+        print(store)
+        figure = draw_volume(values, source, title=title, obstacles=obstacles, **drawn)
+        options.write(files, [figure, *(values for _ in suffixes)])
+    if len(methods) > 1:
+        print_differences(by_method, reference)
+
+
+def print_differences(fields: Mapping[str, Any], reference: str) -> None:
+    """Print the largest and the rms difference of each method from the reference.
+
+    ``fields`` : name -> xarray.DataArray, all at the same points; lazy ones are read by chunks.
+    """
+    from polywigner.figures.levels import COMPARED_DB, summary
+
+    print(f"Differences from {reference}, where it is above {COMPARED_DB:g} dB of its peak, in dB:")
+    width = max(len(name) for name in fields)
+    print(f"  {'method':{width}}  largest      rms  points")
+    for name in (name for name in fields if name != reference):
+        apart = summary(fields[name], fields[reference])
+        left = f", {apart.negative} not above zero left out" if apart.negative else ""
+        numbers = f"{apart.largest:+7.3f}  {apart.rms:7.4f}  {apart.points} of {fields[name].size}"
+        print(f"  {name:{width}}  {numbers}{left}")
+
+
+def _check_files(files: Sequence[Path]) -> None:
+    """Raise ArgumentError before the work if one of the files cannot be written.
+
+    A store of an earlier `polywigner propagate` is replaced like a file. A store of `polywigner
+    volume` is not, because its computation can take hours.
+    """
+    from polywigner.geometry.io.limits import bytes_of
+
+    stores = [path for path in files if path.suffix == ".zarr" and os.path.lexists(path)]
+    options.check_writable([path for path in files if path not in stores])
+    for store in stores:
+        try:
+            attrs = json.loads(bytes_of(store / "zarr.json"))["attributes"]
+            is_replaced = "source" in attrs and "written" not in attrs
+        except (OSError, ValueError, KeyError, TypeError):
+            is_replaced = False
+        if not is_replaced:
+            raise ArgumentError(
+                f"{store} is not a store of an earlier `polywigner propagate`; choose another name "
+                "with --out"
+            )
+
+
+# Fewest samples, for a smooth figure, and most, for a short wait: a factor of four in time.
+_FEWEST = {"line": (401,), "arc": (321,), "plane": (129, 129), "hemisphere": (61, 120)}
+_MOST = {"line": (1601,), "arc": (1281,), "plane": (257, 257), "hemisphere": (121, 240)}
+_FEWEST_OF_BOX, _MOST_OF_BOX = (64,) * 3, (101,) * 3
+
+
+def samples_of_place(
+    source: Aperture | ApertureArray, place: Place, wavelength: float, amplitude: bool
+) -> tuple[int, ...]:
+    """Return the requested samples along each axis, else the number that the field needs.
+
+    The default number is bounded. A warning is issued if the bounds are too narrow.
+    """
+    import polywigner as pw
+
+    if place.shape:
+        return place.shape
+    where = {"line": {"line": place.points}, "plane": {"box": place.points}}
+    region: Any = where.get(place.kind, {"radius": place.radius})
+    quantity: Any = "amplitude" if amplitude else "irradiance"
+    axes = pw.suggest_sampling(source, wavelength, quantity, **region).axes
+    if place.kind in where:
+        needed = [axis.count for axis in axes if axis.high > axis.low]
+    else:
+        theta, phi = axes
+        steps = place.reach / theta.high * (theta.count - 1)
+        is_arc = place.kind == "arc"
+        needed = [math.ceil(2 * steps) + 1] if is_arc else [math.ceil(steps) + 1, phi.count - 1]
+    return _within("--samples", needed, _FEWEST[place.kind], _MOST[place.kind])
+
+
+def samples_of_box(
+    source: Aperture | ApertureArray, corners: tuple[Point, Point], wavelength: float
+) -> tuple[int, ...]:
+    """Return the samples along x, y and z of a box that the irradiance needs, within bounds."""
+    import polywigner as pw
+
+    axes = pw.suggest_sampling(source, wavelength, "irradiance", box=corners).axes
+    return _within("--shape", [axis.count for axis in axes], _FEWEST_OF_BOX, _MOST_OF_BOX)
+
+
+def _within(
+    option: str, needed: list[int], fewest: tuple[int, ...], most: tuple[int, ...]
+) -> tuple[int, ...]:
+    chosen = tuple(map(min, map(max, needed, fewest), most))
+    if any(map(int.__gt__, needed, most)):
+        text = " x ".join(map(str, map(max, needed, chosen)))
+        warnings.warn(
+            f"{' x '.join(map(str, chosen))} samples miss fringes of this field: "
+            f'{option} "{text}" would show all, or look at a smaller region',
+            RuntimeWarning,
+            stacklevel=3,
+        )
+    return chosen
+
+
+class Place(NamedTuple):
+    """Region of the field: of a line or plane ``points``; of an arc or hemisphere angles in rad.
+
+    ``kind`` is "line", "arc", "plane" or "hemisphere"; ``shape`` is empty without --samples.
+    """
+
+    kind: str
+    points: tuple[Point, ...]
+    shape: tuple[int, ...]
+    radius: float = 0.0
+    phi: float = 0.0
+    reach: float = 0.0
+
+
+def parse_place(texts: Mapping[str, str | None], samples: str | None) -> Place:
+    """Parse the requested region: a line, an arc, a plane or a hemisphere."""
+    given = {name: text for name, text in texts.items() if text is not None}
+    if len(given) != 1:
+        got = " and ".join(f"--{name}" for name in given) or "none"
+        raise ArgumentError(
+            f"expected one of {', '.join(f'--{name}' for name in texts)}, got {got}; specify where "
+            "the field is computed"
+        )
+    ((kind, text),) = given.items()
+    shape = (
+        ()
+        if samples is None
+        else parse_shape("--samples", samples, 1 if kind in ("line", "arc") else 2)
+    )
+    if shape and min(shape) < 2:
+        raise ArgumentError(f"--samples: expected two or more along each axis, got {samples!r}")
+    if math.prod(shape) > _MOST_POINTS:
+        raise ArgumentError(
+            f"--samples: expected at most {_MOST_POINTS} points, got {math.prod(shape)}; use "
+            "`polywigner volume`, which writes to disk"
+        )
+    with at_key(f"--{kind}"):
+        return _PARSERS[kind](text, shape)
+
+
+def _line(text: str, shape: tuple[int, ...]) -> Place:
+    ends = _split(text, r"\s+to\s+")
+    if len(ends) != 2:
+        raise QuantityError(
+            'expected two points such as "0 mm, 0 mm, 2 mm to 0 mm, 0 mm, 150 mm", got '
+            f"{value_text(text)}"
+        )
+    return Place("line", tuple(_point(end) for end in ends), shape)
+
+
+def _arc(text: str, shape: tuple[int, ...]) -> Place:
+    distance, *angles = _split(text, ",")
+    phi, reach = 0.0, math.radians(_WIDEST)
+    if len(angles) > 2:
+        raise QuantityError(
+            'expected a distance such as "50 mm", and perhaps two angles, as in "50 mm, 45 deg, '
+            f'80 deg", got {value_text(text)}'
+        )
+    if angles:
+        phi, reach = (*map(parse_angle, angles), reach)[:2]
+    if not 0 < reach < math.pi / 2:
+        raise QuantityError(
+            f"expected a largest angle between 0 and 90 deg, got {text!r}; write degrees "
+            'with their unit, such as "80 deg"'
+        )
+    return Place("arc", (), shape, parse_length(distance), phi, reach)
+
+
+def _plane(text: str, shape: tuple[int, ...]) -> Place:
+    low, high, ranges = _ranges(text)
+    if ranges != 2:
+        raise QuantityError(
+            'expected two ranges and a coordinate such as "-30 mm to 30 mm, -30 mm to 30 mm, '
+            f'90 mm", got {text!r}'
+        )
+    return Place("plane", (low, high), shape)
+
+
+def _hemisphere(text: str, shape: tuple[int, ...]) -> Place:
+    return Place("hemisphere", (), shape, parse_length(text), 0.0, _GRAZING)
+
+
+_PARSERS = {"line": _line, "arc": _arc, "plane": _plane, "hemisphere": _hemisphere}
+
+
+def parse_box(text: str) -> tuple[Point, Point]:
+    """Parse three ranges; return the lowest and the highest corner of the box."""
+    with at_key("--box"):
+        low, high, ranges = _ranges(text)
+        if ranges != 3:
+            raise QuantityError(
+                'expected three ranges such as "-30 mm to 30 mm, -30 mm to 30 mm, 2 mm to 120 mm", '
+                f"got {value_text(text)}"
+            )
+    return low, high
+
+
+def _ranges(text: str) -> tuple[Point, Point, int]:
+    """Both ends along x, y and z, and how many of them differ."""
+    parts = _split(text, ",")
+    if len(parts) != 3:
+        raise QuantityError(f"expected x, y and z, separated by commas, got {value_text(text)}")
+    ends = []
+    for part in parts:
+        low, *high = map(parse_coordinate, _split(part, r"\s+to\s+"))
+        if len(high) > 1 or (high and not low < high[0]):
+            raise QuantityError(
+                f'expected a coordinate, or a rising range such as "-30 mm to 30 mm", got {part!r}'
+            )
+        ends.append((low, *high))
+    (x, y, z), ranges = ends, sum(len(pair) for pair in ends) - 3
+    return (x[0], y[0], z[0]), (x[-1], y[-1], z[-1]), ranges
+
+
+def parse_shape(option: str, text: str, dimensions: int) -> tuple[int, ...]:
+    """Parse positive whole numbers, one for each dimension: ``"64 x 64 x 96"``."""
+    parts = _split(text, "[x×]")
+    if len(parts) != dimensions or not all(re.fullmatch(r"0*[1-9][0-9]{0,8}", p) for p in parts):
+        example = " x ".join(("64", "64", "96")[:dimensions])
+        raise ArgumentError(f'{option}: expected samples such as "{example}", got {text!r}')
+    return tuple(int(part) for part in parts)
+
+
+def _point(text: str) -> Point:
+    parts = _split(text, ",")
+    if len(parts) != 3:
+        raise QuantityError(f'expected a point such as "0 mm, 0 mm, 80 mm", got {text!r}')
+    x, y, z = map(parse_coordinate, parts)
+    return x, y, z
+
+
+def _split(text: str, pattern: str) -> list[str]:
+    return [part.strip() for part in re.split(pattern, text)]

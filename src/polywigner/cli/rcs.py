@@ -17,9 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from polywigner.cli import options
-from polywigner.cli.field_options import suffixes_of
-from polywigner.cli.output import files_to_write, write
-from polywigner.cli.sources import Reading, field_title, required_wavelength, wavelength_from
+from polywigner.cli.sources import Reading, WaveOptions, field_title, required_wavelength
 from polywigner.quantities import parse_angle
 
 if TYPE_CHECKING:
@@ -47,8 +45,7 @@ def rcs(
             "in the plane z = 0."
         ),
     ],
-    frequency: options.Frequency = None,
-    wavelength: options.Wavelength = None,
+    wave: WaveOptions,
     polarisation: Annotated[
         str | None, "vv, hh, vh or hv, receiver first (default: all that returns)."
     ] = None,
@@ -76,10 +73,7 @@ def rcs(
     floor_db: options.DbFloor = -60.0,
     formats: Annotated[
         list[_Format] | None,
-        typer.Option(
-            "--format",
-            help="Format of the values: csv (default), json, nc; several times for more.",
-        ),
+        "Format of the values: csv (default), json, nc; several times for more.",
     ] = None,
     out: options.Out = None,
 ) -> None:
@@ -89,18 +83,19 @@ def rcs(
     NAME_rcs.png (cuts over azimuth and over elevation, and a map of both, in dBsm), the values of
     the map, and those of the cuts in NAME_rcs_cuts.csv.
     """
-    reading.check(body)
-    length = required_wavelength(wavelength_from(frequency, wavelength))
+    reading.check_file(body)
+    length = required_wavelength(wave.length())
     asked = None if step is None else options.parse_step(step, 30.0, _MOST // 2)
     asked_of_cuts = None if cut_step is None else options.parse_step(cut_step, 30.0, _MOST_OF_CUTS)
     places = parse_angle(cut_azimuth), parse_angle(cut_elevation)
     width = None if smooth is None else parse_angle(smooth)
-    suffixes = suffixes_of(formats or ["csv"])
-    files = files_to_write(out, Path(body).stem + "_rcs", (".png", "_cuts.csv", *suffixes))
+    suffixes = options.suffixes_of(formats or ["csv"])
+    files = options.files_to_write(out, Path(body).stem + "_rcs", (".png", "_cuts.csv", *suffixes))
 
     import numpy as np
 
     from polywigner.figures import draw_rcs
+    from polywigner.propagation.stores import require_stores
     from polywigner.scattering.antennas import checked_channel
     from polywigner.scattering.cross_sections import Pattern
     from polywigner.scattering.facets import facets_of
@@ -109,7 +104,9 @@ def rcs(
     metal = reading.read_body(body, open_mesh)
     find = partial(Pattern, metal, length, polarisation=channel, bounces=bounces)
     one = find(0.0, 0.0)
-    store = _store_of_parts(files[0].with_suffix(".parts.zarr")) if resumable else None
+    store = files[0].with_suffix(".parts.zarr") if resumable else None
+    if store is not None:
+        require_stores()
     wavelengths = facets_of(metal).size / length
     steps = None if store is None else _steps_in(store)
     if steps is None:
@@ -137,16 +134,9 @@ def rcs(
     figure = draw_rcs(pattern, cuts=cuts, smooth=width, floor_db=floor_db, title=title)
     values = [pattern if name == ".nc" else partial(write_values, pattern) for name in suffixes]
     contents = [figure, partial(_write_rows, cuts), *values]
-    write(files, contents, _summary([pattern, *cuts], floor_db))
+    options.write(files, contents, _summary([pattern, *cuts], floor_db))
     if store is not None:
         shutil.rmtree(store, ignore_errors=True)
-
-
-def _store_of_parts(path: Path) -> Path:
-    from polywigner.propagation.stores import require_stores
-
-    require_stores()
-    return path
 
 
 def _steps_in(store: Path) -> tuple[float, float] | None:
@@ -191,40 +181,32 @@ def _say_time(seconds: float, step: float, fine: float) -> None:
 
 
 def _write_rows(patterns: Sequence[Any], path: Path) -> None:
-    """All values of patterns, one a row."""
+    """Write all values of patterns as CSV, one a row."""
     import numpy as np
 
-    rows = [
-        np.column_stack(
-            [
-                np.repeat(np.degrees(found["azimuth"].values), found["elevation"].size),
-                np.tile(np.degrees(found["elevation"].values), found["azimuth"].size),
-                found["rcs"].values.ravel(),
-            ]
-        )
-        for found in patterns
-    ]
-    header = "azimuth_deg,elevation_deg,rcs_m2"
-    np.savetxt(path, np.concatenate(rows), "%.12g", ",", header=header, comments="")
+    for number, pattern in enumerate(patterns):
+        table = pattern["rcs"].to_series().reset_index()
+        table.columns = ["azimuth_deg", "elevation_deg", "rcs_m2"]
+        table.iloc[:, :2] = np.degrees(table.iloc[:, :2])
+        how = {"mode": "a", "header": False} if number else {"mode": "w"}
+        table.to_csv(path, index=False, float_format="%.12g", na_rep="nan", **how)
 
 
 def write_values(pattern: Any, path: Path) -> None:
     """Write the values of a pattern as CSV or JSON, with null or nan for failed directions."""
     import numpy as np
 
-    azimuth, elevation, values = (pattern[n].values for n in ("azimuth", "elevation", "rcs"))
-    if path.suffix == ".json":
-        content = {
-            **pattern.attrs,
-            "azimuth_deg": np.degrees(azimuth).tolist(),
-            "elevation_deg": np.degrees(elevation).tolist(),
-            "rcs_m2": [
-                [None if math.isnan(value) else value for value in row] for row in values.tolist()
-            ],
-        }
-        path.write_text(json.dumps(content) + "\n", encoding="utf-8")
+    if path.suffix != ".json":
+        _write_rows([pattern], path)
         return
-    _write_rows([pattern], path)
+    azimuth, elevation, values = (pattern[n].values for n in ("azimuth", "elevation", "rcs"))
+    content = {
+        **pattern.attrs,
+        "azimuth_deg": np.degrees(azimuth).tolist(),
+        "elevation_deg": np.degrees(elevation).tolist(),
+        "rcs_m2": [[None if math.isnan(v) else v for v in row] for row in values.tolist()],
+    }
+    path.write_text(json.dumps(content) + "\n", encoding="utf-8")
 
 
 def _summary(patterns: Sequence[Any], floor_db: float) -> str:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import csv
 import math
-import shutil
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cache, partial
 from itertools import product
 from pathlib import Path
@@ -16,7 +15,7 @@ from typing import Annotated, Any
 
 import typer
 
-from polywigner.cli import options, output, scene_options
+from polywigner.cli import options, scene_options
 from polywigner.cli.sources import frequency_text, short_name
 from polywigner.errors import ArgumentError
 from polywigner.quantities import parse_frequency, parse_noise
@@ -25,8 +24,8 @@ from polywigner.quantities import parse_frequency, parse_noise
 _COLUMNS = 3
 
 
-@dataclass(frozen=True)
-class ReceiveSettings:
+@dataclass(frozen=True, kw_only=True)
+class ReceiveSettings(scene_options.SceneOptions):
     """Options of one run, as they are recorded; None: the scene's own."""
 
     scene: Annotated[
@@ -38,9 +37,7 @@ class ReceiveSettings:
             min=1, help="Samples of the scattered light of each emitter (default: the scene's)."
         ),
     ] = None
-    seed: options.Seed = 0
-    variant: options.Variant = None
-    reflections: Annotated[int, "Most flat mirrors on a direct way, 0 to 3."] = 2
+    reflections: Annotated[int, "Maximum number of specular reflections per path, 0 to 3."] = 2
     accuracy: Annotated[float, "Relative error allowed of the fields of direct light."] = 1e-6
     bandwidth: Annotated[
         str | None, "Bandwidth of the noise, such as '1 GHz' (default: the receiver's own)."
@@ -51,18 +48,11 @@ class ReceiveSettings:
     noise_figure: Annotated[
         str | None, "Noise figure, such as '3 dB' (default: the receiver's own, else 0 dB)."
     ] = None
-    range_text: Annotated[
-        str | None,
-        typer.Option(
-            "--range",
-            help="Sort the power by range as well, such as '0 m to 60 m' (docs/range.md).",
-        ),
-    ] = None
     bins: Annotated[
         int | None,
         typer.Option(min=1, max=2**16, help="Number of bins of the range (default: 256)."),
     ] = None
-    coherent: Annotated[bool, "Add direct ways as amplitudes, with fringes (docs/channel.md)."] = (
+    coherent: Annotated[bool, "Add direct paths as amplitudes, with fringes (docs/channel.md)."] = (
         False
     )
     frequencies: Annotated[
@@ -75,20 +65,17 @@ class ReceiveSettings:
         "Polarisation of sources and receivers without one: x, y (default), right, left, "
         "unpolarised or a slant such as '45 deg'; selects a polarised variant.",
     ] = None
-    diffraction: options.Diffraction = False
-    defined: options.Define = None
-    resumable: options.Resumable = False
-    threads: options.Threads = None
-    scheduler: options.Scheduler = None
-    floor_db: options.DbFloor = -40.0
+    defined: Annotated[
+        list[str] | None, "NAME=VALUE of a $parameter of the scene; several times for more."
+    ] = None
 
 
 def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
-    """Say what power the receivers of a scene get, straight, by mirrors and scattered.
+    """Compute the power at the receivers of a scene: direct, reflected and scattered.
 
     Prints a table, writes all of it NAME.json, and a picture of where scattered power comes from
     NAME.png; with --range, power by half the length of its path NAME_range.nc and NAME_range.png
-    too; with --frequencies, complex amplitudes of ways that interfere NAME_channel.nc,
+    too; with --frequencies, complex amplitudes of paths that interfere NAME_channel.nc,
     NAME_channel.csv and NAME_channel.png. With --scheduler, the workers of a cluster share the
     batches of samples, and the run is resumable.
     """
@@ -96,13 +83,13 @@ def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
     scene, seed = settings.scene, settings.seed
     scene_options.check_scene_file(scene)
     noise = parse_noise(settings.bandwidth, settings.temperature, settings.noise_figure)
-    stem = output.output_stem(out, Path(scene).stem + "_received")
-    edges = scene_options.parse_ranges(settings.range_text, settings.bins, 256)
+    stem = options.output_stem(out, Path(scene).stem + "_received")
+    edges = settings.edges(settings.bins, 256)
     by_range = ("_range.nc", "_range.png") if edges is not None else ()
     band = parse_band(settings.frequencies)
     of_channel = ("_channel.nc", "_channel.csv", "_channel.png") if band else ()
-    files = output.targets(stem, (".json", ".png", *by_range, *of_channel))
-    output.check_writable(files)
+    files = options.targets(stem, (".json", ".png", *by_range, *of_channel))
+    options.check_writable(files)
 
     from polywigner.figures import draw_channel
     from polywigner.mitsuba import channel, choose_variant
@@ -110,14 +97,9 @@ def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
     from polywigner.mitsuba.plugins.receiver import receivers_of
     from polywigner.mitsuba.receive.received import ReceiveOptions
     from polywigner.mitsuba.receive.received_power import arrival_map, shapes_in
-    from polywigner.mitsuba.scenes.scene_renders import (
-        SceneFile,
-        receive_parts,
-        receive_ranges,
-    )
+    from polywigner.mitsuba.scenes import scene_renders
     from polywigner.propagation.stores import required
 
-    store = scene_options.store_of_parts(stem, settings.resumable, settings.scheduler)
     for module in ("h5netcdf", "dask") if band else ():
         required(module)
     start = time.perf_counter()
@@ -129,60 +111,51 @@ def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
             f"the unpolarised variant {chosen} counts --polarisation only with --coherent; add it, "
             "or leave --variant out"
         )
-    profile = None
-    with scene_options.messages_as_warnings():
-        if edges is not None:
-            scene_options.prepare_ranges(chosen)
-        file = SceneFile(
-            Path(scene), chosen, None, defined, settings.diffraction, jones if polarised else None
-        )
-        loaded = file.load()
-        receivers_of(loaded)
-        by_argument = None if polarised else jones
-        how_many = settings.spp, seed, None, settings.reflections, settings.accuracy
-        waves = {"coherent": settings.coherent, "polarisation": by_argument}
-        others: dict[str, Any] = {**noise, **waves}
-        asked = ReceiveOptions(*how_many, **others)
-        with _progress("receiving") as progress:
-            how: dict[str, Any] = {"store": store, "progress": progress}
-            how |= {"scheduler": settings.scheduler, "threads": settings.threads}
-            if edges is None:
-                found = receive_parts(file, loaded, asked, **how)
-            else:
-                found, profile = receive_ranges(file, loaded, asked, edges, **how)
-        if band:
-            with _progress("channels") as progress:
-                found_channel = channel(
-                    loaded,
-                    band,
-                    settings.reflections,
-                    polarisation=by_argument,
-                    tolerance=settings.accuracy,
-                    progress=progress,
-                )
-        maps = [arrival_map(loaded, number, seed) for number in range(len(found))]
-        names = [shapes_in(loaded, number, picture) for number, picture in enumerate(maps)]
-    record: dict[str, Any] = {
-        "settings": asdict(settings) | {"defined": defined},
-        "used": {"variant": chosen},
-        "receivers": [each.to_dict() for each in found],
-        "versions": scene_options.versions_of(chosen),
-        "seconds": round(time.perf_counter() - start, 3),
-    }
-    floor, said = settings.floor_db, "\n\n".join(map(str, found))
-    contents = [record, _figure(scene, found, maps, names, floor)]
-    if profile is not None:
-        by_receiver = profile if "receiver" in profile.dims else profile.expand_dims("receiver")
-        record["ranges"] = _ranges_record(by_receiver)
-        contents += [profile, _draw_ranges(scene, profile, found, floor)]
-        said += f"\n{_ranges_text(by_receiver, found)}"
-    if band:
-        title = f"{short_name(scene)}, {len(band)} frequencies"
-        picture = draw_channel(found_channel, floor_db=floor, title=title)
-        contents += [found_channel, partial(_write_channel, found_channel), picture]
-    output.write(files, contents, said)
-    if store is not None:
-        shutil.rmtree(store, ignore_errors=True)
+    by_scene, by_argument = (jones, None) if polarised else (None, jones)
+    profile = response = None
+    with settings.parts(stem) as store:
+        with scene_options.messages_as_warnings():
+            if edges is not None:
+                scene_options.prepare_ranges(chosen)
+            file = scene_renders.SceneFile(
+                Path(scene), chosen, None, defined, settings.diffraction, by_scene
+            )
+            loaded = file.load()
+            receivers_of(loaded)
+            waves = {"coherent": settings.coherent, "polarisation": by_argument}
+            limits = settings.spp, seed, None, settings.reflections, settings.accuracy
+            others: dict[str, Any] = {**noise, **waves}
+            requested = ReceiveOptions(*limits, **others)
+            with _progress("receiving") as progress:
+                how: dict[str, Any] = {"store": store, "progress": progress}
+                how |= {"scheduler": settings.scheduler, "threads": settings.threads}
+                if edges is None:
+                    received = scene_renders.receive_parts(file, loaded, requested, **how)
+                else:
+                    received, profile = scene_renders.receive_ranges(
+                        file, loaded, requested, edges, **how
+                    )
+            if band:
+                how = {"polarisation": by_argument, "tolerance": settings.accuracy}
+                with _progress("channels") as progress:
+                    response = channel(loaded, band, settings.reflections, progress=progress, **how)
+            maps = [arrival_map(loaded, number, seed) for number in range(len(received))]
+            names = [shapes_in(loaded, number, power) for number, power in enumerate(maps)]
+        record = settings.record(chosen) | {"receivers": [each.to_dict() for each in received]}
+        record["settings"]["defined"] = defined
+        record["seconds"] = round(time.perf_counter() - start, 3)
+        floor, said = settings.floor_db, "\n\n".join(map(str, received))
+        contents = [record, _figure(scene, received, maps, names, floor)]
+        if profile is not None:
+            by_receiver = profile if "receiver" in profile.dims else profile.expand_dims("receiver")
+            record["ranges"] = _ranges_record(by_receiver)
+            contents += [profile, _draw_ranges(scene, profile, received, floor)]
+            said += f"\n{_ranges_text(by_receiver, received)}"
+        if response is not None:
+            title = f"{short_name(scene)}, {len(band)} frequencies"
+            figure = draw_channel(response, floor_db=floor, title=title)
+            contents += [response, partial(_write_channel, response), figure]
+        options.write(files, contents, said)
 
 
 def parse_definition(text: str) -> tuple[str, str]:

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import math
-import shutil
 import time
 import warnings
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from polywigner.cli import options, output, scene_options
+from polywigner.cli import options, scene_options
 from polywigner.cli.sources import check_wavelength, frequency_text, short_name
 from polywigner.errors import ArgumentError, SceneError
 
@@ -31,8 +30,8 @@ _STOKES_CHANNELS = 12
 _RADIANCE_UNIT = "W m^-2 sr^-1"
 
 
-@dataclass(frozen=True)
-class RenderSettings:
+@dataclass(frozen=True, kw_only=True)
+class RenderSettings(scene_options.SceneOptions):
     """Options of one run, as they are recorded; None: the scene's own."""
 
     scene: Annotated[
@@ -49,144 +48,115 @@ class RenderSettings:
             "source (docs/sampling.md).",
         ),
     ] = None
-    variant: options.Variant = None
     integrator: Annotated[
         _Integrator | None, "path, direct, volpath, ... (default: the scene's)."
     ] = None
     sampler: Annotated[_Sampler | None, "multijitter, independent, ... (default: the scene's)."] = (
         None
     )
-    diffraction: options.Diffraction = False
     polarised: Annotated[bool, "Pictures of the light's polarisation too (docs/polarised.md)."] = (
         False
     )
-    seed: options.Seed = 0
-    range_text: Annotated[
-        str | None,
-        typer.Option(
-            "--range",
-            help="A frame for each bin of range as well, such as '0 m to 30 m' (docs/range.md).",
-        ),
-    ] = None
     bins: Annotated[
         int | None,
         typer.Option(min=1, max=2**10, help="Number of bins of the range (default: 64)."),
     ] = None
-    resumable: options.Resumable = False
-    threads: options.Threads = None
-    scheduler: options.Scheduler = None
-    floor_db: options.DbFloor = -40.0
 
 
 def render(settings: RenderSettings, out: options.Out = None) -> None:
     """Render a Mitsuba scene lit by a coherent aperture.
 
     Writes the signed radiance NAME.exr, a picture in dB NAME.png, and a record NAME.json; with
-    --range the animated picture NAME_range.gif and its frames NAME_range.nc; with --polarised the
-    Stokes numbers NAME_stokes.npz, their picture NAME_stokes.png, and degree and angle of
-    polarisation NAME_polarisation.png. With --scheduler, the workers of a cluster share the parts
-    of the picture, and the run is resumable.
+    --range the animated picture NAME_range.gif, a frame for each bin, and its frames NAME_range.nc;
+    with --polarised the Stokes numbers NAME_stokes.npz, their picture NAME_stokes.png, and degree
+    and angle of polarisation NAME_polarisation.png. With --scheduler, the workers of a cluster
+    share the parts of the picture, and the run is resumable.
     """
-    scene_options.check_scene_file(settings.scene)
+    scene, seed = settings.scene, settings.seed
+    scene_options.check_scene_file(scene)
     if settings.spp is not None and settings.error_db is not None:
         raise ArgumentError("expected --spp or --error-db, got both; drop one of them")
-    scene, seed = settings.scene, settings.seed
-    stem = output.output_stem(out, Path(scene).stem)
-    edges = scene_options.parse_ranges(settings.range_text, settings.bins, 64)
+    stem = options.output_stem(out, Path(scene).stem)
+    edges = settings.edges(settings.bins, 64)
     by_range = () if edges is None else ("_range.nc", "_range.gif")
     polarised = _POLARISED if settings.polarised else ()
-    files = output.targets(stem, (".exr", ".png", ".json", *polarised, *by_range))
-    output.check_writable(files)
+    files = options.targets(stem, (".exr", ".png", ".json", *polarised, *by_range))
+    options.check_writable(files)
 
     import numpy as np
 
+    from polywigner import figures
     from polywigner.execution import kernel_threads
-    from polywigner.figures import (
-        draw_arrivals,
-        draw_polarisation,
-        draw_scene,
-        draw_stokes,
-        picture_peak,
-        write_range_animation,
-    )
     from polywigner.mitsuba import choose_variant, stokes_of
-    from polywigner.mitsuba.plugins.films import mean_of_colours, write_exr
+    from polywigner.mitsuba.plugins import films, polariser
     from polywigner.mitsuba.plugins.placement import placed_emitter
-    from polywigner.mitsuba.plugins.polariser import is_polarised, polarisation_summary
     from polywigner.mitsuba.plugins.receiver import is_receiver
     from polywigner.mitsuba.radar.range_profile import prepared_frames
     from polywigner.mitsuba.receive.scattered import wigner_emitters
     from polywigner.mitsuba.scenes.rendering import default_spp
     from polywigner.mitsuba.scenes.scene_renders import SceneFile, render_parts
 
-    frames = None
-    store = scene_options.store_of_parts(stem, settings.resumable, settings.scheduler)
     start = time.perf_counter()
     chosen = choose_variant(settings.variant, settings.polarised)
-    with scene_options.messages_as_warnings():
-        if edges is not None:
-            scene_options.prepare_ranges(chosen)
-        file = SceneFile(Path(scene), chosen, settings.sampler, diffraction=settings.diffraction)
-        loaded = file.load()
-        specs = _checked_specs(loaded, scene)
-        if settings.polarised and is_receiver(loaded.sensors()[0]):
-            raise SceneError(
-                f"expected a camera in {scene} with --polarised, got a wigner_receiver, which has "
-                "a polarisation of its own"
-            )
-        samples = settings.spp or default_spp(loaded)
-        if settings.error_db is not None:
-            used = settings.sampler or _plugin(loaded.sensors()[0].sampler(), "Sampler")
-            samples = _enough(specs, settings.error_db, used) or samples
-        if edges is not None:  # what cannot be sorted by range is told before the picture
-            by_range_of = prepared_frames(
-                loaded, edges, spp=samples, seed=seed, sensor=0, integrator=settings.integrator
-            )
-        ready = time.perf_counter()
-        integrator = settings.integrator
-        image = render_parts(
-            file,
-            loaded,
-            f"stokes {integrator or ''}" if settings.polarised else integrator,
-            samples,
-            seed,
-            store=store,
-            scheduler=settings.scheduler,
-            threads=settings.threads,
-        )
-        if edges is not None:
-            with kernel_threads(settings.threads):
-                frames = by_range_of(None)
-        done = time.perf_counter()
+    integrator, frames = settings.integrator, None
+    with settings.parts(stem) as store:
+        with scene_options.messages_as_warnings():
+            if edges is not None:
+                scene_options.prepare_ranges(chosen)
+            path = Path(scene)
+            file = SceneFile(path, chosen, settings.sampler, diffraction=settings.diffraction)
+            loaded = file.load()
+            specs = _checked_specs(loaded, scene)
+            if settings.polarised and is_receiver(loaded.sensors()[0]):
+                raise SceneError(
+                    f"expected a camera in {scene} with --polarised, got a wigner_receiver, which "
+                    "has a polarisation of its own"
+                )
+            samples = settings.spp or default_spp(loaded)
+            if settings.error_db is not None:
+                used = settings.sampler or _plugin(loaded.sensors()[0].sampler(), "Sampler")
+                samples = _enough(specs, settings.error_db, used) or samples
+            if edges is not None:  # a scene that cannot be sorted by range fails before the picture
+                by_range_of = prepared_frames(
+                    loaded, edges, spp=samples, seed=seed, sensor=0, integrator=integrator
+                )
+            ready = time.perf_counter()
+            measured = f"stokes {integrator or ''}" if settings.polarised else integrator
+            how: dict[str, Any] = {"scheduler": settings.scheduler, "threads": settings.threads}
+            image = render_parts(file, loaded, measured, samples, seed, store=store, **how)
+            if edges is not None:
+                with kernel_threads(settings.threads):
+                    frames = by_range_of(None)
+            done = time.perf_counter()
 
-    if settings.polarised:
-        stokes = stokes_of(image)
-        image = image[..., :-_STOKES_CHANNELS]
-    radiance = mean_of_colours(image)
-    reference = picture_peak(radiance)
-    record = _record(settings, loaded, radiance, reference)
-    record["used"] |= {"variant": chosen, "spp": samples}
-    if is_polarised(chosen):
-        sources = [placed_emitter(e, k) for k, e in enumerate(wigner_emitters(loaded))]
-        record["used"]["polarisation"] = polarisation_summary(sources, False)
-    record["versions"] = scene_options.versions_of(chosen)
-    record["seconds"] = {"load": round(ready - start, 3), "render": round(done - ready, 3)}
-    _warn_of_darkness(radiance)
-    title, floor = _title(specs, scene, chosen, samples), settings.floor_db
-    if is_receiver(loaded.sensors()[0]):
-        figure = draw_arrivals(radiance, (), floor, title)
-    else:
-        figure = draw_scene(radiance, reference, floor, title=title)
-    contents = [partial(write_exr, image=image), figure, record]
-    if settings.polarised:
-        contents.append(partial(np.savez_compressed, stokes=stokes.astype(np.float32)))
-        contents += [draw_stokes(stokes, title), draw_polarisation(stokes, floor, title)]
-    if frames is not None:
-        animated = partial(write_range_animation, frames, floor_db=floor, title=title)
-        contents += [frames, animated]
-    output.write(files, contents)
-    if store is not None:
-        shutil.rmtree(store, ignore_errors=True)
+        receives = is_receiver(loaded.sensors()[0])
+        title, floor = _title(specs, scene, chosen, samples), settings.floor_db
+        stokes = stokes_of(image) if settings.polarised else None
+        radiance = films.mean_of_colours(
+            image if stokes is None else image[..., :-_STOKES_CHANNELS]
+        )
+        reference = figures.picture_peak(radiance)
+        record = settings.record(chosen)
+        record["used"] |= _used(settings, loaded, radiance.shape) | {"spp": samples}
+        if polariser.is_polarised(chosen):
+            sources = [placed_emitter(e, k) for k, e in enumerate(wigner_emitters(loaded))]
+            record["used"]["polarisation"] = polariser.polarisation_summary(sources, False)
+        record |= _measured(radiance, "W" if receives else _RADIANCE_UNIT, reference, floor)
+        record["seconds"] = {"load": round(ready - start, 3), "render": round(done - ready, 3)}
+        _warn_of_darkness(radiance)
+        if receives:
+            figure = figures.draw_arrivals(radiance, (), floor, title)
+        else:
+            figure = figures.draw_scene(radiance, reference, floor, title=title)
+        contents = [partial(films.write_exr, image=image), figure, record]
+        if stokes is not None:
+            contents.append(partial(np.savez_compressed, stokes=stokes.astype(np.float32)))
+            contents.append(figures.draw_stokes(stokes, title))
+            contents.append(figures.draw_polarisation(stokes, floor, title))
+        if frames is not None:
+            write = partial(figures.write_range_animation, frames, floor_db=floor, title=title)
+            contents += [frames, write]
+        options.write(files, contents)
 
 
 def _checked_specs(scene: Any, name: str) -> list[Any]:
@@ -239,31 +209,29 @@ def _title(specs: list[Any], name: str, variant: str, samples: int) -> str:
     )
 
 
-def _record(
-    settings: RenderSettings, scene: Any, radiance: npt.NDArray[Any], reference: float | None
-) -> dict[str, Any]:
-    """The content of NAME.json: the settings and figures of the picture."""
-    import numpy as np
-
-    from polywigner.figures.levels import PEAK_RULE
-    from polywigner.mitsuba.plugins.receiver import is_receiver
-
-    camera = scene.sensors()[0]
-    height, width = radiance.shape
+def _used(settings: RenderSettings, scene: Any, shape: tuple[int, ...]) -> dict[str, Any]:
+    """Return what the scene chose, for NAME.json."""
     return {
-        "settings": asdict(settings),
-        "used": {
-            "integrator": settings.integrator or _integrator_of(scene),
-            "sampler": settings.sampler or _plugin(camera.sampler(), "Sampler"),
-            "size": [width, height],
-        },
+        "integrator": settings.integrator or _integrator_of(scene),
+        "sampler": settings.sampler or _plugin(scene.sensors()[0].sampler(), "Sampler"),
+        "size": [shape[1], shape[0]],
+    }
+
+
+def _measured(
+    radiance: npt.NDArray[Any], unit: str, reference: float | None, floor_db: float
+) -> dict[str, Any]:
+    """Return the numbers of the picture, for NAME.json."""
+    from polywigner.figures.levels import PEAK_RULE
+
+    return {
         "radiance": {
-            "unit": "W" if is_receiver(camera) else _RADIANCE_UNIT,
+            "unit": unit,
             "largest": float(radiance.max()),
             "smallest": float(radiance.min()),
-            "fraction_not_positive": float(np.mean(~(radiance > 0))),
+            "fraction_not_positive": float((~(radiance > 0)).mean()),
         },
-        "picture": {"zero_db": reference, "zero_db_rule": PEAK_RULE, "floor_db": settings.floor_db},
+        "picture": {"zero_db": reference, "zero_db_rule": PEAK_RULE, "floor_db": floor_db},
     }
 
 

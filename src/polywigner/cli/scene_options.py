@@ -1,26 +1,94 @@
-"""Options of commands on scenes: checks of the file, ranges, and versions for records."""
+"""Options of commands on scenes: the file, the variant, ranges and cluster, and their records."""
 
 from __future__ import annotations
 
 import os
 import platform
 import shlex
+import shutil
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Any
 
-from polywigner.cli.output import check_text, targets
-from polywigner.errors import ArgumentError, SceneError
+import typer
+
+from polywigner.cli import options
+from polywigner.errors import ArgumentError, SceneError, value_text
 from polywigner.quantities import parse_coordinate
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-
 _NO_SCENES = (".csv", ".wkt", ".geojson", ".json", ".svg", ".dxf", ".gds", ".toml")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SceneOptions:
+    """Options of one run, as they are recorded; None: the scene's own."""
+
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the random numbers.")] = 0
+    variant: Annotated[
+        str | None, "Mitsuba variant (default: the fastest monochromatic one that works)."
+    ] = None
+    diffraction: Annotated[
+        bool,
+        "Let shadows of opaque surfaces diffract: all sources and receivers with the "
+        "estimator 'exact' (docs/shadows.md).",
+    ] = False
+    range_text: Annotated[
+        str | None, "Sort the power by range as well, such as '0 m to 60 m' (docs/range.md)."
+    ] = None
+    resumable: options.Resumable = False
+    threads: options.Threads = None
+    scheduler: options.Scheduler = None
+    floor_db: options.DbFloor = -40.0
+
+    def edges(self, bins: int | None, default: int) -> NDArray[np.float64] | None:
+        """Return the edges in m of equal bins of a text such as "0 m to 60 m", or None."""
+        import numpy as np
+
+        if self.range_text is None:
+            if bins is not None:
+                raise ArgumentError("--bins: expected with a range of lengths; add a --range")
+            return None
+        ends = [parse_coordinate(end.strip()) for end in self.range_text.split(" to ")]
+        if len(ends) != 2 or not 0 <= ends[0] < ends[1]:
+            raise ArgumentError(
+                f"expected --range as two rising lengths, got {value_text(self.range_text)}; "
+                "write such as '0 m to 60 m'"
+            )
+        return np.linspace(ends[0], ends[1], (bins or default) + 1)
+
+    @contextmanager
+    def parts(self, stem: Path) -> Iterator[Path | None]:
+        """Give the store for finished parts of a resumable run, which is removed after it."""
+        if not self.resumable and self.scheduler is None:
+            yield None
+            return
+        from polywigner.propagation.stores import require_stores
+
+        require_stores(self.scheduler)
+        (store,) = options.targets(stem, (".parts.zarr",))
+        yield store
+        shutil.rmtree(store, ignore_errors=True)
+
+    def record(self, variant: str) -> dict[str, Any]:
+        """Return the settings, the variant and the versions of all programs of a run."""
+        from importlib.metadata import version
+
+        from polywigner.toolchain.llvm import prepare
+
+        versions: dict[str, str | None] = {
+            name: version(name) for name in ("polywigner", "mitsuba", "drjit", "numpy")
+        }
+        versions["llvm"] = prepare().version if variant.startswith("llvm_") else None
+        versions["python"] = platform.python_version()
+        versions["machine"] = f"{platform.system()} {platform.machine()}"
+        return {"settings": asdict(self), "used": {"variant": variant}, "versions": versions}
 
 
 def check_scene_file(scene: str) -> None:
@@ -28,7 +96,6 @@ def check_scene_file(scene: str) -> None:
 
     For the file of an aperture it names the command that reads it.
     """
-    check_text("the scene file", scene)
     if not os.path.isfile(scene):  # noqa: PTH113 (pathlib raises for a name too long)
         raise SceneError(f"expected a Mitsuba scene file, got {scene!r}, which is not a file")
     suffix = Path(scene).suffix.lower()
@@ -50,46 +117,6 @@ def messages_as_warnings() -> Iterator[None]:
         yield
     for message in messages:
         warnings.warn(f"Mitsuba: {message}", RuntimeWarning, stacklevel=3)
-
-
-def store_of_parts(stem: Path, resumable: bool, scheduler: str | None) -> Path | None:
-    """The store for finished parts of a run that goes on after its end; None of other runs."""
-    if not resumable and scheduler is None:
-        return None
-    from polywigner.propagation.stores import require_stores
-
-    require_stores(scheduler)
-    return targets(stem, (".parts.zarr",))[0]
-
-
-def versions_of(variant: str) -> dict[str, str | None]:
-    """Versions of all programs that take part in a render, for records."""
-    from importlib.metadata import version
-
-    from polywigner.toolchain.llvm import prepare
-
-    packages = ("polywigner", "mitsuba", "drjit", "numpy")
-    found: dict[str, str | None] = {name: version(name) for name in packages}
-    found["llvm"] = prepare().version if variant.startswith("llvm_") else None
-    found["python"] = platform.python_version()
-    found["machine"] = f"{platform.system()} {platform.machine()}"
-    return found
-
-
-def parse_ranges(text: str | None, bins: int | None, default: int) -> NDArray[np.float64] | None:
-    """Return the edges in m of equal bins of a text such as "0 m to 60 m", or None."""
-    import numpy as np
-
-    if text is None:
-        if bins is not None:
-            raise ArgumentError("--bins: expected with a range of lengths; add a --range")
-        return None
-    ends = [parse_coordinate(end.strip()) for end in text.split(" to ")]
-    if len(ends) != 2 or not 0 <= ends[0] < ends[1]:
-        raise ArgumentError(
-            f"expected --range as two rising lengths, got {text!r}; write such as '0 m to 60 m'"
-        )
-    return np.linspace(ends[0], ends[1], (bins or default) + 1)
 
 
 def prepare_ranges(variant: str) -> None:

@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from polywigner.cli.options import DbFloor, Out
-from polywigner.cli.output import files_to_write, write
-from polywigner.cli.sources import SourceOptions, check_is_coherent, frequency_text, short_name
+from polywigner.cli.options import DbFloor, Out, files_to_write, write
+from polywigner.cli.sources import SourceOptions, frequency_text, short_name
 from polywigner.errors import QuantityError
 from polywigner.quantities import parse_angle, parse_coordinate, parse_point
 
@@ -121,7 +120,6 @@ def transform(
     from polywigner.figures import draw_transforms, system_slices, transform_slices
 
     radiator, length = source.read()
-    check_is_coherent(radiator, "transform")
     name = short_name(source.source)
     slices: TransformSlices | SystemSlices
     if system is None:

@@ -6,30 +6,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from polywigner.explorer.server import check_installed, serve
+from polywigner import read_aperture
+from polywigner.explorer.server import serve
 from polywigner.explorer.state import UNITS, State, rings_of
 
-__all__ = ["State", "check_installed", "serve", "start_state"]
+__all__ = ["State", "serve", "start_state"]
 
 
 def start_state(
-    path: str | None, unit: str = "mm", wave: str | None = None,
-    layer: Sequence[str] | None = None, union: bool = False,
-) -> State:  # fmt: skip
+    path: str | None, wave: str | None = None, unit: str = "mm", **reading: Any
+) -> State:
     """Return the state that the page opens with: an aperture file, or a chevron.
 
-    Lengths are shown in the unit of the file, or in mm. Raises as `read_aperture`.
+    The page has the unit of the file, or mm. ``reading`` and errors are those of read_aperture.
     """
-    changes: dict[str, Any] = {} if wave is None else {"wave": wave}
     unit_of_page = {"um": "µm"}.get(unit, unit)
-    state = State(unit=unit_of_page if unit_of_page in UNITS else "mm", **changes)  # type: ignore[arg-type]
+    state = State(unit=unit_of_page if unit_of_page in UNITS else "mm", wave=wave or State.wave)
     if path is None:
         return state
-    import polywigner as pw
-
-    aperture = pw.read_aperture(path, unit=unit, layer=layer, union=union)
-    return replace(state, rings=rings_of(aperture, state.per_metre))
+    return replace(state, rings=rings_of(read_aperture(path, unit, **reading), state.per_metre))

@@ -1,5 +1,5 @@
 """The page for ``panel serve``: ``panel serve -m polywigner.explorer.app`` or this file's path."""
 
-from polywigner.explorer.page import new_page
+from polywigner.explorer.page import Explorer
 
-new_page().servable()
+Explorer().page().servable()

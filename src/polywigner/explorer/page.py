@@ -21,7 +21,7 @@ from polywigner.errors import PolywignerError
 from polywigner.explorer import state as states
 from polywigner.explorer import views
 from polywigner.explorer.plots import Editor, Plot
-from polywigner.explorer.state import CATALOGUE, State
+from polywigner.explorer.state import CATALOGUE, State, read_upload
 from polywigner.explorer.views import VIEWS, Name, Picture
 
 TITLE = "polywigner explorer"
@@ -45,29 +45,30 @@ _VIEWS = """
 :host { display: grid !important; gap: 8px; width: 100%;
   grid-template-columns: repeat(auto-fill, minmax(min(310px, 100%), 1fr)); align-items: start; }
 """
-_CARD = ":host { background: white; border: 1px solid #d5dbe1; border-radius: 6px; }"
-_GROUP = _CARD + ":host { box-shadow: none; }"
+_CARD = """
+:host { background: white; border: 1px solid #d5dbe1; border-radius: 6px; box-shadow: none; }
+"""
 _HEAD = ":host { padding: 4px 10px; align-items: center; flex-wrap: wrap; }" + _CARD
 _PAIR = ":host { display: grid !important; grid-template-columns: 1fr 1fr; gap: 0 6px; }"
 
-_QUICK_SAMPLES, _FINE_SAMPLES = 48, 64
-"""Samples along an axis while the state changes, and the fewest afterwards."""
-_SECONDS = 1.0
-"""Time of one view, which limits its samples."""
-
+_QUICK_SAMPLES = 49  # along an axis while the state changes
+_SECONDS = 1.0  # time of one view afterwards, which limits its samples
 _WIDE: dict[str, Any] = {"sizing_mode": "stretch_width"}
+# ranges of logarithmic sliders, in units
 _LOG = {"wavelength": (0.05, 50), "width": (0.5, 100), "distance": (1, 1000)}
-"""Ranges of logarithmic sliders, in units."""
 
 
 class Explorer:
-    """One session of the page. ``layout`` is its Panel object, ``history`` its states."""
+    """One session of the page. ``layout`` is its Panel object, ``history`` its states.
+
+    An explorer that is made before its document computes all views with few samples.
+    """
 
     def __init__(self, state: State | None = None) -> None:
         self.history = states.History(state or State())
-        self._document = pn.state.curdoc
+        self._document: Any = pn.state.curdoc
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="explorer")
-        self._pictures: dict[Name, tuple[tuple[Any, ...], Picture]] = {}
+        self._pictures: dict[Name, tuple[str, float, Picture]] = {}  # with code and seconds
         self._errors: dict[Name, str] = {}
         self._posted: deque[Callable[[], None]] = deque()
         self._is_following = False  # controls follow the state, so their changes are no edits
@@ -77,36 +78,47 @@ class Explorer:
         self._plots = {name: Plot(name, taps.get(name)) for name in VIEWS}
         self._controls: dict[str, Any] = {}
         self.layout = self._new_layout()
-        if self._document is not None:
-            close = partial(self._pool.shutdown, wait=False, cancel_futures=True)
-            self._document.on_session_destroyed(lambda _: close())
         self._follow()
+
+    def page(self) -> Any:
+        """Return the Panel template of the present Bokeh document."""
+        if self._document is None:
+            self._pool.submit(int).result()  # the models belong to the document's lock from now on
+            self._document = pn.state.curdoc
+            self._pool.submit(self._compute, self.state)
+        close = partial(self._pool.shutdown, wait=False, cancel_futures=True)
+        self._document.on_session_destroyed(lambda _: close())
+        page = _Page(TEMPLATE)
+        page.title = TITLE
+        page.add_panel("page", self.layout)
+        return page
 
     @property
     def state(self) -> State:
         """The present state."""
         return self.history.present
 
-    # --- Changes of the state
-
     def edit(self, gesture: str = "", **changes: Any) -> None:
         """Change the state; changes of one gesture are one step of the history."""
+        self._add(lambda: replace(self.state, **changes), gesture)
+
+    def _add(self, new_state: Callable[[], State], gesture: str = "") -> None:
         try:
-            self._change(self.history.then(replace(self.state, **changes), gesture))
+            self.history.add(new_state(), gesture)
         except PolywignerError as error:
             self._say(str(error))
-            self._follow()
+            self._show_controls()
+        else:
+            self._follow(is_dragging=gesture == "drag")
 
-    def _change(self, history: states.History) -> None:
-        if history.present != self.state:
-            self._errors.clear()
-        self.history = history
-        self._follow(is_dragging=history.gesture == "drag")
+    def _move(self, steps: int) -> None:
+        self.history.move(steps)
+        self._follow()
 
     def _outline_edited(self, rings: states.Rings, is_final: bool) -> None:
         self.edit("drag", rings=rings)
         if is_final:
-            self._change(self.history.ended())
+            self._move(0)
 
     def _control_changed(self, name: str, event: Any) -> None:
         if self._is_following:
@@ -115,14 +127,11 @@ class Explorer:
         if name in _LOG:
             value = float(f"{10**value:.4g}")
         if name == "width":
-            self._change(self.history.then(self.state.with_width(value), name))
+            self._add(lambda: self.state.with_width(value), name)
         elif name == "wavelength":
             self.edit(name, wave=f"{value:g} {self.state.unit}")
         else:
             self.edit(name, **{name: value})
-
-    def _gesture_ended(self, _event: Any) -> None:
-        self.history = self.history.ended()
 
     def _shape_chosen(self, event: Any) -> None:
         if event.new == "blank sheet":
@@ -133,12 +142,9 @@ class Explorer:
         self._shapes.value = "choose a shape …"
 
     def _file_chosen(self, event: Any) -> None:
-        if not event.new:
-            return
-        try:
-            self.edit(rings=states.read_upload(self._file.filename, event.new, self.state.unit))
-        except PolywignerError as error:
-            self._say(str(error))
+        if event.new:
+            file = self._file.filename, event.new, self.state.unit
+            self._add(lambda: replace(self.state, rings=read_upload(*file)))
 
     def _draw_toggled(self, event: Any) -> None:
         self._draw_toggle.label = "Finish outline" if event.new else "Draw outline"
@@ -148,28 +154,29 @@ class Explorer:
         elif self._editor.sketch is not None:
             self._editor.finish_sketch()
 
-    # --- The page follows the state
-
     def _follow(self, is_dragging: bool = False) -> None:
         """Show the state in the editor and the controls, and compute its views."""
         state = self.state
+        self._errors.clear()
         self._editor.show(state, keep_handles=is_dragging)
+        self._show_controls()
+        self._plots["wigner_x"].show_mark(state.x)
+        for plot in (self._plots["fourier"], self._plots["wigner_nu"]):
+            plot.show_mark(state.nu, 1 / (state.wavelength * state.per_metre))
+        self._status.object = "computing …"
+        self._pool.submit(self._compute, state)
+
+    def _show_controls(self) -> None:
         self._is_following = True
         try:
             for name, control in self._controls.items():
                 self._set(name, control)
             if self._draw_toggle.value and self._editor.sketch is None:
                 self._draw_toggle.value = False
-            self._undo.disabled = not self.history.past
-            self._redo.disabled = not self.history.future
+            self._undo.disabled = not self.history.can_move(-1)
+            self._redo.disabled = not self.history.can_move(1)
         finally:
             self._is_following = False
-        self._plots["wigner_x"].show_mark(state.x)
-        for plot in (self._plots["fourier"], self._plots["wigner_nu"]):
-            plot.show_mark(state.nu)
-            plot.show_horizon(1 / (state.wavelength * state.per_metre))
-        self._status.object = "computing …"
-        self._pool.submit(self._compute, state)
 
     def _set(self, name: str, control: Any) -> None:
         state = self.state
@@ -183,15 +190,13 @@ class Explorer:
         if isinstance(control, pn.widgets.FloatSlider):
             control.param.update(
                 start=min(control.start, value), end=max(control.end, value), value=value,
-                label=f"{control.tags[0]} ({state.unit})" if control.tags[1] else control.tags[0],
+                label=control.tags[0] + (f" ({state.unit})" if name in _LOG else ""),
             )  # fmt: skip
         elif control.value != value:
             control.value = value
 
-    # --- Computation, in the session's thread
-
     def _compute(self, state: State) -> None:
-        """Compute all visible views: first quickly with few samples, then with more.
+        """Compute all views: first quickly with few samples, then with more.
 
         A newer state stops the second part only, so views follow a drag that lasts.
         """
@@ -202,32 +207,24 @@ class Explorer:
         except PolywignerError as error:
             self._post(self._show_invalid, state, str(error))
             return
-        self._post(self._show_source, state, support)
-        names = [name for name in VIEWS if name in self._visible.value]
-        for name in names:
-            if not self._is_shown(state, name):
+        self._post(self._show_source, support)
+        for name in VIEWS:
+            is_shown = name in self._pictures and self._pictures[name][0] == _key(state, name)
+            if not (is_shown or name in self._errors):
                 self._compute_view(state, name, _QUICK_SAMPLES)
-        for name in names:
-            samples = float(_FINE_SAMPLES)
-            while state is self.state and self._is_coarser(name, samples):
-                seconds = self._compute_view(state, name, int(samples))
-                samples *= max(1.0, math.sqrt(_SECONDS / seconds))
+        for name in VIEWS if self._document is not None else ():
+            is_finer = True
+            while is_finer and state is self.state and name not in self._errors:
+                _, seconds, picture = self._pictures[name]
+                possible = int(len(picture.x) * math.sqrt(_SECONDS / seconds))
+                samples = min(views.SAMPLES, possible | 1)
+                is_finer = picture.image is not None and len(picture.x) < samples
+                if is_finer:
+                    self._compute_view(state, name, samples)
         self._post(self._finish, state)
 
-    def _is_shown(self, state: State, name: Name) -> bool:
-        needs, _ = self._pictures.get(name, ((), None))
-        return name in self._errors or needs == views.needed(state, name)
-
-    def _is_coarser(self, name: Name, samples: float) -> bool:
-        if name in self._errors:
-            return False
-        _, picture = self._pictures[name]
-        return picture.image is not None and len(picture.x) < min(int(samples), views.SAMPLES)
-
-    def _compute_view(self, state: State, name: Name, samples: int) -> float:
-        """Compute a view and return the seconds that it took."""
+    def _compute_view(self, state: State, name: Name, samples: int) -> None:
         start = time.perf_counter()
-        samples = min(samples, views.SAMPLES)
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
@@ -235,10 +232,9 @@ class Explorer:
         except PolywignerError as error:
             self._errors[name] = str(error)
             self._post(self._plots[name].show_error, "not available, see above")
-            return math.inf
-        self._pictures[name] = (views.needed(state, name), picture)
+            return
+        self._pictures[name] = _key(state, name), time.perf_counter() - start, picture
         self._post(self._plots[name].show, picture)
-        return time.perf_counter() - start
 
     def _post(self, show: Callable[..., None], *arguments: Any) -> None:
         """Call a function with the document's lock, after all that were posted before."""
@@ -249,15 +245,12 @@ class Explorer:
             self._document.add_next_tick_callback(self._show_posted)
 
     def _show_posted(self) -> None:
-        # Bokeh may call its callbacks in another order
-        while self._posted:
+        while self._posted:  # Bokeh may call its callbacks in another order
             self._posted.popleft()()
 
-    def _show_source(self, state: State, support: list[views.Polygon]) -> None:
+    def _show_source(self, support: list[views.Polygon]) -> None:
         self._editor.show_support(support)
-        self._views.styles = {"grid-area": "views"}
-        if state is self.state and not self._errors:
-            self._say("")
+        self._views.styles = {"grid-area": "views", "opacity": "1"}
 
     def _show_invalid(self, state: State, error: str) -> None:
         if state is self.state:
@@ -275,14 +268,12 @@ class Explorer:
     def _say(self, text: str, kind: str = "warning") -> None:
         self._message.param.update(object=text, alert_type=kind, visible=bool(text))
 
-    # --- Downloads
-
     def _picture(self) -> Picture:
         """Return the picture of the view that is chosen for the downloads."""
         name = self._saved.value
         if name not in self._pictures:
             self._compute_view(self.state, name, views.SAMPLES)
-        return self._pictures[name][1]
+        return self._pictures[name][2]
 
     def _show_code(self, *_: Any) -> None:
         try:
@@ -292,68 +283,48 @@ class Explorer:
         self._code.object = f"<pre>{escape(code)}</pre>"
         self._npz.filename = f"{self._saved.value}.npz"
 
-    # --- Layout
-
     def _control(self, name: str, control: Any) -> Any:
         control.param.update(sizing_mode="stretch_width", margin=(4, 8))
         control.param.watch(partial(self._control_changed, name), "value")
         if isinstance(control, pn.widgets.FloatSlider):
-            control.param.watch(self._gesture_ended, "value_throttled")
+            control.param.watch(lambda _: self.history.move(0), "value_throttled")
         self._controls[name] = control
         return control
 
     def _slider(self, name: str, label: str, low: float, high: float, step: float) -> Any:
         return self._control(name, pn.widgets.FloatSlider(
-            label=label, start=low, end=high, step=step, value=low, tags=[label, False]
+            label=label, start=low, end=high, step=step, value=low, tags=[label]
         ))  # fmt: skip
 
     def _log_slider(self, name: str, label: str) -> Any:
         low, high = map(math.log10, _LOG[name])
-        shown = CustomJSTickFormatter(code="return (10**tick).toPrecision(3)")
-        return self._control(name, pn.widgets.FloatSlider(
-            label=label, start=low, end=high, step=0.005, value=low, format=shown,
-            tags=[label, True],
-        ))  # fmt: skip
+        slider = self._slider(name, label, low, high, 0.005)
+        slider.format = CustomJSTickFormatter(code="return (10**tick).toPrecision(3)")
+        return slider
 
     def _select(self, name: str, label: str, options: Any) -> Any:
         return self._control(name, pn.widgets.Select(label=label, options=list(options)))
 
-    def _download(self, content: Callable[[], bytes], label: str) -> Any:
-        return pn.widgets.FileDownload(
-            label=label, callback=lambda: io.BytesIO(content()), filename="view", margin=(4, 8),
-            **_WIDE,
-        )  # fmt: skip
+    def _download(self, content: Callable[[], bytes], label: str, filename: str = "view") -> Any:
+        callback = lambda: io.BytesIO(content())  # noqa: E731
+        settings = {"label": label, "callback": callback, "filename": filename, **_WIDE}
+        return pn.widgets.FileDownload(**settings, margin=(4, 8))
 
     def _new_layout(self) -> Any:
         self._undo = pn.widgets.Button(label="Undo", margin=4, width=70)
         self._redo = pn.widgets.Button(label="Redo", margin=4, width=70)
-        self._undo.on_click(lambda _: self._change(self.history.undone()))
-        self._redo.on_click(lambda _: self._change(self.history.redone()))
+        self._undo.on_click(lambda _: self._move(-1))
+        self._redo.on_click(lambda _: self._move(1))
         self._status = pn.pane.HTML("computing …", width=90)
         self._message = pn.pane.Alert("", visible=False, margin=0)
         title = pn.pane.HTML(f"<b>{TITLE}</b>")
-        head = pn.Row(
-            title, self._undo, self._redo, self._status, self._message,
-            stylesheets=[_HEAD], styles={"grid-area": "head"}, **_WIDE,
-        )  # fmt: skip
-        editor = pn.Column(
-            pn.pane.Bokeh(self._editor.plot, sizing_mode="scale_width"),
-            self._new_outline_buttons(), stylesheets=[_CARD], styles={"grid-area": "editor"},
-            **_WIDE,
-        )  # fmt: skip
-        panes = {
-            name: pn.Column(
-                pn.pane.Bokeh(plot.plot, sizing_mode="scale_width"), stylesheets=[_CARD]
-            )
-            for name, plot in self._plots.items()
-        }
-        controls = self._new_controls(panes)
-        self._views = pn.Column(
-            *panes.values(), stylesheets=[_VIEWS], styles={"grid-area": "views"}, **_WIDE
-        )
-        return pn.Column(
-            head, editor, self._views, controls, stylesheets=[_GRID], name="page", **_WIDE
-        )
+        parts = title, self._undo, self._redo, self._status, self._message
+        head = _box(_HEAD, *parts, area="head", kind=pn.Row)
+        outline = _figure(self._editor.plot), self._new_outline_buttons()
+        editor = _box(_CARD, *outline, area="editor")
+        figures = [_box(_CARD, _figure(plot.plot)) for plot in self._plots.values()]
+        self._views = _box(_VIEWS, *figures, area="views")
+        return _box(_GRID, head, editor, self._views, self._new_controls())
 
     def _new_outline_buttons(self) -> Any:
         self._draw_toggle = pn.widgets.Toggle(label="Draw outline", margin=(4, 8), **_WIDE)
@@ -366,18 +337,15 @@ class Explorer:
         self._file = pn.widgets.FileInput(margin=(4, 8), **_WIDE)
         self._file.param.watch(self._file_chosen, "value")
         unit = self._select("unit", "Unit of length", states.UNITS)
-        pairs = pn.Column(
-            self._draw_toggle, delete, self._shapes, unit, stylesheets=[_PAIR], **_WIDE
-        )
-        return pn.Column(pairs, self._file, **_WIDE)
+        return _box("", _box(_PAIR, self._draw_toggle, delete, self._shapes, unit), self._file)
 
-    def _new_controls(self, panes: dict[Name, Any]) -> Any:
+    def _new_controls(self) -> Any:
         integer = partial(pn.widgets.IntInput, start=1, end=states.MAX_ELEMENTS)
         source = [
             self._log_slider("width", "Width"),
             self._log_slider("wavelength", "Wavelength"),
             self._control("wave", pn.widgets.TextInput(label="Frequency or wavelength")),
-            self._select("taper", "Taper", get_args(states.Taper)),
+            self._select("taper", "Taper", states.TAPERS),
             self._slider("theta", "Steering θ (degrees)", 0, 80, 0.5),
             self._slider("phi", "Azimuth φ (degrees)", -180, 180, 1),
         ]
@@ -394,42 +362,41 @@ class Explorer:
             self._log_slider("distance", "Near field at z"),
         ]
         labels = {label: name for name, label in VIEWS.items()}
-        self._visible = pn.widgets.CheckBoxGroup(
-            options=labels, value=list(VIEWS), inline=True, margin=(4, 8), **_WIDE,
-            stylesheets=[".bk-input-group { flex-wrap: wrap; }"],
-        )  # fmt: skip
-
-        def show_views(event: Any) -> None:
-            for name, pane in panes.items():
-                pane.visible = name in event.new
-            self._follow()
-
-        self._visible.param.watch(show_views, "value")
         self._saved = pn.widgets.Select(label="View", options=labels, margin=(4, 8), **_WIDE)
         self._saved.param.watch(self._show_code, "value")
         self._npz = self._download(lambda: views.npz(self._picture()), "npz of the view")
-        outline = self._download(
-            lambda: states.geojson(self.state).encode(), "GeoJSON of the aperture"
-        )
-        outline.filename = "aperture.geojson"
+        geojson = lambda: states.geojson(self.state).encode()  # noqa: E731
+        outline = self._download(geojson, "GeoJSON of the aperture", "aperture.geojson")
         style = "pre { overflow: auto; font-size: 11px; max-height: 260px; user-select: all; }"
         self._code = pn.pane.HTML("", stylesheets=[style], **_WIDE)
         groups = {
-            "Source": [pn.Column(*source, stylesheets=[_PAIR], **_WIDE), pn.Row(*array, **_WIDE)],
-            "Views": [pn.Column(*shown, stylesheets=[_PAIR], **_WIDE), self._visible],
+            "Source": [_box(_PAIR, *source), _box("", *array, kind=pn.Row)],
+            "Views": [_box(_PAIR, *shown)],
             "Save": [self._saved, self._npz, outline, self._code],
         }
         cards = [
             pn.Card(*parts, title=title, collapsed=title == "Save", margin=(0, 0, 8, 0),
-                    stylesheets=[_GROUP], **_WIDE)
+                    stylesheets=[_CARD], **_WIDE)
             for title, parts in groups.items()
         ]  # fmt: skip
-        return pn.Column(*cards, styles={"grid-area": "controls"}, **_WIDE)
+        return _box("", *cards, area="controls")
 
 
-def new_page(state: State | None = None) -> Any:
-    """Return the page of a new session as a Panel template."""
-    page = pn.Template(TEMPLATE)
-    page.title = TITLE
-    page.add_panel("page", Explorer(state).layout)
-    return page
+def _box(css: str, *parts: Any, area: str = "auto", kind: Any = pn.Column) -> Any:
+    return kind(*parts, stylesheets=[css], styles={"grid-area": area}, **_WIDE)
+
+
+def _figure(plot: Any) -> Any:
+    return pn.pane.Bokeh(plot, sizing_mode="scale_width")
+
+
+def _key(state: State, name: Name) -> str:
+    """Return a text that changes with the figure of a view."""
+    return views.snippet(state, name) + (state.part if name == "fourier" else "")
+
+
+class _Page(pn.Template):
+    """A template without the text of all its parts, which Panel would write twice."""
+
+    def __repr__(self) -> str:
+        return TITLE

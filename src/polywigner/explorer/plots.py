@@ -9,26 +9,15 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+from bokeh import models
 from bokeh.events import DoubleTap, Tap
-from bokeh.models import (
-    ColorBar,
-    ColumnDataSource,
-    CustomJS,
-    HoverTool,
-    LinearColorMapper,
-    PointDrawTool,
-    Range1d,
-    SaveTool,
-    Title,
-)
 from bokeh.plotting import figure
 
 from polywigner.explorer.state import Point, Rings, State, rings_of_rows, with_vertex
 from polywigner.explorer.views import Name, Picture, Polygon
 from polywigner.figures.style import ACCENT, BLUE, INK, ORANGE
 
-_BORDERS = {"min_border_left": 52, "min_border_right": 50, "min_border_top": 54}
-_BOTTOM = 48  # left + right = top + bottom, so that a square figure has a square frame
+PALE = "#c6d7e6"
 _DRAG_JS = """
 const {x, y, ring} = vertices.data
 const rings = new Map()
@@ -57,58 +46,51 @@ def rows(polygons: Sequence[Polygon]) -> dict[str, list[Any]]:
 
 
 class Editor:
-    """The aperture: its vertices are dragged, inserted and deleted, and new outlines drawn.
-
-    ``on_rings(rings, is_final)`` receives edited outlines, ``on_position(point)`` a clicked
-    position.
-    """
+    """The aperture; ``on_rings(rings, is_final)`` receives edits, ``on_position(point)`` clicks."""
 
     def __init__(
         self, on_rings: Callable[[Rings, bool], None], on_position: Callable[[Point], None]
     ) -> None:
         self._on_rings, self._on_position = on_rings, on_position
         self._rings: Rings = ()
-        self.sketch: list[Point] | None = None
-        """Corners of the outline that is being drawn; None in edit mode."""
-        self.vertices = ColumnDataSource({"x": [], "y": [], "ring": []}, name="vertices")
-        self._drawn = ColumnDataSource({"xs": [], "ys": []})
-        self._support = ColumnDataSource({"xs": [], "ys": []})
-        self._position = ColumnDataSource({"x": [0.0], "y": [0.0]})
-        self._sketch = ColumnDataSource({"x": [], "y": []})
-        self._relay = ColumnDataSource({"x": [], "y": [], "ring": []}, tags=[0])
+        self.sketch: list[Point] | None = None  # corners of a new outline; None in edit mode
+        self.vertices = models.ColumnDataSource({"x": [], "y": [], "ring": []}, name="vertices")
+        self._drawn = models.ColumnDataSource({"xs": [], "ys": []})
+        self._support = models.ColumnDataSource({"xs": [], "ys": []})
+        self._position = models.ColumnDataSource({"x": [0.0], "y": [0.0]})
+        self._sketch = models.ColumnDataSource({"x": [], "y": []})
+        self._relay = models.ColumnDataSource({"x": [], "y": [], "ring": []}, tags=[0])
         plot = figure(
             name="editor", tools="pan,wheel_zoom,reset", active_drag=None, active_scroll=None,
-            x_range=Range1d(-1, 1), y_range=Range1d(-1, 1), sizing_mode="scale_width",
+            x_range=models.Range1d(-1, 1), y_range=models.Range1d(-1, 1), sizing_mode="scale_width",
             aspect_ratio=1, min_border_left=58, min_border_right=22, min_border_top=34,
             min_border_bottom=46, toolbar_location="above", output_backend="canvas",
         )  # fmt: skip
         plot.toolbar.logo = None
         _style_axes(plot)
-        plot.multi_polygons(
-            "xs", "ys", source=self._support, fill_color="#c6d7e6", fill_alpha=0.7, line_color=None
+        # add_glyph: the functions of a figure make four glyphs each
+        plot.add_glyph(self._support, models.MultiPolygons(fill_color=PALE, line_color=None))
+        plot.add_glyph(
+            self._drawn, models.MultiPolygons(fill_color=BLUE, fill_alpha=0.75, line_color=INK)
         )
-        plot.multi_polygons(
-            "xs", "ys", source=self._drawn, fill_color=BLUE, fill_alpha=0.75, line_color=INK
+        cross = models.Scatter(marker="cross", size=16, line_width=3, line_color=ORANGE)
+        plot.add_glyph(self._position, cross)
+        plot.add_glyph(self._sketch, models.Line(line_color=ACCENT, line_width=2))
+        plot.add_glyph(self._sketch, models.Scatter(size=8, fill_color=ACCENT, line_color="white"))
+        handle = models.Scatter(size=11, fill_color="white", line_color=ACCENT, line_width=2)
+        chosen = models.Scatter(size=11, fill_color=ACCENT, line_color=ACCENT)
+        handles = plot.add_glyph(
+            self.vertices, handle, selection_glyph=chosen, nonselection_glyph=handle
         )
-        plot.scatter(
-            "x", "y", source=self._position, marker="cross", size=16, line_width=3,
-            line_color=ORANGE,
-        )  # fmt: skip
-        plot.line("x", "y", source=self._sketch, line_color=ACCENT, line_width=2)
-        plot.scatter("x", "y", source=self._sketch, size=8, fill_color=ACCENT, line_color="white")
-        handles = plot.scatter(
-            "x", "y", source=self.vertices, size=11, fill_color="white", line_color=ACCENT,
-            line_width=2, nonselection_alpha=1.0, selection_fill_color=ACCENT,
-        )  # fmt: skip
-        drag = PointDrawTool(renderers=[handles], add=False)
+        drag = models.PointDrawTool(renderers=[handles], add=False)
         plot.add_tools(drag)
         plot.toolbar.active_multi = drag
         sources = {"vertices": self.vertices, "drawn": self._drawn, "relay": self._relay}
-        plot.js_on_event("pan", CustomJS(args=sources, code=_DRAG_JS))
+        plot.js_on_event("pan", models.CustomJS(args=sources, code=_DRAG_JS))
         self._relay.on_change("data", lambda attr, old, new: self._edited(self._relay, False))
         self.vertices.on_change("data", lambda attr, old, new: self._edited(self.vertices, True))
         plot.on_event(Tap, self._tapped)
-        plot.on_event(DoubleTap, self._double_tapped)
+        plot.on_event(DoubleTap, self._tapped)  # without a Tap; in a sketch, two quick clicks
         self.plot = plot
 
     def show(self, state: State, keep_handles: bool = False) -> None:
@@ -156,13 +138,13 @@ class Editor:
     def _span(self) -> float:
         return float(self.plot.x_range.end - self.plot.x_range.start)
 
-    def _rows(self, source: ColumnDataSource) -> list[tuple[int, float, float]]:
+    def _rows(self, source: models.ColumnDataSource) -> list[tuple[int, float, float]]:
         data, exact = source.data, {p for ring in self._rings for p in ring}
         points = [(float(x), float(y)) for x, y in zip(data["x"], data["y"], strict=True)]
         points = [p if p in exact else rounded(self.plot, *p) for p in points]
         return [(int(k), *p) for k, p in zip(data["ring"], points, strict=True)]
 
-    def _edited(self, source: ColumnDataSource, is_final: bool) -> None:
+    def _edited(self, source: models.ColumnDataSource, is_final: bool) -> None:
         rings = rings_of_rows(self._rows(source))
         if not is_final or rings != self._rings:
             self._on_rings(rings, is_final)
@@ -172,7 +154,9 @@ class Editor:
             return
         point = rounded(self.plot, event.x, event.y)
         if self.sketch is None:
-            if self._nearest([p for ring in self._rings for p in ring], point) > 0.03:
+            if isinstance(event, DoubleTap):
+                self._on_rings(with_vertex(self._rings, point), True)
+            elif self._nearest([p for ring in self._rings for p in ring], point) > 0.03:
                 self._on_position(point)
         elif len(self.sketch) >= 3 and self._nearest(self.sketch[:1], point) <= 0.03:
             self.finish_sketch()
@@ -183,17 +167,6 @@ class Editor:
     def _nearest(self, points: Sequence[Point], point: Point) -> float:
         """Return the distance to the nearest of some points, relative to the figure."""
         return min((math.dist(p, point) / self._span() for p in points), default=math.inf)
-
-    def _double_tapped(self, event: Any) -> None:
-        if event.x is None:
-            return
-        point = rounded(self.plot, event.x, event.y)
-        if self.sketch is None:
-            self._on_rings(with_vertex(self._rings, point), True)
-        elif self._nearest(self.sketch[-1:], point) <= 0.03:
-            self.finish_sketch()
-        else:  # two quick clicks at different points
-            self._tapped(event)
 
     def _fit(self, state: State) -> None:
         """Change the axes if the outlines leave them or fill less than 40 % of them."""
@@ -216,21 +189,21 @@ class Plot:
 
     def __init__(self, name: Name, on_tap: Callable[[Point], None] | None = None) -> None:
         plot = figure(
-            name=name, tools="", toolbar_location="above", sizing_mode="scale_width",
-            aspect_ratio=1, min_border_bottom=_BOTTOM, x_range=Range1d(-1, 1),
-            y_range=Range1d(-1, 1), **_BORDERS,
+            name=name, title=" ", tools="", toolbar_location="above", sizing_mode="scale_width",
+            aspect_ratio=1, x_range=models.Range1d(-1, 1), y_range=models.Range1d(-1, 1),
+            # left + right = top + bottom, so that a square figure has a square frame
+            min_border_left=52, min_border_right=50, min_border_top=54, min_border_bottom=48,
         )  # fmt: skip
         plot.toolbar.logo = None
-        plot.add_tools(SaveTool(filename=name))
+        plot.add_tools(models.SaveTool(filename=name))
         plot.title.text_font_size = "13px"
         _style_axes(plot)
-        self._quantity = Title(text=" ", text_font_size="11px", text_font_style="normal",
+        self._quantity = models.Title(text=" ", text_font_size="11px", text_font_style="normal",
                                text_color="#55606b")  # fmt: skip
         plot.add_layout(self._quantity, "above")
-        plot.title.text = " "
-        self._source = ColumnDataSource({})
-        self._mark = ColumnDataSource({"x": [], "y": []})
-        self._horizon = ColumnDataSource({"d": []})
+        self._source = models.ColumnDataSource({})
+        self._mark = models.ColumnDataSource({"x": [], "y": []})
+        self._horizon = models.ColumnDataSource({"d": []})
         self.plot, self._on_tap, self._mapper = plot, on_tap, None
         if name == "far":
             self._source.data = {"xs": [], "ys": [], "label": [], "colour": [], "dash": []}
@@ -243,28 +216,24 @@ class Plot:
             )
         elif name == "lags":
             self._source.data = {"xs": [], "ys": []}
-            plot.multi_polygons(
-                "xs", "ys", source=self._source, fill_color="#c6d7e6", line_color=INK
-            )
+            plot.add_glyph(self._source, models.MultiPolygons(fill_color=PALE, line_color=INK))
         else:
             self._source.data = {"image": [], "x": [], "y": [], "dw": [], "dh": []}
-            self._mapper = LinearColorMapper(palette=_palette("inferno"), low=0, high=1)
-            plot.image(
-                "image", x="x", y="y", dw="dw", dh="dh", source=self._source,
-                color_mapper=self._mapper,
-            )  # fmt: skip
-            bar = ColorBar(color_mapper=self._mapper, width=10, padding=4, label_standoff=4)
+            self._mapper = models.LinearColorMapper(palette=_palette("inferno"), low=0, high=1)
+            plot.add_glyph(self._source, models.Image(color_mapper=self._mapper))
+            bar = models.ColorBar(color_mapper=self._mapper, width=10, padding=4, label_standoff=4)
             plot.add_layout(bar, "right")
             tips = [("x, y", "$x{0.000}, $y{0.000}"), ("value", "@image{0.000}")]
-            plot.add_tools(HoverTool(tooltips=tips))
-            plot.ellipse(
-                0, 0, width="d", height="d", source=self._horizon, fill_color=None,
-                line_color="#808080", line_dash="dotted", line_width=1.5,
-            )  # fmt: skip
+            plot.add_tools(models.HoverTool(tooltips=tips))
         if on_tap:
+            horizon = models.Ellipse(
+                x=0, y=0, width="d", height="d", fill_color=None, line_color="#808080",
+                line_dash="dotted", line_width=1.5,
+            )  # fmt: skip
+            plot.add_glyph(self._horizon, horizon)
             for colour, width in (("white", 5), ("black", 2)):
-                plot.scatter("x", "y", source=self._mark, marker="cross", size=16,
-                             line_width=width, line_color=colour)  # fmt: skip
+                cross = models.Scatter(marker="cross", size=16, line_width=width, line_color=colour)
+                plot.add_glyph(self._mark, cross)
             plot.on_event(Tap, self._tapped)
 
     def show(self, picture: Picture) -> None:
@@ -297,13 +266,10 @@ class Plot:
         for axis, (start, end) in zip((plot.x_range, plot.y_range), edges, strict=True):
             axis.update(start=start, end=end)
 
-    def show_mark(self, point: Point) -> None:
-        """Draw the chosen point."""
+    def show_mark(self, point: Point, horizon: float = 0.0) -> None:
+        """Draw the chosen point, and the circle |nu| = 1/wavelength of a radius."""
         self._mark.data = {"x": [point[0]], "y": [point[1]]}
-
-    def show_horizon(self, radius: float) -> None:
-        """Draw the circle |nu| = 1/wavelength."""
-        self._horizon.data = {"d": [2 * radius]}
+        self._horizon.data = {"d": [2 * horizon]}
 
     def show_error(self, text: str) -> None:
         """Empty the figure and write why."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import socket
-import threading
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
@@ -15,31 +14,32 @@ ADDRESS = "127.0.0.1"
 _NAMES = (ADDRESS, "localhost")
 
 
-def check_installed() -> None:
-    """Raise MissingExtraError if Panel is not installed."""
-    require("panel", "explorer", "serves the page")
-
-
 def new_server(state: State, port: int = 0) -> Any:
     """Return a Bokeh server of the page, listening on 127.0.0.1 but not yet serving.
 
-    Raises ArgumentError if the port is in use.
+    Raises ArgumentError if the port is in use, MissingExtraError without Panel.
     """
-    import panel as pn
+    pn = require("panel", "explorer", "serves the page")
 
-    from polywigner.explorer.page import TITLE, new_page
+    from polywigner.explorer.page import TITLE, Explorer
+
+    prepared: list[Explorer] = []
+
+    def new_page() -> Any:
+        return (prepared.pop() if prepared else Explorer(state)).page()
 
     try:
         if port == 0:
             with socket.create_server((ADDRESS, 0)) as free:
                 port = free.getsockname()[1]
         server = pn.serve(
-            lambda: new_page(state), address=ADDRESS, port=port, show=False, start=False,
-            title=TITLE, verbose=False, websocket_origin=[f"{name}:{port}" for name in _NAMES],
+            new_page, address=ADDRESS, port=port, show=False, start=False, title=TITLE,
+            verbose=False, websocket_origin=[f"{name}:{port}" for name in _NAMES],
         )  # fmt: skip
     except OSError as error:
         raise ArgumentError(f"port {port} cannot be used ({error}); try --port 0") from None
     refuse_foreign_hosts(server._tornado, port)
+    server.io_loop.call_later(0.1, lambda: prepared.append(Explorer(state)))  # as a browser starts
     return server
 
 
@@ -60,18 +60,9 @@ def refuse_foreign_hosts(application: Any, port: int) -> None:
     application.find_handler = find_local
 
 
-def warm_up(state: State) -> None:
-    """Compute each view once, so that a first page does not wait for imports and kernels."""
-    from polywigner.explorer.views import VIEWS, picture
-
-    for name in VIEWS:
-        picture(state, name, 8)
-
-
 def serve(state: State, port: int, browser: bool, say: Callable[[str], None]) -> None:
     """Serve the page until Ctrl-C, and open it in a browser."""
     server = new_server(state, port)
-    threading.Thread(target=warm_up, args=(State(),), daemon=True).start()
     say(f"http://{ADDRESS}:{server.port}/ shows the explorer; Ctrl-C stops it.")
     if browser:
         server.io_loop.add_callback(server.show, "/")

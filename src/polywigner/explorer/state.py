@@ -6,7 +6,8 @@ import json
 import math
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
@@ -15,22 +16,21 @@ import numpy as np
 import shapely
 
 import polywigner as pw
-from polywigner.errors import ArgumentError, FileFormatError, GeometryError, PolywignerError
+from polywigner import errors
 from polywigner.geometry import Aperture, shapes
 from polywigner.geometry.io.outlines import nested
 from polywigner.quantities import parse_frequency, parse_length, wavelength_of
 
-Unit = Literal["m", "cm", "mm", "µm", "nm"]
-Taper = Literal["uniform", "cosine", "Taylor 30 dB"]
 Part = Literal["level", "real", "phase"]
 Point = tuple[float, float]
 Ring = tuple[Point, ...]
 Rings = tuple[Ring, ...]
 Source = pw.Aperture | pw.Array
 
+# number of each unit in one metre
 UNITS: Mapping[str, int] = {"m": 1, "cm": 100, "mm": 1000, "µm": 10**6, "nm": 10**9}
-"""Number of each unit in one metre."""
-
+TAPERS = {"uniform": None, "cosine": "cosine_taper", "Taylor 30 dB": "taylor_taper"}
+# shapes of about ten units, in any unit
 CATALOGUE: Mapping[str, Callable[[], Aperture]] = {
     "chevron": lambda: shapes.chevron(20, 12, 4),
     "square": lambda: shapes.square(10),
@@ -47,16 +47,10 @@ CATALOGUE: Mapping[str, Callable[[], Aperture]] = {
     "double slit": lambda: shapes.double_slit(2, 12, (-4, 4)),
     "18 hexagons": lambda: shapes.hexagonal_segments(2.5, 0.1),
 }
-"""Shapes of about ten units, in any unit."""
-
-MAX_VERTICES = 1000
-"""Largest number of vertices with handles; a transform of 1,000 edges takes seconds."""
-MAX_ELEMENTS = 256
-"""Largest number of elements of an array."""
-
+MAX_VERTICES = 1000  # with handles; a transform of 1,000 edges takes seconds
+MAX_ELEMENTS = 256  # of an array
 _MIN_COHERENCE = 0.1  # of the longer side; smaller widths sum W over more than 1,000 frequencies
 _MAX_COHERENCE_EDGES = 60
-_CHEVRON: Rings = (((-10, -6), (0, 2), (10, -6), (10, -2), (0, 6), (-10, -2)),)
 
 
 def rings_of(aperture: Aperture, per_metre: float = 1) -> Rings:
@@ -67,75 +61,54 @@ def rings_of(aperture: Aperture, per_metre: float = 1) -> Rings:
     return tuple(tuple(map(tuple, ring.tolist())) for ring in rings)
 
 
-_RANGES = {
-    "theta": (0, 89), "phi": (-360, 360), "columns": (1, 256), "rows": (1, 256), "reach": (0, 1),
-    "coherence": (0, 1e12), "distance": (1e-12, 1e12), "pitch": (1e-12, 1e12),
-    "defocus": (-100, 100),
-}  # fmt: skip
+_CHEVRON = rings_of(CATALOGUE["chevron"]())
 
 
 @dataclass(frozen=True)
 class State:
     """Aperture, illumination and settings of the views. Lengths are in ``unit``.
 
-    Raises ArgumentError for values outside their range; outlines may intersect themselves.
+    Raises ArgumentError for too many vertices and for a wave that cannot be parsed.
     """
 
-    rings: Rings = _CHEVRON
-    """Outlines; outlines inside others are holes."""
-    unit: Unit = "mm"
-    wave: str = "94 GHz"
-    """A frequency or a wavelength."""
-    taper: Taper = "uniform"
-    theta: float = 0.0
-    """Angle of the steered beam from the normal, in degrees."""
-    phi: float = 0.0
-    """Azimuth of the steered beam and of the first cut of the far field, in degrees."""
+    rings: Rings = _CHEVRON  # outlines inside others are holes
+    unit: str = "mm"
+    wave: str = "94 GHz"  # a frequency or a wavelength
+    taper: str = "uniform"  # key of TAPERS
+    theta: float = 0.0  # angle of the steered beam from the normal [degrees]
+    phi: float = 0.0  # azimuth of the steered beam and of the first cut of the far field [degrees]
     columns: int = 1
     rows: int = 1
-    pitch: float = 12.0
-    """Distance of neighbouring array elements."""
-    x: Point = (0.0, 0.0)
-    """The chosen position."""
-    nu: Point = (0.0, 0.0)
-    """The chosen spatial frequency, in cycles per unit."""
-    coherence: float = 0.0
-    """Width over which the source is coherent; 0: full coherence."""
-    defocus: float = 0.0
-    """Defocus W20 at the farthest vertex, in waves."""
-    distance: float = 50.0
-    """Distance of the plane of the near field from the source."""
-    reach: float = 0.0
-    """Largest direction cosine of the frequency axes; 0: eight lobes of the source."""
-    part: Part = "level"
-    """Part of the Fourier transform that is shown."""
+    pitch: float = 12.0  # distance of neighbouring array elements
+    x: Point = (0.0, 0.0)  # chosen position
+    nu: Point = (0.0, 0.0)  # chosen spatial frequency [cycles per unit]
+    coherence: float = 0.0  # width over which the source is coherent; 0: full coherence
+    defocus: float = 0.0  # W20 at the farthest vertex [waves]
+    distance: float = 50.0  # of the plane of the near field from the source
+    reach: float = 0.0  # largest direction cosine of frequency axes; 0: eight lobes of the source
+    part: Part = "level"  # displayed part of the Fourier transform
 
     def __post_init__(self) -> None:
         rings = tuple(tuple((float(x), float(y)) for x, y in ring) for ring in self.rings)
         object.__setattr__(self, "rings", rings)
         count = sum(map(len, rings))
         if count > MAX_VERTICES:
-            raise ArgumentError(f"{count} vertices are too many, at most {MAX_VERTICES}; use "
-                                "`polywigner transform`")  # fmt: skip
-        for name, (low, high) in _RANGES.items():
-            if not low <= getattr(self, name) <= high:
-                raise ArgumentError(f"{name} must lie between {low:g} and {high:g}")
+            raise errors.ArgumentError(
+                f"{count} vertices, at most {MAX_VERTICES}; use `polywigner transform`"
+            )
         self.wavelength  # noqa: B018 (raises for a wave that cannot be parsed)
 
     @property
     def wavelength(self) -> float:
         """Wavelength in metres."""
-        try:
+        with suppress(errors.PolywignerError):
             return wavelength_of(parse_frequency(self.wave))
-        except PolywignerError:
-            pass
-        try:
+        with suppress(errors.PolywignerError):
             return parse_length(self.wave)
-        except PolywignerError:
-            raise ArgumentError(
-                f"frequency or wavelength {self.wave!r} cannot be parsed; write for example "
-                '"94 GHz" or "3.19 mm"'
-            ) from None
+        raise errors.ArgumentError(
+            f"frequency or wavelength {errors.value_text(self.wave)} cannot be parsed; write "
+            '"94 GHz" or "3.19 mm"'
+        )
 
     @property
     def per_metre(self) -> int:
@@ -162,42 +135,33 @@ class State:
         return replace(self, rings=tuple(tuple(map(tuple, ring)) for ring in rings))
 
 
-@dataclass(frozen=True)
 class History:
-    """The present state, and earlier and later ones; the last 200 are kept.
+    """The last 200 states, for undo and redo; ``position`` is the index of the present one."""
 
-    Successive changes with the same ``gesture``, such as a drag, are one step.
-    """
+    def __init__(self, state: State) -> None:
+        self.states, self.position, self.gesture = [state], 0, ""
 
-    present: State = field(default_factory=State)
-    past: tuple[State, ...] = ()
-    future: tuple[State, ...] = ()
-    gesture: str = ""
+    @property
+    def present(self) -> State:
+        """The present state."""
+        return self.states[self.position]
 
-    def then(self, state: State, gesture: str = "") -> History:
-        """Return a history with a new present; an equal state is no step."""
+    def add(self, state: State, gesture: str = "") -> None:
+        """Add a state; successive ones of the same gesture, such as a drag, are one step."""
         if state == self.present:
-            return self
-        if gesture and gesture == self.gesture:
-            return replace(self, present=state)
-        return History(state, (*self.past, self.present)[-200:], (), gesture)
+            return
+        first = self.position + (not gesture or gesture != self.gesture)
+        self.states = [*self.states[:first], state][-200:]
+        self.position, self.gesture = len(self.states) - 1, gesture
 
-    def ended(self) -> History:
-        """Return the history with its gesture ended: the next change is a step."""
-        return replace(self, gesture="")
+    def can_move(self, steps: int) -> bool:
+        """Return whether there is a state some steps later, or earlier if negative."""
+        return 0 <= self.position + steps < len(self.states)
 
-    def undone(self) -> History:
-        """Return the history one step earlier."""
-        past, future = self.past, (self.present, *self.future)
-        return History(past[-1], past[:-1], future) if past else self
-
-    def redone(self) -> History:
-        """Return the history one step later."""
-        past, future = (*self.past, self.present), self.future
-        return History(future[0], past, future[1:]) if future else self
-
-
-# --- Editing
+    def move(self, steps: int) -> None:
+        """Go some steps forwards, or backwards if negative."""
+        if self.can_move(steps):
+            self.position, self.gesture = self.position + steps, ""
 
 
 def with_vertex(rings: Rings, point: Point) -> Rings:
@@ -217,21 +181,15 @@ def rings_of_rows(rows: Sequence[tuple[int, float, float]]) -> Rings:
     return tuple(ring for ring in rings if len(ring) >= 3)
 
 
-# --- Files
-
-
-def read_upload(name: str, content: bytes, unit: Unit) -> Rings:
-    """Return the outlines in units of an uploaded aperture file.
-
-    Raises PolywignerError for a file that cannot be read or has too many vertices.
-    """
+def read_upload(name: str, content: bytes, unit: str) -> Rings:
+    """Return the outlines in units of an uploaded file; bad ones raise a PolywignerError."""
     with tempfile.TemporaryDirectory(prefix="polywigner-") as folder:
         path = Path(folder) / f"aperture{Path(name).suffix}"
         path.write_bytes(content)
         try:
             aperture = pw.read_aperture(path, unit={"µm": "um"}.get(unit, unit))
-        except PolywignerError as error:
-            raise FileFormatError(str(error).replace(str(path), name)) from None
+        except errors.PolywignerError as error:
+            raise errors.FileFormatError(str(error).replace(str(path), name)) from None
     rings = rings_of(aperture, UNITS[unit])
     State(rings=rings)  # its limits
     return rings
@@ -240,18 +198,12 @@ def read_upload(name: str, content: bytes, unit: Unit) -> Rings:
 def geojson(state: State) -> str:
     """Return the outline of the element as a GeoJSON Feature in mm."""
     polygons = aperture_of(state.rings, state.per_metre).polygons
-    # 15 digits reproduce the typed number
-    in_mm = np.vectorize(lambda metres: float(f"{metres * UNITS['mm']:.15g}"))
     shape = polygons if len(polygons.geoms) > 1 else polygons.geoms[0]
-    feature = {
-        "type": "Feature",
-        "properties": {"unit": "mm", "wave": state.wave},
-        "geometry": shapely.geometry.mapping(shapely.transform(shape, in_mm)),
-    }
+    in_mm = shapely.transform(shape, lambda metres: np.round(metres * UNITS["mm"], 12))
+    properties = {"unit": "mm", "wave": state.wave}
+    geometry = shapely.geometry.mapping(in_mm)
+    feature = {"type": "Feature", "properties": properties, "geometry": geometry}
     return json.dumps(feature, indent=1) + "\n"
-
-
-# --- Sources
 
 
 @lru_cache(maxsize=64)
@@ -261,7 +213,7 @@ def aperture_of(rings: Rings, per_metre: int) -> Aperture:
     Raises GeometryError for outlines that intersect themselves or each other.
     """
     if not rings:
-        raise GeometryError("the sheet is empty; draw an outline or choose a shape")
+        raise errors.GeometryError("the sheet is empty; draw an outline or choose a shape")
     polygons = nested([np.array(ring, dtype=np.float64) for ring in rings])
     metres = [[ring / per_metre for ring in polygon] for polygon in polygons]
     return pw.Aperture([shapely.Polygon(exterior, holes) for exterior, *holes in metres])
@@ -275,7 +227,7 @@ def source_code(state: State) -> str:
     """
     count = state.columns * state.rows
     if count > MAX_ELEMENTS:
-        raise ArgumentError(f"an array of {count} elements is too large; use {MAX_ELEMENTS}")
+        raise errors.ArgumentError(f"an array of {count} elements is too large; use {MAX_ELEMENTS}")
     lines = [f"wavelength = {state.wavelength!r}  # m", "source = pw.Aperture([  # m"]
     for exterior, *holes in polygons_of(aperture_of(state.rings, state.per_metre).polygons):
         inner = f", {[ring.tolist() for ring in holes]}" if holes else ""
@@ -284,7 +236,7 @@ def source_code(state: State) -> str:
     if state.taper != "uniform":
         lines += [
             "xmin, ymin, xmax, ymax = source.bounds",
-            f"taper = pw.{_TAPERS[state.taper]}(xmax - xmin, ymax - ymin).moved(source.centre)",
+            f"taper = pw.{TAPERS[state.taper]}(xmax - xmin, ymax - ymin).moved(source.centre)",
             "source = source.with_illumination(taper)",
         ]
     if state.theta > 0:
@@ -303,9 +255,6 @@ def source_code(state: State) -> str:
     coherent = f".partially_coherent({state.coherence / state.per_metre!r})"
     lines.append(f"light = source{coherent if state.coherence else ''}")
     return "\n".join(lines) + "\n"
-
-
-_TAPERS = {"cosine": "cosine_taper", "Taylor 30 dB": "taylor_taper"}
 
 
 def run(code: str, **names: Any) -> dict[str, Any]:
@@ -330,7 +279,7 @@ def variables_of(state: State) -> dict[str, Any]:
     edges = sum(map(len, state.rings)) * state.columns * state.rows
     smallest = _MIN_COHERENCE * (high - low).max() * state.per_metre
     if state.coherence and (state.coherence < smallest or edges > _MAX_COHERENCE_EDGES):
-        raise ArgumentError(
+        raise errors.ArgumentError(
             f"coherence width {state.coherence:g} {state.unit} is too slow for the page; use at "
             f"least a tenth of the source and at most {_MAX_COHERENCE_EDGES} edges"
         )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -25,11 +25,8 @@ VIEWS: Mapping[Name, str] = {
     "ambiguity": "Ambiguity", "otf": "OTF", "far": "Directivity", "near": "Near field",
     "lags": "Lag slice",
 }  # fmt: skip
-"""Labels of the views."""
-SAMPLES = 160
-"""Samples along each axis of an image, at most."""
+SAMPLES = 161  # along each axis of an image, at most; odd, so that the centre is one
 FLOOR_DB = -40.0
-
 _LOBES = 8.0  # half width of frequency axes in 1/diagonal
 _MARGIN = 1.05
 _BEAM = 3.0  # half width of the near field's plane: half the source and three lobes
@@ -69,7 +66,7 @@ values = pattern["directivity"].values  # dBi""",
 def view_code(state: State, name: Name, samples: int = SAMPLES) -> str:
     """Return the code of a view, after the one of the source."""
     xmin, ymin, xmax, ymax = source_of(state).bounds
-    size, wavelength = max(xmax - xmin, ymax - ymin) / 2, state.wavelength
+    size, wavelength = _half_size(state), state.wavelength
     distance = state.distance / state.per_metre
     steered = math.sin(math.radians(state.theta))
     lobes = _LOBES * wavelength / (2 * math.sqrt(2) * size)
@@ -91,6 +88,11 @@ def view_code(state: State, name: Name, samples: int = SAMPLES) -> str:
     return _CODE[name].format(**numbers) + "\n"
 
 
+def _half_size(state: State) -> float:
+    xmin, ymin, xmax, ymax = source_of(state).bounds
+    return max(xmax - xmin, ymax - ymin) / 2
+
+
 def snippet(state: State, name: Name, samples: int = SAMPLES) -> str:
     """Return Python code that computes the values of a view as ``values``."""
     imports = "import numpy as np\nimport shapely\n\nimport polywigner as pw\n\n"
@@ -99,42 +101,33 @@ def snippet(state: State, name: Name, samples: int = SAMPLES) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """A view as it is drawn, in the unit of the page, and its values in SI units."""
+    """A view as it is drawn, in the unit of the page, and its values in SI units.
+
+    ``x`` and ``y`` are the axes of an image, otherwise limits; ``x`` of curves is their argument.
+    """
 
     title: str
     x_label: str
     y_label: str
-    arrays: Mapping[str, NDArray[Any]]
-    """Values and axes in SI units."""
+    arrays: Mapping[str, NDArray[Any]]  # values and axes in SI units
     x: NDArray[np.float64]
     y: NDArray[np.float64]
-    """Axes of an image, otherwise limits; ``x`` of curves is their argument."""
-    image: NDArray[np.float64] | None = None
-    """Displayed values (y, x)."""
-    limits: tuple[float, float] = (0.0, 1.0)
-    """Lowest and highest value of the colour scale."""
-    colours: str = style.LEVEL_MAP
-    """A matplotlib colour map."""
-    quantity: str = ""
-    """Quantity and unit of the colour scale."""
+    image: NDArray[np.float64] | None = None  # displayed values (y, x)
+    limits: tuple[float, float] = (0.0, 1.0)  # of the colour scale
+    colours: str = style.LEVEL_MAP  # matplotlib colour map
+    quantity: str = ""  # of the colour scale, with its unit
     curves: Mapping[str, NDArray[np.float64]] | None = None
     outlines: Sequence[Polygon] | None = None
 
 
 def picture(state: State, name: Name, samples: int = SAMPLES) -> Picture:
-    """Compute a view with a number of samples along each axis.
-
-    Raises PolywignerError for a state whose view cannot be computed.
-    """
-    code = view_code(state, name, samples)
-    result = states.run(code, **variables_of(state))
+    """Compute a view with samples along each axis; raises PolywignerError if it cannot."""
+    result = states.run(view_code(state, name, samples), **variables_of(state))
     scale, unit, part = float(state.per_metre), state.unit, state.part
     at_x = f"at x = ({state.x[0]:.3g}, {state.x[1]:.3g}) {unit}"
     if name == "lags":
         polygons = polygons_of(result["values"])
-        xmin, ymin, xmax, ymax = source_of(state).bounds
-        lag = _MARGIN * 2 * max(xmax - xmin, ymax - ymin) / 2 * scale
-        span = np.array([-lag, lag])
+        span = np.array([-1, 1]) * _MARGIN * 2 * _half_size(state) * scale
         return Picture(
             f"Lag slice {at_x}", f"ξ_x ({unit})", f"ξ_y ({unit})",
             {f"ring_{k}": ring for k, ring in enumerate(r for p in polygons for r in p)},
@@ -145,13 +138,13 @@ def picture(state: State, name: Name, samples: int = SAMPLES) -> Picture:
         return _far_field(state, result)
     y = result["y"]
     arrays = {"values": values, "x": x, "y": y}
-    if name in ("fourier", "wigner_nu"):
-        labels = f"ν_x (1/{unit})", f"ν_y (1/{unit})", x / scale, y / scale
-    elif name == "ambiguity":
-        labels = f"ξ_x ({unit})", f"υ_x (1/{unit})", x * scale, y / scale
-    else:
-        symbol = "ξ_" if name == "otf" else ""
-        labels = f"{symbol}x ({unit})", f"{symbol}y ({unit})", x * scale, y * scale
+    symbols = {"wigner_x": "xy", "near": "xy", "ambiguity": ("ξ_x", "υ_x"), "otf": ("ξ_x", "ξ_y")}
+    axes = [
+        (f"{symbol} (1/{unit})", axis / scale)
+        if symbol[0] in "νυ"
+        else (f"{symbol} ({unit})", axis * scale)
+        for symbol, axis in zip(symbols.get(name, ("ν_x", "ν_y")), (x, y), strict=True)
+    ]
     at_nu = f"at ν = ({state.nu[0]:.3g}, {state.nu[1]:.3g}) /{unit}"
     title = {
         "fourier": "Fourier transform F(ν)", "wigner_nu": f"W(x, ν) {at_x}",
@@ -175,10 +168,8 @@ def picture(state: State, name: Name, samples: int = SAMPLES) -> Picture:
         zero = f"{peak:.3g} |u|²" if name == "near" else f"{peak * scale**4:.3g} {unit}⁴"
         levels = level_db(power, peak if peak > 0 else None, FLOOR_DB)
         shown = levels, (FLOOR_DB, 0.0), style.LEVEL_MAP, f"{symbol} in dB re {zero}"
-    (x_label, y_label, x_axis, y_axis), (image, limits, colours, quantity) = labels, shown
-    return Picture(
-        title, x_label, y_label, arrays, x_axis, y_axis, image, limits, colours, quantity
-    )
+    (x_label, x_axis), (y_label, y_axis) = axes
+    return Picture(title, x_label, y_label, arrays, x_axis, y_axis, *shown)
 
 
 def _far_field(state: State, result: Mapping[str, Any]) -> Picture:
@@ -200,24 +191,8 @@ def support_of(state: State) -> list[Polygon]:
     return [[ring * state.per_metre for ring in polygon] for polygon in polygons]
 
 
-_SOURCE = {"rings", "unit", "wave", "taper", "theta", "phi", "columns", "rows", "pitch"}
-_NEEDS: Mapping[Name, set[str]] = {
-    "fourier": {"reach", "part"}, "wigner_nu": {"x", "reach", "coherence"},
-    "wigner_x": {"nu", "coherence"}, "ambiguity": {"reach"}, "otf": {"defocus"},
-    "far": {"reach"}, "near": {"distance"}, "lags": {"x"},
-}  # fmt: skip
-
-
-def needed(state: State, name: Name) -> tuple[Any, ...]:
-    """Return the values of the state that a view depends on."""
-    names = _SOURCE | _NEEDS[name]
-    return tuple(getattr(state, f.name) for f in fields(State) if f.name in names)
-
-
 def npz(picture: Picture) -> bytes:
     """Return the values and axes of a view in SI units as an ``.npz`` file."""
-    buffer = io.BytesIO()
-    labels = {"title": picture.title, "quantity": picture.quantity}
-    arrays: dict[str, Any] = {**picture.arrays, **labels}
-    np.savez_compressed(buffer, **arrays)
+    buffer, labels = io.BytesIO(), {"title": picture.title, "quantity": picture.quantity}
+    np.savez_compressed(buffer, **picture.arrays, **labels)  # type: ignore[arg-type]
     return buffer.getvalue()
