@@ -22,7 +22,8 @@ import polywigner as pw
 from polywigner.execution import NumpyOperations
 from polywigner.kernels import tables_of
 from polywigner.kernels.cut.clipping import MIRRORED
-from polywigner.kernels.cut.winding import ListedParts, pairs_of
+from polywigner.kernels.cut.winding import pairs_of
+from polywigner.kernels.functions.slices import WIGNER_SUM
 from polywigner.toolchain.llvm import prepare
 
 VERTICES = (8, 16, 32, 64, 128, 256, 512, 1024)
@@ -74,8 +75,8 @@ def per_sample(call: Callable[..., Any], a: np.ndarray, b: np.ndarray) -> tuple[
 def parts(source: pw.Aperture, x: np.ndarray) -> float:
     """How many parts of edges a lag slice has on average."""
     tables, ops = tables_of(source, True), NumpyOperations(True)
-    offset = (2 * p for p in tables.frame.position(ops, *x.T))
-    return len(ListedParts(ops, tables, (MIRRORED, 0, 0), *offset).owner) / len(x)
+    place = tables.frame.position(ops, *x.T)
+    return sum(len(owner) for _, _, owner, _ in WIGNER_SUM.parts(tables, place)) / len(x)
 
 
 def measure(source: pw.Aperture, precision: str, samples: int, ambiguity: bool) -> list[float]:

@@ -6,10 +6,10 @@ module               what is in it
 ``operations``       the operations namespaces that kernels are written over: NumPy, Python floats
 ``drjit_operations`` and Dr.Jit arrays
 ``choice``           which engine and precision a call uses, and which strategy
-``evaluation``       NumPy arrays in and out, in chunks, on any engine; sums over places
+``evaluation``       NumPy arrays in and out, on any engine; a kernel by NumPy; sums over places
 ``chunks``           samples chunk by chunk, threads, and NumPy memory as Dr.Jit takes it
 ``progress``         bars on a terminal for work that takes long
-``on_numpy``         a kernel on NumPy arrays; F on a grid of frequencies, from its axes
+``frequency_grids``  F on a grid of frequencies, from its axes
 ``on_drjit``         a compiled kernel, traced once: of one outline, or of all, which are data
 ``points``           Dr.Jit arrays of any kind: points, numbers of sources, and results
 ``traced``           Dr.Jit arrays in and out, traced, with derivatives in closed form; sums over
@@ -33,8 +33,8 @@ from polywigner.execution.chunks import (
 )
 from polywigner.execution.drjit_operations import DrjitOperations, UnrolledOperations, ops_for
 from polywigner.execution.evaluation import Shear, evaluate, evaluate_rows, evaluate_sums, explained
+from polywigner.execution.frequency_grids import evaluate_on_grid
 from polywigner.execution.on_drjit import without_collection
-from polywigner.execution.on_numpy import evaluate_on_grid
 from polywigner.execution.operations import NumpyOperations, ScalarOperations
 from polywigner.execution.points import (
     Parameter,

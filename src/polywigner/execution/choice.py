@@ -29,14 +29,17 @@ CODE = "edges as code"
 SUM = "sum of terms"
 
 # Thresholds, from benchmarks/default_regret.py.
-# Terms (samples times edges, waves and copies) from which on compiled code is faster: with the
-# source as data of a kernel that is compiled once, and with a kernel of its own.
-_LEAST_TERMS = {True: 1 << 14, False: 1 << 18}
+# Samples from which on compiled code is faster in a process that has compiled a kernel before; all
+# sources are data of that kernel.
+_LEAST_SAMPLES = 1000
+# Terms (samples times edges, waves and copies) from which on a kernel of its own for each source
+# is worth its compilation.
+_LEAST_TERMS = 1 << 18
 # Samples from which on edges as code pay for being compiled.
 _LEAST_SAMPLES_AS_CODE = 1 << 18
-# Terms from which on listed slices are summed by compiled code; shorter rows do not pay, and up to
-# four edges are cut as fast as they are looked up.
-_LEAST_LISTED_TERMS, _LEAST_COLUMNS, _LEAST_LISTED_EDGES = 1 << 17, 256, 5
+# Frequencies at a position from which on compiled code sums listed slices; up to four edges are cut
+# as fast as they are looked up.
+_LEAST_COLUMNS, _LEAST_LISTED_EDGES = 256, 5
 # Terms for each family of parallel edges from which on F on a grid is computed from its axes.
 _TERMS_PER_FAMILY = 1 << 10
 
@@ -76,10 +79,10 @@ def resolved(engine: str, samples: int, terms: int = 1) -> str:
     ------
     EngineError if the requested engine is not available, with the remedy.
     """
-    return _engine_for(engine, samples * terms >= _LEAST_TERMS[False])
+    return _engine_for(engine, samples * terms >= _LEAST_TERMS)
 
 
-def planned(
+def chosen(
     kernel: Kernel,
     tables: Any,
     samples: int,
@@ -87,8 +90,8 @@ def planned(
     engine: str,
     shape: tuple[int, int] | None = None,
     families: int | None = None,
-) -> Plan:
-    """Return the plan of a call on this machine.
+) -> tuple[str, str]:
+    """Return the strategy and the engine of a call on this machine.
 
     Parameters
     ----------
@@ -99,29 +102,46 @@ def planned(
     ------
     EngineError if the requested engine is not available, with the remedy.
     """
-    per_sample = terms_of(kernel, tables)
-    terms, as_data = samples * per_sample, takes_data(kernel, tables)
-    found = _engine_for(engine, terms >= _LEAST_TERMS[as_data])
-    size = f"{samples} samples of {per_sample} terms"
-    if engine != "auto":
-        size += f", engine={engine!r}"
+    per_sample, as_data = terms_of(kernel, tables), takes_data(kernel, tables)
+    terms = samples * per_sample
+    is_large = samples >= _LEAST_SAMPLES if as_data else terms >= _LEAST_TERMS
+    found = _engine_for(engine, is_large)
     if families is not None and engine in ("auto", "numpy"):
         is_short = 2 * families <= per_sample or found == "numpy"
         if is_short and _TERMS_PER_FAMILY * families <= terms:
-            return Plan(GRID, "numpy", f"{size}, {families} families of parallel edges on a grid")
+            return GRID, "numpy"
     if kernel.slices is None:
         is_outline = as_data and found != "numpy" and samples < _LEAST_SAMPLES_AS_CODE
-        return Plan(DATA if is_outline else SUM, found, size)
-    if shape is not None and kernel.slices.listed is not None:
+        return DATA if is_outline else SUM, found
+    if shape is not None:
         is_wide = shape[1] >= _LEAST_COLUMNS and len(tables.edges) >= _LEAST_LISTED_EDGES
-        few = terms < _LEAST_LISTED_TERMS and engine == "auto"
-        if few or found == "numpy" or is_wide:
-            size = f"{size}, {shape[0]} positions x {shape[1]} frequencies"
-            return Plan(LISTED, "numpy" if few else found, size)
+        if found == "numpy" or is_wide:
+            return LISTED, found
     if found == "numpy":
-        return Plan(PAIRS, found, size)
+        return PAIRS, found
     is_code = tables.fits_code and samples >= _LEAST_SAMPLES_AS_CODE
-    return Plan(CODE if is_code else DATA, found, size)
+    return CODE if is_code else DATA, found
+
+
+def reason_for(
+    strategy: str,
+    kernel: Kernel,
+    tables: Any,
+    samples: int,
+    *,
+    engine: str,
+    shape: tuple[int, int] | None = None,
+    families: int | None = None,
+) -> str:
+    """Return the sizes by which :func:`chosen` has chosen a strategy."""
+    reason = f"{samples} samples of {terms_of(kernel, tables)} terms"
+    if engine != "auto":
+        reason += f", engine={engine!r}"
+    if strategy == GRID:
+        return f"{reason}, {families} families of parallel edges on a grid"
+    if strategy == LISTED and shape is not None:
+        return f"{reason}, {shape[0]} positions x {shape[1]} frequencies"
+    return reason
 
 
 def _engine_for(engine: str, is_large: bool) -> str:

@@ -114,7 +114,7 @@ def store(launched: Launched, samples: int) -> None:
 def _write(results: Sequence[Array], where: Any, fetch: Fetch) -> int:
     """Write a chunk, and return the number of its samples."""
     found = fetch()
-    for result, values in zip(results, found, strict=True):
+    for result, values in zip(results, found, strict=False):
         result[where] = values
     return int(np.size(found[0]))
 

@@ -1,6 +1,7 @@
-"""Kernels on NumPy arrays: broadcast, cut into chunks, computed by NumPy or Dr.Jit.
+"""Kernels on NumPy arrays: the strategy of a call, computed by NumPy or by compiled code.
 
 Memory is bounded by the result plus one chunk: broadcast arguments are never expanded as a whole.
+NumPy computes in double precision, whatever the precision of the results.
 """
 
 from __future__ import annotations
@@ -13,22 +14,43 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.execution.choice import DATA, GRID, LISTED, Plan, planned, resolved, terms_of
-from polywigner.execution.chunks import Launched, store
+from polywigner.execution.choice import (
+    DATA,
+    GRID,
+    LISTED,
+    Plan,
+    chosen,
+    reason_for,
+    resolved,
+    terms_of,
+)
+from polywigner.execution.chunks import (
+    Launched,
+    check_not_stopped,
+    parts_of_results,
+    ready,
+    store,
+)
+from polywigner.execution.frequency_grids import GridPlan, plan_for_grid
 from polywigner.execution.on_drjit import OnDrjit, OnDrjitData, row_sums
-from polywigner.execution.on_numpy import OnNumpy, entered, plan_for_grid
 from polywigner.execution.operations import NumpyOperations
-from polywigner.kernels import Kernel, SharedSlice
-from polywigner.kernels.outline.tables import Tables
+from polywigner.kernels import Kernel
+from polywigner.kernels.functions.slices import SliceSum
 
-# Samples of one row at a time, of which nothing is gained by longer blocks.
-_ROW_BLOCK = 1 << 18
+# Samples at a time: a temporary array stays in the cache of one core, and below 128 KiB, from
+# which on the C library maps memory anew: page faults cost more than what is computed.
+_CHUNK = 3 << 12
+# Where slices are cut once for many samples: samples at a time. Compiled code takes only rows and
+# columns from memory.
+_SHARED_BLOCK, _LARGE_BLOCK = 1 << 18, 1 << 20
 # In shorter rows little is shared.
 _LEAST_COLUMNS = 64
 # Pairs of a place and a point whose terms are stored at a time: 32 MiB in float64.
 _BLOCK = 1 << 22
 # Of rows and samples, whose terms are long: some MB for each number of a term.
 _ROWS = 1 << 18
+
+_HOST = NumpyOperations(double=True)
 
 Array = npt.NDArray[Any]
 Shear = Callable[[Sequence[Array]], Sequence[Array]]
@@ -48,33 +70,226 @@ def evaluate(
     """Results of a kernel for float64 or float32 components that broadcast to one shape.
 
     Arguments enter the frame in float64 whatever the precision of the sums. ``into``: arrays of
-    that shape and precision for the results, such as both parts of a complex one. ``shear``: to
-    the components that are meant, from those given; where slices are listed, block by block.
+    that shape and precision for the results, such as both parts of a complex one. ``shear``: maps
+    the components to those of the kernel; where slices are listed, block by block.
     """
-    shape = np.broadcast_shapes(*(c.shape for c in components))
+    shape = np.broadcast_shapes(*[c.shape for c in components])
     dtype = np.float64 if double else np.float32
-    results = tuple(into or (np.empty(shape, dtype) for _ in range(outputs)))
-    if 0 in shape:
+    results = tuple(into or [np.empty(shape, dtype) for _ in range(outputs)])
+    samples = math.prod(shape)
+    if not samples:
         return results
-    call = _Call(kernel, source, components, double, engine)
-    chosen = call.plan
-    is_listed = chosen.strategy == LISTED
-    if shear is not None and not (is_listed and call.pairs is not None and call.pairs.rows > 1):
-        how: Any = {"double": double, "engine": engine, "outputs": outputs, "into": results}
-        return evaluate(kernel, source, shear(components), **how)
-    if chosen.strategy == GRID:
-        assert call.grid is not None
-        call.grid.fill(results, OnNumpy(kernel, call.tables, double).values)
+    if samples < _LEAST_COLUMNS and engine in ("auto", "numpy"):
+        values = on_numpy(kernel, kernel.tables_for(source, True), components, shear)
+        for result, value in zip(results, values, strict=False):
+            result[...] = value.reshape(shape)
+        return results
+    rows = shared_rows(kernel.edge_sum, components, shape)
+    if shear is not None and (rows is None or rows.rows == 1):
+        components, shear = shear(components), None
+        rows = shared_rows(kernel.edge_sum, components, shape)
+    grid = grid_of(kernel, source, components, shape, double, engine)
+    tables = kernel.tables_for(source, double)
+    strategy, found = chosen(
+        kernel,
+        tables,
+        samples,
+        engine=engine,
+        shape=None if rows is None else (rows.rows, rows.columns),
+        families=None if grid is None else grid.families,
+    )
+    if strategy != LISTED and shear is not None:
+        components = shear(components)
+    if strategy == GRID:
+        assert grid is not None
+        grid.fill(results, lambda points: on_numpy(kernel, kernel.tables_for(source, True), points))
+    elif strategy == LISTED:
+        assert rows is not None
+        store(_shared(kernel, source, double, found, rows, results, shear), samples)
+    elif found == "numpy":
+        tables = kernel.tables_for(source, True)
+        store(_in_chunks(kernel, tables, components, results), samples)
+    elif strategy == DATA:
+        data = OnDrjitData(kernel, tables, double, found, results[0].size, len(results))
+        store(data.points(components, results), samples)
     else:
-        store(_launched(call, chosen, results, shear), results[0].size)
+        compiled = OnDrjit(kernel, tables, double, found)
+        store(compiled.points(components, results), samples)
     return results
 
 
 def explained(
     kernel: Kernel, source: Any, components: Sequence[Array], *, double: bool, engine: str
 ) -> Plan:
-    """Return the plan by which :func:`evaluate` computes a call; nothing is computed."""
-    return _Call(kernel, source, components, double, engine).plan
+    """Return how :func:`evaluate` computes a call; nothing is computed."""
+    shape = np.broadcast_shapes(*[c.shape for c in components])
+    rows = shared_rows(kernel.edge_sum, components, shape)
+    grid = grid_of(kernel, source, components, shape, double, engine)
+    how: dict[str, Any] = {
+        "engine": engine,
+        "shape": None if rows is None else (rows.rows, rows.columns),
+        "families": None if grid is None else grid.families,
+    }
+    tables, samples = kernel.tables_for(source, double), math.prod(shape)
+    strategy, found = chosen(kernel, tables, samples, **how)
+    return Plan(strategy, found, reason_for(strategy, kernel, tables, samples, **how))
+
+
+def on_numpy(
+    kernel: Kernel, tables: Any, components: Sequence[Array], shear: Shear | None = None
+) -> tuple[Array, ...]:
+    """Results of a kernel by NumPy, in double precision, in one dimension where they are few."""
+    # what lies at infinity or is not a number is so in the result; no need to warn
+    with np.errstate(invalid="ignore", over="ignore"):
+        if shear is not None:
+            components = shear(components)
+        shape = np.broadcast_shapes(*[c.shape for c in components])
+        flat = []
+        for c in components:
+            c = c if c.shape == shape else np.broadcast_to(c, shape)
+            flat.append(c.astype(np.float64, copy=False).reshape(-1))
+        inner = kernel.enter(_HOST, tables.frame, *flat)
+        return kernel.leave(_HOST, tables.frame, inner, kernel.edge_sum(_HOST, tables, *inner))
+
+
+def _in_chunks(
+    kernel: Kernel, tables: Any, components: Sequence[Array], results: Sequence[Array]
+) -> Launched:
+    for arguments, targets in parts_of_results(components, results, _CHUNK):
+        yield targets, ..., ready(on_numpy(kernel, tables, arguments)[: len(results)])
+
+
+def grid_of(
+    kernel: Kernel,
+    source: Any,
+    components: Sequence[Array],
+    shape: tuple[int, ...],
+    double: bool,
+    engine: str,
+) -> GridPlan | None:
+    """How F is computed from the axes of a grid; None where that cannot be done."""
+    if engine not in ("auto", "numpy") or len(shape) != 2 or components[-1].shape != shape:
+        return None
+    return plan_for_grid(kernel, source, components, double)
+
+
+# ---- slices that many frequencies share --------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class SharedRows:
+    """Components of shape (rows, 1) or (1, columns) each; places are rows."""
+
+    components: tuple[Array, ...]
+    rows: int
+    columns: int
+    transposed: bool = False
+    """Whether rows are columns of the results."""
+
+    def blocks(self, size: int) -> Iterator[tuple[tuple[slice, slice], tuple[Array, ...]]]:
+        """Rows and columns of blocks of about ``size`` samples, and their components in float64."""
+        columns = min(self.columns, size)
+        rows = max(1, size // columns)
+        for r in range(0, self.rows, rows):
+            for c in range(0, self.columns, columns):
+                place = slice(r, r + rows), slice(c, c + columns)
+                own = (
+                    a[place[0]] if len(a) > 1 else a[:, place[1]] if a.shape[1] > 1 else a
+                    for a in self.components
+                )
+                yield place, tuple(a.astype(np.float64, copy=False) for a in own)
+
+    def targets(self, results: Sequence[Array]) -> list[Array]:
+        """The results, rows by columns."""
+        if self.transposed:
+            return [result.reshape(self.columns, self.rows).T for result in results]
+        return [result.reshape(self.rows, self.columns) for result in results]
+
+
+def shared_rows(
+    edge_sum: Any, components: Sequence[Array], shape: tuple[int, ...]
+) -> SharedRows | None:
+    """The arguments with each place a row, of the frequencies it meets; None where they are not."""
+    places = edge_sum.arguments if isinstance(edge_sum, SliceSum) else None
+    count = math.prod(shape)
+    if places is None or count < _LEAST_COLUMNS:
+        return None
+    if all(c.size == 1 for c in components[places]):
+        whole = [c if c.size == 1 else np.broadcast_to(c, shape) for c in components]
+        return SharedRows(tuple(c.reshape(1, -1) for c in whole), 1, count)
+    rows = rows_and_columns(components, shape) if len(shape) > 1 else None
+    if rows is None:
+        return None
+    if all(c.shape == (1, rows.columns) for c in rows.components[places]):
+        turned = tuple(c.T for c in rows.components)
+        rows = SharedRows(turned, rows.columns, rows.rows, transposed=True)
+    return None if any(c.shape[1] > 1 for c in rows.components[places]) else rows
+
+
+def rows_and_columns(components: Sequence[Array], shape: tuple[int, ...]) -> SharedRows | None:
+    """Components that broadcast to ``shape`` as rows and columns; None where they are none."""
+    dimensions = len(shape)
+    whole = [c.reshape((1,) * (dimensions - c.ndim) + c.shape) for c in components]
+    best: tuple[int, int] | None = None
+    for k in range(1, dimensions):
+        rows, columns = math.prod(shape[:k]), math.prod(shape[k:])
+        if rows < 2 or columns < _LEAST_COLUMNS:
+            continue
+        if all(c.size == math.prod(c.shape[:k]) or c.size == math.prod(c.shape[k:]) for c in whole):
+            best = min(best or (rows + columns, k), (rows + columns, k))
+    if best is None:
+        return None
+    k = best[1]
+
+    def flat(component: Array) -> Array:
+        if component.size == math.prod(component.shape[k:]):
+            return np.broadcast_to(component.reshape(component.shape[k:]), shape[k:]).reshape(1, -1)
+        leading = component.reshape(component.shape[:k])
+        return np.broadcast_to(leading, shape[:k]).reshape(-1, 1)
+
+    return SharedRows(tuple(map(flat, whole)), math.prod(shape[:k]), math.prod(shape[k:]))
+
+
+def _shared(
+    kernel: Kernel,
+    source: Any,
+    double: bool,
+    engine: str,
+    rows: SharedRows,
+    results: Sequence[Array],
+    shear: Shear | None,
+) -> Launched:
+    """Chunks of results whose slices are cut once for each place, in double precision."""
+    slices, exact = kernel.edge_sum, kernel.tables_for(source, True)
+    assert isinstance(slices, SliceSum)
+    compiled = None
+    if engine != "numpy":
+        compiled = OnDrjit(kernel, kernel.tables_for(source, double), double, engine)
+    is_large = compiled is not None and rows.rows > 1
+    targets = rows.targets(results)
+    for block, arguments in rows.blocks(_LARGE_BLOCK if is_large else _SHARED_BLOCK):
+        check_not_stopped()
+        count = len(range(*block[0].indices(rows.rows)))
+        with np.errstate(invalid="ignore", over="ignore"):  # of places far beyond the source
+            sheared = arguments if shear is None else shear(arguments)
+            inner = kernel.enter(_HOST, exact.frame, *sheared)
+            place = [np.broadcast_to(p, (count, 1))[:, 0] for p in inner[slices.place]]
+            if compiled is not None:
+                yield targets, block, compiled.of_parts(inner, *slices.listed(_HOST, exact, *place))
+                continue
+            nu = [
+                np.broadcast_to(n, np.broadcast_shapes(n.shape, (1, 1)))
+                for n in inner[slices.frequency]
+            ]
+            sums = slices.shared_sums(_HOST, exact, place, nu)
+            for argument in (*inner[slices.place], *nu):
+                if not np.isfinite(argument).all():
+                    sums = tuple(total + (argument - argument) for total in sums)
+            values = kernel.leave(_HOST, exact.frame, inner, sums)
+        yield targets, block, ready(tuple(values[: len(results)]))
+
+
+# ---- sums over places and over tables -----------------------------------------------------------
 
 
 def evaluate_sums(
@@ -96,7 +311,7 @@ def evaluate_sums(
     total = np.zeros(len(points))
     if not len(points) or not len(places):
         return total
-    terms = terms_of(kernel, kernel.tables(source, double))
+    terms = terms_of(kernel, kernel.tables_for(source, double))
     found = resolved(engine, len(places) * len(points), terms)
     how: Any = {"double": double, "engine": found, "outputs": 1}
     fixed = [np.array(value) for value in constants]
@@ -126,162 +341,12 @@ def evaluate_rows(
     the constants are data of one loop: other ones compile nothing.
     """
     found = resolved(engine, len(samples), len(table))
-    if found == "numpy":
-        return _rows_on_numpy(term, table, samples.T, tuple(constants.tolist()), outputs)
-    return row_sums(term, table, samples.T, constants, outputs, found)
-
-
-def _rows_on_numpy(
-    term: Callable[..., tuple[Any, ...]],
-    table: Array,
-    columns: Array,
-    constants: tuple[float, ...],
-    outputs: int,
-) -> tuple[Array, ...]:
-    ops = NumpyOperations(double=True)
-    total = np.zeros((outputs, columns.shape[1]))
-    step = max(1, _ROWS // columns.shape[1])
+    if found != "numpy":
+        return row_sums(term, table, samples.T, constants, outputs, found)
+    columns, total = tuple(samples.T), np.zeros((outputs, len(samples)))
+    step = max(1, _ROWS // len(samples))
     for start in range(0, len(table), step):
         rows = tuple(table[start : start + step].T[:, :, None])
-        total += [part.sum(axis=0) for part in term(ops, rows, tuple(columns), constants)]
+        terms = term(_HOST, rows, columns, tuple(constants.tolist()))
+        total += [part.sum(axis=0) for part in terms]
     return tuple(total)
-
-
-class _Call:
-    """A kernel, its arguments, and the plan."""
-
-    def __init__(
-        self, kernel: Kernel, source: Any, components: Sequence[Array], double: bool, engine: str
-    ) -> None:
-        self.kernel, self.source, self.components, self.double = kernel, source, components, double
-        shape = np.broadcast_shapes(*(c.shape for c in components))
-        self.tables = kernel.tables(source, double)
-        shared = _listed_by(kernel)
-        self.pairs = None if shared is None else _places_by_frequencies(shared, components, shape)
-        self.grid = None
-        if engine in ("auto", "numpy") and components[-1].shape == shape:
-            self.grid = plan_for_grid(kernel, source, components, double)
-        self.plan = planned(
-            kernel,
-            self.tables,
-            math.prod(shape),
-            engine=engine,
-            shape=None if self.pairs is None else (self.pairs.rows, self.pairs.columns),
-            families=None if self.grid is None else self.grid.families,
-        )
-
-
-def _listed_by(kernel: Kernel) -> SharedSlice | None:
-    """The way to list parts of a kernel's slices; None where they are not listed."""
-    return None if kernel.slices is None else kernel.slices.listed
-
-
-def _launched(call: _Call, chosen: Plan, results: Sequence[Array], shear: Shear | None) -> Launched:
-    """The chunks of a call, by the way that was chosen."""
-    kernel, tables, double, pairs = call.kernel, call.tables, call.double, call.pairs
-    if chosen.strategy == DATA:
-        samples = results[0].size
-        data = OnDrjitData(kernel, tables, double, chosen.engine, samples, len(results))
-        return data.points(call.components, results)
-    compute: OnNumpy | OnDrjit
-    if chosen.engine == "numpy":
-        compute = OnNumpy(kernel, tables, double)
-    else:
-        compute = OnDrjit(kernel, tables, double, chosen.engine)
-    if chosen.strategy == LISTED:
-        assert pairs is not None
-        exact = kernel.tables(call.source, True)
-        return _by_parts(compute, exact, pairs, pairs.targets(results), shear)
-    return compute.points(call.components, results)
-
-
-def _by_parts(
-    compute: OnNumpy | OnDrjit,
-    exact: Tables,
-    pairs: Pairs,
-    targets: Sequence[Array],
-    shear: Shear | None,
-) -> Launched:
-    """The slice of each place listed once, from tables in double precision."""
-    shared, host = _listed_by(compute.kernel), NumpyOperations(double=True)
-    assert shared is not None
-    size = compute.shared_block if pairs.rows > 1 else _ROW_BLOCK
-    for block, arguments in pairs.blocks(size):
-        sheared = arguments if shear is None else shear(arguments)
-        inner = entered(compute.kernel, compute.tables.frame, sheared)
-        count = len(range(*block[0].indices(pairs.rows)))
-        place = (np.broadcast_to(np.ravel(p), count) for p in inner[shared.place])
-        with np.errstate(invalid="ignore", over="ignore"):  # of places far beyond the source
-            (owners, table), is_real = shared.parts(host, exact, *place)
-        ends = np.searchsorted(owners, np.arange(count + 1))
-        yield targets, block, compute.of_parts(shared, inner, ends, table, is_real)
-
-
-@dataclass(frozen=True, eq=False)
-class Pairs:
-    """Components of shape (rows, 1) or (1, columns) each."""
-
-    components: tuple[Array, ...]
-    rows: int
-    columns: int
-    transposed: bool = False
-    """Whether rows are columns of the results."""
-
-    def blocks(self, size: int) -> Iterator[tuple[tuple[slice, slice], tuple[Array, ...]]]:
-        """Rows and columns of blocks of about ``size`` samples, and their components in float64."""
-        columns = min(self.columns, size)
-        rows = max(1, size // columns)
-        for r in range(0, self.rows, rows):
-            for c in range(0, self.columns, columns):
-                place = slice(r, r + rows), slice(c, c + columns)
-                own = (
-                    a[place[0]] if len(a) > 1 else a[:, place[1]] if a.shape[1] > 1 else a
-                    for a in self.components
-                )
-                yield place, tuple(a.astype(np.float64, copy=False) for a in own)
-
-    def targets(self, results: Sequence[Array]) -> list[Array]:
-        """The results, rows by columns."""
-        if self.transposed:
-            return [result.reshape(self.columns, self.rows).T for result in results]
-        return [result.reshape(self.rows, self.columns) for result in results]
-
-
-def _places_by_frequencies(
-    shared: SharedSlice, components: Sequence[Array], shape: tuple[int, ...]
-) -> Pairs | None:
-    """The arguments with each place a row, of the frequencies it meets; None where they are not."""
-    pairs, places, count = pairs_of(components, shape), shared.arguments, math.prod(shape)
-    if pairs is None:
-        if count < _LEAST_COLUMNS or any(c.size > 1 for c in components[places]):
-            return None
-        whole = (c if c.size == 1 else np.broadcast_to(c, shape) for c in components)
-        return Pairs(tuple(c.reshape(1, -1) for c in whole), 1, count)
-    if all(c.shape == (1, pairs.columns) for c in pairs.components[places]):
-        turned = tuple(c.T for c in pairs.components)
-        pairs = Pairs(turned, pairs.columns, pairs.rows, transposed=True)
-    return None if any(c.shape[1] > 1 for c in pairs.components[places]) else pairs
-
-
-def pairs_of(components: Sequence[Array], shape: tuple[int, ...]) -> Pairs | None:
-    """Components that broadcast to ``shape`` as rows and columns; None where they are none."""
-    dimensions = len(shape)
-    whole = [c.reshape((1,) * (dimensions - c.ndim) + c.shape) for c in components]
-    best: tuple[int, int] | None = None
-    for k in range(1, dimensions):
-        rows, columns = math.prod(shape[:k]), math.prod(shape[k:])
-        if rows < 2 or columns < _LEAST_COLUMNS:
-            continue
-        if all(c.size == math.prod(c.shape[:k]) or c.size == math.prod(c.shape[k:]) for c in whole):
-            best = min(best or (rows + columns, k), (rows + columns, k))
-    if best is None:
-        return None
-    k = best[1]
-
-    def flat(component: Array) -> Array:
-        if component.size == math.prod(component.shape[k:]):
-            return np.broadcast_to(component.reshape(component.shape[k:]), shape[k:]).reshape(1, -1)
-        leading = component.reshape(component.shape[:k])
-        return np.broadcast_to(leading, shape[:k]).reshape(-1, 1)
-
-    return Pairs(tuple(map(flat, whole)), math.prod(shape[:k]), math.prod(shape[k:]))

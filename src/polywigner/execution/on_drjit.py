@@ -22,9 +22,8 @@ import numpy.typing as npt
 from polywigner.execution.choice import drjit_float
 from polywigner.execution.chunks import Fetch, Launched, array_of, parts_of_results, store
 from polywigner.execution.drjit_operations import MOST_TERMS_AS_CODE, DrjitOperations
-from polywigner.execution.on_numpy import entered
 from polywigner.execution.operations import NumpyOperations
-from polywigner.kernels import Kernel, SharedSlice
+from polywigner.kernels import Kernel
 from polywigner.kernels.cut.pair_grid import PairGrid
 from polywigner.kernels.cut.winding import pairs_of
 from polywigner.kernels.functions.fourier import OutlineTables
@@ -147,9 +146,6 @@ def is_known(components: Sequence[Any]) -> bool:
 class OnDrjit:
     """A kernel of a source, traced with Dr.Jit."""
 
-    # samples at a time where slices are listed: only rows and columns come from memory
-    shared_block = 1 << 20
-
     def __init__(self, kernel: Kernel, tables: Any, double: bool, engine: str) -> None:
         self.kernel, self.tables = kernel, tables
         self.ops = DrjitOperations(drjit_float(engine, double))
@@ -177,24 +173,23 @@ class OnDrjit:
         sums = self.kernel.edge_sum(self.ops, self.tables, *inner)
         return self.kernel.leave(self.ops, self.tables.frame, inner, sums)
 
-    def of_parts(
-        self, shared: SharedSlice, inner: tuple[Any, ...], ends: Array, table: Array, is_real: bool
-    ) -> Fetch:
+    def of_parts(self, inner: tuple[Any, ...], ends: Array, table: Array, is_real: bool) -> Fetch:
         """Results for rows and columns in the frame, the parts of row k at ``ends[k:k + 2]``."""
-        ops = self.ops
+        ops, slices = self.ops, self.kernel.slices
+        assert slices is not None
         shape = np.broadcast_shapes(*(np.shape(a) for a in inner))
         row, column = _split(ops.float_type, *shape)
         limits = ops.held(ends[:, None].astype(np.uint32))
         (first,), (end,) = (ops.gather(limits, row + k) for k in (0, 1))
-        held = ops.held(table if len(table) else np.zeros((1, table.shape[1])))
+        rows = ops.held(table if len(table) else np.zeros((1, table.shape[1])))
         at = tuple(self._looked_up(values, shape, row, column) for values in inner)
-        frequency = at[shared.frequency]
-        run = shared.summed(ops, table.shape[1], is_real, *frequency)
+        nu = at[slices.frequency]
+        run = slices.of_listed(ops, self.tables, table.shape[1], is_real, nu)
         sums = ops.plain_sum(
-            first, end, lambda number: run.term(*ops.gather(held, number)), run.values
+            first, end, lambda number: run.term(*ops.gather(rows, number)), run.values
         )
         # what lies at infinity or is not a number is so in the result
-        lost = sum(a - a for a in (*at[shared.place], *frequency))
+        lost = sum(a - a for a in (*at[slices.place], *nu))
         total = run.total(tuple(value + lost for value in sums))
         return _fetching(self.kernel.leave(ops, self.tables.frame, at, total), shape)
 
@@ -256,7 +251,7 @@ def row_sums(
 
 
 # Of fewer samples, or edges, to sort them takes longer than it saves (benchmarks/call_rates.py).
-_LEAST_SAMPLES_SORTED, _LEAST_EDGES_SORTED = 1 << 13, 5
+_LEAST_SAMPLES_SORTED, _LEAST_EDGES_SORTED = 1 << 15, 5
 # Dr.Jit records a function anew where arrays of different sizes have come to be of one size, or the
 # other way round. Sizes are multiples of the first number here, plus a different one of the second.
 _SIZES, _APART = 256, 8
@@ -275,14 +270,14 @@ class OnDrjitData:
         self.outputs = outputs
         self.kernel, self.frame = kernel, tables.frame
         self.ops = DrjitOperations(drjit_float(engine, double))
-        self.out = NumpyOperations(double)
+        self.host, self.out = NumpyOperations(True), NumpyOperations(double)
         self.dtype = self.out.dtype
         self.source: _Slices | _Edges
         if isinstance(tables, Tables):
             self.source = _Slices(kernel, tables, double, samples)
         else:
             self.source = _Edges(kernel, tables)
-        self.state = [self._sent(k, table) for k, table in enumerate(self.source.numbers)]
+        self.state = self.source.state(self.ops, self._sent)
 
     def points(self, components: Sequence[Array], results: Sequence[Array]) -> Launched:
         """Results for components that broadcast to their shape, chunk by chunk."""
@@ -302,7 +297,7 @@ class OnDrjitData:
 
         ops, kind, source = self.ops, self.ops.float_type, self.source
         with np.errstate(invalid="ignore", over="ignore"):
-            found = entered(self.kernel, self.frame, arguments)
+            found = self.kernel.enter(self.host, self.frame, *arguments)
             inner = [np.asarray(a, self.dtype) for a in found]
             order = source.order(inner)
         inner = [a if a.ndim == 0 else a[order] for a in inner]
@@ -353,6 +348,18 @@ class _Slices:
         # nodes of rules and tables of waves are memory of their own
         self.is_recorded = tables.coherence is None and tables.waves_per_cut <= MOST_PAIRS_AS_CODE
 
+    def state(self, ops: DrjitOperations, send: Callable[[int, Array], Any]) -> list[Any]:
+        """The tables in memory of the engine; those of the latest lists are kept."""
+        found, number = [], 0
+        for grid in self.pairs.values():
+            key = ops.key, number
+            if key not in grid.copies:
+                tables = [getattr(grid, part.name) for part in fields(grid)]
+                grid.copies[key] = [send(number + k, table) for k, table in enumerate(tables)]
+            found += grid.copies[key]
+            number += len(grid.copies[key])
+        return found
+
     def order(self, inner: Sequence[Array]) -> Any:
         """The order in which samples are best taken."""
         if not self.sorts or inner[-1].size < _LEAST_SAMPLES_SORTED:
@@ -381,6 +388,9 @@ class _Edges:
         rows = np.zeros((len(tables.edges), 8))
         rows[:, :5] = tables.edges
         self.numbers: list[Array] = [rows, np.array([[len(rows)]], np.uint32)]
+
+    def state(self, ops: DrjitOperations, send: Callable[[int, Array], Any]) -> list[Any]:
+        return [send(k, table) for k, table in enumerate(self.numbers)]
 
     def order(self, inner: Sequence[Array]) -> Any:
         return ...

@@ -104,6 +104,8 @@ class NumpyOperations(_Unfused):
     def __init__(self, double: bool) -> None:
         self.double = double
         self.dtype = self.key = np.dtype(np.float64 if double else np.float32)
+        if double and type(self) is NumpyOperations:  # no type to keep: without a call
+            self.__dict__["select"] = np.where
 
     def count(self, like: Any) -> int:
         """Samples computed at a time."""
@@ -268,15 +270,6 @@ class RowByRow(Operations):
         self, first: Any, end: Any, keep: Callable[..., Any], term: Term, values: int, *samples: Any
     ) -> Values:
         return self.sum_over_range(first, end, lambda row: term(row, *samples), values)
-
-    def sum_over_runs(self, first: Any, end: Any, runs: Any, term: Term, values: int) -> Values:
-        """The sums of ``term(row, number)`` over the rows of each run of a table of runs."""
-
-        def of_run(run: Any) -> Values:
-            begin, stop, number, _ = self.gather(runs, run)
-            return self.plain_sum(begin, stop, lambda row: term(row, number), values)
-
-        return self.sum_over_range(first, end, of_run, values)
 
     def sum_over_rows(
         self,

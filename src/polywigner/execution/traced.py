@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.execution.choice import DATA, planned, takes_data
+from polywigner.execution.choice import DATA, chosen, takes_data
 from polywigner.execution.chunks import array_of
 from polywigner.execution.drjit_operations import DrjitOperations, TracedOperations
 from polywigner.execution.on_drjit import (
@@ -155,7 +155,8 @@ def evaluate_traced(
     tables = _tables(kernel, source, double, parameters)
     components = [_unfolded(component) for component in components]
     ops = DrjitOperations(float_type)
-    return kind.result(*_launched(kernel, ops, tables, components, parameters, outputs))
+    results = _launched(kernel, ops, tables, components, parameters, outputs)
+    return kind.result(*results[:outputs])
 
 
 def _launched(
@@ -175,7 +176,7 @@ def _launched(
     is_long_code = as_code and width > _MOST_RECORDED
     if not changes and is_known(components):
         is_data = takes_data(kernel, tables) and not is_long_code
-        if is_data and planned(kernel, tables, width, engine="llvm").strategy == DATA:
+        if is_data and chosen(kernel, tables, width, engine="llvm")[0] == DATA:
             data = OnDrjitData(kernel, tables, ops.double, "llvm", width, outputs)
             return data.of_arrays(components)
         if as_code and not is_long_code:
@@ -210,7 +211,7 @@ def _tables(kernel: Kernel, source: Any, double: bool, parameters: Parameters | 
     Equal apertures may begin their rings elsewhere, and share tables of the cache.
     """
     if parameters is None or parameters.vertices is None:
-        return kernel.tables(source, double)
+        return kernel.tables_for(source, double)
     return getattr(kernel.tables, "__wrapped__", kernel.tables)(source, double)
 
 

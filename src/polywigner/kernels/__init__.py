@@ -31,7 +31,6 @@ from polywigner.kernels.functions.plane import (
     tables_of,
 )
 from polywigner.kernels.functions.separable import is_separable
-from polywigner.kernels.functions.slices import PartSum, SharedSlice
 from polywigner.kernels.kernel import Kernel
 from polywigner.kernels.outline.tables import Tables
 
@@ -43,8 +42,6 @@ __all__ = [
     "GridTables",
     "Kernel",
     "OutlineSum",
-    "PartSum",
-    "SharedSlice",
     "Tables",
     "fourier_on_grid",
     "is_separable",

@@ -20,15 +20,14 @@ from polywigner.kernels.kernel import Kernel
 from polywigner.source import Array
 from polywigner.source.lattices import Sites
 
-_TRANSFORMS = ("autocorrelation", "wigner", "ambiguity", "position_marginal", "lag_marginal")
-_OF_FIELDS = ("lag_marginal of fields", "lag_marginal of waves", "position_marginal of waves")
+_TRANSFORMS = ("autocorrelation", "wigner", "ambiguity")
 
 # By transform and kind of source, a type or a name of `_SPECIAL`.
 _KERNELS: dict[tuple[str, Any], Kernel] = {
     (name, kind): getattr(home, name.replace(" ", "_").upper())
     for kind, home, names in (
-        (Slits, line, (*_TRANSFORMS, *_OF_FIELDS)),
-        (Aperture, plane, (*_TRANSFORMS, *_OF_FIELDS)),
+        (Slits, line, _TRANSFORMS),
+        (Aperture, plane, _TRANSFORMS),
         ("product", separable, _TRANSFORMS),
         ("lattice", lattice_arrays, _TRANSFORMS[1:]),
         ("scattered", pair_sums, _TRANSFORMS),
@@ -121,15 +120,8 @@ def kernel_for(transform: str, source: Any) -> Kernel:
     for kind, holds in _SPECIAL.items():
         if (transform, kind) in _KERNELS and holds(source):
             return _KERNELS[transform, kind]
-    elements, name = (source,), transform
-    if isinstance(source, Array):
-        elements = source.elements_in_plane
-        name = "lag_marginal of fields" if transform == "lag_marginal" else transform
-    if "marginal" in transform and any(
-        getattr(element, "illumination", None) is not None for element in elements
-    ):
-        name = f"{transform} of waves"
-    kernel = _KERNELS.get((name, type(elements[0])))
+    elements = source.elements_in_plane if isinstance(source, Array) else (source,)
+    kernel = _KERNELS.get((transform, type(elements[0])))
     if kernel is not None:
         return kernel
     kinds = [kind for name, kind in _KERNELS if name == transform and isinstance(kind, type)]

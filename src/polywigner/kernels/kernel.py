@@ -7,16 +7,16 @@ in float32.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
-from polywigner.kernels.cut.slice_sums import SliceSum
+from polywigner.kernels.functions.slices import SliceSum
 from polywigner.numerics import phases
 
 Values = tuple[Any, ...]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Kernel:
     """A transform; ``enter`` and ``leave`` are cheap, ``edge_sum`` is additive over edges."""
 
@@ -34,6 +34,16 @@ class Kernel:
     leave: Callable[..., Values]
     """(ops, frame, arguments in the frame, sums) -> results, scaled to the user's units."""
 
+    def tables_for(self, source: Any, double: bool) -> Any:
+        """The tables for a source; kept with it if it has a place for them."""
+        known = getattr(source, "__dict__", {}).get("_tables")
+        if known is None:
+            return self.tables(source, double)
+        found = known.get((self, double))
+        if found is None:
+            found = known.setdefault((self, double), self.tables(source, double))
+        return found
+
     @property
     def slices(self) -> SliceSum | None:
         """Its sum over edges if they are cut."""
@@ -43,20 +53,6 @@ class Kernel:
         """The whole transform with one namespace of operations."""
         inner = self.enter(ops, tables.frame, *arguments)
         return self.leave(ops, tables.frame, inner, self.edge_sum(ops, tables, *inner))
-
-
-def at_zero_frequency(kernel: Kernel, name: str, *, leads: bool) -> Kernel:
-    """A marginal: the kernel of W or A with frequency zero; ``leads``: it is the first argument."""
-
-    def enter(ops: Any, frame: Any, *point: Any) -> Values:
-        zero = tuple(0.0 * component for component in point)
-        arguments = (*zero, *point) if leads else (*point, *zero)
-        return kernel.enter(ops, frame, *arguments)
-
-    edge_sum = kernel.edge_sum
-    if isinstance(edge_sum, SliceSum):
-        edge_sum = replace(edge_sum, listed=None)  # there is one frequency
-    return replace(kernel, name=name, enter=enter, edge_sum=edge_sum)
 
 
 def leave_real(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:

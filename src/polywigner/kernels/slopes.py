@@ -23,11 +23,11 @@ from typing import Any
 
 from polywigner.geometry import Slits
 from polywigner.kernels.cut.clipping import AHEAD, Clipper, View
-from polywigner.kernels.cut.slice_sums import Views, difference_pairings, mean_pairings
 from polywigner.kernels.cut.winding import PairClipper
 from polywigner.kernels.functions import plane
 from polywigner.kernels.functions.edge_terms import moved_off_zero
 from polywigner.kernels.functions.fourier import OutlineTables
+from polywigner.kernels.functions.slices import Views, difference_pairings, mean_pairings
 from polywigner.kernels.kernel import Kernel
 from polywigner.kernels.outline.constants import Edge
 from polywigner.kernels.outline.tables import Tables
@@ -197,7 +197,7 @@ def _slopes(
     if accumulator.wanted.weights:
         weights, tables = _weights(ops, tables), tables.by_element
     pairings, scale = (mean_pairings, 2.0) if of_lags else (difference_pairings, 1.0)
-    views = dict.fromkeys(view for _, seen, _ in pairings(0, tables) for view, _ in seen)
+    views = dict.fromkeys(view for *_, seen, _ in pairings(tables) for view, _ in seen)
     tx, ty = (scale * c for c in place)
     if accumulator.has_constant_numbers or (ops.target == "compiled" and tables.fits_code):
         clipper = Clipper(ops, tables, tx, ty)
@@ -211,9 +211,9 @@ def _slopes(
                 _PairSlopes(clipper, accumulator, scale, views, beat, frequency, place).between(
                     group, other, weights
                 )
-                for number, views, found in pairings(group, tables)
+                for own, number, views, found in pairings(tables)
                 for beat in found
-                if number == other
+                if (own, number) == (group, other)
             ]
 
             def term(edge: Edge, beats: Any = beats, other: int = other) -> tuple[Any, ...]:
@@ -410,34 +410,12 @@ def _real(value: Pair) -> tuple[Any, ...]:
     return (value.real,)
 
 
-def _complex(value: Pair) -> tuple[Any, ...]:
-    return value.real, value.imag
-
-
-def _at_zero(slopes: Callable[..., Slopes], *, leads: bool) -> Callable[..., Slopes]:
-    """Return the derivatives at frequency zero; ``leads``: the frequency is the first argument."""
-
-    def at_zero(ops: Any, tables: Tables, accumulator: Any, x: Any, y: Any) -> Slopes:
-        zero = 0.0 * x, 0.0 * y
-        return slopes(ops, tables, accumulator, *((*zero, x, y) if leads else (x, y, *zero)))
-
-    return at_zero
-
-
 _FOURIER = SlopeKernel(fourier_slopes, 2, _wave, ("frequency",))
-_LAG_MARGINAL = SlopeKernel(_at_zero(ambiguity_slopes, leads=True), 2, _complex, ("place",))
 _KNOWN = {
     plane.WIGNER: SlopeKernel(wigner_slopes, 4, _real, ("place", "frequency")),
     plane.AMBIGUITY: SlopeKernel(ambiguity_slopes, 4, _wave, ("frequency", "place")),
     plane.FOURIER: _FOURIER,
     plane.FOURIER_PLACED: _FOURIER,
-    plane.POSITION_MARGINAL: SlopeKernel(
-        _at_zero(wigner_slopes, leads=False), 2, _real, ("place",)
-    ),
-    plane.LAG_MARGINAL: _LAG_MARGINAL,
-    plane.LAG_MARGINAL_OF_FIELDS: _LAG_MARGINAL,
-    plane.POSITION_MARGINAL_OF_WAVES: SlopeKernel(wigner_slopes, 4, _real, ("place",)),
-    plane.LAG_MARGINAL_OF_WAVES: SlopeKernel(ambiguity_slopes, 4, _wave, ("place",)),
 }
 
 

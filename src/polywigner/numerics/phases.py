@@ -43,12 +43,15 @@ def _sine_over_reduced(ops: Any, r: Any) -> Any:
 
 def _sine_of_reduced(ops: Any, r: Any) -> Any:
     """sin(2 pi r) for |r| <= 1/2."""
+    if ops.target == "numpy":
+        return np.sin(2 * math.pi * r)
     return _sine_over_reduced(ops, r) * r
 
 
 def sin_turns(ops: Any, turns: Any) -> Any:
     """sin(2 pi turns)."""
-    return _sine_of_reduced(ops, turns - ops.round(turns))
+    r = turns - ops.round(turns)
+    return np.sin(2 * math.pi * r) if ops.target == "numpy" else _sine_of_reduced(ops, r)
 
 
 def cos_sin_turns(ops: Any, turns: Any) -> tuple[Any, Any]:

@@ -18,7 +18,7 @@ from polywigner.execution import Engine
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.geometry.parts import grid_size, polygons_in
 from polywigner.kernels import Kernel, kernel_for
-from polywigner.kernels.cut.slice_sums import SliceSum
+from polywigner.kernels.functions.slices import SliceSum
 from polywigner.kernels.kernel import Values
 from polywigner.propagation.quadrature import (
     Rule,

@@ -2,6 +2,7 @@
 
 - ``waves``: the immutable :class:`Illumination`, and waves for sampled fields; ``tapers``:
   steering, tapers and modes
+- ``normal_form``: :class:`Source`, the form into which all public sources are converted
 - ``array``: :class:`Array` and :func:`phased_array`; ``lattices``: sites of equal elements
 - ``arrays``: layouts and weights of elements, and tables of both
 - ``source_files``: sources in TOML and JSON; ``source_schema`` and ``source_functions``: the

@@ -68,7 +68,11 @@ def _placed(element: Element, pose: NDArray[np.float64]) -> Element:
     raise GeometryError("expected elements of the plane or of space to place, got Slits")
 
 
-def _in_plane(number: int, element: Element) -> Aperture:
+def aperture_in_plane(number: int, element: Element) -> Aperture:
+    """Return element ``number`` as an aperture in the plane z = 0, its pose applied.
+
+    Raises GeometryError if it does not lie in that plane.
+    """
     if isinstance(element, Aperture):
         return element
     got = ""
@@ -101,10 +105,10 @@ def _in_plane(number: int, element: Element) -> Aperture:
 _COPIES, _COPIED_FIELDS = 1e-15, 1e-13
 
 
-def _shifted_copies(
+def shifted_copies(
     elements: Sequence[Aperture] | Sequence[Slits],
 ) -> tuple[Aperture, NDArray[np.float64], NDArray[np.complex128]] | None:
-    """One aperture, shifts (n, 2) and factors (n,) of its field that give all; None if none do."""
+    """Return an aperture, shifts (n, 2) and factors (n,) of its field; None if these differ."""
     first = elements[0]
     if not isinstance(first, Aperture):
         return None
@@ -210,7 +214,7 @@ def tilted_source(source: Any, kappa: NDArray[np.float64]) -> Any:
 # Outlines that a notebook draws: a few hundred kB.
 _MOST_DRAWN = 2000
 # From so many elements on it is looked for whether they are shifted copies of one.
-_LEAST_COPIES = 24
+LEAST_COPIES = 24
 
 
 @final
@@ -295,10 +299,10 @@ class Array(TakesWaves):
         """The array as a `phased_array`: itself, or its apertures if many are copies of one."""
         if self.repeated is not None:
             return self
-        if len(self) < _LEAST_COPIES:
+        if len(self) < LEAST_COPIES:
             return None
         try:
-            found = _shifted_copies(self.elements_in_plane)
+            found = shifted_copies(self.elements_in_plane)
         except GeometryError:
             found = None
         if found is None:
@@ -342,7 +346,7 @@ class Array(TakesWaves):
         """
         if self.dimension == 1:
             return self.elements
-        return tuple(_in_plane(k, element) for k, element in enumerate(self.elements))
+        return tuple(aperture_in_plane(k, element) for k, element in enumerate(self.elements))
 
     @property
     def coplanar(self) -> tuple[Any, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,6 @@ from polywigner import execution, kernels
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits, Wavefront
 from polywigner.source import Array
-from polywigner.source.lattices import Sites
 
 PhaseSpaceSource = Aperture | Slits | Array | Wavefront
 Source = PhaseSpaceSource | PlacedAperture | Polyhedron
@@ -34,55 +33,27 @@ def in_plane(nu: Any) -> Any:
     return np.asanyarray(nu)[..., :2] if shape and shape[-1] == 3 else nu
 
 
-def transform(
-    name: str,
-    source: Source | Sites,
-    points: Sequence[tuple[str, Any]],
-    precision: str | None,
-    engine: str,
-    *,
-    outputs: int = 1,
-    shear: execution.Shear | None = None,
-) -> Any:
-    """Check the arguments once, and hand them to the engine of their type.
+def kernel_of(name: str, source: Any, precision: str | None, engine: str) -> Any:
+    """The kernel of a transform of a source, kept with it; options are checked.
 
-    ``shear``: of NumPy's components, as :func:`polywigner.execution.evaluate` has it.
+    Raises ArgumentError for options that are none, and as `kernels.kernel_for`.
     """
-    if any(execution.is_drjit(value) for _, value in points):
-        return execution.evaluate_traced(
-            _kernel_for(name, source, precision, engine),
-            source,
-            points,
-            precision=precision,
-            engine=engine,
-            complex_result=outputs == 2,
-        )
-    kernel, components = checked_call(name, source, points, precision, engine)
-    shape = np.broadcast_shapes(*(c.shape for c in components))
-    value, parts = _empty(shape, precision, outputs)
-    execution.evaluate(
-        kernel,
-        source,
-        components,
-        double=precision != "single",
-        engine=engine,
-        outputs=outputs,
-        into=parts,
-        shear=shear,
-    )
-    return value[()]
-
-
-def _kernel_for(name: str, source: Any, precision: str | None, engine: str) -> Any:
-    execution.checked_precision(precision)
-    execution.checked_engine(engine)
-    return kernels.kernel_for(name, source)
+    if precision is not None:
+        execution.checked_precision(precision)
+    if engine != "auto":
+        execution.checked_engine(engine)
+    known = getattr(source, "__dict__", {}).setdefault("_kernels", {})
+    if name not in known:
+        found = kernels.kernel_for(name, source)
+        source.__dict__.setdefault("_tables", {})
+        known[name] = found
+    return known[name]
 
 
 def broadcast_shape(arrays: Sequence[Any]) -> tuple[int, ...]:
     """The shape of a call with points (..., d); ArgumentError if they do not broadcast."""
     try:
-        return np.broadcast_shapes(*(a.shape[:-1] for a in arrays))
+        return np.broadcast_shapes(*[a.shape[:-1] for a in arrays])
     except ValueError:
         shapes = " and ".join(str(a.shape) for a in arrays)
         raise ArgumentError(
@@ -92,19 +63,17 @@ def broadcast_shape(arrays: Sequence[Any]) -> tuple[int, ...]:
 
 
 def checked_call(
-    name: str, source: Any, points: Sequence[tuple[str, Any]], precision: str | None, engine: str
+    name: str, source: Any, points: Mapping[str, Any], precision: str | None, engine: str
 ) -> tuple[Any, list[Any]]:
     """Return the kernel and the checked components of a call with NumPy arrays."""
-    kernel = _kernel_for(name, source, precision, engine)
-    arrays = [
-        checked_points(*point, kernel.dimension, name in _COMPLEX, keep_single=True)
-        for point in points
-    ]
-    components = [a[..., k] for a in arrays for k in range(kernel.dimension)]
-    if any(np.iscomplexobj(a) for a in arrays):
+    kernel = kernel_of(name, source, precision, engine)
+    d, components = kernel.dimension, []
+    for label, value in points.items():
+        array = checked_points(label, value, d, name in _COMPLEX, keep_single=True)
+        components += [array[..., k] for k in range(d)]
+    if components[0].dtype.kind == "c":
         kernel = kernels.kernel_for(f"complex {name}", source)
         components = [part for c in components for part in (c.real, c.imag)]
-    broadcast_shape(arrays)
     return kernel, components
 
 
@@ -130,7 +99,7 @@ def array_on_grid(
         values = point_by_point(np.stack(components, axis=-1))
         return values.real, values.imag
 
-    value, into = _empty(points.shape[:-1], precision, 2)
+    value, into = empty_result(points.shape[:-1], precision, 2)
     found = execution.evaluate_on_grid(
         kernels.kernel_for("fourier", array),
         array,
@@ -143,7 +112,9 @@ def array_on_grid(
     return None if found is None else value
 
 
-def _empty(shape: tuple[int, ...], precision: str | None, outputs: int) -> tuple[Any, list[Any]]:
+def empty_result(
+    shape: tuple[int, ...], precision: str | None, outputs: int
+) -> tuple[Any, list[Any]]:
     """An array for a real or complex result, and its parts to write into."""
     single = precision == "single"
     if outputs == 1:
@@ -178,6 +149,8 @@ def checked_points(
 
     ``keep_single``: one of float32 as it is; a copy in double precision may not fit into memory.
     """
+    if type(value) is np.ndarray and value.dtype == np.float64 and value.shape[-1:] == (dimension,):
+        return value  # most calls
     shape = f"(..., {dimension})"
     if np.ma.is_masked(value):
         raise ArgumentError(

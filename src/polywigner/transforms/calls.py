@@ -34,20 +34,25 @@ from polywigner.transforms.arguments import (
     broadcast_shape,
     checked_call,
     checked_points,
+    empty_result,
     in_plane,
-    transform,
+    kernel_of,
 )
 from polywigner.transforms.traced_sources import Differentiable, check_no_drjit, phase_space_of
 from polywigner.transforms.wavefronts import (
     chirp_transform,
     coherent_source,
     degree_of_coherence,
-    in_closed_form,
     is_thin,
     mean_over_tilts,
     principal_axes,
+    within_widths,
 )
 from polywigner.transforms.xarray_arguments import content_units, takes_xarray
+
+_EXPLAINED = (
+    "wigner", "ambiguity", "autocorrelation", "fourier", "position_marginal", "lag_marginal",
+)  # fmt: skip
 
 Values = NDArray[np.float64]
 Points = Mapping[str, Any]
@@ -88,6 +93,8 @@ TRANSFORMS = {
     "lag_marginal": Transform(
         ("xi",), "lag marginal R_xi(xi)", whole="ambiguity", takes_degree=True
     ),
+    "fourier of waves": Transform(("nu",), "Fourier transform of a product of waves"),
+    "array factor": Transform(("nu",), "array factor"),
 }
 
 
@@ -106,28 +113,60 @@ def compute(
     *,
     through: Any = None,
     wavelength: Any = None,
+    shear: execution.Shear | None = None,
+    in_closed_form: bool = False,
 ) -> Any:
     """Return a transform of any source that it takes, at any points.
 
-    F of flat sources is :func:`polywigner.fourier`'s own: a sum over elements and waves.
+    F of sources with waves and of arrays is :func:`polywigner.fourier`'s own: a sum over elements
+    and waves. ``shear``: of NumPy's components, as :func:`polywigner.execution.evaluate` has it.
+    ``in_closed_form``: of a partly coherent source with a flat wave, by its own kernel.
     """
-    declared, how = TRANSFORMS[name], (precision, engine)
+    declared = TRANSFORMS[name]
     if through is not None or wavelength is not None:
         points = _before(name, source, points, through, wavelength)
         if not isinstance(source, Differentiable):
             source = source.at_wavelength(wavelength)
-    if isinstance(source, Wavefront):
+    if isinstance(source, Wavefront) and not in_closed_form:
         if not source.is_coherent:
-            return _partly_coherent(name, source, points, how)
-        return _curved(name, source, points, how)
-    named = list(points.items())
+            return _partly_coherent(name, source, points, (precision, engine))
+        return _curved(name, source, points, (precision, engine))
+    is_real = declared.is_real
+    if declared.whole is not None:  # the lag marginal is real where the field is 1 on the source
+        is_array = isinstance(source, Array)
+        is_real |= not is_array and getattr(source, "illumination", None) is None
+        whole = kernel_of(declared.whole, source, precision, engine)
+        name, points = _of_whole(name, whole.dimension, points)
     if isinstance(source, Differentiable) and declared.plane:
-        return phase_space_of(name, source, named, *how)
-    # its lag marginal is real where the field is 1 on the source
-    is_array = isinstance(source, Array)
-    is_uniform = not is_array and getattr(source, "illumination", None) is None
-    is_real = declared.is_real or (name == "lag_marginal" and is_uniform)
-    return transform(name, source, named, *how, outputs=1 if is_real else 2)
+        return phase_space_of(name, source, points, precision, engine, compute)
+    for value in points.values():
+        if type(value) is not np.ndarray and execution.is_drjit(value):
+            return execution.evaluate_traced(
+                kernel_of(name, source, precision, engine),
+                source,
+                list(points.items()),
+                precision=precision,
+                engine=engine,
+                complex_result=not is_real,
+            )
+    kernel, components = checked_call(name, source, points, precision, engine)
+    try:
+        shape = np.broadcast_shapes(*[c.shape for c in components])
+    except ValueError:
+        broadcast_shape([np.asarray(value) for value in points.values()])
+        raise
+    result, parts = empty_result(shape, precision, 1 if is_real else 2)
+    execution.evaluate(
+        kernel,
+        source,
+        components,
+        double=precision != "single",
+        engine=engine,
+        outputs=len(parts),
+        into=parts,
+        shear=shear,
+    )
+    return result[()]
 
 
 def explain(
@@ -168,7 +207,7 @@ def explain(
     >>> print(pw.explain(square, (0.0, 0.0), (1.0, 0.0), engine="numpy").strategy)
     pairs of edges
     """
-    names = TRANSFORMS[checked_choice(function, "function", list(TRANSFORMS))].points
+    names = TRANSFORMS[checked_choice(function, "function", _EXPLAINED)].points
     if len(arguments) != len(names):
         raise ArgumentError(
             f"expected {' and '.join(names)} for {function}, got {len(arguments)} arguments"
@@ -190,7 +229,11 @@ def explain(
     points: Mapping[str, Any] = dict(zip(names, arguments, strict=True))
     if isinstance(source, Wavefront):
         source, name, points = _as_flat(source, function, points)
-    kernel, components = checked_call(name, source, list(points.items()), precision, engine)
+    declared = TRANSFORMS.get(name)
+    if declared is not None and declared.whole is not None:
+        whole = kernel_of(declared.whole, source, precision, engine)
+        name, points = _of_whole(name, whole.dimension, points)
+    kernel, components = checked_call(name, source, points, precision, engine)
     return execution.explained(
         kernel, source, components, double=precision != "single", engine=engine
     )
@@ -206,7 +249,7 @@ def _as_flat(wave: Wavefront, name: str, points: Points) -> tuple[Any, str, Poin
             "expected a flat wave for fourier, got a curved one, of which F is a sum over nodes "
             "along the edges, on NumPy: there is no choice to explain"
         )
-    name, points = _of_whole(name, wave, points)
+    name, points = _of_whole(name, wave.dimension, points)
     points, source = _checked(wave, points), wave.source
     if name == "wigner":
         points["nu"] = points["nu"] - (points["x"] - wave.centre) @ wave.curvature
@@ -319,7 +362,7 @@ def _partly_coherent(name: str, wave: Wavefront, points: Points, how: tuple[Any,
         values = compute(name, coherent, points, *how)
         degree = degree_of_coherence(wave, list(points.values())[-1])
         return values * degree.astype(np.asarray(values).real.dtype)
-    x, nu = _of_whole(name, wave, points)[1].values()
+    x, nu = _of_whole(name, wave.dimension, points)[1].values()
 
     def of_coherent(x: Any, nu: Any) -> Any:
         return compute("wigner", coherent, {"x": x, "nu": nu}, *how)
@@ -333,19 +376,19 @@ def _partly_coherent(name: str, wave: Wavefront, points: Points, how: tuple[Any,
     def closed_form(held: Wavefront, x: Any, nu: Any) -> Any:
         return _curved("wigner", held, {"x": x, "nu": nu}, how)
 
-    values = in_closed_form(closed_form, of_coherent, wave, x, nu, double)
+    values = within_widths(closed_form, of_coherent, wave, x, nu, double)
     return values.astype(np.float32) if is_raised else values
 
 
 # --- curved waves
 
 
-def _of_whole(name: str, wave: Wavefront, points: Points) -> tuple[str, Points]:
+def _of_whole(name: str, dimension: int, points: Points) -> tuple[str, Points]:
     """A marginal as the value of the whole function, whose other point is zero."""
     whole = TRANSFORMS[name].whole
     if whole is None:
         return name, points
-    none = np.zeros(wave.dimension)
+    none = np.zeros(dimension)
     return whole, {label: points.get(label, none) for label in TRANSFORMS[whole].points}
 
 
@@ -364,16 +407,17 @@ def _curved(name: str, wave: Wavefront, points: Points, how: tuple[Any, Any]) ->
     """Transform of a curved wave by the transform of the flat source, as coherent as the wave."""
     if name == "fourier":
         return _curved_spectrum(wave, points["nu"], *how)
-    name, points = _of_whole(name, wave, points)
+    name, points = _of_whole(name, wave.dimension, points)
     points, flat, plane = _checked(wave, points), wave.source, TRANSFORMS[name].plane
     if not wave.is_coherent:
         flat = Wavefront(flat, coherence_width=wave.coherence_width)
-    evaluate = partial(transform, name, flat, precision=how[0], engine=how[1])
+    evaluate = partial(
+        compute, name, flat, precision=how[0], engine=how[1], in_closed_form=not wave.is_coherent
+    )
     if name == "wigner":
         return _sheared(evaluate, wave, points, plane)
-    evaluate = partial(evaluate, outputs=2)
     if name == "autocorrelation":
-        value = evaluate(points=list(points.items()))
+        value = evaluate(points=points)
         return _turned(value, wave, points, lambda x, xi: _dot(_slopes(wave, x), xi))
     about_origin = wave._with(centre=np.zeros(wave.dimension))
     value = _sheared(evaluate, about_origin, points, plane)
@@ -408,9 +452,9 @@ def _sheared(
         return groups[0] + groups[1]
 
     if not any(map(execution.is_drjit, points.values())):
-        return evaluate(points=list(points.items()), shear=shear)
+        return evaluate(points=points, shear=shear)
     found, kind = execution.components_of_all(list(points.items()), d)
-    return evaluate(points=list({**points, plane[1]: kind.points(moved(found))}.items()))
+    return evaluate(points={**points, plane[1]: kind.points(moved(found))})
 
 
 def _turned(value: Any, wave: Wavefront, points: Points, turns: Callable[..., Any]) -> Any:

@@ -99,8 +99,10 @@ def wigner(
     >>> round(float(pw.wigner(square, (0.5, 0.0), (0.0, 0.0))), 12)  # the area of the lag slice
     8.0
     """
-    system = {"through": through, "wavelength": wavelength}
-    return compute("wigner", source, {"x": x, "nu": nu}, precision, engine, **system)
+    points = {"x": x, "nu": nu}
+    return compute(
+        "wigner", source, points, precision, engine, through=through, wavelength=wavelength
+    )
 
 
 @public
@@ -145,9 +147,10 @@ def ambiguity(
     >>> float(pw.ambiguity(square, (0.0, 0.0), (1.0, 0.0)).real)  # the overlap of two squares
     2.0
     """
-    system = {"through": through, "wavelength": wavelength}
     points = {"upsilon": upsilon, "xi": xi}
-    return compute("ambiguity", source, points, precision, engine, **system)
+    return compute(
+        "ambiguity", source, points, precision, engine, through=through, wavelength=wavelength
+    )
 
 
 @public
@@ -221,5 +224,5 @@ def energy_of(source: PhaseSpaceSource) -> float:
     Rounding may make it negative where elements cancel each other everywhere.
     """
     # NumPy: one value is less work than the compilation of a kernel.
-    lag = np.zeros(kernels.kernel_for("lag_marginal", flat_of(source)).dimension)
+    lag = np.zeros(kernels.kernel_for("ambiguity", flat_of(source)).dimension)
     return float(np.real(lag_marginal(source, lag, engine="numpy")))

@@ -82,7 +82,7 @@ def sample_automean(
     ((100, 2), 100.0)
     """
     source = flat_of(source)  # a curved wave has the same support and modulus
-    dimension = kernel_for("position_marginal", source).dimension
+    dimension = kernel_for("wigner", source).dimension
     checked_choice(weights, "weights", get_args(Weights))
     if weights == "uniform":
         numbers = _numbers(samples, dimension, seed)

@@ -24,7 +24,6 @@ from polywigner.transforms.arguments import (
     checked_points,
     in_blocks,
     in_plane,
-    transform,
 )
 from polywigner.transforms.calls import compute, public
 from polywigner.transforms.traced_sources import Differentiable, fourier_of
@@ -115,10 +114,10 @@ def _fourier(source: Source, nu: Any, how: dict[str, Any]) -> Any:
     if isinstance(source, Aperture):
         nu = in_plane(nu)
         if is_separable(source) and not _is_complex(nu):
-            return transform("fourier of waves", source, [("nu", nu)], precision, engine, outputs=2)
+            return compute("fourier of waves", source, {"nu": nu}, precision, engine)
     if not isinstance(source, Polyhedron) and _field_of(source) is not None:
         return in_blocks(lambda some: _sum_of_waves(source, some, how), nu)
-    return transform("fourier", source, [("nu", nu)], precision, engine, outputs=2)
+    return compute("fourier", source, {"nu": nu}, precision, engine)
 
 
 def _is_complex(nu: Any) -> bool:
@@ -258,7 +257,7 @@ def array_factor(
     inner = None if rounded else precision
 
     def factor(nu: Any) -> Any:
-        found = transform("array factor", sites, [("nu", nu)], inner, engine, outputs=2)
+        found = compute("array factor", sites, {"nu": nu}, inner, engine)
         return found.astype(np.complex64) if rounded else found
 
     with np.errstate(invalid="ignore", over="ignore"):

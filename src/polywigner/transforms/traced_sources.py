@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,7 +20,7 @@ from polywigner.kernels.outline.waves import waves_in_frame
 from polywigner.kernels.slopes import slopes_in_ends
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.source import Array, Illumination
-from polywigner.transforms.arguments import in_plane, transform
+from polywigner.transforms.arguments import in_plane
 
 
 @dataclass(frozen=True, eq=False)
@@ -258,17 +258,21 @@ def _with_amplitudes(
 def phase_space_of(
     name: str,
     source: Differentiable,
-    points: Sequence[tuple[str, Any]],
+    points: Mapping[str, Any],
     precision: str | None,
     engine: str,
+    plain: Callable[..., Any],
 ) -> Any:
-    """W or A, by the kernel of all outlines: short cuts of arrays have no derivatives."""
+    """W or A, by the kernel of all outlines: short cuts of arrays have no derivatives.
+
+    ``plain``: (name, source, points, precision, engine) -> values for a source without derivatives.
+    """
     if source.intervals is not None:
-        return _values_of_slits(name, source, points, precision, engine)
+        return _values_of_slits(name, source, points, precision, engine, plain)
     return execution.evaluate_traced(
         kernels.WIGNER if name == "wigner" else kernels.AMBIGUITY,
         source.source,
-        points,
+        list(points.items()),
         precision=execution.checked_precision(precision),
         engine=execution.checked_engine(engine),
         complex_result=name != "wigner",
@@ -281,10 +285,14 @@ def fourier_of(
 ) -> Any:
     """F as a sum over all waves on all elements, (C1) and (I1).
 
-    ``plain`` is :func:`polywigner.fourier`, for the values of slits.
+    ``plain`` is :func:`polywigner.fourier`, for sources without derivatives.
     """
     if source.intervals is not None:
-        return _values_of_slits("fourier", source, [("nu", nu)], precision, engine, plain)
+
+        def of_slits(name: str, slits: Any, points: Any, *how: Any) -> Any:
+            return plain(slits, points["nu"], precision=how[0], engine=how[1])
+
+        return _values_of_slits("fourier", source, {"nu": nu}, precision, engine, of_slits)
     if not execution.is_drjit(nu):
         float_type = next(iter(parameters_of(source).types))
         nu = execution.tensor_of(float_type, execution.host_points("nu", in_plane(nu)))
@@ -311,26 +319,26 @@ def fourier_of(
 def _values_of_slits(
     name: str,
     source: Differentiable,
-    points: Sequence[tuple[str, Any]],
+    points: Mapping[str, Any],
     precision: str | None,
     engine: str,
-    plain_fourier: Callable[..., Any] | None = None,
+    plain: Callable[..., Any],
 ) -> Any:
     """Values of plain slits, with derivatives in their ends."""
     assert source.intervals is not None
-    if not any(execution.is_drjit(value) for _, value in points):
+    slits = source.source
+    if not any(map(execution.is_drjit, points.values())):
         kind = source.intervals.float_type
-        points = [(n, execution.tensor_of(kind, execution.host_points(n, p))) for n, p in points]
-    plain, is_complex = source.source, name != "wigner"
-    if plain_fourier is not None:
-        values = plain_fourier(plain, points[0][1], precision=precision, engine=engine)
-    else:
-        values = transform(name, plain, points, precision, engine, outputs=1 + is_complex)
+        points = {
+            n: execution.tensor_of(kind, execution.host_points(n, p)) for n, p in points.items()
+        }
+    values = plain(name, slits, points, precision, engine)
 
     def slopes(ops: Any, *places: Any) -> Any:
-        return slopes_in_ends(ops, name, plain, *places)
+        return slopes_in_ends(ops, name, slits, *places)
 
-    return execution.with_end_slopes(values, points, source.intervals, slopes, is_complex)
+    named = list(points.items())
+    return execution.with_end_slopes(values, named, source.intervals, slopes, name != "wigner")
 
 
 def _elements(source: Differentiable) -> Iterator[tuple[Aperture, Parameter | None]]:

@@ -24,8 +24,8 @@ from polywigner.execution import check_not_stopped
 from polywigner.geometry import Aperture, Slits, Wavefront
 from polywigner.numerics.chirps import chirp_over_intervals, chirp_over_rings
 from polywigner.numerics.nodes import normal_product_rule
-from polywigner.source import Array
 from polywigner.source.array import tilted_source
+from polywigner.source.normal_form import normal_form
 from polywigner.transforms.arguments import broadcast_shape
 
 Floats = NDArray[np.float64]
@@ -90,23 +90,12 @@ def chirp_transform(source: Any, q: Floats, axes: Floats, centre: Floats, nu: Fl
     curvatures = np.broadcast_to(q, nu.shape)
     total = np.zeros(len(nu), np.complex128)
     with np.errstate(invalid="ignore"):  # of frequencies that are no numbers
-        weights = source.weights.tolist() if isinstance(source, Array) else [1.0]
-        for element, weight in zip(source.elements_in_plane, weights, strict=True):
+        for element in normal_form(source).in_plane.elements:
             check_not_stopped()
-            total += weight * _of_element(element, curvatures, axes, centre, nu)
-    return total
-
-
-def _of_element(
-    element: Aperture | Slits, q: Floats, axes: Floats, centre: Floats, nu: Floats
-) -> Complex:
-    field = element.illumination
-    uniform = element.with_illumination(None)
-    if field is None:
-        return _uniform(uniform, q, axes, centre, nu)
-    total = np.zeros(len(nu), np.complex128)
-    for amplitude, kappa in zip(field.amplitudes.tolist(), field.frequencies, strict=True):
-        total += amplitude * _uniform(uniform, q, axes, centre, nu - kappa)
+            waves = zip(element.amplitudes.tolist(), element.frequencies, strict=True)
+            for amplitude, kappa in waves:
+                value = _uniform(element.outline, curvatures, axes, centre, nu - kappa)
+                total += (element.weight * amplitude) * value
     return total
 
 
@@ -192,7 +181,7 @@ def is_thin(wave: Wavefront) -> bool:
     return float(np.square(_sides(wave)).sum()) > _THIN * area
 
 
-def in_closed_form(
+def within_widths(
     closed_form: Callable[..., Any],
     of_coherent: Callable[..., Any],
     wave: Wavefront,

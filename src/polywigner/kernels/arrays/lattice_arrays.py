@@ -25,7 +25,7 @@ from polywigner.kernels.arrays.repeated import (
     element_tables,
     element_wigner,
 )
-from polywigner.kernels.kernel import Kernel, Values, at_zero_frequency, leave_real, leave_wave
+from polywigner.kernels.kernel import Kernel, Values, leave_real, leave_wave
 from polywigner.kernels.outline.frame import Frame
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import unit_wave
@@ -276,5 +276,3 @@ AMBIGUITY = Kernel(
     _ambiguity_sum,
     leave_wave,
 )
-POSITION_MARGINAL = at_zero_frequency(WIGNER, "position marginal of a lattice", leads=False)
-LAG_MARGINAL = at_zero_frequency(AMBIGUITY, "lag marginal of a lattice", leads=True)

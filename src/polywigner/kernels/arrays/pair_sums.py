@@ -26,7 +26,7 @@ from polywigner.kernels.arrays.repeated import (
 )
 from polywigner.kernels.cut.clipping import MIRRORED, View
 from polywigner.kernels.functions.plane import product_of_both
-from polywigner.kernels.kernel import Kernel, Values, at_zero_frequency, leave_real, leave_wave
+from polywigner.kernels.kernel import Kernel, Values, leave_real, leave_wave
 from polywigner.kernels.outline.frame import Frame
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair, unit_wave
@@ -204,5 +204,3 @@ AUTOCORRELATION = Kernel(
     _fields,
     product_of_both,
 )
-POSITION_MARGINAL = at_zero_frequency(WIGNER, "position marginal of element pairs", leads=False)
-LAG_MARGINAL = at_zero_frequency(AMBIGUITY, "lag marginal of element pairs", leads=True)

@@ -166,26 +166,5 @@ class Clipper:
         return self.level(line) <= edge.offset - line.offset
 
 
-def total_extent(clipper: Clipper, edge: Edge, view: View) -> tuple[Any, Any]:
-    """Fraction of an edge's length that lies inside the other copy.
-
-    Each part times the mutual field there; (real, imaginary) part.
-    """
-    real: Any = 0.0
-    imag: Any = 0.0
-    for _, extent, mutual_real, mutual_imag in clipper.intervals(edge, view):
-        real = real + times(mutual_real, extent)
-        if clipper.tables.phased:
-            imag = imag + mutual_imag * extent
-    return real, imag
-
-
-def times(factor: Any, value: Any) -> Any:
-    """factor value, without the multiplication where the factor is a constant 1 or -1."""
-    if isinstance(factor, float) and abs(factor) == 1.0:
-        return value if factor > 0 else -value
-    return factor * value
-
-
 def _is_left(distance: Any, view: View) -> Any:
     return distance >= 0.0 if view is BEHIND else distance > 0.0

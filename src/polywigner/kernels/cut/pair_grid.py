@@ -2,8 +2,8 @@
 
 An edge from a to a + e of the first outline and one from c to c + f of the second, in the copy
 {T - p}, meet where the offset T lies in the parallelogram a + c + s e + t f. The plane of offsets
-is divided into square cells. Each lists the pairs whose parallelograms meet it, as rows along the
-rings; and the edges that lie inside the other copy, as runs. A compiled loop takes the lists as
+is divided into square cells. Each lists the edges that lie inside the other copy, and the pairs
+whose parallelograms meet the cell, as rows along the rings. A compiled loop takes the lists as
 data: docs/theory/edges.md, (K1).
 """
 
@@ -23,8 +23,11 @@ from polywigner.kernels.outline.tables import Tables
 from polywigner.numerics.exact import accurate_cross
 
 # How a row counts: as a crossing; as one before which the winding number is set; as a whole edge;
-# as a crossing with the line that leads to a ring from outside.
-CROSSING, START, WHOLE, LEAD = range(4)
+# as both (an edge inside the other copy); as a crossing with the line that leads to a ring from
+# outside. The first bit is that of START, the second that of WHOLE.
+CROSSING, START, WHOLE, INSIDE, LEAD = range(5)
+# An edge that meets none and is parallel to none: the partner of whole edges.
+_NO_EDGE = (877.0, 512.375, 1.0, 0.28125)
 # Pairs at a time: their temporaries stay in a cache.
 _BLOCK = 1 << 15
 # More than rounding does to a cross product of vectors of the frame.
@@ -110,31 +113,54 @@ class PairGrid:
     numbers: Any
     """(1, 8) lower and upper corner of the cells, cells in a unit, in a row, in all; the step."""
     cells: Any
-    """(cells + 1, 4) first and end of the runs, and of the rows; none in the last."""
-    runs: Any
-    """(k, 4) first edge, end of the edges, the number of their level: of their winding number in
-    the other copy, times the weight of its element."""
+    """(cells + 1, 4) first row, first one that is no edge inside, end of the rows, 0; none in the
+    last."""
     rows: Any
-    """(k, 4) edge of the first outline, of the second, how it counts, number of its level."""
+    """(k, 4) edge of the first outline, of the second, how it counts, number of its level: of the
+    winding number in the other copy, times the weight of its element."""
     first: Any
-    """(n, 8) edges of the first outline as there, and the lines that lead to its rings."""
+    """(n, 8) start and vector of the edges of the first outline, 0, the weight, and 0; and of the
+    lines that lead to its rings."""
     second: Any
-    """(m + 1, 8) edges of the second outline, and one without length."""
+    """(m + 1, 8) the same of the second outline, and an edge that meets none."""
     names: Any
     """(n, 4) names of the edges of the first outline."""
     levels: Any
     """(k, 4) real and imaginary part of each level."""
 
     @cached_property
-    def copies(self) -> dict[Hashable, PairGrid]:
+    def copies(self) -> dict[Hashable, Any]:
         """These tables in the memory of engines, by engine."""
         return {}
 
     @cached_property
-    def columns(self) -> PairGrid:
-        """Tables in Fortran order, in which NumPy looks up rows fastest."""
-        tables = {part.name: np.asfortranarray(getattr(self, part.name)) for part in fields(self)}
-        return replace(self, **tables)
+    def on_host(self) -> HostGrid:
+        """The lists as NumPy uses them."""
+        low_x, low_y, _, _, per_unit, across, count, step = self.numbers[0].tolist()
+        shape = round(count / across), round(across)
+        cells = np.zeros((shape[0] + 2, shape[1] + 2, 3), np.intp)
+        cells[1:-1, 1:-1] = self.cells[:-1, :3].reshape(*shape, 3)
+        levels = self.levels[:, 0] + 1j * self.levels[:, 1]
+        is_complex = levels.imag.any() or self.first[:, 6].any() or self.second[:, 6].any()
+        return HostGrid(
+            complex(low_x, low_y),
+            per_unit,
+            shape,
+            step,
+            cells.reshape(-1, 3),
+            self.rows.astype(np.intp),
+            _as_complex(self.first),
+            _as_complex(self.second),
+            levels if is_complex else levels.real,
+            self._has_unit_weights,
+        )
+
+    @property
+    def _has_unit_weights(self) -> bool:
+        """Whether the weight of each edge is 1."""
+        edges = np.concatenate([self.first, self.second])
+        edges = edges[edges[:, 5:7].any(axis=1)]  # neither leads nor the edge that meets none
+        return bool((edges[:, 5] == 1.0).all() and not edges[:, 6].any())
 
     @property
     def nbytes(self) -> int:
@@ -151,18 +177,138 @@ class PairGrid:
 _NONE = np.zeros((1, 4), np.uint32)
 
 
+@dataclass(frozen=True, eq=False)
+class HostGrid:
+    """The lists of a :class:`PairGrid` with points as complex numbers."""
+
+    low: complex
+    """The lower corner of the cells."""
+    per_unit: float
+    shape: tuple[int, int]
+    """Cells along y and along x."""
+    step: float
+    cells: Array
+    """(n, 3) as in the grid, with a border of empty cells, row by row."""
+    rows: Array
+    first: Array
+    """(n, 4) start and vector of each edge, (limit of levels + i length), weight."""
+    second: Array
+    levels: Array
+    is_uniform: bool
+    """Whether the weight of each edge is 1."""
+
+
+def _as_complex(edges: Array) -> Array:
+    vectors = edges[:, 2] + 1j * edges[:, 3]
+    falls = (edges[:, 3] < 0.0) | ((edges[:, 3] == 0.0) & (edges[:, 2] < 0.0))
+    limits = np.where(falls, -_NO_LEVEL, 0.0) + 1j * abs(vectors)
+    columns = edges[:, 0] + 1j * edges[:, 1], vectors, limits, edges[:, 5] + 1j * edges[:, 6]
+    return np.stack(columns, axis=-1)
+
+
+# Edges at a smaller angle (its sine) cross where the quotient of rounded levels is too inaccurate.
+_SLANTED = 1 / 16
+# Of more rows, those of edges inside the other copy are taken apart.
+_MANY_ROWS = 1 << 10
+
+
+def rows_at(grid: HostGrid, t: Array) -> tuple[Array, Array]:
+    """The rows (k, 4) of the cells of offsets ``t`` (n,), and the number of each one's offset."""
+    (rows, across), place = grid.shape, (t - grid.low) * grid.per_unit
+    column = np.fmin(np.fmax(np.floor(place.real), -1.0), across)
+    cell = (np.fmin(np.fmax(np.floor(place.imag), -1.0), rows) + 1.0) * (across + 2) + column + 1.0
+    spans = grid.cells.take(cell.astype(np.intp), axis=0)
+    begin, counts = spans[:, 0], spans[:, 2] - spans[:, 0]
+    owner = np.arange(len(t)).repeat(counts)
+    index = np.arange(len(owner)) + (begin - (counts.cumsum() - counts)).take(owner)
+    return grid.rows.take(index, axis=0), owner
+
+
+def cut_edges(
+    grid: HostGrid, row: Array, owner: Array, t: Array, side: float
+) -> tuple[Array, Array, Array, Array]:
+    """Last parts of edges that bound the slices of offsets ``t`` (n,), complex, on the grid.
+
+    ``row``, ``owner``: as of :func:`rows_at`. Returns the number of the offset of each part, in
+    ascending order; its edge, rows of ``grid.first``; its share of the edge's length; and the
+    weight of the edge times the conjugate of the level there. Signs of cross products are exact.
+    """
+    if len(row) > _MANY_ROWS and (row[:, 2] == INSIDE).any():
+        inside = row[:, 2] == INSIDE
+        parts = cut_edges(grid, row[~inside], owner[~inside], t, side)
+        edge, level = grid.first[row[inside, 0]], grid.levels[row[inside, 3]]
+        others = owner[inside], edge, np.ones(len(edge)), _mutual(grid, edge, level)
+        order = np.concatenate([parts[0], others[0]]).argsort(kind="stable")
+        owner, edge, share, weight = (
+            np.concatenate(pair)[order] for pair in zip(parts, others, strict=True)
+        )
+        return owner, edge, share, weight
+    number, other, how, level_of = row.T
+    edge, against = grid.first.take(number, axis=0), grid.second.take(other, axis=0)
+    p = t.take(owner) - against[:, 0] - edge[:, 0]
+    e, f = edge[:, 1], against[:, 1]
+    levels, turn = np.empty((4, len(owner))), (e.conj() * f).imag
+    levels[0], levels[2] = (e.conj() * p).imag, (f.conj() * p).imag
+    np.subtract(levels[0], turn, out=levels[1])
+    np.add(levels[2], turn, out=levels[3])
+    near: Array = abs(levels) < _ROUNDED  # of vectors shorter than 8
+    if near.any():
+        _make_exact(levels, np.flatnonzero(near.any(axis=0)), e, f, p)
+    own, others = edge[:, 2].real, against[:, 2].real
+    if side < 0.0:
+        own, others = -_NO_LEVEL - own, -_NO_LEVEL - others
+    enters = levels[3] > others
+    meets = ((levels[0] > own) ^ (levels[1] > own)) & ((levels[2] > others) ^ enters)
+    slanted = meets & (abs(turn) < _SLANTED * edge[:, 2].imag * against[:, 2].imag)
+    if slanted.any():
+        _make_exact(levels, slanted.nonzero()[0], e, f, p)
+    jump: Array = np.where(meets, np.where(enters, 1.0, -1.0), 0.0)
+    before = jump.cumsum() - jump
+    if not grid.is_uniform:  # of any weights, sums over many samples would round
+        jump = jump * (against[:, 3] if grid.levels.dtype.kind == "c" else against[:, 3].real)
+        exact = np.clongdouble if jump.dtype.kind == "c" else np.longdouble
+        before = np.cumsum(jump, dtype=exact) - jump
+    # each ring of a sample begins with a row that sets the level
+    last = np.maximum.accumulate(np.where(how & START, np.arange(len(row)), 0))
+    level = before + (grid.levels.take(level_of) - before).take(last)
+    weight = np.where(how & WHOLE, level, np.where(how == LEAD, 0.0, jump))
+    weight = weight.astype(jump.dtype, copy=False)
+    (kept,) = weight.nonzero()
+    levels, share = levels[2:, kept], np.empty(len(kept))
+    share.fill(1.0)
+    np.divide(levels[1], levels[1] - levels[0], out=share, where=meets[kept])
+    edge = edge[kept]
+    return owner[kept], edge, share, _mutual(grid, edge, weight[kept])
+
+
+def _mutual(grid: HostGrid, edge: Array, level: Array) -> Array:
+    """The weights of edges times the conjugate of levels."""
+    if grid.is_uniform:
+        return level
+    weights = edge[:, 3] if level.dtype.kind == "c" else edge[:, 3].real
+    return np.asarray(weights * level.conj())
+
+
+def _make_exact(levels: Array, columns: Array, e: Array, f: Array, p: Array) -> None:
+    """Replace levels by those with exact differences and products."""
+    e, f, p = e[columns], f[columns], p[columns]
+    pairs = (e, p), (e, p - f), (f, p), (f, p - e)
+    for row, (one, two) in zip(levels, pairs, strict=True):
+        row[columns] = accurate_cross(one.real, one.imag, two.real, two.imag)
+
+
 def crossing(
     ops: Any, edge: Any, other: Any, tx: Any, ty: Any, side: float = 1.0
 ) -> tuple[Any, Any, Any, Any]:
     """Whether an edge crosses one of the other copy, whether to its left, and its levels.
 
+    Edges are given by their starts and vectors.
     Levels are the distances of its ends to the left of the other edge's line, which it crosses at
     ``start / (start - end)``. Cross products of ``ops`` are exact in sign.
 
     ``side``: 1 or -1, the sign of the displacement of T that decides ties.
     """
-    (ax, ay, bx, by), (cx, cy, dx, dy) = edge[:4], other[:4]
-    ex, ey, fx, fy = bx - ax, by - ay, dx - cx, dy - cy
+    (ax, ay, ex, ey), (cx, cy, fx, fy) = edge[:4], other[:4]
     px, py = (tx - cx) - ax, (ty - cy) - ay
     before = ops.cross(ex, ey, px, py)
     after = ops.cross(ex, ey, px - fx, py - fy)
@@ -194,20 +340,6 @@ class _Exact:
         if near.any():
             rough[near] = accurate_cross(*(v[near] for v in (ax, ay, bx, by)))
         return rough
-
-
-@dataclass(frozen=True)
-class CrossProducts:
-    """The operations of :func:`crossing` on NumPy arrays of float64, accurate to an ulp."""
-
-    double: bool
-    """Whether the grid is fine; on the grid of single precision products are exact."""
-    select = staticmethod(np.where)
-
-    def cross(self, ax: Any, ay: Any, bx: Any, by: Any) -> Any:
-        if self.double:
-            return accurate_cross(ax, ay, bx, by)
-        return ax * by - ay * bx
 
 
 @dataclass(frozen=True)
@@ -272,17 +404,23 @@ def pair_grid(first: Outline, second: Outline, across: int) -> PairGrid:
     leads = _leads(first, far)
     edges, others = np.concatenate([first.edges, leads]), second.edges
     lists = _Lists(first, cells, edges, others)
-    (runs, _), (rows, _) = found = lists.runs(), lists.rows()
+    found = (lists.insides(), lists.rows())
+    rows, cell = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    rows = rows[np.argsort(cell, kind="stable")]  # those inside come first
     table = np.array([[level.real, level.imag, 0.0, 0.0] for level in lists.numbers])
     ends = np.zeros((cells.count + 1, 4), np.uint32)
-    for number, (_, cell) in enumerate(found):
-        at = np.searchsorted(cell, np.arange(cells.count + 1))
-        ends[:-1, 2 * number], ends[:-1, 2 * number + 1] = at[:-1], at[1:]
+    counts = [np.bincount(where, minlength=cells.count) for _, where in found]
+    ends[:-1, 2] = np.cumsum(counts[0] + counts[1])
+    ends[:-1, 0] = ends[:-1, 2] - counts[0] - counts[1]
+    ends[:-1, 1] = ends[:-1, 0] + counts[0]
     low, size = cells.corner, cells.size
     numbers = np.array([[*low, *-low, 1.0 / size, cells.nx, cells.count, first.step]], np.float64)
-    others = np.vstack([others, np.zeros((1, 8))])
+    no_edge = (*_NO_EDGE[:2], *np.add(_NO_EDGE[:2], _NO_EDGE[2:]), 0.0, 0.0, 0.0, 0.0)
+    others = np.vstack([others, no_edge])
+    for ends_of in (edges, others):  # differences on the grid are exact
+        ends_of[:, 2:4] -= ends_of[:, :2]
     names = np.vstack([first.names, np.zeros((len(leads), 4), np.uint32)])
-    return PairGrid(numbers, ends, runs, rows, edges, others, names, table)
+    return PairGrid(numbers, ends, rows, edges, others, names, table)
 
 
 def _reach(first: Outline, second: Outline) -> Array:
@@ -321,21 +459,22 @@ class _Lists:
         order = np.argsort(cell * len(edges) + edge, kind="stable")
         cell, edge, other = (part.take(order) for part in (cell, edge, other))
         middle, ends = cells.middle(cell), (_rows(edges, edge), _rows(others, other))
-        meets, enters, *_ = crossing(_Exact, *ends, *middle)
+        own, against = ((ax, ay, bx - ax, by - ay) for ax, ay, bx, by in ends)
+        meets, enters, *_ = crossing(_Exact, own, against, *middle)
         weights = others[:, 5] + 1j * others[:, 6]
         self.unit = float(abs(weights).max(initial=0.0)) or 1.0
         # of any weights, sums over many cells would round
         exact = np.complex128 if (weights == 1.0).all() else np.clongdouble
         jump = weights.take(other).astype(exact) * (meets * (2 * enters - 1))
-        own, is_lead = edge < self.count, edge >= self.count
+        is_own, is_lead = edge < self.count, edge >= self.count
         at = cell[is_lead] * self.rings + (edge[is_lead] - self.count) // 2
         self.leads = at, edge[is_lead], other[is_lead]
         self.at_start = np.zeros(cells.count * self.rings, exact)
         """Level of the first vertex of each ring, by cell and ring."""
         np.add.at(self.at_start, at, jump[is_lead])
-        touches = _touches(cells, *ends, *middle)[own]
-        self.edge, self.other, self.jump = (p[own] for p in (edge, other, jump))
-        self._group(cell[own], touches, outline.following)
+        touches = _touches(cells, *ends, *middle)[is_own]
+        self.edge, self.other, self.jump = (p[is_own] for p in (edge, other, jump))
+        self._group(cell[is_own], touches, outline.following)
 
     def _group(self, cell: Array, touches: Array, following: Array) -> None:
         key = cell * self.count + self.edge
@@ -369,7 +508,7 @@ class _Lists:
         place = np.minimum(np.searchsorted(key, wanted), len(key) - 1)
         return np.where(key[place] == wanted, place, -1)
 
-    def runs(self) -> tuple[Array, Array]:
+    def insides(self) -> tuple[Array, Array]:
         """Edges that no edge of the other copy meets, whatever T in the cell, and inside of it.
 
         An edge with a group goes with those before it if the winding number of its start does not
@@ -386,9 +525,12 @@ class _Lists:
         high = np.concatenate([end[quiet % self.rings], own[self.head], to_next])
         level = np.concatenate([self.at_start[quiet], self.before[self.head], self.after])
         kept = (high > low) & (abs(level) > _NO_WEIGHT * self.unit)
-        table = _table(low[kept], high[kept], self._number(level[kept]), 0)
-        order = np.lexsort((table[:, 0], at[kept]))
-        return table[order], at[kept][order] // self.rings
+        counts = (high - low)[kept]
+        run = np.repeat(np.arange(len(counts)), counts)
+        edge = low[kept][run] + np.arange(len(run)) - (np.cumsum(counts) - counts)[run]
+        table = _table(edge, self.null, INSIDE, self._number(level[kept])[run])
+        order = np.lexsort((edge, at[kept][run]))
+        return table[order], at[kept][run][order] // self.rings
 
     def rows(self) -> tuple[Array, Array]:
         """All pairs, along the rings, and edges whose start has a number that changes."""

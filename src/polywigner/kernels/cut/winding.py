@@ -10,19 +10,14 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Hashable, Iterator, Mapping
-from dataclasses import dataclass, fields
-from operator import attrgetter
+from dataclasses import dataclass
 from typing import Any
-
-import numpy as np
-import numpy.typing as npt
 
 from polywigner.kernels.cut.clipping import AHEAD, BEHIND, MIRRORED, Clipper, View
 from polywigner.kernels.cut.pair_grid import (
     LEAD,
     START,
     WHOLE,
-    CrossProducts,
     PairGrid,
     cells_across,
     crossing,
@@ -36,7 +31,6 @@ Pass = tuple[View, int, int]
 """View of edges, number of their field, and number of the other copy's field."""
 Interval = tuple[Any, Any, Any, Any]
 Level = tuple[Any, ...]
-Array = npt.NDArray[Any]
 
 # Where nobody knows how many samples there will be; as many as NumPy is called with.
 _MANY, _SOME = 1 << 20, 1 << 9
@@ -179,12 +173,12 @@ class _Pass:
         return self.view.side * self.clipper.tx, self.view.side * self.clipper.ty
 
     def sums(self) -> Iterator[list[Any]]:
-        """Over whole edges, and along the rows."""
+        """Over edges inside the other copy, and along the other rows."""
         ops, pair = self.ops, self.pair
         cell = cell_of(ops, pair, *self.offset)
-        run, run_end, row, row_end = ops.gather(pair.cells, cell)
-        yield ops.sum_over_runs(run, run_end, pair.runs, self._whole, self.values)
-        yield ops.sum_over_rows(row, row_end, self._visited, self.values, self._levels)
+        inside, row, end, _ = ops.gather(pair.cells, cell)
+        yield ops.sum_over_range(inside, row, self._inside, self.values)
+        yield ops.sum_over_rows(row, end, self._visited, self.values, self._levels)
 
     @property
     def _levels(self) -> int:
@@ -193,7 +187,8 @@ class _Pass:
     def _level(self, number: Any) -> Level:
         return tuple(self.ops.gather(self.pair.levels, number)[: self._levels])
 
-    def _whole(self, number: Any, level: Any) -> Level:
+    def _inside(self, row: Any) -> Level:
+        number, _, _, level = self.ops.gather(self.pair.rows, row)
         return self._last_part(number, None, 1.0, self._level(level))
 
     def _visited(self, row: Any) -> tuple[Any, Level, Level, Callable[[Level], Level]]:
@@ -218,166 +213,13 @@ class _Pass:
 
     def _last_part(self, number: Any, edge: Any, part: Any, level: Level) -> Level:
         """Contribution of the last part of an edge, a fraction of its length, at a level."""
-        ax, ay, bx, by, area, real, imag, _ = edge or self.ops.gather(self.pair.first, number)
+        ax, ay, ex, ey, area, real, imag, _ = edge or self.ops.gather(self.pair.first, number)
         begin, end, _, _ = self.ops.gather(self.pair.names, number)
         # e = length u with length 1: what the kernels compute of u and length stays the same
-        ex, ey = bx - ax, by - ay
         found = Edge(
-            ax, ay, bx, by, ex, ey, area, ex, ey, 1.0, 0.0, 0.0, real, imag,
+            ax, ay, ax + ex, ay + ey, ex, ey, area, ex, ey, 1.0, 0.0, 0.0, real, imag,
             begin=begin, end=end,
         )  # fmt: skip
         real, imag = self.tables.mutual(found, Piece((), *level))
         self.clipper.at(self.view, (2.0 - part, part, real, -imag if self.view is AHEAD else imag))
         return self.term(found)
-
-
-# ---- NumPy ---------------------------------------------------------------------------------------
-
-
-class ListedParts:
-    """Parts of edges inside the other copy, of all samples one after the other.
-
-    They are found in double precision, in which sums and products of coordinates on the grid of
-    single precision are exact.
-    """
-
-    def __init__(self, ops: Any, tables: Tables, key: Pass, tx: Array, ty: Array) -> None:
-        """Find the parts of one pass, for offsets (n,) of NumPy."""
-        # from the same lists for any number of samples, so that they round in the same way
-        pair, self.key = pairs_of(tables, key, ops.double, _SOME).columns, key
-        side = key[0].side
-        self.tx, self.ty = offset = _on_grid(pair, tx), _on_grid(pair, ty)
-        tx, ty = (side * t for t in offset)
-        spans = _taken(pair.cells, _cells(pair, tx, ty))
-        levels, products = pair.levels[:, 0], CrossProducts(ops.double)
-        if tables.phased:
-            levels = levels + 1j * pair.levels[:, 1]
-        parts = [
-            _runs(pair, levels, spans[0], spans[1]),
-            _rows(products, pair, levels, spans[2], spans[3], tx, ty, side, tables.uniform),
-        ]
-        self.owner, number, part, level = (
-            np.concatenate(column) for column in zip(*parts, strict=True)
-        )
-        columns = _taken(pair.first, number)
-        ax, ay, bx, by, area, real, imag, _ = (c.astype(ops.dtype, copy=False) for c in columns)
-        ex, ey, one = bx - ax, by - ay, np.ones_like(ax)
-        self.edge = Edge(ax, ay, bx, by, ex, ey, area, ex, ey, one, 0.0, 0.0, real, imag)
-        weight: Any = level.real.astype(ops.dtype), level.imag.astype(ops.dtype)
-        self.weight = tables.mutual(self.edge, Piece((), *weight))
-        self.part = part.astype(ops.dtype)
-
-
-def _on_grid(pair: PairGrid, offset: Array) -> Array:
-    """An offset on the grid of the vertices."""
-    step = float(pair.numbers[0, 7])
-    return np.asarray(np.rint(np.asarray(offset, np.float64) * (1 / step)) * step)
-
-
-def _cells(pair: PairGrid, tx: Array, ty: Array) -> Array:
-    """The number of the cell of each offset on the grid; an empty one's outside of all cells."""
-    x0, y0, x1, y1, per_unit, across, empty, _ = pair.numbers[0].tolist()
-    inside = (tx >= x0) & (tx < x1) & (ty >= y0) & (ty < y1)
-    x, y = (np.where(inside, (t - low) * per_unit, 0.0) for t, low in ((tx, x0), (ty, y0)))
-    return np.where(inside, np.floor(y) * across + np.floor(x), empty).astype(np.intp)
-
-
-def _taken(table: Array, rows: Array) -> list[Array]:
-    """The columns of some rows of a table."""
-    return [column.take(rows) for column in table.T]
-
-
-def _flat(first: Array, end: Array) -> tuple[Array, Array]:
-    """Owner and number of each row in the ranges from first to end."""
-    counts = end.astype(np.intp) - first
-    owner = np.repeat(np.arange(len(counts)), counts)
-    return owner, np.arange(len(owner)) + (first - (np.cumsum(counts) - counts))[owner]
-
-
-def _runs(pair: PairGrid, levels: Array, first: Array, end: Array) -> tuple[Array, ...]:
-    """(owner, edge, part, level) of edges that lie inside as a whole."""
-    owner, run = _flat(first, end)
-    begin, stop, level, _ = _taken(pair.runs, run)
-    of_run, number = _flat(begin, stop)
-    return owner[of_run], number, np.ones(len(number)), levels[level[of_run]]
-
-
-def _rows(
-    products: CrossProducts,
-    pair: PairGrid,
-    levels: Array,
-    first: Array,
-    end: Array,
-    tx: Array,
-    ty: Array,
-    side: float,
-    is_uniform: bool,
-) -> tuple[Array, ...]:
-    """Parts of edges behind crossings of other pairs, with the level that runs along the rings."""
-    owner, row = _flat(first, end)
-    number, other, how, set_to = _taken(pair.rows, row)
-    edge, against = _taken(pair.first, number), _taken(pair.second, other)
-    meets, enters, start, stop = crossing(products, edge, against, tx[owner], ty[owner], side)
-    jump = np.where(meets, np.where(enters, 1.0, -1.0), 0.0)
-    sums: Any = np.float64
-    if not is_uniform:  # of any weights, sums over many samples would round
-        is_complex = levels.dtype.kind == "c"
-        jump = jump * (against[5] + 1j * against[6] if is_complex else against[5])
-        sums = np.clongdouble if is_complex else np.longdouble
-    before = np.cumsum(jump, dtype=sums) - jump
-    # each ring of a sample begins with a row that sets the level
-    last = np.maximum.accumulate(np.where(how == START, np.arange(len(row)), 0))
-    level = before + (levels[set_to] - before)[last]
-    level = np.where(how == WHOLE, level, np.where(how == LEAD, 0.0, jump)).astype(levels.dtype)
-    (kept,) = np.nonzero(level)
-    owner, number, meets, level, start, stop = (
-        values.take(kept) for values in (owner, number, meets, level, start, stop)
-    )
-    part = np.where(meets, stop / np.where(meets, stop - start, 1.0), 1.0)
-    return owner, number, part, level
-
-
-# `dataclasses.astuple` copies each number deeply: half of the time of a call with one sample.
-_NUMBERS_OF = attrgetter(*(part.name for part in fields(Edge)))
-
-
-class ListedClipper(Clipper):
-    """Takes listed parts as samples of their own, each of one edge."""
-
-    def __init__(
-        self, ops: Any, tables: Tables, views: tuple[View, ...], tx: Array, ty: Array
-    ) -> None:
-        """For offsets (n,): ``owner`` (k,) is whose the parts are."""
-        self.ops, self.tables = ops, tables
-        groups = range(len(tables.groups))
-        keys = [(view, own, other) for view in views for own in groups for other in groups]
-        self.listed = [ListedParts(ops, tables, key, tx, ty) for key in keys]
-        first = self.listed[0]
-        self.owner, self.edge = first.owner, first.edge
-        if len(keys) > 1:
-            self.owner = np.concatenate([parts.owner for parts in self.listed])
-            columns = zip(*(_NUMBERS_OF(parts.edge) for parts in self.listed), strict=True)
-            self.edge = Edge(*(np.concatenate(c) if np.ndim(c[0]) else c[0] for c in columns))
-        ends = np.cumsum([len(parts.owner) for parts in self.listed])
-        self.places = [
-            slice(end - len(p.owner), end) for p, end in zip(self.listed, ends, strict=True)
-        ]
-        self.tx, self.ty = (t[self.owner].astype(ops.dtype) for t in (first.tx, first.ty))
-        self._pair = 0, 0
-
-    def sum_over_edges(
-        self, term: Callable[[Edge], Level], values: int, group: int = 0, other: int = 0
-    ) -> Any:
-        """The sums of each sample, once for each of its parts; others' terms count as 0."""
-        self._pair = group, other
-        found = (np.broadcast_to(value, self.owner.shape) for value in term(self.edge))
-        sums = (np.bincount(self.owner, value).astype(self.ops.dtype) for value in found)
-        return tuple(total[self.owner] for total in sums)
-
-    def intervals(self, edge: Edge, view: View, group: int = 0) -> Iterator[Interval]:
-        part, real, imag = (np.zeros(len(self.owner), self.ops.dtype) for _ in range(3))
-        for parts, place in zip(self.listed, self.places, strict=True):
-            if parts.key == (view, *self._pair):
-                part[place] = parts.part
-                real[place], imag[place] = parts.weight
-        yield 2.0 - part, part, real, view.side * imag if self.tables.phased else 0.0

@@ -4,7 +4,7 @@
 module               what is in it
 ===================  ==========================================================================
 ``edge_terms``       the plane-wave integral over an edge; the terms of W and A for a part of it
-``slices``           W, A and the areas of slices, from all edges or from listed parts
+``slices``           W and A, sums of these terms over the parts of edges that bound slices
 ``gauss_schell``     Gaussian waves over polygons and intervals, edge by edge
 ``partly_coherent``  W of partly coherent light, as kernels
 ``fourier``          Fourier transform, at points and on grids of frequencies

@@ -12,9 +12,9 @@ parts with `added`, multiplies by what an edge's parts share with `of_edge`, and
 from __future__ import annotations
 
 import math
+from copy import copy
 from typing import Any
 
-from polywigner.kernels.cut.clipping import times
 from polywigner.numerics.phases import sin_turns, sinc_less_one
 
 
@@ -53,17 +53,73 @@ def _off_zero(ops: Any, x: Any, y: Any, floor: float) -> tuple[Any, Any]:
 Values = tuple[Any, ...]
 
 
-class EvenTerms:
-    """(W1): W for real weights, which is even in the frequency.
+def times(factor: Any, value: Any) -> Any:
+    """factor value, without the multiplication where the factor is a constant 1 or -1."""
+    if isinstance(factor, float) and abs(factor) == 1.0:
+        return value if factor > 0 else -value
+    return factor * value
 
-    ``nu``: the frequency, moved off 0; ``values``: the numbers of a sum, the real part or both.
-    """
+
+class EdgeTerms:
+    """Terms at one frequency ``nu`` (x, y), moved off 0."""
+
+    values: int
+    """The numbers of a sum: the real part, or both."""
+    ops: Any
+    nu: Values
+    by_part = False
+    """Whether terms of parts share nothing along an edge: there is only :meth:`of_part`."""
+
+    def taken(self, owner: Any) -> Any:
+        """The terms of NumPy at the frequencies (k,) of some numbers."""
+        found, (nu_x, nu_y) = object.__new__(type(self)), self.nu
+        found.__dict__.update(self.__dict__, nu=(nu_x.take(owner), nu_y.take(owner)))
+        return found
+
+    def at_columns(self, rows: Any, columns: slice) -> Any:
+        """The terms of NumPy at some of the frequencies (n, m); ``rows``: None for all."""
+        found = copy(self)
+        found.nu = tuple(c[:, columns] if rows is None else c[rows, columns] for c in self.nu)
+        return found
+
+    def along(self, ux: Any, uy: Any) -> Values:
+        """Numbers that depend on the direction of an edge, a unit vector; nu.u first."""
+        raise NotImplementedError
+
+    def added(
+        self, sums: Values | None, half: Any, middle: Any, extent: Any, weight: Values
+    ) -> Values:
+        """The sums of an edge with one more part of it; None before the first.
+
+        ``half`` nu.d and nu.m in turns, the part's length in units of the edge's, its complex
+        weight. The sums lack what `of_edge` puts in.
+        """
+        raise NotImplementedError
+
+    def of_edge(self, along: Values, length: Any, sums: Values) -> Values:
+        """An edge's sums, from those over its parts; d = extent length u."""
+        raise NotImplementedError
+
+    def of_part(self, x: Any, y: Any, dx: Any, dy: Any, real: Any, imag: Any) -> Values:
+        """The term of a part: its centre, its vector and its weight."""
+        nu_x, nu_y = self.nu
+        along = self.along(dx, dy)
+        middle = self.ops.fma(nu_x, x, nu_y * y)
+        sums = self.added(None, 0.5 * along[0], middle, 1.0, (real, imag))
+        return self.of_edge(along, 1.0, sums)
+
+    def total(self, sums: Values) -> Values:
+        """W or A, from the sums over all edges."""
+        raise NotImplementedError
+
+
+class EvenTerms(EdgeTerms):
+    """(W1): W for real weights, which is even in the frequency; ``nu`` is moved off 0."""
 
     values = 1
 
     def __init__(self, ops: Any, nu: Values) -> None:
-        # so little that W, even in nu, changes by less than rounding
-        self.ops, self.nu = ops, _off_zero(ops, nu[0], nu[1], 1e-9 if ops.double else 1e-6)
+        self.ops, self.nu = ops, nu
 
     def along(self, ux: Any, uy: Any) -> Values:
         """nu.u, kept off 0, and cross(nu, u)/(nu.u)."""
@@ -78,29 +134,22 @@ class EvenTerms:
     def added(
         self, sums: Values | None, half: Any, middle: Any, extent: Any, weight: Values
     ) -> Values:
-        """The sums of an edge with one more part of it; None before the first.
-
-        ``half`` nu.d and nu.m in turns, the part's length in units of the edge's, its complex
-        weight. The sums lack what `of_edge` puts in.
-        """
         size = times(weight[0], sin_turns(self.ops, half))
         phase = sin_turns(self.ops, middle)
         return (size * phase if sums is None else self.ops.fma(size, phase, sums[0]),)
 
     def of_edge(self, along: Values, length: Any, sums: Values) -> Values:
-        """An edge's sums, from those over its parts; d = extent length u."""
         return (along[1] * sums[0],)
 
     def total(self, sums: Values) -> Values:
-        """W or A, from the sums over all edges."""
         nu_x, nu_y = self.nu
         return (sums[0] / (math.pi**2 * self.ops.fma(nu_x, nu_x, nu_y * nu_y)),)
 
 
-class WaveTerms:
+class WaveTerms(EdgeTerms):
     """(W2), (A1): W and A for all weights; with several waves on the source, one pair of them.
 
-    Methods are those of `EvenTerms`; sums are sine and cosine parts.
+    Sums are sine and cosine parts.
     """
 
     def __init__(self, ops: Any, nu: Values, values: int, factor: float = 1.0) -> None:
@@ -133,30 +182,18 @@ class WaveTerms:
         return tuple(value * scale for value in sums)
 
 
-EdgeTerms = EvenTerms | WaveTerms
-
-
-def term_of_part(ops: Any, terms: EdgeTerms, part: Values) -> Values:
-    """The term of a part (x, y, dx, dy, real, imag): its middle, its vector and its weight."""
-    x, y, dx, dy, *weight = part
-    nu_x, nu_y = terms.nu
-    along = terms.along(dx, dy)
-    middle = ops.fma(nu_x, x, nu_y * y)
-    sums = terms.added(None, 0.5 * along[0], middle, 1.0, tuple(weight))
-    return terms.of_edge(along, 1.0, sums)
-
-
-def wigner_terms(ops: Any, nu: Values, is_even: bool, is_real: bool) -> EdgeTerms:
+def wigner_terms(ops: Any, _: Any, nu: Values, is_even: bool, is_real: bool) -> EdgeTerms:
     """Terms of W at a frequency.
 
     ``is_even``: for real weights; ``is_real``: the real part is all that is wanted.
     """
     if is_even:
-        return EvenTerms(ops, nu)
+        # so little that W, even in nu, changes by less than rounding
+        return EvenTerms(ops, _off_zero(ops, nu[0], nu[1], 1e-9 if ops.double else 1e-6))
     return WaveTerms(ops, moved_off_zero(ops, *nu), 1 if is_real else 2, 1 / math.pi)
 
 
-def ambiguity_terms(ops: Any, nu: Values) -> EdgeTerms:
+def ambiguity_terms(ops: Any, _: Any, nu: Values, is_even: bool, is_real: bool) -> EdgeTerms:
     """Terms of A at a frequency shift."""
     return WaveTerms(ops, moved_off_zero(ops, *nu), 2, 0.5 / math.pi)
 

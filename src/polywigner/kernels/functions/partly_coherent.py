@@ -14,18 +14,15 @@ from functools import lru_cache
 from typing import Any
 
 from polywigner.geometry import Wavefront
-from polywigner.kernels.cut.clipping import MIRRORED, Clipper
-from polywigner.kernels.cut.slice_sums import SliceSum, mean_pairings
 from polywigner.kernels.functions import plane, separable, slits
+from polywigner.kernels.functions.edge_terms import EdgeTerms
 from polywigner.kernels.functions.gauss_schell import wave_over_edge
 from polywigner.kernels.functions.separable import SeparableTables, separable_tables
-from polywigner.kernels.functions.slices import doubled_position, sum_over_waves
+from polywigner.kernels.functions.slices import WIGNER_SUM
 from polywigner.kernels.functions.slits import PairTables
 from polywigner.kernels.kernel import Values
-from polywigner.kernels.outline.constants import Edge
 from polywigner.kernels.outline.frame import Frame, Matrix, determinant
 from polywigner.kernels.outline.tables import Tables
-from polywigner.kernels.outline.waves import WavePair
 from polywigner.numerics.complex_pairs import Pair
 
 
@@ -68,50 +65,29 @@ def term_of_lags(
     return real * (1 / size), imag * (1 / size)
 
 
-class _PairSum:
-    """The sum for a pair of waves."""
+class _LagTerms(EdgeTerms):
+    """(I5): terms of parts, weighed by the degree of coherence."""
 
-    values = 2
+    values, by_part = 2, True
 
-    def __init__(self, clipper: Clipper, pair: WavePair, nu: Values) -> None:
-        self.clipper, self.ops, self.pair = clipper, clipper.ops, pair
-        self.nu = pair.detuned(nu)
+    def __init__(self, ops: Any, tables: Tables, nu: Values, is_even: bool, is_real: bool) -> None:
+        self.ops, self.light, self.nu = ops, tables.coherence, nu
 
-    def terms(self, edge: Edge, sides: Sequence[tuple[float, Any]]) -> Values:
-        ops, light = self.ops, self.clipper.tables.coherence
-        total = Pair(0.0, 0.0)
-        for _, cuts in sides:
-            for middle, extent, *weight in cuts:
-                is_left = extent > 0.0
-                t, share = ops.select(is_left, middle, 0.0), 2.0 * ops.select(is_left, extent, 0.0)
-                place = (
-                    ops.fma(t, edge.ex, 2.0 * edge.ax - self.clipper.tx),
-                    ops.fma(t, edge.ey, 2.0 * edge.ay - self.clipper.ty),
-                )
-                vector = (share * edge.ex, share * edge.ey)
-                found = Pair(*term_of_lags(ops, light, self.nu, place, vector))
-                total = total + found * Pair(*weight)
-        return total.real, total.imag
+    def of_part(self, x: Any, y: Any, dx: Any, dy: Any, real: Any, imag: Any) -> Values:
+        found = Pair(*term_of_lags(self.ops, self.light, self.nu, (x, y), (dx, dy)))
+        found = found * Pair(real, imag)
+        return found.real, found.imag
 
-    def value(self, sums: Sequence[Any], place: Values) -> Values:
-        # twice: the other copy's edges are the mirror images, with the conjugate shares
-        total = Pair(*sums).scaled(2.0) * Pair(*self.pair.amplitude(self.ops, place))
-        return total.real, total.imag
-
-
-def _wigner(clipper: Clipper, x: Any, y: Any, *nu: Any) -> Values:
-    return tuple(
-        sum_over_waves(
-            clipper, mean_pairings, lambda pair, _: _PairSum(clipper, pair, nu), (x, y), 1
-        )
-    )
+    def total(self, sums: Values) -> Values:
+        # the other copy's edges are the mirror images, with the conjugate terms
+        return 2.0 * sums[0], 2.0 * sums[1]
 
 
 WIGNER = replace(
     plane.WIGNER,
     name="wigner of partly coherent light",
     tables=_tables_of,
-    edge_sum=SliceSum((MIRRORED,), doubled_position, _wigner),
+    edge_sum=replace(WIGNER_SUM, terms=_LagTerms, arguments=None),
 )
 
 

@@ -21,27 +21,21 @@ from polywigner.kernels.functions.fourier import (
     grid_tables,
     outline_tables,
 )
-from polywigner.kernels.functions.slices import (
-    AMBIGUITY_SUM,
-    LAG_SLICE_AREA,
-    POSITION_SLICE_AREA,
-    WIGNER_SUM,
-)
+from polywigner.kernels.functions.slices import AMBIGUITY_SUM, WIGNER_SUM
 from polywigner.kernels.kernel import (
     Kernel,
     Values,
-    at_zero_frequency,
     leave_complex,
-    leave_parts,
     leave_real,
     leave_wave,
 )
-from polywigner.kernels.outline.frame import Frame, frame_of
+from polywigner.kernels.outline.frame import enter_place_and_frequency, frame_of
 from polywigner.kernels.outline.tables import Tables, build_tables
 from polywigner.kernels.outline.waves import field_of
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.source import Array
+from polywigner.source.normal_form import normal_form
 
 
 @lru_cache(maxsize=256)
@@ -55,12 +49,7 @@ def new_tables_of(source: Aperture | Array, double: bool) -> Tables:
 
     Equal sources may begin their rings at other vertices.
     """
-    elements = [(source, 1.0)] if isinstance(source, Aperture) else _weighted(source)
-    return build_tables(elements, double=double)
-
-
-def _weighted(array: Array) -> list[tuple[Aperture, complex]]:
-    return list(zip(array.elements_in_plane, array.weights.tolist(), strict=True))
+    return build_tables(normal_form(source).in_plane.elements, double=double)
 
 
 @lru_cache(maxsize=256)
@@ -113,10 +102,6 @@ def placed_frame(plane: Any, pose: Any, double: bool) -> LinearFrame:
 def _placed_tables(source: PlacedAperture, double: bool) -> OutlineTables:
     plane = _outline_of(source.aperture, double)
     return OutlineTables(placed_frame(plane.frame, source.pose, double), plane.edges)
-
-
-def _enter_wigner(ops: Any, frame: Frame, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Values:
-    return (*frame.position(ops, x, y), *frame.detuned(ops, nu_x, nu_y))
 
 
 def enter_frequency(ops: Any, frame: Any, *nu: Any) -> Values:
@@ -202,15 +187,7 @@ AUTOCORRELATION = Kernel(
     at_both_ends(field),
     product_of_both,
 )
-WIGNER = Kernel("wigner", 2, tables_of, _enter_wigner, WIGNER_SUM, leave_real)
-POSITION_MARGINAL = Kernel(
-    "position marginal",
-    2,
-    tables_of,
-    lambda ops, frame, x, y: frame.position(ops, x, y),
-    LAG_SLICE_AREA,
-    leave_real,
-)
+WIGNER = Kernel("wigner", 2, tables_of, enter_place_and_frequency, WIGNER_SUM, leave_real)
 
 
 def fourier_kernels(
@@ -231,14 +208,3 @@ _OF_POINTS, FOURIER_COMPLEX = fourier_kernels("fourier", 2, _outline_of)
 FOURIER = replace(_OF_POINTS, edge_sum=OutlineSum(fan_sum, _grid_tables_of))
 FOURIER_PLACED, FOURIER_PLACED_COMPLEX = fourier_kernels("fourier in space", 3, _placed_tables)
 AMBIGUITY = Kernel("ambiguity", 2, tables_of, _enter_shift, AMBIGUITY_SUM, leave_wave)
-LAG_MARGINAL = Kernel(
-    "lag marginal",
-    2,
-    tables_of,
-    lambda ops, frame, xi_x, xi_y: frame.vector(ops, xi_x, xi_y),
-    POSITION_SLICE_AREA,
-    leave_real,
-)
-LAG_MARGINAL_OF_FIELDS = replace(LAG_MARGINAL, name="complex lag marginal", leave=leave_parts)
-POSITION_MARGINAL_OF_WAVES = at_zero_frequency(WIGNER, "position marginal of waves", leads=False)
-LAG_MARGINAL_OF_WAVES = at_zero_frequency(AMBIGUITY, "lag marginal of waves", leads=True)

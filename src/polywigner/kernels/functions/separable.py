@@ -18,7 +18,7 @@ import numpy.typing as npt
 from polywigner.geometry import Aperture
 from polywigner.kernels.functions import plane
 from polywigner.kernels.functions.slits import LineField
-from polywigner.kernels.kernel import Kernel, Values, at_zero_frequency, leave_wave
+from polywigner.kernels.kernel import Kernel, Values, leave_wave
 from polywigner.kernels.outline.frame import Frame, frame_along, power_of_two
 from polywigner.kernels.outline.waves import Wave, Waves, carrier_of, waves_in_frame
 from polywigner.numerics import phases
@@ -302,5 +302,3 @@ AUTOCORRELATION = replace(
     tables=separable_tables,
     edge_sum=plane.at_both_ends(field),
 )
-POSITION_MARGINAL = at_zero_frequency(WIGNER, "position marginal of a product", leads=False)
-LAG_MARGINAL = at_zero_frequency(AMBIGUITY, "lag marginal of a product", leads=True)

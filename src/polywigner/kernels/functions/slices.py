@@ -1,115 +1,339 @@
-"""W and A as sums over the edges of slices (Stokes' theorem), and the areas of slices.
+"""W and A as sums over the edges of slices (Stokes' theorem).
 
 The sums are (W1), (W2) and (A1) of docs/theory.md, over the cut edges of one copy for W, whose
 mirror images are the others, and of both copies for A. Fields of several waves, and elements with
 fields of their own, are sums over pairs of waves: for each pair the sum over a uniform source at a
 shifted frequency, times an amplitude that depends on position or lag alone, (I2), (I3). Each edge
-is cut once for all pairs. At one place for many frequencies the slice is cut once, and its listed
-boundary is summed for each.
+is cut once for all pairs.
+
+NumPy lists the parts of edges that bound the slices. Compiled code loops over edges and their cuts.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.kernels.cut.clipping import (
-    AHEAD,
-    BEHIND,
-    MIRRORED,
-    Clipper,
-    View,
-    times,
-    total_extent,
-)
-from polywigner.kernels.cut.slice_sums import (
-    COPIES,
-    Pairings,
-    SliceSum,
-    Views,
-    difference_pairings,
-    mean_pairings,
-    position_slice_parts,
-    slice_parts,
-)
+from polywigner.kernels.cut.clipping import AHEAD, BEHIND, MIRRORED, Clipper, View
+from polywigner.kernels.cut.pair_grid import PairGrid, cut_edges, rows_at
+from polywigner.kernels.cut.winding import PairClipper, Pass, clipper_for, pairs_of
 from polywigner.kernels.functions.edge_terms import (
     EdgeTerms,
     ambiguity_terms,
-    term_of_part,
+    times,
     wigner_terms,
 )
 from polywigner.kernels.outline.constants import Edge
 from polywigner.kernels.outline.tables import Tables
 from polywigner.kernels.outline.waves import (
     WavePair,
+    difference_pairs,
+    mean_pairs,
     pair_of_row,
     rows_of,
 )
 from polywigner.numerics.complex_pairs import Pair
 
+Values = tuple[Any, ...]
+Array = NDArray[Any]
+Views = tuple[tuple[View, float], ...]
+"""Views, and which copy of the edges each is of: its points are p + side T."""
+Pairing = tuple[int, int, Views, Sequence[WavePair]]
+"""Group of edges, group of the other copy, views of the edges there, and pairs of waves."""
+
+# NumPy: samples and edges at a time, and parts and frequencies: temporary arrays of some 2 MB.
+_CUT, _SUMMED = 1 << 14, 1 << 14
+# Lists of pairs of edges for as many samples as NumPy is called with.
+_SAMPLES = 1 << 9
 # More pairs of waves are rows of a table: each compiles in some 20 ms.
 MOST_PAIRS_AS_CODE = 16
 # Columns of a row, a multiple of four: amplitude, shift and rate.
 _ROW = 8
 
-Values = tuple[Any, ...]
-Listed = tuple[NDArray[np.intp], NDArray[np.float64]]
+
+@dataclass(frozen=True, eq=False)
+class SliceSum:
+    """A kernel's sum over edges that are cut."""
+
+    views: tuple[View, ...]
+    """In which views edges are cut: one for W, two for A."""
+    scale: float
+    """The offset T between the copies is ``scale`` times the place: 2x, or xi. A point p of an edge
+    is that of the slice at ``scale (p + side T)``."""
+    place: slice
+    """Components of the place among the arguments in the frame."""
+    frequency: slice
+    pairings: Callable[[Tables], Sequence[Pairing]]
+    terms: Callable[[Any, Tables, Values, bool, bool], EdgeTerms]
+    """(ops, tables, frequency, whether weights are real and the fields one, whether only the real
+    part matters) -> terms of a pair of waves."""
+    values: int
+    """1 for a real sum, or 2: cosine part and sine part, cosine - i sine."""
+    arguments: slice | None = None
+    """Components of the place among the arguments of the user, if other arguments may be many."""
+
+    def __call__(self, ops: Any, tables: Tables, *inner: Any) -> Values:
+        if ops.target == "numpy":
+            place, nu = inner[self.place], inner[self.frequency]
+            shape = np.shape(place[0])
+            is_plain = len(shape) == 1 and shape == np.shape(nu[0]) == np.shape(nu[1])
+            if is_plain and np.shape(place[1]) == shape and shape[0] * len(tables.edges) <= _CUT:
+                return self._as_waves(self._sums(ops, tables, place, nu))
+            return self._in_blocks(ops, tables, inner)
+        offset = self._offset(inner)
+        return self._summed(clipper_for(ops, tables, *offset, *self.views, arguments=inner), inner)
+
+    def by_pairs(
+        self, ops: Any, tables: Tables, pairs: Mapping[Pass, PairGrid] | None, *inner: Any
+    ) -> Values:
+        """Sums by lists of pairs in an engine's memory, by default the tables' own."""
+        return self._summed(self._clipper(ops, tables, pairs, inner), inner)
+
+    def cell(
+        self, ops: Any, tables: Tables, pairs: Mapping[Pass, PairGrid] | None, *inner: Any
+    ) -> Any:
+        """The number of the cell in which pairs are looked up: samples are best sorted by it."""
+        return self._clipper(ops, tables, pairs, inner).cell((self.views[0], 0, 0))
+
+    def _clipper(
+        self, ops: Any, tables: Tables, pairs: Mapping[Pass, PairGrid] | None, inner: Values
+    ) -> PairClipper:
+        tx, ty = self._offset(inner)
+        return PairClipper(ops, tables, tx, ty, self.views, inner, pairs)
+
+    def _offset(self, inner: Values) -> tuple[Any, Any]:
+        x, y = inner[self.place]
+        return self.scale * x, self.scale * y
+
+    def passes(self, tables: Tables) -> list[Pass]:
+        """All lists that the sums read."""
+        fields = range(len(tables.groups))
+        views = {view.point: view for view in reversed(self.views)}.values()
+        return [(view, own, other) for view in views for own in fields for other in fields]
+
+    def after(self, count: int) -> SliceSum:
+        """Return the sum for arguments behind so many others."""
+        place, frequency = (
+            slice(s.start + count, s.stop + count) for s in (self.place, self.frequency)
+        )
+        return replace(self, place=place, frequency=frequency, arguments=None)
+
+    # ---- compiled code
+
+    def _summed(self, clipper: Clipper, inner: Values) -> Values:
+        nu = inner[self.frequency]
+
+        def sum_of(pair: WavePair, is_even: bool) -> TermSum:
+            shifted = pair.detuned(nu)
+            terms = self.terms(clipper.ops, clipper.tables, shifted, is_even, pair.is_real)
+            return TermSum(clipper, terms, pair, self.scale)
+
+        totals, place = [0.0] * self.values, inner[self.place]
+        for found in self._sums_of_pairings(clipper, sum_of, place):
+            totals = [a + b for a, b in zip(totals, found, strict=True)]
+        return self._as_waves(totals)
+
+    def _as_waves(self, totals: Sequence[Any]) -> Values:
+        return tuple(totals) if self.values == 1 else (totals[0], -totals[1])
+
+    def _sums_of_pairings(
+        self, clipper: Clipper, sum_of: Callable[[WavePair, bool], TermSum], place: Values
+    ) -> Iterator[Sequence[Any]]:
+        """The sums over pairs of waves; one pass over the edges for all pairs of two groups.
+
+        Many pairs of waves are rows of a table: compiled code loops over it for each part of an
+        edge.
+        """
+        tables, ops, count = clipper.tables, clipper.ops, self.values
+        pairings: dict[tuple[int, int], list[tuple[Views, Sequence[WavePair]]]] = {}
+        for group, other, views, pairs in self.pairings(tables):
+            pairings.setdefault((group, other), []).append((views, pairs))
+        for (group, other), found in pairings.items():
+            if ops.target != "scalar" and sum(len(p) for _, p in found) > MOST_PAIRS_AS_CODE:
+                for views, pairs in found:
+                    yield _sum_of_rows(clipper, (group, other), views, pairs, sum_of, place, count)
+                continue
+            is_even = other == group and not tables.phased
+            runs = [(views, sum_of(pair, is_even)) for views, pairs in found for pair in pairs]
+
+            def term(edge: Edge, runs: Any = runs, other: int = other) -> Values:
+                cuts: dict[View, Any] = {}
+                values: list[Any] = []
+                for views, run in runs:
+                    for view, _ in views:
+                        if view not in cuts:
+                            cuts[view] = list(clipper.intervals(edge, view, other))
+                    values += run.terms(edge, [(side, cuts[view]) for view, side in views])
+                return tuple(values)
+
+            count_of_all = sum(run.values for _, run in runs)
+            sums = iter(clipper.sum_over_edges(term, count_of_all, group, other))
+            for _, run in runs:
+                yield run.value([next(sums) for _ in range(run.values)], place)[:count]
+
+    # ---- NumPy
+
+    def _in_blocks(self, ops: Any, tables: Tables, inner: Values) -> Values:
+        """Sums for arguments that broadcast, some samples at a time."""
+        arguments = (*inner[self.place], *inner[self.frequency])
+        shape = np.broadcast_shapes(*map(np.shape, inner)) or (1,)
+        flat = [np.broadcast_to(a, shape).reshape(-1) for a in arguments]
+        step = max(1, _CUT // len(tables.edges))
+        sums = []
+        for k in range(0, flat[0].size, step):
+            x, y, *nu = (a[k : k + step] for a in flat)
+            sums.append(self._sums(ops, tables, (x, y), nu))
+        totals = [np.concatenate(column) for column in zip(*sums, strict=True)]
+        return self._as_waves([total.reshape(shape) for total in totals])
+
+    def shared_sums(
+        self, ops: Any, tables: Tables, place: Sequence[Array], nu: Sequence[Array]
+    ) -> Values:
+        """Sums (n, m) at places (n,), cut once each for frequencies (1, m) or (n, m)."""
+        columns = np.broadcast_shapes(*(n.shape for n in nu))[1]
+        nu = [np.broadcast_to(n, (n.shape[0], columns)) for n in nu]
+        if nu[0].shape != nu[1].shape:
+            nu = np.broadcast_arrays(*nu)
+        step = max(1, _CUT // len(tables.edges))
+        results = [np.zeros((len(place[0]), columns)) for _ in range(self.values)]
+        for k in range(0, len(place[0]), step):
+            rows = slice(k, k + step)
+            own = nu if len(nu[0]) == 1 else [n[rows] for n in nu]
+            totals = self._sums(ops, tables, [p[rows] for p in place], own)
+            for result, total in zip(results, totals, strict=True):
+                result[rows] = total
+        return self._as_waves(results)
+
+    def _sums(self, ops: Any, tables: Tables, place: Any, nu: Any) -> list[Any]:
+        """Sums at places (n,): (n,) for frequencies (n,), (n, m) for (1, m) or (n, m)."""
+        is_shared, count = nu[0].ndim > 1, len(place[0])
+        check = place[0] + place[1]
+        check = check[:, None] + (nu[0] + nu[1]) if is_shared else check + (nu[0] + nu[1])
+        # what is lost or infinite is so in the result
+        totals: list[Any] = [0.0 if np.isfinite(check).all() else check - check] * self.values
+        for pairs, is_even, owner, part in self.parts(tables, place):
+            for pair in pairs:
+                shifted = nu if pair.is_unit else pair.detuned(nu)
+                terms = self.terms(ops, tables, shifted, is_even, pair.is_real)
+                found = []
+                if is_shared:
+                    found = _row_sums(terms, owner, part, count, nu[0].shape)
+                else:
+                    for value in terms.taken(owner).of_part(*part):
+                        found.append(np.bincount(owner, value, count))
+                total = terms.total(tuple(found))
+                if not pair.is_unit:
+                    points = [p[:, None] for p in place] if is_shared else place
+                    total = _with_amplitude(total, pair.amplitude(ops, points))
+                for k in range(self.values):
+                    totals[k] = totals[k] + total[k]
+        return totals
+
+    def parts(
+        self, tables: Tables, place: Sequence[Array]
+    ) -> Iterator[tuple[Sequence[WavePair], bool, Array, tuple[Any, ...]]]:
+        """Pairs of waves, whether their terms are even, and parts of edges that bound the slices.
+
+        A part is the number of its place (k,); and its centre and its vector (x, y, dx, dy) in the
+        slice, and its weight (real, imag). In double precision.
+        """
+        t = np.empty(len(place[0]), np.complex128)
+        t.real, t.imag = place
+        lists = tables.lists.get(self.pairings)
+        if lists is None:
+            lists = tables.lists.setdefault(self.pairings, list(self._lists(tables)))
+        for pairs, is_even, grid, sign, side in lists:
+            numbers = (self.scale / grid.step) * t.view(np.float64)
+            offset = (np.rint(numbers) * grid.step).view(np.complex128)
+            t_of_copy = sign * offset
+            row, owner = rows_at(grid, t_of_copy)
+            owner, edge, share, weight = cut_edges(grid, row, owner, t_of_copy, sign)
+            vector = (self.scale * share) * edge[:, 1]
+            centre = self.scale * (edge[:, 0] + edge[:, 1]) - 0.5 * vector
+            centre += (self.scale * side) * offset.take(owner)
+            imag: Any = 0.0
+            if weight.dtype.kind == "c":  # of the copy ahead, the conjugate
+                weight, imag = weight.real, -weight.imag if side > 0.0 else weight.imag
+            part = centre.real, centre.imag, vector.real, vector.imag, weight, imag
+            yield pairs, is_even, owner, part
+
+    def _lists(self, tables: Tables) -> Iterator[tuple[Any, ...]]:
+        for group, other, views, pairs in self.pairings(tables):
+            is_even = other == group and not tables.phased
+            for view, side in views:
+                grid = pairs_of(tables, (view, group, other), True, _SAMPLES).on_host
+                yield pairs, is_even, grid, view.side, side
+
+    def listed(self, ops: Any, tables: Tables, *place: Array) -> tuple[Array, Array, bool]:
+        """Where the parts of each place begin (n + 1,), rows of parts, whether weights are real.
+
+        Rows are (x, y, dx, dy), and where weights are others than 1 and -1 or a frequency is
+        shifted (real, imag, shift) as well; a part of weight -1 is one that runs the other way.
+        """
+        owners, rows, count = [np.empty(0, np.intp)], [np.empty((0, _ROW))], len(place[0])
+        for pairs, _, owner, (*geometry, real, imag) in self.parts(tables, place):
+            for pair in pairs:
+                values = (np.broadcast_to(a, count) for a in pair.amplitude(ops, place))
+                factor = Pair(*(a[owner] for a in values)) * Pair(real, imag)
+                columns = (*geometry, factor.real, factor.imag, *pair.shift)
+                owners.append(owner)
+                rows.append(np.stack([np.broadcast_to(c, len(owner)) for c in columns], axis=-1))
+        number, table = np.concatenate(owners), np.concatenate(rows)
+        order = np.argsort(number, kind="stable")
+        table, is_real = table[order], not table[:, 5].any()
+        if (abs(table[:, 4]) == 1.0).all() and not table[:, 5:].any():
+            table[:, 2:4] *= table[:, 4:5]
+            table = np.ascontiguousarray(table[:, :4])
+        ends = np.searchsorted(number[order], np.arange(count + 1))
+        return ends, table, is_real
+
+    def of_listed(
+        self, ops: Any, tables: Tables, columns: int, is_real: bool, nu: Values
+    ) -> PartSum:
+        """The sum over rows of ``listed`` at frequencies."""
+
+        def terms(shifted: Values) -> EdgeTerms:
+            return self.terms(ops, tables, shifted, is_real, self.values == 1)
+
+        return PartSum(terms, nu, columns == 4, is_real, self._as_waves)
 
 
-def sum_over_waves(
-    clipper: Clipper,
-    pairings: Pairings,
-    sum_of: Callable[[WavePair, bool], Any],
-    place: Values,
-    count: int,
-) -> list[Any]:
-    """The ``count`` results of all pairs of waves together.
+def _row_sums(
+    terms: EdgeTerms, owner: Array, part: Sequence[Any], count: int, shape: tuple[int, ...]
+) -> list[Array]:
+    """Sums (count, columns) of terms of parts at frequencies of a shape (1 or count, columns)."""
+    own, columns = shape
+    results = [np.zeros((count, columns)) for _ in range(terms.values)]
+    begins = np.flatnonzero(np.diff(owner, prepend=-1))
+    ends = np.append(begins[1:], len(owner))
+    first = 0
+    while first < len(begins):  # some places at a time, of one too large some columns
+        last = max(first + 1, int(np.searchsorted(ends, begins[first] + _SUMMED // columns + 1)))
+        rows, step = slice(begins[first], ends[last - 1]), len(owner)
+        step = max(1, _SUMMED // (rows.stop - rows.start))
+        numbers = [p[rows, None] if np.ndim(p) else p for p in part]
+        which = owner[begins[first:last]]
+        for k in range(0, columns, step):
+            some = slice(k, k + step)
+            at = terms.at_columns(owner[rows] if own > 1 else None, some)
+            for result, value in zip(results, at.of_part(*numbers), strict=True):
+                sums = np.add.reduceat(value, begins[first:last] - rows.start, axis=0)
+                result[which, some] = sums
+        first = last
+    return results
 
-    ``sum_of``: (pair, whether the edges' and the pieces' field are one with real weights) -> its
-    sum. A sum has ``values``, their number; ``terms(edge, sides)``, what an edge contributes from
-    its cuts on each side; and ``value(sums, place)``, the pair's share of the result.
 
-    Many pairs of waves are rows of a table: compiled code loops over it for each part of an edge.
-    """
-    tables, totals = clipper.tables, [0.0] * count
-    for group in range(len(tables.groups)):
-        for part in _sums_of_group(clipper, group, pairings, sum_of, place, count):
-            totals = [a + b for a, b in zip(totals, part, strict=True)]
-    return totals
-
-
-def _sums_of_group(
-    clipper: Clipper, group: int, pairings: Pairings, sum_of: Any, place: Values, count: int
-) -> Iterator[Sequence[Any]]:
-    tables, ops = clipper.tables, clipper.ops
-    for other in range(len(tables.groups)):
-        found = [(v, pairs) for number, v, pairs in pairings(group, tables) if number == other]
-        is_compiled = ops.target not in ("numpy", "scalar")
-        if is_compiled and sum(len(pairs) for _, pairs in found) > MOST_PAIRS_AS_CODE:
-            for views, pairs in found:
-                yield _sum_of_rows(clipper, (group, other), views, pairs, sum_of, place, count)
-            continue
-        is_even = other == group and not tables.phased
-        runs = [(views, sum_of(pair, is_even)) for views, pairs in found for pair in pairs]
-
-        def term(edge: Edge, runs: Any = runs, other: int = other) -> Values:
-            cuts: dict[View, Any] = {}
-            values: list[Any] = []
-            for views, run in runs:
-                for view, _ in views:
-                    if view not in cuts:
-                        cuts[view] = list(clipper.intervals(edge, view, other))
-                values += run.terms(edge, [(side, cuts[view]) for view, side in views])
-            return tuple(values)
-
-        count_of_all = sum(run.values for _, run in runs)
-        sums = iter(clipper.sum_over_edges(term, count_of_all, group, other))
-        for _, run in runs:
-            yield run.value([next(sums) for _ in range(run.values)], place)[:count]
+def _with_amplitude(total: Values, amplitude: tuple[Any, Any]) -> Values:
+    """A sum, real or complex, times the amplitude of its pair of waves."""
+    real, imag = amplitude
+    if isinstance(imag, float) and imag == 0.0:
+        return tuple(times(real, value) for value in total)
+    found = Pair(*total) * Pair(real, imag)
+    return found.real, found.imag
 
 
 def _sum_of_rows(
@@ -140,18 +364,21 @@ def _sum_of_rows(
 
 
 class TermSum:
-    """The sum for a pair of waves of `EdgeTerms`: W or A."""
+    """The sum for a pair of waves in compiled code."""
 
     def __init__(self, clipper: Clipper, terms: EdgeTerms, pair: WavePair, scale: float) -> None:
-        """A point of an edge lies in the slice at ``scale (p + side T)``."""
         self.clipper, self.ops, self.function, self.pair = clipper, clipper.ops, terms, pair
         self.scale, self.values = scale, terms.values
-        nu_x, nu_y = terms.nu
-        turns = self.ops.fma(nu_x, clipper.tx, nu_y * clipper.ty)
-        self.moved = {side: times(scale * side, turns) for side in (-0.5, 0.5)}
+        if not terms.by_part:
+            nu_x, nu_y = terms.nu
+            turns = self.ops.fma(nu_x, clipper.tx, nu_y * clipper.ty)
+            self.moved = {side: times(scale * side, turns) for side in (-0.5, 0.5)}
 
     def terms(self, edge: Edge, sides: Sequence[tuple[float, Any]]) -> Values:
+        """The sums over the cuts of an edge, on each side."""
         ops, function, scale = self.ops, self.function, self.scale
+        if function.by_part:
+            return self._part_terms(edge, sides)
         nu_x, nu_y = function.nu
         key: Any = type(function), self.pair.shift
         if self.pair.is_constant:
@@ -171,164 +398,98 @@ class TermSum:
             return (0.0,) * self.values
         return function.of_edge(along, length, sums)
 
+    def _part_terms(self, edge: Edge, sides: Sequence[tuple[float, Any]]) -> Values:
+        ops, scale, clipper = self.ops, self.scale, self.clipper
+        total: Values = (0.0,) * self.values
+        for side, cuts in sides:
+            tx, ty = (2.0 * side * t for t in (clipper.tx, clipper.ty))
+            for middle, extent, *weight in cuts:
+                is_left = extent > 0.0
+                t = 0.5 * scale * ops.select(is_left, middle, 0.0)
+                share = scale * ops.select(is_left, extent, 0.0)
+                x = ops.fma(t, edge.ex, scale * edge.ax + (0.5 * scale) * tx)
+                y = ops.fma(t, edge.ey, scale * edge.ay + (0.5 * scale) * ty)
+                found = self.function.of_part(x, y, share * edge.ex, share * edge.ey, *weight)
+                total = tuple(a + b for a, b in zip(total, found, strict=True))
+        return total
+
     def value(self, sums: Sequence[Any], place: Values) -> Values:
-        real, imag = self.pair.amplitude(self.ops, place)
-        total = self.function.total(tuple(sums))
-        if isinstance(imag, float) and imag == 0.0:
-            return tuple(times(real, value) for value in total)
-        found = Pair(*total) * Pair(real, imag)
-        return found.real, found.imag
-
-
-@dataclass(frozen=True)
-class SharedSlice:
-    """A kernel as a sum over parts of edges that depend on some of its arguments alone."""
-
-    arguments: slice
-    """Components of the place, on which the parts depend, among the caller's arguments."""
-    place: slice
-    """Components of the place among the arguments in the frame."""
-    frequency: slice
-    """Components of the frequency among the arguments in the frame."""
-    list_parts: Callable[..., Listed]
-    """(ops of NumPy in double precision, tables, *place) -> whose, (k, 8) rows."""
-    terms: Callable[[Any, Values, bool], EdgeTerms]
-    """(ops, frequency, whether weights are real) -> a part's terms."""
-
-    def summed(self, ops: Any, columns: int, is_real: bool, *frequency: Any) -> PartSum:
-        """Return the sum over rows of so many columns at a frequency."""
-        return PartSum(self.terms, ops, columns == 4, is_real, frequency)
-
-    def parts(self, ops: Any, tables: Tables, *place: Any) -> tuple[Listed, bool]:
-        """Owners and rows of the parts at places (n,); and whether all weights are real.
-
-        Rows are of four numbers where weights are 1 or -1 and no frequency is shifted: a part with
-        the weight -1 is one that runs the other way.
-        """
-        owners, rows = self.list_parts(ops, tables, *place)
-        order = np.argsort(owners, kind="stable")
-        owners, rows = owners[order], rows[order]
-        if (abs(rows[:, 4]) == 1.0).all() and not rows[:, 5:].any():
-            rows[:, 2:4] *= rows[:, 4:5]
-            rows = np.ascontiguousarray(rows[:, :4])
-        return (owners, rows), not rows[:, 5:6].any()
+        """The share of the pair in the result."""
+        amplitude = self.pair.amplitude(self.ops, place)
+        return _with_amplitude(self.function.total(tuple(sums)), amplitude)
 
 
 class PartSum:
-    """A sum over parts at given frequencies: shared terms, a part's term, the result."""
+    """A sum over listed parts at given frequencies: a part's term, the result."""
 
     def __init__(
-        self, terms: Any, ops: Any, is_plain: bool, is_real: bool, frequency: Values
+        self, terms: Any, nu: Values, is_plain: bool, is_real: bool, as_waves: Any
     ) -> None:
-        self.ops, self.frequency = ops, frequency
-        self.is_plain, self.is_real = is_plain, is_real
-        self._at = terms
-        self.terms: EdgeTerms = terms(ops, frequency, is_real)
+        self._at, self.nu, self.is_plain, self.is_real = terms, nu, is_plain, is_real
+        self.terms, self._as_waves = terms(nu), as_waves
         self.values = self.terms.values
 
     def term(self, *row: Any) -> Values:
         """Contribution of a part (x, y, dx, dy), or of all columns of a row."""
         if self.is_plain:
-            return term_of_part(self.ops, self.terms, (*row, 1.0, 0.0))
-        (nu_x, nu_y), (shift_x, shift_y) = self.frequency, row[6:]
+            found: Values = self.terms.of_part(*row, 1.0, 0.0)
+            return found
+        (nu_x, nu_y), (shift_x, shift_y) = self.nu, row[6:]
         # a part with a frequency of its own
-        terms = self._at(self.ops, (nu_x - shift_x, nu_y - shift_y), self.is_real)
-        part = (*row[:5], 0.0 if self.is_real else row[5])
-        return terms.total(term_of_part(self.ops, terms, part))
+        terms = self._at((nu_x - shift_x, nu_y - shift_y))
+        total: Values = terms.total(terms.of_part(*row[:5], 0.0 if self.is_real else row[5]))
+        return total
 
     def total(self, sums: Values) -> Values:
-        """The kernel's sums from the sums of all terms: W, or A as cosine and sine part."""
-        first, *second = self.terms.total(sums) if self.is_plain else sums
-        return (first, *(-value for value in second))
+        """The kernel's sums from the sums of all terms."""
+        found: Values = self._as_waves(self.terms.total(sums) if self.is_plain else sums)
+        return found
 
 
-def doubled_position(x: Any, y: Any, *frequency: Any) -> tuple[Any, Any]:
-    """The offset between the copies: 2x."""
-    return 2.0 * x, 2.0 * y
+# ---- pairs of waves --------------------------------------------------------------------------
+
+_MIRROR: Views = ((MIRRORED, -0.5),)
+_BOTH: Views = ((BEHIND, -0.5), (AHEAD, +0.5))
 
 
-def _wigner(clipper: Clipper, x: Any, y: Any, *nu: Any) -> Values:
-    """W(x, nu) in the units of the frame, for arguments in it: docs/theory.md, (W1), (W2), (I2)."""
-
-    def sum_of(pair: WavePair, is_even: bool) -> TermSum:
-        terms = wigner_terms(clipper.ops, pair.detuned(nu), is_even, pair.is_real)
-        return TermSum(clipper, terms, pair, 2.0)
-
-    return tuple(sum_over_waves(clipper, mean_pairings, sum_of, (x, y), 1))
+def mean_pairings(tables: Tables) -> list[Pairing]:
+    """Pairs of waves for W."""
+    groups = list(enumerate(tables.groups))
+    return [
+        (k, n, _MIRROR, mean_pairs(own, other, k == n)) for k, own in groups for n, other in groups
+    ]
 
 
-def _lag_slice_area(clipper: Clipper, x: Any, y: Any) -> Values:
-    """R_x(x) of elements without illumination: the area of the lag slice, in the frame."""
-    ops = clipper.ops
-
-    def term(edge: Edge) -> Values:
-        lever = ops.fma(
-            clipper.ty, 2.0 * edge.ex, ops.fma(clipper.tx, -2.0 * edge.ey, 4.0 * edge.area)
-        )
-        # the imaginary parts of two elements and of the same two the other way round cancel
-        return (lever * total_extent(clipper, edge, MIRRORED)[0],)
-
-    found: Values = clipper.sum_over_edges(term, values=1)
+def difference_pairings(tables: Tables) -> list[Pairing]:
+    """Pairs of waves for A: the edges' field is the first factor BEHIND, the second AHEAD."""
+    found: list[Pairing] = []
+    for k, own in enumerate(tables.groups):
+        for n, other in enumerate(tables.groups):
+            if k == n:
+                found.append((k, n, _BOTH, difference_pairs(own, own)))
+                continue
+            found.append((k, n, _BOTH[:1], difference_pairs(own, other)))
+            found.append((k, n, _BOTH[1:], difference_pairs(other, own)))
     return found
 
 
-_LISTED = SharedSlice(
-    arguments=slice(0, 2),
+WIGNER_SUM = SliceSum(
+    views=(MIRRORED,),
+    scale=2.0,
     place=slice(0, 2),
     frequency=slice(2, 4),
-    list_parts=slice_parts,
-    terms=lambda ops, nu, is_real: wigner_terms(ops, nu, is_real, True),
+    pairings=mean_pairings,
+    terms=wigner_terms,
+    values=1,
+    arguments=slice(0, 2),
 )
-WIGNER_SUM = SliceSum((MIRRORED,), doubled_position, _wigner, _LISTED)
-LAG_SLICE_AREA = SliceSum((MIRRORED,), doubled_position, _lag_slice_area)
-
-
-def _lag(*inner: Any) -> tuple[Any, Any]:
-    """The offset between the copies: xi, the last of the arguments."""
-    return inner[-2], inner[-1]
-
-
-def _ambiguity(clipper: Clipper, turns: Any, v_x: Any, v_y: Any, *xi: Any) -> Values:
-    """A(upsilon, xi) in the frame, as (cosine part, sine part) with A = cosine - i sine."""
-
-    def sum_of(pair: WavePair, is_even: bool) -> TermSum:
-        terms = ambiguity_terms(clipper.ops, pair.detuned((v_x, v_y)))
-        return TermSum(clipper, terms, pair, 1.0)
-
-    real, imag = sum_over_waves(clipper, difference_pairings, sum_of, xi, 2)
-    return real, -imag
-
-
-def _position_slice_area(clipper: Clipper, *xi: Any) -> Values:
-    """R_xi(xi), the area of the position slice in the frame, weighted by the mutual field.
-
-    As real and imaginary part; the latter is there only for complex fields.
-    """
-    ops, is_phased = clipper.ops, clipper.tables.phased
-
-    def term(edge: Edge) -> Values:
-        lever = ops.fma(clipper.tx, edge.ey, clipper.ty * -edge.ex)
-        real: Any = 0.0
-        imag: Any = 0.0
-        for view, side in COPIES:
-            share = ops.fma(lever, side, edge.area)
-            extent, turned = total_extent(clipper, edge, view)
-            real = ops.fma(share, extent, real)
-            if is_phased:
-                imag = ops.fma(share, turned, imag)
-        return (real, imag) if is_phased else (real,)
-
-    real, *imag = clipper.sum_over_edges(term, values=2 if is_phased else 1)
-    # not 0 times it: Dr.Jit makes a constant of that, which is as wide as the first samples were
-    return 0.5 * real, 0.5 * imag[0] if imag else real - real
-
-
-_LISTED_LAGS = SharedSlice(
-    arguments=slice(2, 4),
+AMBIGUITY_SUM = SliceSum(
+    views=(BEHIND, AHEAD),
+    scale=1.0,
     place=slice(3, 5),
     frequency=slice(1, 3),
-    list_parts=position_slice_parts,
-    terms=lambda ops, upsilon, is_real: ambiguity_terms(ops, upsilon),
+    pairings=difference_pairings,
+    terms=ambiguity_terms,
+    values=2,
+    arguments=slice(2, 4),
 )
-AMBIGUITY_SUM = SliceSum((BEHIND, AHEAD), _lag, _ambiguity, _LISTED_LAGS)
-POSITION_SLICE_AREA = SliceSum((BEHIND, AHEAD), _lag, _position_slice_area)

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache, reduce
 from itertools import combinations_with_replacement, product
@@ -24,8 +24,6 @@ from polywigner.kernels.functions.plane import enter_both_ends, product_of_both
 from polywigner.kernels.kernel import (
     Kernel,
     Values,
-    at_zero_frequency,
-    leave_parts,
     leave_real,
     leave_wave,
 )
@@ -44,6 +42,7 @@ from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair, unit_wave
 from polywigner.numerics.phases import Doubled, doubled, sinc
 from polywigner.source import Array
+from polywigner.source.normal_form import normal_form
 
 
 @dataclass(frozen=True)
@@ -136,20 +135,19 @@ class PairTables:
 
 @lru_cache(maxsize=256)
 def _slit_tables(source: Slits | Array) -> SlitTables:
-    weights = source.weights.tolist() if isinstance(source, Array) else [1.0]
-    groups = list(zip(source.elements_in_plane, weights, strict=True))
-    low = min(slits.bounds[0] for slits, _ in groups)
-    high = max(slits.bounds[1] for slits, _ in groups)
-    (carrier,) = carrier_of((slits.illumination for slits, _ in groups), 1)
+    elements = normal_form(source).elements
+    low, high = normal_form(source).bounds
+    (carrier,) = carrier_of((element.illumination for element in elements), 1)
     frame = SlitFrame((low + (high - low) / 2,), power_of_two(high - low), (carrier,))
     centre, scale = Fraction(frame.centre[0]), Fraction(frame.scale)
     intervals = []
-    for slits, weight in groups:
+    for element in elements:
         waves = tuple(
-            Wave(weight * wave.amplitude, wave.frequency)
-            for wave in waves_in_frame(slits.illumination, frame)
+            Wave(element.weight * wave.amplitude, wave.frequency)
+            for wave in waves_in_frame(element.illumination, frame)
         )
-        for begin, end in slits.intervals.tolist():
+        assert isinstance(element.outline, Slits)
+        for begin, end in element.outline.intervals.tolist():
             low_end, high_end = ((Fraction(value) - centre) / scale for value in (begin, end))
             intervals.append(Interval(low_end, high_end, waves))
     return SlitTables(frame, tuple(intervals))
@@ -354,10 +352,6 @@ def _wigner(ops: Any, tables: PairTables, x: Any, rest: Any, *nu: Any) -> Values
     return _sum(ops, tables, (x, rest), nu)[:1]
 
 
-def _lengths(ops: Any, tables: PairTables, *shift: Any) -> Values:
-    return _sum(ops, tables, shift)
-
-
 AUTOCORRELATION = Kernel(
     "autocorrelation of slits",
     1,
@@ -370,14 +364,3 @@ WIGNER = Kernel("wigner of slits", 1, lag_pairs, _enter_wigner, _wigner, leave_r
 AMBIGUITY = Kernel(
     "ambiguity of slits", 1, position_pairs, _enter_ambiguity, _ambiguity, leave_wave
 )
-POSITION_MARGINAL = Kernel(
-    "position marginal of slits", 1, lag_pairs, _four_times, _lengths, leave_real
-)
-LAG_MARGINAL = Kernel("lag marginal of slits", 1, position_pairs, _lag, _lengths, leave_real)
-LAG_MARGINAL_OF_FIELDS = replace(
-    LAG_MARGINAL, name="complex lag marginal of slits", leave=leave_parts
-)
-POSITION_MARGINAL_OF_WAVES = at_zero_frequency(
-    WIGNER, "position marginal of waves in slits", leads=False
-)
-LAG_MARGINAL_OF_WAVES = at_zero_frequency(AMBIGUITY, "lag marginal of waves in slits", leads=True)

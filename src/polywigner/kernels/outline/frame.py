@@ -16,6 +16,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -52,13 +53,18 @@ class Frame:
     def position(self, ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
         """A point of the aperture plane in the frame."""
         cx, cy = self.centre
-        if _diagonal(self.matrix):
-            return self.vector(ops, x - cx, y - cy)
+        if self.is_diagonal:
+            return (x - cx) * self.matrix[0][0], (y - cy) * self.matrix[1][1]
         # Across a needle almost everything cancels: keep what the differences round away.
         (dx, lost_x), (dy, lost_y) = phases.difference(x, cx), phases.difference(y, cy)
         fine = self._cross_products(ops, lost_x, lost_y)
         coarse = self._cross_products(ops, dx, dy)
         return coarse[0] + fine[0], coarse[1] + fine[1]
+
+    @cached_property
+    def is_diagonal(self) -> bool:
+        """Whether the frame has the directions of the user's axes."""
+        return _diagonal(self.matrix)
 
     @property
     def rows(self) -> Matrix:
@@ -67,7 +73,7 @@ class Frame:
 
     def vector(self, ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
         """A difference of points in the frame."""
-        if _diagonal(self.matrix):
+        if self.is_diagonal:
             return x * self.matrix[0][0], y * self.matrix[1][1]
         return self._cross_products(ops, x, y)
 
@@ -81,12 +87,14 @@ class Frame:
 
     def frequency(self, ops: Any, x: Any, y: Any) -> tuple[Any, ...]:
         """A spatial frequency in the frame."""
+        if self.is_diagonal:
+            return x * self.inverse_transpose[0][0], y * self.inverse_transpose[1][1]
         return times(ops, self.inverse_transpose, x, y)
 
     def detuned(self, ops: Any, x: Any, y: Any) -> tuple[Any, ...]:
         """A spatial frequency relative to the carrier, in the frame."""
-        x, y = (nu - c if c else nu for nu, c in zip((x, y), self.carrier, strict=True))
-        return self.frequency(ops, x, y)
+        cx, cy = self.carrier
+        return self.frequency(ops, x - cx if cx else x, y - cy if cy else y)
 
     def exact_frequency(self, *nu: float) -> tuple[float, ...]:
         """A constant frequency in the frame, correctly rounded."""
@@ -102,6 +110,13 @@ class Frame:
     def vertices(self, points: Array) -> Array:
         """Points (n, 2) in the frame, correctly rounded."""
         return vertices_for(self.inverse_transpose, self.centre, points)
+
+
+def enter_place_and_frequency(
+    ops: Any, frame: Frame, x: Any, y: Any, nu_x: Any, nu_y: Any
+) -> tuple[Any, ...]:
+    """The arguments of W in the frame."""
+    return (*frame.position(ops, x, y), *frame.detuned(ops, nu_x, nu_y))
 
 
 def times(ops: Any, matrix: Matrix, *nu: Any) -> tuple[Any, ...]:

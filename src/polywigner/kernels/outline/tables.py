@@ -21,6 +21,7 @@ from polywigner.kernels.outline.waves import (
     difference_pairs,
     waves_in_frame,
 )
+from polywigner.source.normal_form import SourceElement
 
 # Cost of a further wave on an edge, in edges by which it is cut.
 _EDGES_PER_WAVE = 24
@@ -53,6 +54,8 @@ class Tables:
     """The degree of coherence of light that is partly coherent, by lags of the frame."""
     pairs: dict[Any, Any] = field(default_factory=dict, repr=False)
     """Lists of the pairs of edges that can meet, as engines hold them."""
+    lists: dict[Any, Any] = field(default_factory=dict, repr=False)
+    """The lists of pairs as NumPy uses them, for W and for A."""
 
     @cached_property
     def uniform(self) -> bool:
@@ -99,7 +102,13 @@ class Tables:
         count = len(self.weights)
         groups = tuple(self.groups[group_of.get(k, 0)] for k in range(count))
         return replace(
-            self, edges=edges, names=names, weights=(1.0,) * count, groups=groups, pairs={}
+            self,
+            edges=edges,
+            names=names,
+            weights=(1.0,) * count,
+            groups=groups,
+            pairs={},
+            lists={},
         )
 
     def mutual(self, edge: Any, piece: Any) -> tuple[Any, Any]:
@@ -114,24 +123,22 @@ class Tables:
         )
 
 
-def build_tables(elements: Sequence[tuple[Aperture, complex]], *, double: bool) -> Tables:
-    """Return the tables of the elements of a coherent collection, with their weights.
+def build_tables(elements: Sequence[SourceElement], *, double: bool) -> Tables:
+    """Return the tables of the elements of a coherent collection, in its plane.
 
     ``double``: for float64 kernels; else for float32 ones.
     """
-    apertures = tuple(aperture for aperture, _ in elements)
-    fields = [aperture.illumination for aperture in apertures]
-    frame = frame_of(np.concatenate([ring for a in apertures for ring in a.rings]))
-    frame = replace(frame, carrier=carrier_of(fields, 2))
+    frame = frame_of(np.concatenate([ring for element in elements for ring in element.rings]))
+    frame = replace(frame, carrier=carrier_of([element.illumination for element in elements], 2))
     groups: list[Waves] = []
     weights, factors, edges, names = [], [], [], []
     vertices = 0
-    for number, (aperture, weight) in enumerate(elements):
-        waves = waves_in_frame(aperture.illumination, frame)
+    for number, element in enumerate(elements):
+        waves = waves_in_frame(element.illumination, frame)
         group, factor = _group_of(waves, groups)
-        weights.append(complex(weight) * factor)
+        weights.append(complex(element.weight) * factor)
         factors.append(complex(factor))
-        for ring in aperture.rings:
+        for ring in element.rings:
             start = frame.vertices(ring)
             index = vertices + np.arange(len(ring))
             end, following = (np.roll(values, -1, axis=0) for values in (start, index))
@@ -144,7 +151,7 @@ def build_tables(elements: Sequence[tuple[Aperture, complex]], *, double: bool) 
         frame,
         np.concatenate(edges),
         np.concatenate(names),
-        apertures,
+        tuple(element.shape for element in elements),
         tuple(weights),
         tuple(factors),
         tuple(groups),

@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -100,8 +100,14 @@ class WavePair:
         return result
 
     def detuned(self, frequency: Sequence[Any]) -> tuple[Any, ...]:
+        """The frequency less the shift."""
         pairs = zip(frequency, self.shift, strict=True)
         return tuple(f if _is_zero(s) else f - s for f, s in pairs)
+
+    @cached_property
+    def is_unit(self) -> bool:
+        """Whether the pair is that of a uniform source: no shift, amplitude 1."""
+        return self.is_constant and not any(self.shift) and self.terms == ((1.0, (0.0, 0.0)),)
 
     @property
     def is_constant(self) -> bool:

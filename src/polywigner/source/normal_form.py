@@ -1,0 +1,495 @@
+"""The normal form of a source: elements with weights and plane waves, one wavefront for all.
+
+`Aperture`, `PlacedAperture`, `Slits`, `Array` and `Wavefront` are constructors.
+:func:`normal_form` converts them once, at the public edge; the code behind takes a :class:`Source`:
+
+    u(x) = exp(i pi (x - c).Q (x - c)) sum_k w_k 1_k(x) sum_m c_km exp(2 pi i kappa_km.x)
+
+Polyhedra have a Fourier transform only and no normal form.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from polywigner.errors import ArgumentError, GeometryError
+from polywigner.geometry import Aperture, PlacedAperture, Slits, Wavefront
+from polywigner.source.array import (
+    LEAST_COPIES,
+    Array,
+    PathLengths,
+    aperture_in_plane,
+    repeated_element,
+    shifted_copies,
+)
+from polywigner.source.lattices import Lattice, lattice_of
+from polywigner.source.waves import Illumination, exact_turns
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
+PublicSource = Aperture | PlacedAperture | Slits | Array | Wavefront
+
+# Amplitudes of two elements count as proportional if they miss a common factor by this fraction of
+# the largest: a few roundings.
+_PROPORTIONAL = 1e-15
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class SourceElement:
+    """An outline with a complex weight and a sum of plane waves."""
+
+    outline: Aperture | Slits
+    """Without an illumination; in its own plane if there is a pose."""
+    weight: complex
+    amplitudes: Complexes
+    """(m,) amplitudes of the waves, without the weight; 1 for a uniform field."""
+    frequencies: Floats
+    """(m, d) frequencies of the waves in 1/m; 0 for a uniform field."""
+    pose: Floats | None = None
+    """(4, 4) from the outline's plane to the world; None: the outline lies in the plane z = 0."""
+
+    @property
+    def is_uniform(self) -> bool:
+        """Whether the field is constant; the weight may be any."""
+        return len(self.amplitudes) == 1 and not self.frequencies.any()
+
+    @property
+    def has_unit_field(self) -> bool:
+        """Whether the field without the weight is 1."""
+        return self.is_uniform and self.amplitudes[0] == 1.0
+
+    @cached_property
+    def illumination(self) -> Illumination | None:
+        """The waves; None for the field 1."""
+        if self.has_unit_field:
+            return None
+        return Illumination(self.amplitudes, self.frequencies)
+
+    @cached_property
+    def shape(self) -> Any:
+        """The outline with its waves, without weight and pose."""
+        return self.outline.with_illumination(self.illumination)
+
+    @property
+    def rings(self) -> tuple[Floats, ...]:
+        """Rings (n, 2) of an aperture, counter-clockwise, holes clockwise."""
+        if isinstance(self.outline, Slits):
+            raise GeometryError("expected an aperture for rings, got Slits")
+        return self.outline.rings
+
+    def tilted(self, kappa: ArrayLike) -> SourceElement:
+        """Return the element times exp(2 pi i kappa.x), kappa (d,)."""
+        return replace(self, frequencies=self.frequencies + np.asarray(kappa, np.float64))
+
+    def moved(self, shift: Floats) -> SourceElement:
+        """Return the element and its waves shifted by (d,) in its own plane."""
+        turns = [exact_turns(kappa, shift.tolist()) for kappa in self.frequencies.tolist()]
+        amplitudes = self.amplitudes * np.exp(-2j * np.pi * np.array(turns))
+        return replace(self, outline=self.outline.moved(shift), amplitudes=amplitudes)
+
+    @cached_property
+    def _key(self) -> tuple[Any, ...]:
+        pose = None if self.pose is None else self.pose.tobytes()
+        waves = self.amplitudes.tobytes(), (self.frequencies + 0.0).tobytes()
+        return self.outline, self.weight, *waves, pose
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class RepeatedElement:
+    """Copies of one element, shifted, with a weight each."""
+
+    element: SourceElement
+    """The element at the origin, of weight 1."""
+    positions: Floats
+    """(n, d) shifts in m."""
+    weights: Complexes
+    """(n,) weights of the copies."""
+
+    @cached_property
+    def sites(self) -> Lattice | None:
+        """The plane lattice that the positions are on, if they are."""
+        if self.positions.shape[1] != 2 or len(self.positions) < 2:
+            return None
+        return lattice_of(self.positions, self.weights)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class WaveGroup:
+    """Elements whose waves are the same but for a factor."""
+
+    amplitudes: Complexes
+    frequencies: Floats
+    members: NDArray[np.intp]
+    """(k,) numbers of the elements."""
+    factors: Complexes
+    """(k,) waves of each element over those of the group, without its weight."""
+
+
+@final
+class Source:
+    """Elements that radiate together, with one curvature and one coherence width.
+
+    Sources with the same content are equal. ``repeated`` stands for the elements of a phased
+    array, which are made when they are used.
+    """
+
+    def __init__(
+        self,
+        elements: Sequence[SourceElement] | None,
+        *,
+        dimension: int,
+        curvature: ArrayLike | None = None,
+        centre: ArrayLike | None = None,
+        coherence_width: float = np.inf,
+        wavelength: float | None = None,
+        repeated: RepeatedElement | None = None,
+        paths: PathLengths | None = None,
+    ) -> None:
+        if elements is not None:
+            self.__dict__["elements"] = tuple(elements)
+        q = np.zeros((dimension, dimension)) if curvature is None else np.asarray(curvature)
+        self.dimension = dimension
+        """Components of a position: 2, or 1 for slits."""
+        self.curvature: Floats = q
+        """Q (d, d) in 1/m^2, symmetric; zero: flat."""
+        self.centre: Floats = np.zeros(dimension) if centre is None else np.asarray(centre)
+        """c (d,) in m, where the curved wave touches the plane."""
+        self.coherence_width = coherence_width
+        """Standard deviation in m of the degree of coherence over lag; infinite: coherent."""
+        self.wavelength = wavelength
+        """Wavelength in m to which the curvature belongs; None: it is the same at all."""
+        self.repeated = repeated
+        """The copies by which a phased array was made; :attr:`lattice` finds others."""
+        self.paths = paths
+        """Phases of the elements that stem from path lengths; None: none of them."""
+
+    def _with(self, **changes: Any) -> Source:
+        """Return a source with other values; ``elements`` replaces repeated elements as well."""
+        values: dict[str, Any] = {
+            "elements": self.__dict__.get("elements"),
+            "dimension": self.dimension,
+            "curvature": self.curvature,
+            "centre": self.centre,
+            "coherence_width": self.coherence_width,
+            "wavelength": self.wavelength,
+            "repeated": self.repeated,
+            "paths": self.paths,
+        }
+        if "elements" in changes or "repeated" in changes:
+            values |= {"elements": None, "repeated": None}
+        return Source(**(values | changes))
+
+    @cached_property
+    def elements(self) -> tuple[SourceElement, ...]:
+        """The elements, in the order of the weights."""
+        assert self.repeated is not None  # else __init__ has set them
+        copies = self.repeated
+        return tuple(
+            replace(copies.element.moved(position), weight=weight)
+            for position, weight in zip(copies.positions, copies.weights.tolist(), strict=True)
+        )
+
+    @property
+    def distinct(self) -> tuple[SourceElement, ...]:
+        """The elements, the equal ones of a phased array once."""
+        return self.elements if self.repeated is None else (self.repeated.element,)
+
+    @cached_property
+    def weights(self) -> Complexes:
+        """(n,) weights of the elements."""
+        if self.repeated is not None:
+            return self.repeated.weights
+        return np.array([element.weight for element in self.elements], np.complex128)
+
+    def __len__(self) -> int:
+        return len(self.weights)
+
+    @cached_property
+    def lattice(self) -> RepeatedElement | None:
+        """How the elements repeat: one element, positions and weights; None if they do not."""
+        if self.repeated is not None or len(self) < LEAST_COPIES:
+            return self.repeated
+        try:
+            found = shifted_copies([element.shape for element in self.in_plane.elements])
+        except GeometryError:
+            return None
+        if found is None:
+            return None
+        shape, positions, factors = found
+        return RepeatedElement(_element(shape, 1.0), positions, self.weights * factors)
+
+    # ---- properties of the field
+
+    @property
+    def is_flat(self) -> bool:
+        """Whether the wave is not curved."""
+        return not self.curvature.any()
+
+    @property
+    def is_coherent(self) -> bool:
+        """Whether all points of the source are coherent with one another."""
+        return self.coherence_width == np.inf
+
+    @cached_property
+    def is_uniform(self) -> bool:
+        """Whether the field is 1 on every element, before a curved wave."""
+        weights_are_one = bool((self.weights == 1.0).all())
+        return weights_are_one and all(element.has_unit_field for element in self.distinct)
+
+    @cached_property
+    def frequencies(self) -> Floats:
+        """(m, d) frequencies in 1/m of all waves, each once."""
+        return np.unique(np.concatenate([e.frequencies for e in self.distinct]) + 0.0, axis=0)
+
+    @cached_property
+    def groups(self) -> tuple[WaveGroup, ...]:
+        """The elements by their waves."""
+        if self.repeated is not None and self.repeated.element.is_uniform:
+            element, count = self.repeated.element, len(self)
+            return (_group(element, range(count), [1.0] * count),)
+        groups: list[tuple[SourceElement, list[int], list[complex]]] = []
+        for number, element in enumerate(self.elements):
+            for first, members, factors in groups:
+                factor = _common_factor(element, first)
+                if factor is not None:
+                    members.append(number)
+                    factors.append(factor)
+                    break
+            else:
+                groups.append((element, [number], [1.0]))
+        return tuple(_group(*group) for group in groups)
+
+    # ---- geometry
+
+    @cached_property
+    def rings(self) -> tuple[Floats, ...]:
+        """Rings (n, 2) of all elements in the plane."""
+        return tuple(ring for element in self.in_plane.elements for ring in element.rings)
+
+    @cached_property
+    def bounds(self) -> tuple[float, ...]:
+        """(lowest, highest) of slits, (xmin, ymin, xmax, ymax) of apertures in the plane z = 0.
+
+        Raises GeometryError if an element does not lie in that plane.
+        """
+        if self.repeated is not None:
+            low, high = self.repeated.positions.min(axis=0), self.repeated.positions.max(axis=0)
+            box = np.array(self.repeated.element.outline.bounds)
+            return tuple((box + np.concatenate([low, high])).tolist())
+        boxes = np.array([element.outline.bounds for element in self.in_plane.elements])
+        d = self.dimension
+        return (*boxes[:, :d].min(axis=0).tolist(), *boxes[:, d:].max(axis=0).tolist())
+
+    @cached_property
+    def in_plane(self) -> Source:
+        """The source with the poses of its elements applied, in the plane z = 0.
+
+        Raises GeometryError if an element does not lie in that plane.
+        """
+        if self.repeated is not None or all(e.pose is None for e in self.elements):
+            return self
+        flat = [
+            element
+            if element.pose is None
+            else _element(
+                aperture_in_plane(k, PlacedAperture(element.shape, element.pose)), element.weight
+            )
+            for k, element in enumerate(self.elements)
+        ]
+        return self._with(elements=flat)
+
+    def moved(self, shift: ArrayLike) -> Source:
+        """Return the source and its field shifted by (d,)."""
+        offset = np.asarray(shift, np.float64)
+        centre = self.centre + offset if self.curvature.any() else self.centre
+        if self.repeated is not None:
+            copies = replace(self.repeated, positions=self.repeated.positions + offset)
+            return self._with(repeated=copies, centre=centre)
+        elements = [element.moved(offset) for element in self.in_plane.elements]
+        return self._with(elements=elements, centre=centre)
+
+    # ---- sources made from this one
+
+    @property
+    def flat(self) -> Source:
+        """The source without its curved wave and as a coherent one."""
+        if self.is_flat and self.is_coherent:
+            return self
+        return self._with(curvature=None, centre=None, coherence_width=np.inf, wavelength=None)
+
+    @property
+    def coherent(self) -> Source:
+        """The source in coherent light."""
+        return self if self.is_coherent else self._with(coherence_width=np.inf)
+
+    def with_weights(self, weights: ArrayLike) -> Source:
+        """Return the source with other weights (n,) of its elements."""
+        factors = np.asarray(weights, np.complex128)
+        if factors.shape != (len(self),):
+            raise ArgumentError(f"expected {len(self)} weights, got shape {factors.shape}")
+        if self.repeated is not None:
+            return self._with(repeated=replace(self.repeated, weights=factors))
+        pairs = zip(self.elements, factors.tolist(), strict=True)
+        return self._with(elements=[replace(e, weight=w) for e, w in pairs])
+
+    def tilted(self, kappa: ArrayLike) -> Source:
+        """Return the source times exp(2 pi i kappa.x), kappa (d,)."""
+        tilt = np.asarray(kappa, np.float64)
+        if not tilt.any():
+            return self
+        if self.repeated is None:
+            return self._with(elements=[e.tilted(tilt) for e in self.in_plane.elements])
+        copies = self.repeated  # each brings the tilt of its element along
+        phases = np.exp(2j * np.pi * (copies.positions @ tilt))
+        element = copies.element.tilted(tilt)
+        tilted = RepeatedElement(element, copies.positions, copies.weights * phases)
+        return self._with(repeated=tilted)
+
+    def at_wavelength(self, wavelength: float) -> Source:
+        """Return the source with the phases of its path lengths at another wavelength in m."""
+        changes: dict[str, Any] = {}
+        paths = self.paths
+        if paths is not None and paths.wavelength != wavelength:
+            ratio = paths.wavelength / wavelength
+            cycles, slopes = paths.cycles * (ratio - 1), paths.slopes * (ratio - 1)
+            phases = np.exp(2j * np.pi * (cycles - np.round(cycles))).tolist()
+            changes["elements"] = [
+                replace(element.tilted(slope), weight=element.weight * phase)
+                for element, slope, phase in zip(self.elements, slopes, phases, strict=True)
+            ]
+            changes["paths"] = PathLengths(paths.cycles * ratio, paths.slopes * ratio, wavelength)
+        if self.wavelength not in (None, wavelength) and not self.is_flat:
+            assert self.wavelength is not None
+            changes["curvature"] = self.curvature * (self.wavelength / wavelength)
+            changes["wavelength"] = wavelength
+        return self._with(**changes) if changes else self
+
+    @cached_property
+    def public(self) -> Any:
+        """The source as a public object, which transforms and results take and show."""
+        if self.repeated is not None:
+            flat: Any = repeated_element(
+                self.repeated.element.shape, self.repeated.positions, self.repeated.weights
+            )
+        else:
+            shapes = [
+                element.shape if element.pose is None else element.shape.placed(element.pose)
+                for element in self.elements
+            ]
+            is_single = len(shapes) == 1 and self.elements[0].weight == 1.0
+            flat = shapes[0] if is_single else Array(shapes, self.weights)
+            if self.paths is not None:
+                flat = flat.with_paths(self.paths)
+        if self.is_flat and self.is_coherent:
+            return flat
+        return Wavefront(flat, self.curvature, self.centre, self.coherence_width, self.wavelength)
+
+    # ---- equality by content
+
+    @cached_property
+    def _key(self) -> tuple[Any, ...]:
+        if self.repeated is not None:
+            copies = self.repeated
+            content: tuple[Any, ...] = (
+                copies.element._key,
+                copies.positions.tobytes(),
+                copies.weights.tobytes(),
+            )
+        else:
+            content = tuple(element._key for element in self.elements)
+        wave = (self.curvature + 0.0).tobytes(), (self.centre + 0.0).tobytes()
+        design = None if self.is_flat else self.wavelength
+        paths = None if self.paths is None else self.paths.wavelength
+        return content, *wave, self.coherence_width, design, paths
+
+    @cached_property
+    def _hash(self) -> int:
+        return hash(self._key)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Source):
+            return NotImplemented
+        return self is other or self._key == other._key
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    def __repr__(self) -> str:
+        return f"Source({len(self)} elements, {self.dimension}D)"
+
+
+def normal_form(public: PublicSource | Source) -> Source:
+    """Return the normal form of a public source, kept with it.
+
+    Raises ArgumentError for other objects, polyhedra and arrays of polyhedra among them.
+    """
+    if isinstance(public, Source):
+        return public
+    cached = getattr(public, "__dict__", {}).get("_normal_form")
+    if cached is None:
+        cached = _converted(public)
+        public.__dict__["_normal_form"] = cached
+    return cached
+
+
+def _converted(public: PublicSource) -> Source:
+    if isinstance(public, Wavefront):
+        flat = normal_form(public.source)
+        return flat._with(
+            curvature=public.curvature,
+            centre=public.centre,
+            coherence_width=public.coherence_width,
+            wavelength=public.wavelength,
+        )
+    if not isinstance(public, Array):
+        return Source([_element(public, 1.0)], dimension=1 if isinstance(public, Slits) else 2)
+    dimension = 1 if public.dimension == 1 else 2
+    if public.repeated is not None:
+        element, positions = public.repeated
+        copies = RepeatedElement(_element(element, 1.0), positions, public.weights)
+        return Source(None, dimension=dimension, repeated=copies)
+    pairs = zip(public.elements, public.weights.tolist(), strict=True)
+    return Source([_element(e, w) for e, w in pairs], dimension=dimension, paths=public.paths)
+
+
+def _element(public: Any, weight: complex) -> SourceElement:
+    """Return an element of a public outline, with its waves."""
+    pose = None
+    if isinstance(public, PlacedAperture):
+        public, pose = public.aperture, public.pose
+    if not isinstance(public, Aperture | Slits):
+        raise ArgumentError(
+            f"expected an Aperture, Slits or an Array of these, got {type(public).__name__}"
+        )
+    field, d = public.illumination, 1 if isinstance(public, Slits) else 2
+    if field is None:
+        return SourceElement(public, weight, np.ones(1, np.complex128), np.zeros((1, d)), pose)
+    outline = public.with_illumination(None)
+    return SourceElement(outline, weight, field.amplitudes, field.frequencies, pose)
+
+
+def _common_factor(element: SourceElement, other: SourceElement) -> complex | None:
+    """Return the factor between the waves of two elements; None if there is none."""
+    if not np.array_equal(element.frequencies, other.frequencies):
+        return None
+    factor = complex(element.amplitudes[0] / other.amplitudes[0])
+    error = np.abs(element.amplitudes - factor * other.amplitudes).max()
+    return factor if error <= _PROPORTIONAL * np.abs(element.amplitudes).max() else None
+
+
+def _group(first: SourceElement, members: Sequence[int], factors: Sequence[complex]) -> WaveGroup:
+    return WaveGroup(
+        first.amplitudes,
+        first.frequencies,
+        np.array(members, np.intp),
+        np.array(factors, np.complex128),
+    )
