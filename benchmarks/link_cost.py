@@ -14,6 +14,7 @@ import math
 import time
 from collections.abc import Callable
 from functools import partial
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -60,8 +61,14 @@ def brute_force(side: float, to_transmitter: np.ndarray, count: int) -> complex:
         r = there[:, None, :] - plane[:3, some, None]
         distance = np.sqrt((r * r).sum(axis=0))
         phase, away = 2 * np.pi * distance, (normal * r).sum(axis=0)
-        cosine, sine = np.cos(phase), np.sin(phase)
-        kernel = link_kernel(CONDITIONS[METHOD], cosine, sine, distance, r[2], away, normal[2])
+        sight: Any = SimpleNamespace(
+            wave=(np.cos(phase), np.sin(phase)),
+            distance=distance,
+            rise=r[2],
+            away=away,
+            lean=normal[2],
+        )
+        kernel = link_kernel(CONDITIONS[METHOD], sight)
         total += [shares[some] @ (part @ shares) for part in kernel]
     return complex(*total)
 

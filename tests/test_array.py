@@ -9,6 +9,7 @@ import pytest
 import shapely
 
 import polywigner as pw
+from polywigner import arrays
 from polywigner.errors import ArgumentError, GeometryError, IlluminationError
 
 SQUARE = pw.Aperture(shapely.box(-0.5, -0.5, 0.5, 0.5))
@@ -64,16 +65,6 @@ def test_elements_posed_within_the_plane_are_coplanar():
     assert turned_over.support.polygons.equals_exact(mirrored.polygons, 1e-15)
 
 
-def test_every_source_of_the_plane_or_the_line_names_its_elements():
-    slits = pw.Slits([[0, 1], [2, 3]])
-    assert SQUARE.elements_in_plane == (SQUARE,)
-    assert slits.elements_in_plane == (slits,)
-    for source in (SQUARE, slits):
-        assert pw.Array([source, source]).elements_in_plane == (source, source)
-        with pytest.warns(DeprecationWarning, match="elements_in_plane"):
-            assert pw.Array([source]).coplanar == (source,)
-
-
 def test_support_of_overlapping_elements_and_its_automean():
     array = COLLECTIONS["overlapping"]
     union = shapely.union_all([e.polygons for e in array.elements])
@@ -104,40 +95,103 @@ def test_arrays_are_values():
 
 
 ZERO = np.zeros(2)
+FLAT = [[0, 0], [1, 0]]
+WAVELENGTH = 3.189e-3
 TILTED = SQUARE.placed(_turned((1, 0, 0), 5, (0, 0, 0)))
 RAISED = SQUARE.placed(_turned((1, 0, 0), 0, (0, 0, 0.25)))
 
 
-@pytest.mark.parametrize(
-    ("call", "error", "message"),
-    [
-        (lambda: pw.Array(SQUARE), ArgumentError, "put it into a list"),
-        (lambda: pw.Array([]), ArgumentError, "none"),
-        (lambda: pw.Array([SQUARE, "b"]), ArgumentError, "str at 1"),
-        (lambda: pw.Array([SQUARE, SLIT_ARRAY]), ArgumentError, "join its elements"),
-        (lambda: pw.Array([SQUARE, pw.Slits([0, 1])]), ArgumentError, "one dimension"),
-        (lambda: pw.Array([SQUARE], [1, 2]), IlluminationError, r"1 elements, got shape \(2,\)"),
-        (lambda: pw.Array([SQUARE], ["a"]), IlluminationError, "complex weights"),
-        (lambda: pw.Array([SQUARE], [np.nan]), IlluminationError, "finite"),
-        (lambda: pw.Array([SQUARE], [0.0]), IlluminationError, "zeros only"),
-        (lambda: pw.Array([SQUARE], np.ma.masked_equal([1], 1)), IlluminationError, "masked"),
-        (lambda: pw.wigner(MIXED, ZERO, ZERO), GeometryError, "leans by"),
-        (lambda: pw.wigner(pw.Array([TETRAHEDRON]), ZERO, ZERO), GeometryError, "Polyhedron at 0"),
-        (lambda: pw.wigner(pw.Array([TILTED]), ZERO, ZERO), GeometryError, "leans by 5 degrees"),
-        (lambda: pw.ambiguity(pw.Array([RAISED]), ZERO, ZERO), GeometryError, "z = 0.25"),
-        (lambda: pw.fourier(MIXED, ZERO), ArgumentError, "shape"),
-        (lambda: pw.fourier(SQUARE, ZERO, obliquity="paper"), ArgumentError, "shape"),
-        (lambda: pw.fourier(SQUARE, ZERO, obliquity="cos"), ArgumentError, "'paper'"),
+BAD = {
+    ArgumentError: [
+        (lambda: pw.Array(SQUARE), "put it into a list"),
+        (lambda: pw.Array([]), "none"),
+        (lambda: pw.Array([SQUARE, "b"]), "str at 1"),
+        (lambda: pw.Array([SQUARE, SLIT_ARRAY]), "join its elements"),
+        (lambda: pw.Array([SQUARE, pw.Slits([0, 1])]), "one dimension"),
+        (lambda: pw.fourier(MIXED, ZERO), "shape"),
+        (lambda: pw.fourier(SQUARE, ZERO, obliquity="paper"), "shape"),
+        (lambda: pw.fourier(SQUARE, ZERO, obliquity="cos"), "'paper'"),
         (
             lambda: pw.fourier(MIXED, np.ones(3), obliquity="paper"),
-            ArgumentError,
             "Polyhedron, which has no normal",
         ),
-        (lambda: SLIT_ARRAY.placed(np.eye(4)), GeometryError, "Slits"),
-        (lambda: SLIT_ARRAY.support, GeometryError, "Slits"),
-        (lambda: pw.automean(COLLECTIONS["touching"]), ArgumentError, "Aperture"),
+        (lambda: pw.automean(COLLECTIONS["touching"]), "Aperture"),
+        (lambda: pw.phased_array(None, [[0, 0]]), "to repeat, got NoneType"),
+        (lambda: pw.phased_array(SQUARE, [0, 1]), r"\(n, 2\)"),
+        (lambda: pw.phased_array(SQUARE, [[0, np.inf]]), "finite positions"),
+        (lambda: pw.array_factor([[0, 0, 0, 0]], None, [0]), "positions"),
+        (lambda: pw.array_factor([[0, 0]], None, [0.0]), "nu of shape"),
+        (lambda: arrays.grid_positions(0, 3, 1.0), "nx"),
+        (lambda: arrays.grid_positions(3, 3, 0.0), "pitch_x"),
+        (lambda: arrays.grid_positions(2000, 2000, 1.0), "1048576 elements"),
+        (lambda: arrays.ring_positions([1.0], [3, 4]), "as many radii"),
+        (lambda: arrays.ring_positions([0.0], [3]), "one element at radius 0"),
+        (lambda: pw.phased_array(pw.shapes.square(1.0), [[0, 0], [1]]), "different lengths"),
+        (lambda: arrays.thinned([[0, 0]], 0.0, 1), "fill"),
+        (lambda: arrays.thinned([[0, 0], [1, 1]], 0.6, 1, [1, 0.1]), "up to 0.55"),
+        (lambda: arrays.thinned([[0, 0]], 1e-9, 1), "another seed"),
+        (lambda: arrays.steering_weights([[0, 0, 0]], (0, 1), 1.0), "unit vector"),
+        (lambda: arrays.steering_weights([[0, np.nan]], (0, 0, 1), 1.0), "finite positions"),
+        (lambda: arrays.focusing_weights([[0, 0]], (0, 0, 0), 1.0), "z above zero"),
+        (lambda: arrays.window_weights(4, "kaiser"), "one of the windows uniform, taylor"),
+        (lambda: pw.steering((0, 0.1, 1), WAVELENGTH), "length 1.00499"),
+        (lambda: pw.steering((0, 0.6, -0.8), WAVELENGTH), "z > 0"),
+        (lambda: pw.steering((0.8, 0.7), WAVELENGTH), "length of 1.06"),
+        (lambda: pw.steering((0, 0, 0, 1), WAVELENGTH), "unit vector"),
+        (lambda: pw.steering((0, np.nan, 1), WAVELENGTH), "finite"),
+        (lambda: pw.steering((0, 0, 1), 0), "wavelength"),
+        (lambda: pw.uniform(3), "dimension"),
+        (lambda: pw.cosine_taper(None), "width to taper"),
+        (lambda: pw.cosine_taper(1e-2, -6e-3), "height"),
+        (lambda: pw.cosine_taper(1e-2, power=0), "power"),
+        (lambda: pw.cosine_taper(1e-2, 6e-3, dimension=1), "no height"),
+        (lambda: pw.te_mode(1e-2, 6e-3, 0, 0), "m of at least 1"),
+        (lambda: pw.te_mode(1e-2, 6e-3, 0, 1), "ask for the other"),
+        (lambda: pw.te_mode(1e-2, 6e-3, 1, 0, component="z"), "component"),
+        (lambda: pw.taylor_taper(1e-2, sll=-30), "30 for sidelobes at -30 dB"),
+        (lambda: pw.taylor_taper(1e-2, nbar=101), "nbar"),
+        (lambda: pw.fit_illumination([[0, 0], [1, 1]], [1]), "2 points"),
+        (lambda: pw.fit_illumination([[0, np.inf]], [1]), "finite"),
+        (lambda: pw.fit_illumination([[0, 0]], [np.nan]), "finite"),
+        (lambda: pw.fit_illumination(FLAT, [1, 0], cut_off=1.0), "cut_off"),
+        (lambda: pw.fit_illumination(FLAT, [1, 0], order=-1), "order"),
     ],
+    IlluminationError: [
+        (lambda: pw.Array([SQUARE], [1, 2]), r"1 elements, got shape \(2,\)"),
+        (lambda: pw.Array([SQUARE], ["a"]), "complex weights"),
+        (lambda: pw.Array([SQUARE], [np.nan]), "finite"),
+        (lambda: pw.Array([SQUARE], [0.0]), "other than zero"),
+        (lambda: pw.Array([SQUARE], np.ma.masked_equal([1], 1)), "masked"),
+        (lambda: pw.fourier_taper(1e-2, coefficients=[1, 2]), "2 K"),
+        (lambda: pw.fourier_taper(1e-2, coefficients=[0, 0, 0]), "zero"),
+        (lambda: pw.fourier_taper(1e-2, coefficients=["a"]), "complex"),
+        (lambda: pw.fourier_taper(1e-2, coefficients=[[1], 2]), "complex"),
+        (lambda: pw.fit_illumination(FLAT, [0, 0]), "zeros"),
+        (lambda: pw.fit_illumination([[0, 0]], [1], [1.0, 2.0, 3.0]), "2"),
+        (lambda: pw.fit_illumination(FLAT, [1, 0], np.zeros((0, 2))), "one"),
+    ],
+    GeometryError: [
+        (lambda: pw.wigner(MIXED, ZERO, ZERO), "leans by"),
+        (lambda: pw.wigner(pw.Array([TETRAHEDRON]), ZERO, ZERO), "Polyhedron at 0"),
+        (lambda: pw.wigner(pw.Array([TILTED]), ZERO, ZERO), "leans by 5 degrees"),
+        (lambda: pw.ambiguity(pw.Array([RAISED]), ZERO, ZERO), "z = 0.25"),
+        (lambda: SLIT_ARRAY.placed(np.eye(4)), "Slits"),
+        (lambda: SLIT_ARRAY.support, "Slits"),
+        (lambda: pw.Slits([[0, 1], [0.5, 2]]), "do not overlap"),
+        (lambda: pw.Slits([[0, 0]]), "wider than zero"),
+        (lambda: pw.Slits([[0, math.nan]]), "finite"),
+        (lambda: pw.Slits([0, 1, 2]), r"\(m, 2\)"),
+        (lambda: pw.Slits([]), r"\(m, 2\)"),
+        (lambda: pw.Slits("slit"), r"\(m, 2\)"),
+        (lambda: pw.Slits(np.array([[0, 1j]])), r"\(m, 2\)"),
+        (lambda: pw.Slits(np.ma.masked_equal([[0.0, 1.0]], 1.0)), "masked"),
+    ],
+}
+
+
+@pytest.mark.parametrize(
+    ("error", "call", "message"), [(error, *row) for error, rows in BAD.items() for row in rows]
 )
-def test_bad_collections_are_refused_with_advice(call, error, message):
+def test_bad_sources_fields_and_layouts_are_refused_with_advice(error, call, message):
     with pytest.raises(error, match=message):
         call()

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -152,24 +153,23 @@ def test_there_is_no_transfer_function_in_partly_coherent_light(pupil):
     assert pw.otf(partly.coherent, (5e-3, 0.0)) == pw.otf(pupil, (5e-3, 0.0))
 
 
-@pytest.mark.parametrize(
-    "ask",
-    [
-        lambda s: pw.fourier(s, (0.0, 0.0)),
-        lambda s: pw.coupling(s, SQUARE, np.eye(4) + np.eye(4, k=3), WAVELENGTH),
-    ],
-)
-def test_what_has_a_phase_is_refused(ask):
-    with pytest.raises((IlluminationError, ArgumentError), match="expected"):
-        ask(SQUARE.partially_coherent(4e-3))
+PARTLY = SQUARE.partially_coherent(4e-3)
+INTENSITY = partial(pw.radiant_intensity, direction=(0, 0, 1), wavelength=WAVELENGTH)
+REFUSED = [
+    (lambda: pw.fourier(PARTLY, (0.0, 0.0)), "expected"),
+    (lambda: pw.coupling(PARTLY, SQUARE, np.eye(4) + np.eye(4, k=3), WAVELENGTH), "expected"),
+    (lambda: INTENSITY(SQUARE.partially_coherent(1e-6)), "a width of coherence of at least"),
+    *[(partial(INTENSITY, SQUARE, bandwidth=b), "bandwidth") for b in (0.0, 2e15, "wide")],
+    *[(partial(make, width), "width as a length above zero")
+      for width in (0, -math.inf, math.nan, None, "a", True)
+      for make in (SQUARE.partially_coherent, partial(pw.Wavefront, SQUARE, None, None))],
+]  # fmt: skip
 
 
-@pytest.mark.parametrize("bandwidth", [0.0, 2e15, "wide"])
-def test_a_bandwidth_is_a_positive_number_below_twice_the_carrier(bandwidth):
-    with pytest.raises(ArgumentError, match="bandwidth"):
-        pw.radiant_intensity(SQUARE, (0, 0, 1), WAVELENGTH, bandwidth=bandwidth)
-    with pytest.raises(ArgumentError, match="expected a width of coherence of at least"):
-        pw.radiant_intensity(SQUARE.partially_coherent(1e-6), (0, 0, 1), WAVELENGTH)
+@pytest.mark.parametrize(("call", "message"), REFUSED)
+def test_what_partly_coherent_light_has_not_is_refused(call, message):
+    with pytest.raises((IlluminationError, ArgumentError), match=message):
+        call()
 
 
 @pytest.mark.parametrize("wave", [SQUARE, SQUARE.curved(60e-3, WAVELENGTH)])
@@ -239,13 +239,6 @@ def test_w_and_a_of_partly_coherent_light_are_constant_along_rays(source, angle)
     shift = pw.ambiguity(partly, nu_behind, x_behind, **how) - pw.ambiguity(partly, nu, x)
     assert np.abs(w).max() <= CLOSED_FORM * energy
     assert np.abs(shift).max() <= CLOSED_FORM * energy
-
-
-@pytest.mark.parametrize("width", [0, -math.inf, math.nan, None, "a", True])
-def test_a_width_that_is_none_is_refused(width):
-    for make in (SQUARE.partially_coherent, lambda w: pw.Wavefront(SQUARE, coherence_width=w)):
-        with pytest.raises(ArgumentError, match="width as a length above zero"):
-            make(width)
 
 
 @pytest.mark.llvm

@@ -6,13 +6,7 @@ import pytest
 import polywigner as pw
 from polywigner.errors import IlluminationError
 from polywigner.propagation.far_fields import far_field
-from polywigner.source.obliquities import (
-    OBLIQUITIES,
-    emission_factor,
-    irradiance_factor,
-    times_direction_cosine,
-    weighted_sources,
-)
+from polywigner.source.obliquities import OBLIQUITIES, times_direction_cosine
 
 WAVELENGTH = 3e-3
 # Sums of a few terms of order one, rounded once each.
@@ -45,15 +39,13 @@ def test_obliquity_factors_of_pairs_of_waves_are_those_of_their_far_fields(name)
     steered = square.with_illumination(pw.steering((0.6, 0.0, 0.8), WAVELENGTH))
     for source in (square, steered, square.with_illumination(WAVES)):
         amplitude = WAVELENGTH * far_field(source, directions, WAVELENGTH, name)
-        terms = weighted_sources(source, name, WAVELENGTH)
-        got = sum(irradiance_factor(f, cosine) * abs(pw.fourier(s, nu)) ** 2 for s, f in terms)
+        terms = OBLIQUITIES[name].terms(source, WAVELENGTH)
+        got = sum(f.irradiance(cosine) * abs(pw.fourier(s, nu)) ** 2 for s, f in terms)
         assert np.abs(got - abs(amplitude) ** 2).max() < ROUNDING * (abs(amplitude) ** 2).max()
         assert len(terms) == 1 or source.illumination == WAVES
 
 
 def test_kirchhoff_s_mean_lets_grazing_waves_radiate():
-    grazing = pw.Illumination([1], [(1 / WAVELENGTH, 0)])
-    ((_, forms),) = weighted_sources(
-        pw.shapes.square(1e-3).with_illumination(grazing), "kirchhoff", WAVELENGTH
-    )
-    assert emission_factor(forms, 0.5) == 0.125  # (cos/2)^2/cos
+    grazing = pw.shapes.square(1e-3).with_illumination(pw.Illumination([1], [(1 / WAVELENGTH, 0)]))
+    ((_, forms),) = OBLIQUITIES["kirchhoff"].terms(grazing, WAVELENGTH)
+    assert forms.radiance(0.5) == 0.125  # (cos/2)^2/cos

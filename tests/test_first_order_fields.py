@@ -1,7 +1,6 @@
 """Fields behind first-order systems: Collins' integral against references, quadrature and W."""
 
 import math
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -9,6 +8,7 @@ import shapely
 from scipy.special import sici
 
 import polywigner as pw
+from oracles.quadrature import nodes_on
 from oracles.references import read_json
 from polywigner.errors import ArgumentError
 
@@ -70,29 +70,9 @@ def points(count, size, seed=SEED):
     return np.random.default_rng(seed).uniform(-size, size, (count, 2))
 
 
-def nodes_on(source):
-    """Places (n, 2) on a source, and the field there times the area that belongs to each."""
-    if isinstance(source, pw.Array):
-        parts = [nodes_on(element) for element in source.elements_in_plane]
-        fields = [w * f for (_, f), w in zip(parts, source.weights, strict=True)]
-        return np.concatenate([x for x, _ in parts]), np.concatenate(fields)
-    at, weights = np.polynomial.legendre.leggauss(36)
-    at, weights = (at + 1) / 2, weights / 2
-    s, t = (v.ravel() for v in np.meshgrid(at, at))
-    share = np.outer(weights, weights).ravel() * s
-    places, areas = [], []
-    for ring in source.rings:  # fans: holes run the other way round
-        for first, second in pairwise(ring[1:]):
-            a, b = first - ring[0], second - first
-            places.append(ring[0] + s[:, None] * (a + t[:, None] * b))
-            areas.append(share * (a[0] * b[1] - a[1] * b[0]))
-    x, area = np.concatenate(places), np.concatenate(areas)
-    return x, area if source.illumination is None else area * source.illumination(x)
-
-
 def quadrature(source, system, y):
     """Collins' integral with its phase, but for the sign of the root of det B."""
-    x, field = nodes_on(source)
+    x, field = nodes_on(source, 36)
     inverse = np.linalg.inv(system.B)
     form = ((x @ (inverse @ system.A)) * x).sum(axis=1) - 2 * (y @ inverse.T) @ x.T
     form = form + (((y @ (system.D @ inverse)) * y).sum(axis=1))[:, None]
@@ -322,7 +302,7 @@ def test_a_stop_can_be_integrated_over_first(source, stop):
     found, error = pw.amplitude(
         source, y, WAVELENGTH, through=[first, stop, last], return_error=True
     )
-    x, field = nodes_on(source)
+    x, field = nodes_on(source, 36)
     (b1, b2), k = (first.B[0, 0], last.B[0, 0]), np.pi / WAVELENGTH
     lens = pw.FirstOrder.lens(-1 / (first.D[0, 0] / b1 + last.A[0, 0] / b2))
     # F of the stop with a chirp, at (x/b1 + y/b2)/lambda

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import polywigner as pw
+from oracles.poses import pose as facing
 
 EXACT = ("rayleigh-sommerfeld-1", "rayleigh-sommerfeld-2", "kirchhoff")
 # Fraunhofer distances 2 D^2/wavelength between sources: quadratic phases of 1e-3 radians are left.
@@ -43,11 +44,7 @@ def along(angle):
 
 def placed(angle, other, distance):
     """Pose of a source so far off, for a line of sight at these angles from both normals."""
-    turn = math.pi + angle - other
-    c, s = math.cos(turn), math.sin(turn)
-    pose = np.eye(4)
-    pose[:3, :3] = [[c, 0, s], [0, 1, 0], [-s, 0, c]]
-    pose[:3, 3] = distance * along(angle)
+    pose = facing(*(distance * along(angle)), angle - other)
     # seen from there, the first source is at the other angle
     assert np.allclose(-pose[:3, :3].T @ along(angle), along(other))
     return pose

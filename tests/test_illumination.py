@@ -178,47 +178,6 @@ def test_a_bad_fit_is_refused_if_asked_for():
         pw.shapes.square(1).with_illumination(found)
 
 
-FLAT = [[0, 0], [1, 0]]
-
-
-@pytest.mark.parametrize(
-    ("make", "error", "complaint"),
-    [
-        (lambda: pw.steering((0, 0.1, 1), WAVELENGTH), ArgumentError, "length 1.00499"),
-        (lambda: pw.steering((0, 0.6, -0.8), WAVELENGTH), ArgumentError, "z > 0"),
-        (lambda: pw.steering((0.8, 0.7), WAVELENGTH), ArgumentError, "length of 1.06"),
-        (lambda: pw.steering((0, 0, 0, 1), WAVELENGTH), ArgumentError, "unit vector"),
-        (lambda: pw.steering((0, np.nan, 1), WAVELENGTH), ArgumentError, "finite"),
-        (lambda: pw.steering((0, 0, 1), 0), ArgumentError, "wavelength"),
-        (lambda: pw.uniform(3), ArgumentError, "dimension"),
-        (lambda: pw.cosine_taper(None), ArgumentError, "width to taper"),
-        (lambda: pw.cosine_taper(A, -B), ArgumentError, "height"),
-        (lambda: pw.cosine_taper(A, power=0), ArgumentError, "power"),
-        (lambda: pw.cosine_taper(A, B, dimension=1), ArgumentError, "no height"),
-        (lambda: pw.te_mode(A, B, 0, 0), ArgumentError, "m of at least 1"),
-        (lambda: pw.te_mode(A, B, 0, 1), ArgumentError, "ask for the other"),
-        (lambda: pw.te_mode(A, B, 1, 0, component="z"), ArgumentError, "component"),
-        (lambda: pw.taylor_taper(A, sll=-30), ArgumentError, "30 for sidelobes at -30 dB"),
-        (lambda: pw.taylor_taper(A, nbar=101), ArgumentError, "nbar"),
-        (lambda: pw.fourier_taper(A, coefficients=[1, 2]), IlluminationError, "2 K"),
-        (lambda: pw.fourier_taper(A, coefficients=[0, 0, 0]), IlluminationError, "zero"),
-        (lambda: pw.fourier_taper(A, coefficients=["a"]), IlluminationError, "complex"),
-        (lambda: pw.fourier_taper(A, coefficients=[[1], 2]), IlluminationError, "complex"),
-        (lambda: pw.fit_illumination([[0, 0], [1, 1]], [1]), ArgumentError, "2 points"),
-        (lambda: pw.fit_illumination([[0, np.inf]], [1]), ArgumentError, "finite"),
-        (lambda: pw.fit_illumination([[0, 0]], [np.nan]), ArgumentError, "finite"),
-        (lambda: pw.fit_illumination(FLAT, [0, 0]), IlluminationError, "zeros"),
-        (lambda: pw.fit_illumination([[0, 0]], [1], [1.0, 2.0, 3.0]), IlluminationError, "2"),
-        (lambda: pw.fit_illumination(FLAT, [1, 0], np.zeros((0, 2))), IlluminationError, "one"),
-        (lambda: pw.fit_illumination(FLAT, [1, 0], cut_off=1.0), ArgumentError, "cut_off"),
-        (lambda: pw.fit_illumination(FLAT, [1, 0], order=-1), ArgumentError, "order"),
-    ],
-)
-def test_fields_out_of_range_are_refused(make, error, complaint):
-    with pytest.raises(error, match=complaint):
-        make()
-
-
 def test_fields_are_subtracted_and_divided_as_numbers_are():
     one, other = pw.uniform(), pw.cosine_taper(2e-3)
     x = np.array([(0.1e-3, 0.2e-3), (0.7e-3, -0.3e-3)])

@@ -128,19 +128,6 @@ def test_curved_waves_keep_their_radius_and_phase_shifters_their_phases() -> Non
     assert row.at_wavelength(1e-6) is row
 
 
-@pytest.mark.parametrize("suffix", [".toml", ".json"])
-def test_source_files_keep_path_lengths(suffix: str, tmp_path: Any) -> None:
-    curved = pw.phased_array(MIRROR.curved(0.3, DESIGN), [(0.0, 0.0), (5e-3, 0.0)])
-    for number, source in enumerate((PUPIL, MIRROR.curved(0.3, DESIGN), curved)):
-        file = tmp_path / f"source{number}{suffix}"
-        pw.write_source(source, file)
-        again = pw.read_source(file)
-        assert again == source
-        nu = np.array([(300.0, -200.0)])
-        found, expected = (pw.fourier(s.at_wavelength(1e-6), nu) for s in (again, source))
-        assert found == pytest.approx(expected, rel=EXACT)
-
-
 def test_path_lengths_survive_copies_and_other_wavelengths() -> None:
     copy = pickle.loads(pickle.dumps(PUPIL))
     assert copy == PUPIL

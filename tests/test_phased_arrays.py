@@ -5,7 +5,6 @@ import pytest
 
 import polywigner as pw
 from oracles.references import ENGINES
-from polywigner.errors import ArgumentError, IlluminationError
 
 engines = pytest.mark.parametrize("engine", ENGINES)
 
@@ -92,20 +91,3 @@ def test_many_copies_in_a_plain_array_are_recognised():
     assert pw.Array(other, array.weights).phased is None
     bent = pw.Aperture(array.elements[-1].rings[0] + [[0, 0], [0, 1e-9], [0, 0], [0, 0]])
     assert pw.Array([*array.elements[:-1], bent], array.weights).phased is None
-
-
-@pytest.mark.parametrize(
-    ("call", "error", "message"),
-    [
-        (lambda: pw.phased_array(None, [[0, 0]]), ArgumentError, "to repeat, got NoneType"),
-        (lambda: pw.phased_array(SQUARE, [0, 1]), ArgumentError, r"\(n, 2\)"),
-        (lambda: pw.phased_array(SQUARE, [[0, np.inf]]), ArgumentError, "finite positions"),
-        (lambda: pw.phased_array(SQUARE, [[0, 0]], [1, 2]), IlluminationError, "1 elements"),
-        (lambda: pw.phased_array(SQUARE, [[0, 0]], [0]), IlluminationError, "zeros only"),
-        (lambda: pw.array_factor([[0, 0, 0, 0]], None, [0]), ArgumentError, "positions"),
-        (lambda: pw.array_factor([[0, 0]], None, [0.0]), ArgumentError, "nu of shape"),
-    ],
-)
-def test_bad_arrays_are_refused(call, error, message):
-    with pytest.raises(error, match=message):
-        call()

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import polywigner as pw
-from polywigner.errors import ArgumentError, GeometryError
+from polywigner.errors import ArgumentError
 
 ROUNDING = 4e-15  # times the total width; sums of a few terms of that size
 
@@ -36,24 +36,6 @@ def test_slits_are_sorted_merged_where_they_touch_and_compared_by_content():
         touching.intervals[0, 0] = 1.0
     with pytest.raises(AttributeError, match="cannot be changed"):
         touching.intervals = None
-
-
-@pytest.mark.parametrize(
-    ("intervals", "message"),
-    [
-        ([[0, 1], [0.5, 2]], "do not overlap"),
-        ([[0, 0]], "wider than zero"),
-        ([[0, math.nan]], "finite"),
-        ([0, 1, 2], r"\(m, 2\)"),
-        ([], r"\(m, 2\)"),
-        ("slit", r"\(m, 2\)"),
-        (np.array([[0, 1j]]), r"\(m, 2\)"),
-        (np.ma.masked_equal([[0.0, 1.0]], 1.0), "masked"),
-    ],
-)
-def test_unusable_slits_are_refused(intervals, message):
-    with pytest.raises(GeometryError, match=message):
-        pw.Slits(intervals)
 
 
 def test_points_of_slits_have_one_component():

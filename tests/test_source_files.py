@@ -7,13 +7,14 @@ import json
 import re
 import sys
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 import pytest
 import shapely
 
 import polywigner as pw
+from oracles.poses import pose
 from polywigner import arrays
 from polywigner.cli import main
 from polywigner.errors import (
@@ -24,8 +25,8 @@ from polywigner.errors import (
     PolywignerError,
 )
 from polywigner.quantities import SPEED_OF_LIGHT
-from polywigner.source import source_schema
-from polywigner.source.texts import SOURCE_TEXTS
+from polywigner.source import source_files, source_tables
+from polywigner.source.source_tables import SOURCE_TEXTS
 
 DOCS = Path(__file__).parent.parent / "docs"
 WAVELENGTH = SPEED_OF_LIGHT / 77e9
@@ -44,14 +45,7 @@ TETRAHEDRON = pw.Polyhedron(
     [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]],
 )
 GRID = arrays.grid_positions(4, 3, 0.1)
-
-
-def pose(seed: int) -> np.ndarray:
-    rotation = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))[0]
-    matrix = np.eye(4)
-    matrix[:3, :3] = rotation * np.sign(np.linalg.det(rotation))
-    matrix[:3, 3] = [0.1, -1 / 3, 1e-17]
-    return matrix
+TURNED = pose(0.1, -1 / 3, 1e-17, 0.7, 2.0)
 
 
 SOURCES = {
@@ -64,11 +58,12 @@ SOURCES = {
     "tapered": TAPERED.moved((7.1, -1e3 / 3)),
     "slits": SLITS,
     "lit slits": LIT_SLITS,
-    "placed": TAPERED.placed(pose(2)),
+    "placed": TAPERED.placed(TURNED),
     "polyhedron": TETRAHEDRON,
     "array": pw.Array([HOLED, TAPERED, SQUARE], RNG.normal(size=3) + 1j * RNG.normal(size=3)),
     "array in space": pw.Array(
-        [HOLED.placed(pose(k)) for k in range(3)] + [TETRAHEDRON, SQUARE], [1, -0.5, 0.25, 2, 3]
+        [HOLED.placed(pose(k, 0, 1e-17, k / 7, 0.3)) for k in range(3)] + [TETRAHEDRON, SQUARE],
+        [1, -0.5, 0.25, 2, 3],
     ),
     "array of slits": pw.Array([SLITS, LIT_SLITS]),
     "phased array": pw.phased_array(
@@ -78,6 +73,8 @@ SOURCES = {
     "phased slits": pw.phased_array(LIT_SLITS, np.arange(5) / 0.3, np.arange(5) - 2j),
     "curved": TAPERED.curved((0.1, -1 / 3), WAVELENGTH, (1e-4, 0)),
     "partially coherent": SLITS.partially_coherent(0.1 / 3),
+    "segments": pw.segmented_pupil(APART, 1 / 3, [0.1, 0, 1, -2 / 3, 0, 0], [0.1, -1 / 3]),
+    "curved copies": pw.phased_array(SQUARE.curved(0.3, 1 / 3), [(0, 0), (1.2, 0)]),
 }
 
 
@@ -90,6 +87,8 @@ def test_a_source_that_was_written_is_read_back_equal(
     pw.write_source(SOURCES[name], file)
     again = pw.read_source(file)
     assert again == SOURCES[name]
+    if isinstance(again, pw.Array | pw.Wavefront):  # phases of path lengths included
+        assert again.at_wavelength(0.2) == SOURCES[name].at_wavelength(0.2)
     assert type(again) is type(SOURCES[name])
     written = file.read_text()
     pw.write_source(again, file)
@@ -211,11 +210,13 @@ def test_the_page_has_examples_that_are_sources_and_every_key(tmp_path: Path) ->
     field = (pw.te_mode(12e-3, 9e-3) * steered)(x)
     assert horn.illumination(x) == pytest.approx(field, rel=1e-12)
     named = set(re.findall(r"`([a-z_-]+)`", page))
-    tables = [source_schema.Top, source_schema.WavefrontTable, source_schema.Paths]
-    for union in ("", "illumination", "positions", "weights"):
-        kinds = get_args(source_schema._UNIONS[union])
-        assert {kind.__struct_config__.tag for kind in kinds} <= named
-        tables += kinds
+    tables = [source_files.Top, source_files.WavefrontTable, source_files.Paths]
+    unions = [source_tables.FieldTable, source_tables.LayoutTable, source_tables.WeightTable]
+    for kind in source_tables.tables_of(
+        source_files.SourceTable | unions[0] | unions[1] | unions[2]
+    ):
+        assert kind.__struct_config__.tag in named
+        tables.append(kind)
     for table in tables:
         assert set(table.__struct_fields__) <= named, table
     assert set(SOURCE_TEXTS) <= named
@@ -275,10 +276,8 @@ BAD = [
     ({"kind": "apertur"}, "did you mean 'aperture'?"),
     ({**APERTURE, "version": 2}, "version: expected | got 2"),
     ({**APERTURE, "taper": 1}, "expected the keys kind, shape, illumination | got 'taper'"),
-    ({"kind": "aperture"}, "one of the keys file, polygons, shape, got none"),
     ({**APERTURE, "unit": "mm"}, "'unit' with 'file' only"),
     ({**APERTURE, "frequency": 1, "wavelength": 1}, "got both"),
-    ({**APERTURE, "frequency": "77 mm"}, "frequency: expected a frequency | '77 mm'"),
     ({"kind": "aperture", "file": "none.wkt"}, "file: | none.wkt: expected"),
     ({"kind": "aperture", "shape": {"name": "circlet"}}, "shape.name: | did you mean 'circle'?"),
     ({"kind": "aperture", "shape": {"name": "disc", "radius": 1, "n": 8.0}}, "shape.n: | whole"),
@@ -296,15 +295,13 @@ BAD = [
     (repeated(GRID_TABLE, {"kind": "window", "window": "taylor", "sll": "25 mm"}),
      "weights.sll: expected a level | '25 mm'"),
     ({**PHASED, "weights": [{"kind": "steering", "theta": 0.1, "wavelength": -1}]},
-     "weights[0].wavelength: | above zero, got -1"),
+     "weights[0].wavelength: | got -1; it must be above zero"),
     ({**PHASED, "weights": [1, {"kind": "steering", "theta": 1}]}, "weights: | [real, imaginary]"),
     (lit({"kind": "cosine_taper", "widht": 1}), "'widht'; did you mean 'width'?"),
     (lit([{"kind": "cosine_taper", "width": "1 GHz"}]), "illumination[0].width: | '1 GHz'"),
     (lit({"kind": "steering", "wavelength": 1}), "direction or the angle theta, got neither"),
-    (lit({"kind": "fourier_taper", "width": 1, "height": 1, "coefficients": [1, 2]}), "pairs"),
     ({**SLIT, "illumination": {"kind": "steering", "theta": 1, "phi": 1}}, "not for slits"),
     ({**APERTURE, "wavefront": {"radius": 1, "curvature": 1}}, "wavefront: | got both"),
-    ({**APERTURE, "polarisation": "up"}, "polarisation: | 'up'"),
     ({**APERTURE, "polarisation": []}, "polarisation: | length >= 1"),
     ({**APERTURE, "a\nb\x1b[31m": 1}, r"got 'a\nb\x1b"),
 ]  # fmt: skip

@@ -10,7 +10,7 @@ import pytest
 import polywigner as pw
 from polywigner import arrays
 from polywigner.errors import PolywignerError
-from polywigner.source.texts import apply_texts, direction_angles
+from polywigner.source.source_tables import apply_texts, direction_angles
 
 WAVELENGTH = 3.19e-3
 PATCH = pw.shapes.rectangle(9e-3, 6e-3)
@@ -85,8 +85,9 @@ BAD = [
     (PATCH.curved(0.1, WAVELENGTH), {"steering": "1 deg"}, "steering: .* got curved wave"),
     (PATCH, {"focus": "0, 0, 80 mm"}, "focus: expected an array"),
     (ARRAY, {"focus": "0, 0"}, "focus: expected a point"),
-    (PATCH, {"curved": "1 mm, 2 mm, 3 mm"}, "curved: expected a radius, or two"),
-    (pw.Slits([0, 1e-2]), {"curved": "1 mm"}, "curved: .* of Slits"),
+    (PATCH, {"curved": "1 mm, 2 mm, 3 mm"}, "curved: expected radius as a number or two"),
+    (PATCH.placed(np.eye(4)), {"curved": "1 mm"}, "curved: .* got PlacedAperture"),
+    (PATCH.placed(np.eye(4)), {"coherence": "1 mm"}, "coherence: .* got PlacedAperture"),
     (PATCH, {"coherence": "1 GHz"}, "coherence: expected a length"),
 ]
 

@@ -178,7 +178,7 @@ class FirstOrder:
         """
         meaning = "a length in m other than 0"
         scale = checked_number(f, "f", meaning)
-        if scale == 0 or not math.isfinite(1.0 / scale):
+        if not abs(scale) >= _LEAST:
             raise ArgumentError(f"expected f as {meaning}, got {value_text(f)}")
         quarters = checked_number(order, "order", "a number of quarter turns")
         turned = turned_points(np.array([[1.0, 0.0]]), math.remainder(quarters, 4.0) * math.pi / 2)
@@ -249,17 +249,15 @@ class FirstOrder:
         >>> s.tolist()
         [-0.02, 0.0]
         """
-        places = checked_vectors(x, "expected x of shape (..., 2)", (2,))
-        directions = checked_vectors(s, "expected s of shape (..., 2)", (2,))
+        both = (
+            checked_vectors(x, "expected x of shape (..., 2)", (2,)),
+            checked_vectors(s, "expected s of shape (..., 2)", (2,)),
+        )
         try:
-            both = np.concatenate(np.broadcast_arrays(places, directions), axis=-1)
-        except ValueError:
-            raise ArgumentError(
-                f"expected x and s of shapes that broadcast, got {places.shape} and "
-                f"{directions.shape}"
-            ) from None
-        found = both @ self.matrix.T
-        return found[..., :2], found[..., 2:]
+            rays = np.concatenate(np.broadcast_arrays(*both), axis=-1) @ self.matrix.T
+        except ValueError as error:
+            raise ArgumentError(f"expected x and s of shapes that broadcast: {error}") from None
+        return rays[..., :2], rays[..., 2:]
 
     def __matmul__(self, other: FirstOrder) -> FirstOrder:
         """The system that is ``other`` followed by this one."""

@@ -46,14 +46,6 @@ _HIGHEST_LEVEL = 3000.0  # dB: the next power of ten is no float
 _QUANTITY = re.compile(
     r"\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,3})?)\s*([^0-9\s.,;+-]*)\s*"
 )
-_LONGEST = 100
-
-
-def _number(value: Fraction) -> float:
-    try:
-        return float(value)
-    except OverflowError:
-        return math.inf
 
 
 def _parse(
@@ -63,28 +55,22 @@ def _parse(
     example: str,
     positive: bool = False,
 ) -> float:
+    """The value of a text in SI units; a number as it is."""
     article = "an" if kind[0] in "aeio" else "a"  # a unit
     expected = f'expected {article} {kind} such as "{example}", got {value_text(text)}'
-    if isinstance(text, (int, float)) and not isinstance(text, bool):
-        value = float(text) if isinstance(text, float) else _number(Fraction(text))
-    else:
-        written = str(text)
-        match = _QUANTITY.fullmatch(written) if len(written) <= _LONGEST else None
-        if match is None:
-            raise QuantityError(f"{expected}; write a number, a space and a unit")
-        number, unit = match.groups()
-        if unit and unit not in units:
-            more = list(_POWER_LEVELS) if units is _POWERS else []
-            names = ", ".join([*units, *more])
-            raise QuantityError(f"{expected}; use one of the units {names}")
-        value = _number(Fraction(number) * (units[unit] if unit else 1))
-    if not math.isfinite(value):
-        raise QuantityError(f"{expected}; it must be finite")
+    match = _QUANTITY.fullmatch(str(text))
+    if match is None or isinstance(text, bool):
+        raise QuantityError(f"{expected}; write a finite number, a space and a unit")
+    number, unit = match.groups()
+    if unit and unit not in units:
+        more = list(_POWER_LEVELS) if units is _POWERS else []
+        raise QuantityError(f"{expected}; use one of the units {', '.join([*units, *more])}")
+    try:
+        value = float(Fraction(number) * (units[unit] if unit else 1))
+    except OverflowError:
+        raise QuantityError(f"{expected}; it must be finite") from None
     if positive and not value > 0:
-        raise QuantityError(
-            f"expected {article} {kind} above zero, got {value_text(text)}; write one such as "
-            f'"{example}"'
-        )
+        raise QuantityError(f"{expected}; it must be above zero")
     return value
 
 
@@ -110,17 +96,11 @@ def parse_point(text: str) -> tuple[float, float]:
     return first, second
 
 
-_LEAST_UNIT = 1e-100
-
-
 def parse_unit(text: str | float) -> float:
     """The metres per unit of a file: a unit's name ("mm") or a length ("0.1 mm"), above zero."""
     if isinstance(text, str) and text.strip() in _LENGTHS:
-        return _number(_LENGTHS[text.strip()])
-    metres = _parse(text, _LENGTHS, "unit of length", 'mm" or "0.1 mm', positive=True)
-    if metres < _LEAST_UNIT:  # a length in it is no float
-        raise QuantityError(f"expected a unit of {_LEAST_UNIT:g} m or more, got {value_text(text)}")
-    return metres
+        return float(_LENGTHS[text.strip()])
+    return _parse(text, _LENGTHS, "unit of length", 'mm" or "0.1 mm', positive=True)
 
 
 def parse_frequency(text: str | float) -> float:
@@ -149,10 +129,7 @@ def parse_noise_figure(text: str | float) -> float:
     """A noise figure in decibels, zero or more; a bare number is in decibels."""
     level = _parse(text, _DECIBELS, "noise figure", "3 dB")
     if not 0 <= level <= _HIGHEST_LEVEL:
-        raise QuantityError(
-            f"expected a noise figure of 0 dB or more, up to {_HIGHEST_LEVEL:g}, got "
-            f"{value_text(text)}"
-        )
+        raise QuantityError(f"expected a noise figure of 0 dB or more, got {value_text(text)}")
     return level
 
 
@@ -175,11 +152,8 @@ def parse_noise(
     noise_figure: str | float | None,
 ) -> dict[str, float | None]:
     """Parse bandwidth, temperature and noise figure to Hz, K and dB; None for a missing one."""
-    given = (bandwidth, temperature, noise_figure)
-    return {
-        name: None if value is None else parse(value)
-        for (name, parse), value in zip(NOISE_PARSERS.items(), given, strict=True)
-    }
+    values = zip(NOISE_PARSERS.items(), (bandwidth, temperature, noise_figure), strict=True)
+    return {name: None if value is None else parse(value) for (name, parse), value in values}
 
 
 def parse_power(text: str | float) -> float:
@@ -188,23 +162,15 @@ def parse_power(text: str | float) -> float:
         if isinstance(text, str) and text.rstrip().endswith(unit):
             level = _parse(text, {unit: Fraction(1)}, "power", "10 dBm")
             if abs(level) > _HIGHEST_LEVEL:
-                raise QuantityError(
-                    f'expected a power such as "10 dBm", within {_HIGHEST_LEVEL:g} {unit} of 0 '
-                    f"{unit}, got {value_text(text)}"
-                )
+                raise QuantityError(f'expected a power such as "10 dBm", got {value_text(text)}')
             return reference * float(10 ** (level / 10))
     return _parse(text, _POWERS, "power", "10 mW", positive=True)
 
 
-# The wavelength of a lower one is beyond floats.
-_LOWEST_FREQUENCY = 1e-300
-
-
 def wavelength_of(frequency: float) -> float:
     """Vacuum wavelength in metres of a frequency in hertz, which must be above zero."""
-    if not _LOWEST_FREQUENCY < frequency < math.inf:
+    if not 0 < frequency < math.inf:
         raise QuantityError(
-            f"expected a finite frequency above {_LOWEST_FREQUENCY:g} Hz, got "
-            f"{value_text(frequency)}; give it in hertz"
+            f"expected a finite frequency above 0 Hz, got {value_text(frequency)}; give it in hertz"
         )
     return SPEED_OF_LIGHT / frequency

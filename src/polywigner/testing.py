@@ -14,6 +14,7 @@ from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, Slits
 from polywigner.geometry.arguments import checked_count
 from polywigner.source import Array
+from polywigner.source.normal_form import normal_form
 
 __all__ = ["check"]
 
@@ -71,7 +72,8 @@ def check(source: Aperture | Slits | Array, points: int = 100, seed: int = 0) ->
 
 def _laws(source: Any, points: int, seed: int) -> Iterator[Law]:
     """Yield both sides of each law at random arguments within the source and its spectrum."""
-    low, high = _bounds(source)
+    form = normal_form(source)
+    low, high = np.reshape(form.bounds, (2, -1))
     size = float(np.linalg.norm(high - low))
     d = len(low)
     random = np.random.default_rng(seed)
@@ -80,7 +82,7 @@ def _laws(source: Any, points: int, seed: int) -> Iterator[Law]:
     nu, upsilon = random.uniform(-8.0 / size, 8.0 / size, (2, points, d))
     zero = np.zeros(d)
     energy = float(np.real(transforms.lag_marginal(source, zero)))
-    field = _largest_field(source)
+    field = sum(abs(e.weight) * float(np.abs(e.amplitudes).sum()) for e in form.elements)
     bound = math.prod((high - low).tolist()) * field**2
     far = 1.0 + float(np.abs([low, high]).max()) / size  # rounding of positions away from 0
     allowed = _TOLERANCE * far * max(bound, energy)
@@ -108,7 +110,7 @@ def _laws(source: Any, points: int, seed: int) -> Iterator[Law]:
     yield "int W dx = |F(nu)|^2", integral, power, loss, {"nu": few}
 
     shift = np.linspace(0.37, -0.19, d) * size
-    moved = _moved(source, shift)
+    moved = form.moved(shift).public
     shifted = transforms.wigner(moved, x + shift, nu)
     yield "W of the shifted source", shifted, w, 4 * 2**d * allowed, at_x
     shifted, phase = transforms.ambiguity(moved, upsilon, xi), np.exp(-2j * np.pi * upsilon @ shift)
@@ -128,34 +130,9 @@ def _laws(source: Any, points: int, seed: int) -> Iterator[Law]:
         total = np.tensordot(np.asarray(source.weights), terms, 1)
         yield "F is the weighted sum over elements", f, total, strength, {"nu": nu}
     elif source.illumination is None:
-        content = source.area if isinstance(source, Aperture) else _length(source)
+        content = source.area if isinstance(source, Aperture) else source.length
         at_zero = transforms.fourier(source, zero)
         yield "F(0) is the area", np.atleast_1d(at_zero), content, strength, {}
-
-
-def _elements(source: Any) -> list[Any]:
-    return list(source.elements) if isinstance(source, Array) else [source]
-
-
-def _bounds(source: Any) -> tuple[Floats, Floats]:
-    """Return the lower and upper corner of a box about all elements."""
-    boxes = [
-        np.array([[element.intervals.min()], [element.intervals.max()]])
-        if isinstance(element, Slits)
-        else np.reshape(element.bounds, (2, 2))
-        for element in _elements(source)
-    ]
-    return np.min(boxes, axis=0)[0], np.max(boxes, axis=0)[1]
-
-
-def _largest_field(source: Any) -> float:
-    """Return an upper bound of |u|."""
-    waves = [
-        1.0 if element.illumination is None else np.abs(element.illumination.amplitudes).sum()
-        for element in _elements(source)
-    ]
-    weights = np.abs(source.weights) if isinstance(source, Array) else np.ones(1)
-    return float(np.sum(weights * waves))
 
 
 def _lattice(low: Floats, high: Floats) -> tuple[Floats, float]:
@@ -163,13 +140,3 @@ def _lattice(low: Floats, high: Floats) -> tuple[Floats, float]:
     k = np.arange(_LATTICE)
     unit = np.column_stack([k + 0.5, (k * _STEP) % _LATTICE + 0.5])[:, : len(low)] / _LATTICE
     return low + unit * (high - low), math.prod((high - low).tolist()) / _LATTICE
-
-
-def _moved(source: Any, shift: Floats) -> Any:
-    if isinstance(source, Array):
-        return Array([element.moved(shift) for element in _elements(source)], source.weights)
-    return source.moved(shift)
-
-
-def _length(source: Slits) -> float:
-    return float(np.diff(source.intervals, axis=1).sum())

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+from typing import Any
+
 import numpy as np
 
 
@@ -16,3 +19,16 @@ def triangle_nodes(triangles: np.ndarray, order: int) -> tuple[np.ndarray, np.nd
     e, f = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 1]
     area = np.abs(e[:, 0] * f[:, 1] - e[:, 1] * f[:, 0])
     return points.reshape(-1, 2), (area[:, None] * unit).ravel()
+
+
+def nodes_on(source: Any, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Points (n, 2) on a source of the plane, and its field there times the area of each."""
+    parts = []
+    for element, weight in zip(
+        source.elements_in_plane, getattr(source, "weights", [1.0]), strict=True
+    ):
+        fans = [(p[0], b, c) for p in element.convex_cover for b, c in pairwise(p[1:])]
+        points, areas = triangle_nodes(np.array(fans), count)
+        field = 1.0 if element.illumination is None else element.illumination(points)
+        parts.append((points, weight * areas * field))
+    return np.concatenate([x for x, _ in parts]), np.concatenate([u for _, u in parts])

@@ -19,6 +19,11 @@ from polywigner.errors import ArgumentError, QuantityError, value_text
 from polywigner.interruption import atomic_path, scratch_of
 from polywigner.quantities import parse_angle
 
+CONDITIONS = "rayleigh-sommerfeld-1, rayleigh-sommerfeld-2, kirchhoff"
+METHODS = f"wigner, {CONDITIONS}, fresnel or fraunhofer"
+OBLIQUITIES = f"{CONDITIONS} or paper"
+EXACT = "rayleigh-sommerfeld-1"
+"""Default method of exact fields."""
 FLOOR: dict[str, Any] = {"min": -300.0, "max": -1.0}
 DbFloor = Annotated[
     float,

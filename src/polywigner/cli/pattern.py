@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal, cast
 
+from polywigner.cli import options
 from polywigner.cli.options import DbFloor, Out, files_to_write, parse_step, suffixes_of, write
 from polywigner.cli.sources import SourceOptions, field_title
 from polywigner.errors import ArgumentError
@@ -30,8 +31,7 @@ def pattern(
     *,
     obliquity: Annotated[
         str | None,
-        "Boundary condition of a scalar field: rayleigh-sommerfeld-1 (default without a "
-        "polarisation), rayleigh-sommerfeld-2, kirchhoff, or paper.",
+        f"Boundary condition of a scalar field (default: the first): {options.OBLIQUITIES}.",
     ] = None,
     power: Annotated[
         str | None,
@@ -92,7 +92,7 @@ def pattern(
     import polywigner as pw
     from polywigner.figures import draw_pattern, outline_of
     from polywigner.propagation.pattern_files import read_nearest_pattern
-    from polywigner.source.texts import direction_angles
+    from polywigner.source.source_tables import direction_angles
 
     radiator, length = source.read_with_wavelength()
     wavelengths = outline_of(radiator).diameter / length

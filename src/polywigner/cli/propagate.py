@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 Point = tuple[float, float, float]
 _Format = StrEnum("_Format", "nc zarr vti")
 
-_EXACT = "rayleigh-sommerfeld-1"
 _WIDEST = 80.0  # degrees from the axis, default of an arc
 _GRAZING = math.radians(89.5)  # of a hemisphere, as where suggested samples end
 _MOST_POINTS = 1 << 26  # half a gigabyte for each method
@@ -51,15 +50,13 @@ class FieldOptions(FieldSourceOptions):
 
     method: Annotated[
         list[str] | None,
-        "wigner, rayleigh-sommerfeld-1, rayleigh-sommerfeld-2, kirchhoff, fresnel or fraunhofer; "
-        "several times to compare them (default: wigner, of propagate also rayleigh-sommerfeld-1; "
-        "behind obstacles rayleigh-sommerfeld-1). wigner with its own obliquity: 'wigner paper', "
-        "'wigner kirchhoff'.",
+        f"{options.METHODS}; several times to compare them (default: wigner, of propagate also "
+        f"{options.EXACT}; behind obstacles {options.EXACT}). wigner with its own obliquity: "
+        "'wigner paper'.",
     ] = None
     obliquity: Annotated[
         str | None,
-        "Boundary condition of wigner rays: rayleigh-sommerfeld-1 (default), "
-        "rayleigh-sommerfeld-2, kirchhoff, or paper.",
+        f"Boundary condition of wigner rays (default: the first): {options.OBLIQUITIES}.",
     ] = None
     against: Annotated[
         str | None, "Method that the others are compared with (default: the last exact one)."
@@ -81,7 +78,7 @@ class FieldOptions(FieldSourceOptions):
         """Return the methods, and the name of the one that the others are compared with."""
         from polywigner.geometry.arguments import checked_choice
 
-        texts = self.method or ([_EXACT] if self.obstacle else list(default))
+        texts = self.method or ([options.EXACT] if self.obstacle else list(default))
         twice = [text for text in texts if texts.count(text) > 1]
         if twice:
             raise ArgumentError(f"--method: expected different methods, got {twice[0]!r} twice")
@@ -104,7 +101,7 @@ class FieldOptions(FieldSourceOptions):
 
 
 def _method(text: str, obliquity: str | None) -> MethodText:
-    """Parse a method; "wigner" may have an obliquity of its own, as in ``"wigner kirchhoff"``."""
+    """Parse a method; "wigner" may have an obliquity of its own, as in ``"wigner paper"``."""
     method, _, of_wigner = text.partition(" ")
     if of_wigner and method != "wigner":
         raise ArgumentError(f"--method: expected an obliquity after wigner only, got {text!r}")
@@ -164,7 +161,7 @@ def propagate(
     from polywigner.figures import draw_hemispheres, draw_lines, draw_planes
     from polywigner.propagation.stores import required
 
-    methods, reference = field.methods("wigner", _EXACT)
+    methods, reference = field.methods("wigner", options.EXACT)
     for suffix, module in ((".nc", "h5netcdf"), (".zarr", "zarr")):
         if suffix in suffixes:
             required(module)  # now rather than after the work

@@ -148,7 +148,7 @@ class SourceOptions(Reading, WaveOptions):
         """Return the source, and the wavelength in m of the options or else of the file."""
         from polywigner.figures import outline_of
         from polywigner.source.source_files import read_content
-        from polywigner.source.texts import SOURCE_TEXTS, apply_texts
+        from polywigner.source.source_tables import SOURCE_TEXTS, apply_texts
 
         wavelength = self.length()
         if _is_source_file(self.source):

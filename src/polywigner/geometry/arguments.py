@@ -461,26 +461,37 @@ def rigid_pose(to_world: Any) -> NDArray[np.float64]:
     would be another aperture, whose transforms this one's are not.
     """
     expected = "expected to_world as a (4, 4) matrix"
-    given = finite_array(to_world, expected, (4, 4), error=GeometryError)
-    rotation = given[:3, :3]
-    if not np.allclose(given[3], (0.0, 0.0, 0.0, 1.0)):
-        raise GeometryError("expected a rigid to_world, got a perspective transformation")
-    if float(np.abs(rotation.T @ rotation - np.eye(3)).max()) > RIGID_TOLERANCE:
-        scales = ", ".join(f"{scale:.6g}" for scale in np.linalg.svd(rotation, compute_uv=False))
-        raise GeometryError(
-            "expected a to_world of rotations and translations only, got one that scales by "
-            f"{scales}; scale the aperture itself, or set its unit"
-        )
-    if np.linalg.det(rotation) < 0:
-        raise GeometryError(
-            "expected a to_world of rotations and translations only, got a mirror image; "
-            "mirror the aperture itself"
-        )
-    left, _, right = np.linalg.svd(rotation)
-    given[:3, :3] = left @ right
-    given[3] = (0.0, 0.0, 0.0, 1.0)
-    given.flags.writeable = False
-    return given
+    pose = rigid_poses(finite_array(to_world, expected, (4, 4), error=GeometryError), "to_world")
+    pose.flags.writeable = False
+    return pose
+
+
+def rigid_poses(values: Any, name: str) -> NDArray[np.float64]:
+    """Rigid poses (..., 4, 4): the nearest rotations, and the translations.
+
+    Raises GeometryError for anything else.
+    """
+    expected = f"expected {name} as rigid poses (..., 4, 4), rotations and translations only"
+    poses = checked_vectors(values, expected, (4, 4), GeometryError)
+    if not np.isfinite(poses).all():
+        raise GeometryError(f"{expected}, got numbers that are not finite")
+    rotation = poses[..., :3, :3]
+    left, scales, right = np.linalg.svd(rotation)
+    gram = np.swapaxes(rotation, -1, -2) @ rotation
+    last_row = np.isclose(poses[..., 3, :], (0.0, 0.0, 0.0, 1.0))
+    faults = {
+        "a last row other than (0, 0, 0, 1)": ~last_row.all(axis=-1),
+        "one that scales by {}; scale the source itself": (
+            np.abs(gram - np.eye(3)) > RIGID_TOLERANCE
+        ).any(axis=(-2, -1)),
+        "a mirror image; mirror the source itself": np.linalg.det(rotation) < 0,
+    }
+    for fault, at in faults.items():
+        if at.any():
+            sizes = ", ".join(f"{scale:.6g}" for scale in scales[at][0])
+            raise GeometryError(f"{expected}, got {fault.format(sizes)}")
+    poses[..., :3, :3], poses[..., 3, :] = left @ right, (0.0, 0.0, 0.0, 1.0)
+    return poses
 
 
 def write_lines(file: Path, lines: Iterable[str]) -> None:

@@ -234,13 +234,12 @@ class Wavefront(TakesWaves):
             raise IlluminationError(f"{expected}, got {value_text(curvature)}")
         c = c.copy() if q.any() else np.zeros(d)  # flat waves are the same about all points
         width = _checked_width(coherence_width, "coherence_width")
-        for name, array in (("curvature", q), ("centre", c)):
-            array.setflags(write=False)
-            self.__dict__[name] = array
-        self.__dict__["source"] = source
-        self.__dict__["coherence_width"] = width
         length = None if wavelength is None else checked_wavelength(wavelength)
-        self.__dict__["wavelength"] = length
+        for array in (q, c):
+            array.setflags(write=False)
+        self.__dict__.update(
+            source=source, curvature=q, centre=c, coherence_width=width, wavelength=length
+        )
 
     def at_wavelength(self, wavelength: float) -> Wavefront:
         length = checked_wavelength(wavelength)

@@ -41,13 +41,12 @@ from polywigner.propagation.screens import (
     incident_of_point,
 )
 from polywigner.source import Array
+from polywigner.source.normal_form import normal_form
 from polywigner.source.obliquities import (
     CONDITIONS,
     DEFAULT,
     BoundaryCondition,
-    warn_of_slopes,
 )
-from polywigner.source.support import moved_source
 from polywigner.transforms.traced_sources import check_no_drjit
 from polywigner.transforms.wavefronts import checked_wavefront, flat_of
 from polywigner.transforms.xarray_arguments import takes_xarray
@@ -178,9 +177,9 @@ def amplitude(
     if name == "fraunhofer" and not isinstance(source, Screen):
         kind = checked_method(DEFAULT if obliquity is None else obliquity, CONDITIONS)
         check_slopes(source, kind)
-        warn_of_slopes(flat_of(source), length, kind)
+        CONDITIONS[kind].warn_of_fit(flat_of(source), length)
         directions, distance, turns = _seen_from(radiator.centre, length, flat)
-        flat_field = moved_source(flat_of(source), -radiator.centre)
+        flat_field = normal_form(flat_of(source)).moved(-radiator.centre).public
         centred = (
             source.on(flat_field, -radiator.centre) if isinstance(source, Wavefront) else flat_field
         )
@@ -197,7 +196,8 @@ def amplitude(
     elif isinstance(source, Wavefront):
         values, errors = curved_field(checked_wavefront(source), flat, length, name)
     else:
-        warn_of_slopes(source, length, name)
+        if name in CONDITIONS:
+            CONDITIONS[name].warn_of_fit(source, length)
         found = boundary_field(radiator, flat, length, name, allowed, double, engine)
         values, errors = found[:2]
         warn_of_missed(*found[1:], "points")

@@ -24,7 +24,7 @@ from polywigner.propagation.patterns import decibels, described, radiation_patte
 from polywigner.propagation.places import angle_axes, checked_phi, checked_theta, unit_vectors
 from polywigner.radiometry.directions import PlaneSource, checked_source
 from polywigner.source import Array
-from polywigner.source.obliquities import ObliquityName, checked_obliquity, warn_of_slopes
+from polywigner.source.obliquities import ObliquityName, obliquity_of
 
 if TYPE_CHECKING:
     import xarray
@@ -107,8 +107,9 @@ def array_tolerance(
     number = checked_count(count, "count", 2)
     random = checked_generator(seed)
     polar, azimuth = checked_theta(theta), checked_phi(phi)
-    name = checked_obliquity(obliquity)
-    warn_of_slopes(source, length, name)
+    condition = obliquity_of(obliquity)
+    condition.warn_of_fit(source, length)
+    name = condition.name
     power, _ = powers_of(source, length, name)
     directions = unit_vectors(polar, azimuth)
     factors, shifts = _draw(errors, (len(source), number), random)

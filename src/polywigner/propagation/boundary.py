@@ -21,8 +21,9 @@ from polywigner.kernels.boundary.integrals import fresnel_edge_sum
 from polywigner.kernels.kernel import Kernel
 from polywigner.numerics import phases
 from polywigner.numerics.nodes import gauss_rules
-from polywigner.radiometry.directions import PlaneSource, checked_source
-from polywigner.source.obliquities import OBLIQUITIES, direction_cosines
+from polywigner.radiometry.directions import checked_source
+from polywigner.source.normal_form import normal_form
+from polywigner.source.obliquities import DEFAULT, OBLIQUITIES, direction_cosines
 
 Floats = NDArray[np.float64]
 Block = tuple[Floats, NDArray[np.complex128], NDArray[np.bool_]]
@@ -36,7 +37,7 @@ _TURNS = 48.0
 
 @dataclass(frozen=True)
 class _Element:
-    """An outline with waves, at shifts (n, 2) with weights (n,)."""
+    """An outline with its waves, at shifts (n, 2) with weights (n,)."""
 
     outline: Aperture
     amplitudes: NDArray[np.complex128]
@@ -106,35 +107,17 @@ class Radiator:
 
 def radiator_of(source: object) -> Radiator:
     """The radiating outlines of an Aperture, or of an Array in the plane z = 0."""
-    elements = tuple(_elements(checked_source(source)))
-    corners = []
-    for element in elements:
-        west, south, east, north = element.outline.bounds
-        corners.append(element.shifts.min(axis=0) + np.array([west, south]))
-        corners.append(element.shifts.max(axis=0) + np.array([east, north]))
-    return Radiator(elements, np.min(corners, axis=0), np.max(corners, axis=0))
-
-
-def _elements(source: PlaneSource) -> Iterator[_Element]:
-    if isinstance(source, Aperture):
-        yield _element(source, np.zeros((1, 2)), np.ones(1, np.complex128))
-        return
-    if source.repeated is not None:
-        lit = source.weights != 0
-        outline = source.repeated[0]
-        assert isinstance(outline, Aperture)  # no slits: checked_source
-        yield _element(outline, source.repeated[1][lit], source.weights[lit])
-        return
-    for element, weight in zip(source.elements_in_plane, source.weights, strict=True):
-        if weight:
-            yield _element(element, np.zeros((1, 2)), np.array([weight]))
-
-
-def _element(outline: Aperture, shifts: Floats, weights: NDArray[np.complex128]) -> _Element:
-    field = outline.illumination
-    if field is None:
-        return _Element(outline, np.ones(1, np.complex128), np.zeros((1, 2)), shifts, weights)
-    return _Element(outline, field.amplitudes, field.frequencies, shifts, weights)
+    form = normal_form(checked_source(source)).in_plane
+    copies = [(e, np.zeros((1, 2)), np.array([e.weight])) for e in form.distinct]
+    if form.repeated is not None:
+        copies = [(form.repeated.element, form.repeated.positions, form.weights)]
+    elements = tuple(
+        _Element(e.shape, e.amplitudes, e.frequencies, shifts[w != 0], w[w != 0])
+        for e, shifts, w in copies
+        if w.any()
+    )
+    low, high = np.reshape(form.bounds, (2, 2))
+    return Radiator(elements, low, high)
 
 
 def panels_of(
@@ -420,7 +403,7 @@ def _paraxial_strata(
     if turns > _MOST_TURNS or around > _MOST_ROWS * float(longest.min(initial=1.0)):
         raise ArgumentError(
             f"the parabolic waves of Fresnel's integral have {turns:.3g} turns of phase along the "
-            f'outline, at most {_MOST_TURNS:.0e}; use method="kirchhoff", points nearer to the '
+            f"outline, at most {_MOST_TURNS:.0e}; use method={DEFAULT!r}, points nearer to the "
             "axis, or a plane farther from the source and its images"
         )
     for number in np.unique(step):

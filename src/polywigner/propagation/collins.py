@@ -29,7 +29,7 @@ from polywigner.propagation.places import (
 )
 from polywigner.propagation.quadrature import field_at, gauss_rule, node_count, weighted_elements
 from polywigner.source import Array
-from polywigner.source.array import tilted_source
+from polywigner.source.normal_form import normal_form
 from polywigner.transforms import autocorrelation, fourier
 from polywigner.transforms.traced_sources import check_no_drjit
 from polywigner.transforms.wavefronts import checked_wavefront, chirp_transform
@@ -498,7 +498,7 @@ def as_lens(wave: Wavefront, wavelength: float) -> tuple[Any, FirstOrder, comple
     lens = FirstOrder(np.block([[np.eye(2), np.zeros((2, 2))], [q, np.eye(2)]]))
     turns = float(wave.centre @ slope) / 2
     phase = complex(np.exp(2j * np.pi * (turns - round(turns))))
-    return tilted_source(wave.source, -slope), lens, phase
+    return normal_form(wave.source).tilted(-slope).public, lens, phase
 
 
 def squared_field(field: Any, error: Any) -> tuple[Any, Any]:

@@ -197,7 +197,9 @@ def _terms(
 ) -> Complex:
     """Values times weights (k, nodes) of the integrand of (Q7)."""
     condition = CONDITIONS[method]
-    nodes, field, slopes = lit_nodes(wave, part, cells, wavelength, condition.takes_slopes)
+    nodes, field, slopes = lit_nodes(
+        wave, part, cells, wavelength, condition.needs_normal_derivative
+    )
     height = points[:, 2, None]
     reach = np.sqrt(((nodes - points[:, None, :2]) ** 2).sum(axis=2) + height**2)
     k = 2 * math.pi / wavelength

@@ -380,8 +380,8 @@ def line(
 
     >>> import polywigner as pw
     >>> square, ends = pw.shapes.square(10e-3), [(0, 0, 0.05), (0, 0, 0.2)]
-    >>> field = pw.line(square, ends, 5, 3.2e-3, method="kirchhoff")
-    >>> field.kirchhoff.shape
+    >>> field = pw.line(square, ends, 5, 3.2e-3, method="fresnel")
+    >>> field.fresnel.shape
     (5,)
     """
     return _dataset(source, line_grid(ends, samples), wavelength, options)
@@ -405,8 +405,7 @@ def plane(
         (3, 3) of a rectangle in any direction, the first between the other two. z > 0.
     shape : number of points along both axes, edges included.
     wavelength : in m.
-    method : "wigner" (default), or one of "rayleigh-sommerfeld-1", "rayleigh-sommerfeld-2",
-        "kirchhoff", "fresnel" and "fraunhofer", or several of these side by side.
+    method : "wigner" (default), or one of :func:`amplitude`, or several of these side by side.
     quantity : "irradiance" (default), |U|^2 in W/m^2 for |u|^2 in W/m^2; "amplitude", complex, or
         its "phase" in rad, which "wigner" does not have.
     obliquity : of "wigner" and "fraunhofer", as :func:`irradiance` takes it.
@@ -441,8 +440,8 @@ def plane(
 
     >>> import polywigner as pw
     >>> square, where = pw.shapes.square(10e-3), [(-0.02, -0.02, 0.1), (0.02, 0.02, 0.1)]
-    >>> field = pw.plane(square, where, (5, 4), 3.2e-3, method="kirchhoff")
-    >>> sorted(field.kirchhoff.shape)
+    >>> field = pw.plane(square, where, (5, 4), 3.2e-3, method="fresnel")
+    >>> sorted(field.fresnel.shape)
     [4, 5]
     """
     return _dataset(source, plane_grid(where, shape), wavelength, options)
@@ -474,8 +473,8 @@ def hemisphere(
 
     >>> import polywigner as pw
     >>> square, theta = pw.shapes.square(10e-3), [0.0, 0.5]
-    >>> field = pw.hemisphere(square, 0.1, theta, [0.0], 3.2e-3, method="kirchhoff")
-    >>> field.kirchhoff.shape
+    >>> field = pw.hemisphere(square, 0.1, theta, [0.0], 3.2e-3, method="fresnel")
+    >>> field.fresnel.shape
     (2, 1)
     """
     return _dataset(source, hemisphere_grid(radius, theta, phi, centre), wavelength, options)
@@ -510,8 +509,8 @@ def volume(
 
     >>> import polywigner as pw
     >>> square, box = pw.shapes.square(10e-3), [(-0.02, -0.02, 0.05), (0.02, 0.02, 0.1)]
-    >>> field = pw.volume(square, box, (3, 3, 2), 3.2e-3, method="kirchhoff")
-    >>> field.kirchhoff.size
+    >>> field = pw.volume(square, box, (3, 3, 2), 3.2e-3, method="fresnel")
+    >>> field.fresnel.size
     18
     """
     return _dataset(source, box_grid(box, shape), wavelength, options, "float32")

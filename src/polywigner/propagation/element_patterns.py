@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,8 +18,9 @@ from polywigner.geometry.arguments import (
     warn_caller,
 )
 from polywigner.propagation.places import unit_vectors
-from polywigner.propagation.vector_fields import FIRST, of_co_and_cross, of_currents
+from polywigner.propagation.vector_fields import of_co_and_cross, of_currents
 from polywigner.radiometry.directions import directions_and_weights
+from polywigner.source.obliquities import DEFAULT, DefaultCondition
 from polywigner.source.polarisation import (
     MODELS,
     CurrentModel,
@@ -272,7 +273,7 @@ def fit_pattern(
     wavelength: float | None = None,
     *,
     polarisation: str | ArrayLike | None = None,
-    method: CurrentModel | Literal["rayleigh-sommerfeld-1"] = "huygens",
+    method: CurrentModel | DefaultCondition = "huygens",
     cut_off: float = 1e-2,
 ) -> FittedPattern:
     """Field on an aperture whose far field comes nearest to a pattern: least squares of waves.
@@ -291,7 +292,7 @@ def fit_pattern(
         co-polar part refers to. What the pattern has besides counts in the residual.
     method : how the aperture radiates: "huygens", "magnetic" (an opening in a metal screen) or
         "electric", as of polarised sources everywhere; or, for scalar fields and links without a
-        polarisation, "rayleigh-sommerfeld-1".
+        polarisation, the default method of :func:`amplitude`.
     cut_off : fraction of the largest singular value. A smaller one follows the pattern closer, by
         fields that are less smooth.
 
@@ -327,7 +328,7 @@ def fit_pattern(
     if wavelength is None and not math.isfinite(length):
         raise ArgumentError("expected a wavelength, since the pattern has none, got None; give it")
     length = checked_wavelength(length)
-    model = checked_choice(method, "method", (*MODELS, FIRST))
+    model = checked_choice(method, "method", (*MODELS, DEFAULT))
     jones = linear_components(pattern, "pattern")[-1]
     if polarisation is not None:
         jones = checked_polarisation(polarisation, aperture)
@@ -367,7 +368,7 @@ def fit_pattern(
 
 def _unit_far_fields(jones: Complex, s: Floats, model: str) -> Complex:
     """Far fields (n, 3) of a point with a Jones vector (2,), over its scalar F/(i lambda)."""
-    if model == FIRST:
+    if model == DEFAULT:
         return s[:, 2:] * np.einsum("j,jkn->nk", jones, np.array(ludwig_axes(*s.T)))
     return of_currents(np.append(jones, 0.0), s, model)
 

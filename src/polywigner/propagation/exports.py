@@ -101,7 +101,7 @@ def write_vti(dataset: Stored, path: str | os.PathLike[str]) -> None:
     >>> import polywigner as pw
     >>> import pathlib, tempfile
     >>> square, box = pw.shapes.square(10e-3), [(-0.02, -0.02, 0.05), (0.02, 0.02, 0.1)]
-    >>> found = pw.volume(square, box, (3, 3, 2), 3.2e-3, method="kirchhoff")
+    >>> found = pw.volume(square, box, (3, 3, 2), 3.2e-3, method="fresnel")
     >>> path = pathlib.Path(tempfile.mkdtemp()) / "field.vti"
     >>> pw.write_vti(found, path)
     >>> path.stat().st_size > 0

@@ -35,7 +35,6 @@ from polywigner.source.obliquities import (
     OBLIQUITIES,
     ObliquityName,
     times_direction_cosine,
-    warn_of_slopes,
 )
 from polywigner.transforms import fourier, pupil
 from polywigner.transforms.phase_space import energy_of
@@ -74,7 +73,9 @@ def far_field(
         total = np.sqrt(front) * spectrum(False)
     else:
         total = condition.field * front * spectrum(False) if condition.field else 0.0
-        total = total + condition.slope * spectrum(True) if condition.takes_slopes else total
+        total = (
+            total + condition.slope * spectrum(True) if condition.needs_normal_derivative else total
+        )
     values = np.where(cosine < 0, 0.0, total / (1j * wavelength))
     return values.astype(np.complex64 if precision == "single" else np.complex128)
 
@@ -116,15 +117,15 @@ def radiated_power(
     name = checked_choice(obliquity, "obliquity", OBLIQUITIES)
     radiator, length = checked_radiator(source, partly=True), checked_wavelength(wavelength)
     check_slopes(radiator, name)
-    warn_of_slopes(flat_of(radiator), length, name)
+    OBLIQUITIES[name].warn_of_fit(flat_of(radiator), length)
     return powers_of(radiator, length, name)[0]
 
 
 def check_slopes(source: PlaneSource | Wavefront, name: str) -> None:
     """Raise ArgumentError for an obliquity that takes the slopes of a curved wave, or of tilts."""
-    if isinstance(source, Wavefront) and OBLIQUITIES[name].takes_slopes:
+    if isinstance(source, Wavefront) and OBLIQUITIES[name].needs_normal_derivative:
         raise ArgumentError(
-            'expected obliquity "rayleigh-sommerfeld-1" or "paper" for a curved wave or partly '
+            f'expected obliquity {DEFAULT!r} or "paper" for a curved wave or partly '
             f"coherent light, got {name!r}, whose factor differs from place to place and from tilt "
             "to tilt; amplitude has it near by, of coherent light"
         )
@@ -158,7 +159,7 @@ def _intensity(
     """Radiant intensity (n,) in W/sr at unit vectors (n, 3) of the front."""
     if not is_partly_coherent(source):
         return np.square(np.abs(far_field(source, directions, wavelength, name)))
-    # its factor is the paper's cosine, of Rayleigh-Sommerfeld I the square
+    # the intensity has the factor cos, the default condition its square
     factor = 1.0 if name == "paper" else directions[:, 2]
     return np.asarray(radiant_intensity(source, directions, wavelength) * factor)
 

@@ -49,12 +49,9 @@ from polywigner.radiometry.directions import (
 )
 from polywigner.source import Array
 from polywigner.source.obliquities import (
-    CONDITIONS,
     DEFAULT,
-    OBLIQUITIES,
     ObliquityName,
-    checked_obliquity,
-    weighted_sources,
+    obliquity_of,
 )
 from polywigner.transforms.phase_space import energy_of
 from polywigner.transforms.traced_sources import check_no_drjit
@@ -160,18 +157,18 @@ def irradiance(
         :func:`amplitude`; or a :class:`PointSource`, by any method.
     points : (..., 3) in m, z > 0, or (..., 2) with ``through``.
     wavelength : in m.
-    method : "wigner" (the default), "rayleigh-sommerfeld-1", "rayleigh-sommerfeld-2", "kirchhoff",
-        "fresnel" or "fraunhofer"; or "auto", the exact field of the boundary condition that
-        ``obliquity`` names. Rays are for study: behind an outline of many edges the exact field is
-        a hundred times as fast (300 vertices, 50 points: 0.19 s instead of 19.7 s).
+    method : "wigner" (the default), or one of :func:`amplitude`; or "auto", the exact field of the
+        boundary condition that ``obliquity`` names. Rays are for study: behind an outline of many
+        edges the exact field is a hundred times as fast (300 vertices, 50 points: 0.19 s instead
+        of 19.7 s).
     through : as of :func:`amplitude`: the square of Collins' integral, which is exactly the
         integral of W over all frequencies.
     obstacles : bodies and plates in the way, whose shadows diffract, as in :func:`amplitude`; with
         "auto" or a method of :func:`amplitude`, for light of one wavelength.
-    obliquity : the boundary condition that the rays are matched to: "rayleigh-sommerfeld-1" (the
-        default), "kirchhoff" or "rayleigh-sommerfeld-2"; or "paper", a factor cos(theta) of no
-        boundary condition. Of fields of several waves it is applied to each pair of waves. Also
-        that of "fraunhofer", "paper" excepted; the other methods have their own.
+    obliquity : the boundary condition that the rays are matched to, as of
+        :func:`radiation_pattern`; or "paper", a factor cos(theta) of no boundary condition. Of
+        fields of several waves it is applied to each pair of waves. Also that of "fraunhofer",
+        "paper" excepted; the other methods have their own.
     tolerance : error of the sum over rays, relative to the irradiance where that is above 1e-3 of
         the largest that a source of this power and area can make at that distance, else relative
         to 1e-3 of that: (T2); in single precision at least 1e-5 of the largest. It is not the error
@@ -228,7 +225,7 @@ def irradiance(
         elif method != "wigner":
             error = min(error, _OF_EXACT)
         if is_partly_coherent(source) and not by_lags and obstacles is None:
-            name = checked_obliquity(obliquity) if method == "auto" else method
+            name = obliquity_of(obliquity).name if method == "auto" else method
             lit = partial(_of_partly_coherent, compute, points, name, through, error, return_error)
         return mean_over_mixture(
             lit, source, wavelength, bandwidth, error, return_error, by_lags=obstacles is None
@@ -240,8 +237,9 @@ def irradiance(
             {**others, "obliquity": obliquity}, squared=True, return_error=return_error, **run,
         )  # fmt: skip
     if method == "auto":
-        method = checked_obliquity(obliquity)
-        method, obliquity = (method, None) if method in CONDITIONS else ("wigner", "paper")
+        condition = obliquity_of(obliquity)
+        is_exact = condition.is_boundary_condition
+        method, obliquity = (condition.name, None) if is_exact else ("wigner", condition.name)
     if obstacles is not None:
         run["tolerance"] = max(_OF_SHADOWS * allowed, LEAST_TOLERANCE)
         options: dict[str, Any] = {"obstacles": obstacles, "obliquity": obliquity, **run}
@@ -261,7 +259,7 @@ def irradiance(
     if isinstance(radiator, Screen):
         raise ArgumentError(
             'expected another method than "wigner" behind a Screen, whose field has no rays of '
-            'its own; use method="kirchhoff"'
+            f"its own; use method={DEFAULT!r}"
         )
     found = _by_rays(radiator, places, length, obliquity, allowed, **run)
     return shaped(*found, places, return_error)
@@ -277,14 +275,15 @@ def _by_rays(
     engine: Engine,
 ) -> tuple[Values, Values]:
     """Irradiance by Wigner rays, and the estimate of its error, (n,) at all points (..., 3)."""
-    name = checked_obliquity(obliquity)
+    condition = obliquity_of(obliquity)
+    name = condition.name
     flat_source: Any = flat_of(source)
     curved = _curved(source)
     if curved:
         check_slopes(source, name)
     execution.checked_engine(engine)
     double = execution.checked_precision(precision) != "single"
-    fields = weighted_sources(flat_source, name, wavelength)
+    fields = condition.terms(flat_source, wavelength)
     width = source.coherence_width if isinstance(source, Wavefront) else math.inf
     rays = Rays(fields, wavelength, engine, double, curved, width)
     points, radiator = places.reshape(-1, 3), radiator_of(flat_source)
@@ -360,7 +359,7 @@ def _is_by_lags(source: Any, obliquity: Any) -> bool:
 
     With an obliquity that does not depend on the tilt, and where it has a closed form.
     """
-    if not is_partly_coherent(source) or OBLIQUITIES[checked_obliquity(obliquity)].takes_slopes:
+    if not is_partly_coherent(source) or obliquity_of(obliquity).needs_normal_derivative:
         return False
     return kernels.partly_coherent_kernel(source) is not None
 

@@ -178,7 +178,7 @@ def pair_sum(source: Wavefront, points: Floats, wavelength: float, method: str) 
     cells, _ = trapezoids_of([part for e in outline.elements_in_plane for part in e.polygons.geoms])
     longest = np.array([abs(lags.cells[:, k]).max() for k in (2, 0)])
     counts = node_counts(cells, rule.rates(longest / _TYPICAL), _ERROR)
-    pair = _PAIR * (_SLOPES if CONDITIONS[method].takes_slopes else 1.0)
+    pair = _PAIR * (_SLOPES if CONDITIONS[method].needs_normal_derivative else 1.0)
     vertices = sum(len(ring) for e in outline.elements_in_plane for ring in e.rings)
     cut = _CUT * vertices * len(outline.elements_in_plane) / len(points)
     work = pair * float(counts.prod(axis=1).sum()) + cut
@@ -195,7 +195,7 @@ def summed_over_pairs(
     before: Floats | None = None
     for extra in _LEVELS:
         nodes, weights = rule.lags.nodes(extra)
-        degrees = _degrees(source, nodes, wavelength, CONDITIONS[method].takes_slopes)
+        degrees = _degrees(source, nodes, wavelength, CONDITIONS[method].needs_normal_derivative)
         pairs = _pairs_of(source, nodes, weights, rule.rates(nodes), extra, degrees)
         found = _sum_of_pairs(pairs, points, wavelength, method)
         if before is not None and abs(found - before).max() <= error * abs(found).max():

@@ -238,7 +238,9 @@ def _of_spherical_waves(
         rule = None
     if rule is not None:
         cost = rule.cost
-    if _is_short(source) and (not CONDITIONS[method].takes_slopes or _is_steep(source, wavelength)):
+    if _is_short(source) and (
+        not CONDITIONS[method].needs_normal_derivative or _is_steep(source, wavelength)
+    ):
         pairs = pair_sum(source, points, wavelength, method)
         if pairs.cost < min(cost, _MOST_COST):
             found = summed_over_pairs(pairs, source, points, wavelength, method, error)
@@ -351,7 +353,7 @@ def _tilt_sum(
     sides = np.subtract(*np.reshape(source.bounds, (2, 2))[::-1])
     reaches = sides / source.coherence_width + tail
     count = math.prod((tail * reaches / math.pi + 1).tolist())
-    if count > _SPECTRUM or (condition.takes_slopes and not source.is_flat):
+    if count > _SPECTRUM or (condition.needs_normal_derivative and not source.is_flat):
         return None
     axes = [_axis(tail, reach, source.coherence_width) for reach in reaches.tolist()]
     rates = largest_rates(source, points, wavelength)

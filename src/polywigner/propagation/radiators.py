@@ -23,11 +23,10 @@ from polywigner.propagation.vector_fields import far_vectors, parts_of, vector_p
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.radiometry.directions import PlaneSource, check_width, checked_radiator, largest_lag
 from polywigner.source import Array
+from polywigner.source.normal_form import normal_form
 from polywigner.source.obliquities import (
     ObliquityName,
-    checked_obliquity,
-    fields_of,
-    warn_of_slopes,
+    obliquity_of,
 )
 from polywigner.source.polarisation import MODELS, CurrentModel, checked_polarisation
 from polywigner.transforms import array_factor
@@ -130,8 +129,8 @@ class FarField:
             half = np.ptp(np.reshape(flat.bounds, (2, 2)), axis=0) / 2
             reach = reach + wavelength * np.abs(source.curvature) @ half
         counts = np.ceil(np.minimum(reach, 1.0) / step).astype(np.intp)
-        waves = [np.zeros((1, 2)) if f is None else f.frequencies for f in fields_of(flat)]
-        centres = np.unique(np.round(np.concatenate(waves) * wavelength / step), axis=0) * step
+        waves = normal_form(flat).frequencies
+        centres = np.unique(np.round(waves * wavelength / step), axis=0) * step
         return [(centre, counts) for centre in centres if np.linalg.norm(centre) <= 1.0]
 
     def _on_disc(self, cosines: Values) -> tuple[Values, Values]:
@@ -189,9 +188,10 @@ def checked_far_field(source: Any, wavelength: Any, options: FarFieldOptions) ->
         powers = vector_powers(parts, length, model)
         jones = checked_polarisation(polarisation, radiator)
         return FarField(radiator, length, at, powers, {"method": model}, jones=jones, how=how)
-    name = checked_obliquity(obliquity)
+    condition = obliquity_of(obliquity)
+    name = condition.name
     check_slopes(radiator, name)
-    warn_of_slopes(flat_of(radiator), length, name)
+    condition.warn_of_fit(flat_of(radiator), length)
     at = partial(far_field, radiator, wavelength=length, obliquity=name)
     powers = powers_of(radiator, length, name)
     return FarField(radiator, length, at, powers, {"obliquity": name}, is_vector=False, how=how)

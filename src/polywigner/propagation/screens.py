@@ -203,7 +203,7 @@ class Screen:
     >>> import polywigner as pw
     >>> half_plane = pw.Aperture([(0, -500), (700, -500), (700, 500), (0, 500)])
     >>> screen = pw.Screen(half_plane, pw.PointSource((0.0, 0.0, -5.0)))
-    >>> grazing = pw.amplitude(screen, (0.0, 0.0, 5.0), 0.1, "kirchhoff")
+    >>> grazing = pw.amplitude(screen, (0.0, 0.0, 5.0), 0.1)
     >>> round(float(abs(grazing)) * 10.0, 3)  # half the free field at 10 m
     0.5
     """

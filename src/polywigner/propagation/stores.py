@@ -32,7 +32,7 @@ from polywigner.execution import MOST_THREADS
 from polywigner.execution.progress import progress_bar
 from polywigner.geometry.arguments import checked_count, checked_path
 from polywigner.interruption import atomic_path
-from polywigner.source.source_files import SOURCE_COORDINATE, json_of, table_of
+from polywigner.source.source_files import SOURCE_COORDINATE, source_json
 from polywigner.transforms.xarray_arguments import labelled_array
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ def digest_of(text: str) -> str:
 
 def source_text(source: Any) -> str:
     """Return a source file in JSON."""
-    return json_of(table_of(source))
+    return source_json(source)
 
 
 def source_attrs(source: Any) -> dict[str, str]:

@@ -51,6 +51,7 @@ from polywigner.radiometry.directions import (
     largest_lag,
 )
 from polywigner.source import Array
+from polywigner.source.obliquities import DEFAULT, DERIVATIVE_OF
 from polywigner.source.polarisation import (
     MODELS,
     CurrentModel,
@@ -69,7 +70,7 @@ Complex = NDArray[np.complex128]
 
 _OPS = execution.NumpyOperations(double=True)
 
-FIRST, SECOND = "rayleigh-sommerfeld-1", "rayleigh-sommerfeld-2"
+SECOND = DERIVATIVE_OF[DEFAULT]
 # Phi is the second integral of a wave over its p_z. One with a smaller |p_z| is the mean of waves
 # beside it: the field is analytic in their frequencies, and its fourth derivative is left, 1e-11
 # where they lose step by so many radians across half of the source.
@@ -226,12 +227,12 @@ def _near_field(
         return parts[0]
 
     if m:
-        found[:, :2] += m * integral(FIRST, lambda p: 1.0 + 0.0 * p[:, 0])[:, None] * q[:2]
+        found[:, :2] += m * integral(DEFAULT, lambda p: 1.0 + 0.0 * p[:, 0])[:, None] * q[:2]
         found[:, 2] -= m * integral(SECOND, lambda p: p @ q[:2])
     if e:
         for a in range(2):
             found[:, a] += e * integral(SECOND, lambda p, a=a: q[a] - p[:, a] * (p @ q[:2]))
-        found[:, 2] -= e * integral(FIRST, lambda p: p @ q[:2])
+        found[:, 2] -= e * integral(DEFAULT, lambda p: p @ q[:2])
     for sums in edge_integrals(radiator, points, wavelength, tolerance):
         found[sums.where] += _edge_field(sums, q, currents)
     return found, errors, limits

@@ -31,7 +31,8 @@ from polywigner.propagation.quadrature import (
     triangulated,
 )
 from polywigner.source import Array
-from polywigner.source.obliquities import Forms, fields_of, irradiance_factor
+from polywigner.source.normal_form import normal_form
+from polywigner.source.obliquities import DEFAULT, Forms
 from polywigner.source.support import mutual_support
 
 Floats = NDArray[np.float64]
@@ -47,7 +48,7 @@ def _along_rays(base: Kernel) -> Kernel:
     """
 
     def enter(ops: Any, frame: Any, x: Any, y: Any, *rest: Any) -> Values:
-        point, wavelength, forms, curved = rest[:3], rest[3], rest[4:7], rest[7:]
+        point, wavelength, forms, curved = rest[:3], rest[3], Forms(*rest[4:7]), rest[7:]
         along_x, along_y = point[0] - x, point[1] - y
         square = along_x * along_x + along_y * along_y + point[2] * point[2]
         inverse = 1.0 / ops.sqrt(square)
@@ -56,7 +57,7 @@ def _along_rays(base: Kernel) -> Kernel:
         if curved:
             (xx, xy, yy), (dx, dy) = curved[:3], (x - curved[3], y - curved[4])
             nu = nu[0] - (xx * dx + xy * dy), nu[1] - (xy * dx + yy * dy)
-        factor = irradiance_factor(forms, point[2] * inverse) * scale * scale
+        factor = forms.irradiance(point[2] * inverse) * scale * scale
         return (factor, *base.enter(ops, frame, x, y, *nu))
 
     base_sum = base.edge_sum
@@ -81,7 +82,7 @@ class Rays:
     """A sum over rays: its sources, and its settings."""
 
     sources: Sequence[tuple[Aperture | Array, Forms]]
-    """Sources and forms as of :func:`polywigner.source.obliquities.weighted_sources`."""
+    """Sources and forms as of :meth:`polywigner.source.obliquities.Obliquity.terms`."""
     wavelength: float
     engine: Engine
     double: bool
@@ -220,7 +221,7 @@ def _check_nodes(cells: Triangles, rate: float, wavelength: float) -> None:
         raise ArgumentError(
             f"expected a source of fewer wavelengths for Wigner rays to these points, got one of "
             f"{across:.3g} across, for which {count:.2g} places on it would have to be summed up; "
-            'use method="rayleigh-sommerfeld-1", which is exact, and check the unit of the '
+            f"use method={DEFAULT!r}, which is exact, and check the unit of the "
             "wavelength"
         )
 
@@ -239,10 +240,8 @@ def _phase_rates(
         q = np.array([curved[:2], curved[1:3]])
         nu = nu - (corners - np.array(curved[3:])) @ q
         bent = float(np.linalg.norm(q, 2) * np.hypot(xmax - xmin, ymax - ymin))
-    still = np.zeros((1, 2))
-    waves = [still if field is None else field.frequencies for field in fields_of(source)]
     result = np.zeros(len(points))
-    for kappa in np.unique(np.concatenate(waves), axis=0):
+    for kappa in normal_form(source).frequencies:
         result = np.maximum(result, np.linalg.norm(nu - kappa, axis=-1).max(axis=1))
     return result + bent
 

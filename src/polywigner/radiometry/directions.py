@@ -16,7 +16,6 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from polywigner import execution
 from polywigner.errors import ArgumentError
 from polywigner.execution.progress import progress_bar
 from polywigner.geometry import Aperture, Slits, Wavefront
@@ -24,8 +23,11 @@ from polywigner.geometry.arguments import checked_number, checked_vectors
 from polywigner.numerics.nodes import flat_rule
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.source import Array
-from polywigner.source.obliquities import Forms, fields_of, weighted_sources
+from polywigner.source.normal_form import normal_form
+from polywigner.source.obliquities import OBLIQUITIES
+from polywigner.source.tapers import checked_unit_vectors
 from polywigner.transforms import lag_marginal
+from polywigner.transforms.traced_sources import check_no_drjit
 from polywigner.transforms.wavefronts import checked_wavefront, flat_of
 
 Floats = NDArray[np.float64]
@@ -65,9 +67,6 @@ def wavelengths_of_band(
 
 PlaneSource = Aperture | Array
 
-# Directions that passed through single precision pass.
-_UNIT = 1e-6
-
 
 def checked_radiator(source: Any, partly: bool = False) -> PlaneSource | Wavefront:
     """Return a source of :func:`checked_source`, or one with a curved wave.
@@ -105,10 +104,10 @@ def checked_source(source: Any) -> PlaneSource:
     return source if source.dimension == 2 else Array(source.elements_in_plane, source.weights)
 
 
-def checked_directions(directions: Any) -> Floats:
+def checked_directions(direction: Any) -> Floats:
     """Unit vectors (..., 3) into z >= 0, as given; ArgumentError for others."""
-    _check_numpy("direction", directions)
-    array = checked_unit_vectors("direction", directions)
+    check_no_drjit(direction=direction)
+    array = checked_unit_vectors("direction", direction)
     back = array[..., 2] < 0
     if back.any():
         raise ArgumentError(
@@ -120,33 +119,11 @@ def checked_directions(directions: Any) -> Floats:
 
 def checked_positions(x: Any) -> Floats:
     """Positions (..., 2) on the aperture, in metres; ArgumentError for anything else."""
-    _check_numpy("x", x)
+    check_no_drjit(x=x)
     array = checked_vectors(x, "expected finite positions x of shape (..., 2)", (2,))
     if not np.isfinite(array).all():
         raise ArgumentError("expected finite positions x, got inf or nan; leave them out")
     return array
-
-
-def checked_unit_vectors(name: str, vectors: Any) -> Floats:
-    """Vectors (..., 3) of length 1 after rounding, as given; ArgumentError for others."""
-    expected = f"expected {name} as unit vectors of shape (..., 3)"
-    array = checked_vectors(vectors, expected, (3,))
-    length = np.linalg.norm(array, axis=-1)
-    wrong = ~(np.abs(length - 1) <= _UNIT)
-    if wrong.any():
-        raise ArgumentError(
-            f"{expected}, got {array[wrong][0].tolist()}, of length {length[wrong][0]:.6g}; "
-            "divide it by its length"
-        )
-    return array
-
-
-def _check_numpy(name: str, values: Any) -> None:
-    if execution.is_drjit(values):
-        raise ArgumentError(
-            f"expected {name} as a NumPy array, got a Dr.Jit array; use {name}.numpy(), or "
-            "polywigner.wigner and polywigner.fourier, which take both"
-        )
 
 
 # ---- integrals over directions -------------------------------------------------------------------
@@ -297,29 +274,17 @@ def power_by_lags(
     ends = [[0.5 * math.erfc((r - off * soft) / soft) for r in rho.tolist()] for off in _ENDS]
     lags = wavelength * rho[:, None, None] * np.stack([np.cos(phi), np.sin(phi)], axis=-1)
     found = np.zeros(len(_ENDS))
-    for one, forms in weighted_sources(flat_of(source), obliquity, wavelength):
+    for one, forms in OBLIQUITIES[obliquity].terms(flat_of(source), wavelength):
         whole = source.on(one) if isinstance(source, Wavefront) else one
         mean = np.real(lag_marginal(whole, lags)) @ around
-        found += np.array(ends) @ (ring * mean * _factor_of_lags(forms, 2.0 * math.pi * rho))
+        found += np.array(ends) @ (ring * mean * forms.at_lags(2.0 * math.pi * rho))
     return float(found[1]) if abs(found[1] - found[0]) <= _SAME * abs(found[1]) else None
-
-
-def _factor_of_lags(forms: Forms, q: Floats) -> Floats:
-    """The transform over the hemisphere's disc of h = g/cos, at lags of q/(2 pi) wavelengths."""
-    first, mixed, both = forms
-    total = first * (np.sin(q) / q - np.cos(q)) / q**2 + both * np.sin(q) / q
-    if mixed:
-        # Bessel's integral: equidistant angles, more than q, are exact to rounding
-        angle = (np.arange(math.ceil(q.max()) + 40) + 0.5) * (math.pi / (math.ceil(q.max()) + 40))
-        total = total + mixed * np.cos(angle - q[:, None] * np.sin(angle)).mean(axis=1) / q
-    return np.asarray(2.0 * math.pi * total)
 
 
 def steepest(source: PlaneSource | Wavefront, wavelength: float) -> float:
     """Largest spatial frequency of the field of a source, times the wavelength."""
     flat: Any = flat_of(source)
-    fields = [field.frequencies for field in fields_of(flat) if field is not None]
-    found = max((np.linalg.norm(waves, axis=1).max() for waves in fields), default=0.0)
+    found = float(np.linalg.norm(normal_form(flat).frequencies, axis=1).max())
     if isinstance(source, Wavefront):
         box = np.array(flat.bounds).reshape(2, 2)
         corners = np.array([(x, y) for x in box[:, 0] for y in box[:, 1]]) - source.centre

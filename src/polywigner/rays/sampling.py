@@ -35,9 +35,7 @@ from polywigner.rays.bundles import bundle
 from polywigner.reception.norms import root_of_norm
 from polywigner.source.obliquities import (
     ObliquityName,
-    checked_obliquity,
-    emission_factor,
-    weighted_sources,
+    obliquity_of,
 )
 from polywigner.transforms import sample_automean, wigner
 from polywigner.transforms.sampling import Weights
@@ -260,7 +258,7 @@ def sample_rays(
     directions : "beam" draws most of them within wavelength/diameter of the axis, or of the wave
         where it is curved or partly coherent; "uniform" is uniform in projected solid angle.
     to_world : (4, 4) rigid pose of the source; None: its own, or none. Units of m.
-    obliquity : as of :func:`irradiance`: None is "rayleigh-sommerfeld-1", h = cos; "paper" is
+    obliquity : as of :func:`irradiance`: None: h = cos; "paper" is
         h = 1. Curved and partly coherent waves have these two.
     power : radiated in W, over all directions; None: the power of the field as it is.
     aperture_power : in place of power, int |u|^2 over the aperture in W.
@@ -295,11 +293,12 @@ def sample_rays(
     # the sine of the angle up to which rays are densest
     width = math.inf if directions == "uniform" else length / largest_lag(radiator)
     where = cone_of(cone, axis, width)
-    name = checked_obliquity(obliquity)
+    condition = obliquity_of(obliquity)
+    name = condition.name
     check_slopes(radiator, name)
     flat = flat_of(radiator)
     scale = _scale(radiator, length, name, power, aperture_power)
-    parts = weighted_sources(flat, name, length)
+    parts = condition.terms(flat, length)
     tilts = 2 if is_partly_coherent(radiator) else 0
 
     position, direction, weight = np.empty((n, 3)), np.empty((n, 3)), np.empty(n)
@@ -320,7 +319,7 @@ def sample_rays(
         nu = own[:, :2] / length
         nu = nu if turn is None else nu - turn
         radiance = sum(
-            wigner(part, places, nu, engine=engine) * emission_factor(forms, own[:, 2])
+            wigner(part, places, nu, engine=engine) * forms.radiance(own[:, 2])
             for part, forms in parts
         )
         weight[some] = radiance * (scale / n / length**2) * solid_angle / per_area

@@ -4,7 +4,6 @@
 module               what is in it
 ===================  ==========================================================================
 ``couplings``        the coupling of a transmitter and a receiver in any pose, by fields or W
-``poses``            poses, checked: rigid, and both sources in front of each other
 ``cell_pairs``       sources in boxes, and sums over pairs of these by an interpolated kernel
 ``link_sums``        which pairs, and of which order, for a tolerance
 ``norms``            the power of a source, and the shares of its parts in it

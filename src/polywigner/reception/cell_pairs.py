@@ -13,7 +13,7 @@ nodes in each cell. Of cells that are rectangles it is the rule of Gauss, of twi
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise, product
@@ -23,7 +23,6 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from polywigner.geometry import Wavefront
 from polywigner.geometry.parts import polygons_in
 from polywigner.propagation.quadrature import (
     NODES_PER_CYCLE,
@@ -32,9 +31,9 @@ from polywigner.propagation.quadrature import (
     triangulated,
 )
 from polywigner.radiometry.directions import steepest
+from polywigner.source.normal_form import normal_form
 from polywigner.source.obliquities import Obliquity
 from polywigner.source.polarisation import Currents
-from polywigner.transforms.wavefronts import flat_of
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -59,21 +58,18 @@ class Cells:
     """
 
     def __init__(self, source: Any, wavelength: float) -> None:
-        self._wave = source if isinstance(source, Wavefront) else None
-        source = flat_of(source)
-        xmin, ymin, xmax, ymax = source.bounds
-        self.centre = np.array([xmin / 2 + xmax / 2, ymin / 2 + ymax / 2])
+        self._source = normal_form(source).in_plane
+        self.centre = np.reshape(self._source.bounds, (2, 2)).mean(axis=0)
         self.wavelength = wavelength
-        self._elements = source.elements_in_plane
-        self._weights = np.asarray(getattr(source, "weights", [1.0]), np.complex128)
-        self.highest_frequency = steepest(self._wave or source, wavelength)
+        self.highest_frequency = steepest(source, wavelength)
         """Highest frequency of the field's waves, in cycles per wavelength."""
         self.low, self.high = np.empty((0, 2)), np.empty((0, 2))
         self._parts: list[tuple[NDArray[np.object_], NDArray[np.intp]]] = []
         self._children: dict[int, list[int]] = {}
         self._nodes: dict[tuple[int, float, int, float], tuple[Floats, Complex]] = {}
         self._triangles: dict[int, tuple[Floats, NDArray[np.intp]]] = {}
-        whole = np.array([element.polygons for element in self._elements], dtype=object)
+        outlines = [element.shape.polygons for element in self._source.elements]
+        whole = np.array(outlines, dtype=object)
         hull = shapely.GeometryCollection(whole.tolist()).convex_hull
         self.corners = shapely.get_coordinates(hull)[:-1]
         """Vertices of the convex hull (n, 2), in metres."""
@@ -107,17 +103,17 @@ class Cells:
         triangles, owners = self._triangles_of(cell)
         nodes, shares, numbers = rule_by_triangles(triangles, rate / self.wavelength, extra)
         owners = owners[numbers]
-        values = self._weights[owners] * (shares / self.wavelength**2)
+        values = self._source.weights[owners] * (shares / self.wavelength**2)
         for owner in np.unique(owners):
-            field = self._elements[owner].illumination
+            field = self._source.elements[owner].illumination
             if field is not None:
                 mine = owners == owner
                 values[mine] *= field(nodes[mine])
-        if self._wave is not None:
-            inner = nodes - self._wave.centre
-            turns = ((inner @ self._wave.curvature) * inner).sum(axis=1) / 2
+        if not self._source.is_flat:
+            inner = nodes - self._source.centre
+            turns = ((inner @ self._source.curvature) * inner).sum(axis=1) / 2
             values = values * np.exp(2j * np.pi * turns)
-        return (nodes - self.centre) / self.wavelength, values.astype(np.complex128)
+        return (nodes - self.centre) / self.wavelength, values
 
     def _triangles_of(self, cell: int) -> tuple[Floats, NDArray[np.intp]]:
         """Triangles (n, 3, 2) of a cell in metres, and the elements that they belong to."""
@@ -166,23 +162,14 @@ def cells_of(source: Any, wavelength: float) -> Cells:
     return Cells(source, wavelength)
 
 
-def link_kernel(
-    condition: Obliquity,
-    cosine: Floats,
-    sine: Floats,
-    distance: Floats,
-    nr: Floats,
-    mr: Floats,
-    nm: Floats,
-) -> tuple[Floats, Floats]:
-    """Real and imaginary part of K (...), from exp(ikR), R, n.r, m.r and n.m.
-
-    The latter three may be constant along axes; r is from the transmitter.
-    """
+def link_kernel(condition: Obliquity, sight: Sight) -> tuple[Floats, Floats]:
+    """Real and imaginary part of K (...) of a boundary condition at both ends: (RX1)."""
+    cosine, sine = sight.wave
+    nr, mr, nm = sight.rise, sight.away, sight.lean
     # 1/(kR) is real, and so are all factors of its powers: real and imaginary part on their own;
     # in place, since fresh memory costs more than the sums
     a, b = condition.field, condition.slope
-    inverse = 1.0 / distance
+    inverse = 1.0 / sight.distance
     near = inverse * (0.5 / math.pi)
     both = inverse * ((a * a) * nr)
     both *= inverse
@@ -210,12 +197,14 @@ def link_kernel(
 
 
 def polarised_kernel(
-    currents: Currents, sight: _Sight, normal: Floats, sent: Complex, taken: Complex
-) -> Complex:
-    """K (n, i, j) of currents along q (3,) and q' (n, 3), in the transmitter's axes: (RX9).
+    currents: Currents, sent: Complex, taken: Complex, sight: Sight
+) -> tuple[Floats, Floats]:
+    """Real and imaginary part of K (...) of currents along q (3,) and q' (3,): (RX9).
 
-    ``normal`` (n, 3): the receiver's.
+    Both are unit vectors along the fields, each in the axes of its own source.
     """
+    rotation = sight.rotation
+    taken, normal = rotation @ taken, rotation[:, :, 2]
     m, e = currents
     inverse = 1.0 / sight.distance
     a = 0.5j / math.pi * inverse
@@ -240,7 +229,8 @@ def polarised_kernel(
         mixed = np.cross(taken, turned) - np.cross(sent, turned_there)
         total = total + e * m * (1 + a) * along(mixed)
     wave = sight.wave[0] + 1j * sight.wave[1]
-    return np.asarray(total * wave * inverse / 1j)
+    values = np.asarray(total * wave * inverse / 1j)
+    return values.real, values.imag
 
 
 # Values of the kernel, or of fields at nodes, at a time: their arrays stay in the cache.
@@ -263,15 +253,16 @@ def pairs_of(pose: Indices, transmitter: Indices, receiver: Indices) -> Pairs:
     return table([pose, transmitter, receiver], names="pose,transmitter,receiver")
 
 
-class _Sight:
+class Sight:
     """Distances and cosines between nodes x (n, i, 2) and y (n, j, 3) of two cells, (n, i, j).
 
-    From the centres of their sources, which are ``offset`` (n, 3) apart. ``normal`` (n, 3): the
-    receiver's. Heights above either plane are the same for all places in the other's.
+    From the centres of their sources, which are ``offset`` (n, 3) apart. ``rotation`` (n, 3, 3):
+    of the receiver's frame. Heights above either plane are the same for all points in the other's.
     """
 
-    def __init__(self, x: Floats, y: Floats, offset: Floats, normal: Floats) -> None:
-        self._x, self._y, self._offset = x, y, offset
+    def __init__(self, x: Floats, y: Floats, offset: Floats, rotation: Floats) -> None:
+        self._x, self._y, self._offset, self.rotation = x, y, offset, rotation
+        normal = rotation[:, :, 2]
         whole = np.sqrt((offset * offset).sum(axis=1))[:, None, None]
         ones = np.ones((*x.shape[:2], 1)), np.ones((len(y), 1, y.shape[1]))
         # |offset + y - x|^2 - |offset|^2 = (|x|^2 - 2 offset.x) + (|y|^2 + 2 offset.y) - 2 x.y
@@ -315,15 +306,10 @@ class Links:
     """(n, 3, 3), of the receiver's frame into the transmitter's."""
     offset: Floats
     """(n, 3) from the transmitter's centre to the receiver's."""
-    condition: Obliquity
+    kernel: Callable[[Sight], tuple[Floats, Floats]]
+    """Real and imaginary part of K, such as :func:`link_kernel` of a boundary condition."""
     extra: float
     """Nodes along a side of a cell, added to the count that waves and polynomials need."""
-    currents: Currents | None = None
-    """Currents of polarised sources, in place of the condition; None: fields are scalar."""
-    sent: Complex | None = None
-    """Unit vector along the transmitter's field, in its axes."""
-    taken: Complex | None = None
-    """Unit vector along the receiver's field, in its axes."""
 
     def sizes(self, pairs: Pairs) -> tuple[Floats, Floats, Floats]:
         """Half the diagonals of both cells of pairs, and their distance, (n,) each."""
@@ -351,25 +337,14 @@ class Links:
         """
         found, size = np.zeros(len(pairs), np.complex128), np.zeros(len(pairs))
         for mine, here, there, sight in self._blocks(pairs, order):
-            real, imag = self._kernel(sight, pairs.pose[mine])
+            real, imag = self.kernel(sight)
             found[mine] += _contracted(here, real, imag, there)
             some = np.s_[:, :: order + 1, :: order + 1]
             largest = np.hypot(real[some], imag[some]).max(axis=(1, 2))
             size[mine] += largest * np.abs(here).sum(axis=1) * np.abs(there).sum(axis=1)
         return found, size
 
-    def _kernel(self, sight: _Sight, pose: Indices) -> tuple[Floats, Floats]:
-        if self.currents is None or self.sent is None or self.taken is None:
-            return link_kernel(
-                self.condition, *sight.wave, sight.distance, sight.rise, sight.away, sight.lean
-            )
-        rotation = self.rotation[pose]
-        found = polarised_kernel(
-            self.currents, sight, rotation[:, :, 2], self.sent, rotation @ self.taken
-        )
-        return found.real, found.imag
-
-    def _blocks(self, pairs: Pairs, order: int) -> Iterator[tuple[slice, Complex, Complex, _Sight]]:
+    def _blocks(self, pairs: Pairs, order: int) -> Iterator[tuple[slice, Complex, Complex, Sight]]:
         """Blocks of pairs, moments at nodes of both cells, and the geometry between these."""
         count = order * order
         most = max(1, _MOMENTS // count)
@@ -389,10 +364,10 @@ class Links:
                 x, y, from_x, from_y = self._places(some, order)
                 left = here[mine] * exp_turns((from_x @ towards[mine, :2, None])[..., 0])
                 right = there[mine] * exp_turns(-(from_y @ towards[mine, :, None])[..., 0])
-                offset, normal = self.offset[some.pose], self.rotation[some.pose][:, :, 2]
+                offset, rotation = self.offset[some.pose], self.rotation[some.pose]
                 for first in range(0, count, rows):
                     row = slice(first, first + rows)
-                    yield own, left[:, row], right, _Sight(x[:, row], y, offset, normal)
+                    yield own, left[:, row], right, Sight(x[:, row], y, offset, rotation)
 
     def _places(self, pairs: Pairs, order: int) -> tuple[Floats, Floats, Floats, Floats]:
         """Nodes of both cells in axes of the transmitter, from the centres of their sources.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import product
 from typing import Any, Literal, get_args
 
@@ -12,13 +13,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner import execution
-from polywigner.errors import ArgumentError, value_text
+from polywigner.errors import ArgumentError, GeometryError, value_text
 from polywigner.execution.progress import told
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.geometry.arguments import (
     checked_flag,
     checked_number,
     checked_wavelength,
+    rigid_poses,
     takes_frequency,
     warn_of_distance,
 )
@@ -30,14 +32,19 @@ from polywigner.propagation.quadrature import gauss_rule, node_count
 from polywigner.propagation.vector_fields import parts_of as parts_of_polarised
 from polywigner.propagation.wigner_rays import has_few_kinks, smooth_triangles
 from polywigner.radiometry.directions import checked_radiator
-from polywigner.reception.cell_pairs import Cells, Links, cells_of
+from polywigner.reception.cell_pairs import (
+    Cells,
+    Links,
+    cells_of,
+    link_kernel,
+    polarised_kernel,
+)
 from polywigner.reception.link_sums import link_sums
 from polywigner.reception.norms import checked_normalise, root_of_norm
-from polywigner.reception.poses import check_facing, checked_poses
 from polywigner.source import Array
-from polywigner.source.obliquities import CONDITIONS, DEFAULT, BoundaryCondition, fields_of
+from polywigner.source.normal_form import normal_form
+from polywigner.source.obliquities import CONDITIONS, DEFAULT, BoundaryCondition
 from polywigner.source.polarisation import MODELS, CurrentModel, checked_pair
-from polywigner.source.support import moved_source
 from polywigner.transforms import wigner
 from polywigner.transforms.phase_space import energy_of
 from polywigner.transforms.traced_sources import check_no_drjit
@@ -65,7 +72,7 @@ def overlap(
         if not has_few_kinks(source):
             raise ArgumentError(
                 'expected sources of few edges with "wigner", got one whose Wigner function has '
-                'more kinks than can be found; use "rayleigh-sommerfeld-1"'
+                f"more kinks than can be found; use {DEFAULT!r}"
             )
     norm = math.prod(map(energy_of, sources))
     for k, pose in enumerate(poses):
@@ -74,7 +81,7 @@ def overlap(
             raise ArgumentError(
                 'expected parallel planes with "wigner", where the overlap along rays is exact to '
                 f"Fresnel's approximation, got some at {math.degrees(math.asin(lean)):.3g} "
-                'degrees; use "rayleigh-sommerfeld-1"'
+                f"degrees; use {DEFAULT!r}"
             )
         values[k], errors[k] = _adapted(sources, pose, wavelength, tolerance, floor, norm)
         limits[k] = tolerance * max(abs(values[k]), floor**2)
@@ -100,7 +107,7 @@ def _adapted(
             if math.isnan(before):
                 raise ArgumentError(
                     f'expected fewer places for "wigner", got {count:.2g} pairs of them; use '
-                    '"rayleigh-sommerfeld-1", which sums up fields instead'
+                    f"{DEFAULT!r}, which sums up fields instead"
                 )
             break
         rules = [gauss_rule(smooth_triangles(source), rate, extra) for source in sources]
@@ -121,9 +128,8 @@ def _rate(sources: tuple[Aperture | Array, ...], pose: Floats, spread: float) ->
     nu = ((there[:, None] - corners[0]) / spread).reshape(-1, 2)
     found = 0.0
     for source, seen in zip(sources, (nu, -nu @ pose[:2, :2]), strict=True):
-        for field in fields_of(source):
-            waves = np.zeros((1, 2)) if field is None else field.frequencies
-            found = max(found, float(np.linalg.norm(seen[:, None] - waves, axis=-1).max()))
+        waves = normal_form(source).frequencies
+        found = max(found, float(np.linalg.norm(seen[:, None] - waves, axis=-1).max()))
     return found
 
 
@@ -274,9 +280,9 @@ class _Link:
 
     def couplings(self, to_transmitter: Any) -> tuple[NDArray[Any], Floats]:
         """Couplings (...) and their errors."""
-        poses = checked_poses(to_transmitter)
+        poses = rigid_poses(to_transmitter, "to_transmitter")
         flat = poses.reshape(-1, 4, 4)
-        check_facing(flat, *(cells_of(one, self.wavelength).corners for one in self.sources))
+        _check_facing(flat, *(cells_of(one, self.wavelength).corners for one in self.sources))
         warn_of_distance(self.sources, flat[:, :3, 3], self.wavelength)
         compute = self._overlap if self.method == "wigner" else self._summed
         values, errors, limits = compute(flat)
@@ -287,7 +293,7 @@ class _Link:
         if any(isinstance(source, Wavefront) for source in self.sources):
             raise ArgumentError(
                 'expected a flat wave with method="wigner", got a curved one; use '
-                '"rayleigh-sommerfeld-1", whose sum over places takes both'
+                f"{DEFAULT!r}, whose sum over positions takes both"
             )
         found = overlap(self.sources, poses, self.wavelength, self.tolerance, _FLOOR)
         counts = (self.norm("aperture") / self.norm(self.normalise)) ** 2
@@ -329,16 +335,18 @@ class _Link:
         if self.method == "fraunhofer":
             values = turn * self._far(sources, cells, poses, offset)
             return values, _ROUNDING * np.abs(values), np.inf
+        if self.jones is None:
+            kernel: Any = partial(link_kernel, CONDITIONS[self.method])
+        else:
+            kernel = partial(polarised_kernel, MODELS[self.method], sender[1], taker[1])
+        digits = max(0.0, -math.log10(self.tolerance) - 6)
         links = Links(
             cells[0],
             cells[1],
             poses[:, :3, :3],
             offset / self.wavelength,
-            CONDITIONS[DEFAULT if self.jones else self.method],
-            _NODES + _NODES_PER_DIGIT * max(0.0, -math.log10(self.tolerance) - 6),
-            MODELS.get(self.method),
-            sender[1],
-            taker[1],
+            kernel,
+            _NODES + _NODES_PER_DIGIT * digits,
         )
         scale = self.wavelength**2
         sums = link_sums(links, self.tolerance, floor * self._largest(sources, offset) / scale)
@@ -353,8 +361,7 @@ class _Link:
         back = -np.einsum("nji,nj->ni", poses[:, :3, :3], towards)
         result = 1j * self.wavelength / distance
         for source, own, directions in zip(sources, cells, (towards, back), strict=True):
-            curved = isinstance(source, Wavefront)
-            centred = source.moved(-own.centre) if curved else moved_source(source, -own.centre)
+            centred = normal_form(source).moved(-own.centre).public
             result = result * far_field(centred, directions, self.wavelength, DEFAULT)
         return result
 
@@ -363,6 +370,50 @@ class _Link:
         areas = [sum(e.area for e in flat_of(source).elements_in_plane) for source in sources]
         size = math.sqrt(areas[0]) * math.sqrt(areas[1]) / self.wavelength
         return np.minimum(1.0, size / np.linalg.norm(offset, axis=1))
+
+
+def _check_facing(poses: Floats, transmitter: Floats, receiver: Floats) -> None:
+    """That all of each source lies in front of the other's plane, from hulls (k, 2) of both.
+
+    Then all lines between them leave the transmitter and reach the receiver on their front sides.
+    Raises GeometryError with the pose and the point otherwise.
+    """
+    turned = poses[:, :3, :3]
+    faces = turned[:, 2, 2] < 0.0
+    there = np.einsum("nj,kj->nk", turned[:, 2, :2], receiver) + poses[:, 2, 3, None]
+    _check_heights(there, faces, receiver, "receiver", "transmitter")
+    beside = np.einsum("nij,ni->nj", turned, poses[:, :3, 3])
+    here = np.einsum("nj,kj->nk", turned[:, :2, 2], transmitter) - beside[:, 2, None]
+    _check_heights(here, faces, transmitter, "transmitter", "receiver")
+
+
+def _check_heights(
+    heights: Floats, faces: NDArray[np.bool_], corners: Floats, one: str, other: str
+) -> None:
+    """Check heights (n, k) of corners above the other's plane; ``faces``: axes are opposed."""
+    behind = ~(heights > 0)
+    if not behind.any():
+        return
+    pose = int(behind.any(axis=1).argmax())
+    lowest = int(heights[pose].argmin())
+    x, y = corners[lowest].tolist()
+    z = float(heights[pose, lowest])
+    if not behind[pose].all():
+        advice = "move it forwards, or cut off the part behind the plane"
+    elif not heights[pose].any() and faces[pose]:
+        advice = "both lie in one plane; add a distance along z to the pose"
+    elif faces[pose]:
+        advice = "the axes are opposed already; change the sign of the distance along z"
+    else:
+        advice = (
+            "both radiate along their own +z; rotate one of them by 180 degrees about its x or y "
+            "axis"
+        )
+    number = f" in pose {pose}" if len(heights) > 1 else ""
+    raise GeometryError(
+        f"expected all of the {one} in front of the {other}'s plane, got its point ({x:.6g}, "
+        f"{y:.6g}) at z = {z:.6g} m of the {other}'s frame{number}; {advice}"
+    )
 
 
 def _checked_method(method: Any, is_polarised: bool) -> str:

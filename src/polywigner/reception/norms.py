@@ -10,13 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, IlluminationError, PolywignerError
-from polywigner.geometry import Aperture, Wavefront
 from polywigner.propagation.far_fields import powers_of
 from polywigner.propagation.vector_fields import parts_of as parts_of_polarised
 from polywigner.propagation.vector_fields import vector_powers
 from polywigner.radiometry.directions import directions_and_weights, largest_lag
+from polywigner.source.normal_form import normal_form
 from polywigner.source.obliquities import CONDITIONS, DEFAULT, Obliquity
-from polywigner.source.obliquities import fields_of as fields_on
 from polywigner.transforms import fourier
 from polywigner.transforms.phase_space import energy_of
 from polywigner.transforms.wavefronts import flat_of
@@ -64,21 +63,18 @@ def _root_of_norm(source: Any, wavelength: float, method: str, normalise: str, j
     if normalise == "aperture":
         return math.sqrt(energy_of(source))
     condition = CONDITIONS[method if method in CONDITIONS else DEFAULT]
-    is_flat = not isinstance(source, Wavefront)
-    if not condition.takes_slopes or (is_flat and fields_on(source) == (None,)):
+    form = normal_form(source)
+    if not condition.needs_normal_derivative or (form.is_flat and not form.frequencies.any()):
         return math.sqrt(powers_of(source, wavelength, condition.name)[0])
     return math.sqrt(_radiated(source, wavelength, condition))
 
 
 def _check_field(source: Any) -> None:
-    source = flat_of(source)  # a curved wave is of the same modulus
-    norm = energy_of(source)
-    weights = [1.0] if isinstance(source, Aperture) else np.abs(source.weights).tolist()
-    parts = 0.0
-    for weight, element in zip(weights, source.elements_in_plane, strict=True):
-        field = element.illumination
-        peak = 1.0 if field is None else float(np.abs(field.amplitudes).max())
-        parts += (weight * peak) ** 2 * element.area
+    norm = energy_of(flat_of(source))  # a curved wave is of the same modulus
+    parts: float = sum(
+        (abs(e.weight) * float(np.abs(e.amplitudes).max())) ** 2 * e.shape.area
+        for e in normal_form(source).in_plane.elements
+    )
     if not norm > _DARK * parts:
         raise IlluminationError(
             f"expected a source with a field on it, got one whose elements cancel, int |u|^2 = "
@@ -90,6 +86,6 @@ def _radiated(source: Any, wavelength: float, condition: Obliquity) -> float:
     """Return int g |F|^2 dOmega/lambda^2 in W, with u as the boundary condition needs it."""
     found = 0.0
     for directions, solid_angle in directions_and_weights(largest_lag(source), wavelength):
-        factor = condition.of_pairs(directions[:, 2], 1.0, 1.0) * solid_angle / wavelength**2
+        factor = condition.amplitude(directions[:, 2]) ** 2 * solid_angle / wavelength**2
         found += float(np.square(np.abs(fourier(source, directions[:, :2] / wavelength))) @ factor)
     return found

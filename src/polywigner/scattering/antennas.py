@@ -13,16 +13,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, GeometryError, value_text
 from polywigner.geometry import Aperture
-from polywigner.geometry.arguments import checked_vectors
+from polywigner.geometry.arguments import checked_vectors, rigid_poses
 from polywigner.propagation import amplitude, field
 from polywigner.propagation.boundary import Radiator, boundary_field, cosines_of, radiator_of
 from polywigner.propagation.vector_fields import edge_integrals
-from polywigner.radiometry.directions import checked_unit_vectors as unit_vectors_as_given
 from polywigner.reception.norms import root_of_norm
-from polywigner.reception.poses import checked_poses
 from polywigner.scattering.facets import Facets
 from polywigner.source import Array
-from polywigner.source.obliquities import DEFAULT, OBLIQUITIES, BoundaryCondition
+from polywigner.source.obliquities import DEFAULT, DERIVATIVE_OF, OBLIQUITIES, BoundaryCondition
+from polywigner.source.tapers import checked_unit_vectors as unit_vectors_as_given
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -239,7 +238,7 @@ def checked_places(name: str, given: ArrayLike, middle: Floats) -> Floats:
     )
     array = checked_vectors(given, expected, ())
     if array.shape[-2:] == (4, 4):
-        poses = checked_poses(array, name)
+        poses = rigid_poses(array, name)
         poses[..., :3, 3] += poses[..., :3, :3] @ middle
         return poses
     array = checked_vectors(array, expected, (3,))
@@ -263,11 +262,6 @@ def directions_of(poses: Any) -> Floats:
         return np.asarray(away / np.linalg.norm(away, axis=-1, keepdims=True))
 
 
-# The other of Rayleigh and Sommerfeld's conditions, whose field is the derivative in z.
-_OTHER = {"rayleigh-sommerfeld-1": "rayleigh-sommerfeld-2"}
-_OTHER |= {second: first for first, second in _OTHER.items()}
-
-
 def field_gradient(
     radiator: Radiator, points: Floats, wavelength: float, method: str, tolerance: float
 ) -> Complex:
@@ -279,7 +273,7 @@ def field_gradient(
     for axis in range(3):
         carried = _carried(radiator, wavelength, axis)
         if any(element.amplitudes.any() for element in carried.elements):
-            name = method if axis < 2 else _OTHER.get(method, method)
+            name = method if axis < 2 else DERIVATIVE_OF.get(method, method)
             how = (wavelength, name, tolerance, True, "auto")
             gradient[:, axis] = boundary_field(carried, points, *how)[0]
     condition = OBLIQUITIES[method]

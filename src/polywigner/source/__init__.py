@@ -5,8 +5,8 @@
 - ``normal_form``: :class:`Source`, the form into which all public sources are converted
 - ``array``: :class:`Array` and :func:`phased_array`; ``lattices``: sites of equal elements
 - ``arrays``: layouts and weights of elements, and tables of both
-- ``source_files``: sources in TOML and JSON; ``source_schema`` and ``source_functions``: the
-  tables of such files; ``texts``: tapers, arrays and waves as short texts
+- ``source_files``: sources in TOML and JSON; ``source_tables``: tables and short texts of fields,
+  layouts, weights and shapes
 - ``support``: the region outside of which W is zero
 - ``obliquities``: factors of angle and wave, for each boundary condition
 """

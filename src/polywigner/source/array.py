@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -36,25 +35,20 @@ _IN_PLANE = 1e-12
 
 def _checked_elements(elements: Any) -> tuple[Element, ...]:
     expected = "expected a sequence of elements (Aperture, placed aperture, Polyhedron, Slits)"
-    if isinstance(elements, Element):
-        raise ArgumentError(f"{expected}, got one {type(elements).__name__}; put it into a list")
-    try:
-        found = tuple(elements)
-    except TypeError:
-        raise ArgumentError(f"{expected}, got {type(elements).__name__}") from None
-    if not found:
-        raise ArgumentError(f"{expected}, got none")
-    for k, element in enumerate(found):
+    items = tuple(elements) if isinstance(elements, Iterable) else ()
+    if not items:
+        got = "none" if isinstance(elements, Iterable) else f"one {type(elements).__name__}"
+        raise ArgumentError(f"{expected}, got {got}; put it into a list")
+    for k, element in enumerate(items):
         if not isinstance(element, Element):
             hint = "; join its elements and weights" if isinstance(element, Array) else ""
             raise ArgumentError(f"{expected}, got {type(element).__name__} at {k}{hint}")
-    slits = [isinstance(element, Slits) for element in found]
-    if any(slits) and not all(slits):
+    if len({isinstance(element, Slits) for element in items}) > 1:
         raise ArgumentError(
             "expected elements of one space, got Slits (one dimension) and others; "
             "make rectangles of the slits with polywigner.shapes.rectangle"
         )
-    return found
+    return items
 
 
 def _placed(element: Element, pose: NDArray[np.float64]) -> Element:
@@ -75,16 +69,15 @@ def aperture_in_plane(number: int, element: Element) -> Aperture:
     """
     if isinstance(element, Aperture):
         return element
-    got = ""
-    if not isinstance(element, PlacedAperture):
-        got = type(element).__name__
-    else:
+    got = type(element).__name__
+    if isinstance(element, PlacedAperture):
         rotation, shift = element.pose[:3, :3], element.pose[:3, 3]
         lean = float(np.arctan2(np.hypot(*rotation[:2, 2]), abs(rotation[2, 2])))
+        got = f"one at z = {shift[2]:.6g}"
         if lean > _IN_PLANE:
             got = f"one that leans by {np.degrees(lean):.3g} degrees"
-        elif abs(shift[2]) > _IN_PLANE * element.aperture.diameter:
-            got = f"one at z = {shift[2]:.6g}"
+        elif abs(shift[2]) <= _IN_PLANE * element.aperture.diameter:
+            got = ""
     if got:
         raise GeometryError(
             f"expected elements of one plane, got {got} at {number}; Wigner and ambiguity "
@@ -190,25 +183,16 @@ class PathLengths:
 def _with_phases(array: Array, cycles: NDArray[np.float64], slopes: NDArray[np.float64]) -> Array:
     """An array whose element k is multiplied by exp(2 pi i (cycles_k + slopes_k.x))."""
     pairs = zip(array.elements, slopes, strict=True)
-    elements = [tilted_source(element, slope) for element, slope in pairs]
+    elements = [_tilted(element, slope) for element, slope in pairs]
     return Array(elements, array.weights * np.exp(2j * np.pi * (cycles - np.round(cycles))))
 
 
-def tilted_source(source: Any, kappa: NDArray[np.float64]) -> Any:
-    """A flat source times exp(2 pi i kappa.x), kappa (d,)."""
+def _tilted(element: Any, kappa: NDArray[np.float64]) -> Any:
+    """An element times exp(2 pi i kappa.x), kappa (d,)."""
     if not kappa.any():
-        return source
-    if hasattr(source, "with_illumination"):
-        tilt, own = Illumination([1.0], kappa[None]), source.illumination
-        return source.with_illumination(tilt if own is None else own * tilt)
-    if source.repeated is None:
-        elements = [tilted_source(element, kappa) for element in source.elements_in_plane]
-        return type(source)(elements, source.weights)
-    # each copy brings its element's tilt along
-    element, positions = source.repeated
-    turns = positions @ kappa
-    tilted = tilted_source(element, kappa)
-    return repeated_element(tilted, positions, source.weights * np.exp(2j * np.pi * turns))
+        return element
+    tilt, field = Illumination([1.0], kappa[None]), element.illumination
+    return element.with_illumination(tilt if field is None else field * tilt)
 
 
 # Outlines that a notebook draws: a few hundred kB.
@@ -347,16 +331,6 @@ class Array(TakesWaves):
         if self.dimension == 1:
             return self.elements
         return tuple(aperture_in_plane(k, element) for k, element in enumerate(self.elements))
-
-    @property
-    def coplanar(self) -> tuple[Any, ...]:
-        """The former name of ``elements_in_plane``; on its way out."""
-        warnings.warn(
-            "Array.coplanar is now Array.elements_in_plane; the old name goes with version 0.2",
-            DeprecationWarning,
-            stacklevel=2,
-        )
-        return self.elements_in_plane
 
     @cached_property
     def support(self) -> Aperture:

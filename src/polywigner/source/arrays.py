@@ -6,7 +6,6 @@ import math
 import os
 import warnings
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any, Literal, overload
 
 import numpy as np
@@ -178,31 +177,28 @@ def thinned(
     element was drawn.
     """
     places = checked_positions(positions, (1, 2, 3))
-    share = checked_number(fill, "fill", "a fraction above 0 and up to 1")
+    fraction = checked_number(fill, "fill", "a fraction above 0 and up to 1")
     try:
-        likely = np.ones(len(places)) if taper is None else real_numbers(taper)
+        density = np.ones(len(places)) if taper is None else real_numbers(taper)
     except ValueError:
+        density = np.empty(0)
+    if density.shape != places.shape[:1] or not (density >= 0).all() or not density.any():
         raise ArgumentError(
-            f"expected a taper of real numbers, got {type(taper).__name__}; give the moduli of "
-            "complex weights"
-        ) from None
-    if likely.shape != places.shape[:1] or not (likely >= 0).all() or not likely.any():
-        raise ArgumentError(
-            f"expected a taper of {len(places)} weights of zero or more, got shape {likely.shape}"
-            + (" with negative ones, or zeros only" if likely.shape == places.shape[:1] else "")
+            f"expected a taper of {len(places)} real weights of zero or more, got "
+            f"{value_text(taper)}; give the moduli of complex weights"
         )
-    most = float(likely.mean() / likely.max())
-    if not 0 < share <= most:
+    most = float(density.mean() / density.max())
+    if not 0 < fraction <= most:
         raise ArgumentError(
             f"expected fill above 0 and up to {most:.6g} (mean/peak of the taper), "
             f"got {value_text(fill)}"
         )
     random = np.random.default_rng(checked_count(seed, "seed", 0))
-    kept = random.random(len(places)) < likely * (share / float(likely.mean()))
-    if not kept.any():
+    index = np.flatnonzero(random.random(len(places)) < density * (fraction / density.mean()))
+    if not len(index):
         raise ArgumentError("expected an element to be drawn, got none; try another seed")
-    wanted = checked_flag(return_index, "return_index")
-    return (places[kept], np.flatnonzero(kept)) if wanted else places[kept]
+    is_indexed = checked_flag(return_index, "return_index")
+    return (places[index], index) if is_indexed else places[index]
 
 
 def _listed(values: Any) -> list[Any]:
@@ -363,17 +359,15 @@ def window_weights(
     sizes = tuple(shape) if isinstance(shape, Sequence) else (shape,)
     if len(sizes) not in (1, 2):
         raise ArgumentError(f"expected a shape of n or (nx, ny), got {value_text(shape)}")
-    if not isinstance(window, (str, Sequence)):
-        raise ArgumentError(f"expected {len(sizes)} windows, got {value_text(window)}")
-    names = (window,) * len(sizes) if isinstance(window, str) else tuple(window)
-    if len(names) != len(sizes):
+    names = (window,) * len(sizes) if isinstance(window, str) else window
+    if not isinstance(names, Sequence) or len(names) != len(sizes):
         raise ArgumentError(f"expected {len(sizes)} windows, got {value_text(window)}")
     decibels, zeros = checked_sidelobes(sll, nbar)
     _check_number(math.prod(checked_count(n, "shape", 1) for n in sizes))
     along = [_window(n, name, decibels, zeros) for n, name in zip(sizes, names, strict=True)]
-    whole = along[0] if len(along) == 1 else np.multiply.outer(*along).ravel()
+    weights = along[0] if len(along) == 1 else np.multiply.outer(*along).ravel()
     # The largest amplitude may be negative if there are few sidelobes, which hardly fall off.
-    return np.asarray(whole / whole[np.abs(whole).argmax()])
+    return np.asarray(weights / weights[np.abs(weights).argmax()])
 
 
 def _window(count: int, name: str, sll: float, nbar: int) -> NDArray[np.float64]:
@@ -383,17 +377,13 @@ def _window(count: int, name: str, sll: float, nbar: int) -> NDArray[np.float64]
         return np.ones(count)
     if name == "hamming":
         return np.hamming(count)
-    windows = _scipy_windows(name)
+    windows = require("scipy.signal.windows", "arrays", f"has the window {name!r}")
     if name == "taylor":
         return np.asarray(windows.taylor(count, nbar=nbar, sll=sll, norm=True, sym=True))
     with warnings.catch_warnings():
         # It warns below 45 dB that the window is a poor one for spectra of signals.
         warnings.simplefilter("ignore")
         return np.asarray(windows.chebwin(count, at=sll))
-
-
-def _scipy_windows(name: str) -> Any:
-    return require("scipy.signal.windows", "arrays", f"has the window {name!r}")
 
 
 _COLUMNS = ("x", "y", "amplitude", "phase", "re", "im", "angle")
@@ -439,36 +429,30 @@ def read_elements(
         )
     file, metres = checked_path(path), parse_unit(unit)
     with at_key(str(file)):
-        array = _array_of(_columns(file), element, metres)
+        table = _columns(text_of(bytes_of(file)))
+        zero = np.zeros(len(table["x"]))
+        if not {"amplitude", "re", "im"} & set(table):
+            table["amplitude"] = zero + 1
+        x, y, size, phase, re, im, angle = (table.get(name, zero) for name in _COLUMNS)
+        weights = size * np.exp(1j * np.radians(phase)) + re + 1j * im
+        positions, angles = metres * np.stack([x, y], axis=1), np.radians(angle).tolist()
+        turned = {angle: element.turned(angle) for angle in set(angles)}
+        if len(turned) == 1:
+            array = repeated_element(turned[angles[0]], positions, weights)
+        else:
+            pairs = zip(angles, positions, strict=True)
+            array = Array([turned[angle].moved(position) for angle, position in pairs], weights)
     warn_of_overlaps(array)
     return array
 
 
-def _array_of(table: dict[str, NDArray[np.float64]], element: Aperture, metres: float) -> Array:
-    positions = metres * np.stack([table["x"], table["y"]], axis=1)
-    zero = np.zeros(len(positions))
-    if "re" in table or "im" in table:
-        weights = table.get("re", zero) + 1j * table.get("im", zero)
-    else:
-        phases = np.radians(table.get("phase", zero))
-        weights = table.get("amplitude", zero + 1) * np.exp(1j * phases)
-    angles = np.radians(table.get("angle", zero))
-    if (angles == angles[0]).all():
-        return repeated_element(element.turned(angles[0]), positions, weights)
-    turned = {angle: element.turned(angle) for angle in set(angles.tolist())}
-    elements = [turned[a].moved(x) for a, x in zip(angles.tolist(), positions, strict=True)]
-    return Array(elements, weights)
-
-
-def _columns(file: Path) -> dict[str, NDArray[np.float64]]:
-    """The columns of a file by name; x and y without a line of names."""
-    lines = enumerate(text_of(bytes_of(file)).splitlines(), start=1)
+def _columns(text: str) -> dict[str, NDArray[np.float64]]:
+    """The columns of a table by name; x and y without a line of names."""
+    lines = enumerate(text.splitlines(), start=1)
     rows = [(n, fields) for n, line in lines if (fields := fields_of(line.split("#")[0]))]
     names = [name.lower() for name in rows[0][1]] if rows else []
-    if len(names) == 2 and not set(names) & set(_COLUMNS):
-        names = ["x", "y"]
-    else:
-        rows = rows[1:]
+    has_names = len(names) != 2 or set(names) & set(_COLUMNS)
+    names, rows = (names, rows[1:]) if has_names else (["x", "y"], rows)
     has_both = {"re", "im"} & set(names) and {"amplitude", "phase"} & set(names)
     if len({"x", "y", *names}) != len(names) or not set(names) <= set(_COLUMNS) or has_both:
         raise FileFormatError(

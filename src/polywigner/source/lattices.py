@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.errors import IlluminationError
+from polywigner.errors import IlluminationError, value_text
 from polywigner.geometry.arguments import finite_array
 
 # Positions count as those of a lattice if they miss it by less than this fraction of the extent of
@@ -240,30 +240,25 @@ def checked_sites(
 
 def checked_weights(weights: Any, count: int) -> NDArray[np.complex128]:
     """Weights (n,) of n elements, read-only; None for all 1."""
-    array = np.ones(count, np.complex128) if weights is None else _numbers(weights, count)
+    if weights is None:
+        array = np.ones(count, np.complex128)
+    else:
+        try:
+            if np.ma.is_masked(weights) or np.asarray(weights).dtype.kind in "US":
+                raise TypeError
+            array = np.array(weights, dtype=np.complex128)
+        except (TypeError, ValueError, OverflowError):
+            raise IlluminationError(
+                f"expected {count} complex weights, none of them masked, got {value_text(weights)}"
+            ) from None
     if array.shape != (count,):
         raise IlluminationError(
             f"expected one weight for each of {count} elements, got shape {array.shape}"
         )
-    if not np.isfinite(array).all():
-        bad = array[~np.isfinite(array)][0]
-        raise IlluminationError(f"expected finite weights, got {bad}")
-    if not array.any():
-        raise IlluminationError("expected a weight other than zero, got zeros only")
+    if not (np.isfinite(array).all() and array.any()):
+        raise IlluminationError(
+            f"expected finite weights other than zero, got {value_text(array.tolist())}"
+        )
     array += 0.0  # no negative zeros, which equal zeros but hash differently
     array.setflags(write=False)
     return array
-
-
-def _numbers(weights: Any, count: int) -> NDArray[np.complex128]:
-    if np.ma.is_masked(weights):
-        raise IlluminationError(f"expected {count} weights, got masked ones; use .filled(0)")
-    try:
-        array = np.asarray(weights)
-        if array.dtype.kind in "US":  # which NumPy would parse
-            raise TypeError
-        return np.array(array, dtype=np.complex128)
-    except (TypeError, ValueError, OverflowError):
-        raise IlluminationError(
-            f"expected {count} complex weights, got {type(weights).__name__}"
-        ) from None

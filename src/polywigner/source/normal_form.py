@@ -310,6 +310,8 @@ class Source:
     def moved(self, shift: ArrayLike) -> Source:
         """Return the source and its field shifted by (d,)."""
         offset = np.asarray(shift, np.float64)
+        if not offset.any():
+            return self
         centre = self.centre + offset if self.curvature.any() else self.centre
         if self.repeated is not None:
             copies = replace(self.repeated, positions=self.repeated.positions + offset)
@@ -437,6 +439,7 @@ def normal_form(public: PublicSource | Source) -> Source:
     cached = getattr(public, "__dict__", {}).get("_normal_form")
     if cached is None:
         cached = _converted(public)
+        cached.__dict__["public"] = public
         public.__dict__["_normal_form"] = cached
     return cached
 

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, value_text
-from polywigner.geometry import Wavefront
-from polywigner.source.array import Array, repeated_element
+from polywigner.source.normal_form import normal_form
 
 Complexes = NDArray[np.complex128]
 
@@ -100,14 +99,9 @@ def checked_pair(polarisation: Any, first: Any, second: Any) -> tuple[Complexes,
     return checked_polarisation(one, first), checked_polarisation(other, second)
 
 
-def _flat(source: Any) -> Any:
-    return source.source if isinstance(source, Wavefront) else source
-
-
 def _count(source: Any) -> int:
-    """Elements of an array; zero of another source, and of none."""
-    flat = _flat(source)
-    return len(flat.weights) if isinstance(flat, Array) else 0
+    """Number of elements of an array; zero for another source, and for none."""
+    return len(getattr(getattr(source, "source", source), "weights", ()))
 
 
 def _of_text(text: str) -> Complexes:
@@ -133,22 +127,13 @@ def components(source: Any, polarisation: Complexes) -> list[tuple[Any, Complexe
     """
     if polarisation.ndim == 1:
         return [(source, polarisation)]
-    parts = _flat(source).weights[:, None] * polarisation
+    form = normal_form(source)
+    parts = form.weights[:, None] * polarisation
     return [
-        (_weighted(source, part), axis)
+        (form.with_weights(part).public, axis)
         for part, axis in zip(parts.T, np.eye(2, dtype=np.complex128), strict=True)
         if part.any()
     ]
-
-
-def _weighted(source: Any, weights: Complexes) -> Any:
-    """An array, or one with a curved wave, with other weights."""
-    if isinstance(source, Wavefront):
-        return source.on(_weighted(source.source, weights))
-    if source.repeated is not None:
-        element, positions = source.repeated
-        return repeated_element(element, positions, weights)
-    return Array(source.elements, weights)
 
 
 Stokes = tuple[float, float, float, float]
@@ -182,16 +167,17 @@ def stokes_fields(source: Any, polarisation: Complexes) -> list[tuple[Any, Stoke
     """
     if polarisation.ndim == 1:
         return [(source, stokes_vector(polarisation))]
-    weights = _flat(source).weights
-    x, y = weights * polarisation.T
+    form = normal_form(source)
+    x, y = form.weights * polarisation.T
     each: list[tuple[Complexes, Stokes]] = [
         (x, (1.0, 1.0, -1.0, -1.0)),
         (y, (1.0, -1.0, -1.0, -1.0)),
         (x + y, (0.0, 0.0, 1.0, 0.0)),
         (x + 1j * y, (0.0, 0.0, 0.0, 1.0)),
     ]
-    least = _ROUNDING * np.abs(weights).max()
-    return [(_weighted(source, w), stokes) for w, stokes in each if np.abs(w).max() > least]
+    least = _ROUNDING * np.abs(form.weights).max()
+    lit = [(weights, stokes) for weights, stokes in each if np.abs(weights).max() > least]
+    return [(form.with_weights(weights).public, stokes) for weights, stokes in lit]
 
 
 def ludwig_axes(x: Any, y: Any, z: Any) -> tuple[tuple[Any, Any, Any], tuple[Any, Any, Any]]:

@@ -1,37 +1,351 @@
-"""Source files: apertures with their fields, and arrays, read and written in TOML or JSON."""
+"""Source files: apertures with their fields, and arrays, read and written in TOML or JSON.
+
+Each msgspec.Struct is one table, and its fields are the keys; docs/source_files.md lists them all.
+"""
 
 from __future__ import annotations
 
 import json
+import math
 import os
 import tomllib
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeVar
 
+import msgspec
 import numpy as np
+import shapely
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import ArgumentError, FileFormatError, GeometryError, PolywignerError, at_key
-from polywigner.geometry import PlacedAperture, Polyhedron, Slits, Wavefront
+from polywigner import geometry
+from polywigner.errors import (
+    ArgumentError,
+    FileFormatError,
+    GeometryError,
+    PolywignerError,
+    at_key,
+    value_text,
+)
+from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits, Wavefront
 from polywigner.geometry.arguments import checked_path, write_lines
 from polywigner.geometry.io.limits import bytes_of, text_of
-from polywigner.source.array import Array, Element
+from polywigner.geometry.parts import merge_parts, part_of_rings
+from polywigner.geometry.rings import oriented, polygon_of_part
+from polywigner.geometry.wavefront import TakesWaves
+from polywigner.source.array import Array, Element, PathLengths, phased_array
+from polywigner.source.lattices import checked_positions
 from polywigner.source.polarisation import checked_polarisation
-from polywigner.source.source_schema import VERSION, FileContent, Source, content_of
+from polywigner.source.source_tables import (
+    Complex,
+    FieldTable,
+    Frequency,
+    Kind,
+    LayoutTable,
+    Length,
+    ShapeTable,
+    Table,
+    WeightTable,
+    called,
+    complex_numbers,
+    converted,
+    metres,
+    product_of,
+    radius_of,
+    wavelength_in,
+)
 
 if TYPE_CHECKING:
     import xarray
 
-_LINE = 88
+VERSION = 1
+"""Version of the format; files of another version are refused."""
 
 SOURCE_COORDINATE = "source_json"
 """Name of the coordinate of a dataset that holds its source, as the text of a source file."""
 
+_Item = TypeVar("_Item")
+NonEmpty = Annotated[list[_Item], msgspec.Meta(min_length=1)]
+Metres = float | str
+"""A coordinate in a list whose nesting is checked."""
+Ring = Annotated[list[tuple[Metres, Metres]], msgspec.Meta(min_length=3)]
+
+# Outlines and bodies.
+
+
+@dataclass(frozen=True)
+class Context:
+    """Settings of a file that its tables depend on."""
+
+    folder: Path
+    allow_outside: bool
+    """Whether the file may name files outside its folder."""
+    wavelength: float | None
+    """Wavelength at the top of the file, in m."""
+
+    def path(self, name: str) -> Path:
+        """Return the path of another file, which has to be in the folder unless allowed."""
+        path = (self.folder / name).resolve()
+        if self.allow_outside or path.is_relative_to(self.folder.resolve()):
+            return path
+        raise FileFormatError(
+            f"expected a file in the folder of the source file or below, got {value_text(name)}; "
+            "move it there, or trust the file with allow_outside=True (--allow-outside)"
+        )
+
+
+_REQUIRED = {
+    "unit": "file", "layer": "file", "union": "file", "verbatim": "polygons", "faces": "vertices",
+}  # fmt: skip
+"""Keys that go with another key only."""
+
+
+def _origin(table: Table, *origins: str) -> str:
+    """The one of several keys that a table has."""
+    keys = [key for key in table.__struct_fields__ if getattr(table, key) is not None]
+    present = [key for key in origins if key in keys]
+    if len(present) != 1:
+        got = " and ".join(present) or "none"
+        raise FileFormatError(f"expected one of the keys {', '.join(origins)}, got {got}")
+    for key in keys:
+        if _REQUIRED.get(key, present[0]) != present[0]:
+            raise FileFormatError(
+                f"expected {key!r} with {_REQUIRED[key]!r} only, got {present[0]!r}"
+            )
+    return present[0]
+
+
+class _Illuminated(Kind):
+    shape: ShapeTable | None = None  # type: ignore[valid-type]
+    illumination: FieldTable | NonEmpty[FieldTable] | None = None  # type: ignore[valid-type]
+
+    def illuminated(self, outline: Any, kind: type, context: Context) -> Any:
+        """Return an outline, which has to be of a type, with the field of this table."""
+        got = type(outline).__name__
+        if got != kind.__name__:
+            raise FileFormatError(f"shape: expected a shape of type {kind.__name__}, got {got}")
+        if self.illumination is None:
+            return outline
+        d = 1 if kind is Slits else 2
+        field = product_of("illumination", self.illumination, context.wavelength, dimension=d)
+        with at_key("illumination"):
+            return outline.with_illumination(field)
+
+
+class ApertureTable(_Illuminated, tag="aperture"):
+    file: str | None = None
+    unit: str | None = None
+    layer: str | list[str] | None = None
+    union: bool | None = None
+    polygons: NonEmpty[NonEmpty[Ring]] | None = None
+    verbatim: bool | None = None
+    to_world: list[list[Metres]] | None = None
+
+    def source(self, context: Context) -> Aperture | PlacedAperture:
+        with at_key(_origin(self, "file", "polygons", "shape")):
+            if self.file is not None:
+                options: dict[str, Any] = {"layer": self.layer, "union": bool(self.union)}
+                path, unit = context.path(self.file), self.unit or "mm"
+                outline: Any = geometry.read_aperture(path, unit, **options)
+            elif self.polygons is not None:
+                outline = _aperture(metres(self.polygons), self.verbatim)
+            else:
+                outline = called(self.shape)
+        aperture: Aperture = self.illuminated(outline, Aperture, context)
+        if self.to_world is None:
+            return aperture
+        with at_key("to_world"):
+            matrix = np.array(metres(self.to_world))
+            pose = geometry.rigid_pose(matrix)
+            # A pose that was written is read back equal: the nearest rotation may be rounded.
+            is_rigid = float(np.abs(matrix - pose).max()) <= 1e-15
+            return PlacedAperture(aperture, matrix if is_rigid else pose)
+
+
+class SlitsTable(_Illuminated, tag="slits"):
+    intervals: list[tuple[Metres, Metres]] | None = None
+
+    def source(self, context: Context) -> Slits:
+        with at_key(_origin(self, "intervals", "shape")):
+            is_shape = self.intervals is None
+            outline = called(self.shape) if is_shape else Slits(metres(self.intervals))
+        slits: Slits = self.illuminated(outline, Slits, context)
+        return slits
+
+
+class PolyhedronTable(Kind, tag="polyhedron"):
+    file: str | None = None
+    unit: str | None = None
+    vertices: list[list[Metres]] | None = None
+    faces: list[list[int]] | None = None
+
+    def source(self, context: Context) -> Polyhedron:
+        with at_key(_origin(self, "file", "vertices")):
+            if self.file is None:
+                return Polyhedron(metres(self.vertices), self.faces or [])
+            return geometry.read_polyhedron(context.path(self.file), self.unit or "mm")
+
+
+def _aperture(polygons: list[list[Any]], verbatim: bool | None) -> Aperture:
+    """The aperture of polygons, each a list of rings with the exterior first.
+
+    If not verbatim, vertices on a line are dropped, and polygons that touch are joined and sorted.
+    Shifts of an aperture can put vertices on a line.
+    """
+    if not verbatim:
+        parts = [part_of_rings(rings, f"polygon {k}") for k, rings in enumerate(polygons)]
+        return Aperture._of_parts(merge_parts(parts))
+    parts = [
+        tuple(oriented(np.array(ring, np.float64), n == 0) for n, ring in enumerate(rings))
+        for rings in polygons
+    ]
+    reason = shapely.is_valid_reason(shapely.MultiPolygon([polygon_of_part(p) for p in parts]))
+    if reason != "Valid Geometry":
+        raise GeometryError(
+            f"expected valid polygons with verbatim = true, got {reason}; leave verbatim out"
+        )
+    return Aperture._of_parts(parts)
+
+
+# Arrays.
+
+
+class Paths(Table):
+    wavelength: Length
+    cycles: list[float]
+    slopes: list[tuple[float, float]]
+
+
+ElementTable = ApertureTable | SlitsTable | PolyhedronTable
+
+
+class ArrayTable(Kind, tag="array"):
+    elements: list[ElementTable]
+    weights: list[Complex] | None = None
+    paths: Paths | None = None
+
+    def source(self, context: Context) -> Array:
+        elements: list[Any] = []
+        for k, table in enumerate(self.elements):
+            with at_key(f"elements[{k}]"):
+                elements.append(table.source(context))
+        array = Array(elements, None if self.weights is None else complex_numbers(self.weights))
+        if self.paths is None:
+            return array
+        with at_key("paths"):
+            cycles, slopes = np.array(self.paths.cycles), np.array(self.paths.slopes)
+            return array.with_paths(PathLengths(cycles, slopes, float(self.paths.wavelength)))
+
+
+class PhasedArrayTable(Kind, tag="phased-array"):
+    element: ApertureTable | SlitsTable
+    positions: LayoutTable | list[Metres | list[Metres]]  # type: ignore[valid-type]
+    weights: WeightTable | NonEmpty[WeightTable | Complex] | None = None  # type: ignore[valid-type]
+
+    def source(self, context: Context) -> Array:
+        with at_key("element"):
+            element = self.element.source(context)
+            if isinstance(element, PlacedAperture):
+                raise FileFormatError("expected an aperture without a pose, or slits, to repeat")
+        layout, weights, d = self.positions, self.weights, 1 if isinstance(element, Slits) else 2
+        with at_key("positions"):
+            positions = metres(layout) if isinstance(layout, list) else called(layout)
+            positions = checked_positions(positions, (d,))
+        if isinstance(weights, list) and not all(isinstance(w, Kind) for w in weights):
+            with at_key("weights"):
+                weights = complex_numbers(weights)
+        elif weights is not None:
+            named: dict[str, Any] = (
+                {} if isinstance(layout, list) else msgspec.structs.asdict(layout)
+            )
+            shape = [named[key] for key in ("count", "nx", "ny") if key in named] or None
+            of_array = {"dimension": d, "positions": positions, "shape": shape}
+            weights = product_of("weights", weights, context.wavelength, **of_array)
+        return phased_array(element, positions, weights)
+
+
+SourceTable = ApertureTable | SlitsTable | PolyhedronTable | ArrayTable | PhasedArrayTable
+
+
+# The top of a file.
+
+
+class WavefrontTable(Table):
+    radius: Metres | list[Metres] | None = None
+    wavelength: Length | None = None
+    curvature: float | list[float | list[float]] | None = None
+    centre: Metres | list[Metres] | None = None
+    coherence_width: Length | None = None
+
+    def on(self, source: Any, wavelength: float | None) -> Wavefront:
+        """Return a source with this wave; the file has the wavelength in m, if any."""
+        if not isinstance(source, TakesWaves):
+            raise FileFormatError("expected an aperture without a pose, slits or an array")
+        if self.radius is not None and self.curvature is not None:
+            raise FileFormatError("expected the key radius or curvature, got both")
+        centre = None if self.centre is None else metres(self.centre)
+        width = self.coherence_width or math.inf
+        if self.radius is None:
+            length = None if self.curvature is None else self.wavelength
+            return Wavefront(source, self.curvature, centre, width, length)
+        design = self.wavelength or wavelength
+        if design is None:
+            raise FileFormatError("expected a frequency or wavelength in the file, got none")
+        with at_key("radius"):
+            radii = self.radius if isinstance(self.radius, list) else [self.radius]
+            wave = Wavefront(source, None, centre, width)
+            return wave.curved([radius_of(radius) for radius in radii], design, centre)
+
+
+class Top(Table):
+    """Keys at the top of a file in addition to the keys of the source."""
+
+    version: Annotated[int, msgspec.Meta(ge=VERSION, le=VERSION)] = VERSION
+    frequency: Frequency | None = None
+    wavelength: Length | None = None
+    polarisation: str | NonEmpty[str | float | NonEmpty[float | list[float]]] | None = None
+    wavefront: WavefrontTable | None = None
+
+
+class FileContent(NamedTuple):
+    """The source of a file and the settings at its top."""
+
+    source: Element | Array | Wavefront
+    wavelength: float | None
+    """Wavelength in m; None if the file has none."""
+    polarisation: NDArray[np.complex128] | None
+    """Jones vector (2,), or one for each element (n, 2); None if the file has none."""
+
+
+def content_of(tables: Any, folder: Path, allow_outside: bool = False) -> FileContent:
+    """The source that the tables of a file describe, and the settings at its top."""
+    at_top: dict[str, Any] = {}
+    if isinstance(tables, dict):
+        at_top = {key: tables[key] for key in Top.__struct_fields__ if key in tables}
+        tables = {key: value for key, value in tables.items() if key not in at_top}
+    body, top = converted(tables, SourceTable), converted(at_top, Top)
+    wavelength = wavelength_in(top)
+    source = flat = body.source(Context(folder, allow_outside, wavelength))
+    if top.wavefront is not None:
+        with at_key("wavefront"):
+            source = top.wavefront.on(flat, wavelength)
+    jones: Any = top.polarisation
+    if jones is not None:
+        with at_key("polarisation"):
+            if not isinstance(jones, str) and not isinstance(jones[0], str):
+                is_deep = isinstance(jones[0], list) and isinstance(jones[0][0], list)
+                jones = complex_numbers(jones, 2 if is_deep else 1)
+            jones = checked_polarisation(jones, flat)
+    return FileContent(source, wavelength, jones)
+
+
+# Reading.
+
 
 def read_source(
     path: str | os.PathLike[str] | xarray.Dataset, allow_outside: bool = False
-) -> Source:
+) -> Element | Array | Wavefront:
     """Read an aperture with its field, slits, a body, or an array from a TOML or JSON file.
 
     docs/source_files.md describes the format. A source that :func:`write_source` wrote is read
@@ -117,7 +431,7 @@ def read_content(path: str | os.PathLike[str], allow_outside: bool = False) -> F
     file = checked_path(path)
     with at_key(str(file)):
         tables = _parsed(text_of(bytes_of(file)), file.suffix)
-        return content_of(tables, file.absolute().parent, allow_outside)
+        return content_of(tables, file.parent, allow_outside)
 
 
 def _parsed(text: str, suffix: str) -> Any:
@@ -134,98 +448,92 @@ def _parsed(text: str, suffix: str) -> Any:
         raise FileFormatError(f"expected valid {suffix[1:].upper()}: {error}") from None
 
 
-def table_of(source: Source) -> dict[str, Any]:
+# Writing.
+
+
+def table_of(source: Any) -> dict[str, Any]:
     """The complete content of a source as tables, lists, texts and numbers."""
-    if isinstance(source, Wavefront):
-        wave = {"curvature": source.curvature.tolist(), "centre": source.centre.tolist()}
-        if source.wavelength is not None:
-            wave["wavelength"] = source.wavelength
-        if not source.is_coherent:
-            wave["coherence_width"] = source.coherence_width
-        return {**table_of(source.source), "wavefront": wave}
+    if not isinstance(source, Wavefront):
+        return {"version": VERSION, **_table(source)}
+    wave = {"curvature": source.curvature.tolist(), "centre": source.centre.tolist()}
+    if source.wavelength is not None:
+        wave["wavelength"] = source.wavelength
+    if not source.is_coherent:
+        wave["coherence_width"] = source.coherence_width
+    return {**table_of(source.source), "wavefront": wave}
+
+
+def _table(source: Any) -> dict[str, Any]:
+    if isinstance(source, PlacedAperture):
+        return {**_table(source.aperture), "to_world": source.pose.tolist()}
+    if isinstance(source, Polyhedron):
+        faces = [list(face) for face in source.faces]
+        return {"kind": "polyhedron", "vertices": source.vertices.tolist(), "faces": faces}
     if isinstance(source, Array):
-        return {"version": VERSION, **_array(source)}
-    if isinstance(source, Element):
-        return {"version": VERSION, **_element(source)}
-    raise ArgumentError(
-        "expected an Aperture, a placed aperture, Slits, a Polyhedron, an Array or a Wavefront, "
-        f"got {type(source).__name__}"
-    )
-
-
-def _array(array: Array) -> dict[str, Any]:
-    weights: dict[str, Any] = {}
-    if not (array.weights == 1).all():
-        weights["weights"] = _complex(array.weights)
-    if array.repeated is not None:
-        element, positions = array.repeated
-        body = {"kind": "phased-array", "positions": positions.tolist(), **weights}
-        return {**body, "element": _element(element)}
-    if array.paths is not None:
-        cycles, slopes = array.paths.cycles.tolist(), array.paths.slopes.tolist()
-        length = array.paths.wavelength
-        weights["paths"] = {"wavelength": length, "cycles": cycles, "slopes": slopes}
-    elements = [_element(element) for element in array.elements]
-    return {"kind": "array", **weights, "elements": elements}
-
-
-def _element(element: Element) -> dict[str, Any]:
-    if isinstance(element, PlacedAperture):
-        return {**_element(element.aperture), "to_world": element.pose.tolist()}
-    if isinstance(element, Polyhedron):
-        faces = [list(face) for face in element.faces]
-        return {"kind": "polyhedron", "vertices": element.vertices.tolist(), "faces": faces}
-    if isinstance(element, Slits):
-        table = {"kind": "slits", "intervals": element.intervals.tolist()}
-    else:
-        polygons = [[ring.tolist() for ring in part] for part in element._parts]
+        return _array(source)
+    if isinstance(source, Slits):
+        table = {"kind": "slits", "intervals": source.intervals.tolist()}
+    elif isinstance(source, Aperture):
+        polygons = [[ring.tolist() for ring in part] for part in source._parts]
         table = {"kind": "aperture", "polygons": polygons, "verbatim": True}
-    if element.illumination is not None:
-        waves = element.illumination
-        amplitudes, frequencies = _complex(waves.amplitudes), waves.frequencies.tolist()
+    else:
+        raise ArgumentError(
+            "expected an Aperture, a placed aperture, Slits, a Polyhedron, an Array or a "
+            f"Wavefront, got {type(source).__name__}"
+        )
+    if source.illumination is not None:
+        amplitudes = _pairs(source.illumination.amplitudes)
+        frequencies = source.illumination.frequencies.tolist()
         field = {"kind": "waves", "amplitudes": amplitudes, "frequencies": frequencies}
         table["illumination"] = field
     return table
 
 
-def _complex(values: NDArray[np.complex128]) -> list[Any]:
+def _array(array: Array) -> dict[str, Any]:
+    weights = {} if (array.weights == 1).all() else {"weights": _pairs(array.weights)}
+    if array.repeated is not None:
+        element, positions = array.repeated
+        body = {"kind": "phased-array", "positions": positions.tolist(), **weights}
+        return {**body, "element": _table(element)}
+    table: dict[str, Any] = {"kind": "array", **weights}
+    if array.paths is not None:
+        paths = array.paths
+        cycles, slopes = paths.cycles.tolist(), paths.slopes.tolist()
+        table["paths"] = {"wavelength": paths.wavelength, "cycles": cycles, "slopes": slopes}
+    return {**table, "elements": [_table(element) for element in array.elements]}
+
+
+def _pairs(values: NDArray[np.complex128]) -> list[Any]:
     """Numbers if all are real, otherwise pairs [real, imaginary]."""
     if not values.imag.any():
         return values.real.tolist()
-    return np.stack([values.real, values.imag], axis=-1).tolist()
+    return values.view(np.float64).reshape(*values.shape, 2).tolist()
 
 
-def json_of(table: Mapping[str, Any]) -> str:
-    """A table as JSON in one line."""
-    return json.dumps(table)
+def source_json(source: Any) -> str:
+    """A source as JSON in one line."""
+    return json.dumps(table_of(source))
 
 
-def toml_of(table: Mapping[str, Any], path: str = "") -> str:
+def _toml(table: Mapping[str, Any], path: str = "") -> str:
     """A table as TOML: values first, then nested tables under their full names."""
     lines, sections = [], []
     for key, value in table.items():
         name = f"{path}.{key}" if path else key
         if isinstance(value, Mapping):
-            sections.append(f"\n[{name}]\n{toml_of(value, name)}")
+            sections.append(f"\n[{name}]\n{_toml(value, name)}")
         elif isinstance(value, list) and isinstance(value[0], Mapping):
-            sections += [f"\n[[{name}]]\n{toml_of(item, name)}" for item in value]
-        else:
-            lines.append(f"{key} = {_list_of(value)}\n")
+            sections += [f"\n[[{name}]]\n{_toml(item, name)}" for item in value]
+        else:  # numbers, texts and lists of them are the same in TOML and JSON
+            lines.append(f"{key} = {json.dumps(value)}\n".replace("], [", "],\n  ["))
     return "".join(lines + sections)
 
 
-def _list_of(value: Any, margin: str = "") -> str:
-    """A number, text or list, which is the same in TOML and JSON, in lines of sensible length."""
-    text = json.dumps(value)
-    if len(text) <= _LINE or not isinstance(value, list):
-        return text
-    inner = margin + "  "
-    items = ",\n".join(inner + _list_of(item, inner) for item in value)
-    return f"[\n{items}\n{margin}]"
-
-
 def write_source(
-    source: Source, path: str | os.PathLike[str], *, polarisation: str | ArrayLike | None = None
+    source: Element | Array | Wavefront,
+    path: str | os.PathLike[str],
+    *,
+    polarisation: str | ArrayLike | None = None,
 ) -> None:
     """Write a source to a ``.toml`` or ``.json`` file for :func:`read_source`.
 
@@ -249,25 +557,19 @@ def write_source(
     >>> pw.read_source(path) == pw.shapes.square(10e-3)
     True
     """
-    file = checked_path(path)
-    writers = {".toml": toml_of, ".json": json_of}
-    if file.suffix.lower() not in writers:
-        raise FileFormatError(
-            f"{file}: expected a source file with the suffix .toml or .json, got "
-            f"{file.suffix or 'none'!r}"
-        )
-    table = table_of(source)
+    file, table = checked_path(path), table_of(source)
     if polarisation is not None:
-        parts = checked_polarisation(polarisation, source).view(np.float64)
-        pairs = parts.reshape(*parts.shape[:-1], 2, 2).tolist()
-        table = {"version": table.pop("version"), "polarisation": pairs, **table}
-    text = writers[file.suffix.lower()](table).rstrip("\n")
+        jones = checked_polarisation(polarisation, source)
+        jones = jones.view(np.float64).reshape(*jones.shape, 2).tolist()
+        table = {"version": table.pop("version"), "polarisation": jones, **table}
+    text = json.dumps(table) if file.suffix.lower() == ".json" else _toml(table).rstrip("\n")
+    with at_key(str(file)):
+        tables = _parsed(text, file.suffix)
+    fault = "build the source anew from its vertices"
     try:
-        is_same = content_of(_parsed(text, file.suffix), file.parent).source == source
+        is_same = content_of(tables, file.parent).source == source
     except PolywignerError as error:
-        raise GeometryError(f"a file cannot represent {source!r} exactly: {error}") from None
+        is_same, fault = False, str(error)
     if not is_same:
-        raise GeometryError(
-            f"a file cannot represent {source!r} exactly; build the source anew from its vertices"
-        )
+        raise GeometryError(f"a file cannot represent {source!r} exactly: {fault}")
     write_lines(file, [text])

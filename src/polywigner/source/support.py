@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from polywigner.geometry import Aperture, Slits, automean
+from polywigner.geometry import Aperture, automean
 from polywigner.geometry.parts import union_on_grid
 from polywigner.source.array import Array, repeated_element
-
-_Source = TypeVar("_Source", Aperture, Slits, Array, Aperture | Array)
 
 # The exact region costs a hull for each pair of convex pieces and a union of them: 0.7 s for
 # 30 pieces anywhere, 2.3 s (and 60000 trapezoids) for 60.
@@ -75,18 +73,6 @@ def _sums(sites: NDArray[np.intp]) -> NDArray[np.float64]:
     for site in sites:
         taken[tuple((sites + site).T)] = True
     return np.argwhere(taken).astype(np.float64)
-
-
-def moved_source(source: _Source, shift: NDArray[np.float64]) -> _Source:
-    """A source of the plane (or of the line), with its field, shifted by (2,) (or (1,))."""
-    if not shift.any():
-        return source
-    if not isinstance(source, Array):
-        return source.moved(shift)
-    if source.repeated is not None:
-        element, positions = source.repeated
-        return repeated_element(element, positions + shift, source.weights)
-    return Array([element.moved(shift) for element in source.elements_in_plane], source.weights)
 
 
 def mirrored_source(source: Any) -> Any:

@@ -18,6 +18,7 @@ from polywigner.geometry.arguments import (
     checked_count,
     checked_length,
     checked_number,
+    checked_vectors,
     finite_array,
     shape_of,
     takes_frequency,
@@ -30,14 +31,24 @@ _UNIT = 1e-6
 _ADVICE = "divide it by its length"
 
 
+def checked_unit_vectors(name: str, vectors: Any) -> NDArray[np.float64]:
+    """Vectors (..., 3) of length 1 after rounding, as given; ArgumentError for others."""
+    expected = f"expected {name} as unit vectors of shape (..., 3)"
+    array = checked_vectors(vectors, expected, (3,))
+    length = np.linalg.norm(array, axis=-1)
+    wrong = ~(np.abs(length - 1) <= _UNIT)
+    if wrong.any():
+        raise ArgumentError(
+            f"{expected}, got {array[wrong][0].tolist()}, of length {length[wrong][0]:.6g}; "
+            f"{_ADVICE}"
+        )
+    return array
+
+
 def unit_vector(direction: Any) -> NDArray[np.float64]:
     """A unit vector (3,) that points away from the aperture, as given; ArgumentError if not."""
-    vector = finite_array(direction, "expected a direction as a unit vector (3,)", (3,))
-    length = math.hypot(*vector)
-    if abs(length - 1) > _UNIT:
-        raise ArgumentError(
-            f"expected a direction of length 1, got one of length {length:.6g}; {_ADVICE}"
-        )
+    expected = "expected a direction as a unit vector (3,)"
+    vector = checked_unit_vectors("direction", finite_array(direction, expected, (3,)))
     if vector[2] < 0:
         raise ArgumentError(
             f"expected a direction into z > 0, to which the aperture radiates, "

@@ -24,7 +24,6 @@ from polywigner.execution import check_not_stopped
 from polywigner.geometry import Aperture, Slits, Wavefront
 from polywigner.numerics.chirps import chirp_over_intervals, chirp_over_rings
 from polywigner.numerics.nodes import normal_product_rule
-from polywigner.source.array import tilted_source
 from polywigner.source.normal_form import normal_form
 from polywigner.transforms.arguments import broadcast_shape
 
@@ -135,7 +134,7 @@ def _bent(
 
 def coherent_source(source: Wavefront, tilt: Any = None) -> Any:
     """The source in coherent light: a Wavefront if its wave is curved; times exp(2 pi i tilt.x)."""
-    flat = source.source if tilt is None else tilted_source(source.source, tilt)
+    flat = source.source if tilt is None else normal_form(source.source).tilted(tilt).public
     return Wavefront(flat, source.curvature, source.centre).coherent
 
 

@@ -26,13 +26,11 @@ from polywigner.radiometry.directions import (
 )
 from polywigner.reception.norms import NORMALISATIONS
 from polywigner.source import Array
+from polywigner.source.normal_form import normal_form
 from polywigner.source.obliquities import (
     OBLIQUITIES,
     Forms,
-    fields_of,
     grazing_error,
-    irradiance_factor,
-    weighted_sources,
 )
 from polywigner.source.support import mutual_support
 from polywigner.transforms import fourier
@@ -51,14 +49,14 @@ def checked_name(kind: str, name: str, known: Iterable[str]) -> str:
 
 def depends_on_wavelength(source: Any, name: str) -> bool:
     """Whether `emissions` do: if the directions of waves matter and there are oblique ones."""
-    fields = fields_of(flat_of(source))
-    return OBLIQUITIES[name].takes_slopes and any(field is not None for field in fields)
+    waves = normal_form(flat_of(source)).frequencies
+    return OBLIQUITIES[name].needs_normal_derivative and bool(waves.any())
 
 
 def emissions(source: Any, wavelength: float, name: str) -> list[tuple[Any, Forms]]:
     """Sources whose W, each times h of its forms, add up to the radiance times wavelength^2."""
     check_slopes(source, checked_name("an obliquity", name, OBLIQUITIES))
-    found = weighted_sources(flat_of(source), name, wavelength)
+    found = OBLIQUITIES[name].terms(flat_of(source), wavelength)
     if not any(any(forms) for _, forms in found):
         raise grazing_error(wavelength)
     if isinstance(source, Wavefront):
@@ -139,7 +137,7 @@ class Mixture:
         """Part of the power of :meth:`nodes` (n, 4) with one wavelength."""
         inverse = 1 / wavelength + waves[:, 0]
         lit = source.at_wavelength(1 / inverse[0])
-        fields = weighted_sources(lit, obliquity, wavelength)
+        fields = OBLIQUITIES[obliquity].terms(lit, wavelength)
         total = 0.0
         for s, solid_angle in directions_and_weights(largest_lag(source), 1 / inverse.max()):
             step = max(1, _BLOCK // len(s))
@@ -148,7 +146,7 @@ class Mixture:
                 nu = s[:, :2] * inverse[some, None, None] - waves[some, None, 1:3]
                 weights = waves[some, 3] * inverse[some] ** 2
                 for one, forms in fields:
-                    g = irradiance_factor(forms, s[:, 2])
+                    g = forms.irradiance(s[:, 2])
                     far = np.square(np.abs(fourier(one, nu)))
                     total += float(weights @ far @ (g * solid_angle))
         return total

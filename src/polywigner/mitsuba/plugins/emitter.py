@@ -480,8 +480,8 @@ def aperture(
     to_world: rigid pose, as a (4, 4) matrix or a Mitsuba transform; the aperture lies in the plane
         z = 0 of its own frame and radiates to +z. Default: none.
     obliquity: the diffraction integral whose |U|^2, times its own cosine, a surface receives:
-        ``rayleigh-sommerfeld-1``, ``kirchhoff``, ``rayleigh-sommerfeld-2``; or ``paper``, the
-        paper's radiance W/lambda^2.
+        a boundary condition of :func:`polywigner.amplitude`; or ``paper``, the paper's radiance
+        W/lambda^2.
     power: watts or a text such as "10 dBm", radiated through the hemisphere in front, as
         :func:`polywigner.radiated_power` counts it. Default: what the field radiates as it is,
         with |u|^2 in W/m^2.

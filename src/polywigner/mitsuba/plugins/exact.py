@@ -41,7 +41,6 @@ from polywigner.source.obliquities import (
     CONDITIONS,
     Obliquity,
     times_direction_cosine,
-    warn_of_slopes,
 )
 from polywigner.transforms import fourier
 from polywigner.transforms.wavefronts import principal_axes
@@ -319,7 +318,7 @@ class ExactField:
     ) -> None:
         is_curved = isinstance(source, Wavefront)
         source = plane_waves_of(source)
-        warn_of_slopes(source, wavelength, obliquity)
+        CONDITIONS[obliquity].warn_of_fit(source, wavelength)
         self._m, self._jit = m, dr.is_jit_v(m.Float)
         # a scalar variant has one sample: all panels, and all nodes, are taken at once
         self._ops = ops_for(m.Float) if self._jit else NumpyOperations(double=True)

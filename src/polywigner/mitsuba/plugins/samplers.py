@@ -16,7 +16,6 @@ from polywigner.execution import ops_for
 from polywigner.geometry.convex import Trapezoids, point_in_trapezoid, trapezoids
 from polywigner.mitsuba.plugins.emissions import Region, emissions
 from polywigner.source import Array
-from polywigner.source.obliquities import irradiance_factor
 from polywigner.source.polarisation import Stokes
 from polywigner.transforms import fourier, position_marginal
 from polywigner.transforms.sampling import in_phase
@@ -208,7 +207,7 @@ def _mean_pattern(
             cosine = np.maximum(rho * np.cos(psi), 0.0)
             nu = np.stack(np.broadcast_arrays(alpha, rho * np.sin(psi)), axis=-1) / wavelength
             for field, forms in fields:
-                factor = irradiance_factor(forms, cosine)
+                factor = forms.irradiance(cosine)
                 total = total + np.abs(fourier(field, nu)) ** 2 * factor
     return np.maximum(np.asarray(total), 0.0)
 

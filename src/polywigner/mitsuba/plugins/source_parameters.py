@@ -49,6 +49,7 @@ from polywigner.quantities import (
 )
 from polywigner.reception.norms import NORMALISATIONS, checked_normalise
 from polywigner.source import Array, read_source
+from polywigner.source.normal_form import normal_form
 from polywigner.source.obliquities import DEFAULT, OBLIQUITIES
 from polywigner.source.polarisation import (
     Stokes,
@@ -57,9 +58,8 @@ from polywigner.source.polarisation import (
     polarisation_text,
     stokes_fields,
 )
-from polywigner.source.source_files import json_of, table_of
-from polywigner.source.support import moved_source
-from polywigner.source.texts import SOURCE_TEXTS, apply_texts
+from polywigner.source.source_files import source_json
+from polywigner.source.source_tables import SOURCE_TEXTS, apply_texts
 
 Floats = npt.NDArray[np.float64]
 Complexes = npt.NDArray[np.complex128]
@@ -113,10 +113,7 @@ class SourceParameters:
     @property
     def at_origin(self) -> Any:
         """The source relative to its centre: single precision resolves 6e-8 of a position."""
-        shift = -self.region.centre
-        if isinstance(self.source, Wavefront):
-            return self.source.on(moved_source(self.source.source, shift), shift)
-        return moved_source(self.source, shift)
+        return normal_form(self.source).moved(-self.region.centre).public
 
     @property
     def centre(self) -> Floats:
@@ -294,7 +291,7 @@ def register_source(source: Aperture | Array | Wavefront) -> str:
     """
     if not isinstance(source, Aperture | Array | Wavefront):
         raise unfit_source(source)
-    content = json_of(table_of(source))  # all that makes it up, to the last digit
+    content = source_json(source)  # all that makes it up, to the last digit
     key = KEY_PREFIX + hashlib.sha256(content.encode()).hexdigest()[:24]
     with _lock:
         _sources[key] = source

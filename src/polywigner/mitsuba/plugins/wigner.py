@@ -24,7 +24,7 @@ from polywigner.mitsuba.plugins.source_parameters import SourceParameters
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.source import Array
-from polywigner.source.obliquities import OBLIQUITIES, emission_factor
+from polywigner.source.obliquities import DEFAULT, OBLIQUITIES
 from polywigner.transforms import differentiable as differentiable_source
 from polywigner.transforms import fourier
 from polywigner.transforms.wavefronts import flat_of
@@ -129,7 +129,7 @@ class WignerRadiance:
         for kernel, tables, forms, stokes in self._terms:
             point = (*place, *frequency)
             wigner = own(self._ops, *point) if own else self._wigner(kernel, tables, point)
-            density = density + four(self._m, stokes, wigner * emission_factor(forms, cosine))
+            density = density + four(self._m, stokes, wigner * forms.radiance(cosine))
         return dr.select(front, density, 0.0)
 
     def _sheared(self, x: Any, y: Any, place: Values, inverse: Any) -> Values:
@@ -156,7 +156,7 @@ class WignerRadiance:
         total = 0.0
         for field, forms, stokes in self._fields:
             square = own(self._ops, *frequency) if own else self._square(field, frequency)
-            total = total + four(self._m, stokes, square * emission_factor(forms, cosine))
+            total = total + four(self._m, stokes, square * forms.radiance(cosine))
         return dr.select(front, total, 0.0)
 
     def _square(self, field: Any, frequency: Any) -> Any:
@@ -199,11 +199,14 @@ class WignerEstimator:
                 "integral over places would be a sum for each sample"
             )
         mixture = spec.mixture
-        oblique = mixture.coherence_width < math.inf and OBLIQUITIES[spec.obliquity].takes_slopes
+        oblique = (
+            mixture.coherence_width < math.inf
+            and OBLIQUITIES[spec.obliquity].needs_normal_derivative
+        )
         disperses = mixture.bandwidth and depends_on_wavelength(spec.source, spec.obliquity)
         if oblique or disperses:
             raise SceneError(
-                f'expected the obliquity "rayleigh-sommerfeld-1" or "paper" with {mixture}, got '
+                f'expected the obliquity {DEFAULT!r} or "paper" with {mixture}, got '
                 f"{spec.obliquity!r}, by which each wave of the mixture would have a factor of its "
                 "own"
             )

@@ -53,7 +53,7 @@ from polywigner.mitsuba.scenes.reflectors import (
 from polywigner.mitsuba.scenes.surfaces import bounds_of, meshes_in, sorted_emitters
 from polywigner.propagation.amplitudes import amplitude
 from polywigner.reception import coupling
-from polywigner.source.obliquities import CONDITIONS
+from polywigner.source.obliquities import CONDITIONS, DEFAULT
 from polywigner.source.polarisation import Stokes
 
 Floats = NDArray[np.float64]
@@ -95,7 +95,7 @@ def check_obliquity(link: str, one: str, other: str) -> None:
     if one not in CONDITIONS:
         raise SceneError(
             f'{link}: expected a boundary condition as obliquity, got "paper", of which there are '
-            'no links; use "rayleigh-sommerfeld-1"'
+            f"no links; use {DEFAULT!r}"
         )
 
 
