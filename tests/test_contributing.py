@@ -1,4 +1,4 @@
-"""CONTRIBUTING tells the truth: its walk happens, its rooms and targets exist, hooks are ours."""
+"""CONTRIBUTING tells the truth: its walk happens, its layout and targets exist, hooks are ours."""
 
 import json
 import os
@@ -55,7 +55,7 @@ def test_the_walk_from_file_to_picture_goes_through_its_rooms(tmp_path):
 def test_the_map_has_every_room():
     rooms = {path.stem for path in PACKAGE.iterdir() if not path.name.startswith("_")}
     rooms -= {"py", "references"}  # marks and data
-    assert set(re.findall(r"^\| `(\w+)` \|", section("The rooms"), flags=re.MULTILINE)) == rooms
+    assert set(re.findall(r"^\| `(\w+)` \|", section("Layout"), flags=re.MULTILINE)) == rooms
 
 
 def test_every_target_of_make_is_explained_and_every_one_explained_exists():
