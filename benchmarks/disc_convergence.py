@@ -49,7 +49,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--plot", metavar="FILE")
     arguments = parser.parse_args()
-    table = {quantity.name: errors(quantity, SIDES) for quantity in QUANTITIES}
+    table = {name: errors(name, SIDES) for name in QUANTITIES}
     print("| n |", " | ".join(table), "|")
     print("|--:|" + "--:|" * len(table))
     for k, n in enumerate(SIDES):

@@ -81,12 +81,6 @@ def plain() -> None:
 
 
 @pytest.fixture
-def cuda(request: pytest.FixtureRequest) -> None:
-    """A test that asks for this is left out on machines without an NVIDIA GPU."""
-    _need("cuda", request.config)
-
-
-@pytest.fixture
 def bad_llvm(request: pytest.FixtureRequest) -> str:
     """The path of an LLVM library that ends the process (15 or 16), to see it refused."""
     for path in _llvm.libraries():

@@ -8,9 +8,9 @@ import pytest
 
 import polywigner as pw
 from oracles import simplices
-from oracles.generate_fourier import exact
+from oracles.meshes import hollow, moved
 from oracles.references import DATA, ENGINES, numpy_and_few
-from oracles.sources import SOURCES, box_bound, content, frequencies, points_of, prism
+from oracles.sources import CUBE, SOURCES, box_bound, content, frequencies, points_of
 
 # Relative to the content, which the package promises to be 1e-13 and 1e-6: rounding of a few terms
 # of the content's size. Measured: 2.3e-15 and 6e-7 (docs/accuracy.md).
@@ -45,12 +45,12 @@ def _cases(kind, complex_nu):
         nu, expected = data[f"{key}{prefix}nu"], data[f"{key}{prefix}F"]
         stored, own = data[key + "vertices"], points_of(source)
         off = np.abs(stored - own).max() / np.abs(stored).max()
-        assert off < 1e-12, f"{kind}, {name}: run python -m oracles.generate_fourier"
+        assert off < 1e-12, f"{kind}, {name}: run python -m oracles.generate fourier_stability"
         if off > 0.0:
             # The values belong to the very floats stored; other versions of the linear algebra
             # round a rotation differently.
             nu = nu[::_EVERY]
-            expected = exact(source, nu)
+            expected = simplices.rounded(source, nu)
         found.append((name, source, nu, expected))
     return found
 
@@ -102,7 +102,7 @@ def test_a_far_source_has_the_phase_of_its_exact_place():
     nu = np.array([[311.1, -278.3]])
     naive = np.exp(-2j * np.pi * nu @ chevron.centre)
     centred = pw.Aperture([ring - chevron.centre for ring in chevron.rings])
-    exact = complex(simplices.fourier(simplices.simplices_of(chevron), nu[0]))
+    (exact,) = simplices.rounded(chevron, nu[:1])
     assert abs(pw.fourier(chevron, nu)[0] - exact) < 1e-17 * chevron.area
     assert abs((naive * pw.fourier(centred, nu))[0] - exact) > 1e-16 * chevron.area
 
@@ -121,15 +121,9 @@ def test_a_thin_wall_costs_as_many_digits_as_its_surface_exceeds_its_volume():
     """The limit that docs/accuracy.md states: 2e-16 D surface/volume."""
     rng = np.random.default_rng(2)
     for wall in (1e-1, 1e-3, 1e-5):
-        outer, faces = prism([[0, 0], [1, 0], [1, 1], [0, 1]], 1.0)
-        inner = outer * (1 - 2 * wall) + wall
-        shell = [*faces, *([k + 8 for k in face[::-1]] for face in faces)]
-        corners = np.concatenate([outer, inner]) + np.array([0.3, 0.1, 0.2])
-        body = pw.Polyhedron(corners, shell)
-        tiling = simplices.simplices_of(body)
+        body = moved(hollow(CUBE, CUBE.vertices * (1 - 2 * wall) + wall), 0.3, 0.1, 0.2)
         nu = np.concatenate([frequencies(rng, body, d, 2) for d in (-9, -1, 0, 1)])
-        exact = np.array([complex(simplices.fourier(tiling, row)) for row in nu])
-        error = np.abs(pw.fourier(body, nu) - exact).max() / body.volume
+        error = np.abs(pw.fourier(body, nu) - simplices.rounded(body, nu)).max() / body.volume
         assert error < 2e-16 * 3**0.5 * 12 / body.volume
 
 
@@ -157,8 +151,8 @@ def _grid(size, source):
 def test_grids_are_as_accurate_as_points(kind, name, size):
     """They go another way, by the axes, and near the origin back to this one."""
     source = SOURCES[kind][name]
-    grid, tiling = _grid(size, source), simplices.simplices_of(source)
-    exact = [complex(simplices.fourier(tiling, row)) for row in grid[SOME].reshape(-1, 2)]
+    grid = _grid(size, source)
+    exact = simplices.rounded(source, grid[SOME].reshape(-1, 2))
     got = pw.fourier(source, grid, engine="numpy")[SOME].ravel()
     assert np.abs(got - exact).max() < ERROR["double"] * content(source)
 

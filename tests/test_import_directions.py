@@ -7,11 +7,21 @@ and so do ``from polywigner import name``, ``pw.name`` and ``importlib.import_mo
 
 import ast
 import sys
+from collections.abc import Iterator
+from graphlib import TopologicalSorter
+from pathlib import Path
 
 import pytest
 
 import polywigner
-from package_imports import PACKAGE, imports_of, sources
+
+PACKAGE = Path(polywigner.__file__).parent
+# The public names may name every room, lazily.
+FILES = {
+    file: path.read_text(encoding="utf-8")
+    for path in sorted(PACKAGE.rglob("*.py"))
+    if (file := path.relative_to(PACKAGE).as_posix()) != "__init__.py"
+}
 
 # A room may import from those above it in this list, never from those below or beside it.
 ROOMS = [
@@ -45,9 +55,6 @@ HOMES = {
     "mitsuba": {"mitsuba"},
 }
 
-# (file, what it imports) -> why that is right although the rules say no.
-EXCEPTIONS: dict[tuple[str, str], str] = {}
-
 # Files that run before anything is installed, or before Dr.Jit's library is chosen.
 STANDARD_LIBRARY_ONLY = {
     # drjit: in require_drjit() only, after a library has been selected
@@ -58,9 +65,51 @@ STANDARD_LIBRARY_ONLY = {
 }
 
 
-def room_of(path):
-    first = path.relative_to(PACKAGE).parts[0]
-    return first.removesuffix(".py")
+def imports_of(tree: ast.AST, package: str) -> Iterator[str]:
+    """Absolute dotted names of everything that a module imports, wherever it stands.
+
+    ``package`` is the module's package, for relative imports.
+    """
+    aliases = {"polywigner"}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            for alias in node.names:
+                yield alias.name
+                if alias.name == "polywigner":
+                    aliases.add(alias.asname or alias.name)
+        elif isinstance(node, ast.ImportFrom):
+            base = node.module or ""
+            if node.level:
+                parents = package.split(".")
+                base = ".".join([*parents[: len(parents) - node.level + 1], *filter(None, [base])])
+            for alias in node.names:
+                yield f"{base}.{alias.name}"
+        elif isinstance(node, ast.Call):
+            yield from dynamic_import(node)
+    for node in ast.walk(tree):
+        if (
+            isinstance(node, ast.Attribute)
+            and isinstance(node.value, ast.Name)
+            and node.value.id in aliases
+        ):
+            yield f"polywigner.{node.attr}"
+
+
+def dynamic_import(call: ast.Call) -> Iterator[str]:
+    """The module that ``import_module("...")`` or ``__import__("...")`` names, its literal part."""
+    function = call.func
+    name = function.attr if isinstance(function, ast.Attribute) else getattr(function, "id", "")
+    if name not in ("import_module", "__import__") or not call.args:
+        return
+    text = call.args[0]
+    if isinstance(text, ast.JoinedStr) and text.values:
+        text = text.values[0]
+    if isinstance(text, ast.Constant) and isinstance(text.value, str):
+        yield text.value.rstrip(".")
+
+
+def room_of(file):
+    return file.split("/")[0].removesuffix(".py")
 
 
 def room_imported(name):
@@ -74,12 +123,10 @@ def room_imported(name):
 
 def breaches(tree, file):
     """What a module imports against the rules."""
-    room = file.split("/")[0].removesuffix(".py")
+    room = room_of(file)
     package = ".".join(["polywigner", *file.split("/")[:-1]])
     found = []
     for name in imports_of(tree, package):
-        if (file, name) in EXCEPTIONS:
-            continue
         library = name.split(".")[0]
         if room not in HOMES.get(library, {room}):
             found.append(f"{file} imports {library}, whose home is {sorted(HOMES[library])}")
@@ -90,28 +137,12 @@ def breaches(tree, file):
 
 
 def test_every_file_stands_in_a_known_room():
-    strays = {room_of(path) for path in sources()} - set(LEVEL) - {"__init__"}
+    strays = {room_of(file) for file in FILES} - set(LEVEL)
     assert not strays, f"give these a place in ROOMS: {sorted(strays)}"
 
 
 def test_imports_run_only_downwards():
-    files = {path.relative_to(PACKAGE).as_posix(): path for path in sources()}
-    del files["__init__.py"]  # the public names: it may name every room, lazily (checked below)
-    found = [
-        breach
-        for file, path in files.items()
-        for breach in breaches(ast.parse(path.read_text(encoding="utf-8")), file)
-    ]
-    assert found == []
-
-
-def test_the_public_names_are_loaded_lazily():
-    tree = ast.parse((PACKAGE / "__init__.py").read_text(encoding="utf-8"))
-    eager = [n for n in tree.body if isinstance(n, ast.Import | ast.ImportFrom)]
-    names = {a.name for n in eager if isinstance(n, ast.Import) for a in n.names}
-    names |= {n.module or "" for n in eager if isinstance(n, ast.ImportFrom)}
-    foreign = {name.split(".")[0] for name in names} - set(sys.stdlib_module_names)
-    assert not foreign
+    assert [b for file, text in FILES.items() for b in breaches(ast.parse(text), file)] == []
 
 
 @pytest.mark.parametrize("file", sorted(STANDARD_LIBRARY_ONLY))
@@ -125,13 +156,6 @@ def test_what_runs_before_the_set_up_needs_the_standard_library_only(file):
         if name.split(".")[0] not in sys.stdlib_module_names and not name.startswith(allowed)
     ]
     assert foreign == []
-
-
-def test_every_exception_is_still_needed():
-    for file, name in EXCEPTIONS:
-        tree = ast.parse((PACKAGE / file).read_text(encoding="utf-8"))
-        package = ".".join(["polywigner", *file.split("/")[:-1]])
-        assert name in set(imports_of(tree, package)), f"{file} no longer imports {name}"
 
 
 # --- The modules of the package import each other in no circle, inside functions neither
@@ -187,25 +211,5 @@ def graph_of(texts):
     return graph
 
 
-def circles_in(graph):
-    """A line for each circle that a walk through the graph closes."""
-    circles: list[str] = []
-    done: set[str] = set()
-
-    def walk(module, path):
-        if module in path:
-            circles.append(" -> ".join([*path[path.index(module) :], module]))
-        elif module not in done:
-            for other in sorted(graph[module]):
-                walk(other, [*path, module])
-            done.add(module)
-
-    for module in sorted(graph):
-        walk(module, [])
-    return circles
-
-
 def test_imports_run_in_no_circle():
-    files = {p.relative_to(PACKAGE).as_posix(): p for p in sources()}
-    del files["__init__.py"]  # the public names: it may name every room, lazily (checked below)
-    assert circles_in(graph_of({f: p.read_text(encoding="utf-8") for f, p in files.items()})) == []
+    TopologicalSorter(graph_of(FILES)).prepare()  # raises CycleError with the modules of a circle

@@ -56,7 +56,8 @@ def test_an_unknown_public_name_is_an_attribute_error():
 
 
 def test_importing_the_package_loads_no_heavy_library():
-    code = "import sys, polywigner; print(*{'numpy', 'shapely', 'drjit'} & set(sys.modules))"
+    heavy = {"numpy", "scipy", "shapely", "xarray", "matplotlib", "drjit", "mitsuba"}
+    code = f"import sys, polywigner; print(*{heavy} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
     assert done.stdout.split() == []
 
@@ -64,13 +65,6 @@ def test_importing_the_package_loads_no_heavy_library():
 def test_the_sdist_takes_along_what_it_names():
     for name in PYPROJECT["tool"]["hatch"]["build"]["targets"]["sdist"]["include"]:
         assert (ROOT / name).exists(), name
-
-
-def test_every_local_link_of_the_documents_leads_somewhere():
-    done = subprocess.run(
-        [sys.executable, ROOT / "tools" / "check_documents.py"], capture_output=True, text=True
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
 
 
 RECIPES = ROOT / "packaging"

@@ -115,7 +115,7 @@ def test_normal_derivatives_of_tilted_light_are_taken_tilt_by_tilt(
 ) -> None:
     source, x, w = sampled("plain", 36)
     at = points(9.0)
-    expected = mutual.irradiance_of_tilts(x, w, at, WAVELENGTH, width, *shares)
+    expected = mutual.irradiance_of_tilts(x, [(w, np.zeros(2))], at, WAVELENGTH, width, *shares)
     found = pw.irradiance(source.partially_coherent(width), at, WAVELENGTH, method)
     assert np.abs(found - expected).max() < SPHERICAL * expected.max()
 
@@ -126,20 +126,10 @@ def test_sums_over_pairs_of_places_have_the_normal_derivatives_of_waves() -> Non
     at = points(120.0) * [5.0, 5.0, 1.0]
     width = 1.3
     x, w = triangle_nodes(5 * HALVES, 30)
-    weights = [a * w * np.exp(2j * np.pi * s * (x @ TILT)) for s, a in ((1, 1.0), (-1, 0.4))]
-    reach = 5.6 / (2 * np.pi * width)
-    t = np.linspace(-reach, reach, 37)
-    tilts = np.stack(np.meshgrid(t, t), axis=-1).reshape(-1, 2)
-    shares = np.exp(-2 * (np.pi * width) ** 2 * (tilts**2).sum(axis=1))
-    tilted = np.exp(2j * np.pi * (x @ tilts.T))
-    total: Any = 0.0
-    for sign, field in zip((1, -1), weights, strict=True):
-        cosine = np.sqrt((1 - ((tilts + sign * TILT) ** 2).sum(axis=1)).astype(complex))
-        first = mutual.first_integral(x, at, WAVELENGTH) * field
-        total = total + 0.5 * (first @ tilted)
-        second = mutual.second_integral(x, at, WAVELENGTH) * field
-        total = total + 0.5 * cosine * (second @ tilted)
-    expected = np.abs(total) ** 2 @ shares / shares.sum()
+    waves = [
+        (a * w * np.exp(2j * np.pi * s * (x @ TILT)), s * TILT) for s, a in ((1, 1.0), (-1, 0.4))
+    ]
+    expected = mutual.irradiance_of_tilts(x, waves, at, WAVELENGTH, width, 0.5, 0.5)
     partly = source.partially_coherent(width)
     found = pw.irradiance(partly, at, WAVELENGTH, "kirchhoff")
     assert found == pytest.approx(expected, abs=SPHERICAL * expected.max())

@@ -46,13 +46,6 @@ def test_the_doubt_about_a_wavelength_names_the_line_of_the_call():
     assert found.filename == __file__
 
 
-@pytest.mark.parametrize(
-    ("size", "wavelength"), [(25e-3, 550e-9), (0.2, 550e-9), (2e-7, 550e-9), (1e-6, 1.2e-4)]
-)
-def test_optics_and_small_holes_are_not_asked_about(size, wavelength):
-    assert not warned(pw.suggest_sampling, pw.shapes.square(size), wavelength, "pattern")
-
-
 def test_bounds_of_arrays_hold_their_elements():
     positions = [(0.0, 0.0), (3.0, 1.0)]
     for array in (
@@ -81,19 +74,6 @@ def test_micrometres_and_millimetres_in_a_lens_are_asked_about(name):
         assert found.category is PolywignerWarning and words in str(found.message)
 
 
-@pytest.mark.parametrize(
-    ("size", "wavelength", "focal_length"),
-    [
-        (5e-3, 0.5e-6, 2e-3),  # a microscope
-        (8.2, 2e-6, 120.0),  # a telescope
-        (0.3e-3, 0.55e-6, 0.1),  # a camera with a pinhole
-    ],
-)
-@pytest.mark.parametrize("name", ["mtf", "psf"])
-def test_lenses_of_the_usual_kinds_are_not_asked_about(name, size, wavelength, focal_length):
-    assert not warned(LENSES[name], wavelength, focal_length, pw.shapes.square(size))
-
-
 def link(source, distance, wavelength):
     facing = np.diag([-1.0, 1.0, -1.0, 1.0])
     facing[2, 3] = distance
@@ -108,13 +88,29 @@ def test_links_of_a_hundred_thousand_sizes_are_asked_about():
     assert "mm for m?" in str(found.message)
 
 
-@pytest.mark.parametrize(
-    ("size", "distance", "wavelength"),
-    [
-        (10e-3, 250.0, WAVELENGTH),  # radar on the road
-        (0.3, 5e3, 3.7e-3),  # between two masts
-        (0.1, 3e3, 1.55e-6),  # between two telescopes
-    ],
-)
-def test_links_of_the_usual_lengths_are_not_asked_about(size, distance, wavelength):
-    assert not warned(link, pw.shapes.square(size), distance, wavelength)
+def aperture(size, wavelength):
+    pw.suggest_sampling(pw.shapes.square(size), wavelength, "pattern")
+
+
+def camera(size, wavelength, focal_length):
+    for lens in LENSES.values():
+        lens(wavelength, focal_length, pw.shapes.square(size))
+
+
+USUAL = {
+    "optics": (aperture, 25e-3, 550e-9),
+    "large optics": (aperture, 0.2, 550e-9),
+    "small hole": (aperture, 2e-7, 550e-9),
+    "small hole at terahertz": (aperture, 1e-6, 1.2e-4),
+    "microscope": (camera, 5e-3, 0.5e-6, 2e-3),
+    "telescope": (camera, 8.2, 2e-6, 120.0),
+    "camera with a pinhole": (camera, 0.3e-3, 0.55e-6, 0.1),
+    "radar on the road": (link, SQUARE, 250.0, WAVELENGTH),
+    "link between two masts": (link, pw.shapes.square(0.3), 5e3, 3.7e-3),
+    "link between two telescopes": (link, pw.shapes.square(0.1), 3e3, 1.55e-6),
+}
+
+
+@pytest.mark.parametrize("name", USUAL)
+def test_sources_lenses_and_links_of_usual_sizes_are_not_asked_about(name):
+    assert not warned(*USUAL[name])

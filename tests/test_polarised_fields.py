@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 import polywigner as pw
-from oracles.quadrature import triangle_nodes
-from oracles.surface_integrals import _triangles
+from oracles.quadrature import graded_in_plane, triangle_nodes
 from polywigner.errors import ArgumentError, IlluminationError, PolywignerError
 
 MODELS: tuple[Any, ...] = ("huygens", "magnetic", "electric")
@@ -59,7 +58,7 @@ def dense(source: Any, point: np.ndarray, jones: np.ndarray, model: str) -> np.n
     """A sum of dipoles over the opening, on triangles graded towards the point."""
     q = np.append(jones, 0.0)
     field = source.illumination or pw.Illumination([1.0], [(0.0, 0.0)])
-    nodes, weights = triangle_nodes(_triangles(source, point, 0.6), 18)
+    nodes, weights = triangle_nodes(graded_in_plane(source, point, 0.6), 18)
     total = np.zeros(3, np.complex128)
     for some in np.array_split(np.arange(len(nodes)), 1 + len(nodes) // 50000):
         way = np.column_stack([point[:2] - nodes[some], np.full(len(some), point[2])])

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import polywigner as pw
-from oracles.meshes import ball, extruded
+from oracles.meshes import ball, extruded, hollow, moved
 from oracles.references import ENGINES, read_json
+from oracles.sources import CUBE, rotation
 from polywigner.errors import ArgumentError, GeometryError
 
 # Relative to the content.
@@ -17,16 +18,7 @@ TOLERANCE = {"double": 1e-13, "single": 2e-6}
 
 engines = pytest.mark.parametrize("engine", ENGINES)
 
-CUBE_CORNERS = np.array(
-    [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], float
-)
-CUBE_FACES = [[0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]]
-
-
-def rotation(seed):
-    """A random rotation matrix."""
-    q, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
-    return q * np.sign(np.linalg.det(q))
+CUBE_CORNERS, CUBE_FACES = CUBE.vertices, CUBE.faces
 
 
 @engines
@@ -63,12 +55,12 @@ def test_the_diameter_is_the_largest_distance_of_two_vertices():
 
 
 def test_a_box_is_a_product_of_sincs_wherever_it_stands():
-    box = pw.Polyhedron(CUBE_CORNERS - 0.5, CUBE_FACES)
+    box = moved(CUBE, -0.5, -0.5, -0.5)
     nu = np.random.default_rng(5).uniform(-30, 30, (100, 3))
     expected = np.prod(np.sinc(nu), axis=-1)
     assert np.abs(pw.fourier(box, nu) - expected).max() < 1e-14
     shift = np.array([1024.0, -512.0, 256.0])  # a power of two: the vertices stay exact
-    far = pw.Polyhedron(CUBE_CORNERS - 0.5 + shift, CUBE_FACES)
+    far = moved(box, *shift)
     turns = nu @ shift  # products of 53 bit numbers with powers of two are exact, their sum is not
     phase = np.exp(-2j * np.pi * ((nu * shift) % 1).sum(axis=-1))
     assert np.abs(turns).max() > 1e3
@@ -76,29 +68,23 @@ def test_a_box_is_a_product_of_sincs_wherever_it_stands():
 
 
 def test_a_body_of_several_shells_is_the_sum_of_its_parts():
-    cavity = 0.25 + 0.5 * CUBE_CORNERS
-    hollow = pw.Polyhedron(
-        np.concatenate([CUBE_CORNERS, cavity]),
-        [*CUBE_FACES, *([k + 8 for k in face[::-1]] for face in CUBE_FACES)],
-    )
-    assert hollow.volume == 1 - 0.125
+    cavity = pw.Polyhedron(0.25 + 0.5 * CUBE_CORNERS, CUBE_FACES)
+    shell = hollow(CUBE, cavity.vertices)
+    assert shell.volume == 1 - 0.125
     nu = np.random.default_rng(6).uniform(-3, 3, (20, 3))
-    parts = pw.fourier(pw.Polyhedron(CUBE_CORNERS, CUBE_FACES), nu) - pw.fourier(
-        pw.Polyhedron(cavity, CUBE_FACES), nu
-    )
-    assert np.abs(pw.fourier(hollow, nu) - parts).max() < 1e-14
+    parts = pw.fourier(CUBE, nu) - pw.fourier(cavity, nu)
+    assert np.abs(pw.fourier(shell, nu) - parts).max() < 1e-14
 
 
 def test_bodies_that_touch_along_an_edge_or_a_face_are_the_sum_of_both():
     nu = np.random.default_rng(4).normal(size=(20, 3))
-    cube = pw.Polyhedron(CUBE_CORNERS, CUBE_FACES)
     for shift in ([1, 1, 0], [1, 0, 0]):
         both = np.concatenate([CUBE_CORNERS, CUBE_CORNERS + shift])
         corners, places = np.unique(both, axis=0, return_inverse=True)
         faces = np.array(CUBE_FACES)
         pair = pw.Polyhedron(corners, places.reshape(-1)[np.concatenate([faces, faces + 8])])
         assert pair.volume == 2.0
-        expected = pw.fourier(cube, nu) * (1 + np.exp(-2j * np.pi * nu @ shift))
+        expected = pw.fourier(CUBE, nu) * (1 + np.exp(-2j * np.pi * nu @ shift))
         assert np.abs(pw.fourier(pair, nu) - expected).max() < TOLERANCE["double"] * 2
 
 
@@ -209,7 +195,7 @@ def test_poses_that_are_not_rigid_are_refused(pose, message):
 @pytest.mark.parametrize(
     ("source", "message"),
     [
-        (pw.Polyhedron(CUBE_CORNERS, CUBE_FACES), "Fourier transform only"),
+        (CUBE, "Fourier transform only"),
         (CHEVRON.placed(np.eye(4)), r"use its \.aperture"),
     ],
 )

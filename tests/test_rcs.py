@@ -292,12 +292,6 @@ def test_a_pattern_is_a_table_of_sections(body: Any, bounces: int) -> None:
     assert ("three reflections" in found["rcs"].attrs["method"]) == (bounces == 3)
 
 
-def test_the_transmitter_of_a_pattern_may_stay() -> None:
-    azimuth = np.radians([-30.0, 0.0])
-    found = pw.rcs_pattern(BOX, 0.3, azimuth, 0.0, to_transmitter=(1.0, 0.0, 0.0))
-    assert found["rcs"].values[1, 0] == pytest.approx(pw.rcs(BOX, (1.0, 0.0, 0.0), 0.3))
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import polywigner as pw
-from oracles.meshes import box, prism
+from oracles.meshes import box, hollow, prism
 from oracles.shadow_quadrature import expected_ratio
 from polywigner.geometry.silhouettes import obstacles_of
 
@@ -171,39 +171,32 @@ def test_joints_of_a_wall_do_not_let_pass_what_a_plate_before_it_bends() -> None
 
 
 _BOX = box((-1, -1, -1), (1, 1, 1))
-_OUTER, _INNER = box((-3, -3, -3), (3, 3, 3)), box((-2, -2, -2), (2, 2, 2))
-_ROOM = pw.Polyhedron(
-    [*_OUTER.vertices, *_INNER.vertices],
-    [*_OUTER.faces, *([k + 8 for k in reversed(face)] for face in _INNER.faces)],
-)
+_ROOM = hollow(box((-3, -3, -3), (3, 3, 3)), box((-2, -2, -2), (2, 2, 2)).vertices)
 
 
-@pytest.mark.parametrize(
-    ("bodies", "expected"),
-    [
-        ([_BOX, box((1, -1, -1), (3, 1, 1))], 1),
-        ([_BOX, box((1.04, -1, -1), (3, 1, 1))], 1),
-        ([_BOX, box((1.06, -1, -1), (3, 1, 1))], 0),
-        ([_BOX, box((1, 1, 1), (2, 2, 2))], 1),
-        ([_BOX, box((-0.5, -4, -0.5), (0.5, 4, 0.5))], 1),
-        ([_BOX, box((-3, -3, -3), (3, 3, 3))], 1),
-        # the two surfaces of the room, and nothing with the box in it
-        ([_ROOM, _BOX], 1),
-        ([_BOX, plate(8, 8, (0, 0, 1))], 0),
-        ([_BOX, plate(8, 8, (0, 0, 0.3))], 1),
-        ([_BOX, plate(2, 2, (2, 0, 0))], 1),
-        ([plate(2, 2), plate(2, 2, (2.01, 0, 0))], 1),
-        ([plate(2, 2), plate(2, 2, (1, 0, 1), upright=True)], 1),
-        ([plate(2, 2), plate(1, 2, (0.3, 0, 1), upright=True)], 0),
-        ([plate(2, 2), plate(1, 2, (0.3, 0, 0.5), upright=True)], 1),
-    ],
-    ids=[
-        "common face", "narrow gap", "gap", "common corner", "crossing", "contained",
-        "in a room", "on a plate", "plate through a box", "plate against a box",
-        "plates side by side", "plates with a common edge", "plate on a plate", "plates crossing",
-    ],
-)  # fmt: skip
-def test_bodies_in_contact_are_those_that_touch_or_cross(bodies: Any, expected: int) -> None:
+# Name -> bodies, and the number of pairs in contact.
+CONTACTS: dict[str, tuple[list[Any], int]] = {
+    "common face": ([_BOX, box((1, -1, -1), (3, 1, 1))], 1),
+    "narrow gap": ([_BOX, box((1.04, -1, -1), (3, 1, 1))], 1),
+    "gap": ([_BOX, box((1.06, -1, -1), (3, 1, 1))], 0),
+    "common corner": ([_BOX, box((1, 1, 1), (2, 2, 2))], 1),
+    "crossing": ([_BOX, box((-0.5, -4, -0.5), (0.5, 4, 0.5))], 1),
+    "contained": ([_BOX, box((-3, -3, -3), (3, 3, 3))], 1),
+    # the two surfaces of the room, and nothing with the box in it
+    "in a room": ([_ROOM, _BOX], 1),
+    "on a plate": ([_BOX, plate(8, 8, (0, 0, 1))], 0),
+    "plate through a box": ([_BOX, plate(8, 8, (0, 0, 0.3))], 1),
+    "plate against a box": ([_BOX, plate(2, 2, (2, 0, 0))], 1),
+    "plates side by side": ([plate(2, 2), plate(2, 2, (2.01, 0, 0))], 1),
+    "plates with a common edge": ([plate(2, 2), plate(2, 2, (1, 0, 1), upright=True)], 1),
+    "plate on a plate": ([plate(2, 2), plate(1, 2, (0.3, 0, 1), upright=True)], 0),
+    "plates crossing": ([plate(2, 2), plate(1, 2, (0.3, 0, 0.5), upright=True)], 1),
+}
+
+
+@pytest.mark.parametrize("name", CONTACTS)
+def test_bodies_in_contact_are_those_that_touch_or_cross(name: str) -> None:
+    bodies, expected = CONTACTS[name]
     assert len(obstacles_of(bodies, 1.0).contacts) == expected
 
 

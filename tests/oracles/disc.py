@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import mpmath
@@ -53,55 +52,44 @@ def lens(radius: float, offset: Array, nu: Array) -> Array:
     return np.asarray((chord * reach * np.cos(phi) * weight).sum(axis=1) * np.pi / 2)
 
 
-@dataclass(frozen=True)
-class Quantity:
-    """What is compared: its name, the polygon's values, and the unit disc's."""
-
-    name: str
-    polygon: Callable[[pw.Aperture], Array]
-    disc: Array
+NU, X = _directions(CYCLES), _directions(OFFSETS, 0.4)
+SOME = np.resize(NU, (len(X), 2))
+_MARGINAL = [2 * math.acos(s) - 2 * s * math.sqrt(1 - s * s) for s in OFFSETS]
 
 
-def _quantities() -> list[Quantity]:
-    nu = _directions(CYCLES)
-    x = _directions(OFFSETS, 0.4)
-    some = np.resize(nu, (len(x), 2))
-    marginal = [2 * math.acos(s) - 2 * s * math.sqrt(1 - s * s) for s in OFFSETS]
-    return [
-        Quantity(
-            "F",
-            lambda g: pw.fourier(g, nu),
-            np.pi * _jinc(2 * np.pi * np.linalg.norm(nu, axis=1)),
-        ),
-        Quantity(
-            "W at the centre",
-            lambda g: pw.wigner(g, (0.0, 0.0), nu),
-            4 * np.pi * _jinc(4 * np.pi * np.linalg.norm(nu, axis=1)),
-        ),
-        Quantity("W elsewhere", lambda g: pw.wigner(g, x, some), lens(2.0, 2 * x, some)),
-        Quantity(
-            "W elsewhere, inscribed",
-            lambda g: pw.wigner(pw.shapes.regular_polygon(len(g.rings[0]), 1.0), x, some),
-            lens(2.0, 2 * x, some),
-        ),
-        Quantity(
-            "A(0, xi)",
-            lambda g: pw.ambiguity(g, (0.0, 0.0), 2 * x).real,
-            np.repeat(marginal, len(ANGLES)),
-        ),
-        Quantity("A elsewhere", lambda g: pw.ambiguity(g, some, 2 * x), lens(1.0, x, some)),
-    ]
+def _inscribed(polygon: pw.Aperture) -> pw.Aperture:
+    return pw.shapes.regular_polygon(len(polygon.rings[0]), 1.0)
 
 
-QUANTITIES = _quantities()
+# Name -> the polygon's values, the unit disc's, and the order at which the first approach them:
+# fourth where all sides take part alike, third where a slice cuts through some of them, and
+# second where the area itself is not the disc's.
+QUANTITIES: dict[str, tuple[Callable[[pw.Aperture], Array], Array, int]] = {
+    "F": (lambda g: pw.fourier(g, NU), np.pi * _jinc(2 * np.pi * np.hypot(*NU.T)), 4),
+    "W at the centre": (
+        lambda g: pw.wigner(g, (0.0, 0.0), NU),
+        4 * np.pi * _jinc(4 * np.pi * np.hypot(*NU.T)),
+        4,
+    ),
+    "W elsewhere": (lambda g: pw.wigner(g, X, SOME), lens(2.0, 2 * X, SOME), 3),
+    "W elsewhere, inscribed": (
+        lambda g: pw.wigner(_inscribed(g), X, SOME),
+        lens(2.0, 2 * X, SOME),
+        2,
+    ),
+    "A(0, xi)": (
+        lambda g: pw.ambiguity(g, (0.0, 0.0), 2 * X).real,
+        np.repeat(_MARGINAL, len(ANGLES)),
+        3,
+    ),
+    "A elsewhere": (lambda g: pw.ambiguity(g, SOME, 2 * X), lens(1.0, X, SOME), 3),
+}
 
 
-def errors(quantity: Quantity, sides: tuple[int, ...]) -> Array:
+def errors(name: str, sides: tuple[int, ...]) -> Array:
     """Largest errors (len(sides),) of n-gons of the unit disc's area, in units of it."""
-    found = [
-        np.abs(quantity.polygon(pw.shapes.disc(1.0, n)) - quantity.disc).max() / np.pi
-        for n in sides
-    ]
+    of_polygon, exact, _ = QUANTITIES[name]
+    found = [np.abs(of_polygon(pw.shapes.disc(1.0, n)) - exact).max() / np.pi for n in sides]
     return np.array(found)
 
 

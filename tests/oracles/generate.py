@@ -1,48 +1,55 @@
-"""Make tests/data/coincident_edges.npz: run ``python -m oracles.generate`` in tests/.
+"""Make reference data of tests/data: ``PYTHONPATH=src:tests python -m oracles.generate NAME``.
 
-Takes a minute on one core with gmpy2 installed, a few without. One shape per group of arrays: its
-rings (stacked, with their lengths and roles), 128 frequencies, positions and lags with the index
-of their frequency, and W and A from :mod:`oracles.exact`, rounded once to float64.
+NAME is one of the functions at the end of this module.
 """
 
 from __future__ import annotations
 
+import json
 import sys
-import time
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from oracles import exact
-from oracles.positions import frequencies, lags, outline, positions
-from oracles.shapes import Polygons, awkward_shapes
+import polywigner as pw
+from oracles import exact, positions, simplices, sources
+from oracles.references import DATA, Reference, awkward, awkward_names, read_json
+from oracles.shadow_quadrature import aperture_radiators, lit_regions, shadowed_field, surface_of
 
-SEED = 20220205
-FREQUENCIES = 128
-POSITIONS = 500
-LAGS = 300
-TARGET = Path(__file__).parents[1] / "data" / "coincident_edges.npz"
-
-
-def _rings(polygons: Polygons) -> dict[str, np.ndarray]:
-    rings = [(ring, k) for outer, holes in polygons for k, ring in enumerate([outer, *holes])]
-    return {
-        "vertices": np.concatenate([ring for ring, _ in rings]),
-        "lengths": np.array([len(ring) for ring, _ in rings], np.uint8),
-        "hole": np.array([k > 0 for _, k in rings]),
-    }
+COINCIDENT, STABILITY = 20220205, 20220206  # seeds
+# Frequencies, positions and lags of one shape.
+FREQUENCIES, POSITIONS, LAGS = 128, 500, 300
+# Frequencies of one source in each decade.
+REAL, COMPLEX = 5, 2
 
 
-def references(polygons: Polygons, rng: np.random.Generator) -> dict[str, np.ndarray]:
+def coincident_edges() -> None:
+    """Write W and A by :mod:`oracles.exact` of the outlines in the file, at hard points.
+
+    Takes a minute on one core with gmpy2 installed, a few without. An outline is stored as
+    rings (stacked, with their lengths and roles), positions and lags with the index of their
+    frequency.
+    """
+    arrays = {}
+    for number, name in enumerate(awkward_names()):
+        rng = np.random.default_rng([COINCIDENT, number])
+        for key, value in of_outline(awkward(name), rng).items():
+            arrays[f"{name}/{key}"] = value
+    np.savez_compressed(DATA / "coincident_edges.npz", **arrays)
+
+
+def of_outline(stored: Reference, rng: np.random.Generator) -> dict[str, np.ndarray]:
     """All arrays of one shape."""
-    rings = exact.oriented(polygons)
-    shape = outline(rings)
-    nu = frequencies(rng, shape, FREQUENCIES)
-    x, xi = positions(rng, shape, POSITIONS), lags(rng, shape, LAGS)
+    rings, shape = stored.rings, positions.outline(stored.rings)
+    rows = [(ring, k) for outer, holes in stored.polygons for k, ring in enumerate([outer, *holes])]
+    nu = positions.frequencies(rng, shape, FREQUENCIES)
+    x, xi = positions.positions(rng, shape, POSITIONS), positions.lags(rng, shape, LAGS)
     x_nu = rng.integers(FREQUENCIES, size=POSITIONS).astype(np.uint8)
     xi_nu = rng.integers(FREQUENCIES, size=LAGS).astype(np.uint8)
     return {
-        **_rings(polygons),
+        "vertices": np.concatenate([ring for ring, _ in rows]),
+        "lengths": np.array([len(ring) for ring, _ in rows], np.uint8),
+        "hole": np.array([k > 0 for _, k in rows]),
         "nu": nu,
         "x": x,
         "x_nu": x_nu,
@@ -55,18 +62,58 @@ def references(polygons: Polygons, rng: np.random.Generator) -> dict[str, np.nda
     }
 
 
-def main() -> None:
-    """Write the file."""
-    arrays = {}
-    for number, (name, polygons) in enumerate(awkward_shapes().items()):
-        start = time.perf_counter()
-        for key, value in references(polygons, np.random.default_rng([SEED, number])).items():
-            arrays[f"{name}/{key}"] = value
-        print(f"{name}: {time.perf_counter() - start:.1f} s", file=sys.stderr, flush=True)
-    TARGET.parent.mkdir(exist_ok=True)
-    np.savez_compressed(TARGET, **arrays)
-    print(f"{TARGET.name}: {TARGET.stat().st_size / 1024:.0f} KiB")
+def fourier_stability() -> None:
+    """Write F of :mod:`oracles.sources` by :mod:`oracles.simplices`, in half a minute."""
+    arrays: dict[str, np.ndarray] = {}
+    for number, (kind, members) in enumerate(sources.SOURCES.items()):
+        for name, source in members.items():
+            rng = np.random.default_rng([STABILITY, number, len(arrays)])
+            for key, value in of_source(source, rng).items():
+                arrays[f"{kind}/{name}/{key}"] = value
+    np.savez_compressed(DATA / "fourier_stability.npz", **arrays)
+
+
+def of_source(source: Any, rng: np.random.Generator) -> dict[str, np.ndarray]:
+    """All arrays of one source; its vertices show whether it is still the same."""
+
+    def drawn(count: int, growing: bool) -> np.ndarray:
+        decades = sources.DECADES
+        rows = [sources.frequencies(rng, source, d, count, growing=growing) for d in decades]
+        return np.concatenate(rows)
+
+    real, growing = drawn(REAL, False), drawn(COMPLEX, True)
+    return {
+        "vertices": sources.points_of(source),
+        "nu": real,
+        "F": simplices.rounded(source, real),
+        "complex_nu": growing,
+        "complex_F": simplices.rounded(source, growing),
+    }
+
+
+def shadows() -> None:
+    """Write |U| of a square behind a plate and a box, by surface integrals."""
+    reference = read_json("shadows")
+    wavelength = reference["wavelength"]
+    square = pw.shapes.square(reference["side"] / wavelength)
+    source = aperture_radiators(square, "rayleigh-sommerfeld-1", order=10, longest=4.0)
+    pose = np.array(reference["plate_pose"])
+    pose[:3, 3] /= wavelength
+    plate = pw.Aperture(np.array(reference["plate_outline"]) / wavelength).placed(pose)
+    vertices = np.array(reference["box_vertices"]) / wavelength
+    for name, body in (
+        ("plate", plate),
+        ("box", pw.Polyhedron(vertices, reference["box_faces"])),
+    ):
+        # all points of the square see the same faces
+        counts = {len(lit_regions([surface_of(body)], p)[0]) for p in source.positions}
+        assert len(counts) == 1
+        points = np.array(reference[name]["points"]) / wavelength
+        field = shadowed_field([body], source, points, order=10, share_regions=True)
+        reference[name]["field"] = np.abs(field).tolist()
+        reference[name]["free"] = np.abs(source.field(points)).tolist()
+    (DATA / "shadows.json").write_text(json.dumps(reference, indent=1) + "\n", "utf-8")
 
 
 if __name__ == "__main__":
-    main()
+    {f.__name__: f for f in (coincident_edges, fourier_stability, shadows)}[sys.argv[1]]()

@@ -104,6 +104,12 @@ def joined(parts: Any) -> pw.Polyhedron:
     return pw.Polyhedron(np.concatenate(points), faces)
 
 
+def hollow(body: pw.Polyhedron, inner: Any) -> pw.Polyhedron:
+    """A body with a cavity, whose corners are those of the body moved inwards."""
+    inwards = [[k + len(inner) for k in face[::-1]] for face in body.faces]
+    return pw.Polyhedron(np.concatenate([body.vertices, inner]), [*body.faces, *inwards])
+
+
 def moved(body: pw.Polyhedron, x: float, y: float, z: float) -> pw.Polyhedron:
     """A body with all vertices shifted."""
     return pw.Polyhedron(body.vertices + np.array([x, y, z]), body.faces)

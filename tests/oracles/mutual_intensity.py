@@ -49,19 +49,27 @@ def irradiance(
 
 
 def irradiance_of_tilts(
-    x: Any, weights: Any, points: Any, wavelength: float, width: float, a: float, b: float
+    x: Any,
+    waves: list[tuple[Any, Any]],
+    points: Any,
+    wavelength: float,
+    width: float,
+    a: float,
+    b: float,
 ) -> Any:
     """The same with a times the first and b times the second kernel, by tilts on a dense grid.
 
-    The normal derivative of the light of a tilt t is ik p_z(t) times its field.
+    ``waves``: weights (n,) times the field of each plane wave, and its spatial frequency (2,).
+    The normal derivative of a wave of frequency t is ik p_z(t) times its field.
     """
     reach = 6.5 / (2 * np.pi * width)
     t = np.linspace(-reach, reach, 81)
     tilts = np.stack(np.meshgrid(t, t), axis=-1).reshape(-1, 2)
     shares = np.exp(-2 * (np.pi * width) ** 2 * (tilts**2).sum(axis=1))
-    tilted = np.exp(2j * np.pi * (x @ tilts.T)) * weights[:, None]
-    cosine = np.sqrt((1 - wavelength**2 * (tilts**2).sum(axis=1)).astype(complex))
-    points = np.asarray(points, dtype=np.float64)
-    field = a * (first_integral(x, points, wavelength) @ tilted)
-    field = field + b * cosine * (second_integral(x, points, wavelength) @ tilted)
+    points, field = np.asarray(points, dtype=np.float64), 0.0
+    for weights, frequency in waves:
+        tilted = np.exp(2j * np.pi * (x @ tilts.T)) * weights[:, None]
+        cosine = np.sqrt(1 - wavelength**2 * ((tilts + frequency) ** 2).sum(axis=1) + 0j)
+        field = field + a * (first_integral(x, points, wavelength) @ tilted)
+        field = field + b * cosine * (second_integral(x, points, wavelength) @ tilted)
     return np.abs(field) ** 2 @ shares / shares.sum()

@@ -15,7 +15,9 @@ import shapely
 
 import polywigner as pw
 from oracles import exact
-from oracles.shapes import Polygons
+
+# (outer, holes) of each part
+Polygons = list[tuple[np.ndarray, list[np.ndarray]]]
 
 DATA = Path(__file__).parents[1] / "data"
 

@@ -21,7 +21,7 @@ import numpy as np
 import shapely
 
 import polywigner as pw
-from oracles.quadrature import triangle_nodes
+from oracles.quadrature import graded, graded_in_plane, triangle_nodes, triangles_of
 
 K = 2.0 * math.pi
 Floats = np.ndarray
@@ -93,11 +93,7 @@ def aperture_radiators(
 
     RS-I: -(1/2 pi) u dG/dz, RS-II: (1/i lambda) u G of waves at normal incidence, Kirchhoff: mean.
     """
-    pieces = shapely.get_parts(shapely.constrained_delaunay_triangles(outline.polygons))
-    flat = shapely.get_coordinates(pieces).reshape(-1, 4, 2)[:, :3]
-    corners = np.concatenate([flat, np.zeros((len(flat), 3, 1))], axis=2)
-    small, _ = _refined(corners, (), longest)
-    nodes, weights = triangle_nodes(small[..., :2], order)
+    nodes, weights = triangle_nodes(graded_in_plane(outline, (), 0.58 * longest), order)
     u = weights * (1.0 if field is None else field(nodes))
     share = {"rayleigh-sommerfeld-1": 1.0, "rayleigh-sommerfeld-2": 0.0, "kirchhoff": 0.5}[
         condition
@@ -132,9 +128,9 @@ def surface_of(body: Any, wavelength: float = 1.0) -> Surface:
             ]
         )
         return Surface(triangles, _units(normals), True)
-    pieces = shapely.get_parts(shapely.constrained_delaunay_triangles(body.aperture.polygons))
-    flat = shapely.get_coordinates(pieces).reshape(-1, 4, 2)[:, :3]
-    triangles = (flat @ body.pose[:3, :2].T + body.pose[:3, 3]) / wavelength
+    triangles = (
+        triangles_of(body.aperture.polygons) @ body.pose[:3, :2].T + body.pose[:3, 3]
+    ) / wavelength
     return Surface(triangles, np.tile(body.pose[:3, 2], (len(triangles), 1)), False)
 
 
@@ -152,8 +148,7 @@ def _triangulated(corners: Floats) -> Floats:
     across = _units(corners[1] - corners[0])
     frame = np.stack([across, np.cross(normal, across)])
     flat = (corners - corners[0]) @ frame.T
-    pieces = shapely.get_parts(shapely.constrained_delaunay_triangles(shapely.Polygon(flat)))
-    return corners[0] + shapely.get_coordinates(pieces).reshape(-1, 4, 2)[:, :3] @ frame
+    return corners[0] + triangles_of(shapely.Polygon(flat)) @ frame
 
 
 def lit_regions(surfaces: Sequence[Surface], source: Any) -> tuple[Floats, Floats]:
@@ -205,9 +200,7 @@ def _visible(corners: Floats, forward: Floats, others: Floats) -> Floats:
     parts = [p for p in shapely.get_parts(rest) if p.area > _SLIVER]
     if not parts:
         return np.empty((0, 3, 3))
-    pieces = shapely.get_parts(shapely.constrained_delaunay_triangles(parts))
-    flat = shapely.get_coordinates(pieces).reshape(-1, 4, 2)[:, :3]
-    return corners[0] + size * flat @ frame
+    return corners[0] + size * triangles_of(parts) @ frame
 
 
 def _clipped(shape: Floats, normal: Floats, least: float) -> Floats:
@@ -223,27 +216,6 @@ def _clipped(shape: Floats, normal: Floats, least: float) -> Floats:
         if b >= 0.0:
             corners.append(shape[k])
     return np.array(corners).reshape(-1, 3)
-
-
-def _refined(triangles: Floats, near: Any, longest: float) -> tuple[Floats, Floats]:
-    """Triangles shorter than ``longest`` and than their distance from points; their origin."""
-    done, origins = [triangles[:0]], [np.arange(0)]
-    todo, origin = triangles, np.arange(len(triangles))
-    while len(todo):
-        middle = todo.mean(axis=1)
-        reach = np.linalg.norm(todo - middle[:, None], axis=2).max(axis=1)
-        limit = np.full(len(todo), 0.58 * longest)
-        for point in np.reshape(near, (-1, 3)):
-            limit = np.minimum(limit, 0.6 * np.linalg.norm(middle - point, axis=1))
-        small = reach <= limit
-        done.append(todo[small])
-        origins.append(origin[small])
-        a, b, c = np.moveaxis(todo[~small], 1, 0)
-        ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
-        four = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
-        todo = np.concatenate([np.stack(three, axis=1) for three in four])
-        origin = np.tile(origin[~small], 4)
-    return np.concatenate(done), np.concatenate(origins)
 
 
 def _space_nodes(triangles: Floats, order: int) -> tuple[Floats, Floats]:
@@ -262,7 +234,7 @@ def taken_by(
 
     ``near``: points (n, 3) towards which the triangles become smaller.
     """
-    triangles, origin = _refined(regions, near, longest)
+    triangles, origin = graded(regions, near, 0.58 * longest)
     nodes, weights = _space_nodes(triangles, order)
     places = nodes.reshape(-1, 3)
     m = np.repeat(normals[origin], nodes.shape[1], axis=0)

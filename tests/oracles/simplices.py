@@ -71,3 +71,9 @@ def fourier(simplices: Simplices, nu: Sequence[complex]) -> Any:
     """F(nu) as an mpmath number of at least DIGITS digits relative to the largest term."""
     terms = [(weight, nodes_at(nu, corners)) for weight, corners in simplices]
     return sum_over_simplices(terms, DIGITS)
+
+
+def rounded(source: Any, nu: Iterable[Sequence[complex]]) -> np.ndarray:
+    """F (n,) of a source at rows of nu (n, d), rounded once."""
+    tiling = simplices_of(source)
+    return np.array([complex(fourier(tiling, row)) for row in nu])

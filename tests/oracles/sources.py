@@ -13,19 +13,13 @@ import numpy as np
 import shapely
 
 import polywigner as pw
+from oracles.meshes import extruded, hollow
 
 DECADES = tuple(range(-15, 4))
 # Angles off an edge or a face, in radians.
 TILTS = (0.0, 1e-16, 1e-15, 1e-14, 1e-13, 1e-12, 1e-8, 1e-4)
 
-Faces = list[list[int]]
-
-CORNERS = np.array(
-    [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], float
-)
-CUBE_FACES: Faces = [
-    [0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]
-]  # fmt: skip
+CUBE = extruded([(0, 0), (1, 0), (1, 1), (0, 1)], 1.0)
 CHEVRON = np.array([[0, 0], [1, 0.5], [2, 0], [2, 0.6], [1, 1.1], [0, 0.6]])
 ELL = np.array([[0, 0], [1.5, 0], [1.5, 0.4], [0.5, 0.4], [0.5, 1.2], [0, 1.2]])
 NEEDLE, FAR = 1e-6, 1e3
@@ -50,42 +44,37 @@ def _star() -> np.ndarray:
     return _ngon(10) * np.where(np.arange(10) % 2, 0.4, 1.0)[:, None]
 
 
-def _rotation(seed: int) -> np.ndarray:
+def rotation(seed: int) -> np.ndarray:
+    """A random rotation matrix."""
     q, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
     return q * np.sign(np.linalg.det(q))
 
 
 def _pose(seed: int, *shift: float) -> np.ndarray:
     pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = _rotation(seed), shift
+    pose[:3, :3], pose[:3, 3] = rotation(seed), shift
     return pose
 
 
 def cube(stretch: Any = (1.0, 1.0, 1.0), seed: int = 0, shift: Any = (0.0, 0.0, 0.0)) -> Any:
     """A box around the origin, turned (unless seed is 0) and shifted."""
-    corners = (CORNERS - 0.5) * np.asarray(stretch)
-    return pw.Polyhedron((corners @ _rotation(seed).T if seed else corners) + shift, CUBE_FACES)
+    return _posed((CUBE.vertices - 0.5) * np.asarray(stretch), CUBE.faces, seed, shift)
 
 
-def prism(outline: Any, height: float) -> tuple[np.ndarray, Faces]:
-    """Vertices and faces of a right prism over a ring, from z = 0."""
-    ring = np.asarray(outline, float)
-    n = len(ring)
-    floor = np.column_stack([ring, np.zeros(n)])
-    sides = [[k, (k + 1) % n, n + (k + 1) % n, n + k] for k in range(n)]
-    faces = [list(range(n))[::-1], list(range(n, 2 * n)), *sides]
-    return np.concatenate([floor, floor + np.array([0, 0, height])]), faces
+def _posed(vertices: np.ndarray, faces: Any, seed: int, shift: Any) -> pw.Polyhedron:
+    return pw.Polyhedron((vertices @ rotation(seed).T if seed else vertices) + shift, faces)
 
 
 def _prism(outline: Any, height: float, seed: int = 0, shift: Any = (0.0, 0.0, 0.0)) -> Any:
-    vertices, faces = prism(outline, height)
-    return pw.Polyhedron((vertices @ _rotation(seed).T if seed else vertices) + shift, faces)
+    body = extruded(outline, height)
+    bottom, *others = body.faces
+    # fans from these corners lose the fewest digits
+    return _posed(body.vertices, [[*bottom[1:], bottom[0]], *others], seed, shift)
 
 
 def _hollow(wall: float, seed: int) -> Any:
-    inner = CORNERS * (1 - 2 * wall) + wall
-    faces = [*CUBE_FACES, *([k + 8 for k in face[::-1]] for face in CUBE_FACES)]
-    return pw.Polyhedron(np.concatenate([CORNERS, inner]) @ _rotation(seed).T, faces)
+    body = hollow(CUBE, CUBE.vertices * (1 - 2 * wall) + wall)
+    return _posed(body.vertices, body.faces, seed, 0.0)
 
 
 def _tetrahedron() -> Any:

@@ -11,32 +11,13 @@ import math
 from typing import Any
 
 import numpy as np
-import shapely
 
 import polywigner as pw
-from oracles.quadrature import triangle_nodes
+from oracles.quadrature import graded_in_plane, triangle_nodes
 
 _ORDER = 18
 # Nodes at a time.
 _MANY = 2000
-
-
-def _triangles(outline: pw.Aperture, point: np.ndarray, longest: float) -> np.ndarray:
-    """(n, 3, 2)"""
-    pieces = shapely.get_parts(shapely.constrained_delaunay_triangles(outline.polygons))
-    todo = shapely.get_coordinates(pieces).reshape(-1, 4, 2)[:, :3]
-    done = []
-    while len(todo):
-        middle = todo.mean(axis=1)
-        reach = np.linalg.norm(todo - middle[:, None], axis=2).max(axis=1)
-        away = np.sqrt(((middle - point[:2]) ** 2).sum(axis=1) + point[2] ** 2)
-        small = reach <= np.minimum(longest, 0.6 * away)
-        done.append(todo[small])
-        a, b, c = (todo[~small][:, k] for k in range(3))
-        ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
-        corners = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
-        todo = np.concatenate([np.stack(three, axis=1) for three in corners])
-    return np.concatenate(done)
 
 
 def surface_fields(source: Any, point: Any, wavelength: float) -> np.ndarray:
@@ -48,7 +29,7 @@ def surface_fields(source: Any, point: Any, wavelength: float) -> np.ndarray:
     field = source.illumination or pw.Illumination([1.0], [(0.0, 0.0)])
     k = 2 * math.pi / wavelength
     dirichlet = neumann = 0j
-    triangles = _triangles(source, place, 0.6 * wavelength)
+    triangles = graded_in_plane(source, place, 0.6 * wavelength)
     for first in range(0, len(triangles), _MANY):
         nodes, weights = triangle_nodes(triangles[first : first + _MANY], _ORDER)
         r = np.sqrt(((nodes - place[:2]) ** 2).sum(axis=1) + place[2] ** 2)
