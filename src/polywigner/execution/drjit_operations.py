@@ -43,10 +43,6 @@ class DrjitOperations(RowByRow):
         self.double = drjit.itemsize_v(float_type) == 8
         self._numbers = drjit.uint32_array_t(float_type)
 
-    def count(self, like: Any) -> int:
-        """Samples computed at a time: they do not matter to a compiled kernel."""
-        return 0
-
     def sum_over(
         self, rows: Sequence[Row], term: Term, values: int, like: Any, *, unroll: bool = True
     ) -> Values:

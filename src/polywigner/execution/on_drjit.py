@@ -12,7 +12,6 @@ from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
 from types import SimpleNamespace
 from typing import Any
 
@@ -24,7 +23,7 @@ from polywigner.execution.chunks import Fetch, Launched, array_of, parts_of_resu
 from polywigner.execution.drjit_operations import MOST_TERMS_AS_CODE, DrjitOperations
 from polywigner.execution.operations import NumpyOperations
 from polywigner.kernels import Kernel
-from polywigner.kernels.cut.pair_grid import PairGrid
+from polywigner.kernels.cut.pair_grid import cells_at
 from polywigner.kernels.cut.winding import pairs_of
 from polywigner.kernels.functions.fourier import OutlineTables
 from polywigner.kernels.functions.slices import MOST_PAIRS_AS_CODE
@@ -337,7 +336,7 @@ class _Slices:
     def __init__(self, kernel: Kernel, tables: Tables, double: bool, samples: int) -> None:
         assert kernel.slices is not None
         self.slices, self.tables = kernel.slices, tables
-        self.host, self.sorts = NumpyOperations(double), len(tables.edges) >= _LEAST_EDGES_SORTED
+        self.sorts = len(tables.edges) >= _LEAST_EDGES_SORTED
         self.pairs = {
             key: pairs_of(tables, key, double, samples) for key in self.slices.passes(tables)
         }
@@ -364,13 +363,11 @@ class _Slices:
         """The order in which samples are best taken."""
         if not self.sorts or inner[-1].size < _LEAST_SAMPLES_SORTED:
             return ...
-        cell = self.slices.cell(self.host, self.tables, self._held, *inner)
+        x, y = inner[self.slices.place]
+        (view, *_), grid = next(iter(self.pairs.items()))
+        cell = cells_at(grid.on_host, view.side * self.slices.scale * (x + 1j * y))
         # there are fewer than 2^16 cells: NumPy sorts such numbers in linear time
         return np.argsort(cell.astype(np.uint16), kind="stable")
-
-    @cached_property
-    def _held(self) -> dict[Any, PairGrid]:
-        return {key: grid.held(self.host.held) for key, grid in self.pairs.items()}
 
     def summed(self, ops: DrjitOperations, hold: Hold, *inner: Any) -> Values:
         """The kernel's sums, from tables of another source of this kind."""

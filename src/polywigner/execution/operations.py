@@ -16,7 +16,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.numerics.exact import SPLIT_DOUBLE, SPLIT_SINGLE, accurate_cross, product_error
+from polywigner.numerics.grid_arithmetic import (
+    SPLIT_DOUBLE,
+    SPLIT_SINGLE,
+    accurate_cross,
+    product_error,
+)
 
 # NumPy: calls on short arrays cost more than what they compute.
 _FEW_SAMPLES = 256
@@ -107,10 +112,6 @@ class NumpyOperations(_Unfused):
         if double and type(self) is NumpyOperations:  # no type to keep: without a call
             self.__dict__["select"] = np.where
 
-    def count(self, like: Any) -> int:
-        """Samples computed at a time."""
-        return int(np.size(like))
-
     def sum_over(
         self, rows: Sequence[Row], term: Term, values: int, like: Any, *, unroll: bool = True
     ) -> Values:
@@ -119,7 +120,7 @@ class NumpyOperations(_Unfused):
         Takes as many rows at once, on an axis before that of the samples ``like``, as fit a cache.
         """
         # Of few samples, in float64 throughout: what is constant in a term is not rounded first.
-        samples = self.count(like)
+        samples = int(np.size(like))
         table = np.array(rows, np.float64 if samples <= _FEW_SAMPLES else self.dtype)
         axes = (1,) * max(1, np.ndim(like))
         block = max(1, _BLOCK // max(1, samples))
@@ -197,16 +198,6 @@ class NumpyOperations(_Unfused):
                     np.add.at(total, own, found)
         return [total.reshape(shape).astype(self.dtype) for total in totals]
 
-    def fold(self, first: Any, end: Any, state: Values, step: Term) -> Values:
-        """The last ``state = step(row, *state)`` for rows from ``first`` up to ``end``."""
-        count = end - first
-        state = tuple(np.broadcast_to(np.asarray(s), np.shape(count)) for s in state)
-        for k in range(int(count.max(initial=0))):
-            active = k < count
-            found = step(np.where(active, first + k, 0), *state)
-            state = tuple(np.where(active, new, old) for new, old in zip(found, state, strict=True))
-        return state
-
     def sum_over_rule(
         self, rule: Any, rules: Sequence[Table], term: Term, values: int, *samples: Any
     ) -> list[Any]:
@@ -250,7 +241,8 @@ class RowByRow(Operations):
     gather: Callable[[Any, Any], Values]
     select: Callable[[Any, Any, Any], Any]
     fold: Callable[..., Values]
-    """As of NumPy; ``is_sum``: whether the state holds sums, which may have derivatives."""
+    """(first, end, state, step) -> the last ``state = step(row, *state)``; ``is_sum``: whether the
+    state holds sums, which may have derivatives."""
 
     def plain_sum(self, first: Any, end: Any, term: Term, values: int) -> Values:
         """:meth:`sum_over_range` for so few terms that rounding of the sum does not matter."""
@@ -313,10 +305,6 @@ class ScalarOperations(_Unfused, RowByRow):
     target = "scalar"
     double = True
     key = float
-
-    def count(self, like: Any) -> int:
-        """Samples computed at a time."""
-        return 1
 
     def sum_over(
         self, rows: Sequence[Row], term: Term, values: int, like: Any, *, unroll: bool = True

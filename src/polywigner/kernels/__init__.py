@@ -18,8 +18,6 @@ This room knows no file, no plot, no engine and no Mitsuba.
 
 from __future__ import annotations
 
-from typing import Any
-
 from polywigner.kernels.catalogue import MOST_WIDTHS, kernel_for, partly_coherent_kernel
 from polywigner.kernels.functions.fourier import GridTables, OutlineSum, fourier_on_grid
 from polywigner.kernels.functions.plane import (
@@ -50,16 +48,4 @@ __all__ = [
     "new_tables_of",
     "partly_coherent_kernel",
     "tables_of",
-    "wigner",
 ]
-
-
-def wigner(ops: Any, tables: Tables, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Any:
-    """W(x, nu) of the aperture behind ``tables``, traced or computed with ``ops``.
-
-    x, y in the aperture's unit (metres), nu in its inverse; the result in its square. For code
-    that is itself traced, such as a light source in a renderer; ``ops`` from
-    :func:`polywigner.execution.ops_for` and ``tables`` from :func:`tables_of` with
-    ``double=ops.double``.
-    """
-    return WIGNER(ops, tables, x, y, nu_x, nu_y)[0]

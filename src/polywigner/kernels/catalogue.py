@@ -13,8 +13,8 @@ from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits, Wav
 from polywigner.kernels.arrays import lattice_arrays, pair_sums
 from polywigner.kernels.arrays.array_factor import array_factor_kernel
 from polywigner.kernels.arrays.element_pairs import is_scattered
+from polywigner.kernels.functions import intervals as line
 from polywigner.kernels.functions import partly_coherent, plane, separable, simplices
-from polywigner.kernels.functions import slits as line
 from polywigner.kernels.functions.separable import is_separable
 from polywigner.kernels.kernel import Kernel
 from polywigner.source import Array

@@ -31,7 +31,7 @@ from polywigner.kernels.functions.slices import Views, difference_pairings, mean
 from polywigner.kernels.kernel import Kernel
 from polywigner.kernels.outline.constants import Edge
 from polywigner.kernels.outline.tables import Tables
-from polywigner.kernels.outline.waves import (
+from polywigner.kernels.outline.wave_pairs import (
     Wave,
     WavePair,
     Waves,

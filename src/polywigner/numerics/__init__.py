@@ -3,7 +3,7 @@
 =======================  =======================================================================
 module                   what is in it
 =======================  =======================================================================
-``exact``                exact arithmetic on vertices rounded to a grid
+``grid_arithmetic``      exact arithmetic on vertices rounded to a grid
 ``phases``               sine and cosine of turns; phases from error-free products; growth
 ``complex_pairs``        complex arithmetic for complex frequencies
 ``divided_differences``  a wave's means over segments, triangles and tetrahedra

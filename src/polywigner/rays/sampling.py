@@ -38,7 +38,7 @@ from polywigner.source.obliquities import (
     obliquity_of,
 )
 from polywigner.transforms import sample_automean, wigner
-from polywigner.transforms.sampling import Weights
+from polywigner.transforms.automean_samples import Weights
 from polywigner.transforms.wavefronts import flat_of, is_partly_coherent
 
 if TYPE_CHECKING:

@@ -14,8 +14,9 @@ coincide. Of thin outlines, and of those that run to and fro (combs, spirals), W
 to 6e-7 diameter perimeter in float32 where that is more (docs/accuracy.md, "Limits").
 """
 
-from polywigner.transforms.arguments import PhaseSpaceSource, Source
+from polywigner.transforms.automean_samples import Weights, sample_automean
 from polywigner.transforms.calls import explain
+from polywigner.transforms.checked_calls import PhaseSpaceSource, Source
 from polywigner.transforms.imaging import (
     partially_coherent_image,
     transmission_cross_coefficient,
@@ -29,7 +30,6 @@ from polywigner.transforms.phase_space import (
 )
 from polywigner.transforms.projection import PhaseSpaceFunction, projections
 from polywigner.transforms.pupil import mtf, otf
-from polywigner.transforms.sampling import Weights, sample_automean
 from polywigner.transforms.spectrum import array_factor, fourier
 from polywigner.transforms.traced_sources import Differentiable, differentiable
 

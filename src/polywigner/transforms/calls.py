@@ -29,7 +29,7 @@ from polywigner.geometry.arguments import checked_choice, checked_wavelength
 from polywigner.kernels import is_separable
 from polywigner.optics import FirstOrder
 from polywigner.source import Array
-from polywigner.transforms.arguments import (
+from polywigner.transforms.checked_calls import (
     PhaseSpaceSource,
     broadcast_shape,
     checked_call,

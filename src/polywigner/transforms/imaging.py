@@ -29,7 +29,7 @@ from polywigner.geometry.arguments import (
 )
 from polywigner.numerics.divided_differences import simplex_plane_wave
 from polywigner.source import Array
-from polywigner.transforms.arguments import broadcast_shape, checked_points
+from polywigner.transforms.checked_calls import broadcast_shape, checked_points
 from polywigner.transforms.pupil import checked_energy, checked_pupil_radius, checked_waves
 from polywigner.transforms.sections import edges_of
 from polywigner.transforms.spectrum import fourier

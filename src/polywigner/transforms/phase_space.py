@@ -10,8 +10,8 @@ from polywigner import kernels
 from polywigner.execution import Engine, Precision
 from polywigner.geometry.arguments import Points
 from polywigner.optics import FirstOrder
-from polywigner.transforms.arguments import PhaseSpaceSource
 from polywigner.transforms.calls import compute, public
+from polywigner.transforms.checked_calls import PhaseSpaceSource
 from polywigner.transforms.traced_sources import Differentiable
 from polywigner.transforms.wavefronts import flat_of
 

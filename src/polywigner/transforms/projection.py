@@ -17,7 +17,7 @@ from polywigner.execution import Engine, checked_engine
 from polywigner.geometry import Slits, Wavefront
 from polywigner.geometry.arguments import checked_choice, checked_count, real_numbers
 from polywigner.kernels import kernel_for
-from polywigner.transforms.arguments import PhaseSpaceSource
+from polywigner.transforms.checked_calls import PhaseSpaceSource
 from polywigner.transforms.phase_space import (
     ambiguity,
     autocorrelation,

@@ -21,7 +21,7 @@ from polywigner.geometry.arguments import (
     warn_of_lens,
 )
 from polywigner.source import Array
-from polywigner.transforms.arguments import PhaseSpaceSource, checked_points
+from polywigner.transforms.checked_calls import PhaseSpaceSource, checked_points
 from polywigner.transforms.phase_space import ambiguity, energy_of, lag_marginal
 from polywigner.transforms.wavefronts import flat_of, is_partly_coherent
 from polywigner.transforms.xarray_arguments import takes_xarray

@@ -18,14 +18,14 @@ from polywigner.kernels import is_separable
 from polywigner.source import Array
 from polywigner.source.lattices import Sites, checked_sites
 from polywigner.source.waves import exact_turns
-from polywigner.transforms.arguments import (
+from polywigner.transforms.calls import compute, public
+from polywigner.transforms.checked_calls import (
     Source,
     array_on_grid,
     checked_points,
     in_blocks,
     in_plane,
 )
-from polywigner.transforms.calls import compute, public
 from polywigner.transforms.traced_sources import Differentiable, fourier_of
 from polywigner.transforms.xarray_arguments import takes_xarray
 

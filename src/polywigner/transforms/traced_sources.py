@@ -16,11 +16,11 @@ from polywigner.execution import Parameter, Parameters, is_drjit
 from polywigner.geometry import Aperture, Slits
 from polywigner.geometry.arguments import DrJitArray
 from polywigner.geometry.rings import signed_area
-from polywigner.kernels.outline.waves import waves_in_frame
+from polywigner.kernels.outline.wave_pairs import waves_in_frame
 from polywigner.kernels.slopes import slopes_in_ends
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.source import Array, Illumination
-from polywigner.transforms.arguments import in_plane
+from polywigner.transforms.checked_calls import in_plane
 
 
 @dataclass(frozen=True, eq=False)

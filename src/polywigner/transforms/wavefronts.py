@@ -25,7 +25,7 @@ from polywigner.geometry import Aperture, Slits, Wavefront
 from polywigner.numerics.chirps import chirp_over_intervals, chirp_over_rings
 from polywigner.numerics.nodes import normal_product_rule
 from polywigner.source.normal_form import normal_form
-from polywigner.transforms.arguments import broadcast_shape
+from polywigner.transforms.checked_calls import broadcast_shape
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]

@@ -22,15 +22,12 @@ from collections.abc import Callable, Hashable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from polywigner.kernels.outline.constants import Edge, Piece
-from polywigner.kernels.outline.lines import (
-    NEARLY_PARALLEL,
-    Line,
-    cross_with_constant,
-    slope_of,
-    start_of,
-)
+from polywigner.kernels.outline.constants import Edge, Line, Piece
 from polywigner.kernels.outline.tables import Tables
+
+# Sine of the angle below which an edge and a line are nearly parallel: where they meet at this
+# angle is off by 1/0.03 ulps.
+_NEARLY_PARALLEL = 0.03
 
 
 @dataclass(frozen=True)
@@ -62,9 +59,7 @@ class Clipper:
         self.tables = tables
         constants = tables.constants
         self.edges, self.lines, self.pieces = constants.edges, constants.lines, constants.pieces
-        if constants.grid is not None:
-            tx, ty = ops.snapped(tx, constants.grid), ops.snapped(ty, constants.grid)
-        self.tx, self.ty = tx, ty
+        self.tx, self.ty = ops.snapped(tx, constants.step), ops.snapped(ty, constants.step)
         self._levels: dict[tuple[float, float], Any] = {}
         self._shared: dict[Hashable, Any] = {}
 
@@ -90,10 +85,14 @@ class Clipper:
         return self._shared[key]
 
     def level(self, line: Line) -> Any:
-        """cross(direction, T)."""
+        """cross(direction, T), without the products that a direction along an axis omits."""
         key = (line.dx, line.dy)
         if key not in self._levels:
-            self._levels[key] = cross_with_constant(self.ops, line.dx, line.dy, self.tx, self.ty)
+            x, y = self.tx * -line.dy, self.ty
+            if line.dx == 0.0:
+                self._levels[key] = x
+            else:
+                self._levels[key] = self.ops.fma(y, line.dx, x) if line.dy else y * line.dx
         return self._levels[key]
 
     def intervals(
@@ -121,9 +120,9 @@ class Clipper:
         gates: list[tuple[Any, int]] = []
         for number, side in piece.sides:
             line = self.lines[number]
-            slope = slope_of(line, edge)
-            if edge.cluster == line.cluster and (not line.exact or slope == 0.0):
-                gates.append((self._lies_left(edge, line, view), side))
+            slope = line.slope(edge)
+            if slope == 0.0:
+                gates.append((_is_left(self._exact_distance(edge, line, view), view), side))
                 continue
             if number not in cuts:
                 cuts[number] = (self._cut(edge, line, view, slope), slope * view.point > 0)
@@ -142,9 +141,9 @@ class Clipper:
         """t where the edge meets the line of the other copy."""
         scale = -view.point / slope
         size = (line.dx**2 + line.dy**2) * (edge.ex**2 + edge.ey**2)
-        if line.exact and slope**2 < NEARLY_PARALLEL**2 * size:
+        if slope**2 < _NEARLY_PARALLEL**2 * size:
             return self._exact_distance(edge, line, view) * scale
-        start = start_of(line, edge, view.point)
+        start = line.start(edge, view.point)
         return self.ops.fma(self.level(line), view.offset * scale, start * scale)
 
     def _exact_distance(self, edge: Edge, line: Line, view: View) -> Any:
@@ -153,17 +152,6 @@ class Clipper:
         dx = s * self.tx + (sign * edge.ax - line.px)
         dy = s * self.ty + (sign * edge.ay - line.py)
         return self.ops.cross(line.dx, line.dy, dx, dy)
-
-    def _lies_left(self, edge: Edge, line: Line, view: View) -> Any:
-        """Whether an edge parallel to a line lies to the left of it in the other copy."""
-        if line.exact:
-            return _is_left(self._exact_distance(edge, line, view), view)
-        if view is MIRRORED:
-            return self.level(line) > edge.offset + line.offset
-        if view is AHEAD:
-            return self.level(line) > line.offset - edge.offset
-        # not (level > ...), so that it is the exact complement of what AHEAD sees
-        return self.level(line) <= edge.offset - line.offset
 
 
 def _is_left(distance: Any, view: View) -> Any:

@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from polywigner.kernels.outline.frame import power_of_two
 from polywigner.kernels.outline.tables import Tables
-from polywigner.numerics.exact import accurate_cross
+from polywigner.numerics.grid_arithmetic import accurate_cross
 
 # How a row counts: as a crossing; as one before which the winding number is set; as a whole edge;
 # as both (an edge inside the other copy); as a crossing with the line that leads to a ring from
@@ -212,12 +212,17 @@ _SLANTED = 1 / 16
 _MANY_ROWS = 1 << 10
 
 
-def rows_at(grid: HostGrid, t: Array) -> tuple[Array, Array]:
-    """The rows (k, 4) of the cells of offsets ``t`` (n,), and the number of each one's offset."""
+def cells_at(grid: HostGrid, t: Array) -> Array:
+    """The numbers of the cells of offsets ``t`` (n,), those of the border included."""
     (rows, across), place = grid.shape, (t - grid.low) * grid.per_unit
     column = np.fmin(np.fmax(np.floor(place.real), -1.0), across)
-    cell = (np.fmin(np.fmax(np.floor(place.imag), -1.0), rows) + 1.0) * (across + 2) + column + 1.0
-    spans = grid.cells.take(cell.astype(np.intp), axis=0)
+    row = np.fmin(np.fmax(np.floor(place.imag), -1.0), rows)
+    return np.asarray((row + 1.0) * (across + 2) + column + 1.0).astype(np.intp)
+
+
+def rows_at(grid: HostGrid, t: Array) -> tuple[Array, Array]:
+    """The rows (k, 4) of the cells of offsets ``t`` (n,), and the number of each one's offset."""
+    spans = grid.cells.take(cells_at(grid, t), axis=0)
     begin, counts = spans[:, 0], spans[:, 2] - spans[:, 0]
     owner = np.arange(len(t)).repeat(counts)
     index = np.arange(len(owner)) + (begin - (counts.cumsum() - counts)).take(owner)

@@ -32,23 +32,10 @@ Pass = tuple[View, int, int]
 Interval = tuple[Any, Any, Any, Any]
 Level = tuple[Any, ...]
 
-# Where nobody knows how many samples there will be; as many as NumPy is called with.
-_MANY, _SOME = 1 << 20, 1 << 9
+# Samples where their number is unknown.
+_MANY = 1 << 20
 # Lists that are kept, of all sources; engines have copies of as much.
 _MOST_BYTES = 1 << 27
-
-
-def clipper_for(
-    ops: Any, tables: Tables, tx: Any, ty: Any, *views: View, arguments: tuple[Any, ...] = ()
-) -> Clipper:
-    """Return the clipper that suits the number of edges and the engine.
-
-    ``arguments``: of the kernel; NaN in them gives NaN in the sums.
-    """
-    # Dr.Jit has no derivatives of nested loops
-    if ops.needs_gradient(tx, ty, *arguments) or (ops.target == "compiled" and tables.fits_code):
-        return Clipper(ops, tables, tx, ty)
-    return PairClipper(ops, tables, tx, ty, views, arguments)
 
 
 def pairs_of(tables: Tables, key: Pass, double: bool, samples: int = 0) -> PairGrid:
@@ -72,14 +59,6 @@ _kept: deque[tuple[dict[Any, Any], Hashable, int]] = deque()
 """Owner, key and size of each list, oldest first."""
 
 
-def held_pairs(ops: Any, tables: Tables, key: Pass, samples: int = 0) -> PairGrid:
-    """Lists of pairs of edges in the memory of an engine."""
-    grid = pairs_of(tables, key, ops.double, samples)
-    if ops.key not in grid.copies:
-        grid.copies.setdefault(ops.key, grid.held(ops.held))  # in all threads the same
-    return grid.copies[ops.key]
-
-
 def cell_of(ops: Any, pair: PairGrid, tx: Any, ty: Any) -> Any:
     """The number of the cell of an offset on the grid; an empty one's outside of all cells."""
     x0, y0, x1, y1, per_unit, across, empty, _ = ops.gather(pair.numbers, ops.truncated(0.0))
@@ -89,12 +68,6 @@ def cell_of(ops: Any, pair: PairGrid, tx: Any, ty: Any) -> Any:
         for t, low in ((tx, x0), (ty, y0))
     )
     return ops.select_number(inside, row * ops.truncated(across) + column, ops.truncated(empty))
-
-
-def _snapped(ops: Any, pair: PairGrid, *offset: Any) -> tuple[Any, ...]:
-    """An offset on the grid of the vertices."""
-    *_, step = ops.gather(pair.numbers, ops.truncated(0.0))
-    return tuple(ops.snapped(t, step) for t in offset)
 
 
 class PairClipper(Clipper):
@@ -113,15 +86,20 @@ class PairClipper(Clipper):
         """``pairs``: lists in the engine's memory, in place of the tables' own."""
         self.ops, self.tables = ops, tables
         self.views, self.arguments = views, arguments
-        self.samples, self.pairs = ops.count(tx), pairs
-        self.tx, self.ty = _snapped(ops, self._pair((views[0], 0, 0)), tx, ty)
+        self.pairs = pairs
+        *_, step = ops.gather(self._pair((views[0], 0, 0)).numbers, ops.truncated(0.0))
+        self.tx, self.ty = ops.snapped(tx, step), ops.snapped(ty, step)
         self._now: tuple[View, Interval] | None = None
 
     def _pair(self, key: Pass) -> PairGrid:
         if self.pairs is not None:
             view, group, other = key
             return self.pairs[BEHIND if view is AHEAD else view, group, other]
-        return held_pairs(self.ops, self.tables, key, self.samples)
+        grid, ops = pairs_of(self.tables, key, self.ops.double), self.ops
+        if ops.key not in grid.copies:
+            grid.copies.setdefault(ops.key, grid.held(ops.held))  # in all threads the same
+        found: PairGrid = grid.copies[ops.key]
+        return found
 
     def sum_over_edges(
         self, term: Callable[[Edge], Level], values: int, group: int = 0, other: int = 0
@@ -142,11 +120,6 @@ class PairClipper(Clipper):
     def at(self, view: View, interval: Interval) -> None:
         """The interval that :meth:`intervals` is to give for the edge that comes next."""
         self._now = view, interval
-
-    def cell(self, key: Pass) -> Any:
-        """The cells of samples, which are best taken in their order."""
-        side = key[0].side
-        return cell_of(self.ops, self._pair(key), side * self.tx, side * self.ty)
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,7 +190,7 @@ class _Pass:
         begin, end, _, _ = self.ops.gather(self.pair.names, number)
         # e = length u with length 1: what the kernels compute of u and length stays the same
         found = Edge(
-            ax, ay, ax + ex, ay + ey, ex, ey, area, ex, ey, 1.0, 0.0, 0.0, real, imag,
+            ax, ay, ax + ex, ay + ey, ex, ey, area, ex, ey, 1.0, real, imag,
             begin=begin, end=end,
         )  # fmt: skip
         real, imag = self.tables.mutual(found, Piece((), *level))

@@ -9,7 +9,7 @@ module               what is in it
 ``partly_coherent``  W of partly coherent light, as kernels
 ``fourier``          Fourier transform, at points and on grids of frequencies
 ``simplices``        Fourier transform of slits, of what is thin, and of polyhedra, by simplices
-``slits``            the transforms of slits, and a few waves on one of them
+``intervals``        the transforms of slits, and a few waves on one of them
 ``separable``        fields f(x) g(y) on a rectangle, and their transforms as kernels
 ``plane``            the field and the transforms of apertures, in their plane and in any pose
 ===================  ==========================================================================

@@ -21,7 +21,7 @@ from polywigner.kernels.outline.frame import Frame, Matrix, frame_of, times
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.divided_differences import simplex_complex_wave, simplex_plane_wave
-from polywigner.numerics.exact import exact_cross
+from polywigner.numerics.grid_arithmetic import accurate_cross
 from polywigner.numerics.phases import cos_sin_turns, sinc, sinc_less_one
 
 Values = tuple[Any, ...]
@@ -105,7 +105,7 @@ def outline_tables(
         first = len(edges)
         following += [*range(first + 1, first + len(corners)), first]
         for a, b in zip(corners, [*corners[1:], corners[0]], strict=True):
-            edges.append((*a, *b, exact_cross(*a, *b)))
+            edges.append((*a, *b, accurate_cross(*a, *b)))
     return OutlineTables(frame, tuple(edges), tuple(following))
 
 

@@ -14,12 +14,12 @@ from functools import lru_cache
 from typing import Any
 
 from polywigner.geometry import Wavefront
-from polywigner.kernels.functions import plane, separable, slits
+from polywigner.kernels.functions import intervals, plane, separable
 from polywigner.kernels.functions.edge_terms import EdgeTerms
 from polywigner.kernels.functions.gauss_schell import wave_over_edge
+from polywigner.kernels.functions.intervals import PairTables
 from polywigner.kernels.functions.separable import SeparableTables, separable_tables
 from polywigner.kernels.functions.slices import WIGNER_SUM
-from polywigner.kernels.functions.slits import PairTables
 from polywigner.kernels.kernel import Values
 from polywigner.kernels.outline.frame import Frame, Matrix, determinant
 from polywigner.kernels.outline.tables import Tables
@@ -93,12 +93,12 @@ WIGNER = replace(
 
 @lru_cache(maxsize=256)
 def _pairs_of(source: Wavefront, double: bool) -> PairTables:
-    pairs = slits.lag_pairs(source.source, double)
+    pairs = intervals.lag_pairs(source.source, double)
     return replace(pairs, coherence_width=source.coherence_width / pairs.frame.scale)
 
 
 WIGNER_OF_SLITS = replace(
-    slits.WIGNER, name="wigner of partly coherent light in slits", tables=_pairs_of
+    intervals.WIGNER, name="wigner of partly coherent light in slits", tables=_pairs_of
 )
 
 

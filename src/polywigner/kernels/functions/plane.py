@@ -31,7 +31,7 @@ from polywigner.kernels.kernel import (
 )
 from polywigner.kernels.outline.frame import enter_place_and_frequency, frame_of
 from polywigner.kernels.outline.tables import Tables, build_tables
-from polywigner.kernels.outline.waves import field_of
+from polywigner.kernels.outline.wave_pairs import field_of
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.source import Array
@@ -49,7 +49,7 @@ def new_tables_of(source: Aperture | Array, double: bool) -> Tables:
 
     Equal sources may begin their rings at other vertices.
     """
-    return build_tables(normal_form(source).in_plane.elements, double=double)
+    return build_tables(normal_form(source), double=double)
 
 
 @lru_cache(maxsize=256)

@@ -17,10 +17,10 @@ import numpy.typing as npt
 
 from polywigner.geometry import Aperture
 from polywigner.kernels.functions import plane
-from polywigner.kernels.functions.slits import LineField
+from polywigner.kernels.functions.intervals import LineField
 from polywigner.kernels.kernel import Kernel, Values, leave_wave
 from polywigner.kernels.outline.frame import Frame, frame_along, power_of_two
-from polywigner.kernels.outline.waves import Wave, Waves, carrier_of, waves_in_frame
+from polywigner.kernels.outline.wave_pairs import Wave, Waves, carrier_of, waves_in_frame
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair
 

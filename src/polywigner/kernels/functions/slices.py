@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from polywigner.kernels.cut.clipping import AHEAD, BEHIND, MIRRORED, Clipper, View
 from polywigner.kernels.cut.pair_grid import PairGrid, cut_edges, rows_at
-from polywigner.kernels.cut.winding import PairClipper, Pass, clipper_for, pairs_of
+from polywigner.kernels.cut.winding import PairClipper, Pass, pairs_of
 from polywigner.kernels.functions.edge_terms import (
     EdgeTerms,
     ambiguity_terms,
@@ -29,7 +29,7 @@ from polywigner.kernels.functions.edge_terms import (
 )
 from polywigner.kernels.outline.constants import Edge
 from polywigner.kernels.outline.tables import Tables
-from polywigner.kernels.outline.waves import (
+from polywigner.kernels.outline.wave_pairs import (
     WavePair,
     difference_pairs,
     mean_pairs,
@@ -84,30 +84,18 @@ class SliceSum:
             if is_plain and np.shape(place[1]) == shape and shape[0] * len(tables.edges) <= _CUT:
                 return self._as_waves(self._sums(ops, tables, place, nu))
             return self._in_blocks(ops, tables, inner)
-        offset = self._offset(inner)
-        return self._summed(clipper_for(ops, tables, *offset, *self.views, arguments=inner), inner)
+        # Dr.Jit has no derivatives of nested loops
+        if ops.needs_gradient(*inner) or (ops.target == "compiled" and tables.fits_code):
+            offset = (self.scale * c for c in inner[self.place])
+            return self._summed(Clipper(ops, tables, *offset), inner)
+        return self.by_pairs(ops, tables, None, *inner)
 
     def by_pairs(
         self, ops: Any, tables: Tables, pairs: Mapping[Pass, PairGrid] | None, *inner: Any
     ) -> Values:
         """Sums by lists of pairs in an engine's memory, by default the tables' own."""
-        return self._summed(self._clipper(ops, tables, pairs, inner), inner)
-
-    def cell(
-        self, ops: Any, tables: Tables, pairs: Mapping[Pass, PairGrid] | None, *inner: Any
-    ) -> Any:
-        """The number of the cell in which pairs are looked up: samples are best sorted by it."""
-        return self._clipper(ops, tables, pairs, inner).cell((self.views[0], 0, 0))
-
-    def _clipper(
-        self, ops: Any, tables: Tables, pairs: Mapping[Pass, PairGrid] | None, inner: Values
-    ) -> PairClipper:
-        tx, ty = self._offset(inner)
-        return PairClipper(ops, tables, tx, ty, self.views, inner, pairs)
-
-    def _offset(self, inner: Values) -> tuple[Any, Any]:
-        x, y = inner[self.place]
-        return self.scale * x, self.scale * y
+        tx, ty = (self.scale * c for c in inner[self.place])
+        return self._summed(PairClipper(ops, tables, tx, ty, self.views, inner, pairs), inner)
 
     def passes(self, tables: Tables) -> list[Pass]:
         """All lists that the sums read."""

@@ -5,8 +5,7 @@ module          what is in it
 ==============  ==================================================================
 ``frame``       the normalised coordinates in which all thresholds are absolute
 ``tables``      edges of all elements, with their weights and fields
-``constants``   edges, lines and convex pieces as constants of compiled code
-``lines``       lines of edges and pieces, in clusters of direction
-``waves``       sums of plane waves on a source, and what pairs of them contribute
+``constants``   edges, lines and convex pieces on a grid, as constants of compiled code
+``wave_pairs``  sums of plane waves on a source, and what pairs of them contribute
 ==============  ==================================================================
 """

@@ -3,13 +3,16 @@
 A slice of the autocorrelation is the intersection of two copies of the outline. Its boundary
 consists of the true edges of either copy, cut to the parts inside the other copy. "Inside" is
 decided line by line against the convex pieces of the other copy.
+
+Vertices are on a grid. Cuts of nearly parallel edges, and edges that coincide, are therefore as in
+exact arithmetic (docs/theory/edges.md). All other lines meet at a well-conditioned point.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -17,10 +20,9 @@ import numpy.typing as npt
 
 from polywigner.geometry import Aperture
 from polywigner.kernels.outline.frame import Frame
-from polywigner.kernels.outline.lines import Line, LineBook, linking_angle
-from polywigner.numerics.exact import (
+from polywigner.numerics.grid_arithmetic import (
     GRID,
-    exact_cross,
+    accurate_cross,
     rounded,
     signed_convex_pieces,
     with_vertices_on_sides,
@@ -46,10 +48,6 @@ class Edge:
     uy: Any
     length: Any
     """e = length u, with one unit vector u for all parallel edges."""
-    offset: Any
-    """Offset of the edge's line."""
-    cluster: Any
-    """Cluster of the edge's line."""
     real: Any = 1.0
     """The complex weight of the element that the edge bounds."""
     imag: Any = 0.0
@@ -58,6 +56,25 @@ class Edge:
     begin: Any = 0
     """Numbers of the vertices a and b among all vertices of all rings of all elements."""
     end: Any = 0
+
+
+@dataclass(frozen=True)
+class Line:
+    """The line through p along d; left of it cross(d, . - p) is positive."""
+
+    dx: float
+    dy: float
+    px: float
+    py: float
+
+    def slope(self, edge: Edge) -> float:
+        """cross(d, e), without rounding first: the two may be nearly parallel."""
+        return float(accurate_cross(self.dx, self.dy, edge.ex, edge.ey))
+
+    def start(self, edge: Edge, sign: int) -> float:
+        """Distance, times |d|, of ``sign`` times an edge's start to the left of the line."""
+        x, y = sign * edge.ax - self.px, sign * edge.ay - self.py
+        return float(accurate_cross(self.dx, self.dy, x, y))
 
 
 @dataclass(frozen=True)
@@ -73,108 +90,74 @@ class Piece:
 
 @dataclass(frozen=True)
 class Constants:
-    """Edges, lines and convex pieces of all elements."""
+    """Edges, lines and convex pieces of all elements, on the grid."""
 
     edges: tuple[Edge, ...]
     lines: tuple[Line, ...]
     pieces: tuple[Piece, ...]
-    grid: float | None
-    """Spacing to which offsets must be rounded; None if no line needs it."""
+    step: float
+    """Spacing of the grid, to which offsets must be rounded."""
 
 
 def constants_of(tables: Any) -> Constants:
     """Return the constants of tables, all elements with shared lines."""
-    frame, double = tables.frame, tables.double
+    step = GRID[tables.double]
     group_of = dict(zip(tables.names[:, 2].tolist(), tables.names[:, 3].tolist(), strict=True))
-    plain = [_in_frame(aperture, frame) for aperture in tables.apertures]
-    linked = linking_angle([ring for outline in plain for ring in outline.rings], double)
-    gridded = LineBook(*_segments_of_all(plain), linked, double).has_exact_lines
-    step = GRID[double] if gridded else None
-    outlines = plain if step is None else [_on_grid(a, frame, step) for a in tables.apertures]
-    book = LineBook(*_segments_of_all(outlines), linked, double)
     edges: list[Edge] = []
     pieces: list[Piece] = []
-    numbers = iter(zip(book.number_of, book.signs, strict=True))
-    waves: dict[tuple[float, float], tuple[float, float]] = {}
+    lines: dict[Line, int] = {}
+    directions: dict[tuple[float, float], tuple[float, float]] = {}
     first = 0
-    for number, (outline, weight) in enumerate(zip(outlines, tables.weights, strict=True)):
-        group = group_of[number]
-        for ring, own in zip(outline.rings, outline.numbers, strict=True):
-            edges += _edges(ring, numbers, book, waves, complex(weight), (own + first, group))
-        first += sum(len(ring) for ring in tables.apertures[number].rings)
-        for piece, sign in outline.pieces:
-            sides = dict.fromkeys((n, int(s)) for n, s in islice(numbers, len(piece)))
-            real, imag = sign * weight.real, sign * weight.imag
-            pieces.append(Piece(tuple(sides), real, imag, group))
-    return Constants(tuple(edges), tuple(book.lines), tuple(pieces), step)
+    for number, (aperture, weight) in enumerate(zip(tables.apertures, tables.weights, strict=True)):
+        group, weight = group_of[number], complex(weight)
+        for ring in aperture.rings:
+            points, kept = rounded(tables.frame.vertices(ring), step)
+            if len(points) > 2:
+                names = np.arange(first, first + len(ring))[kept]
+                edges += _edges(points, names.tolist(), directions, weight, group)
+            first += len(ring)
+        for piece, sign in _pieces(aperture, tables.frame, step):
+            sides = dict.fromkeys(_side(segment, lines) for segment in _segments_of(piece))
+            pieces.append(Piece(tuple(sides), sign * weight.real, sign * weight.imag, group))
+    return Constants(tuple(edges), tuple(lines), tuple(pieces), step)
 
 
-@dataclass(frozen=True)
-class _Outline:
-    """An element in the frame: its rings, and convex pieces with signs that add up to it."""
-
-    rings: Sequence[Floats]
-    pieces: Sequence[tuple[Floats, float]]
-    numbers: Sequence[npt.NDArray[np.intp]]
-    """Numbers of each ring's vertices among all vertices of the element before rounding."""
-
-
-def _in_frame(aperture: Aperture, frame: Frame) -> _Outline:
-    rings = [frame.vertices(ring) for ring in aperture.rings]
-    pieces = [(frame.vertices(piece), 1.0) for piece in aperture.convex_cover]
-    return _Outline(rings, pieces, _numbered(aperture.rings))
-
-
-def _numbered(rings: Sequence[Floats]) -> list[npt.NDArray[np.intp]]:
-    ends = np.cumsum([len(ring) for ring in rings])
-    return [np.arange(end - len(ring), end) for end, ring in zip(ends, rings, strict=True)]
-
-
-def _on_grid(aperture: Aperture, frame: Frame, step: float) -> _Outline:
-    points = [rounded(frame.vertices(ring), step) for ring in aperture.rings]
+def _pieces(aperture: Aperture, frame: Frame, step: float) -> list[tuple[Floats, float]]:
+    """Convex pieces with signs that add up to an element on the grid."""
     vertices = np.concatenate(list(aperture.rings))
     joined = (with_vertices_on_sides(piece, vertices) for piece in aperture.convex_cover)
-    pieces = signed_convex_pieces([rounded(frame.vertices(piece), step)[0] for piece in joined])
-    numbers = zip(_numbered(aperture.rings), points, strict=True)
-    rings = [(ring, own[kept]) for own, (ring, kept) in numbers if len(ring) > 2]
-    return _Outline([ring for ring, _ in rings], pieces, [own for _, own in rings])
+    return signed_convex_pieces([rounded(frame.vertices(piece), step)[0] for piece in joined])
 
 
-def _segments_of(polygon: Floats) -> Floats:
+def _segments_of(polygon: Floats) -> list[list[float]]:
     """Return start and vector of each side of a closed polygon (n, 2), (n, 4)."""
-    return np.hstack([polygon, np.roll(polygon, -1, axis=0) - polygon])
+    found: list[list[float]] = np.hstack([polygon, np.roll(polygon, -1, axis=0) - polygon]).tolist()
+    return found
 
 
-def _segments_of_all(outlines: Sequence[_Outline]) -> tuple[Floats, npt.NDArray[np.intp]]:
-    """Return the sides of all rings and pieces, as the book numbers them, and the next of each."""
-    polygons = [p for o in outlines for p in (*o.rings, *(piece for piece, _ in o.pieces))]
-    numbers = _numbered(polygons)
-    after = np.concatenate([np.roll(own, -1) for own in numbers])
-    return np.concatenate([_segments_of(polygon) for polygon in polygons]), after
+def _side(segment: Sequence[float], lines: dict[Line, int]) -> tuple[int, int]:
+    """Number of the line of a side, with one direction for both sides of it, and 1 or -1."""
+    ax, ay, ex, ey = segment
+    if ey > 0 or (ey == 0 and ex > 0):
+        return lines.setdefault(Line(ex, ey, ax, ay), len(lines)), 1
+    return lines.setdefault(Line(-ex, -ey, ax + ex, ay + ey), len(lines)), -1
 
 
 def _edges(
     ring: Floats,
-    numbers: Iterator[tuple[int, int]],
-    book: LineBook,
-    waves: dict[tuple[float, float], tuple[float, float]],
+    names: Sequence[int],
+    directions: dict[tuple[float, float], tuple[float, float]],
     weight: complex,
-    names: tuple[npt.NDArray[np.intp], int],
+    group: int,
 ) -> Iterator[Edge]:
-    """``names``: the numbers of the ring's vertices, and the group of its element."""
-    first, group = names[0].tolist(), names[1]
+    """``names``: the numbers of the ring's vertices."""
     ends = np.roll(ring, -1, axis=0).tolist()
-    for k, ((ax, ay, ex, ey), (bx, by)) in enumerate(
-        zip(_segments_of(ring).tolist(), ends, strict=True)
-    ):
-        number, sign = next(numbers)
-        length = float(np.hypot(ex, ey))
-        unit = (sign * ex / length, sign * ey / length)
+    for k, ((ax, ay, ex, ey), (bx, by)) in enumerate(zip(_segments_of(ring), ends, strict=True)):
+        length = math.copysign(math.hypot(ex, ey), ey if ey else ex)
+        unit = (ex / length, ey / length)
         # directions equal up to rounding share one float pair, so that nu.direction is shared
-        ux, uy = waves.setdefault((round(unit[0], 15), round(unit[1], 15)), unit)
-        area, line = exact_cross(ax, ay, ex, ey), book.lines[number]
+        ux, uy = directions.setdefault((round(unit[0], 15), round(unit[1], 15)), unit)
         yield Edge(
-            ax, ay, bx, by, ex, ey, area, ux, uy,
-            sign * length, line.offset, float(line.cluster), weight.real, weight.imag, group,
-            first[k], first[(k + 1) % len(first)],
+            ax, ay, bx, by, ex, ey, accurate_cross(ax, ay, ex, ey), ux, uy, length,
+            weight.real, weight.imag, group, names[k], names[(k + 1) % len(names)],
         )  # fmt: skip

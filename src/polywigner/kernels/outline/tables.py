@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -13,15 +12,14 @@ import numpy.typing as npt
 from polywigner.geometry import Aperture
 from polywigner.kernels.outline.constants import Constants, constants_of
 from polywigner.kernels.outline.frame import Frame, frame_of
-from polywigner.kernels.outline.waves import (
+from polywigner.kernels.outline.wave_pairs import (
     UNIFORM,
     Waves,
     carrier_of,
-    common_factor,
     difference_pairs,
     waves_in_frame,
 )
-from polywigner.source.normal_form import SourceElement
+from polywigner.source.normal_form import Source
 
 # Cost of a further wave on an edge, in edges by which it is cut.
 _EDGES_PER_WAVE = 24
@@ -123,28 +121,28 @@ class Tables:
         )
 
 
-def build_tables(elements: Sequence[SourceElement], *, double: bool) -> Tables:
-    """Return the tables of the elements of a coherent collection, in its plane.
+def build_tables(source: Source, *, double: bool) -> Tables:
+    """Return the tables of the elements of a coherent source, in its plane.
 
     ``double``: for float64 kernels; else for float32 ones.
     """
+    elements, groups = source.in_plane.elements, source.in_plane.groups
     frame = frame_of(np.concatenate([ring for element in elements for ring in element.rings]))
-    frame = replace(frame, carrier=carrier_of([element.illumination for element in elements], 2))
-    groups: list[Waves] = []
-    weights, factors, edges, names = [], [], [], []
-    vertices = 0
+    first = [elements[group.members[0]].illumination for group in groups]
+    frame = replace(frame, carrier=carrier_of(first, 2))
+    factors, group_of = np.ones(len(elements), np.complex128), np.zeros(len(elements), np.intp)
+    for number, group in enumerate(groups):
+        factors[group.members], group_of[group.members] = group.factors, number
+    weights = tuple((source.weights * factors).tolist())
+    edges, names, vertices = [], [], 0
     for number, element in enumerate(elements):
-        waves = waves_in_frame(element.illumination, frame)
-        group, factor = _group_of(waves, groups)
-        weights.append(complex(element.weight) * factor)
-        factors.append(complex(factor))
         for ring in element.rings:
             start = frame.vertices(ring)
             index = vertices + np.arange(len(ring))
             end, following = (np.roll(values, -1, axis=0) for values in (start, index))
-            own = np.full((len(ring), 2), (weights[-1].real, weights[-1].imag))
+            own = np.full((len(ring), 2), (weights[number].real, weights[number].imag))
             edges.append(np.hstack([start, end, own]))
-            same = np.full((len(ring), 2), (number, group))
+            same = np.full((len(ring), 2), (number, group_of[number]))
             names.append(np.column_stack([index, following, same]))
             vertices += len(ring)
     return Tables(
@@ -152,21 +150,11 @@ def build_tables(elements: Sequence[SourceElement], *, double: bool) -> Tables:
         np.concatenate(edges),
         np.concatenate(names),
         tuple(element.shape for element in elements),
-        tuple(weights),
-        tuple(factors),
-        tuple(groups),
+        weights,
+        tuple(factors.tolist()),
+        tuple(waves_in_frame(illumination, frame) for illumination in first),
         double,
     )
-
-
-def _group_of(waves: Waves, groups: list[Waves]) -> tuple[int, complex]:
-    """Return the number of a field among the groups, and the factor between both."""
-    for number, known in enumerate(groups):
-        factor = common_factor(waves, known)
-        if factor is not None:
-            return number, factor
-    groups.append(waves)
-    return len(groups) - 1, 1.0
 
 
 def is_plain(tables: Tables) -> bool:

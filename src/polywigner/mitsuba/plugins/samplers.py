@@ -18,7 +18,7 @@ from polywigner.mitsuba.plugins.emissions import Region, emissions
 from polywigner.source import Array
 from polywigner.source.polarisation import Stokes
 from polywigner.transforms import fourier, position_marginal
-from polywigner.transforms.sampling import in_phase
+from polywigner.transforms.automean_samples import in_phase
 from polywigner.transforms.wavefronts import flat_of
 
 Floats = npt.NDArray[np.float64]

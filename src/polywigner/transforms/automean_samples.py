@@ -20,7 +20,7 @@ from polywigner.geometry.arguments import (
 from polywigner.geometry.convex import point_in_trapezoid, trapezoids
 from polywigner.kernels import kernel_for
 from polywigner.source import Array
-from polywigner.transforms.arguments import PhaseSpaceSource
+from polywigner.transforms.checked_calls import PhaseSpaceSource
 from polywigner.transforms.phase_space import position_marginal
 from polywigner.transforms.sections import field_bound
 from polywigner.transforms.wavefronts import flat_of

@@ -35,14 +35,6 @@ def rounded(polygon: Floats, step: float) -> tuple[Floats, npt.NDArray[np.bool_]
 _BLOCK = 1 << 16
 
 
-def exact_cross(ax: float, ay: float, bx: float, by: float) -> float:
-    """cross(a, b), correctly rounded: no digits are lost where a and b are nearly parallel."""
-    (a, of_a), (b, of_b) = ax.as_integer_ratio(), ay.as_integer_ratio()
-    (c, of_c), (d, of_d) = bx.as_integer_ratio(), by.as_integer_ratio()
-    # a quotient of integers is rounded once
-    return (a * d * of_b * of_c - b * c * of_a * of_d) / (of_a * of_b * of_c * of_d)
-
-
 def accurate_cross(ax: Any, ay: Any, bx: Any, by: Any, split: float = SPLIT_DOUBLE) -> Any:
     """cross(a, b) of floats or arrays to about one ulp; 0 only if it is (Dekker).
 
@@ -67,9 +59,7 @@ def _is_convex(polygon: Floats) -> bool:
     """Whether a ring turns left or goes straight on at every vertex, and runs round once."""
     before = polygon - np.roll(polygon, 1, axis=0)
     after = np.roll(polygon, -1, axis=0) - polygon
-    turns = np.array(
-        [exact_cross(*a, *b) for a, b in zip(before.tolist(), after.tolist(), strict=True)]
-    )
+    turns = accurate_cross(*before.T, *after.T)
     ahead = (before * after).sum(axis=1)
     if (turns < 0).any() or ((turns == 0) & (ahead <= 0)).any():
         return False
@@ -122,7 +112,7 @@ def signed_convex_pieces(pieces: Sequence[Floats]) -> list[tuple[Floats, float]]
             continue
         for k in range(1, len(piece) - 1):
             triangle = piece[[0, k, k + 1]]
-            area = exact_cross(*(triangle[1] - triangle[0]), *(triangle[2] - triangle[0]))
+            area = accurate_cross(*(triangle[1] - triangle[0]), *(triangle[2] - triangle[0]))
             if area:
                 result.append((triangle if area > 0 else triangle[::-1], float(np.sign(area))))
     return result

@@ -60,15 +60,6 @@ def waves_in_frame(illumination: Any, frame: Any) -> Waves:
     return tuple(waves)
 
 
-def common_factor(waves: Waves, others: Waves) -> complex | None:
-    """The number that waves are times others, or None if there is none."""
-    if [w.frequency for w in waves] != [o.frequency for o in others]:
-        return None
-    factor = waves[0].amplitude / others[0].amplitude
-    errors = (abs(w.amplitude - factor * o.amplitude) for w, o in zip(waves, others, strict=True))
-    return factor if max(errors) <= 1e-15 * max(abs(w.amplitude) for w in waves) else None
-
-
 def field_of(ops: Any, waves: Waves, point: Sequence[Any]) -> tuple[Any, Any]:
     """(real, imaginary) part of the field at a point of the frame, less the carrier."""
     return _summed(ops, tuple((w.amplitude, w.frequency) for w in waves), point)

@@ -28,7 +28,7 @@ from polywigner.kernels.kernel import (
     leave_wave,
 )
 from polywigner.kernels.outline.frame import power_of_two
-from polywigner.kernels.outline.waves import (
+from polywigner.kernels.outline.wave_pairs import (
     Wave,
     WavePair,
     Waves,
