@@ -31,6 +31,7 @@ CURVES: dict[str, Curve] = {
     "flat elliptic arc": transformed(UNIT_ARC, np.diag([1, 1e-3]), np.zeros(2)),
     "parabola": Bezier(CUBIC[:3]),
     "cubic": Bezier(CUBIC),
+    "bent cubic": Bezier(CUBIC[[0, 2, 1, 3]]),
     "degree 5": Bezier(np.vstack([CUBIC, [[3, 3], [9, 9]]])),
 }
 

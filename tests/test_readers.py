@@ -182,7 +182,7 @@ BAD_FILES = {
         NO_ENTITY,
     ),
     "cut.dxf": (b"AutoCAD Binary DXF\r\n\x1a\0" + bytes(30), FileFormatError, "does not read"),
-    "endless.gbr": (GERBER.removesuffix("M02*"), FileFormatError, "ends with M02"),
+    "endless.gbr": (GERBER.removesuffix("M02*"), FileFormatError, "mandatory M02"),
     "cut.gbr": (GERBER[:-14], FileFormatError, "end with an asterisk"),
     "bare.gbr": (GERBER[GERBER.index("%MO") :], FileFormatError, "%FS and %MO before coordinates"),
     "words.gbr": ("words", FileFormatError, "none of Gerber"),

@@ -62,13 +62,21 @@ class Arc:
         centre = self.centre @ matrix + offset
         return Arc(centre, self.u @ matrix, self.v @ matrix, self.start, self.sweep)
 
-    def reversed(self) -> Arc:
-        """Return the arc from its end to its start."""
-        return Arc(self.centre, self.u, self.v, self.start + self.sweep, -self.sweep)
+    def chords(self, reach: float) -> Points:
+        """Return vertices (n, d) on the arc; of a full ellipse, a polygon of its area.
 
-    def steps(self, reach: float) -> float:
-        """Return the number of equal chords that stay within `reach` of the arc."""
-        return abs(self.sweep) * max(math.sqrt(self.stretch / (8 * reach)), 1 / _LARGEST_STEP)
+        That polygon has n = 4 k corners and is scaled by a, with a^2 = x/sin(x) and x = 2 pi/n.
+        Its corners stand out by (a - 1) stretch < 1.0001 (pi/n)^2/3 stretch for n >= 48 (1.04 for
+        n = 8), and its sides dip by half of that.
+        """
+        if not self.is_closed:
+            steps = max(math.sqrt(self.stretch / (8 * reach)), 1 / _LARGEST_STEP)
+            return sampled(self, _counted(abs(self.sweep) * steps))
+        n = 4 * max(2, _counted(1.04 * math.pi * math.sqrt(self.stretch / (3 * reach)) / 4))
+        x = 2 * math.pi / n
+        grown = math.sqrt(x / math.sin(x))
+        sweep = math.copysign(2 * math.pi, self.sweep)
+        return sampled(Arc(self.centre, grown * self.u, grown * self.v, self.start, sweep), n)
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,18 +98,11 @@ class Bezier:
         """Return the image under p -> p @ matrix + offset."""
         return Bezier(self.points @ matrix + offset)
 
-    def reversed(self) -> Bezier:
-        """Return the curve from its end to its start."""
-        return Bezier(self.points[::-1])
-
-    def steps(self, reach: float) -> float:
-        """Return the number of equal steps whose chords stay within `reach`.
-
-        The second derivative bounds the distance to a chord.
-        """
+    def chords(self, reach: float) -> Points:
+        """Return vertices (n, d) of equal steps; the second derivative bounds their distance."""
         degree = len(self.points) - 1
         second = np.linalg.norm(np.diff(self.points, 2, axis=0), axis=1).max(initial=0.0)
-        return math.sqrt(degree * (degree - 1) / 8 * float(second) / reach)
+        return sampled(self, _counted(math.sqrt(degree * (degree - 1) / 8 * second / reach)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,10 +126,6 @@ class Spline:
         evaluate = self.evaluate
         points = self.points @ matrix + offset
         return Spline(points, lambda t: evaluate(t) @ matrix + offset, self.breaks)
-
-    def reversed(self) -> Spline:
-        """Return the curve from its end to its start."""
-        return Spline(self.points, self.evaluate, self.breaks[::-1])
 
     def chords(self, reach: float) -> Points:
         """Return vertices (n, d) of chords within `reach` of the curve."""
@@ -159,6 +156,29 @@ def sampled(curve: Curve, steps: int = 1) -> Points:
     return curve if isinstance(curve, np.ndarray) else curve.at(np.arange(steps + 1) / steps)
 
 
+def chords(curve: Curve, reach: float) -> Points:
+    """Return vertices (n, d) of chords within `reach` of the curve, including its ends."""
+    return curve if isinstance(curve, np.ndarray) else curve.chords(reach)
+
+
+def reach_of(outline: Sequence[Curve], tolerance: float | None) -> float:
+    """Return the largest distance of chords: `tolerance`; None: 1/2000 of the outline's size.
+
+    Raises
+    ------
+    FileFormatError for numbers beyond 1e100.
+    """
+    points = np.concatenate([
+        curve.points if isinstance(curve, Bezier | Spline) else sampled(curve, 8)
+        for curve in outline
+    ])  # fmt: skip
+    check_coordinates(points)
+    size = float(np.linalg.norm(np.ptp(points, axis=0)))
+    reach = DEFAULT_TOLERANCE * size if tolerance is None else tolerance
+    # A point-like outline has no curves to follow; its ring is refused, or dropped, later.
+    return max(reach, 1e-15 * float(np.abs(points).max()), np.finfo(float).tiny)
+
+
 def flattened(outlines: Sequence[Sequence[Curve]], tolerance: float | None) -> list[Ring]:
     """Return each outline as a ring (n, d) without a closing repeat, its chords within `tolerance`.
 
@@ -169,32 +189,11 @@ def flattened(outlines: Sequence[Sequence[Curve]], tolerance: float | None) -> l
     ------
     FileFormatError for numbers beyond 1e100 and for more than a million chords.
     """
-    rings: list[Ring] = []
-    for outline in outlines:
-        points = np.concatenate(
-            [
-                curve.points if isinstance(curve, Bezier | Spline) else sampled(curve, 8)
-                for curve in outline
-            ]
-        )
-        check_coordinates(points)
-        size = float(np.linalg.norm(np.ptp(points, axis=0)))
-        reach = DEFAULT_TOLERANCE * size if tolerance is None else tolerance
-        # A point-like outline has no curves to follow; its ring is refused, or dropped, later.
-        reach = max(reach, 1e-15 * float(np.abs(points).max()), np.finfo(float).tiny)
-        rings.append(np.concatenate([chords(curve, reach)[:-1] for curve in outline]))
-    return rings
-
-
-def chords(curve: Curve, reach: float) -> Points:
-    """Return vertices (n, d) of chords within `reach` of the curve, including its ends."""
-    if isinstance(curve, np.ndarray):
-        return curve
-    if isinstance(curve, Arc) and curve.is_closed:
-        return _ellipse(curve, reach)
-    if isinstance(curve, Spline):
-        return curve.chords(reach)
-    return sampled(curve, _counted(curve.steps(reach)))
+    reaches = [reach_of(outline, tolerance) for outline in outlines]
+    return [
+        np.concatenate([chords(curve, reach)[:-1] for curve in outline])
+        for outline, reach in zip(outlines, reaches, strict=True)
+    ]
 
 
 def _counted(steps: float) -> int:
@@ -204,17 +203,3 @@ def _counted(steps: float) -> int:
             "larger tolerance for curves"
         )
     return max(1, math.ceil(steps))
-
-
-def _ellipse(arc: Arc, reach: float) -> Points:
-    """Return a polygon with 4 k vertices and the area of the ellipse.
-
-    Scaled by a, with a^2 = x/sin(x) and x = 2 pi/n, its corners stand out by
-    (a - 1) stretch < 1.0001 (pi/n)^2/3 stretch for n >= 48 (1.04 for n = 8), and its sides dip by
-    half of that.
-    """
-    n = 4 * max(2, _counted(1.04 * math.pi * math.sqrt(arc.stretch / (3 * reach)) / 4))
-    x = 2 * math.pi / n
-    grown = math.sqrt(x / math.sin(x))
-    sweep = math.copysign(2 * math.pi, arc.sweep)
-    return sampled(Arc(arc.centre, grown * arc.u, grown * arc.v, arc.start, sweep), n)

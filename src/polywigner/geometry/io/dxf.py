@@ -21,7 +21,8 @@ from polywigner.geometry.io.curves import (
     Curve,
     Points,
     Spline,
-    flattened,
+    chords,
+    reach_of,
     sampled,
     transformed,
 )
@@ -101,16 +102,6 @@ def _ends(path: Path) -> Points:
     return np.stack([sampled(path[0])[0], sampled(path[-1])[-1]])
 
 
-def _is_round(path: Path) -> bool:
-    return isinstance(path[0], Arc) and path[0].is_closed
-
-
-def _reversed(path: Path) -> Path:
-    return [
-        curve[::-1] if isinstance(curve, np.ndarray) else curve.reversed() for curve in path[::-1]
-    ]
-
-
 # ---- entities ------------------------------------------------------------------------------------
 
 
@@ -129,7 +120,7 @@ def _elliptic(centre: Points, u: Points, v: Points, start: float, end: float) ->
 
 
 def _curves(kind: str, item: Any) -> Path:
-    """Return the curves of a line, arc, circle, ellipse or spline: an entity, or a hatch's edge."""
+    """Return the curve of a line, arc, circle, ellipse or spline: an entity, or a hatch's edge."""
     data = getattr(item, "dxf", item)
     if kind == "LINE":
         return [_array([data.start, data.end])]
@@ -144,14 +135,14 @@ def _curves(kind: str, item: Any) -> Path:
     control = _array(tool.control_points)
     # ezdxf's own flattening leaves the range of the knots of a spline that is not clamped.
     breaks = np.unique(list(tool.knots())[tool.degree : len(control) + 1])
-    spline: Path = [Spline(control, lambda t: _array(tool.points(t.tolist())), breaks)]
-    ends = _ends(spline)
-    is_open = getattr(item, "closed", False) and _size(ends) > _SAME * _size(control)
-    return [*spline, ends[::-1]] if is_open else spline
+    return [Spline(control, lambda t: _array(tool.points(t.tolist())), breaks)]
 
 
-def _bulged(points: Points, bulges: Points) -> Path:
-    """Return the lines and arcs between points (n + 1, 3) in a plane z, by the bulges (n,)."""
+def _bulged(rows: Points, is_closed: bool, height: float = 0.0) -> Path:
+    """Return the lines and arcs of a polyline with rows x, y, bulge (n, 3)."""
+    rows = np.concatenate([rows, rows[: int(is_closed)]])
+    points, bulges = np.insert(rows[:, :2], 2, height, axis=1), rows[:-1, 2]
+    check_coordinates(rows)
     if not bulges.any():
         return [points]
     curves: Path = []
@@ -164,72 +155,41 @@ def _bulged(points: Points, bulges: Points) -> Path:
         u = start - centre
         curves.append(Arc(centre, u, np.array([-u[1], u[0], 0.0]), 0.0, 4 * math.atan(bulge)))
     # The chords of a full circle keep its area.
-    first = curves[0]
-    is_round = len(bulges) == 2 and abs(bulges.prod() - 1) <= _SAME
+    first, is_round = curves[0], len(bulges) == 2 and abs(bulges.prod() - 1) <= _SAME
     if isinstance(first, Arc) and is_round and (points[0] == points[2]).all():
         return [replace(first, sweep=math.copysign(math.tau, first.sweep))]
     return curves
 
 
-def _rows_of(polyline: Any) -> tuple[Points, bool, float]:
-    """Return x, y, bulge, start and end width (n, 5) of a polyline, and whether it is closed.
-
-    The last value is the height of the polyline's plane.
-    """
-    dxf = polyline.dxf
-    if polyline.dxftype() == "LWPOLYLINE":
-        rows = np.array(polyline.get_points("xybse"), dtype=np.float64).reshape(-1, 5)
-        if not rows[:, 3:].any():
-            rows[:, 3:] = dxf.get("const_width", 0.0)
-        return rows, polyline.closed, dxf.elevation
-    usual = dxf.get("default_start_width", 0.0), dxf.get("default_end_width", 0.0)
-    rows = np.array([
-        (*v.dxf.location.vec2, v.dxf.get("bulge", 0.0),
-         v.dxf.get("start_width", usual[0]), v.dxf.get("end_width", usual[1]))
-        for v in polyline.vertices
-    ]).reshape(-1, 5)  # fmt: skip
-    return rows, polyline.is_closed, dxf.elevation.z
-
-
-def _polyline(polyline: Any, layer: str) -> _Shape | None:
-    """Return the path of a plane polyline, or the ring of a donut: a circle with one width."""
-    rows, is_closed, height = _rows_of(polyline)
-    if len(rows) < 2:
-        return None
-    rows = np.concatenate([rows, rows[:1]]) if is_closed else rows
-    points = np.insert(rows[:, :2], 2, height, axis=1)
-    check_coordinates(points)
-    path, widths = _bulged(points, rows[:-1, 2]), rows[:-1, 3:]
-    if not widths.any():
-        return _Shape([[path]], layer)
-    circle, width = path[0], widths.max()
-    if not (isinstance(circle, Arc) and circle.is_closed and (widths == width).all()):
+def _polyline(polyline: Any, layer: str) -> Path:
+    """Return the path of a plane polyline."""
+    if polyline.has_width:
         raise FileFormatError(
-            f"expected polylines of width zero or donuts, got one of width {width:g} on layer "
-            f"{layer[:60]!r}; set its width to zero, or draw its area as a hatch"
+            f"expected polylines of width zero, got one with a width on layer {layer[:60]!r}; set "
+            "its width to zero, or draw its area as a hatch"
         )
-    factors = 1 + width / 2 / circle.stretch, 1 - width / 2 / circle.stretch
-    rings = [replace(circle, u=f * circle.u, v=f * circle.v) for f in factors if f > 0]
-    return _Shape([[[ring]] for ring in rings], layer, 0)
+    if polyline.dxftype() == "LWPOLYLINE":
+        rows, height = polyline.get_points("xyb"), polyline.dxf.elevation
+    else:
+        rows = [(*v.dxf.location.vec2, v.dxf.get("bulge", 0.0)) for v in polyline.vertices]
+        height = polyline.dxf.elevation.z
+    return _bulged(np.array(rows).reshape(-1, 3), polyline.is_closed, height)
 
 
-def _hatch(hatch: Any, layer: str) -> _Shape:
+def _hatch(hatch: Any) -> list[list[Path]]:
     """Return the boundaries of a hatch: a polyline, or edges in any order and direction."""
-    boundaries: list[list[Path]] = []
+    boundaries = []
     for boundary in hatch.paths:
         if hasattr(boundary, "vertices"):
-            rows = np.array([*boundary.vertices, *boundary.vertices[:1]]).reshape(-1, 3)
-            path = _bulged(rows * (1, 1, 0), rows[:-1, 2])
-            boundaries.append([path] if len(rows) else [])
+            rows = np.array(boundary.vertices, dtype=np.float64).reshape(-1, 3)
+            boundaries.append([_bulged(rows, True)] if len(rows) else [])
         else:
             kinds = [type(edge).__name__.removesuffix("Edge").upper() for edge in boundary.edges]
             boundaries.append([_curves(*pair) for pair in zip(kinds, boundary.edges, strict=True)])
-    height = np.array([0.0, 0.0, hatch.dxf.elevation.z])
-    shape = _Shape(boundaries, layer, int(hatch.dxf.get("hatch_style", 0)))
-    return shape.transformed(np.eye(3), height)
+    return boundaries
 
 
-def _shape_of(entity: Any, layer: str) -> _Shape | None:
+def _shape_of(entity: Any, layer: str) -> _Shape:
     """Return the path or the painted area of one entity."""
     kind = entity.dxftype()
     if kind in ("LINE", "ELLIPSE", "SPLINE"):
@@ -238,14 +198,15 @@ def _shape_of(entity: Any, layer: str) -> _Shape | None:
         return _Shape([[[_array(entity.wcs_vertices(close=True))]]], layer, 0)
     if kind == "POLYLINE" and entity.is_3d_polyline:
         points = _array(v.dxf.location for v in entity.vertices)
-        closing = points[: int(entity.is_closed)]
-        return _Shape([[[np.concatenate([points, closing])]]], layer) if len(points) > 1 else None
+        return _Shape([[[np.concatenate([points, points[: int(entity.is_closed)]])]]], layer)
+    offset = np.zeros(3)
     if kind in ("ARC", "CIRCLE"):
-        shape: _Shape | None = _Shape([[_curves(kind, entity)]], layer)
+        shape = _Shape([[_curves(kind, entity)]], layer)
     elif kind == "LWPOLYLINE" or (kind == "POLYLINE" and entity.is_2d_polyline):
-        shape = _polyline(entity, layer)
+        shape = _Shape([[_polyline(entity, layer)]], layer)
     elif kind == "HATCH":
-        shape = _hatch(entity, layer)
+        shape = _Shape(_hatch(entity), layer, int(entity.dxf.get("hatch_style", 0)))
+        offset[2] = entity.dxf.elevation.z
     else:
         raise FileFormatError(
             f"expected lines, plane polylines, curves, hatches and blocks, got a {kind[:40]}; "
@@ -253,7 +214,7 @@ def _shape_of(entity: Any, layer: str) -> _Shape | None:
         )
     # These entities have a coordinate system of their own.
     axes = _array(map(entity.ocs().to_wcs, np.eye(3).tolist()))
-    return shape.transformed(axes, np.zeros(3)) if shape and entity.ocs().transform else shape
+    return shape.transformed(axes, offset @ axes)
 
 
 # ---- drawings ------------------------------------------------------------------------------------
@@ -262,20 +223,15 @@ def _shape_of(entity: Any, layer: str) -> _Shape | None:
 def load_dxf(file: File) -> Drawing:
     """Load the outlines and hatches in the model space of a DXF file, on layers that are on."""
     document = importlib.import_module("ezdxf").readfile(file.path)
-    space = _Space(document, file.layers)
-    return _assembled(list(space.shapes(document.modelspace())), _metres(document, file), file)
-
-
-def _metres(document: Any, file: File) -> float:
     # ezdxf gives metres to a drawing without units of its own.
     code = document.header.get("$INSUNITS", 0) if b"$INSUNITS" in file.content else 0
-    if code == 0:
-        return file.unit_metres
-    if code not in _UNITS:
+    if code not in (0, *_UNITS):
         raise FileFormatError(
             f"expected $INSUNITS from 0 to {max(_UNITS)}, got {code!r}; save in millimetres"
         )
-    return _UNITS[code]
+    space = _Space(document, file.layers)
+    shapes = list(space.shapes(document.modelspace()))
+    return _assembled(shapes, _UNITS.get(code, file.unit_metres), file)
 
 
 def _layer_of(entity: Any) -> str:
@@ -312,19 +268,16 @@ class _Space:
             elif layer.lower() not in self.hidden and (
                 not self.requested or layer.lower() in self.requested
             ):
-                shape = _shape_of(entity, layer)
-                yield from [shape] if shape else []
+                yield _shape_of(entity, layer)
 
     def _inserted(self, insert: Any, layer: str) -> Iterator[_Shape]:
         """Yield the shapes of a block, once or in an array."""
-        block, name = insert.block(), str(insert.dxf.name)[:60]
-        clip = importlib.import_module("ezdxf.xclip").XClip
-        if block is None:
-            raise FileFormatError(f"expected a block named {name!r}, got none; save it again")
-        if block.block.is_xref:
-            raise FileFormatError(f"expected one drawing, got external reference {name!r}; bind it")
-        if clip(insert).has_clipping_path:
-            raise FileFormatError(f"expected whole blocks, got {name!r}, which is clipped; trim it")
+        block, clip = insert.block(), importlib.import_module("ezdxf.xclip").XClip
+        if block is None or block.block.is_xref or clip(insert).has_clipping_path:
+            raise FileFormatError(
+                f"expected blocks of this drawing, got {str(insert.dxf.name)[:60]!r}, which is "
+                "missing, external or clipped; bind it, or explode it and trim its outlines"
+            )
         content = list(self.shapes(block, layer))
         for copy in insert.multi_insert() if insert.mcount > 1 else (insert,):
             matrix = np.array(list(copy.matrix44().rows()))
@@ -342,7 +295,14 @@ def _assembled(shapes: list[_Shape], metres: float, file: File) -> Drawing:
         )
     points = np.concatenate([_rough(path) for path in paths])
     check_coordinates(points)
+    heights = points[:, 2]
+    if np.ptp(heights) > _FLAT * (_size(points) + np.abs(points).max()):
+        raise FileFormatError(
+            f"expected a plane drawing, got heights from {heights.min():g} to {heights.max():g}; "
+            "flatten it"
+        )
     gap, tolerance = _JOINT * _size(points), file.tolerance and file.tolerance / metres
+    shapes = [shape.transformed(np.eye(3)[:, :2], np.zeros(2)) for shape in shapes]
     hatches = [shape for shape in shapes if shape.style is not None]
     painted = [
         [ring for paths in hatch.boundaries for ring, _ in
@@ -352,18 +312,11 @@ def _assembled(shapes: list[_Shape], metres: float, file: File) -> Drawing:
     borders = [ring for rings in painted for ring in rings]
     single = [(shape.boundaries[0][0], shape.layer) for shape in shapes if shape.style is None]
     closed = _rings(_without_borders(single, borders, gap, tolerance), gap, tolerance)
-    outlines, layers = [ring for ring, _ in closed], [layer for _, layer in closed]
-    if not outlines + borders:
+    rings, layers = [ring for ring, _ in closed], [layer for _, layer in closed]
+    if not rings + borders:
         raise FileFormatError("expected outlines that enclose an area, got none that do")
-    heights = np.concatenate([ring[:, 2] for ring in outlines + borders])
-    if np.ptp(heights) > _FLAT * (_size(points) + np.abs(points).max()):
-        raise FileFormatError(
-            f"expected a plane drawing, got heights from {heights.min():g} to {heights.max():g}; "
-            "flatten it"
-        )
-    rings, edges = [ring[:, :2] for ring in outlines], [ring[:, :2] for ring in borders]
     layers += [hatch.layer for hatch, some in zip(hatches, painted, strict=True) for _ in some]
-    remedy = overlap_remedy(rings + edges, layers)
+    remedy = overlap_remedy(rings + borders, layers)
     polygons = nested(without_duplicates(rings, gap), file.union, remedy) if rings else []
     return Drawing(polygons + _painted(hatches, painted), metres, remedy)
 
@@ -371,11 +324,10 @@ def _assembled(shapes: list[_Shape], metres: float, file: File) -> Drawing:
 def _painted(hatches: Sequence[_Shape], painted: Sequence[list[Ring]]) -> list[list[Ring]]:
     """Return polygons of the union of all hatches, from the boundaries of each."""
     polygons = []
-    for hatch, boundaries in zip(hatches, painted, strict=True):
-        rings = [ring[:, :2] for ring in boundaries]
+    for hatch, rings in zip(hatches, painted, strict=True):
         deepest = _DEEPEST.get(hatch.style or 0, 0)
-        rings = [ring for ring, d in zip(rings, depths(rings), strict=True) if d <= deepest]
-        polygons += filled(rings, "evenodd")
+        kept = [ring for ring, d in zip(rings, depths(rings), strict=True) if d <= deepest]
+        polygons += filled(kept, "evenodd")
     if len(hatches) < 2:
         return polygons
     union = union_on_grid([shapely.Polygon(outer, holes) for outer, *holes in polygons])
@@ -385,19 +337,25 @@ def _painted(hatches: Sequence[_Shape], painted: Sequence[list[Ring]]) -> list[l
 def _rings(
     paths: Sequence[tuple[Path, str]], gap: float, tolerance: float | None
 ) -> list[tuple[Ring, str]]:
-    """Return rings (n, 3) of closed paths, and of paths whose ends meet, with their layers."""
-    closed: list[tuple[Path, str]] = []
-    loose: list[tuple[Path, str]] = []
-    for path, layer in paths:
-        if _is_round(path) or _size(_rough(path)) > gap:  # anything shorter is a point
-            is_closed = _is_round(path) or _size(_ends(path)) <= gap
-            (closed if is_closed else loose).append((path, layer))
+    """Return rings (n, 2) of closed paths, and of paths whose ends meet, with their layers."""
+    paths = [pair for pair in paths if _size(_rough(pair[0])) > gap]  # anything shorter is a point
+    open_ends = [_size(_ends(path)) > gap for path, _ in paths]
+    loose = [pair for pair, is_open in zip(paths, open_ends, strict=True) if is_open]
+    runs = [[(*pair, False)] for pair, is_open in zip(paths, open_ends, strict=True) if not is_open]
     for chain in _chains([_ends(path) for path, _ in loose], gap):
-        run = [_reversed(loose[k][0]) if back else loose[k][0] for k, back in chain]
-        closed.append(([curve for path in run for curve in path], loose[chain[0][0]][1]))
-    rings = flattened([path for path, _ in closed], tolerance)
-    layers = [layer for _, layer in closed]
-    return [pair for pair in zip(rings, layers, strict=True) if len(pair[0]) > 2]
+        runs.append([(*loose[k], back) for k, back in chain])
+    pairs = []
+    for run in runs:
+        reach = reach_of([curve for path, _, _ in run for curve in path], tolerance)
+        pieces = [_chords(path, reach)[:: -1 if back else 1] for path, _, back in run]
+        ring = np.concatenate([piece[:-1] for piece in pieces])
+        pairs += [(ring, run[0][1])] if len(ring) > 2 else []
+    return pairs
+
+
+def _chords(path: Path, reach: float) -> Points:
+    pieces = [chords(curve, reach) for curve in path]
+    return np.concatenate([*(piece[:-1] for piece in pieces[:-1]), pieces[-1]])
 
 
 def _chains(tips: Sequence[Points], gap: float) -> list[list[tuple[int, bool]]]:
@@ -439,17 +397,10 @@ def _without_borders(
     """Return the paths that do not run along boundaries of hatches, up to the chords of both."""
     if not borders:
         return paths
-    boundaries = shapely.MultiLineString([np.append(r, r[:1], axis=0)[:, :2] for r in borders])
-    shapely.prepare(boundaries)
-    largest, steps = max(map(_size, borders)), np.linspace(0, 1, 5)[:-1, None, None]
-    kept = []
-    for path, layer in paths:
-        (ring,) = flattened([path], tolerance)
-        chords = np.concatenate([ring, _ends(path)[1:]])[:, :2]
-        dense = np.concatenate([*(chords[:-1] + steps * np.diff(chords, axis=0)), chords[-1:]])
-        slack = gap + (
-            2 * tolerance if tolerance else DEFAULT_TOLERANCE * (_size(chords) + largest)
-        )
-        if not shapely.dwithin(boundaries, shapely.points(dense), slack).all():
-            kept.append((path, layer))
-    return kept
+    size = max(map(_size, borders))
+    slack = gap + 2 * (tolerance or DEFAULT_TOLERANCE * size)
+    lines = shapely.MultiLineString([np.append(ring, ring[:1], axis=0) for ring in borders])
+    near = shapely.buffer(lines, slack)
+    shapely.prepare(near)
+    chorded = [shapely.LineString(_chords(p, reach_of(p, tolerance))) for p, _ in paths]
+    return [path for path, line in zip(paths, chorded, strict=True) if not near.covers(line)]

@@ -20,7 +20,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from polywigner.errors import FileFormatError, PolywignerError
-from polywigner.geometry.io.curves import Arc, Curve, flattened
+from polywigner.geometry.io.curves import Arc, Curve, Points, chords, flattened, reach_of
 from polywigner.geometry.io.limits import check_coordinates, text_of
 from polywigner.geometry.io.outlines import Drawing, File, filled
 from polywigner.geometry.parts import combined_on_grid, polygons_in, union_on_grid
@@ -33,40 +33,24 @@ _PIECE = re.compile(r"\s*(?:G0?4[^*]*\*|%([^%]*)\*\s*%|([^%*]*)\*)")
 _NUMBER = r"[+-]?\d+"
 _LENGTH = r"\+?(?:\d+\.?\d*|\.\d+)"
 _NAME = r"(?![CROP](?![\w.$-]))[A-Za-z_.$][\w.$-]*"
-_ZERO = r"[+-]?0*\.?0*"
-_ONE = r"\+?0*1(?:\.0*)?"
 
 _BLOCK = r"\s*(?:(?:\$[1-9]\d*=|0*(?:1|4|5|20|21),)[-+0-9.$xX/(),\s]+)?"
 _STATEMENT = re.compile(
     rf"(?:G0?[123])?(?:X{_NUMBER})?(?:Y{_NUMBER})?"
-    rf"(?:(?P<operation>D0?[123])|(?:I{_NUMBER}(?:J{_NUMBER})?|J{_NUMBER})D0?1)"
+    rf"(?:D0?[123]|(?:I{_NUMBER}(?:J{_NUMBER})?|J{_NUMBER})D0?1)"
     r"|G0?[123]|G3[67]|G7[45]|(?:G5[45])?D0*[1-9]\d{1,8}|M0?[02]"
-    rf"|%FS[LT]A(?P<format>X([1-7][1-7])Y\3)|%MO(?P<unit>MM|IN)|%LP[DC]"
-    rf"|%ADD0*(?P<number>[1-9]\d{{1,8}})(?:[CRO],{_LENGTH}(?:X{_LENGTH})*"
-    rf"|P,{_LENGTH}X0*(?:[3-9]|1[0-2])(?:X{_ZERO}(?:X{_LENGTH})?)?"
+    r"|%FS[LT]AX([1-7][1-7])Y\1|%MO(?P<unit>MM|IN)|%LP[DC]"
+    rf"|%ADD0*[1-9]\d{{1,8}}(?:[CRO],{_LENGTH}(?:X{_LENGTH})*"
+    rf"|P,{_LENGTH}X0*(?:[3-9]|1[0-2])(?:X0*\.?0*(?:X{_LENGTH})?)?"
     rf"|{_NAME}(?:,[+-]?{_LENGTH}(?:X[+-]?{_LENGTH})*)?)"
-    rf"|%AM(?P<name>{_NAME})\*{_BLOCK}(?:\*{_BLOCK})*"
+    rf"|%AM{_NAME}\*{_BLOCK}(?:\*{_BLOCK})*"
 )
 # Attributes, names, and transformations that change nothing.
 _NEUTRAL = re.compile(
-    r"G90|%(?:T[FAOD].*|[IL]N.*|IPPOS|ASAXBY|MI(?:A0)?(?:B0)?|LMN|IR0+|SR|"
-    rf"OF(?:A{_ZERO})?(?:B{_ZERO})?|SF(?:A{_ONE})?(?:B{_ONE})?|LR{_ZERO}|LS{_ONE}|"
-    rf"SRX0*1Y0*1(?:I{_ZERO})?(?:J{_ZERO})?)",
+    r"G90|%(?:T[FAOD].*|[IL]N.*|IPPOS|ASAXBY|MIA0B0|LMN|IR0|SR(?:X1Y1I0J0)?|"
+    r"OFA0(?:\.0*)?B0(?:\.0*)?|SFA1(?:\.0*)?B1(?:\.0*)?|LR0(?:\.0*)?|LS1(?:\.0*)?)",
     re.DOTALL,
 )
-# What is refused, by its first letters, and what to do about it.
-_REFUSED = {
-    ("%SR",): ("step and repeat", "export the board without panelling"),
-    ("%AB", "%LM", "%LR", "%LS"): ("a block or transformed apertures", "export plain apertures"),
-    ("%IP", "%AS", "%MI", "%IR", "%OF", "%SF"): ("a transformed image", "export it untransformed"),
-    ("%IF",): ("another file to include", "export a single file"),
-    ("%FS", "G91"): ("coordinates that are not absolute, or not alike in x and y", "use %FSLA"),
-    ("X", "Y"): ("coordinates without D01, D02 or D03, or not whole numbers", "use RS-274X"),
-    ("%AD",): ("an aperture that is rotated, or no polygon of 3 to 12 corners", "use a region"),
-    ("%AM",): ("a macro named C, R, O or P, or not of codes 1, 4, 5, 20, 21", "use a region"),
-    ("G7",): ("more than one unit", "export it anew as RS-274X"),
-    ("",): ("a statement that is not read", "export it anew as RS-274X"),
-}
 # What gerbonara warns about and yet reads as Gerber says.
 _HARMLESS = ".*(Arc is missing|D01 interpolation with a zero-size)"
 # Relative difference of the two radii of an arc, whose ends and centre are whole numbers.
@@ -102,49 +86,32 @@ def _statements(text: str) -> Iterator[tuple[str, int]]:
 def _checked(text: str) -> tuple[str, str]:
     """Return the statements of a Gerber file that matter, and its unit "MM" or "IN"."""
     kept: list[str] = []
-    defined: set[str] = set()
-    unit, has_format = "", False
+    unit = ""
     for statement, line in _statements(text):
-        same_unit = ("%MOMM", "G71") if unit == "MM" else ("%MOIN", "G70") if unit else ()
+        same_unit = {"MM": ("%MOMM", "G71"), "IN": ("%MOIN", "G70")}.get(unit, ())
         if _NEUTRAL.fullmatch(statement) or statement in same_unit:
             continue
         comments = r"(?<=\*)\s*0(?![\d,.])[^*]*"
-        statement = re.sub(comments, "", statement) if statement[:3] == "%AM" else statement
+        statement = re.sub(comments, "", statement) if statement.startswith("%AM") else statement
         found = _STATEMENT.fullmatch(statement)
         if found is None:
-            got, advice = next(w for start, w in _REFUSED.items() if statement.startswith(start))
-            raise _refusal("plain Gerber", f"{got} in line {line}", advice)
-        unit, has_format = found["unit"] or unit, has_format or bool(found["format"])
-        name = found["number"] or found["name"]
-        if (name and not unit) or (found["operation"] and not (unit and has_format)):
-            raise _refusal("%FS and %MO before coordinates and apertures", "neither")
-        if name in defined:
-            raise _refusal("each aperture defined once", f"two of one name in line {line}")
-        defined |= {name} if name else set()
+            raise _refusal(
+                "plain RS-274X", f"a statement that is not read in line {line}",
+                "export the layer without panels, blocks, transformations, and macros of codes "
+                "other than 1, 4, 5, 20 and 21",
+            )  # fmt: skip
+        unit = found["unit"] or unit
         # gerbonara reads neither names of one letter nor G1 for G01.
         statement = re.sub(rf"^(%AM|%ADD\d+)(?={_NAME})", r"\1M_", statement)
-        kept.append(re.sub(r"^G(?=[123](?:[XYIJD]|$))", "G0", statement))
-    _check_order(kept)
-    return "".join(f"{words}*%\n" if words[0] == "%" else f"{words}*\n" for words in kept), unit
-
-
-def _check_order(statements: Sequence[str]) -> None:
-    words = [word for word in statements if word[0] != "%"]
-    ends = [k for k, word in enumerate(statements) if re.fullmatch("M0?[02]", word)]
-    if not ends:
-        raise _refusal(
-            "Gerber that ends with M02", "a file without", "it may be cut short: export it anew"
-        )
-    if ends[0] < len(statements) - 1:
-        raise _refusal("nothing after M02, which ends a Gerber file", "another statement")
-    first = next((word for word in words if re.search(r"D0?[123]$", word)), "D2")
-    if first.endswith("1"):
-        raise _refusal("D02 before the first D01", "none")
-    regions = [word for word in words if word in ("G36", "G37")]
-    if regions != ["G36", "G37"] * (len(regions) // 2):
+        statement = re.sub(r"^G(?=[123](?:[XYIJD]|$))", "G0", statement)
+        kept.append(statement + "*%\n" if statement[0] == "%" else statement + "*\n")
+    regions = [words[:3] for words in kept if words in ("G36*\n", "G37*\n")]
+    if regions != ["G36", "G37"] * (len(regions) // 2):  # gerbonara drops an open region
         raise _refusal("G37 after each G36", "another order")
-    if re.search(r"\bG36\n(?:(?!G37|%).*\n)*%", "\n".join(statements)):
-        raise _refusal("coordinates alone between G36 and G37", "a change of polarity")
+    checked = "".join(kept)
+    if not unit or "%FS" not in checked:
+        raise _refusal("%FS and %MO before coordinates and apertures", "neither")
+    return checked, unit
 
 
 def _objects_of(text: str) -> list[Any]:
@@ -184,21 +151,6 @@ def _circle(centre: Any, radius: float, start: float = 0.0, sweep: float = 2 * m
     return Arc(np.asarray(centre, dtype=float), u, v, start, sweep)
 
 
-def _capsule(start: Any, end: Any, width: float) -> list[Curve]:
-    """Return the outline that a round aperture sweeps along a line."""
-    one, other = np.array([start, end], dtype=float)
-    along = other - one
-    distance = float(np.hypot(*along))
-    if distance == 0:
-        return [_circle(one, width / 2)]
-    side = width / 2 / distance * np.array([along[1], -along[0]])
-    angle = math.atan2(side[1], side[0])
-    return [
-        np.array([one + side, other + side]), _circle(other, width / 2, angle, math.pi),
-        np.array([other - side, one - side]), _circle(one, width / 2, angle + math.pi, math.pi),
-    ]  # fmt: skip
-
-
 def _between(start: Any, end: Any, clockwise: bool, about: Any) -> Arc:
     """Return the arc about a centre, which is moved to be at one distance from both ends."""
     one, other, centre = np.array([start, end, about], dtype=float)
@@ -216,20 +168,13 @@ def _between(start: Any, end: Any, clockwise: bool, about: Any) -> Arc:
     return _circle(centre, radius, begin, -sweep if clockwise else sweep)
 
 
-def _outline(primitive: Any) -> list[Curve]:
-    """Return the outline of a graphic primitive of gerbonara, whose own outlines are wrong."""
-    kind = type(primitive).__name__
-    if kind == "Circle":
-        return [_circle((primitive.x, primitive.y), primitive.r)]
-    if kind == "Line":
-        return _capsule((primitive.x1, primitive.y1), (primitive.x2, primitive.y2), primitive.width)
-    points = np.array(primitive.outline) if kind == "ArcPoly" else _corners(primitive)
-    return [np.concatenate([points, points[:1]])]
-
-
 def _corners(rectangle: Any) -> Any:
     corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * (rectangle.w / 2, rectangle.h / 2)
     return turned_points(corners, rectangle.rotation) + np.array([rectangle.x, rectangle.y])
+
+
+def _hull(outlines: Sequence[Points]) -> BaseGeometry:
+    return shapely.convex_hull(shapely.MultiPoint(np.concatenate(outlines)))
 
 
 def _primitives(aperture: Any) -> Iterator[Any]:
@@ -275,6 +220,28 @@ class _Shapes:
         rings = flattened([outline], self._tolerance)
         return shapely.MultiPolygon([(outer, holes) for outer, *holes in filled(rings, "nonzero")])
 
+    def _capsule(self, start: Any, end: Any, width: float) -> BaseGeometry:
+        """Return the region that a round aperture sweeps along a line."""
+        ends = np.array([start, end], dtype=float)
+        along = ends[1] - ends[0]
+        if not along.any():
+            return self._polygon([_circle(ends[0], width / 2)])
+        # The sides touch the circles, so vertices stand there.
+        half = _circle((0, 0), width / 2, math.atan2(along[1], along[0]) + math.pi / 2, math.pi)
+        discs = [_circle(end, width / 2) for end in ends]
+        side = chords(half, reach_of(discs, self._tolerance))
+        return _hull([ends[1] - side, ends[0] + side])
+
+    def _primitive(self, primitive: Any) -> BaseGeometry:
+        """Return the region of a graphic primitive of gerbonara, whose own outlines are wrong."""
+        kind, p = type(primitive).__name__, primitive
+        if kind == "Circle":
+            return self._polygon([_circle((p.x, p.y), p.r)])
+        if kind == "Line":
+            return self._capsule((p.x1, p.y1), (p.x2, p.y2), p.width)
+        points = np.array(p.outline) if kind == "ArcPoly" else _corners(p)
+        return self._polygon([np.concatenate([points, points[:1]])])
+
     def _region(self, region: Any) -> BaseGeometry:
         points = [tuple(point) for point in region.outline]
         if points[0] != points[-1]:
@@ -293,8 +260,7 @@ class _Shapes:
         if number not in self._flashes:
             primitives = _primitives(flash.aperture)
             self._flashes[number] = _composed(
-                (primitive.polarity_dark, self._polygon(_outline(primitive)))
-                for primitive in primitives
+                (primitive.polarity_dark, self._primitive(primitive)) for primitive in primitives
             )
         return shapely.transform(self._flashes[number], lambda points: points + position)
 
@@ -309,16 +275,12 @@ class _Shapes:
                 "export them as regions",
             )
         if kind == "Line" and is_round:
-            return [self._polygon(_capsule(stroke.p1, stroke.p2, pen.diameter))]
+            return [self._capsule(stroke.p1, stroke.p2, pen.diameter)]
         if kind == "Line":
-            corners = [
-                _corners(next(iter(pen.flash(*end, pen.unit)))) for end in (stroke.p1, stroke.p2)
-            ]
-            return [shapely.convex_hull(shapely.MultiPoint(np.concatenate(corners)))]
-        path, half = (
-            _between(stroke.p1, stroke.p2, stroke.clockwise, stroke.center),
-            pen.diameter / 2,
-        )
+            ends = (stroke.p1, stroke.p2)
+            return [_hull([_corners(next(iter(pen.flash(*end, pen.unit)))) for end in ends])]
+        path = _between(stroke.p1, stroke.p2, stroke.clockwise, stroke.center)
+        half = pen.diameter / 2
         radius, start, sweep = path.stretch, path.start, path.sweep
         outer = _circle(path.centre, radius + half, start, sweep)
         inner = _circle(path.centre, max(radius - half, 0.0), start + sweep, -sweep)
@@ -334,7 +296,7 @@ class _Shapes:
 def load_gerber(file: File) -> Drawing:
     """Load the copper after all objects: dark ones add, clear ones cut, in the file's order."""
     text, unit = _checked(text_of(file.content))
-    metres = _METRES.get(unit, 1e-3)
+    metres = _METRES[unit]
     shapes = _Shapes(file.tolerance and file.tolerance / metres)
     try:
         copper = _composed(layer for thing in _objects_of(text) for layer in shapes.of(thing))

@@ -1,4 +1,8 @@
-"""Filled shapes of an SVG file as the drawing looks: (x, y) becomes (x, -y), without strokes."""
+"""Filled shapes of an SVG file as the drawing looks: (x, y) becomes (x, -y), without strokes.
+
+svgelements parses paths, transforms and colours; it passes over what it does not know, which is
+therefore checked here.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +12,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from importlib import import_module
-from typing import Any
+from itertools import compress
+from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
@@ -58,13 +63,21 @@ _SIZES = {
     "in": Fraction(254, 10_000), "pt": Fraction(254, 720_000), "pc": Fraction(254, 60_000),
 }  # fmt: skip
 
-_SHAPES = frozenset({"path", "rect", "circle", "ellipse", "polygon", "polyline"})
-"""Elements with an inside."""
+_NAMESPACE = "{http://www.w3.org/2000/svg}"
+_NAMES = ("{http://www.inkscape.org/namespaces/inkscape}label", "data-name", "id")
+_LINK = "{http://www.w3.org/1999/xlink}href"
 
-Viewport = tuple[float | None, float | None]
-"""Width and height of 100 %, where they are known."""
-Affine = tuple[Points, Points]
-"""Matrix (2, 2) and offset (2,) of p -> p @ matrix + offset."""
+_CONTAINERS = {"svg", "g", "a", "switch", "use"}
+_SHAPES = {"path", "rect", "circle", "ellipse", "polygon", "polyline"}
+_OPAQUE = {"text", "image", "foreignObject"}
+_SERVERS = {"linearGradient", "radialGradient", "meshgradient", "pattern", "hatch", "solidcolor"}
+
+_INHERITED = ("fill", "fill-rule", "fill-opacity", "visibility", "color")
+_EFFECTS = ("clip-path", "mask", "filter", "transform-origin")
+_GEOMETRY = ("x", "y", "width", "height", "cx", "cy", "r", "rx", "ry", "d")
+_RELEVANT = {*_INHERITED, *_EFFECTS, *_GEOMETRY, "display", "opacity", "transform"}
+_SELECTOR = re.compile(r"\*|#?[\w-]*\.?[\w-]*", re.ASCII)
+_SERVER = re.compile(r"""url\(\s*["']?#?([^"')]*)["']?\s*\)\s*(.*)""", re.I | re.S)
 
 
 def _refusal(what: str, text: str) -> FileFormatError:
@@ -73,29 +86,26 @@ def _refusal(what: str, text: str) -> FileFormatError:
     return FileFormatError(f"expected {what}, got {shown}; correct it")
 
 
-def _split_length(text: str, name: str) -> tuple[str, str]:
+# ---- attributes ----------------------------------------------------------------------------------
+
+
+def _length(text: str, name: str, reference: float | None = None) -> tuple[float, Fraction | None]:
+    """Return a length in user units, and its metres if it states them as "20mm" does.
+
+    `reference` is the length of 100 %, if known.
+    """
     match = _LENGTH.fullmatch(text)
     if match is None or match[2] not in ("", "px", "%", *_SIZES):
         raise _refusal(f"the {name} as a length in px, mm, cm, Q, in, pt or pc", text)
-    return match[1], match[2]
-
-
-def _length(text: str, name: str, reference: float | None) -> float:
-    """Return a length in user units; `reference` is the length of 100 %, if known."""
-    number, unit = _split_length(text, name)
-    if unit != "%":
-        return float(number) * float(_SIZES.get(unit, PIXEL) / PIXEL)
-    if reference is None:
-        raise _refusal(f"the {name} in units, since the drawing has no viewBox", text)
-    return float(number) / 100 * reference
-
-
-def _physical_length(text: str, name: str) -> Fraction | None:
-    """Return the metres of a width such as "20mm"; None if it states no size (px, %)."""
-    number, unit = _split_length(text, name)
-    if not 0 < float(number) < math.inf:
-        raise _refusal(f"the {name} above zero", text)
-    return Fraction(number) * _SIZES[unit] if unit in _SIZES else None
+    number, unit = match.groups()
+    if not math.isfinite(float(number)):
+        raise _refusal(f"a finite {name}", text)
+    if unit in _SIZES:
+        metres = Fraction(number) * _SIZES[unit]
+        return float(metres / PIXEL), metres
+    if unit == "%" and reference is None:
+        raise _refusal(f"the {name} in units", text)
+    return float(number) * (float(reference or 0.0) / 100 if unit == "%" else 1.0), None
 
 
 def _numbers_of(text: str, name: str) -> list[float]:
@@ -104,37 +114,28 @@ def _numbers_of(text: str, name: str) -> list[float]:
     return [float(number) for number in re.findall(_NUMBER, text)]
 
 
-def _affine_of(text: str) -> Affine:
-    """Return the map of a transform attribute."""
+def _affine_of(text: str) -> Points:
+    """Return the map of a transform attribute, (x, y, 1) -> (x, y, 1) @ matrix."""
     try:
         matrix = import_module("svgelements").Matrix(_TRANSFORM.fullmatch(text)[0])  # type: ignore[index]
-        values = [float(getattr(matrix, letter)) for letter in "abcdef"]
+        rows = np.array([float(getattr(matrix, letter)) for letter in "abcdef"]).reshape(3, 2)
     except (ValueError, IndexError, TypeError):  # no match, or too few arguments
         raise _refusal("a transform such as translate(10 5) rotate(45)", text) from None
-    return np.array(values[:4]).reshape(2, 2), np.array(values[4:])
+    return np.column_stack([rows, [0, 0, 1]])
 
 
-def _view_box(element: Any) -> tuple[float, float, float, float] | None:
+def _view_box(element: Any) -> tuple[float, ...] | None:
     """Return x, y, width and height of the viewBox of an element that has one."""
     text = element.get("viewBox")
-    if text is None:
-        return None
-    values = _numbers_of(text, "the viewBox")
-    if len(values) != 4 or not np.isfinite(values).all() or min(values[2:]) <= 0:
+    values = [] if text is None else _numbers_of(text, "the viewBox")
+    if values and (len(values) != 4 or min(values[2:]) <= 0):
         raise _refusal("a viewBox of four numbers, the last two above zero", text)
-    return values[0], values[1], values[2], values[3]
+    return tuple(values) or None
 
 
-def _fitted(fit: str, box: tuple[float, ...], size: tuple[float, float]) -> Affine:
-    """Return the map of a viewBox into a viewport of this size, by preserveAspectRatio."""
-    scale = np.array(size) / box[2:]
-    words = fit.split()
-    align = next((word for word in words if word[0] in "xn"), "xMidYMid")
-    if align != "none":
-        scale[:] = scale.max() if "slice" in words else scale.min()
-    fractions = {"Min": 0.0, "Max": 1.0}
-    free = [fractions.get(align[1:4], 0.5), fractions.get(align[5:8], 0.5)]
-    return np.diag(scale), free * (size - scale * box[2:]) - scale * box[:2]
+def _closed(subpath: list[Curve]) -> list[Curve]:
+    start, end = sampled(subpath[0])[0], sampled(subpath[-1])[-1]
+    return subpath if (start == end).all() else [*subpath, np.array([end, start])]
 
 
 def _subpaths(path: Any) -> list[list[Curve]]:
@@ -149,36 +150,32 @@ def _subpaths(path: Any) -> list[list[Curve]]:
     return [_closed(subpath) for subpath in subpaths if subpath]
 
 
-def _closed(subpath: list[Curve]) -> list[Curve]:
-    start, end = sampled(subpath[0])[0], sampled(subpath[-1])[-1]
-    return subpath if (start == end).all() else [*subpath, np.array([end, start])]
-
-
 def _curve(segment: Any) -> Curve:
     kind = type(segment).__name__
     controls = {"QuadraticBezier": ["control"], "CubicBezier": ["control1", "control2"]}
-    names = ["start", *controls.get(kind, ()), "end"]
-    points = np.array([(p.x, p.y) for p in map(segment.__getattribute__, names)], dtype=float)
+    points = _points(segment, ["start", *controls.get(kind, ()), "end"])
     if kind in controls:
         return Bezier(points)
     is_arc = kind == "Arc" and segment.rx and segment.ry and segment.sweep
     if not is_arc or (points[0] == points[1]).all():
         return points
-    ends = (segment.center, segment.prx, segment.pry)
-    centre, u, v = np.array([(p.x, p.y) for p in ends], dtype=float)
+    centre, u, v = _points(segment, ["center", "prx", "pry"])
     return Arc(centre, u - centre, v - centre, segment.get_start_t(), segment.sweep)
 
 
-def _outlines_of(tag: str, attributes: Mapping[str, str], viewport: Viewport) -> list[list[Curve]]:
+def _points(segment: Any, names: Sequence[str]) -> Points:
+    return np.array([(p.x, p.y) for p in map(segment.__getattribute__, names)], dtype=float)
+
+
+def _outlines_of(
+    tag: str, attributes: Mapping[str, str], viewport: Sequence[float | None]
+) -> list[list[Curve]]:
     """Return the closed outlines of a shape; percentages are of the viewport."""
 
-    def value(name: str, axis: int | None = None, least: float = -math.inf) -> float:
-        known = [side for side in viewport if side is not None]
-        mean = math.hypot(*known) / math.sqrt(2) if len(known) == 2 else None
-        number = _length(attributes.get(name, "0"), name, mean if axis is None else viewport[axis])
-        if not least <= number < math.inf:
-            raise FileFormatError(f"expected a finite {name} from zero up, got {number:g}")
-        return number
+    def value(name: str) -> float:
+        axis = 0 if name in ("x", "cx", "width", "rx") else 1
+        reference = None if name == "r" else viewport[axis]
+        return _length(attributes.get(name, "0"), name, reference)[0]
 
     library = import_module("svgelements")
     if tag == "path":
@@ -193,33 +190,25 @@ def _outlines_of(tag: str, attributes: Mapping[str, str], viewport: Viewport) ->
         return [_closed([np.array(values).reshape(-1, 2)])] if values else []
     names = ("r", "r") if tag == "circle" else ("rx", "ry")
     rx, ry = (
-        None if attributes.get(name, "auto").strip() == "auto"
-        else value(name, None if name == "r" else axis, 0.0)
-        for axis, name in enumerate(names)
-    )  # fmt: skip
+        value(name) if attributes.get(name, "auto").strip() != "auto" else None for name in names
+    )
+    if min(rx or 0, ry or 0, value("width"), value("height")) < 0:
+        raise FileFormatError("expected lengths from zero up, got one below; correct it")
     if tag == "rect":
-        sides = [value("width", 0, 0.0), value("height", 1, 0.0)]
-        rectangle = library.Rect(value("x", 0), value("y", 1), *sides, rx, ry)
+        sides = value("width"), value("height")
+        rectangle = library.Rect(value("x"), value("y"), *sides, rx, ry)
         return _subpaths(library.Path(rectangle)) if all(sides) else []
     x, y = ry if rx is None else rx, rx if ry is None else ry
-    centre = np.array([value("cx", 0), value("cy", 1)])
+    centre = np.array([value("cx"), value("cy")])
     return [[Arc(centre, np.array([x, 0.0]), np.array([0.0, y]))]] if x and y else []
 
 
-_NAMESPACE = "{http://www.w3.org/2000/svg}"
-_NAMES = ("{http://www.inkscape.org/namespaces/inkscape}label", "data-name", "id")
-_LINK = "{http://www.w3.org/1999/xlink}href"
+def _opacity(text: str | None) -> float:
+    """Return the number from 0 to 1 of an opacity."""
+    return 1.0 if text is None else min(max(_length(text, "opacity", 1.0)[0], 0.0), 1.0)
 
-_CONTAINERS = {"svg", "g", "a", "switch", "use"}
-_OPAQUE = {"text", "image", "foreignObject"}
-_SERVERS = {"linearGradient", "radialGradient", "meshgradient", "pattern", "hatch", "solidcolor"}
 
-_INHERITED = ("fill", "fill-rule", "fill-opacity", "visibility", "color")
-_EFFECTS = ("clip-path", "mask", "filter", "transform-origin")
-_GEOMETRY = ("x", "y", "width", "height", "cx", "cy", "r", "rx", "ry", "d")
-_RELEVANT = {*_INHERITED, *_EFFECTS, *_GEOMETRY, "display", "opacity", "transform"}
-_SELECTOR = re.compile(r"\*|#?[\w-]*\.?[\w-]*", re.ASCII)
-_SERVER = re.compile(r"""url\(\s*(?:["']?#([^"')]*)|[^)]*)["']?\s*\)\s*(.*)""", re.I | re.S)
+# ---- elements ------------------------------------------------------------------------------------
 
 
 def _parsed(content: bytes) -> Any:
@@ -249,25 +238,14 @@ def _names(element: Any) -> list[str]:
     return [element.get(key) for key in _NAMES if element.get(key)]
 
 
-def _declarations(text: str) -> dict[str, str]:
+def _declarations(text: str) -> list[tuple[str, str]]:
     """Return the properties of a style such as "fill:none; fill-rule:evenodd"."""
-    pairs = (part.partition(":") for part in text.split(";"))
-    found = {name.strip().lower(): value.strip() for name, colon, value in pairs if colon}
-    return {name: value for name, value in found.items() if name in _RELEVANT}
+    parts = (part.partition(":") for part in re.sub(r"/\*.*?\*/", "", text).split(";"))
+    pairs = [(name.strip().lower(), value.strip()) for name, colon, value in parts if colon]
+    return [(name, value) for name, value in pairs if name in _RELEVANT]
 
 
-def _cascaded(declared: Sequence[Mapping[str, str]]) -> dict[str, str]:
-    """Return the properties of declarations, weakest first; those marked !important are last."""
-    properties: dict[str, str] = {}
-    for is_important in (False, True):
-        for declarations in declared:
-            for name, value in declarations.items():
-                if ("!important" in value) == is_important:
-                    properties[name] = value.replace("!important", "").strip()
-    return properties
-
-
-def _rules(sheet: str) -> list[tuple[str, dict[str, str]]]:
+def _rules(sheet: str) -> list[tuple[str, list[tuple[str, str]]]]:
     """Return (selector, declarations) of a style sheet, weakest first."""
     rules = []
     for block in re.sub(r"/\*.*?(?:\*/|\Z)", "", sheet, flags=re.DOTALL).split("}"):
@@ -285,11 +263,10 @@ def _rules(sheet: str) -> list[tuple[str, dict[str, str]]]:
 
 @dataclass(frozen=True, eq=False)
 class _Place:
-    """Map, style and size of 100 % for an element and for the elements in it."""
+    """Map and style of an element and of the elements in it."""
 
     matrix: Points
-    offset: Points
-    viewport: Viewport
+    """Map (x, y, 1) -> (x, y, 1) @ matrix."""
     is_requested: bool
     """Whether the element lies on a layer that is read."""
     properties: Mapping[str, str]
@@ -301,24 +278,13 @@ class _Place:
     effect: str = ""
     """Property of the element, or of one around it, that changes the picture and is not read."""
 
-    def moved(self, matrix: Points, offset: Points) -> _Place:
-        return replace(self, matrix=matrix @ self.matrix, offset=offset @ self.matrix + self.offset)
 
-    def corner(self) -> Points:
-        return np.array([
-            _length(self.properties.get(name, "0"), name, reference)
-            for name, reference in zip("xy", self.viewport, strict=True)
-        ])  # fmt: skip
-
-
-@dataclass(frozen=True, eq=False)
-class _Shape:
+class _Shape(NamedTuple):
     subpaths: list[list[Curve]]
     rule: str
     layer: str
     colour: str
-    is_white: bool
-    """Whether the fill is white and opaque, and hides the shapes below it."""
+    """As "#ffffff", which hides what lies below, and with the opacity below 1."""
 
 
 class _Document:
@@ -326,12 +292,12 @@ class _Document:
 
     def __init__(self, root: Any, layers: Sequence[str]) -> None:
         self.root, self.layers = root, frozenset(layers)
+        self.viewport = (_view_box(root) or (None,) * 4)[2:]
         elements = list(root.iter())
         known = {name: _tag(e) == "g" for e in elements for name in _names(e)}
         if not self.layers <= known.keys():
             check_known(layers, [name for name in known if known[name] or name in self.layers])
         self.rules = _rules("".join(e.text or "" for e in elements if _tag(e) == "style"))
-        self.servers = {e.get("id") for e in elements if _tag(e) in _SERVERS and e.get("id")}
         self.named = {e.get("id"): e for e in reversed(elements) if e.get("id")}
 
     def shapes(self, element: Any, place: _Place) -> Iterator[_Shape]:
@@ -340,58 +306,57 @@ class _Document:
         if tag not in _CONTAINERS | _SHAPES | _OPAQUE:
             return
         inside = self._entered(element, tag, place)
-        children: Iterable[Any] = element
         if inside.properties.get("display") == "none" and place.is_requested:
             return
         if tag in _SHAPES | _OPAQUE:
             yield from self._painted(tag, inside)
             return
+        children: Iterable[Any] = element
         if tag == "use":
-            children, inside = self._used(element, inside)
+            inside, target = self._used(element, inside)
+            children = [target]
         elif tag == "switch":  # draws its first element that needs no extension
             children = [e for e in element if _tag(e) and not e.get("requiredExtensions")][:1]
-        elif tag == "svg" and element is not self.root:
-            size = inside.properties.get("width"), inside.properties.get("height")
-            inside = _viewport(element, inside, size)
+        elif tag == "svg" and element is not self.root and inside.is_requested:
+            raise FileFormatError("expected one svg element, got another in it; make it a group")
         for child in children:
             yield from self.shapes(child, inside)
 
     def _entered(self, element: Any, tag: str, place: _Place) -> _Place:
         names, classes = _names(element), element.get("class", "").split()
-        properties = dict(element.attrib)
         selectors = {"*", tag, f"#{element.get('id')}"}
         selectors |= {f"{kind}.{name}" for name in classes for kind in ("", tag)}
-        declared = [found for selector, found in self.rules if selector in selectors]
-        local = _declarations(re.sub(r"/\*.*?\*/", "", element.get("style", "")))
-        properties |= _cascaded([*declared, local])
+        declared = [pair for name, pairs in self.rules if name in selectors for pair in pairs]
+        declared += _declarations(element.get("style", ""))
+        properties = dict(element.attrib)
+        for name, value in sorted(declared, key=lambda pair: "!important" in pair[1]):
+            properties[name] = value.replace("!important", "").strip()
         given = {n: properties[n] for n in _INHERITED if properties.get(n, "inherit") != "inherit"}
         effects = [name for name in _EFFECTS if properties.get(name, "none") != "none"]
-        inside = replace(
-            place,
-            properties=properties,
-            style={**place.style, **given},
-            opacity=place.opacity * _opacity(properties.get("opacity")),
-            layer=names[0] if tag == "g" and names else place.layer,
-            is_requested=place.is_requested or not self.layers.isdisjoint(names),
-            effect=place.effect
-            or (f"{effects[0]}, got a {tag} element with one" if effects else ""),
-        )
         text = properties.get("transform", "none")
-        return inside.moved(*_affine_of(text)) if text not in ("", "none") else inside
+        matrix = place.matrix if text == "none" else _affine_of(text) @ place.matrix
+        return _Place(
+            matrix,
+            place.is_requested or not self.layers.isdisjoint(names),
+            properties,
+            {**place.style, **given},
+            place.opacity * _opacity(properties.get("opacity")),
+            names[0] if tag == "g" and names else place.layer,
+            place.effect or (f"{effects[0]}, got a {tag} element with one" if effects else ""),
+        )
 
-    def _used(self, element: Any, place: _Place) -> tuple[Iterable[Any], _Place]:
-        """The elements that a use draws, and their place."""
+    def _used(self, element: Any, place: _Place) -> tuple[_Place, Any]:
+        """The place and the element that a use draws."""
         link = (element.get("href") or element.get(_LINK) or "").strip()
         target = self.named.get(link[1:]) if link.startswith("#") else None
-        if target is None:
-            raise _refusal("a use of an element in the same file", link)
-        place = place.moved(np.eye(2), place.corner())
-        tag = _tag(target)
-        if tag not in ("symbol", "svg"):
-            return [target], place
-        inside = self._entered(target, tag, place)
-        size = [element.get(name) or target.get(name) for name in ("width", "height")]
-        return target, _viewport(target, inside, size)
+        if target is None or _tag(target) in ("svg", "symbol"):
+            raise _refusal("a use of a group or shape in the same file", link)
+        x, y = (
+            _length(place.properties.get(name, "0"), name, size)[0]
+            for name, size in zip("xy", self.viewport, strict=True)
+        )
+        matrix = _affine_of(f"translate({x!r} {y!r})") @ place.matrix
+        return replace(place, matrix=matrix), target
 
     def _painted(self, tag: str, place: _Place) -> Iterator[_Shape]:
         """The shape of an element whose inside shows, in whatever colour."""
@@ -413,60 +378,39 @@ class _Document:
             raise FileFormatError(
                 f"expected shapes, got a {tag} element; convert it to paths or remove it"
             )
+        matrix, offset = place.matrix[:2, :2], place.matrix[2, :2]
         subpaths = [
-            [transformed(curve, place.matrix, place.offset) for curve in subpath]
-            for subpath in _outlines_of(tag, place.properties, place.viewport)
+            [transformed(curve, matrix, offset) for curve in subpath]
+            for subpath in _outlines_of(tag, place.properties, self.viewport)
         ]
-        is_white = opacity >= 1 and colour.hex == "#ffffff"
-        yield _Shape(subpaths, rule, place.layer, str(colour.hex), is_white)
+        shown = colour.hex if opacity >= 1 else f"{colour.hex} of opacity {opacity}"
+        yield _Shape(subpaths, rule, place.layer, str(shown))
 
     def _colour(self, style: Mapping[str, str]) -> Any:
-        """The colour of a fill. Gradients and patterns have a name of their own, and are opaque."""
+        """The colour of a fill. Gradients and patterns count as black."""
         text, color = style.get("fill", "black").strip(), import_module("svgelements").Color
         if found := _SERVER.fullmatch(text):
-            if found[1] is not None and found[1].strip() in self.servers:
+            server = self.named.get(found[1].strip())
+            if server is not None and _tag(server) in _SERVERS:
                 return color("black")
             text = found[2].strip() or "none"
-        if text.lower() == "currentcolor":
-            text = style.get("color", "black")
-        # svgelements reads functions with commas, and an alpha in rgba and hsla alone.
-        name, bracket, numbers = text.lower().partition("(")
-        if bracket:
-            values = re.split(r"[\s,/]+", numbers.strip(" )"))
-            if len(values) == 4:
-                alpha = values[3]
-                values[3] = str(float(alpha[:-1]) / 100) if alpha.endswith("%") else alpha
-                name = name.rstrip("a") + "a"
-            text = f"{name}({', '.join(values)})"
-        return color(text)
+        text = style.get("color", "black") if text.lower() == "currentcolor" else text
+        colour = color(text.lower())
+        # svgelements misreads functions without commas.
+        is_read = colour.value is not None and ("(" not in text or "," in text)
+        if not is_read and text.lower() != "none":
+            raise _refusal("a fill such as red, #f00, rgb(255, 0, 0) or none", text)
+        return colour
 
 
-def _opacity(text: str | None) -> float:
-    """Return the number from 0 to 1 of an opacity."""
-    return 1.0 if text is None else min(max(_length(text, "opacity", 1.0), 0.0), 1.0)
-
-
-def _viewport(element: Any, place: _Place, size: Sequence[str | None]) -> _Place:
-    """Return the place inside a nested svg or symbol: its corner, and the scale of its viewBox."""
-    place, box = place.moved(np.eye(2), place.corner()), _view_box(element)
-    extents = [
-        reference if text in (None, "auto") else _length(str(text), "size", reference)
-        for text, reference in zip(size, place.viewport, strict=True)
-    ]
-    if box is None:
-        return replace(place, viewport=(extents[0], extents[1]))
-    width, height = (b if e is None else e for e, b in zip(extents, box[2:], strict=True))
-    fit: Affine = _fitted(element.get("preserveAspectRatio", ""), box, (width, height))
-    return replace(place.moved(*fit), viewport=box[2:])
+# ---- drawings ------------------------------------------------------------------------------------
 
 
 def load_svg(file: File) -> Drawing:
     """Load the filled shapes of an SVG file, y up, each flattened and filled by its own rule."""
     root = _parsed(file.content)
     metres, matrix = _unit(root, file.unit_metres)
-    box = _view_box(root)
-    viewport = (None, None) if box is None else (box[2], box[3])
-    place = _Place(matrix, np.zeros(2), viewport, not file.layers, {}, {})
+    place = _Place(matrix, not file.layers, {}, {})
     shapes = list(_Document(root, file.layers).shapes(root, place))
     if not shapes:
         raise FileFormatError(
@@ -476,7 +420,7 @@ def load_svg(file: File) -> Drawing:
     outlines = flattened(subpaths, file.tolerance and file.tolerance / metres)
     rings = iter(outlines)
     painted = [filled([next(rings) for _ in shape.subpaths], shape.rule) for shape in shapes]
-    polygons = _visible(painted, [shape.is_white for shape in shapes])
+    polygons = _visible(painted, [shape.colour == "#ffffff" for shape in shapes])
     if not polygons:
         raise FileFormatError(
             "expected shapes that enclose an area, got none that do and that no white shape covers"
@@ -502,12 +446,9 @@ def _visible(painted: Sequence[list[Polygon]], is_white: Sequence[bool]) -> list
         areas = [shapely.Polygon(outer, holes) for outer, *holes in polygons]
         visible += [] if white else areas
         for area in areas if white else ():
-            pieces = [
-                combined_on_grid(shapely.difference, shape, area)
-                if shapely.intersects(shape, area) else shape
-                for shape in visible
-            ]  # fmt: skip
-            visible = [polygon for piece in pieces for polygon in polygons_in(piece)]
+            near = shapely.intersects(visible, area)
+            cut = [combined_on_grid(shapely.difference, s, area) for s in compress(visible, near)]
+            visible = [*compress(visible, ~near), *(p for piece in cut for p in polygons_in(piece))]
     return [rings_of_polygon(polygon) for polygon in visible]
 
 
@@ -517,16 +458,18 @@ def _unit(root: Any, unit_metres: float) -> tuple[float, Points]:
     A width or height in mm, cm, Q, in, pt or pc states the size of the viewBox, or, without one,
     that a unit is a CSS pixel. Otherwise a unit is what the caller specifies.
     """
-    box, flip = _view_box(root), np.diag([1.0, -1.0])
+    box, flip = _view_box(root), np.diag([1.0, -1.0, 1.0])
     scales = []
     for axis, name in enumerate(("width", "height")):
-        text = root.get(name, "auto")
-        size = None if text == "auto" else _physical_length(text, name)
+        length, size = _length(root.get(name, "auto").replace("auto", "1"), name, 1.0)
+        if length <= 0:
+            raise _refusal(f"the {name} above zero", root.get(name))
         if size is not None:
             scales.append(float(PIXEL if box is None else size / Fraction(box[2 + axis])))
     if not scales:
         return unit_metres, flip
-    fit = root.get("preserveAspectRatio", "").split()
-    if "none" in fit and len(scales) == 2:
-        return scales[0], np.diag([1.0, -scales[1] / scales[0]])
-    return (max if "slice" in fit else min)(scales), flip
+    if max(scales) > 1.001 * min(scales):
+        raise FileFormatError(
+            "expected a width and height in the ratio of the viewBox, got others; correct one"
+        )
+    return min(scales), flip
