@@ -30,7 +30,7 @@ import polywigner.mitsuba as pwm  # before Mitsuba: it chooses the LLVM library
 # isort: split
 import mitsuba as mi
 
-from polywigner.mitsuba.plugins.exact import ExactField
+from polywigner.mitsuba.plugins.exact_field import ExactField
 from polywigner.quantities import wavelength_of
 
 WAVELENGTH = wavelength_of(94e9)

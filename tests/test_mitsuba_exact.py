@@ -29,7 +29,7 @@ from mitsuba_scenes import (
     vectors,
 )
 from polywigner.errors import SceneError
-from polywigner.mitsuba.plugins.exact import ExactField
+from polywigner.mitsuba.plugins.exact_field import ExactField
 
 pytestmark = pytest.mark.drjit
 

@@ -94,10 +94,10 @@ def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
     from polywigner.figures import draw_channel
     from polywigner.mitsuba import channel, choose_variant
     from polywigner.mitsuba.plugins.polariser import is_polarised
-    from polywigner.mitsuba.plugins.receiver import receivers_of
     from polywigner.mitsuba.receive.received import ReceiveOptions
     from polywigner.mitsuba.receive.received_power import arrival_map, shapes_in
     from polywigner.mitsuba.scenes import scene_renders
+    from polywigner.mitsuba.scenes.surfaces import receivers_of
     from polywigner.propagation.stores import required
 
     for module in ("h5netcdf", "dask") if band else ():

@@ -90,11 +90,10 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
     from polywigner.mitsuba import choose_variant, stokes_of
     from polywigner.mitsuba.plugins import films, polariser
     from polywigner.mitsuba.plugins.placement import placed_emitter
-    from polywigner.mitsuba.plugins.receiver import is_receiver
     from polywigner.mitsuba.radar.range_profile import prepared_frames
-    from polywigner.mitsuba.receive.scattered import wigner_emitters
     from polywigner.mitsuba.scenes.rendering import default_spp
     from polywigner.mitsuba.scenes.scene_renders import SceneFile, render_parts
+    from polywigner.mitsuba.scenes.surfaces import is_receiver, wigner_emitters
 
     start = time.perf_counter()
     chosen = choose_variant(settings.variant, settings.polarised)

@@ -37,6 +37,7 @@ from polywigner.execution.frequency_grids import evaluate_on_grid
 from polywigner.execution.on_drjit import without_collection
 from polywigner.execution.operations import NumpyOperations, ScalarOperations
 from polywigner.execution.points import (
+    Drjit,
     Parameter,
     Parameters,
     Traced,

@@ -11,7 +11,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,10 @@ from polywigner.execution.drjit_operations import DrjitOperations
 from polywigner.geometry.arguments import real_numbers
 from polywigner.numerics.phases import cos_sin_turns
 from polywigner.toolchain import llvm
+
+Drjit: TypeAlias = Any
+"""A Dr.Jit array of any variant of Mitsuba, whose classes depend on the variant; in scalar variants
+a Python number or a vector of them."""
 
 Points = Sequence[tuple[str, Any]]
 """(name, value) of several arguments."""

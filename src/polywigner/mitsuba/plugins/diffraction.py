@@ -9,8 +9,8 @@ from __future__ import annotations
 import hashlib
 import logging
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import cache, partial
 from typing import Any, NamedTuple
 
@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, SceneError
-from polywigner.execution import ops_for
+from polywigner.execution import Drjit, ops_for, without_collection
 from polywigner.geometry.obstacles import Obstacle
 from polywigner.geometry.silhouettes import Obstacles, Silhouette
 from polywigner.kernels.boundary.edge_waves import (
@@ -31,13 +31,17 @@ from polywigner.kernels.boundary.edge_waves import (
     edge_wave_and_rate,
     least_detour,
 )
-from polywigner.mitsuba.plugins.exact import AWAY
-from polywigner.mitsuba.plugins.placement import reach_of
+from polywigner.mitsuba.plugins.exact_field import AWAY, ExactEstimator
+from polywigner.mitsuba.plugins.films import changed
 from polywigner.mitsuba.plugins.samplers import opaque, single
-from polywigner.mitsuba.plugins.source_parameters import SourceParameters
+from polywigner.mitsuba.plugins.source_parameters import SourceParameters, reach_of
 from polywigner.mitsuba.scenes.surfaces import (
+    BEHIND,
     ROUNDING,
+    before_plane,
     bodies_of,
+    in_frame,
+    is_receiver,
     matrix_of,
     meshes_in,
     sorted_emitters,
@@ -81,8 +85,6 @@ _ASIDE = 1e-6
 _ENDS = 1e-5
 # Relative error of fields in scalar variants.
 _ON_HOST = 1e-4
-# Nearer to the plane of a source than this, in wavelengths, edges are no obstacles to its light.
-_BEHIND = 1e-3
 
 _log = logging.getLogger("polywigner.mitsuba")
 
@@ -188,7 +190,7 @@ class Shadows:
         except ArgumentError as error:
             raise SceneError(f"with diffraction: {error}") from None
         self._obstacles = _scene_of(m, own)
-        self._start = opaque(m, max(_BEHIND, ROUNDING * reach * scale))
+        self._start = opaque(m, max(BEHIND, ROUNDING * reach * scale))
         self._middle = np.mean([point.place for point in points], axis=0)
         near = np.abs([point.place for point in points]).max(axis=0) + AWAY
         self._near = [opaque(m, value) for value in (near / scale).tolist()]
@@ -208,7 +210,7 @@ class Shadows:
             self._held = [self._ops.held(t.astype(np.float32)) for t in (rows, *tables)]
             self._ends = [m.UInt32(dr.opaque(m.UInt32, len(t))) for t in (rows, tables.groups)]
 
-    def either(self, point: Any, plain: Callable[[Any], Any]) -> Any:
+    def either(self, point: Any, plain: Callable[[Any], Any]) -> Drjit:
         """|U|^2 at a point in front; by ``plain``, without shadows, beside the source."""
         z, x, y = point.z, abs(point.x), abs(point.y)
         far = (z > self._near[2]) | (x > self._near[0]) | (y > self._near[1])
@@ -216,7 +218,7 @@ class Shadows:
             return self.intensity(point) if far else plain(point)
         return dr.if_stmt((point,), far, self.intensity, plain, mode="symbolic")
 
-    def intensity(self, point: Any) -> Any:
+    def intensity(self, point: Any) -> Drjit:
         """|U|^2 at a point in front, in units of the scene; in the unit of |u|^2."""
         place = tuple(c * self._inverse for c in (point.x, point.y, point.z))
         if not self._jit:
@@ -231,12 +233,12 @@ class Shadows:
         real, imag = self._traced(place)
         return real * real + imag * imag
 
-    def _traced(self, place: Any) -> tuple[Any, Any]:
+    def _traced(self, place: Any) -> tuple[Drjit, Drjit]:
         m, ops = self._m, self._ops
         points, groups, edges, *_ = self._held
         zero = m.Float(0.0)
 
-        def lit(number: Any, real: Any, imag: Any) -> Any:
+        def lit(number: Any, real: Any, imag: Any) -> tuple[Drjit, Drjit]:
             row = ops.gather(points, number)
             wave, ahead = self._wave(ops, row, place)
             hidden = self._hidden(row[:2], ahead)
@@ -245,18 +247,18 @@ class Shadows:
                 imag + dr.select(hidden, 0.0, wave.imag),
             )
 
-        def of_group(number: Any, real: Any, imag: Any) -> Any:
+        def of_group(number: Any, real: Any, imag: Any) -> tuple[Drjit, Drjit]:
             group = ops.gather(groups, number)
             weight = self._transmission(group, place)
 
-            def of_edge(number: Any, real: Any, imag: Any) -> Any:
+            def of_edge(number: Any, real: Any, imag: Any) -> tuple[Drjit, Drjit]:
                 row = ops.gather(edges, number)
 
-                def of_point(number: Any, real: Any, imag: Any) -> Any:
+                def of_point(number: Any, real: Any, imag: Any) -> tuple[Drjit, Drjit]:
                     change = self._change(ops, ops.gather(points, number), row, place) * weight
                     return real + change.real, imag + change.imag
 
-                def visible(real: Any, imag: Any) -> Any:
+                def visible(real: Any, imag: Any) -> tuple[Drjit, Drjit]:
                     return ops.fold(m.UInt32(row[10]), m.UInt32(row[11]), (real, imag), of_point)
 
                 matters = self._matters(ops, row, place)
@@ -281,7 +283,7 @@ class Shadows:
         *_, triangles, rims = self._held
         ahead = difference(place, group[:3])
 
-        def is_hit(number: Any, hits: Any) -> Any:
+        def is_hit(number: Any, hits: Any) -> tuple[Drjit]:
             row = ops.gather(triangles, number)
             shares = [dot(row[k : k + 3], ahead) for k in (0, 3, 6)]
             total = shares[0] + shares[1] + shares[2]
@@ -292,13 +294,13 @@ class Shadows:
                 met &= share * sign >= 0.0
             return (dr.select(met, 1.0, hits),)
 
-        def over(number: Any, detour: Any, share: Any) -> Any:
+        def over(number: Any, detour: Any, share: Any) -> tuple[Drjit, Drjit]:
             row = ops.gather(rims, number)
             path = group[:3], place, row[:3], row[3:6]
             longer, passed = transmission_over(ops, *path)
             return ops.minimum(longer, detour), ops.maximum(passed, share)
 
-        def behind(real: Any, imag: Any) -> Any:
+        def behind(real: Any, imag: Any) -> tuple[Drjit, Drjit]:
             span = m.UInt32(group[9]), m.UInt32(group[10])
             (hits,) = ops.fold(*span, (m.Float(0.0),), is_hit)
             first, end = m.UInt32(group[11]), m.UInt32(group[12])
@@ -312,14 +314,14 @@ class Shadows:
         is_behind = dot(group[3:6], place) + group[6] < 0.0
         return Pair(*dr.if_stmt(free, is_behind, behind, lambda *state: state, mode="symbolic"))
 
-    def _wave(self, ops: Any, row: Any, place: Any) -> tuple[Pair, Any]:
+    def _wave(self, ops: Any, row: Any, place: Any) -> tuple[Pair, tuple[Drjit, Drjit, Drjit]]:
         """The wave of a point of the source, relative to the phase of the distance from its frame's
         origin; and the path to the place."""
         ahead, turns = self._path(ops, row, place)
         return wave_ahead(ops, ahead, tuple(row[3:5]), tuple(row[5:7]), turns), ahead
 
     @staticmethod
-    def _path(ops: Any, row: Any, place: Any) -> tuple[Any, Any]:
+    def _path(ops: Any, row: Any, place: Any) -> tuple[tuple[Drjit, Drjit, Drjit], Drjit]:
         """From a point of the source to a place, and cycles beyond the distance of the origin."""
         x, y, z = place
         a, b = row[:2]
@@ -328,7 +330,7 @@ class Shadows:
         turns = (a * (a - 2.0 * x) + b * (b - 2.0 * y)) / (way + ops.sqrt(x * x + y * y + z * z))
         return ahead, turns
 
-    def _hidden(self, at: Any, ahead: Any) -> Any:
+    def _hidden(self, at: Any, ahead: Any) -> Drjit:
         m = self._m
         way = m.Vector3f(*ahead)
         part = self._start / way.z
@@ -338,7 +340,7 @@ class Shadows:
         ray.maxt = distance * (1.0 - part - _ENDS)
         return self._obstacles.ray_test(ray)
 
-    def _matters(self, ops: Any, row: Any, place: Any) -> Any:
+    def _matters(self, ops: Any, row: Any, place: Any) -> Drjit:
         """Whether the detour over an edge is short."""
         middle = tuple(self._middle.tolist())
         return least_detour(ops, middle, place, row[:3], row[3:6]) < _LONGEST
@@ -358,10 +360,12 @@ class Shadows:
         bend = oblique_change(ops, ahead, tuple(seen[3:5]), rate, turns)
         return wave * boundary.scaled(-0.5 / math.pi) + bend
 
-    def _when(self, condition: Any, compute: Callable[..., Any], *arguments: Any) -> Any:
+    def _when(
+        self, condition: Any, compute: Callable[..., Any], *arguments: Any
+    ) -> tuple[Drjit, Drjit] | tuple[Jet, Jet]:
         zero = self._m.Float(0.0)
 
-        def taken(*parts: Any) -> tuple[Any, ...]:
+        def taken(*parts: Any) -> tuple[Drjit, ...]:
             return tuple(flattened(compute(*rebuilt(arguments, parts))))
 
         # values of jets and their derivatives are arguments and results of their own
@@ -373,13 +377,7 @@ class Shadows:
         return Jet(self._ops, parts[0], parts[1:2]), Jet(self._ops, parts[2], parts[3:])
 
 
-def in_frame(body: Obstacle, pose: Floats, scale: float) -> Obstacle:
-    """A body in the frame of a pose, then scaled."""
-    vertices = (body.vertices - pose[:3, 3]) @ pose[:3, :3] * scale
-    return replace(body, vertices=vertices, normals=body.normals @ pose[:3, :3])
-
-
-def _scene_of(m: Any, bodies: list[Obstacle]) -> Any:
+def _scene_of(m: Any, bodies: list[Obstacle]) -> mi.Scene:
     """A scene of the triangles of all bodies, which nothing lights."""
     counts = np.cumsum([0, *(len(body.vertices) for body in bodies)])
     vertices = np.concatenate([body.vertices for body in bodies])
@@ -390,18 +388,6 @@ def _scene_of(m: Any, bodies: list[Obstacle]) -> Any:
     params["faces"] = faces.ravel().tolist()
     params.update()
     return mi.load_dict({"type": "scene", "mesh": mesh})
-
-
-def before_plane(seen: Silhouette) -> Silhouette:
-    """The parts of edges before the plane of the source."""
-    start, end = np.moveaxis(seen.edges, 1, 0)
-    low, high = start[:, 2] - _BEHIND, end[:, 2] - _BEHIND
-    with np.errstate(divide="ignore", invalid="ignore"):
-        cut = start + np.where(low == high, 0.0, low / (low - high))[:, None] * (end - start)
-    first = np.where(low[:, None] < 0.0, cut, start)
-    last = np.where(high[:, None] < 0.0, cut, end)
-    kept = (np.maximum(low, high) > 0.0) & (np.linalg.norm(last - first, axis=1) > 0.0)
-    return seen.taken(kept, np.stack([first, last], axis=1))
 
 
 def cast_shadows(scene: Any) -> None:
@@ -429,3 +415,16 @@ def cast_shadows(scene: Any) -> None:
         if bodies:
             shadows = Shadows(m, spec, wavelength, bodies, pose, reach_of(scene, plugin))
         plugin.estimator.cast(digest.hexdigest(), shadows)
+
+
+@contextmanager
+def scene_known(scene: Any) -> Iterator[None]:
+    """Within, receivers and sources whose light diffracts know their scene."""
+    cast_shadows(scene)
+    for plugin in (*scene.emitters(), *scene.sensors()):
+        if hasattr(plugin, "stand_at"):
+            plugin.stand_at(reach_of(scene, plugin))
+    scenes = [(sensor, "scene", scene) for sensor in scene.sensors() if is_receiver(sensor)]
+    # a scene that is freed while Dr.Jit records a kernel ends the process
+    with without_collection(), changed([(ExactEstimator, "tells", True), *scenes]):
+        yield

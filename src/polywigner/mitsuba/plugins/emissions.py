@@ -38,6 +38,8 @@ from polywigner.transforms.phase_space import energy_of
 from polywigner.transforms.wavefronts import checked_wavefront, flat_of, tilts_of
 
 Floats = npt.NDArray[np.float64]
+SceneSource = Aperture | Array | Wavefront
+"""A source that can radiate in a scene."""
 
 
 def checked_name(kind: str, name: str, known: Iterable[str]) -> str:
@@ -53,7 +55,7 @@ def depends_on_wavelength(source: Any, name: str) -> bool:
     return OBLIQUITIES[name].needs_normal_derivative and bool(waves.any())
 
 
-def emissions(source: Any, wavelength: float, name: str) -> list[tuple[Any, Forms]]:
+def emissions(source: Any, wavelength: float, name: str) -> list[tuple[SceneSource, Forms]]:
     """Sources whose W, each times h of its forms, add up to the radiance times wavelength^2."""
     check_slopes(source, checked_name("an obliquity", name, OBLIQUITIES))
     found = OBLIQUITIES[name].terms(flat_of(source), wavelength)
@@ -98,7 +100,7 @@ class Mixture:
 
     def parts(
         self, source: Any, wavelength: float, error: float = _ERROR
-    ) -> Iterator[tuple[Any, float, float]]:
+    ) -> Iterator[tuple[SceneSource, float, float]]:
         """Coherent sources, wavelengths in m, and weights, whose mean is the mixture."""
         wave = source
         if self.coherence_width < math.inf:
@@ -158,7 +160,7 @@ PLAIN = Mixture()
 
 def mixture_of(
     source: Any, wavelength: float, bandwidth: float | None = None
-) -> tuple[Any, Mixture]:
+) -> tuple[SceneSource, Mixture]:
     """The source in coherent light, and the mixture that its light is; ``bandwidth`` in Hz."""
     try:
         if bandwidth is not None:
@@ -173,6 +175,10 @@ def mixture_of(
     if not isinstance(source, Wavefront) or source.is_coherent:
         return source, Mixture(bandwidth=bandwidth)
     return source.coherent, Mixture(source.coherence_width, bandwidth)
+
+
+UNPOLARISED = "unpolarised"
+"""Value of ``polarisation`` for unpolarised light, and for receivers of all polarisations."""
 
 
 # Read when an entry is made, when its scene is loaded, and whenever a parameter changes.

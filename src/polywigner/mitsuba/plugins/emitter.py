@@ -28,13 +28,14 @@ import numpy as np
 import numpy.typing as npt
 
 from polywigner.errors import SceneError
+from polywigner.execution import Drjit
 from polywigner.geometry import Aperture, triangulate
 from polywigner.geometry.arguments import takes_frequency
 from polywigner.mitsuba.plugins.emissions import depends_on_wavelength
-from polywigner.mitsuba.plugins.exact import ExactEstimator
-from polywigner.mitsuba.plugins.placement import PLACE_ERROR
+from polywigner.mitsuba.plugins.exact_field import ExactEstimator
 from polywigner.mitsuba.plugins.polariser import Polariser, polarised_spec
 from polywigner.mitsuba.plugins.registration import (
+    VariantPlugin,
     add_plugin,
     nested_properties,
     variant_class,
@@ -50,7 +51,7 @@ from polywigner.mitsuba.plugins.source_parameters import (
     values_of,
 )
 from polywigner.mitsuba.plugins.wigner import TracedSource, Wave, WignerEstimator, WignerRadiance
-from polywigner.mitsuba.scenes.surfaces import ROUNDING, matrix_of, shadow_end
+from polywigner.mitsuba.scenes.surfaces import PLACE_ERROR, ROUNDING, matrix_of, shadow_end
 from polywigner.quantities import parse_frequency
 from polywigner.radiometry.directions import directions_and_weights, largest_lag
 from polywigner.source import Array
@@ -67,13 +68,9 @@ ESTIMATORS: dict[str, type[WignerEstimator | ExactEstimator]] = {
 _OVERWHELMING = 1e12
 
 
-class WignerEmitter:
+class WignerEmitter(VariantPlugin):
     """Emitter of a ``wigner`` shape, which makes it; not a plugin by itself."""
 
-    m: Any
-    """Variant of Mitsuba; set by `variant_class`."""
-    jit: bool
-    """Whether the variant compiles."""
     get_shape: Callable[[], Any]
     """Method of Mitsuba's base class."""
     is_wigner = True
@@ -83,7 +80,7 @@ class WignerEmitter:
         props = mi.Properties("wigner_emitter")
         props.set_id(id)
         props["sampling_weight"] = spec.sampling_weight
-        m.Emitter.__init__(self, props)
+        self.base.__init__(self, props)
         flags = mi.EmitterFlags.Surface | mi.EmitterFlags.SpatiallyVarying
         if not spec.visible:  # or the particle tracer would show it to the camera
             flags |= mi.EmitterFlags.DeltaPosition
@@ -97,7 +94,7 @@ class WignerEmitter:
         self._set_source(spec, spec.wavelength)
         self._update()
 
-    def _adjustable(self, value: float) -> Any:
+    def _adjustable(self, value: float) -> Drjit:
         """Return a number that Mitsuba's ``traverse`` can change in place."""
         return dr.opaque(self.m.Float, value) if self.jit else dr.scalar.ArrayXf(value)
 
@@ -127,16 +124,16 @@ class WignerEmitter:
             callback.put("weights", self._traced.weights, mi.ParamFlags.Differentiable)
 
     @property
-    def vertices(self) -> Any:
+    def vertices(self) -> Drjit:
         """x and y of each vertex (m), as a scene's parameters have them; else SceneError."""
         return self._exposed(self._traced.vertices)
 
     @property
-    def weights(self) -> Any:
+    def weights(self) -> Drjit:
         """Real and imaginary part of each weight, as a scene's parameters; else SceneError."""
         return self._exposed(self._traced.weights)
 
-    def _exposed(self, values: Any) -> Any:
+    def _exposed(self, values: Any) -> Drjit:
         if values is None:
             reason = self._traced.why_not or "an array"
             raise SceneError(f"expected, for parameters with derivatives, {reason}")
@@ -196,7 +193,7 @@ class WignerEmitter:
         """Whether the wavelength, vertices or weights have derivatives."""
         return self.jit and (self._traced.is_followed() or dr.grad_enabled(self.wavelength))
 
-    def _traced_norm(self) -> Any:
+    def _traced_norm(self) -> Drjit:
         """N with derivatives; its value is the host's."""
         wavelength = single(self.wavelength, "wavelength")
         source = self.spec.at_origin
@@ -223,19 +220,19 @@ class WignerEmitter:
         """The wave of the sample at x (2D) for a receiver at a point, or into a direction."""
         return self._radiance.waves.wave(1.0 / self._value(self.wavelength), x, place)
 
-    def _value(self, number: Any) -> Any:
+    def _value(self, number: Any) -> Drjit:
         return number if self.jit else number[0]
 
-    def radiance(self, x: Any, direction: Any, wave: Wave) -> Any:
+    def radiance(self, x: Any, direction: Any, wave: Wave) -> Drjit:
         """L at positions x (2D) and directions (3D unit vectors) of the aperture's frame."""
         own = self._traced.wigner if self._follows() else None
         return self._scale(wave.inverse) * self._radiance.at(x, direction, wave, own)
 
-    def watts_per_norm(self) -> Any:
+    def watts_per_norm(self) -> Drjit:
         """Radiated over the power of the field as it is."""
         return self._value(self.power) / self._norm
 
-    def intensity(self, direction: Any, wave: Wave) -> Any:
+    def intensity(self, direction: Any, wave: Wave) -> Drjit:
         """The integral of L over positions: radiance times area."""
         own = self._traced.intensity if self._follows() else None
         in_scene = self._scale(wave.inverse) / self.spec.scene_unit**2
@@ -245,10 +242,10 @@ class WignerEmitter:
         """Whether the radiance has derivatives in vertices or weights."""
         return self.jit and self._traced.is_followed() and self._radiance.is_single
 
-    def _scale(self, inverse: Any) -> Any:
+    def _scale(self, inverse: Any) -> Drjit:
         return self._value(self.power) * (inverse * inverse / self._norm)
 
-    def eval(self, si: Any, active: Any = True) -> Any:
+    def eval(self, si: Any, active: Any = True) -> Drjit:
         if not self.spec.visible:  # or unseen for a while, with a surface of its own
             return spectrum(self.m, self._dark, active)
         along = si.to_world(si.wi)
@@ -258,7 +255,9 @@ class WignerEmitter:
 
     # ---- sampling for receivers ----------------------------------------------------------
 
-    def sample_direction(self, it: Any, sample: Any, active: Any = True) -> Any:
+    def sample_direction(
+        self, it: Any, sample: Any, active: Any = True
+    ) -> tuple[mi.DirectionSample3f, Drjit]:
         x, per_area = self.estimator.draw(sample)
         direction, distance = self.seen_from(it, x)
         ds = self.m.DirectionSample3f()
@@ -275,18 +274,18 @@ class WignerEmitter:
         found = self.estimator.lit(self, it, x, per_area)
         return ds, self.polariser.sent(found, direction, self.frame, active)
 
-    def pdf_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
+    def pdf_direction(self, it: Any, ds: Any, active: Any = True) -> Drjit:
         cosine = -dr.dot(ds.d, self.frame.axes[2])
         return self._density(cosine, ds.dist, self.estimator.density(ds.uv))
 
-    def eval_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
+    def eval_direction(self, it: Any, ds: Any, active: Any = True) -> Drjit:
         direction, distance = self.seen_from(it, ds.uv)
         per_area = self.estimator.density(ds.uv)
         density = self._density(direction.z, distance, per_area)
         found = self.estimator.lit(self, it, ds.uv, per_area) * density
         return self.polariser.sent(found, direction, self.frame, active)
 
-    def _density(self, cosine: Any, distance: Any, per_area: Any) -> Any:
+    def _density(self, cosine: Any, distance: Any, per_area: Any) -> Drjit:
         """Per solid angle; overwhelming where no light comes by rays that meet the source.
 
         Integrators weigh samples of a light against such rays by the squares of densities. A
@@ -300,7 +299,7 @@ class WignerEmitter:
             density = per_area * (distance * distance) / dr.select(front, cosine, 1.0)
         return dr.select(front, density, 0.0)
 
-    def seen_from(self, it: Any, x: Any) -> tuple[Any, Any]:
+    def seen_from(self, it: Any, x: Any) -> tuple[Drjit, Drjit]:
         """Unit vector, in the frame, from x to the point ``it``; and the distance."""
         r = self.frame.to_own(it.p - self.frame.origin) - self.m.Vector3f(x.x, x.y, 0.0)
         distance = dr.norm(r)
@@ -316,19 +315,21 @@ class WignerEmitter:
 
     # ---- sampling of the emitted field ---------------------------------------------------
 
-    def sample_position(self, time: Any, sample: Any, active: Any = True) -> Any:
+    def sample_position(
+        self, time: Any, sample: Any, active: Any = True
+    ) -> tuple[mi.PositionSample3f, Drjit]:
         ps = self.m.PositionSample3f()
         x, per_area = self._radiance.positions.sample(sample)
         self._place(ps, x, time)
         ps.pdf = self.m.Float(per_area)
         return ps, dr.select(active, self.m.Float(1.0 / per_area), 0.0)
 
-    def pdf_position(self, ps: Any, active: Any = True) -> Any:
+    def pdf_position(self, ps: Any, active: Any = True) -> Drjit:
         return dr.select(active, self.m.Float(self._radiance.positions.density(ps.uv)), 0.0)
 
     def sample_ray(
         self, time: Any, sample1: Any, sample2: Any, sample3: Any, active: Any = True
-    ) -> Any:
+    ) -> tuple[mi.Ray3f, Drjit]:
         """Position as for receivers, direction by cosine: the weight's mean is the power."""
         ps, share = self.sample_position(time, sample2, active)
         direction = self.m.warp.square_to_cosine_hemisphere(sample3)
@@ -342,14 +343,14 @@ class WignerEmitter:
             weight * density
         )
 
-    def sample_wavelengths(self, si: Any, sample: Any, active: Any = True) -> Any:
+    def sample_wavelengths(self, si: Any, sample: Any, active: Any = True) -> Drjit:
         """For the particle tracer alone, which passes the direction in scene coordinates."""
         wavelengths, density = _optical_wavelengths(self.m, sample)
         direction = self.frame.to_own(si.wi)
         radiance = self.radiance(si.uv, direction, self.wave(si.uv, direction))
         return wavelengths, self.polariser.sent(radiance, direction, self.frame, active) * density
 
-    def bbox(self) -> Any:
+    def bbox(self) -> mi.BoundingBox3f:
         return self.get_shape().bbox()
 
     def to_string(self) -> str:
@@ -359,7 +360,7 @@ class WignerEmitter:
         )
 
 
-def _optical_wavelengths(m: Any, sample: Any) -> tuple[Any, Any]:
+def _optical_wavelengths(m: Any, sample: Any) -> tuple[Drjit, Drjit]:
     """Wavelengths of the renderer's own colour spectrum and their inverse density.
 
     Only spectral variants have any. They stand for colours, not for the wave of the aperture,
@@ -417,16 +418,21 @@ def _in_scene(points: Floats, pose: Floats, centre: Floats) -> Floats:
     return result
 
 
-def read_emitter(values: Mapping[str, Any]) -> SourceParameters:
-    """Return the checked parameters of a ``wigner`` shape, from Mitsuba or from Python."""
-    spec = read_parameters(values, EMITTER)
+def checked_parameters(
+    values: Mapping[str, Any], plugin: str, variant: str | None = None
+) -> SourceParameters:
+    """Return the checked parameters of a shape or sensor, from Mitsuba or from Python.
+
+    ``variant``: for which they get the default polarisation; None: for an entry of any.
+    """
+    spec = read_parameters(values, plugin)
     ESTIMATORS[spec.estimator].check(spec)
-    return spec
+    return spec if variant is None else polarised_spec(variant, spec, plugin)
 
 
-def _build(variant: str, props: Any) -> Any:
+def _build(variant: str, props: Any) -> mi.Mesh:
     """Return the mesh for the parameters of one ``wigner`` element."""
-    spec = polarised_spec(variant, read_emitter(values_of(props)), "wigner shape")
+    spec = checked_parameters(values_of(props), EMITTER, variant)
     m = getattr(mi, variant)
     points, triangles = triangulate(spec.region.support)
     inner = nested_properties(EMITTER, props)
@@ -539,7 +545,7 @@ def aperture(
         bandwidth=None if bandwidth is None else parse_frequency(bandwidth),
         bsdf=None if bsdf is None else dict(bsdf),
     )
-    spec = read_emitter(entry)
+    spec = checked_parameters(entry, EMITTER)
     entry |= {name: getattr(spec, name) for name in _FLAGS}
     if entry.pop("aperture_power", None) is not None:
         entry["power"] = spec.power

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -111,22 +112,34 @@ def fineness(camera: Any, samples: int) -> int:
 
 
 @contextmanager
+def changed(changes: Sequence[tuple[Any, str, Any]]) -> Iterator[None]:
+    """Within, attributes of objects have other values."""
+    before = [getattr(thing, name) for thing, name, _ in changes]
+    try:
+        for thing, name, value in changes:
+            setattr(thing, name, value)
+        yield
+    finally:
+        for (thing, name, _), value in zip(changes, before, strict=True):
+            setattr(thing, name, value)
+
+
+def film_sizes(camera: Any, factor: int = 1) -> list[list[int]]:
+    """Return size, crop size and crop offset of a film of so many times the pixels."""
+    film = camera.film()
+    sizes = film.size(), film.crop_size(), film.crop_offset()
+    return [[int(pair[0]) * factor, int(pair[1]) * factor] for pair in sizes]
+
+
+@contextmanager
 def refined(camera: Any, factor: int) -> Iterator[None]:
     """A film of so many times the pixels along each side, which the receiver takes for the same."""
-    film = camera.film()
-    sizes = (film.size(), film.crop_size(), film.crop_offset())
-    finer = [[int(pair[0]) * factor, int(pair[1]) * factor] for pair in sizes]
-    if factor > 1:
-        camera.fineness = factor
-    try:
-        with _film_of_size(camera, *finer):
-            yield
-    finally:
-        if factor > 1:
-            camera.fineness = 1
+    finer_pixels = [(camera, "fineness", factor)] if factor > 1 else []
+    with changed(finer_pixels), _film_of_size(camera, *film_sizes(camera, factor)):
+        yield
 
 
-def coarse(image: npt.NDArray[Any], factor: int) -> npt.NDArray[Any]:
+def coarse(image: npt.NDArray[Any], factor: int) -> npt.NDArray[np.float64]:
     """The image of the film as it was: means over pixels."""
     rows, columns, channels = image.shape
     shape = (rows // factor, factor, columns // factor, factor, channels)
@@ -146,18 +159,16 @@ def cropped(camera: Any, top: int, rows: int, columns: int | None = None) -> Ite
 @contextmanager
 def _film_of_size(camera: Any, *sizes: Any) -> Iterator[None]:
     """Within, the size of the film, and size and offset of its crop window, are these."""
-    film = camera.film()
-    before = (film.size(), film.crop_size(), film.crop_offset())
-    states = [[[int(n) for n in pair] for pair in state] for state in (sizes, before)]
-    if states[0] == states[1]:
+    before, after = film_sizes(camera), [[int(n) for n in pair] for pair in sizes]
+    if before == after:
         yield
         return
     names = ("film.size", "film.crop_size", "film.crop_offset")
     try:
-        mi.traverse(camera).update(dict(zip(names, states[0], strict=True)))
+        mi.traverse(camera).update(dict(zip(names, after, strict=True)))
         yield
     finally:
-        mi.traverse(camera).update(dict(zip(names, states[1], strict=True)))
+        mi.traverse(camera).update(dict(zip(names, before, strict=True)))
 
 
 # Samples in flight at once in the compiled variants: Mitsuba keeps some 100 bytes of each.
@@ -254,3 +265,19 @@ def rendering_errors(integrator: str) -> Iterator[None]:
     except (RuntimeError, AssertionError) as error:
         cause = error.__cause__ or error
         raise SceneError(f"expected a scene that {integrator} can render: {cause}") from error
+
+
+# What Mitsuba makes of -1, paths without end.
+_ENDLESS = 2**32 - 1
+
+
+def depths_of(integrator: Any) -> dict[str, int]:
+    """``max_depth``, -1 for paths without end, and ``rr_depth`` of an integrator."""
+    # Mitsuba's own tell them in their text alone
+    told = re.findall(r"(max_depth|rr_depth) = (-?\d+)", str(integrator))
+    found: dict[str, int] = {"max_depth": -1, "rr_depth": 0}
+    found.update((name, int(value)) for name, value in told)
+    found.update((name, int(getattr(integrator, name, value))) for name, value in found.items())
+    if found["max_depth"] == _ENDLESS:
+        found["max_depth"] = -1
+    return found

@@ -7,22 +7,24 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from polywigner.errors import SceneError
-from polywigner.geometry import Wavefront
-from polywigner.mitsuba.plugins.source_parameters import SourceParameters, rigid_pose
-from polywigner.mitsuba.scenes.surfaces import matrix_of, reach_at
+from polywigner.geometry import Aperture, Wavefront
+from polywigner.mitsuba.plugins.emissions import SceneSource
+from polywigner.mitsuba.plugins.source_parameters import SourceParameters, pose_of
+from polywigner.mitsuba.scenes.surfaces import PLACE_ERROR
 from polywigner.quantities import SPEED_OF_LIGHT
+from polywigner.source import Array
+from polywigner.source.obliquities import CONDITIONS, DEFAULT
 from polywigner.source.polarisation import Stokes, stokes_fields
 from polywigner.source.support import mirrored_source
+from polywigner.transforms.phase_space import energy_of
 from polywigner.transforms.wavefronts import flat_of
 
 Floats = NDArray[np.float64]
 
-# Error of positions held in single precision, relative to the largest coordinate: rotation and
-# translation round by 6e-8 each, the positions once more.
-PLACE_ERROR = 5e-7
 # Rounding of parameters held in single precision.
 _ROUNDING = 1e-6
 _MIRROR = np.diag([-1.0, 1.0, 1.0, 1.0])
@@ -39,7 +41,7 @@ class PlacedSource(SourceParameters):
     """Largest coordinate of the flat surfaces that touch it, in m; see module `surfaces`."""
 
     @property
-    def fields(self) -> list[tuple[Any, Stokes]]:
+    def fields(self) -> list[tuple[SceneSource, Stokes]]:
         """Scalar sources, and the Stokes numbers by which their light adds up to the source's."""
         if self.polarisation is None:
             return [(self.source, (1.0, 0.0, 0.0, 0.0))]
@@ -75,10 +77,7 @@ class PlacedSource(SourceParameters):
 
     def touching(self, scene: Any) -> PlacedSource:
         """Itself, with the ``reach`` of surfaces of a scene."""
-        low, high = np.reshape(self.source.bounds, (2, 2))
-        corners = [[x, y] for x in (low[0], high[0]) for y in (low[1], high[1])]
-        reach = reach_at(scene, self.points(np.array(corners)) / self.scene_unit)
-        return replace(self, reach=reach * self.scene_unit)
+        return replace(self, reach=self.reach_in(scene, self.pose) * self.scene_unit)
 
     @property
     def middle(self) -> Floats:
@@ -103,11 +102,6 @@ class PlacedSource(SourceParameters):
         result[:3, :3] = self.pose[:3, :3].T @ other.pose[:3, :3]
         result[:3, 3] = self.pose[:3, :3].T @ (other.pose[:3, 3] - self.pose[:3, 3])
         return result
-
-
-def is_source(emitter: Any) -> bool:
-    """Whether an emitter is one of a ``wigner`` shape."""
-    return getattr(type(emitter), "is_wigner", False)
 
 
 def placed_emitter(emitter: Any, number: int) -> PlacedSource:
@@ -150,13 +144,10 @@ def check_unit(emitter: PlacedSource, receiver: PlacedSource) -> None:
 
 def _placed(plugin: Any, name: str) -> PlacedSource:
     spec = plugin.spec
-    matrix = np.array(matrix_of(plugin.to_world))
-    # the pose of the scene in double precision, unless a user has changed it
-    same = np.array_equal(matrix.astype(np.float32), spec.pose.astype(np.float32))
-    pose = np.array(spec.pose if same else rigid_pose(matrix))
-    pose[:3, 3] *= spec.scene_unit
     wavelength = _single(getattr(plugin, "wavelength", spec.wavelength), spec.wavelength)
-    return PlacedSource(**vars(spec) | {"name": name, "pose": pose, "wavelength": wavelength})
+    return PlacedSource(
+        **vars(spec) | {"name": name, "pose": pose_of(plugin), "wavelength": wavelength}
+    )
 
 
 def _single(value: Any, known: float) -> float:
@@ -164,6 +155,83 @@ def _single(value: Any, known: float) -> float:
     return known if np.float32(found) == np.float32(known) else found
 
 
-def reach_of(scene: Any, plugin: Any) -> float:
-    """Return the ``reach`` of a source or receiver in its scene; see module `surfaces`."""
-    return _placed(plugin, "").touching(scene).reach / plugin.spec.scene_unit
+def check_obliquity(link: str, one: str, other: str) -> None:
+    """Raise SceneError for a link without one boundary condition at both ends."""
+    if one != other:
+        raise SceneError(
+            f"{link}: expected one obliquity, got {one!r} and {other!r}; a link has one boundary "
+            "condition at both ends: give both the same"
+        )
+    if one not in CONDITIONS:
+        raise SceneError(
+            f'{link}: expected a boundary condition as obliquity, got "paper", of which there are '
+            f"no links; use {DEFAULT!r}"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class FacingParts:
+    """Parts of two sources in front of each other's plane."""
+
+    emitter: PlacedSource
+    receiver: PlacedSource
+    share: float
+    """Product of the shares of int |u|^2 that face each other: 1 where all faces all."""
+
+
+def facing_parts(emitter: PlacedSource, receiver: PlacedSource) -> FacingParts | None:
+    """The parts that face each other; None where there are none, as in one plane."""
+    sizes = [
+        max(float(np.abs(values).max()) for values in (placed.pose[:3, 3], placed.source.bounds))
+        for placed in (emitter, receiver)
+    ]
+    rounding = PLACE_ERROR * max(sizes)
+    parts, share = [], 1.0
+    for one, other in ((emitter, receiver), (receiver, emitter)):
+        pose = one.pose_of(other)
+        part = _part_in_front(one.source, pose[:3, 2], pose[:3, 3], rounding)
+        if part is None:
+            return None
+        if part is not one.source:
+            share *= energy_of(part) / energy_of(one.source)
+        parts.append(replace(one, source=part))
+    return FacingParts(parts[0], parts[1], share)
+
+
+def _part_in_front(
+    source: Any, normal: Floats, place: Floats, rounding: float
+) -> SceneSource | None:
+    """The part of a source in z = 0 before of the plane through ``place``."""
+    if isinstance(source, Wavefront):
+        flat = _part_in_front(source.source, normal, place, rounding)
+        if flat is None or flat is source.source:
+            return None if flat is None else source
+        return source.on(flat)
+    elements = source.elements_in_plane
+    parts = [_cut(element, normal, float(normal @ place) + rounding) for element in elements]
+    if all(part is element for part, element in zip(parts, elements, strict=True)):
+        return source
+    weights = source.weights if isinstance(source, Array) else np.ones(1)
+    kept = [(part, w) for part, w in zip(parts, weights, strict=True) if part is not None]
+    return Array([part for part, _ in kept], [w for _, w in kept]) if kept else None
+
+
+def _cut(element: Aperture, normal: Floats, least: float) -> Aperture | None:
+    """Where ``normal`` . x > ``least``; the very element where that is everywhere."""
+    corners = np.concatenate(element.rings)
+    heights = corners @ normal[:2] - least
+    if (heights > 0).all():
+        return element
+    if not (heights > 0).any():
+        return None
+    slope = float(np.hypot(*normal[:2]))
+    ahead = normal[:2] / slope
+    beside = np.array([-ahead[1], ahead[0]])
+    far = 2 * (element.diameter + float(np.abs(heights).max()) / slope)
+    foot = element.centre - ahead * (float(element.centre @ normal[:2]) - least) / slope
+    box = [foot + beside * far * s + ahead * far * a for s, a in ((1, 0), (-1, 0), (-1, 1), (1, 1))]
+    found = shapely.intersection(element.polygons, shapely.Polygon(box))
+    polygons = [part for part in shapely.get_parts(found) if part.area > 0]
+    if not polygons:
+        return None
+    return Aperture(shapely.MultiPolygon(polygons)).with_illumination(element.illumination)

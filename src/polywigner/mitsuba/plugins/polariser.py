@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import mitsuba as mi
@@ -21,15 +21,19 @@ import numpy.typing as npt
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, SceneError
+from polywigner.execution import Drjit
 from polywigner.geometry.arguments import checked_array
+from polywigner.mitsuba.plugins.emissions import UNPOLARISED
 from polywigner.mitsuba.plugins.samplers import opaque, spectrum
-from polywigner.mitsuba.plugins.source_parameters import UNPOLARISED, SourceParameters
 from polywigner.source.polarisation import (
     checked_polarisation,
     ludwig_axes,
     polarisation_name,
     stokes_vector,
 )
+
+if TYPE_CHECKING:
+    from polywigner.mitsuba.plugins.source_parameters import SourceParameters
 
 Floats = NDArray[np.float64]
 
@@ -44,7 +48,7 @@ def is_polarised(variant: str | None = None) -> bool:
     return (variant or mi.variant() or "").endswith(_FULL)
 
 
-def polarised_spec(variant: str, spec: SourceParameters, element: str) -> SourceParameters:
+def polarised_spec(variant: str, spec: SourceParameters, plugin: str) -> SourceParameters:
     """Return a specification with the default polarisation where the scene specifies none.
 
     Raises SceneError for a polarisation in a variant whose light has none.
@@ -55,8 +59,8 @@ def polarised_spec(variant: str, spec: SourceParameters, element: str) -> Source
         return replace(spec, polarisation=checked_polarisation(DEFAULT_POLARISATION))
     if spec.polarisation is not None:
         raise SceneError(
-            f"expected a polarised variant of Mitsuba for the polarisation of a {element}, got "
-            f"{variant}; set polywigner.mitsuba.choose_variant(polarised=True), such as "
+            f"expected a polarised variant of Mitsuba for the polarisation of a {plugin} plugin, "
+            f"got {variant}; set polywigner.mitsuba.choose_variant(polarised=True), such as "
             f"llvm_ad_mono{_FULL}, or leave polarisation out"
         )
     return spec
@@ -126,7 +130,7 @@ class Polariser:
         if polarisation is not None and polarisation.ndim == 1:
             self._own = [opaque(m, number) for number in stokes_vector(polarisation)]
 
-    def sent(self, value: Any, direction: Any, frame: Any, active: Any, along: Any = None) -> Any:
+    def sent(self, value: Any, direction: Any, frame: Any, active: Any, along: Any = None) -> Drjit:
         """Light that leaves a source in a direction of its frame: a column."""
         if self._is_plain:
             return spectrum(self._m, value, active)
@@ -135,31 +139,33 @@ class Polariser:
             self._m, direction, frame, frame.to_scene(direction) if along is None else along
         )
         turned = (s0, c * s1 + s * s2, c * s2 - s * s1, s3)
-        return self._filled({(k, 0): value for k, value in enumerate(turned)})
+        return mueller_matrix(self._m, {(k, 0): value for k, value in enumerate(turned)})
 
-    def taken(self, value: Any, direction: Any, frame: Any, active: Any) -> Any:
+    def taken(self, value: Any, direction: Any, frame: Any, active: Any) -> Drjit:
         """Weight of light that arrives from a direction of a receiver's frame: half a row."""
         if self._is_plain:
             return spectrum(self._m, value, active)
         s0, s1, s2, s3 = (0.5 * number for number in self._stokes(value, active))
         c, s = turn(self._m, direction, frame, -frame.to_scene(direction))
         turned = (s0, c * s1 + s * s2, s * s1 - c * s2, s3)
-        return self._filled({(0, k): value for k, value in enumerate(turned)})
+        return mueller_matrix(self._m, {(0, k): value for k, value in enumerate(turned)})
 
-    def _stokes(self, value: Any, active: Any) -> list[Any]:
+    def _stokes(self, value: Any, active: Any) -> list[Drjit]:
         if self._own is None:
             return [dr.select(active, value[k], 0.0) for k in range(4)]
         known = dr.select(active, value, 0.0)
         return [known * number for number in self._own]
 
-    def _filled(self, entries: dict[tuple[int, int], Any]) -> Any:
-        matrix = dr.zeros(self._m.Spectrum)
-        for place, value in entries.items():
-            matrix[place] = self._m.UnpolarizedSpectrum(value)
-        return matrix
+
+def mueller_matrix(m: Any, entries: dict[tuple[int, int], Any]) -> Drjit:
+    """Return a Mueller matrix of the variant ``m`` that is zero but for some entries."""
+    matrix = dr.zeros(m.Spectrum)
+    for place, value in entries.items():
+        matrix[place] = m.UnpolarizedSpectrum(value)
+    return matrix
 
 
-def turned(m: Any, share: Any, arrives: tuple[Any, Any], leaves: tuple[Any, Any] | None) -> Any:
+def turned(m: Any, share: Any, arrives: tuple[Any, Any], leaves: tuple[Any, Any] | None) -> Drjit:
     """A Mueller matrix of Mitsuba's axes, between Ludwig's axes of a source and of a receiver.
 
     ``leaves``: None for unpolarised light, whose axes do not matter.
@@ -171,18 +177,12 @@ def turned(m: Any, share: Any, arrives: tuple[Any, Any], leaves: tuple[Any, Any]
             continue
         frame, direction = end
         c, s = turn(m, frame.to_own(direction), frame, sign * direction)
-        matrix = dr.zeros(m.Spectrum)
-        for (row, column), value in np.ndenumerate(
-            np.array(
-                [[1, 0, 0, 0], [0, c, s, 0], [0, -sign * s, sign * c, 0], [0, 0, 0, 1]], object
-            )
-        ):
-            matrix[row, column] = m.UnpolarizedSpectrum(value)
-        ends.append(matrix)
+        entries = {(0, 0): 1, (1, 1): c, (1, 2): s, (2, 1): -sign * s, (2, 2): sign * c, (3, 3): 1}
+        ends.append(mueller_matrix(m, entries))
     return ends[0] * share * ends[1]
 
 
-def turn(m: Any, direction: Any, frame: Any, along: Any) -> tuple[Any, Any]:
+def turn(m: Any, direction: Any, frame: Any, along: Any) -> tuple[Drjit, Drjit]:
     """Cosine and sine of twice the angle from Ludwig's x to Mitsuba's axis, about a direction."""
     axes = ludwig_axes(direction.x, direction.y, dr.abs(direction.z))
     basis = m.mueller.stokes_basis(along)

@@ -17,8 +17,7 @@ Rays start at positions relative to the middle of the source: see module `emitte
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -28,40 +27,41 @@ import numpy as np
 import numpy.typing as npt
 
 from polywigner.errors import ArgumentError, SceneError
-from polywigner.execution import without_collection
+from polywigner.execution import Drjit
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import takes_frequency
-from polywigner.mitsuba.plugins.diffraction import cast_shadows
-from polywigner.mitsuba.plugins.emitter import ESTIMATORS
-from polywigner.mitsuba.plugins.exact import ExactEstimator
-from polywigner.mitsuba.plugins.placement import reach_of
-from polywigner.mitsuba.plugins.polariser import Polariser, polarised_spec
-from polywigner.mitsuba.plugins.registration import add_plugin, nested_properties, variant_class
+from polywigner.mitsuba.plugins.emitter import ESTIMATORS, checked_parameters
+from polywigner.mitsuba.plugins.polariser import Polariser
+from polywigner.mitsuba.plugins.registration import (
+    VariantPlugin,
+    add_plugin,
+    nested_properties,
+    variant_class,
+)
 from polywigner.mitsuba.plugins.samplers import Frame, directions_of, opaque
 from polywigner.mitsuba.plugins.source_parameters import (
     RECEIVER,
     RECEIVER_ESTIMATOR,
     SAMPLINGS,
     SourceParameters,
-    read_parameters,
     rigid_pose,
     scene_entry,
     values_of,
 )
 from polywigner.mitsuba.plugins.wigner import WignerRadiance
-from polywigner.mitsuba.scenes.surfaces import ROUNDING, largest, matrix_of, sorted_sensors
+from polywigner.mitsuba.scenes.surfaces import ROUNDING, largest, matrix_of
 from polywigner.quantities import parse_noise
 from polywigner.reception.norms import NORMALISATIONS
 from polywigner.source import Array
 from polywigner.source.obliquities import DEFAULT
 
 
-def distance_to_surface(m: Any, scene: Any, ray: Any, far: Any, active: Any) -> Any:
+def distance_to_surface(m: Any, scene: Any, ray: Any, far: Any, active: Any) -> Drjit:
     """The distance along a ray to the first surface that is not ``null``; ``far`` if none."""
     direction = m.Vector3f(ray.d)
     state = (m.Point3f(ray.o), m.Float(0.0), m.Bool(active))
 
-    def body(place: Any, distance: Any, going: Any) -> Any:
+    def body(place: Any, distance: Any, going: Any) -> tuple[Drjit, Drjit, Drjit]:
         found, is_null = _next(m, scene, m.Ray3f(place, direction), far, going)
         found = dr.select(is_null, found + _step(m, place + direction * found), found)
         return m.Point3f(place + direction * found), distance + found, going & is_null
@@ -73,12 +73,12 @@ def distance_to_surface(m: Any, scene: Any, ray: Any, far: Any, active: Any) -> 
     return state[1]
 
 
-def _step(m: Any, point: Any) -> Any:
+def _step(m: Any, point: Any) -> Drjit:
     """Distance behind a surface at which Mitsuba's own rays start again."""
     return (1.0 + largest(point)) * float(m.math.RayEpsilon)
 
 
-def _next(m: Any, scene: Any, ray: Any, far: Any, active: Any) -> tuple[Any, Any]:
+def _next(m: Any, scene: Any, ray: Any, far: Any, active: Any) -> tuple[Drjit, Drjit]:
     """Distance to the next surface, and whether that is ``null``."""
     surface = scene.ray_intersect_preliminary(ray, False, active)
     is_hit = surface.is_valid()
@@ -90,14 +90,14 @@ def _next(m: Any, scene: Any, ray: Any, far: Any, active: Any) -> tuple[Any, Any
     return found, is_hit & (kind == int(mi.BSDFFlags.Null))
 
 
-def direction_of(m: Any, angles: Any) -> Any:
+def direction_of(m: Any, angles: Any) -> Drjit:
     """The unit vector of (alpha, psi), in front of the receiver."""
     rho = _root(1.0 - angles.x * angles.x)
     sine, cosine = dr.sincos(angles.y)
     return m.Vector3f(angles.x, rho * sine, dr.abs(rho * cosine) + _GRAZING)
 
 
-def in_pixel(m: Any, place: Any, size: tuple[int, int]) -> tuple[Any, Any]:
+def in_pixel(m: Any, place: Any, size: tuple[int, int]) -> tuple[Drjit, Drjit]:
     """(alpha, psi) uniform in the directions of a pixel, and their solid angle."""
     width, height = size
     alpha = place.x * (2.0 / width) - 1.0
@@ -111,7 +111,7 @@ def in_pixel(m: Any, place: Any, size: tuple[int, int]) -> tuple[Any, Any]:
     return m.Point2f(alpha, psi), (high - low) * (2.0 / width)
 
 
-def _root(value: Any) -> Any:
+def _root(value: Any) -> Drjit:
     return dr.sqrt(dr.select(value > 0.0, value, 0.0))
 
 
@@ -123,11 +123,9 @@ _FAR = 1e4
 _MOST_PASSED = 4
 
 
-class WignerReceiver:
+class WignerReceiver(VariantPlugin):
     """Sensor whose film contains watts; docs/receivers.md."""
 
-    m: Any
-    """Variant of Mitsuba; set by `variant_class`."""
     film: Callable[[], Any]
     """Method of Mitsuba's base class."""
     sample_wavelengths: Callable[..., Any]
@@ -136,7 +134,7 @@ class WignerReceiver:
 
     def __init__(self, spec: SourceParameters, props: Any) -> None:
         m = self.m
-        m.Sensor.__init__(self, props)
+        self.base.__init__(self, props)
         self.m_needs_sample_3 = True
         self.spec = spec
         self.scene: Any = None  # set while the scene is rendered, see `scene_known`
@@ -144,11 +142,11 @@ class WignerReceiver:
         self.to_world = m.Transform4f(m.Matrix4f(spec.pose))
         self._place()
         source, wavelength = spec.at_origin, spec.wavelength
-        fields = [field for field, _ in spec.fields_of(source)]
-        width = spec.mixture.coherence_width
-        self.directions = directions_of(m, fields, wavelength, spec.obliquity, width)
-        self.polariser = Polariser(m, spec.polarisation)
         radiance = WignerRadiance(m, spec, wavelength)
+        terms = [(field, forms) for field, forms, _ in radiance.fields]
+        bounds, width = spec.fields_of(source)[0][0].bounds, spec.mixture.coherence_width
+        self.directions = directions_of(m, terms, bounds, wavelength, width)
+        self.polariser = Polariser(m, spec.polarisation)
         self.estimator = ESTIMATORS[spec.estimator](m, spec, wavelength, radiance)
         reach = float(np.hypot(*np.abs(np.reshape(source.bounds, (2, 2))).max(axis=0)))
         far = _FAR * reach * max(reach / wavelength, 1.0)
@@ -169,12 +167,12 @@ class WignerReceiver:
 
     def traverse(self, callback: Any) -> None:
         """Film and sampler, as all sensors have them, and ``to_world`` (rigid)."""
-        self.m.Sensor.traverse(self, callback)
+        self.base.traverse(self, callback)
         callback.put("to_world", self.to_world, mi.ParamFlags.NonDifferentiable)
 
     def parameters_changed(self, keys: list[str]) -> None:
         """Use a new pose."""
-        self.m.Sensor.parameters_changed(self, keys)
+        self.base.parameters_changed(self, keys)
         if "to_world" in keys:
             self.spec = replace(self.spec, pose=rigid_pose(matrix_of(self.to_world)))
             self._place()
@@ -183,25 +181,25 @@ class WignerReceiver:
 
     def sample_ray_differential(
         self, time: Any, sample1: Any, sample2: Any, sample3: Any, active: Any = True
-    ) -> Any:
+    ) -> tuple[mi.RayDifferential3f, Drjit]:
         angles, solid_angle = self._looks(sample2)
         ray, weight, share = self.look_along(angles, time, sample1, sample3, active)
         return ray, self.weigh(share, weight * solid_angle, angles, active)
 
     def sample_ray(
         self, time: Any, sample1: Any, sample2: Any, sample3: Any, active: Any = True
-    ) -> Any:
+    ) -> tuple[mi.Ray3f, Drjit]:
         ray, weight = self.sample_ray_differential(time, sample1, sample2, sample3, active)
         return self.m.Ray3f(ray), weight
 
-    def weigh(self, colours: Any, weight: Any, angles: Any, active: Any = True) -> Any:
+    def weigh(self, colours: Any, weight: Any, angles: Any, active: Any = True) -> Drjit:
         """The weight of a ray as a spectrum, in the receiver's polarisation if it has one."""
         direction = direction_of(self.m, angles)
         return colours * self.polariser.taken(weight, direction, self._frame, active)
 
     def look_along(
         self, angles: Any, time: Any, sample1: Any, sample3: Any, active: Any = True
-    ) -> tuple[Any, Any, Any]:
+    ) -> tuple[mi.RayDifferential3f, Drjit, Drjit]:
         """A ray, its W per radiance and solid angle, and the same for colours."""
         direction = direction_of(self.m, angles)
         ray = self.m.RayDifferential3f()
@@ -223,7 +221,7 @@ class WignerReceiver:
         ray.wavelengths, colours = self.sample_wavelengths(zero, sample1, active)
         return ray, weight, colours
 
-    def _looks(self, sample: Any) -> tuple[Any, Any]:
+    def _looks(self, sample: Any) -> tuple[Drjit, Drjit]:
         """Angles of a direction for a place on the film, and the solid angle it stands for."""
         film = self.film()
         fine = self.fineness
@@ -239,11 +237,11 @@ class WignerReceiver:
         return in_pixel(self.m, place, (width, height))
 
     @property
-    def lift(self) -> Any:
+    def lift(self) -> Drjit:
         """From a place on the receiver to where its ray starts."""
         return self._frame.axes[2] * self._lift
 
-    def _pass_surfaces(self, ray: Any, coins: Any, active: Any) -> Any:
+    def _pass_surfaces(self, ray: Any, coins: Any, active: Any) -> Drjit:
         """Start a ray behind some of the surfaces on its way: their light comes over edges."""
         scene, going, weight = self._known_scene(), self.m.Bool(active), self.m.Float(1.0)
         for number in range(_MOST_PASSED + 1):
@@ -260,7 +258,7 @@ class WignerReceiver:
             going = passes
         return weight
 
-    def _known_scene(self) -> Any:
+    def _known_scene(self) -> mi.Scene:
         if self.scene is None:
             raise SceneError(
                 "expected the scene of the wigner_receiver for its estimator "
@@ -270,7 +268,7 @@ class WignerReceiver:
             )
         return self.scene
 
-    def _met(self, ray: Any, x: Any, direction: Any, active: Any) -> tuple[Any, Any]:
+    def _met(self, ray: Any, x: Any, direction: Any, active: Any) -> tuple[Drjit, Drjit]:
         """The place of the surface that a ray meets, or one far out, and its distance."""
         scene = self._known_scene()
         distance = distance_to_surface(self.m, scene, ray, self._far, active)
@@ -283,7 +281,7 @@ class WignerReceiver:
         point = self.m.Point3f(x.x + along.x, x.y + along.y, self._lift + along.z)
         return point, distance
 
-    def bbox(self) -> Any:
+    def bbox(self) -> mi.BoundingBox3f:
         # scalar variants have one kind
         box = getattr(self.m, "ScalarBoundingBox3f", self.m.BoundingBox3f)
         return box(self.spec.pose[:3, 3].tolist())
@@ -295,54 +293,6 @@ class WignerReceiver:
             f"  estimator = {spec.estimator},\n  obliquity = {spec.obliquity},\n"
             f"  source = {spec.source!r},\n  film = {self.film()}\n]"
         )
-
-
-def is_receiver(sensor: Any) -> bool:
-    """Whether a sensor is a ``wigner_receiver``."""
-    return getattr(type(sensor), "is_wigner_receiver", False)
-
-
-def sensors_of(scene: Any) -> list[Any]:
-    """The sensors of a scene; ArgumentError for anything else."""
-    if not hasattr(scene, "sensors"):
-        raise ArgumentError(
-            f"expected a mi.Scene, got {type(scene).__name__}; make one with "
-            "polywigner.mitsuba.load_scene or mi.load_dict"
-        )
-    return list(scene.sensors())
-
-
-def receivers_of(scene: Any) -> list[tuple[int, Any]]:
-    """Return the receivers of a scene, sorted by id, with their Mitsuba indices among its sensors.
-
-    Raises SceneError for a scene without a receiver.
-    """
-    sensors_of(scene)
-    found = [(k, sensor) for k, sensor in sorted_sensors(scene) if is_receiver(sensor)]
-    if not found:
-        raise SceneError(
-            "expected a scene with a receiver, got one without; add a <sensor "
-            'type="wigner_receiver">, or polywigner.mitsuba.receiver(...)'
-        )
-    return found
-
-
-@contextmanager
-def scene_known(scene: Any) -> Iterator[None]:
-    """Within, receivers and sources whose light diffracts know their scene."""
-    cast_shadows(scene)
-    with ExitStack() as stack:
-        # a scene that is freed while Dr.Jit records a kernel ends the process
-        stack.enter_context(without_collection())
-        stack.callback(setattr, ExactEstimator, "tells", ExactEstimator.tells)
-        ExactEstimator.tells = True
-        for plugin in (*scene.emitters(), *scene.sensors()):
-            if hasattr(plugin, "stand_at"):
-                plugin.stand_at(reach_of(scene, plugin))
-        for sensor in filter(is_receiver, scene.sensors()):
-            stack.callback(setattr, sensor, "scene", sensor.scene)
-            sensor.scene = scene
-        yield
 
 
 def _check_film(values: dict[str, Any]) -> None:
@@ -362,22 +312,15 @@ def _check_film(values: dict[str, Any]) -> None:
         )
 
 
-def read_receiver(values: Mapping[str, Any]) -> SourceParameters:
-    """Return the checked parameters of a ``wigner_receiver`` sensor, from Mitsuba or Python."""
-    spec = read_parameters(values, RECEIVER)
-    ESTIMATORS[spec.estimator].check(spec)
-    return spec
-
-
-def _build(variant: str, props: Any) -> Any:
+def _build(variant: str, props: Any) -> mi.Sensor:
     """Return the sensor for the parameters of one ``wigner_receiver`` element."""
     values = values_of(props)
-    spec = polarised_spec(variant, read_receiver(values), "wigner_receiver sensor")
+    spec = checked_parameters(values, RECEIVER, variant)
     _check_film(values)
     return receiver_class(variant)(spec, nested_properties(RECEIVER, props))
 
 
-def receiver_class(variant: str) -> Any:
+def receiver_class(variant: str) -> type[WignerReceiver]:
     """Return the sensor's class for one Mitsuba variant; the same class on every call."""
     return variant_class(WignerReceiver, "Sensor", variant)
 
@@ -454,7 +397,7 @@ def receiver(
         sampler={"type": "multijitter"},
         **parse_noise(bandwidth, temperature, noise_figure),
     )
-    read_receiver(entry)
+    checked_parameters(entry, RECEIVER)
     return entry
 
 

@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache, partial
-from typing import Any
+from typing import Any, TypeVar
 
 import drjit as dr
 import mitsuba as mi
@@ -20,6 +20,8 @@ import numpy as np
 from polywigner.errors import PolywignerError, SceneError
 from polywigner.execution import uncompiled
 from polywigner.geometry.io.readers import read_triangles
+
+Logic = TypeVar("Logic")
 
 # Mitsuba wraps an exception of a plugin into a RuntimeError with a traceback in its text. The
 # exceptions are kept here for the scene's loader. Loaders may run in parallel.
@@ -30,29 +32,40 @@ _alone = threading.RLock()
 _plugins: dict[tuple[str, str], Callable[[str, Any], Any]] = {}
 
 
+class VariantPlugin:
+    """Base of classes with the methods of a plugin; `variant_class` sets its attributes."""
+
+    m: Any
+    """Variant of Mitsuba."""
+    jit: bool
+    """Whether the variant compiles."""
+    base: Any
+    """Class of the variant that the plugin extends."""
+
+
 @cache
-def variant_class(logic: type, base: str, variant: str) -> Any:
+def variant_class(logic: type[Logic], base: str | type, variant: str) -> type[Logic]:
     """Return the class of a plugin for one variant; the same class on every call.
 
     Parameters
     ----------
-    logic : class with the methods, which reads the variant from ``self.m`` and whether it compiles
-        from ``self.jit``.
-    base : name of Mitsuba's base class, such as "Emitter".
+    logic : class with the methods, a `VariantPlugin`.
+    base : name of Mitsuba's base class, such as "Emitter", or a class of the variant.
     variant : name of the variant.
 
     The methods are copied: a class of Mitsuba can be the only base of a Python class.
     """
     m = getattr(mi, variant)
-    parent = getattr(m, base)
+    parent: type = getattr(m, base) if isinstance(base, str) else base
     members = {
         name: member
         for cls in reversed(logic.__mro__[:-1])
         for name, member in vars(cls).items()
         if name not in ("__dict__", "__weakref__")
     }
-    bound = {"m": m, "jit": dr.is_jit_v(m.Float), "variant": variant}
-    return type(parent)(logic.__name__, (parent,), members | bound)
+    bound = {"m": m, "jit": dr.is_jit_v(m.Float), "variant": variant, "base": parent}
+    found: type[Logic] = type(parent)(logic.__name__, (parent,), members | bound)
+    return found
 
 
 @contextmanager
@@ -102,7 +115,7 @@ def _on_variant_change(_old: str | None, new: str) -> None:
             register_one(name, partial(_built, build, variant))
 
 
-def _built(build: Callable[[str, Any], Any], variant: str, props: Any) -> Any:
+def _built(build: Callable[[str, Any], Any], variant: str, props: Any) -> mi.Object:
     try:
         with uncompiled():
             return build(variant, props)
@@ -112,7 +125,7 @@ def _built(build: Callable[[str, Any], Any], variant: str, props: Any) -> Any:
         raise error.with_traceback(None) from None
 
 
-def nested_properties(name: str, props: Any) -> Any:
+def nested_properties(name: str, props: Any) -> mi.Properties:
     """Return properties of a plugin with the id and the nested objects of others."""
     inner = mi.Properties(name)
     inner.set_id(props.id())
@@ -124,7 +137,7 @@ def nested_properties(name: str, props: Any) -> Any:
 STL = "stl"
 
 
-def _build_stl(variant: str, props: Any) -> Any:
+def _build_stl(variant: str, props: Any) -> mi.Mesh:
     """Return the mesh of an STL file with flat faces; its numbers are units of the scene."""
     path = str(mi.file_resolver().resolve(props["filename"]))
     vertices, triangles = read_triangles(path, "m")

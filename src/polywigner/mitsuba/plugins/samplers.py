@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import numpy as np
@@ -12,14 +12,17 @@ import numpy.typing as npt
 import shapely
 
 from polywigner.errors import SceneError
-from polywigner.execution import ops_for
+from polywigner.execution import Drjit, ops_for
 from polywigner.geometry.convex import Trapezoids, point_in_trapezoid, trapezoids
-from polywigner.mitsuba.plugins.emissions import Region, emissions
 from polywigner.source import Array
+from polywigner.source.obliquities import Forms
 from polywigner.source.polarisation import Stokes
 from polywigner.transforms import fourier, position_marginal
 from polywigner.transforms.automean_samples import in_phase
 from polywigner.transforms.wavefronts import flat_of
+
+if TYPE_CHECKING:
+    from polywigner.mitsuba.plugins.emissions import Region, SceneSource
 
 Floats = npt.NDArray[np.float64]
 
@@ -39,7 +42,7 @@ _MOST_WITHIN = 4
 _SHARES = (0.4, 0.4, 0.2)
 
 
-def opaque(m: Any, value: float) -> Any:
+def opaque(m: Any, value: float) -> Drjit:
     """A number of the variant ``m``: as a literal, each new value would compile a new kernel."""
     return dr.opaque(m.Float, value) if dr.is_jit_v(m.Float) else value
 
@@ -86,7 +89,7 @@ class TrapezoidSampler:
         shares = cells.areas if weights is None else cells.areas * weights
         self._choice = m.DiscreteDistribution((shares / np.max(shares)).tolist())
 
-    def sample(self, sample: Any) -> Any:
+    def sample(self, sample: Any) -> Drjit:
         """A point, uniform in each cell, for a uniform point of the unit square."""
         m, u, index = self._m, sample.x, 0
         if self._count > 1:
@@ -95,7 +98,7 @@ class TrapezoidSampler:
             u = self._ops.minimum(self._ops.maximum(u, 0.0), 1.0)
         return m.Point2f(*point_in_trapezoid(self._ops, self._row(index), u, sample.y))
 
-    def _row(self, index: Any) -> list[Any]:
+    def _row(self, index: Any) -> list[Drjit]:
         if dr.is_jit_v(self._m.Float):
             return [dr.gather(self._m.Float, column, index) for column in self._columns]
         return [column[index] for column in self._columns]
@@ -138,11 +141,11 @@ class Positions:
         self._cells = TrapezoidSampler(m, cells)
         self._density = 1.0 / float(cells.areas.sum())
 
-    def sample(self, sample: Any) -> tuple[Any, Any]:
+    def sample(self, sample: Any) -> tuple[Drjit, Drjit]:
         """A point for a uniform point of the unit square, and the density there."""
         return self._cells.sample(sample), self._density
 
-    def density(self, x: Any) -> Any:
+    def density(self, x: Any) -> Drjit:
         """Per area, at a point."""
         return self._density
 
@@ -157,11 +160,11 @@ class Tabulated(Positions):
         self._low, self._size = m.Vector2f(*low.tolist()), m.Vector2f(*size.tolist())
         self._inverse_area = 1.0 / float(np.prod(size))
 
-    def sample(self, sample: Any) -> tuple[Any, Any]:
+    def sample(self, sample: Any) -> tuple[Drjit, Drjit]:
         place, density = self._warp.sample(sample)
         return self._m.Point2f(place * self._size + self._low), density * self._inverse_area
 
-    def density(self, x: Any) -> Any:
+    def density(self, x: Any) -> Drjit:
         place = (x - self._low) / self._size
         inside = dr.all((place >= 0.0) & (place <= 1.0))
         density = self._warp.eval(dr.clip(place, 0.0, 1.0))
@@ -169,17 +172,24 @@ class Tabulated(Positions):
 
 
 def directions_of(
-    m: Any, sources: list[Any], wavelength: float, obliquity: str, coherence_width: float
+    m: Any,
+    terms: Sequence[tuple[SceneSource, Forms]],
+    bounds: Sequence[float],
+    wavelength: float,
+    coherence_width: float,
 ) -> Tabulated:
-    """Return a sampler of (alpha, psi) in proportion to the far pattern g |F|^2, and uniform."""
-    low, high = np.reshape(sources[0].bounds, (2, 2))
+    """Return a sampler of (alpha, psi) in proportion to the far pattern g |F|^2, and uniform.
+
+    ``terms``: scalar sources with the forms of g, as of `emissions`; ``bounds``: of the source.
+    """
+    low, high = np.reshape(bounds, (2, 2))
     lobes = _IN_LOBE * (high - low) / wavelength
     sides = np.array([2.0, math.pi])
     # powers of two: as a literal, every new size would compile the render kernel again
     wanted = 2.0 ** np.ceil(np.log2(lobes * sides))
     counts = np.clip(wanted, _FEWEST, _MOST).astype(int)
     within = int(np.clip(np.ceil((wanted / counts).max()), 1, _MOST_WITHIN))
-    pattern = _mean_pattern(sources, wavelength, obliquity, counts, within)
+    pattern = _mean_pattern(terms, wavelength, counts, within)
     spread = wavelength / (2 * math.pi * coherence_width)
     if spread > 0:
         pattern = _blurred(pattern, spread * counts / sides)
@@ -189,13 +199,12 @@ def directions_of(
 
 
 def _mean_pattern(
-    sources: list[Any], wavelength: float, obliquity: str, counts: Any, within: int
+    terms: Sequence[tuple[SceneSource, Forms]], wavelength: float, counts: Any, within: int
 ) -> Floats:
     """g |F|^2 at the points of a grid, the mean over so many places a side around each."""
     steps = np.array([2.0, math.pi]) / counts
     shifts = (np.arange(within) + 0.5) / within - 0.5
     total: Any = 0.0
-    fields = [field for source in sources for field in emissions(source, wavelength, obliquity)]
     for shift_x in shifts:
         for shift_y in shifts:
             axes = [
@@ -206,7 +215,7 @@ def _mean_pattern(
             rho = np.sqrt(1.0 - alpha * alpha)
             cosine = np.maximum(rho * np.cos(psi), 0.0)
             nu = np.stack(np.broadcast_arrays(alpha, rho * np.sin(psi)), axis=-1) / wavelength
-            for field, forms in fields:
+            for field, forms in terms:
                 factor = forms.irradiance(cosine)
                 total = total + np.abs(fourier(field, nu)) ** 2 * factor
     return np.maximum(np.asarray(total), 0.0)
@@ -237,26 +246,26 @@ class Frame:
         if dr.is_jit_v(m.Float):
             dr.make_opaque(self.axes, self.origin)
 
-    def to_own(self, v: Any) -> Any:
+    def to_own(self, v: Any) -> Drjit:
         """A vector of the scene in this frame."""
         return self._m.Vector3f(*(dr.dot(axis, v) for axis in self.axes))
 
-    def to_scene(self, v: Any) -> Any:
+    def to_scene(self, v: Any) -> Drjit:
         """A vector of this frame in the scene."""
         ex, ey, ez = self.axes
         return ex * v.x + ey * v.y + ez * v.z
 
-    def point(self, x: Any) -> Any:
+    def point(self, x: Any) -> Drjit:
         """The point of the scene at a position in the plane."""
         ex, ey, _ = self.axes
         return self.origin + ex * x.x + ey * x.y
 
 
-def spectrum(m: Any, value: Any, active: Any) -> Any:
+def spectrum(m: Any, value: Any, active: Any) -> Drjit:
     """A value of one narrow band: the same in every channel or at every sampled wavelength."""
     return m.depolarizer(m.UnpolarizedSpectrum(dr.select(active, value, 0.0)))
 
 
-def four(m: Any, stokes: Stokes | None, value: Any) -> Any:
+def four(m: Any, stokes: Stokes | None, value: Any) -> Drjit:
     """A field's value times its four Stokes numbers; the value where there are none."""
     return value if stokes is None else m.Vector4f(*stokes) * value

@@ -32,14 +32,17 @@ from polywigner.geometry import (
 )
 from polywigner.mitsuba.plugins.emissions import (
     PLAIN,
+    UNPOLARISED,
     Mixture,
     Region,
+    SceneSource,
     checked_name,
     mixture_of,
     norm_of,
     region_of,
     unfit_source,
 )
+from polywigner.mitsuba.scenes.surfaces import matrix_of, reach_at
 from polywigner.quantities import (
     NOISE_PARSERS,
     parse_frequency,
@@ -49,7 +52,7 @@ from polywigner.quantities import (
 )
 from polywigner.reception.norms import NORMALISATIONS, checked_normalise
 from polywigner.source import Array, read_source
-from polywigner.source.normal_form import normal_form
+from polywigner.source.normal_form import PublicSource, normal_form
 from polywigner.source.obliquities import DEFAULT, OBLIQUITIES
 from polywigner.source.polarisation import (
     Stokes,
@@ -69,8 +72,6 @@ EMITTER, RECEIVER = "wigner", "wigner_receiver"
 SAMPLINGS = ("uniform", "marginal", "root-marginal")
 ESTIMATORS = ("wigner", "exact")
 RECEIVER_ESTIMATOR = "exact"
-UNPOLARISED = "unpolarised"
-"""Value of ``polarisation`` for unpolarised light, and for receivers of all polarisations."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +112,7 @@ class SourceParameters:
     """Whether the scene specifies ``polarisation``, "unpolarised" included."""
 
     @property
-    def at_origin(self) -> Any:
+    def at_origin(self) -> SceneSource:
         """The source relative to its centre: single precision resolves 6e-8 of a position."""
         return normal_form(self.source).moved(-self.region.centre).public
 
@@ -125,7 +126,7 @@ class SourceParameters:
         """Whether elements have different polarisations."""
         return self.polarisation is not None and self.polarisation.ndim == 2
 
-    def fields_of(self, source: Any) -> list[tuple[Any, Stokes | None]]:
+    def fields_of(self, source: Any) -> list[tuple[SceneSource, Stokes | None]]:
         """Return scalar sources, and the Stokes numbers by which their light adds up."""
         if self.polarisation is None or self.polarisation.ndim == 1:
             return [(source, None)]
@@ -138,6 +139,15 @@ class SourceParameters:
             for part, stokes in self.fields_of(self.source)
             if stokes is None or stokes[0] > 0
         )
+
+    def reach_in(self, scene: Any, pose: Floats) -> float:
+        """Return the largest coordinate of the source and of the flat surfaces that touch it.
+
+        In units of the scene; the translation of ``pose`` is in metres.
+        """
+        low, high = np.reshape(self.source.bounds, (2, 2))
+        corners = np.array([[x, y] for x in (low[0], high[0]) for y in (low[1], high[1])])
+        return reach_at(scene, (corners @ pose[:3, :2].T + pose[:3, 3]) / self.scene_unit)
 
     def with_source(self, source: Any, wavelength: float) -> SourceParameters:
         """Return the parameters with another source."""
@@ -348,12 +358,12 @@ class SceneValues:
         known = tuple(known)
         return checked_name(kind, self.text(kind.split()[1], default or known[0]), known)
 
-    def source(self, wavelength: float) -> Any:
+    def source(self, wavelength: float) -> PublicSource | Polyhedron:
         """The source with its taper and copies, steered."""
         texts = {name: self.text(name, None) for name in SOURCE_TEXTS if name in self.values}
         return apply_texts(self._outline(), texts, wavelength)
 
-    def _outline(self) -> Any:
+    def _outline(self) -> PublicSource | Polyhedron:
         """The source from its file, or from memory, before its taper and copies."""
         given = [name for name in ("aperture", "source") if name in self.values]
         if len(given) == 2:
@@ -463,3 +473,19 @@ def rigid_pose(matrix: Any) -> npt.NDArray[np.float64]:
         return geometry.rigid_pose(given[..., 0] if given.shape == (4, 4, 1) else given)
     except (GeometryError, RuntimeError, ValueError) as error:
         raise SceneError(str(error)) from None
+
+
+def pose_of(plugin: Any) -> Floats:
+    """Return the pose (4, 4) of a source or receiver in its scene; the translation is in metres."""
+    spec = plugin.spec
+    matrix = np.array(matrix_of(plugin.to_world))
+    # in double precision, unless a user has changed it
+    same = np.array_equal(matrix.astype(np.float32), spec.pose.astype(np.float32))
+    pose = np.array(spec.pose if same else rigid_pose(matrix))
+    pose[:3, 3] *= spec.scene_unit
+    return pose
+
+
+def reach_of(scene: Any, plugin: Any) -> float:
+    """Return the ``reach`` of a source or receiver in its scene; see module `surfaces`."""
+    return float(plugin.spec.reach_in(scene, pose_of(plugin)))

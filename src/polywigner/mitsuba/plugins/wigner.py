@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import drjit as dr
 import numpy as np
@@ -15,12 +15,11 @@ import shapely
 from numpy.typing import NDArray
 
 from polywigner.errors import SceneError
-from polywigner.execution import Traced, UnrolledOperations, kernel_with_derivatives, ops_for
+from polywigner.execution import Drjit, Traced, UnrolledOperations, kernel_with_derivatives, ops_for
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.kernels import FOURIER, WIGNER, kernel_for, new_outline_of, new_tables_of
 from polywigner.mitsuba.plugins.emissions import Mixture, depends_on_wavelength, emissions
 from polywigner.mitsuba.plugins.samplers import four, opaque, positions_of
-from polywigner.mitsuba.plugins.source_parameters import SourceParameters
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.source import Array
@@ -28,6 +27,9 @@ from polywigner.source.obliquities import DEFAULT, OBLIQUITIES
 from polywigner.transforms import differentiable as differentiable_source
 from polywigner.transforms import fourier
 from polywigner.transforms.wavefronts import flat_of
+
+if TYPE_CHECKING:
+    from polywigner.mitsuba.plugins.source_parameters import SourceParameters
 
 # Odd numbers whose multiples differ in all bits, for hashing; 2^32 over the golden ratio is one.
 _FACTORS = (0x9E3779B9, 0x85EBCA6B, 0xC2B2AE35, 0x27D4EB2F)
@@ -65,10 +67,10 @@ class DrawnWaves:
             inverse = inverse + self._band * (_uniform(word) - 0.5)
         return Wave(inverse, tilt)
 
-    def _words(self, first: Any, second: Any) -> Any:
+    def _words(self, first: Any, second: Any) -> Drjit:
         return self._m.sample_tea_32(first, second, 5)
 
-    def _key(self, *values: Any) -> Any:
+    def _key(self, *values: Any) -> Drjit:
         """32 bits of some floats."""
         key: Any = 0
         for value, factor in zip(values, _FACTORS, strict=False):
@@ -80,7 +82,7 @@ class DrawnWaves:
         return key if self._jit else key & _WORD
 
 
-def _uniform(word: Any) -> Any:
+def _uniform(word: Any) -> Drjit:
     """A number in (0, 1) of 32 bits."""
     return ((word >> 9) + 0.5) * 2.0**-23
 
@@ -99,12 +101,12 @@ class WignerRadiance:
         self.waves = DrawnWaves(m, spec.mixture)
         self._terms = []
         # (source, forms of h) as well, for the integral over positions
-        self._fields = [
+        self.fields = [
             (field, forms, stokes)
             for part, stokes in spec.fields_of(source)
             for field, forms in emissions(part, wavelength, spec.obliquity)
         ]
-        for field, forms, stokes in self._fields:
+        for field, forms, stokes in self.fields:
             flat = flat_of(field)
             kernel = kernel_for("wigner", flat)
             self._terms.append((kernel, kernel.tables(flat, self._ops.double), forms, stokes))
@@ -115,7 +117,7 @@ class WignerRadiance:
         """Whether the source's own W makes it up."""
         return len(self._terms) == 1
 
-    def at(self, x: Any, direction: Any, wave: Wave, own: Callable[..., Any] | None) -> Any:
+    def at(self, x: Any, direction: Any, wave: Wave, own: Callable[..., Any] | None) -> Drjit:
         """The sum at positions (2D) and directions (3D) of the source's frame, in m^2, zero behind.
 
         Four Stokes numbers of a source of several polarisations. ``own``: W in the place of that of
@@ -143,29 +145,29 @@ class WignerRadiance:
             dx, dy = dx * ratio, dy * ratio
         return x - (xx * dx + xy * dy), y - (xy * dx + yy * dy)
 
-    def _wigner(self, kernel: Any, tables: Any, point: Any) -> Any:
+    def _wigner(self, kernel: Any, tables: Any, point: Any) -> Drjit:
         if not self._jit:
             return kernel(self._ops, tables, *point)[0]
         return kernel_with_derivatives(kernel, self._ops, tables, point, Traced())[0]
 
-    def integral(self, direction: Any, wave: Wave, own: Callable[..., Any] | None) -> Any:
+    def integral(self, direction: Any, wave: Wave, own: Callable[..., Any] | None) -> Drjit:
         """The integral over positions, |F|^2 in the place of W, in m^4; ``own``: |F|^2."""
         front = direction.z > 0.0
         cosine = dr.select(front, direction.z, 1.0)
         frequency = self._m.Vector2f(*_frequency(direction, wave))
         total = 0.0
-        for field, forms, stokes in self._fields:
+        for field, forms, stokes in self.fields:
             square = own(self._ops, *frequency) if own else self._square(field, frequency)
             total = total + four(self._m, stokes, square * forms.radiance(cosine))
         return dr.select(front, total, 0.0)
 
-    def _square(self, field: Any, frequency: Any) -> Any:
+    def _square(self, field: Any, frequency: Any) -> Drjit:
         """|F|^2."""
         amplitude = fourier(field, frequency if self._jit else [frequency.x, frequency.y])
         return amplitude.real * amplitude.real + amplitude.imag * amplitude.imag
 
 
-def _frequency(direction: Any, wave: Wave) -> tuple[Any, Any]:
+def _frequency(direction: Any, wave: Wave) -> tuple[Drjit, Drjit]:
     """The two spatial frequencies at which a tilted wave leaves in a direction."""
     along = (direction.x * wave.inverse, direction.y * wave.inverse)
     if wave.tilt is None:
@@ -211,15 +213,15 @@ class WignerEstimator:
                 "own"
             )
 
-    def draw(self, sample: Any) -> tuple[Any, Any]:
+    def draw(self, sample: Any) -> tuple[Drjit, Drjit]:
         """A place, and the density there."""
         return self._own.positions.sample(sample)
 
-    def density(self, x: Any) -> Any:
+    def density(self, x: Any) -> Drjit:
         """Per area, at a place."""
         return self._own.positions.density(x)
 
-    def lit(self, light: Any, it: Any, x: Any, per_area: Any) -> Any:
+    def lit(self, light: Any, it: Any, x: Any, per_area: Any) -> Drjit:
         """L cos/r^2 over the density at the point ``it``, the mean over the places of a sample.
 
         A control variate takes off what the direction from the middle would give at these places,
@@ -241,7 +243,7 @@ class WignerEstimator:
             total = total + weight * found
         return total / per_area
 
-    def _cosines(self, light: Any, it: Any, x: Any, middle: Any) -> Any:
+    def _cosines(self, light: Any, it: Any, x: Any, middle: Any) -> Drjit:
         """The receiver's cosine towards the middle over that towards x, by which it multiplies."""
         normal = light.frame.to_own(it.n)
         own, other = dr.dot(normal, light.seen_from(it, x)[0]), dr.dot(normal, middle)
@@ -250,7 +252,7 @@ class WignerEstimator:
 
     def received(
         self, x: Any, direction: Any, per_area: Any, point: Any = None, distance: Any = None
-    ) -> Any:
+    ) -> Drjit:
         """g W/N over the density, in units of the scene; g = h cos."""
         wave = self._own.waves.wave(self._inverse, x, direction)
         return self._scale * self._own.at(x, direction, wave, None) * direction.z / per_area
@@ -279,7 +281,7 @@ class TracedSource:
         elif not _is_simple(source):
             self.why_not = "a uniform aperture, or an array of such that do not overlap"
         else:
-            self._tables = new_tables_of(spec.at_origin, dr.itemsize_v(m.Float) == 8)
+            self._tables = new_tables_of(flat_of(spec.at_origin), dr.itemsize_v(m.Float) == 8)
             cuts = self._tables.clips
             if cuts > _MOST_CUTS:
                 self.why_not = (
@@ -325,7 +327,7 @@ class TracedSource:
             )
         return values.reshape(-1, 2)
 
-    def wigner(self, ops: Any, *point: Any) -> Any:
+    def wigner(self, ops: Any, *point: Any) -> Drjit:
         """W of the centred source, with derivatives in all numbers."""
         frame = self._tables.frame
         x, y = zip(*(frame.position(ops, *corner) for corner in self._centred()), strict=True)
@@ -337,12 +339,12 @@ class TracedSource:
         (value,) = kernel_with_derivatives(WIGNER, ops, self._tables, point, traced)
         return value
 
-    def intensity(self, ops: Any, *nu: Any) -> Any:
+    def intensity(self, ops: Any, *nu: Any) -> Drjit:
         """|F|^2 of the source, with derivatives in all numbers."""
         code = UnrolledOperations(ops.float_type)
         corners = iter(self._centred())
         total = Pair(0.0, 0.0)
-        for number, element in enumerate(self._spec.at_origin.elements_in_plane):
+        for number, element in enumerate(flat_of(self._spec.at_origin).elements_in_plane):
             outline = new_outline_of(element)
             own = [outline.frame.position(ops, *next(corners)) for _ in outline.edges]
             x, y = zip(*own, strict=True)
@@ -352,18 +354,18 @@ class TracedSource:
             total = total + value
         return total.real * total.real + total.imag * total.imag
 
-    def _pair(self, flat: Any, number: int) -> tuple[Any, Any]:
+    def _pair(self, flat: Any, number: int) -> tuple[Drjit, Drjit]:
         m = self._m
         first, second = (dr.gather(m.Float, flat, m.UInt32(2 * number + k)) for k in (0, 1))
         return first, second
 
-    def _centred(self) -> list[tuple[Any, Any]]:
+    def _centred(self) -> list[tuple[Drjit, Drjit]]:
         cx, cy = self._spec.region.centre.tolist()
         count = dr.width(self.vertices) // 2
         pairs = (self._pair(self.vertices, number) for number in range(count))
         return [(x - cx, y - cy) for x, y in pairs]
 
-    def _scaled_weights(self) -> list[tuple[Any, Any]]:
+    def _scaled_weights(self) -> list[tuple[Drjit, Drjit]]:
         result = []
         for number, factor in enumerate(self._tables.factors):
             real, imag = self._pair(self.weights, number)

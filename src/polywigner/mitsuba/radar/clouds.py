@@ -143,7 +143,7 @@ def _responses(
     return result
 
 
-def _checked(cloud: Any) -> tuple[Any, Any, dict[str, Any]]:
+def _checked(cloud: Any) -> tuple[NDArray[np.float64], NDArray[np.float64], dict[str, Any]]:
     """Places, intensities and attributes of a cloud."""
     names = ("position", "intensity", "path_length")
     try:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 import os
 import sys
-from collections.abc import Sequence
-from functools import cache
+from collections.abc import Callable, Sequence
+from types import ModuleType
 from typing import Any
 
 import drjit as dr
@@ -15,17 +15,21 @@ import numpy as np
 import numpy.typing as npt
 
 from polywigner.errors import ArgumentError, EngineError, SceneError, require
+from polywigner.execution import Drjit
+from polywigner.mitsuba.plugins.diffraction import scene_known
 from polywigner.mitsuba.plugins.films import (
     CAMERAS,
     WAVEFRONT,
     accepted_samples,
+    depths_of,
+    film_sizes,
     fineness,
     rendering_errors,
     seed_of,
 )
-from polywigner.mitsuba.plugins.receiver import is_receiver, scene_known
-from polywigner.mitsuba.scenes.rendering import depths_of
+from polywigner.mitsuba.plugins.registration import VariantPlugin, variant_class
 from polywigner.mitsuba.scenes.scenes import checked_scene, translate_error
+from polywigner.mitsuba.scenes.surfaces import is_receiver
 
 _NAME = "mitransient"
 _PATH, _VOLUME = "transient_path", "transient_prbvolpath"
@@ -49,7 +53,7 @@ _COUNTERPARTS = {
 _DEPTH_OF_DIRECT = 2
 
 
-def require_transients(variant: str | None = None) -> Any:
+def require_transients(variant: str | None = None) -> ModuleType:
     """mitransient for the variant that is set, its plugins registered."""
     if variant is not None:
         mi.set_variant(variant)
@@ -79,7 +83,7 @@ def is_transient(integrator: Any) -> bool:
     return type(integrator).__module__.startswith(f"{_NAME}.")
 
 
-def transient_integrator(integrator: Any, scene: Any, sensor: Any) -> Any:
+def transient_integrator(integrator: Any, scene: Any, sensor: Any) -> mi.Integrator:
     """The integrator that follows the same paths as this one and tells their lengths."""
     require_transients()
     checked_scene(scene)
@@ -107,7 +111,7 @@ def transient_integrator(integrator: Any, scene: Any, sensor: Any) -> Any:
     return found
 
 
-def _counterpart(integrator: Any) -> Any:
+def _counterpart(integrator: Any) -> mi.Integrator:
     python_name = type(integrator).__name__
     if is_transient(integrator):
         if python_name not in _OWN:
@@ -185,13 +189,9 @@ def _rendered(
     return np.asarray(found)
 
 
-def _ranged(own: Any, edges: Floats, factor: int) -> Any:
+def _ranged(own: Any, edges: Floats, factor: int) -> RangeSensor:
     """A sensor that looks as this one and has a film by range, of so many times the pixels."""
-    film = own.film()
-    size, window, offset = (
-        [int(pair[0]) * factor, int(pair[1]) * factor]
-        for pair in (film.size(), film.crop_size(), film.crop_offset())
-    )
+    size, window, offset = film_sizes(own, factor)
     check_sums(window, edges)
     about = mi.Properties("range_film")
     for name, pair in (("", size), ("crop_", window)):
@@ -199,10 +199,10 @@ def _ranged(own: Any, edges: Floats, factor: int) -> Any:
     about["crop_offset_x"], about["crop_offset_y"] = offset
     about["rfilter"] = mi.load_dict({"type": "box"})
     base = require_transients().films.transient_hdr_film.TransientHDRFilm
-    ranged_film = _film_class(base, mi.variant())(about, edges)
+    ranged_film = variant_class(RangeFilm, base, mi.variant())(about, edges)
     props = mi.Properties("range_sensor")
     props["film"], props["sampler"] = ranged_film, own.sampler()
-    return _sensor_class(mi.variant())(own, ranged_film, props)
+    return variant_class(RangeSensor, "Sensor", mi.variant())(own, ranged_film, props)
 
 
 def check_sums(size: Sequence[int], edges: Floats) -> None:
@@ -215,59 +215,58 @@ def check_sums(size: Sequence[int], edges: Floats) -> None:
         )
 
 
-@cache
-def _film_class(base: Any, variant: str) -> Any:
-    m = getattr(mi, variant)
+class RangeFilm(VariantPlugin):
+    """Film with sums of double precision for each pixel: before the bins, in each, behind them."""
 
-    class RangeFilm(base):
-        """Sums of double precision for each pixel: before the bins, in each, behind them."""
+    crop_size: Callable[[], Any]
+    """Method of Mitsuba's base class."""
+    crop_offset: Callable[[], Any]
+    """Method of Mitsuba's base class."""
 
-        def __init__(self, props: Any, edges: Floats) -> None:
-            super().__init__(props)
-            self._edges = m.Float(edges.tolist())
-            self._count = len(edges)
-            self._sums: Any = None
-            self.late: Any = 0.0
-            """Length of each path before its ray starts."""
+    def __init__(self, props: mi.Properties, edges: Floats) -> None:
+        self.base.__init__(self, props)
+        self._edges = self.m.Float(edges.tolist())
+        self._count = len(edges)
+        self._sums: Drjit = None
+        self.late: Drjit = 0.0
+        """Length of each path before its ray starts."""
 
-        def prepare_transient_(self, aovs: Any) -> int:
-            size = self.crop_size()
-            self._shape = (int(size[1]), int(size[0]), self._count + 1)
-            self._sums = dr.zeros(m.Float64, int(np.prod(self._shape)))
-            return 1
+    def prepare_transient_(self, aovs: Any) -> int:
+        size = self.crop_size()
+        self._shape = (int(size[1]), int(size[0]), self._count + 1)
+        self._sums = dr.zeros(self.m.Float64, int(np.prod(self._shape)))
+        return 1
 
-        def add_transient_data(
-            self,
-            pos: Any,
-            distance: Any,
-            wavelengths: Any,
-            spec: Any,
-            ray_weight: Any,
-            active: Any,
-            **_: Any,
-        ) -> None:
-            length = distance + self.late
-            passed = dr.binary_search(
-                0, self._count, lambda k: dr.gather(m.Float, self._edges, k) <= length
-            )
-            offset = self.crop_offset()
-            column, row = m.Int32(pos.x) - int(offset[0]), m.Int32(pos.y) - int(offset[1])
-            pixel = m.UInt32(row * self._shape[1] + column)
-            value = m.Float64(_luminance(m, m.Spectrum(ray_weight) * spec, wavelengths))
-            place = pixel * self._shape[2] + passed
-            dr.scatter_reduce(dr.ReduceOp.Add, self._sums, value, place, active)
+    def add_transient_data(
+        self,
+        pos: Drjit,
+        distance: Drjit,
+        wavelengths: Drjit,
+        spec: Drjit,
+        ray_weight: Drjit,
+        active: Drjit,
+        **_: Any,
+    ) -> None:
+        m, length = self.m, distance + self.late
+        passed = dr.binary_search(
+            0, self._count, lambda k: dr.gather(m.Float, self._edges, k) <= length
+        )
+        offset = self.crop_offset()
+        column, row = m.Int32(pos.x) - int(offset[0]), m.Int32(pos.y) - int(offset[1])
+        pixel = m.UInt32(row * self._shape[1] + column)
+        value = m.Float64(_luminance(m, m.Spectrum(ray_weight) * spec, wavelengths))
+        place = pixel * self._shape[2] + passed
+        dr.scatter_reduce(dr.ReduceOp.Add, self._sums, value, place, active)
 
-        def develop(self, raw: bool = False) -> tuple[Any, Any]:
-            return None, self._sums
+    def develop(self, raw: bool = False) -> tuple[None, Drjit]:
+        return None, self._sums
 
-        def found(self) -> Floats:
-            """(height, width, bins + 2)."""
-            return np.array(self._sums, dtype=np.float64).reshape(self._shape)
-
-    return RangeFilm
+    def found(self) -> Floats:
+        """(height, width, bins + 2)."""
+        return np.array(self._sums, dtype=np.float64).reshape(self._shape)
 
 
-def _luminance(m: Any, value: Any, wavelengths: Any) -> Any:
+def _luminance(m: Any, value: Drjit, wavelengths: Drjit) -> Drjit:
     """Luminance, the one channel that a film keeps."""
     plain = m.unpolarized_spectrum(value)
     if mi.is_monochromatic:
@@ -275,50 +274,49 @@ def _luminance(m: Any, value: Any, wavelengths: Any) -> Any:
     return m.luminance(m.spectrum_to_srgb(plain, wavelengths) if mi.is_spectral else plain)
 
 
-@cache
-def _sensor_class(variant: str) -> Any:
-    m = getattr(mi, variant)
-    base: Any = m.Sensor
+class RangeSensor(VariantPlugin):
+    """Sensor with the rays and weights of another one, and a film by range."""
 
-    class RangeSensor(base):
-        """Rays and weights of a sensor, on a film by range."""
+    film: Callable[[], RangeFilm]
+    """Method of Mitsuba's base class."""
+    sampler: Callable[[], Any]
+    """Method of Mitsuba's base class."""
+    world_transform: Callable[[], Any]
+    """Method of Mitsuba's base class."""
 
-        def __init__(self, looks: Any, film: Any, props: Any) -> None:
-            super().__init__(props)
-            self._looks, self._sorts = looks, film
-            self.m_needs_sample_3 = looks.needs_aperture_sample()
+    def __init__(self, looks: mi.Sensor, film: RangeFilm, props: mi.Properties) -> None:
+        self.base.__init__(self, props)
+        self._looks, self._sorts = looks, film
+        self.m_needs_sample_3 = looks.needs_aperture_sample()
 
-        def sample_ray_differential(
-            self, time: Any, sample1: Any, sample2: Any, sample3: Any, active: Any = True
-        ) -> Any:
-            ray, weight = self._looks.sample_ray_differential(
-                time, sample1, sample2, sample3, active
-            )
-            self._sorts.late = self._late(ray)
-            if is_receiver(self._looks) and m.is_polarized:
-                weight = weight * self._turned_back(ray.d)
-            return ray, weight
+    def sample_ray_differential(
+        self, time: Drjit, sample1: Drjit, sample2: Drjit, sample3: Drjit, active: Drjit = True
+    ) -> tuple[mi.RayDifferential3f, Drjit]:
+        ray, weight = self._looks.sample_ray_differential(time, sample1, sample2, sample3, active)
+        self._sorts.late = self._late(ray)
+        if is_receiver(self._looks) and self.m.is_polarized:
+            weight = weight * self._turned_back(ray.d)
+        return ray, weight
 
-        def _turned_back(self, d: Any) -> Any:
-            """Inverse of the turn into the sensor's axes with which mitransient starts paths."""
-            upright = m.Vector3f(self.world_transform() @ m.Vector3f(0.0, 1.0, 0.0))
-            axes = dr.cross(d, upright), m.mueller.stokes_basis(-d)
-            return m.Spectrum(m.mueller.rotate_stokes_basis(-d, *axes))
+    def _turned_back(self, d: Drjit) -> Drjit:
+        """Inverse of the turn into the sensor's axes with which mitransient starts paths."""
+        m = self.m
+        upright = m.Vector3f(self.world_transform() @ m.Vector3f(0.0, 1.0, 0.0))
+        axes = dr.cross(d, upright), m.mueller.stokes_basis(-d)
+        return m.Spectrum(m.mueller.rotate_stokes_basis(-d, *axes))
 
-        def _late(self, ray: Any) -> Any:
-            """Distance from the sensor at which a ray starts: near clip, or receiver's step."""
-            if is_receiver(self._looks):
-                return dr.dot(self._looks.lift, ray.d)
-            if self._looks.class_name() not in CAMERAS:
-                return 0.0
-            middle = self._looks.world_transform().translation()
-            return dr.dot(ray.o - m.Point3f(middle), ray.d)
+    def _late(self, ray: mi.Ray3f) -> Drjit:
+        """Distance from the sensor at which a ray starts: near clip, or receiver's step."""
+        if is_receiver(self._looks):
+            return dr.dot(self._looks.lift, ray.d)
+        if self._looks.class_name() not in CAMERAS:
+            return 0.0
+        middle = self._looks.world_transform().translation()
+        return dr.dot(ray.o - self.m.Point3f(middle), ray.d)
 
-        def bbox(self) -> Any:
-            return self._looks.bbox()
+    def bbox(self) -> mi.BoundingBox3f:
+        return self._looks.bbox()
 
-        def release(self) -> None:
-            """Let go of the sensor and its film."""
-            self._looks = self._sorts = None
-
-    return RangeSensor
+    def release(self) -> None:
+        """Let go of the sensor and its film."""
+        del self._looks, self._sorts

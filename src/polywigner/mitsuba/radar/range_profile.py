@@ -15,7 +15,6 @@ from polywigner.errors import ArgumentError
 from polywigner.execution.progress import told
 from polywigner.geometry.arguments import checked_callable, real_numbers
 from polywigner.mitsuba.plugins.films import check_seed, check_spp, seed_of
-from polywigner.mitsuba.plugins.receiver import is_receiver, receivers_of
 from polywigner.mitsuba.plugins.registration import one_at_a_time
 from polywigner.mitsuba.radar.range_film import (
     check_sums,
@@ -36,8 +35,9 @@ from polywigner.mitsuba.receive.received_power import (
     received,
     scattered_here,
 )
-from polywigner.mitsuba.receive.scattered import shares_of, standard_error, wigner_emitters
+from polywigner.mitsuba.receive.scattered import shares_of, standard_error
 from polywigner.mitsuba.scenes.rendering import default_spp, exposed
+from polywigner.mitsuba.scenes.surfaces import is_receiver, receivers_of, wigner_emitters
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.transforms.xarray_arguments import labelled_array
 

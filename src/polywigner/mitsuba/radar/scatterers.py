@@ -13,19 +13,27 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, SceneError
+from polywigner.execution import Drjit
 from polywigner.geometry.arguments import checked_count, real_numbers
-from polywigner.mitsuba.plugins.placement import is_source, placed_emitter
+from polywigner.mitsuba.plugins.diffraction import scene_known
+from polywigner.mitsuba.plugins.films import depths_of
+from polywigner.mitsuba.plugins.placement import placed_emitter
 from polywigner.mitsuba.plugins.polariser import polarisation_summary
-from polywigner.mitsuba.plugins.receiver import receivers_of, scene_known
 from polywigner.mitsuba.plugins.registration import one_at_a_time
 from polywigner.mitsuba.receive.passing import even_points
-from polywigner.mitsuba.receive.ray_transmission import point_batches
+from polywigner.mitsuba.receive.ray_transmission import joined, point_batches
 from polywigner.mitsuba.receive.received import ReceiveOptions, described
 from polywigner.mitsuba.receive.received_power import chosen, matched
-from polywigner.mitsuba.receive.scattered import BATCHES, aimed, unseen, wigner_emitters
+from polywigner.mitsuba.receive.scattered import BATCHES, aimed
 from polywigner.mitsuba.receive.scattering_steps import Events, Motion, Paths, events_of, number_of
-from polywigner.mitsuba.scenes.rendering import depths_of
-from polywigner.mitsuba.scenes.surfaces import sorted_emitters, sorted_shapes
+from polywigner.mitsuba.scenes.rendering import unseen
+from polywigner.mitsuba.scenes.surfaces import (
+    is_source,
+    receivers_of,
+    sorted_emitters,
+    sorted_shapes,
+    wigner_emitters,
+)
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.source import Array
 from polywigner.transforms.xarray_arguments import labelled_array
@@ -128,21 +136,18 @@ def _batch(
     return found, power, intensity
 
 
-def _paths(sensor: Any, draws: Floats) -> tuple[Any, Floats, Floats]:
+def _paths(sensor: Any, draws: Floats) -> tuple[Paths | list[Paths], Floats, Floats]:
     """Paths that leave a receiver; W per radiance and solid angle; the solid angle of each."""
     columns = draws[:, :2], draws[:, 2:4], draws[:, 4:]
     looks = [_looking(sensor, *points) for points in point_batches(*columns)]
     if dr.is_jit_v(mi.Float):
         dr.eval(looks)
     paths, watts, densities = zip(*looks, strict=True)
-    joined = [
-        np.concatenate([np.ravel(np.array(value, np.float64)) for value in values])
-        for values in (watts, densities)
-    ]
-    return paths[0] if dr.is_jit_v(mi.Float) else list(paths), joined[0], 1.0 / joined[1]
+    first = paths[0] if dr.is_jit_v(mi.Float) else list(paths)
+    return first, joined(watts), 1.0 / joined(densities)
 
 
-def _looking(sensor: Any, direction: Any, place: Any, others: Any) -> tuple[Any, Any, Any]:
+def _looking(sensor: Any, direction: Any, place: Any, others: Any) -> tuple[Paths, Drjit, Drjit]:
     """A path by uniform numbers, W per radiance and solid angle, and density per solid angle."""
     angles, density = sensor.directions.sample(direction)
     ray, watts, share = sensor.look_along(angles, 0.0, others.x, place)

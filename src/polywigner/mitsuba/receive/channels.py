@@ -24,39 +24,37 @@ from polywigner.execution.progress import told
 from polywigner.geometry.arguments import checked_callable, checked_row
 from polywigner.mitsuba.plugins.emissions import norm_of
 from polywigner.mitsuba.plugins.placement import (
+    FacingParts,
     PlacedSource,
+    check_obliquity,
     check_unit,
+    facing_parts,
     placed_emitter,
     placed_receiver,
 )
 from polywigner.mitsuba.plugins.polariser import DEFAULT_POLARISATION, polarisation_summary
-from polywigner.mitsuba.plugins.receiver import receivers_of
 from polywigner.mitsuba.plugins.registration import one_at_a_time
-from polywigner.mitsuba.receive.direct_light import (
-    Chain,
-    Way,
-    check_obliquity,
-    names_of,
-    obstacles_of,
-    open_path,
-    paths_by,
-    ways_in,
-)
 from polywigner.mitsuba.receive.passing import (
     CentralPath,
-    FacingParts,
     Mesh,
     diffracted_ratio,
-    facing_parts,
+    obstacles_of,
+    open_path,
     passing_rays,
 )
 from polywigner.mitsuba.receive.received import ReceiveOptions, described
-from polywigner.mitsuba.receive.scattered import polarised_by_default, unseen, wigner_emitters
 from polywigner.mitsuba.scenes.reflectors import (
     OF_ECHO,
     Body,
+    Chain,
     Echo,
+    Way,
+    names_of,
+    paths_by,
+    ways_in,
 )
+from polywigner.mitsuba.scenes.rendering import polarised_by_default, unseen
+from polywigner.mitsuba.scenes.surfaces import receivers_of, wigner_emitters
 from polywigner.numerics.polynomials import in_band
 from polywigner.quantities import SPEED_OF_LIGHT, parse_frequency, wavelength_of
 from polywigner.reception import coupling
@@ -440,7 +438,7 @@ def _dataset(
     found: list[tuple[list[CoherentPath], Complexes]],
     notes: list[str],
     polarisation: str,
-) -> Any:
+) -> xarray.Dataset:
     there = {path.way for paths, _ in found for path in paths}
     kept = [way for way in ways if way in there]
     number = {way: k for k, way in enumerate(kept)}

@@ -14,10 +14,9 @@ transmission is the mean over rays from positions on the receiver, drawn in prop
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import drjit as dr
 import mitsuba as mi
@@ -25,40 +24,37 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import PolywignerError, SceneError
+from polywigner.execution import Drjit
 from polywigner.mitsuba.plugins.emissions import norm_of
-from polywigner.mitsuba.plugins.placement import PlacedSource, is_source
-from polywigner.mitsuba.receive.passing import (
+from polywigner.mitsuba.plugins.placement import (
     FacingParts,
-    Mesh,
-    PassingRays,
-    diffracted_ratio,
+    PlacedSource,
+    check_obliquity,
     facing_parts,
-    meeting_rays,
-    passing_rays,
+)
+from polywigner.mitsuba.receive.passing import (
+    BLOCKED,
+    diffracted_ratio,
+    obstacles_of,
+    open_path,
     points_by,
     points_on,
     traced,
 )
-from polywigner.mitsuba.receive.ray_transmission import point_batches
+from polywigner.mitsuba.receive.ray_transmission import joined, point_batches
 from polywigner.mitsuba.receive.received import DirectPath
 from polywigner.mitsuba.scenes.reflectors import (
-    MOST_FACES,
-    Body,
-    Echo,
-    Mirror,
-    chains_of,
-    echoes_of,
-    smooth_shapes,
+    Chain,
+    names_of,
+    paths_by,
 )
-from polywigner.mitsuba.scenes.surfaces import bounds_of, meshes_in, sorted_emitters
+from polywigner.mitsuba.scenes.surfaces import bounds_of, is_source, sorted_emitters
 from polywigner.propagation.amplitudes import amplitude
 from polywigner.reception import coupling
-from polywigner.source.obliquities import CONDITIONS, DEFAULT
+from polywigner.source.obliquities import CONDITIONS
 from polywigner.source.polarisation import Stokes
 
 Floats = NDArray[np.float64]
-Chain = tuple[Mirror, ...]
-Way = Chain | Echo
 
 
 def coupled_share(parts: FacingParts, tolerance: float) -> float:
@@ -85,20 +81,6 @@ def coupled_share(parts: FacingParts, tolerance: float) -> float:
     return float(share)
 
 
-def check_obliquity(link: str, one: str, other: str) -> None:
-    """Raise SceneError for a link without one boundary condition at both ends."""
-    if one != other:
-        raise SceneError(
-            f"{link}: expected one obliquity, got {one!r} and {other!r}; a link has one boundary "
-            "condition at both ends: give both the same"
-        )
-    if one not in CONDITIONS:
-        raise SceneError(
-            f'{link}: expected a boundary condition as obliquity, got "paper", of which there are '
-            f"no links; use {DEFAULT!r}"
-        )
-
-
 @dataclass(frozen=True)
 class DirectLight:
     """Direct paths of light, and notes on them."""
@@ -116,94 +98,8 @@ class DirectLight:
         return math.fsum(path.power for path in self.paths)
 
 
-_BLOCKED = "no line-of-sight path: obstacles block it (ray test, without diffraction)"
 Term = tuple[float, Stokes, Stokes]
 """|b|^2 of a pair of fields, and their Stokes numbers at the emitter and at the receiver."""
-
-
-class OpenPath(NamedTuple):
-    """A path by flat mirrors that some rays pass."""
-
-    parts: FacingParts
-    """Of the emitter's image and the receiver."""
-    facing: PlacedSource
-    """The part of the emitter itself."""
-    rays: PassingRays
-    notes: list[str]
-
-
-def open_path(
-    scene: Any,
-    emitter: PlacedSource,
-    receiver: PlacedSource,
-    chain: Chain,
-    meshes: list[Mesh] | None,
-    coherent: bool = False,
-) -> OpenPath | str:
-    """Trace rays from an emitter by mirrors; return the reason if nothing arrives.
-
-    ``meshes``: of obstacles whose edges diffract; rays then only meet the mirrors.
-    """
-    parts = facing_parts(emitter.image(chain), receiver)
-    if parts is None:
-        return "no line-of-sight path: one end lies in the plane of the other or behind it"
-    # rays leave the emitter itself, from the part whose image faces the receiver
-    facing = parts.emitter.image(chain[::-1])
-    send = passing_rays if meshes is None else meeting_rays
-    rays = send(scene, facing, parts.receiver, chain, coherent)
-    passing = rays.amplitude if coherent else float(rays.power[0, 0])
-    if passing == 0.0:
-        return _BLOCKED
-    notes = []
-    if parts.share < 1:
-        notes.append("the part of one end behind the plane of the other is left out")
-    if passing < 1 and not chain and meshes is None:
-        notes.append(
-            f"{passing:.1%} of the line-of-sight {'amplitude' if coherent else 'power'} passes "
-            "obstacles (ray test, without diffraction)"
-        )
-    notes += _narrow(chain, parts.emitter, receiver)
-    return OpenPath(parts, facing, rays, notes)
-
-
-def obstacles_of(
-    scene: Any, emitter: PlacedSource, receiver: PlacedSource, wavelength: float
-) -> list[Mesh] | None:
-    """Meshes in m of the obstacles between two ends; None if neither end counts diffraction."""
-    if not (emitter.diffraction or receiver.diffraction):
-        return None
-    unit = receiver.scene_unit
-    return [(points * unit, faces) for points, faces in meshes_in(scene, wavelength / unit)]
-
-
-Found = TypeVar("Found")
-
-
-def paths_by(
-    ways: Iterable[Way], link: str, find: Callable[[Any], tuple[Found, list[str]] | str]
-) -> tuple[list[Found], list[str]]:
-    """Collect the paths that ``find`` returns for ways between two ends, and notes on the link.
-
-    ``find`` returns a path with its notes, or the reason why nothing arrives. The reason is noted
-    for the line of sight and for echoes without mirrors: most chains of mirrors lead nowhere.
-    """
-    paths, notes = [], []
-    for way in ways:
-        found = find(way)
-        if isinstance(found, str):
-            reasons = [found] if len(names_of(way)) == isinstance(way, Echo) else []
-        else:
-            paths.append(found[0])
-            reasons = found[1]
-        if reasons:
-            by = link + "".join(f" by {name!r}" for name in names_of(way))
-            notes.append(f"{by}: {' and '.join(reasons)}")
-    return paths, notes
-
-
-def names_of(way: Way) -> tuple[str, ...]:
-    """Return the names of mirrors and bodies in the order of light."""
-    return way.names if isinstance(way, Echo) else tuple(mirror.name for mirror in way)
 
 
 def direct_light(
@@ -226,7 +122,7 @@ def direct_light(
             matrix = matrix * abs(ratio) ** 2
         passing = float(matrix[0, 0])
         if passing == 0.0:
-            return _BLOCKED
+            return BLOCKED
         coupling, matched = _received(_shares(image, receiver, tolerance), receiver, matrix)
         path = DirectPath(
             names_of(chain),
@@ -266,59 +162,6 @@ def _received(terms: list[Term], receiver: PlacedSource, passing: Floats) -> tup
     )
     passed = total * float(passing[0, 0])
     return total, max(received / passed, 0.0) if passed > 0 else 0.0  # rounding of crossed ends
-
-
-def _narrow(chain: Chain, image: PlacedSource, receiver: PlacedSource) -> list[str]:
-    """Return notes on mirrors so narrow that diffraction at their edges matters."""
-    zone = math.sqrt(receiver.wavelength * float(np.linalg.norm(image.middle - receiver.middle)))
-    unit = receiver.scene_unit
-    return [
-        f"{mirror.name!r} is narrower than a Fresnel zone of {zone:.3g} m: diffraction at its "
-        "edges changes its reflection, which is that of rays here"
-        for mirror in chain
-        # at most the side of a square of the mirror's diagonal
-        if math.dist(*bounds_of(mirror.shape)) / math.sqrt(2) * unit < zone
-    ]
-
-
-def ways_in(
-    scene: Any, unit: float, reflections: int, bodies: Sequence[Body] = ()
-) -> tuple[list[Chain], list[Echo], list[str]]:
-    """Return paths by up to ``reflections`` mirrors, paths by bodies, and notes on other paths.
-
-    Raises SceneError for too many paths.
-    """
-    mirrors, notes = _mirrors_in(scene, unit, reflections)
-    chains: list[Chain] = [(), *chains_of(mirrors, reflections)]
-    return chains, echoes_of(bodies, mirrors, reflections), notes
-
-
-def _mirrors_in(scene: Any, unit: float, reflections: int) -> tuple[list[Mirror], list[str]]:
-    """Return the flat mirrors of a scene, and notes on the paths that are not included."""
-    smooth = smooth_shapes(scene, unit)
-    curved, refracting, unnamed = (
-        ", ".join(map(repr, names)) for names in (smooth.curved, smooth.refracting, smooth.unnamed)
-    )
-    notes = []
-    if curved:
-        notes.append(
-            f"not included: reflection from {curved}, curved or of more than {MOST_FACES} planes"
-        )
-    if refracting:
-        notes.append(f"not included: refracted transmission through {refracting}")
-    if smooth.mirrors:
-        plural = "" if reflections == 1 else "s"
-        limit = f"paths with more than {reflections} reflection{plural}"
-        notes.append(
-            f"not included: {limit if reflections else 'reflections from flat mirrors'}, light "
-            "from mirrors to rough surfaces, and diffraction at the edges of mirrors"
-        )
-    if unnamed:
-        notes.append(
-            f"{unnamed} has no id, as after Mitsuba merges shapes with equal BSDFs; load the scene "
-            "with polywigner.mitsuba.load_scene to keep ids"
-        )
-    return smooth.mirrors, notes
 
 
 # ---- point, spot, projector and directional lights -----------------------------------------------
@@ -441,7 +284,9 @@ def _image(points: Floats, chain: Chain) -> Floats:
     return points
 
 
-def _sampled(light: DeltaLight, point: Any, wavelengths: Any = None) -> tuple[Any, Any]:
+def _sampled(
+    light: DeltaLight, point: Any, wavelengths: Any = None
+) -> tuple[mi.DirectionSample3f, Drjit]:
     """Sample of the light from a point in scene units, and its irradiance there."""
     it = dr.zeros(mi.SurfaceInteraction3f)
     if wavelengths is not None:
@@ -460,22 +305,18 @@ def _emission(light: DeltaLight, points: Floats, unit: float) -> Floats:
     for wavelengths in _colours():
         found = [_sampled(light, point, wavelengths) for (point,) in point_batches(points)]
         values = [mi.luminance(mi.unpolarized_spectrum(v), wavelengths) for _, v in found]
-        total = total + _joined(values)
-        white += float(_joined([mi.luminance(dr.ones(mi.UnpolarizedSpectrum), wavelengths)])[0])
+        total = total + joined(values)
+        white += float(joined([mi.luminance(dr.ones(mi.UnpolarizedSpectrum), wavelengths)])[0])
     if not light.is_infinite:
-        total = total * (_joined([sample.dist for sample, _ in found]) * unit) ** 2
+        total = total * (joined([sample.dist for sample, _ in found]) * unit) ** 2
     return np.broadcast_to(total / white, len(points))
-
-
-def _joined(values: list[Any]) -> Floats:
-    return np.concatenate([np.ravel(np.array(value, np.float64)) for value in values])
 
 
 # Sets of wavelengths that integrate the luminance of smooth spectra.
 _SETS = 24
 
 
-def _colours() -> list[Any]:
+def _colours() -> list[Drjit]:
     """Wavelengths in nm of spectral variants, in sets of a sample each; others have none."""
     none = dr.zeros(mi.SurfaceInteraction3f).wavelengths
     kind, count = type(none), dr.size_v(type(none))

@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, SceneError
-from polywigner.geometry import Aperture, Wavefront
+from polywigner.execution import Drjit
 from polywigner.geometry.silhouettes import Obstacles
-from polywigner.mitsuba.plugins.diffraction import before_plane, in_frame
-from polywigner.mitsuba.plugins.placement import PLACE_ERROR, PlacedSource
+from polywigner.mitsuba.plugins.placement import FacingParts, PlacedSource, facing_parts
 from polywigner.mitsuba.plugins.polariser import turned
 from polywigner.mitsuba.plugins.samplers import Frame, cells_with_field
 from polywigner.mitsuba.receive.ray_transmission import (
@@ -26,13 +24,25 @@ from polywigner.mitsuba.receive.ray_transmission import (
     Transmission,
     point_batches,
 )
-from polywigner.mitsuba.scenes.reflectors import THIN, Mirror, bsdfs_in, reflected, surface_of
-from polywigner.mitsuba.scenes.surfaces import ROUNDING, bodies_of, bounds_of
+from polywigner.mitsuba.scenes.reflectors import (
+    THIN,
+    Chain,
+    Mirror,
+    bsdfs_in,
+    reflected,
+    surface_of,
+)
+from polywigner.mitsuba.scenes.surfaces import (
+    ROUNDING,
+    before_plane,
+    bodies_of,
+    bounds_of,
+    in_frame,
+    meshes_in,
+)
 from polywigner.propagation.equivalent_points import RadiatingPoint, radiating_points
 from polywigner.propagation.shadows import diffracted
-from polywigner.source import Array
 from polywigner.source.polarisation import ludwig_axes
-from polywigner.transforms.phase_space import energy_of
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -42,72 +52,6 @@ Mesh = tuple[Floats, NDArray[np.intp]]
 RAYS = 4096
 # A hit lies in the plane of a mirror within this, relative to the coordinates.
 _IN_PLANE = 4 * ROUNDING
-
-
-@dataclass(frozen=True, eq=False)
-class FacingParts:
-    """Parts of two sources in front of each other's plane."""
-
-    emitter: PlacedSource
-    receiver: PlacedSource
-    share: float
-    """Product of the shares of int |u|^2 that face each other: 1 where all faces all."""
-
-
-def facing_parts(emitter: PlacedSource, receiver: PlacedSource) -> FacingParts | None:
-    """The parts that face each other; None where there are none, as in one plane."""
-    sizes = [
-        max(float(np.abs(values).max()) for values in (placed.pose[:3, 3], placed.source.bounds))
-        for placed in (emitter, receiver)
-    ]
-    rounding = PLACE_ERROR * max(sizes)
-    parts, share = [], 1.0
-    for one, other in ((emitter, receiver), (receiver, emitter)):
-        pose = one.pose_of(other)
-        part = _part_in_front(one.source, pose[:3, 2], pose[:3, 3], rounding)
-        if part is None:
-            return None
-        if part is not one.source:
-            share *= energy_of(part) / energy_of(one.source)
-        parts.append(replace(one, source=part))
-    return FacingParts(parts[0], parts[1], share)
-
-
-def _part_in_front(source: Any, normal: Floats, place: Floats, rounding: float) -> Any:
-    """The part of a source in z = 0 before of the plane through ``place``."""
-    if isinstance(source, Wavefront):
-        flat = _part_in_front(source.source, normal, place, rounding)
-        if flat is None or flat is source.source:
-            return None if flat is None else source
-        return source.on(flat)
-    elements = source.elements_in_plane
-    parts = [_cut(element, normal, float(normal @ place) + rounding) for element in elements]
-    if all(part is element for part, element in zip(parts, elements, strict=True)):
-        return source
-    weights = source.weights if isinstance(source, Array) else np.ones(1)
-    kept = [(part, w) for part, w in zip(parts, weights, strict=True) if part is not None]
-    return Array([part for part, _ in kept], [w for _, w in kept]) if kept else None
-
-
-def _cut(element: Aperture, normal: Floats, least: float) -> Aperture | None:
-    """Where ``normal`` . x > ``least``; the very element where that is everywhere."""
-    corners = np.concatenate(element.rings)
-    heights = corners @ normal[:2] - least
-    if (heights > 0).all():
-        return element
-    if not (heights > 0).any():
-        return None
-    slope = float(np.hypot(*normal[:2]))
-    ahead = normal[:2] / slope
-    beside = np.array([-ahead[1], ahead[0]])
-    far = 2 * (element.diameter + float(np.abs(heights).max()) / slope)
-    foot = element.centre - ahead * (float(element.centre @ normal[:2]) - least) / slope
-    box = [foot + beside * far * s + ahead * far * a for s, a in ((1, 0), (-1, 0), (-1, 1), (1, 1))]
-    found = shapely.intersection(element.polygons, shapely.Polygon(box))
-    polygons = [part for part in shapely.get_parts(found) if part.area > 0]
-    if not polygons:
-        return None
-    return Aperture(shapely.MultiPolygon(polygons)).with_illumination(element.illumination)
 
 
 class PassingRays(NamedTuple):
@@ -450,7 +394,7 @@ def _plane(mirror: Mirror, unit: float, reach: float, coherent: bool) -> Plane:
 
 def _between_axes(
     found: Transmission, receiver: PlacedSource, emitter: PlacedSource | None, is_direct: bool
-) -> Any:
+) -> Drjit:
     """A Mueller matrix between the axes of both ends; of an end without axes, as it is."""
     frames = [
         Frame(mi, mi.Transform4f(mi.Matrix4f(end.pose.tolist())), np.zeros(2))
@@ -464,3 +408,74 @@ def _between_axes(
         first = last = mi.Vector3f(*(across / np.linalg.norm(across)).tolist())
     leaves = None if emitter is None else (frames[1], -last)
     return turned(mi, found.share, (frames[0], first), leaves)
+
+
+BLOCKED = "no line-of-sight path: obstacles block it (ray test, without diffraction)"
+
+
+class OpenPath(NamedTuple):
+    """A path by flat mirrors that some rays pass."""
+
+    parts: FacingParts
+    """Of the emitter's image and the receiver."""
+    facing: PlacedSource
+    """The part of the emitter itself."""
+    rays: PassingRays
+    notes: list[str]
+
+
+def open_path(
+    scene: Any,
+    emitter: PlacedSource,
+    receiver: PlacedSource,
+    chain: Chain,
+    meshes: list[Mesh] | None,
+    coherent: bool = False,
+) -> OpenPath | str:
+    """Trace rays from an emitter by mirrors; return the reason if nothing arrives.
+
+    ``meshes``: of obstacles whose edges diffract; rays then only meet the mirrors.
+    """
+    parts = facing_parts(emitter.image(chain), receiver)
+    if parts is None:
+        return "no line-of-sight path: one end lies in the plane of the other or behind it"
+    # rays leave the emitter itself, from the part whose image faces the receiver
+    facing = parts.emitter.image(chain[::-1])
+    send = passing_rays if meshes is None else meeting_rays
+    rays = send(scene, facing, parts.receiver, chain, coherent)
+    passing = rays.amplitude if coherent else float(rays.power[0, 0])
+    if passing == 0.0:
+        return BLOCKED
+    notes = []
+    if parts.share < 1:
+        notes.append("the part of one end behind the plane of the other is left out")
+    if passing < 1 and not chain and meshes is None:
+        notes.append(
+            f"{passing:.1%} of the line-of-sight {'amplitude' if coherent else 'power'} passes "
+            "obstacles (ray test, without diffraction)"
+        )
+    notes += _narrow(chain, parts.emitter, receiver)
+    return OpenPath(parts, facing, rays, notes)
+
+
+def _narrow(chain: Chain, image: PlacedSource, receiver: PlacedSource) -> list[str]:
+    """Return notes on mirrors so narrow that diffraction at their edges matters."""
+    zone = math.sqrt(receiver.wavelength * float(np.linalg.norm(image.middle - receiver.middle)))
+    unit = receiver.scene_unit
+    return [
+        f"{mirror.name!r} is narrower than a Fresnel zone of {zone:.3g} m: diffraction at its "
+        "edges changes its reflection, which is that of rays here"
+        for mirror in chain
+        # at most the side of a square of the mirror's diagonal
+        if math.dist(*bounds_of(mirror.shape)) / math.sqrt(2) * unit < zone
+    ]
+
+
+def obstacles_of(
+    scene: Any, emitter: PlacedSource, receiver: PlacedSource, wavelength: float
+) -> list[Mesh] | None:
+    """Meshes in m of the obstacles between two ends; None if neither end counts diffraction."""
+    if not (emitter.diffraction or receiver.diffraction):
+        return None
+    unit = receiver.scene_unit
+    return [(points * unit, faces) for points, faces in meshes_in(scene, wavelength / unit)]

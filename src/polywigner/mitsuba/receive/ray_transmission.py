@@ -9,7 +9,7 @@ polarisation has its own 2R/(1 + R), the sum of all internal reflections in powe
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import takewhile
@@ -21,8 +21,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import SceneError
+from polywigner.execution import Drjit
+from polywigner.mitsuba.plugins.polariser import mueller_matrix
 from polywigner.mitsuba.scenes.reflectors import MASK, THIN, Surface, bsdfs_in
 from polywigner.mitsuba.scenes.surfaces import Reaches, children_of
+
+Floats = NDArray[np.float64]
 
 # A path that passes more null surfaces than this counts as blocked.
 _MOST_PASSED = 64
@@ -36,7 +40,7 @@ _COLOURS = (450.0, 520.0, 590.0, 660.0)
 _FILTERS = ("LinearPolarizer", "LinearRetarder", "CircularPolarizer")
 
 
-def point_batches(*arrays: NDArray[np.float64]) -> Iterator[tuple[Any, ...]]:
+def point_batches(*arrays: NDArray[np.float64]) -> Iterator[tuple[Drjit, ...]]:
     """Yield rows (n, 2) or (n, 3) as Mitsuba's points: all at once, in scalar variants one by one.
 
     The coordinates are copied from lists, since Dr.Jit compiles the alignment of NumPy memory into
@@ -49,6 +53,11 @@ def point_batches(*arrays: NDArray[np.float64]) -> Iterator[tuple[Any, ...]]:
         return
     for rows in zip(*(array.tolist() for array in arrays), strict=True):
         yield tuple(kind(*row) for kind, row in zip(kinds, rows, strict=True))
+
+
+def joined(values: Iterable[Drjit]) -> Floats:
+    """Return numbers of several batches as one array (n,)."""
+    return np.concatenate([np.ravel(np.array(value, np.float64)) for value in values])
 
 
 class Plane(NamedTuple):
@@ -84,7 +93,7 @@ class _Pane:
     surface: Surface
     masks: list[Any]
 
-    def transmittances(self, si: Any, total: Any, active: Any) -> tuple[Any, Any]:
+    def transmittances(self, si: Any, total: Any, active: Any) -> tuple[Drjit, Drjit]:
         """Transmitted power across and in the plane of incidence; ``total``: Mitsuba's mean."""
         cosine = dr.abs(dr.dot(si.to_world(si.wi), si.n))
         covered = _opacity(self.masks, si, active)
@@ -148,19 +157,19 @@ class RayTracer:
         share = dr.select(si.is_valid(), 0.0, share * passed)
         return Transmission(share, first, direction, panes)
 
-    def unobstructed(self, si: Any, point: Any) -> Any:
+    def unobstructed(self, si: Any, point: Any) -> Drjit:
         """Transmission to a surface from the point of a light that it has sampled, without fog."""
         medium = mi.MediumPtr(None) if dr.is_jit_v(mi.Float) else None
         it, passed, _, _ = self._first_surface(si.spawn_ray_to(point), medium)
         return dr.select(it.is_valid(), 0.0, passed)
 
-    def _all(self) -> Any:
+    def _all(self) -> Drjit:
         """All of the power, in its polarisation if there is one."""
         return mi.Spectrum(1.0) if self._polarised else mi.Float(1.0)
 
     def _first_surface(
         self, ray: Any, medium: Any, plane: Plane | None = None
-    ) -> tuple[Any, Any, Any, list[Any]]:
+    ) -> tuple[Drjit, Drjit, Drjit, list[Drjit]]:
         """First surface that is not null or lies in the plane of a mirror.
 
         Returns the interaction, the transmission to there, the fog behind it, and the images of x,
@@ -187,7 +196,9 @@ class RayTracer:
             ray = dr.select(moves, onwards, ray)
         return si, share, medium, columns
 
-    def _passed(self, si: Any, d: Any, columns: list[Any], active: Any) -> tuple[Any, list[Any]]:
+    def _passed(
+        self, si: Any, d: Any, columns: list[Any], active: Any
+    ) -> tuple[Drjit, list[Drjit]]:
         """Transmission of a null surface, and the columns behind it."""
         passed = si.bsdf().eval_null_transmission(si, active)
         total = _mean(passed, False)
@@ -221,7 +232,7 @@ class RayTracer:
             share = dr.select(here, own, share)
         return share, columns
 
-    def _reflectance(self, si: Any, active: Any, plane: Plane) -> Any:
+    def _reflectance(self, si: Any, active: Any, plane: Plane) -> Drjit:
         """Reflectance of the smooth lobe, in power; zero where a normal map turns it."""
         nodes = bsdfs_in(plane.shape.bsdf())
         masks = list(takewhile(lambda node: node.class_name() == MASK, nodes))
@@ -248,37 +259,37 @@ class RayTracer:
         return scale * _mueller(roots, _across(si.n, arrived), -mirrored, arrived)
 
 
-def _transmittance(number: int, surface: Surface, cosine: Any) -> Any:
-    return 1.0 - np.abs(surface.coefficients(cosine)[number]) ** 2
+def _transmittance(number: int, surface: Surface, cosine: Floats) -> Floats:
+    return np.asarray(1.0 - np.abs(surface.coefficients(cosine)[number]) ** 2)
 
 
-def _coefficient(number: int, surface: Surface, cosine: Any) -> Any:
+def _coefficient(number: int, surface: Surface, cosine: Floats) -> Floats:
     return surface.coefficients(cosine)[number].real
 
 
-def _inverse(surface: Surface, cosine: Any) -> Any:
+def _inverse(surface: Surface, cosine: Floats) -> Floats:
     found = surface.reflectance_in_mitsuba(cosine)
     return 1.0 / np.where(found > 0.0, found, 1.0)
 
 
-def _on_sides(function: Callable[[Surface, Any], Any], plane: Plane, cosine: Any) -> Any:
+def _on_sides(function: Callable[[Surface, Floats], Floats], plane: Plane, cosine: Any) -> Drjit:
     """A function of the surface that a ray meets, and of the cosine there."""
     before, behind = plane.surfaces  # type: ignore[misc]
 
-    def both(value: Any) -> Any:
+    def both(value: Floats) -> Floats:
         ahead = np.abs(value)
         return np.where(value > 0.0, function(before, ahead), function(behind, ahead))
 
     return _on_host(both, cosine)
 
 
-def _on_host(function: Callable[[Any], Any], value: Any) -> Any:
+def _on_host(function: Callable[[Floats], Floats], value: Any) -> Drjit:
     """A function of NumPy arrays, for a number of Mitsuba."""
     found = function(np.array(value, np.float64))
     return mi.Float(found.tolist()) if dr.is_jit_v(mi.Float) else float(found)
 
 
-def _opacity(masks: list[Any], si: Any, active: Any) -> Any:
+def _opacity(masks: list[Any], si: Any, active: Any) -> Drjit:
     """Fraction of a surface that masks, one in the other, leave there."""
     result: Any = mi.Float(1.0)
     for mask in masks:
@@ -287,7 +298,7 @@ def _opacity(masks: list[Any], si: Any, active: Any) -> Any:
     return result
 
 
-def _across(normal: Any, direction: Any) -> Any:
+def _across(normal: Any, direction: Any) -> Drjit:
     """Unit vector across the plane of incidence; any at normal incidence."""
     across = dr.cross(mi.Vector3f(normal), direction)
     length = dr.norm(across)
@@ -301,7 +312,7 @@ def _across(normal: Any, direction: Any) -> Any:
 _ALONG = 1e-6
 
 
-def _mueller(roots: Any, across: Any, arrives: Any, leaves: Any) -> Any:
+def _mueller(roots: Any, across: Any, arrives: Any, leaves: Any) -> Drjit:
     """Mueller matrix between Mitsuba's axes of real amplitudes across and in a plane of incidence.
 
     ``arrives`` and ``leaves`` : directions of travel. Axes are ``across`` and direction x across.
@@ -310,23 +321,21 @@ def _mueller(roots: Any, across: Any, arrives: Any, leaves: Any) -> Any:
     both, less, turned = (s * s + p * p) / 2, (s * s - p * p) / 2, s * p
     entries = {(0, 0): both, (0, 1): less, (1, 0): less, (1, 1): both}
     entries |= {(2, 2): turned, (3, 3): turned}
-    matrix = dr.zeros(mi.Spectrum)
-    for place, value in entries.items():
-        matrix[place] = mi.UnpolarizedSpectrum(value)
+    matrix = mueller_matrix(mi, entries)
     ends = [(d, across, mi.mueller.stokes_basis(d)) for d in (arrives, leaves)]
     return mi.mueller.rotate_mueller_basis(matrix, *ends[0], *ends[1])
 
 
-def _is(pointer: Any, shape: Any) -> Any:
+def _is(pointer: Any, shape: Any) -> Drjit:
     """Whether rays have met this shape."""
     return pointer == (mi.ShapePtr(shape) if dr.is_jit_v(mi.Float) else shape)
 
 
-def _is_apart(point: Any, plane: Plane) -> Any:
+def _is_apart(point: Any, plane: Plane) -> Drjit:
     return dr.abs(dr.dot(point, plane.normal) - plane.offset) > plane.rounding
 
 
-def _through_fog(medium: Any, ray: Any, si: Any) -> Any:
+def _through_fog(medium: Any, ray: Any, si: Any) -> Drjit:
     """Transmission of fog between the start of a ray and its first surface."""
     is_jit = dr.is_jit_v(mi.Float)
     is_there = medium != mi.MediumPtr(None) if is_jit else medium is not None
@@ -347,7 +356,7 @@ def _through_fog(medium: Any, ray: Any, si: Any) -> Any:
     return dr.select(is_there, left, 1.0)
 
 
-def _behind(si: Any, direction: Any, medium: Any, active: Any) -> Any:
+def _behind(si: Any, direction: Any, medium: Any, active: Any) -> Drjit:
     """The fog behind a surface."""
     changes = active & si.is_medium_transition()
     if not dr.is_jit_v(mi.Float):
@@ -355,11 +364,8 @@ def _behind(si: Any, direction: Any, medium: Any, active: Any) -> Any:
     return dr.select(changes, si.target_medium(direction), medium)
 
 
-def _mean(spectrum: Any, polarised: bool) -> Any:
+def _mean(spectrum: Any, polarised: bool) -> Drjit:
     """Mean over colours, as of images and received powers."""
     if not polarised:
         return dr.mean(mi.unpolarized_spectrum(spectrum))
-    matrix = dr.zeros(mi.Spectrum)
-    for row, column in np.ndindex(4, 4):
-        matrix[row, column] = mi.UnpolarizedSpectrum(dr.mean(spectrum[row, column]))
-    return matrix
+    return mueller_matrix(mi, {place: dr.mean(spectrum[place]) for place in np.ndindex(4, 4)})

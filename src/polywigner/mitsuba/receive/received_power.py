@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError, SceneError
 from polywigner.execution.progress import slow_bar
 from polywigner.geometry.arguments import checked_callable
+from polywigner.mitsuba.plugins.diffraction import scene_known
 from polywigner.mitsuba.plugins.films import mean_of_colours, seed_of, silent
 from polywigner.mitsuba.plugins.placement import (
     PlacedSource,
@@ -23,24 +24,12 @@ from polywigner.mitsuba.plugins.placement import (
     placed_receiver,
 )
 from polywigner.mitsuba.plugins.polariser import polarisation_summary
-from polywigner.mitsuba.plugins.receiver import (
-    film_of,
-    receiver_class,
-    receivers_of,
-    scene_known,
-)
+from polywigner.mitsuba.plugins.receiver import film_of, receiver_class
 from polywigner.mitsuba.plugins.registration import one_at_a_time
 from polywigner.mitsuba.plugins.source_parameters import RECEIVER
 from polywigner.mitsuba.radar.range_film import is_transient
 from polywigner.mitsuba.receive.channels import amplitudes_of, paths_between
-from polywigner.mitsuba.receive.direct_light import (
-    DirectLight,
-    Way,
-    direct_light,
-    light_of_points,
-    names_of,
-    ways_in,
-)
+from polywigner.mitsuba.receive.direct_light import DirectLight, direct_light, light_of_points
 from polywigner.mitsuba.receive.ray_transmission import point_batches
 from polywigner.mitsuba.receive.received import (
     OTHER_LIGHTS,
@@ -55,16 +44,19 @@ from polywigner.mitsuba.receive.scattered import (
     aimed,
     batches_of,
     lights_of,
-    polarised_by_default,
     shares_of,
     standard_error,
-    unseen,
-    wigner_emitters,
 )
 from polywigner.mitsuba.receive.scattering_steps import number_of
-from polywigner.mitsuba.scenes.reflectors import Echo
-from polywigner.mitsuba.scenes.rendering import default_integrator, default_spp, exposed
-from polywigner.mitsuba.scenes.surfaces import sorted_shapes
+from polywigner.mitsuba.scenes.reflectors import Echo, Way, names_of, ways_in
+from polywigner.mitsuba.scenes.rendering import (
+    default_integrator,
+    default_spp,
+    exposed,
+    polarised_by_default,
+    unseen,
+)
+from polywigner.mitsuba.scenes.surfaces import receivers_of, sorted_shapes, wigner_emitters
 from polywigner.quantities import SPEED_OF_LIGHT
 
 _NO_RADIANCE = ("AOVIntegrator", "DepthIntegrator", "MomentIntegrator", "ParticleTracerIntegrator")
@@ -430,7 +422,7 @@ def shapes_in(
     return {name: at for _, name, at in sorted(found, reverse=True)[:_MOST_NAMED]}
 
 
-def _first_shapes(scene: Any, origin: Floats, ways: Floats) -> Any:
+def _first_shapes(scene: Any, origin: Floats, ways: Floats) -> NDArray[np.uint32]:
     """Numbers (n,) of the shapes that rays of the directions (3, n) meet first."""
     start, numbers = mi.Point3f(*origin.tolist()), []
     for (way,) in point_batches(ways.T):

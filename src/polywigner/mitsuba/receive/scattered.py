@@ -17,9 +17,9 @@ the balance heuristic, so that means stay as they are. Source: E. Veach and L. J
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from typing import Any
 
 import drjit as dr
@@ -27,96 +27,23 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
+from polywigner.execution import Drjit, ops_for
 from polywigner.geometry.parts import connected
-from polywigner.mitsuba.plugins.films import check_spp, mean_of_colours, seed_of
-from polywigner.mitsuba.plugins.placement import is_source
-from polywigner.mitsuba.plugins.polariser import Polariser
-from polywigner.mitsuba.plugins.receiver import is_receiver, receivers_of
+from polywigner.mitsuba.plugins.films import changed, check_spp, mean_of_colours, seed_of
 from polywigner.mitsuba.radar.range_film import sorted_by_range, transient_integrator
-from polywigner.mitsuba.receive.ray_transmission import point_batches
-from polywigner.mitsuba.scenes.rendering import check_is_whole, exposed
+from polywigner.mitsuba.receive.ray_transmission import joined, point_batches
+from polywigner.mitsuba.scenes.rendering import check_is_whole, exposed, lit_by
 from polywigner.mitsuba.scenes.surfaces import (
     bounds_of,
     faces_of,
-    sorted_emitters,
+    is_receiver,
     sorted_shapes,
     vertices_of,
+    wigner_emitters,
 )
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
-
-# Of the size of a surface: its share of rays is the square, and those that meet it read zero.
-_SHRUNK = 1e-3
-
-
-def wigner_emitters(scene: Any) -> list[Any]:
-    """Return the coherent sources of a scene, sorted by the ids of their shapes."""
-    return list(filter(is_source, sorted_emitters(scene)))
-
-
-@contextmanager
-def _changed(changes: Sequence[tuple[Any, str, Any]]) -> Iterator[None]:
-    """Within, attributes of objects have other values."""
-    before = [getattr(thing, name) for thing, name, _ in changes]
-    try:
-        for thing, name, value in changes:
-            setattr(thing, name, value)
-        yield
-    finally:
-        for (thing, name, _), value in zip(changes, before, strict=True):
-            setattr(thing, name, value)
-
-
-@contextmanager
-def unseen(scene: Any) -> Iterator[None]:
-    """Within, coherent sources light the scene but rays that meet them read nothing."""
-    sources = wigner_emitters(scene)
-    null = mi.BSDFFlags.Null
-    visible = [source.get_shape() for source in sources if source.spec.visible]
-    shapes = [shape for shape in visible if mi.has_flag(shape.bsdf().flags(), null)]
-    places = [vertices_of(shape) for shape in shapes]
-    middles = [(place.min(axis=0) + place.max(axis=0)) / 2 for place in places]
-    shrunk = [m + _SHRUNK * (place - m) for m, place in zip(middles, places, strict=True)]
-    # meshes move while nothing is visible: one elsewhere than its emitter would be refused
-    with _changed([(source, "spec", replace(source.spec, visible=False)) for source in sources]):
-        try:
-            _move(scene, shapes, shrunk)
-            yield
-        finally:
-            _move(scene, shapes, places)
-
-
-def polarised_by_default(
-    scene: Any, polarisation: Complexes | None
-) -> AbstractContextManager[None]:
-    """Within, ends without a polarisation have this Jones vector (2,), in polarised variants."""
-    changes: list[tuple[Any, str, Any]] = []
-    if polarisation is not None and mi.is_polarized:
-        every = [*wigner_emitters(scene), *(sensor for _, sensor in receivers_of(scene))]
-        for end in every:
-            if not end.spec.states_polarisation:
-                changes.append((end, "spec", replace(end.spec, polarisation=polarisation)))
-                changes.append((end, "polariser", Polariser(mi, polarisation)))
-    return _changed(changes)
-
-
-def lit_by(sources: Sequence[Any], lit: Any) -> AbstractContextManager[None]:
-    """Within, all of these sources but ``lit`` (None: all of them) have a power of zero."""
-    dark = [(source, "power", type(source.power)(0.0)) for source in sources if source is not lit]
-    for _, _, power in dark:
-        if dr.is_jit_v(power):
-            dr.make_opaque(power)  # as a literal, it would compile the kernel again
-    return _changed(dark)
-
-
-def _move(scene: Any, shapes: list[Any], places: list[Floats]) -> None:
-    for shape, place in zip(shapes, places, strict=True):
-        params = mi.traverse(shape)
-        params["vertex_positions"] = place.ravel().tolist()
-        params.update()
-    scene.parameters_changed([])  # rays are traced among surfaces where they are now
-
 
 # ---- rays towards small shapes ------------------------------------------------------------------
 
@@ -148,7 +75,7 @@ def aimed(scene: Any) -> AbstractContextManager[None]:
         if len(rows):
             looks = AimedDirections(mi, sensor.directions, rows)
             changes.append((sensor, "directions", looks))
-    return _changed(changes)
+    return changed(changes)
 
 
 def _boxes(shape: Any) -> list[Floats]:
@@ -212,8 +139,8 @@ def _often(directions: Any, rows: Floats) -> Floats:
     inner = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
     low, size = rows[:, None, :2], np.diff(rows.reshape(-1, 2, 2), axis=1)
     angles = (low + size * inner).reshape(-1, 2)
-    density = [np.ravel(directions.density(points)) for (points,) in point_batches(angles)]
-    means = np.concatenate(density).reshape(len(rows), -1).mean(axis=1)
+    density = joined(directions.density(points) for (points,) in point_batches(angles))
+    means = density.reshape(len(rows), -1).mean(axis=1)
     return np.asarray(means * size.prod(axis=-1).ravel())
 
 
@@ -223,6 +150,7 @@ class AimedDirections:
     def __init__(self, m: Any, directions: Any, rows: Floats) -> None:
         """``rows`` (n, 5): least alpha and psi, largest, and share of each box."""
         self._m, self._jit, self._others = m, dr.is_jit_v(m.Float), directions
+        self._ops = ops_for(m.Float)
         low, high, share = rows[:, :2], rows[:, 2:4], rows[:, 4]
         ends = np.cumsum(share)
         ends[-1] = 1.0
@@ -237,7 +165,7 @@ class AimedDirections:
             self._count = dr.opaque(m.UInt32, self._count)
             self._columns = [m.Float(column) for column in self._columns]
 
-    def sample(self, sample: Any) -> tuple[Any, Any]:
+    def sample(self, sample: Any) -> tuple[Drjit, Drjit]:
         """Angles for a uniform point of the unit square, and their density."""
         m = self._m
         aims = sample.x < _SHARE
@@ -255,19 +183,19 @@ class AimedDirections:
         own = dr.select(aims, self._others.density(angles), density)
         return angles, self._mixed(angles, own)
 
-    def density(self, angles: Any) -> Any:
+    def density(self, angles: Any) -> Drjit:
         """Per solid angle."""
         return self._mixed(angles, self._others.density(angles))
 
-    def _mixed(self, angles: Any, others: Any) -> Any:
+    def _mixed(self, angles: Any, others: Any) -> Drjit:
         return _SHARE * self._sum(lambda k: self._inside(angles, k)) + (1 - _SHARE) * others
 
-    def _between(self, number: Any, axis: int, share: Any) -> Any:
+    def _between(self, number: Any, axis: int, share: Any) -> Drjit:
         """An angle in a box, on its bounds where rounding takes it out."""
         low, high = self._at(axis, number), self._at(axis + 2, number)
         return dr.clip(low + (high - low) * share, low, high)
 
-    def _inside(self, angles: Any, number: Any) -> Any:
+    def _inside(self, angles: Any, number: Any) -> Drjit:
         """The density of a box at angles."""
         in_alpha, in_psi = (
             (angle >= self._at(axis, number)) & (angle <= self._at(axis + 2, number))
@@ -275,22 +203,14 @@ class AimedDirections:
         )
         return dr.select(in_alpha & in_psi, self._at(7, number), 0.0)
 
-    def _at(self, column: int, number: Any) -> Any:
+    def _at(self, column: int, number: Any) -> Drjit:
         if self._jit:
             return dr.gather(self._m.Float, self._columns[column], number)
         return self._columns[column][number]
 
-    def _sum(self, term: Callable[[Any], Any]) -> Any:
+    def _sum(self, term: Callable[[Any], Any]) -> Drjit:
         """The sum over all boxes, whose number is data."""
-        if not self._jit:
-            return sum(term(k) for k in range(self._count))
-        first = self._m.UInt32(0), self._m.Float(0.0)
-        return dr.while_loop(
-            first,
-            lambda k, total: k < self._count,
-            lambda k, total: (k + 1, total + term(k)),
-            mode="symbolic",
-        )[1]
+        return self._ops.fold(0, self._count, (0.0,), lambda k, total: (total + term(k),))[0]
 
 
 # ---- batches ------------------------------------------------------------------------------------
@@ -348,7 +268,7 @@ class Scattering:
         return np.array(found)
 
 
-def lights_of(scene: Any) -> list[Any]:
+def lights_of(scene: Any) -> list[mi.Emitter | None]:
     """Lights that shine in turns: None for all incoherent ones, then each coherent source."""
     sources = wigner_emitters(scene)
     return ([None] if len(sources) < len(scene.emitters()) else []) + sources
@@ -361,6 +281,6 @@ def shares_of(scene: Any, found: NDArray[np.float64]) -> tuple[Floats, Floats]:
     return np.moveaxis(found[:, 1:] - found[:, :1], 1, 0), found[:, 0]
 
 
-def standard_error(batches: Floats, axis: int = 0) -> Any:
+def standard_error(batches: Floats, axis: int = 0) -> Floats:
     """Standard error of the mean of equal batches."""
     return np.std(batches, ddof=1, axis=axis) / math.sqrt(batches.shape[axis])

@@ -11,6 +11,7 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
+from polywigner.execution import Drjit
 from polywigner.mitsuba.receive.ray_transmission import RayTracer
 from polywigner.mitsuba.scenes.surfaces import Reaches
 
@@ -24,7 +25,7 @@ _SURVIVORS = 0.95
 _CIE_Y = 106.7502593994140625
 
 
-def number_of(kind: str, thing: Any) -> Any:
+def number_of(kind: str, thing: Any) -> Drjit:
     """The number by which rays know a shape ("Shape") or light ("Emitter"); 0: none."""
     if not dr.is_jit_v(mi.Float):
         return 0 if thing is None else id(thing)
@@ -65,7 +66,7 @@ class Steps:
         self._tracer = RayTracer(scene, mi.is_polarized, coherent=False)
         self._reaches = Reaches(scene)
 
-    def __call__(self, paths: Paths, samples: list[Any]) -> tuple[Paths, dict[str, Any]]:
+    def __call__(self, paths: Paths, samples: list[Any]) -> tuple[Paths, dict[str, Drjit]]:
         """Continue paths behind the next surface; return surfaces met and lights sampled there."""
         scene, active = self._scene, paths.active
         si = scene.ray_intersect(paths.ray, active)
@@ -88,7 +89,7 @@ class Steps:
         paths, is_bounce = self._onwards(paths, si, bsdf, is_met, samples[2:])
         return paths, found | {"is_bounce": is_bounce}
 
-    def _met(self, paths: Paths, si: Any) -> dict[str, Any]:
+    def _met(self, paths: Paths, si: Any) -> dict[str, Drjit]:
         """The light that rays meet: radiance along the path, and the number of the light."""
         light = si.emitter(self._scene, paths.active)
         if not dr.is_jit_v(mi.Float) and light is None:
@@ -107,7 +108,7 @@ class Steps:
 
     def _sampled(
         self, paths: Paths, si: Any, bsdf: Any, is_met: Any, sample: Any
-    ) -> dict[str, Any]:
+    ) -> dict[str, Drjit]:
         """A light that the surface scatters: radiance along the path, its number and distance."""
         scatters = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
         active = is_met & scatters & (paths.bounces < self._most)
@@ -139,7 +140,7 @@ class Steps:
 
     def _onwards(
         self, paths: Paths, si: Any, bsdf: Any, is_met: Any, samples: list[Any]
-    ) -> tuple[Paths, Any]:
+    ) -> tuple[Paths, Drjit]:
         """Paths in directions that the surface scatters to, and whether they have bounced."""
         one, direction = samples[0], mi.Point2f(*samples[1:3])
         sample, weight = bsdf.sample(self._context, si, one, direction, is_met)
@@ -167,7 +168,7 @@ class Steps:
         return following, is_bounce
 
 
-def _brightness(spectrum: Any, si: Any) -> Any:
+def _brightness(spectrum: Any, si: Any) -> Drjit:
     """The radiance of all colours, as films of one channel take it."""
     value = mi.luminance(mi.unpolarized_spectrum(spectrum), si.wavelengths)
     return value / _CIE_Y if dr.size_v(type(si.wavelengths)) else value
@@ -278,7 +279,7 @@ def _lights(
 
 def _walk(
     paths: Any, rng: np.random.Generator, first: Floats, steps: Steps
-) -> Iterator[tuple[Any, dict[str, Any]]]:
+) -> Iterator[tuple[Drjit, dict[str, Drjit]]]:
     """Yield the numbers of rays and their events of each step."""
     count = len(first)
     alive = np.arange(count)

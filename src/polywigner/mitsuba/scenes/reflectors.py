@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import mitsuba as mi
 import numpy as np
@@ -14,14 +14,17 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError, PolywignerError, SceneError
 from polywigner.geometry.arguments import checked_count
 from polywigner.geometry.shapes import square
-from polywigner.mitsuba.plugins.placement import PlacedSource
 from polywigner.mitsuba.scenes.surfaces import faces_of, sorted_shapes, vertices_of
 from polywigner.reception.norms import NORMALISATIONS
 from polywigner.scattering.antennas import Antenna
 from polywigner.scattering.cross_sections import MOST_BOUNCES
 from polywigner.scattering.facets import Facets, facets_of, lights_itself
 
+if TYPE_CHECKING:
+    from polywigner.mitsuba.plugins.placement import PlacedSource
+
 Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
 
 # A body of more faces than this is taken for a curved one.
 MOST_FACES = 32
@@ -154,7 +157,7 @@ _SURFACES = (_CONDUCTOR, THIN, "SmoothDielectric", "SmoothPlastic")
 _ALONG = 1e-9
 
 
-def bsdfs_in(bsdf: Any) -> list[Any]:
+def bsdfs_in(bsdf: Any) -> list[mi.BSDF]:
     """Return a BSDF and the BSDFs nested in it, the outermost first."""
     return [node for node in mi.traverse(bsdf).hierarchy if isinstance(node, mi.BSDF)]
 
@@ -168,7 +171,7 @@ class Surface:
     is_thin: bool = False
     """A sheet, whose inner reflections add up in power."""
 
-    def coefficients(self, cosine: Any) -> tuple[Any, Any]:
+    def coefficients(self, cosine: Any) -> tuple[Complexes, Complexes]:
         """Return the reflection coefficients of E across the plane of incidence and of E in it.
 
         Waves go as exp(-i omega t); both vectors in the plane are s x k, so that a perfect
@@ -184,13 +187,13 @@ class Surface:
         across, along = (np.sign(r.real) * np.sqrt(p) for r, p in zip(found, powers, strict=True))
         return across, along
 
-    def reflectance_in_mitsuba(self, cosine: Any) -> Any:
+    def reflectance_in_mitsuba(self, cosine: Any) -> Floats:
         """Return the reflectance of Mitsuba's BSDF, which has no polarisation in a sheet."""
         found = self._of_one_face(cosine) if self.index is not None else self.coefficients(cosine)
         mean = np.mean([np.square(np.abs(r)) for r in found], axis=0)
         return _of_sheet(mean) if self.is_thin else mean
 
-    def _of_one_face(self, cosine: Any) -> tuple[Any, Any]:
+    def _of_one_face(self, cosine: Any) -> tuple[Complexes, Complexes]:
         """Fresnel's coefficients."""
         assert self.index is not None
         square = self.index**2
@@ -201,7 +204,7 @@ class Surface:
         )
 
 
-def _of_sheet(power: Any) -> Any:
+def _of_sheet(power: Any) -> Floats:
     """Reflectance of two faces of reflectance ``power``, all internal reflections added."""
     return 2 * power / (1 + power)
 
@@ -231,7 +234,7 @@ def _single(value: Any) -> float:
     return float(np.ravel(np.array(value, np.float64)).mean())
 
 
-def reflected(field: Any, direction: Floats, normal: Floats, surface: Surface) -> Any:
+def reflected(field: Any, direction: Floats, normal: Floats, surface: Surface) -> Complexes:
     """E (3,) complex of a plane wave along the unit vector ``direction`` after its reflection."""
     across = np.cross(normal, direction)
     if np.linalg.norm(across) < _ALONG:
@@ -367,3 +370,77 @@ def echoes_of(bodies: Sequence[Body], mirrors: Sequence[Mirror], reflections: in
             f"{len(bodies) * len(pairs)}; ask for fewer reflections, or make small mirrors rough"
         )
     return [Echo(before, body, after) for body in bodies for before, after in pairs]
+
+
+Chain = tuple[Mirror, ...]
+Way = Chain | Echo
+
+
+def ways_in(
+    scene: Any, unit: float, reflections: int, bodies: Sequence[Body] = ()
+) -> tuple[list[Chain], list[Echo], list[str]]:
+    """Return paths by up to ``reflections`` mirrors, paths by bodies, and notes on other paths.
+
+    Raises SceneError for too many paths.
+    """
+    mirrors, notes = _mirrors_in(scene, unit, reflections)
+    chains: list[Chain] = [(), *chains_of(mirrors, reflections)]
+    return chains, echoes_of(bodies, mirrors, reflections), notes
+
+
+def _mirrors_in(scene: Any, unit: float, reflections: int) -> tuple[list[Mirror], list[str]]:
+    """Return the flat mirrors of a scene, and notes on the paths that are not included."""
+    smooth = smooth_shapes(scene, unit)
+    curved, refracting, unnamed = (
+        ", ".join(map(repr, names)) for names in (smooth.curved, smooth.refracting, smooth.unnamed)
+    )
+    notes = []
+    if curved:
+        notes.append(
+            f"not included: reflection from {curved}, curved or of more than {MOST_FACES} planes"
+        )
+    if refracting:
+        notes.append(f"not included: refracted transmission through {refracting}")
+    if smooth.mirrors:
+        plural = "" if reflections == 1 else "s"
+        limit = f"paths with more than {reflections} reflection{plural}"
+        notes.append(
+            f"not included: {limit if reflections else 'reflections from flat mirrors'}, light "
+            "from mirrors to rough surfaces, and diffraction at the edges of mirrors"
+        )
+    if unnamed:
+        notes.append(
+            f"{unnamed} has no id, as after Mitsuba merges shapes with equal BSDFs; load the scene "
+            "with polywigner.mitsuba.load_scene to keep ids"
+        )
+    return smooth.mirrors, notes
+
+
+def names_of(way: Way) -> tuple[str, ...]:
+    """Return the names of mirrors and bodies in the order of light."""
+    return way.names if isinstance(way, Echo) else tuple(mirror.name for mirror in way)
+
+
+Found = TypeVar("Found")
+
+
+def paths_by(
+    ways: Iterable[Way], link: str, find: Callable[[Any], tuple[Found, list[str]] | str]
+) -> tuple[list[Found], list[str]]:
+    """Collect the paths that ``find`` returns for ways between two ends, and notes on the link.
+
+    ``find`` returns a path with its notes, or the reason why nothing arrives. The reason is noted
+    for the line of sight and for echoes without mirrors: most chains of mirrors lead nowhere.
+    """
+    paths, notes = [], []
+    for way in ways:
+        found = find(way)
+        if isinstance(found, str):
+            reasons = [found] if len(names_of(way)) == isinstance(way, Echo) else []
+        else:
+            paths.append(found[0])
+            reasons = found[1]
+        if reasons:
+            by = link + "".join(f" by {name!r}" for name in names_of(way))
+            notes.append(f"{by}: {' and '.join(reasons)}")
+    return paths, notes

@@ -6,11 +6,10 @@ Strips bound the memory and report progress.
 from __future__ import annotations
 
 import math
-import re
 import warnings
-from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -21,14 +20,17 @@ import numpy.typing as npt
 
 from polywigner.errors import ArgumentError, SceneError, StoreError
 from polywigner.geometry.arguments import checked_count
+from polywigner.mitsuba.plugins.diffraction import scene_known
 from polywigner.mitsuba.plugins.films import (
     CAMERAS,
     Tiling,
     accepted_samples,
+    changed,
     check_seed,
     check_spp,
     coarse,
     cropped,
+    depths_of,
     fineness,
     refined,
     rendering_errors,
@@ -36,10 +38,21 @@ from polywigner.mitsuba.plugins.films import (
     silent,
     tiling_of,
 )
-from polywigner.mitsuba.plugins.placement import PLACE_ERROR, is_source
-from polywigner.mitsuba.plugins.receiver import is_receiver, scene_known, sensors_of
+from polywigner.mitsuba.plugins.polariser import Polariser
 from polywigner.mitsuba.scenes.scenes import has_wigner_emitter, translate_error
-from polywigner.mitsuba.scenes.surfaces import matrix_of, vertices_of
+from polywigner.mitsuba.scenes.surfaces import (
+    PLACE_ERROR,
+    is_receiver,
+    is_source,
+    matrix_of,
+    receivers_of,
+    sensors_of,
+    vertices_of,
+    wigner_emitters,
+)
+
+Floats = npt.NDArray[np.float64]
+Complexes = npt.NDArray[np.complex128]
 
 
 @dataclass(frozen=True)
@@ -52,12 +65,12 @@ class Exposure:
     cut: Tiling
     seed: int
 
-    def image(self, strip: int, done: Callable[[], None] = lambda: None) -> npt.NDArray[np.float64]:
+    def image(self, strip: int, done: Callable[[], None] = lambda: None) -> Floats:
         """Render a strip, the mean of its passes."""
         cut = self.cut
         top = strip * cut.rows
         rows = min(cut.rows, cut.height - top)
-        image: npt.NDArray[np.float64] | float = 0.0
+        image: Floats | float = 0.0
         for index in range(cut.passes):
             # passes of almost equal length: a short last one would be badly stratified
             samples = cut.samples // cut.passes + (index < cut.samples % cut.passes)
@@ -92,7 +105,7 @@ def check_is_whole(integrator: Any) -> None:
 _DELTA = mi.EmitterFlags.DeltaPosition, mi.EmitterFlags.DeltaDirection
 
 
-def _rendered(exposure: Exposure, spp: int, seed: int) -> npt.NDArray[np.float64]:
+def _rendered(exposure: Exposure, spp: int, seed: int) -> Floats:
     """An image that Mitsuba renders in one go."""
     scene, camera, integrator = exposure.scene, exposure.camera, exposure.integrator
     factor, lights = fineness(camera, spp), scene.emitters()
@@ -105,7 +118,7 @@ def _rendered(exposure: Exposure, spp: int, seed: int) -> npt.NDArray[np.float64
         return coarse(np.array(image, dtype=np.float64), factor)
 
 
-def _finite(image: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def _finite(image: Floats) -> Floats:
     bad = int(np.count_nonzero(~np.isfinite(image).all(axis=-1)))
     if bad:
         raise SceneError(
@@ -157,7 +170,7 @@ def may_shadow(scene: Any) -> bool:
     return False
 
 
-def _shines_on(light: Any, points: npt.NDArray[np.float64]) -> bool:
+def _shines_on(light: Any, points: Floats) -> bool:
     if not is_source(light):
         return True
     pose = np.array(matrix_of(light.to_world))
@@ -168,9 +181,6 @@ def _shines_on(light: Any, points: npt.NDArray[np.float64]) -> bool:
 
 _NEVER = 2**30
 """A depth for Russian roulette that no path reaches."""
-
-# What Mitsuba makes of -1, paths without end.
-_ENDLESS = 2**32 - 1
 
 
 def exposed(
@@ -201,7 +211,7 @@ def default_spp(scene: Any, sensor: int = 0) -> int:
     return check_spp(_camera(scene, sensor).sampler().sample_count())
 
 
-def _camera(scene: Any, number: int) -> Any:
+def _camera(scene: Any, number: int) -> mi.Sensor:
     sensors = sensors_of(scene)
     if not sensors:
         raise SceneError(
@@ -220,7 +230,7 @@ def _camera(scene: Any, number: int) -> Any:
 _STOKES = "stokes"
 
 
-def _integrator(scene: Any, integrator: Any) -> tuple[Any, Any]:
+def _integrator(scene: Any, integrator: Any) -> tuple[mi.Integrator, mi.Integrator]:
     """Return an integrator, and the integrator inside if it adds the Stokes numbers."""
     adds_stokes = isinstance(integrator, str) and integrator.split()[:1] == [_STOKES]
     if adds_stokes:
@@ -279,13 +289,57 @@ def _plays_roulette(tracer: Any) -> bool:
     return roulette <= longest and roulette < _NEVER
 
 
-def depths_of(integrator: Any) -> dict[str, int]:
-    """``max_depth``, -1 for paths without end, and ``rr_depth`` of an integrator."""
-    # Mitsuba's own tell them in their text alone
-    told = re.findall(r"(max_depth|rr_depth) = (-?\d+)", str(integrator))
-    found: dict[str, int] = {"max_depth": -1, "rr_depth": 0}
-    found.update((name, int(value)) for name, value in told)
-    found.update((name, int(getattr(integrator, name, value))) for name, value in found.items())
-    if found["max_depth"] == _ENDLESS:
-        found["max_depth"] = -1
-    return found
+# ---- states of a scene while it is rendered -----------------------------------------------------
+
+# Of the size of a surface: its share of rays is the square, and those that meet it read zero.
+_SHRUNK = 1e-3
+
+
+@contextmanager
+def unseen(scene: Any) -> Iterator[None]:
+    """Within, coherent sources light the scene but rays that meet them read nothing."""
+    sources = wigner_emitters(scene)
+    null = mi.BSDFFlags.Null
+    visible = [source.get_shape() for source in sources if source.spec.visible]
+    shapes = [shape for shape in visible if mi.has_flag(shape.bsdf().flags(), null)]
+    places = [vertices_of(shape) for shape in shapes]
+    middles = [(place.min(axis=0) + place.max(axis=0)) / 2 for place in places]
+    shrunk = [m + _SHRUNK * (place - m) for m, place in zip(middles, places, strict=True)]
+    # meshes move while nothing is visible: one elsewhere than its emitter would be refused
+    with changed([(source, "spec", replace(source.spec, visible=False)) for source in sources]):
+        try:
+            _move(scene, shapes, shrunk)
+            yield
+        finally:
+            _move(scene, shapes, places)
+
+
+def polarised_by_default(
+    scene: Any, polarisation: Complexes | None
+) -> AbstractContextManager[None]:
+    """Within, ends without a polarisation have this Jones vector (2,), in polarised variants."""
+    changes: list[tuple[Any, str, Any]] = []
+    if polarisation is not None and mi.is_polarized:
+        every = [*wigner_emitters(scene), *(sensor for _, sensor in receivers_of(scene))]
+        for end in every:
+            if not end.spec.states_polarisation:
+                changes.append((end, "spec", replace(end.spec, polarisation=polarisation)))
+                changes.append((end, "polariser", Polariser(mi, polarisation)))
+    return changed(changes)
+
+
+def lit_by(sources: Sequence[Any], lit: Any) -> AbstractContextManager[None]:
+    """Within, all of these sources but ``lit`` (None: all of them) have a power of zero."""
+    dark = [(source, "power", type(source.power)(0.0)) for source in sources if source is not lit]
+    for _, _, power in dark:
+        if dr.is_jit_v(power):
+            dr.make_opaque(power)  # as a literal, it would compile the kernel again
+    return changed(dark)
+
+
+def _move(scene: Any, shapes: list[Any], places: list[Floats]) -> None:
+    for shape, place in zip(shapes, places, strict=True):
+        params = mi.traverse(shape)
+        params["vertex_positions"] = place.ravel().tolist()
+        params.update()
+    scene.parameters_changed([])  # rays are traced among surfaces where they are now

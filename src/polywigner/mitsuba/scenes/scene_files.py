@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
-from xml.etree.ElementTree import ParseError
+from xml.etree.ElementTree import Element, ParseError
 
 import mitsuba as mi
 from defusedxml.common import DefusedXmlException
@@ -78,7 +78,7 @@ def digest_of_file(path: Path) -> str:
 
 def parse_scene_file(
     config: Any, file: Path, parameters: Mapping[str, Any]
-) -> tuple[Any, set[Path]]:
+) -> tuple[mi.parser.ParserState, set[Path]]:
     """Parse a scene file that contains only permitted plugin types and files.
 
     Call it within :func:`resolving`.
@@ -204,7 +204,7 @@ def _resolved(name: str) -> Path | None:
     return None
 
 
-def _root_of(text: str) -> Any:
+def _root_of(text: str) -> Element:
     """Return the root element of XML without a DOCTYPE."""
     try:
         return fromstring(text, forbid_dtd=True)

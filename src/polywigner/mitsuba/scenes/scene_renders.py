@@ -21,27 +21,21 @@ from polywigner.errors import ArgumentError
 from polywigner.execution import MOST_THREADS, kernel_threads
 from polywigner.execution.progress import progress_bar, slow_bar
 from polywigner.geometry.arguments import checked_callable, checked_count, checked_path
-from polywigner.mitsuba.plugins.films import Tiling
+from polywigner.mitsuba.plugins.diffraction import scene_known
+from polywigner.mitsuba.plugins.films import Tiling, depths_of
 from polywigner.mitsuba.plugins.placement import placed_receiver
-from polywigner.mitsuba.plugins.receiver import is_receiver, receivers_of, scene_known
 from polywigner.mitsuba.plugins.registration import one_at_a_time
 from polywigner.mitsuba.plugins.source_parameters import is_key, register_source, registered_source
 from polywigner.mitsuba.radar.range_profile import checked_ranges, received_by_range
 from polywigner.mitsuba.receive.direct_light import delta_lights, delta_paths
 from polywigner.mitsuba.receive.received import ReceivedPower, ReceiveOptions
 from polywigner.mitsuba.receive.received_power import received, scattered_here
-from polywigner.mitsuba.receive.scattered import (
-    BATCHES,
-    Scattering,
-    aimed,
-    batches_of,
-    lights_of,
-    unseen,
-)
+from polywigner.mitsuba.receive.scattered import BATCHES, Scattering, aimed, batches_of, lights_of
 from polywigner.mitsuba.scenes.reflectors import chains_of, smooth_shapes
-from polywigner.mitsuba.scenes.rendering import Exposure, check_is_whole, depths_of, exposed
+from polywigner.mitsuba.scenes.rendering import Exposure, check_is_whole, exposed, unseen
 from polywigner.mitsuba.scenes.scene_files import digests_of
 from polywigner.mitsuba.scenes.scenes import SceneFile, choose_variant
+from polywigner.mitsuba.scenes.surfaces import is_receiver, receivers_of
 from polywigner.propagation.stores import (
     Index,
     Scheduler,

@@ -17,10 +17,10 @@ import numpy as np
 from polywigner.errors import ArgumentError, EngineError, PolywignerError, SceneError, value_text
 from polywigner.geometry.arguments import checked_flag, checked_path
 from polywigner.mitsuba.plugins.films import threads_for_openexr
-from polywigner.mitsuba.plugins.placement import is_source
 from polywigner.mitsuba.plugins.polariser import is_polarised
 from polywigner.mitsuba.plugins.registration import one_at_a_time, original_error, register
 from polywigner.mitsuba.scenes.scene_files import parse_scene_file, resolving
+from polywigner.mitsuba.scenes.surfaces import is_source
 from polywigner.toolchain import llvm
 
 # Of unpolarised light, and of polarised: compiled, on a GPU, and without a compiler.
@@ -84,7 +84,7 @@ def load_scene(
     merge: bool = False,
     diffraction: bool = False,
     **parameters: Any,
-) -> Any:
+) -> mi.Scene:
     """Load a Mitsuba scene from an XML file or a dictionary.
 
     Shapes keep their ids and the order of the file or dictionary, so results name them and are
@@ -137,7 +137,7 @@ class SceneFile:
     """Polarisation of ends for which the file specifies none; None: the default."""
     merge: bool = False
 
-    def load(self) -> Any:
+    def load(self) -> mi.Scene:
         """Load the ``mi.Scene``; raises as :func:`load_scene` does."""
         for name, value in self.parameters.items():
             if value is not None and not isinstance(value, (str, int, float)):
@@ -150,7 +150,7 @@ class SceneFile:
 
 
 @one_at_a_time
-def _load(how: SceneFile, entries: dict[str, Any]) -> Any:
+def _load(how: SceneFile, entries: dict[str, Any]) -> mi.Scene:
     """Load the scene of a file, or of the entries of a dictionary if there is no file."""
     if not isinstance(how.sampler, str | None):
         got = value_text(how.sampler)
@@ -180,7 +180,7 @@ def _load(how: SceneFile, entries: dict[str, Any]) -> Any:
     return scene
 
 
-def checked_scene(scene: Any) -> Any:
+def checked_scene(scene: Any) -> mi.Scene:
     """A scene of the variant that is set, or SceneError."""
     if not isinstance(scene, mi.Scene):
         raise SceneError(
@@ -241,7 +241,7 @@ def _printable(text: str) -> str:
     return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in short)
 
 
-def _instantiate(config: Any, state: Any, how: SceneFile) -> Any:
+def _instantiate(config: Any, state: Any, how: SceneFile) -> mi.Object:
     """Check a parsed scene, change it as requested and build it."""
     mi.parser.transform_upgrade(config, state)
     mi.parser.transform_resolve(config, state)

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -20,25 +21,27 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.errors import SceneError
+from polywigner.errors import ArgumentError, SceneError
+from polywigner.execution import Drjit
 from polywigner.geometry.obstacles import Obstacle
 from polywigner.geometry.parts import connected
+from polywigner.geometry.silhouettes import Silhouette
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 
-def sorted_emitters(scene: Any) -> list[Any]:
+def sorted_emitters(scene: Any) -> list[mi.Emitter]:
     """Return the emitters of a scene, sorted by the ids of their shapes or their own."""
     return sorted(scene.emitters(), key=_emitter_key)
 
 
-def sorted_sensors(scene: Any) -> list[tuple[int, Any]]:
+def sorted_sensors(scene: Any) -> list[tuple[int, mi.Sensor]]:
     """Return the sensors of a scene with their Mitsuba indices, sorted by id."""
     return sorted(enumerate(scene.sensors()), key=lambda item: (item[1].id(), item[0]))
 
 
-def sorted_shapes(scene: Any) -> list[Any]:
+def sorted_shapes(scene: Any) -> list[mi.Shape]:
     """Return the shapes of a scene, sorted by id."""
     return sorted(scene.shapes(), key=_shape_key)
 
@@ -61,10 +64,50 @@ def _shape_key(shape: Any) -> _Key:
     return shape.id(), bounds_of(shape).ravel().tolist(), ""
 
 
+def is_source(emitter: Any) -> bool:
+    """Whether an emitter is one of a ``wigner`` shape."""
+    return getattr(type(emitter), "is_wigner", False)
+
+
+def wigner_emitters(scene: Any) -> list[mi.Emitter]:
+    """Return the coherent sources of a scene, sorted by the ids of their shapes."""
+    return list(filter(is_source, sorted_emitters(scene)))
+
+
+def is_receiver(sensor: Any) -> bool:
+    """Whether a sensor is a ``wigner_receiver``."""
+    return getattr(type(sensor), "is_wigner_receiver", False)
+
+
+def sensors_of(scene: Any) -> list[mi.Sensor]:
+    """The sensors of a scene; ArgumentError for anything else."""
+    if not hasattr(scene, "sensors"):
+        raise ArgumentError(
+            f"expected a mi.Scene, got {type(scene).__name__}; make one with "
+            "polywigner.mitsuba.load_scene or mi.load_dict"
+        )
+    return list(scene.sensors())
+
+
+def receivers_of(scene: Any) -> list[tuple[int, mi.Sensor]]:
+    """Return the receivers of a scene, sorted by id, with their Mitsuba indices among its sensors.
+
+    Raises SceneError for a scene without a receiver.
+    """
+    sensors_of(scene)
+    found = [(k, sensor) for k, sensor in sorted_sensors(scene) if is_receiver(sensor)]
+    if not found:
+        raise SceneError(
+            "expected a scene with a receiver, got one without; add a <sensor "
+            'type="wigner_receiver">, or polywigner.mitsuba.receiver(...)'
+        )
+    return found
+
+
 # ---- parts of objects ---------------------------------------------------------------------------
 
 
-def children_of(node: Any) -> list[Any]:
+def children_of(node: Any) -> list[mi.Object]:
     """Return the objects directly nested in an object of Mitsuba."""
     found: list[Any] = []
 
@@ -101,6 +144,11 @@ def faces_of(mesh: Any) -> Indices:
 ROUNDING = 2.0**-20
 """Height within which a ray may meet the surface at its end, relative to the coordinates: eight
 times the last digit of single precision."""
+
+# Error of positions held in single precision, relative to the largest coordinate: rotation and
+# translation round by 6e-8 each, the positions once more.
+PLACE_ERROR = 5e-7
+
 
 # Shapes whose bounds stand for their faces; a curved one touches a plane in a point.
 _FLAT = ("Rectangle", "Disk", "Instance")
@@ -146,12 +194,12 @@ def bounds_of(shape: Any) -> Floats:
     return found if box.valid() else np.zeros((2, 3))
 
 
-def largest(point: Any) -> Any:
+def largest(point: Any) -> Drjit:
     """Largest coordinate of a point of Mitsuba."""
     return dr.max(dr.abs(point))
 
 
-def shadow_end(it: Any, end: Any, normal: Any, reach: Any) -> Any:
+def shadow_end(it: Any, end: Any, normal: Any, reach: Any) -> Drjit:
     """Return the point to which Mitsuba's ``spawn_ray_to`` sends a ray that ends at a source.
 
     ``spawn_ray_to`` shortens the ray by a fraction of its length, by which this point is farther.
@@ -184,7 +232,7 @@ class Reaches:
             sizes[numbers] = [np.abs(bounds_of(shape)).max() for shape in shapes]
             self._table = mi.Float(sizes.tolist())
 
-    def at(self, si: Any) -> Any:
+    def at(self, si: Any) -> Drjit:
         """Return the largest coordinate of the shape that a ray has met and of the point."""
         result = largest(si.p)
         if not dr.is_jit_v(mi.Float):
@@ -198,14 +246,14 @@ class Reaches:
         size = dr.gather(mi.Float, self._table, number, number <= self._last)  # else an instance's
         return dr.select(size > result, size, result)
 
-    def leave(self, si: Any, direction: Any) -> Any:
+    def leave(self, si: Any, direction: Any) -> mi.Ray3f:
         """Return a ray from a surface, from the side that the direction points to."""
         height = ROUNDING * self.at(si)
         side = dr.mulsign(mi.Vector3f(si.n), dr.dot(si.n, direction))
         return mi.Ray3f(si.p + side * height, direction, si.time, si.wavelengths)
 
 
-def _number(pointer: Any) -> Any:
+def _number(pointer: Any) -> Drjit:
     return dr.reinterpret_array(mi.UInt32, pointer)
 
 
@@ -356,3 +404,25 @@ def _body(points: Floats, faces: Indices, normals: Floats) -> Obstacle:
     height = np.einsum("ek,ek->e", points[across] - points[faces[mine, 0]], units[mine])
     convex = bool((height <= 1e-6 * size).all())
     return Obstacle(points, faces, owner, normals[first], True, convex)
+
+
+# Nearer to the plane of a source than this, in wavelengths, edges are no obstacles to its light.
+BEHIND = 1e-3
+
+
+def in_frame(body: Obstacle, pose: Floats, scale: float) -> Obstacle:
+    """A body in the frame of a pose, then scaled."""
+    vertices = (body.vertices - pose[:3, 3]) @ pose[:3, :3] * scale
+    return replace(body, vertices=vertices, normals=body.normals @ pose[:3, :3])
+
+
+def before_plane(seen: Silhouette) -> Silhouette:
+    """The parts of edges before the plane of the source."""
+    start, end = np.moveaxis(seen.edges, 1, 0)
+    low, high = start[:, 2] - BEHIND, end[:, 2] - BEHIND
+    with np.errstate(divide="ignore", invalid="ignore"):
+        cut = start + np.where(low == high, 0.0, low / (low - high))[:, None] * (end - start)
+    first = np.where(low[:, None] < 0.0, cut, start)
+    last = np.where(high[:, None] < 0.0, cut, end)
+    kept = (np.maximum(low, high) > 0.0) & (np.linalg.norm(last - first, axis=1) > 0.0)
+    return seen.taken(kept, np.stack([first, last], axis=1))

@@ -18,19 +18,19 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache, partial, reduce
 from itertools import islice
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, IlluminationError, SceneError
-from polywigner.execution import NumpyOperations, ops_for
+from polywigner.execution import Drjit, NumpyOperations, ops_for
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.kernels.boundary import integrals
 from polywigner.kernels.boundary.integrals import distance_of
+from polywigner.mitsuba.plugins.emissions import SceneSource
 from polywigner.mitsuba.plugins.samplers import cells_with_field, four, opaque
-from polywigner.mitsuba.plugins.source_parameters import SourceParameters
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.phases import cos_sin_turns
@@ -44,6 +44,9 @@ from polywigner.source.obliquities import (
 )
 from polywigner.transforms import fourier
 from polywigner.transforms.wavefronts import principal_axes
+
+if TYPE_CHECKING:
+    from polywigner.mitsuba.plugins.source_parameters import SourceParameters
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
@@ -78,7 +81,7 @@ class EquivalentSources:
     is_swapped: bool
     """Whether lines are along x instead of y."""
 
-    def field(self, ops: Any, half: Any, x: Any, y: Any, z: Any) -> tuple[Any, Any]:
+    def field(self, ops: Any, half: Any, x: Any, y: Any, z: Any) -> tuple[Drjit, Drjit]:
         """The field at a point, relative to the phase of the distance from the middle."""
         distance = ops.sqrt(x * x + (y * y + z * z))
         length = half[0] if self.is_swapped else half[1]
@@ -87,7 +90,7 @@ class EquivalentSources:
         for place in (length * share for share in self.along):
             points.append((along - place, place * (place - 2.0 * along)))
 
-        def line(at: Any, *weights: Any) -> tuple[Any, Any]:
+        def line(at: Any, *weights: Any) -> tuple[Drjit, Drjit]:
             step = len(weights) // len(points)
             across = aside - at
             foot2, shift = across * across + z * z, at * (at - 2.0 * aside)
@@ -239,14 +242,14 @@ class ExactEstimator:
                 f'with the estimator "exact", got {count:.0f} or more; use the estimator "wigner"'
             )
 
-    def draw(self, sample: Any) -> tuple[Any, Any]:
+    def draw(self, sample: Any) -> tuple[Drjit, None]:
         """A place in proportion to |u|^2, from which obstacles are looked for."""
         return self._cells.sample(sample), None
 
     def density(self, x: Any) -> None:
         """None: a point sees all of the source at once."""
 
-    def lit(self, light: Any, it: Any, x: Any, per_area: Any) -> Any:
+    def lit(self, light: Any, it: Any, x: Any, per_area: Any) -> Drjit:
         """|U|^2 at the point ``it``; the surface there multiplies it by its own cosine."""
         if light.is_followed():
             raise SceneError(FIXED)
@@ -258,7 +261,7 @@ class ExactEstimator:
 
     def received(
         self, x: Any, direction: Any, per_area: Any, point: Any = None, distance: Any = None
-    ) -> Any:
+    ) -> Drjit:
         """lambda^2 r^2 |U|^2/N of the point that the ray meets, or of one far out."""
         return self._scale * (distance * distance) * self.intensity(point)
 
@@ -266,7 +269,7 @@ class ExactEstimator:
         """Take over the shadows of a scene with the digest ``key``; None: nothing is in the way."""
         self.shadows_key, self._shadows = key, shadows
 
-    def intensity(self, point: Any) -> Any:
+    def intensity(self, point: Any) -> Drjit:
         """|U|^2 at a point in front, in units of the scene; in the unit of |u|^2."""
         if self._diffracts and not self.shadows_key and not self.tells:
             raise SceneError(
@@ -280,7 +283,7 @@ class ExactEstimator:
         each = [four(self._m, s, self._mean(parts, point)) for parts, s in self._fields]
         return reduce(operator.add, each)
 
-    def _mean(self, parts: list[tuple[ExactField, float]], point: Any) -> Any:
+    def _mean(self, parts: list[tuple[ExactField, float]], point: Any) -> Drjit:
         """|U|^2 of one field, the mean over the waves of a mixture."""
         if len(parts) == 1:
             return parts[0][0].intensity(point, self._unit)
@@ -289,15 +292,13 @@ class ExactEstimator:
         if not dr.is_jit_v(m.Float):
             return sum(term(point) for term in terms)
         # calls of one kind share their code, whose constants are data
-        first = m.UInt32(0), m.Float(0.0)
-        return dr.while_loop(
-            first,
-            lambda k, total: k < len(terms),
-            lambda k, total: (k + 1, total + dr.switch(k, terms, point)),
-            mode="symbolic",
-        )[1]
 
-    def _term(self, field: ExactField, share: float, point: Any) -> Any:
+        def add(k: Drjit, total: Drjit) -> tuple[Drjit]:
+            return (total + dr.switch(k, terms, point),)
+
+        return ops_for(m.Float).fold(0, len(terms), (0.0,), add)[0]
+
+    def _term(self, field: ExactField, share: float, point: Any) -> Drjit:
         return opaque(self._m, share) * field.intensity(point, self._unit)
 
 
@@ -369,7 +370,7 @@ class ExactField:
             with suppress(IlluminationError):  # all waves graze the plane: their cosines are zero
                 self._fields.append((times_direction_cosine(own, wavelength), True))
 
-    def intensity(self, point: Any, unit: float) -> Any:
+    def intensity(self, point: Any, unit: float) -> Drjit:
         """|U|^2 at a point in front, in units of ``unit`` metres; in the unit of |u|^2."""
         # Dr.Jit's derivatives of loops within loops are zero without a word.
         if self._jit and dr.grad_enabled(point):
@@ -385,26 +386,28 @@ class ExactField:
         found = real * real + imag * imag
         return found if self._jit else float(found[0])
 
-    def _closer(self, x: Any, y: Any, z: Any) -> tuple[Any, Any]:
+    def _closer(self, x: Any, y: Any, z: Any) -> tuple[Drjit, Drjit]:
         """The field where elements are not in their far zones."""
         if self._points is None:
             return self._near(x, y, z)
         away = partial(self._points.field, self._ops, self._half)
         return self._either(self._is_away, away, self._near, x, y, z)
 
-    def _either(self, condition: Any, away: Any, otherwise: Any, *point: Any) -> tuple[Any, Any]:
+    def _either(
+        self, condition: Any, away: Any, otherwise: Any, *point: Any
+    ) -> tuple[Drjit, Drjit]:
         """The field by ``away`` where that will do."""
         holds = condition(*point)
         if self._jit:
             return dr.if_stmt(point, holds, away, otherwise, mode="symbolic")
         return (away if holds[0] else otherwise)(*point)
 
-    def _near(self, x: Any, y: Any, z: Any) -> tuple[Any, Any]:
+    def _near(self, x: Any, y: Any, z: Any) -> tuple[Drjit, Drjit]:
         """The integrals along the edges."""
         real, imag, _ = integrals.edge_sum(self._ops, self._tables, *self._inner(x, y, z))
         return real, imag
 
-    def _inner(self, x: Any, y: Any, z: Any) -> Any:
+    def _inner(self, x: Any, y: Any, z: Any) -> tuple[Drjit, ...]:
         """Coordinates and distance from the centre in two floats each; no turns; accuracy."""
         m = self._m
         if not self._jit:
@@ -418,16 +421,16 @@ class ExactField:
         zero = m.Float(0.0)
         return (x, zero, y, zero, z, zero, *halves, zero, m.Float(_DIGITS))
 
-    def _is_away(self, x: Any, y: Any, z: Any) -> Any:
+    def _is_away(self, x: Any, y: Any, z: Any) -> Drjit:
         """Whether a point is so far from the bounds that equivalent sources will do."""
         half_x, half_y = self._half
         return (z > AWAY) | (abs(x) > half_x + AWAY) | (abs(y) > half_y + AWAY)
 
-    def _is_far(self, x: Any, y: Any, z: Any) -> Any:
+    def _is_far(self, x: Any, y: Any, z: Any) -> Drjit:
         """Whether a point is in the far zone of every element."""
         return x * x + y * y + z * z > self._farthest * self._farthest
 
-    def _far(self, x: Any, y: Any, z: Any) -> tuple[Any, Any]:
+    def _far(self, x: Any, y: Any, z: Any) -> tuple[Drjit, Drjit]:
         """The sum over elements, each in its own far zone."""
         distance = self._ops.sqrt(x * x + y * y + z * z)
         term = partial(self._element, x, y, z, distance)
@@ -436,7 +439,7 @@ class ExactField:
 
     def _element(
         self, x: Any, y: Any, z: Any, distance: Any, at_x: Any, at_y: Any, real: Any, imag: Any
-    ) -> tuple[Any, Any]:
+    ) -> tuple[Drjit, Drjit]:
         """Field of one element, its phase relative to the distance from the centre."""
         ops = self._ops
         dx, dy = x - at_x, y - at_y
@@ -483,7 +486,7 @@ _SINGULAR, _MOST_WAVES = 1e-9, 64
 
 
 @lru_cache(maxsize=16)
-def plane_waves_of(source: Any) -> Any:
+def plane_waves_of(source: Any) -> SceneSource:
     """The source with its curved wave as a sum of plane waves on each of its elements."""
     if not isinstance(source, Wavefront):
         return source
