@@ -110,7 +110,8 @@ SLIT = {"kind": "slits", "intervals": [["-5 mm", "5 mm"]], "wavelength": "4 mm"}
 ROW = arrays.grid_positions(8, 1, 3e-3)[:, 0]
 TILES = [[[[0, 0], [1, 0], [1, 1], [0, 1]]], [[[1, 1], [1, 0], [2, 0], [2, 1]]]]
 UNIT = np.eye(4, dtype=int).tolist()
-STEERED = {"kind": "steering", "direction": [0.1, -0.2], "frequency": "77 GHz"}
+STEERED = {"kind": "steering", "theta": "20 deg", "phi": "-60 deg", "frequency": "77 GHz"}
+TOWARDS = (np.sin(np.pi / 9) * np.cos(np.pi / 3), -np.sin(np.pi / 9) * np.sin(np.pi / 3))
 LATTICE = {"nx": 3, "ny": 2, "pitch_x": "1 mm"}
 ELLIPTIC = {"radius": ["40 mm", "inf"], "centre": ["1 mm", 0]}
 
@@ -122,6 +123,8 @@ def illuminated(field: pw.Illumination) -> pw.Aperture:
 # Tables of a file, and the source that the functions of these names make.
 VALID = [
     ({"kind": "aperture", "polygons": TILES}, pw.Aperture([[0, 0], [2, 0], [2, 1], [0, 1]])),
+    ({"kind": "aperture", "polygons": [[[[0, 0], [0, 1], [1, 1], ["0.5 m", 0], [0, 0]]]]},
+     pw.Aperture([[0, 0], [0.5, 0], [1, 1], [0, 1]])),
     ({"kind": "aperture", "shape": {"name": "disc", "radius": "2 mm", "n": 8}},
      pw.shapes.disc(2e-3, 8)),
     ({"kind": "slits", "shape": {"name": "slit_pair", "widths": ["1 mm", 2], "offsets": [0, 5]}},
@@ -130,8 +133,8 @@ VALID = [
                                                [0, 0, 0, 1]]},
      illuminated(pw.uniform()).placed([[0, 0, 1, 2e-3], [1, 0, 0, 0], [0, 1, 0, -1],
                                        [0, 0, 0, 1]])),
-    (lit({"kind": "steering", "direction": [0.6, 0.0, 0.8], "wavelength": "4 mm"}),
-     illuminated(pw.steering((0.6, 0, 0.8), 4e-3))),
+    (lit({"kind": "steering", "theta": 0.25, "wavelength": "4 mm"}),
+     illuminated(pw.steering((np.sin(0.25), 0.0), 4e-3))),
     (lit({"kind": "steering", "theta": "0 deg", "frequency": 77e9}),
      illuminated(pw.steering((0, 0, 1), WAVELENGTH))),
     (lit({"kind": "cosine_taper", "height": "6 mm", "power": 2}),
@@ -147,11 +150,9 @@ VALID = [
     (lit({"kind": "waves", "amplitudes": [1, [0, 2]], "frequencies": [[1, 2], [3, 4.5]]}),
      illuminated(pw.Illumination([1, 2j], [[1, 2], [3, 4.5]]))),
     (lit([{"kind": "te_mode", "width": "10 mm", "height": "6 mm"}, STEERED]),
-     illuminated(pw.te_mode(0.01, 6e-3) * pw.steering((0.1, -0.2), WAVELENGTH))),
+     illuminated(pw.te_mode(0.01, 6e-3) * pw.steering(TOWARDS, WAVELENGTH))),
     ({**SLIT, "illumination": {"kind": "cosine_taper", "width": "10 mm"}},
      pw.Slits([-5e-3, 5e-3]).with_illumination(pw.cosine_taper(0.01, dimension=1))),
-    ({**SLIT, "illumination": {"kind": "steering", "direction": 0.25}},
-     pw.Slits([-5e-3, 5e-3]).with_illumination(pw.steering(0.25, 4e-3))),
     ({**SLIT, "illumination": {"kind": "steering", "theta": "-90 deg"}},
      pw.Slits([-5e-3, 5e-3]).with_illumination(pw.steering(-1, 4e-3))),
     (repeated([["-1 mm", 0], [0.5, "2 mm"]], [1, [0, -1]]),
@@ -166,7 +167,7 @@ VALID = [
               [{"kind": "window", "window": ["taylor", "hamming"], "sll": 25, "nbar": 3}, STEERED]),
      pw.phased_array(SMALL, grid := arrays.grid_positions(3, 2, 1e-3, 2e-3),
                      arrays.window_weights((3, 2), ("taylor", "hamming"), sll=25, nbar=3)
-                     * arrays.steering_weights(grid, (0.1, -0.2), WAVELENGTH))),
+                     * arrays.steering_weights(grid, TOWARDS, WAVELENGTH))),
     ({"kind": "phased-array", "wavelength": "4 mm",
       "element": {"kind": "slits", "intervals": [[-1e-3, 1e-3]]},
       "positions": {"kind": "row", "count": 8, "pitch": "3 mm"},
@@ -212,9 +213,8 @@ def test_the_page_has_examples_that_are_sources_and_every_key(tmp_path: Path) ->
     named = set(re.findall(r"`([a-z_-]+)`", page))
     tables = [source_files.Top, source_files.WavefrontTable, source_files.Paths]
     unions = [source_tables.FieldTable, source_tables.LayoutTable, source_tables.WeightTable]
-    for kind in source_tables.tables_of(
-        source_files.SourceTable | unions[0] | unions[1] | unions[2]
-    ):
+    kinds: Any = source_files.SourceTable | unions[0] | unions[1] | unions[2]
+    for kind in kinds.__args__:
         assert kind.__struct_config__.tag in named
         tables.append(kind)
     for table in tables:
@@ -271,39 +271,46 @@ CROSSED = [[0, 0], [3, 0], [1, 1], [2, 2], [1, 0]]
 
 # Tables, and words of their errors: the path of the key, what is accepted, the value.
 BAD = [
-    ([], "expected table, got []"),
-    ({}, "expected the key 'kind', one of aperture, slits"),
-    ({"kind": "apertur"}, "did you mean 'aperture'?"),
-    ({**APERTURE, "version": 2}, "version: expected | got 2"),
-    ({**APERTURE, "taper": 1}, "expected the keys kind, shape, illumination | got 'taper'"),
+    ([], "expected `object`, got `array`"),
+    ({}, "missing required field `kind`"),
+    ({"kind": "apertur"}, "kind: invalid value 'apertur'"),
+    ({**APERTURE, "version": 2}, "version: expected `int` <= 1"),
+    ({**APERTURE, "taper": 1}, "unknown field `taper`"),
     ({**APERTURE, "unit": "mm"}, "'unit' with 'file' only"),
+    ({**APERTURE, "polygons": TILES}, "expected one of the keys | got polygons and shape"),
     ({**APERTURE, "frequency": 1, "wavelength": 1}, "got both"),
     ({"kind": "aperture", "file": "none.wkt"}, "file: | none.wkt: expected"),
-    ({"kind": "aperture", "shape": {"name": "circlet"}}, "shape.name: | did you mean 'circle'?"),
-    ({"kind": "aperture", "shape": {"name": "disc", "radius": 1, "n": 8.0}}, "shape.n: | whole"),
-    ({"kind": "aperture", "polygons": [[[[0, 0], [1, 0], [1, True]]]]}, "[2][1]: | got True"),
-    ({"kind": "aperture", "polygons": [[CROSSED]], "verbatim": True}, "leave verbatim out"),
+    ({"kind": "aperture", "shape": {"name": "circlet"}}, "shape.name: invalid value 'circlet'"),
+    ({"kind": "aperture", "shape": {"name": "disc", "radius": 1, "n": 8.0}}, "shape.n: | `int"),
+    ({"kind": "aperture", "polygons": [[[[0, 0], [1, 0], [1, True]]]]}, "[0][0][2][1]: | got True"),
+    ({"kind": "aperture", "polygons": [[CROSSED]]}, "polygons: | polygon 0"),
+    ({"kind": "aperture", "polygons": [[[[0, 0], [1, 0], [2, 0]]]]}, "polygons: | area"),
+    ({"kind": "aperture", "polygons": TILES[:1] * 2}, "polygons: | overlap"),
+    ({"kind": "aperture", "polygons": [[]]}, "polygons[0]: | length >= 1"),
     ({**APERTURE, "to_world": [[2, 0, 0, 0], *UNIT[1:]]}, "to_world: | scales"),
     ({"kind": "slits", "shape": {"name": "square", "a": 1.0}}, "shape: | Slits, got Aperture"),
-    ({"kind": "polyhedron", "vertices": [[0, 0, 0]], "faces": [[0.0]]}, "faces[0][0]: | whole"),
-    ({"kind": "array", "elements": APERTURE}, "elements: expected list, got {'kind'"),
+    ({"kind": "polyhedron", "vertices": [[0, 0, 0]], "faces": [[0.0]]}, "faces[0][0]: | `int`"),
+    ({"kind": "array", "elements": APERTURE}, "elements: expected `array`, got `object`"),
     ({"kind": "array", "elements": [APERTURE, PHASED]}, "elements[1].kind: | 'phased-array'"),
-    ({**PHASED, "element": {**APERTURE, "to_world": UNIT}}, "element: | without a pose"),
-    ({**PHASED, "positions": [[0, "1 GHz"]]}, "positions: expected a length | '1 GHz'"),
-    ({**PHASED, "positions": {"kind": "spiral"}}, "positions.kind: | rings, got 'spiral'"),
+    ({**PHASED, "element": {**APERTURE, "to_world": UNIT}}, "to repeat, got PlacedAperture"),
+    ({**PHASED, "positions": [[0, "1 GHz"]]}, "positions[0]: expected a length | '1 GHz'"),
+    ({**PHASED, "positions": [0, 1]}, "positions of shape (n, 2)"),
+    ({**PHASED, "positions": {"kind": "spiral"}}, "positions.kind: | 'spiral'"),
     ({**PHASED, "weights": {"kind": "window", "window": "taylor"}}, "row, grid or triangular"),
     (repeated(GRID_TABLE, {"kind": "window", "window": "taylor", "sll": "25 mm"}),
      "weights.sll: expected a level | '25 mm'"),
     ({**PHASED, "weights": [{"kind": "steering", "theta": 0.1, "wavelength": -1}]},
      "weights[0].wavelength: | got -1; it must be above zero"),
-    ({**PHASED, "weights": [1, {"kind": "steering", "theta": 1}]}, "weights: | [real, imaginary]"),
-    (lit({"kind": "cosine_taper", "widht": 1}), "'widht'; did you mean 'width'?"),
+    ({**PHASED, "weights": [1, {"kind": "steering", "theta": 1}]}, "weights[1]: | got `object`"),
+    (lit({"kind": "cosine_taper", "widht": 1}), "illumination: | unknown field `widht`"),
     (lit([{"kind": "cosine_taper", "width": "1 GHz"}]), "illumination[0].width: | '1 GHz'"),
-    (lit({"kind": "steering", "wavelength": 1}), "direction or the angle theta, got neither"),
-    ({**SLIT, "illumination": {"kind": "steering", "theta": 1, "phi": 1}}, "not for slits"),
-    ({**APERTURE, "wavefront": {"radius": 1, "curvature": 1}}, "wavefront: | got both"),
+    (lit({"kind": "steering", "wavelength": 1}), "illumination: | missing required field `theta`"),
+    (lit({"kind": "steering", "theta": 1}), "illumination: expected a frequency or a wavelength"),
+    ({**APERTURE, "wavefront": {"radius": 1}}, "wavefront: expected a frequency or a wavelength"),
+    ({**APERTURE, "wavefront": {"curvature": [[1]]}}, "wavefront: | symmetric matrix"),
+    ({**APERTURE, "to_world": UNIT, "wavefront": {}}, "wavefront: | got PlacedAperture"),
     ({**APERTURE, "polarisation": []}, "polarisation: | length >= 1"),
-    ({**APERTURE, "a\nb\x1b[31m": 1}, r"got 'a\nb\x1b"),
+    ({**APERTURE, "a\nb\x1b[31m": 1}, "unknown field `a b [31m`"),
 ]  # fmt: skip
 
 
@@ -325,10 +332,10 @@ def test_errors_name_the_file_the_key_and_the_value(table: Any, words: str, tmp_
         ("a.toml", b"kind = 'aperture", "expected valid TOML"),
         ("a.toml", b"kind = 1\nkind = 2", "expected valid TOML"),
         ("a.json", b"{'kind': 1}", "expected valid JSON.*line 1 column 2"),
-        ("a.json", b'{"kind": NaN}', "kind: .*got nan"),
+        ("a.json", b'{"kind": NaN}', "kind: .*`float`"),
         ("a.toml", b'kind = "slits"\nintervals = [[0, nan]]', "finite"),
-        ("a.toml", b'kind = "slits"\nintervals = [[0, 1979-05-27]]', r"intervals\[0\]\[1\]"),
-        ("a.json", b'{"kind": "slits", "intervals": [[0, 1' + b"0" * 400 + b"]]}", "out of range"),
+        ("a.toml", b'kind = "slits"\nintervals = [[0, 1979-05-27]]', r"intervals: .*1979"),
+        ("a.json", b'{"kind": "slits", "intervals": [[0, 1' + b"0" * 400 + b"]]}", "finite"),
         ("a.json", b"[" * 100_000, "expected valid JSON"),
         ("a.yaml", b"kind: aperture", r".toml or .json, got '.yaml'"),
     ],

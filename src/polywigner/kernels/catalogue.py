@@ -117,6 +117,8 @@ def kernel_for(transform: str, source: Any) -> Kernel:
         return found
     if isinstance(source, Sites) and transform.removeprefix("complex ") == "array factor":
         return array_factor_kernel(source.dimension, transform.startswith("complex"))
+    if isinstance(source, Array) and source.dimension == 3:
+        _ = source.elements_in_plane  # or its error
     for kind, holds in _SPECIAL.items():
         if (transform, kind) in _KERNELS and holds(source):
             return _KERNELS[transform, kind]

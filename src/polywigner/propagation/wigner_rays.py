@@ -305,11 +305,11 @@ _COUNTED = 256
 @lru_cache(maxsize=64)
 def _kinks(source: Aperture | Array) -> Floats | None:
     """The segments (T1), each once: (m, 2, 2), ends in the plane; None if there may be too many."""
-    phased = source.phased if isinstance(source, Array) else None
-    elements, means = source.elements_in_plane, np.zeros((1, 2))
+    form = normal_form(source)
+    elements, means = form.in_plane.elements, np.zeros((1, 2))
     grid = 0.0
-    if phased is not None and phased.repeated is not None:
-        elements, positions = phased.repeated[:1], phased.repeated[1]
+    if form.lattice is not None:
+        elements, positions = (form.lattice.element,), form.lattice.positions
         means = (positions[:, None] / 2 + positions / 2).reshape(-1, 2)
         grid = grid_size(positions) if positions.any() else 1.0
         means = np.unique(np.rint(means / grid), axis=0) * grid

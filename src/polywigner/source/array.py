@@ -22,7 +22,7 @@ from polywigner.geometry.arguments import (
 from polywigner.geometry.display import length_text, shown_as_html
 from polywigner.geometry.parts import union_on_grid
 from polywigner.geometry.wavefront import TakesWaves, Wavefront
-from polywigner.source.lattices import Sites, checked_sites, checked_weights
+from polywigner.source.lattices import checked_sites, checked_weights
 from polywigner.source.overlaps import warn_of_overlaps
 from polywigner.source.waves import Illumination
 
@@ -93,47 +93,6 @@ def aperture_in_plane(number: int, element: Element) -> Aperture:
     return Aperture(outline).with_illumination(turned.moved(shift[:2]))
 
 
-# Elements are copies if their vertices, shifted, miss those of the first by this fraction of the
-# largest coordinate: a few roundings; fields, which come from a sine, may miss by more.
-_COPIES, _COPIED_FIELDS = 1e-15, 1e-13
-
-
-def shifted_copies(
-    elements: Sequence[Aperture] | Sequence[Slits],
-) -> tuple[Aperture, NDArray[np.float64], NDArray[np.complex128]] | None:
-    """Return an aperture, shifts (n, 2) and factors (n,) of its field; None if these differ."""
-    first = elements[0]
-    if not isinstance(first, Aperture):
-        return None
-    corners = np.concatenate(first.rings)
-    shifts, factors = [], []
-    for element in elements:
-        assert isinstance(element, Aperture)  # elements of one plane are of one kind
-        if [len(ring) for ring in element.rings] != [len(ring) for ring in first.rings]:
-            return None
-        own = np.concatenate(element.rings)
-        shift = (own - corners).mean(axis=0)
-        allowed = _COPIES * max(float(np.abs(own).max()), float(np.abs(corners).max()))
-        factor = _factor_of_copy(first.illumination, element.illumination, shift)
-        if factor is None or float(np.abs(own - corners - shift).max()) > allowed:
-            return None
-        shifts.append(shift)
-        factors.append(factor)
-    return first, np.array(shifts), np.array(factors, np.complex128)
-
-
-def _factor_of_copy(first: Any, other: Any, shift: NDArray[np.float64]) -> complex | None:
-    """The factor between a field and another one shifted; None where there is none."""
-    if first is None or other is None:
-        return 1.0 if first is other else None
-    moved = first.moved(shift)
-    if not np.array_equal(moved.frequencies, other.frequencies):
-        return None
-    factor = complex(other.amplitudes[0] / moved.amplitudes[0])
-    error = float(np.abs(other.amplitudes - factor * moved.amplitudes).max())
-    return factor if error <= _COPIED_FIELDS * float(np.abs(other.amplitudes).max()) else None
-
-
 # Curvatures of elements that were turned, or read, differ by rounding.
 _SAME = 1e-12
 
@@ -197,8 +156,6 @@ def _tilted(element: Any, kappa: NDArray[np.float64]) -> Any:
 
 # Outlines that a notebook draws: a few hundred kB.
 _MOST_DRAWN = 2000
-# From so many elements on it is looked for whether they are shifted copies of one.
-LEAST_COPIES = 24
 
 
 @final
@@ -277,28 +234,6 @@ class Array(TakesWaves):
     def distinct(self) -> tuple[Element, ...]:
         """The elements, the equal ones of a `phased_array` once."""
         return self.elements if self.repeated is None else (self.repeated[0],)
-
-    @cached_property
-    def phased(self) -> Array | None:
-        """The array as a `phased_array`: itself, or its apertures if many are copies of one."""
-        if self.repeated is not None:
-            return self
-        if len(self) < LEAST_COPIES:
-            return None
-        try:
-            found = shifted_copies(self.elements_in_plane)
-        except GeometryError:
-            found = None
-        if found is None:
-            return None
-        element, positions, factors = found
-        return repeated_element(element, positions, self.weights * factors)
-
-    @cached_property
-    def sites(self) -> Sites:
-        """Where the copies of a `phased_array` are, with their weights."""
-        assert self.repeated is not None
-        return Sites(self.repeated[1], self.weights)
 
     @property
     def dimension(self) -> int:

@@ -423,10 +423,7 @@ def read_elements(
     array([1. +0.j , 0. +0.5j])
     """
     if not isinstance(element, Aperture):
-        raise ArgumentError(
-            f"expected an Aperture as the element, got {type(element).__name__}; a curved wave "
-            "goes on the whole array, by its curved()"
-        )
+        raise ArgumentError(f"expected an Aperture as the element, got {type(element).__name__}")
     file, metres = checked_path(path), parse_unit(unit)
     with at_key(str(file)):
         table = _columns(text_of(bytes_of(file)))

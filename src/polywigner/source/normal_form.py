@@ -20,14 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, GeometryError
 from polywigner.geometry import Aperture, PlacedAperture, Slits, Wavefront
-from polywigner.source.array import (
-    LEAST_COPIES,
-    Array,
-    PathLengths,
-    aperture_in_plane,
-    repeated_element,
-    shifted_copies,
-)
+from polywigner.source.array import Array, PathLengths, aperture_in_plane, repeated_element
 from polywigner.source.lattices import Lattice, lattice_of
 from polywigner.source.waves import Illumination, exact_turns
 
@@ -38,6 +31,11 @@ PublicSource = Aperture | PlacedAperture | Slits | Array | Wavefront
 # Amplitudes of two elements count as proportional if they miss a common factor by this fraction of
 # the largest: a few roundings.
 _PROPORTIONAL = 1e-15
+# From so many elements on it is looked for whether they are shifted copies of one.
+_LEAST_COPIES = 24
+# Elements are copies if their vertices, shifted, miss those of the first by this fraction of the
+# largest coordinate: a few roundings; fields, which come from a sine, may miss by more.
+_COPIES, _COPIED_FIELDS = 1e-15, 1e-13
 
 
 @final
@@ -90,9 +88,14 @@ class SourceElement:
 
     def moved(self, shift: Floats) -> SourceElement:
         """Return the element and its waves shifted by (d,) in its own plane."""
+        return replace(
+            self, outline=self.outline.moved(shift), amplitudes=self.moved_amplitudes(shift)
+        )
+
+    def moved_amplitudes(self, shift: Floats) -> Complexes:
+        """Return the amplitudes (m,) of the waves shifted by (d,)."""
         turns = [exact_turns(kappa, shift.tolist()) for kappa in self.frequencies.tolist()]
-        amplitudes = self.amplitudes * np.exp(-2j * np.pi * np.array(turns))
-        return replace(self, outline=self.outline.moved(shift), amplitudes=amplitudes)
+        return self.amplitudes * np.exp(-2j * np.pi * np.array(turns))
 
     @cached_property
     def _key(self) -> tuple[Any, ...]:
@@ -216,16 +219,12 @@ class Source:
     @cached_property
     def lattice(self) -> RepeatedElement | None:
         """How the elements repeat: one element, positions and weights; None if they do not."""
-        if self.repeated is not None or len(self) < LEAST_COPIES:
+        if self.repeated is not None or len(self) < _LEAST_COPIES:
             return self.repeated
         try:
-            found = shifted_copies([element.shape for element in self.in_plane.elements])
+            return _copies(self.in_plane.elements)
         except GeometryError:
             return None
-        if found is None:
-            return None
-        shape, positions, factors = found
-        return RepeatedElement(_element(shape, 1.0), positions, self.weights * factors)
 
     # ---- properties of the field
 
@@ -259,7 +258,7 @@ class Source:
         groups: list[tuple[SourceElement, list[int], list[complex]]] = []
         for number, element in enumerate(self.elements):
             for first, members, factors in groups:
-                factor = _common_factor(element, first)
+                factor = _common_factor(element, first.frequencies, first.amplitudes)
                 if factor is not None:
                     members.append(number)
                     factors.append(factor)
@@ -480,13 +479,41 @@ def _element(public: Any, weight: complex) -> SourceElement:
     return SourceElement(outline, weight, field.amplitudes, field.frequencies, pose)
 
 
-def _common_factor(element: SourceElement, other: SourceElement) -> complex | None:
-    """Return the factor between the waves of two elements; None if there is none."""
-    if not np.array_equal(element.frequencies, other.frequencies):
+def _copies(elements: Sequence[SourceElement]) -> RepeatedElement | None:
+    """Return elements as shifted copies of the first one; None if they are not."""
+    first = elements[0]
+    if not isinstance(first.outline, Aperture):
         return None
-    factor = complex(element.amplitudes[0] / other.amplitudes[0])
-    error = np.abs(element.amplitudes - factor * other.amplitudes).max()
-    return factor if error <= _PROPORTIONAL * np.abs(element.amplitudes).max() else None
+    corners = np.concatenate(first.rings)
+    shifts, weights = [], []
+    for element in elements:
+        if [len(ring) for ring in element.rings] != [len(ring) for ring in first.rings]:
+            return None
+        vertices = np.concatenate(element.rings)
+        shift = (vertices - corners).mean(axis=0)
+        allowed = _COPIES * max(float(np.abs(vertices).max()), float(np.abs(corners).max()))
+        amplitudes = first.moved_amplitudes(shift)
+        factor = _common_factor(element, first.frequencies, amplitudes, _COPIED_FIELDS)
+        if factor is None or float(np.abs(vertices - corners - shift).max()) > allowed:
+            return None
+        shifts.append(shift)
+        weights.append(element.weight * factor)
+    element = replace(first, weight=1.0)
+    return RepeatedElement(element, np.array(shifts), np.array(weights, np.complex128))
+
+
+def _common_factor(
+    element: SourceElement,
+    frequencies: Floats,
+    amplitudes: Complexes,
+    tolerance: float = _PROPORTIONAL,
+) -> complex | None:
+    """Return the factor between the waves of an element and others; None if there is none."""
+    if not np.array_equal(element.frequencies, frequencies):
+        return None
+    factor = complex(element.amplitudes[0] / amplitudes[0])
+    error = np.abs(element.amplitudes - factor * amplitudes).max()
+    return factor if error <= tolerance * np.abs(element.amplitudes).max() else None
 
 
 def _group(first: SourceElement, members: Sequence[int], factors: Sequence[complex]) -> WaveGroup:

@@ -10,7 +10,6 @@ import math
 import os
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeVar
 
@@ -20,39 +19,31 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner import geometry
-from polywigner.errors import (
-    ArgumentError,
-    FileFormatError,
-    GeometryError,
-    PolywignerError,
-    at_key,
-    value_text,
-)
+from polywigner.errors import ArgumentError, FileFormatError, GeometryError, at_key, value_text
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits, Wavefront
-from polywigner.geometry.arguments import checked_path, write_lines
+from polywigner.geometry.arguments import checked_path, rigid_pose, write_lines
 from polywigner.geometry.io.limits import bytes_of, text_of
 from polywigner.geometry.parts import merge_parts, part_of_rings
 from polywigner.geometry.rings import oriented, polygon_of_part
-from polywigner.geometry.wavefront import TakesWaves
 from polywigner.source.array import Array, Element, PathLengths, phased_array
-from polywigner.source.lattices import checked_positions
 from polywigner.source.polarisation import checked_polarisation
 from polywigner.source.source_tables import (
     Complex,
+    Coordinate,
+    Coordinates,
     FieldTable,
     Frequency,
     Kind,
     LayoutTable,
     Length,
+    Radii,
     ShapeTable,
     Table,
     WeightTable,
     called,
-    complex_numbers,
     converted,
-    metres,
     product_of,
-    radius_of,
+    required_wavelength,
     wavelength_in,
 )
 
@@ -67,22 +58,17 @@ SOURCE_COORDINATE = "source_json"
 
 _Item = TypeVar("_Item")
 NonEmpty = Annotated[list[_Item], msgspec.Meta(min_length=1)]
-Metres = float | str
-"""A coordinate in a list whose nesting is checked."""
-Ring = Annotated[list[tuple[Metres, Metres]], msgspec.Meta(min_length=3)]
+Ring = Annotated[list[tuple[Coordinate, Coordinate]], msgspec.Meta(min_length=3)]
 
 # Outlines and bodies.
 
 
-@dataclass(frozen=True)
-class Context:
-    """Settings of a file that its tables depend on."""
+class Context(NamedTuple):
+    """Folder of a file, whether it may name files outside, and its wavelength in m, if any."""
 
     folder: Path
     allow_outside: bool
-    """Whether the file may name files outside its folder."""
     wavelength: float | None
-    """Wavelength at the top of the file, in m."""
 
     def path(self, name: str) -> Path:
         """Return the path of another file, which has to be in the folder unless allowed."""
@@ -95,24 +81,15 @@ class Context:
         )
 
 
-_REQUIRED = {
-    "unit": "file", "layer": "file", "union": "file", "verbatim": "polygons", "faces": "vertices",
-}  # fmt: skip
-"""Keys that go with another key only."""
-
-
 def _origin(table: Table, *origins: str) -> str:
     """The one of several keys that a table has."""
-    keys = [key for key in table.__struct_fields__ if getattr(table, key) is not None]
-    present = [key for key in origins if key in keys]
+    present = [key for key in origins if getattr(table, key) is not None]
     if len(present) != 1:
         got = " and ".join(present) or "none"
         raise FileFormatError(f"expected one of the keys {', '.join(origins)}, got {got}")
-    for key in keys:
-        if _REQUIRED.get(key, present[0]) != present[0]:
-            raise FileFormatError(
-                f"expected {key!r} with {_REQUIRED[key]!r} only, got {present[0]!r}"
-            )
+    for key in ("unit", "layer", "union"):
+        if present[0] != "file" and getattr(table, key, None):
+            raise FileFormatError(f"expected {key!r} with 'file' only, got {present[0]!r}")
     return present[0]
 
 
@@ -128,8 +105,8 @@ class _Illuminated(Kind):
         if self.illumination is None:
             return outline
         d = 1 if kind is Slits else 2
-        field = product_of("illumination", self.illumination, context.wavelength, dimension=d)
         with at_key("illumination"):
+            field = product_of(self.illumination, context.wavelength, dimension=d)
             return outline.with_illumination(field)
 
 
@@ -137,39 +114,35 @@ class ApertureTable(_Illuminated, tag="aperture"):
     file: str | None = None
     unit: str | None = None
     layer: str | list[str] | None = None
-    union: bool | None = None
+    union: bool = False
     polygons: NonEmpty[NonEmpty[Ring]] | None = None
-    verbatim: bool | None = None
-    to_world: list[list[Metres]] | None = None
+    to_world: Coordinates | None = None
 
     def source(self, context: Context) -> Aperture | PlacedAperture:
         with at_key(_origin(self, "file", "polygons", "shape")):
             if self.file is not None:
-                options: dict[str, Any] = {"layer": self.layer, "union": bool(self.union)}
                 path, unit = context.path(self.file), self.unit or "mm"
-                outline: Any = geometry.read_aperture(path, unit, **options)
+                outline: Any = geometry.read_aperture(path, unit, None, self.layer, self.union)
             elif self.polygons is not None:
-                outline = _aperture(metres(self.polygons), self.verbatim)
+                outline = _aperture(self.polygons)
             else:
                 outline = called(self.shape)
         aperture: Aperture = self.illuminated(outline, Aperture, context)
         if self.to_world is None:
             return aperture
         with at_key("to_world"):
-            matrix = np.array(metres(self.to_world))
-            pose = geometry.rigid_pose(matrix)
-            # A pose that was written is read back equal: the nearest rotation may be rounded.
-            is_rigid = float(np.abs(matrix - pose).max()) <= 1e-15
-            return PlacedAperture(aperture, matrix if is_rigid else pose)
+            pose = rigid_pose(self.to_world)
+        # A pose that was written is read back equal: the nearest rotation may be rounded.
+        is_rigid = np.allclose(self.to_world, pose, rtol=0.0, atol=1e-15)
+        return PlacedAperture(aperture, np.array(self.to_world) if is_rigid else pose)
 
 
 class SlitsTable(_Illuminated, tag="slits"):
-    intervals: list[tuple[Metres, Metres]] | None = None
+    intervals: Coordinates | None = None
 
     def source(self, context: Context) -> Slits:
         with at_key(_origin(self, "intervals", "shape")):
-            is_shape = self.intervals is None
-            outline = called(self.shape) if is_shape else Slits(metres(self.intervals))
+            outline = called(self.shape) if self.intervals is None else Slits(self.intervals)
         slits: Slits = self.illuminated(outline, Slits, context)
         return slits
 
@@ -177,34 +150,31 @@ class SlitsTable(_Illuminated, tag="slits"):
 class PolyhedronTable(Kind, tag="polyhedron"):
     file: str | None = None
     unit: str | None = None
-    vertices: list[list[Metres]] | None = None
+    vertices: Coordinates | None = None
     faces: list[list[int]] | None = None
 
     def source(self, context: Context) -> Polyhedron:
         with at_key(_origin(self, "file", "vertices")):
             if self.file is None:
-                return Polyhedron(metres(self.vertices), self.faces or [])
+                return Polyhedron(self.vertices or [], self.faces or [])
             return geometry.read_polyhedron(context.path(self.file), self.unit or "mm")
 
 
-def _aperture(polygons: list[list[Any]], verbatim: bool | None) -> Aperture:
+def _aperture(polygons: list[list[Any]]) -> Aperture:
     """The aperture of polygons, each a list of rings with the exterior first.
 
-    If not verbatim, vertices on a line are dropped, and polygons that touch are joined and sorted.
-    Shifts of an aperture can put vertices on a line.
+    Valid polygons keep all their vertices. Others are cleaned, and joined where they touch.
     """
-    if not verbatim:
-        parts = [part_of_rings(rings, f"polygon {k}") for k, rings in enumerate(polygons)]
-        return Aperture._of_parts(merge_parts(parts))
     parts = [
-        tuple(oriented(np.array(ring, np.float64), n == 0) for n, ring in enumerate(rings))
+        tuple(oriented(np.array(ring), n == 0) for n, ring in enumerate(rings))
         for rings in polygons
     ]
-    reason = shapely.is_valid_reason(shapely.MultiPolygon([polygon_of_part(p) for p in parts]))
-    if reason != "Valid Geometry":
-        raise GeometryError(
-            f"expected valid polygons with verbatim = true, got {reason}; leave verbatim out"
-        )
+    region = shapely.MultiPolygon([polygon_of_part(part) for part in parts])
+    different = shapely.get_num_coordinates(shapely.remove_repeated_points(region))
+    is_clean = different == sum(len(ring) + 1 for part in parts for ring in part)
+    if not is_clean or not shapely.is_valid(region):
+        named = [part_of_rings(rings, f"polygon {k}") for k, rings in enumerate(polygons)]
+        parts = merge_parts(named)
     return Aperture._of_parts(parts)
 
 
@@ -217,11 +187,8 @@ class Paths(Table):
     slopes: list[tuple[float, float]]
 
 
-ElementTable = ApertureTable | SlitsTable | PolyhedronTable
-
-
 class ArrayTable(Kind, tag="array"):
-    elements: list[ElementTable]
+    elements: list[ApertureTable | SlitsTable | PolyhedronTable]
     weights: list[Complex] | None = None
     paths: Paths | None = None
 
@@ -230,38 +197,34 @@ class ArrayTable(Kind, tag="array"):
         for k, table in enumerate(self.elements):
             with at_key(f"elements[{k}]"):
                 elements.append(table.source(context))
-        array = Array(elements, None if self.weights is None else complex_numbers(self.weights))
+        array = Array(elements, self.weights)
         if self.paths is None:
             return array
-        with at_key("paths"):
-            cycles, slopes = np.array(self.paths.cycles), np.array(self.paths.slopes)
-            return array.with_paths(PathLengths(cycles, slopes, float(self.paths.wavelength)))
+        cycles, slopes = np.array(self.paths.cycles), np.array(self.paths.slopes)
+        return array.with_paths(PathLengths(cycles, slopes, float(self.paths.wavelength)))
 
 
 class PhasedArrayTable(Kind, tag="phased-array"):
     element: ApertureTable | SlitsTable
-    positions: LayoutTable | list[Metres | list[Metres]]  # type: ignore[valid-type]
-    weights: WeightTable | NonEmpty[WeightTable | Complex] | None = None  # type: ignore[valid-type]
+    positions: LayoutTable | list[Coordinates]  # type: ignore[valid-type]
+    weights: dict[str, Any] | NonEmpty[Any] | None = None
 
     def source(self, context: Context) -> Array:
         with at_key("element"):
-            element = self.element.source(context)
-            if isinstance(element, PlacedAperture):
-                raise FileFormatError("expected an aperture without a pose, or slits, to repeat")
-        layout, weights, d = self.positions, self.weights, 1 if isinstance(element, Slits) else 2
-        with at_key("positions"):
-            positions = metres(layout) if isinstance(layout, list) else called(layout)
-            positions = checked_positions(positions, (d,))
-        if isinstance(weights, list) and not all(isinstance(w, Kind) for w in weights):
-            with at_key("weights"):
-                weights = complex_numbers(weights)
+            element: Any = self.element.source(context)
+        positions: Any = self.positions
+        if not isinstance(positions, list):
+            with at_key("positions"):
+                positions = called(positions)
+        weights: Any = self.weights
+        if isinstance(weights, list) and not isinstance(weights[0], dict):
+            weights = converted(weights, list[Complex], key="weights")
         elif weights is not None:
-            named: dict[str, Any] = (
-                {} if isinstance(layout, list) else msgspec.structs.asdict(layout)
-            )
-            shape = [named[key] for key in ("count", "nx", "ny") if key in named] or None
-            of_array = {"dimension": d, "positions": positions, "shape": shape}
-            weights = product_of("weights", weights, context.wavelength, **of_array)
+            kind = WeightTable | NonEmpty[WeightTable]  # type: ignore[valid-type]
+            tables = converted(weights, kind, key="weights")
+            of_array = {"positions": positions, "dimension": 1 if isinstance(element, Slits) else 2}
+            with at_key("weights"):
+                weights = product_of(tables, context.wavelength, layout=self.positions, **of_array)
         return phased_array(element, positions, weights)
 
 
@@ -272,30 +235,22 @@ SourceTable = ApertureTable | SlitsTable | PolyhedronTable | ArrayTable | Phased
 
 
 class WavefrontTable(Table):
-    radius: Metres | list[Metres] | None = None
+    radius: Radii | None = None
     wavelength: Length | None = None
-    curvature: float | list[float | list[float]] | None = None
-    centre: Metres | list[Metres] | None = None
+    curvature: list[list[float]] | None = None
+    centre: Coordinates | None = None
     coherence_width: Length | None = None
 
     def on(self, source: Any, wavelength: float | None) -> Wavefront:
         """Return a source with this wave; the file has the wavelength in m, if any."""
-        if not isinstance(source, TakesWaves):
-            raise FileFormatError("expected an aperture without a pose, slits or an array")
-        if self.radius is not None and self.curvature is not None:
-            raise FileFormatError("expected the key radius or curvature, got both")
-        centre = None if self.centre is None else metres(self.centre)
+        length = None if self.curvature is None else self.wavelength
         width = self.coherence_width or math.inf
+        wave = Wavefront(source, self.curvature, self.centre, width, length)
         if self.radius is None:
-            length = None if self.curvature is None else self.wavelength
-            return Wavefront(source, self.curvature, centre, width, length)
-        design = self.wavelength or wavelength
-        if design is None:
-            raise FileFormatError("expected a frequency or wavelength in the file, got none")
-        with at_key("radius"):
-            radii = self.radius if isinstance(self.radius, list) else [self.radius]
-            wave = Wavefront(source, None, centre, width)
-            return wave.curved([radius_of(radius) for radius in radii], design, centre)
+            return wave
+        return wave.curved(
+            self.radius, required_wavelength(self.wavelength or wavelength), self.centre
+        )
 
 
 class Top(Table):
@@ -309,21 +264,20 @@ class Top(Table):
 
 
 class FileContent(NamedTuple):
-    """The source of a file and the settings at its top."""
+    """The source of a file, and its wavelength in m and polarisation; None for missing ones.
+
+    The polarisation is a Jones vector (2,), or has one for each element (n, 2).
+    """
 
     source: Element | Array | Wavefront
     wavelength: float | None
-    """Wavelength in m; None if the file has none."""
     polarisation: NDArray[np.complex128] | None
-    """Jones vector (2,), or one for each element (n, 2); None if the file has none."""
 
 
 def content_of(tables: Any, folder: Path, allow_outside: bool = False) -> FileContent:
     """The source that the tables of a file describe, and the settings at its top."""
-    at_top: dict[str, Any] = {}
-    if isinstance(tables, dict):
-        at_top = {key: tables[key] for key in Top.__struct_fields__ if key in tables}
-        tables = {key: value for key, value in tables.items() if key not in at_top}
+    tables = converted(tables, dict[str, Any])
+    at_top = {key: tables.pop(key) for key in Top.__struct_fields__ if key in tables}
     body, top = converted(tables, SourceTable), converted(at_top, Top)
     wavelength = wavelength_in(top)
     source = flat = body.source(Context(folder, allow_outside, wavelength))
@@ -335,7 +289,7 @@ def content_of(tables: Any, folder: Path, allow_outside: bool = False) -> FileCo
         with at_key("polarisation"):
             if not isinstance(jones, str) and not isinstance(jones[0], str):
                 is_deep = isinstance(jones[0], list) and isinstance(jones[0][0], list)
-                jones = complex_numbers(jones, 2 if is_deep else 1)
+                jones = converted(jones, list[list[Complex]] if is_deep else list[Complex])
             jones = checked_polarisation(jones, flat)
     return FileContent(source, wavelength, jones)
 
@@ -367,8 +321,7 @@ def read_source(
     ------
     FileFormatError
         The file is missing, empty, too large (64 MiB) or not TOML or JSON; names a file outside its
-        folder; or has an unknown key or a wrong value. A dataset contains no source, or only the
-        digest of a source longer than 64 KiB.
+        folder; or has an unknown key or a wrong value. A dataset contains no source.
     GeometryError, IlluminationError, ArgumentError, QuantityError
         The values describe no valid source: see the functions and classes that the file names.
     MissingExtraError
@@ -386,15 +339,9 @@ def read_source(
     if SOURCE_COORDINATE not in path.coords:
         raise FileFormatError(
             f"expected a dataset with its source in the coordinate {SOURCE_COORDINATE}, got one "
-            "without; sources longer than 64 KiB are not stored, write them by "
-            "polywigner.write_source"
+            "without"
         )
-    try:
-        text = str(path.coords[SOURCE_COORDINATE].values.item())
-    except (ValueError, RuntimeError) as error:  # from the codecs of a store
-        raise FileFormatError(
-            f"expected a dataset whose source can be read, got a damaged one ({error}); read a copy"
-        ) from error
+    text = str(path.coords[SOURCE_COORDINATE].values.item())
     return content_of(_parsed(text, ".json"), Path(), allow_outside).source
 
 
@@ -475,7 +422,7 @@ def _table(source: Any) -> dict[str, Any]:
         table = {"kind": "slits", "intervals": source.intervals.tolist()}
     elif isinstance(source, Aperture):
         polygons = [[ring.tolist() for ring in part] for part in source._parts]
-        table = {"kind": "aperture", "polygons": polygons, "verbatim": True}
+        table = {"kind": "aperture", "polygons": polygons}
     else:
         raise ArgumentError(
             "expected an Aperture, a placed aperture, Slits, a Polyhedron, an Array or a "
@@ -560,16 +507,13 @@ def write_source(
     file, table = checked_path(path), table_of(source)
     if polarisation is not None:
         jones = checked_polarisation(polarisation, source)
-        jones = jones.view(np.float64).reshape(*jones.shape, 2).tolist()
-        table = {"version": table.pop("version"), "polarisation": jones, **table}
+        table["polarisation"] = jones.view(np.float64).reshape(*jones.shape, 2).tolist()
     text = json.dumps(table) if file.suffix.lower() == ".json" else _toml(table).rstrip("\n")
     with at_key(str(file)):
         tables = _parsed(text, file.suffix)
-    fault = "build the source anew from its vertices"
-    try:
-        is_same = content_of(tables, file.parent).source == source
-    except PolywignerError as error:
-        is_same, fault = False, str(error)
-    if not is_same:
-        raise GeometryError(f"a file cannot represent {source!r} exactly: {fault}")
+    fault = f"a file cannot represent {source!r} exactly"
+    with at_key(fault):
+        again = content_of(tables, file.parent).source
+    if again != source:
+        raise GeometryError(f"{fault}; build it anew from its vertices")
     write_lines(file, [text])

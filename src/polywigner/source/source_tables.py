@@ -7,7 +7,6 @@ lists them all. msgspec checks keys and types. Errors begin with the path of the
 
 from __future__ import annotations
 
-import difflib
 import functools
 import inspect
 import math
@@ -22,8 +21,7 @@ from numpy.typing import NDArray
 
 from polywigner import quantities
 from polywigner.errors import ArgumentError, FileFormatError, QuantityError, at_key, value_text
-from polywigner.geometry import Aperture, Wavefront, shapes
-from polywigner.geometry.wavefront import TakesWaves
+from polywigner.geometry import Aperture, shapes
 from polywigner.source import arrays, tapers
 from polywigner.source.array import Array, phased_array, repeated_element
 from polywigner.source.waves import Illumination
@@ -52,44 +50,55 @@ class Decibels(float):
 
 
 class Coordinates(list[Any]):
-    """Coordinates in lists, nested to any depth."""
+    """A coordinate, or coordinates in lists nested to any depth."""
 
 
-Complex = float | tuple[float, float]
-"""A number, or a pair [real, imaginary]."""
+class Radii(list[float]):
+    """A radius of curvature in m, or one for each axis; "inf" for a flat wave."""
 
 
-def metres(values: Any) -> Any:
+class Complex(complex):
+    """A number if it is real, else a pair [real, imaginary]."""
+
+
+def _coordinates(values: Any) -> Any:
     """Coordinates as numbers in m, in lists nested to any depth."""
-    if isinstance(values, list | tuple):
-        return [metres(value) for value in values]
-    return values if type(values) is float else quantities.parse_coordinate(values)
+    if isinstance(values, list):
+        return [_coordinates(value) for value in values]
+    is_number = type(values) is float and math.isfinite(values)
+    return values if is_number else quantities.parse_coordinate(values)
 
 
+def _listed(value: Any) -> list[Any]:
+    return value if isinstance(value, list) else [value]
+
+
+_FLAT = ("inf", math.inf)
 _PARSERS: dict[type, Callable[[Any], Any]] = {
     Length: quantities.parse_length,
-    Coordinate: quantities.parse_coordinate,
+    Coordinate: _coordinates,
     Angle: quantities.parse_angle,
     Frequency: quantities.parse_frequency,
     Decibels: quantities.parse_decibels,
-    Coordinates: lambda value: metres(value if isinstance(value, list) else [value]),
+    Coordinates: lambda values: _coordinates(_listed(values)),
+    Radii: lambda radii: [float(r) if r in _FLAT else _coordinates(r) for r in _listed(radii)],
+    Complex: lambda number: complex(*converted(_listed(number), list[float])),
 }
 
 
-def complex_numbers(values: Any, depth: int = 1) -> Any:
-    """Complex numbers of lists, nested `depth` deep, of numbers or pairs [real, imaginary]."""
+def converted(table: Any, kind: Any, strict: bool = True, key: str = "") -> Any:
+    """A table as an object of the schema; FileFormatError with the path of a wrong key or value.
+
+    Numbers may be texts if not strict. The path begins with the key of the table itself.
+    """
     try:
-        if depth:
-            return [complex_numbers(value, depth - 1) for value in values]
-        return complex(*values) if isinstance(values, list | tuple) else complex(values)
-    except (TypeError, ValueError):
-        got = value_text(values)
-        raise FileFormatError(f"expected numbers or pairs [real, imaginary], got {got}") from None
-
-
-def radius_of(value: float | str) -> float:
-    """A radius of curvature in m, of either sign; "inf" means a flat wave."""
-    return math.inf if value in ("inf", math.inf) else quantities.parse_coordinate(value)
+        hook: Any = lambda kind, value: kind(_PARSERS[kind](value))  # noqa: E731
+        return msgspec.convert(table, kind, strict=strict, dec_hook=hook)
+    except msgspec.ValidationError as error:
+        text = "".join(c if c.isprintable() else " " for c in str(error))
+        fault, _, path = text.replace(" | null", "").partition(" - at `$")
+        fault, path = fault[0].lower() + fault[1:], f"{key}{path}".strip(".`")
+        raise FileFormatError(f"{path}: {fault}" if path else fault) from None
 
 
 def wavelength_in(table: Any, default: float | None = None) -> float | None:
@@ -99,6 +108,13 @@ def wavelength_in(table: Any, default: float | None = None) -> float | None:
     if table.frequency is not None:
         return quantities.wavelength_of(table.frequency)
     return default if table.wavelength is None else float(table.wavelength)
+
+
+def required_wavelength(wavelength: float | None) -> float:
+    """The wavelength in m that a beam or a curved wave needs; FileFormatError without one."""
+    if wavelength is None:
+        raise FileFormatError("expected a frequency or a wavelength for it, got none; give one")
+    return wavelength
 
 
 class Table(msgspec.Struct, forbid_unknown_fields=True):
@@ -113,23 +129,19 @@ class _Shape(Table, tag_field="name"):
     """A table whose key "name" selects a shape of the catalogue."""
 
 
-# Tables that name a function. Its parameters are the keys, except those that other tables set. A
-# key has the type of its parameter, and the same meaning in all tables.
+# Tables that name a function. Its parameters are the keys, except those that other tables set, and
+# angles for a direction. A key has the type of its parameter, and the same meaning in all tables.
 
 _OF_ANNOTATION: dict[str, Any] = {
     "float": Coordinate, "ArrayLike": Coordinates, "int": int, "bool": bool, "str": str,
 }  # fmt: skip
 _OF_KEY: dict[str, Any] = {
-    "sll": Decibels, "window": str | list[str], "counts": list[int], "coefficients": list[Any],
-    "amplitudes": list[Complex], "frequencies": list[float | list[float]],
+    "wavelength": Length, "frequency": Frequency, "sll": Decibels, "window": str | list[str],
+    "counts": list[int], "coefficients": list[Any], "amplitudes": list[Complex],
+    "frequencies": list[float | list[float]],
 }  # fmt: skip
-_IN_PLACE_OF: dict[str, dict[str, Any]] = {
-    "wavelength": {"frequency": Frequency, "wavelength": Length},
-    "direction": {"direction": float | list[float], "theta": Angle, "phi": Angle},
-}
-"""Keys of a table that stand for one parameter of its function."""
-_FROM_CONTEXT = ("dimension", "positions", "shape", "frequency")
-"""Parameters without a key, which follow from other tables."""
+# Parameters without a key, which follow from other tables.
+_FROM_CONTEXT = ("dimension", "positions", "shape")
 
 _FUNCTIONS: dict[type, Callable[..., Any]] = {}
 
@@ -138,20 +150,18 @@ def _union_of(functions: Mapping[str, Callable[..., Any]], base: type = Kind) ->
     """The union of the tables of functions by name."""
     tables = []
     for name, function in functions.items():
-        required, optional = [], []
+        fields: list[Any] = []
         for key, parameter in inspect.signature(function).parameters.items():
-            if key in _IN_PLACE_OF:
-                optional += [(k, kind | None, None) for k, kind in _IN_PLACE_OF[key].items()]
+            annotation, _, null = parameter.annotation.partition(" | ")
+            if key == "direction":
+                fields += [("theta", Angle), ("phi", Angle, 0.0)]
             elif key not in _FROM_CONTEXT:
-                annotation, _, null = parameter.annotation.partition(" | ")
                 kind = _OF_KEY.get(key) or _OF_ANNOTATION[annotation]
-                if parameter.default is not parameter.empty:
-                    optional.append((key, kind | None, parameter.default))
-                elif null:
-                    optional.append((key, kind | None, None))
-                else:
-                    required.append((key, kind))
-        tables.append(msgspec.defstruct(name, [*required, *optional], bases=(base,), tag=name))
+                has_default = parameter.default is not parameter.empty
+                is_optional = has_default or null or key == "wavelength"
+                default = parameter.default if has_default else None
+                fields.append((key, kind | None, default) if is_optional else (key, kind))
+        tables.append(msgspec.defstruct(name, fields, bases=(base,), tag=name, kw_only=True))
         _FUNCTIONS[tables[-1]] = function
     return functools.reduce(operator.or_, tables)
 
@@ -176,117 +186,35 @@ WeightTable = _union_of({
 ShapeTable = _union_of({name: getattr(shapes, name) for name in shapes.__all__}, _Shape)
 
 
-def called(table: Any, wavelength: float | None = None, **context: Any) -> Any:
+def called(table: Any, wavelength: float | None = None, layout: Any = None, **context: Any) -> Any:
     """Call the function of a table with its values.
 
-    `wavelength`, in m, is used by a table without its own. `context` has the parameters that are no
-    keys, for functions that have them.
+    `wavelength`, in m, is used by a table without its own; `layout`, the table of the positions, by
+    a window. `context` has the parameters that are no keys, for functions that have them.
     """
     function, values = _FUNCTIONS[type(table)], msgspec.structs.asdict(table)
     parameters = inspect.signature(function).parameters
     if "wavelength" in values:
-        values["wavelength"] = wavelength_in(table, wavelength)
-        if values["wavelength"] is None:
-            raise FileFormatError(
-                "expected a frequency or a wavelength, got none; give one with it or at the top of "
-                "the file"
-            )
+        values["wavelength"] = required_wavelength(wavelength_in(table, wavelength))
         del values["frequency"]
-    if "direction" in values:
-        theta, phi = values.pop("theta"), values.pop("phi")
-        if (values["direction"] is None) == (theta is None):
-            got = "neither" if theta is None else "both"
-            raise FileFormatError(f"expected a direction or the angle theta, got {got}")
-        if phi is not None and (theta is None or context["dimension"] == 1):
-            raise FileFormatError("expected phi only with theta, and not for slits")
-        if theta is not None:
-            values["direction"] = tapers.direction_of(theta, phi or 0.0)[: context["dimension"]]
-    for key in {"amplitudes", "coefficients"} & set(values):
-        values[key] = complex_numbers(values[key], 1 if values.get("height") is None else 2)
-    if "shape" in parameters and context["shape"] is None:
-        raise FileFormatError(
-            "expected positions of kind row, grid or triangular for a window, got others"
-        )
+    if "theta" in values:
+        towards = tapers.direction_of(values.pop("theta"), values.pop("phi"))
+        values["direction"] = towards[: context["dimension"]]
+    if "coefficients" in values:
+        kind = list[Complex] if values["height"] is None else list[list[Complex]]
+        values["coefficients"] = converted(values["coefficients"], kind, key="coefficients")
+    if "shape" in parameters:
+        counts = (getattr(layout, key, None) for key in ("count", "nx", "ny"))
+        values["shape"] = [count for count in counts if isinstance(count, int)]
+        if not values["shape"]:
+            raise FileFormatError("expected positions of kind row, grid or triangular, got others")
     return function(**values, **{key: value for key, value in context.items() if key in parameters})
 
 
-def product_of(key: str, tables: Any, wavelength: float | None, **context: Any) -> Any:
+def product_of(tables: Any, wavelength: float | None, **context: Any) -> Any:
     """The product of the objects of a table or of a list of tables."""
-    factors = []
-    for k, table in enumerate(tables if isinstance(tables, list) else [tables]):
-        with at_key(f"{key}[{k}]" if isinstance(tables, list) else key):
-            factors.append(called(table, wavelength, **context))
+    factors = (called(table, wavelength, **context) for table in _listed(tables))
     return functools.reduce(operator.mul, factors)
-
-
-# Errors of msgspec as errors of the package.
-
-_WORDS = {
-    "object": "table", "array": "list", "str": "text", "int": "whole number", "float": "number",
-    "bool": "true or false",
-}  # fmt: skip
-
-
-def converted(table: Any, kind: Any, strict: bool = True) -> Any:
-    """A table as an object of the schema; FileFormatError with the path of a wrong key or value.
-
-    Numbers may be texts if not strict.
-    """
-    try:
-        hook: Any = lambda kind, value: kind(_PARSERS[kind](value))  # noqa: E731
-        return msgspec.convert(table, kind, strict=strict, dec_hook=hook)
-    except msgspec.ValidationError as error:
-        raise FileFormatError(_explained(str(error), table, kind)) from None
-
-
-def tables_of(kind: Any) -> list[Any]:
-    """The tables that a type consists of."""
-    if isinstance(kind, type) and issubclass(kind, Table):
-        return [kind]
-    return [table for part in getattr(kind, "__args__", ()) for table in tables_of(part)]
-
-
-def _explained(message: str, value: Any, kind: Any) -> str:
-    """The message of a msgspec error with the path, the accepted values and the wrong one."""
-    text, _, path = message.partition(" - at `$")
-    path = path.strip(".`")
-    steps = re.findall(r"([^.\[\]]+)|\[(\d+)\]", path)
-    is_tag = text.startswith("Invalid value")
-    for name, index in steps[:-1] if is_tag else steps:
-        if name not in ("", "kind", "name"):
-            fields = msgspec.structs.fields(_table_for(value, kind))
-            kind = next(field.type for field in fields if field.encode_name == name)
-        value = value[name or int(index)]
-    tables = {table.__struct_config__.tag: table for table in tables_of(kind)}
-    wrong_key = text.rstrip("`").rpartition("`")[2]
-    if is_tag:
-        text = _expected("one of", list(tables), value[steps[-1][0]])
-    elif text.startswith("Object missing"):
-        choice = f", one of {', '.join(tables)}" if wrong_key in ("kind", "name") else ""
-        text = f"expected the key {wrong_key!r}{choice}, got none"
-    elif text.startswith("Object contains unknown"):
-        table = _table_for(value, kind)
-        tag = table.__struct_config__.tag_field
-        keys = [*([tag] if tag else []), *table.__struct_fields__]
-        text = _expected("the keys", keys, wrong_key)
-    elif text.startswith("Expected"):
-        text = re.sub(r", got .*| \| null|`", "", text).replace(" | ", " or ")
-        text = re.sub(r"\w+", lambda word: _WORDS.get(word[0], word[0]), text)
-        text = f"{text.lower()}, got {value_text(value)}"
-    return f"{path}: {text}" if path else text
-
-
-def _table_for(value: dict[str, Any], kind: Any) -> Any:
-    """The table of a type that a dictionary with a valid tag stands for."""
-    configs = ((table, table.__struct_config__) for table in tables_of(kind))
-    return next(table for table, config in configs if value.get(config.tag_field) == config.tag)
-
-
-def _expected(what: str, names: list[str], got: Any) -> str:
-    """A message that lists known names and suggests the one nearest to the wrong one."""
-    near = difflib.get_close_matches(str(got), names, 1)
-    hint = f"; did you mean {near[0]!r}?" if near else ""
-    return f"expected {what} {', '.join(names)}, got {value_text(got)}{hint}"
 
 
 # Short texts, which stand for a table each. Groups of the patterns are keys of the table.
@@ -319,7 +247,7 @@ def _table(name: str, text: str) -> dict[str, Any]:
     if name == "steering":
         return {"kind": name, **dict(zip(("theta", "phi"), direction_angles(text), strict=True))}
     if name == "focus":
-        return {"kind": "focusing", "point": [part.strip() for part in text.split(",")]}
+        return {"kind": "focusing", "point": _parts(text)}
     written = text.strip() if name == "array" else text.strip().lower()
     for kind, pattern in _PATTERNS[name].items():
         match = re.fullmatch(pattern, written, re.IGNORECASE)
@@ -327,6 +255,10 @@ def _table(name: str, text: str) -> dict[str, Any]:
             groups = match.groupdict().items()
             return {"kind": kind, **{key: value for key, value in groups if value is not None}}
     raise QuantityError(f"expected {_EXPECTED[name]}, got {value_text(text)}")
+
+
+def _parts(text: str) -> list[Any]:
+    return [part.strip() for part in text.split(",")]
 
 
 def apply_texts(source: Any, texts: Mapping[str, str], wavelength: float | None) -> Any:
@@ -345,35 +277,48 @@ def apply_texts(source: Any, texts: Mapping[str, str], wavelength: float | None)
     wavelength
         Wavelength in metres, for steering, focus and curved waves.
     """
-    if "window" in texts and "array" not in texts:
-        raise ArgumentError("window: expected an array for it, got none; give array as well")
-    shape = None
     for name in SOURCE_TEXTS:
-        if name not in texts:
-            continue
-        text, got = texts[name], type(source).__name__
-        with at_key(name):
-            if name in ("taper", "array") and not isinstance(source, Aperture):
-                raise ArgumentError(
-                    f"expected an aperture for it, got {got}; write it into the source file"
-                )
-            if name in ("curved", "coherence") and not isinstance(source, TakesWaves):
-                raise ArgumentError(f"expected an aperture, slits or an array for it, got {got}")
-            if name == "taper":
-                source = _tapered(source, _table(name, text))
-            elif name == "array":
-                layout = converted(_table(name, text), LayoutTable, strict=False)
-                source, shape = phased_array(source, called(layout)), (layout.nx, layout.ny)
-            elif name == "curved":
-                source = _curved(source, text, wavelength)
-            elif name == "coherence":
-                source = source.partially_coherent(quantities.parse_length(text))
-            else:
-                source = _weighted(source, _table(name, text), wavelength, shape)
+        if name in texts:
+            with at_key(name):
+                source = _with_text(source, name, texts, wavelength)
     return source
 
 
+def _with_text(source: Any, name: str, texts: Mapping[str, str], wavelength: float | None) -> Any:
+    text, got = texts[name], type(source).__name__
+    if name in ("curved", "coherence"):
+        if not hasattr(source, "curved"):
+            raise ArgumentError(f"expected an aperture, slits or an array for it, got {got}")
+        if name == "coherence":
+            return source.partially_coherent(quantities.parse_length(text))
+        low, high = np.reshape(source.bounds, (2, -1))
+        radii = converted(_parts(text), Radii)
+        return source.curved(radii, required_wavelength(wavelength), (low + high) / 2)
+    table = _table(name, text)
+    if name in ("taper", "array"):
+        if not isinstance(source, Aperture):
+            raise ArgumentError(f"expected an aperture for it, got {got}")
+        if name == "taper":
+            return _tapered(source, table)
+        return phased_array(source, called(converted(table, LayoutTable, strict=False)))
+    if name == "steering" and isinstance(source, Aperture):
+        return _times(source, called(converted(table, FieldTable), wavelength, dimension=2))
+    if not isinstance(source, Array) or source.repeated is None:
+        raise ArgumentError(
+            f"expected an array of equal elements with a flat wave, got {got}; give array as "
+            "well, or write it into the source file"
+        )
+    layout = None
+    if "array" in texts:
+        layout = converted(_table("array", texts["array"]), LayoutTable, strict=False)
+    element, positions = source.repeated
+    weights = converted(table, WeightTable, strict=False)
+    factor = called(weights, wavelength, layout, positions=positions, dimension=2)
+    return repeated_element(element, positions, source.weights * factor)
+
+
 def _tapered(aperture: Aperture, table: dict[str, Any]) -> Aperture:
+    """An aperture with the taper of a table across its bounds."""
     xmin, ymin, xmax, ymax = aperture.bounds
     sizes = {"width": xmax - xmin, "height": ymax - ymin}
     axis = table.pop("axis", None)
@@ -391,35 +336,9 @@ def _times(aperture: Aperture, field: Illumination) -> Aperture:
     return aperture.with_illumination(field if other is None else other * field)
 
 
-def _weighted(source: Any, table: dict[str, Any], wavelength: float | None, shape: Any) -> Any:
-    """An array with further weights, or an aperture that is steered by its field."""
-    if isinstance(source, Aperture) and table["kind"] == "steering":
-        return _times(source, called(converted(table, FieldTable), wavelength, dimension=2))
-    if not isinstance(source, Array) or source.repeated is None:
-        kind = "curved wave" if isinstance(source, Wavefront) else type(source).__name__
-        raise ArgumentError(
-            f"expected an array of equal elements with a flat wave, got {kind}; give array as "
-            "well, or write it into the source file"
-        )
-    element, positions = source.repeated
-    weights = converted(table, WeightTable, strict=False)
-    factor = called(weights, wavelength, positions=positions, shape=shape, dimension=2)
-    return repeated_element(element, positions, source.weights * factor)
-
-
-def _curved(source: Any, text: str, wavelength: float | None) -> Wavefront:
-    """A source with a curved wave about the centre of its bounds."""
-    if wavelength is None:
-        raise ArgumentError("expected a frequency or a wavelength with it, got none")
-    radii = [radius_of(part.strip()) for part in text.split(",")]
-    low, high = np.reshape(source.bounds, (2, -1))
-    wave: Wavefront = source.curved(radii, wavelength, (low + high) / 2)
-    return wave
-
-
 def direction_angles(text: str) -> tuple[float, float]:
     """Theta, from 0, and phi in rad of "20 deg" or "20 deg, 90 deg"; else QuantityError."""
-    theta, *phi = (quantities.parse_angle(part.strip()) for part in text.split(","))
+    theta, *phi = map(quantities.parse_angle, _parts(text))
     if len(phi) > 1 or not abs(theta) < math.pi / 2:  # perhaps degrees without a unit
         raise QuantityError(
             'expected a direction such as "20 deg" or "20 deg, 90 deg", within 90 deg of the '

@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
 from polywigner.geometry import Aperture, automean
 from polywigner.geometry.parts import union_on_grid
-from polywigner.source.array import Array, repeated_element
+from polywigner.source.array import Array
+from polywigner.source.normal_form import normal_form
 
 # The exact region costs a hull for each pair of convex pieces and a union of them: 0.7 s for
 # 30 pieces anywhere, 2.3 s (and 60000 trapezoids) for 60.
 _MOST_PAIRS = 500
 # Copies on a lattice cost less, but their union still 4 s for 16000 vertices.
 _MOST_VERTICES = 4096
-# x changes its sign.
-_MIRROR = np.array([-1.0, 1.0])
 
 
 def mutual_support(source: Aperture | Array) -> Aperture:
@@ -52,10 +49,10 @@ def _of_aperture(aperture: Aperture) -> Aperture:
 
 def _copies_on_lattice(array: Array) -> list[shapely.MultiPolygon] | None:
     """The element's automean at all midpoints of a lattice; None if there is none, or too many."""
-    if array.repeated is None or array.sites.lattice is None:
+    copies = normal_form(array).repeated if array.repeated is not None else None
+    if copies is None or copies.sites is None:
         return None
-    element, lattice = array.repeated[0], array.sites.lattice
-    assert isinstance(element, Aperture)  # lattices are those of the plane
+    element, lattice = copies.element.shape, copies.sites
     lit = np.argwhere(lattice.weights != 0)
     sums = _sums(lit)
     if len(sums) * sum(map(len, element.rings)) > _MOST_VERTICES:
@@ -73,18 +70,3 @@ def _sums(sites: NDArray[np.intp]) -> NDArray[np.float64]:
     for site in sites:
         taken[tuple((sites + site).T)] = True
     return np.argwhere(taken).astype(np.float64)
-
-
-def mirrored_source(source: Any) -> Any:
-    """An aperture or an array, with its field, as a mirror shows it: u(-x, y)."""
-    if isinstance(source, Aperture):
-        copy = Aperture(shapely.transform(source.polygons, lambda points: points * _MIRROR))
-        field: Any = source.illumination
-        if field is None:
-            return copy
-        waves = field._from(field.amplitudes, field.frequencies * _MIRROR)
-        return copy.with_illumination(waves)
-    if source.repeated is not None:
-        element, positions = source.repeated
-        return repeated_element(mirrored_source(element), positions * _MIRROR, source.weights)
-    return Array([mirrored_source(element) for element in source.elements_in_plane], source.weights)

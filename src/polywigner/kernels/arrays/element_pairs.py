@@ -30,6 +30,7 @@ from polywigner.kernels.outline.frame import (
 )
 from polywigner.numerics import phases
 from polywigner.source import Array
+from polywigner.source.normal_form import normal_form
 
 # Fewer elements are cut by each other in one frame (benchmarks/array_cost.py).
 _LEAST_ELEMENTS = 6
@@ -59,24 +60,22 @@ class _Elements:
 
 def is_scattered(array: Array) -> bool:
     """Whether an array is one element, repeated at enough places."""
-    phased = array.phased
-    if phased is None or phased.repeated is None:
+    copies = normal_form(array).lattice
+    if copies is None or not isinstance(copies.element.outline, Aperture):
         return False
-    return isinstance(phased.repeated[0], Aperture) and len(array) >= _LEAST_ELEMENTS
+    return len(array) >= _LEAST_ELEMENTS
 
 
 def _scattered(array: Array, double: bool) -> _Elements:
-    phased = array.phased
-    assert phased is not None and phased.repeated is not None
-    element, positions = phased.repeated
-    assert isinstance(element, Aperture)
-    tables = element_tables(element, double)
+    copies = normal_form(array).lattice
+    assert copies is not None
+    positions, tables = copies.positions, element_tables(copies.element.shape, double)
     own, low = tables.frame, positions.min(axis=0)
     shift = low + np.ptp(positions, axis=0) / 2
     middle = (shift + own.centre).tolist()
     # fields are held relative to the element's carrier, which is counted with all of x or xi
     turns = positions @ np.array(own.carrier)
-    weights = phased.weights * np.exp(-2j * np.pi * (turns - np.rint(turns)))
+    weights = copies.weights * np.exp(-2j * np.pi * (turns - np.rint(turns)))
     return _Elements(
         replace(own, centre=(middle[0], middle[1])),
         tables,

@@ -31,6 +31,7 @@ from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import unit_wave
 from polywigner.source import Array
 from polywigner.source.lattices import Lattice, Profile, separated
+from polywigner.source.normal_form import normal_form
 
 # Fewer elements are summed pair by pair (benchmarks/array_cost.py).
 _LEAST_ELEMENTS = 4
@@ -164,12 +165,8 @@ ArrayTables = RepeatedTables[ElementTables, tuple[ProfileFactor, ProfileFactor]]
 
 
 def _lattice(array: Array) -> Lattice | None:
-    phased = array.phased
-    if phased is None or phased.repeated is None:
-        return None
-    if not isinstance(phased.repeated[0], Aperture):
-        return None
-    lattice = phased.sites.lattice if len(array) >= _LEAST_ELEMENTS else None
+    copies = normal_form(array).lattice
+    lattice = copies.sites if copies is not None and len(array) >= _LEAST_ELEMENTS else None
     return None if lattice is None or separated(lattice.weights) is None else lattice
 
 
@@ -180,10 +177,9 @@ def is_on_lattice(array: Array) -> bool:
 
 @lru_cache(maxsize=64)
 def _tables(array: Array, double: bool) -> ArrayTables:
-    lattice = _lattice(array)
-    assert lattice is not None and array.phased is not None and array.phased.repeated is not None
-    element, _ = array.phased.repeated
-    assert isinstance(element, Aperture)
+    lattice, copies = _lattice(array), normal_form(array).lattice
+    assert lattice is not None and copies is not None
+    element = copies.element.shape
     tables = element_tables(element, double)
     profiles = separated(lattice.weights)
     assert profiles is not None

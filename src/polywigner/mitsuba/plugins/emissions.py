@@ -288,8 +288,8 @@ def _half_pitches(source: Aperture | Array) -> Floats:
     with the number of pairs. Second differences, 1/4, 1/2, 1/4, cancel nearly all of it.
     """
     result = np.array([[0.0, 0.0, 1.0]])
-    phased = source.phased if isinstance(source, Array) else None
-    lattice = None if phased is None else phased.sites.lattice
+    copies = normal_form(source).lattice
+    lattice = None if copies is None else copies.sites
     if lattice is None:
         return result
     for count, pitch in zip(lattice.weights.shape, lattice.basis, strict=True):

@@ -16,10 +16,9 @@ from polywigner.mitsuba.plugins.emissions import SceneSource
 from polywigner.mitsuba.plugins.source_parameters import SourceParameters, pose_of
 from polywigner.mitsuba.scenes.surfaces import PLACE_ERROR
 from polywigner.quantities import SPEED_OF_LIGHT
-from polywigner.source import Array
+from polywigner.source.array import Array, repeated_element
 from polywigner.source.obliquities import CONDITIONS, DEFAULT
 from polywigner.source.polarisation import Stokes, stokes_fields
-from polywigner.source.support import mirrored_source
 from polywigner.transforms.phase_space import energy_of
 from polywigner.transforms.wavefronts import flat_of
 
@@ -27,7 +26,8 @@ Floats = NDArray[np.float64]
 
 # Rounding of parameters held in single precision.
 _ROUNDING = 1e-6
-_MIRROR = np.diag([-1.0, 1.0, 1.0, 1.0])
+# x changes its sign.
+_MIRROR = np.array([-1.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,14 +52,15 @@ class PlacedSource(SourceParameters):
         reflection = np.eye(4)
         reflection[:3, :3] -= 2 * np.outer(normal, normal)
         reflection[:3, 3] = 2 * offset * normal
-        pose = reflection @ self.pose @ _MIRROR
-        flat = mirrored_source(flat_of(self.source))
+        pose = reflection @ self.pose @ np.diag([-1.0, 1.0, 1.0, 1.0])
+        flat = _mirrored(flat_of(self.source))
         if not isinstance(self.source, Wavefront):
             return replace(self, source=flat, pose=pose)
-        sign = np.array([-1.0, 1.0])  # x changes its sign
         wave = self.source
         mirrored = wave._with(
-            source=flat, curvature=wave.curvature * np.outer(sign, sign), centre=wave.centre * sign
+            source=flat,
+            curvature=wave.curvature * np.outer(_MIRROR, _MIRROR),
+            centre=wave.centre * _MIRROR,
         )
         return replace(self, source=mirrored, pose=pose)
 
@@ -102,6 +103,21 @@ class PlacedSource(SourceParameters):
         result[:3, :3] = self.pose[:3, :3].T @ other.pose[:3, :3]
         result[:3, 3] = self.pose[:3, :3].T @ (other.pose[:3, 3] - self.pose[:3, 3])
         return result
+
+
+def _mirrored(source: Any) -> Any:
+    """An aperture or an array, with its field, as a mirror shows it: u(-x, y)."""
+    if isinstance(source, Aperture):
+        copy = Aperture(shapely.transform(source.polygons, lambda points: points * _MIRROR))
+        field: Any = source.illumination
+        if field is None:
+            return copy
+        waves = field._from(field.amplitudes, field.frequencies * _MIRROR)
+        return copy.with_illumination(waves)
+    if source.repeated is not None:
+        element, positions = source.repeated
+        return repeated_element(_mirrored(element), positions * _MIRROR, source.weights)
+    return Array([_mirrored(element) for element in source.elements_in_plane], source.weights)
 
 
 def placed_emitter(emitter: Any, number: int) -> PlacedSource:
