@@ -8,7 +8,7 @@ import re
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given
+from hypothesis import given, reject
 from hypothesis import strategies as st
 
 from oracles import exact
@@ -28,7 +28,10 @@ def _reach(aperture):
 @relaxed
 @given(tours(), poses())
 def test_area_is_that_of_the_vertices_in_rational_arithmetic(ring, pose):
-    aperture = Aperture(pose(ring))
+    try:
+        aperture = Aperture(pose(ring))
+    except GeometryError:
+        reject()  # rounding of the pose made the ring touch itself
     expected = exact.area(exact.oriented([(pose(ring), [])]))
     straightening = 1e-14  # vertices that are straight up to 2^-48 area/diameter are dropped
     assert aperture.area == pytest.approx(expected, rel=straightening)

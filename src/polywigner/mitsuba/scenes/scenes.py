@@ -137,6 +137,13 @@ class SceneFile:
     """Polarisation of ends for which the file specifies none; None: the default."""
     merge: bool = False
 
+    def __post_init__(self) -> None:
+        if not isinstance(self.sampler, str | None):
+            got = value_text(self.sampler)
+            raise ArgumentError(f"expected sampler as the name of a plugin, got {got}")
+        checked_flag(self.merge, "merge")
+        checked_flag(self.diffraction, "diffraction")
+
     def load(self) -> mi.Scene:
         """Load the ``mi.Scene``; raises as :func:`load_scene` does."""
         for name, value in self.parameters.items():
@@ -152,11 +159,6 @@ class SceneFile:
 @one_at_a_time
 def _load(how: SceneFile, entries: dict[str, Any]) -> mi.Scene:
     """Load the scene of a file, or of the entries of a dictionary if there is no file."""
-    if not isinstance(how.sampler, str | None):
-        got = value_text(how.sampler)
-        raise ArgumentError(f"expected sampler as the name of a plugin, got {got}")
-    checked_flag(how.merge, "merge")
-    checked_flag(how.diffraction, "diffraction")
     if how.variant is not None or mi.variant() is None:
         mi.set_variant(choose_variant(how.variant))
     register()
