@@ -24,8 +24,7 @@ class Kernel:
     dimension: int
     """Components of every argument."""
     tables: Callable[[Any, bool], Any]
-    """(source, double) -> the constants of the kernel, with ``frame`` and ``edges``, and, if
-    edges are cut, ``terms``; cached."""
+    """(source, double) -> the constants of the kernel, with ``frame`` and ``edges``; cached."""
     enter: Callable[..., Values]
     """(ops, frame, *arguments) -> arguments in the frame."""
     edge_sum: Callable[..., Values]

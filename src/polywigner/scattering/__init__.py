@@ -4,7 +4,7 @@
 module                what is in it
 ====================  =========================================================================
 ``cross_sections``    the radar cross section by physical optics, and its patterns
-``beams``             sums over lit surfaces, and over beams of polygons after two or three
+``facet_beams``       sums over lit surfaces, and over beams of polygons after two or three
                       reflections
 ``facets``            bodies and plates as triangles: which join smoothly, shadow others, or light
                       each other

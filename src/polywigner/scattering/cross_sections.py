@@ -32,7 +32,7 @@ from polywigner.scattering.antennas import (
     checked_unit_vectors,
     checked_wavelengths,
 )
-from polywigner.scattering.beams import sums_of_beams
+from polywigner.scattering.facet_beams import sums_of_beams
 from polywigner.scattering.facets import Body, Facets, facets_of, warn_of_reflections
 from polywigner.scattering.near_fields import near_sections
 from polywigner.transforms.traced_sources import check_no_drjit

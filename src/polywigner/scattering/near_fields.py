@@ -28,7 +28,7 @@ from polywigner.scattering.antennas import (
     directions_of,
     spherical_axes,
 )
-from polywigner.scattering.beams import sums_of_beams
+from polywigner.scattering.facet_beams import sums_of_beams
 from polywigner.scattering.facets import Facets, warn_of_reflections
 from polywigner.scattering.visibility import (
     Pieces,

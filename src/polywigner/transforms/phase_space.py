@@ -71,7 +71,7 @@ def wigner(
 
     Closed form: the Fourier transform of the lag slice at x. Differs from the paper in the slice:
     its M matrices must translate by 2x. Of an Array: (W2), elements that overlap included. Cost:
-    edges times sides of the convex pieces. At one place the slice is cut once for all frequencies.
+    edges times the edges that can cross them. Frequencies at one x share the slice.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ def ambiguity(
     """Ambiguity function: integral of u(x + xi/2) u*(x - xi/2) exp(-2 pi i upsilon.x) d x.
 
     Closed form: the Fourier transform of the position slice at xi. Differs from the paper, which
-    prints x.xi in the kernel. Cost: twice edges times sides of the convex pieces.
+    prints x.xi in the kernel. Cost: twice edges times the edges that can cross them.
 
     Parameters
     ----------

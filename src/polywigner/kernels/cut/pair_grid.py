@@ -232,7 +232,9 @@ def rows_at(grid: HostGrid, t: Array) -> tuple[Array, Array]:
 def cut_edges(
     grid: HostGrid, row: Array, owner: Array, t: Array, side: float
 ) -> tuple[Array, Array, Array, Array]:
-    """Last parts of edges that bound the slices of offsets ``t`` (n,), complex, on the grid.
+    """Last parts of edges, from a crossing to the end, for the slices of offsets ``t``.
+
+    ``t`` (n,): complex, on the grid.
 
     ``row``, ``owner``: as of :func:`rows_at`. Returns the number of the offset of each part, in
     ascending order; its edge, rows of ``grid.first``; its share of the edge's length; and the

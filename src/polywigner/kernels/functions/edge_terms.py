@@ -61,7 +61,14 @@ def times(factor: Any, value: Any) -> Any:
 
 
 class EdgeTerms:
-    """Terms at one frequency ``nu`` (x, y), moved off 0."""
+    """Terms at one frequency ``nu`` (x, y), moved off 0.
+
+    A part of an edge has the vector d = extent length u. Callers scale u, ``length`` and
+    ``extent`` differently: edges as code have unit vectors u, shared by parallel edges, and a
+    negative length where the edge runs against u; edges as data have u = e and length 1; listed
+    parts have u = d and length 1. A term must depend on d alone, and must change its sign with d:
+    listed parts of weight -1 are stored as reversed parts.
+    """
 
     values: int
     """The numbers of a sum: the real part, or both."""
@@ -83,7 +90,7 @@ class EdgeTerms:
         return found
 
     def along(self, ux: Any, uy: Any) -> Values:
-        """Numbers that depend on the direction of an edge, a unit vector; nu.u first."""
+        """Numbers that depend on the vector u of an edge; nu.u first."""
         raise NotImplementedError
 
     def added(
@@ -91,8 +98,9 @@ class EdgeTerms:
     ) -> Values:
         """The sums of an edge with one more part of it; None before the first.
 
-        ``half`` nu.d and nu.m in turns, the part's length in units of the edge's, its complex
-        weight. The sums lack what `of_edge` puts in.
+        ``half``, ``middle``: nu.d/2 and nu.m in turns; ``extent``: the part's length in units of
+        the edge's; ``weight``: (real, imaginary) product of the weights of both elements, times
+        the jump or level of the other copy. The sums lack the factors of `of_edge`.
         """
         raise NotImplementedError
 

@@ -6,7 +6,8 @@ fields of their own, are sums over pairs of waves: for each pair the sum over a 
 shifted frequency, times an amplitude that depends on position or lag alone, (I2), (I3). Each edge
 is cut once for all pairs.
 
-NumPy lists the parts of edges that bound the slices. Compiled code loops over edges and their cuts.
+NumPy lists last parts of edges, from a crossing to the end, with weights that add up on each
+edge to those of the slice. Compiled code loops over edges and their cuts.
 """
 
 from __future__ import annotations
@@ -224,7 +225,7 @@ class SliceSum:
     def parts(
         self, tables: Tables, place: Sequence[Array]
     ) -> Iterator[tuple[Sequence[WavePair], bool, Array, tuple[Any, ...]]]:
-        """Pairs of waves, whether their terms are even, and parts of edges that bound the slices.
+        """Pairs of waves, whether their terms are even, and last parts of edges (theory, (K1)).
 
         A part is the number of its place (k,); and its centre and its vector (x, y, dx, dy) in the
         slice, and its weight (real, imag). In double precision.
@@ -260,7 +261,7 @@ class SliceSum:
         """Where the parts of each place begin (n + 1,), rows of parts, whether weights are real.
 
         Rows are (x, y, dx, dy), and where weights are others than 1 and -1 or a frequency is
-        shifted (real, imag, shift) as well; a part of weight -1 is one that runs the other way.
+        shifted (real, imag, shift) as well; a part of weight -1 is stored reversed (terms are odd).
         """
         owners, rows, count = [np.empty(0, np.intp)], [np.empty((0, _ROW))], len(place[0])
         for pairs, _, owner, (*geometry, real, imag) in self.parts(tables, place):
@@ -392,9 +393,9 @@ class TermSum:
         for side, cuts in sides:
             tx, ty = (2.0 * side * t for t in (clipper.tx, clipper.ty))
             for middle, extent, *weight in cuts:
-                is_left = extent > 0.0
-                t = 0.5 * scale * ops.select(is_left, middle, 0.0)
-                share = scale * ops.select(is_left, extent, 0.0)
+                remains = extent > 0.0
+                t = 0.5 * scale * ops.select(remains, middle, 0.0)
+                share = scale * ops.select(remains, extent, 0.0)
                 x = ops.fma(t, edge.ex, scale * edge.ax + (0.5 * scale) * tx)
                 y = ops.fma(t, edge.ey, scale * edge.ay + (0.5 * scale) * ty)
                 found = self.function.of_part(x, y, share * edge.ex, share * edge.ey, *weight)

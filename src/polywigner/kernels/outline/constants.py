@@ -47,7 +47,7 @@ class Edge:
     ux: Any
     uy: Any
     length: Any
-    """e = length u, with one unit vector u for all parallel edges."""
+    """e = length u, with one unit vector u for all parallel edges; negative if e runs against u."""
     real: Any = 1.0
     """The complex weight of the element that the edge bounds."""
     imag: Any = 0.0
