@@ -76,7 +76,7 @@ def received(path, seed=0, **options):
     from polywigner.mitsuba.scenes.scene_renders import SceneFile, receive_parts
 
     file = SceneFile(path, "scalar_rgb")
-    powers = receive_parts(file, file.load(), ReceiveOptions(seed=seed), threads=1, **options)
+    powers, _ = receive_parts(file, file.load(), ReceiveOptions(seed=seed), threads=1, **options)
     return np.array([[part.scattered for part in one.contributions] for one in powers])
 
 
@@ -108,7 +108,7 @@ def test_a_render_in_a_store_is_that_of_one_run_and_is_completed(camera_scene, t
 def test_received_powers_in_a_store_are_those_of_one_run(receiver_scene, tmp_path):
     store = tmp_path / "r.zarr"
     check_completed(partial(received, receiver_scene), store, "power", 2 * BATCHES)
-    with pytest.raises(StoreError, match="differs in seed 1 "):
+    with pytest.raises(StoreError, match="other settings"):
         received(receiver_scene, seed=1, store=store)
 
 
@@ -116,15 +116,11 @@ def test_another_image_is_not_mixed_with_the_parts_in_a_store(camera_scene, tmp_
     store = tmp_path / "r.zarr"
     rendered(camera_scene, store=store)
     before = parts_of(store, "radiance")
-    for options, named in (
-        ({"seed": 1}, "seed 1 "),
-        ({"integrator": "direct"}, "integrator 'direct'"),
-        ({"parameters": {"samples": 8}}, "parameters"),
-    ):
-        with pytest.raises(StoreError, match=f"differs in {named}"):
+    for options in ({"seed": 1}, {"integrator": "direct"}, {"parameters": {"samples": 8}}):
+        with pytest.raises(StoreError, match="other settings"):
             rendered(camera_scene, store=store, **options)
     (tmp_path / "square.wkt").write_text("POLYGON ((-4 -5, 5 -5, 5 5, -5 5, -4 -5))")
-    with pytest.raises(StoreError, match=r"differs in file square\.wkt"):
+    with pytest.raises(StoreError, match="other settings"):
         rendered(camera_scene, store=store)
     assert parts_of(store, "radiance") == before
 
@@ -132,12 +128,12 @@ def test_another_image_is_not_mixed_with_the_parts_in_a_store(camera_scene, tmp_
 def test_another_process_loads_the_scene_and_its_sources_itself(camera_scene):
     import polywigner.mitsuba as pwm
     from polywigner.mitsuba.scenes.rendering import exposed
-    from polywigner.mitsuba.scenes.scene_renders import SceneFile, SceneParts, tile
+    from polywigner.mitsuba.scenes.scene_renders import SceneFile, SceneParts, strip
 
     key = pwm.register_source(pw.shapes.square(3e-3))
     file = SceneFile(camera_scene, "scalar_rgb", None, {"outline": key})
     loaded = file.load()
-    parts = SceneParts(file, loaded, partial(tile, exposed(loaded).cut, None, 0, 0))
+    parts = SceneParts(file, loaded, partial(strip, exposed(loaded).cut, {}))
     copy = pickle.loads(pickle.dumps(parts))
     assert copy.scene is None
     for top in (0, 48):

@@ -8,7 +8,6 @@ import subprocess
 import sys
 import threading
 import time
-from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +17,6 @@ import pytest
 
 import polywigner as pw
 from polywigner.errors import ArgumentError, EngineError, MissingExtraError, StoreError
-from polywigner.execution import check_not_stopped
 from polywigner.propagation.stores import lazy_array, open_store, write_store
 from polywigner.transforms.xarray_arguments import labelled_array
 
@@ -100,27 +98,6 @@ def test_regions_of_nothing_but_nan_are_complete(tmp_path):
     written(tmp_path / "nan.zarr", beam(lambda origin, shape: 1 / 0))
 
 
-def test_ctrl_c_stops_all_threads_within_their_chunks(tmp_path):
-    stopped, both = [], threading.Barrier(2)
-
-    def runs(origin, shape):
-        if both.wait() == 0:
-            time.sleep(0.2)  # the pool still starts its second thread
-            os.kill(os.getpid(), signal.SIGINT)
-        try:
-            for _ in range(1000):
-                time.sleep(0.01)
-                check_not_stopped()
-        except CancelledError:
-            stopped.append(origin)
-            raise
-
-    with pytest.raises(KeyboardInterrupt):
-        written(tmp_path / "beam.zarr", beam(runs), 2)
-    assert len(stopped) == 2
-    assert not chunk_files(tmp_path / "beam.zarr")
-
-
 _RUN = """
 import sys
 from pathlib import Path
@@ -163,7 +140,7 @@ def test_a_run_that_was_killed_is_continued(tmp_path):
 
 @pytest.mark.slow
 def test_a_killed_writer_and_a_killed_worker_of_a_cluster_lose_regions_in_progress_only(tmp_path):
-    from distributed import Client, LocalCluster
+    from distributed import LocalCluster
 
     store, log = tmp_path / "beam.zarr", tmp_path / "log"
     with LocalCluster(
@@ -176,21 +153,10 @@ def test_a_killed_writer_and_a_killed_worker_of_a_cluster_lose_regions_in_progre
         killer.start()
         result = written(store, beam(Beam(log, 0.2)), scheduler=cluster)
         killer.join()
-        with Client(cluster, set_as_default=False) as client:
-            client.run(_install_another_version)
-        with pytest.raises(EngineError, match=r"workers of the same versions .* 9\.9 on workers"):
-            written(tmp_path / "other.zarr", scheduler=cluster)
-        assert not (tmp_path / "other.zarr").exists()
     np.testing.assert_array_equal(result["power"], DIRECT)
     in_progress = 2 + 1  # of both workers when the writer was killed, and of the killed worker
     assert len(set(evaluations(log))) == REGIONS
     assert len(evaluations(log)) <= REGIONS + in_progress
-
-
-def _install_another_version():
-    import distributed.versions
-
-    distributed.versions._version_cached = lambda package: "9.9"
 
 
 def _kill_worker(cluster, log, count):
@@ -266,20 +232,21 @@ def test_compiled_tables_do_not_depend_on_chunks_or_threads(tmp_path, llvm):
 
 
 @pytest.mark.parametrize(
-    ("dataset", "named"),
+    "dataset",
     [
-        (lambda: beam(waist=0.8), r"waist 0\.8 \(there: 0\.7\)"),
-        (lambda: beam(chunks=(8, 6)), r"chunks \[8, 6\] \(there: \[8, 5\]\)"),
-        (lambda: beam(dtype="float32"), "dtype 'float32'"),
-        (lambda: beam(y=2 * Y), "coordinate y"),
-        (lambda: beam().rename(power="energy"), "energy: units 'W' .there: None"),
+        lambda: beam(waist=0.8),
+        lambda: beam(chunks=(8, 6)),
+        lambda: beam(dtype="float32"),
+        lambda: beam(y=2 * Y),
+        lambda: beam().rename(power="energy"),
     ],
+    ids=["attribute", "chunks", "type", "coordinate", "variable"],
 )
-def test_a_store_of_other_settings_is_left_alone_and_the_difference_named(tmp_path, dataset, named):
+def test_a_store_of_other_settings_is_left_alone(tmp_path, dataset):
     store = tmp_path / "beam.zarr"
     written(store)
     before = chunk_files(store)
-    with pytest.raises(StoreError, match="same settings.*" + named):
+    with pytest.raises(StoreError, match=r"beam\.zarr holds results of other settings"):
         written(store, dataset())
     assert chunk_files(store) == before
 
@@ -289,11 +256,11 @@ def test_another_source_engine_or_version_is_another_store(name, tmp_path, monke
     how = {"out": tmp_path / "a.zarr", "chunks": SIZES[name]}
     BUILDERS[name](**how, engine="numpy")
     monkeypatch.setattr("test_stores.CHEVRON", pw.shapes.square(20e-3))
-    with pytest.raises(StoreError, match=r"differs in source .*coordinate source_json"):
+    with pytest.raises(StoreError, match="other settings"):
         BUILDERS[name](**how, engine="numpy")
     monkeypatch.undo()
     monkeypatch.setattr(pw, "__version__", "99.0")
-    with pytest.raises(StoreError, match=r"polywigner_version '99\.0'"):
+    with pytest.raises(StoreError, match="another version"):
         BUILDERS[name](**how, engine="numpy")
 
 
@@ -328,11 +295,13 @@ def test_something_else_at_the_path_is_one_error_and_stays(tmp_path, make):
         pw.write_netcdf(path, tmp_path / "out.nc")
 
 
-def test_a_store_that_the_disk_cannot_hold_is_refused_before_the_work(tmp_path):
-    values = lazy_array(Beam(), (2**20,) * 3, (2**20,) * 3, "float64")
-    with pytest.raises(StoreError, match="GiB of free space"):
-        written(tmp_path / "vast.zarr", xarray.Dataset({"v": (("x", "y", "z"), values)}))
-    assert not list(tmp_path.iterdir())
+def test_a_path_that_cannot_be_written_to_is_one_error(tmp_path):
+    (tmp_path / "file").write_text("precious")
+    with pytest.raises(StoreError, match=r"cannot write to the store .*File exists"):
+        written(tmp_path / "file" / "beam.zarr")
+    with pytest.raises(ArgumentError, match="chunks that zarr can store"):
+        written(tmp_path / "beam.zarr", beam(chunks=((3, 20), 17)))
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
 @pytest.mark.parametrize("library", ["zarr", "dask"])
@@ -345,17 +314,11 @@ def test_without_the_extra_the_error_names_it(tmp_path, monkeypatch, library):
 
 
 @pytest.mark.parametrize(
-    ("scheduler", "words"),
-    [
-        ("http://127.0.0.1:8786", "address of a dask scheduler such as tcp://host:8786"),
-        ("tcp://host", "address of a dask scheduler"),
-        (3, "address of a dask scheduler"),
-        ("tcp://127.0.0.1:1", "expected a dask scheduler with workers"),
-    ],
+    "scheduler", ["http://127.0.0.1:8786", "tcp://host", 3, "tcp://127.0.0.1:1"]
 )
-def test_a_scheduler_that_does_not_respond_leaves_nothing(tmp_path, monkeypatch, scheduler, words):
+def test_a_scheduler_that_does_not_respond_leaves_nothing(tmp_path, monkeypatch, scheduler):
     monkeypatch.setattr("polywigner.propagation.stores._PATIENCE", 0.3)
-    with pytest.raises(EngineError, match=words):
+    with pytest.raises(EngineError, match=r"no dask scheduler .* such as tcp://host:8786"):
         written(tmp_path / "beam.zarr", scheduler=scheduler)
     assert not list(tmp_path.iterdir())
 

@@ -112,7 +112,7 @@ def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
             "or leave --variant out"
         )
     by_scene, by_argument = (jones, None) if polarised else (None, jones)
-    profile = response = None
+    response = None
     with settings.parts(stem) as store:
         with scene_options.messages_as_warnings():
             if edges is not None:
@@ -129,12 +129,9 @@ def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
             with _progress("receiving") as progress:
                 how: dict[str, Any] = {"store": store, "progress": progress}
                 how |= {"scheduler": settings.scheduler, "threads": settings.threads}
-                if edges is None:
-                    received = scene_renders.receive_parts(file, loaded, requested, **how)
-                else:
-                    received, profile = scene_renders.receive_ranges(
-                        file, loaded, requested, edges, **how
-                    )
+                received, profile = scene_renders.receive_parts(
+                    file, loaded, requested, edges, **how
+                )
             if band:
                 how = {"polarisation": by_argument, "tolerance": settings.accuracy}
                 with _progress("channels") as progress:

@@ -122,7 +122,8 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
             ready = time.perf_counter()
             measured = f"stokes {integrator or ''}" if settings.polarised else integrator
             how: dict[str, Any] = {"scheduler": settings.scheduler, "threads": settings.threads}
-            image = render_parts(file, loaded, measured, samples, seed, store=store, **how)
+            exposure = {"integrator": measured, "spp": samples, "seed": seed}
+            image = render_parts(file, loaded, exposure, store, **how)
             if edges is not None:
                 with kernel_threads(settings.threads):
                     frames = by_range_of(None)

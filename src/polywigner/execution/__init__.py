@@ -27,9 +27,7 @@ from polywigner.execution.choice import (
 )
 from polywigner.execution.chunks import (
     MOST_THREADS,
-    check_not_stopped,
     kernel_threads,
-    stop_this_thread_when,
 )
 from polywigner.execution.drjit_operations import DrjitOperations, UnrolledOperations, ops_for
 from polywigner.execution.evaluation import Shear, evaluate, evaluate_rows, evaluate_sums, explained

@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from typing import Any
 
@@ -51,20 +50,6 @@ MOST_THREADS = 1024
 # There is one pool in a process; two blocks at a time would only wait for each other.
 _POOL = threading.Lock()
 
-_own = threading.local()
-
-
-def stop_this_thread_when(stop: threading.Event) -> None:
-    """Make this thread's computations raise CancelledError within a chunk once an event is set."""
-    _own.stop = stop
-
-
-def check_not_stopped() -> None:
-    """Raises CancelledError in a thread that is to stop; called between chunks."""
-    stop = getattr(_own, "stop", None)
-    if stop is not None and stop.is_set():
-        raise CancelledError
-
 
 @contextmanager
 def kernel_threads(count: int | None = None) -> Iterator[None]:
@@ -103,7 +88,6 @@ def store(launched: Launched, samples: int) -> None:
     last: Any = None
     with slow_bar("samples", samples) as advance:
         for chunk in launched:
-            check_not_stopped()
             if last is not None:
                 advance(_write(*last))
             last = chunk

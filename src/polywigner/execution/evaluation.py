@@ -26,7 +26,6 @@ from polywigner.execution.choice import (
 )
 from polywigner.execution.chunks import (
     Launched,
-    check_not_stopped,
     parts_of_results,
     ready,
     store,
@@ -268,7 +267,6 @@ def _shared(
     is_large = compiled is not None and rows.rows > 1
     targets = rows.targets(results)
     for block, arguments in rows.blocks(_LARGE_BLOCK if is_large else _SHARED_BLOCK):
-        check_not_stopped()
         count = len(range(*block[0].indices(rows.rows)))
         with np.errstate(invalid="ignore", over="ignore"):  # of places far beyond the source
             sheared = arguments if shear is None else shear(arguments)

@@ -5,6 +5,7 @@ Values are computed now, lazily, or into a store. (docs/volumes.md)
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import os
@@ -12,8 +13,8 @@ import re
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypedDict, Unpack, get_args
+from functools import partial
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -41,18 +42,16 @@ from polywigner.propagation.stores import (
     Block,
     Index,
     Scheduler,
-    check_memory,
     chunks_within,
-    digest_of,
     lazy_array,
     source_attrs,
     source_coords,
-    source_text,
     write_store,
 )
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.radiometry.directions import PlaneSource, checked_radiator
 from polywigner.source.obliquities import DEFAULT
+from polywigner.source.source_files import source_json
 from polywigner.transforms.xarray_arguments import labelled_arrays
 
 if TYPE_CHECKING:
@@ -78,11 +77,13 @@ _LARGEST_CHUNK, _SMALLEST_CHUNK, _CHUNKS = 1 << 20, 1 << 15, 64
 # Sums over edges and rays make many samples of one point: worth a compiler even for small chunks.
 _COMPILED = 1 << 16
 
-_UNITS = {"irradiance": "W m-2", "amplitude": "W0.5 m-1", "phase": "rad"}
-_LONG_NAMES = {
-    "irradiance": "irradiance |U|^2",
-    "amplitude": "complex amplitude U",
-    "phase": "phase of U",
+# Most samples in memory: 16 GiB of float32.
+_MOST_IN_MEMORY = 1 << 32
+# Unit and long name.
+_QUANTITIES = {
+    "irradiance": ("W m-2", "irradiance |U|^2"),
+    "amplitude": ("W0.5 m-1", "complex amplitude U"),
+    "phase": ("rad", "phase of U"),
 }
 
 
@@ -115,61 +116,51 @@ Variable: TypeAlias = tuple[Block, np.dtype[Any], dict[str, Any]]
 """The values of one variable on any part of its axes, their type, and attributes."""
 
 
-@dataclass(frozen=True, eq=False)
-class _FieldBlock:
-    """The values of one method on any part of a grid."""
+def _values(
+    source: PlaneSource | Wavefront, grid: Grid, wavelength: float, method: str, quantity: str,
+    dtype: np.dtype[Any], options: Mapping[str, Any], origin: Index, shape: Index,
+) -> Values:  # fmt: skip
+    """Compute values of a shape, from the point with the numbers ``origin`` on.
 
-    source: PlaneSource | Wavefront
-    grid: Grid
-    wavelength: float
-    method: str
-    quantity: str
-    dtype: np.dtype[Any]
-    options: Mapping[str, Any]
-    """Keywords of :func:`irradiance` or :func:`amplitude`."""
+    ``options`` : keywords of :func:`irradiance` or :func:`amplitude`.
+    """
+    compute = irradiance if quantity == "irradiance" else amplitude
+    field = compute(source, grid.points(origin, shape), wavelength, method, **options)
+    return np.asarray(np.angle(field) if quantity == "phase" else field, dtype)
 
-    def __call__(self, origin: Index, shape: Index) -> Values:
-        """Compute values of a shape, from the point with the numbers ``origin`` on."""
-        points = self.grid.points(origin, shape)
-        compute = irradiance if self.quantity == "irradiance" else amplitude
-        field = compute(self.source, points, self.wavelength, self.method, **self.options)
-        return np.asarray(np.angle(field) if self.quantity == "phase" else field, self.dtype)
 
-    @property
-    def attrs(self) -> dict[str, Any]:
-        """Attributes of the variable: unit, and all settings but the wavelength."""
-        from polywigner import __version__
+def _attrs(method: str, quantity: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the attributes of a variable: unit, and all settings but the wavelength."""
+    from polywigner import __version__
 
-        options = {"engine": "auto", "precision": "double", **self.options}
-        if self.method in _WITH_OBLIQUITY:
-            options.setdefault("obliquity", DEFAULT)
-        if "obstacles" in options:
-            options |= _described(options["obstacles"])
-        return {
-            "units": _UNITS[self.quantity],
-            "long_name": _LONG_NAMES[self.quantity],
-            "method": self.method,
-            "quantity": self.quantity,
-            **options,
-            "convention": "waves exp(+ikr)/r, time exp(-i omega t); |u|^2 on the source in W m-2",
-            "polywigner_version": __version__,
-        }
+    defaults = {"engine": "auto", "precision": "double"}
+    if method in _WITH_OBLIQUITY:
+        defaults["obliquity"] = DEFAULT
+    units, long_name = _QUANTITIES[quantity]
+    return {
+        "units": units,
+        "long_name": long_name,
+        "method": method,
+        "quantity": quantity,
+        **defaults,
+        **options,
+        **(_described(options["obstacles"]) if "obstacles" in options else {}),
+        "convention": "waves exp(+ikr)/r, time exp(-i omega t); |u|^2 on the source in W m-2",
+        "polywigner_version": __version__,
+    }
 
 
 def _described(obstacles: Sequence[Obstacle]) -> dict[str, str]:
     """Describe bodies in one line, and by the digest of their positions and outlines."""
-    names, tables = [], []
-    for body in obstacles:
-        if isinstance(body, Polyhedron):
-            names.append(repr(body))
-            tables.append([body.vertices.tolist(), body.faces])
-        else:
-            names.append(f"plate {body.aperture!r}")
-            tables.append([source_text(body.aperture), body.pose.tolist()])
-    text = "; ".join(names)
-    if len(text) > _LONGEST_NAMES:
-        text = f"{len(names)} obstacles: {text[:_LONGEST_NAMES]}..."
-    return {"obstacles": text, "obstacles_sha256": digest_of(json.dumps(tables))}
+    tables = [
+        [body.vertices.tolist(), body.faces]
+        if isinstance(body, Polyhedron)
+        else [source_json(body.aperture), body.pose.tolist()]
+        for body in obstacles
+    ]
+    text = f"{len(tables)} obstacles: {'; '.join(map(repr, obstacles)):.{_LONGEST_NAMES}}"
+    digest = hashlib.sha256(json.dumps(tables).encode()).hexdigest()
+    return {"obstacles": text, "obstacles_sha256": digest}
 
 
 def _dataset(
@@ -179,37 +170,40 @@ def _dataset(
 
     ``dtype`` is the default type of values.
     """
-    out = options.get("out")
+    out, chunks, shape = options.get("out"), options.get("chunks"), shape_of_grid(grid)
     check_options(options, FieldOptions, out)
-    blocks = _blocks(source, grid, wavelength, options, dtype)
-    chunks, shape = options.get("chunks"), shape_of_grid(grid)
+    quantity = checked_choice(options.get("quantity", "irradiance"), "quantity", list(_QUANTITIES))
+    number = np.dtype(checked_choice(options.get("dtype", dtype), "dtype", ("float32", "float64")))
+    if quantity == "amplitude":
+        number = np.result_type(number, np.complex64)
+    methods, how = _checked_methods(options.get("method", "wigner")), _settings(options, quantity)
+    radiator, length = checked_radiator(source, partly=True), checked_wavelength(wavelength)
     is_lazy, engine = chunks is not None or out is not None, "auto"
+    if is_lazy:
+        size = math.prod(shape) // _CHUNKS
+        if out is not None and chunks in (None, "auto"):
+            chunks = chunks_within(shape, min(max(size, _SMALLEST_CHUNK), _LARGEST_CHUNK))
+        # every chunk on the same engine, wherever it is computed
+        engine = how["engine"] = resolved(how.get("engine", "auto"), max(_COMPILED, size))
+    variables = {}
     with _warnings_once():
-        for block in blocks if is_lazy or len(blocks) > 1 else ():
-            # one point raises now what would be raised after hours of work
-            first = replace(block, options={**block.options, "engine": "numpy"})
-            first((0,) * len(shape), (1,) * len(shape))
-        if is_lazy:
-            size = math.prod(shape) // _CHUNKS
-            if out is not None and chunks in (None, "auto"):
-                chunks = chunks_within(shape, min(max(size, _SMALLEST_CHUNK), _LARGEST_CHUNK))
-            # every chunk on the same engine, wherever it is computed
-            engine = resolved(options.get("engine", "auto"), max(_COMPILED, size))
-            blocks = [
-                replace(block, options={**block.options, "engine": engine}) for block in blocks
-            ]
-        coords = grid.coords | source_coords(blocks[0].source) | _positions(grid)
-        about = {"wavelength": blocks[0].wavelength}
-        about["frequency"] = SPEED_OF_LIGHT / about["wavelength"]
+        for method in methods:
+            settings = dict(how)
+            if method not in _WITH_OBLIQUITY:
+                settings.pop("obliquity", None)
+            block = partial(_values, radiator, grid, length, method, quantity, number)
+            if is_lazy or len(methods) > 1:
+                # one point raises now what would be raised after hours of work
+                block({**settings, "engine": "numpy"}, (0,) * len(shape), (1,) * len(shape))
+            about = _attrs(method, quantity, settings)
+            variables[method] = partial(block, settings), number, about
         return labelled_results(
-            {block.method: (block, block.dtype, block.attrs) for block in blocks},
+            variables,
             tuple(grid.coords),
-            coords,
-            about | source_attrs(blocks[0].source),
-            out,
-            options,
+            grid.coords | source_coords(radiator) | _positions(grid),
+            {"wavelength": length, "frequency": SPEED_OF_LIGHT / length, **source_attrs(radiator)},
+            options | {"out": out, "chunks": chunks},
             _BLOCK,
-            chunks,
             engine != "numpy",
         )
 
@@ -220,8 +214,7 @@ def check_options(options: Mapping[str, Any], kinds: type, out: object) -> None:
     for name in options:
         if name not in names:
             raise ArgumentError(f"expected options among {', '.join(names)}, got {name!r}")
-    for name in ("scheduler", "threads"):
-        if out is None and options.get(name) is not None:
+        if out is None and name in ("scheduler", "threads") and options[name] is not None:
             raise ArgumentError(f"expected out with {name}, got none; name a store to write to")
 
 
@@ -230,44 +223,39 @@ def labelled_results(
     dims: tuple[str, ...],
     coords: Mapping[str, Any],
     attrs: Mapping[str, Any],
-    out: str | os.PathLike[str] | None,
-    options: StoreOptions,
+    options: Mapping[str, Any],
     at_a_time: int,
-    chunks: Chunks | None,
     compiled: bool,
 ) -> xarray.Dataset:
     """Return variables over axes ``dims``.
 
-    Without ``chunks`` they are computed now, up to ``at_a_time`` samples in one call; else lazily,
-    or into the store ``out``. ``compiled``: see :func:`lazy_array`.
+    ``options`` : those of :class:`StoreOptions`, with ``chunks`` and ``out``. Without ``chunks``
+    the variables are computed now, up to ``at_a_time`` samples in one call; else lazily, or into
+    the store ``out``. ``compiled``: see :func:`lazy_array`.
     """
-    shape = tuple(len(coords[name]) for name in dims)
-    threads, progress = options.get("threads"), options.get("progress")
-    if chunks is None:
-        check_memory(shape)
-
-    def values_of(name: str, block: Block, dtype: np.dtype[Any]) -> Any:
+    shape, chunks = tuple(len(coords[name]) for name in dims), options["chunks"]
+    how: Any = {"compiled": compiled, "threads": options.get("threads")}
+    if chunks is None and math.prod(shape) > _MOST_IN_MEMORY:
+        raise ArgumentError(
+            f"expected at most {_MOST_IN_MEMORY} samples in memory, got {math.prod(shape):.3g}; "
+            "use chunks, or write them to disk with out"
+        )
+    data = {}
+    for name, (block, dtype, about) in variables.items():
         if chunks is None:
-            return _computed(name, block, np.empty(shape, dtype), at_a_time, progress)
-        return lazy_array(block, shape, chunks, dtype, compiled=compiled, threads=threads)
-
-    result = labelled_arrays(
-        {
-            name: (dims, values_of(name, block, dtype), about)
-            for name, (block, dtype, about) in variables.items()
-        },
-        coords,
-        attrs,
-    )
-    if out is None:
+            values = np.empty(shape, dtype)
+            _fill(name, block, values, at_a_time, options.get("progress"))
+        else:
+            values = lazy_array(block, shape, chunks, dtype, **how)
+        data[name] = dims, values, about
+    result = labelled_arrays(data, coords, attrs)
+    if options["out"] is None:
         return result
-    how: dict[str, Any] = {"compiled": compiled, "threads": threads, "progress": progress}
-    return write_store(out, result, scheduler=options.get("scheduler"), **how)
+    how |= {"scheduler": options.get("scheduler"), "progress": options.get("progress")}
+    return write_store(options["out"], result, **how)
 
 
-def _computed(
-    name: str, block: Block, values: Values, at_a_time: int, progress: bool | None
-) -> Values:
+def _fill(name: str, block: Block, values: Values, at_a_time: int, progress: bool | None) -> None:
     """Fill an array with the values of a block, part by part."""
     size = chunks_within(values.shape, at_a_time)
     counts = [-(-n // c) for n, c in zip(values.shape, size, strict=True)]
@@ -277,21 +265,12 @@ def _computed(
             part = tuple(slice(o, o + c) for o, c in zip(origin, size, strict=True))
             values[part] = block(origin, values[part].shape)
             advance()
-    return values
 
 
-def _blocks(
-    source: Any, grid: Grid, wavelength: float, options: FieldOptions, dtype: str
-) -> list[_FieldBlock]:
-    """Return a block for each method."""
-    quantity = checked_choice(options.get("quantity", "irradiance"), "quantity", get_args(Quantity))
-    number = checked_choice(options.get("dtype", dtype), "dtype", ("float32", "float64"))
-    methods = _checked_methods(options.get("method", "wigner"), quantity)
-    how: dict[str, Any] = {
-        name: value
-        for name, value in options.items()
-        if name not in _OF_RESULTS and value is not None
-    }
+def _settings(options: FieldOptions, quantity: str) -> dict[str, Any]:
+    """Return the keywords of :func:`irradiance` or :func:`amplitude`."""
+    given = options.items()
+    how: dict[str, Any] = {k: v for k, v in given if k not in _OF_RESULTS and v is not None}
     checked_engine(how.get("engine", "auto"))
     if "bandwidth" in how and quantity != "irradiance":
         raise ArgumentError(
@@ -300,49 +279,28 @@ def _blocks(
         )
     if "obstacles" in how:
         how["obstacles"] = listed_bodies(how["obstacles"])
-        if "wigner" in methods:
-            raise ArgumentError(
-                f"expected an exact method with obstacles, got 'wigner'; use {DEFAULT!r}"
-            )
-    radiator, length = checked_radiator(source, partly=True), checked_wavelength(wavelength)
-    complex_number = np.result_type(number, np.complex64)
-    stored = complex_number if quantity == "amplitude" else np.dtype(number)
-    plain = {name: value for name, value in how.items() if name != "obliquity"}
-    return [
-        _FieldBlock(radiator, grid, length, method, quantity, stored,
-                    how if method in _WITH_OBLIQUITY else plain)
-        for method in methods
-    ]  # fmt: skip
+    return how
 
 
-def _checked_methods(method: Any, quantity: str) -> tuple[str, ...]:
+def _checked_methods(method: Any) -> tuple[str, ...]:
     is_one = isinstance(method, str) or not isinstance(method, Sequence)
     methods = (method,) if is_one else tuple(method)
     if not methods or len(set(map(str, methods))) < len(methods):
         raise ArgumentError(f"expected one method, or several different ones, got {method!r}")
-    for name in methods:
-        if quantity != "irradiance" and name == "wigner":
-            raise ArgumentError(
-                f'expected a method with a phase for the {quantity}, got "wigner", which has '
-                f"irradiances only; use one of {', '.join(METHODS)}"
-            )
-        checked_method(name, ("wigner", *METHODS))
-    return methods
+    return tuple(checked_method(name, ("wigner", *METHODS)) for name in methods)
 
 
 def _positions(grid: Grid) -> dict[str, Any]:
     """Return x, y and z of the points of a grid that has other axes."""
-    others = [k for k, name in enumerate("xyz") if name not in grid.coords]
-    if not others:
-        return {}
-    shape = shape_of_grid(grid)
-    points = grid.points((0,) * len(shape), shape)
-    found: dict[str, Any] = {}
-    for k in others:
-        constant = set(grid.coords) <= set("xyz")
-        dims = () if constant else tuple(grid.coords)
-        found["xyz"[k]] = (dims, points.flat[k] if constant else points[..., k], {"units": "m"})
-    return found
+    names, axes, shape = set("xyz") - set(grid.coords), tuple(grid.coords), shape_of_grid(grid)
+    points = grid.points((0,) * len(shape), shape) if names else np.empty((0, 3))
+    if set(axes) <= set("xyz"):  # the other coordinates are constant
+        axes, points = (), points.reshape(-1, 3)[:1].reshape(-1)
+    return {
+        name: (axes, points[..., k], {"units": "m"})
+        for k, name in enumerate("xyz")
+        if name in names
+    }
 
 
 @contextmanager

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 import numpy as np
@@ -30,10 +30,12 @@ Kind = Literal["wigner", "ambiguity"]
 # Samples of a chunk: enough for the kernels to run at full speed, and 16 MiB (float32) to 64 MiB
 # (complex double) large.
 _CHUNK_SAMPLES = 1 << 22
-# Symbol, name, and sign convention.
+_REAL = {"single": "float32", "double": "float64"}
+_COMPLEX = {"single": "complex64", "double": "complex128"}
+# Symbol, name, sign convention, and types of values.
 _NAMES = {
-    "wigner": ("W", "Wigner function", "exp(-2 pi i nu.xi)"),
-    "ambiguity": ("A", "ambiguity function", "exp(-2 pi i upsilon.x)"),
+    "wigner": ("W", "Wigner function", "exp(-2 pi i nu.xi)", _REAL),
+    "ambiguity": ("A", "ambiguity function", "exp(-2 pi i upsilon.x)", _COMPLEX),
 }
 
 
@@ -85,8 +87,8 @@ def wigner_table(
     ------
     ArgumentError for arguments of the wrong type, shape or range; GeometryError for an Array whose
     elements do not lie in the plane z = 0; EngineError without the engine, or the scheduler;
-    StoreError for a path without space, or with results of other settings; MissingExtraError
-    without the extra.
+    StoreError for a path that cannot be written to, or with results of other settings;
+    MissingExtraError without the extra.
 
     >>> import polywigner as pw
     >>> table = pw.wigner_table(pw.shapes.square(1.0), [0.0], [0.0], [0.0, 0.5], [0.0])
@@ -120,29 +122,18 @@ def ambiguity_table(
     return _table("ambiguity", source, axes, out, options)
 
 
-@dataclass(frozen=True, eq=False)
-class _TableBlock:
-    """Values on a part of the grid; goes to other processes as it is."""
-
-    kind: Kind
-    source: PhaseSpaceSource
-    axes: tuple[NDArray[np.float64], ...]
-    engine: Engine
-    is_double: bool
-
-    def __call__(self, origin: Index, shape: Index) -> NDArray[Any]:
-        """Compute values of a shape, from the sample with the numbers ``origin`` on."""
-        parts = [a[o : o + n] for a, o, n in zip(self.axes, origin, shape, strict=True)]
-        first, second = _grid(*parts[:2]), _grid(*parts[2:])
-        how: dict[str, Any] = {"precision": "double" if self.is_double else "single"}
-        how["engine"] = self.engine
-        # Slices depend on x, or on xi: kernels are fastest if that changes along leading axes.
-        if self.kind == "wigner":
-            values = wigner(self.source, first[:, :, None, None, :], second, **how)
-        else:
-            values = ambiguity(self.source, first, second[:, :, None, None, :], **how)
-            values = np.ascontiguousarray(values.transpose(2, 3, 0, 1))
-        return np.asarray(values)
+def _values(
+    kind: Kind, source: PhaseSpaceSource, axes: Sequence[NDArray[np.float64]], how: Any,
+    origin: Index, shape: Index,
+) -> NDArray[Any]:  # fmt: skip
+    """Compute values of a shape, from the sample with the numbers ``origin`` on."""
+    parts = [a[o : o + n] for a, o, n in zip(axes, origin, shape, strict=True)]
+    first, second = _grid(*parts[:2]), _grid(*parts[2:])
+    # Slices depend on x, or on xi: kernels are fastest if that changes along leading axes.
+    if kind == "wigner":
+        return np.asarray(wigner(source, first[:, :, None, None, :], second, **how))
+    values = ambiguity(source, first, second[:, :, None, None, :], **how)
+    return np.ascontiguousarray(values.transpose(2, 3, 0, 1))
 
 
 def _grid(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -164,53 +155,45 @@ def _table(
             f"expected a source of the plane, got {type(source).__name__}; the table of slits has "
             f"two coordinates only: use polywigner.{kind}"
         )
-    given = options.get("chunks")
-    if given is not None and out is None:
+    chunks = options.get("chunks")
+    if chunks is not None and out is None:
         raise ArgumentError("expected out with chunks, got none; name a store to write to")
     coords = {name: _checked_axis(name, values) for name, values in axes.items()}
-    sizes = _chunks(coords, given)
-    is_double = checked_precision(options.get("precision", "single")) != "single"
+    sizes = _chunks({name: axis.size for name, axis in coords.items()}, chunks or {})
+    precision = checked_precision(options.get("precision", "single")) or "double"
     # every chunk on the same engine, wherever it is computed
     engine: Any = resolved(checked_engine(options.get("engine", "auto")), math.prod(sizes))
-    dtype = np.dtype(np.float64 if is_double else np.float32)
-    symbol, label, convention = _NAMES[kind]
-    if kind == "ambiguity":
-        dtype = np.result_type(dtype, np.complex64)
-    block = _TableBlock(kind, source, tuple(a.values for a in coords.values()), engine, is_double)
-    attrs = {
-        "kind": kind,
-        "convention": convention,
-        "precision": "double" if is_double else "single",
-        "engine": engine,
-        "polywigner_version": __version__,
-        **source_attrs(source),
-    }
+    symbol, label, convention, dtypes = _NAMES[kind]
+    settings = {"precision": precision, "engine": engine}
+    block = partial(_values, kind, source, [a.values for a in coords.values()], settings)
     return labelled_results(
-        {symbol: (block, dtype, {"units": "m2", "long_name": label})},
+        {symbol: (block, np.dtype(dtypes[precision]), {"units": "m2", "long_name": label})},
         tuple(coords),
-        {**coords, **source_coords(source)},
-        attrs,
-        out,
-        options,
+        coords | source_coords(source),
+        {
+            "kind": kind,
+            "convention": convention,
+            **settings,
+            "polywigner_version": __version__,
+            **source_attrs(source),
+        },
+        {**options, "out": out, "chunks": None if out is None else sizes},
         _CHUNK_SAMPLES,
-        None if out is None else sizes,
         engine != "numpy",
     )
 
 
-def _chunks(axes: Mapping[str, xarray.Variable], sizes: Mapping[str, int] | None) -> Index:
-    fixed = {} if sizes is None else sizes
-    if not isinstance(fixed, Mapping) or not fixed.keys() <= axes.keys():
+def _chunks(lengths: Mapping[str, int], sizes: Mapping[str, int]) -> Index:
+    """Return the samples of a chunk along all axes, from those along some of the axes."""
+    if not isinstance(sizes, Mapping) or not sizes.keys() <= lengths.keys():
         raise ArgumentError(
-            f"expected chunks as samples along some of {', '.join(axes)} by name, got {sizes!r}"
+            f"expected chunks as samples along some of {', '.join(lengths)} by name, got {sizes!r}"
         )
-    lengths = {name: axis.shape[0] for name, axis in axes.items()}
-    fixed = {name: checked_count(n, f"chunks along {name}", 1) for name, n in fixed.items()}
-    fixed = {name: min(n, lengths[name]) for name, n in fixed.items()}
-    free = [name for name in axes if name not in fixed]
-    left = max(1, _CHUNK_SAMPLES // math.prod(fixed.values()))
-    fixed |= dict(zip(free, chunks_within([lengths[n] for n in free], left), strict=True))
-    return tuple(fixed[name] for name in axes)
+    fixed = {k: min(checked_count(n, f"chunks along {k}", 1), lengths[k]) for k, n in sizes.items()}
+    free = [name for name in lengths if name not in fixed]
+    samples = max(1, _CHUNK_SAMPLES // math.prod(fixed.values()))
+    fixed |= dict(zip(free, chunks_within([lengths[n] for n in free], samples), strict=True))
+    return tuple(fixed[name] for name in lengths)
 
 
 def _checked_axis(name: str, values: ArrayLike) -> xarray.Variable:

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 
 from polywigner import kernels
 from polywigner.errors import ArgumentError, IlluminationError
-from polywigner.execution import check_not_stopped
 from polywigner.geometry import Aperture, Slits, Wavefront
 from polywigner.numerics.chirps import chirp_over_intervals, chirp_over_rings
 from polywigner.numerics.nodes import normal_product_rule
@@ -90,7 +89,6 @@ def chirp_transform(source: Any, q: Floats, axes: Floats, centre: Floats, nu: Fl
     total = np.zeros(len(nu), np.complex128)
     with np.errstate(invalid="ignore"):  # of frequencies that are no numbers
         for element in normal_form(source).in_plane.elements:
-            check_not_stopped()
             waves = zip(element.amplitudes.tolist(), element.frequencies, strict=True)
             for amplitude, kappa in waves:
                 value = _uniform(element.outline, curvatures, axes, centre, nu - kappa)

@@ -39,10 +39,8 @@ from polywigner.mitsuba.scenes.surfaces import is_receiver, receivers_of
 from polywigner.propagation.stores import (
     Index,
     Scheduler,
-    digest_of,
     lazy_array,
     require_stores,
-    source_text,
     write_store,
 )
 from polywigner.transforms.xarray_arguments import labelled_arrays
@@ -155,8 +153,7 @@ class SceneParts:
     """Parts of the results of a scene. Another process, to which they are sent, loads the scene."""
 
     def __init__(self, file: SceneFile, scene: Any, compute: Compute) -> None:
-        path = file.path and file.path.absolute()
-        self.file = replace(file, path=path, parameters=dict(file.parameters))
+        self.file = replace(file, path=file.path and file.path.absolute())  # for all workers
         self.scene, self.compute = scene, compute
         texts = [value for value in file.parameters.values() if isinstance(value, str)]
         self.sources = [registered_source(text) for text in texts if is_key(text)]
@@ -172,24 +169,6 @@ class SceneParts:
             self.scene = self.file.load()
         return self.compute(self.scene, origin)
 
-    def settings(self) -> dict[str, Any]:
-        """Return the settings of the scene, with digests of its files and sources."""
-        from polywigner import __version__
-
-        settings = dict(vars(self.file))
-        path, parameters = settings.pop("path"), settings.pop("parameters")
-        digests, folder = digests_of(path, parameters), path.resolve().parent
-        files = {f"file {os.path.relpath(file, folder)}": d for file, d in digests.items()}
-        sources = {f"source {k}": digest_of(source_text(s)) for k, s in enumerate(self.sources)}
-        return {
-            "polywigner_version": __version__,
-            "mitsuba_version": importlib.metadata.version("mitsuba"),
-            "parameters": {name: str(value) for name, value in parameters.items()},
-            **settings,
-            **files,
-            **sources,
-        }
-
     def written(
         self,
         store: str | Path,
@@ -198,18 +177,24 @@ class SceneParts:
         chunks: Index,
         settings: Mapping[str, Any],
         **keeping: Any,
-    ) -> Any:
-        """Write all parts to a store as a variable of a name and unit, and return its dataset.
+    ) -> npt.NDArray[np.float64]:
+        """Write all parts to a store as a variable of a name and unit, and return its values.
 
         ``keeping``: scheduler, threads and progress of :func:`render_file`.
         """
+        from polywigner import __version__
+
         name, units = variable
+        how = vars(self.file).copy()
+        digests = digests_of(path := how.pop("path"), how["parameters"])
+        files = {os.path.relpath(file, path.parent.resolve()): d for file, d in digests.items()}
+        versions = [__version__, importlib.metadata.version("mitsuba")]
+        attrs = {**how, "files": files, "versions": versions, **settings}
         threads = keeping.get("threads")
         values = lazy_array(self, tuple(sizes.values()), chunks, "float64", threads=threads)
-        parts = labelled_arrays(
-            {name: (tuple(sizes), values, {"units": units})}, {}, {**self.settings(), **settings}
-        )
-        return write_store(store, parts, **keeping)
+        parts = labelled_arrays({name: (tuple(sizes), values, {"units": units})}, {}, attrs)
+        with write_store(store, parts, **keeping) as stored:
+            return np.asarray(stored[name].values)
 
 
 @one_at_a_time
@@ -261,79 +246,67 @@ def render_file(
     if not isinstance(given, Mapping) or not all(isinstance(name, str) for name in given):
         raise ArgumentError(f"expected parameters as values by their names, got {parameters!r}")
     chosen = choose_variant(mi.variant() if variant is None else variant)
-    file = SceneFile(checked_path(path), chosen, sampler, given)
+    file = SceneFile(checked_path(path), chosen, sampler, dict(given))
+    options = {"integrator": integrator, "spp": spp, "seed": seed, "sensor": sensor}
     keeping: dict[str, Any] = {"scheduler": scheduler, "threads": threads, "progress": progress}
-    return render_parts(file, file.load(), integrator, spp, seed, sensor, store=store, **keeping)
+    return render_parts(file, file.load(), options, store, **keeping)
 
 
 def render_parts(
     file: SceneFile,
     scene: Any,
-    integrator: str | None = None,
-    spp: int | None = None,
-    seed: int = 0,
-    sensor: int = 0,
-    *,
+    options: Mapping[str, Any],
     store: str | Path | None = None,
     **keeping: Any,
 ) -> npt.NDArray[np.float32]:
     """Return the image of a scene that was loaded from a file; see :func:`render_file`.
 
-    ``keeping``: scheduler, threads and progress.
+    ``options``: integrator, spp, seed and sensor. ``keeping``: scheduler, threads and progress.
     """
     threads = keeping.get("threads")
     if threads is not None:
         threads = keeping["threads"] = checked_count(threads, "threads", 1, MOST_THREADS)
-    exposure = exposed(scene, integrator, spp, seed, sensor)
+    exposure = exposed(scene, **options)
     cut = exposure.cut
     if store is None:
         bar = progress_bar("rendering", cut.steps, show=keeping.get("progress"))
         with kernel_threads(threads), bar as advance:
             return with_delta_lights(exposure, exposure.picture(advance))
-    channels = exposure.channels()
-    parts = SceneParts(file, scene, partial(tile, cut, integrator, exposure.seed, sensor))
-    settings = {"integrator": integrator, "spp": cut.samples, "passes": cut.passes}
-    image = parts.written(
-        store,
-        ("radiance", "W m-2 sr-1"),
-        {"row": cut.height, "column": cut.width, "channel": channels},
-        (cut.rows, cut.width, channels),
-        settings | {"seed": exposure.seed, "sensor": sensor},
-        **keeping,
-    )
-    with image:
-        return with_delta_lights(exposure, image["radiance"].values.astype(np.float32))
+    how = {**options, "spp": cut.samples, "seed": exposure.seed}
+    sizes = {"row": cut.height, "column": cut.width, "channel": exposure.channels()}
+    chunks = cut.rows, cut.width, sizes["channel"]
+    parts = SceneParts(file, scene, partial(strip, cut, how))
+    variable, settings = ("radiance", "W m-2 sr-1"), how | {"passes": cut.passes}
+    image = parts.written(store, variable, sizes, chunks, settings, **keeping)
+    return with_delta_lights(exposure, image.astype(np.float32))
 
 
-def tile(
-    cut: Tiling, integrator: str | None, seed: int, sensor: int, scene: Any, origin: Index
+def strip(
+    cut: Tiling, options: Mapping[str, Any], scene: Any, origin: Index
 ) -> npt.NDArray[np.float64]:
     """Render a strip of an image: (row, column, channel)."""
     # the caller has warned of the integrator's limits
-    exposure = exposed(scene, integrator, cut.samples, seed, sensor, warn=False)
+    exposure = exposed(scene, **options, warn=False)
     image = replace(exposure, cut=cut).image(origin[0] // cut.rows)
     check_is_whole(exposure.integrator)
     return image
 
 
 def receive_parts(
-    file: SceneFile, scene: Any, options: ReceiveOptions, **keeping: Any
-) -> list[ReceivedPower]:
-    """:func:`received_powers` of a scene that was loaded from a file."""
-    numbers = list(range(len(receivers_of(scene))))
-    return received(scene, numbers, options, partial(_sampled, file, scene, **keeping)).powers
-
-
-def receive_ranges(
     file: SceneFile,
     scene: Any,
     options: ReceiveOptions,
-    edges: npt.NDArray[np.float64],
+    edges: npt.NDArray[np.float64] | None = None,
     **keeping: Any,
-) -> tuple[list[ReceivedPower], xarray.Dataset]:
-    """:func:`receive_parts`, and the same samples by range as of :func:`range_profile`."""
+) -> tuple[list[ReceivedPower], xarray.Dataset | None]:
+    """Return :func:`received_powers` of a scene that was loaded from a file.
+
+    With ``edges`` also the same samples by range, as of :func:`range_profile`.
+    """
     numbers = list(range(len(receivers_of(scene))))
     sample = partial(_sampled, file, scene, **keeping)
+    if edges is None:
+        return received(scene, numbers, options, sample).powers, None
     return received_by_range(scene, numbers, options, checked_ranges(edges), sample)
 
 
@@ -343,30 +316,23 @@ def _sampled(
     plans: Sequence[Scattering],
     *,
     store: str | Path | None = None,
-    scheduler: Scheduler = None,
-    threads: int | None = None,
     progress: Callable[[int, int], None] | None = None,
+    **keeping: Any,
 ) -> npt.NDArray[np.float64]:
     """Return W (receivers, batches, lights, ...) of the batches, sampled here or into a store."""
     if store is None:
-        with kernel_threads(threads):
+        with kernel_threads(keeping.get("threads")):
             return scattered_here(scene, progress, plans)
     first = plans[0]
     counts = (len(lights_of(scene)), *first.values)
     shape = (len(plans), BATCHES, *counts)
-    settings = {
-        "integrator": first.integrator,
-        "spp": [batches_of(plan.spp) for plan in plans],
-        "seed": first.seed,
-        **({} if first.edges is None else {"ranges": list(first.edges)}),
-    }
     sizes = dict(zip(("receiver", "batch", "light", "path"), shape, strict=False))
+    settings = {"integrator": first.integrator, "seed": first.seed}
+    settings |= {"spp": [batches_of(plan.spp) for plan in plans]}
+    if first.edges is not None:
+        settings["ranges"] = list(first.edges)
     parts = SceneParts(file, scene, partial(_batch, plans))
-    chunks = (1, 1, *counts)
-    keeping = {"scheduler": scheduler, "threads": threads}
-    power = parts.written(store, ("power", "W"), sizes, chunks, settings, **keeping)
-    with power:
-        return np.asarray(power["power"].values)
+    return parts.written(store, ("power", "W"), sizes, (1, 1, *counts), settings, **keeping)
 
 
 def _batch(plans: Sequence[Scattering], scene: Any, origin: Index) -> npt.NDArray[np.float64]:
