@@ -39,7 +39,9 @@ def test_every_position_lies_in_the_automean_and_its_density_is_that_stated(kind
     else:
         lag_slices = [pw.lag_slice(source, x).area for x in points]
         expected = np.array(lag_slices) / source.area**2
-        assert np.abs(density - expected).max() * source.area < 1e-10
+        # the area of a sliver's slice is a difference of numbers of the size of its box
+        allowed = 1e-10 + 8 * np.spacing(1.0) * source.diameter**2 / source.area
+        assert np.abs(density - expected).max() * source.area < allowed
 
 
 @sources

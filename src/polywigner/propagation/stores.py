@@ -193,21 +193,28 @@ def write_store(
 def _check_same(folder: Path, dataset: xarray.Dataset) -> None:
     """Raise StoreError unless a store has the settings of a dataset."""
     stored = open_store(folder)
-    is_same = _settings_of(stored) == _settings_of(dataset)
-    if not is_same or not stored.coords.equals(dataset.coords):
+    before, now = _settings_of(stored), _settings_of(dataset)
+    different = [name for name in sorted(before | now) if before.get(name) != now.get(name)]
+    if not stored.coords.equals(dataset.coords):
+        different.append("coordinates")
+    if different:
         raise StoreError(
-            f"{folder} holds results of other settings, or of another version; choose another "
+            f"{folder} holds results of other settings ({', '.join(different)}); choose another "
             "name, or delete that store"
         )
 
 
-def _settings_of(dataset: xarray.Dataset) -> str:
-    """Return the attributes, types and chunks of a dataset as one JSON text."""
-    arrays = {
-        str(name): [array.attrs, array.dtype.name, array.shape, [a[0] for a in array.chunks or ()]]
-        for name, array in dataset.data_vars.items()
+def _settings_of(dataset: xarray.Dataset) -> dict[str, str]:
+    """Return the attributes, types and chunks of a dataset as JSON texts, by name."""
+    settings: dict[str, Any] = {str(name): value for name, value in dataset.attrs.items()}
+    for name, array in dataset.data_vars.items():
+        settings |= {f"{key} of {name}": value for key, value in array.attrs.items()}
+        chunks = [sizes[0] for sizes in array.chunks or ()]
+        settings[f"type and chunks of {name}"] = [array.dtype.name, array.shape, chunks]
+    return {
+        name: json.dumps(value, sort_keys=True, default=lambda numbers: numbers.tolist())
+        for name, value in settings.items()
     }
-    return json.dumps([dataset.attrs, arrays], sort_keys=True, default=lambda value: value.tolist())
 
 
 def _create(folder: Path, dataset: xarray.Dataset) -> None:
