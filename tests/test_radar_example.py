@@ -66,4 +66,4 @@ def test_the_mean_of_draws_is_the_range_profile(radar, scene, cloud, responses):
     assert np.abs(off).max() < SIGMAS
     assert off.std() < 1.5  # neighbouring bins share draws
     # all bins together: of hundreds of independent ones
-    assert mean.sum() == pytest.approx(float(profile["scattered"].values), rel=0.03)
+    assert mean.sum() == pytest.approx(float(profile["scattered"].values), rel=0.05)

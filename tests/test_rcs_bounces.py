@@ -146,6 +146,7 @@ def test_beams_are_the_rays_of_all_reflections(case: str, rays: int) -> None:
         found = math.sqrt(pw.rcs(body, s, wavelength, t, (q, p), bounces=bounces))
         expected = math.sqrt(4 * math.pi) / wavelength * abs(q @ field)
         allowed = RAYS * (250 / rays) ** 1.2 * plate(area, wavelength)
+        allowed *= 2 if how else 1  # rays resolve the small parts of a drone less well
         assert found == pytest.approx(expected, abs=allowed)
 
 
