@@ -65,5 +65,9 @@ def test_the_mean_of_draws_is_the_range_profile(radar, scene, cloud, responses):
     off = (mean / expected - 1)[strong] * np.sqrt(radar.DRAWS)
     assert np.abs(off).max() < SIGMAS
     assert off.std() < 1.5  # neighbouring bins share draws
-    # all bins together: of hundreds of independent ones
-    assert mean.sum() == pytest.approx(float(profile["scattered"].values), rel=0.05)
+    # A few strong bins make up the sum, which 200 draws have to 3 or 4 percent, 3,200 to 1.
+    others = (
+        radar.mean_profile(cloud, responses, np.random.default_rng(seed)) for seed in range(3, 18)
+    )
+    total = np.mean([mean.sum(), *(other.sum() for other in others)])
+    assert total == pytest.approx(float(profile["scattered"].values), rel=0.03)
