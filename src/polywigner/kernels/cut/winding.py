@@ -13,17 +13,9 @@ from collections.abc import Callable, Hashable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from polywigner.kernels.cut.cell_lists import cells_across, pair_grid
 from polywigner.kernels.cut.clipping import AHEAD, BEHIND, MIRRORED, Clipper, View
-from polywigner.kernels.cut.pair_grid import (
-    LEAD,
-    START,
-    WHOLE,
-    PairGrid,
-    cells_across,
-    crossing,
-    outline_of,
-    pair_grid,
-)
+from polywigner.kernels.cut.pair_grid import LEAD, START, WHOLE, PairGrid, crossing, outline_of
 from polywigner.kernels.outline.constants import Edge, Piece
 from polywigner.kernels.outline.tables import Tables
 
