@@ -30,6 +30,7 @@ from polywigner.propagation.quadrature import (
     weighted_elements,
 )
 from polywigner.source import Array
+from polywigner.source.normal_form import normal_form
 from polywigner.source.obliquities import CONDITIONS, direction_cosines
 from polywigner.transforms import ambiguity
 from polywigner.transforms.wavefronts import flat_of
@@ -173,8 +174,8 @@ def pair_sum(source: Wavefront, points: Floats, wavelength: float, method: str) 
     bends = np.array([[1.0, mixed.max()], [mixed.max(), 1.0]])
     bends = abs(source.curvature) + bends / (wavelength * float(points[:, 2].min()))
     outline = flat_of(source)
-    waves = [abs(kappa) for element in outline.elements_in_plane for _, kappa in waves_of(element)]
-    rule = PairSum(lags, bends, 2.0 * np.max(waves, axis=0), 0.0)
+    largest = abs(normal_form(source).frequencies).max(axis=0)
+    rule = PairSum(lags, bends, 2.0 * largest, 0.0)
     cells, _ = trapezoids_of([part for e in outline.elements_in_plane for part in e.polygons.geoms])
     longest = np.array([abs(lags.cells[:, k]).max() for k in (2, 0)])
     counts = node_counts(cells, rule.rates(longest / _TYPICAL), _ERROR)

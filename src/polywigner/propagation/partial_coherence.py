@@ -34,6 +34,7 @@ from polywigner.propagation.quadrature import (
     waves_of,
     weighted_elements,
 )
+from polywigner.source.normal_form import normal_form
 from polywigner.source.obliquities import CONDITIONS, Obliquity, direction_cosines
 from polywigner.transforms.wavefronts import coherent_source, flat_of, tilts_of
 
@@ -362,8 +363,7 @@ def _tilt_sum(
     elements = weighted_elements(source)
     channels: list[Any] = [None] if condition.field else []
     if condition.slope:
-        waves = [kappa for element, _ in elements for _, kappa in waves_of(element)]
-        channels += list(np.unique(waves, axis=0))
+        channels += list(normal_form(source).frequencies)
     size = int(min(_SHARED, max(1, _SPECTRUM // (count * len(channels)))))
     trapezoids = np.concatenate([_trapezoids(element) for element, _ in elements])
     blocks, cost = [], 0.0

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.numerics.nodes import chirp_node_counts, gauss_legendre
 from polywigner.source import Array
-from polywigner.transforms.wavefronts import flat_of
+from polywigner.source.normal_form import normal_form
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -240,9 +240,7 @@ def _unit_rule(count: int) -> tuple[Floats, Floats]:
 
 def weighted_elements(source: Aperture | Array | Wavefront) -> list[tuple[Aperture, complex]]:
     """Elements of a source where they lie in the plane, and their weights."""
-    flat = flat_of(source)
-    weights = flat.weights.tolist() if isinstance(flat, Array) else [1.0]
-    return list(zip(flat.elements_in_plane, weights, strict=True))
+    return [(element.shape, element.weight) for element in normal_form(source).in_plane.elements]
 
 
 def field_at(element: Aperture, x: Floats) -> Any:
@@ -266,16 +264,12 @@ def largest_rates(source: Wavefront, points: Floats, wavelength: float) -> Float
     beside = np.maximum(np.maximum(low - points[:, :2], points[:, :2] - high), 0.0)[:, ::-1]
     distance = np.sqrt(away**2 + (beside**2 + points[:, 2:] ** 2)[:, None])
     slopes = away / (wavelength * distance) + (corners - source.centre) @ source.curvature
-    fields = [element.illumination for element in flat_of(source).elements_in_plane]
-    waves = [abs(field.frequencies).max(axis=0) for field in fields if field is not None]
-    return np.asarray(abs(slopes).max(axis=1) + np.max([np.zeros(2), *waves], axis=0))
+    return np.asarray(abs(slopes).max(axis=1) + abs(normal_form(source).frequencies).max(axis=0))
 
 
 def highest(source: Wavefront) -> float:
     """Highest frequency of the waves on a source in 1/m."""
-    fields = [element.illumination for element in flat_of(source).elements_in_plane]
-    waves = [field.frequencies for field in fields if field is not None]
-    return max((float(np.linalg.norm(w, axis=1).max()) for w in waves), default=0.0)
+    return float(np.linalg.norm(normal_form(source).frequencies, axis=1).max())
 
 
 def slope(z: Floats, radius: Floats, k: float) -> Complex:

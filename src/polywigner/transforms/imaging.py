@@ -29,6 +29,7 @@ from polywigner.geometry.arguments import (
 )
 from polywigner.numerics.divided_differences import simplex_plane_wave
 from polywigner.source import Array
+from polywigner.source.normal_form import normal_form
 from polywigner.transforms.checked_calls import broadcast_shape, checked_points
 from polywigner.transforms.pupil import checked_energy, checked_pupil_radius, checked_waves
 from polywigner.transforms.sections import edges_of
@@ -262,14 +263,10 @@ class _System:
 
 def _elements(source: Aperture | Array) -> list[list[_Term]]:
     """The plane waves on each element, with the weight of the element."""
-    weights = source.weights if isinstance(source, Array) else np.ones(1)
     found = []
-    for element, weight in zip(source.elements_in_plane, weights.tolist(), strict=True):
-        field: Any = element.illumination
-        waves: list[tuple[Any, Any]] = [(1.0, np.zeros(2))]
-        if field is not None:
-            waves = list(zip(field.amplitudes.tolist(), field.frequencies, strict=True))
-        polygon = element.polygons
+    for element in normal_form(source).in_plane.elements:
+        polygon, weight = element.shape.polygons, element.weight
+        waves = zip(element.amplitudes.tolist(), element.frequencies, strict=True)
         found.append([_Term(polygon, complex(weight * c), kappa) for c, kappa in waves])
     return found
 
