@@ -6,7 +6,7 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
-from oracles import exact
+from oracles import degenerate, exact
 from oracles.exact import rational
 from outlines import CHEVRON, apertures, cells, inside_rings, poses, relaxed, sample, square_at
 from polywigner.errors import ArgumentError
@@ -33,6 +33,13 @@ def test_points_are_in_the_automean_where_their_lag_slice_is_not_empty(aperture)
         if mean.polygons.boundary.distance(shapely.Point(x)) > near:
             lags = exact.lag_region(aperture.rings, x).area
             assert mean.polygons.contains(shapely.Point(x)) == (lags > 0)
+
+
+@pytest.mark.parametrize("seed", [2523, 2540, 6860])  # thin pieces with many nearly straight sides
+def test_an_aperture_lies_in_its_automean(seed):
+    aperture, _ = next(degenerate.outlines(np.random.default_rng(seed)))
+    outside = shapely.difference(aperture.polygons, automean(aperture).polygons).area
+    assert outside <= GRID * _size(aperture) * aperture.polygons.length
 
 
 @relaxed

@@ -394,9 +394,24 @@ def _require_aperture(aperture: Aperture) -> None:
         )
 
 
-def _means(first: Ring, second: Ring) -> Ring:
-    """Midpoints of all pairs of vertices; halving first is exact and cannot overflow."""
-    return (first[:, None] / 2 + second[None, :] / 2).reshape(-1, 2)
+def _mean_polygon(first: Ring, second: Ring) -> Ring:
+    """The convex polygon {(a + b)/2} of two convex rings, counter-clockwise.
+
+    Its sides are those of both rings by direction. (GEOS computes hulls of the midpoints wrongly
+    where they lie nearly on a line.) Halving first is exact and cannot overflow.
+    """
+    rings, angles = [], []
+    for ring in (first, second):
+        lowest = np.roll(ring, -int(np.lexsort(ring.T)[0]), axis=0)
+        side = np.roll(lowest, -1, axis=0) - lowest
+        turned = np.arctan2(side[:, 1], side[:, 0]) % (2 * np.pi)
+        rings.append(lowest)
+        angles.append(np.maximum.accumulate(turned))  # whatever rounding has bent
+    of_second = np.argsort(np.concatenate(angles), kind="stable") >= len(first)
+    passed = np.cumsum(of_second) - of_second
+    index = np.arange(len(of_second)) - passed
+    a, b = rings
+    return np.asarray(a[index % len(a)] / 2 + b[passed % len(b)] / 2)
 
 
 def automean(aperture: Aperture) -> Aperture:
@@ -405,9 +420,9 @@ def automean(aperture: Aperture) -> Aperture:
     A set, whatever the illumination: W(x, nu) vanishes for x outside of it. A convex aperture is
     its own automean; any other has one larger than itself, inside its convex hull.
 
-    The union of the convex hulls of the midpoints of all pairs of convex pieces. Midpoints keep
-    their floats; vertices where outlines cross are rounded to 2^-44 of the size. Cost: pieces^2/2
-    hulls and their union. Raises ArgumentError for anything but an Aperture.
+    The union of the means of all pairs of convex pieces. Midpoints keep their floats; vertices
+    where outlines cross are rounded to 2^-44 of the size. Cost: pieces^2/2 means and their union.
+    Raises ArgumentError for anything but an Aperture.
 
     >>> import polywigner as pw
     >>> notch = pw.shapes.chevron(20e-3, 12e-3, 4e-3)
@@ -418,10 +433,8 @@ def automean(aperture: Aperture) -> Aperture:
     pieces = aperture.convex_cover
     if len(pieces) == 1:
         return aperture.with_illumination(None)
-    midpoints = [_means(a, b) for a, b in combinations_with_replacement(pieces, 2)]
-    hulls = shapely.convex_hull([shapely.MultiPoint(points) for points in midpoints])
-    union = union_on_grid(list(hulls), shapely.get_coordinates(list(hulls)))
-    return Aperture(union)
+    means = [_mean_polygon(a, b) for a, b in combinations_with_replacement(pieces, 2)]
+    return Aperture(union_on_grid([shapely.Polygon(ring) for ring in means], np.concatenate(means)))
 
 
 def _overlap(
