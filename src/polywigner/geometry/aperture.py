@@ -408,7 +408,7 @@ def _mean_polygon(first: Ring, second: Ring) -> Ring:
         rings.append(lowest)
         angles.append(np.maximum.accumulate(turned))  # whatever rounding has bent
     of_second = np.argsort(np.concatenate(angles), kind="stable") >= len(first)
-    passed = np.cumsum(of_second) - of_second
+    passed: NDArray[np.intp] = np.cumsum(of_second) - of_second
     index = np.arange(len(of_second)) - passed
     a, b = rings
     return np.asarray(a[index % len(a)] / 2 + b[passed % len(b)] / 2)
