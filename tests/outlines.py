@@ -10,7 +10,7 @@ import shapely
 from hypothesis import settings
 from hypothesis import strategies as st
 
-from oracles import degenerate
+from oracles.drawn import polygons as drawn_polygons
 from polywigner.geometry import Aperture
 
 __all__ = [
@@ -100,13 +100,16 @@ def cells(draw: st.DrawFn) -> list[np.ndarray]:
 def apertures(draw: st.DrawFn) -> Aperture:
     """Convex, concave, holed, disjoint, thin, and tiled apertures in any pose."""
     pose = draw(poses())
-    kind = draw(st.sampled_from(["tour", "cells", "degenerate"]))
+    kind = draw(st.sampled_from(["tour", "cells", "drawn"]))
     if kind == "tour":
         return Aperture(pose(draw(tours())))
     if kind == "cells":
         return Aperture([pose(ring) for ring in draw(cells())])
-    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
-    return next(degenerate.outlines(rng))[0]
+    parts = [
+        shapely.Polygon(pose(outer), [pose(hole) for hole in holes])
+        for outer, holes in draw(drawn_polygons())
+    ]
+    return Aperture(parts)
 
 
 def inside_rings(rings: tuple[np.ndarray, ...], points: np.ndarray) -> np.ndarray:
