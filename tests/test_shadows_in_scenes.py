@@ -353,6 +353,22 @@ def test_renders_without_the_scene_are_refused() -> None:
         )
 
 
+def test_a_source_without_its_scene_lights_nothing_and_leaves_other_scenes_alone(llvm) -> None:
+    """Mitsuba traces the sources of all living scenes into each kernel."""
+    use("llvm_ad_mono")
+    direct = mi.load_dict({"type": "direct"})
+    other = mi.load_dict(mi.cornell_box())
+    alone = np.array(mi.render(other, spp=1, integrator=direct))
+    assert alone.max() > 0
+    made = scene(2, {"box": box()})
+    with pytest.warns(RuntimeWarning, match=r"polywigner\.mitsuba\.receiving"):
+        assert np.isnan(mi.render(made, spp=1, integrator=direct)).any()
+    with pytest.warns(RuntimeWarning, match=r"polywigner\.mitsuba\.receiving"):
+        np.testing.assert_array_equal(mi.render(other, spp=1, integrator=direct), alone)
+    with pm.receiving(made):
+        assert np.isfinite(mi.render(made, spp=1, integrator=direct)).all()
+
+
 CAMERA = cli_scenes.camera(
     0.1, '<lookat origin="0, 0, 0.29" target="0, 0, 0.3" up="0, 1, 0"/>', (8, 8)
 )

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 import operator
+import warnings
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -272,11 +273,16 @@ class ExactEstimator:
     def intensity(self, point: Any) -> Drjit:
         """|U|^2 at a point in front, in units of the scene; in the unit of |u|^2."""
         if self._diffracts and not self.shadows_key and not self.tells:
-            raise SceneError(
+            message = (
                 "expected the scene of a source or a receiver with diffraction, got none from "
                 "Mitsuba; render with polywigner.mitsuba.render, or within `with "
                 "polywigner.mitsuba.receiving(scene)`"
             )
+            if not dr.is_jit_v(self._m.Float):
+                raise SceneError(message)
+            # Dr.Jit traces the sources of all scenes into a kernel, not only of the one rendered
+            warnings.warn(f"{message}. Its light is NaN", RuntimeWarning, stacklevel=2)
+            return self._m.Float(math.nan)
         if self._shadows is not None:
             ((first, _),) = self._fields[0][0]
             return self._shadows.either(point, partial(first.intensity, unit=self._unit))
