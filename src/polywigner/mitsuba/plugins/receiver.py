@@ -10,7 +10,7 @@ and, of the same power by reciprocity, from points y of surfaces at the distance
     P = (lambda^2/N) int r^2 |U(y)|^2 L ds, the mean over x by |u|^2           (estimator ``exact``)
 
 with U the field that the receiver would send to y. Rays that meet nothing weigh by the far
-pattern: that of a point far out. docs/receivers.md has the limits.
+pattern: that of a point far out. docs/received_power.md has the limits.
 
 Rays start at positions relative to the middle of the source: see module `emitter`.
 """
@@ -124,7 +124,7 @@ _MOST_PASSED = 4
 
 
 class WignerReceiver(VariantPlugin):
-    """Sensor whose film contains watts; docs/receivers.md."""
+    """Sensor whose film contains watts; docs/received_power.md."""
 
     film: Callable[[], Any]
     """Method of Mitsuba's base class."""
@@ -355,7 +355,7 @@ def receiver(
         z = 0 of its own frame and looks to +z. Default: none.
     obliquity: the diffraction integral that it would send by, and so receives by.
     estimator: ``exact``: rays weigh by the exact irradiance that the receiver would give to the
-        surface they meet, never negative. ``wigner``: by its signed radiance; docs/receivers.md.
+        surface they meet, never negative. ``wigner``: by its signed radiance; docs/received_power.md.
     film: None: one pixel, which reads the received power in W. (n, m): a map of n x m pixels over
         the direction cosines along the receiver's x and y, from -1 to 1, that adds up to the power.
         Or the entry of a film, with a box filter. The entry's ``sampler`` is ``multijitter``.
@@ -366,7 +366,7 @@ def receiver(
         :func:`polywigner.mitsuba.aperture`.
     normalise: ``radiated``: its gain is the directivity, so that a sky of the radiance L gives
         lambda^2 L to any receiver. ``aperture``: received power counts as int |u|^2 does, less by
-        the share of it that is evanescent; docs/receivers.md.
+        the share of it that is evanescent; docs/received_power.md.
     diffraction: with the estimator ``exact``: light comes around the edges of the scene's opaque
         surfaces as well, by reciprocity; docs/shadows.md.
     polarisation: of the wave that it would send, as of :func:`polywigner.mitsuba.aperture`: it

@@ -172,7 +172,7 @@ RECEIVER_PARAMETERS = (
     *("obliquity", "estimator", "diffraction", "sampling", "scene_unit", "normalise"),
     *NOISE_PARSERS,
 )
-"""Names of the ``wigner_receiver`` sensor's parameters; ``docs/receivers.md`` explains them."""
+"""Names of the ``wigner_receiver`` sensor's parameters; ``docs/received_power.md`` explains them."""
 
 
 def read_parameters(values: Mapping[str, Any], plugin: str) -> SourceParameters:

@@ -39,7 +39,7 @@ def element_responses(
 ) -> Complexes:
     """Return the complex response of each element of a receiving array to each scatterer.
 
-    e_kn = lambda U_k(y_n)/sqrt(N_k), with U_k the exact field (docs/receivers.md, (RX8)) that
+    e_kn = lambda U_k(y_n)/sqrt(N_k), with U_k the exact field (docs/received_power.md, (RX8)) that
     element k would send to the scatterer's place y_n, by the obliquity of the cloud's receiver, and
     N_k the power that it would radiate, or int abs(u_k)^2 if the receiver counts by it. By
     reciprocity the element receives the power intensity_n abs(e_kn)^2 of the scatterer, and
