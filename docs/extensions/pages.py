@@ -21,6 +21,9 @@ LIST = re.compile(r"<!-- filled: references -->.*?<!-- end -->", re.DOTALL)
 BIBLIOGRAPHY = "```{bibliography}\n:all:\n:style: unsrt\n```"
 # Entries of the API reference are made when the site is built; no heading of a file has their name.
 ENTRY = re.compile(r"\[`([^`]+)`\]\([./\w]*api/\w+\.rst#([\w.]+)\)")
+# Tables that benchmarks have printed are no pages of the site, but for the comparison.
+RECORDED = re.compile(r"\]\([./]*benchmarks/recorded/(?!comparison)(\w+\.md)\)")
+REPOSITORY = "https://github.com/polywigner/polywigner/blob/main"
 INDEX = re.compile(r"^<!-- index: (.*) -->$", re.MULTILINE)
 
 
@@ -37,6 +40,7 @@ def for_site(text: str, folder: Path) -> str:
 
     text = LIST.sub(BIBLIOGRAPHY, WORK.sub(r"\1 {cite:p}`\2`", text))
     text = INDEX.sub(index_of, ENTRY.sub(r"{py:obj}`\1 <\2>`", text))
+    text = RECORDED.sub(rf"]({REPOSITORY}/benchmarks/recorded/\1)", text)
     return LINK.sub(page_of, LESSON.sub(r"](/docs/lessons/\1.rst)", text))
 
 

@@ -54,7 +54,7 @@ class RenderSettings(scene_options.SceneOptions):
     sampler: Annotated[_Sampler | None, "multijitter, independent, ... (default: the scene's)."] = (
         None
     )
-    polarised: Annotated[bool, "Pictures of the light's polarisation too (docs/polarisation.md#in-scenes)."] = (
+    polarised: Annotated[bool, "Pictures of the light's polarisation too (docs/polarisation.md)."] = (
         False
     )
     bins: Annotated[

@@ -516,7 +516,7 @@ def aperture(
     polarisation: of the field, in Mitsuba's polarised variants: "x", "y", "right", "left", a slant
         from x towards y such as "45 deg", or a Jones vector (2,) along the source's x and y; of an
         array also one for each element, (n, 2) or a list; or "unpolarised". Default: "y";
-        docs/polarisation.md#in-scenes.
+        docs/polarisation.md.
 
     The entry holds a key, see :func:`register_source`: load it in the process that made it. With a
     polarisation, loading it in a variant that is not polarised raises a SceneError.

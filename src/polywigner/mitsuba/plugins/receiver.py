@@ -371,7 +371,7 @@ def receiver(
         surfaces as well, by reciprocity; docs/shadows.md.
     polarisation: of the wave that it would send, as of :func:`polywigner.mitsuba.aperture`: it
         takes all of a matched wave, nothing of the crossed one, half of unpolarised light.
-        "unpolarised": all waves alike. Default: "y"; docs/polarisation.md#in-scenes.
+        "unpolarised": all waves alike. Default: "y"; docs/polarisation.md.
 
     The entry holds a key, see :func:`register_source`: load it in the process that made it. Render
     it with :func:`polywigner.mitsuba.render`, which hands the scene over to the estimator

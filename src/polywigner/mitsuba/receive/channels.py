@@ -97,7 +97,7 @@ def channel(
     reflections : most flat mirrors on a way, 0 to 3.
     polarisation : of ends for which the scene specifies none: "x", "y", "45 deg", "right", ... or
         a Jones vector in the x and y of each end. Default: "y"; in unpolarised variants the
-        line-of-sight path then counts as matched (docs/polarisation.md#in-scenes).
+        line-of-sight path then counts as matched (docs/polarisation.md).
     bodies : perfect conductors of :func:`polywigner.rcs` by their names, in the scene's frame, in
         m, each alone or as a pair (body, reflections on it, 1 to 3): ``{"corner": (plates, 3)}``.
         Their echoes are ways like those by mirrors (docs/channel.md); leave them out of the scene
