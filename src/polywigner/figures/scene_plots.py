@@ -14,7 +14,7 @@ from polywigner.errors import ArgumentError, value_text
 from polywigner.figures import style
 from polywigner.figures.levels import arrays_of, check_floor, level_db, picture_peak
 from polywigner.geometry.arguments import checked_array, checked_count, checked_path
-from polywigner.propagation.exports import in_place
+from polywigner.propagation.stores import in_place
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
