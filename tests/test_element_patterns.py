@@ -208,7 +208,7 @@ def test_scalar_sources_take_the_pattern_of_the_first_boundary_condition() -> No
     assert fit.residual < 2e-6 and apart < 2e-5
     rough = pw.fit_pattern(table, OUTLINE, method="rayleigh-sommerfeld-1", cut_off=0.1)
     assert rough.residual > 1e3 * fit.residual
-    with pytest.warns(PolywignerWarning, match="differs from the pattern by 0.71 of it"):
+    with pytest.warns(PolywignerWarning, match="residual of the fitted far field is 0.71"):
         other = pw.fit_pattern(
             table, OUTLINE, polarisation="45 deg", method="rayleigh-sommerfeld-1"
         )
