@@ -244,7 +244,7 @@ def _draw_polar(axes: Any, cuts: Sequence[Cut], low: float, high: float) -> None
 
 def _write_table(axes: Axes, metrics: BeamMetrics) -> None:
     axes.axis("off")
-    text = str(metrics).replace("|u|^2", "|u|²").replace("-", "\N{MINUS SIGN}")
+    text = str(metrics).replace("^2", "²").replace("-", "\N{MINUS SIGN}")
     text = text.replace(f"half{chr(0x2212)}power", "half-power")
     axes.text(
         0.0, 0.95, text, family="DejaVu Sans Mono", fontsize=7, va="top", linespacing=1.5,
