@@ -58,7 +58,7 @@ def draw_pattern(
     floor_db: float = -40.0,
     title: str = "",
     figure: Figure | SubFigure | None = None,
-) -> Figure | SubFigure:
+) -> Figure:
     """Draw the directivity of a pattern: cuts, a polar plot, a map over u and v, and a table.
 
     Parameters
@@ -99,7 +99,7 @@ def draw_pattern(
     rows = -(-len(chosen) // columns)
     width = sum(max(_PANELS[name][0] for name in chosen[k::columns]) for k in range(columns))
     figure = style.figure_on(figure, width, 3.4 * rows + 0.3, spacing=0.05)
-    draw: dict[str, Callable[[Any], None]] = {
+    draw: dict[str, Callable[[Any], object]] = {
         "cuts": lambda axes: _draw_cuts(axes, beam, lines, low, high),
         "polar": lambda axes: _draw_polar(axes, lines, low, high),
         "uv": lambda axes: style.draw_disc(
@@ -169,7 +169,7 @@ def _drawn_cuts(
 
 
 def _of_lines(metrics: BeamMetrics, lines: Sequence[Cut]) -> BeamMetrics:
-    """Return the metrics of a beam with those of the cuts to draw."""
+    """Return the metrics of a beam with the metrics of the cuts to draw."""
     highest = max(float(line.levels.max()) for line in lines)
     cuts = tuple(cut_metrics(line, highest) for line in lines)
     return replace(metrics, cuts=cuts, beam_cuts=() if lines[0].kind == "theta" else cuts)
@@ -259,7 +259,7 @@ def draw_tolerance(
     floor_db: float = -50.0,
     title: str = "",
     figure: Figure | SubFigure | None = None,
-) -> Figure | SubFigure:
+) -> Figure:
     """Draw mean and 5 to 95 % band of the patterns of an array with errors, over theta.
 
     Parameters
@@ -321,7 +321,7 @@ def draw_rcs(
     floor_db: float = -60.0,
     title: str = "",
     figure: Figure | SubFigure | None = None,
-) -> Figure | SubFigure:
+) -> Figure:
     """Draw radar cross sections in dBsm: cuts over azimuth and elevation, and a map.
 
     Parameters

@@ -137,7 +137,7 @@ def draw_lines(
     compared_db: float = COMPARED_DB,
     title: str = "",
     figure: Figure | SubFigure | None = None,
-) -> Figure | SubFigure:
+) -> Figure:
     """Draw fields along a line by each method, and differences from a reference method.
 
     Parameters
@@ -302,7 +302,7 @@ def draw_planes(
     obstacles: Any = (),
     title: str = "",
     figure: Figure | SubFigure | None = None,
-) -> Figure | SubFigure:
+) -> Figure:
     """Draw maps of a field on a plane, with phases, or differences between methods, below.
 
     Parameters
@@ -410,7 +410,9 @@ def _draw_phases(
         # phases fade with the level: they are noise near nulls
         strength = 1 - level_db(fields.powers[method], fields.zero, floor_db) / floor_db
         phases = _upright(np.degrees(np.angle(field)), fields)
-        shown = style.draw_map(axes, phases, across, up, cmap=style.PHASE_MAP, vmin=-180, vmax=180)
+        shown: Any = style.draw_map(
+            axes, phases, across, up, cmap=style.PHASE_MAP, vmin=-180, vmax=180
+        )
         shown.set_alpha(_upright(np.clip(3 * strength, 0, 1), fields))
     # a bar of the images would be transparent as well
     opaque = ScalarMappable(Normalize(-180, 180), style.PHASE_MAP)
@@ -443,7 +445,7 @@ def draw_hemispheres(
     floor_db: float = -40.0,
     title: str = "",
     figure: Figure | SubFigure | None = None,
-) -> Figure | SubFigure:
+) -> Figure:
     """Draw levels over the directions of a hemisphere, over the direction cosines s_x and s_y.
 
     Parameters

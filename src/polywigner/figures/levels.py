@@ -143,11 +143,20 @@ def difference_db(
     field, true = (np.asarray(v, dtype=np.float64) for v in (values, reference))
     if field.shape != true.shape:
         raise ArgumentError(f"expected fields at the same points, got {field.shape}, {true.shape}")
-    least = float(true.max(initial=0.0)) * 10 ** (above_db / 10)
-    compared = (true >= least) & (true > 0) & (field > 0)
-    difference = np.full(field.shape, np.nan)
-    difference[compared] = 10 * np.log10(field[compared] / true[compared])
-    return difference
+    return np.asarray(_differences(field, true, above_db)[0])
+
+
+def _differences(
+    values: ArrayLike | xarray.DataArray, reference: ArrayLike | xarray.DataArray, above_db: float
+) -> tuple[xarray.DataArray, int]:
+    """Return the differences in dB, and the number of points with a field of zero or less."""
+    import xarray
+
+    field, true = xarray.DataArray(values), xarray.DataArray(reference)
+    compared = (true >= float(true.max()) * 10 ** (above_db / 10)) & (true > 0)
+    positive = compared & (field > 0)
+    difference = 10 * np.log10(field.where(positive) / true.where(positive))
+    return difference, int((compared & ~positive).sum())
 
 
 def summary(values: Any, reference: Any, above_db: float = COMPARED_DB) -> Difference:
@@ -156,19 +165,11 @@ def summary(values: Any, reference: Any, above_db: float = COMPARED_DB) -> Diffe
     ``values`` and ``reference`` are arrays or xarray.DataArrays, which may be lazy. Complex values
     are squared.
     """
-    import xarray
-
-    arrays = (xarray.DataArray(array) for array in (values, reference))
-    field, true = (abs(array) ** 2 if np.iscomplexobj(array) else array for array in arrays)
-    compared = (true >= float(true.max()) * 10 ** (above_db / 10)) & (true > 0)
-    positive = compared & (field > 0)
-    points = int(positive.sum())
-    negative = int(compared.sum()) - points
-    if points == 0:
-        return Difference(math.nan, math.nan, 0, negative)
-    difference = 10 * np.log10(field.where(positive) / true.where(positive))
+    field, true = (abs(a) ** 2 if np.iscomplexobj(a) else a for a in (values, reference))
+    difference, negative = _differences(field, true, above_db)
     largest = max(float(difference.min()), float(difference.max()), key=abs)
-    return Difference(largest, math.sqrt(float((difference**2).mean())), points, negative)
+    rms = math.sqrt(float((difference**2).mean()))
+    return Difference(largest, rms, int(difference.notnull().sum()), negative)
 
 
 def even_axis(name: str, values: Floats) -> Floats:

@@ -51,7 +51,7 @@ def draw_projections(
     title: str = "",
     *,
     figure: Figure | SubFigure | None = None,
-) -> Figure | SubFigure:
+) -> Figure:
     """Draw the tiles of :func:`polywigner.projections` with axes, units and colour bars.
 
     The real parts of complex tiles are drawn. The scale of signed tiles is linear up to 1 % of the

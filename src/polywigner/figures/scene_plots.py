@@ -19,6 +19,7 @@ from polywigner.propagation.stores import in_place
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
+    from matplotlib.text import Annotation
 
 Floats = NDArray[np.float64]
 
@@ -206,7 +207,7 @@ def write_range_animation(
     if path.suffix.lower() != ".gif":
         raise ArgumentError(f"expected a path with the suffix .gif, got {path.name!r}")
     peak = max(picture_peak(frame) or 0.0 for frame in radiance) or None
-    figure = draw_scene(radiance[0], peak, floor_db)
+    figure: Any = draw_scene(radiance[0], peak, floor_db)
     axes = figure.axes[0]
     writer = PillowWriter(fps=1000 / milliseconds)  # type: ignore[arg-type]
     with in_place(path) as scratch, writer.saving(figure, scratch, figure.dpi):
@@ -374,8 +375,8 @@ def draw_arrivals(
     axes.set_title(title, fontsize=8)
     rows, columns = values.shape
     floor = style.floor_text(round(top + floor_db, 1), "dBm") if peak else "nothing positive"
-    label = f"scattered power per pixel ({columns} × {rows} pixels), dBm\n{floor}"
-    style.colour_bar(axes, shown, label)
+    text = f"scattered power per pixel ({columns} × {rows} pixels), dBm\n{floor}"
+    style.colour_bar(axes, shown, text)
     style.separate_labels(axes, labels)
     return drawn
 
@@ -401,7 +402,7 @@ def _view(
     return centre - half, centre + half
 
 
-def _mark(axes: Any, direct: Sequence[DirectArrival]) -> list[Any]:
+def _mark(axes: Any, direct: Sequence[DirectArrival]) -> list[Annotation]:
     """Mark direct paths, and return their labels."""
     if not isinstance(direct, Sequence) or not all(isinstance(d, DirectArrival) for d in direct):
         raise ArgumentError(
@@ -432,7 +433,7 @@ def draw_channel(
     floor_db: float = -60.0,
     title: str = "",
     figure: Figure | SubFigure | None = None,
-) -> Figure | SubFigure:
+) -> Figure:
     """Draw channels over frequency and their impulse responses over delay, a row for each pair.
 
     The impulse response is the mean of h exp(-2 pi i f t) over evenly spaced frequencies with a

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from functools import wraps
 from string import ascii_lowercase
-from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, cast
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -14,11 +14,13 @@ from polywigner.geometry.display import LengthUnit, draw_rings
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.cm import ScalarMappable
+    from matplotlib.collections import QuadMesh
     from matplotlib.colorbar import Colorbar
     from matplotlib.figure import Figure, SubFigure
+    from matplotlib.image import AxesImage
     from matplotlib.text import Annotation
 
+    Map: TypeAlias = AxesImage | QuadMesh
 
 LEVEL_MAP = "inferno"  # perceptually uniform, black at the floor
 SIGNED_MAP = "RdBu_r"  # diverging, white at zero
@@ -64,7 +66,7 @@ def draw_levels(
     axes: Axes, levels: Any, across: Any = None, up: Any = None, *, low: float,
     high: float | None = 0.0, label: str | None = None,
     **how: Any,
-) -> ScalarMappable:  # fmt: skip
+) -> Map:  # fmt: skip
     """Draw levels from ``low``, black, to ``high``, or to the largest level without ``high``.
 
     ``label``: label of a colour bar next to the axes. Positions: see :func:`draw_map`.
@@ -78,7 +80,7 @@ def draw_levels(
 def draw_signed(
     axes: Axes, values: Any, across: Any = None, up: Any = None, *, bound: float | None = None,
     label: str | None = None, **how: Any,
-) -> ScalarMappable:  # fmt: skip
+) -> Map:  # fmt: skip
     """Draw signed values on a symmetric colour scale up to ``bound``.
 
     Without a bound, values range from -1 to 1 on a logarithmic scale. ``label``: label of a
@@ -96,7 +98,7 @@ def draw_signed(
     return shown
 
 
-def draw_map(axes: Axes, values: Any, across: Any, up: Any, **how: Any) -> ScalarMappable:
+def draw_map(axes: Axes, values: Any, across: Any, up: Any, **how: Any) -> Map:
     """Draw values (m, n) at positions ``across`` (n,) and ``up`` (m,); None: pixels from the top.
 
     Positions are evenly spaced, unless ``how`` specifies the shading of a mesh.
@@ -106,11 +108,8 @@ def draw_map(axes: Axes, values: Any, across: Any, up: Any, **how: Any) -> Scala
     if across is None:
         return axes.imshow(values, **how)
     # positions are the centres of pixels
-    extent = tuple(
-        float(end + side * (axis[1] - axis[0]) / 2)
-        for axis in (across, up)
-        for end, side in ((axis[0], -1), (axis[-1], 1))
-    )
+    half = (across[1] - across[0]) / 2, (up[1] - up[0]) / 2
+    extent = across[0] - half[0], across[-1] + half[0], up[0] - half[1], up[-1] + half[1]
     return axes.imshow(
         values, origin="lower", extent=extent, **({"interpolation": "nearest"} | how)
     )
@@ -153,11 +152,12 @@ def new_figure(
 
 def figure_on(
     figure: Any, width: float, height: float, *, spacing: float = 0.02, is_compressed: bool = False
-) -> Figure | SubFigure:
+) -> Figure:
     """Return the figure or subfigure of a caller, or a :func:`new_figure` for None.
 
     An empty figure without a layout engine gets the constrained layout, which prevents colour bars
-    from overlapping. Raises ArgumentError for other types.
+    from overlapping. The static type of a subfigure is Figure too, so that results for None have
+    the method ``savefig``. Raises ArgumentError for other types.
     """
     if figure is None:
         return new_figure(width, height, spacing, is_compressed=is_compressed)
@@ -170,7 +170,8 @@ def figure_on(
         )
     if isinstance(figure, Figure) and figure.get_layout_engine() is None and not figure.axes:
         figure.set_layout_engine("constrained")
-    return cast("Figure | SubFigure", figure)
+    result: Figure = figure
+    return result
 
 
 def axes_on(ax: Any, width: float, height: float) -> tuple[Axes, Axes | Figure]:
@@ -261,7 +262,7 @@ def draw_cut(axes: Any, lines: Any, inks: Sequence[str], zorder: float = 2) -> N
 def draw_disc(
     axes: Axes, theta: Any, phi: Any, levels: Any, low: float, high: float,
     label: str | None = None, names: str = "",
-) -> ScalarMappable:  # fmt: skip
+) -> Map:  # fmt: skip
     """Draw levels (n, m) over theta and phi in the plane of the direction cosines.
 
     If phi ends one step before the full circle, the first meridian is repeated. ``names``: letters

@@ -253,12 +253,12 @@ def system_slices(
     starts = np.array(list(product(sides, (ymin, ymax), (-1, 1), (-1, 1))))
     bright = system.rays(starts[:, :2], starts[:, 2:] * slope)[0]
 
-    def light_at(x: Any, y: Any, tolerance: float) -> Any:
+    def light_at(x: Any, y: Any, tolerance: float) -> NDArray[np.float64]:
         points = np.stack(np.meshgrid(x, y), axis=-1)
         return pw.irradiance(source, points, wavelength, through=system, tolerance=tolerance)
 
     # the bright part of coarse samples
-    coarse = [_axis(values, _COARSE) for values in bright.T]
+    coarse = _axis(bright[:, 0], _COARSE), _axis(bright[:, 1], _COARSE)
     light = light_at(*coarse, 0.1 * _SPOT)
     rows, columns = np.nonzero(light >= _SPOT * light.max())
     across, up = (
@@ -287,7 +287,7 @@ def draw_transforms(
     title: str = "",
     *,
     figure: Figure | SubFigure | None = None,
-) -> Figure | SubFigure:
+) -> Figure:
     """Draw the transforms of a source, or W and the irradiance behind an optical system.
 
     The six panels of a source are the aperture with its automean, |F|^2, Re F, the lag slice, W and
@@ -476,7 +476,7 @@ def draw_psf(
     title: str = "",
     *,
     figure: Figure | SubFigure | None = None,
-) -> Figure | SubFigure:
+) -> Figure:
     """Draw point spread functions, a panel for each defocus.
 
     Parameters
@@ -516,9 +516,7 @@ def draw_psf(
 
 
 @style.typeset
-def draw_mtf(
-    found: Any, title: str = "", *, figure: Figure | SubFigure | None = None
-) -> Figure | SubFigure:
+def draw_mtf(found: Any, title: str = "", *, figure: Figure | SubFigure | None = None) -> Figure:
     """Draw modulation transfer functions along x and y, with a line style for each defocus.
 
     Parameters

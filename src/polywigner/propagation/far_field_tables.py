@@ -489,7 +489,8 @@ def _grasp_cuts(lines: list[str]) -> Iterator[FarFieldTable]:
     # |E|^2 is the directivity: 4 pi W are radiated
     scale = math.sqrt(2 * FREE_SPACE / (4 * math.pi))
     for frequency, parts in cuts.items():
-        theta, phi, fields = (np.concatenate(arrays, -1) for arrays in zip(*parts, strict=True))
+        theta, phi = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
+        fields = np.concatenate([part[2] for part in parts], axis=1)
         yield FarFieldTable(theta, phi, scale * fields, frequency or math.nan, [], True)
 
 

@@ -1,8 +1,8 @@
 """Datasets on disk: zarr stores written chunk by chunk, NetCDF files, and VTK image data.
 
-zarr's local store renames finished chunk files into place, so a chunk is complete or missing, and
-a second run computes the missing chunks only. The attributes and coordinates of a store are the
-settings of its run. (docs/large_runs.md)
+zarr's local store renames finished chunk files, so a chunk is complete or missing, and a second run
+computes the missing chunks only. The attributes and coordinates of a store are the settings of its
+run. (docs/large_runs.md)
 """
 
 from __future__ import annotations
@@ -112,7 +112,7 @@ def lazy_array(
     compiled : whether the block uses Dr.Jit's thread pool, which computes one chunk at a time.
     threads : size of that pool; None: its current size, or the threads of the dask worker.
     """
-    arrays, core, dask = (required(n) for n in ("dask.array", "dask.array.core", "dask"))
+    arrays, core = required("dask.array"), required("dask.array.core")
     try:
         sizes = core.normalize_chunks(chunks, shape, dtype=dtype)
         if not all(n > 0 for axis in sizes for n in axis):
@@ -125,7 +125,7 @@ def lazy_array(
     if threads is not None:
         threads = checked_count(threads, "threads", 1, MOST_THREADS)
     # a node of the graph: each worker receives the block once, and reuses its caches
-    node, meta = dask.delayed(block, traverse=False), np.empty((0,) * len(shape), dtype)
+    node, meta = required("dask").delayed(block, traverse=False), np.empty((0,) * len(shape), dtype)
     options = {"block": node, "compiled": compiled, "threads": threads}
     array: dask.array.Array = arrays.map_blocks(
         _compute_chunk, chunks=sizes, dtype=dtype, meta=meta, **options
@@ -186,11 +186,11 @@ def write_store(
             if is_new:  # after the scheduler has responded
                 _create(folder, dataset)
             with progress_bar(folder.name, total, total - len(tasks), progress) as advance:
-                keys, dask = {task.key for task in tasks}, required("dask")
+                keys = {task.key for task in tasks}
                 with required("dask.callbacks").Callback(
                     posttask=lambda key, *_: advance() if key in keys else None
                 ):
-                    dask.compute(*tasks, scheduler=executor, num_workers=threads)
+                    required("dask").compute(*tasks, scheduler=executor, num_workers=threads)
         except OSError as error:
             if isinstance(error, PolywignerError):
                 raise
@@ -433,15 +433,15 @@ def _real_parts(dataset: xarray.Dataset) -> xarray.Dataset:
                 {key: part.assign_attrs(array.attrs) for key, part in parts.items()}
             )
     dataset = dataset.drop_encoding()
+    plain = (str, int, float, np.ndarray, np.number)
     for item in (dataset, *(dataset[name] for name in dataset.variables)):
-        item.attrs = {name: _plain(value) for name, value in item.attrs.items()}
+        item.attrs = {
+            name: value
+            if isinstance(value, plain) and not isinstance(value, bool)
+            else json.dumps(value)
+            for name, value in item.attrs.items()
+        }
     return dataset
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, (str, int, float, np.ndarray, np.number)) and not isinstance(value, bool):
-        return value
-    return json.dumps(value)
 
 
 def _vti_header(dataset: xarray.Dataset) -> str:

@@ -368,7 +368,7 @@ def _at_level(
         nu = centre + offsets
         nu = np.concatenate([centre[None], nu[np.linalg.norm(nu, axis=-1) < 1 / wavelength]])
         # sources with positions (n, 3) require a third component
-        field = fourier(source, np.pad(nu, ((0, 0), (0, 1))))  # type: ignore[arg-type]
+        field = fourier(source, np.pad(nu, ((0, 0), (0, 1))))
         return nu, np.square(np.abs(np.asarray(field)))
 
     radius, angle = rng.random(_TRIED), 2 * math.pi * rng.random(_TRIED)
