@@ -490,8 +490,9 @@ def _grasp_cuts(lines: list[str]) -> Iterator[FarFieldTable]:
     scale = math.sqrt(2 * FREE_SPACE / (4 * math.pi))
     for frequency, parts in cuts.items():
         theta, phi = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
-        fields = np.concatenate([part[2] for part in parts], axis=1)
-        yield FarFieldTable(theta, phi, scale * fields, frequency or math.nan, [], True)
+        fields: Complex = np.concatenate([part[2] for part in parts], axis=1)
+        fields *= scale
+        yield FarFieldTable(theta, phi, fields, frequency or math.nan, [], True)
 
 
 def _from_grasp(kind: int, pair: Complex, phi: Floats) -> Complex:
