@@ -159,12 +159,10 @@ def _drawn_cuts(
             f"{pattern.sizes['phi']} angles phi; give cuts=[polywigner.beam_cuts(...)]"
         )
     meridians = cuts_in(pattern)
-    azimuths = np.array([cut.phi for cut in meridians])
-    nearest = (
-        int(np.argmin([angle_between(azimuth, angle) for azimuth in azimuths]))
-        for angle in (0.0, math.pi / 2)
+    first, second = (
+        min(meridians, key=lambda cut: angle_between(cut.phi, angle)) for angle in (0, math.pi / 2)
     )
-    lines = [meridians[k] for k in dict.fromkeys(nearest)]
+    lines = [first] if first is second else [first, second]
     return lines, _of_lines(beam, lines)
 
 

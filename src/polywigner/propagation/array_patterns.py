@@ -13,7 +13,6 @@ from polywigner.execution.progress import told
 from polywigner.geometry.arguments import (
     checked_count,
     checked_generator,
-    checked_length,
     checked_number,
     checked_wavelength,
     takes_frequency,
@@ -34,6 +33,13 @@ Complexes = NDArray[np.complex128]
 
 # Complex numbers in a block: 64 MiB.
 _BLOCK = 2**22
+# Largest value and meaning of each error.
+_ERRORS = {
+    "amplitude": (40.0, "an rms error from 0 to 40 dB"),
+    "phase": (2 * math.pi, "an rms error from 0 to 2 pi rad"),
+    "position": (math.inf, "an rms error of zero or more, in m"),
+    "dead": (math.nextafter(1.0, 0.0), "a fraction from 0 to below 1"),
+}
 # Decibels of a factor of e.
 _NEPER = 20 / math.log(10)
 
@@ -130,17 +136,10 @@ def array_tolerance(
 
 def _checked_errors(**errors: float) -> dict[str, float]:
     """Return the errors by name; raise ArgumentError if out of range, or all zero."""
-    for name, unit in (("amplitude", "dB"), ("phase", "rad"), ("position", "m")):
-        meaning = f"an rms error of zero or more, in {unit}"
-        errors[name] = checked_length(errors[name], name, zero=True, meaning=meaning)
-    errors["dead"] = checked_number(errors["dead"], "dead", "a fraction from 0 to below 1")
-    if not 0 <= errors["dead"] < 1:
-        raise ArgumentError(f"expected dead as a fraction from 0 to below 1, got {errors['dead']}")
-    if errors["amplitude"] > 40 or errors["phase"] > 2 * math.pi:
-        raise ArgumentError(
-            "expected rms errors of up to 40 dB and 2 pi rad, got "
-            f"{errors['amplitude']:g} dB and {errors['phase']:g} rad; give phases in rad"
-        )
+    for name, (most, meaning) in _ERRORS.items():
+        errors[name] = checked_number(errors[name], name, meaning)
+        if not 0 <= errors[name] <= most:
+            raise ArgumentError(f"expected {name} as {meaning}, got {errors[name]:g}")
     if not any(errors.values()):
         raise ArgumentError(
             "expected an error of amplitude, phase, dead or position above zero, got none"
