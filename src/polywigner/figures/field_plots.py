@@ -76,11 +76,11 @@ class Comparison:
     is_field: bool
 
     @staticmethod
-    def of(found: Any, against: str | None) -> Comparison:
+    def of(dataset: Any, against: str | None) -> Comparison:
         """Read the variables of a dataset; ``against``: None: the last variable."""
         arrays = {
             str(name): array.squeeze()
-            for name, array in checked_dataset(found, "found").data_vars.items()
+            for name, array in checked_dataset(dataset, "found").data_vars.items()
         }
         if not arrays:
             raise ArgumentError("expected a field to draw, got a dataset without variables")
@@ -226,19 +226,19 @@ def _draw_column(
         ticks.set_minor_formatter(lambda *_: "")
 
 
-def _axis(found: Any, dims: tuple[str, ...], along: str | None) -> tuple[Floats, str, bool]:
+def _axis(dataset: Any, dims: tuple[str, ...], along: str | None) -> tuple[Floats, str, bool]:
     """Return the positions, the label of their axis, and whether it is logarithmic."""
     if len(dims) != 1:
         raise ArgumentError(f"expected fields along one axis, got them over {', '.join(dims)}")
     if along is None:
         along = dims[0]
-        if found[along].attrs.get("units") == "m":  # a line may be parallel to x, y or z
-            changing = [k for k in "xyz" if k in found.coords and np.ptp(found[k].values) > 0]
+        if dataset[along].attrs.get("units") == "m":  # a line may be parallel to x, y or z
+            changing = [k for k in "xyz" if k in dataset.coords and np.ptp(dataset[k].values) > 0]
             along = changing[0] if len(changing) == 1 else along
-    checked_choice(along, "along", [str(name) for name in found.coords])
-    values = np.asarray(found[along].squeeze().values, dtype=np.float64)
-    kind = found[along].attrs.get("units", "")
-    name = str(found[along].attrs.get("long_name", f"${along}$" if len(along) == 1 else along))
+    checked_choice(along, "along", [str(name) for name in dataset.coords])
+    values = np.asarray(dataset[along].squeeze().values, dtype=np.float64)
+    kind = dataset[along].attrs.get("units", "")
+    name = str(dataset[along].attrs.get("long_name", f"${along}$" if len(along) == 1 else along))
     if kind == "rad":
         return np.degrees(values), f"{name} (degrees)", False
     if kind != "m":
@@ -365,25 +365,25 @@ def draw_planes(
     return figure
 
 
-def _axes(found: Any, dims: tuple[str, ...]) -> tuple[Axis, Axis]:
+def _axes(dataset: Any, dims: tuple[str, ...]) -> tuple[Axis, Axis]:
     """Return the axes across and upwards; z, the direction of beams, is drawn across."""
     if len(dims) != 2:
         raise ArgumentError(f"expected fields over two axes, got fields over {', '.join(dims)}")
-    values = {d: even_axis(d, np.asarray(found[d].values, dtype=np.float64)) for d in dims}
+    values = {d: even_axis(d, np.asarray(dataset[d].values, dtype=np.float64)) for d in dims}
     unit = length_unit(max(float(np.ptp(v)) for v in values.values()))
     first, second = ((style.axis_label(d, unit), v / unit.metres) for d, v in values.items())
     return (second, first) if dims[1] == "z" else (first, second)
 
 
-def _cuts(found: Any, dims: tuple[str, ...], obstacles: Any) -> list[Floats]:
+def _cuts(dataset: Any, dims: tuple[str, ...], obstacles: Any) -> list[Floats]:
     """Return the intersections (k, 2, 2) of obstacles with the plane, in the unit of its axes."""
     bodies = bodies_if_any(obstacles)
     if not bodies:
         return []
-    values = [np.asarray(found[d].values, dtype=np.float64) for d in dims]
+    values = [np.asarray(dataset[d].values, dtype=np.float64) for d in dims]
 
     def point(*indices: int) -> Floats:
-        sample = found.isel(dict(zip(dims, indices, strict=True)))
+        sample = dataset.isel(dict(zip(dims, indices, strict=True)))
         return np.array([float(sample[c]) for c in "xyz"])
 
     corner = point(0, 0)

@@ -99,27 +99,27 @@ def level_db(values: ArrayLike, reference: float | None, floor_db: float) -> NDA
     return levels
 
 
-def checked_dataset(found: Any, name: str) -> xarray.Dataset:
+def checked_dataset(dataset: Any, name: str) -> xarray.Dataset:
     """Return an xarray.Dataset, or raise ArgumentError."""
     import xarray
 
-    if not isinstance(found, xarray.Dataset):
-        raise ArgumentError(f"expected {name} as an xarray.Dataset, got {type(found).__name__}")
-    return found
+    if not isinstance(dataset, xarray.Dataset):
+        raise ArgumentError(f"expected {name} as an xarray.Dataset, got {type(dataset).__name__}")
+    return dataset
 
 
-def arrays_of(found: Any, axes: Mapping[str, str], maker: str) -> list[NDArray[Any]]:
+def arrays_of(dataset: Any, axes: Mapping[str, str], maker: str) -> list[NDArray[Any]]:
     """Return arrays of a result of the function ``maker`` by name, transposed to axes.
 
     Raises ArgumentError if an array is missing, or has other axes. An empty text: any axes.
     """
     try:
         return [
-            np.asarray((found[name].transpose(*dims.split()) if dims else found[name]).values)
+            np.asarray((dataset[name].transpose(*dims.split()) if dims else dataset[name]).values)
             for name, dims in axes.items()
         ]
     except (TypeError, KeyError, IndexError, AttributeError, ValueError):
-        got = type(found).__name__
+        got = type(dataset).__name__
         raise ArgumentError(f"expected a result of {maker}, got {got}") from None
 
 

@@ -105,16 +105,16 @@ Cells = dict[tuple[int, ...], tuple[str, str, str]]
 """(row, column) -> name of the tile, and its coordinates to the right and upwards."""
 
 
-def _cells(found: xarray.Dataset, layout: str) -> Cells:
-    names = list(checked_dataset(found, "found").data_vars)
-    if len(names) == 1 and not any("_" in d for d in found[names[0]].dims):
-        return {(0, 0): (names[0], *found[names[0]].dims)}  # of slits
-    p, q, r, s = _COORDINATES[found.attrs["kind"]]
+def _cells(dataset: xarray.Dataset, layout: str) -> Cells:
+    names = list(checked_dataset(dataset, "found").data_vars)
+    if len(names) == 1 and not any("_" in d for d in dataset[names[0]].dims):
+        return {(0, 0): (names[0], *dataset[names[0]].dims)}  # of slits
+    p, q, r, s = _COORDINATES[dataset.attrs["kind"]]
     if checked_choice(layout, "layout", get_args(Layout)) == "paper":
         pairs = {(j, i): ((p, s)[i], (q, r)[j]) for i, j in product(range(2), repeat=2)}
     else:
         pairs = {(j, i): ((p, q, r)[i], (q, r, s)[j]) for i in range(3) for j in range(i, 3)}
-    named = {frozenset(found[name].dims): name for name in names}
+    named = {frozenset(dataset[name].dims): name for name in names}
     for across, up in pairs.values():
         if frozenset((across, up)) not in named:
             raise ArgumentError(
@@ -124,10 +124,10 @@ def _cells(found: xarray.Dataset, layout: str) -> Cells:
 
 
 def _draw(
-    axes: Axes, found: xarray.Dataset, cell: tuple[str, str, str], unit: LengthUnit, floor_db: float
+    axes: Axes, data: xarray.Dataset, cell: tuple[str, str, str], unit: LengthUnit, floor_db: float
 ) -> None:
     name, across, up = cell
-    tile = found[name]
+    tile = data[name]
     values = np.real(np.asarray(tile.values))
     values = values.T if tile.dims == (across, up) else values
     peak = float(np.max(np.abs(values))) or 1.0
@@ -140,7 +140,7 @@ def _draw(
     times = rf"$\,\cdot\,10^{{{int(tens)}}}$" if tens else ""
     size = f"{digits}{times} {printed}".rstrip()
     grid = [
-        np.asarray(found[name].values) * unit.metres ** (1 if style.is_spectral(name) else -1)
+        np.asarray(data[name].values) * unit.metres ** (1 if style.is_spectral(name) else -1)
         for name in (across, up)
     ]
     how: dict[str, Any] = {"shading": "nearest", "label": f"relative to {size}"}
@@ -152,7 +152,7 @@ def _draw(
     else:
         how |= {"low": 0.0, "high": None, "label": printed}
         style.draw_levels(axes, values / scale, *grid, **how)
-    axes.set_title(_integral(found.attrs["kind"], tile.dims, np.iscomplexobj(tile.values)))
+    axes.set_title(_integral(data.attrs["kind"], tile.dims, np.iscomplexobj(tile.values)))
 
 
 def _integral(kind: str, dims: tuple[str, ...], is_complex: bool) -> str:

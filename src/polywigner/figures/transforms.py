@@ -557,9 +557,9 @@ def _of_focus(part: Any) -> str:
     return f"{waves:g} waves of defocus" if waves else "in focus"
 
 
-def _checked_lens(found: Any, name: str, dims: tuple[str, ...]) -> xarray.DataArray:
-    values = checked_dataset(found, "found").get(name)
-    if values is None or values.dims != dims or not all(dim in found.coords for dim in dims):
+def _checked_lens(dataset: Any, name: str, dims: tuple[str, ...]) -> xarray.DataArray:
+    values = checked_dataset(dataset, "found").get(name)
+    if values is None or values.dims != dims or not all(dim in dataset.coords for dim in dims):
         raise ArgumentError(
             f"expected a dataset with {name} over {', '.join(dims)}, got another dataset; use a "
             f"dataset that polywigner {name} writes"

@@ -194,16 +194,16 @@ class _Volume(NamedTuple):
     """(3,) positions of the first and of the last sample."""
 
 
-def _samples(found: Any, name: str | None) -> _Volume:
-    """Return the real samples of ``found[name]``, at most 128 along an axis."""
-    variables = checked_dataset(found, "found").data_vars
+def _samples(dataset: Any, name: str | None) -> _Volume:
+    """Return the real samples of ``dataset[name]``, at most 128 along an axis."""
+    variables = checked_dataset(dataset, "found").data_vars
     if name is None and len(variables) == 1:
         (name,) = variables
     if not isinstance(name, str) or name not in variables:
         raise ArgumentError(
             f"expected the name of one of {', '.join(map(str, variables))}, got {name!r}"
         )
-    array = found[name]
+    array = dataset[name]
     if sorted(array.dims) != ["x", "y", "z"]:
         raise ArgumentError(
             f"expected {name} over x, y, z, got it over {', '.join(map(str, array.dims))}"

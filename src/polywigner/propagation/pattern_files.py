@@ -475,7 +475,7 @@ def _checked(pattern: Any, polarisation: Any, efficiency: float) -> _Pattern:
 def _csv(pattern: _Pattern) -> Lines:
     names = [f"{part}(rE{name}) [V]" for name in ("Theta", "Phi") for part in ("re", "im")]
     yield ",".join(["Phi [deg]", "Theta [deg]", "dB(DirTotal)", *names])
-    parts = [part for each in pattern.components for part in (each.real, each.imag)]
+    parts = [part for field in pattern.components for part in (field.real, field.imag)]
     for row in pattern.rows(pattern.directivity, *parts):
         yield ",".join(f"{value:.9g}" for value in row)
 
